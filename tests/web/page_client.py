@@ -114,18 +114,18 @@ def address(server: Server) -> str:
 
 
 @asynccontextmanager
-async def line_to(server: Server, **options: Any) -> AsyncIterator[ClientConnection]:
-    """Connect as a page of the server does."""
-    host = address(server)
+async def line_to(page: Server | int, **options: Any) -> AsyncIterator[ClientConnection]:
+    """Connect as a browser does to the page of a server, or to the page at a port of this machine."""
+    host = f"127.0.0.1:{page}" if isinstance(page, int) else address(page)
     defaults = {"origin": f"http://{host}", "subprotocols": [SUBPROTOCOL], "compression": None}
     async with connect(f"ws://{host}/ws", close_timeout=CLOSE_S, **defaults | options) as line:
         yield line
 
 
 @asynccontextmanager
-async def browser(server: Server, lang: str = "en", **hello: Any) -> AsyncIterator[Browser]:
+async def browser(page: Server | int, lang: str = "en", **hello: Any) -> AsyncIterator[Browser]:
     """Open a page and send the hello message."""
-    async with line_to(server) as line:
+    async with line_to(page) as line:
         visitor = Browser(line)
         await visitor.send("hello", lang=lang, **hello)
         visitor.hello = await visitor.next("hello")

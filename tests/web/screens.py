@@ -43,6 +43,12 @@ def open_page(tab: Tab, server: ScriptedServer, language: str = "en", screen: st
     return tab
 
 
+def take_lease(tab: Tab) -> None:
+    """Take control with the key of the page, and wait until the page has it."""
+    tab.press("l", "KeyL", "l")
+    tab.wait(f"{PAGE}.hand.mine")
+
+
 def until(true: Callable[[], Any], seconds: float = 10.0) -> Any:
     end = time.monotonic() + seconds
     while not (result := true()):

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from tests.web.chromium import CHROMIUM
-from tests.web.screens import DRAWN, LIVE, PAGE, RECORDED, open_page
+from tests.web.screens import DRAWN, LIVE, PAGE, RECORDED, open_page, take_lease
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
@@ -48,8 +48,7 @@ def by_keys(tab, screens: tuple[str, ...]) -> dict[str, dict[str, list[str]]]:
 
 def test_every_element_of_a_drive_is_reachable_by_tab_with_visible_focus(tab, live):
     open_page(tab, live)
-    tab.press("l", "KeyL", "l")
-    tab.wait(f"{PAGE}.hand.mine")
+    take_lease(tab)
     assert not by_keys(tab, LIVE)
 
 

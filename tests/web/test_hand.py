@@ -5,7 +5,7 @@ import time
 import pytest
 
 from tests.web.chromium import CHROMIUM, SIZES
-from tests.web.screens import PAGE, open_page, until
+from tests.web.screens import PAGE, open_page, take_lease, until
 from tests.web.scripted import ScriptedServer
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
@@ -35,9 +35,20 @@ LAST = f"{PAGE}.ledger.at(-1)"
 def driver(tab, live):
     """Return a tab that controls a driving vehicle."""
     open_page(tab, live)
-    tab.press("l", "KeyL", "l")
-    tab.wait(f"{PAGE}.hand.mine")
+    take_lease(tab)
     return tab
+
+
+@pytest.fixture
+def pad_of_phone(tab, live):
+    """Return the middle of the touch pad on a phone that controls a driving vehicle."""
+    tab.size(*SIZES["phone"])
+    tab.do("Emulation.setTouchEmulationEnabled", enabled=True)
+    open_page(tab, live)
+    tab.click("#lease")
+    tab.wait(f"{PAGE}.hand.mine")
+    tab.js("document.querySelector('.pad').scrollIntoView({ block: 'nearest' })")
+    return tab.middle(".pad")
 
 
 @pytest.fixture
@@ -95,14 +106,8 @@ def test_a_frame_that_is_not_drawn_is_not_named_by_a_heartbeat(driver, live):
     assert [beat["seen"] for beat in live.words("beat")[beats:]] == [drawn]
 
 
-def test_a_finger_on_the_touch_pad_drives_until_it_is_lifted_or_interrupted(tab, live):
-    tab.size(*SIZES["phone"])
-    tab.do("Emulation.setTouchEmulationEnabled", enabled=True)
-    open_page(tab, live)
-    tab.click("#lease")
-    tab.wait(f"{PAGE}.hand.mine")
-    tab.js("document.querySelector('.pad').scrollIntoView({ block: 'nearest' })")
-    x, y = tab.middle(".pad")
+def test_a_finger_on_the_touch_pad_drives_until_it_is_lifted_or_interrupted(tab, live, pad_of_phone):
+    x, y = pad_of_phone
     for end in ("touchEnd", "touchCancel"):
         tab.touch("touchStart", (x, y))
         tab.touch("touchMove", (x, y - 20))
@@ -116,14 +121,8 @@ def test_a_finger_on_the_touch_pad_drives_until_it_is_lifted_or_interrupted(tab,
     until(lambda: live.words("give"))  # the system took the finger away
 
 
-def test_a_second_finger_stops_while_the_first_one_drives(tab, live):
-    tab.size(*SIZES["phone"])
-    tab.do("Emulation.setTouchEmulationEnabled", enabled=True)
-    open_page(tab, live)
-    tab.click("#lease")
-    tab.wait(f"{PAGE}.hand.mine")
-    tab.js("document.querySelector('.pad').scrollIntoView({ block: 'nearest' })")
-    x, y = tab.middle(".pad")
+def test_a_second_finger_stops_while_the_first_one_drives(tab, live, pad_of_phone):
+    x, y = pad_of_phone
     tab.touch("touchStart", (x, y))
     tab.touch("touchMove", (x, y - 40))
     until(lambda: command(live)[0] > 0.3)

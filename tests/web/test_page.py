@@ -5,7 +5,7 @@ import time
 import pytest
 
 from tests.web.chromium import CHROMIUM
-from tests.web.screens import LIVE, PAGE, READY, open_page, until
+from tests.web.screens import LIVE, PAGE, READY, open_page, take_lease, until
 from tests.web.scripted import RADIUS, ScriptedServer
 
 FRAME_MS = 8.0
@@ -133,8 +133,7 @@ def test_dragging_the_pad_drives_and_releasing_the_pad_commands_zero(tab, live):
 def test_a_mission_is_requested_by_its_name(tab, live):
     live.state, live.kind = "READY", ""
     open_page(tab, live)
-    tab.press("l", "KeyL", "l")
-    tab.wait(f"{PAGE}.hand.mine")
+    take_lease(tab)
     tab.press("r", "KeyR", "r")
     until(lambda: live.words("mission"))
     assert live.words("mission") == [{"is": "mission", "kind": "repeat", "route": "lab", "laps": 3}]
@@ -144,8 +143,7 @@ def test_a_mission_of_a_real_vehicle_needs_a_long_key_press(tab):
     with ScriptedServer("live", world="real") as live:
         live.state, live.kind = "READY", ""
         open_page(tab, live)
-        tab.press("l", "KeyL", "l")
-        tab.wait(f"{PAGE}.hand.mine")
+        take_lease(tab)
         tab.press("t", "KeyT", "t", hold_s=0.2)
         time.sleep(0.7)
         assert not live.words("mission")
@@ -155,8 +153,7 @@ def test_a_mission_of_a_real_vehicle_needs_a_long_key_press(tab):
 
 def test_a_lost_connection_is_reported_and_restored(tab, live):
     open_page(tab, live)
-    tab.press("l", "KeyL", "l")
-    tab.wait(f"{PAGE}.hand.mine")
+    take_lease(tab)
     live.drop()
     tab.wait("document.getElementById('title').textContent === 'Connection lost'")
     assert not tab.js(f"{PAGE}.hand.mine")
@@ -168,8 +165,7 @@ def test_a_network_that_is_lost_without_a_close_is_reported_and_restored(tab, li
     hurried = "const slow = setInterval; globalThis.setInterval = (act, ms) => slow(act, ms / 20)"
     tab.do("Page.addScriptToEvaluateOnNewDocument", source=hurried)
     open_page(tab, live)
-    tab.press("l", "KeyL", "l")
-    tab.wait(f"{PAGE}.hand.mine")
+    take_lease(tab)
     tab.js(
         f"(({{ link }}) => {{ link.first = link.socket; link.socket.send = link.socket.onmessage = () => 0; }})({PAGE})"
     )

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import asynccontextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -23,36 +23,32 @@ from baqueano.runs.route_file import read_route, write_route
 from baqueano.web.feed import HEAD_LAYOUT
 from tests.emulated.rig import missing
 from tests.web.chromium import CHROMIUM, Chromium
-from tests.web.page_client import CLOSE_S, WAIT_S, Browser, run_page
+from tests.web.page_client import WAIT_S, browser, run_page
 from tests.web.screens import until
 from tests.web.test_in_browser import PRESS, START_S, show_text
-from tests.web.test_serve import Watcher, beats, port_of, program
+from tests.web.test_serve import Watcher, beats, port_of, program, simulated_vehicle
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
 PLAIN = {**os.environ, "BAQUEANO_BACKEND": "python"}
 PLAIN.pop("DISPLAY", None)
 TWO_S = ("--vehicle", "small", "--seconds", "2", "-o", "run.mcap")
+DRIVE = ("drive", "--vehicle", "small", "-o", "run.mcap")
 DRIVING_BYTES = 20_000  # of a run: more than its head
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chromium is not installed")
 
 
-@asynccontextmanager
-async def looking(port, **hello):
-    """Open the page of a command as a browser does."""
-    from websockets.asyncio.client import connect
+@contextmanager
+def with_page(folder, *words):
+    """Run a command with --page in a folder, and yield its process and the port of its page."""
+    with program("baqueano", *words, "--page", cwd=folder, env=PLAIN) as verb:
+        yield verb, port_of(verb)
 
-    host = f"127.0.0.1:{port}"
-    async with connect(
-        f"ws://{host}/ws",
-        origin=f"http://{host}",
-        subprotocols=["baqueano.2"],
-        compression=None,
-        close_timeout=CLOSE_S,
-    ) as line:
-        visitor = Browser(line)
-        await visitor.send("hello", lang="en", **hello)
-        visitor.hello = await visitor.next("hello")
-        yield visitor
+
+def repeat_ring(folder):
+    """Store a route in a folder, and return the command that repeats it without end."""
+    (folder / "routes").mkdir()
+    write_route(circle(0.4, 0.25), folder / "routes" / "ring.csv")
+    return "repeat", "ring", "--vehicle", "small", "--laps", "0"
 
 
 def exit_code_of(verb, within_s=WAIT_S):
@@ -103,11 +99,10 @@ def alive(pid):
 def test_the_run_of_a_drive_is_the_same_with_a_page(tmp_path):
     for folder in ("with", "without"):
         (tmp_path / folder).mkdir()
-    with program("baqueano", "experiment", *TWO_S, "--page", cwd=tmp_path / "with", env=PLAIN) as verb:
-        port = port_of(verb)
+    with with_page(tmp_path / "with", "experiment", *TWO_S) as (verb, port):
 
         async def job():
-            async with looking(port) as visitor:
+            async with browser(port) as visitor:
                 assert visitor.hello["vehicle"]["world"] == "simulated"
                 state = await visitor.next("state", where=lambda word: word["state"] == "OVER")
                 assert "runs" in state["sentence"]
@@ -128,11 +123,10 @@ def test_the_run_of_a_drive_is_the_same_with_a_page(tmp_path):
 
 def test_teaching_with_a_page_is_displayed_and_the_route_is_stored(tmp_path):
     ring = ("--vehicle", "small", "--driver", "circle", "--size", "0.3", "--speed", "0.4")
-    with program("baqueano", "teach", "ring", *ring, "--page", cwd=tmp_path, env=PLAIN) as verb:
-        port = port_of(verb)
+    with with_page(tmp_path, "teach", "ring", *ring) as (verb, port):
 
         async def job():
-            async with looking(port) as visitor:
+            async with browser(port) as visitor:
                 state = await visitor.next("state", where=lambda word: word["state"] in ("MISSION", "MANUAL"))
                 assert state["mission"]["kind"] == "teach"
                 await visitor.next("state", where=lambda word: word["state"] == "OVER")
@@ -144,13 +138,10 @@ def test_teaching_with_a_page_is_displayed_and_the_route_is_stored(tmp_path):
 
 
 def test_a_stop_on_the_page_ends_the_command_like_any_stop(tmp_path):
-    with program(
-        "baqueano", "experiment", "--vehicle", "small", "-o", "run.mcap", "--page", cwd=tmp_path, env=PLAIN
-    ) as verb:
-        port = port_of(verb)
+    with with_page(tmp_path, "experiment", "--vehicle", "small", "-o", "run.mcap") as (verb, port):
 
         async def job():
-            async with looking(port, name="eva") as visitor:
+            async with browser(port, name="eva") as visitor:
                 await visitor.next(
                     "state", where=lambda word: word["state"] == "MISSION" and (word["t_s"] or 0) > 0.5
                 )
@@ -168,13 +159,10 @@ def test_a_stop_on_the_page_ends_the_command_like_any_stop(tmp_path):
 
 def test_after_ctrl_c_or_a_killed_command_no_process_remains(tmp_path):
     for signal_number, code in ((signal.SIGINT, None), (signal.SIGKILL, -signal.SIGKILL)):
-        with program(
-            "baqueano", "experiment", "--vehicle", "small", "--page", cwd=tmp_path, env=PLAIN
-        ) as verb:
-            port = port_of(verb)
+        with with_page(tmp_path, "experiment", "--vehicle", "small") as (verb, port):
 
             async def job(port=port):
-                async with looking(port) as visitor:
+                async with browser(port) as visitor:
                     await visitor.next("state", where=lambda word: word["state"] == "MISSION")
                     await visitor.send("take")
                     beating = asyncio.create_task(beats(visitor))
@@ -204,7 +192,7 @@ def test_after_ctrl_c_or_a_killed_command_no_process_remains(tmp_path):
 
 async def at_the_wheel(port, then):
     """Take control on the page of `drive`, drive ahead for a while, then do `then`."""
-    async with looking(port, name="ana") as visitor:
+    async with browser(port, name="ana") as visitor:
         await visitor.send("take")
         beating = asyncio.create_task(ahead(visitor))
         try:
@@ -227,10 +215,7 @@ async def ahead(visitor):
 
 
 def test_the_page_of_the_drive_command_steers_and_ends_the_drive(tmp_path):
-    with program(
-        "baqueano", "drive", "--vehicle", "small", "-o", "run.mcap", "--page", cwd=tmp_path, env=PLAIN
-    ) as verb:
-        port = port_of(verb)
+    with with_page(tmp_path, *DRIVE) as (verb, port):
 
         async def end(visitor):
             await visitor.send("mark")
@@ -247,10 +232,7 @@ def test_the_page_of_the_drive_command_steers_and_ends_the_drive(tmp_path):
 
 @pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
 def test_rt13_a_killed_page_of_the_drive_command_stops_the_drive(tmp_path, signal_number):
-    with program(
-        "baqueano", "drive", "--vehicle", "small", "-o", "run.mcap", "--page", cwd=tmp_path, env=PLAIN
-    ) as verb:
-        port = port_of(verb)
+    with with_page(tmp_path, *DRIVE) as (verb, port):
         children = processes_of(verb.pid)
 
         async def dies(visitor):
@@ -268,21 +250,13 @@ def test_rt13_a_killed_page_of_the_drive_command_stops_the_drive(tmp_path, signa
 
 def test_a_robot_is_shown_paused_and_stopped_on_the_page_of_a_command(tmp_path):
     path = tmp_path / "door"
-    (tmp_path / "routes").mkdir()
-    write_route(circle(0.4, 0.25), tmp_path / "routes" / "ring.csv")
-    with program(
-        "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(tmp_path), "--backend", "python",
-        "--routes", str(tmp_path),
-    ):  # fmt: skip
+    with simulated_vehicle(path, tmp_path):
         watcher = Watcher(path)
-        with program(
-            "baqueano", "repeat", "ring", "--vehicle", "small", "--laps", "0", "--rest", "0", "--robot", str(path),
-            "-o", "run.mcap", "--page", cwd=tmp_path, env=PLAIN,
-        ) as verb:  # fmt: skip
-            port = port_of(verb)
+        words = ("--rest", "0", "--robot", str(path), "-o", "run.mcap")
+        with with_page(tmp_path, *repeat_ring(tmp_path), *words) as (verb, port):
 
             async def job():
-                async with looking(port) as visitor:
+                async with browser(port) as visitor:
                     await visitor.next(
                         "state", where=lambda word: word["state"] == "MISSION" and visitor.frames
                     )
@@ -305,14 +279,10 @@ def test_a_robot_is_shown_paused_and_stopped_on_the_page_of_a_command(tmp_path):
 
 def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):
     path = tmp_path / "door"
-    with program(
-        "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(tmp_path), "--backend", "python",
-        "--routes", str(tmp_path),
-    ), program(
-        "baqueano", "drive", "--vehicle", "small", "--robot", str(path), "-o", "run.mcap", "--page", cwd=tmp_path,
-        env=PLAIN,
-    ) as verb:  # fmt: skip
-        port = port_of(verb)
+    with (
+        simulated_vehicle(path, tmp_path),
+        with_page(tmp_path, *DRIVE, "--robot", str(path)) as (verb, port),
+    ):
 
         async def silent(visitor):
             """Stay connected and send nothing, like a hidden tab: the caller ends the heartbeats."""
@@ -326,11 +296,7 @@ def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):
 
 @pytest.mark.skipif(bool(missing()), reason=f"Debian's packages {' '.join(missing())} are not installed")
 def test_the_emulated_vehicle_is_driven_by_hand_on_the_page(tmp_path):
-    with program(
-        "baqueano", "drive", "--vehicle", "small", "--robot", "emulated", "-o", "run.mcap", "--page", cwd=tmp_path,
-        env=PLAIN,
-    ) as verb:  # fmt: skip
-        port = port_of(verb)
+    with with_page(tmp_path, *DRIVE, "--robot", "emulated") as (verb, port):
 
         async def end(visitor):
             assert visitor.hello["vehicle"]["world"] == "emulated"
@@ -346,23 +312,10 @@ def test_the_emulated_vehicle_is_driven_by_hand_on_the_page(tmp_path):
 
 @needs_browser
 def test_a_repetition_is_shown_stopped_and_replayed_in_a_browser(tmp_path):
-    (tmp_path / "routes").mkdir()
-    write_route(circle(0.4, 0.25), tmp_path / "routes" / "ring.csv")
     with Chromium() as chromium:
-        with program(
-            "baqueano",
-            "repeat",
-            "ring",
-            "--vehicle",
-            "small",
-            "--laps",
-            "0",
-            "--page",
-            cwd=tmp_path,
-            env=PLAIN,
-        ) as verb:
+        with with_page(tmp_path, *repeat_ring(tmp_path)) as (verb, port):
             tab = chromium.tab()
-            tab.goto(f"http://127.0.0.1:{port_of(verb)}/")
+            tab.goto(f"http://127.0.0.1:{port}/")
             show_text(tab, "REPEATING")
             show_text(tab, "from its route")
             tab.js(PRESS.format(name="STOP"))
@@ -372,9 +325,9 @@ def test_a_repetition_is_shown_stopped_and_replayed_in_a_browser(tmp_path):
             assert not tab.js("baqueano.page.link.tries")  # no client connects to a closed door
             assert not tab.errors
             tab.close()
-        with program("baqueano", "replay", "last", "--page", cwd=tmp_path, env=PLAIN) as verb:
+        with with_page(tmp_path, "replay", "last") as (verb, port):
             tab = chromium.tab()
-            tab.goto(f"http://127.0.0.1:{port_of(verb)}/")
+            tab.goto(f"http://127.0.0.1:{port}/")
             show_text(tab, "(ghost)")
             assert not tab.errors
             tab.close()

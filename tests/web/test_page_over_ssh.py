@@ -14,8 +14,17 @@ import pytest
 from baqueano.drive import stop_reason_of
 from baqueano.runs import read_run
 from benchmarks.processes import before_others
-from tests.web.page_client import Browser, run_page
-from tests.web.test_serve import START_S, StoppedItself, Watcher, expected, port_of, program, ready_again
+from tests.web.page_client import browser, run_page
+from tests.web.test_serve import (
+    START_S,
+    StoppedItself,
+    Watcher,
+    expected,
+    port_of,
+    program,
+    ready_again,
+    simulated_vehicle,
+)
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32" or not hasattr(socket, "AF_UNIX"), reason="sockets of the file system, a shell"
@@ -67,10 +76,7 @@ def test_the_page_of_a_host_shows_stops_and_copies_a_drive_over_ssh(tmp_path):
     path, there, here = tmp_path / "door", tmp_path / "there", tmp_path / "here"
     calls = put_programs(tmp_path / "bin", path)
     environment = {**os.environ, "PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}"}
-    with before_others(), program(
-        "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(there), "--backend", "python",
-        "--routes", str(tmp_path),
-    ):  # fmt: skip
+    with before_others(), simulated_vehicle(path, there):
         Watcher(path).close()  # the service has started
         serve = ("baqueano", "serve", "--robot", "ana@r1", "--vehicle", "small", "--no-browser")
         with program(*serve, "--runs", str(here), cwd=tmp_path, env=environment) as page:
@@ -80,14 +86,7 @@ def test_the_page_of_a_host_shows_stops_and_copies_a_drive_over_ssh(tmp_path):
             assert words.endswith("-- ana@r1 exec baqueano robot attach\n")
 
             async def job():
-                from websockets.asyncio.client import connect
-
-                host = f"127.0.0.1:{port}"
-                address = {"origin": f"http://{host}", "subprotocols": ["baqueano.2"], "compression": None}
-                async with connect(f"ws://{host}/ws", **address) as line:
-                    visitor = Browser(line)
-                    await visitor.send("hello", lang="en", name="ana")
-                    visitor.hello = await visitor.next("hello")
+                async with browser(port, name="ana") as visitor:
                     beating = asyncio.create_task(beats(visitor))
                     for tries_left in reversed(range(TRIES)):
                         try:

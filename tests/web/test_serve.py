@@ -19,7 +19,7 @@ from baqueano.runs import read_run
 from baqueano.web.feed import HEAD_LAYOUT
 from benchmarks.page import MOST_MB, VIEWERS
 from benchmarks.processes import before_others, resident_mb
-from tests.web.page_client import WAIT_S, Browser, run_page
+from tests.web.page_client import WAIT_S, Browser, browser, line_to, run_page
 from tests.web.vanishing import vanishing
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="sockets of the file system, signals")
@@ -52,6 +52,29 @@ def port_of(page):
         if match := re.search(r"http://127\.0\.0\.1:(\d+)/", line):
             return int(match[1])
     raise AssertionError("it ended before it listened")
+
+
+@contextmanager
+def simulated_vehicle(path, folder):
+    """Run the service of a simulated vehicle at the socket `path`, with its runs and routes in a folder."""
+    with program(
+        "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(folder), "--backend", "python",
+        "--routes", str(folder),
+    ):  # fmt: skip
+        yield
+
+
+@contextmanager
+def served_vehicle(folder):
+    """Serve the page of a simulated vehicle, and yield a watcher of its door, the process and the port of the page."""
+    path = folder / "door"
+    with before_others(), simulated_vehicle(path, folder):
+        watcher = Watcher(path)
+        with program(
+            "baqueano", "serve", "--robot", str(path), "--no-browser", "--runs", str(folder)
+        ) as page:
+            yield watcher, page, port_of(page)
+        watcher.close()
 
 
 class Watcher:
@@ -87,13 +110,7 @@ class Watcher:
 async def driving(port, moves, via=None):
     """Drive manually as a browser does, a heartbeat for each picture, until the page has ended; `moves` is set
     meanwhile. The packets pass `via` another port."""
-    from websockets.asyncio.client import connect
-
-    host = f"127.0.0.1:{port}"
-    async with connect(
-        f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.2"], compression=None,
-        host="127.0.0.1", port=via or port,
-    ) as line:  # fmt: skip
+    async with line_to(port, host="127.0.0.1", port=via or port) as line:
         visitor, n, frame = Browser(line), 0, 0
         await visitor.send("hello", lang="en", name="ana")
         await visitor.next("hello")
@@ -123,66 +140,46 @@ async def driving(port, moves, via=None):
 
 @pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
 def test_rt13_a_page_that_is_killed_or_frozen_stops_the_vehicle(tmp_path, signal_number):
-    path = tmp_path / "door"
-    with before_others(), program(
-        "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(tmp_path), "--backend", "python",
-        "--routes", str(tmp_path),
-    ):  # fmt: skip
-        watcher = Watcher(path)
-        with program(
-            "baqueano", "serve", "--robot", str(path), "--no-browser", "--runs", str(tmp_path)
-        ) as page:
-            port = port_of(page)
+    with served_vehicle(tmp_path) as (watcher, page, port):
 
-            async def job():
-                moves = asyncio.Event()
-                drives = asyncio.create_task(driving(port, moves))
-                moving = asyncio.create_task(moves.wait())
-                await asyncio.wait({drives, moving}, return_when=asyncio.FIRST_COMPLETED)
-                assert moves.is_set()
-                await asyncio.to_thread(watcher.state, "MANUAL")
-                os.kill(page.pid, signal_number)
-                start_s = time.monotonic()
-                state, came = await asyncio.to_thread(watcher.state, "STOPPED")
-                assert came - start_s < 2.0  # on a busy machine the message may arrive late
-                assert state["reason"]["code"] == "operator.silent"
-                assert 300.0 <= state["reason"]["figures"]["silent_ms"] <= 500.0
-                drives.cancel()
-                await asyncio.gather(drives, return_exceptions=True)
+        async def job():
+            moves = asyncio.Event()
+            drives = asyncio.create_task(driving(port, moves))
+            moving = asyncio.create_task(moves.wait())
+            await asyncio.wait({drives, moving}, return_when=asyncio.FIRST_COMPLETED)
+            assert moves.is_set()
+            await asyncio.to_thread(watcher.state, "MANUAL")
+            os.kill(page.pid, signal_number)
+            start_s = time.monotonic()
+            state, came = await asyncio.to_thread(watcher.state, "STOPPED")
+            assert came - start_s < 2.0  # on a busy machine the message may arrive late
+            assert state["reason"]["code"] == "operator.silent"
+            assert 300.0 <= state["reason"]["figures"]["silent_ms"] <= 500.0
+            drives.cancel()
+            await asyncio.gather(drives, return_exceptions=True)
 
-            run_page(job)
-        watcher.close()
+        run_page(job)
 
 
 def test_rt13_a_browser_without_network_loses_the_vehicle_within_half_a_second(tmp_path):
     """Neither end is notified: no end of the connection, no error. A viewer on another connection continues."""
-    path = tmp_path / "door"
-    with before_others(), program(
-        "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(tmp_path), "--backend", "python",
-        "--routes", str(tmp_path),
-    ):  # fmt: skip
-        watcher = Watcher(path)
-        with program(
-            "baqueano", "serve", "--robot", str(path), "--no-browser", "--runs", str(tmp_path)
-        ) as page:
-            port = port_of(page)
+    with served_vehicle(tmp_path) as (watcher, _, port):
 
-            async def job():
-                moves = asyncio.Event()
-                async with vanishing(port) as line:
-                    drives = asyncio.create_task(driving(port, moves, line.port))
-                    await asyncio.wait_for(moves.wait(), WAIT_S)
-                    await asyncio.to_thread(watcher.state, "MANUAL")
-                    line.unplug()
-                    state, _ = await asyncio.to_thread(watcher.state, "STOPPED")
-                    assert state["reason"]["code"] == "operator.silent"
-                    assert 300.0 <= state["reason"]["figures"]["silent_ms"] <= 500.0
-                    assert not drives.done()  # the browser was not notified
-                    drives.cancel()
-                    await asyncio.gather(drives, return_exceptions=True)
+        async def job():
+            moves = asyncio.Event()
+            async with vanishing(port) as line:
+                drives = asyncio.create_task(driving(port, moves, line.port))
+                await asyncio.wait_for(moves.wait(), WAIT_S)
+                await asyncio.to_thread(watcher.state, "MANUAL")
+                line.unplug()
+                state, _ = await asyncio.to_thread(watcher.state, "STOPPED")
+                assert state["reason"]["code"] == "operator.silent"
+                assert 300.0 <= state["reason"]["figures"]["silent_ms"] <= 500.0
+                assert not drives.done()  # the browser was not notified
+                drives.cancel()
+                await asyncio.gather(drives, return_exceptions=True)
 
-            run_page(job)
-        watcher.close()
+        run_page(job)
     run = read_run(max(tmp_path.glob("*.mcap")))
     assert stop_reason_of(run).code == StopReason.HOLDER_SILENT
     assert run.applied_commands[:, 0].max() > 0.4
@@ -234,22 +231,8 @@ def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path):
         port = port_of(page)
 
         async def job():
-            from websockets.asyncio.client import connect
-
-            host = f"127.0.0.1:{port}"
             async with AsyncExitStack() as room:
-                lines = [
-                    await room.enter_async_context(
-                        connect(
-                            f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.2"], compression=None
-                        )
-                    )
-                    for _ in range(VIEWERS)
-                ]  # fmt: skip
-                visitor, *others = map(Browser, lines)
-                for one in (visitor, *others):
-                    await one.send("hello", lang="en")
-                    await one.next("hello")
+                visitor, *others = [await room.enter_async_context(browser(port)) for _ in range(VIEWERS)]
                 looking = [asyncio.create_task(pictures(one)) for one in others]
                 beating = asyncio.create_task(beats(visitor))
                 for tries_left in reversed(range(TRIES)):
