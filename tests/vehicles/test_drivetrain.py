@@ -190,18 +190,18 @@ ERRORS = [
         lambda: Drivetrain(sag=1.5),
     ),
     (
-        "vehicle.commands-of-planar",
-        {"commands": 3, "of_drivetrain": 2},
+        "vehicle.commands",
+        {"model": "Planar", "commands": 3, "of_drivetrain": 2},
         lambda: Planar(1.0, 1.0, np.eye(3), drivetrain=Drivetrain(commands=2)),
     ),
     (
-        "vehicle.commands-of-kinematic",
-        {"commands": 3, "of_drivetrain": 2},
+        "vehicle.commands",
+        {"model": "Kinematic", "commands": 3, "of_drivetrain": 2},
         lambda: Kinematic(np.eye(3), drivetrain=Drivetrain(commands=2)),
     ),
     (
-        "car.commands",
-        {"commands": 2, "of_drivetrain": 3},
+        "vehicle.commands",
+        {"model": "Car", "commands": 2, "of_drivetrain": 3},
         lambda: Car(0.15, 4.0, 0.3, drivetrain=Drivetrain()),
     ),
 ]

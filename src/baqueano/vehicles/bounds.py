@@ -22,6 +22,14 @@ def check_bounds(block: Tree) -> None:
         _check_values(field_name, np.asarray(value), p)
 
 
+def check_commands(vehicle: Tree, names: str) -> None:
+    """Raise Invalid if the drivetrain of a vehicle has another number of commands than the vehicle (`names`)."""
+    model, drivetrain = type(vehicle).__name__, vehicle.drivetrain
+    if drivetrain.commands != vehicle.commands:
+        figures = {"commands": vehicle.commands, "names": names, "of_drivetrain": drivetrain.commands}
+        raise Invalid(fault("vehicle.commands", model=model, **figures))
+
+
 def _check_type(field_name: str, value: Value, p: Parameter) -> None:
     if p.shape == () and (np.ndim(value) != 0 or isinstance(value, bool | str)):
         raise Invalid(

@@ -20,12 +20,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from baqueano.diagnostics import fault
-from baqueano.errors import Invalid
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import document, parameter
 from baqueano.signals import Motion
-from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.bounds import check_bounds, check_commands
 from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.friction import NO_FRICTION
@@ -142,10 +140,7 @@ class Car:
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        if self.drivetrain.commands != self.commands:
-            raise Invalid(
-                fault("car.commands", commands=self.commands, of_drivetrain=self.drivetrain.commands)
-            )
+        check_commands(self, "throttle, servo")
         if self.drivetrain.servos != 1:
             object.__setattr__(self, "drivetrain", replace(self.drivetrain, servos=1))
 

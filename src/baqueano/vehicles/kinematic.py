@@ -17,12 +17,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from baqueano.diagnostics import fault
-from baqueano.errors import Invalid
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import document, parameter
 from baqueano.signals import Motion
-from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.bounds import check_bounds, check_commands
 from baqueano.vehicles.delay import MIN_TICK_S
 from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.effort import Effort, constant_effort
@@ -74,14 +72,7 @@ class Kinematic:
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        if self.drivetrain.commands != self.commands:
-            raise Invalid(
-                fault(
-                    "vehicle.commands-of-kinematic",
-                    commands=self.commands,
-                    of_drivetrain=self.drivetrain.commands,
-                )
-            )
+        check_commands(self, "u_x, u_y, u_psi")
 
     def gravity(self, psi: float) -> np.ndarray:
         """Return gravity along body x and y (2,) [m/s²]: zeros, because the floor is level."""

@@ -18,12 +18,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from baqueano.diagnostics import fault
-from baqueano.errors import Invalid
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import document, parameter
 from baqueano.signals import STANDARD_GRAVITY, Motion
-from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.bounds import check_bounds, check_commands
 from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.friction import NO_FRICTION, Friction
@@ -92,14 +90,7 @@ class Planar:
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        if self.drivetrain.commands != self.commands:
-            raise Invalid(
-                fault(
-                    "vehicle.commands-of-planar",
-                    commands=self.commands,
-                    of_drivetrain=self.drivetrain.commands,
-                )
-            )
+        check_commands(self, "u_x, u_y, u_psi")
 
     @property
     def turning_arm_m(self) -> float:

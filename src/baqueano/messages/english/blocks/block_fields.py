@@ -67,10 +67,6 @@ TEMPLATES: dict[str, str] = {
     "field.shape": "{where} has shape {value}: expected {expected} [{in_unit}], {meaning:word}.",
     "field.not-finite": "{where} = {value}: expected finite numbers [{in_unit}], {meaning:word}.",
     "field.range": "{where} = {value}: expected values from {low:g} to {high:g} [{in_unit}], {meaning:word}.",
-    "car.commands": (
-        "Car has {commands} commands (throttle, servo), but its drivetrain has {of_drivetrain}: give "
-        "Drivetrain(commands=2)."
-    ),
     "delay.slots": "{name}.delay_slots = {value}: expected a whole number, 0 or more.",
     "delay.no-slots": (
         "{name}.delay_s = {delay_s:g} s but delay_slots = 0, so past values are not stored. Give "
@@ -94,13 +90,9 @@ TEMPLATES: dict[str, str] = {
         "Friction.track_m = 0 with dry friction of a wheel. Expected the distance from the left to the "
         "right wheel [m], the lever arm that turns the vehicle."
     ),
-    "vehicle.commands-of-kinematic": (
-        "Kinematic has {commands} commands (u_x, u_y, u_psi), but its drivetrain has {of_drivetrain}: give "
-        "Drivetrain(commands=3)."
-    ),
-    "vehicle.commands-of-planar": (
-        "Planar has {commands} commands (u_x, u_y, u_psi), but its drivetrain has {of_drivetrain}: give "
-        "Drivetrain(commands=3)."
+    "vehicle.commands": (
+        "{model} has {commands} commands ({names}), but its drivetrain has {of_drivetrain}: give "
+        "Drivetrain(commands={commands})."
     ),
     "replay.empty": "{run} is empty: it does not have a tick to replay.",
     "robot.mixing": (
