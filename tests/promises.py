@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-TEST = re.compile(r"^def (test_((?:(?:fw|rt|es|id|lg|fi|ne|su|r)\d+_)+)\w+)\(", re.MULTILINE)
+TEST = re.compile(r"^(?:async )?def (test_((?:(?:fw|rt|es|id|lg|fi|ne|su|r)\d+_)+)\w+)\(", re.MULTILINE)
 WORDS = {
     "FW-1": "the motors are off 320 ms after the last new command (the aim is 260)",
     "FW-2": "the motors are off 150 ms after the firmware hangs",

@@ -1,8 +1,12 @@
 """A browser, a tab of it, and page processes that follow a script."""
 
+import asyncio
+import inspect
+
 import pytest
 
 from tests.web.chromium import SIZES, Chromium
+from tests.web.page_client import WAIT_S
 from tests.web.scripted import ScriptedServer
 
 
@@ -30,3 +34,13 @@ def live():
 def replay():
     with ScriptedServer("replay") as server:
         yield server
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem):
+    """Run a test that is a coroutine in a loop of its own; pytest runs the others."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    fixtures = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
+    asyncio.run(asyncio.wait_for(pyfuncitem.obj(**fixtures), 4 * WAIT_S))
+    return True

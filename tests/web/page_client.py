@@ -3,7 +3,7 @@
 import asyncio
 import json
 import struct
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -146,8 +146,3 @@ async def request(
     if not status:
         return 0, {}, b""
     return int(status.split()[1]), dict(line.split(": ", 1) for line in rest), body
-
-
-def run_page(job: Callable[[], Awaitable[None]]) -> None:
-    """Run a test of coroutines."""
-    asyncio.run(asyncio.wait_for(job(), 4 * WAIT_S))  # pyright: ignore[reportArgumentType]

@@ -9,7 +9,7 @@ from baqueano.web.server import STATIC
 from baqueano.web.visitor import Visitor
 from benchmarks.page import VIEWERS
 from tests.web.fake_vehicle import COLUMNS, live_page
-from tests.web.page_client import browser, run_page
+from tests.web.page_client import browser
 from tests.web.test_live import until_frames
 
 MOST_SCRIPT_BYTES = 120_000
@@ -20,7 +20,7 @@ def test_the_scripts_of_the_page_have_at_most_120_kb():
     assert sum(path.stat().st_size for path in STATIC.glob("*.js")) <= MOST_SCRIPT_BYTES
 
 
-def test_five_viewers_share_one_encoding_of_each_picture(tmp_path, monkeypatch):
+async def test_five_viewers_share_one_encoding_of_each_picture(tmp_path, monkeypatch):
     encoded, shown, frame_of, show = [], [], live_module.binary_frame, Visitor.send_latest
 
     def encode(data):
@@ -33,17 +33,13 @@ def test_five_viewers_share_one_encoding_of_each_picture(tmp_path, monkeypatch):
 
     monkeypatch.setattr(live_module, "binary_frame", encode)
     monkeypatch.setattr(Visitor, "send_latest", show_picture)
-
-    async def job():
-        async with live_page(tmp_path) as (server, link, _), AsyncExitStack() as room:
-            viewers = [await room.enter_async_context(browser(server)) for _ in range(VIEWERS)]
-            for k in range(TICKS):
-                link.frame(0.05 * k, ROWS)
-                await asyncio.gather(*[until_frames(viewer, k + 1) for viewer in viewers])
-            assert len(encoded) == TICKS
-            assert len(shown) == TICKS * VIEWERS
-            assert {id(picture) for picture in shown} == {id(picture) for picture in encoded}  # no copies
-            size = HEAD_LAYOUT.size + ROWS * len(COLUMNS) * 4  # float32 and nothing else
-            assert {len(frame) for viewer in viewers for frame in viewer.frames} == {size}
-
-    run_page(job)
+    async with live_page(tmp_path) as (server, link, _), AsyncExitStack() as room:
+        viewers = [await room.enter_async_context(browser(server)) for _ in range(VIEWERS)]
+        for k in range(TICKS):
+            link.frame(0.05 * k, ROWS)
+            await asyncio.gather(*[until_frames(viewer, k + 1) for viewer in viewers])
+        assert len(encoded) == TICKS
+        assert len(shown) == TICKS * VIEWERS
+        assert {id(picture) for picture in shown} == {id(picture) for picture in encoded}  # no copies
+        size = HEAD_LAYOUT.size + ROWS * len(COLUMNS) * 4  # float32 and nothing else
+        assert {len(frame) for viewer in viewers for frame in viewer.frames} == {size}

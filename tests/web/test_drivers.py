@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.web.lease import LEASE_S
 from tests.web.fake_vehicle import live_page, until
-from tests.web.page_client import browser, run_page
+from tests.web.page_client import browser
 from tests.web.test_lease import Clock
 
 NAMES = ("ana", "luis", "eva", "juan", "mia")
@@ -33,7 +33,7 @@ class Model:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_rt14_only_one_of_several_browsers_drives_at_a_time(tmp_path, seed):
+async def test_rt14_only_one_of_several_browsers_drives_at_a_time(tmp_path, seed):
     chance, clock = random.Random(f"drivers {seed}"), Clock()
     names = NAMES[: 2 + seed % 4]
     model, counts = Model(clock), dict.fromkeys(names, 0)
@@ -70,31 +70,28 @@ def test_rt14_only_one_of_several_browsers_drives_at_a_time(tmp_path, seed):
         await visitor.send("no such word")  # refused after all earlier messages
         await visitor.next("refused", where=lambda no: no["to"] == "no such word")
 
-    async def job():
-        async with live_page(tmp_path) as (server, link, live), AsyncExitStack() as lines:
-            live.lease._now = clock
-            visitors = {name: await lines.enter_async_context(browser(server, name=name)) for name in names}
-            link.frame(0.05)
-            stops = 0
-            for _ in range(STEPS):
-                driver = model.now() if chance.random() < 0.5 else None
-                name, word = driver or chance.choice(names), chance.choice(WORDS)
-                if word == "gone":
-                    visitors[name].line.transport.abort()
-                    await until(lambda: len(server.visitors) < len(names))
-                    if model.now() == name:
-                        model.holder = None
-                    visitors[name], counts[name] = (
-                        await lines.enter_async_context(browser(server, name=name)),
-                        0,
-                    )
-                else:
-                    await act(visitors, live, link, name, word)
-                    stops += word == "stop"
-                assert [message["u"] for message in link.requests("hand")] == model.commands, (word, name)
-                assert getattr(live.lease.holder, "name", None) == model.now(), (word, name)
-                assert len(link.requests("stop")) == stops  # of any client
-                assert len(link.requests("mission")) == model.missions
-            assert len(model.commands) > 2
-
-    run_page(job)
+    async with live_page(tmp_path) as (server, link, live), AsyncExitStack() as lines:
+        live.lease._now = clock
+        visitors = {name: await lines.enter_async_context(browser(server, name=name)) for name in names}
+        link.frame(0.05)
+        stops = 0
+        for _ in range(STEPS):
+            driver = model.now() if chance.random() < 0.5 else None
+            name, word = driver or chance.choice(names), chance.choice(WORDS)
+            if word == "gone":
+                visitors[name].line.transport.abort()
+                await until(lambda: len(server.visitors) < len(names))
+                if model.now() == name:
+                    model.holder = None
+                visitors[name], counts[name] = (
+                    await lines.enter_async_context(browser(server, name=name)),
+                    0,
+                )
+            else:
+                await act(visitors, live, link, name, word)
+                stops += word == "stop"
+            assert [message["u"] for message in link.requests("hand")] == model.commands, (word, name)
+            assert getattr(live.lease.holder, "name", None) == model.now(), (word, name)
+            assert len(link.requests("stop")) == stops  # of any client
+            assert len(link.requests("mission")) == model.missions
+        assert len(model.commands) > 2

@@ -18,7 +18,7 @@ from baqueano.diagnostics import Severity, note
 from baqueano.web.foxglove.bridge import MESSAGE_LAYOUT, SUBPROTOCOLS, FoxgloveServer
 from baqueano.web.guard import Role
 from tests.web.fake_vehicle import live_page, until
-from tests.web.page_client import WAIT_S, run_page
+from tests.web.page_client import WAIT_S
 
 HERE = Path(__file__).with_name("foxglove")
 NODE = shutil.which("node")
@@ -43,99 +43,91 @@ async def next_word(line, *ops):
 
 @needs_client
 @pytest.mark.parametrize("name", ["foxglove.sdk.v1", "foxglove.websocket.v1"])
-def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path, name):
-    async def job():
-        async with live_page(tmp_path) as (server, link, live):
-            link.on_word({
-                "is": "vehicle", "name": "small", "world": "simulated", "rate_hz": 100.0, "blocks": BLOCKS,
-                "command": [{"name": "u_x", "low": -1, "high": 1}], "gains": {"controller.k_x": 3.0},
-            })  # fmt: skip
-            link.on_word(ROUTE)
-            program = await asyncio.create_subprocess_exec(
-                str(NODE), "look.mjs", address_of(server), "3", name, cwd=HERE, stdout=subprocess.PIPE
-            )
-            looking = asyncio.create_task(program.communicate())
-            await until(lambda: len(live.foxglove) == 1)
-            k = 0
-            while not looking.done():
-                k += 1
-                link.frame(0.1 * k, 2, **{"eta.x": 0.25, "u.0": 0.5, "z.imu[2]": math.nan if k % 2 else 1.5})
-                if k == 10:
-                    link.on_word({"is": "event", "message": note("web.begins", Severity.WARNING)})
-                await asyncio.sleep(0.1)
-            message = json.loads((await looking)[0])
-        assert message["name"] == name
-        assert message["info"]["capabilities"] == ["parameters", "connectionGraph"]
-        topics = {channel["topic"]: channel for channel in message["channels"]}
-        assert {"/estimate/pose", "/command/applied", "/sensors", "/drive", "/events", "/guide/route"} <= {
-            *topics
-        }
-        assert topics["/events"]["schemaName"] == "foxglove.Log"
-        poses = message["messages"]["/estimate/pose"]
-        assert poses[0]["value"] == {"x": 0.25}
-        steps = [b["t"] - a["t"] for a, b in pairwise(poses)]
-        assert all(step > 0.0 for step in steps)
-        assert min(steps) == pytest.approx(0.01, abs=1e-3)  # the two ticks of a frame
-        assert {
-            sample["value"]["u_x" if "u_x" in sample["value"] else "0"]
-            for sample in message["messages"]["/command/applied"]
-        } == {0.5}
-        assert message["messages"]["/guide/route"][0]["value"]["poses"][1]["position"] == {
-            "x": 1.0,
-            "y": 0.5,
-            "z": 0.0,
-        }
-        assert message["messages"]["/events"][0]["value"]["level"] == 3
-        values = {parameter["name"]: parameter["value"] for parameter in message["parameters"]["all"]}
-        assert values["controller.k_x"] == 3.0
-        assert values["block.estimator"] == "Ekf"
-        assert values["limit.u_x"] == [-1, 1]
-        assert message["parameters"]["mine"] == message["parameters"]["all"]  # the set value is unchanged
-        assert len(message["statuses"]) >= 3  # set, publish, updates
-        published = {topic["name"]: topic["publisherIds"] for topic in message["graph"]["publishedTopics"]}
-        subscribers = {
-            topic["name"]: topic["subscriberIds"] for topic in message["graph"]["subscribedTopics"]
-        }
-        assert published["/estimate/pose"] == ["estimator"]
-        assert set(subscribers["/estimate/pose"]) == {"guide", "controller"}
-        assert "world" in subscribers["/command/applied"]
-        assert message["closed"] == 1003  # the client published
-        assert {word["do"] for word in link.messages} == {"watch", "routes"}  # the vehicle received nothing
-
-    run_page(job)
+async def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path, name):
+    async with live_page(tmp_path) as (server, link, live):
+        link.on_word({
+            "is": "vehicle", "name": "small", "world": "simulated", "rate_hz": 100.0, "blocks": BLOCKS,
+            "command": [{"name": "u_x", "low": -1, "high": 1}], "gains": {"controller.k_x": 3.0},
+        })  # fmt: skip
+        link.on_word(ROUTE)
+        program = await asyncio.create_subprocess_exec(
+            str(NODE), "look.mjs", address_of(server), "3", name, cwd=HERE, stdout=subprocess.PIPE
+        )
+        looking = asyncio.create_task(program.communicate())
+        await until(lambda: len(live.foxglove) == 1)
+        k = 0
+        while not looking.done():
+            k += 1
+            link.frame(0.1 * k, 2, **{"eta.x": 0.25, "u.0": 0.5, "z.imu[2]": math.nan if k % 2 else 1.5})
+            if k == 10:
+                link.on_word({"is": "event", "message": note("web.begins", Severity.WARNING)})
+            await asyncio.sleep(0.1)
+        message = json.loads((await looking)[0])
+    assert message["name"] == name
+    assert message["info"]["capabilities"] == ["parameters", "connectionGraph"]
+    topics = {channel["topic"]: channel for channel in message["channels"]}
+    assert {"/estimate/pose", "/command/applied", "/sensors", "/drive", "/events", "/guide/route"} <= {
+        *topics
+    }
+    assert topics["/events"]["schemaName"] == "foxglove.Log"
+    poses = message["messages"]["/estimate/pose"]
+    assert poses[0]["value"] == {"x": 0.25}
+    steps = [b["t"] - a["t"] for a, b in pairwise(poses)]
+    assert all(step > 0.0 for step in steps)
+    assert min(steps) == pytest.approx(0.01, abs=1e-3)  # the two ticks of a frame
+    assert {
+        sample["value"]["u_x" if "u_x" in sample["value"] else "0"]
+        for sample in message["messages"]["/command/applied"]
+    } == {0.5}
+    assert message["messages"]["/guide/route"][0]["value"]["poses"][1]["position"] == {
+        "x": 1.0,
+        "y": 0.5,
+        "z": 0.0,
+    }
+    assert message["messages"]["/events"][0]["value"]["level"] == 3
+    values = {parameter["name"]: parameter["value"] for parameter in message["parameters"]["all"]}
+    assert values["controller.k_x"] == 3.0
+    assert values["block.estimator"] == "Ekf"
+    assert values["limit.u_x"] == [-1, 1]
+    assert message["parameters"]["mine"] == message["parameters"]["all"]  # the set value is unchanged
+    assert len(message["statuses"]) >= 3  # set, publish, updates
+    published = {topic["name"]: topic["publisherIds"] for topic in message["graph"]["publishedTopics"]}
+    subscribers = {topic["name"]: topic["subscriberIds"] for topic in message["graph"]["subscribedTopics"]}
+    assert published["/estimate/pose"] == ["estimator"]
+    assert set(subscribers["/estimate/pose"]) == {"guide", "controller"}
+    assert "world" in subscribers["/command/applied"]
+    assert message["closed"] == 1003  # the client published
+    assert {word["do"] for word in link.messages} == {"watch", "routes"}  # the vehicle received nothing
 
 
 @pytest.mark.parametrize("name", SUBPROTOCOLS)
-def test_both_names_of_the_foxglove_protocol_are_accepted(tmp_path, name):
-    async def job():
-        async with (
-            live_page(tmp_path) as (server, link, _),
-            connect(address_of(server), subprotocols=[name]) as line,
+async def test_both_names_of_the_foxglove_protocol_are_accepted(tmp_path, name):
+    async with (
+        live_page(tmp_path) as (server, link, _),
+        connect(address_of(server), subprotocols=[name]) as line,
+    ):
+        assert line.subprotocol == name
+        info = await next_word(line, "serverInfo")
+        assert "small" in info["name"]
+        channels = (await next_word(line, "advertise"))["channels"]
+        channel_id = next(channel["id"] for channel in channels if channel["topic"] == "/drive")
+        await line.send(
+            json.dumps({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": channel_id}]})
+        )
+        await line.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 8, "channelId": 99}]}))
+        assert "99" in (await next_word(line, "status"))["message"]
+        link.frame(1.0, nis=1.25)
+        data = await asyncio.wait_for(line.recv(), WAIT_S)
+        opcode, number, _ = MESSAGE_LAYOUT.unpack(data[: MESSAGE_LAYOUT.size])
+        assert (opcode, number) == (1, 7)
+        assert json.loads(data[MESSAGE_LAYOUT.size :])["nis"] == 1.25
+        for bad in (
+            {"op": "subscribe"},
+            {"op": "unsubscribe", "subscriptionIds": ["x"]},
+            {"op": "fetchAsset"},
         ):
-            assert line.subprotocol == name
-            info = await next_word(line, "serverInfo")
-            assert "small" in info["name"]
-            channels = (await next_word(line, "advertise"))["channels"]
-            channel_id = next(channel["id"] for channel in channels if channel["topic"] == "/drive")
-            await line.send(
-                json.dumps({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": channel_id}]})
-            )
-            await line.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 8, "channelId": 99}]}))
-            assert "99" in (await next_word(line, "status"))["message"]
-            link.frame(1.0, nis=1.25)
-            data = await asyncio.wait_for(line.recv(), WAIT_S)
-            opcode, number, _ = MESSAGE_LAYOUT.unpack(data[: MESSAGE_LAYOUT.size])
-            assert (opcode, number) == (1, 7)
-            assert json.loads(data[MESSAGE_LAYOUT.size :])["nis"] == 1.25
-            for bad in (
-                {"op": "subscribe"},
-                {"op": "unsubscribe", "subscriptionIds": ["x"]},
-                {"op": "fetchAsset"},
-            ):
-                await line.send(json.dumps(bad))
-                await next_word(line, "status")
-
-    run_page(job)
+            await line.send(json.dumps(bad))
+            await next_word(line, "status")
 
 
 class Line:
@@ -191,42 +183,36 @@ def test_ne5_a_route_is_encoded_once_for_many_subscriptions_and_sent_to_their_cl
     assert not one.pictures
 
 
-def test_ne2_ne3_a_foxglove_program_needs_a_token_like_a_browser(tmp_path):
+async def test_ne2_ne3_a_foxglove_program_needs_a_token_like_a_browser(tmp_path):
     async def status_of(url, **options):
         with pytest.raises(InvalidStatus) as error:
             await connect(url, subprotocols=[SUBPROTOCOLS[0]], **options).__aenter__()
         return error.value.response.status_code
 
-    async def job():
-        async with live_page(tmp_path) as (server, _, _):
-            evil = {"origin": "https://evil.example"}
-            assert await status_of(address_of(server), **evil) == 403
-            assert await status_of(address_of(server, "x" * 22)) == 403
-            token = server.guard.tokens[Role.VIEW]
-            async with connect(
-                address_of(server, token), subprotocols=[SUBPROTOCOLS[0]], **evil
-            ) as line:  # Foxglove's own page
-                await next_word(line, "serverInfo")
-            with pytest.raises(InvalidStatus):
-                await connect(address_of(server)).__aenter__()  # of an unknown protocol
-        async with live_page(tmp_path, shared_at="127.0.0.2") as (server, _, _):
-            assert await status_of(address_of(server)) == 403
-
-    run_page(job)
+    async with live_page(tmp_path) as (server, _, _):
+        evil = {"origin": "https://evil.example"}
+        assert await status_of(address_of(server), **evil) == 403
+        assert await status_of(address_of(server, "x" * 22)) == 403
+        token = server.guard.tokens[Role.VIEW]
+        async with connect(
+            address_of(server, token), subprotocols=[SUBPROTOCOLS[0]], **evil
+        ) as line:  # Foxglove's own page
+            await next_word(line, "serverInfo")
+        with pytest.raises(InvalidStatus):
+            await connect(address_of(server)).__aenter__()  # of an unknown protocol
+    async with live_page(tmp_path, shared_at="127.0.0.2") as (server, _, _):
+        assert await status_of(address_of(server)) == 403
 
 
-def test_a_program_that_publishes_is_disconnected(tmp_path):
-    async def job():
-        async with (
-            live_page(tmp_path) as (server, link, _),
-            connect(address_of(server), subprotocols=[SUBPROTOCOLS[1]]) as line,
-        ):
-            await line.send(struct.pack("<BI", 1, 1) + b"{}")
-            with pytest.raises(ConnectionClosed):
-                await asyncio.wait_for(all_of(line), WAIT_S)
-            assert {word["do"] for word in link.messages} == {"watch", "routes"}
-
-    run_page(job)
+async def test_a_program_that_publishes_is_disconnected(tmp_path):
+    async with (
+        live_page(tmp_path) as (server, link, _),
+        connect(address_of(server), subprotocols=[SUBPROTOCOLS[1]]) as line,
+    ):
+        await line.send(struct.pack("<BI", 1, 1) + b"{}")
+        with pytest.raises(ConnectionClosed):
+            await asyncio.wait_for(all_of(line), WAIT_S)
+        assert {word["do"] for word in link.messages} == {"watch", "routes"}
 
 
 async def all_of(line):

@@ -30,7 +30,7 @@ from baqueano.web.lab.identification import DriveIdentification, label_of
 from baqueano.web.lab.live_identification import LiveIdentification
 from baqueano.web.lab.recorded import pack_run
 from tests.web.fake_vehicle import live_page, until
-from tests.web.page_client import browser, recorded_page, run_page
+from tests.web.page_client import browser, recorded_page
 
 SECONDS = 14.0
 GUESS = {
@@ -159,35 +159,32 @@ class Viewer:
         self.words.append(word)
 
 
-def test_the_rows_of_a_drive_are_sent_to_the_worker_each_second(monkeypatch):
-    async def job():
-        sent, waits, visitor = [], [], Viewer()
-        identifying = LiveIdentification(lambda: [visitor])
+async def test_the_rows_of_a_drive_are_sent_to_the_worker_each_second(monkeypatch):
+    sent, waits, visitor = [], [], Viewer()
+    identifying = LiveIdentification(lambda: [visitor])
 
-        async def request(do, **words):
-            sent.append(len(words["rows"]))
-            return {"busy": False}, b""
+    async def request(do, **words):
+        sent.append(len(words["rows"]))
+        return {"busy": False}, b""
 
-        async def wait(seconds):
-            waits.append(seconds)
-            identifying.add_rows([[0.01 * len(waits), 0.0]])
-            if len(waits) == 5:
-                identifying.set_subscription(visitor, False)
+    async def wait(seconds):
+        waits.append(seconds)
+        identifying.add_rows([[0.01 * len(waits), 0.0]])
+        if len(waits) == 5:
+            identifying.set_subscription(visitor, False)
 
-        monkeypatch.setattr(identifying._lab, "request", request)
-        patched = {name: getattr(asyncio, name) for name in ("create_task", "CancelledError")}
-        monkeypatch.setattr(live_identification, "asyncio", SimpleNamespace(**patched, sleep=wait))
-        identifying.vehicle = "small"
-        identifying.begin(["t", "u.0"])
-        identifying.add_rows([[0.0, 0.0]])
-        identifying.set_subscription(visitor, True)
-        await identifying._asking
-        assert waits == [1.0] * 5
-        assert sent == [1] * 5
-        assert [word["busy"] for word in visitor.words] == [True, *[False] * 5]  # before the first answer
-        await identifying.close()
-
-    run_page(job)
+    monkeypatch.setattr(identifying._lab, "request", request)
+    patched = {name: getattr(asyncio, name) for name in ("create_task", "CancelledError")}
+    monkeypatch.setattr(live_identification, "asyncio", SimpleNamespace(**patched, sleep=wait))
+    identifying.vehicle = "small"
+    identifying.begin(["t", "u.0"])
+    identifying.add_rows([[0.0, 0.0]])
+    identifying.set_subscription(visitor, True)
+    await identifying._asking
+    assert waits == [1.0] * 5
+    assert sent == [1] * 5
+    assert [word["busy"] for word in visitor.words] == [True, *[False] * 5]  # before the first answer
+    await identifying.close()
 
 
 def test_missing_ticks_are_simulated_without_measurements(driven_runs):
@@ -233,61 +230,53 @@ def test_a_user_parameter_is_labelled_by_its_metadata():
     }
 
 
-def test_a_page_shows_identification_while_answering_other_requests(tmp_path, driven_runs):
+async def test_a_page_shows_identification_while_answering_other_requests(tmp_path, driven_runs):
     guess, _, run = driven_runs
     names, rows = rows_of(run)
     path = tmp_path / "guess.toml"
     path.write_text(guess.text, encoding="utf-8")
-
-    async def job():
-        async with live_page(tmp_path) as (server, link, live):
-            live.identifying.vehicle = str(path)
-            link.on_word({"is": "fields", "names": names, "units": ["1"] * len(names)})
-            for at in range(0, 1000, 100):
-                link.on_word(
-                    {"is": "frame", "x": json.loads(json.dumps(rows[at : at + 100]).replace("NaN", "null"))}
-                )
-            async with browser(server, "es") as visitor, browser(server) as second:
-                await visitor.send("identify", on=True)
-                assert (await visitor.next("identify"))["parameters"] == []
-                first = await visitor.next("identify", where=lambda word: word["parameters"])
-                assert first["parameters"][0]["label"] == "resistencia al avanzar"
-                answer = await visitor.next("identify", where=lambda word: word["fit"] is not None)
-                assert answer["t"] == 10.0
-                assert answer["fit"]["verdict"]
-                assert "4 s" in answer["next"]["motion"]
-                await second.send("ask", id=7, question="ping")
-                assert (await second.next("answer", "identify"))[
-                    "is"
-                ] == "answer"  # a browser on another screen receives nothing
-                await visitor.send("identify", on=False)
-                await until(lambda: not live.identifying._looking)
-                link.on_word({"is": "frame", "x": [[None] * len(names)]})
-
-    run_page(job)
+    async with live_page(tmp_path) as (server, link, live):
+        live.identifying.vehicle = str(path)
+        link.on_word({"is": "fields", "names": names, "units": ["1"] * len(names)})
+        for at in range(0, 1000, 100):
+            link.on_word(
+                {"is": "frame", "x": json.loads(json.dumps(rows[at : at + 100]).replace("NaN", "null"))}
+            )
+        async with browser(server, "es") as visitor, browser(server) as second:
+            await visitor.send("identify", on=True)
+            assert (await visitor.next("identify"))["parameters"] == []
+            first = await visitor.next("identify", where=lambda word: word["parameters"])
+            assert first["parameters"][0]["label"] == "resistencia al avanzar"
+            answer = await visitor.next("identify", where=lambda word: word["fit"] is not None)
+            assert answer["t"] == 10.0
+            assert answer["fit"]["verdict"]
+            assert "4 s" in answer["next"]["motion"]
+            await second.send("ask", id=7, question="ping")
+            assert (await second.next("answer", "identify"))[
+                "is"
+            ] == "answer"  # a browser on another screen receives nothing
+            await visitor.send("identify", on=False)
+            await until(lambda: not live.identifying._looking)
+            link.on_word({"is": "frame", "x": [[None] * len(names)]})
 
 
-def test_identification_of_a_finished_run_is_shown_at_all_times(tmp_path, driven_runs):
+async def test_identification_of_a_finished_run_is_shown_at_all_times(tmp_path, driven_runs):
     _, _, run = driven_runs
     folder = tmp_path / "runs"
     folder.mkdir()
     write_run(run, folder / "taught.mcap")
-
-    async def job():
-        async with recorded_page(folder, "taught") as server, browser(server) as visitor:
-            await visitor.send("ask", id=1, question="identify", run=visitor.hello["open"]["run"])
-            answer = await visitor.next("answer", where=lambda word: word["to"] == "ask")
-            errors = np.array(answer["expected"])
-            assert np.all(np.diff(errors, axis=0) <= 1e-9)
-            assert len(errors) * answer["step_s"] == pytest.approx(SECONDS, abs=0.3)
-            assert [dated_fit["t"] for dated_fit in answer["fits"]] == sorted(
-                dated_fit["t"] for dated_fit in answer["fits"]
-            )
-            assert answer["fits"][-1]["t"] == pytest.approx(SECONDS, abs=0.05)
-            await visitor.send("ask", id=2, question="identify", run="none")
-            assert (await visitor.next("refused"))["code"] == "web.no-run"
-
-    run_page(job)
+    async with recorded_page(folder, "taught") as server, browser(server) as visitor:
+        await visitor.send("ask", id=1, question="identify", run=visitor.hello["open"]["run"])
+        answer = await visitor.next("answer", where=lambda word: word["to"] == "ask")
+        errors = np.array(answer["expected"])
+        assert np.all(np.diff(errors, axis=0) <= 1e-9)
+        assert len(errors) * answer["step_s"] == pytest.approx(SECONDS, abs=0.3)
+        assert [dated_fit["t"] for dated_fit in answer["fits"]] == sorted(
+            dated_fit["t"] for dated_fit in answer["fits"]
+        )
+        assert answer["fits"][-1]["t"] == pytest.approx(SECONDS, abs=0.05)
+        await visitor.send("ask", id=2, question="identify", run="none")
+        assert (await visitor.next("refused"))["code"] == "web.no-run"
 
 
 def test_a_drive_that_cannot_be_fitted_reports_its_reason(tmp_path):
@@ -304,15 +293,12 @@ def test_a_drive_that_cannot_be_fitted_reports_its_reason(tmp_path):
     drive.close()
 
 
-def test_the_page_process_does_not_import_numpy():
-    async def job():
-        program = await asyncio.create_subprocess_exec(
-            sys.executable, "-c",
-            "import sys, baqueano.web.run, baqueano.web.lab.live_identification; sys.exit('numpy' in sys.modules)",
-        )  # fmt: skip
-        assert await program.wait() == 0
-
-    run_page(job)
+async def test_the_page_process_does_not_import_numpy():
+    program = await asyncio.create_subprocess_exec(
+        sys.executable, "-c",
+        "import sys, baqueano.web.run, baqueano.web.lab.live_identification; sys.exit('numpy' in sys.modules)",
+    )  # fmt: skip
+    assert await program.wait() == 0
 
 
 def test_a_vehicle_at_rest_is_not_fitted_repeatedly(driven_runs, monkeypatch):

@@ -19,7 +19,7 @@ from tests.codes import refused
 from tests.drive.test_lap_closure import NOISE, TRUE
 from tests.web.chromium import CHROMIUM, SIZES
 from tests.web.fake_vehicle import live_page
-from tests.web.page_client import browser, run_page
+from tests.web.page_client import browser
 from tests.web.screens import BOXES, PAGE, REST_S, open_page, until
 from tests.web.scripted import RUNS
 
@@ -102,25 +102,22 @@ def test_a_vehicle_without_its_own_file_or_fit_is_refused(words, tmp_path):
         Worker().answer(words | {"route": "../vehicle"})
 
 
-def test_the_driver_closes_a_lap_and_a_viewer_does_not(words, tmp_path):
-    async def job():
-        async with live_page(tmp_path, shared_at="127.0.0.2") as (server, _, _live):
-            page, tokens = server._on_message.__self__, server.guard.tokens
-            page.source = lambda: {"vehicle": words["vehicle"], "routes": words["routes"]}
-            async with (
-                browser(server, token=tokens[Role.DRIVE]) as driver,
-                browser(server, token=tokens[Role.VIEW]) as viewer,
-            ):
-                (run,) = driver.hello["runs"]
-                await viewer.send("write", lap=run["id"], route="ring")
-                assert (await viewer.next("refused"))["code"] == "web.role"
-                await driver.send("write", lap="unknown")
-                assert (await driver.next("refused"))["code"] == "web.no-run"
-                await driver.send("write", lap=run["id"], route="ring")
-                assert words["vehicle"].rpartition("/")[2] in (await driver.next("event"))["text"]
-        assert load(words["vehicle"]).provenance["sensors.imu.gyro_scale"].run == "0002-teach"
-
-    run_page(job)
+async def test_the_driver_closes_a_lap_and_a_viewer_does_not(words, tmp_path):
+    async with live_page(tmp_path, shared_at="127.0.0.2") as (server, _, _live):
+        page, tokens = server._on_message.__self__, server.guard.tokens
+        page.source = lambda: {"vehicle": words["vehicle"], "routes": words["routes"]}
+        async with (
+            browser(server, token=tokens[Role.DRIVE]) as driver,
+            browser(server, token=tokens[Role.VIEW]) as viewer,
+        ):
+            (run,) = driver.hello["runs"]
+            await viewer.send("write", lap=run["id"], route="ring")
+            assert (await viewer.next("refused"))["code"] == "web.role"
+            await driver.send("write", lap="unknown")
+            assert (await driver.next("refused"))["code"] == "web.no-run"
+            await driver.send("write", lap=run["id"], route="ring")
+            assert words["vehicle"].rpartition("/")[2] in (await driver.next("event"))["text"]
+    assert load(words["vehicle"]).provenance["sensors.imu.gyro_scale"].run == "0002-teach"
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")

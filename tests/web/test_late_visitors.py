@@ -10,68 +10,58 @@ import pytest
 
 from baqueano.web.feed import HEAD_LAYOUT, RING_S, Feed
 from tests.web.fake_vehicle import COLUMNS, live_page, until
-from tests.web.page_client import Browser, browser, line_to, run_page
+from tests.web.page_client import Browser, browser, line_to
 from tests.web.test_live import until_frames
 
 
-def test_a_browser_that_connects_during_a_drive_receives_the_last_minute(tmp_path):
-    async def job():
-        async with live_page(tmp_path) as (server, link, live):
-            for k in range(80):
-                link.frame(float(k), 100, **{"eta.x": k})
-            async with browser(server) as visitor:
-                await until_frames(visitor, 1)
-                rows = visitor.rows(0, len(COLUMNS))
-                assert rows[0, 0] >= 79 - RING_S
-                assert len(rows) == 61 * 100
-                await visitor.send("history", **{"from": 75.0})
-                await until_frames(visitor, 2)
-                assert visitor.rows(0, len(COLUMNS))[len(rows), 0] == 75.0
-            link.frame(0.01)  # another drive begins
-            head, *rows = await anext(live.feed.history())
-            assert HEAD_LAYOUT.unpack(head)[1] == len(rows) == 1
-
-    run_page(job)
+async def test_a_browser_that_connects_during_a_drive_receives_the_last_minute(tmp_path):
+    async with live_page(tmp_path) as (server, link, live):
+        for k in range(80):
+            link.frame(float(k), 100, **{"eta.x": k})
+        async with browser(server) as visitor:
+            await until_frames(visitor, 1)
+            rows = visitor.rows(0, len(COLUMNS))
+            assert rows[0, 0] >= 79 - RING_S
+            assert len(rows) == 61 * 100
+            await visitor.send("history", **{"from": 75.0})
+            await until_frames(visitor, 2)
+            assert visitor.rows(0, len(COLUMNS))[len(rows), 0] == 75.0
+        link.frame(0.01)  # another drive begins
+        head, *rows = await anext(live.feed.history())
+        assert HEAD_LAYOUT.unpack(head)[1] == len(rows) == 1
 
 
-def test_a_browser_that_connects_during_a_drive_misses_no_row(tmp_path):
+async def test_a_browser_that_connects_during_a_drive_misses_no_row(tmp_path):
     """The last minute is longer than the buffers of the sockets, and the drive continues while it is sent."""
-
-    async def job():
-        async with live_page(tmp_path) as (server, link, _), line_to(server, max_queue=1) as line:
-            for k in range(60):
-                link.frame(float(k), 400, **{"eta.x": k})
-            line.transport.pause_reading()
-            visitor = Browser(line)
-            await visitor.send("hello", lang="en")
-            (guest,) = server.visitors
-            await until(guest._writer.transport.get_write_buffer_size)
-            for k in range(60, 80):
-                link.frame(60.0 + 0.05 * (k - 60), 5, **{"eta.x": k})
-            line.transport.resume_reading()
-            while 79 not in (x := visitor.rows(0, len(COLUMNS))[:, 1]):
-                await until_frames(visitor, len(visitor.frames) + 1)
-            assert x.tolist() == [k for k in range(80) for _ in range(400 if k < 60 else 5)]
-
-    run_page(job)
+    async with live_page(tmp_path) as (server, link, _), line_to(server, max_queue=1) as line:
+        for k in range(60):
+            link.frame(float(k), 400, **{"eta.x": k})
+        line.transport.pause_reading()
+        visitor = Browser(line)
+        await visitor.send("hello", lang="en")
+        (guest,) = server.visitors
+        await until(guest._writer.transport.get_write_buffer_size)
+        for k in range(60, 80):
+            link.frame(60.0 + 0.05 * (k - 60), 5, **{"eta.x": k})
+        line.transport.resume_reading()
+        while 79 not in (x := visitor.rows(0, len(COLUMNS))[:, 1]):
+            await until_frames(visitor, len(visitor.frames) + 1)
+        assert x.tolist() == [k for k in range(80) for _ in range(400 if k < 60 else 5)]
 
 
-def test_the_history_ends_for_a_browser_that_is_slower_than_the_drive():
-    async def job():
-        feed = Feed()
-        feed.begin_drive(COLUMNS)
-        feed.add_rows({"x": [[0.0] * len(COLUMNS)]})
-        sent = 0
-        async for _ in feed.history():
-            sent += 1
-            feed.add_rows({"x": [[0.05 * sent, *[0.0] * (len(COLUMNS) - 1)]]})
-        assert sent == 1
-
-    run_page(job)
+async def test_the_history_ends_for_a_browser_that_is_slower_than_the_drive():
+    feed = Feed()
+    feed.begin_drive(COLUMNS)
+    feed.add_rows({"x": [[0.0] * len(COLUMNS)]})
+    sent = 0
+    async for _ in feed.history():
+        sent += 1
+        feed.add_rows({"x": [[0.05 * sent, *[0.0] * (len(COLUMNS) - 1)]]})
+    assert sent == 1
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts open files in /proc")
-def test_two_hundred_pages_that_open_and_close_leave_nothing_behind(tmp_path):
+async def test_two_hundred_pages_that_open_and_close_leave_nothing_behind(tmp_path):
     """Neither a file, nor a task, nor an object per page remains, however the page ends."""
 
     async def visit(server, link, k):
@@ -89,13 +79,10 @@ def test_two_hundred_pages_that_open_and_close_leave_nothing_behind(tmp_path):
         gc.collect()
         return np.array([len(os.listdir("/proc/self/fd")), len(gc.get_objects())])
 
-    async def job():
-        async with live_page(tmp_path) as (server, link, _):
-            for k in range(70):  # more than each bounded buffer holds
-                await visit(server, link, k)
-            before = await left(server)
-            for k in range(70, 270):
-                await visit(server, link, k)
-            assert np.all(await left(server) - before < [5, 200])
-
-    run_page(job)
+    async with live_page(tmp_path) as (server, link, _):
+        for k in range(70):  # more than each bounded buffer holds
+            await visit(server, link, k)
+        before = await left(server)
+        for k in range(70, 270):
+            await visit(server, link, k)
+        assert np.all(await left(server) - before < [5, 200])

@@ -23,7 +23,7 @@ from baqueano.runs.route_file import read_route, write_route
 from baqueano.web.feed import HEAD_LAYOUT
 from tests.emulated.rig import missing
 from tests.web.chromium import CHROMIUM, Chromium
-from tests.web.page_client import WAIT_S, browser, run_page
+from tests.web.page_client import WAIT_S, browser
 from tests.web.screens import until
 from tests.web.test_in_browser import PRESS, START_S, show_text
 from tests.web.test_serve import Watcher, beats, port_of, program, simulated_vehicle
@@ -96,23 +96,19 @@ def alive(pid):
         return False
 
 
-def test_the_run_of_a_drive_is_the_same_with_a_page(tmp_path):
+async def test_the_run_of_a_drive_is_the_same_with_a_page(tmp_path):
     for folder in ("with", "without"):
         (tmp_path / folder).mkdir()
     with with_page(tmp_path / "with", "experiment", *TWO_S) as (verb, port):
-
-        async def job():
-            async with browser(port) as visitor:
-                assert visitor.hello["vehicle"]["world"] == "simulated"
-                state = await visitor.next("state", where=lambda word: word["state"] == "OVER")
-                assert "runs" in state["sentence"]
-                with pytest.raises(Exception, match="1000"):
-                    await visitor.next("never")
-                rows = visitor.rows(0, len(visitor.hello["fields"]))
-                assert 0.0 < rows[-1, 0] < 2.02  # the last frame may show the stop
-                assert np.isfinite(rows[-1, [f["name"] for f in visitor.hello["fields"]].index("truth.x")])
-
-        run_page(job)
+        async with browser(port) as visitor:
+            assert visitor.hello["vehicle"]["world"] == "simulated"
+            state = await visitor.next("state", where=lambda word: word["state"] == "OVER")
+            assert "runs" in state["sentence"]
+            with pytest.raises(Exception, match="1000"):
+                await visitor.next("never")
+            rows = visitor.rows(0, len(visitor.hello["fields"]))
+            assert 0.0 < rows[-1, 0] < 2.02  # the last frame may show the stop
+            assert np.isfinite(rows[-1, [f["name"] for f in visitor.hello["fields"]].index("truth.x")])
         assert exit_code_of(verb) == 0
     subprocess.run(
         [sys.executable, "-m", "baqueano", "experiment", *TWO_S], cwd=tmp_path / "without", env=PLAIN, check=True,
@@ -121,58 +117,44 @@ def test_the_run_of_a_drive_is_the_same_with_a_page(tmp_path):
     assert read_run(tmp_path / "with" / "run.mcap") == read_run(tmp_path / "without" / "run.mcap")
 
 
-def test_teaching_with_a_page_is_displayed_and_the_route_is_stored(tmp_path):
+async def test_teaching_with_a_page_is_displayed_and_the_route_is_stored(tmp_path):
     ring = ("--vehicle", "small", "--driver", "circle", "--size", "0.3", "--speed", "0.4")
     with with_page(tmp_path, "teach", "ring", *ring) as (verb, port):
-
-        async def job():
-            async with browser(port) as visitor:
-                state = await visitor.next("state", where=lambda word: word["state"] in ("MISSION", "MANUAL"))
-                assert state["mission"]["kind"] == "teach"
-                await visitor.next("state", where=lambda word: word["state"] == "OVER")
-                assert visitor.frames
-
-        run_page(job)
+        async with browser(port) as visitor:
+            state = await visitor.next("state", where=lambda word: word["state"] in ("MISSION", "MANUAL"))
+            assert state["mission"]["kind"] == "teach"
+            await visitor.next("state", where=lambda word: word["state"] == "OVER")
+            assert visitor.frames
         assert exit_code_of(verb) == 0
     assert read_route(tmp_path / "routes" / "ring.csv").closed
 
 
-def test_a_stop_on_the_page_ends_the_command_like_any_stop(tmp_path):
+async def test_a_stop_on_the_page_ends_the_command_like_any_stop(tmp_path):
     with with_page(tmp_path, "experiment", "--vehicle", "small", "-o", "run.mcap") as (verb, port):
-
-        async def job():
-            async with browser(port, name="eva") as visitor:
-                await visitor.next(
-                    "state", where=lambda word: word["state"] == "MISSION" and (word["t_s"] or 0) > 0.5
-                )
-                await visitor.send("mission", kind="drive")
-                assert (await visitor.next("refused"))["to"] == "mission"
-                await visitor.send("stop")
-                await visitor.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
-
-        run_page(job)
+        async with browser(port, name="eva") as visitor:
+            await visitor.next(
+                "state", where=lambda word: word["state"] == "MISSION" and (word["t_s"] or 0) > 0.5
+            )
+            await visitor.send("mission", kind="drive")
+            assert (await visitor.next("refused"))["to"] == "mission"
+            await visitor.send("stop")
+            await visitor.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
         assert exit_code_of(verb) == 5
     reason = stop_reason_of(read_run(tmp_path / "run.mcap"))
     assert reason.code == StopReason.STOPPED_ON_PAGE
     assert reason.figures["name"] == "eva"
 
 
-def test_after_ctrl_c_or_a_killed_command_no_process_remains(tmp_path):
+async def test_after_ctrl_c_or_a_killed_command_no_process_remains(tmp_path):
     for signal_number, code in ((signal.SIGINT, None), (signal.SIGKILL, -signal.SIGKILL)):
         with with_page(tmp_path, "experiment", "--vehicle", "small") as (verb, port):
-
-            async def job(port=port):
-                async with browser(port) as visitor:
-                    await visitor.next("state", where=lambda word: word["state"] == "MISSION")
-                    await visitor.send("take")
-                    beating = asyncio.create_task(beats(visitor))
-                    await visitor.send("pause")
-                    await visitor.next(
-                        "state", where=lambda word: word["paused"]
-                    )  # Ctrl-C still ends the drive
-                    beating.cancel()
-
-            run_page(job)
+            async with browser(port) as visitor:
+                await visitor.next("state", where=lambda word: word["state"] == "MISSION")
+                await visitor.send("take")
+                beating = asyncio.create_task(beats(visitor))
+                await visitor.send("pause")
+                await visitor.next("state", where=lambda word: word["paused"])  # Ctrl-C still ends the drive
+                beating.cancel()
             children = processes_of(verb.pid)
             assert children
             verb.send_signal(signal_number)
@@ -214,7 +196,7 @@ async def ahead(visitor):
         await asyncio.sleep(0.04)
 
 
-def test_the_page_of_the_drive_command_steers_and_ends_the_drive(tmp_path):
+async def test_the_page_of_the_drive_command_steers_and_ends_the_drive(tmp_path):
     with with_page(tmp_path, *DRIVE) as (verb, port):
 
         async def end(visitor):
@@ -223,7 +205,7 @@ def test_the_page_of_the_drive_command_steers_and_ends_the_drive(tmp_path):
             await visitor.send("end")
             await visitor.next("state", where=lambda word: word["state"] == "OVER")
 
-        run_page(lambda: at_the_wheel(port, end))
+        await at_the_wheel(port, end)
         assert exit_code_of(verb) == 0
     run = read_run(tmp_path / "run.mcap")
     assert run.truth.eta[-1, 0] > 0.2
@@ -231,7 +213,7 @@ def test_the_page_of_the_drive_command_steers_and_ends_the_drive(tmp_path):
 
 
 @pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
-def test_rt13_a_killed_page_of_the_drive_command_stops_the_drive(tmp_path, signal_number):
+async def test_rt13_a_killed_page_of_the_drive_command_stops_the_drive(tmp_path, signal_number):
     with with_page(tmp_path, *DRIVE) as (verb, port):
         children = processes_of(verb.pid)
 
@@ -239,7 +221,7 @@ def test_rt13_a_killed_page_of_the_drive_command_stops_the_drive(tmp_path, signa
             for pid in children:
                 os.kill(pid, signal_number)
 
-        run_page(lambda: at_the_wheel(port, dies))
+        await at_the_wheel(port, dies)
         assert exit_code_of(verb) == 5
         assert all_gone(children)
     run = read_run(tmp_path / "run.mcap")
@@ -248,36 +230,28 @@ def test_rt13_a_killed_page_of_the_drive_command_stops_the_drive(tmp_path, signa
     assert not run.applied_commands[-1].any()
 
 
-def test_a_robot_is_shown_paused_and_stopped_on_the_page_of_a_command(tmp_path):
+async def test_a_robot_is_shown_paused_and_stopped_on_the_page_of_a_command(tmp_path):
     path = tmp_path / "door"
     with simulated_vehicle(path, tmp_path):
         watcher = Watcher(path)
         words = ("--rest", "0", "--robot", str(path), "-o", "run.mcap")
         with with_page(tmp_path, *repeat_ring(tmp_path), *words) as (verb, port):
-
-            async def job():
-                async with browser(port) as visitor:
-                    await visitor.next(
-                        "state", where=lambda word: word["state"] == "MISSION" and visitor.frames
-                    )
-                    for do, pauses in (("pause", True), ("go", False)):
-                        await visitor.send("take")
-                        await visitor.send(do)
-                        await visitor.next(
-                            "state", where=lambda word, pauses=pauses: word["paused"] is pauses
-                        )
-                    start_s = time.monotonic()
-                    await visitor.send("stop")
-                    _, came = await asyncio.to_thread(watcher.state, "STOPPED")
-                    assert came - start_s < 2.0  # the machine may be busy
-
-            run_page(job)
+            async with browser(port) as visitor:
+                await visitor.next("state", where=lambda word: word["state"] == "MISSION" and visitor.frames)
+                for do, pauses in (("pause", True), ("go", False)):
+                    await visitor.send("take")
+                    await visitor.send(do)
+                    await visitor.next("state", where=lambda word, pauses=pauses: word["paused"] is pauses)
+                start_s = time.monotonic()
+                await visitor.send("stop")
+                _, came = await asyncio.to_thread(watcher.state, "STOPPED")
+                assert came - start_s < 2.0  # the machine may be busy
             assert exit_code_of(verb) == 5
         watcher.close()
     assert stop_reason_of(read_run(tmp_path / "run.mcap")).code == StopReason.STOPPED_ON_PAGE
 
 
-def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):
+async def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):
     path = tmp_path / "door"
     with (
         simulated_vehicle(path, tmp_path),
@@ -287,7 +261,7 @@ def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):
         async def silent(visitor):
             """Stay connected and send nothing, like a hidden tab: the caller ends the heartbeats."""
 
-        run_page(lambda: at_the_wheel(port, silent))
+        await at_the_wheel(port, silent)
         assert exit_code_of(verb) == 5
     run = read_run(tmp_path / "run.mcap")
     assert stop_reason_of(run).code == StopReason.HOLDER_SILENT
@@ -295,7 +269,7 @@ def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):
 
 
 @pytest.mark.skipif(bool(missing()), reason=f"Debian's packages {' '.join(missing())} are not installed")
-def test_the_emulated_vehicle_is_driven_by_hand_on_the_page(tmp_path):
+async def test_the_emulated_vehicle_is_driven_by_hand_on_the_page(tmp_path):
     with with_page(tmp_path, *DRIVE, "--robot", "emulated") as (verb, port):
 
         async def end(visitor):
@@ -303,7 +277,7 @@ def test_the_emulated_vehicle_is_driven_by_hand_on_the_page(tmp_path):
             await visitor.send("stop")
             await visitor.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
 
-        run_page(lambda: at_the_wheel(port, end))
+        await at_the_wheel(port, end)
         assert exit_code_of(verb) == 5
     run = read_run(tmp_path / "run.mcap")
     assert np.max(run.truth.eta[:, 0]) > 0.1

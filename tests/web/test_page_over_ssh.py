@@ -14,7 +14,7 @@ import pytest
 from baqueano.drive import stop_reason_of
 from baqueano.runs import read_run
 from benchmarks.processes import before_others
-from tests.web.page_client import browser, run_page
+from tests.web.page_client import browser
 from tests.web.test_serve import (
     START_S,
     StoppedItself,
@@ -72,7 +72,7 @@ async def drives(visitor):
             raise StoppedItself(word["sentence"])
 
 
-def test_the_page_of_a_host_shows_stops_and_copies_a_drive_over_ssh(tmp_path):
+async def test_the_page_of_a_host_shows_stops_and_copies_a_drive_over_ssh(tmp_path):
     path, there, here = tmp_path / "door", tmp_path / "there", tmp_path / "here"
     calls = put_programs(tmp_path / "bin", path)
     environment = {**os.environ, "PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}"}
@@ -84,26 +84,22 @@ def test_the_page_of_a_host_shows_stops_and_copies_a_drive_over_ssh(tmp_path):
             process, words = calls.read_text().split(maxsplit=1)
             assert "BatchMode=yes" in words
             assert words.endswith("-- ana@r1 exec baqueano robot attach\n")
-
-            async def job():
-                async with browser(port, name="ana") as visitor:
-                    beating = asyncio.create_task(beats(visitor))
-                    for tries_left in reversed(range(TRIES)):
-                        try:
-                            await drives(visitor)
-                            break
-                        except StoppedItself:  # the machine stalled for longer than the lease
-                            assert tries_left, "the lease was lost at each try"
-                            await ready_again(visitor)
-                    await visitor.send("stop")
-                    state = await visitor.next("state", where=lambda word: word["state"] == "STOPPED")
-                    assert "ana" in state["sentence"]
-                    beating.cancel()
-                    await visitor.next(
-                        "runs", where=lambda word: any(run["kind"] == "drive" for run in word["runs"])
-                    )
-
-            run_page(job)
+            async with browser(port, name="ana") as visitor:
+                beating = asyncio.create_task(beats(visitor))
+                for tries_left in reversed(range(TRIES)):
+                    try:
+                        await drives(visitor)
+                        break
+                    except StoppedItself:  # the machine stalled for longer than the lease
+                        assert tries_left, "the lease was lost at each try"
+                        await ready_again(visitor)
+                await visitor.send("stop")
+                state = await visitor.next("state", where=lambda word: word["state"] == "STOPPED")
+                assert "ana" in state["sentence"]
+                beating.cancel()
+                await visitor.next(
+                    "runs", where=lambda word: any(run["kind"] == "drive" for run in word["runs"])
+                )
             last = max(here.glob("*.mcap"))
             run = read_run(last)
             assert stop_reason_of(run).figures["name"] == "ana"

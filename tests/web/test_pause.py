@@ -5,34 +5,30 @@ import pytest
 from baqueano.diagnostics import note
 from tests.web.chromium import CHROMIUM
 from tests.web.fake_vehicle import live_page, until
-from tests.web.page_client import browser, run_page
+from tests.web.page_client import browser
 from tests.web.screens import PAGE, open_page
 from tests.web.screens import until as wait_until
 from tests.web.scripted import ScriptedServer
 
 
-def test_a_robot_waits_on_its_route_during_a_pause_and_then_goes_on(tmp_path):
+async def test_a_robot_waits_on_its_route_during_a_pause_and_then_goes_on(tmp_path):
     """The page sets the pace of the guide, and reports the pace that the robot has set."""
+    async with live_page(tmp_path) as (server, link, _), browser(server) as ana:
 
-    async def job():
-        async with live_page(tmp_path) as (server, link, _), browser(server) as ana:
+        async def state(**expected):
+            link.state("MISSION", **expected)
+            return await ana.next("state", where=lambda word: word["state"] == "MISSION")
 
-            async def state(**expected):
-                link.state("MISSION", **expected)
-                return await ana.next("state", where=lambda word: word["state"] == "MISSION")
-
+        await ana.send("take")
+        assert (await state(mission="teach"))["paused"] is None  # without a guide
+        assert (await state(mission="repeat"))["paused"] is False
+        for word, pace in (("pause", 0.0), ("go", 1.0)):
             await ana.send("take")
-            assert (await state(mission="teach"))["paused"] is None  # without a guide
-            assert (await state(mission="repeat"))["paused"] is False
-            for word, pace in (("pause", 0.0), ("go", 1.0)):
-                await ana.send("take")
-                await ana.send(word)
-                await until(lambda: link.requests("set"))
-                assert link.messages.pop() == {"do": "set", "path": "guide.pace", "value": pace}
-                link.on_word({"is": "event", "message": note("door.set", path="guide.pace", now=str(pace))})
-                await ana.next("state", where=lambda word, pace=pace: word["paused"] is (pace == 0.0))
-
-    run_page(job)
+            await ana.send(word)
+            await until(lambda: link.requests("set"))
+            assert link.messages.pop() == {"do": "set", "path": "guide.pace", "value": pace}
+            link.on_word({"is": "event", "message": note("door.set", path="guide.pace", now=str(pace))})
+            await ana.next("state", where=lambda word, pace=pace: word["paused"] is (pace == 0.0))
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")

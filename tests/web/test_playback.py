@@ -18,7 +18,7 @@ from baqueano.web import share
 from baqueano.web.lab.playback import RunPlayer, read_entries
 from baqueano.web.lab.recorded import pack_run
 from baqueano.web.lab.worker_client import WorkerClient
-from tests.web.page_client import drive, folder_of, run_page
+from tests.web.page_client import drive, folder_of
 
 
 async def play(playback, paths):
@@ -30,71 +30,59 @@ async def play(playback, paths):
     return words
 
 
-def test_all_ticks_of_a_run_are_shown_in_order(tmp_path):
+async def test_all_ticks_of_a_run_are_shown_in_order(tmp_path):
     folder = folder_of(tmp_path / "runs", circle=drive())
-
-    async def job():
-        lab = WorkerClient()
-        words = await play(
-            RunPlayer(lab, 20.0), [folder / "circle.mcap", note("web.demo-done", verdict="USABLE")]
-        )
-        await lab.close()
-        kinds = [word["is"] for word in words]
-        assert kinds[1:4] == ["vehicle", "fields", "route"]
-        rows = [row for word in words if word["is"] == "frame" for row in word["x"]]
-        np.testing.assert_array_equal(np.array(rows, "f4"), pack_run(drive()).columns)
-        assert {"MISSION", "READY"} == {word["state"] for word in words if word["is"] == "state"}
-        assert words[-1]["message"].code == "web.demo-done"
-
-    run_page(job)
+    lab = WorkerClient()
+    words = await play(
+        RunPlayer(lab, 20.0), [folder / "circle.mcap", note("web.demo-done", verdict="USABLE")]
+    )
+    await lab.close()
+    kinds = [word["is"] for word in words]
+    assert kinds[1:4] == ["vehicle", "fields", "route"]
+    rows = [row for word in words if word["is"] == "frame" for row in word["x"]]
+    np.testing.assert_array_equal(np.array(rows, "f4"), pack_run(drive()).columns)
+    assert {"MISSION", "READY"} == {word["state"] for word in words if word["is"] == "state"}
+    assert words[-1]["message"].code == "web.demo-done"
 
 
-def test_playback_can_be_stopped_paused_and_paced(tmp_path):
+async def test_playback_can_be_stopped_paused_and_paced(tmp_path):
     folder = folder_of(tmp_path / "runs", circle=drive())
-
-    async def job():
-        lab = WorkerClient()
-        playback, words = RunPlayer(lab, 0.5), []
-        playback.enqueue(folder / "circle.mcap")
-        playback.enqueue(None)
-        playing = asyncio.create_task(playback.receive(words.append))
-        while not any(word["is"] == "frame" for word in words):
-            await asyncio.sleep(0.01)
-        playback.send("stop", reason=stop(StopReason.STOPPED_BY, words="eva"))
-        await asyncio.sleep(0.2)
-        frames = sum(word["is"] == "frame" for word in words)
-        await asyncio.sleep(0.3)
-        assert sum(word["is"] == "frame" for word in words) == frames
-        assert [word["state"] for word in words if word["is"] == "state"][-1] == "STOPPED"
-        playback.send("clear")
-        playback.send("pace", factor=50.0)
-        with pytest.raises(UsageError):
-            playback.send("pace", factor=0.0)
-        with pytest.raises(UsageError):
-            playback.send("mission", kind="drive")
-        await playing
-        assert sum(len(word["x"]) for word in words if word["is"] == "frame") == 300
-        await lab.close()
-
-    run_page(job)
+    lab = WorkerClient()
+    playback, words = RunPlayer(lab, 0.5), []
+    playback.enqueue(folder / "circle.mcap")
+    playback.enqueue(None)
+    playing = asyncio.create_task(playback.receive(words.append))
+    while not any(word["is"] == "frame" for word in words):
+        await asyncio.sleep(0.01)
+    playback.send("stop", reason=stop(StopReason.STOPPED_BY, words="eva"))
+    await asyncio.sleep(0.2)
+    frames = sum(word["is"] == "frame" for word in words)
+    await asyncio.sleep(0.3)
+    assert sum(word["is"] == "frame" for word in words) == frames
+    assert [word["state"] for word in words if word["is"] == "state"][-1] == "STOPPED"
+    playback.send("clear")
+    playback.send("pace", factor=50.0)
+    with pytest.raises(UsageError):
+        playback.send("pace", factor=0.0)
+    with pytest.raises(UsageError):
+        playback.send("mission", kind="drive")
+    await playing
+    assert sum(len(word["x"]) for word in words if word["is"] == "frame") == 300
+    await lab.close()
 
 
-def test_playback_waits_for_a_viewer_only_once(tmp_path, monkeypatch):
+async def test_playback_waits_for_a_viewer_only_once(tmp_path, monkeypatch):
     from baqueano.web.lab import playback as module
 
     folder = folder_of(tmp_path / "runs", circle=drive())
     monkeypatch.setattr(module, "CONNECT_TIMEOUT_S", 0.2)
-
-    async def job():
-        lab = WorkerClient()
-        playback = RunPlayer(lab, 1.0)
-        playback.viewers = lambda: 0
-        words = await play(playback, 2 * [folder / "circle.mcap"])
-        assert not any(word["is"] == "frame" for word in words)
-        assert sum(word["is"] == "vehicle" for word in words) == 2
-        await lab.close()
-
-    run_page(job)
+    lab = WorkerClient()
+    playback = RunPlayer(lab, 1.0)
+    playback.viewers = lambda: 0
+    words = await play(playback, 2 * [folder / "circle.mcap"])
+    assert not any(word["is"] == "frame" for word in words)
+    assert sum(word["is"] == "vehicle" for word in words) == 2
+    await lab.close()
 
 
 def test_invalid_input_lines_of_the_playback_are_ignored():
@@ -136,7 +124,7 @@ def test_a_closed_page_does_not_end_the_work():
     PlaybackPage(Gone()).show_event(note("web.demo-done", verdict="USABLE"))
 
 
-def test_a_playback_shows_the_vehicle_the_identification_and_the_gains(tmp_path, monkeypatch):
+async def test_a_playback_shows_the_vehicle_the_identification_and_the_gains(tmp_path, monkeypatch):
     from baqueano.web.lab import playback as module
 
     for name, seconds in (("PAUSE_BEFORE_FIT_S", 0.1), ("FIT_DISPLAY_S", 0.2), ("GAINS_DISPLAY_S", 0.2)):
@@ -144,20 +132,16 @@ def test_a_playback_shows_the_vehicle_the_identification_and_the_gains(tmp_path,
     taught_run = replace(drive(), metadata={"kind": "experiment"})
     folder = folder_of(tmp_path / "runs", experiment=taught_run, repeat=drive())
     gains = {"history": [3.0, 1.0], "before": 3.0, "cost": 1.0, "gains": []}
-
-    async def job():
-        lab = WorkerClient()
-        words = await play(RunPlayer(lab, 10.0), [folder / "experiment.mcap", gains, folder / "repeat.mcap"])
-        await lab.close()
-        scenes = [word["scene"] for word in words if word["is"] == "state"]
-        distinct_scenes = [scene for k, scene in enumerate(scenes) if k == 0 or scene != scenes[k - 1]]
-        assert [scene["screen"] for scene in distinct_scenes] == ["drive", "identify", "tuned", "drive"]
-        assert distinct_scenes[2] == {"screen": "tuned"} | gains
-        assert [word["file"] for word in words if word["is"] == "vehicle"] == [
-            str(folder / "experiment.mcap"), str(folder / "repeat.mcap"),
-        ]  # fmt: skip
-
-    run_page(job)
+    lab = WorkerClient()
+    words = await play(RunPlayer(lab, 10.0), [folder / "experiment.mcap", gains, folder / "repeat.mcap"])
+    await lab.close()
+    scenes = [word["scene"] for word in words if word["is"] == "state"]
+    distinct_scenes = [scene for k, scene in enumerate(scenes) if k == 0 or scene != scenes[k - 1]]
+    assert [scene["screen"] for scene in distinct_scenes] == ["drive", "identify", "tuned", "drive"]
+    assert distinct_scenes[2] == {"screen": "tuned"} | gains
+    assert [word["file"] for word in words if word["is"] == "vehicle"] == [
+        str(folder / "experiment.mcap"), str(folder / "repeat.mcap"),
+    ]  # fmt: skip
 
 
 def test_tuned_gains_are_sent_as_valid_json_numbers():

@@ -4,6 +4,7 @@ import asyncio
 import json
 import os
 import sys
+from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from baqueano.runs import write_run
 from baqueano.vehicle_file import load
 from baqueano.web.lab.tuning import TuningWorker
 from baqueano.web.lab.worker_client import WorkerClient
-from tests.web.page_client import WAIT_S, browser, folder_of, recorded_page, run_page
+from tests.web.page_client import WAIT_S, browser, folder_of, recorded_page
 
 EKF = '''from baqueano.estimators import AugmentedEkf
 
@@ -59,61 +60,53 @@ def inodes_of(pid, *tables):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/proc")
-def test_the_lab_worker_has_no_socket(folder):
-    async def job():
-        lab = WorkerClient()
-        async with asyncio.timeout(WAIT_S):
-            listener = await asyncio.start_server(lambda *_: None, "127.0.0.1", 0)  # of the page
-            for do, words in (("runs", {"paths": []}), ("open", {"path": str(folder / "round.mcap")})):
-                await lab.request(do, **words)
-            pid = lab._program.pid
-            links = [os.readlink(link) for link in Path(f"/proc/{pid}/fd").iterdir()]
-            own = {link[8:-1] for link in links if link.startswith("socket:")}
-            assert not own & inodes_of(pid, "tcp", "tcp6", "udp", "udp6", "raw", "unix")  # a pipe is nameless
-            listener.close()
-            await lab.close()
-
-    run_page(job)
+async def test_the_lab_worker_has_no_socket(folder):
+    lab = WorkerClient()
+    async with asyncio.timeout(WAIT_S):
+        listener = await asyncio.start_server(lambda *_: None, "127.0.0.1", 0)  # of the page
+        for do, words in (("runs", {"paths": []}), ("open", {"path": str(folder / "round.mcap")})):
+            await lab.request(do, **words)
+        pid = lab._program.pid
+        links = [os.readlink(link) for link in Path(f"/proc/{pid}/fd").iterdir()]
+        own = {link[8:-1] for link in links if link.startswith("socket:")}
+        assert not own & inodes_of(pid, "tcp", "tcp6", "udp", "udp6", "raw", "unix")  # a pipe is nameless
+        listener.close()
+        await lab.close()
 
 
-def test_a_block_named_by_an_opened_run_is_not_executed(tmp_path, driven_folder, monkeypatch):
+async def test_a_block_named_by_an_opened_run_is_not_executed(tmp_path, driven_folder, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "theirs.py").write_text(f"open({str(tmp_path / 'executed')!r}, 'w')\n{EKF}")
     text = driven_folder.vehicle_text.replace('kind = "pd_feedforward"', 'kind = "theirs.py:MyLaw"')
     assert "theirs.py" in text
     runs = folder_of(tmp_path / "runs", sent=replace(driven_folder, vehicle_text=text))
-
-    async def job():
-        async with recorded_page(runs, "sent") as server, browser(server) as visitor:
-            await visitor.send("open", **visitor.hello["open"])
-            await visitor.next("answer", where=lambda word: word["done"])
-            run = visitor.hello["open"]["run"]
-            for what in ("block", "check"):
-                answer = await visitor.request(what, room="controller", run=run)
-                assert answer["code"] == "vehicle.kind", what
-            assert (await visitor.request("tune", run=run))["code"] == "vehicle.kind"
-            answer = await visitor.request("block", room="estimator", run=run)
-            assert (answer["kind"], answer["step_us"]) == (
-                "augmented_ekf",
-                None,
-            )  # the others are still shown
-            await visitor.send("open", run=run, filter="ekf")
-            assert "theirs.py" in (await visitor.next("refused"))["reason"]
-
-    run_page(job)
+    async with recorded_page(runs, "sent") as server, browser(server) as visitor:
+        await visitor.send("open", **visitor.hello["open"])
+        await visitor.next("answer", where=lambda word: word["done"])
+        run = visitor.hello["open"]["run"]
+        for what in ("block", "check"):
+            answer = await visitor.request(what, room="controller", run=run)
+            assert answer["code"] == "vehicle.kind", what
+        assert (await visitor.request("tune", run=run))["code"] == "vehicle.kind"
+        answer = await visitor.request("block", room="estimator", run=run)
+        assert (answer["kind"], answer["step_us"]) == (
+            "augmented_ekf",
+            None,
+        )  # the others are still shown
+        await visitor.send("open", run=run, filter="ekf")
+        assert "theirs.py" in (await visitor.next("refused"))["reason"]
     assert not (tmp_path / "executed").exists()
 
 
-def serve_job(folder, job, language="en"):
-    async def whole():
-        async with recorded_page(folder, "round") as server, browser(server, language) as visitor:
-            await job(visitor)
+@asynccontextmanager
+async def asking(folder, language="en"):
+    """Serve the runs of a folder, and open the page."""
+    async with recorded_page(folder, "round") as server, browser(server, language) as visitor:
+        yield visitor
 
-    run_page(whole)
 
-
-def test_the_tuning_answer_describes_each_gain_and_the_figures_of_a_lap(folder):
-    async def job(visitor):
+async def test_the_tuning_answer_describes_each_gain_and_the_figures_of_a_lap(folder):
+    async with asking(folder) as visitor:
         about = await visitor.request("tune")
         assert [gain["name"] for gain in about["gains"]] == ["k_i", "k_x", "k_chi", "join_m"]
         assert about["gains"][1]["unit"] == "1/s"
@@ -128,21 +121,17 @@ def test_the_tuning_answer_describes_each_gain_and_the_figures_of_a_lap(folder):
         assert 0 < lap["rms"] < weak["rms"]
         assert len(lap["x"]) == len(lap["y"]) > 100
 
-    serve_job(folder, job)
 
-
-def test_the_meanings_of_gains_and_parameters_are_in_the_language_of_the_browser(folder):
-    async def job(visitor):
+async def test_the_meanings_of_gains_and_parameters_are_in_the_language_of_the_browser(folder):
+    async with asking(folder, "es") as visitor:
         about = await visitor.request("tune")
         assert about["gains"][1]["meaning"] == "velocidad por error longitudinal e_x"
         rows = (await visitor.request("block", room="controller"))["parameters"]
         assert "velocidad por error longitudinal e_x" in {row["meaning"] for row in rows}
 
-    serve_job(folder, job, "es")
 
-
-def test_the_cost_map_has_its_minimum_at_the_end_of_a_descent(folder):
-    async def job(visitor):
+async def test_the_cost_map_has_its_minimum_at_the_end_of_a_descent(folder):
+    async with asking(folder) as visitor:
         about = await visitor.request("tune", route="circle")
         own, low, high = ([gain[key] for gain in about["gains"]] for key in ("file", "low", "high"))
         axes = {"a": "k_chi", "b": "join_m", "route": "circle"}
@@ -155,11 +144,9 @@ def test_the_cost_map_has_its_minimum_at_the_end_of_a_descent(folder):
         assert down["cost"] < least * 1.001
         assert all(a <= g <= b for a, g, b in zip(low, down["way"][-1], high, strict=True))
 
-    serve_job(folder, job)
 
-
-def test_the_newest_request_replaces_the_previous_request(folder):
-    async def job(visitor):
+async def test_the_newest_request_replaces_the_previous_request(folder):
+    async with asking(folder) as visitor:
         own = [gain["file"] for gain in (await visitor.request("tune"))["gains"]]
         more = {"gains": own, "a": "k_x", "b": "k_chi", "route": "run"}
         for number, side in ((100, 20), (101, 3)):
@@ -171,28 +158,22 @@ def test_the_newest_request_replaces_the_previous_request(folder):
         assert answers[100]["stale"]
         assert len(answers[101]["costs"]) == 9
 
-    serve_job(folder, job)
-
 
 @pytest.mark.parametrize("gains", [[1.0], ["x", 1, 1, 1], [1e999, 1, 1, 1], None, {"a": 1}])
-def test_invalid_gains_are_refused(folder, gains):
-    async def job(visitor):
+async def test_invalid_gains_are_refused(folder, gains):
+    async with asking(folder) as visitor:
         assert (await visitor.request("lap", gains=gains, route="run"))["code"] == "web.not-understood"
-
-    serve_job(folder, job)
 
 
 @pytest.mark.parametrize("route", ["../runs/round", "none", "/etc/passwd"])
-def test_a_route_outside_the_list_is_refused(folder, route):
-    async def job(visitor):
+async def test_a_route_outside_the_list_is_refused(folder, route):
+    async with asking(folder) as visitor:
         for what in ("tune", "route"):
             assert (await visitor.request(what, route=route))["code"] == "door.no-route"
 
-    serve_job(folder, job)
 
-
-def test_a_block_is_shown_with_source_parameters_cost_and_check(folder):
-    async def job(visitor):
+async def test_a_block_is_shown_with_source_parameters_cost_and_check(folder):
+    async with asking(folder) as visitor:
         about = await visitor.request("block", room="controller")
         assert about["kind"] == about["of_file"] == "pd_feedforward"
         assert {"lqr", "stanley", "my_blocks.py:MyLaw"} <= set(about["kinds"])
@@ -206,22 +187,18 @@ def test_a_block_is_shown_with_source_parameters_cost_and_check(folder):
         for room in ("vehicle", "sensors", "supervisor", "guide"):
             assert (await visitor.request("block", room=room))["text"]
 
-    serve_job(folder, job)
-
 
 @pytest.mark.parametrize("kind", ["os.py:system", "/tmp/x.py:X", "../x.py:X", "nothing"])
-def test_an_unlisted_block_is_never_executed(folder, kind):
-    async def job(visitor):
+async def test_an_unlisted_block_is_never_executed(folder, kind):
+    async with asking(folder) as visitor:
         assert (await visitor.request("block", room="estimator", kind=kind))["code"] == "web.no-kind"
         assert (await visitor.request("check", room="estimator", kind=kind))["code"] == "web.no-kind"
         await visitor.send("open", run=visitor.hello["runs"][0]["id"], filter=kind)
         assert (await visitor.next("refused"))["code"] == "web.no-kind"
 
-    serve_job(folder, job)
 
-
-def test_a_replay_through_another_filter_is_sent_as_a_second_stream(folder, driven_folder):
-    async def job(visitor):
+async def test_a_replay_through_another_filter_is_sent_as_a_second_stream(folder, driven_folder):
+    async with asking(folder) as visitor:
         await visitor.send("open", run=visitor.hello["runs"][0]["id"], filter="my_blocks.py:MyEkf")
         heads = [await visitor.next("answer", where=lambda word: word.get("done") is False) for _ in range(2)]
         await visitor.next("answer", where=lambda word: word.get("done") and word["stream"] == 2)
@@ -234,16 +211,13 @@ def test_a_replay_through_another_filter_is_sent_as_a_second_stream(folder, driv
         z = [k for k, name in enumerate(names) if name.startswith("z.")]
         assert np.array_equal(rows[0][:, z], rows[1][:, z], equal_nan=True)
 
-    serve_job(folder, job)
 
-
-def test_runs_are_compared_and_the_smaller_error_is_marked(folder, driven_folder):
+async def test_runs_are_compared_and_the_smaller_error_is_marked(folder, driven_folder):
     from dataclasses import replace
 
     truth = driven_folder.truth._replace(eta=driven_folder.truth.eta + np.array([0.5, 0.0, 0.0]))
     write_run(replace(driven_folder, truth=truth, name="off"), folder / "off.mcap")
-
-    async def job(visitor):
+    async with asking(folder) as visitor:
         words = {run["name"]: run["id"] for run in visitor.hello["runs"]}
         comparison = await visitor.request("compare", runs=[words["round"], words["off"]])
         assert comparison["names"] == ["round", "off"]
@@ -251,20 +225,16 @@ def test_runs_are_compared_and_the_smaller_error_is_marked(folder, driven_folder
         assert [row["best"] for row in rows if row["label"].startswith("position (ATE)")] == [0]
         json.dumps(comparison, allow_nan=False)
 
-    serve_job(folder, job)
 
-
-def test_a_recorded_run_refuses_block_changes_and_writing(folder):
-    async def job(visitor):
+async def test_a_recorded_run_refuses_block_changes_and_writing(folder):
+    async with asking(folder) as visitor:
         for word in ({"room": "controller", "kind": "lqr"}, {"gains": [1, 1, 1, 1]}):
             await visitor.send("swap" if "room" in word else "write", **word)
             assert (await visitor.next("refused"))["code"] == "web.no-vehicle"
 
-    serve_job(folder, job)
 
-
-def test_a_stop_does_not_wait_for_a_long_request(folder):
-    async def job(visitor):
+async def test_a_stop_does_not_wait_for_a_long_request(folder):
+    async with asking(folder) as visitor:
         own = [gain["file"] for gain in (await visitor.request("tune"))["gains"]]
         await visitor.send(
             "ask", id=1000, question="landscape", side=24, gains=own, a="k_x", b="k_chi", route="run"
@@ -272,8 +242,6 @@ def test_a_stop_does_not_wait_for_a_long_request(folder):
         began = asyncio.get_running_loop().time()
         await visitor.request("ping")
         assert asyncio.get_running_loop().time() - began < 0.5
-
-    serve_job(folder, job)
 
 
 def test_gains_are_written_to_a_user_file_but_not_to_the_garage(tmp_path):

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.web.fake_vehicle import live_page, until
-from tests.web.page_client import WAIT_S, browser, run_page
+from tests.web.page_client import WAIT_S, browser
 
 VEHICLES = 20
 EACH = 12  # beats of a driver
@@ -82,44 +82,41 @@ def test_ne1_a_shared_page_opens_one_port_at_one_address(tmp_path):
     assert {address.partition(":")[0] for address in record["listens"]} == {"0100007F", "01004D0A"}
 
 
-def test_ne9_twenty_vehicles_in_one_room_obey_only_their_own_driver(tmp_path):
-    async def job():
-        async with AsyncExitStack() as room:
-            pages = [await room.enter_async_context(live_page(tmp_path / str(k))) for k in range(VEHICLES)]
-            drivers = [
-                await room.enter_async_context(browser(server, name=f"driver {k}"))
-                for k, (server, _, _) in enumerate(pages)
-            ]
-            robots = [driver.hello["robot"] for driver in drivers]
-            assert len(set(robots)) == VEHICLES
+async def test_ne9_twenty_vehicles_in_one_room_obey_only_their_own_driver(tmp_path):
+    async with AsyncExitStack() as room:
+        pages = [await room.enter_async_context(live_page(tmp_path / str(k))) for k in range(VEHICLES)]
+        drivers = [
+            await room.enter_async_context(browser(server, name=f"driver {k}"))
+            for k, (server, _, _) in enumerate(pages)
+        ]
+        robots = [driver.hello["robot"] for driver in drivers]
+        assert len(set(robots)) == VEHICLES
 
-            async def drives(k):
-                """Drive a vehicle; each heartbeat follows one for the vehicle of the neighbour."""
-                (_, link, live), driver, n = pages[k], drivers[k], 0
-                while len(link.requests("hand")) < EACH:
-                    if live.lease.holder is None:  # the machine may be busy
-                        await driver.send("take", robot=robots[k])
-                    link.frame(0.05 * n)
-                    for robot, u in ((robots[(k + 1) % VEHICLES], -1.0), (robots[k], k / 100.0)):
-                        n += 1
-                        await driver.send("beat", n=n, seen=live.feed.number, u=[u], robot=robot)
-                    await asyncio.sleep(0.05)
+        async def drives(k):
+            """Drive a vehicle; each heartbeat follows one for the vehicle of the neighbour."""
+            (_, link, live), driver, n = pages[k], drivers[k], 0
+            while len(link.requests("hand")) < EACH:
+                if live.lease.holder is None:  # the machine may be busy
+                    await driver.send("take", robot=robots[k])
+                link.frame(0.05 * n)
+                for robot, u in ((robots[(k + 1) % VEHICLES], -1.0), (robots[k], k / 100.0)):
+                    n += 1
+                    await driver.send("beat", n=n, seen=live.feed.number, u=[u], robot=robot)
+                await asyncio.sleep(0.05)
 
-            async with asyncio.timeout(WAIT_S), asyncio.TaskGroup() as driving:
-                for k in range(VEHICLES):
-                    driving.create_task(drives(k))
-            crossed_words = [word for k, (_, link, _) in enumerate(pages) for word in link.requests("hand")
-                       if word["u"] != [k / 100.0]]  # fmt: skip
-            assert crossed_words == []
-            await drivers[0].send("mission", kind="drive", robot=robots[1])
-            assert (await drivers[0].next("refused", where=lambda word: word["to"] == "mission"))[
-                "code"
-            ] == "web.other-robot"
-            await drivers[0].send("stop", robot=robots[1])  # a stop never reaches another vehicle
-            await until(lambda: pages[0][1].requests("stop"))
-            assert not any(link.requests("stop") for _, link, _ in pages[1:])
-
-    run_page(job)
+        async with asyncio.timeout(WAIT_S), asyncio.TaskGroup() as driving:
+            for k in range(VEHICLES):
+                driving.create_task(drives(k))
+        crossed_words = [word for k, (_, link, _) in enumerate(pages) for word in link.requests("hand")
+                   if word["u"] != [k / 100.0]]  # fmt: skip
+        assert crossed_words == []
+        await drivers[0].send("mission", kind="drive", robot=robots[1])
+        assert (await drivers[0].next("refused", where=lambda word: word["to"] == "mission"))[
+            "code"
+        ] == "web.other-robot"
+        await drivers[0].send("stop", robot=robots[1])  # a stop never reaches another vehicle
+        await until(lambda: pages[0][1].requests("stop"))
+        assert not any(link.requests("stop") for _, link, _ in pages[1:])
 
 
 def test_ne7_the_documentation_explains_sharing_risk_and_ssh():

@@ -19,7 +19,7 @@ from baqueano.runs import read_run
 from baqueano.web.feed import HEAD_LAYOUT
 from benchmarks.page import MOST_MB, VIEWERS
 from benchmarks.processes import before_others, resident_mb
-from tests.web.page_client import WAIT_S, Browser, browser, line_to, run_page
+from tests.web.page_client import WAIT_S, Browser, browser, line_to
 from tests.web.vanishing import vanishing
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="sockets of the file system, signals")
@@ -139,47 +139,39 @@ async def driving(port, moves, via=None):
 
 
 @pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
-def test_rt13_a_page_that_is_killed_or_frozen_stops_the_vehicle(tmp_path, signal_number):
+async def test_rt13_a_page_that_is_killed_or_frozen_stops_the_vehicle(tmp_path, signal_number):
     with served_vehicle(tmp_path) as (watcher, page, port):
-
-        async def job():
-            moves = asyncio.Event()
-            drives = asyncio.create_task(driving(port, moves))
-            moving = asyncio.create_task(moves.wait())
-            await asyncio.wait({drives, moving}, return_when=asyncio.FIRST_COMPLETED)
-            assert moves.is_set()
-            await asyncio.to_thread(watcher.state, "MANUAL")
-            os.kill(page.pid, signal_number)
-            start_s = time.monotonic()
-            state, came = await asyncio.to_thread(watcher.state, "STOPPED")
-            assert came - start_s < 2.0  # on a busy machine the message may arrive late
-            assert state["reason"]["code"] == "operator.silent"
-            assert 300.0 <= state["reason"]["figures"]["silent_ms"] <= 500.0
-            drives.cancel()
-            await asyncio.gather(drives, return_exceptions=True)
-
-        run_page(job)
+        moves = asyncio.Event()
+        drives = asyncio.create_task(driving(port, moves))
+        moving = asyncio.create_task(moves.wait())
+        await asyncio.wait({drives, moving}, return_when=asyncio.FIRST_COMPLETED)
+        assert moves.is_set()
+        await asyncio.to_thread(watcher.state, "MANUAL")
+        os.kill(page.pid, signal_number)
+        start_s = time.monotonic()
+        state, came = await asyncio.to_thread(watcher.state, "STOPPED")
+        assert came - start_s < 2.0  # on a busy machine the message may arrive late
+        assert state["reason"]["code"] == "operator.silent"
+        assert 300.0 <= state["reason"]["figures"]["silent_ms"] <= 500.0
+        drives.cancel()
+        await asyncio.gather(drives, return_exceptions=True)
 
 
-def test_rt13_a_browser_without_network_loses_the_vehicle_within_half_a_second(tmp_path):
+async def test_rt13_a_browser_without_network_loses_the_vehicle_within_half_a_second(tmp_path):
     """Neither end is notified: no end of the connection, no error. A viewer on another connection continues."""
     with served_vehicle(tmp_path) as (watcher, _, port):
-
-        async def job():
-            moves = asyncio.Event()
-            async with vanishing(port) as line:
-                drives = asyncio.create_task(driving(port, moves, line.port))
-                await asyncio.wait_for(moves.wait(), WAIT_S)
-                await asyncio.to_thread(watcher.state, "MANUAL")
-                line.unplug()
-                state, _ = await asyncio.to_thread(watcher.state, "STOPPED")
-                assert state["reason"]["code"] == "operator.silent"
-                assert 300.0 <= state["reason"]["figures"]["silent_ms"] <= 500.0
-                assert not drives.done()  # the browser was not notified
-                drives.cancel()
-                await asyncio.gather(drives, return_exceptions=True)
-
-        run_page(job)
+        moves = asyncio.Event()
+        async with vanishing(port) as line:
+            drives = asyncio.create_task(driving(port, moves, line.port))
+            await asyncio.wait_for(moves.wait(), WAIT_S)
+            await asyncio.to_thread(watcher.state, "MANUAL")
+            line.unplug()
+            state, _ = await asyncio.to_thread(watcher.state, "STOPPED")
+            assert state["reason"]["code"] == "operator.silent"
+            assert 300.0 <= state["reason"]["figures"]["silent_ms"] <= 500.0
+            assert not drives.done()  # the browser was not notified
+            drives.cancel()
+            await asyncio.gather(drives, return_exceptions=True)
     run = read_run(max(tmp_path.glob("*.mcap")))
     assert stop_reason_of(run).code == StopReason.HOLDER_SILENT
     assert run.applied_commands[:, 0].max() > 0.4
@@ -223,39 +215,35 @@ async def ready_again(visitor):
     await visitor.next("state", where=lambda word: word["state"] == "READY")
 
 
-def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path):
+async def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path):
     with program(
         "baqueano", "serve", "--vehicle", "small", "--no-browser", "--pace", "20", "--runs", "runs", cwd=tmp_path,
         env={**os.environ, "BAQUEANO_BACKEND": "python"},
     ) as page:  # fmt: skip
         port = port_of(page)
-
-        async def job():
-            async with AsyncExitStack() as room:
-                visitor, *others = [await room.enter_async_context(browser(port)) for _ in range(VIEWERS)]
-                looking = [asyncio.create_task(pictures(one)) for one in others]
-                beating = asyncio.create_task(beats(visitor))
-                for tries_left in reversed(range(TRIES)):
-                    try:
-                        await lesson(visitor)
-                        break
-                    except StoppedItself:  # the machine stalled for longer than the lease
-                        last = max((tmp_path / "runs").glob("*.mcap"), key=lambda path: path.name)
-                        assert stop_reason_of(read_run(last)).code == StopReason.HOLDER_SILENT
-                        assert tries_left, "the lease was lost at each try"
-                        await ready_again(visitor)
-                await visitor.send("stop")
-                await visitor.next("state", where=lambda word: word["state"] == "STOPPED")
-                runs = await visitor.next("runs", where=lambda word: word["runs"][0]["kind"] == "repeat")
-                assert {run["kind"] for run in runs["runs"]} == {"teach", "repeat"}
-                await ready_again(visitor)
-                if sys.platform == "linux":
-                    assert resident_mb(page.pid) <= MOST_MB
-                assert all(one.frames for one in others)
-                for task in (beating, *looking):
-                    task.cancel()
-
-        run_page(job)
+        async with AsyncExitStack() as room:
+            visitor, *others = [await room.enter_async_context(browser(port)) for _ in range(VIEWERS)]
+            looking = [asyncio.create_task(pictures(one)) for one in others]
+            beating = asyncio.create_task(beats(visitor))
+            for tries_left in reversed(range(TRIES)):
+                try:
+                    await lesson(visitor)
+                    break
+                except StoppedItself:  # the machine stalled for longer than the lease
+                    last = max((tmp_path / "runs").glob("*.mcap"), key=lambda path: path.name)
+                    assert stop_reason_of(read_run(last)).code == StopReason.HOLDER_SILENT
+                    assert tries_left, "the lease was lost at each try"
+                    await ready_again(visitor)
+            await visitor.send("stop")
+            await visitor.next("state", where=lambda word: word["state"] == "STOPPED")
+            runs = await visitor.next("runs", where=lambda word: word["runs"][0]["kind"] == "repeat")
+            assert {run["kind"] for run in runs["runs"]} == {"teach", "repeat"}
+            await ready_again(visitor)
+            if sys.platform == "linux":
+                assert resident_mb(page.pid) <= MOST_MB
+            assert all(one.frames for one in others)
+            for task in (beating, *looking):
+                task.cancel()
 
 
 async def pictures(visitor):

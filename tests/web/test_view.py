@@ -20,7 +20,7 @@ from baqueano.web import SUBPROTOCOL
 from baqueano.web.lab.recorded import pack_run
 from benchmarks.page import MOST_MB
 from benchmarks.processes import resident_mb
-from tests.web.page_client import WAIT_S, browser, drive, folder_of, recorded_page, request, run_page
+from tests.web.page_client import WAIT_S, browser, drive, folder_of, recorded_page, request
 
 
 @pytest.fixture
@@ -73,87 +73,66 @@ def test_a_run_without_ticks_or_estimates_is_shown():
     assert pack_run(empty).frame(1, 0, 10)[4:8] == b"\0\0\0\0"
 
 
-def test_a_browser_receives_the_whole_run_and_its_ghost(folder):
-    async def job():
-        async with recorded_page(folder, "circle", "short") as server, browser(server) as visitor:
-            assert (visitor.hello["mode"], visitor.hello["role"]) == ("replay", "drive")
-            assert {run["name"] for run in visitor.hello["runs"]} == {"circle", "short"}
-            await visitor.send("open", **visitor.hello["open"])
-            first = await visitor.next("answer", where=lambda word: not word["done"])
-            assert (first["stream"], first["run"]["kind"]) == (1, "repeat")
-            assert first["events"][0]["text"] == "a stone"
-            labels = {field["name"]: field["label"] for field in first["fields"]}
-            assert labels["z.imu[2]"] == labels["innov.imu[2]"] == "yaw rate of the gyro"
-            await visitor.next("answer", where=lambda word: word["stream"] == 2 and word["done"])
-            columns = len(first["fields"])
-            np.testing.assert_array_equal(visitor.rows(1, columns), pack_run(drive()).columns)
-            assert visitor.rows(2, columns).shape == (40, columns)
-
-    run_page(job)
+async def test_a_browser_receives_the_whole_run_and_its_ghost(folder):
+    async with recorded_page(folder, "circle", "short") as server, browser(server) as visitor:
+        assert (visitor.hello["mode"], visitor.hello["role"]) == ("replay", "drive")
+        assert {run["name"] for run in visitor.hello["runs"]} == {"circle", "short"}
+        await visitor.send("open", **visitor.hello["open"])
+        first = await visitor.next("answer", where=lambda word: not word["done"])
+        assert (first["stream"], first["run"]["kind"]) == (1, "repeat")
+        assert first["events"][0]["text"] == "a stone"
+        labels = {field["name"]: field["label"] for field in first["fields"]}
+        assert labels["z.imu[2]"] == labels["innov.imu[2]"] == "yaw rate of the gyro"
+        await visitor.next("answer", where=lambda word: word["stream"] == 2 and word["done"])
+        columns = len(first["fields"])
+        np.testing.assert_array_equal(visitor.rows(1, columns), pack_run(drive()).columns)
+        assert visitor.rows(2, columns).shape == (40, columns)
 
 
-def test_long_runs_are_sent_in_frames_of_limited_size(tmp_path):
+async def test_long_runs_are_sent_in_frames_of_limited_size(tmp_path):
     long = folder_of(tmp_path / "runs", long=drive("long", 9000))
-
-    async def job():
-        async with recorded_page(long, "long") as server, browser(server) as visitor:
-            await visitor.send("open", **visitor.hello["open"])
-            end = await visitor.next("answer", where=lambda word: word["done"])
-            assert end["seconds"] == pytest.approx(89.99)
-            columns = len(visitor.hello["fields"])
-            assert [len(frame) for frame in visitor.frames] == [
-                16 + 4 * columns * n for n in (4096, 4096, 808)
-            ]
-            np.testing.assert_allclose(visitor.rows(1, columns)[:, 0], 0.01 * np.arange(9000), atol=1e-5)
-
-    run_page(job)
+    async with recorded_page(long, "long") as server, browser(server) as visitor:
+        await visitor.send("open", **visitor.hello["open"])
+        end = await visitor.next("answer", where=lambda word: word["done"])
+        assert end["seconds"] == pytest.approx(89.99)
+        columns = len(visitor.hello["fields"])
+        assert [len(frame) for frame in visitor.frames] == [16 + 4 * columns * n for n in (4096, 4096, 808)]
+        np.testing.assert_allclose(visitor.rows(1, columns)[:, 0], 0.01 * np.arange(9000), atol=1e-5)
 
 
-def test_each_browser_shows_the_language_that_its_user_chose(folder):
-    async def job():
-        page = recorded_page(folder, "circle")
-        async with page as server, browser(server, "es") as spanish, browser(server, "en") as two:
-            labels = [
-                {f["name"]: f["label"] for f in visitor.hello["fields"]}["t"] for visitor in (spanish, two)
-            ]
-            assert labels == ["tiempo", "time"]
-            for visitor in (spanish, two):
-                await visitor.send("beat", n=1)
-            answers = [await visitor.next("refused") for visitor in (spanish, two)]
-            assert [no["code"] for no in answers] == ["web.no-vehicle"] * 2
-            assert answers[0]["reason"] != answers[1]["reason"]
-
-    run_page(job)
+async def test_each_browser_shows_the_language_that_its_user_chose(folder):
+    page = recorded_page(folder, "circle")
+    async with page as server, browser(server, "es") as spanish, browser(server, "en") as two:
+        labels = [{f["name"]: f["label"] for f in visitor.hello["fields"]}["t"] for visitor in (spanish, two)]
+        assert labels == ["tiempo", "time"]
+        for visitor in (spanish, two):
+            await visitor.send("beat", n=1)
+        answers = [await visitor.next("refused") for visitor in (spanish, two)]
+        assert [no["code"] for no in answers] == ["web.no-vehicle"] * 2
+        assert answers[0]["reason"] != answers[1]["reason"]
 
 
-def test_reports_and_runs_are_fetched_by_their_id(folder):
-    async def job():
-        async with recorded_page(folder, "circle") as server, browser(server) as visitor:
-            word = next(run["id"] for run in visitor.hello["runs"] if run["name"] == "short")
-            status, headers, body = await request(server, f"GET /run/{word} HTTP/1.1")
-            assert (status, body) == (200, (folder / "short.mcap").read_bytes())
-            assert headers["Content-Disposition"] == 'attachment; filename="short.mcap"'
-            status, headers, body = await request(server, f"HEAD /run/{word} HTTP/1.1")
-            assert (status, body) == (200, b"")
-            assert int(headers["Content-Length"]) == (folder / "short.mcap").stat().st_size
-            status, headers, body = await request(server, f"GET /report/{word} HTTP/1.1")
-            assert status == 200
-            assert b"short" in body
-            assert "sandbox" in headers["Content-Security-Policy"]
-
-    run_page(job)
+async def test_reports_and_runs_are_fetched_by_their_id(folder):
+    async with recorded_page(folder, "circle") as server, browser(server) as visitor:
+        word = next(run["id"] for run in visitor.hello["runs"] if run["name"] == "short")
+        status, headers, body = await request(server, f"GET /run/{word} HTTP/1.1")
+        assert (status, body) == (200, (folder / "short.mcap").read_bytes())
+        assert headers["Content-Disposition"] == 'attachment; filename="short.mcap"'
+        status, headers, body = await request(server, f"HEAD /run/{word} HTTP/1.1")
+        assert (status, body) == (200, b"")
+        assert int(headers["Content-Length"]) == (folder / "short.mcap").stat().st_size
+        status, headers, body = await request(server, f"GET /report/{word} HTTP/1.1")
+        assert status == 200
+        assert b"short" in body
+        assert "sandbox" in headers["Content-Security-Policy"]
 
 
-def test_the_list_of_runs_describes_each_run(folder):
+async def test_the_list_of_runs_describes_each_run(folder):
     (folder / "broken.mcap").write_bytes(b"no run")
-
-    async def job():
-        async with recorded_page(folder, "circle") as server, browser(server) as visitor:
-            listed = {run["name"]: run for run in (await visitor.next("runs"))["runs"]}
-            assert listed["circle"]["seconds"] == pytest.approx(2.99)
-            assert listed["broken"]["kind"] == "?"
-
-    run_page(job)
+    async with recorded_page(folder, "circle") as server, browser(server) as visitor:
+        listed = {run["name"]: run for run in (await visitor.next("runs"))["runs"]}
+        assert listed["circle"]["seconds"] == pytest.approx(2.99)
+        assert listed["broken"]["kind"] == "?"
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/proc")
