@@ -16,6 +16,7 @@ from baqueano.diagnostics import fault, note
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
+    from baqueano.contracts.result import Tabular
     from baqueano.report import Page
 
 Command = Callable[..., object]
@@ -57,6 +58,13 @@ class ReportFiles:
             print_message(note("cli.report", page=files.pop(0)))
         if self.figures is not None:
             print_message(note("cli.figures", count=len(files), folder=self.figures))
+
+    def write_about(self, result: "Tabular") -> None:
+        """Write the requested files, if any, of the page about a result, with the command line of the user."""
+        if self:
+            from baqueano.report.pages.result_page import page_of
+
+            self.write(lambda: page_of(result), reproducible=True)
 
 
 def _collect(*page_options: Callable[[Command], Command]) -> Callable[[Command], Command]:

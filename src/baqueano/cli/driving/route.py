@@ -91,10 +91,7 @@ def check(
     )
     result = replace(result, findings=tuple(with_route_name(finding, route) for finding in result.findings))
     print_answer(result, as_json)
-    if report:
-        from baqueano.report.pages.route import page_of_route
-
-        report.write(lambda: page_of_route(result), reproducible=True)
+    report.write_about(result)
     for finding in result.findings:
         if finding.severity == Severity.ERROR:
             details = {"route": route, "cause": finding}

@@ -40,7 +40,4 @@ def command(
                 run=unestimated_runs[0].name,
             )
         )
-    if report:
-        from baqueano.report.pages.result_page import page_of_comparison
-
-        report.write(lambda: page_of_comparison(comparison), reproducible=True)
+    report.write_about(comparison)

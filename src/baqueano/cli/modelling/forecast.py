@@ -30,7 +30,4 @@ def command(
     with show_activity(note("cli.driving-ahead", laps=laps)):
         corridor = forecast_corridor(vehicle_file, taught_route, laps, backend, rest_s)
     print_answer(corridor, as_json)
-    if report:
-        from baqueano.report.run_report import page_of_run
-
-        report.write(lambda: page_of_run(corridor.run), reproducible=True)
+    report.write_about(corridor)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from baqueano.cli import numbers, options
+from baqueano.cli.arguments import OPTIONS
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, show_steps
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
+PLAIN_FIT_ARGUMENTS = ("per_run", "clocks", "segment_s", "speed_noise", "cost", "measured")
 GROUPS = {
     "Parameters": ("free", "fix", "bound", "per_run"),
     "Data": ("use", "segment", "clock", "measured", "tolerance"),
@@ -318,17 +320,7 @@ def _select_terms(
 
 def _plain_fit_options(arguments: "JsonObject") -> list[str]:
     """Return the used command line options that only a plain fit accepts."""
-    return [_OPTIONS[name] for name in arguments["options"].non_defaults if name in _OPTIONS]
-
-
-_OPTIONS = {
-    "per_run": "--per-run",
-    "clocks": "--clock",
-    "segment_s": "--segment",
-    "speed_noise": "--speed-noise",
-    "cost": "--cost",
-    "measured": "--measured",
-}
+    return [OPTIONS[name][0] for name in arguments["options"].non_defaults if name in PLAIN_FIT_ARGUMENTS]
 
 
 def _validate_fit(
@@ -381,10 +373,7 @@ def _fit_over_time(
         drift = parameter_history(runs, vehicle_file, progress=begin, **arguments)
     print_answer(drift, as_json)
     _save_table(drift, vehicle_file, table, f"{vehicle_file.name} over {len(runs)} runs")
-    if report:
-        from baqueano.report.pages.parameter_drift import page_of_drift
-
-        report.write(lambda: page_of_drift(drift), reproducible=True)
+    report.write_about(drift)
     options.save_update(drift.vehicle_file, update)
 
 

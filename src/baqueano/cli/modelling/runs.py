@@ -25,6 +25,17 @@ if TYPE_CHECKING:
 def command() -> None: ...
 
 
+part = options.combine_options(
+    click.option(
+        "--from", "from_s", type=numbers.time_s, default=0.0, show_default=True,
+        help="Start of the part to use [s].",
+    ),
+    click.option(
+        "--to", "to_s", type=numbers.Number("s"), help="End of the part to use [s]; default: the end of the run."
+    ),
+)  # fmt: skip
+
+
 @command.command("ls", help="List the runs, one per line.")
 @options.runs_folder
 @options.as_json
@@ -50,20 +61,7 @@ def show(run: str, folder: str, as_json: bool) -> None:
 
 @command.command("cut", help="Write the part of RUN between two times [s].")
 @click.argument("run")
-@click.option(
-    "--from",
-    "from_s",
-    type=numbers.time_s,
-    default=0.0,
-    show_default=True,
-    help="Start of the part to keep [s].",
-)
-@click.option(
-    "--to",
-    "to_s",
-    type=numbers.Number("s"),
-    help=("End of the part to keep [s]; default: the end of the run."),
-)
+@part
 @options.runs_folder
 @options.out
 def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | None) -> None:
@@ -337,13 +335,7 @@ def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path |
     "noise", help="Measure the sensors of RUN at rest: bias, Allan deviation, effect of temperature."
 )
 @click.argument("run")
-@click.option(
-    "--from", "from_s", type=numbers.time_s, default=0.0, show_default=True,
-    help="Start of the part to use [s].",
-)  # fmt: skip
-@click.option(
-    "--to", "to_s", type=numbers.Number("s"), help="End of the part to use [s]; default: the end of the run."
-)  # fmt: skip
+@part
 @options.vehicle
 @options.runs_folder
 @options.update
@@ -359,10 +351,7 @@ def noise(
     with show_activity(note("cli.averaging")):
         rest_result = measure_at_rest(recorded_run, from_s, float("inf") if to_s is None else to_s)
     print_answer(rest_result, as_json)
-    if report:
-        from baqueano.report.pages.at_rest import page_of_rest
-
-        report.write(lambda: page_of_rest(rest_result), reproducible=True)
+    report.write_about(rest_result)
     if vehicle or update:
         options.save_update(rest_result.updated_file(options.load_vehicle(vehicle, settings)), update)
 
@@ -392,7 +381,4 @@ def wear(
             recorded_runs, options.load_vehicle(vehicle, settings), options=fit_options, progress=begin
         )
     print_answer(Drift(history), as_json)
-    if report:
-        from baqueano.report.pages.parameter_drift import page_of_drift
-
-        report.write(lambda: page_of_drift(history), reproducible=True)
+    report.write_about(history)

@@ -70,7 +70,6 @@ def command(
     from baqueano.cli.driving.teach import shape_or_route
     from baqueano.cli.errors import Interruption
     from baqueano.sweep import sweep
-    from baqueano.sweep.drawing import page_of_sweep
 
     block_kinds = {"estimators": estimators, "controllers": controllers, "guides": guides}
     run_sweep = partial(
@@ -110,8 +109,7 @@ def command(
     with show_progress(note("cli.sweep", drives=count), count) as advance:
         result = run_sweep(advance=advance)
     print_answer(result, as_json, cells=result.cells())
-    if report:
-        report.write(lambda: page_of_sweep(result), reproducible=True)
+    report.write_about(result)
     if len(result.drives) < result.requested_drives:
         raise Interruption(
             fault("cli.study-interrupted", done=len(result.drives), requested=result.requested_drives)
