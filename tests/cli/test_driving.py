@@ -74,6 +74,12 @@ class Terminal:
     def type(self, keys):
         os.write(self.master, keys)
 
+    def drive_ahead(self):
+        """Press the key for ahead until the vehicle moves."""
+        self.until(rb"terminal \d+ ms")
+        self.type(W_DOWN)
+        self.until(rb"speed +0\.[1-9]")
+
     def ends(self, within_s=40.0):
         """Wait for the end of the process and return its exit code."""
         code, self.over = self.process.wait(within_s), True
@@ -134,9 +140,7 @@ def test_a_drive_by_keys_writes_a_run_and_restores_the_terminal(terminal, tmp_pa
 
     screen = terminal(*DRIVE)
     screen.until(rb"hold to drive")
-    screen.until(rb"terminal \d+ ms")
-    screen.type(W_DOWN)
-    screen.until(rb"speed +0\.[1-9]")
+    screen.drive_ahead()
     screen.type(W_UP + b"\x1b[109;1:1u")
     screen.until(rb"(?s)marks 1.*u_x +\S+ \+0\.00")
     screen.type(b"\x1b[113;1:1u")
@@ -178,9 +182,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, l
 
 def test_rt12_a_closed_terminal_stops_the_vehicle_and_the_run_is_complete(terminal, tmp_path):
     screen = terminal(*DRIVE)
-    screen.until(rb"terminal \d+ ms")
-    screen.type(W_DOWN)
-    screen.until(rb"speed +0\.[1-9]")
+    screen.drive_ahead()
     screen.hang_up()
     screen.ends()
     run = read_run(tmp_path / "run.mcap")
@@ -208,9 +210,7 @@ def test_single_keys_drive_at_a_terminal_that_never_answers(terminal, tmp_path):
 
 def test_the_space_bar_stops_the_vehicle(terminal, tmp_path):
     screen = terminal(*DRIVE)
-    screen.until(rb"terminal \d+ ms")
-    screen.type(W_DOWN)
-    screen.until(rb"speed +0\.[1-9]")
+    screen.drive_ahead()
     screen.type(b"\x1b[32u")
     assert screen.ends() == 5
     assert stop_reason_of(read_run(tmp_path / "run.mcap")).code == StopReason.DRIVER
@@ -218,9 +218,7 @@ def test_the_space_bar_stops_the_vehicle(terminal, tmp_path):
 
 def test_teaching_with_keys_writes_a_route(terminal, tmp_path):
     screen = terminal("teach", "lab", "--driver", "keys", *DRIVE[1:])
-    screen.until(rb"terminal \d+ ms")
-    screen.type(W_DOWN)
-    screen.until(rb"speed +0\.[1-9]")
+    screen.drive_ahead()
     screen.type(W_UP + b"\x1b[113u")
     assert screen.ends() == 0
     assert (tmp_path / "routes" / "lab.csv").exists()
@@ -277,9 +275,7 @@ def test_heading_control_is_enabled_by_default_and_can_be_disabled(terminal, tmp
     for words, pattern in (((), rb"heading hold [+-]0\.0[1-9]"), (("--no-hold",), rb"heading not corrected")):
         out = f"run{len(words)}.mcap"
         screen = terminal(*DRIVE[:3], "--robot", "simulated:unequal.toml", "-o", out, *words)
-        screen.until(rb"terminal \d+ ms")
-        screen.type(W_DOWN)
-        screen.until(rb"speed +0\.[1-9]")
+        screen.drive_ahead()
         screen.until(pattern)
         screen.type(b"\x1b[113;1:1u")
         assert screen.ends() == 0

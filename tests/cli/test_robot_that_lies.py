@@ -14,7 +14,6 @@ from baqueano.door.sockets import Door
 from baqueano.runs.folder import is_run_name
 from tests.codes import refused
 
-pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 READY = {"is": "state", "state": "READY", "reason": ""}
 NAMES = (
     "../../x.sh", "../x.mcap", "/tmp/baqueano-pwned/authorized_keys", "/tmp/x.mcap", "a/b.mcap", "a\\b.mcap",

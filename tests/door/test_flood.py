@@ -13,8 +13,6 @@ from baqueano.door.clients import MAX_BACKLOG, MAX_SHORT_LINE_BYTES, READ_BYTES,
 from baqueano.door.sockets import MAX_CLIENTS, MAX_LINES, STOP_CONNECTIONS
 from tests.door.test_sockets import until
 
-pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-
 RUNS = b'{"do": "runs"}\n'
 BEAT = b'{"do": "beat"}\n'
 HALF_A_MISSION = (

@@ -1,7 +1,6 @@
 """Frames: each tick is sent once and in order and is encoded once for all clients; unread frames are replaced."""
 
 import json
-import socket
 import threading
 
 import numpy as np
@@ -10,14 +9,12 @@ import pytest
 from baqueano.door import sockets
 from baqueano.door.frames.route_progress import RouteProgress
 from baqueano.door.frames.rows import MAX_STORED_TICKS, DriveRows, Frames
-from baqueano.door.operator import Operator
-from baqueano.door.sockets import Door
 from baqueano.drive import experiment
 from baqueano.drive.health import normalised_innovation_squared
 from baqueano.drive.observers import Observer
 from baqueano.guides import shapes
 from baqueano.vehicle_file import load
-from tests.door.test_sockets import Person, until
+from tests.door.test_sockets import until
 
 
 class Listening(Observer):
@@ -40,13 +37,6 @@ def drive_of_service():
     u = np.tile([0.5, 0.0, 0.2], (60, 1))
     run = experiment(file, u, observers=(listening,))
     return file, listening, run
-
-
-@pytest.fixture
-def door(tmp_path):
-    door = Door(tmp_path / "s", Operator(), tmp_path)
-    yield door
-    door.close()
 
 
 def rows_of(drive, first_row=0, columns=None):
@@ -122,11 +112,10 @@ def test_progress_grows_over_all_laps_and_across_the_crossing_of_an_eight():
     assert deviation[1] == pytest.approx(0.02, rel=0.01)
 
 
-@pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_at_most_one_frame_waits_for_a_client_that_does_not_read(door, drive_of_service):
+def test_at_most_one_frame_waits_for_a_client_that_does_not_read(door, connect, drive_of_service):
     file, listening, _ = drive_of_service
     door.frames.begin(file, "simulated", estimator=listening.estimator)
-    sleeper, healthy = Person(door.path), Person(door.path)
+    sleeper, healthy = connect(), connect()
     for person in (sleeper, healthy):
         person.send(do="watch", hz=50)
     until(lambda: sum(client.hz > 0 for client in door._clients) == 2)
@@ -147,15 +136,12 @@ def test_at_most_one_frame_waits_for_a_client_that_does_not_read(door, drive_of_
             assert message["n"] >= (ends[-1] if ends else 0)
             ends.append(message["n"] + len(message["x"]))
     assert len(ends) < 100
-    for person in (sleeper, healthy):
-        person.close()
 
 
-@pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_the_last_rows_are_sent_before_the_end_of_the_drive(door, drive_of_service):
+def test_the_last_rows_are_sent_before_the_end_of_the_drive(door, connect, drive_of_service):
     file, listening, _ = drive_of_service
     door.frames.begin(file, "simulated", estimator=listening.estimator)
-    person = Person(door.path)
+    person = connect()
     person.send(do="watch", hz=1)
     assert [person.receive()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
     for turn in range(20):
@@ -169,14 +155,12 @@ def test_the_last_rows_are_sent_before_the_end_of_the_drive(door, drive_of_servi
             messages.append(person.receive())
         begin = next(k for k, m in enumerate(messages) if m["is"] == "fields")
         assert sum(len(m["x"]) for m in messages[begin:] if m["is"] == "frame") == len(listening.records)
-    person.close()
 
 
-@pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, drive_of_service):
+def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, connect, drive_of_service):
     file, listening, _ = drive_of_service
     door.frames.begin(file, "simulated", estimator=listening.estimator)
-    person, viewer = Person(door.path), Person(door.path)
+    person, viewer = connect(), connect()
     person.send(do="watch", hz=50, fields=["t", "eta.x", "what there is not"])
     viewer.send(do="watch", hz=5)
     messages = [person.receive() for _ in range(3)]
@@ -202,12 +186,9 @@ def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, dr
     door.frames.on_record(listening.records[1])
     person.send(do="ping")
     assert person.receive()["is"] == "pong"
-    for client in (person, viewer):
-        client.close()
 
 
-@pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_a_message_wakes_the_door_and_is_encoded_once(door, monkeypatch):
+def test_a_message_wakes_the_door_and_is_encoded_once(door, connect, monkeypatch):
     encodings, encoded = [], sockets.encode
 
     def encode(message):
@@ -216,24 +197,20 @@ def test_a_message_wakes_the_door_and_is_encoded_once(door, monkeypatch):
 
     monkeypatch.setattr(sockets, "encode", encode)
     monkeypatch.setattr(sockets, "LOOK_S", 1e6)  # without a wake-up nothing arrives
-    people = [Person(door.path) for _ in range(5)]
+    people = [connect() for _ in range(5)]
     until(lambda: len(door._clients) == 5)
     for k in range(20):
         door.broadcast({"is": "event", "message": k})
         assert [person.receive()["message"] for person in people] == [k] * 5
     assert encodings == ["door"] * 20  # and not in the thread of the loop
-    for person in people:
-        person.close()
 
 
 @pytest.mark.parametrize("hz", ["a", None, [], float("nan")])
-@pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_a_watch_with_a_wrong_rate_does_not_end_the_connection(door, hz):
-    person = Person(door.path)
+def test_a_watch_with_a_wrong_rate_does_not_end_the_connection(connect, hz):
+    person = connect()
     person.send(do="watch", hz=hz)
     person.send(do="ping", token=1)
     message = person.receive()
     assert message["is"] in ("refused", "pong")
     if message["is"] == "refused":
         assert person.receive()["token"] == 1
-    person.close()

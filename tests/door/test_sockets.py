@@ -23,9 +23,6 @@ from baqueano.drive.mission import Mission, pack
 from baqueano.errors import RobotUnreachable
 from tests.codes import refused
 
-pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-
-
 PATIENCE_S = 20.0  # timeout of the test
 
 

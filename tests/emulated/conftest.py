@@ -14,6 +14,7 @@ from baqueano import vehicle_file
 from baqueano.robot.service.service import Service
 from tests.emulated import rig
 from tests.emulated.drives import serve
+from tests.emulated.realtime import OnPty, on_pty
 from tests.emulated.robot import EmulatedRobot
 from tests.emulated.uno import EmulatedUno
 
@@ -82,6 +83,13 @@ def robot(firmware: rig.Built, monkeypatch: pytest.MonkeyPatch) -> Iterator[Emul
     robot.wait(0.1)
     yield robot
     robot.close()
+
+
+@pytest.fixture
+def live(firmware: rig.Built) -> Iterator[OnPty]:
+    """Return the firmware behind a pty, in real time."""
+    with on_pty(firmware) as live:
+        yield live
 
 
 @pytest.fixture

@@ -2,20 +2,15 @@
 
 import pytest
 
-from baqueano.robot.uno.frames import MAX_PWM_HZ, Config, DriveFlag, Driver, Settings, Wiring
+from baqueano.robot.uno.frames import MAX_PWM_HZ, Config, DriveFlag, Driver, Wiring
 
 HOLD = DriveFlag.ARM | DriveFlag.BRAKE
-
-
-def settle(uno, **settings):
-    uno.send(Settings(**settings))
-    assert uno.next_frame(Settings, 0.5) == Settings(**settings)
 
 
 @pytest.mark.parametrize("driver", list(Driver))
 def test_r13_each_bridge_drives_in_both_directions_brakes_and_coasts(new_uno, driver):
     uno = new_uno(driver=driver)
-    settle(uno, driver=driver)
+    uno.store(driver=driver)
     for sign in (1, -1):
         uno.hold(700 * sign, -400 * sign, 0.1)
         assert uno.duty(0) == pytest.approx(0.7 * sign, abs=1e-3)
@@ -34,7 +29,7 @@ def test_r13_each_bridge_drives_in_both_directions_brakes_and_coasts(new_uno, dr
 @pytest.mark.parametrize("driver", list(Driver))
 def test_r13_full_and_zero_duty_are_exact(new_uno, driver):
     uno = new_uno(driver=driver)
-    settle(uno, driver=driver)
+    uno.store(driver=driver)
     uno.hold(1000, -1000, 0.1)
     assert (uno.duty(0), uno.duty(1)) == (1.0, -1.0)
     uno.hold(0, 0, 0.1)
@@ -44,7 +39,7 @@ def test_r13_full_and_zero_duty_are_exact(new_uno, driver):
 @pytest.mark.parametrize("driver", list(Driver))
 def test_r13_a_pwm_frequency_above_the_limit_of_the_bridge_is_refused(new_uno, driver):
     uno = new_uno(driver=driver)
-    settle(uno, driver=driver)
+    uno.store(driver=driver)
     most = MAX_PWM_HZ[driver]
     uno.send(Config(pwm_hz=most))
     assert uno.info().config.pwm_hz == most
@@ -57,7 +52,7 @@ def test_r13_a_pwm_frequency_above_the_limit_of_the_bridge_is_refused(new_uno, d
 
 def test_r13_a_slower_bridge_lowers_the_pwm_frequency(uno):
     uno.send(Config(pwm_hz=20_000))
-    settle(uno, driver=Driver.L293D)
+    uno.store(driver=Driver.L293D)
     assert uno.info().config.pwm_hz == 5000
 
 
@@ -81,7 +76,7 @@ def test_r13_pwm_has_the_configured_frequency(uno, pwm_hz):
     ],
 )
 def test_r14_swapped_or_reversed_motors_are_corrected(uno, wiring, channels):
-    settle(uno, wiring=wiring)
+    uno.store(wiring=wiring)
     uno.hold(600, 300, 0.1)
     assert (uno.duty(0), uno.duty(1)) == pytest.approx(channels, abs=1e-3)
     assert (uno.state().left_permille, uno.state().right_permille) == (600, 300)

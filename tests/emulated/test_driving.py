@@ -7,16 +7,13 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
-from baqueano.door.operator import Operator
 from baqueano.door.states import DoorState
 from baqueano.drive.by_hand.cockpit import Cockpit
 from baqueano.drive.by_hand.key_hold import FIRST_S
 from baqueano.drive.mission import Mission, pack
 from baqueano.drive.session import mark_times_ns
-from baqueano.robot.service.service import Service
 from baqueano.runs import read_run
 from tests.drive.test_cockpit import Terminal
-from tests.emulated.robot import EmulatedRobot
 
 HAND_NS = 20_000_000  # between set-points, as door/remote.py sends them
 
@@ -71,20 +68,8 @@ class Driver:
 
 
 @pytest.fixture
-def driver(firmware, monkeypatch, tmp_path):
-    robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
-    robot.wait(0.1)
-    messages = []
-    service = Service(
-        robot.uno, robot.imu, vehicle_file.load("small").robot, tmp_path, Operator(lambda: robot.now_ns),
-        messages.append, now_ns=lambda: robot.now_ns, sleep=robot.wait,
-    )  # fmt: skip
-    service.messages = messages
-    for _ in range(5):
-        service.idle()
-        robot.wait(0.05)
-    yield lambda terminal, **options: Driver(robot, service, terminal, **options)
-    robot.close()
+def driver(robot, service):
+    return lambda terminal, **options: Driver(robot, service, terminal, **options)
 
 
 @pytest.mark.parametrize(("latched", "phase_ms"), [(False, 0), (False, 47), (False, 98), (True, 23)])

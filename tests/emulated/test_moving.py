@@ -6,13 +6,7 @@ import random
 
 import pytest
 
-from baqueano.robot.uno.frames import Config, DriveFlag, Settings, State, StateFlag, WheelCurve
-
-
-def settle(uno, **settings):
-    """Store settings and wait until the firmware confirms them."""
-    uno.send(Settings(**settings))
-    assert uno.next_frame(Settings, 0.5) == Settings(**settings)
+from baqueano.robot.uno.frames import Config, DriveFlag, State, StateFlag, WheelCurve
 
 
 def duties(uno, after_s=0.0):
@@ -89,7 +83,7 @@ WAYS = (
 )
 def test_r9_dead_zone_and_slope_are_per_wheel_and_direction(uno, request_, duty):
     """By hand: 100 + 0.5·400 = 300; 50 + 1.5·400 = 650; 200 + 0.7·400 = 480; 0.3·400 = 120."""
-    settle(uno, curves=WAYS)
+    uno.store(curves=WAYS)
     uno.hold(*request_, 0.1)
     state = uno.state()
     assert (state.left_permille, state.right_permille) == duty
@@ -98,7 +92,7 @@ def test_r9_dead_zone_and_slope_are_per_wheel_and_direction(uno, request_, duty)
 
 
 def test_r9_a_duty_above_full_is_saturated_and_flagged(uno):
-    settle(uno, curves=WAYS)
+    uno.store(curves=WAYS)
     uno.hold(0, 900, 0.1)
     assert uno.duty(1) == 1.0
     assert uno.state().flags & StateFlag.SATURATED
@@ -108,8 +102,7 @@ def test_r9_a_duty_above_full_is_saturated_and_flagged(uno):
 
 
 def test_r10_a_starting_wheel_gets_a_kick_of_the_set_duration(uno):
-    settle(
-        uno,
+    uno.store(
         kick_ms=15,
         curves=(
             WheelCurve(0, 1000, 700),
@@ -136,7 +129,7 @@ def test_r10_a_starting_wheel_gets_a_kick_of_the_set_duration(uno):
 
 
 def test_r11_dither_is_a_square_wave_around_nonzero_duty(uno):
-    settle(uno, dither_permille=60, dither_ms=4)
+    uno.store(dither_permille=60, dither_ms=4)
     uno.run_until(uno.send(Config(slew_permille_per_ms=1000)))
     uno.arm()
     uno.drive(300, 20)
@@ -172,8 +165,7 @@ def sums_of(rows):
 
 def test_r12_telemetry_contains_the_duty_at_the_pins_and_its_sum(uno):
     """Random commands through slew, dead zone, kick and dither: telemetry reports the duty at the pins."""
-    settle(
-        uno,
+    uno.store(
         kick_ms=12,
         dither_permille=40,
         dither_ms=3,

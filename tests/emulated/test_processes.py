@@ -25,7 +25,6 @@ from baqueano.drive.recording import CLOCK_SOURCE
 from baqueano.errors import RobotUnreachable, SafetyStop
 from baqueano.runs import read_run
 from baqueano.runs.recover import recover
-from tests.emulated.realtime import on_pty
 from tests.emulated.test_ends_of_blocks import PLACES, repetition
 
 PATIENCE_S = 60.0  # timeout of the test
@@ -36,12 +35,6 @@ kind = "wheels"
 rate_hz = 50.0
 noise_std = 0.01
 """
-
-
-@pytest.fixture
-def live(firmware):
-    with on_pty(firmware) as live:
-        yield live
 
 
 @pytest.fixture

@@ -17,13 +17,6 @@ from baqueano.robot.uno import settings as uno_settings
 from baqueano.robot.uno.frames import DriveFlag, Driver, EncoderKind, Settings, WheelCurve, Wiring
 from baqueano.robot.uno.settings import StoredSettings, apply_changes
 from baqueano.robot.workshop import exclusive_hardware
-from tests.emulated.realtime import on_pty
-
-
-@pytest.fixture
-def live(firmware):
-    with on_pty(firmware) as live:
-        yield live
 
 
 @pytest.fixture

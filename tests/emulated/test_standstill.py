@@ -11,18 +11,9 @@ from baqueano.diagnostics import StopReason
 from baqueano.door.states import DoorState
 from baqueano.drive import stop_reason_of
 from tests.emulated.drives import drive, look_around, serve, spin
-from tests.emulated.robot import EmulatedRobot
 
 BUFFER = 4095  # bytes that the kernel stores of an unread line
 PHASES = ("before read", "after read", "before write", "between write and log", "after log")
-
-
-@pytest.fixture
-def robot(firmware, monkeypatch):
-    robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
-    robot.wait(0.1)
-    yield robot
-    robot.close()
 
 
 class Freeze:

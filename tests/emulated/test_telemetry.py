@@ -10,16 +10,10 @@ from baqueano.robot.uno.frames import (
     EncoderKind,
     Ping,
     Pong,
-    Settings,
     State,
     StateFlag,
     Wiring,
 )
-
-
-def settle(uno, **settings):
-    uno.send(Settings(**settings))
-    assert uno.next_frame(Settings, 0.5) == Settings(**settings)
 
 
 def counts(uno):
@@ -39,7 +33,7 @@ def test_r20_battery_is_reported_within_1_percent(uno, volts):
 
 
 def test_r20_a_divider_with_other_resistors_can_be_calibrated(uno):
-    settle(uno, battery_permille=3300)
+    uno.store(battery_permille=3300)
     uno.set_battery(7.4)
     uno.run(0.2)
     assert uno.state().battery_mv == pytest.approx(1.1 * 7400, rel=0.01)
@@ -78,7 +72,7 @@ def test_r20_no_battery_is_needed_without_a_limit(uno):
 
 @pytest.mark.parametrize("rate", [100, 3500, 10_000])
 def test_r21_quadrature_counts_every_edge_in_both_directions(uno, rate):
-    settle(uno, encoders=EncoderKind.QUADRATURE)
+    uno.store(encoders=EncoderKind.QUADRATURE)
     zero = counts(uno)
     uno.hold(500, -500, 0.05)
     start, seconds = uno.t_s + 1e-3, 0.3
@@ -102,7 +96,7 @@ def test_r21_quadrature_counts_every_edge_in_both_directions(uno, rate):
     ],
 )
 def test_r14_swapped_or_reversed_encoders_are_corrected(uno, wiring, signs):
-    settle(uno, encoders=EncoderKind.QUADRATURE, wiring=wiring)
+    uno.store(encoders=EncoderKind.QUADRATURE, wiring=wiring)
     zero = counts(uno)
     counts_turned = (120, 70)
     for plug in range(2):
@@ -113,7 +107,7 @@ def test_r14_swapped_or_reversed_encoders_are_corrected(uno, wiring, signs):
 
 
 def test_r22_one_channel_counts_both_edges_with_the_sign_of_the_duty(uno):
-    settle(uno, encoders=EncoderKind.SINGLE)
+    uno.store(encoders=EncoderKind.SINGLE)
     zero = counts(uno)
     uno.hold(300, -300, 0.05)
     uno.slots(0, 60, uno.t_s, uno.t_s + 0.1)
@@ -131,7 +125,7 @@ def test_r22_one_channel_counts_both_edges_with_the_sign_of_the_duty(uno):
 
 
 def test_r22_a_silent_encoder_at_high_duty_is_a_fault(uno):
-    settle(uno, encoders=EncoderKind.SINGLE)
+    uno.store(encoders=EncoderKind.SINGLE)
     start = uno.t_s
     for k in range(40):
         uno.slots(0, 2, start + 0.02 * k, start + 0.02 * k + 0.02)
@@ -210,7 +204,7 @@ def test_r23_glitches_and_an_open_pin_give_no_marks(uno, new_uno):
 
 def test_r23_the_polarity_of_the_mark_sensor_is_configurable(uno):
     uno.set_mark(True)
-    settle(uno, wiring=Wiring.MARK_ACTIVE_LOW)
+    uno.store(wiring=Wiring.MARK_ACTIVE_LOW)
     before = uno.state().mark_count
     at_s = uno.t_s + 0.02
     uno.set_mark(False, at_s)
@@ -257,7 +251,7 @@ def test_r25_telemetry_has_the_configured_rate(uno, period_ms):
 
 def test_r25_every_frame_is_intact_under_load(uno):
     """Commands and pings at 100 Hz, 10 000 edges a second on each wheel, requests for settings: no frame is lost."""
-    settle(uno, encoders=EncoderKind.QUADRATURE)
+    uno.store(encoders=EncoderKind.QUADRATURE)
     zero = counts(uno)
     uno.arm()
     uno.frames()

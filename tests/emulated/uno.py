@@ -23,6 +23,7 @@ from baqueano.robot.uno.frames import (
     Frame,
     Info,
     ResetCause,
+    Settings,
     State,
 )
 from tests.emulated.rig import Built
@@ -204,6 +205,11 @@ class EmulatedUno:
                 if isinstance(frame, kind):
                     return frame
         raise AssertionError(f"no {kind.__name__} within {within_s} s")
+
+    def store(self, **settings) -> None:
+        """Store settings, and wait until the firmware confirms them."""
+        self.send(Settings(**settings))
+        assert self.next_frame(Settings, 0.5) == Settings(**settings)
 
     def state(self) -> State:
         """Return telemetry that was made after this call."""

@@ -13,15 +13,10 @@ from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.robot.imu import driver as imu
 from baqueano.robot.imu.settings import ImuSettings
 from tests.codes import refused
-from tests.emulated.i2c_ioctl import Bench, loop, start
+from tests.emulated.i2c_ioctl import loop, start
 from tests.emulated.mpu import REST, STANDARD_GRAVITY
 
 G = STANDARD_GRAVITY
-
-
-@pytest.fixture
-def bench(monkeypatch, tmp_path):
-    return lambda **chip: Bench(monkeypatch, tmp_path, **chip)
 
 
 def turning(t_ns: int):

@@ -9,15 +9,10 @@ from baqueano.errors import AnswerNo, RobotUnreachable
 from baqueano.robot.imu.chips import CHIPS, chip_of
 from baqueano.robot.imu.self_test import factory_trims, self_test
 from tests.codes import refused
-from tests.emulated.i2c_ioctl import Bench, loop, start
+from tests.emulated.i2c_ioctl import loop, start
 from tests.emulated.mpu import STANDARD_GRAVITY
 
 G = STANDARD_GRAVITY
-
-
-@pytest.fixture
-def bench(monkeypatch, tmp_path):
-    return lambda **chip: Bench(monkeypatch, tmp_path, **chip)
 
 
 @pytest.mark.parametrize(("who_am_i", "fifo_bytes"), [(0x68, 1024), (0x70, 512), (0x98, 512)])

@@ -8,16 +8,11 @@ import pytest
 pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
 
 from tests.codes import refused
-from tests.emulated.i2c_ioctl import Bench, loop, start
+from tests.emulated.i2c_ioctl import loop, start
 from tests.emulated.mpu import STANDARD_GRAVITY
 
 G = STANDARD_GRAVITY
 NACK = errno.EREMOTEIO
-
-
-@pytest.fixture
-def bench(monkeypatch, tmp_path):
-    return lambda **chip: Bench(monkeypatch, tmp_path, **chip)
 
 
 def kinds(device) -> list[str]:
