@@ -18,6 +18,7 @@ from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.runs.run import Run
 from baqueano.tune.tune_result import TuneResult
+from tests.codes import refused
 
 ROBOT = bq.load("small")
 ROUTE = bq.guides.shapes.circle(0.5, 0.2)
@@ -127,9 +128,8 @@ def test_a_result_in_place_of_its_part_is_answered_with_the_part():
 
 
 def test_an_unknown_kind_of_a_call_does_not_name_the_vehicle_file():
-    with pytest.raises(FileError) as error:
+    with refused("block.unknown", FileError):
         bq.replay(RUN, ROBOT, estimator="ekff")
-    assert error.value.diagnostic.code == "block.unknown"
 
 
 def test_a_class_that_lacks_a_value_is_answered_with_an_object_of_it():

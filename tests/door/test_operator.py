@@ -9,6 +9,7 @@ from baqueano.diagnostics import StopReason, stop
 from baqueano.door.operator import SILENCE_S, Operator
 from baqueano.door.remote import HEARTBEAT_PERIOD_S
 from baqueano.errors import SafetyStop
+from tests.codes import refused
 
 TEACHER = stop(StopReason.STOPPED_BY, words="the teacher stopped it")
 SILENT = stop(StopReason.IMU_SILENT)
@@ -81,8 +82,7 @@ def test_the_busy_message_distinguishes_a_drive_from_a_rest_between_drives():
     assert (about.code, about.fix) == ("door.somebody", "baqueano robot stop")
     operator.pop_mission()
     operator.record_mission_end()
-    with pytest.raises(SafetyStop) as error_info:
+    with refused("door.somebody-waits", SafetyStop):
         operator.queue_mission("another", "a mission")
-    assert error_info.value.diagnostic.code == "door.somebody-waits"
     operator.revoke_holder("me")
     operator.queue_mission("another", "a mission")

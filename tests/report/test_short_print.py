@@ -5,6 +5,7 @@ import pytest
 from baqueano.contracts.result import MAX_LINES, Result, shorten
 from baqueano.errors import UsageError
 from baqueano.report.page import Page
+from tests.codes import refused
 
 
 def test_a_long_line_is_wrapped_and_never_cut():
@@ -26,7 +27,6 @@ def test_the_verdict_of_a_long_table_is_printed():
 
 @pytest.mark.parametrize("name", ["page.pdf", "page.SVG"])
 def test_a_page_with_the_name_of_a_figure_is_refused(tmp_path, name):
-    with pytest.raises(UsageError) as error:
+    with refused("front.page-as-figure", UsageError):
         Page("a page", "", "", [], [], "").save(tmp_path / name)
-    assert error.value.diagnostic.code == "front.page-as-figure"
     assert not list(tmp_path.iterdir())

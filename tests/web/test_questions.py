@@ -18,6 +18,7 @@ from baqueano.runs import write_run
 from baqueano.vehicle_file import load
 from baqueano.web.lab.tuning import TuningWorker
 from baqueano.web.lab.worker_client import WorkerClient
+from tests.codes import refused
 from tests.web.page_client import WAIT_S, browser, folder_of, recorded_page
 
 EKF = '''from baqueano.estimators import AugmentedEkf
@@ -253,6 +254,5 @@ def test_gains_are_written_to_a_user_file_but_not_to_the_garage(tmp_path):
     assert file.value("controller.k_chi") == 6.0
     assert file.value("controller.join_m") == 0.2
     assert file.provenance["controller.k_x"].run == "tune, page"
-    with pytest.raises(UsageError) as no:
+    with refused("web.tune-garage", UsageError):
         bench.write(word | {"vehicle": "small"})
-    assert no.value.diagnostic.code == "web.tune-garage"
