@@ -7,6 +7,7 @@ import pytest
 
 from tests.web.chromium import SIZES, Chromium
 from tests.web.page_client import WAIT_S
+from tests.web.screens import open_page, take_lease, until
 from tests.web.scripted import ScriptedServer
 
 
@@ -34,6 +35,15 @@ def live():
 def replay():
     with ScriptedServer("replay") as server:
         yield server
+
+
+@pytest.fixture
+def driver(tab, live):
+    """Return a tab that controls a driving vehicle."""
+    open_page(tab, live)
+    take_lease(tab)
+    until(lambda: live.words("beat"))
+    return tab
 
 
 @pytest.hookimpl(tryfirst=True)

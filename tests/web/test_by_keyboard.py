@@ -7,7 +7,7 @@ import time
 import pytest
 
 from tests.web.chromium import CHROMIUM
-from tests.web.screens import DRAWN, LIVE, PAGE, RECORDED, open_page, take_lease
+from tests.web.screens import DRAWN, LIVE, PAGE, RECORDED, open_page
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
@@ -46,10 +46,8 @@ def by_keys(tab, screens: tuple[str, ...]) -> dict[str, dict[str, list[str]]]:
     return wrong
 
 
-def test_every_element_of_a_drive_is_reachable_by_tab_with_visible_focus(tab, live):
-    open_page(tab, live)
-    take_lease(tab)
-    assert not by_keys(tab, LIVE)
+def test_every_element_of_a_drive_is_reachable_by_tab_with_visible_focus(driver):
+    assert not by_keys(driver, LIVE)
 
 
 def test_every_element_of_a_run_is_reachable_by_tab_with_visible_focus(tab, replay):

@@ -5,7 +5,7 @@ import time
 import pytest
 
 from tests.web.chromium import CHROMIUM, SIZES
-from tests.web.screens import PAGE, open_page, take_lease, until
+from tests.web.screens import PAGE, open_page, until
 from tests.web.scripted import ScriptedServer
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
@@ -29,14 +29,6 @@ LATEST = {
     "detections": [], "missed_by": ["NIS", "monitor"], "undetected": None,
 }  # fmt: skip
 LAST = f"{PAGE}.ledger.at(-1)"
-
-
-@pytest.fixture
-def driver(tab, live):
-    """Return a tab that controls a driving vehicle."""
-    open_page(tab, live)
-    take_lease(tab)
-    return tab
 
 
 @pytest.fixture

@@ -51,7 +51,7 @@ def test_the_page_of_a_recorded_run_has_no_stop_button(tab, replay):
 def test_keys_drive_while_pressed_and_heartbeats_name_the_drawn_frame(tab, live):
     live.state, live.kind = "MANUAL", "drive"
     open_page(tab, live)
-    tab.press("l", "KeyL", "l")
+    take_lease(tab)
     until(lambda: live.words("beat"))
     tab.down("w", "KeyW", "w")
     tab.down("a", "KeyA", "a")
@@ -66,16 +66,13 @@ def test_keys_drive_while_pressed_and_heartbeats_name_the_drawn_frame(tab, live)
     until(lambda: live.words("beat")[-1]["seen"] > frames[0])
 
 
-def test_with_a_frozen_picture_heartbeats_repeat_the_old_frame_number(tab, live):
-    open_page(tab, live)
-    tab.press("l", "KeyL", "l")
-    until(lambda: live.words("beat"))
+def test_with_a_frozen_picture_heartbeats_repeat_the_old_frame_number(driver, live):
     live.frozen = True
     time.sleep(0.6)
     last = live.words("beat")[-1]["seen"]
     time.sleep(0.6)
     assert live.words("beat")[-1]["seen"] == last
-    tab.wait("!document.getElementById('age').hidden")
+    driver.wait("!document.getElementById('age').hidden")
 
 
 def test_without_the_lease_keys_do_not_drive(tab, live):
@@ -87,25 +84,19 @@ def test_without_the_lease_keys_do_not_drive(tab, live):
 @pytest.mark.parametrize(
     "leaves", ["window.dispatchEvent(new Event('blur'))", "window.dispatchEvent(new Event('pagehide'))"]
 )
-def test_leaving_the_page_with_a_pressed_key_stops_and_releases(tab, live, leaves):
-    open_page(tab, live)
-    tab.press("l", "KeyL", "l")
-    until(lambda: live.words("beat"))
-    tab.down("w", "KeyW", "w")
+def test_leaving_the_page_with_a_pressed_key_stops_and_releases(driver, live, leaves):
+    driver.down("w", "KeyW", "w")
     until(lambda: live.words("beat")[-1]["u"][0] > 0)
-    tab.js(leaves)
+    driver.js(leaves)
     until(lambda: live.words("give"))
     assert live.words("beat")[-1]["u"] == [0, 0, 0]
-    tab.up("w", "KeyW")
+    driver.up("w", "KeyW")
 
 
-def test_a_tab_behind_another_tab_stops_and_releases(browser, tab, live):
-    open_page(tab, live)
-    tab.press("l", "KeyL", "l")
-    until(lambda: live.words("beat"))
-    x, y = tab.middle(".pad")
-    tab.mouse("mousePressed", x, y)
-    tab.mouse("mouseMoved", x, y - 40)
+def test_a_tab_behind_another_tab_stops_and_releases(browser, driver, live):
+    x, y = driver.middle(".pad")
+    driver.mouse("mousePressed", x, y)
+    driver.mouse("mouseMoved", x, y - 40)
     until(lambda: live.words("beat")[-1]["u"][0] > 0.3)
     front = browser.tab()
     front.do("Page.bringToFront")
@@ -117,15 +108,12 @@ def test_a_tab_behind_another_tab_stops_and_releases(browser, tab, live):
     front.close()
 
 
-def test_dragging_the_pad_drives_and_releasing_the_pad_commands_zero(tab, live):
-    open_page(tab, live)
-    tab.press("l", "KeyL", "l")
-    until(lambda: live.words("beat"))
-    x, y = tab.middle(".pad")
-    tab.mouse("mousePressed", x, y)
-    tab.mouse("mouseMoved", x, y - 40)
+def test_dragging_the_pad_drives_and_releasing_the_pad_commands_zero(driver, live):
+    x, y = driver.middle(".pad")
+    driver.mouse("mousePressed", x, y)
+    driver.mouse("mouseMoved", x, y - 40)
     until(lambda: live.words("beat")[-1]["u"][0] > 0.3)
-    tab.mouse("mouseReleased", x, y - 40)
+    driver.mouse("mouseReleased", x, y - 40)
     until(lambda: live.words("beat")[-1]["u"] == [0, 0, 0])
     assert not live.words("give")
 
@@ -151,13 +139,11 @@ def test_a_mission_of_a_real_vehicle_needs_a_long_key_press(tab):
         until(lambda: live.words("mission"))
 
 
-def test_a_lost_connection_is_reported_and_restored(tab, live):
-    open_page(tab, live)
-    take_lease(tab)
+def test_a_lost_connection_is_reported_and_restored(driver, live):
     live.drop()
-    tab.wait("document.getElementById('title').textContent === 'Connection lost'")
-    assert not tab.js(f"{PAGE}.hand.mine")
-    tab.wait("document.getElementById('title').textContent === 'REPEATING'")
+    driver.wait("document.getElementById('title').textContent === 'Connection lost'")
+    assert not driver.js(f"{PAGE}.hand.mine")
+    driver.wait("document.getElementById('title').textContent === 'REPEATING'")
 
 
 def test_a_network_that_is_lost_without_a_close_is_reported_and_restored(tab, live):
