@@ -40,6 +40,12 @@ def awake(chip):
     write(chip, DIV, 4, 3)
 
 
+def awake_with_fifo(chip):
+    awake(chip)
+    write(chip, FIFO_EN, 0xF8)
+    write(chip, USER, 0x40)
+
+
 def test_the_chip_sleeps_without_samples_after_power_on(chip):
     chip.run_until(500 * MS)
     assert read_register(chip, PWR) == b"\x40"
@@ -64,9 +70,7 @@ def test_a_reset_restores_registers_and_ignores_writes_for_100_ms(chip):
 def test_the_register_pointer_advances_except_at_the_fifo(chip):
     write(chip, DIV, 1, 2, 8, 16)
     assert read_register(chip, DIV, 4) == bytes([1, 2, 8, 16])
-    awake(chip)
-    write(chip, FIFO_EN, 0xF8)
-    write(chip, USER, 0x40)
+    awake_with_fifo(chip)
     chip.run_until(50 * MS)
     count = read_register(chip, COUNT, 2)
     assert count == len(chip.fifo).to_bytes(2, "big")
@@ -76,18 +80,14 @@ def test_the_register_pointer_advances_except_at_the_fifo(chip):
 
 
 def test_an_empty_fifo_repeats_its_last_byte(chip):
-    awake(chip)
-    write(chip, FIFO_EN, 0xF8)
-    write(chip, USER, 0x40)
+    awake_with_fifo(chip)
     chip.run_until(6 * MS)
     data = read_register(chip, FIFO, 20)
     assert data[14:] == data[13:14] * 6
 
 
 def test_fifo_reset_is_ignored_while_the_fifo_is_on(chip):
-    awake(chip)
-    write(chip, FIFO_EN, 0xF8)
-    write(chip, USER, 0x40)
+    awake_with_fifo(chip)
     chip.run_until(50 * MS)
     write(chip, USER, 0x44)
     assert len(chip.fifo) > 0
@@ -97,9 +97,7 @@ def test_fifo_reset_is_ignored_while_the_fifo_is_on(chip):
 
 
 def test_a_full_fifo_retains_the_newest_bytes_and_sets_a_flag(chip):
-    awake(chip)
-    write(chip, FIFO_EN, 0xF8)
-    write(chip, USER, 0x40)
+    awake_with_fifo(chip)
     chip.run_until(1000 * MS)
     assert read_register(chip, INT_STATUS)[0] & 0x10
     assert len(chip.fifo) == 1024
@@ -200,9 +198,7 @@ def test_noise_at_the_default_filter_equals_the_data_sheet_value():
 def test_two_chips_with_the_same_seed_give_the_same_bytes():
     def bytes_of(seed):
         chip = MpuEmulator(seed=seed)
-        awake(chip)
-        write(chip, FIFO_EN, 0xF8)
-        write(chip, USER, 0x40)
+        awake_with_fifo(chip)
         chip.run_until(300 * MS)
         return bytes(chip.fifo)
 
@@ -214,9 +210,7 @@ def test_two_chips_with_the_same_seed_give_the_same_bytes():
 def test_a_clone_has_a_different_id_and_fifo_size(who_am_i):
     chip = MpuEmulator(who_am_i=who_am_i)
     assert read_register(chip, 0x75)[0] == who_am_i
-    awake(chip)
-    write(chip, FIFO_EN, 0xF8)
-    write(chip, USER, 0x40)
+    awake_with_fifo(chip)
     chip.run_until(1000 * MS)
     assert len(chip.fifo) == (1024 if who_am_i == 0x68 else 512)
 
