@@ -3,8 +3,6 @@
 from collections.abc import Callable
 
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.door.operator import Operator
-from baqueano.door.states import StateMachine
 from baqueano.errors import (
     BaqueanoError,
     DiagnosticError,
@@ -32,17 +30,3 @@ def mission_outcome(drive: Callable[[], Diagnostic | None]) -> tuple[Diagnostic 
         if isinstance(error, DiagnosticError):
             return error.diagnostic, UsageError.exit_code
         return note("service.unforeseen", Severity.ERROR, error=error_text(error)), 1
-
-
-def finish_mission(
-    machine: StateMachine, operator: Operator, reason: Diagnostic | None, code: int
-) -> Diagnostic | None:
-    """Change the state after a mission, and return the reason of a stop, None if the vehicle is ready again.
-
-    A stop that was requested while the drive was prepared, or its run closed, counts after a regular end.
-    """
-    is_regular = reason is None or code or operator.is_end_requested
-    stop_reason = operator.stop_reason(attended=False) if is_regular else reason
-    machine.transition("done" if stop_reason is None else "stop", stop_reason)
-    operator.discard_requests(stop_reason)
-    return stop_reason

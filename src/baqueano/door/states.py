@@ -11,6 +11,7 @@ A stop is latched with its reason. Only a person can clear it, by `clear`; then 
 from enum import StrEnum
 
 from baqueano.diagnostics import Diagnostic, StopReason, fault, note, stop
+from baqueano.door.operator import Operator
 from baqueano.errors import SafetyStop
 
 
@@ -58,6 +59,17 @@ class StateMachine:
         if self.state is not DoorState.STOPPED or event != "stop":
             self.reason = reason
         self.state = target
+
+    def finish_mission(self, operator: Operator, reason: Diagnostic | None, code: int) -> Diagnostic | None:
+        """Change the state after a mission, and return the reason of a stop, None if the vehicle is ready again.
+
+        A stop that was requested while the drive was prepared, or its run closed, counts after a regular end.
+        """
+        is_regular = reason is None or code or operator.is_end_requested
+        stop_reason = operator.stop_reason(attended=False) if is_regular else reason
+        self.transition("done" if stop_reason is None else "stop", stop_reason)
+        operator.discard_requests(stop_reason)
+        return stop_reason
 
     @property
     def advice(self) -> Diagnostic:

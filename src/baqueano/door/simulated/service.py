@@ -20,7 +20,7 @@ from baqueano.door.frames.descriptions import drive_description
 from baqueano.door.frames.rows import Frames
 from baqueano.door.gain_changes import ChangeObserver
 from baqueano.door.operator import STOP_COMMAND, Operator
-from baqueano.door.outcome import finish_mission, mission_outcome
+from baqueano.door.outcome import mission_outcome
 from baqueano.door.simulated.fault_requests import FaultRequests
 from baqueano.door.simulated.missions import MissionPlan, StoredRoutes, mission_plan, reload_if_changed
 from baqueano.door.simulated.pace import PacedClock
@@ -130,7 +130,7 @@ class SimulatedService:
                 self._plan, self._run = plan, path.name
                 self.send_state(at_once=True)
                 reason, code = mission_outcome(lambda: self._drive(plan, mission_json, attended, path))
-                stop_reason = finish_mission(self.machine, self.operator, reason, code)
+                stop_reason = self.machine.finish_mission(self.operator, reason, code)
                 outcome |= {"run": path.name if path.exists() else None, "reason": reason, "code": code}
                 if plan.route_name and stop_reason is None and not code and path.exists():
                     outcome |= self._store_taught_route(plan, path)

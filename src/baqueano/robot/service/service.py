@@ -24,7 +24,7 @@ from baqueano.door.frames.descriptions import drive_description
 from baqueano.door.frames.rows import Frames
 from baqueano.door.gain_changes import ChangeObserver
 from baqueano.door.operator import Operator
-from baqueano.door.outcome import finish_mission, mission_outcome
+from baqueano.door.outcome import mission_outcome
 from baqueano.door.states import DoorState, StateMachine
 from baqueano.drive.budget import PREPARE_S, within
 from baqueano.drive.mission import Mission, perform, unpack
@@ -209,7 +209,7 @@ class Service:
             self.journal.end()
             self.health.limits = self.hardware
             self.set_watchdog_timeout(HANG_TIMEOUT_S)
-        finish_mission(self.machine, self.operator, reason, code)
+        self.machine.finish_mission(self.operator, reason, code)
         self._run = self._mission = None
         self._publish(at_once=True)
         self.operator.record_mission_end()
