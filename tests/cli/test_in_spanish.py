@@ -95,6 +95,11 @@ def in_strange_letters(monkeypatch):
         key: strange(key.rpartition("\4")[2]) for key in real._catalog if isinstance(key, str) and key
     }
     monkeypatch.setattr(language, "_catalogue", lambda name: renamed)
+
+
+@pytest.fixture(autouse=True)
+def _language_of_the_tests():
+    """Cancel the language that a command line with `--lang es` chose for this process."""
     yield
     language.choose_language("")
 
@@ -167,12 +172,7 @@ def test_each_option_has_a_help_text():
 
 def test_spanish_help_uses_the_third_person_and_one_default_wording():
     language.choose_language("es")
-    try:
-        wordings = [
-            (name, wording) for name, command in helps() for wording in words_of(in_language(command))
-        ]
-    finally:
-        language.choose_language("")
+    wordings = [(name, wording) for name, command in helps() for wording in words_of(in_language(command))]
     assert len(wordings) > 250
     assert [wording for wording in wordings if INFINITIVE.match(wording[1])] == [], "Guarda, not Guardar"
     assert [wording for wording in wordings if OTHER_DEFAULT.search(wording[1])] == [], "predeterminado"
@@ -180,14 +180,9 @@ def test_spanish_help_uses_the_third_person_and_one_default_wording():
 
 
 def test_the_names_of_values_are_spanish(capsys):
-    try:
-        help_text = (
-            said_by("report --help", capsys)
-            + said_by("runs --help", capsys)
-            + said_by("repeat --help", capsys)
-        )
-    finally:
-        language.choose_language("")
+    help_text = (
+        said_by("report --help", capsys) + said_by("runs --help", capsys) + said_by("repeat --help", capsys)
+    )
     assert "-o, --out ARCHIVO" in help_text
     assert "COMANDO [ARGUMENTOS]..." in help_text
     assert not re.findall(r"\b(TEXT|INTEGER RANGE|PATH|COMMAND|OPTIONS)\b", help_text)
@@ -195,12 +190,9 @@ def test_the_names_of_values_are_spanish(capsys):
 
 def test_comments_of_map_drafts_and_new_projects_are_in_spanish(in_lab, capsys):
     Path("odd.csv").write_text("a,b\n1,2\n3,4\n5,6\n", encoding="utf-8")
-    try:
-        said_by("runs import odd.csv --draft odd.toml", capsys)
-        said_by("new car --vehicle car", capsys)
-        said_by("new small --vehicle small", capsys)
-    finally:
-        language.choose_language("")
+    said_by("runs import odd.csv --draft odd.toml", capsys)
+    said_by("new car --vehicle car", capsys)
+    said_by("new small --vehicle small", capsys)
     assert "ninguna columna parece un comando" in Path("odd.toml").read_text(encoding="utf-8")
     for name in ("car", "small"):
         comments = re.findall(r"#.*", Path(name, "vehicle.toml").read_text(encoding="utf-8"))
@@ -223,20 +215,14 @@ def test_a_spanish_report_contains_no_english(in_lab, in_strange_letters, capsys
     "line", ["compare 1", "runs ls", "route ls", "forecast lab --vehicle small --laps 1", "route check lab"]
 )
 def test_numbers_have_a_decimal_comma(line, in_lab, capsys):
-    try:
-        figures_text = TYPED.sub("", said_by(line, capsys))
-    finally:
-        language.choose_language("")
+    figures_text = TYPED.sub("", said_by(line, capsys))
     assert not POINT.findall(figures_text)
     assert re.search(r"\d,\d", figures_text) or "forecast" in line
 
 
 def test_files_and_json_retain_decimal_points_and_english(in_lab, capsys):
-    try:
-        reply = said_by("compare 1 --json", capsys)
-        said_by("simulate --vehicle small --seconds 0.3 -o tiny.mcap", capsys)
-    finally:
-        language.choose_language("")
+    reply = said_by("compare 1 --json", capsys)
+    said_by("simulate --vehicle small --seconds 0.3 -o tiny.mcap", capsys)
     assert '"verdict": "' in reply
     assert re.search(r"\d\.\d", reply)
     assert not re.search(r": -?\d+,\d", reply)
@@ -253,25 +239,19 @@ def test_steps_on_the_vehicle_use_the_language_of_the_laptop(in_strange_letters)
 
 
 def test_import_warnings_are_stored_as_data_in_english(in_lab, capsys):
-    try:
-        said_by("runs import w.toml log.csv -o imported.mcap", capsys)
-        run = read_run("imported.mcap")
-        warnings = [event for event in run.events if event.source == "import" and event.level == "warning"]
-        assert warnings
-        for warning in warnings:
-            assert warning.diagnostic.figures["cause"].code.startswith("recording.")
-            assert warning.text == in_english(warning.diagnostic)
-            with language.use_language("es"):
-                assert warning.sentence != warning.text
-    finally:
-        language.choose_language("")
+    said_by("runs import w.toml log.csv -o imported.mcap", capsys)
+    run = read_run("imported.mcap")
+    warnings = [event for event in run.events if event.source == "import" and event.level == "warning"]
+    assert warnings
+    for warning in warnings:
+        assert warning.diagnostic.figures["cause"].code.startswith("recording.")
+        assert warning.text == in_english(warning.diagnostic)
+        with language.use_language("es"):
+            assert warning.sentence != warning.text
 
 
 def test_files_of_a_new_project_have_spanish_comments(in_lab, capsys):
-    try:
-        said_by("new proyecto", capsys)
-    finally:
-        language.choose_language("")
+    said_by("new proyecto", capsys)
     texts = {path.name: path.read_text(encoding="utf-8") for path in Path("proyecto").iterdir()}
     assert "Ejecute las celdas" in texts["first_evening.ipynb"]
     for name in ("my_estimator.py", "my_guide.py", "my_controller.py"):
@@ -282,11 +262,8 @@ def test_files_of_a_new_project_have_spanish_comments(in_lab, capsys):
 def test_one_placeholder_has_one_name_in_all_helps():
     """FOLDER beside CARPETA in one help looks like two different things."""
     language.choose_language("es")
-    try:
-        commands = [in_language(command) for _, command in helps()]
-        metavars = [p.make_metavar(click.Context(command)) for command in commands for p in command.params]
-    finally:
-        language.choose_language("")
+    commands = [in_language(command) for _, command in helps()]
+    metavars = [p.make_metavar(click.Context(command)) for command in commands for p in command.params]
     words = {word for metavar in metavars for word in re.findall(r"[A-Z]{3,}", metavar)}
     assert {"ARCHIVO", "CARPETA", "CLAVE", "CORRIDA", "CORRIDAS", "MAPA", "NOMBRE", "RUTA"} <= words
     assert words.isdisjoint(set(language.PLACEHOLDERS) - {"FACTOR"})
