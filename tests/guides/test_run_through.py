@@ -43,3 +43,13 @@ def test_a_faster_last_part_does_not_change_the_duration_of_the_lap():
     v[0] = 0.0
     route = run_through(with_speed(v, 0.1 * T_S))
     assert route.t_s[-1] == pytest.approx(10.0, abs=0.1)
+
+
+def test_a_start_in_a_curve_and_a_speed_that_fluctuates_are_driven_through():
+    """Before, both were taken for a turn on the spot, and each lap began from rest."""
+    v = np.minimum(T_S / 3.0, 1.0) * 0.3 - 0.002 * (T_S > 3.0) * np.cos(T_S) ** 2
+    v[-1] = 0.3
+    way = np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(T_S)))
+    route = run_through(with_speed(v, way / 0.3))
+    assert route.nu[:, 0] == pytest.approx(0.3, abs=0.003)
+    assert np.diff(way) / np.diff(route.t_s) == pytest.approx(0.3, abs=0.003)

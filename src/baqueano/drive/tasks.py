@@ -183,8 +183,7 @@ def drive_with_driver(
     """Drive as `driver` directs, see `teach`, and return the run; its metadata contain `kind`."""
     n, rate_hz, hand = vehicle_file.vehicle.commands, vehicle_file.rate_hz, None
     if isinstance(driver, Route):
-        # a closed lesson ends in motion, for further laps
-        guide = Repeat.along(driver, acceleration_m_s2=np.inf) if driver.closed else Repeat.along(driver)
+        guide = Repeat.along(driver, ends_in_motion=driver.closed)  # a closed lesson is one of many laps
     elif isinstance(driver, type):
         guide = vehicle_file.guide(kind=driver)
     elif callable(driver):

@@ -53,6 +53,8 @@ class Repeat:
         Number of laps of a closed route; 0 repeats without end.
     closed : bool
         True if the last pose equals the first one.
+    ends_in_motion : bool
+        True if the last lap ends at the speed of the route, so that a lap taught in this way can be repeated.
 
     References
     ----------
@@ -82,6 +84,7 @@ class Repeat:
         low=0.01,
         default=0.3,
     )
+    ends_in_motion: bool = False
 
     def __post_init__(self) -> None:
         for name in ("t_s", "eta", "nu"):
@@ -137,7 +140,12 @@ class Repeat:
     @property
     def duration_s(self) -> float:
         """Return the time [s] from rest at the start of the route to rest at its end.  (2), (3)"""
-        return self.end_s + 0.5 * float(self.ramp_s(0.0) + self.ramp_s(self.t_s[-1]))
+        return self.end_s + 0.5 * float(self.ramp_s(0.0) + self.braking_s)
+
+    @property
+    def braking_s(self) -> Value:
+        """Return D [s] of the end of the last lap; 0 for a guide that ends in motion.  (3)"""
+        return 0.0 if self.ends_in_motion else self.ramp_s(self.t_s[-1])
 
     def ramp_s(self, tau_s: Value) -> Value:
         """Return D [s], the time between rest and the speed of the route at `tau_s`; at most a lap.  (2), (3)"""
@@ -168,7 +176,7 @@ class Repeat:
 
     def _end(self, sigma_s: Value) -> tuple[Value, Value, Value]:
         """Return τ [s] for σ, its slope dτ/dσ, and 1 after the end, else 0.  (3)"""
-        D = self.ramp_s(self.t_s[-1])
+        D = self.braking_s
         begin_s = self.end_s - 0.5 * D
         x = np.clip(sigma_s - begin_s, 0.0, D)
         fall, is_over = x / max(D, TINY), np.where(sigma_s >= begin_s + D, 1.0, 0.0)

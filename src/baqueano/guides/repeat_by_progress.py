@@ -105,7 +105,7 @@ class RepeatByProgress(Repeat):
 
     def _braking_pace(self, left_s: Value) -> Value:
         """Return the largest pace τ̇ if `left_s` [s] of the teacher's time are left.  (5)"""
-        rest = np.maximum(left_s, 0.0) / np.maximum(self.ramp_s(self.t_s[-1]), TINY)
+        rest = np.maximum(left_s, 0.0) / np.maximum(self.braking_s, TINY)
         return np.where(rest < 0.5, np.maximum(np.sqrt(2.0 * rest + 1e-12), MIN_PACE), self.fastest)
 
     def _pace(self, phase: Value, estimate: Estimate) -> tuple[Value, Value]:

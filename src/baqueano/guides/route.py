@@ -18,7 +18,8 @@ from baqueano.messages.language import mark as N_
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
-MIN_SPOT_TURN_RAD = 0.5
+MIN_SPOT_TURN_RAD, SPOT_SPEED_SHARE = 0.5, 0.1  # a turn at a smaller share of the speed is on the spot
+REACHED_SHARE = 0.9  # a start from rest can end at this share of a speed, which fluctuates
 MIN_STEP_SHARE = 1e-3  # smallest factor of a time step
 
 
@@ -121,22 +122,23 @@ def with_closed_gap(route: Route) -> Route:
 def run_through(route: Route) -> Route:
     """Return a closed route that does not start from rest, so that laps follow one another without a stop.
 
-    v is the speed at the end of the route, or the median speed if it is less. Before the teacher reached v, the time
-    steps are multiplied by speed / v. In this part the velocities change linearly from the velocity at the end to the
-    velocity that was reached. A start with a turn on the spot, and a route that ends at rest, stay unchanged.
+    v is the speed at the end of the route, or the median speed if it is less. The start lasts until the teacher
+    reached v, or no longer accelerated above REACHED_SHARE v. There the velocities change linearly from the velocity at
+    the end to the velocity that was reached. The time steps follow from these speeds. A start with a turn on the spot,
+    and a route that ends at rest, stay unchanged.
     """
     speed = np.abs(route.nu[:, 0])
     v = min(speed[-1], float(np.median(speed)))
-    slow_count = int(np.argmax(speed >= v))  # number of samples before the vehicle reached v
-    if slow_count == 0 or np.ptp(route.eta[: slow_count + 1, 2]) > MIN_SPOT_TURN_RAD:
+    is_steady = (speed >= REACHED_SHARE * v) & (np.append(speed[1:], 0.0) <= speed)
+    slow_count = int(np.argmax((speed >= v) | is_steady))  # number of samples of the start
+    spot_count = int(np.argmax(speed >= SPOT_SPEED_SHARE * v))
+    if slow_count == 0 or np.ptp(route.eta[: spot_count + 1, 2]) > MIN_SPOT_TURN_RAD:
         return route
-    dt_s, nu = np.diff(route.t_s), route.nu.copy()
-    dt_s[:slow_count] *= np.maximum(
-        0.5 * (speed[:slow_count] + speed[1 : slow_count + 1]) / v, MIN_STEP_SHARE
-    )
-    nu[:slow_count] = nu[-1] + np.linspace(0.0, 1.0, slow_count, endpoint=False)[:, None] * (
-        nu[slow_count] - nu[-1]
-    )
+    dt_s, nu, start = np.diff(route.t_s), route.nu.copy(), slice(slow_count)
+    rest_share = np.linspace(1.0, 0.0, slow_count, endpoint=False)[:, None]
+    nu[start] = nu[slow_count] + rest_share * (nu[-1] - nu[slow_count])
+    steps, new_steps = (speed[:-1] + speed[1:])[start], np.abs(nu[:-1, 0] + nu[1:, 0])[start]
+    dt_s[start] *= np.maximum(steps / new_steps, MIN_STEP_SHARE)
     return route._replace(t_s=np.append(0.0, np.cumsum(dt_s)), nu=nu)
 
 
