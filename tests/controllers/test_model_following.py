@@ -216,7 +216,7 @@ def test_a_car_joins_its_route_within_a_metre(law, moving):
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("speed", "bar_m"), [(-0.3, 1.0), (-0.5, 1.1)])
+@pytest.mark.parametrize(("speed", "bar_m"), [(-0.3, 0.95), (-0.5, 1.03)])
 def test_a_car_joins_its_route_in_reverse_within_a_metre_of_route(law, speed, bar_m):
     """In reverse the origin first moves away from the route: full lock alone needs 0.72 or 0.77 m of path."""
     car, radius_m, route = load("car"), 3.0, circle(3.0, -speed)
@@ -265,11 +265,11 @@ def test_a_car_follows_a_circle_without_servo_saturation(law):
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("speed", [1.2, 2.0])
-def test_a_fast_car_with_an_unmodelled_delay_keeps_a_calm_servo(law, speed):
-    """Before, kanayama and lqr wove by 50 to 250 mm: their gain of the course rose with the speed, not with 1/T."""
+@pytest.mark.parametrize(("speed", "delay_s"), [(1.2, 0.03), (1.0, 0.08), (2.0, 0.06)])
+def test_a_fast_car_with_an_unmodelled_delay_keeps_a_calm_servo(law, speed, delay_s):
+    """Before, all but pure_pursuit wove by 7 to 65 mm with 80 ms at 1 m/s: they did not predict their corrections."""
     car, radius_m = load("car"), 3.0
-    late = car.with_values({"model.drivetrain.delay_s": car.vehicle.drivetrain.delay_s + 0.03})
+    late = car.with_values({"model.drivetrain.delay_s": car.vehicle.drivetrain.delay_s + delay_s})
     system = loop_system(late, circle(radius_m, speed), perfect=True, controller=car.controller(law))
     kernel, t_ns = closed_loop(system, car.rate_hz, noise=False), tick_times(400, car.rate_hz)
     state = begin(system, np.array([0.0, 0.02, 0.0]))
@@ -279,6 +279,21 @@ def test_a_fast_car_with_an_unmodelled_delay_keeps_a_calm_servo(law, speed):
     off = np.hypot(run.truth.eta[200:, 0], run.truth.eta[200:, 1] - radius_m) - radius_m
     assert rms(off) < 0.006
     assert np.abs(np.diff(run.sent_commands[200:, 1])).sum() < 1.0
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_car_starts_from_rest_with_a_calm_servo(law):
+    """Before, the noise of the yaw rate moved the servo from end to end: at rest it has almost no effect."""
+    controller, servo = load("car").controller(law), []
+    state = controller.init()
+    steer = function(controller.step, state, reference(np.zeros(3)), estimate(np.zeros(3)), backend="python")
+    for k in range(10):
+        noise = (0.003, 0.001, 0.03 * (-1) ** k)
+        state, command = steer(
+            state, reference([0, 0, 0.01], [0.006 * k, 0, 0], 2 * k), estimate(np.zeros(3), noise, 2 * k)
+        )
+        servo.append(command.u[1])
+    assert np.abs(np.diff(servo)).max() < 0.4
 
 
 @pytest.mark.parametrize("law", LAWS)

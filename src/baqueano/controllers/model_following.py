@@ -1,18 +1,18 @@
 """Base of the controllers with a model: a law requests a velocity, and the model computes the command for it.
 
-    η_p = η + J(ψ + ½ T ω) T (ν + 2 ν_f + ν_r) / 4          the pose when a present command acts          (1)
+    η_p = η + J(ψ + ½ Δ_ψ) Δ,    Δ = D (½ (ν_1 + ν_2) + d) + λ ν_f     the pose when a present command acts (1)
+    ν̇_m: the model at ε,    ½ D ν̇_1 = ν_m − ν_1,    ½ D ν̇_2 = ν_1 − ν_2,    4 T ḋ = ν − ν_2 − d           (1a)
     e = J(ψ_p)⁻¹ (η_r − η_p) + b (1 − cos e_χ, − sin e_χ, 0),    e_χ = ψ_r + β_r − ψ_p − β_f              (2)
     λ ν̇_f = ν_r − ν_f                                       a reference without jumps                     (3)
     v_w = v(e, e_χ, ν_f) + v_i,    ω_w = ω(e, e_χ, ν_f),    v̇_i = k_i e_x     v, ω: the law               (4)
     u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f                                      (5)
 
-η, ν: pose and velocity; ω: mean yaw rate over T; index r: reference; e_χ: error of the course; β = atan(ν_y / ν_x);
-ν_w = (v_w, ω_w). ν_y of ν_f is the present one, changed to the yaw rate of ν_f; in (1) that of ν_r too. (2) is the
-error of the centre of turning, b behind the origin: with errors of the origin, a car in reverse is unstable. (5)
-inverts friction, actuator matrix, unequal wheels and dead zone, so weak feedback (4) is enough. If a wheel reaches its
-limit, the turn has priority. The vehicle is T = delay + lag + λ behind its reference, and (1) predicts over T. (5) is
-one Newton step per tick, exact for a model linear in its effort. Use an identified model: a guessed dead zone causes a
-wrong speed. (5): Slotine and Li, Applied Nonlinear Control, 1991, ch. 9; docs/derivations/pd_feedforward.md.
+η, ν: pose and velocity; index r: reference; e_χ: error of the course; β = atan(ν_y / ν_x); ν_w = (v_w, ω_w). A vehicle
+is D = delay + lag behind its command, T = D + λ behind its reference. (1) is a filtered Smith predictor. ν_y of ν_f is
+that of ν_2 + d at the yaw rate of ν_f. (2) is the error of the centre of turning, b behind the origin: with errors of
+the origin, a car in reverse is unstable. (5) inverts friction, actuator matrix, unequal wheels and dead zone, so weak
+feedback (4) is enough. (5) is one Newton step per tick. If a wheel reaches its limit, the turn has priority. Use an
+identified model: a guessed dead zone causes a wrong speed. docs/derivations/pd_feedforward.md derives all equations.
 """
 
 from dataclasses import dataclass
@@ -39,7 +39,9 @@ MAX_INTEGRAL_SHARE = 0.5  # largest integral, as a share of the reference speed
 MAX_ALONG_ERROR_M = 0.3  # limit of e_x: a larger error does not increase the requested speed
 MAX_APPROACH_RAD = 1.0  # largest angle between course and path when a law approaches from far
 MIN_COURSE_SPEED_M_S = 0.02  # below this speed the course is the heading
-NEWTON_DAMPING = 1e-6  # of the Newton step, for an effort without effect, such as the servo of a car at rest
+MIN_EFFECT = np.array(
+    [0.1, 1.0]
+)  # m/s², rad/s²: a command with less effect, as a servo at rest, hardly changes
 
 
 class FollowerState(NamedTuple):
@@ -57,6 +59,8 @@ class FollowerState(NamedTuple):
         ε of (5), from which the command is computed.
     law : ndarray
         Memory of the law, of any shape (…,).
+    pipeline : ndarray (4, 3) [m/s, m/s, rad/s]
+        ν_m, ν_1, ν_2 and d of (1a).
     """
 
     t_ns: int
@@ -64,6 +68,7 @@ class FollowerState(NamedTuple):
     integral_v: float
     effort: np.ndarray
     law: np.ndarray
+    pipeline: np.ndarray
 
 
 class Tracking(NamedTuple):
@@ -152,7 +157,9 @@ class ModelFollower:
 
     def init(self) -> FollowerState:
         """Return the state of a vehicle at rest."""
-        return FollowerState(-1, np.zeros(3), 0.0, np.zeros(self.vehicle.commands), self.memory())
+        return FollowerState(
+            -1, np.zeros(3), 0.0, np.zeros(self.vehicle.commands), self.memory(), np.zeros((4, 3))
+        )
 
     def step(
         self, state: FollowerState, reference: Reference, estimate: Estimate
@@ -164,9 +171,10 @@ class ModelFollower:
         nu_f_dot = np.clip((nu_r - nu_b) / SMOOTHING_S, -MAX_ACCELERATION, MAX_ACCELERATION)
         nu_f = nu_b + nu_f_dot * np.minimum(dt_s, SMOOTHING_S)  # (3)
         b = turning_arm_m(self.vehicle)
-        slide = nu[1] - b * nu[2]  # ν_y of the centre of turning
-        nu_f, nu_end = (np.array([x[0], slide + b * x[2], x[2]]) for x in (nu_f, nu_r))
-        displacement = 0.25 * self.response_delay_s * (nu + 2.0 * nu_f + nu_end)
+        pipeline = self._pipeline(state, nu, dt_s)
+        _, smooth_y, smooth_r = pipeline[2] + pipeline[3]  # ν without most of its noise
+        nu_f = np.array([nu_f[0], smooth_y + b * (nu_f[2] - smooth_r), nu_f[2]])
+        displacement = self._delay_s * (0.5 * (pipeline[1] + pipeline[2]) + pipeline[3]) + SMOOTHING_S * nu_f
         eta_p = eta + map_from_body(eta[2] + 0.5 * displacement[2]) @ displacement  # (1)
         e_chi = wrap(eta_r[2] + slip(nu_r) - eta_p[2] - slip(nu_f))  # (2)
         e = pose_error(eta_r, eta_p) + b * np.array([1.0 - np.cos(e_chi), -np.sin(e_chi), 0.0])
@@ -182,18 +190,33 @@ class ModelFollower:
         effort = self._effort(state.effort, np.array([v_w + v_i, nu[1], omega_w]), nu_f_dot[::2])
         drivetrain = self.vehicle.drivetrain
         u = drivetrain.prioritise_turn(np.clip(drivetrain.inverse(effort), -self.limit, self.limit))
-        return FollowerState(estimate.t_ns, nu_f, v_i, effort, law), Command(estimate.t_ns, u)
+        return FollowerState(estimate.t_ns, nu_f, v_i, effort, law, pipeline), Command(estimate.t_ns, u)
 
     @property
     def response_delay_s(self) -> float:
         """Return T [s], the delay of the vehicle behind its reference."""
-        drivetrain = self.vehicle.drivetrain
-        return drivetrain.delay_s + drivetrain.lag_s + SMOOTHING_S
+        return self._delay_s + SMOOTHING_S
+
+    @property
+    def _delay_s(self) -> float:
+        """Return D [s], the delay of the vehicle behind its command."""
+        return self.vehicle.drivetrain.delay_s + self.vehicle.drivetrain.lag_s
+
+    def _pipeline(self, state: FollowerState, nu: np.ndarray, dt_s: Value) -> np.ndarray:
+        """Return ν_m, ν_1, ν_2 and d (4, 3) at this tick, for a vehicle with the velocity ν (3,).  (1a)"""
+        nu_m, nu_1, nu_2, d = state.pipeline
+        nu_m = self._advance(nu_m, state.effort, dt_s)
+        share = dt_s / np.maximum(0.5 * self._delay_s, dt_s)
+        nu_1 = nu_1 + share * (nu_m - nu_1)
+        nu_2 = nu_2 + share * (nu_1 - nu_2)
+        d = d + dt_s / np.maximum(4.0 * self.response_delay_s, dt_s) * (nu - nu_2 - d)
+        at_start = np.array([nu, nu, nu, np.zeros(3)])
+        return np.where(state.t_ns >= 0, np.array([nu_m, nu_1, nu_2, d]), at_start)
 
     def gain_share(self, k_chi: Value) -> Value:
         """Return min(1, 1 / (T k_χ)) for the yaw rate per course error k_χ [1/s]: the factor that limits it to 1/T.
 
-        Such a loop crosses a gain of 1 at 1/T. There, T delays by at most 1 rad, so a phase margin of 33° remains.
+        Such a loop of the predicted course tolerates a further delay of at least T, by the small-gain theorem.
         """
         return 1.0 / np.maximum(self.response_delay_s * np.abs(k_chi), 1.0)
 
@@ -207,20 +230,25 @@ class ModelFollower:
 
     def _effort(self, effort: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
         """Return ε (n,): the model at (v_w, ν_y, ω_w) then has the acceleration `nu_dot` (2,) over one tick.  (5)"""
-        dt_s, rows = 1.0 / self.rate_hz, int(row_counts(np.array(1.0 / self.rate_hz)))
+        dt_s = 1.0 / self.rate_hz
 
         def velocity_after(effort: np.ndarray) -> np.ndarray:
-            nu_after = nu
-            for _ in range(rows):
-                _, nu_after, _ = self.vehicle.advance(
-                    np.zeros(3), nu_after, constant_effort(effort), dt_s / rows
-                )
-            return nu_after[::2]
+            return self._advance(nu, effort, dt_s)[::2]
 
-        B = jacobian(velocity_after)(effort)
+        full = np.where(np.isfinite(self.limit), self.limit, 1.0)
+        B = jacobian(velocity_after)(effort) * full
         remainder = nu[::2] + nu_dot * dt_s - velocity_after(effort)
-        effort = effort + B.T @ np.linalg.solve(B @ B.T + NEWTON_DAMPING * np.eye(2), remainder)
+        effort = effort + full * (
+            B.T @ np.linalg.solve(B @ B.T + np.diag((MIN_EFFECT * dt_s) ** 2), remainder)
+        )
         return np.clip(effort, -self.limit, self.limit)
+
+    def _advance(self, nu: np.ndarray, effort: np.ndarray, dt_s: Value) -> np.ndarray:
+        """Return the velocity (3,) of the model after `dt_s` with a constant effort (n,)."""
+        rows = int(row_counts(np.array(1.0 / self.rate_hz)))
+        for _ in range(rows):
+            _, nu, _ = self.vehicle.advance(np.zeros(3), nu, constant_effort(effort), dt_s / rows)
+        return nu
 
 
 def slip(nu: np.ndarray) -> Value:
