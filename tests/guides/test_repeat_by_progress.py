@@ -156,16 +156,19 @@ def test_distant_points_do_not_change_the_progress(shape, is_closed):
         np.testing.assert_allclose(reference.nu, expected.nu, atol=1e-12)
 
 
-def test_the_compiled_program_does_not_grow_with_the_route():
+def test_the_compiled_program_grows_neither_with_the_route_nor_with_its_density():
+    """Before, a circle of 0.1 m with 1441 poses needed 12 s to compile; now it needs 0.5 s."""
     sizes = []
-    for length_m in (4.0, 16.0, 64.0):
-        guide, now = RepeatByProgress.along(rectangle(length_m, 3.0, 0.2, 0.2)), at([0.1, 0.2, 0.7], 3)
+    for route in (circle(0.1, 0.2), *(rectangle(length_m, 3.0, 0.2, 0.2) for length_m in (4.0, 16.0, 64.0))):
+        guide, now = RepeatByProgress.along(route), at([0.1, 0.2, 0.7], 3)
         state = guide.entry_state(20_000_000, 3.0, 0.1)
         trace = trace_function(guide.step, [shape_of(state, "state"), shape_of(now, "estimate")])
         sizes.append((len(guide.t_s), len(nodes_below(trace.outputs))))
+    (_, dense_nodes), *sizes = sizes
     points, nodes = zip(*sizes, strict=True)
     assert points[2] > 4 * points[0]
     assert max(nodes) < 1.02 * min(nodes), sizes
+    assert dense_nodes < 1.2 * max(nodes)
 
 
 def test_a_closed_turn_on_the_spot_advances_with_time():

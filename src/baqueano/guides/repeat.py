@@ -13,7 +13,7 @@ end of the route, at rest. Source: Grotz et al., section Guidance System.
 
 from copy import copy
 from dataclasses import dataclass, is_dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -103,7 +103,7 @@ class Repeat:
         self.eta[:, 2] = np.unwrap(self.eta[:, 2])
 
     @classmethod
-    def along(cls, route: Route, laps: int = 1, **parameters: Any) -> "Repeat":
+    def along(cls, route: Route, laps: int = 1, **parameters: float) -> "Repeat":
         """Return the guide that repeats `route`; `parameters` are further fields, such as `acceleration_m_s2`."""
         return cls(route.t_s, route.eta, route.nu, laps, route.closed, **parameters)
 

@@ -30,7 +30,7 @@ HEADING_WEIGHT_M = 0.1
 FAR_AWAY = 1e9
 MIN_SPEED_M_S = 0.02  # a slower pose belongs to the piece before it
 MIN_PACE = 0.05  # of (5), so that the reference reaches the end
-MAX_SPACING_M = 0.05  # of the points of (1): half of it is less than the slack
+MIN_SPACING_M, MAX_SPACING_M = 0.01, 0.05  # of the points of (1): half of it is less than the slack
 
 
 class ProgressState(NamedTuple):
@@ -143,7 +143,8 @@ class RepeatByProgress(Repeat):
     def _points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the times (m,), the poses (m, 3) and the distances s (m,) of the points of (1).
 
-        They are the poses of the route, with points between poses that are more than MAX_SPACING_M apart.
+        They are poses of the route about MIN_SPACING_M apart, and points between poses that are more than MAX_SPACING_M
+        apart.
         """
         steps_m = np.hypot(np.diff(self.eta[:, 0]), np.diff(self.eta[:, 1]))
         counts = np.maximum(np.ceil(steps_m / MAX_SPACING_M), 1.0).astype(int)
@@ -154,7 +155,11 @@ class RepeatByProgress(Repeat):
             np.interp(index, np.arange(len(self.t_s)), column)
             for column in (self.t_s, *self.eta.T, np.append(0.0, np.cumsum(steps_m)))
         )
-        return t_s, np.column_stack(eta), s
+        turn_m = HEADING_WEIGHT_M * np.append(0.0, np.cumsum(np.abs(np.diff(eta[2]))))
+        cell = np.floor((s + turn_m) / MIN_SPACING_M)
+        is_kept = np.append(True, np.diff(cell) > 0.0)
+        is_kept[-1] = True
+        return t_s[is_kept], np.column_stack(eta)[is_kept], s[is_kept]
 
     def _pieces(self) -> np.ndarray:
         """Return the number (m,) of the piece of each pose; a piece ends where the route changes its direction."""
