@@ -63,7 +63,9 @@ def test_a_replay_repeats_the_rest_bit_by_bit(run):
 def test_a_taught_route_begins_with_the_motion():
     lesson = bq.teach(bq.load("car"), circle(1.5, 1.0), seed=1)
     assert lesson.run.rest_s == REST_S
-    assert lesson.route.t_s[-1] == pytest.approx(2.0 * np.pi * 1.5, abs=0.1)
+    assert lesson.route.t_s[-1] == pytest.approx(
+        2.0 * np.pi * 1.5 + 0.5 / 0.3, abs=0.1
+    )  # with a start from rest
 
 
 def test_a_forecast_has_the_rest_of_the_drive(run):
@@ -107,7 +109,7 @@ def test_a_mission_contains_its_rest():
     assert Mission.from_json(none.to_json()).rest_s == 0.0
     assert perform(none, SMALL, duration_s=0.1).rest_s == 0.0
     assert perform(usual, SMALL, duration_s=0.1).rest_s == REST_S
-    assert Mission("teach").with_usual_rest(SMALL).rest_s == 0.0
+    assert Mission("teach").with_durations(SMALL).rest_s == 0.0
 
 
 def test_the_page_says_that_the_vehicle_stands_still():
@@ -117,11 +119,13 @@ def test_the_page_says_that_the_vehicle_stands_still():
             Tick(t_ns, zero, ()), Command(t_ns, zero), Command(t_ns, zero),
             Estimate(t_ns, zero, zero, np.eye(6)), Reference(t_ns, zero, zero, 0.0),
         )  # fmt: skip
-        return drive_description(Mission("repeat", route=LAP, laps=1).with_usual_rest(SMALL), 100.0, record)
+        return drive_description(Mission("repeat", route=LAP, laps=1).with_durations(SMALL), record)
 
     resting, driving = state_at(1.0), state_at(2.0)
     assert (resting["rest_s"], "rest_s" in driving) == (2.0, False)
-    assert resting["left_s"] == pytest.approx(1.0 + LAP.t_s[-1], abs=0.01)
+    assert resting["left_s"] == pytest.approx(
+        1.0 + LAP.t_s[-1] + LAP.nu[0, 0] / 0.3, abs=0.01
+    )  # with both ramps
     common = {"state": "MISSION", "reason": None}
     sentences = [state_message(common | state, Feed(), None, [])["sentence"] for state in (resting, driving)]
     assert "2 s" in sentences[0]

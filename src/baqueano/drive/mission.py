@@ -19,6 +19,7 @@ from baqueano.drive.first_drive import careful_drive
 from baqueano.drive.safety.precautions import Precautions
 from baqueano.drive.tasks import drive_with_driver, experiment, repeat
 from baqueano.errors import FileError, UsageError
+from baqueano.guides.repeat import ENDLESS_S, Repeat
 from baqueano.guides.route import Route
 from baqueano.runs import Run
 from baqueano.standstill import with_usual_rest
@@ -57,6 +58,7 @@ class Mission:
     precautions: JsonObject = field(default_factory=dict)  # of a repetition, as Precautions.to_json
     vehicle: str = ""  # text of the vehicle file, after `pack`
     texts: dict[str, str] = field(default_factory=dict)  # name of a file → its text, of the user's blocks
+    duration_s: float | None = None  # rest and drive, after `with_durations`; None if unknown or without end
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -94,10 +96,22 @@ class Mission:
             allow_nan=False,
         )  # fmt: skip
 
-    def with_usual_rest(self, vehicle_file: VehicleFile) -> "Mission":
-        """Return the mission with its rest in seconds; only a drive along a route has a rest."""
-        default_rest_s = with_usual_rest({"rest_s": self.rest_s}, vehicle_file.sensors)["rest_s"]
-        return replace(self, rest_s=0.0 if self.route is None else default_rest_s)
+    def with_durations(self, vehicle_file: VehicleFile) -> "Mission":
+        """Return the mission with its rest in seconds, and its duration if the vehicle never waits.
+
+        Only a drive along a route has a rest. The duration includes a start from rest and the braking at the end.
+        """
+        if self.route is None:
+            duration_s = None if self.u is None else len(self.u) / vehicle_file.rate_hz
+            return replace(self, rest_s=0.0, duration_s=duration_s)
+        rest_s: float = with_usual_rest({"rest_s": self.rest_s}, vehicle_file.sensors)["rest_s"]
+        is_lesson, limits = self.kind != "repeat", {}
+        if not is_lesson and "acceleration_m_s2" in (values := vehicle_file.data.get("guide", {})):
+            limits = {"acceleration_m_s2": values["acceleration_m_s2"]}
+        guide = Repeat.along(self.route, 1 if is_lesson else self.laps, **limits)
+        guide = replace(guide, ends_in_motion=is_lesson and self.route.closed)
+        is_endless = guide.end_s >= ENDLESS_S
+        return replace(self, rest_s=rest_s, duration_s=None if is_endless else rest_s + guide.duration_s)
 
     @classmethod
     def from_json(cls, text: str) -> "Mission":
@@ -164,7 +178,7 @@ def perform(
     >>> print(run.metadata["kind"], f"{run.truth.eta[-1, 2]:.1f} rad")
     experiment 1.2 rad
     """
-    mission = mission.with_usual_rest(vehicle_file)
+    mission = mission.with_durations(vehicle_file)
     match mission.kind:
         case "experiment":
             assert mission.u is not None

@@ -154,12 +154,12 @@ class DriveDoor:
         pace_fields = {} if self._world == "real" else {"pace": self.pace.factor, "paused": self.pace.paused}
         self._door.broadcast({
             "is": "state", "state": str(self._state), "reason": self._reason, "run": None, "world": self._world,
-            "battery_v": None, **pace_fields, **drive_description(self._mission, self._file.rate_hz, self._record),
+            "battery_v": None, **pace_fields, **drive_description(self._mission, self._record),
         })  # fmt: skip
 
     def drives(self, mission: "Mission | None", reason: Diagnostic | None = None) -> None:
         """Record that a drive begins, or that it has ended if `mission` is None."""
-        self._mission = None if mission is None else mission.with_usual_rest(self._file)
+        self._mission = None if mission is None else mission.with_durations(self._file)
         self._record, self._reason = None, reason
         if mission is None:
             self._state = DoorState.READY if reason is None else DoorState.STOPPED

@@ -92,21 +92,19 @@ def route_description(route: "Route | None", name: str = "", laps: int = 1) -> J
     }  # fmt: skip
 
 
-def drive_description(mission: "Mission | None", rate_hz: float, record: "Record | None") -> JsonObject:
-    """Return the fields of the state message about the present mission and its last tick; None if unknown."""
+def drive_description(mission: "Mission | None", record: "Record | None") -> JsonObject:
+    """Return the fields of the state message about the present mission and its last tick; None if unknown.
+
+    The mission is one of `with_durations`.
+    """
     t_s = 0.0 if record is None else float(seconds(record.tick.t_ns))
-    return _mission_description(mission, rate_hz, t_s) | _motion_description(record)
+    return _mission_description(mission, t_s) | _motion_description(record)
 
 
-def _mission_description(mission: "Mission | None", rate_hz: float, t_s: float) -> JsonObject:
+def _mission_description(mission: "Mission | None", t_s: float) -> JsonObject:
     if mission is None:
         return {"mission": None, "laps": None, "t_s": None, "left_s": None}
-    whole_s, rest_s = None, mission.rest_s or 0.0
-    if mission.u is not None:
-        whole_s = len(mission.u) / rate_hz
-    elif mission.route is not None:
-        laps = mission.laps if mission.kind == "repeat" and mission.route.closed else 1
-        whole_s = rest_s + laps * float(mission.route.t_s[-1]) if laps else None
+    whole_s, rest_s = mission.duration_s, mission.rest_s or 0.0
     left_s = None if whole_s is None else round(max(0.0, whole_s - t_s), 2)
     laps = mission.laps if mission.kind == "repeat" else None
     rest = {"rest_s": rest_s} if t_s < rest_s else {}

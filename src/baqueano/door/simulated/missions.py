@@ -56,7 +56,7 @@ class MissionPlan:
     fast_until_s: float = 0.0  # drive time until which the ticks do not wait
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mission", self.mission.with_usual_rest(self.vehicle_file))
+        object.__setattr__(self, "mission", self.mission.with_durations(self.vehicle_file))
 
     @property
     def start(self) -> np.ndarray:

@@ -194,13 +194,12 @@ class SimulatedService:
             return
         self._published_s, plan, record = now_s, self._plan, self._record
         mission = None if plan is None else plan.mission
-        rate_hz = self.vehicle_file.rate_hz if plan is None else plan.vehicle_file.rate_hz
         self.broadcast(
             {
                 "is": "state", "state": str(self.machine.state), "reason": self.machine.reason, "run": self._run,
                 "world": "simulated", "pace": self.pace.factor, "paused": self.pace.paused, "battery_v": None,
                 "tilt_rad": None, "temperature_c": None, "uno_trip_ms": None, "lost_telemetry": 0, "resets": 0,
-                **drive_description(mission, rate_hz, record),
+                **drive_description(mission, record),
             }
         )  # fmt: skip
 

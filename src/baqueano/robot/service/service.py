@@ -80,7 +80,6 @@ class Service:
         self._published_ns = 0
         self._record: Record | None = None  # the last record of the present drive
         self._mission: Mission | None = None
-        self._rate_hz = 1.0  # rate of the mission's ticks
         self._run: str | None = None  # name of the run that is being written
         self._counts_before: Any = None  # the counts of the IMU at the first tick
         self._bus: RecoveryOutcome | None = None  # the last recovery of the IMU's bus, until the next drive
@@ -231,7 +230,7 @@ class Service:
             self.set_watchdog_timeout(PREPARE_TIMEOUT_S)
             body = configure_body(vehicle_file, self.uno, self.sleep)
             world, lateness = Robot(vehicle_file.sensors, self.uno, self.imu, body, self.now_ns), TickDelays()
-            self._mission, self._rate_hz = mission.with_usual_rest(vehicle_file), vehicle_file.rate_hz
+            self._mission = mission.with_durations(vehicle_file)
             self._record, self._bus, _ = None, None, self.operator.pop_mark_count()  # marks before the drive
             self.health.limits = vehicle_file.robot
             world.notes = () if self.imu is None else self.imu.notes
@@ -311,7 +310,7 @@ class Service:
                 "imu_bus": self._bus.message if self._bus else None,
                 "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
                 "world": "real",
-                **drive_description(self._mission, self._rate_hz, self._record if world is not None else None),
+                **drive_description(self._mission, self._record if world is not None else None),
             }
         )  # fmt: skip
 
