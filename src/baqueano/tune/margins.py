@@ -34,6 +34,7 @@ SETTLE_S = 0.5
 MAX_NEWTON_STEPS, STEADY_TOLERANCE = 8, 1e-7  # steps and relative error at which Newton's method ends
 EXTRA_S, CALM_WINDOW_S, CALM_TOLERANCE = 4.0, 0.5, 0.05  # a drive is steady if its command then changes less
 MIN_SPEED_M_S = 0.01  # a steady drive is faster
+ROUNDING = 1e-12  # a smaller step of a flag, such as that of a stopped vehicle, is a rounding error
 FREQUENCY_COUNT = 2000
 MIN_FREQUENCY_RAD_S = 0.02
 # per tick, 0.1 % per second: an error that is not corrected has an eigenvalue of 1
@@ -180,7 +181,8 @@ def _steady_state(
             break
         if np.max(np.abs(missing) / (1.0 + np.abs(x))) < STEADY_TOLERANCE:
             return x, J, True
-        x = x + np.linalg.lstsq(J - np.eye(len(x)), missing, rcond=1e-9)[0]
+        step = np.linalg.lstsq(J - np.eye(len(x)), missing, rcond=1e-9)[0]
+        x = x + np.where(np.abs(step) < ROUNDING * (1.0 + np.abs(x)), 0.0, step)
     return x, J, False
 
 
