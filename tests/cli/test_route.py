@@ -61,6 +61,16 @@ def test_points_below_a_metre_in_millimetres_with_decimal_commas_are_converted_t
     assert row["length_m"] == pytest.approx(0.99 * np.hypot(1.0, 0.2), abs=0.02)
 
 
+def test_an_import_names_the_columns_that_it_does_not_use(lab, tmp_path):
+    """Before, an import of poses with speeds and waits dropped both without a word."""
+    (tmp_path / "points.csv").write_text(
+        "s_m,x_m,y_m,v_m_s,wait_s\n0,0,0,0.1,0\n1,1,0,0.1,2\n", encoding="utf-8"
+    )
+    end = lab("route", "import", "points.csv", "line")
+    assert end.code == 0
+    assert "s_m, v_m_s, wait_s" in end.out + end.err
+
+
 def test_a_run_is_converted_to_a_route(lab):
     assert lab("repeat", "lab", "--vehicle", "small").code == 0
     assert lab("route", "import", "last", "again", "--json").reply["rows"][0]["closed"]

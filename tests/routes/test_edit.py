@@ -89,6 +89,16 @@ def test_a_route_through_points_is_drivable_and_passes_near_the_points():
     np.testing.assert_allclose(route.eta[-1, :2], route.eta[0, :2], atol=1e-9)
 
 
+@pytest.mark.parametrize("closed", [False, True])
+def test_a_log_of_points_with_stops_gives_the_route_without_stops(closed):
+    """Before, each of the equal points had to be removed by hand."""
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    log = points[[0, 0, 1, 1, 1, 2, 2] + [0, 0] * closed] + 1e-5 * np.arange(7 + 2 * closed)[:, None] % 2e-5
+    expected, route = (through_points(xy, 0.2, closed) for xy in (points, log))
+    assert route.eta == pytest.approx(expected.eta, abs=1e-3)
+    assert route.closed is closed
+
+
 def test_setting_a_constant_speed_removes_stops_from_a_route():
     route = line(1.0, 0.2)
     stop = Route(
@@ -111,7 +121,6 @@ def test_an_impossible_route_edit_is_refused():
         "route.no-way": lambda: at_speed(route._replace(eta=0.0 * route.eta), 0.2),
         "route.points": lambda: through_points(np.zeros((1, 2)), 0.2),
         "route.point-not-finite": lambda: through_points(np.array([[0.0, 0.0], [np.nan, 1.0]]), 0.2),
-        "route.points-same": lambda: through_points(np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0]]), 0.2),
         "route.points-far": lambda: through_points(np.array([[0.0, 0.0], [1000.0, 0.0]]), 0.2),
         "route.join-reverses": lambda: join(
             cut(route, 0.0, 1.0), reverse(cut(route, 0.0, 1.0), backing=True)
@@ -119,8 +128,10 @@ def test_an_impossible_route_edit_is_refused():
     }.items():
         with refused(code, UsageError):
             make_route()
-    with refused("route.points-same", UsageError, first=3, second=1):
-        through_points([(0.0, 0.0), (1.0, 0.0), (0.0, 0.0)], 0.2, closed=True)
+    with refused("route.no-way", UsageError, length_m=0.0):
+        through_points(np.zeros((3, 2)), 0.2)
+    with refused("route.points-far", UsageError, first=3, second=4):
+        through_points([(0.0, 0.0), (0.0, 0.0), (1.0, 0.0), (1000.0, 0.0)], 0.2)
     assert rectangle(1.0, 1.0, 0.2, 0.2).closed
 
 

@@ -32,13 +32,13 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
     -------
     Route
         A route with a pose every centimetre. Corners are parabolas, so the route passes each point at less than
-        corner_m / 2.
+        corner_m / 2. Of neighbours nearer than a millimetre, as in a log of a stop, one is used.
 
     Raises
     ------
     UsageError
-        If there are fewer than two points, a point is not finite, or the speed is not positive. If two neighbours are
-        equal, or farther apart than 20 m.
+        If there are fewer than two different points, a point is not finite, or the speed is not positive. If two
+        neighbours are farther apart than 20 m.
 
     Examples
     --------
@@ -53,13 +53,16 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
         raise UsageError(fault("route.point-not-finite", number=int(np.argmax(is_wrong)) + 1))
     if not (np.isfinite(speed_m_s) and speed_m_s > 0.0):
         raise UsageError(fault("route.speed", value=speed_m_s))
-    corners = np.vstack([points, points[:1]]) if closed else points
+    numbers = np.array(_different_points(points, closed))
+    if len(numbers) < 2:
+        raise UsageError(fault("route.no-way", length_m=float(distances_along(points)[-1])))
+    numbers = np.append(numbers, 0) if closed else numbers
+    corners = points[numbers]
     legs = np.hypot(*np.diff(corners, axis=0).T)
-    for is_wrong, code in ((legs < STEP_M, "route.points-same"), (legs > MAX_LEG_M, "route.points-far")):
-        if is_wrong.any():
-            k = int(np.argmax(is_wrong))
-            second = (k + 1) % len(points) + 1  # of a closed route, the first point follows the last
-            raise UsageError(fault(code, first=k + 1, second=second, distance_m=float(legs[k])))
+    if (is_wrong := legs > MAX_LEG_M).any():
+        k = int(np.argmax(is_wrong))
+        first, second = (int(number) + 1 for number in numbers[k : k + 2])
+        raise UsageError(fault("route.points-far", first=first, second=second, distance_m=float(legs[k])))
     rounded_points = np.concatenate(list(_round_corners(corners, legs, closed, corner_m)))
     s = distances_along(rounded_points)
     kept_mask = np.append(True, np.diff(s) > 1e-9)
@@ -75,6 +78,17 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
     course = np.interp(grid, midpoints, heading)
     path = RoutePath(grid, line, course, np.gradient(course, grid))
     return route_along(path, np.full(len(grid), float(speed_m_s)), 1.0, closed)
+
+
+def _different_points(points: np.ndarray, closed: bool) -> list[int]:
+    """Return the indices of points (m, 2) that are STEP_M or more from the last one, and of the first if closed."""
+    kept = [0]
+    for k in range(1, len(points)):
+        if np.hypot(*(points[k] - points[kept[-1]])) >= STEP_M:
+            kept.append(k)
+    while closed and len(kept) > 1 and np.hypot(*(points[kept[-1]] - points[0])) < STEP_M:
+        kept.pop()
+    return kept
 
 
 def _round_corners(

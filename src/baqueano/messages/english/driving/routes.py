@@ -24,10 +24,6 @@ TEMPLATES: dict[str, str] = {
     "route.point-not-finite": (
         "point {number} contains a value that is not a number. Give x and y in metres, or remove the point."
     ),
-    "route.points-same": (
-        "points {first} and {second} are {distance_m:.4f} m apart: expected at least a millimetre. Remove "
-        "one of them."
-    ),
     "route.points-far": (
         "points {first} and {second} are {distance_m:.1f} m apart: expected at most 20 m. Are the columns in metres, "
         "and is a point missing between them?"
@@ -71,6 +67,10 @@ TEMPLATES: dict[str, str] = {
     "route.through-wall": (
         "the route leaves the room: at {at_m:.1f} m the body is {beyond_m:.2f} m beyond the wall. Make it smaller, or "
         "give a larger room or another start: {fix}"
+    ),
+    "route.columns-unused": (
+        "the columns {names} are not used: the route passes the points at {speed_m_s:g} m/s. To drive the poses and "
+        "speeds of a route file, copy it into the folder {folder}."
     ),
     "route.columns": (
         "{path} has the columns {value}: expected x and y in metres, as x_m and y_m, or x and y. Rename them in its "
