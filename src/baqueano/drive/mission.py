@@ -108,8 +108,8 @@ class Mission:
         is_lesson, limits = self.kind != "repeat", {}
         if not is_lesson and "acceleration_m_s2" in (values := vehicle_file.data.get("guide", {})):
             limits = {"acceleration_m_s2": values["acceleration_m_s2"]}
-        guide = Repeat.along(self.route, 1 if is_lesson else self.laps, **limits)
-        guide = replace(guide, ends_in_motion=is_lesson and self.route.closed)
+        laps, ends_in_motion = 1 if is_lesson else self.laps, is_lesson and self.route.closed
+        guide = Repeat.along(self.route, laps, ends_in_motion, **limits)
         is_endless = guide.end_s >= ENDLESS_S
         return replace(self, rest_s=rest_s, duration_s=None if is_endless else rest_s + guide.duration_s)
 

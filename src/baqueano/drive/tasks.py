@@ -1,7 +1,6 @@
 """Drive a vehicle to experiment, to teach a route or to repeat one, or replay a run. Each function returns a run."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -184,9 +183,7 @@ def drive_with_driver(
     """Drive as `driver` directs, see `teach`, and return the run; its metadata contain `kind`."""
     n, rate_hz, hand = vehicle_file.vehicle.commands, vehicle_file.rate_hz, None
     if isinstance(driver, Route):
-        guide = replace(
-            Repeat.along(driver), ends_in_motion=driver.closed
-        )  # a closed lesson is one of many laps
+        guide = Repeat.along(driver, ends_in_motion=driver.closed)  # a closed lesson is one of many laps
     elif isinstance(driver, type):
         guide = vehicle_file.guide(kind=driver)
     elif callable(driver):

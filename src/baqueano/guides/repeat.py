@@ -103,9 +103,12 @@ class Repeat:
         self.eta[:, 2] = np.unwrap(self.eta[:, 2])
 
     @classmethod
-    def along(cls, route: Route, laps: int = 1, **parameters: float) -> "Repeat":
+    def along(
+        cls, route: Route, laps: int = 1, ends_in_motion: bool = False, **parameters: float
+    ) -> "Repeat":
         """Return the guide that repeats `route`; `parameters` are further fields, such as `acceleration_m_s2`."""
-        return cls(route.t_s, route.eta, route.nu, laps, route.closed, **parameters)
+        columns = route.t_s, route.eta, route.nu
+        return cls(*columns, laps, route.closed, ends_in_motion=ends_in_motion, **parameters)
 
     def init(self) -> RepeatState:
         """Return the state before the first tick."""

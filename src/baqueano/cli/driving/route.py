@@ -363,10 +363,7 @@ def room_of_options(vehicle_file: "VehicleFile", room: str | None, start: str | 
 
 
 def route_through_points(path: Path, speed_m_s: float, closed: bool | None) -> "Route":
-    """Return the route through the points of a file, and print which columns it does not use.
-
-    Raise FileError if the file or its columns are missing.
-    """
+    """Return the route through the points of a file, and print the unused columns. Raise FileError without x or y."""
     import numpy as np
 
     from baqueano.routes import through_points
@@ -383,8 +380,8 @@ def route_through_points(path: Path, speed_m_s: float, closed: bool | None) -> "
             raise FileError(fault("route.columns", path=path, value=", ".join(table.columns)))
         xy = np.column_stack([table.numbers(name) for name in names])
     if others := [name for name in table.columns if name not in names]:
-        figures = {"names": ", ".join(others), "speed_m_s": speed_m_s, "folder": options.ROUTES}
-        print_message(note("route.columns-unused", **figures))
+        figures = {"speed_m_s": speed_m_s, "folder": options.ROUTES}
+        print_message(note("route.columns-unused", names=", ".join(others), **figures))
     ends_m = float(np.hypot(*(xy[-1] - xy[0])))
     is_closed = closed if closed is not None else len(xy) > 3 and ends_m < MAX_END_GAP_M
     return through_points(xy, speed_m_s, is_closed)
