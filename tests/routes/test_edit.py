@@ -89,6 +89,15 @@ def test_a_route_through_points_is_drivable_and_passes_near_the_points():
     np.testing.assert_allclose(route.eta[-1, :2], route.eta[0, :2], atol=1e-9)
 
 
+def test_the_curvature_of_a_wide_corner_is_even():
+    """Before, it alternated every 6 cm, and the servo of a car that drove it moved from end to end."""
+    route = through_points([(0.0, 0.0), (3.0, 0.0), (3.0, 3.0)], 0.6, corner_m=1.5)
+    kappa = route.nu[:, 2] / 0.6
+    assert kappa.max() == pytest.approx(np.sqrt(2.0) / 1.35, rel=0.01)  # of a parabola over 45 % of the leg
+    assert np.abs(np.diff(kappa, 2)).max() < 0.35  # where the bend begins and ends
+    assert np.abs(np.diff(kappa[170:280], 2)).max() < 0.02
+
+
 @pytest.mark.parametrize("closed", [False, True])
 def test_a_log_of_points_with_stops_gives_the_route_without_stops(closed):
     """Before, each of the equal points had to be removed by hand."""

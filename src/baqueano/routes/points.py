@@ -11,6 +11,7 @@ from baqueano.guides.route import Route
 from baqueano.routes.path import GRID_M, STEP_M, RoutePath, distances_along, route_along
 
 MAX_LEG_M = 20.0  # largest distance between two points
+MIN_CORNER_COUNT, CORNER_STEP_M = 40, 1e-3  # steps of a parabola: a tenth of GRID_M gives an even curvature
 
 
 @checked_call("bq.routes.through_points([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], 0.2)")
@@ -66,15 +67,16 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
     rounded_points = np.concatenate(list(_round_corners(corners, legs, closed, corner_m)))
     s = distances_along(rounded_points)
     kept_mask = np.append(True, np.diff(s) > 1e-9)
+    s, rounded_points = s[kept_mask], rounded_points[kept_mask]
     grid = np.linspace(0.0, s[-1], max(4, round(s[-1] / GRID_M) + 1))
-    line = np.column_stack([np.interp(grid, s[kept_mask], column[kept_mask]) for column in rounded_points.T])
-    step = np.roll(line[:-1], -1, axis=0) - line[:-1] if closed else np.diff(line, axis=0)
+    line = np.column_stack([np.interp(grid, s, column) for column in rounded_points.T])
+    step = np.diff(rounded_points, axis=0)
     heading = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
-    midpoints = 0.5 * (grid[1:] + grid[:-1])
+    midpoints = 0.5 * (s[1:] + s[:-1])
     if closed:
         turn = 2.0 * np.pi * np.round((heading[-1] - heading[0]) / (2.0 * np.pi))
         heading = np.concatenate([[heading[-1] - turn], heading, [heading[0] + turn]])
-        midpoints = np.concatenate([[midpoints[-1] - grid[-1]], midpoints, [midpoints[0] + grid[-1]]])
+        midpoints = np.concatenate([[midpoints[-1] - s[-1]], midpoints, [midpoints[0] + s[-1]]])
     course = np.interp(grid, midpoints, heading)
     path = RoutePath(grid, line, course, np.gradient(course, grid))
     return route_along(path, np.full(len(grid), float(speed_m_s)), 1.0, closed)
@@ -94,10 +96,9 @@ def _different_points(points: np.ndarray, closed: bool) -> list[int]:
 def _round_corners(
     corners: np.ndarray, legs: np.ndarray, closed: bool, corner_m: float
 ) -> Iterator[np.ndarray]:
-    """Yield the first point (1, 2), the parabola (41, 2) of each corner, and the last point (1, 2).
+    """Yield the first point (1, 2), the parabola (k, 2) of each corner, and the last point (1, 2).
     A closed line begins at the end of its last parabola, and its last point is not yielded separately.
     """
-    t = np.linspace(0.0, 1.0, 41)[:, None]
     inner = range(1, len(corners) - (0 if closed else 1))
     first, last = corners[0], corners[-1]
     pieces = []
@@ -107,6 +108,8 @@ def _round_corners(
         distance = min(corner_m, 0.45 * legs[k - 1], 0.45 * next_leg)
         a = corners[k] + (corners[k - 1] - corners[k]) * distance / legs[k - 1]
         b = corners[k] + (next_corner - corners[k]) * distance / next_leg
+        count = max(MIN_CORNER_COUNT, int(2.0 * distance / CORNER_STEP_M))
+        t = np.linspace(0.0, 1.0, count + 1)[:, None]
         pieces.append((1.0 - t) ** 2 * a + 2.0 * t * (1.0 - t) * corners[k] + t**2 * b)
     if closed:
         first = last = pieces[-1][-1]
