@@ -158,8 +158,22 @@ def test_limits_out_of_range_are_refused():
         fastest(lap, small, share=1.5)
     with refused("route.speed", UsageError):
         fastest(lap, small, speed_m_s=0.0)
-    with refused("route.too-tight", UsageError):
+    with refused("route.too-tight", UsageError, share=0.01) as refusal:
         fastest(lap, small, share=0.01)
+    assert "--share" in refusal.value.diagnostic.fix
+
+
+def test_a_curve_that_needs_more_than_the_default_share_is_refused_with_a_share_that_is_enough():
+    """Before, the curve was called too small for the vehicle, and smoothing was advised, which does not help."""
+    car, lap = load("car"), circle(0.335, 0.2)
+    with refused("route.too-tight", UsageError, share=0.8) as refusal:
+        fastest(lap, car)
+    share = float(refusal.value.diagnostic.fix.split("--share ")[1])
+    assert 0.8 < share < 1.0
+    assert fastest(lap, car, share=share).nu[:, 0].min() > 0.1
+    with refused("route.too-tight", UsageError) as refusal:
+        fastest(circle(0.2, 0.2), car)
+    assert "smooth" in refusal.value.diagnostic.fix
 
 
 def test_the_table_of_a_straight_route_has_no_line_about_curves():

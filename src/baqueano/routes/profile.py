@@ -124,11 +124,13 @@ def fastest(
     high = np.minimum(speed_m_s, np.sqrt(lateral_m_s2 / np.maximum(curvature, 1e-9)))
     max_speed = capability.fastest_speed(forward_sign * path.kappa, np.minimum(high, MAX_SPEED_M_S), share)
     if np.any(is_too_slow := max_speed < MIN_SPEED_M_S):
-        index = int(np.argmax(is_too_slow))
-        fix = baqueano_command("route", "smooth", NAME_PLACEHOLDER, "--rms", "0.05")
-        raise UsageError(
-            fault("route.too-tight", fix, at_m=float(path.s[index]), radius_m=float(1.0 / curvature[index]))
-        )
+        index, slow_turn = int(np.argmax(is_too_slow)), forward_sign * path.kappa * MIN_SPEED_M_S
+        least_share = float(np.max(capability.share(MIN_SPEED_M_S, slow_turn)))
+        larger_share = f"{min(1.0, 1.05 * least_share):.2f}"
+        words = ("faster", "--share", larger_share) if least_share <= 1.0 else ("smooth", "--rms", "0.05")
+        fix = baqueano_command("route", words[0], NAME_PLACEHOLDER, *words[1:])
+        figures = {"at_m": float(path.s[index]), "radius_m": float(1.0 / curvature[index]), "share": share}
+        raise UsageError(fault("route.too-tight", fix, **figures))
     up, down = (_rates(capability, path, forward_sign, sign, max_speed, share) for sign in (1.0, -1.0))
     return route_along(path, _sweep(path, max_speed, up, down, not route.closed), forward_sign, route.closed)
 

@@ -44,7 +44,14 @@ DEFAULT_KINDS = {
     "controller": "pd_feedforward",
     "supervisor": "supervisor",
 }
-ROUTE_FIELDS = ("t_s", "eta", "nu", "closed", "route", "ends_in_motion")  # of a guide, set by route and mission
+ROUTE_FIELDS = (
+    "t_s",
+    "eta",
+    "nu",
+    "closed",
+    "route",
+    "ends_in_motion",
+)  # of a guide, set by route and mission
 
 
 class BuildContext(NamedTuple):
