@@ -62,7 +62,7 @@ def test_points_below_a_metre_in_millimetres_with_decimal_commas_are_converted_t
 
 
 def test_an_import_names_the_columns_that_it_does_not_use(lab, tmp_path):
-    """Before, an import of poses with speeds and waits dropped both without a word."""
+    """Before, an import of poses with speeds and waits ignored both without a message."""
     (tmp_path / "points.csv").write_text(
         "s_m,x_m,y_m,v_m_s,wait_s\n0,0,0,0.1,0\n1,1,0,0.1,2\n", encoding="utf-8"
     )
