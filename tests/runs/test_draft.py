@@ -180,3 +180,18 @@ def test_a_draft_reads_an_omnidirectional_robot_in_north_east_down(tmp_path):
         "scale": -1.0,
         "offset": pytest.approx(np.pi / 2),
     }
+
+
+@pytest.mark.parametrize(
+    ("columns", "unit"), [(("u_left_V", "u_right_V"), "V"), (("left_mv", "right_mv"), "mV")]
+)
+def test_a_draft_reads_the_unit_at_the_end_of_a_name_of_a_side(tmp_path, columns, unit):
+    rows = [f"{0.01 * k},{k % 9 - 4},{k % 7 - 3},0.0{k % 9},0.0{k % 7}" for k in range(99)]
+    text = f"t_s,{','.join(columns)},left_m_s,right_m_s\n" + "\n".join(rows)
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    tables = tomllib.loads(draft(tmp_path / "log.csv"))
+    assert tables["command"]["wheels"] == [{"column": column, "unit": unit} for column in columns]
+    assert tables["sensors"]["wheels"]["z"] == [
+        {"column": "left_m_s", "unit": "m/s"},
+        {"column": "right_m_s", "unit": "m/s"},
+    ]

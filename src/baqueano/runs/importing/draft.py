@@ -30,6 +30,7 @@ from baqueano.runs.importing.column_names import (
     ROS_PATTERN,
     ROS_UNITS,
     SETPOINT_PATTERN,
+    SPEED_ENDING,
     SPEED_PATTERN,
     STEERING_PATTERN,
     TIME_PATTERN,
@@ -167,7 +168,7 @@ def _command_list(remark: str, names: str, entries: Iterator[str]) -> str:
 
 def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
     """Yield the tables of the sensors and of the truth, and remove their columns from `free_columns`."""
-    if wheels := _take_pair(free_columns, f"{SPEED_PATTERN}|{COUNT_PATTERN}"):
+    if wheels := _take_pair(free_columns, f"{SPEED_PATTERN}|{SPEED_ENDING}|{COUNT_PATTERN}"):
         yield f"\n[sensors.wheels]\nz = [\n{_list_lines(_wheel(table, column) for column in wheels)}\n]"
     elif speed := _take_column(free_columns, FORWARD_PATTERN):
         yield f"\n[sensors.odometer]\nz = [\n  {_entry(speed, 'speed')},\n]"
@@ -335,7 +336,7 @@ def _command(column: str, span: tuple[float, float]) -> str:
 
 def _wheel_command(table: LogTable, column: str, span: tuple[float, float]) -> str:
     """Return the entry of a command of a wheel: a voltage, a speed with its unit, or a duty."""
-    if re.search(VOLTAGE_PATTERN, plain_name(column)):
+    if re.search(VOLTAGE_PATTERN, plain_name(column)) or _unit(column, "voltage") != UNKNOWN:
         return _entry(column, "voltage", "V")
     has_unit = any(_unit(column, measures) != UNKNOWN for measures in ("angular rate", "speed"))
     return _wheel(table, column) if has_unit else _command(column, span)
