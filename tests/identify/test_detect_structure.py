@@ -48,7 +48,28 @@ def test_a_delayed_command_is_detected(case, u):
     late = np.concatenate([np.zeros((3, 3)), u[:-3]])
     fit = identify(driven_as(case, u, late), case)
     assert fit.verdict == "WARN"
-    assert "residual.late" in codes(fit.reasons)
+    assert "--free +model.drivetrain.delay_s" in {r.fix for r in fit.reasons if r.code == "residual.late"}
+
+
+def test_a_delayed_sensor_is_reported_with_its_clock_and_the_delay_of_the_commands():
+    car = load("car")
+    run = simulate(car, random_steps([0.3, 0.3], 30.0, 50.0, 3, hold_s=0.5), 3)
+    z = run.sensors["odometer"].z
+    run = replace(
+        run, sensors=run.sensors | {"odometer": run.sensors["odometer"]._replace(z=np.roll(z, 6, axis=0))}
+    )
+    fit = identify(run, car)
+    assert {reason.fix for reason in fit.reasons if reason.code == "residual.late"} <= {
+        "--free +model.drivetrain.delay_s"
+    }
+    assert "--free +model.drivetrain.delay_s --clock odometer" in {reason.fix for reason in fit.reasons}
+    delay, clock = ["+model.drivetrain.delay_s"], FitOptions(clocks=("odometer",))
+    again = identify(run, car, delay, options=clock)
+    assert again.value("model.drivetrain.delay_s") == pytest.approx(0.08, abs=0.01)
+    assert again.run_entries[0, again.run_entry_names.index("clock.odometer")] == pytest.approx(
+        -0.12, abs=0.01
+    )
+    assert not {"residual.late", "residual.missing-free"} & codes(again.reasons)
 
 
 def test_dry_friction_that_is_not_in_the_file_is_named(case, u):

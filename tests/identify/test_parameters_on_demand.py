@@ -122,6 +122,12 @@ def test_an_unreached_motor_limit_is_at_least_the_largest_command(small):
     )
 
 
+def test_dry_friction_of_wheels_is_free_by_default_if_the_file_has_it(small):
+    robot = override(small, ["model.friction.coulomb_forward=[0.2, 0]"])
+    free = default_free(FittedBlocks(robot.vehicle, robot.sensors))
+    assert [path for path in free if "coulomb_" in path] == ["model.friction.coulomb_forward[0]"]
+
+
 def test_wheel_friction_is_not_fitted_with_an_unknown_track(small):
     from baqueano.errors import UsageError
 

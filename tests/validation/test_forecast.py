@@ -21,8 +21,10 @@ from baqueano.runs import write_run
 from baqueano.simulate import simulate
 from baqueano.simulate.many import simulate_many
 from baqueano.validation.forecast import MAX_HEADING_STD_RAD, DriveForecast, _lap, forecast
-from baqueano.vehicle_file import load
+from baqueano.vehicle_file import load, parse
 from tests.codes import of_code
+from tests.identify.test_strangers_wheels import FILE, TRACK_M
+from tests.identify.test_strangers_wheels import drive as drive_with_counts
 
 LIMIT = {"small": [1.0, 0.0, 1.0], "car": [0.5, 0.8]}
 
@@ -77,7 +79,7 @@ def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(each):
 def test_the_forecast_error_over_a_lap_matches_drawn_vehicles(each):
     fit, run = each
     route = eight(1.0, 0.25)
-    lap = forecast(fit, run, route, "lab").ahead[1]
+    lap = forecast(replace(fit, channels=()), run, route, "lab").ahead[1]  # without the misfit by the floor
     paths = tuple(
         n for n, std in zip(fit.names, fit.std, strict=True) if n.startswith("model.") and std > 0.0
     )
@@ -88,6 +90,28 @@ def test_the_forecast_error_over_a_lap_matches_drawn_vehicles(each):
     assert lap.distance_m == pytest.approx(6.1, rel=0.05)
     assert lap.position_m == pytest.approx(position, rel=0.15)
     assert lap.heading_rad == pytest.approx(heading, rel=0.15)
+
+
+def test_the_forecast_of_an_incomplete_model_agrees_with_unseen_drives():
+    """The fit has dead zones in place of the dry friction of the wheels. Its error bars contain their difference."""
+    text = FILE.replace(
+        "[sensors.wheels]",
+        "dead_zone_forward = [0.05, 0.05]\ndead_zone_backward = [0.05, 0.05]\n[sensors.wheels]",
+    )
+    own = drive_with_counts(1)
+    fit = identify(own, parse(text, "stranger.toml"))
+    exact, errors = fit.vehicle_file.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]}), []
+    for seed in (3, 4, 5):
+        unseen = drive_with_counts(seed)
+        turn = np.diff(unseen.sensors["wheels"].z, axis=1)[:, 0] / TRACK_M / 50.0
+        psi = np.unwrap(simulate(exact, unseen.applied_commands).truth.eta[:, 2])
+        error = np.cumsum(turn) - psi[1:]
+        errors.append(error[500:] - error[:-500])
+    (ahead, *_) = forecast(fit, own).ahead
+    actual = float(np.sqrt(np.mean(np.square(errors))))
+    assert 0.67 < ahead.heading_rad / actual < 1.5
+    shifted = replace(fit, cov=4.0 * fit.cov, unmodelled_cov=fit.unmodelled_cov + 3.0 * fit.cov)
+    assert forecast(shifted, own).ahead[0].heading_rad == pytest.approx(ahead.heading_rad)
 
 
 def test_a_forecast_that_cannot_cover_a_lap_reports_its_reason(small):

@@ -114,9 +114,8 @@ def dataset(
 def _unmeasured_bias(vehicle_file: "VehicleFile", runs: Sequence[Run]) -> Diagnostic | None:
     """Return a note on a gyro whose bias was never measured, for a vehicle with an offset; else None."""
     for name, sensor in vehicle_file.sensors._asdict().items():
-        is_in_runs = any(
-            name in run.sensors and np.isfinite(run.sensors[name].z[:, -1]).any() for run in runs
-        )
+        channels = [run.sensors[name].z[:, -1] for run in runs if name in run.sensors]
+        is_in_runs = any(np.isfinite(z).any() for z in channels)
         if not (has_field(sensor, "gyro_bias") and is_in_runs and has_offset(vehicle_file.vehicle)):
             continue
         if measured_std_of_gyro_bias(vehicle_file, name) is None:

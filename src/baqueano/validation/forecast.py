@@ -3,12 +3,14 @@
     ∂η_k/∂θ along the drive, from the equations of the model                                              (1)
     Σ_η = (∂η/∂θ) P (∂η/∂θ)ᵀ,   position √(Σ_xx + Σ_yy),   heading √Σ_ψψ                                  (2)
     η: the pose after HORIZON_S relative to its start, once per second of the runs of the fit               (3)
+    + mean d₁ᵀ d₂ over windows of the runs,   d_i: (3) of ν + H⁺ r_i, minus (3) of ν                         (4)
 
-P is the covariance of the fit. (1) is linear. If the standard deviation of the heading exceeds MAX_HEADING_STD_RAD,
-the vehicle can be anywhere, and the message states this in place of a distance. The forecast is a lower limit of the
-error. It does not contain effects that the runs did not show, process noise, the battery, or an error of the initial
-pose. The model drives the lap with the recommended controller and a known pose. Then it repeats the commands in open
-loop. Drives of drawn vehicles (`simulate_many`) agree with (2): tests/validation/test_forecast.py.
+P is the covariance of the fit without the shifts by effects that the model lacks. Along the runs these effects and
+shifts cancel; their remainder is in the residuals r. H = ∂h/∂ν of wheels, gyro, odometer. r₁, r₂ are every second
+residual, so (4) does not contain their white noise (docs/derivations/robust_covariance.md). White residuals give 0.
+Above MAX_HEADING_STD_RAD the vehicle can be anywhere, and the message gives no distance. Process noise, the battery,
+and an error of the initial pose add to the forecast. The model drives the lap with the recommended controller and a
+known pose. Then it repeats the commands in open loop.
 """
 
 from collections.abc import Sequence
@@ -20,9 +22,10 @@ import numpy as np
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.errors import BaqueanoError, UsageError
-from baqueano.geometry import map_from_body
+from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
+from baqueano.geometry import map_from_body, wrap
 from baqueano.guides.shapes import sinuous_circle
-from baqueano.identify.data.record import record_of
+from baqueano.identify.data.record import FitRecord, record_of
 from baqueano.identify.residuals.motion import open_loop
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import text, texts, with_full_stop
@@ -38,6 +41,8 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow, Tree
     from baqueano.guides.route import Route
 
+NU = slice(3, 6)  # of (η, ν, ν̇)
+MIN_SINGULAR = 1e-3  # of H: a direction of ν that the channels do not measure has no error
 HORIZON_S = 10.0
 STEP_S = 1.0  # between the beginnings of windows
 MIN_DRIVEN_SHARE = 0.5  # least part of the ticks of a window with a command
@@ -110,6 +115,7 @@ class _ModelDrive(NamedTuple):
     eta: np.ndarray  # (N, 3)
     derivatives: np.ndarray  # (N, 3, p)
     u: np.ndarray  # (N, n)
+    measured: tuple[np.ndarray, ...] = ()  # two paths (N, 3) with the velocity that the residuals show  (4)
 
 
 def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None, name: str = "") -> Forecast:
@@ -153,9 +159,12 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     if not entries:
         raise UsageError(fault("forecast.no-errors"))
     paths = tuple(fit.names[k] for k in entries)
-    cov = fit.cov[np.ix_(entries, entries)]
+    cov = (fit.cov - fit.unmodelled_cov)[np.ix_(entries, entries)]
     kernel, theta = open_loop(fit.blocks.model, paths, lambda motion: motion.eta, fit.backend)  # (1)
-    drives = [_drive(kernel, theta, record.dt_s, record.u) for record in (record_of(r, {}) for r in runs)]
+    drives = []
+    for record in (record_of(r, {}) for r in runs):
+        drive = _drive(kernel, theta, record.dt_s, record.u)
+        drives.append(drive._replace(measured=_measured_paths(fit, record, drive.eta)))
     forecasts: list[DriveForecast] = [_forecast_windows(drives, cov)]
     notes: list[Diagnostic | str] = []
     lap, reason = _lap(fit, paths, theta, _route_of(drives) if route is None else route)
@@ -164,7 +173,8 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     else:
         title = note("forecast.lap") if route else note("forecast.lap-of-circle")
         title = note("forecast.lap-of", name=name) if name else title
-        forecasts.append(_forecast_drive(title, _drive(kernel, theta, *lap), cov))
+        ahead = _forecast_drive(title, _drive(kernel, theta, *lap), cov)
+        forecasts.append(_with_misfit(ahead, _forecast_windows(drives, 0.0 * cov, ahead.duration_s)))
         notes += _outside_envelope(fit, lap[1])
     if not np.isfinite([forecasts[1:] for forecasts in forecasts]).all():
         raise UsageError(fault("forecast.ran-away"))
@@ -179,10 +189,42 @@ def _drive(kernel: Any, theta: np.ndarray, dt_s: np.ndarray, u: np.ndarray) -> _
     return _ModelDrive(np.cumsum(dt_s), np.asarray(eta), np.asarray(slopes), u)
 
 
-def _forecast_windows(drives: Sequence[_ModelDrive], cov: np.ndarray) -> DriveForecast:
-    """Return the root mean square of the errors over the windows of the runs.  (3)"""
+def _measured_paths(fit: "Fit", record: FitRecord, eta: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return the path `eta` (N, 3) with the velocity errors that every second residual shows, and that the others
+    show; () if the residuals are white, or if no channel measures a velocity.  (4)"""
+    H, residuals = [], []
+    for c in fit.channels:
+        row = measurement_jacobian(getattr(fit.blocks.sensors, c.sensor))[c.entry] / c.sigma
+        finite = np.flatnonzero(np.isfinite(c.residuals))
+        if c.run == record.name and np.any(row[NU]) and not np.any(np.delete(row, NU)) and len(finite) > 1:
+            halves = (finite[half::2] for half in (0, 1))
+            residuals.append([np.interp(record.t_s, c.t_s[k], c.residuals[k] / c.sigma) for k in halves])
+            H.append(row[NU])
+    if not (fit.autocorrelated and H):
+        return ()
+    errors = np.einsum("ic,chk->hki", np.linalg.pinv(np.array(H), rcond=MIN_SINGULAR), np.array(residuals))
+    errors = errors * record.dt_s[:, None]
+    heading, xy = np.unwrap(eta[:, 2]), eta[:, 0] + 1j * eta[:, 1]
+    step = np.diff(xy, prepend=xy[:1]) * np.exp(-1j * heading) + errors[..., 0] + 1j * errors[..., 1]
+    headings = heading + np.cumsum(errors[..., 2], axis=1)
+    paths = np.cumsum(np.exp(1j * headings) * step, axis=1)
+    return tuple(np.stack([np.real(paths), np.imag(paths), headings], axis=2))
+
+
+def _with_misfit(ahead: DriveForecast, misfit: DriveForecast) -> DriveForecast:
+    """Return the forecast of a drive with the error that the runs show over the same time, or over their duration."""
+    position_m = float(np.hypot(ahead.position_m, misfit.position_m))
+    return ahead._replace(
+        position_m=position_m, heading_rad=float(np.hypot(ahead.heading_rad, misfit.heading_rad))
+    )
+
+
+def _forecast_windows(
+    drives: Sequence[_ModelDrive], cov: np.ndarray, horizon_s: float = HORIZON_S
+) -> DriveForecast:
+    """Return the root mean square of the errors over the windows of the runs.  (3), (4)"""
     longest_s = max(float(drive.t_s[-1] - drive.t_s[0]) for drive in drives)
-    ahead_s = min(HORIZON_S, 0.999 * longest_s)
+    ahead_s = min(horizon_s, 0.999 * longest_s)
     squares, distances_m = [], []
     for drive in drives:
         a = np.unique(np.searchsorted(drive.t_s, np.arange(drive.t_s[0], drive.t_s[-1] - ahead_s, STEP_S)))
@@ -197,20 +239,20 @@ def _forecast_windows(drives: Sequence[_ModelDrive], cov: np.ndarray) -> DriveFo
         return _forecast_drive(
             note("forecast.longest-again"), max(drives, key=lambda drive: len(drive.u)), cov
         )
-    position2, heading2 = np.mean(squares, axis=0).tolist()
+    position2, heading2 = np.maximum(np.mean(squares, axis=0), 0.0).tolist()
     return DriveForecast(
         note("forecast.as-the-runs"), ahead_s, float(np.mean(distances_m)), position2**0.5, heading2**0.5
     )
 
 
 def _forecast_drive(drive: Diagnostic, model_drive: _ModelDrive, cov: np.ndarray) -> DriveForecast:
-    position2, heading2 = _variances(model_drive, 0, len(model_drive.u) - 1, cov)
+    position2, heading2 = np.maximum(_variances(model_drive, 0, len(model_drive.u) - 1, cov), 0.0).tolist()
     distance_m = float(np.sum(np.hypot(*np.diff(model_drive.eta[:, :2], axis=0).T)))
     return DriveForecast(drive, float(model_drive.t_s[-1]), distance_m, position2**0.5, heading2**0.5)
 
 
 def _variances(drive: _ModelDrive, i: int, j: int, cov: np.ndarray) -> tuple[float, float]:
-    """Return the variances of position and heading of the pose at row j, relative to the pose at row i.  (2)"""
+    """Return the variances of position and heading of the pose at row j, relative to the pose at row i.  (2), (4)"""
     J = map_from_body(drive.eta[i, 2])
     derivative_change = drive.derivatives[j] - drive.derivatives[i]
     displacement = drive.eta[j] - drive.eta[i]
@@ -218,7 +260,13 @@ def _variances(drive: _ModelDrive, i: int, j: int, cov: np.ndarray) -> tuple[flo
     rotation = np.outer(np.array([displacement[1], -displacement[0], 0.0]), drive.derivatives[i, 2])
     jacobian = J.T @ (derivative_change + rotation)
     variances = np.einsum("ip,pq,iq->i", jacobian, cov, jacobian)
-    return float(max(variances[0] + variances[1], 0.0)), float(max(variances[2], 0.0))
+    if drive.measured:
+        errors = [
+            map_from_body(path[i, 2]).T @ (path[j] - path[i]) - J.T @ displacement for path in drive.measured
+        ]
+        turns = wrap(np.array(errors)[:, 2])
+        variances = variances + np.array([*np.prod(np.array(errors)[:, :2], axis=0), turns[0] * turns[1]])
+    return float(variances[0] + variances[1]), float(variances[2])
 
 
 def _route_of(drives: Sequence[_ModelDrive]) -> Any:

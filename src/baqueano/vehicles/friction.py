@@ -73,13 +73,13 @@ class Friction:
     )  # fmt: skip
     coulomb_forward: np.ndarray = parameter(
         "N", "dry friction of the left and the right wheel, forward", low=0.0, high=1e6, default=(0.0, 0.0),
-        shape=(2,), role="known", neutral=0.0, term="dry friction of the wheels",
+        shape=(2,), role="term", term="dry friction of the wheels",
         shown_by=("the left wheel rolling forward slowly, and stopping, many times",
         "the right wheel rolling forward slowly, and stopping, many times"), symbol="c_{f}",
     )  # fmt: skip
     coulomb_backward: np.ndarray = parameter(
         "N", "dry friction of the left and the right wheel, backward", low=0.0, high=1e6, default=(0.0, 0.0),
-        shape=(2,), role="known", neutral=0.0, term="dry friction of the wheels",
+        shape=(2,), role="term", term="dry friction of the wheels",
         shown_by=("the left wheel rolling backward slowly, and stopping, many times",
         "the right wheel rolling backward slowly, and stopping, many times"), symbol="c_{b}",
     )  # fmt: skip

@@ -77,9 +77,8 @@ def jackknife(
         g = g[:, is_identifiable] / root[positions]
         A_b = A_b[:, is_identifiable][:, :, is_identifiable] / np.outer(root[positions], root[positions])
         # a run has information on few entries: (A − A_b)⁻¹ g = A⁻¹ (1 − A_b C)⁻¹ g; C is the part of A⁻¹ for these
-        remainder = (1.0 + MIN_REMAINDER) * np.eye(len(positions)) - A_b @ inverse[
-            np.ix_(positions, positions)
-        ]
+        identity, run_inverse = np.eye(len(positions)), inverse[np.ix_(positions, positions)]
+        remainder = (1.0 + MIN_REMAINDER) * identity - A_b @ run_inverse
         changes.append(np.linalg.solve(remainder, g[:, :, None])[:, :, 0] @ inverse[positions] / root)
         cross_cov = inverse[np.ix_(positions, shared_entries)]
         shared_cov = inverse[np.ix_(shared_entries, shared_entries)]

@@ -99,10 +99,8 @@ def _white_sums(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
     """Return the covariance (k, k) of the entries `identifiable` of θ, if the others are fixed.  (1), (3)"""
     index = np.ix_(identifiable, identifiable)
-    scale = np.sqrt(
-        np.maximum(np.diagonal(info.bread)[identifiable], 0.0)
-    )  # all rows of an entry can be outliers
-    scale = np.where(scale > 0.0, scale, 1.0)
+    information = np.diagonal(info.bread)[identifiable]
+    scale = np.sqrt(np.where(information > 0.0, information, 1.0))  # all rows of an entry can be outliers
     A = info.bread[index] / np.outer(scale, scale)
     B = info.meat[index] / np.outer(scale, scale)
     factor = np.linalg.solve(A, _square_root(B))

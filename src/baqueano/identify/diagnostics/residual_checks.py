@@ -30,7 +30,7 @@ from baqueano.identify.diagnostics.unmodelled_terms import (
     gyro_columns,
     term_columns,
 )
-from baqueano.identify.parameters.free import DELAY_PATH
+from baqueano.identify.parameters.free import DELAY_PATH, WHEEL_FRICTIONS
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import dot
 from baqueano.numerics.score_test import (
@@ -64,7 +64,7 @@ UNDERSTEER_PATH = "model.understeer"
 # the yaw rate of a car follows its curvature, so a drag about ψ is a curvature that falls with the speed
 UNDERSTEER_TERMS = {f"{code}, psi" for code in ("drag", "steep drag", "cornering", "turning", "slip")}
 COULOMB_SPEEDS = {  # magnitude of the dry friction → speed over which it changes its sign
-    "model.friction.coulomb": "model.friction.coulomb_speed",
+    **dict.fromkeys(("model.friction.coulomb", *WHEEL_FRICTIONS), "model.friction.coulomb_speed"),
     "model.coulomb_m_s2": "model.coulomb_speed_m_s",
 }
 MAX_REPORTED = 2  # results that are reported, the most significant first
@@ -105,10 +105,8 @@ def check_residuals(
         gyro_shift[index] = shift_by_effects(fit, gyro_columns(blocks, problem, motion), is_inside)[0]
     lag_errors = np.zeros(s)
     lag_errors[index] = _errors_by_hidden_lag(fit_evidence, tests)
-    results = *missing_terms[:MAX_REPORTED], *differences[:MAX_REPORTED]
-    return Diagnosis(
-        messages + [result.message for result in results], unmodelled_cov, gyro_shift, lag_errors
-    )
+    messages += [result.message for result in missing_terms[:MAX_REPORTED] + differences[:MAX_REPORTED]]
+    return Diagnosis(messages, unmodelled_cov, gyro_shift, lag_errors)
 
 
 def _errors_by_hidden_lag(fit: "_FitEvidence", tests: Sequence[tuple[LabelledTerm, ScoreTest]]) -> np.ndarray:
@@ -202,28 +200,31 @@ def _missing_terms(
         if not (abs(test.z) > LOW_PASS_Z if is_filter else fit.is_significant(test)):
             continue
         test = test._replace(shift=bounded_shift(fit.residuals, test, fit.low, fit.high))
-        k, key = fit.most_biased(test), _free_key(term_note, fit.paths)
+        k, fix = fit.most_biased(test), _fix(term_note, fit.paths)
         if can_understeer and test.z < 0.0 and code in UNDERSTEER_TERMS and UNDERSTEER_PATH not in fit.paths:
-            key = UNDERSTEER_PATH
-        if code == "delay" and not key:
+            fix = f"--free +{UNDERSTEER_PATH}"
+        if code == "delay" and not fix:
             continue  # the delay is already in the model, so this effect is not a delay
         if k is not None:
             message = note(
-                "residual.missing-free" if key else "residual.missing", Severity.WARNING,
-                f"--free +{key}" if key else "", fit.paths[k], term=code, what=term_note, where=_place(code),
-                z=abs(test.z), errors=abs(test.shift[k]) / fit.std[k],
+                "residual.missing-free" if fix else "residual.missing", Severity.WARNING, fix, fit.paths[k],
+                term=code, what=term_note, where=_place(code), z=abs(test.z),
+                errors=abs(test.shift[k]) / fit.std[k],
             )  # fmt: skip
             results.append(_SignificantResult(abs(test.z), message, test.shift))
     return results
 
 
-def _free_key(term_note: Diagnostic, paths: Sequence[str]) -> str:
-    """Return the key of the vehicle file that models an effect; "" without such a key, or if it is already free."""
+def _fix(term_note: Diagnostic, paths: Sequence[str]) -> str:
+    """Return the options that add an effect to the model; "" without such options, or if its key is already free. A
+    clock offset beside a fixed delay of the commands would stand for this delay, so both are estimated."""
     free_keys = {path.partition("[")[0] for path in paths}
+    if term_note.code == "term.delay-of-sensor":
+        return f"{'' if DELAY_PATH in free_keys else f'--free +{DELAY_PATH} '}--clock {term_note.subject}"
     key = KEYS_OF_TERMS.get(term_note.code, "").format(sensor=term_note.subject)
     if term_note.code == "term.dry-friction":  # its magnitude is free: its speed is wrong
         key = next((speed for magnitude, speed in COULOMB_SPEEDS.items() if magnitude in free_keys), "")
-    return "" if key in free_keys else key
+    return f"--free +{key}" if key and key not in free_keys else ""
 
 
 def _place(code: str) -> Diagnostic | str:
@@ -282,10 +283,10 @@ def _channels(
 
 def _residual_messages(problem: Residuals, residuals: Sequence[np.ndarray]) -> list[Diagnostic]:
     """Return messages on autocorrelated residuals, and on outliers during fast changes."""
-    out = []
+    out, fix = [], "" if DELAY_PATH in problem.shape.shared_paths else f"--free +{DELAY_PATH}"
     for label, r, h in _channels(problem, residuals):
         if sum(map(len, r)) >= MIN_MEASUREMENTS:
-            out += _autocorrelation_messages(label, r, h) + _late_outliers(label, r, h)
+            out += _autocorrelation_messages(label, r, h) + _late_outliers(label, r, h, fix)
     return out
 
 
@@ -305,8 +306,8 @@ def _autocorrelation_messages(label: str, r: list[np.ndarray], h: list[np.ndarra
     return [note("residual.autocorrelated", Severity.WARNING, subject=label, percent=percent, times=excess)]
 
 
-def _late_outliers(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
-    """Return a message if outliers occur during fast changes of the prediction.  (3)"""
+def _late_outliers(label: str, r: list[np.ndarray], h: list[np.ndarray], fix: str) -> list[Diagnostic]:
+    """Return a message if outliers occur during fast changes of the prediction. `fix` frees a fixed delay.  (3)"""
     is_outlier = np.abs(np.concatenate(r)) > OUTLIER_SIGMA
     n = int(is_outlier.sum())
     if n < MIN_OUTLIERS:
@@ -318,5 +319,5 @@ def _late_outliers(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list
     z = (float(rank[is_outlier].mean()) - 0.5) * np.sqrt(12.0 * n)
     if z < LATE_Z:
         return []
-    details = {"readings": n, "beyond": OUTLIER_SIGMA, "z": float(z)}
-    return [note("residual.late", Severity.WARNING, subject=label, **details)]
+    code = "residual.late" if fix else "residual.fast"
+    return [note(code, Severity.WARNING, fix, label, readings=n, beyond=OUTLIER_SIGMA, z=float(z))]

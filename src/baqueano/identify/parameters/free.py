@@ -279,11 +279,11 @@ def enable_parameters(
 def _friction_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
     """Return, for each free friction (path → value), the upper bound up to which the motion of a row is integrable.
 
-    The free frictions of an axis share the remaining range.
+    The free frictions of an axis share the remaining range, without those of single wheels.
     """
     axes, bounds = coasting_axes(blocks.model), {}
     slack = np.maximum(MAX_DECAY_PER_ROW * row_rate_hz(rate_hz) - decay_rates(blocks.model, axes), 0.0)
-    fields = {path.partition("[")[0] for path in paths}
+    fields = {path.partition("[")[0] for path in paths} - set(WHEEL_FRICTIONS)
     fields &= {path for path, p in all_parameters(blocks.model, "model") if p.role != "known"}
     slopes = damping_derivatives(blocks.model, fields, axes)
     free_slopes = {path: slope for path, slope in slopes if path in paths}

@@ -84,11 +84,11 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     verdict, reasons = verdict_of(evidence._replace(bound=basis.bound_excess))
     s = len(problem.shape.shared_paths)
     requested_parameters, in_theta = end.parameters.requested_parameters, end.parameters.in_theta
-    shared_cov = np.full((len(requested_parameters), len(requested_parameters)), np.nan)
-    shared_cov[np.ix_(in_theta, in_theta)] = basis.cov[:s, :s] + basis.diagnosis.unmodelled_cov
-    run_entry_names, run_values, run_entry_std = _run_entries(
-        problem, solution.theta, np.sqrt(np.diagonal(basis.cov))
-    )
+    shared_cov, unmodelled_cov = np.full((2, len(requested_parameters), len(requested_parameters)), np.nan)
+    shared_entries, run_std = np.ix_(in_theta, in_theta), np.sqrt(np.diagonal(basis.cov))
+    unmodelled_cov[shared_entries] = basis.diagnosis.unmodelled_cov
+    shared_cov[shared_entries] = basis.cov[:s, :s] + basis.diagnosis.unmodelled_cov
+    run_entry_names, run_values, run_entry_std = _run_entries(problem, solution.theta, run_std)
     commands = end.vehicle_file.command.names
     start = np.array([value(end.blocks, parameter.path) for parameter in requested_parameters])
     start[in_theta] = end.task.start[: len(in_theta)]
@@ -101,6 +101,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         bound=evidence.bound,
         poorly_identified=evidence.poorly_identified,
         cov=shared_cov,
+        unmodelled_cov=unmodelled_cov,
         gyro_shift=_in_order(end, basis.diagnosis.gyro_shift, 0.0),
         run_entry_names=run_entry_names,
         run_entries=run_values,
@@ -332,9 +333,8 @@ def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
         spans.append(span)
         lengths_m.append(np.hypot(*np.diff(h, axis=0).T).sum() if pose else span * np.hypot(*h.T).mean())
     code = "truth.horizon-of-pieces" if problem.layout.has_split_runs else "truth.horizon"
-    horizon = note(
-        code, subject=TRUTH, span_s=float(np.median(spans)), distance_m=float(np.median(lengths_m))
-    )
+    span_s, distance_m = float(np.median(spans)), float(np.median(lengths_m))
+    horizon = note(code, subject=TRUTH, span_s=span_s, distance_m=distance_m)
     return [horizon, *_mount_notes(problem, theta)]
 
 

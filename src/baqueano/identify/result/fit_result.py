@@ -77,6 +77,8 @@ class Fit(Result):
         Poorly identified.
     cov : ndarray (p, p)
         Covariance of the estimates [products of their units]; NaN if not identifiable.
+    unmodelled_cov : ndarray (p, p)
+        Part of `cov` by effects that the model lacks; NaN if not identifiable.
     gyro_shift : ndarray (p,)
         Change of the estimates [unit of each] per relative error of the gyro's scale: above 0 the vehicle turns
         faster than measured.
@@ -131,6 +133,7 @@ class Fit(Result):
     bound: np.ndarray
     poorly_identified: np.ndarray
     cov: np.ndarray
+    unmodelled_cov: np.ndarray
     gyro_shift: np.ndarray
     run_entry_names: tuple[str, ...]
     run_entries: np.ndarray
@@ -238,11 +241,8 @@ class Fit(Result):
     def __repr__(self) -> str:
         identified_count, rows_ = int(np.isfinite(self.estimate).sum()), self.rows()
         runs = self.runs[0] if len(self.runs) == 1 else _("{runs} runs", runs=len(self.runs))
-        head = text(
-            note(
-                "front.fit", vehicle=self.file.name, runs=runs, count=identified_count, parameters=len(rows_)
-            )
-        )
+        numbers = {"runs": runs, "count": identified_count, "parameters": len(rows_)}
+        head = text(note("front.fit", vehicle=self.file.name, **numbers))
         names = [row["name"].removeprefix("model.") for row in rows_]
         width, rows = max(map(len, names)), []
         for name, row in zip(names, rows_, strict=True):

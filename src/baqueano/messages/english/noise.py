@@ -114,7 +114,7 @@ TEMPLATES: dict[str, str] = {
     "forecast.lap-of": "one lap of {name}",
     "forecast.lap-of-circle": "one lap of a sinuous circle",
     "forecast.unseen-exact": "Parameters that are not identifiable are treated as exact here.",
-    "forecast.more-errors": "Floor, battery and start position add more errors.",
+    "forecast.more-errors": "Another floor, another voltage and the start position add more errors.",
     "forecast.no-controller": f"{LAP}, because the recommended controller cannot drive this vehicle: {{error}}",
     "forecast.strays": f"{LAP}: the model leaves the route by {{far}} (rms). The route is too fast or too tight.",
 }

@@ -176,6 +176,11 @@ TEMPLATES: dict[str, str] = {
     "residual.late": (
         "{readings} readings of {subject} are beyond {beyond:g} standard deviations when the signal "
         "changes fast ({z:.0f} standard errors). There is a delay, or the model is too simple for fast "
+        "changes. To estimate a delay, type: {fix}"
+    ),
+    "residual.fast": (
+        "{readings} readings of {subject} are beyond {beyond:g} standard deviations when the signal "
+        "changes fast ({z:.0f} standard errors). The delay is estimated, so the model is too simple for fast "
         "changes"
     ),
     "residual.lacking": (
