@@ -295,9 +295,13 @@ def test_the_noise_of_a_counted_speed_is_at_least_its_step():
     speed, tags = rng.uniform(0.0, 1.0, (600, 1)), 0.5 * rng.choice([-1.0, 1.0], (600, 2))
     imu = 0.01 * np.rint(100.0 * rng.standard_normal((600, 3)))
 
-    def rounding_of(z):
+    def rounding_of(z, steps_ms=None):
+        """`steps_ms` (600,) are the intervals of rates that the import derived."""
+        later = np.cumsum(20 * np.ones(600, int) if steps_ms is None else steps_ms) * 1_000_000
+        middle = later - np.diff(later, prepend=0) // 2
         run = SimpleNamespace(
-            sensors={n: SimpleNamespace(z=x) for n, x in zip(its.names, (imu, z, tags), strict=True)}
+            sensors={n: Channel(middle, later, x) for n, x in zip(its.names, (imu, z, tags), strict=True)},
+            metadata={} if steps_ms is None else {"means": "odometer"},
         )
         return _rounding(its, {"imu"}, [run])
 
@@ -305,6 +309,11 @@ def test_the_noise_of_a_counted_speed_is_at_least_its_step():
     for z in (0.04 * counts, 0.04 * (late + counts) - 0.04 * late):  # the second with rounding errors
         assert rounding_of(z) == {("odometer", 0): (pytest.approx(0.04**2 / 12.0), np.inf)}
     assert rounding_of(speed) == {}
+    steps_ms = rng.integers(17, 27, 600)
+    varying = 0.0008 * np.rint(speed * steps_ms[:, None] / 0.8) / (1e-3 * steps_ms[:, None])
+    one_count = (0.0008 / (1e-3 * np.median(steps_ms))) ** 2 / 12.0
+    assert rounding_of(varying, steps_ms) == {("odometer", 0): (pytest.approx(one_count), np.inf)}
+    assert rounding_of(varying).get(("odometer", 0), (0.0, np.inf))[0] < 0.1 * one_count
 
 
 def test_no_noise_of_two_wheels_trusts_one_of_them():

@@ -106,9 +106,8 @@ def _voltage_at_rows(record: FitRecord, run: Run, drivetrain: Tree) -> np.ndarra
     t_s, z = seconds(channel.t_ns[is_finite], run.t_ns[0]), channel.z[is_finite, 0]
     nominal = drivetrain.battery_nominal_v
     if not VOLTAGE_RATIO_RANGE[0] < np.median(z) / nominal < VOLTAGE_RATIO_RANGE[1]:
-        raise UsageError(
-            fault("battery.other-voltage", run=run.name, voltage_v=np.median(z), nominal_v=nominal)
-        )
+        voltages = {"voltage_v": np.median(z), "nominal_v": nominal}
+        raise UsageError(fault("battery.other-voltage", run=run.name, **voltages))
     order = np.argsort(t_s, kind="stable")
     newest = np.searchsorted(t_s[order], record.t_s, side="right") - 1
     return z[order][np.maximum(newest, 0)]

@@ -163,10 +163,8 @@ def _measurements(
     if channel is None:
         raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, valid=run.sensors))
     if channel.z.shape[1] != block.size:
-        sizes: JsonObject = {"entries": channel.z.shape[1], "size": block.size}
-        raise UsageError(
-            fault("runs.other-size", run=run.name, sensor=name, kind=type(block).__name__, **sizes)
-        )
+        sizes: JsonObject = {"entries": channel.z.shape[1], "size": block.size, "kind": type(block).__name__}
+        raise UsageError(fault("runs.other-size", run=run.name, sensor=name, **sizes))
     m, row_count = block.size, len(row_s)
     z, has = np.zeros((row_count, m)), np.zeros((row_count, m))
     is_sound = np.isfinite(channel.z)
@@ -245,9 +243,8 @@ def split_record(record: FitRecord, segment_s: float, lead_s: float) -> list[Fit
     ends = np.cumsum(record.dt_s)
     shortest_s = MIN_SEGMENT_ROWS * float(np.median(record.dt_s))
     if segment_s < shortest_s:
-        raise UsageError(
-            fault("segment.short", length_s=segment_s, rows=MIN_SEGMENT_ROWS, shortest_s=shortest_s)
-        )
+        limits = {"rows": MIN_SEGMENT_ROWS, "shortest_s": shortest_s}
+        raise UsageError(fault("segment.short", length_s=segment_s, **limits))
     count = max(1, round(float(ends[-1]) / segment_s))
     edges = np.searchsorted(ends, ends[-1] * np.arange(1, count) / count)
     edges = np.unique(np.concatenate([[0], edges, [len(ends)]]))

@@ -310,9 +310,8 @@ def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, flo
     value must agree with the file. If a turning command moves the vehicle more along another axis, a lever arm is
     suggested. (3), (4)"""
     model = blocks.model
-    path = next(
-        (k for k, p in all_parameters(model, "model") if p.role == "gain" and p.shape == (3, 3)), None
-    )
+    gains = [path for path, p in all_parameters(model, "model") if p.role == "gain" and p.shape == (3, 3)]
+    path = next(iter(gains), None)
     if path is None:
         return []
     file_gains, scale, findings = np.asarray(value_at_path(blocks, path), float), _mass_and_inertia(model), []
@@ -334,10 +333,8 @@ def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, flo
             continue
         offset = _offset_path(blocks)
         if is_second_larger and main_axis == TURNING_AXIS and offset:
-            axis = note(AXIS_CODES[second_axis])
-            findings.append(
-                note("file.lever-arm", Severity.WARNING, f"--free +{offset}", f"u[{j}]", axis=axis)
-            )
+            axis, fix = note(AXIS_CODES[second_axis]), f"--free +{offset}"
+            findings.append(note("file.lever-arm", Severity.WARNING, fix, f"u[{j}]", axis=axis))
         of_gain = _comparison(paths[main_axis], file_gains[main_axis, j], *estimates[paths[main_axis]])
         imus = [name for name, block in blocks.sensors._asdict().items() if is_imu(block)]
         if main_axis == TURNING_AXIS and imus:

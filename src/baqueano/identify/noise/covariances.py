@@ -104,9 +104,8 @@ class Noise(Result):
     @property
     def verdict(self) -> Verdict:
         """Return USABLE, or WARN if a value was raised to its lower limit or held-out runs disagree."""
-        return (
-            Verdict.WARN if self.notes or (self.acceptance and self.acceptance.disagrees) else Verdict.USABLE
-        )
+        disagrees = self.acceptance and self.acceptance.disagrees
+        return Verdict.WARN if self.notes or disagrees else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per entry of a diagonal, with its standard deviation."""
@@ -285,9 +284,8 @@ def _measurement(
     for name, block in {**fit.file.sensors._asdict(), **fit.blocks.sensors._asdict()}.items():
         if name in HAND_SENSORS:
             continue  # the error of a hand measurement is given by the user
-        columns = sorted(
-            {c.entry for c in fit.channels if c.sensor == name and np.isfinite(c.measurements).any()}
-        )
+        channels = [c for c in fit.channels if c.sensor == name]
+        columns = sorted({c.entry for c in channels if np.isfinite(c.measurements).any()})
         r, q, floor = _residuals(fit, runs, name, columns)
         residuals = r if len(r) >= MIN_SAMPLES else np.concatenate([r, q])
         if len(residuals) >= MIN_SAMPLES and len(columns) == block.size:

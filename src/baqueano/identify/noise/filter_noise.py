@@ -27,6 +27,7 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.estimators.augmented.state import FORWARD_STATES, TURNING_STATES, Layout, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
+from baqueano.identify.data.averaging import durations_s, is_average
 from baqueano.identify.noise.process_noise import TICKS, total_cost
 from baqueano.identify.noise.speed_error import (
     MAX_FADE_S,
@@ -287,18 +288,30 @@ def _with_noise(
 def _rounding(
     layout: Layout, inertial: set[str], runs: Sequence[Run]
 ) -> dict[tuple[str, int], tuple[float, float]]:
-    """Return the least and greatest variance of quantised entries that measure a velocity, for example of a counter."""
+    """Return the least and greatest variance of quantised entries that measure a velocity, for example of a counter.
+    The rate of a counter over varying intervals times its interval is quantised."""
     channels, variances = layout.channel_entries, {}
     # repeated positions of a tag are not quantised
     positions = {channels[k] for group in layout.pose_groups for k in group}
     for name, i in (c for c in channels if c[0] not in inertial and c not in positions):
-        readings = [run.sensors[name].z[:, i] for run in runs if name in run.sensors]
-        z = np.concatenate([np.zeros(0), *readings])
-        gaps = np.diff(np.unique(z := z[np.isfinite(z)]))
-        gaps = gaps[gaps > ROUNDING * np.max(np.abs(z), initial=0.0)]
-        if 0 < len(gaps) < MAX_LEVEL_SHARE * len(z) - 1:
-            variances[name, i] = float(np.median(gaps)) ** 2 / 12.0, np.inf
+        of_name = [run for run in runs if name in run.sensors and len(run.sensors[name].z) > 1]
+        z = np.concatenate([np.zeros(0), *(run.sensors[name].z[:, i] for run in of_name)])
+        for interval_s in (
+            np.ones(len(z)),
+            np.concatenate([np.zeros(0), *(_counted_s(r, name) for r in of_name)]),
+        ):
+            counts = (z * interval_s)[np.isfinite(z)]
+            gaps = np.diff(np.unique(counts))
+            gaps = gaps[gaps > ROUNDING * np.max(np.abs(counts), initial=0.0)]
+            if 0 < len(gaps) < MAX_LEVEL_SHARE * len(counts) - 1:
+                least = float(np.median(gaps) / np.median(interval_s)) ** 2 / 12.0
+                variances[name, i] = max(least, variances.get((name, i), (0.0, np.inf))[0]), np.inf
     return variances
+
+
+def _counted_s(run: Run, name: str) -> np.ndarray:
+    """Return the interval (M,) of each rate that the import derived [s]; 1 for other readings."""
+    return durations_s(run, name) if is_average(run, name, None) else np.ones(len(run.sensors[name].z))
 
 
 def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., Tree]:

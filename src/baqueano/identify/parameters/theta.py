@@ -140,10 +140,8 @@ class ThetaLayout(NamedTuple):
     def indices(self) -> list[np.ndarray]:
         """Return for each segment the indices of its entries in θ."""
         s, o = self.shared_count, self.run_entry_count
-        rows = [
-            (slice(s + run * o, s + (run + 1) * o), self.start_slice(k)) for k, run in enumerate(self.runs)
-        ]
-        return [np.r_[:s, of_run, of_segment] for of_run, of_segment in rows]
+        of_runs = [slice(s + run * o, s + (run + 1) * o) for run in self.runs]
+        return [np.r_[:s, of_run, self.start_slice(k)] for k, of_run in enumerate(of_runs)]
 
     def start_slice(self, k: int) -> slice:
         """Return the slice of θ with the start of segment k."""
@@ -231,9 +229,8 @@ def eliminate_starts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return A and B (r, r) of the shared entries and of the entries by run, with the starts
     eliminated: (2) of numerics/normal_equations.py."""
-    return eliminate(
-        bread, meat, layout.first_start, [layout.start_slice(k) for k in range(len(layout.runs))]
-    )
+    starts = [layout.start_slice(k) for k in range(len(layout.runs))]
+    return eliminate(bread, meat, layout.first_start, starts)
 
 
 def arrow_layout(layout: ThetaLayout, extra_count: int = 0) -> ArrowLayout | None:

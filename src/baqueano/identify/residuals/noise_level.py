@@ -108,9 +108,8 @@ def profile_by_speed(
         is_present = [w[:, c] > 0.0 for w in has]
         r = np.concatenate([x[t, c] for x, t in zip(residuals, is_present, strict=True)])
         speed = np.concatenate([x[t] for x, t in zip(speeds, is_present, strict=True)])
-        kappa = (
-            _fit_growth_by_speed(r, speed, typical, floor[c]) / typical if len(r) >= MIN_FOR_SPEED else 0.0
-        )
+        can_grow = len(r) >= MIN_FOR_SPEED
+        kappa = _fit_growth_by_speed(r, speed, typical, floor[c]) / typical if can_grow else 0.0
         mean = np.sqrt(1.0 + kappa**2 * np.mean(speed**2)) if len(speed) else 1.0
         for k, x in enumerate(speeds):
             profile[k][:, c] = np.sqrt(1.0 + (kappa * x) ** 2) / mean
