@@ -85,7 +85,7 @@ def test_a_wrong_call_is_a_message(code, call):
 def test_a_method_with_too_many_arguments_is_answered_with_their_number_without_self():
     with pytest.raises(Misuse) as error:
         Noise.updated_file(None, ROBOT, "", 3)
-    assert error.value.diagnostic.figures["most"] == 2
+    assert error.value.diagnostic.figures["maximum"] == 2
 
 
 def test_a_text_in_place_of_an_object_is_answered_with_the_line_that_reads_it():
@@ -152,18 +152,18 @@ def test_the_options_of_a_function_are_part_of_its_signature_and_of_its_errors()
     assert {"starts", "controller", "draws"} <= inspect.signature(bq.tune).parameters.keys()
     with pytest.raises(Misuse) as error:
         bq.tune(ROBOT, ROUTE, start=2)
-    assert error.value.diagnostic.figures["near"].figures["similar"] == "starts"
+    assert error.value.diagnostic.figures["suggestion"].figures["match"] == "starts"
 
 
 def test_an_unknown_attribute_of_a_result_is_answered_with_its_methods():
     with pytest.raises(NoAttribute) as error:
         RUN.parameters  # noqa: B018
     assert error.value.diagnostic.code == "front.no-attribute"
-    assert "table" in error.value.diagnostic.figures["near"].figures["valid"]
+    assert "table" in error.value.diagnostic.figures["suggestion"].figures["valid"]
     assert copy.deepcopy(RUN) == RUN
     with pytest.raises(NoAttribute) as error:
         RUN.tables  # noqa: B018
-    assert error.value.diagnostic.figures["near"].figures["similar"] == "table"
+    assert error.value.diagnostic.figures["suggestion"].figures["match"] == "table"
 
 
 def test_a_run_in_memory_is_saved(tmp_path):

@@ -356,6 +356,23 @@ def test_a_figure_of_an_old_message_has_its_present_name():
     assert Diagnostic.of_json(data).figures == {"block": "E.step()", "value": "None", "expected": "Command"}
 
 
+@pytest.mark.parametrize(
+    ("code", "figures", "present"),
+    [
+        ("shake.over", {"number": 1, "for_s": 2.0, "what": "x"}, {"number", "duration_s", "fault"}),
+        ("shake.push", {"much": 0.3, "way": "left", "for_s": None}, {"impulse_n_s", "direction", "for_s"}),
+        ("drive.line", {"heard": 9, "lost": 1, "late": 0}, {"received_frames", "lost_frames", "late_frames"}),
+        ("drive.ticks", {"missed": 1, "over_half": 0}, {"skipped_ticks", "late_ticks"}),
+        ("sensor.frozen", {"reading": 1.0, "off": "x"}, {"reading", "consequence"}),
+    ],
+)
+def test_a_figure_of_an_event_in_an_old_run_has_its_present_name(code, figures, present):
+    message = Diagnostic.of_json(note(code, **figures).to_json())
+    assert set(message.figures) == present
+    required_names = {name for _, name, _, _ in string.Formatter().parse(templates()[code]) if name}
+    assert present - {"number", "for_s"} <= required_names
+
+
 def test_an_unknown_code_is_printed_with_its_figures():
     assert (
         text(note("uno.new", fix="baqueano help", volts=7.1)) == "uno.new (volts = 7.1). Type: baqueano help"

@@ -102,7 +102,7 @@ def kinds(role: str) -> tuple[str, ...]:
     ('repeat', 'repeat_by_progress', 'sinuous_circle')
     """
     if role not in BLOCK_TARGETS:
-        raise UsageError(fault("block.role-unknown", value=role, near=nearest(role, BLOCK_TARGETS)))
+        raise UsageError(fault("block.role-unknown", value=role, suggestion=nearest(role, BLOCK_TARGETS)))
     return tuple(BLOCK_TARGETS[role])
 
 
@@ -141,8 +141,8 @@ def resolve(role: str, kind: str, folder: Path | str | None = None) -> type:
     if colon and file_name.endswith(".py"):
         return _class_of(_find(file_name, folder), name)
     if kind.endswith(".py") and _path_of(kind, folder) is not None:
-        raise FileError(fault("block.without-class", value=kind, holds=classes_in(kind, folder)))
-    raise FileError(fault("block.unknown", role=role, value=kind, near=nearest(kind, names)))
+        raise FileError(fault("block.without-class", value=kind, classes=classes_in(kind, folder)))
+    raise FileError(fault("block.unknown", role=role, value=kind, suggestion=nearest(kind, names)))
 
 
 @contextmanager
@@ -250,7 +250,7 @@ def check_step(role: str, block_class: type, remedy: Callable[[str], str]) -> No
     if role in LOOP_ROLES and fitting_role != role and fitting_role in LOOP_ROLES:
         fix = remedy(fitting_role)
         raise UsageError(
-            fault("block.of-other-role", fix, role=role, block=block_class.__name__, other=fitting_role)
+            fault("block.of-other-role", fix, role=role, block=block_class.__name__, actual_role=fitting_role)
         )
 
 
@@ -263,7 +263,9 @@ def _find(file: str, folder: Path | str | None) -> Path:
         sorted(p.name for p in candidates[0].parent.glob("*.py")) if candidates[0].parent.is_dir() else []
     )
     suggestion = nearest(path.name, neighbours)
-    raise FileError(fault("block.file-absent", missing=candidates[0], value=path.name, near=suggestion))
+    raise FileError(
+        fault("block.file-absent", absent_path=candidates[0], value=path.name, suggestion=suggestion)
+    )
 
 
 def _path_of(file: str, folder: Path | str | None) -> Path | None:
@@ -301,7 +303,7 @@ def _class_of(path: Path, name: str) -> type:
     member = getattr(module, name, None)
     if member is None:
         suggestion = nearest(name, class_names)
-        raise FileError(fault("block.class-unknown", file=path.name, value=name, near=suggestion))
+        raise FileError(fault("block.class-unknown", file=path.name, value=name, suggestion=suggestion))
     if not inspect.isclass(member):
         raise FileError(fault("block.not-class", file=path.name, value=name, kind=type(member).__name__))
     return member

@@ -116,14 +116,39 @@ FORMER_CODES = (  # beginning of a code in older runs → its present one
     ("noise.found-again", "noise.estimated-again"), ("fit.nothing-seen", "fit.nothing-identifiable"),
     ("drive.pose-ignored", "drive.sensor-ignored"),
 )  # fmt: skip
-FORMER_FIGURES = {  # figure in older runs and robots → its present name
-    "known": "valid", "meant": "similar", "heard": "received", "held": "content", "asked": "requested",
-    "believed_cm": "bound_cm", "unseen": "unidentified", "said": "reply", "found": "value",
-    "sd": "std", "sd_rad_s": "std_rad_s", "way_m": "distance_m",
+FORMER_FIGURES = {  # beginning of a code → figure in older runs and robots → its present name
+    "": {
+        "known": "valid", "meant": "match", "similar": "match", "near": "suggestion", "held": "content",
+        "asked": "requested", "believed_cm": "bound_cm", "said": "reply", "found": "value", "sd": "std",
+        "sd_rad_s": "std_rad_s", "way_m": "distance_m", "off": "consequence", "because": "cause", "why": "reason",
+        "before": "former_value", "now": "value", "most": "maximum", "least": "minimum", "then": "second",
+    },
+    "messages.times": {"times": "count"},
+    "shake.over": {"for_s": "duration_s", "what": "fault"},
+    "shake.push": {"much": "impulse_n_s", "way": "direction"},
+    "shake.tilt": {"much": "slope_deg", "toward_deg": "uphill_deg"},
+    "drive.ticks": {"over_half": "late_ticks", "missed": "skipped_ticks"},
+    "drive.imu": {"withheld": "repeated_samples", "saturated": "full_scale_samples"},
+    "drive.uno": {
+        "written": "received_frames", "spoilt": "damaged_frames", "spoilt_percent": "damage_percent",
+        "ignored": "ignored_frames", "overrun": "lost_bytes",
+    },
+    "drive.line": {
+        "sent": "sent_commands", "unsent": "unsent_commands", "heard": "received_frames",
+        "received": "received_frames", "lost": "lost_frames", "late": "late_frames", "damaged": "damaged_frames",
+    },
+    "drive.not-compiled": {"room": "role"}, "drive.says-failed": {"room": "role"},
+    "drive.text-unknown": {"room": "role"}, "door.swapped": {"room": "role"},
+    "door.version": {"theirs": "laptop_protocol", "ours": "robot_protocol"},
+    "door.too-long": {"most_kb": "max_kb"}, "door.too-many": {"dropped": "count"},
+    "imu.frozen": {"times": "count"}, "imu.overflow": {"how": "state"}, "imu.unknown-chip": {"odd": "fault"},
+    "imu.no-answer": {"asked": "address_range", "requested": "address_range"},
+    "caution.uncertain": {"most_m": "max_m"}, "computer.stood-still": {"still_s": "silent_s"},
+    "computer.disk-full": {"least_disk_mb": "min_disk_mb"},
+    "vehicle.battery-low": {"least_battery_v": "min_battery_v"},
+    "vehicle.stuck": {"waited_s": "rest_s", "away_m": "distance_m"}, "when.around-nan": {"what": "signal"},
+    "model.fits-no-longer": {"times": "ratio"}, "sensor.agrees-again": {"lasted_s": "duration_s"},
 }  # fmt: skip
-WITH_ROLE = (  # messages in runs whose figure `role` was called `room`
-    "drive.not-compiled", "drive.says-failed", "drive.text-unknown", "door.swapped",
-)  # fmt: skip
 
 
 def code_of_today(code: str) -> str:
@@ -140,6 +165,14 @@ def code_of_today(code: str) -> str:
         ),
         code,
     )
+
+
+def _figures_of_today(code: str, figures: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the figures of a message in an older run under their present names."""
+    names: dict[str, str] = {}
+    for beginning, former_names in FORMER_FIGURES.items():
+        names |= former_names if code.startswith(beginning) else {}
+    return {names.get(name, name): value for name, value in figures.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,9 +219,7 @@ class Diagnostic:
             if not (are_figures_plain and all(isinstance(text, str) for text in (*texts, *figures))):
                 raise ValueError("a figure or text of another type")
             code, subject, fix = texts
-            if code in WITH_ROLE and "room" in figures:
-                figures["role"] = figures.pop("room")
-            figures = {FORMER_FIGURES.get(str(name), str(name)): value for name, value in figures.items()}
+            figures = _figures_of_today(code, figures)
             return cls(code_of_today(code), Severity(values["severity"]), subject, figures, fix)
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"no diagnostic ({type(error).__name__}: {error})") from error
@@ -213,7 +244,7 @@ def note(
     Several names become one text, with commas. Several fractions or diagnostics become one diagnostic, so that the
     reader's language decides on their decimal sign. NumPy's numbers become Python's.
 
-    >>> note("use.unknown", known=["imu", "wheels"]).figures["known"]
+    >>> note("use.unknown", valid=["imu", "wheels"]).figures["valid"]
     'imu, wheels'
     """
     figure_values = {name: _figure(value) for name, value in figures.items()}
@@ -229,7 +260,7 @@ def merge_diagnostics(diagnostics: Iterable[Diagnostic]) -> Diagnostic | None:
     """Return several messages as one diagnostic; None for an empty list."""
     first, *remaining = (*diagnostics, None)
     for diagnostic in remaining[:-1]:
-        first = fault("messages.then", first=first, then=diagnostic)
+        first = fault("messages.then", first=first, second=diagnostic)
     return first
 
 
@@ -266,7 +297,7 @@ def _list_figure(values: list[Any]) -> "str | Diagnostic":
         value if isinstance(value, Diagnostic) else note("messages.number", value=value) for value in values
     )
     for diagnostic in remaining:
-        first = note("messages.list", first=first, then=diagnostic)
+        first = note("messages.list", first=first, second=diagnostic)
     return first
 
 
@@ -280,7 +311,7 @@ def nearest(name: str, allowed: Iterable[str], cutoff: float = 0.6) -> Diagnosti
     close_names = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
     known_names = _figure(names if len(names) <= MAX_LISTED_NAMES else [*names[:MAX_LISTED_NAMES], "…"])
     return (
-        note("name.near", similar=close_names[0], valid=known_names)
+        note("name.near", match=close_names[0], valid=known_names)
         if close_names
         else note("name.unknown", valid=known_names)
     )

@@ -39,19 +39,19 @@ BROKEN = {
         "controller",
         "        e = pose_error",
         "        global LAST\n        LAST = estimate\n        e = pose_error",
-        [("outside.global", {"name": "LAST", "instead": "outside.state"})],
+        [("outside.global", {"name": "LAST", "advice": "outside.state"})],
     ),
     "remembers in itself": (
         "controller",
         "        e = pose_error",
         "        object.__setattr__(self, 'gain', self.gain + 1.0)\n        e = pose_error",
-        [("check.changes-itself", {"when": "when.circle"})],
+        [("check.changes-itself", {"situation": "when.circle"})],
     ),
     "changes an argument": (
         "controller",
         "        e = pose_error",
         "        estimate.eta[0] = 0.0\n        e = pose_error",
-        [("check.changes-arguments", {"when": "when.circle"})],
+        [("check.changes-arguments", {"situation": "when.circle"})],
     ),
     "raises": (
         "controller",
@@ -59,7 +59,7 @@ BROKEN = {
         "        e = reference.eta @ np.zeros(4)",
         [
             ("check.raises-on-line", {"subject": "Block.step()"}),
-            ("check.raises-on-line", {"line": 20, "when": "when.circle"}),
+            ("check.raises-on-line", {"line": 20, "situation": "when.circle"}),
         ],
     ),
     "raises at the start": (
@@ -73,7 +73,7 @@ BROKEN = {
         "controller",
         "return state + 1.0, Command",
         "return Command",
-        [("check.one-value", {"value": "Command", "when": "when.circle", "subject": "Block.step()"})],
+        [("check.one-value", {"value": "Command", "situation": "when.circle", "subject": "Block.step()"})],
     ),
     "one value": (
         "controller",
@@ -97,19 +97,19 @@ BROKEN = {
         "controller",
         "Command(estimate.t_ns, u)\n",
         'Command(estimate.t_ns, "left")\n',
-        [("check.no-numbers", {"what": "Command.u", "value": "str"})],
+        [("check.no-numbers", {"field": "Command.u", "value": "str"})],
     ),
     "nan": (
         "controller",
         "self.gain * e[0]",
         "np.sqrt(-1.0 - e[0] ** 2)",
-        [("check.not-finite", {"what": "Command.u"})],
+        [("check.not-finite", {"field": "Command.u"})],
     ),
     "no stamp": (
         "controller",
         "Command(estimate.t_ns",
         "Command(0",
-        [("check.stamp", {"value": 0, "of": "estimate"})],
+        [("check.stamp", {"value": 0, "signal": "estimate"})],
     ),
     "map frame": (
         "controller",
@@ -127,19 +127,19 @@ BROKEN = {
         "controller",
         "e[2]])",
         "e[2] / (estimate.t_ns - state)])\n        state = estimate.t_ns - 1.0",
-        [("check.not-finite", {"when": "when.repeated"})],
+        [("check.not-finite", {"situation": "when.repeated"})],
     ),
     "not wrapped": (
         "estimator",
         "wrap(eta[2])",
         "eta[2]",
-        [("check.not-wrapped", {"what": "Estimate.eta[2]", "when": "when.circle"})],
+        [("check.not-wrapped", {"field": "Estimate.eta[2]", "situation": "when.circle"})],
     ),
     "covariance asymmetric": (
         "estimator",
         "dt * np.eye(6)\n        return",
         "dt * np.triu(np.ones((6, 6)))\n        return",
-        [("check.not-symmetric", {"what": "Estimate.cov", "when": "when.circle"})],
+        [("check.not-symmetric", {"field": "Estimate.cov", "situation": "when.circle"})],
     ),
     "covariance negative": (
         "estimator",
@@ -157,7 +157,7 @@ BROKEN = {
         "estimator",
         "np.where(np.isfinite(z[2]), z[2], 0.0)",
         "z[2]",
-        [("check.not-finite", {"when": "when.after-measurement"})],
+        [("check.not-finite", {"situation": "when.after-measurement"})],
     ),
     "no estimate": (
         "estimator",
@@ -172,7 +172,7 @@ BROKEN = {
         [
             (
                 "check.raises-on-line",
-                {"error": "ZeroDivisionError: division by zero", "line": 26, "when": "when.silent"},
+                {"error": "ZeroDivisionError: division by zero", "line": 26, "situation": "when.silent"},
             )
         ],
     ),
@@ -180,7 +180,7 @@ BROKEN = {
         "guide",
         "wrap((estimate.t_ns - state) * 1e-9)",
         "2.0 * estimate.t_ns * 1e-9",
-        [("check.not-wrapped", {"what": "Reference.eta[2]", "psi_rad": 3.16})],
+        [("check.not-wrapped", {"field": "Reference.eta[2]", "psi_rad": 3.16})],
     ),
     "guide says maybe": (
         "guide",
@@ -192,22 +192,22 @@ BROKEN = {
         "guide",
         "        psi =",
         "        1 / max(0, 2 * 10**12 - estimate.t_ns)\n        psi =",
-        [("check.raises-on-line", {"when": "when.hour-later"})],
+        [("check.raises-on-line", {"situation": "when.hour-later"})],
     ),
     "guide returns a pose": ("guide", "return state, Reference(", "return state, (", [("check.returns", {})]),
     "lets a nan through": (
         "supervisor",
         "np.where(bad > 0.0, 0.0, ",
         "np.where(False, 0.0, ",
-        [("check.not-finite", {"what": "Command.u", "value": "[nan, nan, nan]"})],
+        [("check.not-finite", {"field": "Command.u", "value": "[nan, nan, nan]"})],
     ),
     "lets a blind vehicle drive": (
         "supervisor",
         " + np.sum(estimate.eta)",
         "",
-        [("check.lets-through", {"what": "Estimate"})],
+        [("check.lets-through", {"signal": "Estimate"})],
     ),
-    "drives on": ("supervisor", "state, 1.0)", "0.0, 1.0)", [("check.drives-again", {"what": "Command"})]),
+    "drives on": ("supervisor", "state, 1.0)", "0.0, 1.0)", [("check.drives-again", {"signal": "Command"})]),
     "no limit": (
         "supervisor",
         "np.clip(command.u, -self.limit, self.limit)",
@@ -244,7 +244,7 @@ BROKEN = {
         "        np.zeros(100)[estimate.t_ns // 10**12]\n        e = pose_error",
         [
             ("check.raises-on-line", {"subject": "Block.step()"}),
-            ("check.raises-on-line", {"when": "when.clock"}),
+            ("check.raises-on-line", {"situation": "when.clock"}),
         ],
     ),
     "no cov": ("sensor", "def cov", "def covariance", [("check.no-attribute", {"name": "cov"})]),
@@ -253,7 +253,7 @@ BROKEN = {
         "sensor",
         "motion.nu[:1]",
         "motion.nu[:2]",
-        [("check.shape", {"what": "h", "value": "(2,)", "shape": "(1,)"})],
+        [("check.shape", {"field": "h", "value": "(2,)", "shape": "(1,)"})],
     ),
     "no slot": ("sensor", "Slot(1.0, ", "(1.0, ", [("check.returns", {"expected": "(state, Slot(has, z))"})]),
     "half a measurement": ("sensor", "Slot(1.0, ", "Slot(0.5, ", [("check.has", {"value": "0.5"})]),
@@ -262,7 +262,7 @@ BROKEN = {
         "sensor",
         "rate_hz: float = 50.0",
         "rate_hz: float = 5.0",
-        [("check.rate", {"answers": 100, "lasted_s": 2.0, "rate_hz": 5.0, "expected": 10.0})],
+        [("check.rate", {"count": 100, "duration_s": 2.0, "rate_hz": 5.0, "expected": 10.0})],
     ),
     "no drivetrain": ("vehicle", "    drivetrain = ", "    motors = ", [("check.no-drivetrain", {})]),
     "no commands": ("vehicle", "    commands = 2\n", "", [("check.no-commands", {})]),
@@ -272,7 +272,7 @@ BROKEN = {
         "vehicle",
         "eta[1], wrap(eta[2])])",
         "eta[1], eta[2]])",
-        [("check.not-wrapped", {"what": "Motion.eta[2]"})],
+        [("check.not-wrapped", {"field": "Motion.eta[2]"})],
     ),
     "no motion": ("vehicle", "Motion(eta, nu, nu_dot, np.zeros(2))", "eta", [("check.returns", {})]),
     "advance of two": (
@@ -293,7 +293,7 @@ def test_id12_each_broken_block_gives_the_expected_diagnostic_codes(tmp_path, ca
         alike = [finding for finding in findings if finding.code == code]
         assert any(figures.items() <= figures_of(finding).items() for finding in alike), findings
     assert all(finding.figures["place"].startswith("mine.py line ") for finding in findings)
-    keys = [(f.code, f.subject, *map(f.figures.get, ("what", "of", "name"))) for f in findings]
+    keys = [(f.code, f.subject, *map(f.figures.get, ("field", "signal", "name"))) for f in findings]
     assert len({*keys}) == len(keys), "a fault of many ticks is reported once"
 
 

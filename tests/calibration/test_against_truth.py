@@ -182,7 +182,7 @@ def test_a_run_without_a_sensor_is_refused(assumed_file, drive):
 
 
 def test_a_short_run_is_refused_with_its_length(assumed_file, drive):
-    with pytest.raises(UsageError, check=of_code("truth.short-overlap", needed_s=16.0)):
+    with pytest.raises(UsageError, check=of_code("truth.short-overlap", min_s=16.0)):
         calibrate(drive(0, 10.0), assumed_file)
 
 

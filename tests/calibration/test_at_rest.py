@@ -94,7 +94,7 @@ def test_a_run_that_never_rests_is_refused(small):
 
 
 def test_a_rest_with_too_few_samples_is_refused(small):
-    with pytest.raises(UsageError, check=of_code("at-rest.few-samples", least=200)):
+    with pytest.raises(UsageError, check=of_code("at-rest.few-samples", minimum=200)):
         measure_at_rest(simulate(small, np.zeros((100, 3)), 0))
 
 

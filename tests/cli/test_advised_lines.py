@@ -151,7 +151,7 @@ def test_a_part_of_a_run_that_ends_before_its_start_is_refused_with_both_times_i
 def test_a_key_of_another_quantity_is_not_proposed(baqueano):
     end = baqueano("simulate", "--vehicle", "car", "--set", "model.mass_kg=-3")
     assert (end.code, end.reason.code) == (2, "vehicle.unknown-key")
-    assert end.reason.figures["near"].code == "name.unknown"
+    assert end.reason.figures["suggestion"].code == "name.unknown"
     assert "model.throttle_gain" in end.paragraph
     assert end.fix == "baqueano simulate --help"
 
@@ -174,7 +174,7 @@ def test_an_unknown_block_is_refused_with_the_list_of_blocks(baqueano, lab):
 def test_the_keys_are_a_driver_and_not_a_route(baqueano):
     end = baqueano("tune", "--vehicle", "small", "--route", "keys")
     assert end.reason.code == "cli.driver-unknown"
-    assert "keys" not in end.reason.figures["near"].figures["valid"]
+    assert "keys" not in end.reason.figures["suggestion"].figures["valid"]
 
 
 @pytest.mark.parametrize(

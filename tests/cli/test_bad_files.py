@@ -103,7 +103,7 @@ def test_an_empty_cut_is_refused_with_the_length_of_the_run(baqueano, lab):
     end = baqueano("runs", "cut", str(lab / "runs" / "0001-experiment.mcap"), "--from", "50")
     assert end.code == 2
     assert end.reason.code == "cli.cut-after-end"
-    assert (end.reason.figures["from_s"], end.reason.figures["duration_s"]) == (
+    assert (end.reason.figures["start_s"], end.reason.figures["duration_s"]) == (
         50.0,
         pytest.approx(3.0, abs=0.01),
     )

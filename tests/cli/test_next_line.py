@@ -62,7 +62,10 @@ def test_the_error_about_a_missing_run_advises_to_list_the_runs(baqueano, tmp_pa
 
 def test_an_error_about_a_missing_path_lists_existing_files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    args, cause = ["runs", "import", "map.toml", "trials.csv"], fault("table.not-read", missing="trials.csv")
+    args, cause = (
+        ["runs", "import", "map.toml", "trials.csv"],
+        fault("table.not-read", absent_path="trials.csv"),
+    )
     advice = next_command(cause, 3, args)
     assert (advice.code, dict(advice.figures)) == (
         "next.no-file",
@@ -71,7 +74,7 @@ def test_an_error_about_a_missing_path_lists_existing_files(tmp_path, monkeypatc
     for name in ("a.csv", "b.csv", "c.csv", "d.csv", "e.csv", "f.csv", "notes.txt"):
         (tmp_path / name).touch()
     figures = next_command(cause, 3, args).figures
-    assert (figures["files"], figures["more"]) == ("a.csv, b.csv, c.csv, d.csv, e.csv", 1)
+    assert (figures["files"], figures["count"]) == ("a.csv, b.csv, c.csv, d.csv, e.csv", 1)
 
 
 def test_the_error_about_a_damaged_file_does_not_advise_the_same_command():

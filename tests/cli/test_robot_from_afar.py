@@ -47,7 +47,7 @@ def test_an_unconfirmed_stop_is_not_reported_as_stopped(baqueano, door, last, mo
     end = baqueano("robot", "stop", str(door.path))
     assert door.operator.stop_reason(attended=False).code == StopReason.STOPPED_BY_COMMAND
     assert end.code == 1
-    assert (end.reason.code, end.reason.figures["within_s"]) == ("remote.stop-not-reached", 0.0)
+    assert (end.reason.code, end.reason.figures["limit_s"]) == ("remote.stop-not-reached", 0.0)
     assert f"baqueano robot status {door.path}" in end.paragraph
 
 

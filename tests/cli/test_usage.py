@@ -122,7 +122,7 @@ def test_the_debug_option_prints_the_traceback_with_the_same_exit_code(baqueano)
     end = baqueano("runs", "show", "no.mcap", "--debug")
     assert end.code == 3
     assert "Traceback" in end.err
-    assert (end.ending.reason.code, end.ending.reason.figures["missing"]) == ("runs.absent", "no.mcap")
+    assert (end.ending.reason.code, end.ending.reason.figures["absent_path"]) == ("runs.absent", "no.mcap")
 
 
 def test_help_imports_no_command_module_and_no_numpy():

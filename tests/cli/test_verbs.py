@@ -132,7 +132,7 @@ def test_a_smoothed_replay_has_a_smaller_error(project, tmp_path):
 def test_an_estimator_that_is_not_a_kalman_filter_cannot_be_smoothed(project, tmp_path):
     end = project("replay", "1", "--smooth", "--estimator", "dead_reckoning")
     assert end.code == 2
-    assert (end.reason.code, end.reason.figures["who"]) == ("smooth.not-kalman", "DeadReckoning")
+    assert (end.reason.code, end.reason.figures["estimator"]) == ("smooth.not-kalman", "DeadReckoning")
     assert "--estimator augmented_ekf" in end.paragraph
     assert not list((tmp_path / "runs").glob("0003*"))
 

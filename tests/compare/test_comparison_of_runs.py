@@ -83,13 +83,15 @@ def test_a_small_nees_is_printed_with_its_digits():
 def test_an_estimate_with_errors_beyond_its_covariance_is_called_too_sure():
     comparison = compare([run_with(off=(0, 0, 0)), run_with("b", off=(0.2, 0.0, 0.0))])
     assert [row["verdict"] for row in comparison.rows()] == ["consistent", "too sure"]
-    assert [(reason.subject, reason.figures["how"]) for reason in comparison.reasons] == [("b", "too sure")]
+    assert [(reason.subject, reason.figures["verdict"]) for reason in comparison.reasons] == [
+        ("b", "too sure")
+    ]
     assert " ".join(comparison.table().split()).endswith(text(note("compare.advice-too-sure")))
 
 
 def test_an_overestimated_covariance_is_called_too_cautious_without_fit_advice():
     comparison = compare(run_with(off=(0.0, 0.0, 0.0), sigma=0.01))
-    assert [(reason.subject, reason.figures["how"]) for reason in comparison.reasons] == [
+    assert [(reason.subject, reason.figures["verdict"]) for reason in comparison.reasons] == [
         ("a", "too cautious")
     ]
     printed = " ".join(comparison.table().split())
@@ -168,7 +170,7 @@ def test_a_diverged_estimate_is_judged_until_its_divergence():
     comparison = compare(run_with(estimate=run.estimate._replace(eta=eta)))
     assert comparison.runs[0].divergence_s == pytest.approx(7.0, abs=0.02)
     assert comparison.runs[0].ate_m < 0.05
-    assert (comparison.verdict, comparison.reasons[0].figures["how"]) == ("INCONSISTENT", "diverged")
+    assert (comparison.verdict, comparison.reasons[0].figures["verdict"]) == ("INCONSISTENT", "diverged")
     assert text(note("compare.diverged", t_s=comparison.runs[0].divergence_s)) in comparison.table()
     assert np.isnan(compare(run_with()).runs[0].divergence_s)
 
@@ -207,7 +209,7 @@ def test_an_invalid_comparison_is_refused_with_a_reason(call, words):
 def test_one_sentence_names_the_figure_and_state_with_the_largest_deviation():
     comparison = compare(run_with(off=(0.0, 0.2, 0.0)))
     sentence, (message, *_) = comparison.rows()[0]["sentence"], comparison.runs[0].consistency.messages
-    assert (message.code, message.figures["figure"], message.figures["of"]) == (
+    assert (message.code, message.figures["figure"], message.figures["quantity"]) == (
         "consistency.too-sure",
         "NEES",
         "the pose",
@@ -240,11 +242,11 @@ def test_innovations_are_judged_without_a_truth():
     drift = FilterConsistency(few._replace(mean=1.0), right, right, {}, {}, (), np.nan)
     assert drift.verdict == "consistent"
     (first, then), (_, correlated) = drift.messages, verdict(NOT_REPORTED, right).messages
-    assert (first.code, first.figures["of"], first.figures["mean"]) == (
+    assert (first.code, first.figures["quantity"], first.figures["mean"]) == (
         "consistency.consistent",
         "the velocity",
         1.0,
     )
-    assert (then.code, then.figures) == ("consistency.unknown", {"of": "the pose"})
+    assert (then.code, then.figures) == ("consistency.unknown", {"quantity": "the pose"})
     assert (correlated.code, correlated.figures) == ("consistency.correlated", {"correlation": 0.5})
     assert verdict(NOT_REPORTED, NOT_REPORTED).verdict == "not reported"

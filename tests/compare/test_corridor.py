@@ -26,7 +26,7 @@ def test_the_corridor_width_is_measured_across_the_heading():
     assert along_y.across_m == pytest.approx([0.392, 0.392])
     assert along_x.area_m2[0] == pytest.approx(np.pi * 5.991 * 0.2 * 0.1)
     assert along_x.heading_rad[0] == pytest.approx(1.96 * 0.05)
-    message, width = along_x.message, along_x.message.figures["within"]
+    message, width = along_x.message, along_x.message.figures["bound"]
     assert (message.code, message.figures["t_s"], width.code) == ("corridor.after-time", 1.0, "corridor.cm")
     assert width.figures == {"across_cm": pytest.approx(19.6), "heading_deg": pytest.approx(5.615, abs=0.001)}
 

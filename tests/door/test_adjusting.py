@@ -49,7 +49,7 @@ def test_a_new_gain_applies_from_the_next_tick_and_is_logged():
     assert event.t_ns == run.t_ns[100]
     assert event.diagnostic.code == "door.set"
     assert event.diagnostic.figures == {
-        "path": "controller.k_x", "before": str(float(before)), "now": "0.0"
+        "path": "controller.k_x", "former_value": str(float(before)), "value": "0.0"
     }  # fmt: skip
     assert messages[0]["message"] == event.diagnostic
     assert file.controller().k_x == before
@@ -101,7 +101,7 @@ class Strict:
 )
 def test_a_controller_that_fails_with_a_new_gain_keeps_its_old_gains(value, error):
     adjustable = AdjustableController(BudgetedBlock(Strict()))
-    with refused("door.gain-refused", Invalid, name="controller.gain", before="1.0") as error_info:
+    with refused("door.gain-refused", Invalid, name="controller.gain", former_value="1.0") as error_info:
         adjustable.change("controller.gain", value)
     assert error_info.value.diagnostic.figures["error"].startswith(error)
     assert adjustable.block.block.gain == 1.0

@@ -106,7 +106,7 @@ def test_a_vehicle_with_another_version_is_refused_before_the_drive(vehicle, mis
         with pytest.raises(UsageError) as error_info:
             remote.perform(mission, tmp_path / "here.mcap")
     about = error_info.value.diagnostic
-    assert (about.code, about.figures["ours"]) == ("door.version-of-robot", 3)
+    assert (about.code, about.figures["laptop_protocol"]) == ("door.version-of-robot", 3)
     assert about.fix.startswith("baqueano robot setup ")
     assert vehicle.operator.pop_mission() is None
 

@@ -58,8 +58,8 @@ def test_a_drive_beyond_the_envelope_is_flagged(small):
     events = range_warnings(experiment(small, FAST))
     assert len(events) == 1
     assert (events[0].code, events[0].subject) == ("envelope.left", "u_x")
-    assert events[0].figures["most"] == 0.9
-    assert events[0].figures["beyond_percent"] == pytest.approx(99.0, abs=0.5)
+    assert events[0].figures["maximum"] == 0.9
+    assert events[0].figures["percent"] == pytest.approx(99.0, abs=0.5)
 
 
 def test_a_replay_beyond_the_envelope_is_flagged(small):

@@ -98,7 +98,7 @@ def test_a_first_drive_that_ends_early_reports_no_motor_fault(first, small):
     assert estimate.no_motion
     assert {finding.code for finding in estimate.no_motion} == {"first-drive.ended-early"}
     assert estimate.no_motion[0].figures["command"] == "the left wheel forward"
-    assert estimate.no_motion[0].figures["tried_percent"] == pytest.approx(8.0, abs=0.5)
+    assert estimate.no_motion[0].figures["command_percent"] == pytest.approx(8.0, abs=0.5)
 
 
 @pytest.mark.parametrize("seed", [2, 19, 21, 22])

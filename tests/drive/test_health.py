@@ -37,7 +37,7 @@ def test_a_correct_model_never_gives_a_warning():
 def test_a_wrong_model_gives_one_warning():
     (reason,) = reasons_for(6.0)
     assert (reason.code, reason.fix) == ("model.fits-no-longer", "baqueano identify last")
-    assert reason.figures["times"] == pytest.approx(2.4, abs=0.05)
+    assert reason.figures["ratio"] == pytest.approx(2.4, abs=0.05)
 
 
 def test_a_few_outliers_give_no_warning():
@@ -92,7 +92,7 @@ def test_a_loose_gyro_is_reported_without_advice_to_fit(small):
     (worse,) = [e.diagnostic for e in events if e.level == "warning"]
     assert (worse.code, worse.subject) == ("sensor.degraded", "imu[2]")
     cause = worse.figures["cause"]
-    assert (cause.code, cause.figures["off"].code) == ("sensor.scaled", "sensor.off-sensor")
+    assert (cause.code, cause.figures["consequence"].code) == ("sensor.scaled", "sensor.off-sensor")
     assert cause.figures["ratio"] == pytest.approx(0.3, abs=0.005)
     assert [e for e in run.events if e.source == SOURCE] == []
 

@@ -137,7 +137,7 @@ def with_end(monkeypatch, offset):
 )
 def test_a_lap_that_ends_elsewhere_is_refused(file, lap, monkeypatch, offset):
     with_end(monkeypatch, np.array(offset))
-    with refused("marks.lap-open", AnswerNo, most=pytest.approx(-2.0 * np.log(0.001), abs=1e-3)):
+    with refused("marks.lap-open", AnswerNo, maximum=pytest.approx(-2.0 * np.log(0.001), abs=1e-3)):
         lap_closure(lap, file)
 
 
@@ -176,7 +176,7 @@ def test_a_scale_that_contradicts_the_file_is_refused(file, lap, scale, std, mos
     with refused("marks.lap-other-scale", AnswerNo) as no:
         lap_closure(lap, file.with_values(prior))
     assert no.value.diagnostic.figures["value"] == pytest.approx(TRUE, abs=0.015)
-    assert no.value.diagnostic.figures["most_percent"] == pytest.approx(most, abs=0.2)
+    assert no.value.diagnostic.figures["max_percent"] == pytest.approx(most, abs=0.2)
 
 
 @pytest.mark.parametrize("column", ["eta", "cov"])

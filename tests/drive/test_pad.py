@@ -203,7 +203,7 @@ def test_unreadable_devices_are_reported_with_a_remedy(plug, monkeypatch):
         raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
     monkeypatch.setattr(pads, "InputDevice", refuse_open)
-    with refused("pad.closed", UsageError, closed="event0, event1"):
+    with refused("pad.closed", UsageError, locked_devices="event0, event1"):
         find_pad(folder=folder)
     with refused("pad.may-not-read", UsageError):
         find_pad(folder / "event1")

@@ -65,30 +65,30 @@ def test_the_calibrated_imu_measures_zero_at_rest(robot):
 def test_a_right_turn_during_calibration_is_reported(robot):
     with refused("calibrate.turned-right", AnswerNo) as error_info:
         calibration(robot, follows(Hand(robot), turn=-np.pi))
-    assert error_info.value.diagnostic.figures["turned_deg"] > 90.0
+    assert error_info.value.diagnostic.figures["turn_deg"] > 90.0
 
 
 def test_a_vehicle_that_is_not_lifted_ends_the_calibration(robot):
     Hand(robot)
-    with refused("calibrate.no-motion", AnswerNo, what="the lift of the front", within_s=8.0):
+    with refused("calibrate.no-motion", AnswerNo, step="the lift of the front", limit_s=8.0):
         calibration(robot, lambda text: None)
 
 
 def test_a_carried_vehicle_is_not_at_rest(robot):
     robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.8), (0.3 * np.sin(3e-9 * t_ns), 0.0, 0.0))
-    with refused("calibrate.not-still", AnswerNo, what="at rest", within_s=8.0):
+    with refused("calibrate.not-still", AnswerNo, step="at rest", limit_s=8.0):
         calibration(robot, lambda text: None)
 
 
 def test_an_imu_without_samples_is_reported(robot):
     reader = ImuReader(type("Silent", (), {"read": lambda self: []})(), robot.wait, lambda: robot.now_ns)
-    with refused("calibrate.no-sample", AnswerNo, within_s=1.0) as error_info:
+    with refused("calibrate.no-sample", AnswerNo, limit_s=1.0) as error_info:
         reader.samples(1.0)
     assert error_info.value.diagnostic.fix == "baqueano robot doctor"
 
 
 def test_an_imu_without_a_nearly_vertical_axis_is_refused():
-    with refused("calibrate.not-upright", AnswerNo, x=5.0, y=0.0, z=8.4):
+    with refused("calibrate.not-upright", AnswerNo, x_m_s2=5.0, y_m_s2=0.0, z_m_s2=8.4):
         up_axis_of(np.array([5.0, 0.0, 8.4]))
 
 

@@ -126,7 +126,7 @@ def test_unknown_imu_axes_require_an_imu_calibration_first(robot, bench):
     with refused("floor.gravity", AnswerNo) as error_info:
         calibrate(bench)
     reason = error_info.value.diagnostic
-    assert (reason.figures["x"], reason.figures["y"]) == pytest.approx((9.8, 0.0), abs=0.5)
+    assert (reason.figures["x_m_s2"], reason.figures["y_m_s2"]) == pytest.approx((9.8, 0.0), abs=0.5)
     assert reason.fix == "baqueano robot calibrate imu"
 
 
@@ -219,7 +219,7 @@ def test_calibrated_slopes_equalise_the_wheels_to_the_weakest_wheel():
 
 def test_a_sweep_without_motion_is_reported():
     bounds = {"low": pytest.approx(0.3), "high": pytest.approx(0.7)}
-    with refused("calibrate.few-duties", AnswerNo, name="left forwards", duties=8, moved=1, **bounds):
+    with refused("calibrate.few-duties", AnswerNo, name="left forwards", duties=8, count=1, **bounds):
         fit_sweep(0.4, np.linspace(0.7, 0.3, 8), np.array([3.0, 0, 0, 0, 0, 0, 0, 0]), "left forwards")
 
 

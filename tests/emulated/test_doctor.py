@@ -139,7 +139,7 @@ def test_the_count_of_damaged_frames_may_exceed_255(robot):
     uno_checks.send_commands(robot.uno, 4.0, robot.wait)
     robot.write = write_line
     robot.wait(0.1)
-    assert robot.uno.statistics.spoilt == robot.board.info().bad_crc > 400
+    assert robot.uno.statistics.rejected_frames == robot.board.info().bad_crc > 400
 
 
 def test_intact_commands_that_are_not_executed_give_a_warning(robot):

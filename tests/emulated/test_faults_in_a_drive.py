@@ -147,10 +147,10 @@ def test_a_run_ends_with_the_frame_counts_of_the_uno(vehicle, noise):
     event = last(run, UNO_SOURCE)
     n = event.diagnostic.figures
     count_sent, count_damaged, count_ignored, count_lost = (
-        n["written"],
-        n["spoilt"],
-        n["ignored"],
-        n["overrun"],
+        n["received_frames"],
+        n["damaged_frames"],
+        n["ignored_frames"],
+        n["lost_bytes"],
     )
     assert count_sent > 500
     assert 0 <= robot.board.info().bad_crc - before.bad_crc - count_damaged <= 1
@@ -175,7 +175,7 @@ def test_a_mission_with_a_lost_arming_frame_drives_normally(vehicle):
     done, run = drive(service, spin())
     assert done["reason"] is None
     assert run.applied_commands[-1, 2] == pytest.approx(0.6, abs=0.002)
-    count_ignored = last(run, UNO_SOURCE).diagnostic.figures["ignored"]
+    count_ignored = last(run, UNO_SOURCE).diagnostic.figures["ignored_frames"]
     assert 1 <= count_ignored <= 4, "the run counts the commands that arrived before arming"
 
 
@@ -212,7 +212,7 @@ def test_a_run_ends_with_the_fault_counts_of_the_imu(vehicle, line_harmed):
     event = last(run, IMU_SOURCE)
     counts = dict(event.diagnostic.figures)
     assert counts.pop("samples") == pytest.approx(200, abs=5)
-    harm = {"saturated": pytest.approx(10, abs=3), "retries": 1} if line_harmed else {}
+    harm = {"full_scale_samples": pytest.approx(10, abs=3), "retries": 1} if line_harmed else {}
     assert counts == dict.fromkeys(counts, 0) | harm
     assert event.level == ("warning" if line_harmed else "info")
 

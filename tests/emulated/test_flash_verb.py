@@ -49,7 +49,7 @@ def test_a_hex_file_is_decoded_like_in_the_emulator(firmware):
 def test_a_line_without_a_boot_loader_is_reported(firmware, optiboot):
     with (
         on_pty(firmware) as live,
-        refused("flash.failed", RobotUnreachable, where=live.path),
+        refused("flash.failed", RobotUnreachable, port=live.path),
     ):
         flash(live.path)
 
@@ -60,7 +60,7 @@ def test_a_hanging_avrdude_is_ended(monkeypatch, tmp_path):
     slow.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     monkeypatch.setattr(module, "FLASH_TIMEOUT_S", 0.2)
-    with refused("flash.too-slow", RobotUnreachable, where="/dev/null", within_s=0.2):
+    with refused("flash.too-slow", RobotUnreachable, port="/dev/null", limit_s=0.2):
         flash("/dev/null")
 
 
@@ -77,7 +77,7 @@ def test_a_missing_avrdude_is_reported_with_the_install_command(monkeypatch, tmp
         (":", "flash.bad-line", {"line": 1}),
         (":00000001FF\n:00", "flash.bad-line", {"line": 2}),
         ("hello", "flash.not-hex", {}),
-        (":00000001FF", "flash.size", {"bytes": 0, "most_bytes": 32256}),
+        (":00000001FF", "flash.size", {"bytes": 0, "max_bytes": 32256}),
     ],
 )
 def test_a_file_that_is_not_a_firmware_is_refused(tmp_path, text, code, figures):

@@ -78,7 +78,7 @@ def test_rt2_a_freeze_longer_than_the_command_timeout_ends_the_drive(robot, tmp_
     assert done["reason"].code == StopReason.STANDSTILL
     assert done["reason"].figures["dead_man_s"] == 0.3
     assert stop_reason_of(run) == done["reason"]
-    assert done["reason"].figures["still_s"] == pytest.approx(seconds, abs=0.02)
+    assert done["reason"].figures["silent_s"] == pytest.approx(seconds, abs=0.02)
     assert service.machine.state is DoorState.STOPPED
     look_around(service, robot, 5)
     assert service.machine.state is DoorState.STOPPED, "the stop is latched"

@@ -15,7 +15,7 @@ def test_es1_the_q_of_the_paper_is_refused_with_its_impossible_entry():
 
 
 def test_the_r_of_the_paper_is_refused_as_not_symmetric():
-    with refused("cov.not-symmetric", ValueError, i=0, j=5, one=-0.05, other=-0.058):
+    with refused("cov.not-symmetric", ValueError, i=0, j=5, first=-0.05, second=-0.058):
         covariance(PAPER_R, 6, "process_noise_cov")
 
 

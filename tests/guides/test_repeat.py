@@ -208,7 +208,7 @@ def test_invalid_laps_are_refused_with_a_reason():
     class GuideOfConstantLaps:
         laps = property(lambda self: 1)
 
-    with refused("route.laps-kept", UsageError, kind="GuideOfConstantLaps", before=1, laps=3):
+    with refused("route.laps-kept", UsageError, kind="GuideOfConstantLaps", former_laps=1, laps=3):
         with_laps(GuideOfConstantLaps(), 3)
     with refused("route.laps-kept", UsageError):
         with_laps(Repeat.along(LINE), -1)

@@ -74,7 +74,7 @@ def test_an_unmodelled_delay_is_reported_until_the_delay_is_a_free_parameter():
     fit = identify(run, small)
     late = [reason for reason in fit.reasons if reason.code == "residual.missing-free"]
     assert ("term.delay", f"--free +{DELAY_PATH}") in [
-        (reason.figures["what"].code, reason.fix) for reason in late
+        (reason.figures["effect"].code, reason.fix) for reason in late
     ]
     freed = identify(run, small, [f"+{DELAY_PATH}"])
     assert freed.names == (*fit.names, DELAY_PATH)

@@ -107,4 +107,4 @@ def test_id3_samples_with_repeated_timestamps_are_excluded(case_run):
     t_ns[100:200:10] = t_ns[99:199:10]
     pieces, findings = check_timestamps(replace(run, sensors={"imu": c._replace(t_ns=t_ns)}), 100.0)
     assert len(pieces[0].sensors["imu"].t_ns) == len(t_ns) - 10
-    assert (findings[0].code, findings[0].figures["lost"]) == ("time.stamps-back", 10)
+    assert (findings[0].code, findings[0].figures["count"]) == ("time.stamps-back", 10)

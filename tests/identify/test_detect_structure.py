@@ -77,7 +77,7 @@ def test_dry_friction_that_is_not_in_the_file_is_named(case, u):
     fit = identify(simulate(rough, u, 0), case)
     assert fit.verdict == "WARN"
     missing = [reason for reason in fit.reasons if reason.code == "residual.missing"]
-    assert "term.dry-friction" in {reason.figures["what"].code for reason in missing}
+    assert "term.dry-friction" in {reason.figures["effect"].code for reason in missing}
 
 
 def test_a_wrong_speed_of_the_dry_friction_is_reported_with_its_key(case, u):
@@ -104,7 +104,7 @@ def test_a_wrong_inertia_is_named_as_its_ratio_to_the_centre_of_mass():
     drive = robot_on_floor(3, 40.0)
     inertia = 1.5 * drive.file.value("model.inertia_kg_m2")
     fit = identify(drive.run, drive.file.with_values({"model.inertia_kg_m2": inertia}))
-    missing = [reason.figures["what"].code for reason in fit.reasons if reason.code == "residual.missing"]
+    missing = [reason.figures["effect"].code for reason in fit.reasons if reason.code == "residual.missing"]
     assert "term.turning-about" in missing
     assert "term.turning" not in missing
 

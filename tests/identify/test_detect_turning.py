@@ -55,15 +55,15 @@ def test_the_gyro_unit_of_a_slow_car_is_reported(at_ten_hertz, factor, unit, was
     for use, free in ((None, None), (("imu",), ["model.throttle_gain"])):  # more would diverge for seconds
         fit = identify(with_gyro(run, factor), file, free, use=use)
         assert fit.verdict == "REFUSED"
-        (finding,) = (gyro for gyro in accused(fit) if gyro.figures["by"].code == "gyro.as-curve")
-        assert (finding.figures["given"], finding.figures["read"]) == (unit, was)
+        (finding,) = (gyro for gyro in accused(fit) if gyro.figures["source"].code == "gyro.as-curve")
+        assert (finding.figures["true_unit"], finding.figures["assumed_unit"]) == (unit, was)
 
 
 def test_commands_reveal_the_gyro_unit_without_wheels(small):
     run = simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
     fit = identify(with_gyro(run, 1.0 / DEGREES), small)
     assert fit.verdict == "REFUSED"
-    assert "gyro.as-commands" in [reason.figures["by"].code for reason in accused(fit)]
+    assert "gyro.as-commands" in [reason.figures["source"].code for reason in accused(fit)]
 
 
 @pytest.mark.parametrize("part", [30.0, 57.0])
@@ -107,7 +107,7 @@ def test_a_gyro_unit_compensated_by_the_wheelbase_is_still_reported(at_ten_hertz
     fit = identify(gyro_alone, file, free, options=FitOptions(start={"model.wheelbase_m": 6.0}))
     assert fit.converged
     assert fit.value("model.wheelbase_m") > 5.0
-    assert "gyro.as-commands" in [reason.figures["by"].code for reason in accused(fit)]
+    assert "gyro.as-commands" in [reason.figures["source"].code for reason in accused(fit)]
 
 
 @pytest.mark.parametrize("guess", [0.5, 1.0, 2.0])
@@ -134,7 +134,7 @@ def test_skidding_wheels_still_reveal_the_gyro_unit():
     imu = np.column_stack([rng.normal(size=(n, 2)), omega + 0.02 * rng.normal(size=n)])
     assert beside_wheels(imu, wheels, 20.0) == []
     (finding,) = beside_wheels(imu * [1.0, 1.0, DEGREES], wheels, 20.0)
-    assert finding.figures["by"] == note("gyro.as-wheels", subject="wheels")
+    assert finding.figures["source"] == note("gyro.as-wheels", subject="wheels")
     assert beside_wheels(imu * [1.0, 1.0, 9.8], wheels, 20.0) == []
 
 
@@ -152,9 +152,9 @@ def test_an_accelerometer_axis_that_points_up_causes_no_report_about_the_gyro(se
 def test_without_wheels_a_curve_shows_that_gyro_and_accelerometer_disagree(at_ten_hertz):
     file, run = at_ten_hertz
     (finding,) = physical_units.check_gyro_unit(with_gyro(run, DEGREES), file, "imu")
-    assert finding.figures["gyro"].figures["given"] == "deg/s"
+    assert finding.figures["gyro"].figures["true_unit"] == "deg/s"
     assert (finding.code, finding.subject) == (physical_units.CURVE_CODE, "imu[1]")
-    assert finding.figures["times"] < 0.1
+    assert finding.figures["ratio"] < 0.1
 
 
 @pytest.mark.parametrize("seed", [0, 3])
@@ -191,7 +191,7 @@ def test_a_wrong_gyro_unit_of_a_recorded_car_is_named():
     assert physical_units.check_gyro_unit(run, car, "imu") == []
     for factor, unit in ((DEGREES, "deg/s"), (1.0 / DEGREES, "rad/s")):
         (finding,) = physical_units.check_gyro_unit(with_gyro(run, factor), car, "imu")
-        assert finding.figures.get("gyro", finding).figures["given"] == unit
+        assert finding.figures.get("gyro", finding).figures["true_unit"] == unit
 
 
 def test_a_gyro_unit_that_makes_the_model_diverge_is_refused(at_ten_hertz):

@@ -67,7 +67,7 @@ def test_gravity_in_a_horizontal_axis_is_reported(case_run, case):
         reason for code, reason in reasons(fit).items() if code in ("gravity.at-rest", "gravity.all-the-time")
     )
     assert tilted.subject == "imu[1]"
-    assert tilted.figures["off_m_s2"] == pytest.approx(9.8, abs=0.01)
+    assert tilted.figures["error_m_s2"] == pytest.approx(9.8, abs=0.01)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_swapped_axes_are_detected_because_each_fits_the_other_prediction(turned
     fit = identify(with_imu(turned_run, lambda z: z[:, [1, 0, 2]]), small)
     assert fit.verdict == "REFUSED"
     swap = reasons(fit)["axes.swapped"]
-    assert (swap.subject, swap.figures["other"]) == ("imu[0]", "imu[1]")
+    assert (swap.subject, swap.figures["channel"]) == ("imu[0]", "imu[1]")
 
 
 def test_swapped_axes_without_turns_are_detected_by_the_gain_matrix(case):
@@ -112,7 +112,10 @@ def test_an_inverted_gain_without_other_evidence_gives_a_warning(case):
     findings = gain_findings(blocks, names, np.array([-29.9]), np.array([0.1]))
     assert (findings[0].code, findings[0].severity) == ("file.mirrored", Severity.WARNING)
     assert findings[0].subject == "model.actuator_matrix[2,2]"
-    assert (findings[0].figures["now"], findings[0].figures["was"]) == (-29.9, pytest.approx(30.0, abs=0.1))
+    assert (findings[0].figures["value"], findings[0].figures["file_value"]) == (
+        -29.9,
+        pytest.approx(30.0, abs=0.1),
+    )
 
 
 def test_friction_guessed_by_a_factor_of_two_gives_a_usable_fit(case_run, case):

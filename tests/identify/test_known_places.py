@@ -347,7 +347,7 @@ def taped_fit(small, taped_runs):
 def test_a_wrong_tape_measurement_of_a_later_run_is_reported_in_metres(taped_fit):
     far = [reason for reason in taped_fit.reasons if reason.code == "residual.one-far"]
     assert len(far) == 1
-    assert (far[0].subject, far[0].figures["measured"], far[0].figures["unit"]) == ("tape[0]", 4.0, "m")
+    assert (far[0].subject, far[0].figures["measurement"], far[0].figures["unit"]) == ("tape[0]", 4.0, "m")
 
 
 def test_the_identified_noise_has_units_and_excludes_the_tape_measurement(taped_fit, taped_runs):

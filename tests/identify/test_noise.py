@@ -61,7 +61,7 @@ def test_an_indefinite_matrix_is_corrected_and_reported():
         ("noise.lifted", "Q"),
         ("noise.correlations-reduced", "Q"),
     ]
-    assert notes[0].figures == {"lifted": 1, "of": 3}
+    assert notes[0].figures == {"count": 1, "total": 3}
 
 
 def test_a_valid_covariance_is_unchanged():

@@ -38,7 +38,7 @@ def test_innovations_are_chosen_if_consistent_and_better_on_unseen_segments():
     choice = choose_objective(likelihood_fit(400.0), (0, 2), both(0.1, 1.5), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("innovations", True, False)
     figures = choice.reason.figures
-    assert (figures["floor"], figures["chance"], figures["apart"]) == ("0.2 ± 0.02 m/s", "< 1e-6", 1.5)
+    assert (figures["floor"], figures["chance"], figures["difference"]) == ("0.2 ± 0.02 m/s", "< 1e-6", 1.5)
     assert figures["open_loop"].code == "cost.smaller"
     assert figures["open_loop"].figures["percent"] == pytest.approx(3.1)
 

@@ -23,7 +23,7 @@ def test_id1_straight_driving_leaves_turning_parameters_unobservable_with_a_reme
     assert np.max(np.abs(off(fit, case))) < 4.5
     notes = {note.subject: note for note in fit.unobservable}
     note = notes["model.friction.linear[2]"]
-    assert (note.code, note.figures["at"], note.figures["needs"].code) == (
+    assert (note.code, note.figures["value"], note.figures["advice"].code) == (
         "identifiability.not",
         500.553,
         "identifiability.needs",
@@ -61,7 +61,7 @@ def test_an_unobservable_mass_is_not_reported(case, case_run):
     assert fit.value("model.actuator_matrix[0,0]") == pytest.approx(1.6 / 1.47, rel=5e-3)
     (collinear,) = fit.unobservable
     assert (collinear.code, collinear.subject) == ("identifiability.tied", "model.mass_kg")
-    assert "the scale" in collinear.figures["how"].figures["by"]
+    assert "the scale" in collinear.figures["advice"].figures["tool"]
 
 
 def test_id0_a_vehicle_at_rest_gives_no_fit(case):
@@ -91,7 +91,7 @@ def test_one_channel_far_from_the_model_is_refused_by_name():
     fit = identify(wrapped, car)
     assert fit.verdict == "REFUSED"
     assert (fit.reasons[0].code, fit.reasons[0].subject) == ("fit.far-channel", "odometer[0]")
-    assert fit.reasons[0].figures["times"] > 3.0
+    assert fit.reasons[0].figures["ratio"] > 3.0
     assert identify(run, car).verdict != "REFUSED"
 
 
@@ -111,9 +111,9 @@ def test_weakly_separable_parameters_are_named_with_an_informative_motion(case):
     assert near.code == "identifiability.weakly-beside"
     assert near.figures["others"] == "friction.linear[0], friction.linear[1], friction.quadratic[0]"
     motion = "sliding sideways both slowly and fast, as in turns at many speeds"
-    assert near.figures["needs"].figures["motion"].startswith(motion)
+    assert near.figures["advice"].figures["motion"].startswith(motion)
     weak = reasons["model.actuator_matrix[1,2]"]
-    assert (weak.code, weak.figures["why"].code) == (
+    assert (weak.code, weak.figures["reason"].code) == (
         "identifiability.weakly",
         "identifiability.hardly-sideways",
     )
@@ -123,7 +123,10 @@ def test_sideways_friction_without_sideways_motion_is_reported_as_unobservable(c
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
     note = {reason.subject: reason for reason in fit.unobservable}["model.friction.linear[1]"]
-    assert (note.code, note.figures["why"].code) == ("identifiability.not", "identifiability.hardly-sideways")
+    assert (note.code, note.figures["reason"].code) == (
+        "identifiability.not",
+        "identifiability.hardly-sideways",
+    )
 
 
 def test_never_observable_parameters_are_reported_once_without_a_warning(case, case_run):
@@ -147,7 +150,7 @@ def test_full_commands_do_not_separate_dead_zone_from_gain(small):
     assert any(
         str(figure).startswith(motion)
         for reason in collinear
-        for figure in reason.figures["apart"].figures.values()
+        for figure in reason.figures["motion"].figures.values()
     )
 
 

@@ -168,7 +168,7 @@ def test_a_run_without_readings_among_others_is_refused_by_name(small):
 def test_a_correction_is_proposed_for_a_misspelled_parameter_name(fit, name):
     with pytest.raises(UsageError, check=of_code("fit.not-fitted")) as error:
         fit.value(name)
-    assert error.value.diagnostic.figures["near"].figures["similar"] == "model.friction.linear[0]"
+    assert error.value.diagnostic.figures["suggestion"].figures["match"] == "model.friction.linear[0]"
 
 
 @pytest.mark.parametrize("name", ["model.mass_kg", "model.friction.coulomb"])
@@ -213,7 +213,7 @@ def test_changes_that_a_fit_makes_to_the_data_are_reported(case, case_run):
     )
     notes = {note.code: note.figures for note in identify(gappy, case).notes}
     assert notes["data.gaps"] == {"gaps": 1, "longest_s": pytest.approx(0.31)}
-    assert notes["data.repeats"] == {"lost": 10, "percent": pytest.approx(0.5, abs=0.05), "longest": 10}
+    assert notes["data.repeats"] == {"count": 10, "percent": pytest.approx(0.5, abs=0.05), "longest": 10}
     assert notes["data.command-unknown"] == {"ticks": 1}
 
 

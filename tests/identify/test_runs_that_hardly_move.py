@@ -50,7 +50,7 @@ def test_runs_inside_the_dead_zone_are_named_but_the_fit_is_usable():
     e = evidence(runs)
     assert verdict_of(e)[0] == "USABLE"
     (message,) = [reason for reason in remarks(e) if reason.code == "runs.hardly-moved"]
-    assert message.figures == {"count": 2, "of": 28, "runs": "step 26, step 27"}
+    assert message.figures == {"count": 2, "total": 28, "runs": "step 26, step 27"}
 
 
 def test_a_moving_run_that_contradicts_the_model_gives_a_warning():
@@ -58,7 +58,7 @@ def test_a_moving_run_that_contradicts_the_model_gives_a_warning():
     verdict, reasons = verdict_of(e)
     assert verdict == "WARN"
     (message,) = [reason for reason in reasons if reason.code == "runs.unlike-others"]
-    assert message.figures == {"count": 1, "of": 7, "runs": "step 6"}
+    assert message.figures == {"count": 1, "total": 7, "runs": "step 6"}
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_a_fit_with_wide_errors_names_motion_or_model_as_the_cause(autocorrelati
     verdict, reasons = verdict_of(e)
     assert verdict == "REFUSED"
     (weak,) = [reason for reason in reasons if reason.code == "fit.most-weak"]
-    assert weak.figures["why"].code == cause
+    assert weak.figures["reason"].code == cause
 
 
 def test_verdict_and_remarks_use_the_sums_of_the_evidence(monkeypatch):

@@ -62,7 +62,7 @@ def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
     assert noise.speed is not None
     assert noise.speed.is_from_held_out
     assert noise.speed.names
-    assert "truth" in noise.speed.message.figures["by"]
+    assert "truth" in noise.speed.message.figures["reference"]
     fitted_file = noise.updated_file(fit[0].vehicle_file)
     assert fitted_file.estimator().speed_from == noise.speed.names
 

@@ -289,7 +289,7 @@ def test_the_page_reports_the_consistency_of_the_filter():
     }.items()
     consistency = filter_consistency(replace(run, estimate=log))
     assert doubtful[title].text == consistency.sentence
-    assert (consistency.messages[0].code, consistency.messages[0].figures["of"]) == (
+    assert (consistency.messages[0].code, consistency.messages[0].figures["quantity"]) == (
         "consistency.too-sure",
         "the pose",
     )

@@ -25,7 +25,7 @@ def codes(route):
 def test_missing_samples_on_a_straight_line_are_a_gap():
     (gap,) = examine(without(line(2.0, 0.2), 50, 100)).findings
     assert gap.code == "route.gap"
-    figures = {"at_m": 0.49, "gap_m": 0.51, "gap_s": 2.55, "count": 1}
+    figures = {"position_m": 0.49, "gap_m": 0.51, "gap_s": 2.55, "count": 1}
     assert {name: gap.figures[name] for name in figures} == pytest.approx(figures)
 
 
@@ -129,7 +129,7 @@ def test_a_heading_that_turns_at_once_is_refused_with_a_cut_that_mends_the_route
     eta[: row + 1, 2] = np.radians(90.0)
     (finding,) = examine(route._replace(eta=eta)).findings
     assert (finding.code, finding.figures["count"]) == ("route.sudden-turn", 1)
-    assert finding.figures["at_m"] == pytest.approx(at_m, abs=0.01)
+    assert finding.figures["position_m"] == pytest.approx(at_m, abs=0.01)
     assert finding.figures["turn_deg"] == pytest.approx(-90.0)
     *_, side, distance = finding.fix.split()
     ends = {"--from": {"from_m": float(distance)}, "--to": {"to_m": float(distance)}}[side]

@@ -98,7 +98,7 @@ def test_examine_finds_a_short_part_that_is_too_fast_in_half_an_hour_of_driving(
     eta, nu = (np.column_stack([column, 0.0 * v, 0.0 * v]) for column in (x, v))
     report = examine(Route(t_s, eta, nu, False), load("small"))
     assert [finding.code for finding in report.findings] == ["route.speed-too-high"]
-    assert report.findings[0].figures["at_m"] == pytest.approx(x[13_326], abs=0.7)
+    assert report.findings[0].figures["position_m"] == pytest.approx(x[13_326], abs=0.7)
 
 
 def test_examine_of_a_route_of_a_nanosecond_needs_little_memory():
@@ -118,8 +118,8 @@ def test_examine_reports_where_the_route_needs_too_much_yaw_rate():
     report = examine(tight, small)
     (finding,) = report.findings
     assert finding.code == "route.turns-too-fast"
-    assert 0.3 < finding.figures["at_m"] < 0.7
-    assert finding.figures["has_rad_s"] < finding.figures["needs_rad_s"] <= report.max_yaw_rate_rad_s
+    assert 0.3 < finding.figures["position_m"] < 0.7
+    assert finding.figures["max_rad_s"] < finding.figures["demand_rad_s"] <= report.max_yaw_rate_rad_s
     assert not examine(fastest(tight, small), small).findings
     assert examine(circle(0.3, 2.0), small).findings[0].code == "route.speed-too-high"
 
@@ -131,7 +131,7 @@ def test_a_jump_is_reported_with_its_place():
     (finding,) = examine(route._replace(eta=eta)).findings
     assert finding.code == "route.jump"
     assert finding.figures["gap_m"] == pytest.approx(0.4, abs=0.01)
-    assert finding.figures["at_s"] == pytest.approx(route.t_s[699], abs=0.02)
+    assert finding.figures["t_s"] == pytest.approx(route.t_s[699], abs=0.02)
 
 
 def test_the_route_is_checked_against_the_walls_of_the_room():
@@ -145,7 +145,7 @@ def test_the_route_is_checked_against_the_walls_of_the_room():
     (finding,) = examine(lap, small, room_of(small, "2x2")).findings
     assert finding.code == "route.through-wall"
     assert " -0." not in examine(lap, small, room_of(small, "2x2")).table()
-    assert finding.figures["beyond_m"] == pytest.approx(1.0 - 0.93, abs=1e-3)
+    assert finding.figures["excess_m"] == pytest.approx(1.0 - 0.93, abs=1e-3)
     factor = float(finding.fix.split()[-1])
     assert not examine(scale(lap, factor), small, room_of(small, "2x2")).findings
     assert examine(scale(lap, factor + 0.02), small, room_of(small, "2x2")).findings

@@ -208,7 +208,7 @@ def topics(writer, channel):
         (commands(6000, 1000), 2**26, ("runs.unpacks-too-much", {})),
         (events(30_000, "a" * 300 + "\N{GRINNING FACE}"), 2**18, ("damage.memory", {})),
         (estimates, 2**18, ("damage.memory", {"size": "3.2 GB"})),
-        (topics, 2**18, ("runs.topics", {"count": 1501, "most": 1000})),
+        (topics, 2**18, ("runs.topics", {"count": 1501, "maximum": 1000})),
     ],
 )
 def test_lg6_a_file_that_unpacks_to_too_much_is_refused(tmp_path, fill, chunk_size, message, compression):

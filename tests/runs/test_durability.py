@@ -303,7 +303,7 @@ def test_lg3_a_stalled_disk_drops_estimates_first_and_is_reported(tmp_path, monk
     assert 0 < len(run.estimate.t_ns) < 50
     slow = run.events[-1].diagnostic
     assert slow.code == "run.disk-slow"
-    assert slow.figures["lost"] >= 50 - len(run.estimate.t_ns), "estimates, references and poses"
+    assert slow.figures["records"] >= 50 - len(run.estimate.t_ns), "estimates, references and poses"
 
 
 def test_a_simulation_waits_for_a_slow_disk_and_loses_no_data(tmp_path, monkeypatch):

@@ -65,7 +65,7 @@ def foreign(path, topic="/scan", data=None, size=None):
 
 
 def test_an_mcap_file_of_another_program_is_reported(tmp_path):
-    with refused("runs.not-ours", FileError, content="/scan"):
+    with refused("runs.not-ours", FileError, topics="/scan"):
         read_run(foreign(tmp_path / "a.mcap", data=b"abc"))
     with refused("runs.no-message", FileError):
         read_run(foreign(tmp_path / "b.mcap"))

@@ -227,7 +227,7 @@ def test_a_tum_file_has_full_time_and_heading(run, tmp_path):
     assert 2 * np.arctan2(float(qz), float(qw)) == pytest.approx(run.truth.eta[0, 2])
     with refused("runs.file-in-the-way", FileError):
         export_tum(run, tmp_path / "x.tum")
-    with refused("runs.no-trajectory", UsageError, value="camera", has="estimate, reference, truth"):
+    with refused("runs.no-trajectory", UsageError, value="camera", trajectories="estimate, reference, truth"):
         export_tum(run, tmp_path / "y.tum", "camera")
 
 

@@ -33,7 +33,7 @@ z = [{ column = "b", unit = "m/s" }]
 ROWS = b"0.10,0.25\n0.20,0.50\n0.30,0.75\n0.40,1.00\n"
 
 
-LONG_LINE = "table.long-line", {"line": 1, "most": MAX_LINE_LETTERS}
+LONG_LINE = "table.long-line", {"line": 1, "maximum": MAX_LINE_LETTERS}
 
 
 def refusal(tmp_path, data, name="log.csv"):
@@ -56,10 +56,10 @@ def refusal(tmp_path, data, name="log.csv"):
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"a,b\n1," + b"2" * 200_000 + b"\n", ("table.long-cell", {"line": 2, "most": 131072})),
-        (b'a,b\n1,"2\n' + ROWS * 5000, ("table.long-cell", {"most": 131072})),
+        (b"a,b\n1," + b"2" * 200_000 + b"\n", ("table.long-cell", {"line": 2, "maximum": 131072})),
+        (b'a,b\n1,"2\n' + ROWS * 5000, ("table.long-cell", {"maximum": 131072})),
         (lambda: b",".join(b"%d" % k for k in range(1_000_000)) + b"\n", LONG_LINE),  # not at the import
-        (b",".join(b"c%d" % k for k in range(20_000)) + b"\n", ("table.columns", {"count": 20000, "most": 10000})),
+        (b",".join(b"c%d" % k for k in range(20_000)) + b"\n", ("table.columns", {"count": 20000, "maximum": 10000})),
         (b",".join(b"c%d" % k for k in range(900)) + b"\n" + b"1," * 899 + b"1\n", ("table.no-column", {})),
         (b"1" * 3_000_000, LONG_LINE),
         (b"a,b\n" + ROWS + b"1,\0\n" + ROWS, ("table.zero-bytes-in-line", {"line": 6})),
@@ -80,10 +80,10 @@ def test_a_malformed_csv_gives_a_message(tmp_path, data, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (b"a,b\n" + b"0,0\n" * 75_000, ("table.too-large", {"most": "8.39 MB"})),
-        (b"a,b\n0,0\n" + b"\n" * 375_000, ("table.too-large", {"most": "8.39 MB"})),
+        (b"a,b\n" + b"0,0\n" * 75_000, ("table.too-large", {"maximum": "8.39 MB"})),
+        (b"a,b\n0,0\n" + b"\n" * 375_000, ("table.too-large", {"maximum": "8.39 MB"})),
         (b"0" * 20_000_000, LONG_LINE),
-        (b'a,b\n"' + b"0\n" * 10_000_000, ("table.long-cell", {"most": 131072})),
+        (b'a,b\n"' + b"0\n" * 10_000_000, ("table.long-cell", {"maximum": 131072})),
         (bytes(20_000_000), ("table.zero-bytes-in-line", {"line": 1})),
     ],
 )

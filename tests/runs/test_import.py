@@ -151,7 +151,7 @@ def test_integer_nanoseconds_are_read_exactly(lab):
 
 def test_milliseconds_since_1970_that_are_declared_as_seconds_are_refused_with_their_unit(lab):
     lab.board["t"] = [str(1_700_000_000_000 + 20 * k) for k in range(1500)]
-    lab.refused("import.beyond-2038", in_unit="s")
+    lab.refused("import.beyond-2038", unit_name="s")
 
 
 def test_a_truth_of_one_pose_is_imported(lab):
@@ -240,7 +240,7 @@ def missing(place, expected, **figures):
 
 
 def unknown(place, near):
-    return "map.unknown-key", {"map": "lab.toml", "place": place}, "name.near", {"similar": near}
+    return "map.unknown-key", {"map": "lab.toml", "place": place}, "name.near", {"match": near}
 
 
 def other(code, **figures):
@@ -261,17 +261,17 @@ def other(code, **figures):
          wrong("[files.board] time_unit", "'hours'", "expect.time-unit", valid="s, ms, us, ns, min")),
         ('time = "t"', "", missing("[files.board] time", "expect.time")),
         (PATH, PATH + '\ndecimal = ";"',
-         wrong("[files.board] decimal", "';'", "expect.one-of", key="decimal", allowed='".", ","')),
+         wrong("[files.board] decimal", "';'", "expect.one-of", key="decimal", valid='".", ","')),
         (PATH, PATH + "\nshift = 3", unknown("[files.board] shift", "shift_s")),
         (PATH, PATH + '\nshift_s = "a"', wrong("[files.board] shift_s", "'a'", "expect.type", kind="float")),
-        (PATH, 'path = "bored.csv"', other("import.file-absent", map="lab.toml", file="board", missing="bored.csv")),
+        (PATH, 'path = "bored.csv"', other("import.file-absent", file="board", absent_path="bored.csv")),
         (PATH, PATH + '\ntopic = "/imu"', other("import.no-bag", path="board.csv", file="board", topic="/imu")),
         (PATH, PATH + "\nshift_s = inf", wrong("[files.board] shift_s", "inf", "expect.finite")),
         (RATE, RATE + ", scale = nan", wrong(f"[{GYRO}] scale", "nan", "expect.finite")),
         (PATH, PATH + '\ndelimiter = ", "', wrong("[files.board] delimiter", "', '", "expect.delimiter")),
         (PATH, PATH + '\nencoding = "klingon"', other("table.encoding", file="board.csv", encoding="klingon")),
         (PATH, PATH + "\nwhere = { id = { above = 3 } }", other("import.where", file="board", column="id")),
-        (PATH, PATH + "\nwhere = { id = 7 }", other("import.where-empty", table="board.csv", where="{'id': 7}")),
+        (PATH, PATH + "\nwhere = { id = 7 }", other("import.where-empty", table="board.csv", condition="{'id': 7}")),
         ('in_force = "from"', "", missing("[command] in_force", "expect.in-force")),
         ('names = ["throttle", "steering"]', 'names = ["throttle"]',
          wrong("[command] names", "['throttle']", "expect.names", count=2)),
@@ -284,7 +284,7 @@ def other(code, **figures):
         (RATE, '"wz", unit = "rad"',
          wrong(f"{GYRO} unit", "'rad'", "expect.measures-or-rate", measures="angular rate")),
         (RATE, '"wz", unit = "radps"',
-         wrong(f"{GYRO} unit", "'radps'", "expect.listed-unit-of", near="rad/s, rad, mrad/s")),
+         wrong(f"{GYRO} unit", "'radps'", "expect.listed-unit-of", suggestion="rad/s, rad, mrad/s")),
         (RATE, '"wz", unit = "raw"', missing(f"{GYRO} scale", "expect.scale")),
         ('{ column = "wz", unit = "rad/s" }', '"wz"', wrong(GYRO, "'wz'", "expect.entry")),
         ('column = "wz"', 'quaternion = ["x"], column = "wz"',
@@ -305,7 +305,7 @@ def test_a_mistake_in_the_map_is_named_with_a_remedy(lab, old, new, reason):
 
 
 def test_an_unknown_map_is_refused_with_the_list_of_built_in_maps(tmp_path):
-    with refused("map.absent", FileError, value="cpm", missing="cpm"):
+    with refused("map.absent", FileError, value="cpm", absent_path="cpm"):
         load_map("cpm")
     (tmp_path / "x.toml").write_bytes(b"\xff\xfe")
     with refused("map.not-read", FileError):
@@ -358,5 +358,5 @@ def test_recordings_are_searched_in_the_folder_of_the_environment_variable(lab, 
 def test_a_unit_that_contradicts_its_column_name_is_refused(lab):
     lab.board["speed [km/h]"] = 3.6 * lab.board["speed"]
     lab.edit('column = "speed"', 'column = "speed [km/h]"')
-    lab.refused("import.unit-of-name", key="sensors.odometer.z[0]", value="m/s", in_unit="km/h")
+    lab.refused("import.unit-of-name", key="sensors.odometer.z[0]", value="m/s", unit_name="km/h")
     assert lab.edit('[km/h]", unit = "m/s"', '[km/h]", unit = "kmh"').codes() == ["no command yet"]

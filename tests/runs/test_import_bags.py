@@ -104,7 +104,7 @@ def test_a_bag_is_imported_as_a_run(bag, tmp_path):
             ("bag.no-topic", {}),
         ),
         ('topic = "/cmd_vel"\ntime = "bag"', 'time = "t"\ntime_unit = "s"', ("bag.topic-unsaid", {})),
-        ('"linear.x"', '"linear.w"', ("bag.no-field", {"field": "linear.w", "at": "w"})),
+        ('"linear.x"', '"linear.w"', ("bag.no-field", {"field": "linear.w", "path": "w"})),
         ('"linear.x"', '"linear"', ("bag.field-not-number", {"field": "linear"})),
         ("covariance[1]", "covariance[11]", ("bag.values", {"count": 9})),
         ('time = "bag"', "", ("expect.time-of-bag", {})),

@@ -87,14 +87,14 @@ def rows(last, sep=","):
         (
             SEMI + rows("1,234", ";"),
             "table.comma",
-            {"value": "1,234", "without": "1234", "with_point": "1.234"},
+            {"value": "1,234", "integer_reading": "1234", "decimal_reading": "1.234"},
         ),
         ("t;throttle,a\n0;1,2\n", "table.delimiter", {"delimiters": "commas or semicolons"}),
         (HEAD.replace("throttle", "speed") + rows("0"), "table.column-twice", {"column": "speed"}),
         (
             HEAD.replace("speed", "Speed [m/s]") + rows("0"),
             "table.column-mistyped",
-            {"column": "speed", "similar": "'steer', 'Speed [m/s]'"},
+            {"column": "speed", "match": "'steer', 'Speed [m/s]'"},
         ),
         (b"\xff\xfet,\xd8", "table.not-encoded", {"encoding": "utf-16"}),
         ("t,señal\n0,0\n".encode("cp1252"), "table.not-encoded", {"encoding": "utf-8-sig"}),
@@ -105,7 +105,7 @@ def rows(last, sep=","):
         (HEAD + '0,0,0,0,0,0,"a\n' + rows("0"), "table.not-csv", {"line": 2}),  # the rest is inside the quote
         (HEAD + '0,0,0,0,"a,0,0\n' + rows("0"), "table.not-csv", {"line": 2}),
         (HEAD, "import.no-rows", {}),
-        (HEAD + "0,0,0,0,0,0,0\n", "import.too-short", {"rows": 1, "least": 3}),
+        (HEAD + "0,0,0,0,0,0,0\n", "import.too-short", {"rows": 1, "minimum": 3}),
     ],
 )
 def test_lg9_an_ambiguous_or_wrong_csv_is_refused_with_a_remedy(lab, text, code, figures):

@@ -51,15 +51,15 @@ def too_much(key, value):
 
 
 def throttle_of(most):
-    return "recording.command-range", {"name": "throttle", "most": pytest.approx(most, rel=0.01)}
+    return "recording.command-range", {"name": "throttle", "maximum": pytest.approx(most, rel=0.01)}
 
 
 def write_unit(unit, key):
-    return "recording.write-unit", {"unit_of_it": unit, "key": key}
+    return "recording.write-unit", {"column_unit": unit, "key": key}
 
 
 INVERTED = "recording.write-scale", {"scale": "-1"}
-MIRRORED = "recording.mirrored", {"mirrored": pytest.approx(1.0, abs=0.01)}
+MIRRORED = "recording.mirrored", {"mirrored_agreement": pytest.approx(1.0, abs=0.01)}
 
 
 @pytest.mark.parametrize(
@@ -78,10 +78,10 @@ MIRRORED = "recording.mirrored", {"mirrored": pytest.approx(1.0, abs=0.01)}
         (in_scale("ay", -1.0), against_motion(IMU[1], -1.0), INVERTED),
         (in_scale("ax", 1000.0), too_much(IMU[0], 380.5), write_unit("mm/s^2", IMU[0])),
         (swap_columns("board", "ax", "ay"), ("recording.axes-swapped", {}), ("recording.swap-axes", {})),
-        (swap_columns("board", "throttle", "steer"), ("recording.other-steers", {"other": "throttle"}),
+        (swap_columns("board", "throttle", "steer"), ("recording.other-steers", {"command": "throttle"}),
          ("recording.swap-commands", {})),
-        (in_scale("throttle", 100.0), throttle_of(64.0), ("recording.write-percent-or-full", {"full": "255"})),
-        (in_scale("throttle", 2000.0), throttle_of(1280.0), ("recording.write-full", {"full": "4095"})),
+        (in_scale("throttle", 100.0), throttle_of(64.0), ("recording.write-percent-or-full", {"full_command": "255"})),
+        (in_scale("throttle", 2000.0), throttle_of(1280.0), ("recording.write-full", {"full_command": "4095"})),
         (swap_columns("camera", "x", "y"), MIRRORED, ("recording.write-mirrored", {})),
         (camera("yaw", -1.0), MIRRORED, ("recording.write-mirrored", {})),
         (camera("yaw", DEG), ("recording.truth-turns", {"rate_rad_s": pytest.approx(78.0, rel=0.01)}),
@@ -103,9 +103,9 @@ def test_positions_in_millimetres_given_as_metres_are_refused(lab):
 
 def test_a_camera_rotated_against_the_heading_is_refused(lab):
     lab.camera["yaw"] = lab.camera["yaw"] - np.pi / 2
-    turned = {"off_deg": pytest.approx(-90.0, abs=0.1), "back_deg": pytest.approx(90.0, abs=0.1)}
+    turned = {"offset_deg": pytest.approx(-90.0, abs=0.1), "opposite_deg": pytest.approx(90.0, abs=0.1)}
     reason = lab.refused("recording.beside", **turned)
-    assert includes(reason, "recording.write-offset", off="-1.570", back="1.572")
+    assert includes(reason, "recording.write-offset", offset="-1.570", backward_offset="1.572")
     assert lab.edit('"yaw", unit = "rad"', '"yaw", unit = "rad", offset = 1.571').codes() == [
         "no command yet"
     ]
@@ -113,7 +113,7 @@ def test_a_camera_rotated_against_the_heading_is_refused(lab):
 
 def test_an_accepted_contradiction_is_imported_with_a_warning(lab):
     lab.board["wz"] = -lab.board["wz"]
-    reason = lab.refused("import.does-not-fit", accept='"inverted"')
+    reason = lab.refused("import.does-not-fit", codes='"inverted"')
     lab.map = 'accept = ["inverted"]\n' + lab.map
     assert includes(reason, "recording.against-truth", key=IMU[2], slope=pytest.approx(-1.0, rel=0.01))
     assert lab.run().verdict == "WARN"
@@ -126,7 +126,7 @@ def test_an_accepted_contradiction_is_imported_with_a_warning(lab):
 def test_rows_with_decreasing_time_are_refused_or_removed(lab):
     for column in lab.board.values():
         column[600:] = column[580:-20].copy()
-    lab.refused("import.steps-back", back_s=pytest.approx(0.38), line=602, count=1, lost=19, file="board")
+    lab.refused("import.steps-back", step_s=pytest.approx(0.38), line=602, count=1, rows=19, file="board")
     run, findings = lab.edit('path = "board.csv"', 'path = "board.csv"\nbackwards = "drop"').run()
     assert findings[0].code == "time steps back"
     assert len(run.sensors["imu"].t_ns) == 1480
@@ -137,7 +137,7 @@ def test_rows_with_decreasing_time_are_refused_or_removed(lab):
 def test_a_clock_that_steps_back_is_split_without_a_loss(lab, back_s):
     lab.board["t"] = np.where(np.arange(1500) < 700, lab.board["t"], lab.board["t"] - back_s)
     lost = min(round(back_s / 0.02) - 1, 699)
-    lab.refused("import.clock-back", line=702, count=1, lost=lost)
+    lab.refused("import.clock-back", line=702, count=1, rows=lost)
     lab.edit('path = "board.csv"', 'path = "board.csv"\nsplit_gap_s = 5.0')
     lab.map = re.sub(r"\[files\.camera\].*?(?=\[ticks\])|\[truth\].*", "", lab.map, flags=re.DOTALL)
     runs = import_runs(lab.save())
@@ -193,7 +193,7 @@ def test_many_gaps_are_counted(lab):
     lab.board = {name: column[keep] for name, column in lab.board.items()}
     gaps = [d.reason for d in lab.run().findings if d.code == "gap"]
     assert len(gaps) == 21
-    assert (gaps[-1].code, gaps[-1].figures) == ("recording.more-gaps", {"table": "board.csv", "more": 55})
+    assert (gaps[-1].code, gaps[-1].figures) == ("recording.more-gaps", {"table": "board.csv", "count": 55})
 
 
 def test_a_clock_jump_in_a_recording_is_refused(lab):
@@ -209,8 +209,8 @@ def test_a_clock_jump_in_a_recording_is_refused(lab):
 def test_a_wrong_unit_of_time_is_refused_with_the_correct_unit(lab, factor, code, unit):
     for columns in (lab.board, lab.camera):
         columns["t"] = columns["t"] * factor
-    reason = lab.refused(code, table="board.csv", in_unit="s")
-    assert includes(reason, "import.time-unit", in_unit=unit) == (code == "import.step")
+    reason = lab.refused(code, table="board.csv", unit_name="s")
+    assert includes(reason, "import.time-unit", unit_name=unit) == (code == "import.step")
 
 
 def test_negative_times_are_refused_with_a_proposed_start(lab):
@@ -241,8 +241,8 @@ def test_id4_missing_numbers_are_excluded_and_reported(lab):
     lab.camera["yaw"][5] = ""
     run, findings = lab.run()
     assert [d.reason.figures for d in findings if d.reason.code == "recording.missing"] == [
-        {"key": "sensors.imu", "lost": 3, "rows": 1500},
-        {"key": "truth", "lost": 1, "rows": 1500},
+        {"key": "sensors.imu", "excluded_rows": 3, "rows": 1500},
+        {"key": "truth", "excluded_rows": 1, "rows": 1500},
     ]
     assert len(run.sensors["imu"].t_ns) == 1497
     assert len(run.sensors["odometer"].t_ns) == 1500
@@ -261,7 +261,7 @@ def test_repeated_samples_are_reported(lab):
         lab.board[name] = np.repeat(lab.board[name][::5], 5)
     (finding,) = (d for d in lab.run().findings if d.code == "repeated samples")
     figures = finding.reason.figures
-    assert (finding.reason.code, round(figures["share"], 2), round(figures["every"], 1)) == (
+    assert (finding.reason.code, round(figures["share"], 2), round(figures["period_rows"], 1)) == (
         "recording.held",
         0.8,
         5.0,

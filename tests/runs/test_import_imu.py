@@ -25,8 +25,8 @@ def test_gyro_words_at_the_rail_become_gaps_of_the_gyro_alone(lab):
     assert np.isfinite(z[np.abs(true) < 1.3, 2]).all()
     (finding,) = (d for d in findings if d.code == "full scale")
     assert finding.level == "warning"
-    assert finding.reason.figures["at_end"] == at_rail.sum()
-    assert finding.reason.figures["lost"] == np.isnan(z[:, 2]).sum()
+    assert finding.reason.figures["full_scale_count"] == at_rail.sum()
+    assert finding.reason.figures["excluded_rows"] == np.isnan(z[:, 2]).sum()
     assert lab.run().verdict == "WARN"
 
 
@@ -49,7 +49,9 @@ def test_a_compass_that_counts_clockwise_is_refused_with_the_line_to_write(lab):
     heading = np.cumsum(lab.board["wz"]) * 0.02
     lab.board["bearing"] = np.mod(90.0 - np.degrees(heading), 360.0)
     lab.edit("[truth]", COMPASS)
-    reason = lab.refused("recording.turns-against", wheels="sensors.compass.z[0]", by="sensors.imu.z[2]")
+    reason = lab.refused(
+        "recording.turns-against", wheels="sensors.compass.z[0]", reference="sensors.imu.z[2]"
+    )
     assert includes(reason, "recording.write-compass", scale="-1", compass="sensors.compass.z[0]")
     lab.edit('"bearing", unit = "deg"', '"bearing", unit = "deg", scale = -1.0, offset = 1.5707963')
     run, findings = lab.run()

@@ -137,15 +137,15 @@ def test_a_missing_first_command_is_reported_in_full_for_one_run_only(desk):
 def test_several_runs_in_one_file_are_distinguished_from_delayed_rows(desk):
     several = desk.file("log.csv", [1, 2])
     several.write_text(several.read_text().replace("2,0.100,0.2,", "2,0.100,0.3,"), encoding="utf-8")
-    with refused("import.clock-back", FileError, lost=4):
+    with refused("import.clock-back", FileError, rows=4):
         import_runs(desk.map(), [several])
     late = desk.file("late.csv", [1], rows=30)
     text = late.read_text().replace("1,1.500,", "1,1.390,")
     late.write_text(text, encoding="utf-8")
-    with refused("import.steps-back", FileError, count=1, lost=1):
+    with refused("import.steps-back", FileError, count=1, rows=1):
         import_runs(desk.map(), [late])
     (single,) = import_runs(desk.map(('time_unit = "s"', 'time_unit = "s"\nbackwards = "drop"')), [late])
-    assert includes(single.findings[0].reason, "recording.steps-back", table="late.csv", count=1, lost=1)
+    assert includes(single.findings[0].reason, "recording.steps-back", table="late.csv", count=1, rows=1)
 
 
 def test_parts_that_are_too_short_are_excluded_and_reported(desk):
@@ -154,7 +154,7 @@ def test_parts_that_are_too_short_are_excluded_and_reported(desk):
     imports = import_runs(desk.map(SPLIT), [path])
     assert len(imports) == 2
     assert [(d.reason.code, d.reason.figures) for d in imports[0].findings if d.code == "short"] == [
-        ("recording.short-parts", {"count": 1, "least": 3, "names": "log-003"})
+        ("recording.short-parts", {"count": 1, "minimum": 3, "names": "log-003"})
     ]
     assert "in 1 of 2 runs" in ImportedRuns(tuple(imports)).table()
     assert ImportedRuns(tuple(imports)).rows()[0]["run"] == "log-001"
@@ -211,13 +211,16 @@ def test_a_split_value_absent_from_one_file_is_excluded_and_reported(desk):
     first, second = import_runs(desk.map(SPLIT, *TWO), {"log": log, "odo": odo})
     lost = {"map": "many.toml", "values": "trial = parking, home"}
     assert [d.reason.figures for d in first.findings if d.reason.code == "recording.not-in-all"] == [
-        lost | {"file": "odo", "lacking": "log"}
+        lost | {"file": "odo", "second_file": "log"}
     ]
     assert "not in all files" not in [d.code for d in second.findings]
     imports = import_runs(desk.map(SPLIT, *TWO), {"log": odo, "odo": log})
     assert list(speeds(imports)) == ["odo-tuesday", "odo-monday"]
     reason = imports[0].findings[0].reason
-    assert (reason.code, reason.figures) == ("recording.not-in-all", lost | {"file": "log", "lacking": "odo"})
+    assert (reason.code, reason.figures) == (
+        "recording.not-in-all",
+        lost | {"file": "log", "second_file": "odo"},
+    )
 
 
 def test_a_row_without_a_time_does_not_split_a_run(desk):

@@ -28,7 +28,7 @@ def test_wheels_consistent_with_the_gyro_give_no_warning(lab, track_m, truth):
 
 def test_an_inverted_gyro_is_detected_by_wheels_and_accelerometer(lab):
     lab.board["wz"] = -lab.board["wz"]
-    reason = by_wheels(lab).refused("recording.turns-against", wheels="[sensors.wheels]", by=IMU[2])
+    reason = by_wheels(lab).refused("recording.turns-against", wheels="[sensors.wheels]", reference=IMU[2])
     assert includes(reason, "recording.and-sideways", key=IMU[1])
     assert includes(reason, "recording.write-gyro", gyro=IMU[2], scale="-1")
     assert not includes(reason, "recording.against-motion", key=IMU[1])
@@ -52,7 +52,7 @@ def test_swapped_wheels_and_an_inverted_imu_are_named_as_possible_causes(lab, fl
 def test_swapped_wheels_are_detected_by_the_camera(lab):
     by_wheels(lab, truth=True)
     lab.board["l"], lab.board["r"] = lab.board["r"], lab.board["l"]
-    reason = lab.refused("recording.turns-against", wheels="[sensors.wheels]", by="[truth]")
+    reason = lab.refused("recording.turns-against", wheels="[sensors.wheels]", reference="[truth]")
     assert includes(reason, "recording.swap-wheels", wheels="[sensors.wheels]")
 
 
@@ -61,8 +61,8 @@ def test_wheels_with_an_impossible_yaw_rate_are_refused(lab, factor, width_m):
     by_wheels(lab, truth=False)
     for side in "lr":
         lab.board[side] = factor * lab.board[side]
-    reason = lab.refused("recording.track", by=IMU[2], apart_m=pytest.approx(width_m))
-    assert includes(reason, "recording.check-track", wheels="[sensors.wheels]", by=IMU[2])
+    reason = lab.refused("recording.track", reference=IMU[2], track_m=pytest.approx(width_m))
+    assert includes(reason, "recording.check-track", wheels="[sensors.wheels]", reference=IMU[2])
     assert includes(reason, "import.does-not-fit")
 
 
@@ -71,4 +71,4 @@ def test_wheels_uncorrelated_with_the_gyro_are_reported(lab):
     noise = np.random.default_rng(2).normal(size=1500)
     lab.board["r"] = lab.board["l"] + noise
     (finding,) = (d for d in lab.run().findings if d.code == "unrelated")
-    assert includes(finding.reason, "recording.turns-otherwise", wheels="[sensors.wheels]", by=IMU[2])
+    assert includes(finding.reason, "recording.turns-otherwise", wheels="[sensors.wheels]", reference=IMU[2])

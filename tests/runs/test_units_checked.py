@@ -106,7 +106,7 @@ def test_a_wrong_unit_is_reported_without_a_speed_sensor(tmp_path, mistake, rate
 def test_a_slow_gyro_in_degrees_is_reported(tmp_path):
     slow = findings(tmp_path, 10.0, False, {"gz": lambda x: 0.1 * x * DEGREES + 1.5})
     assert includes(slow, "recording.gyro-at-rest", key="sensors.imu.z[2]")
-    assert includes(slow, "recording.if-in", in_unit="deg/s")
+    assert includes(slow, "recording.if-in", unit_name="deg/s")
     spins = findings(tmp_path, 10.0, False, {"gz": lambda x: np.where(np.abs(x) > 0.1, 10.0 * x, x)})
     assert includes(spins, "recording.fast-turns", turns=pytest.approx(2.4, abs=0.05))
 
@@ -134,8 +134,8 @@ def test_the_time_unit_of_a_slow_log_is_recognised_from_its_duration(tmp_path, r
 
 def test_milliseconds_of_a_1000_hz_log_given_as_seconds_are_reported(tmp_path):
     reasons = findings(tmp_path, 1000.0, change={"t": lambda t: np.round(1e3 * t)})
-    assert includes(reasons, "recording.tick-lasts", tick_s=pytest.approx(1.0), unit_read="s")
-    assert includes(reasons, "recording.write-time-unit", in_unit="ms")
+    assert includes(reasons, "recording.tick-lasts", tick_s=pytest.approx(1.0), unit_name="s")
+    assert includes(reasons, "recording.write-time-unit", unit_name="ms")
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,9 @@ def test_the_proposed_remedy_for_a_command_unit_is_accepted(tmp_path, largest, d
 
 def test_a_throttle_fraction_given_as_percent_is_reported(tmp_path):
     reasons = findings(tmp_path, change={"servo": lambda u: 100.0 * u}, duty="%")
-    assert includes(reasons, "recording.command-range", name="throttle", most=pytest.approx(0.006, rel=0.01))
+    assert includes(
+        reasons, "recording.command-range", name="throttle", maximum=pytest.approx(0.006, rel=0.01)
+    )
     assert includes(reasons, "recording.write", line='unit = "1"')
 
 

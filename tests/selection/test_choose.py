@@ -104,7 +104,7 @@ def test_each_chosen_or_rejected_term_is_reported_with_its_figures(choice):
         judgement.message for judgement in choice.term_results if judgement.term.name == "dry friction"
     )
     assert (message.code, message.figures["channel"]) == ("choose.taken", "speed")
-    assert message.figures["errors"] > message.figures["needed"]
+    assert message.figures["errors"] > message.figures["threshold"]
     with use_language("es"):
         assert "fricción seca" in text(message)
         assert "dry friction" not in choice.table()
@@ -144,7 +144,7 @@ def test_a_term_at_its_bound_is_refused(dry, file):
     choice = choose(drive(dry, 0), file, ["dry friction"], use=USE, options=FitOptions(bounds=limit))
     assert choice.selected_terms == ()
     (message,) = (judgement.message for judgement in choice.term_results)
-    cause = message.figures["why"]
+    cause = message.figures["reason"]
     assert (message.code, cause.code, cause.subject) == (
         "choose.refused",
         "bound.high-held",
@@ -169,7 +169,7 @@ def test_a_battery_that_hardly_moves_is_not_identifiable(dry, file):
 
 
 def test_too_short_runs_are_refused_with_their_length(dry, file):
-    with pytest.raises(UsageError, check=of_code("choose.short", needed_s=12.0)):
+    with pytest.raises(UsageError, check=of_code("choose.short", min_s=12.0)):
         choose(drive(dry, 0, 8.0), file, use=USE)
 
 

@@ -205,17 +205,17 @@ ERRORS = [
     ("imu.model", {"value": "'exact'", "valid": "physical, paper"}, lambda: Imu(measurement_model="exact")),
     (
         "field.range",
-        {"where": "Imu.gyro_noise_std", "value": "-0.1", "low": 0.0, "high": 100.0},
+        {"field": "Imu.gyro_noise_std", "value": "-0.1", "low": 0.0, "high": 100.0},
         lambda: Imu(gyro_noise_std=-0.1),
     ),
     (
         "field.shape",
-        {"where": "Imu.lever_arm_m", "value": "(3,)", "expected": "(2,)"},
+        {"field": "Imu.lever_arm_m", "value": "(3,)", "expected": "(2,)"},
         lambda: Imu(lever_arm_m=np.zeros(3)),
     ),
     (
         "field.shape",
-        {"where": "Imu.measurement_noise_cov", "value": "(6, 6)", "expected": "(3, 3)"},
+        {"field": "Imu.measurement_noise_cov", "value": "(6, 6)", "expected": "(3, 3)"},
         lambda: Imu(measurement_noise_cov=np.eye(6)),
     ),
     ("delay.no-slots", {"name": "Imu", "delay_s": 0.005, "slots": 1}, lambda: Imu(delay_s=0.005)),

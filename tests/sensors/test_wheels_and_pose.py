@@ -78,13 +78,13 @@ def test_a_delayed_pose_is_interpolated_across_pi(side):
 
 
 ERRORS = [
-    ("field.range", {"where": "Wheels.track_m", "value": "0", "low": 0.001}, lambda: Wheels(track_m=0)),
+    ("field.range", {"field": "Wheels.track_m", "value": "0", "low": 0.001}, lambda: Wheels(track_m=0)),
     (
         "field.shape",
-        {"where": "Pose.noise_std", "value": "(2,)", "expected": "(3,)"},
+        {"field": "Pose.noise_std", "value": "(2,)", "expected": "(3,)"},
         lambda: Pose(noise_std=np.zeros(2)),
     ),
-    ("field.range", {"where": "Odometer.rate_hz", "value": "0", "low": 0.001}, lambda: Odometer(rate_hz=0)),
+    ("field.range", {"field": "Odometer.rate_hz", "value": "0", "low": 0.001}, lambda: Odometer(rate_hz=0)),
     ("delay.no-slots", {"name": "Pose", "delay_s": 0.1, "slots": 10}, lambda: Pose(delay_s=0.1)),
 ]
 

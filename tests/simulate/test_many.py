@@ -83,7 +83,7 @@ def test_a_diverged_vehicle_is_counted_separately(vehicle):
     linear = np.tile([1.5, 40.0, 0.01], (4, 1))
     linear[2] = -1e6  # a file would not permit this value
     many = simulate_many(vehicle, U, vary={"model.friction.linear": linear})
-    assert [(reason.code, reason.figures["lost"]) for reason in many.reasons] == [("simulate.lost", 1)]
+    assert [(reason.code, reason.figures["count"]) for reason in many.reasons] == [("simulate.lost", 1)]
     assert many.rows()[-1]["vehicles"] == 3
 
 

@@ -211,7 +211,7 @@ def test_recorded_runs_are_replayed_only_through_estimators(small):
     assert result.cells()[1]["ate_m_ratio"] == 1.0
     replay_row = bq.compare(bq.replay(run)).rows()[0]
     assert result.rows()[0]["rpe_m"] == pytest.approx(replay_row["rpe_m"], rel=1e-12)
-    with refused("sweep.of-runs", UsageError, what="controllers"):
+    with refused("sweep.of-runs", UsageError, factor="controllers"):
         one_process(run, controllers="lqr")
 
 

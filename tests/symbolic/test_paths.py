@@ -87,7 +87,7 @@ def test_traced_values_can_be_put_into_blocks_and_arrays():
 @pytest.mark.parametrize(
     ("path", "kind", "near"),
     [
-        ("model.friction.lineer", "Friction", note("name.near", similar="linear", valid="linear, dry")),
+        ("model.friction.lineer", "Friction", note("name.near", match="linear", valid="linear, dry")),
         ("model.mass.x", "float", note("name.none")),
         ("sensors.gps", "dict", note("name.unknown", valid="imu")),
         ("model.computed", "Body", note("name.unknown", valid="friction, mass")),
@@ -95,7 +95,7 @@ def test_traced_values_can_be_put_into_blocks_and_arrays():
 )
 def test_an_unknown_name_is_refused_with_valid_names(path, kind, near):
     for call in (lambda: value_at_path(SYSTEM, path), lambda: with_value(SYSTEM, path, 1.0)):
-        with refused("path.no-such-name", AttributeError, kind=kind, near=near):
+        with refused("path.no-such-name", AttributeError, kind=kind, suggestion=near):
             call()
 
 

@@ -139,7 +139,7 @@ def test_the_start_points_of_the_search_cover_the_space_evenly():
 
 
 def test_too_many_gains_are_refused():
-    with refused("tune.too-many", UsageError, dimensions=13, most=12):
+    with refused("tune.too-many", UsageError, dimensions=13, maximum=12):
         halton(3, 13)
 
 

@@ -79,7 +79,7 @@ def test_one_short_run_is_not_enough_for_a_verdict(fit, logs):
     assert validation.verdict == "CANNOT TELL"
     few = validation.reasons[0]
     assert (few.code, few.subject) == ("validation.too-few", "u_psi")
-    assert (few.figures["pieces"], few.figures["least"]) == (1.0, 5)
+    assert (few.figures["pieces"], few.figures["minimum"]) == (1.0, 5)
 
 
 def test_the_verdict_states_horizon_and_initial_condition(fit, logs):
@@ -113,7 +113,7 @@ def test_a_channel_unexplained_in_fitted_and_unseen_runs_is_refused_by_name(file
         "validation.worse-than-mean",
         "imu[2]",
     )
-    assert validation.reasons[0].figures["explained"] < 0.0
+    assert validation.reasons[0].figures["variance_percent"] < 0.0
 
 
 def test_a_run_that_coasts_does_not_begin_at_rest(file, logs):

@@ -38,9 +38,9 @@ def worn_history(case):
 def test_a_parameter_step_is_detected_between_the_right_runs(worn_history):
     (drift,) = worn_history.changes
     assert drift.name == "model.friction.linear[0]"
-    assert drift.how == "step"
-    assert drift.between == ("run 4", "run 5")
-    assert (drift.after - drift.before) / drift.before == pytest.approx(0.2, abs=0.03)
+    assert drift.pattern == "step"
+    assert drift.runs == ("run 4", "run 5")
+    assert (drift.last_value - drift.first_value) / drift.first_value == pytest.approx(0.2, abs=0.03)
     assert (drift.message.code, drift.message.subject) == ("over-time.step", "model.friction.linear[0]")
     assert (drift.message.figures["first"], drift.message.figures["second"]) == ("run 4", "run 5")
     assert worn_history.verdict == "WARN"
@@ -85,9 +85,9 @@ def test_slow_wear_is_a_drift(case):
 
     history = parameter_history(drives(case, change, 20), case, free=FREE, options=FitOptions(biases=False))
     (drift,) = history.changes
-    assert (drift.name, drift.how) == ("model.friction.linear[0]", "drift")
-    assert drift.between == ("run 0", "run 7")
-    assert (drift.after - drift.before) / drift.before == pytest.approx(0.35, abs=0.05)
+    assert (drift.name, drift.pattern) == ("model.friction.linear[0]", "drift")
+    assert drift.runs == ("run 0", "run 7")
+    assert (drift.last_value - drift.first_value) / drift.first_value == pytest.approx(0.35, abs=0.05)
 
 
 def test_a_history_of_one_run_is_refused(case, case_run):
@@ -97,5 +97,5 @@ def test_a_history_of_one_run_is_refused(case, case_run):
 
 def test_uninformative_runs_are_named(case, case_run):
     resting = simulate(case, np.full((300, 3), [1e-6, 0.0, 0.0]), 0, name="still")
-    with pytest.raises(UsageError, check=of_code("over-time.few-fits", good=1, count=2)):
+    with pytest.raises(UsageError, check=of_code("over-time.few-fits", accepted_count=1, count=2)):
         parameter_history([case_run(0, 10.0), resting], case, free=FREE, options=FitOptions(biases=False))

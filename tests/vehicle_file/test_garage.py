@@ -93,7 +93,7 @@ def test_the_car_reaches_a_speed_and_turns_left_with_a_positive_servo():
 
 
 def test_an_unknown_vehicle_is_refused_with_the_garage_names():
-    with refused("vehicle.unknown", FileError, value="smal", missing="smal"):
+    with refused("vehicle.unknown", FileError, value="smal", absent_path="smal"):
         load("smal")
 
 

@@ -157,7 +157,7 @@ def test_a_user_block_that_replaces_a_block_accepts_its_keys_and_defaults(worksh
     ("content", "code", "figures"),
     [
         ("class Other: pass\n", "name.unknown", {"valid": "Other"}),
-        ("class Mnie: pass\n", "name.near", {"similar": "Mnie"}),
+        ("class Mnie: pass\n", "name.near", {"match": "Mnie"}),
         ("def broken(:\n", "block.not-python", {"file": "mine.py", "line": 1}),
         (
             "x = 1\ny = x / 0\n",
@@ -300,7 +300,7 @@ def test_a_missing_attribute_names_the_key_that_begins_so():
     assert eval(error_info.value.diagnostic.fix) == robot.vehicle.mass_kg
     with refused("vehicle.attribute-is-key", AttributeError, key="model.mass_kg"):
         robot.model  # noqa: B018
-    with refused("front.no-attribute", AttributeError, of="small") as error_info:
+    with refused("front.no-attribute", AttributeError, owner="small") as error_info:
         robot.nonsense  # noqa: B018
     assert "with_values" in str(error_info.value)
     with refused("vehicle.no-change", AttributeError) as error_info:

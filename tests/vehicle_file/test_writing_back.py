@@ -150,7 +150,7 @@ def test_an_invalid_value_is_not_written():
 @pytest.mark.parametrize(
     ("key", "code", "figures"),
     [
-        ("model.friction.liner", "name.near", {"similar": "model.friction.linear"}),
+        ("model.friction.liner", "name.near", {"match": "model.friction.linear"}),
         ("mass", "vehicle.unknown-key", {"file": "small", "value": "mass"}),
         ("model.friction.linear[7]", "vehicle.no-entry", {"shape": "(3,)", "entry": "[7]"}),
     ],
@@ -277,10 +277,10 @@ def history(extra):
 @pytest.mark.parametrize(
     ("extra", "code", "figures"),
     [
-        ('[provenance."model.friction.liner"]\nrun = ""', "name.near", {"similar": "model.friction.linear"}),
+        ('[provenance."model.friction.liner"]\nrun = ""', "name.near", {"match": "model.friction.linear"}),
         ('[provenance."model.fricton"]\nrun = ""', "vehicle.key-unknown", {"value": "model.fricton"}),
         ('[provenance]\n"model.mass_kg" = 3', "vehicle.provenance-not-table", {}),
-        ('[provenance."model.mass_kg"]\nrn = ""', "name.near", {"similar": "run"}),
+        ('[provenance."model.mass_kg"]\nrn = ""', "name.near", {"match": "run"}),
         ('[provenance."model.mass_kg"]\nrun = 3', "vehicle.not-text", {"value": "3"}),
         ('[provenance."model.mass_kg"]\ndate = "x"', "vehicle.not-date", {"value": "'x'"}),
         ('[provenance."model.mass_kg"]\nsd = -1', "vehicle.not-std", {"value": "-1"}),
@@ -290,7 +290,7 @@ def history(extra):
             "vehicle.cov-size",
             {"expected": 1},
         ),
-        ("[parameter_cov]\nname = []", "name.near", {"similar": "names"}),
+        ("[parameter_cov]\nname = []", "name.near", {"match": "names"}),
         (
             "[parameter_cov]\nnames = ['model.mass_kg', 'rate_hz', 'model.slope_rad']\nsd = [1, 1, 1]\n"
             "correlation = [[1], [0.9, 1], [0.9, -0.9, 1]]",

@@ -11,55 +11,55 @@ EYE = np.eye(3)
 ERRORS = [
     (
         "field.range",
-        {"where": "Planar.mass_kg", "value": "-0.61", "low": 0.001, "in_unit": "kg", "meaning": "mass m"},
+        {"field": "Planar.mass_kg", "value": "-0.61", "low": 0.001, "unit_name": "kg", "meaning": "mass m"},
         lambda: Planar(-0.61, 1.0, EYE),
     ),
     (
         "field.not-finite",
-        {"where": "Planar.mass_kg", "value": "nan", "in_unit": "kg"},
+        {"field": "Planar.mass_kg", "value": "nan", "unit_name": "kg"},
         lambda: Planar(float("nan"), 1.0, EYE),
     ),
-    ("field.not-finite", {"where": "Planar.mass_kg", "value": "inf"}, lambda: Planar(float("inf"), 1.0, EYE)),
+    ("field.not-finite", {"field": "Planar.mass_kg", "value": "inf"}, lambda: Planar(float("inf"), 1.0, EYE)),
     (
         "field.one-number",
-        {"where": "Planar.mass_kg", "value": "'0.61'", "in_unit": "kg"},
+        {"field": "Planar.mass_kg", "value": "'0.61'", "unit_name": "kg"},
         lambda: Planar("0.61", 1.0, EYE),
     ),
-    ("field.one-number", {"where": "Planar.mass_kg", "value": "True"}, lambda: Planar(True, 1.0, EYE)),
+    ("field.one-number", {"field": "Planar.mass_kg", "value": "True"}, lambda: Planar(True, 1.0, EYE)),
     (
         "field.one-number",
-        {"where": "Planar.inertia_kg_m2", "value": "array([1., 2.])"},
+        {"field": "Planar.inertia_kg_m2", "value": "array([1., 2.])"},
         lambda: Planar(1.0, np.array([1.0, 2.0]), EYE),
     ),
     (
         "field.shape",
-        {"where": "Planar.actuator_matrix", "value": "(2, 2)", "expected": "(3, 3)"},
+        {"field": "Planar.actuator_matrix", "value": "(2, 2)", "expected": "(3, 3)"},
         lambda: Planar(1.0, 1.0, np.eye(2)),
     ),
     (
         "field.not-array",
-        {"where": "Planar.actuator_matrix"},
+        {"field": "Planar.actuator_matrix"},
         lambda: Planar(1.0, 1.0, [[1, 0, 0], [0, 1, 0], [0, 0, 1]]),
     ),
     (
         "field.range",
-        {"where": "Friction.linear", "value": "[1.0, -1.0, 0.0]", "low": 0.0},
+        {"field": "Friction.linear", "value": "[1.0, -1.0, 0.0]", "low": 0.0},
         lambda: Friction(linear=np.array([1.0, -1.0, 0.0])),
     ),
     (
         "field.not-finite",
-        {"where": "Friction.linear", "value": "[1.0, nan, 0.0]"},
+        {"field": "Friction.linear", "value": "[1.0, nan, 0.0]"},
         lambda: Friction(linear=np.array([1.0, np.nan, 0.0])),
     ),
     (
         "field.range",
-        {"where": "Friction.coulomb_speed", "low": 0.0001},
+        {"field": "Friction.coulomb_speed", "low": 0.0001},
         lambda: Friction(coulomb_speed=np.zeros(3)),
     ),
-    ("field.range", {"where": "Car.wheelbase_m", "value": "0", "low": 0.001}, lambda: Car(0, 4.0, 0.3)),
+    ("field.range", {"field": "Car.wheelbase_m", "value": "0", "low": 0.001}, lambda: Car(0, 4.0, 0.3)),
     (
         "field.shape",
-        {"where": "Kinematic.velocity_matrix", "value": "(3,)", "expected": "(3, 3)"},
+        {"field": "Kinematic.velocity_matrix", "value": "(3,)", "expected": "(3, 3)"},
         lambda: Kinematic(np.ones(3)),
     ),
 ]

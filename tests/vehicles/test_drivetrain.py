@@ -186,22 +186,22 @@ ERRORS = [
     ("drivetrain.lag", {}, lambda: Drivetrain(has_lag=True)),
     (
         "field.range",
-        {"where": "Drivetrain.sag", "value": "1.5", "low": 0.0, "high": 0.9, "in_unit": "1"},
+        {"field": "Drivetrain.sag", "value": "1.5", "low": 0.0, "high": 0.9, "unit_name": "1"},
         lambda: Drivetrain(sag=1.5),
     ),
     (
         "vehicle.commands",
-        {"model": "Planar", "commands": 3, "of_drivetrain": 2},
+        {"model": "Planar", "commands": 3, "rows": 2},
         lambda: Planar(1.0, 1.0, np.eye(3), drivetrain=Drivetrain(commands=2)),
     ),
     (
         "vehicle.commands",
-        {"model": "Kinematic", "commands": 3, "of_drivetrain": 2},
+        {"model": "Kinematic", "commands": 3, "rows": 2},
         lambda: Kinematic(np.eye(3), drivetrain=Drivetrain(commands=2)),
     ),
     (
         "vehicle.commands",
-        {"model": "Car", "commands": 2, "of_drivetrain": 3},
+        {"model": "Car", "commands": 2, "rows": 3},
         lambda: Car(0.15, 4.0, 0.3, drivetrain=Drivetrain()),
     ),
 ]

@@ -78,5 +78,5 @@ def test_case_study_one_responds_within_0_2_s():
 
 def test_the_printed_negative_d_cx_is_refused():
     """d_cx = +3.4398 of the paper is −3.4398 here: a vehicle that accelerates by friction (errata 6)."""
-    with refused("field.range", ValueError, where="Friction.quadratic", low=0.0):
+    with refused("field.range", ValueError, field="Friction.quadratic", low=0.0):
         Friction(quadratic=np.array([-3.4398, 4.6451, 313.1575]))

@@ -55,9 +55,9 @@ def test_a_lap_changes_the_scale_and_its_route_once(words):
     reply, _ = Worker().answer(words)
     figures = reply["message"]["figures"]
     file = load(path)
-    assert (figures["old"], figures["old_std"]) == (1.0, 0.0145)
-    assert file.sensors.imu.gyro_scale == pytest.approx(figures["new"], abs=1e-4)
-    assert abs(figures["new"] - TRUE) < 3.0 * figures["std"] < 0.02
+    assert (figures["former_value"], figures["former_std"]) == (1.0, 0.0145)
+    assert file.sensors.imu.gyro_scale == pytest.approx(figures["value"], abs=1e-4)
+    assert abs(figures["value"] - TRUE) < 3.0 * figures["std"] < 0.02
     assert file.provenance["sensors.imu.gyro_scale"].run == "0002-teach"
     assert ring.read_bytes() != before
     assert read_route(ring).closed

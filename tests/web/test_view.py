@@ -173,7 +173,7 @@ def test_serve_refuses_a_run_together_with_a_vehicle(folder, monkeypatch, other)
     done = CliRunner().invoke(serve, ["circle", *other, "--runs", str(folder), "--no-browser"])
     assert isinstance(done.exception, UsageError)
     assert done.exception.diagnostic.code == "web.one-of"
-    assert done.exception.diagnostic.figures["several"] == f"RUN, {other[0]}"
+    assert done.exception.diagnostic.figures["names"] == f"RUN, {other[0]}"
 
 
 def test_view_reports_a_missing_run_by_name(folder):

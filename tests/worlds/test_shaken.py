@@ -73,7 +73,7 @@ def test_a_push_changes_the_velocity_by_impulse_over_mass():
         nu = drive_world(pushed_world, **standing)[-1, 3:6]
         np.testing.assert_allclose(nu, [0.0, 0.3 / 0.61, 0.0], atol=1e-9)
         event = pushed_world.new_events()[0][1]
-        assert event.figures["way"].code == "shake.way-left"
+        assert event.figures["direction"].code == "shake.way-left"
 
 
 def test_an_imu_measures_pushes_and_floor_forces_but_not_free_fall():
@@ -133,7 +133,7 @@ def test_faults_added_during_a_run_are_exactly_reproducible():
     faults_of_run = faults_in(events)
     assert [fault.kind for fault in faults_of_run] == ["drift", "tilt", "tilt", "push"]
     over = next(event for _, _, event in events if event.code == "shake.over")
-    assert over.figures["what"].figures["unit"] == "rad/s"
+    assert over.figures["fault"].figures["unit"] == "rad/s"
     assert (faults_of_run[0].at_s, faults_of_run[0].for_s) == (0.5, pytest.approx(0.7))
     assert faults_of_run[1].for_s == pytest.approx(0.5)
     np.testing.assert_array_equal(drive_world(world(shake=faults_of_run)), rows)
@@ -203,7 +203,7 @@ def test_the_ledger_lists_each_detection_with_its_time():
     _, row = rows_of("4 s: push 0.4 N s left")
     nis = next(notice for notice in row.notices if notice.witness == "nis")
     assert 0.0 < nis.after_s < 0.1
-    assert nis.message.figures["nis"] > nis.message.figures["most"]
+    assert nis.message.figures["nis"] > nis.message.figures["maximum"]
     _, row = rows_of("4-6 s: cut imu")
     stop = next(notice for notice in row.notices if notice.witness == "supervisor")
     assert stop.after_s == pytest.approx(0.5, abs=0.05)  # imu_timeout_s
@@ -225,8 +225,8 @@ def test_the_ledger_gives_the_reason_if_no_fault_detector_reacted():
     assert set(row.silent_witnesses()) == {"monitor", "model", "supervisor", "gate", "nis"}
     reason = ledger.unnoticed_diagnostic(row)
     assert reason.code == "ledger.nobody-and-off"
-    assert reason.figures["why"].code == "ledger.why-drift"
-    assert reason.figures["off"].figures["off_cm"] > 5.0
+    assert reason.figures["reason"].code == "ledger.why-drift"
+    assert reason.figures["consequence"].figures["error_cm"] > 5.0
     ledger, row = rows_of("4 s: sag 84 %")
     assert ledger.reason_unnoticed(row.fault).code == "ledger.why-sag"
     ledger, row = rows_of("7.5 s: sag 84 %")

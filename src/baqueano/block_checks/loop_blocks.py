@@ -270,12 +270,12 @@ def _check_stop(
             k,
             u_given,
             bad_position if is_bad else 0.0,
-            note("when.around-nan", what=subject),
+            note("when.around-nan", signal=subject),
         )
         if is_bad and np.any(u_out):
-            trial.add_fault("check.lets-through", "step", u=str(u_out.tolist()), what=subject)
+            trial.add_fault("check.lets-through", "step", u=str(u_out.tolist()), signal=subject)
         elif k > 10 and np.any(u_out):
-            trial.add_fault("check.drives-again", "step", what=subject)
+            trial.add_fault("check.drives-again", "step", signal=subject)
 
 
 def _check_limits(trial: Trial, sensors: SensorBlocks, n: int) -> None:

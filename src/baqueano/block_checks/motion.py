@@ -66,7 +66,7 @@ def _check_drive(trial: Trial, n: int) -> None:
     for _ in range(TICK_COUNT):
         rest_state, motion = trial.step(note("when.rest"), rest_state, np.zeros(n), DT_S, np.zeros(3))
     if motion is not None and not np.any(gravity) and np.max(np.abs(motion.eta - start.eta)) > 1e-6:
-        trial.add_fault("check.moves-by-itself", "step", moved=str(motion.eta - start.eta))
+        trial.add_fault("check.moves-by-itself", "step", distance=str(motion.eta - start.eta))
     effort = constant_effort(np.zeros(n))
     next_state = trial.checked_call("advance", WHILE_ROLLING, ETA, NU, effort, DT_S)
     if not (isinstance(next_state, tuple) and len(next_state) == 3):
@@ -79,7 +79,10 @@ def _check_drive(trial: Trial, n: int) -> None:
         abs(next_state[1][0]) > abs(NU[0]) + 1e-9 or abs(next_state[1][2]) > abs(NU[2]) + 1e-9
     ):
         trial.add_fault(
-            "check.gains-speed", "advance", before=str(NU.tolist()), after=str(next_state[1].tolist())
+            "check.gains-speed",
+            "advance",
+            first_speed=str(NU.tolist()),
+            last_speed=str(next_state[1].tolist()),
         )
 
 
@@ -148,8 +151,8 @@ def _check_rate(trial: Trial, block: Any, answer_count: int) -> None:
         trial.add_fault(
             "check.rate",
             "step",
-            answers=answer_count,
-            lasted_s=lasted_s,
+            count=answer_count,
+            duration_s=lasted_s,
             rate_hz=rate_hz,
             expected=expected_count,
         )

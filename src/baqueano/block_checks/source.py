@@ -58,7 +58,7 @@ def outside_accesses(block_class: type) -> list[Diagnostic]:
             subject=block_class.__name__,
             place=line_of(file, line),
             name=name,
-            instead=advice,
+            advice=advice,
         )
         for node in ast.walk(tree)
         for line, door, name, advice in _accesses_in(node)

@@ -53,7 +53,7 @@ class Trial:
         self, code: str, method_name: str = "", severity: Severity = Severity.ERROR, **figures: Any
     ) -> None:
         """Store a diagnostic for the author, with its place in the code; the same fault at a later tick only once."""
-        key = code, method_name, *(str(figures.get(name, "")) for name in ("what", "of", "name"))
+        key = code, method_name, *(str(figures.get(name, "")) for name in ("field", "signal", "name"))
         if key in self._fault_keys:
             return
         self._fault_keys.add(key)
@@ -73,13 +73,13 @@ class Trial:
         frozen_arguments = _freeze(arguments)
         first = self._call(method_name, context, arguments)
         if _freeze(arguments) != frozen_arguments:
-            self.add_fault("check.changes-arguments", method_name, when=context)
+            self.add_fault("check.changes-arguments", method_name, situation=context)
         if self._is_call_repeated(method_name, context) and _freeze(first) != _freeze(
             self._call(method_name, context, copy.deepcopy(arguments))
         ):
-            self.add_fault("check.two-answers", method_name, when=context)
+            self.add_fault("check.two-answers", method_name, situation=context)
         if _freeze(_fields(self.block)) != self._frozen_fields:
-            self.add_fault("check.changes-itself", method_name, when=context)
+            self.add_fault("check.changes-itself", method_name, situation=context)
             self._frozen_fields = _freeze(_fields(self.block))
         return first
 
@@ -94,9 +94,9 @@ class Trial:
         is_record = type(result) is not tuple  # a Command is also a tuple of two
         if not (isinstance(result, tuple) and len(result) == 2) or is_record:
             if type(result) is tuple:
-                self.add_fault("check.values", "step", count=len(result), when=context)
+                self.add_fault("check.values", "step", count=len(result), situation=context)
             else:
-                self.add_fault("check.one-value", "step", value=type(result).__name__, when=context)
+                self.add_fault("check.one-value", "step", value=type(result).__name__, situation=context)
             raise CheckAborted
         return result
 
@@ -119,17 +119,17 @@ class Trial:
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
             self.add_fault(
-                "check.no-numbers", method_name, what=quantity, value=type(value).__name__, shape=str(shape)
+                "check.no-numbers", method_name, field=quantity, value=type(value).__name__, shape=str(shape)
             )
             raise CheckAborted from None
         if array.shape != shape:
             self.add_fault(
-                "check.shape", method_name, what=quantity, value=str(array.shape), shape=str(shape)
+                "check.shape", method_name, field=quantity, value=str(array.shape), shape=str(shape)
             )
             raise CheckAborted
         if not np.all(np.isfinite(array)):
             self.add_fault(
-                "check.not-finite", method_name, what=quantity, value=array_text(array), when=context
+                "check.not-finite", method_name, field=quantity, value=array_text(array), situation=context
             )
             raise CheckAborted
         return array
@@ -138,12 +138,12 @@ class Trial:
         """Check that the output has the timestamp of its input."""
         stamp = getattr(output, "t_ns", None)
         if stamp is None or int(stamp) != t_ns:
-            self.add_fault("check.stamp", "step", value=stamp, of=quantity, t_ns=t_ns, when=context)
+            self.add_fault("check.stamp", "step", value=stamp, signal=quantity, t_ns=t_ns, situation=context)
 
     def check_wrapped(self, quantity: str, psi: float, context: Diagnostic) -> None:
         """Check that an angle in an output is within [−π, π]."""
         if abs(psi) > np.pi + 1e-9:
-            self.add_fault("check.not-wrapped", "step", what=quantity, psi_rad=psi, when=context)
+            self.add_fault("check.not-wrapped", "step", field=quantity, psi_rad=psi, situation=context)
 
     def expect_covariance(
         self, quantity: str, value: object, size: int, context: Diagnostic, method_name: str = "step"
@@ -152,14 +152,14 @@ class Trial:
         P = self.expect(quantity, value, (size, size), context, method_name)
         scale = np.max(np.abs(P), initial=0.0)
         if np.max(np.abs(P - P.T), initial=0.0) > 1e-9 * scale:
-            self.add_fault("check.not-symmetric", method_name, what=quantity, when=context)
+            self.add_fault("check.not-symmetric", method_name, field=quantity, situation=context)
         elif np.linalg.eigvalsh(P)[0] < -1e-9 * scale:
             self.add_fault(
                 "check.eigenvalue",
                 method_name,
-                what=quantity,
+                field=quantity,
                 smallest=np.linalg.eigvalsh(P)[0],
-                when=context,
+                situation=context,
             )
         return P
 
@@ -181,10 +181,14 @@ class Trial:
             )
             if line:
                 self.add_fault(
-                    "check.raises-on-line", named_method, error=error_text(error), line=line, when=context
+                    "check.raises-on-line",
+                    named_method,
+                    error=error_text(error),
+                    line=line,
+                    situation=context,
                 )
             else:
-                self.add_fault("check.raises", named_method, error=error_text(error), when=context)
+                self.add_fault("check.raises", named_method, error=error_text(error), situation=context)
             raise CheckAborted from error
 
 

@@ -155,7 +155,7 @@ def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: Integrat
     if not end - begin >= BATCHES * WINDOW_S:
         overlap_s, needed_s = max(0.0, end - begin), BATCHES * WINDOW_S
         short = fault(
-            "truth.short-overlap", run=run.name, overlap_s=overlap_s, needed_s=needed_s, windows=BATCHES
+            "truth.short-overlap", run=run.name, overlap_s=overlap_s, min_s=needed_s, windows=BATCHES
         )
         raise UsageError(short)
     a = np.unique(np.searchsorted(t_s, np.arange(begin, end - WINDOW_S, STEP_S)))

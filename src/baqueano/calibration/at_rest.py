@@ -97,12 +97,12 @@ def allan_deviation(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) 
     """
     y = np.asarray(y, dtype=float)
     if y.ndim != 1 or len(y) < MIN_ALLAN_SAMPLES or not np.all(np.isfinite(y)):
-        raise UsageError(fault("allan.numbers", least=MIN_ALLAN_SAMPLES, value=y.size))
+        raise UsageError(fault("allan.numbers", minimum=MIN_ALLAN_SAMPLES, value=y.size))
     if not rate_hz > 0.0:
         raise UsageError(fault("allan.rate", rate_hz=rate_hz))
     n = averaging_counts(len(y)) if n is None else np.atleast_1d(n).astype(int)
     if np.any(n < 1) or np.any(2 * n > len(y)):
-        raise UsageError(fault("allan.averages", samples=len(y), most=len(y) // 2, value=n.tolist()))
+        raise UsageError(fault("allan.averages", samples=len(y), maximum=len(y) // 2, value=n.tolist()))
     x = np.concatenate([[0.0], np.cumsum(y - y.mean())]) / rate_hz
     variance = np.empty(len(n))
     for k, count in enumerate(n.tolist()):
@@ -268,7 +268,7 @@ def measure_at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf"))
                 label = f"{name}[{entry}]"
                 findings.append(note("at-rest.dead", Severity.WARNING, subject=label, value=z[0, entry]))
     if not channels:
-        raise UsageError(fault("at-rest.few-samples", run=run.name, least=MIN_SAMPLES))
+        raise UsageError(fault("at-rest.few-samples", run=run.name, minimum=MIN_SAMPLES))
     return RestMeasurement(run.name, float(seconds(last_ns, first_ns)), tuple(channels), tuple(findings))
 
 

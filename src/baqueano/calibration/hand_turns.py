@@ -100,10 +100,10 @@ def _check_complete_record(name: str, gyro: IntegratedSignal, limit: np.ndarray 
     if steps_s.max() > GAP_S:
         at_s = float(gyro.t_s[np.argmax(steps_s)])
         fix = baqueano_command("runs", "cut", name, "--to", f"{at_s:.1f}")
-        raise UsageError(fault("turns.silent", fix, run=name, gap_s=steps_s.max(), at_s=at_s))
+        raise UsageError(fault("turns.silent", fix, run=name, gap_s=steps_s.max(), t_s=at_s))
     if limit is not None and np.any(np.abs(gyro.z) >= limit[-1]):
         at_s = gyro.t_s[np.argmax(np.abs(gyro.z))]
-        raise UsageError(fault("turns.end-of-range", run=name, limit_rad_s=limit[-1], at_s=at_s))
+        raise UsageError(fault("turns.end-of-range", run=name, limit_rad_s=limit[-1], t_s=at_s))
 
 
 def is_turned_by_hand(run: Run) -> bool:
@@ -160,8 +160,8 @@ def _whole_turns(
         if turns is not None and abs(turn_count) >= 0.5:
             n = float(np.copysign(abs(turns), turn_count))
         tolerance = SCALE_TOLERANCE * max(abs(turn_count), abs(n)) + mark_turns
-        from_s, to_s = (rests[i].middle_s for i in (rests_used[-1], k))
-        details: JsonObject = {"run": name, "from_s": from_s, "to_s": to_s}
+        start_s, end_s = (rests[i].middle_s for i in (rests_used[-1], k))
+        details: JsonObject = {"run": name, "start_s": start_s, "end_s": end_s}
         if turns is None and abs(turn_count) > 0.5 and tolerance > 0.5:
             raise UsageError(fault("turns.ambiguous", f"--turns {abs(n):.0f}", turns=turn_count, **details))
         if abs(turn_count - n) < tolerance:

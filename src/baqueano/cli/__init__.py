@@ -61,9 +61,9 @@ def unknown_subcommand_error(verb: str, verbs: list[str], ctx: click.Context) ->
     from baqueano.errors import UsageError
 
     suggestion = nearest(verb, verbs, MIN_SIMILARITY)
-    fix = "" if "similar" in suggestion.figures else f"{ctx.command_path} --help"
+    fix = "" if "match" in suggestion.figures else f"{ctx.command_path} --help"
     code = "cli.no-such-verb" if fix else "cli.unknown-verb"
-    return UsageError(fault(code, fix, path=ctx.command_path, value=verb, near=suggestion))
+    return UsageError(fault(code, fix, path=ctx.command_path, value=verb, suggestion=suggestion))
 
 
 class SubcommandGroup(click.Group):

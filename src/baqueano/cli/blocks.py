@@ -59,7 +59,7 @@ def recommend_estimator(vehicle_file: "VehicleFile") -> Diagnostic:
         f"cli.estimator-{case}",
         vehicle=vehicle_file.name,
         sensors=names,
-        usual=usual,
+        estimator=usual,
         use=use,
         place=pose_sensor_names,
     )

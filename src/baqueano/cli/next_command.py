@@ -52,11 +52,13 @@ def next_command(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnost
         return fault("next.allow-blocks", baqueano_command(*args, "--allow-blocks"))
     if code == USAGE and (corrected_args := [UNBRACKETED.sub(r"=[\1]", arg) for arg in args]) != args:
         return fault("next.put-right", baqueano_command(*corrected_args))
-    missing_paths = [Path(str(cause.figures["missing"])) for cause in causes if "missing" in cause.figures]
+    missing_paths = [
+        Path(str(cause.figures["absent_path"])) for cause in causes if "absent_path" in cause.figures
+    ]
     for path in missing_paths:
         if (near_path := _nearest_file(path)) is not None and str(path) in args:
             corrected_args = [str(near_path) if Path(arg) == path else arg for arg in args]
-            return fault("next.near-file", baqueano_command(*corrected_args), similar=near_path)
+            return fault("next.near-file", baqueano_command(*corrected_args), match=near_path)
     codes = {cause.code for cause in causes}
     if (
         code == USAGE
@@ -88,8 +90,8 @@ def _causes(diagnostic: Diagnostic) -> Iterator[Diagnostic]:
 
 def _corrected_args(cause: Diagnostic, args: list[str]) -> list[str] | None:
     """Return the command with the mistyped word corrected; None if no known word is similar to this word."""
-    mistyped_word, suggestion_note = str(cause.figures.get("value", "")), cause.figures.get("near")
-    suggestion = suggestion_note.figures.get("similar") if isinstance(suggestion_note, Diagnostic) else None
+    mistyped_word, suggestion_note = str(cause.figures.get("value", "")), cause.figures.get("suggestion")
+    suggestion = suggestion_note.figures.get("match") if isinstance(suggestion_note, Diagnostic) else None
     for k, arg in enumerate(args):
         if (
             mistyped_word
@@ -130,7 +132,7 @@ def _alternatives_to(path: Path) -> Diagnostic:
             "next.files-and-more",
             folder=folder,
             files=alike[:MAX_LISTED_FILES],
-            more=len(alike) - MAX_LISTED_FILES,
+            count=len(alike) - MAX_LISTED_FILES,
         )
     return fault("next.files", folder=folder, files=alike)
 

@@ -159,13 +159,13 @@ robot = click.option(
 def refuse_together(other: str, *names: str) -> None:
     """Raise UsageError if one of these parameters was typed, because it has no effect together with `other`."""
     for option in _typed_options(names):
-        raise UsageError(fault("cli.options-together", option=option, other=other))
+        raise UsageError(fault("cli.options-together", option=option, second_option=other))
 
 
 def refuse_without(other: str, *names: str) -> None:
     """Raise UsageError if one of these parameters was typed, because it has an effect only together with `other`."""
     for option in _typed_options(names):
-        raise UsageError(fault("cli.option-needs", option=option, other=other))
+        raise UsageError(fault("cli.option-needs", option=option, second_option=other))
 
 
 def _typed_options(names: tuple[str, ...]) -> list[str]:
@@ -260,7 +260,7 @@ def run_path(out: Path | None, folder: str, label: str) -> Path:
 
     if out is not None:
         if out.exists():
-            raise FileError(fault("cli.file-exists", "-o FILE", out=out))
+            raise FileError(fault("cli.file-exists", "-o FILE", path=out))
         return out
     path = reserve_path(folder, label)
     click.get_current_context().call_on_close(lambda: release_path(path))
@@ -278,14 +278,14 @@ def find_route(name: str) -> "Route":
     path = route_path(name)
     if not path.is_file():
         stored_names = stored_routes()
-        others = note("cli.routes", stored=", ".join(stored_names)) if stored_names else note("cli.no-routes")
+        others = note("cli.routes", names=", ".join(stored_names)) if stored_names else note("cli.no-routes")
         raise FileError(
             fault(
                 "cli.route-absent",
                 baqueano_command("teach", name, *_vehicle_argument()),
                 value=name,
-                missing=path,
-                there=others,
+                absent_path=path,
+                valid=others,
             )
         )
     if b"\0" in path.read_bytes()[:1000]:
@@ -333,7 +333,7 @@ def block_kind(vehicle_file: "VehicleFile | None", role: str, kind: str | None) 
             )
         except FileError as error:
             own = ":" in kind
-            if own and "near" in error.diagnostic.figures:
+            if own and "suggestion" in error.diagnostic.figures:
                 raise FileError(
                     fault("cli.own-name", role=role, kind=kind, cause=error.diagnostic)
                 ) from error

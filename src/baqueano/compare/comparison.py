@@ -136,11 +136,11 @@ class RunComparison:
         if len(self.laps) < 2:
             return ()
         first, last, worst_lap = self.laps[0], self.laps[-1], max(self.laps, key=lambda lap: lap.max_m)
-        figures = {"first_cm": first.rms_m, "last_cm": last.rms_m, "most_cm": worst_lap.max_m}
+        figures = {"first_cm": first.rms_m, "last_cm": last.rms_m, "max_cm": worst_lap.max_m}
         figures |= {"gap_cm": max(lap.gap_m for lap in self.laps)}
         figures = {name: 100.0 * m for name, m in figures.items()}
         values = {"laps": len(self.laps), "worst": worst_lap.number, "seconds": last.duration_s}
-        values["of"] = N_("true path") if np.isfinite(self.across_true.rms_m) else N_("estimated path")
+        values["quantity"] = N_("true path") if np.isfinite(self.across_true.rms_m) else N_("estimated path")
         return (text(note("compare.laps", **figures, **values)),)
 
 
@@ -203,7 +203,7 @@ class Comparison(Result):
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return a warning with the verdict for each run that is inconsistent."""
         return tuple(
-            note("compare.inconsistent", Severity.WARNING, subject=run.name, how=run.verdict)
+            note("compare.inconsistent", Severity.WARNING, subject=run.name, verdict=run.verdict)
             for run in self.runs
             if run.verdict in (*ADVICE_CODES, NOT_DEFINITE, DIVERGED)
         )

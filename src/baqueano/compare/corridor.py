@@ -49,8 +49,8 @@ class Corridor(NamedTuple):
         laps = round(float(self.t_s[-1]) / self.lap_s) if np.isfinite(self.lap_s) else 0
         within = self._text_at(len(self.t_s) - 1)
         if laps:
-            return note("corridor.after-laps" if laps > 1 else "corridor.after-lap", laps=laps, within=within)
-        return note("corridor.after-time", t_s=float(self.t_s[-1]), within=within)
+            return note("corridor.after-laps" if laps > 1 else "corridor.after-lap", laps=laps, bound=within)
+        return note("corridor.after-time", t_s=float(self.t_s[-1]), bound=within)
 
     def at(self, k: int) -> str:
         """Return the half-widths at one tick, such as "± 8 cm across, ± 4°"."""

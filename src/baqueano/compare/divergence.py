@@ -25,8 +25,8 @@ class InvalidCovariance(NamedTuple):
     """The number of ticks of a run at which the covariance is not valid, and the number of all ticks."""
 
     ticks: int
-    of: int
-    from_s: float  # time of the first of these ticks
+    total: int
+    start_s: float  # time of the first of these ticks
 
 
 def divergence_s(run: Run) -> float:

@@ -70,11 +70,11 @@ class FilterConsistency:
         if band is None:
             return (note("consistency.not-reported"),)
         if verdict == "cannot tell":
-            return (note("consistency.cannot-tell", of=JOINT_FIGURES[name], samples=band.samples),)
+            return (note("consistency.cannot-tell", quantity=JOINT_FIGURES[name], samples=band.samples),)
         figures = {"mean": band.mean, "low": band.low, "high": band.high, "worst": self._worst(verdict)}
         figure = "NIS" if name == "nis" else "NEES"
         first = note(
-            f"consistency.{verdict.replace(' ', '-')}", figure=figure, of=JOINT_FIGURES[name], **figures
+            f"consistency.{verdict.replace(' ', '-')}", figure=figure, quantity=JOINT_FIGURES[name], **figures
         )
         messages = (first, self._few_samples(verdict), self._correlation())
         return tuple(message for message in messages if message is not None)
@@ -142,7 +142,7 @@ class FilterConsistency:
         """Return a note if the verdict is "consistent" but a joint NEES has too few samples, else None."""
         short_names = [n for n in ("nees_pose", "nees_velocity") if getattr(self, n).verdict == "cannot tell"]
         if short_names and verdict == "consistent":
-            return note("consistency.unknown", of=JOINT_FIGURES[short_names[0]])
+            return note("consistency.unknown", quantity=JOINT_FIGURES[short_names[0]])
         return None
 
     def _correlation(self) -> Diagnostic | None:

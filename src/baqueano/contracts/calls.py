@@ -208,13 +208,15 @@ def _refuse_arguments(
                     fault("call.option-of", fix, call=_call_name(example), value=unknown[0], owner=owner)
                 )
         near = nearest(unknown[0], [name for name in parameters if name != "self"])
-        raise Misuse(fault("call.unknown", example, call=_call_name(example), value=unknown[0], near=near))
+        raise Misuse(
+            fault("call.unknown", example, call=_call_name(example), value=unknown[0], suggestion=near)
+        )
     positional = [p for p in parameters.values() if p.kind == p.POSITIONAL_OR_KEYWORD]
     missing = [p.name for p in positional[len(args) :] if p.default is p.empty and p.name not in options]
     if missing:
         raise Misuse(fault("call.missing", example, call=_call_name(example), names=missing))
     most = len(positional) - ("self" in parameters)
-    raise Misuse(fault("call.positions", example, call=_call_name(example), most=most))
+    raise Misuse(fault("call.positions", example, call=_call_name(example), maximum=most))
 
 
 def _refuse_kind(
@@ -230,7 +232,7 @@ def _refuse_kind(
     others = [n for n in kinds if n not in values and type(value).__module__.startswith("baqueano")]
     if others := [n for n in others if _is_accepted(value, kinds[n])]:
         fix = f"{others[0]}={_short_repr(value)}"
-        raise Misuse(fault("call.of-other-argument", fix, call=call, name=name, other=others[0]))
+        raise Misuse(fault("call.of-other-argument", fix, call=call, name=name, function=others[0]))
     label, is_item = name, False
     if type(value) in (list, tuple) and _is_accepted([], kinds[name]):
         wrong_items = (i for i, item in enumerate(value) if not _is_accepted([item], kinds[name]))

@@ -108,7 +108,9 @@ def no_attribute(owner: object, name: str, label: str) -> NoAttribute:
     names = [attribute for attribute in dir(owner) if not attribute.startswith("_")]
     names.sort(key=lambda attribute: not callable(getattr(type(owner), attribute, None)))
     short_name = next((n for n in names if len(n) >= MIN_PREFIX and name.startswith(n)), name)
-    return NoAttribute(fault("front.no-attribute", of=label, value=name, near=nearest(short_name, names)))
+    return NoAttribute(
+        fault("front.no-attribute", owner=label, value=name, suggestion=nearest(short_name, names))
+    )
 
 
 def shorten(
@@ -171,6 +173,6 @@ def pandas() -> Any:
         import pandas  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise UsageError(
-            fault("front.missing", "pip install pandas", package="pandas", what=N_("a data frame"))
+            fault("front.missing", "pip install pandas", package="pandas", feature=N_("a data frame"))
         ) from error
     return pandas

@@ -59,11 +59,11 @@ class Room:
         free_m = 0.5 * min(self.width_m, self.height_m) - self.radius_m
         if not (np.isfinite(self.width_m + self.height_m) and free_m > 0.0):
             w, h, r = self.width_m, self.height_m, self.radius_m
-            small = fault("room.small", "--room 2x2", width_m=w, height_m=h, radius_m=r, least_m=2.0 * r)
+            small = fault("room.small", "--room 2x2", width_m=w, height_m=h, radius_m=r, min_m=2.0 * r)
             raise UsageError(small)
         if np.any(np.abs(self.start[:2]) > self.free_half_width_m):
             (x_m, y_m, _), (along_m, across_m) = self.start, self.free_half_width_m
-            raise UsageError(fault("room.start", x_m=x_m, y_m=y_m, along_m=along_m, across_m=across_m))
+            raise UsageError(fault("room.start", x_m=x_m, y_m=y_m, max_x_m=along_m, max_y_m=across_m))
 
     @property
     def free_half_width_m(self) -> np.ndarray:
@@ -184,7 +184,7 @@ def contain_in_room(
     margin = float(room.margin(eta))
     if margin < 0.0:
         width_m, height_m = room.width_m, room.height_m
-        raise AnswerNo(fault("room.too-small", width_m=width_m, height_m=height_m, beyond_m=-margin))
+        raise AnswerNo(fault("room.too-small", width_m=width_m, height_m=height_m, excess_m=-margin))
     return ContainedSignal(limited_u, margin, change_count / len(poses), eta)
 
 

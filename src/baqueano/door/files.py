@@ -50,7 +50,7 @@ class RunFiles:
         if not is_run_name(name) or path.is_symlink() or not path.is_file():
             raise Invalid(fault("door.no-run", run=repr(name)))
         if not self._fetches.acquire(blocking=False):
-            raise Invalid(fault("door.many-fetches", most=MAX_FETCHES))
+            raise Invalid(fault("door.many-fetches", maximum=MAX_FETCHES))
         try:
             run_file = path.open("rb")
         except OSError:

@@ -76,11 +76,13 @@ class AdjustableController:
         except Exception as error:  # code of the user, which must not end the drive
             figures = {
                 "value": repr(value)[:80],
-                "before": str(old_value.tolist()),
+                "former_value": str(old_value.tolist()),
                 "error": error_text(error),
             }
             raise Invalid(fault("door.gain-refused", name=path, **figures)) from error
-        return note("door.set", path=path, before=str(old_value.tolist()), now=str(new_value.tolist()))
+        return note(
+            "door.set", path=path, former_value=str(old_value.tolist()), value=str(new_value.tolist())
+        )
 
     def _block_with(self, inner_block: Tree, values: dict[str, object]) -> Tree:
         """Return the controller with new values; a block of the user is made within its budget of time."""
@@ -140,4 +142,4 @@ class ChangeObserver(Observer):
             raise Invalid(fault("door.guide-pace", value=repr(value)[:80]))
         self._set_pace(WHO, pace)
         old_pace, self._pace = self._pace, pace
-        return note("door.set", path=path, before=str(old_pace), now=str(pace))
+        return note("door.set", path=path, former_value=str(old_pace), value=str(pace))

@@ -82,7 +82,7 @@ class Remote:
             try:
                 message = self.inbox.get(timeout=max(0.0, end_s - time.monotonic()))
             except queue.Empty:
-                raise RobotUnreachable(fault("remote.silent", host=self.name, within_s=within_s)) from None
+                raise RobotUnreachable(fault("remote.silent", host=self.name, limit_s=within_s)) from None
             if message is None:
                 self.inbox.put(None)  # for the next reader
                 raise RobotUnreachable(
@@ -185,7 +185,7 @@ class Remote:
     def _check_version(self) -> None:
         """Raise UsageError if the vehicle uses another version of the protocol, which this program cannot read."""
         if (robot_version := self.state.get("door", 1)) != VERSION:
-            values = {"host": self.name, "theirs": str(robot_version), "ours": VERSION}
+            values = {"host": self.name, "robot_protocol": str(robot_version), "laptop_protocol": VERSION}
             fix = baqueano_command("robot", "setup", self.name)
             raise UsageError(note("door.version-of-robot", Severity.ERROR, fix, **values))
 
@@ -353,7 +353,7 @@ def stop(host: str, reason: Diagnostic) -> "JsonObject":
                 fault(
                     "remote.stop-not-reached",
                     host=host,
-                    within_s=STOP_TIMEOUT_S,
+                    limit_s=STOP_TIMEOUT_S,
                     state=remote.state.get("state", "none"),
                 )
             )

@@ -180,7 +180,7 @@ class Door:
 
     def _refuse_client(self, client: DoorClient) -> None:
         """Refuse and disconnect a client that connected when all places were occupied; only its stops are accepted."""
-        self._refuse(client, note("door.full", Severity.ERROR, most=MAX_CLIENTS), 1)
+        self._refuse(client, note("door.full", Severity.ERROR, maximum=MAX_CLIENTS), 1)
         self._disconnect_after_sending(client)
 
     def _disconnect_after_sending(self, client: DoorClient) -> None:
@@ -206,7 +206,7 @@ class Door:
                 self._disconnect(other)
             is_busy = any(c.partial_line_bytes > MAX_SHORT_LINE_BYTES for c in self._clients - {client})
             if is_busy or client.partial_line_bytes > MAX_LINE_BYTES or not client.can_be_mission:
-                raise Invalid(fault("door.too-long", most_kb=MAX_SHORT_LINE_BYTES >> 10))
+                raise Invalid(fault("door.too-long", max_kb=MAX_SHORT_LINE_BYTES >> 10))
         except (BaqueanoError, Invalid) as error:
             self._refuse(client, error.diagnostic, getattr(error, "exit_code", 2))
             self._disconnect_after_sending(client)
@@ -225,7 +225,7 @@ class Door:
             if client.lines:
                 queue.append(client)
             elif client.dropped:
-                self._refuse(client, note("door.too-many", Severity.ERROR, dropped=client.dropped), 1)
+                self._refuse(client, note("door.too-many", Severity.ERROR, count=client.dropped), 1)
                 client.dropped = 0
             if self._outbox:
                 return
@@ -236,7 +236,7 @@ class Door:
                 self.operator.check_admission(client)
             request = json.loads(line)
             if len(line) > MAX_SHORT_LINE_BYTES and request["do"] not in ("mission", "stop"):
-                raise Invalid(fault("door.too-long", most_kb=MAX_SHORT_LINE_BYTES >> 10))
+                raise Invalid(fault("door.too-long", max_kb=MAX_SHORT_LINE_BYTES >> 10))
             self._execute(client, request, request["do"])
         except (BaqueanoError, Invalid) as error:
             self._refuse(client, error.diagnostic, getattr(error, "exit_code", UsageError.exit_code))
@@ -273,8 +273,8 @@ class Door:
     def _queue_mission(self, client: DoorClient, request: "JsonObject") -> None:
         """Queue a mission. Raise UsageError for another version of the protocol, SafetyStop if it is refused."""
         if (version := request.get("door", 1)) != VERSION:
-            fix = "baqueano robot setup HOST"
-            raise UsageError(note("door.version", Severity.ERROR, fix, theirs=str(version), ours=VERSION))
+            versions = {"laptop_protocol": str(version), "robot_protocol": VERSION}
+            raise UsageError(note("door.version", Severity.ERROR, "baqueano robot setup HOST", **versions))
         name, is_attended = str(request.get("id", ""))[:LONGEST_ID], bool(request.get("attended", True))
         mission = str(request["mission"]) if "mission" in request else json.dumps(request)
         self.operator.queue_mission(client, mission, is_attended, name)

@@ -99,7 +99,7 @@ def read_limited(stream: IO[bytes]) -> bytes:
     while data := os.read(stream.fileno(), 1 << 16):
         output += data
         if len(output) > MAX_ANSWER_BYTES:
-            raise RobotUnreachable(fault("ssh.too-much", most_mb=MAX_ANSWER_BYTES >> 20))
+            raise RobotUnreachable(fault("ssh.too-much", max_mb=MAX_ANSWER_BYTES >> 20))
     return bytes(output)
 
 

@@ -230,7 +230,7 @@ def lap_end(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) -> L
         name, e, J, P + np.diag(np.square([place_std_m, place_std_m, MARK_STD_RAD])), turn_rad, e
     )
     if not lap_end.std <= MAX_SCALE_ERROR:
-        figures = {"gyro": name, "within_percent": 100.0 * MAX_SCALE_ERROR}
+        figures = {"gyro": name, "tolerance_percent": 100.0 * MAX_SCALE_ERROR}
         raise AnswerNo(fault("marks.lap-no-scale", name=run.name, **figures))
     kappa = float(np.clip(lap_end.kappa, -MAX_SCALE_ERROR, MAX_SCALE_ERROR))
     return lap_end._replace(e=end(kappa)[0] - J * kappa)
@@ -254,19 +254,19 @@ def _require_return(run_name: str, gyro: str, residual: np.ndarray, V: np.ndarra
     chi2 = float(residual @ np.linalg.solve(V, residual))
     if not chi2 <= MAX_RESIDUAL_CHI2:
         gaps = {"gap_m": float(np.hypot(*residual[:2])), "turn_deg": np.degrees(wrap(residual[2]))}
-        figures = {"name": run_name, "gyro": gyro, "chi2": chi2, "most": MAX_RESIDUAL_CHI2}
+        figures = {"name": run_name, "gyro": gyro, "chi2": chi2, "maximum": MAX_RESIDUAL_CHI2}
         fix = baqueano_command("teach", "lab", "--driver", "keys", "--closed", "--update")
         raise AnswerNo(fault("marks.lap-open", fix, **gaps, **figures))
 
 
 def _require_agreement(run_name: str, gyro: str, sensor: Tree, kappa: float, std: float) -> None:
     """Raise AnswerNo if the scale by the lap alone, s₀ e^κ ± `std`, contradicts its prior in the file.  (7)"""
-    most = MAX_SCALE_ERROR
+    limit = MAX_SCALE_ERROR
     if sensor.gyro_scale_std > 0.0:
-        most = min(most, MAX_SIGMAS * float(np.hypot(sensor.gyro_scale_std, std)))
-    if not abs(kappa) <= most:
+        limit = min(limit, MAX_SIGMAS * float(np.hypot(sensor.gyro_scale_std, std)))
+    if not abs(kappa) <= limit:
         figures = {"gyro": gyro, "value": sensor.gyro_scale * np.exp(kappa), "file": sensor.gyro_scale}
-        percent = {"percent": 100.0 * kappa, "most_percent": 100.0 * most}
+        percent = {"percent": 100.0 * kappa, "max_percent": 100.0 * limit}
         fix = baqueano_command("drive", "--update")
         raise AnswerNo(fault("marks.lap-other-scale", fix, "", name=run_name, **figures, **percent))
 
@@ -325,9 +325,9 @@ def _turn_count(turned_rad: float, name: str) -> int:
         2.0 * np.pi * MAX_TURN_ERROR * abs(turns), 3.0 * MARK_STD_RAD
     ):
         figures = {
-            "turned_deg": np.degrees(turned_rad),
-            "within_percent": 100 * MAX_TURN_ERROR,
-            "most": MAX_TURNS,
+            "turn_deg": np.degrees(turned_rad),
+            "tolerance_percent": 100 * MAX_TURN_ERROR,
+            "maximum": MAX_TURNS,
         }
         raise AnswerNo(fault("marks.no-whole-turn", subject=name, **figures))
     return turns
@@ -349,7 +349,7 @@ def _bias_at_rest(run: Run, channel: Channel) -> tuple[float, float]:
     z = channel.z[at_rest, -1]
     period_s = float(np.median(seconds(np.diff(channel.t_ns)))) if len(channel.t_ns) > 1 else 1.0
     if len(z) * period_s < MIN_REST_S:
-        raise AnswerNo(fault("marks.stood-too-short", name=run.name, stood_s=len(z) * period_s))
+        raise AnswerNo(fault("marks.stood-too-short", name=run.name, rest_s=len(z) * period_s))
     return float(np.mean(z)), float(np.std(z) / np.sqrt(len(z)))
 
 

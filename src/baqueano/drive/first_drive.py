@@ -361,7 +361,7 @@ def _levels(pulses: Sequence[Pulse], d: np.ndarray) -> list[float]:
 def _no_motion_reason(command: str, level: float) -> Diagnostic:
     if level > 1.0 - 1e-6:
         return fault("first-drive.nothing-moved", command=command)
-    return fault("first-drive.ended-early", command=command, tried_percent=100.0 * level)
+    return fault("first-drive.ended-early", command=command, command_percent=100.0 * level)
 
 
 def _is_parallel(u: np.ndarray, d: np.ndarray) -> bool:

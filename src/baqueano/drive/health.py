@@ -112,7 +112,7 @@ class Health:
             return None
         self.reported = True
         fix = "baqueano identify last"
-        return note("model.fits-no-longer", Severity.WARNING, fix, window_s=WINDOW_S, times=np.sqrt(nis))
+        return note("model.fits-no-longer", Severity.WARNING, fix, window_s=WINDOW_S, ratio=np.sqrt(nis))
 
 
 def normalised_innovation_squared(y: list[float], S: list[list[float]]) -> float | None:

@@ -210,7 +210,7 @@ def drive(
     for name in conditions:
         if name not in CONDITION_NAMES:
             near = nearest(name, [*Blocks._fields[:3], "laps", "path", *CONDITION_NAMES])
-            raise UsageError(fault("sweep.setting", call=kind, value=name, near=near))
+            raise UsageError(fault("sweep.setting", call=kind, value=name, suggestion=near))
     settings = Conditions(**conditions)
     world = settings.make_world(vehicle_file)
     own_texts, text_notes = user_block_metadata(blocks, vehicle_file)

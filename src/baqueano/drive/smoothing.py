@@ -40,14 +40,16 @@ def smooth_run(
     quiet = Tick(int(run.t_ns[0]), run.applied_commands[0], silent(sizes))
     block_name = type(estimator).__name__
     if not can_be_smoothed(estimator, belief, quiet):
-        raise UsageError(fault("smooth.not-kalman", who=block_name))
+        raise UsageError(fault("smooth.not-kalman", estimator=block_name))
     rows, tick_rows = rows_of_ticks(_ticks(run, sizes), vehicle_file.rate_hz)
     try:
         estimate = smooth(estimator, belief, rows, backend)
     except TraceError as error:
-        raise UsageError(fault("smooth.not-compiled", who=block_name, cause=error.diagnostic)) from error
+        raise UsageError(
+            fault("smooth.not-compiled", estimator=block_name, cause=error.diagnostic)
+        ) from error
     log = EstimateLog(run.t_ns, *(column[tick_rows] for column in estimate[1:4]))
-    message = note("smooth.smoothed", who=block_name)
+    message = note("smooth.smoothed", estimator=block_name)
     event = Event(int(run.t_ns[0]), "info", "estimator", in_english(message), message)
     run = replace(run, estimate=log, reference=run.guide_reference, events=(event, *run.events))
     if path is None:

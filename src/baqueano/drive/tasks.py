@@ -393,7 +393,7 @@ def route_of(run: Run, closed: bool | None = False) -> Route:
     is_at_start = gap_m <= CLOSE_M and gap_rad <= CLOSE_RAD
     if closed and not is_at_start:
         gap, close = {"gap_m": gap_m, "gap_deg": np.degrees(gap_rad)}, np.degrees(CLOSE_RAD)
-        raise AnswerNo(fault("route.open", name=run.name, **gap, close_m=CLOSE_M, close_deg=close))
+        raise AnswerNo(fault("route.open", name=run.name, **gap, tolerance_m=CLOSE_M, tolerance_deg=close))
     length_m = float(np.sum(np.hypot(*np.diff(eta[:, :2], axis=0).T)))
     is_loop = is_at_start and length_m > MIN_LOOP_M if closed is None else closed
     return run_through(with_closed_gap(route)) if is_loop else route

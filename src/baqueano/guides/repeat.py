@@ -203,6 +203,6 @@ def with_laps(guide: Guide, laps: int) -> Guide:
     except (AttributeError, TypeError, ValueError) as error:
         class_name = type(guide).__name__
         raise UsageError(
-            fault("route.laps-kept", kind=class_name, before=present_laps, laps=laps, cause=error)
+            fault("route.laps-kept", kind=class_name, former_laps=present_laps, laps=laps, cause=error)
         ) from error
     return guide_of_laps

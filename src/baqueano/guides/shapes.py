@@ -167,7 +167,7 @@ def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float
                 length_m=length_m,
                 width_m=width_m,
                 corner_m=corner_m,
-                most_m=min(length_m, width_m) / 2.0,
+                max_m=min(length_m, width_m) / 2.0,
             )
         )
     quarter = 0.5 * np.pi * corner_m

@@ -35,7 +35,7 @@ def separation_problem(value: float, std: float) -> Diagnostic | None:
     half_width = QUANTILE_95 * std
     if 2.0 * half_width <= 1.0 and -half_width <= value <= 1.0 + half_width:
         return None
-    return note("term.battery-not-separable", value=value, half=half_width)
+    return note("term.battery-not-separable", value=value, half_width=half_width)
 
 
 def with_shown_battery(
@@ -68,14 +68,14 @@ def with_shown_battery(
     with_effect = refit(file, BATTERY_EFFECT)
     k = with_effect.names.index(BATTERY_EFFECT)
     value, std = float(with_effect.estimate[k]), float(with_effect.std[k])
-    figures = {"low_v": low, "high_v": high, "value": value, "half": QUANTILE_95 * std}
+    figures = {"low_v": low, "high_v": high, "value": value, "half_width": QUANTILE_95 * std}
     if not value > MIN_SIGMA * std:
-        ignored = note("battery.not-shown", **figures)
+        reason_unused = note("battery.not-shown", **figures)
     elif (reason := separation_problem(value, std)) is None:
         return replace(with_effect, notes=(note("battery.shown", **figures), *with_effect.notes))
     else:
-        ignored = note("battery.not-used", **figures, reason=reason)
-    return replace(fit, notes=(ignored, *fit.notes))
+        reason_unused = note("battery.not-used", **figures, reason=reason)
+    return replace(fit, notes=(reason_unused, *fit.notes))
 
 
 def _voltage_in_motion(runs: Sequence[Run]) -> np.ndarray:

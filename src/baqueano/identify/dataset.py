@@ -214,7 +214,7 @@ def _no_common_sensor(names: Sequence[str], runs: list[Run]) -> UsageError:
         is_recorded = all(name in run.sensors for run in runs)
         code = "use.read-in-some" if is_recorded else "use.not-in-all"
         return UsageError(fault(code, runs=runs_without, sensor=name))
-    return UsageError(fault("use.nothing-common", read=sorted(set().union(*sensors_read)), valid=names))
+    return UsageError(fault("use.nothing-common", sensors=sorted(set().union(*sensors_read)), valid=names))
 
 
 def _channels_by_sensor(use: Sequence[str]) -> dict[str, list[int]]:

@@ -276,7 +276,7 @@ def weak_reason(parameter: FreeParameter, confused: Sequence[FreeParameter]) -> 
 def _explanation(parameter: FreeParameter, confused: Sequence[FreeParameter]) -> JsonObject:
     """Return the parameters that are confused with `parameter`, the reason, and the missing motion."""
     figures = {"others": _names(confused)} if confused else {}
-    return figures | {"why": _motion_note((parameter, *confused)), "needs": _needed_motion(parameter)}
+    return figures | {"reason": _motion_note((parameter, *confused)), "advice": _needed_motion(parameter)}
 
 
 def unobservable_reason(
@@ -290,12 +290,14 @@ def unobservable_reason(
     if collinear:
         by, others = parameter.definition.measured_by, _names(collinear)
         apart = _separation((parameter, *collinear))
-        remedy = note("identifiability.by-hand", by=by) if by else note("identifiability.fix-one")
-        return note("identifiability.tied", subject=path, others=others, at=value, how=remedy, apart=apart)
+        remedy = note("identifiability.by-hand", tool=by) if by else note("identifiability.fix-one")
+        return note(
+            "identifiability.tied", subject=path, others=others, value=value, advice=remedy, motion=apart
+        )
     if parameter.definition.role == "scale":
-        return note("identifiability.scale", subject=path, at=value, needs=_needed_motion(parameter))
+        return note("identifiability.scale", subject=path, value=value, advice=_needed_motion(parameter))
     code = "identifiability.not-beside" if confused else "identifiability.not"
-    return note(code, subject=path, at=value, **_explanation(parameter, confused))
+    return note(code, subject=path, value=value, **_explanation(parameter, confused))
 
 
 def missing_command(parameters: Sequence[FreeParameter], command: str, never: bool) -> Diagnostic:

@@ -126,8 +126,8 @@ def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
     gyro_scale, accel_scale = float(sensor.gyro_scale), float(sensor.accel_scale[1])
     never_shown = (
         *fit.always_unobservable,
-        note("identifiability.gyro-scale", fix=fix, subject=imu, at=gyro_scale, percent=gyro),
-        note("identifiability.accelerometer-scale", subject=imu, at=accel_scale, percent=accel),
+        note("identifiability.gyro-scale", fix=fix, subject=imu, value=gyro_scale, percent=gyro),
+        note("identifiability.accelerometer-scale", subject=imu, value=accel_scale, percent=accel),
     )
     fitted_to = note("fit.envelope", ranges=fit.envelope.ranges)
     return replace(fit, always_unobservable=never_shown, notes=(*fit.notes, fitted_to))

@@ -154,7 +154,7 @@ def _merge(same: Sequence[Diagnostic]) -> Diagnostic:
     return (
         first
         if len(same) == 1
-        else Diagnostic("messages.times", first.severity, figures={"first": first, "times": len(same)})
+        else Diagnostic("messages.times", first.severity, figures={"first": first, "count": len(same)})
     )
 
 

@@ -71,7 +71,7 @@ class Finding:
             "reading": self.reading,
             "expected": self.predicted_reading,
             "ratio": self.ratio,
-            "off": cause,
+            "consequence": cause,
         }
         symptom = note(f"sensor.{self.symptom}", subject=self.name, **values)
         return (

@@ -38,7 +38,7 @@ def rejection_event(counts: Sequence[Rejections]) -> Diagnostic:
     values: dict[str, Any] = {count.name + OF_REFUSED: count.rejected_count for count in counts}
     values |= {count.name + OF_ARRIVED: count.reading_count for count in counts}
     texts = [f"{count.name}: {count.rejected_count}/{count.reading_count}" for count in counts]
-    return note("estimator.refused", each=texts, **values)
+    return note("estimator.refused", reasons=texts, **values)
 
 
 def rejections_in(events: Iterable[Tree]) -> tuple[Rejections, ...]:

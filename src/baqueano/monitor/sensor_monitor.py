@@ -133,7 +133,7 @@ class SensorMonitor:
             elif d <= 0.0:
                 lasted_s = seconds(t_ns, self._since_ns.pop(c))
                 name = self._findings.pop(c).name
-                notices.append(Notice(note("sensor.agrees-again", subject=name, lasted_s=lasted_s)))
+                notices.append(Notice(note("sensor.agrees-again", subject=name, duration_s=lasted_s)))
         return notices
 
 

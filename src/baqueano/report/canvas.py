@@ -117,7 +117,7 @@ def width_mm(width: str | float) -> float:
     """Return a width in millimetres. Raise UsageError for an unknown name, or a number that is out of range."""
     if isinstance(width, str):
         if width not in WIDTHS_MM:
-            raise UsageError(fault("front.width-unknown", value=width, near=nearest(width, WIDTHS_MM)))
+            raise UsageError(fault("front.width-unknown", value=width, suggestion=nearest(width, WIDTHS_MM)))
         return WIDTHS_MM[width]
     if not 20.0 <= width <= 2000.0:
         raise UsageError(fault("front.width-mm", value=float(width)))

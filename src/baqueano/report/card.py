@@ -249,7 +249,7 @@ def _validation_card(result: Validation) -> Card:
 def _history_card(result: ParameterHistory) -> Card:
     title = text(note("front.card-history", vehicle=result.last.file.name, runs=len(result.runs)))
     rows = [
-        {"parameter": change.name.removeprefix("model."), "before": change.before, N_("after"): change.after,
+        {"parameter": change.name.removeprefix("model."), "before": change.first_value, N_("after"): change.last_value,
          "unit": shown_unit(change.unit)}
         for change in result.changes
     ]  # fmt: skip

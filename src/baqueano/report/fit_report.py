@@ -124,11 +124,11 @@ def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
             _("On held-out runs: {sentence}", sentence=with_full_stop(held_out.sentence)),
             *(f"{message}." for message in texts(held_out.outside)),
         ]
-    needs = [message.figures["needs"] for message in fit.unobservable if "needs" in message.figures]
+    advice = [message.figures["advice"] for message in fit.unobservable if "advice" in message.figures]
     if fit.verdict == Verdict.REFUSED:
         sentences.append(_("Next: check the data below. The vehicle file stays as it is."))
-    elif needs:
-        sentences.append(_("Next: drive again. {needs}.", needs=". ".join(dict.fromkeys(texts(needs)))))
+    elif advice:
+        sentences.append(_("Next: drive again. {advice}.", advice=". ".join(dict.fromkeys(texts(advice)))))
     elif held_out is not None and held_out.verdict == Verdict.REFUSED:
         sentences.append(_("Next: check the held-out runs below. The vehicle file stays as it is."))
     elif held_out is None:

@@ -129,4 +129,4 @@ def _library(name: str, purpose: str) -> ModuleType:
     try:
         return import_module(name)
     except ImportError as error:
-        raise UsageError(fault("front.missing", INSTALL_COMMAND, package=name, what=purpose)) from error
+        raise UsageError(fault("front.missing", INSTALL_COMMAND, package=name, feature=purpose)) from error

@@ -201,7 +201,9 @@ class Page:
 def check_format(file_format: str, width: str | float | None = None) -> None:
     """Raise UsageError for figures that cannot be written in this format, or at this width."""
     if file_format not in FORMATS:
-        raise UsageError(fault("front.format-unknown", value=file_format, near=nearest(file_format, FORMATS)))
+        raise UsageError(
+            fault("front.format-unknown", value=file_format, suggestion=nearest(file_format, FORMATS))
+        )
     if width is not None:
         from baqueano.report.libraries import matplotlib
 

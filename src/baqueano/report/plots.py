@@ -59,7 +59,9 @@ def plot(
     drawings = drawings_of(result)
     name = type(result).__name__.lower()
     if kind and kind not in drawings:
-        raise UsageError(fault("front.plot-unknown", value=kind, result=name, near=nearest(kind, drawings)))
+        raise UsageError(
+            fault("front.plot-unknown", value=kind, result=name, suggestion=nearest(kind, drawings))
+        )
     with draw_onto(target):
         for draw in [drawings[kind]] if kind else drawings.values():
             figure = draw()

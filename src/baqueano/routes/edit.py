@@ -44,7 +44,7 @@ def cut(route: Route, from_m: float = 0.0, to_m: float | None = None) -> Route:
     s = distances_along(route.eta[:, :2])
     to_m = float(s[-1]) if to_m is None else to_m
     if not 0.0 <= from_m < to_m <= s[-1] + 1e-9:
-        raise UsageError(fault("route.cut", from_m=from_m, to_m=to_m, length_m=float(s[-1])))
+        raise UsageError(fault("route.cut", start_m=from_m, end_m=to_m, length_m=float(s[-1])))
     first = max(int(np.searchsorted(s, from_m, side="right")) - 1, 0)
     last = min(int(np.searchsorted(s, to_m)), len(s) - 1)
     kept_slice = slice(first, max(last, first + 1) + 1)

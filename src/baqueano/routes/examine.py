@@ -250,8 +250,8 @@ def examine(
                 fault(
                     "route.through-wall",
                     baqueano_command("route", "scale", NAME_PLACEHOLDER, f"{_scale_into(xy, room):.2f}"),
-                    at_m=float(s[index]),
-                    beyond_m=-clearance_m,
+                    position_m=float(s[index]),
+                    excess_m=-clearance_m,
                 ),
             ]
     return RouteReport(
@@ -282,15 +282,15 @@ def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tupl
     if not is_too_fast and share <= MAX_SHARE:
         return share, []
     k = int(np.argmax(steady_share if is_too_fast else lasting_share))
-    figures: JsonObject = {"at_m": float(at_m[k]), "share": share}
+    figures: JsonObject = {"position_m": float(at_m[k]), "share": share}
     if not is_too_fast:
         return share, [note("route.accelerates-too-fast", Severity.WARNING, advice, **figures)]
     max_speed = float(capability.fastest_speed(np.zeros(1), np.full(1, MAX_SPEED_M_S))[0])
     if abs(v[k]) > max_speed:
-        limits: JsonObject = {"needs_m_s": float(abs(v[k])), "has_m_s": max_speed}
+        limits: JsonObject = {"demand_m_s": float(abs(v[k])), "max_m_s": max_speed}
         return share, [fault("route.speed-too-high", advice, **limits, **figures)]
     max_turn = float(capability.fastest_turn(v[k : k + 1])[0])
-    limits = {"needs_rad_s": float(abs(r[k])), "has_rad_s": max_turn, "speed_m_s": float(v[k])}
+    limits = {"demand_rad_s": float(abs(r[k])), "max_rad_s": max_turn, "speed_m_s": float(v[k])}
     return share, [fault("route.turns-too-fast", advice, **limits, **figures)]
 
 
@@ -310,7 +310,7 @@ def _sideways_findings(route: Route, s: np.ndarray, reach: float) -> list[Diagno
     file, name = f"routes/{NAME_PLACEHOLDER}.csv", f"{NAME_PLACEHOLDER}-turned"
     advice = baqueano_command("route", "import", file, name)
     at_m = float(np.interp(t_s[k], route.t_s, s))
-    return [fault("route.sideways", advice, at_m=at_m, speed_m_s=float(nu_y[k]))]
+    return [fault("route.sideways", advice, position_m=at_m, speed_m_s=float(nu_y[k]))]
 
 
 def _demand(route: Route, s: np.ndarray, capability: Capability | None) -> Demand:

@@ -68,7 +68,7 @@ def route_gaps(route: Route, s: np.ndarray) -> list[Diagnostic]:
 def _finding_at(code: str, route: Route, s: np.ndarray, mask: np.ndarray) -> Diagnostic:
     """Return a finding with the place of the first True entry of the mask (m − 1,), and the number of such entries."""
     k = int(np.argmax(mask))
-    figures = {"count": int(mask.sum()), "at_m": float(s[k]), "at_s": float(route.t_s[k])}
+    figures = {"count": int(mask.sum()), "position_m": float(s[k]), "t_s": float(route.t_s[k])}
     figures |= {"gap_m": float(s[k + 1] - s[k]), "gap_s": float(route.t_s[k + 1] - route.t_s[k])}
     figures |= {"turn_deg": float(np.degrees(wrap(route.eta[k + 1, 2] - route.eta[k, 2])))}
     return fault(code, cut_command(s, k), **figures)

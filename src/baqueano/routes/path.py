@@ -85,7 +85,7 @@ def direction(route: Route) -> float:
             fault(
                 "route.both-ways",
                 cut_command(distances_along(route.eta[:, :2]), int(first) - 1),
-                at_m=at_m,
+                position_m=at_m,
                 count=len(changes),
             )
         )

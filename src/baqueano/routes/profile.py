@@ -129,7 +129,7 @@ def fastest(
         larger_share = f"{min(1.0, 1.05 * least_share):.2f}"
         words = ("faster", "--share", larger_share) if least_share <= 1.0 else ("smooth", "--rms", "0.05")
         fix = baqueano_command("route", words[0], NAME_PLACEHOLDER, *words[1:])
-        figures = {"at_m": float(path.s[index]), "radius_m": float(1.0 / curvature[index]), "share": share}
+        figures = {"position_m": float(path.s[index]), "radius_m": float(1.0 / curvature[index]), "share": share}
         raise UsageError(fault("route.too-tight", fix, **figures))
     up, down = (_rates(capability, path, forward_sign, sign, max_speed, share) for sign in (1.0, -1.0))
     return route_along(path, _sweep(path, max_speed, up, down, not route.closed), forward_sign, route.closed)

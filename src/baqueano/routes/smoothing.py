@@ -81,7 +81,7 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
     """
     if not MIN_TOLERANCE_M <= tolerance_m <= MAX_TOLERANCE_M:
         raise UsageError(
-            fault("route.tolerance", value=tolerance_m, least_m=MIN_TOLERANCE_M, largest_m=MAX_TOLERANCE_M)
+            fault("route.tolerance", value=tolerance_m, min_m=MIN_TOLERANCE_M, largest_m=MAX_TOLERANCE_M)
         )
     forward_sign, indices = direction(route), moving_indices(route)
     speed = np.abs(route.nu[indices, 0])

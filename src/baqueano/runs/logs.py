@@ -210,7 +210,7 @@ def checked_channel(name: str, channel: Channel) -> Channel:
     arrival = checked_times(channel.arrival_ns, f"{place_text}.arrival_ns")
     t_ns = np.ascontiguousarray(channel.t_ns, dtype=np.int64)
     if t_ns.shape != arrival.shape:
-        raise Invalid(fault("run.arrivals", where=place_text, times=len(t_ns), arrivals=len(arrival)))
+        raise Invalid(fault("run.arrivals", channel=place_text, times=len(t_ns), arrivals=len(arrival)))
     m = np.shape(channel.z)[1] if np.ndim(channel.z) == 2 else -1
     return Channel(t_ns, arrival, checked_array(channel.z, f"{place_text}.z", (len(arrival), m)))
 

@@ -86,18 +86,20 @@ class TermResult(NamedTuple):
     @property
     def message(self) -> Diagnostic:
         """Return the decision and its values as a message."""
-        details: JsonObject = {"errors": self.errors, "needed": self.required_errors}
+        details: JsonObject = {"errors": self.errors, "threshold": self.required_errors}
         part = {"percent": 100 * self.gain, "percent_std": 100 * self.gain_std}
         name = self.term.name
         details["term"] = name
         if self.verdict == Decision.TAKEN:
             details |= {"channel": self.channel.name, "unit": self.channel.unit}
-            return note("choose.taken", subject=name, before=self.without, after=self.with_, **details)
+            return note(
+                "choose.taken", subject=name, first_error=self.without, last_error=self.with_, **details
+            )
         if self.verdict == Decision.DROPPED:
             return note("choose.dropped", subject=name, **part, **details)
         if self.reason is not None:
             code = "choose.refused" if self.verdict == Decision.REFUSED else "choose.left-out-for"
-            return note(code, subject=name, term=name, why=self.reason)
+            return note(code, subject=name, term=name, reason=self.reason)
         return note("choose.left-out", subject=name, **part, **details)
 
     def row(self) -> "JsonObject":

@@ -214,7 +214,7 @@ def _blocks(records: Sequence[FitRecord], whole_runs: bool) -> tuple[float, list
         return 0.0, block_numbers, max(r.run for r in records) + 1 - first_run
     total = sum(float(np.sum(r.dt_s)) for r in records)
     if total < MIN_BLOCKS * SHORT_BLOCK_S:
-        raise UsageError(fault("choose.short", total_s=total, needed_s=MIN_BLOCKS * SHORT_BLOCK_S))
+        raise UsageError(fault("choose.short", total_s=total, min_s=MIN_BLOCKS * SHORT_BLOCK_S))
     block_s = max(min(max(total / MIN_BLOCK_COUNT, SHORT_BLOCK_S), BLOCK_S), total / MAX_BLOCKS)
     block_numbers, first_run = [], 0
     for record in records:

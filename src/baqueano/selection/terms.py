@@ -140,7 +140,7 @@ def candidate_terms(
             out.append(Term(candidate, paths, (0.0,) * len(paths), (start,)))
         else:
             kind, near = type(blocks.model).__name__, nearest(candidate, by_name)
-            raise UsageError(fault("choose.no-term", value=candidate, kind=kind, near=near))
+            raise UsageError(fault("choose.no-term", value=candidate, kind=kind, suggestion=near))
     return out
 
 

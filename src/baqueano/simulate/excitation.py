@@ -74,7 +74,7 @@ def _multisine(
     """Return sums of sines between `low_hz` and `high_hz`. No two channels share a frequency.  (2)"""
     limit, n_ticks = _validate(limit, duration_s, rate_hz)
     if not 0.0 < low_hz < high_hz < 0.5 * rate_hz:
-        raise UsageError(fault("signal.band", low_hz=low_hz, high_hz=high_hz, most_hz=0.5 * rate_hz))
+        raise UsageError(fault("signal.band", low_hz=low_hz, high_hz=high_hz, max_hz=0.5 * rate_hz))
     moving = np.flatnonzero(limit > 0.0)
     t_s = np.arange(n_ticks) / rate_hz
     bins = np.arange(np.ceil(low_hz * duration_s), np.floor(high_hz * duration_s) + 1)
@@ -86,7 +86,7 @@ def _multisine(
                 sines=len(bins),
                 low_hz=low_hz,
                 high_hz=high_hz,
-                needed=2 * len(moving),
+                minimum=2 * len(moving),
             )
         )
     rng = np.random.default_rng(seed)
@@ -185,7 +185,7 @@ def excitation(
     ((1000, 3), [1.0, 0.0, 1.0])
     """
     if kind not in KINDS:
-        raise UsageError(fault("signal.unknown", value=kind, near=nearest(kind, [*KINDS, "designed"])))
+        raise UsageError(fault("signal.unknown", value=kind, suggestion=nearest(kind, [*KINDS, "designed"])))
     moving_s = duration_s - 2.0 * rest_s
     if not (rest_s >= 0.0 and moving_s > 0.0):
         raise UsageError(fault("signal.all-rest", rest_s=rest_s, moving_s=moving_s, duration_s=duration_s))
@@ -208,5 +208,5 @@ def _validate(limit: ArrayLike, duration_s: float, rate_hz: float) -> tuple[np.n
 def _ticks(span_s: float, rate_hz: float, name: str) -> int:
     ticks = round(span_s * rate_hz) if np.isfinite(span_s) else 0
     if ticks < 1:
-        raise UsageError(fault("signal.short", what=name, span_s=span_s, least_s=1.0 / rate_hz))
+        raise UsageError(fault("signal.short", name=name, span_s=span_s, min_s=1.0 / rate_hz))
     return ticks

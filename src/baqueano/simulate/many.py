@@ -130,10 +130,10 @@ class Ensemble(Result):
         lost_count, vehicles = int(np.sum(~self._is_finite)), len(self.theta)
         messages: list[Diagnostic | str] = list(self.envelope_warnings)
         if lost_count:
-            messages.append(note("simulate.lost", Severity.WARNING, lost=lost_count, vehicles=vehicles))
+            messages.append(note("simulate.lost", Severity.WARNING, count=lost_count, vehicles=vehicles))
         if self.clipped_draws:
             messages.append(
-                note("simulate.clipped", Severity.WARNING, clipped=self.clipped_draws, vehicles=vehicles)
+                note("simulate.clipped", Severity.WARNING, count=self.clipped_draws, vehicles=vehicles)
             )
         return tuple(messages)
 

@@ -132,7 +132,7 @@ def check_cpm_present() -> None:
         raise FileError(
             fault(
                 "study.recordings-missing",
-                missing=missing,
+                recordings=missing,
                 folders=" or ".join(map(str, data_folders())),
                 first=missing[0].partition("/")[0],
             )

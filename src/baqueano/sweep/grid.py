@@ -112,7 +112,7 @@ def sweep(
         jobs = _vehicle_jobs(subjects, blocks_by_role, _by_name(routes), list(seeds), sweep_settings)
     labels = list(dict.fromkeys(job.cell.label for job in jobs))
     if reference is not None and reference not in labels:
-        raise UsageError(fault("sweep.reference", value=reference, near=nearest(reference, labels)))
+        raise UsageError(fault("sweep.reference", value=reference, suggestion=nearest(reference, labels)))
     count = processor_count() if processes is None else processes
     drives = run_jobs(jobs, Resources(count, cluster, None if keep is None else Path(keep)), advance)
     if not drives:
@@ -132,7 +132,9 @@ def _checked_settings(settings: dict) -> SweepSettings:
     names = ("routes", "estimators", "controllers", "guides", "seeds", "reference", *SweepSettings._fields)
     for name in settings:
         if name not in SweepSettings._fields:
-            raise UsageError(fault("sweep.setting", call="sweep", value=name, near=nearest(name, names)))
+            raise UsageError(
+                fault("sweep.setting", call="sweep", value=name, suggestion=nearest(name, names))
+            )
     conditions = SweepSettings(**settings)
     if conditions.alignment not in ALIGNMENTS:
         raise UsageError(fault("compare.alignment", value=conditions.alignment, valid=ALIGNMENTS))
@@ -201,7 +203,7 @@ def _run_jobs(
         (routes, "routes"),
     ):
         if values:
-            raise UsageError(fault("sweep.of-runs", what=name))
+            raise UsageError(fault("sweep.of-runs", factor=name))
     files = [vehicle or recorded_vehicle_file(run) for run in runs]
     names, jobs = _labels([run.name for run in runs]), []
     for cell, blocks in _cells(blocks_by_role, files[0]):

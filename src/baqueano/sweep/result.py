@@ -179,7 +179,7 @@ class SweepResult(Result):
                 "sweep.stopped",
                 Severity.WARNING,
                 subject=row["cell"],
-                stopped=row["stopped"],
+                count=row["stopped"],
                 drives=row["drives"],
             )
             for row in self.cells()
@@ -187,7 +187,7 @@ class SweepResult(Result):
         ]
         if len(self.drives) < self.requested_drives:
             out.append(
-                note("sweep.part", Severity.WARNING, done=len(self.drives), requested=self.requested_drives)
+                note("sweep.part", Severity.WARNING, count=len(self.drives), total=self.requested_drives)
             )
         return tuple(out)
 

@@ -68,7 +68,7 @@ def _child(tree: Tree, step: Tree, path: str) -> Tree:
     if step not in names:
         suggestion = nearest(step, map(str, names))
         raise NoSuchName(
-            fault("path.no-such-name", path=path, kind=type(tree).__name__, value=step, near=suggestion)
+            fault("path.no-such-name", path=path, kind=type(tree).__name__, value=step, suggestion=suggestion)
         )
     return tree[step] if isinstance(tree, dict) else getattr(tree, step)
 

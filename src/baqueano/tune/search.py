@@ -201,7 +201,7 @@ def halton(points: int, dimensions: int) -> np.ndarray:
     for more dimensions than PRIMES has entries.
     """
     if dimensions > len(PRIMES):
-        raise UsageError(fault("tune.too-many", dimensions=dimensions, most=len(PRIMES)))
+        raise UsageError(fault("tune.too-many", dimensions=dimensions, maximum=len(PRIMES)))
     sequence = np.zeros((points, dimensions))
     for j, base in enumerate(PRIMES[:dimensions]):
         for i in range(points):

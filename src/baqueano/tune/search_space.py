@@ -121,7 +121,9 @@ def search_space(
     for name in [*selection, *bounds]:
         if name not in entries and name not in fields:
             kind = type(block).__name__
-            raise UsageError(fault("tune.no-such-gain", kind=kind, value=name, near=nearest(name, entries)))
+            raise UsageError(
+                fault("tune.no-such-gain", kind=kind, value=name, suggestion=nearest(name, entries))
+            )
     names = tuple(dict.fromkeys(e for name in selection for e in _entry_names(name, entries)))
     if not names:
         raise UsageError(fault("tune.no-gains", kind=type(block).__name__))

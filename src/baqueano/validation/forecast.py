@@ -303,7 +303,7 @@ def _lap(
     size_m = 0.5 * float(np.max(np.ptp(np.asarray(route.eta)[:, :2], axis=0)))
     rms_error_m = float(np.sqrt(np.mean(np.sum((eta[:, :2] - reference[:, :2]) ** 2, axis=1))))
     if not rms_error_m < MAX_LAP_ERROR * size_m:
-        return None, note("forecast.strays", far=_length(rms_error_m))
+        return None, note("forecast.strays", distance=_length(rms_error_m))
     return (seconds(np.diff(t_ns, prepend=0)), np.asarray(u)), ""
 
 

@@ -227,9 +227,9 @@ def _too_few_reasons(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
     for k in fit.envelope.moved_commands:
         count, name = independent_motion_count(runs, k), fit.envelope.names[k]
         if not count:
-            reasons.append(note("validation.still", Severity.UNKNOWN, subject=name, needed_s=ADVISED_S))
+            reasons.append(note("validation.still", Severity.UNKNOWN, subject=name, min_s=ADVISED_S))
         elif count < MIN_INDEPENDENT_MOTIONS:
-            details = {"pieces": count, "least": MIN_INDEPENDENT_MOTIONS, "needed_s": ADVISED_S}
+            details = {"pieces": count, "minimum": MIN_INDEPENDENT_MOTIONS, "min_s": ADVISED_S}
             reasons.append(note("validation.too-few", Severity.UNKNOWN, subject=name, **details))
     return reasons
 
@@ -245,7 +245,7 @@ def _basis(fit: Fit, runs: Sequence[Run], at_rest: Sequence[bool]) -> Diagnostic
     elif all(at_rest):
         start_note = note("validation.from-standstill")
     else:
-        start_note = note("validation.some-from-velocity", count=at_rest.count(False), of=len(at_rest))
+        start_note = note("validation.some-from-velocity", count=at_rest.count(False), total=len(at_rest))
     count = min((independent_motion_count(runs, k) for k in fit.envelope.moved_commands), default=0.0)
     span = shortest if shortest == longest else f"{shortest} … {longest}"
     return note("validation.basis", span_s=span, start=start_note, pieces=count)
@@ -304,7 +304,10 @@ def _worse_than_mean(metrics: ChannelMetrics, c: ChannelFit, noise2: float) -> D
     if not excess > chance:
         return None
     return _channel_finding(
-        "validation.worse-than-mean", Severity.ERROR, metrics, explained=-100.0 * excess / max(total, 1e-300)
+        "validation.worse-than-mean",
+        Severity.ERROR,
+        metrics,
+        variance_percent=-100.0 * excess / max(total, 1e-300),
     )
 
 
@@ -322,14 +325,14 @@ def _evidence_against(
     """Return the evidence against the model in one channel of a run, at most one finding.  (3), (4)"""
     noise2, freedom, alpha = metrics.noise**2, len(errors.g) + len(own_squares) - 2, 0.5 * FALSE_ALARM_RATE
     details = {
-        "times": metrics.times, "explained": 100 * max(metrics.explained_fraction, 0.0),
-        "of_own": 100 * metrics.on_own_runs,
+        "ratio": metrics.times, "variance_percent": 100 * max(metrics.explained_fraction, 0.0),
+        "fit_variance_percent": 100 * metrics.on_own_runs,
     }  # fmt: skip
     finding = _channel_finding("validation.off", Severity.WARNING, metrics, **details)
     if errors.square > MAX_SQUARE_RATIO * noise2 and (
         freedom < 1 or not min(len(errors.g), len(own_squares))
     ):
-        return [_channel_finding("validation.off-perhaps", Severity.WARNING, metrics, off=finding)]
+        return [_channel_finding("validation.off-perhaps", Severity.WARNING, metrics, finding=finding)]
     if errors.square > MAX_SQUARE_RATIO * noise2:
         s = np.sqrt((len(errors.g) * np.var(errors.g) + len(own_squares) * np.var(own_squares)) / freedom)
         chance = (
@@ -343,7 +346,7 @@ def _evidence_against(
     limit = prediction_limit(own_squares, 1.0 - alpha / len(errors.g))
     if errors.g[k] > max(limit, own_squares.max(), np.log(MAX_SQUARE_RATIO * noise2)):
         here_off, begin_s = float(np.exp(0.5 * errors.g[k])), float(errors.t_s[k])
-        span = {"here": here_off, "from_s": begin_s, "to_s": begin_s + errors.block_s}
+        span = {"error": here_off, "start_s": begin_s, "end_s": begin_s + errors.block_s}
         return [_channel_finding("validation.off-once", Severity.WARNING, metrics, **span)]
     return []
 

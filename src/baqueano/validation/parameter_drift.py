@@ -53,21 +53,24 @@ class ParameterChange(NamedTuple):
 
     name: str
     unit: str
-    how: str  # "step" or "drift"
-    between: tuple[str, str]  # runs: before and after the step, or the first and the last
-    before: float
-    before_std: float
-    after: float
-    after_std: float
+    pattern: str  # "step" or "drift"
+    runs: tuple[str, str]  # runs: before and after the step, or the first and the last
+    first_value: float
+    first_std: float
+    last_value: float
+    last_std: float
     z: float
 
     @property
     def message(self) -> Diagnostic:
         """Return the change as a warning."""
-        percent = 100.0 * (self.after - self.before) / abs(self.before) if self.before else float("inf")
-        details = {key: getattr(self, key) for key in ("before", "before_std", "after", "after_std", "unit")}
-        details |= {"percent": percent, "z": abs(self.z), "first": self.between[0], "second": self.between[1]}
-        code = "over-time.step" if self.how == "step" else "over-time.drift"
+        growth = self.last_value - self.first_value
+        percent = 100.0 * growth / abs(self.first_value) if self.first_value else float("inf")
+        details = {
+            key: getattr(self, key) for key in ("first_value", "first_std", "last_value", "last_std", "unit")
+        }
+        details |= {"percent": percent, "z": abs(self.z), "first": self.runs[0], "second": self.runs[1]}
+        code = "over-time.step" if self.pattern == "step" else "over-time.drift"
         return note(code, Severity.WARNING, subject=self.name, **details)
 
 
@@ -174,11 +177,10 @@ class Drift:
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per parameter that changed."""
-        keys = ("name", "unit", "how", "before", "before_std", "after", "after_std", "z")
-        out = [change._asdict() for change in self.history.changes]
         return [
-            {key: row[key] for key in keys} | {"from_run": row["between"][0], "to_run": row["between"][1]}
-            for row in out
+            {name: x for name, x in change._asdict().items() if name != "runs"}
+            | {"first_run": change.runs[0], "last_run": change.runs[1]}
+            for change in self.history.changes
         ]
 
     def table(self) -> str:
@@ -212,7 +214,7 @@ def parameter_history(
     accepted_fits = [fit for fit in fits if fit.verdict != Verdict.REFUSED]
     if len(accepted_fits) < 2:
         fix = baqueano_command("identify", refused_fits[0])
-        raise UsageError(fault("over-time.few-fits", fix, good=len(accepted_fits), count=len(fits)))
+        raise UsageError(fault("over-time.few-fits", fix, accepted_count=len(accepted_fits), count=len(fits)))
     return track_parameters(fits, [_date_of(run) for run in runs])
 
 
@@ -223,7 +225,9 @@ def compare_fits(fits: Sequence["Fit"], names: Sequence[str] = ()) -> ParameterH
     """
     good = sum(fit.verdict != Verdict.REFUSED for fit in fits)
     if good < 2:
-        raise UsageError(fault("compare.few-fits", "print(fit.table())", good=good, count=len(fits)))
+        raise UsageError(
+            fault("compare.few-fits", "print(fit.table())", accepted_count=good, count=len(fits))
+        )
     return track_parameters(fits, labels=names)
 
 

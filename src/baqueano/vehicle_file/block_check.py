@@ -87,7 +87,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
             else role_of(block_or_class if isinstance(block_or_class, type) else type(block_or_class))
         )
     if role not in CHECKS:
-        raise UsageError(fault("cli.block-role", value=role, near=nearest(role, CHECKS)))
+        raise UsageError(fault("cli.block-role", value=role, suggestion=nearest(role, CHECKS)))
     built_block = _build(role, block, checked_vehicle)
     surroundings = checked_vehicle.sensors, checked_vehicle.vehicle.commands
     diagnostics = block_checks.check(role, built_block, *surroundings)
@@ -116,10 +116,10 @@ def _role_with_kind(kind: str) -> str:
         if kind in kinds(role):
             return role
     if kind.endswith(".py"):
-        raise UsageError(fault("cli.block-without-class", holds=classes_in(kind)))
+        raise UsageError(fault("cli.block-without-class", classes=classes_in(kind)))
     all_kinds = [k for role in BLOCK_TARGETS for k in kinds(role)]
     raise UsageError(
-        fault("cli.block-unknown", "baqueano blocks ls", value=kind, near=nearest(kind, all_kinds))
+        fault("cli.block-unknown", "baqueano blocks ls", value=kind, suggestion=nearest(kind, all_kinds))
     )
 
 

@@ -276,7 +276,7 @@ def _named_class(
         return None
     name = table.get("kind", default)
     if name is None:
-        close_keys = [k for k in table if "similar" in nearest(k, ["kind"]).figures]
+        close_keys = [k for k in table if "match" in nearest(k, ["kind"]).figures]
         code = "vehicle.kind-mistyped" if close_keys else "vehicle.no-kind"
         report.add_table_problem(path, code, valid=kinds(role), value=close_keys[:1])
         return None

@@ -112,9 +112,9 @@ class EnvelopeMonitor:
         outside_share = self._outside_count / np.maximum(self._sample_count, 1)
         for k in np.flatnonzero(outside_share > MIN_REPORTED_SHARE):
             figures = {
-                "least": self._lowest[k],
-                "most": self._highest[k],
-                "beyond_percent": 100.0 * outside_share[k],
+                "minimum": self._lowest[k],
+                "maximum": self._highest[k],
+                "percent": 100.0 * outside_share[k],
             }
             bounds = {"low": envelope.low[k], "high": envelope.high[k]}
             name = envelope.names[k]

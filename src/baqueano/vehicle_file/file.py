@@ -117,7 +117,7 @@ class VehicleFile:
     def __repr__(self) -> str:
         figures = {
             "vehicle": self.name, "layers": self.layers, "model": type(self.vehicle).__name__, "rate_hz": self.rate_hz,
-            "commands": self.command.names, "in_unit": self.command.unit, "sensors": self.sensors._fields or "-",
+            "commands": self.command.names, "unit_name": self.command.unit, "sensors": self.sensors._fields or "-",
         }  # fmt: skip
         return text(note("front.vehicle", **figures))
 

@@ -45,12 +45,14 @@ def path_of(source: str | Path) -> Path:
     if is_run_name:
         suggestion = nearest(str(source), names())
         raise FileError(
-            fault("vehicle.unknown", "baqueano new mylab", missing=path, value=source, near=suggestion)
+            fault(
+                "vehicle.unknown", "baqueano new mylab", absent_path=path, value=source, suggestion=suggestion
+            )
         )
     neighbours = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
     raise FileError(
         fault(
-            "vehicle.absent", "baqueano new mylab", missing=path, value=path.name,
-            near=nearest(path.name, neighbours), garage=names(),
+            "vehicle.absent", "baqueano new mylab", absent_path=path, value=path.name,
+            suggestion=nearest(path.name, neighbours), garage=names(),
         )
     )  # fmt: skip

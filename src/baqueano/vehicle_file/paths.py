@@ -93,12 +93,12 @@ def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
     """
     near = nearest(dotted, keys)
     last, suggestion = (
-        str(key_path).rpartition(".")[2] for key_path in (dotted, near.figures.get("similar", dotted))
+        str(key_path).rpartition(".")[2] for key_path in (dotted, near.figures.get("match", dotted))
     )
     if difflib.SequenceMatcher(None, last, suggestion).ratio() < MIN_SIMILARITY:
         table = f"{dotted.rpartition('.')[0]}."
         near = nearest("", [key for key in keys if key.startswith(table)] or keys)
-    return UsageError(fault("vehicle.unknown-key", file=name, value=dotted, near=near))
+    return UsageError(fault("vehicle.unknown-key", file=name, value=dotted, suggestion=near))
 
 
 def raise_missing_attribute(vehicle_file: "VehicleFile", name: str) -> Any:

@@ -47,7 +47,7 @@ def check_body(report: ReadReport, vehicle: "DynamicVehicle", geometry: Geometry
             "vehicle.centre-of-mass",
             value=c,
             radius_m=R,
-            in_unit=_unit(c, R),
+            unit_name=_unit(c, R),
         )
 
 
@@ -63,7 +63,7 @@ def _check_measures(report: ReadReport, g: Geometry) -> None:
             "vehicle.track",
             value=g.track_m,
             across_m=2 * R,
-            in_unit=_unit(g.track_m, 2 * R),
+            unit_name=_unit(g.track_m, 2 * R),
         )
     if g.wheel_radius_m is not None and g.wheel_radius_m > 2.0 * R:
         report.add_problem(
@@ -71,7 +71,7 @@ def _check_measures(report: ReadReport, g: Geometry) -> None:
             "vehicle.wheel",
             value=g.wheel_radius_m,
             across_m=2 * R,
-            in_unit=_unit(g.wheel_radius_m, R),
+            unit_name=_unit(g.wheel_radius_m, R),
         )
 
 
@@ -139,7 +139,7 @@ def _check_dead_zones(report: ReadReport, vehicle: "DynamicVehicle", channels: C
                 "vehicle.dead-zone",
                 value=format_array(zone),
                 end=format_array(end),
-                in_unit=channels.unit,
+                unit_name=channels.unit,
             )
 
 
@@ -151,8 +151,8 @@ def _check_steps(report: ReadReport, vehicle: "DynamicVehicle", rate_hz: float) 
         steps = format_array(np.asarray(value_at_path({"model": vehicle}, path)))
         report.add_problem(
             tuple(path.split(".")), "vehicle.entry-too-stiff" if entry else "vehicle.too-stiff", value=steps,
-            entry=entry[:-1], stops_ms=1e3 / fading_rates[i], rate_hz=rate_hz, step_ms=1e3 / row_rate, most=RK4_LIMIT,
-            keys=["rate_hz", *_slowing_keys(vehicle, path, int(i))],
+            entry=entry[:-1], decay_ms=1e3 / fading_rates[i], rate_hz=rate_hz, step_ms=1e3 / row_rate,
+            maximum=RK4_LIMIT, keys=["rate_hz", *_slowing_keys(vehicle, path, int(i))],
         )  # fmt: skip
 
 
@@ -200,7 +200,7 @@ def _notice_speed(report: ReadReport, vehicle: "DynamicVehicle", channels: Chann
         for i, speed, unit in ((0, MAX_SPEED_M_S, "m/s"), (2, MAX_YAW_RATE_RAD_S, "rad/s")):
             nu = speed * np.eye(3)[i]
             if np.any(u) and (vehicle.nu_dot(nu, effort)[i] > 0.0 or vehicle.nu_dot(-nu, effort)[i] < 0.0):
-                report.add_notice(("model",), "vehicle.too-fast", most=speed, in_unit=unit)
+                report.add_notice(("model",), "vehicle.too-fast", maximum=speed, unit_name=unit)
                 return
 
 
@@ -215,9 +215,9 @@ def check_sensors(report: ReadReport, sensors: "SensorBlocks", geometry: Geometr
                 ("sensors", name, "lever_arm_m"),
                 "vehicle.lever-arm",
                 value=format_array(arm),
-                far_m=distance,
+                distance_m=distance,
                 radius_m=R,
-                in_unit=_unit(distance, R),
+                unit_name=_unit(distance, R),
             )
 
 
@@ -225,5 +225,5 @@ def _unit(value: float, expected: float) -> Diagnostic:
     """Return a guess of the unit: cm or mm if a division by 100 or 1000 yields a plausible value, else metres."""
     for factor, unit in ((100.0, "cm"), (1000.0, "mm")):
         if abs(value) / factor <= 1.5 * expected:
-            return note("vehicle.in-unit", in_unit=unit, value=value, value_m=value / factor)
+            return note("vehicle.in-unit", unit_name=unit, value=value, value_m=value / factor)
     return note("vehicle.in-metres")

@@ -161,7 +161,7 @@ def report_unknown_key(
     names = [*unit_of, *other_keys]
     near_unit = wrong_unit(name, value, unit_of)
     code = "vehicle.key-unknown" if len(path) > 1 else "vehicle.table-unknown"
-    report.add_problem(path, code, value=name, near=near_unit or nearest(name, names))
+    report.add_problem(path, code, value=name, suggestion=near_unit or nearest(name, names))
 
 
 def missing_keys(keys: dict[str, Key], values: "JsonObject") -> list[str]:
@@ -205,7 +205,7 @@ def _read_number(report: ReadReport, path: KeyPath, key: Key, value: object) -> 
         if isinstance(value, bool) or not isinstance(value, int | float):
             is_quoted = isinstance(value, str) and _is_number(value)
             code = "vehicle.number-in-quotes" if is_quoted else "vehicle.not-number"
-            report.add_problem(path, code, value=_text_of(value), in_unit=p.unit, meaning=p.meaning)
+            report.add_problem(path, code, value=_text_of(value), unit_name=p.unit, meaning=p.meaning)
             return None
         array = np.array(_float_or_nan(value))
     else:
@@ -217,7 +217,7 @@ def _read_number(report: ReadReport, path: KeyPath, key: Key, value: object) -> 
                 "vehicle.not-numbers",
                 value=_text_of(value),
                 size=_size(p.shape),
-                in_unit=p.unit,
+                unit_name=p.unit,
                 meaning=p.meaning,
             )
             return None
@@ -225,7 +225,7 @@ def _read_number(report: ReadReport, path: KeyPath, key: Key, value: object) -> 
             commas = array.size == 2 * int(np.prod(p.shape))
             report.add_problem(
                 path, "vehicle.size-with-commas" if commas else "vehicle.size", value=_size(array.shape),
-                size=_size(p.shape), in_unit=p.unit, meaning=p.meaning,
+                size=_size(p.shape), unit_name=p.unit, meaning=p.meaning,
             )  # fmt: skip
             return None
     if not _is_in_range(report, path, key, array):
@@ -242,7 +242,7 @@ def _is_in_range(report: ReadReport, path: KeyPath, key: Key, array: np.ndarray)
     is_not_finite = ~np.isfinite(array) & ~(np.isposinf(array) & may_be_infinite)
     if np.any(is_not_finite):
         report.add_problem(
-            path, "vehicle.not-finite", value=format_array(array), in_unit=p.unit, meaning=p.meaning
+            path, "vehicle.not-finite", value=format_array(array), unit_name=p.unit, meaning=p.meaning
         )
         return False
     is_outside = (array < p.low) | (array > p.high)
@@ -252,7 +252,7 @@ def _is_in_range(report: ReadReport, path: KeyPath, key: Key, array: np.ndarray)
             "vehicle.out-of-range",
             value=format_array(array),
             expected=allowed_range(p),
-            in_unit=p.unit,
+            unit_name=p.unit,
             meaning=p.meaning,
         )
         return False

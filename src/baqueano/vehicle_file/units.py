@@ -108,7 +108,7 @@ def wrong_unit(key: str, value: object, unit_of: dict[str, str]) -> Diagnostic |
             continue
         if not unit:
             unit_words = UNITS[right_unit].words
-            return note("vehicle.unit-missing", key=known_key, value=_unit_text(value), in_unit=unit_words)
+            return note("vehicle.unit-missing", key=known_key, value=_unit_text(value), unit_name=unit_words)
         dimension = (
             UNITS[right_unit].dimension if right_unit else _OF_PARAMETER.get(its_unit.split(",")[0], "")
         )
@@ -118,8 +118,8 @@ def wrong_unit(key: str, value: object, unit_of: dict[str, str]) -> Diagnostic |
         factor = source_unit.factor / (UNITS[right_unit].factor if right_unit else 1.0)
         unit_words = UNITS[right_unit].words if right_unit else its_unit.split(",")[0]
         return note(
-            "vehicle.unit-other", in_unit=unit_words, value=_unit_text(value), given=source_unit.words, key=known_key,
-            converted=_scaled_text(value, factor),
+            "vehicle.unit-other", unit_name=unit_words, value=_unit_text(value), given_unit=source_unit.words,
+            key=known_key, converted_value=_scaled_text(value, factor),
         )  # fmt: skip
     return None
 

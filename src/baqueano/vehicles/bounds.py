@@ -26,25 +26,27 @@ def check_commands(vehicle: Tree, names: str) -> None:
     """Raise Invalid if the drivetrain of a vehicle has another number of commands than the vehicle (`names`)."""
     model, drivetrain = type(vehicle).__name__, vehicle.drivetrain
     if drivetrain.commands != vehicle.commands:
-        figures = {"commands": vehicle.commands, "names": names, "of_drivetrain": drivetrain.commands}
+        figures = {"commands": vehicle.commands, "names": names, "rows": drivetrain.commands}
         raise Invalid(fault("vehicle.commands", model=model, **figures))
 
 
 def _check_type(field_name: str, value: Value, p: Parameter) -> None:
     if p.shape == () and (np.ndim(value) != 0 or isinstance(value, bool | str)):
         raise Invalid(
-            fault("field.one-number", where=field_name, value=repr(value), in_unit=p.unit, meaning=p.meaning)
+            fault(
+                "field.one-number", field=field_name, value=repr(value), unit_name=p.unit, meaning=p.meaning
+            )
         )
     if p.shape != () and not isinstance(value, np.ndarray):
-        raise Invalid(fault("field.not-array", where=field_name, value=repr(value), meaning=p.meaning))
+        raise Invalid(fault("field.not-array", field=field_name, value=repr(value), meaning=p.meaning))
     if p.shape is not None and np.shape(value) != p.shape:
         raise Invalid(
             fault(
                 "field.shape",
-                where=field_name,
+                field=field_name,
                 value=str(np.shape(value)),
                 expected=str(p.shape),
-                in_unit=p.unit,
+                unit_name=p.unit,
                 meaning=p.meaning,
             )
         )
@@ -55,9 +57,9 @@ def _check_values(field_name: str, value: np.ndarray, p: Parameter) -> None:
         raise Invalid(
             fault(
                 "field.not-finite",
-                where=field_name,
+                field=field_name,
                 value=str(value.tolist()),
-                in_unit=p.unit,
+                unit_name=p.unit,
                 meaning=p.meaning,
             )
         )
@@ -65,11 +67,11 @@ def _check_values(field_name: str, value: np.ndarray, p: Parameter) -> None:
         raise Invalid(
             fault(
                 "field.range",
-                where=field_name,
+                field=field_name,
                 value=str(value.tolist()),
                 low=p.low,
                 high=p.high,
-                in_unit=p.unit,
+                unit_name=p.unit,
                 meaning=p.meaning,
             )
         )

@@ -124,7 +124,7 @@ class Live:
             "history": self._send_history, "identify": self._identify,
         }  # fmt: skip
         if message["is"] not in do:
-            raise UsageError(fault("web.unknown-word", word=one_line(message["is"])[:MAX_OPTION_LETTERS]))
+            raise UsageError(fault("web.unknown-word", request=one_line(message["is"])[:MAX_OPTION_LETTERS]))
         return do[message["is"]](visitor, message)
 
     def on_disconnect(self, visitor: Visitor) -> None:
@@ -271,7 +271,7 @@ class Live:
     def _set_gain(self, message: Diagnostic) -> None:
         """Store a gain that was changed in the vehicle, and send it to all browsers."""
         with suppress(KeyError, TypeError, ValueError):
-            now = {message.figures["path"]: float(message.figures["now"])}
+            now = {message.figures["path"]: float(message.figures["value"])}
             self._vehicle |= {"gains": self._vehicle.get("gains", {}) | now}
             self._send_blocks()
 

@@ -111,7 +111,7 @@ class BrowserPage:
             elif self.live is not None:
                 await self.live.receive(visitor, message)
             else:
-                raise UsageError(fault("web.no-vehicle", word=one_line(message["is"])[:MAX_NAME_LETTERS]))
+                raise UsageError(fault("web.no-vehicle", request=one_line(message["is"])[:MAX_NAME_LETTERS]))
         except BaqueanoError as error:
             self.refuse(visitor, message, error.diagnostic)
         except (KeyError, TypeError, ValueError, OverflowError) as error:  # a browser can send anything
@@ -223,7 +223,7 @@ class BrowserPage:
     async def _swap(self, visitor: Visitor, message: "JsonObject") -> None:
         """Use another block for a role from the next mission on, if the browser is allowed to change the mission."""
         if self.live is None:
-            raise UsageError(fault("web.no-vehicle", word="swap"))
+            raise UsageError(fault("web.no-vehicle", request="swap"))
         self.live.check_may_change(visitor)
         kind = await self.questions.swap_block(str(message["room"]), str(message.get("kind") or ""))
         self.live.announce_swap(str(message["room"]), kind, self.questions.blocks)
@@ -231,7 +231,7 @@ class BrowserPage:
     async def _write(self, visitor: Visitor, message: "JsonObject") -> None:
         """Write gains or a gyro scale into the vehicle file, if the browser is allowed to change the next mission."""
         if self.live is None:
-            raise UsageError(fault("web.no-vehicle", word="write"))
+            raise UsageError(fault("web.no-vehicle", request="write"))
         self.live.check_may_change(visitor)
         confirmation = await self.questions.write_gains(visitor, message)
         with use_language(visitor.language):

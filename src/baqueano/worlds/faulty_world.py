@@ -206,14 +206,14 @@ class FaultyWorld(SimulatedWorld):
         """
         valid_fault = self._shaking.check(Fault.parse(fault_like))
         if len(self.faults) + len(self._requested_changes) >= MAX_FAULTS:
-            raise UsageError(fault("shake.too-many", most=MAX_FAULTS))
+            raise UsageError(fault("shake.too-many", maximum=MAX_FAULTS))
         self._requested_changes.append(valid_fault)
         return valid_fault
 
     def end_fault(self, number: int) -> None:
         """End the fault `number` with the next tick, from any thread. Raise UsageError for an unknown number."""
         if not 1 <= number <= len(self.faults):
-            raise UsageError(fault("shake.no-number", value=number, most=len(self.faults)))
+            raise UsageError(fault("shake.no-number", value=number, maximum=len(self.faults)))
         self._requested_changes.append(number)
 
     def write(self, command: Command) -> None:
@@ -267,7 +267,11 @@ class FaultyWorld(SimulatedWorld):
         ended_fault = replace(fault_, for_s=now_s - fault_.at_s)
         self.faults[number - 1] = ended_fault
         message = note(
-            "shake.over", subject=SOURCE, number=number, for_s=ended_fault.for_s, what=self._message(number)
+            "shake.over",
+            subject=SOURCE,
+            number=number,
+            duration_s=ended_fault.for_s,
+            fault=self._message(number),
         )
         self._pending.append((self._end_ns(k), message))
 

@@ -120,7 +120,7 @@ def test_pins_that_cannot_return_to_i2c_are_reported_with_a_command(lines):
     outcome = recover_bus(BUS)
     assert not outcome.is_free
     assert (outcome.message.code, outcome.message.fix) == ("bus.not-given-back", "pinctrl set 2,3 a0")
-    assert "(255): Must be root" in outcome.message.figures["because"]
+    assert "(255): Must be root" in outcome.message.figures["cause"]
 
 
 def test_ctrl_c_during_recovery_returns_the_pins_to_i2c(lines, monkeypatch):
@@ -145,7 +145,7 @@ def test_slow_calls_end_the_recovery_and_the_pins_return_to_i2c(lines, monkeypat
     monkeypatch.setattr(bus_recovery, "time", SimpleNamespace(monotonic=lambda: next(now)))  # one second each
     outcome = recover_bus(BUS)
     assert not outcome.is_free
-    assert (outcome.message.code, outcome.message.figures["all_s"]) == ("bus.too-late", 8.0)
+    assert (outcome.message.code, outcome.message.figures["limit_s"]) == ("bus.too-late", 8.0)
     assert 0 < pins.read()["clocks"] < 9
     assert as_it_was(pins)
 

@@ -203,7 +203,7 @@ def test_a_missing_bus_permission_is_reported_with_its_group(bench, monkeypatch)
 def test_a_bus_without_answers_is_reported_with_the_wiring(bench):
     b = bench()
     b.bus.devices.clear()
-    with refused("imu.no-answer", RobotUnreachable, requested="0x68 and 0x69"):
+    with refused("imu.no-answer", RobotUnreachable, address_range="0x68 and 0x69"):
         start(b)
 
 
@@ -216,7 +216,7 @@ def test_a_chip_with_ad0_high_is_detected(bench):
 def test_a_chip_without_samples_is_reported(bench):
     b = bench()
     b.chip._write = lambda value: None  # it ignores all writes, so it stays asleep
-    with refused("imu.too-few-samples", RobotUnreachable, count=0, within_s=2):
+    with refused("imu.too-few-samples", RobotUnreachable, count=0, limit_s=2):
         start(b)
 
 

@@ -192,7 +192,7 @@ def test_a_saturated_axis_is_named_once(bench):
     assert [e.message.code for e in events] == ["imu.saturated"]
     assert "gyro z" in events[0].text
     assert "±1000 °/s" in events[0].text
-    assert device.counts.saturated == pytest.approx(200, abs=5)
+    assert device.counts.full_scale_samples == pytest.approx(200, abs=5)
     assert len(samples) == pytest.approx(200, abs=5), "the log retains the measured value"
 
 

@@ -187,7 +187,7 @@ def test_root_programs_run_from_a_new_private_folder(programs, pi, tmp_path):
         (
             "echo 3 9 aarch64 pi",
             UsageError,
-            ("setup.old-python", {"host": "r1", "major": 3, "least_major": 3}),
+            ("setup.old-python", {"host": "r1", "major": 3, "min_major": 3}),
         ),
     ],
 )

@@ -91,7 +91,7 @@ def test_an_endless_ssh_answer_is_refused(programs, monkeypatch):
         lambda: exclusive_hardware.rows_from_host("r1", "robot", "doctor"),
         lambda: install.machine_at("r1"),
     ):
-        with refused("ssh.too-much", RobotUnreachable, most_mb=1):
+        with refused("ssh.too-much", RobotUnreachable, max_mb=1):
             go()
 
 

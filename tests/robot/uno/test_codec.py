@@ -120,7 +120,7 @@ def test_frame_kinds_differ_between_the_two_directions():
 
 
 def test_a_value_out_of_range_is_not_sent():
-    with refused("uno.number-range", UsageError, frame="Config", number=49, least=50, most=1000):
+    with refused("uno.number-range", UsageError, frame="Config", number=49, minimum=50, maximum=1000):
         encode(Config(dead_man_ms=49), 0)
     with refused("uno.number-range", UsageError, frame="Drive", number=1001):
         encode(Drive(0, 1001, 0, 0), 0)

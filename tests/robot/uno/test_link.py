@@ -75,7 +75,7 @@ def uno(line):
 def test_no_command_is_sent_before_arming_and_arming_sends_zero_duty(line, uno):
     uno.drive(0.5, 0.5)
     assert not line.drives()
-    assert uno.statistics.unsent == 1
+    assert uno.statistics.unsent_commands == 1
     uno.arm()
     uno.drive(0.25, -1.5)
     assert line.drives() == [Drive(7, 0, 0, DriveFlag.ARM), Drive(7, 250, -1000, DriveFlag.ARM)]
@@ -118,7 +118,7 @@ def test_applied_duty_is_the_mean_between_frames_despite_a_lost_frame(line, uno)
     line.send(state(30, sums=(20 * 400, -20 * 100)))
     measurements = uno.receive()
     np.testing.assert_allclose(measurements[-1].applied_duty, [0.4, -0.1])
-    assert uno.statistics.lost == 1
+    assert uno.statistics.lost_frames == 1
 
 
 def test_an_overflow_of_the_duty_sum_causes_no_jump(line, uno):
@@ -215,7 +215,7 @@ def test_a_lost_serial_line_is_counted_without_an_exception(line, uno):
     line.broken = True
     uno.drive(0.5, 0.5)
     uno.stop()
-    assert uno.statistics.unsent == 1
+    assert uno.statistics.unsent_commands == 1
 
 
 def test_telemetry_timestamps_compensate_a_resonator_error_of_half_a_percent(line, uno):
@@ -313,7 +313,7 @@ def test_reopening_the_line_resets_the_clock_estimate_of_the_uno(line, uno):
     line.now_ns += 10 * MS
     line.send(state(20, nonce=9))
     assert uno.receive()[-1].t_ns == line.now_ns
-    assert uno.statistics.lost == 0
+    assert uno.statistics.lost_frames == 0
 
 
 def test_a_cleared_stop_does_not_block_the_next_drive(line, uno):
@@ -341,7 +341,7 @@ def test_repeated_or_out_of_order_telemetry_is_counted_and_discarded(line, uno):
     line.coming += encode(first, line.seq - 1)
     line.send(state(40, left=400))
     assert len(uno.receive()) == 3
-    assert (uno.statistics.late, uno.statistics.lost) == (3, 1)
+    assert (uno.statistics.late_frames, uno.statistics.lost_frames) == (3, 1)
 
 
 def test_telemetry_that_arrives_after_a_newer_answer_is_accepted(line, uno):
@@ -351,7 +351,7 @@ def test_telemetry_that_arrives_after_a_newer_answer_is_accepted(line, uno):
     line.coming += encode(state(20), line.seq - 1)
     line.send(state(30))
     assert len(uno.receive()) == 3
-    assert (uno.statistics.late, uno.statistics.lost) == (1, 1)
+    assert (uno.statistics.late_frames, uno.statistics.lost_frames) == (1, 1)
 
 
 def test_telemetry_with_any_sequence_number_is_accepted_after_a_long_silence(line, uno):
@@ -359,7 +359,7 @@ def test_telemetry_with_any_sequence_number_is_accepted_after_a_long_silence(lin
     line.seq += 200
     line.send(state(2010))
     assert len(uno.receive()) == 2
-    assert uno.statistics.lost == 200
+    assert uno.statistics.lost_frames == 200
 
 
 def test_telemetry_timestamps_are_never_later_than_their_arrival(line, uno):
@@ -385,4 +385,4 @@ def test_half_a_million_damaged_bytes_give_no_telemetry():
         line.coming += bytes(damaged_frame) if bytes(damaged_frame) != whole else b""
         line.coming += rng.integers(1, 256, 60, dtype=np.uint8).tobytes()
     assert uno.receive() == []
-    assert uno.statistics.damaged > 5000
+    assert uno.statistics.damaged_frames > 5000

@@ -51,7 +51,7 @@ def test_rt2_a_gap_longer_than_the_command_timeout_disarms(line, dead_man_ms):
 def test_the_stop_reason_contains_the_gap_and_the_command_timeout(line):
     uno = armed(line)
     line.now_ns += 800 * MS
-    assert uno.standstill_reason().figures == {"still_s": 0.8, "dead_man_s": 0.3}
+    assert uno.standstill_reason().figures == {"silent_s": 0.8, "dead_man_s": 0.3}
 
 
 @pytest.mark.parametrize("outcome", ["nothing", "well", "dead man", "disarmed"])
@@ -85,7 +85,7 @@ def test_time_in_suspend_counts_as_a_gap(monkeypatch):
     stand = Standstill()
     stand.record_command()
     now[0] = 3_600_000 * MS  # one hour in suspend, which CLOCK_MONOTONIC does not count
-    assert stand.check(300).figures["still_s"] == 3600.0
+    assert stand.check(300).figures["silent_s"] == 3600.0
 
 
 @pytest.mark.parametrize("suspended_s", [0.2, 60.0, 3000.0])

@@ -140,7 +140,7 @@ def _check_options(signal: str, rounds: int | None, update: bool) -> None:
 
     kinds = [kind.replace("_", "-") for kind in (*KINDS, "designed")]
     if signal.replace("_", "-") not in kinds:
-        raise UsageError(fault("cli.signal-unknown", value=signal, near=nearest(signal, kinds)))
+        raise UsageError(fault("cli.signal-unknown", value=signal, suggestion=nearest(signal, kinds)))
     if rounds is not None and signal != "designed":
         raise UsageError(
             fault("cli.rounds-without-designed", "--signal designed", rounds=rounds, signal=signal)
@@ -176,7 +176,7 @@ def signal_of(
         note(
             "cli.room-kept",
             size=size,
-            replaced_percent=100.0 * containment.replaced_fraction,
+            percent=100.0 * containment.replaced_fraction,
             margin_cm=100.0 * containment.margin_m,
         )
     )

@@ -62,7 +62,7 @@ def drive_by_hand(
         print_message(note("cli.game-pad", name=device.name))
     multiplexer = terminal_proxy() if is_over_ssh(os.environ) else ""
     if multiplexer:
-        print_message(note("cli.terminal-of-another", another=multiplexer))
+        print_message(note("cli.terminal-of-another", program=multiplexer))
     with ExitStack() as open_things:
         target: Any = open_things.enter_context(open_target(robot, vehicle_file, seed, backend))
         cockpit = Cockpit(

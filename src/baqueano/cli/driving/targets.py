@@ -104,8 +104,8 @@ def open_target(
     if shake and kind != "simulated":
         raise UsageError(fault("shake.robot", host=robot))
     suggestion = nearest(kind, LOCAL_TARGETS, MIN_SIMILARITY)
-    if not {"@", "."} & set(robot) and suggestion.figures.get("similar", kind) != kind:
-        raise UsageError(fault("cli.robot-mistyped", value=kind, near=suggestion))
+    if not {"@", "."} & set(robot) and suggestion.figures.get("match", kind) != kind:
+        raise UsageError(fault("cli.robot-mistyped", value=kind, suggestion=suggestion))
     if kind in LOCAL_TARGETS and ":" not in robot and vehicle_file.simulation.truth is not None:
         print_message(
             note("cli.simulated-truth", vehicle=vehicle_file.label, truth=vehicle_file.simulation.truth)
@@ -142,13 +142,13 @@ def print_fault_detections(run: "Run", vehicle_file: "VehicleFile", shake: tuple
 
     ledger = fault_ledger(run, vehicle_file)
     for row in ledger.rows:
-        print_message(note("ledger.fault", at_s=row.fault.at_s, what=row.message))
+        print_message(note("ledger.fault", t_s=row.fault.at_s, fault=row.message))
         for notice in row.notices:
             print_message(
                 note(
                     "ledger.noticed",
-                    who=note(f"ledger.who-{notice.witness}"),
-                    after_s=notice.after_s,
+                    detector=note(f"ledger.who-{notice.witness}"),
+                    delay_s=notice.after_s,
                     reply=notice.message,
                 )
             )

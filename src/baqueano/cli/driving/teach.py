@@ -145,7 +145,7 @@ def shape_or_route(name: str, speed_m_s: float, size_m: float, others: tuple[str
         return options.find_route(name)
     stored_names = sorted(path.stem for path in options.ROUTES.glob("*.csv"))
     suggestion = nearest(name, [*SHAPES, *others, *stored_names])
-    raise UsageError(fault("cli.driver-unknown", value=name, near=suggestion))
+    raise UsageError(fault("cli.driver-unknown", value=name, suggestion=suggestion))
 
 
 @dataclass(frozen=True)

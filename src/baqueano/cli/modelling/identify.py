@@ -183,7 +183,7 @@ def _check_options(parameter_history: bool, choose: bool, *, with_validation: bo
 
     if parameter_history and (choose or with_validation):
         conflict = "--choose" if choose else "--held-out"
-        raise UsageError(fault("cli.options-conflict", other=conflict))
+        raise UsageError(fault("cli.options-conflict", second_option=conflict))
 
 
 def _check_verdicts(fit: "Fit", validation: Any, update: bool, page: Path | None) -> None:
@@ -284,9 +284,9 @@ def _with_tolerances(
     conflicts = _plain_fit_options(arguments)
     if conflicts or not is_imu_only(vehicle_file, runs, arguments["use"], arguments["free"]):
         if not conflicts and not is_imu_only(vehicle_file, runs, ("imu",), arguments["free"]):
-            raise UsageError(fault("cli.tolerance-car", given=tolerances[0]))
+            raise UsageError(fault("cli.tolerance-car", value=tolerances[0]))
         code = "cli.tolerance-beside" if conflicts else "cli.tolerance-unused"
-        raise UsageError(fault(code, "--use imu", given=tolerances[0], other=conflicts[:1]))
+        raise UsageError(fault(code, "--use imu", value=tolerances[0], second_option=conflicts[:1]))
     fractions = {}
     for tolerance in tolerances:
         key, _, fraction_text = tolerance.partition("=")

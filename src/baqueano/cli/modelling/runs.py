@@ -72,13 +72,13 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
         raise UsageError(fault("cli.cut-nothing", fix))
     if to_s is not None and to_s <= from_s:
         fix = baqueano_command("runs", "cut", run, "--from", f"{to_s:g}", "--to", f"{from_s:g}")
-        raise UsageError(fault("cli.cut-order", fix, from_s=from_s, to_s=to_s))
+        raise UsageError(fault("cli.cut-order", fix, start_s=from_s, end_s=to_s))
     whole_run = options.find_runs((run,), folder)[0]
     cut_run = whole_run.cut(from_s, float("inf") if to_s is None else to_s)
     if not len(cut_run.t_ns):
-        span = {"run": whole_run.name, "from_s": from_s, "duration_s": whole_run.duration_s}
+        span = {"run": whole_run.name, "start_s": from_s, "duration_s": whole_run.duration_s}
         raise UsageError(
-            fault("cli.cut-after-end", **span) if to_s is None else fault("cli.cut-empty", to_s=to_s, **span)
+            fault("cli.cut-after-end", **span) if to_s is None else fault("cli.cut-empty", end_s=to_s, **span)
         )
     path = write_run(cut_run, options.run_path(out, folder, f"{whole_run.name}-cut"))
     print_result(note("cli.cut", path=path, duration_s=cut_run.duration_s))
@@ -195,7 +195,7 @@ def _draft_map(path: Path, as_json: bool, *recordings: Path | str) -> None:
     from baqueano.runs.importing.draft import UNKNOWN, draft
 
     if path.exists():
-        raise FileError(fault("cli.file-exists", "--draft FILE.toml", out=path))
+        raise FileError(fault("cli.file-exists", "--draft FILE.toml", path=path))
     map_text = draft(*recordings)
     path.write_text(map_text, encoding="utf-8", newline="\n")
     missing_units = map_text.count(f'"{UNKNOWN}"')
@@ -248,7 +248,7 @@ def _path_in(out: Path | None, folder: str, name: str) -> Path:
     """Return the file for a run of that name in the folder `out`. If `out` is None, return a numbered file in
     `folder`. Raise UsageError if `out` is a file."""
     if out is not None and out.suffix:
-        raise UsageError(fault("cli.several-runs", f"-o {out.stem}", out=out))
+        raise UsageError(fault("cli.several-runs", f"-o {out.stem}", path=out))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     from baqueano.runs.folder import plain_label

@@ -16,11 +16,11 @@ from baqueano.errors import UsageError
 def command() -> None: ...
 
 
-def _check_cases(cases: Iterable[str], known: Collection[str]) -> None:
+def _check_cases(cases: Iterable[str], known_cases: Collection[str]) -> None:
     """Raise UsageError for the first case that is unknown."""
     for case in cases:
-        if case not in known:
-            raise UsageError(fault("cli.case-unknown", value=case, near=nearest(case, known)))
+        if case not in known_cases:
+            raise UsageError(fault("cli.case-unknown", value=case, suggestion=nearest(case, known_cases)))
 
 
 def _check_complete(done: int, requested: int) -> None:
@@ -28,7 +28,7 @@ def _check_complete(done: int, requested: int) -> None:
     from baqueano.cli.errors import Interruption
 
     if done < requested:
-        raise Interruption(fault("cli.study-interrupted", done=done, requested=requested))
+        raise Interruption(fault("cli.study-interrupted", count=done, total=requested))
 
 
 @command.command(

@@ -112,5 +112,5 @@ def command(
     report.write_about(result)
     if len(result.drives) < result.requested_drives:
         raise Interruption(
-            fault("cli.study-interrupted", done=len(result.drives), requested=result.requested_drives)
+            fault("cli.study-interrupted", count=len(result.drives), total=result.requested_drives)
         )

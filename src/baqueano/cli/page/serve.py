@@ -34,7 +34,7 @@ def command(
 ) -> None:  # fmt: skip
     several = [name for name, value in (("--vehicle", vehicle), ("--robot", robot)) if value]
     if run is not None and several:
-        raise UsageError(fault("web.one-of", several=["RUN", *several]))
+        raise UsageError(fault("web.one-of", names=["RUN", *several]))
     serving = page_options.serve_options(folder, port, share, address, browser)
     from baqueano.web.lab.local_files import LocalFiles
     from baqueano.web.run import show_runs, show_vehicle

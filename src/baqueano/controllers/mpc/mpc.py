@@ -115,7 +115,7 @@ class Mpc:
 
     def diagnostic(self, state: MpcState) -> Diagnostic | None:
         """Return a warning for the run at the first tick of a series in which the solver failed, else None."""
-        return note("mpc.old-plan", Severity.WARNING, most=MAX_FAILURES) if state.failures == 1 else None
+        return note("mpc.old-plan", Severity.WARNING, maximum=MAX_FAILURES) if state.failures == 1 else None
 
     @cached_property
     def _horizon(self) -> Horizon:

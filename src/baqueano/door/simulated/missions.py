@@ -81,7 +81,7 @@ def mission_plan(
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
     if not isinstance(shake, list) or len(shake) > MAX_FAULTS:
-        raise UsageError(fault("shake.too-many", most=MAX_FAULTS))
+        raise UsageError(fault("shake.too-many", maximum=MAX_FAULTS))
     faults = tuple(Fault.parse(request_of_fault) for request_of_fault in shake)
     if not is_complete:
         yield replace(

@@ -37,7 +37,7 @@ class PacedClock:
     def set_pace(self, factor: float) -> None:
         """Let simulated time pass `factor` times as fast. Raise Invalid if it is outside [SLOWEST, FASTEST]."""
         if not SLOWEST <= factor <= FASTEST:
-            raise Invalid(fault("door.pace", value=factor, slowest=SLOWEST, fastest=FASTEST))
+            raise Invalid(fault("door.pace", value=factor, min_factor=SLOWEST, max_factor=FASTEST))
         self.factor = float(factor)
 
     def pause(self) -> None:

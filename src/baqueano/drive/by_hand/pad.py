@@ -151,7 +151,7 @@ def find_pad(pad_path: Path | None = None, folder: Path = DEVICE_FOLDER) -> Pad:
         device.close()
     if pads:
         several = ", ".join(f'{path} "{device.name}"' for path, device in pads)
-        raise UsageError(fault("pad.several", count=len(pads), several=several, first=pads[0][0]))
+        raise UsageError(fault("pad.several", count=len(pads), names=several, first=pads[0][0]))
     raise UsageError(_no_pad_reason(folder, descriptions, closed_names))
 
 
@@ -165,7 +165,9 @@ def missing_part(device: InputDevice) -> str:
 def _no_pad_reason(folder: Path, descriptions: list[str], closed_names: list[str]) -> Diagnostic:
     if not closed_names:
         return fault("pad.not-among" if descriptions else "pad.none", folder=folder, devices=descriptions)
-    return fault("pad.closed", JOIN_INPUT_GROUP, folder=folder, devices=descriptions, closed=closed_names)
+    return fault(
+        "pad.closed", JOIN_INPUT_GROUP, folder=folder, devices=descriptions, locked_devices=closed_names
+    )
 
 
 def _pad_at(path: Path) -> Pad:
@@ -177,5 +179,5 @@ def _pad_at(path: Path) -> Pad:
         raise UsageError(fault("pad.not-evdev", path=path, error=error.strerror or error)) from error
     if lack := missing_part(device):
         device.close()
-        raise UsageError(fault("pad.lacks", path=path, name=device.name, lack=note(f"pad.no-{lack}")))
+        raise UsageError(fault("pad.lacks", path=path, name=device.name, reason=note(f"pad.no-{lack}")))
     return Pad(device)

@@ -75,7 +75,7 @@ class Caution(Observer):
         if not cov.item(0) + cov.item(7) <= slow_std_m * slow_std_m:  # σ² ≤ p_xx + p_yy
             std_m = float(position_std(cov))
             if std_m > slow_std_m:
-                return note("caution.uncertain", Severity.WARNING, std_m=std_m, most_m=self._max_std_m), True
+                return note("caution.uncertain", Severity.WARNING, std_m=std_m, max_m=self._max_std_m), True
         if not record.sensor_findings:
             return None, False
         findings = [finding for finding in record.sensor_findings if finding.wrong_part != MODEL]

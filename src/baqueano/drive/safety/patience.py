@@ -44,4 +44,4 @@ class Patience(Observer):
         waited_s = seconds(t_ns, self._since_ns)
         if waited_s < self._patience_s:
             return None
-        return stop(StopReason.STUCK, waited_s=waited_s, away_m=self._away_m)
+        return stop(StopReason.STUCK, rest_s=waited_s, distance_m=self._away_m)

@@ -74,7 +74,7 @@ def check_channels(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
             if hypothesis.code == "inverted":
                 out.append(note("axes.inverted", Severity.ERROR, subject=channel, correlation=rho))
             elif hypothesis.code == "swapped" and (j := hypothesis.prediction_index) < i:
-                figures = {"other": channel, "first": hypotheses[j].regression.correlation, "second": rho}
+                figures = {"channel": channel, "first": hypotheses[j].regression.correlation, "second": rho}
                 out.append(note("axes.swapped", Severity.ERROR, subject=f"{name}[{j}]", **figures))
     return out
 
@@ -227,8 +227,8 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
                 continue
             sigma = result.sigma[channels][np.argsort(mount.order)]  # in the column order of the run
             pairs = zip(as_in_file.sigma[channels], sigma, strict=True)
-            reductions = [note("residual.from-to", before=a, after=b) for a, b in pairs]
-            return mount, note(mount.code, Severity.ERROR, subject=name, less=reductions)
+            reductions = [note("residual.from-to", first_value=a, last_value=b) for a, b in pairs]
+            return mount, note(mount.code, Severity.ERROR, subject=name, change=reductions)
     return None
 
 
@@ -262,13 +262,9 @@ def gain_findings(
 def noise_findings(file_sigma: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Diagnostic]:
     """Return findings on channels whose noise `sigma` (m,) is much less than `file_sigma` (m,), that of the file."""
     findings = []
-    for label, file_std, now in zip(labels, file_sigma, sigma, strict=True):
-        if file_std > 0.0 and SILENT_RATIO < now / file_std < QUIET_RATIO:
-            figures: JsonObject = {
-                "guess": _unit(file_std / now),
-                "sigma": float(now),
-                "times": float(now / file_std),
-            }
+    for label, file_std, fit_std in zip(labels, file_sigma, sigma, strict=True):
+        if file_std > 0.0 and SILENT_RATIO < (ratio := float(fit_std / file_std)) < QUIET_RATIO:
+            figures: JsonObject = {"guess": _unit(1.0 / ratio), "sigma": float(fit_std), "ratio": ratio}
             findings.append(note("file.quiet", Severity.WARNING, "", label, **figures))
     return findings
 
@@ -291,13 +287,13 @@ def _comparison(path: str, file_value: float, fitted: float, std: float) -> list
         return []
     ratio = fitted / file_value
     if ratio < 0.0:
-        return [note("file.inverted", Severity.WARNING, subject=path, now=fitted, was=file_value)]
+        return [note("file.inverted", Severity.WARNING, subject=path, value=fitted, file_value=file_value)]
     factor = max(ratio, 1.0 / max(ratio, 1e-12))
     if factor * (1.0 - max(SIGNIFICANT_SIGMA * std / abs(fitted), MODEL_TOLERANCE)) < MAX_GAIN_RATIO:
         return []
     if factor > IMPLAUSIBLE_RATIO:
-        return [note("file.far-gain", Severity.ERROR, subject=path, times=ratio, guess=_unit(factor))]
-    return [note("file.gain", Severity.WARNING, subject=path, times=ratio, guess=_unit(factor))]
+        return [note("file.far-gain", Severity.ERROR, subject=path, ratio=ratio, guess=_unit(factor))]
+    return [note("file.gain", Severity.WARNING, subject=path, ratio=ratio, guess=_unit(factor))]
 
 
 def _unit(off: float) -> Diagnostic | str:

@@ -208,7 +208,7 @@ def _missing_terms(
         if k is not None:
             message = note(
                 "residual.missing-free" if fix else "residual.missing", Severity.WARNING, fix, fit.paths[k],
-                term=code, what=term_note, where=_place(code), z=abs(test.z),
+                term=code, effect=term_note, region=_place(code), z=abs(test.z),
                 errors=abs(test.shift[k]) / fit.std[k],
             )  # fmt: skip
             results.append(_SignificantResult(abs(test.z), message, test.shift))
@@ -240,8 +240,8 @@ def _differing_parts(fit: _FitEvidence, motion: FittedMotion | None) -> list[_Si
         for k, test in enumerate(tests):
             if abs(test.size) > MIN_RELATIVE_DIFFERENCE * abs(fit.theta[k]) and fit.is_significant(test):
                 message = note(
-                    "residual.parts-differ", Severity.WARNING, subject=fit.paths[k], off=test.size, part=part,
-                    over_all=fit.theta[k], z=abs(test.z),
+                    "residual.parts-differ", Severity.WARNING, subject=fit.paths[k], difference=test.size, part=part,
+                    overall_value=fit.theta[k], z=abs(test.z),
                 )  # fmt: skip
                 errors = 0.5 * abs(test.size) * (np.arange(len(fit.theta)) == k)
                 results.append(_SignificantResult(abs(test.z), message, errors))
@@ -303,7 +303,7 @@ def _autocorrelation_messages(label: str, r: list[np.ndarray], h: list[np.ndarra
     if not (share > MIN_SHARE or (share > 0.1 * MIN_SHARE and excess > MIN_EXCESS)):
         return []
     percent = float(f"{100.0 * share if np.isfinite(share) else 100.0:.2g}")
-    return [note("residual.autocorrelated", Severity.WARNING, subject=label, percent=percent, times=excess)]
+    return [note("residual.autocorrelated", Severity.WARNING, subject=label, percent=percent, ratio=excess)]
 
 
 def _late_outliers(label: str, r: list[np.ndarray], h: list[np.ndarray], fix: str) -> list[Diagnostic]:
@@ -320,4 +320,4 @@ def _late_outliers(label: str, r: list[np.ndarray], h: list[np.ndarray], fix: st
     if z < LATE_Z:
         return []
     code = "residual.late" if fix else "residual.fast"
-    return [note(code, Severity.WARNING, fix, label, readings=n, beyond=OUTLIER_SIGMA, z=float(z))]
+    return [note(code, Severity.WARNING, fix, label, readings=n, limit=OUTLIER_SIGMA, z=float(z))]

@@ -53,7 +53,7 @@ def track_findings(end: "FinishedFit", z: np.ndarray, gyro: np.ndarray) -> list[
             continue
         least_m, most_m = track_m * r.correlation**2 / r.slope, track_m / r.slope
         if track_m < least_m / (1.0 + MAX_TRACK_ERROR) or track_m > most_m * (1.0 + MAX_TRACK_ERROR):
-            figures = {"track_m": most_m, "was_m": track_m}
+            figures = {"track_m": most_m, "file_m": track_m}
             findings.append(note("file.track", Severity.WARNING, f"--free +{path}", name, **figures))
     return findings
 
@@ -71,5 +71,5 @@ def sliding_findings(end: "FinishedFit", gyro: np.ndarray) -> list[Diagnostic]:
     if angle <= MAX_SLIDE_RAD or slope >= stiff:
         return []
     return [
-        note("file.slides", subject=SIDEWAYS_PATH, now=slope, degrees=float(np.degrees(angle)), stiff=stiff)
+        note("file.slides", subject=SIDEWAYS_PATH, value=slope, degrees=float(np.degrees(angle)), stiff=stiff)
     ]

@@ -78,7 +78,7 @@ def speed_channels(
     source = ", ".join(sorted({source for *_, source in with_speed}))
     runs = ", ".join(run.name for run, *_ in with_speed)
     if len(errors_without) < MIN_BLOCKS:
-        pieces = {"pieces": len(errors_without), "least": MIN_BLOCKS, "block_s": SPEED_BLOCK_S}
+        pieces = {"pieces": len(errors_without), "minimum": MIN_BLOCKS, "block_s": SPEED_BLOCK_S}
         return SpeedChannels(file_names, note("speed.too-short", runs=runs, **pieces), is_from_held_out=False)
     for names in dict.fromkeys([*((channel,) for channel in channels), channels]):
         errors = _errors(filters(names), with_speed, backend)
@@ -88,7 +88,8 @@ def speed_channels(
         return None  # every filter diverges
     best_names = min(ratios, key=lambda names: ratios[names][0])
     ratio, low, high = ratios[best_names]
-    details = {"channels": best_names, "ratio": ratio, "low": low, "high": high, "by": source, "runs": runs}
+    details = {"channels": best_names, "ratio": ratio, "low": low, "high": high}
+    details |= {"reference": source, "runs": runs}
     if high < 1.0:
         return SpeedChannels(best_names, note("speed.corrected", **details))
     return SpeedChannels((), note("speed.left", **details, origin=_origin(without_speed)))
@@ -211,7 +212,7 @@ def accept_or_refit(
         kernel, names = _filter_scan(ekf, backend), {square.name for square in disagreeing}
         squares = nis_of(ekf, validation_runs, kernel)
         again = [square for square in squares if square.name in names or square.disagrees]
-        figures |= {"nis": _figures(disagreeing), "again": _figures(again)}
+        figures |= {"nis": _figures(disagreeing), "new_nis": _figures(again)}
         if remaining := [square for square in again if square.disagrees]:
             figures |= {"states": _by_consistency(remaining)}
             return ekf, Acceptance(note("noise.still-off", Severity.WARNING, **figures), True)

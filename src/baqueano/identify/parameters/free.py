@@ -366,7 +366,7 @@ def _value_at(blocks: FittedBlocks, path: str) -> np.ndarray:
         field, bracket, entry = path.partition("[")
         names = _fields(blocks)
         near, kind = _similar_paths(field, bracket + entry, names), type(blocks.model).__name__
-        unknown = fault("parameter.unknown", path=path, kind=kind, near=near, example=names[0])
+        unknown = fault("parameter.unknown", path=path, kind=kind, suggestion=near, example=names[0])
         raise UsageError(unknown) from error
     return values
 
@@ -374,10 +374,10 @@ def _value_at(blocks: FittedBlocks, path: str) -> np.ndarray:
 def _similar_paths(field: str, entry: str, names: list[str]) -> Diagnostic:
     """Return a note with the similar path, including `entry`, and the known paths."""
     similar = nearest(field, names)
-    similar = similar if "similar" in similar.figures else nearest(f"model.{field}", names)
-    if "similar" not in similar.figures or field in names:
+    similar = similar if "match" in similar.figures else nearest(f"model.{field}", names)
+    if "match" not in similar.figures or field in names:
         return similar
-    return note("name.near", similar=f"{similar.figures['similar']}{entry}", valid=similar.figures["valid"])
+    return note("name.near", match=f"{similar.figures['match']}{entry}", valid=similar.figures["valid"])
 
 
 def _fields(blocks: FittedBlocks) -> list[str]:

@@ -202,8 +202,8 @@ class Fit(Result):
             entry_paths = []
         fitted_paths = [path for path in entry_paths if path in self.names]
         if entry_paths and not fitted_paths:
-            return fault("fit.not-free", f"--free +{name}", path=name, fitted=self.names)
-        return fault("fit.not-fitted", path=name, near=nearest(name, fitted_paths[:1] or self.names))
+            return fault("fit.not-free", f"--free +{name}", path=name, valid=self.names)
+        return fault("fit.not-fitted", path=name, suggestion=nearest(name, fitted_paths[:1] or self.names))
 
     @property
     def vehicle_file(self) -> "VehicleFile":
@@ -386,4 +386,4 @@ def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
     omitted_count = sum(max(0, len(sentences) - n) for sentences, n in limits)
     if not omitted_count:
         return lines
-    return [*lines, text(note("verdict.more-in-report" if reported else "verdict.more", more=omitted_count))]
+    return [*lines, text(note("verdict.more-in-report" if reported else "verdict.more", count=omitted_count))]

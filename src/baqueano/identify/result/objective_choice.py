@@ -76,7 +76,7 @@ def choose_objective(
     if comparison is None:
         return ObjectiveChoice("simulation", note("cost.too-short", **odds), False)
     difference, name = comparison.largest_change
-    details = odds | {"apart": difference, "open_loop": _open_loop(comparison)}
+    details = odds | {"difference": difference, "open_loop": _open_loop(comparison)}
     if difference > comparison.limit or comparison.is_worse:
         return ObjectiveChoice("simulation", note("cost.neither", subject=name, **details), False, True)
     explains = not likely.info.autocorrelated and not np.any(times > MAX_NOISE_RATIO)

@@ -80,9 +80,7 @@ def remarks(e: Evidence) -> list[Diagnostic]:
         outlier_share = (above + below) / max(n, 1)
         if OUTLIER_CHANCE < outlier_share <= MAX_OUTLIER_SHARE and not _is_one_sided(above, below):
             notes.append(
-                note(
-                    "outliers.both-sides", subject=label, percent=100.0 * outlier_share, beyond=OUTLIER_SIGMA
-                )
+                note("outliers.both-sides", subject=label, percent=100.0 * outlier_share, limit=OUTLIER_SIGMA)
             )
     return notes
 
@@ -115,7 +113,7 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
         refusals.append(note("fit.explains-nothing", ERROR, percent=100.0 * max(max_explained, 0.0)))
     if error_ratios and max_explained > MIN_EXPLAINED:
         refusals += [
-            note("fit.far-channel", ERROR, "--use SENSOR", label, times=float(times))
+            note("fit.far-channel", ERROR, "--use SENSOR", label, ratio=float(times))
             for label, times in error_ratios.items()
         ]
         refusals += _findings_of(e, WARNING)  # one of them can be the reason
@@ -127,13 +125,13 @@ def _identifiability(e: Evidence) -> list[Diagnostic]:
     free_count, weak_count = len(e.names) - e.frozen, int(np.sum(e.poorly_identified))
     missing_count = free_count - int(np.sum(np.isfinite(e.estimate)))
     if free_count and missing_count == free_count:
-        return [note("fit.nothing-identifiable", ERROR, requested=free_count)]
+        return [note("fit.nothing-identifiable", ERROR, total=free_count)]
     if missing_count > MAX_UNOBSERVABLE_SHARE * free_count:
-        return [note("fit.most-unseen", ERROR, unidentified=missing_count, requested=free_count)]
+        return [note("fit.most-unseen", ERROR, missing_count=missing_count, total=free_count)]
     if missing_count + weak_count > MAX_UNOBSERVABLE_SHARE * free_count:
         code = "fit.most-unseen-or-weak" if missing_count else "fit.most-weak"
-        counts: JsonObject = {"requested": free_count, "unidentified": missing_count, "weak": weak_count}
-        return [note(code, ERROR, **counts, why=_cause_of_wide_errors(e))]
+        counts: JsonObject = {"total": free_count, "missing_count": missing_count, "weak_count": weak_count}
+        return [note(code, ERROR, **counts, reason=_cause_of_wide_errors(e))]
     return []
 
 
@@ -183,16 +181,16 @@ def _noise_warnings(e: Evidence) -> list[Diagnostic]:
     for label, c, prior_sigma in zip(labels, e.channels, prior, strict=False):
         if prior_sigma > 0.0 and c.sigma > MAX_NOISE_RATIO * prior_sigma:
             times = float(c.sigma / prior_sigma)
-            warnings.append(note("residual.loud", WARNING, subject=label, sigma=c.sigma, times=times))
+            warnings.append(note("residual.loud", WARNING, subject=label, sigma=c.sigma, ratio=times))
     for label, (n, above, below) in zip(labels, _outlier_counts(e), strict=True):
         outlier_share = (above + below) / max(n, 1)
-        details: JsonObject = {"subject": label, "percent": 100.0 * outlier_share, "beyond": OUTLIER_SIGMA}
+        details: JsonObject = {"subject": label, "percent": 100.0 * outlier_share, "limit": OUTLIER_SIGMA}
         if outlier_share > MAX_OUTLIER_SHARE and n == 1:
             warnings.append(_single_outlier(e, label))
         elif outlier_share > MAX_OUTLIER_SHARE:
             warnings.append(note("outliers.many", WARNING, **details))
         elif _is_one_sided(above, below) and outlier_share > OUTLIER_CHANCE:
-            warnings.append(note("outliers.one-side", WARNING, **details, above=above, below=below))
+            warnings.append(note("outliers.one-side", WARNING, **details, positives=above, negatives=below))
     return warnings
 
 
@@ -213,7 +211,7 @@ def _single_outlier(e: Evidence, label: str) -> Diagnostic:
     units = CHANNEL_UNITS.get(channel_fits[0].sensor, ())
     unit = units[channel_fits[0].entry] if channel_fits[0].entry < len(units) else ""
     difference = abs(z - h) / sigma
-    return note("residual.one-far", WARNING, subject=label, measured=z, model=h, unit=unit, apart=difference)
+    return note("residual.one-far", WARNING, subject=label, measurement=z, model=h, unit=unit, z=difference)
 
 
 def _outlier_counts(e: Evidence) -> list[tuple[int, int, int]]:
@@ -306,7 +304,7 @@ def unlike_runs(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[D
             )
             run_names = ", ".join(outliers[:MAX_NAMED_RUNS]) + ", …" * (len(outliers) > MAX_NAMED_RUNS)
             findings.append(
-                note(code, severity, subject=label, count=len(outliers), of=len(runs), runs=run_names)
+                note(code, severity, subject=label, count=len(outliers), total=len(runs), runs=run_names)
             )
     return findings
 

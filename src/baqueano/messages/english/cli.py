@@ -22,12 +22,12 @@ TEMPLATES: dict[str, str] = {
     "cli.unforeseen": (
         "Unexpected error: {error} ({file}, line {line}). Run the same command with --debug and send us the output."
     ),
-    "cli.unknown-verb": "'{path} {value}' does not exist. {near}.",
-    "cli.no-such-verb": "'{path} {value}' does not exist. {near}. To see what each command does: {fix}",
+    "cli.unknown-verb": "'{path} {value}' does not exist. {suggestion}.",
+    "cli.no-such-verb": "'{path} {value}' does not exist. {suggestion}. To see what each command does: {fix}",
     "cli.unknown-setting": "The environment variable {variable} is {value}: expected one of {valid}. Type: {fix}",
     "report.table-ending": "{value}: expected a name that ends in .csv or .tex. Type: {fix}",
     "next.put-right": "Type: {fix}",
-    "next.near-file": "Did you mean {similar}? Type: {fix}",
+    "next.near-file": "Did you mean {match}? Type: {fix}",
     "next.allow-blocks": "If you trust it, type: {fix}",
     "next.options": "All options: {fix}",
     "next.decimal-comma": "Numbers are written with a decimal point here. Type: {fix}",
@@ -36,28 +36,28 @@ TEMPLATES: dict[str, str] = {
     "next.no-file": "{folder} does not contain a *{suffix} file. Give the path of such a file instead.",
     "next.files": "In {folder} there are {files}. Give the path of one of these files instead.",
     "next.files-and-more": (
-        "In {folder} there are {files} and {more} more. Give the path of one of these files instead."
+        "In {folder} there are {files} and {count} more. Give the path of one of these files instead."
     ),
     "cli.block-breaks": "{block} fails {count} of the checks of a block; each is listed above.",
-    "cli.block-role": "{arg[role]:{value}} does not exist. {near}.",
-    "cli.block-without-class": "Write a block as file.py:Class. {holds}.",
+    "cli.block-role": "{arg[role]:{value}} does not exist. {suggestion}.",
+    "cli.block-without-class": "Write a block as file.py:Class. {classes}.",
     "cli.block-unknown": (
-        'Block "{value}" does not exist. {near}. Write one of your own as file.py:Class. To list '
+        'Block "{value}" does not exist. {suggestion}. Write one of your own as file.py:Class. To list '
         "the blocks: {fix}"
     ),
-    "cli.signal-unknown": "--signal {value} does not exist. {near}.",
-    "cli.robot-mistyped": "--robot {value} is not a vehicle's name (pilot@rover.local). {near}.",
-    "cli.driver-unknown": "{value} is not a shape or a stored route. {near}.",
+    "cli.signal-unknown": "--signal {value} does not exist. {suggestion}.",
+    "cli.robot-mistyped": "--robot {value} is not a vehicle's name (pilot@rover.local). {suggestion}.",
+    "cli.driver-unknown": "{value} is not a shape or a stored route. {suggestion}.",
     "cli.not-followed": "The vehicle did not follow the {shape} at {speed_m_s:g} m/s: {cause}. Drive slower: {fix}",
-    "cli.case-unknown": "--case {value} does not exist. {near}.",
+    "cli.case-unknown": "--case {value} does not exist. {suggestion}.",
     "cli.detectors-failed": "the detectors failed: {reasons}",
     "cli.route-refused": "Route {route} may not be driven, for the reasons above. Type: {fix}",
-    "cli.cut-order": "The start --from {from_s:g} is not before the end --to {to_s:g}. Type: {fix}",
+    "cli.cut-order": "The start --from {start_s:g} is not before the end --to {end_s:g}. Type: {fix}",
     "cli.cut-after-end": (
-        "{run} lasts {duration_s:.2f} s, so it does not contain ticks from {from_s:g} s to the end."
+        "{run} lasts {duration_s:.2f} s, so it does not contain ticks from {start_s:g} s to the end."
     ),
     "cli.cut-empty": (
-        "{run} lasts {duration_s:.2f} s, so it does not contain ticks from {from_s:g} s to {to_s:g} s."
+        "{run} lasts {duration_s:.2f} s, so it does not contain ticks from {start_s:g} s to {end_s:g} s."
     ),
     "cli.stopped": "The vehicle was stopped: {cause}. The recording up to the stop is in {path}. To see it: {fix}",
     "cli.route-stored": (
@@ -74,7 +74,7 @@ TEMPLATES: dict[str, str] = {
         "room, such as 0.5,-0.2,90."
     ),
     "cli.points-absent": "{path} does not exist. Give a CSV file with the columns x_m and y_m, or the name of a run.",
-    "cli.routes": "The stored routes: {stored}",
+    "cli.routes": "The stored routes: {names}",
     "cli.no-routes": "That folder does not contain routes yet",
     "cli.runs-named-oddly": (
         "{host} has {count} runs with names that cannot be used: {value}. Expected a plain name "
@@ -109,20 +109,20 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.fit-interrupted": "stopped from the keyboard: the table shows the fit at that moment; nothing was changed.",
     "cli.options-conflict": (
-        "--over-time fits each run by itself, so it cannot be combined with {other}. Remove one of the "
+        "--over-time fits each run by itself, so it cannot be combined with {second_option}. Remove one of the "
         "two options."
     ),
-    "cli.options-together": "{option} has no effect together with {other}. Remove one of the two.",
-    "cli.option-needs": "{option} has an effect only together with {other}. Add that, or remove {option}.",
+    "cli.options-together": "{option} has no effect together with {second_option}. Remove one of the two.",
+    "cli.option-needs": "{option} has an effect only together with {second_option}. Add that, or remove {option}.",
     "cli.tolerance-unused": (
-        "--tolerance {given} is for a car that is fitted only with its IMU. Remove the option, or use "
+        "--tolerance {value} is for a car that is fitted only with its IMU. Remove the option, or use "
         "only the IMU. Type: {fix}"
     ),
     "cli.tolerance-car": (
-        "--tolerance {given} is for a car that is fitted only with its IMU. Remove the option."
+        "--tolerance {value} is for a car that is fitted only with its IMU. Remove the option."
     ),
     "cli.tolerance-beside": (
-        "--tolerance {given} cannot be combined with {other}: it is for a car that is fitted only with "
+        "--tolerance {value} cannot be combined with {second_option}: it is for a car that is fitted only with "
         "its IMU. Remove one of the two options. Type: {fix}"
     ),
     "cli.choose-conflict": (
@@ -136,15 +136,15 @@ TEMPLATES: dict[str, str] = {
     "cli.bound": "--bound {value}: expected KEY=LOW,HIGH. Type: {fix}",
     "cli.tolerance": "--tolerance {value}: expected KEY=PART. Type: {fix}",
     "cli.cut-nothing": "These options keep the whole run. Type: {fix}",
-    "cli.several-runs": "-o {out}: this command writes several runs. Give a folder for them. Type: {fix}",
-    "cli.study-interrupted": "stopped from the keyboard: the table covers {done} of {requested:,}.",
+    "cli.several-runs": "-o {path}: this command writes several runs. Give a folder for them. Type: {fix}",
+    "cli.study-interrupted": "stopped from the keyboard: the table covers {count} of {total:,}.",
     "cli.recordings-interrupted": (
         "stopped from the keyboard: the table shows the recordings evaluated so far; no report was written."
     ),
     "cli.folder-not-empty": "{folder} exists and is not empty. Choose another name: {fix}",
-    "cli.file-exists": "{out} exists already, and this command does not replace it. Type: {fix}",
+    "cli.file-exists": "{path} exists already, and this command does not replace it. Type: {fix}",
     "cli.map-second": "The map comes first, and the recordings follow. Type: {fix}",
-    "cli.route-absent": "Route {value} does not exist: {missing} is not a file. {there}. To drive it once: {fix}",
+    "cli.route-absent": "Route {value} does not exist: {absent_path} is not a file. {valid}. To drive it once: {fix}",
     "cli.route-not-text": (
         "{path} is not a route: it contains bytes that are not text. Expected a text file (CSV) with the columns t_s, "
         "x_m, y_m, psi_rad and velocities. To drive one: {fix}"
@@ -174,14 +174,14 @@ TEMPLATES: dict[str, str] = {
     "cli.clocked": "{label} {t_s:.0f} s, Ctrl-C ends it",
     "cli.ending": "ending with the results so far; Ctrl-C again to quit without them",
     "cli.estimator-place": (
-        "estimator for {vehicle} ({sensors}): {usual} with use = [{use}]: it corrects the pose with {place}"
+        "estimator for {vehicle} ({sensors}): {estimator} with use = [{use}]: it corrects the pose with {place}"
     ),
     "cli.estimator-speed": (
-        "estimator for {vehicle} ({sensors}): dead_reckoning until the vehicle is identified, then {usual} with "
+        "estimator for {vehicle} ({sensors}): dead_reckoning until the vehicle is identified, then {estimator} with "
         "use = [{use}]"
     ),
     "cli.estimator-gyro": (
-        "estimator for {vehicle} ({sensors}): {usual}. Compare it with dead_reckoning; with "
+        "estimator for {vehicle} ({sensors}): {estimator}. Compare it with dead_reckoning; with "
         "both, the position drifts"
     ),
     "cli.estimator-nothing": (
@@ -193,7 +193,7 @@ TEMPLATES: dict[str, str] = {
     "cli.run": "run: {path}",
     "cli.next-command": "next: {fix}",
     "cli.room-kept": (
-        "room {size} m: {replaced_percent:.0f} % of the signal was replaced. The corridor of the body (3 "
+        "room {size} m: {percent:.0f} % of the signal was replaced. The corridor of the body (3 "
         "standard deviations) stays {margin_cm:.1f} cm from the walls"
     ),
     "cli.first-drive": (
@@ -212,7 +212,7 @@ TEMPLATES: dict[str, str] = {
     "cli.round": "round {number}",
     "cli.game-pad": "game pad: {name}",
     "cli.terminal-of-another": (
-        "{another} answers in place of your terminal, even after you close it. Therefore the command of "
+        "{program} answers in place of your terminal, even after you close it. Therefore the command of "
         "each key lasts only a short time."
     ),
     "cli.stop-latched": "The stop is latched. Look at the vehicle, then type: {fix}",

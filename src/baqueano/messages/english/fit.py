@@ -1,12 +1,12 @@
 """English sentences about a fit: verdict, parameters that were not identified, choice of the cost, held-out runs."""
 
-FIXED_AT_TEXT = "the parameter is fixed at {at:.4g}"
+FIXED_AT_TEXT = "the parameter is fixed at {value:.4g}"
 
 TEMPLATES: dict[str, str] = {
     "verdict.refused": "the vehicle file stays as it is",
     "verdict.warn": "usable with these warnings",
-    "verdict.more": "and {more} more: --report fit.html shows all, with figures",
-    "verdict.more-in-report": "and {more} more: the report shows all, with figures",
+    "verdict.more": "and {count} more: --report fit.html shows all, with figures",
+    "verdict.more-in-report": "and {count} more: the report shows all, with figures",
     "fit.converged": "converged, and the model explains the measurements",
     "fit.not-converged": (
         "the search did not converge. Give better start values, with --set KEY=VALUE, or free "
@@ -21,17 +21,17 @@ TEMPLATES: dict[str, str] = {
         "and units of commands and sensors agree with the file?"
     ),
     "fit.far-channel": (
-        "the error of {subject} is {times:.3g} times its own variation: the model does not predict it "
+        "the error of {subject} is {ratio:.3g} times its own variation: the model does not predict it "
         "at all. Are its unit, scale and sign right? Or fit without this channel: name the other "
         "channels with {fix}"
     ),
     "fit.nothing-identifiable": (
-        "the data determine none of the {requested} parameters. Do axes, signs and units agree with the file?"
+        "the data determine none of the {total} parameters. Do axes, signs and units agree with the file?"
     ),
-    "fit.most-unseen": "the data do not determine {unidentified} of {requested} parameters",
-    "fit.most-weak": "of {requested} parameters {weak} are poorly identified. {why}",
+    "fit.most-unseen": "the data do not determine {missing_count} of {total} parameters",
+    "fit.most-weak": "of {total} parameters {weak_count} are poorly identified. {reason}",
     "fit.most-unseen-or-weak": (
-        "of {requested} parameters {unidentified} are not identifiable and {weak} are poorly identified. {why}"
+        "of {total} parameters {missing_count} are not identifiable and {weak_count} are poorly identified. {reason}"
     ),
     "fit.little-motion": (
         "The runs are too short, or the motion is too small: drive longer, with larger commands"
@@ -59,28 +59,28 @@ TEMPLATES: dict[str, str] = {
         "standard errors above it, so noise can explain this"
     ),
     "runs.hardly-moved": (
-        "in {count} of {of} runs ({runs}) the error of {subject} is larger than its variation. This "
+        "in {count} of {total} runs ({runs}) the error of {subject} is larger than its variation. This "
         "variation is smaller than the error of the model in the other runs, so these runs have little "
         "weight"
     ),
     "runs.unlike-others": (
-        "in {count} of {of} runs ({runs}) the error of {subject} is larger than its variation. Were the "
+        "in {count} of {total} runs ({runs}) the error of {subject} is larger than its variation. Were the "
         "vehicle, the floor and the battery the same? Fit these runs separately"
     ),
-    "identifiability.weakly": "{subject} is poorly identified{why}. {needs}",
-    "identifiability.weakly-beside": "{subject} and {others} cannot be separated reliably{why}. {needs}",
-    "identifiability.not": f"the data do not determine {{subject}}{{why}}; {FIXED_AT_TEXT}. {{needs}}",
+    "identifiability.weakly": "{subject} is poorly identified{reason}. {advice}",
+    "identifiability.weakly-beside": "{subject} and {others} cannot be separated reliably{reason}. {advice}",
+    "identifiability.not": f"the data do not determine {{subject}}{{reason}}; {FIXED_AT_TEXT}. {{advice}}",
     "identifiability.not-beside": (
-        "{subject} and {others} cannot be separated reliably{why}; {subject} is fixed at {at:.4g}. {needs}"
+        "{subject} and {others} cannot be separated reliably{reason}; {subject} is fixed at {value:.4g}. {advice}"
     ),
     "identifiability.scale": (
-        f"{{subject}} cannot be identified better than ± 3 %, as in a data sheet; {FIXED_AT_TEXT}. {{needs}}"
+        f"{{subject}} cannot be identified better than ± 3 %, as in a data sheet; {FIXED_AT_TEXT}. {{advice}}"
     ),
     "identifiability.tied": (
         "{subject} and {others} are not separable: only their combination affects the data. {subject} is fixed at "
-        "{at:.4g}. {how}{apart}"
+        "{value:.4g}. {advice}{motion}"
     ),
-    "identifiability.by-hand": "Measure it with {by:word}",
+    "identifiability.by-hand": "Measure it with {tool:word}",
     "identifiability.fix-one": "Fix one of them at a value from another source",
     "identifiability.apart": ", or separate them with {motion:word}",
     "identifiability.apart-by-two": ", or separate them with {first:word} and with {second:word}",
@@ -98,22 +98,22 @@ TEMPLATES: dict[str, str] = {
         "the data do not depend on {names}, because the vehicle cannot be driven sideways"
     ),
     "identifiability.gyro-scale": (
-        "{subject}: its gyro scale is not identifiable, so it is fixed at {at:.4g} ± "
+        "{subject}: its gyro scale is not identifiable, so it is fixed at {value:.4g} ± "
         "{percent:.2g} %. Speeds have the same relative error. To measure it, turn the vehicle "
         "twice on its mark by hand, with a rest before and after. Type: {fix}"
     ),
     "identifiability.accelerometer-scale": (
-        "{subject}: its accelerometer scale is not identifiable, so it is fixed at {at:.4g} ± "
+        "{subject}: its accelerometer scale is not identifiable, so it is fixed at {value:.4g} ± "
         "{percent:.2g} %. Speeds have the same relative error. To measure it, put the vehicle on "
         "a known slope"
     ),
     "battery.shown": (
         "the battery had {high_v:.4g} to {low_v:.4g} V, and the motion follows its voltage: "
-        "drivetrain.battery_effect is {value:.2f} ± {half:.2g} (95 %). So the fit uses the logged voltage"
+        "drivetrain.battery_effect is {value:.2f} ± {half_width:.2g} (95 %). So the fit uses the logged voltage"
     ),
     "battery.not-shown": (
         "the battery had {high_v:.4g} to {low_v:.4g} V. The motion does not show its effect: "
-        "drivetrain.battery_effect would be {value:.2f} ± {half:.2g} (95 %). The fit does not use the voltage"
+        "drivetrain.battery_effect would be {value:.2f} ± {half_width:.2g} (95 %). The fit does not use the voltage"
     ),
     "battery.not-used": (
         "the battery had {high_v:.4g} to {low_v:.4g} V. The fit does not use this voltage, because its effect is "
@@ -165,18 +165,18 @@ TEMPLATES: dict[str, str] = {
     ),
     "cost.neither": (
         "neither fit is reliable: the model is incomplete. If you must choose, use the simulation-error "
-        "fit. The two fits differ by {apart:.1f} standard errors ({subject}), and {open_loop}. The "
+        "fit. The two fits differ by {difference:.1f} standard errors ({subject}), and {open_loop}. The "
         "error of the model looks like a disturbance of {floor} in 1 s (likelihood ratio {ratio:.1f}, "
         "probability by chance {chance})"
     ),
     "cost.innovations": (
         "use the innovations. The floor disturbs the vehicle by {floor} in 1 s (likelihood ratio "
-        "{ratio:.1f}, probability by chance {chance}). The two fits differ by {apart:.1f} standard errors "
+        "{ratio:.1f}, probability by chance {chance}). The two fits differ by {difference:.1f} standard errors "
         "at most, and {open_loop}"
     ),
     "cost.simulation": (
         "use the simulation error. The floor disturbs the vehicle by {floor} in 1 s (likelihood ratio "
-        "{ratio:.1f}, probability by chance {chance}). The two fits differ by {apart:.1f} standard errors "
+        "{ratio:.1f}, probability by chance {chance}). The two fits differ by {difference:.1f} standard errors "
         "at most, but {open_loop}"
     ),
     "cost.runs-away": "on held-out segments the innovations fit diverges in open loop",
@@ -200,32 +200,32 @@ TEMPLATES: dict[str, str] = {
     "validation.basis": "{span_s} s in open loop {start}, with {pieces:.3g} independent segments of motion",
     "validation.from-standstill": "from standstill",
     "validation.from-velocity": "from a fitted velocity",
-    "validation.some-from-velocity": "from a fitted velocity in {count} of {of} runs",
+    "validation.some-from-velocity": "from a fitted velocity in {count} of {total} runs",
     "validation.shared-fault": "held-out runs of the same log cannot refute the warning of the fit about {subject}",
     "validation.still": (
-        "{subject} does not vary in the held-out runs. Hold out {needed_s:.0f} s or more in which it "
+        "{subject} does not vary in the held-out runs. Hold out {min_s:.0f} s or more in which it "
         "rises and falls"
     ),
     "validation.too-few": (
         "{subject} has {pieces:.2g} independent segments of motion in the held-out runs. With fewer "
-        "than {least}, a wrong model can pass by chance. Hold out {needed_s:.0f} s or more in which it "
+        "than {minimum}, a wrong model can pass by chance. Hold out {min_s:.0f} s or more in which it "
         "rises and falls"
     ),
     "validation.worse-than-mean": (
-        "in {run} the model explains {explained:.4g} % of {subject}: a constant equal to its mean would "
+        "in {run} the model explains {variance_percent:.4g} % of {subject}: a constant equal to its mean would "
         "predict it better. The error is {error:.3g}{unit}. Check signs, units and mounting, or include "
         "runs with this motion in the fit"
     ),
     "validation.off": (
-        "in {run} the error of {subject} is {error:.3g}{unit}, {times:.1f} times the noise. The model "
-        "explains {explained:.4g} % of this channel, and {of_own:.4g} % in the runs of the fit"
+        "in {run} the error of {subject} is {error:.3g}{unit}, {ratio:.1f} times the noise. The model "
+        "explains {variance_percent:.4g} % of this channel, and {fit_variance_percent:.4g} % in the runs of the fit"
     ),
     "validation.off-perhaps": (
-        "{off}. The runs are too short, or sampled too rarely, to exclude chance: hold out more data"
+        "{finding}. The runs are too short, or sampled too rarely, to exclude chance: hold out more data"
     ),
     "validation.off-once": (
-        "in {run} the error of {subject} is {here:.3g}{unit} from {from_s:.0f} s to {to_s:.0f} s, but "
+        "in {run} the error of {subject} is {error:.3g}{unit} from {start_s:.0f} s to {end_s:.0f} s, but "
         "small elsewhere. Did something happen then? Cut that part off with baqueano runs cut {run} --to "
-        "{from_s:.0f}, or include such a run in the fit"
+        "{start_s:.0f}, or include such a run in the fit"
     ),
 }

@@ -15,17 +15,17 @@ TEMPLATES: dict[str, str] = {
         "describe it in the file under [sensors.imu]."
     ),
     "allan.averages": (
-        "With {samples} samples, an average can contain 1 to {most} of them: {value} is out of range."
+        "With {samples} samples, an average can contain 1 to {maximum} of them: {value} is out of range."
     ),
     "allan.numbers": (
-        "an Allan deviation needs a list of at least {least} finite numbers; this list has {value}."
+        "an Allan deviation needs a list of at least {minimum} finite numbers; this list has {value}."
     ),
     "allan.rate": "rate_hz = {rate_hz:g}: expected the number of samples per second, above 0.",
     "at-rest.driven": (
         "{run} has commands all the time. To measure the noise at rest, record a run without commands."
     ),
     "at-rest.few-samples": (
-        "{run} does not contain a sensor with {least} samples at rest. Record a minute or more with the "
+        "{run} does not contain a sensor with {minimum} samples at rest. Record a minute or more with the "
         "motors off and nobody near the vehicle."
     ),
     "at-rest.no-imu": (
@@ -44,7 +44,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "choose.no-command": "The runs do not have a command, so terms cannot be chosen.",
     "choose.no-term": (
-        'candidates = "{value}": a {kind} does not have this term. {near}, and paths such as model.…'
+        'candidates = "{value}": a {kind} does not have this term. {suggestion}, and paths such as model.…'
     ),
     "choose.options": (
         "A choice of terms does not accept {options}. Choose first, then fit the chosen terms with these options."
@@ -53,7 +53,7 @@ TEMPLATES: dict[str, str] = {
         "Terms are chosen with speeds and accelerations: remove the pose of the camera from {arg[use]}."
     ),
     "choose.short": (
-        "The held-out runs last {total_s:.1f} s together: expected at least {needed_s:.0f} s. Drive "
+        "The held-out runs last {total_s:.1f} s together: expected at least {min_s:.0f} s. Drive "
         "longer, or remove --choose."
     ),
     "clock.unreliable": (
@@ -74,8 +74,8 @@ TEMPLATES: dict[str, str] = {
         "and at least one above 0."
     ),
     "design.short": "{duration_s:g} s leave less than 1 s for the motion: choose a longer duration.",
-    "fit.not-fitted": "{path} was not fitted. {near}.",
-    "fit.not-free": "{path} was not fitted: expected one of {fitted}. Type: {fix}",
+    "fit.not-fitted": "{path} was not fitted. {suggestion}.",
+    "fit.not-free": "{path} was not fitted: expected one of {valid}. Type: {fix}",
     "forecast.no-errors": (
         "The fit did not give the error of any parameter of the model, so a drive cannot be predicted."
     ),
@@ -107,7 +107,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "noise.unknown-source": 'source = "{value}": expected "auto", "truth" or "innovations".',
     "over-time.few-fits": (
-        "{good} of {count} runs could be fitted, but two are needed. Fit the others one by one. Type: {fix}"
+        "{accepted_count} of {count} runs could be fitted, but two are needed. Fit the others one by one. Type: {fix}"
     ),
     "over-time.few-runs": "Two or more runs are needed to follow the parameters over time; found {count}.",
     "parameter.all-fixed": (
@@ -121,16 +121,16 @@ TEMPLATES: dict[str, str] = {
     ),
     "parameter.none": "{path} cannot be fitted: it is not a parameter of a block.",
     "parameter.unknown": (
-        "{path} is not a parameter of this vehicle ({kind}). {near}. Name it as in the vehicle file, for example "
+        "{path} is not a parameter of this vehicle ({kind}). {suggestion}. Name it as in the vehicle file, for example "
         "{example}."
     ),
     "room.small": (
         "a room of {width_m:g} × {height_m:g} m is too small for a body of radius {radius_m:g} m: expected "
-        "more than {least_m:g} m on each side. Type: {fix}"
+        "more than {min_m:g} m on each side. Type: {fix}"
     ),
     "room.start": (
-        "the start ({x_m:g}, {y_m:g}) m is outside the room: expected at most {along_m:.2f} m in "
-        "x and {across_m:.2f} m in y from its middle."
+        "the start ({x_m:g}, {y_m:g}) m is outside the room: expected at most {max_x_m:.2f} m in "
+        "x and {max_y_m:.2f} m in y from its middle."
     ),
     "room.unreadable": (
         'room "{size}": expected width and height in metres with a decimal point, such as 2.5x3. Type: {fix}'
@@ -166,10 +166,10 @@ TEMPLATES: dict[str, str] = {
         "0, so give a longer duration or a shorter rest."
     ),
     "signal.band": (
-        "low_hz = {low_hz:g}, high_hz = {high_hz:g}: expected 0 < low_hz < high_hz < {most_hz:g} Hz, half the rate."
+        "low_hz = {low_hz:g}, high_hz = {high_hz:g}: expected 0 < low_hz < high_hz < {max_hz:g} Hz, half the rate."
     ),
     "signal.few-sines": (
-        "{duration_s:g} s contain {sines} sines between {low_hz:g} and {high_hz:g} Hz, but {needed} are "
+        "{duration_s:g} s contain {sines} sines between {low_hz:g} and {high_hz:g} Hz, but {minimum} are "
         "needed. Choose a longer duration_s or a wider band."
     ),
     "signal.limit": (
@@ -180,8 +180,8 @@ TEMPLATES: dict[str, str] = {
         "duration_s = {duration_s:g}, rate_hz = {rate_hz:g}: expected at least one tick, duration_s · rate_hz ≥ 1."
     ),
     "signal.shape": "the signal has shape ({rows}): expected (N, {commands}), one row per tick.",
-    "signal.short": "{what} = {span_s:g}: expected at least one tick, {least_s:g} s.",
-    "signal.unknown": 'Signal "{value}" is unknown. {near}. Designed needs a vehicle file and a room.',
+    "signal.short": "{name} = {span_s:g}: expected at least one tick, {min_s:g} s.",
+    "signal.unknown": 'Signal "{value}" is unknown. {suggestion}. Designed needs a vehicle file and a room.',
     "start.not-free": (
         "{arg[start]} = {path}: this is not a free parameter, so it does not have a start value."
     ),
@@ -229,19 +229,19 @@ TEMPLATES: dict[str, str] = {
     ),
     "truth.short-overlap": (
         "{run}: the truth and the sensors overlap for {overlap_s:.1f} s: expected at least "
-        "{needed_s:.0f} s, {windows} times the window."
+        "{min_s:.0f} s, {windows} times the window."
     ),
     "truth.silent": (
         "{run}: the truth or the sensor has so many gaps that only {windows} windows of {window_s:g} s "
         "are complete. Expected some in each of {batches} parts of the run."
     ),
     "turns.ambiguous": (
-        "Between the rests of {run} at {from_s:.0f} s and {to_s:.0f} s the gyro measured {turns:.2f} "
+        "Between the rests of {run} at {start_s:.0f} s and {end_s:.0f} s the gyro measured {turns:.2f} "
         "turns. The error of its scale can hide one turn more or less: give the number of whole turns. "
         "Type: {fix}"
     ),
     "turns.end-of-range": (
-        "the gyro of {run} is at full scale, {limit_rad_s:.3g} rad/s, at {at_s:.1f} s. Turn the vehicle "
+        "the gyro of {run} is at full scale, {limit_rad_s:.3g} rad/s, at {t_s:.1f} s. Turn the vehicle "
         "more slowly."
     ),
     "turns.few-rests": (
@@ -249,7 +249,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "turns.not-turned": (f"In {{run}} the vehicle was not turned between its rests. {TURN_STEPS}"),
     "turns.not-whole": (
-        "between the rests of {run} at {from_s:.0f} s and {to_s:.0f} s the gyro measured {turns:.2f} turns; expected "
+        "between the rests of {run} at {start_s:.0f} s and {end_s:.0f} s the gyro measured {turns:.2f} turns; expected "
         "{expected:g}. "
         f"{TURN_STEPS}"
     ),
@@ -265,7 +265,7 @@ TEMPLATES: dict[str, str] = {
         "{run} does not contain a reading of a gyro of {vehicle}. Give the file that names it. Type: {fix}"
     ),
     "turns.silent": (
-        "The gyro of {run} is silent for {gap_s:.2g} s at {at_s:.1f} s, so the turn in that time is "
+        "The gyro of {run} is silent for {gap_s:.2g} s at {t_s:.1f} s, so the turn in that time is "
         "unknown. Repeat the turns, or cut that part off. Type: {fix}"
     ),
     "validation.refused-fit": (
@@ -273,7 +273,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "use.no-channel": '{arg[use]} = "{sensor}[{entry}]": its channels are 0 to {last}.',
     "use.nothing-common": (
-        "the runs contain {read}, and the vehicle file {valid}: expected at least one in common."
+        "the runs contain {sensors}, and the vehicle file {valid}: expected at least one in common."
     ),
     "use.not-in-file": (
         "The run has sensor {sensor}, which {vehicle} does not describe, so the fit does not use it. To use it, add to "

@@ -6,16 +6,16 @@ TEMPLATES: dict[str, str] = {
         "class or object with init() and step()."
     ),
     "block.of-other-role": (
-        "{block} was given as {role:word}, but its step() belongs to another type of block ({other:word}). "
+        "{block} was given as {role:word}, but its step() belongs to another type of block ({actual_role:word}). "
         "Type: {fix}"
     ),
     "call.missing": "{call}() needs more arguments: {names}. Type: {fix}",
-    "call.positions": "Too many arguments of {call}() without names: at most {most}. Type: {fix}",
+    "call.positions": "Too many arguments of {call}() without names: at most {maximum}. Type: {fix}",
     "call.order": "The arguments of {call}() are in the wrong order. Type: {fix}",
-    "call.unknown": "{call}() does not accept {value}. {near}. Type: {fix}",
+    "call.unknown": "{call}() does not accept {value}. {suggestion}. Type: {fix}",
     "call.kind": "{call}(): {name} = {value}; expected {expected:word}. Type: {fix}",
-    "call.of-other-argument": "{call}(): this value of {name} belongs to {other}. Type: {fix}",
-    "front.no-attribute": "{of} does not have attribute {value}. {near}.",
+    "call.of-other-argument": "{call}(): this value of {name} belongs to {function}. Type: {fix}",
+    "front.no-attribute": "{owner} does not have attribute {value}. {suggestion}.",
     "call.option-of": "{call}() does not accept {value}, which is an option of {owner}. Add: {fix}",
     "front.elsewhere": "Type: {fix}",
     "front.more": "{lines} more lines: .table()",
@@ -28,7 +28,7 @@ TEMPLATES: dict[str, str] = {
     "front.route": "Route({poses} poses, {duration_s:.1f} s, {length_m:.2f} m, {ends:word})",
     "front.page": "Page('{title}', {sections} sections, {drawings} figures)",
     "front.vehicle": (
-        "{vehicle} ({layers}): {model} at {rate_hz:g} Hz, commands {commands} [{in_unit}], sensors {sensors}"
+        "{vehicle} ({layers}): {model} at {rate_hz:g} Hz, commands {commands} [{unit_name}], sensors {sensors}"
     ),
     "front.rows-more": "the whole table has {rows} more rows",
     "front.card-fit": "Fit of {vehicle} to {runs}",
@@ -44,7 +44,7 @@ TEMPLATES: dict[str, str] = {
     "front.card-calibration": "Calibration of the sensors of {run}",
     "front.card-validation": "Test on held-out runs",
     "front.card-history": "{vehicle} over {runs} runs",
-    "front.plot-unknown": "A {result} does not have the plot {value}. {near}.",
+    "front.plot-unknown": "A {result} does not have the plot {value}. {suggestion}.",
     "front.no-data": "This {result} does not contain the data for the plot {value}. Its plots are {kinds}.",
     "front.nothing-to-draw": "This {result} does not contain the data for a plot.",
     "report.animation-ending": "{value}: expected a name that ends in .svg. Type: {fix}",
@@ -58,12 +58,12 @@ TEMPLATES: dict[str, str] = {
     "front.page-as-figure": (
         "A page is an HTML file, such as fit.html: {value} is a figure. For the figures, type: {fix}"
     ),
-    "front.format-unknown": "Figures cannot be written as {value}. {near}.",
-    "front.missing": "{package} is not installed, and {what:word} needs it. Type: {fix}",
+    "front.format-unknown": "Figures cannot be written as {value}. {suggestion}.",
+    "front.missing": "{package} is not installed, and {feature:word} needs it. Type: {fix}",
     "front.several-panels": (
         "This plot has {panels} panels, but an axes contains only one. Give figure= instead of ax=."
     ),
-    "front.width-unknown": "The width {value} is not valid. Expected millimetres, or a name. {near}.",
+    "front.width-unknown": "The width {value} is not valid. Expected millimetres, or a name. {suggestion}.",
     "front.width-mm": "The width {value:g} mm is out of range. Expected 20 to 2000 mm.",
     "drive.room-object": (
         'room = {value}: expected a room. Write room_of(vehicle_file, "2x2"), with room_of from '

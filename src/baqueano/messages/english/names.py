@@ -1,12 +1,12 @@
 """English sentences that complete other messages: unknown names, and several messages of the same kind."""
 
 TEMPLATES: dict[str, str] = {
-    "name.near": "Did you mean {similar}? The names are {valid}",
+    "name.near": "Did you mean {match}? The names are {valid}",
     "name.none": "The list of names is empty",
     "name.unknown": "The names are {valid}",
-    "messages.list": "{first}, {then}",
+    "messages.list": "{first}, {second}",
     "messages.number": "{value:.4g}",
     "messages.others": "{first} (also {others})",
-    "messages.then": "{first}. {then}.",
-    "messages.times": "{first} ({times} times)",
+    "messages.then": "{first}. {second}.",
+    "messages.times": "{first} ({count} times)",
 }

@@ -2,33 +2,33 @@
 
 INCONSISTENT_NOISE_TEXT = (
     "noise: the covariances of the fitted runs are inconsistent with {runs} (NIS {nis}). They were estimated again "
-    "from all runs (NIS {again})"
+    "from all runs (NIS {new_nis})"
 )
 HELD_OUT = "To test whether accelerometers improve it, hold out a run with a camera or an odometer: {fix}"
 ERROR_RATIO_TEXT = (
-    "its error is {ratio:.2f} × the error without them ({low:.2f} to {high:.2f}), measured by {by:word} "
+    "its error is {ratio:.2f} × the error without them ({low:.2f} to {high:.2f}), measured by {reference:word} "
     "of {runs}."
 )
 LAP = "A lap cannot be predicted"
 CHANGE_TEXT = (
-    "{before:.4g} ± {before_std:.1g} → {after:.4g} ± {after_std:.1g}{unit} ({percent:+.0f} %, {z:.1f} standard "
+    "{first_value:.4g} ± {first_std:.1g} → {last_value:.4g} ± {last_std:.1g}{unit} ({percent:+.0f} %, {z:.1f} standard "
     "errors)"
 )
 
 TEMPLATES: dict[str, str] = {
     "choose.taken": (
-        "{term:word} was added: the held-out error of {channel:word} changed from {before:.3g} to "
-        "{after:.3g}{unit}, {errors:.1f} standard errors ({needed:.1f} needed)"
+        "{term:word} was added: the held-out error of {channel:word} changed from {first_error:.3g} to "
+        "{last_error:.3g}{unit}, {errors:.1f} standard errors ({threshold:.1f} needed)"
     ),
-    "choose.refused": "{term:word} was refused: {why}",
-    "choose.left-out-for": "{term:word} was excluded: {why}",
+    "choose.refused": "{term:word} was refused: {reason}",
+    "choose.left-out-for": "{term:word} was excluded: {reason}",
     "choose.dropped": (
         "{term:word} was added, and then removed: together with the other terms it lowers the error by "
         "only {percent:.1f} ± {percent_std:.1f} %, {errors:.1f} standard errors"
     ),
     "choose.left-out": (
         "{term:word} was excluded: the held-out error decreases by {percent:.1f} ± {percent_std:.1f} %, "
-        "{errors:.1f} standard errors ({needed:.1f} needed)"
+        "{errors:.1f} standard errors ({threshold:.1f} needed)"
     ),
     "term.best-without": "the best fit is the model without it",
     "term.brings-little": "it lowers the cost by only {percent:.2f} %",
@@ -38,7 +38,7 @@ TEMPLATES: dict[str, str] = {
         "{percent_std:.1f} %"
     ),
     "term.battery-not-separable": (
-        "not identifiable: {value:.2g} ± {half:.2g}, in a range of 0 to 1. This needs a voltage that changes by "
+        "not identifiable: {value:.2g} ± {half_width:.2g}, in a range of 0 to 1. This needs a voltage that changes by "
         "itself: runs with a full and with an empty battery"
     ),
     "noise.too-short": "noise: {runs} is too short to test the noise of the fitted runs, which is kept.",
@@ -57,7 +57,7 @@ TEMPLATES: dict[str, str] = {
     "noise.too-large-for": "too large for {states}",
     "noise.state": "{name:word}",
     "noise.square": "{name:word}: {mean:.2f} ({low:.2f} … {high:.2f})",
-    "noise.lifted": "{subject}: {lifted} of {of} variances were raised to the lower limit",
+    "noise.lifted": "{subject}: {count} of {total} variances were raised to the lower limit",
     "noise.correlations-reduced": "{subject}: correlations were reduced, so that the matrix is positive definite",
     "noise.of-the-file": "Q of {subject} comes from the file: not all of its channels were part of the fit",
     "noise.of-its-rest": (
@@ -68,7 +68,7 @@ TEMPLATES: dict[str, str] = {
     "speed.of-the-model": "obtained only from the model",
     "speed.of-sensors": "measured by {sensors}",
     "speed.too-short": (
-        "speed: {runs} is too short to test the accelerometers ({pieces} of {least} segments of "
+        "speed: {runs} is too short to test the accelerometers ({pieces} of {minimum} segments of "
         "{block_s:g} s). The setting in the vehicle file does not change."
     ),
     "speed.corrected": f"speed: corrected by {{channels}}; {ERROR_RATIO_TEXT}",
@@ -116,5 +116,5 @@ TEMPLATES: dict[str, str] = {
     "forecast.unseen-exact": "Parameters that are not identifiable are treated as exact here.",
     "forecast.more-errors": "Another floor, another voltage and the start position add more errors.",
     "forecast.no-controller": f"{LAP}, because the recommended controller cannot drive this vehicle: {{error}}",
-    "forecast.strays": f"{LAP}: the model leaves the route by {{far}} (rms). The route is too fast or too tight.",
+    "forecast.strays": f"{LAP}: the model leaves the route by {{distance}} (rms). The route is too fast or too tight.",
 }

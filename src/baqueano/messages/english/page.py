@@ -7,12 +7,12 @@ TEMPLATES: dict[str, str] = {
     "web.no-hello": "The first message of a browser must be hello.",
     "web.hello-again": "This browser is already connected.",
     "web.not-understood": "This request could not be used: {error}.",
-    "web.no-vehicle": 'The request "{word}" needs a vehicle, but this page only shows recorded runs.',
+    "web.no-vehicle": 'The request "{request}" needs a vehicle, but this page only shows recorded runs.',
     "web.no-run": "This run is no longer in the list. Load the page again.",
     "web.run-gone": "The run {path} is no longer in its folder.",
     "web.lab-failed": "The process that reads the runs reported an error: {error}.",
     "web.lab-ended": "The process that reads the runs ended. The next request starts it again.",
-    "web.no-question": 'The request "{what}" is unknown here.',
+    "web.no-question": 'The request "{request}" is unknown here.',
     "web.no-vehicle-file": "This page was started without a vehicle file. Open a run, or type: baqueano serve",
     "web.tune-garage": (
         "{vehicle} is in the garage, so it cannot be changed. Make your own vehicle file. Type: {fix}"
@@ -22,8 +22,8 @@ TEMPLATES: dict[str, str] = {
     "web.swapped": "From the next mission on, {kind} is the {role}",
     "web.tuned": "The gains are now in {file}",
     "web.lap-closed": (
-        "The scale of {gyro} in {file} was {old:.4f} ± {old_std:.4f}; now it is {new:.4f} ± {std:.4f}. Identify the "
-        "vehicle again, because the model contains the old scale."
+        "The scale of {gyro} in {file} was {former_value:.4f} ± {former_std:.4f}; now it is {value:.4f} ± "
+        "{std:.4f}. Identify the vehicle again, because the model contains the old scale."
     ),
     "web.no-lesson": (
         "{run} does not give the scale of the gyro. Identify the vehicle {vehicle} first, and then teach it a lap by "
@@ -31,7 +31,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "web.lap-used": "{file} already contains the scale from {run}. Teach another lap.",
     "web.recorded": "The recording ({kind:word}) lasts {seconds:.1f} s and has {events} events.",
-    "web.unknown-word": 'The request "{word}" is unknown here.',
+    "web.unknown-word": 'The request "{request}" is unknown here.',
     "web.role": "This address does not allow that. Ask for another one where the page was started.",
     "web.lease-taken": "{name} drives. Ask for control, or wait until it is free.",
     "web.lease-needed": "Take control of the vehicle first: only one browser can drive it.",
@@ -76,14 +76,14 @@ TEMPLATES: dict[str, str] = {
     "web.port-taken": "The page cannot listen on {address}:{port}: {error}. Type: {fix}",
     "web.no-websockets": "websockets is not installed, and the page needs it. Type: {fix}",
     "web.no-network": "The address of this computer in its network was not found. Type: --address 192.168.4.1",
-    "web.one-of": "{several} were given together. Expected one of them.",
+    "web.one-of": "{names} were given together. Expected one of them.",
     "web.at": "page: {url}   Ctrl-C ends it",
     "web.foxglove": "for Foxglove, read only: {url}",
     "web.foxglove-set": "Parameters can only be read here. The person who drives sets the gains on the page.",
     "web.foxglove-publish": "This vehicle does not accept messages.",
     "web.foxglove-updates": "Updates of parameters are not sent. Request the parameters again.",
-    "web.foxglove-channel": "Channel {word} is unknown here.",
-    "web.foxglove-most": "At most {word} subscriptions are accepted.",
+    "web.foxglove-channel": "Channel {request} is unknown here.",
+    "web.foxglove-most": "At most {request} subscriptions are accepted.",
     "web.to-stop": "to watch and stop: {url}",
     "web.to-view": "to watch only: {url}",
     "web.plain": (

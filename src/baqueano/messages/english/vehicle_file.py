@@ -20,14 +20,14 @@ TEMPLATES: dict[str, str] = {
         "encoding UTF-8, or restore a copy."
     ),
     "toml.empty": "{file} is empty: did a loss of power cut it? To create one: {fix}",
-    "toml.too-deep": "{file} nests its values too deeply: at most {most} levels.",
+    "toml.too-deep": "{file} nests its values too deeply: at most {maximum} levels.",
     "toml.not-read": "{path}: cannot be read: {error}.",
     "toml.not-utf-8": (
         "{file} line {line} contains the byte 0x{byte:02x}, which is not UTF-8 (an accent from an old "
         "editor?). Save the file with the encoding UTF-8."
     ),
     "toml.number": "{file} contains a number that cannot be read: {error}.",
-    "toml.long-key": "{file} line {line}: this key has more than {most} parts.",
+    "toml.long-key": "{file} line {line}: this key has more than {maximum} parts.",
     "block.no-role": (
         "{place} {block}.step(state, {names}) does not match any type of block. The names of its arguments "
         "must be those of one type. Estimator: step(state, tick). Guide: step(state, estimate). "
@@ -40,10 +40,12 @@ TEMPLATES: dict[str, str] = {
     "vehicle.folder": "{path} is a folder. Expected a vehicle file, such as one of its files: {files}.",
     "vehicle.folder-empty": "{path} is a folder that does not contain a vehicle file. To create one: {fix}",
     "vehicle.unknown": (
-        'Vehicle "{value}" is not in the garage. {near}. A file of your own ends in .toml. To create one: '
+        'Vehicle "{value}" is not in the garage. {suggestion}. A file of your own ends in .toml. To create one: '
         "{fix}"
     ),
-    "vehicle.absent": ("{missing} does not exist. {near}. The garage has {garage}. To create one: {fix}"),
+    "vehicle.absent": (
+        "{absent_path} does not exist. {suggestion}. The garage has {garage}. To create one: {fix}"
+    ),
     "vehicle.truth-elsewhere": (
         "{file} [simulation] truth = {value} points outside the folder of the file. Expected a file in "
         "that folder, or one of the garage: {garage}."
@@ -52,7 +54,7 @@ TEMPLATES: dict[str, str] = {
         "{file}: attribute {value} cannot be changed. For a copy of the vehicle file with another value, type: {fix}"
     ),
     "vehicle.attribute-is-key": "{file}: attribute {value} does not exist. To read {key} of the file, type: {fix}",
-    "vehicle.unknown-key": "{file} does not have key {value}. {near}.",
+    "vehicle.unknown-key": "{file} does not have key {value}. {suggestion}.",
     "block.lacks-arguments": (
         "{block} needs {keys}. Give an object with its values, such as {fix}, or write them into [{role}] of {file}."
     ),
@@ -80,26 +82,26 @@ TEMPLATES: dict[str, str] = {
     ),
     "vehicle.not-table": "{place} = {value}: expected a table. Write [{table}] on a line of its own.",
     "vehicle.derived-key": "{place} is computed from the other keys. Delete the line.",
-    "vehicle.key-unknown": "{place} is not a key of this table. {near}.",
-    "vehicle.table-unknown": "{place} is not a key or table of a vehicle file. {near}.",
-    "vehicle.unit-missing": "Write the unit in the key: {key} = {value} if it is in {in_unit}",
-    "vehicle.unit-other": "This key is in {in_unit}: {value} {given} is {key} = {converted}",
+    "vehicle.key-unknown": "{place} is not a key of this table. {suggestion}.",
+    "vehicle.table-unknown": "{place} is not a key or table of a vehicle file. {suggestion}.",
+    "vehicle.unit-missing": "Write the unit in the key: {key} = {value} if it is in {unit_name}",
+    "vehicle.unit-other": "This key is in {unit_name}: {value} {given_unit} is {key} = {converted_value}",
     "vehicle.number-in-quotes": (
-        "{place} = {value}: expected one number [{in_unit}], {meaning:word}. Remove the quotes."
+        "{place} = {value}: expected one number [{unit_name}], {meaning:word}. Remove the quotes."
     ),
-    "vehicle.not-number": "{place} = {value}: expected one number [{in_unit}], {meaning:word}.",
-    "vehicle.not-numbers": "{place} = {value}: expected {size} [{in_unit}], {meaning:word}.",
-    "vehicle.size": "{place} has {value}: expected {size} [{in_unit}], {meaning:word}.",
+    "vehicle.not-number": "{place} = {value}: expected one number [{unit_name}], {meaning:word}.",
+    "vehicle.not-numbers": "{place} = {value}: expected {size} [{unit_name}], {meaning:word}.",
+    "vehicle.size": "{place} has {value}: expected {size} [{unit_name}], {meaning:word}.",
     "vehicle.size-with-commas": (
-        "{place} has {value}: expected {size} [{in_unit}], {meaning:word}. Are these decimal commas? Write "
+        "{place} has {value}: expected {size} [{unit_name}], {meaning:word}. Are these decimal commas? Write "
         "points."
     ),
     "vehicle.one-number": "one number",
     "vehicle.any-numbers": "a list of numbers",
     "vehicle.numbers": "{count} numbers",
     "vehicle.rows": "{rows} rows of {columns} numbers",
-    "vehicle.not-finite": "{place} = {value}: expected finite numbers [{in_unit}], {meaning:word}.",
-    "vehicle.out-of-range": "{place} = {value}: expected {expected} [{in_unit}], {meaning:word}.",
+    "vehicle.not-finite": "{place} = {value}: expected finite numbers [{unit_name}], {meaning:word}.",
+    "vehicle.out-of-range": "{place} = {value}: expected {expected} [{unit_name}], {meaning:word}.",
     "vehicle.at-least": "at least {low:g}",
     "vehicle.at-most": "at most {high:g}",
     "vehicle.between": "{low:g} to {high:g}",
@@ -151,20 +153,20 @@ TEMPLATES: dict[str, str] = {
         "{place} does not contain one low and one high, finite and in this order, for each of its names. "
         "Delete the table: the next fit writes it."
     ),
-    "vehicle.in-unit": "Is it in {in_unit}? {value:.3g} {in_unit} is {value_m:.3g} m",
+    "vehicle.in-unit": "Is it in {unit_name}? {value:.3g} {unit_name} is {value_m:.3g} m",
     "vehicle.in-metres": "Is it in m?",
     "vehicle.centre-of-mass": (
-        "{place} = {value:g} m is outside the platform, which ends at {radius_m:g} m. {in_unit}."
+        "{place} = {value:g} m is outside the platform, which ends at {radius_m:g} m. {unit_name}."
     ),
     "vehicle.two-shapes": (
         "{place} and length_m, width_m: a platform is round or rectangular. Keep one of the two shapes."
     ),
     "vehicle.track": (
         "{place} = {value:g} m: this is wider than the platform, which measures {across_m:g} m across. "
-        "{in_unit}."
+        "{unit_name}."
     ),
     "vehicle.wheel": (
-        "{place} = {value:g} m: the wheel is larger than the platform, {across_m:g} m. {in_unit}."
+        "{place} = {value:g} m: the wheel is larger than the platform, {across_m:g} m. {unit_name}."
     ),
     "vehicle.too-heavy": (
         "{place} = {value:g}: on a platform that ends {radius_m:g} m from its middle this is {density_kg_m2:.3g} kg "
@@ -192,34 +194,35 @@ TEMPLATES: dict[str, str] = {
         "all mass is in a point, but {measure}. Was it computed in g or cm?"
     ),
     "vehicle.dead-zone": (
-        "{place} = {value}: a channel reaches at most {end} [{in_unit}], so a motor would never turn. Is "
+        "{place} = {value}: a channel reaches at most {end} [{unit_name}], so a motor would never turn. Is "
         "it in percent?"
     ),
     "vehicle.too-stiff": (
-        "{place} = {value}: this value stops the vehicle within {stops_ms:.3g} ms, but a step of "
-        "the integrator at {rate_hz:g} Hz lasts {step_ms:.3g} ms. A motion that decays more than {most:g} times "
+        "{place} = {value}: this value stops the vehicle within {decay_ms:.3g} ms, but a step of "
+        "the integrator at {rate_hz:g} Hz lasts {step_ms:.3g} ms. A motion that decays more than {maximum:g} times "
         "faster than a step cannot be integrated. Increase one of {keys}. Or is the value in another unit?"
     ),
     "vehicle.entry-too-stiff": (
-        "{place} = {value}: entry {entry} stops the vehicle within {stops_ms:.3g} ms, but a step of "
-        "the integrator at {rate_hz:g} Hz lasts {step_ms:.3g} ms. A motion that decays more than {most:g} times "
+        "{place} = {value}: entry {entry} stops the vehicle within {decay_ms:.3g} ms, but a step of "
+        "the integrator at {rate_hz:g} Hz lasts {step_ms:.3g} ms. A motion that decays more than {maximum:g} times "
         "faster than a step cannot be integrated. Increase one of {keys}. Or is the value in another unit?"
     ),
     "vehicle.too-fast": (
-        "{place}: the largest command would produce more than {most:g} {in_unit}. Are the gains and the "
+        "{place}: the largest command would produce more than {maximum:g} {unit_name}. Are the gains and the "
         "friction in N and m?"
     ),
     "vehicle.lever-arm": (
-        "{place} = {value}: {far_m:.3g} m from the middle of a platform that ends at {radius_m:.3g} m. {in_unit}."
+        "{place} = {value}: {distance_m:.3g} m from the middle of a platform that ends at {radius_m:.3g} m. "
+        "{unit_name}."
     ),
-    "block.role-unknown": 'Block type "{value}" does not exist. {near}.',
-    "block.without-class": 'A block of your own is written "file.py:Class". {holds}.',
+    "block.role-unknown": 'Block type "{value}" does not exist. {suggestion}.',
+    "block.without-class": 'A block of your own is written "file.py:Class". {classes}.',
     "block.classes": "{file} contains {classes}",
     "block.no-classes": "{file} does not define a class",
     "block.unknown": (
-        '{role:word} "{value}" does not exist. {near}. Write one of your own as "file.py:Class".'
+        '{role:word} "{value}" does not exist. {suggestion}. Write one of your own as "file.py:Class".'
     ),
-    "block.file-absent": "File {missing} does not exist. A block of the vehicle is defined in it. {near}.",
+    "block.file-absent": "File {absent_path} does not exist. A block of the vehicle is defined in it. {suggestion}.",
     "block.elsewhere": (
         "{kind} is Python code outside the folder of its vehicle file: {path}. Code runs with "
         "all your permissions, so read it first."
@@ -232,13 +235,13 @@ TEMPLATES: dict[str, str] = {
         "{kind} is named inside a run, and its path points outside this folder. Such code is never "
         "executed. Name a vehicle file of your own: --vehicle FILE."
     ),
-    "block.class-unknown": '{file} does not have a class "{value}". {near}.',
+    "block.class-unknown": '{file} does not have a class "{value}". {suggestion}.',
     "block.raised-while-read": "{place} raised {error} while it was imported.",
     "block.raised-while-read-and-ends": (
         "{place} raised {error} while it was imported, which ends the program. Remove that line."
     ),
     "toml.decimal-comma": (
-        "{file} line {line}: {value} has a decimal comma. Write a decimal point: {with_point}"
+        "{file} line {line}: {value} has a decimal comma. Write a decimal point: {decimal_reading}"
     ),
     "toml.decimal-commas": (
         "{file} line {line}: {value} is not valid TOML: {error}. Are these decimal commas? Write points."

@@ -36,8 +36,8 @@ def page_of_drift(history: "ParameterHistory") -> Page:
         headlines=[
             Headline(
                 change.name.removeprefix("model."),
-                f"{number(change.after):.3g} {shown_unit(change.unit)}",
-                _("was {before:.3g}", before=change.before),
+                f"{number(change.last_value):.3g} {shown_unit(change.unit)}",
+                _("was {before:.3g}", before=change.first_value),
             )
             for change in history.changes[:4]
         ],

@@ -66,8 +66,8 @@ def plot_examined_route(result: RouteReport) -> "Figure":
     route = result.placed_route
     _draw_path(axes, route)
     s = distances_along(route.eta[:, :2])
-    for k, finding in enumerate(f for f in result.findings if "at_m" in f.figures):
-        x, y = (np.interp(finding.figures["at_m"], s, column) for column in route.eta[:, :2].T)
+    for k, finding in enumerate(f for f in result.findings if "position_m" in f.figures):
+        x, y = (np.interp(finding.figures["position_m"], s, column) for column in route.eta[:, :2].T)
         axes.plot(x, y, "x", ms=10, mew=2.5, color=figures.ALARM, label="" if k else _("finding"))
     if result.room is not None:
         x, y = result.room.free_half_width_m

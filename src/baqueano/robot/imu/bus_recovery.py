@@ -193,14 +193,16 @@ class _Pins:
                     return
             except RobotUnreachable as error:
                 cause_text = f" ({error})"
-        raise RobotUnreachable(fault("bus.not-given-back", f"pinctrl set {BOTH} {I2C}", because=cause_text))
+        raise RobotUnreachable(fault("bus.not-given-back", f"pinctrl set {BOTH} {I2C}", cause=cause_text))
 
     def _run_program(self, *words: str) -> str:
         import subprocess  # imported here for a fast start of the service: a bus is rarely held
 
         command = " ".join(("pinctrl", *words))
         if time.monotonic() > self._end_s:
-            raise RobotUnreachable(fault("bus.too-late", f"pinctrl get {BOTH}", command=command, all_s=ALL_S))
+            raise RobotUnreachable(
+                fault("bus.too-late", f"pinctrl get {BOTH}", command=command, limit_s=ALL_S)
+            )
         try:
             process = subprocess.run(
                 [self._program, *words], stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8",

@@ -166,7 +166,7 @@ def _identity_at_rest(
                     address=imu.device.address,
                     path=imu.device.path,
                     count=len(samples),
-                    within_s=START_TIMEOUT_NS // SECOND,
+                    limit_s=START_TIMEOUT_NS // SECOND,
                     events=" ".join(e.text for e in imu.events()) or "–",
                 )
             )
@@ -216,7 +216,7 @@ def _rest_warnings(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> li
                 "imu.unknown-chip",
                 who_am_i=who_am_i,
                 address=imu.device.address,
-                odd=f" {_('and')} ".join(doubts),
+                fault=f" {_('and')} ".join(doubts),
             )
         )
     doubts.append(

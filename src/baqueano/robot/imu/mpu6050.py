@@ -215,7 +215,7 @@ class Mpu6050:
             self._clear_fifo()
             self.counts.overflows += 1
             self._watch.record_event(
-                now_ns, "imu.overflow", how=N_("full") if is_full else N_("out of step"), count=count
+                now_ns, "imu.overflow", state=N_("full") if is_full else N_("out of step"), count=count
             )
             return EMPTY_BATCH
         if residue:
@@ -346,7 +346,7 @@ def find_chip(path: str, addresses: tuple[int, ...]) -> tuple[I2cDevice, int, tu
     if stuck and outcome is not None:
         raise RobotUnreachable(note("imu.bus-unusable", Severity.ERROR, path=path, cause=outcome.message))
     addresses_text = " and ".join(f"0x{address:02X}" for address in addresses)
-    raise RobotUnreachable(fault("imu.no-answer", requested=addresses_text, path=path))
+    raise RobotUnreachable(fault("imu.no-answer", address_range=addresses_text, path=path))
 
 
 def _first_answer(path: str, addresses: tuple[int, ...]) -> tuple[tuple[I2cDevice, int] | None, bool]:

@@ -158,7 +158,7 @@ def _mean(imu: Mpu6050, gyro_bits: int, accel_bits: int, sleep: Callable[[float]
                 "imu.self-test-moved",
                 axis=AXES[worst],
                 scatter=scatter[worst],
-                in_unit=UNITS[worst],
+                unit_name=UNITS[worst],
                 limit=MAX_REST_SPREAD[worst],
             )
         )

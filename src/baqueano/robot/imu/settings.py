@@ -37,8 +37,8 @@ class Counts:
     failures: int = 0  # calls without a result because the bus failed
     restarts: int = 0
     overflows: int = 0
-    saturated: int = 0  # samples with an axis at the end of its range
-    withheld: int = 0  # samples that only repeated the last one
+    full_scale_samples: int = 0  # samples with an axis at the end of its range
+    repeated_samples: int = 0  # samples that only repeated the last one
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ class ImuWatch:
                 self._count_saturation(now_ns, row)
         kept_count = sum(is_kept)
         self._counts.samples += kept_count
-        self._counts.withheld += len(rows) - kept_count
+        self._counts.repeated_samples += len(rows) - kept_count
         return is_kept, self._update_silence(now_ns, kept_count > 0) or is_broken
 
     def _update_silence(self, now_ns: int, has_answered: bool) -> bool:
@@ -109,7 +109,7 @@ class ImuWatch:
         if not self.silent:
             self.silent = True
             cause_text = f": {error_reason(self._error)}" if self._error else ""
-            self.record_event(now_ns, "imu.data-missing", silent_s=SILENCE_NS / SECOND, because=cause_text)
+            self.record_event(now_ns, "imu.data-missing", silent_s=SILENCE_NS / SECOND, cause=cause_text)
         return True
 
     def _repeats(self, now_ns: int, row: Row) -> tuple[bool, bool]:
@@ -128,7 +128,7 @@ class ImuWatch:
         if self.frozen or self._same < self._rows:
             return True, False
         self.frozen = True
-        self.record_event(now_ns, "imu.frozen", times=self._same)
+        self.record_event(now_ns, "imu.frozen", count=self._same)
         return True, True
 
     def _count_saturation(self, now_ns: int, row: Row) -> None:
@@ -139,7 +139,7 @@ class ImuWatch:
         six = (*row[:3], *row[4:])
         at_end = [abs(value) >= FULL_SCALE for value in six]
         self._any_at_end = any(at_end)
-        self._counts.saturated += self._any_at_end
+        self._counts.full_scale_samples += self._any_at_end
         for axis in range(6):
             self._at_end[axis] = self._at_end[axis] + 1 if at_end[axis] else 0
             if self._at_end[axis] == self._rows:

@@ -7,9 +7,10 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.robot.imu.settings import Counts
 from baqueano.robot.uno.statistics import Statistics
 
-LINE_COUNTS = ("sent", "unsent", "received", "lost", "late", "damaged", "resets")
-MESSAGE_KEYS = {"received": "heard"}  # names in the events of a run, if they differ
-HARMFUL_COUNTS = ("unsent", "lost", "late", "damaged", "resets")
+LINE_COUNTS = (
+    "sent_commands", "unsent_commands", "received_frames", "lost_frames", "late_frames", "damaged_frames", "resets",
+)  # fmt: skip
+HARMFUL_COUNTS = tuple(name for name in LINE_COUNTS if name not in ("sent_commands", "received_frames"))
 EventLine = tuple[str, Diagnostic]  # level, message
 
 
@@ -18,22 +19,24 @@ class TickDelays:
     """The delays of the ticks [ms], and the number of missed ticks."""
 
     worst_ms: float = 0.0
-    over_half: int = 0  # ticks delayed by more than half a period
-    missed: int = 0
+    late_ticks: int = 0  # ticks delayed by more than half a period
+    skipped_ticks: int = 0
     ticks: int = 0
     now_ms: float = 0.0  # delay of the last tick
 
     def event_line(self) -> EventLine:
         """Return the delays as a line of the run, which is a warning if ticks were missed."""
         return _event_line(
-            "drive.ticks", bool(self.missed), **{n: x for n, x in asdict(self).items() if n != "now_ms"}
+            "drive.ticks",
+            bool(self.skipped_ticks),
+            **{n: x for n, x in asdict(self).items() if n != "now_ms"},
         )
 
 
 def line_losses(previous: Statistics, current: Statistics, trouble: Diagnostic | None = None) -> EventLine:
     """Return the losses on the serial line since `previous`; a warning for any loss, or for `trouble` of the Uno."""
     counts = current.since(previous, *LINE_COUNTS)
-    n = {MESSAGE_KEYS.get(name, name): count for name, count in zip(LINE_COUNTS, counts, strict=True)}
+    n = dict(zip(LINE_COUNTS, counts, strict=True))
     if trouble is not None:
         return _event_line("drive.line-in-trouble", True, **n, cause=trouble)
     return _event_line("drive.line", any(n[name] for name in HARMFUL_COUNTS), **n)
@@ -41,19 +44,22 @@ def line_losses(previous: Statistics, current: Statistics, trouble: Diagnostic |
 
 def uno_losses(previous: Statistics, current: Statistics) -> EventLine:
     """Return the Uno's counts since `previous`; a warning if it lost bytes, or frames were damaged or ignored."""
-    frames, spoilt, ignored_frames, overrun = current.since(
-        previous, "written", "spoilt", "ignored", "overrun"
+    frames, damaged_frames, ignored_frames, lost_bytes = current.since(
+        previous, "written_frames", "rejected_frames", "ignored_frames", "overrun_bytes"
     )
     return _event_line(
-        "drive.uno", bool(spoilt or ignored_frames or overrun), written=frames, spoilt=spoilt,
-        spoilt_percent=100.0 * spoilt / max(1, frames), ignored=ignored_frames, overrun=overrun,
+        "drive.uno", bool(damaged_frames or ignored_frames or lost_bytes), received_frames=frames,
+        damaged_frames=damaged_frames,
+        damage_percent=100.0 * damaged_frames / max(1, frames), ignored_frames=ignored_frames, lost_bytes=lost_bytes,
     )  # fmt: skip
 
 
 def imu_losses(previous: Counts, current: Counts) -> EventLine:
     """Return the IMU's counts of samples and faults since `previous`; a warning if there was a fault."""
     n = Counts(*(after - before for before, after in zip(astuple(previous), astuple(current), strict=True)))
-    has_losses = n.saturated or n.withheld or n.retries or n.failures or n.overflows or n.restarts
+    has_losses = (
+        n.full_scale_samples or n.repeated_samples or n.retries or n.failures or n.overflows or n.restarts
+    )
     return _event_line("drive.imu", bool(has_losses), **asdict(n))
 
 

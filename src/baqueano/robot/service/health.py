@@ -43,7 +43,7 @@ class ComputerHealth:
         with suppress(OSError):
             free_mb = shutil.disk_usage(self._folder).free / 1e6
         if free_mb < self.limits.least_disk_mb:
-            return stop(StopReason.DISK_FULL, free_mb=free_mb, least_disk_mb=self.limits.least_disk_mb)
+            return stop(StopReason.DISK_FULL, free_mb=free_mb, min_disk_mb=self.limits.least_disk_mb)
         return self.stop_reason(world)
 
     def stop_reason(self, world: "Robot") -> Diagnostic | None:
@@ -59,7 +59,7 @@ class ComputerHealth:
             return stop(StopReason.TEMPERATURE, temperature_c=self.temperature_c, max_temperature_c=max_c)
         if self._is_low(world.battery_v, now_ns):
             min_v = self.limits.least_battery_v
-            return stop(StopReason.BATTERY, battery_v=world.battery_v, least_battery_v=min_v, low_s=MIN_LOW_S)
+            return stop(StopReason.BATTERY, battery_v=world.battery_v, min_battery_v=min_v, low_s=MIN_LOW_S)
         return None
 
     def _is_low(self, volts: float, now_ns: int) -> bool:

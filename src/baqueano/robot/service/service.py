@@ -263,9 +263,9 @@ class Service:
                 self.uno.arm()
                 self.set_watchdog_timeout(HANG_TIMEOUT_S)
             behind_ms = (self.now_ns() - due) / 1e6
-            lateness.ticks, lateness.missed = lateness.ticks + 1, wall.missed_ticks
+            lateness.ticks, lateness.skipped_ticks = lateness.ticks + 1, wall.missed_ticks
             lateness.now_ms, lateness.worst_ms = behind_ms, max(lateness.worst_ms, behind_ms)
-            lateness.over_half += behind_ms > 500.0 / rate_hz
+            lateness.late_ticks += behind_ms > 500.0 / rate_hz
             if self.operator.is_end_requested:
                 raise KeyboardInterrupt
             yield due - start_ns
@@ -308,7 +308,7 @@ class Service:
                 "battery_v": link.battery_v, "tilt_rad": link.tilt_rad, "temperature_c": self.health.temperature_c,
                 "uno_trip_ms": trips[len(trips) // 2] if trips else None,
                 "imu_bus": self._bus.message if self._bus else None,
-                "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
+                "lost_telemetry": self.uno.statistics.lost_frames, "resets": self.uno.statistics.resets,
                 "world": "real",
                 **drive_description(self._mission, self._record if world is not None else None),
             }

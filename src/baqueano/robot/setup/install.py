@@ -82,8 +82,8 @@ def machine_at(host: str) -> TargetMachine:
                 host=host,
                 major=target.python[0],
                 minor=target.python[1],
-                least_major=MIN_PYTHON[0],
-                least_minor=MIN_PYTHON[1],
+                min_major=MIN_PYTHON[0],
+                min_minor=MIN_PYTHON[1],
             )
         )
     return target

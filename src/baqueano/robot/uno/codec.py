@@ -98,8 +98,8 @@ def encode(frame: Frame, seq: int, kind: int | None = None) -> bytes:
                 frame=type(frame).__name__,
                 path=path,
                 number=value,
-                least=low,
-                most=high,
+                minimum=low,
+                maximum=high,
             )
         )
     return encode_frame(KIND_OF_LAYOUT[type(frame)] if kind is None else kind, seq, pack(frame))

@@ -78,7 +78,7 @@ def program_bytes(path: Path) -> bytes:
     except (OSError, ValueError) as error:
         raise FileError(fault("flash.not-hex", path=path, error=error)) from error
     if not 0 < len(memory) <= FLASH_BYTES:
-        raise FileError(fault("flash.size", path=path, bytes=len(memory), most_bytes=FLASH_BYTES))
+        raise FileError(fault("flash.size", path=path, bytes=len(memory), max_bytes=FLASH_BYTES))
     return bytes(memory)
 
 
@@ -139,11 +139,9 @@ def _write(avrdude: str, device_path: str, path: Path) -> None:
             command, capture_output=True, encoding="utf-8", errors="replace", timeout=FLASH_TIMEOUT_S
         )
     except subprocess.TimeoutExpired as error:
-        raise RobotUnreachable(
-            fault("flash.too-slow", where=device_path, within_s=FLASH_TIMEOUT_S)
-        ) from error
+        raise RobotUnreachable(fault("flash.too-slow", port=device_path, limit_s=FLASH_TIMEOUT_S)) from error
     if process.returncode:
         complaint = [line for line in process.stderr.splitlines() if line.strip() and "ioctl" not in line]
         raise RobotUnreachable(
-            fault("flash.failed", where=device_path, reply=complaint[0] if complaint else process.returncode)
+            fault("flash.failed", port=device_path, reply=complaint[0] if complaint else process.returncode)
         )

@@ -109,13 +109,13 @@ class Uno:
         self.standstill_reason()
         self._standstill.record_command()
         if self.info is None or not self._armed:
-            self.statistics.unsent += not self._stop_sent
+            self.statistics.unsent_commands += not self._stop_sent
             return
         if self._unarmed_ns is not None:
             self._drive(0, 0, DriveFlag.ARM)  # otherwise the Uno does not obey the command
         ok = self._drive(permille(left), permille(right), DriveFlag.ARM)
-        self.statistics.sent += ok
-        self.statistics.unsent += not ok
+        self.statistics.sent_commands += ok
+        self.statistics.unsent_commands += not ok
 
     def arm(self) -> None:
         """Arm the Uno, so that it obeys the following commands; the first command requests zero duty.
@@ -191,7 +191,7 @@ class Uno:
         damaged_frames = self._decoder.bad_crc + self._decoder.bad_shape
         if damaged_frames > self._damaged_count:
             self.noise_ns = now_ns
-            self.statistics.damaged += damaged_frames - self._damaged_count
+            self.statistics.damaged_frames += damaged_frames - self._damaged_count
         self._damaged_count = damaged_frames
         if now_ns - self._pinged_ns >= PING_PERIOD_S * 1e9:
             self._pinged_ns, self._token = now_ns, (self._token + 1) & 0xFFFFFFFF
@@ -236,12 +236,10 @@ class Uno:
             )
         if self._now_ns() - self.noise_ns < ANSWER_S * 1e9:
             raise RobotUnreachable(
-                fault("uno.answer-not-whole", question=type(question).__name__, within_s=ANSWER_S)
+                fault("uno.answer-not-whole", question=type(question).__name__, limit_s=ANSWER_S)
             )
         raise RobotUnreachable(
-            fault(
-                "uno.no-answer", "baqueano robot flash", question=type(question).__name__, within_s=ANSWER_S
-            )
+            fault("uno.no-answer", "baqueano robot flash", question=type(question).__name__, limit_s=ANSWER_S)
         )
 
     def configure(self, config: Config, wait: Callable[[float], object] = time.sleep) -> Info:
@@ -275,15 +273,15 @@ class Uno:
                 self._port.write(encode(frame, seq))
             except OSError:
                 return False
-            self.statistics.written += 1
+            self.statistics.written_frames += 1
             return True
 
     def _process(self, received_frame: ReceivedFrame, now_ns: int) -> None:
-        self.statistics.received += 1
+        self.statistics.received_frames += 1
         if isinstance(received_frame.frame, State | Info):
             self._check_boot(received_frame.frame)
         if not self._is_in_sequence(received_frame):
-            self.statistics.late += 1
+            self.statistics.late_frames += 1
             if not self._is_newer(received_frame.frame):
                 return
         match received_frame.frame:
@@ -309,7 +307,7 @@ class Uno:
         ):
             return False
         if self._seq_received >= 0:
-            self.statistics.lost += (steps_ahead - 1) & 0xFF
+            self.statistics.lost_frames += (steps_ahead - 1) & 0xFF
         self._seq_received = received_frame.seq
         return True
 
@@ -361,9 +359,9 @@ class Uno:
     def _count_errors(self, previous: State, current: State) -> None:
         """Add the faults that the Uno counted between two frames of telemetry; its counters wrap at 256."""
         s = self.statistics
-        s.spoilt += (current.bad_frames - previous.bad_frames) & 0xFF
-        s.ignored += (current.ignored_frames - previous.ignored_frames) & 0xFF
-        s.overrun += (current.overruns - previous.overruns) & 0xFF
+        s.rejected_frames += (current.bad_frames - previous.bad_frames) & 0xFF
+        s.ignored_frames += (current.ignored_frames - previous.ignored_frames) & 0xFF
+        s.overrun_bytes += (current.overruns - previous.overruns) & 0xFF
 
     def _update_trouble(self, state: State, t_ns: int) -> None:
         """Set `trouble` from the flags of the telemetry."""
@@ -373,7 +371,7 @@ class Uno:
             self.trouble = stop(StopReason.UNO_BATTERY, battery_v=1e-3 * state.battery_mv)
         elif self._armed and state.flags & StateFlag.ARMED:
             self._confirmed, self._unarmed_ns = True, None
-            if state.flags & StateFlag.DEAD_MAN and self.statistics.sent > 1:
+            if state.flags & StateFlag.DEAD_MAN and self.statistics.sent_commands > 1:
                 self.trouble = stop(StopReason.UNO_DEAD_MAN, silent_ms=state.drive_age_ms)
         elif self._armed and self._confirmed:
             self.trouble = stop(StopReason.UNO_DISARMED)

@@ -172,7 +172,13 @@ def firmware_info(uno: "Uno", path: str) -> Info:
                 raise
     if info.protocol != PROTOCOL:
         raise RobotUnreachable(
-            fault("uno.protocol", "baqueano robot flash", path=path, theirs=info.protocol, ours=PROTOCOL)
+            fault(
+                "uno.protocol",
+                "baqueano robot flash",
+                path=path,
+                firmware_protocol=info.protocol,
+                package_protocol=PROTOCOL,
+            )
         )
     return info
 

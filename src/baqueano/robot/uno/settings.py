@@ -191,7 +191,7 @@ def _checked_number(name: str, text: str, number_text: str, layout: type, field:
         value = float("nan")
     if not low <= value * unit <= high:
         raise UsageError(
-            fault("settings.number", option=name, value=text, least=low / unit, most=high / unit)
+            fault("settings.number", option=name, value=text, minimum=low / unit, maximum=high / unit)
         )
     return round(value * unit)
 

@@ -44,6 +44,6 @@ class Standstill:
         gap_ns = self._now_ns() - self._last_ns
         if self.reason is None and self._last_ns >= 0 and gap_ns > 1_000_000 * dead_man_ms:
             self.reason = stop(
-                StopReason.STANDSTILL, still_s=round(gap_ns * 1e-9, 2), dead_man_s=1e-3 * dead_man_ms
+                StopReason.STANDSTILL, silent_s=round(gap_ns * 1e-9, 2), dead_man_s=1e-3 * dead_man_ms
             )
         return self.reason

@@ -8,17 +8,19 @@ from dataclasses import dataclass, field
 class Statistics:
     """Counts of sent, received, damaged and lost frames since the start."""
 
-    written: int = 0  # frames of any kind that the line accepted
-    sent: int = 0  # commands sent
-    unsent: int = 0  # commands that the line did not accept, or that were given to an Uno that is not armed
-    received: int = 0  # frames received
-    lost: int = 0  # frames missing in the sequence
-    late: int = 0  # frames received twice, or after a newer frame
-    damaged: int = 0  # segments received that are not frames
+    written_frames: int = 0  # frames of any kind that the line accepted
+    sent_commands: int = 0  # commands sent
+    unsent_commands: int = (
+        0  # commands that the line did not accept, or that were given to an Uno that is not armed
+    )
+    received_frames: int = 0  # frames received
+    lost_frames: int = 0  # frames missing in the sequence
+    late_frames: int = 0  # frames received twice, or after a newer frame
+    damaged_frames: int = 0  # segments received that are not frames
     resets: int = 0
-    spoilt: int = 0  # frames that the Uno counted as damaged
-    ignored: int = 0  # undamaged frames that the Uno did not obey: old, of another session, refused
-    overrun: int = 0  # bytes that the Uno's receiver lost
+    rejected_frames: int = 0  # frames that the Uno counted as damaged
+    ignored_frames: int = 0  # undamaged frames that the Uno did not obey: old, of another session, refused
+    overrun_bytes: int = 0  # bytes that the Uno's receiver lost
     trips_ms: deque[float] = field(default_factory=lambda: deque(maxlen=200))
 
     def since(self, previous: "Statistics", *names: str) -> list[int]:

@@ -72,7 +72,7 @@ class ImuReader:
                 self._last_ns = sample.t_ns
                 read.append(sample)
         if not read:
-            raise AnswerNo(fault("calibrate.no-sample", "baqueano robot doctor", within_s=seconds))
+            raise AnswerNo(fault("calibrate.no-sample", "baqueano robot doctor", limit_s=seconds))
         return np.array([s.accel for s in read]), np.array([s.gyro for s in read])
 
     def wait_for_rest(self, seconds: float, quantity: str) -> tuple[np.ndarray, np.ndarray]:
@@ -87,7 +87,7 @@ class ImuReader:
             accel, gyro = self.samples(seconds)
             if _is_steady(accel, gyro):
                 return accel.mean(axis=0), gyro.mean(axis=0)
-        raise AnswerNo(fault("calibrate.not-still", what=quantity, within_s=TIMEOUT_S))
+        raise AnswerNo(fault("calibrate.not-still", step=quantity, limit_s=TIMEOUT_S))
 
     def wait_for_force(self, quantity: str, accepts: Callable[[np.ndarray], bool]) -> np.ndarray:
         """Return the mean force (3,) once the IMU is at rest and `accepts` returns True for the force.
@@ -100,7 +100,7 @@ class ImuReader:
             at_rest = np.abs(gyro.mean(axis=0) - self.bias).max() < HAND_FACTOR * STILL_RAD_S
             if at_rest and _is_steady(accel, gyro, HAND_FACTOR) and accepts(accel.mean(axis=0)):
                 return accel.mean(axis=0)
-        raise AnswerNo(fault("calibrate.no-motion", what=quantity, within_s=TIMEOUT_S))
+        raise AnswerNo(fault("calibrate.no-motion", step=quantity, limit_s=TIMEOUT_S))
 
 
 def _is_steady(accel: np.ndarray, gyro: np.ndarray, factor: float = 1.0) -> bool:
@@ -206,7 +206,7 @@ def _is_turned_left(reader: ImuReader, turned_before: np.ndarray, up: np.ndarray
     """
     turn = float(up @ (reader.turned - turned_before))
     if turn < -MIN_TURN_RAD:
-        raise AnswerNo(fault("calibrate.turned-right", turned_deg=-np.degrees(turn)))
+        raise AnswerNo(fault("calibrate.turned-right", turn_deg=-np.degrees(turn)))
     return turn > MIN_TURN_RAD
 
 
@@ -215,7 +215,7 @@ def up_axis_of(force: np.ndarray) -> np.ndarray:
     axis = int(np.argmax(np.abs(force)))
     if abs(force[axis]) < MIN_UPRIGHT_COS * np.linalg.norm(force):
         x, y, z = force
-        raise AnswerNo(fault("calibrate.not-upright", x=x, y=y, z=z))
+        raise AnswerNo(fault("calibrate.not-upright", x_m_s2=x, y_m_s2=y, z_m_s2=z))
     up_axis = np.zeros(3)
     up_axis[axis] = np.sign(force[axis])
     return up_axis
@@ -234,7 +234,7 @@ def axes_from_lift(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, floa
                 "calibrate.lifted-over-corner",
                 first_m_s2=abs(gains[largest]),
                 second_m_s2=abs(gains[next_largest]),
-                clear=MAX_OBLIQUE_TAN,
+                max_ratio=MAX_OBLIQUE_TAN,
             )
         )
     front = np.zeros(3)

@@ -315,7 +315,7 @@ def fit_sweep(starting_duty: float, duties: np.ndarray, added: np.ndarray, name:
                 duties=len(duties),
                 low=duties.min(),
                 high=duties.max(),
-                moved=runs.sum(),
+                count=runs.sum(),
             )
         )
     powers = np.stack([np.ones(runs.sum()), added[runs], added[runs] ** 2], axis=1)

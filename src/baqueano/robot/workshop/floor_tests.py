@@ -102,7 +102,9 @@ class FloorTests:
         accel = self.samples_at_rest(0.3).accel.mean(axis=0)
         if accel[2] < MIN_TILT_COS * STANDARD_GRAVITY:
             x, y, z = accel
-            raise AnswerNo(fault("floor.gravity", "baqueano robot calibrate imu", x=x, y=y, z=z))
+            raise AnswerNo(
+                fault("floor.gravity", "baqueano robot calibrate imu", x_m_s2=x, y_m_s2=y, z_m_s2=z)
+            )
 
     def store(self, settings: "Settings") -> None:
         """Disarm, write `settings` into the Uno's EEPROM, and arm again."""

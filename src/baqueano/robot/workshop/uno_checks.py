@@ -114,14 +114,14 @@ def check_link(link: "Uno", previous: "Statistics") -> Iterator[Check]:
     else:
         yield Check(N_("link round trip"), "bad", _("no answer to a ping"), _("Type: baqueano robot flash"))
     lost_frames, damaged_frames, received_frames = link.statistics.since(
-        previous, "lost", "damaged", "received"
+        previous, "lost_frames", "damaged_frames", "received_frames"
     )
     yield Check(
         N_("frames"),
         loss_verdict((lost_frames + damaged_frames) / max(1, received_frames + lost_frames)),
         _(
-            "{came} received, {lost} lost, {damaged} damaged",
-            came=received_frames,
+            "{received} received, {lost} lost, {damaged} damaged",
+            received=received_frames,
             lost=lost_frames,
             damaged=damaged_frames,
         ),
@@ -131,23 +131,25 @@ def check_link(link: "Uno", previous: "Statistics") -> Iterator[Check]:
 
 def check_received_frames(now: "Statistics", previous: "Statistics", info: "Info") -> Check:
     """Return the check of the frames sent to the Uno, from the counts of the Uno; `info` is its INFO."""
-    frames, spoilt, ignored_frames, overrun = now.since(previous, "written", "spoilt", "ignored", "overrun")
-    share = spoilt / max(1, frames)
+    frames, damaged_frames, ignored_frames, lost_bytes = now.since(
+        previous, "written_frames", "rejected_frames", "ignored_frames", "overrun_bytes"
+    )
+    share = damaged_frames / max(1, frames)
     return Check(
         N_("frames to the Uno"),
-        "warn" if (ignored_frames or overrun) and share < LOSS_BAD else loss_verdict(share),
+        "warn" if (ignored_frames or lost_bytes) and share < LOSS_BAD else loss_verdict(share),
         _(
-            "{written} sent, {spoilt} damaged ({share:.1f} %), {ignored} ignored, {overrun} bytes lost in "
+            "{frames} sent, {damaged} damaged ({share:.1f} %), {ignored} ignored, {lost_bytes} bytes lost in "
             "its receiver; earlier, since its start, {earlier} damaged",
-            written=frames,
-            spoilt=spoilt,
+            frames=frames,
+            damaged=damaged_frames,
             share=100.0 * share,
             ignored=ignored_frames,
-            overrun=overrun,
+            lost_bytes=lost_bytes,
             earlier=info.bad_crc + info.bad_shape,
         ),
         _(NOISE_REMEDY)
-        if spoilt
+        if damaged_frames
         else _("Does another program use its line? If not, type: baqueano robot flash"),
     )
 

@@ -98,7 +98,7 @@ def read_bytes(path: Path) -> bytes:
         raise FileError(fault("runs.folder", fix, path=path)) from None
     except FileNotFoundError:
         raise FileError(
-            fault("runs.absent", baqueano_command("runs", "ls", "--runs", path.parent), missing=path)
+            fault("runs.absent", baqueano_command("runs", "ls", "--runs", path.parent), absent_path=path)
         ) from None
     except OSError as error:
         raise FileError(fault("runs.not-read", path=path, error=error.strerror or error)) from error
@@ -134,7 +134,7 @@ class _RunAssembly:
             self.topics.setdefault(channel.topic, []).append((channel, key))
         if (count := len(contents.channels)) > MAX_TOPICS:
             raise FileError(
-                fault("runs.topics", _draft_command(path), path=path, count=count, most=MAX_TOPICS)
+                fault("runs.topics", _draft_command(path), path=path, count=count, maximum=MAX_TOPICS)
             )
 
     def run(self) -> Run:
@@ -164,7 +164,7 @@ class _RunAssembly:
             cause = _join_causes(self.contents.problems[:2])
             if self.contents.metadata.get(METADATA_NAME) is None and self.topics:
                 raise FileError(
-                    fault("runs.not-ours", _draft_command(self.path), path=self.path, content=topics)
+                    fault("runs.not-ours", _draft_command(self.path), path=self.path, topics=topics)
                 )
             raise FileError(
                 fault(
@@ -271,7 +271,7 @@ class _RunAssembly:
             unlisted_count = max(self.contents.damage_count - 3, 0)
             problems = _join_causes(self.contents.problems[:3])
             code = "run.damaged-often" if unlisted_count else "run.damaged"
-            warnings.append(_warning(code, **figures, places=problems, more=unlisted_count))
+            warnings.append(_warning(code, **figures, places=problems, count=unlisted_count))
         return warnings
 
     def fixed_size_layout(self, layout: Any) -> Any:
@@ -351,7 +351,7 @@ def _join_causes(causes: list[Diagnostic | str]) -> Diagnostic | str | None:
     """Return one cause that joins all `causes`; None for an empty list."""
     first = causes[0] if causes else None
     for cause in causes[1:]:
-        first = note("run.and", first=first, then=cause)
+        first = note("run.and", first=first, second=cause)
     return first
 
 

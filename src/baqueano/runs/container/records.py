@@ -96,7 +96,7 @@ class Cursor:
     def read(self, size: int) -> memoryview:
         """Return the next `size` bytes. Raise DamageError if fewer are left."""
         if size > len(self.data) - self.at:
-            raise DamageError(fault("damage.field", size=size, left=len(self.data) - self.at))
+            raise DamageError(fault("damage.field", size=size, remaining_bytes=len(self.data) - self.at))
         self.at += size
         return self.data[self.at - size : self.at]
 
@@ -118,7 +118,7 @@ class Cursor:
             key = cursor.text()
             pairs[key] = cursor.text()
             if len(pairs) > MAX_PAIRS:
-                raise DamageError(fault("damage.map-entries", most=MAX_PAIRS))
+                raise DamageError(fault("damage.map-entries", maximum=MAX_PAIRS))
         return pairs
 
 
@@ -331,8 +331,8 @@ class _RecordReader:
                 fault(
                     "damage.too-large",
                     size=memory_limit.text_of_size(len(self.data)),
-                    need=memory_limit.text_of_size(need),
-                    most=memory_limit.text_of_size(memory_limit.limit_bytes(len(self.data))),
+                    memory=memory_limit.text_of_size(need),
+                    maximum=memory_limit.text_of_size(memory_limit.limit_bytes(len(self.data))),
                 )
             )
 

@@ -135,7 +135,7 @@ class RunWriter:
             return
         self._closed = True
         if self.dropped:
-            self.event(self._t_ns, "warning", "run writer", note("run.disk-slow", lost=self.dropped))
+            self.event(self._t_ns, "warning", "run writer", note("run.disk-slow", records=self.dropped))
         self._closing.set()
         self._thread.join()
         try:
@@ -175,7 +175,7 @@ class RunWriter:
             if subject not in self._once:
                 self._once.add(subject)
                 self.event(
-                    self._t_ns, "error", "run writer", note("run.not-packed", what=subject, error=str(error))
+                    self._t_ns, "error", "run writer", note("run.not-packed", topic=subject, error=str(error))
                 )
 
     def _append(self, topic: int, arrival_ns: int, data: bytes, t_ns: int, is_spare: bool) -> None:

@@ -31,7 +31,7 @@ def accept_errors(findings: list[ImportFinding], m: "ColumnMap") -> tuple[Import
     if errors:
         codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in errors)}))
         raise FileError(
-            fault("import.does-not-fit", map=m.path.name, findings=_joined_diagnostic(errors), accept=codes)
+            fault("import.does-not-fit", map=m.path.name, findings=_joined_diagnostic(errors), codes=codes)
         )
     return tuple(
         d._replace(level="warning", reason=note("recording.accepted", cause=d.reason))
@@ -52,7 +52,7 @@ def _joined_diagnostic(findings: list[ImportFinding]) -> Diagnostic:
     ]
     first = diagnostics[0]
     for diagnostic in diagnostics[1:]:
-        first = note("recording.then", first=first, then=diagnostic)
+        first = note("recording.then", first=first, second=diagnostic)
     return first
 
 
@@ -88,7 +88,7 @@ def _channel_findings(
     )
     if is_read_too_fast(hold_counts):
         mean_hold = float(np.mean(hold_counts[hold_counts < LONG_HOLD_FACTOR * np.median(hold_counts)]))
-        reason = note("recording.held", key=key, share=1.0 - 1.0 / mean_hold, every=mean_hold)
+        reason = note("recording.held", key=key, share=1.0 - 1.0 / mean_hold, period_rows=mean_hold)
         yield ImportFinding(
             "repeated samples", "warning", int(t_ns[0]), reason, note("recording.write-new-when")
         )

@@ -77,7 +77,7 @@ def _finding(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagn
     if hypothesis.code == "inverted":
         scale_note = note("recording.write-scale", scale=f"{-entry.scale:g}")
         line = (
-            note("recording.and", first=scale_note, then=hypothesis.meaning)
+            note("recording.and", first=scale_note, second=hypothesis.meaning)
             if hypothesis.meaning
             else scale_note
         )
@@ -93,7 +93,7 @@ def _lines_by_ratio(measures: str, entry: "Entry", *only: str) -> dict[float, Di
     """Return ratio → map line for each other unit that `entry` can have."""
     units = unit_ratios(measures, entry.unit).items()
     return {
-        r: note("recording.write-unit", unit_of_it=unit, key=entry.key)
+        r: note("recording.write-unit", column_unit=unit, key=entry.key)
         for r, unit in units
         if not only or unit in only
     }
@@ -108,7 +108,7 @@ def _truth_findings(
         return []
     true, findings = _shifted_truth(motion, entry, z, true_of)
     units = _lines_by_ratio(measures, entry)
-    double_units = {1.0 / r: note("recording.twice", unit_read=entry.unit, ratio=r) for r in units if r > 1.0}
+    double_units = {1.0 / r: note("recording.twice", unit_name=entry.unit, ratio=r) for r in units if r > 1.0}
     (hypothesis,) = signal_map(
         z[:, None], true[:, None], [MappedChannel(1.0 / MAX_SCALE, MAX_SCALE, double_units | units)]
     )
@@ -151,7 +151,9 @@ def _shifted_truth(
     if truth is None or abs(late_s) < MIN_OFFSET_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[zero_lag] ** 2):
         return true, []
     code = "recording.clock-later" if late_s > 0.0 else "recording.clock-earlier"
-    reason = note(code, key=entry.key, by_ms=1e3 * abs(late_s), now=r[zero_lag], then=r[k])
+    reason = note(
+        code, key=entry.key, shift_ms=1e3 * abs(late_s), correlation=r[zero_lag], shifted_correlation=r[k]
+    )
     line = note("recording.write-shift", shift_s=f"{truth.mount.shift_s + late_s:.3g}")
     return true, [ImportFinding("clock", "info", None, reason, line)]
 
@@ -165,15 +167,15 @@ def _wheel_findings(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:
     r, wheels = hypothesis.regression, f"[sensors.{motion.wheels_name}]"
     figures: JsonObject = {
         "wheels": wheels,
-        "by": "[truth]" if motion.run.truth else imu[2].key,
+        "reference": "[truth]" if motion.run.truth else imu[2].key,
         "correlation": r.correlation,
     }
     if hypothesis.code == "inverted":
         return [_opposite_sign_finding(motion, note("recording.turns-against", **figures), wheels, imu)]
     if hypothesis.code:
-        line = note("recording.check-track", wheels=wheels, by=figures["by"])
+        line = note("recording.check-track", wheels=wheels, reference=figures["reference"])
         return [
-            ImportFinding("track", "error", None, note("recording.track", **figures, apart_m=r.slope), line)
+            ImportFinding("track", "error", None, note("recording.track", **figures, track_m=r.slope), line)
         ]
     if r.gain < MIN_GAIN and np.std(difference) > 0.0:
         return [ImportFinding("unrelated", "warning", None, note("recording.turns-otherwise", **figures))]
@@ -187,9 +189,13 @@ def _compass_findings(
     h, z = motion.imu[:, 2], motion.heading_rate(name)
     (hypothesis,) = signal_map(z[:, None], h[:, None], [MappedChannel()])
     if hypothesis.code == "inverted" and np.nanstd(h) > MIN_TURN_STD_RAD_S:
-        figures: JsonObject = {"wheels": compass.key, "by": gyro.key}
+        figures: JsonObject = {"wheels": compass.key, "reference": gyro.key}
         reason = note("recording.turns-against", **figures, correlation=hypothesis.regression.correlation)
-        scales: JsonObject = {"scale": f"{-compass.scale:g}", "gyro": gyro.key, "also": f"{-gyro.scale:g}"}
+        scales: JsonObject = {
+            "scale": f"{-compass.scale:g}",
+            "gyro": gyro.key,
+            "second_scale": f"{-gyro.scale:g}",
+        }
         line = note("recording.write-compass", compass=compass.key, **scales)
         yield ImportFinding("inverted", "error", None, reason, line)
 
@@ -211,7 +217,9 @@ def _opposite_sign_finding(
         return ImportFinding("inverted", "error", None, both_reasons, note("recording.write-gyro", **figures))
     line = note("recording.swap-or-gyro", **figures)
     if sideways.is_clear():
-        line = note("recording.swap-or-upside-down", **figures, key=imu[1].key, also=f"{-imu[1].scale:g}")
+        line = note(
+            "recording.swap-or-upside-down", **figures, key=imu[1].key, second_scale=f"{-imu[1].scale:g}"
+        )
     return ImportFinding("inverted", "error", None, reason, line)
 
 
@@ -234,7 +242,7 @@ def _accelerometer_findings(
         in_g = _lines_by_ratio("acceleration", y, "g")
         for r, line in _lines_by_ratio("angular rate", gyro, "rad/s", "deg/s").items():
             lines_by_axis[1] |= {1.0 / r: line} | {
-                unit_value / r: note("recording.list", first=line, then=more)
+                unit_value / r: note("recording.list", first=line, second=more)
                 for unit_value, more in in_g.items()
                 if r > 1.0
             }
@@ -242,7 +250,7 @@ def _accelerometer_findings(
     relation_x, relation_y = signal_map(a, np.stack([motion.v_dot, centripetal], axis=1), channels)
     if relation_x.code == "swapped":
         first, second = relation_x.regression.correlation, relation_y.regression.correlation
-        reason = note("recording.axes-swapped", x=x.key, y=y.key, first=first, second=second)
+        reason = note("recording.axes-swapped", first_key=x.key, second_key=y.key, first=first, second=second)
         return [ImportFinding("swapped", "error", None, reason, note("recording.swap-axes"))]
     source = f"[sensors.{motion.speed_name}]" if motion.speed_name else "[truth]"
     check = note("recording.check-with-speed", source=source)
@@ -270,7 +278,7 @@ def _steering_findings(motion: LoggedMotion) -> list[ImportFinding]:
     steering, other_name = (names[i] for i in order)
     figures: JsonObject = {"steering": steering, "correlation": hypothesis.regression.correlation}
     if hypothesis.code == "swapped":
-        reason = note("recording.other-steers", **figures, other=other_name)
+        reason = note("recording.other-steers", **figures, command=other_name)
         return [ImportFinding("swapped", "error", None, reason, note("recording.swap-commands"))]
     if hypothesis.code == "inverted":
         entry = motion.m.command.entries[steering_indices[0]]

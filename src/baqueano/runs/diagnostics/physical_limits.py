@@ -64,7 +64,7 @@ def limit_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
         if value > limit:
             is_beyond = True
             reason = note(
-                "recording.too-much", key=entry.key, unit_read=entry.unit, value=value, shown=limit_text
+                "recording.too-much", key=entry.key, unit_name=entry.unit, value=value, quantity=limit_text
             )
             yield ImportFinding("unit", "error", None, reason, note("recording.perhaps", line=guess))
     if signal.kind == "imu" and not is_beyond:
@@ -86,8 +86,8 @@ def _grip_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportF
             reason = note(
                 "recording.tyres",
                 key=entry.key,
-                unit_read=entry.unit,
-                most=peak_acceleration,
+                unit_name=entry.unit,
+                maximum=peak_acceleration,
                 window_s=WINDOW_S,
             )
             suggestion = note("recording.perhaps", line='unit = "m/s^2"')
@@ -119,24 +119,24 @@ def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
     """Yield the findings about the gyro: its rate, and (2) at rest."""
     entry, rate, at_rest = signal.entries[2], channel.z[:, 2], _rest_mask(run, channel)
     cure = (
-        note("recording.if-in", in_unit="deg/s") if entry.unit != "deg/s" else note("recording.check-scale")
+        note("recording.if-in", unit_name="deg/s") if entry.unit != "deg/s" else note("recording.check-scale")
     )
     peak_rate = _peak(rate)
     rest_rates = rate[at_rest][np.isfinite(rate[at_rest])]
     bias, std = (
         (abs(float(np.median(rest_rates))), _robust_std(rest_rates)) if len(rest_rates) > 5 else (0.0, 0.0)
     )
-    figures: JsonObject = {"key": entry.key, "unit_read": entry.unit}
+    figures: JsonObject = {"key": entry.key, "unit_name": entry.unit}
     if bias > MAX_BIAS_RAD_S or std > MAX_REST_STD_RAD_S:
         yield ImportFinding(
             "gyro at rest",
             "warning",
             None,
-            note("recording.gyro-at-rest", **figures, off=bias, std=std),
+            note("recording.gyro-at-rest", **figures, mean_rad_s=bias, std=std),
             cure,
         )
     elif peak_rate > MAX_USUAL_TURN_RAD_S:
-        reason = note("recording.fast-turns", **figures, most=peak_rate, turns=peak_rate / (2.0 * np.pi))
+        reason = note("recording.fast-turns", **figures, maximum=peak_rate, turns=peak_rate / (2.0 * np.pi))
         yield ImportFinding("fast turns", "warning", None, reason, cure)
 
 
@@ -149,14 +149,14 @@ def _accelerometer_findings(signal: "ColumnSignal", channel: Channel, run: Run) 
         if entry.unit != "m/s^2" or not len(a) or np.max(np.abs(a)) > MAX_QUIET_PEAK:
             continue
         counts, std = _power_of_two(a / entry.scale), _robust_std(rest) if len(rest) else 0.0
-        figures: JsonObject = {"key": entry.key, "unit_read": entry.unit}
+        figures: JsonObject = {"key": entry.key, "unit_name": entry.unit}
         if counts:
             reason = note("recording.counts-per-g", **figures, counts=counts)
-            yield ImportFinding("counts per g", "info", None, reason, note("recording.if-in", in_unit="g"))
+            yield ImportFinding("counts per g", "info", None, reason, note("recording.if-in", unit_name="g"))
         elif 0.0 < std < LEAST_REST_STD_M_S2:
-            reason = note("recording.quiet", **figures, sd=std)
+            reason = note("recording.quiet", **figures, std=std)
             yield ImportFinding(
-                "quiet accelerometer", "info", None, reason, note("recording.if-in", in_unit="g")
+                "quiet accelerometer", "info", None, reason, note("recording.if-in", unit_name="g")
             )
 
 
@@ -186,7 +186,7 @@ def _curve_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[Import
     curve = channel_regression(*_window_means(channel).T[1:])
     if curve.is_clear(MIN_SCALE_GAIN) and (v := abs(curve.slope)) > MAX_CURVE_SPEED_M_S:
         first, last = signal.entries[1], signal.entries[2]
-        reason = note("recording.curve", first=first.key, last=last.key, unit_read=last.unit, speed_m_s=v)
+        reason = note("recording.curve", first=first.key, last=last.key, unit_name=last.unit, speed_m_s=v)
         cure = note("recording.check-both-units")
         if last.unit == "deg/s":
             cure = note("recording.perhaps-gyro", line='unit = "rad/s"')
@@ -216,7 +216,7 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
             cure = _full_command_line([c / unit_of_entry.si_factor for c in columns.T], 'unit = "raw", ')
         if cure:
             reason = note(
-                "recording.command-range", key=entry.key, name=name, most=largest, unit_read=entry.unit
+                "recording.command-range", key=entry.key, name=name, maximum=largest, unit_name=entry.unit
             )
             yield ImportFinding("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), reason, cure)
 
@@ -244,13 +244,18 @@ def _full_command_line(counts: list[np.ndarray], unit_of_it: str = "") -> Diagno
         return note("recording.write-pulses", line=f"{unit_of_it}scale = 0.002, offset = -3.0")
     if largest < MIN_COMMAND * FULL_COMMANDS[0]:
         return note(
-            "recording.write-largest", line=f"{unit_of_it}scale = {1.0 / largest:.6g}", most=f"{largest:.6g}"
+            "recording.write-largest",
+            line=f"{unit_of_it}scale = {1.0 / largest:.6g}",
+            maximum=f"{largest:.6g}",
         )
     percent = largest <= FULL_COMMANDS[0]
     full_command = next(
         (full_command for full_command in FULL_COMMANDS[percent:] if largest <= full_command), largest
     )
-    scale: JsonObject = {"line": f"{unit_of_it}scale = {1.0 / full_command:.6g}", "full": f"{full_command:g}"}
+    scale: JsonObject = {
+        "line": f"{unit_of_it}scale = {1.0 / full_command:.6g}",
+        "full_command": f"{full_command:g}",
+    }
     if not percent:
         return note("recording.write-full", **scale)
     if largest < MIN_COMMAND * full_command:

@@ -64,7 +64,7 @@ def check_gyro_unit(run: Run, vehicle_file: "VehicleFile", name: str) -> list[Di
     messages = [comparison.message for comparison in by_wheels if comparison.message]
     for comparison in by_curves:
         if comparison.message:  # the test cannot separate a wrong gyro from a wrong accelerometer
-            figures: JsonObject = {"gyro": comparison.message, "times": comparison.slope}
+            figures: JsonObject = {"gyro": comparison.message, "ratio": comparison.slope}
             messages.append(note(CURVE_CODE, Severity.ERROR, subject=f"{name}[1]", **figures))
     return messages[:1]
 
@@ -87,7 +87,12 @@ def compare_gyro(
     slope, message = abs(channel.regression.slope), None
     if channel.meaning:
         read_as = next(unit for unit in UNIT_BY_RATIO.values() if unit != channel.meaning)
-        figures: JsonObject = {"times": slope**power, "by": source, "given": channel.meaning, "read": read_as}
+        figures: JsonObject = {
+            "ratio": slope**power,
+            "source": source,
+            "true_unit": channel.meaning,
+            "assumed_unit": read_as,
+        }
         message = note("gyro.unit", Severity.ERROR, subject=f"{name}[2]", **figures)
     return GyroComparison(channel.is_clear and channel.ratio == 1.0, slope, message)
 
@@ -120,10 +125,10 @@ def _command_messages(run: Run, vehicle_file: "VehicleFile") -> list[Diagnostic]
         if not np.isfinite(limit) or peak <= LIMIT_TOLERANCE * limit or peak == 0.0:
             continue
         if limit == 0.0:
-            messages.append(note("command.beyond-zero", Severity.WARNING, subject=name, most=peak))
+            messages.append(note("command.beyond-zero", Severity.WARNING, subject=name, maximum=peak))
             continue
         guess = next((unit for low, high, unit in FULL_SCALES if low <= peak <= high), "V")
-        details = {"most": peak, "limit": float(limit), "of_file": command.unit, "guess": guess}
+        details = {"maximum": peak, "limit": float(limit), "file_unit": command.unit, "guess": guess}
         messages.append(note("command.unit", Severity.ERROR, subject=name, **details))
     return messages
 
@@ -136,10 +141,10 @@ def _imu_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     is_implausible = np.any(magnitudes > [most_m_s2, most_m_s2, MAX_YAW_RATE_RAD_S])
     peaks = np.quantile(magnitudes, 0.99, axis=0) if is_implausible else np.zeros(3)
     if peaks[2] > MAX_YAW_RATE_RAD_S:
-        rates: JsonObject = {"most_rad_s": float(peaks[2]), "fastest_rad_s": MAX_YAW_RATE_RAD_S}
+        rates: JsonObject = {"max_rad_s": float(peaks[2]), "fastest_rad_s": MAX_YAW_RATE_RAD_S}
         messages.append(note("gyro.too-fast", Severity.ERROR, subject=f"{name}[2]", **rates))
     for i in np.flatnonzero(peaks[:2] > most_m_s2):
-        figures = {"subject": f"{name}[{i}]", "most_m_s2": float(peaks[i])}
+        figures = {"subject": f"{name}[{i}]", "max_m_s2": float(peaks[i])}
         messages.append(note("accelerometer.unit", Severity.ERROR, **figures))
     return messages + _gravity_messages(run, name, block)
 
@@ -162,5 +167,5 @@ def _gravity_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
             is_full_gravity = has_rest and abs(abs(offset) - STANDARD_GRAVITY) < 0.1 * STANDARD_GRAVITY
             severity = Severity.ERROR if is_full_gravity else Severity.WARNING
             code = "gravity.at-rest" if has_rest else "gravity.all-the-time"
-            messages.append(note(code, severity, subject=f"{name}[{i}]", off_m_s2=offset))
+            messages.append(note(code, severity, subject=f"{name}[{i}]", error_m_s2=offset))
     return messages

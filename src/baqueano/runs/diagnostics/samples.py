@@ -71,7 +71,7 @@ def check_samples(name: str, block: Tree, channel: Channel) -> tuple[Channel, li
     z, messages = channel.z.copy(), []
     lost_count = int(np.sum(~np.isfinite(z)))
     if lost_count:
-        messages.append(note("data.not-finite", subject=name, lost=lost_count))
+        messages.append(note("data.not-finite", subject=name, count=lost_count))
     if len(z) < MIN_SAMPLES or optional.attribute(block, "cov") is None:
         return channel, messages
     limits, noise = sensor_range(block), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
@@ -159,7 +159,7 @@ def _lost_frames(
         if is_zero.sum() <= EXTRA_SAMPLES:
             return no_samples, []
     percent = _percentage(is_zero, np.isfinite(x))
-    return is_zero, [note("data.zeros", subject=label, lost=int(is_zero.sum()), percent=percent)]
+    return is_zero, [note("data.zeros", subject=label, count=int(is_zero.sum()), percent=percent)]
 
 
 def _repeated_samples(
@@ -175,7 +175,7 @@ def _repeated_samples(
     longest = int(np.max(np.diff(np.concatenate([edges, [len(x)]])))) - 1
     is_repeated &= is_imu | (x != 0.0)
     percent, lost = _percentage(is_repeated, np.isfinite(x)), int(is_repeated.sum())
-    return is_repeated, [note("data.repeats", subject=label, lost=lost, percent=percent, longest=longest)]
+    return is_repeated, [note("data.repeats", subject=label, count=lost, percent=percent, longest=longest)]
 
 
 def end_samples(
@@ -215,7 +215,7 @@ def _limit_samples(
         return at_end.mask, []
     percent = _percentage(at_end.mask, np.isfinite(x))
     severity = Severity.WARNING if percent > 100.0 * MAX_LOST_FRACTION else Severity.INFO
-    details = {"lost": at_end.lost, "ends": at_end.ends, "at_end": at_end.at_end}
+    details = {"count": at_end.lost, "ends": at_end.ends, "full_scale_count": at_end.at_end}
     return at_end.mask, [note("data.clipped", severity, subject=label, percent=percent, **details)]
 
 

@@ -123,7 +123,7 @@ def _spread_all_bursts(run: Run) -> tuple[Run, list[Diagnostic]]:
 
 def _burst_note(subject: str, old_ns: np.ndarray, new_ns: np.ndarray) -> Diagnostic:
     shift_ms = 1e3 * float(np.quantile(np.abs(new_ns - old_ns), 0.95)) / NANOSECONDS
-    return note("time.bursts", Severity.WARNING, subject=subject, moved_ms=shift_ms)
+    return note("time.bursts", Severity.WARNING, subject=subject, shift_ms=shift_ms)
 
 
 def _move_to_ticks(timestamps: np.ndarray, old_ticks: np.ndarray, new_ticks: np.ndarray) -> np.ndarray:
@@ -147,9 +147,9 @@ def _check_stamps(name: str, c: Channel) -> tuple[Channel, list[Diagnostic]]:
     is_backward = np.zeros(len(is_far), bool)
     latest = np.maximum.accumulate(np.where(is_far, np.iinfo(np.int64).min, c.t_ns))
     is_backward[1:] = (c.t_ns[1:] <= latest[:-1]) & ~is_far[1:]
-    figures = {"time.stamps-far": {"late_s": MAX_LATENESS_S}, "time.stamps-back": {}}
+    figures = {"time.stamps-far": {"limit_s": MAX_LATENESS_S}, "time.stamps-back": {}}
     messages = [
-        note(code, _severity(is_lost), subject=name, lost=int(is_lost.sum()), **more)
+        note(code, _severity(is_lost), subject=name, count=int(is_lost.sum()), **more)
         for is_lost, (code, more) in zip((is_far, is_backward), figures.items(), strict=True)
         if is_lost.any()
     ]
@@ -173,7 +173,7 @@ def _segments(run: Run) -> tuple[list[Run], list[Diagnostic]]:
     for a, b in pairwise(edges):
         if (run.t_ns[b - 1] - run.t_ns[a]) / NANOSECONDS >= MIN_SEGMENT_S:
             segments.append(_segment(run, a, b))
-    figures = {"jumps": len(cuts), "most_s": float(steps_s.max()), "least_s": MIN_SEGMENT_S}
+    figures = {"jumps": len(cuts), "max_s": float(steps_s.max()), "min_s": MIN_SEGMENT_S}
     if not segments:
         return [run], [note("time.jump-throughout", Severity.ERROR, **figures)]
     return segments, [note("time.jump", Severity.INFO, pieces=len(segments), **figures)]

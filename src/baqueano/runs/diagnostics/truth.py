@@ -48,9 +48,13 @@ def _axis_findings(eta: np.ndarray) -> Iterator[ImportFinding]:
     same_mean, mirror_mean = (np.mean(np.exp(2j * (course + sign * heading))) for sign in (-1.0, 1.0))
     offset = 0.5 * float(np.angle(same_mean))
     if abs(mirror_mean) > MIN_AGREEMENT and abs(same_mean) < 0.5:
-        reason = note("recording.mirrored", same=abs(same_mean), mirrored=abs(mirror_mean))
+        reason = note("recording.mirrored", agreement=abs(same_mean), mirrored_agreement=abs(mirror_mean))
         yield ImportFinding("mirrored", "error", None, reason, note("recording.write-mirrored"))
     elif abs(same_mean) > MIN_AGREEMENT and abs(offset) > MAX_OFFSET_RAD:
-        reason = note("recording.beside", off_deg=np.degrees(offset), back_deg=np.degrees(offset) + 180.0)
-        line = note("recording.write-offset", off=f"{offset:.3f}", back=f"{wrap(offset + np.pi):.3f}")
+        reason = note(
+            "recording.beside", offset_deg=np.degrees(offset), opposite_deg=np.degrees(offset) + 180.0
+        )
+        line = note(
+            "recording.write-offset", offset=f"{offset:.3f}", backward_offset=f"{wrap(offset + np.pi):.3f}"
+        )
         yield ImportFinding("heading offset", "error", None, reason, line)

@@ -67,7 +67,7 @@ def draft(path: Path | str, *others: Path | str) -> str:
         if missing := [name for name in table.columns if name not in columns]:
             fix = baqueano_command("runs", "import", other, "--draft", other.with_suffix(".toml").name)
             raise UsageError(
-                fault("import.draft-columns", fix, table=other.name, first=path.name, missing=missing)
+                fault("import.draft-columns", fix, table=other.name, first=path.name, columns=missing)
             )
     free_columns = list(table.columns)
     return (

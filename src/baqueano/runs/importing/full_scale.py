@@ -33,9 +33,9 @@ def without_full_scale(
     """Return `values` (rows, entries) with NaN at full scale; only an IMU is tested. Findings report the gaps."""
     for k, at_end in _ends_of_entries(signal, source):
         entry, first_ns = signal.entries[k], int(source.t_ns[np.argmax(at_end.mask)])
-        figures = {"rows": len(values), "share": at_end.lost / len(values), "at_end": at_end.at_end}
+        figures = {"rows": len(values), "share": at_end.lost / len(values), "full_scale_count": at_end.at_end}
         ends = [int(end) if end == int(end) else end for end in at_end.ends]
-        reason = note("recording.full-scale", key=entry.key, lost=at_end.lost, ends=ends, **figures)
+        reason = note("recording.full-scale", key=entry.key, excluded_rows=at_end.lost, ends=ends, **figures)
         findings.append(
             ImportFinding("full scale", "warning", first_ns, reason, note("recording.larger-range"))
         )

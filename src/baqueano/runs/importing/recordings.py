@@ -190,9 +190,9 @@ def import_runs(
         runs = [_with_findings(run.run, m, [*run.findings, *missing_signs]) for run in runs]
     if not runs and source:
         figures = {"table": source.table.label, "rows": len(source.t_ns), "parts": len(failures)}
-        raise FileError(fault("import.too-short", **figures, least=MIN_TICKS))
+        raise FileError(fault("import.too-short", **figures, minimum=MIN_TICKS))
     if failures:
-        reason = note("recording.short-parts", count=len(failures), least=MIN_TICKS, names=failures[:5])
+        reason = note("recording.short-parts", count=len(failures), minimum=MIN_TICKS, names=failures[:5])
         first = runs[0]
         runs[0] = first._replace(findings=(*first.findings, ImportFinding("short", "warning", None, reason)))
     return runs
@@ -286,7 +286,7 @@ def _check_header(entry: Entry) -> None:
                 key=entry.key,
                 value=entry.unit,
                 column=entry.column,
-                in_unit=in_header[1] if in_header else "",
+                unit_name=in_header[1] if in_header else "",
             )
         )
 
@@ -306,7 +306,7 @@ def _finite_rows(
     lost_rows = np.count_nonzero(~is_complete[rows])
     if lost_rows:
         first_ns = int(source.t_ns[rows][~is_complete[rows]][0])
-        reason = note("recording.missing", key=signal.key, lost=lost_rows, rows=len(is_complete))
+        reason = note("recording.missing", key=signal.key, excluded_rows=lost_rows, rows=len(is_complete))
         level = "info" if is_slower_topic(np.flatnonzero(is_complete)) else "warning"
         findings.append(ImportFinding("missing", level, first_ns, reason))
     if not is_complete.any():

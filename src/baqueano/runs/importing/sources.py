@@ -167,7 +167,8 @@ def _missing_values(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePart]]
             unmatched_values = [value for value in file_values if value not in signals]
             if unmatched_values:
                 values = _values_of(m, file, unmatched_values)
-                reason = note("recording.not-in-all", map=m.path.name, values=values, file=file, lacking=name)
+                files = {"file": file, "second_file": name}
+                reason = note("recording.not-in-all", map=m.path.name, values=values, **files)
                 yield ImportFinding("not in all files", "warning", None, reason)
 
 
@@ -222,7 +223,7 @@ def _file_sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
             code = "import.file-shared" if open_names else "import.all-with-path"
             raise FileError(
                 fault(
-                    code, map=m.path.name, files=m.files, shared=shared_names[:1], first=next(iter(m.files))
+                    code, map=m.path.name, files=m.files, option=shared_names[:1], first=next(iter(m.files))
                 )
             )
         return [_with_default_paths(m, dict.fromkeys(open_names, path)) for path in all_paths]
@@ -299,7 +300,7 @@ def _matching_paths(m: ColumnMap, spec: FileSpec) -> list[Path]:
             return matches
     folder_names = ", ".join(str(folder) for folder in folders)
     raise FileError(
-        fault("import.file-absent", map=m.path.name, file=spec.name, missing=path, folders=folder_names)
+        fault("import.file-absent", map=m.path.name, file=spec.name, absent_path=path, folders=folder_names)
     )
 
 
@@ -324,7 +325,7 @@ def _read_rows(m: ColumnMap, spec: FileSpec, path: Path, findings: list[ImportFi
         raise FileError(fault("import.no-rows", table=label))
     selection = _select(table, spec)
     if not len(selection.lines):
-        raise FileError(fault("import.where-empty", table=label, where=str(spec.where)))
+        raise FileError(fault("import.where-empty", table=label, condition=str(spec.where)))
     names = column_names | axis_names(selection.columns)
     return selection._replace(columns={name: selection.columns[name] for name in names})
 

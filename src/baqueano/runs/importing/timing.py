@@ -63,7 +63,7 @@ def row_times(
             if not is_known.any() and np.isfinite(t).any():
                 largest_s = float(np.nanmax(np.where(np.isfinite(t), t, np.nan))) / NANOSECONDS
                 raise FileError(
-                    fault("import.beyond-2038", table=table.label, t_s=largest_s, in_unit=spec.time_unit)
+                    fault("import.beyond-2038", table=table.label, t_s=largest_s, unit_name=spec.time_unit)
                 )
             t_ns = np.rint(np.where(is_known, t, 0.0)).astype(np.int64)
         t_ns = _without_overflows(table, t_ns, is_known, shift, findings)
@@ -85,7 +85,7 @@ def row_times(
                 "import.beyond-2038",
                 table=table.label,
                 t_s=t_ns[is_known].max() / NANOSECONDS,
-                in_unit=spec.time_unit,
+                unit_name=spec.time_unit,
             )
         )
     return t_ns, is_known
@@ -106,7 +106,7 @@ def _without_overflows(
     reason = note(
         "recording.counter-overflow",
         table=table.label, line=table.lines[first], count=np.count_nonzero(is_overflow),
-        added_s=OVERFLOW_NS / NANOSECONDS,
+        shift_s=OVERFLOW_NS / NANOSECONDS,
     )  # fmt: skip
     findings.append(ImportFinding("counter overflow", "warning", int(t_ns[first]) + shift, reason))
     return t_ns
@@ -139,8 +139,8 @@ def increasing_rows(
         i = int(backward_rows[0])
         lost_rows = np.count_nonzero(t_ns < latest)
         figures: JsonObject = {
-            "table": table.label, "back_s": (t_ns[i] - t_ns[i + 1]) / NANOSECONDS, "line": table.lines[i + 1],
-            "count": len(backward_rows), "lost": lost_rows,
+            "table": table.label, "step_s": (t_ns[i] - t_ns[i + 1]) / NANOSECONDS, "line": table.lines[i + 1],
+            "count": len(backward_rows), "rows": lost_rows,
         }  # fmt: skip
         if spec.backwards != "drop":
             code = "import.clock-back" if _is_clock_back(table, t_ns, used) else "import.steps-back"
@@ -263,12 +263,12 @@ def _check_steps(
     median_step_s = float(np.median(step_s))
     if not MIN_STEP_S <= median_step_s <= MAX_STEP_S:
         fitting_units = _units_that_fit(median_step_s, len(table.lines), spec)
-        cure = note("import.time-unit", in_unit=fitting_units[0]) if fitting_units else note("import.time")
+        cure = note("import.time-unit", unit_name=fitting_units[0]) if fitting_units else note("import.time")
         raise FileError(
             fault(
                 "import.step",
                 table=table.label,
-                in_unit=spec.time_unit,
+                unit_name=spec.time_unit,
                 column=spec.time,
                 step_s=median_step_s,
                 file=spec.name,
@@ -290,7 +290,7 @@ def _check_steps(
             )
         )
     if len(gaps) > 20:
-        reason = note("recording.more-gaps", table=table.label, more=len(gaps) - 20)
+        reason = note("recording.more-gaps", table=table.label, count=len(gaps) - 20)
         findings.append(ImportFinding("gap", "warning", int(t_ns[gaps[20]]), reason))
 
 
@@ -299,13 +299,15 @@ def _rate_of_ticks(table: LogTable, median_step_s: float, spec: "FileSpec") -> I
     reason = note(
         "recording.tick-lasts",
         table=table.label,
-        unit_read=spec.time_unit,
+        unit_name=spec.time_unit,
         tick_s=median_step_s,
         rate_hz=1.0 / median_step_s,
     )
     fitting_units = _units_that_fit(median_step_s, len(table.lines), spec)
     line = (
-        note("recording.write-time-unit", in_unit=fitting_units[0], file=spec.name) if fitting_units else None
+        note("recording.write-time-unit", unit_name=fitting_units[0], file=spec.name)
+        if fitting_units
+        else None
     )
     return ImportFinding(
         "time unit", "error" if median_step_s < MIN_USUAL_STEP_S else "warning", None, reason, line

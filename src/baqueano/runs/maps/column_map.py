@@ -65,9 +65,8 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
             raise FileError(fault("map.empty", fix, path=path))
         return _Parser(path, text, _tree(path, text)).map()
     except FileNotFoundError:
-        names = sorted(p.stem for p in maps_folder().glob("*.toml"))
-        suggestion = nearest(str(name_or_path), names)
-        raise FileError(fault("map.absent", missing=path, value=name_or_path, near=suggestion)) from None
+        hint = nearest(str(name_or_path), sorted(p.stem for p in maps_folder().glob("*.toml")))
+        raise FileError(fault("map.absent", absent_path=path, value=name_or_path, suggestion=hint)) from None
     except ValueError as error:
         if path.suffix.lower() != ".toml" and shipped_path.is_file():
             return load_map(shipped_path)
@@ -194,7 +193,7 @@ class _Parser:
                 raise self.error(
                     f"[{key}] {option_name}",
                     spec[option_name],
-                    note("expect.one-of", key=option_name, allowed=[f'"{a}"' for a in choices]),
+                    note("expect.one-of", key=option_name, valid=[f'"{a}"' for a in choices]),
                 )
         if len(spec.get("delimiter", ",")) != 1:
             raise self.error(f"[{key}] delimiter", spec["delimiter"], note("expect.delimiter"))
@@ -325,10 +324,11 @@ class _Parser:
             raise self.error(f"{key} unit", None, advice)
         unit_ = unit(name)
         if unit_ is None:
-            near, advice = near_units(name), note("expect.listed-unit", near=near_units(name) or all_units())
+            near_names = near_units(name)
+            advice = note("expect.listed-unit", suggestion=near_names or all_units())
             if measures:
-                code = "expect.listed-unit-of" if near else "expect.measures"
-                advice = note(code, near=near, measures=measures, valid=units_of(measures))
+                code = "expect.listed-unit-of" if near_names else "expect.measures"
+                advice = note(code, suggestion=near_names, measures=measures, valid=units_of(measures))
             raise self.error(f"{key} unit", name, advice)
         if unit_.measures == "raw" and "scale" not in spec:
             raise self.error(f"{key} scale", None, note("expect.scale"))
@@ -380,7 +380,7 @@ class _Parser:
             if key not in kinds:
                 suggestion = nearest(key, sorted(kinds), 0.4)
                 raise FileError(
-                    fault("map.unknown-key", map=self.path.name, place=place_text, near=suggestion)
+                    fault("map.unknown-key", map=self.path.name, place=place_text, suggestion=suggestion)
                 )
             number_types = (int, float) if kinds[key] is float else kinds[key]
             if not isinstance(value, number_types) or (isinstance(value, bool) and kinds[key] is not bool):

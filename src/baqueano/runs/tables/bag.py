@@ -151,6 +151,8 @@ def _field(message: Any, path: str, label: str, topic: str) -> Any:
                 note("bag.fields", fields=fields) if fields else note("bag.values", count=np.size(value))
             )
             raise FileError(
-                fault("bag.no-field", file=label, topic=topic, field=path, at=name or index, has=available)
+                fault(
+                    "bag.no-field", file=label, topic=topic, field=path, path=name or index, fields=available
+                )
             ) from None
     return value

@@ -56,9 +56,9 @@ class Lines:
                     fix,
                     file=self.label,
                     size=on_disk,
-                    taken=size_text,
+                    memory=size_text,
                     line=self.number,
-                    most=limit_text,
+                    maximum=limit_text,
                 )
             )
 
@@ -110,6 +110,6 @@ class Lines:
             raise FileError(fault("table.zero-bytes-in-line", file=self.label, line=self.number))
         if len(line) > MAX_LINE_LETTERS:
             raise FileError(
-                fault("table.long-line", file=self.label, line=self.number, most=MAX_LINE_LETTERS)
+                fault("table.long-line", file=self.label, line=self.number, maximum=MAX_LINE_LETTERS)
             )
         self.reserve_memory(ROW_BYTES + len(line if line.isascii() else line.encode("utf-8", "replace")))

@@ -70,7 +70,7 @@ class LogTable(NamedTuple):
             code = "table.column-mistyped" if close_names else "table.no-column"
             cells = [self._first_cells(name) for name in close_names]
             reason = fault(
-                code, file=self.label, column=column, similar=map(repr, close_names), cells=cells, valid=names
+                code, file=self.label, column=column, match=map(repr, close_names), cells=cells, valid=names
             )
             raise FileError(reason)
         if self.columns[column] is None:
@@ -228,7 +228,7 @@ def _rows(label: str, texts: Iterator[tuple[int, str]], delimiter: str) -> Itera
             return
         is_too_long = "field limit" in str(error)
         code = "table.long-cell" if is_too_long else "table.not-csv"
-        reason = fault(code, file=label, line=first_line, most=csv.field_size_limit(), error=str(error))
+        reason = fault(code, file=label, line=first_line, maximum=csv.field_size_limit(), error=str(error))
         raise FileError(reason) from error
 
 
@@ -298,7 +298,7 @@ def _separator(lines: list[str], label: str) -> str:
 
 def _header(first: list[str], options: "JsonObject", label: str) -> list[str]:
     if len(first) > MAX_COLUMNS:
-        raise FileError(fault("table.columns", file=label, count=len(first), most=MAX_COLUMNS))
+        raise FileError(fault("table.columns", file=label, count=len(first), maximum=MAX_COLUMNS))
     numeric = all(_NUMBER.fullmatch(cell) or _COMMA.fullmatch(cell) for cell in first)
     if not options.get("header", True):
         return [str(i + 1) for i in range(len(first))]
@@ -330,8 +330,8 @@ def _decimal(columns: "JsonObject", delimiter: str, label: str) -> str:
                 "table.comma",
                 file=label,
                 value=comma,
-                without=comma.replace(",", ""),
-                with_point=comma.replace(",", "."),
+                integer_reading=comma.replace(",", ""),
+                decimal_reading=comma.replace(",", "."),
             )
         )
     return ","

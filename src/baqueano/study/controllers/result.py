@@ -101,7 +101,7 @@ class Controllers(Result):
                 )
                 out.append(message)
             if stops := sum(row[f"{view}_stopped"] for view in ("pose", "truth")):
-                out.append(note("study.stopped", Severity.WARNING, subject=row["controller"], stopped=stops))
+                out.append(note("study.stopped", Severity.WARNING, subject=row["controller"], count=stops))
         if self.refused_robots:
             out.append(note("study.fits-refused", Severity.WARNING, robots=self.refused_robots))
         return tuple(out)

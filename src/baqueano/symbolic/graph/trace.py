@@ -174,20 +174,20 @@ def _matching_nodes(graph: Graph, tree: Tree, shape: Shape, owner: str) -> list[
     try:
         entries = values(shape, tree)
     except Invalid as error:
-        reason = fault("trace.another-carry", whose=owner, cause=error.diagnostic)
+        reason = fault("trace.another-carry", function=owner, cause=error.diagnostic)
         raise TraceError(reason) from None
     nodes = []
     for leaf, value in zip(leaves(shape), entries, strict=True):
         if not isinstance(value, np.ndarray) and shape_of(value, leaf.path).__class__ is not Leaf:
             raise TraceError(
-                fault("trace.value", whose=owner, value=repr(value), path=leaf.path, shape=str(leaf.shape))
+                fault("trace.value", function=owner, value=repr(value), path=leaf.path, shape=str(leaf.shape))
             )
         array = as_array(value)
         if array.shape != leaf.shape:
             raise TraceError(
                 fault(
                     "trace.leaf-shape",
-                    whose=owner,
+                    function=owner,
                     path=leaf.path,
                     value=str(array.shape),
                     expected=str(leaf.shape),

@@ -70,11 +70,11 @@ def parse_toml(text: str, name: str) -> "JsonObject":
     except tomllib.TOMLDecodeError:
         raise
     except (RecursionError, MemoryError) as error:
-        raise FileError(fault("toml.too-deep", file=name, most=MAX_DEPTH)) from error
+        raise FileError(fault("toml.too-deep", file=name, maximum=MAX_DEPTH)) from error
     except ValueError as error:  # a number of thousands of digits
         raise FileError(fault("toml.number", file=name, error=error)) from error
     if _depth(data) > MAX_DEPTH:
-        raise FileError(fault("toml.too-deep", file=name, most=MAX_DEPTH))
+        raise FileError(fault("toml.too-deep", file=name, maximum=MAX_DEPTH))
     return data
 
 
@@ -100,7 +100,7 @@ def _refuse_long_keys(text: str, name: str) -> None:
     for line_number, line in enumerate(text.splitlines(), 1):
         runs = _DOTS.findall(line.split("#")[0]) if line.count(".") > 2 * MAX_DEPTH else []
         if any(run.count(".") > 2 * MAX_DEPTH for run in runs):
-            raise FileError(fault("toml.long-key", file=name, line=line_number, most=2 * MAX_DEPTH))
+            raise FileError(fault("toml.long-key", file=name, line=line_number, maximum=2 * MAX_DEPTH))
 
 
 def _depth(value: object) -> int:
@@ -123,7 +123,7 @@ def _syntax_error(cause: str, text: str, name: str) -> Diagnostic:
     figures: dict[str, Any] = {"file": name, "line": line_number, "value": repr(line[:80])}
     if re.search(r"=\s*[-+]?\d+,\d", line):
         with_point = re.sub(r"(\d),(\d)", r"\1.\2", line)
-        return fault("toml.decimal-comma", with_point=with_point, **figures)
+        return fault("toml.decimal-comma", decimal_reading=with_point, **figures)
     if re.search(r"=\s*\[.*\d,\d", line):
         return fault("toml.decimal-commas", error=problem[:1].lower() + problem[1:], **figures)
     if "overwrite" in problem or "twice" in problem or "mutate" in problem or "already" in problem:

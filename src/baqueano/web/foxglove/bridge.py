@@ -274,4 +274,4 @@ def _time(t_ns: int) -> "JsonObject":
 
 def _status(code: str, detail: str = "") -> "JsonObject":
     short_word = one_line(detail)[:40]
-    return {"op": "status", "level": ERROR, "message": text(note(code, word=short_word, error=short_word))}
+    return {"op": "status", "level": ERROR, "message": text(note(code, request=short_word, error=short_word))}

@@ -79,7 +79,9 @@ class RunPlayer:
         if do == "pace":
             factor = words["factor"]
             if not isinstance(factor, int | float) or not SLOWEST <= factor <= FASTEST:
-                raise UsageError(fault("door.pace", value=str(factor), slowest=SLOWEST, fastest=FASTEST))
+                raise UsageError(
+                    fault("door.pace", value=str(factor), min_factor=SLOWEST, max_factor=FASTEST)
+                )
             self._pace = float(factor)
         elif do in ("pause", "go"):
             self._paused = do == "pause"

@@ -50,7 +50,7 @@ class Questions:
         """Answer a question. Raise UsageError for an unknown question."""
         question = str(message["question"])
         if question not in self.words:
-            raise UsageError(fault("web.no-question", what=one_line(question)[:MAX_NAME_LETTERS]))
+            raise UsageError(fault("web.no-question", request=one_line(question)[:MAX_NAME_LETTERS]))
         key = visitor, question
         self._newest[key] = message.get("id")
         task = asyncio.create_task(self._answer(visitor, message))

@@ -273,9 +273,13 @@ def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
     new_file.save()
     if path is not None and route is not None:
         write_route(route, path)
-    figures = {"old": old.gyro_scale, "old_std": old.gyro_scale * old.gyro_scale_std, "std": result.std}
+    figures = {
+        "former_value": old.gyro_scale,
+        "former_std": old.gyro_scale * old.gyro_scale_std,
+        "std": result.std,
+    }
     message = note(
-        "web.lap-closed", gyro=result.gyro, file=vehicle_file.path.name, new=result.scale, **figures
+        "web.lap-closed", gyro=result.gyro, file=vehicle_file.path.name, value=result.scale, **figures
     )
     return {"message": message.to_json()}, b""
 

@@ -118,11 +118,12 @@ class Fault:
             direction_rad -= psi_rad
         direction_name = DIRECTION_NAMES[round(direction_rad / (pi / 2.0)) % 4]
         figures: JsonObject = {
-            "much": degrees(magnitude) if self.kind == "tilt" else magnitude,
-            "toward_deg": degrees(direction_rad),
+            "impulse_n_s": magnitude,
+            "slope_deg": degrees(magnitude),
+            "uphill_deg": degrees(direction_rad),
         }
         if self.kind == "push":
-            figures["way"] = note(f"shake.way-{direction_name}")
+            figures["direction"] = note(f"shake.way-{direction_name}")
         if self.kind == "slip":
             figures["wheel"] = note(f"shake.wheel-{self.of}")
         if self.kind in CHANNEL_KINDS:
@@ -172,7 +173,7 @@ def faults_in(events: Iterable[tuple[int, str, Diagnostic | None]]) -> list[Faul
         number = int(message.figures["number"])
         if message.code == "shake.over":
             at_s = by_number[number].at_s
-            by_number[number] = replace(by_number[number], for_s=float(message.figures["for_s"]))
+            by_number[number] = replace(by_number[number], for_s=float(message.figures["duration_s"]))
             assert by_number[number].at_s == at_s
         else:
             by_number[number] = Fault.from_diagnostic(message)

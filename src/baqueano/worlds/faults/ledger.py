@@ -140,10 +140,10 @@ class Ledger:
         lasted_s = min(self.now_s, row.until_s + COVER_AFTER_S) - row.fault.at_s
         if row.notices or lasted_s < MIN_LASTED_S:
             return None
-        figures = {"after_s": lasted_s, "nis": row.worst_nis, "why": self.reason_unnoticed(row.fault)}
+        figures = {"delay_s": lasted_s, "nis": row.worst_nis, "reason": self.reason_unnoticed(row.fault)}
         if isfinite(row.error_m) and isfinite(row.bound_m):
-            error_diagnostic = note("ledger.off", off_cm=100.0 * row.error_m, bound_cm=100.0 * row.bound_m)
-            return note("ledger.nobody-and-off", subject="nobody", off=error_diagnostic, **figures)
+            error_diagnostic = note("ledger.off", error_cm=100.0 * row.error_m, bound_cm=100.0 * row.bound_m)
+            return note("ledger.nobody-and-off", subject="nobody", consequence=error_diagnostic, **figures)
         return note("ledger.nobody", subject="nobody", **figures)
 
     def reason_unnoticed(self, fault: Fault) -> Diagnostic:
@@ -169,7 +169,7 @@ class Ledger:
         number = int(diagnostic.figures["number"])
         if diagnostic.code == "shake.over":
             row = next(row for row in self.rows if row.number == number)
-            row.until_s = row.fault.at_s + float(diagnostic.figures["for_s"])
+            row.until_s = row.fault.at_s + float(diagnostic.figures["duration_s"])
             return
         fault_ = Fault.from_diagnostic(diagnostic)
         self._before = deque(pair for pair in self._before if pair[0] >= fault_.at_s - KEEP_BEFORE_S)
@@ -195,9 +195,7 @@ class Ledger:
         while self._refusals_s and t_s - self._refusals_s[0] > WINDOW_S:
             self._refusals_s.popleft()
         if refusals and len(self._refusals_s) >= MIN_REFUSALS:
-            self._add_notice(
-                "gate", t_s, note("ledger.gate", refused=len(self._refusals_s), within_s=WINDOW_S)
-            )
+            self._add_notice("gate", t_s, note("ledger.gate", count=len(self._refusals_s), limit_s=WINDOW_S))
 
     def _channels(self, m: int) -> set[str] | None:
         """Return the names of the channels of m innovations, as "imu[2]"; None if they are unknown."""
@@ -232,7 +230,7 @@ class Ledger:
             by_chance = (1.0 - 2.0 / (9.0 * k) + Z * sqrt(2.0 / (9.0 * k))) ** 3
             limit = max(by_chance, MIN_NIS_RATIO * float(np.mean(earlier_means)) if earlier_means else 0.0)
             if mean > limit:
-                self._add_notice("nis", t_s, note("ledger.nis", nis=mean, most=limit, window_s=WINDOW_S))
+                self._add_notice("nis", t_s, note("ledger.nis", nis=mean, maximum=limit, window_s=WINDOW_S))
 
 
 def fault_ledger(run: "Run", vehicle_file: "VehicleFile") -> Ledger:

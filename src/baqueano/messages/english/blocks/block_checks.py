@@ -14,7 +14,7 @@ TEMPLATES: dict[str, str] = {
     "when.gap": "after a gap of 0.3 s",
     "when.within": "within 3 s",
     "when.hour-later": "an hour later",
-    "when.around-nan": "around a NaN in {what}",
+    "when.around-nan": "around a NaN in {signal}",
     "when.large-command": "at a command of 1e9",
     "when.clock": "with a clock that begins at {begin_ns:.2g} ns",
     "check.no-commands": (
@@ -32,38 +32,38 @@ TEMPLATES: dict[str, str] = {
         "slots=True, eq=False) above it, so that a replay uses the same block."
     ),
     "check.changes-arguments": (
-        "{place}: {subject} changes its arguments ({when}): make new arrays and NamedTuples, x._replace(…), never "
+        "{place}: {subject} changes its arguments ({situation}): make new arrays and NamedTuples, x._replace(…), never "
         "x[…] = …"
     ),
     "check.two-answers": (
-        "{place}: {subject} is not deterministic ({when}): its output must depend only on its arguments "
+        "{place}: {subject} is not deterministic ({situation}): its output must depend only on its arguments "
         "and the block's parameters."
     ),
-    "check.changes-itself": "{place}: {subject} changes the block itself ({when}). Keep memory in the state.",
+    "check.changes-itself": "{place}: {subject} changes the block itself ({situation}). Keep memory in the state.",
     "check.returns": "{place}: {subject} returns {value}: expected {expected}.",
     "check.values": (
-        "{place}: {subject} returns {count} values ({when}): expected two values, (state, output)."
+        "{place}: {subject} returns {count} values ({situation}): expected two values, (state, output)."
     ),
     "check.one-value": (
-        "{place}: {subject} returns only {value} ({when}): expected two values, (state, output)."
+        "{place}: {subject} returns only {value} ({situation}): expected two values, (state, output)."
     ),
-    "check.no-numbers": "{place}: {subject} gives {what} = {value}: expected numbers of shape {shape}.",
-    "check.shape": "{place}: {subject} gives {what} with shape {value}: expected {shape}.",
-    "check.not-finite": "{place}: {subject} gives {what} = {value} ({when}): expected finite numbers.",
-    "check.stamp": "{place}: {subject} stamps its output with {value} instead of {of}.t_ns = {t_ns} ({when}).",
+    "check.no-numbers": "{place}: {subject} gives {field} = {value}: expected numbers of shape {shape}.",
+    "check.shape": "{place}: {subject} gives {field} with shape {value}: expected {shape}.",
+    "check.not-finite": "{place}: {subject} gives {field} = {value} ({situation}): expected finite numbers.",
+    "check.stamp": "{place}: {subject} stamps its output with {value} instead of {signal}.t_ns = {t_ns} ({situation}).",
     "check.not-wrapped": (
-        "{place}: {subject} gives {what} = {psi_rad:.4g} rad ({when}): expected an angle in [-π, π]: "
+        "{place}: {subject} gives {field} = {psi_rad:.4g} rad ({situation}): expected an angle in [-π, π]: "
         "use geometry.wrap."
     ),
-    "check.not-symmetric": "{place}: {subject} gives a {what} that is not symmetric ({when}).",
+    "check.not-symmetric": "{place}: {subject} gives a {field} that is not symmetric ({situation}).",
     "check.eigenvalue": (
-        "{place}: {subject} gives a {what} with the eigenvalue {smallest:.3g} ({when}): the eigenvalues of "
+        "{place}: {subject} gives a {field} with the eigenvalue {smallest:.3g} ({situation}): the eigenvalues of "
         "a covariance are 0 or more. The Joseph form ensures this: (I - K H) P (I - K H)ᵀ + K Q Kᵀ."
     ),
-    "check.raises": "{place}: {subject} raises {error} ({when}).",
-    "check.raises-on-line": "{place}: {subject} raises {error} on line {line} ({when}).",
-    "check.moves-by-itself": "{place}: {subject} moves {moved} within 2 s without a command, on a level floor.",
-    "check.gains-speed": "{place}: {subject} gains speed without a command: ν goes from {before} to {after}.",
+    "check.raises": "{place}: {subject} raises {error} ({situation}).",
+    "check.raises-on-line": "{place}: {subject} raises {error} on line {line} ({situation}).",
+    "check.moves-by-itself": "{place}: {subject} moves {distance} within 2 s without a command, on a level floor.",
+    "check.gains-speed": "{place}: {subject} gains speed without a command: ν goes from {first_speed} to {last_speed}.",
     "check.no-noise": (
         "{place}: {subject} has a cov with 0 on its diagonal, so an estimator would divide by 0. Give it a "
         "variance above 0."
@@ -71,7 +71,7 @@ TEMPLATES: dict[str, str] = {
     "check.has": "{place}: {subject} gives has = {value}: expected 1.0 when a measurement arrived, else 0.0.",
     "check.has-not": "{place}: {subject} gives a measurement with has = 0: then its z must be zeros.",
     "check.rate": (
-        "{place}: {subject} gives {answers} measurements in {lasted_s:g} s: rate_hz = "
+        "{place}: {subject} gives {count} measurements in {duration_s:g} s: rate_hz = "
         "{rate_hz:g} requires {expected:.0f}."
     ),
     "check.sure-without-sensors": (
@@ -87,9 +87,9 @@ TEMPLATES: dict[str, str] = {
         "geometry.pose_error, the error in the frame of the vehicle."
     ),
     "check.done": "{place}: {subject} gives done = {value}: expected 1.0 at the end of the route, else 0.0.",
-    "check.lets-through": "{place}: {subject} outputs {u} after a NaN in {what}: expected zeros.",
+    "check.lets-through": "{place}: {subject} outputs {u} after a NaN in {signal}: expected zeros.",
     "check.drives-again": (
-        "{place}: {subject} lets the vehicle drive again by itself after a NaN in {what}: a stop is final."
+        "{place}: {subject} lets the vehicle drive again by itself after a NaN in {signal}: a stop is final."
     ),
     "check.beyond-limit": "{place}: {subject} outputs {u}, which exceeds its limit {limit}.",
     "check.clock": (
@@ -106,10 +106,10 @@ TEMPLATES: dict[str, str] = {
         "{place}: {subject} gives other values when it is compiled. It must depend only on its "
         "arguments and fields."
     ),
-    "outside.imports": "{place} imports {name}: {instead}.",
-    "outside.draws": "{place} uses numpy's random numbers: {instead}.",
-    "outside.calls": "{place} calls {name}(): {instead}.",
-    "outside.global": "{place} writes the global {name}: {instead}.",
+    "outside.imports": "{place} imports {name}: {advice}.",
+    "outside.draws": "{place} uses numpy's random numbers: {advice}.",
+    "outside.calls": "{place} calls {name}(): {advice}.",
+    "outside.global": "{place} writes the global {name}: {advice}.",
     "outside.time": "time arrives with the signal: seconds(tick.t_ns, belief.t_ns)",
     "outside.random": "random numbers are inputs, drawn from the seed of the run",
     "outside.machine": "a block cannot use files or the system; its parameters come from the vehicle file",

@@ -10,7 +10,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cov.shape": "{name} has shape {value}, expected ({size}, {size}).",
     "cov.not-finite": "{name}[{i}][{j}] = {value}: expected a finite number.",
-    "cov.not-symmetric": "{name} is not symmetric: [{i}][{j}] = {one:g} but [{j}][{i}] = {other:g}. {offer}",
+    "cov.not-symmetric": "{name} is not symmetric: [{i}][{j}] = {first:g} but [{j}][{i}] = {second:g}. {offer}",
     "cov.eigenvalue": (
         "{name} has the eigenvalue {smallest:.3g}; the eigenvalues of a covariance are 0 or more. "
         "[{i}][{j}] = {entry:g} is too large for the diagonal entries {first:g} and {second:g}. {offer}"
@@ -45,14 +45,14 @@ TEMPLATES: dict[str, str] = {
     "guide.times": "the route's times must start at 0 and increase; they start {value} s.",
     "route.laps": "laps = {value}: expected 0 (for ever) or more.",
     "route.laps-kept": (
-        "{kind}.laps = {before} cannot become {laps}: {cause}. Write self.laps = laps in __init__, or do "
+        "{kind}.laps = {former_laps} cannot become {laps}: {cause}. Write self.laps = laps in __init__, or do "
         "not give laps."
     ),
     "shape.length": "length {value:g} m: expected a positive number.",
     "shape.unknown": "shape {value} does not exist; the shapes are {valid}",
     "shape.corners": (
         "a rectangle of {length_m} m by {width_m} m is too small for corners of radius {corner_m} m. The "
-        "radius must be above 0 and below {most_m:g} m."
+        "radius must be above 0 and below {max_m:g} m."
     ),
     "shape.amplitude": (
         "SinuousCircle.amplitude_m = {amplitude_m} m: expected less than radius_m = {radius_m} m."
@@ -62,11 +62,11 @@ TEMPLATES: dict[str, str] = {
         "Tags.points_m has shape {value}: expected (n, 2), a row (x, y) for each tag, such as [[0.0, 0.0], [1.2, "
         "0.8]]."
     ),
-    "field.one-number": "{where} = {value}: expected one number [{in_unit}], {meaning:word}.",
-    "field.not-array": "{where} = {value}: expected a NumPy array, {meaning:word}; write np.array([...]).",
-    "field.shape": "{where} has shape {value}: expected {expected} [{in_unit}], {meaning:word}.",
-    "field.not-finite": "{where} = {value}: expected finite numbers [{in_unit}], {meaning:word}.",
-    "field.range": "{where} = {value}: expected values from {low:g} to {high:g} [{in_unit}], {meaning:word}.",
+    "field.one-number": "{field} = {value}: expected one number [{unit_name}], {meaning:word}.",
+    "field.not-array": "{field} = {value}: expected a NumPy array, {meaning:word}; write np.array([...]).",
+    "field.shape": "{field} has shape {value}: expected {expected} [{unit_name}], {meaning:word}.",
+    "field.not-finite": "{field} = {value}: expected finite numbers [{unit_name}], {meaning:word}.",
+    "field.range": "{field} = {value}: expected values from {low:g} to {high:g} [{unit_name}], {meaning:word}.",
     "delay.slots": "{name}.delay_slots = {value}: expected a whole number, 0 or more.",
     "delay.no-slots": (
         "{name}.delay_s = {delay_s:g} s but delay_slots = 0, so past values are not stored. Give "
@@ -91,7 +91,7 @@ TEMPLATES: dict[str, str] = {
         "right wheel [m], the lever arm that turns the vehicle."
     ),
     "vehicle.commands": (
-        "{model} has {commands} commands ({names}), but its drivetrain has {of_drivetrain}: give "
+        "{model} has {commands} commands ({names}), but its drivetrain has {rows}: give "
         "Drivetrain(commands={commands})."
     ),
     "replay.empty": "{run} is empty: it does not have a tick to replay.",
@@ -101,7 +101,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "room.too-small": (
         "the vehicle cannot stay in a room of {width_m:g} × {height_m:g} m. Even without a command, its "
-        "corridor extends {beyond_m:.2f} m beyond the wall. Give a larger room, or start further from the "
+        "corridor extends {excess_m:.2f} m beyond the wall. Give a larger room, or start further from the "
         "wall."
     ),
     "field.role": "role = {value}: expected one of {valid}.",

@@ -21,7 +21,7 @@ TEMPLATES: dict[str, str] = {
     S.TERMINAL_SILENT: "the terminal has not answered for {silent_ms:.0f} ms",
     S.PROGRAM_ENDED: "another process ended the program",
     S.RECORDED: "{words}",
-    S.STUCK: "the vehicle has not moved for {waited_s:.0f} s, and its reference is {away_m:.2f} m away",
+    S.STUCK: "the vehicle has not moved for {rest_s:.0f} s, and its reference is {distance_m:.2f} m away",
     S.ROOM: (
         "the vehicle might leave the room. The wall in direction {axis} is {wall_m:.2f} m from its body. Its position "
         "is uncertain by {region_m:.2f} m (95 %), and it needs {stop_m:.2f} m to stop"
@@ -30,7 +30,7 @@ TEMPLATES: dict[str, str] = {
     "caution.slow": "the vehicle slows down. {cause}",
     "caution.over": "the vehicle continues at its normal speed, because this has ended: {cause}",
     "caution.uncertain": (
-        "the standard deviation of the position is {std_m:.2f} m; at {most_m:.2f} m the supervisor stops "
+        "the standard deviation of the position is {std_m:.2f} m; at {max_m:.2f} m the supervisor stops "
         "the vehicle"
     ),
     "drive.rest": "the vehicle stands still for {rest_s:g} s, to measure the bias of its gyro",

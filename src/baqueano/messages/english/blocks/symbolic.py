@@ -55,8 +55,8 @@ TEMPLATES: dict[str, str] = {
         "the block. Time and noise must be inputs"
     ),
     "trace.pair": "{function} must return (carry, output); it returned {kind}",
-    "trace.value": "{whose} returned {value} for {path}, expected shape {shape}",
-    "trace.leaf-shape": "{whose} returned {path} with shape {value}, expected {expected}",
+    "trace.value": "{function} returned {value} for {path}, expected shape {shape}",
+    "trace.leaf-shape": "{function} returned {path} with shape {value}, expected {expected}",
     "tree.value": "{path} is {value}, expected {expected} as in the example",
     "tree.branch": "{path} is {value}, expected {expected} as in the example",
     "tree.numbers": "{path} has shape {value} of {dtype}, expected numbers, {expected}",
@@ -87,9 +87,9 @@ TEMPLATES: dict[str, str] = {
         "choose, np.interp(x, xp, fp) to read a table"
     ),
     "trace.numpy": "{place}\n    {kind}: {error}",
-    "trace.another-carry": "{whose} returned a carry that differs from its input: {cause}",
+    "trace.another-carry": "{function} returned a carry that differs from its input: {cause}",
     "tree.dtype": "{path} is an array of {dtype}: expected numbers",
-    "path.no-such-name": '"{path}": {kind} does not have {value}. {near}',
+    "path.no-such-name": '"{path}": {kind} does not have {value}. {suggestion}',
     "compiler.absent": "a C compiler was not found: install gcc or clang, or type: {fix}",
     "compiler.no-command": "BAQUEANO_CC = '{value}': this command does not exist",
     "compiler.given-up": "Python is used instead of C, and this is slower: {cause}",

@@ -1,12 +1,14 @@
 """English sentences about comparisons, and about the requirements of their figures."""
 
-CONSISTENCY = "{figure} of {of:word} is {mean:.3g}. A correct covariance gives {low:.3g} to {high:.3g}{worst}"
+CONSISTENCY = (
+    "{figure} of {quantity:word} is {mean:.3g}. A correct covariance gives {low:.3g} to {high:.3g}{worst}"
+)
 
 TEMPLATES: dict[str, str] = {
     "compare.laps": (
-        "{laps} laps, the last in {seconds:.1f} s. Cross-track error of the {of:word}: {first_cm:.1f} cm rms in the "
-        "first lap and {last_cm:.1f} in the last, at most {most_cm:.1f} in lap {worst}. After each lap the vehicle is "
-        "at most {gap_cm:.1f} cm from the point at which this lap began."
+        "{laps} laps, the last in {seconds:.1f} s. Cross-track error of the {quantity:word}: {first_cm:.1f} cm rms "
+        "in the first lap and {last_cm:.1f} in the last, at most {max_cm:.1f} in lap {worst}. After each lap the "
+        "vehicle is at most {gap_cm:.1f} cm from the point at which this lap began."
     ),
     "compare.no-runs": "A comparison needs one or more runs. For example, type: baqueano compare last",
     "compare.times": "over_s = {over_s:g} s, skip_s = {skip_s:g} s: expected over_s above 0, skip_s at least 0.",
@@ -33,27 +35,28 @@ TEMPLATES: dict[str, str] = {
     ),
     "consistency.not-reported": "The run does not contain an estimate with a covariance",
     "consistency.cannot-tell": (
-        "There are not enough data: the errors of {of:word} are equivalent to {samples:.1f} independent "
+        "There are not enough data: the errors of {quantity:word} are equivalent to {samples:.1f} independent "
         "samples"
     ),
     "consistency.consistent": f"Consistent: the {CONSISTENCY}",
     "consistency.too-sure": f"The {CONSISTENCY}",
     "consistency.too-cautious": f"The {CONSISTENCY}",
     "consistency.worst": "; the worst state is {state:word}, {nees:.3g}",
-    "consistency.unknown": "{of:word} cannot be evaluated with this run",
+    "consistency.unknown": "{quantity:word} cannot be evaluated with this run",
     "consistency.correlated": (
         "The innovations are correlated ({correlation:.2f} at lag 1): the model or the noise is incomplete"
     ),
     "corridor.lost": "lost after {t_s:.0f} s: from then on the heading is unknown",
     "corridor.lost-in-lap": "lost after {t_s:.0f} s (lap {lap}): from then on the heading is unknown",
-    "corridor.after-time": "after {t_s:.0f} s the estimator expects errors within {within} (95 %)",
-    "corridor.after-lap": "after 1 lap the estimator expects errors within {within} (95 %)",
-    "corridor.after-laps": "after {laps} laps the estimator expects errors within {within} (95 %)",
+    "corridor.after-time": "after {t_s:.0f} s the estimator expects errors within {bound} (95 %)",
+    "corridor.after-lap": "after 1 lap the estimator expects errors within {bound} (95 %)",
+    "corridor.after-laps": "after {laps} laps the estimator expects errors within {bound} (95 %)",
     "corridor.cm": "± {across_cm:.2g} cm across the path, ± {heading_deg:.2g}° in heading",
     "corridor.m": "± {across_m:.2g} m across the path, ± {heading_deg:.2g}° in heading",
     "corridor.and-truth": "{corridor}. The true position error there is {error_cm:.2g} cm.",
     "compare.few-fits": (
-        "A comparison of fits needs two that are accepted; found {good} of {count}. For the reasons, type: {fix}"
+        "A comparison of fits needs two that are accepted; found {accepted_count} of {count}. For the reasons, "
+        "type: {fix}"
     ),
     "compare.mixed": "Runs are compared with runs, and fits with fits. Type: {fix}",
     "compare.of-run": "{run}: {cause}.",

@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "pad.not-linux": "--pad: game pads are read from Linux's /dev/input. Here, drive with the keys.",
-    "pad.several": "--pad: there are {count} game pads: {several}. Name one: --pad {first}",
+    "pad.several": "--pad: there are {count} game pads: {names}. Name one: --pad {first}",
     "pad.may-not-read": "--pad {path}: this user is not allowed to read it. Type: {fix}",
     "pad.not-evdev": (
         "--pad {path} is not a device of evdev ({error}): expected one such as "
@@ -32,18 +32,18 @@ TEMPLATES: dict[str, str] = {
         "vehicle again, or choose another estimator in the vehicle file."
     ),
     "marks.lap-no-scale": (
-        "{name}: the end of this lap does not determine the scale of {gyro} within {within_percent:.0f} %. Drive a lap "
-        "with turns, such as a circle or an eight."
+        "{name}: the end of this lap does not determine the scale of {gyro} within {tolerance_percent:.0f} %. Drive "
+        "a lap with turns, such as a circle or an eight."
     ),
     "marks.lap-open": (
         "{name}: this lap did not return to its start. With the scale of {gyro} that fits best, its estimated end is "
         "{gap_m:.2f} m and {turn_deg:+.1f}° from the start. Its χ² is {chi2:.0f}; 99.9 % of the laps that return have "
-        "at most {most:.1f}. Either the vehicle stopped elsewhere, or a wheel slipped, or the model is wrong. Drive "
+        "at most {maximum:.1f}. Either the vehicle stopped elsewhere, or a wheel slipped, or the model is wrong. Drive "
         "another lap, and end it on the mark with the same heading: {fix}"
     ),
     "marks.lap-other-scale": (
         "{name}: this lap gives the gyro of {gyro} the scale {value:.3f}; the vehicle file states {file:.3f}. The "
-        "difference is {percent:+.1f} %, and at most {most_percent:.1f} % was expected from both standard deviations. "
+        "difference is {percent:+.1f} %, and at most {max_percent:.1f} % was expected from both standard deviations. "
         "Either the lap did not return to its start, or the scale in the file is wrong. Turn the vehicle twice between "
         "two marks, which gives the scale without the file: {fix}"
     ),
@@ -52,12 +52,12 @@ TEMPLATES: dict[str, str] = {
         "a scale. Drive a circle or a rectangle, in one direction."
     ),
     "marks.no-whole-turn": (
-        "{subject}: between two marks the gyro measured {turned_deg:.0f}°. Expected a whole number of "
-        "turns, within {within_percent:.0f} %, and at most {most}. Press m only when the vehicle is on the "
+        "{subject}: between two marks the gyro measured {turn_deg:.0f}°. Expected a whole number of "
+        "turns, within {tolerance_percent:.0f} %, and at most {maximum}. Press m only when the vehicle is on the "
         "same mark with the same heading."
     ),
     "marks.stood-too-short": (
-        "{name}: the vehicle was at rest for {stood_s:.1f} s, too short to measure the bias of "
+        "{name}: the vehicle was at rest for {rest_s:.1f} s, too short to measure the bias of "
         "its gyro. Leave it at rest on the mark for 2 s, then drive."
     ),
     "first-drive.no-imu": (
@@ -76,13 +76,13 @@ TEMPLATES: dict[str, str] = {
     "mission.no-driver": "teaching needs a route, or a person who drives.",
     "mission.file-name": "a block in the file {name}: expected a plain name that ends in .py.",
     "smooth.not-kalman": (
-        "{who} cannot be smoothed: smoothing needs a Kalman filter, with a belief of mean (η, ν, …) and "
+        "{estimator} cannot be smoothed: smoothing needs a Kalman filter, with a belief of mean (η, ν, …) and "
         "cov, and innovations. Remove --smooth, or replay with augmented_ekf: --estimator augmented_ekf"
     ),
     "smooth.smoothed": (
-        "the estimates are smoothed: the filter {who} also used the measurements after each instant."
+        "the estimates are smoothed: the filter {estimator} also used the measurements after each instant."
     ),
-    "smooth.not-compiled": "{who} cannot be compiled, so it cannot be smoothed: {cause}",
+    "smooth.not-compiled": "{estimator} cannot be compiled, so it cannot be smoothed: {cause}",
     "drive.usual-noise": (
         "the vehicle file does not contain the noise of {sensors}, so the estimator uses a typical value. "
         "To measure it, type: {fix}"
@@ -107,7 +107,7 @@ TEMPLATES: dict[str, str] = {
     "mpc.no-solver": "osqp is not installed, and the controller mpc needs its solver. Type: {fix}",
     "mpc.old-plan": (
         "The solver of mpc did not find a command in time. The plan of the previous tick continues, for at "
-        "most {most} ticks in a row."
+        "most {maximum} ticks in a row."
     ),
     "mpc.unsolved": (
         "the solver of mpc did not find a command in {ticks} ticks in a row. Is the vehicle "
@@ -118,13 +118,13 @@ TEMPLATES: dict[str, str] = {
     "route.no-motion": "{name}: the vehicle did not move, so the run cannot become a route.",
     "route.open": (
         "{name} ends {gap_m:.2f} m and {gap_deg:.0f}° from where it began; a closed route returns to "
-        "within {close_m} m and {close_deg:.0f}°. Drive back to the mark, or teach it as an open route."
+        "within {tolerance_m} m and {tolerance_deg:.0f}°. Drive back to the mark, or teach it as an open route."
     ),
     "drive.never-began": (
         "{cause}. This was before the first tick: the vehicle did not move, and the run was not written."
     ),
     "pad.lacks": (
-        '--pad {path}: "{name}" cannot be used as a game pad ({lack}). Without a path, --pad searches for '
+        '--pad {path}: "{name}" cannot be used as a game pad ({reason}). Without a path, --pad searches for '
         "the pad."
     ),
     "pad.no-stick": "no stick",
@@ -139,7 +139,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "pad.closed": (
         "--pad: no game pad is plugged in. Of {folder}/event*, {devices} were checked, and this user is "
-        "not allowed to read {closed}. If one of these is the pad, type: {fix}"
+        "not allowed to read {locked_devices}. If one of these is the pad, type: {fix}"
     ),
     "wiring.turns-wrong-left": "the left wheel turns the vehicle in the wrong direction: check its wires",
     "wiring.turns-wrong-right": "the right wheel turns the vehicle in the wrong direction: check its wires",
@@ -154,7 +154,7 @@ TEMPLATES: dict[str, str] = {
         "nothing moved with {command:word}: is the motor connected? Is the battery charged?"
     ),
     "first-drive.ended-early": (
-        "the sensors showed no motion with up to {tried_percent:.0f} % of {command:word}, and then the "
+        "the sensors showed no motion with up to {command_percent:.0f} % of {command:word}, and then the "
         "drive ended. The vehicle left its spot, or the drive took too long. Put it back and start again"
     ),
     "mission.lacks": 'a mission of kind "{kind}" needs {name}.',

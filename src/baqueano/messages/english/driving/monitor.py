@@ -1,36 +1,36 @@
 """English sentences about sensors that disagree, a model that no longer fits, and motion outside the data of a fit."""
 
 TEMPLATES: dict[str, str] = {
-    "sensor.no-number": "{subject} does not give a finite number. {off}.",
-    "sensor.at-its-end": "{subject} is at full scale, {reading:.3g}. {off}.",
-    "sensor.frozen": "{subject} is stuck at {reading:.3g}; expected {expected:.3g}. {off}.",
-    "sensor.zero": "{subject} reads 0; expected {expected:.3g}. {off}.",
+    "sensor.no-number": "{subject} does not give a finite number. {consequence}.",
+    "sensor.at-its-end": "{subject} is at full scale, {reading:.3g}. {consequence}.",
+    "sensor.frozen": "{subject} is stuck at {reading:.3g}; expected {expected:.3g}. {consequence}.",
+    "sensor.zero": "{subject} reads 0; expected {expected:.3g}. {consequence}.",
     "sensor.slips": (
-        "{subject} turns at {reading:.3g}; expected {expected:.3g}. Does its wheel slip? {off}."
+        "{subject} turns at {reading:.3g}; expected {expected:.3g}. Does its wheel slip? {consequence}."
     ),
-    "sensor.scaled": "{subject} reads {ratio:.2f} times the expected value. {off}.",
+    "sensor.scaled": "{subject} reads {ratio:.2f} times the expected value. {consequence}.",
     "sensor.contradicted": (
-        "{subject} reads {reading:.3g}, as the model predicts, but another sensor contradicts it. {off}."
+        "{subject} reads {reading:.3g}, as the model predicts, but another sensor contradicts it. {consequence}."
     ),
-    "sensor.away": "{subject} reads {reading:.3g}; expected {expected:.3g}. {off}.",
+    "sensor.away": "{subject} reads {reading:.3g}; expected {expected:.3g}. {consequence}.",
     "sensor.off-sensor": "The error is in the sensor, not in the model",
     "sensor.off-model": "The error is in the model, not in the sensor. Type: {fix}",
     "sensor.off-unknown": (
         "The error can be in this sensor, in another sensor, or in the model. A third source would decide"
     ),
     "sensor.degraded": "DEGRADED: {cause}.",
-    "sensor.agrees-again": "{subject} agrees again, after {lasted_s:.1f} s",
+    "sensor.agrees-again": "{subject} agrees again, after {duration_s:.1f} s",
     "monitor.raised": "the sensors are no longer monitored: the monitor raised {error}",
     "model.fits-no-longer": (
-        "for {window_s:.0f} s the errors of the model were {times:.1f} times as large as predicted: the "
+        "for {window_s:.0f} s the errors of the model were {ratio:.1f} times as large as predicted: the "
         "model no longer describes this vehicle or this floor. Type: {fix}"
     ),
-    "estimator.refused": "{each}",
+    "estimator.refused": "{reasons}",
     "envelope.this-run": "the run",
     "envelope.this-signal": "the signal",
     "envelope.left": (
-        "{run} leaves the envelope of the fit: {subject} goes from {least:.2g} to {most:.2g}. It "
-        "is outside of {low:.2g} to {high:.2g}, the range of the fit, for {beyond_percent:.0f} % "
+        "{run} leaves the envelope of the fit: {subject} goes from {minimum:.2g} to {maximum:.2g}. It "
+        "is outside of {low:.2g} to {high:.2g}, the range of the fit, for {percent:.0f} % "
         "of the time"
     ),
 }

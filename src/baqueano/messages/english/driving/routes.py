@@ -6,12 +6,12 @@ TEMPLATES: dict[str, str] = {
         "with a drive in which the vehicle moves."
     ),
     "route.both-ways": (
-        "the route changes between forward and backward {count} times, first at {at_m:.2f} m. Cut it there, and work "
-        "on each part: {fix}"
+        "the route changes between forward and backward {count} times, first at {position_m:.2f} m. Cut it there, "
+        "and work on each part: {fix}"
     ),
-    "route.tolerance": "tolerance {value:g} m: expected {least_m:g} to {largest_m:g} m.",
+    "route.tolerance": "tolerance {value:g} m: expected {min_m:g} to {largest_m:g} m.",
     "route.cut": (
-        "the part from {from_m:g} to {to_m:g} m does not lie on the route: expected 0 ≤ from < to ≤ {length_m:.2f} m."
+        "the part from {start_m:g} to {end_m:g} m does not lie on the route: expected 0 ≤ from < to ≤ {length_m:.2f} m."
     ),
     "route.join-reverses": (
         "the first route ends at {first_m_s:.2f} m/s, the second begins at {second_m_s:.2f} m/s. One is "
@@ -29,44 +29,45 @@ TEMPLATES: dict[str, str] = {
         "and is a point missing between them?"
     ),
     "route.too-tight": (
-        "the curve at {at_m:.2f} m has a radius of {radius_m:.3f} m: even slowly, the vehicle needs more than {share:.0%} "
+        "the curve at {position_m:.2f} m has a radius of {radius_m:.3f} m: even slowly, the vehicle needs more than {share:.0%} "
         "of its command there. Make the route smoother or larger, or allow a larger share: {fix}"
     ),
     "route.jump": (
-        "the route jumps by {gap_m:.2f} m at {at_m:.2f} m ({at_s:.1f} s), {count} times in all: "
+        "the route jumps by {gap_m:.2f} m at {position_m:.2f} m ({t_s:.1f} s), {count} times in all: "
         "the path in the gap is unknown. Cut it there, or teach it again: {fix}"
     ),
     "route.sudden-turn": (
-        "the heading of the route turns by {turn_deg:.0f}° at once at {at_m:.2f} m ({at_s:.1f} s), {count} times in "
-        "all. Cut it there, or teach it again: {fix}"
+        "the heading of the route turns by {turn_deg:.0f}° at once at {position_m:.2f} m ({t_s:.1f} s), {count} "
+        "times in all. Cut it there, or teach it again: {fix}"
     ),
     "route.gap": (
-        "samples are missing at {at_m:.2f} m ({at_s:.1f} s): the next pose is {gap_m:.2f} m and {gap_s:.1f} s further, "
-        "and the path between is not known. There are {count} such places. Cut it there, or teach it again: {fix}"
+        "samples are missing at {position_m:.2f} m ({t_s:.1f} s): the next pose is {gap_m:.2f} m and {gap_s:.1f} s "
+        "further, and the path between is not known. There are {count} such places. Cut it there, or teach it "
+        "again: {fix}"
     ),
     "route.no-number": (
         "{count} rows of the route contain something that is not a number; the first is row {row}. Correct "
         "the file, or teach the route again: {fix}"
     ),
     "route.speed-too-high": (
-        "at {at_m:.1f} m the route needs {needs_m_s:.2f} m/s, but the vehicle reaches "
-        "{has_m_s:.2f}. Make it slower: {fix}"
+        "at {position_m:.1f} m the route needs {demand_m_s:.2f} m/s, but the vehicle reaches "
+        "{max_m_s:.2f}. Make it slower: {fix}"
     ),
     "route.turns-too-fast": (
-        "at {at_m:.1f} m and {speed_m_s:.2f} m/s the route needs {needs_rad_s:.1f} rad/s, but "
-        "the vehicle reaches {has_rad_s:.1f}. Make it slower: {fix}"
+        "at {position_m:.1f} m and {speed_m_s:.2f} m/s the route needs {demand_rad_s:.1f} rad/s, but "
+        "the vehicle reaches {max_rad_s:.1f}. Make it slower: {fix}"
     ),
     "route.sideways": (
-        "at {at_m:.1f} m the route moves sideways with {speed_m_s:.2f} m/s, but no command moves the vehicle sideways. "
-        "Take the headings from the path: {fix}"
+        "at {position_m:.1f} m the route moves sideways with {speed_m_s:.2f} m/s, but no command moves the vehicle "
+        "sideways. Take the headings from the path: {fix}"
     ),
     "route.accelerates-too-fast": (
-        "at {at_m:.1f} m the route needs {share:.0%} of the command, to speed up or to enter a "
+        "at {position_m:.1f} m the route needs {share:.0%} of the command, to speed up or to enter a "
         "curve. Make it slower: {fix}"
     ),
     "route.through-wall": (
-        "the route leaves the room: at {at_m:.1f} m the body is {beyond_m:.2f} m beyond the wall. Make it smaller, or "
-        "give a larger room or another start: {fix}"
+        "the route leaves the room: at {position_m:.1f} m the body is {excess_m:.2f} m beyond the wall. Make it "
+        "smaller, or give a larger room or another start: {fix}"
     ),
     "route.columns-unused": (
         "the columns {names} are not used: the route passes the points at {speed_m_s:g} m/s. To drive the poses and "

@@ -1,12 +1,12 @@
 """English sentences about faults of a simulated world, and about the parts of the software that detected them."""
 
 TEMPLATES: dict[str, str] = {
-    "shake.push": "push of {much:.2f} N s {way}",
+    "shake.push": "push of {impulse_n_s:.2f} N s {direction}",
     "shake.way-ahead": "forward",
     "shake.way-left": "to the left",
     "shake.way-back": "backward",
     "shake.way-right": "to the right",
-    "shake.tilt": "floor tilted by {much:.1f}°, up towards {toward_deg:.0f}°",
+    "shake.tilt": "floor tilted by {slope_deg:.1f}°, up towards {uphill_deg:.0f}°",
     "shake.cut": "{of} cut",
     "shake.drift": "zero of {of} drifts by {size:g}{unit}",
     "shake.spikes": "spikes of ± {size:g}{unit} in {of}, {percent:.0f} % of its samples",
@@ -16,7 +16,7 @@ TEMPLATES: dict[str, str] = {
     "shake.wheel-all": "wheels slip,",
     "shake.sag": "battery falls to {percent:.0f} % of its voltage",
     "shake.lose": "the line loses {percent:.0f} % of its frames",
-    "shake.over": "over after {for_s:.1f} s: {what}",
+    "shake.over": "over after {duration_s:.1f} s: {fault}",
     "shake.kind": "The fault {value} does not exist: expected one of {valid}.",
     "shake.number": "{kind}: {name} = {value}: expected a number from {low:g} to {high:g}.",
     "shake.of": "{kind} of {value}: expected one of {valid}.",
@@ -31,8 +31,8 @@ TEMPLATES: dict[str, str] = {
         "The vehicle file does not have mass_kg, so the effect of a push of {value} is unknown. "
         "Tilt the floor instead."
     ),
-    "shake.too-many": "A drive has at most {most} faults. Begin another drive.",
-    "shake.no-number": "Fault number {value} does not exist: this drive had {most} so far.",
+    "shake.too-many": "A drive has at most {maximum} faults. Begin another drive.",
+    "shake.no-number": "Fault number {value} does not exist: this drive had {maximum} so far.",
     "shake.of-another-world": (
         "Faults occur only in a simulation, but this drive has its own world, {world}. Remove `world` "
         "or `shake`."
@@ -51,15 +51,15 @@ TEMPLATES: dict[str, str] = {
     "ledger.who-supervisor": "supervisor",
     "ledger.who-gate": "gate",
     "ledger.who-nis": "NIS",
-    "ledger.fault": "{at_s:.1f} s: {what}",
-    "ledger.noticed": "    {who} detected it after {after_s:.2f} s: {reply}",
+    "ledger.fault": "{t_s:.1f} s: {fault}",
+    "ledger.noticed": "    {detector} detected it after {delay_s:.2f} s: {reply}",
     "ledger.by-nobody": "    it was not detected {reply}",
-    "ledger.gate": "rejected {refused} innovations within {within_s:g} s",
-    "ledger.nis": "{nis:.2f} over {window_s:g} s, by chance at most {most:.2f}",
-    "ledger.nobody": "for {after_s:.1f} s: NIS at most {nis:.2f}. {why}.",
-    "ledger.nobody-and-off": "for {after_s:.1f} s: NIS at most {nis:.2f}. {off}. {why}.",
+    "ledger.gate": "rejected {count} innovations within {limit_s:g} s",
+    "ledger.nis": "{nis:.2f} over {window_s:g} s, by chance at most {maximum:.2f}",
+    "ledger.nobody": "for {delay_s:.1f} s: NIS at most {nis:.2f}. {reason}.",
+    "ledger.nobody-and-off": "for {delay_s:.1f} s: NIS at most {nis:.2f}. {consequence}. {reason}.",
     "ledger.off": (
-        "The estimate has an error of {off_cm:.1f} cm, but its own uncertainty is ± {bound_cm:.1f} cm."
+        "The estimate has an error of {error_cm:.1f} cm, but its own uncertainty is ± {bound_cm:.1f} cm."
     ),
     "ledger.why-push": "The push is within the disturbance that the filter expects from the floor.",
     "ledger.why-tilt": (

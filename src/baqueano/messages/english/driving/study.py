@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "study.recordings-missing": (
-        "recordings are missing: {folders} do not contain {missing}. They are not part of baqueano; set "
+        "recordings are missing: {folders} do not contain {recordings}. They are not part of baqueano; set "
         "BAQUEANO_DATA to the folder that contains {first}"
     ),
     "study.not-a-third": (
@@ -13,7 +13,7 @@ TEMPLATES: dict[str, str] = {
         "{robots} robots are too few for an interval, so no controller is evaluated. Give more --seeds."
     ),
     "study.gain-at-bound": "{subject}: the search ended at a bound of {gains}",
-    "study.stopped": "{subject}: {stopped} drives were stopped",
+    "study.stopped": "{subject}: {count} drives were stopped",
     "study.fits-refused": "the fits of these robots were refused: {robots}",
     "demo.experiment": "1/6 experiment  60 s of random steps",
     "demo.identify": "2/6 identify    the model from commands and IMU",

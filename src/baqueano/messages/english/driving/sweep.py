@@ -5,8 +5,8 @@ TEMPLATES: dict[str, str] = {
     "sweep.head-ratio": (
         "medians over the drives ({drives}); ratio: {figure} divided by that of {reference}, with its 95 % interval"
     ),
-    "sweep.stopped": "{subject}: {stopped} of {drives} drives were stopped",
-    "sweep.part": "{done} of {requested} drives are done; type the same command again to continue",
+    "sweep.stopped": "{subject}: {count} of {drives} drives were stopped",
+    "sweep.part": "{count} of {total} drives are done; type the same command again to continue",
     "sweep.spread": "Each dot is a drive, each bar the median of a cell.",
     "sweep.ratios": (
         "The error of each cell divided by that of {reference} on the same drives, with its 95 % interval."
@@ -17,8 +17,8 @@ TEMPLATES: dict[str, str] = {
         "of 10 s, or of 4 correlation times if that is longer. With fewer than 5 blocks, no decision is "
         "possible."
     ),
-    "sweep.reference": "No cell is called {value}. {near}.",
-    "sweep.setting": "{call}() does not accept {value}. {near}.",
+    "sweep.reference": "No cell is called {value}. {suggestion}.",
+    "sweep.setting": "{call}() does not accept {value}. {suggestion}.",
     "sweep.seeds": "seeds = {value}: expected several whole numbers, such as range(10).",
     "sweep.numbers": (
         "The sweep received {laps} laps and a span of {over_s:g} s. Expected 1 lap or more, and more than "
@@ -31,7 +31,7 @@ TEMPLATES: dict[str, str] = {
     "sweep.mixed": "A sweep accepts vehicles or runs, not both. The list of vehicles contains a {value}.",
     "sweep.route": "A sweep drives routes, such as guides.shapes.eight(1.0, 0.25). Found: {value}.",
     "sweep.of-runs": (
-        "A recorded run is replayed, so its {what} cannot vary. Give vehicles instead of runs, or only "
+        "A recorded run is replayed, so its {factor} cannot vary. Give vehicles instead of runs, or only "
         "estimators."
     ),
     "sweep.no-distributed": "A cluster needs the package distributed. Type: {fix}",

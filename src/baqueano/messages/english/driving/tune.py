@@ -21,9 +21,9 @@ TEMPLATES: dict[str, str] = {
         "with these gains a small error grows on a straight drive at {speed_m_s:.2g} m/s: tune over a longer route, "
         "or narrow the bounds"
     ),
-    "simulate.lost": "{lost} of {vehicles} vehicles diverged and were excluded",
-    "simulate.clipped": "in {clipped} of {vehicles} draws a parameter was moved to its bound",
-    "compare.inconsistent": "{subject}: {how:word}",
+    "simulate.lost": "{count} of {vehicles} vehicles diverged and were excluded",
+    "simulate.clipped": "in {count} of {vehicles} draws a parameter was moved to its bound",
+    "compare.inconsistent": "{subject}: {verdict:word}",
     "tune.aside": "aside_m = {aside_m:g}: expected a finite distance [m], 0 for a start on the route.",
     "tune.all-run-away": (
         "{vehicle}: with every gain in the search the simulated vehicle diverges. Limit the "
@@ -38,7 +38,7 @@ TEMPLATES: dict[str, str] = {
         "{kind} does not have a gain to tune. Each number that its class receives is a gain. Write it as a field, "
         "such as k: float = 3.0, or as an argument of __init__ that is stored under the same name."
     ),
-    "tune.no-such-gain": "{kind} does not have the gain {value}. {near}",
+    "tune.no-such-gain": "{kind} does not have the gain {value}. {suggestion}",
     "tune.bounds": (
         'bounds["{name}"] = ({low:g}, {high:g}): expected two finite numbers, the smaller one first.'
     ),
@@ -55,11 +55,11 @@ TEMPLATES: dict[str, str] = {
         "{controller} is not defined in a file, so a vehicle file cannot name it. Drive with "
         "controller=tuned.controller, or write the class into a file."
     ),
-    "tune.too-many": "{dimensions} gains at once: expected at most {most}. Name fewer, and fix the rest.",
+    "tune.too-many": "{dimensions} gains at once: expected at most {maximum}. Name fewer, and fix the rest.",
     "lab.scipy-for-tuning": "scipy is not installed, and tuning needs it. Type: {fix}",
     "compare.diverged": "The estimate diverged at {t_s:.1f} s. Its results cover only the time before that.",
     "compare.no-covariance": (
-        "The covariance is not positive definite at {ticks} of {of} ticks, first at {from_s:.2f} s, so a "
+        "The covariance is not positive definite at {ticks} of {total} ticks, first at {start_s:.2f} s, so a "
         "probability cannot be computed."
     ),
 }

@@ -8,9 +8,9 @@ TEMPLATES: dict[str, str] = {
     "damage.times": "times that do not fit into 64 bits",
     "damage.channel-size": "a channel without the number of values per message",
     "damage.memory": "contents that need more than {size} of memory",
-    "damage.field": "a field of {size} bytes in a record with {left} bytes left",
+    "damage.field": "a field of {size} bytes in a record with {remaining_bytes} bytes left",
     "damage.not-utf8": "a text that is not UTF-8",
-    "damage.map-entries": "a map of more than {most} entries",
+    "damage.map-entries": "a map of more than {maximum} entries",
     "damage.end": "a wrong mark of the end of the data",
     "damage.no-checksum": "a message without a checksum",
     "damage.chunk-ends": "a chunk that ends inside a record",
@@ -19,7 +19,7 @@ TEMPLATES: dict[str, str] = {
     "damage.second-end": "a second end-of-file record",
     "damage.summary-checksum": "a wrong checksum of the summary",
     "damage.attachment-checksum": "a wrong checksum of the attachment '{name}'",
-    "damage.too-large": "unpacks from {size} to {need} of memory or more; at most {most} are accepted",
+    "damage.too-large": "unpacks from {size} to {memory} of memory or more; at most {maximum} are accepted",
     "damage.chunk-longer": "a chunk longer than its contents",
     "damage.chunk-unpacks": "a chunk of {unpacked_mib:.0f} MiB after decompression (64 MiB at most)",
     "damage.chunk-size": "a chunk of {bytes} bytes, whose header indicates {header_bytes}",
@@ -34,10 +34,10 @@ TEMPLATES: dict[str, str] = {
     "damage.unknown-kind": "a record of unknown kind {kind}",
     "damage.short-record": "a record of kind {kind} with only {size} bytes",
     "damage.data-checksum": "the checksum of all data is wrong",
-    "run.disk-slow": "the disk was too slow: {lost} estimates, references or poses are not in this run",
-    "run.not-packed": "the shape of {what} is wrong, so it is not in this run: {error}",
+    "run.disk-slow": "the disk was too slow: {records} estimates, references or poses are not in this run",
+    "run.not-packed": "the shape of {topic} is wrong, so it is not in this run: {error}",
     "damage.at": "bytes {first} to {last}: {cause}",
-    "run.and": "{first}; {then}",
+    "run.and": "{first}; {second}",
     "run.repeated-ticks": "{count} repeated ticks were excluded",
     "run.other-size": (
         "{topic} has {value} values, but /command/applied has {expected}: the topic was excluded"
@@ -54,7 +54,7 @@ TEMPLATES: dict[str, str] = {
         "complete"
     ),
     "run.damaged-often": (
-        "{file} is damaged ({places}; and {more} more places): the part that could not be verified was "
+        "{file} is damaged ({places}; and {count} more places): the part that could not be verified was "
         "excluded; {ticks} ticks are complete"
     ),
     "replay.holes": "{count} ticks without measurements were inserted into gaps of the recording",
@@ -62,7 +62,7 @@ TEMPLATES: dict[str, str] = {
     "run.time-range": "{time_ns} ns is not a time between 1970 and 2038",
     "import.does-not-fit": (
         "{map} does not agree with its recording: {findings}. If the map is right, write at its "
-        "top: accept = [{accept}]"
+        "top: accept = [{codes}]"
     ),
     "expect.format": "format = 1",
     "expect.in-force": (
@@ -111,18 +111,18 @@ TEMPLATES: dict[str, str] = {
         "times first."
     ),
     "run.shape": "{name} of a run has shape {value}, expected {expected}: one row per time.",
-    "run.arrivals": "{where} has {times} measurement times and {arrivals} arrival times.",
+    "run.arrivals": "{channel} has {times} measurement times and {arrivals} arrival times.",
     "expect.three-names": "three names, such as u_x, u_y, u_psi",
     "expect.names": "{count} names, one per entry of u",
-    "expect.one-of": "{key} = one of {allowed}",
+    "expect.one-of": "{key} = one of {valid}",
     "expect.time-of-bag": 'time = "bag" (when it was recorded) or time = "header.stamp"',
     "expect.time": 'time = "COLUMN", or rate_hz = … for a file without a column of time',
     "expect.entries": "{count} entries ({measures})",
     "expect.some-entries": "some entries",
     "expect.unit-of": 'unit = "…" ({valid})',
     "expect.unit": 'unit = "…", with "1" for no unit',
-    "expect.listed-unit": "a unit, perhaps {near}",
-    "expect.listed-unit-of": "a unit of {measures:word}, perhaps {near}: {valid}",
+    "expect.listed-unit": "a unit, perhaps {suggestion}",
+    "expect.listed-unit-of": "a unit of {measures:word}, perhaps {suggestion}: {valid}",
     "expect.files": "a table [files.NAME] per file",
     "expect.table": "a table [{key}]",
     "expect.ticks": 'a table [ticks] with file = "NAME": its times are the ticks of the run',

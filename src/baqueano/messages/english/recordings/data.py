@@ -1,25 +1,25 @@
 """English sentences about the data of a fit, and about its residuals."""
 
 LOG_ONCE = "Log each sample once, with the time of its measurement."
-MAP = "With this correction the residual falls ({less}) and the commands agree with the vehicle file."
+MAP = "With this correction the residual falls ({change}) and the commands agree with the vehicle file."
 SET_SIGN = "Write in the map: scale = -1.0 for the"
 
 TEMPLATES: dict[str, str] = {
-    "residual.from-to": "{before:.2g} → {after:.2g}",
-    "data.not-finite": "{subject}: {lost} entries that are not finite were excluded",
+    "residual.from-to": "{first_value:.2g} → {last_value:.2g}",
+    "data.not-finite": "{subject}: {count} entries that are not finite were excluded",
     "data.dead-channel": (
         "{subject} is {value:g} in all {samples} samples and was excluded. Is it connected? Is it the "
         "right column?"
     ),
     "data.zeros": (
-        "{subject}: {lost} samples ({percent:.1f} %) are exactly 0 and were excluded. Were frames lost?"
+        "{subject}: {count} samples ({percent:.1f} %) are exactly 0 and were excluded. Were frames lost?"
     ),
     "data.repeats": (
-        "{subject}: {lost} samples ({percent:.1f} %) repeat the previous one (at most {longest} in a "
+        "{subject}: {count} samples ({percent:.1f} %) repeat the previous one (at most {longest} in a "
         "row) and were excluded. The sensor repeats its last value: log only new samples"
     ),
     "data.clipped": (
-        "{subject}: {lost} samples ({percent:.1f} %) near full scale, {ends}, were excluded; {at_end} "
+        "{subject}: {count} samples ({percent:.1f} %) near full scale, {ends}, were excluded; {full_scale_count} "
         "are at full scale. Choose a larger range, or drive more gently"
     ),
     "data.gaps": (
@@ -34,50 +34,50 @@ TEMPLATES: dict[str, str] = {
     "time.seconds-as-milliseconds": "were seconds read as milliseconds",
     "time.which-unit": "in which unit is the time",
     "time.bursts": (
-        "the timestamps of {subject} come in bursts. They were spaced evenly, with shifts of up to {moved_ms:.0f} ms, "
+        "the timestamps of {subject} come in bursts. They were spaced evenly, with shifts of up to {shift_ms:.0f} ms, "
         f"so the data can be late or early by that time. {LOG_ONCE}"
     ),
     "time.stamps-far": (
-        "{subject}: the timestamps of {lost} samples differ by more than {late_s:g} s from their arrival, "
+        "{subject}: the timestamps of {count} samples differ by more than {limit_s:g} s from their arrival, "
         "so they were excluded. Did the clock of the sensor jump?"
     ),
-    "time.stamps-back": f"{{subject}}: {{lost}} timestamps repeat or go back; their samples were excluded. {LOG_ONCE}",
+    "time.stamps-back": f"{{subject}}: {{count}} timestamps repeat or go back; their samples were excluded. {LOG_ONCE}",
     "time.jump": (
-        "time jumps {jumps} times, by up to {most_s:.3g} s. The run was cut there into {pieces} segments of at least "
-        "{least_s:g} s, each with its own start"
+        "time jumps {jumps} times, by up to {max_s:.3g} s. The run was cut there into {pieces} segments of at least "
+        "{min_s:g} s, each with its own start"
     ),
     "time.jump-throughout": (
-        "time jumps {jumps} times, by up to {most_s:.3g} s. No segment between two jumps lasts {least_s:g} s, so the "
+        "time jumps {jumps} times, by up to {max_s:.3g} s. No segment between two jumps lasts {min_s:g} s, so the "
         "run was not cut. Check its time column"
     ),
     "command.beyond-zero": (
-        "{subject} reaches {most:.3g}, but its limit in the vehicle file is 0. Are columns swapped?"
+        "{subject} reaches {maximum:.3g}, but its limit in the vehicle file is 0. Are columns swapped?"
     ),
     "command.unit": (
-        "{subject} reaches {most:.4g}, but the vehicle file allows {limit:g} ({of_file}). Is it in "
+        "{subject} reaches {maximum:.4g}, but the vehicle file allows {limit:g} ({file_unit}). Is it in "
         "{guess}? Convert it to the unit of the file, or write the true limit"
     ),
     "gyro.too-fast": (
-        "{subject} reaches {most_rad_s:.0f} rad/s, and small gyros measure up to {fastest_rad_s:g}. Is it in °/s?"
+        "{subject} reaches {max_rad_s:.0f} rad/s, and small gyros measure up to {fastest_rad_s:g}. Is it in °/s?"
     ),
     "gyro.unit": (
-        "{subject} is {times:.3g} times the yaw rate that {by}, and 1 rad/s is 57.3 deg/s. It is in "
-        '{given} and was read as {read}. Write in the map, for the third entry of z: unit = "{given}"'
+        "{subject} is {ratio:.3g} times the yaw rate that {source}, and 1 rad/s is 57.3 deg/s. It is in "
+        '{true_unit} and was read as {assumed_unit}. Write in the map, for the third entry of z: unit = "{true_unit}"'
     ),
     "gyro.as-wheels": "{subject} measures",
     "gyro.as-curve": "follows from {subject} at the speed of {speed}",
     "gyro.as-commands": "the commands produce according to the vehicle file",
     "gyro.or-accelerometer": (
-        "{gyro}. Or {subject} is {times:.3g} times the value that speed and yaw rate imply. Check its "
+        "{gyro}. Or {subject} is {ratio:.3g} times the value that speed and yaw rate imply. Check its "
         "unit, and whether its axis points to the left"
     ),
-    "accelerometer.unit": "{subject} reaches {most_m_s2:.0f} m/s². Are these counts of an A/D converter?",
+    "accelerometer.unit": "{subject} reaches {max_m_s2:.0f} m/s². Are these counts of an A/D converter?",
     "gravity.at-rest": (
-        "{subject} has an offset of {off_m_s2:+.2f} m/s² at rest. This is gravity, because the IMU is not "
+        "{subject} has an offset of {error_m_s2:+.2f} m/s² at rest. This is gravity, because the IMU is not "
         "level: swap its axes, or write tilt_rad"
     ),
     "gravity.all-the-time": (
-        "{subject} has an offset of {off_m_s2:+.2f} m/s² all the time. This is gravity, because the IMU is "
+        "{subject} has an offset of {error_m_s2:+.2f} m/s² all the time. This is gravity, because the IMU is "
         "not level: swap its axes, or write tilt_rad"
     ),
     "axes.inverted": (
@@ -85,7 +85,7 @@ TEMPLATES: dict[str, str] = {
         "{correlation:.2f}). Is its sign, or that of a command, inverted?"
     ),
     "axes.swapped": (
-        "{subject} and {other} follow each other's predictions, not their own (correlations {first:.2f}, "
+        "{subject} and {channel} follow each other's predictions, not their own (correlations {first:.2f}, "
         "{second:.2f}): swap their columns"
     ),
     "mount.swapped": (
@@ -106,31 +106,32 @@ TEMPLATES: dict[str, str] = {
         "of z, then write scale = -1.0 for the first one"
     ),
     "file.quiet": (
-        "the noise of {subject}, {sigma:.3g}, is {times:.2g} times the noise in the file. Is it in another "
+        "the noise of {subject}, {sigma:.3g}, is {ratio:.2g} times the noise in the file. Is it in another "
         "unit{guess}, or smoothed?"
     ),
     "file.inverted": (
-        "{subject} is {now:.3g}, and {was:.3g} in the file. A command, a sensor or the file is inverted: write scale = "
-        "-1.0 in the map for the command or the sensor, or the sign of this fit in the file"
+        "{subject} is {value:.3g}, and {file_value:.3g} in the file. A command, a sensor or the file is inverted: "
+        "write scale = -1.0 in the map for the command or the sensor, or the sign of this fit in the file"
     ),
     "file.mirrored": (
-        "{subject} is {now:.3g}, and {was:.3g} in the file, so the motion or the file is mirrored. If z of {imu} "
-        "points down, write in the map scale = -1.0 for the second and third entry of z. If left and right are "
-        "swapped, swap the columns of the commands. If the vehicle turns so, write the sign of this fit in the file"
+        "{subject} is {value:.3g}, and {file_value:.3g} in the file, so the motion or the file is mirrored. If z of "
+        "{imu} points down, write in the map scale = -1.0 for the second and third entry of z. If left and right "
+        "are swapped, swap the columns of the commands. If the vehicle turns so, write the sign of this fit in the "
+        "file"
     ),
     "file.track": (
-        "{subject} and the gyro agree if the wheels are {track_m:.3g} m apart, but the file has {was_m:.3g} m. Correct "
-        "track_m, or estimate it. Type: {fix}"
+        "{subject} and the gyro agree if the wheels are {track_m:.3g} m apart, but the file has {file_m:.3g} m. "
+        "Correct track_m, or estimate it. Type: {fix}"
     ),
     "file.slides": (
-        "with {subject} = {now:.3g}, a guess, the wheels slide in turns, so the course differs from the heading by "
+        "with {subject} = {value:.3g}, a guess, the wheels slide in turns, so the course differs from the heading by "
         "{degrees:.1f}° rms. This turns the path of each estimate. If the tyres hardly slide, write {stiff:.3g}"
     ),
     "file.far-gain": (
-        "{subject} is {times:.3g} times the value in the file{guess}. Check the units of commands and sensors"
+        "{subject} is {ratio:.3g} times the value in the file{guess}. Check the units of commands and sensors"
     ),
     "file.gain": (
-        "{subject} is {times:.3g} times the value in the file{guess}. Check the units of commands and sensors; if the "
+        "{subject} is {ratio:.3g} times the value in the file{guess}. Check the units of commands and sensors; if the "
         "file was a guess, save this fit and repeat it"
     ),
     "file.swapped": (
@@ -150,15 +151,15 @@ TEMPLATES: dict[str, str] = {
     "guess.percent": " (perhaps per cent)",
     "guess.milli": " (perhaps thousandths of the unit)",
     "residual.missing": (
-        "the residuals look like {what}{where} ({z:.0f} standard errors), which biases {subject} by "
+        "the residuals look like {effect}{region} ({z:.0f} standard errors), which biases {subject} by "
         "{errors:.0f} standard errors. Add this effect to the model, or make a drive without it"
     ),
     "residual.missing-free": (
-        "the residuals look like {what}{where} ({z:.0f} standard errors), which biases {subject} by "
+        "the residuals look like {effect}{region} ({z:.0f} standard errors), which biases {subject} by "
         "{errors:.0f} standard errors. Add this effect to the model. Type: {fix}"
     ),
     "residual.parts-differ": (
-        "{subject} differs by {off:+.3g} {part}, compared with {over_all:.3g} overall ({z:.0f} standard "
+        "{subject} differs by {difference:+.3g} {part}, compared with {overall_value:.3g} overall ({z:.0f} standard "
         "errors). Were the vehicle, the floor and the battery the same? Fit the parts separately"
     ),
     "part.first": "in the first {percent:.0f} % of the time",
@@ -171,24 +172,24 @@ TEMPLATES: dict[str, str] = {
     "part.turning-faster": "while its yaw rate increases",
     "residual.autocorrelated": (
         "the residuals of {subject} are autocorrelated. They reach {percent:g} % of the motion that the "
-        "model explains there, and {times:.1f} times its noise. The model is incomplete"
+        "model explains there, and {ratio:.1f} times its noise. The model is incomplete"
     ),
     "residual.late": (
-        "{readings} readings of {subject} are beyond {beyond:g} standard deviations when the signal "
+        "{readings} readings of {subject} are beyond {limit:g} standard deviations when the signal "
         "changes fast ({z:.0f} standard errors). There is a delay, or the model is too simple for fast "
         "changes. To estimate a delay, type: {fix}"
     ),
     "residual.fast": (
-        "{readings} readings of {subject} are beyond {beyond:g} standard deviations when the signal "
+        "{readings} readings of {subject} are beyond {limit:g} standard deviations when the signal "
         "changes fast ({z:.0f} standard errors). The delay is estimated, so the model is too simple for fast "
         "changes"
     ),
     "residual.lacking": (
         "the residuals of {subject} are autocorrelated and large: the model is incomplete there"
     ),
-    "residual.loud": "the residuals of {subject}, {sigma:.3g}, are {times:.0f} times the noise in the file",
+    "residual.loud": "the residuals of {subject}, {sigma:.3g}, are {ratio:.0f} times the noise in the file",
     "residual.one-far": (
-        "{subject}: measured {measured:.4g}{unit}, predicted {model:.4g}{unit}; they differ by {apart:.0f} "
+        "{subject}: measured {measurement:.4g}{unit}, predicted {model:.4g}{unit}; they differ by {z:.0f} "
         "standard deviations"
     ),
     "residual.not-white": "the residuals of {subject} are autocorrelated, so its error bars were widened",
@@ -197,15 +198,15 @@ TEMPLATES: dict[str, str] = {
         "differentiated signal. The error bars are not affected"
     ),
     "outliers.both-sides": (
-        "{percent:.1f} % of the samples of {subject} are beyond {beyond:.0f} standard deviations. A Huber "
+        "{percent:.1f} % of the samples of {subject} are beyond {limit:.0f} standard deviations. A Huber "
         "cost tolerates them while they are on both sides"
     ),
     "outliers.many": (
-        "{percent:.0f} % of the samples of {subject} are beyond {beyond:.0f} standard deviations"
+        "{percent:.0f} % of the samples of {subject} are beyond {limit:.0f} standard deviations"
     ),
     "outliers.one-side": (
-        "{percent:.1f} % of the samples of {subject} are beyond {beyond:.0f} standard deviations, {above} "
-        "above and {below} below. Outliers on one side bias the fit"
+        "{percent:.1f} % of the samples of {subject} are beyond {limit:.0f} standard deviations, {positives} "
+        "above and {negatives} below. Outliers on one side bias the fit"
     ),
     "term.dead-zone": "a dead zone of the motors, or dry friction",
     "term.saturation": "motors that lose force at full command, or wheels that slip",

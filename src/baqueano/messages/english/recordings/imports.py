@@ -1,43 +1,43 @@
 """English sentences about a recording that is imported, and about the rows to write in its map."""
 
 TEMPLATES = {
-    "recording.alone": "{what:word}: {cause}",
-    "recording.with-line": "{what:word}: {cause}; {line}",
+    "recording.alone": "{finding:word}: {cause}",
+    "recording.with-line": "{finding:word}: {cause}; {line}",
     "recording.and-line": "{cause}; {line}",
-    "recording.then": "{first}. {then}",
-    "recording.and": "{first}, and {then}",
-    "recording.list": "{first}, {then}",
+    "recording.then": "{first}. {second}",
+    "recording.and": "{first}, and {second}",
+    "recording.list": "{first}, {second}",
     "recording.accepted": "{cause} (accepted by the map)",
     "recording.write": "write {line}",
     "recording.perhaps": "perhaps {line:word}",
     "recording.perhaps-smaller": 'perhaps unit = "mg", or "raw" with a scale',
     "recording.perhaps-gyro": "perhaps {line} for the gyro",
-    "recording.if-in": 'if the column is in {in_unit} write unit = "{in_unit}"',
+    "recording.if-in": 'if the column is in {unit_name} write unit = "{unit_name}"',
     "recording.check-scale": "check its scale",
     "recording.check-both-units": "check both units",
     "recording.check-unit-and-scale": "check its unit and scale",
     "recording.check-with-speed": "check its unit and scale, and those of the speed, {source}",
     "recording.write-scale": "write scale = {scale} for this channel",
-    "recording.write-unit": 'write unit = "{unit_of_it}" for {key}',
+    "recording.write-unit": 'write unit = "{column_unit}" for {key}',
     "recording.write-shift": "write shift_s = {shift_s} in [truth]",
     "recording.write-pulses": "write {line}, for pulses of 1000 to 2000 µs with 1500 in the middle",
     "recording.write-largest": (
-        "write {line}, where {most} is the largest value: a set-point in a physical unit does not have a "
+        "write {line}, where {maximum} is the largest value: a set-point in a physical unit does not have a "
         "full scale"
     ),
-    "recording.write-full": "write {line}, if a full command is {full}",
-    "recording.write-percent-or-full": 'write unit = "%", or {line}, if a full command is {full}',
+    "recording.write-full": "write {line}, if a full command is {full_command}",
+    "recording.write-percent-or-full": 'write unit = "%", or {line}, if a full command is {full_command}',
     "recording.write-new-when": (
         'to use only the new values, write new_when = "COLUMN" (a column that changes with each new value) '
         "in [files.…]"
     ),
-    "recording.write-time-unit": 'if it is in {in_unit} write time_unit = "{in_unit}" in [files.{file}]',
+    "recording.write-time-unit": 'if it is in {unit_name} write time_unit = "{unit_name}" in [files.{file}]',
     "recording.write-mirrored": "x and y are swapped, or one of y and yaw needs scale = -1.0",
-    "recording.write-offset": "write offset = {off} for the yaw, or {back} if it drove backward",
+    "recording.write-offset": "write offset = {offset} for the yaw, or {backward_offset} if it drove backward",
     "recording.write-gyro": "write scale = {scale} for {gyro}",
     "recording.write-compass": (
-        "write scale = {scale} for {compass} if the compass counts clockwise, or scale = {also} for {gyro} if the gyro "
-        "does"
+        "write scale = {scale} for {compass} if the compass counts clockwise, or scale = {second_scale} for {gyro} "
+        "if the gyro does"
     ),
     "recording.write-steering": "to make it positive, write scale = {scale} and offset = {offset} for {key}",
     "recording.log-direction": (
@@ -51,47 +51,49 @@ TEMPLATES = {
     ),
     "recording.swap-or-upside-down": (
         "swap left and right of {wheels}; or, if the IMU is upside down, write scale = {scale} for {gyro} "
-        "and scale = {also} for {key}"
+        "and scale = {second_scale} for {key}"
     ),
     "recording.swap-axes": "swap the columns of a_x and a_y",
     "recording.swap-commands": "swap the columns of [command] u",
-    "recording.check-track": "check the scale of both: counts_per_turn, radius_m, unit of {wheels}, unit of {by}",
+    "recording.check-track": (
+        "check the scale of both: counts_per_turn, radius_m, unit of {wheels}, unit of {reference}"
+    ),
     "recording.constant": "[{key}] entry {number}: {value:g} in all {rows} rows; is it connected?",
     "recording.constant-command": "command {name} is {value:g} all the time",
     "recording.held": (
         "[{key}]: {share:.0%} of the rows repeat the previous row: a new value arrives about every "
-        "{every:.1f} rows"
+        "{period_rows:.1f} rows"
     ),
     "recording.truth-fast": "[truth] eta: positions change by {speed_m_s:.3g} m/s",
     "recording.truth-turns": "[truth] eta[2]: the heading changes by {rate_rad_s:.3g} rad/s",
     "recording.mirrored": (
-        "[truth] eta: course and heading turn in opposite directions (agreement {same:.2f}, mirrored "
-        "{mirrored:.2f})"
+        "[truth] eta: course and heading turn in opposite directions (agreement {agreement:.2f}, mirrored "
+        "{mirrored_agreement:.2f})"
     ),
     "recording.beside": "[truth] eta[2]: the direction of motion differs from the heading by "
-                    "{off_deg:.0f}° (or {back_deg:.0f}°)",
+                    "{offset_deg:.0f}° (or {opposite_deg:.0f}°)",
     "recording.too-much": (
-        '{key} with unit = "{unit_read}" reaches {value:.3g} {shown}: this is too much for a small vehicle'
+        '{key} with unit = "{unit_name}" reaches {value:.3g} {quantity}: this is too much for a small vehicle'
     ),
     "recording.tyres": (
-        '{key} with unit = "{unit_read}" stays at {most:.3g} m/s² for {window_s:g} s: tyres cannot produce '
+        '{key} with unit = "{unit_name}" stays at {maximum:.3g} m/s² for {window_s:g} s: tyres cannot produce '
         "that"
     ),
     "recording.gyro-at-rest": (
-        "{key} with unit = \"{unit_read}\" is {off:.2g} ± {std:.2g} rad/s before the first command; "
+        "{key} with unit = \"{unit_name}\" is {mean_rad_s:.2g} ± {std:.2g} rad/s before the first command; "
         "small gyros have less noise"
     ),
     "recording.fast-turns": (
-        '{key} with unit = "{unit_read}" reaches {most:.3g} rad/s, {turns:.1f} turns per second'
+        '{key} with unit = "{unit_name}" reaches {maximum:.3g} rad/s, {turns:.1f} turns per second'
     ),
     "recording.quiet": (
-        '{key} with unit = "{unit_read}" varies by only {sd:.1g} m/s² at rest, less than any usual accelerometer'
+        '{key} with unit = "{unit_name}" varies by only {std:.1g} m/s² at rest, less than any usual accelerometer'
     ),
     "recording.counts-per-g": (
-        '{key} with unit = "{unit_read}" has steps of 1/{counts}, as an accelerometer with {counts} counts per g'
+        '{key} with unit = "{unit_name}" has steps of 1/{counts}, as an accelerometer with {counts} counts per g'
     ),
-    "recording.curve": '{first} and {last} with unit = "{unit_read}" imply curves at {speed_m_s:.3g} m/s',
-    "recording.command-range": '{key} ({name}) reaches {most:.5g} with unit = "{unit_read}"; a full command is 1',
+    "recording.curve": '{first} and {last} with unit = "{unit_name}" imply curves at {speed_m_s:.3g} m/s',
+    "recording.command-range": '{key} ({name}) reaches {maximum:.5g} with unit = "{unit_name}"; a full command is 1',
     "recording.against-truth": (
         "{key} is {slope:.3g} times the value in [truth] (correlation {correlation:.2f})"
     ),
@@ -99,7 +101,7 @@ TEMPLATES = {
         "{key} is {slope:.3g} times the value that speed and yaw rate imply (correlation {correlation:.2f})"
     ),
     "recording.twice": (
-        'the unit "{unit_read}" is too small by a factor of {ratio:.4g}. Is the column in SI units?'
+        'the unit "{unit_name}" is too small by a factor of {ratio:.4g}. Is the column in SI units?'
     ),
     "recording.no-sign": "{key} is never negative: the sensor does not measure the direction",
     "recording.no-sign-excluded": (
@@ -108,36 +110,38 @@ TEMPLATES = {
     ),
     "recording.log-sign": "log the speed with its sign, or give backward the column of the direction",
     "recording.clock-later": (
-        "[truth] agrees best with {key} if it is shifted {by_ms:.0f} ms later (correlation {now:.3f} "
-        "now, {then:.3f} then)"
+        "[truth] agrees best with {key} if it is shifted {shift_ms:.0f} ms later (correlation {correlation:.3f} "
+        "now, {shifted_correlation:.3f} then)"
     ),
     "recording.clock-earlier": (
-        "[truth] agrees best with {key} if it is shifted {by_ms:.0f} ms earlier (correlation {now:.3f} "
-        "now, {then:.3f} then)"
+        "[truth] agrees best with {key} if it is shifted {shift_ms:.0f} ms earlier (correlation {correlation:.3f} "
+        "now, {shifted_correlation:.3f} then)"
     ),
     "recording.turns-against": (
-        "{wheels} and {by} give yaw rates of opposite sign (correlation {correlation:.2f})"
+        "{wheels} and {reference} give yaw rates of opposite sign (correlation {correlation:.2f})"
     ),
     "recording.and-sideways": "{cause}, and {key} contradicts it ({correlation:.2f})",
-    "recording.turns-otherwise": "{wheels} and {by} disagree on the yaw rate (correlation {correlation:.2f})",
+    "recording.turns-otherwise": "{wheels} and {reference} disagree on the yaw rate (correlation {correlation:.2f})",
     "recording.track": (
-        "{wheels} and {by} agree if the wheels are {apart_m:.3g} m apart (correlation {correlation:.2f})"
+        "{wheels} and {reference} agree if the wheels are {track_m:.3g} m apart (correlation {correlation:.2f})"
     ),
-    "recording.axes-swapped": "{x} agrees with v·ω and {y} with v̇ (correlations {first:.2f}, {second:.2f})",
+    "recording.axes-swapped": (
+        "{first_key} agrees with v·ω and {second_key} with v̇ (correlations {first:.2f}, {second:.2f})"
+    ),
     "recording.other-steers": (
-        "command {other} turns the vehicle (correlation {correlation:.2f}), but {steering} does not"
+        "command {command} turns the vehicle (correlation {correlation:.2f}), but {steering} does not"
     ),
     "recording.turns-right": (
         "a positive {steering} turns the vehicle to the right (correlation {correlation:.2f}): its gain "
         "will be negative"
     ),
     "recording.steps-back": (
-        "{table}: time steps back by {back_s:.3f} s at line {line} ({count} such steps): {lost} rows up to "
+        "{table}: time steps back by {step_s:.3f} s at line {line} ({count} such steps): {rows} rows up to "
         "there were excluded"
     ),
     "recording.counter-overflow": (
         "{table}: a counter of microseconds with 32 bits overflows at line {line} ({count} such steps): "
-        "{added_s:.3f} s were added to the later times"
+        "{shift_s:.3f} s were added to the later times"
     ),
     "recording.counter-wraps": "{key}: the counter {column} begins again after {counts} counts",
     "recording.repeats": (
@@ -149,17 +153,17 @@ TEMPLATES = {
         "{line}. The rows of each time were joined, because no column has two different values at one time"
     ),
     "recording.gap": "{table}: {gap_s:.3f} s without a row after line {line} (usual step {usual_s:.3f} s)",
-    "recording.more-gaps": "{table}: and {more} more gaps",
+    "recording.more-gaps": "{table}: and {count} more gaps",
     "recording.tick-lasts": (
-        '{table}: with time_unit = "{unit_read}" a tick lasts {tick_s:.3g} s, {rate_hz:.3g} per second'
+        '{table}: with time_unit = "{unit_name}" a tick lasts {tick_s:.3g} s, {rate_hz:.3g} per second'
     ),
-    "recording.short-parts": "{count} parts with fewer than {least} ticks were excluded: {names}",
+    "recording.short-parts": "{count} parts with fewer than {minimum} ticks were excluded: {names}",
     "recording.no-command-yet": "{count} ticks before the first command were excluded",
     "recording.no-command": "no command: the vehicle is assumed to be at rest",
-    "recording.missing": "[{key}]: {lost} of {rows} rows lack a number (NaN, empty) and were excluded",
+    "recording.missing": "[{key}]: {excluded_rows} of {rows} rows lack a number (NaN, empty) and were excluded",
     "recording.full-scale": (
-        "{key}: {lost} of {rows} rows ({share:.1%}) are near full scale, {ends} in the unit of the column, and "
-        "became gaps; {at_end} are at full scale"
+        "{key}: {excluded_rows} of {rows} rows ({share:.1%}) are near full scale, {ends} in the unit of the column, "
+        "and became gaps; {full_scale_count} are at full scale"
     ),
     "recording.larger-range": "choose a larger range of this sensor, or drive more gently",
     "recording.not-level": (
@@ -171,5 +175,5 @@ TEMPLATES = {
     ),
     "recording.no-time": "{table}: {count} rows without a time were excluded",
     "recording.cut-line": "{table}: line {line} is incomplete and was excluded",
-    "recording.not-in-all": "{map}: {values} of [files.{file}] is not in [files.{lacking}] and was excluded",
+    "recording.not-in-all": "{map}: {values} of [files.{file}] is not in [files.{second_file}] and was excluded",
 }  # fmt: skip

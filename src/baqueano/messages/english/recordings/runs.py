@@ -13,16 +13,16 @@ TEMPLATES: dict[str, str] = {
     ),
     "runs.too-large": "{path} has {size}; the largest run that can be read has {largest}. Cut it: {fix}",
     "runs.folder": "{path} is a folder. Give one run in it: {fix}",
-    "runs.absent": "{missing} does not exist. To list the runs: {fix}",
+    "runs.absent": "{absent_path} does not exist. To list the runs: {fix}",
     "runs.not-read": "{path} cannot be read: {error}. Check its permissions.",
-    "runs.topics": "{path} has {count} topics; a run has at most {most}. Import it with: {fix}",
+    "runs.topics": "{path} has {count} topics; a run has at most {maximum}. Import it with: {fix}",
     "runs.nothing-saved": (
         "{path}: nothing could be saved. In its {size} bytes /command/applied does not have a complete tick ({error}). "
         "A copy elsewhere may be complete."
     ),
     "runs.not-ours": (
         "{path} is an MCAP file, but not a run of baqueano: topic /command/applied is missing. It contains "
-        "{content}. Import it with: {fix}"
+        "{topics}. Import it with: {fix}"
     ),
     "runs.run-there": "{path} exists already, and a run never replaces a file. Give another name.",
     "runs.no-place": "{path}: a run cannot be written there ({error}). Choose another folder.",
@@ -37,7 +37,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "runs.not-written": "{path}: the run could not be written ({error}).",
     "runs.decimal": 'decimal = {value!r}: write decimal "." or ","',
-    "runs.no-trajectory": "run {run} does not have trajectory {value!r}; it has: {has}.",
+    "runs.no-trajectory": "run {run} does not have trajectory {value!r}; it has: {trajectories}.",
     "runs.file-in-the-way": "{path} exists already. Give another name, or remove it.",
     "runs.folder-empty": "Run {value!r} does not exist: folder {folder} does not contain runs yet. To make one: {fix}",
     "runs.unknown": "No run in {folder} matches {value!r}. The newest there: {valid}. To list all: {fix}",
@@ -53,7 +53,7 @@ TEMPLATES: dict[str, str] = {
         "the command line: {fix}"
     ),
     "import.unit-of-name": (
-        '{key} unit = "{value}", but its column\'s name indicates {column!r}; write unit = "{in_unit}"'
+        '{key} unit = "{value}", but its column\'s name indicates {column!r}; write unit = "{unit_name}"'
     ),
     "import.no-row": "[{key}] does not have a complete row of numbers in {table}. Are its columns right?",
     "import.span": "{first_s:.3f} s to {last_s:.3f} s",
@@ -67,7 +67,7 @@ TEMPLATES: dict[str, str] = {
         "clocks differ. Write in [files.{file}]: shift_s = …"
     ),
     "import.file-absent": (
-        "{map} [files.{file}] path = {missing!r} does not exist in {folders}. If the recordings are elsewhere, set "
+        "{map} [files.{file}] path = {absent_path!r} does not exist in {folders}. If the recordings are elsewhere, set "
         "BAQUEANO_DATA to their folder"
     ),
     "import.where": (
@@ -90,7 +90,7 @@ TEMPLATES: dict[str, str] = {
     "import.no-file-like": "{path}: no file matches this name. Is the folder right?",
     "import.no-path": "{map} [files.{file}]: the key path is missing, so give the file on the command line: {fix}",
     "import.no-rows": "{table} has names of columns but no rows. Is it the right file?",
-    "import.where-empty": "{table}: where = {where} excludes all rows. Are the column and the value right?",
+    "import.where-empty": "{table}: where = {condition} excludes all rows. Are the column and the value right?",
     "import.no-time": "{table}: none of the rows has a time in {column!r}. Is it the right column?",
     "import.file-unknown": "{map} does not have [files.{value}]; it has {valid}.",
     "import.no-bag": "{path} is not a bag, but {map} [files.{file}] names topic {topic!r}.",
@@ -99,11 +99,11 @@ TEMPLATES: dict[str, str] = {
         "{start_ns}, or the start of the recording in ns since 1970"
     ),
     "import.beyond-2038": (
-        '{table}: its last time is {t_s:.3g} s, beyond 2038. Is time_unit = "{in_unit}" right?'
+        '{table}: its last time is {t_s:.3g} s, beyond 2038. Is time_unit = "{unit_name}" right?'
     ),
     "import.step": (
-        '{table}: with time_unit = "{in_unit}" the usual step of {column!r} is {step_s:.3g} s, which is impossible for '
-        "a vehicle's recording. Write in [files.{file}] of {map}: {cure}"
+        '{table}: with time_unit = "{unit_name}" the usual step of {column!r} is {step_s:.3g} s, which is '
+        "impossible for a vehicle's recording. Write in [files.{file}] of {map}: {cure}"
     ),
     "import.iso8601": (
         "{table}: column {column!r} has times like {value!r}; an iso8601 time is written as "
@@ -137,8 +137,8 @@ TEMPLATES: dict[str, str] = {
         "above it: {names}"
     ),
     "route.comma": (
-        "{file}: {value!r} can mean {without} or {with_point}. Write its numbers with a decimal point, without "
-        "separators of thousands."
+        "{file}: {value!r} can mean {integer_reading} or {decimal_reading}. Write its numbers with a decimal point, "
+        "without separators of thousands."
     ),
     "route.comma-of-number": (
         "{file} line {line}, column {column!r}: {value!r} is not a number. Write it with a decimal point."
@@ -183,7 +183,7 @@ TEMPLATES: dict[str, str] = {
         "after it."
     ),
     "table.long-line": (
-        "{file} line {line} has more than {most} characters: a line of a recording was expected. Does each "
+        "{file} line {line} has more than {maximum} characters: a line of a recording was expected. Does each "
         "row end with a new line?"
     ),
     "table.gzip": "{file} is a damaged or cut gzip file ({error}). Copy it again.",
@@ -198,7 +198,7 @@ TEMPLATES: dict[str, str] = {
         'in its [files.…] table, for example: delimiter = "{expected}"'
     ),
     "table.no-data": "{file} does not contain a line with data. Is it the right file?",
-    "table.columns": "{file} has {count} columns; at most {most} are read. Is its delimiter right?",
+    "table.columns": "{file} has {count} columns; at most {maximum} are read. Is its delimiter right?",
     "table.no-header": (
         "{file}: the first line contains numbers, not names ({value} …). Write in its [files.…] table: header = false, "
         'and call the columns "1", "2", "3" …'
@@ -208,7 +208,7 @@ TEMPLATES: dict[str, str] = {
         "kind, without separators of thousands."
     ),
     "table.comma": (
-        "{file}: {value!r} can mean {without} or {with_point}. If this is a decimal comma, write in its "
+        "{file}: {value!r} can mean {integer_reading} or {decimal_reading}. If this is a decimal comma, write in its "
         '[files.…] table: decimal = ","'
     ),
     "table.column-twice": "{file} has several columns named {column!r}; give each of them a different name.",
@@ -233,7 +233,7 @@ TEMPLATES: dict[str, str] = {
         "{path} is not a run, which is an MCAP file: it begins with the text {value}. If it is a CSV file: {fix}"
     ),
     "import.too-short": (
-        "{table} gives {rows} rows for the ticks of a run; at least {least} are needed. Number of parts "
+        "{table} gives {rows} rows for the ticks of a run; at least {minimum} are needed. Number of parts "
         "that are too short: {parts}."
     ),
     "import.parts-differ": (
@@ -245,22 +245,22 @@ TEMPLATES: dict[str, str] = {
         "{map} has the files {files}, all with the key path. State which file is which: {first}=PATH"
     ),
     "import.draft-columns": (
-        "{table} lacks the columns {missing} of {first}; a draft is for files with the same columns. To draft a map "
-        "for {table}: {fix}"
+        "{table} lacks the columns {columns} of {first}; a draft is for files with the same columns. To "
+        "draft a map for {table}: {fix}"
     ),
     "import.file-shared": (
-        "{map} has the files {files}, and {shared} has a path for several runs. State which file is which: "
+        "{map} has the files {files}, and {option} has a path for several runs. State which file is which: "
         "{first}=PATH"
     ),
     "import.steps-back": (
-        "{table}: time steps back by {back_s:.3f} s at line {line} ({count} such steps). {lost} rows are "
+        "{table}: time steps back by {step_s:.3f} s at line {line} ({count} such steps). {rows} rows are "
         "not later than the rows before them. If they may be excluded, write in [files.{file}] of {map}: "
         'backwards = "drop"'
     ),
     "import.clock-back": (
-        "{table}: the clock steps back by {back_s:.3f} s at line {line} ({count} such steps), and then continues. "
+        "{table}: the clock steps back by {step_s:.3f} s at line {line} ({count} such steps), and then continues. "
         "Write in [files.{file}] of {map}: split_gap_s = 5.0, to begin a new run there. If a column distinguishes the "
-        'runs, write split = this column. With backwards = "drop", {lost} rows are lost'
+        'runs, write split = this column. With backwards = "drop", {rows} rows are lost'
     ),
     "import.repeats": (
         "{table}: {count} rows repeat the time of the row before, at line {line} with other values. "
@@ -270,10 +270,10 @@ TEMPLATES: dict[str, str] = {
         "{table}: column {column!r} has {count} different times for {rows} rows, so it is too coarse. If the rows are "
         "evenly spaced, write in [files.{file}] of {map}: rate_hz = {rate_hz:.4g}, in place of time and time_unit"
     ),
-    "import.time-unit": 'time_unit = "{in_unit}"',
+    "import.time-unit": 'time_unit = "{unit_name}"',
     "import.time": "the correct time and time_unit",
     "map.absent": (
-        'Map "{value}" does not exist. {near}. These maps are part of baqueano. For your own map, give a '
+        'Map "{value}" does not exist. {suggestion}. These maps are part of baqueano. For your own map, give a '
         ".toml file."
     ),
     "map.recording": (
@@ -284,7 +284,7 @@ TEMPLATES: dict[str, str] = {
         "{path} is a recording, not a map, or has an error at line {line}, column {column}. A map is a "
         "TOML file that assigns the columns. To write a draft of a map: {fix}"
     ),
-    "map.unknown-key": "{map} {place}: unknown key. {near}.",
+    "map.unknown-key": "{map} {place}: unknown key. {suggestion}.",
     "map.missing": "{map} {place} is missing; write {expected}.",
     "map.wrong": "{map} {place} = {value}; write {expected}.",
     "bag.topic-unsaid": '{file}: topic is missing; write topic = "…" in its [files.…] table, one of: {valid}.',
@@ -293,20 +293,20 @@ TEMPLATES: dict[str, str] = {
     ),
     "bag.fields": "there are {fields}",
     "bag.values": "there are {count} values",
-    "bag.no-field": "{file} {topic}: field {field!r} does not exist: at {at!r} {has}.",
+    "bag.no-field": "{file} {topic}: field {field!r} does not exist: at {path!r} {fields}.",
     "table.too-large": (
-        "{file} has {size} and needs {taken} of memory up to line {line}; at most {most} are allowed. "
+        "{file} has {size} and needs {memory} of memory up to line {line}; at most {maximum} are allowed. "
         "If you trust it, decompress it first: {fix}"
     ),
     "table.too-long": (
-        "{file} has {size} and needs {taken} of memory up to line {line}; at most {most} are allowed. "
+        "{file} has {size} and needs {memory} of memory up to line {line}; at most {maximum} are allowed. "
         "Split it into parts first."
     ),
     "table.no-column": (
         "{file} does not have column {column!r}. It has: {valid}. Write one of these in the map, or give another file."
     ),
     "table.column-mistyped": (
-        "{file} does not have column {column!r}. Did you mean {similar}? That column contains {cells}. The "
+        "{file} does not have column {column!r}. Did you mean {match}? That column contains {cells}. The "
         "file has: {valid}. Write one of these in the map, or give another file."
     ),
     "table.comma-of-number": (
@@ -322,7 +322,7 @@ TEMPLATES: dict[str, str] = {
         'the row with where = {{ {key} = {{ not = "{value}" }} }}.'
     ),
     "table.long-cell": (
-        "{file} line {line} has a cell of more than {most} characters. Is a quote open there? Correct that line."
+        "{file} line {line} has a cell of more than {maximum} characters. Is a quote open there? Correct that line."
     ),
     "table.not-csv": (
         "{file} line {line} is not valid CSV: {error}. Is a quote open there? Correct that line."

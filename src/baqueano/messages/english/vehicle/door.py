@@ -20,17 +20,17 @@ TEMPLATES: dict[str, str] = {
     "door.not-understood": "The vehicle could not read this request ({error})",
     "door.version": (
         "This computer and the vehicle have different versions of baqueano: the protocol here is "
-        "version {theirs}, on the vehicle {ours}. Install the newer one on both. On the vehicle: "
+        "version {laptop_protocol}, on the vehicle {robot_protocol}. Install the newer one on both. On the vehicle: "
         "{fix}"
     ),
     "door.version-of-robot": (
         "{host} and this computer have different versions of baqueano: the protocol of the "
-        "vehicle is version {theirs}, here {ours}. Install the newer one on both. On the "
+        "vehicle is version {robot_protocol}, here {laptop_protocol}. Install the newer one on both. On the "
         "vehicle: {fix}"
     ),
     "remote.gone": "{host}: the connection was lost ({error}). The vehicle stops.",
     "remote.silent": (
-        "{host} did not answer within {within_s:g} s. Does its service run? Type there: "
+        "{host} did not answer within {limit_s:g} s. Does its service run? Type there: "
         "systemctl status baqueano"
     ),
     "remote.closed": "{host}: the connection was closed. The vehicle stops by itself. To see why, type: {fix}",
@@ -51,26 +51,26 @@ TEMPLATES: dict[str, str] = {
         "{host} did not confirm the stop. Type the command again, or use the switch of the vehicle."
     ),
     "remote.stop-not-reached": (
-        "{host} confirmed the stop, but did not reach the state STOPPED within {within_s:g} s: "
+        "{host} confirmed the stop, but did not reach the state STOPPED within {limit_s:g} s: "
         "its last state was {state}. A drive in preparation ends before the vehicle moves. Look "
         "at the vehicle, then type: baqueano robot status {host}"
     ),
     "remote.unreachable": "{host} cannot be reached: {cause}. To see why: {command}",
     "door.unknown-word": "{value} is not valid: expected one of {valid}",
     "door.no-run": "run {run} does not exist",
-    "door.full": "All {most} places at this vehicle are occupied. Close a page or a program that watches it.",
+    "door.full": "All {maximum} places at this vehicle are occupied. Close a page or a program that watches it.",
     "door.too-long": (
-        "A line longer than {most_kb} kB can only be a mission, and one mission is read at a time. Send it again."
+        "A line longer than {max_kb} kB can only be a mission, and one mission is read at a time. Send it again."
     ),
-    "door.too-many": "{dropped} requests arrived too fast, and were dropped. Send fewer at a time.",
-    "door.many-fetches": "{most} runs are being sent already. Wait until one has arrived.",
+    "door.too-many": "{count} requests arrived too fast, and were dropped. Send fewer at a time.",
+    "door.many-fetches": "{maximum} runs are being sent already. Wait until one has arrived.",
     "door.not-holder": "Only the person who drives can set a gain, and only while the vehicle drives.",
     "door.not-settable": (
         "{path} cannot be set while the vehicle drives; the values that can be set are {valid}"
     ),
     "door.swapped": "{kind} is used as {role}, in place of the block of the vehicle file",
-    "door.set": "{path} is now {now}; it was {before}",
-    "door.pace": "pace {value:g}: expected a factor from {slowest:g} to {fastest:g}",
+    "door.set": "{path} is now {value}; it was {former_value}",
+    "door.pace": "pace {value:g}: expected a factor from {min_factor:g} to {max_factor:g}",
     "door.guide-pace": "guide.pace = {value}: expected a number from 0 (the vehicle waits) to 1",
     "door.route-name": (
         "{value} cannot be the name of a route. Use letters, digits and hyphens, such as lab-1."
@@ -79,7 +79,8 @@ TEMPLATES: dict[str, str] = {
     "door.not-a-number": "{name} = {value}: expected a number",
     "door.not-an-integer": "{name} = {value}: expected an integer",
     "door.gain-refused": (
-        "{name} = {value}: the controller does not accept this value, so the vehicle drives on with {before}: {error}"
+        "{name} = {value}: the controller does not accept this value, so the vehicle drives on with {former_value}: "
+        "{error}"
     ),
     "door.runs-already": "{path}: a service is already running on this vehicle. Type: {fix}",
     "ssh.host": (
@@ -95,7 +96,7 @@ TEMPLATES: dict[str, str] = {
         "{host} is not a vehicle by ssh, such as pilot@rover.local. For an Uno at this computer, write its "
         "port into the vehicle file, or type: --set robot.port={host}"
     ),
-    "ssh.too-much": "the answer of the vehicle is longer than {most_mb} MB, so the rest was not read.",
+    "ssh.too-much": "the answer of the vehicle is longer than {max_mb} MB, so the rest was not read.",
     "door.nobody": (
         "{path}: no service answers there ({error}). On the vehicle type: {fix}. From a laptop, name the "
         "vehicle, for example pilot@rover.local"

@@ -13,8 +13,8 @@ TEMPLATES: dict[str, str] = {
     "emulated.no-packages": "--robot emulated: the emulator needs Debian packages. Type: {fix}",
     "bus.pinctrl-answer": "pinctrl get {pins} answered {value}: expected one line per pin.",
     "bus.pinctrl-refused": "pinctrl set {pin} {options} answered: {reply}",
-    "bus.not-given-back": "GPIO 2 and 3 could not be set back to I2C mode{because}. Type: {fix}",
-    "bus.too-late": "{command} did not finish within {all_s:g} s. Type: {fix}",
+    "bus.not-given-back": "GPIO 2 and 3 could not be set back to I2C mode{cause}. Type: {fix}",
+    "bus.too-late": "{command} did not finish within {limit_s:g} s. Type: {fix}",
     "bus.call-failed": "{command} failed: {error}",
     "bus.call-refused": (
         "{command} failed ({exit}): {reply}. Is this user in the group gpio? Type: sudo usermod -aG gpio $USER, "
@@ -27,11 +27,11 @@ TEMPLATES: dict[str, str] = {
     ),
     "imu.chip": "IMU: {chip} (WHO_AM_I {who_am_i})",
     "imu.too-few-samples": (
-        "The IMU at 0x{address:02X} on {path} answers, but gave {count} samples in {within_s} s: {events}"
+        "The IMU at 0x{address:02X} on {path} answers, but gave {count} samples in {limit_s} s: {events}"
     ),
     "imu.unknown-chip": (
         "The device at 0x{address:02X} answers 0x{who_am_i:02X} to WHO_AM_I, which is an unknown chip, and "
-        "it {odd}. Put the vehicle at rest and try again. If the error remains, try another IMU."
+        "it {fault}. Put the vehicle at rest and try again. If the error remains, try another IMU."
     ),
     "imu.no-bus": (
         "{path} is missing: I2C is off, or this computer is not the robot (on a laptop, add the robot's "
@@ -46,7 +46,7 @@ TEMPLATES: dict[str, str] = {
         "smbus2. On a laptop use --robot HOST or --robot simulated."
     ),
     "imu.no-answer": (
-        "No IMU answers at {requested} on {path}. Check VCC to pin 1 (3.3 V), GND to 6, SDA to 3, SCL to 5; "
+        "No IMU answers at {address_range} on {path}. Check VCC to pin 1 (3.3 V), GND to 6, SDA to 3, SCL to 5; "
         "i2cdetect -y 1 shows what answers."
     ),
     "imu.no-chip": (
@@ -57,7 +57,7 @@ TEMPLATES: dict[str, str] = {
         "The self-test of the IMU was interrupted: {error}. Check the wires and repeat."
     ),
     "imu.self-test-moved": (
-        "The vehicle moved during the self-test: {axis:word} varied by {scatter:.3g} {in_unit}; expected "
+        "The vehicle moved during the self-test: {axis:word} varied by {scatter:.3g} {unit_name}; expected "
         "less than {limit:g}. Put it down with the motors off, and repeat."
     ),
     "imu.axes": (
@@ -115,7 +115,7 @@ TEMPLATES: dict[str, str] = {
         "robot card"
     ),
     "setup.old-python": (
-        "{host} has Python {major}.{minor}, expected {least_major}.{least_minor} or newer. Write a newer "
+        "{host} has Python {major}.{minor}, expected {min_major}.{min_minor} or newer. Write a newer "
         "Raspberry Pi OS on its card (Bookworm or later)."
     ),
     "setup.packages": (
@@ -129,11 +129,11 @@ TEMPLATES: dict[str, str] = {
         "there. Type the line again, or undo them: baqueano robot remove {host}"
     ),
     "uno.number-range": (
-        "{frame}.{path} = {number}: the firmware accepts {least} to {most}. Give a value in that range."
+        "{frame}.{path} = {number}: the firmware accepts {minimum} to {maximum}. Give a value in that range."
     ),
     "flash.bad-line": "{path}: line {line} is damaged, or is not from an Intel hex file.",
     "flash.not-hex": "{path} cannot be read as an Intel hex file: {error}.",
-    "flash.size": "{path} contains {bytes} bytes: expected 1 to {most_bytes}, the limit of an Uno.",
+    "flash.size": "{path} contains {bytes} bytes: expected 1 to {max_bytes}, the limit of an Uno.",
     "uno.port-not-allowed": (
         "{user} is not allowed to open {path}: this port belongs to the group dialout. Type: {fix}, and "
         "log in again"
@@ -152,18 +152,21 @@ TEMPLATES: dict[str, str] = {
         "avrdude is not installed here. Type: sudo apt-get install avrdude. Without internet, connect the "
         "Uno to a computer that has avrdude, and type there: baqueano robot flash"
     ),
-    "flash.too-slow": f"{{where}}: avrdude did not finish within {{within_s:g}} s. {UNO_REMEDY}",
-    "flash.failed": f"{{where}}: avrdude could not write the firmware: {{reply}} {UNO_REMEDY}",
+    "flash.too-slow": f"{{port}}: avrdude did not finish within {{limit_s:g}} s. {UNO_REMEDY}",
+    "flash.failed": f"{{port}}: avrdude could not write the firmware: {{reply}} {UNO_REMEDY}",
     "uno.refused-number": "the Uno rejected the settings: sent {question}, stored {reply}.",
     "uno.answer-not-whole": (
-        "the Uno's answer to {question} was not complete within {within_s:g} s: the line is "
+        "the Uno's answer to {question} was not complete within {limit_s:g} s: the line is "
         "noisy. Check its cable, and the capacitors across the motors"
     ),
     "uno.no-answer": (
-        "the Uno did not answer {question} within {within_s:g} s: is it powered? Does it have our "
+        "the Uno did not answer {question} within {limit_s:g} s: is it powered? Does it have our "
         "firmware? Type: {fix}"
     ),
-    "uno.protocol": "the firmware at {path} has protocol {theirs}, but this baqueano has {ours}. Type: {fix}",
+    "uno.protocol": (
+        "the firmware at {path} has protocol {firmware_protocol}, but this baqueano has {package_protocol}. Type: "
+        "{fix}"
+    ),
     "uno.no-line": (
         "no serial line of an Uno was found: neither /dev/serial/by-id/* nor /dev/ttyACM*, /dev/ttyUSB*. "
         "Is its USB cable connected? Does the cable carry data? Or name the line: [robot] port"
@@ -176,31 +179,31 @@ TEMPLATES: dict[str, str] = {
         "wheels and directions are {valid} and all."
     ),
     "settings.word": "--{option} {value}: expected one of {valid}.",
-    "settings.number": "--{option} {value}: expected a number from {least:g} to {most:g}.",
+    "settings.number": "--{option} {value}: expected a number from {minimum:g} to {maximum:g}.",
     "settings.motor-runs": (
         "a motor runs (left {left:+.0%}, right {right:+.0%} of full duty): expected both at rest. Nothing "
         "was stored. Stop the vehicle, and type the same line again."
     ),
     "calibrate.no-sample": (
-        "the IMU did not give a sample in {within_s:g} s: check its four wires. Type: {fix}"
+        "the IMU did not give a sample in {limit_s:g} s: check its four wires. Type: {fix}"
     ),
     "calibrate.not-still": (
-        "{what:word}: the vehicle moved during {within_s:g} s. Put it down, do not touch it, and try again."
+        "{step:word}: the vehicle moved during {limit_s:g} s. Put it down, do not touch it, and try again."
     ),
     "calibrate.no-motion": (
-        "{what:word}: the IMU did not measure this motion within {within_s:g} s. Type the same line again."
+        "{step:word}: the IMU did not measure this motion within {limit_s:g} s. Type the same line again."
     ),
     "calibrate.turned-right": (
-        "The vehicle was turned by {turned_deg:.0f}° to the right. Turn it to the left (counter-clockwise, "
+        "The vehicle was turned by {turn_deg:.0f}° to the right. Turn it to the left (counter-clockwise, "
         "seen from above). If you did that, the axes of gyro and accelerometer disagree: try another IMU."
     ),
     "calibrate.not-upright": (
-        "At rest the chip measures ({x:.1f}, {y:.1f}, {z:.1f}) m/s²: every axis is more than 25° "
+        "At rest the chip measures ({x_m_s2:.1f}, {y_m_s2:.1f}, {z_m_s2:.1f}) m/s²: every axis is more than 25° "
         "from the vertical. Mount it flat or on edge, and type the same line again."
     ),
     "calibrate.lifted-over-corner": (
         "The vehicle was lifted over a corner. Gravity changed by {first_m_s2:.1f} m/s² along one axis "
-        "of the chip and by {second_m_s2:.1f} along another. Expected a ratio below {clear:.2f}. Lift "
+        "of the chip and by {second_m_s2:.1f} along another. Expected a ratio below {max_ratio:.2f}. Lift "
         "the front straight up. A chip at 45° does not have an axis that points forward: turn it on the "
         "vehicle."
     ),
@@ -214,7 +217,7 @@ TEMPLATES: dict[str, str] = {
         "name the axis that points forward? Type: {fix}"
     ),
     "calibrate.few-duties": (
-        "{name}: {duties} duties from {low:.0%} to {high:.0%} were tried, and only {moved} of them turned "
+        "{name}: {duties} duties from {low:.0%} to {high:.0%} were tried, and only {count} of them turned "
         "the wheel; expected 4 or more. Does the wheel slip? Is the battery low?"
     ),
     "calibrate.dead-zone": (
@@ -233,7 +236,7 @@ TEMPLATES: dict[str, str] = {
         "°/s. Put it on a level floor and do not touch it."
     ),
     "floor.gravity": (
-        "the IMU measures ({x:.1f}, {y:.1f}, {z:.1f}) m/s² forward, left and up; expected (0, 0, 9.8). "
+        "the IMU measures ({x_m_s2:.1f}, {y_m_s2:.1f}, {z_m_s2:.1f}) m/s² forward, left and up; expected (0, 0, 9.8). "
         "The vehicle lies on its side, or [robot] imu_axes is wrong. Type: {fix}"
     ),
 }

@@ -31,17 +31,17 @@ TEMPLATES: dict[str, str] = {
         "capacitors across the motors"
     ),
     S.STANDSTILL: (
-        "the computer did not respond for {still_s:g} s; the motors were off after the first {dead_man_s:g} s"
+        "the computer did not respond for {silent_s:g} s; the motors were off after the first {dead_man_s:g} s"
     ),
     S.TEMPERATURE: (
         "the computer is at {temperature_c:.0f} °C: the limit max_temperature_c is {max_temperature_c:g}"
     ),
     S.DISK_FULL: (
-        "the disk has {free_mb:.0f} MB free, less than least_disk_mb = {least_disk_mb:g}. Delete old runs"
+        "the disk has {free_mb:.0f} MB free, less than least_disk_mb = {min_disk_mb:g}. Delete old runs"
     ),
     S.TILT: "the vehicle is tilted by {tilt_deg:.0f}°: max_tilt_rad is {max_tilt_rad:g}",
     S.BATTERY: (
-        "the battery has had less than least_battery_v = {least_battery_v:g} V for {low_s:g} s: {battery_v:.2f} V. "
+        "the battery has had less than least_battery_v = {min_battery_v:g} V for {low_s:g} s: {battery_v:.2f} V. "
         "Charge it"
     ),
     S.IMU_ABSENT: "the IMU is missing: {cause}",
@@ -72,10 +72,10 @@ TEMPLATES: dict[str, str] = {
         "the IMU's supply for a second."
     ),
     "imu.back": "The IMU is back after {silent_s:.2f} s.",
-    "imu.data-missing": "No data from the IMU for {silent_s:g} s{because}.",
-    "imu.frozen": "The IMU repeated the same data {times} times.",
+    "imu.data-missing": "No data from the IMU for {silent_s:g} s{cause}.",
+    "imu.frozen": "The IMU repeated the same data {count} times.",
     "imu.saturated": "The IMU's {axis:word} (the chip's axis) is at full scale, {range}.",
-    "imu.overflow": "The FIFO was {how:word} with {count} bytes, and was emptied.",
+    "imu.overflow": "The FIFO was {state:word} with {count} bytes, and was emptied.",
     "imu.started": "The IMU runs again.",
     "imu.restart": "The IMU is restarted.",
     "imu.lost-supply": (
@@ -118,23 +118,25 @@ TEMPLATES: dict[str, str] = {
     "encoders.left-silent": f"the left encoder counts nothing, although its motor has a high command. {ENCODER_HELP}",
     "encoders.right-silent": f"the right encoder counts nothing, although its motor has a high command. {ENCODER_HELP}",
     "drive.ticks": (
-        "{ticks} ticks: the latest started {worst_ms:.1f} ms late, {over_half} were more than half a "
-        "period late, {missed} were skipped"
+        "{ticks} ticks: the latest started {worst_ms:.1f} ms late, {late_ticks} were more than half a "
+        "period late, {skipped_ticks} were skipped"
     ),
     "drive.line": (
-        "the line to the Uno: {sent} commands sent, {unsent} not sent. {received} frames received, {lost} "
-        "lost, {late} repeated or too late, {damaged} damaged. The Uno was reset {resets} times"
+        "the line to the Uno: {sent_commands} commands sent, {unsent_commands} not sent. {received_frames} frames "
+        "received, {lost_frames} lost, {late_frames} repeated or too late, {damaged_frames} damaged. The Uno was "
+        "reset {resets} times"
     ),
     "drive.line-in-trouble": (
-        "the line to the Uno: {sent} commands sent, {unsent} not sent. {received} frames received, {lost} "
-        "lost, {late} repeated or too late, {damaged} damaged. The Uno was reset {resets} times. {cause}"
+        "the line to the Uno: {sent_commands} commands sent, {unsent_commands} not sent. {received_frames} frames "
+        "received, {lost_frames} lost, {late_frames} repeated or too late, {damaged_frames} damaged. The Uno was "
+        "reset {resets} times. {cause}"
     ),
     "drive.uno": (
-        "the Uno received {written} frames: {spoilt} were damaged ({spoilt_percent:.1f} %) and "
-        "{ignored} ignored; its receiver lost {overrun} bytes"
+        "the Uno received {received_frames} frames: {damaged_frames} were damaged ({damage_percent:.1f} %) and "
+        "{ignored_frames} ignored; its receiver lost {lost_bytes} bytes"
     ),
     "drive.imu": (
-        "the IMU gave {samples} samples, {saturated} of them at full scale; {withheld} more only "
+        "the IMU gave {samples} samples, {full_scale_samples} of them at full scale; {repeated_samples} more only "
         "repeated the previous one and were excluded. {retries} transfers were repeated, {failures} "
         "failed, the FIFO was emptied {overflows} times, and the IMU restarted {restarts} times"
     ),
