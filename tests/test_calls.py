@@ -12,13 +12,13 @@ import baqueano as bq
 from baqueano.calibration.at_rest import RestMeasurement
 from baqueano.calibration.result import Calibration
 from baqueano.contracts.result import pandas
-from baqueano.errors import FileError, Misuse, NoAttribute
+from baqueano.errors import AnswerNo, FileError, Misuse, NoAttribute
 from baqueano.identify.noise.covariances import Noise
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.runs.run import Run
 from baqueano.tune.tune_result import TuneResult
-from tests.codes import refused
+from tests.codes import includes, refused
 
 ROBOT = bq.load("small")
 ROUTE = bq.guides.shapes.circle(0.5, 0.2)
@@ -204,3 +204,31 @@ def test_every_function_of_the_front_door_checks_its_call():
 def test_an_unknown_name_of_the_package_is_answered_with_a_similar_one():
     with pytest.raises(AttributeError, match="repeat"):
         bq.repeet  # noqa: B018
+
+
+def test_a_fraction_for_a_whole_number_is_answered_with_the_whole_number():
+    route = bq.guides.shapes.circle(0.3, 0.2)
+    with pytest.raises(Misuse) as error:
+        bq.repeat(bq.load("small"), route, laps=1.6)
+    assert error.value.diagnostic.fix == "bq.repeat(robot, route, laps=2)"
+
+
+def test_saving_a_fit_is_answered_with_the_call_that_writes_its_vehicle_file():
+    fit = Fit.__new__(Fit)
+    with pytest.raises(NoAttribute) as error:
+        fit.save("vehicle.toml")
+    assert error.value.diagnostic.code == "front.save-file"
+    assert "updated_file().save(" in error.value.diagnostic.fix
+
+
+def test_a_guide_that_raises_is_named_by_teach():
+    class Broken:
+        def init(self):
+            return None
+
+        def step(self, state, estimate):
+            raise RuntimeError("no path")
+
+    with refused("route.stopped", AnswerNo) as error:
+        bq.teach(bq.load("small"), Broken, duration_s=3.0)
+    assert includes(error.value.diagnostic, "block.raised")

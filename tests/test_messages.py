@@ -359,11 +359,19 @@ def test_a_figure_of_an_old_message_has_its_present_name():
 @pytest.mark.parametrize(
     ("code", "figures", "present"),
     [
-        ("shake.over", {"number": 1, "for_s": 2.0, "what": "x"}, {"number", "duration_s", "fault"}),
-        ("shake.push", {"much": 0.3, "way": "left", "for_s": None}, {"impulse_n_s", "direction", "for_s"}),
-        ("drive.line", {"heard": 9, "lost": 1, "late": 0}, {"received_frames", "lost_frames", "late_frames"}),
-        ("drive.ticks", {"missed": 1, "over_half": 0}, {"skipped_ticks", "late_ticks"}),
-        ("sensor.frozen", {"reading": 1.0, "off": "x"}, {"reading", "consequence"}),
+        ("shake.over", {"number": 1, "duration_s": 2.0, "fault": "x"}, {"number", "duration_s", "fault"}),
+        (
+            "shake.push",
+            {"impulse_n_s": 0.3, "direction": "left", "for_s": None},
+            {"impulse_n_s", "direction", "for_s"},
+        ),
+        (
+            "drive.line",
+            {"heard": 9, "lost_frames": 1, "late_frames": 0},
+            {"received_frames", "lost_frames", "late_frames"},
+        ),
+        ("drive.ticks", {"skipped_ticks": 1, "late_ticks": 0}, {"skipped_ticks", "late_ticks"}),
+        ("sensor.frozen", {"reading": 1.0, "consequence": "x"}, {"reading", "consequence"}),
     ],
 )
 def test_a_figure_of_an_event_in_an_old_run_has_its_present_name(code, figures, present):

@@ -167,7 +167,7 @@ def code_of_today(code: str) -> str:
     )
 
 
-def _figures_of_today(code: str, figures: Mapping[str, Any]) -> dict[str, Any]:
+def _figures_of_today(code: str, figures: Mapping[str, object]) -> dict[str, object]:
     """Return the figures of a message in an older run under their present names."""
     names: dict[str, str] = {}
     for beginning, former_names in FORMER_FIGURES.items():

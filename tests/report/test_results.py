@@ -317,9 +317,9 @@ def test_a_report_of_an_unsupported_result_is_refused(results):
         bq.report(results["many"])
 
 
-def test_a_route_and_a_vehicle_file_are_printed_in_one_line(results):
+def test_a_vehicle_file_is_printed_in_two_lines(results):
     assert repr(bq.load("small")) == (
-        "small (garage: small): Planar at 100 Hz, commands u_x, u_y, u_psi [duty], sensors imu"
+        "small (garage: small): Planar at 100 Hz, commands u_x, u_y, u_psi [duty],\n  sensors imu"
     )
 
 

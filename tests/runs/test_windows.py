@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from baqueano.runs.interpolation import window_means
 from baqueano.runs.run import Channel
-from baqueano.runs.windows import window_means
 from baqueano.signals import NANOSECONDS
 
 

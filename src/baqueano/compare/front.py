@@ -67,7 +67,7 @@ def compare(
     skip_s : float
         Seconds at the start that are ignored; the rest before a drive is always ignored.
     names : sequence of str, optional
-        Names that replace the names of the runs.
+        Names that replace the names of the runs. Equal names are numbered.
 
     Returns
     -------
@@ -101,7 +101,19 @@ def compare(
         return import_module("baqueano.validation.parameter_drift").compare_fits(items, labels)
     if len(run_list) < len(items):
         raise Misuse(fault("compare.mixed", "bq.compare(run, other)"))
-    return _compare_runs(run_list, alignment, over_s, skip_s, labels or [run.name for run in run_list])
+    return _compare_runs(
+        run_list, alignment, over_s, skip_s, _distinct(labels or [run.name for run in run_list])
+    )
+
+
+def _distinct(names: Sequence[str]) -> list[str]:
+    """Return the names, with a number behind a name that occurs again.
+
+    >>> _distinct(["repeat", "replay", "repeat"])
+    ['repeat', 'replay', 'repeat 2']
+    """
+    counts = [names[: k + 1].count(name) for k, name in enumerate(names)]
+    return [name if n == 1 else f"{name} {n}" for name, n in zip(names, counts, strict=True)]
 
 
 def _compare_runs(

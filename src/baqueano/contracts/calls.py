@@ -243,6 +243,8 @@ def _refuse_kind(
     is_text = isinstance(value, str | PurePath)
     value_text = f'"{value}"' if is_text else _short_repr(value)
     fix = reader.format(value_text, name=name) if is_text and reader else example
+    if type(value) is float and ALLOWED["int"] in kinds[name]:
+        fix = f"{example[:-1]}, {name}={max(1, round(value))})"
     for part_name in (name, name.removesuffix("s")):  # such as the route of the result of `teach`
         part = getattr(value, part_name, None)
         if part is not None and any(kind.accepts(part) for kind in kinds[name]):

@@ -105,6 +105,10 @@ class Result:
 
 def no_attribute(owner: object, name: str, label: str) -> NoAttribute:
     """Return the error for a missing attribute of `owner`, whose name is `label`: it lists methods, then values."""
+    if name == "save" and "updated_file" in dir(owner):
+        return NoAttribute(
+            fault("front.save-file", 'result.updated_file().save("vehicle.toml")', owner=label)
+        )
     names = [attribute for attribute in dir(owner) if not attribute.startswith("_")]
     names.sort(key=lambda attribute: not callable(getattr(type(owner), attribute, None)))
     short_name = next((n for n in names if len(n) >= MIN_PREFIX and name.startswith(n)), name)
@@ -153,7 +157,9 @@ def wrap_sentences(lines: Iterable[str], width: int = MAX_SENTENCE) -> list[str]
     >>> wrap_sentences(["- the floor disturbs the vehicle. Type: baqueano identify last"], 30)
     ['- the floor disturbs the', '  vehicle. Type:', '  baqueano identify last']
     """
-    whole = [re.sub(r"baqueano .*", lambda command: command[0].replace(" ", "\0"), line) for line in lines]
+    whole = [
+        re.sub(r"baqueano [a-z].*", lambda command: command[0].replace(" ", "\0"), line) for line in lines
+    ]
     return [
         part.replace("\0", " ")
         for line in whole
@@ -164,7 +170,9 @@ def wrap_sentences(lines: Iterable[str], width: int = MAX_SENTENCE) -> list[str]
 
 
 def _parts(line: str) -> list[str]:
-    return wrap_sentences([line]) if len(line) > MAX_LETTERS else [line]
+    """Return a line in parts: a sentence has at most MAX_SENTENCE letters, a row of a table MAX_LETTERS."""
+    is_row = "  " in line.strip()
+    return wrap_sentences([line]) if len(line) > (MAX_LETTERS if is_row else MAX_SENTENCE) else [line]
 
 
 def pandas() -> Any:

@@ -19,13 +19,14 @@ from baqueano.drive.safety.precautions import Precautions
 from baqueano.drive.safety.route_check import warnings_of
 from baqueano.drive.session import Conditions, drive
 from baqueano.drive.smoothing import smooth_run
-from baqueano.errors import AnswerNo, FileError, UsageError
+from baqueano.errors import FileError, UsageError
 from baqueano.guides import Idle, Playback
 from baqueano.guides.repeat import Repeat, with_laps
-from baqueano.guides.route import Route, end_gap, run_through, with_closed_gap
+from baqueano.guides.route import Route
 from baqueano.loop import Blocks
 from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose
+from baqueano.runs.run_path import route_of
 from baqueano.runs.show import short_text
 from baqueano.signals import seconds
 from baqueano.standstill import with_usual_rest
@@ -35,10 +36,7 @@ from baqueano.worlds.replayed import ReplayedWorld, supervisor_of
 if TYPE_CHECKING:
     from baqueano.drive.closure import Closure
 
-ROUTE_RATE_HZ = 20.0  # poses per second of a taught route
-STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower motion at both ends of a drive is removed
 ENDS = {"duration_s", "tick_times_ns", "world", "path"}  # conditions of a drive without a last lap
-CLOSE_M, CLOSE_RAD, MIN_LOOP_M = 0.3, 0.6, 1.2  # of a closed drive: ends apart at most, length at least
 
 
 @checked_call('bq.experiment(robot, bq.excitation("random_steps", robot.command.limit, 60.0, robot.rate_hz))')
@@ -56,7 +54,9 @@ def experiment(
     estimator : str, type or block, optional
         The estimator in place of the file's, as in `repeat`.
     **options : object
-        Keywords of `drive` and of its `Conditions`: `path`, `seed`, `truth`, `world`, …
+        `path`: write the run to this file; `seed`: of the noise; `truth`: a vehicle file that is simulated in place of
+        this one; `eta`: pose in the map at the start (3,) [m, m, rad]; `duration_s`: longest time; `shake`: faults;
+        `world`: a simulator of your own, or a vehicle; `backend`: "auto", "c", "python" or "numpy".
 
     Returns
     -------
@@ -153,7 +153,7 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
         True if the drive returns to its start. Then `TeachResult.closure` gives the scale of the gyro.
     **options : object
         `estimator`, `controller` and, with a route or a guide, `rest_s` as in `repeat`; `hold`: True to hold the
-        heading by the gyro while a function commands straight motion; keywords of `drive`.
+        heading by the gyro while a function commands straight motion; the options of `experiment`.
 
     Returns
     -------
@@ -229,7 +229,7 @@ def repeat(
         `way_back`: drive back to the start afterwards; `caution`: False to continue with a doubtful estimate;
         `patience_s`: the time after which the drive of a stuck vehicle ends; `rest_s`: the time at rest before the
         drive, which measures the bias of the gyro; by default 2 s for a vehicle with a gyro.
-        Keywords of `drive` and of its `Conditions`: `path`, `seed`, `eta`, `truth`, `world`, …
+        Also the options of `experiment`: `path`, `seed`, `eta`, `truth`, `world`, …
 
     Returns
     -------
@@ -293,7 +293,7 @@ def replay(
     smooth : bool
         True to estimate each instant from the whole run, later measurements included.
     **options : object
-        Keywords of `drive`.
+        The options of `experiment`.
 
     Returns
     -------
@@ -368,32 +368,3 @@ def _controller_with_gains(vehicle_file: VehicleFile) -> Controller | None:
         if error.diagnostic.code == "vehicle.lacks-estimates":
             return None
         raise
-
-
-def route_of(run: Run, closed: bool | None = False) -> Route:
-    """Return the estimated path of a run at ROUTE_RATE_HZ, without the rest at both ends.
-
-    If `closed` is None, the route is closed if the drive returned to its start. Raise AnswerNo for a run without
-    estimates or motion, or if `closed` is True and the ends are too far apart.
-    """
-    log = run.without_rest.estimate
-    if log is None or len(log.t_ns) < 2:
-        raise AnswerNo(fault("route.no-estimates", name=run.name))
-    speed, turn = np.hypot(log.nu[:, 0], log.nu[:, 1]), np.abs(log.nu[:, 2])
-    moving_indices = np.flatnonzero(((speed > STILL_M_S) | (turn > STILL_RAD_S)) & np.isfinite(speed + turn))
-    if len(moving_indices) < 2:
-        raise AnswerNo(fault("route.no-motion", name=run.name))
-    first, last = max(moving_indices[0] - 1, 0), moving_indices[-1]
-    t_s = seconds(log.t_ns[first : last + 1], log.t_ns[first])
-    rows = np.unique(np.searchsorted(t_s, np.append(np.arange(0.0, t_s[-1], 1.0 / ROUTE_RATE_HZ), t_s[-1])))
-    eta = log.eta[first : last + 1][rows].copy()
-    eta[:, 2] = np.unwrap(eta[:, 2])
-    route = Route(t_s[rows], eta, log.nu[first : last + 1][rows], False)
-    gap_m, gap_rad = end_gap(route)
-    is_at_start = gap_m <= CLOSE_M and gap_rad <= CLOSE_RAD
-    if closed and not is_at_start:
-        gap, close = {"gap_m": gap_m, "gap_deg": np.degrees(gap_rad)}, np.degrees(CLOSE_RAD)
-        raise AnswerNo(fault("route.open", name=run.name, **gap, tolerance_m=CLOSE_M, tolerance_deg=close))
-    length_m = float(np.sum(np.hypot(*np.diff(eta[:, :2], axis=0).T)))
-    is_loop = is_at_start and length_m > MIN_LOOP_M if closed is None else closed
-    return run_through(with_closed_gap(route)) if is_loop else route

@@ -1,4 +1,4 @@
-"""Interpolate a log between its samples; in a gap the result is NaN.
+"""Interpolate a log between its samples, with NaN in gaps, or average it over windows.
 
 The speed is ν_x. If the truth is without velocities, a parabola is fitted to its positions within ± h, at least
 ± HALF_WINDOW_STEPS. The speed is then the parabola's slope along the heading. Positions with the white noise σ at
@@ -11,7 +11,7 @@ import numpy as np
 
 from baqueano.geometry import wrap
 from baqueano.numerics.statistics import white_std
-from baqueano.runs.run import TruthLog
+from baqueano.runs.run import Channel, TruthLog
 from baqueano.signals import NANOSECONDS, seconds
 
 MAX_GAP_S = 0.5  # longest gap that is interpolated
@@ -65,3 +65,16 @@ def true_speed(t_ns: np.ndarray, truth: TruthLog) -> np.ndarray:
             psi = eta[a + int(np.argmin(np.abs(near_s))), 2]
             speeds[i] = velocity @ [np.cos(psi), np.sin(psi)]
     return speeds
+
+
+def window_means(channel: Channel, origin_ns: int, width_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the indices (W,) of the windows that contain rows, counted from `origin_ns`, and their means (W, m).
+    A mean includes only finite entries; it is NaN without a finite entry.
+    """
+    window_numbers = ((channel.t_ns - origin_ns) / NANOSECONDS / width_s).astype(np.int64)
+    windows, row = np.unique(window_numbers, return_inverse=True)
+    is_known = np.isfinite(channel.z)
+    sums, counts = np.zeros((len(windows), channel.z.shape[1])), np.zeros((len(windows), channel.z.shape[1]))
+    np.add.at(sums, row, np.where(is_known, channel.z, 0.0))
+    np.add.at(counts, row, is_known)
+    return windows, np.where(counts > 0.0, sums / np.maximum(counts, 1.0), np.nan)

@@ -1,7 +1,8 @@
 """Distribute long jobs over processes; after Ctrl-C the finished results are kept.
 
 A fit spends half of its time in Python, whose threads wait for each other, so jobs run in processes. Only the parent
-process handles Ctrl-C. The workers finish their present job, which needs about a second.
+process handles Ctrl-C. The workers finish their present job, which needs about a second. They do not run the script of
+the user again, as Python does by default: a script without `if __name__ == "__main__"` would begin once per worker.
 """
 
 import os
@@ -12,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
+from types import ModuleType
 from typing import Any, TypeVar
 
 Job = TypeVar("Job")
@@ -46,7 +48,7 @@ def run_in_processes(
     pool = ProcessPoolExecutor(
         min(processes, len(jobs)), mp_context=get_context("spawn"), initializer=_end_with_parent
     )
-    with _ignore_interrupt():  # the workers started here ignore Ctrl-C
+    with _ignore_interrupt(), _without_script():  # for the workers that start here
         waiting = [pool.submit(work, job) for job in jobs]
     try:
         for future in as_completed(waiting):
@@ -83,6 +85,17 @@ def _end_with_parent() -> None:
             os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def _without_script() -> Iterator[None]:
+    """Hide the module of the user's script, which multiprocessing would run in each worker that starts."""
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
 
 
 @contextmanager

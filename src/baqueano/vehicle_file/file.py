@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from baqueano.blocks import check_role, permit_blocks, resolve_named
 from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.calls import checked_call
-from baqueano.contracts.result import Result
+from baqueano.contracts.result import Result, shorten
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError, UsageError
@@ -119,7 +119,7 @@ class VehicleFile:
             "vehicle": self.name, "layers": self.layers, "model": type(self.vehicle).__name__, "rate_hz": self.rate_hz,
             "commands": self.command.names, "unit_name": self.command.unit, "sensors": self.sensors._fields or "-",
         }  # fmt: skip
-        return text(note("front.vehicle", **figures))
+        return shorten([text(note("front.vehicle", **figures))], [], [])
 
     if not TYPE_CHECKING:
         __getattr__ = raise_missing_attribute

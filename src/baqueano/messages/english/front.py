@@ -59,6 +59,9 @@ TEMPLATES: dict[str, str] = {
         "A page is an HTML file, such as fit.html: {value} is a figure. For the figures, type: {fix}"
     ),
     "front.format-unknown": "Figures cannot be written as {value}. {suggestion}.",
+    "front.save-file": (
+        "{owner} does not have attribute save. Its values are saved as a vehicle file. Type: {fix}"
+    ),
     "front.missing": "{package} is not installed, and {feature:word} needs it. Type: {fix}",
     "front.several-panels": (
         "This plot has {panels} panels, but an axes contains only one. Give figure= instead of ax=."

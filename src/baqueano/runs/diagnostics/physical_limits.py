@@ -22,10 +22,10 @@ from baqueano.messages.language import mark as N_
 from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.diagnostics.samples import channel_resolution
 from baqueano.runs.diagnostics.signal_map import MIN_SCALE_GAIN, channel_regression
+from baqueano.runs.interpolation import window_means
 from baqueano.runs.maps.columns import KINDS
 from baqueano.runs.maps.units import unit
 from baqueano.runs.run import Channel, Run
-from baqueano.runs.windows import window_means
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:

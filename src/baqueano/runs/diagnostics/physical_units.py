@@ -21,9 +21,9 @@ from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.runs.diagnostics.physical_limits import LIMIT_OF_KIND, MAX_YAW_RATE_RAD_S
 from baqueano.runs.diagnostics.signal_map import MIN_WINDOWS, MappedChannel, clip, signal_map
+from baqueano.runs.interpolation import window_means
 from baqueano.runs.run import Channel as Log
 from baqueano.runs.run import Run
-from baqueano.runs.windows import window_means
 from baqueano.sensors.sampling import is_imu
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 

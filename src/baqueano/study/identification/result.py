@@ -219,9 +219,6 @@ def identification(
     `advance` is called with the number of seeds that have just finished. Ctrl-C ends the study with the finished
     results, and raises KeyboardInterrupt before the first result. With a folder `keep`, outcomes are stored there and
     not computed again.
-
-    With more than one process, Python starts anew in each, as `multiprocessing` does: call this function only under
-    `if __name__ == "__main__":`.
     """
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)

@@ -116,6 +116,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "route.no-estimates": "{name} does not have an estimated path, so it cannot become a route.",
     "route.no-motion": "{name}: the vehicle did not move, so the run cannot become a route.",
+    "route.stopped": "{name}: the drive ended before the vehicle moved: {cause}.",
     "route.open": (
         "{name} ends {gap_m:.2f} m and {gap_deg:.0f}° from where it began; a closed route returns to "
         "within {tolerance_m} m and {tolerance_deg:.0f}°. Drive back to the mark, or teach it as an open route."
