@@ -49,7 +49,7 @@ def drive(blocks=BLOCKS, duration_s=3.0, world=None, **options):
 def replay_of(records):
     ticks = [r.tick for r in records]
     t_ns = np.array([t.t_ns for t in ticks])
-    imu = [(t.t_ns, t.sensors.imu.z) for t in ticks if t.sensors.imu.has]
+    imu = [(t.t_ns, t.sensors.imu.z) for t in ticks if t.sensors.imu.is_new]
     at = np.array([t for t, _ in imu])
     channel = Channel(at, at, np.array([z for _, z in imu]))
     return ReplayedWorld(Run("test", None, t_ns, np.array([t.u for t in ticks]), sensors={"imu": channel}))
@@ -132,7 +132,7 @@ def test_during_imu_silence_the_estimate_uses_the_applied_commands():
     records, _, outcome = drive(eager, duration_s=4.0, world=world)
     assert outcome.stop_reason is None
     silent = records[100:300]
-    assert all(r.tick.sensors.imu.has == 0.0 for r in silent)
+    assert all(r.tick.sensors.imu.is_new == 0.0 for r in silent)
     saturated = [np.any(np.abs(r.requested_command.u) > LIMIT + 1e-9) for r in silent]
     assert np.mean(saturated) > 0.5
     # the estimator used the commands that the motors received

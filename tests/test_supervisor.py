@@ -17,8 +17,8 @@ SUPERVISOR = Supervisor(LIMIT, max_speed_m_s=2.0, max_yaw_rate_rad_s=6.0, max_po
 Sensors = sensor_slots(("imu",))
 
 
-def tick(t_s=1.0, has=1.0):
-    return Tick(round(t_s * 1e9), np.zeros(3), Sensors(Slot(has, np.zeros(3))))
+def tick(t_s=1.0, is_new=1.0):
+    return Tick(round(t_s * 1e9), np.zeros(3), Sensors(Slot(is_new, np.zeros(3))))
 
 
 def estimate(nu=(0.0, 0.0, 0.0), cov=None, eta=(0.0, 0.0, 0.0)):
@@ -75,15 +75,15 @@ def test_each_stop_reason_stops_the_vehicle_and_is_named(c, e, reason):
 def test_rt6_a_silent_imu_stops_the_vehicle_exactly_after_its_timeout():
     state, _ = answer(command(1, 0, 0), t=tick(1.0))
     for t_s, is_stopped in ((1.2, 0.0), (1.5, 0.0), (1.51, 1.0)):
-        state, out = answer(command(1, 0, 0), t=tick(t_s, has=0.0), state=state)
+        state, out = answer(command(1, 0, 0), t=tick(t_s, is_new=0.0), state=state)
         assert state.stopped == is_stopped
         assert out.u[0] == 1.0 - is_stopped
     assert stop_reason(state).code == StopReason.SENSOR_SILENT
 
 
 def test_an_imu_without_any_reading_stops_the_vehicle():
-    state, _ = answer(command(1, 0, 0), t=tick(1.0, has=0.0))
-    state, out = answer(command(1, 0, 0), t=tick(1.6, has=0.0), state=state)
+    state, _ = answer(command(1, 0, 0), t=tick(1.0, is_new=0.0))
+    state, out = answer(command(1, 0, 0), t=tick(1.6, is_new=0.0), state=state)
     assert (state.stopped, out.u[0]) == (1.0, 0.0)
 
 

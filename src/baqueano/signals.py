@@ -109,11 +109,11 @@ class Motion(NamedTuple):
 
 
 class Slot(NamedTuple):
-    """The reading of a sensor in a tick; `z` is zero if `has` is 0.
+    """The reading of a sensor in a tick; `z` is zero if `is_new` is 0.
 
     Attributes
     ----------
-    has : float
+    is_new : float
         1.0 if a measurement arrived since the previous tick, else 0.0 [no unit].
     z : ndarray (m,) [SI]
         The measurement, in the SI units of the sensor.
@@ -123,10 +123,10 @@ class Slot(NamedTuple):
     Examples
     --------
     >>> Slot(1.0, np.array([0.2]))
-    Slot(has=1.0, z=array([0.2]), age_s=0.0)
+    Slot(is_new=1.0, z=array([0.2]), age_s=0.0)
     """
 
-    has: float
+    is_new: float
     z: np.ndarray
     age_s: float = 0.0
 
@@ -146,7 +146,7 @@ class Tick(NamedTuple):
     Examples
     --------
     >>> tick = Tick(0, np.zeros(3), silent({"imu": 3}))
-    >>> tick.sensors.imu.has
+    >>> tick.sensors.imu.is_new
     0.0
     """
 

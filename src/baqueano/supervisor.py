@@ -99,7 +99,7 @@ class Supervisor:
         return SupervisorState(is_stopped, reason, imu_ns), Command(command.t_ns, u)
 
     def _has(self, tick: Tick) -> Value:
-        return getattr(tick.sensors, self.watch).has if self.watch in tick.sensors._fields else 1.0
+        return getattr(tick.sensors, self.watch).is_new if self.watch in tick.sensors._fields else 1.0
 
 
 def position_std(cov: Value) -> Value:

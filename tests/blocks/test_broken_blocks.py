@@ -255,9 +255,14 @@ BROKEN = {
         "motion.nu[:2]",
         [("check.shape", {"field": "h", "value": "(2,)", "shape": "(1,)"})],
     ),
-    "no slot": ("sensor", "Slot(1.0, ", "(1.0, ", [("check.returns", {"expected": "(state, Slot(has, z))"})]),
-    "half a measurement": ("sensor", "Slot(1.0, ", "Slot(0.5, ", [("check.has", {"value": "0.5"})]),
-    "silent but speaking": ("sensor", "Slot(1.0, ", "Slot(0.0, ", [("check.has-not", {})]),
+    "no slot": (
+        "sensor",
+        "Slot(1.0, ",
+        "(1.0, ",
+        [("check.returns", {"expected": "(state, Slot(is_new, z))"})],
+    ),
+    "half a measurement": ("sensor", "Slot(1.0, ", "Slot(0.5, ", [("check.is-new", {"value": "0.5"})]),
+    "silent but speaking": ("sensor", "Slot(1.0, ", "Slot(0.0, ", [("check.not-new", {})]),
     "late": (
         "sensor",
         "rate_hz: float = 50.0",

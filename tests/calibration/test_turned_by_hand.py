@@ -107,8 +107,8 @@ def test_a_run_without_a_turn_is_refused_with_a_remedy(small):
 def test_a_gap_or_a_saturated_gyro_is_refused(small):
     run = by_hand_log()
     t_ns, _, z = run.sensors["imu"]
-    has = (t_ns < 5_000_000_000) | (t_ns > 5_400_000_000)
-    silent = Channel(t_ns[has], t_ns[has], z[has])
+    is_present = (t_ns < 5_000_000_000) | (t_ns > 5_400_000_000)
+    silent = Channel(t_ns[is_present], t_ns[is_present], z[is_present])
     with pytest.raises(UsageError, check=of_code("turns.silent")):
         calibrate_by_hand_turns(replace(run, sensors={"imu": silent}), small)
     z = z.copy()

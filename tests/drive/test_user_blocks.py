@@ -131,7 +131,7 @@ class Gyro:
 
     def step(self, eta, tick):
         imu = tick.sensors.imu
-        nu = np.array([0.0, 0.0, np.where(imu.has > 0.0, imu.z[2], 0.0)])
+        nu = np.array([0.0, 0.0, np.where(imu.is_new > 0.0, imu.z[2], 0.0)])
         eta = eta + 0.01 * nu
         return eta, Estimate(tick.t_ns, eta, nu, np.eye(6))
 """

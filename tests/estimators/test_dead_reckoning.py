@@ -63,7 +63,7 @@ def ticks_of(reckon, readings, u=None):
             name, np.full((len(next(iter(readings.values()))), getattr(reckon.sensors, name).size), np.nan)
         )
         slots.append(Slot(np.isfinite(z[:, 0]).astype(float), np.nan_to_num(z), np.zeros(len(z))))
-    n = len(slots[0].has)
+    n = len(slots[0].is_new)
     commands = np.zeros((n, reckon.vehicle.commands)) if u is None else u
     return Tick(10_000_000 * np.arange(1, n + 1), commands, type(reckon.sensors)(*slots))
 

@@ -77,7 +77,7 @@ def random_ticks(name, n, seed, shortest_s=0.0, longest_s=10.0):
 def each(ticks):
     kind = type(ticks.sensors)
     for k, t_ns in enumerate(ticks.t_ns):
-        slots = (Slot(float(s.has[k]), s.z[k], float(s.age_s[k])) for s in ticks.sensors)
+        slots = (Slot(float(s.is_new[k]), s.z[k], float(s.age_s[k])) for s in ticks.sensors)
         yield Tick(int(t_ns), ticks.u[k], kind(*slots))
 
 

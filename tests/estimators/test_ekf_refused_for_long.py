@@ -58,12 +58,12 @@ def kernel():
 def consequence(kernel, run: Run, z: np.ndarray | None = None) -> Consequence:
     """Run the filter over the commands of `run`, with z (N, 3) in place of the IMU readings if given."""
     imu, t_ns = run.sensors["imu"], run.t_ns
-    has: Any = np.ones(len(t_ns))
+    is_new: Any = np.ones(len(t_ns))
     ticks: Any = t_ns
     z = imu.z if z is None else z
     assert run.truth is not None
     assert np.array_equal(imu.t_ns, t_ns)
-    slot = Slot(has, z, 0.0 * has)
+    slot = Slot(is_new, z, 0.0 * is_new)
     _, out = kernel.run(Tick(ticks, run.applied_commands, SMALL.sensors._replace(imu=slot)))
     y, S = out.innovation, out.innovation_cov
     refusals = np.einsum("ki,ki->k", y, np.linalg.solve(S, y[..., None])[..., 0]) > gate_limit(4.0, 3)

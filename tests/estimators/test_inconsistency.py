@@ -39,11 +39,11 @@ def block():
     return compile_block(SMALL.estimator())
 
 
-def estimates(z: np.ndarray, has: np.ndarray | None = None):
+def estimates(z: np.ndarray, is_new: np.ndarray | None = None):
     """Return η, ν and covariance at each tick, with the readings z (N, 3) of an IMU that answers if `has` (N,) is 1."""
     belief, out = block().init(), []
     for k, t_ns in enumerate(run().t_ns.tolist()):
-        slot = Slot(1.0 if has is None else float(has[k]), z[k], 0.0)
+        slot = Slot(1.0 if is_new is None else float(is_new[k]), z[k], 0.0)
         belief, estimate = block().step(
             belief, Tick(t_ns, run().applied_commands[k], SMALL.sensors._replace(imu=slot))
         )
@@ -141,9 +141,9 @@ def test_a_frozen_imu_causes_a_speed_error_below_20_cm_s():
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_single_nan_reading_has_no_effect(bad):
     """The estimate equals, bit by bit, the estimate of an IMU that was silent in this tick."""
-    z, has = run().sensors["imu"].z.copy(), np.ones(len(t_s))
-    z[500], has[500] = bad, 0.0
-    for estimate, silent in zip(estimates(z), estimates(run().sensors["imu"].z, has), strict=True):
+    z, is_new = run().sensors["imu"].z.copy(), np.ones(len(t_s))
+    z[500], is_new[500] = bad, 0.0
+    for estimate, silent in zip(estimates(z), estimates(run().sensors["imu"].z, is_new), strict=True):
         assert np.array_equal(estimate, silent)
 
 

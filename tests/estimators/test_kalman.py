@@ -29,13 +29,13 @@ def test_sequential_corrections_equal_one_joint_correction(seed):
 @given(st.integers(0, 10_000), st.lists(st.booleans(), min_size=3, max_size=3))
 def test_es4_a_channel_that_is_nan_has_the_effect_of_a_sensor_without_this_channel(seed, is_measured):
     P, y, H, Q = _case(seed)
-    has = np.array(is_measured)
-    partial = correct(P, np.where(has, y, np.nan), H, Q, has=np.where(has, 1.0, 0.0))
-    smaller = correct(P, y[has], H[has], Q[np.ix_(has, has)])
+    mask = np.array(is_measured)
+    partial = correct(P, np.where(mask, y, np.nan), H, Q, mask=np.where(mask, 1.0, 0.0))
+    smaller = correct(P, y[mask], H[mask], Q[np.ix_(mask, mask)])
     assert partial.move == pytest.approx(smaller.move, rel=1e-9, abs=1e-12)
     assert partial.cov == pytest.approx(smaller.cov, rel=1e-9, abs=1e-12)
-    assert partial.e[has] == pytest.approx(smaller.e, rel=1e-9)
-    assert not partial.e[~has].any()
+    assert partial.e[mask] == pytest.approx(smaller.e, rel=1e-9)
+    assert not partial.e[~mask].any()
 
 
 def test_prediction_and_correction_equal_filterpy():

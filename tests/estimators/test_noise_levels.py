@@ -59,10 +59,10 @@ def kernel_of(ekf):
     return scan(ekf.step, ekf.init(), ticks(10_000_000, np.zeros(3), np.zeros(3), 1.0))
 
 
-def ticks(t_ns: Any, u: np.ndarray, z: np.ndarray, has: Any = None) -> Tick:
+def ticks(t_ns: Any, u: np.ndarray, z: np.ndarray, is_new: Any = None) -> Tick:
     """Return ticks (N,) with the readings z (N, 3) of the IMU, or one tick."""
-    has = np.ones(len(z)) if has is None else has
-    return Tick(t_ns, u, SMALL.sensors._replace(imu=Slot(has, z, 0.0 * has)))
+    is_new = np.ones(len(z)) if is_new is None else is_new
+    return Tick(t_ns, u, SMALL.sensors._replace(imu=Slot(is_new, z, 0.0 * is_new)))
 
 
 def nis(estimate, S) -> np.ndarray:

@@ -51,8 +51,8 @@ class Linear:
         x = predict(Gaussian(belief.mean, belief.cov), lambda x: A @ x + tick.u, R)
         slot = tick.sensors.both
         correction = correct(x.cov, slot.z - H @ x.mean, H, Q)
-        mean = np.where(slot.has > 0.0, boxplus(x.mean, correction.move), x.mean)
-        cov = np.where(slot.has > 0.0, correction.cov, x.cov)
+        mean = np.where(slot.is_new > 0.0, boxplus(x.mean, correction.move), x.mean)
+        cov = np.where(slot.is_new > 0.0, correction.cov, x.cov)
         S = H @ x.cov @ H.T + Q
         return Belief(tick.t_ns, mean, cov), Estimate(
             tick.t_ns, mean[:3], mean[3:6], cov, slot.z - H @ x.mean, S
@@ -71,8 +71,8 @@ def drive(n, seed, turn_rad=0.0):
         u.append(0.1 * np.array([np.sin(0.1 * k), 1.0, 0.02 * np.cos(0.1 * k), 0, 0, 0]))
         x = A @ x + u[-1] + np.sqrt(np.diag(R)) * rng.standard_normal(N)
         z.append(H @ x + np.linalg.cholesky(Q) @ rng.standard_normal(2))
-    has = (rng.uniform(size=n) < 0.6).astype(float)
-    slots = Sensors(Slot(has, np.array(z), np.zeros(n)))
+    is_new = (rng.uniform(size=n) < 0.6).astype(float)
+    slots = Sensors(Slot(is_new, np.array(z), np.zeros(n)))
     return Tick(10_000_000 * np.arange(1, n + 1), np.array(u), slots)
 
 
@@ -85,7 +85,7 @@ def batch(ticks, start, cov):
         row = np.zeros((N, N * (n + 1)))
         row[:, N * k : N * (k + 1)], row[:, N * (k + 1) : N * (k + 2)] = -A, np.eye(N)
         rows, right, weights = [*rows, row], [*right, ticks.u[k]], [*weights, np.linalg.inv(R)]
-        if ticks.sensors.both.has[k]:
+        if ticks.sensors.both.is_new[k]:
             row = np.zeros((2, N * (n + 1)))
             row[:, N * (k + 1) : N * (k + 2)] = H
             rows, right = [*rows, row], [*right, ticks.sensors.both.z[k]]
@@ -180,9 +180,9 @@ def circle(n, seed, start):
         motion = Motion(belief.mean[:3], belief.mean[3:6], belief.mean[6:], np.zeros(2))
         z.append([s.h(motion) + np.sqrt(np.diag(s.cov)) * rng.standard_normal(3) for s in SENSORS])
     z = np.array(z)
-    has = np.zeros(n)
-    has[-1] = 1.0
-    slots = BOTH(Slot(np.ones(n), z[:, 0], np.zeros(n)), Slot(has, z[:, 1], np.zeros(n)))
+    is_new = np.zeros(n)
+    is_new[-1] = 1.0
+    slots = BOTH(Slot(np.ones(n), z[:, 0], np.zeros(n)), Slot(is_new, z[:, 1], np.zeros(n)))
     return np.array(truth), Tick(10_000_000 * np.arange(1, n + 1), u, slots)
 
 
@@ -227,7 +227,7 @@ def test_in_the_default_filter_a_camera_corrects_the_earlier_path_and_a_gyro_no_
 
 def blind(ticks):
     pose = ticks.sensors.pose
-    return ticks._replace(sensors=ticks.sensors._replace(pose=pose._replace(has=0.0 * pose.has)))
+    return ticks._replace(sensors=ticks.sensors._replace(pose=pose._replace(is_new=0.0 * pose.is_new)))
 
 
 def test_shifting_and_rotating_the_map_moves_the_smoothed_estimate_equally():

@@ -85,9 +85,9 @@ def problem_of(run, file=FILE, backend="numpy", **options):
 
 def test_rates_from_counts_at_10_hz_equal_the_predictions_of_the_true_model(run):
     problem, theta = problem_of(run)
-    has = problem.has[0] > 0.0
-    assert has[:, 0].sum() == 79
-    misfit = problem.misfits(theta)[0][has]
+    mask = problem.masks[0] > 0.0
+    assert mask[:, 0].sum() == 79
+    misfit = problem.misfits(theta)[0][mask]
     assert (
         np.abs(misfit).max() < 1e-4
     )  # m/s; 0.007 if the reading is compared with the middle of its interval
@@ -96,7 +96,7 @@ def test_rates_from_counts_at_10_hz_equal_the_predictions_of_the_true_model(run)
 def test_the_interval_of_an_imported_rate_ends_at_its_later_count(tmp_path):
     uneven_ms = 100 * np.arange(80) + np.random.default_rng(5).integers(-30, 31, 80) * (np.arange(80) > 0)
     problem, theta = problem_of(import_counts(tmp_path, 1e-3 * uneven_ms))
-    assert problem.has[0][:, 0].sum() == 78  # the first begins before the rows
+    assert problem.masks[0][:, 0].sum() == 78  # the first begins before the rows
     assert np.abs(problem.misfits(theta)[0]).max() < 1e-4  # 0.006 if it ends midway between two timestamps
 
 
@@ -120,7 +120,7 @@ def test_a_free_clock_shifts_the_interval_of_a_mean(run):
     early = Channel(c.t_ns - 40_000_000, c.arrival_ns - 40_000_000, c.z)  # two rows
     run = Run("early", None, run.t_ns, run.applied_commands, metadata=run.metadata, sensors={"wheels": early})
     problem, theta = problem_of(run, clocks=("wheels",))
-    assert problem.has[0][:, 0].sum() > 70
+    assert problem.masks[0][:, 0].sum() > 70
     theta = np.append(theta[: len(FREE)], 0.04)
     assert np.abs(problem.misfits(theta)[0]).max() < 1e-4  # 0.007 if the mean is compared with an instant
 

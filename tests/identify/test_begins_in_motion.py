@@ -29,15 +29,15 @@ def moving_run():
 
 def rows_of(file, run, at_rest=False):
     options, names = FitOptions(biases=False, at_rest=at_rest), file.sensors
-    return records_of([run], FittedBlocks(file.vehicle, names), {}, options)[0].sensors["odometer"].has[:, 0]
+    return records_of([run], FittedBlocks(file.vehicle, names), {}, options)[0].sensors["odometer"].mask[:, 0]
 
 
 def test_rows_before_the_first_command_are_ignored_if_a_run_begins_in_motion(moving_run):
     file, run = moving_run
     later = run.cut(4.2)
-    has = rows_of(file, later)
-    assert not has[:LATE].any()
-    assert has[LATE + 1 :].all()
+    mask = rows_of(file, later)
+    assert not mask[:LATE].any()
+    assert mask[LATE + 1 :].all()
 
 
 def test_in_short_runs_and_runs_from_rest_all_rows_count(moving_run):

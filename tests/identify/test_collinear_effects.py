@@ -18,9 +18,9 @@ def residuals_and_effect(own_fraction):
     own -= d * (own @ d) / (d @ d)
     own *= np.linalg.norm(d) / np.linalg.norm(own)
     misfit = 0.3 * own + 0.5 * rng.standard_normal(ROWS)  # motion outside the model, below its noise
-    has, run, is_free = np.ones(ROWS, bool), np.zeros(ROWS, int), np.ones(1, bool)
+    mask, run, is_free = np.ones(ROWS, bool), np.zeros(ROWS, int), np.ones(1, bool)
     segments = [(misfit[:, None], -d[:, None, None])]
-    fit = residuals_for_tests(segments, has, run, is_free, [], float(np.sum(d**2)))
+    fit = residuals_for_tests(segments, mask, run, is_free, [], float(np.sum(d**2)))
     return fit, (np.sqrt(1.0 - own_fraction) * d + np.sqrt(own_fraction) * own)[None, :]
 
 

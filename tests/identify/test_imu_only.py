@@ -269,8 +269,8 @@ def test_autocorrelated_residuals_weigh_less_than_white_residuals():
     white = rng.normal(size=(n, 2))
     slow = np.convolve(rng.normal(size=n + 49), np.ones(50) / np.sqrt(50.0), "valid")
     residuals = [np.stack([white[:, 0], 0.6 * white[:, 1] + 0.8 * slow], axis=1)]
-    has, v, dt = [np.ones((n, 2))], [np.full(n, 1.0)], [np.full(n, 0.02)]
-    sigma, profile = profile_with_slow_noise(residuals, has, v, dt, np.zeros(2))
+    masks, v, dt = [np.ones((n, 2))], [np.full(n, 1.0)], [np.full(n, 0.02)]
+    sigma, profile = profile_with_slow_noise(residuals, masks, v, dt, np.zeros(2))
     assert sigma[0] == pytest.approx(1.0, abs=0.12)
     expected = np.sqrt(0.6**2 + 0.8**2 * (50 - (50**2 - 1) / (3 * 50)))  # of sums over their correlation time
     assert sigma[1] == pytest.approx(expected, rel=0.15)

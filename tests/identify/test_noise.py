@@ -122,9 +122,9 @@ def test_log_determinant_and_distance_equal_numpy(seed, m):
     rng = np.random.default_rng(seed)
     A, y = rng.normal(size=(m + 3, m)), rng.normal(size=m)
     S = A.T @ A + 0.01 * np.eye(m)
-    has = rng.random(m) < 0.7
-    log_det, square = log_det_and_square(S, np.where(has, y, np.nan), np.where(has, 1.0, 0.0))
-    S, y = S[np.ix_(has, has)], y[has]
+    mask = rng.random(m) < 0.7
+    log_det, square = log_det_and_square(S, np.where(mask, y, np.nan), np.where(mask, 1.0, 0.0))
+    S, y = S[np.ix_(mask, mask)], y[mask]
     assert log_det == pytest.approx(np.linalg.slogdet(S)[1], abs=1e-9)
     assert square == pytest.approx(y @ np.linalg.solve(S, y), rel=1e-9)
 

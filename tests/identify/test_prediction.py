@@ -241,7 +241,7 @@ def test_pose_covariance_grows_with_distance_and_innovations_are_white():
     prediction = Prediction(problem, blocks)
     moving = FilterNoise(np.array([0.04, 0.0, 0.0]), np.zeros(3))
     e = prediction.derivatives(prediction.x(np.array([DRAG, 1.0, 0.0]), moving))[0].e
-    present = problem.has[0] > 0.0
+    present = problem.masks[0] > 0.0
     assert np.std(e[present[:, 0], 0]) == pytest.approx(1.0, abs=0.15)
     innovations = prediction.derivatives(prediction.x(np.array([DRAG, 1.0, 0.0])))[0].e
     assert np.std(innovations[present[:, 0], 0]) > 5.0

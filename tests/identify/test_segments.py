@@ -25,7 +25,7 @@ def test_segments_contain_every_measurement_once(case, case_run):
     pieces = split_record(whole, 2.5, 0.3)
     assert len(pieces) == 5
     assert [p.lead for p in pieces] == [0, 30, 30, 30, 30]
-    assert sum(p.sensors["imu"].has.sum() for p in pieces) == whole.sensors["imu"].has.sum()
+    assert sum(p.sensors["imu"].mask.sum() for p in pieces) == whole.sensors["imu"].mask.sum()
     times_kept = np.concatenate([p.t_s[p.lead :] for p in pieces])
     np.testing.assert_array_equal(times_kept, whole.t_s)
 
@@ -34,7 +34,7 @@ def test_a_segment_begins_before_its_first_measurement(case, case_run):
     whole = record_of(case_run(0, 12.0), case.sensors._asdict())
     pieces = split_record(whole, 2.5, 0.0)
     assert [p.lead for p in pieces] == [0, 1, 1, 1, 1]
-    assert all(not p.sensors["imu"].has[: p.lead].any() for p in pieces)
+    assert all(not p.sensors["imu"].mask[: p.lead].any() for p in pieces)
 
 
 def test_measurements_before_the_first_tick_are_ignored(case, case_run):
@@ -42,9 +42,9 @@ def test_measurements_before_the_first_tick_are_ignored(case, case_run):
     imu = run.sensors["imu"]
     t_ns = imu.t_ns - 2_000_000
     early = replace(run, sensors={"imu": imu._replace(t_ns=t_ns)})
-    has = record_of(early, case.sensors._asdict()).sensors["imu"].has
-    assert not has[0].any()
-    assert has[1:].all()
+    mask = record_of(early, case.sensors._asdict()).sensors["imu"].mask
+    assert not mask[0].any()
+    assert mask[1:].all()
 
 
 def test_a_reading_within_a_long_tick_belongs_to_the_row_of_its_time(case, case_run):
@@ -61,8 +61,8 @@ def test_a_reading_within_a_long_tick_belongs_to_the_row_of_its_time(case, case_
         truth=None,
     )
     record = record_of(slow, case.sensors._asdict())
-    _, has, part, *_ = record.sensors["imu"]
-    rows = np.flatnonzero(has[:, 0])
+    _, mask, part, *_ = record.sensors["imu"]
+    rows = np.flatnonzero(mask[:, 0])
     assert np.all(rows % 3 == 1)
     before_s = record.t_s[rows + 1] - record.t_s[rows] + part[rows] * record.dt_s[rows]
     np.testing.assert_allclose(before_s, 0.03)

@@ -13,12 +13,12 @@ def test_rows_with_an_encoder_at_rest_do_not_reduce_the_noise_estimate():
     noise = rng.normal(scale=0.05, size=(3000, 1))
     z, waiting = 1.0 + noise, noise.copy()
     z[:2000], waiting[:2000, 0] = 0.0, 1e-5 * rng.normal(size=2000)
-    has = [np.ones((3000, 1))]
+    masks = [np.ones((3000, 1))]
     moving_only = robust_sigma([noise[2000:]], [np.ones((1000, 1))], np.zeros(1))
-    assert robust_sigma([waiting], informative_rows([waiting], has, [z]), np.zeros(1)) == pytest.approx(
+    assert robust_sigma([waiting], informative_rows([waiting], masks, [z]), np.zeros(1)) == pytest.approx(
         moving_only
     )
-    assert robust_sigma([waiting], has, np.zeros(1)) < 1e-4  # the expected spread
+    assert robust_sigma([waiting], masks, np.zeros(1)) < 1e-4  # the expected spread
     assert moving_only == pytest.approx(0.05, rel=0.1)  # 4.6 standard errors of a median of 1,000
 
 

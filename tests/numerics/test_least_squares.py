@@ -166,7 +166,7 @@ def test_id12_a_diverged_segment_adds_no_information(far):
             size=3,
             layout=SimpleNamespace(first_start=0, runs=list(range(len(slopes)))),
             sigma=np.ones(2),
-            has=[np.ones((100, 2)) for _ in slopes],
+            masks=[np.ones((100, 2)) for _ in slopes],
             counts=np.full(2, 100.0 * len(slopes)),
             records=[SimpleNamespace(dt_s=np.full(100, 0.01)) for _ in slopes],
             sensitivities=lambda theta: [(r, slope, np.arange(3)) for slope in slopes],

@@ -81,7 +81,7 @@ def test_a_tick_contains_the_newest_measurement_since_the_previous_tick():
     arrival = np.array([5, 9, 20, 31, 39, 45])
     z = np.arange(6.0)[:, None]
     run = Run("x", None, t_ns, np.zeros((4, 1)), sensors={"a": Channel(arrival - 3, arrival, z)})
-    rows = [(tick.t_ns, tick.sensors.a.has, float(tick.sensors.a.z[0])) for tick in run.ticks()]
+    rows = [(tick.t_ns, tick.sensors.a.is_new, float(tick.sensors.a.z[0])) for tick in run.ticks()]
     assert rows == [(10, 1.0, 1.0), (20, 1.0, 2.0), (30, 0.0, 0.0), (40, 1.0, 4.0)]
 
 
@@ -91,7 +91,7 @@ def test_a_cut_run_has_the_same_ticks_as_the_whole_run(run):
     for a, b in zip(piece.ticks(), whole, strict=True):
         assert (a.t_ns, a.u.tobytes()) == (b.t_ns, b.u.tobytes())
         assert all(
-            x.has == y.has and x.z.tobytes() == y.z.tobytes()
+            x.is_new == y.is_new and x.z.tobytes() == y.z.tobytes()
             for x, y in zip(*(t.sensors for t in (a, b)), strict=True)
         )
     assert 0.5 <= (piece.t_ns[0] - run.t_ns[0]) * 1e-9 < 0.52

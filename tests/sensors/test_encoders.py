@@ -18,7 +18,7 @@ def readings_of(encoders, motions, dt_s=0.01):
     state, z, age_s = encoders.init(), [], []
     for motion in motions:
         state, slot = encoders.step(state, motion, dt_s, np.zeros(2))
-        if slot.has:
+        if slot.is_new:
             z.append(slot.z)
             age_s.append(slot.age_s)
     return np.array(z), np.array(age_s)

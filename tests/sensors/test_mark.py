@@ -16,7 +16,7 @@ def readings_of(mark, places, noise=0.0):
     state, readings = mark.init(), []
     for x, y in places:
         state, slot = mark.step(state, at(x, y), 0.01, np.array([noise]))
-        readings.append((float(slot.has), float(slot.z[0])))
+        readings.append((float(slot.is_new), float(slot.z[0])))
     return readings
 
 
@@ -32,10 +32,10 @@ def test_passing_a_mark_gives_one_reading_of_the_distance_beyond_it():
 
 def test_a_mark_is_not_read_when_reversing_passing_beside_it_or_starting():
     mark = Mark(half_width_m=0.3)
-    assert not any(has for has, _ in readings_of(mark, [(0.1, 0.0), (-0.1, 0.0)]))
-    assert not any(has for has, _ in readings_of(mark, [(-0.1, 0.5), (0.1, 0.5)]))
-    assert not any(has for has, _ in readings_of(mark, [(0.0, 0.0), (0.1, 0.0)]))
-    assert [has for has, _ in readings_of(mark, [(-0.1, 0.2), (0.1, 0.2)])] == [0.0, 1.0]
+    assert not any(is_new for is_new, _ in readings_of(mark, [(0.1, 0.0), (-0.1, 0.0)]))
+    assert not any(is_new for is_new, _ in readings_of(mark, [(-0.1, 0.5), (0.1, 0.5)]))
+    assert not any(is_new for is_new, _ in readings_of(mark, [(0.0, 0.0), (0.1, 0.0)]))
+    assert [is_new for is_new, _ in readings_of(mark, [(-0.1, 0.2), (0.1, 0.2)])] == [0.0, 1.0]
 
 
 def test_a_line_crossed_northward_measures_the_distance_to_the_north():

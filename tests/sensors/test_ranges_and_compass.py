@@ -14,9 +14,9 @@ def at(x, y, psi=0.0):
 
 
 def reading_of(sensor, motion, noise=0.0):
-    """Return (has, z) of the first tick; a sensor of 100 Hz without a delay answers at this tick."""
+    """Return (is_new, z) of the first tick; a sensor of 100 Hz without a delay answers at this tick."""
     _, slot = sensor.step(sensor.init(), motion, 0.01, np.array([noise]))
-    return slot.has, slot.z[0]
+    return slot.is_new, slot.z[0]
 
 
 WALL = {"wall_point_m": np.array([2.0, 0.0]), "wall_heading_rad": 0.0, "rate_hz": 100.0}
@@ -56,7 +56,7 @@ def test_the_measured_distance_to_a_wall_increases_with_the_beam_angle():
 
 
 @pytest.mark.parametrize(
-    ("pose", "has"),
+    ("pose", "is_new"),
     [
         ((0.0, 0.0, 0.0), 1.0),
         ((0.0, 0.0, 0.5), 0.0),  # the wall reflects the sound away
@@ -67,8 +67,8 @@ def test_the_measured_distance_to_a_wall_increases_with_the_beam_angle():
         ((0.0, 1.2, -0.2), 1.0),  # slanting, the beam meets it: 1.2 − 2 tan 0.2 = 0.79
     ],
 )
-def test_a_rangefinder_answers_only_if_its_beam_meets_the_wall(pose, has):
-    assert reading_of(Rangefinder(half_width_m=1.0, **WALL), at(*pose))[0] == has
+def test_a_rangefinder_answers_only_if_its_beam_meets_the_wall(pose, is_new):
+    assert reading_of(Rangefinder(half_width_m=1.0, **WALL), at(*pose))[0] == is_new
 
 
 def test_a_compass_reads_the_heading_and_is_wrapped():
@@ -95,7 +95,7 @@ def test_a_delayed_compass_is_interpolated_across_pi(side):
     for k in range(60):
         psi = side * (np.pi - 0.5 + 0.02 * k)
         state, slot = compass.step(state, at(0.0, 0.0, wrap(psi)), 0.01, np.zeros(1))
-        if slot.has:
+        if slot.is_new:
             late.append(wrap(psi - slot.z[0]))
     assert np.array(late) == pytest.approx(np.full(57, side * 0.05), abs=1e-9)
 

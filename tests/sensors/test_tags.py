@@ -24,7 +24,7 @@ def readings_of(tags, motions, noise=(0.0, 0.0)):
     state, readings = tags.init(), {}
     for k, motion in enumerate(motions):
         state, slot = tags.step(state, motion, 0.01, np.array(noise))
-        if slot.has:
+        if slot.is_new:
             readings[k] = slot.z
         else:
             assert not slot.z.any()

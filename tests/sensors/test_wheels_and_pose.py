@@ -70,7 +70,7 @@ def test_a_delayed_pose_is_interpolated_across_pi(side):
     for k in range(60):
         psi = side * (np.pi - 0.5 + 0.02 * k)
         state, slot = pose.step(state, motion([0.0, 0.0, wrap(psi)]), 0.01, np.zeros(3))
-        if slot.has:
+        if slot.is_new:
             late.append(wrap(psi - slot.z[2]))
             assert -np.pi <= slot.z[2] < np.pi
     assert len(late) == 57

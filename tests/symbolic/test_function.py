@@ -21,7 +21,7 @@ BACKENDS = [
 
 
 class Slot(NamedTuple):
-    has: float
+    is_new: float
     z: np.ndarray | None
 
 
@@ -68,7 +68,7 @@ def rotate(belief, angle, box, pair):
     c, s = np.cos(angle), np.sin(angle)
     J = np.array([[c, -s], [s, c]])
     a, b = pair
-    slots = {name: Slot(slot.has * a, slot.z) for name, slot in belief.slots.items()}
+    slots = {name: Slot(slot.is_new * a, slot.z) for name, slot in belief.slots.items()}
     return Belief(belief.t_ns + 1, J @ belief.mean, J @ belief.cov @ J.T, slots, "turned"), [
         b,
         np.minimum(box.high, 1),

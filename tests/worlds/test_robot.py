@@ -80,11 +80,11 @@ def test_samples_since_the_last_tick_are_averaged():
     robot = Robot(sensors(imu=Imu()), Line(), chip, Body())
     slot = robot.read(10 * MS)[0].sensors.imu
     np.testing.assert_allclose(slot.z, [2.0, 3.0, 0.6])
-    assert slot.has == 1.0
+    assert slot.is_new == 1.0
     assert slot.age_s == pytest.approx(0.004 + 0.0048), (
         "from the middle of the samples, and the filter's delay"
     )
-    assert robot.read(20 * MS)[0].sensors.imu.has == 0.0
+    assert robot.read(20 * MS)[0].sensors.imu.is_new == 0.0
     assert ("imu_temperature", 10 * MS) in [(name, t_ns) for name, t_ns, _ in robot.new_channels()]
 
 
@@ -132,13 +132,13 @@ def test_wheel_speeds_follow_their_counts_and_a_mark_is_received_once():
     line = Line(telemetry(10))
     body = Body(wheel_radius_m=0.03, counts_per_turn=60.0)
     robot = Robot(sensors(wheels=Wheels(track_m=0.1), mark=Mark()), line, None, body)
-    assert robot.read(10 * MS)[0].sensors.wheels.has == 0.0
+    assert robot.read(10 * MS)[0].sensors.wheels.is_new == 0.0
     line.waiting = [telemetry(110, counts=(6, -12), marks=1)]
     slots = robot.read(110 * MS)[0].sensors
     np.testing.assert_allclose(slots.wheels.z, [2 * np.pi * 0.03, -4 * np.pi * 0.03])
-    assert slots.mark.has == 1.0
+    assert slots.mark.is_new == 1.0
     line.waiting = [telemetry(120, counts=(6, -12), marks=1)]
-    assert robot.read(120 * MS)[0].sensors.mark.has == 0.0
+    assert robot.read(120 * MS)[0].sensors.mark.is_new == 0.0
 
 
 def test_the_age_of_an_encoder_speed_includes_half_its_interval():
@@ -170,11 +170,11 @@ def test_a_restart_of_the_uno_causes_no_false_motion_or_mark():
     robot.read(10 * MS)
     line.waiting = [telemetry(20)._replace(boot=1)]
     slots = robot.read(20 * MS)[0].sensors
-    assert (slots.wheels.has, slots.mark.has) == (0.0, 0.0)
+    assert (slots.wheels.is_new, slots.mark.is_new) == (0.0, 0.0)
     line.waiting = [telemetry(120, counts=(6, 6), marks=1)._replace(boot=1)]
     slots = robot.read(120 * MS)[0].sensors
     np.testing.assert_allclose(slots.wheels.z, 2 * np.pi * 0.03)
-    assert slots.mark.has == 1.0
+    assert slots.mark.is_new == 1.0
 
 
 def test_a_mark_timestamp_is_within_the_run_and_not_after_its_tick():

@@ -147,7 +147,7 @@ def test_a_gap_is_filled_with_ticks_without_readings():
     assert world.times == [t.t_ns for t in ticks]
     assert [(note.code, note.figures["count"]) for note in world.notes] == [("replay.holes", 100)]
     hole = world.read(world.times[-1])[50:150]
-    assert all(t.sensors.imu.has == 0.0 and np.array_equal(t.u, U) for t in hole)
+    assert all(t.sensors.imu.is_new == 0.0 and np.array_equal(t.u, U) for t in hole)
 
 
 def test_a_gap_of_a_day_is_filled_only_partly():

@@ -130,13 +130,13 @@ def _check_measurements(trial: Trial, block: Any) -> None:
     state, answers = trial.checked_call("init", AT_START), 0
     for k in range(TICK_COUNT):
         state, slot = trial.step(IN_CURVE, state, circle_motion(k), DT_S, np.zeros(int(block.noise_size)))
-        trial.expect_record(slot, Slot, "(state, Slot(has, z))")
+        trial.expect_record(slot, Slot, "(state, Slot(is_new, z))")
         z = trial.expect("Slot.z", slot.z, sensor_h.shape, IN_CURVE)
-        if slot.has not in (0.0, 1.0):
-            trial.add_fault("check.has", "step", value=str(slot.has))
-        if slot.has == 0.0 and np.any(z):
-            trial.add_fault("check.has-not", "step")
-        answers += int(slot.has > 0.0)
+        if slot.is_new not in (0.0, 1.0):
+            trial.add_fault("check.is-new", "step", value=str(slot.is_new))
+        if slot.is_new == 0.0 and np.any(z):
+            trial.add_fault("check.not-new", "step")
+        answers += int(slot.is_new > 0.0)
     _check_rate(trial, block, answers)
 
 

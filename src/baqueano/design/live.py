@@ -78,8 +78,8 @@ class RecursiveInformation:
         x, S = np.asarray(self._begin(theta), dtype=float), np.asarray(self._derivative(theta), dtype=float)
         return InformationState(theta, x, S, np.zeros((len(theta), len(theta))))
 
-    def add(self, state: InformationState, u: np.ndarray, has: np.ndarray | None = None) -> InformationState:
-        """Return the state after the ticks with commands `u` (N, n). `has` (N, m) is 1 for the channels that were
+    def add(self, state: InformationState, u: np.ndarray, mask: np.ndarray | None = None) -> InformationState:
+        """Return the state after the ticks with commands `u` (N, n). `mask` (N, m) is 1 for the channels that were
         measured; None means all.  (1), (2)"""
         theta, x, S, F = state
         q = len(theta)
@@ -88,7 +88,7 @@ class RecursiveInformation:
             outputs, derivatives = self._kernel.sensitivities(u[window], np.concatenate([theta, x]))
             m = outputs.shape[1] - len(x)
             total_derivatives = derivatives[:, :, :q] + derivatives[:, :, q:] @ S
-            H = total_derivatives[:, :m] * (1.0 if has is None else has[window, :, None])
+            H = total_derivatives[:, :m] * (1.0 if mask is None else mask[window, :, None])
             H = H.reshape(-1, q)
             x, S, F = outputs[-1, m:], total_derivatives[-1, m:], F + H.T @ H
         return InformationState(theta, x, S, F)

@@ -177,9 +177,9 @@ class DeadReckoning:
         gyro = self.readings[0]
         sensor, k = getattr(self.sensors, gyro.name), gyro.rows[0]
         at_rest = (rest_s > MIN_REST_S) & np.all(np.abs(mean[3:6]) < MAX_REST_NU)
-        has = at_rest & has_reading(gyro, sensor, getattr(tick.sensors, gyro.name))
+        is_measured = at_rest & has_reading(gyro, sensor, getattr(tick.sensors, gyro.name))
         H, q = np.eye(9)[BIAS_INDEX][None], np.array([sensor.cov[k, k]])
-        update = correct(cov, mean[5:6], H, q, has=np.where(has, np.ones(1), 0.0))
+        update = correct(cov, mean[5:6], H, q, mask=np.where(is_measured, np.ones(1), 0.0))
         return boxplus(mean, update.move), update.cov
 
     def _reading_times(

@@ -212,13 +212,13 @@ class Ekf:
         sensor = getattr(self.sensors, name)
         old_s = 0.0 if self.mode == "paper" else age_s(sensor, slot)
         z_bar, H, Q = self._h(mean, sensor, old_s), jacobian(self._h)(mean, sensor, old_s), sensor.cov
-        has = measured_channels(sensor, slot)
-        y = difference(sensor, np.where(has > 0.0, slot.z, z_bar), z_bar)
-        update = correct(cov, y, H, Q, has=has)
-        is_accepted = is_within_gate(update.e, has, INF if self.mode == "paper" else self.gate_sigma)
+        mask = measured_channels(sensor, slot)
+        y = difference(sensor, np.where(mask > 0.0, slot.z, z_bar), z_bar)
+        update = correct(cov, y, H, Q, mask=mask)
+        is_accepted = is_within_gate(update.e, mask, INF if self.mode == "paper" else self.gate_sigma)
         mean = np.where(is_accepted, boxplus(mean, update.move), mean)
         S = mirror_upper(H @ cov @ H.T + Q)
-        y, w = (np.where(has > 0.0, x, np.nan) for x in (y, np.where(is_accepted, 1.0, 0.0)))
+        y, w = (np.where(mask > 0.0, x, np.nan) for x in (y, np.where(is_accepted, 1.0, 0.0)))
         return mean, np.where(is_accepted, update.cov, cov), y, S, w
 
     def _h(self, mean: np.ndarray, sensor: Sensor, old_s: Value) -> np.ndarray:

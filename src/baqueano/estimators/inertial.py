@@ -134,7 +134,7 @@ class Inertial:
         """
         since_ns = tick.t_ns if state.since_ns < 0 or np.any(tick.u != 0.0) else state.since_ns
         slot, s = getattr(tick.sensors, self.sensor), state._replace(since_ns=since_ns)
-        if not (slot.has > 0.5 and np.all(np.isfinite(slot.z)) and tick.t_ns > s.t_ns):
+        if not (slot.is_new > 0.5 and np.all(np.isfinite(slot.z)) and tick.t_ns > s.t_ns):
             return s, _estimate(s, tick.t_ns)
         dt_s = 0.0 if s.t_ns < 0 else float(seconds(tick.t_ns, s.t_ns))
         is_at_rest = (

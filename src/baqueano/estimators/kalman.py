@@ -72,18 +72,18 @@ def correct(
     Q: np.ndarray,
     estimated: np.ndarray | None = None,
     weight: Callable[[int, Value, Value], object] | None = None,
-    has: np.ndarray | None = None,
+    mask: np.ndarray | None = None,
 ) -> Correction:
     """Return the change that the innovation y (m,) causes; the caller adds it to the mean.  (2)-(4)
 
     H (m, n) is ∂h/∂x̄. Q is the measurement noise: (m, m), or (m,) for independent channels; each variance is above 0.
     `estimated` is E: (n,) for all channels, or (m, n) with a row for each channel; the default is ones. The function
-    `weight(c, e, s)` returns the weight w of channel c. `has` (m,) is 1 for a channel with a measurement and 0 for one
+    `weight(c, e, s)` returns the weight w of channel c. `mask` (m,) is 1 for a channel with a measurement and 0 for one
     without: its y can be NaN, its e and w are 0. The default is ones.
     """
-    if has is not None:
-        y = np.where(has > 0.0, y, 0.0)
-        Q = Q if Q.ndim == 1 else np.where(np.eye(len(y)) > 0.0, Q, Q * np.outer(has, has))
+    if mask is not None:
+        y = np.where(mask > 0.0, y, 0.0)
+        Q = Q if Q.ndim == 1 else np.where(np.eye(len(y)) > 0.0, Q, Q * np.outer(mask, mask))
     y, H, q = independent(y, H, Q)
     E = None if estimated is None else np.broadcast_to(estimated, H.shape)
     P, move, e, s, weights, gains = cov, np.zeros(cov.shape[0]), [], [], [], []
@@ -92,9 +92,9 @@ def correct(
         cross = H[c] @ PH
         s.append(cross + q[c])
         remainder = y[c] - H[c] @ move
-        e.append(remainder / np.sqrt(s[c]) * (1.0 if has is None else has[c]))
+        e.append(remainder / np.sqrt(s[c]) * (1.0 if mask is None else mask[c]))
         w = 1.0 if weight is None else weight(c, e[c], s[c])
-        weights.append(w if has is None else has[c] * w)
+        weights.append(w if mask is None else mask[c] * w)
         w = weights[c]
         gains.append(PH * (w / s[c]))
         K = gains[c] if E is None else E[c] * gains[c]

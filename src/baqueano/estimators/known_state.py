@@ -46,7 +46,7 @@ class KnownState:
     def step(self, belief: KnownStateBelief, tick: Tick) -> tuple[KnownStateBelief, Estimate]:
         """Return the last measured state, with a covariance of zero."""
         slot = getattr(tick.sensors, self.sensor)
-        z = np.where(slot.has > 0.0, slot.z, belief.z)
+        z = np.where(slot.is_new > 0.0, slot.z, belief.z)
         return KnownStateBelief(z), Estimate(tick.t_ns, z[:3], z[3:], np.zeros((6, 6)))
 
 

@@ -102,7 +102,7 @@ def rows_of_ticks(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
 
     slots = (
         Slot(
-            has_reading * repeat(slot.has),
+            has_reading * repeat(slot.is_new),
             has_reading[:, None] * repeat(slot.z),
             has_reading * repeat(slot.age_s),
         )

@@ -152,16 +152,16 @@ class Unscented:
 
         centre = h(x.mean)
         spread_points = propagate(lambda x: difference(sensor, h(x), centre), x)
-        has = measured_channels(sensor, slot)
-        y = difference(sensor, np.where(has > 0.0, slot.z, centre), centre) - spread_points.mean
+        mask = measured_channels(sensor, slot)
+        y = difference(sensor, np.where(mask > 0.0, slot.z, centre), centre) - spread_points.mean
         Q = mirror_upper(sensor.cov + spread_points.even_part @ spread_points.even_part.T)
-        update = correct(np.eye(9), y, spread_points.odd_part, Q, has=has)
-        is_accepted = is_within_gate(update.e, has, self.gate_sigma)
+        update = correct(np.eye(9), y, spread_points.odd_part, Q, mask=mask)
+        is_accepted = is_within_gate(update.e, mask, self.gate_sigma)
         mean = np.where(is_accepted, boxplus(x.mean, spread_points.root @ update.move), x.mean)
         cov = np.where(
             is_accepted, mirror_upper(spread_points.root @ update.cov @ spread_points.root.T), x.cov
         )
-        y, w = (np.where(has > 0.0, x, np.nan) for x in (y, np.where(is_accepted, 1.0, 0.0)))
+        y, w = (np.where(mask > 0.0, x, np.nan) for x in (y, np.where(is_accepted, 1.0, 0.0)))
         return Gaussian(mean, cov), y, mirror_upper(spread_points.odd_part @ spread_points.odd_part.T + Q), w
 
 

@@ -207,8 +207,8 @@ def sensors_of(
 def _no_common_sensor(names: Sequence[str], runs: list[Run]) -> UsageError:
     """Return the error for runs without a common sensor. `names` are the sensors of the file."""
     sensors_read = [{name for name, channel in run.sensors.items() if len(channel.z)} for run in runs]
-    name = max(names, key=lambda name: sum(name in has for has in sensors_read), default="")
-    runs_without = [run.name for run, has in zip(runs, sensors_read, strict=True) if name not in has]
+    name = max(names, key=lambda name: sum(name in sensors for sensors in sensors_read), default="")
+    runs_without = [run.name for run, sensors in zip(runs, sensors_read, strict=True) if name not in sensors]
     if len(runs_without) < len(runs):
         # the channel is recorded, but a run lacks its readings
         is_recorded = all(name in run.sensors for run in runs)

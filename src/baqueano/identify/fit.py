@@ -177,10 +177,10 @@ def solve(
     """
     sensors = parameters.blocks.sensors
     task = Task(
-        problem, parameters.start, parameters.low, parameters.high, min_sigma(sensors, problem.z, problem.has),
+        problem, parameters.start, parameters.low, parameters.high, min_sigma(sensors, problem.z, problem.masks),
         None if options.sigma is None else sigma_from_option(options.sigma, sensors),
         options.speed_noise or problem.has_speed_noise, progress,
-        sigma_of_rare_channels(sensors, problem.has), again, solver,
+        sigma_of_rare_channels(sensors, problem.masks), again, solver,
     )  # fmt: skip
     return search_to_the_end(task, _start_theta(task, parameters))
 

@@ -214,11 +214,11 @@ def signal_energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
     """Return the energy (m,) of the prediction of each channel about its mean, in standard deviations of the noise. The
     mean is taken over all rows, or over each segment if a parameter of the segment or run can explain it."""
 
-    def channel_sums(r: np.ndarray, z: np.ndarray, has: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        h = (z * weight - r) * has
-        return np.array([np.einsum("tc,tc->c", h, h), np.einsum("tc->c", h), np.einsum("tc->c", has)])
+    def channel_sums(r: np.ndarray, z: np.ndarray, mask: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        h = (z * weight - r) * mask
+        return np.array([np.einsum("tc,tc->c", h, h), np.einsum("tc->c", h), np.einsum("tc->c", mask)])
 
-    segments = problem.residuals(theta), problem.z, problem.has, problem.weights
+    segments = problem.residuals(theta), problem.z, problem.masks, problem.weights
     sums = np.array(parallel_map(channel_sums, *segments, rows=sum(map(len, problem.z))))
     square, total, count = sums.transpose(1, 0, 2)  # (segments, m) each
     segment_means = np.sum(total**2 / np.maximum(count, 1.0), axis=0)

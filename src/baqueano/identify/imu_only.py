@@ -86,7 +86,7 @@ def fit_of_imu(end: FinishedFit) -> Fit:
     """Return the fit of a finished gyro-aided search."""
     problem, imu = end.task.problem, end.task.problem.names[0]
     scales = scale_stds(end.vehicle_file, imu)
-    sigma = robust_sigma(problem.misfits(end.search.solution.theta), problem.has, end.task.floor)
+    sigma = robust_sigma(problem.misfits(end.search.solution.theta), problem.masks, end.task.floor)
     end = end._replace(info=_with_all_errors(end, scales), search=end.search._replace(sigma=sigma))
     basis = verdict_basis(end)
     # the jackknife contains effects that the model lacks, except a short lag, which shifts the times of all parts alike

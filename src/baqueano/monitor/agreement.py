@@ -132,8 +132,8 @@ class AgreementMonitor:
         """Return the readings of a tick. One that is not finite, or at the end of its range, is unusable."""
         slots = [getattr(tick.sensors, name) for name in self.channels.sensors]
         z = np.concatenate([slot.z for slot in slots])
-        has = [np.where(slot.has > 0.0, 1.0, 0.0) * np.ones(len(slot.z)) for slot in slots]
-        is_arrived = np.concatenate(has) > 0.0
+        masks = [np.where(slot.is_new > 0.0, 1.0, 0.0) * np.ones(len(slot.z)) for slot in slots]
+        is_arrived = np.concatenate(masks) > 0.0
         is_unusable = is_arrived & ~(np.isfinite(z) & (np.abs(z) < USABLE_RANGE * self.channels.limit))
         return _Reading(np.where(np.isfinite(z), z, 0.0), is_arrived, is_unusable)
 

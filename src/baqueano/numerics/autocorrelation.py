@@ -18,10 +18,10 @@ LAGS = 20  # ticks over which the autocorrelation is summed
 WHITE_LIMIT = 0.15  # above this sum of the autocorrelation, residuals are not treated as white noise
 
 
-def autocorrelation_sums(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
+def autocorrelation_sums(residuals: list[np.ndarray], masks: list[np.ndarray]) -> np.ndarray:
     """Return the sum (m,) of the autocorrelation over lags 1 to LAGS, or 0 if it is not significant. Residuals are
     clipped, and rows without a measurement are excluded."""
-    sums = parallel_map(_first_lag_products, residuals, has, rows=sum(map(len, has)))
+    sums = parallel_map(_first_lag_products, residuals, masks, rows=sum(map(len, masks)))
     total, power, count = np.sum(sums, axis=0)
     rho = total / np.maximum(power, 1e-300)
     threshold = 4.0 * np.sqrt(LAGS / np.maximum(count, 1.0))
@@ -68,11 +68,11 @@ def lag_sums(signals: Sequence[np.ndarray], lags: np.ndarray) -> tuple[np.ndarra
     """
     products, count = np.zeros(len(lags)), np.zeros(len(lags))
     for x in signals:
-        has, within = np.isfinite(x), lags[lags < len(x)]
+        mask, within = np.isfinite(x), lags[lags < len(x)]
         if len(within):
             length = fourier_length(len(x))
-            products[: len(within)] += lag_products(np.where(has, x, 0.0), length)[within]
-            count[: len(within)] += lag_products(has.astype(float), length)[within]
+            products[: len(within)] += lag_products(np.where(mask, x, 0.0), length)[within]
+            count[: len(within)] += lag_products(mask.astype(float), length)[within]
     return products, count
 
 
@@ -88,7 +88,7 @@ def residual_autocorrelation(tau_s: np.ndarray, fade_s: float, decay_rate: float
     return a * (rate * np.exp(-rate * tau_s) - a * np.exp(-a * tau_s)) / (rate**2 - a**2)
 
 
-def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
+def autocorrelated_scores(psi: np.ndarray, mask: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
     """Return B (p, p) for scores ψ (N, m) and derivatives d (N, m, p), from the autocovariance of ψ.  (1)"""
     n, m, p = d.shape
     lags = int(np.clip(WINDOW_S / np.mean(dt_s), 1, max(1, n // 10)))
@@ -98,7 +98,7 @@ def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s:
     taper[-lags:] = taper[lags:0:-1]
     B = np.zeros((p, p))
     for c in range(m):
-        products, pair_counts = (lag_products(x[:, c], fft_length) for x in (psi, has))
+        products, pair_counts = (lag_products(x[:, c], fft_length) for x in (psi, mask))
         gamma = np.where(pair_counts > 0.5, products / np.maximum(pair_counts, 0.5), 0.0) * taper
         power = np.maximum(np.fft.rfft(gamma).real, 0.0)
         derivatives = np.ascontiguousarray(d[:, c, :])

@@ -8,9 +8,9 @@ import numpy as np
 from baqueano.contracts.values import Tree
 
 
-def log_det_and_square(S: np.ndarray, y: np.ndarray, has: np.ndarray) -> tuple[Tree, Tree]:
-    """Return log |S| and yᵀ S⁻¹ y of the entries with `has` (m,) 1, not 0; S (m, m) is positive definite."""
-    S, y, m = S * np.outer(has, has) + np.diag(1.0 - has), np.where(has > 0.0, y, 0.0), len(y)
+def log_det_and_square(S: np.ndarray, y: np.ndarray, mask: np.ndarray) -> tuple[Tree, Tree]:
+    """Return log |S| and yᵀ S⁻¹ y of the entries with `mask` (m,) 1, not 0; S (m, m) is positive definite."""
+    S, y, m = S * np.outer(mask, mask) + np.diag(1.0 - mask), np.where(mask > 0.0, y, 0.0), len(y)
     rows, v, total, square = [[S[i, j] for j in range(m)] for i in range(m)], list(y), 0.0, 0.0
     for k in range(m):
         pivot = rows[k][k]

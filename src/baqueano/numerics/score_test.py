@@ -87,19 +87,19 @@ class _ScoreSums(NamedTuple):
 
 def residuals_for_tests(
     segments: Sequence[tuple[np.ndarray, np.ndarray]],
-    has: np.ndarray,
+    mask: np.ndarray,
     run: np.ndarray,
     identifiable: np.ndarray,
     nuisances: Sequence[Nuisance],
     signal: float,
 ) -> FitResiduals:
-    """Return the residuals as the tests need them. `segments` contain r (n, m) and ∂r (n, m, q), `has` (N m,) is a mask
-    of the measurements, and `run` (N,) the number of the run. The first columns of ∂r are the shared parameters, with
+    """Return the residuals as the tests need them. `segments` contain r (n, m) and ∂r (n, m, q), `mask` (N m,) that of
+    the measurements, `run` (N,) the number of the run. The first columns of ∂r are the shared parameters, with
     the mask `identifiable` (s,). The derivatives of `nuisances` are eliminated in order from all columns before theirs.
     """
     s, m = len(identifiable), segments[0][0].shape[1]
     r = np.concatenate([r.ravel() for r, _ in segments])
-    psi, w = np.where(has, np.clip(r, -HUBER, HUBER), 0.0), (has & (np.abs(r) < HUBER)).astype(float)
+    psi, w = np.where(mask, np.clip(r, -HUBER, HUBER), 0.0), (mask & (np.abs(r) < HUBER)).astype(float)
     slopes = [d.reshape(-1, d.shape[2]) for _, d in segments]
     flat = (np.concatenate(slopes) if len(slopes) > 1 else slopes[0]).T  # (q, N m); rows stay together
     np.negative(flat, out=flat)

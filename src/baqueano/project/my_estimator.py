@@ -46,7 +46,7 @@ class MyEstimator:
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, tick.u, dt_s)
         eta, nu, _ = self.vehicle.advance(belief.eta, belief.nu, effort, dt_s)
         gyro = tick.sensors.imu
-        usable = (gyro.has > 0) & np.isfinite(gyro.z[2])
+        usable = (gyro.is_new > 0) & np.isfinite(gyro.z[2])
         turning = np.where(usable, gyro.z[2] - self.sensors.imu.gyro_bias, nu[2])
         nu = np.array([nu[0], nu[1], nu[2] + self.gyro_trust * (turning - nu[2])])
         cov = belief.cov + dt_s * 1e-3 * np.eye(6)  # a guess that only grows: yours will be better

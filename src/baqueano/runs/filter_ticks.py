@@ -22,14 +22,14 @@ def ticks_of(run: Run, ekf: Tree, max_ticks: int) -> Any:
     t_ns = run.t_ns[:max_ticks]
     slots: dict[str, Tree] = {}
     for name, sensor in ekf.sensors._asdict().items():
-        has, z, age = np.zeros(len(t_ns)), np.zeros((len(t_ns), sensor.size)), np.zeros(len(t_ns))
+        is_new, z, age = np.zeros(len(t_ns)), np.zeros((len(t_ns), sensor.size)), np.zeros(len(t_ns))
         channel = run.sensors.get(name)
         if channel is not None:
             tick_index = np.searchsorted(t_ns, channel.arrival_ns)
             is_inside = (tick_index < len(t_ns)) & np.isfinite(channel.z).any(axis=1)
-            z[tick_index[is_inside]], has[tick_index[is_inside]] = channel.z[is_inside], 1.0
+            z[tick_index[is_inside]], is_new[tick_index[is_inside]] = channel.z[is_inside], 1.0
             age[tick_index[is_inside]] = age_s(channel.t_ns[is_inside], t_ns[tick_index[is_inside]])
-        slots[name] = (has, z, age)
+        slots[name] = (is_new, z, age)
     u = np.where(np.isfinite(run.applied_commands[:max_ticks]), run.applied_commands[:max_ticks], 0.0)
     rows: Any = {name: Slot(*slot) for name, slot in slots.items()}
     columns: Tree = (t_ns, u, sensor_slots(tuple(rows))(**rows))

@@ -93,7 +93,7 @@ class MemoryRecorder:
 
     def _sensor(self, name: str) -> Channel:
         slots = [(x.tick.t_ns, getattr(x.tick.sensors, name)) for x in self.records]
-        readings = [(measured_ns(t_ns, slot), t_ns, slot.z) for t_ns, slot in slots if slot.has > 0.5]
+        readings = [(measured_ns(t_ns, slot), t_ns, slot.z) for t_ns, slot in slots if slot.is_new > 0.5]
         t_ns, arrival_ns = (np.array([row[k] for row in readings], dtype=np.int64) for k in (0, 1))
         z = np.array([row[2] for row in readings]).reshape(len(readings), len(slots[0][1].z))
         return Channel(t_ns, arrival_ns, z)

@@ -172,7 +172,10 @@ class Run(Result):
                 columns |= {f"{name}_{axis}": x for axis, x in zip(AXES, (*eta.T, *nu.T), strict=True)}
         for name, channel in self.sensors.items():
             z = np.array(
-                [slot.z if slot.has else np.full(len(slot.z), np.nan) for slot in _slots(channel, self.t_ns)]
+                [
+                    slot.z if slot.is_new else np.full(len(slot.z), np.nan)
+                    for slot in _slots(channel, self.t_ns)
+                ]
             )
             columns |= {f"{name}_{k}": column for k, column in enumerate(z.T)}
         frame = pandas()

@@ -170,7 +170,7 @@ class _ModelSelection:
             blocks, shape, parameters.records, at_rest, len(validation_runs), setup.options.backend
         )
         theta, held_out.low, held_out.high = parameters.start, parameters.low, parameters.high
-        floor = min_sigma(blocks.sensors, held_out.all_data.z, held_out.all_data.has)
+        floor = min_sigma(blocks.sensors, held_out.all_data.z, held_out.all_data.masks)
         self.small = np.zeros(len(theta))  # differences from neutral that are treated as 0
         if LAG_PATH in self.paths:
             lag = self.paths.index(LAG_PATH)

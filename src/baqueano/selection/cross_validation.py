@@ -164,12 +164,14 @@ class HeldOutFolds:
         if self.whole_runs:
             theta_ = np.where(self.still, 0.0, theta_)
             theta_ = self.fit(theta_, is_free & ~self.is_shared & ~self.still, sigma, fold.test).theta
-        by_segment = zip(fold.test.weight(sigma).residuals(theta_), fold.test.has, self.blocks, strict=True)
-        for r, has, block in by_segment:
+        by_segment = zip(fold.test.weight(sigma).residuals(theta_), fold.test.masks, self.blocks, strict=True)
+        for r, mask, block in by_segment:
             a = np.abs(r)
             np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))
-            np.add.at(samples, block, has)
-            for c, steps in enumerate(np.diff(x[finite]) for x, finite in zip(r.T, has.T > 0.0, strict=True)):
+            np.add.at(samples, block, mask)
+            for c, steps in enumerate(
+                np.diff(x[finite]) for x, finite in zip(r.T, mask.T > 0.0, strict=True)
+            ):
                 one_step_errors[c] += np.sum(np.clip(steps, -1e6, 1e6) ** 2)
                 pairs[c] += len(steps)
         return np.where(np.isfinite(loss), loss, np.inf), samples, one_step_errors, pairs, shared_theta

@@ -126,7 +126,7 @@ class Encoders:
         begin, middle, end = motion.tick or (motion, motion, motion)
         distance = state.distance + dt_s / 6.0 * (self.h(begin) + 4.0 * self.h(middle) + self.h(end))
         phase, since_s = state.phase + self.rate_hz * dt_s + PHASE_TOLERANCE, state.since_s + dt_s
-        has: Value = np.minimum(np.floor(phase), 1.0)
+        is_new: Value = np.minimum(np.floor(phase), 1.0)
         read, half_counter = (
             np.remainder(np.floor(distance / self.count_m + COUNT_TOLERANCE), self.counter),
             0.5 * self.counter,
@@ -136,7 +136,7 @@ class Encoders:
         next_state = EncodersState(
             phase - np.floor(phase) - PHASE_TOLERANCE,
             distance,
-            np.where(has > 0.0, read, state.counts),
-            np.where(has > 0.0, 0.0, since_s),
+            np.where(is_new > 0.0, read, state.counts),
+            np.where(is_new > 0.0, 0.0, since_s),
         )
-        return next_state, Slot(has, np.where(has > 0.0, z, 0.0), 0.5 * has * since_s)
+        return next_state, Slot(is_new, np.where(is_new > 0.0, z, 0.0), 0.5 * is_new * since_s)

@@ -190,14 +190,14 @@ class Imu:
         self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[SensorState, Slot]:
         """Return the state and the reading at the end of a tick; `noise` (6,) is standard normal."""
-        state, has, z = sample(self, state, motion, dt_s)
+        state, is_new, z = sample(self, state, motion, dt_s)
         walk = self._channels(self.accel_bias_walk * np.ones(2), self.gyro_bias_walk)
         bias = state.bias + walk * np.sqrt(dt_s) * noise[3:]
         z = z + bias + self._channels(self.accel_noise_std, self.gyro_noise_std) * noise[:3]
         z = quantise(
             np.clip(z, -self.limit, self.limit), self._channels(self.accel_step * np.ones(2), self.gyro_step)
         )
-        return state._replace(bias=bias), Slot(has, np.where(has > 0.0, z, 0.0))
+        return state._replace(bias=bias), Slot(is_new, np.where(is_new > 0.0, z, 0.0))
 
     def _specific_force(self, motion: Motion) -> np.ndarray:
         """Return (a_x, a_y, ω_z) (3,) of an IMU without errors, at its position and with its angles.  (1)-(5)"""

@@ -90,5 +90,5 @@ class Mark:
         x, y = motion.eta[0] - self.point_m[0], motion.eta[1] - self.point_m[1]
         lateral = np.abs(y * np.cos(self.heading_rad) - x * np.sin(self.heading_rad))
         is_passed = (state.previous_h < 0.0) & (h[0] >= 0.0) & (lateral <= self.half_width_m)
-        has: Value = np.where(is_passed, 1.0, 0.0)
-        return MarkState(h[0]), Slot(has, np.where(has > 0.0, h + self.noise_std * noise, 0.0))
+        is_new: Value = np.where(is_passed, 1.0, 0.0)
+        return MarkState(h[0]), Slot(is_new, np.where(is_new > 0.0, h + self.noise_std * noise, 0.0))

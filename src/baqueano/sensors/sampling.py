@@ -2,7 +2,7 @@
 
 A sensor of rate f measures when its phase φ passes a whole number; δ is the length of a tick:
 
-    φ⁺ = φ + f δ,   has = 1 if φ⁺ ≥ 1,   φ ← φ⁺ − ⌊φ⁺⌋                                                     (1)
+    φ⁺ = φ + f δ,   is_new = 1 if φ⁺ ≥ 1,   φ ← φ⁺ − ⌊φ⁺⌋                                                     (1)
 
 A sensor that is faster than the ticks measures once per tick. The low-pass y is of the first order, with the time
 constant τ = 1 / (2π low_pass_hz). It is exact for a signal p that is a parabola during the tick, given at its start,
@@ -114,10 +114,10 @@ class SampledSensor:
         self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[SensorState, Slot]:
         """Return the state one tick later, and the reading at the end of the tick; `noise` (m,) is standard normal."""
-        state, has, z = sample(self, state, motion, dt_s)
-        has: Value = np.where(detects(self, motion), has, 0.0)
+        state, is_new, z = sample(self, state, motion, dt_s)
+        is_new: Value = np.where(detects(self, motion), is_new, 0.0)
         z = difference(self, z + self.noise_std * noise, np.zeros(self.size))  # an angle is wrapped
-        return state, Slot(has, np.where(has > 0.0, z, 0.0))
+        return state, Slot(is_new, np.where(is_new > 0.0, z, 0.0))
 
 
 def start_state(sensor: Tree) -> SensorState:
@@ -156,7 +156,7 @@ def delayed_signal(sensor: Tree, signal: Tree, h: np.ndarray, dt_s: Value) -> tu
 def sample(
     sensor: Tree, state: SensorState, motion: Motion, dt_s: float
 ) -> tuple[SensorState, float, np.ndarray]:
-    """Return the state one tick later, `has` (1 if the sensor measures, else 0), and the measurement (m,).
+    """Return the state one tick later, `is_new` (1 if the sensor measures, else 0), and the measurement (m,).
 
     The measurement does not contain noise.  (1)
     """

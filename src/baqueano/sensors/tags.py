@@ -118,14 +118,14 @@ class Tags:
         )
         is_hit = is_passed & (cross_product <= self.radius_m * np.hypot(*displacement))
         reading_mask = np.where(is_hit & (state.ready > 0.0), 1.0, 0.0)
-        has: Value = np.max(reading_mask)
+        is_new: Value = np.max(reading_mask)
         is_away = np.min(np.sum(offsets**2, axis=1)) > self.radius_m**2
-        ready = np.where(is_away, 1.0, np.where(has > 0.0, 0.0, state.ready))
+        ready = np.where(is_away, 1.0, np.where(is_new > 0.0, 0.0, state.ready))
         measurement = (
             position
             if self.measures_offset
             else reading_mask @ self.points_m / np.maximum(np.sum(reading_mask), 1.0)
         )
         return TagsState(position, ready), Slot(
-            has, np.where(has > 0.0, measurement + self.noise_std * noise, 0.0)
+            is_new, np.where(is_new > 0.0, measurement + self.noise_std * noise, 0.0)
         )

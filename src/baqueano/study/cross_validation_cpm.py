@@ -322,14 +322,14 @@ def predict_run(vehicle_file: VehicleFile, run: "Run", backend: str = "auto") ->
 
     model = outputs_under(vehicle, start, record.dt_s, record.u, speed_and_rate, backend)
     readings = [(record.sensors[name], entry) for name, entry in (("odometer", 0), ("imu", 2))]
-    measured_values = np.stack([np.where(s.has[:, k] > 0.0, s.z[:, k], np.nan) for s, k in readings], axis=1)
+    measured_values = np.stack([np.where(s.mask[:, k] > 0.0, s.z[:, k], np.nan) for s, k in readings], axis=1)
     return RunPrediction(record.t_s, measured_values, model)
 
 
 def _first_measurement(record: FitRecord, sensor: str, entry: int) -> float:
     """Return the first measurement of entry `entry` of a sensor."""
     readings = record.sensors[sensor]
-    return float(readings.z[np.argmax(readings.has[:, entry] > 0.0), entry])
+    return float(readings.z[np.argmax(readings.mask[:, entry] > 0.0), entry])
 
 
 def _evaluation_title(judgement: RunEvaluation) -> str:

@@ -131,7 +131,7 @@ class EnvelopeMonitor:
         sensors = {}
         for name in names.intersection(ticks[0].sensors._fields):
             slots = [getattr(tick.sensors, name) for tick in ticks]
-            z = [slot.z for slot in slots if slot.has > 0.5]
+            z = [slot.z for slot in slots if slot.is_new > 0.5]
             sensors[name] = np.array(z).reshape(len(z), -1) if z else np.zeros((0, len(slots[0].z)))
         self.count(np.array([tick.u for tick in ticks]), sensors)
 

@@ -115,13 +115,13 @@ def _disturbed_motion(motion: Motion, a: np.ndarray, gravity: np.ndarray) -> Mot
 
 
 def _disturbed_reading(sensor: Tree, slot: Slot, disturbance: SensorDisturbance) -> Slot:
-    has = slot.has * disturbance.keep
+    is_new = slot.is_new * disturbance.keep
     z, limit = disturbance.factor * slot.z + disturbance.offset, optional.attribute(sensor, "limit")
     limited_difference = np.clip(
         difference(sensor, z, np.zeros(sensor.size)), -limit, limit
     )  # an angle is wrapped
     z = np.where(disturbance.offset != 0.0, limited_difference, z)
-    return slot._replace(has=has, z=np.where(has > 0.0, z, 0.0))
+    return slot._replace(is_new=is_new, z=np.where(is_new > 0.0, z, 0.0))
 
 
 class _FaultyVehicle(NamedTuple):

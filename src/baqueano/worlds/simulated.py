@@ -112,10 +112,10 @@ def step_vehicle(
 
 def _last_reading(previous: Slot, slot: Slot, row_s: float) -> Slot:
     """Return the reading of this row, or, without one, the reading of an earlier row with its age plus `row_s`."""
-    has_reading = slot.has > 0.0
-    has: Value = np.where(has_reading, slot.has, previous.has)
+    has_reading = slot.is_new > 0.0
+    is_new: Value = np.where(has_reading, slot.is_new, previous.is_new)
     age_s: Value = np.where(has_reading, slot.age_s, previous.age_s + row_s)
-    return Slot(has, np.where(has_reading, slot.z, previous.z), age_s)
+    return Slot(is_new, np.where(has_reading, slot.z, previous.z), age_s)
 
 
 def rows_of_tick(dt_s: float) -> int:

@@ -160,7 +160,11 @@ class DriveRows:
         tick, estimate, reference = record.tick, record.estimate, record.reference
         eta, nu, cov = estimate.eta.tolist(), estimate.nu.tolist(), estimate.cov
         truth = [NAN] * 3 if sample.truth is None else sample.truth.eta.tolist()
-        z = [x for slot in tick.sensors for x in (slot.z.tolist() if slot.has > 0.0 else [NAN] * len(slot.z))]
+        z = [
+            x
+            for slot in tick.sensors
+            for x in (slot.z.tolist() if slot.is_new > 0.0 else [NAN] * len(slot.z))
+        ]
         innovation, deviation, nis = self._innovations(record, len(z))
         return [
             seconds(tick.t_ns), *eta, float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1]), float(cov[2, 2]), *nu,

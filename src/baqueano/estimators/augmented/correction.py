@@ -84,10 +84,10 @@ def correct_tick(
         return x, Innovations(
             none, place_doubt, 0.0, none, np.zeros((0, 0)), none, np.zeros((0, 0)), levels, update, np.ones(n)
         )
-    y, H, file_cov, has, corrections = _compared_channels(estimator, x, effort, nu_dot, tick)
+    y, H, file_cov, mask, corrections = _compared_channels(estimator, x, effort, nu_dot, tick)
     Q = levels.sensor_cov(file_cov)
-    H_of_present = H * has[:, None]
-    channels = PoseChannels(y * has, H_of_present @ x.cov @ H_of_present.T + Q, has, corrections)
+    H_of_present = H * mask[:, None]
+    channels = PoseChannels(y * mask, H_of_present @ x.cov @ H_of_present.T + Q, mask, corrections)
     decision = gate_decision(states.pose_groups, channels, place_doubt, dt_s, estimator.gate_sigma)
     D = np.ones(n)
     if states.pose_groups:
@@ -104,18 +104,18 @@ def correct_tick(
         return 1.0 / (1.0 + (np.maximum(least_error, np.abs(e) / ABSURD_GATE_RATIO) / limit) ** 8)
 
     E = states.resting_mask if at_rest else states.moving_mask
-    update = correct(x.cov, y, H, Q, E, weight, has)
+    update = correct(x.cov, y, H, Q, E, weight, mask)
     w = update.weight
-    rejected_count = np.sum(np.where(w < 0.5, has, 0.0))
-    latest_innovations = np.where(has > 0.0, update.e * np.sqrt(update.s), last_innovations)
+    rejected_count = np.sum(np.where(w < 0.5, mask, 0.0))
+    latest_innovations = np.where(mask > 0.0, update.e * np.sqrt(update.s), last_innovations)
     S = mirror_upper(H @ x.cov @ H.T + Q)
     is_within_gate = last_innovations**2 <= estimator.gate_sigma**2 * np.diag(S)
-    squares = InnovationSquares(y, S, Q, np.where((w >= 0.5) & is_within_gate, has, 0.0))
+    squares = InnovationSquares(y, S, Q, np.where((w >= 0.5) & is_within_gate, mask, 0.0))
     file_S = file_innovation_cov(levels, squares, states)
     if not at_rest:
         levels = levels_after(levels, squares, states, estimator.noise_gain)
     x = Gaussian(boxplus(x.mean, update.move), update.cov)
-    y, w = (np.where(has > 0.0, values, np.nan) for values in (y, w))
+    y, w = (np.where(mask > 0.0, values, np.nan) for values in (y, w))
     return x, Innovations(
         latest_innovations, decision.memory, rejected_count, y, S, w, file_S, levels, update, D
     )
@@ -127,7 +127,7 @@ class _ComparedChannels(NamedTuple):
     y: np.ndarray  # (m,) innovations; 0 without a measurement
     H: np.ndarray  # (m, n)
     Q: np.ndarray  # (m, m)
-    has: np.ndarray  # (m,) 1 for a channel with a usable measurement, else 0
+    mask: np.ndarray  # (m,) 1 for a channel with a usable measurement, else 0
     corrections: list[np.ndarray]  # of each channel, for the known mistakes of its sensor
 
 
@@ -144,15 +144,15 @@ def _compared_channels(
             return predict_measurement(estimator, mean, name, effort, nu_dot, getattr(tick.sensors, name))
 
         is_within_range = np.abs(slot.z) < USABLE_RANGE * optional.attribute(sensor, "limit")
-        predicted_measurement, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & is_within_range
-        z = np.where(has, slot.z, predicted_measurement)
+        predicted_measurement, mask = h(x.mean), (slot.is_new > 0.0) & np.isfinite(slot.z) & is_within_range
+        z = np.where(mask, slot.z, predicted_measurement)
         innovations.append(difference(sensor, z, predicted_measurement)[indices])
         jacobians.append(jacobian(h)(x.mean)[indices])
         noise.append(sensor.cov[indices][:, indices])
-        arrivals.append(np.where(has, 1.0, 0.0)[indices])
+        arrivals.append(np.where(mask, 1.0, 0.0)[indices])
         corrections += list(mistake_corrections(sensor, z).T[indices])
-    y, H, has = (np.concatenate(arrays) for arrays in (innovations, jacobians, arrivals))
-    return _ComparedChannels(y, H, block_diagonal(noise), has, corrections)
+    y, H, mask = (np.concatenate(arrays) for arrays in (innovations, jacobians, arrivals))
+    return _ComparedChannels(y, H, block_diagonal(noise), mask, corrections)
 
 
 def predict_measurement(

@@ -15,15 +15,15 @@ from baqueano.contracts.values import Value
 from baqueano.parameter import INF
 
 
-def is_within_gate(e: np.ndarray, has: np.ndarray, sigma: float) -> Value:
+def is_within_gate(e: np.ndarray, mask: np.ndarray, sigma: float) -> Value:
     """Return True if the whitened innovations e (m,) of the measured channels are jointly within the gate.
 
-    `has` (m,) is 1 for a measured channel, else 0. Return False if no channel was measured.
+    `mask` (m,) is 1 for a measured channel, else 0. Return False if no channel was measured.
     """
-    count, limit = np.sum(has), 0.0
+    count, limit = np.sum(mask), 0.0
     for k in range(1, len(e) + 1):
         limit = np.where(count == k, gate_limit(sigma, k), limit)
-    return (count > 0.0) & (np.sum(has * e**2) <= limit)
+    return (count > 0.0) & (np.sum(mask * e**2) <= limit)
 
 
 @cache

@@ -34,7 +34,7 @@ class PoseChannels(NamedTuple):
 
     y: np.ndarray  # (m,) innovations; 0 for a channel without a measurement
     S: np.ndarray  # (m, m) their covariance; only the noise for a channel without a measurement
-    has: np.ndarray  # (m,) 1 for a channel with a measurement, else 0
+    mask: np.ndarray  # (m,) 1 for a channel with a measurement, else 0
     # of each channel (k,): Δ of (2), zeros for the tag that the sensor reported
     corrections: list[np.ndarray]
 
@@ -80,7 +80,7 @@ def gate_decision(
         indices, limit = list(group), gate_limit(sigma, len(group))
         y = channels.y[indices]
         S = channels.S[np.ix_(indices, indices)]
-        has_reading = np.max(channels.has[indices]) > 0.0
+        has_reading = np.max(channels.mask[indices]) > 0.0
         d2, apart_d2 = squared_distance(S, y), squared_distance(2.0 * S, y - memory.y[indices])
         other_d2 = _nearest_distance(S, y, [channels.corrections[k] for k in group])
         history = GateHistory(record[0] + dt_s, *record[1:])

@@ -105,12 +105,12 @@ def replace_velocity(
     reading: Reading, sensor: Sensor, slot: Slot, nu: np.ndarray, bias: Value = 0.0, scale: Value = 0.0
 ) -> Value:
     """Return ν (3,) with the reading, after removal of `bias` and `scale`; `nu` if no reading arrived.  (1)"""
-    has = measured_rows(reading, sensor, slot)
-    L = reading.inverse * has[None, :]
+    mask = measured_rows(reading, sensor, slot)
+    L = reading.inverse * mask[None, :]
     if len(reading.entries) == 1:  # the rows that arrived determine the entry: L H = I for them
         share = np.sum(L[reading.entries[0]] * reading.jacobian[:, reading.entries[0]])
         L = L / np.where(share > 0.0, share, 1.0)
-    z = np.where(has > 0.0, slot.z[list(reading.rows)], reading.at_rest)
+    z = np.where(mask > 0.0, slot.z[list(reading.rows)], reading.at_rest)
     return nu + L @ ((z - reading.at_rest - bias) / (1.0 + scale) - reading.jacobian @ nu)
 
 
@@ -118,11 +118,11 @@ def measured_rows(reading: Reading, sensor: Sensor, slot: Slot) -> np.ndarray:
     """Return 1 (m,) for each row that arrived and is used, else 0. Rows that measure several entries are used only
     together; of several rows that measure one entry, a missing one does not exclude the others.
     """
-    has = measured_channels(sensor, slot)[list(reading.rows)]
+    mask = measured_channels(sensor, slot)[list(reading.rows)]
     entry, *others = reading.entries
     if others:
-        return has * np.where(np.sum(has) == len(reading.rows), 1.0, 0.0)
-    return has * np.where(reading.jacobian[:, entry] != 0.0, 1.0, 0.0)
+        return mask * np.where(np.sum(mask) == len(reading.rows), 1.0, 0.0)
+    return mask * np.where(reading.jacobian[:, entry] != 0.0, 1.0, 0.0)
 
 
 def has_reading(reading: Reading, sensor: Sensor, slot: Slot) -> Value:

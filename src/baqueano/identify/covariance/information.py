@@ -50,28 +50,29 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
     p, m = problem.size, len(problem.sigma)
     A, B, by_channel = np.zeros((p, p)), np.zeros((p, p)), np.zeros((m, p))
     segments = problem.sensitivities(theta)
-    autocorrelation = autocorrelation_sums([r for r, _, _ in segments], problem.has)
+    masks = problem.masks
+    autocorrelation = autocorrelation_sums([r for r, _, _ in segments], masks)
     is_autocorrelated = bool(np.any(autocorrelation > WHITE_LIMIT))
     is_sparse = problem.counts < MIN_MEASUREMENTS
 
-    def segment_sums(segment: Any, record: Any, has: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def segment_sums(segment: Any, record: Any, mask: np.ndarray) -> tuple[np.ndarray, ...]:
         r, d, _ = segment
         if not (are_finite(d) and np.isfinite(r).all()):
             r, d = np.zeros_like(r), np.zeros_like(d)  # a model that diverges gives no information
-        bread, meat = _white_sums(np.where(is_sparse & (has > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
+        bread, meat = _white_sums(np.where(is_sparse & (mask > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
         if is_autocorrelated:
             scores_of_few = np.where(is_sparse, 0.0, np.clip(r, -HUBER, HUBER))
-            meat = autocorrelated_scores(scores_of_few, has, d, record.dt_s)
+            meat = autocorrelated_scores(scores_of_few, mask, d, record.dt_s)
             meat += np.einsum("tmp,tmq->pq", d[:, is_sparse], d[:, is_sparse])
         return np.einsum("tmp,tmp->mp", d, d), bread, meat
 
-    sums = parallel_map(segment_sums, segments, problem.records, problem.has, rows=sum(map(len, problem.has)))
+    sums = parallel_map(segment_sums, segments, problem.records, masks, rows=sum(map(len, masks)))
     for (_, _, index), (of_channels, bread, meat) in zip(segments, sums, strict=True):
         by_channel[:, index] += of_channels
         A[np.ix_(index, index)] += bread
         B[np.ix_(index, index)] += meat
     scores = _scores_by_segment(problem, segments) if is_autocorrelated else None
-    samples = int(sum(has.sum() for has in problem.has))
+    samples = int(sum(mask.sum() for mask in masks))
     return Information(
         A, B, by_channel, is_autocorrelated, autocorrelation, samples, scores, problem.layout.first_start
     )

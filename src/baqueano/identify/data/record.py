@@ -38,7 +38,7 @@ class Measurements(NamedTuple):
     """Measurements of one sensor, row by row."""
 
     z: np.ndarray  # (N, m), 0 without a measurement
-    has: np.ndarray  # (N, m) 1.0 at each measurement, else 0.0
+    mask: np.ndarray  # (N, m) 1.0 at each measurement, else 0.0
     # (N,) part of the row by which the reading precedes its end, or None at the end. If the clock offset of the
     # sensor is free: the age of the reading at the end of the row [s]
     sample_fraction: np.ndarray | None
@@ -65,13 +65,13 @@ class FitRecord(NamedTuple):
             return None if x is None else x[rows]
 
         sensors = {
-            name: Measurements(s.z[rows], s.has[rows], *map(part, s[2:])) for name, s in self.sensors.items()
+            name: Measurements(s.z[rows], s.mask[rows], *map(part, s[2:])) for name, s in self.sensors.items()
         }
         return self._replace(t_s=self.t_s[rows], dt_s=self.dt_s[rows], u=self.u[rows], sensors=sensors)
 
     def with_mask(self, mask: np.ndarray) -> "FitRecord":
         """Return the record with the measurements of the rows of `mask` (N,) only."""
-        sensors = {name: s._replace(has=s.has * mask[:, None]) for name, s in self.sensors.items()}
+        sensors = {name: s._replace(mask=s.mask * mask[:, None]) for name, s in self.sensors.items()}
         return self._replace(sensors=sensors)
 
     def after(self, unknown_s: float) -> "FitRecord":
@@ -108,7 +108,7 @@ def record_of(
         readings[name] = _measurements(run, name, block, ends, row_s, max_offset_s)
         if used_channels and name in used_channels:
             unused_channels = np.setdiff1d(np.arange(block.size), used_channels[name])
-            readings[name].has[:, unused_channels] = 0.0
+            readings[name].mask[:, unused_channels] = 0.0
     t_s = seconds(run.t_ns, run.t_ns[0])
     if np.any(splits > 1):
         dt_s = row_s
@@ -166,15 +166,15 @@ def _measurements(
         sizes: JsonObject = {"entries": channel.z.shape[1], "size": block.size, "kind": type(block).__name__}
         raise UsageError(fault("runs.other-size", run=run.name, sensor=name, **sizes))
     m, row_count = block.size, len(row_s)
-    z, has = np.zeros((row_count, m)), np.zeros((row_count, m))
+    z, mask = np.zeros((row_count, m)), np.zeros((row_count, m))
     is_sound = np.isfinite(channel.z)
     intervals_s = durations_s(run, name) if len(channel.t_ns) > 1 and is_average(run, name, block) else None
     if max_offset_s == 0.0 and intervals_s is not None:
         row_end_s = np.cumsum(row_s) - row_s[: ends[0] + 1].sum()
         t_s = seconds(channel.t_ns, run.t_ns[0])
         used_rows, rows, weights = averaged_readings(t_s, intervals_s, row_end_s, row_s)
-        z[rows], has[rows] = np.where(is_sound[used_rows], channel.z[used_rows], 0.0), is_sound[used_rows]
-        return Measurements(z, has, None, weights)
+        z[rows], mask[rows] = np.where(is_sound[used_rows], channel.z[used_rows], 0.0), is_sound[used_rows]
+        return Measurements(z, mask, None, weights)
     usual_s = 0.0 if intervals_s is None else float(np.median(intervals_s))
     assigned_s = max_offset_s + 0.5 * usual_s * (max_offset_s > 0.0)
     tick = np.searchsorted(run.t_ns, channel.t_ns + round(assigned_s * 1e9))
@@ -184,25 +184,25 @@ def _measurements(
     if max_offset_s == 0.0 and len(row_index):
         row_index, part = _row_and_part(run.t_ns, channel.t_ns[is_inside], tick[is_inside], ends)
     z[row_index] = np.where(is_sound[is_inside], channel.z[is_inside], 0.0)
-    has[row_index] = is_sound[is_inside]
+    mask[row_index] = is_sound[is_inside]
     if max_offset_s > 0.0:
         age_s = np.zeros(row_count)
         age_s[row_index] = seconds(run.t_ns[tick[is_inside]], channel.t_ns[is_inside])
         # the delay line is not full yet
         full_ns = round(1e9 * (2.0 * MAX_CLOCK_OFFSET_S + usual_s))
-        has[: int(ends[min(np.searchsorted(run.t_ns - run.t_ns[0], full_ns), len(ends) - 1)])] = 0.0
+        mask[: int(ends[min(np.searchsorted(run.t_ns - run.t_ns[0], full_ns), len(ends) - 1)])] = 0.0
         if intervals_s is None:
-            return Measurements(z, has, age_s)
+            return Measurements(z, mask, age_s)
         duration_s = np.full(row_count, usual_s)
         duration_s[row_index] = intervals_s[is_inside]
         # an interval that is much longer than usual is longer than the delay line
-        has[duration_s > MAX_INTERVAL_RATIO * usual_s] = 0.0
-        return Measurements(z, has, age_s, None, duration_s)
+        mask[duration_s > MAX_INTERVAL_RATIO * usual_s] = 0.0
+        return Measurements(z, mask, age_s, None, duration_s)
     if np.all(part < MAX_EARLY_FRACTION):
-        return Measurements(z, has, None)
+        return Measurements(z, mask, None)
     sample_fraction = np.zeros(row_count)
     sample_fraction[row_index] = part
-    return Measurements(z, has, sample_fraction)
+    return Measurements(z, mask, sample_fraction)
 
 
 def _row_and_part(

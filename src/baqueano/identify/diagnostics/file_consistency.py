@@ -90,7 +90,7 @@ def sensor_samples(problem: Residuals, theta: np.ndarray, name: str) -> tuple[np
 
 def measurements(problem: Residuals) -> np.ndarray:
     """Return the measurements of all segments (N, m), NaN for a missing measurement."""
-    return np.where(np.concatenate(problem.has) > 0.0, np.concatenate(problem.z), np.nan)
+    return np.where(np.concatenate(problem.masks) > 0.0, np.concatenate(problem.z), np.nan)
 
 
 def predictions(problem: Residuals, theta: np.ndarray) -> np.ndarray:
@@ -199,7 +199,7 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
     task, blocks = end.task, end.blocks
     records = [record.part(slice(MAX_ROWS)) for record in task.problem.records]
     channels = task.problem.spans[name]
-    n = np.sum([r.sensors[name].has.sum(axis=0) for r in records], axis=0)
+    n = np.sum([r.sensors[name].mask.sum(axis=0) for r in records], axis=0)
     theta = end.search.solution.theta
     starts = task.start, np.where(np.isfinite(theta), theta, task.start)
     as_in_file = min(
@@ -239,8 +239,8 @@ def _search_from(task: Task, blocks: FittedBlocks, records: list[FitRecord], the
 
 def _with_remounted_imu(record: FitRecord, name: str, hypothesis: MountHypothesis) -> FitRecord:
     order, readings = list(hypothesis.order), record.sensors[name]
-    z, has = readings.z[:, order] * np.array(hypothesis.sign), readings.has[:, order]
-    return record._replace(sensors={**record.sensors, name: readings._replace(z=z, has=has)})
+    z, mask = readings.z[:, order] * np.array(hypothesis.sign), readings.mask[:, order]
+    return record._replace(sensors={**record.sensors, name: readings._replace(z=z, mask=mask)})
 
 
 def _agrees_with_file(task: Task, blocks: FittedBlocks, end: Search) -> bool:

@@ -136,9 +136,9 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
         nuisances.append(Nuisance(slice(first, last + 1), s, identifiable[s + k * o : s + (k + 1) * o]))
     signal_std = problem.signal_std()
     signal = float(sum(np.sum((weight * signal_std) ** 2) for weight in problem.weights))
-    has = np.concatenate(problem.has).ravel() > 0.0
+    mask = np.concatenate(problem.masks).ravel() > 0.0
     return residuals_for_tests(
-        [segment[:2] for segment in segments], has, run, identifiable[:s], nuisances, signal
+        [segment[:2] for segment in segments], mask, run, identifiable[:s], nuisances, signal
     )
 
 
@@ -275,7 +275,7 @@ def _channels(
     """Yield for each channel its name, and for each segment r and h (n,). These are the residuals and predictions at
     the measurements of the channel, in standard deviations."""
     for c, label in enumerate(problem.labels):
-        is_present = [has[:, c] > 0.0 for has in problem.has]
+        is_present = [mask[:, c] > 0.0 for mask in problem.masks]
         r = [x[t, c] for x, t in zip(residuals, is_present, strict=True)]
         z = [x[t, c] * w[t, c] for x, w, t in zip(problem.z, problem.weights, is_present, strict=True)]
         yield label, r, [a - b for a, b in zip(z, r, strict=True)]

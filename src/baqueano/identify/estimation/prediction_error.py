@@ -124,10 +124,10 @@ class Prediction:
         """Return A and B with respect to x.  (3)"""
         A, B = np.zeros((len(x), len(x))), np.zeros((len(x), len(x)))
         by_channel = np.zeros((self.channels, len(x)))
-        has, records, segments = self.simulation.has, self.simulation.records, self.derivatives(x)
-        autocorrelation = autocorrelation_sums([slopes.e for slopes in segments], has)
+        masks, records, segments = self.simulation.masks, self.simulation.records, self.derivatives(x)
+        autocorrelation = autocorrelation_sums([slopes.e for slopes in segments], masks)
         is_autocorrelated = bool(np.any(np.abs(autocorrelation) > WHITE_LIMIT))
-        for slopes, is_present, record in zip(segments, has, records, strict=True):
+        for slopes, is_present, record in zip(segments, masks, records, strict=True):
             block, psi = np.ix_(slopes.indices, slopes.indices), weight(slopes.e) * slopes.e
             by_e, by_s = slopes.e_derivatives, slopes.s_derivatives
             A[block] += _hessian_sum(psi_derivative(slopes.e), by_e) + _hessian_sum(0.25 * BETA, by_s)
@@ -137,7 +137,7 @@ class Prediction:
                 B[block] += _hessian_sum(0.25 * (BETA - psi * slopes.e) ** 2, by_s)
             else:
                 B[block] += gram(np.einsum("tm,tmp->tp", psi, by_e) + 0.5 * BETA * by_s.sum(axis=1))
-        samples = int(sum(is_present.sum() for is_present in has))
+        samples = int(sum(is_present.sum() for is_present in masks))
         return Information(A, B, by_channel, is_autocorrelated, autocorrelation, samples)
 
 

@@ -143,7 +143,7 @@ def search(
             solution = solution._replace(converged=False)
             break
         sigma, is_near, round_number = new_sigma, change < NEAR_CHANGE, round_number + 1
-    autocorrelation = autocorrelation_sums(problem.residuals(solution.theta), problem.has)
+    autocorrelation = autocorrelation_sums(problem.residuals(solution.theta), problem.masks)
     return Search(problem, solution, problem.sigma, autocorrelation, count, profile, is_stopped)
 
 
@@ -152,11 +152,11 @@ def sigma_at(task: Task, problem: Residuals, theta: np.ndarray) -> tuple[np.ndar
     model diverges, σ is the spread of the measurements."""
     residuals, profile = problem.misfits(theta), None
     if not all(np.isfinite(r).all() for r in residuals):
-        sigma = robust_sigma(problem.z, problem.has, task.floor)
+        sigma = robust_sigma(problem.z, problem.masks, task.floor)
     elif task.by_speed:
         sigma, profile = problem.sigma_and_profile(residuals, theta, task.floor)
     else:
-        sigma = robust_sigma(residuals, informative_rows(residuals, problem.has, problem.z), task.floor)
+        sigma = robust_sigma(residuals, informative_rows(residuals, problem.masks, problem.z), task.floor)
     if task.prior_sigma is not None:
         sigma = np.where(task.prior_sigma > 0.0, task.prior_sigma, sigma)
     return sigma, profile

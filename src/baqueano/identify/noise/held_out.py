@@ -272,9 +272,9 @@ def _filter_scan(ekf: AugmentedEkf, backend: str) -> Scan:
 def _normalised_square(
     name: str, square: np.ndarray, count: np.ndarray, close_factor: float
 ) -> NormalisedSquare:
-    has, (mean, low, high) = count > 0.0, (float("nan"),) * 3
-    if has.any():
-        mean, low, high = ratio_of_blocks(square[has], count[has])
+    mask, (mean, low, high) = count > 0.0, (float("nan"),) * 3
+    if mask.any():
+        mean, low, high = ratio_of_blocks(square[mask], count[mask])
     return NormalisedSquare(name, mean**2, low**2, high**2, close_factor)
 
 

@@ -82,8 +82,8 @@ def terms_by_sensor(ekf: Ekf, estimate: Estimate) -> Iterator[tuple[Tree, Tree, 
     assert cov is not None
     for name in ekf.use:
         span = slice(offset, offset + getattr(ekf.sensors, name).size)
-        has = np.where(np.isfinite(innovation[span]), 1.0, 0.0)
-        yield *log_det_and_square(cov[span, span], innovation[span], has), np.sum(has)
+        mask = np.where(np.isfinite(innovation[span]), 1.0, 0.0)
+        yield *log_det_and_square(cov[span, span], innovation[span], mask), np.sum(mask)
         offset = span.stop
 
 

@@ -306,13 +306,13 @@ def shape_of(
     if any(measures_pose(sensor) for sensor in blocks.sensors):
         start += (3, 4, 5)
 
-    def has(name: str, column: str) -> bool:
+    def is_present(name: str, column: str) -> bool:
         return any(getattr(record.sensors[name], column) is not None for record in records)
 
-    means = tuple(name for name in names if has(name, "mean_weights"))
-    sample_fraction = tuple(name not in means and has(name, "sample_fraction") for name in names)
+    means = tuple(name for name in names if is_present(name, "mean_weights"))
+    sample_fraction = tuple(name not in means and is_present(name, "sample_fraction") for name in names)
     past_rows = max(map(offset_rows, records)) if options.clocks else 0
-    clock_means = tuple(name for name in options.clocks if has(name, "duration_s"))
+    clock_means = tuple(name for name in options.clocks if is_present(name, "duration_s"))
     has_voltage = any(VOLTAGE_KEY in record.sensors for record in records)
     clocks = tuple(options.clocks), past_rows
     return ThetaShape(
@@ -361,10 +361,10 @@ def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
     the first half of the path."""
     for name, sensor in blocks.sensors._asdict().items():
         readings = record.sensors[name]
-        if measures_pose(sensor) and readings.has.any():
-            first = np.array(readings.z[np.argmax(readings.has[:, 0] > 0.0)])
-            if not readings.has[:, 2].any():
-                displacement = readings.z[readings.has[:, 0] > 0.0, :2] - first[:2]
+        if measures_pose(sensor) and readings.mask.any():
+            first = np.array(readings.z[np.argmax(readings.mask[:, 0] > 0.0)])
+            if not readings.mask[:, 2].any():
+                displacement = readings.z[readings.mask[:, 0] > 0.0, :2] - first[:2]
                 distance_m = np.hypot(*displacement.T)
                 first[2] = np.arctan2(*displacement[np.argmax(distance_m >= 0.5 * distance_m.max())][::-1])
             return first

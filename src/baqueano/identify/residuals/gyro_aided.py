@@ -95,7 +95,7 @@ class GyroAidedResiduals(Residuals):
         """Return σ (m,) and, for each segment, its profile (N, m) over the speed. Both are computed from the residuals
         `misfits` at θ, and weight the channels."""
         dt_s = [record.dt_s for record in self.records]
-        return profile_with_slow_noise(misfits, self.has, self.speeds(theta), dt_s, floor)
+        return profile_with_slow_noise(misfits, self.masks, self.speeds(theta), dt_s, floor)
 
     def columns_of_channel(self, c: int) -> list[int]:
         """Return the columns of the rows that contain the readings of channel c, then of their derivative."""
@@ -113,8 +113,8 @@ def _unknown_s(record: FitRecord, blocks: FittedBlocks, is_delay_free: bool) -> 
 def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) -> np.ndarray:
     """Return the rows (N, q) with ω_z and its derivative added at the end of each row. Raise UsageError with fewer
     than 2 gyro readings."""
-    z, has, sample_fraction = record.sensors[imu][:3]
-    is_measured = has[:, 2] > 0.0
+    z, mask, sample_fraction = record.sensors[imu][:3]
+    is_measured = mask[:, 2] > 0.0
     if np.sum(is_measured) < 2:
         raise UsageError(fault("imu-only.silent-gyro", run=record.name))
     block = blocks.sensors[0]

@@ -36,52 +36,54 @@ MIN_BLOCKS = 12  # blocks for (3)
 SLOW_RATIOS = np.array([0.0, *np.geomspace(0.25, 16.0, 13)])  # κ times the root mean square of the speed
 
 
-def robust_sigma(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np.ndarray) -> np.ndarray:
+def robust_sigma(
+    residuals: Sequence[np.ndarray], masks: Sequence[np.ndarray], floor: np.ndarray
+) -> np.ndarray:
     """Return σ (m,) of residuals (N, m) of several runs, in their unit.  (1)"""
     m = residuals[0].shape[1]
     sigma = np.zeros(m)
     for c in range(m):
-        x = np.concatenate([r[presence[:, c] > 0.0, c] for r, presence in zip(residuals, has, strict=True)])
+        x = np.concatenate([r[presence[:, c] > 0.0, c] for r, presence in zip(residuals, masks, strict=True)])
         x = np.abs(x[np.isfinite(x)])
         sigma[c] = MAD * np.median(x) if len(x) else 0.0
     return np.maximum(sigma, floor)
 
 
 def informative_rows(
-    residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], z: Sequence[np.ndarray]
+    residuals: Sequence[np.ndarray], masks: Sequence[np.ndarray], z: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """Return `has` (N, m), set to 0 if the measurement z is exactly 0 and the residual is within STILL_FRACTION of the
-    largest measurement. A channel that would keep fewer than MIN_MEASUREMENTS rows is unchanged."""
-    largest = _largest(z, has)
+    """Return the masks (N, m), with 0 if the measurement z is exactly 0 and the residual is within STILL_FRACTION of
+    the largest measurement. A channel that would keep fewer than MIN_MEASUREMENTS rows is unchanged."""
+    largest = _largest(z, masks)
     informative = [
         presence * ~((v == 0.0) & (np.abs(r) <= STILL_FRACTION * largest))
-        for r, presence, v in zip(residuals, has, z, strict=True)
+        for r, presence, v in zip(residuals, masks, z, strict=True)
     ]
     has_enough = np.sum([presence.sum(axis=0) for presence in informative], axis=0) >= MIN_MEASUREMENTS
     return [
         np.where(has_enough, is_telling, presence)
-        for is_telling, presence in zip(informative, has, strict=True)
+        for is_telling, presence in zip(informative, masks, strict=True)
     ]
 
 
-def _largest(z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
+def _largest(z: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.ndarray:
     """Return the largest absolute measurement (m,) of each channel over all segments."""
     return np.max(
-        [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, has, strict=True)],
+        [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, masks, strict=True)],
         axis=0,
     )
 
 
-def min_sigma(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
+def min_sigma(blocks: "ByName[Tree]", z: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.ndarray:
     """Return the least σ (m,): 1/√12 of a converter's step, or MIN_RELATIVE_SIGMA of the largest value, if larger."""
     steps = np.concatenate([converter_steps(block) for block in blocks])
-    largest = _largest(z, has)
+    largest = _largest(z, masks)
     return np.maximum(steps / np.sqrt(12.0), np.maximum(MIN_RELATIVE_SIGMA * largest, 1e-12))
 
 
-def sigma_of_rare_channels(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) -> np.ndarray:
+def sigma_of_rare_channels(blocks: "ByName[Tree]", masks: Sequence[np.ndarray]) -> np.ndarray:
     """Return σ (m,) from the covariance of the sensor blocks for channels with fewer than MIN_MEASUREMENTS, else 0."""
-    count = np.sum([presence.sum(axis=0) for presence in has], axis=0)
+    count = np.sum([presence.sum(axis=0) for presence in masks], axis=0)
     return np.where(count < MIN_MEASUREMENTS, sigma_of_file(blocks), 0.0)
 
 
@@ -95,7 +97,7 @@ def sigma_of_file(blocks: "ByName[Tree]") -> np.ndarray:
 
 def profile_by_speed(
     residuals: Sequence[np.ndarray],
-    has: Sequence[np.ndarray],
+    masks: Sequence[np.ndarray],
     speeds: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -105,7 +107,7 @@ def profile_by_speed(
     profile = [np.ones_like(r) for r in residuals]
     sigma = np.zeros(len(floor))
     for c in range(len(floor)):
-        is_present = [w[:, c] > 0.0 for w in has]
+        is_present = [w[:, c] > 0.0 for w in masks]
         r = np.concatenate([x[t, c] for x, t in zip(residuals, is_present, strict=True)])
         speed = np.concatenate([x[t] for x, t in zip(speeds, is_present, strict=True)])
         can_grow = len(r) >= MIN_FOR_SPEED
@@ -114,7 +116,7 @@ def profile_by_speed(
         for k, x in enumerate(speeds):
             profile[k][:, c] = np.sqrt(1.0 + (kappa * x) ** 2) / mean
         scaled_residuals = [(x[:, c] / p[:, c])[:, None] for x, p in zip(residuals, profile, strict=True)]
-        sigma[c] = robust_sigma(scaled_residuals, [w[:, c : c + 1] for w in has], floor[c : c + 1])[0]
+        sigma[c] = robust_sigma(scaled_residuals, [w[:, c : c + 1] for w in masks], floor[c : c + 1])[0]
     return sigma, profile
 
 
@@ -132,19 +134,19 @@ def _fit_growth_by_speed(r: np.ndarray, v: np.ndarray, typical: float, floor: fl
 
 def profile_with_slow_noise(
     residuals: Sequence[np.ndarray],
-    has: Sequence[np.ndarray],
+    masks: Sequence[np.ndarray],
     speeds: Sequence[np.ndarray],
     dt_s: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return σ (m,) and its profile (N, m) of mean square 1 per segment, of residuals (N, m) at speeds (N,).  (4)"""
-    sigma, profile = profile_by_speed(residuals, has, speeds, floor)
+    sigma, profile = profile_by_speed(residuals, masks, speeds, floor)
     sigma_with_slow, typical = sigma.copy(), float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
     for c in range(len(sigma)):
         variances = [(sigma[c] * p[:, c]) ** 2 for p in profile]
         limits = [SLOW_CLIP_SIGMA * np.sqrt(variance) for variance in variances]
         clipped_residuals = [np.clip(r[:, c], -x, x) for r, x in zip(residuals, limits, strict=True)]
-        sums, squares = _block_squares(clipped_residuals, [w[:, c] for w in has], speeds, dt_s)
+        sums, squares = _block_squares(clipped_residuals, [w[:, c] for w in masks], speeds, dt_s)
         if len(sums) < MIN_BLOCKS:
             continue
         s_0, kappa = _fit_slow_noise(sums, squares, max(typical, 1e-9))
@@ -152,7 +154,7 @@ def profile_with_slow_noise(
             np.sqrt(np.maximum(s, s_0 * (1.0 + (kappa * v) ** 2)))
             for s, v in zip(variances, speeds, strict=True)
         ]
-        samples = np.concatenate([b[w[:, c] > 0.0] for b, w in zip(stds, has, strict=True)])
+        samples = np.concatenate([b[w[:, c] > 0.0] for b, w in zip(stds, masks, strict=True)])
         sigma_with_slow[c] = np.sqrt(np.mean(samples**2))
         for p, b in zip(profile, stds, strict=True):
             p[:, c] = b / sigma_with_slow[c]
@@ -161,13 +163,13 @@ def profile_with_slow_noise(
 
 def _block_squares(
     residuals: Sequence[np.ndarray],
-    has: Sequence[np.ndarray],
+    masks: Sequence[np.ndarray],
     speeds: Sequence[np.ndarray],
     dt_s: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return y (B,) of (3) and the mean of v² (B,), over the blocks of all segments."""
     sums, squares = [], []
-    for r, w, v, dt in zip(residuals, has, speeds, dt_s, strict=True):
+    for r, w, v, dt in zip(residuals, masks, speeds, dt_s, strict=True):
         block = (np.cumsum(dt) / BLOCK_S).astype(int)
         n, rows = np.bincount(block, w), np.bincount(block)
         is_full = n >= max(2.0, MIN_BLOCK_FRACTION * float(np.median(rows)))

@@ -106,13 +106,13 @@ class Residuals:
         self.size = self.layout.size
         m, n = sum(self.sizes), blocks.model.commands
         self._weights = slice(1 + n + m, 1 + n + 2 * m)
-        self.has = [rows[:, self._weights].copy() for rows in self.rows]
+        self.masks = [rows[:, self._weights].copy() for rows in self.rows]
         for rows in self.rows:
             rows.flags.writeable = False
         self.z = [rows[:, 1 + n : 1 + n + m].copy() for rows in self.rows]
         self._prior = self._start_prior()
         self.sigma = np.ones(m)
-        self.weights = self.has  # per segment (N, m), 1/σ of each measurement, 0 without one
+        self.weights = self.masks  # per segment (N, m), 1/σ of each measurement, 0 without one
         self._profile: Sequence[np.ndarray] | None = None
         self._results: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
         self._slopes: tuple[bytes | None, list[Any]] = None, []  # θ, and the sensitivities there
@@ -136,13 +136,13 @@ class Residuals:
     @property
     def counts(self) -> np.ndarray:
         """Return the number (m,) of measurements of each channel, over all runs."""
-        return np.sum([has.sum(axis=0) for has in self.has], axis=0)
+        return np.sum([mask.sum(axis=0) for mask in self.masks], axis=0)
 
     def signal_std(self) -> np.ndarray:
         """Return the standard deviation (m,) of the measurements of each channel, over all runs."""
         out = np.zeros(len(self.sigma))
         for c in range(len(out)):
-            columns = [z[has[:, c] > 0.0, c] for z, has in zip(self.z, self.has, strict=True)]
+            columns = [z[mask[:, c] > 0.0, c] for z, mask in zip(self.z, self.masks, strict=True)]
             out[c] = np.std(np.concatenate(columns)) if any(map(len, columns)) else 0.0
         return out
 
@@ -151,8 +151,8 @@ class Residuals:
         if sigma is self.sigma and profile is self._profile:
             return self
         weights = [
-            has / sigma if shape is None else has / (sigma * shape)
-            for has, shape in zip(self.has, profile or [None] * len(self.has), strict=True)
+            mask / sigma if shape is None else mask / (sigma * shape)
+            for mask, shape in zip(self.masks, profile or [None] * len(self.masks), strict=True)
         ]
         out = self.with_columns(self._weights, weights)
         out.sigma, out._profile, out.weights = sigma, profile, weights
@@ -205,8 +205,8 @@ class Residuals:
         """
         prior = np.zeros(self.size)
         weight = np.array([START_STD[i] ** -2 if i < len(START_STD) else 0.0 for i in self.shape.start])
-        for k, has in enumerate(self.has):
-            if self.layout.has_split_runs or not has[:1].any():
+        for k, mask in enumerate(self.masks):
+            if self.layout.has_split_runs or not mask[:1].any():
                 prior[self.layout.start_slice(k)] = weight
         return prior
 
@@ -242,8 +242,8 @@ class Residuals:
         self, misfits: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
     ) -> tuple[np.ndarray, list[np.ndarray]]:
         """Return σ (m,) and its profile (N, m) per segment from `misfits` at θ, for noise that grows with speed."""
-        has = informative_rows(misfits, self.has, self.z)
-        return profile_by_speed(misfits, has, self.speeds(theta), floor)
+        mask = informative_rows(misfits, self.masks, self.z)
+        return profile_by_speed(misfits, mask, self.speeds(theta), floor)
 
     def sensitivities(
         self, theta: np.ndarray, last: bool = False
@@ -272,7 +272,7 @@ class Residuals:
             return z - np.asarray(kernel.run(rows, theta[index])[1])
 
         def work() -> list[np.ndarray]:
-            if is_plain and all(has.all() for has in self.has):
+            if is_plain and all(mask.all() for mask in self.masks):
                 return [z - misfit for z, misfit in zip(self.z, self.misfits(theta), strict=True)]
             return self._map_segments(of, self.z)
 
@@ -299,7 +299,7 @@ def _fill(rows: np.ndarray, index: Any, values: np.ndarray | float) -> np.ndarra
 def _rows(record: FitRecord, names: Sequence[str], shape: ThetaShape) -> np.ndarray:
     """Return rows (N, q): dt, u, z and W of all sensors, the part of the step if needed, and the battery voltage."""
     readings = [record.sensors[name] for name in names]
-    columns = [record.dt_s[:, None], record.u, *(s.z for s in readings), *(s.has for s in readings)]
+    columns = [record.dt_s[:, None], record.u, *(s.z for s in readings), *(s.mask for s in readings)]
     columns += mean_columns(record, shape.means)
     for s, is_needed in zip(readings, shape.sample_fraction, strict=True):
         if is_needed:

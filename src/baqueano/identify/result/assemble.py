@@ -233,14 +233,14 @@ def _channels(
 ) -> tuple[ChannelFit, ...]:
     """Return the channels of each run, in the order of the sensors."""
     labels = [(name, i) for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
-    segments = list(zip(problem.records, problem.predictions(theta), problem.z, problem.has, strict=True))
+    segments = list(zip(problem.records, problem.predictions(theta), problem.z, problem.masks, strict=True))
 
     def channels_of_run(run: int, run_name: str) -> list[ChannelFit]:
-        of_run = [(r.lead, (r.t_s, h, z, has > 0.0)) for r, h, z, has in segments if r.run == run]
+        of_run = [(r.lead, (r.t_s, h, z, mask > 0.0)) for r, h, z, mask in segments if r.run == run]
         rows = [[column[lead:] for column in columns] for lead, columns in of_run]
-        t_s, h, z, has = (np.concatenate(column) for column in zip(*rows, strict=True))
-        shares = [explained_variance(z[w, c], h[w, c], sigma[c]) for c, w in enumerate(has.T)]
-        readings = np.where(has, z, np.nan)
+        t_s, h, z, mask = (np.concatenate(column) for column in zip(*rows, strict=True))
+        shares = [explained_variance(z[w, c], h[w, c], sigma[c]) for c, w in enumerate(mask.T)]
+        readings = np.where(mask, z, np.nan)
         std, rho = sigma.tolist(), autocorrelation.tolist()
         return [
             ChannelFit(run_name, *label, t_s, readings[:, c], h[:, c], std[c], shares[c], rho[c])
@@ -327,8 +327,8 @@ def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
         return []
     column, pose = problem.spans[TRUTH].start, any(i >= 3 for i in problem.shape.start)
     spans, lengths_m = [], []
-    for record, h, has in zip(problem.records, problem.predictions(theta), problem.has, strict=True):
-        rows = np.flatnonzero(has[:, column] > 0.0)
+    for record, h, mask in zip(problem.records, problem.predictions(theta), problem.masks, strict=True):
+        rows = np.flatnonzero(mask[:, column] > 0.0)
         h, span = (h[rows[rows >= record.lead], column : column + 2], record.dt_s[record.lead :].sum())
         spans.append(span)
         lengths_m.append(np.hypot(*np.diff(h, axis=0).T).sum() if pose else span * np.hypot(*h.T).mean())

@@ -66,13 +66,13 @@ def check_answers(
             _("Check its supply, and try again"),
         )
         return
-    has, own_version = (info.version_major, info.version_minor, info.version_patch), VERSION
+    firmware_version, own_version = (info.version_major, info.version_minor, info.version_patch), VERSION
     yield Check(
         N_("firmware"),
-        "ok" if has == own_version else "warn",
+        "ok" if firmware_version == own_version else "warn",
         _(
             "{version}, protocol {protocol} (this baqueano: {ours}, {our_protocol})",
-            version=".".join(map(str, has)),
+            version=".".join(map(str, firmware_version)),
             protocol=info.protocol,
             ours=".".join(map(str, own_version)),
             our_protocol=PROTOCOL,

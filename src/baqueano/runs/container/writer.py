@@ -96,7 +96,7 @@ class RunWriter:
         tick = record.tick
         self._pack_and_append("command applied", self._packing.command, "applied", tick.t_ns, tick.u)
         for name, slot in zip(tick.sensors._fields, tick.sensors, strict=True):
-            if slot.has > 0.5:
+            if slot.is_new > 0.5:
                 t_ns = measured_ns(tick.t_ns, slot)
                 self._pack_and_append(
                     f"measurement of {name}", self._packing.sensor, name, t_ns, tick.t_ns, slot.z

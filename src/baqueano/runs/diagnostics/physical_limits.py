@@ -144,8 +144,8 @@ def _accelerometer_findings(signal: "ColumnSignal", channel: Channel, run: Run) 
     """Yield a finding for each accelerometer that is read in m/s², but whose steps or noise are those of g.  (3)"""
     at_rest = _rest_mask(run, channel)
     for k, entry in enumerate(signal.entries[:2]):
-        has = np.isfinite(channel.z[:, k])
-        a, rest = channel.z[has, k], channel.z[has & at_rest, k]
+        is_present = np.isfinite(channel.z[:, k])
+        a, rest = channel.z[is_present, k], channel.z[is_present & at_rest, k]
         if entry.unit != "m/s^2" or not len(a) or np.max(np.abs(a)) > MAX_QUIET_PEAK:
             continue
         counts, std = _power_of_two(a / entry.scale), _robust_std(rest) if len(rest) else 0.0

@@ -90,8 +90,8 @@ class _Driver:
         slots, offset = [Slot(1.0, imu)], 0
         for size in self._sizes.values():
             z, offset = marks[offset : offset + size], offset + size
-            has = not np.isnan(z[0])
-            slots.append(Slot(float(has), z if has else np.zeros(size)))
+            is_new = not np.isnan(z[0])
+            slots.append(Slot(float(is_new), z if is_new else np.zeros(size)))
         tick = Tick(t_ns, u, self._loop.slots(*slots))
         self._states, (command, estimate) = self._loop.step(self._states, tick, reference)
         self.is_stopped = bool(self._states[2].stopped > 0.0)
@@ -214,8 +214,8 @@ def _runs(part: TeamWithFix, t_ns: np.ndarray, rows: list[Tree], first: int) -> 
         sensors, offset = {"imu": Channel(ticks, ticks, imu)}, 0
         for name, size in sizes.items():
             z, offset = marks[:, offset : offset + size], offset + size
-            has = ~np.isnan(z[:, 0])
-            sensors[name] = Channel(ticks[has], ticks[has], z[has])
+            is_present = ~np.isnan(z[:, 0])
+            sensors[name] = Channel(ticks[is_present], ticks[is_present], z[is_present])
         run = Run(
             f"laps {seed}", None, ticks, u, sensors=sensors, vehicle_text=vehicle_file.text, metadata=metadata
         )

@@ -41,7 +41,7 @@ def measured_and_simulated(
     record = record_of(run, {sensor: block})
     simulated_values = outputs_under(vehicle, vehicle.init(), record.dt_s, record.u, block.h, backend)
     sensor_log = record.sensors[sensor]
-    present = sensor_log.has.all(axis=1)
+    present = sensor_log.mask.all(axis=1)
     return sensor_log.z[present], simulated_values[present]
 
 

@@ -68,8 +68,8 @@ TEMPLATES: dict[str, str] = {
         "{place}: {subject} has a cov with 0 on its diagonal, so an estimator would divide by 0. Give it a "
         "variance above 0."
     ),
-    "check.has": "{place}: {subject} gives has = {value}: expected 1.0 when a measurement arrived, else 0.0.",
-    "check.has-not": "{place}: {subject} gives a measurement with has = 0: then its z must be zeros.",
+    "check.is-new": "{place}: {subject} gives is_new = {value}: expected 1.0 when a measurement arrived, else 0.0.",
+    "check.not-new": "{place}: {subject} gives a measurement with is_new = 0: then its z must be zeros.",
     "check.rate": (
         "{place}: {subject} gives {count} measurements in {duration_s:g} s: rate_hz = "
         "{rate_hz:g} requires {expected:.0f}."
