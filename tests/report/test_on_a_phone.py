@@ -11,6 +11,7 @@ from baqueano.drive import repeat
 from baqueano.guides.shapes import circle
 from baqueano.messages import text as sentence_of
 from baqueano.report import figures
+from baqueano.report.canvas import with_narrow_legends
 from baqueano.report.page import NARROW_IN, Page, Section, Table, draw
 from baqueano.report.run_report import page_of_run
 from baqueano.vehicle_file import load
@@ -36,6 +37,18 @@ def test_the_narrow_version_of_a_figure_has_the_same_texts():
     assert width == pytest.approx(NARROW_IN * POINTS_PER_IN, rel=0.01)
     assert 9.0 * PHONE_PX / width >= LEAST_PX
     assert {"a [m]", "truth", "estimate", "time [s]"} <= lines_of(wide) & lines_of(narrow)
+
+
+def test_the_legend_of_the_narrow_figure_ends_inside_the_figure():
+    t, names = np.linspace(0.0, 10.0, 50), ("valor verdadero", "estimación", "referencia", "límite")
+    figure = figures.over_time([("a [m]", dict.fromkeys(names, (t, t)))])
+    wide_columns = figure.axes[0].get_legend()._ncols
+    figure.set_size_inches(NARROW_IN, 2.4)
+    with with_narrow_legends(figure):
+        figure.draw_without_rendering()
+        legend = figure.axes[0].get_legend()
+        assert legend.get_window_extent().x1 <= NARROW_IN * figure.dpi
+    assert figure.axes[0].get_legend()._ncols == wide_columns
 
 
 def test_the_wide_and_narrow_figures_share_no_id():

@@ -140,6 +140,16 @@ def test_each_plot_of_a_fit_is_drawn(results, kind):
     assert results["fit"].plot(kind, width="page").axes
 
 
+def test_the_legend_of_a_comparison_is_in_the_language_of_the_user(results):
+    language.choose_language("es")
+    try:
+        legend = results["comparison"].plot().axes[0].get_legend()
+    finally:
+        language.choose_language("")
+    names = [text.get_text() for text in legend.get_texts()]
+    assert {"error de posición", "según la estimación"} <= set(names)
+
+
 def test_a_plot_uses_axes_or_figure_of_the_user(results):
     from matplotlib import rcParams
 

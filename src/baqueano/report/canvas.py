@@ -113,6 +113,20 @@ def with_width(figure: Figure, width: str | float | None) -> Iterator[Figure]:
             axis.set_tick_params(labelsize=letters)
 
 
+@contextmanager
+def with_narrow_legends(figure: Figure) -> Iterator[None]:
+    """Give each legend that is wider than the figure fewer columns, and restore the legends afterwards."""
+    places = figure, *figure.axes
+    legends = [(place, _legend_of(place)) for place in places]
+    try:
+        for place in places:
+            _fit_legend(place, MAX_LEGEND_SHARE * figure.get_figwidth() * figure.dpi)
+        yield
+    finally:
+        for place, legend in legends:
+            _set_legend(place, legend)
+
+
 def width_mm(width: str | float) -> float:
     """Return a width in millimetres. Raise UsageError for an unknown name, or a number that is out of range."""
     if isinstance(width, str):

@@ -6,6 +6,7 @@ import io
 import re
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -77,7 +78,8 @@ class Drawing:
         if self.narrow and wide_in > NARROW_IN:
             scale = 1.0 if wide_in > WIDE_IN else NARROW_IN / wide_in  # panels over time keep their height
             self.figure.set_size_inches(NARROW_IN, max(high_in * scale, MIN_IN))
-            svg += _svg(self.figure, "narrow", self.caption)
+            with import_module("baqueano.report.canvas").with_narrow_legends(self.figure):
+                svg += _svg(self.figure, "narrow", self.caption)
             self.figure.set_size_inches(wide_in, high_in)
         return svg
 

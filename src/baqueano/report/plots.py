@@ -199,12 +199,12 @@ def plot_comparison(result: Comparison) -> "Figure | None":
     rows = np.arange(len(runs))[::-1]
     series = (
         (_("across its path"), [run.across_true.rms_m for run in runs], TRUTH, "s"),
-        ("by the estimate", [run.across_estimate.rms_m for run in runs], MODEL, "o"),
-        ("position off", [run.ate_m for run in runs], MEASURED, "D"),
+        (_("by the estimate"), [run.across_estimate.rms_m for run in runs], MODEL, "o"),
+        (_("position error"), [run.ate_m for run in runs], MEASURED, "D"),
     )
     for name, metres, colour, marker in series:
         if np.isfinite(metres).any():
-            upper.plot(100.0 * np.array(metres), rows, marker, ms=5, color=colour, label=_(name))
+            upper.plot(100.0 * np.array(metres), rows, marker, ms=5, color=colour, label=name)
     upper.set_xlim(left=0.0)
     upper.set_xlabel(_("error [cm rms]"))
     for k, (name, values, colour) in enumerate(
