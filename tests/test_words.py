@@ -1,6 +1,7 @@
 """Sentences and names for users are plain: at most 25 words, and the terms of the field."""
 
 import ast
+import json
 import doctest
 import re
 from collections.abc import Iterator
@@ -275,6 +276,16 @@ def test_no_code_of_a_message_is_a_verb_of_saying():
         code for code in templates() if {*re.split(r"[.-]", code)} & (VERBS - {"held"})
     ]  # held out, held low
     assert not codes, f"name the event or the value: {codes}"
+
+
+def test_no_key_of_a_text_of_the_page_is_a_verb_of_saying():
+    keys = json.loads((SOURCE / "web" / "static" / "en.json").read_text(encoding="utf-8"))
+    verbs = [
+        key
+        for key in keys
+        if {*re.split(r"[.-]", key)} & (VERBS | {"learned", "asking", "honest", "honesty"})
+    ]
+    assert not verbs, f"name what the text describes: {verbs}"
 
 
 SPEECH = {"say", "tell", "ask", "hear", "want", "know", "believe", "feel"}  # of a function or an argument

@@ -81,7 +81,7 @@ SENTENCES = {
     "en": {
         "MISSION": (
             "REPEATING",
-            "lab, lap 2 of 3, 12 s to go. It is 2.5 cm from the route and its filter knows it.",
+            "lab, lap 2 of 3, 12 s to go. It is 2.5 cm from the route, within the 95 % interval.",
         ),
         "READY": ("READY", "The vehicle stands. Take control to teach or to repeat a route."),
         "STOPPED": ("STOPPED", "A person stopped it. It drives again once the stop is cleared."),
@@ -89,7 +89,7 @@ SENTENCES = {
     "es": {
         "MISSION": (
             "REPITIENDO",
-            "lab, vuelta 2 de 3, faltan 12 s. Está a 2,5 cm de la ruta y su filtro lo sabe.",
+            "lab, vuelta 2 de 3, faltan 12 s. Está a 2,5 cm de la ruta, dentro del intervalo del 95 %.",
         ),
         "READY": ("LISTO", "El vehículo está quieto. Tome el volante para enseñar o repetir una ruta."),
         "STOPPED": ("DETENIDO", "Una persona lo detuvo. Vuelve a andar cuando se levante el alto."),

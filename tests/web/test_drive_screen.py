@@ -147,12 +147,12 @@ HONESTY = {  # the mean NIS of 10 s, of three channels: the band is 1 ± 0.051
 @pytest.mark.parametrize("language", HONESTY)
 def test_the_filter_consistency_is_stated_in_words(tab, live, language):
     still_page(tab, live, language)
-    card = "document.querySelector('.honesty')"
+    card = "document.querySelector('.nis')"
     for nis, kind, colour in (
         (0.94, "below", "sim"), (0.96, "inside", "model"), (1.04, "inside", "model"), (1.06, "above", "alarm"),
     ):  # fmt: skip
         tab.js(f"{PAGE}.record.column('nis').fill({nis})")
-        marks = painted(tab, "document.querySelector('.honesty canvas')")
+        marks = painted(tab, "document.querySelector('.nis canvas')")
         assert tab.js(f"{card}.dataset.kind") == kind
         text = tab.js(f"{card}.textContent")
         assert HONESTY[language][kind] in text
@@ -160,7 +160,7 @@ def test_the_filter_consistency_is_stated_in_words(tab, live, language):
         assert only(marks, kind="line", colour=colour)
         assert only(marks, kind="area", colour="band")
     tab.js(f"{PAGE}.record.length = 150")
-    painted(tab, "document.querySelector('.honesty canvas')")
+    painted(tab, "document.querySelector('.nis canvas')")
     assert HONESTY[language]["unknown"] in tab.js(f"{card}.textContent")
 
 

@@ -13,18 +13,18 @@ from tests.web.taught import fit_taught
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
 
-WIDTHS = "[...document.querySelectorAll('.knowns .bar')].map((one) => parseFloat(one.style.width))"
+WIDTHS = "[...document.querySelectorAll('.estimates .bar')].map((one) => parseFloat(one.style.width))"
 
 
 def kinds(tab) -> set[str]:
     return set(
-        tab.js("[...document.querySelectorAll('.knowns li')].map((one) => one.dataset.kind.split(' ')[0])")
+        tab.js("[...document.querySelectorAll('.estimates li')].map((one) => one.dataset.kind.split(' ')[0])")
     )
 
 
 def test_error_bars_are_hollow_until_a_fit_and_shrink_while_driving(tab, live):
     open_page(tab, live, screen="identify")
-    tab.wait("document.querySelectorAll('.knowns li').length === 14")
+    tab.wait("document.querySelectorAll('.estimates li').length === 14")
     word = fit_taught("en", live=True)
     live.put(word | {"fit": None})
     until(lambda: kinds(tab) == {"hollow"})
@@ -70,7 +70,7 @@ def test_an_experiment_can_be_started_from_the_identify_screen(tab, live):
 
 def test_the_identify_screen_of_a_run_follows_the_scrub_bar(tab, replay):
     open_page(tab, replay, screen="identify")
-    tab.wait("document.querySelectorAll('.knowns li').length === 14")
+    tab.wait("document.querySelectorAll('.estimates li').length === 14")
     bits = "Number(document.querySelector('.identify .numbers b').textContent)"
     marks = []
     for seconds in (4.0, 12.0, 40.0):
@@ -90,8 +90,8 @@ def test_the_identify_screen_of_a_run_follows_the_scrub_bar(tab, replay):
 def test_with_reduced_motion_bars_are_not_animated(tab, live):
     tab.media(prefers_reduced_motion="reduce")
     open_page(tab, live, screen="identify")
-    tab.wait("document.querySelectorAll('.knowns li').length === 14")
-    assert tab.js("getComputedStyle(document.querySelector('.knowns .bar')).transitionDuration") == "0s"
+    tab.wait("document.querySelectorAll('.estimates li').length === 14")
+    assert tab.js("getComputedStyle(document.querySelector('.estimates .bar')).transitionDuration") == "0s"
 
 
 def test_the_path_is_coloured_by_the_information_of_each_part(tab, live):

@@ -77,7 +77,7 @@ export class Blocks {
     const { content, picked, page } = this, about = this.known[picked];
     content.classList.toggle("strip-list", this.view === 0);
     if (this.view === 0) content.replaceChildren(...this.strips.map((one) => one.node));
-    else if (!about?.text) content.replaceChildren(el("p", about?.refusal ?? t("block.asking")));
+    else if (!about?.text) content.replaceChildren(el("p", about?.refusal ?? t("block.loading")));
     else if (this.view === 2) {
       const text = el("pre", about.text);
       content.replaceChildren(text);

@@ -4,7 +4,7 @@ import { area, axis, begin, clamp, line } from "./canvas.js";
 import { choices, fill, form, press, put, show, slide, write } from "./dom.js";
 import { action, enable, pauseButton, pressed } from "./hand.js";
 import { Map2D } from "./map.js";
-import { honesty, trailsOf } from "./record.js";
+import { nisMean, trailsOf } from "./record.js";
 import { signals, stripList } from "./strips.js";
 import { length, num, t } from "./strings.js";
 
@@ -21,9 +21,9 @@ export class Drive {
     this.map = new Map2D(this.mapCard);
     show(this.truthKey, record.has("truth.x"));
     this.drawn = { record, about: page.hello, ...trailsOf(record, vehicle) };
-    this.honesty = honestyCard(record);
+    this.nis = nisCard(record);
     this.console.prepend(hand.pad);
-    this.console.append(this.honesty.node);
+    this.console.append(this.nis.node);
     this.strips = stripList(this.list, record, signals(record, vehicle));
     const span = (k) => { this.span = SPANS[k]; write(this.since, `−${SPANS[k]} s`); };
     choices(this.spans, 1, span);
@@ -97,7 +97,7 @@ export class Drive {
     const { record, route } = this.page, i = record.last, to = record.end;
     drawMap(this, route, this.drawn, i);
     for (const one of this.strips) one.draw(to - this.span, to, i);
-    this.honesty.draw(i);
+    this.nis.draw(i);
   }
 }
 
@@ -117,15 +117,15 @@ export function drawMap(screen, route, { record, about: { vehicle }, estimate, p
   screen.map.draw({ route, trails, vehicles, reference: reference.every(Number.isFinite) ? reference : null });
 }
 
-export function honestyCard(record) {
-  const parts = form("honesty"), { node, canvas } = parts;
+export function nisCard(record) {
+  const parts = form("nis"), { node, canvas } = parts;
   const draw = (i, from = record.end - 60, to = record.end) => {
-    const now = honesty(record, i), kind = !now ? "unknown" : now.mean < now.low ? "below" : now.mean > now.high ? "above" : "inside";
-    put(parts, { verdict: `NIS ${num(now?.mean, 2)}`, words: t(`honesty.${kind}`) });
+    const now = nisMean(record, i), kind = !now ? "unknown" : now.mean < now.low ? "below" : now.mean > now.high ? "above" : "inside";
+    put(parts, { verdict: `NIS ${num(now?.mean, 2)}`, words: t(`nis.${kind}`) });
     if (node.dataset.kind !== kind) node.dataset.kind = kind;
     const [c, w, h] = begin(canvas), points = [], time = axis(0, w, from, to);
     if (!c) return;
-    for (let x = 0; x <= w; x += 2) points.push([x, time(x) < record.start || time(x) > record.end ? null : honesty(record, record.row(time(x)))?.mean ?? null]);
+    for (let x = 0; x <= w; x += 2) points.push([x, time(x) < record.start || time(x) > record.end ? null : nisMean(record, record.row(time(x)))?.mean ?? null]);
     const half = min(1.2 * max(0.25, ...points.map(([, mean]) => abs((mean ?? 1) - 1))), 1); // at most 0 to 2
     const Y = axis(1 - half, 1 + half, h - 2, 2), { low, high } = now ?? { low: 0.9, high: 1.1 }, top = Y(min(high, 2)), bottom = max(Y(max(low, 0)), top + 2);
     area(c, [[0, top], [w, top], [w, bottom], [0, bottom]], "band");

@@ -155,7 +155,7 @@ export class Faults {
   }
 
   draw() {
-    const { page, map, ghost, drag } = this, { record, hello: { vehicle } } = page, i = record.last, truth = record.pose(i, "truth"), believed = record.pose(i);
+    const { page, map, ghost, drag } = this, { record, hello: { vehicle } } = page, i = record.last, truth = record.pose(i, "truth"), estimate = record.pose(i);
     const vehicles = [{ pose: truth, vehicle }], trails = ["estimate", "truth"].map((style) => ({ trail: this.trails[style], style }));
     if (ghost) {
       trails.unshift({ trail: ghost.trail, style: "ghost" });
@@ -164,7 +164,7 @@ export class Faults {
     map.draw({ route: page.route, trails, vehicles });
     const c = map.canvas.context;
     if (map.view) {
-      if (believed) this.#believed(c, believed, truth, vehicle.footprint);
+      if (estimate) this.#estimate(c, estimate, truth, vehicle.footprint);
       for (const one of ghost?.pushes ?? []) this.#arrow(c, one, "ghost");
       for (const one of this.#arrows(record)) this.#arrow(c, one, "alarm");
       if (drag) pushed(c, drag, "alarm", impulse(drag));
@@ -174,14 +174,14 @@ export class Faults {
     this.#errors(record);
   }
 
-  #believed(c, pose, truth, { width_m }) {
+  #estimate(c, pose, truth, { width_m }) {
     const { map } = this, [x, y] = map.at(pose), r = 0.55 * width_m * map.view.scale;
     dot(c, x, y, max(r, 11), null, "model");
     dot(c, x, y, 4, "model");
     if (!truth) return;
     const [X, Y] = map.at(truth), far = (y < Y ? -1 : 1) * (max(r, 14) + 0.8 * colours.rem);
     if (hypot(x - X, y - Y) < 2.2 * colours.rem) return;
-    label(c, t("faults.believed-here"), x, y + far, "model");
+    label(c, t("faults.estimate"), x, y + far, "model");
     label(c, t("faults.true-here"), X, Y - far, "ink");
   }
 

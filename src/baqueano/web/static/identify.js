@@ -79,7 +79,7 @@ export class Identify {
       show(row.own, own !== null);
       row.node.dataset.kind = `${x === null ? "hollow" : "filled"} ${std > POOR ? "poor" : "good"}`;
       show(row.needs, one.needs && std > POOR);
-      put(row, { value: x === null ? precise(one.guess, 0.1) : precise(x, std), error: trusted && x === null ? t("identify.not-seen") : `± ${relative(std)}`, needs: one.needs });
+      put(row, { value: x === null ? precise(one.guess, 0.1) : precise(x, std), error: trusted && x === null ? t("identify.unknown") : `± ${relative(std)}`, needs: one.needs });
     });
     show(this.verdict, fit);
     this.verdict.dataset.verdict = fit?.verdict_id ?? "";

@@ -118,10 +118,10 @@ export class Map2D {
     this.at = (place) => [this.X(place[0]), this.Y(place[1])];
     this.#grid(c, w, h);
     if (route?.x.length) this.#route(c, route);
-    const believed = trails.filter((one) => one.trail.corridor);
-    for (const one of believed) this.#corridor(c, one);
+    const covered = trails.filter((one) => one.trail.corridor);
+    for (const one of covered) this.#corridor(c, one);
     for (const one of trails) this.#trail(c, one);
-    for (const one of believed) this.#ellipses(c, one);
+    for (const one of covered) this.#ellipses(c, one);
     if (reference) {
       if (pose) line(c, [this.at(reference), this.at(pose)], "muted", 1, [3, 3]);
       dot(c, ...this.at(reference), 7, null, "muted");

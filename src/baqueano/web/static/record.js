@@ -135,7 +135,7 @@ export const union = (a, b) => [min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]
 export const boxOf = ({ x, y }) => [min(...x), min(...y), max(...x), max(...y)];
 
 /** Return the mean NIS over 10 s and its 95 % band, χ² of n·m degrees over n·m; null before 2 s. */
-export function honesty(record, i) {
+export function nisMean(record, i) {
   const nis = record.column("nis"), { t } = record;
   if (!nis || i < 0 || i >= record.length) return null;
   const from = record.lower(t[i] - 10), m = max(1, record.channels.length);

@@ -2,9 +2,9 @@
 
 import { area, axis, begin, clamp, dot, line } from "./canvas.js";
 import { choices, drag, el, empty, fill, form, head, keyed, put, row, show, write } from "./dom.js";
-import { drawMap, honestyCard } from "./drive.js";
+import { drawMap, nisCard } from "./drive.js";
 import { Map2D } from "./map.js";
-import { honesty, movable } from "./record.js";
+import { nisMean, movable } from "./record.js";
 import { signals, stripList } from "./strips.js";
 import { duration, length, num, percent, t } from "./strings.js";
 
@@ -37,8 +37,8 @@ export class Replay {
     write(this.ghostKey, ghost && t("replay.ghost-of", { name: ghost.label }));
     this.node.dataset.ghost = Boolean(ghost);
     show(this.truthKey, !ghost && record.has("truth.x"));
-    this.honesty = honestyCard(record);
-    if (ghost) this.#compare(); else this.side.append(this.honesty.node);
+    this.nis = nisCard(record);
+    if (ghost) this.#compare(); else this.side.append(this.nis.node);
     const same = (name) => ({ lines: { [name]: "model" }, ghost: true });
     this.strips = stripList(this.list, record, ghost ? { paired: ["cross", "nu.u", "nu.r", ...movable(vehicle).map((k) => `u.${k}`)].map(same) } : signals(record, vehicle));
     this.#transport();
@@ -135,7 +135,7 @@ export class Replay {
     const { record, about } = run, { start, end } = record, { now_s } = this, i = record.row(now_s), paired = ghost && (this.pairs ??= this.#paired()).map[i];
     drawMap(this, about.route, run, i, i, ghost && { ...ghost, row: paired < 0 ? ghost.record.last : paired });
     for (const one of this.strips) one.draw(start, record.edge, i, now_s);
-    if (!ghost) this.honesty.draw(i, start, end);
+    if (!ghost) this.nis.draw(i, start, end);
     this.#scrubbing();
   }
 
@@ -175,7 +175,7 @@ export class Replay {
 
   #compare() {
     const { run, ghost } = this, [a, b] = [run, ghost].map(figures), name = ({ label }, kind) => [el(`i.dot.${kind}`), label];
-    const cm = (x) => length(x).join(" "), rows = { rms: [cm, 1], most: [cm, 1], honest: [percent, -1], jerk: [(x) => num(x, 3), 1] };
+    const cm = (x) => length(x).join(" "), rows = { rms: [cm, 1], peak: [cm, 1], nis: [percent, -1], jerk: [(x) => num(x, 3), 1] };
     this.table.replaceChildren(head(name(run, "estimate"), name(ghost, "ghosted")), el("tbody", Object.entries(rows).map(([key, [shown, sign]]) =>
       row(t(`compare.${key}`), [a, b].map((one) => (Number.isFinite(one[key]) ? shown(one[key]) : "–")), [1, -1].indexOf(Math.sign(sign * (b[key] - a[key])))))));
   }
@@ -191,6 +191,6 @@ function aligned(s, mine, theirs) {
 function figures({ record, about: { vehicle } }) {
   const all = (name) => Array.from(record.column(name)?.subarray(0, record.length) ?? []), mean = (values) => values.reduce((sum, one) => sum + one, 0) / values.length, rms = (values) => Math.sqrt(mean(values.map((one) => one * one)));
   const cross = all("cross").filter(Number.isFinite).map(abs), jerks = movable(vehicle).flatMap((k) => all(`u.${k}`).map((u, i, us) => u - us[i - 1])).filter(Number.isFinite);
-  const judged = Array.from({ length: Math.ceil(record.length / 10) }, (_, k) => honesty(record, 10 * k)).filter(Boolean).map(({ mean, low, high }) => Number(mean >= low && mean <= high));
-  return { rms: rms(cross), most: cross.reduce((a, b) => max(a, b), cross.length ? 0 : NaN), honest: mean(judged), jerk: rms(jerks) };
+  const judged = Array.from({ length: Math.ceil(record.length / 10) }, (_, k) => nisMean(record, 10 * k)).filter(Boolean).map(({ mean, low, high }) => Number(mean >= low && mean <= high));
+  return { rms: rms(cross), peak: cross.reduce((a, b) => max(a, b), cross.length ? 0 : NaN), nis: mean(judged), jerk: rms(jerks) };
 }

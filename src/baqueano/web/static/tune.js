@@ -155,7 +155,7 @@ export class Tune {
     const { about, lap, fileLap } = this;
     if (!about) return;
     put(this, { here: length(lap?.rms), ofFile: length(fileLap?.rms), full: num(100 * lap?.full, 0) });
-    if (lap) write(this.said, t(about.whole ? "tune.said" : "tune.said-part", { s: num(about.seconds, 0), ms: num(lap.ms), way: num(this.lap_ms, 0) }));
+    if (lap) write(this.note, t(about.whole ? "tune.note" : "tune.note-part", { s: num(about.seconds, 0), ms: num(lap.ms), way: num(this.lap_ms, 0) }));
     this.began_ms ??= now_ms;
     const { x = [], y } = lap ?? {}, n = x.length, k = calm() ? n - 2 : floor(((now_ms - this.began_ms) / 250 / about.seconds) * n) % max(n - 1, 1); // four times as fast
     const pose = n > 1 ? [x[k], y[k], Math.atan2(y[k + 1] - y[k], x[k + 1] - x[k])] : null;
