@@ -1,8 +1,8 @@
 """Sentences and names for users are plain: at most 25 words, and the terms of the field."""
 
 import ast
-import json
 import doctest
+import json
 import re
 from collections.abc import Iterator
 from functools import cache

@@ -33,10 +33,10 @@ seed = click.option(
 )  # fmt: skip
 
 
-def seeds(default: int, meaning: str) -> Decorator:
+def seeds(default: int, help: str) -> Decorator:
     """Return the option for the number of seeds, which are counted from --seed."""
     return click.option(
-        "--seeds", "seed_count", type=numbers.count, default=default, show_default=True, help=meaning
+        "--seeds", "seed_count", type=numbers.count, default=default, show_default=True, help=help
     )
 
 

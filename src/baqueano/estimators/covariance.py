@@ -33,7 +33,13 @@ def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
     if np.max(asymmetry) > 1e-9 * scale:
         i, j = np.unravel_index(np.argmax(np.triu(asymmetry)), P.shape)
         reason = fault(
-            "cov.not-symmetric", name=name, i=i, j=j, first=P[i, j], second=P[j, i], offer=_nearest_valid_text(P)
+            "cov.not-symmetric",
+            name=name,
+            i=i,
+            j=j,
+            first=P[i, j],
+            second=P[j, i],
+            offer=_nearest_valid_text(P),
         )
         raise Invalid(reason)
     smallest = np.linalg.eigvalsh(P)[0]

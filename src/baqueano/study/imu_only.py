@@ -30,7 +30,7 @@ from baqueano.messages.language import translate as _
 from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.runs.importing import import_run
 from baqueano.study.cross_validation_cpm import predict_run
-from baqueano.study.recorded.bars import at_least, at_most, criterion_row, reported
+from baqueano.study.recorded.bars import at_least, at_most, criterion_row, message_row
 from baqueano.study.recordings import RecordingStudy, check_cpm_present
 from baqueano.vehicle_file import Provenance, VehicleFile, load
 
@@ -164,6 +164,6 @@ def message_rows(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
     is_reported = any(message.code == "identifiability.gyro-scale" for message in fit.always_unobservable)
     is_outside = bool(fit.envelope.range_warnings(runs["a"]))  # a fit of run b
     return [
-        reported("cpm", _("the gyro's scale is reported as not identifiable"), is_reported),
-        reported("cpm b → a", _("the run that leaves the envelope is flagged"), is_outside),
+        message_row("cpm", _("the gyro's scale is reported as not identifiable"), is_reported),
+        message_row("cpm b → a", _("the run that leaves the envelope is flagged"), is_outside),
     ]

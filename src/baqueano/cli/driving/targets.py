@@ -80,8 +80,8 @@ class RemoteTarget:
         }
         if self._page is not None:
             callbacks |= self._page.door.remote_options(self._remote)
-        packed = pack(mission, vehicle_file)
-        return self._remote.perform(packed, path, hand=hand, progress=progress, **callbacks)
+        archive = pack(mission, vehicle_file)
+        return self._remote.perform(archive, path, hand=hand, progress=progress, **callbacks)
 
     def return_to_middle(self) -> None:
         """Wait for the user to confirm that the vehicle is in the middle of the room. Raise click.Abort if not."""

@@ -36,7 +36,7 @@ def _check_complete(done: int, requested: int) -> None:
     help=("Reproduce case study I: the paper's table, its errors and ours, both models, both figures."),
 )
 @options.seed
-@options.seeds(1, "Number of seeds to fit, counted from --seed.")
+@options.seeds(1, help="Number of seeds to fit, counted from --seed.")
 @options.backend
 @report_options
 @options.as_json
@@ -62,7 +62,7 @@ def paper(seed: int, seed_count: int, backend: str, report: ReportFiles, as_json
     "the truth and the Cramér-Rao bound.",
 )
 @options.seed
-@options.seeds(200, "Number of seeds, counted from --seed.")
+@options.seeds(200, help="Number of seeds, counted from --seed.")
 @click.option(
     "--case",
     "cases",
@@ -100,7 +100,7 @@ def identification(
     ),
 )
 @options.seed
-@options.seeds(20, "Number of seeds of each fault, counted from --seed.")
+@options.seeds(20, help="Number of seeds of each fault, counted from --seed.")
 @options.backend
 @options.as_json
 def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
@@ -122,7 +122,7 @@ def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
     help="Drive identified robots of a second simulator on three routes, and measure the fluctuations of their speed.",
 )
 @options.seed
-@options.seeds(100, "Number of robots, with seeds counted from --seed.")
+@options.seeds(100, help="Number of robots, with seeds counted from --seed.")
 @click.option(
     "--controller",
     metavar="KIND",
@@ -145,7 +145,7 @@ def driving(seed: int, seed_count: int, controller: str | None, backend: str, as
     help="Compare all controllers on identified robots of a second simulator, with a known pose and with an estimate.",
 )
 @options.seed
-@options.seeds(100, "Number of robots, with seeds counted from --seed.")
+@options.seeds(100, help="Number of robots, with seeds counted from --seed.")
 @click.option(
     "--with",
     "own_kinds",
@@ -173,7 +173,7 @@ def controllers(seed: int, seed_count: int, own_kinds: tuple[str, ...], backend:
     ),
 )
 @options.seed
-@options.seeds(20, "Number of robots, with seeds counted from --seed.")
+@options.seeds(20, help="Number of robots, with seeds counted from --seed.")
 @click.option(
     "--laps", type=numbers.count, default=50, show_default=True, help=("Number of laps of each shape.")
 )
@@ -251,7 +251,7 @@ def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
 
 @command.command("first-drives", help="Make first drives of unknown vehicles in a small room.")
 @options.seed
-@options.seeds(40, "Number of vehicles, with seeds counted from --seed.")
+@options.seeds(40, help="Number of vehicles, with seeds counted from --seed.")
 @options.backend
 @options.as_json
 def first_drives(seed: int, seed_count: int, backend: str, as_json: bool) -> None:

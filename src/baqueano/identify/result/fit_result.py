@@ -78,7 +78,7 @@ class Fit(Result):
     cov : ndarray (p, p)
         Covariance of the estimates [products of their units]; NaN if not identifiable.
     unmodelled_cov : ndarray (p, p)
-        Part of `cov` by effects that the model lacks; NaN if not identifiable.
+        Part of `cov` by effects that the model lacks [products of units]; NaN if not identifiable.
     gyro_shift : ndarray (p,)
         Change of the estimates [unit of each] per relative error of the gyro's scale: above 0 the vehicle turns
         faster than measured.

@@ -166,9 +166,8 @@ def _missing_values(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePart]]
         for file, file_values in by_file.items():
             unmatched_values = [value for value in file_values if value not in signals]
             if unmatched_values:
-                values = _values_of(m, file, unmatched_values)
-                files = {"file": file, "second_file": name}
-                reason = note("recording.not-in-all", map=m.path.name, values=values, **files)
+                values, m_name = _values_of(m, file, unmatched_values), m.path.name
+                reason = note("recording.not-in-all", map=m_name, values=values, file=file, second_file=name)
                 yield ImportFinding("not in all files", "warning", None, reason)
 
 

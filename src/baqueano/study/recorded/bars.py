@@ -30,6 +30,6 @@ def within(recording: str, quantity: str, value: float, expected: float, toleran
     return criterion_row(recording, quantity, value, bar, abs(value - expected) <= tolerance)
 
 
-def reported(recording: str, message: str, is_reported: bool) -> "JsonObject":
+def message_row(recording: str, message: str, is_reported: bool) -> "JsonObject":
     """Return the row of a message that must be reported."""
     return criterion_row(recording, message, is_reported, _("yes"), is_reported)

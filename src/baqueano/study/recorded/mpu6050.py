@@ -18,7 +18,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders, load_map
 from baqueano.signals import STANDARD_GRAVITY
-from baqueano.study.recorded.bars import criterion_row, reported
+from baqueano.study.recorded.bars import criterion_row, message_row
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -50,7 +50,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
         name = _("gyro {axis}, Allan deviation at 1 s [°/s]", axis=AXES[c.entry])
         out.append(_row(name, c.allan_1s / SI_FACTORS["gyro"], ALLAN_1S[c.entry], ALLAN_TOLERANCE))
     is_reported = any(finding.code == "at-rest.bursts" for finding in statistics.findings)
-    return [*out, reported(MAP, _("burst stamps are reported"), is_reported)]
+    return [*out, message_row(MAP, _("burst stamps are reported"), is_reported)]
 
 
 def _row(quantity: str, value: float, reference: float, tolerance: float) -> "JsonObject":
