@@ -40,22 +40,13 @@ class TableLine(NamedTuple):
 
 def table(comparison: "Comparison") -> str:
     """Return the table as text, in blocks of columns. A block contains the rows that at least one of its runs has."""
-    sections = [
-        (
-            title,
-            [
-                (line.label, line.unit, [_cell(line.value_of(run)) for run in comparison.runs])
-                for line in lines
-            ],
-        )
-        for title, lines in _sections(comparison)
-    ]
-    rows = [row for _, lines in sections for row in lines if any(cell != "-" for cell in row[2])]
-    label_width = max((len(label) for label, _, _ in rows), default=0) + 2
-    unit = max((len(unit) for _, unit, _ in rows), default=0)
+    sections = sections_of(comparison)
+    rows = [row for section in sections for row in section["rows"]]
+    label_width = max((len(row["label"]) for row in rows), default=0) + 2
+    unit = max((len(row["unit"]) for row in rows), default=0)
     heads = [wrap(run.name, COLUMN_LETTERS) or [""] for run in comparison.runs]
     column_widths = [
-        max(MIN_COLUMN_LETTERS, *map(len, head), *(len(cells[k]) for _, _, cells in rows))
+        max(MIN_COLUMN_LETTERS, *map(len, head), *(len(row["cells"][k]) for row in rows))
         for k, head in enumerate(heads)
     ]
 
@@ -70,13 +61,15 @@ def table(comparison: "Comparison") -> str:
         high = max(len(heads[k]) for k in columns_shown)
         top = [[""] * (high - len(heads[k])) + heads[k] for k in columns_shown]
         lines = [line("", "", [head[row] for head in top], columns_shown) for row in range(high)]
-        for title, section_lines in sections:
+        for section in sections:
+            title, indent = section["title"], "  " * bool(section["title"])
+            cells = [[row["cells"][k] for k in columns_shown] for row in section["rows"]]
             lines_of = [
-                (f"  {a}" if title else a, b, [cells[k] for k in columns_shown])
-                for a, b, cells in section_lines
+                line(indent + row["label"], row["unit"], shown, columns_shown)
+                for row, shown in zip(section["rows"], cells, strict=True)
+                if any(cell != "-" for cell in shown)
             ]
-            lines_of = [row for row in lines_of if any(cell != "-" for cell in row[2])]
-            lines += [title] * bool(title and lines_of) + [line(*row, columns_shown) for row in lines_of]
+            lines += [title] * bool(title and lines_of) + lines_of
         blocks.append("\n".join(lines))
     return "\n\n".join(blocks)
 
@@ -90,16 +83,9 @@ def sections_of(comparison: "Comparison") -> "list[JsonObject]":
         rows: list[JsonObject] = []
         for line in lines:
             values = [line.value_of(run) for run in comparison.runs]
-            cells = [_cell(value) for value in values]
+            cells, best = [_cell(value) for value in values], _best_column(line, values)
             if any(cell != "-" for cell in cells):
-                rows.append(
-                    {
-                        "label": line.label,
-                        "unit": line.unit,
-                        "cells": cells,
-                        "best": _best_column(line, values),
-                    }
-                )
+                rows.append({"label": line.label, "unit": line.unit, "cells": cells, "best": best})
         if rows:
             sections.append({"title": title, "rows": rows})
     return sections
