@@ -167,15 +167,9 @@ class Driving:
                         )
                     )
             for figure in ("at_limit", "sign_changes", "stopped"):
-                if row[f"{figure}_worst"] > 0.0:
-                    out.append(
-                        _(
-                            "{where}: {figure} {value:.3g}, expected 0",
-                            where=case_text,
-                            figure=figure,
-                            value=row[f"{figure}_worst"],
-                        )
-                    )
+                if (worst := row[f"{figure}_worst"]) > 0.0:
+                    figures = {"where": case_text, "figure": figure, "value": worst}
+                    out.append(_("{where}: {figure} {value:.3g}, expected 0", **figures))
         return tuple(out)
 
     @property
@@ -316,11 +310,6 @@ def _lap_errors(
     changes = sign_changes(t_ns[drives], u[drives, 0]) * seconds(t_ns[drives][-1], t_ns[drives][0])
     is_stuck = np.sum(truth[:, 3]) < 0.5 * np.sum(speed_ref)
     cross_track_rms_m = rms(cross_track(t_ns, truth[:, :2], t_ns, eta[:, :2]))
-    return (
-        pace_figures.error,
-        pace_figures.unevenness,
-        share_at_limit(u, limits),
-        changes,
-        cross_track_rms_m,
-        float(supervisor.stopped > 0.0 or is_stuck),
-    )
+    is_stopped = float(supervisor.stopped > 0.0 or is_stuck)
+    limited = share_at_limit(u, limits)
+    return pace_figures.error, pace_figures.unevenness, limited, changes, cross_track_rms_m, is_stopped

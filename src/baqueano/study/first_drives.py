@@ -90,14 +90,12 @@ class FirstDrives:
         """Return a sentence if a body touched a wall, and one if a wiring was diagnosed wrongly."""
         touches = sum(row.touches for row in self.wiring_rows)
         wrong_names = sum(row.drives - row.correct_names for row in self.wiring_rows)
-        return (
-            *([_("in {touched} drives the body touched a wall", touched=touches)] if touches else []),
-            *(
-                [_("after {unnamed} drives the wiring was identified wrongly", unnamed=wrong_names)]
-                if wrong_names
-                else []
-            ),
-        )
+        reasons = []
+        if touches:
+            reasons.append(_("in {touched} drives the body touched a wall", touched=touches))
+        if wrong_names:
+            reasons.append(_("after {unnamed} drives the wiring was identified wrongly", unnamed=wrong_names))
+        return tuple(reasons)
 
     @property
     def verdict(self) -> Verdict:
@@ -144,28 +142,16 @@ def first_drives(
     drives = run_in_processes(
         partial(drive_one, backend=backend), range(first, first + seeds), processes, advance
     )
-    rows = []
-    for wiring in WIRINGS:
-        drives_of_wiring = [drive for drive in drives if drive.wiring == wiring]
-        if drives_of_wiring:
-            rows.append(_row(wiring, drives_of_wiring))
-    return FirstDrives(tuple(rows))
+    by_wiring = {wiring: [drive for drive in drives if drive.wiring == wiring] for wiring in WIRINGS}
+    return FirstDrives(tuple(_row(wiring, figures) for wiring, figures in by_wiring.items() if figures))
 
 
 def _row(wiring: str, figures: list[FirstDriveFigures]) -> FirstDriveRow:
     margins = np.array([drive.margin_m for drive in figures])
     gain = float(np.median([drive.gain_off for drive in figures]))
-    named_count = sum(drive.is_named for drive in figures)
-    max_duration_s = max(drive.seconds for drive in figures)
-    return FirstDriveRow(
-        wiring,
-        len(figures),
-        int(np.sum(margins < 0.0)),
-        float(margins.min()),
-        named_count,
-        gain,
-        max_duration_s,
-    )
+    walls = int(np.sum(margins < 0.0)), float(margins.min())
+    named_count, longest_s = sum(drive.is_named for drive in figures), max(drive.seconds for drive in figures)
+    return FirstDriveRow(wiring, len(figures), *walls, named_count, gain, longest_s)
 
 
 def drive_one(seed: int, backend: str = "auto") -> FirstDriveFigures:

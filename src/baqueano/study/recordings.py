@@ -40,16 +40,8 @@ class RecordingStudy:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence for each bar that is missed."""
-        return tuple(
-            _(
-                "{recording}: {quantity} is {value}",
-                recording=r["recording"],
-                quantity=r["quantity"],
-                value=cell_text(r["value"]),
-            )
-            for r in self.result_rows
-            if not r["ok"]
-        )
+        misses = (r | {"value": cell_text(r["value"])} for r in self.result_rows if not r["ok"])
+        return tuple(_("{recording}: {quantity} is {value}", **r) for r in misses)
 
     @property
     def verdict(self) -> Verdict:
@@ -66,17 +58,8 @@ class RecordingStudy:
         lines = text_table("<<<<<", head, *rows)
         lines += self.missing_recordings
         passes = sum(bool(r["ok"]) for r in self.result_rows)
-        return "\n".join(
-            [
-                *lines,
-                _(
-                    "{verdict}: {met} of {all} requirements are met",
-                    verdict=_(self.verdict),
-                    met=passes,
-                    all=len(self.result_rows),
-                ),
-            ]
-        )
+        met = {"verdict": _(self.verdict), "met": passes, "all": len(self.result_rows)}
+        return "\n".join([*lines, _("{verdict}: {met} of {all} requirements are met", **met)])
 
 
 def recordings(

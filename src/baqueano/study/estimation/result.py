@@ -60,30 +60,21 @@ class EstimationStudy:
     def pooled_ratios(self) -> list["TableRow"]:
         """Return the pooled and the typical ratio for each set of sensors, estimator and quantity, with the limit."""
         ratio_rows = []
-        usable_estimates = [estimate for estimate in self.estimates if estimate.fit != REFUSED]
-        groups = dict.fromkeys((estimate.sensors, estimate.estimator) for estimate in usable_estimates)
-        for sensors, estimator in groups:
-            estimates = [
-                estimate
-                for estimate in usable_estimates
-                if (estimate.sensors, estimate.estimator) == (sensors, estimator)
-            ]
+        groups: dict[tuple[str, str], list[EstimateEvaluation]] = {}
+        for estimate in self.estimates:
+            if estimate.fit != REFUSED:
+                groups.setdefault((estimate.sensors, estimate.estimator), []).append(estimate)
+        for (sensors, estimator), estimates in groups.items():
+            recordings = _("all, {sensors}", sensors=sensors)
             for quantity in QUANTITIES:
                 errors = [estimate.errors[quantity] for estimate in estimates]
                 ratio, low, high = merge(errors).ratio
                 bar = SPEED_WITH_ODOMETER if (quantity, sensors) == (SPEED, BOTH) else MAX_POOLED_RATIO
                 mean_ratio = float(np.exp(np.mean([np.log(error.ratio[0]) for error in errors])))
                 for name, value in ((N_("pooled"), ratio), (N_("typical"), mean_ratio)):
-                    ratio_rows.append(
-                        row(
-                            _("all, {sensors}", sensors=sensors),
-                            estimator,
-                            _("{quantity}, {name} ratio", quantity=_short_name(quantity), name=_(name)),
-                            value,
-                            bar,
-                        )
-                        | {"ratio": value, "low": low, "high": high}
-                    )
+                    label = _("{quantity}, {name} ratio", quantity=_short_name(quantity), name=_(name))
+                    cells = row(recordings, estimator, label, value, bar)
+                    ratio_rows.append(cells | {"ratio": value, "low": low, "high": high})
                 ratio_rows[-1] |= {"low": float("nan"), "high": float("nan")}
         return ratio_rows
 
@@ -96,19 +87,8 @@ class EstimationStudy:
             if estimate.stop_reason
         ]
         misses = [r for r in self.rows_shown() if r["ok"] is False and "typical" not in r["quantity"]]
-        return (
-            *stops,
-            *(
-                _(
-                    "{recording}, {estimator}: {quantity} is {times}",
-                    recording=r["recording"],
-                    estimator=r["estimator"],
-                    quantity=_short_name(r["quantity"]),
-                    times=_ratio_text(r),
-                )
-                for r in misses
-            ),
-        )
+        figures = (r | {"quantity": _short_name(r["quantity"]), "times": _ratio_text(r)} for r in misses)
+        return (*stops, *(_("{recording}, {estimator}: {quantity} is {times}", **r) for r in figures))
 
     @property
     def verdict(self) -> Verdict:
@@ -205,10 +185,8 @@ def _consistency_rows(estimate: "EstimateEvaluation") -> list["TableRow"]:
         out.append(cells | {"ok": ok, "verdict": band.verdict})
     for channel, value in zip(consistency.channels, consistency.correlations, strict=True):
         name = _("lag-1 correlation of {channel}", channel=channel)
-        out.append(
-            row(estimate.recording, estimate.estimator, name, value, 0.0)
-            | {"ok": bool(abs(value) <= MAX_AUTOCORRELATION)}
-        )
+        cells = row(estimate.recording, estimate.estimator, name, value, 0.0)
+        out.append(cells | {"ok": bool(abs(value) <= MAX_AUTOCORRELATION)})
     return out
 
 
