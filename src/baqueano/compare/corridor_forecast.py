@@ -69,14 +69,8 @@ class CorridorForecast(Result):
         for lap in range(1, self.laps + 1):
             k = self._tick(lap)
             if k is not None:
-                lines.append(
-                    _(
-                        "lap {lap}, {t_s:.0f} s: {at} (95 %)",
-                        lap=lap,
-                        t_s=lap * self.lap_s,
-                        at=self.corridor.at(k),
-                    )
-                )
+                at = self.corridor.at(k)
+                lines.append(_("lap {lap}, {t_s:.0f} s: {at} (95 %)", lap=lap, t_s=lap * self.lap_s, at=at))
         return "\n".join([*lines, f"{_(self.verdict)}: {self.corridor.sentence}"])
 
     def _tick(self, lap: int) -> int | None:

@@ -169,9 +169,8 @@ class CrossValidation:
                 high = np.max(fit_commands)
                 min_command = np.min(commands)
                 max_command = np.max(commands)
-                if min_command < low - MAX_EXTRAPOLATION * (
-                    high - low
-                ) or max_command > high + MAX_EXTRAPOLATION * (high - low):
+                margin = MAX_EXTRAPOLATION * (high - low)
+                if min_command < low - margin or max_command > high + margin:
                     out.append(
                         _(
                             "{head}: {name} from {least:.2f} to {most:.2f} leaves the range of the fit, "

@@ -145,12 +145,7 @@ class Driving:
         if self.refused_robots:
             out.append(_("the fits of robots {robots} were refused", robots=robots))
         for row in self.rows():
-            case_text = _(
-                "{case}, {shape} at {requested_m_s:g} m/s",
-                case=row["case"],
-                shape=row["shape"],
-                requested_m_s=row["requested_m_s"],
-            )
+            case_text = _("{case}, {shape} at {requested_m_s:g} m/s", **row)
             for limit in LIMITS[row["case"]]:
                 if row[f"{limit.figure}_p95"] > limit.max_value:
                     value, limit_value = (

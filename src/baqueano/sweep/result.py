@@ -174,21 +174,14 @@ class SweepResult(Result):
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return a warning for each cell with stopped drives, and a warning if drives are missing."""
-        out = [
-            note(
-                "sweep.stopped",
-                Severity.WARNING,
-                subject=row["cell"],
-                count=row["stopped"],
-                drives=row["drives"],
-            )
-            for row in self.cells()
-            if row["stopped"]
-        ]
+        out = []
+        for row in self.cells():
+            if row["stopped"]:
+                counts = {"count": row["stopped"], "drives": row["drives"]}
+                out.append(note("sweep.stopped", Severity.WARNING, subject=row["cell"], **counts))
         if len(self.drives) < self.requested_drives:
-            out.append(
-                note("sweep.part", Severity.WARNING, count=len(self.drives), total=self.requested_drives)
-            )
+            count, total = len(self.drives), self.requested_drives
+            out.append(note("sweep.part", Severity.WARNING, count=count, total=total))
         return tuple(out)
 
     def table(self) -> str:

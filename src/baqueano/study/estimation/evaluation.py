@@ -55,17 +55,8 @@ def evaluate(
         errors = block_errors(run.t_ns, estimate, reference, run.truth)
         speed = (estimate.speed - true_speed(run.t_ns, run.truth)) / np.sqrt(log.cov[rows, 3, 3])
         consistency = filter_consistency(replay_run), band(speed[:, None])
-        judgements.append(
-            EstimateEvaluation(
-                f"{subject.name}, {sensors}",
-                sensors,
-                kind,
-                errors,
-                *consistency,
-                fit.verdict,
-                text(stop_reason_of(replay_run)),
-            )
-        )
+        names, stop_reason = (f"{subject.name}, {sensors}", sensors, kind), text(stop_reason_of(replay_run))
+        judgements.append(EstimateEvaluation(*names, errors, *consistency, fit.verdict, stop_reason))
     return judgements
 
 

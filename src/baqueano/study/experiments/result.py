@@ -43,29 +43,25 @@ class Experiments:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence for each requirement that is missed."""
-        out, by_vehicle = [], {row.vehicle: row for row in self.signal_rows if row.signal == DESIGNED}
-        if by_vehicle["all"].ratio < MIN_RATIO:
+        out = []
+        designed = next(r for r in self.signal_rows if (r.vehicle, r.signal) == ("all", DESIGNED))
+        if designed.ratio < MIN_RATIO:
             out.append(
                 _(
                     "the designed signal is {ratio:.2f} times better than random steps; expected "
                     "{expected:g} times",
-                    ratio=by_vehicle["all"].ratio,
+                    ratio=designed.ratio,
                     expected=MIN_RATIO,
                 )
             )
-        if above := by_vehicle["all"].above_best:
+        if above := designed.above_best:
             out.append(_("for {above} vehicles another signal gives more information", above=above))
         exits = sum(row.left for row in self.signal_rows if row.vehicle != "all")
         if exits:
             out.append(_("in {left} drives the body left the room", left=exits))
-        if by_vehicle["all"].seconds > self.duration_s / 6.0:
-            out.append(
-                _(
-                    "the design took {seconds:.1f} s, more than a sixth of {duration_s:g} s",
-                    seconds=by_vehicle["all"].seconds,
-                    duration_s=self.duration_s,
-                )
-            )
+        if designed.seconds > self.duration_s / 6.0:
+            figures = {"seconds": designed.seconds, "duration_s": self.duration_s}
+            out.append(_("the design took {seconds:.1f} s, more than a sixth of {duration_s:g} s", **figures))
         return tuple(out)
 
     @property

@@ -241,14 +241,9 @@ class Faults:
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence for each reason why the verdict is not USABLE."""
         rows = self.rows()
+        wrongly_usable = (r | {"fault": _(r["fault"])} for r in rows if r["wrongly_usable"])
         reasons_found = [
-            _(
-                "{wrongly_usable} wrong fits with {fault} were called USABLE",
-                wrongly_usable=r["wrongly_usable"],
-                fault=_(r["fault"]),
-            )
-            for r in rows
-            if r["wrongly_usable"]
+            _("{wrongly_usable} wrong fits with {fault} were called USABLE", **r) for r in wrongly_usable
         ]
         reasons_found += [
             _("{crashed} fits with {fault} crashed", crashed=r["crashes"], fault=_(r["fault"]))
@@ -258,12 +253,9 @@ class Faults:
         undamaged_fits = sum(r["fits"] for r in rows if r["fault"] in UNDAMAGED)
         refusals = sum(r["wrongly_refused"] for r in rows)
         if refusals > 0.02 * undamaged_fits:
+            figures = {"refused": refusals, "sound": undamaged_fits}
             reasons_found.append(
-                _(
-                    "{refused} of {sound} runs without faults were refused, more than 2 %",
-                    refused=refusals,
-                    sound=undamaged_fits,
-                )
+                _("{refused} of {sound} runs without faults were refused, more than 2 %", **figures)
             )
         if not undamaged_fits:
             reasons_found.append(_("no run without faults was fitted"))
@@ -295,19 +287,12 @@ class Faults:
             rows.append([_(r["fault"]), *counts, verdicts, ratio_texts[0], loss, ratio_texts[1]])
         lines = text_table("<>>>><>>>", head, *rows)
         undamaged_fits = [o for o in self.outcomes if o.job.fault in UNDAMAGED]
-        warnings = sum(o.verdict == Verdict.WARN for o in undamaged_fits)
-        lines += [
-            "",
-            _(
-                "{warned} of {sound} runs without faults have a warning",
-                warned=warnings,
-                sound=len(undamaged_fits),
-            ),
-        ]
+        warned = sum(o.verdict == Verdict.WARN for o in undamaged_fits)
+        figures = {"warned": warned, "sound": len(undamaged_fits)}
+        lines += ["", _("{warned} of {sound} runs without faults have a warning", **figures)]
         if self.ended_count < self.fit_count:
-            lines.append(
-                _("interrupted: {tried} of {count} fits", tried=self.ended_count, count=self.fit_count)
-            )
+            figures = {"tried": self.ended_count, "count": self.fit_count}
+            lines.append(_("interrupted: {tried} of {count} fits", **figures))
         return "\n".join([*lines, _("verdict: {verdict}", verdict=_(self.verdict)), *self.reasons])
 
 

@@ -101,14 +101,8 @@ class CaseStudy:
     @property
     def normalised_errors(self) -> np.ndarray:
         """Return (estimate − truth) / std of all observable parameters of all seeds."""
-        return np.array(
-            [
-                (e - t) / std
-                for fit in self.fits
-                for _, t, e, std in self._values(fit)
-                if e is not None and std
-            ]
-        )
+        values = (value for fit in self.fits for value in self._values(fit))
+        return np.array([(e - t) / std for _, t, e, std in values if e is not None and std])
 
     @property
     def share_within_interval(self) -> float:
@@ -225,17 +219,5 @@ class ImpliedParameters:
 
     def table(self) -> str:
         """Return the printed values, their consequences and the expected values as text."""
-        return "\n".join(
-            [
-                _("Case study II, as printed"),
-                *(
-                    _(
-                        "  {printed:<24} {implies}; expected {expected}",
-                        printed=r["printed"],
-                        implies=r["implies"],
-                        expected=r["expected"],
-                    )
-                    for r in self.rows()
-                ),
-            ]
-        )
+        lines = (_("  {printed:<24} {implies}; expected {expected}", **row) for row in self.rows())
+        return "\n".join([_("Case study II, as printed"), *lines])
