@@ -1,6 +1,7 @@
 """A driver at a simulated terminal that is made of lists, with a simulated clock."""
 
 import math
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -55,8 +56,11 @@ class Terminal:
         self.closed = True
 
 
+@contextmanager
 def cockpit(terminal, **options):
-    return Cockpit(LIMIT, terminal, now=terminal.now, sleep=terminal.sleep, **options)
+    """Yield the terminal and the cockpit at it."""
+    with Cockpit(LIMIT, terminal, now=terminal.now, sleep=terminal.sleep, **options) as hand:
+        yield terminal, hand
 
 
 def wait(hand, terminal, seconds):
@@ -69,8 +73,7 @@ def wait(hand, terminal, seconds):
 
 
 def test_keys_command_only_a_share_of_the_limit():
-    terminal = Terminal(kitty=True)
-    with cockpit(terminal, share=0.5) as hand:
+    with cockpit(Terminal(kitty=True), share=0.5) as (terminal, hand):
         assert (RELEASES_ON, RELEASES_OFF) in terminal.changes
         terminal.type("w", "a")
         np.testing.assert_allclose(wait(hand, terminal, 3.0), [0.5, 0.0, 0.4])
@@ -83,8 +86,7 @@ def test_keys_command_only_a_share_of_the_limit():
 
 
 def test_a_terminal_that_stops_answering_stops_the_vehicle_within_its_time():
-    terminal = Terminal(kitty=True)
-    with cockpit(terminal) as hand:
+    with cockpit(Terminal(kitty=True)) as (terminal, hand):
         terminal.type("w")
         assert wait(hand, terminal, 2.0)[0] > 0.0
         terminal.there = False
@@ -101,8 +103,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle_within_its_time():
 
 
 def test_a_pause_of_the_program_is_not_mistaken_for_a_dead_terminal():
-    terminal = Terminal(kitty=True)
-    with cockpit(terminal) as hand:
+    with cockpit(Terminal(kitty=True)) as (terminal, hand):
         wait(hand, terminal, 1.0)
         terminal.t_s += 5.0
         wait(hand, terminal, 1.0)
@@ -111,8 +112,7 @@ def test_a_pause_of_the_program_is_not_mistaken_for_a_dead_terminal():
 
 
 def test_a_dead_terminal_ends_a_latched_set_point_too():
-    terminal = Terminal()
-    with cockpit(terminal, latched=True) as hand:
+    with cockpit(Terminal(), latched=True) as (terminal, hand):
         terminal.type("w", "w")
         assert wait(hand, terminal, 5.0)[0] == pytest.approx(0.1)
         terminal.there = False
@@ -122,7 +122,7 @@ def test_a_dead_terminal_ends_a_latched_set_point_too():
 def test_a_silent_terminal_drives_only_during_each_key_press():
     terminal = Terminal()
     terminal.there = False
-    with cockpit(terminal, latched=True) as hand:
+    with cockpit(terminal, latched=True) as (_, hand):
         assert "does not confirm that it is active" in hand.status.message
         assert (RELEASES_ON, RELEASES_OFF) not in terminal.changes
         terminal.type("w")
@@ -134,16 +134,14 @@ def test_a_silent_terminal_drives_only_during_each_key_press():
 
 
 def test_a_terminal_behind_another_program_receives_no_query():
-    terminal = Terminal(kitty=True)
-    with cockpit(terminal, trusted=False, latched=True) as hand:
+    with cockpit(Terminal(kitty=True), trusted=False, latched=True) as (terminal, hand):
         wait(hand, terminal, 1.0)
         assert QUERY not in terminal.sent
         assert hand.status.key_mode.startswith("hold to drive, press briefly")
 
 
 def test_a_closed_terminal_stops_the_vehicle_at_once():
-    terminal = Terminal(kitty=True)
-    with cockpit(terminal) as hand:
+    with cockpit(Terminal(kitty=True)) as (terminal, hand):
         terminal.type("w")
         assert hand()[0] > 0.0
         terminal.ended = True
@@ -152,8 +150,7 @@ def test_a_closed_terminal_stops_the_vehicle_at_once():
 
 
 def test_the_space_bar_latches_a_stop_and_q_ends_the_drive():
-    terminal = Terminal(kitty=True)
-    with cockpit(terminal) as hand:
+    with cockpit(Terminal(kitty=True)) as (terminal, hand):
         terminal.type("w", " ")
         assert np.array_equal(hand(), np.zeros(3))
         assert hand.pop_messages() == [{"do": "stop", "reason": stop(StopReason.DRIVER)}]
@@ -164,8 +161,7 @@ def test_the_space_bar_latches_a_stop_and_q_ends_the_drive():
 
 
 def test_a_slow_connection_limits_the_speed():
-    terminal = Terminal(kitty=True, trip_s=0.1)
-    with cockpit(terminal, share=1.0) as hand:
+    with cockpit(Terminal(kitty=True, trip_s=0.1), share=1.0) as (terminal, hand):
         hand.show({"link_ms": 60.0})
         terminal.type("w")
         assert wait(hand, terminal, 1.0)[0] == pytest.approx(80.0 / 160.0, rel=0.15)
@@ -173,8 +169,7 @@ def test_a_slow_connection_limits_the_speed():
 
 
 def test_marks_are_counted_for_real_and_simulated_vehicles():
-    terminal = Terminal()
-    with cockpit(terminal) as hand:
+    with cockpit(Terminal()) as (terminal, hand):
         terminal.type("m", "m")
         hand()
         assert hand.pop_messages() == [{"do": "mark"}] * 2
@@ -184,8 +179,7 @@ def test_marks_are_counted_for_real_and_simulated_vehicles():
 
 
 def test_the_state_of_a_vehicle_is_shown():
-    terminal = Terminal()
-    with cockpit(terminal) as hand:
+    with cockpit(Terminal()) as (terminal, hand):
         hand.show(
             {"state": "MANUAL", "battery_v": 7.4, "u": [0.1, 0.0, 0.2], "link_ms": 12.0, "speed_m_s": None}
         )
@@ -197,8 +191,7 @@ def test_the_state_of_a_vehicle_is_shown():
 
 
 def test_a_sensor_that_is_degraded_is_shown_until_it_agrees_again():
-    terminal = Terminal()
-    with cockpit(terminal) as hand:
+    with cockpit(Terminal()) as (terminal, hand):
         hand.show({"degraded": "DEGRADED: imu[2] is stuck at 0.1"})
         wait(hand, terminal, 0.2)
         assert b"DEGRADED: imu[2] is stuck at 0.1" in terminal.sent
@@ -209,8 +202,7 @@ def test_a_sensor_that_is_degraded_is_shown_until_it_agrees_again():
 
 
 def test_the_heading_controller_output_is_displayed():
-    terminal = Terminal(kitty=True)
-    with cockpit(terminal, hold=True) as hand:
+    with cockpit(Terminal(kitty=True), hold=True) as (terminal, hand):
         terminal.type("w")
         wait(hand, terminal, 0.2)
         hand.show({"u": [0.5, 0.0, 0.03], "requested": [0.5, 0.0, 0.04]})
@@ -226,8 +218,7 @@ def test_the_heading_controller_output_is_displayed():
 
 
 def test_a_missing_heading_controller_is_displayed():
-    terminal = Terminal(kitty=True)
-    with cockpit(terminal) as hand:
+    with cockpit(Terminal(kitty=True)) as (terminal, hand):
         terminal.type("w")
         wait(hand, terminal, 0.2)
         hand.show({"u": [0.5, 0.0, 0.03]})
@@ -241,8 +232,7 @@ MOTORS = Drivetrain(
 
 
 def test_a_set_point_below_the_dead_zone_is_reported_until_motion_begins():
-    terminal = Terminal()
-    with cockpit(terminal, latched=True, share=0.4, drivetrain=MOTORS) as hand:
+    with cockpit(Terminal(), latched=True, share=0.4, drivetrain=MOTORS) as (terminal, hand):
         hand()
         assert hand.status.standstill_reason == "", "no motion is commanded"
         terminal.type("w", "w")
@@ -263,8 +253,7 @@ def test_a_set_point_below_the_dead_zone_is_reported_until_motion_begins():
 
 
 def test_the_dead_zone_warning_in_a_turn_depends_on_the_wheel_commands():
-    terminal = Terminal(kitty=True)
-    with cockpit(terminal, share=0.2, drivetrain=MOTORS) as hand:
+    with cockpit(Terminal(kitty=True), share=0.2, drivetrain=MOTORS) as (terminal, hand):
         terminal.type("a")
         assert wait(hand, terminal, 1.0)[2] == pytest.approx(0.16)
         assert hand.status.standstill_reason == "0.16 is below the dead zone of 0.20: nothing moves; press +"
@@ -275,8 +264,7 @@ def test_the_dead_zone_warning_in_a_turn_depends_on_the_wheel_commands():
 
 
 def test_a_short_key_press_gives_no_dead_zone_warning():
-    terminal = Terminal()
-    with cockpit(terminal, share=0.4, drivetrain=MOTORS) as hand:
+    with cockpit(Terminal(), share=0.4, drivetrain=MOTORS) as (terminal, hand):
         terminal.type("w")
         assert wait(hand, terminal, 0.1)[0] == pytest.approx(0.12)
         assert hand.status.standstill_reason == ""
@@ -292,8 +280,7 @@ def test_a_short_key_press_gives_no_dead_zone_warning():
 
 @pytest.mark.parametrize("drivetrain", [None, Drivetrain()])
 def test_a_vehicle_without_a_dead_zone_gives_no_warning(drivetrain):
-    terminal = Terminal()
-    with cockpit(terminal, latched=True, drivetrain=drivetrain) as hand:
+    with cockpit(Terminal(), latched=True, drivetrain=drivetrain) as (terminal, hand):
         terminal.type("w")
         assert wait(hand, terminal, 1.0)[0] == pytest.approx(0.05)
         assert hand.status.standstill_reason == ""

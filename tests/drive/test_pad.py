@@ -225,8 +225,7 @@ def test_a_pad_on_another_system_than_linux_is_refused(monkeypatch):
 
 def test_unplugging_a_driving_pad_stops_the_vehicle(plug):
     kernel = pad()
-    terminal = Terminal()
-    with cockpit(terminal, share=1.0, pad=open_pad(plug(kernel))) as hand:
+    with cockpit(Terminal(), share=1.0, pad=open_pad(plug(kernel))) as (_, hand):
         kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
         kernel.change((KEY, SOUTH, 1))
         assert hand().tolist() == [1.0, 0.0, 0.0]
@@ -238,7 +237,7 @@ def test_unplugging_a_driving_pad_stops_the_vehicle(plug):
 
 def test_a_button_of_the_pad_stops_the_vehicle(plug):
     kernel = pad()
-    with cockpit(Terminal(), share=1.0, pad=open_pad(plug(kernel))) as hand:
+    with cockpit(Terminal(), share=1.0, pad=open_pad(plug(kernel))) as (_, hand):
         kernel.change((KEY, EAST, 1))
         hand()
         assert hand.stop_reason(0).code == StopReason.DRIVER
