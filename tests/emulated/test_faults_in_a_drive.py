@@ -77,8 +77,7 @@ def clear_stop(service, robot):
 
 
 @pytest.mark.parametrize("reset", [True, False], ids=["as USB does", "as other lines do"])
-def test_a_disconnected_cable_stops_the_drive_and_driving_resumes_afterwards(vehicle, reset):
-    robot, service = vehicle()
+def test_a_disconnected_cable_stops_the_drive_and_driving_resumes_afterwards(robot, service, reset):
     line, cut = BadLine(robot), []
 
     def pull():
@@ -108,8 +107,7 @@ def test_a_disconnected_cable_stops_the_drive_and_driving_resumes_afterwards(veh
 @pytest.mark.parametrize(
     ("noise", "twice", "pins_swapped"), [(0.05, 0.0, 0.0), (0.0, 0.1, 0.1)], ids=["noise", "order"]
 )
-def test_a_circle_is_repeated_over_a_faulty_serial_line(vehicle, noise, twice, pins_swapped):
-    robot, service = vehicle()
+def test_a_circle_is_repeated_over_a_faulty_serial_line(robot, service, noise, twice, pins_swapped):
     line = BadLine(robot, seed=3)
 
     def begins():
@@ -137,9 +135,8 @@ def test_a_circle_is_repeated_over_a_faulty_serial_line(vehicle, noise, twice, p
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.002])
-def test_a_run_ends_with_the_frame_counts_of_the_uno(vehicle, noise):
+def test_a_run_ends_with_the_frame_counts_of_the_uno(robot, service, noise):
     """The host cannot detect frames that are damaged on the way to the Uno."""
-    robot, service = vehicle()
     line, before = BadLine(robot, seed=2), robot.board.info()
     line.noise = noise
     done, run = drive(service, spin(5.0))
@@ -162,8 +159,7 @@ def test_a_run_ends_with_the_frame_counts_of_the_uno(vehicle, noise):
     )
 
 
-def test_a_mission_with_a_lost_arming_frame_drives_normally(vehicle):
-    robot, service = vehicle()
+def test_a_mission_with_a_lost_arming_frame_drives_normally(robot, service):
     arm, write = service.uno.arm, robot.write
 
     def lose_arming():
@@ -179,8 +175,7 @@ def test_a_mission_with_a_lost_arming_frame_drives_normally(vehicle):
     assert 1 <= count_ignored <= 4, "the run counts the commands that arrived before arming"
 
 
-def test_a_mission_that_the_uno_never_receives_fails(vehicle):
-    robot, service = vehicle()
+def test_a_mission_that_the_uno_never_receives_fails(robot, service):
     arm = service.uno.arm
 
     def deaf():
@@ -196,9 +191,8 @@ def test_a_mission_that_the_uno_never_receives_fails(vehicle):
 
 
 @pytest.mark.parametrize("line_harmed", [False, True])
-def test_a_run_ends_with_the_fault_counts_of_the_imu(vehicle, line_harmed):
+def test_a_run_ends_with_the_fault_counts_of_the_imu(robot, service, line_harmed):
     """Saturation of an axis for less than a tenth of a second is not a separate event."""
-    robot, service = vehicle()
 
     def brief():
         robot.bus.fail(errno.EREMOTEIO, 1)
@@ -226,9 +220,8 @@ ACCIDENTS = {  # fault, motors off within [s], reason in the run
 
 
 @pytest.mark.parametrize("accident", ACCIDENTS)
-def test_fw7_a_restarted_uno_stops_the_drive_and_can_be_cleared(vehicle, accident):
+def test_fw7_a_restarted_uno_stops_the_drive_and_can_be_cleared(robot, service, accident):
     act, within_s, beginning = ACCIDENTS[accident]
-    robot, service = vehicle()
     at_s = []
     during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), act(robot.board)))
     done, run = drive(service, spin(3.0))
@@ -255,8 +248,7 @@ def test_a_short_battery_sag_at_motor_start_does_not_stop_the_drive(vehicle):
     assert np.max(battery) == pytest.approx(7.4, abs=0.05)
 
 
-def test_fw8_a_battery_that_stays_low_stops_the_drive_after_two_seconds(vehicle):
-    robot, service = vehicle()
+def test_fw8_a_battery_that_stays_low_stops_the_drive_after_two_seconds(robot, service):
     low = pack(spin(5.0), vehicle_file.override(vehicle_file.load("small"), ["robot.least_battery_v=6.6"]))
     at_s = []
     during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), robot.board.set_battery(6.2)))
@@ -273,8 +265,7 @@ def hold(robot):
     robot.bus.spend = lambda ns: robot.wait(1e-9 * ns) if ns > 1e7 else None
 
 
-def test_a_blocked_bus_stops_the_drive_and_can_be_cleared_afterwards(vehicle):
-    robot, service = vehicle()
+def test_a_blocked_bus_stops_the_drive_and_can_be_cleared_afterwards(robot, service):
     at_s = []
     during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), hold(robot)))
     done, run = drive(service, spin(3.0))
@@ -287,8 +278,7 @@ def test_a_blocked_bus_stops_the_drive_and_can_be_cleared_afterwards(vehicle):
 
 
 @pytest.mark.parametrize("accident", ["its supply", "single transfers"])
-def test_rt6_an_imu_gap_below_half_a_second_stops_no_drive(vehicle, accident):
-    robot, service = vehicle()
+def test_rt6_an_imu_gap_below_half_a_second_stops_no_drive(robot, service, accident):
 
     def brief():
         if accident == "its supply":
@@ -319,11 +309,10 @@ def test_a_clone_imu_with_a_slow_clock_teaches_and_repeats_a_route(vehicle):
 
 
 @pytest.mark.parametrize("with_stop", [False, True], ids=["goes on", "is stopped"])
-def test_rt16_a_full_disk_ends_the_log_and_not_the_drive(vehicle, with_stop):
+def test_rt16_a_full_disk_ends_the_log_and_not_the_drive(robot, service, with_stop):
     """The disk is one of RLIMIT_FSIZE: the system itself refuses to write more."""
     import resource
 
-    robot, service = vehicle()
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     motions = []
 
