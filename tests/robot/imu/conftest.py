@@ -9,3 +9,17 @@ def bench(monkeypatch, tmp_path):
     from tests.emulated.i2c_ioctl import Bench  # needs smbus2
 
     return lambda **chip: Bench(monkeypatch, tmp_path, **chip)
+
+
+@pytest.fixture
+def started(bench):
+    """Return `started(**chip)`, which returns a bench with this chip, and its IMU that has been read for `read_s`."""
+    from tests.emulated.i2c_ioctl import loop, start
+
+    def make(read_s=0.0, **chip):
+        b = bench(**chip)
+        device = start(b)
+        loop(b, device, read_s)
+        return b, device
+
+    return make
