@@ -21,6 +21,7 @@ from baqueano.robot.uno.frames import ResetCause, StateFlag
 from baqueano.runs import RunWriter
 from tests.emulated.bad_line import BadLine
 from tests.emulated.drives import TEACHER, drive, during, look_around, serve, spin
+from tests.memory import memory_trace
 
 
 @pytest.fixture
@@ -251,14 +252,11 @@ def test_memory_does_not_grow_at_rest(service, robot):
         for part in ("worlds/robot", "robot/service/service", "robot/service/health", "robot/imu/watch")
     ]
     looks = 100
-    tracemalloc.start()
-    try:
+    with memory_trace():
         look_around(service, robot, looks)
         before = tracemalloc.take_snapshot().filter_traces(filters)
         look_around(service, robot, looks)
         after = tracemalloc.take_snapshot().filter_traces(filters)
-    finally:
-        tracemalloc.stop()
     growth = sum(difference.size_diff for difference in after.compare_to(before, "filename"))
     assert growth / looks < 5.0, "bytes for each look, 1.7 million of which are a day"
 

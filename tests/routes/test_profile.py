@@ -15,6 +15,7 @@ from baqueano.routes.capability import Capability
 from baqueano.simulate.closed_loop import simulate_loop
 from baqueano.vehicle_file import load
 from tests.codes import refused
+from tests.memory import memory_trace
 
 
 class Block:
@@ -104,12 +105,9 @@ def test_examine_finds_a_short_part_that_is_too_fast_in_half_an_hour_of_driving(
 def test_examine_of_a_route_of_a_nanosecond_needs_little_memory():
     eta = np.array([[0.0, 0.0, 0.0], [1e-10, 0.0, 0.0]])
     route = Route(np.array([0.0, 1e-9]), eta, np.full((2, 3), [0.1, 0.0, 0.0]), False)
-    tracemalloc.start()
-    try:
+    with memory_trace():
         examine(route, load("small"))
         assert tracemalloc.get_traced_memory()[1] < 100e6
-    finally:
-        tracemalloc.stop()
 
 
 def test_examine_reports_where_the_route_needs_too_much_yaw_rate():

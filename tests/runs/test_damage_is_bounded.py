@@ -18,6 +18,7 @@ from baqueano.runs.container import memory_limit, messages
 from baqueano.runs.container import records as mcap_records
 from baqueano.runs.container.records import CHUNK, MAGIC, METADATA
 from tests.codes import refused
+from tests.memory import memory_trace
 
 SIZE = 200_000
 
@@ -213,13 +214,10 @@ def topics(writer, channel):
 )
 def test_lg6_a_file_that_unpacks_to_too_much_is_refused(tmp_path, fill, chunk_size, message, compression):
     path = written_file(tmp_path / "bomb.mcap", fill, chunk_size, compression)
-    tracemalloc.start()
-    try:
+    with memory_trace():
         with refused(message[0], FileError, **message[1]) as error_info:
             read_run(path)
         peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
     assert peak <= 1.1 * memory_limit.limit_bytes(path.stat().st_size)
     assert "\n" not in str(error_info.value)
     assert "mcap decompress" in str(error_info.value) or "--draft MAP.toml" in str(error_info.value)
@@ -232,12 +230,9 @@ def test_a_long_run_at_rest_is_read_and_recovered_within_its_memory(tmp_path, mo
     sensors = {"imu": Channel(t_ns, t_ns, zeros), "odometer": Channel(t_ns, t_ns, zeros[:, :1])}
     run = Run("rest", None, t_ns, zeros, requested_commands=zeros, sensors=sensors, sent_commands=zeros)
     path = write_run(run, tmp_path / "rest.mcap")
-    tracemalloc.start()
-    try:
+    with memory_trace():
         assert recover(path).run == run
         peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
     assert peak <= memory_limit.BYTES_PER_FILE_BYTE * path.stat().st_size
     assert recover(path, tmp_path / "again.mcap").run == run
 

@@ -17,6 +17,7 @@ from baqueano.runs.maps.column_map import load_map
 from baqueano.runs.route_file import read_route
 from baqueano.runs.tables.lines import MAX_LINE_LETTERS
 from tests.codes import includes, refused
+from tests.memory import memory_trace
 
 MAP = """
 format = 1
@@ -41,13 +42,10 @@ def refusal(tmp_path, data, name="log.csv"):
     path = tmp_path / name
     path.write_bytes(data)
     (tmp_path / "log.toml").write_text(MAP.replace("FILE", name), encoding="utf-8")
-    tracemalloc.start()
-    try:
+    with memory_trace():
         with pytest.raises(FileError) as error_info:
             import_run(tmp_path / "log.toml")
         assert tracemalloc.get_traced_memory()[1] <= memory_limit.limit_bytes(len(data))
-    finally:
-        tracemalloc.stop()
     assert "\n" not in str(error_info.value)
     assert len(str(error_info.value)) < 1000
     return error_info.value.diagnostic
@@ -100,12 +98,9 @@ def test_a_compressed_recording_of_normal_size_is_read_within_its_memory(tmp_pat
     text = b"a,b\n" + b"".join(b"%.5f,%.5f\n" % (k % 97 / 100, k % 89 / 50) for k in range(40_000))
     (tmp_path / "log.csv.gz").write_bytes(gzip.compress(text))
     (tmp_path / "log.toml").write_text(MAP.replace("FILE", "log.csv.gz"), encoding="utf-8")
-    tracemalloc.start()
-    try:
+    with memory_trace():
         assert len(import_run(tmp_path / "log.toml").run.t_ns) == 39_999
         assert tracemalloc.get_traced_memory()[1] < 16 * len(text)
-    finally:
-        tracemalloc.stop()
 
 
 def test_cells_with_line_breaks_or_unicode_are_read_unchanged(tmp_path):

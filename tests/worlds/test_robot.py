@@ -15,6 +15,7 @@ from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Command, measured_ns, sensor_slots
 from baqueano.worlds.robot import Body, Robot, Sample, Telemetry
 from tests.codes import refused
+from tests.memory import memory_trace
 
 MS = 1_000_000
 
@@ -110,8 +111,7 @@ def test_without_recording_each_event_is_reported_once_and_memory_is_constant():
     line, chip = Line(), Chip()
     robot = Robot(sensors(), line, chip, Body())
     events = []
-    tracemalloc.start()
-    try:
+    with memory_trace():
         for k in range(3000):
             line.waiting = [telemetry(50 * k, (0.6, 0.6), (0, k), silent=k >= 100)]
             chip.waiting = [Sample(50 * k * MS, np.array([0.0, 0.0, 9.8]), np.zeros(3), 30.0)]
@@ -120,8 +120,6 @@ def test_without_recording_each_event_is_reported_once_and_memory_is_constant():
             if k == 1500:
                 memory_before = tracemalloc.get_traced_memory()[0]
         growth_bytes = tracemalloc.get_traced_memory()[0] - memory_before
-    finally:
-        tracemalloc.stop()
     assert [event.code for event in events] == ["encoders.left-silent", "imu.started"]
     assert robot.new_channels() == robot.new_events() == []
     assert growth_bytes < 10_000, "418 bytes a look were kept"
