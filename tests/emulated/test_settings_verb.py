@@ -179,7 +179,7 @@ def test_settings_at_a_host_run_there_and_are_printed_locally(verb, live, tmp_pa
     """A shell replaces ssh and starts the real command line."""
     vehicle_toml = tmp_path / "vehicle.toml"
     vehicle_file.override(vehicle_file.load("small"), [f"robot.port={live.path}"]).save(vehicle_toml)
-    monkeypatch.setattr("baqueano.robot.VEHICLE", str(vehicle_toml))
+    monkeypatch.setattr("baqueano.robot.workshop.exclusive_hardware.VEHICLE", str(vehicle_toml))
     scripts = {
         "ssh": 'for last; do :; done; exec sh -c "$last"',
         "baqueano": f'echo "$*" >>{tmp_path}/calls; exec {sys.executable} -m baqueano "$@"',
@@ -193,7 +193,7 @@ def test_settings_at_a_host_run_there_and_are_printed_locally(verb, live, tmp_pa
     )  # fmt: skip
     assert code == 0
     assert (
-        "--bridge=tb6612 --slope=all=0.9 --slope=left-forwards=0.85 --defaults --json"
+        "--bridge=tb6612 --slope=all=0.9 --slope=left-forwards=0.85 --defaults --vehicle"
         in (tmp_path / "calls").read_text()
     )
     assert "left-forwards       0.000  0.850  0.000\nleft-backwards      0.000  0.900" in out

@@ -172,7 +172,7 @@ def test_an_imu_calibration_at_a_host_updates_the_local_file(programs, tmp_path,
     monkeypatch.chdir(tmp_path)
     vehicle_file.load("small").save("vehicle.toml")
     assert exit_code(["robot", "calibrate", "imu", "r1", "--update"]) == 0
-    assert "calibrate imu --vehicle /var/lib/baqueano/vehicle.toml --update --json" in calls.read_text()
+    assert "calibrate imu --update --vehicle /var/lib/baqueano/vehicle.toml --json" in calls.read_text()
     file = vehicle_file.load("vehicle.toml")
     assert file.robot.imu_axes == ("-y", "x", "z")
     assert 'run = "calibrate imu"' in file.text
@@ -198,7 +198,7 @@ def test_a_motor_test_at_a_host_is_reported_locally(programs, tmp_path, monkeypa
 def test_the_doctor_at_a_host_exits_with_its_verdict(programs, verdict, code, capsys):
     calls = at_host(programs, [{"name": "clock", "verdict": verdict, "figure": "1970", "remedy": "wait"}])
     assert exit_code(["robot", "doctor", "r1", "--jitter"]) == code
-    assert "--runs /var/lib/baqueano/runs --jitter=10 --json" in calls.read_text()
+    assert "--runs /var/lib/baqueano/runs --jitter=10 --vehicle" in calls.read_text()
     assert "→ wait" in capsys.readouterr().out
 
 

@@ -60,7 +60,6 @@ def settings(
     host: str, defaults: bool, watch_s: float | None, vehicle: str | None, settings: tuple[str, ...],
     as_json: bool, **given: Any,
 ) -> None:  # fmt: skip
-    from baqueano.robot import VEHICLE
     from baqueano.robot.uno import settings as uno_settings
     from baqueano.robot.uno.frames import Settings
     from baqueano.robot.uno.serial_port import open_uno
@@ -80,7 +79,7 @@ def settings(
         arguments = [f"--{name}={text}" for name, texts in changes.items() for text in texts]
         arguments += ["--defaults"] if defaults else []
         arguments += [] if watch_s is None else [f"--watch={watch_s:g}"]
-        verb = ("robot", "settings", "--vehicle", VEHICLE, *arguments)
+        verb = ("robot", "settings", *arguments)
         stored_settings = result_from_host(uno_settings.StoredSettings.from_rows, host, *verb)
     print_answer(stored_settings, as_json)
 

@@ -24,7 +24,7 @@ host = click.argument("host", default="here")
 def doctor(
     host: str, vehicle: str | None, settings: tuple[str, ...], folder: str, jitter_s: float, as_json: bool
 ) -> None:
-    from baqueano.robot import HOME, VEHICLE
+    from baqueano.robot import HOME
     from baqueano.robot.workshop.doctor import Check, Report, examine
     from baqueano.robot.workshop.exclusive_hardware import result_from_host, stopped_service
 
@@ -36,7 +36,7 @@ def doctor(
         jitter_option = [f"--jitter={jitter_s:g}"] if jitter_s else []
         report = result_from_host(
             lambda rows: Report([Check(**row) for row in rows]), host,
-            "robot", "doctor", "--vehicle", VEHICLE, "--runs", f"{HOME}/runs", *jitter_option,
+            "robot", "doctor", "--runs", f"{HOME}/runs", *jitter_option,
         )  # fmt: skip
     print_answer(report, as_json)
     if report.verdict == "bad":
@@ -57,7 +57,6 @@ def flash(
     host: str, vehicle: str | None, settings: tuple[str, ...], hex_file: Path | None, as_json: bool
 ) -> None:
     from baqueano.errors import UsageError
-    from baqueano.robot import VEHICLE
     from baqueano.robot.uno.flash import FlashResult
     from baqueano.robot.uno.flash import flash as write
     from baqueano.robot.workshop.exclusive_hardware import result_from_host, stopped_service
@@ -69,8 +68,7 @@ def flash(
     elif hex_file is not None:
         raise UsageError(fault("cli.hex-from-afar", host=host))
     else:
-        verb = ("robot", "flash", "--vehicle", VEHICLE)
-        result = result_from_host(lambda rows: FlashResult(**rows[0]), host, *verb)
+        result = result_from_host(lambda rows: FlashResult(**rows[0]), host, "robot", "flash")
     print_answer(result, as_json)
 
 
@@ -92,7 +90,6 @@ def calibrate() -> None:
 @options.update
 @options.as_json
 def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool, as_json: bool) -> None:
-    from baqueano.robot import VEHICLE
     from baqueano.robot.workshop.calibrate_imu import ImuCalibration, ImuReader
     from baqueano.robot.workshop.calibrate_imu import calibrate as find
     from baqueano.robot.workshop.exclusive_hardware import open_hardware, result_from_host
@@ -103,7 +100,7 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
             mounted_imu = find(ImuReader(floor_tests.imu), print_message)
     else:  # its service uses its own vehicle file, so that file is written there
         update_option = ["--update"] if update else []
-        verb = ("robot", "calibrate", "imu", "--vehicle", VEHICLE, *update_option)
+        verb = ("robot", "calibrate", "imu", *update_option)
         mounted_imu = result_from_host(lambda rows: ImuCalibration.from_row(rows[0]), host, *verb)
     print_answer(mounted_imu, as_json)
     values = mounted_imu.values(vehicle_file)
@@ -122,7 +119,6 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
 @options.vehicle
 @options.as_json
 def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
-    from baqueano.robot import VEHICLE
     from baqueano.robot.service.configuration import firmware_config
     from baqueano.robot.workshop.calibrate_motors import MotorCalibration
     from baqueano.robot.workshop.calibrate_motors import calibrate as find
@@ -135,7 +131,5 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
             floor_tests.uno.configure(firmware_config(vehicle_file.robot, floor_tests.uno.info))
             motors = find(floor_tests, print_message)
     else:
-        motors = result_from_host(
-            MotorCalibration.from_rows, host, "robot", "calibrate", "motors", "--vehicle", VEHICLE
-        )
+        motors = result_from_host(MotorCalibration.from_rows, host, "robot", "calibrate", "motors")
     print_answer(motors, as_json)

@@ -23,7 +23,7 @@ from baqueano.errors import (
 from baqueano.messages.language import LANGUAGE_VARIABLE, current_language
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command, printable_json
-from baqueano.robot import SERVICE
+from baqueano.robot import SERVICE, VEHICLE
 from baqueano.robot.uno.serial_port import open_uno
 from baqueano.robot.workshop.floor_tests import FloorTests
 
@@ -127,10 +127,11 @@ def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
 
 
 def result_from_host(of: "Callable[[list[TableRow]], Result]", host: str, *verb: str) -> Result:
-    """Return `of` of the rows of `baqueano VERB --json` at HOST.
+    """Return `of` of the rows of `baqueano VERB --json` at HOST, for the vehicle file of its service.
 
     Raise UsageError for rows in another form, as of another version of baqueano; other errors as in `rows_from_host`.
     """
+    verb = (*verb, "--vehicle", VEHICLE)
     rows = rows_from_host(host, *verb)
     try:
         return of(rows)
