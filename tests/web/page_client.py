@@ -83,19 +83,19 @@ class Browser:
         """Send a request and return the answer."""
         self.question_id += 1
         await self.send("ask", id=self.question_id, question=question, **more)
-        return await self.next("answer", where=lambda word, number=self.question_id: word.get("id") == number)
+        return await self.next("answer", id=self.question_id)
 
     async def next(
-        self, *kinds: str, where: Callable[[dict[str, Any]], bool] = lambda word: True
+        self, *kinds: str, where: Callable[[dict[str, Any]], bool] = lambda word: True, **values: object
     ) -> dict[str, Any]:
-        """Return the next message of these kinds; frames received before it are stored."""
+        """Return the next message of these kinds with these values; frames received before it are stored."""
         while True:
             data = await asyncio.wait_for(self.line.recv(), WAIT_S)
             if isinstance(data, bytes):
                 self.frames.append(data)
                 continue
             word = json.loads(data)
-            if word["is"] in kinds and where(word):
+            if word["is"] in kinds and values.items() <= word.items() and where(word):
                 return word
 
     def rows(self, stream: int, columns: int) -> np.ndarray:

@@ -102,9 +102,9 @@ async def test_ne5_the_question_of_a_browser_waits_for_one_question_of_another_b
             await visitor.send("ask", id=100, question="check", room="controller", run=run)
             assert await visitor.request("ping")
             may_end.set()
-            await visitor.next("answer", where=lambda word: word.get("id") == 100)
+            await visitor.next("answer", id=100)
             assert begun.index("controller") <= 2
-            await other.next("answer", where=lambda word: word.get("id") == 19)
+            await other.next("answer", id=19)
             may_end.clear()
             for number in range(20):
                 await other.send("ask", id=number, question="check", room="guide", run=run)

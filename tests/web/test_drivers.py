@@ -68,7 +68,7 @@ async def test_rt14_only_one_of_several_browsers_drives_at_a_time(tmp_path, seed
             await visitor.send("mission", kind="drive")
             model.missions += model.now() == name
         await visitor.send("no such word")  # refused after all earlier messages
-        await visitor.next("refused", where=lambda no: no["to"] == "no such word")
+        await visitor.next("refused", to="no such word")
 
     async with live_page(tmp_path) as (server, link, live), AsyncExitStack() as lines:
         live.lease._now = clock

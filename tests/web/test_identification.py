@@ -267,7 +267,7 @@ async def test_identification_of_a_finished_run_is_shown_at_all_times(tmp_path, 
     write_run(run, folder / "taught.mcap")
     async with recorded_page(folder, "taught") as server, browser(server) as visitor:
         await visitor.send("ask", id=1, question="identify", run=visitor.hello["open"]["run"])
-        answer = await visitor.next("answer", where=lambda word: word["to"] == "ask")
+        answer = await visitor.next("answer", to="ask")
         errors = np.array(answer["expected"])
         assert np.all(np.diff(errors, axis=0) <= 1e-9)
         assert len(errors) * answer["step_s"] == pytest.approx(SECONDS, abs=0.3)

@@ -75,7 +75,7 @@ async def test_the_page_forwards_each_heartbeat_of_the_driver_and_adds_none(tmp_
     ):
         await ana.send("beat", n=1, seen=0, u=[0.1])
         await ana.send("take")
-        assert (await ana.next("lease", where=lambda word: word["you"]))["driver"] == "ana"
+        assert (await ana.next("lease", you=True))["driver"] == "ana"
         for n in range(1, 6):
             link.frame(0.05 * n)
             await ana.send("beat", n=n, seen=live.feed.number, u=[0.1 * n])
@@ -84,7 +84,7 @@ async def test_the_page_forwards_each_heartbeat_of_the_driver_and_adds_none(tmp_
         assert [word["u"] for word in link.requests("hand")] == [[0.1 * n] for n in range(1, 6)]
         await ana.send("beat", n=5, seen=live.feed.number, u=[1.0])
         await ana.send("beat", n=4, seen=live.feed.number, u=[1.0])
-        await ana.next("lease", where=lambda word: word["driver"] is None)  # the driver was silent
+        await ana.next("lease", driver=None)  # the driver was silent
         assert len(link.requests("hand", "beat")) == 5
 
 
@@ -130,10 +130,7 @@ async def test_anyone_stops_the_vehicle_without_the_lease(tmp_path):
             assert (reason.code, reason.figures["name"]) == (StopReason.STOPPED_ON_PAGE, "eva")
             link.state("STOPPED", reason=reason)
             for visitor in (driver, stopper, viewer):
-                assert (
-                    "eva"
-                    in (await visitor.next("state", where=lambda w: w["state"] == "STOPPED"))["sentence"]
-                )
+                assert "eva" in (await visitor.next("state", state="STOPPED"))["sentence"]
 
 
 MOVING = (
@@ -148,7 +145,7 @@ async def test_moving_the_vehicle_needs_the_lease(tmp_path):
         for holder in (False, True):
             if holder:
                 await ana.send("take")
-                await ana.next("lease", where=lambda word: word["you"])
+                await ana.next("lease", you=True)
             for word, more in MOVING:
                 await luis.send(word, **more)
                 no = await luis.next("refused")
@@ -206,7 +203,7 @@ async def test_the_vehicle_is_handed_over_by_name(tmp_path):
         assert "ana" in no["reason"]
         await ana.send("take")
         await ana.send("give", to="luis")
-        assert (await luis.next("lease", where=lambda word: word["you"]))["driver"] == "luis"
+        assert (await luis.next("lease", you=True))["driver"] == "luis"
         await luis.send("beat", n=1, seen=live.feed.number, u=[0.3])
         await until(lambda: link.requests("hand"))
         await luis.line.close()
@@ -240,7 +237,7 @@ async def test_the_status_sentence_reports_task_quality_and_anomalies(tmp_path):
             }
         )
         link.state("MISSION", mission="repeat", laps=3, left_s=12.0, t_s=9.0, pace=1.0, paused=False)
-        state = await english.next("state", where=lambda word: word["state"] == "MISSION")
+        state = await english.next("state", state="MISSION")
         assert (state["lap"], state["laps"], state["mission"]) == (
             2,
             3,
@@ -251,9 +248,7 @@ async def test_the_status_sentence_reports_task_quality_and_anomalies(tmp_path):
         assert "1.2 cm" in state["sentence"]
         assert "NIS 4.0" in state["sentence"]
         assert (state["severity"], len(state["warnings"])) == ("warning", 1)
-        assert (
-            "1,2 cm" in (await uno.next("state", where=lambda word: word["state"] == "MISSION"))["sentence"]
-        )
+        assert "1,2 cm" in (await uno.next("state", state="MISSION"))["sentence"]
 
 
 async def test_the_reason_of_a_stop_is_reported_once(tmp_path):
@@ -262,7 +257,7 @@ async def test_the_reason_of_a_stop_is_reported_once(tmp_path):
         link.frame(1.0)
         link.on_word({"is": "done", "id": "x", "run": None, "reason": why})
         link.state("STOPPED", reason=why)
-        state = await me.next("state", where=lambda word: word["state"] == "STOPPED")
+        state = await me.next("state", state="STOPPED")
         assert (state["severity"], state["warnings"]) == ("error", [])
         assert "it nears the stairs" in state["sentence"]
 
@@ -300,9 +295,7 @@ async def test_the_end_of_the_service_is_reported_to_all_browsers(tmp_path):
         assert (await visitor.next("refused"))["code"] == "web.service-gone"
         live._state = {"is": "state", "state": "STOPPED", "reason": stop(StopReason.SERVICE_ENDED)}
         live._changed = True
-        assert (await visitor.next("state", where=lambda word: word["state"] == "STOPPED"))[
-            "severity"
-        ] == "error"
+        assert (await visitor.next("state", state="STOPPED"))["severity"] == "error"
 
 
 async def test_a_robot_receives_complete_missions_packed_by_the_page(tmp_path):

@@ -102,7 +102,7 @@ async def test_the_run_of_a_drive_is_the_same_with_a_page(tmp_path):
     with with_page(tmp_path / "with", "experiment", *TWO_S) as (verb, port):
         async with browser(port) as visitor:
             assert visitor.hello["vehicle"]["world"] == "simulated"
-            state = await visitor.next("state", where=lambda word: word["state"] == "OVER")
+            state = await visitor.next("state", state="OVER")
             assert "runs" in state["sentence"]
             with pytest.raises(Exception, match="1000"):
                 await visitor.next("never")
@@ -123,7 +123,7 @@ async def test_teaching_with_a_page_is_displayed_and_the_route_is_stored(tmp_pat
         async with browser(port) as visitor:
             state = await visitor.next("state", where=lambda word: word["state"] in ("MISSION", "MANUAL"))
             assert state["mission"]["kind"] == "teach"
-            await visitor.next("state", where=lambda word: word["state"] == "OVER")
+            await visitor.next("state", state="OVER")
             assert visitor.frames
         assert exit_code_of(verb) == 0
     assert read_route(tmp_path / "routes" / "ring.csv").closed
@@ -149,11 +149,11 @@ async def test_after_ctrl_c_or_a_killed_command_no_process_remains(tmp_path):
     for signal_number, code in ((signal.SIGINT, None), (signal.SIGKILL, -signal.SIGKILL)):
         with with_page(tmp_path, "experiment", "--vehicle", "small") as (verb, port):
             async with browser(port) as visitor:
-                await visitor.next("state", where=lambda word: word["state"] == "MISSION")
+                await visitor.next("state", state="MISSION")
                 await visitor.send("take")
                 beating = asyncio.create_task(beats(visitor))
                 await visitor.send("pause")
-                await visitor.next("state", where=lambda word: word["paused"])  # Ctrl-C still ends the drive
+                await visitor.next("state", paused=True)  # Ctrl-C still ends the drive
                 beating.cancel()
             children = processes_of(verb.pid)
             assert children
@@ -203,7 +203,7 @@ async def test_the_page_of_the_drive_command_steers_and_ends_the_drive(tmp_path)
             await visitor.send("mark")
             await asyncio.sleep(0.3)
             await visitor.send("end")
-            await visitor.next("state", where=lambda word: word["state"] == "OVER")
+            await visitor.next("state", state="OVER")
 
         await at_the_wheel(port, end)
         assert exit_code_of(verb) == 0
@@ -241,7 +241,7 @@ async def test_a_robot_is_shown_paused_and_stopped_on_the_page_of_a_command(tmp_
                 for do, pauses in (("pause", True), ("go", False)):
                     await visitor.send("take")
                     await visitor.send(do)
-                    await visitor.next("state", where=lambda word, pauses=pauses: word["paused"] is pauses)
+                    await visitor.next("state", paused=pauses)
                 start_s = time.monotonic()
                 await visitor.send("stop")
                 _, came = await asyncio.to_thread(watcher.state, "STOPPED")

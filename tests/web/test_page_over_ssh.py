@@ -94,7 +94,7 @@ async def test_the_page_of_a_host_shows_stops_and_copies_a_drive_over_ssh(tmp_pa
                         assert tries_left, "the lease was lost at each try"
                         await ready_again(visitor)
                 await visitor.send("stop")
-                state = await visitor.next("state", where=lambda word: word["state"] == "STOPPED")
+                state = await visitor.next("state", state="STOPPED")
                 assert "ana" in state["sentence"]
                 beating.cancel()
                 await visitor.next(

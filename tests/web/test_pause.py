@@ -17,7 +17,7 @@ async def test_a_robot_waits_on_its_route_during_a_pause_and_then_goes_on(tmp_pa
 
         async def state(**expected):
             link.state("MISSION", **expected)
-            return await ana.next("state", where=lambda word: word["state"] == "MISSION")
+            return await ana.next("state", state="MISSION")
 
         await ana.send("take")
         assert (await state(mission="teach"))["paused"] is None  # without a guide
@@ -27,13 +27,9 @@ async def test_a_robot_waits_on_its_route_during_a_pause_and_then_goes_on(tmp_pa
             await ana.send(word)
             await until(lambda: link.requests("set"))
             assert link.messages.pop() == {"do": "set", "path": "guide.pace", "value": pace}
-            link.on_word(
-                {
-                    "is": "event",
-                    "message": note("door.set", path="guide.pace", former_value="1.0", value=str(pace)),
-                }
-            )
-            await ana.next("state", where=lambda word, pace=pace: word["paused"] is (pace == 0.0))
+            message = note("door.set", path="guide.pace", former_value="1.0", value=str(pace))
+            link.on_word({"is": "event", "message": message})
+            await ana.next("state", paused=pace == 0.0)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")

@@ -83,7 +83,7 @@ async def test_a_block_named_by_an_opened_run_is_not_executed(tmp_path, driven_f
     runs = folder_of(tmp_path / "runs", sent=replace(driven_folder, vehicle_text=text))
     async with recorded_page(runs, "sent") as server, browser(server) as visitor:
         await visitor.send("open", **visitor.hello["open"])
-        await visitor.next("answer", where=lambda word: word["done"])
+        await visitor.next("answer", done=True)
         run = visitor.hello["open"]["run"]
         for what in ("block", "check"):
             answer = await visitor.request(what, room="controller", run=run)
@@ -201,7 +201,7 @@ async def test_an_unlisted_block_is_never_executed(folder, kind):
 async def test_a_replay_through_another_filter_is_sent_as_a_second_stream(folder, driven_folder):
     async with asking(folder) as visitor:
         await visitor.send("open", run=visitor.hello["runs"][0]["id"], filter="my_blocks.py:MyEkf")
-        heads = [await visitor.next("answer", where=lambda word: word.get("done") is False) for _ in range(2)]
+        heads = [await visitor.next("answer", done=False) for _ in range(2)]
         await visitor.next("answer", where=lambda word: word.get("done") and word["stream"] == 2)
         assert [head["filter"] for head in heads] == [None, "my_blocks.py:MyEkf"]
         names = [field["name"] for field in heads[0]["fields"]]

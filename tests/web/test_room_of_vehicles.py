@@ -111,9 +111,7 @@ async def test_ne9_twenty_vehicles_in_one_room_obey_only_their_own_driver(tmp_pa
                    if word["u"] != [k / 100.0]]  # fmt: skip
         assert crossed_words == []
         await drivers[0].send("mission", kind="drive", robot=robots[1])
-        assert (await drivers[0].next("refused", where=lambda word: word["to"] == "mission"))[
-            "code"
-        ] == "web.other-robot"
+        assert (await drivers[0].next("refused", to="mission"))["code"] == "web.other-robot"
         await drivers[0].send("stop", robot=robots[1])  # a stop never reaches another vehicle
         await until(lambda: pages[0][1].requests("stop"))
         assert not any(link.requests("stop") for _, link, _ in pages[1:])

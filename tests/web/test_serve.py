@@ -212,7 +212,7 @@ async def lesson(visitor):
 
 async def ready_again(visitor):
     await visitor.send("clear")
-    await visitor.next("state", where=lambda word: word["state"] == "READY")
+    await visitor.next("state", state="READY")
 
 
 async def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path):
@@ -235,7 +235,7 @@ async def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path)
                     assert tries_left, "the lease was lost at each try"
                     await ready_again(visitor)
             await visitor.send("stop")
-            await visitor.next("state", where=lambda word: word["state"] == "STOPPED")
+            await visitor.next("state", state="STOPPED")
             runs = await visitor.next("runs", where=lambda word: word["runs"][0]["kind"] == "repeat")
             assert {run["kind"] for run in runs["runs"]} == {"teach", "repeat"}
             await ready_again(visitor)

@@ -93,7 +93,7 @@ async def test_long_runs_are_sent_in_frames_of_limited_size(tmp_path):
     long = folder_of(tmp_path / "runs", long=drive("long", 9000))
     async with recorded_page(long, "long") as server, browser(server) as visitor:
         await visitor.send("open", **visitor.hello["open"])
-        end = await visitor.next("answer", where=lambda word: word["done"])
+        end = await visitor.next("answer", done=True)
         assert end["seconds"] == pytest.approx(89.99)
         columns = len(visitor.hello["fields"])
         assert [len(frame) for frame in visitor.frames] == [16 + 4 * columns * n for n in (4096, 4096, 808)]
