@@ -20,12 +20,16 @@ WORDS: dict[str, str] = {}  # English → the language of the laptop; filled by 
 
 
 class Step(NamedTuple):
-    """A change: `done` tests if it is made, `do` makes it, `undo` restores the former state that `do` recorded."""
+    """A change: `done` tests if it is made, `do` makes it, `undo` restores the former state that `do` recorded.
+
+    That state is recorded under `key`. A step without a record is not undone.
+    """
 
     name: str
     done: Callable[[], bool]
-    do: Callable[[], object]
-    undo: Callable[[], object]
+    do: Callable[[], object] = lambda: None
+    key: str = ""
+    undo: Callable[[], object] = lambda: None
 
 
 class Pi:

@@ -71,7 +71,6 @@ def clock_step(pi: Pi, now_s: float | None) -> Step:
         _("clock: the laptop's time") if now_s is not None else _("clock: as it is"),
         lambda: now_s is None or abs(time.time() - now_s) < MAX_CLOCK_ERROR_S,
         lambda: pi.run("date", "-s", f"@{now_s:.0f}"),
-        lambda: None,
     )
 
 
@@ -89,14 +88,12 @@ def boot_block_step(pi: Pi) -> Step:
         write_atomically(pi.config, text + ("" if not text or text.endswith("\n") else "\n") + CONFIG_BLOCK)
 
     def undo() -> None:
-        if "boot" in pi.noted and pi.config.exists():
-            write_atomically(pi.config, without())
-            pi.record_state("boot", None)
+        write_atomically(pi.config, without())
 
     if not pi.config.exists():
-        return Step(_("config.txt is missing: this is not a Raspberry Pi"), lambda: True, lambda: None, undo)
+        return Step(_("config.txt is missing: this is not a Raspberry Pi"), lambda: True)
     name = _("{path}: I2C at 400 kHz, core_freq fixed (after the next start)", path=pi.config)
-    return Step(name, lambda: CONFIG_BLOCK in pi.config.read_text(encoding="utf-8"), do, undo)
+    return Step(name, lambda: CONFIG_BLOCK in pi.config.read_text(encoding="utf-8"), do, "boot", undo)
 
 
 def file_step(pi: Pi, path: str, text: str) -> Step:
@@ -109,15 +106,14 @@ def file_step(pi: Pi, path: str, text: str) -> Step:
         write_atomically(target, text)
 
     def undo() -> None:
-        if key in pi.noted:
-            before = pi.noted[key]["before"]
-            if before is None:
-                target.unlink(missing_ok=True)
-            else:
-                write_atomically(target, before)
-            pi.record_state(key, None)
+        before = pi.noted[key]["before"]
+        if before is None:
+            target.unlink(missing_ok=True)
+        else:
+            write_atomically(target, before)
 
-    return Step(f"/{path}", lambda: target.exists() and target.read_text(encoding="utf-8") == text, do, undo)
+    is_done = lambda: target.exists() and target.read_text(encoding="utf-8") == text  # noqa: E731
+    return Step(f"/{path}", is_done, do, key, undo)
 
 
 def link_step(pi: Pi, path: str, to: str) -> Step:
@@ -131,13 +127,11 @@ def link_step(pi: Pi, path: str, to: str) -> Step:
         link.symlink_to(to)
 
     def undo() -> None:
-        if key in pi.noted:
-            link.unlink(missing_ok=True)
-            if pi.noted[key]["before"] is not None:
-                link.symlink_to(pi.noted[key]["before"])
-            pi.record_state(key, None)
+        link.unlink(missing_ok=True)
+        if pi.noted[key]["before"] is not None:
+            link.symlink_to(pi.noted[key]["before"])
 
-    return Step(f"/{path} → {to}", lambda: link.is_symlink() and os.readlink(link) == to, do, undo)
+    return Step(f"/{path} → {to}", lambda: link.is_symlink() and os.readlink(link) == to, do, key, undo)
 
 
 def account_step(pi: Pi) -> Step:
@@ -161,13 +155,11 @@ def account_step(pi: Pi) -> Step:
         pi.run("useradd", *words, ACCOUNT)
 
     def undo() -> None:
-        if "account" in pi.noted:
-            if pi.account_fields() is not None:
-                pi.run("userdel", ACCOUNT)
-            pi.record_state("account", None)
+        if pi.account_fields() is not None:
+            pi.run("userdel", ACCOUNT)
 
     name = _("{user}: the account of the service, without a login", user=ACCOUNT)
-    return Step(name, lambda: pi.account_fields() is not None, do, undo)
+    return Step(name, lambda: pi.account_fields() is not None, do, "account", undo)
 
 
 def groups_step(pi: Pi) -> Step:
@@ -182,14 +174,14 @@ def groups_step(pi: Pi) -> Step:
         pi.run("usermod", "-aG", ",".join(missing()), pi.user)
 
     def undo() -> None:
-        for group in pi.noted.get("groups", []):
+        for group in pi.noted["groups"]:
             pi.run("gpasswd", "-d", pi.user, group)
-        pi.record_state("groups", None)
 
     return Step(
         _("{user} is in {groups}", user=pi.user, groups=", ".join([*pi.group_members(*GROUPS), ACCOUNT])),
         lambda: not missing(),
         do,
+        "groups",
         undo,
     )
 
@@ -242,13 +234,12 @@ def environment_step(pi: Pi) -> Step:
         write_atomically(stamp, "\n".join(wheels))
 
     def undo() -> None:
-        if "environment" in pi.noted:
-            shutil.rmtree(pi.venv, ignore_errors=True)
-            shutil.rmtree(before, ignore_errors=True)
-            pi.record_state("environment", None)
+        shutil.rmtree(pi.venv, ignore_errors=True)
+        shutil.rmtree(before, ignore_errors=True)
 
     same = lambda: stamp.exists() and stamp.read_text(encoding="utf-8") == "\n".join(wheels)  # noqa: E731
-    return Step(_("/opt/baqueano: a venv with {wheels} packages", wheels=len(wheels)), same, do, undo)
+    name = _("/opt/baqueano: a venv with {wheels} packages", wheels=len(wheels))
+    return Step(name, same, do, "environment", undo)
 
 
 def vehicle_step(pi: Pi) -> Step:
@@ -284,7 +275,7 @@ def vehicle_step(pi: Pi) -> Step:
         replace_entry(target, content(bundle_file))
 
     old = _("; the previous file is vehicle.toml.before") if content(target) and not is_done() else ""
-    return Step(f"/var/lib/baqueano/vehicle.toml{old}", is_done, do, lambda: None)
+    return Step(f"/var/lib/baqueano/vehicle.toml{old}", is_done, do)
 
 
 def home_step(pi: Pi) -> Step:
@@ -302,11 +293,9 @@ def home_step(pi: Pi) -> Step:
         pi.run("chmod", "2775", str(place))
 
     def undo() -> None:
-        if "home" in pi.noted:
-            pi.run("chown", "-R", f"{pi.user}:", str(place))
-            pi.record_state("home", None)
+        pi.run("chown", "-R", f"{pi.user}:", str(place))
 
-    return Step(_("/{path}: it belongs to {user}", path=HOME, user=ACCOUNT), is_done, do, undo)
+    return Step(_("/{path}: it belongs to {user}", path=HOME, user=ACCOUNT), is_done, do, "home", undo)
 
 
 def service_step(pi: Pi) -> Step:
@@ -320,11 +309,9 @@ def service_step(pi: Pi) -> Step:
         pi.run("systemctl", "restart", "--no-block", "baqueano.service")
 
     def undo() -> None:
-        if "service" in pi.noted:
-            pi.run("systemctl", "disable", "--now", "baqueano.service")
-            pi.record_state("service", None)
+        pi.run("systemctl", "disable", "--now", "baqueano.service")
 
-    return Step(_("baqueano.service: enabled and started"), lambda: False, do, undo)
+    return Step(_("baqueano.service: enabled and started"), lambda: False, do, "service", undo)
 
 
 def undo(pi: Pi, todo: list[Step]) -> int:
@@ -333,9 +320,9 @@ def undo(pi: Pi, todo: list[Step]) -> int:
         print(_("baqueano is not installed here"))
         return 0
     for step in reversed(todo):
-        before = len(pi.noted)
-        step.undo()
-        if len(pi.noted) < before:
+        if step.key in pi.noted:
+            step.undo()
+            pi.record_state(step.key, None)
             print(_("undone   {step}", step=step.name))
     pi.run("systemctl", "daemon-reload")
     pi.run("udevadm", "control", "--reload")
