@@ -171,6 +171,18 @@ def test_the_compiled_program_grows_neither_with_the_route_nor_with_its_density(
     assert dense_nodes < 1.2 * max(nodes)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_reference_that_waits_follows_an_even_motion_evenly(sign):
+    """Before, the pace jumped by half at each of the points that are searched, 5 cm apart on this route."""
+    poses = np.diag([sign * 2.0, 0.0, 0.0])[[1, 0]]
+    guide = RepeatByProgress(np.array([0.0, 8.0]), poses, np.tile([sign * 0.25, 0.0, 0.0], (2, 1)))
+    ways_m = np.arange(0.6, 1.0, 0.001)
+    paces, aside_m = zip(*(guide._pace(4.0, at([sign * x, 0.05, 0.0])) for x in ways_m), strict=True)
+    assert np.abs(np.diff(paces)).max() < 1.01 * 0.001 / guide.wait_m
+    assert (paces[0], paces[-1]) == (-1.0, 1.0)
+    assert np.array(aside_m) == pytest.approx(0.05, abs=1e-9)
+
+
 def test_a_closed_turn_on_the_spot_advances_with_time():
     psi, turn = np.linspace(0.0, 2.0 * np.pi, 61), np.tile([0.0, 0.0, 1.0], (61, 1))
     guide = RepeatByProgress(psi, np.outer(psi, [0.0, 0.0, 1.0]), turn, closed=True)

@@ -1,6 +1,6 @@
 """Repeat a route by the progress of the vehicle along it: the reference waits, moves back, or catches up.
 
-    s*(η) = s_k of the point k nearest to the vehicle, among those with |s_k − s(τ)| ≤ reach_m            (1)
+    s*(η) = s_k + (p − p_k) · t_k,   k: the point nearest to the vehicle, |s_k − s(τ)| ≤ reach_m          (1)
     d = s(τ) − s*(η)                                          distance of the vehicle behind              (2)
     τ̇ = 1                                                     while |d| ≤ slack
       = max(1 − (d − slack) / wait_m, −1)                     behind: slower, stop, move back
@@ -8,11 +8,11 @@
     η_r = route(τ),   ν_r = max(τ̇, min(e / wait_m, 1)) ν(τ),   lap = ⌊τ / T⌋,   done when lap ≥ laps      (4)
     τ̇ ≤ σ̇ at the start,   τ̇ ≤ √(2 (laps T − τ) / D) at the end           of (2) and (3) of repeat.py     (5)
 
-τ: time of the teacher; s: distance along the route; T: duration of a lap; η: pose; η_r, ν_r: reference. τ is continuous
-and (1) searches only near τ and between two changes of direction: neither a crossing nor a cusp is a short cut. slack =
-slack_m + slack_s |v| allows for delay and lag. A blocked vehicle stops the reference wait_m + slack ahead of it. e is
-the distance to the point k. Beside the route ν_r does not become 0, because most laws cannot steer at rest. In (1) and
-e, a radian has the weight of HEADING_WEIGHT_M. Source: the virtual target of Aicardi et al., 1995.
+τ: time of the teacher; s: distance; T: duration of a lap; η: pose, p: its position; t_k: direction of motion at k. τ is
+continuous, and (1) searches only near τ and between two changes of direction: neither a crossing nor a cusp is a short
+cut. slack = slack_m + slack_s |v| allows for delay and lag. A blocked vehicle stops the reference wait_m + slack ahead
+of it. e is the distance beside k. Beside the route ν_r does not become 0, because most laws cannot steer at rest. In
+(1) and e, a radian has the weight of HEADING_WEIGHT_M. Source: the virtual target of Aicardi et al., 1995.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ HEADING_WEIGHT_M = 0.1
 FAR_AWAY = 1e9
 MIN_SPEED_M_S = 0.02  # a slower pose belongs to the piece before it
 MIN_PACE = 0.05  # of (5), so that the reference reaches the end
-MIN_SPACING_M, MAX_SPACING_M = 0.01, 0.05  # of the points of (1): half of it is less than the slack
+MIN_SPACING_M, MAX_SPACING_M = 0.04, 0.05  # of the points of (1)
 
 
 class ProgressState(NamedTuple):
@@ -134,11 +134,19 @@ class RepeatByProgress(Repeat):
             squared_distances = np.where(np.abs(pieces - piece) < 1.0, squared_distances, FAR_AWAY)
         least = np.min(squared_distances)
         is_nearest = squared_distances <= least
-        d = np.sum(np.where(is_nearest, lag_m, 0.0)) / np.sum(np.where(is_nearest, 1.0, 0.0))
+        count = np.sum(np.where(is_nearest, 1.0, 0.0))
+        x, y, psi, d = (np.sum(np.where(is_nearest, column, 0.0)) / count for column in (*eta.T, lag_m))
+        forward_sign = np.sign(np.interp(phase, self.t_s, self.nu[:, 0]))
+        dx, dy = estimate.eta[0] - x, estimate.eta[1] - y
+        ahead_m = forward_sign * (np.cos(psi) * dx + np.sin(psi) * dy)
+        ahead_m = np.clip(ahead_m, -0.5 * MAX_SPACING_M, 0.5 * MAX_SPACING_M)
+        d = d - ahead_m
         tolerance_m = self.slack_m + self.slack_s * np.abs(np.interp(phase, self.t_s, self.nu[:, 0]))
         waiting_pace = 1.0 - np.maximum(d - tolerance_m, 0.0) / self.wait_m
         catching_pace = np.maximum(-d - tolerance_m, 0.0) / self.wait_m
-        return np.clip(waiting_pace + catching_pace, -1.0, self.fastest), np.sqrt(least)
+        turn_m = HEADING_WEIGHT_M * wrap(psi - estimate.eta[2])
+        aside_m = np.sqrt(np.maximum(dx**2 + dy**2 + turn_m**2 - ahead_m**2, 0.0))
+        return np.clip(waiting_pace + catching_pace, -1.0, self.fastest), aside_m
 
     def _points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the times (m,), the poses (m, 3) and the distances s (m,) of the points of (1).
