@@ -122,6 +122,17 @@ def test_examine_reports_where_the_route_needs_too_much_yaw_rate():
     assert examine(circle(0.3, 2.0), small).findings[0].code == "route.speed-too-high"
 
 
+def test_a_curve_that_a_car_cannot_drive_at_any_speed_is_refused_with_its_radius():
+    """Before, a slower drive was advised, which `faster` then refused."""
+    (finding,) = examine(circle(0.2, 0.8), load("car")).findings
+    assert finding.code == "route.curve-too-tight"
+    assert finding.figures["radius_m"] == pytest.approx(0.2, abs=0.01)
+    assert (
+        0.25 < finding.figures["has_m"] < 0.35
+    )  # of the steering alone: wheelbase / tan(0.47), from the middle
+    assert examine(circle(0.5, 2.8), load("car")).findings[0].code == "route.turns-too-fast"
+
+
 def test_a_jump_is_reported_with_its_place():
     route = circle(0.5, 0.2)
     eta = route.eta.copy()

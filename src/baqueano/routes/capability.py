@@ -31,6 +31,7 @@ MIN_EFFECT = 1e-9  # a smaller derivative by the effort is treated as 0
 MIN_MOTION = 0.01  # a slower motion [m/s, rad/s] is not required from a command without an effect
 HALVING_COUNT = 24
 MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S = 100.0, 100.0  # upper ends of the searches
+SLOW_M_S = 0.05  # a vehicle that cannot drive a curve at this speed, such as a car, cannot drive it slower
 
 
 class Capability:
@@ -57,6 +58,10 @@ class Capability:
         """Return the largest constant yaw rate (m,) [rad/s], at most MAX_YAW_RATE_RAD_S, at the speeds `v` (m,)
         [m/s]."""
         return largest_allowed(lambda r: self.share(v, r) <= 1.0, np.full(np.shape(v), MAX_YAW_RATE_RAD_S))
+
+    def largest_curvature(self, high: np.ndarray) -> np.ndarray:
+        """Return the largest curvature (m,) [1/m], at most `high` (m,), that the vehicle can drive at SLOW_M_S."""
+        return largest_allowed(lambda kappa: self.share(SLOW_M_S, kappa * SLOW_M_S) <= 1.0, high)
 
     def fastest_speed(self, kappa: np.ndarray, high: np.ndarray, share: float = 1.0) -> np.ndarray:
         """Return the largest constant speed (m,) [m/s], at most `high` (m,), on the curvatures `kappa` (m,) [1/m]."""

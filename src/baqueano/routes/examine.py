@@ -289,6 +289,12 @@ def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tupl
     if abs(v[k]) > max_speed:
         limits: JsonObject = {"demand_m_s": float(abs(v[k])), "max_m_s": max_speed}
         return share, [fault("route.speed-too-high", advice, **limits, **figures)]
+    kappa = abs(r[k] / v[k]) if abs(v[k]) > MIN_SPEED_M_S else 0.0
+    max_kappa = float(capability.largest_curvature(np.full(1, kappa))[0])
+    if max_kappa > 0.0 and MAX_SHARE * max_kappa < kappa:  # else it cannot turn at all
+        advice = baqueano_command("route", "smooth", NAME_PLACEHOLDER, "--max", "0.1")
+        limits = {"radius_m": 1.0 / kappa, "has_m": 1.0 / max_kappa}
+        return share, [fault("route.curve-too-tight", advice, **limits, **figures)]
     max_turn = float(capability.fastest_turn(v[k : k + 1])[0])
     limits = {"demand_rad_s": float(abs(r[k])), "max_rad_s": max_turn, "speed_m_s": float(v[k])}
     return share, [fault("route.turns-too-fast", advice, **limits, **figures)]

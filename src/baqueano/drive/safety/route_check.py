@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from baqueano.routes.examine import Walls
     from baqueano.vehicle_file import VehicleFile
 
-SPEED_CODES = ("route.speed-too-high", "route.turns-too-fast")  # the vehicle falls behind
-ACCEPTABLE_CODES = (*SPEED_CODES, "route.gap")  # findings that the user can accept
+LIMIT_CODES = ("route.speed-too-high", "route.turns-too-fast", "route.curve-too-tight")  # limits of the model
+ACCEPTABLE_CODES = (*LIMIT_CODES, "route.gap")  # findings that the user can accept
 
 
 def warnings_of(
@@ -36,7 +36,7 @@ def warnings_of(
         report = examine(route, None, room)
     for finding in report.findings:
         passes = (finding.code in ACCEPTABLE_CODES and anyway) or (
-            finding.code in SPEED_CODES and not measured
+            finding.code in LIMIT_CODES and not measured
         )
         if finding.severity == Severity.ERROR and not passes:
             raise AnswerNo(finding)
