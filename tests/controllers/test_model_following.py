@@ -296,6 +296,15 @@ def test_a_car_starts_from_rest_with_a_calm_servo(law):
     assert np.abs(np.diff(servo)).max() < 0.4
 
 
+@pytest.mark.parametrize("name", ["small", "car"])
+def test_a_late_tick_does_not_disturb_the_prediction(name):
+    controller, nu = load(name).controller(), np.array([0.3, 0.0, 0.2])
+    state = controller.init()
+    for tick in (*range(10), 210, *range(211, 215)):
+        state, _ = controller.step(state, reference(np.zeros(3), nu, tick), estimate(np.zeros(3), nu, tick))
+    assert np.abs(state.pipeline[0] - nu).max() < 0.3
+
+
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("speed", [0.15, -0.3])
 def test_a_car_stays_on_its_circle_with_a_calm_servo_in_both_directions(law, speed):

@@ -205,7 +205,7 @@ class ModelFollower:
     def _pipeline(self, state: FollowerState, nu: np.ndarray, dt_s: Value) -> np.ndarray:
         """Return ν_m, ν_1, ν_2 and d (4, 3) at this tick, for a vehicle with the velocity ν (3,).  (1a)"""
         nu_m, nu_1, nu_2, d = state.pipeline
-        nu_m = self._advance(nu_m, state.effort, dt_s)
+        nu_m = self._advance(nu_m, state.effort)
         share = dt_s / np.maximum(0.5 * self._delay_s, dt_s)
         nu_1 = nu_1 + share * (nu_m - nu_1)
         nu_2 = nu_2 + share * (nu_1 - nu_2)
@@ -233,7 +233,7 @@ class ModelFollower:
         dt_s = 1.0 / self.rate_hz
 
         def velocity_after(effort: np.ndarray) -> np.ndarray:
-            return self._advance(nu, effort, dt_s)[::2]
+            return self._advance(nu, effort)[::2]
 
         full = np.where(np.isfinite(self.limit), self.limit, 1.0)
         B = jacobian(velocity_after)(effort) * full
@@ -243,9 +243,10 @@ class ModelFollower:
         )
         return np.clip(effort, -self.limit, self.limit)
 
-    def _advance(self, nu: np.ndarray, effort: np.ndarray, dt_s: Value) -> np.ndarray:
-        """Return the velocity (3,) of the model after `dt_s` with a constant effort (n,)."""
-        rows = int(row_counts(np.array(1.0 / self.rate_hz)))
+    def _advance(self, nu: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        """Return the velocity (3,) of the model after a tick of usual length, with a constant effort (n,)."""
+        dt_s = 1.0 / self.rate_hz
+        rows = int(row_counts(np.array(dt_s)))
         for _ in range(rows):
             _, nu, _ = self.vehicle.advance(np.zeros(3), nu, constant_effort(effort), dt_s / rows)
         return nu
