@@ -167,6 +167,15 @@ def test_three_laps_are_repeated_from_the_start_of_the_route():
     assert np.median(error) < 0.3  # the PD of the paper does not correct e_y (errata 10)
 
 
+def test_laps_of_an_open_route_are_answered_with_a_warning():
+    """Before, an open route was driven once without a message."""
+    open_route = ROUTE._replace(closed=False)
+    for route, laps, count in ((open_route, 3, 1), (open_route, 1, 0), (ROUTE, 3, 0)):
+        events = repeat(FILE, route, laps=laps, duration_s=0.1).events
+        codes = [event.diagnostic.code for event in events if event.diagnostic is not None]
+        assert codes.count("drive.open-laps") == count
+
+
 def test_an_endless_repetition_ends_when_the_clock_ends():
     run = repeat(FILE, ROUTE, laps=0, seed=5, duration_s=3.0)
     assert len(run.t_ns) == 300

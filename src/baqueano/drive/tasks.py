@@ -14,7 +14,7 @@ from baqueano.controllers import ManualController, Schedule
 from baqueano.controllers.schedule import script_commands
 from baqueano.diagnostics import fault
 from baqueano.drive.by_hand.heading_gains import with_heading_hold
-from baqueano.drive.safety.command_notes import clipping_notes
+from baqueano.drive.safety.command_notes import clipping_notes, lap_notes
 from baqueano.drive.safety.precautions import Precautions
 from baqueano.drive.safety.route_check import warnings_of
 from baqueano.drive.session import Conditions, drive
@@ -260,6 +260,7 @@ def repeat(
         conditions = {"measured": is_of_garage or not vehicle_file.is_guess, "backend": options["backend"]}
         warnings_of(route, vehicle_file, precautions.room, anyway=precautions.anyway, **conditions)
     leader, follower = with_laps(vehicle_file.guide(route, guide), laps), vehicle_file.controller(controller)
+    options["notes"] = [*lap_notes(route, laps), *options.get("notes", ())]
     blocks = Blocks(vehicle_file.estimator(estimator), leader, follower, vehicle_file.supervisor())
     start = Conditions(eta=options["eta"]).start
     full_guide = precautions.wrap_guide(blocks.guide, route, vehicle_file, start, blocks.estimator)

@@ -1,8 +1,9 @@
-"""Tell the user, before a drive, which of its commands are above the limits of the vehicle file."""
+"""Tell the user, before a drive, which of its commands or laps are not driven as requested."""
 
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.guides.route import Route
 from baqueano.vehicle_file import VehicleFile
 
 LIMIT_ROUNDING = 1e-9  # of a limit: a command that exceeds it by less is not clipped
@@ -22,3 +23,8 @@ def clipping_notes(vehicle_file: VehicleFile, u: np.ndarray) -> list[Diagnostic]
         )
         for k in np.flatnonzero(clipped_share)
     ]  # fmt: skip
+
+
+def lap_notes(route: Route, laps: int) -> list[Diagnostic]:
+    """Return a warning if another number of laps than 1 is requested along an open route."""
+    return [] if route.closed or laps == 1 else [note("drive.open-laps", Severity.WARNING)]

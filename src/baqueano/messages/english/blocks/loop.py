@@ -34,6 +34,9 @@ TEMPLATES: dict[str, str] = {
         "the vehicle"
     ),
     "drive.rest": "the vehicle stands still for {rest_s:g} s, to measure the bias of its gyro",
+    "drive.open-laps": (
+        "The route is open, so it is driven once. Laps need a route that ends at its start, with closed = true."
+    ),
     "drive.clipped": (
         "{share:.0f} % of the commands {subject} are above the limit of [command], {limit:g}, and are clipped to it. "
         "The largest is {largest:g}. Do they have the unit of the vehicle file, {unit}?"
