@@ -287,17 +287,22 @@ def test_a_battery_term_is_chosen_only_if_the_runs_identify_its_effect(dry, file
     )
     assert judgement.verdict == verdict, judgement.message
     if verdict == "refused":
-        assert (judgement.message.code, judgement.reason.code) == (
-            "choose.refused",
-            "term.battery-not-separable",
-        )
+        assert (judgement.message.code, judgement.reason.code) == ("choose.refused", "term.battery-outside")
 
 
 @pytest.mark.parametrize(
-    ("x", "std", "separable"), [(2.2, 0.65, False), (0.5, 0.3, False), (0.8, 0.1, True), (1.1, 0.1, True)]
+    ("x", "std", "code"),
+    [
+        (2.2, 0.65, "term.battery-not-separable"),
+        (0.5, 0.3, "term.battery-not-separable"),
+        (0.8, 0.1, None),
+        (1.1, 0.1, None),
+        (1.1, 0.02, "term.battery-outside"),
+    ],
 )
-def test_a_battery_term_needs_an_interval_narrower_than_its_possible_range(x, std, separable):
-    assert (separation_problem(x, std) is None) == separable
+def test_a_battery_term_needs_an_interval_narrower_than_its_possible_range(x, std, code):
+    problem = separation_problem(x, std)
+    assert (problem and problem.code) == code
 
 
 def test_the_command_line_chooses_and_judges_by_the_validation_run(in_a_folder, dry, tmp_path, capsys):

@@ -31,11 +31,12 @@ VOLTAGE_KEYS = ("battery_v", "battery_nominal_v")
 
 
 def separation_problem(value: float, std: float) -> Diagnostic | None:
-    """Return the reason why the runs do not separate the effect κ = `value` from others, or None.  (2)"""
+    """Return the reason why κ = `value` is not the effect of the battery alone, or None.  (2)"""
     half_width = QUANTILE_95 * std
-    if 2.0 * half_width <= 1.0 and -half_width <= value <= 1.0 + half_width:
-        return None
-    return note("term.battery-not-separable", value=value, half_width=half_width)
+    if 2.0 * half_width > 1.0:
+        return note("term.battery-not-separable", value=value, half_width=half_width)
+    is_inside = -half_width <= value <= 1.0 + half_width
+    return None if is_inside else note("term.battery-outside", value=value, half_width=half_width)
 
 
 def with_shown_battery(

@@ -293,7 +293,7 @@ def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tupl
     max_kappa = float(capability.largest_curvature(np.full(1, kappa))[0])
     if max_kappa > 0.0 and MAX_SHARE * max_kappa < kappa:  # else it cannot turn at all
         advice = baqueano_command("route", "smooth", NAME_PLACEHOLDER, "--max", "0.1")
-        limits = {"radius_m": 1.0 / kappa, "has_m": 1.0 / max_kappa}
+        limits = {"radius_m": 1.0 / kappa, "min_radius_m": 1.0 / max_kappa}
         return share, [fault("route.curve-too-tight", advice, **limits, **figures)]
     max_turn = float(capability.fastest_turn(v[k : k + 1])[0])
     limits = {"demand_rad_s": float(abs(r[k])), "max_rad_s": max_turn, "speed_m_s": float(v[k])}

@@ -41,6 +41,9 @@ TEMPLATES: dict[str, str] = {
         "not identifiable: {value:.2g} ± {half_width:.2g}, in a range of 0 to 1. This needs a voltage that changes by "
         "itself: runs with a full and with an empty battery"
     ),
+    "term.battery-outside": (
+        "{value:.2g} ± {half_width:.2g} is outside of 0 to 1, so the voltage stands for another effect that the model lacks"
+    ),
     "noise.too-short": "noise: {runs} is too short to test the noise of the fitted runs, which is kept.",
     "noise.holds": "noise: the covariances are consistent with {runs} (NIS {nis}).",
     "noise.holds-simulated": (

@@ -58,7 +58,7 @@ TEMPLATES: dict[str, str] = {
         "the vehicle reaches {max_rad_s:.1f}. Make it slower: {fix}"
     ),
     "route.curve-too-tight": (
-        "at {at_m:.1f} m the route has a radius of {radius_m:.2f} m, but even slowly the vehicle needs {has_m:.2f} m. "
+        "at {position_m:.1f} m the route has a radius of {radius_m:.2f} m, but even slowly the vehicle needs {min_radius_m:.2f} m. "
         "Make it larger or smoother: {fix}"
     ),
     "route.sideways": (
