@@ -80,6 +80,20 @@ def test_a_stopped_search_returns_its_best_plan_so_far(small, monkeypatch):
     assert plan.margin_m >= 0.0
 
 
+def test_a_motion_in_which_the_derivatives_diverge_is_not_used(small, monkeypatch):
+    monkeypatch.setattr(planning, "ROUNDS", 1)
+    information, fast = DriveInformation.information, 0.9
+
+    def diverging(self, u, theta=None):
+        F = information(self, u, theta)
+        return F if theta is None or np.max(u[:, 0]) < fast else np.full_like(F, np.inf)
+
+    monkeypatch.setattr(DriveInformation, "information", diverging)
+    plan = design_plan(small, room_of(small, "2x2"), 4.0)
+    assert np.max(plan.u[:, 0]) < fast
+    assert np.isfinite(plan.relative_std).all()
+
+
 def test_vehicles_outside_the_planned_set_stay_inside_the_room(small, plan):
     truth = possible_vehicles(small, 0.17, vehicle_count=100, seed=77)
     cloud = VehicleCloud(small, truth, seed=5)

@@ -245,13 +245,13 @@ class PlanSearch:
         return parallel_map(work, first_ticks, commands, rows=self.cloud.size * sum(map(len, commands)))
 
     def _evaluate(self, tick: int, u: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray | None]:
-        """Return True if the primitive (T, n) respects the speed limits, its poses (L, S, 3), and its information (M,
-        q, q). The information is None for a primitive that exceeds the limits."""
+        """Return True if the primitive (T, n) respects the speed limits and no possible vehicle diverges in it, its
+        poses (L, S, 3), and its information (M, q, q). The information is None beyond the limits."""
         is_allowed, path = self._path(self.cloud, tick, u, 4)
         if not is_allowed:
             return is_allowed, path, None
-        F = [self.drive_information.information(u, theta) for theta in self.thetas]
-        return is_allowed, path, np.stack(F)
+        F = np.stack([self.drive_information.information(u, theta) for theta in self.thetas])
+        return bool(np.isfinite(F).all()), path, F
 
     def _path(self, cloud: VehicleCloud, tick: int, u: np.ndarray, count: int) -> tuple[bool, np.ndarray]:
         """Return True if the vehicles of `cloud` respect the speed limits in the primitive (T, n), and their poses (L,
