@@ -286,8 +286,8 @@ TEMPLATES: dict[str, str] = {
         "parameters"
     ),
     "cli.measure-first": (
-        "{vehicle}: its model is a guess, so the vehicle will not drive at the requested speed. First "
-        "identify the model: {experiment}, then {identify}"
+        "{vehicle}: its model is a guess, so the vehicle will not drive at the requested speed. The expected errors "
+        "do not contain the error of a guess. First identify the model: {experiment}, then {identify}"
     ),
     "cli.written": "written into {path}",
     "cli.set": "  set on the command line: {setting}",
