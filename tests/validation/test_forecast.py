@@ -114,6 +114,15 @@ def test_the_forecast_of_an_incomplete_model_agrees_with_unseen_drives():
     assert forecast(shifted, own).ahead[0].heading_rad == pytest.approx(ahead.heading_rad)
 
 
+def test_a_forecast_skips_the_pauses_of_a_log(small):
+    """In a pause the commands are unknown."""
+    fit, run = small
+    later = np.where(np.arange(len(run.t_ns)) < len(run.t_ns) // 2, 0, 400_000_000_000)
+    (whole, *_), (paused, *_) = (forecast(fit, r).ahead for r in (run, replace(run, t_ns=run.t_ns + later)))
+    assert paused.distance_m == pytest.approx(whole.distance_m, rel=0.2)
+    assert paused.heading_rad == pytest.approx(whole.heading_rad, rel=0.2)
+
+
 def test_a_forecast_that_cannot_cover_a_lap_reports_its_reason(small):
     fit, run = small
     ahead = forecast(fit, run, eight(0.5, 30.0))

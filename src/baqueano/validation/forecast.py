@@ -31,6 +31,7 @@ from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import text, texts, with_full_stop
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.runs.diagnostics.timestamps import check_timestamps
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, seconds
 from baqueano.simulate.closed_loop import closed_loop, loop_system, start_pose, tick_count_of
@@ -162,7 +163,8 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     cov = (fit.cov - fit.unmodelled_cov)[np.ix_(entries, entries)]
     kernel, theta = open_loop(fit.blocks.model, paths, lambda motion: motion.eta, fit.backend)  # (1)
     drives = []
-    for record in (record_of(r, {}) for r in runs):
+    segments = [segment for run in runs for segment in check_timestamps(run, fit.file.rate_hz)[0]]
+    for record in (record_of(segment, {}) for segment in segments):
         drive = _drive(kernel, theta, record.dt_s, record.u)
         drives.append(drive._replace(measured=_measured_paths(fit, record, drive.eta)))
     forecasts: list[DriveForecast] = [_forecast_windows(drives, cov)]
