@@ -245,8 +245,8 @@ class PlanSearch:
         return parallel_map(work, first_ticks, commands, rows=self.cloud.size * sum(map(len, commands)))
 
     def _evaluate(self, tick: int, u: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray | None]:
-        """Return True if the primitive (T, n) respects the speed limits and no possible vehicle diverges in it, its
-        poses (L, S, 3), and its information (M, q, q). The information is None beyond the limits."""
+        """Return if the primitive (T, n) is allowed, its poses (L, S, 3), and its information (M, q, q). It must
+        respect the speed limits, beyond which the information is None, and no possible vehicle may diverge in it."""
         is_allowed, path = self._path(self.cloud, tick, u, 4)
         if not is_allowed:
             return is_allowed, path, None
