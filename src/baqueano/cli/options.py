@@ -332,12 +332,12 @@ def block_kind(vehicle_file: "VehicleFile | None", role: str, kind: str | None) 
                 else None,
             )
         except FileError as error:
-            own = ":" in kind
-            if own and "suggestion" in error.diagnostic.figures:
+            is_own = ":" in kind
+            if is_own and "suggestion" in error.diagnostic.figures:
                 raise FileError(
                     fault("cli.own-name", role=role, kind=kind, cause=error.diagnostic)
                 ) from error
-            code, fix = ("cli.own-file", ("check", kind)) if own else ("cli.own-block", ("ls",))
+            code, fix = ("cli.own-file", ("check", kind)) if is_own else ("cli.own-block", ("ls",))
             command = baqueano_command("blocks", *fix)
             raise FileError(fault(code, command, role=role, kind=kind, cause=error.diagnostic)) from error
         check_step(role, block_class, lambda other: f"--{other} {kind}")

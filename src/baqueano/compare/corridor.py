@@ -47,10 +47,10 @@ class Corridor(NamedTuple):
                 return note("corridor.lost", t_s=self.loss_s)
             return note("corridor.lost-in-lap", t_s=self.loss_s, lap=int(self.loss_s / self.lap_s) + 1)
         laps = round(float(self.t_s[-1]) / self.lap_s) if np.isfinite(self.lap_s) else 0
-        within = self._text_at(len(self.t_s) - 1)
+        bound = self._text_at(len(self.t_s) - 1)
         if laps:
-            return note("corridor.after-laps" if laps > 1 else "corridor.after-lap", laps=laps, bound=within)
-        return note("corridor.after-time", t_s=float(self.t_s[-1]), bound=within)
+            return note("corridor.after-laps" if laps > 1 else "corridor.after-lap", laps=laps, bound=bound)
+        return note("corridor.after-time", t_s=float(self.t_s[-1]), bound=bound)
 
     def at(self, k: int) -> str:
         """Return the half-widths at one tick, such as "± 8 cm across, ± 4°"."""

@@ -207,9 +207,9 @@ def _refuse_arguments(
                 raise Misuse(
                     fault("call.option-of", fix, call=_call_name(example), value=unknown[0], owner=owner)
                 )
-        near = nearest(unknown[0], [name for name in parameters if name != "self"])
+        suggestion = nearest(unknown[0], [name for name in parameters if name != "self"])
         raise Misuse(
-            fault("call.unknown", example, call=_call_name(example), value=unknown[0], suggestion=near)
+            fault("call.unknown", example, call=_call_name(example), value=unknown[0], suggestion=suggestion)
         )
     positional = [p for p in parameters.values() if p.kind == p.POSITIONAL_OR_KEYWORD]
     missing = [p.name for p in positional[len(args) :] if p.default is p.empty and p.name not in options]
@@ -225,8 +225,8 @@ def _refuse_kind(
     """Raise Misuse for arguments of another kind, or in another order."""
     name, call = wrong[0], _call_name(example)
     value = values[name]
-    if any(kind.accepts(value) for other in wrong[1:] for kind in kinds[other]) or any(
-        kind.accepts(values[other]) for other in wrong[1:] for kind in kinds[name]
+    if any(kind.accepts(value) for second_name in wrong[1:] for kind in kinds[second_name]) or any(
+        kind.accepts(values[second_name]) for second_name in wrong[1:] for kind in kinds[name]
     ):
         raise Misuse(fault("call.order", example, call=call))
     others = [n for n in kinds if n not in values and type(value).__module__.startswith("baqueano")]

@@ -128,8 +128,8 @@ def _parameter_scale(blocks: FittedBlocks, path: str, candidates: Sequence[FreeP
     (at 1 m/s or 1 rad/s). If this is 0, return the largest value of its field, or 1 if that is also 0."""
     parameter = free_parameter(blocks, path, {})
     is_gain = parameter.definition.role == "gain"
-    same_axis = [one for one in candidates if parameter.axis is not None and one.axis == parameter.axis]
-    of_kind = [one for one in same_axis if (one.definition.role == "gain") == is_gain]
-    row_sizes = [abs(value(blocks, one.path)) for one in of_kind]
+    same_axis = [entry for entry in candidates if parameter.axis is not None and entry.axis == parameter.axis]
+    of_kind = [entry for entry in same_axis if (entry.definition.role == "gain") == is_gain]
+    row_sizes = [abs(value(blocks, entry.path)) for entry in of_kind]
     matrix_sizes = [abs(value(blocks, p)) for p in entries(blocks, path.partition("[")[0])]
     return max(row_sizes, default=0.0) or max(matrix_sizes) or 1.0

@@ -31,9 +31,9 @@ def host_args(host: str) -> list[str]:
     name, colon, port = host.rpartition(":")
     has_port = colon and re.fullmatch(r"[0-9]+", port) and (":" not in name or name.endswith("]"))
     port_words, name = (["-p", port], name) if has_port else ([], host)
-    user, at, computer = name.rpartition("@")
+    user, separator, computer = name.rpartition("@")
     computer = computer.removeprefix("[").removesuffix("]")
-    name = f"{user}{at}{computer}"
+    name = f"{user}{separator}{computer}"
     if (
         not computer
         or name.startswith("-")

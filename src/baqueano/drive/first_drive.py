@@ -337,8 +337,8 @@ def _wiring_faults(pulses: tuple[Pulse, ...], commands: np.ndarray) -> tuple[Dia
     if not np.all(turn != 0.0):
         return ()
     if np.any(np.abs(speed_turn) < MIN_SIGNIFICANCE * std):
-        wrong = [side for side, x in zip(("left", "right"), turn, strict=True) if x < 0.0]
-        return tuple(fault(f"wiring.turns-wrong-{side}") for side in wrong)
+        inverted_sides = [side for side, x in zip(("left", "right"), turn, strict=True) if x < 0.0]
+        return tuple(fault(f"wiring.turns-wrong-{side}") for side in inverted_sides)
     is_own_wheel = speed_turn > 0.0  # the commanded wheel is the wheel that turned
     if is_own_wheel.any() and not is_own_wheel.all():
         return (fault("wiring.answers-as-one"),)

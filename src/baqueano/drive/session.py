@@ -209,8 +209,8 @@ def drive(
     """
     for name in conditions:
         if name not in CONDITION_NAMES:
-            near = nearest(name, [*Blocks._fields[:3], "laps", "path", *CONDITION_NAMES])
-            raise UsageError(fault("sweep.setting", call=kind, value=name, suggestion=near))
+            suggestion = nearest(name, [*Blocks._fields[:3], "laps", "path", *CONDITION_NAMES])
+            raise UsageError(fault("sweep.setting", call=kind, value=name, suggestion=suggestion))
     settings = Conditions(**conditions)
     world = settings.make_world(vehicle_file)
     own_texts, text_notes = user_block_metadata(blocks, vehicle_file)
@@ -244,8 +244,8 @@ def drive(
         Path(path).unlink()
         raise
     if live:
-        nothing = np.zeros((0, world.commands))
-        return Run(vehicle_file.name, Path(path), np.zeros(0, dtype=np.int64), nothing, metadata=metadata)
+        no_commands = np.zeros((0, world.commands))
+        return Run(vehicle_file.name, Path(path), np.zeros(0, dtype=np.int64), no_commands, metadata=metadata)
     return read_run(path)
 
 

@@ -164,8 +164,8 @@ class DeadReckoning:
         cov = mirror_upper(F @ block_diagonal([belief.cov, *noise]) @ F.T + added_cov)
         rest_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.rest_s + row.dt_s)
         mean, cov = self._with_bias_at_rest(mean, cov, rest_s, tick)
-        after = DeadReckoningBelief(tick.t_ns, mean, cov, since_s, rest_s, drivetrain)
-        belief = tree_where(row.is_new, after, belief)
+        next_belief = DeadReckoningBelief(tick.t_ns, mean, cov, since_s, rest_s, drivetrain)
+        belief = tree_where(row.is_new, next_belief, belief)
         return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6])
 
     def _with_bias_at_rest(

@@ -79,9 +79,11 @@ class DriveTo:
         """Return the guide to a route: the goals are poses in its first `reach_m`, but at most in its first half."""
         s = np.append(0.0, np.cumsum(np.hypot(*np.diff(route.eta[:, :2], axis=0).T)))
         distances = np.linspace(0.0, min(reach_m, 0.5 * s[-1]), GOAL_COUNT)
-        after = np.searchsorted(s, distances - 1e-12)
-        before = np.maximum(after - 1, 0)
-        index = before + (distances - s[before]) / np.where(after > before, s[after] - s[before], 1.0)
+        next_index = np.searchsorted(s, distances - 1e-12)
+        previous_index = np.maximum(next_index - 1, 0)
+        index = previous_index + (distances - s[previous_index]) / np.where(
+            next_index > previous_index, s[next_index] - s[previous_index], 1.0
+        )
         columns = (route.t_s, route.nu[:, 0], *route.eta.T)
         tau_s, v_m_s, *eta = (np.interp(index, np.arange(len(s)), column) for column in columns)
         return cls(np.column_stack(eta), tau_s, v_m_s, **limits)

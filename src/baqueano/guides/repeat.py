@@ -161,8 +161,8 @@ class Repeat:
 
     def _joined(self, state: RepeatState, estimate: Estimate) -> RepeatState:
         """Return the state; at the first tick that of a vehicle at the start of the route, with its present speed."""
-        ahead = self.nu[0, :2] / max(float(self._speed()[0]), TINY)
-        speed_m_s = np.maximum(ahead[0] * estimate.nu[0] + ahead[1] * estimate.nu[1], 0.0)
+        direction = self.nu[0, :2] / max(float(self._speed()[0]), TINY)
+        speed_m_s = np.maximum(direction[0] * estimate.nu[0] + direction[1] * estimate.nu[1], 0.0)
         at_start = Repeat.entry_state(self, estimate.t_ns, 0.0, speed_m_s)
         is_first = state.start_ns == BEFORE_START
         start_ns, tau_s, pace = (np.where(is_first, a, b) for a, b in zip(at_start, state, strict=True))

@@ -157,8 +157,8 @@ class RepeatByProgress(Repeat):
         steps_m = np.hypot(np.diff(self.eta[:, 0]), np.diff(self.eta[:, 1]))
         counts = np.maximum(np.ceil(steps_m / MAX_SPACING_M), 1.0).astype(int)
         first, segment = np.cumsum(counts) - counts, np.repeat(np.arange(len(counts)), counts)
-        within = (np.arange(len(segment)) - first[segment]) / counts[segment]
-        index = np.append(segment + within, len(counts))
+        fraction = (np.arange(len(segment)) - first[segment]) / counts[segment]
+        index = np.append(segment + fraction, len(counts))
         t_s, *eta, s = (
             np.interp(index, np.arange(len(self.t_s)), column)
             for column in (self.t_s, *self.eta.T, np.append(0.0, np.cumsum(steps_m)))

@@ -64,8 +64,8 @@ def with_shown_battery(
         file = file.with_values({f"model.drivetrain.{key}": round(median, 3) for key in VOLTAGE_KEYS})
     nominal_v = file.vehicle.drivetrain.battery_nominal_v
     if not VOLTAGE_RATIO_RANGE[0] < median / nominal_v < VOLTAGE_RATIO_RANGE[1]:
-        other = note("battery.other-voltage", run=runs[0].name, voltage_v=median, nominal_v=nominal_v)
-        return replace(fit, notes=(other, *fit.notes))
+        voltage_note = note("battery.other-voltage", run=runs[0].name, voltage_v=median, nominal_v=nominal_v)
+        return replace(fit, notes=(voltage_note, *fit.notes))
     with_effect = refit(file, BATTERY_EFFECT)
     k = with_effect.names.index(BATTERY_EFFECT)
     value, std = float(with_effect.estimate[k]), float(with_effect.std[k])

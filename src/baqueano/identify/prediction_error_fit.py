@@ -161,7 +161,7 @@ def _information_matrices(likely: MaximumLikelihood, first: FinishedFit) -> tupl
     order = np.r_[np.arange(count), noise, np.arange(count, layout.size)]
     A, B = info.bread[np.ix_(order, order)], info.meat[np.ix_(order, order)]
     starts = [layout.start_slice(k) for k in range(len(layout.runs))] if count < layout.size else []
-    A, B = eliminate(A, B, count + n, [slice(at.start + n, at.stop + n) for at in starts])
+    A, B = eliminate(A, B, count + n, [slice(span.start + n, span.stop + n) for span in starts])
     with_noise = info._replace(bread=A, meat=B)
     free = np.r_[np.arange(count), count + np.flatnonzero(_is_inside_bounds(likely))]
     A, B = eliminate(A[np.ix_(free, free)], B[np.ix_(free, free)], count, [slice(count, len(free))])

@@ -78,7 +78,7 @@ def text(message: "Diagnostic | str | None", argument: Callable[[str], object] =
         return message or ""
     figures = _figure_texts(message, argument)
     run = figures.pop("of_run", "")
-    before = f"{run}: " if run else ""
+    prefix = f"{run}: " if run else ""
     template = templates().get(str(message.code))
     try:
         if template is not None:
@@ -88,11 +88,11 @@ def text(message: "Diagnostic | str | None", argument: Callable[[str], object] =
                 {"subject": subject, "fix": language.shown_command(message.fix), "arg": _Arguments(argument)}
                 | figures
             )
-            return before + sentence.replace("?.", "?")  # of a cause that asks
+            return prefix + sentence.replace("?.", "?")  # of a cause that asks
     except (KeyError, ValueError, TypeError, IndexError, AttributeError):  # figures of another version
         pass
     detail = ", ".join(f"{name} = {value}" for name, value in figures.items())
-    return f"{before}{message.code}{f' ({detail})' if detail else ''}{f'. Type: {message.fix}' if message.fix else ''}"
+    return f"{prefix}{message.code}{f' ({detail})' if detail else ''}{f'. Type: {message.fix}' if message.fix else ''}"
 
 
 def in_english(message: "Diagnostic | str | None") -> str:

@@ -42,11 +42,11 @@ def use_language(language: str) -> Iterator[None]:
     ...     print(current_language(), f"{number(0.25):.2f}")
     es 0,25
     """
-    before = _reader.set(language)
+    token = _reader.set(language)
     try:
         yield
     finally:
-        _reader.reset(before)
+        _reader.reset(token)
 
 
 def current_language() -> str:

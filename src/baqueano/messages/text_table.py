@@ -27,8 +27,8 @@ def text_table(sides: str, *lines: Sequence[str]) -> list[str]:
             out.append(whole)
             continue
         words = _wrapped(line[-1], LINE_LETTERS - indent)
-        before = "  ".join(cells[:-1])
-        out += [f"{before}  {words.pop(0)}"] if indent == start else [before.rstrip()]
+        first_cells = "  ".join(cells[:-1])
+        out += [f"{first_cells}  {words.pop(0)}"] if indent == start else [first_cells.rstrip()]
         out += [f"{'':{indent}}{part}" for part in words]
     return out
 

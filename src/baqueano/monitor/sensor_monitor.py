@@ -98,8 +98,8 @@ class SensorMonitor:
         y, S = estimate.innovation, expected_innovation_cov(estimate)
         try:
             for silent in self._model.rows_before(self._state.model, tick):
-                nothing = None if y is None else np.full(len(y), np.nan)
-                self._state, _ = self._block.step(self._state, silent, nothing, S)
+                unknown = None if y is None else np.full(len(y), np.nan)
+                self._state, _ = self._block.step(self._state, silent, unknown, S)
             self._state, doubt = self._block.step(self._state, tick, y, S)
         except BaseException as error:  # a drive continues without its monitor
             if from_outside(error):

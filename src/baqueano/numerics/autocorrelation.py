@@ -68,11 +68,11 @@ def lag_sums(signals: Sequence[np.ndarray], lags: np.ndarray) -> tuple[np.ndarra
     """
     products, count = np.zeros(len(lags)), np.zeros(len(lags))
     for x in signals:
-        mask, within = np.isfinite(x), lags[lags < len(x)]
-        if len(within):
+        mask, short_lags = np.isfinite(x), lags[lags < len(x)]
+        if len(short_lags):
             length = fourier_length(len(x))
-            products[: len(within)] += lag_products(np.where(mask, x, 0.0), length)[within]
-            count[: len(within)] += lag_products(mask.astype(float), length)[within]
+            products[: len(short_lags)] += lag_products(np.where(mask, x, 0.0), length)[short_lags]
+            count[: len(short_lags)] += lag_products(mask.astype(float), length)[short_lags]
     return products, count
 
 

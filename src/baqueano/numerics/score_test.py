@@ -179,7 +179,9 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _ScoreSums:
             columns = D.T[rows]
             energy += np.einsum("n,nk->k", fit.w[rows], columns * columns)
             products += fit.weighted_rows[:, rows] @ columns
-        of_nuisances = [_product(D[:, own.columns], own.weighted_slopes.T) for own in fit.nuisances]
+        of_nuisances = [
+            _product(D[:, nuisance.columns], nuisance.weighted_slopes.T) for nuisance in fit.nuisances
+        ]
     return _ScoreSums(energy, products[-1], products[:-1].T, of_nuisances)
 
 
@@ -218,15 +220,20 @@ def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[lis
     A = _sums_by_part(rows, rows, pattern, part_masks)  # w is 0 or 1
     scores = np.einsum("nmk,nm->nk", fit.d.T.reshape(n, m, k), fit.clipped_residuals.reshape(n, m))
     of_nuisances = []
-    for own in fit.nuisances:
-        weighted_rows, of_rows = own.weighted_slopes.T.reshape(-1, m, len(own.d)), part_masks[:, own.rows]
-        of_nuisances.append(_sums_by_part(rows[own.rows], weighted_rows, pattern[own.rows], of_rows))
+    for nuisance in fit.nuisances:
+        weighted_rows, of_rows = (
+            nuisance.weighted_slopes.T.reshape(-1, m, len(nuisance.d)),
+            part_masks[:, nuisance.rows],
+        )
+        of_nuisances.append(
+            _sums_by_part(rows[nuisance.rows], weighted_rows, pattern[nuisance.rows], of_rows)
+        )
     energy, total = np.einsum("pkk->pk", A).ravel(), _product(part_masks.astype(float), scores).ravel()
     of_nuisances = [products.reshape(len(part_masks) * k, -1) for products in of_nuisances]
     sums = _ScoreSums(energy, total, A.reshape(-1, k), of_nuisances)
 
-    def column(at: np.ndarray) -> np.ndarray:
-        return fit.d[at % k] * np.repeat(part_masks[at // k], m, axis=1)
+    def column(index: np.ndarray) -> np.ndarray:
+        return fit.d[index % k] * np.repeat(part_masks[index // k], m, axis=1)
 
     tests = _score_tests(fit, sums, column)
     return [tests[i : i + k] for i in range(0, len(tests), k)]

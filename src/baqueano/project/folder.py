@@ -117,9 +117,9 @@ def with_other_truth(vehicle_file: VehicleFile) -> VehicleFile:
 
 
 def localise(vehicle_file: VehicleFile) -> VehicleFile:
-    """Return a file of guesses with its comments and its `about` in the current language."""
+    """Return a file of guesses with its comments and its `match` in the current language."""
     text = re.sub(r"# (.*)", lambda comment: f"# {_(comment[1])}", vehicle_file.text)
-    text = re.sub(r'^about = "(.*)"', lambda about: f'about = "{_(about[1])}"', text, flags=re.MULTILINE)
+    text = re.sub(r'^about = "(.*)"', lambda match: f'about = "{_(match[1])}"', text, flags=re.MULTILINE)
     return parse(text, vehicle_file.label, vehicle_file.path, vehicle_file.layers, vehicle_file.on_disk)
 
 

@@ -285,15 +285,15 @@ def plot_noise(result: Noise) -> "Figure":
     """Draw the standard deviation of each channel and state, in motion and at rest."""
     rows = [row for row in result.rows() if row["unit"] != "s"]  # a fade time is not a deviation
     figure, axes = panel((7.2, 0.32 * len(rows) + 1.4))
-    at = np.arange(len(rows))[::-1]
+    heights = np.arange(len(rows))[::-1]
     for key, name, colour, marker in (
         ("std", _("in motion"), MODEL, "o"), ("std_at_rest", _("at rest"), MEASURED, "D")
     ):  # fmt: skip
         values = np.array([np.nan if row[key] is None else row[key] for row in rows], dtype=float)
         if np.isfinite(values).any():
-            axes.plot(values, at, marker, ms=5, color=colour, label=name)
+            axes.plot(values, heights, marker, ms=5, color=colour, label=name)
     units = [shown_unit(row["unit"]) for row in rows]
-    axes.set_yticks(at, [f"{row['name']} [{unit}]" for row, unit in zip(rows, units, strict=True)])
+    axes.set_yticks(heights, [f"{row['name']} [{unit}]" for row, unit in zip(rows, units, strict=True)])
     axes.set_xscale("log")
     axes.set_xlabel(_("standard deviation"))
     axes.legend(**figures.LEGEND_ABOVE)

@@ -263,9 +263,9 @@ def examine(
 
 def _scale_into(xy: np.ndarray, room: Walls) -> float:
     """Return the largest factor of hundredths, at least MIN_SCALE, with which the path (m, 2) stays in the room."""
-    ahead = xy - xy[0]
+    offset = xy - xy[0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        factors = (room.free_half_width_m - np.sign(ahead) * xy[0]) / np.abs(ahead)
+        factors = (room.free_half_width_m - np.sign(offset) * xy[0]) / np.abs(offset)
     return max(float(np.floor(100.0 * np.nanmin(factors) - 1e-6)) / 100.0, MIN_SCALE)
 
 

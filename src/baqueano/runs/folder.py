@@ -106,8 +106,8 @@ def find(name: str, folder: Path | str = "runs") -> Path:
     if len(matches) == 1:
         return matches[0]
     if matches:
-        each = [run.stem for run in matches]
-        raise FileError(fault("runs.ambiguous", value=name, folder=folder, valid=each))
+        stems = [run.stem for run in matches]
+        raise FileError(fault("runs.ambiguous", value=name, folder=folder, valid=stems))
     if not runs:
         raise FileError(fault("runs.folder-empty", baqueano_command("experiment"), value=name, folder=folder))
     names = [run.stem for run in runs[-8:]]

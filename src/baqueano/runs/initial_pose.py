@@ -46,8 +46,8 @@ def initial_pose(run: Run) -> np.ndarray:
     middle_ns = (first + later_ns) // 2
     nu_1, nu_2 = _mean_velocity(truth, first, middle_ns), _mean_velocity(truth, middle_ns, later_ns)
     tick_part = float(np.median(np.diff(run.t_ns))) / max(later_ns - first, 1) if len(run.t_ns) > 1 else 0.0
-    before = nu_1 - (0.5 + 2.0 * tick_part) * (nu_2 - nu_1)  # (3)
-    is_starting = np.abs(before) < CAMERA_SPEED_SHARE * np.abs(nu_2)
+    nu_0 = nu_1 - (0.5 + 2.0 * tick_part) * (nu_2 - nu_1)  # (3)
+    is_starting = np.abs(nu_0) < CAMERA_SPEED_SHARE * np.abs(nu_2)
     is_still = (np.abs([nu_1, nu_2]) < CAMERA_ERROR * 2.0 / START_SPAN_S).all(axis=0)
     if np.all(is_starting | is_still):
         return np.concatenate([eta, np.zeros(3)])

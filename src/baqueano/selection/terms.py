@@ -139,8 +139,8 @@ def candidate_terms(
             start = tuple(value(blocks, path) or 0.1 for path in paths)
             out.append(Term(candidate, paths, (0.0,) * len(paths), (start,)))
         else:
-            kind, near = type(blocks.model).__name__, nearest(candidate, by_name)
-            raise UsageError(fault("choose.no-term", value=candidate, kind=kind, suggestion=near))
+            kind, suggestion = type(blocks.model).__name__, nearest(candidate, by_name)
+            raise UsageError(fault("choose.no-term", value=candidate, kind=kind, suggestion=suggestion))
     return out
 
 
@@ -201,8 +201,10 @@ def _search_starts(
     with_, without = (with_value(blocks, path, neutral + x).model for x in (UNIT_STEP, 0.0))
     sensitivity = 0.0
     for m in motions:
-        after, before = (x.step(m.state, m.u, SHORT_STEP_S, np.zeros(3))[1].nu_dot for x in (with_, without))
-        change = np.abs(after - before) / UNIT_STEP / max_nu
+        nu_dot_with, nu_dot_without = (
+            x.step(m.state, m.u, SHORT_STEP_S, np.zeros(3))[1].nu_dot for x in (with_, without)
+        )
+        change = np.abs(nu_dot_with - nu_dot_without) / UNIT_STEP / max_nu
         sensitivity = max(sensitivity, float(np.max(change)) if np.all(np.isfinite(change)) else 0.0)
     fractions = SPEED_FRACTIONS if sensitivity > 1e-9 else ()
     return tuple(neutral + fraction / sensitivity for fraction in fractions)

@@ -181,9 +181,9 @@ def detects(sensor: Tree, motion: Motion) -> Value:
 
 def sensor_position(lever_arm_m: np.ndarray, motion: Motion) -> np.ndarray:
     """Return the position (2,) [m] in the map of a sensor at `lever_arm_m` (2,) in the body frame."""
-    (x, y, psi), (ahead, left) = motion.eta, lever_arm_m
+    (x, y, psi), (forward, left) = motion.eta, lever_arm_m
     c, s = np.cos(psi), np.sin(psi)
-    return np.array([x + c * ahead - s * left, y + s * ahead + c * left])
+    return np.array([x + c * forward - s * left, y + s * forward + c * left])
 
 
 def difference(sensor: Tree, z: np.ndarray, expected: np.ndarray) -> np.ndarray:

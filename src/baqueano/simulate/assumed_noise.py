@@ -109,7 +109,7 @@ def _tick(
     current_motion = _motion(ekf, x, eta, nu, effort.last)
     decay = np.exp(-dt_s / ekf.disturbance_fade_s)
     d = decay * x[6:SCALE_INDEX] + ekf.disturbance_std * np.sqrt(1.0 - decay**2) * draws.d
-    walks = [one.value_at(ekf.sensors, one.walk) * np.sqrt(dt_s) for one in filter_layout.biases]
+    walks = [entry.value_at(ekf.sensors, entry.walk) * np.sqrt(dt_s) for entry in filter_layout.biases]
     bias = x[BIAS_INDEX:] + np.array(walks) * draws.bias if walks else x[BIAS_INDEX:]
     entries = dict(zip(filter_layout.names, filter_layout.entries, strict=True))
     variance, fade_s, _ = slip_statistics(ekf.sensors, entries)
@@ -157,7 +157,9 @@ def _read_sensors(
     rolling = [motion._replace(nu=slip_factors * motion.nu) for motion in (now, *(now.tick or ()))]
     states, slots = [], []
     for k, (name, sensor) in enumerate(zip(names, ekf.sensors, strict=True)):
-        sensor_biases = [(j, one.path) for j, one in enumerate(layout(ekf).biases) if one.sensor == name]
+        sensor_biases = [
+            (j, entry.path) for j, entry in enumerate(layout(ekf).biases) if entry.sensor == name
+        ]
         Q = np.linalg.cholesky(sensor.cov + MIN_VARIANCE * np.eye(sensor.size))
         for j, path in sensor_biases:
             sensor = with_value(sensor, path, value_at_path(sensor, path) + bias[j])

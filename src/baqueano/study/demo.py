@@ -81,8 +81,10 @@ class Demo:
         wheels = self.truth.vehicle.drivetrain
         gain_matrix = np.stack([wheels.unmix(wheels.gain * wheels.mix(u)) for u in np.eye(3)], axis=1)
         T = self.truth.vehicle.actuator_matrix @ gain_matrix
-        at = {f"model.actuator_matrix[{i},{j}]": T[i, j] for i in range(3) for j in range(3)}
-        return np.array([at[n] if n in at else float(self.truth.value(n)) for n in self.fit.names])
+        matrix_entries = {f"model.actuator_matrix[{i},{j}]": T[i, j] for i in range(3) for j in range(3)}
+        return np.array(
+            [matrix_entries[n] if n in matrix_entries else float(self.truth.value(n)) for n in self.fit.names]
+        )
 
     def rows(self) -> list["TableRow"]:
         """Return a row per parameter: estimate, std, truth, their difference in std, and a verdict."""

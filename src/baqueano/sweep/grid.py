@@ -149,8 +149,8 @@ def _checked_settings(settings: dict) -> SweepSettings:
 def _by_name(routes: Tree) -> dict[str, Route]:
     if isinstance(routes, dict):
         return routes
-    several = _as_list(routes)
-    return {f"route {k + 1}" if len(several) > 1 else "": route for k, route in enumerate(several)}
+    route_list = _as_list(routes)
+    return {f"route {k + 1}" if len(route_list) > 1 else "": route for k, route in enumerate(route_list)}
 
 
 def _vehicle_jobs(

@@ -154,8 +154,8 @@ def _controller_of(
     try:
         return vehicle_file.controller(controller), True
     except BaqueanoError:
-        anything: JsonObject = dict.fromkeys(PAPER_GAINS if gains is None else tuple(gains), 1.0)
-        return vehicle_file.controller(controller, **anything), False
+        placeholders: JsonObject = dict.fromkeys(PAPER_GAINS if gains is None else tuple(gains), 1.0)
+        return vehicle_file.controller(controller, **placeholders), False
 
 
 def _entries(block: Any) -> dict[str, Parameter]:

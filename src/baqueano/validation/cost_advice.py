@@ -37,19 +37,21 @@ def with_cost_advice(
     fit on these runs, and `refit(cost)` returns the fit with another cost. The fit is returned unchanged if its notes
     do not compare costs, or if the validation is inconclusive. If the other fit is refused, or has the same cost, the
     note that compares costs is removed."""
-    at = next((k for k, message in enumerate(fit.notes) if message.code in COMPARED), None)
-    if at is None or any(message.severity == Severity.UNKNOWN for message in validation.messages):
+    index = next((k for k, message in enumerate(fit.notes) if message.code in COMPARED), None)
+    if index is None or any(message.severity == Severity.UNKNOWN for message in validation.messages):
         return fit
-    other = refit("simulation" if is_fit_by_innovations(fit) else "innovations")
-    if other.verdict == Verdict.REFUSED or is_fit_by_innovations(other) == is_fit_by_innovations(fit):
-        return replace(fit, notes=fit.notes[:at] + fit.notes[at + 1 :])
-    validations = [validation, validate(other, runs)]
+    second_fit = refit("simulation" if is_fit_by_innovations(fit) else "innovations")
+    if second_fit.verdict == Verdict.REFUSED or is_fit_by_innovations(second_fit) == is_fit_by_innovations(
+        fit
+    ):
+        return replace(fit, notes=fit.notes[:index] + fit.notes[index + 1 :])
+    validations = [validation, validate(second_fit, runs)]
     simulation, innovations = reversed(validations) if is_fit_by_innovations(fit) else validations
     percent = 100.0 * relative_error_change(simulation, innovations)
     advice = note("cost.held-out-smaller" if percent < 0.0 else "cost.held-out-larger", percent=abs(percent))
     if advice.code == "cost.held-out-smaller" and not is_fit_by_innovations(fit):
         advice = note("cost.try-innovations", fix="--cost innovations", cause=advice)
-    return replace(fit, notes=(*fit.notes[:at], advice, *fit.notes[at + 1 :]))
+    return replace(fit, notes=(*fit.notes[:index], advice, *fit.notes[index + 1 :]))
 
 
 def refit_with_cost(
@@ -70,5 +72,5 @@ def relative_error_change(simulation: Validation, innovations: Validation) -> fl
         for f in simulation.figures
         if f.noise > 0.0 and (f.run, f.channel) in squares
     ]
-    before, after = np.sum(pairs, axis=0) if pairs else (1.0, 1.0)
-    return float(after / before - 1.0)
+    old_sum, new_sum = np.sum(pairs, axis=0) if pairs else (1.0, 1.0)
+    return float(new_sum / old_sum - 1.0)

@@ -95,14 +95,14 @@ class Forecast(Result):
     def rows(self) -> list["TableRow"]:
         """Return one flat row per drive, in SI units."""
         return [
-            ahead._asdict() | {"drive": text(ahead.drive), "text": text(ahead.message)}
-            for ahead in self.ahead
+            drive._asdict() | {"drive": text(drive.drive), "text": text(drive.message)}
+            for drive in self.ahead
         ]
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """Return a sentence per drive, then the errors that the forecast does not contain."""
-        return (*texts(ahead.message for ahead in self.ahead), *map(with_full_stop, texts(self.notes)))
+        return (*texts(drive.message for drive in self.ahead), *map(with_full_stop, texts(self.notes)))
 
     def table(self) -> str:
         """Return the sentences as text."""

@@ -203,7 +203,9 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     metrics, messages = [], [*_shared_faults(fit), *_too_few_reasons(fit, runs)]
     for c in channels:
         if np.isfinite(c.residuals).any() and np.isfinite(c.explained_fraction):
-            own_channels = [own for own in fit.channels if (own.sensor, own.entry) == (c.sensor, c.entry)]
+            own_channels = [
+                channel for channel in fit.channels if (channel.sensor, channel.entry) == (c.sensor, c.entry)
+            ]
             unit = channel_unit(vehicle_file, c.sensor, c.entry)
             channel_metrics, channel_findings = _channel_metrics(c, own_channels, unit)
             metrics.append(channel_metrics)
@@ -288,7 +290,7 @@ def _channel_metrics(
     )
     noise = float(np.sqrt(square + max(0.0, errors.white - white)))
     metrics = metrics._replace(on_own_runs=share, noise=noise)
-    explains = sum(np.nansum(own.residuals**2) for own in own_channels) < sum(signals)
+    explains = sum(np.nansum(own_channel.residuals**2) for own_channel in own_channels) < sum(signals)
     if worse_finding := _worse_than_mean(metrics, c, noise**2 if explains else errors.white):
         return metrics, [worse_finding]
     return metrics, _evidence_against(metrics, errors, np.concatenate([error.g for error in own_errors]))

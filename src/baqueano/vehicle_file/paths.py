@@ -91,14 +91,14 @@ def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
 
     So `mass_kg` is not suggested for `yaw_lag_s`, although both are in the model.
     """
-    near = nearest(dotted, keys)
+    hint = nearest(dotted, keys)
     last, suggestion = (
-        str(key_path).rpartition(".")[2] for key_path in (dotted, near.figures.get("match", dotted))
+        str(key_path).rpartition(".")[2] for key_path in (dotted, hint.figures.get("match", dotted))
     )
     if difflib.SequenceMatcher(None, last, suggestion).ratio() < MIN_SIMILARITY:
         table = f"{dotted.rpartition('.')[0]}."
-        near = nearest("", [key for key in keys if key.startswith(table)] or keys)
-    return UsageError(fault("vehicle.unknown-key", file=name, value=dotted, suggestion=near))
+        hint = nearest("", [key for key in keys if key.startswith(table)] or keys)
+    return UsageError(fault("vehicle.unknown-key", file=name, value=dotted, suggestion=hint))
 
 
 def raise_missing_attribute(vehicle_file: "VehicleFile", name: str) -> Any:

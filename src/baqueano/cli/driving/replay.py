@@ -65,10 +65,10 @@ def command(
             backend=replay_backend,
         )
     print_message(note("cli.run", path=path))
-    several = [recorded_run, replayed_run] if recorded_run.estimate is not None else [replayed_run]
-    comparison = compare(several, alignment=align)
+    drawn_runs = [recorded_run, replayed_run] if recorded_run.estimate is not None else [replayed_run]
+    comparison = compare(drawn_runs, alignment=align)
     print_answer(comparison, as_json)
-    advise_to_fit(comparison, [recorded_run] * len(several), folder, vehicle_options)
+    advise_to_fit(comparison, [recorded_run] * len(drawn_runs), folder, vehicle_options)
     if report:
         from baqueano.report.run_report import page_of_run
 

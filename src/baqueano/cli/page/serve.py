@@ -32,9 +32,9 @@ def command(
     run: str | None, vehicle: str | None, robot: str | None, pace: float, seed: int | None, folder: str, port: int,
     share: bool, address: str, browser: bool,
 ) -> None:  # fmt: skip
-    several = [name for name, value in (("--vehicle", vehicle), ("--robot", robot)) if value]
-    if run is not None and several:
-        raise UsageError(fault("web.one-of", names=["RUN", *several]))
+    given_options = [name for name, value in (("--vehicle", vehicle), ("--robot", robot)) if value]
+    if run is not None and given_options:
+        raise UsageError(fault("web.one-of", names=["RUN", *given_options]))
     serving = page_options.serve_options(folder, port, share, address, browser)
     from baqueano.web.lab.local_files import LocalFiles
     from baqueano.web.run import show_runs, show_vehicle

@@ -150,8 +150,8 @@ def find_pad(pad_path: Path | None = None, folder: Path = DEVICE_FOLDER) -> Pad:
     for _name, device in pads:
         device.close()
     if pads:
-        several = ", ".join(f'{path} "{device.name}"' for path, device in pads)
-        raise UsageError(fault("pad.several", count=len(pads), names=several, first=pads[0][0]))
+        pad_names = ", ".join(f'{path} "{device.name}"' for path, device in pads)
+        raise UsageError(fault("pad.several", count=len(pads), names=pad_names, first=pads[0][0]))
     raise UsageError(_no_pad_reason(folder, descriptions, closed_names))
 
 

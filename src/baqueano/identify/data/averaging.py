@@ -116,8 +116,8 @@ def _row_weights(b: np.ndarray, e: np.ndarray, begin_s: np.ndarray, dt_s: np.nda
 
 def averages(weights: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return the means (N, m) of a signal x (N, m) that is given at the end of each row.  (3)"""
-    before = np.concatenate([x[:1], x[:-1]])
-    nodes = np.stack([before, 0.5 * (before + x), x], axis=1)  # (N, 3, m)
+    previous_x = np.concatenate([x[:1], x[:-1]])
+    nodes = np.stack([previous_x, 0.5 * (previous_x + x), x], axis=1)  # (N, 3, m)
     part, following = (np.einsum("ni,nim->nm", weights[:, k : k + 3], nodes) for k in (0, 3))
     sums = np.cumsum(following, axis=0)
     starts = np.maximum.accumulate(np.where(weights[:, 6] > 0.0, np.arange(len(x)), 0))

@@ -139,7 +139,7 @@ def _refine(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> Se
         for delay_s in middle.solution.theta[i] + np.array([-step_s, step_s]):
             if task.low[i] <= delay_s <= task.high[i]:
                 end = _search_at_fixed_delay(task, middle, i, delay_s)
-                best = min(best, end, key=lambda one: one.log_sigma_sum(counts))
+                best = min(best, end, key=lambda search: search.log_sigma_sum(counts))
     centre_s, fine_s = best.solution.theta[i], FINE_TICKS * tick_s
     task = task._replace(problem=best.problem)
     middle = solution = _solution_at_delay(task, best.solution.theta, i, centre_s)

@@ -124,8 +124,8 @@ def filter_noise(
     example = example_filter_tick(ekf)
     kernel = scan(_likelihood(ekf, free), ekf.init(), example, np.zeros(len(free)), backend=backend)
     ticks = [ticks_of(run, ekf, TICKS.get(kernel.backend, 600) // len(runs)) for run in runs]
-    low, high = (np.log([getattr(one, side) for one in free]) for side in ("low", "high"))
-    start = np.clip([_start(ekf, one) for one in free], low, high)
+    low, high = (np.log([getattr(entry, side) for entry in free]) for side in ("low", "high"))
+    start = np.clip([_start(ekf, entry) for entry in free], low, high)
     x = coordinate_search(total_cost(kernel, ticks), start, low, high) if free else start
     ekf = _with_noise(ekf, free, [float(value) for value in x])
     speed_is_measured = filter_layout.corrects(FORWARD_STATES[0]).any()

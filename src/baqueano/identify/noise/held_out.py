@@ -117,7 +117,7 @@ def _reference_speed(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, st
         return speed, N_("the truth")
     names_used = set(layout(ekf).names)
     for name in getattr(ekf.sensors, "_fields", ()):
-        readings = [one for one in velocity_readings(ekf.sensors, (name,)) if FORWARD in one.entries]
+        readings = [r for r in velocity_readings(ekf.sensors, (name,)) if FORWARD in r.entries]
         channel = run.sensors.get(name)
         if name in names_used or channel is None or not readings or len(channel.t_ns) < 2:
             continue

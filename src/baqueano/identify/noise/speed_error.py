@@ -78,7 +78,7 @@ def forward_accelerometer(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, i
 
 def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> float:
     """Return the upper end of the 95 % interval of φ over all runs, in [MIN_SHARE, 1], or 1 with too few data.  (2)"""
-    sums = np.concatenate([np.zeros((0, 2)), *(block_sums(*each) for each in _series(ekf, fit, inertial))])
+    sums = np.concatenate([np.zeros((0, 2)), *(block_sums(*x) for x in _series(ekf, fit, inertial))])
     if len(sums) < MIN_BLOCKS or not np.sum(sums[:, 1]) > 0.0:
         return 1.0
     pick = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
@@ -90,7 +90,7 @@ def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> fl
 def block_sums(speed: TimeSeries, acceleration: TimeSeries, rate: TimeSeries) -> np.ndarray:
     """Return Σ w A B and Σ w (B² − 6 q/τ²) for each block (K, 2), over all τ; `rate` is the yaw rate.  (1), (2)"""
     begin, end = (
-        cut(each.t_s[k] for each in (speed, acceleration, rate)) for cut, k in ((max, 0), (min, -1))
+        cut(reading.t_s[k] for reading in (speed, acceleration, rate)) for cut, k in ((max, 0), (min, -1))
     )
     velocity, psi = acceleration.integral(), rate.integral()
     regressors = [TimeSeries(psi.t_s, np.cos(psi.x)), TimeSeries(psi.t_s, np.sin(psi.x))]
@@ -107,8 +107,8 @@ def block_sums(speed: TimeSeries, acceleration: TimeSeries, rate: TimeSeries) ->
         X = np.stack(of_floor, axis=1)
         B = B - X @ np.linalg.lstsq(X, B, rcond=None)[0]
         block = np.minimum(((t_s[2:-2] - begin) / BLOCK_S).astype(int), len(sums) - 1)
-        each = np.stack([A * B, B**2 - 6.0 * white_variance / tau**2]) / np.mean(A**2)
-        sums += np.stack([np.bincount(block, x, len(sums)) for x in each], axis=1)
+        terms = np.stack([A * B, B**2 - 6.0 * white_variance / tau**2]) / np.mean(A**2)
+        sums += np.stack([np.bincount(block, x, len(sums)) for x in terms], axis=1)
     return sums
 
 
@@ -133,7 +133,7 @@ def _series(
         ):
             continue
         acceleration, slope = channel_of[accelerometer[:2]], accelerometer[2]
-        of_gyro, of_wheels = ([channel_of[one.name, k] for k in one.rows] for one in (gyro, wheels))
+        of_gyro, of_wheels = ([channel_of[sensor.name, k] for k in sensor.rows] for sensor in (gyro, wheels))
         z = np.stack([c.measurements for c in of_gyro], axis=1) - gyro.at_rest
         r = np.stack([c.residuals for c in of_wheels], axis=1)
         pairs = (

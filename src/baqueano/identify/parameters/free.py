@@ -138,8 +138,8 @@ def _mounts(blocks: FittedBlocks, channels: Mapping[str, Sequence[int]]) -> list
     for name, sensor in blocks.sensors._asdict().items():
         rows = list(channels.get(name, range(sensor.size)))
         for path, _ in (p for p in parameters(sensor) if p[1].role == "mount"):
-            other = with_value(sensor, path, value_at_path(sensor, path) + PARAMETER_STEP)
-            has_effect = np.any((other.h(motion) != sensor.h(motion))[rows])
+            changed_sensor = with_value(sensor, path, value_at_path(sensor, path) + PARAMETER_STEP)
+            has_effect = np.any((changed_sensor.h(motion) != sensor.h(motion))[rows])
             paths += [f"sensors.{name}.{path}"] if has_effect else []
     return paths
 
@@ -211,8 +211,8 @@ def free_parameters(
         raise UsageError(fault("parameter.all-fixed"))
     explicit = [path.removeprefix("+") for path in free or ()]
     mounts = [p for p in _mounts(blocks, channels) if p not in explicit]
-    near = {p: (value(blocks, p) - MAX_TURN_RAD, value(blocks, p) + MAX_TURN_RAD) for p in mounts}
-    return [free_parameter(blocks, p, {**near, **bounds}) for p in free_paths]
+    ranges = {p: (value(blocks, p) - MAX_TURN_RAD, value(blocks, p) + MAX_TURN_RAD) for p in mounts}
+    return [free_parameter(blocks, p, {**ranges, **bounds}) for p in free_paths]
 
 
 def requested_paths(free: Sequence[str] | None, needed: Callable[[], Iterable[str]]) -> list[str]:
@@ -365,8 +365,8 @@ def _value_at(blocks: FittedBlocks, path: str) -> np.ndarray:
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
         field, bracket, entry = path.partition("[")
         names = _fields(blocks)
-        near, kind = _similar_paths(field, bracket + entry, names), type(blocks.model).__name__
-        unknown = fault("parameter.unknown", path=path, kind=kind, suggestion=near, example=names[0])
+        hint, kind = _similar_paths(field, bracket + entry, names), type(blocks.model).__name__
+        unknown = fault("parameter.unknown", path=path, kind=kind, suggestion=hint, example=names[0])
         raise UsageError(unknown) from error
     return values
 

@@ -323,8 +323,8 @@ class Fit(Result):
             if c.explained_fraction >= 0.0:
                 out.append(_("{channel}: noise {noise}, the model explains {part}", **details))
                 continue
-            nothing = N_("{channel}: noise {noise}, larger than the signal: the model explains nothing")
-            out.append(_(nothing, **details))
+            template = N_("{channel}: noise {noise}, larger than the signal: the model explains nothing")
+            out.append(_(template, **details))
         return out
 
     def _channels_together(self) -> list[str]:

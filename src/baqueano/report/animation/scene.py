@@ -43,10 +43,10 @@ def scene(run: Run) -> Scene:
     """Return the scene of a run; a log without a complete pose, such as a GPS without heading, is not drawn.
     Raise AnswerNo for a run without a pose, or with less than two ticks.
     """
-    nothing = AnswerNo(fault("report.nothing-moves", baqueano_command("replay", run.name), name=run.name))
+    no_motion = AnswerNo(fault("report.nothing-moves", baqueano_command("replay", run.name), name=run.name))
     run = run.without_rest
     if len(run.t_ns) < 2:
-        raise nothing
+        raise no_motion
     corridor = corridor_of(run) if run.estimate is not None else None
     end_s = float(seconds(run.t_ns[-1], run.t_ns[0]))
     lap_s = corridor.lap_s if corridor is not None and np.isfinite(corridor.lap_s) else end_s
@@ -58,7 +58,7 @@ def scene(run: Run) -> Scene:
         for log in (run.estimate, run.truth)
     ]
     if all(log is None for log in logs):
-        raise nothing
+        raise no_motion
     half_width = None
     if corridor is not None and len(corridor.t_s) > 1:
         half_width = np.interp(t_s, corridor.t_s, corridor.across_m, right=np.nan)

@@ -85,8 +85,10 @@ def _draw_path(axes: "Axes", route: Route) -> None:
     s = distances_along(xy)
     for at_m in s[-1] * (np.arange(ARROWS) + 0.5) / ARROWS:
         k = min(int(np.searchsorted(s, at_m)), len(s) - 1)
-        ahead = np.sign(route.nu[k, 0]) * map_from_body(route.eta[k, 2])[:2, 0]
-        axes.annotate("", xy[k] + 1e-3 * ahead, xy[k], arrowprops={"arrowstyle": "-|>", "color": REFERENCE})
+        direction = np.sign(route.nu[k, 0]) * map_from_body(route.eta[k, 2])[:2, 0]
+        axes.annotate(
+            "", xy[k] + 1e-3 * direction, xy[k], arrowprops={"arrowstyle": "-|>", "color": REFERENCE}
+        )
     length_m = HEADING_SHARE * float(np.max(np.ptp(xy, axis=0)))
     nose = xy[0] + length_m * map_from_body(route.eta[0, 2])[:2, 0]
     axes.plot(*np.column_stack([xy[0], nose]), color=MODEL, lw=2.4)

@@ -56,7 +56,12 @@ def uno_losses(previous: Statistics, current: Statistics) -> EventLine:
 
 def imu_losses(previous: Counts, current: Counts) -> EventLine:
     """Return the IMU's counts of samples and faults since `previous`; a warning if there was a fault."""
-    n = Counts(*(after - before for before, after in zip(astuple(previous), astuple(current), strict=True)))
+    n = Counts(
+        *(
+            new_count - old_count
+            for old_count, new_count in zip(astuple(previous), astuple(current), strict=True)
+        )
+    )
     has_losses = (
         n.full_scale_samples or n.repeated_samples or n.retries or n.failures or n.overflows or n.restarts
     )

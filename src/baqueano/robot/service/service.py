@@ -377,12 +377,12 @@ class _ServiceObserver(Observer):
 
     def end(self, reason: Diagnostic | None) -> list[EventLine]:
         self.over, self.stopped, s = True, reason, self._service
-        before, current, trouble = self._previous, s.uno.statistics, s.uno.trouble
+        previous, current, trouble = self._previous, s.uno.statistics, s.uno.trouble
         if trouble and trouble.code == StopReason.UNO_LATCHED and s.operator.stop_reason(attended=False):
             trouble = None  # the requested stop
         last_lines: list[EventLine] = [
             (CLOCK_SOURCE, *self._lateness.event_line()),
-            (LINE_SOURCE, *line_losses(before, current, trouble)), (UNO_SOURCE, *uno_losses(before, current)),
+            (LINE_SOURCE, *line_losses(previous, current, trouble)), (UNO_SOURCE, *uno_losses(previous, current)),
         ]  # fmt: skip
         last_lines += [(IMU_SOURCE, *imu_losses(s._counts_before, s.imu.counts))] if s._counts_before else []
         for _, level, message in last_lines:

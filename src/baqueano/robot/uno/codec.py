@@ -90,8 +90,8 @@ def encode(frame: Frame, seq: int, kind: int | None = None) -> bytes:
     the firmware does, if two kinds have the same layout. Raise UsageError for a number outside the range of the
     firmware.
     """
-    if wrong := first_out_of_range(frame):
-        path, value, (low, high) = wrong
+    if faulty_field := first_out_of_range(frame):
+        path, value, (low, high) = faulty_field
         raise UsageError(
             fault(
                 "uno.number-range",

@@ -80,12 +80,12 @@ def open_hardware(
     """
     from baqueano.robot.imu import driver as imu_driver
 
-    with ExitStack() as things:
-        things.enter_context(stopped_service(notify))
-        things.enter_context(interrupt_on_hangup(notify))
-        uno = things.enter_context(open_uno(hardware.port)) if motors else None
+    with ExitStack() as resources:
+        resources.enter_context(stopped_service(notify))
+        resources.enter_context(interrupt_on_hangup(notify))
+        uno = resources.enter_context(open_uno(hardware.port)) if motors else None
         imu = imu_driver.imu_of(hardware, notify, in_chip_axes)
-        things.callback(imu.close)
+        resources.callback(imu.close)
         yield FloorTests(uno, imu)
 
 

@@ -36,9 +36,11 @@ def check_uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterat
         with open_uno(device_path) as link:
             yield Check(N_("serial line"), "ok", device_path)
             time.sleep(FIRST_ANSWER_S)
-            before = copy(link.statistics)  # excludes a first frame that was received without its beginning
+            first_counts = copy(
+                link.statistics
+            )  # excludes a first frame that was received without its beginning
             send_commands(link, seconds, time.sleep)
-            yield from check_answers(link, least_battery_v, before)
+            yield from check_answers(link, least_battery_v, first_counts)
             yield check_memory(link.request(AskInfo(), Info))  # the INFO sent at boot is older
     except BaqueanoError as error:
         yield Check(N_("serial line"), "bad", _("an Uno with our firmware was not found"), str(error))

@@ -83,8 +83,8 @@ class RunFile:
                 if schema not in self._schemas:
                     text = messages.SCHEMAS[schema].encode()
                     self._schemas[schema] = self._mcap.register_schema(schema, "ros2msg", text)
-                about = {"offered_qos_profiles": "", "size": str(size)}
-                channel = self._mcap.register_channel(name, "cdr", self._schemas[schema], about)
+                metadata = {"offered_qos_profiles": "", "size": str(size)}
+                channel = self._mcap.register_channel(name, "cdr", self._schemas[schema], metadata)
                 self._topics[key] = Topic(channel, pack)
             return self._topics[key]
 

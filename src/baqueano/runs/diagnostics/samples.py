@@ -152,10 +152,12 @@ def _lost_frames(
             return no_samples, []
         row, last = np.arange(len(x)), len(nonzero) - 1
         k = np.searchsorted(nonzero, row)
-        before, after = nonzero[np.maximum(k - 1, 0)], nonzero[np.minimum(k, last)]
-        is_zero &= (before < row) & (row < after) & (after - before <= EXTRA_SAMPLES)
-        magnitude = np.minimum(np.abs(x[before]), np.abs(x[after]))
-        is_zero &= (magnitude > ISOLATED_ZERO_SIGMA * resolution.sigma) & (x[before] * x[after] > 0.0)
+        previous_rows, next_rows = nonzero[np.maximum(k - 1, 0)], nonzero[np.minimum(k, last)]
+        is_zero &= (previous_rows < row) & (row < next_rows) & (next_rows - previous_rows <= EXTRA_SAMPLES)
+        magnitude = np.minimum(np.abs(x[previous_rows]), np.abs(x[next_rows]))
+        is_zero &= (magnitude > ISOLATED_ZERO_SIGMA * resolution.sigma) & (
+            x[previous_rows] * x[next_rows] > 0.0
+        )
         if is_zero.sum() <= EXTRA_SAMPLES:
             return no_samples, []
     percent = _percentage(is_zero, np.isfinite(x))

@@ -62,12 +62,14 @@ def draft(path: Path | str, *others: Path | str) -> str:
     """
     path = Path(path)
     table, encoding = _read_in_any_encoding(path)
-    for other in map(Path, others):
-        columns = _read_in_any_encoding(other)[0].columns
+    for second_path in map(Path, others):
+        columns = _read_in_any_encoding(second_path)[0].columns
         if missing := [name for name in table.columns if name not in columns]:
-            fix = baqueano_command("runs", "import", other, "--draft", other.with_suffix(".toml").name)
+            fix = baqueano_command(
+                "runs", "import", second_path, "--draft", second_path.with_suffix(".toml").name
+            )
             raise UsageError(
-                fault("import.draft-columns", fix, table=other.name, first=path.name, columns=missing)
+                fault("import.draft-columns", fix, table=second_path.name, first=path.name, columns=missing)
             )
     free_columns = list(table.columns)
     return (
@@ -100,8 +102,10 @@ def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator
     commands = _command_table(table, free_columns)
     signals = list(_signal_tables(table, free_columns))
     at_rest = _("no column looks like a command: without [command] the vehicle is at rest")
-    nothing = _("no column looks like a command or a measurement: write [command], [sensors.NAME] or [truth]")
-    yield commands or f"\n# {at_rest if signals else nothing}"
+    no_columns = _(
+        "no column looks like a command or a measurement: write [command], [sensors.NAME] or [truth]"
+    )
+    yield commands or f"\n# {at_rest if signals else no_columns}"
     yield from signals
 
 

@@ -74,9 +74,9 @@ def imu_columns(table: LogTable, names: Collection[str]) -> ImuColumns:
     """Return the columns of an IMU among `names`. Without gravity in three accelerometers z points up."""
     accels = {axis: _first(names, _accel_pattern(axis)) for axis in NEXT_AXIS}
     axis, mean = _vertical_axis({axis: _numbers(table, name) for axis, name in accels.items()})
-    sign, ahead = 1 if mean >= 0.0 else -1, NEXT_AXIS[axis]
+    sign, forward = 1 if mean >= 0.0 else -1, NEXT_AXIS[axis]
     gyro = _first(names, YAW_PATTERN if axis == "z" else _gyro_pattern(axis))
-    entries = ((accels[ahead], 1), (accels[NEXT_AXIS[ahead]], sign), (gyro, sign))
+    entries = ((accels[forward], 1), (accels[NEXT_AXIS[forward]], sign), (gyro, sign))
     x, y, z = (SignedColumn(*entry) for entry in entries)
     return ImuColumns((x, y, z), accels[axis] if mean else "", mean)
 

@@ -91,9 +91,9 @@ def _sources_of_set(
         own_rows: list[ImportFinding] = list(own_findings) if k == 0 else []
         sources_of_part = {f: _source(m, m.files[f], table, own_rows) for f, table in by_file.items()}
         t_ns = sources_of_part[m.ticks].t_ns
-        within = {f: _rows_within(source, t_ns) for f, source in undivided_sources.items()}
+        row_masks = {f: _rows_within(source, t_ns) for f, source in undivided_sources.items()}
         yield RecordingSources(
-            f"{name}-{label}", {f: (sources_of_part | within)[f] for f in tables}, files, tuple(own_rows)
+            f"{name}-{label}", {f: (sources_of_part | row_masks)[f] for f in tables}, files, tuple(own_rows)
         )
 
 

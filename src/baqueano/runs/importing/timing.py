@@ -195,8 +195,10 @@ def _is_clock_back(table: LogTable, t_ns: np.ndarray, used: set[str]) -> bool:
 
 def _equal_rows(table: LogTable, first: np.ndarray, second: np.ndarray, names: set[str]) -> np.ndarray:
     """Return a mask (n,), True where the rows `first` and `second` (n,) agree in the columns `names`."""
-    one, other = table.select(first), table.select(second)
-    rows = zip(*(zip(one.text(c), other.text(c), strict=True) for c in sorted(names)), strict=True)
+    first_rows, second_rows = table.select(first), table.select(second)
+    rows = zip(
+        *(zip(first_rows.text(c), second_rows.text(c), strict=True) for c in sorted(names)), strict=True
+    )
     return np.array([all(a == b for a, b in row) for row in rows])
 
 

@@ -31,13 +31,13 @@ class Cells:
         return len(self.ends)
 
     @overload
-    def __getitem__(self, at: int) -> str: ...
+    def __getitem__(self, index: int) -> str: ...
     @overload
-    def __getitem__(self, at: slice) -> list[str]: ...
-    def __getitem__(self, at: Any) -> Any:
-        if isinstance(at, slice):
-            return [self[i] for i in range(*at.indices(len(self)))]
-        return self._cell_texts(range(len(self))[at], 1)[:-1].decode()
+    def __getitem__(self, index: slice) -> list[str]: ...
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        return self._cell_texts(range(len(self))[index], 1)[:-1].decode()
 
     def __iter__(self) -> Iterator[str]:
         for _, block in self.blocks():

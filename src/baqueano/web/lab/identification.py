@@ -119,12 +119,12 @@ class DriveIdentification:
         """
         x = np.array(rows, dtype=float).reshape(len(rows), len(names))
         columns = {name: k for k, name in enumerate(names)}
-        n, nothing = self._u.shape[1], np.full(len(x), np.nan)
+        n, unknown = self._u.shape[1], np.full(len(x), np.nan)
         ticks = np.rint(x[:, columns["t"]] * self.vehicle_file.rate_hz).astype(np.int64)
         u = np.column_stack([x[:, columns[f"u.{k}"]] for k in range(n)])
         channels = [f"z.{name}[{k}]" for name, size in self._sizes.items() for k in range(size)]
         z = np.column_stack(
-            [x[:, columns[channel]] if channel in columns else nothing for channel in channels]
+            [x[:, columns[channel]] if channel in columns else unknown for channel in channels]
         )
         last_tick = self._ticks[-1] if len(self._ticks) else ticks[0] - 1
         is_new = ticks > np.maximum.accumulate(np.concatenate([[last_tick], ticks]))[:-1]

@@ -168,10 +168,10 @@ class Questions:
 
     def _block_request(self, message: "JsonObject") -> "JsonObject":
         role = str(message["room"])[:MAX_NAME_LETTERS]
-        own = "" if message.get("run") else self.blocks.get(role, "")
+        own_kind = "" if message.get("run") else self.blocks.get(role, "")
         return self.subject_of(message) | {
             "room": role,
-            "kind": str(message.get("kind") or own)[:MAX_NAME_LETTERS],
+            "kind": str(message.get("kind") or own_kind)[:MAX_NAME_LETTERS],
         }
 
     async def _compare(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":

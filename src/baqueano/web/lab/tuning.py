@@ -104,9 +104,9 @@ class TuningWorker:
         descent = descend(lambda g: laps.cost_and_gradient(g, price), start_gains, search.low, search.high)
         descent_path = [*descent.path, descent.gains]
         return {
-            "way": [each.tolist() for each in descent_path], "cost": descent.cost, "before": float(descent.costs[0]),
+            "way": [gains.tolist() for gains in descent_path], "cost": descent.cost, "before": float(descent.costs[0]),
             "laps": len(descent.costs), "seconds": time.perf_counter() - began,
-            "places": [coordinates(each, search.low, search.high).tolist() for each in descent_path],
+            "places": [coordinates(gains, search.low, search.high).tolist() for gains in descent_path],
         }  # fmt: skip
 
     def write(self, request: "JsonObject") -> "JsonObject":
