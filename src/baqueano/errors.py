@@ -88,25 +88,25 @@ class SafetyStop(BaqueanoError):
     exit_code = 5
 
 
-class FromOutside(BaseException):
+class ExternalError(BaseException):
     """An exception inside a block that is not a fault of the block: an alarm, the end of a manual drive."""
 
 
 def from_outside(error: BaseException) -> bool:
-    """Return True for an interruption from outside: FromOutside, or Ctrl-C.
+    """Return True for an interruption from outside: ExternalError, or Ctrl-C.
 
     Ctrl-C arrives between two instructions. A KeyboardInterrupt from a `raise` in the code is an error of the code, as
     are SystemExit and GeneratorExit. A guard of a block catches every error except interruptions from outside.
     """
     if not isinstance(error, KeyboardInterrupt):
-        return isinstance(error, FromOutside)
+        return isinstance(error, ExternalError)
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
     is_raised_in_code = (
         trace is not None and trace.tb_frame.f_code.co_code[trace.tb_lasti] == opmap["RAISE_VARARGS"]
     )
-    return isinstance(error, FromOutside) or not is_raised_in_code
+    return isinstance(error, ExternalError) or not is_raised_in_code
 
 
 def cause_of(error: BaseException) -> Diagnostic | str:

@@ -10,13 +10,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from baqueano.errors import BaqueanoError, FromOutside
+from baqueano.errors import BaqueanoError, ExternalError
 
 LONGEST_S = 10.0
 SHOWN = 6
 
 
-class Hang(FromOutside):
+class Hang(ExternalError):
     """An input takes longer than LONGEST_S."""
 
 

@@ -97,10 +97,10 @@ _FIGURES = (
     ),
     click.option(
         "--format", "file_format", type=click.Choice(["svg", "pdf", "png"]), default="svg", show_default=True,
-        help="Format of these figures.",
+        help="Format of the files of --figures.",
     ),
     click.option(
-        "--width", metavar="column|page|MM", help="Width of these figures: column, page, or millimetres."
+        "--width", metavar="column|page|MM", help="Width of the files of --figures: column, page, or millimetres."
     ),
 )  # fmt: skip
 figure_options = _collect()

@@ -6,11 +6,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from baqueano.errors import FromOutside
+from baqueano.errors import ExternalError
 from baqueano.signals import Command, Estimate, Reference
 
 
-class DriveEnded(FromOutside, KeyboardInterrupt):
+class DriveEnded(ExternalError, KeyboardInterrupt):
     """Exception that ends a manual drive because the driver requested its end."""
 
 

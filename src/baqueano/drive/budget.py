@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Any, ClassVar, TypeVar
 
 from baqueano.contracts.values import Tree
-from baqueano.errors import FromOutside
+from baqueano.errors import ExternalError
 from baqueano.messages.language import translate as _
 
 BUDGET_S = 0.1  # ten ticks: a third of the firmware's dead-man time
@@ -23,7 +23,7 @@ PREPARE_S = 60.0  # to trace, compile and try the blocks before the vehicle move
 Value = TypeVar("Value")
 
 
-class BudgetExceeded(FromOutside):
+class BudgetExceeded(ExternalError):
     """The exception that the alarm raises. An `except Exception` in a block does not catch it."""
 
 

@@ -148,7 +148,7 @@ def _comparison_card(result: Comparison) -> Card:
 @card_of.register(TuneResult)
 def _tune_card(result: TuneResult) -> Card:
     rows = [
-        {"gain": gain.name, "value": gain.value, "unit": shown_unit(gain.unit), "in the file": gain.before,
+        {"gain": gain.name, "value": gain.value, "unit": shown_unit(gain.unit), "in the file": gain.file_value,
          "cost at × 0.8 [%]": 100.0 * (gain.cost_less - 1.0), "at × 1.25 [%]": 100.0 * (gain.cost_more - 1.0)}
         for gain in result.gains
     ]  # fmt: skip

@@ -38,7 +38,7 @@ class Gain(NamedTuple):
     name: str  # "alpha"
     unit: str
     value: float
-    before: float  # value in the file; NaN if the file lacked it
+    file_value: float  # NaN if the file lacked the gain
     low: float
     high: float
     bound_side: int  # −1 at the lower bound, +1 at the upper, else 0
@@ -207,7 +207,7 @@ class TuneResult(Result):
             shared_columns |= {f"{m.channel}_{name}": x for name, x in margins.items()}
         table_rows = []
         for g in self.gains:
-            row: TableRow = {"name": g.name, "value": g.value, "unit": g.unit, "before": g.before}
+            row: TableRow = {"name": g.name, "value": g.value, "unit": g.unit, "file_value": g.file_value}
             row |= {"low": g.low, "high": g.high, "bound": {-1: "low", 1: "high"}.get(g.bound_side)}
             table_rows.append(
                 row | {"cost_at_0.8": g.cost_less, "cost_at_1.25": g.cost_more} | shared_columns
@@ -219,7 +219,7 @@ class TuneResult(Result):
         head = [_("gain"), _("value"), _("unit"), _("in the file"), _("cost at × 0.8"), _("at × 1.25")]
         rows = (
             [g.name, f"{number(g.value):.4g}", shown_unit(g.unit),
-             f"{number(g.before):.4g}" if np.isfinite(g.before) else "-",
+             f"{number(g.file_value):.4g}" if np.isfinite(g.file_value) else "-",
              *(f"{number(100 * (cost - 1)):+.1f} %" for cost in (g.cost_less, g.cost_more))]
             for g in self.gains
         )  # fmt: skip

@@ -35,7 +35,7 @@ class PlaybackPage:
         """Show the decrease of the cost, and the gains before and after the tuning."""
         costs = list(accumulate(result.history[:, 1].tolist(), min))
         gains = [
-            {"name": gain.name, "unit": gain.unit, "before": gain.before, "value": gain.value}
+            {"name": gain.name, "unit": gain.unit, "before": gain.file_value, "value": gain.value}
             for gain in result.gains
         ]
         around = {"cost": result.cost, "before": result.cost_before, "gains": gains}

@@ -47,7 +47,7 @@ def by_view(result: Controllers, kind: str = "errors") -> "Figure":
     """
     rows = result.rows()
     names = ("low", "ratio", "high") if kind == "ratios" else ("median_m", "median_m", "p95_m")
-    at = np.arange(len(rows))[::-1]
+    heights = np.arange(len(rows))[::-1]
     figure, axes = panels(
         len(result.drives), 1, (7.2, (0.28 * len(rows) + 0.7) * len(result.drives)), sharex=True
     )
@@ -55,9 +55,9 @@ def by_view(result: Controllers, kind: str = "errors") -> "Figure":
         low, middle, high = (
             SCALES[kind] * np.array([row[f"{view}_{name}"] for row in rows]) for name in names
         )
-        axis.hlines(at, low, high, color=REFERENCE, lw=4, zorder=1)
-        axis.plot(middle, at, "o", ms=5, color=MODEL)
-        axis.set_yticks(at, [row["controller"] for row in rows])
+        axis.hlines(heights, low, high, color=REFERENCE, lw=4, zorder=1)
+        axis.plot(middle, heights, "o", ms=5, color=MODEL)
+        axis.set_yticks(heights, [row["controller"] for row in rows])
         axis.set_ylim(-0.6, len(rows) - 0.4)
         axis.set_title(_(view))
         axis.set_xlim(left=0.0)
