@@ -58,8 +58,8 @@ TEMPLATES: dict[str, str] = {
         "the vehicle reaches {max_rad_s:.1f}. Make it slower: {fix}"
     ),
     "route.curve-too-tight": (
-        "at {position_m:.1f} m the route has a radius of {radius_m:.2f} m, but even slowly the vehicle needs {min_radius_m:.2f} m. "
-        "Make it larger or smoother: {fix}"
+        "at {position_m:.1f} m the route has a radius of {radius_m:.2f} m, but even slowly the vehicle needs "
+        "{min_radius_m:.2f} m. Make it larger or smoother: {fix}"
     ),
     "route.sideways": (
         "at {position_m:.1f} m the route moves sideways with {speed_m_s:.2f} m/s, but no command moves the vehicle "
