@@ -306,5 +306,5 @@ def _lap_errors(
     is_stuck = np.sum(truth[:, 3]) < 0.5 * np.sum(speed_ref)
     cross_track_rms_m = rms(cross_track(t_ns, truth[:, :2], t_ns, eta[:, :2]))
     is_stopped = float(supervisor.stopped > 0.0 or is_stuck)
-    limited = share_at_limit(u, limits)
-    return pace_figures.error, pace_figures.unevenness, limited, changes, cross_track_rms_m, is_stopped
+    limit_share = share_at_limit(u, limits)
+    return pace_figures.error, pace_figures.unevenness, limit_share, changes, cross_track_rms_m, is_stopped

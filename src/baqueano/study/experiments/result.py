@@ -44,23 +44,23 @@ class Experiments:
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence for each requirement that is missed."""
         out = []
-        designed = next(r for r in self.signal_rows if (r.vehicle, r.signal) == ("all", DESIGNED))
-        if designed.ratio < MIN_RATIO:
+        design = next(r for r in self.signal_rows if (r.vehicle, r.signal) == ("all", DESIGNED))
+        if design.ratio < MIN_RATIO:
             out.append(
                 _(
                     "the designed signal is {ratio:.2f} times better than random steps; expected "
                     "{expected:g} times",
-                    ratio=designed.ratio,
+                    ratio=design.ratio,
                     expected=MIN_RATIO,
                 )
             )
-        if above := designed.above_best:
+        if above := design.above_best:
             out.append(_("for {above} vehicles another signal gives more information", above=above))
         exits = sum(row.left for row in self.signal_rows if row.vehicle != "all")
         if exits:
             out.append(_("in {left} drives the body left the room", left=exits))
-        if designed.seconds > self.duration_s / 6.0:
-            figures = {"seconds": designed.seconds, "duration_s": self.duration_s}
+        if design.seconds > self.duration_s / 6.0:
+            figures = {"seconds": design.seconds, "duration_s": self.duration_s}
             out.append(_("the design took {seconds:.1f} s, more than a sixth of {duration_s:g} s", **figures))
         return tuple(out)
 

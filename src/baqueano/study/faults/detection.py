@@ -287,8 +287,8 @@ class Faults:
             rows.append([_(r["fault"]), *counts, verdicts, ratio_texts[0], loss, ratio_texts[1]])
         lines = text_table("<>>>><>>>", head, *rows)
         undamaged_fits = [o for o in self.outcomes if o.job.fault in UNDAMAGED]
-        warned = sum(o.verdict == Verdict.WARN for o in undamaged_fits)
-        figures = {"warned": warned, "sound": len(undamaged_fits)}
+        warning_count = sum(o.verdict == Verdict.WARN for o in undamaged_fits)
+        figures = {"warned": warning_count, "sound": len(undamaged_fits)}
         lines += ["", _("{warned} of {sound} runs without faults have a warning", **figures)]
         if self.ended_count < self.fit_count:
             figures = {"tried": self.ended_count, "count": self.fit_count}
