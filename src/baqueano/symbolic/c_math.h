@@ -88,11 +88,6 @@ typedef long long MASK __attribute__((vector_size(8 * LANES)));
 LOCAL REAL FN(splat)(double x) { return x - (REAL){0}; }
 LOCAL REAL FN(select)(MASK m, REAL a, REAL b) { return (REAL)(((MASK)a & m) | ((MASK)b & ~m)); }
 LOCAL REAL FN(choose)(int c, REAL a, REAL b) { return FN(select)((MASK){0} - (long long)(c != 0), a, b); }
-LOCAL REAL FN(unit)(int lane) {
-    REAL e = {0};
-    e[lane] = 1.0;
-    return e;
-}
 LOCAL REAL FN(gather)(const double *from, const int64_t *at) { /* a lane each from from[at[lane]] */
     REAL x;
     EACH_LANE x[lane] = from[at[lane]];
@@ -300,13 +295,14 @@ SCALAR(tanh)
 SCALAR(sign)
 SCALAR_OF_TWO(atan2)
 SCALAR_OF_TWO(hypot)
-SCALAR_OF_TWO(min)
-SCALAR_OF_TWO(max)
-LOCAL double splat_1(double x) { return x; }
-LOCAL double number_1(int m) { return m; }
-LOCAL double select_1(int m, double a, double b) { return m ? a : b; }
-LOCAL double abs_1(double x) { return __builtin_fabs(x); }
-LOCAL double sqrt_1(double x) { return __builtin_sqrt(x); }
-LOCAL double floor_1(double x) { return __builtin_floor(x); }
+/* Text, because compiling a call of each of many small functions takes longer than its arithmetic. */
+#define splat_1(x) (x)
+#define number_1(m) ((double)(m))
+#define select_1(m, a, b) ((m) ? (a) : (b))
+#define min_1(a, b) (((a) < (b)) | ((a) != (a)) ? (a) : (b))
+#define max_1(a, b) (((a) > (b)) | ((a) != (a)) ? (a) : (b))
+#define abs_1(x) __builtin_fabs(x)
+#define sqrt_1(x) __builtin_sqrt(x)
+#define floor_1(x) __builtin_floor(x)
 LOCAL double pow_1(double x, double y) { return pow(x, y); }
 #endif

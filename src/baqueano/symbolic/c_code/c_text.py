@@ -14,7 +14,7 @@ INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 COMPARISONS = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
 CONJUNCTIONS = {"and": "&", "or": "|"}
 MASKS = {*COMPARISONS, *CONJUNCTIONS, "not", "isnan"}  # they become 0.0 or 1.0 if used as numbers
-FUNCTION_CALL = r"\b(a?(sin|cos|tan)h?|atan2|hypot|exp|log)_\d"
+LONG_FUNCTIONS = ("sin_", "cos_", "tan_", "sinh_", "cosh_", "tanh_", "atan2_", "hypot_", "exp_", "log_")
 MAX_INLINED_CALLS = 100  # largest number of inlined calls: with more calls the compilation takes too long
 TABLE_OPERATORS = ("interp", "interp_slope")
 NAN = '__builtin_nan("")'
@@ -24,13 +24,13 @@ ROW_OPERATORS = ("row", "choose", "unit", "drift")
 def header(body: str, tables: Sequence) -> str:
     """Return the declarations for the body: elementary functions of its widths, and the tables of `interp`."""
     functions = (pkgutil.get_data("baqueano.symbolic", "c_math.h") or b"").decode()
-    has_many_calls = len(re.findall(FUNCTION_CALL, body)) > MAX_INLINED_CALLS
-    widths = sorted({2, *map(int, re.findall(r"\bv_(\d+)", body))} - {1})
+    has_many_calls = sum(map(body.count, LONG_FUNCTIONS)) > MAX_INLINED_CALLS
+    widths = sorted({2, *map(int, re.findall(r"v_(\d+)", body))} - {1})
     texts = ["#define CALLED\n"] if has_many_calls else []
     texts += [f"#define LANES {width}\n{functions}#undef LANES\n" for width in widths]
     columns = {f"xp{_grid(tables, k)}": xp for k, (xp, _) in enumerate(tables)}
     columns |= {f"fp{k}": fp for k, (_, fp) in enumerate(tables)}
-    for name in dict.fromkeys(re.findall(r"\b[xf]p\d+\b", body)):
+    for name in dict.fromkeys(re.findall(r"\b[xf]p\d+\b", body)) if tables else ():
         cells = (
             ", ".join(map(float.hex, columns[name].tolist())).replace("inf", "INFINITE").replace("nan", NAN)
         )
@@ -133,7 +133,7 @@ class CText:
         if term.op == "const":
             return literal(term.value)
         if term.op == "unit":
-            return f"unit_{term.lanes}({term.value})"
+            return f"(v_{term.lanes}){{{'0.0, ' * term.value}1.0}}"
         name = self.names[term]
         return f"number_{self.width}({name})" if term.op in MASKS else name
 

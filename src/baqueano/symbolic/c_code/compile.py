@@ -34,6 +34,9 @@ MAX_THOROUGH_OPERATIONS = 20_000  # operations; for more, -O3 takes minutes
 MIN_HASTY_OPERATIONS = 1_000  # operations; for fewer, -O1 saves only a tenth of a second
 HASTY_LEVEL = "-O1"  # optimisation level of code that is compiled quickly
 LONG_LEVEL = "-O1"  # and of code with more than MAX_THOROUGH_OPERATIONS
+# Of quick code: calls of sin, exp and the like, because their copies take up to half of a compilation.
+CALLS = "-DCALLED", "-Wno-psabi"
+ONE_REGION = "-fira-region=one"  # for registers; a kernel has one loop anyway
 WHOLE_VECTORS = "-mprefer-vector-width=512"  # else gcc splits √ and ⌊ ⌋ of eight lanes, through memory
 LIBRARY_SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 PROBE_TEXT = """\
@@ -141,6 +144,8 @@ def _flag_sets(
     is_long = operation_count > MAX_THOROUGH_OPERATIONS
     level = HASTY_LEVEL if is_hasty else LONG_LEVEL if is_long else "-O3"
     common_flags = (level, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-shared", "-w")
+    if level != "-O3":
+        common_flags += CALLS if compiler.is_clang else (*CALLS, ONE_REGION)
     if sys.platform != "win32":
         common_flags += ("-fPIC",)
     if not find_vectors:  # in straight-line code, vectors cost more than they save

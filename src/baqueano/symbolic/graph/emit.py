@@ -339,10 +339,16 @@ def _assign_regions(
 
 def _levels(order: list[Term], conditions: set[Term]) -> dict[Term, int]:
     """Return the number of nested choices of the same condition below each choice."""
+    places: dict[Term, list[int]] = {condition: [] for condition in conditions}
+    for place, term in enumerate(order):
+        if term.op in CHOICE_OPERATORS and term.args[0] in places:
+            places[term.args[0]].append(place)
     levels: dict[Term, int] = {}
-    for condition in conditions:
-        levels_below: dict[Term, int] = {}  # only the levels that are not 0
-        for term in order:
+    for condition, choices in places.items():
+        levels_below: dict[
+            Term, int
+        ] = {}  # only the levels that are not 0, from the first choice to the last
+        for term in order[choices[0] : choices[-1] + 1] if choices else ():
             level = 0
             for a in term.args:
                 if a in levels_below and levels_below[a] > level:
