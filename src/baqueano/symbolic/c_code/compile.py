@@ -36,7 +36,7 @@ HASTY_LEVEL = "-O1"  # optimisation level of code that is compiled quickly
 LONG_LEVEL = "-O1"  # and of code with more than MAX_THOROUGH_OPERATIONS
 # Of quick code: calls of sin, exp and the like, because their copies take up to half of a compilation.
 CALLS = "-DCALLED", "-Wno-psabi"
-ONE_REGION = "-fira-region=one"  # for registers; a kernel has one loop anyway
+SIMPLE_REGISTERS = "--param=ira-max-conflict-table-size=0"  # as fast code, with gcc's quicker allocator
 WHOLE_VECTORS = "-mprefer-vector-width=512"  # else gcc splits √ and ⌊ ⌋ of eight lanes, through memory
 LIBRARY_SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 PROBE_TEXT = """\
@@ -145,7 +145,7 @@ def _flag_sets(
     level = HASTY_LEVEL if is_hasty else LONG_LEVEL if is_long else "-O3"
     common_flags = (level, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-shared", "-w")
     if level != "-O3":
-        common_flags += CALLS if compiler.is_clang else (*CALLS, ONE_REGION)
+        common_flags += CALLS if compiler.is_clang else (*CALLS, SIMPLE_REGISTERS)
     if sys.platform != "win32":
         common_flags += ("-fPIC",)
     if not find_vectors:  # in straight-line code, vectors cost more than they save
