@@ -64,6 +64,10 @@ SHORT_RUNS = {  # but those of these files are compiled for more than two thirds
     "identify/test_parameters_on_demand.py", "identify/test_result.py", "identify/test_spread.py",
 }  # fmt: skip
 
+LONGEST = {  # begun first, otherwise one would end alone
+    "fuzz/test_fuzz.py", "web/test_in_browser.py", "web/test_questions.py",
+}  # fmt: skip
+
 POSIX = (
     "door",
     "emulated",
@@ -142,7 +146,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.flaky(reruns=2))
         if item.get_closest_marker("long") and not os.environ.get("BAQUEANO_LONG"):
             item.add_marker(pytest.mark.skip(reason=f"{item.name} is long. Type: make test-all"))
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+    items.sort(key=lambda item: (item.get_closest_marker("slow") is None, not is_in(item.path, LONGEST)))
 
 
 @pytest.hookimpl(wrapper=True)
