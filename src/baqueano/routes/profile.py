@@ -127,8 +127,9 @@ def fastest(
         index, slow_turn = int(np.argmax(is_too_slow)), forward_sign * path.kappa * MIN_SPEED_M_S
         least_share = float(np.max(capability.share(MIN_SPEED_M_S, slow_turn)))
         larger_share = str(round(min(1.0, 1.05 * least_share), 2))
-        words = ("faster", "--share", larger_share) if least_share <= 1.0 else ("smooth", "--rms", "0.05")
-        fix = baqueano_command("route", words[0], NAME_PLACEHOLDER, *words[1:])
+        fix = baqueano_command("route", "smooth", NAME_PLACEHOLDER, "--rms", "0.05")
+        if least_share <= 1.0:
+            fix = baqueano_command("route", "faster", NAME_PLACEHOLDER, "--share", larger_share)
         position_m, radius_m = float(path.s[index]), float(1.0 / curvature[index])
         raise UsageError(fault("route.too-tight", fix, position_m=position_m, radius_m=radius_m, share=share))
     up, down = (_rates(capability, path, forward_sign, sign, max_speed, share) for sign in (1.0, -1.0))
