@@ -39,9 +39,7 @@ MAX_INTEGRAL_SHARE = 0.5  # largest integral, as a share of the reference speed
 MAX_ALONG_ERROR_M = 0.3  # limit of e_x: a larger error does not increase the requested speed
 MAX_APPROACH_RAD = 1.0  # largest angle between course and path when a law approaches from far
 MIN_COURSE_SPEED_M_S = 0.02  # below this speed the course is the heading
-MIN_EFFECT = np.array(
-    [0.1, 1.0]
-)  # m/s², rad/s²: a command with less effect, as a servo at rest, hardly changes
+MIN_EFFECT = np.array([0.1, 1.0])  # m/s², rad/s²; a command with less effect, as a servo at rest, stays
 
 
 class FollowerState(NamedTuple):

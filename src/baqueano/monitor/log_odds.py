@@ -30,9 +30,7 @@ class Verdicts(NamedTuple):
     """The verdicts on m channels after a reading."""
 
     log_odds: np.ndarray  # (m,) per second: above 0 the sensor is wrong, below 0 the model
-    is_contradicted: (
-        np.ndarray
-    )  # (m,) bool: the other channels contradict it, and no other wrong channel is likelier
+    is_contradicted: np.ndarray  # (m,) bool: see (4)
 
 
 def verdicts(

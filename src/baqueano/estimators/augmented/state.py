@@ -58,9 +58,8 @@ class Layout(NamedTuple):
     # the channels of each sensor that measures the pose: place_gate.py
     pose_groups: tuple[tuple[int, ...], ...]
     speed_is_measured: bool  # True if a channel has its own scale of the speed
-    yaw_rate_checks: tuple[
-        np.ndarray, ...
-    ]  # (m,) each: weights whose sum over a sensor's innovations is a yaw rate that corrects no state
+    # weights (m,) of the innovations of a sensor: their sum is a yaw rate that corrects no state
+    yaw_rate_checks: tuple[np.ndarray, ...]
 
     @property
     def pose_error_mask(self) -> np.ndarray:

@@ -73,13 +73,10 @@ def update_inconsistency(
         channels = np.flatnonzero(weights)
         e = np.sum(weights[channels] * innovations.y[channels])
         variance = weights[channels] @ innovations.file_S[channels][:, channels] @ weights[channels]
-        contradicts, gyro_is_wrong = (
-            e**2 > gate_sigma**2 * variance,
-            np.abs(e + from_model[1]) < np.abs(from_model[1]),
-        )
-        rejected_sizes[1] = np.maximum(
-            rejected_sizes[1], np.where(contradicts & gyro_is_wrong, np.abs(e), 0.0)
-        )
+        contradicts = e**2 > gate_sigma**2 * variance
+        gyro_is_wrong = np.abs(e + from_model[1]) < np.abs(from_model[1])
+        size = np.where(contradicts & gyro_is_wrong, np.abs(e), 0.0)
+        rejected_sizes[1] = np.maximum(rejected_sizes[1], size)
         follows_speed = follows_speed | (contradicts & ~gyro_is_wrong)
     model_error = np.where(np.array([follows_speed, is_followed[1]]), np.abs(from_model), 0.0)
     next_inconsistency = inconsistency_after(
