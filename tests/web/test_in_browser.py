@@ -171,7 +171,7 @@ def test_gains_are_tuned_applied_and_restored_during_a_repetition(chromium, tmp_
     run = read_run(max((tmp_path / "runs").glob("*.mcap")))
     set_to = [e.diagnostic.figures for e in run.events if e.source == "set"]
     assert {change["path"] for change in set_to} >= {"controller.k_x", "controller.k_chi"}
-    k_x = [float(change["now"]) for change in set_to if change["path"] == "controller.k_x"]
+    k_x = [float(change["value"]) for change in set_to if change["path"] == "controller.k_x"]
     assert k_x == [pytest.approx(tuned_values[1]), 1.0]
 
 
