@@ -60,8 +60,12 @@ class Capability:
         return largest_allowed(lambda r: self.share(v, r) <= 1.0, np.full(np.shape(v), MAX_YAW_RATE_RAD_S))
 
     def largest_curvature(self, high: np.ndarray) -> np.ndarray:
-        """Return the largest curvature (m,) [1/m], at most `high` (m,), that the vehicle can drive at SLOW_M_S."""
-        return largest_allowed(lambda kappa: self.share(SLOW_M_S, kappa * SLOW_M_S) <= 1.0, high)
+        """Return the largest curvature (m,) [1/m], at most `high` (m,), that the vehicle can drive at SLOW_M_S.
+
+        It is 0 for a vehicle that cannot turn, which is allowed a yaw rate of MIN_MOTION.
+        """
+        kappa = largest_allowed(lambda kappa: self.share(SLOW_M_S, kappa * SLOW_M_S) <= 1.0, high)
+        return np.where(kappa * SLOW_M_S > 1.01 * MIN_MOTION, kappa, 0.0)
 
     def fastest_speed(self, kappa: np.ndarray, high: np.ndarray, share: float = 1.0) -> np.ndarray:
         """Return the largest constant speed (m,) [m/s], at most `high` (m,), on the curvatures `kappa` (m,) [1/m]."""
