@@ -94,20 +94,17 @@ FLAGS = "MAX_THOROUGH_OPERATIONS", "MAX_SCHEDULED_OPERATIONS", "HASTY_LEVEL", "L
 SHIPPED = tuple(getattr(compile, name) for name in FLAGS)
 
 os.environ["BAQUEANO_LANG"] = "en"  # whatever the locale of this machine
-os.environ["OPENBLAS_NUM_THREADS"] = (
-    "1"  # of the processes of a run: threads of one would wait for those of another
-)
-os.environ.pop(
-    "PYTHONDONTWRITEBYTECODE", None
-)  # tests start many programs: each would compile the package again
+# of the processes of a run: threads of one would wait for those of another
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+# tests start many programs: each would compile the package again
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
-gc.set_threshold(
-    200_000, 20, 100
-)  # graphs of kernels are many objects that live long: looking through them is slow
+# graphs of kernels are many objects that live long: looking through them is slow
+gc.set_threshold(200_000, 20, 100)
 
 if threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -52,16 +52,13 @@ ROOMS = [
 ]
 MOST_NAMES = 190  # of all rooms together
 MODULE_LINES = 15  # of the docstring of a module: equations and source
-UNIT_IN_NAME = re.compile(
-    r"_(?:(?:k?m|m?s|ns|rad|hz|deg|kg|v|std)2?|dps|per_m)$"
-)  # of a parameter, as in mass_kg
+# of a parameter, as in mass_kg
+UNIT_IN_NAME = re.compile(r"_(?:(?:k?m|m?s|ns|rad|hz|deg|kg|v|std)2?|dps|per_m)$")
 FRAMED = re.compile(r"\b(poses?|velocity|velocities)\b", re.I)  # quantities that have components in a frame
 SHAPE = re.compile(r"\([^)]*\b[236],?\)")  # of 2, 3 or 6 components
 FRAME = re.compile(r"\b(map|body|sensor frame|relative to)\b", re.I)
-BARE_RAISE = {
-    "NotImplementedError",
-    "AttributeError",
-}  # a base class and `__getattr__` give no advice to a user
+# a base class and `__getattr__` give no advice to a user
+BARE_RAISE = {"NotImplementedError", "AttributeError"}
 
 
 def module_of(room: str) -> ModuleType:
@@ -140,11 +137,12 @@ def test_a_number_of_a_public_name_states_its_unit():
     assert not lacks, "write its unit, such as [m/s] or [no unit]: " + "; ".join(lacks)
 
 
+# a name with the same meaning in several places, whose unit depends on the place
 OWN_UNITS = {
     **dict.fromkeys(("measurement_noise_cov", "noise_std"), "of the readings of the sensor"),
     **dict.fromkeys(("initial_std", "process_noise_std"), "of the state of the filter or of the vehicle"),
     "cost": "of the objective of the search",
-}  # a name with the same meaning in several places, whose unit depends on the place
+}
 
 
 def test_a_name_has_one_unit_in_all_places():
@@ -239,11 +237,9 @@ def errors_raised(function: ast.AST) -> set[str]:
 def source(doc: NumpyDocString) -> list[str]:
     """Return the faults of a docstring that cites an equation by its number."""
     text = " ".join([*doc["Summary"], *doc["Extended Summary"]])
-    return (
-        ["References or Notes"]
-        if re.search(r" \(\d\)", text) and not (doc["Notes"] or doc["References"])
-        else []
-    )
+    if re.search(r" \(\d\)", text) and not (doc["Notes"] or doc["References"]):
+        return ["References or Notes"]
+    return []
 
 
 def test_each_public_package_has_a_page_in_the_reference():

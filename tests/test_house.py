@@ -317,10 +317,8 @@ def test_su2_each_package_of_a_lock_has_its_hash(lock):
     assert all("--hash=sha256:" in following for following in packages)
 
 
-SIMULATED = {
-    "demo.py",
-    "paper",
-}  # the demo, and the simulation that the paper describes
+# the demo, and the simulation that the paper describes
+SIMULATED = {"demo.py", "paper"}
 HARMLESS = {
     "tick_times",
     "KnownState",

@@ -15,11 +15,12 @@ from baqueano.messages.language import use_language
 from baqueano.on_demand import MODULE_OF, on_demand
 
 ROOT = Path(baqueano.__file__).parent
+# the top-level package is the first
 PACKAGES = sorted(
     path
     for path in ROOT.rglob("__init__.py")
     if any(maker in path.read_text(encoding="utf-8") for maker in ("on_demand(", "front_door("))
-)  # the top-level package is the first
+)
 
 
 def read_by_a_type_checker(path: Path) -> dict[str, tuple[str, str]]:
@@ -71,13 +72,8 @@ def fresh(code: str) -> str:
     return done.stdout.strip()
 
 
-SUBCOMMANDS = [
-    "compare",
-    "identify",
-    "report",
-    "simulate",
-    "tune",
-]  # functions with the names of their packages
+# functions with the names of their packages
+SUBCOMMANDS = ["compare", "identify", "report", "simulate", "tune"]
 
 
 def test_importing_a_package_does_not_hide_the_function_of_the_same_name():

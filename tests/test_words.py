@@ -242,12 +242,13 @@ def test_no_key_of_a_row_is_a_verb_of_saying():
     assert not keys, f"name the quantity: {sorted(keys)}"
 
 
+# pronouns, prepositions, adverbs and adjectives, which lack their noun
 NO_NOUNS = re.compile(
     "what|who|whose|why|when|where|how|has|is|do|are|was|were|at|of|off|by|one|other|another|same|several|each|every|"
     "few|less|more|most|least|much|many|some|any|all|this|that|then|there|here|now|again|also|already|back|away|out|"
     "over|under|above|below|beyond|before|after|within|without|near|far|apart|aside|instead|because|beside|good|bad|"
     "wrong|lost|spoilt|kept|late|early|wide|similar|different|ours|theirs|way|odd"
-)  # pronouns, prepositions, adverbs and adjectives, which lack their noun
+)
 
 
 def test_a_figure_of_a_message_is_named_by_a_noun():
@@ -272,9 +273,8 @@ def is_without_noun(name, code):
 
 
 def test_no_code_of_a_message_is_a_verb_of_saying():
-    codes = [
-        code for code in templates() if {*re.split(r"[.-]", code)} & (VERBS - {"held"})
-    ]  # held out, held low
+    # held out, held low
+    codes = [code for code in templates() if {*re.split(r"[.-]", code)} & (VERBS - {"held"})]
     assert not codes, f"name the event or the value: {codes}"
 
 

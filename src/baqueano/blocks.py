@@ -290,11 +290,9 @@ def read_module(file: str, folder: Path | str | None = None) -> ModuleType:
 def classes_in(file: str, folder: Path | str | None = None) -> Diagnostic:
     """Return a message with the blocks "file.py:Class" of a file. Raise FileError if the file cannot be read."""
     class_names = [f"{file}:{name}" for name in _class_names(read_module(file, folder))]
-    return (
-        note("block.classes", file=file, classes=class_names)
-        if class_names
-        else note("block.no-classes", file=file)
-    )
+    if class_names:
+        return note("block.classes", file=file, classes=class_names)
+    return note("block.no-classes", file=file)
 
 
 def _class_of(path: Path, name: str) -> type:

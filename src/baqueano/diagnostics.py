@@ -310,8 +310,6 @@ def nearest(name: str, allowed: Iterable[str], cutoff: float = 0.6) -> Diagnosti
         return note("name.none")
     close_names = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
     known_names = _figure(names if len(names) <= MAX_LISTED_NAMES else [*names[:MAX_LISTED_NAMES], "…"])
-    return (
-        note("name.near", match=close_names[0], valid=known_names)
-        if close_names
-        else note("name.unknown", valid=known_names)
-    )
+    if close_names:
+        return note("name.near", match=close_names[0], valid=known_names)
+    return note("name.unknown", valid=known_names)

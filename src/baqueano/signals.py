@@ -230,10 +230,8 @@ def measured_ns(t_ns: int, slot: Slot) -> int:
 def sensor_slots(names: tuple[str, ...]) -> Callable[..., ByName[Tree]]:
     """Return the NamedTuple class with one Slot per sensor name; equal names return the same class."""
     slots_class: Tree = namedtuple("Sensors", names)
-    slots_class.__reduce__ = lambda slots: (
-        _slots_of,
-        (names, tuple(slots)),
-    )  # pickle cannot import the class
+    # pickle cannot import the class
+    slots_class.__reduce__ = lambda slots: (_slots_of, (names, tuple(slots)))
     return slots_class
 
 

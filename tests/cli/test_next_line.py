@@ -62,10 +62,8 @@ def test_the_error_about_a_missing_run_advises_to_list_the_runs(baqueano, tmp_pa
 
 def test_an_error_about_a_missing_path_lists_existing_files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    args, cause = (
-        ["runs", "import", "map.toml", "trials.csv"],
-        fault("table.not-read", absent_path="trials.csv"),
-    )
+    args = ["runs", "import", "map.toml", "trials.csv"]
+    cause = fault("table.not-read", absent_path="trials.csv")
     advice = next_command(cause, 3, args)
     assert (advice.code, dict(advice.figures)) == (
         "next.no-file",

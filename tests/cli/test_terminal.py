@@ -36,10 +36,8 @@ def run(folder: Path, *args: str, **environment: str) -> subprocess.CompletedPro
 
 
 def test_a_terminal_wraps_sentences_but_neither_tables_nor_commands(monkeypatch):
-    screen, sentence = (
-        io.StringIO(),
-        "the run is shorter than the drive. " * 4 + "Type: baqueano identify last",
-    )
+    screen = io.StringIO()
+    sentence = "the run is shorter than the drive. " * 4 + "Type: baqueano identify last"
     monkeypatch.setattr(screen, "isatty", lambda: True)
     monkeypatch.setattr(sys, "stdout", screen)
     monkeypatch.setenv("COLUMNS", "40")

@@ -94,9 +94,8 @@ def test_the_simulated_service_teaches_repeats_and_sends_each_tick(child, folder
     assert (done["code"], done["reason"]) == (0, None)
     run = read_run(folder / "runs" / done["run"])
     assert run.metadata["kind"] == "repeat"
-    begin = next(
-        k for k, m in enumerate(messages) if m["is"] == "fields"
-    )  # earlier frames belong to the taught drive
+    # earlier frames belong to the taught drive
+    begin = next(k for k, m in enumerate(messages) if m["is"] == "fields")
     rows = [row for m in messages[begin:] if m["is"] == "frame" for row in m["x"]]
     x = {name: np.array([row[k] for row in rows], dtype=float) for k, name in enumerate(names)}
     assert len(x["t"]) > 0.8 * len(run.t_ns)  # unread frames were replaced

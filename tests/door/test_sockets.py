@@ -107,9 +107,8 @@ def test_a_refused_mission_is_not_decoded(door, person, connect, monkeypatch, ti
     second = connect()
     second.send(do="mission", door=VERSION, mission=large)
     assert loads(second.file.readline())["diagnostic"]["code"] == "door.somebody"
-    assert all(
-        n <= MAX_SHORT_LINE_BYTES for n in decoded_texts
-    )  # at most one line, never the commands of a mission
+    # at most one line, never the commands of a mission
+    assert all(n <= MAX_SHORT_LINE_BYTES for n in decoded_texts)
     assert len(decoded_texts) == (len(large) < MAX_SHORT_LINE_BYTES)
 
 

@@ -22,9 +22,8 @@ def test_a_circle_is_taught_repeated_and_replayed(name, radius_m, speed_m_s):
     run = repeat(file, lesson.route, seed=2)
     assert stop_reason_of(run) is None
     assert run.reference.done[-1] == 1.0
-    assert (
-        np.ptp(run.truth.eta[:, 1]) > 0.5 * radius_m
-    )  # the lap was completed, although the gains are untuned
+    # the lap was completed, although the gains are untuned
+    assert np.ptp(run.truth.eta[:, 1]) > 0.5 * radius_m
     replayed_run = replay(run, file)
     assert np.array_equal(replayed_run.estimate.eta, run.estimate.eta)
     assert np.array_equal(replayed_run.estimate.cov, run.estimate.cov)

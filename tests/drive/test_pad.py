@@ -70,13 +70,8 @@ def test_a_game_pad_drives_only_with_a_front_button_pressed(plug):
     ("low", "high", "flat", "value", "part"),
     [
         (-32768, 32767, 128, -32768, 1.0),
-        (
-            -32768,
-            32767,
-            128,
-            round(-32767 * DEAD_BAND * 0.9),
-            0.0,
-        ),  # a flat below DEAD_BAND: no stick is that good
+        # a flat below DEAD_BAND: no stick is that good
+        (-32768, 32767, 128, round(-32767 * DEAD_BAND * 0.9), 0.0),
         (0, 255, 15, 128, 0.0),
         (0, 255, 15, 0, 1.0),
         (0, 1023, 0, 512 - 256, 0.433),

@@ -63,9 +63,8 @@ def test_a_replay_repeats_the_rest_bit_by_bit(run):
 def test_a_taught_route_begins_with_the_motion():
     lesson = bq.teach(bq.load("car"), circle(1.5, 1.0), seed=1)
     assert lesson.run.rest_s == REST_S
-    assert lesson.route.t_s[-1] == pytest.approx(
-        2.0 * np.pi * 1.5 + 0.5 / 0.3, abs=0.1
-    )  # with a start from rest
+    # with a start from rest
+    assert lesson.route.t_s[-1] == pytest.approx(2.0 * np.pi * 1.5 + 0.5 / 0.3, abs=0.1)
 
 
 def test_a_forecast_has_the_rest_of_the_drive(run):
@@ -123,9 +122,8 @@ def test_the_page_says_that_the_vehicle_stands_still():
 
     resting, driving = state_at(1.0), state_at(2.0)
     assert (resting["rest_s"], "rest_s" in driving) == (2.0, False)
-    assert resting["left_s"] == pytest.approx(
-        1.0 + LAP.t_s[-1] + LAP.nu[0, 0] / 0.3, abs=0.01
-    )  # with both ramps
+    # with both ramps
+    assert resting["left_s"] == pytest.approx(1.0 + LAP.t_s[-1] + LAP.nu[0, 0] / 0.3, abs=0.01)
     common = {"state": "MISSION", "reason": None}
     sentences = [state_message(common | state, Feed(), None, [])["sentence"] for state in (resting, driving)]
     assert "2 s" in sentences[0]

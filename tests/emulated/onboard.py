@@ -26,13 +26,11 @@ class Running:
     """A service that has sent READY=1 to systemd, and its figures from the operating system."""
 
     def __init__(self, process: Any, door: Path, file: Any, live: OnPty, messages: list[str]) -> None:
-        self.process, self.door, self.file, self.live, self.notifications = (
-            process,
-            door,
-            file,
-            live,
-            messages,
-        )
+        self.process = process
+        self.door = door
+        self.file = file
+        self.live = live
+        self.notifications = messages
         self.start_s = self.cpu_s = 0.0  # until READY=1
         self.body: Body | None = None
 
@@ -49,9 +47,8 @@ class Running:
         resident, counts = 0.0, False
         for line in Path(f"/proc/{self.process.pid}/smaps").read_text().splitlines():
             words = line.split()
-            if not words[0].endswith(
-                ":"
-            ):  # address, rights, offset, device, inode and, if it is one, the file
+            # address, rights, offset, device, inode and, if it is one, the file
+            if not words[0].endswith(":"):
                 counts = emulator not in line and not (len(words) == 5 and "x" in words[1])
             elif words[0] == "Rss:" and counts:
                 resident += 1024e-6 * float(words[1])

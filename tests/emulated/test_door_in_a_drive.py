@@ -86,7 +86,5 @@ def test_a_run_is_listed_only_after_it_is_complete(service, robot, door):
     done, _ = drive(service, spin())
     assert folders == [[]]
     assert answer_to(door, "runs")["runs"] == [done["run"]]
-    assert [m["is"] for m in service.messages][-2:] == [
-        "state",
-        "done",
-    ]  # a client can fetch the run then
+    # a client can fetch the run then
+    assert [m["is"] for m in service.messages][-2:] == ["state", "done"]

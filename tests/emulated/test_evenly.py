@@ -34,8 +34,7 @@ def test_the_emulated_robot_drives_at_an_even_speed(firmware, fitted_file, route
     assert evenness.error < 0.05
     assert evenness.unevenness < 0.03
     assert share_at_limit(run.sent_commands[going], limits_of(fitted_file.text)) == 0.0
-    assert (
-        sign_changes(run.t_ns[going], run.sent_commands[going, 0]) * run.duration_s < 1.5
-    )  # at most one, to brake
+    # at most one, to brake
+    assert sign_changes(run.t_ns[going], run.sent_commands[going, 0]) * run.duration_s < 1.5
     going &= is_driving(run.t_ns, run.reference.nu[:, 0], 0.0)
     assert sign_changes(run.t_ns[going], run.sent_commands[going, 0]) == 0.0

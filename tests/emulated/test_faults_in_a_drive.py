@@ -122,9 +122,8 @@ def test_a_circle_is_repeated_over_a_faulty_serial_line(robot, service, noise, t
     assert (unsent, resets) == (0, 0)
     assert last(run, LINE_SOURCE).level == "warning"
     if noise:
-        assert count_lost / (count_received + count_lost) == pytest.approx(
-            0.9, abs=0.03
-        )  # 46 bytes are whole with 0.95⁴⁶ = 9 %
+        # 46 bytes are whole with 0.95⁴⁶ = 9 %
+        assert count_lost / (count_received + count_lost) == pytest.approx(0.9, abs=0.03)
         assert count_damaged > 800
     else:
         assert late / count_received == pytest.approx(0.18, abs=0.04)
@@ -143,12 +142,10 @@ def test_a_run_ends_with_the_frame_counts_of_the_uno(robot, service, noise):
     assert done["reason"] is None
     event = last(run, UNO_SOURCE)
     n = event.diagnostic.figures
-    count_sent, count_damaged, count_ignored, count_lost = (
-        n["received_frames"],
-        n["damaged_frames"],
-        n["ignored_frames"],
-        n["lost_bytes"],
-    )
+    count_sent = n["received_frames"]
+    count_damaged = n["damaged_frames"]
+    count_ignored = n["ignored_frames"]
+    count_lost = n["lost_bytes"]
     assert count_sent > 500
     assert 0 <= robot.board.info().bad_crc - before.bad_crc - count_damaged <= 1
     assert count_damaged / count_sent == pytest.approx(16 * noise, abs=0.6 * 16 * noise)

@@ -7,17 +7,15 @@ import pytest
 
 from tests.emulated.mpu import CLONES, STANDARD_GRAVITY, EmulatedBus, MpuEmulator
 
-PWR, USER, DIV, CONFIG, FIFO_EN, INT_ENABLE, INT_STATUS, COUNT, FIFO = (
-    0x6B,
-    0x6A,
-    0x19,
-    0x1A,
-    0x23,
-    0x38,
-    0x3A,
-    0x72,
-    0x74,
-)
+PWR = 0x6B
+USER = 0x6A
+DIV = 0x19
+CONFIG = 0x1A
+FIFO_EN = 0x23
+INT_ENABLE = 0x38
+INT_STATUS = 0x3A
+COUNT = 0x72
+FIFO = 0x74
 MS = 1_000_000
 I2C_SLAVE = 0x703
 

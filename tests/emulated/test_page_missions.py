@@ -96,9 +96,8 @@ def test_a_route_is_taught_repeated_tuned_swapped_and_replayed_on_the_emulated_r
             tab = chromium.tab()
             wheel = Wheel(tab, port, service.live)
             teach(wheel, service.body)
-            tab.wait(
-                f"{SCREENS}.drive.names.length > 1", START_S
-            )  # the run is copied, and its route is stored
+            # the run is copied, and its route is stored
+            tab.wait(f"{SCREENS}.drive.names.length > 1", START_S)
             assert len(list((tmp_path / "here").glob("*-teach.mcap"))) >= 1
             (taught,) = set(tab.js(f"{SCREENS}.drive.names")) - {"ring"}
             repeat(wheel, taught, DRIVING)

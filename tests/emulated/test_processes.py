@@ -192,9 +192,8 @@ def test_a_mission_through_the_door_returns_its_run(service, vehicle, live, tmp_
         duties = np.array(
             [[out.terminal(k, live.uno.driver).duty for k in (0, 1)] for out in live.uno.outputs()]
         )
-    assert np.min(duties, axis=0) == pytest.approx(
-        [-0.6, 0.0], abs=0.002
-    )  # at the pins, independent of the clock of the host
+    # at the pins, independent of the clock of the host
+    assert np.min(duties, axis=0) == pytest.approx([-0.6, 0.0], abs=0.002)
     assert np.max(duties, axis=0) == pytest.approx([0.0, 0.6], abs=0.002)
     assert np.median(run.applied_commands[run.t_s > 0.2, 2]) == pytest.approx(0.6, abs=0.002)
     stops(live, 1.0)

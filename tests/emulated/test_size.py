@@ -36,9 +36,8 @@ def test_the_firmware_in_the_wheel_matches_its_sources(firmware, new_uno):
     """Equal bytes with the compiler that built it; with another compiler, the firmware runs and reports its version."""
     if "5.4.0" in subprocess.run(["avr-gcc", "--version"], capture_output=True, text=True, check=True).stdout:
         assert SHIPPED.read_bytes() == firmware.hex.read_bytes(), "run `make firmware` and commit uno.hex"
-    shipped = new_uno(
-        boot_loader=SHIPPED, flashed=False
-    )  # it starts at 0, as a program without a boot-loader
+    # it starts at 0, as a program without a boot-loader
+    shipped = new_uno(boot_loader=SHIPPED, flashed=False)
     info = shipped.next_frame(Info, 0.1)
     assert (info.protocol, info.version_major, info.version_minor, info.version_patch) == (PROTOCOL, *VERSION)
 

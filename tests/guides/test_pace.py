@@ -40,9 +40,8 @@ def test_a_pause_brakes_the_guide_and_then_continues_from_the_same_place():
     assert np.all(v[100:250] == 0.0)
     assert v[-1] == pytest.approx(0.2)
     begin_ticks = 0.5 * 0.2 / 0.3 / DT
-    assert way[-1] == pytest.approx(
-        0.2 * DT * (400 - 170 - begin_ticks), abs=0.2 * DT * 5
-    )  # no part is skipped
+    # no part is skipped
+    assert way[-1] == pytest.approx(0.2 * DT * (400 - 170 - begin_ticks), abs=0.2 * DT * 5)
 
 
 def test_the_slowest_of_several_requested_paces_applies():

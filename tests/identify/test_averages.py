@@ -88,9 +88,8 @@ def test_rates_from_counts_at_10_hz_equal_the_predictions_of_the_true_model(run)
     mask = problem.masks[0] > 0.0
     assert mask[:, 0].sum() == 79
     misfit = problem.misfits(theta)[0][mask]
-    assert (
-        np.abs(misfit).max() < 1e-4
-    )  # m/s; 0.007 if the reading is compared with the middle of its interval
+    # m/s; 0.007 if the reading is compared with the middle of its interval
+    assert np.abs(misfit).max() < 1e-4
 
 
 def test_the_interval_of_an_imported_rate_ends_at_its_later_count(tmp_path):

@@ -38,11 +38,9 @@ def seen_by_a_camera(run: Run, seed: int) -> Run:
 
 def test_excluding_a_block_shifts_the_fit_by_one_gauss_newton_step(end):
     fit, info = end
-    problem, theta, identifiable = (
-        fit.task.problem,
-        fit.search.solution.theta,
-        np.flatnonzero(fit.identifiability.mask),
-    )
+    problem = fit.task.problem
+    theta = fit.search.solution.theta
+    identifiable = np.flatnonzero(fit.identifiability.mask)
     moves = []
     for (r, d, index), record in zip(problem.sensitivities(theta), problem.records, strict=True):
         block = (np.cumsum(record.dt_s) // BLOCK_S).astype(int)
@@ -155,11 +153,9 @@ def test_the_jackknife_excludes_segments_in_which_the_model_diverged(case, case_
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda task: task)
         fit = identify(case_run(0, 24.0), case, options=FitOptions(segment_s=4.0))
-    problem, theta, identifiable = (
-        fit.task.problem,
-        fit.search.solution.theta,
-        np.flatnonzero(fit.identifiability.mask),
-    )
+    problem = fit.task.problem
+    theta = fit.search.solution.theta
+    identifiable = np.flatnonzero(fit.identifiability.mask)
     ways = {"by_segment": False}, {"by_segment": True}
     assert all(jackknife(problem, theta, identifiable, fit.info.bread, **way) is not None for way in ways)
     slopes = [(r, d.copy(), index) for r, d, index in problem.sensitivities(theta)]

@@ -128,9 +128,8 @@ def test_a_parameter_change_within_a_run_is_reported(case, u):
     assert fit.verdict == "WARN"
     assert "residual.parts-differ" in codes(fit.reasons)
     k = fit.names.index("model.friction.linear[0]")
-    assert (
-        fit.interval[k, 0] < 7.0 < 9.0 < fit.interval[k, 1] or fit.std[k] > 0.5
-    )  # it includes the result of the halves
+    # it includes the result of the halves
+    assert fit.interval[k, 0] < 7.0 < 9.0 < fit.interval[k, 1] or fit.std[k] > 0.5
 
 
 def test_a_difference_between_two_runs_of_two_vehicles_is_reported(case, u):

@@ -34,9 +34,8 @@ def at_ten_hertz():
     """A car whose log has 10 rows a second."""
     file = override(car, ["rate_hz=10.0", "sensors.imu.rate_hz=10.0", "sensors.odometer.rate_hz=10.0"])
     u = random_steps(file.command.limit, 20.0, 10.0, 3)
-    fine = simulate(
-        override(car, ["rate_hz=100.0"]), np.repeat(u, 10, axis=0), 3
-    )  # because a vehicle moves meanwhile
+    # because a vehicle moves meanwhile
+    fine = simulate(override(car, ["rate_hz=100.0"]), np.repeat(u, 10, axis=0), 3)
     tenth = {name: Channel(*(x[9::10] for x in channel[:3])) for name, channel in fine.sensors.items()}
     return file, replace(fine, t_ns=fine.t_ns[9::10], applied_commands=u, sensors=tenth, truth=None)
 

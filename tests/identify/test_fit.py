@@ -72,9 +72,8 @@ def test_id14_standard_errors_are_near_the_cramer_rao_bound(case, fits):
         k = fits[0].names.index(f"model.{name}")
         truth = case.value(f"model.{name}")
         std = 100.0 * np.mean([fit.std[k] for fit in fits]) / truth
-        assert 0.85 * bound < std < 1.4 * bound, (
-            name
-        )  # Huber 1.03; biases, start and T's other entries; the signal
+        # Huber 1.03; biases, start and T's other entries; the signal
+        assert 0.85 * bound < std < 1.4 * bound, name
         assert std < 1.0 or name == "friction.quadratic[1]"
 
 
@@ -218,9 +217,8 @@ def test_the_matrix_of_a_kinematic_vehicle_is_identified(case, case_run):
     )
     k = [fit.names.index(f"model.velocity_matrix[{i},{i}]") for i in (0, 2)]
     assert np.max(np.abs((fit.estimate[k] - [0.1, 0.05]) / fit.std[k])) < 4.5
-    cut = identify(
-        case_run(8, 20.0, file), file, options=FitOptions(segment_s=5.0)
-    )  # a segment does not start with a velocity
+    # a segment does not start with a velocity
+    cut = identify(case_run(8, 20.0, file), file, options=FitOptions(segment_s=5.0))
     np.testing.assert_allclose(cut.estimate[k], fit.estimate[k], rtol=0.05)
     truth = identify(case_run(8, 20.0), file, use=["truth"])  # the dynamic vehicle, with its velocity given
     assert 0.05 < truth.value("model.velocity_matrix[0,0]") < 0.15

@@ -49,9 +49,8 @@ def test_an_undeclared_low_pass_gives_a_warning_and_a_remedy(logs):
     assert fit.verdict == "WARN"
     assert f"--free +{LOW_PASS}" in [reason.fix for reason in fit.reasons]
     assert ("delay.sum", "imu") in [(note.code, note.subject) for note in fit.notes]
-    assert (
-        fit.value(DELAY_PATH) - q.delay_s[0] > 0.5 * 0.5 / np.pi / HZ
-    )  # the fit mistook the filter for a delay
+    # the fit mistook the filter for a delay
+    assert fit.value(DELAY_PATH) - q.delay_s[0] > 0.5 * 0.5 / np.pi / HZ
     assert off(fit, q, DELAY_PATH) < 4.0  # and the error bar includes this
 
 

@@ -128,9 +128,8 @@ def test_the_error_of_the_gyro_bias_equals_its_measurement_error():
     from baqueano.vehicle_file import Provenance
 
     file, path = load("car"), "sensors.imu.gyro_bias"
-    assert std_of_gyro_bias(file, "imu") == pytest.approx(
-        np.radians(20.0) / np.sqrt(3.0)
-    )  # the value of a data sheet
+    # the value of a data sheet
+    assert std_of_gyro_bias(file, "imu") == pytest.approx(np.radians(20.0) / np.sqrt(3.0))
     measured_file = file.with_values({path: 0.002}, {path: Provenance("rest", None, 0.001, "USABLE")})
     assert std_of_gyro_bias(measured_file, "imu") == pytest.approx(0.001)
 
@@ -316,9 +315,8 @@ def test_a_slow_disturbance_is_separated_from_white_noise():
         slow[k] = 0.98 * slow[k - 1] + np.sqrt(1.0 - 0.98**2) * rng.normal()
     slow_estimate = slow_part(0.5 * white + slow)
     assert np.std(slow_estimate - slow) < 0.6 * 0.5
-    assert (
-        abs(np.mean((slow_estimate - slow) * slow_estimate)) < 0.02
-    )  # its error is independent of the signal
+    # its error is independent of the signal
+    assert abs(np.mean((slow_estimate - slow) * slow_estimate)) < 0.02
     np.testing.assert_array_equal(slow_part(white[:20]), white[:20])
 
 
@@ -329,9 +327,8 @@ def test_gyro_noise_does_not_bias_lever_arm_or_speed_towards_zero():
         fit = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
         at = [fit.names.index(name) for name in ("sensors.imu.lever_arm_m[0]", "model.throttle_gain")]
         off.append((fit.estimate - np.array([file.value(name) for name in fit.names]))[at] / fit.std[at])
-    assert np.all(np.abs(np.mean(off, axis=0)) < 3.0 / np.sqrt(4.0)), (
-        off
-    )  # the lever arm was 4 standard errors too short
+    # the lever arm was 4 standard errors too short
+    assert np.all(np.abs(np.mean(off, axis=0)) < 3.0 / np.sqrt(4.0)), off
 
 
 def test_a_kinematic_vehicle_cannot_use_the_gyro_fit(tmp_path):

@@ -152,10 +152,8 @@ def test_unused_channels_retain_the_noise_of_the_file(noise_at_rest, small):
 
 
 def test_an_unused_channel_without_stated_noise_uses_its_noise_at_rest(noise_at_rest, small):
-    run, silent = (
-        noise_at_rest[0],
-        {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.gyro_noise_std": 0.0},
-    )
+    run = noise_at_rest[0]
+    silent = {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.gyro_noise_std": 0.0}
     file = small.with_values(silent)
     noise = measure_noise(identify(run, file, use=["imu[2]"]), run, source="truth")
     np.testing.assert_allclose(np.sqrt(np.diagonal(noise.in_motion["imu"])), [0.1, 0.1, 0.004], rtol=0.25)

@@ -107,10 +107,8 @@ def test_an_unreached_motor_limit_is_at_least_the_largest_command(small):
     """The fit reports a bound and not an estimate."""
     run = simulate(small, 0.4 * random_steps(small.command.limit, 20.0, small.rate_hz, 1, hold_s=0.5), 1)
     fit = identify(run, override(small, ["model.drivetrain.limit=[inf]"]), [*USUAL, "model.drivetrain.limit"])
-    left, right = (
-        run.applied_commands[:, 0] - run.applied_commands[:, 2],
-        run.applied_commands[:, 0] + run.applied_commands[:, 2],
-    )
+    left = run.applied_commands[:, 0] - run.applied_commands[:, 2]
+    right = run.applied_commands[:, 0] + run.applied_commands[:, 2]
     largest = max(np.abs(left).max(), np.abs(right).max())
     limit = fit.names.index("model.drivetrain.limit[0]")
     assert largest < small.value("model.drivetrain.limit[0]")

@@ -111,11 +111,9 @@ def test_the_innovations_equal_the_innovations_of_filterpy(cart, gauss):
     a = 1.0 - drag + drag**2 / 2.0 - drag**3 / 6.0 + drag**4 / 24.0
     kf = KalmanFilter(dim_x=1, dim_z=1, dim_u=1)
     kf.x, kf.P, kf.F, kf.H = np.array([[AT[2]]]), np.zeros((1, 1)), np.array([[a]]), np.array([[10.0]])
-    kf.B, kf.Q, kf.R = (
-        np.array([[(1.0 - a) / DRAG]]),
-        np.array([[AT[3] * DT]]),
-        np.array([[np.exp(2 * AT[6])]]),
-    )
+    kf.B = np.array([[(1.0 - a) / DRAG]])
+    kf.Q = np.array([[AT[3] * DT]])
+    kf.R = np.array([[np.exp(2 * AT[6])]])
     innovations = []
     for u, z in zip(run.applied_commands[:, 0], run.sensors["odometer"].z[:, 0], strict=True):
         kf.predict(u=np.array([[u]]))

@@ -91,10 +91,8 @@ def test_eliminating_initial_states_gives_the_inverse_of_the_whole_information()
 def test_derivatives_with_initial_states_eliminated_give_the_reduced_information():
     rng = np.random.default_rng(1)
     layout = ThetaLayout(3, 2, 2, (0, 0, 1))
-    A, without_start = (
-        np.zeros((layout.size, layout.size)),
-        np.zeros((layout.first_start, layout.first_start)),
-    )
+    A = np.zeros((layout.size, layout.size))
+    without_start = np.zeros((layout.first_start, layout.first_start))
     for index in layout.indices:
         d, w = rng.normal(size=(20, 2, len(index))), (rng.random((20, 2)) < 0.8).astype(float)
         A[np.ix_(index, index)] += np.einsum("tm,tmp,tmq->pq", w, d, d)

@@ -72,10 +72,8 @@ def test_a_fit_gives_fast_driving_less_weight_if_noise_grows_with_speed(small):
     z = imu.z + rng.normal(size=imu.z.shape) * [3.0, 3.0, 0.3] * np.abs(run.truth.nu[at, :1])
     run = replace(run, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z)})
     free = ["model.actuator_matrix[0,0]", "model.friction.linear[0]"]
-    steady, growing = (
-        identify(run, small, free),
-        identify(run, small, free, options=FitOptions(speed_noise=True)),
-    )
+    steady = identify(run, small, free)
+    growing = identify(run, small, free, options=FitOptions(speed_noise=True))
     assert np.all(growing.std < 0.9 * steady.std)
     truth = np.array([small.value(name) for name in growing.names])
     assert np.max(np.abs(growing.estimate - truth) / growing.std) < 4.5

@@ -127,9 +127,8 @@ def test_a_curve_that_a_car_cannot_drive_at_any_speed_is_refused_with_its_radius
     (finding,) = examine(circle(0.2, 0.8), load("car")).findings
     assert finding.code == "route.curve-too-tight"
     assert finding.figures["radius_m"] == pytest.approx(0.2, abs=0.01)
-    assert (
-        0.25 < finding.figures["min_radius_m"] < 0.35
-    )  # of the steering alone: wheelbase / tan(0.47), from the middle
+    # of the steering alone: wheelbase / tan(0.47), from the middle
+    assert 0.25 < finding.figures["min_radius_m"] < 0.35
     assert examine(circle(0.5, 2.8), load("car")).findings[0].code == "route.turns-too-fast"
 
 

@@ -121,9 +121,8 @@ def test_with_a_lag_the_integration_error_is_of_fourth_order(delay_s):
     slopes = [np.polyfit(np.log(ticks), np.log(column), 1)[0] for column in differences[:, :9].T]
     assert min(slopes) > 3.4
     assert np.all(differences[0] < [1e-6, 1e-6, 1e-4, 1e-6, 1e-5, 5e-4, 5e-4, 5e-4, 5e-4, 2e-2, 2e-2, 5e-3])
-    assert (
-        np.polyfit(np.log(ticks), np.log(differences[:, 9:].max(axis=1)), 1)[0] > 2.5
-    )  # behind the low-pass
+    # behind the low-pass
+    assert np.polyfit(np.log(ticks), np.log(differences[:, 9:].max(axis=1)), 1)[0] > 2.5
 
 
 def test_without_a_lag_a_command_within_a_tick_increases_the_error():

@@ -51,9 +51,8 @@ def test_a_left_turn_drives_the_right_wheel_forward():
 
 def test_a_saturated_wheel_reduces_the_turning_effort():
     d = Drivetrain(mixing="two_wheels", limit=np.array([1.0, 1.0]))
-    assert efforts(d, [np.array([0.8, 0.0, 0.6])])[0] == pytest.approx(
-        [0.6, 0.0, 0.4]
-    )  # wheels 0.2 and 1, not 1.4
+    # wheels 0.2 and 1, not 1.4
+    assert efforts(d, [np.array([0.8, 0.0, 0.6])])[0] == pytest.approx([0.6, 0.0, 0.4])
 
 
 def test_a_dead_zone_is_subtracted_in_each_direction():

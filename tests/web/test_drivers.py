@@ -45,9 +45,8 @@ async def test_rt14_only_one_of_several_browsers_drives_at_a_time(tmp_path, seed
             if model.now() in (None, name):
                 model.hold(name)
         elif word == "beat":
-            n = chance.choice(
-                (counts[name] + 1, counts[name])
-            )  # a second heartbeat with the same number does not count
+            # a second heartbeat with the same number does not count
+            n = chance.choice((counts[name] + 1, counts[name]))
             counts[name] = n
             await visitor.send("beat", n=n, seen=live.feed.number, u=[names.index(name) + 1.0])
             if model.now() == name and n > model.n:
@@ -83,10 +82,8 @@ async def test_rt14_only_one_of_several_browsers_drives_at_a_time(tmp_path, seed
                 await until(lambda: len(server.visitors) < len(names))
                 if model.now() == name:
                     model.holder = None
-                visitors[name], counts[name] = (
-                    await lines.enter_async_context(browser(server, name=name)),
-                    0,
-                )
+                visitors[name] = await lines.enter_async_context(browser(server, name=name))
+                counts[name] = 0
             else:
                 await act(visitors, live, link, name, word)
                 stops += word == "stop"

@@ -144,11 +144,9 @@ class Line:
 
 
 def test_a_row_has_the_same_time_in_each_topic():
-    fields, clock, line = (
-        [{"name": name, "unit": ""} for name in ("t", "eta.x", "u.0")],
-        count(0, 10**6),
-        Line(),
-    )
+    fields = [{"name": name, "unit": ""} for name in ("t", "eta.x", "u.0")]
+    clock = count(0, 10**6)
+    line = Line()
     bridge = FoxgloveServer(lambda: {"fields": fields}, now_ns=lambda: next(clock))
     bridge.add_client(line)
     subscriptions = [{"id": k, "channelId": k} for k in (1, 2)]
@@ -194,9 +192,8 @@ async def test_ne2_ne3_a_foxglove_program_needs_a_token_like_a_browser(tmp_path)
         assert await status_of(address_of(server), **evil) == 403
         assert await status_of(address_of(server, "x" * 22)) == 403
         token = server.guard.tokens[Role.VIEW]
-        async with connect(
-            address_of(server, token), subprotocols=[SUBPROTOCOLS[0]], **evil
-        ) as line:  # Foxglove's own page
+        # Foxglove's own page
+        async with connect(address_of(server, token), subprotocols=[SUBPROTOCOLS[0]], **evil) as line:
             await next_word(line, "serverInfo")
         with pytest.raises(InvalidStatus):
             await connect(address_of(server)).__aenter__()  # of an unknown protocol

@@ -192,9 +192,8 @@ def test_the_floor_is_tilted_and_levelled_by_keys(breaking, live):
     for key in ("ArrowUp", "ArrowRight"):
         breaking.press(key)
     breaking.wait(f"{LAST}?.fault.kind === 'tilt' && {PAGE}.ledger.length === 2")
-    assert breaking.js(f"[{LAST}.fault.x, {LAST}.fault.y]") == pytest.approx(
-        [0.00873, 0.00873], abs=1e-4
-    )  # 0.5° each
+    # 0.5° each
+    assert breaking.js(f"[{LAST}.fault.x, {LAST}.fault.y]") == pytest.approx([0.00873, 0.00873], abs=1e-4)
     assert breaking.js("document.querySelector('.tilt output').textContent") == "0.7°"
     breaking.js("document.querySelector('.tilt button').click()")
     breaking.wait(f"{PAGE}.ledger.length === 3 && {LAST}.fault.x === 0 && {LAST}.fault.y === 0")

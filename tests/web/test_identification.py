@@ -252,9 +252,8 @@ async def test_a_page_shows_identification_while_answering_other_requests(tmp_pa
             assert answer["fit"]["verdict"]
             assert "4 s" in answer["next"]["motion"]
             await second.send("ask", id=7, question="ping")
-            assert (await second.next("answer", "identify"))[
-                "is"
-            ] == "answer"  # a browser on another screen receives nothing
+            # a browser on another screen receives nothing
+            assert (await second.next("answer", "identify"))["is"] == "answer"
             await visitor.send("identify", on=False)
             await until(lambda: not live.identifying._looking)
             link.on_word({"is": "frame", "x": [[None] * len(names)]})

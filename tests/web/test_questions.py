@@ -90,10 +90,8 @@ async def test_a_block_named_by_an_opened_run_is_not_executed(tmp_path, driven_f
             assert answer["code"] == "vehicle.kind", what
         assert (await visitor.request("tune", run=run))["code"] == "vehicle.kind"
         answer = await visitor.request("block", room="estimator", run=run)
-        assert (answer["kind"], answer["step_us"]) == (
-            "augmented_ekf",
-            None,
-        )  # the others are still shown
+        # the others are still shown
+        assert (answer["kind"], answer["step_us"]) == ("augmented_ekf", None)
         await visitor.send("open", run=run, filter="ekf")
         assert "theirs.py" in (await visitor.next("refused"))["reason"]
     assert not (tmp_path / "executed").exists()

@@ -126,9 +126,8 @@ async def driving(port, moves, via=None):
                     moves.set()
                 hearing = asyncio.ensure_future(line.recv())
                 if not isinstance(data, bytes):
-                    if (
-                        json.loads(data).get("state") == "STOPPED" and not moves.is_set()
-                    ):  # the machine stalled
+                    # the machine stalled
+                    if json.loads(data).get("state") == "STOPPED" and not moves.is_set():
                         await visitor.send("clear")
                         await visitor.send("take")
                         await visitor.send("mission", kind="drive")

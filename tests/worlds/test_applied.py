@@ -43,11 +43,9 @@ class Firmware:
 
 def drive_motors(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
     """Return reported (ticks, 2) and true mean duties of each tick."""
-    rng, applied, firmware = (
-        np.random.default_rng(seed),
-        AppliedDuties(motors),
-        Firmware(motors, phase_ms, on_the_way_ms),
-    )
+    rng = np.random.default_rng(seed)
+    applied = AppliedDuties(motors)
+    firmware = Firmware(motors, phase_ms, on_the_way_ms)
     firmware.until(20, applied)
     applied.begin(20 * MS)
     means, true = [], []

@@ -13,9 +13,8 @@ from baqueano.errors import error_text, from_outside
 from baqueano.signals import Command, Estimate, Reference, Tick
 from baqueano.symbolic import TraceError, function
 
-RELATIVE_TOLERANCE = (
-    1e-9  # relative; back ends agree to 1e-12 per step, and an ill-conditioned block amplifies this
-)
+# relative; back ends agree to 1e-12 per step, and an ill-conditioned block amplifies this
+RELATIVE_TOLERANCE = 1e-9
 
 
 def compilation_notes(

@@ -332,17 +332,13 @@ def _outputs_on_circle(
     trial: Trial, role: str, sensors: SensorBlocks, n: int, begin_ns: int
 ) -> dict[str, np.ndarray]:
     """Return the outputs of the block over 20 ticks of a circle, name → (20, m)."""
-    state, rows, context = (
-        trial.checked_call("init", AT_START),
-        [],
-        note("when.clock", begin_ns=float(begin_ns)),
-    )
+    state = trial.checked_call("init", AT_START)
+    rows = []
+    context = note("when.clock", begin_ns=float(begin_ns))
     for k in range(20):
         t_ns, psi = begin_ns + (k + 1) * TICK_NS, YAW_RATE_RAD_S * DT_S * k
-        eta, nu = (
-            np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi]),
-            np.array([0.25, 0.0, YAW_RATE_RAD_S]),
-        )
+        eta = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi])
+        nu = np.array([0.25, 0.0, YAW_RATE_RAD_S])
         estimate = Estimate(t_ns, eta, nu, 1e-6 * np.eye(6))
         reference = Reference(t_ns, eta + np.array([0.02, 0.01, 0.15]), nu, 0.0)
         tick = Tick(t_ns, np.full(n, 0.2), slots_at(sensors, k))

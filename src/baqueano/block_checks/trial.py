@@ -175,10 +175,8 @@ class Trial:
         except BaseException as error:
             if from_outside(error):
                 raise
-            line, named_method = (
-                _line(self.block_class, error),
-                method_name if hasattr(self.block_class, method_name) else "",
-            )
+            line = _line(self.block_class, error)
+            named_method = method_name if hasattr(self.block_class, method_name) else ""
             if line:
                 self.add_fault(
                     "check.raises-on-line",

@@ -208,10 +208,8 @@ def advise_to_measure(vehicle_file: "VehicleFile", robot: str = "simulated") -> 
     """
     if is_measured(vehicle_file, robot):
         return
-    vehicle_options, robot_options = (
-        vehicle_and_runs_options(vehicle_file),
-        [] if robot == "simulated" else ["--robot", robot],
-    )
+    vehicle_options = vehicle_and_runs_options(vehicle_file)
+    robot_options = [] if robot == "simulated" else ["--robot", robot]
     print_message(
         note(
             "cli.measure-first",

@@ -13,11 +13,8 @@ DEFAULTS: dict[str, object] = {
     # of a vehicle
     "nu_dot": None,  # its acceleration (3,); without this method a command is a velocity
     "turning_arm_m": None,  # ν̇_y per ν̇_ψ [m]: position of the origin forward of the centre of turning
-    "driven_axes": (
-        0,
-        1,
-        2,
-    ),  # of its drivetrain: axes along which a command acts: forward, sideways, turning
+    # of its drivetrain: axes along which a command acts: forward, sideways, turning
+    "driven_axes": (0, 1, 2),
     # of a sensor
     "delay_slots": 0,  # number of past ticks that are stored for the delay
     "has_low_pass": False,

@@ -176,10 +176,8 @@ class ModelFollower:
         eta_p = eta + map_from_body(eta[2] + 0.5 * displacement[2]) @ displacement  # (1)
         e_chi = wrap(eta_r[2] + slip(nu_r) - eta_p[2] - slip(nu_f))  # (2)
         e = pose_error(eta_r, eta_p) + b * np.array([1.0 - np.cos(e_chi), -np.sin(e_chi), 0.0])
-        e_x, max_integral = (
-            np.clip(e[0], -MAX_ALONG_ERROR_M, MAX_ALONG_ERROR_M),
-            MAX_INTEGRAL_SHARE * np.abs(nu_f[0]),
-        )
+        e_x = np.clip(e[0], -MAX_ALONG_ERROR_M, MAX_ALONG_ERROR_M)
+        max_integral = MAX_INTEGRAL_SHARE * np.abs(nu_f[0])
         v_i = np.clip(state.integral_v + self.k_i * e_x * dt_s, -max_integral, max_integral)
         kappa = nu_r[2] * nu_r[0] / (nu_r[0] ** 2 + MIN_COURSE_SPEED_M_S**2)
         forward_sign = nu_f[0] / np.hypot(nu_f[0], MIN_COURSE_SPEED_M_S)

@@ -45,9 +45,8 @@ class DoorClient:
         self._coming = bytearray()  # the beginning of a line
         self._due_s = 0.0  # time until which a long line needs no more bytes
         self._backlog = 0  # bytes of the waiting lines, without the mission
-        self._mission = (
-            False  # a line longer than MAX_SHORT_LINE_BYTES waits, after which heartbeats must not be dropped
-        )
+        # a line longer than MAX_SHORT_LINE_BYTES waits, after which heartbeats must not be dropped
+        self._mission = False
         self._going: deque[bytes] = deque()
         self._sent_bytes, self._waiting = 0, 0  # bytes sent of the first message; bytes of all messages
         self._lock = threading.Lock()

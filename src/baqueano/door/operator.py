@@ -82,9 +82,8 @@ class Operator:
         with self._lock:
             if self._busy and client is self._holder:
                 raise SafetyStop(note("door.own-mission", Severity.ERROR))
-            if (
-                self._busy and self._holder is None
-            ):  # its holder has disconnected: heartbeats of a new holder must not keep it alive
+            # its holder has disconnected: heartbeats of a new holder must not keep it alive
+            if self._busy and self._holder is None:
                 raise SafetyStop(note("door.mission", Severity.ERROR, STOP_COMMAND))
             self._check_only_holder(client)
 

@@ -10,13 +10,8 @@ from baqueano.messages.printable import printable_json, shell_command
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-DIAGNOSTIC_FIELDS = (
-    "reason",
-    "message",
-    "diagnostic",
-    "imu_bus",
-    "degraded",
-)  # fields that can be diagnostics
+# fields that can be diagnostics
+DIAGNOSTIC_FIELDS = ("reason", "message", "diagnostic", "imu_bus", "degraded")
 REQUIRED_FIELDS: dict[str, "JsonObject"] = {  # the required fields of a message; others are shown, or ignored
     "state": {"state": str}, "event": {"message": Diagnostic}, "done": {"run": str | None, "reason": Diagnostic | None},
     "runs": {"runs": list}, "file": {"data": str, "left": int}, "refused": {"reason": str}, "pong": {"token": object},

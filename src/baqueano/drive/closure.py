@@ -58,9 +58,8 @@ class Closure(Result):
     values: dict[str, object]  # of the vehicle file: path → value
     distances_m: dict[str, float]  # speed sensor → metres with its scale in the vehicle file
     length_m: float | None
-    gap_m: float | None = (
-        None  # of (5): distance between the estimated poses at both marks, with the file's scale
-    )
+    # of (5): distance between the estimated poses at both marks, with the file's scale
+    gap_m: float | None = None
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per scale."""
@@ -149,9 +148,8 @@ def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) 
     if turns == 0:
         raise AnswerNo(fault("marks.no-turn", name=run.name))
     scale = sum(raw) / (2.0 * np.pi * turns)  # (1)
-    std = _turn_std(sensor, bias_std, seconds(marks[-1], marks[0])) / (
-        2.0 * np.pi * cosine * abs(turns)
-    )  # (2)
+    # (2)
+    std = _turn_std(sensor, bias_std, seconds(marks[-1], marks[0])) / (2.0 * np.pi * cosine * abs(turns))
     values = _gyro_values(vehicle_file, name, scale, std)
     distances = _distances(run, vehicle_file, marks[0], marks[-1]) if length_m else {}
     for wheels, metres in distances.items():

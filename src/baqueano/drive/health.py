@@ -61,9 +61,8 @@ class Health:
         """Return the events of a tick about the model and the sensors."""
         self.record_ranges(tick)
         notices: list[Notice] = [] if self._sensors is None else self._sensors.update(tick, estimate)
-        if (
-            self._sensors is not None and self._sensors.is_suspect
-        ):  # readings of a broken sensor do not show if the model fits
+        # readings of a broken sensor do not show if the model fits
+        if self._sensors is not None and self._sensors.is_suspect:
             self._reset_window()
         misfit = self.misfit_message(tick.t_ns, estimate)
         model = [] if misfit is None else [(SOURCE, "warning", misfit)]

@@ -51,9 +51,8 @@ class Mission:
     laps: int = 1  # 0: without end
     hold: bool = True  # manual driving: hold the heading, if the vehicle has a gyro
     blocks: dict[str, str] = field(default_factory=dict)  # role → "file.py:Class", replaces the file's block
-    start: tuple[
-        float, ...
-    ] = ()  # pose x, y [m], ψ [rad] of the vehicle in the map; () for the first pose of the route
+    # pose x, y [m], ψ [rad] of the vehicle in the map; () for the first pose of the route
+    start: tuple[float, ...] = ()
     rest_s: float | None = None  # at rest before the drive along a route; None: the usual time
     precautions: JsonObject = field(default_factory=dict)  # of a repetition, as Precautions.to_json
     vehicle: str = ""  # text of the vehicle file, after `pack`

@@ -118,9 +118,8 @@ def diagnostics_of_blocks(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnost
 
 def _diagnostic_functions(block: Tree) -> Iterator[Callable[[Tree], Diagnostic | None]]:
     """Yield the `diagnostic` functions of a block and of the blocks inside it, as functions of the outer state."""
-    if (
-        inner := getattr(block, "block", None)
-    ) is not None:  # a budgeted or compiled block has the state of the inner block
+    # a budgeted or compiled block has the state of the inner block
+    if (inner := getattr(block, "block", None)) is not None:
         yield from _diagnostic_functions(inner)
         return
     if (diagnostic := optional.attribute(block, "diagnostic")) is not None:

@@ -253,10 +253,8 @@ def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Rou
     k, a = 2.0 * np.pi * waves / length_m, 0.5 * width_m
     unit, no_turn = np.ones(POINT_COUNT), np.zeros(POINT_COUNT)
     p = np.column_stack([x, a * (1.0 - np.cos(k * x))])
-    p1, p2 = (
-        np.column_stack([unit, a * k * np.sin(k * x)]),
-        np.column_stack([no_turn, a * k**2 * np.cos(k * x)]),
-    )
+    p1 = np.column_stack([unit, a * k * np.sin(k * x)])
+    p2 = np.column_stack([no_turn, a * k**2 * np.cos(k * x)])
     return route_of_curve(p, p1, p2, x, speed_m_s, closed=False)
 
 

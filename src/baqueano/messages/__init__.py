@@ -151,11 +151,9 @@ def _merge(same: Sequence[Diagnostic]) -> Diagnostic:
         rest = ", …" if len(subjects) > MAX_LISTED_NAMES else ""
         names = ", ".join(subjects[:MAX_LISTED_NAMES]).replace("model.", "") + rest
         return Diagnostic("messages.others", first.severity, figures={"first": first, "others": names})
-    return (
-        first
-        if len(same) == 1
-        else Diagnostic("messages.times", first.severity, figures={"first": first, "count": len(same)})
-    )
+    if len(same) == 1:
+        return first
+    return Diagnostic("messages.times", first.severity, figures={"first": first, "count": len(same)})
 
 
 def _figure_texts(message: Diagnostic, argument: Callable[[str], object]) -> dict[str, Any]:
@@ -165,9 +163,8 @@ def _figure_texts(message: Diagnostic, argument: Callable[[str], object]) -> dic
         if isinstance(value, Diagnostic)
         else f" {language.shown_unit(value)}"
         if name == "unit" and value
-        else _TranslatedText(
-            language.translate(value) if name == "error" else value
-        )  # of the operating system
+        # of the operating system
+        else _TranslatedText(language.translate(value) if name == "error" else value)
         if isinstance(value, str)
         else language.number(value)
         for name, value in message.figures.items()

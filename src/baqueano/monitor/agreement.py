@@ -40,9 +40,8 @@ MAX_STEP_S = 0.1  # longest time assigned to one reading: five readings of a slo
 MIN_VARIANCE = 1e-300
 FILE_BIAS_FACTOR = 5.0  # factor on the std of a bias in the file, before a rest: the file can be old
 MAX_EVIDENCE = 20.0  # limit of the evidence
-FLOOR_SLOPE_STD = (
-    0.005  # rad: level floors (DIN 18202: 4 mm per m). A rest measures an accelerometer at one place
-)
+# rad: level floors (DIN 18202: 4 mm per m). A rest measures an accelerometer at one place
+FLOOR_SLOPE_STD = 0.005
 GRAVITY_M_S2 = 9.81
 MEMORY_S = 2.0  # time constant of the ratio and of the evidence
 

@@ -74,20 +74,16 @@ class Finding:
             "consequence": cause,
         }
         symptom = note(f"sensor.{self.symptom}", subject=self.name, **values)
-        return (
-            note("sensor.degraded", Severity.WARNING, subject=self.name, cause=symptom)
-            if self.is_degraded
-            else symptom
-        )
+        if self.is_degraded:
+            return note("sensor.degraded", Severity.WARNING, subject=self.name, cause=symptom)
+        return symptom
 
 
 def finding_of(channels: ChannelProperties, c: int, memory: Memory, t_ns: int, doubt_s: float) -> Finding:
     """Return the finding for channel `c` from the memory of the monitor."""
-    z, h, rest_reading = (
-        float(memory.last_reading[c]),
-        float(memory.predicted_reading[c]),
-        float(channels.reading_at_rest[c]),
-    )
+    z = float(memory.last_reading[c])
+    h = float(memory.predicted_reading[c])
+    rest_reading = float(channels.reading_at_rest[c])
     ss, sz, zz = (
         float(x[c]) for x in (memory.expected_squares, memory.cross_products, memory.measured_squares)
     )

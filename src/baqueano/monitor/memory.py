@@ -26,9 +26,8 @@ class Memory(NamedTuple):
     bias: np.ndarray  # estimated at rest
     bias_var: np.ndarray
     predicted_reading: np.ndarray  # h(x̂) + b
-    expected_squares: (
-        np.ndarray
-    )  # decaying sums of s², s s', s'²; s' is the measured signal, s the expected one
+    # decaying sums of s², s s', s'²; s' is the measured signal, s the expected one
+    expected_squares: np.ndarray
     cross_products: np.ndarray
     measured_squares: np.ndarray
 

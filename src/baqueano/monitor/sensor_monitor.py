@@ -58,11 +58,11 @@ class SensorMonitor:
     @property
     def degraded_sensors(self) -> tuple[Finding, ...]:
         """Return the findings of the sensors that are degraded at present."""
-        return (
-            tuple(sensor_finding for sensor_finding in self._findings.values() if sensor_finding.is_degraded)
-            if self._findings
-            else ()
-        )
+        if self._findings:
+            return tuple(
+                sensor_finding for sensor_finding in self._findings.values() if sensor_finding.is_degraded
+            )
+        return ()
 
     @property
     def is_suspect(self) -> bool:

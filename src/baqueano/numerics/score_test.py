@@ -221,10 +221,8 @@ def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[lis
     scores = np.einsum("nmk,nm->nk", fit.d.T.reshape(n, m, k), fit.clipped_residuals.reshape(n, m))
     of_nuisances = []
     for nuisance in fit.nuisances:
-        weighted_rows, of_rows = (
-            nuisance.weighted_slopes.T.reshape(-1, m, len(nuisance.d)),
-            part_masks[:, nuisance.rows],
-        )
+        weighted_rows = nuisance.weighted_slopes.T.reshape(-1, m, len(nuisance.d))
+        of_rows = part_masks[:, nuisance.rows]
         of_nuisances.append(
             _sums_by_part(rows[nuisance.rows], weighted_rows, pattern[nuisance.rows], of_rows)
         )

@@ -196,13 +196,10 @@ def _band_patch(band: np.ndarray) -> Any:
     from matplotlib.path import Path
 
     left_edge, right_edge = band[:, 0], band[:, 1]
-    first_triangles, second_triangles = (
-        (left_edge[:-1], right_edge[:-1], right_edge[1:]),
-        (left_edge[:-1], right_edge[1:], left_edge[1:]),
-    )
-    corners = np.concatenate(
-        [np.stack(points, axis=1) for points in (first_triangles, second_triangles)]
-    )  # (2 M − 2, 3, 2)
+    first_triangles = (left_edge[:-1], right_edge[:-1], right_edge[1:])
+    second_triangles = (left_edge[:-1], right_edge[1:], left_edge[1:])
+    # (2 M − 2, 3, 2)
+    corners = np.concatenate([np.stack(points, axis=1) for points in (first_triangles, second_triangles)])
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     clockwise = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] < 0.0
     corners[clockwise] = corners[clockwise, ::-1]

@@ -191,10 +191,8 @@ def _runs_section(fit: Fit) -> list[Section]:
     worst = _worst_channels(fit.channels)
     if len(fit.runs) < 2 or not worst:
         return []
-    caption, run_names = (
-        _("The model explains {run} least of all runs.", run=worst[0].run),
-        _runs_to_draw(fit.channels),
-    )
+    caption = _("The model explains {run} least of all runs.", run=worst[0].run)
+    run_names = _runs_to_draw(fit.channels)
     if len(run_names) < len(fit.runs):
         caption += "\n" + _(
             "Of {runs} runs, the plot shows the {drawn} that the model explains least.",
@@ -216,11 +214,9 @@ def _runs_section(fit: Fit) -> list[Section]:
 
 def _run_names(runs: Any) -> str:
     """Return the names of the runs of a fit, abbreviated if there are many."""
-    return (
-        ", ".join(runs)
-        if len(runs) <= MAX_DRAWN_RUNS
-        else _("{count} runs, {first} to {last}", count=len(runs), first=runs[0], last=runs[-1])
-    )
+    if len(runs) <= MAX_DRAWN_RUNS:
+        return ", ".join(runs)
+    return _("{count} runs, {first} to {last}", count=len(runs), first=runs[0], last=runs[-1])
 
 
 def _run_section(fit: Fit, run: str) -> Section:

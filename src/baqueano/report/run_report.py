@@ -169,11 +169,11 @@ def _pace_table(row: dict) -> list[Table | Drawing]:
         for name, source in (("pace_true", _("true")), ("pace_estimate", _("by the estimate")))
         if np.isfinite(row[f"{name}_error"])
     ]
-    return (
-        [Table(rows, _("Without start and last braking; a steady error does not count as unevenness."))]
-        if rows
-        else []
-    )
+    if rows:
+        return [
+            Table(rows, _("Without start and last braking; a steady error does not count as unevenness."))
+        ]
+    return []
 
 
 class _CommandCurve(NamedTuple):

@@ -24,9 +24,8 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 NEWTON_STEPS = 4
-NEWTON_DAMPING = (
-    1e-9  # of the Newton step, for an effort without effect, such as the steering of a car at rest
-)
+# of the Newton step, for an effort without effect, such as the steering of a car at rest
+NEWTON_DAMPING = 1e-9
 MIN_EFFECT = 1e-9  # a smaller derivative by the effort is treated as 0
 MIN_MOTION = 0.01  # a slower motion [m/s, rad/s] is not required from a command without an effect
 HALVING_COUNT = 24

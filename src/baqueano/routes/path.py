@@ -21,10 +21,8 @@ NAME_PLACEHOLDER = "NAME"  # placeholder for the name of a route in a command li
 STEP_M = 1e-3  # a shorter step is a stop
 GRID_M = 0.01  # distance between the points of a new path
 MIN_SPEED_M_S = 0.02  # a vehicle with a larger backward speed drives backward
-MAX_END_GAP_M, MAX_END_GAP_RAD = (
-    0.3,
-    np.radians(45.0),
-)  # a route closes if its start and end are nearer than this
+# a route closes if its start and end are nearer than this
+MAX_END_GAP_M, MAX_END_GAP_RAD = (0.3, np.radians(45.0))
 
 
 class RoutePath(NamedTuple):

@@ -156,10 +156,8 @@ def _rates(
     The result is at most a_x.
     """
     v = max_speed[:, None] * np.linspace(0.0, 1.0, SPEED_COUNT)
-    kappa, kappa_slope = (
-        forward_sign * path.kappa[:, None],
-        forward_sign * np.gradient(path.kappa, path.s)[:, None],
-    )
+    kappa = forward_sign * path.kappa[:, None]
+    kappa_slope = forward_sign * np.gradient(path.kappa, path.s)[:, None]
 
     def is_possible(rate: np.ndarray) -> np.ndarray:
         v_dot = sign * rate

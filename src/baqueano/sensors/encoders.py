@@ -127,10 +127,8 @@ class Encoders:
         distance = state.distance + dt_s / 6.0 * (self.h(begin) + 4.0 * self.h(middle) + self.h(end))
         phase, since_s = state.phase + self.rate_hz * dt_s + PHASE_TOLERANCE, state.since_s + dt_s
         is_new: Value = np.minimum(np.floor(phase), 1.0)
-        read, half_counter = (
-            np.remainder(np.floor(distance / self.count_m + COUNT_TOLERANCE), self.counter),
-            0.5 * self.counter,
-        )
+        read = np.remainder(np.floor(distance / self.count_m + COUNT_TOLERANCE), self.counter)
+        half_counter = 0.5 * self.counter
         count_step = np.remainder(read - state.counts + half_counter, self.counter) - half_counter
         z = self.count_m * count_step / np.maximum(since_s, MIN_TICK_S) + self.noise_std * noise
         next_state = EncodersState(

@@ -105,14 +105,14 @@ class Tags:
         `noise` (2,) is standard normal.
         """
         position = self.h(motion)
-        displacement, previous_offsets, offsets = (
-            position - state.previous_position,
-            state.previous_position - self.points_m,
-            position - self.points_m,
-        )  # (n, 2)
+        # (n, 2)
+        displacement = position - state.previous_position
+        previous_offsets = state.previous_position - self.points_m
+        offsets = position - self.points_m
+        # lateral distance times the length of the displacement
         cross_product = np.abs(
             previous_offsets[:, 0] * displacement[1] - previous_offsets[:, 1] * displacement[0]
-        )  # lateral distance times the length of the displacement
+        )
         is_passed = (previous_offsets @ displacement < 0.0) & (
             offsets @ displacement >= -ABEAM_TOLERANCE * (displacement @ displacement)
         )

@@ -123,11 +123,9 @@ def with_usual_noise(sensors: ByName[Tree]) -> ByName[Tree]:
     A simulation accepts an exact sensor; a filter would divide by 0.
     """
     missing_names = {name: getattr(sensors, name) for name in sensors_without_noise(sensors)}
-    return (
-        sensors._replace(**{name: _with_usual_std(sensor) for name, sensor in missing_names.items()})
-        if missing_names
-        else sensors
-    )
+    if missing_names:
+        return sensors._replace(**{name: _with_usual_std(sensor) for name, sensor in missing_names.items()})
+    return sensors
 
 
 def _lacks_noise(sensor: Tree) -> bool:
@@ -259,11 +257,9 @@ def construct(
 
 
 def _block_name(block_class: type) -> str:
-    return (
-        block_class.__name__
-        if block_class.__module__.startswith("baqueano.")
-        else f"{block_class.__name__} ({place_of(block_class)})"
-    )
+    if block_class.__module__.startswith("baqueano."):
+        return block_class.__name__
+    return f"{block_class.__name__} ({place_of(block_class)})"
 
 
 def _named_class(

@@ -47,10 +47,8 @@ def command_segments(
     slots = past_commands.shape[0]
     if slots == 0:
         return [CommandSegment(u, 0.0, dt_s)]
-    values, begins_s = (
-        [u, u, u, *past_commands],
-        [dt_s, dt_s, delay_s],
-    )  # two placeholders, which never act, come first
+    # two placeholders, which never act, come first
+    values, begins_s = ([u, u, u, *past_commands], [dt_s, dt_s, delay_s])
     for step_s in steps_s[: slots - 1]:
         begins_s.append(begins_s[-1] - step_s)
     selection = values[-1], values[-2], values[-3], begins_s[-1], begins_s[-2]

@@ -267,9 +267,8 @@ class Drivetrain:
         duty = (magnitude * (1.0 - self.coast) + self.gain * zone) / np.maximum(
             self.gain - self.coast * magnitude, MIN_DUTY
         )
-        mean_effort = np.mean(
-            (duty / self._supply(1.0))[self._motors]
-        )  # mean|w| before the sag solves sag · x² − x + mean_effort = 0
+        # mean|w| before the sag solves sag · x² − x + mean_effort = 0
+        mean_effort = np.mean((duty / self._supply(1.0))[self._motors])
         sag_factor = 0.5 + 0.5 * np.sqrt(np.maximum(1.0 - 4.0 * self.sag * mean_effort, 0.0))
         return self.unmix(np.sign(w) * duty / self._supply(sag_factor))
 

@@ -16,10 +16,8 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.vehicles.effort import Effort
 
-MAX_ROW_S, ROW_TOLERANCE = (
-    0.02,
-    0.25,
-)  # the longest row, and the share of it by which a tick can be longer without a division
+# the longest row, and the share of it by which a tick can be longer without a division
+MAX_ROW_S, ROW_TOLERANCE = (0.02, 0.25)
 
 
 def rk4(f: Callable[[Value, Value], Value], x: np.ndarray, effort: Effort, dt_s: Value) -> np.ndarray:

@@ -135,11 +135,9 @@ def group_of(name: str, commands: list[str]) -> str:
     """Return the group of a column: the name of a sensor or command, or the first part of the column's name."""
     prefix, _, remainder = name.partition(".")
     if prefix in ("u", "requested"):
-        return (
-            commands[int(remainder)]
-            if remainder.isdecimal() and int(remainder) < len(commands)
-            else remainder
-        )
+        if remainder.isdecimal() and int(remainder) < len(commands):
+            return commands[int(remainder)]
+        return remainder
     if prefix in ("z", "model", "innov", "S"):
         return remainder.partition("[")[0]
     return "route" if name in ("progress", "cross") else prefix

@@ -90,10 +90,8 @@ class Guard:
         if len(failures) >= MAX_FAILURES:
             return None
         candidate, matching = token.encode(), None
-        for (
-            role,
-            own_token,
-        ) in self.tokens.items():  # all of them, so that the duration does not reveal the match
+        # all of them, so that the duration does not reveal the match
+        for role, own_token in self.tokens.items():
             if hmac.compare_digest(candidate, own_token.encode()):
                 matching = role
         if matching is None or self._now() - self._begun_s > TOKEN_LIFETIME_S:

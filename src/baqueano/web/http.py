@@ -137,10 +137,8 @@ async def reply(writer: asyncio.StreamWriter, body: Content, head: RequestHead) 
     """Answer a request with a body, compressed if the browser accepts this; the answer to HEAD has only headers."""
     head_only, extra_headers = head.method == "HEAD", {"Vary": "Accept-Encoding"} if body.gzip_bytes else {}
     if body.gzip_bytes and accepts_gzip(head):
-        body, extra_headers = (
-            body._replace(content=body.gzip_bytes),
-            extra_headers | {"Content-Encoding": "gzip"},
-        )
+        body = body._replace(content=body.gzip_bytes)
+        extra_headers = extra_headers | {"Content-Encoding": "gzip"}
     is_file = isinstance(body.content, Path)
     size = body.content.stat().st_size if isinstance(body.content, Path) else len(body.content)
     if body.download:

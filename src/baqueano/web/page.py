@@ -264,10 +264,8 @@ class BrowserPage:
     ) -> "AsyncIterator[bytes | JsonObject]":
         """Yield the description and the frames of each run in `paths`: (path, estimator for a replay, or "")."""
         for stream, (path, through) in enumerate(paths, 1):
-            lab, which = (
-                (self.questions.slow if through else self._lab),
-                {"path": str(path), "filter": through},
-            )
+            lab = self.questions.slow if through else self._lab
+            which = {"path": str(path), "filter": through}
             try:
                 about, _ = await lab.request("open", **which)
                 start = {"is": "answer", "to": "open", "stream": stream, "of": RUN_OF_STREAM[stream]}

@@ -112,9 +112,8 @@ async def connect(host: str) -> ServiceLink:
             raise RobotUnreachable(
                 fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
             ) from error
-    return await _start(
-        ssh_command(host, ATTACH_COMMAND, "-o", "BatchMode=yes")
-    )  # a page cannot request a password
+    # a page cannot request a password
+    return await _start(ssh_command(host, ATTACH_COMMAND, "-o", "BatchMode=yes"))
 
 
 async def _start(command: list[str]) -> ServiceLink:

@@ -158,11 +158,9 @@ class Visitor:
         Close the connection if the message is binary or malformed, or if the frames exceed the rate. Each frame counts:
         an empty frame or a ping costs as much time as a message, which a browser sends in one frame.
         """
-        opcode, data, is_last = (
-            getattr(frame, "opcode", None),
-            getattr(frame, "data", b""),
-            getattr(frame, "fin", True),
-        )
+        opcode = getattr(frame, "opcode", None)
+        data = getattr(frame, "data", b"")
+        is_last = getattr(frame, "fin", True)
         if self.is_open and not self._rate.allows_message():
             self.disconnect(POLICY)
         if opcode is Opcode.PONG:

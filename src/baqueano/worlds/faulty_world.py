@@ -52,9 +52,8 @@ def disturbed_step(
     vehicle_state, motion = vehicle.step(pushed_state, u, dt_s, noise.vehicle)
     a, gravity = _acceleration(vehicle, vehicle_state.eta, shake)
     nu = vehicle_state.nu + 0.5 * dt_s * a
-    drag_change = _drag_difference(
-        vehicle, vehicle_state.eta[2], vehicle_state.nu, nu
-    )  # ν̇ of the tick is its value before the second half of the change
+    # ν̇ of the tick is its value before the second half of the change
+    drag_change = _drag_difference(vehicle, vehicle_state.eta[2], vehicle_state.nu, nu)
     vehicle_state = vehicle_state._replace(nu=nu, nu_dot=vehicle_state.nu_dot + drag_change + a)
     truth = _disturbed_motion(motion, drag_change + a, gravity)._replace(nu=nu)
     if motion.tick is not None:
@@ -103,11 +102,9 @@ def _acceleration(vehicle: Vehicle, eta: np.ndarray, shake: Disturbance) -> tupl
 def _drag_difference(vehicle: Vehicle, psi: float, nu: np.ndarray, next_nu: np.ndarray) -> np.ndarray:
     """Return the change of ν̇ (3,) from the velocity `nu` to `next_nu`, with zero effort."""
     own_nu_dot, zero_command = optional.attribute(vehicle, "nu_dot"), np.zeros(vehicle.commands)
-    return (
-        np.zeros(3)
-        if own_nu_dot is None
-        else own_nu_dot(next_nu, zero_command, psi) - own_nu_dot(nu, zero_command, psi)
-    )
+    if own_nu_dot is None:
+        return np.zeros(3)
+    return own_nu_dot(next_nu, zero_command, psi) - own_nu_dot(nu, zero_command, psi)
 
 
 def _disturbed_motion(motion: Motion, a: np.ndarray, gravity: np.ndarray) -> Motion:
@@ -117,9 +114,8 @@ def _disturbed_motion(motion: Motion, a: np.ndarray, gravity: np.ndarray) -> Mot
 def _disturbed_reading(sensor: Tree, slot: Slot, disturbance: SensorDisturbance) -> Slot:
     is_new = slot.is_new * disturbance.keep
     z, limit = disturbance.factor * slot.z + disturbance.offset, optional.attribute(sensor, "limit")
-    limited_difference = np.clip(
-        difference(sensor, z, np.zeros(sensor.size)), -limit, limit
-    )  # an angle is wrapped
+    # an angle is wrapped
+    limited_difference = np.clip(difference(sensor, z, np.zeros(sensor.size)), -limit, limit)
     z = np.where(disturbance.offset != 0.0, limited_difference, z)
     return slot._replace(is_new=is_new, z=np.where(is_new > 0.0, z, 0.0))
 

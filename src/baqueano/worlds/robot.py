@@ -36,9 +36,8 @@ class Telemetry(NamedTuple):
     """The telemetry of one moment, in the clock of the host."""
 
     t_ns: int
-    applied_duty: tuple[
-        float, float
-    ]  # duties of the left and the right motor, [-1, 1], mean since the previous telemetry
+    # duties of the left and the right motor, [-1, 1], mean since the previous telemetry
+    applied_duty: tuple[float, float]
     counts: tuple[int, int]  # of the encoders since the firmware started; they wrap at 2³¹
     battery_v: float  # 0 if the measurement is not connected
     marks: int  # lines passed since the firmware started
@@ -152,9 +151,8 @@ class Robot(World):
         self._now_ns = now_ns
         self.notes = ()
         self.battery_v, self.temperature_c = float("nan"), float("nan")
-        self.tilt_rad = (
-            0.0  # angle between the z axis of the body and the vertical, averaged over TILT_MEAN_TICKS
-        )
+        # angle between the z axis of the body and the vertical, averaged over TILT_MEAN_TICKS
+        self.tilt_rad = 0.0
         self._force: np.ndarray | None = None
         self._sensors, self._wheels, self._imu, self._body = sensors, wheels, imu, body
         self._start_ns = 0
@@ -250,9 +248,8 @@ class Robot(World):
         self._extras.append(("imu_temperature", t_ns, np.array([self.temperature_c])))
         assert self._imu is not None
         middle_ns = sum(s.t_ns - self._start_ns for s in samples) // len(samples)
-        age_s = min(
-            max(0.0, seconds(t_ns, middle_ns) + self._imu.delay_s[1]), seconds(t_ns)
-        )  # within the run
+        # within the run
+        age_s = min(max(0.0, seconds(t_ns, middle_ns) + self._imu.delay_s[1]), seconds(t_ns))
         return Slot(1.0, np.array([accel[0], accel[1], gyro[2]]), age_s)
 
     def _update_tilt(self, accel: np.ndarray) -> None:
@@ -266,9 +263,8 @@ class Robot(World):
         telemetry = self._last
         reads = optional.attribute(sensor, "reads")
         if reads == "imu" and imu is not None:
-            return imu._replace(
-                age_s=max(0.0, imu.age_s - float(low_pass_s(sensor)))
-            )  # the delay of the low-pass is already in h
+            # the delay of the low-pass is already in h
+            return imu._replace(age_s=max(0.0, imu.age_s - float(low_pass_s(sensor))))
         if (
             telemetry is not None
             and previous is not None
@@ -278,17 +274,15 @@ class Robot(World):
             if reads == "wheels":
                 z = self._wheel_travel(previous, telemetry)
             elif reads == "encoders" and (travel := self._wheel_travel(previous, telemetry)) is not None:
-                middle_ns = (
-                    previous.t_ns + telemetry.t_ns
-                ) // 2 - self._start_ns  # the time to which a mean speed belongs
+                # the time to which a mean speed belongs
+                middle_ns = (previous.t_ns + telemetry.t_ns) // 2 - self._start_ns
                 return Slot(1.0, travel, seconds(t_ns, min(max(0, middle_ns), t_ns)))
             elif reads == "odometer":
                 z = self._wheel_travel(previous, telemetry)
                 z = None if z is None else np.mean(z, keepdims=True)
             elif reads == "mark" and telemetry.marks != previous.marks:
-                passed_ns = min(
-                    max(0, telemetry.mark_ns - self._start_ns), t_ns
-                )  # in this run, not after its tick
+                # in this run, not after its tick
+                passed_ns = min(max(0, telemetry.mark_ns - self._start_ns), t_ns)
                 return Slot(1.0, np.zeros(1), seconds(t_ns, passed_ns))
         return Slot(0.0, np.zeros(sensor.size)) if z is None else Slot(1.0, z)
 

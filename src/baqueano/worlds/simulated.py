@@ -186,9 +186,8 @@ class SimulatedWorld(World):
         self.commands: int = vehicle.commands
         self._state = world_init(vehicle, sensors, eta0)
         start = self._state.vehicle
-        self.truth = Motion(
-            start.eta, start.nu, start.nu_dot, vehicle.gravity(start.eta[2])
-        )  # at the last tick
+        # at the last tick
+        self.truth = Motion(start.eta, start.nu, start.nu_dot, vehicle.gravity(start.eta[2]))
         self._truths: deque[tuple[int, Motion]] = deque(maxlen=MAX_KEPT_TRUTHS)
         self._rate_hz, self._rows = rate_hz, rows_of_tick(1.0 / rate_hz)
         self._u = np.zeros(vehicle.commands)

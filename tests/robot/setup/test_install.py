@@ -279,9 +279,8 @@ def test_systemd_accepts_every_line_of_the_unit(tmp_path):
         .replace("/opt/baqueano/bin/baqueano", "/bin/sh")
     )
     done = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True)
-    complaints = [
-        line for line in done.stderr.splitlines() if "baqueano.service" in line
-    ]  # systemd-analyze returns 0 for unknown keys
+    # systemd-analyze returns 0 for unknown keys
+    complaints = [line for line in done.stderr.splitlines() if "baqueano.service" in line]
     assert not complaints
     assert done.returncode == 0
 

@@ -29,10 +29,8 @@ def command(
     print_answer(comparison, as_json, laps=comparison.laps())
     advise_to_fit(comparison, loaded_runs, folder)
     if (unestimated_runs := [run for run in loaded_runs if run.estimate is None]) and not as_json:
-        name, replay_options = (
-            unestimated_runs[0].path or unestimated_runs[0].name,
-            run_options(folder, unestimated_runs[0], is_in_run=True),
-        )
+        name = unestimated_runs[0].path or unestimated_runs[0].name
+        replay_options = run_options(folder, unestimated_runs[0], is_in_run=True)
         print_message(
             note(
                 "cli.no-estimate",

@@ -86,10 +86,8 @@ def command(
         recorded_runs = options.find_runs(runs, folder)
         vehicle_file = options.load_vehicle(vehicle, settings) if vehicle or settings else None
         named_routes = {name: shape_or_route(name, speed_m_s, size_m) for name in routes}
-        run_sweep, drive_count = (
-            partial(run_sweep, recorded_runs, vehicle=vehicle_file, routes=named_routes),
-            len(recorded_runs),
-        )
+        run_sweep = partial(run_sweep, recorded_runs, vehicle=vehicle_file, routes=named_routes)
+        drive_count = len(recorded_runs)
     else:
         vehicle_file = options.load_vehicle(vehicle, settings)
         named_routes = {

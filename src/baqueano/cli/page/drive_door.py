@@ -176,11 +176,12 @@ class DriveDoor:
         def is_interrupted() -> bool:
             self.publish()
             operator = self.operator
+            # the last: Ctrl-C was pressed
             return (
                 operator.is_end_requested
                 or operator.stop_reason(self.by_hand) is not None
                 or is_default_handler()
-            )  # the last: Ctrl-C was pressed
+            )
 
         for t_ns in self.pace.ticks(rate_hz, is_interrupted):
             if self.operator.is_end_requested:
@@ -194,9 +195,8 @@ class DriveDoor:
 
     def _on_viewers(self, client: object, message: "JsonObject") -> None:
         """Record that the page is listening, and the number of its viewers."""
-        if (
-            not self.listens.is_set() and not self.by_hand
-        ):  # reserves the operator: missions of the page are refused
+        # reserves the operator: missions of the page are refused
+        if not self.listens.is_set() and not self.by_hand:
             with suppress(SafetyStop):
                 self.operator.queue_mission(client, "", attended=False)
                 self.operator.pop_mission()

@@ -58,9 +58,10 @@ class Horizon:
         linear_fields = {name: value * np.ones(1) for name, value in LINEAR_MOTORS.items()}
         self._motors, vehicle = law.vehicle.drivetrain, law.vehicle
         body: Any = vehicle
+        # only delay and lag
         self._linear_vehicle = replace(
             body, drivetrain=replace(self._motors, **linear_fields, **STEADY_MOTORS)
-        )  # only delay and lag
+        )
         self._limit, self._e_max = law.limit, law.e_max
         self._active_rows = np.eye(vehicle.commands)[law.limit > 0.0]  # (k, n) commands with a limit above 0
         self._k, self._step_s = len(self._active_rows), law.horizon_s / STEPS

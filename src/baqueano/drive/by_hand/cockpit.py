@@ -164,10 +164,8 @@ class Cockpit(Observer):
         """Show a tick on the display, for a world in this process."""
         self.status.motor_command = np.asarray(record.tick.u)
         self._update_hold(record.requested_command.u)
-        self.status.speed_m_s, self.status.yaw_rate_rad_s = (
-            float(record.estimate.nu[0]),
-            float(record.estimate.nu[2]),
-        )
+        self.status.speed_m_s = float(record.estimate.nu[0])
+        self.status.yaw_rate_rad_s = float(record.estimate.nu[2])
         self.status.sensor_text = text(degraded_note(record.sensor_findings))
 
     def show(self, state: JsonObject) -> None:

@@ -19,10 +19,8 @@ KEY, ABS = 0x01, 0x03  # kinds of events; SYN is 0
 SYN, REPORT, DROPPED = 0x00, 0, 3
 X, Y = 0x00, 0x01
 LONGEST_NAME, KEYS, AXES = 256, 0x300, 0x40
-EVENT_LAYOUTS = {
-    4: struct.Struct("=iiHHi"),
-    8: struct.Struct("=qqHHi"),
-}  # (1), by the size of a long in bytes
+# (1), by the size of a long in bytes
+EVENT_LAYOUTS = {4: struct.Struct("=iiHHi"), 8: struct.Struct("=qqHHi")}
 AXIS_LAYOUT = struct.Struct("=6i")
 MAX_EVENTS = 64  # most events of one read
 

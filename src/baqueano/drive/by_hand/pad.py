@@ -68,11 +68,9 @@ class Pad:
         """Return a hint for the driver in the current language: how to drive with the pad."""
         if self.is_held:
             return _("pad drives")
-        return (
-            _("pad: hold a front button to drive")
-            if self._was_released
-            else _("pad: release its stick and buttons first")
-        )
+        if self._was_released:
+            return _("pad: hold a front button to drive")
+        return _("pad: release its stick and buttons first")
 
     def direction(self) -> tuple[float, float]:
         """Return (forward, left), each in [-1, 1]. Both are 0 if `is_held` is False.  (1)"""

@@ -103,9 +103,8 @@ class UnixTerminal:
         self._waits = b""  # drop the rest of a frame, which would be read as text
         self.write(self._undo)
         with suppress(OSError, termios.error):
-            termios.tcsetattr(
-                self._fd, termios.TCSAFLUSH, self._previous_mode
-            )  # discard answers that are still on their way, as they are not typed text
+            # discard answers that are still on their way, as they are not typed text
+            termios.tcsetattr(self._fd, termios.TCSAFLUSH, self._previous_mode)
         os.close(self._fd)
 
 

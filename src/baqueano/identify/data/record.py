@@ -99,9 +99,8 @@ def record_of(
     if gaps.any():
         notes.append(note("data.gaps", gaps=int(gaps.sum()), longest_s=float(dt_s.max())))
     splits = row_counts(dt_s)
-    splits[gaps] = np.maximum(
-        splits[gaps], (dt_s[gaps] / (median_ns * 1e-9)).astype(int)
-    )  # integrable, as other rows
+    # integrable, as other rows
+    splits[gaps] = np.maximum(splits[gaps], (dt_s[gaps] / (median_ns * 1e-9)).astype(int))
     ends = np.cumsum(splits) - 1
     row_s = np.repeat(dt_s / splits, splits)
     readings = {}

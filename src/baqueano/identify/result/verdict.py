@@ -138,11 +138,9 @@ def _identifiability(e: Evidence) -> list[Diagnostic]:
 def _cause_of_wide_errors(e: Evidence) -> Diagnostic:
     """Return the model as the cause if large residuals are autocorrelated, else too little motion."""
     lacking = _lacking_channels(e)
-    return (
-        note("fit.incomplete-model", ERROR, "--choose", ", ".join(lacking))
-        if lacking
-        else note("fit.little-motion")
-    )
+    if lacking:
+        return note("fit.incomplete-model", ERROR, "--choose", ", ".join(lacking))
+    return note("fit.little-motion")
 
 
 def _lacking_channels(e: Evidence) -> list[str]:

@@ -212,10 +212,8 @@ def _readout(scene: Scene, clock: _Clock, y: float) -> list[str]:
     elements = []
     for lap in range(1, scene.laps + 1):
         k = round(lap * (len(scene.t_s) - 1) / scene.laps)
-        begin_s, end_s = (
-            clock.picture_time_s(scene.t_s[-1] * (lap - 1) / scene.laps),
-            clock.picture_time_s(scene.t_s[k]),
-        )
+        begin_s = clock.picture_time_s(scene.t_s[-1] * (lap - 1) / scene.laps)
+        end_s = clock.picture_time_s(scene.t_s[k])
         is_last = lap == scene.laps
         style = clock.show_between(f"n{lap}", begin_s, clock.period_s if is_last else end_s)
         lines = [_("lap {lap} of {laps}", lap=lap, laps=scene.laps) if scene.laps > 1 else _("the drive")]

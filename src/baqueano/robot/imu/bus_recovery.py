@@ -89,9 +89,8 @@ class BusRecovery:
             self._thread.join()
 
     def _work(self) -> None:
-        with suppress(
-            AttributeError, OSError
-        ):  # only this thread loses the real-time priority, which the service's ticks need
+        # only this thread loses the real-time priority, which the service's ticks need
+        with suppress(AttributeError, OSError):
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         self._outcome = recover_bus(self._path)
 
@@ -172,9 +171,8 @@ class _Pins:
 
     def set(self, pin: str, *options: str) -> None:
         """Set function, pull and level of a pin. Raise RobotUnreachable if `pinctrl` refuses the options."""
-        if refusal := self._run_program(
-            "set", pin, *options
-        ):  # `pinctrl` reports a refusal as a message, and still exits with 0
+        # `pinctrl` reports a refusal as a message, and still exits with 0
+        if refusal := self._run_program("set", pin, *options):
             raise RobotUnreachable(
                 fault("bus.pinctrl-refused", pin=pin, options=" ".join(options), reply=refusal)
             )

@@ -117,13 +117,11 @@ class Mpu6050:
     def notes(self) -> tuple[Diagnostic | str, ...]:
         """Return the name of the chip and its warnings as messages for the beginning of a run, () if unknown."""
         identity = self.identity
+        if identity is None:
+            return ()
         return (
-            ()
-            if identity is None
-            else (
-                note("imu.chip", chip=identity.chip, who_am_i=f"0x{identity.who_am_i:02X}"),
-                *identity.warnings,
-            )
+            note("imu.chip", chip=identity.chip, who_am_i=f"0x{identity.who_am_i:02X}"),
+            *identity.warnings,
         )
 
     def events(self) -> list[ImuEvent]:

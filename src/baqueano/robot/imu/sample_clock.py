@@ -18,13 +18,11 @@ import numpy as np
 PERIOD_TOLERANCE = 0.06  # Linux allows these chips 4 %; clones can be worse
 PERIOD_STD = 0.02  # relative prior standard deviation of P; after some readings it is of little weight
 BUCKET_NS, FIRST_BUCKETS_NS = 400_000_000, 100_000_000
-SHORT_BUCKETS_UNTIL_NS = (
-    2_000_000_000  # during this first time the buckets are short, because the estimate improves fastest
-)
+# during this first time the buckets are short, because the estimate improves fastest
+SHORT_BUCKETS_UNTIL_NS = 2_000_000_000
 MAX_BUCKETS = 25
-EVERY_READING_UNTIL_NS = (
-    1_000_000_000  # during this first time each reading updates the estimate, later each bucket
-)
+# during this first time each reading updates the estimate, later each bucket
+EVERY_READING_UNTIL_NS = 1_000_000_000
 MAX_SLEW = 0.1  # largest correction of an interval, in periods
 GRID_POINTS = 17  # number of periods at which the polygon is evaluated
 PERIOD_DRIFT = 0.001  # relative drift of the period between two counts of samples

@@ -38,9 +38,8 @@ runcmd:
 """
 BOOT_FOLDERS = ("/media/*/bootfs", "/run/media/*/bootfs", "/Volumes/bootfs")
 WIFI_CHANNELS = (1, 6, 11)  # channels that do not overlap; the robots of a class are distributed over them
-SSID_SEMICOLON = (
-    "\\;"  # only in a name, which can also be a list of bytes: in a password GLib keeps the backslash
-)
+# only in a name, which can also be a list of bytes: in a password GLib keeps the backslash
+SSID_SEMICOLON = "\\;"
 NAME_LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"  # without characters that look alike on a label
 
 
@@ -112,12 +111,8 @@ def connection_file(network: Network, name: str) -> str:
         lines += ["mode=infrastructure", "powersave=2"]  # 2: never; saving power costs 100 ms per packet
     lines += ["", "[wifi-security]", "key-mgmt=wpa-psk", f"psk={_escape(network.password)}"]
     if network.own:
-        lines += [
-            "proto=rsn",
-            "pairwise=ccmp",
-            "group=ccmp",
-            "pmf=1",
-        ]  # 1: off, which the Pi's chip needs as an access point
+        # 1: off, which the Pi's chip needs as an access point
+        lines += ["proto=rsn", "pairwise=ccmp", "group=ccmp", "pmf=1"]
     shared_lines = ["method=shared", "address1=10.42.0.1/24"]
     return "\n".join(
         [
@@ -174,9 +169,8 @@ def write_card(boot: Path, name: str, user: str, key: str, network: Network | No
         lines.append(
             _("{path}: starts it at the first boot, then the Pi restarts", path=boot / "cmdline.txt")
         )
-    (boot / "cmdline.txt").write_bytes(
-        f"{' '.join(line)}\n".encode()
-    )  # \r would end the name of the last unit
+    # \r would end the name of the last unit
+    (boot / "cmdline.txt").write_bytes(f"{' '.join(line)}\n".encode())
     return lines
 
 

@@ -28,9 +28,8 @@ from baqueano.messages.language import translate as _
 from baqueano.robot.setup.deployed_vehicle_file import renew_file
 from baqueano.vehicle_file.file import VehicleFile
 
-LOCKED_PACKAGE = re.compile(
-    r"^([\w.-]+)==(\S+)(?: \\\n +--hash=sha256:\w+)+\n", re.MULTILINE
-)  # a package of the lock
+# a package of the lock
+LOCKED_PACKAGE = re.compile(r"^([\w.-]+)==(\S+)(?: \\\n +--hash=sha256:\w+)+\n", re.MULTILINE)
 MACHINE_TYPES = ("aarch64", "x86_64")
 MIN_PYTHON = (3, 11)
 GLIBC = (
@@ -43,9 +42,8 @@ GLIBC = (
 )
 TARGET_FOLDER = "/tmp/baqueano-setup"
 BASE_FILE = "vehicle.toml.seen"
-IMPORT_LINE = re.compile(
-    r"^from baqueano\.robot\.setup\.machine import .*\n", re.MULTILINE
-)  # unnecessary once the texts are joined
+# unnecessary once the texts are joined
+IMPORT_LINE = re.compile(r"^from baqueano\.robot\.setup\.machine import .*\n", re.MULTILINE)
 NO_WORDS = "WORDS: dict[str, str] = {}"
 PROBE_COMMAND = (
     'python3 -c "import sys, os, pwd; '

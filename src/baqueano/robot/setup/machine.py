@@ -76,11 +76,9 @@ class Pi:
     def config(self) -> Path:
         """Return the path of config.txt, which is in boot/firmware or, on old images, in boot."""
         old = self.path_on_target("boot/config.txt")
-        return (
-            old
-            if old.exists() and not self.path_on_target("boot/firmware/config.txt").exists()
-            else self.path_on_target("boot/firmware/config.txt")
-        )
+        if old.exists() and not self.path_on_target("boot/firmware/config.txt").exists():
+            return old
+        return self.path_on_target("boot/firmware/config.txt")
 
     def group_members(self, *names: str) -> dict[str, list[str]]:
         """Return the members of each group in `names`, without groups that do not exist on the machine."""

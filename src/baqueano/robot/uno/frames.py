@@ -270,11 +270,9 @@ class Field(NamedTuple):
 def integer_range(code: str) -> ValueRange:
     """Return the range of an integer that is encoded with this format code of `struct`."""
     bits = 8 * struct.calcsize(code)
-    return (
-        ValueRange(-(1 << bits - 1), (1 << bits - 1) - 1)
-        if code.islower()
-        else ValueRange(0, (1 << bits) - 1)
-    )
+    if code.islower():
+        return ValueRange(-(1 << bits - 1), (1 << bits - 1) - 1)
+    return ValueRange(0, (1 << bits) - 1)
 
 
 def fields(layout: type[tuple[Any, ...]], path: str = "") -> list[Field]:

@@ -50,9 +50,10 @@ class SerialPort:
         import serial
 
         try:
+            # SerialException is an OSError
             self._serial = serial.Serial(
                 self.path, self.baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True
-            )  # SerialException is an OSError
+            )
         except Exception as error:
             if type(error).__module__ != "termios":  # of a line that was disconnected while it was opened
                 raise

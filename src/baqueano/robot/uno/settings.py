@@ -133,10 +133,8 @@ def settings_command(settings: Settings) -> str:
     >>> settings_command(Settings(driver=Driver.TB6612))
     'baqueano robot settings --defaults --bridge=tb6612'
     """
-    default, texts = (
-        _option_texts(StoredSettings(Settings()).rows()),
-        _option_texts(StoredSettings(settings).rows()),
-    )
+    default = _option_texts(StoredSettings(Settings()).rows())
+    texts = _option_texts(StoredSettings(settings).rows())
     arguments = [f"--{name}={text}" for name in texts for text in texts[name] if text not in default[name]]
     return " ".join(["baqueano robot settings --defaults", *arguments])
 

@@ -10,9 +10,8 @@ class Statistics:
 
     written_frames: int = 0  # frames of any kind that the line accepted
     sent_commands: int = 0  # commands sent
-    unsent_commands: int = (
-        0  # commands that the line did not accept, or that were given to an Uno that is not armed
-    )
+    # commands that the line did not accept, or that were given to an Uno that is not armed
+    unsent_commands: int = 0
     received_frames: int = 0  # frames received
     lost_frames: int = 0  # frames missing in the sequence
     late_frames: int = 0  # frames received twice, or after a newer frame

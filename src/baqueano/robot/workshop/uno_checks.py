@@ -36,9 +36,8 @@ def check_uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterat
         with open_uno(device_path) as link:
             yield Check(N_("serial line"), "ok", device_path)
             time.sleep(FIRST_ANSWER_S)
-            first_counts = copy(
-                link.statistics
-            )  # excludes a first frame that was received without its beginning
+            # excludes a first frame that was received without its beginning
+            first_counts = copy(link.statistics)
             send_commands(link, seconds, time.sleep)
             yield from check_answers(link, least_battery_v, first_counts)
             yield check_memory(link.request(AskInfo(), Info))  # the INFO sent at boot is older

@@ -204,9 +204,8 @@ def _arrays_in_map(**counts: int) -> MessageLayout:
 
 REFERENCE = _arrays_in_map(eta=3, nu=3, done=1)  # baqueano_msgs/msg/Reference
 MOTION = _arrays_in_map(eta=3, nu=3, nu_dot=3)  # baqueano_msgs/msg/Motion
-POSE = _arrays_in_map(
-    position=3, orientation=4
-)  # geometry_msgs/msg/PoseStamped, of `pose_values`, for viewers
+# geometry_msgs/msg/PoseStamped, of `pose_values`, for viewers
+POSE = _arrays_in_map(position=3, orientation=4)
 
 
 def pose_values(eta: list[float]) -> tuple[float, ...]:

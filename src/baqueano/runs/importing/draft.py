@@ -334,10 +334,8 @@ def _command(column: str, span: tuple[float, float]) -> str:
         remark = _("pulses of 1000 to 2000 µs, with 1500 in the middle?")
     else:
         full_count = next((full for full in FULL_COMMANDS[1:] if largest <= full), largest)
-        keys, remark = (
-            f"scale = {1.0 / full_count:.6g}",
-            _("{value:g} becomes 1: is that the full command?", value=full_count),
-        )
+        keys = f"scale = {1.0 / full_count:.6g}"
+        remark = _("{value:g} becomes 1: is that the full command?", value=full_count)
     return f'{{ column = {_quoted(column)}, unit = "raw", {keys} }},   # {remark}'
 
 

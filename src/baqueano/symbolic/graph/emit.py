@@ -345,9 +345,8 @@ def _levels(order: list[Term], conditions: set[Term]) -> dict[Term, int]:
             places[term.args[0]].append(place)
     levels: dict[Term, int] = {}
     for condition, choices in places.items():
-        levels_below: dict[
-            Term, int
-        ] = {}  # only the levels that are not 0, from the first choice to the last
+        # only the levels that are not 0, from the first choice to the last
+        levels_below: dict[Term, int] = {}
         for term in order[choices[0] : choices[-1] + 1] if choices else ():
             level = 0
             for a in term.args:

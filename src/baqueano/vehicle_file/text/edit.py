@@ -304,10 +304,8 @@ def _round(value: Any, std: Any) -> Any:
     """Return values rounded to about a thousandth of their standard deviation, unchanged if this is unknown."""
     if std is None or isinstance(value, str | bool):
         return value
-    array, std = (
-        np.asarray(value, dtype=float),
-        np.broadcast_to(np.asarray(std, dtype=float), np.shape(value)),
-    )
+    array = np.asarray(value, dtype=float)
+    std = np.broadcast_to(np.asarray(std, dtype=float), np.shape(value))
     rounded_values = [
         round(float(v), STD_DIGITS - floor(log10(s))) if isfinite(s) and s > 0.0 else float(v)
         for v, s in zip(array.ravel(), std.ravel(), strict=True)

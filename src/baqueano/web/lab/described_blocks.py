@@ -56,9 +56,8 @@ def check_block(request: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObje
     """Return the findings of `blocks check` about the block of a role, or about a block of another `kind`."""
     from baqueano.vehicle_file.block_check import check
 
-    block_description(
-        request | {"kind": request["kind"]}, vehicle_file
-    )  # refuses a kind that is not in the list
+    # refuses a kind that is not in the list
+    block_description(request | {"kind": request["kind"]}, vehicle_file)
     role = request["room"]
     report = check(
         block_of(role, request["kind"] or _kind_in_file(role, vehicle_file), vehicle_file), vehicle_file, role
@@ -114,11 +113,9 @@ def block_of(role: str, kind: str, vehicle_file: "VehicleFile") -> Tree:
     own_kind = None if kind == _kind_in_file(role, vehicle_file) else kind
     if own_kind is not None:  # selected in a browser; the file's block needs the user's permission
         resolve(role, own_kind, vehicle_file.folder)
-    return (
-        vehicle_file.guide(circle(1.0, 0.25), own_kind)
-        if role == "guide"
-        else getattr(vehicle_file, role)(own_kind)
-    )
+    if role == "guide":
+        return vehicle_file.guide(circle(1.0, 0.25), own_kind)
+    return getattr(vehicle_file, role)(own_kind)
 
 
 def _kind_in_file(role: str, vehicle_file: "VehicleFile") -> str:

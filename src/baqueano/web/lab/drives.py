@@ -28,10 +28,8 @@ class DriveIdentifications:
         if self._drive is None or (anew and _version_key(request["vehicle"]) != self._vehicle):
             if self._drive is not None:
                 self._drive.close()
-            self._vehicle, self._drive = (
-                _version_key(request["vehicle"]),
-                DriveIdentification(_vehicle_file(request["vehicle"])),
-            )
+            self._vehicle = _version_key(request["vehicle"])
+            self._drive = DriveIdentification(_vehicle_file(request["vehicle"]))
             self._drive.compile_kernels()
         elif anew:
             self._drive.restart()

@@ -23,11 +23,8 @@ if TYPE_CHECKING:
 Log: TypeAlias = EstimateLog | ReferenceLog | TruthLog
 MAX_ROUTE_POINTS = 2000  # most points of a drawn path
 MAX_CLOSED_GAP_M = 0.3  # largest gap between the ends of a closed path
-DEFAULT_FOOTPRINT = {
-    "kind": "round",
-    "length_m": 0.14,
-    "width_m": 0.14,
-}  # default if the file does not have a body
+# default if the file does not have a body
+DEFAULT_FOOTPRINT = {"kind": "round", "length_m": 0.14, "width_m": 0.14}
 ETA, NU, P = ("x", "y", "psi"), ("u", "v", "r"), {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "psi": (2, 2)}
 UNITS = {
     "eta.x": "m", "eta.y": "m", "eta.psi": "rad", "nu.u": "m/s", "nu.v": "m/s", "nu.r": "rad/s",

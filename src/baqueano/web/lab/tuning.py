@@ -149,11 +149,9 @@ def requested_vehicle_file(request: "JsonObject") -> "VehicleFile":
     from baqueano.runs import read_run
     from baqueano.vehicle_file import load
 
-    return (
-        load(request["vehicle"])
-        if "vehicle" in request
-        else recorded_vehicle_file(read_run(Path(request["path"])))
-    )
+    if "vehicle" in request:
+        return load(request["vehicle"])
+    return recorded_vehicle_file(read_run(Path(request["path"])))
 
 
 def route_names(request: "JsonObject") -> list[str]:

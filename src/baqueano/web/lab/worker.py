@@ -200,10 +200,8 @@ def _mission(request: "JsonObject") -> tuple["JsonObject", bytes]:
     if kind == "repeat":
         route = _routes(request).read(order.get("route", ""))
     if kind == "experiment":
-        signal, long_s = (
-            str(order.get("signal", "random_steps")),
-            min(float(order.get("seconds", 60.0)), MAX_EXPERIMENT_S),
-        )
+        signal = str(order.get("signal", "random_steps"))
+        long_s = min(float(order.get("seconds", 60.0)), MAX_EXPERIMENT_S)
         u = excitation(signal, vehicle_file.command.limit, long_s, vehicle_file.rate_hz, 0)
     blocks = order.get("blocks", {}) if kind == "repeat" else {}
     mission = Mission(kind, u=u, route=route, laps=max(0, round(order.get("laps", 1))), blocks=blocks)
