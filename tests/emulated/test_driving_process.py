@@ -13,7 +13,6 @@ from tests.cli.test_driving import W_DOWN, Terminal
 from tests.emulated.test_processes import (  # noqa: F401
     PATIENCE_S,
     end_of_drive,
-    live,
     ready,
     service,
     stalled,
@@ -70,7 +69,7 @@ def test_a_key_drives_the_firmware_and_the_run_contains_a_mark(screens, service,
     assert len(mark_times_ns(read_run(back))) == 1
 
 
-def test_an_unresponsive_terminal_leaves_a_stopped_vehicle(screens, live):  # noqa: F811
+def test_an_unresponsive_terminal_leaves_a_stopped_vehicle(screens, live):
     screen = screens()
     screen.there = False
     print(f"off {1e3 * stops(live, 10.0):.0f} ms after the terminal")
@@ -78,7 +77,7 @@ def test_an_unresponsive_terminal_leaves_a_stopped_vehicle(screens, live):  # no
     screen.until(rb"baqueano robot clear", PATIENCE_S)
 
 
-def test_a_closed_terminal_leaves_a_stopped_vehicle(screens, live):  # noqa: F811
+def test_a_closed_terminal_leaves_a_stopped_vehicle(screens, live):
     screen = screens()
     screen.hang_up()
     print(f"off {1e3 * stops(live, 10.0):.0f} ms after the hang-up")
