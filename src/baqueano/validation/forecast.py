@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from baqueano.guides.route import Route
 
 NU = slice(3, 6)  # of (η, ν, ν̇)
-MIN_SINGULAR = 1e-3  # of H: a direction of ν that the channels do not measure has no error
+MIN_SINGULAR = 1e-3  # of H: a direction of ν below it is not measured, and its error counts as 0
 HORIZON_S = 10.0
 STEP_S = 1.0  # between the beginnings of windows
 MIN_DRIVEN_SHARE = 0.5  # least part of the ticks of a window with a command
