@@ -227,6 +227,18 @@ def test_the_update_option_adds_noise_and_an_estimator_to_a_file(baqueano, lab, 
     assert baqueano("replay", run, "--vehicle", "mine.toml").code == 0
 
 
+def test_a_replay_tells_that_the_file_of_the_folder_differs_and_names_the_first_run(baqueano, lab, tmp_path):
+    run = str(next((lab / "runs").glob("0001*")))
+    (tmp_path / "vehicle.toml").write_text(package.read_run(run).vehicle_text, encoding="utf-8")
+    assert "differs" not in baqueano("replay", run).err
+    with (tmp_path / "vehicle.toml").open("a", encoding="utf-8") as file:
+        file.write("# measured again\n")
+    assert "vehicle.toml differs from it; to use it: --vehicle vehicle.toml" in baqueano("replay", run).err
+    assert baqueano("replay", "last").code == 0
+    names = [path.stem[5:] for path in sorted((tmp_path / "runs").glob("*replay*"))]
+    assert names == [f"replay-{Path(run).stem}"] * 3
+
+
 def test_advice_about_a_run_names_the_vehicle_file_that_it_belongs_to(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     small, car = package.load("small"), package.load("car")

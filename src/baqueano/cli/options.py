@@ -116,23 +116,25 @@ def combine_options(*options: Decorator) -> Decorator:
     return lambda command: reduce(lambda f, option: option(f), reversed(options), command)
 
 
-vehicle = combine_options(
-    click.option(
-        "--vehicle",
-        "vehicle",
-        metavar="FILE|NAME",
-        help=(
-            "A vehicle file, or a name of the garage (case-study-1, small, car). Default: "
-            "vehicle.toml, else small."
+def _vehicle_file_options(file_help: str) -> Decorator:
+    """Return the options of a vehicle file and of its values, with this help of --vehicle."""
+    return combine_options(
+        click.option("--vehicle", "vehicle", metavar="FILE|NAME", help=file_help),
+        click.option(
+            "--set",
+            "settings",
+            multiple=True,
+            metavar="KEY=VALUE",
+            help="Value that replaces a value of the vehicle file: --set model.mass_kg=0.7",
         ),
-    ),
-    click.option(
-        "--set",
-        "settings",
-        multiple=True,
-        metavar="KEY=VALUE",
-        help="Value that replaces a value of the vehicle file: --set model.mass_kg=0.7",
-    ),
+    )
+
+
+vehicle = _vehicle_file_options(
+    "A vehicle file, or a name of the garage (case-study-1, small, car). Default: vehicle.toml, else small."
+)
+vehicle_of_run = _vehicle_file_options(
+    "A vehicle file, or a name of the garage (case-study-1, small, car). Default: the file stored in the run."
 )
 speed_and_size = combine_options(
     click.option(

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @click.command(help="Process RUN again with the same blocks, or with others, and compare.")
 @click.argument("run")
-@options.vehicle
+@options.vehicle_of_run
 @options.estimator
 @options.align
 @click.option(
@@ -45,7 +45,8 @@ def command(
     recorded_run = options.find_runs((run,), folder)[0]
     vehicle_options = None
     if vehicle is None and recorded_run.vehicle_text:
-        print_message(note("cli.vehicle-of-run"))
+        differs = options.DEFAULT_FILE.is_file() and _text_of_default_file() != recorded_run.vehicle_text
+        print_message(note("cli.vehicle-of-run-differs" if differs else "cli.vehicle-of-run"))
         vehicle_file = recorded_vehicle_file(recorded_run)
         vehicle_file = override(vehicle_file, settings) if settings else vehicle_file
     else:
@@ -53,7 +54,7 @@ def command(
         vehicle_options = options.vehicle_and_runs_options(vehicle_file, folder)
     replay_backend = recorded_run.metadata.get("backend", "auto") if backend == "auto" else backend
     replay_estimator = vehicle_file.estimator(options.block_kind(vehicle_file, "estimator", estimator))
-    path = options.run_path(out, folder, f"replay-{recorded_run.name}")
+    path = options.run_path(out, folder, f"replay-{recorded_run.name.rsplit('-replay-', 1)[-1]}")
     with show_time_progress(note("cli.replay"), recorded_run.duration_s) as progress:
         replayed_run = replay(
             recorded_run,
@@ -81,6 +82,10 @@ def command(
         options.raise_stop(replayed_run, path)
     else:
         options.print_warnings(replayed_run)
+
+
+def _text_of_default_file() -> str:
+    return options.DEFAULT_FILE.read_text(encoding="utf-8", errors="replace")
 
 
 def _stops_are_equal(stop: "Diagnostic | None", recorded_stop: "Diagnostic | None") -> bool:

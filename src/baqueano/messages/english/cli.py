@@ -220,6 +220,9 @@ TEMPLATES: dict[str, str] = {
     "cli.figures": "figures: {count} in {folder}",
     "cli.repeat": "repeat",
     "cli.vehicle-of-run": "vehicle: the file stored in the run (--vehicle names another)",
+    "cli.vehicle-of-run-differs": (
+        "vehicle: the file stored in the run. vehicle.toml differs from it; to use it: --vehicle vehicle.toml"
+    ),
     "cli.replay": "replay",
     "cli.middle-again": (
         "the vehicle begins again in the middle of the room, with its heading along the width of the room"
