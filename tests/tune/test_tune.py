@@ -83,6 +83,12 @@ def test_a_search_without_gradients_gives_no_lower_cost(small, tuning):
     assert tuning.cost <= evolved.fun * (1 + 1e-4)
 
 
+def test_the_errors_state_the_distance_of_the_start_from_the_reference(small, tuning):
+    assert tuning.drive.start_m == 0.0
+    start_m = tuning_objective(small, ROUTE).drive_errors(GAINS).start_m
+    assert start_m == pytest.approx(0.1 * np.sqrt(2.0), rel=0.05)
+
+
 def test_tuned_gains_have_a_lower_cost_than_the_gains_of_the_file(tuning):
     assert tuning.cost <= tuning.cost_before
     assert tuning.cost < tuning.cost_uncontrolled

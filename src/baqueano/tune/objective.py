@@ -63,8 +63,9 @@ MIN_BATCH_TICKS = 1_000_000  # number of ticks of all drives above which a batch
 
 
 class DriveErrors(NamedTuple):
-    """The errors of the drives with given gains."""
+    """The errors of the drives with given gains, the approach to the route included."""
 
+    start_m: float  # distance from the reference at the start
     distance_rms_m: float
     distance_max_m: float
     heading_rms_rad: float
@@ -151,7 +152,8 @@ class Objective:
             for case in self.cases for inputs in case.inputs for theta in thetas
         ]  # fmt: skip
         d, psi, at_limit = (np.concatenate(x) for x in zip(*errors_of_drives, strict=True))
-        return DriveErrors(rms(d), float(np.max(d)), rms(psi), float(np.mean(at_limit)))
+        start_m = max(float(distances[0]) for distances, *_ in errors_of_drives)
+        return DriveErrors(start_m, rms(d), float(np.max(d)), rms(psi), float(np.mean(at_limit)))
 
     def nominal(self) -> "Objective":
         """Return the same drives with only the vehicle of the file."""

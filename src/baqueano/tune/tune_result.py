@@ -243,9 +243,9 @@ class TuneResult(Result):
                 loop=_(self.loop),
             ),
             _(
-                "error from the reference: {rms_mm:.1f} mm rms, {max_mm:.1f} mm at most, heading "
-                "{heading_deg:.2f}° rms",
-                rms_mm=1000 * d.distance_rms_m, max_mm=1000 * d.distance_max_m,
+                "error from the reference after a start {start_mm:.0f} mm from it: {rms_mm:.1f} mm rms, "
+                "{max_mm:.1f} mm at most, heading {heading_deg:.2f}° rms",
+                start_mm=1000 * d.start_m, rms_mm=1000 * d.distance_rms_m, max_mm=1000 * d.distance_max_m,
                 heading_deg=np.degrees(d.heading_rms_rad),
             ),
             _(
