@@ -8,8 +8,9 @@ Two different parameters describe the error of the model (σ_d, T) and the noise
 wrongly, d_ψ explains the difference, and the gyro determines the yaw rate. A model that was identified with a gyro has
 the scale error of that gyro. Then the innovations do not show κ, and κ acts only on the path of the pose.
 
-At rest (no command for MIN_REST_S, predicted speed below MAX_REST_NU) the filter sets ν and d to 0. A rejected reading
-ends the rest, because a person might carry the vehicle.
+At rest (no command for MIN_REST_S, predicted speed below MAX_REST_NU) the filter sets ν and d to 0. Rejected readings
+end the rest, because a person might carry the vehicle: each shortens quiet_s by REJECTION_COST rows. So a person ends
+the rest within 0.05 s, but outliers in less than 1/REJECTION_COST of the rows do not.
 
 Sources: Jazwinski 1970, section 8.4; Schmidt 1966 for κ; Skog et al. 2010 for the detection of rest.
 """
@@ -36,6 +37,7 @@ from baqueano.estimators.kalman import Gaussian
 from baqueano.estimators.pauses import filter_row, row_effort, rows_before, step_in_rows
 from baqueano.estimators.readings.inconsistency import update_inconsistency
 from baqueano.estimators.readings.place_gate import PoseMemory, empty_memory
+from baqueano.estimators.readings.repetition import RepeatedReadings, no_repetition
 from baqueano.estimators.readings.sensor_numbers import check_use
 from baqueano.estimators.smoother import RowErrors, row_errors_of
 from baqueano.parameter import document, parameter
@@ -46,6 +48,7 @@ from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.state import DynamicVehicle
 
 MIN_REST_S = 0.5  # without a command; by then a vehicle is at rest, if its predicted speed is also small
+MAX_QUIET_S, REJECTION_COST = MIN_REST_S + 0.1, 3.0
 MAX_REST_NU = np.array([0.01, 0.01, 0.03])  # m/s, m/s, rad/s
 AT_REST_STD = np.array([1e-3, 1e-3, 1e-3, 1e-2, 1e-2])  # of ν and d at rest
 
@@ -61,8 +64,10 @@ class AugmentedBelief(NamedTuple):
     last_innovations: np.ndarray  # (m,) the last innovation of each channel
     # (2, 2) of speed and yaw rate: absolute value and duration, see inconsistency.py
     inconsistency: np.ndarray
+    repetition: RepeatedReadings  # of each channel
     pose_memory: PoseMemory  # of the sensors that measure the pose
-    quiet_s: Value  # time since the last command, or since the last rejected channel
+    quiet_s: Value  # time without a command; a rejected channel shortens it
+    silent_s: np.ndarray  # (2,) since a reading corrected the speed, and the yaw rate
     drivetrain: DrivetrainState
     noise_levels: NoiseLevels  # of this run, relative to the vehicle file
 
@@ -163,8 +168,9 @@ class AugmentedEkf:
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         states, cov = layout(self), np.diag(start_std(self) ** 2)
         mean, no_innovations = np.concatenate([eta, nu, np.zeros(states.size - 6)]), np.zeros(states.channels)
-        memory = no_innovations, np.zeros((2, 2)), empty_memory(states.pose_groups, states.channels), 0.0
-        begin = self.vehicle.drivetrain.init(), file_levels(states.channels)
+        memory = no_innovations, np.zeros((2, 2)), no_repetition(states.channels)
+        pose_memory, levels = empty_memory(states.pose_groups, states.channels), file_levels(states.channels)
+        begin = pose_memory, 0.0, np.zeros(2), self.vehicle.drivetrain.init(), levels
         return AugmentedBelief(-1, mean, cov, np.zeros(2), nu, *memory, *begin)
 
     step, rows_before = step_in_rows, rows_before  # `row` for a tick, and for the parts of a long tick
@@ -190,7 +196,7 @@ class AugmentedEkf:
         at_rest = (quiet_s >= MIN_REST_S) & np.all(np.abs(x.mean[3:6]) < MAX_REST_NU)
         model_nu = self.vehicle.advance(belief.mean[:3], belief.model_nu, effort, row.moved_s)[1]
         model_nu = np.where(at_rest, 0.0, model_nu)
-        previous = belief.last_innovations, belief.pose_memory, belief.noise_levels
+        previous = belief.last_innovations, belief.repetition, belief.pose_memory, belief.noise_levels
 
         def correct(x: Gaussian, at_rest: bool) -> Value:
             if not layout(self).corrects(FORWARD_STATES[0]).any():
@@ -198,7 +204,8 @@ class AugmentedEkf:
             return correct_tick(self, x, previous, effort, nu_dot, tick, at_rest, row.dt_s)
 
         x, innovations = branch(at_rest, lambda: correct(_rest_state(x), True), lambda: correct(x, False))
-        quiet_s = np.where(innovations.rejected_count > 0.0, 0.0, quiet_s)
+        doubt_s = np.where(innovations.rejected_count > 0.0, REJECTION_COST * row.dt_s, 0.0)
+        quiet_s = np.maximum(np.minimum(quiet_s, MAX_QUIET_S) - doubt_s, 0.0)
         is_exceeded = np.abs(x.mean[6:SCALE_INDEX]) > self.gate_sigma * self.disturbance_std
         from_model = x.mean[[3, 5]] - model_nu[[0, 2]]
         update = update_inconsistency(
@@ -206,9 +213,13 @@ class AugmentedEkf:
             self.gate_sigma,
         )  # fmt: skip
         x = x._replace(cov=x.cov + block_diagonal([update.pose_cov, np.zeros((len(x.mean) - 3,) * 2)]))
-        last_innovations, pose_memory = innovations[:2]
-        mean_disturbance = mean_disturbance_after(belief.mean_disturbance, x.mean[6:SCALE_INDEX], row.dt_s)
-        memory = last_innovations, update.inconsistency, pose_memory, quiet_s
+        last_innovations, repetition, pose_memory = innovations[2:5]
+        is_corrected = layout(self).corrected_by(innovations.weight >= 0.5)
+        silent_s = np.where(is_corrected, 0.0, belief.silent_s + row.dt_s)
+        mean_disturbance = mean_disturbance_after(
+            belief.mean_disturbance, x.mean[6:SCALE_INDEX], silent_s, row.dt_s
+        )
+        memory = last_innovations, update.inconsistency, repetition, pose_memory, quiet_s, silent_s
         next_belief = AugmentedBelief(
             tick.t_ns,
             x.mean,
@@ -224,7 +235,7 @@ class AugmentedEkf:
         J = jacobian(self._pose_and_velocity)(next_belief.mean)
         nu_cov = update.nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain)
         cov = mirror_upper(J @ next_belief.cov @ J.T) + block_diagonal([np.zeros((3, 3)), nu_cov])
-        latest_innovation = innovations[3:7] if len(innovations.latest) else ()
+        latest_innovation = innovations[6:10] if len(innovations.latest) else ()
         D = innovations.growth_factors * np.where(at_rest, _moving_states(len(x.mean)), 1.0)
         G = np.where(row.is_new, D[:, None] * prediction.G, np.eye(len(D)))
         E = np.where(at_rest, layout(self).resting_mask, layout(self).moving_mask)

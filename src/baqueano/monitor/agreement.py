@@ -27,9 +27,10 @@ from baqueano.estimators.augmented.state import SCALE_INDEX
 from baqueano.estimators.augmented_ekf import MAX_REST_NU, MIN_REST_S, AugmentedBelief, AugmentedEkf
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.pauses import filter_row
+from baqueano.estimators.readings.repetition import repetition_after
 from baqueano.monitor.channel_properties import ChannelProperties, channels_of
 from baqueano.monitor.log_odds import MIN_LOG_ODDS, verdicts
-from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, MonitorState, is_stuck
+from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, MonitorState
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Motion, Tick
 from baqueano.symbolic import jacobian, tree_where
@@ -94,7 +95,7 @@ class AgreementMonitor:
         is_outlier = reading.is_good & ~channels.is_pose & (r**2 > GATE_SIGMA**2 * variance)
         is_wrong = (memory.evidence > MIN_LOG_ODDS) & (memory.doubt_s > 0.0)
         is_outlier = is_outlier | (verdict.is_contradicted & (is_wrong | _is_only_suspect(is_wrong)))
-        is_constant = channels.is_inertial & is_stuck(memory_at_end) & ~at_rest
+        is_constant = channels.is_inertial & memory_at_end.repetition.is_stuck & ~at_rest
         is_suspect = reading.is_unusable | is_outlier | is_constant
         is_off = reading.is_arrived & (
             is_suspect | (self._is_rejected(y, S) & _is_only_suspect(is_suspect | (memory.doubt_s > 0.0)))
@@ -118,8 +119,6 @@ class AgreementMonitor:
             bias=memory.bias + gain * r,
             bias_var=p * (1.0 - gain),
             predicted_reading=np.where(is_arrived, predicted_reading + memory.bias, memory.predicted_reading),
-            last_reading=np.where(is_arrived, reading.z, memory.last_reading),
-            change_count=memory.change_count + np.where(reading.is_changed(memory), 1.0, 0.0),
             expected_squares=memory_factor * memory.expected_squares + shown_s * s * s,
             cross_products=memory_factor * memory.cross_products + shown_s * s * (s + r),
             measured_squares=memory_factor * memory.measured_squares + shown_s * (s + r) * (s + r),
@@ -211,20 +210,16 @@ class _Reading(NamedTuple):
         """Return a mask (m,): True for a reading that arrived and is usable."""
         return self.is_arrived & ~self.is_unusable
 
-    def is_changed(self, memory: Memory) -> np.ndarray:
-        """Return a mask (m,): True for a reading that differs from the last one of its channel."""
-        return self.is_arrived & ~(self.z == memory.last_reading)
-
 
 def _with_durations(memory: Memory, reading: _Reading, dt_s: Value) -> tuple[Memory, np.ndarray]:
     """Return the memory with its durations after a row of `dt_s`, and the time (m,) that each reading stands for."""
-    silent_s, is_arrived, is_changed = memory.silent_s + dt_s, reading.is_arrived, reading.is_changed(memory)
-    constant_s = np.where(is_changed, 0.0, memory.unchanged_s + silent_s)
-    longest_s = np.maximum(memory.longest_unchanged_s, memory.unchanged_s)
+    silent_s, is_arrived = memory.silent_s + dt_s, reading.is_arrived
+    repetition = repetition_after(memory.repetition, reading.z, is_arrived)
+    constant_s = np.where(repetition.repeat_count > 0.0, memory.unchanged_s + silent_s, 0.0)
     memory_at_end = memory._replace(
         silent_s=np.where(is_arrived, 0.0, silent_s),
         unchanged_s=np.where(is_arrived, constant_s, memory.unchanged_s),
-        longest_unchanged_s=np.where(is_changed, longest_s, memory.longest_unchanged_s),
+        **repetition._asdict(),
     )
     return memory_at_end, np.where(is_arrived, np.minimum(silent_s, MAX_STEP_S), 0.0)
 

@@ -7,7 +7,7 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.monitor.channel_properties import ChannelProperties
 from baqueano.monitor.log_odds import MIN_LOG_ODDS
-from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, is_stuck
+from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory
 
 NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY, CONTRADICTED = (
     "no-number", "at-its-end", "frozen", "zero", "slips", "scaled", "away", "contradicted",
@@ -90,7 +90,9 @@ def finding_of(channels: ChannelProperties, c: int, memory: Memory, t_ns: int, d
     ratio = sz / ss if ss > 0.0 else float("nan")
     symptom = _symptom_of(channels, c, memory, ratio, ss, sz, zz)
     evidence = float(memory.evidence[c])
-    is_certain = bool(symptom in (NO_NUMBER, AT_ITS_END) or (channels.is_inertial[c] and is_stuck(memory)[c]))
+    is_certain = bool(
+        symptom in (NO_NUMBER, AT_ITS_END) or (channels.is_inertial[c] and memory.repetition.is_stuck[c])
+    )
     wrong_part = (
         SENSOR if is_certain or evidence > MIN_LOG_ODDS else MODEL if evidence < -MIN_LOG_ODDS else UNKNOWN
     )

@@ -6,7 +6,8 @@ the whitened innovation e, the previous innovation e₋, and the limit l of the 
 
     w = 1/(1 + (a/l)⁸),   a = max(min(|e|, |e − e₋|/√2), |e|/ABSURD_GATE_RATIO)                                      (1)
 
-place_gate.py tests the sensors that measure the pose. augmented/state.py defines which states a channel may correct.
+place_gate.py tests the sensors that measure the pose. augmented/state.py defines which states a channel may correct. In
+motion, an inertial channel that repeats its last reading is not used (repetition.py).
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -32,6 +33,7 @@ from baqueano.estimators.readings.place_gate import (
     gate_decision,
     growth_factors,
 )
+from baqueano.estimators.readings.repetition import RepeatedReadings, repetition_after
 from baqueano.estimators.readings.sensor_numbers import age_s, motion_at_age
 from baqueano.parameter import INF
 from baqueano.sensors.sampling import difference, mistake_corrections
@@ -49,7 +51,10 @@ USABLE_RANGE = 0.9999  # of a sensor's full scale: a reading above this is not u
 class Innovations(NamedTuple):
     """The measured channels of a tick, compared with their prediction."""
 
+    arrived_mask: np.ndarray  # (m,) 1 if a reading arrived, usable or not
+    repeated_mask: np.ndarray  # (m,) 1 if an inertial sensor repeats its reading
     latest: np.ndarray  # (m,) the last innovations, in order of use
+    repetition: RepeatedReadings  # of each channel
     pose_memory: PoseMemory
     rejected_count: Value  # number of channels with a weight below 0.5
     y: np.ndarray  # (m,) innovations; NaN for a channel without a measurement
@@ -64,7 +69,7 @@ class Innovations(NamedTuple):
 def correct_tick(
     estimator: "AugmentedEkf",
     x: Gaussian,
-    previous: tuple[np.ndarray, PoseMemory, NoiseLevels],
+    previous: tuple[np.ndarray, RepeatedReadings, PoseMemory, NoiseLevels],
     effort: Effort,
     nu_dot: Value,
     tick: Tick,
@@ -73,18 +78,35 @@ def correct_tick(
 ) -> tuple[Gaussian, Innovations]:
     """Return the state after the measurements that arrived, and the innovations.
 
-    `previous` contains the innovations (m,), the PoseMemory and the NoiseLevels of the previous row. `nu_dot` (3,) is
-    the acceleration of a kinematic model, and None for a dynamic model. `at_rest` selects the states that each channel
-    may correct.
+    `previous` contains innovations (m,), RepeatedReadings, PoseMemory and NoiseLevels of the previous row.
+    `nu_dot` (3,) is the acceleration of a kinematic model, and None for a dynamic model. `at_rest` selects the states
+    that each channel may correct.
     """
-    states, (last_innovations, place_doubt, levels), n = layout(estimator), previous, len(x.mean)
+    states, n = layout(estimator), len(x.mean)
+    last_innovations, repetition, place_doubt, levels = previous
     if not len(states.moving_mask):
         none, no_rows = last_innovations, np.zeros((0, n))
         update = Correction(np.zeros(n), x.cov, none, none, none, no_rows, no_rows)
         return x, Innovations(
-            none, place_doubt, 0.0, none, np.zeros((0, 0)), none, np.zeros((0, 0)), levels, update, np.ones(n)
+            none,
+            none,
+            none,
+            repetition,
+            place_doubt,
+            0.0,
+            none,
+            np.zeros((0, 0)),
+            none,
+            np.zeros((0, 0)),
+            levels,
+            update,
+            np.ones(n),
         )
-    y, H, file_cov, mask, corrections = _compared_channels(estimator, x, effort, nu_dot, tick)
+    y, H, file_cov, mask, corrections, z, arrived_mask = _compared_channels(
+        estimator, x, effort, nu_dot, tick
+    )
+    repetition = repetition_after(repetition, z, mask > 0.0)
+    repeated_mask = np.where(repetition.is_longest & states.is_inertial & (not at_rest), 1.0, 0.0)
     Q = levels.sensor_cov(file_cov)
     H_of_present = H * mask[:, None]
     channels = PoseChannels(y * mask, H_of_present @ x.cov @ H_of_present.T + Q, mask, corrections)
@@ -101,7 +123,8 @@ def correct_tick(
             return decision.weights[c]
         limit = estimator.gate_sigma * np.sqrt((Q[c, c] + states.gate_factors[c] ** 2 * (s - Q[c, c])) / s)
         least_error = np.minimum(np.abs(e), np.abs(e - last_innovations[c] / np.sqrt(s)) / np.sqrt(2.0))
-        return 1.0 / (1.0 + (np.maximum(least_error, np.abs(e) / ABSURD_GATE_RATIO) / limit) ** 8)
+        w = 1.0 / (1.0 + (np.maximum(least_error, np.abs(e) / ABSURD_GATE_RATIO) / limit) ** 8)
+        return w * (1.0 - repeated_mask[c])
 
     E = states.resting_mask if at_rest else states.moving_mask
     update = correct(x.cov, y, H, Q, E, weight, mask)
@@ -117,7 +140,19 @@ def correct_tick(
     x = Gaussian(boxplus(x.mean, update.move), update.cov)
     y, w = (np.where(mask > 0.0, values, np.nan) for values in (y, w))
     return x, Innovations(
-        latest_innovations, decision.memory, rejected_count, y, S, w, file_S, levels, update, D
+        arrived_mask,
+        repeated_mask,
+        latest_innovations,
+        repetition,
+        decision.memory,
+        rejected_count,
+        y,
+        S,
+        w,
+        file_S,
+        levels,
+        update,
+        D,
     )
 
 
@@ -129,6 +164,8 @@ class _ComparedChannels(NamedTuple):
     Q: np.ndarray  # (m, m)
     mask: np.ndarray  # (m,) 1 for a channel with a usable measurement, else 0
     corrections: list[np.ndarray]  # of each channel, for the known mistakes of its sensor
+    z: np.ndarray  # (m,)
+    arrived_mask: np.ndarray  # (m,) 1 if a reading arrived, usable or not
 
 
 def _compared_channels(
@@ -136,7 +173,7 @@ def _compared_channels(
 ) -> _ComparedChannels:
     """Return innovations, Jacobian and noise of the channels of a tick. A reading at the end of its range is unused."""
     states = layout(estimator)
-    innovations, jacobians, noise, arrivals, corrections = [], [], [], [], []
+    innovations, jacobians, noise, arrivals, corrections, readings, is_new = [], [], [], [], [], [], []
     for name, rows in zip(states.names, states.entries, strict=True):
         sensor, slot, indices = getattr(estimator.sensors, name), getattr(tick.sensors, name), np.array(rows)
 
@@ -151,8 +188,10 @@ def _compared_channels(
         noise.append(sensor.cov[indices][:, indices])
         arrivals.append(np.where(mask, 1.0, 0.0)[indices])
         corrections += list(mistake_corrections(sensor, z).T[indices])
-    y, H, mask = (np.concatenate(arrays) for arrays in (innovations, jacobians, arrivals))
-    return _ComparedChannels(y, H, block_diagonal(noise), mask, corrections)
+        readings.append(z[indices])
+        is_new.append(np.where((slot.is_new > 0.0) & (slot.z == slot.z), 1.0, 0.0)[indices])
+    y, H, mask, z = (np.concatenate(arrays) for arrays in (innovations, jacobians, arrivals, readings))
+    return _ComparedChannels(y, H, block_diagonal(noise), mask, corrections, z, np.concatenate(is_new))
 
 
 def predict_measurement(

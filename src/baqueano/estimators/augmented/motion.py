@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 
 MEAN_DISTURBANCE_S = 2.0  # time constant with which d̄ follows d: about one bend of the path
+MAX_SILENT_S = 0.5  # without a reading for longer, d̄ fades to 0: another bend follows
 MIN_SPEED_M_S = 0.02  # below it, the error of the speed fades to 0
 BEND_STD = 0.5 * 1.96**2 / np.sqrt(CHI_SQUARE_95 - 1.96**2)  # λ of (4)
 
@@ -101,8 +102,11 @@ def advance_mean(
     return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, next_disturbance, mean[SCALE_INDEX:]])
 
 
-def mean_disturbance_after(previous: np.ndarray, d: np.ndarray, dt_s: Value) -> np.ndarray:
-    """Return d̄ (2,) one row later.  (3)"""
+def mean_disturbance_after(
+    previous: np.ndarray, d: np.ndarray, silent_s: np.ndarray, dt_s: Value
+) -> np.ndarray:
+    """Return d̄ (2,) one row later; `silent_s` (2,) is the time since a reading corrected d.  (3)"""
+    d = np.where(silent_s > MAX_SILENT_S, 0.0, d)
     return previous + (d - previous) * (1.0 - np.exp(-dt_s / MEAN_DISTURBANCE_S))
 
 

@@ -52,6 +52,7 @@ class Layout(NamedTuple):
     biases: tuple[UncertainParameter, ...]
     moving_mask: np.ndarray  # (m, n) E of kalman.py for each channel, while the vehicle drives  (2)
     resting_mask: np.ndarray  # (m, n) the same at rest
+    is_inertial: np.ndarray  # (m,) bool: the channel has a bias that walks
     gate_factors: np.ndarray  # (m,) factor on the model's part of the gate of each channel
     # (m, 2) derivative of each channel by speed and yaw rate; 0 if it must not correct them
     rest_jacobian: np.ndarray
@@ -76,6 +77,13 @@ class Layout(NamedTuple):
     def corrects(self, state: int) -> np.ndarray:
         """Return a mask (m,) of the channels that correct one entry of x while the vehicle drives."""
         return self.moving_mask[:, state] > 0.0
+
+    def corrected_by(self, is_used: np.ndarray) -> np.ndarray:
+        """Return a mask (2,): True for speed and yaw rate if a used channel corrects it; `is_used` is (m,)."""
+        if not self.channels:
+            return np.zeros(2) > 0.0
+        counts = np.where(is_used, 1.0, 0.0)[:, None] * self.moving_mask[:, SPEED_AND_YAW_RATE]
+        return np.sum(counts, axis=0) > 0.0
 
     @property
     def channels(self) -> int:
@@ -124,6 +132,7 @@ def layout(estimator: "AugmentedEkf") -> Layout:
         biases,
         moving_mask,
         resting_mask,
+        np.array([bool(states) for states in bias_states], dtype=bool),
         np.where([d.is_turn_only for d in dependencies], LEADING_GYRO_FACTOR, 1.0),
         slopes * moving_mask[:, SPEED_AND_YAW_RATE],
         tuple(group for group in groups if group),

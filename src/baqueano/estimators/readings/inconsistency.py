@@ -53,8 +53,9 @@ def update_inconsistency(
 ) -> InconsistencyUpdate:
     """Return the inconsistency of speed and yaw rate after a row of `dt_s`, and its additions to the covariances.
 
-    `innovations` contains y (m,), NaN for a channel without a measurement, S (m, m) and the weights (m,). `from_model`
-    (2,) is the estimate minus that of the model; `is_followed` (2,) is True while the filter follows a channel.
+    `innovations` contains y (m,), NaN for a channel without a usable measurement, S (m, m) and the weights (m,).
+    `from_model` (2,) is the estimate minus that of the model; `is_followed` (2,) is True while the filter follows a
+    channel.
     """
     rejected_sizes, has_reading = [], []
     for h in states.rest_jacobian.T:
@@ -62,12 +63,16 @@ def update_inconsistency(
         rejected_sizes.append(
             _largest(
                 [
-                    np.where(innovations.weight[c] < 0.5, np.abs(innovations.y[c]) / abs(h[c]), 0.0)
+                    np.where(
+                        (innovations.weight[c] < 0.5) & (innovations.repeated_mask[c] < 0.5),
+                        np.abs(innovations.y[c]) / abs(h[c]),
+                        0.0,
+                    )
                     for c in channels
                 ]
             )
         )
-        has_reading.append(_largest([np.where(np.isfinite(innovations.y[c]), 1.0, 0.0) for c in channels]))
+        has_reading.append(_largest([innovations.arrived_mask[c] for c in channels]))
     follows_speed = is_followed[0]
     for weights in states.yaw_rate_checks:  # (2), (3)
         channels = np.flatnonzero(weights)
