@@ -85,7 +85,7 @@ def wheeled_block():
     return file, compile_block(file.estimator())
 
 
-@pytest.mark.parametrize(("fault", "wide"), [("gyro", [3, 5]), ("wheel", [3]), ("none", [])])
+@pytest.mark.parametrize(("fault", "wide"), [("gyro", [3, 5]), ("bias", [5]), ("wheel", [3]), ("none", [])])
 def test_wheels_and_gyro_widen_the_region_of_the_signal_that_the_model_contradicts(fault, wide):
     file, filter_ = wheeled_block()
     imu, true = run().sensors["imu"].z.copy(), run().truth
@@ -94,6 +94,8 @@ def test_wheels_and_gyro_widen_the_region_of_the_signal_that_the_model_contradic
     wheels = np.stack([true.nu[:, 0] - across, true.nu[:, 0] + across], axis=1) + noise
     if fault == "gyro":
         imu[AT, 2] *= 2.0
+    elif fault == "bias":
+        imu[AT, 2] += 0.6  # 2.5 standard deviations of a reading of the wheels
     elif fault == "wheel":
         wheels[AT, 0] = -0.3
     belief, nu, cov = filter_.init(), [], []
@@ -104,7 +106,7 @@ def test_wheels_and_gyro_widen_the_region_of_the_signal_that_the_model_contradic
         cov.append(np.diag(estimate.cov))
     late = AT & (t_s >= FAULT_S[0] + 1.0)
     inside = np.abs(np.array(nu) - true.nu)[late] <= REGION_95 * np.sqrt(np.array(cov)[late, 3:])
-    assert np.all(np.mean(inside[:, [0, 2]], axis=0) >= 0.9)
+    assert np.all(np.mean(inside[:, [2] if fault == "bias" else [0, 2]], axis=0) >= 0.9)
     before = np.median(np.array(cov)[(t_s > 1.5) & (t_s < FAULT_S[0])], axis=0)
     is_wide = np.median(np.array(cov)[late], axis=0) > 30.0 * before
     assert [k for k in (3, 5) if is_wide[k]] == wide

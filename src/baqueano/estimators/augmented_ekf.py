@@ -64,6 +64,7 @@ class AugmentedBelief(NamedTuple):
     last_innovations: np.ndarray  # (m,) the last innovation of each channel
     # (2, 2) of speed and yaw rate: absolute value and duration, see inconsistency.py
     inconsistency: np.ndarray
+    mean_checks: np.ndarray  # (k,) rad/s, mean differences between wheels and estimate, see inconsistency.py
     repetition: RepeatedReadings  # of each channel
     pose_memory: PoseMemory  # of the sensors that measure the pose
     quiet_s: Value  # time without a command; a rejected channel shortens it
@@ -168,7 +169,12 @@ class AugmentedEkf:
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         states, cov = layout(self), np.diag(start_std(self) ** 2)
         mean, no_innovations = np.concatenate([eta, nu, np.zeros(states.size - 6)]), np.zeros(states.channels)
-        memory = no_innovations, np.zeros((2, 2)), no_repetition(states.channels)
+        memory = (
+            no_innovations,
+            np.zeros((2, 2)),
+            np.zeros(len(states.yaw_rate_checks)),
+            no_repetition(states.channels),
+        )
         pose_memory, levels = empty_memory(states.pose_groups, states.channels), file_levels(states.channels)
         begin = pose_memory, 0.0, np.zeros(2), self.vehicle.drivetrain.init(), levels
         return AugmentedBelief(-1, mean, cov, np.zeros(2), nu, *memory, *begin)
@@ -209,8 +215,8 @@ class AugmentedEkf:
         is_exceeded = np.abs(x.mean[6:SCALE_INDEX]) > self.gate_sigma * self.disturbance_std
         from_model = x.mean[[3, 5]] - model_nu[[0, 2]]
         update = update_inconsistency(
-            belief.inconsistency, layout(self), innovations, from_model, is_exceeded, x.mean[2], row.dt_s,
-            self.gate_sigma,
+            (belief.inconsistency, belief.mean_checks), layout(self), innovations, from_model, is_exceeded,
+            x.mean[:6], row.dt_s, self.gate_sigma,
         )  # fmt: skip
         x = x._replace(cov=x.cov + block_diagonal([update.pose_cov, np.zeros((len(x.mean) - 3,) * 2)]))
         last_innovations, repetition, pose_memory = innovations[2:5]
@@ -219,7 +225,15 @@ class AugmentedEkf:
         mean_disturbance = mean_disturbance_after(
             belief.mean_disturbance, x.mean[6:SCALE_INDEX], silent_s, row.dt_s
         )
-        memory = last_innovations, update.inconsistency, repetition, pose_memory, quiet_s, silent_s
+        memory = (
+            last_innovations,
+            update.inconsistency,
+            update.mean_checks,
+            repetition,
+            pose_memory,
+            quiet_s,
+            silent_s,
+        )
         next_belief = AugmentedBelief(
             tick.t_ns,
             x.mean,

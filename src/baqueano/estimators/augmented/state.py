@@ -22,12 +22,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.blocks import Sensor, SensorBlocks
-from baqueano.estimators.readings.inconsistency import SPEED_AND_YAW_RATE
+from baqueano.estimators.readings.inconsistency import SPEED_AND_YAW_RATE, YawRateCheck
 from baqueano.estimators.readings.sensor_numbers import (
     UncertainParameter,
     channel_indices,
     has_speed_scale,
     measurement_jacobian,
+    relative_speed_variance,
     scale_std,
     split_use,
     uncertain_parameters,
@@ -59,8 +60,7 @@ class Layout(NamedTuple):
     # the channels of each sensor that measures the pose: place_gate.py
     pose_groups: tuple[tuple[int, ...], ...]
     speed_is_measured: bool  # True if a channel has its own scale of the speed
-    # weights (m,) of the innovations of a sensor: their sum is a yaw rate that corrects no state
-    yaw_rate_checks: tuple[np.ndarray, ...]
+    yaw_rate_checks: tuple[YawRateCheck, ...]
 
     @property
     def pose_error_mask(self) -> np.ndarray:
@@ -137,23 +137,28 @@ def layout(estimator: "AugmentedEkf") -> Layout:
         slopes * moving_mask[:, SPEED_AND_YAW_RATE],
         tuple(group for group in groups if group),
         has_speed_scale(sensors, dict(used_channels)),
-        _yaw_rate_checks([name for name, _ in channels], slopes, moving_mask[:, SPEED_AND_YAW_RATE[1]]),
+        _yaw_rate_checks(sensors, channels, slopes, moving_mask[:, SPEED_AND_YAW_RATE[1]]),
     )
 
 
 def _yaw_rate_checks(
-    sensors: Sequence[str], slopes: np.ndarray, corrects: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Return the weights (m,) of each sensor that measures speed and yaw rate, but corrects only the speed."""
+    sensors: SensorBlocks, entries: Sequence[tuple[str, int]], slopes: np.ndarray, corrects: np.ndarray
+) -> tuple[YawRateCheck, ...]:
+    """Return the check of each sensor that measures speed and yaw rate, but corrects only the speed."""
     checks = []
-    for name in dict.fromkeys(sensors):
+    for name in dict.fromkeys(name for name, _ in entries):
         channels = (
-            np.array([of == name for of in sensors]) & (np.abs(slopes).sum(axis=1) > 0.0) & (corrects == 0.0)
+            np.array([of == name for of, _ in entries])
+            & (np.abs(slopes).sum(axis=1) > 0.0)
+            & (corrects == 0.0)
         )
         if np.linalg.matrix_rank(slopes[channels]) == len(SPEED_AND_YAW_RATE):
-            weights = np.zeros(len(sensors))
+            weights = np.zeros(len(entries))
             weights[channels] = np.linalg.pinv(slopes[channels])[1]
-            checks.append(weights)
+            variances = [
+                w**2 * relative_speed_variance(sensors, *entries[k]) for k, w in enumerate(weights) if w
+            ]
+            checks.append(YawRateCheck(weights, float(np.sqrt(sum(variances)))))
     return tuple(checks)
 
 

@@ -5,12 +5,12 @@ rejected; |Δ|, Δ = ν − ν of the model, while the filter follows a channel:
 MIN_INCONSISTENT_S, with the rotation J, the axis g of the velocity, the row δ, and the duration t of the inconsistency:
 
     var ν ← var ν + a²  in the estimate only,   P_ηη ← P_ηη + J g (2 a² t δ) gᵀ Jᵀ                         (1)
-    wheels contradict a gyro:  e² > gate_sigma² wᵀ S w,  e = wᵀ y,  w: yaw-rate row of the wheels' inverse  (2)
+    wheels contradict a gyro:  e² > gate_sigma² (p wᵀ S w + σ² ν_x²)   for e = wᵀ y and for its mean        (2)
     a_ψ = |e|  if |e + Δ_ψ| < |Δ_ψ|: the gyro is wrong;   else a_x = |Δ_x|: the speed follows wrong wheels  (3)
 
-The model decides between wheels and gyro. The position error is a t if the velocity has the error a all the time. So
-the region contains the truth if either the sensor or the model is correct. The correction uses the unchanged
-covariance: a wider covariance would open the gate.
+w: yaw-rate row of the wheels' inverse; σ: their slip and scale. p is 1, or for an exponential mean over MEAN_S, which
+shows a small bias, g/(2 − g), g = 1 − exp(−δ/MEAN_S). The model decides between wheels and gyro. The region contains
+the truth if either sensor or model is correct. The correction uses the unchanged covariance: else the gate would open.
 """
 
 from functools import reduce
@@ -32,22 +32,33 @@ SPEED_AND_YAW_RATE = (3, 5)  # of a state (η, ν, …)
 MAX_HELD_S, FADING_RATE = 1.0, 2.0
 
 
+MEAN_S = 0.5  # time constant of the mean of (2)
+
+
+class YawRateCheck(NamedTuple):
+    """A yaw rate of the wheels that corrects no state."""
+
+    weights: np.ndarray  # w (m,) of the innovations
+    relative_std: float  # σ: standard deviation due to slip and scale, relative to the speed [rad/m]
+
+
 class InconsistencyUpdate(NamedTuple):
     """The inconsistency after a row, and its contributions to the covariances of pose and velocity."""
 
     # (2, 2) of speed and yaw rate: absolute value of the last rejected innovations, and duration [s]
     inconsistency: np.ndarray
+    mean_checks: np.ndarray  # e (k,) of the yaw-rate checks
     pose_cov: np.ndarray  # (3, 3)
     nu_cov: np.ndarray  # (3, 3)
 
 
 def update_inconsistency(
-    inconsistency: np.ndarray,
+    previous: tuple[np.ndarray, np.ndarray],
     states: "Layout",
     innovations: Value,
     from_model: np.ndarray,
     is_followed: np.ndarray,
-    psi: Value,
+    pose_nu: np.ndarray,
     dt_s: Value,
     gate_sigma: float,
 ) -> InconsistencyUpdate:
@@ -55,8 +66,9 @@ def update_inconsistency(
 
     `innovations` contains y (m,), NaN for a channel without a usable measurement, S (m, m) and the weights (m,).
     `from_model` (2,) is the estimate minus that of the model; `is_followed` (2,) is True while the filter follows a
-    channel.
+    channel. `previous` is the inconsistency and the means of the checks, `pose_nu` the state (η, ν).
     """
+    (inconsistency, means), psi, speed, mean_checks = previous, pose_nu[2], pose_nu[3], []
     rejected_sizes, has_reading = [], []
     for h in states.rest_jacobian.T:
         channels = np.flatnonzero(h)
@@ -74,21 +86,26 @@ def update_inconsistency(
         )
         has_reading.append(_largest([innovations.arrived_mask[c] for c in channels]))
     follows_speed = is_followed[0]
-    for weights in states.yaw_rate_checks:  # (2), (3)
-        channels = np.flatnonzero(weights)
-        e = np.sum(weights[channels] * innovations.y[channels])
-        variance = weights[channels] @ innovations.file_S[channels][:, channels] @ weights[channels]
-        contradicts = e**2 > gate_sigma**2 * variance
-        gyro_is_wrong = np.abs(e + from_model[1]) < np.abs(from_model[1])
-        size = np.where(contradicts & gyro_is_wrong, np.abs(e), 0.0)
-        rejected_sizes[1] = np.maximum(rejected_sizes[1], size)
-        follows_speed = follows_speed | (contradicts & ~gyro_is_wrong)
+    for k, check in enumerate(states.yaw_rate_checks):  # (2), (3)
+        channels, g = np.flatnonzero(check.weights), 1.0 - np.exp(-dt_s / MEAN_S)
+        w = check.weights[channels]
+        reading = np.sum(w * innovations.y[channels])
+        reading = np.where(np.isfinite(reading), reading, means[k])
+        mean_checks.append(means[k] + g * (reading - means[k]))
+        variance = w @ innovations.file_S[channels][:, channels] @ w
+        for e, part in ((reading, 1.0), (mean_checks[k], g / (2.0 - g))):
+            contradicts = e**2 > gate_sigma**2 * (part * variance + (check.relative_std * speed) ** 2)
+            gyro_is_wrong = np.abs(e + from_model[1]) < np.abs(from_model[1])
+            size = np.where(contradicts & gyro_is_wrong, np.abs(e), 0.0)
+            rejected_sizes[1] = np.maximum(rejected_sizes[1], size)
+            follows_speed = follows_speed | (contradicts & ~gyro_is_wrong)
     model_error = np.where(np.array([follows_speed, is_followed[1]]), np.abs(from_model), 0.0)
     next_inconsistency = inconsistency_after(
         inconsistency, np.array(rejected_sizes), model_error, np.array(has_reading) > 0.0, dt_s
     )
     return InconsistencyUpdate(
         next_inconsistency,
+        np.array(mean_checks) if mean_checks else means,
         *added_covariances(
             np.maximum(next_inconsistency[0], model_error), inconsistency[1], next_inconsistency[1], psi, dt_s
         ),

@@ -138,6 +138,16 @@ def slip_statistics(
     return np.sum(std**2) / len(entries) ** 2, np.mean(fade_s), np.mean(period_s)
 
 
+def relative_speed_variance(sensors: SensorBlocks, name: str, row: int) -> float:
+    """Return the variance, relative to ν_x², of the slip and of the scale of a channel that measures the speed."""
+    sensor, total = getattr(sensors, name), 0.0
+    for path, parameter in _acting_parameters(sensor, (row,), FORWARD_NU):
+        index = path[len(path.partition("[")[0]) :]
+        fields = [field for field in (parameter.std, parameter.slip) if field and not parameter.walk]
+        total += sum(float(value_at_path(sensor, _entry_path(sensor, field, index))) ** 2 for field in fields)
+    return total
+
+
 def scale_std(
     sensors: SensorBlocks, forward: dict[str, tuple[int, ...]], turning: dict[str, tuple[int, ...]]
 ) -> np.ndarray:
