@@ -110,13 +110,18 @@ def test_the_forecast_of_an_incomplete_model_agrees_with_unseen_drives():
     (ahead, *_) = forecast(fit, own).ahead
     actual = float(np.sqrt(np.mean(np.square(errors))))
     assert 0.67 < ahead.heading_rad / actual < 1.5
+    exact_fit = replace(fit, cov=fit.unmodelled_cov)  # without the errors of the parameters
+    of_misfit, of_parameters = (
+        forecast(f, own).ahead[0].heading_rad for f in (exact_fit, replace(fit, channels=()))
+    )
+    assert ahead.heading_rad**2 == pytest.approx(of_misfit**2 + 2.0 * of_parameters**2)  # Akaike 1970
     shifted = replace(fit, cov=4.0 * fit.cov, unmodelled_cov=fit.unmodelled_cov + 3.0 * fit.cov)
     assert forecast(shifted, own).ahead[0].heading_rad == pytest.approx(ahead.heading_rad)
 
 
 def test_a_forecast_skips_the_pauses_of_a_log(small):
     """In a pause the commands are unknown."""
-    fit, run = small
+    fit, run = replace(small[0], channels=()), small[1]
     later = np.where(np.arange(len(run.t_ns)) < len(run.t_ns) // 2, 0, 400_000_000_000)
     (whole, *_), (paused, *_) = (forecast(fit, r).ahead for r in (run, replace(run, t_ns=run.t_ns + later)))
     assert paused.distance_m == pytest.approx(whole.distance_m, rel=0.2)

@@ -3,14 +3,14 @@
     ∂η_k/∂θ along the drive, from the equations of the model                                              (1)
     Σ_η = (∂η/∂θ) P (∂η/∂θ)ᵀ,   position √(Σ_xx + Σ_yy),   heading √Σ_ψψ                                  (2)
     η: the pose after HORIZON_S relative to its start, once per second of the runs of the fit               (3)
-    + mean d₁ᵀ d₂ over windows of the runs,   d_i: (3) of ν + H⁺ r_i, minus (3) of ν                         (4)
+    + max(0, mean d₁ᵀ d₂ + tr Σ_η) over windows of the runs,   d_i: (3) of ν + H⁺ r_i, minus (3) of ν        (4)
 
 P is the covariance of the fit without the shifts by effects that the model lacks. Along the runs these effects and
 shifts cancel; their remainder is in the residuals r. H = ∂h/∂ν of wheels, gyro, odometer. r₁, r₂ are every second
-residual, so (4) does not contain their white noise (docs/derivations/robust_covariance.md). White residuals give 0.
-Above MAX_HEADING_STD_RAD the vehicle can be anywhere, and the message gives no distance. Process noise, the battery,
-and an error of the initial pose add to the forecast. The model drives the lap with the recommended controller and a
-known pose. Then it repeats the commands in open loop.
+residual, so their white noise cancels. A fit reduces the errors of its own runs by Σ_η (Akaike 1970), so (4) adds it
+(docs/derivations/robust_covariance.md). White residuals give 0. Above MAX_HEADING_STD_RAD the vehicle can be anywhere,
+and the message gives no distance. Process noise, the battery, and an error of the initial pose add to the forecast. The
+model drives the lap with the recommended controller and a known pose. Then it repeats the commands in open loop.
 """
 
 from collections.abc import Sequence
@@ -167,7 +167,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     for record in (record_of(segment, {}) for segment in segments):
         drive = _drive(kernel, theta, record.dt_s, record.u)
         drives.append(drive._replace(measured=_measured_paths(fit, record, drive.eta)))
-    forecasts: list[DriveForecast] = [_forecast_windows(drives, cov)]
+    forecasts: list[DriveForecast] = [_forecast_windows(drives, cov)[0]]
     notes: list[Diagnostic | str] = []
     lap, reason = _lap(fit, paths, theta, _route_of(drives) if route is None else route)
     if lap is None:
@@ -175,8 +175,9 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     else:
         title = note("forecast.lap") if route else note("forecast.lap-of-circle")
         title = note("forecast.lap-of", name=name) if name else title
-        ahead = _forecast_drive(title, _drive(kernel, theta, *lap), cov)
-        forecasts.append(_with_misfit(ahead, _forecast_windows(drives, 0.0 * cov, ahead.duration_s)))
+        lap_drive = _drive(kernel, theta, *lap)
+        _, misfit = _forecast_windows(drives, cov, float(lap_drive.t_s[-1]))
+        forecasts.append(_forecast_drive(title, lap_drive, _variances(lap_drive, 0, -1, cov)[0] + misfit))
         notes += _outside_envelope(fit, lap[1])
     if not np.isfinite([forecasts[1:] for forecasts in forecasts]).all():
         raise UsageError(fault("forecast.ran-away"))
@@ -213,21 +214,13 @@ def _measured_paths(fit: "Fit", record: FitRecord, eta: np.ndarray) -> tuple[np.
     return tuple(np.stack([np.real(paths), np.imag(paths), headings], axis=2))
 
 
-def _with_misfit(ahead: DriveForecast, misfit: DriveForecast) -> DriveForecast:
-    """Return the forecast of a drive with the error that the runs show over the same time, or over their duration."""
-    position_m = float(np.hypot(ahead.position_m, misfit.position_m))
-    return ahead._replace(
-        position_m=position_m, heading_rad=float(np.hypot(ahead.heading_rad, misfit.heading_rad))
-    )
-
-
 def _forecast_windows(
     drives: Sequence[_ModelDrive], cov: np.ndarray, horizon_s: float = HORIZON_S
-) -> DriveForecast:
-    """Return the root mean square of the errors over the windows of the runs.  (3), (4)"""
+) -> tuple[DriveForecast, np.ndarray]:
+    """Return the root mean square of the errors over the windows of the runs (3), and the variances (2,) of (4)."""
     longest_s = max(float(drive.t_s[-1] - drive.t_s[0]) for drive in drives)
     ahead_s = min(horizon_s, 0.999 * longest_s)
-    squares, distances_m = [], []
+    variances, distances_m = [], []
     for drive in drives:
         a = np.unique(np.searchsorted(drive.t_s, np.arange(drive.t_s[0], drive.t_s[-1] - ahead_s, STEP_S)))
         b = np.minimum(np.searchsorted(drive.t_s, drive.t_s[a] + ahead_s), len(drive.t_s) - 1)
@@ -235,40 +228,42 @@ def _forecast_windows(
         distance_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(drive.eta[:, :2], axis=0).T))])
         for i, j in zip(a, b, strict=True):
             if moving_ticks[j] - moving_ticks[i] >= MIN_DRIVEN_SHARE * (j - i):
-                squares.append(_variances(drive, i, j, cov))
+                variances.append(_variances(drive, i, j, cov))
                 distances_m.append(distance_m[j] - distance_m[i])
-    if not squares:  # almost without commands: use the whole longest run
-        return _forecast_drive(
-            note("forecast.longest-again"), max(drives, key=lambda drive: len(drive.u)), cov
-        )
-    position2, heading2 = np.maximum(np.mean(squares, axis=0), 0.0).tolist()
-    return DriveForecast(
-        note("forecast.as-the-runs"), ahead_s, float(np.mean(distances_m)), position2**0.5, heading2**0.5
-    )
+    longest_drive = max(drives, key=lambda drive: len(drive.u))
+    of_fit, misfit = np.mean(variances or [_variances(longest_drive, 0, -1, cov)], axis=0)
+    misfit = np.maximum(misfit, 0.0)
+    if not variances:  # almost without commands: use the whole longest run
+        return _forecast_drive(note("forecast.longest-again"), longest_drive, of_fit + misfit), misfit
+    position_m, heading_rad = np.sqrt(np.maximum(of_fit + misfit, 0.0)).tolist()
+    title, distance = note("forecast.as-the-runs"), float(np.mean(distances_m))
+    return DriveForecast(title, ahead_s, distance, position_m, heading_rad), misfit
 
 
-def _forecast_drive(drive: Diagnostic, model_drive: _ModelDrive, cov: np.ndarray) -> DriveForecast:
-    position2, heading2 = np.maximum(_variances(model_drive, 0, len(model_drive.u) - 1, cov), 0.0).tolist()
-    distance_m = float(np.sum(np.hypot(*np.diff(model_drive.eta[:, :2], axis=0).T)))
-    return DriveForecast(drive, float(model_drive.t_s[-1]), distance_m, position2**0.5, heading2**0.5)
+def _forecast_drive(title: Diagnostic, drive: _ModelDrive, variances: np.ndarray) -> DriveForecast:
+    position_m, heading_rad = np.sqrt(np.maximum(variances, 0.0)).tolist()
+    distance_m = float(np.sum(np.hypot(*np.diff(drive.eta[:, :2], axis=0).T)))
+    return DriveForecast(title, float(drive.t_s[-1]), distance_m, position_m, heading_rad)
 
 
-def _variances(drive: _ModelDrive, i: int, j: int, cov: np.ndarray) -> tuple[float, float]:
-    """Return the variances of position and heading of the pose at row j, relative to the pose at row i.  (2), (4)"""
+def _variances(drive: _ModelDrive, i: int, j: int, cov: np.ndarray) -> np.ndarray:
+    """Return variances (2, 2) of position and heading of the pose at row j, relative to the pose at row i: by the
+    errors of the parameters (2), and by the misfit (4)."""
     J = map_from_body(drive.eta[i, 2])
     derivative_change = drive.derivatives[j] - drive.derivatives[i]
     displacement = drive.eta[j] - drive.eta[i]
     # ∂(Jᵀ way)/∂ψ_i, in the map
     rotation = np.outer(np.array([displacement[1], -displacement[0], 0.0]), drive.derivatives[i, 2])
     jacobian = J.T @ (derivative_change + rotation)
-    variances = np.einsum("ip,pq,iq->i", jacobian, cov, jacobian)
-    if drive.measured:
-        errors = [
-            map_from_body(path[i, 2]).T @ (path[j] - path[i]) - J.T @ displacement for path in drive.measured
-        ]
-        turns = wrap(np.array(errors)[:, 2])
-        variances = variances + np.array([*np.prod(np.array(errors)[:, :2], axis=0), turns[0] * turns[1]])
-    return float(variances[0] + variances[1]), float(variances[2])
+    x, y, psi = np.einsum("ip,pq,iq->i", jacobian, cov, jacobian)
+    of_fit = np.array([x + y, psi])
+    if not drive.measured:
+        return np.array([of_fit, 0.0 * of_fit])
+    errors = [
+        map_from_body(path[i, 2]).T @ (path[j] - path[i]) - J.T @ displacement for path in drive.measured
+    ]
+    x, y, psi = np.prod([[*error[:2], wrap(error[2])] for error in errors], axis=0)
+    return np.array([of_fit, of_fit + np.array([x + y, psi])])
 
 
 def _route_of(drives: Sequence[_ModelDrive]) -> Any:
