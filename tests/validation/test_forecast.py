@@ -119,6 +119,13 @@ def test_the_forecast_of_an_incomplete_model_agrees_with_unseen_drives():
     assert forecast(shifted, own).ahead[0].heading_rad == pytest.approx(ahead.heading_rad)
 
 
+def test_runs_with_equal_names_have_their_own_residuals():
+    runs = [drive_with_counts(seed) for seed in (1, 3)]
+    named = [replace(run, name="a run") for run in runs]
+    apart, alike = (forecast(identify(r, parse(FILE, "stranger.toml")), r).ahead[0] for r in (runs, named))
+    assert alike.heading_rad == pytest.approx(apart.heading_rad)
+
+
 def test_a_forecast_skips_the_pauses_of_a_log(small):
     """In a pause the commands are unknown."""
     fit, run = replace(small[0], channels=()), small[1]

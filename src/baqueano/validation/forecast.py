@@ -27,7 +27,7 @@ from baqueano.geometry import map_from_body, wrap
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify.data.record import FitRecord, record_of
 from baqueano.identify.residuals.motion import open_loop
-from baqueano.identify.result.fit_result import Fit
+from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.messages import text, texts, with_full_stop
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -164,9 +164,10 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     kernel, theta = open_loop(fit.blocks.model, paths, lambda motion: motion.eta, fit.backend)  # (1)
     drives = []
     segments = [segment for run in runs for segment in check_timestamps(run, fit.file.rate_hz)[0]]
-    for record in (record_of(segment, {}) for segment in segments):
-        drive = _drive(kernel, theta, record.dt_s, record.u)
-        drives.append(drive._replace(measured=_measured_paths(fit, record, drive.eta)))
+    for segment in segments:
+        record = record_of(segment, {})
+        drive, channels = _drive(kernel, theta, record.dt_s, record.u), fit.channels_of(segment)
+        drives.append(drive._replace(measured=_measured_paths(fit, channels, record, drive.eta)))
     forecasts: list[DriveForecast] = [_forecast_windows(drives, cov)[0]]
     notes: list[Diagnostic | str] = []
     lap, reason = _lap(fit, paths, theta, _route_of(drives) if route is None else route)
@@ -192,14 +193,16 @@ def _drive(kernel: Any, theta: np.ndarray, dt_s: np.ndarray, u: np.ndarray) -> _
     return _ModelDrive(np.cumsum(dt_s), np.asarray(eta), np.asarray(slopes), u)
 
 
-def _measured_paths(fit: "Fit", record: FitRecord, eta: np.ndarray) -> tuple[np.ndarray, ...]:
+def _measured_paths(
+    fit: "Fit", channels: Sequence[ChannelFit], record: FitRecord, eta: np.ndarray
+) -> tuple[np.ndarray, ...]:
     """Return the path `eta` (N, 3) with the velocity errors that every second residual shows, and that the others
     show; () if the residuals are white, or if no channel measures a velocity.  (4)"""
     H, residuals = [], []
-    for c in fit.channels:
+    for c in channels:
         row = measurement_jacobian(getattr(fit.blocks.sensors, c.sensor))[c.entry] / c.sigma
         finite = np.flatnonzero(np.isfinite(c.residuals))
-        if c.run == record.name and np.any(row[NU]) and not np.any(np.delete(row, NU)) and len(finite) > 1:
+        if np.any(row[NU]) and not np.any(np.delete(row, NU)) and len(finite) > 1:
             halves = (finite[half::2] for half in (0, 1))
             residuals.append([np.interp(record.t_s, c.t_s[k], c.residuals[k] / c.sigma) for k in halves])
             H.append(row[NU])

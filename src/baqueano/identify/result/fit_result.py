@@ -179,11 +179,15 @@ class Fit(Result):
 
     def includes(self, run: "Run") -> bool:
         """Return True if the fit used this run: a run with its name and with its readings."""
-        return any(
-            all(contains_readings(run, c.sensor, c.entry, c.measurements) for c in channels)
-            for name, channels in zip(self.runs, self.channels_by_run, strict=True)
-            if name == run.name
-        )
+        return bool(self.channels_of(run))
+
+    def channels_of(self, run: "Run") -> tuple[ChannelFit, ...]:
+        """Return the channels of a run with the name and readings of `run`; () if the fit did not use it."""
+        for name, channels in zip(self.runs, self.channels_by_run, strict=True):
+            is_alike = (contains_readings(run, c.sensor, c.entry, c.measurements) for c in channels)
+            if name == run.name and all(is_alike):
+                return channels
+        return ()
 
     def value(self, name: str) -> float:
         """Return the estimate of one parameter by its path, NaN if it was not identifiable; as in the table, "model."
