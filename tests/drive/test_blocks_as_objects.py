@@ -164,7 +164,7 @@ def test_an_error_in_a_wrapped_guide_is_located_and_its_source_stored(
     """Guides of the package wrap the faulty guide: a rest, a pace, a return path and, behind the route, a lead-in."""
     own_file, line = tmp_path / "mine.py", 8 if code == StopReason.BLOCK_RAISED else 7
     own_file.write_text(GUIDE_INSIDE.format(returned=returned), encoding="utf-8")
-    options = {"way_back": True, "backend": backend, "rest_s": 0.1, "duration_s": 1.0, "check": False}
+    options = {"way_back": True, "backend": backend, "rest_s": 0.1, "duration_s": 9.0, "check": False}
     run = repeat(
         SMALL, ROUTE, guide=resolve("guide", f"{own_file}:Mine")(), eta=ROUTE.eta[0] + eta, **options
     )

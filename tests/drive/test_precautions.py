@@ -256,3 +256,15 @@ def test_the_return_path_ends_at_the_start():
     run = repeat(SMALL, line(0.8, 0.25), way_back=True)
     assert run.reference.eta[-1] == pytest.approx(np.zeros(3), abs=1e-6)
     assert np.hypot(*run.truth.eta[-1, :2]) < 0.05
+
+
+@pytest.mark.parametrize(("name", "route"), [("small", line(1.5, 0.2)), ("car", line(6.0, 0.8))])
+def test_the_way_back_has_no_jump_and_ends_at_rest(name, route):
+    file = load(name)
+    run = repeat(file, route, way_back=True)
+    nu, limits = run.reference.nu, drive_to_limits(route, file)
+    largest_rate = limits["speed_m_s"] / limits["radius_m"]
+    assert np.max(np.abs(np.diff(nu[:, 2]))) < 0.25 * largest_rate
+    assert abs(run.truth.nu[-1, 0]) < 0.03  # it was 0.056 m/s and 0.33 rad/s
+    assert abs(run.truth.nu[-1, 2]) < 0.1
+    assert stop_reason_of(run) is None

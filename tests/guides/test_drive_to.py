@@ -5,12 +5,11 @@ import pytest
 
 from baqueano.block_checks import check_guide
 from baqueano.guides import DriveTo
-from baqueano.guides.dubins import pose_at, shortest_dubins_path
+from baqueano.guides.clothoids import pose_at, shortest_path
 from baqueano.guides.route import Route
 from baqueano.guides.shapes import circle, eight, line
 from baqueano.routes import reverse
 from baqueano.signals import Estimate
-from baqueano.symbolic import function
 
 DT = 0.04
 SMALL, CAR = (0.25, 0.2), (1.0, 0.5)  # radius [m], speed [m/s]
@@ -32,23 +31,38 @@ def followed(guide, start, ticks=1500):
     return state, out
 
 
-def test_the_shortest_path_ends_at_its_goal():
+def test_a_path_ends_at_its_goal_with_continuous_limited_curvature():
     rng = np.random.default_rng(0)
-    for _ in range(500):
+    for _ in range(300):
         start, goal = rng.uniform(-2.0, 2.0, (2, 3)) * [1.0, 1.0, 3.0]
-        radius_m = rng.uniform(0.1, 1.0)
-        way = shortest_dubins_path(start, goal, radius_m)
-        end, _ = pose_at(start, way, way.length_m, radius_m)
+        radius_m, ramp_m = rng.uniform(0.1, 1.0, 2)
+        kappa_0, kappa_g = rng.uniform(-1.0, 1.0, 2) / radius_m
+        path, _ = shortest_path(start, kappa_0, goal[None], np.array([kappa_g]), radius_m, ramp_m)
+        end, kappa_end = pose_at(path, path.length_m)
         np.testing.assert_allclose(end[:2], goal[:2], atol=1e-7)
         assert abs(np.sin(0.5 * (end[2] - goal[2]))) < 1e-7
-        assert way.length_m >= np.hypot(*(goal - start)[:2]) - 1e-9
+        assert path.length_m >= np.hypot(*(goal - start)[:2]) - 1e-9
+        np.testing.assert_allclose([*path.kappa[0], kappa_end], [kappa_0, *path.kappa[1]], atol=1e-9)
+        assert kappa_end == pytest.approx(kappa_g)
+        assert np.max(np.abs(path.kappa)) <= 1.0 / radius_m + 1e-9
+        assert np.all(np.abs(np.diff(path.kappa, axis=0)) <= path.piece_m / (radius_m * ramp_m) + 1e-9)
 
 
-def test_shortest_paths_match_hand_calculations():
-    zero, quarter = np.zeros(3), np.array([1.0, 1.0, np.pi / 2])
-    assert shortest_dubins_path(zero, np.array([2.0, 0.0, 0.0]), 0.5).length_m == pytest.approx(2.0)
-    assert shortest_dubins_path(zero, quarter, 1.0).length_m == pytest.approx(np.pi / 2)
-    assert shortest_dubins_path(zero, np.array([0.0, 2.0, np.pi]), 1.0).length_m == pytest.approx(np.pi)
+def test_paths_with_short_clothoids_match_hand_calculations():
+    zero = np.zeros(3)
+    for goal, radius_m, length_m in (
+        ([2.0, 0.0, 0.0], 0.5, 2.0), ([1.0, 1.0, np.pi / 2], 0.99, np.pi / 2), ([0.0, 2.0, np.pi], 0.99, np.pi)
+    ):  # fmt: skip
+        path, _ = shortest_path(zero, 0.0, np.array([goal]), np.zeros(1), radius_m, 1e-3)
+        assert path.length_m == pytest.approx(length_m, rel=0.01)
+
+
+def test_a_slight_offset_is_not_driven_in_a_loop():
+    for offset_m in (0.0, 1e-9, 1e-6, 1e-3, 0.05, 0.2):
+        goal = np.array([[1.0, offset_m, 0.0]])
+        path, _ = shortest_path(np.zeros(3), 0.0, goal, np.zeros(1), 0.25, 0.1)
+        assert path.length_m < 1.03
+        np.testing.assert_allclose(pose_at(path, path.length_m)[0], goal[0], atol=1e-5)
 
 
 @pytest.mark.parametrize(("radius_m", "speed_m_s"), [SMALL, CAR], ids=["small", "car"])
@@ -72,8 +86,8 @@ def test_the_guide_joins_a_route_within_radius_and_speed(start, radius_m, speed_
 def test_the_reference_velocity_is_the_derivative_of_its_poses():
     _, out = followed(DriveTo([[1.0, 0.8, 2.0]]), (0.0, 0.0, 0.0))
     eta, nu = np.array([r.eta for r in out[1:-1]]), np.array([r.nu for r in out[1:-1]])
-    off = np.abs(np.diff(np.unwrap(eta[:, 2])) / DT - nu[1:, 2])
-    assert np.sum(off > 0.02) <= 2  # where an arc ends
+    off = np.abs(np.diff(np.unwrap(eta[:, 2])) / DT - 0.5 * (nu[1:, 2] + nu[:-1, 2]))
+    assert np.max(off) < 0.02
     assert np.max(np.abs(nu[:, 2])) == pytest.approx(0.2 / 0.25)
     speeds = np.hypot(*np.diff(eta[:, :2], axis=0).T) / DT
     np.testing.assert_allclose(speeds, nu[1:, 0], atol=2e-3)
@@ -109,17 +123,36 @@ def test_drive_to_passes_the_guide_check():
     assert check_guide(DriveTo([[1.0, 0.5, 1.0]])) == []
 
 
-def test_compiled_and_uncompiled_guides_give_the_same_reference():
-    guide = DriveTo([[1.0, 0.5, 1.0], [1.5, 0.2, 0.4]], (0.0, 2.0), (0.2, -0.2))
-    state, _ = guide.step(guide.init(), at([0.1, 0.2, 0.7]))
-    for state_k, now in (
-        (guide.init(), at([0.1, 0.2, 0.7])),
-        (state._replace(sigma_m=0.6), at([0.5, 0.2, 0.7], 3)),
-    ):
-        plain = guide.step(state_k, now)[1]
-        compiled = function(guide.step, state_k, now, backend="python")(state_k, now)[1]
-        np.testing.assert_allclose(compiled.eta, plain.eta, rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(compiled.nu, plain.nu, rtol=1e-9, atol=1e-12)
+def test_the_turn_rate_of_the_reference_is_continuous_from_a_moving_start_to_the_route():
+    """Neither the servo of a car nor the wheels of a robot can follow a jump of the curvature."""
+    route, speed_m_s, (radius_m, ramp_m) = circle(2.0, 0.5), 0.5, (1.0, 0.4)
+    guide = DriveTo.to_route(route, radius_m=radius_m, ramp_m=ramp_m, speed_m_s=speed_m_s)
+    moving = at((0.1, 0.4, 0.5))._replace(nu=np.array([0.4, 0.0, -0.2]))  # a curvature of −0.5 1/m
+    state, first = guide.step(guide.init(), moving)
+    assert first.nu == pytest.approx([0.4, 0.0, -0.2])
+    rates, k = [first.nu], 0
+    while rates[-1][0] > 0.0 and not first.done:
+        k += 1
+        state, first = guide.step(state, at(first.eta, k))
+        rates.append(first.nu)
+    v, _, r = np.array(rates[:-1]).T
+    steepest = speed_m_s * DT / (radius_m * ramp_m)
+    assert np.max(np.abs(np.diff(r / v))) <= 1.01 * steepest
+    assert r[-1] / v[-1] == pytest.approx(0.5, abs=steepest)  # of the circle
+
+
+def test_a_goal_at_rest_is_reached_only_with_a_resting_vehicle():
+    guide, k = DriveTo([[1.0, 0.5, 1.0]]), 0
+    state, reference = guide.step(guide.init(), at(np.zeros(3)))
+    while state.goal_ns < 0:
+        k += 1
+        state, reference = guide.step(state, at(reference.eta, k, v=0.05))
+    turning = at(reference.eta, k + 1)._replace(nu=np.array([0.0, 0.0, 0.33]))
+    assert guide.step(state, turning)[1].done == 0.0
+    assert guide.step(state, at(reference.eta, k + 1))[1].done == 1.0
+    assert (
+        guide.step(state, turning._replace(t_ns=turning.t_ns + 2_000_000_000))[1].done == 1.0
+    )  # it cannot rest
 
 
 def test_a_sparse_route_is_joined_at_the_same_place_as_a_dense_route():

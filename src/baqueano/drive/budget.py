@@ -13,9 +13,11 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import Any, ClassVar, TypeVar
 
+from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
 from baqueano.errors import ExternalError
 from baqueano.messages.language import translate as _
+from baqueano.symbolic.function import CompiledBlock
 
 BUDGET_S = 0.1  # ten ticks: a third of the firmware's dead-man time
 ALARM_PERIOD_S = 0.02  # between further alarms, for a block that swallows the first alarm
@@ -43,6 +45,14 @@ class BudgetedBlock:
     def step(self, state: Tree, *inputs: object) -> Any:
         """Return the result of the wrapped block's step, within the budget."""
         return within(self.budget_s, self.block.step, state, *inputs)
+
+
+def may_hang(block: Tree) -> bool:
+    """Return True for a block that runs as Python code and contains code that can be the user's."""
+    if isinstance(block, CompiledBlock):
+        return False
+    parts = [getattr(block, name, None) for name in optional.attribute(block, "goes_around")]
+    return not optional.attribute(block, "as_written") or any(map(may_hang, parts))
 
 
 def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value:

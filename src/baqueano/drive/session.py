@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.blocks import Estimator, World
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, StopReason, fault, nearest, note, stop
-from baqueano.drive.budget import PREPARE_S, BudgetedBlock, within
+from baqueano.drive.budget import PREPARE_S, BudgetedBlock, may_hang, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import interruptible_ticks
 from baqueano.drive.observers import Observer, Watchdog
@@ -258,7 +258,7 @@ def _prepare(
     sensors, sensor_notes = within(PREPARE_S, sensor_monitor, vehicle_file, blocks.estimator)
     blocks, notes = within(PREPARE_S, compile_blocks, *inputs) if live else compile_blocks(*inputs)
     if live:
-        blocks = Blocks._make(BudgetedBlock(b) if _may_hang(b) else b for b in blocks)
+        blocks = Blocks._make(BudgetedBlock(b) if may_hang(b) else b for b in blocks)
     if sensors is not None:
         sensors.begin(*(settings.start[k : k + 3] for k in range(0, len(settings.start), 3)))
     return blocks, sensors, [*settings.notes, *notes, *sensor_notes, *own_notes]
@@ -324,11 +324,19 @@ def sensor_monitor(
 
 
 def compiled_or_unchanged(
-    role: str, block: object, state: Tree, inputs: tuple[Any, ...], backend: str
+    role: str, block: Tree, state: Tree, inputs: tuple[Any, ...], backend: str
 ) -> tuple[Any, Diagnostic | None]:
-    """Return the block compiled, or unchanged with the reason if it cannot be compiled."""
+    """Return the block compiled, or unchanged with the reason if it cannot be compiled.
+
+    Of a block that runs as written, the blocks inside it are compiled.
+    """
     if optional.attribute(block, "as_written"):
-        return block, None
+        reasons: list[Diagnostic | None] = [None]
+        for name in optional.attribute(block, "goes_around"):
+            part_and_state = getattr(block, name), getattr(state, name)
+            part, reason = compiled_or_unchanged(role, *part_and_state, inputs, backend)
+            block, reasons = replace(block, **{name: part}), [reason, *reasons]
+        return block, next(filter(None, reasons), None)
     try:
         quick = compile_block(block, backend)
         quick.step(state, *inputs)
@@ -341,11 +349,6 @@ def compiled_or_unchanged(
             raise
         return block, None
     return quick, None
-
-
-def _may_hang(block: object) -> bool:
-    """Return True for a block that runs as Python code and can contain code of the user."""
-    return not (optional.attribute(block, "as_written") or isinstance(block, CompiledBlock))
 
 
 def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarray | None, Diagnostic | None]:

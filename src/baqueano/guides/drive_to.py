@@ -1,31 +1,33 @@
 """Drive from the vehicle's pose to the nearest of several goals, on the shortest path with a limited curvature.
 
-    path = the shortest of the paths (dubins.py) from the first estimate to each of the goals η_j          (1)
+    path = the shortest of the paths (clothoids.py) from the first estimate to each of the goals η_j      (1)
     v²  ≤   speed²,   (v_0 + a t)²,   v_j² + 2 a (length − σ)                                              (2)
-    σ̇ = v,   η_r = path(σ),   ν_r = (± v, 0, κ v),   done when σ ≥ length                                 (3)
+    σ̇ = v,   η_r = path(σ),   ν_r = (± v, 0, κ v),   done when σ ≥ length and the vehicle follows          (3)
 
-σ is the distance along the path, a the acceleration, κ the curvature, η_r and ν_r the reference. v_0 is the speed of
-the first estimate, v_j the speed of the route at the goal. ν_r has the sign of v_j: a route that is driven backward is
-reached backward. The guide is done at once if the vehicle is within MAX_GOAL_DISTANCE_M and MAX_GOAL_ANGLE_RAD of the
-first goal. For a vehicle beside a route, the distance along the route to the best goal depends on the radius. So (1)
-compares several goals.
+σ is the distance along the path, a the acceleration, κ the curvature, η_r and ν_r the reference. v_0 and κ_0 are those
+of the first estimate, v_j and κ_j those of the route at the goal. So κ v is continuous, and at rest it is 0. ν_r has
+the sign of v_j: a route that is driven backward is reached backward. At a goal at rest, the guide is done when the
+vehicle rests, at the latest after SETTLE_S. The guide is done at once if the vehicle is within MAX_GOAL_DISTANCE_M and
+MAX_GOAL_ANGLE_RAD of the first goal. For a vehicle beside a route, the distance along the route to the best goal
+depends on the radius. So (1) compares several goals.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.values import Tree, Value
+from baqueano.contracts.values import Tree
 from baqueano.geometry import wrap
-from baqueano.guides.dubins import DubinsPath, pose_at, shorter_path, shortest_dubins_path
+from baqueano.guides.clothoids import NO_PATH, ClothoidPath, pose_at, shortest_path
 from baqueano.guides.route import Route
 from baqueano.parameter import document, parameter
-from baqueano.signals import Estimate, Reference, seconds
+from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
 
 MAX_GOAL_DISTANCE_M, MAX_GOAL_ANGLE_RAD = 0.01, np.radians(2.0)
 MIN_SPEED_M_S = 0.02  # lower bound of σ̇, so that the reference reaches the goal
+REST_M_S, REST_RAD_S, SETTLE_S = 0.01, 0.05, 2.0  # a vehicle at a goal is at rest below these speeds
 GOAL_COUNT = 9
 JOIN_LENGTH_M = 1.0  # length of the route, from its start, on which the vehicle can join it
 
@@ -34,11 +36,11 @@ class DriveToState(NamedTuple):
     """Progress along the path to the goal."""
 
     t_ns: int  # -1 before the first tick
-    start: Value  # (3,)
-    path: DubinsPath
-    goal: Value  # (3,): time of the route [s], its speed [m/s], its direction
+    path: ClothoidPath
+    goal: np.ndarray  # (3,): time of the route [s], its speed [m/s], its direction
     sigma_m: float
     v_m_s: float
+    goal_ns: int  # time at which the reference reached the goal; -1 before
 
 
 @document
@@ -48,7 +50,7 @@ class DriveTo:
 
     References
     ----------
-    Dubins, American Journal of Mathematics, 1957.
+    Dubins, American Journal of Mathematics, 1957; Fraichard and Scheuer, IEEE Transactions on Robotics, 2004.
 
     Examples
     --------
@@ -59,17 +61,23 @@ class DriveTo:
     0.0
     """
 
+    as_written: ClassVar[bool] = True  # the path is computed once
+
     goals: np.ndarray = parameter("m, m, rad", "poses in the map, (k, 3)", shape=None)
     tau_s: np.ndarray = parameter("s", "times of the route at the goals, (k,)", default=(0.0,), shape=None)
     v_m_s: np.ndarray = parameter("m/s", "speeds of the route there, (k,)", default=(0.0,), shape=None)
+    kappa_1_m: np.ndarray = parameter("1/m", "curvatures there, (k,)", default=(0.0,), shape=None)
     radius_m: float = parameter("m", "smallest radius of a curve", low=0.01, high=1e3, default=0.25)
+    ramp_m: float = parameter(
+        "m", "length on which the curvature changes from 0 to 1/radius", low=1e-3, high=1e3, default=0.1
+    )
     speed_m_s: float = parameter("m/s", "speed on the path to there", low=0.01, high=100.0, default=0.2)
     acceleration_m_s2: float = parameter("m/s²", "change of the speed", low=0.01, default=0.3)
 
     def __post_init__(self) -> None:
         goals = np.atleast_2d(np.array(self.goals, dtype=float))
         object.__setattr__(self, "goals", goals)
-        for name in ("tau_s", "v_m_s"):
+        for name in ("tau_s", "v_m_s", "kappa_1_m"):
             rows = np.array(getattr(self, name), dtype=float)
             object.__setattr__(self, name, np.broadcast_to(rows, (len(goals),)).copy())
         check_bounds(self)
@@ -84,63 +92,68 @@ class DriveTo:
         index = previous_index + (distances - s[previous_index]) / np.where(
             next_index > previous_index, s[next_index] - s[previous_index], 1.0
         )
-        columns = (route.t_s, route.nu[:, 0], *route.eta.T)
-        tau_s, v_m_s, *eta = (np.interp(index, np.arange(len(s)), column) for column in columns)
-        return cls(np.column_stack(eta), tau_s, v_m_s, **limits)
+        columns = (route.t_s, route.nu[:, 0], route.nu[:, 2], *route.eta.T)
+        tau_s, v_m_s, r, *eta = (np.interp(index, np.arange(len(s)), column) for column in columns)
+        is_moving = np.abs(v_m_s) > MIN_SPEED_M_S
+        kappa = np.where(is_moving, r / np.where(is_moving, v_m_s, 1.0), 0.0)
+        return cls(np.column_stack(eta), tau_s, v_m_s, kappa, **limits)
 
     def init(self) -> DriveToState:
         """Return the state before the first tick."""
-        empty_path = DubinsPath(0.0, np.zeros(3), np.zeros(2))
-        return DriveToState(-1, np.zeros(3), empty_path, np.zeros(3), 0.0, 0.0)
+        return DriveToState(-1, NO_PATH, np.zeros(3), 0.0, 0.0, -1)
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference pose and velocity on the path.  (3)"""
-        has_begun = state.t_ns >= 0
-        start = np.where(has_begun, state.start, estimate.eta)
-        new_path, goal = self._nearest_goal(estimate.eta)
-        path = DubinsPath(*(np.where(has_begun, a, b) for a, b in zip(state.path, new_path, strict=True)))
-        goal = np.where(has_begun, state.goal, goal)
-        dt_s = np.where(has_begun, seconds(estimate.t_ns, state.t_ns), 0.0)
-        forward_sign = goal[2]
-        v = (
-            np.where(has_begun, state.v_m_s, np.maximum(forward_sign * estimate.nu[0], 0.0))
-            + self.acceleration_m_s2 * dt_s
-        )
-        rest_m = np.maximum(path.length_m - state.sigma_m, 0.0)
-        v = np.minimum(
-            np.minimum(v, self.speed_m_s), np.sqrt(goal[1] ** 2 + 2.0 * self.acceleration_m_s2 * rest_m)
-        )
-        sigma_m = np.minimum(state.sigma_m + np.maximum(v, MIN_SPEED_M_S) * dt_s, path.length_m)
-        is_over: Value = np.where(sigma_m >= path.length_m, 1.0, 0.0)
+        t_ns = estimate.t_ns
+        if state.t_ns < 0:
+            path, goal = self._nearest_goal(estimate)
+            state = DriveToState(t_ns, path, goal, 0.0, max(goal[2] * float(estimate.nu[0]), 0.0), -1)
+        path, (_, goal_speed, forward_sign) = state.path, state.goal
+        a, dt_s = self.acceleration_m_s2, seconds(t_ns, state.t_ns)
+        rest_m = max(path.length_m - state.sigma_m, 0.0)
+        v = min(state.v_m_s + a * dt_s, self.speed_m_s, float(np.sqrt(goal_speed**2 + 2.0 * a * rest_m)))
+        sigma_m = min(state.sigma_m + max(v, MIN_SPEED_M_S) * dt_s, path.length_m)
+        goal_ns = t_ns if sigma_m >= path.length_m and state.goal_ns < 0 else state.goal_ns
+        course, kappa = pose_at(path, sigma_m)
         heading_offset = 0.5 * np.pi * (1.0 - forward_sign)  # angle from the course to the heading
-        course = np.array([start[0], start[1], start[2] - heading_offset])
-        pose, kappa = pose_at(course, path, sigma_m, self.radius_m)
-        eta = np.array([pose[0], pose[1], wrap(pose[2] + heading_offset)])
-        v_r = np.where(is_over > 0.0, 0.0, v)
-        nu = np.array([forward_sign * v_r, 0.0 * v_r, kappa * v_r])
-        next_state = DriveToState(estimate.t_ns, start, path, goal, sigma_m, v)
-        return next_state, Reference(estimate.t_ns, eta, nu, is_over)
+        eta = np.array([course[0], course[1], wrap(course[2] + heading_offset)])
+        v_r = v if goal_ns < 0 else 0.0
+        nu = np.array([forward_sign * v_r, 0.0, kappa * v_r])
+        next_state = DriveToState(t_ns, path, state.goal, sigma_m, v, goal_ns)
+        return next_state, Reference(t_ns, eta, nu, float(self._is_done(next_state, estimate)))
 
-    def _nearest_goal(self, eta: Value) -> tuple[DubinsPath, Value]:
+    @staticmethod
+    def _is_done(state: DriveToState, estimate: Estimate) -> bool:
+        """Return True at the goal, if the vehicle goes on from there or has come to rest.  (3)"""
+        if state.goal_ns < 0:
+            return False
+        u, v, r = np.abs(estimate.nu)
+        is_at_rest = max(u, v) < REST_M_S and r < REST_RAD_S
+        return bool(
+            state.goal[1] > 0.0 or is_at_rest or estimate.t_ns - state.goal_ns >= SETTLE_S * NANOSECONDS
+        )
+
+    def _nearest_goal(self, estimate: Estimate) -> tuple[ClothoidPath, np.ndarray]:
         """Return the path to the nearest goal, and time, speed and direction of the route at that goal.  (1)"""
-        forward_signs = np.where(self.v_m_s < 0.0, -1.0, 1.0)
-        heading_offsets = 0.5 * np.pi * (1.0 - forward_signs)
-        x, y, psi = self.goals.T
-        paths = shortest_dubins_path(
-            (eta[0], eta[1], eta[2] - heading_offsets), (x, y, psi - heading_offsets), self.radius_m
+        eta, (v, _, r) = np.array(estimate.eta), estimate.nu
+        offset, most = eta - self.goals[0], 1.0 / self.radius_m
+        is_at_goal = (
+            np.hypot(offset[0], offset[1]) < MAX_GOAL_DISTANCE_M and abs(wrap(offset[2])) < MAX_GOAL_ANGLE_RAD
         )
-        offset = eta - self.goals[0]
-        is_at_goal = (np.hypot(offset[0], offset[1]) < MAX_GOAL_DISTANCE_M) & (
-            np.abs(wrap(offset[2])) < MAX_GOAL_ANGLE_RAD
-        )
-        shortest_path = DubinsPath(*(field[..., 0] for field in paths))
-        shortest_path = shortest_path._replace(length_m=np.where(is_at_goal, 0.0, shortest_path.length_m))
-        goal = np.array([self.tau_s[0], np.abs(self.v_m_s[0]), forward_signs[0]])
-        for k in range(1, len(self.goals)):
-            path = DubinsPath(*(field[..., k] for field in paths))
-            is_shorter = path.length_m < shortest_path.length_m
-            goal = np.where(
-                is_shorter, np.array([self.tau_s[k], np.abs(self.v_m_s[k]), forward_signs[k]]), goal
+        kappa_0 = float(np.clip(r / v, -most, most)) if abs(v) > MIN_SPEED_M_S else 0.0
+        shortest, nearest = NO_PATH._replace(eta=np.tile(eta[:, None], 9)), 0
+        for sign in (1.0, -1.0):
+            index = np.flatnonzero((self.v_m_s >= 0.0) == (sign > 0.0))
+            if is_at_goal or not len(index):
+                continue
+            turned = np.array(
+                [0.0, 0.0, 0.5 * np.pi * (1.0 - sign)]
+            )  # driven backward, the course is opposite
+            kappa_g = sign * np.clip(self.kappa_1_m[index], -most, most)
+            path, k = shortest_path(
+                eta - turned, sign * kappa_0, self.goals[index] - turned, kappa_g, self.radius_m, self.ramp_m
             )
-            shortest_path = shorter_path(path, shortest_path)
-        return shortest_path, goal
+            if shortest.length_m == 0.0 or path.length_m < shortest.length_m:
+                shortest, nearest = path, int(index[k])
+        forward_sign = -1.0 if self.v_m_s[nearest] < 0.0 else 1.0
+        return shortest, np.array([self.tau_s[nearest], abs(self.v_m_s[nearest]), forward_sign])

@@ -71,6 +71,11 @@ class GuideSequence:
         """Return the guide with a path back to the start of its route; `limits` are arguments of DriveTo."""
         return cls(guide, DriveTo(route.eta[:1], **limits))
 
+    @property
+    def as_written(self) -> bool:
+        """Return True if a part computes a path, which is not compiled; the other parts are compiled on their own."""
+        return any(type(part) is DriveTo for part in optional.nested_blocks(self))
+
     def init(self) -> GuideSequenceState:
         """Return the state at the start of the first guide."""
         return GuideSequenceState(self.first.init(), self.second.init(), 0.0)

@@ -29,7 +29,7 @@ NEWTON_DAMPING = 1e-9
 MIN_EFFECT = 1e-9  # a smaller derivative by the effort is treated as 0
 MIN_MOTION = 0.01  # a slower motion [m/s, rad/s] is not required from a command without an effect
 HALVING_COUNT = 24
-MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S = 100.0, 100.0  # upper ends of the searches
+MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S, MAX_TURN_CHANGE_RAD_S2 = 100.0, 100.0, 1e3  # upper ends of the searches
 SLOW_M_S = 0.05  # a vehicle that cannot drive a curve at this speed, such as a car, cannot drive it slower
 
 
@@ -43,12 +43,17 @@ class Capability:
         is_active = vehicle_file.command.limit > 0.0
         B = _motion_by_effort_at_rest(vehicle_file.vehicle)[:, is_active]
         self.moves_sideways = bool(np.linalg.matrix_rank(B) > np.linalg.matrix_rank(B[::2]))
+        self._can_turn = _can_turn(vehicle_file.vehicle)
         self._share = scan(
             _share_step(vehicle_file.vehicle, vehicle_file.command.limit), 0.0, np.zeros(4), backend=backend
         )
 
     def share(self, v: Value, r: Value, v_dot: Value = 0.0, r_dot: Value = 0.0) -> np.ndarray:
         """Return the share (…,) of the command for each motion: v [m/s], r [rad/s], v̇ [m/s²], ṙ [rad/s²]."""
+        return self._share_with_turn(v, r, v_dot, r_dot if self._can_turn else 0.0)
+
+    def _share_with_turn(self, v: Value, r: Value, v_dot: Value, r_dot: Value) -> np.ndarray:
+        """Return the share (…,) of the command, with ṙ also for a vehicle that cannot turn at rest."""
         rows = np.stack(np.broadcast_arrays(v, r, v_dot, r_dot), axis=-1).astype(float)
         _, share = self._share.run(rows.reshape(-1, 4))
         return np.where(np.isfinite(share), share, np.inf).reshape(rows.shape[:-1])
@@ -57,6 +62,11 @@ class Capability:
         """Return the largest constant yaw rate (m,) [rad/s], at most MAX_YAW_RATE_RAD_S, at the speeds `v` (m,)
         [m/s]."""
         return largest_allowed(lambda r: self.share(v, r) <= 1.0, np.full(np.shape(v), MAX_YAW_RATE_RAD_S))
+
+    def fastest_turn_change(self, v: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """Return the largest ṙ (m,) [rad/s²], at most MAX_TURN_CHANGE_RAD_S2, at the motions `v`, `r` (m,)."""
+        high = np.full(np.shape(v), MAX_TURN_CHANGE_RAD_S2)
+        return largest_allowed(lambda r_dot: self._share_with_turn(v, r, 0.0, r_dot) <= 1.0, high)
 
     def largest_curvature(self, high: np.ndarray) -> np.ndarray:
         """Return the largest curvature (m,) [1/m], at most `high` (m,), that the vehicle can drive at SLOW_M_S.
@@ -98,6 +108,11 @@ def _motion_by_effort_at_rest(vehicle: Tree) -> np.ndarray:
     return jacobian(lambda effort: _motion(vehicle, np.zeros(3), effort))(np.zeros(vehicle.commands))
 
 
+def _can_turn(vehicle: Tree) -> bool:
+    """Return True for a vehicle that can turn at rest."""
+    return bool(np.any(np.abs(_motion_by_effort_at_rest(vehicle)[2]) > MIN_EFFECT))
+
+
 def _share_step(vehicle: Tree, limit: np.ndarray) -> Callable[[float, np.ndarray], tuple[float, Value]]:
     """Return the step of a scan that computes the share of one motion (v, r, v̇, ṙ).  (1), (2)"""
     commands, drivetrain = vehicle.commands, vehicle.drivetrain
@@ -106,13 +121,12 @@ def _share_step(vehicle: Tree, limit: np.ndarray) -> Callable[[float, np.ndarray
     def motion_of(nu: np.ndarray, effort: np.ndarray) -> np.ndarray:
         return _motion(vehicle, nu, effort)[::2]
 
-    can_turn = bool(np.any(np.abs(_motion_by_effort_at_rest(vehicle)[2]) > MIN_EFFECT))
     is_active, wheels = limit > 0.0, np.broadcast_to(drivetrain.limit, (drivetrain.channels,))
 
     def step(carry: float, motion: np.ndarray) -> tuple[float, Value]:
         v, r, v_dot, r_dot = motion
         nu = np.array([v, 0.0, r])
-        target = np.array([v_dot, r_dot if can_turn else 0.0 * r_dot]) if is_dynamic else np.array([v, r])
+        target = np.array([v_dot, r_dot]) if is_dynamic else np.array([v, r])
         effort, B = np.zeros(commands), np.zeros((2, commands))
         for _ in range(NEWTON_STEPS):
             B = jacobian(lambda effort: motion_of(nu, effort))(effort) * is_active

@@ -8,6 +8,7 @@ import numpy as np
 
 from baqueano.contracts.blocks import Estimator, Guide
 from baqueano.contracts.values import JsonObject, Value
+from baqueano.controllers.model_following import SMOOTHING_S
 from baqueano.diagnostics import fault
 from baqueano.drive.observers import Observer
 from baqueano.drive.safety.caution import Caution
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 MIN_SPEED_M_S = 0.01  # a slower sample is treated as rest
 MIN_RADIUS_M, MAX_RADIUS_M = 0.15, 20.0  # limits of the radius of a path to the route
 RADIUS_MARGIN = 1.3  # margin of the radius, for the controller
+MAX_RAMP_S = 2.0
+MIN_RAMP_S = 3.0 * SMOOTHING_S  # the controllers follow a ramp of their reference with this lag
 PATIENCE_S = 20.0
 
 
@@ -130,13 +133,21 @@ class Precautions:
 
 
 def drive_to_limits(route: Route, vehicle_file: "VehicleFile") -> dict[str, float]:
-    """Return the median speed of a route [m/s], and a turning radius [m] for this speed, with a margin."""
+    """Return the median speed of a route [m/s], and for this speed, with a margin, a turning radius [m] and the length
+    [m] on which the vehicle can begin to turn with this radius.
+    """
     speed = np.abs(route.nu[:, 0])
     moving_speeds = speed[speed > MIN_SPEED_M_S]
     v = float(np.median(moving_speeds)) if moving_speeds.size else 0.2
+    radius_m, ramp_s = 2.0 * MIN_RADIUS_M, MIN_RAMP_S
     try:
-        turn = float(Capability(vehicle_file).fastest_turn(np.array([v]))[0])
+        capability, speeds = Capability(vehicle_file), np.array([v])
+        turn = float(capability.fastest_turn(speeds)[0])
+        if turn > 0.0:
+            radius_m = float(np.clip(RADIUS_MARGIN * v / turn, MIN_RADIUS_M, MAX_RADIUS_M))
+        r = v / radius_m
+        change = float(capability.fastest_turn_change(speeds, np.array([r]))[0])
+        ramp_s = float(np.clip(r / change if change > 0.0 else MAX_RAMP_S, MIN_RAMP_S, MAX_RAMP_S))
     except TraceError:  # a user's vehicle that cannot be compiled
-        turn = 0.0
-    radius_m = RADIUS_MARGIN * v / turn if turn > 0.0 else 2.0 * MIN_RADIUS_M
-    return {"speed_m_s": v, "radius_m": float(np.clip(radius_m, MIN_RADIUS_M, MAX_RADIUS_M))}
+        pass
+    return {"speed_m_s": v, "radius_m": radius_m, "ramp_m": v * ramp_s}

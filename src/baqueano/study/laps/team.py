@@ -150,9 +150,9 @@ def simulate_taught_laps(
     )
     errors = errors if ends is None else errors - ends
     loops = [Loop(vehicle_file, True, "auto") for vehicle_file in files]
-    guide = Repeat.along(route, acceleration_m_s2=np.inf)
+    guide = Repeat.along(route)
     states, progress = [loop.start(route.eta[0]) for loop in loops], guide.init()
-    begin_s, end_s = STANDING_S, STANDING_S + float(route.t_s[-1]) + SETTLE_S
+    begin_s, end_s = STANDING_S, STANDING_S + guide.duration_s + SETTLE_S
     t_ns = tick_times(round((end_s + STANDING_S) * RATE_HZ), RATE_HZ)
     u, z, current_u = np.zeros((len(t_ns), n, 3)), np.zeros((len(t_ns), n, 3)), np.zeros((n, 3))
     for k, t in enumerate(t_ns.tolist()):
