@@ -216,7 +216,7 @@ def test_a_car_joins_its_route_within_a_metre(law, moving):
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("speed", "bar_m"), [(-0.3, 0.95), (-0.5, 1.03)])
+@pytest.mark.parametrize(("speed", "bar_m"), [(-0.3, 0.95), (-0.5, 1.0)])
 def test_a_car_joins_its_route_in_reverse_within_a_metre_of_route(law, speed, bar_m):
     """In reverse the origin first moves away from the route: full lock alone needs 0.72 or 0.77 m of path."""
     car, radius_m, route = load("car"), 3.0, circle(3.0, -speed)
@@ -265,7 +265,7 @@ def test_a_car_follows_a_circle_without_servo_saturation(law):
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("speed", "delay_s"), [(1.2, 0.03), (1.0, 0.08), (2.0, 0.06)])
+@pytest.mark.parametrize(("speed", "delay_s"), [(1.2, 0.03), (1.0, 0.1), (2.0, 0.1)])
 def test_a_fast_car_with_an_unmodelled_delay_keeps_a_calm_servo(law, speed, delay_s):
     """Before, all but pure_pursuit wove by 7 to 65 mm with 80 ms at 1 m/s: they did not predict their corrections."""
     car, radius_m = load("car"), 3.0
@@ -277,7 +277,7 @@ def test_a_fast_car_with_an_unmodelled_delay_keeps_a_calm_servo(law, speed, dela
     state = state._replace(world=state.world._replace(vehicle=vehicle))
     run = as_run("fast", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {})
     off = np.hypot(run.truth.eta[200:, 0], run.truth.eta[200:, 1] - radius_m) - radius_m
-    assert rms(off) < 0.006
+    assert rms(off) < 0.008
     assert np.abs(np.diff(run.sent_commands[200:, 1])).sum() < 1.0
 
 

@@ -1,10 +1,10 @@
 """Kanayama's tracking law: a Lyapunov function proves its stability for each error and each speed except 0.
 
     v = v_f cos e_χ + k_x e_x,    ω = ω_f + v_f (f² k_y e_y + f k_θ sin e_χ)                              (1)
-    f = min(1, 1 / (T k_θ |v_f|))                                                                         (2)
+    f = min(1, 1 / (1.25 T k_θ |v_f|))                                                                    (2)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
-e_y decays over a distance, not over a time, with the damping ratio k_θ / (2 √k_y): by default 0.82 over 0.22 m. So the
+e_y decays over a distance, not over a time, with the damping ratio k_θ / (2 √k_y): by default 0.75 over 0.22 m. So the
 loop would be too fast for the delay T at a high speed; f then makes the distance longer, and keeps the damping ratio.
 The law approaches a far path at an angle of at most MAX_APPROACH_RAD. At rest it does not correct e_y. The error after
 a turn on the spot remains until the vehicle moves on.
@@ -41,7 +41,7 @@ class Kanayama(ModelFollower):
     """
 
     k_x: float = parameter("1/s", "speed per along-track error e_x", low=0.0, high=10.0, default=1.0)
-    k_y: float = parameter("1/m²", "curvature per cross-track error e_y", low=0.0, high=1e3, default=30.0)
+    k_y: float = parameter("1/m²", "curvature per cross-track error e_y", low=0.0, high=1e3, default=36.0)
     k_theta: float = parameter("1/m", "curvature per course error e_χ", low=0.0, high=1e3, default=9.0)
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:

@@ -38,6 +38,7 @@ MAX_ACCELERATION = np.array([1.0, 1.0, 20.0])  # of ν_f: a start does not need 
 MAX_INTEGRAL_SHARE = 0.5  # largest integral, as a share of the reference speed
 MAX_ALONG_ERROR_M = 0.3  # limit of e_x: a larger error does not increase the requested speed
 MAX_APPROACH_RAD = 1.0  # largest angle between course and path when a law approaches from far
+DELAY_RATIO = 1.25  # smallest further delay that a loop of the course tolerates, as a share of T
 MIN_COURSE_SPEED_M_S = 0.02  # below this speed the course is the heading
 MIN_EFFECT = np.array([0.1, 1.0])  # m/s², rad/s²; a command with less effect, as a servo at rest, stays
 
@@ -209,12 +210,12 @@ class ModelFollower:
         at_start = np.array([nu, nu, nu, np.zeros(3)])
         return np.where(state.t_ns >= 0, np.array([nu_m, nu_1, nu_2, d]), at_start)
 
-    def gain_share(self, k_chi: Value) -> Value:
-        """Return min(1, 1 / (T k_χ)) for the yaw rate per course error k_χ [1/s]: the factor that limits it to 1/T.
+    def gain_share(self, k_chi: Value, delay_ratio: float = DELAY_RATIO) -> Value:
+        """Return min(1, 1 / (ratio T k_χ)) for the yaw rate per course error k_χ [1/s], with ratio = `delay_ratio`.
 
-        Such a loop of the predicted course tolerates a further delay of at least T, by the small-gain theorem.
+        Such a loop of the predicted course tolerates a further delay of ratio T, by the small-gain theorem.
         """
-        return 1.0 / np.maximum(self.response_delay_s * np.abs(k_chi), 1.0)
+        return 1.0 / np.maximum(delay_ratio * self.response_delay_s * np.abs(k_chi), 1.0)
 
     def _checked_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Value, Value]:
         result = self.velocity_law(memory, tracking)

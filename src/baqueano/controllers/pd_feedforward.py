@@ -1,10 +1,10 @@
 """PD control with feed-forward from the vehicle's model: the recommended controller, with smooth motion.
 
-    v = v_f + k_x e_x,    ω = ω_f + k_χ (e_χ ± atan(e_y / L)),    L = max(join_m, |v_f| / k_χ)             (1)
+    v = v_f + k_x e_x,    ω = ω_f + k_χ (e_χ ± atan(e_y / L)),    L = max(join_m, 1.5 |v_f| / k_χ)         (1)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
 The vehicle steers towards a point of the path that is L ahead of it (line of sight); + forward, − backward. The
-damping ratio √(k_χ L / |v_f|) / 2 is at least 0.5. Prediction and command: model_following.py. The controller works at
+damping ratio √(k_χ L / |v_f|) / 2 is at least 0.6. Prediction and command: model_following.py. The controller works at
 any speed and in turns on the spot.
 
 Source: Fossen, Handbook of Marine Craft, 2011, ch. 12. Derivation: docs/derivations/pd_feedforward.md.
@@ -46,6 +46,6 @@ class PdFeedforward(ModelFollower):
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
-        L = np.maximum(self.join_m, np.abs(tracking.nu_f[0]) / np.maximum(self.k_chi, 1e-3))
+        L = np.maximum(self.join_m, 1.5 * np.abs(tracking.nu_f[0]) / np.maximum(self.k_chi, 1e-3))
         turn = tracking.e_chi + tracking.forward_sign * np.arctan(tracking.e[1] / L)
         return memory, (tracking.nu_f[0] + self.k_x * tracking.e[0], tracking.nu_f[2] + self.k_chi * turn)

@@ -1,13 +1,15 @@
 """Stanley's law: steer a front axle onto the path, as a driver who watches the front wheels.
 
     l = max(axle_m, axle_s |v_f|),    y_f = e_y ± l sin e_χ
-    δ = e_χ ± atan(k y_f / (v_soft + |v_f|)),    |δ| ≤ steepest_rad
-    v = v_f + k_x e_x,    ω = ω_f + |v_f| sin(δ) / l                                                      (1)
+    δ = e_χ ± atan(s k y_f / (v_soft + |v_f|)),    |δ| ≤ steepest_rad
+    v = v_f + k_x e_x,    ω = ω_f + s |v_f| sin(δ) / l                                                    (1)
+    k_χ = (1 + k l / (v_soft + |v_f|)) |v_f| / l,    s = min(1, 1 / (0.9 T k_χ))                          (2)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
-y_f is the cross-track error of an axle l ahead of the origin; − is for backward motion. y_f decays at the rate k. The
-axle is compared with the axle of the reference, so a bend does not cause an error. The vehicle does not need a real
-axle. The law does not correct errors at rest or in a turn on the spot.
+y_f is the cross-track error of an axle l ahead of the origin; − is for backward motion. y_f decays at the rate k. k_χ
+is the yaw rate per course error. s limits it, because a loop that is faster than its delay T weaves. The axle is
+compared with the axle of the reference, so a bend does not cause an error. The vehicle does not need a real axle. The
+law does not correct errors at rest or in a turn on the spot.
 
 Source: Hoffmann, Tomlin, Montemerlo and Thrun, ACC 2007. Prediction and command: model_following.py.
 """
@@ -42,7 +44,7 @@ class Stanley(ModelFollower):
 
     k_x: float = parameter("1/s", "speed per along-track error e_x", low=0.0, high=10.0, default=1.0)
     k: float = parameter(
-        "1/s", "rate at which the cross-track error decreases", low=0.0, high=20.0, default=4.0
+        "1/s", "rate at which the cross-track error decreases", low=0.0, high=20.0, default=6.0
     )
     axle_m: float = parameter(
         "m", "smallest distance l from the vehicle to its front axle", low=0.001, high=10.0, default=0.1
@@ -60,8 +62,8 @@ class Stanley(ModelFollower):
         (e_x, e_y, _), (v_f, _, omega_f) = tracking.e, tracking.nu_f
         axle_m = np.maximum(self.axle_m, self.axle_s * np.abs(v_f))
         y_f = e_y + tracking.forward_sign * axle_m * np.sin(tracking.e_chi)
-        delta = tracking.e_chi + tracking.forward_sign * np.arctan(
-            self.k * y_f / (self.soft_m_s + np.abs(v_f))
-        )
+        steering = self.k / (self.soft_m_s + np.abs(v_f))
+        share = self.gain_share((1.0 + steering * axle_m) * v_f / axle_m, 0.9)  # (2)
+        delta = tracking.e_chi + tracking.forward_sign * np.arctan(share * steering * y_f)
         delta = np.clip(delta, -self.steepest_rad, self.steepest_rad)
-        return memory, (v_f + self.k_x * e_x, omega_f + np.abs(v_f) * np.sin(delta) / axle_m)
+        return memory, (v_f + self.k_x * e_x, omega_f + share * np.abs(v_f) * np.sin(delta) / axle_m)
