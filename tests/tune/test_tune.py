@@ -15,7 +15,8 @@ from baqueano.messages import verdict_line
 from baqueano.project.my_controller import MyController
 from baqueano.routes import examine
 from baqueano.simulate import simulate_loop
-from baqueano.tune import tune
+from baqueano.tune import TuneResult, tune
+from baqueano.tune.margins import LoopMargins
 from baqueano.tune.objective import Objective, tuning_objective
 from baqueano.vehicle_file import ParameterCov, load, override
 from tests.codes import refused
@@ -144,6 +145,17 @@ def test_a_narrow_margin_is_a_warning_with_a_larger_weight_on_jerks(tuning):
         (reason,) = (reason for reason in result.reasons if reason.code == "tune.narrow-margin")
         assert (reason.subject, reason.fix) == ("u_x", fix)
         assert 1.0 < reason.figures["gain"] < 1.5
+
+
+def test_a_phase_margin_below_30_degrees_is_a_warning_with_its_figures(tuning, monkeypatch):
+    """Gains with a phase margin of 20° had no warning, because gain and delay margins were sufficient."""
+    margins = LoopMargins("u_psi", 2.4, 0.0, np.radians(20.0), 0.09, 0.3, True)
+    monkeypatch.setattr(TuneResult, "margins", (margins,))
+    (reason,) = (reason for reason in tuning.reasons if reason.code == "tune.narrow-margin")
+    assert reason.figures["phase_deg"] == pytest.approx(20.0)
+    safe = margins._replace(phase_rad=np.radians(40.0))
+    monkeypatch.setattr(TuneResult, "margins", (safe,))
+    assert "tune.narrow-margin" not in [reason.code for reason in tuning.reasons]
 
 
 def test_a_subset_of_the_gains_can_be_tuned(small):

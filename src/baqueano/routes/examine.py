@@ -4,6 +4,7 @@
     share = max |u| / limit of the command that the model needs for ν and ν̇ of the route                   (2)
     free = half a side of the room − radius of the body − the largest |x| or |y| of the route             (3)
     |ν_y| ≤ R |r| + |ν_x| + MIN_SIDEWAYS_M_S                                                              (4)
+    σ ≤ MAX_NOISE_M, the noise of the positions (noise.py)                                                (5)
 
 u is the command, ν the velocity. The route's acceleration is averaged over MEAN_WINDOW_S, because at a corner of a
 drawn route the yaw rate jumps. A vehicle with too little acceleration is behind its reference for a moment: a warning.
@@ -27,6 +28,7 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command, in_lines
 from baqueano.routes.capability import MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S, Capability
 from baqueano.routes.gaps import route_gaps
+from baqueano.routes.noise import position_noise
 from baqueano.routes.path import NAME_PLACEHOLDER, distances_along
 from baqueano.vehicle_file.head import reach_m
 
@@ -43,6 +45,7 @@ MIN_LACK_S = 0.3  # the controller compensates a shorter lack of command
 MIN_SPEED_M_S = 1e-3  # below it a curvature is not defined
 # a slower or shorter motion to the side may be an error, or a correction, of the recorded estimate
 MIN_SIDEWAYS_M_S, MIN_SIDEWAYS_S = 0.05, 1.0
+MAX_NOISE_M = 0.002  # most controllers leave a route without noise by this distance, or less
 MAX_REACH_M = 1.0  # R of a vehicle without dimensions
 
 
@@ -239,6 +242,7 @@ def examine(
         if not capability.moves_sideways:
             reach = reach_m(vehicle_file.geometry) or MAX_REACH_M
             findings = [*_sideways_findings(route, s, reach), *findings]
+    findings = [*findings, *_noise_findings(route)]
     clearance_m = float("nan")
     if room is not None and np.isfinite(s[-1]):
         xy = _in_room(route, room).eta[:, :2]
@@ -298,6 +302,16 @@ def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tupl
     max_turn = float(capability.fastest_turn(v[k : k + 1])[0])
     limits = {"demand_rad_s": float(abs(r[k])), "max_rad_s": max_turn, "speed_m_s": float(v[k])}
     return share, [fault("route.turns-too-fast", advice, **limits, **figures)]
+
+
+def _noise_findings(route: Route) -> list[Diagnostic]:
+    """Return a list with a finding if the positions are noisy, and with the tolerance that removes the noise.  (5)"""
+    noise_m = position_noise(route)
+    if noise_m <= MAX_NOISE_M:
+        return []
+    tolerance = f"{np.ceil(1e3 * np.sqrt(2.0) * noise_m) / 1e3:.3f}"  # the rms distance contains x and y
+    advice = baqueano_command("route", "smooth", NAME_PLACEHOLDER, "--rms", tolerance)
+    return [note("route.noisy", Severity.WARNING, advice, noise_mm=1e3 * noise_m)]
 
 
 def _sideways_findings(route: Route, s: np.ndarray, reach: float) -> list[Diagnostic]:

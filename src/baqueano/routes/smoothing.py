@@ -33,6 +33,7 @@ MIN_TOLERANCE_M, MAX_TOLERANCE_M = 1e-4, 0.5  # range of a tolerance
 MAX_WAVE_M = 0.8  # the longest wave that is removed
 MIN_SPEED_SHARE = 0.2  # smallest speed, in place of a stop, as a share of the median speed
 HALVING_COUNT = 30
+MAX_PASSES, MIN_LENGTH_SHARE = 5, 0.9  # noise lengthens a path: then s is the distance along the smooth path
 
 
 class Spectrum(NamedTuple):
@@ -89,8 +90,13 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
         raise UsageError(fault("route.speed", value=median_speed))
     is_closed = route.closed or ends_meet(route)
     s = distances_along(route.eta[indices, :2])
-    spectrum = _spectrum(route.eta[indices, :2], s, is_closed)
-    cut_rad_m = _cutoff(spectrum, tolerance_m, kind)
+    for _ in range(MAX_PASSES):
+        spectrum = _spectrum(route.eta[indices, :2], s, is_closed)
+        cut_rad_m = _cutoff(spectrum, tolerance_m, kind)
+        smooth_s = _smooth_distances(spectrum, cut_rad_m, s)
+        if smooth_s[-1] > MIN_LENGTH_SHARE * s[-1]:
+            break
+        s = smooth_s
     slip = np.broadcast_to(path_of(route).slip, s.shape)
     slip_spectrum = _spectrum(np.column_stack([slip, np.zeros(len(s))]), s, is_closed)
     path = _path(spectrum, slip_spectrum, cut_rad_m)
@@ -109,6 +115,13 @@ def _spectrum(xy: np.ndarray, s: np.ndarray, is_closed: bool) -> Spectrum:
     p = p[:-1] if is_closed else np.concatenate([p, -p[-2:0:-1]])
     omega = 2.0 * np.pi * np.fft.fftfreq(len(p), s[-1] / (n - 1))
     return Spectrum(p, line, omega, np.fft.fft(p), n, line_slope)
+
+
+def _smooth_distances(spectrum: Spectrum, cut_rad_m: float, s: np.ndarray) -> np.ndarray:
+    """Return the distances (m,) along the smooth path of the points at the distances s (m,)."""
+    p = _low_pass(spectrum, cut_rad_m) + spectrum.line
+    along = distances_along(np.column_stack([np.real(p), np.imag(p)]))
+    return np.interp(s, np.linspace(0.0, s[-1], spectrum.points), along)
 
 
 def _cutoff(spectrum: Spectrum, tolerance_m: float, norm: str) -> float:

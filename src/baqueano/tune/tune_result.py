@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 FACTORS = (0.5, 0.65, 0.8, 0.9, 1.0, 1.1, 1.25, 1.6, 2.0)
 # below one of these margins, a small error of the model makes the loop oscillate: the drawn error of the delay is 10 ms
 MIN_GAIN_MARGIN, MIN_DELAY_MARGIN_S = 1.5, 0.02
+MIN_PHASE_MARGIN_RAD = np.radians(30.0)  # Åström and Murray, Feedback Systems, 2008, section 9.3
 SMOOTHER, SMALL_JERK_M2 = 10.0, 0.01  # the suggested weight on jerks: factor, and weight in place of 0
 AGREEMENT_TOLERANCE = 1e-3  # costs with a smaller relative difference are treated as equal
 
@@ -167,13 +168,14 @@ class TuneResult(Result):
         if len(self.descents) > 1 and self.agreeing_descents == 1:
             messages.append(note("tune.one-start", Severity.WARNING, starts=len(self.descents)))
         margins = self.margins
-        narrow = min(margins, key=lambda m: m.gain_up)
+        narrow = next(filter(_is_narrow, sorted(margins, key=lambda m: m.gain_up)), None)
         if not all(m.stable for m in margins):
             messages.append(note("tune.unstable", Severity.WARNING, speed_m_s=margins[0].speed_m_s))
-        elif narrow.gain_up < MIN_GAIN_MARGIN or narrow.delay_s < MIN_DELAY_MARGIN_S:
+        elif narrow is not None:
             jerk_m2 = SMOOTHER * self.weights.jerk_m2 or SMOOTHER * SMALL_JERK_M2
             figures: JsonObject = {
                 "gain": narrow.gain_up,
+                "phase_deg": np.degrees(abs(narrow.phase_rad)),
                 "delay_ms": 1e3 * narrow.delay_s,
                 "jerk_m2": jerk_m2,
             }
@@ -294,6 +296,15 @@ class TuneResult(Result):
     def save(self, path: str | Path | None = None) -> Path:
         """Write the vehicle file with these gains, to `path` or by default to its present path; return the path."""
         return self.updated_file().save(path)
+
+
+def _is_narrow(m: LoopMargins) -> bool:
+    """Return True if a small error of the model makes this loop oscillate."""
+    return (
+        m.gain_up < MIN_GAIN_MARGIN
+        or m.delay_s < MIN_DELAY_MARGIN_S
+        or abs(m.phase_rad) < MIN_PHASE_MARGIN_RAD
+    )
 
 
 def _margins_line(m: LoopMargins) -> str:

@@ -57,6 +57,10 @@ TEMPLATES: dict[str, str] = {
         "at {position_m:.1f} m and {speed_m_s:.2f} m/s the route needs {demand_rad_s:.1f} rad/s, but "
         "the vehicle reaches {max_rad_s:.1f}. Make it slower: {fix}"
     ),
+    "route.noisy": (
+        "the positions of the route have a noise of {noise_mm:.0f} mm, and the vehicle would follow it. Smooth the "
+        "route: {fix}"
+    ),
     "route.curve-too-tight": (
         "at {position_m:.1f} m the route has a radius of {radius_m:.2f} m, but even slowly the vehicle needs "
         "{min_radius_m:.2f} m. Make it larger or smoother: {fix}"

@@ -14,8 +14,8 @@ TEMPLATES: dict[str, str] = {
         "changes of the command (jerk_m2, --jerk)"
     ),
     "tune.narrow-margin": (
-        "with {gain:.2f} times the gain of {subject}, or {delay_ms:.0f} ms more delay, the vehicle would oscillate. "
-        "Raise the weight of changes of the command (jerk_m2): {fix}"
+        "with {gain:.2f} times the gain of {subject}, {phase_deg:.0f}° more phase lag, or {delay_ms:.0f} ms more "
+        "delay, the vehicle would oscillate. Raise the weight of changes of the command (jerk_m2): {fix}"
     ),
     "tune.unstable": (
         "with these gains a small error grows on a straight drive at {speed_m_s:.2g} m/s: tune over a longer route, "
