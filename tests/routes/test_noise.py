@@ -50,3 +50,12 @@ def test_a_noisy_route_is_advised_to_be_smoothed_with_a_tolerance_that_removes_t
     away_m = np.hypot(smoothed.eta[:, 0], smoothed.eta[:, 1] - 0.5) - 0.5
     assert np.sqrt(np.mean(away_m**2)) < 0.005
     assert np.max(np.abs(smoothed.nu[:, 2] / smoothed.nu[:, 0])) < 8.0  # before, it was 23 1/m
+
+
+def test_a_smooth_route_with_uneven_times_is_not_noisy():
+    """A run at 20 Hz with ticks of 40 and 60 ms was taken for a noise of 4.5 mm."""
+    route = circle(1.0, 0.5)
+    kept = np.sort(np.concatenate([np.arange(0, 1440, 10), np.arange(4, 1440, 10)]))
+    uneven = route._replace(t_s=route.t_s[kept], eta=route.eta[kept], nu=route.nu[kept])
+    assert position_noise(uneven) < 1e-4
+    assert position_noise(noisy(uneven, 0.01)) == pytest.approx(0.01, rel=0.15)

@@ -90,13 +90,7 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
         raise UsageError(fault("route.speed", value=median_speed))
     is_closed = route.closed or ends_meet(route)
     s = distances_along(route.eta[indices, :2])
-    for _ in range(MAX_PASSES):
-        spectrum = _spectrum(route.eta[indices, :2], s, is_closed)
-        cut_rad_m = _cutoff(spectrum, tolerance_m, kind)
-        smooth_s = _smooth_distances(spectrum, cut_rad_m, s)
-        if smooth_s[-1] > MIN_LENGTH_SHARE * s[-1]:
-            break
-        s = smooth_s
+    spectrum, cut_rad_m, s = _spectrum_and_cutoff(route.eta[indices, :2], s, is_closed, tolerance_m, kind)
     slip = np.broadcast_to(path_of(route).slip, s.shape)
     slip_spectrum = _spectrum(np.column_stack([slip, np.zeros(len(s))]), s, is_closed)
     path = _path(spectrum, slip_spectrum, cut_rad_m)
@@ -115,6 +109,22 @@ def _spectrum(xy: np.ndarray, s: np.ndarray, is_closed: bool) -> Spectrum:
     p = p[:-1] if is_closed else np.concatenate([p, -p[-2:0:-1]])
     omega = 2.0 * np.pi * np.fft.fftfreq(len(p), s[-1] / (n - 1))
     return Spectrum(p, line, omega, np.fft.fft(p), n, line_slope)
+
+
+def _spectrum_and_cutoff(
+    xy: np.ndarray, s: np.ndarray, is_closed: bool, tolerance_m: float, kind: str
+) -> tuple[Spectrum, float, np.ndarray]:
+    """Return the series, ω_c, and the distances (m,) of the points along the path; without noise these are `s`."""
+    spectrum = _spectrum(xy, s, is_closed)
+    cut_rad_m = _cutoff(spectrum, tolerance_m, kind)
+    for _ in range(MAX_PASSES):
+        smooth_s = _smooth_distances(spectrum, cut_rad_m, s)
+        if smooth_s[-1] > MIN_LENGTH_SHARE * s[-1]:
+            break
+        s = smooth_s
+        spectrum = _spectrum(xy, s, is_closed)
+        cut_rad_m = _cutoff(spectrum, tolerance_m, kind)
+    return spectrum, cut_rad_m, s
 
 
 def _smooth_distances(spectrum: Spectrum, cut_rad_m: float, s: np.ndarray) -> np.ndarray:
