@@ -187,6 +187,7 @@ class AugmentedEkf:
 
     def row_errors(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate, RowErrors]:
         """Return the belief and the estimate after a row, and the change of the errors of the state."""
+        belief = belief._replace(cov=mirror_upper(belief.cov))  # the generated code reads one triangle
         row = filter_row(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
         prediction = predict_row(

@@ -33,6 +33,8 @@ def _add(g: "Graph", a: "Node", b: "Node") -> "Node | None":
         return g.make("sub", a, b.args[0])
     if a.op == "neg":
         return g.make("sub", b, a.args[0])
+    if a.op == b.op == "mul" and a.args[0].op == b.args[0].op == "const" and a.args[1] is b.args[1]:
+        return g.make("mul", g.const(a.args[0].value + b.args[0].value), a.args[1])
     for x, y in ((a, b), (b, a)):  # (p − q) + (p + q) is 2 p, as in the mean of the ends of a line
         if x.op == "sub" and y.op == "add" and _have_same_args(x, y):
             return g.make("mul", g.const(2.0), x.args[0])
@@ -52,7 +54,21 @@ def _sub(g: "Graph", a: "Node", b: "Node") -> "Node | None":
         return g.make("neg", b)
     if b.op == "neg":
         return g.make("add", a, b.args[0])
-    return g.make("neg", g.make("add", a.args[0], b)) if a.op == "neg" else None
+    if a.op == "neg":
+        return g.make("neg", g.make("add", a.args[0], b))
+    return _without_common_term(g, a, b)
+
+
+def _without_common_term(g: "Graph", a: "Node", b: "Node") -> "Node | None":
+    """Return x − y for (t + x) − (t + y), and y − x for (t − x) − (t − y); else None."""
+    if a.op == b.op == "sub" and a.args[0] is b.args[0]:
+        return g.make("sub", b.args[1], a.args[1])
+    if a.op == b.op == "add":
+        for k, term in enumerate(a.args):
+            for n, other in enumerate(b.args):
+                if term is other:
+                    return g.make("sub", a.args[1 - k], b.args[1 - n])
+    return None
 
 
 def _mul(g: "Graph", a: "Node", b: "Node") -> "Node | None":
