@@ -147,17 +147,18 @@ def _pack(shape: Shape, name: str, offset: int, lines: list[str], space: dict[st
 
 def _unpack(shape: Shape, state: Shape | None, count: int, space: dict[str, Tree]) -> list[str]:
     """Return the lines of code that convert a row to a tree. NumPy splits the row in one call, as a record."""
-    shapes = list(leaves(shape))
-    space["record"] = np.dtype([(f"x{k}", "f8", leaf.shape) for k, leaf in enumerate(shapes)])
-    names = iter(f"x{k}" for k in range(len(shapes)))
-    lines = (
-        [f"{''.join(f'x{k}, ' for k in range(len(shapes)))}= ndarray((), record, row).item()"]
-        if shapes
-        else []
-    )
+    names = [f"x{k}" for k, _ in enumerate(leaves(shape))]
+    fields = {name: leaf for name, leaf in zip(names, leaves(shape), strict=True) if leaf.size}
+    space["record"] = np.dtype([(name, "f8", leaf.shape) for name, leaf in fields.items()])
+    # an array without entries cannot change, so all results share it
+    space |= {
+        name: np.zeros(leaf.shape) for name, leaf in zip(names, leaves(shape), strict=True) if not leaf.size
+    }
+    lines = [f"{''.join(f'{name}, ' for name in fields)}= ndarray((), record, row).item()"] if fields else []
     if state is None or not isinstance(shape, Branch):
-        return [*lines, f"return {_tree(shape, names, space)}"]
-    first, *remaining = (_tree(child, names, space) for child in shape.children)
+        return [*lines, f"return {_tree(shape, iter(names), space)}"]
+    unused_names = iter(names)
+    first, *remaining = (_tree(child, unused_names, space) for child in shape.children)
     lines += [f"state = {first}", f"last[0] = state, row[:{count}]"]
     return [*lines, f"return (state, {''.join(f'{text}, ' for text in remaining)})"]
 
