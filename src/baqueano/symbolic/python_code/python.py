@@ -172,7 +172,7 @@ class PythonKernel:
                 ticks.append(make_tick(CAREFUL_FORMATS, ieee.OPERATORS))
                 values = ticks[-1](row)
             write(to, 0, *values)
-            outputs_.take(output_indices, out=outputs)
+            outputs_.take(output_indices, out=outputs, mode="clip")  # "raise" would copy twice
             return False
 
         return call

@@ -3,6 +3,7 @@
 Without a carry, a tick is tick(inputs) → values.
 """
 
+import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -12,6 +13,7 @@ from baqueano.symbolic.graph.program import Program
 from baqueano.symbolic.ieee import LOGICAL
 
 MAX_PARENTHESES = 20  # largest number of nested parentheses; Python's parser fails at 200
+_VARIABLE = re.compile(r"\b[it]\d+\b")  # an input or a term
 MIN_BRANCH_OPERATIONS = 4.0  # smallest number of operations for which a branch is faster in Python
 
 
@@ -79,9 +81,31 @@ def tick_text(formats: Formats, inputs: Sequence[Node], nodes: Sequence[Node]) -
     text.statements([node for node in nodes_below(nodes) if node.op == "const"], "")
     loop = scheduled_statements(nodes, lambda node: node.op in LEAF_OPERATORS, pays=MIN_BRANCH_OPERATIONS)
     lines = text.statements(loop, "    ")
-    return "\n".join(
-        ["def tick(row):", f"    {leaves} = row", *lines, f"    return {text.tuple_text(nodes)}"]
-    )
+    return "\n".join([
+        "def tick(row):",
+        *_with_few_names([f"    {leaves} = row", *lines, f"    return {text.tuple_text(nodes)}"]),
+    ])  # fmt: skip
+
+
+def _with_few_names(lines: Sequence[str]) -> list[str]:
+    """Return lines without a loop, with names used again after their last use: Python is slower beyond 256 names.
+
+    Names with many uses in few lines are first, since the first 256 are the fast ones.
+    """
+    uses: dict[str, list[int]] = {}
+    for k, line in enumerate(lines):
+        for name in _VARIABLE.findall(line):
+            uses.setdefault(name, []).append(k)
+    names: dict[str, str] = {}
+    occupied: list[int] = []  # the lines of each new name, as bits
+    for name, places in sorted(uses.items(), key=lambda item: (item[1][-1] - item[1][0]) / len(item[1])):
+        bits = (1 << max(places[-1], places[0] + 1)) - (1 << places[0])  # a line can use its last value again
+        k = next((k for k, used in enumerate(occupied) if not used & bits), len(occupied))
+        occupied[k:] = [occupied[k] | bits, *occupied[k + 1 :]] if k < len(occupied) else [bits]
+        names[name] = f"v{k}"
+    order = " = ".join(f"v{k}" for k in range(len(occupied)))
+    renamed_lines = [_VARIABLE.sub(lambda match: names[match[0]], line) for line in lines]
+    return [f"    if False: {order} = 0.0"] * bool(occupied) + renamed_lines
 
 
 def _moving_nodes(program: Program, roots: Sequence[Node]) -> set[Node]:
