@@ -261,7 +261,7 @@ def test_each_diagnostic_contains_the_figures_that_its_template_needs():
     assert len(diagnostics) > 250
     for path, code, figures in diagnostics:
         figures_of = {name for _, name, _, _ in string.Formatter().parse(templates()[code]) if name}
-        figures_of = {name for name in figures_of if not name.startswith("arg[")}
+        figures_of = {name for name in figures_of if not name.startswith(("arg[", "type["))}
         assert figures_of >= figures & {"fix"}, f"{path}: {code} does not show what to type"
         assert figures_of - {"fix", "subject"} <= figures, (
             f"{path}: {code} needs {figures_of}, and gets {figures}"

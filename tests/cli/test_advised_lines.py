@@ -22,6 +22,7 @@ SOURCE = Path(package.__file__).parent
 WORD = r"\{[^}]*\}|[A-Z][A-Z_]*(?:\.[a-z]+)?|--[a-z-]+"  # a command line within a sentence
 LINE = re.compile(rf"baqueano ((?:{'|'.join(SUBCOMMANDS)})\b(?: [a-z-]+(?=[ ,.;:)]|$))?(?: (?:{WORD}))*)")
 ADVICE = re.compile(rf"baqueano ((?:{'|'.join(SUBCOMMANDS)})\b[^.\n]*(?:\.toml[^.\n]*)?)")
+TYPED = re.compile(r"\{type\[(baqueano [^\]]*)\]\}")
 OPEN = "1"  # replaces a word that is known only at run time
 
 
@@ -59,8 +60,8 @@ def advised():
                 if command:
                     yield f"{place}:{node.lineno}", [command[1].split()]
     for code, template in templates().items():
-        for line in LINE.findall(template):
-            yield code, [line.split()]
+        for line in (*LINE.findall(TYPED.sub("", template)), *TYPED.findall(template)):
+            yield code, [line.removeprefix("baqueano ").split()]
 
 
 def parse_line(words):

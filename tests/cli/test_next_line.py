@@ -2,11 +2,10 @@
 
 import pytest
 
-from baqueano.cli.arguments import OPTIONS, Option
 from baqueano.cli.modelling.identify import command
 from baqueano.cli.next_command import next_command
 from baqueano.diagnostics import fault
-from baqueano.messages import Argument
+from baqueano.messages.notation import OPTIONS, Argument, Option
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from baqueano.runs.importing.draft import draft
+from baqueano.runs.importing.draft import draft_map
 from baqueano.runs.importing.recordings import import_runs
 from tests.codes import includes
 from tests.runs.conftest import write_csv
@@ -68,7 +68,7 @@ def test_a_speed_without_a_sign_in_one_run_lacks_it_in_all_runs_of_the_map(tmp_p
     for k, v in enumerate(speeds):
         columns = {"t_s": t, "throttle": 0.4 * v, "steer": 0.2 * np.sin(t), "speed_m_s": np.abs(v)}
         paths.append(write_csv(tmp_path / f"{k}.csv", columns))
-    (tmp_path / "map.toml").write_text(draft(paths[0]), encoding="utf-8")
+    (tmp_path / "map.toml").write_text(draft_map(paths[0]), encoding="utf-8")
     assert "no sign" not in {d.code for d in import_runs(tmp_path / "map.toml", paths[1:])[0].findings}
     for imported, v in zip(import_runs(tmp_path / "map.toml", paths), speeds, strict=True):
         odometer = imported.run.sensors["odometer"]

@@ -12,6 +12,7 @@ from baqueano import __version__
 from baqueano.messages import language
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
+from baqueano.messages.notation import COMMAND_LINE, use_notation
 
 SUBCOMMANDS = {
     "demo": "Run the whole loop on the simulated small vehicle: identify, tune, teach, repeat, report.",
@@ -197,7 +198,7 @@ def main(args: list[str] | None = None) -> None:
     args = [arg for arg in args if arg not in anywhere]
     args, tag = _without_language(args)
     language.choose_language(tag if tag in language.LANGUAGES else "")
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), use_notation(COMMAND_LINE):
         if not debug and not sys.warnoptions:  # an overflow during a search does not concern the user
             warnings.simplefilter("ignore", RuntimeWarning)
         sys.exit(_exit_code(args, anywhere + ["--lang", tag] * bool(tag)))

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import click
 
 from baqueano.cli import SUBCOMMANDS, command_of
-from baqueano.cli.arguments import Option
 from baqueano.cli.next_command import GROUPS, next_command
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import (
@@ -44,12 +43,8 @@ class CommandError(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """Return the reason and the command to type next, with arguments in the form in which a user types them."""
-        texts = (
-            text(diagnostic, argument=Option)
-            for diagnostic in (self.reason, self.next)
-            if diagnostic is not None
-        )
+        """Return the reason and the command to type next, in one paragraph."""
+        texts = (text(diagnostic) for diagnostic in (self.reason, self.next) if diagnostic is not None)
         return (". " if self.reason.fix else " ").join(texts)
 
     @property

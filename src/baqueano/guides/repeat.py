@@ -200,6 +200,8 @@ def with_laps(guide: Guide, laps: int) -> Guide:
             return replace(guide, laps=laps)  # pyright: ignore[reportArgumentType, reportCallIssue]
         guide_of_laps: Tree = copy(guide)
         guide_of_laps.laps = laps
+    except Invalid:
+        raise
     except (AttributeError, TypeError, ValueError) as error:
         class_name = type(guide).__name__
         raise UsageError(

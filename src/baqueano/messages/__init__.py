@@ -2,19 +2,20 @@
 
 A template is a format string with the values (`figures`) of the diagnostic, `{subject}` and `{fix}`. A value named
 `unit` includes the space before it, so that `{x:.3g}{unit}` is also correct without a unit. The value `of_run` names
-one run of several, and is written before the sentence. `{arg[use]}` is an argument in the reader's notation, and
-`{arg[use]:{sensor}}` is the argument with that value. `{what:word}` is a value whose words are also translated. A
-message of another version can lack its template or have other values: then its code is shown.
+one run of several, and is written before the sentence. In the reader's notation (notation.py), `{arg[use]}` is an
+argument, `{arg[use]:{sensor}}` this argument with a value, and `{type[--report fit.html]}` a command. `{what:word}` is
+a value whose words are also translated. A message of another version can lack its template or have other values: then
+its code is shown.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from typing import Any
 
 from baqueano.diagnostics import Diagnostic, Verdict
 from baqueano.messages import language
+from baqueano.messages.notation import current_notation
 
 ROOMS = (
     "cli", "fit", "fit_errors", "front", "live", "names", "noise", "page", "vehicle_file", "blocks.block_checks",
@@ -33,24 +34,16 @@ def templates() -> dict[str, str]:
     return {str(code): template for room in rooms for code, template in room.items()}
 
 
-@dataclass(frozen=True, slots=True)
-class Argument:
-    """An argument of a function in Python's notation: `use`, or with a value `use = "gps"`."""
-
-    name: str
-
-    def __format__(self, value: str) -> str:
-        return f'{self.name} = "{value}"' if value else self.name
-
-
-@dataclass(frozen=True, slots=True)
 class _Arguments:
-    """All arguments by name, for `{arg[use]}` in a template."""
+    """All arguments by name, for `{arg[use]}`, or all commands by their words, for `{type[--cost innovations]}`."""
 
-    written: Callable[[str], object]
+    __slots__ = ("_written",)
+
+    def __init__(self, written: Callable[[str], object]) -> None:
+        self._written = written
 
     def __getitem__(self, name: str) -> object:
-        return self.written(name)
+        return self._written(name)
 
 
 class _TranslatedText(str):
@@ -65,10 +58,8 @@ class _TranslatedText(str):
         return language.translate(str(self)) if spec == "word" else format(str(self), spec)
 
 
-def text(message: "Diagnostic | str | None", argument: Callable[[str], object] = Argument) -> str:
+def text(message: "Diagnostic | str | None") -> str:
     """Return the sentence of a diagnostic in the current language; "" for None. A text is returned unchanged.
-
-    `argument` returns the name of an argument in the reader's notation; the format after a colon is its value.
 
     >>> from baqueano.diagnostics import StopReason, stop
     >>> text(stop(StopReason.UNO_SILENT, silent_ms=320.0))
@@ -76,7 +67,7 @@ def text(message: "Diagnostic | str | None", argument: Callable[[str], object] =
     """
     if message is None or isinstance(message, str):
         return message or ""
-    figures = _figure_texts(message, argument)
+    figures, argument = _figure_texts(message), current_notation().argument
     run = figures.pop("of_run", "")
     prefix = f"{run}: " if run else ""
     template = templates().get(str(message.code))
@@ -85,14 +76,21 @@ def text(message: "Diagnostic | str | None", argument: Callable[[str], object] =
             template = language.translate(template, str(message.code))
             subject = message.subject.removeprefix("model.")
             sentence = template.format_map(
-                {"subject": subject, "fix": language.shown_command(message.fix), "arg": _Arguments(argument)}
+                {"subject": subject, "fix": _shown_command(message.fix), "arg": _Arguments(argument)}
+                | {"type": _Arguments(_shown_command)}
                 | figures
             )
             return prefix + sentence.replace("?.", "?")  # of a cause that asks
     except (KeyError, ValueError, TypeError, IndexError, AttributeError):  # figures of another version
         pass
     detail = ", ".join(f"{name} = {value}" for name, value in figures.items())
-    return f"{prefix}{message.code}{f' ({detail})' if detail else ''}{f'. Type: {message.fix}' if message.fix else ''}"
+    advice = f". Type: {_shown_command(message.fix)}" if message.fix else ""
+    return f"{prefix}{message.code}{f' ({detail})' if detail else ''}{advice}"
+
+
+def _shown_command(line: str) -> str:
+    """Return a command to type in the reader's notation and language."""
+    return language.shown_command(current_notation().command(line))
 
 
 def in_english(message: "Diagnostic | str | None") -> str:
@@ -156,10 +154,10 @@ def _merge(same: Sequence[Diagnostic]) -> Diagnostic:
     return Diagnostic("messages.times", first.severity, figures={"first": first, "count": len(same)})
 
 
-def _figure_texts(message: Diagnostic, argument: Callable[[str], object]) -> dict[str, Any]:
+def _figure_texts(message: Diagnostic) -> dict[str, Any]:
     """Return the figures in the notation of the current language; a diagnostic as its sentence."""
     return {
-        name: text(value, argument).rstrip(".")
+        name: text(value).rstrip(".")
         if isinstance(value, Diagnostic)
         else f" {language.shown_unit(value)}"
         if name == "unit" and value

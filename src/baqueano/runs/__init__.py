@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from baqueano.runs.export import export_csv, export_tum
     from baqueano.runs.folder import find, listing
     from baqueano.runs.importing import ImportedRun, import_run, import_runs
+    from baqueano.runs.importing.draft import draft_map
     from baqueano.runs.route_file import read_route, write_route
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "ReferenceLog",
     "Run",
     "TruthLog",
+    "draft_map",
     "export_csv",
     "export_tum",
     "import_run",
@@ -44,6 +46,7 @@ __getattr__ = on_demand(
     {
         "export": ("export_csv", "export_tum"),
         "folder": ("find", "listing"),
+        "importing.draft": ("draft_map",),
         "importing": ("ImportedRun", "import_run", "import_runs"),
         "route_file": ("read_route", "write_route"),
     },

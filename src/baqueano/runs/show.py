@@ -14,6 +14,7 @@ from baqueano.messages import texts
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.notation import current_notation
 from baqueano.messages.printable import in_lines
 from baqueano.messages.text_table import text_table
 from baqueano.runs.logs import LEVELS
@@ -116,14 +117,18 @@ class ShownRun:
         lines += text_table("<>>>>>><", head_cells, *cells)
         start = run.start_ns
         events = [
-            [f"{number((event.t_ns - start) / NANOSECONDS):.3f} s", _(event.level),
+            [_event_time((event.t_ns - start) / NANOSECONDS), _(event.level),
              f"{_(SHOWN_SOURCES.get(event.source, event.source))}: {event.sentence}"]
             for event in (by_severity if is_by_severity else run.events)[:MAX_SHOWN_EVENTS]
         ]  # fmt: skip
         lines += text_table("><<", *events)
         if len(run.events) > MAX_SHOWN_EVENTS:
             lines.append(
-                _("and {more} more events; all of them with --json", more=len(run.events) - MAX_SHOWN_EVENTS)
+                _(
+                    "and {more} more events. To list all: {command}",
+                    more=len(run.events) - MAX_SHOWN_EVENTS,
+                    command=current_notation().command("--json"),
+                )
             )
         return in_lines([*lines, *(_("note: {note}", note=line) for line in texts(run.notes))])
 
@@ -140,6 +145,11 @@ class ShownRun:
             }
             for e in self.run.events
         ]
+
+
+def _event_time(t_s: float) -> str:
+    """Return the time since the first tick as text; "start" for an event of the preparation before it."""
+    return f"{number(t_s):.3f} s" if t_s >= 0.0 else _("start")
 
 
 def _topic(name: str) -> str:

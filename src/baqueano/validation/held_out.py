@@ -34,6 +34,7 @@ from baqueano.identify.result.fit_result import ChannelFit, Fit, is_requested
 from baqueano.messages import text, verdict_line
 from baqueano.messages.language import number, percent_text, ratio_text, shown_unit
 from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 from baqueano.messages.text_table import text_table
 from baqueano.numerics.statistics import prediction_limit, student_quantile
 from baqueano.runs.run import Run
@@ -349,7 +350,8 @@ def _evidence_against(
     if errors.g[k] > max(limit, own_squares.max(), np.log(MAX_SQUARE_RATIO * noise2)):
         here_off, begin_s = float(np.exp(0.5 * errors.g[k])), float(errors.t_s[k])
         span = {"error": here_off, "start_s": begin_s, "end_s": begin_s + errors.block_s}
-        return [_channel_finding("validation.off-once", Severity.WARNING, metrics, **span)]
+        finding = _channel_finding("validation.off-once", Severity.WARNING, metrics, **span)
+        return [replace(finding, fix=baqueano_command("runs", "cut", metrics.run, "--to", f"{begin_s:.0f}"))]
     return []
 
 

@@ -53,6 +53,6 @@ def path_of(source: str | Path) -> Path:
     raise FileError(
         fault(
             "vehicle.absent", "baqueano new mylab", absent_path=path, value=path.name,
-            suggestion=nearest(path.name, neighbours), garage=names(),
+            suggestion=nearest(path.name, [*neighbours, *names()]),
         )
     )  # fmt: skip

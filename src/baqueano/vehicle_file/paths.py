@@ -87,17 +87,15 @@ def value_in_force(vehicle_file: "VehicleFile", dotted: str) -> Any:
 
 
 def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
-    """Return the error for an unknown key. A suggested key must be similar in the last part of its name.
-
-    So `mass_kg` is not suggested for `yaw_lag_s`, although both are in the model.
+    """Return the error for an unknown key, with the keys of its table. A suggested key must be similar in the last
+    part of its name: so `mass_kg` is not suggested for `yaw_lag_s`, although both are in the model.
     """
-    hint = nearest(dotted, keys)
-    last, suggestion = (
-        str(key_path).rpartition(".")[2] for key_path in (dotted, hint.figures.get("match", dotted))
-    )
-    if difflib.SequenceMatcher(None, last, suggestion).ratio() < MIN_SIMILARITY:
-        table = f"{dotted.rpartition('.')[0]}."
-        hint = nearest("", [key for key in keys if key.startswith(table)] or keys)
+    match = str(nearest(dotted, keys).figures.get("match", ""))
+    last_parts = dotted.rpartition(".")[2], match.rpartition(".")[2]
+    if difflib.SequenceMatcher(None, *last_parts).ratio() < MIN_SIMILARITY:
+        match = ""
+    table = f"{(match or dotted).rpartition('.')[0]}."
+    hint = nearest(match, [key for key in keys if key.startswith(table)] or keys, cutoff=1.0)
     return UsageError(fault("vehicle.unknown-key", file=name, value=dotted, suggestion=hint))
 
 

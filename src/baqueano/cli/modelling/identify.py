@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.arguments import OPTIONS
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, show_steps
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.messages import json_row, text
+from baqueano.messages.notation import OPTIONS
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow

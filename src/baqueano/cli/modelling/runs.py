@@ -11,7 +11,7 @@ from baqueano.cli.next_command import advise_after_import
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, show_steps
 from baqueano.diagnostics import Verdict, fault, note
-from baqueano.errors import AnswerNo, FileError, UsageError
+from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages import texts
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
@@ -192,13 +192,9 @@ def import_(
 
 def _draft_map(path: Path, as_json: bool, *recordings: Path | str) -> None:
     """Write the draft of a map for recordings with the same columns to the file `path`."""
-    from baqueano.runs.importing.draft import UNKNOWN, draft
+    from baqueano.runs.importing.draft import UNKNOWN, draft_map
 
-    if path.exists():
-        raise FileError(fault("cli.file-exists", "--draft FILE.toml", path=path))
-    map_text = draft(*recordings)
-    path.write_text(map_text, encoding="utf-8", newline="\n")
-    missing_units = map_text.count(f'"{UNKNOWN}"')
+    missing_units = draft_map(*recordings, path=path).count(f'"{UNKNOWN}"')
     code = "cli.drafted" if missing_units else "cli.drafted-complete"
     message = note(code, fix=baqueano_command("runs", "import", path, *recordings), path=path)
     if not as_json:

@@ -10,6 +10,7 @@ from pathlib import Path
 from baqueano.diagnostics import Diagnostic
 from baqueano.errors import BaqueanoError
 from baqueano.messages import text
+from baqueano.messages.notation import COMMAND_LINE, use_notation
 from baqueano.web.run import PageOptions, show_vehicle
 from baqueano.web.service import ServiceLink, link_over_pipes
 
@@ -52,7 +53,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m baqueano.cli.page.attached", description=__doc__)
     parser.add_argument("folder", type=Path, help="the folder of the runs")
     try:
-        asyncio.run(serve(PageOptions(parser.parse_args().folder)))
+        with use_notation(COMMAND_LINE):
+            asyncio.run(serve(PageOptions(parser.parse_args().folder)))
     except BaqueanoError as error:
         print(error, file=sys.stderr)
         return error.exit_code

@@ -17,12 +17,19 @@ from baqueano.door.simulated.pace import PacedClock
 from baqueano.door.simulated.service import SimulatedService
 from baqueano.door.sockets import Door
 from baqueano.errors import BaqueanoError
+from baqueano.messages.notation import COMMAND_LINE, use_notation
 from baqueano.vehicle_file import load
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the service, and return its exit code."""
     options = _parser().parse_args(arguments)
+    with use_notation(COMMAND_LINE):
+        return _serve(options)
+
+
+def _serve(options: argparse.Namespace) -> int:
+    """Serve until the input ends; return the exit code."""
     try:
         vehicle_file = load(options.vehicle)
         truth = vehicle_file if options.truth is None else load(options.truth)

@@ -5,16 +5,16 @@ FIXED_AT_TEXT = "the parameter is fixed at {value:.4g}"
 TEMPLATES: dict[str, str] = {
     "verdict.refused": "the vehicle file stays as it is",
     "verdict.warn": "usable with these warnings",
-    "verdict.more": "and {count} more: --report fit.html shows all, with figures",
+    "verdict.more": "and {count} more: {type[--report fit.html]} shows all, with figures",
     "verdict.more-in-report": "and {count} more: the report shows all, with figures",
     "fit.converged": "converged, and the model explains the measurements",
     "fit.not-converged": (
-        "the search did not converge. Give better start values, with --set KEY=VALUE, or free "
+        "the search did not converge. Give better start values, with {arg[start]:…}, or free "
         "fewer parameters, with {fix}"
     ),
     "fit.not-converged-moving": (
         "the search did not converge: {subject} still changed. Give better start values, with "
-        "--set {key}=VALUE, or free fewer parameters, with {fix}"
+        "{arg[start]:…}, or free fewer parameters, with {fix}"
     ),
     "fit.explains-nothing": (
         "the model explains only {percent:.0f} % of its best channel. Did the vehicle move? Do the signs "
@@ -225,7 +225,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "validation.off-once": (
         "in {run} the error of {subject} is {error:.3g}{unit} from {start_s:.0f} s to {end_s:.0f} s, but "
-        "small elsewhere. Did something happen then? Cut that part off with baqueano runs cut {run} --to "
-        "{start_s:.0f}, or include such a run in the fit"
+        "small elsewhere. Did something happen then? Cut that part off with {fix}, or include "
+        "such a run in the fit"
     ),
 }

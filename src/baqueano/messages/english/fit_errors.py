@@ -54,7 +54,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "choose.short": (
         "The held-out runs last {total_s:.1f} s together: expected at least {min_s:.0f} s. Drive "
-        "longer, or remove --choose."
+        "longer, or fit without a choice of terms."
     ),
     "clock.unreliable": (
         "{arg[clocks]:{sensor}}: expected one of the sensors in use, {valid}. To use another "
@@ -181,7 +181,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "signal.shape": "the signal has shape ({rows}): expected (N, {commands}), one row per tick.",
     "signal.short": "{name} = {span_s:g}: expected at least one tick, {min_s:g} s.",
-    "signal.unknown": 'Signal "{value}" is unknown. {suggestion}. Designed needs a vehicle file and a room.',
+    "signal.unknown": 'Signal "{value}" is unknown. {suggestion}. The signal designed needs a vehicle file and a room.',
     "start.not-free": (
         "{arg[start]} = {path}: this is not a free parameter, so it does not have a start value."
     ),

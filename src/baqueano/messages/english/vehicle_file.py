@@ -43,9 +43,7 @@ TEMPLATES: dict[str, str] = {
         'Vehicle "{value}" is not in the garage. {suggestion}. A file of your own ends in .toml. To create one: '
         "{fix}"
     ),
-    "vehicle.absent": (
-        "{absent_path} does not exist. {suggestion}. The garage has {garage}. To create one: {fix}"
-    ),
+    "vehicle.absent": ("{absent_path} does not exist. {suggestion}. To create one: {fix}"),
     "vehicle.truth-elsewhere": (
         "{file} [simulation] truth = {value} points outside the folder of the file. Expected a file in "
         "that folder, or one of the garage: {garage}."

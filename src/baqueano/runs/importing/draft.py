@@ -12,32 +12,7 @@ from baqueano.errors import FileError, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.diagnostics.physical_limits import FULL_COMMANDS, PULSE_RANGE_US
-from baqueano.runs.importing.column_names import (
-    BARE_SIDES,
-    BATTERY_PATTERN,
-    COMMAND_PATTERN,
-    COMPASS_PATTERN,
-    COUNT_PATTERN,
-    EAST_NORTH_PATTERNS,
-    ENCODER_PATTERN,
-    FORWARD_PATTERN,
-    GEOGRAPHIC_PATTERNS,
-    LEFT_PATTERN,
-    PIN_PATTERN,
-    POSE_PATTERNS,
-    QUATERNION_PATTERNS,
-    RIGHT_PATTERN,
-    ROS_PATTERN,
-    ROS_UNITS,
-    SETPOINT_PATTERN,
-    SPEED_ENDING,
-    SPEED_PATTERN,
-    STEERING_PATTERN,
-    TIME_PATTERN,
-    TWIST_COMMANDS,
-    TWIST_PATTERNS,
-    VOLTAGE_PATTERN,
-)
+from baqueano.runs.importing import column_names as headers
 from baqueano.runs.importing.geographic import east_north_entries
 from baqueano.runs.importing.imu_axes import ImuColumns, SignedColumn, imu_columns, plain_name
 from baqueano.runs.importing.rates import counter_period
@@ -56,32 +31,53 @@ MAX_BATTERY_V = 200.0  # a larger number is in mV
 KINDS = {"imu": ("acceleration", "acceleration", "angular rate"), "eta": ("length", "length", "angle")}
 
 
-def draft(path: Path | str, *others: Path | str) -> str:
-    """Return a map in TOML for the CSV file at `path`, and for `others` with the same columns. Raise FileError if
-    their columns cannot be read, and UsageError if they differ.
+def draft_map(recording: Path | str, *others: Path | str, path: Path | str | None = None) -> str:
+    r"""Draft a map for CSV files with the same columns. The unit of a column is "?" if its name does not state it.
+
+    Parameters
+    ----------
+    recording, *others : path
+        The CSV files.
+    path : path, optional
+        The file of the map, which is written if it does not exist yet.
+
+    Returns
+    -------
+    str
+        The map in TOML.
+
+    Raises
+    ------
+    FileError
+        If a file cannot be read, or if the file `path` exists.
+    UsageError
+        If the files have different columns.
+
+    Examples
+    --------
+    >>> _ = Path("log.csv").write_text("t_ms,duty\n0,0\n20,50\n")
+    >>> "time_unit" in draft_map("log.csv", path="log.toml"), Path("log.toml").exists()
+    (True, True)
     """
-    path = Path(path)
-    table, encoding = _read_in_any_encoding(path)
-    for second_path in map(Path, others):
-        columns = _read_in_any_encoding(second_path)[0].columns
+    if path is not None and Path(path).exists():
+        raise FileError(fault("cli.file-exists", "--draft FILE.toml", path=path))
+    table, encoding = _read_in_any_encoding(recording := Path(recording))
+    for other in map(Path, others):
+        columns = _read_in_any_encoding(other)[0].columns
         if missing := [name for name in table.columns if name not in columns]:
-            fix = baqueano_command(
-                "runs", "import", second_path, "--draft", second_path.with_suffix(".toml").name
-            )
-            raise UsageError(
-                fault("import.draft-columns", fix, table=second_path.name, first=path.name, columns=missing)
-            )
+            fix = baqueano_command("runs", "import", other, "--draft", other.with_suffix(".toml").name)
+            figures = {"table": other.name, "first": recording.name, "columns": missing}
+            raise UsageError(fault("import.draft-columns", fix, **figures))
     free_columns = list(table.columns)
-    return (
-        "\n".join(
-            [
-                f"format = 1\nname = {_quoted(path.stem)}",
-                *_tables(table, free_columns, encoding),
-                *_remaining_lines(free_columns),
-            ]
-        )
-        + "\n"
-    )
+    lines = [
+        f"format = 1\nname = {_quoted(recording.stem)}",
+        *_tables(table, free_columns, encoding),
+        *_remaining_lines(free_columns),
+    ]
+    map_text = "\n".join(lines) + "\n"
+    if path is not None:
+        Path(path).write_text(map_text, encoding="utf-8", newline="\n")
+    return map_text
 
 
 def _read_in_any_encoding(path: Path) -> tuple[LogTable, str]:
@@ -112,7 +108,7 @@ def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator
 def _file_table(table: LogTable, free_columns: list[str], encoding: str) -> str:
     """Return the table of the file, with its encoding and its column of time."""
     title = "\n[files.log]" + (f'\nencoding = "{encoding}"' if encoding else "")
-    if time := _take_column(free_columns, TIME_PATTERN) or _take_clock(table, free_columns):
+    if time := _take_column(free_columns, headers.TIME_PATTERN) or _take_clock(table, free_columns):
         return f'{title}\ntime = {_quoted(time)}\ntime_unit = "{_time_unit(table, time)}"'
     no_time = _("no column looks like a time: write the rows per second")
     return f"{title}\nrate_hz = 0.0                        # {no_time}"
@@ -121,17 +117,21 @@ def _file_table(table: LogTable, free_columns: list[str], encoding: str) -> str:
 def _command_table(table: LogTable, free_columns: list[str]) -> str:
     """Return the table of the commands, or "" without one. Columns that are named as commands come before columns that
     can also be measurements: a left and a right one without further name, and a twist."""
-    if twist := _take_all(free_columns, TWIST_COMMANDS) or _take_all(free_columns, TWIST_COMMANDS[:2]):
+    if twist := _take_all(free_columns, headers.TWIST_COMMANDS) or _take_all(
+        free_columns, headers.TWIST_COMMANDS[:2]
+    ):
         return _twist_commands(twist)
-    named_columns = [name for name in free_columns if re.search(COMMAND_PATTERN, plain_name(name))]
-    if pair := _take_pair(free_columns, COMMAND_PATTERN) or _take_pair(free_columns, SETPOINT_PATTERN):
+    named_columns = [name for name in free_columns if re.search(headers.COMMAND_PATTERN, plain_name(name))]
+    if pair := _take_pair(free_columns, headers.COMMAND_PATTERN) or _take_pair(
+        free_columns, headers.SETPOINT_PATTERN
+    ):
         return _wheel_commands(table, free_columns, pair)
     if named_columns:
         return _named_commands(table, free_columns, named_columns)
-    if pair := _take_all(free_columns, BARE_SIDES):
+    if pair := _take_all(free_columns, headers.BARE_SIDES):
         remark = _("if these are measured, not commands: write them as z of [sensors.wheels]")
         return _wheel_commands(table, free_columns, pair, f"{'':28}# {remark}")
-    if twist := _take_all(free_columns, TWIST_PATTERNS):
+    if twist := _take_all(free_columns, headers.TWIST_PATTERNS):
         remark = _("if it is measured, not a command: write it as z of [sensors.odometer]")
         return _twist_commands(twist, f"{'':28}# {remark}")
     return ""
@@ -139,7 +139,7 @@ def _command_table(table: LogTable, free_columns: list[str]) -> str:
 
 def _wheel_commands(table: LogTable, free_columns: list[str], pair: list[str], remark: str = "") -> str:
     """Return the table of the commands of two wheels. Remove their direction pins from `free_columns`."""
-    span, pins = _span(table, *pair), _take_pair(free_columns, PIN_PATTERN) or ["", ""]
+    span, pins = _span(table, *pair), _take_pair(free_columns, headers.PIN_PATTERN) or ["", ""]
     entries = (  # both wheels share a full duty
         _with_pin(_wheel_command(table, column, span), table, column, pin)
         for column, pin in zip(pair, pins, strict=True)
@@ -151,7 +151,7 @@ def _wheel_commands(table: LogTable, free_columns: list[str], pair: list[str], r
 
 def _named_commands(table: LogTable, free_columns: list[str], columns: list[str]) -> str:
     """Return the table of commands that are not those of two wheels. Remove their columns from `free_columns`."""
-    is_steering = [bool(re.search(STEERING_PATTERN, plain_name(column))) for column in columns]
+    is_steering = [bool(re.search(headers.STEERING_PATTERN, plain_name(column))) for column in columns]
     if 0 < sum(is_steering) < len(is_steering):  # a car; a further angle is measured
         columns = [columns[is_steering.index(kind)] for kind in (False, True)]
     free_columns[:] = [column for column in free_columns if column not in columns]
@@ -172,21 +172,23 @@ def _command_list(remark: str, names: str, entries: Iterator[str]) -> str:
 
 def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
     """Yield the tables of the sensors and of the truth, and remove their columns from `free_columns`."""
-    if wheels := _take_pair(free_columns, f"{SPEED_PATTERN}|{SPEED_ENDING}|{COUNT_PATTERN}"):
+    if wheels := _take_pair(
+        free_columns, f"{headers.SPEED_PATTERN}|{headers.SPEED_ENDING}|{headers.COUNT_PATTERN}"
+    ):
         yield f"\n[sensors.wheels]\nz = [\n{_list_lines(_wheel(table, column) for column in wheels)}\n]"
-    elif speed := _take_column(free_columns, FORWARD_PATTERN):
+    elif speed := _take_column(free_columns, headers.FORWARD_PATTERN):
         yield f"\n[sensors.odometer]\nz = [\n  {_entry(speed, 'speed')},\n]"
-    elif encoder := _take_column(free_columns, rf"{ENCODER_PATTERN}|(^|_)(rpm|rps)(_|$)"):
+    elif encoder := _take_column(free_columns, rf"{headers.ENCODER_PATTERN}|(^|_)(rpm|rps)(_|$)"):
         yield f"\n[sensors.odometer]\nz = [\n{_list_lines(iter([_wheel(table, encoder)]))}\n]"
     imu = imu_columns(table, free_columns)
     free_columns[:] = [name for name in free_columns if name not in {column.name for column in imu.entries}]
-    compass = _take_column(free_columns, COMPASS_PATTERN)
-    poses = [SignedColumn(_take_column(free_columns, name), 1) for name in POSE_PATTERNS]
+    compass = _take_column(free_columns, headers.COMPASS_PATTERN)
+    poses = [SignedColumn(_take_column(free_columns, name), 1) for name in headers.POSE_PATTERNS]
     positions = [] if poses[0].name or poses[1].name else _east_north_entries(table, free_columns)
-    quaternion = [] if poses[2].name else _take_all(free_columns, QUATERNION_PATTERNS)
+    quaternion = [] if poses[2].name else _take_all(free_columns, headers.QUATERNION_PATTERNS)
     if not compass and not positions and not poses[0].name and not poses[1].name:
         compass, poses = poses[2].name, []
-    battery = _take_column(free_columns, BATTERY_PATTERN)
+    battery = _take_column(free_columns, headers.BATTERY_PATTERN)
     if battery:
         unit_of_size = "mV" if _span(table, battery)[1] > MAX_BATTERY_V else "V"
         yield f"\n[sensors.battery]\nz = [\n  {_entry(battery, 'voltage', unit_of_size)},\n]"
@@ -211,9 +213,9 @@ def _east_north_entries(table: LogTable, free_columns: list[str]) -> list[str]:
     """Return the entries of x (east) and y (north) from such columns, or from longitude and latitude; [] without
     them. Remove the columns from `free_columns`.
     """
-    if columns := _take_all(free_columns, EAST_NORTH_PATTERNS):
+    if columns := _take_all(free_columns, headers.EAST_NORTH_PATTERNS):
         return [_entry(column, "length") for column in columns]
-    columns = _take_all(free_columns, GEOGRAPHIC_PATTERNS)
+    columns = _take_all(free_columns, headers.GEOGRAPHIC_PATTERNS)
     numbers = east_north_entries(*(table.numbers(column) for column in columns)) if columns else ()
     remark = _("metres to the east and to the north of the first position")
     return [
@@ -285,14 +287,17 @@ def _take_all(free_columns: list[str], patterns: Sequence[str]) -> list[str]:
 def _take_pair(free_columns: list[str], pattern: str) -> list[str]:
     """Return the columns of the left and right wheel whose names match, and remove them from `free_columns`.
     Return [] if one of them is missing."""
-    return _take_all(free_columns, [f"(?=.*({pattern})).*{side}" for side in (LEFT_PATTERN, RIGHT_PATTERN)])
+    return _take_all(
+        free_columns,
+        [f"(?=.*({pattern})).*{side}" for side in (headers.LEFT_PATTERN, headers.RIGHT_PATTERN)],
+    )
 
 
 def _unit(name: str, measures: str) -> str:
     """Return the unit at the end of a column's name; UNKNOWN if the name does not end with a unit of this quantity."""
     parts = plain_name(name).split("_")
-    if re.search(ROS_PATTERN, plain_name(name)) and measures in ROS_UNITS:
-        return ROS_UNITS[measures]
+    if re.search(headers.ROS_PATTERN, plain_name(name)) and measures in headers.ROS_UNITS:
+        return headers.ROS_UNITS[measures]
     for ending in ("_".join(parts[-2:]), parts[-1]):
         unit_ = unit(UNIT_OF_ENDING.get(ending, UNKNOWN))
         if len(parts) > 1 and unit_ is not None and unit_.measures == measures:
@@ -341,7 +346,7 @@ def _command(column: str, span: tuple[float, float]) -> str:
 
 def _wheel_command(table: LogTable, column: str, span: tuple[float, float]) -> str:
     """Return the entry of a command of a wheel: a voltage, a speed with its unit, or a duty."""
-    if re.search(VOLTAGE_PATTERN, plain_name(column)) or _unit(column, "voltage") != UNKNOWN:
+    if re.search(headers.VOLTAGE_PATTERN, plain_name(column)) or _unit(column, "voltage") != UNKNOWN:
         return _entry(column, "voltage", "V")
     has_unit = any(_unit(column, measures) != UNKNOWN for measures in ("angular rate", "speed"))
     return _wheel(table, column) if has_unit else _command(column, span)
@@ -362,7 +367,10 @@ def _with_pin(entry: str, table: LogTable, column: str, pin: str) -> str:
 
 def _wheel(table: LogTable, column: str) -> str:
     unit_name = _unit(column, "angular rate")
-    if re.search(COUNT_PATTERN, plain_name(column)) and _unit(column, "speed") == unit_name == UNKNOWN:
+    if (
+        re.search(headers.COUNT_PATTERN, plain_name(column))
+        and _unit(column, "speed") == unit_name == UNKNOWN
+    ):
         counts = table.numbers(column)
         if np.array_equal(counts, np.round(counts)):
             remark = _("counts in a turn of the wheel, and its radius")

@@ -165,8 +165,8 @@ def import_run(
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
     runs = import_runs(m, files, vehicle_text)
     if len(runs) > 1:
-        fix = baqueano_command("runs", "import", m.path)
-        raise FileError(fault("import.several-runs", fix, map=m.path.name, count=len(runs)))
+        line = baqueano_command("runs", "import", m.path)
+        raise FileError(fault("import.several-runs", map=m.path.name, count=len(runs), line=line))
     return runs[0]
 
 

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import UsageError
 from baqueano.messages import text
+from baqueano.messages.notation import COMMAND_LINE, use_notation
 from baqueano.web.feed import HEAD_LAYOUT
 from baqueano.web.lab.worker_client import WorkerClient
 
@@ -266,7 +267,8 @@ def main() -> None:
     parser.add_argument("--pace", type=float, default=DEFAULT_PACE)
     parser.add_argument("--no-browser", dest="browser", action="store_false")
     arguments = parser.parse_args()
-    asyncio.run(play(arguments.folder, arguments.pace, arguments.browser))
+    with use_notation(COMMAND_LINE):
+        asyncio.run(play(arguments.folder, arguments.pace, arguments.browser))
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 from baqueano.diagnostics import fault, note
 from baqueano.errors import AnswerNo, BaqueanoError, FileError, UsageError, error_text
+from baqueano.messages.notation import COMMAND_LINE, use_notation
 from baqueano.web.lab.drives import DriveIdentifications
 
 if TYPE_CHECKING:
@@ -309,4 +310,5 @@ def serve(source: BinaryIO, sink: BinaryIO) -> None:
 if __name__ == "__main__":
     with suppress(AttributeError, OSError):
         os.nice(NICENESS)
-    serve(sys.stdin.buffer, sys.stdout.buffer)
+    with use_notation(COMMAND_LINE):
+        serve(sys.stdin.buffer, sys.stdout.buffer)

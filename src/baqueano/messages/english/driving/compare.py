@@ -10,7 +10,7 @@ TEMPLATES: dict[str, str] = {
         "in the first lap and {last_cm:.1f} in the last, at most {max_cm:.1f} in lap {worst}. After each lap the "
         "vehicle is at most {gap_cm:.1f} cm from the point at which this lap began."
     ),
-    "compare.no-runs": "A comparison needs one or more runs. For example, type: baqueano compare last",
+    "compare.no-runs": "A comparison needs one or more runs. For example, type: {type[baqueano compare last]}",
     "compare.times": "over_s = {over_s:g} s, skip_s = {skip_s:g} s: expected over_s above 0, skip_s at least 0.",
     "compare.names": "names contains {names} names for {runs} runs or fits: expected one for each.",
     "lab.scipy-for-bands": "scipy is not installed, and the χ² bands need it. Type: {fix}",
@@ -30,8 +30,8 @@ TEMPLATES: dict[str, str] = {
     ),
     "compare.advice-too-cautious": (
         "The filter overestimates its errors (NEES below the band). In a simulation of the same model this is "
-        "normal, because the model is exact there. With runs of the vehicle, measure the noise again by "
-        "identify --update."
+        "normal, because the model is exact there. With runs of the vehicle, measure the noise again. Type: "
+        "{type[baqueano identify last --update]}"
     ),
     "consistency.not-reported": "The run does not contain an estimate with a covariance",
     "consistency.cannot-tell": (

@@ -77,7 +77,7 @@ TEMPLATES: dict[str, str] = {
     "mission.file-name": "a block in the file {name}: expected a plain name that ends in .py.",
     "smooth.not-kalman": (
         "{estimator} cannot be smoothed: smoothing needs a Kalman filter, with a belief of mean (η, ν, …) and "
-        "cov, and innovations. Remove --smooth, or replay with augmented_ekf: --estimator augmented_ekf"
+        "cov, and innovations. Replay without {arg[smooth]}, or with {arg[estimator]:augmented_ekf}"
     ),
     "smooth.smoothed": (
         "the estimates are smoothed: the filter {estimator} also used the measurements after each instant."
@@ -95,8 +95,8 @@ TEMPLATES: dict[str, str] = {
         "the signal has shape {value}: expected finite numbers (N, {commands}), one column for each of {names}."
     ),
     "drive.driver-type": (
-        "a driver of type {kind}: expected a Route, such as baqueano.guides.shapes.circle(1.0, 0.25), a guide, a list "
-        "of (seconds, command), or a function that returns a command."
+        "The driver is of type {kind}. Expected a Route, such as baqueano.guides.shapes.circle(1.0, 0.25), a guide, a "
+        "list of (seconds, command), or a function that returns a command."
     ),
     "drive.step-pair": "step {number} of the drive is {value}: expected (seconds, command).",
     "drive.step-numbers": (
@@ -112,7 +112,7 @@ TEMPLATES: dict[str, str] = {
     "mpc.unsolved": (
         "the solver of mpc did not find a command in {ticks} ticks in a row. Is the vehicle "
         "beyond a wall (wall_low, wall_high), or is its estimate not finite? Use another "
-        "controller: --controller lqr"
+        "controller: {arg[controller]:lqr}"
     ),
     "route.no-estimates": "{name} does not have an estimated path, so it cannot become a route.",
     "route.no-motion": "{name}: the vehicle did not move, so the run cannot become a route.",

@@ -99,7 +99,7 @@ TEMPLATES: dict[str, str] = {
     "expect.lever-arm": "lever_arm_m = [forward, left], in m",
     "expect.no-mount": (
         "neither lever_arm_m nor heading_rad, because the heading is unknown. A fit can estimate "
-        "the position of the mark: --use truth --free +sensors.truth.lever_arm_m"
+        "the position of the mark: {arg[use]:truth} {arg[free]:+sensors.truth.lever_arm_m}"
     ),
     "run.times": "{name} of a run is a list of integer nanoseconds; found {dtype} of shape {value}.",
     "run.times-not-increasing": (

@@ -50,7 +50,7 @@ TEMPLATES: dict[str, str] = {
     "runs.folder-not-made": "{folder}: a folder for runs cannot be made there ({error}).",
     "import.several-runs": (
         "{map} makes {count} runs from its files, but one is expected here. In Python: import_runs(…); on "
-        "the command line: {fix}"
+        "the command line: {line}"
     ),
     "import.unit-of-name": (
         '{key} unit = "{value}", but its column\'s name indicates {column!r}; write unit = "{unit_name}"'
@@ -88,7 +88,7 @@ TEMPLATES: dict[str, str] = {
         "NAME=PATH"
     ),
     "import.no-file-like": "{path}: no file matches this name. Is the folder right?",
-    "import.no-path": "{map} [files.{file}]: the key path is missing, so give the file on the command line: {fix}",
+    "import.no-path": "{map} [files.{file}]: the key path is missing, so give the file. Type: {fix}",
     "import.no-rows": "{table} has names of columns but no rows. Is it the right file?",
     "import.where-empty": "{table}: where = {condition} excludes all rows. Are the column and the value right?",
     "import.no-time": "{table}: none of the rows has a time in {column!r}. Is it the right column?",
