@@ -1,10 +1,13 @@
 """The notebook of a new project runs cell by cell in a kernel, and its output is short and readable."""
 
+import ast
+
 import nbformat
 import pytest
 from nbclient import NotebookClient
 
-from baqueano import new
+from baqueano import new, replay
+from baqueano.errors import FileError
 from baqueano.runs import read_run
 
 pytestmark = pytest.mark.filterwarnings("ignore:Proactor event loop:RuntimeWarning")  # of zmq, on Windows
@@ -16,6 +19,32 @@ class Broken:
         return state, tick.imu
 
 bq.check(Broken)"""
+MODEL = """
+import numpy as np
+from dataclasses import dataclass
+from baqueano.parameter import parameter
+from baqueano.vehicles import FromAcceleration
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cart(FromAcceleration):
+    push: float = parameter("m/s²", "acceleration of full command", low=0.1, high=50.0, default=4.0, role="gain")
+    drag: float = parameter("1/s", "drag", low=0.1, high=50.0, default=8.0)
+
+    def nu_dot(self, nu, effort, psi):
+        turn = 60.0 * effort[2] - 8.0 * nu[2]
+        return np.array([self.push * effort[0] - self.drag * nu[0], -30.0 * nu[1], turn])
+
+cart = bq.load("small").with_values({"model.kind": Cart, "model.push": 5.0})
+signal = bq.excitation("random_steps", cart.command.limit, 20.0, cart.rate_hz)
+cart_run = bq.experiment(cart, signal)
+fit = bq.identify(cart_run, cart.with_values({"model.push": 3.0, "model.drag": 5.0}))
+gains = bq.tune(fit.vehicle_file, bq.guides.shapes.circle(0.4, 0.2), starts=1, polish=False)
+cart_run.save("cart.mcap")
+written = bq.simulate(cart, signal, backend="python")
+sweep = bq.sweep(cart, bq.guides.shapes.circle(0.4, 0.2), controllers=["kanayama", "lqr"], processes=2)
+estimates = {name: fit.value(name) for name in ("push", "drag")}
+estimates | {"drives": len(sweep.drives), "text": cart_run.metadata["vehicle.text"]}
+"""
 SAVED = '\nmine = bq.repeat(robot, route, controller=Mine, duration_s=0.5, path="mine.mcap")\n'
 
 
@@ -25,7 +54,7 @@ def executed_notebooks(tmp_path_factory):
     folder = new(tmp_path_factory.mktemp("notebook") / "mi lab")
     notebook = nbformat.read(folder / "first_evening.ipynb", as_version=4)
     nbformat.validate(notebook)
-    notebook.cells += map(nbformat.v4.new_code_cell, [SAVED, BROKEN])
+    notebook.cells += map(nbformat.v4.new_code_cell, [SAVED, MODEL, BROKEN])
     client = NotebookClient(
         notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
     )
@@ -66,6 +95,22 @@ def test_a_run_stores_the_source_of_a_block_from_a_cell(executed_notebooks):
     metadata = read_run(folder / "mine.mcap").metadata
     assert "class Mine:" in metadata["controller.text"]
     assert metadata["controller"].startswith("Mine(k_x=")
+
+
+def test_a_model_from_a_cell_is_identified_tuned_simulated_and_compared(executed_notebooks):
+    _, notebook = executed_notebooks
+    answer = ast.literal_eval(outputs_of(notebook, "text/plain")[-2])
+    assert answer["push"] == pytest.approx(5.0, rel=0.05)
+    assert answer["drag"] == pytest.approx(8.0, rel=0.05)
+    assert answer["drives"] == 2
+    assert "class Cart" in answer["text"]
+
+
+def test_a_run_with_a_model_from_a_cell_states_elsewhere_that_its_class_is_missing(executed_notebooks):
+    folder, _ = executed_notebooks
+    with pytest.raises(FileError) as caught:
+        replay(read_run(folder / "cart.mcap"))
+    assert "block.cell-class-unknown" in str(caught.value.diagnostic.to_json())
 
 
 def test_a_fault_of_a_block_names_its_cell_and_the_fields_of_the_signal(executed_notebooks):

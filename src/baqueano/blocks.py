@@ -29,6 +29,7 @@ from baqueano.errors import (
 
 __all__ = ["kinds", "resolve"]
 
+PROGRAM = "__main__"  # Python's name of the module of a notebook or a script
 BLOCK_TARGETS: dict[str, dict[str, str]] = {
     "vehicle": {
         "planar": "baqueano.vehicles:Planar",
@@ -114,7 +115,7 @@ def resolve(role: str, kind: str, folder: Path | str | None = None) -> type:
     role : str
         "vehicle", "sensor", "estimator", "guide", "controller" or "supervisor".
     kind : str
-        Short name of a block of the package, or "file.py:Class".
+        Short name of a block of the package, "file.py:Class", or "__main__:Class" for a class of a notebook cell.
     folder : path, optional
         Folder to search first for a relative file; the working directory is searched second.
 
@@ -135,14 +136,20 @@ def resolve(role: str, kind: str, folder: Path | str | None = None) -> type:
     """
     names = kinds(role)
     if kind in names:
-        module, name = BLOCK_TARGETS[role][kind].split(":")
-        return getattr(importlib.import_module(module), name)
+        return _class_of_target(BLOCK_TARGETS[role][kind])
     file_name, colon, name = kind.rpartition(":")
+    if file_name == PROGRAM:
+        return _class_in(sys.modules[PROGRAM], PROGRAM, name)
     if colon and file_name.endswith(".py"):
         return _class_of(_find(file_name, folder), name)
     if kind.endswith(".py") and _path_of(kind, folder) is not None:
         raise FileError(fault("block.without-class", value=kind, classes=classes_in(kind, folder)))
     raise FileError(fault("block.unknown", role=role, value=kind, suggestion=nearest(kind, names)))
+
+
+def _class_of_target(target: str) -> type:
+    module, name = target.split(":")
+    return getattr(importlib.import_module(module), name)
 
 
 @contextmanager
@@ -295,15 +302,34 @@ def classes_in(file: str, folder: Path | str | None = None) -> Diagnostic:
     return note("block.no-classes", file=file)
 
 
+def kind_of(block_class: type) -> str:
+    """Return the `kind` of a class, for a vehicle file: the inverse of `resolve`.
+
+    >>> from baqueano.vehicles import Planar
+    >>> kind_of(Planar)
+    'planar'
+    """
+    targets = {target: kind for role in BLOCK_TARGETS.values() for kind, target in role.items()}
+    if block_class.__module__.startswith("baqueano."):
+        return next(kind for target, kind in targets.items() if target.endswith(f":{block_class.__name__}"))
+    if block_class.__module__ == PROGRAM:
+        return f"{PROGRAM}:{block_class.__name__}"
+    return f"{inspect.getfile(block_class)}:{block_class.__name__}"
+
+
 def _class_of(path: Path, name: str) -> type:
-    module = _module(path)
-    class_names = _class_names(module)
+    return _class_in(_module(path), path.name, name)
+
+
+def _class_in(module: ModuleType, file: str, name: str) -> type:
     member = getattr(module, name, None)
+    if member is None and file == PROGRAM:
+        raise FileError(fault("block.cell-class-unknown", value=name))
     if member is None:
-        suggestion = nearest(name, class_names)
-        raise FileError(fault("block.class-unknown", file=path.name, value=name, suggestion=suggestion))
+        suggestion = nearest(name, _class_names(module))
+        raise FileError(fault("block.class-unknown", file=file, value=name, suggestion=suggestion))
     if not inspect.isclass(member):
-        raise FileError(fault("block.not-class", file=path.name, value=name, kind=type(member).__name__))
+        raise FileError(fault("block.not-class", file=file, value=name, kind=type(member).__name__))
     return member
 
 

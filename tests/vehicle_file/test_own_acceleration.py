@@ -1,5 +1,6 @@
 """A vehicle of the user whose acceleration is unusable is refused with the reason, or named by its check."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 import baqueano as bq
 from baqueano.drive.session import stop_reason_of
-from baqueano.errors import FileError
+from baqueano.errors import FileError, UsageError
 from tests.codes import refused
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -40,6 +41,28 @@ def with_body(tmp_path):
 def test_an_acceleration_that_is_not_an_array_of_three_is_refused(with_body, body, code):
     with refused(code, FileError):
         bq.load(with_body(body), allow_blocks=True)
+
+
+class Twice:
+    commands = 3
+
+    def init(self):
+        return None
+
+    def step(self, state, u, dt_s, noise):
+        return state, u
+
+
+def test_a_class_becomes_the_model_only_if_it_has_the_members_of_a_vehicle(monkeypatch):
+    monkeypatch.setattr(sys.modules["__main__"], "Twice", Twice, raising=False)
+    small = bq.load("small")
+    with refused("vehicle.lacks-members", FileError):
+        small.with_values({"model.kind": "__main__:Twice"})
+    with refused("block.cell-class-unknown", FileError):
+        small.with_values({"model.kind": "__main__:Thrice"})
+    with refused("block.not-a-block", UsageError):
+        small.with_values({"model.kind": int})
+    assert small.with_values({"controller.kind": bq.controllers.Lqr}).value("controller.kind") == "lqr"
 
 
 def test_the_check_names_an_acceleration_that_cannot_be_compiled(with_body):

@@ -98,7 +98,7 @@ def largest_allowed(is_allowed: Callable[[np.ndarray], np.ndarray], high: np.nda
 def _motion(vehicle: Tree, nu: np.ndarray, effort: np.ndarray) -> np.ndarray:
     """Return the acceleration (3,) of a dynamic model, or the velocity (3,) of a kinematic model."""
     motion: np.ndarray = (
-        vehicle.nu_dot(nu, effort) if optional.is_dynamic(vehicle) else vehicle.velocity(effort)
+        vehicle.nu_dot(nu, effort, 0.0) if optional.is_dynamic(vehicle) else vehicle.velocity(effort)
     )
     return motion
 

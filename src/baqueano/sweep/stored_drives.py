@@ -19,7 +19,7 @@ import numpy as np
 from baqueano import __version__
 from baqueano.atomic_file import replace_file
 from baqueano.block_checks.source_text import is_ours, source_text
-from baqueano.blocks import LOOP_ROLES, resolve
+from baqueano.blocks import LOOP_ROLES, PROGRAM, resolve
 from baqueano.contracts import optional
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
@@ -98,7 +98,9 @@ def _stored_row(path: Path) -> dict | None:
 def _can_be_sent(jobs: Sequence[NumberedJob]) -> bool:
     """Return True if another process can import the blocks. A block of a notebook cell cannot be imported."""
     blocks = {block for job in jobs for block in job.job.blocks if not isinstance(block, str | None)}
-    if any((b if isinstance(b, type) else type(b)).__module__ in ("__main__", "builtins") for b in blocks):
+    classes = {b if isinstance(b, type) else type(b) for b in blocks}
+    classes |= {type(text.parse().vehicle) for text in {job.job.file_text for job in jobs}}
+    if any(block_class.__module__ in (PROGRAM, "builtins") for block_class in classes):
         return False
     try:
         ForkingPickler.dumps(list(blocks))

@@ -54,6 +54,9 @@ ROUTE_FIELDS = (
 )  # of a guide, set by route and mission
 
 
+VEHICLE_MEMBERS = ("commands", "drivetrain", "init", "step", "advance", "gravity")  # of the protocol
+
+
 class BuildContext(NamedTuple):
     """The values of other parts of the file that the table of a block can need."""
 
@@ -87,9 +90,15 @@ def vehicle(report: ReadReport, table: Any, context: BuildContext) -> Any:
         report.add_table_problem(("model",), code, keys=missing_names, model=block_class.__name__)
     if report.problems:
         return None
-    return construct(
+    block = construct(
         report, ("model",), block_class, values, context, commands=getattr(block_class, "commands", 3)
     )
+    missing_members = [name for name in VEHICLE_MEMBERS if not hasattr(block, name)]
+    if missing_members and block is not None:
+        report.add_table_problem(
+            ("model",), "vehicle.lacks-members", block=_block_name(block_class), names=missing_members
+        )
+    return block
 
 
 def sensors(report: ReadReport, tables: object, context: BuildContext) -> Any:
@@ -259,7 +268,8 @@ def construct(
 def _block_name(block_class: type) -> str:
     if block_class.__module__.startswith("baqueano."):
         return block_class.__name__
-    return f"{block_class.__name__} ({place_of(block_class)})"
+    place = place_of(block_class)
+    return f"{block_class.__name__} ({place})" if place else block_class.__name__
 
 
 def _named_class(

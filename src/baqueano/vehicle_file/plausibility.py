@@ -112,7 +112,7 @@ def check_drive(report: ReadReport, vehicle: "DynamicVehicle", channels: Channel
 def _has_acceleration(report: ReadReport, vehicle: "DynamicVehicle") -> bool:
     """Return True if nu_dot returns an array (3,) at rest; otherwise add a problem."""
     try:
-        acceleration = vehicle.nu_dot(np.zeros(3), np.zeros(vehicle.commands))
+        acceleration = vehicle.nu_dot(np.zeros(3), np.zeros(vehicle.commands), 0.0)
     except BaseException as error:
         if from_outside(error):
             raise
@@ -199,7 +199,9 @@ def _notice_speed(report: ReadReport, vehicle: "DynamicVehicle", channels: Chann
         effort = drivetrain.unmix(drivetrain.static_response(drivetrain.mix(u)))
         for i, speed, unit in ((0, MAX_SPEED_M_S, "m/s"), (2, MAX_YAW_RATE_RAD_S, "rad/s")):
             nu = speed * np.eye(3)[i]
-            if np.any(u) and (vehicle.nu_dot(nu, effort)[i] > 0.0 or vehicle.nu_dot(-nu, effort)[i] < 0.0):
+            if np.any(u) and (
+                vehicle.nu_dot(nu, effort, 0.0)[i] > 0.0 or vehicle.nu_dot(-nu, effort, 0.0)[i] < 0.0
+            ):
                 report.add_notice(("model",), "vehicle.too-fast", maximum=speed, unit_name=unit)
                 return
 

@@ -93,9 +93,9 @@ def _rates(vehicle: DynamicVehicle, index: tuple[int, ...], speed: float = SMALL
     zero_command, fading_rates = np.zeros(vehicle.commands), np.zeros(3)
     for i in index:
         nu = speed * np.eye(3)[i]
-        fading_rates[i] = (vehicle.nu_dot(-nu, zero_command)[i] - vehicle.nu_dot(nu, zero_command)[i]) / (
-            2.0 * speed
-        )
+        fading_rates[i] = (
+            vehicle.nu_dot(-nu, zero_command, 0.0)[i] - vehicle.nu_dot(nu, zero_command, 0.0)[i]
+        ) / (2.0 * speed)
     return fading_rates
 
 

@@ -165,7 +165,7 @@ def _straight_drive(fit: "Fit", command: float) -> StraightDrive:
     nu, step = np.asarray(motion.nu if motion else np.zeros(3), dtype=float), np.array([1e-4, 0.0, 0.0])
     if effort is None or not is_dynamic(vehicle):
         return StraightDrive(nu, 0.0)
-    accelerations = [float(vehicle.nu_dot(nu + side * step, effort.last)[0]) for side in (-1.0, 1.0)]
+    accelerations = [float(vehicle.nu_dot(nu + side * step, effort.last, 0.0)[0]) for side in (-1.0, 1.0)]
     return StraightDrive(nu, max(0.0, (accelerations[0] - accelerations[1]) / (2.0 * step[0])))
 
 

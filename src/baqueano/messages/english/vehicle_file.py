@@ -123,6 +123,10 @@ TEMPLATES: dict[str, str] = {
     ),
     "vehicle.refused": "{block} does not accept {place}: {error}",
     "vehicle.not-built": "{place} cannot be built: {block} raised {error}.",
+    "vehicle.lacks-members": (
+        "{place}: {block} lacks {names}, which a vehicle needs. Inherit from baqueano.vehicles.FromAcceleration, and "
+        "write nu_dot."
+    ),
     "vehicle.block-not-table": "{place} is not a table: write [{table}] on a line of its own, and its keys below it.",
     "vehicle.no-kind": '{place} needs kind = "…": one of {valid}, or "file.py:Class".',
     "vehicle.kind-mistyped": (
@@ -234,6 +238,10 @@ TEMPLATES: dict[str, str] = {
         "executed. Name a vehicle file of your own: --vehicle FILE."
     ),
     "block.class-unknown": '{file} does not have a class "{value}". {suggestion}.',
+    "block.cell-class-unknown": (
+        "class {value} does not exist in this program: it was defined in a notebook cell or in a script. Execute its "
+        "definition before, or write it in a file and name it as file.py:{value}."
+    ),
     "block.raised-while-read": "{place} raised {error} while it was imported.",
     "block.raised-while-read-and-ends": (
         "{place} raised {error} while it was imported, which ends the program. Remove that line."

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.atomic_file import replace_file
-from baqueano.blocks import read_module
+from baqueano.blocks import LOOP_ROLES, check_role, kind_of, read_module
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.file import VehicleFile, parse
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.envelope import Envelope
 
 RANGE_DIGITS = 4  # digits of an end of the envelope
-KIND_KEYS = tuple(f"{role}.kind" for role in ("estimator", "guide", "controller", "supervisor"))
+KIND_KEYS = tuple(f"{role}.kind" for role in ("model", *LOOP_ROLES))
 STD_DIGITS = 3  # digits of a standard deviation; a value is rounded to a thousandth of its standard deviation
 
 
@@ -107,6 +107,9 @@ def edit_text(
     """
     if not _has_tomlkit():
         raise UsageError(fault("vehicle.no-tomlkit", "pip install tomlkit"))
+    for key in [k for k in values if k in KIND_KEYS and isinstance(values[k], type)]:
+        check_role(key.removesuffix(".kind"), values[key])
+        values = {**values, key: kind_of(values[key])}
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
     rounded_values = {k: _round(v, origins[k].std if k in origins else None) for k, v in values.items()}
     paths = known_paths(_data_with_kinds(vehicle_file.data, values), vehicle_file.folder)
