@@ -23,6 +23,7 @@ from baqueano.messages.notation import CALLS, COMMAND_LINE, FLAGS, python_call, 
         ("baqueano tune --controller lqr --update", 'bq.tune(robot, route, controller="lqr")'),
         ("--set model.mass_kg=0.7", 'robot = robot.with_values({"model.mass_kg": 0.7})'),
         ("--free +friction.coulomb", 'free=["+friction.coulomb"]'),
+        ("--free +lag_s --clock gps", 'free=["+lag_s"], options=bq.FitOptions(clocks=["gps"])'),
         ("--cost innovations", 'options=bq.FitOptions(cost="innovations")'),
     ],
 )

@@ -65,7 +65,10 @@ def test_long_verdicts_fit_a_screen_and_count_the_omitted_lines():
     lines = lines_of(*([f"{kind}.{word}" for word in WORDS] for kind in ("a", "b", "c", "d")))
     assert len(lines) <= MOST
     shown_count = sum(line.startswith("- ") for line in lines)
-    assert lines[-1] == f"and {4 * len(WORDS) - shown_count} more: --report fit.html shows all, with figures"
+    assert (
+        lines[-1]
+        == f'and {4 * len(WORDS) - shown_count} more: bq.report(fit, "fit.html") shows all, with figures'
+    )
 
 
 def test_the_last_line_refers_to_the_report_for_omitted_notes():
@@ -74,7 +77,7 @@ def test_the_last_line_refers_to_the_report_for_omitted_notes():
         lines_of(many, [], [], [], with_report=with_report) for with_report in (False, True)
     )
     assert on_request[:-1] == in_report[:-1]
-    assert on_request[-1] == "and 3 more: --report fit.html shows all, with figures"
+    assert on_request[-1] == 'and 3 more: bq.report(fit, "fit.html") shows all, with figures'
     assert in_report[-1] == "and 3 more: the report shows all, with figures"
     assert lines_of(["one"], [], [], [], with_report=True) == ["WARN: one"]
 

@@ -128,7 +128,7 @@ def test_the_same_runs_give_the_same_choice(dry, file, choice):
 
 def test_the_table_refers_to_the_report_for_omitted_notes(choice):
     much = replace(choice, fit=replace(choice.fit, notes=tuple(note(f"any.{letter}") for letter in "abcdef")))
-    assert much.table().endswith(" more: --report fit.html shows all, with figures")
+    assert much.table().endswith(' more: bq.report(fit, "fit.html") shows all, with figures')
     assert much.table(reported=True).endswith(" more: the report shows all, with figures")
 
 

@@ -119,6 +119,8 @@ def python_call(line: str) -> str:
     arguments, options = _split(words[is_command:])
     if not is_command and (arguments or not options):
         return line
+    if len(options) > 1 and not is_command and {*options} <= {*CALLS}:
+        return ", ".join(python_call(f"{name} {shlex.quote(value)}") for name, value in options.items())
     keys = [key for key in CALLS if _is_for(key.split(), arguments, options)]
     if not keys:
         return line

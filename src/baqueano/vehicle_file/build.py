@@ -93,7 +93,7 @@ def vehicle(report: ReadReport, table: Any, context: BuildContext) -> Any:
     block = construct(
         report, ("model",), block_class, values, context, commands=getattr(block_class, "commands", 3)
     )
-    missing_members = [name for name in VEHICLE_MEMBERS if not hasattr(block, name)]
+    missing_members = [name for name in VEHICLE_MEMBERS if name not in dir(block)]
     if missing_members and block is not None:
         report.add_table_problem(
             ("model",), "vehicle.lacks-members", block=_block_name(block_class), names=missing_members
