@@ -122,6 +122,7 @@ FORMER_FIGURES = {  # beginning of a code â†’ figure in older runs and robots â†
         "asked": "requested", "believed_cm": "bound_cm", "said": "reply", "found": "value", "sd": "std",
         "sd_rad_s": "std_rad_s", "way_m": "distance_m", "off": "consequence", "because": "cause", "why": "reason",
         "before": "former_value", "now": "value", "most": "maximum", "least": "minimum", "then": "second",
+        "cure": "remedy",
     },
     "messages.times": {"times": "count"},
     "shake.over": {"for_s": "duration_s", "what": "fault"},

@@ -20,19 +20,19 @@ USER_MODULE_PREFIX = "baqueano_user_"  # beginning of the name of a module with 
 class DiagnosticError(Exception):
     """An exception with a diagnostic. The text of the exception is for the reader.
 
-    `message` is a diagnostic, or a text from other code. `about` is the diagnostic for programs; by default `message`.
+    `message` is a diagnostic, or a text from other code. `diagnostic` is for programs; by default `message`.
     """
 
-    def __init__(self, message: Diagnostic | str = "", about: Diagnostic | None = None) -> None:
+    def __init__(self, message: Diagnostic | str = "", diagnostic: Diagnostic | None = None) -> None:
         super().__init__(text(message))
         self.message = message
-        self._about = about or (message if isinstance(message, Diagnostic) else None)
+        self._diagnostic = diagnostic or (message if isinstance(message, Diagnostic) else None)
 
     @property
     def diagnostic(self) -> Diagnostic:
         """Return the diagnostic; for a text its code is "error." and the name of the error's class."""
-        if self._about is not None:
-            return self._about
+        if self._diagnostic is not None:
+            return self._diagnostic
         return Diagnostic(f"error.{type(self).__name__}", Severity.ERROR, "error", {"words": str(self)})
 
 
@@ -111,7 +111,11 @@ def from_outside(error: BaseException) -> bool:
 
 def cause_of(error: BaseException) -> Diagnostic | str:
     """Return an error as a figure of another diagnostic: its diagnostic, or its text."""
-    return error.diagnostic if isinstance(error, DiagnosticError) and error._about is not None else str(error)
+    return (
+        error.diagnostic
+        if isinstance(error, DiagnosticError) and error._diagnostic is not None
+        else str(error)
+    )
 
 
 def error_text(error: BaseException) -> str:

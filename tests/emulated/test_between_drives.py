@@ -48,7 +48,7 @@ def preparing(monkeypatch):
 
 def test_slow_closing_of_a_run_causes_no_command_timeout_fault(service, robot, closing):
     troubles = []
-    closing(lambda: (robot.wait(0.5), troubles.append(robot.uno.trouble)))
+    closing(lambda: (robot.wait(0.5), troubles.append(robot.uno.stop_cause)))
     done, run = drive(service, spin())
     assert (done["reason"], troubles) == (None, [None])
     assert StopReason.UNO_DEAD_MAN not in [e.diagnostic.code for e in run.events if e.diagnostic is not None]

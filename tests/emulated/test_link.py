@@ -40,7 +40,7 @@ def test_the_motors_move_despite_a_lost_arming_frame(robot):
     del robot.write
     hold(robot, 0.4, 0.4, 0.2)
     assert (robot.board.duty(0), robot.board.duty(1)) == pytest.approx((0.4, 0.4), abs=2e-3)
-    assert robot.uno.trouble is None
+    assert robot.uno.stop_cause is None
     not_armed = robot.board.info().not_armed
     assert 1 <= not_armed <= 4, "30 ms of commands, until telemetry reported it"
     hold(robot, 0.4, 0.4, 0.2)
@@ -51,9 +51,9 @@ def test_an_uno_that_receives_no_arming_frame_is_a_fault(robot):
     robot.write = lambda data: None
     robot.uno.arm()
     hold(robot, 0.4, 0.4, 0.2)
-    assert robot.uno.trouble is None
+    assert robot.uno.stop_cause is None
     hold(robot, 0.4, 0.4, 0.05)
-    assert robot.uno.trouble.code == StopReason.UNO_DEAF
+    assert robot.uno.stop_cause.code == StopReason.UNO_DEAF
 
 
 def drive_robot(robot, file, u, act, path=None):

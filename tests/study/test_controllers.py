@@ -9,7 +9,7 @@ from baqueano.estimators import TrueState
 from baqueano.guides.shapes import rectangle
 from baqueano.signals import Tick
 from baqueano.study.controllers import controllers
-from baqueano.study.controllers.drives import Contestant, relative_to_start
+from baqueano.study.controllers.drives import ComparedController, relative_to_start
 from baqueano.study.controllers.result import EVALUATIONS, Controllers
 from baqueano.study.counterpart import LoopWorld
 from baqueano.study.truth import draw_robots
@@ -51,11 +51,11 @@ def result(best: float, bound: tuple[str, ...] = (), stop_code: str = "", drives
                 )
             )
     result_of = SweepResult(tuple(drive_results), 0, "pd")
-    contestants = (
-        Contestant("pd", "pd", {"alpha": 1.0}, ()),
-        Contestant("mine", "my.py:Mine", {"k": 1.0}, bound),
+    controllers = (
+        ComparedController("pd", "pd", {"alpha": 1.0}, ()),
+        ComparedController("mine", "my.py:Mine", {"k": 1.0}, bound),
     )
-    return Controllers(dict.fromkeys(EVALUATIONS, result_of), contestants, 10, ())
+    return Controllers(dict.fromkeys(EVALUATIONS, result_of), controllers, 10, ())
 
 
 def test_the_verdict_lists_the_code_of_each_missed_requirement():
@@ -71,9 +71,13 @@ def test_the_verdict_lists_the_code_of_each_missed_requirement():
 
 
 def test_the_gains_of_an_array_are_set_entry_by_entry():
-    law = Contestant("lqr", "lqr", {"e_max[1]": 0.01, "change_max[0]": 0.3}, ()).controller(load("small"))
+    law = ComparedController("lqr", "lqr", {"e_max[1]": 0.01, "change_max[0]": 0.3}, ()).controller(
+        load("small")
+    )
     assert (law.e_max[1], law.change_max[0]) == (0.01, 0.3)
-    assert Contestant("pd", "pd", {"alpha": 3.0, "beta": 1.0}, ()).controller(load("small")).alpha == 3.0
+    assert (
+        ComparedController("pd", "pd", {"alpha": 3.0, "beta": 1.0}, ()).controller(load("small")).alpha == 3.0
+    )
 
 
 def test_an_unknown_controller_is_refused_before_the_first_drive():

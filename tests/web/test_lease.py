@@ -48,8 +48,8 @@ def test_rt13_ne4_a_driver_with_a_frozen_picture_loses_the_lease():
 def test_rt13_the_lease_accepts_an_older_picture_over_a_slow_connection():
     _, lease = lease_of()
     assert not lease.renew("ana", 1, age_s=0.4)
-    assert lease.renew("ana", 2, age_s=0.4, way_s=0.15)
-    assert not lease.renew("ana", 3, age_s=float("nan"), way_s=0.15)
+    assert lease.renew("ana", 2, age_s=0.4, round_trip_s=0.15)
+    assert not lease.renew("ana", 3, age_s=float("nan"), round_trip_s=0.15)
 
 
 def test_rt14_a_second_driver_is_refused_until_the_vehicle_is_handed_over():

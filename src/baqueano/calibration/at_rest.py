@@ -183,7 +183,7 @@ class RestMeasurement(Result):
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per channel, in SI units."""
-        out = []
+        rows = []
         for c in self.channels:
             row: TableRow = {"name": f"{c.sensor}[{c.entry}]", "samples": c.samples, "rate_hz": c.rate_hz}
             row |= {"mean": c.mean, "mean_std": c.mean_std, "std": c.std, "step": c.step}
@@ -192,8 +192,8 @@ class RestMeasurement(Result):
                 pair = (float(value), float(std)) if measurable else (None, None)
                 row |= dict(zip((name, f"{name}_std"), pair, strict=True))
             row["allan_1s"] = c.allan_1s
-            out.append(row | {"temperature_slope": c.slope, "temperature_slope_std": c.slope_std})
-        return out
+            rows.append(row | {"temperature_slope": c.slope, "temperature_slope_std": c.slope_std})
+        return rows
 
     def table(self) -> str:
         """Return the table as text."""
@@ -324,23 +324,27 @@ def _over_temperature(
 
 
 def _findings(name: str, t_ns: np.ndarray, z: np.ndarray, rate_hz: float) -> list[Diagnostic]:
-    out = []
+    findings = []
     steps = np.diff(t_ns) * 1e-9
     limit_s = BURST_STEPS / rate_hz
     if np.any(steps <= 0.0) or np.median(steps) < limit_s or np.std(steps) > limit_s:
         spans_s = {"median_ms": np.median(steps), "mean_ms": 1.0 / rate_hz, "longest_ms": steps.max()}
         spans = {key: 1e3 * span_s for key, span_s in spans_s.items()}
-        out.append(note("at-rest.bursts", Severity.WARNING, subject=name, **spans, rate_hz=rate_hz))
+        findings.append(note("at-rest.bursts", Severity.WARNING, subject=name, **spans, rate_hz=rate_hz))
     repeated_share = np.mean(np.all(z[1:] == z[:-1], axis=1))
     if z.shape[1] >= 3 and repeated_share > 0.01:
-        out.append(note("at-rest.repeats", Severity.WARNING, subject=name, percent=100.0 * repeated_share))
+        findings.append(
+            note("at-rest.repeats", Severity.WARNING, subject=name, percent=100.0 * repeated_share)
+        )
     median = np.median(z, axis=0)
     spread = MAD * np.median(np.abs(z - median), axis=0)
     outlier_share = np.mean(np.abs(z - median) > 8.0 * np.maximum(spread, 1e-300), axis=0)
     for entry in np.flatnonzero((outlier_share > 0.002) & (spread > 0.0)):
         percent = 100.0 * outlier_share[entry]
-        out.append(note("at-rest.touched", Severity.WARNING, subject=f"{name}[{entry}]", percent=percent))
-    return out
+        findings.append(
+            note("at-rest.touched", Severity.WARNING, subject=f"{name}[{entry}]", percent=percent)
+        )
+    return findings
 
 
 def _imu_values(path: str, channels: dict[int, ChannelAtRest]) -> "JsonObject":

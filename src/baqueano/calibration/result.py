@@ -85,22 +85,24 @@ class Calibration(Result):
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return the reasons why the verdict is not USABLE."""
-        out = list(self.axis_warnings)
+        reasons = list(self.axis_warnings)
         for item in self.numbers:
             if item.is_scale and not item.is_determined:
                 severity = Severity.WARNING if self._usable_sensors else Severity.ERROR
-                out.append(note("calibration.not-determined", severity, "", item.name))
+                reasons.append(note("calibration.not-determined", severity, "", item.name))
             elif item.is_scale and item.value < 0.0:
-                out.append(note("calibration.inverted", Severity.ERROR, "", item.name, scale=item.value))
+                reasons.append(note("calibration.inverted", Severity.ERROR, "", item.name, scale=item.value))
             elif item.is_scale and not item.half_width < MAX_HALF_INTERVAL * item.value:
                 code = "calibration.turn-more" if "gyro" in item.name else "calibration.drive-further"
                 percent = 100 * item.half_width / item.value
-                out.append(note(code, Severity.WARNING, "", item.name, percent=percent))
+                reasons.append(note(code, Severity.WARNING, "", item.name, percent=percent))
             if item.name == "clock.truth" and not item.half_width < MAX_CLOCK_HALF_S:
-                out.append(note("calibration.loose-clock", Severity.WARNING, half_ms=1e3 * item.half_width))
+                reasons.append(
+                    note("calibration.loose-clock", Severity.WARNING, half_ms=1e3 * item.half_width)
+                )
             if item.name == "clock.truth" and abs(item.value) > MAX_OFFSET_S - GRID_S:
-                out.append(note("calibration.clock-at-end", Severity.WARNING, offset_s=item.value))
-        return tuple(out)
+                reasons.append(note("calibration.clock-at-end", Severity.WARNING, offset_s=item.value))
+        return tuple(reasons)
 
     @property
     def verdict(self) -> Verdict:

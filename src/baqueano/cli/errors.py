@@ -118,8 +118,8 @@ def _described_by(error: click.NoSuchOption) -> list[str]:
         return []
     name = error.option_name.lstrip("-").lower()
     commands = []
-    for tongue in {"en", current_language()}:
-        with use_language(tongue):
+    for language in {"en", current_language()}:
+        with use_language(language):
             command = command_of(verb)
             commands.append(
                 command.commands[verbs[0]]

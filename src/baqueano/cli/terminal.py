@@ -73,9 +73,9 @@ def _print(line: str, stream: TextIO) -> None:
         hung_up = error.errno == errno.EIO and stat.S_ISCHR(os.fstat(stream.fileno()).st_mode)
         if not hung_up and error.errno not in (errno.EPIPE, errno.EINVAL):  # EINVAL: Windows' word for it
             raise
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, stream.fileno())
-        os.close(nowhere)
+        null_file = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null_file, stream.fileno())
+        os.close(null_file)
 
 
 def _wrapped_for(stream: TextIO, lines: str) -> str:
@@ -97,7 +97,7 @@ def _wrapped_for(stream: TextIO, lines: str) -> str:
 
 
 def print_answer(
-    result: Any, as_json: bool, more: list["TableRow"] | None = None, **beside: list["TableRow"]
+    result: Any, as_json: bool, more: list["TableRow"] | None = None, **more_rows: list["TableRow"]
 ) -> None:
     """Print a result: its table for people, or one JSON object for programs.
 
@@ -114,7 +114,7 @@ def print_answer(
         reply["reasons"] = [
             json_row(reason) if isinstance(reason, Diagnostic) else reason for reason in result.reasons
         ]
-    reply |= {name: list(map(_finite_row, rows)) for name, rows in beside.items()}
+    reply |= {name: list(map(_finite_row, rows)) for name, rows in more_rows.items()}
     printed_objects.append(json.dumps(reply, allow_nan=False))
     print_result(printed_objects[-1])
 

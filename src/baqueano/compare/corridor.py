@@ -52,7 +52,7 @@ class Corridor(NamedTuple):
             return note("corridor.after-laps" if laps > 1 else "corridor.after-lap", laps=laps, bound=bound)
         return note("corridor.after-time", t_s=float(self.t_s[-1]), bound=bound)
 
-    def at(self, k: int) -> str:
+    def region_text(self, k: int) -> str:
         """Return the half-widths at one tick, such as "± 8 cm across, ± 4°"."""
         return text(self._text_at(k))
 

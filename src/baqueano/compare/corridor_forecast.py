@@ -55,13 +55,15 @@ class CorridorForecast(Result):
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per lap (SI); NaN if the vehicle is lost before the end of the lap."""
-        out = []
+        rows = []
         for lap in range(1, self.laps + 1):
             row = {"lap": lap, "t_s": lap * self.lap_s}
             k = self._tick(lap)
             names = ("across_m", "heading_rad", "area_m2")
-            out.append(row | {n: np.nan if k is None else float(getattr(self.corridor, n)[k]) for n in names})
-        return out
+            rows.append(
+                row | {n: np.nan if k is None else float(getattr(self.corridor, n)[k]) for n in names}
+            )
+        return rows
 
     def table(self) -> str:
         """Return the corridor at the end of each lap, and the verdict, as text."""
@@ -69,8 +71,10 @@ class CorridorForecast(Result):
         for lap in range(1, self.laps + 1):
             k = self._tick(lap)
             if k is not None:
-                at = self.corridor.at(k)
-                lines.append(_("lap {lap}, {t_s:.0f} s: {at} (95 %)", lap=lap, t_s=lap * self.lap_s, at=at))
+                region = self.corridor.region_text(k)
+                lines.append(
+                    _("lap {lap}, {t_s:.0f} s: {region} (95 %)", lap=lap, t_s=lap * self.lap_s, region=region)
+                )
         return "\n".join([*lines, f"{_(self.verdict)}: {self.corridor.sentence}"])
 
     def _tick(self, lap: int) -> int | None:

@@ -249,12 +249,12 @@ class Composer:
         stay near."""
         bound = self._upper_bound(self.F[self.chosen].sum(axis=0))
         near_primitives = np.argsort(REACH_COST * self.reach - bound)[: count // 4]
-        survivors = np.unique(
+        used_indices = np.unique(
             [0, *self.chosen, *near_primitives, *np.argsort(self.cost - bound)[:count].tolist()]
         )
-        self._keep(survivors)
-        self.chosen = np.searchsorted(survivors, self.chosen).tolist()
-        return survivors
+        self._keep(used_indices)
+        self.chosen = np.searchsorted(used_indices, self.chosen).tolist()
+        return used_indices
 
     def _fill_greedily(self) -> None:
         total, pose = np.zeros(self.F.shape[1:]), self._start()

@@ -47,7 +47,7 @@ class DoorClient:
         self._backlog = 0  # bytes of the waiting lines, without the mission
         # a line longer than MAX_SHORT_LINE_BYTES waits, after which heartbeats must not be dropped
         self._mission = False
-        self._going: deque[bytes] = deque()
+        self._unsent_lines: deque[bytes] = deque()
         self._sent_bytes, self._waiting = 0, 0  # bytes sent of the first message; bytes of all messages
         self._lock = threading.Lock()
 
@@ -82,7 +82,7 @@ class DoorClient:
     @property
     def has_output(self) -> bool:
         """Return True if a message waits to be sent to the client.  (3)"""
-        return bool(self._going)
+        return bool(self._unsent_lines)
 
     def enqueue(self, message: "JsonObject") -> None:
         """Append a message to the queue of messages to send."""
@@ -91,7 +91,7 @@ class DoorClient:
     def send_line(self, line: bytes) -> None:
         """Append an encoded message to the queue of messages to send."""
         with self._lock:
-            self._going.append(line)
+            self._unsent_lines.append(line)
             self._waiting += len(line)
 
     def receive(self) -> Iterator[bytes]:
@@ -151,12 +151,12 @@ class DoorClient:
     def send(self) -> None:
         """Send as many waiting bytes as the socket accepts. Raise OSError if the connection has ended."""
         with self._lock:
-            while self._going:
-                first_line = self._going[0]
+            while self._unsent_lines:
+                first_line = self._unsent_lines[0]
                 try:
                     self._sent_bytes += self.line.send(memoryview(first_line)[self._sent_bytes :])
                 except BlockingIOError:
                     return
                 if self._sent_bytes >= len(first_line):
-                    self._going.popleft()
+                    self._unsent_lines.popleft()
                     self._waiting, self._sent_bytes = self._waiting - len(first_line), 0

@@ -25,19 +25,19 @@ class RunFiles:
         self.folder, self._ring = folder, ring
         self._open_run: str | None = None  # the run that is being written
         self._list = b""
-        self._looked_s = float("-inf")
+        self._last_check_s = float("-inf")
         self._fetches = threading.BoundedSemaphore(MAX_FETCHES)
 
     def invalidate(self, written_run: str | None) -> None:
         """Read the folder again at the next request; `written_run` names the run that is being written."""
-        self._open_run, self._looked_s = written_run, float("-inf")
+        self._open_run, self._last_check_s = written_run, float("-inf")
 
     def list(self) -> bytes:
         """Return the names of the complete runs as an encoded message, which is at most LIST_LIFETIME_S old."""
-        if time.monotonic() - self._looked_s > LIST_LIFETIME_S:
+        if time.monotonic() - self._last_check_s > LIST_LIFETIME_S:
             paths = (p.name for p in self.folder.glob("*.mcap") if not p.is_symlink())
             names = sorted(name for name in paths if is_run_name(name) and name != self._open_run)
-            self._list, self._looked_s = encode({"is": "runs", "runs": names}), time.monotonic()
+            self._list, self._last_check_s = encode({"is": "runs", "runs": names}), time.monotonic()
         return self._list
 
     def fetch(self, client: DoorClient, name: str, is_connected: Callable[[DoorClient], bool]) -> None:

@@ -101,7 +101,7 @@ class ChangeObserver(Observer):
         broadcast: "Callable[[JsonObject], None]",
         blocks: "dict[str, str] | None" = None,
     ) -> None:
-        self._operator, self._tell = operator, broadcast
+        self._operator, self._broadcast = operator, broadcast
         self._blocks = dict(blocks or {})  # role → kind that replaces the file's, not recorded yet
         self._controller = AdjustableController(None)
         self._set_pace: Callable[[str, float], None] | None = None
@@ -123,7 +123,7 @@ class ChangeObserver(Observer):
                 diagnostic, level = self._change(path, value), Severity.INFO
             except Invalid as error:
                 diagnostic, level = error.diagnostic, Severity.WARNING
-            self._tell({"is": "event", "level": str(level), "message": diagnostic})
+            self._broadcast({"is": "event", "level": str(level), "message": diagnostic})
             lines.append((SOURCE, str(level), diagnostic))
         return lines
 

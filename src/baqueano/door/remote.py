@@ -60,8 +60,8 @@ class Remote:
         self.on_message: Callable[[JsonObject], object] = lambda message: None  # receives each message
         self.link_ms, self._pinged_s = float("nan"), float("-inf")
         self._sink, self._source, self._lock = sink, source, threading.Lock()
-        self._hearing = threading.Thread(target=self._read_messages, name="vehicle", daemon=True)
-        self._hearing.start()
+        self._reader_thread = threading.Thread(target=self._read_messages, name="vehicle", daemon=True)
+        self._reader_thread.start()
 
     def send(self, **words: Any) -> None:
         """Send a message to the vehicle. Raise RobotUnreachable if the connection does not accept it."""
@@ -108,7 +108,7 @@ class Remote:
             try:
                 self.receive(("state", "received"), end_s - time.monotonic())
             except RobotUnreachable:
-                if not self._hearing.is_alive():
+                if not self._reader_thread.is_alive():
                     raise
                 return False
         return True
@@ -214,7 +214,7 @@ class Remote:
                 self.link_ms = 1e3 * (time.monotonic() - self._pinged_s)
             return None
         except RobotUnreachable:
-            if not self._hearing.is_alive():
+            if not self._reader_thread.is_alive():
                 raise
             return None
 

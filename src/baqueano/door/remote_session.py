@@ -96,13 +96,13 @@ def interrupt_on_hangup(notify: Callable[[str], object]) -> Iterator[None]:
     previous_handlers = {
         number: signal.signal(number, interrupt) for number in (signal.SIGHUP, signal.SIGTERM)
     }
-    looking = threading.Thread(target=poll, name="requester", daemon=True)
-    looking.start()
+    poll_thread = threading.Thread(target=poll, name="requester", daemon=True)
+    poll_thread.start()
     try:
         yield
     finally:
         is_over.set()
-        looking.join()
+        poll_thread.join()
         for number, handler in previous_handlers.items():
             signal.signal(number, handler)
 

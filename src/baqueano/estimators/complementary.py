@@ -114,12 +114,12 @@ class Complementary:
         is_learning = (
             (rest_s > MIN_REST_S) & (np.abs(omega) < MAX_REST_NU[2]) & (self._turning_count(tick) > 0.0)
         )
-        learnt = np.where(is_learning, 1.0 - np.exp(-dt_s / self.rest_time_s), 0.0)
+        bias_gain = np.where(is_learning, 1.0 - np.exp(-dt_s / self.rest_time_s), 0.0)
         nu = self.vehicle.init(eta, np.array([v, 0.0, omega])).nu  # a car's ν_y follows from its turning
         J, V = map_from_body(eta[2] + 0.5 * dt_s * omega), np.diag(self.velocity_std**2)
         F = jacobian(lambda eta: eta + map_from_body(eta[2] + 0.5 * dt_s * omega) @ (dt_s * nu))(eta)
         cov = mirror_upper(F @ belief.cov @ F.T + (2.0 * self.blend_time_s * row.dt_s) * (J @ V @ J.T))
-        eta, bias = boxplus(eta, J @ (dt_s * nu)), belief.bias + learnt * omega
+        eta, bias = boxplus(eta, J @ (dt_s * nu)), belief.bias + bias_gain * omega
         belief = tree_where(
             row.is_new, ComplementaryBelief(tick.t_ns, eta, nu, cov, bias, rest_s, model), belief
         )

@@ -19,18 +19,18 @@ def text_table(sides: str, *lines: Sequence[str]) -> list[str]:
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     start = sum(widths[:-1]) + 2 * (len(widths) - 1)
     indent = start if start <= LINE_LETTERS - MIN_LAST_LETTERS else INDENT
-    out: list[str] = []
+    wrapped_lines: list[str] = []
     for line in lines:
         cells = [f"{cell:{side}{width}}" for cell, side, width in zip(line, sides, widths, strict=True)]
         whole = "  ".join(cells).rstrip()
         if sides[-1:] == ">" or len(whole) <= LINE_LETTERS or len(line[-1]) <= MIN_LAST_LETTERS:
-            out.append(whole)
+            wrapped_lines.append(whole)
             continue
         words = _wrapped(line[-1], LINE_LETTERS - indent)
         first_cells = "  ".join(cells[:-1])
-        out += [f"{first_cells}  {words.pop(0)}"] if indent == start else [first_cells.rstrip()]
-        out += [f"{'':{indent}}{part}" for part in words]
-    return out
+        wrapped_lines += [f"{first_cells}  {words.pop(0)}"] if indent == start else [first_cells.rstrip()]
+        wrapped_lines += [f"{'':{indent}}{part}" for part in words]
+    return wrapped_lines
 
 
 def with_remark(line: str, remark: str) -> list[str]:

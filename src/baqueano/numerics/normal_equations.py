@@ -112,9 +112,9 @@ class BlockArrow:
         return v[self.layout.shared_entries], v[self.layout.segment_entries]
 
     def _join(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        out = np.zeros(len(self.layout.index_in_part))
-        out[self.layout.shared_entries], out[self.layout.segment_entries] = x, y
-        return out
+        vector = np.zeros(len(self.layout.index_in_part))
+        vector[self.layout.shared_entries], vector[self.layout.segment_entries] = x, y
+        return vector
 
 
 class Evaluation(NamedTuple):

@@ -58,10 +58,10 @@ def inner(x: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> np.
     """Return Σ w x yᵀ (p, q) over the rows of x (n, p) and of y (n, q), with the weights w (n,), or 1. It copies x. For
     a product of an array with itself, NumPy calls a routine for half the product. This routine is three times slower
     with few columns."""
-    out = np.zeros((x.shape[1], y.shape[1]))
-    for rows in cache_slices(len(x), out.size):
-        out += (x[rows].copy() if weight is None else x[rows] * weight[rows, None]).T @ y[rows]
-    return out
+    product = np.zeros((x.shape[1], y.shape[1]))
+    for rows in cache_slices(len(x), product.size):
+        product += (x[rows].copy() if weight is None else x[rows] * weight[rows, None]).T @ y[rows]
+    return product
 
 
 def dot(x: np.ndarray, y: np.ndarray) -> float:

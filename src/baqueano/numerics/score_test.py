@@ -136,10 +136,10 @@ def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return x y for x (a, n) and y (n,) or (n, b), computed in parts of the n measurements that fit in the cache."""
     if y.ndim == 1:
         return np.einsum("an,n->a", x, y)
-    out = np.zeros((len(x), *y.shape[1:]))
-    for rows in cache_slices(len(y), out.size):
-        out += x[:, rows] @ y[rows]
-    return out
+    product = np.zeros((len(x), *y.shape[1:]))
+    for rows in cache_slices(len(y), product.size):
+        product += x[:, rows] @ y[rows]
+    return product
 
 
 def _eliminate(flat: np.ndarray, w: np.ndarray, m: int, nuisance: Nuisance) -> NuisanceDerivatives:
@@ -275,7 +275,7 @@ def _score_tests(
     shift = -ties * size[:, None]
     gain = size**2 * power
     rows = zip(size.tolist(), shift, gain.tolist(), strict=True)
-    out = [ScoreTest(d, 0.0, 1.0, move, rho) for d, move, rho in rows]
+    tests = [ScoreTest(d, 0.0, 1.0, move, rho) for d, move, rho in rows]
     for first in range(0, len(candidates), EFFECTS_AT_ONCE):
         indices = candidates[first : first + EFFECTS_AT_ONCE]
         D = column(indices)
@@ -283,8 +283,8 @@ def _score_tests(
         for nuisance, tie in zip(fit.nuisances, nuisance_ties, strict=True):
             _subtract(D[:, nuisance.columns], tie[indices], nuisance.d)
         for k, (z, freedom) in zip(indices, _jackknife(fit, D), strict=True):
-            out[k] = out[k]._replace(z=z, freedom=freedom)
-    return out
+            tests[k] = tests[k]._replace(z=z, freedom=freedom)
+    return tests
 
 
 def _jackknife(fit: FitResiduals, D: np.ndarray) -> list[tuple[float, float]]:

@@ -51,9 +51,12 @@ class MyGuide:
         s = t - self.ease_s * pace
         period, laps = self.t_s[-1], self.laps if self.closed else 1
         done: Value = np.where(s >= laps * period, 1.0, 0.0) if laps > 0 else 0.0
-        at = np.where(done > 0.0, period, s - period * np.floor(s / period))
-        x, y, psi = (np.interp(at, self.t_s, self.eta[:, i]) for i in range(3))
+        path_time_s = np.where(done > 0.0, period, s - period * np.floor(s / period))
+        x, y, psi = (np.interp(path_time_s, self.t_s, self.eta[:, i]) for i in range(3))
         nu = np.array(
-            [np.where(done > 0.0, 0.0, pace * np.interp(at, self.t_s, self.nu[:, i])) for i in range(3)]
+            [
+                np.where(done > 0.0, 0.0, pace * np.interp(path_time_s, self.t_s, self.nu[:, i]))
+                for i in range(3)
+            ]
         )
         return GuideState(start_ns), Reference(estimate.t_ns, np.array([x, y, wrap(psi)]), nu, done)

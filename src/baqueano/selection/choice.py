@@ -36,23 +36,23 @@ class ChannelLabel(NamedTuple):
 
 def channels_of(blocks: "FittedBlocks") -> list[ChannelLabel]:
     """Return the labels of the entries of all sensors, in order."""
-    out = []
+    labels = []
     for name, sensor in blocks.sensors._asdict().items():
         if is_imu(sensor):
             names = N_("acceleration"), N_("lateral acceleration"), N_("yaw rate")
-            out += map(ChannelLabel, names, ("m/s²", "m/s²", "rad/s"))
+            labels += map(ChannelLabel, names, ("m/s²", "m/s²", "rad/s"))
         elif has_field(sensor, "radius_scale"):
-            out += [
+            labels += [
                 ChannelLabel(name, "m/s") for name in (N_("left wheel's speed"), N_("right wheel's speed"))
             ]
         elif sensor.size == 1 and has_field(sensor, "scale"):
-            out.append(ChannelLabel(N_("speed"), "m/s"))
+            labels.append(ChannelLabel(N_("speed"), "m/s"))
         elif sensor.size == 3 and name == "truth":
             names = N_("speed"), N_("sideways speed"), N_("yaw rate")
-            out += map(ChannelLabel, names, ("m/s", "m/s", "rad/s"))
+            labels += map(ChannelLabel, names, ("m/s", "m/s", "rad/s"))
         else:
-            out += [ChannelLabel(f"{name}[{k}]", "") for k in range(sensor.size)]
-    return out
+            labels += [ChannelLabel(f"{name}[{k}]", "") for k in range(sensor.size)]
+    return labels
 
 
 class Decision(StrEnum):

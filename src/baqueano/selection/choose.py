@@ -112,8 +112,8 @@ def choose(
     u, setup = np.concatenate(commands), FitSetup(runs, use, options, tuple(held_out))
     battery = any(BATTERY_CHANNEL in run.sensors for run in runs)
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
-    any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
-    bare = without_terms(vehicle_file, candidate_terms(blocks, candidates, any_way, battery))
+    all_commands = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
+    bare = without_terms(vehicle_file, candidate_terms(blocks, candidates, all_commands, battery))
     minimal = [path for path in minimal_free(bare, free, u) if path.partition("[")[0] not in options.fixed]
     report(_("fitting the smallest model"))
     base = setup.fit(bare, minimal)

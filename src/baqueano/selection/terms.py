@@ -128,20 +128,20 @@ def candidate_terms(
     terms = terms_of(blocks, u, battery)
     if candidates is None:
         return terms
-    by_name, out = {term.name: term for term in terms}, []
+    by_name, chosen_terms = {term.name: term for term in terms}, []
     for candidate in candidates:
         if isinstance(candidate, Term):
-            out.append(candidate)
+            chosen_terms.append(candidate)
         elif candidate in by_name:
-            out.append(by_name[candidate])
+            chosen_terms.append(by_name[candidate])
         elif candidate.startswith(("model.", "sensors.")):
             paths = tuple(entries(blocks, candidate))
             start = tuple(value(blocks, path) or 0.1 for path in paths)
-            out.append(Term(candidate, paths, (0.0,) * len(paths), (start,)))
+            chosen_terms.append(Term(candidate, paths, (0.0,) * len(paths), (start,)))
         else:
             kind, suggestion = type(blocks.model).__name__, nearest(candidate, by_name)
             raise UsageError(fault("choose.no-term", value=candidate, kind=kind, suggestion=suggestion))
-    return out
+    return chosen_terms
 
 
 class _TermMotion(NamedTuple):

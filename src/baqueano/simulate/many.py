@@ -86,7 +86,7 @@ class Ensemble(Result):
         """
         finite_motion = self.eta[self._is_finite], self.nu[self._is_finite]
         columns = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
-        out = []
+        rows = []
         for k, t_s in enumerate(self.t_s):
             motion = np.concatenate([finite_motion[0][:, k], finite_motion[1][:, k]], axis=1)
             psi = motion[:, 2]
@@ -97,8 +97,8 @@ class Ensemble(Result):
             row: TableRow = {"t_s": float(t_s), "vehicles": len(motion)}
             for name, m, s in zip(columns, mean, std, strict=True):
                 row |= {name: float(m), f"{name}_std": float(s)}
-            out.append(row)
-        return out
+            rows.append(row)
+        return rows
 
     def table(self) -> str:
         """Return a text with the rows as a table."""

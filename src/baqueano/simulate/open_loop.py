@@ -177,12 +177,12 @@ def tick_times(tick_count: int, rate_hz: float) -> np.ndarray:
 
 def channels(t_ns: np.ndarray, slots: ByName[Slot]) -> dict[str, Channel]:
     """Return a channel per sensor: the measurements in the slots of N ticks, with the times of motion and arrival."""
-    out = {}
+    channels_by_name = {}
     for name, slot in zip(slots._fields, slots, strict=True):
         has_reading = slot.is_new > 0.5
         age_ns = np.round(np.broadcast_to(slot.age_s, t_ns.shape)[has_reading] * NANOSECONDS).astype(np.int64)
-        out[name] = Channel(t_ns[has_reading] - age_ns, t_ns[has_reading], slot.z[has_reading])
-    return out
+        channels_by_name[name] = Channel(t_ns[has_reading] - age_ns, t_ns[has_reading], slot.z[has_reading])
+    return channels_by_name
 
 
 def metadata(

@@ -90,14 +90,14 @@ def parameter_vector(system: System, paths: Sequence[str]) -> np.ndarray:
 
 def parameter_labels(system: System, paths: Sequence[str]) -> list[str]:
     """Return a name for each entry of θ: "model.friction.linear[0]"."""
-    out = []
+    labels = []
     for path in paths:
         shape = value_at(system, path).shape
         indices = (
             ["".join(f"[{','.join(map(str, index))}]") for index in np.ndindex(shape)] if shape else [""]
         )
-        out += [path + mark for mark in indices]
-    return out
+        labels += [path + mark for mark in indices]
+    return labels
 
 
 def with_parameters(system: System, paths: Sequence[str], theta: Tree) -> System:

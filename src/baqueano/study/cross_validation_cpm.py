@@ -137,13 +137,13 @@ class CrossValidation:
     def parameters(self) -> list["TableRow"]:
         """Return a row per parameter: estimate and standard error of each run."""
         fits = {run: {row["name"]: row for row in run_fit.fit.rows()} for run, run_fit in self.fits.items()}
-        out = []
+        rows = []
         for name, first in next(iter(fits.values())).items():
             row = {"name": name, "unit": first["unit"]}
             for run, parameters in fits.items():
                 row |= {run: parameters[name]["estimate"], f"{run}_std": parameters[name]["std"]}
-            out.append(row)
-        return out
+            rows.append(row)
+        return rows
 
     def figures(self) -> list[dict[str, str]]:
         """Return a row of text per result, with a column for each pair of model and run."""
@@ -153,7 +153,7 @@ class CrossValidation:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return a sentence for each command of a run that is clearly beyond the range in the run of the fit."""
-        out, applied_commands = (
+        sentences, applied_commands = (
             [],
             {judgement.test_run: judgement.replay_run.applied_commands for judgement in self.evaluations},
         )
@@ -171,7 +171,7 @@ class CrossValidation:
                 max_command = np.max(commands)
                 margin = MAX_EXTRAPOLATION * (high - low)
                 if min_command < low - margin or max_command > high + margin:
-                    out.append(
+                    sentences.append(
                         _(
                             "{head}: {name} from {least:.2f} to {most:.2f} leaves the range of the fit, "
                             "{low:.2f} to {high:.2f}",
@@ -183,12 +183,12 @@ class CrossValidation:
                             high=high,
                         )
                     )
-        return tuple(out)
+        return tuple(sentences)
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence for each fit or evaluation that prevents the verdict USABLE."""
-        out = [_("the fit on {run} is {verdict}", run=run, verdict=_(run_fit.fit.verdict)) 
+        reasons = [_("the fit on {run} is {verdict}", run=run, verdict=_(run_fit.fit.verdict)) 
                for run, run_fit in self.fits.items() if run_fit.fit.verdict != Verdict.USABLE]  # fmt: skip
         for judgement in self.evaluations:
             run_text = _(
@@ -197,9 +197,9 @@ class CrossValidation:
                 test_run=judgement.test_run,
             )
             if judgement.is_lost:
-                out.append(_("{where}: the estimate diverged from the car", where=run_text))
+                reasons.append(_("{where}: the estimate diverged from the car", where=run_text))
             if judgement.is_held_out and np.min(judgement.prediction.explained_variance) < MIN_EXPLAINED:
-                out.append(
+                reasons.append(
                     _(
                         "{where}: less than {explains:.0f} % of speed or yaw rate is explained",
                         where=run_text,
@@ -211,12 +211,12 @@ class CrossValidation:
             for judgement in self.evaluations
             if judgement.is_held_out and judgement.figures["nees_pose_verdict"] == "too sure"
         ]
-        out += (
+        reasons += (
             [_("the filter is overconfident about its pose ({sure})", sure=", ".join(significant))]
             if significant
             else []
         )
-        return tuple(out)
+        return tuple(reasons)
 
     @property
     def verdict(self) -> Verdict:

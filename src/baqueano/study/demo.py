@@ -88,12 +88,12 @@ class Demo:
 
     def rows(self) -> list["TableRow"]:
         """Return a row per parameter: estimate, std, truth, their difference in std, and a verdict."""
-        out = []
+        rows = []
         for row, truth in zip(self.fit.rows(), self.true_values, strict=True):
             z = None if row["estimate"] is None or not row["std"] else (row["estimate"] - truth) / row["std"]
             verdict = N_("not identifiable") if z is None else "ok" if abs(z) < 3 else N_("inconsistent")
-            out.append({**row, "truth": float(truth), "z": z, "verdict": verdict})
-        return out
+            rows.append({**row, "truth": float(truth), "z": z, "verdict": verdict})
+        return rows
 
     @property
     def verdict(self) -> Verdict:
@@ -129,8 +129,8 @@ class Demo:
         lines = {
             _("gains"): _(
                 "{gains}: a lap that begins beside its route costs {cost:.2g} m²; before, it cost "
-                "{before:.2g} m²",
-                gains=gains, cost=self.tuning.cost, before=self.tuning.cost_before,
+                "{file_cost:.2g} m²",
+                gains=gains, cost=self.tuning.cost, file_cost=self.tuning.cost_before,
             ),
             _("repeat, {laps} laps", laps=LAPS): _(
                 "cross-track error: {estimate_cm:.1f} cm rms according to the estimate; the true value is "
@@ -202,9 +202,9 @@ class Demo:
                     _(
                         "The gains were tuned on the identified model, from a start beside the route. The "
                         "paper's cost, with a weight on changes of the command, is {cost:.2g} m²; before, "
-                        "it was {before:.2g} m².",
+                        "it was {file_cost:.2g} m².",
                         cost=self.tuning.cost,
-                        before=self.tuning.cost_before,
+                        file_cost=self.tuning.cost_before,
                     ),
                     [
                         Table(

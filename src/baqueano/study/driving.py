@@ -129,21 +129,21 @@ class Driving:
 
     def rows(self) -> list[TableRow]:
         """Return one flat row per case, shape and speed: median, 95 % quantile and worst value of each error."""
-        out = []
+        rows = []
         for case, (_low, _high, speeds) in CASES.items():
             for shape in SHAPES:
                 for speed in speeds:
                     if laps := self.laps_of(case, shape, speed):
                         row = {"case": case, "shape": shape, "requested_m_s": speed, "laps": len(laps)}
-                        out.append(row | _figures(laps))
-        return out
+                        rows.append(row | _figures(laps))
+        return rows
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence for each limit that is exceeded."""
-        robots, out = ", ".join(map(str, self.refused_robots)), []
+        robots, reasons = ", ".join(map(str, self.refused_robots)), []
         if self.refused_robots:
-            out.append(_("the fits of robots {robots} were refused", robots=robots))
+            reasons.append(_("the fits of robots {robots} were refused", robots=robots))
         for row in self.rows():
             case_text = _("{case}, {shape} at {requested_m_s:g} m/s", **row)
             for limit in LIMITS[row["case"]]:
@@ -151,7 +151,7 @@ class Driving:
                     value, limit_value = (
                         limit.scale * x for x in (row[f"{limit.figure}_p95"], limit.max_value)
                     )
-                    out.append(
+                    reasons.append(
                         _(
                             "{where}: {figure} {value:.1f} {unit}; expected at most {most:g} {unit}",
                             where=case_text,
@@ -164,8 +164,8 @@ class Driving:
             for figure in ("at_limit", "sign_changes", "stopped"):
                 if (worst := row[f"{figure}_worst"]) > 0.0:
                     figures = {"where": case_text, "figure": figure, "value": worst}
-                    out.append(_("{where}: {figure} {value:.3g}, expected 0", **figures))
-        return tuple(out)
+                    reasons.append(_("{where}: {figure} {value:.3g}, expected 0", **figures))
+        return tuple(reasons)
 
     @property
     def verdict(self) -> Verdict:
@@ -200,7 +200,7 @@ FIGURES = ("speed_error", "unevenness", "at_limit", "sign_changes", "across_m", 
 
 
 def _figures(laps: list[LapErrors]) -> dict[str, float]:
-    out = {}
+    figures = {}
     for figure in FIGURES:
         x = np.array([float(getattr(lap, figure)) for lap in laps])
         for name, value in (
@@ -208,8 +208,8 @@ def _figures(laps: list[LapErrors]) -> dict[str, float]:
             ("p95", np.quantile(x, MIN_LAP_SHARE)),
             ("worst", np.max(x)),
         ):
-            out[f"{figure}_{name}"] = float(value)
-    return out
+            figures[f"{figure}_{name}"] = float(value)
+    return figures
 
 
 def driving(

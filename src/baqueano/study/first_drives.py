@@ -183,10 +183,10 @@ def draw_unknown_robot(seed: int) -> Robots:
     """Return a robot with random gains, dead zones and friction at rest."""
     draw, q = np.random.default_rng([seed, 70]), draw_robots(1, seed)
     gain = np.exp(draw.uniform(np.log(MIN_GAIN_RATIO), np.log(MAX_GAIN_RATIO))) * draw.uniform(0.75, 1.25, 2)
-    along, about = np.clip(gain, MIN_GAIN_RATIO, MAX_GAIN_RATIO)
+    forward_ratio, yaw_ratio = np.clip(gain, MIN_GAIN_RATIO, MAX_GAIN_RATIO)
     forward, backward = draw.uniform(0.0, DEAD_ZONE, (2, 1, 2))
     return q.with_parameters(
-        gain=along * q.gain, arm_m=about / along * q.arm_m, forward=forward, backward=backward,
+        gain=forward_ratio * q.gain, arm_m=yaw_ratio / forward_ratio * q.arm_m, forward=forward, backward=backward,
         breakaway=draw.uniform(1.0, BREAKAWAY_RATIO, 1),
     )  # fmt: skip
 

@@ -96,7 +96,7 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
         GyroCalibration(N_("raw"), 1.0, 0.03),
         GyroCalibration("± 1 %", float(car.sensors.imu.gyro_scale), 0.01),
     )
-    out: list[TableRow] = []
+    study_rows: list[TableRow] = []
     is_covered, width, fits = [], [], []
     for gyro in calibrations:
         for name, test_name in (("a", "b"), ("b", "a")):
@@ -109,7 +109,7 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
             fit = identify(
                 runs[name], vehicle_file, FREE, options=FitOptions(backend=backend, gyro_leads=True)
             )
-            out += held_out_rows(
+            study_rows += held_out_rows(
                 fit, reference[name], runs[test_name], f"cpm {name} → {test_name}, {_(gyro.name)}", backend
             )
             estimate, truth = fitted_drive(fit, vehicle_file), fitted_drive(reference[name], car)
@@ -117,7 +117,7 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
             joint_std = np.hypot(estimate.std, truth.std)
             is_covered.append(np.abs(estimate.value - truth.value) <= QUANTILE_95 * joint_std)
             width.append(QUANTILE_95 * estimate.std / np.abs(estimate.value))
-    return out + interval_rows(np.array(is_covered), np.array(width)) + message_rows(fits[-1], runs)
+    return study_rows + interval_rows(np.array(is_covered), np.array(width)) + message_rows(fits[-1], runs)
 
 
 def held_out_rows(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> list["TableRow"]:

@@ -76,18 +76,18 @@ def page_of_sweep(result: SweepResult) -> Page:
 
 
 def _differences(result: SweepResult, rows: "list[TableRow]") -> "list[TableRow]":
-    out = []
+    drawings = []
     for row in rows:
         for name in RMS_FIGURES:
             difference = result.difference(row["cell"], name)
             if row["cell"] != result.reference and np.isfinite(difference.ratio):
-                out.append({
+                drawings.append({
                     "cell": row["cell"], "figure": _(RMS_FIGURES[name].heading),
                     "ratio": difference.ratio,
                     "from": _plain_text(difference.low), "to": _plain_text(difference.high),
                     "blocks": difference.blocks,
                 })  # fmt: skip
-    return out
+    return drawings
 
 
 def _head(name: str) -> str:

@@ -127,14 +127,14 @@ def _drive_errors(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np
     return series | _command_series(run, run.t_ns <= t_ns[-1]), single_figures
 
 
-def joining_distance(way_m: np.ndarray, across_m: np.ndarray) -> float:
+def joining_distance(along_m: np.ndarray, across_m: np.ndarray) -> float:
     """Return the path length [m] after which all distances (N,) are within MAX_JOINED_M, or NaN without such a
     length.  (3)
     """
     outside_rows = np.flatnonzero(~(np.abs(across_m) <= MAX_JOINED_M))
     if not outside_rows.size:
         return 0.0
-    return float(way_m[outside_rows[-1] + 1] - way_m[0]) if outside_rows[-1] + 1 < len(way_m) else NAN
+    return float(along_m[outside_rows[-1] + 1] - along_m[0]) if outside_rows[-1] + 1 < len(along_m) else NAN
 
 
 def _laps(

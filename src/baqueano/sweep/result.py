@@ -133,7 +133,7 @@ class SweepResult(Result):
 
     def cells(self) -> list["TableRow"]:
         """Return a flat row per cell: the median of each result over its drives, and the ratios of the rms values."""
-        out = []
+        rows = []
         for label, drives in self._by_cell().items():
             row: TableRow = {
                 "cell": label,
@@ -151,8 +151,8 @@ class SweepResult(Result):
                     f"{name}_low": difference.low,
                     f"{name}_high": difference.high,
                 }
-            out.append(row)
-        return out
+            rows.append(row)
+        return rows
 
     def difference(self, label: str, figure: str) -> PairedDifference:
         """Return the ratio of a result of the cell `label` to that of the reference, over the drives of both cells."""
@@ -174,15 +174,15 @@ class SweepResult(Result):
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return a warning for each cell with stopped drives, and a warning if drives are missing."""
-        out = []
+        reasons = []
         for row in self.cells():
             if row["stopped"]:
                 counts = {"count": row["stopped"], "drives": row["drives"]}
-                out.append(note("sweep.stopped", Severity.WARNING, subject=row["cell"], **counts))
+                reasons.append(note("sweep.stopped", Severity.WARNING, subject=row["cell"], **counts))
         if len(self.drives) < self.requested_drives:
             count, total = len(self.drives), self.requested_drives
-            out.append(note("sweep.part", Severity.WARNING, count=count, total=total))
-        return tuple(out)
+            reasons.append(note("sweep.part", Severity.WARNING, count=count, total=total))
+        return tuple(reasons)
 
     def table(self) -> str:
         """Return the medians of each cell, and the ratio to the reference, as a text table."""
@@ -197,10 +197,10 @@ class SweepResult(Result):
         return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons)])
 
     def _by_cell(self) -> dict[str, list[SweepDrive]]:
-        out: dict[str, list[SweepDrive]] = {}
+        drives: dict[str, list[SweepDrive]] = {}
         for drive in self.drives:
-            out.setdefault(drive.cell.label, []).append(drive)
-        return out
+            drives.setdefault(drive.cell.label, []).append(drive)
+        return drives
 
     def main_figure(self) -> str:
         """Return the name of the result by which cells are compared first."""
@@ -222,17 +222,17 @@ class SweepResult(Result):
         """Return a line on the drives, and the lines of one or more tables for each block of known results."""
         rows, main = self.cells(), self.main_figure()
         labels = [_short_label(row["cell"]) for row in rows]
-        out: list[str] = []
+        table_lines: list[str] = []
         for block in blocks:
             columns = [_column(name, rows) for name in block if self._has(name)]
-            if columns and not out and len(rows) > 1:
+            if columns and not table_lines and len(rows) > 1:
                 columns.insert(1, [_("ratio"), "", *map(self._ratio, rows)])
             for lines in _tables(labels, columns):
-                out += ["", *lines] if out else lines
+                table_lines += ["", *lines] if table_lines else lines
         code = "sweep.head-ratio" if len(rows) > 1 else "sweep.head"
         drives = max((row["drives"] for row in rows), default=0)
         heading, reference = _(ALL_FIGURES[main].heading), _short_label(self.reference)
-        return [text(note(code, drives=drives, figure=heading, reference=reference)), *out]
+        return [text(note(code, drives=drives, figure=heading, reference=reference)), *table_lines]
 
     def _ratio(self, row: "TableRow") -> str:
         main = self.main_figure()
@@ -272,11 +272,11 @@ def _tables(labels: Sequence[str], columns: Sequence[Sequence[str]]) -> list[lis
             left = LINE_LETTERS - width
         tables[-1].append([f"{cell:>{letters}}" for cell in column])
         left -= letters
-    out = []
+    blocks_of_lines = []
     for table in tables:
         heads, units, *values = ("".join(cells) for cells in zip(*table, strict=True))
         lines = [f"{'':{width}}{words}" for words in (heads, units.rstrip()) if words]
         for label, words in zip(labels, values, strict=True):
             lines += [f"{label:{width}}{words}"] if len(label) <= width else [label, f"{'':{width}}{words}"]
-        out.append(lines)
-    return out
+        blocks_of_lines.append(lines)
+    return blocks_of_lines

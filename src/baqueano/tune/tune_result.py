@@ -238,9 +238,9 @@ class TuneResult(Result):
         )
         return [
             _(
-                "cost {before}{cost:.4g} m²{over}, {standing:.4g} m² without control; tuned with: {loop}; "
+                "cost {file_cost_text}{cost:.4g} m²{over}, {standing:.4g} m² without control; tuned with: {loop}; "
                 "a heading error of 1 rad counts as {radian_m:.3g} m",
-                before=cost_before_text, cost=self.cost, over=worst_case_text, standing=self.cost_uncontrolled,
+                file_cost_text=cost_before_text, cost=self.cost, over=worst_case_text, standing=self.cost_uncontrolled,
                 radian_m=w.radian_m,
                 loop=_(self.loop),
             ),

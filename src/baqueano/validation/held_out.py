@@ -348,8 +348,8 @@ def _evidence_against(
     k = int(np.argmax(errors.g))
     limit = prediction_limit(own_squares, 1.0 - alpha / len(errors.g))
     if errors.g[k] > max(limit, own_squares.max(), np.log(MAX_SQUARE_RATIO * noise2)):
-        here_off, begin_s = float(np.exp(0.5 * errors.g[k])), float(errors.t_s[k])
-        span = {"error": here_off, "start_s": begin_s, "end_s": begin_s + errors.block_s}
+        rms_error, begin_s = float(np.exp(0.5 * errors.g[k])), float(errors.t_s[k])
+        span = {"error": rms_error, "start_s": begin_s, "end_s": begin_s + errors.block_s}
         finding = _channel_finding("validation.off-once", Severity.WARNING, metrics, **span)
         return [replace(finding, fix=baqueano_command("runs", "cut", metrics.run, "--to", f"{begin_s:.0f}"))]
     return []

@@ -120,10 +120,10 @@ class ParameterHistory(Result):
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per run and parameter."""
-        out = []
+        rows = []
         for k, run in enumerate(self.runs):
             for i, name in enumerate(self.names):
-                out.append(
+                rows.append(
                     {
                         "run": run, "date": self.when[k] or None, "name": name, "unit": self.units[i],
                         "estimate": float(self.single[k, i]), "std": float(self.single_std[k, i]),
@@ -133,7 +133,7 @@ class ParameterHistory(Result):
                         "smoothed_std": float(self.smoothed_std[k, i]),
                     }
                 )  # fmt: skip
-        return out
+        return rows
 
     def table(self) -> str:
         """Return a table as text: the first run, the last run, and the present estimate."""
@@ -157,11 +157,11 @@ class ParameterHistory(Result):
         return shorten([title], changes, [summary])
 
     def _sentences(self) -> list[str]:
-        out = [f"- {text(change.message)}" for change in self.changes]
-        out += [f"- {text(note('over-time.refused', subject=run))}" for run in self.refused_runs]
+        lines = [f"- {text(change.message)}" for change in self.changes]
+        lines += [f"- {text(note('over-time.refused', subject=run))}" for run in self.refused_runs]
         constant = _("no parameter changed beyond its error bars over {runs} runs", runs=len(self.runs))
         summary = _("{moved} parameters changed", moved=len(self.changes)) if self.changes else constant
-        return [*out, f"{_(self.verdict)}: {summary}"]
+        return [*lines, f"{_(self.verdict)}: {summary}"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -63,15 +63,15 @@ class Lease:
         if visitor is None or self.holder is not visitor:
             raise SafetyStop(note("web.lease-needed", Severity.ERROR))
 
-    def renew(self, visitor: object, n: int, age_s: float, way_s: float = 0.0) -> bool:
+    def renew(self, visitor: object, n: int, age_s: float, round_trip_s: float = 0.0) -> bool:
         """Renew the right and return True if this heartbeat is valid; return False otherwise.  (1)
 
-        `n` is its number, `age_s` [s] the age of its picture, `way_s` [s] the round-trip time.
+        `n` is its number, `age_s` [s] the age of its picture, `round_trip_s` [s] the round-trip time.
         """
         if visitor is None or self.holder is not visitor or n <= self._n:
             return False
         self._n = n
-        if not age_s <= LEASE_S + way_s:
+        if not age_s <= LEASE_S + round_trip_s:
             return False
         self._until_s = self._now() + LEASE_S
         return True

@@ -95,9 +95,9 @@ class Live:
         """Return the part of `hello` that describes the vehicle."""
         with use_language(visitor.language):
             state = self._description()
-        about = {k: v for k, v in self._vehicle.items() if k not in ("is", "blocks", "file")}
+        description = {k: v for k, v in self._vehicle.items() if k not in ("is", "blocks", "file")}
         return {
-            "robot": self.robot, "vehicle": about or None, "blocks": self._vehicle.get("blocks", {}),
+            "robot": self.robot, "vehicle": description or None, "blocks": self._vehicle.get("blocks", {}),
             "swapped": self._blocks, "fields": self._fields,
             "driver": getattr(self.lease.holder, "name", None), "state": state, "route": self._route,
             "routes": [route["name"] for route in self._routes],
@@ -153,7 +153,7 @@ class Live:
         if not isinstance(u, list) or len(u) > MAX_COMMANDS or not all(is_finite_number(x) for x in u):
             raise UsageError(fault("web.not-understood", error="u"))
         age_s = self.feed.age_s(int(message["seen"]))
-        if self.lease.renew(visitor, int(message["n"]), age_s, visitor.way_s):
+        if self.lease.renew(visitor, int(message["n"]), age_s, visitor.round_trip_s):
             self._link.send("hand", u=[float(x) for x in u])
 
     def _take(self, visitor: Visitor, message: "JsonObject") -> None:
@@ -352,8 +352,8 @@ class Live:
 
     def _send_blocks(self) -> None:
         """Send all browsers the blocks by role, the gains, and the blocks swapped for the next mission."""
-        about = {name: self._vehicle.get(name, {}) for name in ("blocks", "gains")}
-        self._send_to_all({"is": "blocks", **about, "swapped": self._blocks})
+        block_names = {name: self._vehicle.get(name, {}) for name in ("blocks", "gains")}
+        self._send_to_all({"is": "blocks", **block_names, "swapped": self._blocks})
 
     def _send_to_all(self, message: "JsonObject") -> None:
         for visitor in self._browsers():

@@ -157,21 +157,21 @@ class BrowserPage:
         visitor_name = one_line(str(message.get("name") or ""))[:MAX_NAME_LETTERS].strip()
         with use_language(visitor.language):
             visitor.name = visitor_name or text(note("web.visitor", number=self._count))
-        about = await self._about_run() if self.live is None else self.live.hello(visitor)
+        description = await self._about_run() if self.live is None else self.live.hello(visitor)
         visitor.role = role
-        self.send_hello(visitor, about)
+        self.send_hello(visitor, description)
         if self.live is not None:
             self.live.send_backlog(visitor)
         self._start_task(self._send_list(visitor))
 
-    def send_hello(self, visitor: Visitor, about: "JsonObject") -> None:
+    def send_hello(self, visitor: Visitor, description: "JsonObject") -> None:
         """Send a browser the description of this page, completed by `about`."""
         hello = {
             "is": "hello", "protocol": PROTOCOL, "role": visitor.role.protocol_name if visitor.role else "",
             "mode": "live" if self.live else "replay", "vehicle": None, "blocks": {}, "fields": [], "driver": None,
             "you": visitor.name, "state": None, "route": None, "room": None, "routes": [],
             "runs": self._shelf.entries(), "open": self._start_run_keys(), "shared": self._guard().shared,
-        } | about  # fmt: skip
+        } | description  # fmt: skip
         visitor.send(hello | {"fields": label_fields(hello["fields"], visitor.language)})
 
     def send_run_list(self, visitors: Iterable[Visitor]) -> None:
@@ -187,8 +187,8 @@ class BrowserPage:
     async def _about_run(self) -> "JsonObject":
         if not self._start_paths:
             return {}
-        about, _ = await self._lab.request("open", path=str(self._start_paths[0]))
-        return {name: about[name] for name in ("vehicle", "blocks", "fields", "route")}
+        description, _ = await self._lab.request("open", path=str(self._start_paths[0]))
+        return {name: description[name] for name in ("vehicle", "blocks", "fields", "route")}
 
     async def _ask(self, visitor: Visitor, message: "JsonObject") -> None:
         """Answer "ping" at once, and another question within the limit of the browser."""
@@ -267,14 +267,14 @@ class BrowserPage:
             lab = self.questions.slow if through else self._lab
             which = {"path": str(path), "filter": through}
             try:
-                about, _ = await lab.request("open", **which)
+                description, _ = await lab.request("open", **which)
                 start = {"is": "answer", "to": "open", "stream": stream, "of": RUN_OF_STREAM[stream]}
                 yield (
                     start
-                    | self._run_description(visitor, path, about)
+                    | self._run_description(visitor, path, description)
                     | {"done": False, "filter": through or None}
                 )
-                for number, first in enumerate(range(0, about["rows"], ROWS_PER_FRAME), 1):
+                for number, first in enumerate(range(0, description["rows"], ROWS_PER_FRAME), 1):
                     _, frame = await lab.request(
                         "frame",
                         number=stream << STREAM_SHIFT_BITS | number,
@@ -283,7 +283,7 @@ class BrowserPage:
                         **which,
                     )
                     yield frame
-                yield start | {"done": True, "seconds": about["seconds"]}
+                yield start | {"done": True, "seconds": description["seconds"]}
             except BaqueanoError as error:
                 with use_language(visitor.language):
                     yield {
@@ -293,17 +293,17 @@ class BrowserPage:
                         "to": "open",
                     }
 
-    def _run_description(self, visitor: Visitor, path: Path, about: "JsonObject") -> "JsonObject":
+    def _run_description(self, visitor: Visitor, path: Path, metadata: "JsonObject") -> "JsonObject":
         """Return the description of a run for a browser, in the language of the browser."""
-        whole = {name: about[name] for name in ("vehicle", "blocks", "route", "rows", "seconds")}
+        whole = {name: metadata[name] for name in ("vehicle", "blocks", "route", "rows", "seconds")}
         with use_language(visitor.language):
-            figures = {name: about[name] for name in ("kind", "seconds")}
-            sentence = text(note("web.recorded", events=len(about["events"]), **figures))
-        brief = {name: about[name] for name in ("name", "kind", "seconds")}
+            figures = {name: metadata[name] for name in ("kind", "seconds")}
+            sentence = text(note("web.recorded", events=len(metadata["events"]), **figures))
+        brief = {name: metadata[name] for name in ("name", "kind", "seconds")}
         return whole | {
-            "id": self._shelf.key_of(path), "name": about["name"], "run": self._shelf.entry_of(path) | brief,
-            "fields": label_fields(about["fields"], visitor.language), "sentence": sentence,
-            "events": [with_sentence(event, visitor.language) for event in about["events"]],
+            "id": self._shelf.key_of(path), "name": metadata["name"], "run": self._shelf.entry_of(path) | brief,
+            "fields": label_fields(metadata["fields"], visitor.language), "sentence": sentence,
+            "events": [with_sentence(event, visitor.language) for event in metadata["events"]],
         }  # fmt: skip
 
     def _start_task(self, job: Coroutine[None, None, None]) -> None:

@@ -64,9 +64,9 @@ class Server:
         self._files = static_files(STATIC)
         self._servers: list[asyncio.Server] = []
         self._connections = Counter[str]()  # by address
-        self.visitors, self.onlookers = set[Visitor](), set[Visitor]()
+        self.visitors, self.foxglove_viewers = set[Visitor](), set[Visitor]()
         self.foxglove: FoxgloveServer | None = None  # set for a page with a vehicle
-        self._talks: set[asyncio.Task[None] | None] = set()
+        self._tasks: set[asyncio.Task[None] | None] = set()
         self.guard = Guard((), 0)
 
     async def __aenter__(self) -> "Server":
@@ -90,13 +90,13 @@ class Server:
 
     async def __aexit__(self, *error: object) -> None:
         """Disconnect all browsers and stop listening."""
-        for visitor in [*self.visitors, *self.onlookers]:
+        for visitor in [*self.visitors, *self.foxglove_viewers]:
             visitor.disconnect(1001)
         await self._close()
-        for talk in list(self._talks):
-            if talk is not None:
-                talk.cancel()
-        await asyncio.gather(*filter(None, self._talks), return_exceptions=True)
+        for running_task in list(self._tasks):
+            if running_task is not None:
+                running_task.cancel()
+        await asyncio.gather(*filter(None, self._tasks), return_exceptions=True)
 
     async def disconnect_all(self) -> None:
         """Disconnect each browser after its waiting messages, and wait for this up to GOODBYE_S.
@@ -120,7 +120,7 @@ class Server:
         task, peer = asyncio.current_task(), writer.get_extra_info("peername")
         address = peer[0] if peer else ""  # "": it has left
         self._connections[address] += 1
-        self._talks.add(task)
+        self._tasks.add(task)
         own_places = MAX_CONNECTIONS if address in LOOPBACK_ADDRESSES else MAX_CONNECTIONS_OF_ADDRESS
         try:
             if self._connections[address] <= own_places and self._connections.total() <= MAX_CONNECTIONS:
@@ -130,7 +130,7 @@ class Server:
         finally:
             self._connections[address] -= 1
             self._connections += Counter()  # removes addresses without a connection
-            self._talks.discard(task)
+            self._tasks.discard(task)
             with suppress(OSError):
                 writer.close()
 
@@ -197,12 +197,12 @@ class Server:
             raise RefusedRequest(HTTPStatus.BAD_REQUEST)
         writer.write(b"".join(protocol.data_to_send()))
         line = Visitor(reader, writer, protocol, address, from_page=False, kind="op")
-        self.onlookers.add(line)
+        self.foxglove_viewers.add(line)
         foxglove.add_client(line)
         try:
             await line.exchange_messages(foxglove.receive)
         finally:
-            self.onlookers.discard(line)
+            self.foxglove_viewers.discard(line)
             foxglove.on_disconnect(line)
 
     def _protocol(self, head: RequestHead, data: bytes, names: tuple[str, ...]) -> ServerProtocol:
@@ -212,7 +212,7 @@ class Server:
         """
         if head.method != "GET" or not head.values("upgrade"):
             raise RefusedRequest(HTTPStatus.UPGRADE_REQUIRED, Upgrade="websocket")
-        if len(self.visitors) + len(self.onlookers) >= MAX_VISITORS:
+        if len(self.visitors) + len(self.foxglove_viewers) >= MAX_VISITORS:
             raise RefusedRequest(HTTPStatus.SERVICE_UNAVAILABLE)
         protocol = ServerProtocol(
             subprotocols=[Subprotocol(name) for name in names], max_size=MAX_MESSAGE_BYTES
@@ -227,5 +227,5 @@ class Server:
 
     def _check_greeting(self, visitor: Visitor) -> None:
         """Disconnect a browser that has not sent a message in time."""
-        if not visitor.spoke:
+        if not visitor.has_sent_message:
             visitor.disconnect(POLICY)

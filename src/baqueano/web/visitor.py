@@ -55,7 +55,7 @@ class Visitor:
         self.address, self.from_page, self._kind = address, from_page, kind
         self.role: Role | None = None
         self.name, self.language = "", "en"
-        self.spoke = False
+        self.has_sent_message = False
         self._reader, self._writer, self._protocol = reader, writer, protocol
         self._messages: deque[JsonObject] = deque()
         self._history: AsyncIterator[Piece] | None = None
@@ -65,7 +65,7 @@ class Visitor:
         self._parts: list[bytes] = []
         self._ending: int | None = None  # close code to send after the waiting messages
         self._rate = RateLimit(MAX_MESSAGE_RATE_HZ)
-        self.way_s, self._pinged_s = 0.0, 0.0  # round-trip time, time of the last ping
+        self.round_trip_s, self._pinged_s = 0.0, 0.0  # round-trip time, time of the last ping
         writer.transport.set_write_buffer_limits(high=0)  # `drain` waits until the kernel has all bytes
         line = writer.get_extra_info("socket")
         if line is not None:
@@ -148,7 +148,7 @@ class Visitor:
             self._flush()
             for frame in self._protocol.events_received():
                 for message in self._messages_in(frame):
-                    self.spoke = True
+                    self.has_sent_message = True
                     await on_message(self, message)
                     await asyncio.sleep(0)  # let the answer be sent before the next message is read
 
@@ -164,7 +164,7 @@ class Visitor:
         if self.is_open and not self._rate.allows_message():
             self.disconnect(POLICY)
         if opcode is Opcode.PONG:
-            self.way_s = min(MAX_ROUND_TRIP_S, time.monotonic() - self._pinged_s)
+            self.round_trip_s = min(MAX_ROUND_TRIP_S, time.monotonic() - self._pinged_s)
         if opcode is Opcode.BINARY:
             self.disconnect(UNSUPPORTED)
         if opcode not in (Opcode.TEXT, Opcode.CONT) or not self.is_open:

@@ -141,7 +141,7 @@ def test_fw7_a_reset_disarms_with_its_cause_until_armed_again(line, uno):
     uno.arm()
     uno.drive(0.5, 0.5)
     assert line.drives()[-1] == Drive(9, 500, 500, DriveFlag.ARM)
-    assert uno.trouble is None
+    assert uno.stop_cause is None
 
 
 @pytest.mark.parametrize(

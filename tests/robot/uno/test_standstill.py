@@ -40,11 +40,11 @@ def test_rt2_a_gap_longer_than_the_command_timeout_disarms(line, dead_man_ms):
     uno.drive(0.5, 0.5)
     uno.drive(0.5, 0.5)
     assert line.drives() == [Drive(7, 0, 0, 0)], "the first words after it disarm, and no command follows"
-    assert uno.trouble.code == uno.standstill_reason().code == StopReason.STANDSTILL
+    assert uno.stop_cause.code == uno.standstill_reason().code == StopReason.STANDSTILL
     uno.arm()
     uno.drive(0.5, 0.5)
     assert line.drives()[-1] == Drive(7, 500, 500, DriveFlag.ARM)
-    assert uno.trouble is None
+    assert uno.stop_cause is None
     assert uno.standstill_reason() is None
 
 
@@ -75,7 +75,7 @@ def test_a_gap_while_disarmed_is_not_reported(line):
     line.now_ns += 60_000 * MS
     assert uno.standstill_reason() is None
     uno.arm()
-    assert uno.trouble is None
+    assert uno.stop_cause is None
 
 
 def test_time_in_suspend_counts_as_a_gap(monkeypatch):

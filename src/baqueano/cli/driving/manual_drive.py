@@ -63,15 +63,15 @@ def drive_by_hand(
     multiplexer = terminal_proxy() if is_over_ssh(os.environ) else ""
     if multiplexer:
         print_message(note("cli.terminal-of-another", program=multiplexer))
-    with ExitStack() as open_things:
-        target: Any = open_things.enter_context(open_target(robot, vehicle_file, seed, backend))
+    with ExitStack() as resources:
+        target: Any = resources.enter_context(open_target(robot, vehicle_file, seed, backend))
         cockpit = Cockpit(
             vehicle_file.command.limit, name=robot, names=tuple(vehicle_file.command.names), trusted=not multiplexer,
             hold=hold and heading_hold_gains(vehicle_file) is not None, pad=device,
             drivetrain=getattr(vehicle_file.vehicle, "drivetrain", None), **how,
         )  # fmt: skip
-        hand = open_things.enter_context(cockpit)
-        open_things.enter_context(stop_on_signals(hand.stop))
+        hand = resources.enter_context(cockpit)
+        resources.enter_context(stop_on_signals(hand.stop))
         arguments = (
             simulation_options(vehicle_file, robot, seed, backend, hand) if kind == "simulated" else {}
         )

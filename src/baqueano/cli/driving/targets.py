@@ -152,5 +152,5 @@ def print_fault_detections(run: "Run", vehicle_file: "VehicleFile", shake: tuple
                     reply=notice.message,
                 )
             )
-        if (nobody := ledger.unnoticed_diagnostic(row)) is not None:
-            print_message(note("ledger.by-nobody", reply=nobody))
+        if (reply := ledger.unnoticed_diagnostic(row)) is not None:
+            print_message(note("ledger.by-nobody", reply=reply))

@@ -33,11 +33,11 @@ async def serve(options: PageOptions) -> None:
             counting.append(asyncio.get_running_loop().create_task(count()))
 
     async def count() -> None:
-        before = -1
+        former_count = -1
         with suppress(BaqueanoError):
             while True:
-                if (now := viewers[0]()) != before:
-                    before = now
+                if (now := viewers[0]()) != former_count:
+                    former_count = now
                     link[0].send("viewers", count=now)
                 await asyncio.sleep(POLL_S)
 

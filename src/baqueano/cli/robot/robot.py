@@ -116,10 +116,14 @@ def runs(host: str, fetch: bool, folder: str) -> None:
                 remote.fetch(name, local_path)
             print_result(f"{name}{'' if not lexists(local_path) else f'  {local_path}'}")
     if invalid_names := [name for name in names if not is_run_name(name)]:
-        odd_names = ", ".join(f'"{one_line(str(name))}"' for name in invalid_names[:5])
+        invalid_list = ", ".join(f'"{one_line(str(name))}"' for name in invalid_names[:5])
         raise FileError(
             fault(
-                "cli.runs-named-oddly", ssh_line(host), host=host, count=len(invalid_names), value=odd_names
+                "cli.runs-named-oddly",
+                ssh_line(host),
+                host=host,
+                count=len(invalid_names),
+                value=invalid_list,
             )
         )
 

@@ -35,7 +35,7 @@ class FaultRequests:
     """The handler of the messages about faults, for one service."""
 
     def __init__(self, operator: "Operator", broadcast: "Callable[[JsonObject], None]") -> None:
-        self._operator, self._tell = operator, broadcast
+        self._operator, self._broadcast = operator, broadcast
         self._world: FaultyWorld | None = None  # the world of the present drive, None without one
         self._last: tuple[JsonObject, bool, FaultyWorld] | None = None  # mission, attended, its world
         self._by_hand = False
@@ -97,11 +97,11 @@ class FaultRequests:
         try:
             self._operator.queue_mission(client, json.dumps(mission), is_attended, "again")
         except SafetyStop as error:
-            self._tell({"is": "event", "level": str(Severity.ERROR), "message": error.diagnostic})
+            self._broadcast({"is": "event", "level": str(Severity.ERROR), "message": error.diagnostic})
 
     def broadcast_ledger(self, ledger: Ledger) -> None:
         """Send the record of faults to all clients as the message `ledger`."""
-        self._tell({"is": "ledger", "rows": [_fault_row(ledger, row) for row in ledger.rows]})
+        self._broadcast({"is": "ledger", "rows": [_fault_row(ledger, row) for row in ledger.rows]})
 
 
 class _LedgerObserver(Observer):

@@ -85,7 +85,7 @@ class Cockpit(Observer):
             speed_share=share, hold_command=float("nan") if hold else None,
         )  # fmt: skip
         self._drivetrain = drivetrain
-        self._given_line, self._pad, self._trusted, self._wishes_latch = line, pad, trusted, latched
+        self._given_line, self._pad, self._trusted, self._is_latch_requested = line, pad, trusted, latched
         self._now, self._sleep = now, sleep
         self._screen, self._drawn_s = screen.Screen(), float("-inf")
         self._begun_s = now()
@@ -232,7 +232,7 @@ class Cockpit(Observer):
         if alive:
             self._line.set_mode(WINDOW_ON, WINDOW_OFF)
         self._plain = RELEASES if alive and releases else REPEATS
-        self._key_hold = KeyHold(LATCHED if alive and self._wishes_latch else self._plain)
+        self._key_hold = KeyHold(LATCHED if alive and self._is_latch_requested else self._plain)
         self.status.key_mode = KEY_HINTS[self._key_hold.mode]
         if not alive:
             self.show_message(

@@ -26,15 +26,15 @@ class Heartbeat:
         self._send_query = query_message
         self._query_times_s: deque[float] = deque(maxlen=100)
         self._last_s, self._answer_s = float("-inf"), float("-inf")
-        self._looked_s, self._paused_s = float("-inf"), float("-inf")
+        self._last_check_s, self._paused_s = float("-inf"), float("-inf")
         self._trips_ms: deque[float] = deque(maxlen=20)
         self.has_answered = False  # True once the terminal has answered
 
     def poll(self, now_s: float) -> None:
         """Send a query if one is due."""
-        if now_s - self._looked_s > QUERY_PERIOD_S:  # this program was delayed: answers have waited here
+        if now_s - self._last_check_s > QUERY_PERIOD_S:  # this program was delayed: answers have waited here
             self._paused_s = now_s
-        self._looked_s = now_s
+        self._last_check_s = now_s
         if now_s - self._last_s >= QUERY_PERIOD_S:
             self._last_s = now_s
             self._query_times_s.append(now_s)

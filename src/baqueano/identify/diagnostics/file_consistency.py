@@ -66,17 +66,17 @@ AXIS_CODES, TURNING_AXIS = ("axis.forward", "axis.sideways", "axis.turning"), 2
 
 def check_channels(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     """Return an error message for each inverted channel and for each pair of swapped channels."""
-    out = []
+    messages = []
     for name, size in zip(problem.names, problem.sizes, strict=True):
         hypotheses = signal_map(*sensor_samples(problem, theta, name), [MappedChannel()] * size)
         for i, hypothesis in enumerate(hypotheses):
             rho, channel = hypothesis.regression.correlation, f"{name}[{i}]"
             if hypothesis.code == "inverted":
-                out.append(note("axes.inverted", Severity.ERROR, subject=channel, correlation=rho))
+                messages.append(note("axes.inverted", Severity.ERROR, subject=channel, correlation=rho))
             elif hypothesis.code == "swapped" and (j := hypothesis.prediction_index) < i:
                 figures = {"channel": channel, "first": hypotheses[j].regression.correlation, "second": rho}
-                out.append(note("axes.swapped", Severity.ERROR, subject=f"{name}[{j}]", **figures))
-    return out
+                messages.append(note("axes.swapped", Severity.ERROR, subject=f"{name}[{j}]", **figures))
+    return messages
 
 
 def sensor_samples(problem: Residuals, theta: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:

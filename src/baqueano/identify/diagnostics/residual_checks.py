@@ -283,11 +283,11 @@ def _channels(
 
 def _residual_messages(problem: Residuals, residuals: Sequence[np.ndarray]) -> list[Diagnostic]:
     """Return messages on autocorrelated residuals, and on outliers during fast changes."""
-    out, fix = [], "" if DELAY_PATH in problem.shape.shared_paths else f"--free +{DELAY_PATH}"
+    messages, fix = [], "" if DELAY_PATH in problem.shape.shared_paths else f"--free +{DELAY_PATH}"
     for label, r, h in _channels(problem, residuals):
         if sum(map(len, r)) >= MIN_MEASUREMENTS:
-            out += _autocorrelation_messages(label, r, h) + _late_outliers(label, r, h, fix)
-    return out
+            messages += _autocorrelation_messages(label, r, h) + _late_outliers(label, r, h, fix)
+    return messages
 
 
 def _autocorrelation_messages(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:

@@ -254,8 +254,8 @@ def duty_step_count(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray)
         return None  # these are not duties
 
     def on_timer(steps: int, rows: np.ndarray) -> np.ndarray:
-        duty_left, right = quantise(mix("two_wheels", rows[:, 1 : 1 + n].T), 1.0 / steps)
-        u = np.stack([0.5 * (duty_left + right), rows[:, 2], 0.5 * (right - duty_left)], axis=1)
+        left_duty, right = quantise(mix("two_wheels", rows[:, 1 : 1 + n].T), 1.0 / steps)
+        u = np.stack([0.5 * (left_duty + right), rows[:, 2], 0.5 * (right - left_duty)], axis=1)
         return np.concatenate([rows[:, :1], u, rows[:, 1 + n :]], axis=1)
 
     unrounded_cost = problem.cost(theta, lambda rows: rows)

@@ -109,24 +109,24 @@ class Noise(Result):
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per entry of a diagonal, with its standard deviation."""
-        out = []
+        rows = []
         for name, q in self.in_motion.items():
             rest = self.at_rest.get(name)
             for i in range(len(q)):
                 std_at_rest = None if rest is None else float(np.sqrt(rest[i, i]))
                 std, unit = float(np.sqrt(q[i, i])), self.units.get(f"{name}[{i}]", "")
-                out.append({"name": f"{name}[{i}]", "std": std, "std_at_rest": std_at_rest, "unit": unit})
+                rows.append({"name": f"{name}[{i}]", "std": std, "std_at_rest": std_at_rest, "unit": unit})
         fields_of_filter = dict(parameters(AugmentedEkf))
         for name, values in self.fields.items():
             units = fields_of_filter[name].unit.partition(" (")[0].split(", ")
             for i, value in enumerate(np.atleast_1d(values)):
                 label = f"{name}[{i}]" if np.ndim(values) else name
                 row = {"name": label, "std": float(value), "std_at_rest": None}
-                out.append(row | {"unit": self.units.get(label, units[i % len(units)])})
+                rows.append(row | {"unit": self.units.get(label, units[i % len(units)])})
         for i, state in enumerate(STATES[: len(self.process)]):
             std = float(np.sqrt(self.process[i, i]))
-            out.append({"name": state, "std": std, "std_at_rest": None, "unit": STATE_UNITS[i]})
-        return out
+            rows.append({"name": state, "std": std, "std_at_rest": None, "unit": STATE_UNITS[i]})
+        return rows
 
     def table(self) -> str:
         """Return the table as text."""
@@ -234,8 +234,8 @@ def measure_noise(
             ekf, check = accept_or_refit(ekf, make_filter, held_out, backend)
         in_motion |= {name: getattr(ekf.sensors, name).cov for name in layout(ekf).names}
         fields = {name: np.array(getattr(ekf, name), dtype=float) for name in FIELDS}
-        beside = np.zeros((0, 0)), fit.file.rate_hz, "innovations", tuple(notes), units
-        return Noise(in_motion, at_rest, *beside, fields, speed, check)
+        metadata = np.zeros((0, 0)), fit.file.rate_hz, "innovations", tuple(notes), units
+        return Noise(in_motion, at_rest, *metadata, fields, speed, check)
     truths = [(r, r.truth) for r in runs if r.truth is not None and len(r.truth.t_ns)]
     runs_with_truth = [r for r, truth in truths if np.isfinite(truth.nu_dot).all()]
     if source == "truth" and not runs_with_truth:

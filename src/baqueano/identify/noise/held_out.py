@@ -135,7 +135,7 @@ def _errors(ekf: AugmentedEkf, runs: Sequence[tuple[Run, np.ndarray, str]], back
         belief, estimate = ekf.row(belief, tick)
         return belief, estimate.nu[FORWARD]
 
-    out = []
+    square_sums = []
     for run, speed, _ in runs:
         start = float(speed[0]) if np.isfinite(speed[0]) else 0.0
         ticks = ticks_of(run, ekf, len(run.t_ns))
@@ -146,8 +146,8 @@ def _errors(ekf: AugmentedEkf, runs: Sequence[tuple[Run, np.ndarray, str]], back
         square = np.where(np.isfinite(nu_x), (nu_x - speed) ** 2, np.inf)  # a filter that diverges
         block = (run.t_s // SPEED_BLOCK_S).astype(int)
         sums, count = (np.bincount(block[finite], x[finite]) for x in (square, np.ones(len(square))))
-        out.append(sums[count > 0])
-    return np.concatenate(out)
+        square_sums.append(sums[count > 0])
+    return np.concatenate(square_sums)
 
 
 class NoiseVerdict(StrEnum):

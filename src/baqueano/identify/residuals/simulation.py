@@ -140,11 +140,11 @@ class Residuals:
 
     def signal_std(self) -> np.ndarray:
         """Return the standard deviation (m,) of the measurements of each channel, over all runs."""
-        out = np.zeros(len(self.sigma))
-        for c in range(len(out)):
+        signal_std = np.zeros(len(self.sigma))
+        for c in range(len(signal_std)):
             columns = [z[mask[:, c] > 0.0, c] for z, mask in zip(self.z, self.masks, strict=True)]
-            out[c] = np.std(np.concatenate(columns)) if any(map(len, columns)) else 0.0
-        return out
+            signal_std[c] = np.std(np.concatenate(columns)) if any(map(len, columns)) else 0.0
+        return signal_std
 
     def weight(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> Self:
         """Return the residuals divided by `sigma` (m,), and by `profile` (N, m) per segment if the noise varies."""
@@ -154,16 +154,16 @@ class Residuals:
             mask / sigma if shape is None else mask / (sigma * shape)
             for mask, shape in zip(self.masks, profile or [None] * len(self.masks), strict=True)
         ]
-        out = self.with_columns(self._weights, weights)
-        out.sigma, out._profile, out.weights = sigma, profile, weights
-        return out
+        weighted = self.with_columns(self._weights, weights)
+        weighted.sigma, weighted._profile, weighted.weights = sigma, profile, weights
+        return weighted
 
     def with_columns(self, columns: Any, values: Sequence[np.ndarray]) -> Self:
         """Return a copy with `values` (N, k) per segment in the columns `columns` of its rows."""
-        out = copy(self)
-        out.rows = self._map_segments(lambda rows, index, x: _fill(rows, columns, x), values)
-        out._results, out._slopes = OrderedDict(), (None, [])
-        return out
+        residuals = copy(self)
+        residuals.rows = self._map_segments(lambda rows, index, x: _fill(rows, columns, x), values)
+        residuals._results, residuals._slopes = OrderedDict(), (None, [])
+        return residuals
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         """Return the Huber cost, its gradient (p,), and Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
@@ -225,8 +225,8 @@ class Residuals:
 
     def misfits(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment z − h (N, m) in the sensors' units, 0 without a measurement."""
-        out = zip(self.residuals(theta), self.weights, strict=True)
-        return [r / np.where(weight > 0.0, weight, 1.0) for r, weight in out]
+        pairs = zip(self.residuals(theta), self.weights, strict=True)
+        return [r / np.where(weight > 0.0, weight, 1.0) for r, weight in pairs]
 
     def motions(self, theta: np.ndarray) -> list[Motions]:
         """Return for each segment the motion and the predictions of the model, without timestamps between ticks."""
@@ -290,10 +290,10 @@ class Residuals:
 
 def _fill(rows: np.ndarray, index: Any, values: np.ndarray | float) -> np.ndarray:
     """Return a read-only copy of `rows` (N, q) with `values` in the columns `index`."""
-    out = rows.copy()
-    out[:, index] = values
-    out.flags.writeable = False
-    return out
+    filled_rows = rows.copy()
+    filled_rows[:, index] = values
+    filled_rows.flags.writeable = False
+    return filled_rows
 
 
 def _rows(record: FitRecord, names: Sequence[str], shape: ThetaShape) -> np.ndarray:

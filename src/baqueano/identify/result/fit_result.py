@@ -225,11 +225,11 @@ class Fit(Result):
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per parameter, with None for unknown values."""
-        out = []
+        rows = []
         for k, name in enumerate(self.names):
             is_identified = bool(np.isfinite(self.estimate[k]))
             state = "poorly" if self.poorly_identified[k] else "yes"
-            out.append(
+            rows.append(
                 {
                     "name": name,
                     "estimate": float(self.estimate[k]) if is_identified else None,
@@ -240,7 +240,7 @@ class Fit(Result):
                     "identifiable": state if is_identified else "no",
                 }
             )
-        return out
+        return rows
 
     def __repr__(self) -> str:
         identified_count, rows_ = int(np.isfinite(self.estimate).sum()), self.rows()
@@ -295,26 +295,26 @@ class Fit(Result):
         rows = [row for row in self.run_by_run() if is_requested(row["name"])]
         if len(self.runs) > MAX_LISTED_RUNS:
             return self._per_run_summary(rows)
-        out = []
+        lines = []
         for row in rows:
             std = _("not identifiable") if row["std"] is None else f"± {number(row['std']):.2g}"
             unit = _(" s, to be added to its timestamps") if row["name"].startswith("clock.") else ""
-            out.append(_("{name} of {run}: {estimate:.5g} {std}{unit}", **row | {"std": std, "unit": unit}))
-        return [*out, ""] if out else []
+            lines.append(_("{name} of {run}: {estimate:.5g} {std}{unit}", **row | {"std": std, "unit": unit}))
+        return [*lines, ""] if lines else []
 
     def _per_run_summary(self, rows: list["TableRow"]) -> list[str]:
         """Return one line per entry, a summary of all runs."""
-        out = []
+        lines = []
         for name in dict.fromkeys(row["name"] for row in rows):
             x = [row["estimate"] for row in rows if row["name"] == name]
             unit = _(" s, to be added to its timestamps") if name.startswith("clock.") else ""
             figures: TableRow = {"runs": len(x), "median": float(np.median(x)), "low": min(x), "high": max(x)}
             figures |= {"name": name, "unit": unit}
-            out.append(_("{name} of {runs} runs: {median:.5g}, {low:.5g} to {high:.5g}{unit}", **figures))
-        return [*out, ""] if out else []
+            lines.append(_("{name} of {runs} runs: {median:.5g}, {low:.5g} to {high:.5g}{unit}", **figures))
+        return [*lines, ""] if lines else []
 
     def _channel_lines(self) -> list[str]:
-        out = []
+        lines = []
         if len(self.runs) > MAX_LISTED_RUNS:
             return self._channels_together()
         for c in self.channels:
@@ -325,15 +325,15 @@ class Fit(Result):
             noise = f"{number(c.sigma):.3g} {unit}".rstrip()
             details = {"channel": label, "noise": noise, "part": percent_text(c.explained_fraction)}
             if c.explained_fraction >= 0.0:
-                out.append(_("{channel}: noise {noise}, the model explains {part}", **details))
+                lines.append(_("{channel}: noise {noise}, the model explains {part}", **details))
                 continue
             template = N_("{channel}: noise {noise}, larger than the signal: the model explains nothing")
-            out.append(_(template, **details))
-        return out
+            lines.append(_(template, **details))
+        return lines
 
     def _channels_together(self) -> list[str]:
         """Return one line per channel on all runs: the median run, and the run with the least explained part."""
-        out, finite_channels = [], [c for c in self.channels if np.isfinite(c.explained_fraction)]
+        lines, finite_channels = [], [c for c in self.channels if np.isfinite(c.explained_fraction)]
         for label in dict.fromkeys(c.label for c in finite_channels):
             channel_fits = [c for c in finite_channels if c.label == label]
             by_explained = sorted(channel_fits, key=lambda c: c.explained_fraction)
@@ -346,8 +346,8 @@ class Fit(Result):
                 "run and {least} of {run}",
                 channel=label, runs=len(by_explained), noise=noise, middle=middle, least=least, run=lowest.run,
             )  # fmt: skip
-            out.append(text_)
-        return out
+            lines.append(text_)
+        return lines
 
 
 def is_requested(name: str) -> bool:

@@ -87,7 +87,7 @@ def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
 
 def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
     """Return the biases that the file contains more accurately than the fit, even if the fit contradicts them.  (1)"""
-    out, rest_messages = [], [message for message in fit.notes if message.code == "bias.at-rest"]
+    priors, rest_messages = [], [message for message in fit.notes if message.code == "bias.at-rest"]
     for path, x, std in zip(
         fit.run_entry_names,
         np.mean(fit.run_entries, axis=0),
@@ -109,10 +109,10 @@ def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
         if std > prior_std:
             unit = description.unit.split(", ")[0]
             is_contradicted = abs(x - prior) > CONTRADICTION_SIGMA * np.hypot(std, prior_std)
-            out.append(
+            priors.append(
                 Prior(path, unit, prior, prior_std, std_path, float(std), bool(is_contradicted), at_rest)
             )
-    return tuple(out)
+    return tuple(priors)
 
 
 def _index(path: str) -> tuple[int, ...]:

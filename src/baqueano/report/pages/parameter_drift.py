@@ -37,7 +37,7 @@ def page_of_drift(history: "ParameterHistory") -> Page:
             Headline(
                 change.name.removeprefix("model."),
                 f"{number(change.last_value):.3g} {shown_unit(change.unit)}",
-                _("was {before:.3g}", before=change.first_value),
+                _("was {first_value:.3g}", first_value=change.first_value),
             )
             for change in history.changes[:4]
         ],

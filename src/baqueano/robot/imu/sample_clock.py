@@ -58,7 +58,7 @@ class SampleClock:
         )
         self._buckets: deque[list[int]] = deque(maxlen=MAX_BUCKETS)
         self._bucket_ns = self._began = -1
-        self._this: list[int] = []  # the last reading, as a bucket
+        self._last_reading: list[int] = []  # the last reading, as a bucket
         self._last_index: int | None = None  # index of the last stamp
         self._newest = 0  # index of the sample to which `_phase` belongs
         self._phase = 0.0
@@ -66,10 +66,10 @@ class SampleClock:
 
     def add_reading(self, newest: int, before_ns: int, after_ns: int) -> None:
         """Process a reading, made between the two times: sample `newest` was present, and the next sample was not."""
-        self._this = [newest, after_ns, newest, before_ns]
+        self._last_reading = [newest, after_ns, newest, before_ns]
         if self._began < 0:
             self._began = self._bucket_ns = before_ns
-            self._buckets.append(self._this.copy())
+            self._buckets.append(self._last_reading.copy())
             self._newest, self._phase = newest, (before_ns + after_ns - self.period_ns) / 2.0
             return
         self._shift_bounds(newest, before_ns, after_ns)
@@ -77,7 +77,7 @@ class SampleClock:
         closes = before_ns - self._bucket_ns > length
         if closes:
             self._bucket_ns = before_ns
-            self._buckets.append(self._this.copy())
+            self._buckets.append(self._last_reading.copy())
         else:
             self._store_bounds(newest, before_ns, after_ns)
         if closes or before_ns - self._began < EVERY_READING_UNTIL_NS:
@@ -104,19 +104,19 @@ class SampleClock:
             times.append(round(time))
         return times
 
-    def _shift_bounds(self, newest: int, before: int, after: int) -> None:
+    def _shift_bounds(self, newest: int, begin_ns: int, end_ns: int) -> None:
         """Extrapolate the phase to the new index, within the bounds (1) and (2)."""
         self._phase += self.period_ns * (newest - self._newest)
         self._newest = newest
-        self._phase = min(max(self._phase, before - self.period_ns), float(after))
+        self._phase = min(max(self._phase, begin_ns - self.period_ns), float(end_ns))
 
-    def _store_bounds(self, newest: int, before: int, after: int) -> None:
+    def _store_bounds(self, newest: int, begin_ns: int, end_ns: int) -> None:
         """Store each bound of this reading in the newest bucket if the bound is tighter than the stored one."""
         bounds, period = self._buckets[-1], self.period_ns
-        if after - period * newest < bounds[1] - period * bounds[0]:
-            bounds[0], bounds[1] = newest, after
-        if before - period * newest > bounds[3] - period * bounds[2]:
-            bounds[2], bounds[3] = newest, before
+        if end_ns - period * newest < bounds[1] - period * bounds[0]:
+            bounds[0], bounds[1] = newest, end_ns
+        if begin_ns - period * newest > bounds[3] - period * bounds[2]:
+            bounds[2], bounds[3] = newest, begin_ns
 
     def _solve(self) -> None:
         """Estimate period and phase from the stored readings.  (1)-(3)"""
@@ -132,7 +132,7 @@ class SampleClock:
             for _ in range((len(self._buckets) + 1) // 2):
                 self._buckets.popleft()
             if not self._buckets:
-                self._buckets.append(self._this.copy())
+                self._buckets.append(self._last_reading.copy())
         self._low, self._high = low, high
         periods = np.linspace(low, high, GRID_POINTS)[:, None]
         latest = np.min(upper_t - periods * upper_k, axis=1)

@@ -78,8 +78,8 @@ class ImuWatch:
         """Return a mask of the rows to use, one bool per row, and True if the chip must be started again."""
         is_kept, is_broken = [], False
         for row in rows:
-            is_same, broken_now = self._repeats(now_ns, row)
-            is_broken = is_broken or broken_now
+            is_same, is_repeating = self._repeats(now_ns, row)
+            is_broken = is_broken or is_repeating
             is_kept.append(not (is_same and self.frozen))
             if self._any_at_end or max(row) >= FULL_SCALE or min(row) <= -FULL_SCALE:
                 self._count_saturation(now_ns, row)

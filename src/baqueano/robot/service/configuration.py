@@ -19,14 +19,14 @@ def configure_body(vehicle_file: "VehicleFile", uno: "Uno", wait: Callable[[floa
     """
     config = firmware_config(vehicle_file.robot, uno.info)
     uno.configure(config, wait)
-    applied_ways = [
+    wheel_curves = [
         MotorCharacteristic(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille)
         for w in uno.settings(wait).curves
     ]
     return Body(
         getattr(vehicle_file.vehicle.drivetrain, "mixing", "none"), vehicle_file.geometry.wheel_radius_m,
         vehicle_file.robot.counts_per_turn,
-        AppliedMotors(float(config.slew_permille_per_ms), tuple(applied_ways)),
+        AppliedMotors(float(config.slew_permille_per_ms), tuple(wheel_curves)),
     )  # fmt: skip
 
 

@@ -33,12 +33,12 @@ class TickDelays:
         )
 
 
-def line_losses(previous: Statistics, current: Statistics, trouble: Diagnostic | None = None) -> EventLine:
-    """Return the losses on the serial line since `previous`; a warning for any loss, or for `trouble` of the Uno."""
+def line_losses(previous: Statistics, current: Statistics, stop_cause: Diagnostic | None = None) -> EventLine:
+    """Return the losses on the serial line since `previous`; a warning for any loss, or for `stop_cause` of the Uno."""
     counts = current.since(previous, *LINE_COUNTS)
     n: dict[str, int] = dict(zip(LINE_COUNTS, counts, strict=True))
-    if trouble is not None:
-        return _event_line("drive.line-in-trouble", True, **n, cause=trouble)
+    if stop_cause is not None:
+        return _event_line("drive.line-in-stop_cause", True, **n, cause=stop_cause)
     return _event_line("drive.line", any(n[name] for name in HARMFUL_COUNTS), **n)
 
 

@@ -32,7 +32,7 @@ class ComputerHealth:
     ) -> None:
         self.limits, self._folder, self._now_ns, self._file = limits, folder, now_ns, temperature
         self.temperature_c = float("nan")
-        self._looked_ns, self._low_since_ns = -(1 << 62), -1
+        self._last_check_ns, self._low_since_ns = -(1 << 62), -1
 
     def start_obstacle(self, world: "Robot") -> Diagnostic | None:
         """Return the reason why a drive is not allowed to begin, such as a full disk; None if it is allowed.
@@ -49,8 +49,8 @@ class ComputerHealth:
     def stop_reason(self, world: "Robot") -> Diagnostic | None:
         """Return the reason why a drive must end, or None to continue."""
         now_ns = self._now_ns()
-        if now_ns - self._looked_ns >= READ_PERIOD_S * 1e9:
-            self._looked_ns, self.temperature_c = now_ns, self._temperature_c()
+        if now_ns - self._last_check_ns >= READ_PERIOD_S * 1e9:
+            self._last_check_ns, self.temperature_c = now_ns, self._temperature_c()
         if world.tilt_rad > self.limits.max_tilt_rad:
             tilt_deg = float(np.degrees(world.tilt_rad))
             return stop(StopReason.TILT, tilt_deg=tilt_deg, max_tilt_rad=self.limits.max_tilt_rad)

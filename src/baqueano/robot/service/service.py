@@ -110,7 +110,7 @@ class Service:
             self._send_event("warning", message)
         self._free_bus()
         self._restore_configuration()
-        machine, trouble = self.machine, self._start_obstacle()
+        machine, stop_cause = self.machine, self._start_obstacle()
         if (stop_reason := self.operator.stop_reason(attended=False)) is not None:
             self.uno.stop()
             self.operator.discard_requests(stop_reason)
@@ -119,12 +119,12 @@ class Service:
         elif self._is_stop_cleared() and machine.state is DoorState.STOPPED:
             machine.transition("clear", stop(StopReason.CHECKED_AGAIN))
             self.journal.end()
-        elif machine.state is DoorState.DISARMED and trouble is None:
+        elif machine.state is DoorState.DISARMED and stop_cause is None:
             machine.transition("ready")
-        elif trouble is not None and machine.state is not DoorState.STOPPED:
+        elif stop_cause is not None and machine.state is not DoorState.STOPPED:
             if machine.state is DoorState.READY:
                 machine.transition("not ready")
-            machine.reason = trouble
+            machine.reason = stop_cause
         self.notify_watchdog()
         self._publish()
 
@@ -135,12 +135,14 @@ class Service:
         cleared. One frame is not enough, because it can be lost.
         """
         clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
-        trouble = self.uno.trouble
-        latch_gone = self._clearing and (trouble is None or trouble.code != StopReason.UNO_LATCHED)
-        self._clearing = clear_requested or (self._clearing and not latch_gone)
+        stop_cause = self.uno.stop_cause
+        is_latch_cleared = self._clearing and (
+            stop_cause is None or stop_cause.code != StopReason.UNO_LATCHED
+        )
+        self._clearing = clear_requested or (self._clearing and not is_latch_cleared)
         if self._clearing:
             self.uno.clear_stop()
-        return latch_gone
+        return is_latch_cleared
 
     def _restore_configuration(self) -> None:
         """Send the configuration of the vehicle file to an Uno with another one, as after a mission or a reset."""
@@ -377,12 +379,16 @@ class _ServiceObserver(Observer):
 
     def end(self, reason: Diagnostic | None) -> list[EventLine]:
         self.over, self.stopped, s = True, reason, self._service
-        previous, current, trouble = self._previous, s.uno.statistics, s.uno.trouble
-        if trouble and trouble.code == StopReason.UNO_LATCHED and s.operator.stop_reason(attended=False):
-            trouble = None  # the requested stop
+        previous, current, stop_cause = self._previous, s.uno.statistics, s.uno.stop_cause
+        if (
+            stop_cause
+            and stop_cause.code == StopReason.UNO_LATCHED
+            and s.operator.stop_reason(attended=False)
+        ):
+            stop_cause = None  # the requested stop
         last_lines: list[EventLine] = [
             (CLOCK_SOURCE, *self._lateness.event_line()),
-            (LINE_SOURCE, *line_losses(previous, current, trouble)), (UNO_SOURCE, *uno_losses(previous, current)),
+            (LINE_SOURCE, *line_losses(previous, current, stop_cause)), (UNO_SOURCE, *uno_losses(previous, current)),
         ]  # fmt: skip
         last_lines += [(IMU_SOURCE, *imu_losses(s._counts_before, s.imu.counts))] if s._counts_before else []
         for _, level, message in last_lines:

@@ -60,13 +60,13 @@ def renew_file(host: str, vehicle_file: "VehicleFile", root: str = "/") -> Renew
     )
 
 
-def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
+def differences(former_data: "JsonObject", new_data: "JsonObject") -> list[str]:
     """Return a line of text for each key whose value changes; the provenance of values is ignored.
 
     >>> differences({"robot": {"port": "auto"}}, {"robot": {"port": "/dev/serial0", "telemetry_hz": 50}})
     ['robot.port: "auto" → "/dev/serial0"', 'robot.telemetry_hz: not there → 50']
     """
-    old_leaves, new_leaves = _flat_values(before), _flat_values(after)
+    old_leaves, new_leaves = _flat_values(former_data), _flat_values(new_data)
     keys = [k for k in dict.fromkeys((*old_leaves, *new_leaves)) if not k.startswith(NON_VALUE_PREFIXES)]
     return [
         f"{key}: {_value_text(old_leaves, key)} → {_value_text(new_leaves, key)}"

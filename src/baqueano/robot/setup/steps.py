@@ -106,11 +106,11 @@ def file_step(pi: Pi, path: str, text: str) -> Step:
         write_atomically(target, text)
 
     def undo() -> None:
-        before = pi.noted[key]["before"]
-        if before is None:
+        former_text = pi.noted[key]["before"]
+        if former_text is None:
             target.unlink(missing_ok=True)
         else:
-            write_atomically(target, before)
+            write_atomically(target, former_text)
 
     is_done = lambda: target.exists() and target.read_text(encoding="utf-8") == text  # noqa: E731
     return Step(f"/{path}", is_done, do, key, undo)
@@ -193,21 +193,21 @@ def environment_step(pi: Pi) -> Step:
     the installation fails.
     """
     wheels = [f"{path.name} {zlib.crc32(path.read_bytes()):08x}" for path in sorted(pi.bundle.glob("*.whl"))]
-    stamp, before = pi.venv / "bundle.txt", pi.venv.with_name("baqueano.before")
+    stamp, former_venv = pi.venv / "bundle.txt", pi.venv.with_name("baqueano.before")
 
     def do() -> None:
         pi.record_state("environment", True)
         if stamp.exists():  # the present venv is complete
-            shutil.rmtree(before, ignore_errors=True)
-            os.rename(pi.venv, before)
+            shutil.rmtree(former_venv, ignore_errors=True)
+            os.rename(pi.venv, former_venv)
         try:
             install()
         except BaseException:
             shutil.rmtree(pi.venv, ignore_errors=True)
-            if before.exists():
-                os.rename(before, pi.venv)
+            if former_venv.exists():
+                os.rename(former_venv, pi.venv)
             raise
-        shutil.rmtree(before, ignore_errors=True)
+        shutil.rmtree(former_venv, ignore_errors=True)
 
     def install() -> None:
         shutil.rmtree(pi.venv, ignore_errors=True)
@@ -235,7 +235,7 @@ def environment_step(pi: Pi) -> Step:
 
     def undo() -> None:
         shutil.rmtree(pi.venv, ignore_errors=True)
-        shutil.rmtree(before, ignore_errors=True)
+        shutil.rmtree(former_venv, ignore_errors=True)
 
     same = lambda: stamp.exists() and stamp.read_text(encoding="utf-8") == "\n".join(wheels)  # noqa: E731
     name = _("/opt/baqueano: a venv with {wheels} packages", wheels=len(wheels))
@@ -250,7 +250,7 @@ def vehicle_step(pi: Pi) -> Step:
     leave, counts as absent. The folder belongs to the service, whose blocks could put links into it.
     """
     target, bundle_file = pi.path_on_target(f"{HOME}/vehicle.toml"), pi.bundle / "vehicle.toml"
-    before, base = target.with_name("vehicle.toml.before"), pi.bundle / "vehicle.toml.seen"
+    former_file, base = target.with_name("vehicle.toml.before"), pi.bundle / "vehicle.toml.seen"
 
     def content(path: Path) -> bytes:
         return path.read_bytes() if path.exists() else b""
@@ -271,7 +271,7 @@ def vehicle_step(pi: Pi) -> Step:
                         path=target,
                     )
                 )
-            replace_entry(before, old_content)
+            replace_entry(former_file, old_content)
         replace_entry(target, content(bundle_file))
 
     old = _("; the previous file is vehicle.toml.before") if content(target) and not is_done() else ""

@@ -46,7 +46,7 @@ ANSWER_S = 1.0  # timeout of a request outside a drive
 REPEAT_PERIOD_S = 0.2
 SILENCE_US = 500_000  # during this time fewer than 128 frames are sent
 ARM_DELAY_S = 0.01  # the Uno receives a frame within this time; later telemetry shows it
-ARMING_TIMEOUT_S = 0.2  # time for which arming is repeated before `trouble` is set
+ARMING_TIMEOUT_S = 0.2  # time for which arming is repeated before `stop_cause` is set
 MAX_COMMANDS_AHEAD = 64  # most commands on their way; the firmware regards a command 128 ahead as old
 LATCHED_STOPS = (StopReason.UNO_LATCHED, StopReason.UNO_BATTERY)  # kept while telemetry reports them
 Reply = TypeVar("Reply")
@@ -75,21 +75,21 @@ class PreviousTelemetry(NamedTuple):
 class Uno:
     """The link to the firmware at the other end of `port`; `now_ns` is the clock of the host.
 
-    Telemetry arrives each `Config.telemetry_ms` and is kept until `receive` returns it. `trouble` is the reason why the
-    motors do not run, None if they can run.
+    Telemetry arrives each `Config.telemetry_ms` and is kept until `receive` returns it. `stop_cause` is the reason why
+    the motors do not run, None if they can run.
 
     >>> from baqueano.robot.uno.serial_port import open_uno
     >>> with open_uno() as uno:  # an Uno on a real line, whose thread calls pump()
     ...     uno.arm()
     ...     uno.drive(0.2, -0.2)  # duties, left and right; without another one the firmware soon stops the motors
-    ...     print(uno.info.protocol, uno.trouble)
+    ...     print(uno.info.protocol, uno.stop_cause)
     1 None
     """
 
     def __init__(self, port: Port, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.statistics, self.clock = Statistics(), UnoClock()
         self.info: Info | None = None
-        self.trouble: Diagnostic | None = None  # why the motors do not run although the Uno was armed
+        self.stop_cause: Diagnostic | None = None  # why the motors do not run although the Uno was armed
         self.noise_ns = -(1 << 62)  # time of the last damaged frame
         self._port, self._now_ns, self._decoder = port, now_ns, Decoder()
         self._standstill = Standstill(now_ns)
@@ -120,21 +120,21 @@ class Uno:
     def arm(self) -> None:
         """Arm the Uno, so that it obeys the following commands; the first command requests zero duty.
 
-        The zero request is repeated before each command until telemetry shows that the Uno is armed. `trouble` is set
-        if this takes longer than ARMING_TIMEOUT_S.
+        The zero request is repeated before each command until telemetry shows that the Uno is armed. If this takes
+        longer than ARMING_TIMEOUT_S, `stop_cause` is set.
         """
         with self._lock:
-            self._armed, self._confirmed, self._stop_sent, self.trouble = True, False, False, None
+            self._armed, self._confirmed, self._stop_sent, self.stop_cause = True, False, False, None
             self._standstill.reset()
             self._armed_ns, self._unarmed_ns = self._now_ns(), None
             self._drive_seq = self._drive_seq if self._previous is None else self._previous.state.drive_seq
         self.drive(0.0, 0.0)
 
     def disarm(self) -> None:
-        """Switch the motors off and the bridge to sleep, and clear `trouble`, except a latch or a low battery."""
+        """Switch the motors off and the bridge to sleep, and clear `stop_cause`, except a latch or a low battery."""
         with self._lock:
             self._armed = False
-            self._clear_trouble()
+            self._clear_stop_cause()
         self._drive(0, 0, 0)
 
     def stop(self) -> None:
@@ -143,23 +143,23 @@ class Uno:
         self._send(Stop())
 
     def clear_stop(self) -> None:
-        """Clear the latch of `stop` and earlier values of `trouble`. The vehicle drives only after it is armed again.
+        """Clear the latch of `stop` and former values of `stop_cause`. The vehicle drives only after it is armed.
 
-        `trouble` stays UNO_LATCHED until telemetry shows that the latch is cleared, because this frame can be lost on
-        the line.
+        `stop_cause` stays UNO_LATCHED until telemetry shows that the latch is cleared, because this frame can be lost
+        on the line.
         """
         with self._lock:
-            self._clear_trouble()
+            self._clear_stop_cause()
         self._drive(0, 0, DriveFlag.CLEAR_STOP)
 
-    def _clear_trouble(self) -> None:
+    def _clear_stop_cause(self) -> None:
         self._standstill.reset()
         if not self._is_latched:
-            self.trouble = None
+            self.stop_cause = None
 
     @property
     def _is_latched(self) -> bool:
-        return self.trouble is not None and self.trouble.code in LATCHED_STOPS
+        return self.stop_cause is not None and self.stop_cause.code in LATCHED_STOPS
 
     def receive(self) -> list[Telemetry]:
         """Return the telemetry that has arrived since the last call, in order."""
@@ -171,7 +171,7 @@ class Uno:
         config = Config() if self.info is None else self.info.config
         if self._armed and (reason := self._standstill.check(config.dead_man_ms)):
             with self._lock:
-                self._armed, self.trouble = False, reason
+                self._armed, self.stop_cause = False, reason
             self._drive(0, 0, 0)
         return self._standstill.reason
 
@@ -332,7 +332,7 @@ class Uno:
         self.statistics.resets += 1
         self.clock, self._previous, self._seq_received = UnoClock(), None, -1
         if self._armed:
-            self.trouble = stop(StopReason.UNO_RESET, cause=reset_cause_names(cause) or "cause unknown")
+            self.stop_cause = stop(StopReason.UNO_RESET, cause=reset_cause_names(cause) or "cause unknown")
         self._armed = self._confirmed = False
 
     def _on_state(self, state: State, now_ns: int) -> None:
@@ -345,13 +345,13 @@ class Uno:
             t_ns = max(t_ns, previous.t_ns + 1)
             self._count_errors(previous.state, state)
         self._previous = PreviousTelemetry(state, t_us, t_ns)
-        self._update_trouble(state, t_ns)
+        self._update_stop_cause(state, t_ns)
         self._telemetry.append(
             Telemetry(
                 t_ns, mean_duty(state, previous, t_us), (state.left_counts, state.right_counts),
                 1e-3 * state.battery_mv, state.mark_count,
                 self.clock.host_ns(self.clock.unwrap(state.mark_t_us)) if self.clock.synchronised else now_ns,
-                self.trouble, bool(state.flags & StateFlag.ENCODER_FAULT),
+                self.stop_cause, bool(state.flags & StateFlag.ENCODER_FAULT),
                 (1e-3 * state.left_permille, 1e-3 * state.right_permille), state.nonce,
             )
         )  # fmt: skip
@@ -363,24 +363,24 @@ class Uno:
         s.ignored_frames += (current.ignored_frames - previous.ignored_frames) & 0xFF
         s.overrun_bytes += (current.overruns - previous.overruns) & 0xFF
 
-    def _update_trouble(self, state: State, t_ns: int) -> None:
-        """Set `trouble` from the flags of the telemetry."""
+    def _update_stop_cause(self, state: State, t_ns: int) -> None:
+        """Set `stop_cause` from the flags of the telemetry."""
         if state.flags & StateFlag.STOPPED:
-            self.trouble = stop(StopReason.UNO_LATCHED, "baqueano robot clear")
+            self.stop_cause = stop(StopReason.UNO_LATCHED, "baqueano robot clear")
         elif state.flags & StateFlag.BATTERY_LOW:
-            self.trouble = stop(StopReason.UNO_BATTERY, battery_v=1e-3 * state.battery_mv)
+            self.stop_cause = stop(StopReason.UNO_BATTERY, battery_v=1e-3 * state.battery_mv)
         elif self._armed and state.flags & StateFlag.ARMED:
             self._confirmed, self._unarmed_ns = True, None
             if state.flags & StateFlag.DEAD_MAN and self.statistics.sent_commands > 1:
-                self.trouble = stop(StopReason.UNO_DEAD_MAN, silent_ms=state.drive_age_ms)
+                self.stop_cause = stop(StopReason.UNO_DEAD_MAN, silent_ms=state.drive_age_ms)
         elif self._armed and self._confirmed:
-            self.trouble = stop(StopReason.UNO_DISARMED)
+            self.stop_cause = stop(StopReason.UNO_DISARMED)
         elif self._armed and t_ns - self._armed_ns > ARM_DELAY_S * 1e9:
             self._unarmed_ns = t_ns if self._unarmed_ns is None else self._unarmed_ns
             if t_ns - self._unarmed_ns > ARMING_TIMEOUT_S * 1e9:
-                self.trouble = stop(StopReason.UNO_DEAF, arming_ms=1e3 * ARMING_TIMEOUT_S)
+                self.stop_cause = stop(StopReason.UNO_DEAF, arming_ms=1e3 * ARMING_TIMEOUT_S)
         elif not self._armed and self._is_latched:
-            self.trouble = None
+            self.stop_cause = None
 
 
 def permille(duty: float) -> int:

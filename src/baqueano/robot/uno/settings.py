@@ -168,8 +168,8 @@ def _with_setting(settings: Settings, name: str, text: str) -> Settings:
         raise UsageError(fault("settings.way", option=name, value=text, valid=WHEEL_DIRECTIONS))
     number = _checked_number(name, text, number_text, WheelCurve, CURVE_OPTIONS[name], 1000)
     wheel_rows = [
-        curve._replace(**{CURVE_OPTIONS[name]: number}) if wheel in (way_name, "all") else curve
-        for way_name, curve in zip(WHEEL_DIRECTIONS, settings.curves, strict=True)
+        curve._replace(**{CURVE_OPTIONS[name]: number}) if wheel in (direction_name, "all") else curve
+        for direction_name, curve in zip(WHEEL_DIRECTIONS, settings.curves, strict=True)
     ]
     return settings._replace(curves=tuple(wheel_rows))
 

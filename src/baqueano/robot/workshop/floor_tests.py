@@ -114,7 +114,7 @@ class FloorTests:
         self.uno.arm()
 
     def _check(self, uno_ns: int, imu_ns: int) -> None:
-        reason, silent_ns = self.uno.trouble, self.now_ns() - round(MAX_SILENCE_S * 1e9)
+        reason, silent_ns = self.uno.stop_cause, self.now_ns() - round(MAX_SILENCE_S * 1e9)
         if imu_ns < silent_ns:
             reason = stop(StopReason.IMU_SILENT)
         if uno_ns < silent_ns:

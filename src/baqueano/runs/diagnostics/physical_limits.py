@@ -118,7 +118,7 @@ def _rest_mask(run: Run, channel: Channel) -> np.ndarray:
 def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
     """Yield the findings about the gyro: its rate, and (2) at rest."""
     entry, rate, at_rest = signal.entries[2], channel.z[:, 2], _rest_mask(run, channel)
-    cure = (
+    remedy = (
         note("recording.if-in", unit_name="deg/s") if entry.unit != "deg/s" else note("recording.check-scale")
     )
     peak_rate = _peak(rate)
@@ -133,11 +133,11 @@ def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
             "warning",
             None,
             note("recording.gyro-at-rest", **figures, mean_rad_s=bias, std=std),
-            cure,
+            remedy,
         )
     elif peak_rate > MAX_USUAL_TURN_RAD_S:
         reason = note("recording.fast-turns", **figures, maximum=peak_rate, turns=peak_rate / (2.0 * np.pi))
-        yield ImportFinding("fast turns", "warning", None, reason, cure)
+        yield ImportFinding("fast turns", "warning", None, reason, remedy)
 
 
 def _accelerometer_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
@@ -187,10 +187,10 @@ def _curve_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[Import
     if curve.is_clear(MIN_SCALE_GAIN) and (v := abs(curve.slope)) > MAX_CURVE_SPEED_M_S:
         first, last = signal.entries[1], signal.entries[2]
         reason = note("recording.curve", first=first.key, last=last.key, unit_name=last.unit, speed_m_s=v)
-        cure = note("recording.check-both-units")
+        remedy = note("recording.check-both-units")
         if last.unit == "deg/s":
-            cure = note("recording.perhaps-gyro", line='unit = "rad/s"')
-        yield ImportFinding("curve", "warning", None, reason, cure)
+            remedy = note("recording.perhaps-gyro", line='unit = "rad/s"')
+        yield ImportFinding("curve", "warning", None, reason, remedy)
 
 
 def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
@@ -207,18 +207,18 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
             yield ImportFinding(
                 "constant", "warning", None, note("recording.constant-command", name=name, value=u[0])
             )
-        largest, unit_of_entry, cure = _largest_magnitude([u]), unit(entry.unit), None
+        largest, unit_of_entry, remedy = _largest_magnitude([u]), unit(entry.unit), None
         if largest > MAX_COMMAND_RATIO and entry.unit == "1":
-            cure = _full_command_line(counts)
+            remedy = _full_command_line(counts)
         elif 0.0 < largest < MIN_COMMAND and entry.unit == "%":
-            cure = _percent_line(u / 0.01, percents)
+            remedy = _percent_line(u / 0.01, percents)
         elif 0.0 < largest < MIN_COMMAND and unit_of_entry is not None and unit_of_entry.measures == "time":
-            cure = _full_command_line([c / unit_of_entry.si_factor for c in columns.T], 'unit = "raw", ')
-        if cure:
+            remedy = _full_command_line([c / unit_of_entry.si_factor for c in columns.T], 'unit = "raw", ')
+        if remedy:
             reason = note(
                 "recording.command-range", key=entry.key, name=name, maximum=largest, unit_name=entry.unit
             )
-            yield ImportFinding("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), reason, cure)
+            yield ImportFinding("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), reason, remedy)
 
 
 def _percent_line(u: np.ndarray, percents: list[np.ndarray]) -> Diagnostic | None:

@@ -265,7 +265,9 @@ def _check_steps(
     median_step_s = float(np.median(step_s))
     if not MIN_STEP_S <= median_step_s <= MAX_STEP_S:
         fitting_units = _units_that_fit(median_step_s, len(table.lines), spec)
-        cure = note("import.time-unit", unit_name=fitting_units[0]) if fitting_units else note("import.time")
+        remedy = (
+            note("import.time-unit", unit_name=fitting_units[0]) if fitting_units else note("import.time")
+        )
         raise FileError(
             fault(
                 "import.step",
@@ -275,7 +277,7 @@ def _check_steps(
                 step_s=median_step_s,
                 file=spec.name,
                 map=m.path.name,
-                cure=cure,
+                remedy=remedy,
             )
         )
     if spec.name == m.ticks and not MIN_USUAL_STEP_S <= median_step_s <= MAX_USUAL_STEP_S:

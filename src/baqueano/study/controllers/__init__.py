@@ -17,7 +17,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from baqueano.study.controllers import drawing as drawing  # it adds `.plot()` and the card
-from baqueano.study.controllers.drives import contestants_of, drive_robot
+from baqueano.study.controllers.drives import compared_controllers, drive_robot
 from baqueano.study.controllers.result import EVALUATIONS, Controllers
 from baqueano.sweep.result import SweepResult
 from baqueano.sweep.workers import run_in_processes
@@ -37,9 +37,11 @@ def controllers(
     ("file.py:Class" or a class). The gains of each controller are tuned by `starts` descents. `advance` is called
     with the number of robots that have just finished.
     """
-    contestants = contestants_of((*kinds, *user_blocks), starts, backend)
-    reference = next((rival.label for rival in contestants if rival.over_draws), contestants[0].label)
-    work = partial(drive_robot, contestants=contestants, backend=backend)
+    controllers = compared_controllers((*kinds, *user_blocks), starts, backend)
+    reference = next(
+        (controller.label for controller in controllers if controller.over_draws), controllers[0].label
+    )
+    work = partial(drive_robot, controllers=controllers, backend=backend)
     drives_of_robots = run_in_processes(work, range(first, first + seeds), processes, advance)
     robots = sorted(drives_of_robots, key=lambda robot: robot.seed)
     drives = [robot for robot in robots if robot.drives]
@@ -48,5 +50,5 @@ def controllers(
         for figure in EVALUATIONS
     }
     return Controllers(
-        results, contestants, len(robots), tuple(robot.seed for robot in robots if not robot.drives)
+        results, controllers, len(robots), tuple(robot.seed for robot in robots if not robot.drives)
     )

@@ -40,7 +40,7 @@ SHAPES = {
 }
 
 
-class Contestant(NamedTuple):
+class ComparedController(NamedTuple):
     """A controller with its tuned gains."""
 
     label: str
@@ -63,7 +63,9 @@ class DrivenRobot(NamedTuple):
     drives: dict[str, list[SweepDrive]]
 
 
-def contestants_of(kinds: "Sequence[OwnBlock]", start_count: int, backend: str) -> tuple[Contestant, ...]:
+def compared_controllers(
+    kinds: "Sequence[OwnBlock]", start_count: int, backend: str
+) -> tuple[ComparedController, ...]:
     """Return each controller with its gains, and after the paper's PD the same PD tuned over draws of the fit.
 
     They are tuned on the identified model of a robot that does not drive in the study. A controller that is not a
@@ -74,23 +76,23 @@ def contestants_of(kinds: "Sequence[OwnBlock]", start_count: int, backend: str) 
             resolve("controller", kind)  # an unknown kind is refused before minutes of tuning
     fits = (_identified(seed) for seed in itertools.count(TUNING_SEED))
     vehicle_file = next(fit.vehicle_file for fit in fits if fit.verdict != Verdict.REFUSED)
-    out = []
+    controllers = []
     for kind in kinds:
-        out.append(_contestant(kind, vehicle_file, start_count, backend))
+        controllers.append(_compared_controller(kind, vehicle_file, start_count, backend))
         if kind == "pd":
-            out.append(_contestant(kind, vehicle_file, start_count, backend, DRAW_COUNT))
-    return tuple(out)
+            controllers.append(_compared_controller(kind, vehicle_file, start_count, backend, DRAW_COUNT))
+    return tuple(controllers)
 
 
-def _contestant(
+def _compared_controller(
     kind: "OwnBlock", vehicle_file: VehicleFile, start_count: int, backend: str, draws: int = 0
-) -> Contestant:
+) -> ComparedController:
     label = kind if isinstance(kind, str) else getattr(kind, "__name__", type(kind).__name__)
     if not isinstance(kind, str):
-        return Contestant(label, kind, {}, ())
+        return ComparedController(label, kind, {}, ())
     vehicle_file = vehicle_file.with_values({"controller.kind": kind})
     if kind != "pd" and attribute(vehicle_file.controller(), "as_written"):
-        return Contestant(label, kind, {}, ())
+        return ComparedController(label, kind, {}, ())
     route = SHAPES["sinuous"]()
     tune_result = tune(
         vehicle_file,
@@ -104,7 +106,7 @@ def _contestant(
     )
     at_bound = tuple(gain.name for gain in tune_result.gains if gain.bound_side)
     label = f"{label}, draws" if draws else label
-    return Contestant(label, kind, tune_result.values, at_bound, draws > 0)
+    return ComparedController(label, kind, tune_result.values, at_bound, draws > 0)
 
 
 def _identified(seed: int) -> "Fit":
@@ -113,15 +115,15 @@ def _identified(seed: int) -> "Fit":
     )
 
 
-def drive_robot(seed: int, contestants: tuple[Contestant, ...], backend: str) -> DrivenRobot:
+def drive_robot(seed: int, controllers: tuple[ComparedController, ...], backend: str) -> DrivenRobot:
     """Return the drives of one robot by all controllers."""
     robot, fit = draw_robots(1, seed), _identified(seed)
     if fit.verdict == Verdict.REFUSED:
         return DrivenRobot(seed, {})
     vehicle_file, drives = fit.vehicle_file, DrivenRobot(seed, {"pose": [], "estimate": [], "truth": []})
-    for rival in contestants:
-        block = rival.controller(vehicle_file)
-        cell = SweepCell(rival.label, "", rival.label, "repeat")
+    for controller in controllers:
+        block = controller.controller(vehicle_file)
+        cell = SweepCell(controller.label, "", controller.label, "repeat")
         for name, make in SHAPES.items():
             route, label = relative_to_start(make()), f"robot {seed}, {name}"
             for pose_known in (True, False):

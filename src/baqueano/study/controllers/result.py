@@ -12,7 +12,7 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
-from baqueano.study.controllers.drives import Contestant
+from baqueano.study.controllers.drives import ComparedController
 from baqueano.sweep.result import SweepResult
 
 EVALUATIONS = (N_("pose"), N_("estimate"), N_("truth"))
@@ -28,7 +28,7 @@ class Controllers(Result):
     ----------
     drives : dict of SweepResult
         "pose", "estimate" and "truth" → drives; their ratios refer to the PD tuned over draws, if it drove.
-    contestants : tuple of Contestant
+    controllers : tuple of ComparedController
         The controllers and their gains, in the order of the rows.
     robots : int
         Number of robots, including those whose fit was refused.
@@ -37,7 +37,7 @@ class Controllers(Result):
     """
 
     drives: dict[str, SweepResult]
-    contestants: tuple[Contestant, ...]
+    controllers: tuple[ComparedController, ...]
     robots: int
     refused_robots: tuple[int, ...]
 
@@ -49,17 +49,17 @@ class Controllers(Result):
     def rows(self) -> list[TableRow]:
         """Return a flat row per controller: median, 95 % quantile and ratio with its interval, by evaluation."""
         table_rows = []
-        for contestant in self.contestants:
+        for controller in self.controllers:
             row: TableRow = {
-                "controller": contestant.label,
-                "tuned": ", ".join(contestant.gains),
-                "at_bound": ", ".join(contestant.at_bound),
+                "controller": controller.label,
+                "tuned": ", ".join(controller.gains),
+                "at_bound": ", ".join(controller.at_bound),
             }
             for view, drives in self.drives.items():
-                own_drives = [d for d in drives.drives if d.cell.label == contestant.label]
+                own_drives = [d for d in drives.drives if d.cell.label == controller.label]
                 x = np.array([d.figures.get(FIGURE, np.nan) for d in own_drives])
                 x = x[np.isfinite(x)]
-                ratio = drives.difference(contestant.label, FIGURE)
+                ratio = drives.difference(controller.label, FIGURE)
                 row |= {
                     f"{view}_median_m": float(np.median(x)) if x.size else float("nan"),
                     f"{view}_p95_m": float(np.quantile(x, 0.95)) if x.size else float("nan"),
@@ -77,14 +77,14 @@ class Controllers(Result):
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return a warning for a best ratio above the limit, and for gains at a bound, stops and refused fits."""
-        out, rows = [], self.rows()
+        reasons, rows = [], self.rows()
         rivals = [
-            row for row, rival in zip(rows, self.contestants, strict=True)
-            if rival.kind != "pd" and rival.label != self.reference
+            row for row, controller in zip(rows, self.controllers, strict=True)
+            if controller.kind != "pd" and controller.label != self.reference
         ]  # fmt: skip
         best_row = min(rivals, key=lambda row: row["pose_ratio"], default=None)
         if best_row is not None and not np.isfinite(best_row["pose_high"]):
-            out.append(
+            reasons.append(
                 note("study.no-interval", Severity.UNKNOWN, robots=self.robots - len(self.refused_robots))
             )
         elif best_row is not None and best_row["pose_high"] > MAX_RATIO:
@@ -93,18 +93,22 @@ class Controllers(Result):
                 "high": best_row["pose_high"],
                 "reference": self.reference,
             }
-            out.append(note("study.not-a-third", Severity.WARNING, subject=best_row["controller"], **figures))
+            reasons.append(
+                note("study.not-a-third", Severity.WARNING, subject=best_row["controller"], **figures)
+            )
         for row in rows:
             if row["at_bound"]:
                 message = note(
                     "study.gain-at-bound", Severity.WARNING, subject=row["controller"], gains=row["at_bound"]
                 )
-                out.append(message)
+                reasons.append(message)
             if stops := sum(row[f"{view}_stopped"] for view in ("pose", "truth")):
-                out.append(note("study.stopped", Severity.WARNING, subject=row["controller"], count=stops))
+                reasons.append(
+                    note("study.stopped", Severity.WARNING, subject=row["controller"], count=stops)
+                )
         if self.refused_robots:
-            out.append(note("study.fits-refused", Severity.WARNING, robots=self.refused_robots))
-        return tuple(out)
+            reasons.append(note("study.fits-refused", Severity.WARNING, robots=self.refused_robots))
+        return tuple(reasons)
 
     def table(self) -> str:
         """Return the rows as a text table."""

@@ -44,7 +44,7 @@ def recording_instants(
     backend: str = "auto", progress: Callable[[str], object] = lambda text: None
 ) -> tuple[list[tuple[str, Instant]], list[str]]:
     """Return (name, instant) at the end of each window, such as "10 s, raw", and a note on each skipped recording."""
-    out, notes = [], []
+    instants, notes = [], []
     for case in CASES:
         if files := missing_files(case):
             notes.append(
@@ -65,8 +65,8 @@ def recording_instants(
                     continue
                 for window_s in WINDOWS_S:
                     ends = window_instants(vehicle_file, subject.test_run, window_s, backend)
-                    out += [(f"{window_s:g} s, {name}", instant) for instant in ends]
-    return out, notes
+                    instants += [(f"{window_s:g} s, {name}", instant) for instant in ends]
+    return instants, notes
 
 
 def window_instants(
@@ -88,16 +88,18 @@ def window_instants(
     t_ns = np.asarray(ticks.t_ns)
     eta = interpolate_poses(t_ns, truth.t_ns, truth.eta)
     edges = np.searchsorted(t_ns, t_ns[0] + np.arange(0.0, (t_ns[-1] - t_ns[0]) * 1e-9, window_s) * 1e9)
-    out = []
+    instants = []
     for a, b in pairwise(edges.tolist()):
         carry, (mean, cov) = kernel.run(_rows(ticks, a, b), carry=carry)
         error = mean[-1] - eta[b - 1]
         error[2] = wrap(error[2])
         if (a == 0 or np.isfinite(eta[a - 1]).all()) and np.isfinite(eta[b - 1]).all():
-            out.append(Instant(error, cov[-1]))  # with a covariance that is not finite, the vehicle is lost
+            instants.append(
+                Instant(error, cov[-1])
+            )  # with a covariance that is not finite, the vehicle is lost
         if np.isfinite(eta[b - 1]).all():
             carry = _belief_at(carry, eta[b - 1])
-    return out
+    return instants
 
 
 def _belief_at(belief: "Tree", eta: np.ndarray) -> Any:

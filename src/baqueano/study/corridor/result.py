@@ -57,28 +57,35 @@ class Corridors:
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row with coverage and width for each instant and quantity."""
-        out = []
+        rows = []
         for source, source_instants in (("simulated", self.instants), ("recorded", self.windows)):
             coverage, wider = (
                 (COVERAGE, MAX_WIDENING) if source == "simulated" else (RECORDING_COVERAGE, np.inf)
             )
-            for at, instants in source_instants.items():
+            for time_label, instants in source_instants.items():
                 for quantity, bar in CHI_SQUARE_LIMITS.items():
-                    row = {"source": source, "instant": at, "quantity": quantity, "cases": len(instants)}
+                    row = {
+                        "source": source,
+                        "instant": time_label,
+                        "quantity": quantity,
+                        "cases": len(instants),
+                    }
                     d2 = np.array([squared_distance(instant, quantity) for instant in instants])
-                    out.append(
-                        row | {"lost_cases": self.lost.get(at, 0)} | _coverage_row(d2, bar, coverage, wider)
+                    rows.append(
+                        row
+                        | {"lost_cases": self.lost.get(time_label, 0)}
+                        | _coverage_row(d2, bar, coverage, wider)
                     )
-        return out
+        return rows
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence for each requirement that is missed."""
         return tuple(
             _(
-                "{quantity} at {at}: coverage {coverage:.0f} %, {wider:.2f} × the size that is needed",
+                "{quantity} at {time}: coverage {coverage:.0f} %, {wider:.2f} × the size that is needed",
                 quantity=r["quantity"],
-                at=r["instant"],
+                time=r["instant"],
                 coverage=100.0 * r["coverage"],
                 wider=r["width_ratio"],
             )

@@ -46,11 +46,11 @@ def car_values(cars: Cars) -> dict[str, np.ndarray]:
 
 def car_unknowns(cars: Cars) -> dict[str, np.ndarray]:
     """Return path → value (n,) of all unknowns of a run: parameters, FIELDS_OUTSIDE_FILE, and biases."""
-    out = car_values(cars) | {
+    values = car_values(cars) | {
         path: column(getattr(cars, name), k) for path, (name, k) in FIELDS_OUTSIDE_FILE.items()
     }
-    del out[SPEED]
-    return out | {path: column(getattr(cars.imu, name), k) for path, (name, k) in BIASES.items()}
+    del values[SPEED]
+    return values | {path: column(getattr(cars.imu, name), k) for path, (name, k) in BIASES.items()}
 
 
 def with_car_unknowns(cars: Cars, values: Mapping[str, np.ndarray]) -> Cars:

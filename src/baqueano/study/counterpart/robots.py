@@ -45,16 +45,16 @@ MATRIX_ENTRIES = ("00", "02", "10", "12", "20", "22")
 
 def robot_values(robots: Robots) -> dict[str, np.ndarray]:
     """Return the true value (n,) of each parameter that a fit of `robot_file` can estimate."""
-    out = {path: column(getattr(robots, name), k) for path, (name, k) in ROBOT_FIELDS.items()}
-    out |= {path: column(getattr(robots.imu, name), k) for path, (name, k) in IMU_FIELDS.items()}
+    values = {path: column(getattr(robots, name), k) for path, (name, k) in ROBOT_FIELDS.items()}
+    values |= {path: column(getattr(robots.imu, name), k) for path, (name, k) in IMU_FIELDS.items()}
     force = robots.gain * robots.stall_n[:, None]
     X, Y = force * np.cos(robots.toe_rad), force * np.sin(robots.toe_rad)
     N = X * robots.arm_m
     for i, pushes in enumerate((X, Y, N)):  # (1); the left wheel turns the robot in the other direction
         left_push = -pushes[:, 0] if i == 2 else pushes[:, 0]
-        out[f"{ACTUATOR_MATRIX_PATH}[{i},0]"] = left_push + pushes[:, 1]
-        out[f"{ACTUATOR_MATRIX_PATH}[{i},2]"] = pushes[:, 1] - left_push
-    return out
+        values[f"{ACTUATOR_MATRIX_PATH}[{i},0]"] = left_push + pushes[:, 1]
+        values[f"{ACTUATOR_MATRIX_PATH}[{i},2]"] = pushes[:, 1] - left_push
+    return values
 
 
 def with_values(robots: Robots, values: Mapping[str, np.ndarray]) -> Robots:

@@ -160,18 +160,18 @@ def row(recording: str, estimator: str, quantity: str, value: float, bar: float)
 
 
 def _evaluation_rows(estimate: "EstimateEvaluation") -> list["TableRow"]:
-    out = []
+    rows = []
     for quantity, errors in estimate.errors.items():
         (value, reference), (ratio, low, high) = errors.rms, errors.ratio
         cells = row(estimate.recording, estimate.estimator, quantity, value, reference)
         ok = None if not np.isfinite(low) else bool(low <= MAX_SINGLE_RATIO)
-        out.append(cells | {"ok": ok, "ratio": ratio, "low": low, "high": high})
-    return out
+        rows.append(cells | {"ok": ok, "ratio": ratio, "low": low, "high": high})
+    return rows
 
 
 def _consistency_rows(estimate: "EstimateEvaluation") -> list["TableRow"]:
     """Return rows with NEES and NIS compared with 1, and the lag-1 autocorrelation of each innovation with 0."""
-    consistency, out = estimate.consistency, []
+    consistency, rows = estimate.consistency, []
     figures = {
         _("NEES of the pose"): (consistency.nees_pose, None),
         _("NEES of the speed"): (estimate.nees_speed, NEES_RANGE),
@@ -182,12 +182,12 @@ def _consistency_rows(estimate: "EstimateEvaluation") -> list["TableRow"]:
     for name, (band, bar) in figures.items():
         ok = bool(bar[0] <= band.mean <= bar[1]) if bar and np.isfinite(band.mean) else None
         cells = row(estimate.recording, estimate.estimator, name, band.mean, 1.0)
-        out.append(cells | {"ok": ok, "verdict": band.verdict})
+        rows.append(cells | {"ok": ok, "verdict": band.verdict})
     for channel, value in zip(consistency.channels, consistency.correlations, strict=True):
         name = _("lag-1 correlation of {channel}", channel=channel)
         cells = row(estimate.recording, estimate.estimator, name, value, 0.0)
-        out.append(cells | {"ok": bool(abs(value) <= MAX_AUTOCORRELATION)})
-    return out
+        rows.append(cells | {"ok": bool(abs(value) <= MAX_AUTOCORRELATION)})
+    return rows
 
 
 def _short_name(quantity: str) -> str:

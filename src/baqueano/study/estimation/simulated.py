@@ -123,7 +123,7 @@ def simulate_outcomes(
 
 def evaluate_job(job: EstimationJob) -> list[SimulatedOutcome]:
     """Return the evaluations of the vehicles of a job."""
-    out = []
+    evaluations = []
     for seed, test_subject in zip(job.seeds, subjects_of(job), strict=True):
         estimates, failure = [], ""
         for sensors in SENSOR_SETS:
@@ -131,13 +131,13 @@ def evaluate_job(job: EstimationJob) -> list[SimulatedOutcome]:
                 estimates += evaluate(test_subject, sensors, job.kinds, job.backend)
             except BaqueanoError as error:
                 failure = f"{test_subject.name}, {sensors}: {error}"
-        out.append(SimulatedOutcome(seed, unmodelled_effect(seed)[0], tuple(estimates), failure))
-    return out
+        evaluations.append(SimulatedOutcome(seed, unmodelled_effect(seed)[0], tuple(estimates), failure))
+    return evaluations
 
 
 def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
     """Return the share of vehicles that are not worse: a row per set of sensors, estimator, effect and quantity."""
-    out = []
+    share_rows = []
     named_estimates = [
         (outcome.unmodelled_effect, j)
         for outcome in outcomes
@@ -153,27 +153,27 @@ def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
             for quantity in QUANTITIES if rows_of_name else ():
                 ratios = np.array([j.errors[quantity].ratio[0] for j in rows_of_name])
                 share = float(np.mean(ratios <= ALONE))
-                out.append({
+                share_rows.append({
                     "recording": _("simulated, {name} ({count}), {sensors}", name=_(name), count=len(rows_of_name),
                                    sensors=sensors),
                     "estimator": estimator, "value": share, "reference": SHARE,
                     "quantity": _("{quantity}, not worse", quantity=_(quantity).partition(" [")[0]),
                     "ok": share >= SHARE if name == "all" else None, "ratio": float(np.median(ratios)),
                 })  # fmt: skip
-    return out
+    return share_rows
 
 
 def vehicle_rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
     """Return a row per vehicle, set of sensors, estimator and quantity: both errors and their ratio."""
-    out = []
+    rows = []
     for j in (j for outcome in outcomes for j in outcome.estimates):
         for quantity, errors in j.errors.items():
             (value, reference), ratio = errors.rms, errors.ratio[0]
-            out.append({
+            rows.append({
                 "recording": j.recording, "estimator": j.estimator, "quantity": quantity, "value": value,
                 "reference": reference, "ok": None if j.fit == Verdict.REFUSED else ratio <= ALONE, "ratio": ratio,
             })  # fmt: skip
-    return out
+    return rows
 
 
 def count_sentence(outcomes: Sequence[SimulatedOutcome]) -> str:
@@ -209,17 +209,17 @@ def subjects_of(job: EstimationJob) -> list[Subject]:
     seeds = [run_seed for seed in job.seeds for run_seed in (seed, seed + TEST_SEED_OFFSET)]
     t_ns = tick_times(len(signals[0]), files[0].rate_hz)
     drive = drive_group(merge(vehicles), np.stack(signals, axis=1), seeds, t_ns)
-    free, out = subject(job.vehicle, job.seeds[0]).free, []
+    free, subjects = subject(job.vehicle, job.seeds[0]).free, []
     for k, (seed, vehicle_file) in enumerate(zip(job.seeds, files, strict=True)):
         first, second = (
             run_of_vehicle(drive, j, signals[j], vehicle_file, f"seed {seeds[j]}", seeds[j])
             for j in (2 * k, 2 * k + 1)
         )
         first = replace(first, truth=None)  # a real fit does not have a truth
-        out.append(
+        subjects.append(
             Subject(f"{unmodelled_effect(seed)[0]}, {job.vehicle} {seed}", vehicle_file, first, second, free)
         )
-    return out
+    return subjects
 
 
 def _file(driven: Driven, seed: int) -> Any:

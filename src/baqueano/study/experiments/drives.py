@@ -41,7 +41,7 @@ def plan_signals(
     """Return signal → commands of all vehicles; the designed commands are the same for all vehicles."""
     began_s = time.perf_counter()
     u = design_plan(vehicle_file, room, duration_s, seed=seed, backend=backend).u
-    out = {DESIGNED: PlannedDrive(np.repeat(u[:, None], count, axis=1), time.perf_counter() - began_s)}
+    plans = {DESIGNED: PlannedDrive(np.repeat(u[:, None], count, axis=1), time.perf_counter() - began_s)}
     cloud = VehicleCloud(vehicle_file, possible_vehicles(vehicle_file, vehicle_count=VEHICLES), seed, backend)
     for kind in KINDS:
         us, slowest = [], 0.0
@@ -52,8 +52,8 @@ def plan_signals(
             )
             us.append(contain_in_room(command, vehicle_file, room, cloud=cloud).u)
             slowest = max(slowest, time.perf_counter() - began_s)
-        out[kind] = PlannedDrive(np.stack(us, axis=1), slowest)
-    return out
+        plans[kind] = PlannedDrive(np.stack(us, axis=1), slowest)
+    return plans
 
 
 def vehicles_around(vehicle_file: VehicleFile, count: int, seed: int) -> Robots | Cars:
@@ -102,12 +102,12 @@ def signal_outcome(
 
 def ideal_readings(vehicles: Robots | Cars, u: np.ndarray, rate_hz: float) -> np.ndarray:
     """Return the noise-free readings (N, n, m) of IMUs, and odometers of cars, under commands u (N, n, k)."""
-    world, out = world_of(vehicles, [0] * u.shape[1]), []
+    world, readings = world_of(vehicles, [0] * u.shape[1]), []
     for now in u:
         world.tick(now, 1.0 / rate_hz)
         wheel_travel = [world.rolling_speed[:, None]] if isinstance(vehicles, Cars) else []
-        out.append(np.concatenate([world.noiseless_readings, *wheel_travel], axis=1))
-    return np.stack(out)
+        readings.append(np.concatenate([world.noiseless_readings, *wheel_travel], axis=1))
+    return np.stack(readings)
 
 
 def _error(quiet: np.ndarray, vehicle: Robots | Cars, paths: list[str]) -> float:

@@ -43,10 +43,10 @@ class Experiments:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence for each requirement that is missed."""
-        out = []
+        reasons = []
         design = next(r for r in self.signal_rows if (r.vehicle, r.signal) == ("all", DESIGNED))
         if design.ratio < MIN_RATIO:
-            out.append(
+            reasons.append(
                 _(
                     "the designed signal is {ratio:.2f} times better than random steps; expected "
                     "{expected:g} times",
@@ -55,14 +55,16 @@ class Experiments:
                 )
             )
         if above := design.above_best:
-            out.append(_("for {above} vehicles another signal gives more information", above=above))
+            reasons.append(_("for {above} vehicles another signal gives more information", above=above))
         exits = sum(row.left for row in self.signal_rows if row.vehicle != "all")
         if exits:
-            out.append(_("in {left} drives the body left the room", left=exits))
+            reasons.append(_("in {left} drives the body left the room", left=exits))
         if design.seconds > self.duration_s / 6.0:
             figures = {"seconds": design.seconds, "duration_s": self.duration_s}
-            out.append(_("the design took {seconds:.1f} s, more than a sixth of {duration_s:g} s", **figures))
-        return tuple(out)
+            reasons.append(
+                _("the design took {seconds:.1f} s, more than a sixth of {duration_s:g} s", **figures)
+            )
+        return tuple(reasons)
 
     @property
     def verdict(self) -> Verdict:

@@ -151,10 +151,10 @@ def _inputs(subject: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[Fault
         elif job.fault in UNDAMAGED:
             inputs_of_jobs.append((job, _undamaged_inputs(subject, job, undamaged_drive, rng)))
         else:
-            harmed_run = DAMAGED[job.fault](undamaged_drive, subject.vehicle_file, rng)
+            damaged_run = DAMAGED[job.fault](undamaged_drive, subject.vehicle_file, rng)
             clean = undamaged_drive if job.fault in REPAIRED else None
             truth = {k: x for k, x in subject.truth.items() if (job.fault, k) not in UNCOMPARED_PARAMETERS}
-            inputs = FaultInputs(subject.vehicle_file, harmed_run, subject.free, truth, clean)
+            inputs = FaultInputs(subject.vehicle_file, damaged_run, subject.free, truth, clean)
             inputs_of_jobs.append((job, inputs))
     return inputs_of_jobs + _planned_inputs(subject, plans)
 

@@ -124,13 +124,13 @@ def backlash(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.rando
 
     def loose(w: np.ndarray) -> np.ndarray:
         sign = np.sign(w)
-        out, ticks_since_change, previous_sign = w.copy(), ticks, 0.0
+        force, ticks_since_change, previous_sign = w.copy(), ticks, 0.0
         for k in range(len(w)):
             if sign[k] != 0.0 and sign[k] != previous_sign:
                 ticks_since_change, previous_sign = 0, sign[k]
-            out[k] = 0.0 if ticks_since_change < ticks else w[k]
+            force[k] = 0.0 if ticks_since_change < ticks else w[k]
             ticks_since_change += 1
-        return out
+        return force
 
     return _throttle(subject, u, loose)
 

@@ -103,9 +103,9 @@ def draw_robot(seed: int) -> Robots:
     """Return the robot of that seed, with dead zones, motor lag, and an IMU that is off the centre, turned and
     tilted."""
     draw, q = np.random.default_rng([seed, 40]), draw_robots(1, seed)
-    at, towards = draw.uniform(-np.pi, np.pi, 2)
+    direction, towards = draw.uniform(-np.pi, np.pi, 2)
     imu = q.imu.with_parameters(
-        place_m=0.03 * np.array([[np.cos(at), np.sin(at)]]),
+        place_m=0.03 * np.array([[np.cos(direction), np.sin(direction)]]),
         turn_rad=np.radians(4.0) * draw.choice([-1.0, 1.0], 1),
         tilt_rad=np.radians(2.0) * np.array([[np.cos(towards), np.sin(towards)]]),
     )

@@ -86,9 +86,9 @@ def run_cases(
             teams = [
                 robots.experiment_only if case.fix == "none" else robots.with_laps for case in route_cases
             ]
-            some_drives, some_wholes = drive_cases(route_cases, teams, count, backend)
-            drives += some_drives
-            wholes += some_wholes
+            new_drives, new_wholes = drive_cases(route_cases, teams, count, backend)
+            drives += new_drives
+            wholes += new_wholes
     return len(seeds), drives, wholes, refusals
 
 

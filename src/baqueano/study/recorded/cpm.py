@@ -56,7 +56,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     """
     runs = {name: with_raw_clock(name) for name in MAPS}
     car = load("car").with_values(NEUTRAL_VALUES)
-    out = []
+    study_rows = []
     for name, test_name in (("a", "b"), ("b", "a")):
         progress(
             _(
@@ -66,11 +66,11 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
             )
         )
         choice = choose(runs[name], car, use=SENSORS_USED, options=FitOptions(backend=backend))
-        out += choice_rows(choice, runs[test_name], name, test_name)
+        study_rows += choice_rows(choice, runs[test_name], name, test_name)
     for name, run in runs.items():
         progress(_("CPM: gyro and clock of run {name} by its camera", name=name))
-        out += calibration_rows(calibrate(run, car), name)
-    return out
+        study_rows += calibration_rows(calibrate(run, car), name)
+    return study_rows
 
 
 def with_raw_clock(name: str) -> "Run":

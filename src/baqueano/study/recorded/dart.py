@@ -50,7 +50,7 @@ def files() -> list[str]:
 
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
-    out = []
+    study_rows = []
     for floor, pattern in FLOORS.items():
         runs = runs_of(pattern)
         progress(
@@ -66,9 +66,9 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
         name = f"dart, {_(floor)}"
         bar = f"{number(MIN_DEAD_ZONE)} … {number(MAX_DEAD_ZONE)}"
         is_within = MIN_DEAD_ZONE <= round(zone, 2) <= MAX_DEAD_ZONE
-        out.append(at_most(name, _("held-out speed error [m/s rms]"), error, RMSE_M_S))
-        out.append(criterion_row(name, _("dead zone"), zone, bar, is_within))
-    return out
+        study_rows.append(at_most(name, _("held-out speed error [m/s rms]"), error, RMSE_M_S))
+        study_rows.append(criterion_row(name, _("dead zone"), zone, bar, is_within))
+    return study_rows
 
 
 def runs_of(pattern: str) -> list["Run"]:

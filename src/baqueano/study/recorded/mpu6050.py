@@ -37,20 +37,20 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     progress(_("MPU-6050 at rest, 11 min"))
     statistics = measure_at_rest(import_run(MAP).run)
     author = _published_statistics()
-    out = []
+    study_rows = []
     for c in statistics.channels:
         unit = "g" if c.sensor == "accelerometer" else "°/s"
         kind = "accelerometer" if c.sensor == "accelerometer" else "gyroscope"
         pair = author[kind, AXES[c.entry]]
         for statistic, value, bar in ((N_("mean"), c.mean, pair[0]), (N_("deviation"), c.std, pair[1])):
             quantity = f"{_(c.sensor)} {AXES[c.entry]}, {_(statistic)} [{unit}]"
-            out.append(_row(quantity, value / SI_FACTORS[c.sensor], bar, ROUNDING))
+            study_rows.append(_row(quantity, value / SI_FACTORS[c.sensor], bar, ROUNDING))
     for c in (c for c in statistics.channels if c.sensor == "gyro"):
         assert c.allan_1s is not None
         name = _("gyro {axis}, Allan deviation at 1 s [°/s]", axis=AXES[c.entry])
-        out.append(_row(name, c.allan_1s / SI_FACTORS["gyro"], ALLAN_1S[c.entry], ALLAN_TOLERANCE))
+        study_rows.append(_row(name, c.allan_1s / SI_FACTORS["gyro"], ALLAN_1S[c.entry], ALLAN_TOLERANCE))
     is_reported = any(finding.code == "at-rest.bursts" for finding in statistics.findings)
-    return [*out, message_row(MAP, _("burst stamps are reported"), is_reported)]
+    return [*study_rows, message_row(MAP, _("burst stamps are reported"), is_reported)]
 
 
 def _row(quantity: str, value: float, reference: float, tolerance: float) -> "JsonObject":

@@ -43,7 +43,7 @@ def files() -> list[str]:
 
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
-    out = []
+    study_rows = []
     for name in FILES:
         runs = runs_of(name)
         half_count = len(runs) // 2
@@ -58,10 +58,10 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
         fit = fit_windows(runs[:half_count], name, backend)
         error_m, error_rad = median_errors(fit.vehicle_file, runs[half_count:], backend)
         error_deg, max_deg = np.degrees([error_rad, MAX_ERROR_RAD]).tolist()
-        out.append(at_most(name, "2 s ahead, position [m, median]", error_m, MAX_ERROR_M, " m"))
-        out.append(at_most(name, "2 s ahead, heading [°, median]", error_deg, max_deg, "°"))
+        study_rows.append(at_most(name, "2 s ahead, position [m, median]", error_m, MAX_ERROR_M, " m"))
+        study_rows.append(at_most(name, "2 s ahead, heading [°, median]", error_deg, max_deg, "°"))
         progress(f"{name}: {fit_sentence(fit, name)}")
-    return out
+    return study_rows
 
 
 def runs_of(name: str) -> list["Run"]:

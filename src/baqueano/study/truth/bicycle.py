@@ -75,10 +75,10 @@ class Cars(Group):
 
         def rate(x: np.ndarray) -> np.ndarray:
             (psi, vx, vy, w, force, delta), g = x[:, 2:8].T, self.gravity(x[:, 2])
-            target, F, out = force_target, force, np.empty_like(x)
+            target, F, x_dot = force_target, force, np.empty_like(x)
             if not self.transmission.is_ideal:
                 wheel = (force_target[:, None], force[:, None], vx[:, None], self.rolling[:, None])
-                target, F, out[:, 8:] = self.transmission.transmit(x[:, 8:], *wheel)
+                target, F, x_dot[:, 8:] = self.transmission.transmit(x[:, 8:], *wheel)
                 target, F = target[:, 0], F[:, 0]
             cos, sin = np.cos(delta), np.sin(delta)
             front, rear = vy + a * w, vy - b * w
@@ -86,12 +86,15 @@ class Cars(Group):
             Yr = self._sideways(1, vx, rear)
             R = self.dry_n * np.tanh(vx / self.dry_speed_m_s) + (self.rolling + self.air * np.abs(vx)) * vx
             c, s = np.cos(psi), np.sin(psi)
-            out[:, 0], out[:, 1], out[:, 2] = c * vx - s * vy, s * vx + c * vy, w
-            out[:, 3] = (F - R - Yf * sin) / m + w * vy + g[:, 0]
-            out[:, 4] = (Yf * cos + Yr) / m - w * vx + g[:, 1]
-            out[:, 5] = (a * Yf * cos - b * Yr) / self.inertia_kg_m2
-            out[:, 6], out[:, 7] = (target - force) / self.lag_s, (angle_target - delta) / self.servo_lag_s
-            return out
+            x_dot[:, 0], x_dot[:, 1], x_dot[:, 2] = c * vx - s * vy, s * vx + c * vy, w
+            x_dot[:, 3] = (F - R - Yf * sin) / m + w * vy + g[:, 0]
+            x_dot[:, 4] = (Yf * cos + Yr) / m - w * vx + g[:, 1]
+            x_dot[:, 5] = (a * Yf * cos - b * Yr) / self.inertia_kg_m2
+            x_dot[:, 6], x_dot[:, 7] = (
+                (target - force) / self.lag_s,
+                (angle_target - delta) / self.servo_lag_s,
+            )
+            return x_dot
 
         return rate
 

@@ -82,13 +82,19 @@ class Robots(Group):
 
         def rate(x: np.ndarray) -> np.ndarray:
             psi, vx, vy, w = x[:, 2], x[:, 3], x[:, 4], x[:, 5]
-            target, force, cos, sin, out = target_at(x), x[:, 6:8], np.cos(psi), np.sin(psi), np.empty_like(x)
+            target, force, cos, sin, x_dot = (
+                target_at(x),
+                x[:, 6:8],
+                np.cos(psi),
+                np.sin(psi),
+                np.empty_like(x),
+            )
             rim, emf = self._rim(x), 0.5 * self.viscous[:, :1]
             if self._has_lagging_emf:
                 late = self.lagging_emf[:, None] * emf * rim
                 target, force = target - late, force + late
             if not self.transmission.is_ideal:
-                target, force, out[:, 8:] = self.transmission.transmit(x[:, 8:], target, force, rim, emf)
+                target, force, x_dot[:, 8:] = self.transmission.transmit(x[:, 8:], target, force, rim, emf)
             longitudinal, lateral = force * cos_toe, force * sin_toe
             resistance = self._friction(x[:, 3:6]) + self._unequal_radii_friction(x[:, 3:6])
             g = self.gravity(psi)
@@ -96,12 +102,12 @@ class Robots(Group):
             Y = lateral[:, 0] + lateral[:, 1] - resistance[:, 1]
             N = longitudinal[:, 1] * right - longitudinal[:, 0] * left - resistance[:, 2]
             w_dot = (N - c * Y) / I
-            out[:, 0], out[:, 1], out[:, 2] = cos * vx - sin * vy, sin * vx + cos * vy, w
-            out[:, 3] = X / m + g[:, 0] + w * (vy + c * w)
-            out[:, 4] = Y / m + g[:, 1] - c * w_dot - w * vx
-            out[:, 5] = w_dot
-            out[:, 6:8] = (target - x[:, 6:8]) / lag_s
-            return out
+            x_dot[:, 0], x_dot[:, 1], x_dot[:, 2] = cos * vx - sin * vy, sin * vx + cos * vy, w
+            x_dot[:, 3] = X / m + g[:, 0] + w * (vy + c * w)
+            x_dot[:, 4] = Y / m + g[:, 1] - c * w_dot - w * vx
+            x_dot[:, 5] = w_dot
+            x_dot[:, 6:8] = (target - x[:, 6:8]) / lag_s
+            return x_dot
 
         return rate
 
@@ -114,8 +120,8 @@ class Robots(Group):
         if not self._has_unequal_radii:
             return 0.0
         more = 0.5 * self.viscous[:, :1] * (self.wheel**-2 - 1.0) * (v[:, :1] + v[:, 2:] * self.arm_m * SIDES)
-        about = more[:, 1] * self.arm_m[:, 1] - more[:, 0] * self.arm_m[:, 0]
-        return np.stack([more[:, 0] + more[:, 1], np.zeros(len(v)), about], axis=1)
+        yaw_friction = more[:, 1] * self.arm_m[:, 1] - more[:, 0] * self.arm_m[:, 0]
+        return np.stack([more[:, 0] + more[:, 1], np.zeros(len(v)), yaw_friction], axis=1)
 
     @cached_property
     def _has_unequal_radii(self) -> bool:

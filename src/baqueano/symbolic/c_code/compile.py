@@ -87,17 +87,17 @@ def find_compiler() -> FoundCompiler:
 
 @cache
 def _find(requested: str, path: str) -> FoundCompiler:
-    whys: list[Diagnostic] = []
+    reasons: list[Diagnostic] = []
     for compiler in _candidates(requested, path):
         try:
             _load(PROBE_TEXT, _flag_sets(compiler, 0, True, False), compiler)
         except CompileError as error:
-            whys.append(error.diagnostic)
+            reasons.append(error.diagnostic)
         else:
-            return FoundCompiler(compiler, merge_diagnostics(whys))
-    if requested and not whys:
-        whys.append(fault("compiler.no-command", value=requested))
-    return FoundCompiler(None, merge_diagnostics(whys) or fault("compiler.absent", "pip install ziglang"))
+            return FoundCompiler(compiler, merge_diagnostics(reasons))
+    if requested and not reasons:
+        reasons.append(fault("compiler.no-command", value=requested))
+    return FoundCompiler(None, merge_diagnostics(reasons) or fault("compiler.absent", "pip install ziglang"))
 
 
 def _candidates(requested: str, path: str) -> Iterator[Compiler]:

@@ -215,8 +215,8 @@ class DriveIdentification:
             return
         self._reason, began_s = None, time.monotonic()
         self._use_fit(result)
-        took_s = result.computing_s + time.monotonic() - began_s
-        self._next_s = max(self._next_s, time.monotonic() + took_s * (1.0 / MAX_FIT_SHARE - 1.0))
+        elapsed_s = result.computing_s + time.monotonic() - began_s
+        self._next_s = max(self._next_s, time.monotonic() + elapsed_s * (1.0 / MAX_FIT_SHARE - 1.0))
 
     def _use_fit(self, drive_fit: FitOfDrive) -> None:
         """Compute the expected errors at the values of this fit; a refused fit does not change them."""

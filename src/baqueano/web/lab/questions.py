@@ -127,14 +127,14 @@ class Questions:
     async def _landscape(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         """Return the costs of a square grid of laps, row by row from the bottom, or `stale`."""
         side = max(2, min(MAX_GRID_SIDE, int(message["side"])))
-        at = [(i / (side - 1), j / (side - 1)) for j in range(side) for i in range(side)]
+        positions = [(i / (side - 1), j / (side - 1)) for j in range(side) for i in range(side)]
         arguments = {name: message[name] for name in ("gains", "a", "b")} | self._tuning_request(message)
         began, costs = time.monotonic(), []
-        for first in range(0, len(at), LAPS_PER_REQUEST):
+        for first in range(0, len(positions), LAPS_PER_REQUEST):
             if not self._is_newest(visitor, message):
                 return {"stale": True}
             reply, _ = await self._bench.request(
-                "costs", visitor, at=at[first : first + LAPS_PER_REQUEST], **arguments
+                "costs", visitor, at=positions[first : first + LAPS_PER_REQUEST], **arguments
             )
             costs += reply["costs"]
         return {"side": side, "costs": costs, "seconds": time.monotonic() - began}

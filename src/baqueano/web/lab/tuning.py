@@ -55,8 +55,8 @@ class TuningWorker:
         complete = bool(np.all(np.isfinite(search.file_gains)))
         rows = [
             {"name": n, "unit": "" if unit == "1" else unit, "meaning": meanings[n.partition("[")[0]],
-             "low": low, "high": high, "file": before if complete else None, "value": first}
-            for n, unit, low, high, before, first in zip(
+             "low": low, "high": high, "file": file_value if complete else None, "value": first}
+            for n, unit, low, high, file_value, first in zip(
                 search.names, search.units, search.low.tolist(), search.high.tolist(), search.file_gains.tolist(),
                 search.initial_gains.values(), strict=True)
         ]  # fmt: skip

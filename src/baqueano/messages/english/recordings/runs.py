@@ -103,7 +103,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "import.step": (
         '{table}: with time_unit = "{unit_name}" the usual step of {column!r} is {step_s:.3g} s, which is '
-        "impossible for a vehicle's recording. Write in [files.{file}] of {map}: {cure}"
+        "impossible for a vehicle's recording. Write in [files.{file}] of {map}: {remedy}"
     ),
     "import.iso8601": (
         "{table}: column {column!r} has times like {value!r}; an iso8601 time is written as "
