@@ -113,6 +113,16 @@ def with_full_stop(sentence: str) -> str:
     return sentence if sentence.endswith((".", "?", "!")) else f"{sentence}."
 
 
+def list_item(sentence: str) -> str:
+    """Return a sentence for a list of a report: with a capital letter and a full stop. A name keeps its letters.
+
+    >>> list_item("the run is short"), list_item("imu[2] is silent"), list_item("mass_kg is fixed.")
+    ('The run is short.', 'imu[2] is silent.', 'mass_kg is fixed.')
+    """
+    first_word = sentence.partition(" ")[0].rstrip(",")
+    return with_full_stop(sentence[:1].upper() + sentence[1:] if first_word.isalpha() else sentence)
+
+
 def json_row(message: Diagnostic) -> dict[str, Any]:
     """Return a diagnostic for JSON: code, figures, and the sentence as `text`."""
     return message.to_json() | {"text": text(message)}

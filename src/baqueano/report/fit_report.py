@@ -6,7 +6,7 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict, most_severe_first
 from baqueano.identify.result.fit_result import Fit, round_to_error, row_remarks
-from baqueano.messages import texts, with_full_stop
+from baqueano.messages import list_item, texts, with_full_stop
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number, percent_text, shown_unit
 from baqueano.messages.language import translate as _
@@ -117,7 +117,7 @@ def row_of(row: "TableRow") -> "JsonObject":
 
 def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
     """Return a section with the meaning of the verdict for the reader, and the next step."""
-    sentences = [with_full_stop(reason) for reason in texts(most_severe_first(fit.reasons))]
+    sentences = [list_item(reason) for reason in texts(most_severe_first(fit.reasons))]
     sentences = [f"• {reason}" for reason in sentences] if len(sentences) > 1 else sentences
     if held_out is not None:
         sentences += [

@@ -154,9 +154,9 @@ class Residuals:
             mask / sigma if shape is None else mask / (sigma * shape)
             for mask, shape in zip(self.masks, profile or [None] * len(self.masks), strict=True)
         ]
-        weighted = self.with_columns(self._weights, weights)
-        weighted.sigma, weighted._profile, weighted.weights = sigma, profile, weights
-        return weighted
+        residuals = self.with_columns(self._weights, weights)
+        residuals.sigma, residuals._profile, residuals.weights = sigma, profile, weights
+        return residuals
 
     def with_columns(self, columns: Any, values: Sequence[np.ndarray]) -> Self:
         """Return a copy with `values` (N, k) per segment in the columns `columns` of its rows."""
