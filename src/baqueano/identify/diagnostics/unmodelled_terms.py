@@ -99,11 +99,9 @@ def motion_features(axis: int, nu: np.ndarray, record: FitRecord) -> np.ndarray:
     """Return φ (N, 9) of one segment with motion ν (N, 3): (3), then (4) or (5)."""
     v = nu[:, axis : axis + 1] / max(float(np.max(np.abs(nu[:, axis]))), 1e-9)
     x, w, magnitude = nu[:, :1], nu[:, 2:], np.abs(v)
-    forward_terms, yaw_terms = (
-        (x * np.abs(w), w * w, x * np.abs(x) * w * w),
-        (w * np.abs(x), x * w, w * x * x),
-    )
-    corners = (*forward_terms, x * w) if axis == 0 else (*yaw_terms, w * np.abs(w))
+    force = x * np.abs(w), w * w, x * np.abs(x) * w * w
+    torque = w * np.abs(x), x * w, w * x * x
+    corners = (*force, x * w) if axis == 0 else (*torque, w * np.abs(w))
     flips = _decay_since_sign_change(v, np.cumsum(record.dt_s))
     return np.concatenate(
         [np.tanh(v / SIGN_WIDTH), v * magnitude, v * v * v, magnitude, flips, *corners], axis=1

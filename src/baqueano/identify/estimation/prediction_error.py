@@ -114,10 +114,8 @@ class Prediction:
         m, rows = self.channels, self.simulation.rows
 
         def of_rows(rows: np.ndarray, indices: np.ndarray) -> R:
-            jacobian, d = self.kernel.sensitivities(rows, x[indices])
-            return of_segment(
-                InnovationDerivatives(jacobian[:, :m], jacobian[:, m:], d[:, :m], d[:, m:], indices)
-            )
+            v, d = self.kernel.sensitivities(rows, x[indices])
+            return of_segment(InnovationDerivatives(v[:, :m], v[:, m:], d[:, :m], d[:, m:], indices))
 
         work_rows = sum(map(len, rows)) if self.kernel.backend == "c" else 0
         return parallel_map(of_rows, rows, self._indices, rows=work_rows)
