@@ -99,8 +99,7 @@ def motion_features(axis: int, nu: np.ndarray, record: FitRecord) -> np.ndarray:
     """Return φ (N, 9) of one segment with motion ν (N, 3): (3), then (4) or (5)."""
     v = nu[:, axis : axis + 1] / max(float(np.max(np.abs(nu[:, axis]))), 1e-9)
     x, w, magnitude = nu[:, :1], nu[:, 2:], np.abs(v)
-    force = x * np.abs(w), w * w, x * np.abs(x) * w * w
-    torque = w * np.abs(x), x * w, w * x * x
+    force, torque = (x * np.abs(w), w * w, x * np.abs(x) * w * w), (w * np.abs(x), x * w, w * x * x)
     corners = (*force, x * w) if axis == 0 else (*torque, w * np.abs(w))
     flips = _decay_since_sign_change(v, np.cumsum(record.dt_s))
     return np.concatenate(
