@@ -24,7 +24,6 @@ SHARE = 0.9  # of the largest curvature of a turn without an arc, so that the an
 FIRST_LINES = (0.0, 2.0, 8.0)  # length of the line before the first turn, in R + length of a clothoid
 WORDS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # directions of the two turns
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # exact to 1e-9 for an angle of 2π
-ORIGIN = np.zeros(3)
 
 
 class ClothoidPath(NamedTuple):
