@@ -12,6 +12,7 @@ from baqueano.cli.modelling.tune import command as tune
 from baqueano.diagnostics import note
 from baqueano.drive import experiment
 from baqueano.messages import text
+from baqueano.messages.notation import COMMAND_LINE, use_notation
 from baqueano.messages.printable import shell_command
 from baqueano.runs import read_run
 from baqueano.runs.folder import find
@@ -60,7 +61,9 @@ def test_measuring_advice_for_a_new_vehicle_ends_with_its_first_fit(baqueano, tm
     for flags, times in ((["--json"], 1), ([], 0)):  # the table of a run lists its warnings
         end = baqueano("experiment", "--seconds", "20", *flags)
         (warning, *_more) = [e.diagnostic for e in read_run(find("last")).events if e.level == "warning"]
-        assert (end.code, end.err.count(text(note("cli.warning", cause=warning)))) == (0, times)
+        with use_notation(COMMAND_LINE):
+            sentence = text(note("cli.warning", cause=warning))
+        assert (end.code, end.err.count(sentence)) == (0, times)
     assert (
         baqueano("identify", "last", "--free", "model.actuator_matrix[0,0]", "--no-noise", "--update").code
         == 0

@@ -9,6 +9,7 @@ import pytest
 from baqueano.errors import AnswerNo
 from baqueano.messages import text
 from baqueano.messages.language import use_language
+from baqueano.messages.notation import COMMAND_LINE, use_notation
 
 
 @pytest.fixture
@@ -94,7 +95,8 @@ def test_an_excessive_speed_is_refused_with_a_command(lab, verb):
     end = lab(*line, "lab", "--vehicle", "small", "--room", "1x1")
     assert cause_of(end.reason) == "route.through-wall"
     assert end.fix == "baqueano route scale lab 0.78"
-    sentence = text(end.reason.figures.get("cause", end.reason))
+    with use_notation(COMMAND_LINE):
+        sentence = text(end.reason.figures.get("cause", end.reason))
     assert (end.out + end.err).count(sentence) == 1
 
 

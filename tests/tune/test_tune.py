@@ -148,7 +148,7 @@ def test_a_narrow_margin_is_a_warning_with_a_larger_weight_on_jerks(tuning):
 
 
 def test_a_phase_margin_below_30_degrees_is_a_warning_with_its_figures(tuning, monkeypatch):
-    """Gains with a phase margin of 20° had no warning, because gain and delay margins were sufficient."""
+    """Gains with a phase margin of 20° were accepted, because gain and delay margins were sufficient."""
     margins = LoopMargins("u_psi", 2.4, 0.0, np.radians(20.0), 0.09, 0.3, True)
     monkeypatch.setattr(TuneResult, "margins", (margins,))
     (reason,) = (reason for reason in tuning.reasons if reason.code == "tune.narrow-margin")

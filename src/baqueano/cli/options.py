@@ -116,10 +116,10 @@ def combine_options(*options: Decorator) -> Decorator:
     return lambda command: reduce(lambda f, option: option(f), reversed(options), command)
 
 
-def _vehicle_file_options(file_help: str) -> Decorator:
+def _vehicle_file_options(help: str) -> Decorator:
     """Return the options of a vehicle file and of its values, with this help of --vehicle."""
     return combine_options(
-        click.option("--vehicle", "vehicle", metavar="FILE|NAME", help=file_help),
+        click.option("--vehicle", "vehicle", metavar="FILE|NAME", help=help),
         click.option(
             "--set",
             "settings",
@@ -131,10 +131,10 @@ def _vehicle_file_options(file_help: str) -> Decorator:
 
 
 vehicle = _vehicle_file_options(
-    "A vehicle file, or a name of the garage (case-study-1, small, car). Default: vehicle.toml, else small."
+    help="A vehicle file, or a name of the garage (case-study-1, small, car). Default: vehicle.toml, else small."
 )
 vehicle_of_run = _vehicle_file_options(
-    "A vehicle file, or a name of the garage (case-study-1, small, car). Default: the file stored in the run."
+    help="A vehicle file, or a name of the garage (case-study-1, small, car). Default: the file stored in the run."
 )
 speed_and_size = combine_options(
     click.option(

@@ -139,10 +139,10 @@ def _turn(
     """Return of a turn from κ_0 to s κ and to 0: the centre (2, n) in the frame of its start, q of (2), φ, and m."""
     x, y, phi = _displacement(np.abs(s * kappa - kappa_0) / k, kappa_0, s * kappa)
     centre = np.stack([x - s / kappa * np.sin(phi), y + s / kappa * np.cos(phi)])
-    end_x, end_y, turned = _displacement(kappa / k, s * kappa, 0.0 * kappa)
+    end_x, end_y, angle = _displacement(kappa / k, s * kappa, 0.0 * kappa)
     from_centre = np.stack([end_x, end_y - s / kappa, 0.0 * s])
-    q = _moved(np.stack([0.0 * s, 0.0 * s, -turned]), from_centre)
-    return centre, q[:2], phi, s * turned
+    q = _moved(np.stack([0.0 * s, 0.0 * s, -angle]), from_centre)
+    return centre, q[:2], phi, s * angle
 
 
 def _turn_angle(angle: np.ndarray, c: np.ndarray, k: float) -> np.ndarray:

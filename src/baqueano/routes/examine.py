@@ -309,7 +309,9 @@ def _noise_findings(route: Route) -> list[Diagnostic]:
     noise_m = position_noise(route)
     if noise_m <= MAX_NOISE_M:
         return []
-    tolerance = f"{np.ceil(1e3 * np.sqrt(2.0) * noise_m) / 1e3:.3f}"  # the rms distance contains x and y
+    tolerance = str(
+        round(np.ceil(1e3 * np.sqrt(2.0) * noise_m) / 1e3, 3)
+    )  # the rms distance contains x and y
     advice = baqueano_command("route", "smooth", NAME_PLACEHOLDER, "--rms", tolerance)
     return [note("route.noisy", Severity.WARNING, advice, noise_mm=1e3 * noise_m)]
 

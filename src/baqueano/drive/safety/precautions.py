@@ -133,8 +133,9 @@ class Precautions:
 
 
 def drive_to_limits(route: Route, vehicle_file: "VehicleFile") -> dict[str, float]:
-    """Return the median speed of a route [m/s], and for this speed, with a margin, a turning radius [m] and the length
-    [m] on which the vehicle can begin to turn with this radius.
+    """Return the median speed of a route [m/s], a turning radius [m], and the length [m] on which such a turn begins.
+
+    The radius and the length are for this speed, with a margin.
     """
     speed = np.abs(route.nu[:, 0])
     moving_speeds = speed[speed > MIN_SPEED_M_S]

@@ -97,15 +97,18 @@ def _with_few_names(lines: Sequence[str]) -> list[str]:
         for name in _VARIABLE.findall(line):
             uses.setdefault(name, []).append(k)
     names: dict[str, str] = {}
-    occupied: list[int] = []  # the lines of each new name, as bits
+    lines_of_names: list[int] = []  # the lines of each new name, as bits
     for name, places in sorted(uses.items(), key=lambda item: (item[1][-1] - item[1][0]) / len(item[1])):
         bits = (1 << max(places[-1], places[0] + 1)) - (1 << places[0])  # a line can use its last value again
-        k = next((k for k, used in enumerate(occupied) if not used & bits), len(occupied))
-        occupied[k:] = [occupied[k] | bits, *occupied[k + 1 :]] if k < len(occupied) else [bits]
+        k = next(
+            (k for k, name_lines in enumerate(lines_of_names) if not name_lines & bits), len(lines_of_names)
+        )
+        rest = lines_of_names[k:] or [0]
+        lines_of_names[k:] = [rest[0] | bits, *rest[1:]]
         names[name] = f"v{k}"
-    order = " = ".join(f"v{k}" for k in range(len(occupied)))
+    order = " = ".join(f"v{k}" for k in range(len(lines_of_names)))
     renamed_lines = [_VARIABLE.sub(lambda match: names[match[0]], line) for line in lines]
-    return [f"    if False: {order} = 0.0"] * bool(occupied) + renamed_lines
+    return [f"    if False: {order} = 0.0"] * bool(lines_of_names) + renamed_lines
 
 
 def _moving_nodes(program: Program, roots: Sequence[Node]) -> set[Node]:
