@@ -23,7 +23,7 @@ FLAGS = (
     "--disable-dev-shm-usage", "--remote-debugging-port=0", "--remote-allow-origins=*",
 )  # fmt: skip
 WAIT_S = 15.0
-FRAME_MS = 100  # without a graphics card each frame costs processor time, so pages draw 10 frames per second
+FRAME_MS = 50  # without a graphics card each frame costs processor time, so pages draw 20 frames per second
 FEW_FRAMES = f"""{{
   const frame = requestAnimationFrame.bind(globalThis);
   globalThis.requestAnimationFrame = (draw) => setTimeout(() => frame(draw), {FRAME_MS});
