@@ -127,7 +127,7 @@ def test_ctrl_c_ends_an_endless_repeat_with_a_complete_run(project):
     finally:
         process.kill()
     assert process.returncode == 130, err
-    assert "stopped from the keyboard. The run is complete: forever.mcap" in err
+    assert "Stopped from the keyboard. The run is complete: forever.mcap" in err
     assert "Traceback" not in err
     assert "true cross-track error of the vehicle" in out
     whole = read_run(path)
@@ -203,7 +203,7 @@ def test_driving_by_keys_without_a_terminal_is_refused(project):
         cwd=project, stdin=subprocess.DEVNULL, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 2
-    assert "driving with the keys needs a terminal" in done.stderr
+    assert "Driving with the keys needs a terminal" in done.stderr
 
 
 def test_ctrl_c_ends_work_at_once_or_at_its_next_progress_report():

@@ -136,7 +136,7 @@ def test_settings_are_not_stored_while_a_motor_runs(verb, live):
         done.set()
         thread.join()
     assert code == 1
-    assert "a motor runs (left +" in err
+    assert "A motor runs (left +" in err
     assert "expected both at rest. Nothing was stored." in err
     assert in_eeprom(live) == Settings()
 
@@ -170,7 +170,7 @@ def test_a_driving_service_is_not_stopped_for_settings(verb, tmp_path, monkeypat
     else:
         assert code == 1
         assert (
-            f"the vehicle is driving ({state}), and this command needs exclusive use of the hardware." in err
+            f"The vehicle is driving ({state}), and this command needs exclusive use of the hardware." in err
         )
         assert "stop" not in calls.read_text()
 

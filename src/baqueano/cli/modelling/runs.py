@@ -355,7 +355,8 @@ def noise(
 @command.command(
     "wear",
     help=(
-        "Find the parameters that changed beyond their error bars over several RUNS, and between which runs."
+        "Find the parameters that changed by more than their error bars over several RUNS, and the runs between "
+        "which they changed."
     ),
 )
 @click.argument("runs", nargs=-1, required=True)

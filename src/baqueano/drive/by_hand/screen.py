@@ -87,7 +87,7 @@ def status_lines(s: Status, columns: int = 80) -> list[str]:
         ),
         "   "
         + _(
-            "full keys are {percent:.0f} % of the limit;  keys: {way}",
+            "a key gives up to {percent:.0f} % of the limit;  keys: {way}",
             percent=100 * s.speed_share,
             way=_(s.key_mode),
         ),

@@ -7,7 +7,7 @@ TEMPLATES: dict[str, str] = {
     "cli.usage": "{words}. All options: {fix}",
     "cli.vehicle-argument": "{value} is a vehicle file, which is given with --vehicle. Type: {fix}",
     "cli.no-such-option": "{words}. All options: {fix}",
-    "cli.interrupted": "stopped from the keyboard.",
+    "cli.interrupted": "Stopped from the keyboard.",
     "cli.memory": (
         "There is not enough memory for this ({error}). Use a smaller number, and run the command "
         "several times."
@@ -50,7 +50,7 @@ TEMPLATES: dict[str, str] = {
     "cli.driver-unknown": "{value} is not a shape or a stored route. {suggestion}.",
     "cli.not-followed": "The vehicle did not follow the {shape} at {speed_m_s:g} m/s: {cause}. Drive slower: {fix}",
     "cli.case-unknown": "--case {value} does not exist. {suggestion}.",
-    "cli.detectors-failed": "the detectors failed: {reasons}",
+    "cli.detectors-failed": "The detectors failed: {reasons}",
     "cli.route-refused": "Route {route} may not be driven, for the reasons above. Type: {fix}",
     "cli.cut-order": "The start --from {start_s:g} is not before the end --to {end_s:g}. Type: {fix}",
     "cli.cut-after-end": (
@@ -82,13 +82,13 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.data-unseen": "To see the data: {fix}",
     "cli.data-in-report": "The report shows the data",
-    "cli.fit-refused": "the fit is refused, and the vehicle file stays as it is: {reasons}. {data}",
+    "cli.fit-refused": "The fit is refused, and the vehicle file stays as it is: {reasons}. {data}",
     "cli.calibration-refused": (
-        "the calibration is refused, and the vehicle file and the map stay as they are: {reasons}"
+        "The calibration is refused, and the vehicle file and the map stay as they are: {reasons}"
     ),
-    "cli.fit-mirrored": "the vehicle file stays as it is, because it contradicts the fit: {reasons}. {data}",
+    "cli.fit-mirrored": "The vehicle file stays as it is, because it contradicts the fit: {reasons}. {data}",
     "cli.fit-refused-held-out": (
-        "the fit is refused on the held-out runs, and the vehicle file stays as it is: {reasons}. {data}"
+        "The fit is refused on the held-out runs, and the vehicle file stays as it is: {reasons}. {data}"
     ),
     "cli.block-not-made": (
         "{kind} could not be made without arguments ({error}). Give every field a default, or name it as "
@@ -99,7 +99,7 @@ TEMPLATES: dict[str, str] = {
         "the last drive. Type: {fix}"
     ),
     "cli.update-without-rounds": "--update needs --rounds: without a fit there is nothing to write. Type: {fix}",
-    "cli.round-refused": "the fit of round {round} is refused: {reasons}. The run is {path}.",
+    "cli.round-refused": "The fit of round {round} is refused: {reasons}. The run is {path}.",
     "cli.emulated-by-hand": (
         "The emulated vehicle does not run in real time, so it cannot be driven manually. Type: {fix}"
     ),
@@ -107,7 +107,7 @@ TEMPLATES: dict[str, str] = {
         "--pad, --no-hold, --closed and --update are only for a manual drive, but here the driver is {driver}. "
         "Type: {fix}"
     ),
-    "cli.fit-interrupted": "stopped from the keyboard: the table shows the fit at that moment; nothing was changed.",
+    "cli.fit-interrupted": "Stopped from the keyboard: the table shows the fit at that moment; nothing was changed.",
     "cli.options-conflict": (
         "--over-time fits each run by itself, so it cannot be combined with {second_option}. Remove one of the "
         "two options."
@@ -137,9 +137,9 @@ TEMPLATES: dict[str, str] = {
     "cli.tolerance": "--tolerance {value}: expected KEY=PART. Type: {fix}",
     "cli.cut-nothing": "These options keep the whole run. Type: {fix}",
     "cli.several-runs": "-o {path}: this command writes several runs. Give a folder for them. Type: {fix}",
-    "cli.study-interrupted": "stopped from the keyboard: the table covers {count} of {total:,}.",
+    "cli.study-interrupted": "Stopped from the keyboard: the table covers {count} of {total:,}.",
     "cli.recordings-interrupted": (
-        "stopped from the keyboard: the table shows the recordings evaluated so far; no report was written."
+        "Stopped from the keyboard: the table shows the recordings evaluated so far; no report was written."
     ),
     "cli.folder-not-empty": "{folder} exists and is not empty. Choose another name: {fix}",
     "cli.file-exists": "{path} exists already, and this command does not replace it. Type: {fix}",
@@ -152,7 +152,7 @@ TEMPLATES: dict[str, str] = {
     "cli.own-block": "--{role} {kind}: {cause}. To see all blocks: {fix}",
     "cli.own-file": "--{role} {kind}: {cause}. To check your block: {fix}",
     "cli.own-name": "--{role} {kind}: {cause}.",
-    "cli.drive-interrupted": "stopped from the keyboard. The run is complete: {path}, {duration_s:.1f} s.",
+    "cli.drive-interrupted": "Stopped from the keyboard. The run is complete: {path}, {duration_s:.1f} s.",
     "cli.one-radio": "--wifi and --own-network: a Pi has one radio. Choose one of the two options.",
     "cli.hex-from-afar": (
         "--hex names a file of this computer, but {host} uses the firmware of its own package. Remove "
@@ -202,7 +202,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.fitted": "{verdict}: {reasons}",
     "cli.rough-gains": (
-        "the first drive does not determine {names}. So the plan uses rough gains, and the other numbers of the file"
+        "The first drive does not determine {names}. So the plan uses rough gains, and the other numbers of the file"
     ),
     "cli.experiment": "experiment",
     "cli.keeping-in-room": "planning a drive within a room of {size} m",
@@ -225,7 +225,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.replay": "replay",
     "cli.middle-again": (
-        "the vehicle begins again in the middle of the room, with its heading along the width of the room"
+        "The vehicle begins again in the middle of the room, with its heading along the width of the room"
     ),
     "cli.put-back": (
         "Put the vehicle back in the middle of the room, with its heading along the width of the room."
@@ -249,7 +249,7 @@ TEMPLATES: dict[str, str] = {
         "the map. If it was at rest, its noise can be measured: {fix}. If it was turned by hand on a mark, its gyro "
         "can be calibrated: {calibrate}"
     ),
-    "cli.mount-written": "the result was written into {path}; next: {fix}, which uses it",
+    "cli.mount-written": "The result was written into {path}; next: {fix}, which uses it",
     "cli.averaging": "computing the Allan deviation for all averaging times",
     "cli.comparing": "comparing with the camera",
     "cli.simulating": "simulating {seconds:g} s",
@@ -266,15 +266,15 @@ TEMPLATES: dict[str, str] = {
     "cli.study-first-drives": "driving {seeds} unknown vehicles; each takes about 10 s of processor time",
     "cli.study-corridor": "identifying and driving {vehicles} vehicles",
     "cli.tuning": "tuning: the closed loop is compiled, then searched from several starts",
-    "cli.tuned": "these gains are for a {route} at {speed_m_s:g} m/s. For your own path: {fix}",
-    "cli.page-waits": 'take control on the page and press "Manual"; Ctrl-C ends it',
+    "cli.tuned": "These gains are for a {route} at {speed_m_s:g} m/s. For your own path: {fix}",
+    "cli.page-waits": 'Take control on the page and press "Manual"; Ctrl-C ends it',
     "cli.page-over": "This drive is over. Its run is in the folder {folder}",
     "cli.page-gone": "The page process has ended.",
     "cli.page-by-hand": 'This page is for manual driving. Press "Manual" on it.',
     "cli.page-set": ("The gains of a robot are set on its own page. Type: {fix}"),
     "cli.page-time": "A real vehicle runs in real time: its time cannot be paused, slowed down or sped up.",
-    "cli.page-replayed": "the page shows both runs until its last tab is closed; Ctrl-C ends it",
-    "cli.motion": "the page shows the other drives; Ctrl-C ends it",
+    "cli.page-replayed": "The page shows both runs until its last tab is closed; Ctrl-C ends it",
+    "cli.motion": "The page shows the other drives; Ctrl-C ends it",
     "cli.demo": (
         "The runs, the route and the vehicle file are in the same folder as the report.\n"
         "next: {program} new mylab"
@@ -282,7 +282,7 @@ TEMPLATES: dict[str, str] = {
     "cli.figures-absent": "{option} {value} is only used with --figures FOLDER.",
     "cli.next-new": "next: {cd}\nthen: {fix}",
     "cli.guesses": (
-        "the values of its model are guesses, until a fit to runs of your vehicle has estimated them"
+        "The values of its model are guesses, until a fit to runs of your vehicle has estimated them"
     ),
     "cli.simulated-truth": (
         "simulated vehicle: {truth} (named in {vehicle} under [simulation]); the fit has to find its "

@@ -18,7 +18,7 @@ TEMPLATES: dict[str, str] = {
         "With {samples} samples, an average can contain 1 to {maximum} of them: {value} is out of range."
     ),
     "allan.numbers": (
-        "an Allan deviation needs a list of at least {minimum} finite numbers; this list has {value}."
+        "An Allan deviation needs a list of at least {minimum} finite numbers; this list has {value}."
     ),
     "allan.rate": "rate_hz = {rate_hz:g}: expected the number of samples per second, above 0.",
     "at-rest.driven": (
@@ -79,9 +79,9 @@ TEMPLATES: dict[str, str] = {
     "forecast.no-errors": (
         "The fit did not give the error of any parameter of the model, so a drive cannot be predicted."
     ),
-    "forecast.ran-away": "the fitted model diverges in open loop, so a drive cannot be predicted.",
+    "forecast.ran-away": "The fitted model diverges in open loop, so a drive cannot be predicted.",
     "forecast.refused": (
-        "the fit is refused, so a drive cannot be predicted. First correct the causes of the refusal."
+        "The fit is refused, so a drive cannot be predicted. First correct the causes of the refusal."
     ),
     "imu-only.no-dynamics": (
         "{vehicle} is a {kind}: its velocity is its command, so a gyro cannot improve it. Use identify."
@@ -113,7 +113,7 @@ TEMPLATES: dict[str, str] = {
     "parameter.all-fixed": (
         "Every parameter is fixed, so nothing can be fitted. Name the free ones with {arg[free]}."
     ),
-    "parameter.bounds": "the bounds of {path} are {low:g} and {high:g}: expected the lower one first.",
+    "parameter.bounds": "The bounds of {path} are {low:g} and {high:g}: expected the lower one first.",
     "parameter.bounds-unused": "{path} has bounds, but it is not fitted, so they have no effect. Add: {fix}",
     "parameter.no-track": (
         "The friction of the wheels is free, so the distance between the wheels is needed: expected "
@@ -125,11 +125,11 @@ TEMPLATES: dict[str, str] = {
         "{example}."
     ),
     "room.small": (
-        "a room of {width_m:g} × {height_m:g} m is too small for a body of radius {radius_m:g} m: expected "
+        "A room of {width_m:g} × {height_m:g} m is too small for a body of radius {radius_m:g} m: expected "
         "more than {min_m:g} m on each side. Type: {fix}"
     ),
     "room.start": (
-        "the start ({x_m:g}, {y_m:g}) m is outside the room: expected at most {max_x_m:.2f} m in "
+        "The start ({x_m:g}, {y_m:g}) m is outside the room: expected at most {max_x_m:.2f} m in "
         "x and {max_y_m:.2f} m in y from its middle."
     ),
     "room.unreadable": (
@@ -179,7 +179,7 @@ TEMPLATES: dict[str, str] = {
     "signal.no-tick": (
         "duration_s = {duration_s:g}, rate_hz = {rate_hz:g}: expected at least one tick, duration_s · rate_hz ≥ 1."
     ),
-    "signal.shape": "the signal has shape ({rows}): expected (N, {commands}), one row per tick.",
+    "signal.shape": "The signal has shape ({rows}): expected (N, {commands}), one row per tick.",
     "signal.short": "{name} = {span_s:g}: expected at least one tick, {min_s:g} s.",
     "signal.unknown": 'Signal "{value}" is unknown. {suggestion}. The signal designed needs a vehicle file and a room.',
     "start.not-free": (
@@ -241,7 +241,7 @@ TEMPLATES: dict[str, str] = {
         "Type: {fix}"
     ),
     "turns.end-of-range": (
-        "the gyro of {run} is at full scale, {limit_rad_s:.3g} rad/s, at {t_s:.1f} s. Turn the vehicle "
+        "The gyro of {run} is at full scale, {limit_rad_s:.3g} rad/s, at {t_s:.1f} s. Turn the vehicle "
         "more slowly."
     ),
     "turns.few-rests": (
@@ -249,7 +249,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "turns.not-turned": (f"In {{run}} the vehicle was not turned between its rests. {TURN_STEPS}"),
     "turns.not-whole": (
-        "between the rests of {run} at {start_s:.0f} s and {end_s:.0f} s the gyro measured {turns:.2f} turns; expected "
+        "Between the rests of {run} at {start_s:.0f} s and {end_s:.0f} s the gyro measured {turns:.2f} turns; expected "
         "{expected:g}. "
         f"{TURN_STEPS}"
     ),
@@ -273,7 +273,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "use.no-channel": '{arg[use]} = "{sensor}[{entry}]": its channels are 0 to {last}.',
     "use.nothing-common": (
-        "the runs contain {sensors}, and the vehicle file {valid}: expected at least one in common."
+        "The runs contain {sensors}, and the vehicle file {valid}: expected at least one in common."
     ),
     "use.not-in-file": (
         "The run has sensor {sensor}, which {vehicle} does not describe, so the fit does not use it. To use it, add to "

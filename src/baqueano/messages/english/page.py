@@ -64,7 +64,7 @@ TEMPLATES: dict[str, str] = {
     "web.identifying": "The drive is being identified",
     "web.ready": "The vehicle is at rest. Teach a route, repeat one, or drive manually",
     "web.begins": "The drive begins",
-    "web.rest": "It stands still for {rest_s:g} s, to measure the bias of its gyro",
+    "web.rest": "The vehicle is at rest for {rest_s:g} s, to measure the bias of its gyro",
     "web.lap-of": "Lap {lap} of {laps}",
     "web.lap": "Lap {lap}",
     "web.from-route": "{cm:.1f} cm from its route, by the estimate",

@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "vehicle.commands-differ": (
-        "the run was driven with {value} commands, but the fit uses {expected}: expected a run of the same "
+        "The run was driven with {value} commands, but the fit uses {expected}: expected a run of the same "
         "kind of vehicle. Type: {fix}"
     ),
     "vehicle.no-route": "{guide} repeats a route, but a route is missing: teach one, or name its file.",
@@ -239,8 +239,8 @@ TEMPLATES: dict[str, str] = {
     ),
     "block.class-unknown": '{file} does not have a class "{value}". {suggestion}.',
     "block.cell-class-unknown": (
-        "class {value} does not exist in this program: it was defined in a notebook cell or in a script. Execute its "
-        "definition before, or write it in a file and name it as file.py:{value}."
+        "Class {value} does not exist in this program: it was defined in a notebook cell or in a script. Execute its "
+        "definition first, or write it in a file and name it as file.py:{value}."
     ),
     "block.raised-while-read": "{place} raised {error} while it was imported.",
     "block.raised-while-read-and-ends": (

@@ -129,7 +129,7 @@ def _command_table(table: LogTable, free_columns: list[str]) -> str:
     if named_columns:
         return _named_commands(table, free_columns, named_columns)
     if pair := _take_all(free_columns, headers.BARE_SIDES):
-        remark = _("if these are measured, not commands: write them as z of [sensors.wheels]")
+        remark = _("if these columns are measurements, not commands: write them as z of [sensors.wheels]")
         return _wheel_commands(table, free_columns, pair, f"{'':28}# {remark}")
     if twist := _take_all(free_columns, headers.TWIST_PATTERNS):
         remark = _("if it is measured, not a command: write it as z of [sensors.odometer]")

@@ -38,20 +38,20 @@ TEMPLATES: dict[str, str] = {
         "{vehicle} does not have nu_dot, its acceleration, which this filter estimates: use ekf."
     ),
     "route.shapes": (
-        "the route has t_s {t_s}, eta {eta}, nu {nu}: expected (m,), (m, 3), (m, 3) with the same m "
+        "The route has t_s {t_s}, eta {eta}, nu {nu}: expected (m,), (m, 3), (m, 3) with the same m "
         "of at least 2."
     ),
-    "route.not-finite": "the route has a number that is not finite: teach it again, or cut that part out.",
-    "guide.times": "the route's times must start at 0 and increase; they start {value} s.",
+    "route.not-finite": "The route has a number that is not finite: teach it again, or cut that part out.",
+    "guide.times": "The route's times must start at 0 and increase; they start {value} s.",
     "route.laps": "laps = {value}: expected 0 (for ever) or more.",
     "route.laps-kept": (
         "{kind}.laps = {former_laps} cannot become {laps}: {cause}. Write self.laps = laps in __init__, or do "
         "not give laps."
     ),
     "shape.length": "length {value:g} m: expected a positive number.",
-    "shape.unknown": "shape {value} does not exist; the shapes are {valid}",
+    "shape.unknown": "Shape {value} does not exist; the shapes are {valid}",
     "shape.corners": (
-        "a rectangle of {length_m} m by {width_m} m is too small for corners of radius {corner_m} m. The "
+        "A rectangle of {length_m} m by {width_m} m is too small for corners of radius {corner_m} m. The "
         "radius must be above 0 and below {max_m:g} m."
     ),
     "shape.amplitude": (
@@ -100,7 +100,7 @@ TEMPLATES: dict[str, str] = {
         '"two_wheels"'
     ),
     "room.too-small": (
-        "the vehicle cannot stay in a room of {width_m:g} × {height_m:g} m. Even without a command, its "
+        "The vehicle cannot stay in a room of {width_m:g} × {height_m:g} m. Even without a command, its "
         "corridor extends {excess_m:.2f} m beyond the wall. Give a larger room, or start further from the "
         "wall."
     ),

@@ -46,7 +46,7 @@ TEMPLATES: dict[str, str] = {
         "the disk is full, so the rest of this run is not stored ({error}); the drive continues"
     ),
     "drive.not-compiled": "{role} {block} runs without compilation: {error}",
-    "drive.not-watched": "the monitor cannot check the sensors: {error}",
+    "drive.not-watched": "The monitor cannot check the sensors: {error}",
     "drive.other-vehicle": (
         "{file} has {value} commands but the vehicle of the world accepts {expected}: they are not the "
         "same kind of vehicle."

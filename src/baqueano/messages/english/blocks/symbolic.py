@@ -45,7 +45,7 @@ TEMPLATES: dict[str, str] = {
     "compiler.trouble": "{command}: {error}",
     "compiler.refuses": "{command} cannot compile the code: {error}",
     "engine.arguments": "{value} arguments, expected {expected}: {names}",
-    "engine.not-compiled": "nothing is compiled yet",
+    "engine.not-compiled": "Nothing is compiled yet",
     "trace.another-trace": (
         "{place}\n    this value belongs to another trace: the function stored it in a cache, a global "
         "or a field. A step must depend only on its arguments"
@@ -61,22 +61,22 @@ TEMPLATES: dict[str, str] = {
     "tree.branch": "{path} is {value}, expected {expected} as in the example",
     "tree.numbers": "{path} has shape {value} of {dtype}, expected numbers, {expected}",
     "engine.batch-sizes": (
-        "the batch sizes of theta, carry and inputs are {sizes}, and inputs have {ticks} ticks. Expected "
+        "The batch sizes of theta, carry and inputs are {sizes}, and inputs have {ticks} ticks. Expected "
         "one batch size and one number of ticks"
     ),
     "tree.another": "the structure at {path} differs from the example",
     "path.not-a-path": '"{path}" is not a path: write names with dots and indices in brackets, "a.b[0,2]"',
     "path.index": '"{path}": an index is one or more whole numbers, not [{value}]',
     "path.shape": '"{path}" has shape {expected}, not {value}',
-    "engine.no-ticks": "the inputs have 0 ticks: the back end numpy needs at least one",
-    "engine.cost": "a cost is one number per tick; this step returns {numbers}",
+    "engine.no-ticks": "The inputs have 0 ticks: the back end numpy needs at least one",
+    "engine.cost": "A cost is one number per tick; this step returns {numbers}",
     "engine.theta-vector": "theta has shape {value}, expected (p,)",
     "engine.no-theta": "This scan was made without theta: pass an example as scan(..., theta=…).",
     "engine.theta-missing": "theta is missing: expected {parameters} parameters, {expected}",
     "engine.theta-shape": "theta has shape {value}, expected {expected} with p = {parameters}",
     "engine.no-parameters": "Derivatives need parameters: pass an example as scan(..., theta=…).",
     "engine.ticks": "{path} has shape {value}, expected (N, …) with {expected} after N",
-    "engine.no-number": "the inputs do not contain a number, so the number of ticks is unknown: add one, such as t_ns",
+    "engine.no-number": "The inputs do not contain a number, so the number of ticks is unknown: add one, such as t_ns",
     "trace.argument-changed": (
         "{place}\n    the function changes an argument in place. Make a new array, x = x + …, or "
         "work on a copy, np.array(x)"

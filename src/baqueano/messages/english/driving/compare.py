@@ -15,7 +15,7 @@ TEMPLATES: dict[str, str] = {
     "compare.names": "names contains {names} names for {runs} runs or fits: expected one for each.",
     "lab.scipy-for-bands": "scipy is not installed, and the χ² bands need it. Type: {fix}",
     "forecast.no-covariance": (
-        "the estimator {estimator:word} does not give a covariance of the pose, so its "
+        "The estimator {estimator:word} does not give a covariance of the pose, so its "
         "uncertainty cannot be predicted. Type: {fix}"
     ),
     "compare.alignment": 'alignment = "{value}": expected one of {valid}.',
@@ -23,7 +23,7 @@ TEMPLATES: dict[str, str] = {
         'alignment = "start" needs the first heading, but the truth contains only positions. Align by all '
         "positions. Type: {fix}"
     ),
-    "compare.reference-short": "the reference path has {points} points: expected at least 2.",
+    "compare.reference-short": "The reference path has {points} points: expected at least 2.",
     "compare.advice-too-sure": (
         "The filter underestimates its errors (NEES above the band): its noise is too small, or "
         "its model is incomplete. Fit the model again to find the cause."

@@ -9,10 +9,10 @@ TEMPLATES: dict[str, str] = {
         "/dev/input/event5. Without a path, --pad searches for the pad."
     ),
     "keys.no-terminal-control": (
-        "this terminal cannot read single keys: give the drive as a list of commands."
+        "This terminal cannot read single keys: give the drive as a list of commands."
     ),
     "keys.no-terminal": (
-        "driving with the keys needs a terminal; here the input is a file or a pipe. Over ssh, use ssh -t."
+        "Driving with the keys needs a terminal; here the input is a file or a pipe. Over ssh, use ssh -t."
     ),
     "drive.duration": "{name} = {value}: expected a finite number of seconds {range}.",
     "drive.laps": (
@@ -69,12 +69,12 @@ TEMPLATES: dict[str, str] = {
         "at least one above 0."
     ),
     "first-drive.no-estimates": "{name} does not contain estimates of a first drive.",
-    "mission.kind": 'a mission of kind "{kind}": expected one of {valid}.',
-    "mission.version": "this mission is of another version: update baqueano on both sides.",
-    "mission.damaged": "this is not a mission ({kind}: {error}).",
-    "mission.two-files": "two files of blocks are called {name}: give one of them another name.",
-    "mission.no-driver": "teaching needs a route, or a person who drives.",
-    "mission.file-name": "a block in the file {name}: expected a plain name that ends in .py.",
+    "mission.kind": 'A mission of kind "{kind}": expected one of {valid}.',
+    "mission.version": "This mission is of another version: update baqueano on both sides.",
+    "mission.damaged": "This is not a mission ({kind}: {error}).",
+    "mission.two-files": "Two files of blocks are called {name}: give one of them another name.",
+    "mission.no-driver": "Teaching needs a route, or a person who drives.",
+    "mission.file-name": "A block in the file {name}: expected a plain name that ends in .py.",
     "smooth.not-kalman": (
         "{estimator} cannot be smoothed: smoothing needs a Kalman filter, with a belief of mean (η, ν, …) and "
         "cov, and innovations. Replay without {arg[smooth]}, or with {arg[estimator]:augmented_ekf}"
@@ -92,17 +92,17 @@ TEMPLATES: dict[str, str] = {
         "vehicle file: {fix}. Then fit again, for their noise"
     ),
     "drive.signal-shape": (
-        "the signal has shape {value}: expected finite numbers (N, {commands}), one column for each of {names}."
+        "The signal has shape {value}: expected finite numbers (N, {commands}), one column for each of {names}."
     ),
     "drive.driver-type": (
         "The driver is of type {kind}. Expected a Route, such as baqueano.guides.shapes.circle(1.0, 0.25), a guide, a "
         "list of (seconds, command), or a function that returns a command."
     ),
-    "drive.step-pair": "step {number} of the drive is {value}: expected (seconds, command).",
+    "drive.step-pair": "Step {number} of the drive is {value}: expected (seconds, command).",
     "drive.step-numbers": (
-        "step {number} of the drive is {value}: expected a time above 0 s and {commands} finite numbers."
+        "Step {number} of the drive is {value}: expected a time above 0 s and {commands} finite numbers."
     ),
-    "drive.no-steps": "the list of steps is empty: give at least one (seconds, command).",
+    "drive.no-steps": "The list of steps is empty: give at least one (seconds, command).",
     "drive.diagnostic-failed": "diagnostic() of the {role} failed: {error}. It is not called again in this drive.",
     "mpc.no-solver": "osqp is not installed, and the controller mpc needs its solver. Type: {fix}",
     "mpc.old-plan": (
@@ -110,7 +110,7 @@ TEMPLATES: dict[str, str] = {
         "most {maximum} ticks in a row."
     ),
     "mpc.unsolved": (
-        "the solver of mpc did not find a command in {ticks} ticks in a row. Is the vehicle "
+        "The solver of mpc did not find a command in {ticks} ticks in a row. Is the vehicle "
         "beyond a wall (wall_low, wall_high), or is its estimate not finite? Use another "
         "controller: {arg[controller]:lqr}"
     ),
@@ -158,5 +158,5 @@ TEMPLATES: dict[str, str] = {
         "the sensors showed no motion with up to {command_percent:.0f} % of {command:word}, and then the "
         "drive ended. The vehicle left its spot, or the drive took too long. Put it back and start again"
     ),
-    "mission.lacks": 'a mission of kind "{kind}" needs {name}.',
+    "mission.lacks": 'A mission of kind "{kind}" needs {name}.',
 }

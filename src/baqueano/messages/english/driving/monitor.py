@@ -20,7 +20,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "sensor.degraded": "DEGRADED: {cause}.",
     "sensor.agrees-again": "{subject} agrees again, after {duration_s:.1f} s",
-    "monitor.raised": "the sensors are no longer monitored: the monitor raised {error}",
+    "monitor.raised": "The sensors are no longer monitored: the monitor raised {error}",
     "model.fits-no-longer": (
         "for {window_s:.0f} s the errors of the model were {ratio:.1f} times as large as predicted: the "
         "model no longer describes this vehicle or this floor. Type: {fix}"

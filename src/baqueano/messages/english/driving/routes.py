@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "route.no-way": (
-        "the route is {length_m:.3f} m long: expected at least four points, a millimetre apart. Teach it "
+        "The route is {length_m:.3f} m long: expected at least four points, a millimetre apart. Teach it "
         "with a drive in which the vehicle moves."
     ),
     "route.both-ways": (
@@ -11,10 +11,10 @@ TEMPLATES: dict[str, str] = {
     ),
     "route.tolerance": "tolerance {value:g} m: expected {min_m:g} to {largest_m:g} m.",
     "route.cut": (
-        "the part from {start_m:g} to {end_m:g} m does not lie on the route: expected 0 ≤ from < to ≤ {length_m:.2f} m."
+        "The part from {start_m:g} to {end_m:g} m does not lie on the route: expected 0 ≤ from < to ≤ {length_m:.2f} m."
     ),
     "route.join-reverses": (
-        "the first route ends at {first_m_s:.2f} m/s, the second begins at {second_m_s:.2f} m/s. One is "
+        "The first route ends at {first_m_s:.2f} m/s, the second begins at {second_m_s:.2f} m/s. One is "
         "driven forward, the other backward. Reverse one of them: {fix}"
     ),
     "route.factor": "factor {value:g}: expected a positive number; 2 makes a route twice as large.",
@@ -22,14 +22,14 @@ TEMPLATES: dict[str, str] = {
     "route.limit": "{name} = {value:g}: expected a positive number; a fraction is at most 1.",
     "route.points": "points have the shape {value}: expected at least two rows of x and y in metres, (m, 2).",
     "route.point-not-finite": (
-        "point {number} contains a value that is not a number. Give x and y in metres, or remove the point."
+        "Point {number} contains a value that is not a number. Give x and y in metres, or remove the point."
     ),
     "route.points-far": (
-        "points {first} and {second} are {distance_m:.1f} m apart: expected at most 20 m. Are the columns in metres, "
+        "Points {first} and {second} are {distance_m:.1f} m apart: expected at most 20 m. Are the columns in metres, "
         "and is a point missing between them?"
     ),
     "route.too-tight": (
-        "the curve at {position_m:.2f} m has a radius of {radius_m:.3f} m: even slowly, the vehicle needs more than "
+        "The curve at {position_m:.2f} m has a radius of {radius_m:.3f} m: even slowly, the vehicle needs more than "
         "{share:.0%} of its command there. Make the route smoother or larger, or allow a larger share: {fix}"
     ),
     "route.jump": (
@@ -78,7 +78,7 @@ TEMPLATES: dict[str, str] = {
         "smaller, or give a larger room or another start: {fix}"
     ),
     "route.columns-unused": (
-        "the columns {names} are not used: the route passes the points at {speed_m_s:g} m/s. To drive the poses and "
+        "The columns {names} are not used: the route passes the points at {speed_m_s:g} m/s. To drive the poses and "
         "speeds of a route file, copy it into the folder {folder}."
     ),
     "route.columns": (

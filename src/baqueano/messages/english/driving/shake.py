@@ -43,7 +43,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "shake.no-mission": "No mission was driven yet, so none can be repeated.",
     "shake.by-hand": (
-        "A manual drive cannot be repeated without a fault, because a person never drives twice in the "
+        "A manual drive cannot be driven again without its faults, because a person never drives twice in the "
         "same way. Repeat a route, or drive an experiment."
     ),
     "ledger.who-monitor": "monitor",

@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "simulate.as-written": (
-        "the {role} {block} depends on a solver, a person or a clock, so its step cannot be compiled. It "
+        "The {role} {block} depends on a solver, a person or a clock, so its step cannot be compiled. It "
         "cannot be tuned or simulated in one kernel. Run it tick by tick: {fix}"
     ),
     "simulate.never-done": "This guide never ends by itself: give the duration as duration_s.",
@@ -18,7 +18,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "simulate.vehicles": "vehicles = {vehicles}: expected 1 or more.",
     "simulate.signal-shape": (
-        "the command signal has shape {value}: expected (N, {commands}), one row per tick with {names}."
+        "The command signal has shape {value}: expected (N, {commands}), one row per tick with {names}."
     ),
     "simulate.not-finite": "{name} = {value} at tick {tick}: expected a finite number.",
     "simulate.beyond-limit": (

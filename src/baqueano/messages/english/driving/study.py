@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "study.recordings-missing": (
-        "recordings are missing: {folders} do not contain {recordings}. They are not part of baqueano; set "
+        "Recordings are missing: {folders} do not contain {recordings}. They are not part of baqueano; set "
         "BAQUEANO_DATA to the folder that contains {first}"
     ),
     "study.not-a-third": (
@@ -21,5 +21,5 @@ TEMPLATES: dict[str, str] = {
     "demo.tune": "4/6 tune        gains on the identified model",
     "demo.teach": "5/6 teach       a sinuous circle",
     "demo.repeat": "6/6 repeat      {laps} laps",
-    "demo.refused": "the fit of the demo was refused: {cause}",
+    "demo.refused": "The fit of the demo was refused: {cause}",
 }

@@ -43,12 +43,12 @@ TEMPLATES: dict[str, str] = {
     ),
     "time.stamps-back": f"{{subject}}: {{count}} timestamps repeat or go back; their samples were excluded. {LOG_ONCE}",
     "time.jump": (
-        "time jumps {jumps} times, by up to {max_s:.3g} s. The run was cut there into {pieces} segments of at least "
-        "{min_s:g} s, each with its own start"
+        "the timestamps jump at {jumps} places, by up to {max_s:.3g} s. The run was cut there into {pieces} segments "
+        "of at least {min_s:g} s, each with its own start"
     ),
     "time.jump-throughout": (
-        "time jumps {jumps} times, by up to {max_s:.3g} s. No segment between two jumps lasts {min_s:g} s, so the "
-        "run was not cut. Check its time column"
+        "the timestamps jump at {jumps} places, by up to {max_s:.3g} s. No segment between two jumps lasts {min_s:g} "
+        "s, so the run was not cut. Check its time column"
     ),
     "command.beyond-zero": (
         "{subject} reaches {maximum:.3g}, but its limit in the vehicle file is 0. Are columns swapped?"

@@ -32,12 +32,12 @@ TEMPLATES: dict[str, str] = {
         "complete. Free some space, then type: {fix}"
     ),
     "runs.times": (
-        "run {run}: {t_ns} ns is not between 1970 and 2038. The times of a run begin at 1970 or at its "
+        "Run {run}: {t_ns} ns is not between 1970 and 2038. The times of a run begin at 1970 or at its "
         "own start; shift them."
     ),
     "runs.not-written": "{path}: the run could not be written ({error}).",
     "runs.decimal": 'decimal = {value!r}: write decimal "." or ","',
-    "runs.no-trajectory": "run {run} does not have trajectory {value!r}; it has: {trajectories}.",
+    "runs.no-trajectory": "Run {run} does not have trajectory {value!r}; it has: {trajectories}.",
     "runs.file-in-the-way": "{path} exists already. Give another name, or remove it.",
     "runs.folder-empty": "Run {value!r} does not exist: folder {folder} does not contain runs yet. To make one: {fix}",
     "runs.unknown": "No run in {folder} matches {value!r}. The newest there: {valid}. To list all: {fix}",
@@ -63,7 +63,7 @@ TEMPLATES: dict[str, str] = {
         "= …"
     ),
     "import.clocks-differ": (
-        "the times of [{key}] in {table} are {span}, and the times of the ticks are {ticks_span}: their "
+        "The times of [{key}] in {table} are {span}, and the times of the ticks are {ticks_span}: their "
         "clocks differ. Write in [files.{file}]: shift_s = …"
     ),
     "import.file-absent": (
@@ -167,7 +167,7 @@ TEMPLATES: dict[str, str] = {
         "{file} {topic}: expected a number in field {field!r}, found {value}. Choose one of its parts."
     ),
     "bag.chunk": (
-        "{file} has a chunk of {size} that unpacks to more than {largest}. If you trust it, write it anew "
+        "{file} has a chunk of {size} that unpacks to more than {largest}. If you trust it, write it again "
         "without compression."
     ),
     "table.utf-16": (

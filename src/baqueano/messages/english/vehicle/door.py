@@ -57,7 +57,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "remote.unreachable": "{host} cannot be reached: {cause}. To see why: {command}",
     "door.unknown-word": "{value} is not valid: expected one of {valid}",
-    "door.no-run": "run {run} does not exist",
+    "door.no-run": "Run {run} does not exist",
     "door.full": "All {maximum} places at this vehicle are occupied. Close a page or a program that watches it.",
     "door.too-long": (
         "A line longer than {max_kb} kB can only be a mission, and one mission is read at a time. Send it again."
@@ -75,7 +75,7 @@ TEMPLATES: dict[str, str] = {
     "door.route-name": (
         "{value} cannot be the name of a route. Use letters, digits and hyphens, such as lab-1."
     ),
-    "door.no-route": "route {value} does not exist; the stored routes are {valid}. Teach it first.",
+    "door.no-route": "Route {value} does not exist; the stored routes are {valid}. Teach it first.",
     "door.not-a-number": "{name} = {value}: expected a number",
     "door.not-an-integer": "{name} = {value}: expected an integer",
     "door.gain-refused": (
@@ -96,13 +96,13 @@ TEMPLATES: dict[str, str] = {
         "{host} is not a vehicle by ssh, such as pilot@rover.local. For an Uno at this computer, write its "
         "port into the vehicle file, or type: --set robot.port={host}"
     ),
-    "ssh.too-much": "the answer of the vehicle is longer than {max_mb} MB, so the rest was not read.",
+    "ssh.too-much": "The answer of the vehicle is longer than {max_mb} MB, so the rest was not read.",
     "door.nobody": (
         "{path}: no service answers there ({error}). On the vehicle type: {fix}. From a laptop, name the "
         "vehicle, for example pilot@rover.local"
     ),
-    "door.state": "the vehicle is {state}. {advice}.",
-    "door.state-because": "the vehicle is {state}: {cause}. {advice}.",
+    "door.state": "The vehicle is {state}. {advice}.",
+    "door.state-because": "The vehicle is {state}: {cause}. {advice}.",
     "door.mend": "Correct that; the vehicle checks again by itself",
     "door.clear": "Look at the vehicle, then type: {fix}",
     "door.wait": "Wait until it is done, or stop it: {fix}",

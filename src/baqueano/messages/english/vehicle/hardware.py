@@ -66,7 +66,7 @@ TEMPLATES: dict[str, str] = {
         "upside down."
     ),
     "imu.setting": "IMU {name} = {value}: expected one of {words}.",
-    "service.no-run-there": "a run cannot be written into {folder}: {error}. Type: {fix}",
+    "service.no-run-there": "A run cannot be written into {folder}: {error}. Type: {fix}",
     "service.hundred-runs": "{folder} already contains a hundred runs that began in this second.",
     "card.cards": (
         "{cards} cards with a partition bootfs are mounted here. Write Raspberry Pi OS Lite (64-bit) on "
@@ -82,7 +82,7 @@ TEMPLATES: dict[str, str] = {
         "ends in .pub."
     ),
     "card.no-key": (
-        "an ssh key was not found; places searched: {valid}. Type: ssh-keygen -t ed25519. Then repeat the "
+        "An ssh key was not found; places searched: {valid}. Type: ssh-keygen -t ed25519. Then repeat the "
         "command"
     ),
     "card.name": (
@@ -92,9 +92,9 @@ TEMPLATES: dict[str, str] = {
     "card.user": (
         "--user {user}: expected lower-case letters and digits, first a letter, and not root, for example ana"
     ),
-    "card.network-name": "the network's name has {bytes} bytes; expected 1 to 32.",
+    "card.network-name": "The network's name has {bytes} bytes; expected 1 to 32.",
     "card.network-password": (
-        "the network's password has {letters} characters; expected 8 to 63 ASCII characters."
+        "The network's password has {letters} characters; expected 8 to 63 ASCII characters."
     ),
     "card.country": (
         "--country {country}: expected two capital letters, such as AR, DE, US. "
@@ -119,7 +119,7 @@ TEMPLATES: dict[str, str] = {
         "Raspberry Pi OS on its card (Bookworm or later)."
     ),
     "setup.packages": (
-        "the robot's packages could not be collected: {reply} This computer needs the internet "
+        "The robot's packages could not be collected: {reply} This computer needs the internet "
         "once for each kind of robot."
     ),
     "setup.packages-not-sent": "{host}: the packages could not be sent, for the reason above. Is its card full?",
@@ -154,25 +154,25 @@ TEMPLATES: dict[str, str] = {
     ),
     "flash.too-slow": f"{{port}}: avrdude did not finish within {{limit_s:g}} s. {UNO_REMEDY}",
     "flash.failed": f"{{port}}: avrdude could not write the firmware: {{reply}} {UNO_REMEDY}",
-    "uno.refused-number": "the Uno rejected the settings: sent {question}, stored {reply}.",
+    "uno.refused-number": "The Uno rejected the settings: sent {question}, stored {reply}.",
     "uno.answer-not-whole": (
-        "the Uno's answer to {question} was not complete within {limit_s:g} s: the line is "
+        "The Uno's answer to {question} was not complete within {limit_s:g} s: the line is "
         "noisy. Check its cable, and the capacitors across the motors"
     ),
     "uno.no-answer": (
-        "the Uno did not answer {question} within {limit_s:g} s: is it powered? Does it have our "
+        "The Uno did not answer {question} within {limit_s:g} s: is it powered? Does it have our "
         "firmware? Type: {fix}"
     ),
     "uno.protocol": (
-        "the firmware at {path} has protocol {firmware_protocol}, but this baqueano has {package_protocol}. Type: "
+        "The firmware at {path} has protocol {firmware_protocol}, but this baqueano has {package_protocol}. Type: "
         "{fix}"
     ),
     "uno.no-line": (
-        "no serial line of an Uno was found: neither /dev/serial/by-id/* nor /dev/ttyACM*, /dev/ttyUSB*. "
+        "No serial line of an Uno was found: neither /dev/serial/by-id/* nor /dev/ttyACM*, /dev/ttyUSB*. "
         "Is its USB cable connected? Does the cable carry data? Or name the line: [robot] port"
     ),
     "uno.several-lines": (
-        'there are {count} serial lines: {lines}. Name one in the vehicle file: [robot] port = "{first}"'
+        'There are {count} serial lines: {lines}. Name one in the vehicle file: [robot] port = "{first}"'
     ),
     "settings.way": (
         "--{option} {value}: expected a wheel and direction with a number, such as left-forwards=0.9; "
@@ -181,11 +181,11 @@ TEMPLATES: dict[str, str] = {
     "settings.word": "--{option} {value}: expected one of {valid}.",
     "settings.number": "--{option} {value}: expected a number from {minimum:g} to {maximum:g}.",
     "settings.motor-runs": (
-        "a motor runs (left {left:+.0%}, right {right:+.0%} of full duty): expected both at rest. Nothing "
+        "A motor runs (left {left:+.0%}, right {right:+.0%} of full duty): expected both at rest. Nothing "
         "was stored. Stop the vehicle, and type the same line again."
     ),
     "calibrate.no-sample": (
-        "the IMU did not give a sample in {limit_s:g} s: check its four wires. Type: {fix}"
+        "The IMU did not give a sample in {limit_s:g} s: check its four wires. Type: {fix}"
     ),
     "calibrate.not-still": (
         "{step:word}: the vehicle moved during {limit_s:g} s. Put it down, do not touch it, and try again."
@@ -225,18 +225,18 @@ TEMPLATES: dict[str, str] = {
         "% at most. Charge the battery, or check what brakes the wheel."
     ),
     "hardware.service-has-it": (
-        "the service uses the hardware, and this user is not allowed to stop it ({error}). Type: {fix}"
+        "The service uses the hardware, and this user is not allowed to stop it ({error}). Type: {fix}"
     ),
     "hardware.drives": (
-        "the vehicle is driving ({state}), and this command needs exclusive use of the hardware. Wait "
+        "The vehicle is driving ({state}), and this command needs exclusive use of the hardware. Wait "
         "until the drive is over, or end it: baqueano robot stop"
     ),
     "floor.not-still": (
-        "the vehicle is not at rest, although its motors are off: the gyro varies by {scatter_deg_s:.1f} "
+        "The vehicle is not at rest, although its motors are off: the gyro varies by {scatter_deg_s:.1f} "
         "°/s. Put it on a level floor and do not touch it."
     ),
     "floor.gravity": (
-        "the IMU measures ({x_m_s2:.1f}, {y_m_s2:.1f}, {z_m_s2:.1f}) m/s² forward, left and up; expected (0, 0, 9.8). "
+        "The IMU measures ({x_m_s2:.1f}, {y_m_s2:.1f}, {z_m_s2:.1f}) m/s² forward, left and up; expected (0, 0, 9.8). "
         "The vehicle lies on its side, or [robot] imu_axes is wrong. Type: {fix}"
     ),
 }

@@ -63,7 +63,7 @@ TEMPLATES: dict[str, str] = {
     "error.SafetyStop": "{words}",
     "block.raised-outside": "{place} raised {error}",
     "service.unforeseen": "{error}",
-    "calibration.stopped": "the calibration was stopped: {cause}.",
+    "calibration.stopped": "The calibration was stopped: {cause}.",
     "hardware.note": "{words}",
     "imu.answers": "the IMU answers now",
     "imu.held": (
