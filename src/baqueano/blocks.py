@@ -249,7 +249,7 @@ def check_role(role: str, block: object) -> None:
 
 
 def check_step(role: str, block_class: type, remedy: Callable[[str], str]) -> None:
-    """Raise UsageError if `step` of a class has the arguments of another role of the loop. `remedy`: role → fix."""
+    """Raise UsageError if `step` of a class fits another role of the loop; `remedy` gives the fix for that role."""
     try:
         fitting_role = role_of(block_class)
     except FileError:  # without a step, or its inputs have other names

@@ -7,7 +7,8 @@ A camera measures the pose (p, ψ) at t_i of its own clock. For many windows [t_
 
 o is the offset of the truth's clock, z_g the gyro, z_o the odometer, R a rotation. (k_x, k_y) is 1/scale, turned by
 the angle between the mark and the rolling direction. l is the position of the mark from the point without side slip.
-For a given o both are linear. Gauss-Newton starts from the best offset of a grid. Errors: numerics/statistics.py.
+For a given o both are linear. Gauss-Newton starts from the best offset of a grid. numerics/statistics.py
+computes the errors.
 """
 
 from collections.abc import Callable

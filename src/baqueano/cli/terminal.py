@@ -144,7 +144,7 @@ def is_terminal() -> bool:
 
 @contextmanager
 def show_progress(label: Diagnostic | str, length: int) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar on stderr for long work, if stderr is a terminal. Yield advance(n)."""
+    """Show a progress bar on stderr for long work, if stderr is a terminal. Yield the function advance(n)."""
     if not is_terminal():
         yield lambda n: None
         return
@@ -216,7 +216,7 @@ class ProgressLine:
 
 @contextmanager
 def show_activity(label: Diagnostic | str) -> Iterator[ProgressLine]:
-    """Show a line on stderr for work of unknown duration. Yield say(text).
+    """Show a line on stderr for work of unknown duration. Yield the function say(text).
 
     On a terminal it counts the seconds, and shows the progress of the work. Otherwise a line is printed
     every PROGRESS_PERIOD_S.

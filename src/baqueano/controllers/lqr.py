@@ -9,8 +9,9 @@ e: error; ν_f: velocity of the reference without jumps; δν: its correction; P
 tick propagates the Riccati equation forward, without future references; P begins with the solution of its continuous
 form for a slow vehicle. An error of e_max has the same cost as a change of velocity of δν_max (Bryson's rule). The
 angle of approach to a far path is at most MAX_APPROACH_RAD. At rest a cross-track error cannot be corrected, so (2) is
-evaluated at a speed of at least MIN_SPEED_M_S. Prediction and command: model_following.py. Source: Anderson and Moore,
-Optimal Control, 1990; forward propagation: Prach, Tekinalp and Bernstein, IEEE Control Systems, 2015.
+evaluated at a speed of at least MIN_SPEED_M_S. model_following.py predicts the pose and computes the command.
+Source: Anderson and Moore, Optimal Control, 1990; forward propagation: Prach, Tekinalp and Bernstein, IEEE Control
+Systems, 2015.
 """
 
 from dataclasses import dataclass

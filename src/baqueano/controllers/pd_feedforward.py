@@ -4,8 +4,8 @@
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
 The vehicle steers towards a point of the path that is L ahead of it (line of sight); + forward, − backward. The
-damping ratio √(k_χ L / |v_f|) / 2 is at least 0.6. Prediction and command: model_following.py. The controller works at
-any speed and in turns on the spot.
+damping ratio √(k_χ L / |v_f|) / 2 is at least 0.6. model_following.py predicts the pose and computes the command. The
+controller works at any speed and in turns on the spot.
 
 Source: Fossen, Handbook of Marine Craft, 2011, ch. 12. Derivation: docs/derivations/pd_feedforward.md.
 """

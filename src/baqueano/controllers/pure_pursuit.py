@@ -7,8 +7,8 @@ v_f is the speed of the reference without jumps, e_x the along-track error. (1) 
 the vehicle along its course and ends at (x, y). With a longer L the motion is smoother, but cuts corners. The law
 cannot turn on the spot, and it does not correct at rest.
 
-Sources: Coulter, CMU-RI-TR-92-01, 1992; L as in Macenski et al., Autonomous Robots, 2023. Prediction and command:
-model_following.py.
+Sources: Coulter, CMU-RI-TR-92-01, 1992; L as in Macenski et al., Autonomous Robots, 2023. model_following.py predicts
+the pose and computes the command.
 """
 
 from dataclasses import dataclass

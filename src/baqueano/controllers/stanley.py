@@ -11,7 +11,8 @@ is the yaw rate per course error. s limits it, because a loop that is faster tha
 compared with the axle of the reference, so a bend does not cause an error. The vehicle does not need a real axle. The
 law does not correct errors at rest or in a turn on the spot.
 
-Source: Hoffmann, Tomlin, Montemerlo and Thrun, ACC 2007. Prediction and command: model_following.py.
+Source: Hoffmann, Tomlin, Montemerlo and Thrun, ACC 2007. model_following.py predicts the pose and computes the
+command.
 """
 
 from dataclasses import dataclass

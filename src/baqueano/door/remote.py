@@ -234,9 +234,9 @@ class Remote:
         return path
 
     def _run_chunks(self, run: str, max_bytes: int) -> Iterator[bytes]:
-        """Yield a run in pieces.
+        """Yield a run in chunks.
 
-        Raise FileError if it has more than `max_bytes` bytes, and RobotUnreachable if its pieces are not consistent.
+        Raise FileError if it has more than `max_bytes` bytes, and RobotUnreachable if its chunks are not consistent.
         """
         size, received_bytes = None, 0
         while size is None or received_bytes < size:

@@ -10,7 +10,7 @@ whole runs, whose biases and starts are estimated on them. Runs that the user ho
 5 s, or 2 s with few blocks: longer than the memory of a small vehicle, so that sums are independent. (3) is a paired
 t test on logarithms, because gains differ by orders of magnitude between blocks. c limits the effect of errors below
 a third of the noise. A term without effect fits noise, so that mean g < 0 and the error rate of the test is below α.
-(4) counts independent pieces of motion by the turning points of a command, without swings below MIN_SWING
+(4) counts independent segments of motion by the turning points of a command, without swings below MIN_SWING
 (Bienaymé 1874). MIN_SIGNS is what the sign test requires.
 """
 
@@ -238,7 +238,7 @@ def _widen(is_held_out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
 
 
 def independent_motion_count(runs: Sequence[Run], command: int) -> float:
-    """Return the number of independent pieces of motion of a command over all runs; 0 if it is always 0.  (4)"""
+    """Return the number of independent segments of motion of a command in all runs; 0 if it is always 0.  (4)"""
     u = [run.applied_commands[np.isfinite(run.applied_commands[:, command]), command] for run in runs]
     all_commands = np.concatenate([np.zeros(1), *u])
     swing = MIN_SWING * float(np.ptp(all_commands))

@@ -48,9 +48,9 @@ class Imu:
     measurement_model : str
         "physical", or "paper": the equation of Grotz et al., correct for a vehicle that does not turn.
     delay_slots : int
-        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
+        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up; not traced.
     has_low_pass : bool
-        True if low_pass_hz is finite; set automatically. Never traced.
+        True if low_pass_hz is finite; set automatically; not traced.
 
     References
     ----------

@@ -83,7 +83,7 @@ class SampledSensor:
     Parameters
     ----------
     delay_slots : int
-        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up. Never traced.
+        Number of past ticks that are stored for the delay: delay_s · rate of the loop, rounded up; not traced.
     """
 
     __slots__ = ()

@@ -10,7 +10,7 @@
 Biases, clocks, the mount of a truth, and a start in motion are estimated on each run. (2) contains the residual on the
 fitted runs, and the excess of this run's white noise (von Neumann's w). WARN: the model's part of e² is significantly
 larger (3), one block fulfils (4), or the fit warns of signs, axes or timestamps. REFUSED: explained is significantly
-below 0 (5). CANNOT TELL: too few pieces of motion of a command that moved in the fit (objective_choice.py).
+below 0 (5). CANNOT TELL: too few segments of motion of a command that moved in the fit (objective_choice.py).
 """
 
 from collections.abc import Sequence
@@ -87,7 +87,7 @@ class Validation(Result):
     outside : tuple of Diagnostic
         Runs that leave the range of motion of the fit.
     basis : Diagnostic
-        Horizon of the simulation [s], and the number of independent pieces of motion.
+        Horizon of the simulation [s], and the number of independent segments of motion.
 
     Examples
     --------

@@ -217,7 +217,7 @@ class FaultyWorld(SimulatedWorld):
         self._requested = np.array(command.u, dtype=float)
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:
-        """Return the time [ns] and the message of each fault that began or was ended since the last call."""
+        """Return the time [ns] and the message of each fault that began or ended since the last call."""
         events, self._pending = self._pending, []
         return events
 

@@ -135,7 +135,7 @@ def announce_rest(mission: "Mission", vehicle_file: "VehicleFile") -> float:
 
 
 def print_fault_detections(run: "Run", vehicle_file: "VehicleFile", shake: tuple[str, ...]) -> None:
-    """Print for each fault the checks that noticed it, and the times. If no check noticed it, print the reason."""
+    """Print for each fault the checks that detected it, and the times. If no check detected it, print the reason."""
     if not shake:
         return
     from baqueano.worlds import fault_ledger

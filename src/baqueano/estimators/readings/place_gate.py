@@ -141,7 +141,7 @@ def growth_factors(factor: Value, std: np.ndarray, max_std: np.ndarray, mask: np
     """Return the diagonal D (n,) of (3): the factor of each standard deviation `std` (n,).
 
     If `mask` (n,) is 1, the factor is `factor`, limited so that it does not raise the deviation above `max_std` (n,).
-    Else the factor is 1.
+    Otherwise the factor is 1.
     """
     max_factor = np.maximum(max_std / np.maximum(std, 1e-12), 1.0)
     return np.where(mask > 0.0, np.minimum(factor, max_factor), 1.0)

@@ -72,7 +72,7 @@ def check_use(sensors: SensorBlocks, use: tuple[str, ...], allow_channels: bool 
 
 
 def measured_channels(sensor: Sensor, slot: Slot) -> np.ndarray:
-    """Return 1 (m,) for each channel of which a finite measurement arrived, else 0."""
+    """Return 1 (m,) for each channel with a finite measurement, else 0."""
     return np.where((slot.is_new > 0.0) & np.isfinite(slot.z), 1.0, 0.0) * np.ones(sensor.size)
 
 

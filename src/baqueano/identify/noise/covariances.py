@@ -355,8 +355,8 @@ def unfitted_covariance(
     name: str, block: Tree, fitted_variance: np.ndarray, runs: Sequence[Run], notes: list[Diagnostic]
 ) -> np.ndarray | None:
     """Return Q (m, m) of a sensor with channels that were not fitted, or None if it is unknown. Q of the file counts if
-    it has every channel. Else a channel has the value of the file, of its residuals (`fitted_variance` (m,)), of its
-    readings at rest, or 1: with 0 a filter would follow only this sensor."""
+    it has every channel. Otherwise a channel has the value of the file, of its residuals (`fitted_variance` (m,)), of
+    its readings at rest, or 1: with 0 a filter would follow only this sensor."""
     file_variance = np.diagonal(block.cov)
     if np.all(file_variance > 0.0):
         notes.append(note("noise.of-the-file", Severity.WARNING, subject=name))

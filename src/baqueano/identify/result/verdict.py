@@ -284,8 +284,8 @@ def sum_of_runs(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
 
 def unlike_runs(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[Diagnostic]:
     """Return findings on runs that are unlike the model in a channel that other runs support. If `hardly`, these are
-    runs that moved by less than the model's error in the other runs. Else they are runs that moved more and differ
-    significantly."""
+    runs that moved by less than the model's error in the other runs. Otherwise they are runs that moved more and
+    differ significantly."""
     findings = []
     for label, runs in channels.items():
         like_runs = [channel for channel in runs if not channel.contradicts_model]

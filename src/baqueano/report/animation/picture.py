@@ -56,7 +56,7 @@ def animation(scene: Scene, partial_fits: Sequence[PartialFit] = (), labels: Seq
 
 
 class _Clock:
-    """The time axis of the animation: fit and teaching, the laps, a pause. Then it repeats."""
+    """The time axis of the animation: fit and teaching, the laps, a pause. Then the animation repeats."""
 
     def __init__(self, scene: Scene, teaches: bool) -> None:
         self.begin_s = FIT_S if teaches else 0.6

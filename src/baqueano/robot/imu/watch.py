@@ -1,7 +1,8 @@
 """Monitor an IMU by its samples and errors, and report each event once, when it begins.
 
 The last bits of a sensor always change: at ±4 g and 44 Hz the accelerometer's noise is 27 LSB. Six equal consecutive
-words can occur by chance at the narrowest filter (5 Hz: about one time in a thousand). Twenty cannot (10⁻⁶⁰).
+words can occur by chance at the narrowest filter (5 Hz: about one time in a thousand). Twenty cannot: the
+probability is 10⁻⁶⁰.
 """
 
 import errno

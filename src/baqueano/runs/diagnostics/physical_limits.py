@@ -223,7 +223,7 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
 
 def _percent_line(u: np.ndarray, percents: list[np.ndarray]) -> Diagnostic | None:
     """Return the map line for a small command `u` (N,), in the numbers of the file, that the map reads in percent.
-    `percents` are all commands that the map reads in percent. Return None if the command is really small.
+    `percents` are all commands that the map reads in percent. Return None if the command is small in its true unit.
     """
     candidates = percents if _largest_magnitude(percents) < 100.0 * MIN_COMMAND else [u]
     if _largest_magnitude(candidates) <= MAX_COMMAND_RATIO:

@@ -1,8 +1,8 @@
 """Compute squared errors of an estimate and of its reference, in blocks of one run, and their ratio.
 
 Speed is ν_x. Positions are relative to the first true pose: path and truth coincide there, in position and heading. A
-window of T is aligned anew at its first true pose. The blocks are the windows for positions in windows, and segments of
-10 s for the speed. For positions over the whole run, the run is one block, because one draw of the heading errors
+window of T is aligned again at its first true pose. The blocks are the windows for positions in windows, and segments
+of 10 s for the speed. For positions over the whole run, the run is one block, because one draw of the heading errors
 determines all its position errors.
 
     ratio = √(Σ_b e_b² / Σ_b ẽ_b²),   its interval by drawing whole blocks b with replacement             (1)

@@ -1,7 +1,7 @@
 """Damage recordings: each function takes an intact run and a random generator, and returns the damaged run.
 
 The size of a damage is drawn for each run, from almost invisible to obvious. Damages of two motors do not apply to a
-car: detection.py.
+car; detection.py excludes them.
 """
 
 from collections.abc import Callable

@@ -264,7 +264,7 @@ class Faults:
     @property
     def verdict(self) -> Verdict:
         """Return USABLE if undamaged runs were fitted and at most 2 % of them are REFUSED. Also, a fit must not
-        crash, and a wrong fit must not be USABLE. Else return REFUSED.
+        crash, and a wrong fit must not be USABLE. Otherwise return REFUSED.
         """
         return Verdict.REFUSED if self.reasons else Verdict.USABLE
 

@@ -3,7 +3,7 @@
 Each function takes a subject, its command, its undamaged run and a random generator. An effect on the motor force is
 simulated as an equivalent command, `effective`; the log contains the command that was sent. If an effect depends on the
 motion, the motion is taken from the undamaged run. The size of the effect is drawn for each run. Some effects do not
-apply to a car: detection.py.
+apply to a car; detection.py excludes them.
 """
 
 from collections.abc import Callable

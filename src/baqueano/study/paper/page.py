@@ -48,7 +48,7 @@ def page_of_paper(study: CaseStudy, models: tuple[ModelEvaluation, ...], backend
     return Page(
         title=_("The paper's case studies"),
         subtitle=_(
-            "Grotz et al., A low cost small reconfigurable autonomous vehicle; simulated anew, fitted anew"
+            "Grotz et al., A low cost small reconfigurable autonomous vehicle; simulated and fitted again"
         ),
         verdict=study.verdict,
         headlines=[

@@ -177,7 +177,7 @@ def batch(program: Program, shared: Sequence[bool], with_outputs: bool) -> str:
     """Return the code that fills outputs (L, n, m), if `with_outputs`, and final (L, c).
 
     `shared` marks the columns of the inputs that are common to all vehicles, (n, ·); the others belong to each vehicle,
-    (L, n, ·). Unused lanes repeat the last vehicle.
+    (L, n, ·). Unused lanes of a vector repeat the last vehicle.
     """
     text = CText(width=LANE_COUNT)
     text.lines.append(BATCH_SIGNATURE)

@@ -1,7 +1,7 @@
 """Convert statements to C code.
 
-A scalar is printed as a double (width 1) or, for many vehicles at once, as a vector with a vehicle in each
-lane. A row of tangents is a vector with a parameter in each lane.
+A scalar is printed as a double (width 1) or, for many vehicles at once, as a vector: each element (lane) is
+a vehicle. A row of tangents is a vector in which each lane is a parameter.
 """
 
 import pkgutil

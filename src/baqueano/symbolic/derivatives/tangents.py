@@ -2,9 +2,9 @@
 
 For v = f(a, b, …) the row is ∂v = ∂f/∂a ∂a + ∂f/∂b ∂b + …. Each active value is either *kept*, as a separate row, or
 *eliminated*: its coefficients are multiplied, as scalars, into the coefficients of its users. If all values are kept,
-each edge of the graph costs a vector operation: the growth is linear. A value has s sources, n of which have a
-coefficient that is not 1, and u users, p of which are not sums. With B blocks of parameters its elimination saves work
-if
+each edge of the graph costs a vector operation: the growth is linear. A value has s sources; n of them have a
+coefficient that is not 1. It has u users; p of them are not sums. With B blocks of parameters its elimination saves
+work if
 
     s u + n p / B <= s + u:                                                                               (1)
 
