@@ -161,7 +161,7 @@ def test_a_vehicle_file_changed_during_setup_is_not_replaced(programs, pi, wheel
     (wheels / "vehicle.toml.seen").write_text("# what was looked at\n")
     step = steps.vehicle_step(steps.Pi(pi, wheels, "ana"))
     assert not step.done()
-    with pytest.raises(SystemExit, match=r"another program changed .*, so this command did not change it"):
+    with pytest.raises(SystemExit, match=r"Another program changed .*, so this command did not change it"):
         step.do()
     assert vehicle_toml.read_text() == SMALL.text
 

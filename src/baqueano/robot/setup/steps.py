@@ -142,7 +142,7 @@ def account_step(pi: Pi) -> Step:
     if (entry := pi.account_fields()) is not None and Path(entry[6]).name not in NO_LOGIN_SHELLS:
         sys.exit(
             _(
-                "on this vehicle {user} is the account of a person, but the service needs that name. Log "
+                "On this vehicle {user} is the account of a person, but the service needs that name. Log "
                 "in as another user, and type: sudo userdel {user}",
                 user=ACCOUNT,
             )
@@ -220,7 +220,7 @@ def environment_step(pi: Pi) -> Step:
         pips = [(path, hashlib.sha256(path.read_bytes()).hexdigest()) for path in pi.bundle.glob("pip-*.whl")]
         pip = next((path for path, digest in pips if f"sha256:{digest}" in locks["pip"]), None)
         if pip is None:
-            sys.exit(_("the package of pip differs from the lock file, so nothing was installed"))
+            sys.exit(_("The package of pip differs from the lock file, so nothing was installed"))
         words = (
             "install",
             "--quiet",
@@ -266,7 +266,7 @@ def vehicle_step(pi: Pi) -> Step:
             if old_content != content(base):
                 sys.exit(
                     _(
-                        "another program changed {path}, so this command did not change it: type the line "
+                        "Another program changed {path}, so this command did not change it: type the line "
                         "again",
                         path=target,
                     )
