@@ -88,27 +88,14 @@ def correct_tick(
         none, no_rows = last_innovations, np.zeros((0, n))
         update = Correction(np.zeros(n), x.cov, none, none, none, no_rows, no_rows)
         return x, Innovations(
-            none,
-            none,
-            none,
-            repetition,
-            place_doubt,
-            0.0,
-            none,
-            np.zeros((0, 0)),
-            none,
-            np.zeros((0, 0)),
-            levels,
-            update,
-            np.ones(n),
-        )
+            none, none, none, repetition, place_doubt, 0.0, none, np.zeros((0, 0)), none, np.zeros((0, 0)),
+            levels, update, np.ones(n),
+        )  # fmt: skip
     y, H, file_cov, mask, corrections, z, arrived_mask = _compared_channels(
         estimator, x, effort, nu_dot, tick
     )
     repetition = repetition_after(repetition, z, mask > 0.0)
-    # a simulation without noise also repeats its readings, but these agree with the prediction
-    is_other = np.abs(y) > 0.01 * np.sqrt(np.diag(file_cov))
-    repeated_mask = np.where(repetition.is_longest & states.is_inertial & is_other & (not at_rest), 1.0, 0.0)
+    repeated_mask = np.where(repetition.is_longest & states.is_inertial & (not at_rest), 1.0, 0.0)
     Q = levels.sensor_cov(file_cov)
     H_of_present = H * mask[:, None]
     channels = PoseChannels(y * mask, H_of_present @ x.cov @ H_of_present.T + Q, mask, corrections)
@@ -142,20 +129,9 @@ def correct_tick(
     x = Gaussian(boxplus(x.mean, update.move), update.cov)
     y, w = (np.where(mask > 0.0, values, np.nan) for values in (y, w))
     return x, Innovations(
-        arrived_mask,
-        repeated_mask,
-        latest_innovations,
-        repetition,
-        decision.memory,
-        rejected_count,
-        y,
-        S,
-        w,
-        file_S,
-        levels,
-        update,
-        D,
-    )
+        arrived_mask, repeated_mask, latest_innovations, repetition, decision.memory, rejected_count,
+        y, S, w, file_S, levels, update, D,
+    )  # fmt: skip
 
 
 class _ComparedChannels(NamedTuple):

@@ -1,11 +1,13 @@
 """Recognise an inertial sensor that repeats its last reading: the noise of a sound sensor prevents this.
 
 A sound sensor repeats a reading with a probability p, because of its resolution, or because a log contains each reading
-several times. After N ≥ MIN_CHANGES readings the longest earlier run of repeats L has p^L ≈ 1/N. So a longer run
+several times. After N readings the longest earlier run of repeats L has p^L ≈ 1/N. So a longer run
 
     n ≥ MIN_REPEATS + LENGTHENING L                                                                         (1)
 
 has a probability of about N^−LENGTHENING p^MIN_REPEATS at each reading: below 1e-6. At rest a reading may be constant.
+A sensor without noise, in a simulation, also repeats its readings. Two successive changes of a reading have opposite
+signs with probability 2/3 under white noise, but seldom without noise. So MIN_REVERSALS of them must come first.
 """
 
 from typing import NamedTuple
@@ -13,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 MIN_REPEATS, LENGTHENING = 4.0, 3.0
-MIN_CHANGES = 50  # changes of a reading before a constant one is suspect
+MIN_REVERSALS = 50  # before a constant reading is suspect
+ROUNDING = 1e-6  # relative to the reading: a smaller change is rounding
 
 
 class RepeatedReadings(NamedTuple):
@@ -23,33 +26,38 @@ class RepeatedReadings(NamedTuple):
     repeat_count: np.ndarray  # (m,) of the last reading
     longest_count: np.ndarray  # (m,) of an earlier reading
     change_count: np.ndarray  # (m,)
+    last_change: np.ndarray  # (m,) difference of the last two readings that differ
+    reversal_count: np.ndarray  # (m,) number of changes with the opposite sign of the previous one
 
     @property
     def is_longest(self) -> np.ndarray:
         """Return a mask (m,): True if a reading is repeated for longer than ever before. A filter can omit it: among
         N readings of a sound sensor, about log N are so."""
-        return (self.repeat_count > self.longest_count) & (self.change_count >= MIN_CHANGES)
+        return (self.repeat_count > self.longest_count) & (self.reversal_count >= MIN_REVERSALS)
 
     @property
     def is_stuck(self) -> np.ndarray:
         """Return a mask (m,): True if a reading is repeated for far longer than before.  (1)"""
         return (self.repeat_count >= MIN_REPEATS + LENGTHENING * self.longest_count) & (
-            self.change_count >= MIN_CHANGES
+            self.reversal_count >= MIN_REVERSALS
         )
 
 
 def no_repetition(m: int) -> RepeatedReadings:
     """Return the repeats of m channels before their first reading."""
-    return RepeatedReadings(*np.zeros((4, m)))
+    return RepeatedReadings(*np.zeros((6, m)))
 
 
 def repetition_after(before: RepeatedReadings, z: np.ndarray, is_arrived: np.ndarray) -> RepeatedReadings:
     """Return the repeats after the readings z (m,); `is_arrived` (m,) is False for a channel without a reading."""
     is_changed = is_arrived & ~(z == before.last_reading)
-    is_repeated = is_arrived & ~is_changed
+    is_repeated, change = is_arrived & ~is_changed, z - before.last_reading
+    is_reversal = is_changed & (change * before.last_change < 0.0) & (np.abs(change) > ROUNDING * np.abs(z))
     return RepeatedReadings(
         np.where(is_arrived, z, before.last_reading),
         np.where(is_changed, 0.0, before.repeat_count + np.where(is_repeated, 1.0, 0.0)),
         np.where(is_changed, np.maximum(before.longest_count, before.repeat_count), before.longest_count),
         before.change_count + np.where(is_changed, 1.0, 0.0),
+        np.where(is_changed, change, before.last_change),
+        before.reversal_count + np.where(is_reversal, 1.0, 0.0),
     )
