@@ -265,8 +265,11 @@ def test_a_car_follows_a_circle_without_servo_saturation(law):
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("speed", "delay_s"), [(1.2, 0.03), (1.0, 0.1), (2.0, 0.1)])
-def test_a_fast_car_with_an_unmodelled_delay_keeps_a_calm_servo(law, speed, delay_s):
+@pytest.mark.parametrize(
+    ("speed", "delay_s", "bar_m"),
+    [(1.2, 0.03, 0.006), (1.0, 0.08, 0.006), (1.0, 0.1, 0.006), (2.0, 0.06, 0.006), (2.0, 0.1, 0.008)],
+)
+def test_a_fast_car_with_an_unmodelled_delay_keeps_a_calm_servo(law, speed, delay_s, bar_m):
     """Before, all but pure_pursuit wove by 7 to 65 mm with 80 ms at 1 m/s: they did not predict their corrections."""
     car, radius_m = load("car"), 3.0
     late = car.with_values({"model.drivetrain.delay_s": car.vehicle.drivetrain.delay_s + delay_s})
@@ -277,7 +280,7 @@ def test_a_fast_car_with_an_unmodelled_delay_keeps_a_calm_servo(law, speed, dela
     state = state._replace(world=state.world._replace(vehicle=vehicle))
     run = as_run("fast", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {})
     off = np.hypot(run.truth.eta[200:, 0], run.truth.eta[200:, 1] - radius_m) - radius_m
-    assert rms(off) < 0.008
+    assert rms(off) < bar_m
     assert np.abs(np.diff(run.sent_commands[200:, 1])).sum() < 1.0
 
 
