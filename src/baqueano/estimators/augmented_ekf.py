@@ -169,12 +169,8 @@ class AugmentedEkf:
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         states, cov = layout(self), np.diag(start_std(self) ** 2)
         mean, no_innovations = np.concatenate([eta, nu, np.zeros(states.size - 6)]), np.zeros(states.channels)
-        memory = (
-            no_innovations,
-            np.zeros((2, 2)),
-            np.zeros(len(states.yaw_rate_checks)),
-            no_repetition(states.channels),
-        )
+        checks, repetition = np.zeros(len(states.yaw_rate_checks)), no_repetition(states.channels)
+        memory = no_innovations, np.zeros((2, 2)), checks, repetition
         pose_memory, levels = empty_memory(states.pose_groups, states.channels), file_levels(states.channels)
         begin = pose_memory, 0.0, np.zeros(2), self.vehicle.drivetrain.init(), levels
         return AugmentedBelief(-1, mean, cov, np.zeros(2), nu, *memory, *begin)
@@ -220,21 +216,13 @@ class AugmentedEkf:
             x.mean[:6], row.dt_s, self.gate_sigma,
         )  # fmt: skip
         x = x._replace(cov=x.cov + block_diagonal([update.pose_cov, np.zeros((len(x.mean) - 3,) * 2)]))
-        last_innovations, repetition, pose_memory = innovations[2:5]
         is_corrected = layout(self).corrected_by(innovations.weight >= 0.5)
         silent_s = np.where(is_corrected, 0.0, belief.silent_s + row.dt_s)
         mean_disturbance = mean_disturbance_after(
             belief.mean_disturbance, x.mean[6:SCALE_INDEX], silent_s, row.dt_s
         )
-        memory = (
-            last_innovations,
-            update.inconsistency,
-            update.mean_checks,
-            repetition,
-            pose_memory,
-            quiet_s,
-            silent_s,
-        )
+        evidence = innovations.latest, update.inconsistency, update.mean_checks, innovations.repetition
+        memory = *evidence, innovations.pose_memory, quiet_s, silent_s
         next_belief = AugmentedBelief(
             tick.t_ns,
             x.mean,
@@ -250,12 +238,16 @@ class AugmentedEkf:
         J = jacobian(self._pose_and_velocity)(next_belief.mean)
         nu_cov = update.nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain)
         cov = mirror_upper(J @ next_belief.cov @ J.T) + block_diagonal([np.zeros((3, 3)), nu_cov])
-        latest_innovation = innovations[6:10] if len(innovations.latest) else ()
+        latest = innovations.y, innovations.S, innovations.weight, innovations.file_S
         D = innovations.growth_factors * np.where(at_rest, _moving_states(len(x.mean)), 1.0)
         G = np.where(row.is_new, D[:, None] * prediction.G, np.eye(len(D)))
         E = np.where(at_rest, layout(self).resting_mask, layout(self).moving_mask)
         errors = row_errors_of(innovations.update, G, E, J, row.is_new)
-        return next_belief, Estimate(tick.t_ns, eta_nu[:3], eta_nu[3:], cov, *latest_innovation), errors
+        return (
+            next_belief,
+            Estimate(tick.t_ns, eta_nu[:3], eta_nu[3:], cov, *(latest if len(innovations.latest) else ())),
+            errors,
+        )
 
     def _pose_and_velocity(self, x: np.ndarray) -> np.ndarray:
         """Return η and (1 + K) ν, (6,): the pose, and the velocity with the scale errors K."""

@@ -146,18 +146,12 @@ class DriveTo:
             index = np.flatnonzero((self.v_m_s >= 0.0) == (sign > 0.0))
             if is_at_goal or not len(index):
                 continue
-            half_turn = np.array(
-                [0.0, 0.0, 0.5 * np.pi * (1.0 - sign)]
-            )  # driven backward, the course is opposite
-            kappa_g = sign * np.clip(self.kappa_1_m[index], -most, most)
-            path, k = shortest_path(
-                eta - half_turn,
-                sign * kappa_0,
-                self.goals[index] - half_turn,
-                kappa_g,
-                self.radius_m,
-                self.ramp_m,
+            # driven backward, the course is opposite
+            start, goals = (
+                x - np.array([0.0, 0.0, 0.5 * np.pi * (1.0 - sign)]) for x in (eta, self.goals[index])
             )
+            kappa_g = sign * np.clip(self.kappa_1_m[index], -most, most)
+            path, k = shortest_path(start, sign * kappa_0, goals, kappa_g, self.radius_m, self.ramp_m)
             if shortest.length_m == 0.0 or path.length_m < shortest.length_m:
                 shortest, nearest = path, int(index[k])
         forward_sign = -1.0 if self.v_m_s[nearest] < 0.0 else 1.0

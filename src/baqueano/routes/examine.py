@@ -309,10 +309,8 @@ def _noise_findings(route: Route) -> list[Diagnostic]:
     noise_m = position_noise(route)
     if noise_m <= MAX_NOISE_M:
         return []
-    tolerance = str(
-        round(np.ceil(1e3 * np.sqrt(2.0) * noise_m) / 1e3, 3)
-    )  # the rms distance contains x and y
-    advice = baqueano_command("route", "smooth", NAME_PLACEHOLDER, "--rms", tolerance)
+    rms_mm = np.ceil(1e3 * np.sqrt(2.0) * noise_m)  # the distance contains x and y
+    advice = baqueano_command("route", "smooth", NAME_PLACEHOLDER, "--rms", str(float(rms_mm / 1e3)))
     return [note("route.noisy", Severity.WARNING, advice, noise_mm=1e3 * noise_m)]
 
 
