@@ -22,7 +22,6 @@ class Memory(NamedTuple):
     last_reading: np.ndarray
     repeat_count: np.ndarray
     longest_count: np.ndarray
-    change_count: np.ndarray
     last_change: np.ndarray
     reversal_count: np.ndarray
     is_broken: np.ndarray  # 1: the last reading was not finite or at the end of its range
@@ -44,4 +43,4 @@ class MonitorState(NamedTuple):
     """The state of the monitor between two ticks."""
 
     model: AugmentedBelief  # belief of the model, from the commands only
-    memory: np.ndarray  # (17, m): a Memory
+    memory: np.ndarray  # (16, m): a Memory

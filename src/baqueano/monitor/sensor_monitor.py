@@ -115,8 +115,8 @@ class SensorMonitor:
         """Return True for a channel that has given no number yet, while others of its sensor have: a gyro alone."""
         sensor = self.channels.names[c].partition("[")[0]
         indices = [k for k, name in enumerate(self.channels.names) if name.partition("[")[0] == sensor]
-        is_silent = memory.change_count[c] == 0.0 and memory.last_reading[c] == 0.0
-        return bool(is_silent and np.any(memory.change_count[indices] > 0.0))
+        is_silent = memory.last_change[c] == 0.0 and memory.last_reading[c] == 0.0
+        return bool(is_silent and np.any(memory.last_change[indices] != 0.0))
 
     def _changes(self, t_ns: int, doubt: list[float]) -> list[Notice]:
         notices, memory = [], Memory(*self._state.memory)

@@ -25,8 +25,7 @@ class RepeatedReadings(NamedTuple):
     last_reading: np.ndarray  # (m,)
     repeat_count: np.ndarray  # (m,) of the last reading
     longest_count: np.ndarray  # (m,) of an earlier reading
-    change_count: np.ndarray  # (m,)
-    last_change: np.ndarray  # (m,) difference of the last two readings that differ
+    last_change: np.ndarray  # (m,) difference of the last two readings that differ; 0 before the first change
     reversal_count: np.ndarray  # (m,) number of changes with the opposite sign of the previous one
 
     @property
@@ -45,7 +44,7 @@ class RepeatedReadings(NamedTuple):
 
 def no_repetition(m: int) -> RepeatedReadings:
     """Return the repeats of m channels before their first reading."""
-    return RepeatedReadings(*np.zeros((6, m)))
+    return RepeatedReadings(*np.zeros((5, m)))
 
 
 def repetition_after(before: RepeatedReadings, z: np.ndarray, is_arrived: np.ndarray) -> RepeatedReadings:
@@ -57,7 +56,6 @@ def repetition_after(before: RepeatedReadings, z: np.ndarray, is_arrived: np.nda
         np.where(is_arrived, z, before.last_reading),
         np.where(is_changed, 0.0, before.repeat_count + np.where(is_repeated, 1.0, 0.0)),
         np.where(is_changed, np.maximum(before.longest_count, before.repeat_count), before.longest_count),
-        before.change_count + np.where(is_changed, 1.0, 0.0),
         np.where(is_changed, change, before.last_change),
         before.reversal_count + np.where(is_reversal, 1.0, 0.0),
     )
