@@ -173,8 +173,8 @@ class Estimate(NamedTuple):
     innovation_cov : ndarray (m, m), optional [SI, squared]
         S = H Σ̄ Hᵀ + Q.
     weight : ndarray (m,), optional
-        Weight of each innovation [no unit]: 1 is the full weight, below ½ the channel is rejected; NaN without a
-        measurement.
+        Weight of each innovation [no unit]: 1 is the full weight, below ½ the channel is rejected. NaN without a
+        measurement, and for a channel that cannot correct (η, ν) while the vehicle drives.
     file_innovation_cov : ndarray (m, m), optional [SI, squared]
         S with the noise of the vehicle file, from an estimator that adapts its noise to the run; else None.
 

@@ -174,10 +174,11 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
             )
     if log is not None and log.innovation is not None and log.innovation_cov is not None:
         y, S = log.innovation, log.innovation_cov
-        errors["nis"] = consistency.whiten(y, S)
         deviations = np.sqrt(np.diagonal(S, axis1=1, axis2=2))
         ratios = (y / deviations).T
         names = innovation_names(run, len(ratios))
+        correcting = _correcting_indices(run, len(ratios))
+        errors["nis"] = consistency.whiten(y[:, correcting], S[:, correcting][:, :, correcting])
         channels = {name: consistency.band(ratio[:, None]) for name, ratio in zip(names, ratios, strict=True)}
         correlations = consistency.whiteness(y, S)
         samples = np.max(np.sum(np.isfinite(y), axis=0), initial=0)
@@ -195,6 +196,12 @@ def innovation_names(run: "Run", size: int) -> list[str]:
     """Return the names of the `size` entries of an innovation: channels such as "imu[2]" if the run contains them."""
     names = [refusal.name for refusal in rejections_in(run.events)]
     return names if len(names) == size else [_("innovation {k}", k=k) for k in range(size)]
+
+
+def _correcting_indices(run: "Run", size: int) -> list[int]:
+    """Return the entries of an innovation that correct the estimate; all if the run does not contain their counts."""
+    counts = [count.reading_count for count in rejections_in(run.events)]
+    return [k for k in range(size) if len(counts) != size or counts[k] > 0]
 
 
 def _all_have_verdict(bands: list[tuple[str, Band]], verdict: str) -> bool:

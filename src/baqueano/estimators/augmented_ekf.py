@@ -238,7 +238,8 @@ class AugmentedEkf:
         J = jacobian(self._pose_and_velocity)(next_belief.mean)
         nu_cov = update.nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain)
         cov = mirror_upper(J @ next_belief.cov @ J.T) + block_diagonal([np.zeros((3, 3)), nu_cov])
-        latest = innovations.y, innovations.S, innovations.weight, innovations.file_S
+        weight = np.where(layout(self).corrects_motion, innovations.weight, np.nan)
+        latest = innovations.y, innovations.S, weight, innovations.file_S
         D = innovations.growth_factors * np.where(at_rest, _moving_states(len(x.mean)), 1.0)
         G = np.where(row.is_new, D[:, None] * prediction.G, np.eye(len(D)))
         E = np.where(at_rest, layout(self).resting_mask, layout(self).moving_mask)

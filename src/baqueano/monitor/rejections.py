@@ -20,7 +20,7 @@ class Rejections(NamedTuple):
     rejected_count : int
         Number of rejected readings, to which the estimator gave a weight below 0.5.
     reading_count : int
-        Number of all readings.
+        Number of all readings that could correct the pose or the velocity.
 
     Examples
     --------
