@@ -128,7 +128,7 @@ def test_consistent_sensors_cause_no_lasting_disagreement():
         belief, _ = block().step(
             belief, Tick(t_ns, run().applied_commands[k], SMALL.sensors._replace(imu=slot))
         )
-        assert belief.inconsistency[1].max() < MIN_INCONSISTENT_S
+        assert belief.memory.inconsistency[1].max() < MIN_INCONSISTENT_S
 
 
 def test_a_frozen_imu_causes_a_speed_error_below_20_cm_s():

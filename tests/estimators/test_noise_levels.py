@@ -76,7 +76,7 @@ def test_a_noisier_imu_has_a_nis_of_one():
     belief, adapted = filtered(2.0, 0.01)
     assert np.all(nis(fixed, fixed.innovation_cov)[:2] > 1.35)
     np.testing.assert_allclose(nis(adapted, adapted.innovation_cov), 1.0, atol=0.15)
-    assert np.all(belief.noise_levels.sensors[:2] > 2.0)
+    assert np.all(belief.memory.noise_levels.sensors[:2] > 2.0)
 
 
 def test_a_calmer_run_has_a_nis_nearer_to_one():
@@ -86,7 +86,7 @@ def test_a_calmer_run_has_a_nis_nearer_to_one():
     was, now = nis(fixed, fixed.innovation_cov), nis(adapted, adapted.innovation_cov)
     assert np.all(was < 0.5)
     assert np.all((now > was + 0.15) & (now < 1.15))
-    assert np.all(belief.noise_levels.sensors < 0.5)
+    assert np.all(belief.memory.noise_levels.sensors < 0.5)
 
 
 def test_monitors_see_the_innovations_with_the_noise_of_the_file():
@@ -99,7 +99,9 @@ def test_monitors_see_the_innovations_with_the_noise_of_the_file():
 def test_outliers_do_not_change_the_levels():
     clean, _ = filtered(1.0, 0.01)
     belief, _ = filtered(1.0, 0.01, "outliers")
-    np.testing.assert_allclose(belief.noise_levels.sensors, clean.noise_levels.sensors, rtol=0.5)
+    np.testing.assert_allclose(
+        belief.memory.noise_levels.sensors, clean.memory.noise_levels.sensors, rtol=0.5
+    )
 
 
 def test_an_imu_that_is_shaken_for_three_seconds_does_not_widen_its_gate():
@@ -115,8 +117,8 @@ def test_a_vehicle_at_rest_keeps_the_levels():
     t_ns, zeros = 10_000_000 * np.arange(1, n + 1), np.zeros((n, 3))
     early, _ = kernel.run(ticks(t_ns, zeros, zeros))
     late, _ = kernel.run(ticks(t_ns + t_ns[-1], zeros, zeros), carry=early)
-    np.testing.assert_array_equal(late.noise_levels.sensors, early.noise_levels.sensors)
-    np.testing.assert_array_equal(late.noise_levels.motion, early.noise_levels.motion)
+    np.testing.assert_array_equal(late.memory.noise_levels.sensors, early.memory.noise_levels.sensors)
+    np.testing.assert_array_equal(late.memory.noise_levels.motion, early.memory.noise_levels.motion)
 
 
 def test_a_level_follows_the_gradient_of_the_likelihood():

@@ -83,8 +83,8 @@ def test_a_confused_tag_read_twice_counts_once(driving):
     belief = driving
     for _ in range(2):
         belief = after(after(belief, LATER, OTHER), SOON, OTHER)
-    assert belief.pose_memory.history.mistakes == pytest.approx([2.0])
-    assert belief.pose_memory.history.confirmation == pytest.approx([0.0])
+    assert belief.memory.pose.history.mistakes == pytest.approx([2.0])
+    assert belief.memory.pose.history.confirmation == pytest.approx([0.0])
 
 
 def test_four_equal_tag_readings_relocate_a_carried_vehicle(driving):

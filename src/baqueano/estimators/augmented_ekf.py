@@ -23,21 +23,23 @@ import numpy as np
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
-from baqueano.estimators.augmented.correction import correct_tick
+from baqueano.estimators.augmented.correction import (
+    Innovations,
+    ReadingMemory,
+    correct_tick,
+    empty_reading_memory,
+)
 from baqueano.estimators.augmented.motion import (
     mean_disturbance_after,
     predict_row,
     velocity_error,
     wheel_velocity_cov,
 )
-from baqueano.estimators.augmented.noise_levels import NoiseLevels, file_levels
 from baqueano.estimators.augmented.state import BIAS_INDEX, FORWARD_STATES, SCALE_INDEX, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian
 from baqueano.estimators.pauses import filter_row, row_effort, rows_before, step_in_rows
 from baqueano.estimators.readings.inconsistency import update_inconsistency
-from baqueano.estimators.readings.place_gate import PoseMemory, empty_memory
-from baqueano.estimators.readings.repetition import RepeatedReadings, no_repetition
 from baqueano.estimators.readings.sensor_numbers import check_use
 from baqueano.estimators.smoother import RowErrors, row_errors_of
 from baqueano.parameter import document, parameter
@@ -61,16 +63,10 @@ class AugmentedBelief(NamedTuple):
     cov: np.ndarray  # (n, n)
     mean_disturbance: np.ndarray  # (2,) d̄ of motion.py: the part of d that does not decay
     model_nu: np.ndarray  # (3,) ν of the model, computed only from the commands
-    last_innovations: np.ndarray  # (m,) the last innovation of each channel
-    # (2, 2) of speed and yaw rate: absolute value and duration, see inconsistency.py
-    inconsistency: np.ndarray
-    mean_checks: np.ndarray  # (k,) rad/s, mean differences between wheels and estimate, see inconsistency.py
-    repetition: RepeatedReadings  # of each channel
-    pose_memory: PoseMemory  # of the sensors that measure the pose
+    memory: ReadingMemory  # of the checks of the readings
     quiet_s: Value  # time without a command; a rejected channel shortens it
     silent_s: np.ndarray  # (2,) since a reading corrected the speed, and the yaw rate
     drivetrain: DrivetrainState
-    noise_levels: NoiseLevels  # of this run, relative to the vehicle file
 
 
 @document
@@ -168,12 +164,9 @@ class AugmentedEkf:
         """Return the belief at `eta` (3,) in the map with `nu` (3,) in the body; by default at rest at the origin."""
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         states, cov = layout(self), np.diag(start_std(self) ** 2)
-        mean, no_innovations = np.concatenate([eta, nu, np.zeros(states.size - 6)]), np.zeros(states.channels)
-        checks, repetition = np.zeros(len(states.yaw_rate_checks)), no_repetition(states.channels)
-        memory = no_innovations, np.zeros((2, 2)), checks, repetition
-        pose_memory, levels = empty_memory(states.pose_groups, states.channels), file_levels(states.channels)
-        begin = pose_memory, 0.0, np.zeros(2), self.vehicle.drivetrain.init(), levels
-        return AugmentedBelief(-1, mean, cov, np.zeros(2), nu, *memory, *begin)
+        mean, memory = np.concatenate([eta, nu, np.zeros(states.size - 6)]), empty_reading_memory(states)
+        drivetrain = self.vehicle.drivetrain.init()
+        return AugmentedBelief(-1, mean, cov, np.zeros(2), nu, memory, 0.0, np.zeros(2), drivetrain)
 
     step, rows_before = step_in_rows, rows_before  # `row` for a tick, and for the parts of a long tick
 
@@ -186,69 +179,72 @@ class AugmentedEkf:
         belief = belief._replace(cov=mirror_upper(belief.cov))  # the generated code reads one triangle
         row = filter_row(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
-        prediction = predict_row(
-            self, Gaussian(belief.mean, belief.cov), belief.mean_disturbance, effort, row,
-            belief.noise_levels.motion,
-        )  # fmt: skip
-        x = Gaussian(prediction.mean, prediction.cov)
-        gain = (x.mean[3] - belief.mean[3]) / row.moved_s
+        prediction = predict_row(self, belief, effort, row)
+        predicted = Gaussian(prediction.mean, prediction.cov)
+        quiet_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.quiet_s + row.dt_s)
+        at_rest = (quiet_s >= MIN_REST_S) & np.all(np.abs(predicted.mean[3:6]) < MAX_REST_NU)
+        model_nu = self.vehicle.advance(belief.mean[:3], belief.model_nu, effort, row.moved_s)[1]
+        model_nu = np.where(at_rest, 0.0, model_nu)
         nu_dot = None  # for a dynamic model it follows from the state
         if not is_dynamic(self.vehicle):
             nu_dot = self.vehicle.advance(belief.mean[:3], belief.mean[3:6], effort, row.moved_s)[2]
-        quiet_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.quiet_s + row.dt_s)
-        at_rest = (quiet_s >= MIN_REST_S) & np.all(np.abs(x.mean[3:6]) < MAX_REST_NU)
-        model_nu = self.vehicle.advance(belief.mean[:3], belief.model_nu, effort, row.moved_s)[1]
-        model_nu = np.where(at_rest, 0.0, model_nu)
-        previous = belief.last_innovations, belief.repetition, belief.pose_memory, belief.noise_levels
 
         def correct(x: Gaussian, at_rest: bool) -> Value:
             if not layout(self).corrects(FORWARD_STATES[0]).any():
                 x = x._replace(mean=np.concatenate([x.mean[:3], model_nu[:1], x.mean[4:]]))
-            return correct_tick(self, x, previous, effort, nu_dot, tick, at_rest, row.dt_s)
+            return correct_tick(self, x, belief.memory, effort, nu_dot, tick, at_rest, row.dt_s)
 
-        x, innovations = branch(at_rest, lambda: correct(_rest_state(x), True), lambda: correct(x, False))
+        x, innovations = branch(
+            at_rest, lambda: correct(_rest_state(predicted), True), lambda: correct(predicted, False)
+        )
+        x, memory, nu_cov = self._widen(x, innovations, model_nu, row.dt_s)
         doubt_s = np.where(innovations.rejected_count > 0.0, REJECTION_COST * row.dt_s, 0.0)
-        quiet_s = np.maximum(np.minimum(quiet_s, MAX_QUIET_S) - doubt_s, 0.0)
-        is_exceeded = np.abs(x.mean[6:SCALE_INDEX]) > self.gate_sigma * self.disturbance_std
-        from_model = x.mean[[3, 5]] - model_nu[[0, 2]]
-        update = update_inconsistency(
-            (belief.inconsistency, belief.mean_checks), layout(self), innovations, from_model, is_exceeded,
-            x.mean[:6], row.dt_s, self.gate_sigma,
-        )  # fmt: skip
-        x = x._replace(cov=x.cov + block_diagonal([update.pose_cov, np.zeros((len(x.mean) - 3,) * 2)]))
         is_corrected = layout(self).corrected_by(innovations.weight >= 0.5)
         silent_s = np.where(is_corrected, 0.0, belief.silent_s + row.dt_s)
-        mean_disturbance = mean_disturbance_after(
-            belief.mean_disturbance, x.mean[6:SCALE_INDEX], silent_s, row.dt_s
-        )
-        evidence = innovations.latest, update.inconsistency, update.mean_checks, innovations.repetition
-        memory = *evidence, innovations.pose_memory, quiet_s, silent_s
         next_belief = AugmentedBelief(
             tick.t_ns,
             x.mean,
             x.cov,
-            mean_disturbance,
+            mean_disturbance_after(belief.mean_disturbance, x.mean[6:SCALE_INDEX], silent_s, row.dt_s),
             model_nu,
-            *memory,
+            memory,
+            np.maximum(np.minimum(quiet_s, MAX_QUIET_S) - doubt_s, 0.0),
+            silent_s,
             drivetrain,
-            innovations.noise_levels,
         )
         next_belief = tree_where(row.is_new, next_belief, belief)
-        eta_nu = self._pose_and_velocity(next_belief.mean)
-        J = jacobian(self._pose_and_velocity)(next_belief.mean)
-        nu_cov = update.nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain)
-        cov = mirror_upper(J @ next_belief.cov @ J.T) + block_diagonal([np.zeros((3, 3)), nu_cov])
-        weight = np.where(layout(self).corrects_motion, innovations.weight, np.nan)
-        latest = innovations.y, innovations.S, weight, innovations.file_S
+        gain = (predicted.mean[3] - belief.mean[3]) / row.moved_s
+        nu_cov = nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain)
         D = innovations.growth_factors * np.where(at_rest, _moving_states(len(x.mean)), 1.0)
         G = np.where(row.is_new, D[:, None] * prediction.G, np.eye(len(D)))
         E = np.where(at_rest, layout(self).resting_mask, layout(self).moving_mask)
+        J = jacobian(self._pose_and_velocity)(next_belief.mean)
         errors = row_errors_of(innovations.update, G, E, J, row.is_new)
-        return (
-            next_belief,
-            Estimate(tick.t_ns, eta_nu[:3], eta_nu[3:], cov, *(latest if len(innovations.latest) else ())),
-            errors,
-        )
+        return next_belief, self._estimate(next_belief, tick.t_ns, J, nu_cov, innovations), errors
+
+    def _widen(
+        self, x: Gaussian, innovations: Innovations, model_nu: np.ndarray, dt_s: Value
+    ) -> tuple[Gaussian, ReadingMemory, np.ndarray]:
+        """Return the state with a wider pose during a disagreement, the memory, and what var ν gains (3, 3)."""
+        memory, from_model = innovations.memory, x.mean[[3, 5]] - model_nu[[0, 2]]
+        is_exceeded = np.abs(x.mean[6:SCALE_INDEX]) > self.gate_sigma * self.disturbance_std
+        update = update_inconsistency(
+            (memory.inconsistency, memory.mean_checks), layout(self), innovations, from_model, is_exceeded,
+            x.mean[:6], dt_s, self.gate_sigma,
+        )  # fmt: skip
+        cov = x.cov + block_diagonal([update.pose_cov, np.zeros((len(x.mean) - 3,) * 2)])
+        memory = memory._replace(inconsistency=update.inconsistency, mean_checks=update.mean_checks)
+        return Gaussian(x.mean, cov), memory, update.nu_cov
+
+    def _estimate(
+        self, belief: AugmentedBelief, t_ns: int, J: np.ndarray, nu_cov: np.ndarray, innovations: Innovations
+    ) -> Estimate:
+        """Return the estimate; `J` (6, n) is its derivative, `nu_cov` (3, 3) what var ν gains in it alone."""
+        eta_nu = self._pose_and_velocity(belief.mean)
+        cov = mirror_upper(J @ belief.cov @ J.T) + block_diagonal([np.zeros((3, 3)), nu_cov])
+        weight = np.where(layout(self).corrects_motion, innovations.weight, np.nan)
+        latest = innovations.y, innovations.S, weight, innovations.file_S
+        return Estimate(t_ns, eta_nu[:3], eta_nu[3:], cov, *(latest if layout(self).channels else ()))
 
     def _pose_and_velocity(self, x: np.ndarray) -> np.ndarray:
         """Return η and (1 + K) ν, (6,): the pose, and the velocity with the scale errors K."""

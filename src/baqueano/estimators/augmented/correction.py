@@ -21,19 +21,21 @@ from baqueano.estimators.augmented.noise_levels import (
     InnovationSquares,
     NoiseLevels,
     file_innovation_cov,
+    file_levels,
     levels_after,
 )
-from baqueano.estimators.augmented.state import BIAS_INDEX, SCALE_INDEX, layout, start_std
+from baqueano.estimators.augmented.state import BIAS_INDEX, SCALE_INDEX, Layout, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Correction, Gaussian, boxplus, correct
 from baqueano.estimators.readings.place_gate import (
     TURN_STD,
     PoseChannels,
     PoseMemory,
+    empty_memory,
     gate_decision,
     growth_factors,
 )
-from baqueano.estimators.readings.repetition import RepeatedReadings, repetition_after
+from baqueano.estimators.readings.repetition import RepeatedReadings, no_repetition, repetition_after
 from baqueano.estimators.readings.sensor_numbers import age_s, motion_at_age
 from baqueano.parameter import INF
 from baqueano.sensors.sampling import difference, mistake_corrections
@@ -48,20 +50,38 @@ ABSURD_GATE_RATIO = 1.5  # times the gate: a channel beyond this always gets a w
 USABLE_RANGE = 0.9999  # of a sensor's full scale: a reading above this is not used
 
 
+class ReadingMemory(NamedTuple):
+    """The state of the checks of the readings, between two rows."""
+
+    last_innovations: np.ndarray  # (m,) the last innovation of each channel
+    repetition: RepeatedReadings  # of each channel
+    pose: PoseMemory  # of the sensors that measure the pose
+    noise_levels: NoiseLevels  # of this run, relative to the vehicle file
+    # (2, 2) of speed and yaw rate: absolute value and duration, see inconsistency.py
+    inconsistency: np.ndarray
+    mean_checks: np.ndarray  # (k,) rad/s, mean differences between wheels and estimate, see inconsistency.py
+
+
+def empty_reading_memory(states: Layout) -> ReadingMemory:
+    """Return the memory before the first reading."""
+    m = states.channels
+    return ReadingMemory(
+        np.zeros(m), no_repetition(m), empty_memory(states.pose_groups, m), file_levels(m), np.zeros((2, 2)),
+        np.zeros(len(states.yaw_rate_checks)),
+    )  # fmt: skip
+
+
 class Innovations(NamedTuple):
     """The measured channels of a tick, compared with their prediction."""
 
     arrived_mask: np.ndarray  # (m,) 1 if a reading arrived, usable or not
     repeated_mask: np.ndarray  # (m,) 1 if an inertial sensor repeats its reading
-    latest: np.ndarray  # (m,) the last innovations, in order of use
-    repetition: RepeatedReadings  # of each channel
-    pose_memory: PoseMemory
+    memory: ReadingMemory  # after the readings of this tick
     rejected_count: Value  # number of channels with a weight below 0.5
     y: np.ndarray  # (m,) innovations; NaN for a channel without a measurement
     S: np.ndarray  # (m, m)
     weight: np.ndarray  # (m,) weights; NaN for a channel without a measurement
     file_S: np.ndarray  # (m, m) S with the noise of the vehicle file
-    noise_levels: NoiseLevels
     update: Correction
     growth_factors: np.ndarray  # (n,) D of place_gate.py, before the update
 
@@ -69,7 +89,7 @@ class Innovations(NamedTuple):
 def correct_tick(
     estimator: "AugmentedEkf",
     x: Gaussian,
-    previous: tuple[np.ndarray, RepeatedReadings, PoseMemory, NoiseLevels],
+    memory: ReadingMemory,
     effort: Effort,
     nu_dot: Value,
     tick: Tick,
@@ -78,28 +98,24 @@ def correct_tick(
 ) -> tuple[Gaussian, Innovations]:
     """Return the state after the measurements that arrived, and the innovations.
 
-    `previous` contains innovations (m,), RepeatedReadings, PoseMemory and NoiseLevels of the previous row.
     `nu_dot` (3,) is the acceleration of a kinematic model, and None for a dynamic model. `at_rest` selects the states
     that each channel may correct.
     """
     states, n = layout(estimator), len(x.mean)
-    last_innovations, repetition, place_doubt, levels = previous
+    last_innovations, levels = memory.last_innovations, memory.noise_levels
     if not len(states.moving_mask):
-        none, no_rows = last_innovations, np.zeros((0, n))
+        none, no_rows, no_cov = last_innovations, np.zeros((0, n)), np.zeros((0, 0))
         update = Correction(np.zeros(n), x.cov, none, none, none, no_rows, no_rows)
-        return x, Innovations(
-            none, none, none, repetition, place_doubt, 0.0, none, np.zeros((0, 0)), none, np.zeros((0, 0)),
-            levels, update, np.ones(n),
-        )  # fmt: skip
+        return x, Innovations(none, none, memory, 0.0, none, no_cov, none, no_cov, update, np.ones(n))
     y, H, file_cov, mask, corrections, z, arrived_mask = _compared_channels(
         estimator, x, effort, nu_dot, tick
     )
-    repetition = repetition_after(repetition, z, mask > 0.0)
+    repetition = repetition_after(memory.repetition, z, mask > 0.0)
     repeated_mask = np.where(repetition.is_longest & states.is_inertial & (not at_rest), 1.0, 0.0)
     Q = levels.sensor_cov(file_cov)
     H_of_present = H * mask[:, None]
     channels = PoseChannels(y * mask, H_of_present @ x.cov @ H_of_present.T + Q, mask, corrections)
-    decision = gate_decision(states.pose_groups, channels, place_doubt, dt_s, estimator.gate_sigma)
+    decision = gate_decision(states.pose_groups, channels, memory.pose, dt_s, estimator.gate_sigma)
     D = np.ones(n)
     if states.pose_groups:
         D = growth_factors(
@@ -128,10 +144,10 @@ def correct_tick(
         levels = levels_after(levels, squares, states, estimator.noise_gain)
     x = Gaussian(boxplus(x.mean, update.move), update.cov)
     y, w = (np.where(mask > 0.0, values, np.nan) for values in (y, w))
-    return x, Innovations(
-        arrived_mask, repeated_mask, latest_innovations, repetition, decision.memory, rejected_count,
-        y, S, w, file_S, levels, update, D,
-    )  # fmt: skip
+    memory = memory._replace(
+        last_innovations=latest_innovations, repetition=repetition, pose=decision.memory, noise_levels=levels
+    )
+    return x, Innovations(arrived_mask, repeated_mask, memory, rejected_count, y, S, w, file_S, update, D)
 
 
 class _ComparedChannels(NamedTuple):

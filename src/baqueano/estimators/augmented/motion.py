@@ -33,7 +33,7 @@ from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.state import DynamicVehicle
 
 if TYPE_CHECKING:
-    from baqueano.estimators.augmented_ekf import AugmentedEkf
+    from baqueano.estimators.augmented_ekf import AugmentedBelief, AugmentedEkf
 
 
 MEAN_DISTURBANCE_S = 2.0  # time constant with which d̄ follows d: about one bend of the path
@@ -43,18 +43,11 @@ BEND_STD = 0.5 * 1.96**2 / np.sqrt(CHI_SQUARE_95 - 1.96**2)  # λ of (4)
 
 
 def predict_row(
-    estimator: "AugmentedEkf",
-    x: Gaussian,
-    mean_disturbance: np.ndarray,
-    effort: Effort,
-    row: FilterRow,
-    noise_level: np.ndarray,
+    estimator: "AugmentedEkf", belief: "AugmentedBelief", effort: Effort, row: FilterRow
 ) -> StatePrediction:
-    """Return mean, covariance and G of the state one row later; `mean_disturbance` (2,) is d̄.  (2)-(4)
-
-    `noise_level` (2,) is κ of noise_levels.py.
-    """
-    n = len(x.mean)
+    """Return mean, covariance and G of the state one row later.  (2)-(4)"""
+    x, n = Gaussian(belief.mean, belief.cov), len(belief.mean)
+    noise_level = belief.memory.noise_levels.motion
     walks = [
         np.array([bias.value_at(estimator.sensors, bias.walk) ** 2 * row.dt_s])
         for bias in layout(estimator).biases
@@ -68,7 +61,9 @@ def predict_row(
         ) + block_diagonal([rest_cov, np.zeros((n - 3, n - 3))])
 
     motion = predict(
-        x, lambda mean: advance_mean(estimator, mean, mean_disturbance, effort, row.moved_s, x.cov[2, 2]), R
+        x,
+        lambda mean: advance_mean(estimator, mean, belief.mean_disturbance, effort, row.moved_s, x.cov[2, 2]),
+        R,
     )
     D = limiting_factors(motion.cov)
     return StatePrediction(motion.mean, limit_covariance(motion.cov), D[:, None] * motion.G)
