@@ -167,3 +167,28 @@ def test_one_rejected_reading_in_ten_does_not_widen_the_region():
         off = np.full(2, 1.0 if k % 10 == 0 else 0.0)
         doubt = inconsistency_after(doubt, off, np.zeros(2), np.array([True, True]), 0.01)
         assert np.all(doubt[1] < MIN_INCONSISTENT_S)
+
+
+@pytest.mark.parametrize("fault", ["stuck", "absent", "zero"])
+def test_wheels_replace_a_lost_gyro(fault):
+    """The model turns 20 % too much; without a gyro it turned the heading by up to 110° in 5 s."""
+    gain = 0.8 * SMALL.vehicle.actuator_matrix[2, 2]
+    turning = U + np.outer(t_s >= 1.0, [0.0, 0.0, 0.1])
+    drive = simulate(SMALL.with_values({"model.actuator_matrix[2,2]": gain}), turning, 0)
+    file, filter_ = wheeled_block()
+    imu, true, is_new = drive.sensors["imu"].z.copy(), drive.truth, np.ones(len(t_s))
+    if fault == "absent":
+        is_new[AT] = 0.0
+    else:
+        imu[AT, 2] = imu[np.argmax(AT), 2] if fault == "stuck" else 0.0
+    across = 0.06 * 1.03 * true.nu[:, 2]  # the distance of the wheels is 3 % wrong
+    noise = 0.02 * np.random.default_rng(5).standard_normal((len(t_s), 2))
+    wheels = np.stack([true.nu[:, 0] - across, true.nu[:, 0] + across], axis=1) + noise
+    belief, errors, stds = filter_.init(), [], []
+    for k, t_ns in enumerate(drive.t_ns.tolist()):
+        slots = file.sensors._replace(imu=Slot(is_new[k], imu[k], 0.0), wheels=Slot(1.0, wheels[k], 0.0))
+        belief, estimate = filter_.step(belief, Tick(t_ns, drive.applied_commands[k], slots))
+        errors.append(wrap(estimate.eta[2] - true.eta[k, 2]))
+        stds.append(np.sqrt(estimate.cov[2, 2]))
+    assert np.abs(errors).max() < np.radians(12.0)
+    assert np.mean(np.abs(errors) <= REGION_95 * np.array(stds)) >= 0.95

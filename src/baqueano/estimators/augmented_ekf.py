@@ -35,7 +35,14 @@ from baqueano.estimators.augmented.motion import (
     velocity_error,
     wheel_velocity_cov,
 )
-from baqueano.estimators.augmented.state import BIAS_INDEX, FORWARD_STATES, SCALE_INDEX, layout, start_std
+from baqueano.estimators.augmented.state import (
+    BIAS_INDEX,
+    FORWARD_STATES,
+    MAX_SILENT_S,
+    SCALE_INDEX,
+    layout,
+    start_std,
+)
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian
 from baqueano.estimators.pauses import filter_row, row_effort, rows_before, step_in_rows
@@ -176,6 +183,7 @@ class AugmentedEkf:
 
     def row_errors(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate, RowErrors]:
         """Return the belief and the estimate after a row, and the change of the errors of the state."""
+        states, driving_mask = layout(self), layout(self).driving_mask(belief.silent_s)
         belief = belief._replace(cov=mirror_upper(belief.cov))  # the generated code reads one triangle
         row = filter_row(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
@@ -190,16 +198,17 @@ class AugmentedEkf:
             nu_dot = self.vehicle.advance(belief.mean[:3], belief.mean[3:6], effort, row.moved_s)[2]
 
         def correct(x: Gaussian, at_rest: bool) -> Value:
-            if not layout(self).corrects(FORWARD_STATES[0]).any():
+            if not states.corrects(FORWARD_STATES[0]).any():
                 x = x._replace(mean=np.concatenate([x.mean[:3], model_nu[:1], x.mean[4:]]))
-            return correct_tick(self, x, belief.memory, effort, nu_dot, tick, at_rest, row.dt_s)
+            E = states.resting_mask if at_rest else driving_mask
+            return correct_tick(self, x, belief.memory, effort, nu_dot, tick, E, at_rest, row.dt_s)
 
         x, innovations = branch(
             at_rest, lambda: correct(_rest_state(predicted), True), lambda: correct(predicted, False)
         )
-        x, memory, nu_cov = self._widen(x, innovations, model_nu, row.dt_s)
+        x, memory, nu_cov = self._widen(x, innovations, model_nu, belief.silent_s[1] > MAX_SILENT_S, row.dt_s)
         doubt_s = np.where(innovations.rejected_count > 0.0, REJECTION_COST * row.dt_s, 0.0)
-        is_corrected = layout(self).corrected_by(innovations.weight >= 0.5)
+        is_corrected = states.corrected_by(innovations.weight >= 0.5)
         silent_s = np.where(is_corrected, 0.0, belief.silent_s + row.dt_s)
         next_belief = AugmentedBelief(
             tick.t_ns,
@@ -217,20 +226,20 @@ class AugmentedEkf:
         nu_cov = nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain)
         D = innovations.growth_factors * np.where(at_rest, _moving_states(len(x.mean)), 1.0)
         G = np.where(row.is_new, D[:, None] * prediction.G, np.eye(len(D)))
-        E = np.where(at_rest, layout(self).resting_mask, layout(self).moving_mask)
+        E = np.where(at_rest, states.resting_mask, driving_mask)
         J = jacobian(self._pose_and_velocity)(next_belief.mean)
         errors = row_errors_of(innovations.update, G, E, J, row.is_new)
         return next_belief, self._estimate(next_belief, tick.t_ns, J, nu_cov, innovations), errors
 
     def _widen(
-        self, x: Gaussian, innovations: Innovations, model_nu: np.ndarray, dt_s: Value
+        self, x: Gaussian, innovations: Innovations, model_nu: np.ndarray, replaces_gyro: Value, dt_s: Value
     ) -> tuple[Gaussian, ReadingMemory, np.ndarray]:
         """Return the state with a wider pose during a disagreement, the memory, and what var ν gains (3, 3)."""
         memory, from_model = innovations.memory, x.mean[[3, 5]] - model_nu[[0, 2]]
         is_exceeded = np.abs(x.mean[6:SCALE_INDEX]) > self.gate_sigma * self.disturbance_std
         update = update_inconsistency(
             (memory.inconsistency, memory.mean_checks), layout(self), innovations, from_model, is_exceeded,
-            x.mean[:6], dt_s, self.gate_sigma,
+            replaces_gyro, x.mean[:6], dt_s, self.gate_sigma,
         )  # fmt: skip
         cov = x.cov + block_diagonal([update.pose_cov, np.zeros((len(x.mean) - 3,) * 2)])
         memory = memory._replace(inconsistency=update.inconsistency, mean_checks=update.mean_checks)

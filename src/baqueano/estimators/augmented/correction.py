@@ -93,13 +93,14 @@ def correct_tick(
     effort: Effort,
     nu_dot: Value,
     tick: Tick,
+    corrected_mask: np.ndarray,
     at_rest: bool,
     dt_s: Value,
 ) -> tuple[Gaussian, Innovations]:
     """Return the state after the measurements that arrived, and the innovations.
 
-    `nu_dot` (3,) is the acceleration of a kinematic model, and None for a dynamic model. `at_rest` selects the states
-    that each channel may correct.
+    `nu_dot` (3,) is the acceleration of a kinematic model, and None for a dynamic model. `corrected_mask`
+    (m, n) selects the states that each channel may correct.
     """
     states, n = layout(estimator), len(x.mean)
     last_innovations, levels = memory.last_innovations, memory.noise_levels
@@ -131,8 +132,7 @@ def correct_tick(
         w = 1.0 / (1.0 + (np.maximum(least_error, np.abs(e) / ABSURD_GATE_RATIO) / limit) ** 8)
         return w * (1.0 - repeated_mask[c])
 
-    E = states.resting_mask if at_rest else states.moving_mask
-    update = correct(x.cov, y, H, Q, E, weight, mask)
+    update = correct(x.cov, y, H, Q, corrected_mask, weight, mask)
     w = update.weight
     rejected_count = np.sum(np.where(w < 0.5, mask, 0.0))
     latest_innovations = np.where(mask > 0.0, update.e * np.sqrt(update.s), last_innovations)

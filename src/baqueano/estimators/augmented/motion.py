@@ -23,7 +23,7 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
-from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, SCALE_INDEX, layout
+from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, MAX_SILENT_S, SCALE_INDEX, layout
 from baqueano.estimators.covariance import CHI_SQUARE_95, block_diagonal
 from baqueano.estimators.kalman import Gaussian, StatePrediction, predict
 from baqueano.estimators.pauses import FilterRow, limit_covariance, limiting_factors, unmoved_cov
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
 
 MEAN_DISTURBANCE_S = 2.0  # time constant with which d̄ follows d: about one bend of the path
-MAX_SILENT_S = 0.5  # without a reading for longer, d̄ fades to 0: another bend follows
 MIN_SPEED_M_S = 0.02  # below it, the error of the speed fades to 0
 BEND_STD = 0.5 * 1.96**2 / np.sqrt(CHI_SQUARE_95 - 1.96**2)  # λ of (4)
 

@@ -11,6 +11,7 @@ than the sensors, and the estimate was worse than the model. So each measured qu
     only ν_ψ (a gyro)       ψ, ν_y, ν_ψ, d_ψ; at rest also its bias
     other inertial channel  its bias at rest; if in `speed_from` its bias, position, ν_x, ν_y, d_x at any time (2)
 
+If no gyro has corrected the yaw rate for MAX_SILENT_S, the wheels also correct the turning states (3).
 h determines the measured quantity (sensor_numbers.py). A channel whose bias walks is inertial. A model error looks like
 a bias: so biases outside `speed_from` are estimated only at rest. With a pose sensor, all channels correct all biases.
 """
@@ -41,6 +42,7 @@ SCALE_INDEX, BIAS_INDEX = 8, 12  # index of the first of κ, β, w, and of the f
 # index of w, the bend of the position's region at a large heading variance; w is not estimated
 BEND_INDEX = 11
 POSITION_STATES, TURNING_STATES, FORWARD_STATES = (0, 1), (2, 4, 5, 7), (3, 4, 6)  # entries of x
+MAX_SILENT_S = 0.2  # without a reading of the yaw rate for longer, other sensors and the model replace it
 # factor on the model's part of the gate of a gyro, because no model predicts each turn
 LEADING_GYRO_FACTOR = 2.5
 
@@ -53,6 +55,7 @@ class Layout(NamedTuple):
     biases: tuple[UncertainParameter, ...]
     moving_mask: np.ndarray  # (m, n) E of kalman.py for each channel, while the vehicle drives  (2)
     resting_mask: np.ndarray  # (m, n) the same at rest
+    replacement_mask: np.ndarray  # (m, n) the turning states, for the channels that replace a gyro  (3)
     is_inertial: np.ndarray  # (m,) bool: the channel has a bias that walks
     gate_factors: np.ndarray  # (m,) factor on the model's part of the gate of each channel
     # (m, 2) derivative of each channel by speed and yaw rate; 0 if it must not correct them
@@ -73,6 +76,10 @@ class Layout(NamedTuple):
     def corrects_motion(self) -> np.ndarray:
         """Return a mask (m,) of the channels that correct any state while the vehicle drives."""
         return np.any(self.moving_mask > 0.0, axis=1)
+
+    def driving_mask(self, silent_s: np.ndarray) -> np.ndarray:
+        """Return E (m, n) while the vehicle drives; `silent_s` (2,) is the time without a correction."""
+        return self.moving_mask + np.where(silent_s[1] > MAX_SILENT_S, self.replacement_mask, 0.0)
 
     def corrects(self, state: int) -> np.ndarray:
         """Return a mask (m,) of the channels that correct one entry of x while the vehicle drives."""
@@ -132,6 +139,7 @@ def layout(estimator: "AugmentedEkf") -> Layout:
         biases,
         moving_mask,
         resting_mask,
+        _turning_mask(dependencies, moving_mask),
         np.array([bool(states) for states in bias_states], dtype=bool),
         np.where([d.is_turn_only for d in dependencies], LEADING_GYRO_FACTOR, 1.0),
         slopes * moving_mask[:, SPEED_AND_YAW_RATE],
@@ -198,6 +206,14 @@ def _moving_mask(
         mask[:, BIAS_INDEX:] = 1.0
     mask[:, BEND_INDEX] = 0.0
     return mask
+
+
+def _turning_mask(dependencies: Sequence[_Dependencies], moving_mask: np.ndarray) -> np.ndarray:
+    """Return a mask (m, n) of the turning states, for the channels of the yaw rate that do not correct them.  (3)"""
+    mask = np.zeros(moving_mask.shape)
+    for k, channel in enumerate(dependencies):
+        mask[k, [*TURNING_STATES]] = float(channel.yaw_rate and channel.speed)
+    return mask * (moving_mask == 0.0)
 
 
 def _walking(sensors: SensorBlocks, name: str, rows: tuple[int, ...]) -> list[UncertainParameter]:

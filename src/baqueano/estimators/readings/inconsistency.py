@@ -7,6 +7,7 @@ MIN_INCONSISTENT_S, with the rotation J, the axis g of the velocity, the row δ,
     var ν ← var ν + a²  in the estimate only,   P_ηη ← P_ηη + J g (2 a² t δ) gᵀ Jᵀ                         (1)
     wheels contradict a gyro:  e² > gate_sigma² (p wᵀ S w + σ² ν_x²)   for e = wᵀ y and for its mean        (2)
     a_ψ = |e|  if |e + Δ_ψ| < |Δ_ψ|: the gyro is wrong;   else a_x = |Δ_x|: the speed follows wrong wheels  (3)
+    a_ψ = σ |ν_x|  while the wheels replace a gyro                                                          (4)
 
 w: yaw-rate row of the wheels' inverse; σ: their slip and scale. p is 1, or for an exponential mean over MEAN_S, which
 shows a small bias, g/(2 − g), g = 1 − exp(−δ/MEAN_S). The model decides between wheels and gyro. The region contains
@@ -58,6 +59,7 @@ def update_inconsistency(
     innovations: Value,
     from_model: np.ndarray,
     is_followed: np.ndarray,
+    replaces_gyro: Value,
     pose_nu: np.ndarray,
     dt_s: Value,
     gate_sigma: float,
@@ -66,50 +68,66 @@ def update_inconsistency(
 
     `innovations` contains y (m,), NaN for a channel without a usable measurement, S (m, m) and the weights (m,).
     `from_model` (2,) is the estimate minus that of the model; `is_followed` (2,) is True while the filter follows a
-    channel. `previous` is the inconsistency and the means of the checks, `pose_nu` the state (η, ν).
+    channel, `replaces_gyro` while the wheels determine the yaw rate. `previous` is the inconsistency and the means of
+    the checks, `pose_nu` the state (η, ν).
     """
-    (inconsistency, means), psi, speed, mean_checks = previous, pose_nu[2], pose_nu[3], []
+    (inconsistency, means), mean_checks = previous, []
+    is_rejected = (innovations.weight < 0.5) & (innovations.repeated_mask < 0.5)
     rejected_sizes, has_reading = [], []
     for h in states.rest_jacobian.T:
         channels = np.flatnonzero(h)
-        rejected_sizes.append(
-            _largest(
-                [
-                    np.where(
-                        (innovations.weight[c] < 0.5) & (innovations.repeated_mask[c] < 0.5),
-                        np.abs(innovations.y[c]) / abs(h[c]),
-                        0.0,
-                    )
-                    for c in channels
-                ]
-            )
+        sizes = [np.where(is_rejected[c], np.abs(innovations.y[c]) / abs(h[c]), 0.0) for c in channels]
+        rejected_sizes.append(_largest(sizes))
+        has_reading.append(_largest([innovations.arrived_mask[c] for c in channels]) > 0.0)
+    (speed_size, yaw_size), follows_speed = rejected_sizes, is_followed[0]
+    for mean, check in zip(means, states.yaw_rate_checks, strict=True):
+        mean, size, wheels_are_wrong = _wheel_check(
+            check, mean, innovations, from_model[1], pose_nu[3], dt_s, gate_sigma
         )
-        has_reading.append(_largest([innovations.arrived_mask[c] for c in channels]))
-    follows_speed = is_followed[0]
-    for k, check in enumerate(states.yaw_rate_checks):  # (2), (3)
-        channels, g = np.flatnonzero(check.weights), 1.0 - np.exp(-dt_s / MEAN_S)
-        w = check.weights[channels]
-        reading = np.sum(w * innovations.y[channels])
-        reading = np.where(np.isfinite(reading), reading, means[k])
-        mean_checks.append(means[k] + g * (reading - means[k]))
-        variance = w @ innovations.file_S[channels][:, channels] @ w
-        for e, part in ((reading, 1.0), (mean_checks[k], g / (2.0 - g))):
-            contradicts = e**2 > gate_sigma**2 * (part * variance + (check.relative_std * speed) ** 2)
-            gyro_is_wrong = np.abs(e + from_model[1]) < np.abs(from_model[1])
-            size = np.where(contradicts & gyro_is_wrong, np.abs(e), 0.0)
-            rejected_sizes[1] = np.maximum(rejected_sizes[1], size)
-            follows_speed = follows_speed | (contradicts & ~gyro_is_wrong)
+        lasting_size = np.where(replaces_gyro, check.relative_std * np.abs(pose_nu[3]), 0.0)  # (4)
+        yaw_size, follows_speed = _largest([yaw_size, size, lasting_size]), follows_speed | wheels_are_wrong
+        has_reading[1] = has_reading[1] | replaces_gyro
+        mean_checks.append(mean)
     model_error = np.where(np.array([follows_speed, is_followed[1]]), np.abs(from_model), 0.0)
     next_inconsistency = inconsistency_after(
-        inconsistency, np.array(rejected_sizes), model_error, np.array(has_reading) > 0.0, dt_s
+        inconsistency, np.array([speed_size, yaw_size]), model_error, np.array(has_reading), dt_s
     )
     return InconsistencyUpdate(
         next_inconsistency,
         np.array(mean_checks) if mean_checks else means,
         *added_covariances(
-            np.maximum(next_inconsistency[0], model_error), inconsistency[1], next_inconsistency[1], psi, dt_s
+            np.maximum(next_inconsistency[0], model_error),
+            inconsistency[1],
+            next_inconsistency[1],
+            pose_nu[2],
+            dt_s,
         ),
     )
+
+
+def _wheel_check(
+    check: YawRateCheck,
+    mean: Value,
+    innovations: Value,
+    turn_from_model: Value,
+    speed: Value,
+    dt_s: Value,
+    gate_sigma: float,
+) -> tuple[Value, Value, Value]:
+    """Return the mean of e, a_ψ (0 if the gyro is not wrong), and whether the wheels are wrong.  (2), (3)"""
+    channels, g = np.flatnonzero(check.weights), 1.0 - np.exp(-dt_s / MEAN_S)
+    w = check.weights[channels]
+    reading = np.sum(w * innovations.y[channels])
+    reading = np.where(np.isfinite(reading), reading, mean)
+    mean = mean + g * (reading - mean)
+    variance = w @ innovations.file_S[channels][:, channels] @ w
+    size, wheels_are_wrong = 0.0, np.zeros(()) > 0.0
+    for e, part in ((reading, 1.0), (mean, g / (2.0 - g))):
+        contradicts = e**2 > gate_sigma**2 * (part * variance + (check.relative_std * speed) ** 2)
+        gyro_is_wrong = np.abs(e + turn_from_model) < np.abs(turn_from_model)
+        size = np.maximum(size, np.where(contradicts & gyro_is_wrong, np.abs(e), 0.0))
+        wheels_are_wrong = wheels_are_wrong | (contradicts & ~gyro_is_wrong)
+    return mean, size, wheels_are_wrong
 
 
 def inconsistency_after(
