@@ -188,9 +188,9 @@ class AugmentedEkf:
         row = filter_row(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
         prediction = predict_row(self, belief, effort, row)
-        predicted = Gaussian(prediction.mean, prediction.cov)
+        x = Gaussian(prediction.mean, prediction.cov)
         quiet_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.quiet_s + row.dt_s)
-        at_rest = (quiet_s >= MIN_REST_S) & np.all(np.abs(predicted.mean[3:6]) < MAX_REST_NU)
+        at_rest = (quiet_s >= MIN_REST_S) & np.all(np.abs(x.mean[3:6]) < MAX_REST_NU)
         model_nu = self.vehicle.advance(belief.mean[:3], belief.model_nu, effort, row.moved_s)[1]
         model_nu = np.where(at_rest, 0.0, model_nu)
         nu_dot = None  # for a dynamic model it follows from the state
@@ -203,9 +203,7 @@ class AugmentedEkf:
             E = states.resting_mask if at_rest else driving_mask
             return correct_tick(self, x, belief.memory, effort, nu_dot, tick, E, at_rest, row.dt_s)
 
-        x, innovations = branch(
-            at_rest, lambda: correct(_rest_state(predicted), True), lambda: correct(predicted, False)
-        )
+        x, innovations = branch(at_rest, lambda: correct(_rest_state(x), True), lambda: correct(x, False))
         x, memory, nu_cov = self._widen(x, innovations, model_nu, belief.silent_s[1] > MAX_SILENT_S, row.dt_s)
         doubt_s = np.where(innovations.rejected_count > 0.0, REJECTION_COST * row.dt_s, 0.0)
         is_corrected = states.corrected_by(innovations.weight >= 0.5)
@@ -222,7 +220,7 @@ class AugmentedEkf:
             drivetrain,
         )
         next_belief = tree_where(row.is_new, next_belief, belief)
-        gain = (predicted.mean[3] - belief.mean[3]) / row.moved_s
+        gain = (prediction.mean[3] - belief.mean[3]) / row.moved_s
         nu_cov = nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain)
         D = innovations.growth_factors * np.where(at_rest, _moving_states(len(x.mean)), 1.0)
         G = np.where(row.is_new, D[:, None] * prediction.G, np.eye(len(D)))
