@@ -29,8 +29,10 @@ from baqueano.selection.terms import (
     without_terms,
 )
 from baqueano.simulate import simulate
+from baqueano.study.identification.trials import draw_robot, initial_file, quantised_commands
 from baqueano.vehicle_file import load
 from tests.codes import of_code
+from tests.identify.true_drives import group_runs
 
 USE = ("odometer", "imu[2]")
 RATE = {name: 25.0 for name in ("rate_hz", "sensors.imu.rate_hz", "sensors.odometer.rate_hz")}
@@ -272,9 +274,9 @@ def test_too_short_validation_runs_are_refused(dry, file):
         choose(drive(dry, 0), file, use=USE, held_out=[drive(dry, 1, 8.0)])
 
 
-@pytest.mark.parametrize(("effect", "fall_v", "verdict"), [(1.0, 2.0, "added"), (2.2, 0.4, "refused")])
+@pytest.mark.parametrize(("effect", "fall_v", "verdict"), [(1.0, 2.0, "added"), (2.7, 0.6, "refused")])
 def test_a_battery_term_is_chosen_only_if_the_runs_identify_its_effect(dry, file, effect, fall_v, verdict):
-    """More than the whole voltage cannot affect a motor: something else changed together with the voltage."""
+    """A bridge does not drop most of the voltage: something else changed together with the voltage."""
     u = random_steps([0.5, 0.8], 40.0, dry.rate_hz, 0)
     volts = np.linspace(6.0 + fall_v / 2, 6.0 - fall_v / 2, len(u))
     motor = np.stack([1.0 + effect * (volts / 6.0 - 1.0), np.ones(len(u))], axis=1)
@@ -291,18 +293,50 @@ def test_a_battery_term_is_chosen_only_if_the_runs_identify_its_effect(dry, file
 
 
 @pytest.mark.parametrize(
-    ("x", "std", "code"),
+    ("x", "std", "nominal_v", "code"),
     [
-        (2.2, 0.65, "term.battery-not-separable"),
-        (0.5, 0.3, "term.battery-not-separable"),
-        (0.8, 0.1, None),
-        (1.1, 0.1, None),
-        (1.1, 0.02, "term.battery-outside"),
+        (2.2, 0.65, 6.0, "term.battery-not-separable"),
+        (0.5, 0.3, 6.0, "term.battery-not-separable"),
+        (0.8, 0.1, 6.0, None),
+        (1.1, 0.02, 6.0, None),
+        (1.5, 0.02, 7.4, None),  # an L298 that drops 2.5 V
+        (1.5, 0.02, 12.0, "term.battery-outside"),  # 3.2 V of 12 V are at most 1.36
+        (2.2, 0.02, 3.7, "term.battery-outside"),
+        (-0.2, 0.05, 6.0, "term.battery-outside"),
     ],
 )
-def test_a_battery_term_needs_an_interval_narrower_than_its_possible_range(x, std, code):
-    problem = separation_problem(x, std)
+def test_a_battery_term_needs_a_narrow_interval_in_its_possible_range(x, std, nominal_v, code):
+    problem = separation_problem(x, std, nominal_v)
     assert (problem and problem.code) == code
+
+
+@pytest.mark.parametrize(("drop_v", "chosen"), [(2.0, True), (None, False)])
+def test_a_battery_term_is_chosen_for_the_motors_behind_a_bridge(drop_v, chosen):
+    """Motors at V − 2 V follow the voltage by 7.4 / 5.4 = 1.37; those of a regulated supply do not follow it."""
+    robot = draw_robot(3).with_parameters(levels=np.full(1, 1e9), supply=np.full(1, 1.25))
+    keys = {f"model.drivetrain.{key}": 7.4 for key in ("battery_v", "battery_nominal_v")}
+    small, runs = initial_file(robot).with_values(keys), []
+    for seed, volts in ((30, np.linspace(8.3, 7.6, 2500)), (31, np.linspace(7.3, 6.7, 2500))):
+        u = 0.85 * quantised_commands(random_steps(small.command.limit, 25.0, 100.0, seed))
+        supply = (volts - drop_v) / (7.4 - drop_v) if drop_v else np.ones(len(volts))
+        (run,) = group_runs([robot], [u * supply[:, None] / 1.25], [seed], small)
+        battery = Channel(run.t_ns, run.t_ns, volts[:, None])
+        runs.append(replace(run, applied_commands=u, sensors={**run.sensors, "battery": battery}))
+    terms = [
+        "dead zone",
+        "motor lag",
+        "delay",
+        "dry friction forward",
+        "dry friction turning",
+        "battery voltage",
+    ]
+    choice = choose(runs, small, terms)
+    assert ("battery voltage" in choice.selected_terms) == chosen
+    if chosen:
+        k = choice.fit.names.index("model.drivetrain.battery_effect")
+        assert abs(choice.fit.estimate[k] - 7.4 / 5.4) < 3.0 * choice.fit.std[k] < 1.0
+    delay = [k for k, name in enumerate(choice.fit.names) if name == "model.drivetrain.delay_s"]
+    assert not np.any(choice.fit.bound[delay])
 
 
 def test_the_command_line_chooses_and_judges_by_the_validation_run(in_a_folder, dry, tmp_path, capsys):

@@ -1,11 +1,12 @@
 """Use the logged voltage V of the battery if the runs show its effect κ on the motors: (4) of drivetrain.py.
 
     V_95 − V_5 > 0.03 V_50,   percentiles of V while a command is sent                                    (1)
-    κ > 3 σ_κ,   2 · 1.96 σ_κ ≤ 1,   0 ≤ κ ≤ 1 within its error                                           (2)
+    κ > 3 σ_κ,   2 · 1.96 σ_κ ≤ 1,   0 ≤ κ ≤ V₀/(V₀ − V_d) within its error                               (2)
 
 If (1) holds, a second fit with a free κ is the test. If (2) holds too, it replaces the fit without κ, where a battery
-that becomes empty looks like friction. If the file does not state a voltage, V_50 becomes its voltage and its nominal
-voltage: then the gains are valid for the mean battery of the runs, as without κ.
+that becomes empty looks like friction. Motors at V − V_d behind a bridge have κ = V₀/(V₀ − V_d) > 1; (2) has the
+largest V_d of a data sheet, at most V₀/2. If the file does not state a voltage, V_50 becomes its voltage and its
+nominal voltage: then the gains are valid for the mean battery of the runs, as without κ.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,16 +28,18 @@ if TYPE_CHECKING:
 
 MIN_CHANGE = 0.03  # a regulated supply changes less
 MIN_SIGMA = 3.0
+MAX_DROP_V = 3.2  # V_d of the L298 at 1 A, both transistors together
 VOLTAGE_KEYS = ("battery_v", "battery_nominal_v")
 
 
-def separation_problem(value: float, std: float) -> Diagnostic | None:
+def separation_problem(value: float, std: float, nominal_v: float) -> Diagnostic | None:
     """Return the reason why κ = `value` is not the effect of the battery alone, or None.  (2)"""
-    half_width = QUANTILE_95 * std
+    half_width, maximum = QUANTILE_95 * std, nominal_v / max(nominal_v - MAX_DROP_V, 0.5 * nominal_v)
     if 2.0 * half_width > 1.0:
         return note("term.battery-not-separable", value=value, half_width=half_width)
-    is_inside = -half_width <= value <= 1.0 + half_width
-    return None if is_inside else note("term.battery-outside", value=value, half_width=half_width)
+    if -half_width <= value <= maximum + half_width:
+        return None
+    return note("term.battery-outside", value=value, half_width=half_width, maximum=maximum)
 
 
 def with_shown_battery(
@@ -45,8 +48,7 @@ def with_shown_battery(
 ) -> "Fit":  # fmt: skip
     """Return the fit with a free κ if the runs show κ, else `fit` with a note. Without (1) return `fit`.
 
-    `file` is the vehicle file of the fit, `fixed` contains the paths to keep. `refit` returns the fit of another file
-    with a further free path.
+    `fixed` contains the paths to keep. `refit` returns the fit of another file with a further free path.
     """
     drivetrain = getattr(file.vehicle, "drivetrain", None)
     volts = _voltage_in_motion(runs)
@@ -72,7 +74,7 @@ def with_shown_battery(
     figures = {"low_v": low, "high_v": high, "value": value, "half_width": QUANTILE_95 * std}
     if not value > MIN_SIGMA * std:
         reason_unused = note("battery.not-shown", **figures)
-    elif (reason := separation_problem(value, std)) is None:
+    elif (reason := separation_problem(value, std, nominal_v)) is None:
         return replace(with_effect, notes=(note("battery.shown", **figures), *with_effect.notes))
     else:
         reason_unused = note("battery.not-used", **figures, reason=reason)

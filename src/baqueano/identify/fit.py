@@ -240,14 +240,12 @@ def conclude(
 def _start_theta(task: Task, parameters: Parameters) -> np.ndarray:
     """Return θ (p,) at the start of the search. Without a compiler each row takes long, so return the result of a rough
     search over the first part of each run."""
-    if task.problem.scan.backend == "c":
+    problem, records = task.problem, task.problem.records
+    if problem.scan.backend == "c":
         return task.start
-    records = task.problem.records
     row_counts = [max(MIN_FIRST_ROWS, len(record.dt_s) // FIRST_SEARCH_PART) for record in records]
     if all(len(record.dt_s) <= n for record, n in zip(records, row_counts, strict=True)):
         return task.start
     first_records = [record.part(slice(n)) for record, n in zip(records, row_counts, strict=True)]
-    short_problem = type(task.problem)(
-        parameters.blocks, task.problem.shape, first_records, task.problem.scan.backend
-    )
+    short_problem = type(problem)(parameters.blocks, problem.shape, first_records, problem.scan.backend)
     return search(task._replace(problem=short_problem), task.start, rough=True).solution.theta

@@ -28,7 +28,6 @@ from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import (
     BATTERY_EFFECT,
-    DELAY_PATH,
     LAG_PATH,
     MIN_LAG,
     free_parameters,
@@ -70,7 +69,7 @@ ALPHA = 0.05
 ACCEPTED_OPTIONS = ("fixed", "bounds", "at_rest", "backend")  # options of a fit that `choose` accepts
 MIN_INDEPENDENT = 1e-6  # least part of a term's information that is independent of the other parameters
 MIN_COST_FALL = 2.0  # least fall of the cost per parameter: four times the mean fall by fitting pure noise
-CLOSE_TICKS, START_EVALUATIONS = 0.25, 6  # of a tick; evaluations to find the best start
+START_EVALUATIONS = 6  # evaluations to find the best start
 MAX_ERROR_SHARE = 0.5  # of the largest start of a term: with a larger standard error it is not identifiable
 
 
@@ -134,12 +133,10 @@ class FitSetup(NamedTuple):
     held_out: tuple[Run, ...]
 
     def fit(
-        self, vehicle_file: "VehicleFile", free: list[str], start: Mapping[str, float] | None = None,
-        close_bounds: Mapping[str, tuple[float, float]] | None = None,
-    ) -> Fit:  # fmt: skip
-        """Return the fit of `free`, within the bounds of the user and the bounds `close_bounds`."""
+        self, vehicle_file: "VehicleFile", free: list[str], start: Mapping[str, float] | None = None
+    ) -> Fit:
+        """Return the fit of `free`, within the bounds of the user."""
         limits = {k: b for k, b in self.options.bounds.items() if any(path.startswith(k) for path in free)}
-        limits |= {k: b for k, b in (close_bounds or {}).items() if k not in limits}
         options = replace(self.options, fixed=(), bounds=limits, start=start or {}, gyro_leads=False)
         return identify(self.runs, vehicle_file, free, use=self.use, options=options)
 
@@ -175,7 +172,7 @@ class _ModelSelection:
         if LAG_PATH in self.paths:
             lag = self.paths.index(LAG_PATH)
             held_out.low[lag], self.small[lag] = MIN_LAG_S, MIN_LAG / base_file.rate_hz
-        self.held_out, self.channels = held_out, channels_of(blocks)
+        self.held_out, self.channels, self.blocks = held_out, channels_of(blocks), blocks
         for path, x in zip(base.names, base.estimate, strict=True):
             theta[self.paths.index(path)] = x if np.isfinite(x) else theta[self.paths.index(path)]
         for term in terms:
@@ -232,15 +229,12 @@ class _ModelSelection:
         return model, [results[term.name] for term in (*model.terms, *others) if term.name in results]
 
     def fit_of(self, model: Model, bare: "VehicleFile") -> Fit:
-        """Return the fit of a model with its error bars, from its θ. The bounds of a delay are close to its value."""
+        """Return the fit of a model with its error bars, from its θ."""
         values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
         paths = [path for term in model.terms for path in term.paths]
         vehicle_file = with_terms(bare, self.terms, {path: values[path] for path in paths})
-        bounds, close_s = {}, CLOSE_TICKS / bare.rate_hz
-        if DELAY_PATH in paths:
-            bounds = {DELAY_PATH: (max(0.0, values[DELAY_PATH] - close_s), values[DELAY_PATH] + close_s)}
         start = {p: values[p] for p in self.least_paths}
-        return self.how.fit(vehicle_file, [*self.least_paths, *paths], start, bounds)
+        return self.how.fit(vehicle_file, [*self.least_paths, *paths], start)
 
     def model(self, terms: tuple[Term, ...], theta: np.ndarray) -> Model:
         """Return the model with `terms`, with its noise estimated again."""
@@ -285,8 +279,10 @@ class _ModelSelection:
         verdict = Decision.TAKEN if test.errors > test.critical_value(alpha) else Decision.LEFT_OUT
         of_hessian = marginal_std(dense(end.evaluation.hessian), index, mask)
         std = np.fmax(jackknife(score, index.tolist()), of_hessian)
-        is_battery = verdict == Decision.TAKEN and term.paths == (BATTERY_EFFECT,)
-        reason = separation_problem(float(end.theta[index][0]), float(std[0])) if is_battery else None
+        reason = None
+        if verdict == Decision.TAKEN and term.paths == (BATTERY_EFFECT,):
+            nominal_v = self.blocks.model.drivetrain.battery_nominal_v
+            reason = separation_problem(float(end.theta[index][0]), float(std[0]), nominal_v)
         verdict = Decision.REFUSED if reason else verdict
         limit = test.critical_value(alpha)
         result = self._result(term, verdict, reason, model, (score, test), end.theta, limit)

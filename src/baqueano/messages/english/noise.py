@@ -42,7 +42,7 @@ TEMPLATES: dict[str, str] = {
         "itself: runs with a full and with an empty battery"
     ),
     "term.battery-outside": (
-        "{value:.2g} ± {half_width:.2g} is outside of 0 to 1, so the voltage stands for another effect "
+        "{value:.2g} ± {half_width:.2g} is outside of 0 to {maximum:.2g}, so the voltage stands for another effect "
         "that the model lacks"
     ),
     "noise.too-short": "noise: {runs} is too short to test the noise of the fitted runs, which is kept.",
