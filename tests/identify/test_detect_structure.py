@@ -15,10 +15,19 @@ from baqueano.identify.diagnostics.residual_checks import fit_residuals
 from baqueano.numerics.score_test import ScoreTest, score_test
 from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
-from baqueano.study.counterpart import FREE_CAR, car_file, car_values, drive_group, run_of_vehicle
+from baqueano.study.counterpart import (
+    FREE_CAR,
+    FREE_ROBOT,
+    car_file,
+    car_values,
+    drive_group,
+    robot_values,
+    run_of_vehicle,
+)
 from baqueano.study.identification import trials
+from baqueano.study.identification.trials import draw_robot, initial_file, quantised_commands
 from baqueano.vehicle_file import load
-from tests.identify.true_drives import robot_on_floor
+from tests.identify.true_drives import group_runs, robot_on_floor
 
 
 def driven_as(file, u, effective, seed=0):
@@ -88,6 +97,22 @@ def test_a_wrong_speed_of_the_dry_friction_is_reported_with_its_key(case, u):
     fixes = {reason.fix for reason in fit.reasons if reason.code == "residual.missing-free"}
     assert f"--free +{speed}" in fixes
     assert identify(run, in_file, [f"+{speed}"]).value(f"{speed}[0]") == pytest.approx(0.2, rel=0.2)
+
+
+def test_error_bars_contain_a_wrong_speed_of_the_dry_friction():
+    """The speed is 0.05 m/s; the file has 0.02 m/s. Half of these fits are USABLE, so only the error bars show it."""
+    robots, z = [draw_robot(seed) for seed in range(4)], []
+    files = [initial_file(robot) for robot in robots]
+    us = [quantised_commands(random_steps([1.0, 0.0, 1.0], 40.0, 100.0, seed)) for seed in range(4)]
+    for robot, file, run in zip(robots, files, group_runs(robots, us, range(4), files[0]), strict=True):
+        fit = identify(run, file.with_values({"model.friction.coulomb_speed": [0.02, 0.02, 0.2]}), FREE_ROBOT)
+        true = robot_values(robot)
+        for name in (
+            f"model.friction.{name}[{k}]" for name in ("linear", "quadratic", "coulomb") for k in (0, 2)
+        ):
+            k = fit.names.index(name)
+            z.append((fit.estimate[k] - true[name][0]) / fit.std[k])
+    assert np.sqrt(np.mean(np.square(z))) < 1.5
 
 
 def test_an_imu_that_is_turned_on_its_mount_is_reported_with_its_key():

@@ -16,7 +16,7 @@ to 5 %. Outliers during fast changes of the prediction (3) mean a wrong delay or
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -67,6 +67,7 @@ COULOMB_SPEEDS = {  # magnitude of the dry friction → speed over which it chan
     **dict.fromkeys(("model.friction.coulomb", *WHEEL_FRICTIONS), "model.friction.coulomb_speed"),
     "model.coulomb_m_s2": "model.coulomb_speed_m_s",
 }
+TermTests: TypeAlias = Sequence[tuple[LabelledTerm, ScoreTest]]
 MAX_REPORTED = 2  # results that are reported, the most significant first
 MAX_COMPARED_RUNS = 8  # up to this number, each run is compared with the others
 
@@ -98,26 +99,25 @@ def check_residuals(
     messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(fit_evidence, motion)
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
     missing_terms = _missing_terms(fit_evidence, tests, has_field(blocks.model, "understeer"))
-    if errors := [result.errors for result in missing_terms + differences]:
+    speed_errors = _errors_by("term.friction-speed", -1, fit_evidence, tests)  # nobody measures it
+    if errors := [*speed_errors, *(result.errors for result in missing_terms + differences)]:
         unmodelled_cov[np.ix_(index, index)] = _largest_errors_cov(np.array(errors))
     if motion is not None:
         is_inside = (low < 0.0) & (high > 0.0)
         gyro_shift[index] = shift_by_effects(fit, gyro_columns(blocks, problem, motion), is_inside)[0]
     lag_errors = np.zeros(s)
-    lag_errors[index] = _errors_by_hidden_lag(fit_evidence, tests)
+    lag_errors[index] = sum(_errors_by("term.low-pass", 1, fit_evidence, tests))
     messages += [result.message for result in missing_terms[:MAX_REPORTED] + differences[:MAX_REPORTED]]
     return Diagnosis(messages, unmodelled_cov, gyro_shift, lag_errors)
 
 
-def _errors_by_hidden_lag(fit: "_FitEvidence", tests: Sequence[tuple[LabelledTerm, ScoreTest]]) -> np.ndarray:
-    """Return the errors (k,) of the parameters by a short lag that the file lacks, also if its test is not significant.
-    It is the shift by the lag, times √(1 + 1/z²) for the uncertainty of the lag."""
-    for (_, term_note), test in tests:
-        if term_note.code == "term.low-pass":
-            z2 = max(test.z**2 or test.gain, 1e-12)
-            shift = bounded_shift(fit.residuals, test, fit.low, fit.high)
-            return shift * np.sqrt(1.0 + 1.0 / z2)
-    return np.zeros(len(fit.theta))
+def _errors_by(code: str, sign: int, fit: "_FitEvidence", tests: TermTests) -> list[np.ndarray]:
+    """Return the errors (k,) of the parameters by each effect `code`, also if its test is not significant. It is the
+    shift Δθ by the effect times √(1 ± 1/z²), with the variance of Δθ added (`sign` 1) or subtracted (−1)."""
+    found = [test for (_, term_note), test in tests if term_note.code == code and test.gain > 0.0]
+    shifts = [bounded_shift(fit.residuals, test, fit.low, fit.high) for test in found]
+    factors = [np.sqrt(max(1.0 + sign / (test.z**2 or test.gain), 0.0)) for test in found]
+    return [shift * factor for shift, factor in zip(shifts, factors, strict=True)]
 
 
 def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarray) -> FitResiduals:
@@ -190,9 +190,7 @@ class _FitEvidence(NamedTuple):
         return int(np.argmax(np.where(is_large, relative_shift, -1.0))) if is_large.any() else None
 
 
-def _missing_terms(
-    fit: _FitEvidence, tests: Sequence[tuple[LabelledTerm, ScoreTest]], can_understeer: bool
-) -> list[_SignificantResult]:
+def _missing_terms(fit: _FitEvidence, tests: TermTests, can_understeer: bool) -> list[_SignificantResult]:
     ranked_tests = sorted(tests, key=lambda pair: -abs(pair[1].z))
     results = []
     for (code, term_note), test in ranked_tests:
@@ -222,7 +220,7 @@ def _fix(term_note: Diagnostic, paths: Sequence[str]) -> str:
     if term_note.code == "term.delay-of-sensor":
         return f"{'' if DELAY_PATH in free_keys else f'--free +{DELAY_PATH} '}--clock {term_note.subject}"
     key = KEYS_OF_TERMS.get(term_note.code, "").format(sensor=term_note.subject)
-    if term_note.code == "term.dry-friction":  # its magnitude is free: its speed is wrong
+    if term_note.code in ("term.dry-friction", "term.friction-speed"):  # its magnitude is free
         key = next((speed for magnitude, speed in COULOMB_SPEEDS.items() if magnitude in free_keys), "")
     return f"--free +{key}" if key and key not in free_keys else ""
 

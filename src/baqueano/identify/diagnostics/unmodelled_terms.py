@@ -5,7 +5,7 @@ drivetrain, ν is the velocity of the model, both relative to their largest valu
 
     ν ← ν + ε φ δ e_a,   ν̇ ← ν̇ + ε φ e_a,   D = ∂h/∂ε at ε = 0                                             (1)
     φ = tanh 10 w    w |w|    |w|    w (t/T − ½)    sign w e^(−s/0.2 s)      dead zone … backlash           (2)
-        tanh 10 ν    ν |ν|    ν³     |ν|            sign ν e^(−s/0.2 s)      dry friction … caster          (3)
+        tanh 10 ν    ν |ν|    ν³     |ν|    sign ν e^(−s/0.2 s)    ∂ tanh(ν/ν_k)/∂ log ν_k       dry friction … (3)
         ν_x |ν_ψ|   ν_ψ²      ν_x |ν_x| ν_ψ²   ν_x ν_ψ (sideways)            along x, in corners            (4)
         ν_ψ |ν_x|   ν_x ν_ψ   ν_ψ ν_x²         ν_ψ |ν_ψ| (sideways)          about ψ                        (5)
     D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (6)
@@ -44,12 +44,13 @@ from baqueano.numerics.parallel import parallel_map, prefetch
 from baqueano.sensors.sampling import is_imu
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
+from baqueano.vehicles.freedoms import dry_friction_speeds
 
 DECAY_S = 0.2  # duration of an effect that begins when a sign changes
 SIGN_WIDTH = 0.1  # of the largest value: width of the tanh at a change of sign
 COMMAND_TERMS = ("dead zone", "saturation", "asymmetry", "fading", "backlash")
 MOTION_TERMS = (
-    "dry friction", "drag", "steep drag", "one-sided drag", "caster", "cornering", "turning", "slip",
+    "dry friction", "drag", "steep drag", "one-sided drag", "caster", "friction speed", "cornering", "turning", "slip",
 )  # fmt: skip
 # −(m c/I) ν_x ν_ψ about ψ shows the centre of mass c and the inertia I only as their ratio; c ν_ψ² along x shows c
 TURNING_TERMS = {0: note("term.turning"), 2: note("term.turning-about")}
@@ -95,16 +96,16 @@ def command_features(w: np.ndarray, record: FitRecord) -> np.ndarray:
     )
 
 
-def motion_features(axis: int, nu: np.ndarray, record: FitRecord) -> np.ndarray:
-    """Return φ (N, 9) of one segment with motion ν (N, 3): (3), then (4) or (5)."""
-    v = nu[:, axis : axis + 1] / max(float(np.max(np.abs(nu[:, axis]))), 1e-9)
+def motion_features(axis: int, nu: np.ndarray, record: FitRecord, dry_speed: float) -> np.ndarray:
+    """Return φ (N, 10) of one segment with motion ν (N, 3) and the speed ν_k of dry friction: (3), then (4) or (5)."""
+    u, s = nu[:, axis : axis + 1], nu[:, axis : axis + 1] / dry_speed
+    v = u / max(float(np.max(np.abs(u))), 1e-9)
     x, w, magnitude = nu[:, :1], nu[:, 2:], np.abs(v)
     force, torque = (x * np.abs(w), w * w, x * np.abs(x) * w * w), (w * np.abs(x), x * w, w * x * x)
     corners = (*force, x * w) if axis == 0 else (*torque, w * np.abs(w))
     flips = _decay_since_sign_change(v, np.cumsum(record.dt_s))
-    return np.concatenate(
-        [np.tanh(v / SIGN_WIDTH), v * magnitude, v * v * v, magnitude, flips, *corners], axis=1
-    )
+    dry, width = np.tanh(v / SIGN_WIDTH), s * (1.0 - np.tanh(s) ** 2)
+    return np.concatenate([dry, v * magnitude, v * v * v, magnitude, flips, width, *corners], axis=1)
 
 
 def driven_channels(model: Tree, u: np.ndarray) -> np.ndarray:
@@ -201,12 +202,13 @@ def _force_columns(
     largest = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
     kernel, scale = fitted.push, np.where(largest > 0.0, largest, 1.0)
     candidates = [force for axis in FORCE_AXES for force in force_terms(axis, len(largest))]
+    speeds = dry_friction_speeds(blocks.model)
 
     def rows_of(k: int) -> np.ndarray:
         record, nu = problem.records[k], fitted.motions[k].nu
         phi = [
             command_features(channels[k] / scale, record),
-            *(motion_features(axis, nu, record) for axis in FORCE_AXES),
+            *(motion_features(axis, nu, record, speeds[axis]) for axis in FORCE_AXES),
         ]
         return motion_rows(record, problem.weights[k], *phi, *mean_columns(record, problem.shape.means))
 

@@ -214,6 +214,7 @@ TEMPLATES: dict[str, str] = {
     "term.fading": "a battery that loses its charge",
     "term.backlash": "backlash, or a pause after a command changes its sign",
     "term.dry-friction": "dry (Coulomb) friction",
+    "term.friction-speed": "another speed at which dry friction changes its sign",
     "term.drag": "drag that does not grow as in the model",
     "term.steep-drag": "drag that does not grow as in the model",
     "term.one-sided-drag": "friction that is not equal forward and backward",
