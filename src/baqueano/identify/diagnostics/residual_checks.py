@@ -114,9 +114,9 @@ def check_residuals(
 def _errors_by(code: str, sign: int, fit: "_FitEvidence", tests: TermTests) -> list[np.ndarray]:
     """Return the errors (k,) of the parameters by each effect `code`, also if its test is not significant. It is the
     shift Δθ by the effect times √(1 ± 1/z²), with the variance of Δθ added (`sign` 1) or subtracted (−1)."""
-    found = [test for (_, term_note), test in tests if term_note.code == code and test.gain > 0.0]
-    shifts = [bounded_shift(fit.residuals, test, fit.low, fit.high) for test in found]
-    factors = [np.sqrt(max(1.0 + sign / (test.z**2 or test.gain), 0.0)) for test in found]
+    effects = [test for (_, term_note), test in tests if term_note.code == code and test.gain > 0.0]
+    shifts = [bounded_shift(fit.residuals, test, fit.low, fit.high) for test in effects]
+    factors = [np.sqrt(max(1.0 + sign / (test.z**2 or test.gain), 0.0)) for test in effects]
     return [shift * factor for shift, factor in zip(shifts, factors, strict=True)]
 
 
