@@ -127,12 +127,12 @@ def mcap(folder: Path) -> Iterator[Callable[[int], object]]:
 def csv(folder: Path) -> Iterator[Callable[[int], object]]:
     """An external recording, imported with an undamaged map."""
     (folder / "log.toml").write_text(MAP, encoding="utf-8")
-    original, path = log(), folder / "log.csv"
+    original, path, column_map = log(), folder / "log.csv", load_map(folder / "log.toml")
 
     def read_mutant(number: int) -> object:
         generator = draw("csv", number)
         _write_new(path, _damaged(original, generator, 0.5))
-        runs = import_runs(folder / "log.toml")
+        runs = import_runs(column_map)
         if (rates := _yaw_rates(path.read_bytes())) is not None:
             imported = np.concatenate([one.run.sensors["imu"].z[:, 2] for one in runs])
             is_whole = len(imported) == len(rates)
@@ -163,14 +163,15 @@ def _table(data: bytes, header: str) -> np.ndarray | None:
 
 
 @contextmanager
-def column_map(folder: Path) -> Iterator[Callable[[int], object]]:
+def hand_written_map(folder: Path) -> Iterator[Callable[[int], object]]:
     """A hand-written map of an undamaged recording."""
     (folder / "log.csv").write_text(log(), encoding="utf-8")
     path = folder / "map.toml"
 
     def read_mutant(number: int) -> object:
         _write_new(path, _damaged(MAP, draw("map", number)))
-        read, runs = load_map(path), import_runs(path)
+        read = load_map(path)
+        runs = import_runs(read)
         written = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         if any(_differs(entry, spec) for entry, spec in _entries(read, written)):
             raise Silent("an entry of the map differs from its text")
@@ -378,5 +379,5 @@ def _write_new(path: Path, data: bytes) -> None:
 
 
 FORMATS = {
-    "mcap": mcap, "csv": csv, "map": column_map, "vehicle": vehicle, "route": route, "door": door,
+    "mcap": mcap, "csv": csv, "map": hand_written_map, "vehicle": vehicle, "route": route, "door": door,
 }  # fmt: skip
