@@ -18,23 +18,23 @@ class CommandDelayLine:
 
     def __init__(self, delay_s: np.ndarray, commands: int) -> None:
         self._delay_s, self._all = delay_s, np.arange(len(delay_s))
-        self._sent_s = np.full(STORED_COMMANDS, -np.inf)  # when the last commands were sent, and
-        self._commands = np.zeros((STORED_COMMANDS, len(delay_s), commands))  # the commands
+        # when the last commands were sent, and a later time that never comes; the commands
+        self._sent_s = np.append(np.full(STORED_COMMANDS, -np.inf), np.inf)
+        self._commands = np.zeros((STORED_COMMANDS, len(delay_s), commands))
 
     def send(self, t_s: float, u: np.ndarray) -> None:
         """Store the commands u (n, m), which are sent at `t_s` and valid until the next commands are sent."""
-        self._sent_s = np.append(self._sent_s[1:], t_s)
+        self._sent_s[:-2], self._sent_s[-2] = self._sent_s[1:-1].copy(), t_s
         self._commands = np.concatenate([self._commands[1:], np.array(u, dtype=float)[None]])
 
     def effective_commands(self, t_s: np.ndarray) -> np.ndarray:
         """Return the commands (n, m) in effect at `t_s` (n,)."""
-        return self._commands[np.searchsorted(self._sent_s, t_s - self._delay_s, side="right") - 1, self._all]
+        return self._commands[self._sent_s.searchsorted(t_s - self._delay_s, side="right") - 1, self._all]
 
-    def next_s(self, t_s: np.ndarray) -> np.ndarray:
-        """Return the time (n,) [s] at which the next command takes effect; infinity if all commands are in effect."""
-        which = np.searchsorted(self._sent_s, t_s + MIN_STEP_S - self._delay_s, side="right")
-        coming = np.append(self._sent_s, np.inf)[which]
-        return coming + self._delay_s
+    def until_next(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the commands (n, m) from `t_s` (n,) on, and the time (n,) [s] when others take effect, or infinity."""
+        coming = self._sent_s.searchsorted(t_s + MIN_STEP_S - self._delay_s, side="right")
+        return self._commands[coming - 1, self._all], self._sent_s[coming] + self._delay_s
 
 
 def integrate(
@@ -52,11 +52,12 @@ def integrate(
     It returns these states with the kicks of a rough floor.
     """
     t_s, end = np.full(len(x), span_s[0]), span_s[1]
-    while np.any(t_s < end):
-        stop = np.minimum(np.minimum(t_s + step_s, line.next_s(t_s)), end)
-        stop = np.where(end - stop < MIN_STEP_S, end, stop)
+    while (t_s < end).any():
+        u, next_s = line.until_next(t_s)
+        stop = np.minimum(t_s + step_s, next_s)
+        stop = np.where(stop > end - MIN_STEP_S, end, stop)
         h = stop - t_s
-        x = stepped(x, line.effective_commands(t_s + 0.5 * h), h[:, None])
+        x = stepped(x, u, h[:, None])
         t_s = stop
         if kicked is not None:
             x = kicked(x, h)

@@ -39,6 +39,7 @@ class TruthWorld:
         self._line, self._drift = CommandDelayLine(physics.delay_s, physics.commands), np.zeros((n, 3))
         self.t_s = 0.0
         self._smooth: np.ndarray | None = None  # (n, 3) after the low-pass
+        self._present: tuple[TruthGroup, np.ndarray] | None = None  # motion and readings at t_s
         u = np.zeros((n, physics.commands))
         self._runge_kutta_step = fast(
             lambda x, u, h: runge_kutta(physics.rate_under(u), x, h), self._x, u, np.ones((n, 1))
@@ -51,45 +52,50 @@ class TruthWorld:
         draw = np.stack([rng.standard_normal(6) for rng in self._noise])
         self._drift = self._drift + self.physics.imu.walk * np.sqrt(dt_s) * draw[:, 3:]
         has_filter = self.physics.imu.low_pass_s[:, None] > 0.0
-        quiet = (
-            np.where(has_filter, self._smooth, self.noiseless_readings)
-            if self._smooth is not None
-            else self.noiseless_readings
-        )
+        quiet = self.noiseless_readings
+        quiet = quiet if self._smooth is None else np.where(has_filter, self._smooth, quiet)
         return self.physics.imu.readings(quiet, self._drift, draw[:, :3])
 
     def move(self, u: np.ndarray, dt_s: float) -> None:
         """Send the commands u (n, m) and move for `dt_s`, without a reading of an IMU."""
         self._line.send(self.t_s, u)
-        previous_s, self.t_s = self.t_s, self.t_s + dt_s
-        self._advance(previous_s, self._apply_kick if len(self._rough) else None)
-
-    def _advance(self, before_s: float, kick: Any) -> None:
-        """Integrate from `before_s` to now, in steps of 1 ms if an IMU has a low-pass."""
-        low_pass_s, end_s = self.physics.imu.low_pass_s, self.t_s
+        low_pass_s, end_s = self.physics.imu.low_pass_s, self.t_s + dt_s
         if not np.any(low_pass_s > 0.0):
-            span_s = before_s, end_s
-            self._x = integrate(self._runge_kutta_step, self._x, span_s, self._line, kick, self._step_s)
+            self._integrate(end_s, self._step_s)
             return
-        edges = np.linspace(before_s, end_s, 1 + max(1, round((end_s - before_s) / STEP_S)))
-        tau_s = np.maximum(low_pass_s, MIN_STEP_S)[:, None]
+        edges = np.linspace(self.t_s, end_s, 1 + max(1, round(dt_s / STEP_S)))
+        tau_s, reading = np.maximum(low_pass_s, MIN_STEP_S)[:, None], self.noiseless_readings
+        self._smooth = reading if self._smooth is None else self._smooth
         for a, b in pairwise(edges.tolist()):
-            self.t_s, previous_reading = a, self.noiseless_readings
-            self._smooth = previous_reading if self._smooth is None else self._smooth
-            self._x = integrate(self._runge_kutta_step, self._x, (a, b), self._line, kick)
-            self.t_s = b
-            rise = (self.noiseless_readings - previous_reading) * tau_s / (b - a)
+            self._integrate(b, STEP_S)
+            previous_reading, reading = reading, self.noiseless_readings
+            rise = (reading - previous_reading) * tau_s / (b - a)
             self._smooth = (
-                self.noiseless_readings
-                - rise
-                + (self._smooth - previous_reading + rise) * np.exp(-(b - a) / tau_s)
+                reading - rise + (self._smooth - previous_reading + rise) * np.exp(-(b - a) / tau_s)
             )
+
+    def _integrate(self, end_s: float, step_s: float) -> None:
+        kick, span_s = self._apply_kick if len(self._rough) else None, (self.t_s, end_s)
+        self._x = integrate(self._runge_kutta_step, self._x, span_s, self._line, kick, step_s)
+        self.t_s, self._present = end_s, None
 
     @property
     def truth(self) -> TruthGroup:
         """Return the present pose, velocity and acceleration of the vehicles."""
-        u = self._line.effective_commands(np.full(len(self._x), self.t_s - TIME_TOLERANCE_S))
-        return TruthGroup(self._x[:, :3].copy(), self._x[:, 3:6].copy(), self._nu_dot(self._x, u))
+        return self._motion_and_readings()[0]
+
+    @property
+    def noiseless_readings(self) -> np.ndarray:
+        """Return the present readings (n, 3) of the IMUs without noise."""
+        return self._motion_and_readings()[1]
+
+    def _motion_and_readings(self) -> tuple[TruthGroup, np.ndarray]:
+        if self._present is None:
+            u = self._line.effective_commands(np.full(len(self._x), self.t_s - TIME_TOLERANCE_S))
+            truth = TruthGroup(self._x[:, :3].copy(), self._x[:, 3:6].copy(), self._nu_dot(self._x, u))
+            gravity = self.physics.gravity(self._x[:, 2])
+            self._present = truth, self.physics.imu.noiseless_readings(truth, gravity)
+        return self._present
 
     @property
     def rolling_speed(self) -> np.ndarray:
@@ -100,11 +106,6 @@ class TruthWorld:
     def bias_drift(self) -> np.ndarray:
         """Return the drift (n, 3) of the biases until now."""
         return self._drift
-
-    @property
-    def noiseless_readings(self) -> np.ndarray:
-        """Return the present readings (n, 3) of the IMUs without noise."""
-        return self.physics.imu.noiseless_readings(self.truth, self.physics.gravity(self._x[:, 2]))
 
     def _apply_kick(self, x: np.ndarray, h: np.ndarray) -> np.ndarray:
         for i in self._rough[h[self._rough] > 0.0]:
