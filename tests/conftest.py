@@ -56,7 +56,7 @@ SLOW = {  # folders and files
 
 LONG_RUNS = {  # whose kernels run long enough to be worth an optimisation
     "calibration", "design", "identify", "selection", "study", "sweep", "tune", "validation",
-    "estimators/test_ekf_pauses.py", "monitor/test_sound_sensors.py",
+    "estimators/test_ekf_pauses.py", "monitor/test_sound_sensors.py", "test_docs.py",
 }  # fmt: skip
 
 SHORT_RUNS = {  # but those of these files are compiled for more than two thirds of their time
