@@ -1,23 +1,17 @@
-"""The costs of viewers as counts: bytes to load, bytes of a picture, encodings of a tick. Times are in benchmarks/."""
+"""The costs of viewers as counts: bytes of a picture, encodings of a tick. Times are in benchmarks/."""
 
 import asyncio
 from contextlib import AsyncExitStack
 
 from baqueano.web import live as live_module
 from baqueano.web.feed import HEAD_LAYOUT
-from baqueano.web.server import STATIC
 from baqueano.web.visitor import Visitor
 from benchmarks.page import VIEWERS
 from tests.web.fake_vehicle import COLUMNS, live_page
 from tests.web.page_client import browser
 from tests.web.test_live import until_frames
 
-MOST_SCRIPT_BYTES = 120_000
 TICKS, ROWS = 20, 5  # pictures, and ticks in a picture
-
-
-def test_the_scripts_of_the_page_have_at_most_120_kb():
-    assert sum(path.stat().st_size for path in STATIC.glob("*.js")) <= MOST_SCRIPT_BYTES
 
 
 async def test_five_viewers_share_one_encoding_of_each_picture(tmp_path, monkeypatch):

@@ -16,14 +16,6 @@ def test_a_vehicle_at_rest_has_no_negative_speed():
     assert "-" not in state["sentence"]
 
 
-def test_the_page_says_that_the_vehicle_stands_still_before_its_drive():
-    feed = SimpleNamespace(value=lambda name: 0.0, mean=lambda name, window_s: (math.nan, 0))
-    state = {"state": "MISSION", "mission": "repeat", "laps": 3}
-    resting = state_message(state | {"rest_s": 2.0}, feed, None, [])["sentence"]
-    assert resting == text(note("web.rest", rest_s=2.0)) + "."
-    assert resting != state_message(state, feed, None, [])["sentence"]
-
-
 def test_the_kind_of_a_recording_is_in_the_language_of_the_reader():
     with use_language("es"):
         assert "(experimento)" in text(note("web.recorded", kind="experiment", seconds=1.0, events=0))
