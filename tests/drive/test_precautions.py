@@ -19,7 +19,8 @@ from baqueano.guides.shapes import circle, line
 from baqueano.loop import Blocks, Record
 from baqueano.monitor.findings import AWAY, MODEL, SENSOR, UNKNOWN, Finding
 from baqueano.signals import Command, Estimate, Reference, Tick, silent
-from baqueano.vehicle_file import load
+from baqueano.vehicle_file import load, parse
+from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
 from tests.drive.straight import as_fitted
 
@@ -66,6 +67,13 @@ def test_the_anyway_option_permits_high_speed_but_not_nan():
     rows[7] = np.nan
     with refused("route.no-number", AnswerNo):
         repeat(SMALL, LAP._replace(nu=rows), anyway=True)
+
+
+def test_a_route_that_a_guessed_model_can_hardly_drive_is_a_warning_of_the_run():
+    guess = as_fitted(SMALL)
+    run = repeat(guess, circle(1.0, 2.0), anyway=True, duration_s=0.1)
+    (event,) = [event for event in run.events if event.source == "drive" and event.level == "warning"]
+    assert event.diagnostic.code == "route.speed-too-high"
 
 
 def test_a_vehicle_beside_its_route_joins_the_route_by_a_lead_in():
@@ -268,3 +276,36 @@ def test_the_way_back_has_no_jump_and_ends_at_rest(name, route):
     assert abs(run.truth.nu[-1, 0]) < 0.03  # it was 0.056 m/s and 0.33 rad/s
     assert abs(run.truth.nu[-1, 2]) < 0.1
     assert stop_reason_of(run) is None
+
+
+CAMERA = '[sensors.pose]\nkind = "pose"\nnoise_std = [0.003, 0.003, 0.006]\n\n[estimator]'
+WITH_CAMERA = parse(load("car").text.replace("[estimator]", CAMERA), "car").with_values(
+    {"estimator.use": ["imu", "odometer", "pose"]}
+)
+
+
+@pytest.mark.parametrize("sensor", ["odometer", "pose"])
+def test_a_vehicle_that_loses_a_sensor_slows_down_and_stops_and_names_it(sensor):
+    lap = circle(0.8, 0.5)
+    run = repeat(WITH_CAMERA, lap, laps=3, duration_s=20.0, shake=[f"10 s: cut {sensor}"])
+    reason = stop_reason_of(run)
+    assert reason.code == StopReason.ESTIMATE_DOUBTFUL
+    cause = reason.figures["cause"].figures["cause"]
+    assert (cause.code, cause.subject) == ("sensor.lost", sensor)
+    late = run.truth.t_ns * 1e-9 > 16.5
+    assert np.max(np.abs(run.truth.nu[late, 0])) < 0.03
+    assert np.max(off_route(run, lap)[0]) < 0.05
+
+
+def test_a_camera_that_sees_the_vehicle_only_at_a_gate_does_not_stop_it():
+    class Gate(SimulatedWorld):
+        def read(self, t_ns):
+            unseen = silent({"pose": 3}).pose
+            is_seen = np.hypot(*self.truth.eta[:2]) < 0.5
+            ticks = super().read(t_ns)
+            return [t if is_seen else t._replace(sensors=t.sensors._replace(pose=unseen)) for t in ticks]
+
+    gate = Gate(WITH_CAMERA.vehicle, WITH_CAMERA.sensors, WITH_CAMERA.rate_hz)
+    run = repeat(WITH_CAMERA, circle(0.8, 0.5), laps=2, world=gate)
+    assert stop_reason_of(run) is None
+    assert [event for event in run.events if event.source in ("caution", "sensors")] == []

@@ -165,3 +165,13 @@ def test_a_sparse_route_is_joined_at_the_same_place_as_a_dense_route():
         starts.append(state.goal[0])
     assert starts[0] == pytest.approx(starts[1])
     assert 1.0 < starts[0] <= 5.0
+
+
+@pytest.mark.parametrize("radius_m", [0.25, 0.8, 2.5])
+@pytest.mark.parametrize("psi", [0.52, -0.52])
+def test_a_vehicle_beside_a_route_joins_it_without_a_loop_at_any_turning_radius(radius_m, psi):
+    guide = DriveTo.to_route(line(20.0, 0.5), radius_m=radius_m, ramp_m=0.1)
+    state, out = followed(guide, (0.2, 0.2, psi), ticks=5000)
+    heading = np.unwrap([r.eta[2] for r in out])
+    assert np.ptp(heading) < 0.5 * np.pi
+    assert state.path.length_m < max(1.0, 3.0 * radius_m)

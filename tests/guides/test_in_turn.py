@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.guides import GuideSequence, Repeat, RepeatByProgress
+from baqueano.guides import GuideSequence, Idle, Repeat, RepeatByProgress
 from baqueano.guides.shapes import circle, eight, line
 from tests.guides.test_drive_to import DT, at, followed
 
@@ -71,3 +71,11 @@ def test_the_guide_returns_to_its_start_after_the_route():
     assert max(r.eta[0] for r in out) > 1.0
     np.testing.assert_allclose(out[-1].eta, np.zeros(3), atol=1e-6)
     assert [r.done for r in out[:-1]] == [0.0] * (len(out) - 1)
+
+
+@pytest.mark.parametrize("offset", [(0.02, -0.03, 0.1), (-0.04, 0.01, -0.15)])
+def test_a_vehicle_that_ends_its_lap_at_the_start_does_not_drive_a_loop_back(offset):
+    route = circle(0.5, 0.2)
+    _, out = followed(GuideSequence.with_way_back(Idle(0.0), route), offset)
+    eta = np.array([r.eta for r in out])
+    assert np.max(np.hypot(*(eta - offset)[:, :2].T)) < 1e-6

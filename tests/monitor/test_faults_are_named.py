@@ -4,6 +4,8 @@ A fault is visible only while the vehicle makes a motion that the sensor should 
 within TOLD_S after its start. The file of the car does not state the range of the gyro.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from baqueano.monitor.findings import (
     AT_ITS_END,
     AWAY,
     FROZEN,
+    LOST,
     MODEL,
     NO_NUMBER,
     SCALED,
@@ -70,6 +73,20 @@ def test_a_faulty_sensor_is_named_and_never_the_model(kind, name, fault, looks):
         assert last.diagnostic.subject == name
         if sensors.degraded_sensors:
             assert [sensor.name for sensor in sensors.degraded_sensors] == [name]
+
+
+@pytest.mark.parametrize(("kind", "sensor"), [("robot", "imu"), ("wheels", "wheels"), ("car", "odometer")])
+def test_a_lost_sensor_is_named_once_as_faulty(kind, sensor):
+    run = drives(kind, 1)[0]
+    channel = run.sensors[sensor]
+    is_kept = channel.t_ns * 1e-9 < FROM_S
+    lost = channel._replace(
+        t_ns=channel.t_ns[is_kept], arrival_ns=channel.arrival_ns[is_kept], z=channel.z[is_kept]
+    )
+    findings, _ = watch(kind, replace(run, sensors=run.sensors | {sensor: lost}))
+    assert [(f.name, f.symptom, f.wrong_part) for f in findings] == [(sensor, LOST, SENSOR)] * 2
+    told_s = [1e-9 * finding.t_ns - FROM_S for finding in findings]
+    assert told_s == pytest.approx([EVENT_S + 0.1, DEGRADED_S + 0.1], abs=0.05)
 
 
 @pytest.mark.parametrize(

@@ -5,12 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from baqueano.drive import repeat
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.guides.shapes import circle, clothoid, eight, line, rectangle, sinuous_circle, slalom
+from baqueano.messages.notation import python_call
 from baqueano.routes import cut, examine, fastest, join, reverse, scale, smooth
 from baqueano.routes.path import direction
 from baqueano.vehicle_file import load
+from tests.codes import refused
 
 
 def without(route, first, last):
@@ -134,3 +137,23 @@ def test_a_heading_that_turns_at_once_is_refused_with_a_cut_that_mends_the_route
     *_, side, distance = finding.fix.split()
     ends = {"--from": {"from_m": float(distance)}, "--to": {"to_m": float(distance)}}[side]
     assert not examine(cut(route._replace(eta=eta), **ends)).findings
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, 3.0])
+def test_velocities_that_disagree_with_the_poses_are_refused_with_a_call_that_corrects_them(factor):
+    lap = circle(0.6, 0.25)
+    report = examine(lap._replace(nu=factor * lap.nu), load("small"))
+    (finding,) = [f for f in report.findings if f.code == "route.otherwise"]
+    assert finding.figures["speed_m_s"] == pytest.approx(0.25, rel=0.02)
+    assert finding.figures["velocity_m_s"] == pytest.approx(0.25 * factor, abs=0.02)
+    assert python_call(finding.fix) == "route = bq.routes.at_speed(route, 0.25)"
+
+
+def test_times_that_decrease_and_a_single_pose_are_refused():
+    lap = circle(0.6, 0.25)
+    t_s = lap.t_s.copy()
+    t_s[700] = t_s[698]
+    (finding, *_) = examine(lap._replace(t_s=t_s), load("small")).findings
+    assert (finding.code, finding.figures["row"]) == ("route.time-order", 701)
+    with refused("route.shapes", UsageError):
+        repeat(load("small"), Route(lap.t_s[:1], lap.eta[:1], lap.nu[:1], False))

@@ -22,6 +22,7 @@ DEFAULTS: dict[str, object] = {
     "usual_std": None,  # (m,) usual standard deviation of the noise, if it was not measured
     "cov": None,  # Q (m, m); None for a sensor that is only recorded
     "limit": INF,  # full scale: largest absolute reading
+    "rate_hz": INF,  # readings per second; INF: it measures only at some places
     "detects": None,  # motion → True if the sensor can measure; default: always
     "difference": None,  # z − expected (m,), for an angle; default: the plain difference
     "reads": "",  # the part of a real vehicle that it reads: imu, wheels, odometer, encoders, mark; default: none

@@ -1,6 +1,7 @@
 """Drive a vehicle to experiment, to teach a route or to repeat one, or replay a run. Each function returns a run."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -12,7 +13,7 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.controllers import ManualController, Schedule
 from baqueano.controllers.schedule import script_commands
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import Severity, fault
 from baqueano.drive.by_hand.heading_gains import with_heading_hold
 from baqueano.drive.safety.command_notes import clipping_notes, lap_notes
 from baqueano.drive.safety.precautions import Precautions
@@ -254,13 +255,18 @@ def repeat(
     if laps < 0 or (laps == 0 and not ENDS & options.keys()):
         raise UsageError(fault("drive.laps", value=laps))
     precautions, options = Precautions.split_options(options)
-    options = with_usual_rest({"eta": route.eta[0], "backend": "auto"} | options, vehicle_file.sensors)
+    options = {"backend": "auto", "notes": ()} | options
     if precautions.check:
         is_of_garage = vehicle_file.path is None and options.get("world") is None
         conditions = {"measured": is_of_garage or not vehicle_file.is_guess, "backend": options["backend"]}
-        warnings_of(route, vehicle_file, precautions.room, anyway=precautions.anyway, **conditions)
+        warnings = warnings_of(route, vehicle_file, precautions.room, anyway=precautions.anyway, **conditions)
+        options["notes"] = [
+            *(replace(warning, severity=Severity.WARNING) for warning in warnings),
+            *options["notes"],
+        ]
+    options = with_usual_rest({"eta": route.eta[0]} | options, vehicle_file.sensors)
     leader, follower = with_laps(vehicle_file.guide(route, guide), laps), vehicle_file.controller(controller)
-    options["notes"] = [*lap_notes(route, laps), *options.get("notes", ())]
+    options["notes"] = [*lap_notes(route, laps), *options["notes"]]
     blocks = Blocks(vehicle_file.estimator(estimator), leader, follower, vehicle_file.supervisor())
     start = Conditions(eta=options["eta"]).start
     full_guide = precautions.wrap_guide(blocks.guide, route, vehicle_file, start, blocks.estimator)

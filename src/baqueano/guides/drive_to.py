@@ -7,9 +7,9 @@
 σ is the distance along the path, a the acceleration, κ the curvature, η_r and ν_r the reference. v_0 and κ_0 are those
 of the first estimate, v_j and κ_j those of the route at the goal. So κ v is continuous, and at rest it is 0. ν_r has
 the sign of v_j: a route that is driven backward is reached backward. At a goal at rest, the guide is done when the
-vehicle rests, at the latest after SETTLE_S. The guide is done at once if the vehicle is within MAX_GOAL_DISTANCE_M and
-MAX_GOAL_ANGLE_RAD of the first goal. For a vehicle beside a route, the distance along the route to the best goal
-depends on the radius. So (1) compares several goals.
+vehicle rests, at the latest after SETTLE_S. The guide is done at once if the vehicle is within tolerance_m and
+tolerance_rad of the first goal. For a vehicle beside a route, the distance along the route to the best goal depends on
+the radius R: two arcs join from up to R beside and 30° off within 2.3 R. So (1) compares goals on JOIN_RADII R.
 """
 
 from dataclasses import dataclass
@@ -28,8 +28,8 @@ from baqueano.vehicles.bounds import check_bounds
 MAX_GOAL_DISTANCE_M, MAX_GOAL_ANGLE_RAD = 0.01, np.radians(2.0)
 MIN_SPEED_M_S = 0.02  # lower bound of σ̇, so that the reference reaches the goal
 REST_M_S, REST_RAD_S, SETTLE_S = 0.01, 0.05, 2.0  # a vehicle at a goal is at rest below these speeds
-GOAL_COUNT = 9
-JOIN_LENGTH_M = 1.0  # length of the route, from its start, on which the vehicle can join it
+GOAL_SPACING_M = 0.125
+JOIN_LENGTH_M, JOIN_RADII = 1.0, 3.0  # length of the route, from its start, on which the vehicle can join it
 
 
 class DriveToState(NamedTuple):
@@ -73,6 +73,12 @@ class DriveTo:
     )
     speed_m_s: float = parameter("m/s", "speed on the path to there", low=0.01, high=100.0, default=0.2)
     acceleration_m_s2: float = parameter("m/s²", "change of the speed", low=0.01, default=0.3)
+    tolerance_m: float = parameter(
+        "m", "distance from the first goal that needs no path", low=0.0, default=MAX_GOAL_DISTANCE_M
+    )
+    tolerance_rad: float = parameter(
+        "rad", "angle to the first goal that needs no path", low=0.0, default=MAX_GOAL_ANGLE_RAD
+    )
 
     def __post_init__(self) -> None:
         goals = np.atleast_2d(np.array(self.goals, dtype=float))
@@ -84,9 +90,13 @@ class DriveTo:
 
     @classmethod
     def to_route(cls, route: Route, reach_m: float = JOIN_LENGTH_M, **limits: float) -> "DriveTo":
-        """Return the guide to a route: the goals are poses in its first `reach_m`, but at most in its first half."""
+        """Return the guide to a route: the goals are poses at its start, but at most in its first half.
+
+        They are on its first `reach_m`, or on JOIN_RADII times the radius in `limits`, if this is longer.
+        """
         s = np.append(0.0, np.cumsum(np.hypot(*np.diff(route.eta[:, :2], axis=0).T)))
-        distances = np.linspace(0.0, min(reach_m, 0.5 * s[-1]), GOAL_COUNT)
+        length_m = max(reach_m, JOIN_RADII * limits.get("radius_m", 0.0))
+        distances = np.linspace(0.0, min(length_m, 0.5 * s[-1]), 1 + round(length_m / GOAL_SPACING_M))
         next_index = np.searchsorted(s, distances - 1e-12)
         previous_index = np.maximum(next_index - 1, 0)
         index = previous_index + (distances - s[previous_index]) / np.where(
@@ -138,7 +148,7 @@ class DriveTo:
         eta, (v, _, r) = np.array(estimate.eta), estimate.nu
         offset, most = eta - self.goals[0], 1.0 / self.radius_m
         is_at_goal = (
-            np.hypot(offset[0], offset[1]) < MAX_GOAL_DISTANCE_M and abs(wrap(offset[2])) < MAX_GOAL_ANGLE_RAD
+            np.hypot(offset[0], offset[1]) < self.tolerance_m and abs(wrap(offset[2])) < self.tolerance_rad
         )
         kappa_0 = float(np.clip(r / v, -most, most)) if abs(v) > MIN_SPEED_M_S else 0.0
         shortest, nearest = NO_PATH._replace(eta=np.tile(eta[:, None], 9)), 0

@@ -19,6 +19,8 @@ from baqueano.guides.route import Route
 from baqueano.signals import NANOSECONDS, Estimate, Reference
 from baqueano.symbolic import branch
 
+AT_START = {"tolerance_m": 0.05, "tolerance_rad": np.radians(10.0)}  # the controllers end a route within this
+
 
 class GuideSequenceState(NamedTuple):
     """The states of both guides, and a flag: 1 after the end of the first guide."""
@@ -68,8 +70,11 @@ class GuideSequence:
 
     @classmethod
     def with_way_back(cls, guide: Guide, route: Route, **limits: Value) -> "GuideSequence":
-        """Return the guide with a path back to the start of its route; `limits` are arguments of DriveTo."""
-        return cls(guide, DriveTo(route.eta[:1], **limits))
+        """Return the guide with a path back to the start of its route; `limits` are arguments of DriveTo.
+
+        A vehicle at the start, as after a lap, stays there: only a loop would bring it nearer.
+        """
+        return cls(guide, DriveTo(route.eta[:1], **AT_START | limits))
 
     @property
     def as_written(self) -> bool:

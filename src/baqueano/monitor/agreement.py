@@ -1,6 +1,6 @@
 """Measure the agreement of each sensor channel with the model and the estimator. findings.py describes the result.
 
-A reading z disagrees if it is not finite, if it is at the end of its range, or if
+A reading z disagrees if it is not finite, at the end of its range, missing (memory.py), or if
 
     |r| > GATE_SIGMA √(H P Hᵀ + Q + p),   r = z − h(x̂) − b                                                     (1)
     |y| > GATE_SIGMA √S                                                                                        (2)
@@ -28,9 +28,9 @@ from baqueano.estimators.augmented_ekf import MAX_REST_NU, MIN_REST_S, Augmented
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.pauses import filter_row
 from baqueano.estimators.readings.repetition import repetition_after
-from baqueano.monitor.channel_properties import ChannelProperties, channels_of
+from baqueano.monitor.channel_properties import ChannelProperties, channels_of, sensor_of
 from baqueano.monitor.log_odds import MIN_LOG_ODDS, verdicts
-from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, MonitorState
+from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, REGULAR_S, Memory, MonitorState, is_missing
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Motion, Tick
 from baqueano.symbolic import jacobian, tree_where
@@ -76,7 +76,9 @@ class AgreementMonitor:
         predicted_reading, H, K = self._expectation(previous, model, row, tick)
         at_rest = (model.quiet_s >= MIN_REST_S) & np.all(np.abs(model.mean[3:6]) < MAX_REST_NU)
         reading = self._reading(tick)
-        memory_at_end, dt_s = _with_durations(memory, reading, row.dt_s)
+        is_moving = np.any(np.abs(model.mean[3:6]) > MAX_REST_NU)
+        memory_at_end, dt_s = self._with_durations(memory, reading, row.dt_s, is_moving)
+        is_lost = self._is_lost(memory_at_end)
         is_frozen = channels.is_inertial & (memory_at_end.unchanged_s >= FROZEN_S)
 
         p = memory.bias_var + channels.bias_walk**2 * row.dt_s
@@ -103,7 +105,8 @@ class AgreementMonitor:
         s = predicted_reading - channels.reading_at_rest
         signal_share = s**2 / (s**2 + GATE_SIGMA**2 * variance + MIN_VARIANCE)
         fading = np.where(is_frozen, 0.0, SLOW_RATE + (FAST_RATE - SLOW_RATE) * signal_share)
-        doubt_s = np.clip(memory.doubt_s + dt_s * np.where(is_off, 1.0, -fading), 0.0, DEGRADED_S)
+        change_s = np.where(is_lost, row.dt_s, dt_s * np.where(is_off, 1.0, -fading))
+        doubt_s = np.clip(memory.doubt_s + change_s, 0.0, DEGRADED_S)
 
         odds = np.where(is_outlier, dt_s, 0.0) * verdict.log_odds
         memory_factor = np.exp(-dt_s / MEMORY_S)
@@ -134,6 +137,33 @@ class AgreementMonitor:
         is_arrived = np.concatenate(masks) > 0.0
         is_unusable = is_arrived & ~(np.isfinite(z) & (np.abs(z) < USABLE_RANGE * self.channels.limit))
         return _Reading(np.where(np.isfinite(z), z, 0.0), is_arrived, is_unusable)
+
+    def _with_durations(
+        self, memory: Memory, reading: "_Reading", dt_s: Value, is_moving: Value
+    ) -> tuple[Memory, np.ndarray]:
+        """Return the memory with its durations after a row of `dt_s`, and the time (m,) of each reading."""
+        silent_s, is_arrived = memory.silent_s + dt_s, reading.is_arrived
+        repetition = repetition_after(memory.repetition, reading.z, is_arrived)
+        constant_s = np.where(repetition.repeat_count > 0.0, memory.unchanged_s + silent_s, 0.0)
+        was_missing = is_missing(memory, self.channels.period_s)
+        regular_s = memory.regular_s + np.where(was_missing | ~is_moving, 0.0, dt_s)
+        memory_at_end = memory._replace(
+            silent_s=np.where(is_arrived, 0.0, silent_s),
+            interval_s=np.where(is_arrived, silent_s, memory.interval_s),
+            regular_s=np.where(is_arrived & was_missing, 0.0, regular_s),
+            unchanged_s=np.where(is_arrived, constant_s, memory.unchanged_s),
+            **repetition._asdict(),
+        )
+        return memory_at_end, np.where(is_arrived, np.minimum(silent_s, MAX_STEP_S), 0.0)
+
+    def _is_lost(self, memory: Memory) -> np.ndarray:
+        """Return a mask (m,): True for the first channel of a used sensor whose reading is missing."""
+        channels = self.channels
+        indices = np.flatnonzero(~channels.is_pose) if self.entries is None else self.entries
+        first_index = {sensor_of(channels.names[c]): c for c in sorted(indices, reverse=True)}
+        is_first = np.isin(np.arange(len(channels.names)), list(first_index.values()))
+        is_regular = ~channels.is_pose | (memory.regular_s >= REGULAR_S)
+        return is_first & is_regular & is_missing(memory, channels.period_s)
 
     def _noise_cov(self, bias_var: np.ndarray, at_rest: Value) -> np.ndarray:
         """Return Q + p (m, m), with the slope of the floor while the vehicle moves."""
@@ -209,19 +239,6 @@ class _Reading(NamedTuple):
     def is_good(self) -> np.ndarray:
         """Return a mask (m,): True for a reading that arrived and is usable."""
         return self.is_arrived & ~self.is_unusable
-
-
-def _with_durations(memory: Memory, reading: _Reading, dt_s: Value) -> tuple[Memory, np.ndarray]:
-    """Return the memory with its durations after a row of `dt_s`, and the time (m,) that each reading stands for."""
-    silent_s, is_arrived = memory.silent_s + dt_s, reading.is_arrived
-    repetition = repetition_after(memory.repetition, reading.z, is_arrived)
-    constant_s = np.where(repetition.repeat_count > 0.0, memory.unchanged_s + silent_s, 0.0)
-    memory_at_end = memory._replace(
-        silent_s=np.where(is_arrived, 0.0, silent_s),
-        unchanged_s=np.where(is_arrived, constant_s, memory.unchanged_s),
-        **repetition._asdict(),
-    )
-    return memory_at_end, np.where(is_arrived, np.minimum(silent_s, MAX_STEP_S), 0.0)
 
 
 def _is_only_suspect(suspect: np.ndarray) -> np.ndarray:

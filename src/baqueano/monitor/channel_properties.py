@@ -7,6 +7,7 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import SensorBlocks
+from baqueano.contracts.values import Tree
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import (
     PARAMETER_STEP,
@@ -33,6 +34,12 @@ class ChannelProperties(NamedTuple):
     reading_at_rest: np.ndarray  # (m,) reading at rest
     limit: np.ndarray  # (m,) end of the range
     noise_std: np.ndarray  # (m,) standard deviation of a reading
+    period_s: np.ndarray  # (m,) time between two readings; inf for a sensor that measures only at some places
+
+
+def sensor_of(channel_name: str) -> str:
+    """Return the name of the sensor of a channel: "imu" of "imu[2]"."""
+    return channel_name.partition("[")[0]
 
 
 @lru_cache(maxsize=64)
@@ -60,7 +67,16 @@ def channels_of(model: AugmentedEkf) -> ChannelProperties:
         np.concatenate([sensor.h(REST_MOTION) for sensor in sensors]),
         np.concatenate([optional.attribute(sensor, "limit") * np.ones(sensor.size) for sensor in sensors]),
         np.concatenate([np.sqrt(np.diag(sensor.cov)) for sensor in sensors]),
+        np.concatenate([_period_s(sensor) * np.ones(sensor.size) for sensor in sensors]),
     )  # fmt: skip
+
+
+def _period_s(sensor: Tree) -> float:
+    """Return the time [s] between two readings; inf without a rate, or if the sensor is silent at some places."""
+    rate_hz = (
+        optional.attribute(sensor, "rate_hz") if optional.attribute(sensor, "detects") is None else np.inf
+    )
+    return 1.0 / float(rate_hz)
 
 
 def _bias(sensors: SensorBlocks, name: str, channel: int) -> tuple[float, float]:

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.monitor.channel_properties import ChannelProperties
+from baqueano.monitor.channel_properties import ChannelProperties, sensor_of
 from baqueano.monitor.log_odds import MIN_LOG_ODDS
-from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory
+from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, is_missing
 
-NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY, CONTRADICTED = (
-    "no-number", "at-its-end", "frozen", "zero", "slips", "scaled", "away", "contradicted",
+LOST, NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY, CONTRADICTED = (
+    "lost", "no-number", "at-its-end", "frozen", "zero", "slips", "scaled", "away", "contradicted",
 )  # fmt: skip
 SENSOR, MODEL, UNKNOWN = "sensor", "model", "unknown"
 # ratio below which a reading is zero; part of the signal that one factor explains
@@ -24,13 +24,13 @@ class Finding:
     Attributes
     ----------
     name : str
-        Name of the channel, such as "imu[2]".
+        Name of the channel, such as "imu[2]", or of the sensor if it is LOST.
     t_ns : int
         Time of the finding.
     doubt_s : float
         Duration of the disagreement, minus the weighted duration of later agreement.
     symptom : str
-        Symptom: one of NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY,
+        Symptom: one of LOST, NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY,
         CONTRADICTED.
     wrong_part : str
         The wrong part: SENSOR, MODEL or UNKNOWN.
@@ -91,7 +91,8 @@ def finding_of(channels: ChannelProperties, c: int, memory: Memory, t_ns: int, d
     symptom = _symptom_of(channels, c, memory, ratio, ss, sz, zz)
     evidence = float(memory.evidence[c])
     is_certain = bool(
-        symptom in (NO_NUMBER, AT_ITS_END) or (channels.is_inertial[c] and memory.repetition.is_stuck[c])
+        symptom in (LOST, NO_NUMBER, AT_ITS_END)
+        or (channels.is_inertial[c] and memory.repetition.is_stuck[c])
     )
     wrong_part = (
         SENSOR if is_certain or evidence > MIN_LOG_ODDS else MODEL if evidence < -MIN_LOG_ODDS else UNKNOWN
@@ -103,13 +104,16 @@ def finding_of(channels: ChannelProperties, c: int, memory: Memory, t_ns: int, d
         and abs(z - rest_reading) > abs(h - rest_reading)
     ):
         symptom = SLIPS
-    return Finding(channels.names[c], t_ns, doubt_s, symptom, wrong_part, z, h, ratio)
+    name = sensor_of(channels.names[c]) if symptom == LOST else channels.names[c]
+    return Finding(name, t_ns, doubt_s, symptom, wrong_part, z, h, ratio)
 
 
 def _symptom_of(
     n: ChannelProperties, c: int, memory: Memory, ratio: float, ss: float, sz: float, zz: float
 ) -> str:
     """Return the symptom of channel `c`, one of those of a Finding except SLIPS."""
+    if is_missing(memory, n.period_s)[c]:
+        return LOST
     if memory.is_broken[c] > 0.0:
         return AT_ITS_END if np.abs(memory.last_reading[c]) > 0.0 and np.isfinite(n.limit[c]) else NO_NUMBER
     is_constant = memory.unchanged_s[c] >= FROZEN_S

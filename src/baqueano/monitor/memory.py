@@ -1,4 +1,10 @@
-"""Store the memory of the monitor for each channel between ticks, and its time limits."""
+"""Store the memory of the monitor for each channel between ticks, and its time limits.
+
+    missing:  silent_s > MISSING_INTERVALS max(interval_s, period_s),   MIN_MISSING_S                     (1)
+
+A sensor is silent since silent_s, its last interval was interval_s, the file states period_s. For a sensor of the pose
+(1) counts after REGULAR_S of motion with readings: a camera above a gate sees the vehicle only for a moment.
+"""
 
 from typing import NamedTuple
 
@@ -9,6 +15,8 @@ from baqueano.estimators.readings.repetition import RepeatedReadings
 
 EVENT_S, DEGRADED_S = 0.5, 2.0  # of sustained disagreement
 FROZEN_S = 0.3  # duration of exactly the same value
+MISSING_INTERVALS, MIN_MISSING_S = 3.0, 0.1  # of silence
+REGULAR_S = 5.0
 
 
 class Memory(NamedTuple):
@@ -17,6 +25,8 @@ class Memory(NamedTuple):
     doubt_s: np.ndarray
     evidence: np.ndarray  # log odds: above 0 the sensor is wrong, below 0 the model
     silent_s: np.ndarray  # since the last reading
+    interval_s: np.ndarray  # between the last two readings; 0 before the first
+    regular_s: np.ndarray  # in motion, since the last missing reading
     unchanged_s: np.ndarray  # since the reading changed
     # a RepeatedReadings
     last_reading: np.ndarray
@@ -39,8 +49,14 @@ class Memory(NamedTuple):
         return RepeatedReadings(*(getattr(self, name) for name in RepeatedReadings._fields))
 
 
+def is_missing(memory: Memory, period_s: np.ndarray) -> np.ndarray:
+    """Return a mask (m,): True if a reading is missing from a channel with the usual period `period_s`.  (1)"""
+    longest_s = MISSING_INTERVALS * np.maximum(memory.interval_s, period_s)
+    return (memory.interval_s > 0.0) & (memory.silent_s > np.maximum(longest_s, MIN_MISSING_S))
+
+
 class MonitorState(NamedTuple):
     """The state of the monitor between two ticks."""
 
     model: AugmentedBelief  # belief of the model, from the commands only
-    memory: np.ndarray  # (16, m): a Memory
+    memory: np.ndarray  # (18, m): a Memory

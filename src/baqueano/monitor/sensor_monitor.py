@@ -12,6 +12,7 @@ from baqueano.errors import error_text, from_outside
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import channel_indices, split_use
 from baqueano.monitor.agreement import AgreementMonitor
+from baqueano.monitor.channel_properties import sensor_of
 from baqueano.monitor.findings import MODEL, Finding, finding_of
 from baqueano.monitor.memory import DEGRADED_S, EVENT_S, Memory
 from baqueano.monitor.rejections import Rejections
@@ -113,8 +114,8 @@ class SensorMonitor:
 
     def _is_absent(self, c: int, memory: Memory) -> bool:
         """Return True for a channel that has given no number yet, while others of its sensor have: a gyro alone."""
-        sensor = self.channels.names[c].partition("[")[0]
-        indices = [k for k, name in enumerate(self.channels.names) if name.partition("[")[0] == sensor]
+        sensor = sensor_of(self.channels.names[c])
+        indices = [k for k, name in enumerate(self.channels.names) if sensor_of(name) == sensor]
         is_silent = memory.last_change[c] == 0.0 and memory.last_reading[c] == 0.0
         return bool(is_silent and np.any(memory.last_change[indices] != 0.0))
 

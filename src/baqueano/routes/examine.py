@@ -9,7 +9,8 @@
 u is the command, ν the velocity. The route's acceleration is averaged over MEAN_WINDOW_S, because at a corner of a
 drawn route the yaw rate jumps. A vehicle with too little acceleration is behind its reference for a moment: a warning.
 A vehicle with too little speed remains behind: the route is refused. (4) is for a vehicle that no command moves
-sideways: it rolls on an axle within the radius R of its body, or slips by less than 45°.
+sideways: it rolls on an axle within the radius R of its body, or slips by less than 45°. The guides use poses and
+velocities of a route. So along the heading, the velocity must agree with the change of the poses, within a half.
 """
 
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ import numpy as np
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
+from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route, from_start, move_route
 from baqueano.messages import verdict_line
@@ -222,6 +224,11 @@ def examine(
         REFUSED if a number is not finite, a pose jumps or samples are missing. Also REFUSED if the vehicle is too slow,
         or hits a wall.
 
+    Raises
+    ------
+    UsageError
+        For a route with fewer than two poses.
+
     Notes
     -----
     Equations (1)-(3) of the module.
@@ -231,6 +238,9 @@ def examine(
     >>> print(examine(bq.guides.shapes.eight(0.6, 0.2), bq.load("small")).verdict)
     USABLE
     """
+    if len(route.t_s) < 2:
+        shapes = {name: str(np.shape(getattr(route, name))) for name in ("t_s", "eta", "nu")}
+        raise UsageError(fault("route.shapes", **shapes))
     s = distances_along(route.eta[:, :2])
     speed, turn = np.abs(route.nu[:, 0]), np.abs(route.nu[:, 2])
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -241,7 +251,7 @@ def examine(
         share, findings = _share_findings(route, s, capability)
         if not capability.moves_sideways:
             reach = reach_m(vehicle_file.geometry) or MAX_REACH_M
-            findings = [*_sideways_findings(route, s, reach), *findings]
+            findings = [*_motion_findings(route, s, reach), *findings]
     findings = [*findings, *_noise_findings(route)]
     clearance_m = float("nan")
     if room is not None and np.isfinite(s[-1]):
@@ -314,8 +324,8 @@ def _noise_findings(route: Route) -> list[Diagnostic]:
     return [note("route.noisy", Severity.WARNING, advice, noise_mm=1e3 * noise_m)]
 
 
-def _sideways_findings(route: Route, s: np.ndarray, reach: float) -> list[Diagnostic]:
-    """Return a list with a finding if the route moves sideways; `reach` is R [m].  (4)"""
+def _motion_findings(route: Route, s: np.ndarray, reach: float) -> list[Diagnostic]:
+    """Return a list with a finding if the route moves sideways, or else than its velocities; `reach` is R [m].  (4)"""
     t_s, dt_s, middle_s = _times(route), np.diff(route.t_s), 0.5 * (route.t_s[1:] + route.t_s[:-1])
     step, turn = np.diff(route.eta[:, :2], axis=0), wrap(np.diff(route.eta[:, 2]))
     psi = route.eta[:-1, 2] + 0.5 * turn
@@ -323,14 +333,22 @@ def _sideways_findings(route: Route, s: np.ndarray, reach: float) -> list[Diagno
     nu_x, nu_y, r = (
         _moving_mean(t_s, np.interp(t_s, middle_s, change / dt_s)) for change in (along, across, turn)
     )
-    excess = _least_over(np.abs(nu_y) - reach * np.abs(r) - np.abs(nu_x), t_s, MIN_SIDEWAYS_S)
-    k = int(np.argmax(excess))
-    if excess[k] <= MIN_SIDEWAYS_M_S:
-        return []
+    sideways = np.abs(nu_y) - reach * np.abs(r) - np.abs(nu_x)
     file, name = f"routes/{NAME_PLACEHOLDER}.csv", f"{NAME_PLACEHOLDER}-turned"
-    advice = baqueano_command("route", "import", file, name)
-    at_m = float(np.interp(t_s[k], route.t_s, s))
-    return [fault("route.sideways", advice, position_m=at_m, speed_m_s=float(nu_y[k]))]
+    v = _moving_mean(t_s, np.interp(t_s, route.t_s, route.nu[:, 0]))
+    otherwise = np.abs(nu_x - v) - 0.5 * np.maximum(np.abs(nu_x), np.abs(v))
+    usual_speed = str(round(max(float(np.median(np.abs(nu_x))), MIN_SIDEWAYS_M_S), 2))
+    for code, excess, speed, advice in (
+        ("route.sideways", sideways, nu_y, ("import", file, name)),
+        ("route.otherwise", otherwise, nu_x, ("faster", NAME_PLACEHOLDER, "--speed", usual_speed)),
+    ):
+        least_excess = _least_over(excess, t_s, MIN_SIDEWAYS_S)
+        k = int(np.argmax(least_excess))
+        if least_excess[k] > MIN_SIDEWAYS_M_S:
+            speeds = {"speed_m_s": float(speed[k]), "velocity_m_s": float(v[k])}
+            at_m = float(np.interp(t_s[k], route.t_s, s))
+            return [fault(code, baqueano_command("route", *advice), position_m=at_m, **speeds)]
+    return []
 
 
 def _demand(route: Route, s: np.ndarray, capability: Capability | None) -> Demand:

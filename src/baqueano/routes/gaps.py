@@ -28,7 +28,7 @@ MAX_CORNER_OFFSET_M = 0.05
 def route_gaps(route: Route, s: np.ndarray) -> list[Diagnostic]:
     """Return a list with a finding about the first kind of fault in the route, or an empty list.
 
-    `s` (m,) [m] is the distance along the route. The kinds are tested in this order: values that are not finite, then
+    `s` (m,) [m] is the distance along the route. The kinds are tested in this order: values that are not finite, times,
     jumps, turns, gaps and corners.
     """
     columns = np.column_stack([route.t_s, route.eta, route.nu])
@@ -44,6 +44,9 @@ def route_gaps(route: Route, s: np.ndarray) -> list[Diagnostic]:
             )
         ]
     step, dt_s = np.diff(s), np.diff(route.t_s)
+    if np.any(dt_s <= 0.0):
+        advice = baqueano_command("route", "faster", NAME_PLACEHOLDER, "--speed", "0.2")
+        return [fault("route.time-order", advice, row=int(np.argmax(dt_s <= 0.0)) + 2)]
     speed = np.maximum(np.abs(route.nu[1:, 0]), np.abs(route.nu[:-1, 0]))
     is_jump = step > MAX_JUMP_M + 2.0 * speed * dt_s  # (1)
     if is_jump.any():

@@ -49,6 +49,10 @@ TEMPLATES: dict[str, str] = {
         "{count} rows of the route contain something that is not a number; the first is row {row}. Correct "
         "the file, or teach the route again: {fix}"
     ),
+    "route.time-order": (
+        "the time in row {row} of the route does not increase. Correct the rows, or compute the times from a speed: "
+        "{fix}"
+    ),
     "route.speed-too-high": (
         "at {position_m:.1f} m the route needs {demand_m_s:.2f} m/s, but the vehicle reaches "
         "{max_m_s:.2f}. Make it slower: {fix}"
@@ -68,6 +72,10 @@ TEMPLATES: dict[str, str] = {
     "route.sideways": (
         "at {position_m:.1f} m the route moves sideways with {speed_m_s:.2f} m/s, but no command moves the vehicle "
         "sideways. Take the headings from the path: {fix}"
+    ),
+    "route.otherwise": (
+        "at {position_m:.1f} m the poses of the route move forward with {speed_m_s:.2f} m/s, but its velocity is "
+        "{velocity_m_s:.2f} m/s. Compute the velocities from the poses: {fix}"
     ),
     "route.accelerates-too-fast": (
         "at {position_m:.1f} m the route needs {share:.0%} of the command, to speed up or to enter a "
