@@ -159,7 +159,8 @@ class AgreementMonitor:
     def _is_lost(self, memory: Memory) -> np.ndarray:
         """Return a mask (m,): True for the first channel of a used sensor whose reading is missing."""
         channels = self.channels
-        indices = np.flatnonzero(~channels.is_pose) if self.entries is None else self.entries
+        motion_entries = np.flatnonzero(~channels.is_pose).tolist()
+        indices = motion_entries if self.entries is None else list(self.entries)
         first_index = {sensor_of(channels.names[c]): c for c in sorted(indices, reverse=True)}
         is_first = np.isin(np.arange(len(channels.names)), list(first_index.values()))
         is_regular = ~channels.is_pose | (memory.regular_s >= REGULAR_S)

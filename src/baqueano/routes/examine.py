@@ -345,9 +345,8 @@ def _motion_findings(route: Route, s: np.ndarray, reach: float) -> list[Diagnost
         least_excess = _least_over(excess, t_s, MIN_SIDEWAYS_S)
         k = int(np.argmax(least_excess))
         if least_excess[k] > MIN_SIDEWAYS_M_S:
-            speeds = {"speed_m_s": float(speed[k]), "velocity_m_s": float(v[k])}
-            at_m = float(np.interp(t_s[k], route.t_s, s))
-            return [fault(code, baqueano_command("route", *advice), position_m=at_m, **speeds)]
+            at_m, fix = float(np.interp(t_s[k], route.t_s, s)), baqueano_command("route", *advice)
+            return [fault(code, fix, position_m=at_m, speed_m_s=float(speed[k]), velocity_m_s=float(v[k]))]
     return []
 
 

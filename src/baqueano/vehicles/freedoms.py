@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from baqueano.contracts.optional import has_field, is_dynamic
-from baqueano.contracts.values import Value
+from baqueano.contracts.values import Tree, Value
 from baqueano.messages.language import mark as N_
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import value_at_path, with_value
@@ -101,11 +101,12 @@ def _rates(vehicle: DynamicVehicle, index: tuple[int, ...], speed: float = SMALL
 
 def dry_friction_speeds(vehicle: DynamicVehicle) -> np.ndarray:
     """Return the speed (3,) over which the dry friction along each axis changes its sign; infinite without friction."""
-    friction = getattr(vehicle, "friction", None)
+    model: Tree = vehicle
+    friction: Tree = getattr(model, "friction", None)
     if has_field(friction, "coulomb_speed"):
         return np.where(friction.coulomb > 0.0, friction.coulomb_speed, np.inf)
-    is_dry = has_field(vehicle, "coulomb_speed_m_s") and vehicle.coulomb_m_s2 > 0.0
-    return np.array([vehicle.coulomb_speed_m_s if is_dry else np.inf, np.inf, np.inf])
+    is_dry = has_field(model, "coulomb_speed_m_s") and model.coulomb_m_s2 > 0.0
+    return np.array([model.coulomb_speed_m_s if is_dry else np.inf, np.inf, np.inf])
 
 
 def with_ideal_drivetrain(vehicle: DynamicVehicle) -> DynamicVehicle:
