@@ -74,6 +74,8 @@ class Parameter(NamedTuple):
         Field with the standard deviation of the slow variation of a scale; "" for a constant.
     fade : str
         Field with the time constant of that variation.
+    sign_speed : str
+        For dry friction, the field with the speed over which it changes its sign.
 
     Examples
     --------
@@ -98,6 +100,7 @@ class Parameter(NamedTuple):
     walk: str = ""
     slip: str = ""
     fade: str = ""
+    sign_speed: str = ""
 
     @property
     def axes(self) -> bool:

@@ -247,5 +247,5 @@ def test_understeer_is_advised_only_if_the_yaw_rate_is_too_small(z, fix):
     gain, std, far = np.array([0.4]), np.array([0.01]), np.array([np.inf])
     fit = residual_checks._FitEvidence(None, ["model.steering_gain"], gain, std, -far, far)
     tests = [(("cornering, psi", note("term.cornering")), ScoreTest(z, z, 58.0, np.array([0.1]), 1.0))]
-    (result,) = residual_checks._missing_terms(fit, tests, True)
+    (result,) = residual_checks._missing_terms(fit, tests, load("car").vehicle)
     assert result.message.fix == fix

@@ -1,17 +1,19 @@
 """The possible motions of a vehicle are derived from its equations and compared with hand calculations."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from baqueano.parameter import all_parameters
+from baqueano.parameter import all_parameters, parameter
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
 from baqueano.vehicles.freedoms import (
     coasting_axes,
     damping_derivatives,
     decay_rates,
+    dry_friction_speeds,
     is_steered,
     is_turned_by_last_command,
     quadratic_damping,
@@ -24,6 +26,28 @@ OMNI = load(Path(__file__).parents[2] / "examples" / "omni_robot.toml").vehicle
 @pytest.mark.parametrize(("vehicle", "entries"), [(SMALL, (0, 1, 2)), (CAR, (0, 2)), (KINEMATIC, ())])
 def test_the_velocities_that_persist_without_effort_depend_on_the_vehicle(vehicle, entries):
     assert coasting_axes(vehicle) == entries
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cart(Car):
+    """A car with rails instead of a road: a user's own friction."""
+
+    rail: float = parameter("m/s²", "dry friction of the rail", default=0.0, sign_speed="rail_speed")
+    rail_speed: float = parameter("m/s", "speed over which it changes its sign", default=0.01)
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "speeds"),
+    [
+        (SMALL, [0.05, np.inf, 0.5]),
+        (KINEMATIC, [np.inf] * 3),
+        (Cart(1.0, 0.3, 0.4), [np.inf] * 3),
+        (Cart(1.0, 0.3, 0.4, rail=2.0), [0.01, np.inf, np.inf]),
+        (Car(1.0, 0.3, 0.4, coulomb_backward_m_s2=0.2), [0.05, np.inf, np.inf]),
+    ],
+)
+def test_the_metadata_names_the_speed_of_dry_friction(vehicle, speeds):
+    np.testing.assert_array_equal(dry_friction_speeds(vehicle), speeds)
 
 
 @pytest.mark.parametrize(("vehicle", "does"), [(SMALL, False), (CAR, True), (KINEMATIC, False)])

@@ -94,7 +94,7 @@ class Car:
     )  # fmt: skip
     coulomb_m_s2: float = parameter(
         "m/s²", "dry friction d_k", low=0.0, high=1e4, default=0.0, neutral=0.0, term="dry friction",
-        shown_by="driving slowly and stopping, many times", symbol="d_k",
+        shown_by="driving slowly and stopping, many times", symbol="d_k", sign_speed="coulomb_speed_m_s",
     )  # fmt: skip
     quadratic_drag: float = parameter(
         "1/m", "quadratic drag d_c", low=0.0, high=1e4, default=0.0, role="term", term="quadratic drag",
@@ -108,11 +108,11 @@ class Car:
     )  # fmt: skip
     coulomb_forward_m_s2: float = parameter(
         "m/s²", "additional dry friction when rolling forward, d_f", low=0.0, high=1e4, default=0.0, role="term",
-        symbol="d_f",
+        symbol="d_f", sign_speed="coulomb_speed_m_s",
     )  # fmt: skip
     coulomb_backward_m_s2: float = parameter(
         "m/s²", "additional dry friction when rolling backward, d_b", low=0.0, high=1e4, default=0.0, role="term",
-        symbol="d_b",
+        symbol="d_b", sign_speed="coulomb_speed_m_s",
     )  # fmt: skip
     coulomb_speed_m_s: float = parameter(
         "m/s", "speed over which dry friction changes sign", low=1e-4, high=1e3, default=0.05, role="known"

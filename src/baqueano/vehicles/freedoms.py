@@ -10,8 +10,8 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from baqueano.contracts.optional import has_field, is_dynamic
-from baqueano.contracts.values import Tree, Value
+from baqueano.contracts.optional import is_dynamic
+from baqueano.contracts.values import Value
 from baqueano.messages.language import mark as N_
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import value_at_path, with_value
@@ -99,14 +99,23 @@ def _rates(vehicle: DynamicVehicle, index: tuple[int, ...], speed: float = SMALL
     return fading_rates
 
 
+def sign_speed_paths(vehicle: DynamicVehicle) -> dict[str, str]:
+    """Return, for each parameter of dry friction, the path of the speed over which it changes its sign."""
+    entries = all_parameters(vehicle, "model")
+    return {path: f"{path.rpartition('.')[0]}.{p.sign_speed}" for path, p in entries if p.sign_speed}
+
+
 def dry_friction_speeds(vehicle: DynamicVehicle) -> np.ndarray:
-    """Return the speed (3,) over which the dry friction along each axis changes its sign; infinite without friction."""
-    model: Tree = vehicle
-    friction: Tree = getattr(model, "friction", None)
-    if has_field(friction, "coulomb_speed"):
-        return np.where(friction.coulomb > 0.0, friction.coulomb_speed, np.inf)
-    is_dry = has_field(model, "coulomb_speed_m_s") and model.coulomb_m_s2 > 0.0
-    return np.array([model.coulomb_speed_m_s if is_dry else np.inf, np.inf, np.inf])
+    """Return the speed (3,) over which the dry friction along each axis changes its sign; infinite without friction.
+
+    A parameter of friction without an entry for each axis acts along the first one.
+    """
+    model, speeds, of_axes = {"model": vehicle}, np.full(3, np.inf), dict(all_parameters(vehicle, "model"))
+    for path, speed_path in sign_speed_paths(vehicle).items():
+        is_dry, speed = value_at_path(model, path) > 0.0, value_at_path(model, speed_path)
+        axes = is_dry if of_axes[path].axes else np.any(is_dry) & (np.arange(3) == 0)
+        speeds = np.where(axes, speed, speeds)
+    return speeds
 
 
 def with_ideal_drivetrain(vehicle: DynamicVehicle) -> DynamicVehicle:

@@ -62,6 +62,7 @@ class Friction:
         shown_by=("driving slowly and stopping, many times", "sliding sideways slowly",
         "turning slowly and stopping, many times"), symbol="d_{k}",
         label=("dry friction forward", "dry friction sideways", "dry friction in turning"),
+        sign_speed="coulomb_speed",
     )  # fmt: skip
     coulomb_speed: np.ndarray = parameter(
         "m/s, m/s, rad/s", "speed over which dry friction changes sign", low=1e-4, high=1e3,
@@ -76,12 +77,14 @@ class Friction:
         shape=(2,), role="term", term="dry friction of the wheels",
         shown_by=("the left wheel rolling forward slowly, and stopping, many times",
         "the right wheel rolling forward slowly, and stopping, many times"), symbol="c_{f}",
+        sign_speed="coulomb_speed",
     )  # fmt: skip
     coulomb_backward: np.ndarray = parameter(
         "N", "dry friction of the left and the right wheel, backward", low=0.0, high=1e6, default=(0.0, 0.0),
         shape=(2,), role="term", term="dry friction of the wheels",
         shown_by=("the left wheel rolling backward slowly, and stopping, many times",
         "the right wheel rolling backward slowly, and stopping, many times"), symbol="c_{b}",
+        sign_speed="coulomb_speed",
     )  # fmt: skip
     track_m: float = parameter(
         "m", "distance from the left to the right wheel, b; 0 if unknown", low=0.0, high=100.0, default=0.0,

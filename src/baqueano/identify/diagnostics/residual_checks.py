@@ -30,7 +30,7 @@ from baqueano.identify.diagnostics.unmodelled_terms import (
     gyro_columns,
     term_columns,
 )
-from baqueano.identify.parameters.free import DELAY_PATH, WHEEL_FRICTIONS
+from baqueano.identify.parameters.free import DELAY_PATH
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import dot
 from baqueano.numerics.score_test import (
@@ -44,6 +44,8 @@ from baqueano.numerics.score_test import (
     shift_by_effects,
 )
 from baqueano.numerics.statistics import MAD, student_quantile, white_std
+from baqueano.vehicles.freedoms import sign_speed_paths
+from baqueano.vehicles.state import DynamicVehicle
 
 P_VALUE = 2.5e-5  # p-value below which a result is significant
 LEAST_CRITICAL_Z = student_quantile(1.0 - 0.5 * P_VALUE, np.inf)
@@ -63,10 +65,6 @@ KEYS_OF_TERMS = {  # code of an effect → key of the file that models it
 UNDERSTEER_PATH = "model.understeer"
 # the yaw rate of a car follows its curvature, so a drag about ψ is a curvature that falls with the speed
 UNDERSTEER_TERMS = {f"{code}, psi" for code in ("drag", "steep drag", "cornering", "turning", "slip")}
-COULOMB_SPEEDS = {  # magnitude of the dry friction → speed over which it changes its sign
-    **dict.fromkeys(("model.friction.coulomb", *WHEEL_FRICTIONS), "model.friction.coulomb_speed"),
-    "model.coulomb_m_s2": "model.coulomb_speed_m_s",
-}
 TermTests: TypeAlias = Sequence[tuple[LabelledTerm, ScoreTest]]
 MAX_REPORTED = 2  # results that are reported, the most significant first
 MAX_COMPARED_RUNS = 8  # up to this number, each run is compared with the others
@@ -98,7 +96,7 @@ def check_residuals(
     fit_evidence = _FitEvidence(fit, paths, theta[index], std[index], low, high)
     messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(fit_evidence, motion)
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
-    missing_terms = _missing_terms(fit_evidence, tests, has_field(blocks.model, "understeer"))
+    missing_terms = _missing_terms(fit_evidence, tests, blocks.model)
     speed_errors = _errors_by("term.friction-speed", -1, fit_evidence, tests)  # nobody measures it
     if errors := [*speed_errors, *(result.errors for result in missing_terms + differences)]:
         unmodelled_cov[np.ix_(index, index)] = _largest_errors_cov(np.array(errors))
@@ -190,7 +188,7 @@ class _FitEvidence(NamedTuple):
         return int(np.argmax(np.where(is_large, relative_shift, -1.0))) if is_large.any() else None
 
 
-def _missing_terms(fit: _FitEvidence, tests: TermTests, can_understeer: bool) -> list[_SignificantResult]:
+def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -> list[_SignificantResult]:
     ranked_tests = sorted(tests, key=lambda pair: -abs(pair[1].z))
     results = []
     for (code, term_note), test in ranked_tests:
@@ -198,8 +196,9 @@ def _missing_terms(fit: _FitEvidence, tests: TermTests, can_understeer: bool) ->
         if not (abs(test.z) > LOW_PASS_Z if is_filter else fit.is_significant(test)):
             continue
         test = test._replace(shift=bounded_shift(fit.residuals, test, fit.low, fit.high))
-        k, fix = fit.most_biased(test), _fix(term_note, fit.paths)
-        if can_understeer and test.z < 0.0 and code in UNDERSTEER_TERMS and UNDERSTEER_PATH not in fit.paths:
+        k, fix = fit.most_biased(test), _fix(term_note, fit.paths, model)
+        can_understeer = has_field(model, "understeer") and UNDERSTEER_PATH not in fit.paths
+        if can_understeer and test.z < 0.0 and code in UNDERSTEER_TERMS:
             fix = f"--free +{UNDERSTEER_PATH}"
         if code == "delay" and not fix:
             continue  # the delay is already in the model, so this effect is not a delay
@@ -213,7 +212,7 @@ def _missing_terms(fit: _FitEvidence, tests: TermTests, can_understeer: bool) ->
     return results
 
 
-def _fix(term_note: Diagnostic, paths: Sequence[str]) -> str:
+def _fix(term_note: Diagnostic, paths: Sequence[str], model: DynamicVehicle) -> str:
     """Return the options that add an effect to the model; "" without such options, or if its key is already free. A
     clock offset beside a fixed delay of the commands would stand for this delay, so both are estimated."""
     free_keys = {path.partition("[")[0] for path in paths}
@@ -221,7 +220,7 @@ def _fix(term_note: Diagnostic, paths: Sequence[str]) -> str:
         return f"{'' if DELAY_PATH in free_keys else f'--free +{DELAY_PATH} '}--clock {term_note.subject}"
     key = KEYS_OF_TERMS.get(term_note.code, "").format(sensor=term_note.subject)
     if term_note.code in ("term.dry-friction", "term.friction-speed"):  # its magnitude is free
-        key = next((speed for magnitude, speed in COULOMB_SPEEDS.items() if magnitude in free_keys), "")
+        key = next((speed for path, speed in sign_speed_paths(model).items() if path in free_keys), "")
     return f"--free +{key}" if key and key not in free_keys else ""
 
 
