@@ -20,6 +20,7 @@ from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import compile_block, function
 from baqueano.vehicle_file import load
+from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
 
 SMALL = load("small")
@@ -368,3 +369,21 @@ def test_speed_is_reduced_to_retain_the_turn_at_the_wheel_limit():
     np.testing.assert_allclose(turn_only, [0.58, 0.0, 0.4], atol=1e-12)
     car = load("car").vehicle.drivetrain
     np.testing.assert_array_equal(car.prioritise_turn(np.array([0.9, 0.4])), [0.9, 0.4])
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("side", "heading_deg"), [(0.2, 30), (-0.2, -30)])
+def test_a_car_at_rest_beside_its_route_does_not_race_backward_to_turn(law, side, heading_deg):
+    """At rest the servo cannot turn the car, so the throttle did: up to full reverse, at 0.7 m/s."""
+    car = load("car")
+    controller, eta = car.controller(law), np.array([0.0, side, np.radians(heading_deg)])
+    block, world = compile_block(controller), SimulatedWorld(car.vehicle, car.sensors, car.rate_hz, eta0=eta)
+    state = controller.init()
+    for k in range(1, 100):
+        s_m = 0.5 * 0.3 * (k / car.rate_hz) ** 2
+        there = reference([s_m, 0.0, 0.0], [0.3 * k / car.rate_hz, 0.0, 0.0])._replace(t_ns=k * 20_000_000)
+        here = estimate(world.truth.eta, world.truth.nu)._replace(t_ns=k * 20_000_000)
+        state, command = block.step(state, there, here)
+        world.write(command)
+        world.read(k * 20_000_000)
+        assert world.truth.nu[0] > -0.15

@@ -52,7 +52,7 @@ class Lqr(ModelFollower):
         "along-track, cross-track and course errors with the same weight",
         low=1e-4,
         shape=(3,),
-        default=(0.1, 0.025, 0.3),
+        default=(0.1, 0.025, 0.32),
     )
     change_max: np.ndarray = parameter(
         "m/s, rad/s",

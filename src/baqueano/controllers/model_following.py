@@ -41,6 +41,7 @@ MAX_APPROACH_RAD = 1.0  # largest angle between course and path when a law appro
 DELAY_RATIO = 1.25  # smallest further delay that a loop of the course tolerates, as a share of T
 MIN_COURSE_SPEED_M_S = 0.02  # below this speed the course is the heading
 MIN_EFFECT = np.array([0.1, 1.0])  # m/s², rad/s²; a command with less effect, as a servo at rest, stays
+TINY = 1e-12  # keeps a model without throttle finite
 
 
 class FollowerState(NamedTuple):
@@ -233,12 +234,13 @@ class ModelFollower:
             return self._advance(nu, effort)[::2]
 
         full = np.where(np.isfinite(self.limit), self.limit, 1.0)
-        B = jacobian(velocity_after)(effort) * full
-        remainder = nu[::2] + nu_dot * dt_s - velocity_after(effort)
-        effort = effort + full * (
-            B.T @ np.linalg.solve(B @ B.T + np.diag((MIN_EFFECT * dt_s) ** 2), remainder)
-        )
-        return np.clip(effort, -self.limit, self.limit)
+        b_v, b_r = jacobian(velocity_after)(effort) * full
+        remainder_v, remainder_r = nu[::2] + nu_dot * dt_s - velocity_after(effort)
+        min_v, min_r = (MIN_EFFECT * dt_s) ** 2
+        step = b_v * remainder_v / (b_v @ b_v + min_v)
+        b_turn = b_r - b_v * (b_r @ b_v) / (b_v @ b_v + TINY)  # a turn must not change the speed
+        step = step + b_turn * (remainder_r - b_r @ step) / (b_turn @ b_turn + min_r)
+        return np.clip(effort + full * step, -self.limit, self.limit)
 
     def _advance(self, nu: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """Return the velocity (3,) of the model after a tick of usual length, with a constant effort (n,)."""
