@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import StopReason
-from baqueano.drive import replay
+from baqueano.drive import experiment, replay
 from baqueano.drive.session import stop_reason_of
+from baqueano.errors import UsageError
 from baqueano.runs import Channel, Run, TruthLog
 from baqueano.sensors import Imu, Odometer
-from baqueano.signals import Command, sensor_slots
+from baqueano.signals import Command, Slot, sensor_slots
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Friction, Planar
@@ -168,3 +169,23 @@ def test_no_limit_of_the_file_ends_the_replay_of_an_imported_recording():
     whole = replay(imported, limited)
     assert stop_reason_of(whole) is None
     assert whole.t_ns[-1] == recorded.t_ns[-1]
+
+
+WRONG_TICKS = {
+    "world.ticks": lambda tick: tick,
+    "world.times": lambda tick: [tick._replace(t_ns=1e-9 * tick.t_ns)],
+    "world.command": lambda tick: [tick._replace(u=np.zeros(2))],
+    "world.sensors": lambda tick: [tick._replace(sensors=sensor_slots(("gyro",))(tick.sensors.imu))],
+    "world.reading": lambda tick: [tick._replace(sensors=tick.sensors._replace(imu=Slot(1.0, 0.3)))],
+}
+
+
+@pytest.mark.parametrize("code", WRONG_TICKS)
+def test_an_error_in_the_ticks_of_a_world_of_ones_own_names_the_world(code):
+    class Mine(SimulatedWorld):
+        def read(self, t_ns):
+            return WRONG_TICKS[code](super().read(t_ns)[-1])
+
+    file = load("small")
+    with refused(code, UsageError, world="Mine"):
+        experiment(file, np.zeros((10, 3)), world=Mine(file.vehicle, file.sensors, file.rate_hz))

@@ -51,6 +51,20 @@ TEMPLATES: dict[str, str] = {
         "{file} has {value} commands but the vehicle of the world accepts {expected}: they are not the "
         "same kind of vehicle."
     ),
+    "world.ticks": "{world}.read returned {value}: expected a list of baqueano.signals.Tick.",
+    "world.times": (
+        "{world}.read returned ticks with the times {value} ns: expected increasing times, the last {expected}."
+    ),
+    "world.command": (
+        "{world}.read returned a tick with u of the shape {value}: expected {expected}, as in the vehicle file."
+    ),
+    "world.sensors": (
+        "{world}.read returned a tick with the sensors {value}: expected those of the vehicle file, {expected}."
+    ),
+    "world.reading": (
+        "{world}.read returned a reading of {subject} with the shape {value}: expected {expected}. A sensor without a "
+        "new reading has Slot(0.0, np.zeros(size))."
+    ),
     "drive.own-origin": (
         "estimator {block} starts at its own origin, but the vehicle starts at {start}. Write init(self, "
         "eta=None)"

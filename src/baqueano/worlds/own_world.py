@@ -1,0 +1,57 @@
+"""Check the ticks of a user's world, so that an error names the world and not a block of the loop."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from baqueano.contracts.blocks import World
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, fault
+from baqueano.errors import UsageError
+from baqueano.signals import Tick
+
+
+class OwnWorld(World):
+    """World that forwards to the `world` of a user, and raises UsageError for ticks unlike the tick `example`."""
+
+    def __init__(self, world: World, example: Tick) -> None:
+        self._world, self._example, self._last_ns = world, example, -1
+        self.commands, self.notes = world.commands, world.notes
+
+    def __getattribute__(self, name: str) -> Tree:
+        """Return the attribute `name` of the user's world, except those that this class defines."""
+        is_own = name.startswith("_") or name in ("read", "commands", "notes")
+        return object.__getattribute__(self, name) if is_own else getattr(self._world, name)
+
+    def read(self, t_ns: int) -> list[Tick]:
+        """Return the ticks of the user's world. Raise UsageError for other values than a list of such ticks."""
+        ticks = self._world.read(t_ns)
+        reason = self._reason_against(ticks, t_ns)
+        if reason is not None:
+            raise UsageError(reason)
+        self._last_ns = t_ns
+        return ticks
+
+    def _reason_against(self, ticks: Sequence[Tick], t_ns: int) -> Diagnostic | None:
+        figures: dict[str, object] = {"world": type(self._world).__name__}
+        if not isinstance(ticks, list | tuple) or not all(isinstance(tick, Tick) for tick in ticks):
+            return fault("world.ticks", **figures, value=type(ticks).__name__)
+        times_ns = [self._last_ns, *(tick.t_ns for tick in ticks)]
+        if times_ns[-1] != t_ns or any(b <= a for a, b in pairwise(times_ns)):
+            return fault("world.times", **figures, value=str(times_ns[1:]), expected=t_ns)
+        for tick in ticks:
+            expected_u, expected_slots = self._example.u, self._example.sensors._asdict()
+            if np.shape(tick.u) != expected_u.shape:
+                return fault(
+                    "world.command", **figures, value=str(np.shape(tick.u)), expected=str(expected_u.shape)
+                )
+            if {*tick.sensors._fields} != {*expected_slots}:
+                names = {"value": ", ".join(tick.sensors._fields), "expected": ", ".join(expected_slots)}
+                return fault("world.sensors", **figures, **names)
+            for name, slot in tick.sensors._asdict().items():
+                shape, expected_shape = np.shape(slot.z), expected_slots[name].z.shape
+                if shape != expected_shape:
+                    shapes = {"value": str(shape), "expected": str(expected_shape)}
+                    return fault("world.reading", subject=name, **figures, **shapes)
+        return None
