@@ -22,6 +22,7 @@ from baqueano.study.driving import driving
 from baqueano.symbolic import compile_block
 from baqueano.tune import tune
 from baqueano.vehicle_file import load
+from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
 
 SMALL, CAR = load("small"), load("car")
@@ -187,3 +188,20 @@ def test_a_missing_solver_is_reported_with_the_install_command(monkeypatch):
 def test_a_limit_of_wrong_length_is_refused():
     with refused("field.limit", Invalid):
         replace(law(), limit=np.ones(2))
+
+
+@pytest.mark.parametrize("turn_deg", [60.0, -60.0])
+def test_a_car_beside_its_reference_does_not_race_back(turn_deg):
+    car = load("car")
+    law = car.controller("mpc")
+    eta = np.array([0.0, 0.3, np.radians(turn_deg)])
+    world, state, speed = SimulatedWorld(car.vehicle, car.sensors, car.rate_hz, eta0=eta), law.init(), []
+    for k in range(1, 150):
+        t_ns = k * 20_000_000
+        here = Estimate(t_ns, world.truth.eta, world.truth.nu, np.eye(6))
+        there = Reference(t_ns, np.array([0.01 * k, 0.0, 0.0]), np.array([0.5, 0.0, 0.0]), 0.0)
+        state, command = law.step(state, there, here)
+        world.write(command)
+        world.read(t_ns)
+        speed.append(abs(world.truth.nu[0]))
+    assert max(speed) < 1.0

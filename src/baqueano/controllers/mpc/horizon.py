@@ -1,11 +1,11 @@
 """The model over the horizon, and its quadratic program: equations (1), (2), (4) and (5) of mpc.py.
 
-    J = ∂e/∂E / e_max,   P = JᵀJ + DᵀD,   q = Jᵀ (e / e_max − J E°) − Dᵀ d,   D E − d = Δε / command_change_max   (1)
+    J = ∂r/∂E,   P = JᵀJ + DᵀD,   q = Jᵀ (r − J E°) − Dᵀ d,   D E − d = Δε / command_change_max            (1)
 
-e is the error of the pose at each step, E the plan of the efforts ε. The model is linearised at the plan E°. P and q
-are defined in program.py. D depends only on the weights and is computed once. The engine computes e and its derivatives
-in one call, in model steps of at most MAX_STEP_S. A call before it computes the start state, and a call after it
-computes the command.
+r contains e / e_max and the excess of the speed at each step. e is the error of the pose, E the plan of the efforts ε.
+The model is linearised at the plan E°. P and q are defined in program.py. D depends only on the weights and is computed
+once. The engine computes r and its derivatives in one call, in model steps of at most MAX_STEP_S. A call before it
+computes the start state, and a call after it computes the command.
 """
 
 from dataclasses import replace
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from baqueano.controllers.mpc.mpc import Mpc
 
 STEPS = 12  # of the horizon
+RESIDUALS = 4  # of a step: e / e_max (3,), and the excess of the speed
+EXCESS_M_S = 0.005  # excess of the speed with the same weight as the errors e_max
 NO_LIMIT = 1e6
 MAX_STEP_S = (1.0 + ROW_TOLERANCE) * MAX_ROW_S  # longest stable step of the model
 MIN_EFFORT = 1e-6  # effort in place of 0, where a motor is not differentiable
@@ -62,7 +64,7 @@ class Horizon:
         self._linear_vehicle = replace(
             body, drivetrain=replace(self._motors, **linear_fields, **STEADY_MOTORS)
         )
-        self._limit, self._e_max = law.limit, law.e_max
+        self._limit, self._e_max, self._catch_up_m_s = law.limit, law.e_max, law.catch_up_m_s
         self._active_rows = np.eye(vehicle.commands)[law.limit > 0.0]  # (k, n) commands with a limit above 0
         self._k, self._step_s = len(self._active_rows), law.horizon_s / STEPS
         self._substeps = max(1, int(np.ceil(self._step_s / MAX_STEP_S)))
@@ -111,12 +113,12 @@ class Horizon:
             self._kernel = self._scan(start).bind_sensitivities(self._weights)
         outputs, jacobians = self._kernel(z := E.ravel(), start)
         outputs, jacobians = outputs[self._end_of_step], jacobians[self._end_of_step]
-        J = jacobians[:, :3].reshape(-1, len(z))
-        q = (outputs[:, :3].ravel() - J @ z) @ J
+        J = jacobians[:, :RESIDUALS].reshape(-1, len(z))
+        q = (outputs[:, :RESIDUALS].ravel() - J @ z) @ J
         q[: self._k] -= state.effort * self._change_weight
         if not np.isfinite(q).all():
             return E, drivetrain, None
-        p_E, p = jacobians[:, 3:].reshape(-1, len(z)), outputs[:, 3:].ravel()
+        p_E, p = jacobians[:, RESIDUALS:].reshape(-1, len(z)), outputs[:, RESIDUALS:].ravel()
         low, high = self._walls - (p - p_E @ z) if len(p) else self._walls
         return E, drivetrain, QuadraticProgram(J.T @ J + self._P, q, p_E, low, high)
 
@@ -167,7 +169,7 @@ class Horizon:
         return eta, np.array([speed * np.cos(beta), speed * np.sin(beta), nu_r[2]])
 
     def _scan(self, start: np.ndarray) -> Scan:
-        """Return the kernel, which computes e / e_max and the coordinates with walls at the end of each step."""
+        """Return the kernel, which computes r and the coordinates with walls at the end of each step."""
         dt_s, rest_state = self._step_s / self._substeps, self._linear_vehicle.drivetrain.init()
         offsets = np.cumsum(
             [3, 3, rest_state.past_commands.size, rest_state.steps_s.size, rest_state.lag_state.size, 3]
@@ -191,7 +193,9 @@ class Horizon:
                 eta_r,
                 nu_r,
             )
-            outputs = [pose_error(eta_r, state.eta) / self._e_max, state.eta[:2][self._with_wall]]
+            excess = np.maximum(np.abs(state.nu[0]) - np.abs(nu_r[0]) - self._catch_up_m_s, 0.0) / EXCESS_M_S
+            residuals = [pose_error(eta_r, state.eta) / self._e_max, np.array([excess])]
+            outputs = [*residuals, state.eta[:2][self._with_wall]]
             return np.concatenate(entries), np.concatenate(outputs)
 
         return scan(step, start, self._weights[0], np.zeros(STEPS * self._k))

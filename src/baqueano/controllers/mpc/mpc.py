@@ -1,17 +1,17 @@
 """Model predictive control with the user's own model: optimise the commands of `horizon_s` within their limits.
 
     x_{k+1} = f(x_k, ε_k)                     the vehicle's own step, with the motors' delay and lag       (1)
-    r_k = ((e_x, e_y, e_ψ)_k / e_max,  (ε_k − ε_{k−1}) / command_change_max)     e: error from the reference      (2)
+    r_k = ((e_x, e_y, e_ψ)_k / e_max,  max(|v_k| − v_max, 0),  (ε_k − ε_{k−1}) / command_change_max)       (2)
     min over E   ½ |r(E°) + ∂r/∂E (E − E°)|²,   static(−limit) ≤ mix(ε_k) ≤ static(limit)                 (3)
                  wall_low ≤ p_k + ∂p/∂E (E − E°) ≤ wall_high                                              (4)
     ψ_r ← ψ_r + β_r − β        β: slip of the vehicle at the yaw rate of the reference, with two commands   (5)
 
-x: state; p: position; E = (ε_0, ε_1, …). ε is the effort after the dead zone, within which a command has no effect; u =
-drivetrain⁻¹(ε_0). The reference at k is the present one, advanced with its velocity: a bend is predicted only when the
-reference has reached it. E° is the previous plan, shifted in time; one step of (3) per tick follows the optimum
-(real-time iteration). If the solver fails, the old plan continues, and the run reports it; after MAX_FAILURES ticks the
-drive ends. Source: Diehl, Bock and Schlöder, SIAM Journal on Control and Optimization, 2005; solver: OSQP, Stellato et
-al., 2020.
+x: state; p: position; v: speed; e: error from the reference; v_max = |v_r| + catch_up_m_s; E = (ε_0, ε_1, …). ε is the
+effort after the dead zone, within which a command has no effect; u = drivetrain⁻¹(ε_0). The reference at k is the
+present one, advanced with its velocity: a bend is predicted only when the reference has reached it. E° is the previous
+plan, shifted in time; one step of (3) per tick follows the optimum (real-time iteration). If the solver fails, the old
+plan continues, and the run reports it; after MAX_FAILURES ticks the drive ends. Source: Diehl, Bock and Schlöder, SIAM
+Journal on Control and Optimization, 2005; solver: OSQP, Stellato et al., 2020.
 """
 
 from dataclasses import dataclass
@@ -76,6 +76,9 @@ class Mpc:
         "1", "change of the command in a step, as a fraction of its limit, with the same weight as those errors",
         low=1e-3, default=0.3,
     )  # fmt: skip
+    catch_up_m_s: float = parameter(
+        "m/s", "speed above that of the reference, to catch up", low=0.01, default=0.3
+    )
     wall_low: np.ndarray = parameter(
         "m, m", "smallest x and y that the origin may reach in the map", shape=(2,), default=(-INF, -INF)
     )
