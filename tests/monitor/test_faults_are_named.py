@@ -89,6 +89,19 @@ def test_a_lost_sensor_is_named_once_as_faulty(kind, sensor):
     assert told_s == pytest.approx([EVENT_S + 0.1, DEGRADED_S + 0.1], abs=0.05)
 
 
+@pytest.mark.parametrize(("kind", "sensor"), [("wheels", "wheels"), ("car", "odometer")])
+def test_a_sensor_that_never_gave_a_reading_is_lost_and_one_that_returns_agrees_at_once(kind, sensor):
+    run = drives(kind, 1)[0]
+    channel = run.sensors[sensor]
+    for is_kept in (channel.t_ns < 0, channel.t_ns * 1e-9 >= FROM_S):
+        rows = channel._replace(
+            t_ns=channel.t_ns[is_kept], arrival_ns=channel.arrival_ns[is_kept], z=channel.z[is_kept]
+        )
+        findings, sensors = watch(kind, replace(run, sensors=run.sensors | {sensor: rows}))
+        assert [(f.name, f.symptom, f.wrong_part) for f in findings] == [(sensor, LOST, SENSOR)] * 2
+        assert len(sensors.degraded_sensors) == (0 if is_kept.any() else 1)
+
+
 @pytest.mark.parametrize(
     ("kind", "name", "fault"),
     [("robot", "imu[2]", "frozen"), ("robot", "imu[2]", "zeroes itself"), ("wheels", "imu[2]", "15 % less"),

@@ -78,7 +78,7 @@ class AgreementMonitor:
         reading = self._reading(tick)
         is_moving = np.any(np.abs(model.mean[3:6]) > MAX_REST_NU)
         memory_at_end, dt_s = self._with_durations(memory, reading, row.dt_s, is_moving)
-        is_lost = self._is_lost(memory_at_end)
+        is_lost, was_lost = self._is_lost(memory_at_end), self._is_lost(memory)
         is_frozen = channels.is_inertial & (memory_at_end.unchanged_s >= FROZEN_S)
 
         p = memory.bias_var + channels.bias_walk**2 * row.dt_s
@@ -106,6 +106,7 @@ class AgreementMonitor:
         signal_share = s**2 / (s**2 + GATE_SIGMA**2 * variance + MIN_VARIANCE)
         fading = np.where(is_frozen, 0.0, SLOW_RATE + (FAST_RATE - SLOW_RATE) * signal_share)
         change_s = np.where(is_lost, row.dt_s, dt_s * np.where(is_off, 1.0, -fading))
+        change_s = np.where(was_lost & reading.is_arrived & ~is_off, -DEGRADED_S, change_s)  # it is back
         doubt_s = np.clip(memory.doubt_s + change_s, 0.0, DEGRADED_S)
 
         odds = np.where(is_outlier, dt_s, 0.0) * verdict.log_odds

@@ -52,7 +52,7 @@ class Memory(NamedTuple):
 def is_missing(memory: Memory, period_s: np.ndarray) -> np.ndarray:
     """Return a mask (m,): True if a reading is missing from a channel with the usual period `period_s`.  (1)"""
     longest_s = MISSING_INTERVALS * np.maximum(memory.interval_s, period_s)
-    return (memory.interval_s > 0.0) & (memory.silent_s > np.maximum(longest_s, MIN_MISSING_S))
+    return memory.silent_s > np.maximum(longest_s, MIN_MISSING_S)
 
 
 class MonitorState(NamedTuple):

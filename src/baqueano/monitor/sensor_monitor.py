@@ -13,7 +13,7 @@ from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import channel_indices, split_use
 from baqueano.monitor.agreement import AgreementMonitor
 from baqueano.monitor.channel_properties import sensor_of
-from baqueano.monitor.findings import MODEL, Finding, finding_of
+from baqueano.monitor.findings import LOST, MODEL, Finding, finding_of
 from baqueano.monitor.memory import DEGRADED_S, EVENT_S, Memory
 from baqueano.monitor.rejections import Rejections
 from baqueano.signals import Estimate, Tick, seconds
@@ -67,8 +67,8 @@ class SensorMonitor:
 
     @property
     def is_suspect(self) -> bool:
-        """Return True if a sensor disagrees and the monitor has not decided against the model."""
-        return any(sensor_finding.wrong_part != MODEL for sensor_finding in self._findings.values())
+        """Return True if readings of a sensor disagree and the monitor has not decided against the model."""
+        return any(f.wrong_part != MODEL and f.symptom != LOST for f in self._findings.values())
 
     @property
     def rejections(self) -> tuple[Rejections, ...]:

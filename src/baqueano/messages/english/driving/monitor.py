@@ -1,7 +1,7 @@
 """English sentences about sensors that disagree, a model that no longer fits, and motion outside the data of a fit."""
 
 TEMPLATES: dict[str, str] = {
-    "sensor.lost": "{subject} does not give readings any more. {consequence}.",
+    "sensor.lost": "{subject} does not give readings. {consequence}.",
     "sensor.no-number": "{subject} does not give a finite number. {consequence}.",
     "sensor.at-its-end": "{subject} is at full scale, {reading:.3g}. {consequence}.",
     "sensor.frozen": "{subject} is stuck at {reading:.3g}; expected {expected:.3g}. {consequence}.",
