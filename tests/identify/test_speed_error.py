@@ -28,7 +28,7 @@ def fit_with(names, std):
     """Return what `with_speed_error` reads of a fit with independent errors."""
     return SimpleNamespace(
         names=tuple(names), std=np.array(std), cov=np.diag(np.square(std)), backend="auto", always_unobservable=(),
-        gyro_shift=np.zeros(len(names)), blocks=FittedBlocks(SMALL.vehicle, sensor_slots(())()), file=SMALL,
+        scale_shifts=np.zeros((3, len(names))), blocks=FittedBlocks(SMALL.vehicle, sensor_slots(())()), file=SMALL,
     )  # fmt: skip
 
 
@@ -101,7 +101,7 @@ def test_the_effect_of_the_gyros_scale_on_a_fit_equals_another_fit(driven):
     )
     for name in ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[2,2]"):
         k = fit.names.index(name)
-        assert fit.gyro_shift[k] == pytest.approx((high.estimate[k] - low.estimate[k]) / 0.02, rel=0.2)
+        assert fit.scale_shifts[2, k] == pytest.approx((high.estimate[k] - low.estimate[k]) / 0.02, rel=0.2)
 
 
 def test_a_gyro_that_reads_too_much_gives_a_speed_that_is_too_low(driven):
@@ -110,7 +110,7 @@ def test_a_gyro_that_reads_too_much_gives_a_speed_that_is_too_low(driven):
     ekf = measure_noise(fit, run).updated_file(fit.vehicle_file).estimator()
     c, gyro_std = ekf.speed_per_gyro_scale, float(ekf.sensors.imu.gyro_scale_std)
     assert -1.1 < c < -0.05
-    alone = with_speed_error(ekf, replace(fit, gyro_shift=np.zeros(len(fit.names))), [run])
+    alone = with_speed_error(ekf, replace(fit, scale_shifts=np.zeros((3, len(fit.names)))), [run])
     assert alone.speed_error_std[1] ** 2 - ekf.speed_error_std[1] ** 2 == pytest.approx(gyro_std**2, rel=0.05)
     kappa = np.array([0.0, -gyro_std, 0.0, 0.0])
     error = velocity_error(ekf, kappa, np.array([0.3, 0.0, 1.0]))

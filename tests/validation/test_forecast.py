@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.calibration.tolerances import with_tolerance
 from baqueano.cli import main
 from baqueano.diagnostics import note
 from baqueano.errors import UsageError
@@ -25,6 +26,7 @@ from baqueano.vehicle_file import load, parse
 from tests.codes import of_code
 from tests.identify.test_strangers_wheels import FILE, TRACK_M
 from tests.identify.test_strangers_wheels import drive as drive_with_counts
+from tests.identify.test_voltage import EFFECT, emptied
 
 LIMIT = {"small": [1.0, 0.0, 1.0], "car": [0.5, 0.8]}
 
@@ -65,11 +67,27 @@ def spread(fit, u):
     return np.sqrt(np.mean(off[:, 0] ** 2 + off[:, 1] ** 2)), np.sqrt(np.mean(off[:, 2] ** 2))
 
 
+def path_of(file, u):
+    """Return the poses (N, 3) without process noise."""
+    return simulate(file.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]}), u).truth.eta
+
+
+def rms_of_ten_seconds(paths):
+    """Return the root mean square difference of the changes of heading in 10 s, once per second."""
+    change = np.unwrap(paths[1][:, 2]) - np.unwrap(paths[0][:, 2])
+    return np.sqrt(np.mean((change[1000::100] - change[:-1000:100]) ** 2))
+
+
+def exact_scales(fit):
+    """Return the fit without the errors of the scales of the IMU, which drawn vehicles do not have."""
+    return replace(fit, scale_shifts=0.0 * fit.scale_shifts)
+
+
 def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(each):
     fit, _ = each
     rate = fit.file.rate_hz
     short = simulate(fit.file, random_steps(LIMIT[fit.file.name], 10.1, rate, 5), 5, name="short")
-    (ahead, *_) = forecast(fit, short).ahead
+    (ahead, *_) = forecast(exact_scales(fit), short).ahead
     position, heading = spread(fit, short.applied_commands[: round((ahead.duration_s + 1.0 / rate) * rate)])
     assert ahead.duration_s == pytest.approx(10.0)
     assert ahead.position_m == pytest.approx(position, rel=0.15)
@@ -79,7 +97,9 @@ def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(each):
 def test_the_forecast_error_over_a_lap_matches_drawn_vehicles(each):
     fit, run = each
     route = eight(1.0, 0.25)
-    lap = forecast(replace(fit, channels=()), run, route, "lab").ahead[1]  # without the misfit by the floor
+    lap = forecast(exact_scales(replace(fit, channels=())), run, route, "lab").ahead[
+        1
+    ]  # without the misfit by the floor
     paths = tuple(
         n for n, std in zip(fit.names, fit.std, strict=True) if n.startswith("model.") and std > 0.0
     )
@@ -117,6 +137,41 @@ def test_the_forecast_of_an_incomplete_model_agrees_with_unseen_drives():
     assert ahead.heading_rad**2 == pytest.approx(of_misfit**2 + 2.0 * of_parameters**2)  # Akaike 1970
     shifted = replace(fit, cov=4.0 * fit.cov, unmodelled_cov=fit.unmodelled_cov + 3.0 * fit.cov)
     assert forecast(shifted, own).ahead[0].heading_rad == pytest.approx(ahead.heading_rad)
+
+
+def test_the_forecast_contains_the_unmeasured_scale_of_a_gyro(small):
+    """A gyro that reads 1 % too much moves the fit. With a tolerance of σ = 1 %, the forecast is that change."""
+    fit, run = small
+    imu = run.sensors["imu"]
+    wrong = replace(run, sensors={**run.sensors, "imu": imu._replace(z=imu.z * [1.0, 1.0, 1.01])})
+    other, u = identify(wrong, fit.file, options=FitOptions(diagnose=False)), run.applied_commands
+    etas = [path_of(f.vehicle_file, u) for f in (fit, other)]
+    scales = {"sensors.imu.gyro_scale": 0.01 * np.sqrt(3.0), "sensors.imu.accel_scale": 0.0}
+    diagnosed = identify(run, fit.file)
+    exact = replace(
+        diagnosed, cov=diagnosed.unmodelled_cov, channels=(), file=with_tolerance(fit.file, scales)
+    )
+    prediction, heading = forecast(exact, run), rms_of_ten_seconds(etas)
+    assert prediction.ahead[0].heading_rad == pytest.approx(heading, rel=0.1)
+    assert [message.code for message in prediction.notes if "scales" in message.code] == ["forecast.scales"]
+
+
+def test_the_forecast_contains_the_error_of_the_battery_effect():
+    small = load("small").with_values({"model.drivetrain.limit": [np.inf]})
+    run = emptied(small, 1.0, 1)
+    volts = np.linspace(7.8, 6.8, len(run.t_ns))
+    fit = exact_scales(identify(run, small, ["model.actuator_matrix[0,0]", EFFECT]))
+    k = fit.names.index(EFFECT)
+    only = np.zeros_like(fit.cov)
+    only[k, k] = fit.cov[k, k]
+    of_effect = forecast(replace(fit, cov=only, unmodelled_cov=0.0 * only, channels=()), run).ahead[0]
+    scale = 1.0 + (fit.estimate[k] + np.array([0.0, fit.std[k]])) * (volts[:, None] / 7.4 - 1.0)
+    steady = fit.vehicle_file.with_values(
+        {"model.drivetrain.battery": "steady", "model.drivetrain.battery_v": 7.4}
+    )
+    paths = [path_of(steady, run.applied_commands * s[:, None]) for s in scale.T]
+    heading = rms_of_ten_seconds(paths)
+    assert of_effect.heading_rad == pytest.approx(heading, rel=0.2)
 
 
 def test_runs_with_equal_names_have_their_own_residuals():

@@ -4,13 +4,14 @@
     Σ_η = (∂η/∂θ) P (∂η/∂θ)ᵀ,   position √(Σ_xx + Σ_yy),   heading √Σ_ψψ                                  (2)
     η: the pose after HORIZON_S relative to its start, once per second of the runs of the fit               (3)
     + max(0, mean d₁ᵀ d₂ + tr Σ_η) over windows of the runs,   d_i: (3) of ν + H⁺ r_i, minus (3) of ν        (4)
+    + (2) of S diag(σ²) Sᵀ,   S = ∂θ̂/∂(scales of the IMU),  σ of these scales: measured, or of a data sheet (5)
 
 P is the covariance of the fit without the shifts by effects that the model lacks. Along the runs these effects and
 shifts cancel; their remainder is in the residuals r. H = ∂h/∂ν of wheels, gyro, odometer. r₁, r₂ are every second
 residual, so their white noise cancels. A fit reduces the errors of its own runs by Σ_η (Akaike 1970), so (4) adds it
-(docs/derivations/robust_covariance.md). White residuals give 0. Above MAX_HEADING_STD_RAD the vehicle can be anywhere,
-and the message gives no distance. Process noise, the battery, and an error of the initial pose add to the forecast. The
-model drives the lap with the recommended controller and a known pose. Then it repeats the commands in open loop.
+(docs/derivations/robust_covariance.md). The residuals do not show (5). Above MAX_HEADING_STD_RAD the position is lost.
+Process noise and another voltage add to the forecast. The model drives the lap with the recommended controller and a
+known pose, at the mean voltage of the runs. Then it repeats the commands in open loop.
 """
 
 from collections.abc import Sequence
@@ -19,20 +20,25 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.calibration.tolerances import scale_stds
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
 from baqueano.geometry import map_from_body, wrap
 from baqueano.guides.shapes import sinuous_circle
+from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_voltage
 from baqueano.identify.data.record import FitRecord, record_of
-from baqueano.identify.residuals.motion import open_loop
+from baqueano.identify.noise.speed_error import SCALES_INCLUDED
+from baqueano.identify.residuals.motion import motion_rows, open_loop
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.messages import text, texts, with_full_stop
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs.diagnostics.timestamps import check_timestamps
 from baqueano.runs.run import Run
+from baqueano.sensors.sampling import is_imu
 from baqueano.signals import NANOSECONDS, seconds
 from baqueano.simulate.closed_loop import closed_loop, loop_system, start_pose, tick_count_of
 from baqueano.simulate.open_loop import tick_times
@@ -161,24 +167,30 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
         raise UsageError(fault("forecast.no-errors"))
     paths = tuple(fit.names[k] for k in entries)
     cov = (fit.cov - fit.unmodelled_cov)[np.ix_(entries, entries)]
-    kernel, theta = open_loop(fit.blocks.model, paths, lambda motion: motion.eta, fit.backend)  # (1)
-    drives = []
     segments = [segment for run in runs for segment in check_timestamps(run, fit.file.rate_hz)[0]]
-    for segment in segments:
-        record = record_of(segment, {})
-        drive, channels = _drive(kernel, theta, record.dt_s, record.u), fit.channels_of(segment)
+    records = [
+        with_voltage([record_of(segment, {})], [segment], fit.blocks, False)[0] for segment in segments
+    ]
+    volts = [record.sensors[VOLTAGE_KEY].z for record in records if VOLTAGE_KEY in record.sensors]
+    kernel, theta = open_loop(
+        fit.blocks.model, paths, lambda motion: motion.eta, fit.backend, bool(volts)
+    )  # (1)
+    drives, covs = [], np.array([cov, _scale_cov(fit, entries)])
+    for segment, record in zip(segments, records, strict=True):
+        drive, channels = _drive(kernel, theta, motion_rows(record), record.u), fit.channels_of(segment)
         drives.append(drive._replace(measured=_measured_paths(fit, channels, record, drive.eta)))
-    forecasts: list[DriveForecast] = [_forecast_windows(drives, cov)[0]]
-    notes: list[Diagnostic | str] = []
+    forecasts: list[DriveForecast] = [_forecast_windows(drives, covs)[0]]
+    notes: list[Diagnostic | str] = _scale_notes(fit, forecasts[0], _forecast_windows(drives, covs[:1])[0])
     lap, reason = _lap(fit, paths, theta, _route_of(drives) if route is None else route)
     if lap is None:
         notes.append(reason)
     else:
         title = note("forecast.lap") if route else note("forecast.lap-of-circle")
         title = note("forecast.lap-of", name=name) if name else title
-        lap_drive = _drive(kernel, theta, *lap)
-        _, misfit = _forecast_windows(drives, cov, float(lap_drive.t_s[-1]))
-        forecasts.append(_forecast_drive(title, lap_drive, _variances(lap_drive, 0, -1, cov)[0] + misfit))
+        mean_volts = [np.full((len(lap[0]), 1), np.mean(np.concatenate(volts)))] if volts else []
+        lap_drive = _drive(kernel, theta, np.column_stack([*lap, *mean_volts]), lap[1])
+        _, misfit = _forecast_windows(drives, covs, float(lap_drive.t_s[-1]))
+        forecasts.append(_forecast_drive(title, lap_drive, _variances(lap_drive, 0, -1, covs)[0] + misfit))
         notes += _outside_envelope(fit, lap[1])
     if not np.isfinite([forecasts[1:] for forecasts in forecasts]).all():
         raise UsageError(fault("forecast.ran-away"))
@@ -188,9 +200,32 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     return Forecast(tuple(forecasts), tuple(message for message in notes if message))
 
 
-def _drive(kernel: Any, theta: np.ndarray, dt_s: np.ndarray, u: np.ndarray) -> _ModelDrive:
-    eta, slopes = kernel.sensitivities(np.ascontiguousarray(np.column_stack([dt_s, u])), theta)
-    return _ModelDrive(np.cumsum(dt_s), np.asarray(eta), np.asarray(slopes), u)
+def _scale_cov(fit: "Fit", entries: list[int]) -> np.ndarray:
+    """Return the covariance (p, p) of the parameters `entries` by the scales of the IMU in the file.  (5)"""
+    imus = _imus(fit)
+    is_included = any(message.code == SCALES_INCLUDED for message in fit.always_unobservable)
+    stds = scale_stds(fit.file, imus[0]) if imus and not is_included else np.zeros(3)
+    shifts = stds[:, None] * fit.scale_shifts[:, entries]
+    return shifts.T @ shifts
+
+
+def _scale_notes(fit: "Fit", total: DriveForecast, without: DriveForecast) -> list[Diagnostic | str]:
+    """Return a note if the scales of the IMU cause most of the variance of the position."""
+    if not without.position_m**2 < 0.5 * total.position_m**2:
+        return []
+    imu, fix = _imus(fit)[0], baqueano_command("runs", "calibrate", "last", "--update")
+    return [
+        note("forecast.scales", fix=fix, subject=imu, percent=100.0 * float(scale_stds(fit.file, imu)[2]))
+    ]
+
+
+def _imus(fit: "Fit") -> list[str]:
+    return [name for name, sensor in fit.file.sensors._asdict().items() if is_imu(sensor)]
+
+
+def _drive(kernel: Any, theta: np.ndarray, rows: np.ndarray, u: np.ndarray) -> _ModelDrive:
+    eta, slopes = kernel.sensitivities(np.ascontiguousarray(rows), theta)
+    return _ModelDrive(np.cumsum(rows[:, 0]), np.asarray(eta), np.asarray(slopes), u)
 
 
 def _measured_paths(
@@ -218,7 +253,7 @@ def _measured_paths(
 
 
 def _forecast_windows(
-    drives: Sequence[_ModelDrive], cov: np.ndarray, horizon_s: float = HORIZON_S
+    drives: Sequence[_ModelDrive], covs: np.ndarray, horizon_s: float = HORIZON_S
 ) -> tuple[DriveForecast, np.ndarray]:
     """Return the root mean square of the errors over the windows of the runs (3), and the variances (2,) of (4)."""
     longest_s = max(float(drive.t_s[-1] - drive.t_s[0]) for drive in drives)
@@ -231,10 +266,10 @@ def _forecast_windows(
         distance_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(drive.eta[:, :2], axis=0).T))])
         for i, j in zip(a, b, strict=True):
             if moving_ticks[j] - moving_ticks[i] >= MIN_DRIVEN_SHARE * (j - i):
-                variances.append(_variances(drive, i, j, cov))
+                variances.append(_variances(drive, i, j, covs))
                 distances_m.append(distance_m[j] - distance_m[i])
     longest_drive = max(drives, key=lambda drive: len(drive.u))
-    of_fit, misfit = np.mean(variances or [_variances(longest_drive, 0, -1, cov)], axis=0)
+    of_fit, misfit = np.mean(variances or [_variances(longest_drive, 0, -1, covs)], axis=0)
     misfit = np.maximum(misfit, 0.0)
     if not variances:  # almost without commands: use the whole longest run
         return _forecast_drive(note("forecast.longest-again"), longest_drive, of_fit + misfit), misfit
@@ -249,24 +284,25 @@ def _forecast_drive(title: Diagnostic, drive: _ModelDrive, variances: np.ndarray
     return DriveForecast(title, float(drive.t_s[-1]), distance_m, position_m, heading_rad)
 
 
-def _variances(drive: _ModelDrive, i: int, j: int, cov: np.ndarray) -> np.ndarray:
+def _variances(drive: _ModelDrive, i: int, j: int, covs: np.ndarray) -> np.ndarray:
     """Return variances (2, 2) of position and heading of the pose at row j, relative to the pose at row i: by the
-    errors of the parameters (2), and by the misfit (4)."""
+    errors of the parameters (2), (5), and by the misfit (4). `covs` (c, p, p) are P, and the covariance of (5)."""
     J = map_from_body(drive.eta[i, 2])
     derivative_change = drive.derivatives[j] - drive.derivatives[i]
     displacement = drive.eta[j] - drive.eta[i]
     # ∂(Jᵀ way)/∂ψ_i, in the map
     rotation = np.outer(np.array([displacement[1], -displacement[0], 0.0]), drive.derivatives[i, 2])
     jacobian = J.T @ (derivative_change + rotation)
-    x, y, psi = np.einsum("ip,pq,iq->i", jacobian, cov, jacobian)
-    of_fit = np.array([x + y, psi])
+    x, y, psi = np.einsum("ip,cpq,iq->ic", jacobian, covs, jacobian)
+    of_errors = np.array([x + y, psi])
+    of_fit, total = of_errors[:, 0], of_errors.sum(axis=1)
     if not drive.measured:
-        return np.array([of_fit, 0.0 * of_fit])
+        return np.array([total, 0.0 * of_fit])
     errors = [
         map_from_body(path[i, 2]).T @ (path[j] - path[i]) - J.T @ displacement for path in drive.measured
     ]
     x, y, psi = np.prod([[*error[:2], wrap(error[2])] for error in errors], axis=0)
-    return np.array([of_fit, of_fit + np.array([x + y, psi])])
+    return np.array([total, of_fit + np.array([x + y, psi])])
 
 
 def _route_of(drives: Sequence[_ModelDrive]) -> Any:

@@ -27,7 +27,7 @@ from baqueano.identify.diagnostics.unmodelled_terms import (
     FittedMotion,
     LabelledTerm,
     fitted_motion,
-    gyro_columns,
+    scale_columns,
     term_columns,
 )
 from baqueano.identify.parameters.free import DELAY_PATH
@@ -84,10 +84,10 @@ def check_residuals(
     is weighted with the estimated noise.
     """
     s = problem.layout.shared_count
-    index, unmodelled_cov, gyro_shift = np.flatnonzero(identifiable[:s]), np.zeros((s, s)), np.zeros(s)
+    index, unmodelled_cov, scale_shifts = np.flatnonzero(identifiable[:s]), np.zeros((s, s)), np.zeros((3, s))
     if not len(index):
         messages = _residual_messages(problem, problem.residuals(theta))
-        return Diagnosis(messages, unmodelled_cov, gyro_shift, np.zeros(s))
+        return Diagnosis(messages, unmodelled_cov, scale_shifts, np.zeros(s))
     motion = fitted_motion(blocks, problem, theta)
     candidates = list if motion is None else term_columns(blocks, problem, motion)
     fit = fit_residuals(problem, theta, identifiable)
@@ -102,11 +102,11 @@ def check_residuals(
         unmodelled_cov[np.ix_(index, index)] = _largest_errors_cov(np.array(errors))
     if motion is not None:
         is_inside = (low < 0.0) & (high > 0.0)
-        gyro_shift[index] = shift_by_effects(fit, gyro_columns(blocks, problem, motion), is_inside)[0]
+        scale_shifts[:, index] = shift_by_effects(fit, scale_columns(blocks, problem, motion), is_inside)
     lag_errors = np.zeros(s)
     lag_errors[index] = sum(_errors_by("term.low-pass", 1, fit_evidence, tests))
     messages += [result.message for result in missing_terms[:MAX_REPORTED] + differences[:MAX_REPORTED]]
-    return Diagnosis(messages, unmodelled_cov, gyro_shift, lag_errors)
+    return Diagnosis(messages, unmodelled_cov, scale_shifts, lag_errors)
 
 
 def _errors_by(code: str, sign: int, fit: "_FitEvidence", tests: TermTests) -> list[np.ndarray]:
@@ -153,7 +153,7 @@ class Diagnosis(NamedTuple):
 
     messages: list[Diagnostic]
     unmodelled_cov: np.ndarray  # (s, s) covariance by effects that the model lacks  (4)
-    gyro_shift: np.ndarray  # (s,) change of θ per relative error of the gyro's scale
+    scale_shifts: np.ndarray  # (3, s) change of θ per relative error of the IMU's scales (a_x, a_y, ω_z)
     lag_errors: np.ndarray  # (s,) errors of θ by a short lag that the file lacks
 
 

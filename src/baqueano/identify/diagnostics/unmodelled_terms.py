@@ -28,7 +28,6 @@ from baqueano.identify.data.averaging import WEIGHT_COLUMNS, averages
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH
 from baqueano.identify.parameters.theta import ThetaShape
-from baqueano.identify.residuals.gyro_aided import GYRO_CHANNEL
 from baqueano.identify.residuals.motion import (
     Motions,
     blocks_in_row,
@@ -185,13 +184,12 @@ def _reading_columns(blocks: FittedBlocks, problem: Residuals, fitted: FittedMot
     return labels, np.concatenate(columns, axis=1)
 
 
-def gyro_columns(blocks: FittedBlocks, problem: Residuals, fitted: FittedMotion) -> np.ndarray:
-    """Return D (1, N m) of a relative error of the scales of all gyros: the predicted reading of each gyro."""
-    is_gyro = np.array(
-        [is_imu(block) and k == GYRO_CHANNEL for block in blocks.sensors for k in range(block.size)]
-    )
+def scale_columns(blocks: FittedBlocks, problem: Residuals, fitted: FittedMotion) -> np.ndarray:
+    """Return D (3, N m) of a relative error of the scales of all IMUs (a_x, a_y, ω_z): their predicted readings."""
+    channels = [k if is_imu(block) else -1 for block in blocks.sensors for k in range(block.size)]
+    scales = np.arange(3)[:, None, None] == channels
     pairs = zip(fitted.motions, problem.weights, strict=True)
-    return np.concatenate([(motion.h * is_gyro * weight).ravel() for motion, weight in pairs])[None, :]
+    return np.concatenate([(motion.h * scales * weight).reshape(3, -1) for motion, weight in pairs], axis=1)
 
 
 def _force_columns(

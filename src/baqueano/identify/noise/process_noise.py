@@ -17,7 +17,8 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
 from baqueano.estimators import Ekf
-from baqueano.identify.residuals.motion import open_loop
+from baqueano.identify.data.record import record_of
+from baqueano.identify.residuals.motion import motion_rows, open_loop
 from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.numerics.gaussian_likelihood import log_det_and_square, robust_square
 from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
@@ -102,9 +103,7 @@ def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
 def _motion_rms(fit: "Fit", run: Run) -> np.ndarray:
     """Return the root mean square (6,) of (ν, ν̇) of the model under the run's commands."""
     kernel, theta = open_loop(fit.blocks.model, (), lambda motion: np.concatenate([motion.nu, motion.nu_dot]))
-    dt_s = np.diff(run.t_ns, prepend=2 * run.t_ns[0] - run.t_ns[1]) * 1e-9
-    u = np.where(np.isfinite(run.applied_commands), run.applied_commands, 0.0)
-    _, mu = kernel.run(np.concatenate([dt_s[:, None], u], axis=1), theta)
+    _, mu = kernel.run(motion_rows(record_of(run, {})), theta)
     return np.maximum(np.sqrt(np.mean(np.asarray(mu) ** 2, axis=0)), 1e-6)
 
 

@@ -177,7 +177,7 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
             B = np.linalg.lstsq(X, D, rcond=None)[0]
             weight = rows.sum() / moving.sum()
             C += weight * (B @ P @ B.T)
-            c += weight * float(B[0] @ fit.gyro_shift[entries])
+            c += weight * float(B[0] @ fit.scale_shifts[2, entries])
             modelled_sum += np.einsum("ni,ij,nj->", X @ B, P, X @ B)
             total += np.einsum("ni,ij,nj->", D, P, D)
     C *= total / modelled_sum if modelled_sum > 0.0 else 1.0

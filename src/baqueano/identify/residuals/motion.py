@@ -132,21 +132,24 @@ def motion_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
 
 
 def open_loop(
-    model: Tree, paths: Sequence[str], output: Callable[[Motion], np.ndarray], backend: str = "auto"
-) -> tuple[Scan, np.ndarray]:
-    """Return the scan from rows (dt, u) and θ to `output` of the motion from rest. Also return θ (p,), the values of
-    the model at `paths`."""
-    blocks = FittedBlocks(model, sensor_slots(())())
+    model: Tree, paths: Sequence[str], output: Callable[[Motion], np.ndarray], backend: str = "auto",
+    volts: bool = False,
+) -> tuple[Scan, np.ndarray]:  # fmt: skip
+    """Return the scan from rows (dt, u, and the voltage if `volts`) and θ to `output` of the motion from rest. Also
+    return θ (p,), the values of the model at `paths`."""
+    blocks, n = FittedBlocks(model, sensor_slots(())()), 1 + model.commands
 
     def start(theta: np.ndarray) -> Tree:
         return substitute(blocks, paths, theta).model.init()
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
-        state, motion = substitute(blocks, paths, theta).model.step(state, row[1:], row[0], np.zeros(3))
+        at = substitute(blocks, paths, theta)
+        at = with_value(at, "model.drivetrain.battery_v", row[-1]) if volts else at
+        state, motion = at.model.step(state, row[1:n], row[0], np.zeros(3))
         return state, output(motion)
 
     theta = np.array([value(blocks, path) for path in paths])
-    return scan(step, start, np.zeros(1 + model.commands), theta, backend=backend), theta
+    return scan(step, start, np.zeros(n + volts), theta, backend=backend), theta
 
 
 def cached_kernel(

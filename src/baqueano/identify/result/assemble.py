@@ -102,7 +102,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         poorly_identified=evidence.poorly_identified,
         cov=shared_cov,
         unmodelled_cov=unmodelled_cov,
-        gyro_shift=_in_order(end, basis.diagnosis.gyro_shift, 0.0),
+        scale_shifts=np.array([_in_order(end, shift, 0.0) for shift in basis.diagnosis.scale_shifts]),
         run_entry_names=run_entry_names,
         run_entries=run_values,
         run_entry_std=run_entry_std,
@@ -133,7 +133,7 @@ def _diagnosis(end: FinishedFit, std: np.ndarray) -> Diagnosis:
     is_skipped = not end.score_test or end.search.stopped
     if is_skipped or report(_("testing for effects that the model lacks")) is True:
         s = end.task.problem.layout.shared_count
-        return Diagnosis(list(end.findings), np.zeros((s, s)), np.zeros(s), np.zeros(s))
+        return Diagnosis(list(end.findings), np.zeros((s, s)), np.zeros((3, s)), np.zeros(s))
     sensors, origins = end.blocks.sensors, end.vehicle_file.provenance
     measured = [is_measured(origins, f"sensors.{name}.measurement_noise_cov") for name in sensors._fields]
     is_known = np.repeat(measured, [sensor.size for sensor in sensors])

@@ -79,9 +79,9 @@ class Fit(Result):
         Covariance of the estimates [products of their units]; NaN if not identifiable.
     unmodelled_cov : ndarray (p, p)
         Part of `cov` by effects that the model lacks [products of units]; NaN if not identifiable.
-    gyro_shift : ndarray (p,)
-        Change of the estimates [unit of each] per relative error of the gyro's scale: above 0 the vehicle turns
-        faster than measured.
+    scale_shifts : ndarray (3, p)
+        Change of the estimates [unit of each] per relative error of the scales of the IMU (a_x, a_y, ω_z): above 0
+        the vehicle moves faster than measured.
     run_entry_names : tuple of str (q,)
         Names of the entries that each run has separately: biases, clocks, starts.
     run_entries, run_entry_std : ndarray (runs, q)
@@ -134,7 +134,7 @@ class Fit(Result):
     poorly_identified: np.ndarray
     cov: np.ndarray
     unmodelled_cov: np.ndarray
-    gyro_shift: np.ndarray
+    scale_shifts: np.ndarray
     run_entry_names: tuple[str, ...]
     run_entries: np.ndarray
     run_entry_std: np.ndarray

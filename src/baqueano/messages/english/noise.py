@@ -117,6 +117,10 @@ TEMPLATES: dict[str, str] = {
     "forecast.lap": "one lap",
     "forecast.lap-of": "one lap of {name}",
     "forecast.lap-of-circle": "one lap of a sinuous circle",
+    "forecast.scales": (
+        "The scales of {subject} cause most of this error. That of the gyro is known to ± {percent:.2g} %. "
+        "To measure it, turn the vehicle twice on its mark by hand, with a rest before and after. Type: {fix}"
+    ),
     "forecast.unseen-exact": "Parameters that are not identifiable are treated as exact here.",
     "forecast.more-errors": "Another floor, another voltage and the start position add more errors.",
     "forecast.no-controller": f"{LAP}, because the recommended controller cannot drive this vehicle: {{error}}",
