@@ -89,10 +89,10 @@ def fit_of_imu(end: FinishedFit) -> Fit:
     sigma = robust_sigma(problem.misfits(end.search.solution.theta), problem.masks, end.task.floor)
     end = end._replace(info=_with_all_errors(end, scales), search=end.search._replace(sigma=sigma))
     basis = verdict_basis(end)
-    # the jackknife contains effects that the model lacks, except a short lag, which shifts the times of all parts alike
+    # the jackknife does not contain effects that shift all parts alike, such as understeer, or times by a short lag
     is_time = np.array([parameter.unit == "s" for parameter in end.parameters.free], bool)
     lag_errors = np.where(is_time, basis.diagnosis.lag_errors, 0.0)
-    cov = np.outer(lag_errors, lag_errors)
+    cov = basis.diagnosis.unmodelled_cov + np.outer(lag_errors, lag_errors)
     basis = basis._replace(
         diagnosis=basis.diagnosis._replace(unmodelled_cov=cov),
         evidence=basis.evidence._replace(messages=tuple(map(_without_advice, basis.evidence.messages))),
