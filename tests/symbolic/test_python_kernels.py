@@ -163,17 +163,6 @@ def test_table_lookup_equals_numpy(points):
     close(own[:, 0, 0], outputs[:, 0])
 
 
-def test_normal_equations_apply_the_huber_loss():
-    from baqueano.symbolic.derivatives.residuals import normal_equations
-
-    r, slopes = np.array([[0.5], [-3.0]]), np.array([[[1.0, 2.0]], [[0.5, -1.0]]])
-    cost, gradient, hessian = normal_equations(r, slopes, huber=1.0)
-    assert cost == pytest.approx(0.125 + 3.0 - 0.5)
-    close(gradient, 0.5 * slopes[0, 0] - slopes[1, 0])
-    close(hessian, np.outer(slopes[0], slopes[0]) + np.outer(slopes[1], slopes[1]) / 3.0)
-    close(normal_equations(r, slopes, None)[0], 0.5 * (0.25 + 9.0))
-
-
 @pytest.mark.parametrize("seed", range(12))
 def test_a_bound_call_equals_a_run_of_one_tick(seed):
     program = random_program(seed)

@@ -207,7 +207,10 @@ def _read_number(report: ReadReport, path: KeyPath, key: Key, value: object) -> 
             code = "vehicle.number-in-quotes" if is_quoted else "vehicle.not-number"
             report.add_problem(path, code, value=_text_of(value), unit_name=p.unit, meaning=p.meaning)
             return None
-        array = np.array(_float_or_nan(value))
+        number = _float_or_nan(value)
+        if np.isfinite(number) and p.low <= number <= p.high:
+            return number
+        array = np.array(number)
     else:
         value = [value] if p.shape is None and isinstance(value, int | float) else value
         array = number_array(value)

@@ -34,12 +34,16 @@ def service():
     return parser["Service"]
 
 
-def test_the_unit_has_real_time_priority_and_a_watchdog(service):
-    assert service["CPUSchedulingPolicy"] == "fifo"
-    assert int(service["LimitRTPRIO"]) >= int(service["CPUSchedulingPriority"])
-    assert service["LimitMEMLOCK"] == "infinity"
+def test_the_unit_has_real_time_priority_watchdog_and_restart(service):
+    expected = {
+        "Type": "notify", "WatchdogSec": "2", "Restart": "always", "RestartSec": "2", "CPUSchedulingPolicy": "fifo",
+        "CPUSchedulingPriority": "40", "LimitMEMLOCK": "infinity", "RuntimeDirectory": "baqueano",
+        "StateDirectory": "baqueano",
+    }  # fmt: skip
+    assert expected.items() <= dict(service).items()
+    assert int(service["LimitRTPRIO"]) >= 40
     assert "RestrictRealtime" not in service
-    assert service["Type"] == "notify"
+    assert "StartLimitIntervalSec=0" in UNIT.read_text().splitlines()  # of its section Unit
 
 
 @pytest.mark.parametrize(
