@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from baqueano.estimators import Complementary
-from baqueano.geometry import compose, wrap
 from baqueano.sensors import Imu, Odometer
 from baqueano.signals import Motion, Slot, Tick, sensor_slots, silent
 from baqueano.study.truth import TruthWorld, draw_robots
@@ -112,19 +111,6 @@ def test_the_gyro_bias_is_estimated_only_at_rest():
         blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": np.array([0.0, 0.0, 1.0]) + off}
     )
     assert float(turning_state.bias) == 0.0
-
-
-def test_shifting_and_rotating_the_map_moves_the_estimate_equally():
-    n, start = 400, np.array([3.0, -2.0, 2.9])
-    nu = np.tile([0.2, 0.0, 0.8], (n, 1))
-    z = {"imu": of_motion(nu, 0.0 * nu), "odometer": 1.02 * nu[:, :1]}
-    _, original = through(blended(ODOMETER), np.zeros((n, 3)), z)
-    _, moved_estimate = through(blended(ODOMETER), np.zeros((n, 3)), z, start)
-    moved_poses = np.array([compose(start, eta) for eta in original.eta])
-    np.testing.assert_allclose(moved_estimate.eta[:, :2], moved_poses[:, :2], atol=1e-12)
-    np.testing.assert_allclose(wrap(moved_estimate.eta[:, 2] - moved_poses[:, 2]), 0.0, atol=1e-12)
-    assert np.all(np.abs(moved_estimate.eta[:, 2]) <= np.pi)
-    assert np.min(moved_estimate.eta[:, 2]) < -3.0
 
 
 def test_the_complementary_filter_halves_the_wheel_noise_on_the_independent_truth():

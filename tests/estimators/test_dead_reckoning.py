@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from baqueano.estimators import Complementary, DeadReckoning
 from baqueano.estimators.readings.sensor_numbers import ACCEL_SCALE_STD
-from baqueano.geometry import compose, map_from_body, wrap
+from baqueano.geometry import compose, wrap
 from baqueano.sensors import Imu, Odometer, Pose, Wheels
 from baqueano.signals import Slot, Tick, sensor_slots, silent
 from baqueano.study.truth import TruthWorld, draw_robots
@@ -271,35 +271,6 @@ def test_the_sideways_velocity_of_a_car_follows_from_its_rear_axle():
     _, estimate = reckon.step(reckon.init(), Tick(10_000_000, np.zeros(2), slots))
     np.testing.assert_allclose(estimate.nu, [1.0, 0.15, 2.0], atol=1e-12)
     assert estimate.cov[4, 4] == pytest.approx(0.075**2 * estimate.cov[5, 5], rel=0.02)
-
-
-@pytest.mark.parametrize("turn", [0.0, 2.9, -1.3])
-def test_shifting_and_rotating_the_map_moves_the_estimate_equally(turn):
-    start, n = np.array([3.0, -2.0, turn]), 300
-    reckon = reckoning(imu=IMU, odometer=ODOMETER, initial_std=np.full(6, 0.01))
-    nu, _ = drive_truth(n, 1e9)
-    ticks = ticks_of(reckon, {"imu": np.column_stack([0 * nu[1:, :2], nu[1:, 2]]), "odometer": nu[1:, :1]})
-    kernel = kernel_of(reckon)
-    original, _ = kernel.run(ticks, carry=reckon.init())
-    moved_estimate, _ = kernel.run(ticks, carry=reckon.init(eta=start))
-    moved_pose = compose(start, original.mean[:3])
-    np.testing.assert_allclose(moved_estimate.mean[:2], moved_pose[:2], atol=1e-12)
-    assert abs(wrap(moved_estimate.mean[2] - moved_pose[2])) < 1e-12
-    assert abs(moved_estimate.mean[2]) <= np.pi
-    J = np.eye(9)
-    J[:3, :3] = map_from_body(turn)
-    np.testing.assert_allclose(moved_estimate.cov, J @ original.cov @ J.T, atol=1e-12)
-
-
-def test_heading_crosses_pi_between_two_ticks_without_a_jump():
-    reckon = compile_block(reckoning(), "python")
-    belief, psi = reckon.init(eta=np.array([0.0, 0.0, 3.0])), [3.0]
-    for k in range(1, 40):
-        z = Slot(1.0, np.array([0.0, 0.0, 1.03 * 2.0 + 0.02]))
-        belief, estimate = reckon.step(belief, Tick(k * 10_000_000, np.zeros(3), sensors(imu=z)))
-        psi.append(estimate.eta[2])
-    assert min(psi) < -3.0
-    np.testing.assert_allclose(wrap(np.diff(psi))[1:], 0.02, atol=1e-12)
 
 
 def test_position_uncertainty_after_a_pause_covers_the_possible_distance():

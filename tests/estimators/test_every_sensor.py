@@ -7,6 +7,7 @@ import pytest
 
 from baqueano.block_checks import check_estimator, compilation_notes
 from baqueano.compare.errors import wrap
+from baqueano.geometry import compose, map_from_body
 from baqueano.runs.filter_ticks import ticks_of
 from baqueano.simulate import simulate
 from baqueano.symbolic import scan
@@ -25,6 +26,8 @@ SENSORS = {
 }
 KINDS = ("augmented_ekf", "ekf", "dead_reckoning")
 R = np.diag([1e-6, 1e-6, 1e-5, 1e-4, 1e-4, 1e-2])
+USE = {"use": ("imu", "odometer")}
+NOISY = USE | {"process_noise_cov": R}
 
 
 def file_of(kind: str, keys: str):
@@ -74,6 +77,32 @@ def test_an_estimate_is_finite_and_its_error_matches_its_covariance(kind, estima
 def test_a_position_sensor_reduces_the_position_uncertainty(kind):
     with_it, without = (through(kind, "augmented_ekf", use)[1].cov[-1] for use in (("imu", kind), ("imu",)))
     assert np.trace(with_it[:2, :2]) < 0.7 * np.trace(without[:2, :2])
+
+
+@pytest.mark.parametrize("turn", [3.1, -1.3])  # the drive turns left: from 3.1 rad across π
+@pytest.mark.parametrize(
+    ("kind", "keys", "atol"),
+    [
+        ("augmented_ekf", USE, 1e-9), ("ekf", NOISY, 1e-9), ("ekf", NOISY | {"mode": "paper"}, 1e-9),
+        ("dead_reckoning", NOISY, 1e-9), ("complementary", {}, 1e-9),
+        ("unscented", NOISY, 1e-4),  # whose sigma points do not turn with the map
+    ],
+)  # fmt: skip
+def test_shifting_and_rotating_the_map_moves_the_estimate_equally(kind, keys, atol, turn):
+    file, run = drive_with("odometer", SENSORS["odometer"])
+    block = file.estimator(kind, **keys)
+    ticks, start = ticks_of(run, block, len(run.t_ns)), np.array([3.0, -2.0, turn])
+    kernel = scan(block.row, block.init(), type(ticks)(*(x if x is None else _first(x) for x in ticks)))
+    original, moved = (kernel.run(ticks, carry=block.init(eta=eta))[1] for eta in (np.zeros(3), start))
+    expected = np.array([compose(start, eta) for eta in original.eta])
+    np.testing.assert_allclose(moved.eta[:, :2], expected[:, :2], atol=atol)
+    np.testing.assert_allclose(wrap(moved.eta[:, 2] - expected[:, 2]), 0.0, atol=atol)
+    assert np.all(np.abs(moved.eta[:, 2]) <= np.pi)
+    assert turn < 3.0 or np.min(moved.eta[:, 2]) < -3.0
+    np.testing.assert_allclose(moved.nu, original.nu, atol=atol)
+    J = np.eye(6)
+    J[:3, :3] = map_from_body(turn)
+    np.testing.assert_allclose(moved.cov, J @ original.cov @ J.T, atol=atol)
 
 
 @pytest.mark.parametrize("name", ["small", "car"])

@@ -12,7 +12,7 @@ from baqueano.estimators import Ekf, Unscented
 from baqueano.estimators.covariance import cholesky_root
 from baqueano.estimators.kalman import Gaussian
 from baqueano.estimators.sigma_points import propagate
-from baqueano.geometry import compose, map_from_body, wrap
+from baqueano.geometry import map_from_body, wrap
 from baqueano.sensors import Imu, Pose
 from baqueano.signals import Motion, Slot, Tick, sensor_slots, silent
 from baqueano.study.counterpart import robot_file
@@ -155,20 +155,6 @@ def test_nees_and_nis_lie_in_their_bands_on_the_independent_truth():
     low, high = chi2.ppf([5e-5, 1 - 5e-5], 6 * n)
     assert low < nees < high, f"NEES {nees / (6 * n):.2f} of its mean"
     assert np.all(np.abs(np.mean(nis, axis=0) - 1.0) < 0.15), f"NIS {np.mean(nis, axis=0)}"
-
-
-def test_shifting_and_rotating_the_map_moves_the_estimate_equally():
-    start = np.array([3.0, -2.0, 3.1])
-    block = compile_block(Unscented(SMALL, Sensors(IMU), R), "python")
-    original, moved_belief = block.init(), block.init(eta=start)
-    for tick in circle(60):
-        original, a = block.step(original, tick)
-        moved_belief, b = block.step(moved_belief, tick)
-        np.testing.assert_allclose(b.nu, a.nu, atol=1e-4)  # the sigma points rotate with the map
-        moved_pose = compose(start, a.eta)
-        np.testing.assert_allclose(b.eta[:2], moved_pose[:2], atol=1e-5)
-        assert abs(wrap(b.eta[2] - moved_pose[2])) < 1e-4
-        assert abs(b.eta[2]) <= np.pi
 
 
 def test_a_pose_innovation_is_wrapped_across_pi():

@@ -257,3 +257,9 @@ def test_columns_of_a_route_are_read_at_one_place_of_its_times():
     declarations = header(body, graph.tables)
     assert (body.count("int64_t cell"), declarations.count("static const double xp")) == (1, 1)
     assert f"fp{unused_table}[" not in declarations
+
+
+def test_a_run_without_ticks_returns_the_start(cases):
+    case = Case(cases[5].program, n=0)
+    assert case.run()[0].shape[0] == 0
+    close(case.run()[1], in_numpy(case.program, case.theta, case.start, case.inputs)[1])
