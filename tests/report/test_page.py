@@ -4,6 +4,7 @@ dash.
 
 import re
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import matplotlib as mpl
@@ -47,6 +48,11 @@ def a_run(name: str = "0001-test", N: int = 400) -> Run:
     )
 
 
+@cache
+def whole_page() -> Page:
+    return page_of_run(a_run())
+
+
 def parts_of(page: Page) -> dict[str, list[Any]]:
     return {section.title: list(section.parts) for section in page.sections}
 
@@ -59,7 +65,7 @@ def assert_stands_alone(text: str) -> None:
 
 
 def test_ne8_a_page_fetches_no_file_and_runs_no_script():
-    text = page_of_run(a_run()).html()
+    text = whole_page().html()
     assert_stands_alone(text)
     assert text.count("<svg") >= 4
     assert "baqueano report 0001-test" in text
@@ -70,7 +76,7 @@ def test_rejected_readings_have_a_table_only_if_they_were_counted():
     run = replace(a_run(), events=(counts,))
     (table,) = parts_of(page_of_run(run))["Refused readings"]
     assert table.rows == [{"number": "imu[2]", "refused": 12, "arrived": 400, "rejected [%]": 3.0}]
-    assert "Refused readings" not in parts_of(page_of_run(a_run()))
+    assert "Refused readings" not in parts_of(whole_page())
 
 
 def test_names_and_events_are_escaped():
@@ -113,7 +119,7 @@ def test_a_page_can_show_a_run_with_only_commands():
         a_run(), truth=None, estimate=None, reference=None, requested_commands=None, sensors={}, events=()
     )
     assert_stands_alone(page_of_run(bare).html())
-    assert "Path" in [section.title for section in page_of_run(a_run()).sections]
+    assert "Path" in [section.title for section in whole_page().sections]
     assert "Path" not in [section.title for section in page_of_run(bare).sections], "an empty card"
 
 
@@ -139,7 +145,7 @@ def test_a_drive_shows_its_speed_and_its_commands_with_their_limits():
 
 
 def test_without_a_vehicle_file_a_page_shows_no_limits():
-    page = page_of_run(a_run())
+    page = whole_page()
     rows = parts_of(page)["Commands"][1].rows
     assert [row["command"] for row in rows] == ["u[0]", "u[1]", "u[2]"]
     assert all(row["limit"] is None and row["at its limit [% of ticks]"] is None for row in rows)
@@ -174,8 +180,8 @@ def test_a_page_can_show_a_run_with_gaps_and_missing_truth():
     assert_stands_alone(text)
 
 
-@pytest.mark.parametrize("alignment", ["none", "start", "rigid"])
-def test_a_page_can_use_each_alignment(alignment):
+@pytest.mark.parametrize("alignment", ["start", "rigid"])
+def test_a_page_can_use_another_alignment(alignment):
     assert_stands_alone(page_of_run(a_run(), alignment).html())
 
 
@@ -195,7 +201,7 @@ def test_a_page_is_written_completely_or_not_at_all(tmp_path, monkeypatch):
 
 
 def test_the_same_run_gives_the_same_bytes():
-    assert page_of_run(a_run()).html() == page_of_run(a_run()).html()
+    assert page_of_run(a_run()).html() == whole_page().html()
 
 
 def test_thinning_retains_every_peak():
