@@ -34,7 +34,7 @@ from baqueano.vehicle_file import VehicleFile
 from baqueano.vehicle_file.units import channel_units
 from baqueano.worlds import FaultyWorld, SimulatedWorld, clock
 from baqueano.worlds.faults.fault import FaultLike
-from baqueano.worlds.own_world import OwnWorld
+from baqueano.worlds.own_world import with_checked_ticks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +90,7 @@ class Conditions:
         if self.world is not None and self.shake is not None:
             raise UsageError(fault("shake.of-another-world", world=type(self.world).__name__))
         _check_command_count(vehicle_file, world)
-        return world if is_ours(type(world)) else OwnWorld(world, example_tick(vehicle_file))
+        return world if is_ours(type(world)) else with_checked_ticks(world, example_tick(vehicle_file))
 
     def _simulated_world(self, vehicle_file: VehicleFile) -> World:
         real = vehicle_file.truth if self.truth is None else self.truth

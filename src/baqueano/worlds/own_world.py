@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -12,17 +13,21 @@ from baqueano.errors import UsageError
 from baqueano.signals import Tick
 
 
-class OwnWorld(World):
-    """World that forwards to the `world` of a user, and raises UsageError for ticks unlike the tick `example`."""
+def with_checked_ticks(world: World, example: Tick) -> World:
+    """Return the world of a user; its `read` raises UsageError for ticks unlike the tick `example`."""
+    checked_world: Tree = _CheckedWorld(world, example)
+    return checked_world
+
+
+class _CheckedWorld:
+    """The world of a user with checks of its ticks; everything else is that of the user's world."""
 
     def __init__(self, world: World, example: Tick) -> None:
         self._world, self._example, self._last_ns = world, example, -1
-        self.commands, self.notes = world.commands, world.notes
 
-    def __getattribute__(self, name: str) -> Tree:
-        """Return the attribute `name` of the user's world, except those that this class defines."""
-        is_own = name.startswith("_") or name in ("read", "commands", "notes")
-        return object.__getattribute__(self, name) if is_own else getattr(self._world, name)
+    def __getattr__(self, name: str) -> Tree:
+        """Return the attribute `name` of the user's world."""
+        return getattr(self._world, name)
 
     def read(self, t_ns: int) -> list[Tick]:
         """Return the ticks of the user's world. Raise UsageError for other values than a list of such ticks."""
@@ -34,7 +39,7 @@ class OwnWorld(World):
         return ticks
 
     def _reason_against(self, ticks: Sequence[Tick], t_ns: int) -> Diagnostic | None:
-        figures: dict[str, object] = {"world": type(self._world).__name__}
+        figures: dict[str, Any] = {"world": type(self._world).__name__}
         if not isinstance(ticks, list | tuple) or not all(isinstance(tick, Tick) for tick in ticks):
             return fault("world.ticks", **figures, value=type(ticks).__name__)
         times_ns = [self._last_ns, *(tick.t_ns for tick in ticks)]
