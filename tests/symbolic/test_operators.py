@@ -229,3 +229,27 @@ def test_partial_derivatives_equal_to_zero_are_omitted():
     assert partials(x < y) == ()
     assert next(a for a, _ in partials(apply("where", x < y, x, y))) is x
     assert jacobian_rows([graph.node(x * y)], [x])[0][x] is y
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 10**6))
+def test_forward_derivatives_of_random_expressions_equal_casadi(seed):
+    from .random_programs import in_casadi, in_numpy, random_program
+
+    program = random_program(seed, p=3, operations=30)._replace(carry=(), next_carry=(), initial=(), start=())
+    from baqueano.symbolic.python_code.python import PythonKernel
+
+    draw = np.random.default_rng(seed)
+    theta, inputs = draw.normal(size=3), draw.normal(size=(1, 3))
+    symbols_used = {n for n in nodes_below(program.outputs) if n.op == "symbol"} - {
+        *program.theta,
+        *program.inputs,
+    }
+    outputs = program.graph.substitute(program.outputs, {s: program.graph.const(0.3) for s in symbols_used})
+    program = program._replace(outputs=tuple(outputs))
+    y, slopes = np.empty((1, len(outputs))), np.empty((1, len(outputs), 3))
+    PythonKernel(program).sensitivities(theta, np.zeros(0), inputs, y, slopes)
+    expected, slopes_of_casadi = in_casadi(program, theta, np.zeros(0), inputs)
+    np.testing.assert_allclose(y, in_numpy(program, theta, np.zeros(0), inputs)[0], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(y, expected, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(slopes, slopes_of_casadi, rtol=1e-9, atol=1e-9)
