@@ -178,9 +178,9 @@ class Teacher:
         """Begin a drive, and wait until it has begun."""
         from baqueano.door import VERSION
 
-        self._say(do="clear")
+        self._say(type="clear")
         self._hear("state", lambda word: word["state"] == "READY")
-        self._say(do="mission", door=VERSION, mission=self._mission, attended=False)
+        self._say(type="mission", door=VERSION, mission=self._mission, attended=False)
         self._hear("tick")
 
     def message_delays_ms(self, seconds: float) -> list[float]:
@@ -196,7 +196,7 @@ class Teacher:
     def stop(self) -> float:
         """Return the time [ms] from a STOP to the first zero command."""
         begun_ns = time.monotonic_ns()
-        self._say(do="stop", why="it nears the stairs")
+        self._say(type="stop", why="it nears the stairs")
         zero = self._hear("zero")
         self._hear("done")
         return 1e-6 * (zero["t_ns"] - begun_ns)
@@ -207,9 +207,9 @@ class Teacher:
     def _hear(self, kind: str, true: Any = lambda word: True) -> dict[str, Any]:
         for line in self._file:
             word = json.loads(line)
-            if word["is"] == "no":
+            if word["type"] == "no":
                 raise RuntimeError(word["why"])
-            if word["is"] == kind and true(word):
+            if word["type"] == kind and true(word):
                 return word
         raise EOFError
 
@@ -241,7 +241,7 @@ def serve(folder: str) -> None:
         zero, ticks = not np.any(command.u), ticks + 1
         if (zero and moves) or ticks % EVERY == 0:
             door.broadcast(
-                {"is": "zero" if zero and moves else "tick", "t_ns": time.monotonic_ns(), "first": first}
+                {"type": "zero" if zero and moves else "tick", "t_ns": time.monotonic_ns(), "first": first}
             )
         else:
             bell.send(f"{time.monotonic_ns()}\n".encode())
@@ -261,7 +261,7 @@ def _wake_and_write(listener: socket.socket, ear: socket.socket) -> None:
 
 def flooding(door: str, number: str) -> None:
     """Send `runs` continuously from `number` guests; above FLOODING guests, every second guest does not read."""
-    words, look = b'{"do": "runs"}\n' * 1000, selectors.DefaultSelector()
+    words, look = b'{"type": "runs"}\n' * 1000, selectors.DefaultSelector()
     for k in range(int(number)):
         _connect_guest(look, door, reads=int(number) <= FLOODING or k % 2 == 0)
     print("they are here", flush=True)

@@ -175,8 +175,8 @@ def _drive(tab: Any) -> None:
         if not tab.js("baqueano.page.hand.mine"):
             tab.js("baqueano.page.hand.toggle()")
         elif tab.js("baqueano.page.state.state") in ("READY", "STOPPED"):
-            tab.js("baqueano.page.link.send({is: 'clear'})")
-            tab.js("baqueano.page.link.send({is: 'mission', kind: 'drive'})")
+            tab.js("baqueano.page.link.send({type: 'clear'})")
+            tab.js("baqueano.page.link.send({type: 'mission', kind: 'drive'})")
         time.sleep(0.2)
 
 
@@ -225,9 +225,9 @@ class _Guest:
             self._file.close()
             self._line.close()
 
-    def send(self, do: str, **words: object) -> None:
+    def send(self, request: str, **words: object) -> None:
         """Send the request `do` to the service."""
-        self._line.sendall(json.dumps({"do": do, **words}).encode() + b"\n")
+        self._line.sendall(json.dumps({"type": request, **words}).encode() + b"\n")
 
     def late_ms(self, seconds: float) -> list[float]:
         """Return the delay [ms] of each tick in the next `seconds`."""
@@ -252,7 +252,7 @@ class _Guest:
     def _frames(self, end_s: float) -> Iterator[list[list[float]]]:
         while time.monotonic() < end_s:
             word = self._word("frame", "fields")
-            if word["is"] == "fields":
+            if word["type"] == "fields":
                 self._at = {name: k for k, name in enumerate(word["names"])}
             elif self._at:
                 yield word["x"]
@@ -260,7 +260,7 @@ class _Guest:
     def _word(self, *kinds: str) -> dict[str, Any]:
         for line in self._file:
             word = json.loads(line)
-            if word["is"] in (kinds or ("state",)):
+            if word["type"] in (kinds or ("state",)):
                 return word
         raise EOFError
 
@@ -312,7 +312,7 @@ async def _connect_guests(port: int, number: int) -> Any:
                     max_size=None,
                 ))  # fmt: skip
         for line in lines:
-            await line.send('{"is":"hello","lang":"en"}')
+            await line.send('{"type":"hello","lang":"en"}')
     try:
         yield lines
     finally:
@@ -340,7 +340,7 @@ async def _read_all(line: Any) -> None:
 
 async def _ask_again(line: Any) -> None:
     while True:
-        await line.send('{"is":"history","from":0}')
+        await line.send('{"type":"history","from":0}')
         await asyncio.sleep(0.5)
 
 

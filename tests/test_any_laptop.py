@@ -129,24 +129,24 @@ def test_the_page_drives_a_simulated_vehicle_without_posix_modules(laptop):
     def first(line, kind, true=lambda word: True):
         while True:
             data = line.recv(timeout=60.0)
-            if isinstance(data, str) and (word := json.loads(data))["is"] == kind and true(word):
+            if isinstance(data, str) and (word := json.loads(data))["type"] == kind and true(word):
                 return word
 
     with laptop.running("serve", "--vehicle", "small", "--no-browser", "--runs", "corridas") as page:
         port = next(int(m[1]) for line in page.stderr if (m := re.search(rb"127\.0\.0\.1:(\d+)/", line)))
         host = f"127.0.0.1:{port}"
         with connect(
-            f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.2"], compression=None
+            f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.3"], compression=None
         ) as line:
-            line.send(json.dumps({"is": "hello", "lang": "es"}))
+            line.send(json.dumps({"type": "hello", "lang": "es"}))
             assert first(line, "hello")["vehicle"]["world"] == "simulated"
-            line.send(json.dumps({"is": "take"}))
+            line.send(json.dumps({"type": "take"}))
             first(line, "lease")
-            line.send(json.dumps({"is": "mission", "kind": "experiment", "seconds": 60}))
+            line.send(json.dumps({"type": "mission", "kind": "experiment", "seconds": 60}))
             first(line, "state", lambda word: word["state"] == "MISSION")
             while not isinstance(line.recv(timeout=60.0), bytes):
                 pass
-            line.send(json.dumps({"is": "stop"}))
+            line.send(json.dumps({"type": "stop"}))
             first(line, "state", lambda word: word["state"] == "STOPPED")
     assert list((laptop.home / "corridas").glob("*.mcap"))
 

@@ -182,7 +182,7 @@ def a_service_on_this_vehicle(request, monkeypatch):
 
     def broadcast_state() -> None:
         while not done.wait(0.02):
-            door.broadcast({"is": "state", "state": "READY"})
+            door.broadcast({"type": "state", "state": "READY"})
 
     telling = threading.Thread(target=broadcast_state)
     telling.start()

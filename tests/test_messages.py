@@ -324,8 +324,9 @@ def test_invalid_diagnostic_data_are_refused(data):
 @pytest.mark.parametrize(
     ("then", "now"),
     [
-        ("doubt.clock-later", "recording.clock-later"), ("seen.not", "identifiability.not"),
-        ("led.others", "imu-only.others"), ("unseen-runs.off", "validation.off"),
+        ("doubt.clock-later", "recording.clock-later"), ("shake.over", "shake.end"),
+        ("sensor.off-model", "sensor.error-in-model"), ("seen.not", "identifiability.fixed"),
+        ("led.others", "imu-only.others"), ("unseen-runs.off", "validation.error"),
         ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
         ("imu.found", "imu.answers"), ("service.told-to-end", "service.ended-by-process"),
     ],
@@ -359,7 +360,7 @@ def test_a_figure_of_an_old_message_has_its_present_name():
 @pytest.mark.parametrize(
     ("code", "figures", "present"),
     [
-        ("shake.over", {"number": 1, "duration_s": 2.0, "fault": "x"}, {"number", "duration_s", "fault"}),
+        ("shake.end", {"number": 1, "duration_s": 2.0, "fault": "x"}, {"number", "duration_s", "fault"}),
         (
             "shake.push",
             {"impulse_n_s": 0.3, "direction": "left", "for_s": None},

@@ -158,16 +158,16 @@ def permit_blocks(allow: bool = True) -> Iterator[None]:
 
     Processes that are started within the context permit them too: the workers of a page and its simulated vehicle.
     """
-    earlier = os.environ.get(ALLOW)
+    previous_permission = os.environ.get(ALLOW)
     if allow:
         os.environ[ALLOW] = "1"
     try:
         yield
     finally:
-        if allow and earlier is None:
+        if allow and previous_permission is None:
             del os.environ[ALLOW]
         elif allow:
-            os.environ[ALLOW] = str(earlier)
+            os.environ[ALLOW] = str(previous_permission)
 
 
 def resolve_named(role: str, kind: str, folder: Path | str | None = None) -> type:
@@ -195,7 +195,7 @@ def resolve_named(role: str, kind: str, folder: Path | str | None = None) -> typ
         is_allowed = path.is_relative_to(file_folder) or (
             file_folder.is_relative_to(working_folder) and path.is_relative_to(working_folder)
         )
-        code = "block.elsewhere"
+        code = "block.outside-folder"
     if not (is_allowed or path in _trusted_files or os.environ.get(ALLOW) == "1"):
         raise FileError(fault(code, kind=kind, path=path))
     return resolve(role, kind, folder)

@@ -83,7 +83,7 @@ class StopReason(StrEnum):
     UNO_DISARMED = "uno.disarmed"
     UNO_DEAF = "uno.arming-not-confirmed"
     UNO_SILENT = "uno.silent"
-    UNO_UNHEARD = "uno.silent-so-far"
+    UNO_UNHEARD = "uno.nothing-received"
     UNO_ABSENT = "uno.does-not-answer"
     LINE_NOISY = "uno.line-noisy"
     STANDSTILL = "computer.stood-still"
@@ -111,11 +111,50 @@ FORMER_CODES = (  # beginning of a code in older runs → its present one
     ("doubt.", "recording."), ("seen.", "identifiability."), ("led.", "imu-only."), ("unseen-runs.", "validation."),
     ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
     ("imu.found", "imu.answers"), ("imu.bus-cannot-be-asked", "imu.bus-unusable"),
-    ("uno.not-heard-yet", "uno.silent-so-far"), ("service.told-to-end", "service.ended-by-process"),
+    ("uno.not-heard-yet", "uno.nothing-received"), ("service.told-to-end", "service.ended-by-process"),
     ("drive.says-failed", "drive.diagnostic-failed"), ("bus.pinctrl-said", "bus.pinctrl-answer"),
     ("noise.found-again", "noise.estimated-again"), ("fit.nothing-seen", "fit.nothing-identifiable"),
-    ("drive.pose-ignored", "drive.sensor-ignored"),
+    ("drive.pose-ignored", "drive.sensor-ignored"), ("drive.line-in-trouble", "drive.line-stopped"),
+    ("sensor.off-", "sensor.error-in-"),
 )  # fmt: skip
+RENAMED_CODES = {  # room → former code → its present name
+    "block": {"elsewhere": "outside-folder"},
+    "bus": {"given-back": "pins-restored", "not-given-back": "pins-not-restored", "not-this": "other-bus"},
+    "check": {"sure-without-sensors": "constant-covariance", "lets-through": "nan-output",
+        "drives-again": "stop-not-latched", "two-answers": "not-deterministic", "one-value": "two-values",
+        "changes-itself": "block-changed", "compiled-otherwise": "compiled-output"},
+    "damage": {"at": "place"},
+    "door": {"nobody": "no-answer", "somebody": "other-driver", "somebody-waits": "other-reservation",
+        "mend": "correct-and-wait", "swapped": "block-replaced"},
+    "drive": {"never-began": "not-started"},
+    "hardware": {"service-has-it": "used-by-service"},
+    "identifiability": {"apart-by-two": "separate-by-two", "apart": "separate", "tied": "collinear",
+        "weakly-beside": "poor-pair", "weakly": "poor", "not-beside": "fixed-pair", "not": "fixed",
+        "hardly-sideways": "little-sideways", "never-sideways": "no-sideways-command", "never": "no-command",
+        "by-hand": "measure"},
+    "imu": {"back": "answers-again"},
+    "ledger": {"nobody": "undetected", "by-nobody": "undetected-line", "nobody-and-off": "undetected-error",
+        "off": "estimate-error", "noticed": "detection-line"},
+    "recording": {"beside": "camera-turned", "if-in": "unit-entry", "twice": "unit-ratio", "then": "two-sentences",
+        "and": "pair", "alone": "cause", "and-line": "cause-and-line", "and-sideways": "cause-and-contradiction",
+        "with-line": "finding-and-line", "perhaps": "possible-line", "perhaps-gyro": "possible-gyro-line",
+        "turns-otherwise": "yaw-rates-disagree", "turns-against": "yaw-rates-opposite",
+        "other-steers": "other-steering", "held": "repeated-rows"},
+    "service": {"unforeseen": "unexpected-error"},
+    "settings": {"way": "wheel-direction", "word": "choice"},
+    "shake": {"over": "end", "form": "parts", "words": "syntax"},
+    "fit": {"most-unseen-or-weak": "most-not-identified", "most-unseen": "most-unidentifiable",
+        "unseen": "unidentifiable", "most-weak": "most-poor", "weak": "poor",
+        "far-channel": "channel-far-from-model"},
+    "forecast": {"off": "error", "longest-again": "repeat-longest", "ran-away": "diverged",
+        "unseen-exact": "unidentifiable-exact"},
+    "noise": {"lifted": "raised", "nees-off": "nees-inconsistent", "still-off": "still-inconsistent",
+        "holds-simulated": "consistent-in-simulation", "holds": "consistent"},
+    "residual": {"loud": "large", "lacking": "incomplete-model", "late": "late-readings", "one-far": "outlier"},
+    "validation": {"off-perhaps": "error-possible", "off-once": "error-in-part", "off": "error",
+        "still": "no-variation"},
+    "uno": {"silent-so-far": "nothing-received"},
+}  # fmt: skip
 FORMER_FIGURES = {  # beginning of a code → figure in older runs and robots → its present name
     "": {
         "known": "valid", "meant": "match", "similar": "match", "near": "suggestion", "held": "content",
@@ -156,16 +195,14 @@ def code_of_today(code: str) -> str:
     """Return the present code of a message whose code in an older run is `code`.
 
     >>> code_of_today("seen.tied"), code_of_today("sensor.agrees-again")
-    ('identifiability.tied', 'sensor.agrees-again')
+    ('identifiability.collinear', 'sensor.agrees-again')
     """
-    return next(
-        (
-            new_prefix + code.removeprefix(old_prefix)
-            for old_prefix, new_prefix in FORMER_CODES
-            if code.startswith(old_prefix)
-        ),
-        code,
-    )
+    for old_prefix, new_prefix in FORMER_CODES:
+        if code.startswith(old_prefix):
+            code = new_prefix + code.removeprefix(old_prefix)
+            break
+    room, _, name = code.partition(".")
+    return f"{room}.{RENAMED_CODES.get(room, {}).get(name, name)}" if name else code
 
 
 def _figures_of_today(code: str, figures: Mapping[str, object]) -> dict[str, object]:

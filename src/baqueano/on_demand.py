@@ -70,7 +70,7 @@ def _suggestion(name: str, names: "list[str]") -> str:
     from baqueano.messages import text
 
     if name in MODULE_OF:
-        return f". {text(note('front.elsewhere', fix=f'from {MODULE_OF[name]} import {name}'))}"
+        return f". {text(note('front.advice', fix=f'from {MODULE_OF[name]} import {name}'))}"
     return f". {text(nearest(name, names))}."
 
 

@@ -73,4 +73,4 @@ class OwnPart(OwnState):
 
 
 def test_a_part_with_memory_is_found():
-    assert "check.changes-itself" in [fault.code for fault in check("controller", OwnPart(Integral()))]
+    assert "check.block-changed" in [fault.code for fault in check("controller", OwnPart(Integral()))]

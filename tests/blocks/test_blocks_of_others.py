@@ -91,7 +91,7 @@ def test_a_block_outside_the_folder_needs_permission(tmp_path, mark, monkeypatch
     monkeypatch.chdir(home if way != "where the user stands" else outside_file.parent)
     if way == "by a link":
         (home / "theirs.py").symlink_to(outside_file)
-    with refused("block.elsewhere", FileError):
+    with refused("block.outside-folder", FileError):
         load(file)
     assert not mark.exists(), "no line of the file was executed"
     load(file, allow_blocks=True).controller()
@@ -117,7 +117,7 @@ def test_a_forbidden_block_file_is_not_executed_to_list_its_classes(tmp_path, ma
     outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
     file = vehicle_at(tmp_path / "lab" / "vehicle.toml", str(outside_file))
     monkeypatch.chdir(file.parent)
-    with refused("block.elsewhere", FileError):
+    with refused("block.outside-folder", FileError):
         load(file)
     assert not mark.exists()
 

@@ -27,7 +27,7 @@ BROKEN = {
         "controller",
         "self.gain * e[0]",
         "e[0] + np.random.normal()",
-        [("outside.draws", {}), ("check.two-answers", {})],
+        [("outside.draws", {}), ("check.not-deterministic", {})],
     ),
     "prints": (
         "guide",
@@ -45,7 +45,7 @@ BROKEN = {
         "controller",
         "        e = pose_error",
         "        object.__setattr__(self, 'gain', self.gain + 1.0)\n        e = pose_error",
-        [("check.changes-itself", {"situation": "when.circle"})],
+        [("check.block-changed", {"situation": "when.circle"})],
     ),
     "changes an argument": (
         "controller",
@@ -73,13 +73,13 @@ BROKEN = {
         "controller",
         "return state + 1.0, Command",
         "return Command",
-        [("check.one-value", {"value": "Command", "situation": "when.circle", "subject": "Block.step()"})],
+        [("check.two-values", {"value": "Command", "situation": "when.circle", "subject": "Block.step()"})],
     ),
     "one value": (
         "controller",
         "return state + 1.0, Command(estimate.t_ns, u)",
         "return u",
-        [("check.one-value", {"value": "ndarray"})],
+        [("check.two-values", {"value": "ndarray"})],
     ),
     "no command": (
         "controller",
@@ -151,7 +151,7 @@ BROKEN = {
         "estimator",
         "belief.cov + dt * np.eye(6)",
         "belief.cov",
-        [("check.sure-without-sensors", {})],
+        [("check.constant-covariance", {})],
     ),
     "believes a nan": (
         "estimator",
@@ -192,7 +192,7 @@ BROKEN = {
         "guide",
         "        psi =",
         "        1 / max(0, 2 * 10**12 - estimate.t_ns)\n        psi =",
-        [("check.raises-on-line", {"situation": "when.hour-later"})],
+        [("check.raises-on-line", {"situation": "when.later"})],
     ),
     "guide returns a pose": ("guide", "return state, Reference(", "return state, (", [("check.returns", {})]),
     "lets a nan through": (
@@ -205,9 +205,14 @@ BROKEN = {
         "supervisor",
         " + np.sum(estimate.eta)",
         "",
-        [("check.lets-through", {"signal": "Estimate"})],
+        [("check.nan-output", {"signal": "Estimate"})],
     ),
-    "drives on": ("supervisor", "state, 1.0)", "0.0, 1.0)", [("check.drives-again", {"signal": "Command"})]),
+    "drives on": (
+        "supervisor",
+        "state, 1.0)",
+        "0.0, 1.0)",
+        [("check.stop-not-latched", {"signal": "Command"})],
+    ),
     "no limit": (
         "supervisor",
         "np.clip(command.u, -self.limit, self.limit)",

@@ -41,4 +41,4 @@ def test_a_block_whose_compiled_output_differs_is_reported(tmp_path):
     text = CONTROLLER.replace("return state + 1.0,", "return str(e[0]),")
     assert findings_about(tmp_path, "controller", text) == []
     (note,) = compilation_notes("controller", resolve("controller", "mine.py:Block", tmp_path)())
-    assert note.code == "check.compiled-otherwise"
+    assert note.code == "check.compiled-output"

@@ -265,7 +265,7 @@ def test_a_program_such_as_tmux_that_hides_the_terminal_is_named(monkeypatch, ba
         lambda: ["python3", "bash", "tmux: server", "systemd"],
     )
     end = baqueano("drive", "--vehicle", "small")
-    assert text(note("cli.terminal-of-another", program="tmux")) in end.err
+    assert text(note("cli.terminal-hidden", program="tmux")) in end.err
     assert end.code == 2
 
 

@@ -120,7 +120,7 @@ def test_one_imported_run_is_written_to_the_reported_folder(baqueano, tmp_path):
 def test_an_empty_cut_is_refused(baqueano, tmp_path):
     end = baqueano("runs", "cut", "1")
     assert (end.code, end.out) == (2, "")
-    assert (end.reason.code, end.fix) == ("cli.cut-nothing", "baqueano runs cut 1 --from 2 --to 30")
+    assert (end.reason.code, end.fix) == ("cli.cut-without-effect", "baqueano runs cut 1 --from 2 --to 30")
 
 
 def test_the_advised_list_command_for_a_missing_run_works(baqueano, tmp_path):

@@ -48,7 +48,7 @@ def test_a_mistyped_name_is_corrected_in_the_advised_command(baqueano, lab, tmp_
 
 def test_help_advice_of_a_subcommand_names_the_subcommand(baqueano):
     end = baqueano("robot", "card", "bootfs", "--name", "rover", "--wifi", "net", "--own-network")
-    assert (end.code, end.reason.code, end.fix) == (2, "cli.one-radio", "baqueano robot card --help")
+    assert (end.code, end.reason.code, end.fix) == (2, "cli.network-conflict", "baqueano robot card --help")
 
 
 def test_the_error_about_a_missing_run_advises_to_list_the_runs(baqueano, tmp_path, monkeypatch):

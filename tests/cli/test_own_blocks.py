@@ -204,7 +204,7 @@ def test_a_block_whose_init_raises_writes_no_run(project, tmp_path):
     end = project("repeat", "lab", "--controller", "mine.py:Mine", *SMALL)
     assert end.code == 5
     assert "mine.py:6) raised OSError: no port" in end.paragraph
-    assert end.reason.code == "drive.never-began"
+    assert end.reason.code == "drive.not-started"
     assert not list(tmp_path.rglob("*.mcap*"))
 
 

@@ -17,7 +17,7 @@ class Stoppable(Operator):
 
     def stop(self, why):
         super().stop(why)
-        self.door.broadcast({"is": "state", "state": "STOPPED", "reason": why})
+        self.door.broadcast({"type": "state", "state": "STOPPED", "reason": why})
 
 
 @pytest.fixture(params=[Operator])
@@ -31,14 +31,14 @@ def door(request, tmp_path):
 
 @pytest.mark.parametrize("door", [Stoppable], indirect=True)
 def test_a_confirmed_stop_is_reported_as_stopped(baqueano, door):
-    door.broadcast({"is": "state", "state": "MISSION", "reason": None})
+    door.broadcast({"type": "state", "state": "MISSION", "reason": None})
     end = baqueano("robot", "stop", str(door.path))
     assert (end.code, end.out) == (0, f"{door.path}: STOPPED\n")
 
 
 @pytest.mark.parametrize(
     "last",
-    [{"is": "state", "state": "MISSION", "reason": None}, {"is": "event"}],
+    [{"type": "state", "state": "MISSION", "reason": None}, {"type": "event"}],
     ids=["preparing", "starting"],
 )
 def test_an_unconfirmed_stop_is_not_reported_as_stopped(baqueano, door, last, monkeypatch):
@@ -56,10 +56,10 @@ def test_an_empty_run_file_does_not_stop_the_fetch(baqueano, door, tmp_path):
     (tmp_path / "1.mcap").touch()
     (tmp_path / "2.mcap").write_bytes(b"whole")
     (tmp_path / "3.mcap").write_bytes(b"ha")
-    door.broadcast({"is": "state", "state": "MISSION", "reason": None, "run": "3.mcap"})
+    door.broadcast({"type": "state", "state": "MISSION", "reason": None, "run": "3.mcap"})
     assert baqueano("robot", "runs", str(door.path), "--fetch", "--runs", str(folder)).code == 0
     assert {p.name: p.read_bytes() for p in folder.iterdir()} == {"1.mcap": b"", "2.mcap": b"whole"}
     (tmp_path / "3.mcap").write_bytes(b"half, and the other half")
-    door.broadcast({"is": "state", "state": "READY", "reason": None, "run": None})
+    door.broadcast({"type": "state", "state": "READY", "reason": None, "run": None})
     assert baqueano("robot", "runs", str(door.path), "--fetch", "--runs", str(folder)).code == 0
     assert (folder / "3.mcap").read_bytes() == b"half, and the other half"

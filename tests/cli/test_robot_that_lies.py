@@ -14,7 +14,7 @@ from baqueano.door.sockets import Door
 from baqueano.runs.folder import is_run_name
 from tests.codes import refused
 
-READY = {"is": "state", "state": "READY", "reason": ""}
+READY = {"type": "state", "state": "READY", "reason": ""}
 NAMES = (
     "../../x.sh", "../x.mcap", "/tmp/baqueano-pwned/authorized_keys", "/tmp/x.mcap", "a/b.mcap", "a\\b.mcap",
     "C:x.mcap", "C:\\x.mcap", ".hidden.mcap", "..mcap", ".mcap", "-rf.mcap", "x.sh", "x.mcap.sh", "", ".", "..",
@@ -39,7 +39,7 @@ def liar(tmp_path):
                 for message in answers.get("first", [READY]):
                     line.sendall(json.dumps(message).encode() + b"\n")
                 for word in coming:
-                    for message in answers.get(json.loads(word)["do"], []):
+                    for message in answers.get(json.loads(word)["type"], []):
                         line.sendall(
                             message if isinstance(message, bytes) else json.dumps(message).encode() + b"\n"
                         )
@@ -58,7 +58,7 @@ def liar(tmp_path):
 
 
 def piece(data, remaining):
-    return {"is": "file", "run": "x", "data": base64.b64encode(data).decode(), "left": remaining}
+    return {"type": "file", "run": "x", "data": base64.b64encode(data).decode(), "left": remaining}
 
 
 def files(folder):
@@ -66,11 +66,11 @@ def files(folder):
 
 
 def test_ne6_invalid_run_names_are_refused_and_the_others_are_fetched(baqueano, liar, tmp_path):
-    host = liar(runs=[{"is": "runs", "runs": [*NAMES, "1.mcap"]}], fetch=[piece(b"evil", 0)])
+    host = liar(runs=[{"type": "runs", "runs": [*NAMES, "1.mcap"]}], fetch=[piece(b"evil", 0)])
     before = files(tmp_path)
     end = baqueano("robot", "runs", host, "--fetch", "--runs", str(tmp_path / "a" / "b" / "runs"))
     assert end.code == 3
-    assert (end.reason.code, end.reason.figures["count"]) == ("cli.runs-named-oddly", len(NAMES))
+    assert (end.reason.code, end.reason.figures["count"]) == ("cli.run-names-invalid", len(NAMES))
     assert "\x1b" not in end.err + end.out
     assert files(tmp_path) - before == {"a/b/runs/1.mcap"}
     assert not os.path.exists("/tmp/baqueano-pwned")
@@ -100,7 +100,7 @@ def test_ne6_a_door_lists_and_serves_only_names_of_runs(baqueano, tmp_path):
         assert baqueano("robot", "runs", str(door.path)).out == "ok.mcap\n"
         for name in ("link.mcap", ".hidden.mcap", "../" + tmp_path.name + "/ok.mcap"):
             with remote.connect(str(door.path)) as client:
-                client.send(do="fetch", run=name)
+                client.send(type="fetch", run=name)
                 with refused("door.no-run", Exception):
                     client.receive(("file",), 10.0)
     finally:
@@ -118,7 +118,7 @@ def test_existing_local_files_and_links_are_not_changed(baqueano, liar, tmp_path
         (folder / "1.mcap.part").symlink_to(outside)
     else:
         (folder / "1.mcap").write_bytes(b"mine")
-    host = liar(runs=[{"is": "runs", "runs": ["1.mcap"]}], fetch=[piece(b"evil", 0)])
+    host = liar(runs=[{"type": "runs", "runs": ["1.mcap"]}], fetch=[piece(b"evil", 0)])
     assert baqueano("robot", "runs", host, "--fetch", "--runs", str(folder)).code == 0
     assert not outside.exists() if link == "dangling" else (folder / "1.mcap").read_bytes() == b"mine"
     assert (folder / "1.mcap").is_symlink() == bool(link)
@@ -131,13 +131,13 @@ def test_existing_local_files_and_links_are_not_changed(baqueano, liar, tmp_path
         ([piece(b"x", 5), piece(b"y", 100)], 4),
         ([piece(b"x", 5), piece(b"", 5)], 4),
         ([piece(b"x", -7)], 4),
-        ([{"is": "file", "run": "x", "data": "no base64!", "left": 0}], 4),
-        ([{"is": "refused", "reason": "\x1b[2J gone", "code": 1}], 1),
+        ([{"type": "file", "run": "x", "data": "no base64!", "left": 0}], 4),
+        ([{"type": "refused", "reason": "\x1b[2J gone", "code": 1}], 1),
         ([b"x" * (2 << 20)], 4),
     ],
 )
 def test_a_run_of_wrong_length_is_discarded(baqueano, liar, tmp_path, pieces, code):
-    host = liar(runs=[{"is": "runs", "runs": ["1.mcap"]}], fetch=pieces)
+    host = liar(runs=[{"type": "runs", "runs": ["1.mcap"]}], fetch=pieces)
     end = baqueano("robot", "runs", host, "--fetch", "--runs", str(tmp_path / "runs"))
     assert end.code == code
     assert "\x1b" not in end.paragraph
@@ -146,7 +146,9 @@ def test_a_run_of_wrong_length_is_discarded(baqueano, liar, tmp_path, pieces, co
 
 def test_a_status_text_cannot_send_terminal_control_codes(baqueano, liar):
     status = READY | {"reason": "\x1b[2J\x9b\u202e all\nbaqueano: forged", "more\x1b": "x\r"}
-    end = baqueano("robot", "status", liar(first=[[], "x", {"is": []}, {"is": "state", "state": 7}, status]))
+    end = baqueano(
+        "robot", "status", liar(first=[[], "x", {"type": []}, {"type": "state", "state": 7}, status])
+    )
     assert end.code == 0
     assert r"\x1b[2J\x9b\u202e all baqueano: forged" in end.out
     assert not {"\x1b", "\x9b", "\u202e", "\r"} & set(end.out)

@@ -20,7 +20,7 @@ def test_a_fault_given_on_the_command_line_is_logged_and_detected(baqueano):
 @pytest.mark.parametrize(
     ("more", "code"),
     [
-        (("--shake", "dance"), "shake.words"),
+        (("--shake", "dance"), "shake.syntax"),
         (("--robot", "pi@robot.local", "--shake", "2 s: cut imu"), "shake.robot"),
         (("--robot", "emulated", "--shake", "2 s: cut imu"), "shake.robot"),
     ],

@@ -144,7 +144,10 @@ def test_an_unexpected_error_names_its_location(baqueano, monkeypatch):
     monkeypatch.setattr("baqueano.runs.folder.listing", break_listing)
     end = baqueano("runs", "ls")
     assert end.code == 1
-    assert (end.reason.code, end.reason.figures["error"]) == ("cli.unforeseen", "RuntimeError: the moon")
+    assert (end.reason.code, end.reason.figures["error"]) == (
+        "cli.unexpected-error",
+        "RuntimeError: the moon",
+    )
     assert "--debug" in end.paragraph
 
 
@@ -210,7 +213,7 @@ def test_an_unreachable_vehicle_gives_an_error_of_one_paragraph_and_code_4(baque
 def test_a_local_robot_command_on_a_laptop_advises_a_host_name(baqueano):
     end = baqueano("robot", "status")
     assert end.code == 4
-    assert end.reason.code == "door.nobody"
+    assert end.reason.code == "door.no-answer"
     assert "pilot@rover.local" in end.err
 
 

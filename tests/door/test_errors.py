@@ -34,7 +34,7 @@ def test_an_exit_code_is_converted_back_to_its_error_type(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_error_of_the_vehicle_is_raised_on_the_laptop(kind):
     with pytest.raises(kind, match="reason") as error_info:
-        vehicle(**{"is": "refused", "reason": "reason", "code": kind.exit_code}).receive(("state",), 5.0)
+        vehicle(**{"type": "refused", "reason": "reason", "code": kind.exit_code}).receive(("state",), 5.0)
     assert type(error_info.value) is kind
 
 

@@ -13,12 +13,12 @@ from baqueano.door.clients import MAX_BACKLOG, MAX_SHORT_LINE_BYTES, READ_BYTES,
 from baqueano.door.sockets import MAX_CLIENTS, MAX_LINES, STOP_CONNECTIONS
 from tests.door.test_sockets import until
 
-RUNS = b'{"do": "runs"}\n'
-BEAT = b'{"do": "beat"}\n'
+RUNS = b'{"type": "runs"}\n'
+BEAT = b'{"type": "beat"}\n'
 HALF_A_MISSION = (
-    b'{"do": "mission", "door": %d, "mission": "' % sockets.VERSION + b"x" * 2 * MAX_SHORT_LINE_BYTES
+    b'{"type": "mission", "door": %d, "mission": "' % sockets.VERSION + b"x" * 2 * MAX_SHORT_LINE_BYTES
 )
-STOP = b'{"do": "stop", "reason": "it nears the stairs"}\n'
+STOP = b'{"type": "stop", "reason": "it nears the stairs"}\n'
 
 
 @pytest.fixture
@@ -61,10 +61,10 @@ def test_rt15_a_stop_has_priority_over_five_flooding_clients(door, connect, turn
     for _ in range(5):
         teacher, before = connect(), len(turns)
         teacher.line.sendall(STOP)
-        while (message := teacher.receive())["is"] == "state":
+        while (message := teacher.receive())["type"] == "state":
             pass
-        assert message == {"is": "received", "do": "stop"}
-        at = next(k for k in range(before, len(turns)) if turns[k].startswith(b'{"do": "stop"'))
+        assert message == {"type": "received", "request": "stop"}
+        at = next(k for k in range(before, len(turns)) if turns[k].startswith(b'{"type": "stop"'))
         assert at - before <= 8 * MAX_LINES  # of millions of messages sent meanwhile
         door.operator.discard_requests(door.operator.stop_reason(False))
     for flood in floods:
@@ -72,10 +72,10 @@ def test_rt15_a_stop_has_priority_over_five_flooding_clients(door, connect, turn
 
 
 def test_a_message_of_the_loop_has_priority_over_the_waiting_lines(door, connect, monkeypatch):
-    person, answer, event = connect(), door._answer, {"is": "event", "level": "info", "message": "x"}
+    person, answer, event = connect(), door._answer, {"type": "event", "level": "info", "message": "x"}
     monkeypatch.setattr(door, "_answer", lambda client, line: (answer(client, line), door.broadcast(event)))
-    person.line.sendall(b'{"do": "ping"}\n' * 20)
-    kinds = [person.receive()["is"] for _ in range(40)]
+    person.line.sendall(b'{"type": "ping"}\n' * 20)
+    kinds = [person.receive()["type"] for _ in range(40)]
     assert kinds == ["pong", "event"] * 20
 
 
@@ -83,15 +83,15 @@ def test_a_stop_has_priority_over_earlier_lines_of_its_client(door, connect, tur
     person = connect()
     person.line.sendall(RUNS * 200 + STOP + RUNS * 20)
     until(lambda: door.operator.stop_reason(False) is not None)
-    at = next(k for k, line in enumerate(turns) if line.startswith(b'{"do": "stop"'))
+    at = next(k for k, line in enumerate(turns) if line.startswith(b'{"type": "stop"'))
     assert at <= MAX_LINES
     assert door.operator.stop_reason(False).code == StopReason.STOPPED_BY
 
 
 def test_a_stop_nested_in_another_message_does_not_stop_the_vehicle(door, connect):
     person = connect()
-    person.send(do="ping", token={"do": "stop"})
-    assert person.receive()["token"] == {"do": "stop"}
+    person.send(type="ping", token={"type": "stop"})
+    assert person.receive()["token"] == {"type": "stop"}
     assert door.operator.stop_reason(False) is None
 
 
@@ -107,7 +107,7 @@ def test_a_client_that_sends_too_fast_receives_the_number_of_dropped_lines(door,
         assert list(client.receive()) == [STOP.rstrip()]
     person = connect()
     person.line.sendall(RUNS * (4 * MAX_BACKLOG))
-    while (message := person.receive())["is"] == "runs":
+    while (message := person.receive())["type"] == "runs":
         pass
     assert message["diagnostic"]["code"] == "door.too-many"
 
@@ -117,7 +117,7 @@ def test_a_second_queued_mission_is_dropped_but_heartbeats_are_not():
     with near_end, far_end:
         near_end.setblocking(False)
         client = DoorClient(near_end)
-        mission = b'{"do": "mission", "mission": "' + b"7" * MAX_SHORT_LINE_BYTES + b'"}\n'
+        mission = b'{"type": "mission", "mission": "' + b"7" * MAX_SHORT_LINE_BYTES + b'"}\n'
         lines = mission + BEAT * 100 + mission + BEAT * 100
         sender = threading.Thread(target=far_end.sendall, args=(lines,))
         sender.start()
@@ -135,26 +135,26 @@ def test_all_clients_receive_an_equal_share_of_answers(door, connect, turns):
     until(lambda: len(turns) > 10 * MAX_LINES)
     for k in range(20):
         before = len(turns)
-        quiet.send(do="ping", token=k)
+        quiet.send(type="ping", token=k)
         assert quiet.receive()["token"] == k
         assert len(turns) - before <= 8 * MAX_LINES
     flood.end()
 
 
 def test_a_stop_is_received_even_if_all_client_places_are_taken(door, connect):
-    door.broadcast({"is": "state", "state": "MISSION"})
+    door.broadcast({"type": "state", "state": "MISSION"})
     for _ in range(MAX_CLIENTS):
-        assert connect().receive()["is"] == "state"
+        assert connect().receive()["type"] == "state"
     late = connect()
-    late.send(do="runs")
+    late.send(type="runs")
     assert late.receive()["diagnostic"]["code"] == "door.full"
     assert late.file.readline() == b""
     more = [connect() for _ in range(STOP_CONNECTIONS + 2)]  # clients that send nothing
     teacher = connect()
     teacher.line.sendall(STOP)
-    assert teacher.receive() == {"is": "received", "do": "stop"}
+    assert teacher.receive() == {"type": "received", "request": "stop"}
     assert len(door._clients) <= MAX_CLIENTS + STOP_CONNECTIONS
-    door.broadcast({"is": "state", "state": "STOPPED"})
+    door.broadcast({"type": "state", "state": "STOPPED"})
     assert teacher.receive()["state"] == "STOPPED"
     assert more[0].file.readline() == b""
 
@@ -203,11 +203,11 @@ def many_causes(levels):
 @pytest.mark.parametrize("reason", [many_causes(400), [], {"code": 1}])
 def test_a_stop_with_any_reason_stops_and_its_reason_reaches_all(door, connect, reason):
     person = connect()
-    person.send(do="stop", reason=reason)
+    person.send(type="stop", reason=reason)
     until(lambda: door.operator.stop_reason(attended=False))
-    door.broadcast({"is": "state", "state": "STOPPED", "reason": door.operator.stop_reason(attended=False)})
+    door.broadcast({"type": "state", "state": "STOPPED", "reason": door.operator.stop_reason(attended=False)})
     states = (json.loads(line) for line in person.file)
-    assert next(word for word in states if word["is"] == "state")["reason"]["code"] == StopReason.STOPPED_BY
+    assert next(word for word in states if word["type"] == "state")["reason"]["code"] == StopReason.STOPPED_BY
     assert door._thread.is_alive()
 
 
@@ -232,9 +232,9 @@ def test_a_long_line_must_arrive_at_a_least_rate(monkeypatch, bytes_each_s, stal
 def test_a_long_line_is_refused_during_a_drive(door, connect):
     driver, second = connect(), connect()
     until(lambda: len(door._clients) == 2)
-    driver.send(do="mission", door=sockets.VERSION, mission="{}")
+    driver.send(type="mission", door=sockets.VERSION, mission="{}")
     until(lambda: door.operator.is_busy)
     with suppress(OSError):
         for _ in range(1000):
-            second.line.sendall(b'{"do": "mission", "mission": "' + b"x" * MAX_SHORT_LINE_BYTES)
-    assert json.loads(second.file.readline())["diagnostic"]["code"] == "door.somebody"
+            second.line.sendall(b'{"type": "mission", "mission": "' + b"x" * MAX_SHORT_LINE_BYTES)
+    assert json.loads(second.file.readline())["diagnostic"]["code"] == "door.other-driver"

@@ -117,7 +117,7 @@ def test_at_most_one_frame_waits_for_a_client_that_does_not_read(door, connect, 
     door.frames.begin(file, "simulated", estimator=listening.estimator)
     sleeper, healthy = connect(), connect()
     for person in (sleeper, healthy):
-        person.send(do="watch", hz=50)
+        person.send(type="watch", hz=50)
     until(lambda: sum(client.hz > 0 for client in door._clients) == 2)
     count, most = 0, 0
     for _ in range(150):
@@ -125,14 +125,14 @@ def test_at_most_one_frame_waits_for_a_client_that_does_not_read(door, connect, 
             door.frames.on_record(record)
         while count < door.frames.drive()[0].tick_count:
             message = healthy.receive()
-            count = message["n"] + len(message["x"]) if message["is"] == "frame" else count
+            count = message["n"] + len(message["x"]) if message["type"] == "frame" else count
         most = max(most, *(client.pending_bytes for client in door._clients))
     assert most < 2 * MAX_STORED_TICKS * 400  # of 6,000 rows of 300 bytes
     assert len(door._clients) == 2
     ends = []
     while not ends or ends[-1] < count:
         message = sleeper.receive()
-        if message["is"] == "frame":
+        if message["type"] == "frame":
             assert message["n"] >= (ends[-1] if ends else 0)
             ends.append(message["n"] + len(message["x"]))
     assert len(ends) < 100
@@ -142,50 +142,52 @@ def test_the_last_rows_are_sent_before_the_end_of_the_drive(door, connect, drive
     file, listening, _ = drive_of_service
     door.frames.begin(file, "simulated", estimator=listening.estimator)
     person = connect()
-    person.send(do="watch", hz=1)
-    assert [person.receive()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
+    person.send(type="watch", hz=1)
+    assert [person.receive()["type"] for _ in range(3)] == ["vehicle", "fields", "route"]
     for turn in range(20):
         door.frames.begin(file, "simulated", estimator=listening.estimator)
         for record in listening.records:
             door.frames.on_record(record)
-        door._outbox.extend([{"is": "state", "state": "READY"}, {"is": "done", "id": str(turn), "run": None}])
+        door._outbox.extend(
+            [{"type": "state", "state": "READY"}, {"type": "done", "id": str(turn), "run": None}]
+        )
         door._wake()
         messages = []
-        while not messages or messages[-1]["is"] != "done":
+        while not messages or messages[-1]["type"] != "done":
             messages.append(person.receive())
-        begin = next(k for k, m in enumerate(messages) if m["is"] == "fields")
-        assert sum(len(m["x"]) for m in messages[begin:] if m["is"] == "frame") == len(listening.records)
+        begin = next(k for k, m in enumerate(messages) if m["type"] == "fields")
+        assert sum(len(m["x"]) for m in messages[begin:] if m["type"] == "frame") == len(listening.records)
 
 
 def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, connect, drive_of_service):
     file, listening, _ = drive_of_service
     door.frames.begin(file, "simulated", estimator=listening.estimator)
     person, viewer = connect(), connect()
-    person.send(do="watch", hz=50, fields=["t", "eta.x", "what there is not"])
-    viewer.send(do="watch", hz=5)
+    person.send(type="watch", hz=50, fields=["t", "eta.x", "what there is not"])
+    viewer.send(type="watch", hz=5)
     messages = [person.receive() for _ in range(3)]
-    assert [m["is"] for m in messages] == ["vehicle", "fields", "route"]
+    assert [m["type"] for m in messages] == ["vehicle", "fields", "route"]
     assert messages[1]["names"] == ["t", "eta.x"]
     assert messages[1]["units"] == ["s", "m"]
-    assert [viewer.receive()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
+    assert [viewer.receive()["type"] for _ in range(3)] == ["vehicle", "fields", "route"]
     for record in listening.records:
         door.frames.on_record(record)
     for client, width in ((person, 2), (viewer, len(DriveRows(file).columns))):
         rows = []
         while len(rows) < len(listening.records):
             frame = client.receive()
-            assert (frame["is"], frame["n"]) == ("frame", len(rows))
+            assert (frame["type"], frame["n"]) == ("frame", len(rows))
             rows += frame["x"]
         assert {len(row) for row in rows} == {width}
     door.frames.begin(file, "simulated", estimator=listening.estimator)  # the next drive
     door.frames.on_record(listening.records[0])
-    assert [person.receive()["is"] for _ in range(4)] == ["vehicle", "fields", "route", "frame"]
-    person.send(do="watch", hz=0)
-    person.send(do="ping")
-    assert person.receive()["is"] == "pong"
+    assert [person.receive()["type"] for _ in range(4)] == ["vehicle", "fields", "route", "frame"]
+    person.send(type="watch", hz=0)
+    person.send(type="ping")
+    assert person.receive()["type"] == "pong"
     door.frames.on_record(listening.records[1])
-    person.send(do="ping")
-    assert person.receive()["is"] == "pong"
+    person.send(type="ping")
+    assert person.receive()["type"] == "pong"
 
 
 def test_a_message_wakes_the_door_and_is_encoded_once(door, connect, monkeypatch):
@@ -200,7 +202,7 @@ def test_a_message_wakes_the_door_and_is_encoded_once(door, connect, monkeypatch
     people = [connect() for _ in range(5)]
     until(lambda: len(door._clients) == 5)
     for k in range(20):
-        door.broadcast({"is": "event", "message": k})
+        door.broadcast({"type": "event", "message": k})
         assert [person.receive()["message"] for person in people] == [k] * 5
     assert encodings == ["door"] * 20  # and not in the thread of the loop
 
@@ -208,9 +210,9 @@ def test_a_message_wakes_the_door_and_is_encoded_once(door, connect, monkeypatch
 @pytest.mark.parametrize("hz", ["a", None, [], float("nan")])
 def test_a_watch_with_a_wrong_rate_does_not_end_the_connection(connect, hz):
     person = connect()
-    person.send(do="watch", hz=hz)
-    person.send(do="ping", token=1)
+    person.send(type="watch", hz=hz)
+    person.send(type="ping", token=1)
     message = person.receive()
-    assert message["is"] in ("refused", "pong")
-    if message["is"] == "refused":
+    assert message["type"] in ("refused", "pong")
+    if message["type"] == "refused":
         assert person.receive()["token"] == 1

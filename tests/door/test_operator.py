@@ -59,7 +59,7 @@ def test_a_signal_handler_does_not_wait_for_a_lock(word, args):
     assert operator.stop_reason(attended=False).code == StopReason.SERVICE_ENDED
 
 
-def test_a_silence_of_0_3_s_stops_the_vehicle_whoever_the_holder_is():
+def test_a_silence_of_0_3_s_of_any_driver_stops_the_vehicle():
     now_ns = 0
     operator = Operator(lambda: now_ns)
     operator.queue_mission("me", "a mission")
@@ -79,10 +79,10 @@ def test_the_busy_message_distinguishes_a_drive_from_a_rest_between_drives():
     with pytest.raises(SafetyStop) as error_info:
         operator.queue_mission("another", "a mission")
     about = error_info.value.diagnostic
-    assert (about.code, about.fix) == ("door.somebody", "baqueano robot stop")
+    assert (about.code, about.fix) == ("door.other-driver", "baqueano robot stop")
     operator.pop_mission()
     operator.record_mission_end()
-    with refused("door.somebody-waits", SafetyStop):
+    with refused("door.other-reservation", SafetyStop):
         operator.queue_mission("another", "a mission")
     operator.revoke_holder("me")
     operator.queue_mission("another", "a mission")

@@ -9,7 +9,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import Severity, note
 from baqueano.door.operator import Operator
-from baqueano.door.remote import connect
+from baqueano.door.remote import STOP_REQUEST, connect
 from baqueano.door.sockets import Door
 from baqueano.door.wire import decode, encode
 from baqueano.drive.mission import Mission, pack
@@ -26,7 +26,7 @@ class Vehicle:
     def __init__(self, folder):
         self.folder, self.operator = folder, Operator()
         self.door = Door(folder / "door", self.operator, folder)
-        self.door.broadcast({"is": "state", "state": "READY", "reason": None})
+        self.door.broadcast({"type": "state", "state": "READY", "reason": None})
         self.drives, self.requested = lambda name: [], threading.Event()
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._work)
@@ -38,7 +38,7 @@ class Vehicle:
         return f"{name}.mcap"
 
     def done(self, run, **name):
-        return {"is": "done", "run": run, "reason": None, "code": 0, **name}
+        return {"type": "done", "run": run, "reason": None, "code": 0, **name}
 
     def _work(self):
         while not self._done.wait(0.005):
@@ -67,7 +67,7 @@ def mission():
 def test_a_pause_that_arrives_after_the_drive_does_not_hide_its_end(vehicle, mission, tmp_path):
     own, late = vehicle.run("mine", 5), note("door.not-holder", Severity.ERROR)
     vehicle.drives = lambda name: [
-        {"is": "refused", "reason": "", "diagnostic": late, "code": 5}, vehicle.done(own, id=name),
+        {"type": "refused", "reason": "", "diagnostic": late, "code": 5}, vehicle.done(own, id=name),
     ]  # fmt: skip
     with connect(str(vehicle.door.path)) as remote:
         assert len(remote.perform(mission, tmp_path / "run.mcap").t_ns) == 5
@@ -77,9 +77,9 @@ def test_a_client_ignores_the_end_of_another_clients_drive(vehicle, mission, tmp
     foreign, own = vehicle.run("theirs", 3), vehicle.run("mine", 5)
     vehicle.drives = lambda name: [vehicle.done(foreign, id="another"), vehicle.done(own, id=name)]
     with connect(str(vehicle.door.path)) as remote:
-        vehicle.door.broadcast({"is": "event", "level": "info", "message": note("imu.answers")})
+        vehicle.door.broadcast({"type": "event", "level": "info", "message": note("imu.answers")})
         vehicle.door.broadcast(vehicle.done(foreign, id="another"))  # before this drive begins
-        remote.send(do="ping", token=1)
+        remote.send(type="ping", token=1)
         end = time.monotonic() + PATIENCE_S
         while remote.inbox.qsize() < 3:
             assert time.monotonic() < end
@@ -90,7 +90,7 @@ def test_a_client_ignores_the_end_of_another_clients_drive(vehicle, mission, tmp
         assert events == []
 
 
-@pytest.mark.parametrize("message", [{"is": "pong"}, {"is": "refused", "reason": "x", "diagnostic": 5}])
+@pytest.mark.parametrize("message", [{"type": "pong"}, {"type": "refused", "reason": "x", "diagnostic": 5}])
 def test_a_malformed_message_during_a_drive_is_ignored(vehicle, mission, tmp_path, message):
     own = vehicle.run("mine", 5)
     vehicle.drives = lambda name: [message, vehicle.done(own, id=name)]
@@ -98,7 +98,7 @@ def test_a_malformed_message_during_a_drive_is_ignored(vehicle, mission, tmp_pat
         assert len(remote.perform(mission, tmp_path / "here.mcap").t_ns) == 5
 
 
-@pytest.mark.parametrize("version", [None, 2, 4])
+@pytest.mark.parametrize("version", [None, 3, 5])
 def test_a_vehicle_with_another_version_is_refused_before_the_drive(vehicle, mission, tmp_path, version):
     with connect(str(vehicle.door.path)) as remote:
         remote.state.pop("door")
@@ -106,9 +106,19 @@ def test_a_vehicle_with_another_version_is_refused_before_the_drive(vehicle, mis
         with pytest.raises(UsageError) as error_info:
             remote.perform(mission, tmp_path / "here.mcap")
     about = error_info.value.diagnostic
-    assert (about.code, about.figures["laptop_protocol"]) == ("door.version-of-robot", 3)
+    assert (about.code, about.figures["laptop_protocol"]) == ("door.version-of-robot", 4)
     assert about.fix.startswith("baqueano robot setup ")
     assert vehicle.operator.pop_mission() is None
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [(b'{"is": "received", "do": "stop"}', {"type": "received", "request": "stop"}),
+     (b'{"is": "state", "state": "STOPPED"}', {"type": "state", "state": "STOPPED"})],
+)  # fmt: skip
+def test_a_message_of_a_vehicle_with_an_earlier_version_is_decoded(line, message):
+    assert decode(line) == message
+    assert STOP_REQUEST["do"] == STOP_REQUEST["type"] == "stop"  # which such a vehicle accepts
 
 
 @pytest.mark.parametrize(
@@ -116,7 +126,7 @@ def test_a_vehicle_with_another_version_is_refused_before_the_drive(vehicle, mis
                          ("", "baqueano robot settings --encoders none")],
 )  # fmt: skip
 def test_a_command_advised_by_a_vehicle_contains_its_address(address, fix):
-    line = encode({"is": "event", "message": note("encoders.both-silent", Severity.WARNING, FIX)})
+    line = encode({"type": "event", "message": note("encoders.both-silent", Severity.WARNING, FIX)})
     message = decode(line, address)
     assert message is not None
     assert message["message"].fix == fix

@@ -59,8 +59,8 @@ class Child:
         return messages
 
     def drive(self, beat=None, **mission):
-        self.send(do="mission", door=VERSION, id="one", **mission)
-        messages = self.until(lambda m: m["is"] == "done", beat or {"do": "beat"})
+        self.send(type="mission", door=VERSION, id="one", **mission)
+        messages = self.until(lambda m: m["type"] == "done", beat or {"type": "beat"})
         return messages[-1], messages
 
     def close(self):
@@ -83,59 +83,59 @@ def child(folder):
 
 
 def test_the_simulated_service_teaches_repeats_and_sends_each_tick(child, folder):
-    child.send(do="watch", hz=20)
-    names = child.until(lambda m: m["is"] == "fields")[-1]["names"]
+    child.send(type="watch", hz=20)
+    names = child.until(lambda m: m["type"] == "fields")[-1]["names"]
     done, _ = child.drive(kind="teach", name="oval", shape="circle", size_m=0.4, speed_m_s=0.3)
     assert (done["code"], done["reason"], done["route"]) == (0, None, "oval")
     assert read_route(folder / "routes/oval.csv").closed
-    child.send(do="routes")
-    assert "oval" in [row["name"] for row in child.until(lambda m: m["is"] == "routes")[-1]["routes"]]
+    child.send(type="routes")
+    assert "oval" in [row["name"] for row in child.until(lambda m: m["type"] == "routes")[-1]["routes"]]
     done, messages = child.drive(kind="repeat", route="oval", laps=2)
     assert (done["code"], done["reason"]) == (0, None)
     run = read_run(folder / "runs" / done["run"])
     assert run.metadata["kind"] == "repeat"
     # earlier frames belong to the taught drive
-    begin = next(k for k, m in enumerate(messages) if m["is"] == "fields")
-    rows = [row for m in messages[begin:] if m["is"] == "frame" for row in m["x"]]
+    begin = next(k for k, m in enumerate(messages) if m["type"] == "fields")
+    rows = [row for m in messages[begin:] if m["type"] == "frame" for row in m["x"]]
     x = {name: np.array([row[k] for row in rows], dtype=float) for k, name in enumerate(names)}
     assert len(x["t"]) > 0.8 * len(run.t_ns)  # unread frames were replaced
     at = np.searchsorted(run.t_ns, np.round(x["t"] * 1e9).astype(int) - 1000)
     np.testing.assert_allclose(x["eta.x"], run.estimate.eta[at, 0], atol=1e-6)
     np.testing.assert_allclose(x["truth.y"], run.truth.eta[at, 1], atol=1e-6)
-    route = next(m for m in messages if m["is"] == "route" and m["x"])
+    route = next(m for m in messages if m["type"] == "route" and m["x"])
     assert x["progress"][-1] == pytest.approx(2 * route["length_m"], rel=0.1)
-    states = [m for m in messages if m["is"] == "state" and m["mission"] == "repeat"]
+    states = [m for m in messages if m["type"] == "state" and m["mission"] == "repeat"]
     assert states
     assert {m["laps"] for m in states} == {2}
 
 
 def test_a_drive_by_hand_records_a_route(child, folder):
-    child.send(do="pace", factor=4.0)
-    turns = {"do": "hand", "u": [0.6, 0.0, 0.1]}
-    child.send(do="mission", door=VERSION, id="one", kind="teach", name="by-hand", hold=False)
-    child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 2.0, turns)
-    child.send(do="mark")
-    child.send(do="end")
-    done = child.until(lambda m: m["is"] == "done", {"do": "beat"})[-1]
-    child.send(do="pace", factor=20.0)
+    child.send(type="pace", factor=4.0)
+    turns = {"type": "hand", "u": [0.6, 0.0, 0.1]}
+    child.send(type="mission", door=VERSION, id="one", kind="teach", name="by-hand", hold=False)
+    child.until(lambda m: m["type"] == "state" and (m["t_s"] or 0.0) > 2.0, turns)
+    child.send(type="mark")
+    child.send(type="end")
+    done = child.until(lambda m: m["type"] == "done", {"type": "beat"})[-1]
+    child.send(type="pace", factor=20.0)
     assert (done["code"], done["route"]) == (0, "by-hand")
     assert read_run(folder / "runs" / done["run"]).applied_commands[:, 0].max() > 0.3
 
 
 def test_silence_of_a_page_stops_the_vehicle_until_cleared(child):
-    child.send(do="mission", door=VERSION, id="one", kind="drive", by="page")
-    done = child.until(lambda m: m["is"] == "done")[-1]
+    child.send(type="mission", door=VERSION, id="one", kind="drive", by="page")
+    done = child.until(lambda m: m["type"] == "done")[-1]
     assert done["reason"]["code"] == StopReason.HOLDER_SILENT
     assert 300.0 < done["reason"]["figures"]["silent_ms"] < 10_000.0
     refusal, _ = child.drive(kind="drive")
     assert (refusal["run"], refusal["code"]) == (None, 5)
-    child.send(do="clear")
-    child.until(lambda m: m["is"] == "state" and m["state"] == "READY")
+    child.send(type="clear")
+    child.until(lambda m: m["type"] == "state" and m["state"] == "READY")
 
 
 def times_in(messages):
     """Return the time [s] of each row of the frames in these messages."""
-    return [t_s for m in messages if m["is"] == "frame" for (t_s,) in m["x"]]
+    return [t_s for m in messages if m["type"] == "frame" for (t_s,) in m["x"]]
 
 
 def new_times(child):
@@ -143,30 +143,30 @@ def new_times(child):
     times, silences = [], 0
     while silences < 2:
         time.sleep(0.1)  # of five frames
-        child.send(do="ping")
-        new = times_in(child.until(lambda m: m["is"] == "pong"))
+        child.send(type="ping")
+        new = times_in(child.until(lambda m: m["type"] == "pong"))
         times, silences = times + new, 0 if new else silences + 1
     return times
 
 
 def test_paused_time_advances_by_single_ticks_and_accepts_a_stop(child):
-    child.send(do="watch", hz=50, fields=["t"])
-    child.send(do="mission", door=VERSION, id="one", kind="experiment", seconds=60.0, attended=False)
-    messages = child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 0.0)
-    child.send(do="pause")
-    messages += child.until(lambda m: m["is"] == "state" and m["paused"])
+    child.send(type="watch", hz=50, fields=["t"])
+    child.send(type="mission", door=VERSION, id="one", kind="experiment", seconds=60.0, attended=False)
+    messages = child.until(lambda m: m["type"] == "state" and (m["t_s"] or 0.0) > 0.0)
+    child.send(type="pause")
+    messages += child.until(lambda m: m["type"] == "state" and m["paused"])
     t_s = (times_in(messages) + new_times(child))[-1]
     for ticks in (1, 1, 5, 1):
-        child.send(do="go", ticks=ticks)
+        child.send(type="go", ticks=ticks)
         later = new_times(child)
         assert later == pytest.approx([t_s + 0.01 * k for k in range(1, ticks + 1)], abs=1e-6)
         t_s = later[-1]
-    child.send(do="stop", reason="the teacher stops it")
-    done = child.until(lambda m: m["is"] == "done")[-1]
+    child.send(type="stop", reason="the teacher stops it")
+    done = child.until(lambda m: m["type"] == "done")[-1]
     assert done["reason"]["code"] == StopReason.STOPPED_BY
-    child.send(do="go")
-    child.send(do="clear")
-    child.until(lambda m: m["is"] == "state" and m["state"] == "READY")
+    child.send(type="go")
+    child.send(type="clear")
+    child.until(lambda m: m["type"] == "state" and m["state"] == "READY")
 
 
 @pytest.mark.parametrize(
@@ -268,34 +268,34 @@ def test_an_unknown_vehicle_gives_an_error_of_one_paragraph(tmp_path):
 
 def truths(messages, names):
     """Return {time [s]: true x, y} of each row since the start of the last drive."""
-    begin = max(k for k, m in enumerate(messages) if m["is"] == "fields")
+    begin = max(k for k, m in enumerate(messages) if m["type"] == "fields")
     t, x, y = (names.index(n) for n in ("t", "truth.x", "truth.y"))
-    return {row[t]: (row[x], row[y]) for m in messages[begin:] if m["is"] == "frame" for row in m["x"]}
+    return {row[t]: (row[x], row[y]) for m in messages[begin:] if m["type"] == "frame" for row in m["x"]}
 
 
 def test_a_fault_acts_at_once_but_not_in_the_fault_free_simulation(child, folder):
-    child.send(do="watch", hz=20)
-    names = child.until(lambda m: m["is"] == "fields")[-1]["names"]
-    child.send(do="mission", door=VERSION, id="one", kind="experiment", seconds=8.0, attended=False, seed=5)
-    child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
-    child.send(do="shake", kind="tilt", x=0.03)
-    child.send(do="shake", kind="push", y=0.4)
-    child.send(do="shake", kind="cut", of="gps")
-    refusal = child.until(lambda m: m["is"] == "refused")[-1]
+    child.send(type="watch", hz=20)
+    names = child.until(lambda m: m["type"] == "fields")[-1]["names"]
+    child.send(type="mission", door=VERSION, id="one", kind="experiment", seconds=8.0, attended=False, seed=5)
+    child.until(lambda m: m["type"] == "state" and (m["t_s"] or 0.0) > 1.0)
+    child.send(type="shake", kind="tilt", x=0.03)
+    child.send(type="shake", kind="push", y=0.4)
+    child.send(type="shake", kind="cut", of="gps")
+    refusal = child.until(lambda m: m["type"] == "refused")[-1]
     assert refusal["diagnostic"]["code"] == "shake.of"
     messages = child.until(
-        lambda m: m["is"] == "ledger" and len(m["rows"]) == 2 and m["rows"][1]["detections"]
+        lambda m: m["type"] == "ledger" and len(m["rows"]) == 2 and m["rows"][1]["detections"]
     )
     tilt, push = messages[-1]["rows"]
     assert (tilt["fault"]["kind"], push["message"]["code"]) == ("tilt", "shake.push")
     assert push["detections"][0]["detector"]["code"] in ("ledger.who-nis", "ledger.who-gate")
-    child.send(do="shake", end=1)
-    row = child.until(lambda m: m["is"] == "ledger" and m["rows"][0]["ended"])[-1]["rows"][0]
+    child.send(type="shake", end=1)
+    row = child.until(lambda m: m["type"] == "ledger" and m["rows"][0]["ended"])[-1]["rows"][0]
     assert row["until_s"] > row["t_s"]
-    done = child.until(lambda m: m["is"] == "done")[-1]
+    done = child.until(lambda m: m["type"] == "done")[-1]
     shaken_run = read_run(folder / "runs" / done["run"])
-    child.send(do="again", from_s=8.0, without=[])  # with the same faults
-    done = child.until(lambda m: m["is"] == "done")[-1]
+    child.send(type="again", from_s=8.0, without=[])  # with the same faults
+    done = child.until(lambda m: m["type"] == "done")[-1]
     again = read_run(folder / "runs" / done["run"])
     assert len(again.t_ns) == len(shaken_run.t_ns)
     for column in (
@@ -303,8 +303,8 @@ def test_a_fault_acts_at_once_but_not_in_the_fault_free_simulation(child, folder
         lambda run: run.sensors["imu"].z, lambda run: run.estimate.eta, lambda run: run.estimate.cov,
     ):  # fmt: skip
         np.testing.assert_array_equal(column(again), column(shaken_run))  # bit for bit
-    child.send(do="again", from_s=push["t_s"], without=[2])
-    messages = child.until(lambda m: m["is"] == "done")
+    child.send(type="again", from_s=push["t_s"], without=[2])
+    messages = child.until(lambda m: m["type"] == "done")
     assert (messages[-1]["id"], messages[-1]["code"]) == ("again", 0)
     twin = read_run(folder / "runs" / messages[-1]["run"])
     codes = [e.diagnostic.code for e in twin.events if e.source == "shake"]
@@ -322,47 +322,47 @@ def test_a_mission_with_faults_is_repeated_without_faults_on_request(child, fold
         "seed": 5,
         "shake": ["0.5 s: sag 80 %", "0.5 s: drift imu[2] 0.01"],
     }
-    child.send(do="mission", door=VERSION, id="one", attended=False, **mission)
-    ledger = child.until(lambda m: m["is"] == "ledger" and len(m["rows"]) == 2)[-1]
+    child.send(type="mission", door=VERSION, id="one", attended=False, **mission)
+    ledger = child.until(lambda m: m["type"] == "ledger" and len(m["rows"]) == 2)[-1]
     assert ledger["rows"][1]["message"]["figures"]["unit"] == "rad/s"
-    child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
-    child.send(do="again", from_s=0.4)
-    first = child.until(lambda m: m["is"] == "done")[-1]
+    child.until(lambda m: m["type"] == "state" and (m["t_s"] or 0.0) > 1.0)
+    child.send(type="again", from_s=0.4)
+    first = child.until(lambda m: m["type"] == "done")[-1]
     assert first["id"] == "one"
-    child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
-    child.send(do="stop", reason="enough")
-    twin = read_run(folder / "runs" / child.until(lambda m: m["is"] == "done")[-1]["run"])
+    child.until(lambda m: m["type"] == "state" and (m["t_s"] or 0.0) > 1.0)
+    child.send(type="stop", reason="enough")
+    twin = read_run(folder / "runs" / child.until(lambda m: m["type"] == "done")[-1]["run"])
     shaken_run = read_run(folder / "runs" / first["run"])
     assert not [e for e in twin.events if e.source == "shake"]
     n = min(len(twin.t_ns), len(shaken_run.t_ns))
     np.testing.assert_array_equal(twin.truth.eta[:50], shaken_run.truth.eta[:50])
     assert np.any(twin.truth.eta[50:n] != shaken_run.truth.eta[50:n])
-    child.send(do="clear")
-    child.until(lambda m: m["is"] == "state" and m["state"] == "READY")
+    child.send(type="clear")
+    child.until(lambda m: m["type"] == "state" and m["state"] == "READY")
 
 
 @pytest.mark.parametrize(
     ("word", "code"),
     [
-        ({"do": "shake", "kind": "sag", "part": 0.5}, "shake.no-drive"),
-        ({"do": "shake", "end": 1}, "shake.no-drive"),
-        ({"do": "mission", "door": VERSION, "kind": "drive", "shake": ["dance"]}, "shake.words"),
-        ({"do": "mission", "door": VERSION, "kind": "drive", "shake": "dance"}, "shake.too-many"),
+        ({"type": "shake", "kind": "sag", "part": 0.5}, "shake.no-drive"),
+        ({"type": "shake", "end": 1}, "shake.no-drive"),
+        ({"type": "mission", "door": VERSION, "kind": "drive", "shake": ["dance"]}, "shake.syntax"),
+        ({"type": "mission", "door": VERSION, "kind": "drive", "shake": "dance"}, "shake.too-many"),
     ],
 )
 def test_an_invalid_fault_is_refused(child, word, code):
     child.send(**word, id="bad")
-    message = child.until(lambda m: m["is"] == "refused" or (m["is"] == "done" and m["id"] == "bad"))[-1]
+    message = child.until(lambda m: m["type"] == "refused" or (m["type"] == "done" and m["id"] == "bad"))[-1]
     assert (message.get("diagnostic") or message["reason"])["code"] == code
 
 
 def test_a_drive_by_hand_is_not_repeated_without_faults(child):
-    child.send(do="mission", door=VERSION, id="one", kind="drive")
+    child.send(type="mission", door=VERSION, id="one", kind="drive")
     child.until(
-        lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 0.1, {"do": "hand", "u": [0.3, 0.0, 0.0]}
+        lambda m: m["type"] == "state" and (m["t_s"] or 0.0) > 0.1, {"type": "hand", "u": [0.3, 0.0, 0.0]}
     )
-    child.send(do="again")
-    message = child.until(lambda m: m["is"] == "refused", {"do": "beat"})[-1]
+    child.send(type="again")
+    message = child.until(lambda m: m["type"] == "refused", {"type": "beat"})[-1]
     assert message["diagnostic"]["code"] == "shake.by-hand"
-    child.send(do="end")
-    child.until(lambda m: m["is"] == "done", {"do": "beat"})
+    child.send(type="end")
+    child.until(lambda m: m["type"] == "done", {"type": "beat"})

@@ -59,7 +59,7 @@ def until(true):
 def test_missions_and_manual_commands_reach_the_operator(door, person):
     file = vehicle_file.load("small")
     person.send(
-        do="mission",
+        type="mission",
         door=VERSION,
         mission=pack(Mission("experiment", u=np.zeros((3, 3))), file).to_json(),
         attended=False,
@@ -72,7 +72,7 @@ def test_missions_and_manual_commands_reach_the_operator(door, person):
     commands = []
 
     def hand_arrives():  # sent repeatedly: a set-point is valid for 0.3 s only
-        person.send(do="hand", u=[0.1, 0.0, 0.2])
+        person.send(type="hand", u=[0.1, 0.0, 0.2])
         commands.append(door.operator.command(3))
         return commands[-1].any()
 
@@ -83,13 +83,13 @@ def test_missions_and_manual_commands_reach_the_operator(door, person):
 def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, connect):
     file = vehicle_file.load("small")
     mission = pack(Mission("experiment", u=np.zeros((3, 3))), file).to_json()
-    person.send(do="mission", door=VERSION, mission=mission)
+    person.send(type="mission", door=VERSION, mission=mission)
     until(lambda: door.operator.pop_mission() is not None)
     second = connect()
-    second.send(do="mission", door=VERSION, mission=mission)
-    assert second.receive()["diagnostic"]["code"] == "door.somebody"
-    second.send(do="hand", u=[1.0, 0.0, 0.0])
-    second.send(do="stop", reason="it nears the stairs")
+    second.send(type="mission", door=VERSION, mission=mission)
+    assert second.receive()["diagnostic"]["code"] == "door.other-driver"
+    second.send(type="hand", u=[1.0, 0.0, 0.0])
+    second.send(type="stop", reason="it nears the stairs")
     until(lambda: door.operator.stop_reason(False) is not None)
     assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
     assert not door.operator.command(3).any()
@@ -99,21 +99,21 @@ def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, con
 def test_a_refused_mission_is_not_decoded(door, person, connect, monkeypatch, ticks):
     file, decoded_texts, loads = vehicle_file.load("small"), [], json.loads
     person.send(
-        do="mission", door=VERSION, mission=pack(Mission("experiment", u=np.zeros((3, 3))), file).to_json()
+        type="mission", door=VERSION, mission=pack(Mission("experiment", u=np.zeros((3, 3))), file).to_json()
     )
     until(lambda: door.operator.pop_mission() is not None)
     large = pack(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).to_json()
     monkeypatch.setattr(json, "loads", lambda text: decoded_texts.append(len(text)) or loads(text))
     second = connect()
-    second.send(do="mission", door=VERSION, mission=large)
-    assert loads(second.file.readline())["diagnostic"]["code"] == "door.somebody"
+    second.send(type="mission", door=VERSION, mission=large)
+    assert loads(second.file.readline())["diagnostic"]["code"] == "door.other-driver"
     # at most one line, never the commands of a mission
     assert all(n <= MAX_SHORT_LINE_BYTES for n in decoded_texts)
     assert len(decoded_texts) == (len(large) < MAX_SHORT_LINE_BYTES)
 
 
 def test_several_messages_in_one_packet_are_all_received(door, person):
-    person.line.sendall(b'{"do": "ping", "token": 1}\n{"do": "ping", "token": 2}\n{"do": "ping", ')
+    person.line.sendall(b'{"type": "ping", "token": 1}\n{"type": "ping", "token": 2}\n{"type": "ping", ')
     assert [person.receive()["token"] for _ in range(2)] == [1, 2]
     person.line.sendall(b'"token": 3}\n')
     assert person.receive()["token"] == 3
@@ -121,23 +121,23 @@ def test_several_messages_in_one_packet_are_all_received(door, person):
 
 def test_rt14_a_mission_of_a_disconnected_client_is_not_given_to_the_next(door, person, connect):
     mission = pack(Mission("experiment", u=np.zeros((3, 3))), vehicle_file.load("small")).to_json()
-    person.send(do="mission", door=VERSION, mission=mission)
+    person.send(type="mission", door=VERSION, mission=mission)
     until(lambda: door.operator.pop_mission() is not None)
-    person.send(do="mission", door=VERSION, mission=mission)
+    person.send(type="mission", door=VERSION, mission=mission)
     assert person.receive()["diagnostic"]["code"] == "door.own-mission"
     person.close()
     second = connect()
     until(lambda: door.operator.stop_reason() is not None)  # the door accepts no more clients
-    second.send(do="mission", door=VERSION, mission=mission)
+    second.send(type="mission", door=VERSION, mission=mission)
     assert second.receive()["diagnostic"]["code"] == "door.mission"
-    second.send(do="beat")
-    second.send(do="hand", u=[1.0, 0.0, 0.0])
-    second.send(do="ping")
+    second.send(type="beat")
+    second.send(type="hand", u=[1.0, 0.0, 0.0])
+    second.send(type="ping")
     second.receive()
     assert door.operator.stop_reason().code == StopReason.HOLDER_SILENT
     assert not door.operator.command(3).any()
     door.operator.record_mission_end()
-    second.send(do="mission", door=VERSION, mission=mission)
+    second.send(type="mission", door=VERSION, mission=mission)
     until(lambda: door.operator.pop_mission() is not None)
 
 
@@ -146,38 +146,38 @@ def test_rt14_a_mission_of_a_disconnected_client_is_not_given_to_the_next(door, 
     [
         b"{",
         b"[1]",
-        b'{"do": "dance"}',
+        b'{"type": "dance"}',
         b"{}",
-        b'{"do": "mission"}',
-        b'{"do": "fetch", "run": "../x"}',
+        b'{"type": "mission"}',
+        b'{"type": "fetch", "run": "../x"}',
         b"\xff\xfe",
-        b'{"do": "hand", "u": [' + b"1" * 400 + b"]}",  # beyond the range of a double
+        b'{"type": "hand", "u": [' + b"1" * 400 + b"]}",  # beyond the range of a double
         b"[" * 50_000,
-        b'{"do": "fetch", "run": "' + b"x" * 300 + b'"}',  # longer than a file name may be
+        b'{"type": "fetch", "run": "' + b"x" * 300 + b'"}',  # longer than a file name may be
     ],
 )
 def test_fi6_an_invalid_line_is_answered_without_disconnecting(door, person, line):
     door.operator.set_holder(next(iter(until_client(door))))  # the client whose set-points are used
     person.line.sendall(line + b"\n")
-    assert person.receive()["is"] == "refused"
-    person.send(do="runs")
-    assert person.receive() == {"is": "runs", "runs": []}
+    assert person.receive()["type"] == "refused"
+    person.send(type="runs")
+    assert person.receive() == {"type": "runs", "runs": []}
 
 
 def test_a_new_client_receives_the_last_state_at_once(door, connect):
-    door.broadcast({"is": "state", "state": "READY"})
-    door.broadcast({"is": "state", "state": "MISSION"})
-    door.broadcast({"is": "event", "text": "nothing more is sent while a mission is prepared"})
-    assert connect().receive() == {"is": "state", "state": "MISSION", "door": VERSION}
+    door.broadcast({"type": "state", "state": "READY"})
+    door.broadcast({"type": "state", "state": "MISSION"})
+    door.broadcast({"type": "event", "text": "nothing more is sent while a mission is prepared"})
+    assert connect().receive() == {"type": "state", "state": "MISSION", "door": VERSION}
 
 
 LONG_LINES = [
-    b'{"do": "ping", "token": "' + b"x" * MAX_SHORT_LINE_BYTES + b'"}\n',
-    b'{"do": "ping", "token": "'
+    b'{"type": "ping", "token": "' + b"x" * MAX_SHORT_LINE_BYTES + b'"}\n',
+    b'{"type": "ping", "token": "'
     + b"x" * (20 * MAX_SHORT_LINE_BYTES)
     + b'"}\n',  # refused before its end is received
-    b'{"do": "hand", "u": [' + b"0, " * MAX_SHORT_LINE_BYTES + b"0]}\n",
-    b'{"do": "ping", "token": {"do": "mission", "x": "' + b"x" * MAX_SHORT_LINE_BYTES + b'"}}\n',
+    b'{"type": "hand", "u": [' + b"0, " * MAX_SHORT_LINE_BYTES + b"0]}\n",
+    b'{"type": "ping", "token": {"type": "mission", "x": "' + b"x" * MAX_SHORT_LINE_BYTES + b'"}}\n',
 ]
 
 
@@ -193,9 +193,15 @@ def test_a_long_line_that_is_not_a_mission_is_refused_at_rest(door, person, monk
     assert not door.operator.command(2 * MAX_SHORT_LINE_BYTES).any()
 
 
-def test_a_stop_is_acknowledged_after_the_operator_received_the_stop(door, person):
+def test_a_stop_of_an_earlier_version_stops_the_vehicle(door, person):
     person.send(do="stop", reason="it nears the stairs")
-    assert person.receive() == {"is": "received", "do": "stop"}
+    assert person.receive() == {"type": "received", "request": "stop"}
+    assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
+
+
+def test_a_stop_is_acknowledged_after_the_operator_received_the_stop(door, person):
+    person.send(type="stop", reason="it nears the stairs")
+    assert person.receive() == {"type": "received", "request": "stop"}
     assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
 
 
@@ -203,17 +209,17 @@ def test_rt15_a_stop_halts_the_motors_before_it_is_acknowledged(tmp_path):
     halts = []
     door = Door(tmp_path / "s", Operator(), tmp_path, halt=lambda: halts.append(True))
     person = Person(door.path)
-    person.send(do="stop", reason="it nears the stairs")
-    assert person.receive()["is"] == "received"
+    person.send(type="stop", reason="it nears the stairs")
+    assert person.receive()["type"] == "received"
     assert halts == [True]
     person.close()
     door.close()
 
 
 def test_a_mission_of_another_version_is_refused_with_a_readable_reason(door, person):
-    person.send(do="mission", mission="{}", id="one")
+    person.send(type="mission", mission="{}", id="one")
     message = person.receive()
-    assert (message["is"], message["code"], message["diagnostic"]["code"]) == ("refused", 2, "door.version")
+    assert (message["type"], message["code"], message["diagnostic"]["code"]) == ("refused", 2, "door.version")
     assert isinstance(message["reason"], str)
     assert door.operator.pop_mission() is None
 
@@ -222,13 +228,13 @@ def test_a_mission_of_another_version_is_refused_with_a_readable_reason(door, pe
     "reason", [None, 7, [], {}, {"code": 3}, {"code": "x", "figures": 1}, {"figures": {}}, "seen"]
 )
 def test_a_stop_is_accepted_with_any_reason(door, person, reason):
-    person.send(do="stop", reason=reason)
-    assert person.receive() == {"is": "received", "do": "stop"}
+    person.send(type="stop", reason=reason)
+    assert person.receive() == {"type": "received", "request": "stop"}
     assert door.operator.stop_reason(False).code == StopReason.STOPPED_BY
 
 
 def test_the_reason_of_a_stop_is_received_as_data(door, person):
-    person.send(do="stop", reason=stop(StopReason.TERMINAL_SILENT, silent_ms=355.5).to_json())
+    person.send(type="stop", reason=stop(StopReason.TERMINAL_SILENT, silent_ms=355.5).to_json())
     person.receive()
     assert door.operator.stop_reason(False) == stop(StopReason.TERMINAL_SILENT, silent_ms=355.5)
 
@@ -236,7 +242,7 @@ def test_the_reason_of_a_stop_is_received_as_data(door, person):
 def test_a_run_is_fetched_byte_for_byte(door, person, tmp_path):
     data = np.random.default_rng(0).bytes(1_000_000)
     (tmp_path / "a.mcap").write_bytes(data)
-    person.send(do="fetch", run="a.mcap")
+    person.send(type="fetch", run="a.mcap")
     content, remaining = b"", 1
     while remaining:
         message = person.receive()
@@ -246,25 +252,25 @@ def test_a_run_is_fetched_byte_for_byte(door, person, tmp_path):
 
 def test_an_empty_run_of_a_power_cut_is_fetched(door, person, tmp_path):
     (tmp_path / "a.mcap").touch()
-    person.send(do="fetch", run="a.mcap")
-    assert person.receive() == {"is": "file", "run": "a.mcap", "data": "", "left": 0}
+    person.send(type="fetch", run="a.mcap")
+    assert person.receive() == {"type": "file", "run": "a.mcap", "data": "", "left": 0}
 
 
 def test_a_run_that_is_being_written_is_not_listed(door, person, tmp_path):
     for name in ("a.mcap", "b.mcap"):
         (tmp_path / name).touch()
     for open_file, names in (("b.mcap", ["a.mcap"]), (None, ["a.mcap", "b.mcap"])):
-        door.broadcast({"is": "state", "state": "MISSION", "run": open_file})
-        person.send(do="runs")
-        until(lambda: person.receive()["is"] == "state")
-        assert person.receive() == {"is": "runs", "runs": names}
+        door.broadcast({"type": "state", "state": "MISSION", "run": open_file})
+        person.send(type="runs")
+        until(lambda: person.receive()["type"] == "state")
+        assert person.receive() == {"type": "runs", "runs": names}
 
 
 def test_ne5_a_client_that_does_not_read_is_disconnected(door, person, connect):
     connect()
     until(lambda: len(door._clients) == 2)
     for k in range(200):
-        door.broadcast({"is": "event", "text": "x" * 100_000, "k": k})
+        door.broadcast({"type": "event", "text": "x" * 100_000, "k": k})
         person.receive()
     until(lambda: len(door._clients) == 1)
 
@@ -273,9 +279,9 @@ def test_ne5_a_client_that_does_not_read_is_disconnected(door, person, connect):
 def test_two_hundred_clients_that_come_and_go_leave_nothing_behind(door):
     def come_and_go():
         client = Person(door.path)
-        client.send(do="watch", hz=20.0)
-        client.send(do="ping", token=1)
-        assert client.receive()["is"] == "pong"
+        client.send(type="watch", hz=20.0)
+        client.send(type="ping", token=1)
+        assert client.receive()["type"] == "pong"
         client.close()
         until(lambda: not door._clients)
 
@@ -325,5 +331,5 @@ def test_a_second_service_is_refused_and_a_dead_socket_is_replaced(door, tmp_pat
 
 @pytest.mark.parametrize("word", ["shake", "again", "pace", "pause"])
 def test_a_robot_refuses_commands_of_a_simulation(person, word):
-    person.send(do=word, kind="sag", part=0.5)
+    person.send(type=word, kind="sag", part=0.5)
     assert person.receive()["diagnostic"]["code"] == "door.unknown-word"

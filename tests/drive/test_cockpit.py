@@ -95,7 +95,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle_within_its_time():
             terminal.t_s += 0.01
         assert MAX_SILENCE_S - 0.1 < terminal.t_s - gone_s < MAX_SILENCE_S + terminal.trip_s + 0.02
         assert hand.stop_reason(0).code == StopReason.TERMINAL_SILENT
-        assert [word["do"] for word in hand.pop_messages()] == ["stop"]
+        assert [word["type"] for word in hand.pop_messages()] == ["stop"]
         assert hand.pop_messages() == []
         terminal.there = True
         terminal.type("w")
@@ -153,7 +153,7 @@ def test_the_space_bar_latches_a_stop_and_q_ends_the_drive():
     with cockpit(Terminal(kitty=True)) as (terminal, hand):
         terminal.type("w", " ")
         assert np.array_equal(hand(), np.zeros(3))
-        assert hand.pop_messages() == [{"do": "stop", "reason": stop(StopReason.DRIVER)}]
+        assert hand.pop_messages() == [{"type": "stop", "reason": stop(StopReason.DRIVER)}]
         terminal.type("w", "q")
         assert np.array_equal(hand(), np.zeros(3))
         with pytest.raises(KeyboardInterrupt):
@@ -172,7 +172,7 @@ def test_marks_are_counted_for_real_and_simulated_vehicles():
     with cockpit(Terminal()) as (terminal, hand):
         terminal.type("m", "m")
         hand()
-        assert hand.pop_messages() == [{"do": "mark"}] * 2
+        assert hand.pop_messages() == [{"type": "mark"}] * 2
         assert hand.pop_messages() == []
         assert hand.pop_mark_count() == 2
         assert hand.pop_mark_count() == 0

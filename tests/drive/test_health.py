@@ -92,7 +92,7 @@ def test_a_loose_gyro_is_reported_without_advice_to_fit(small):
     (worse,) = [e.diagnostic for e in events if e.level == "warning"]
     assert (worse.code, worse.subject) == ("sensor.degraded", "imu[2]")
     cause = worse.figures["cause"]
-    assert (cause.code, cause.figures["consequence"].code) == ("sensor.scaled", "sensor.off-sensor")
+    assert (cause.code, cause.figures["consequence"].code) == ("sensor.scaled", "sensor.error-in-sensor")
     assert cause.figures["ratio"] == pytest.approx(0.3, abs=0.005)
     assert [e for e in run.events if e.source == SOURCE] == []
 

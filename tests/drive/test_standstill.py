@@ -67,7 +67,7 @@ def test_a_taught_route_begins_with_the_motion():
     assert lesson.route.t_s[-1] == pytest.approx(2.0 * np.pi * 1.5 + 0.5 / 0.3, abs=0.1)
 
 
-def test_a_forecast_has_the_rest_of_the_drive(run):
+def test_a_forecast_begins_with_the_rest_of_the_drive(run):
     ahead = bq.forecast(SMALL, LAP, backend="python").rows()[0]
     driven = bq.compare(run).runs[0].corridor
     assert ahead["t_s"] == pytest.approx(LAP.t_s[-1] + 2.0 * RAMP_S, abs=0.02)
@@ -111,7 +111,7 @@ def test_a_mission_contains_its_rest():
     assert Mission("teach").with_durations(SMALL).rest_s == 0.0
 
 
-def test_the_page_says_that_the_vehicle_stands_still():
+def test_the_page_states_that_the_vehicle_rests():
     def state_at(t_s):
         t_ns, zero = round(1e9 * t_s), np.zeros(3)
         record = Record(

@@ -52,7 +52,7 @@ def test_the_service_is_ready_and_drives_with_its_ekf_compiled(firmware, tmp_pat
                 run = remote.perform(mission, tmp_path / f"{attempt}.mcap")
                 if not stop_reason_of(run):
                     break
-                remote.send(do="clear")
+                remote.send(type="clear")
                 ready(remote)
         print(
             f"READY after {service.start_s:.1f} s, {service.cpu_s:.1f} s of a processor; resident without qemu's "

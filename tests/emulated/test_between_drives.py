@@ -62,7 +62,7 @@ def test_an_unwritable_run_folder_ends_the_mission_and_not_the_service(service, 
     service.folder.parent.write_text("no folder")
     service.execute_request(spin(), True, "mine")
     look_around(service, robot, 3)
-    done = [message for message in service.messages if message["is"] == "done"][-1]
+    done = [message for message in service.messages if message["type"] == "done"][-1]
     assert (done["id"], done["run"], done["code"]) == ("mine", None, 3)
     assert "Type: ls -ld" in text(done["reason"])
     assert service.machine.state is DoorState.READY
@@ -264,6 +264,6 @@ def test_memory_does_not_grow_at_rest(service, robot):
 def test_a_hardware_fault_at_rest_is_reported_once(service, robot):
     robot.chip.brown_out()
     look_around(service, robot, 60)
-    codes = [m["message"].code for m in service.messages if m["is"] == "event"]
+    codes = [m["message"].code for m in service.messages if m["type"] == "event"]
     assert codes.count("imu.lost-supply") == 1
     assert service.machine.state is DoorState.READY

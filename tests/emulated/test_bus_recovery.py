@@ -47,7 +47,7 @@ def looked_on(service, robot, seconds):
 
 
 def last_state(service):
-    return [m for m in service.messages if m["is"] == "state"][-1]
+    return [m for m in service.messages if m["type"] == "state"][-1]
 
 
 def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, lines):
@@ -72,7 +72,7 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
     (message,) = log
     freed = note("bus.freed", Severity.WARNING, clocks=5)
     assert message == text(freed)
-    assert freed in [m["message"] for m in service.messages if m["is"] == "event"]
+    assert freed in [m["message"] for m in service.messages if m["type"] == "event"]
     assert last_state(service)["imu_bus"] == freed
     assert not pins
     assert pins.read()["driven_high"] == 0
@@ -138,7 +138,7 @@ def test_a_second_bus_fault_gets_a_new_report(service, robot, lines):
     count = len(service.messages)
     pins.put(bits=[0] * 3)
     looked_on(service, robot, 2.0)
-    whys = {m["reason"] for m in service.messages[count:] if m["is"] == "state"} - {None}
+    whys = {m["reason"] for m in service.messages[count:] if m["type"] == "state"} - {None}
     assert whys == {stop(StopReason.IMU_BUS_HELD)}
     assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=3)
 

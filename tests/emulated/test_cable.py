@@ -86,7 +86,7 @@ def test_rt10_a_disconnected_line_reopens_and_drives_after_a_clear(plugged_uno, 
         service.notify_watchdog = healthy
         service.execute_request(spin(20.0, file=file), attended=False)
         assert pulls
-        done = [m for m in messages if m["is"] == "done"][-1]
+        done = [m for m in messages if m["type"] == "done"][-1]
         # another reason may follow a stall of this machine
         assert done["reason"].code in (StopReason.UNO_SILENT, StopReason.UNO_DEAD_MAN)
         assert service.machine.state is DoorState.STOPPED

@@ -27,14 +27,14 @@ def door(service, tmp_path):
     door.close()
 
 
-def answer_to(door, do):
+def answer_to(door, request):
     """Send a message and return the answer of the door."""
     with socket.socket(socket.AF_UNIX) as line:
         line.settimeout(PATIENCE_S)
         line.connect(str(door.path))
-        line.sendall(json.dumps({"do": do}).encode() + b"\n")
+        line.sendall(json.dumps({"type": request}).encode() + b"\n")
         with line.makefile("rb") as of:
-            return next(message for message in map(json.loads, of) if message["is"] != "state")
+            return next(message for message in map(json.loads, of) if message["type"] != "state")
 
 
 def test_a_stop_during_preparation_of_a_mission_prevents_motion(service, robot, door, tmp_path, monkeypatch):
@@ -44,7 +44,7 @@ def test_a_stop_during_preparation_of_a_mission_prevents_motion(service, robot, 
         with socket.socket(socket.AF_UNIX) as line:
             line.settimeout(PATIENCE_S)
             line.connect(str(door.path))
-            line.sendall(b'{"do": "stop", "reason": "it nears the stairs"}\n')
+            line.sendall(b'{"type": "stop", "reason": "it nears the stairs"}\n')
             with line.makefile("rb") as of:
                 messages.extend(json.loads(of.readline()) for _ in range(2))
 
@@ -59,7 +59,7 @@ def test_a_stop_during_preparation_of_a_mission_prevents_motion(service, robot, 
     )
     done, run = drive(service, pack(mission, vehicle_file.load("small")))
     assert messages[0]["state"] == DoorState.MISSION
-    assert messages[1] == {"is": "received", "do": "stop"}
+    assert messages[1] == {"type": "received", "request": "stop"}
     assert done["reason"] == stop(StopReason.STOPPED_BY, words="it nears the stairs")
     assert run is None or not np.any(run.applied_commands)
     assert not robot.board.moving
@@ -87,4 +87,4 @@ def test_a_run_is_listed_only_after_it_is_complete(service, robot, door):
     assert folders == [[]]
     assert answer_to(door, "runs")["runs"] == [done["run"]]
     # a client can fetch the run then
-    assert [m["is"] for m in service.messages][-2:] == ["state", "done"]
+    assert [m["type"] for m in service.messages][-2:] == ["state", "done"]

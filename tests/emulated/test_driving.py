@@ -51,7 +51,7 @@ class Driver:
             except KeyboardInterrupt:
                 self.service.operator.request_end(self)
             for word in self.cockpit.pop_messages():
-                if word["do"] == "mark":
+                if word["type"] == "mark":
                     self.service.operator.record_mark(self)
                 else:
                     self.service.operator.stop(word["reason"])
@@ -63,7 +63,7 @@ class Driver:
         self.service.notify_watchdog = self.each_tick
         with self.cockpit:
             self.service.execute_request(pack(Mission("teach"), vehicle_file.load("small")), True)
-        done = [m for m in self.service.messages if m["is"] == "done"][-1]
+        done = [m for m in self.service.messages if m["type"] == "done"][-1]
         return done, read_run(self.service.folder / done["run"])
 
 
@@ -138,7 +138,7 @@ def test_releasing_a_key_stops_the_motors_and_marks_are_logged(driver):
     moving = run.t_s[np.abs(run.applied_commands[:, 2]) > 0.0]
     assert moving[0] == pytest.approx(0.3, abs=0.08)
     assert moving[-1] == pytest.approx(0.9, abs=0.12)
-    states = [m for m in at.service.messages if m["is"] == "state" and m.get("u")]
+    states = [m for m in at.service.messages if m["type"] == "state" and m.get("u")]
     assert max(m["yaw_rate_rad_s"] for m in states) > 0.5
 
 
@@ -163,7 +163,7 @@ def test_heading_control_acts_on_straight_driving_but_not_in_turns(driver):
     assert np.all(straight[:, 2] != 0.0)
     assert np.max(np.abs(straight[:, 2])) < 0.25
     assert np.all(turning[:, 2] == 0.8)
-    moving = [m for m in at.service.messages if m["is"] == "state" and m.get("requested", (0.0,))[0]]
+    moving = [m for m in at.service.messages if m["type"] == "state" and m.get("requested", (0.0,))[0]]
     at.cockpit.status.driver_command = np.array([0.8, 0.0, 0.0])
     at.cockpit.show(moving[3])
     assert at.cockpit.status.hold_command == moving[3]["requested"][2] != 0.0

@@ -151,7 +151,7 @@ def test_a_run_ends_with_the_frame_counts_of_the_uno(robot, service, noise):
     assert count_damaged / count_sent == pytest.approx(16 * noise, abs=0.6 * 16 * noise)
     assert (count_ignored, count_lost) == (0, 0)
     assert event.level == ("warning" if noise else "info")
-    assert event.diagnostic in [m["message"] for m in service.messages if m["is"] == "event"], (
+    assert event.diagnostic in [m["message"] for m in service.messages if m["type"] == "event"], (
         "every client receives it"
     )
 
@@ -335,7 +335,7 @@ def test_rt16_a_full_disk_ends_the_log_and_not_the_drive(robot, service, with_st
     done = service.messages[-1]
     assert (done["code"], done["reason"]) == (0, TEACHER if with_stop else None)
     assert service.machine.state is (DoorState.STOPPED if with_stop else DoorState.READY)
-    first, *_, last = [m["message"] for m in service.messages if m["is"] == "event"]
+    first, *_, last = [m["message"] for m in service.messages if m["type"] == "event"]
     assert (first.code, first.figures) == ("drive.disk-full", {"error": "File too large"})
     assert last.code == "runs.disk-full"
     assert motions == [True], "the drive continued while the log was closed"

@@ -31,19 +31,19 @@ def moving(service):
     for _ in range(5):
         with connect(str(service.door)) as remote:
             ready(remote)
-            remote.send(do="mission", door=VERSION, mission=mission, attended=False)
+            remote.send(type="mission", door=VERSION, mission=mission, attended=False)
             under_way = until(service.live.moving, PATIENCE_S / 4.0)
             if under_way:
                 yield remote
                 return
-            remote.send(do="stop", reason="it does not move")
+            remote.send(type="stop", reason="it does not move")
     assert under_way
 
 
 def off_ms(remote, live):
     """Return how long the motors turn on after a STOP, in the time of the Uno."""
     said_s = live.now_s()
-    remote.send(do="stop", reason="it nears the stairs")
+    remote.send(type="stop", reason="it nears the stairs")
     assert until(lambda: not live.moving(), PATIENCE_S)
     with live.lock:
         return 1e3 * (live.uno.off_since() - said_s)

@@ -208,7 +208,7 @@ def test_a_process_recovers_from_a_blocked_bus_within_its_timeout(machine):
     assert client.wait_for("imu.held")["text"]
     client.wait_for("imu.data-missing")
     m.order("hold", False)
-    client.wait_for("imu.back")
+    client.wait_for("imu.answers-again")
     client.wait_for("samples", 200)
     client.stop()
 

@@ -48,7 +48,7 @@ def test_rt19_a_vehicle_without_its_imu_refuses_to_drive(service, robot):
     assert service.machine.state is DoorState.DISARMED
     assert service.machine.reason.code == StopReason.IMU_ABSENT
     assert {cause.code for cause in within(service.machine.reason)} >= {"imu.no-answer"}
-    assert [m["reason"] for m in service.messages if m["is"] == "state"][-1] == service.machine.reason
+    assert [m["reason"] for m in service.messages if m["type"] == "state"][-1] == service.machine.reason
     assert service.texts == [text(service.machine.reason)], "the missing IMU is reported only once"
     for mission in (spin(), pack(Mission("teach"), vehicle_file.load("small"))):
         done, run = drive(service, mission)
@@ -64,7 +64,7 @@ def test_an_imu_that_answers_later_makes_the_vehicle_ready(service, robot):
     robot.bus.devices[0x68] = chip
     look_around(service, robot, round((FIND_PERIOD_S + 1.0) * 20))
     assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
-    events = [m["message"] for m in service.messages if m["is"] == "event"]
+    events = [m["message"] for m in service.messages if m["type"] == "event"]
     assert [event.code for event in events[1:]] == ["imu.answers"]
     assert service.texts == [text(event) for event in events]
     done, run = drive(service, spin())

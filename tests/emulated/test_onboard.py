@@ -45,7 +45,7 @@ def test_the_service_imports_no_laptop_module_at_start_or_in_drives(firmware, tm
 
             def enough(t_s: float) -> None:
                 if t_s > 2.5:  # a first drive takes a minute
-                    remote.send(do="stop", reason="enough was seen")
+                    remote.send(type="stop", reason="enough was seen")
 
             for mission in missions:
                 packed_mission = pack(mission, service.file)

@@ -94,7 +94,7 @@ def ready(remote):
     while remote.state.get("state") != "READY":
         assert time.monotonic() < end, remote.state
         if remote.state.get("state") == "STOPPED":
-            remote.send(do="clear")
+            remote.send(type="clear")
         remote.receive(("state",), PATIENCE_S)
 
 
@@ -164,8 +164,8 @@ def driving(door, vehicle, live):
         assert time.monotonic() < end
         with connect(str(door)) as remote:
             ready(remote)
-            remote.send(do="mission", door=VERSION, mission=spin(vehicle, 300.0).to_json())
-            moves = until(lambda remote=remote: remote.send(do="beat") or live.moving(), PATIENCE_S / 4.0)
+            remote.send(type="mission", door=VERSION, mission=spin(vehicle, 300.0).to_json())
+            moves = until(lambda remote=remote: remote.send(type="beat") or live.moving(), PATIENCE_S / 4.0)
             if moves:
                 yield remote
 
@@ -220,7 +220,7 @@ def test_rt5_a_killed_service_leaves_a_stopped_vehicle_and_a_readable_run(servic
     while not moves:
         loss_s = live.loss_s
         with driving(door, vehicle, live) as remote:
-            lives(live, 2.0, lambda remote=remote: remote.send(do="beat"))
+            lives(live, 2.0, lambda remote=remote: remote.send(type="beat"))
             process.send_signal(signal.SIGSTOP)
             os.waitpid(process.pid, os.WUNTRACED)
             moves = lives(live, 0.05)  # the last command has arrived
@@ -277,10 +277,10 @@ def test_a_block_that_kills_the_service_is_named_after_restart(vehicle, live, tm
     with start_vehicle(vehicle, tmp_path) as (process, door):
         with suppress(RobotUnreachable), connect(str(door)) as remote:
             ready(remote)
-            remote.send(do="mission", door=VERSION, mission=mission.to_json())
-            assert until(lambda: remote.send(do="beat") or live.moving(), PATIENCE_S)
+            remote.send(type="mission", door=VERSION, mission=mission.to_json())
+            assert until(lambda: remote.send(type="beat") or live.moving(), PATIENCE_S)
             if text == "hang()":
-                assert until(lambda: remote.send(do="beat") or mark_file.exists(), PATIENCE_S)
+                assert until(lambda: remote.send(type="beat") or mark_file.exists(), PATIENCE_S)
                 assert until(lambda: not live.moving(), PATIENCE_S)
                 process.send_signal(signal.SIGABRT)
         assert process.wait(PATIENCE_S) == code
@@ -296,7 +296,7 @@ def test_a_block_that_kills_the_service_is_named_after_restart(vehicle, live, tm
         figures = {"kind": "repeat", "run": run, "blocks": "mine.py:Mine", "file": file, "line": line}
         assert reason.figures == figures
         with connect(str(door)) as remote:
-            remote.send(do="clear")
+            remote.send(type="clear")
             ready(remote)
     with start_vehicle(vehicle, tmp_path) as (_, door):
         assert status(door)["state"] == "READY"

@@ -30,7 +30,7 @@ def test_rt1_omitted_ticks_are_counted_with_a_warning(service, robot):
     assert missing.max() >= 4
     assert punctuality(run).level == "warning"
     assert punctuality(run).text.endswith(f" {missing.sum()} were skipped")
-    assert any(m["is"] == "event" and m["message"] == punctuality(run).diagnostic for m in service.messages)
+    assert any(m["type"] == "event" and m["message"] == punctuality(run).diagnostic for m in service.messages)
 
 
 def test_a_stopped_drive_reports_its_punctuality(service, robot):

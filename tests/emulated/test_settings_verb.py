@@ -157,7 +157,7 @@ def test_a_driving_service_is_not_stopped_for_settings(verb, tmp_path, monkeypat
         def answers():
             line, _ = door.accept()
             with line:
-                line.sendall(json.dumps({"is": "state", "state": state, "reason": ""}).encode() + b"\n")
+                line.sendall(json.dumps({"type": "state", "state": state, "reason": ""}).encode() + b"\n")
                 line.recv(1)
 
         service = threading.Thread(target=answers, daemon=True)

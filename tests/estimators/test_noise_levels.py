@@ -96,7 +96,7 @@ def test_monitors_see_the_innovations_with_the_noise_of_the_file():
     np.testing.assert_allclose(ratio, 1.0, atol=0.2)
 
 
-def test_outliers_do_not_change_the_levels():
+def test_outliers_do_not_change_the_noise_levels():
     clean, _ = filtered(1.0, 0.01)
     belief, _ = filtered(1.0, 0.01, "outliers")
     np.testing.assert_allclose(
@@ -112,7 +112,7 @@ def test_an_imu_that_is_shaken_for_three_seconds_does_not_widen_its_gate():
     assert np.all(rejected_shares[1] > 0.6)
 
 
-def test_a_vehicle_at_rest_keeps_the_levels():
+def test_noise_levels_do_not_change_at_rest():
     kernel, n = kernel_of(SMALL.estimator()), 1000
     t_ns, zeros = 10_000_000 * np.arange(1, n + 1), np.zeros((n, 3))
     early, _ = kernel.run(ticks(t_ns, zeros, zeros))
@@ -137,7 +137,7 @@ def test_a_level_follows_the_gradient_of_the_likelihood():
 
 
 @pytest.mark.parametrize("y", [0.0, 3.0])
-def test_levels_stay_bounded(y):
+def test_noise_levels_stay_bounded(y):
     states, levels = layout(SMALL.estimator()), file_levels(3)
     for _ in range(5000):
         S = np.diag(levels.sensors + levels.motion[1])
@@ -147,7 +147,7 @@ def test_levels_stay_bounded(y):
     np.testing.assert_allclose(levels.sensors, bound)
 
 
-def test_the_innovation_covariance_of_the_file_is_that_without_levels():
+def test_the_innovation_covariance_of_the_file_does_not_use_noise_levels():
     states, levels = layout(SMALL.estimator()), NoiseLevels(np.array([4.0, 1.0, 0.25]), np.array([1.0, 9.0]))
     q, p = np.diag([0.5, 2.0, 1.0]), np.diag([0.0, 0.3, 2.0])
     S = levels.sensor_cov(q) + np.diag([1.0, 1.0, 9.0]) @ p

@@ -276,19 +276,19 @@ def route(folder: Path) -> Iterator[Callable[[int], object]]:
 
 
 WORDS = (
-    {"do": "beat"}, {"do": "hand", "u": [0.1, 0.0, 0.2]}, {"do": "mark"}, {"do": "end"}, {"do": "clear"},
-    {"do": "runs"},
-    {"do": "stop",
+    {"type": "beat"}, {"type": "hand", "u": [0.1, 0.0, 0.2]}, {"type": "mark"}, {"type": "end"}, {"type": "clear"},
+    {"type": "runs"},
+    {"type": "stop",
      "reason": {"code": "operator.stopped", "severity": "error", "subject": "", "figures": {}, "fix": ""}},
-    {"do": "fetch", "run": "0001-experiment.mcap"}, {"do": "ping", "token": "x"},
-    {"do": "mission", "mission": "{}", "attended": True, "id": "x", "door": 1},
+    {"type": "fetch", "run": "0001-experiment.mcap"}, {"type": "ping", "token": "x"},
+    {"type": "mission", "mission": "{}", "attended": True, "id": "x", "door": 1},
 )  # fmt: skip
 SAID = (
-    {"is": "state", "state": "READY", "t_ns": 1, "battery_v": 7.4, "reason": None, "code": 0},
-    {"is": "done", "id": "x", "run": "0001-experiment.mcap", "reason": None},
-    {"is": "file", "run": "a", "data": "AAAA", "left": 0},
-    {"is": "refused", "reason": "no", "code": 5},
-    {"is": "runs", "runs": [{"name": "a", "size": 3}]},
+    {"type": "state", "state": "READY", "t_ns": 1, "battery_v": 7.4, "reason": None, "code": 0},
+    {"type": "done", "id": "x", "run": "0001-experiment.mcap", "reason": None},
+    {"type": "file", "run": "a", "data": "AAAA", "left": 0},
+    {"type": "refused", "reason": "no", "code": 5},
+    {"type": "runs", "runs": [{"name": "a", "size": 3}]},
 )
 
 
@@ -343,7 +343,7 @@ class _Guest:
         """Return the messages of the vehicle until it answers the ping after a word; Hang if it does not."""
         token, answer = f"ping-{number}".encode(), b""
         try:
-            self.line.sendall(word + b'\n{"do": "ping", "token": "' + token + b'"}\n')
+            self.line.sendall(word + b'\n{"type": "ping", "token": "' + token + b'"}\n')
             while token not in answer:
                 more = self.line.recv(1 << 20)
                 if not more:

@@ -60,7 +60,7 @@ def test_noise_confirmed_by_an_unseen_run_is_written_unchanged(fit, imu_filter, 
     assert imu_filter.acceptance is None
     assert noise.acceptance is not None
     assert not noise.acceptance.disagrees
-    assert noise.acceptance.message.code == "noise.holds-simulated"
+    assert noise.acceptance.message.code == "noise.consistent-in-simulation"
     assert "heading" in names_in(noise.acceptance.message.figures["nees"])
     with use_language("es"):
         assert not re.search(r"[0-9]\.[0-9]", text(noise.acceptance.message))
@@ -73,7 +73,7 @@ def test_noise_contradicted_by_an_unseen_run_is_estimated_again_over_all_runs(fi
     noisy = drive(40.0, 2, **{"sensors.imu.gyro_noise_std": 5.0 * SMALL.sensors.imu.gyro_noise_std})
     noise = measure_noise(*fit, held_out=[noisy])
     assert noise.acceptance is not None
-    assert noise.acceptance.message.code in ("noise.estimated-again", "noise.still-off")
+    assert noise.acceptance.message.code in ("noise.estimated-again", "noise.still-inconsistent")
     assert "imu[2]" in names_in(noise.acceptance.message.figures["nis"])
     assert variance(noise) + np.sum(noise.fields["velocity_walk_std"][2] ** 2) > 2.0 * (
         variance(imu_filter) + np.sum(imu_filter.fields["velocity_walk_std"][2] ** 2)
@@ -99,7 +99,7 @@ def test_noise_is_rejected_if_the_filter_is_overconfident_in_simulation(fit, uns
     wrong = measure_noise(*fit, held_out=[unseen_run]).acceptance
     assert wrong is not None
     assert wrong.disagrees
-    assert wrong.message.code == "noise.nees-off"
+    assert wrong.message.code == "noise.nees-inconsistent"
     state = wrong.message.figures["states"]
     assert (state.code, state.figures["states"].figures["name"]) == ("noise.too-small-for", "heading")
 

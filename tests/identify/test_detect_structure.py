@@ -57,7 +57,9 @@ def test_a_delayed_command_is_detected(case, u):
     late = np.concatenate([np.zeros((3, 3)), u[:-3]])
     fit = identify(driven_as(case, u, late), case)
     assert fit.verdict == "WARN"
-    assert "--free +model.drivetrain.delay_s" in {r.fix for r in fit.reasons if r.code == "residual.late"}
+    assert "--free +model.drivetrain.delay_s" in {
+        r.fix for r in fit.reasons if r.code == "residual.late-readings"
+    }
 
 
 def test_a_delayed_sensor_is_reported_with_its_clock_and_the_delay_of_the_commands():
@@ -68,7 +70,7 @@ def test_a_delayed_sensor_is_reported_with_its_clock_and_the_delay_of_the_comman
         run, sensors=run.sensors | {"odometer": run.sensors["odometer"]._replace(z=np.roll(z, 6, axis=0))}
     )
     fit = identify(run, car)
-    assert {reason.fix for reason in fit.reasons if reason.code == "residual.late"} <= {
+    assert {reason.fix for reason in fit.reasons if reason.code == "residual.late-readings"} <= {
         "--free +model.drivetrain.delay_s"
     }
     assert "--free +model.drivetrain.delay_s --clock odometer" in {reason.fix for reason in fit.reasons}
@@ -78,7 +80,7 @@ def test_a_delayed_sensor_is_reported_with_its_clock_and_the_delay_of_the_comman
     assert again.run_entries[0, again.run_entry_names.index("clock.odometer")] == pytest.approx(
         -0.12, abs=0.01
     )
-    assert not {"residual.late", "residual.missing-free"} & codes(again.reasons)
+    assert not {"residual.late-readings", "residual.missing-free"} & codes(again.reasons)
 
 
 def test_dry_friction_that_is_not_in_the_file_is_named(case, u):

@@ -82,7 +82,7 @@ def test_gains_of_an_absent_command_are_null_and_reported_once(fits):
     null = [row["name"] for row in fit.rows() if row["estimate"] is None]
     assert null == [f"model.actuator_matrix[{i},1]" for i in range(3)]
     assert len(fit.always_unobservable) == 1
-    assert fit.always_unobservable[0].code == "identifiability.never-sideways"
+    assert fit.always_unobservable[0].code == "identifiability.no-sideways-command"
     assert fit.unobservable == ()
 
 

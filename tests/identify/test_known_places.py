@@ -319,7 +319,7 @@ def test_an_unreadable_measurement_line_is_refused(line, code):
 
 
 def test_a_measurement_line_for_several_runs_must_name_its_run():
-    with pytest.raises(UsageError, check=of_code("tape.of-no-run", valid="a, b")):
+    with pytest.raises(UsageError, check=of_code("tape.run-missing", valid="a, b")):
         read_line("4 s: 1 m", [Ten("a"), Ten("b")])
 
 
@@ -345,7 +345,7 @@ def taped_fit(small, taped_runs):
 
 
 def test_a_wrong_tape_measurement_of_a_later_run_is_reported_in_metres(taped_fit):
-    far = [reason for reason in taped_fit.reasons if reason.code == "residual.one-far"]
+    far = [reason for reason in taped_fit.reasons if reason.code == "residual.outlier"]
     assert len(far) == 1
     assert (far[0].subject, far[0].figures["measurement"], far[0].figures["unit"]) == ("tape[0]", 4.0, "m")
 

@@ -58,7 +58,7 @@ def test_an_indefinite_matrix_is_corrected_and_reported():
     Q = positive_definite(bad, np.full(3, 1e-8), "Q", notes)
     np.linalg.cholesky(Q)
     assert [(note.code, note.subject) for note in notes] == [
-        ("noise.lifted", "Q"),
+        ("noise.raised", "Q"),
         ("noise.correlations-reduced", "Q"),
     ]
     assert notes[0].figures == {"count": 1, "total": 3}

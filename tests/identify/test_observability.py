@@ -24,7 +24,7 @@ def test_id1_straight_driving_leaves_turning_parameters_unobservable_with_a_reme
     notes = {note.subject: note for note in fit.unobservable}
     note = notes["model.friction.linear[2]"]
     assert (note.code, note.figures["value"], note.figures["advice"].code) == (
-        "identifiability.not",
+        "identifiability.fixed",
         500.553,
         "identifiability.needs",
     )
@@ -60,7 +60,7 @@ def test_an_unobservable_mass_is_not_reported(case, case_run):
     assert fit.start[0] == 1.6
     assert fit.value("model.actuator_matrix[0,0]") == pytest.approx(1.6 / 1.47, rel=5e-3)
     (collinear,) = fit.unobservable
-    assert (collinear.code, collinear.subject) == ("identifiability.tied", "model.mass_kg")
+    assert (collinear.code, collinear.subject) == ("identifiability.collinear", "model.mass_kg")
     assert "the scale" in collinear.figures["advice"].figures["tool"]
 
 
@@ -90,7 +90,7 @@ def test_one_channel_far_from_the_model_is_refused_by_name():
     wrapped = replace(run, sensors=run.sensors | {"odometer": run.sensors["odometer"]._replace(z=z)})
     fit = identify(wrapped, car)
     assert fit.verdict == "REFUSED"
-    assert (fit.reasons[0].code, fit.reasons[0].subject) == ("fit.far-channel", "odometer[0]")
+    assert (fit.reasons[0].code, fit.reasons[0].subject) == ("fit.channel-far-from-model", "odometer[0]")
     assert fit.reasons[0].figures["ratio"] > 3.0
     assert identify(run, car).verdict != "REFUSED"
 
@@ -108,14 +108,14 @@ def test_weakly_separable_parameters_are_named_with_an_informative_motion(case):
     assert fit.verdict == "WARN"
     reasons = {reason.subject: reason for reason in fit.reasons}
     near = reasons["model.friction.quadratic[1]"]
-    assert near.code == "identifiability.weakly-beside"
+    assert near.code == "identifiability.poor-pair"
     assert near.figures["others"] == "friction.linear[0], friction.linear[1], friction.quadratic[0]"
     motion = "sliding sideways both slowly and fast, as in turns at many speeds"
     assert near.figures["advice"].figures["motion"].startswith(motion)
     weak = reasons["model.actuator_matrix[1,2]"]
     assert (weak.code, weak.figures["reason"].code) == (
-        "identifiability.weakly",
-        "identifiability.hardly-sideways",
+        "identifiability.poor",
+        "identifiability.little-sideways",
     )
 
 
@@ -124,8 +124,8 @@ def test_sideways_friction_without_sideways_motion_is_reported_as_unobservable(c
     fit = identify(simulate(case, u, 1), case)
     note = {reason.subject: reason for reason in fit.unobservable}["model.friction.linear[1]"]
     assert (note.code, note.figures["reason"].code) == (
-        "identifiability.not",
-        "identifiability.hardly-sideways",
+        "identifiability.fixed",
+        "identifiability.little-sideways",
     )
 
 
@@ -134,7 +134,7 @@ def test_never_observable_parameters_are_reported_once_without_a_warning(case, c
     assert fit.verdict == "USABLE"
     assert fit.unobservable == ()
     assert len(fit.always_unobservable) == 1
-    assert fit.always_unobservable[0].code == "identifiability.never-sideways"
+    assert fit.always_unobservable[0].code == "identifiability.no-sideways-command"
     assert (
         fit.always_unobservable[0].figures["names"]
         == "actuator_matrix[0,1], actuator_matrix[1,1], actuator_matrix[2,1]"
@@ -143,7 +143,7 @@ def test_never_observable_parameters_are_reported_once_without_a_warning(case, c
 
 def test_full_commands_do_not_separate_dead_zone_from_gain(small):
     fit = identify(simulate(small, excitation("prbs", small.command.limit, 20.0, 100.0, 1), 1), small)
-    collinear = [reason for reason in fit.unobservable if reason.code == "identifiability.tied"]
+    collinear = [reason for reason in fit.unobservable if reason.code == "identifiability.collinear"]
     labels = [f"{reason.subject}, {reason.figures['others']}" for reason in collinear]
     assert any("drivetrain.dead_zone_forward[0]" in names for names in labels)
     motion = "forward commands just above the dead zone of the first motor"

@@ -49,7 +49,7 @@ def test_runs_inside_the_dead_zone_are_named_but_the_fit_is_usable():
     assert np.mean([c.explained_fraction for c in runs]) < -1.0
     e = evidence(runs)
     assert verdict_of(e)[0] == "USABLE"
-    (message,) = [reason for reason in remarks(e) if reason.code == "runs.hardly-moved"]
+    (message,) = [reason for reason in remarks(e) if reason.code == "runs.little-motion"]
     assert message.figures == {"count": 2, "total": 28, "runs": "step 26, step 27"}
 
 
@@ -57,7 +57,7 @@ def test_a_moving_run_that_contradicts_the_model_gives_a_warning():
     e = evidence([step(k, 0.5, 0.5) for k in range(6)] + [step(6, 0.5, -0.5)])
     verdict, reasons = verdict_of(e)
     assert verdict == "WARN"
-    (message,) = [reason for reason in reasons if reason.code == "runs.unlike-others"]
+    (message,) = [reason for reason in reasons if reason.code == "runs.unlike-model"]
     assert message.figures == {"count": 1, "total": 7, "runs": "step 6"}
 
 
@@ -69,7 +69,7 @@ def test_a_fit_with_wide_errors_names_motion_or_model_as_the_cause(autocorrelati
     e = e._replace(poorly_identified=np.ones(1), autocorrelation=np.full(1, autocorrelation))
     verdict, reasons = verdict_of(e)
     assert verdict == "REFUSED"
-    (weak,) = [reason for reason in reasons if reason.code == "fit.most-weak"]
+    (weak,) = [reason for reason in reasons if reason.code == "fit.most-poor"]
     assert weak.figures["reason"].code == cause
 
 
@@ -91,7 +91,7 @@ def test_the_squares_of_a_channel_are_in_units_of_its_noise():
 def test_a_channel_that_contradicts_the_model_in_most_runs_is_refused():
     verdict, reasons = verdict_of(evidence([step(k, 0.5, -0.5) for k in range(6)] + [step(6, 0.5, 0.5)]))
     assert verdict == "REFUSED"
-    assert reasons[0].code == "fit.far-channel"
+    assert reasons[0].code == "fit.channel-far-from-model"
 
 
 def test_many_short_runs_at_constant_speed_identify_the_gain():

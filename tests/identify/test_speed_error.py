@@ -58,7 +58,7 @@ def test_wrong_dead_zones_are_an_offset_of_the_speed():
     assert claimed_std(ekf, 0.1) / 0.1 > 1.5 * claimed_std(ekf, 0.4) / 0.4
 
 
-def test_the_errors_of_turns_are_part_of_the_claim():
+def test_the_reported_speed_error_contains_the_errors_in_turns():
     """In turns, wheels cross their dead zones: over all rows the claim has the variance that the fit predicts."""
     commands = random_steps([1.0, 0.0, 1.0], 60.0, SMALL.rate_hz, 1, hold_s=1.0)
     zones = [f"model.drivetrain.dead_zone_forward[{k}]" for k in (0, 1)]
@@ -75,7 +75,7 @@ def test_the_errors_of_turns_are_part_of_the_claim():
     assert np.mean(claimed) == pytest.approx(np.mean(predicted[rows]), rel=0.1)
 
 
-def test_without_an_error_of_the_fit_the_data_sheets_decide():
+def test_without_errors_of_a_fit_the_data_sheet_gives_the_speed_error():
     ekf = SMALL.estimator()
     assert with_speed_error(ekf, fit_with([FORCE], [np.nan]), [RUN]) is ekf
     kappa, nu = np.array([0.02, 0.01, 0.03, 0.0]), np.array([0.3, 0.1, 1.0])

@@ -40,14 +40,14 @@ def test_a_track_within_the_scales_or_a_fitted_track_is_accepted(run):
     assert track_of(run, 0.2, "sensors.wheels.track_m") == []
 
 
-def test_noisy_wheels_do_not_look_further_apart(run):
+def test_noise_of_the_wheel_speeds_does_not_change_the_estimated_track(run):
     z = run.sensors["wheels"].z + np.random.default_rng(0).normal(0.0, 0.08, run.sensors["wheels"].z.shape)
     noisy = {**run.sensors, "wheels": run.sensors["wheels"]._replace(z=z)}
     assert track_of(type(run)(run.name, None, run.t_ns, run.applied_commands, sensors=noisy), TRACK_M) == []
 
 
 @pytest.mark.parametrize(("guess", "finds"), [(10.0, True), (60.0, False)])
-def test_a_guess_with_which_wheels_slide_in_turns_is_named_with_a_value_of_tyres(guess, finds):
+def test_a_sideways_friction_too_small_for_tyres_is_reported_with_a_typical_value(guess, finds):
     """The gyro of a vehicle with its mass on the axle does not show how it stops sideways."""
     small = load("small").with_values({"model.centre_of_mass_x_m": 0.0})
     gyro_run = simulate(small, random_steps(small.command.limit, 20.0, small.rate_hz, 5), 5)

@@ -353,7 +353,7 @@ def test_the_residuals_of_a_fit_are_drawn_over_time(results):
 def test_messages_on_a_page_are_ordered_by_severity(results):
     notes = (
         note("fit.duty-step", steps=255),
-        note("fit.most-weak", Severity.WARNING, total=9, weak_count=5, reason=""),
+        note("fit.most-poor", Severity.WARNING, total=9, weak_count=5, reason=""),
     )
     section = sections_of_fit(replace(results["fit"], notes=notes), reasons=False)[0]
     assert section.text.index("poorly identified") < section.text.index("duty_step was added")

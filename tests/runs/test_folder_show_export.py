@@ -225,7 +225,7 @@ def test_a_tum_file_has_full_time_and_heading(run, tmp_path):
     assert t == f"{run.truth.t_ns[0] // 10**9}.{run.truth.t_ns[0] % 10**9:09d}"
     assert [float(x), float(y), float(z)] == [*run.truth.eta[0, :2], 0.0]
     assert 2 * np.arctan2(float(qz), float(qw)) == pytest.approx(run.truth.eta[0, 2])
-    with refused("runs.file-in-the-way", FileError):
+    with refused("runs.file-exists", FileError):
         export_tum(run, tmp_path / "x.tum")
     with refused("runs.no-trajectory", UsageError, value="camera", trajectories="estimate, reference, truth"):
         export_tum(run, tmp_path / "y.tum", "camera")

@@ -35,7 +35,7 @@ def test_an_imported_run_is_stored_with_its_map(lab, tmp_path):
     assert includes(read_back.events[0].diagnostic, "recording.no-command-yet", count=1)
 
 
-def test_the_in_force_key_until_shifts_commands_by_one_tick(lab):
+def test_a_command_valid_until_the_time_of_its_row_acts_one_tick_earlier(lab):
     late = lab.run().run
     early = lab.edit('in_force = "from"', 'in_force = "until"').run().run
     assert early.t_ns[1] == late.t_ns[0]

@@ -31,9 +31,7 @@ z = [{ column = "ax", unit = "m/s^2" }, { column = "ay", unit = "m/s^2" }, { col
         (0.005, lambda g: g * 9.80665, None),
     ],
 )
-def test_steps_or_noise_of_an_accelerometer_reveal_g_but_not_a_modern_one(
-    tmp_path, noise_m_s2, convert, finding
-):
+def test_the_steps_or_the_noise_of_an_accelerometer_in_g_are_reported(tmp_path, noise_m_s2, convert, finding):
     """A slow robot with a modern accelerometer: 0.005 m/s² of noise and accelerations of at most 1 m/s²."""
     rng, t = np.random.default_rng(5), np.arange(1500) * 0.02
     u = np.where(t > 5.0, np.sin(t), 0.0)

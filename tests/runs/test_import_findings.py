@@ -58,6 +58,7 @@ def write_unit(unit, key):
     return "recording.write-unit", {"column_unit": unit, "key": key}
 
 
+UNIT_RATIO = "recording.unit-ratio", {"ratio": pytest.approx(DEG)}
 INVERTED = "recording.write-scale", {"scale": "-1"}
 MIRRORED = "recording.mirrored", {"mirrored_agreement": pytest.approx(1.0, abs=0.01)}
 
@@ -66,11 +67,11 @@ MIRRORED = "recording.mirrored", {"mirrored_agreement": pytest.approx(1.0, abs=0
     ("damage", "cause", "line"),
     [
         (in_scale("wz", DEG), against_truth(IMU[2], DEG), write_unit("deg/s", IMU[2])),
-        (in_scale("wz", 1 / DEG), against_truth(IMU[2], 1 / DEG), ("recording.twice", {"ratio": pytest.approx(DEG)})),
+        (in_scale("wz", 1 / DEG), against_truth(IMU[2], 1 / DEG), UNIT_RATIO),
         (in_scale("wz", -1.0), against_truth(IMU[2], -1.0), INVERTED),
         (in_scale("wz", 1.7), against_truth(IMU[2], 1.7), ("recording.check-unit-and-scale", {})),
         (in_scale("speed", 3.6), against_truth(SPEED, 3.6), write_unit("km/h", SPEED)),
-        (in_scale("speed", 100.0), too_much(SPEED, 161.0), ("recording.perhaps", {"line": 'unit = "mm/s"'})),
+        (in_scale("speed", 100.0), too_much(SPEED, 161.0), ("recording.possible-line", {"line": 'unit = "mm/s"'})),
         (in_scale("speed", -1.0), against_truth(SPEED, -1.0), INVERTED),
         (in_scale("ay", 1 / 9.80665), against_motion(IMU[1], 1 / 9.80665), write_unit("g", IMU[1])),
         (in_scale("ay", 0.03), against_motion(IMU[1], 0.03),
@@ -78,14 +79,14 @@ MIRRORED = "recording.mirrored", {"mirrored_agreement": pytest.approx(1.0, abs=0
         (in_scale("ay", -1.0), against_motion(IMU[1], -1.0), INVERTED),
         (in_scale("ax", 1000.0), too_much(IMU[0], 380.5), write_unit("mm/s^2", IMU[0])),
         (swap_columns("board", "ax", "ay"), ("recording.axes-swapped", {}), ("recording.swap-axes", {})),
-        (swap_columns("board", "throttle", "steer"), ("recording.other-steers", {"command": "throttle"}),
+        (swap_columns("board", "throttle", "steer"), ("recording.other-steering", {"command": "throttle"}),
          ("recording.swap-commands", {})),
         (in_scale("throttle", 100.0), throttle_of(64.0), ("recording.write-percent-or-full", {"full_command": "255"})),
         (in_scale("throttle", 2000.0), throttle_of(1280.0), ("recording.write-full", {"full_command": "4095"})),
         (swap_columns("camera", "x", "y"), MIRRORED, ("recording.write-mirrored", {})),
         (camera("yaw", -1.0), MIRRORED, ("recording.write-mirrored", {})),
         (camera("yaw", DEG), ("recording.truth-turns", {"rate_rad_s": pytest.approx(78.0, rel=0.01)}),
-         ("recording.perhaps", {"line": 'unit = "deg"'})),
+         ("recording.possible-line", {"line": 'unit = "deg"'})),
     ],
 )  # fmt: skip
 def test_data_that_contradict_the_map_are_refused_with_a_remedy(lab, damage, cause, line):
@@ -98,13 +99,13 @@ def test_data_that_contradict_the_map_are_refused_with_a_remedy(lab, damage, cau
 def test_positions_in_millimetres_given_as_metres_are_refused(lab):
     lab.camera["x"], lab.camera["y"] = 1e3 * lab.camera["x"], 1e3 * lab.camera["y"]
     reason = lab.refused("recording.truth-fast", speed_m_s=pytest.approx(1581.0, rel=0.01))
-    assert includes(reason, "recording.perhaps", line='unit = "mm"')
+    assert includes(reason, "recording.possible-line", line='unit = "mm"')
 
 
 def test_a_camera_rotated_against_the_heading_is_refused(lab):
     lab.camera["yaw"] = lab.camera["yaw"] - np.pi / 2
     turned = {"offset_deg": pytest.approx(-90.0, abs=0.1), "opposite_deg": pytest.approx(90.0, abs=0.1)}
-    reason = lab.refused("recording.beside", **turned)
+    reason = lab.refused("recording.camera-turned", **turned)
     assert includes(reason, "recording.write-offset", offset="-1.570", backward_offset="1.572")
     assert lab.edit('"yaw", unit = "rad"', '"yaw", unit = "rad", offset = 1.571').codes() == [
         "no command yet"
@@ -262,7 +263,7 @@ def test_repeated_samples_are_reported(lab):
     (finding,) = (d for d in lab.run().findings if d.code == "repeated samples")
     figures = finding.reason.figures
     assert (finding.reason.code, round(figures["share"], 2), round(figures["period_rows"], 1)) == (
-        "recording.held",
+        "recording.repeated-rows",
         0.8,
         5.0,
     )

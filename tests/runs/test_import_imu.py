@@ -50,7 +50,7 @@ def test_a_compass_that_counts_clockwise_is_refused_with_the_line_to_write(lab):
     lab.board["bearing"] = np.mod(90.0 - np.degrees(heading), 360.0)
     lab.edit("[truth]", COMPASS)
     reason = lab.refused(
-        "recording.turns-against", wheels="sensors.compass.z[0]", reference="sensors.imu.z[2]"
+        "recording.yaw-rates-opposite", wheels="sensors.compass.z[0]", reference="sensors.imu.z[2]"
     )
     assert includes(reason, "recording.write-compass", scale="-1", compass="sensors.compass.z[0]")
     lab.edit('"bearing", unit = "deg"', '"bearing", unit = "deg", scale = -1.0, offset = 1.5707963')

@@ -28,8 +28,10 @@ def test_wheels_consistent_with_the_gyro_give_no_warning(lab, track_m, truth):
 
 def test_an_inverted_gyro_is_detected_by_wheels_and_accelerometer(lab):
     lab.board["wz"] = -lab.board["wz"]
-    reason = by_wheels(lab).refused("recording.turns-against", wheels="[sensors.wheels]", reference=IMU[2])
-    assert includes(reason, "recording.and-sideways", key=IMU[1])
+    reason = by_wheels(lab).refused(
+        "recording.yaw-rates-opposite", wheels="[sensors.wheels]", reference=IMU[2]
+    )
+    assert includes(reason, "recording.cause-and-contradiction", key=IMU[1])
     assert includes(reason, "recording.write-gyro", gyro=IMU[2], scale="-1")
     assert not includes(reason, "recording.against-motion", key=IMU[1])
     mended_lab = lab.edit('"wz", unit = "rad/s"', '"wz", unit = "rad/s", scale = -1')
@@ -43,7 +45,7 @@ def test_swapped_wheels_and_an_inverted_imu_are_named_as_possible_causes(lab, fl
         lab.board["wz"], lab.board["ay"] = -lab.board["wz"], -lab.board["ay"]
     else:
         lab.board["l"], lab.board["r"] = lab.board["r"], lab.board["l"]
-    reason = lab.refused("recording.turns-against", correlation=pytest.approx(-1.0))
+    reason = lab.refused("recording.yaw-rates-opposite", correlation=pytest.approx(-1.0))
     either = {"wheels": "[sensors.wheels]", "gyro": IMU[2], "scale": "-1"}
     assert includes(reason, "recording.swap-or-upside-down", **either)
     assert not includes(reason, "recording.against-motion")
@@ -52,7 +54,7 @@ def test_swapped_wheels_and_an_inverted_imu_are_named_as_possible_causes(lab, fl
 def test_swapped_wheels_are_detected_by_the_camera(lab):
     by_wheels(lab, truth=True)
     lab.board["l"], lab.board["r"] = lab.board["r"], lab.board["l"]
-    reason = lab.refused("recording.turns-against", wheels="[sensors.wheels]", reference="[truth]")
+    reason = lab.refused("recording.yaw-rates-opposite", wheels="[sensors.wheels]", reference="[truth]")
     assert includes(reason, "recording.swap-wheels", wheels="[sensors.wheels]")
 
 
@@ -71,4 +73,6 @@ def test_wheels_uncorrelated_with_the_gyro_are_reported(lab):
     noise = np.random.default_rng(2).normal(size=1500)
     lab.board["r"] = lab.board["l"] + noise
     (finding,) = (d for d in lab.run().findings if d.code == "unrelated")
-    assert includes(finding.reason, "recording.turns-otherwise", wheels="[sensors.wheels]", reference=IMU[2])
+    assert includes(
+        finding.reason, "recording.yaw-rates-disagree", wheels="[sensors.wheels]", reference=IMU[2]
+    )

@@ -127,7 +127,7 @@ def test_a_run_recorded_by_ticks_equals_a_run_written_at_once(run, tmp_path):
 def test_diagnostics_of_events_are_read_back_unchanged(run, tmp_path):
     cause = stop(StopReason.UNO_RESET, cause="brown-out")
     message = note(
-        "drive.line-in-trouble", Severity.WARNING, "look", lost_frames=3, share=1.0 / 3.0, cause=cause
+        "drive.line-stopped", Severity.WARNING, "look", lost_frames=3, share=1.0 / 3.0, cause=cause
     )
     with RunWriter(tmp_path / "x.mcap", run.vehicle_text) as writer:
         for record in records(run, run.sensors):

@@ -106,7 +106,7 @@ def test_a_wrong_unit_is_reported_without_a_speed_sensor(tmp_path, mistake, rate
 def test_a_slow_gyro_in_degrees_is_reported(tmp_path):
     slow = findings(tmp_path, 10.0, False, {"gz": lambda x: 0.1 * x * DEGREES + 1.5})
     assert includes(slow, "recording.gyro-at-rest", key="sensors.imu.z[2]")
-    assert includes(slow, "recording.if-in", unit_name="deg/s")
+    assert includes(slow, "recording.unit-entry", unit_name="deg/s")
     spins = findings(tmp_path, 10.0, False, {"gz": lambda x: np.where(np.abs(x) > 0.1, 10.0 * x, x)})
     assert includes(spins, "recording.fast-turns", turns=pytest.approx(2.4, abs=0.05))
 

@@ -166,7 +166,7 @@ def test_each_missed_limit_of_the_study_is_a_reason(bars, message):
 
 
 def test_a_poorly_identified_parameter_does_not_change_the_study_verdict():
-    study = study_of(case="matched", reasons=(("fit.weak", "fit"),))
+    study = study_of(case="matched", reasons=(("fit.poor", "fit"),))
     assert study.verdict == "USABLE", study.reasons
 
 

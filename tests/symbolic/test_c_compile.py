@@ -130,7 +130,7 @@ def test_a_library_that_cannot_be_loaded_is_a_compile_error(monkeypatch, cache):
 
     compile.find_compiler()
     monkeypatch.setattr(compile, "_build", fail_build)
-    with refused("compiler.trouble", compile.CompileError):
+    with refused("compiler.no-library", compile.CompileError):
         compile.load_library(answer(48))
 
 

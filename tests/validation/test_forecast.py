@@ -105,7 +105,7 @@ def test_the_forecast_error_over_a_lap_matches_drawn_vehicles(each):
     )
     (_, u), _ = _lap(fit, paths, np.array([value(fit.blocks, path) for path in paths]), route)
     position, heading = spread(fit, u)
-    assert lap.message.code == "forecast.off"
+    assert lap.message.code == "forecast.error"
     assert lap.drive == note("forecast.lap-of", name="lab")
     assert lap.distance_m == pytest.approx(6.1, rel=0.05)
     assert lap.position_m == pytest.approx(position, rel=0.15)

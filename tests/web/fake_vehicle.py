@@ -14,7 +14,7 @@ from tests.web.page_client import WAIT_S
 
 COLUMNS = ["t", "eta.x", "u.0", "z.imu[2]", "nis", "progress", "cross"]
 VEHICLE = {
-    "is": "vehicle",
+    "type": "vehicle",
     "name": "small",
     "world": "simulated",
     "command": [{"name": "u_x", "low": -1, "high": 1}],
@@ -28,25 +28,25 @@ class FakeLink:
         self.messages, self.gone = [], False
         self.on_word = lambda word: None
 
-    def send(self, do, **words):
+    def send(self, request, **words):
         if self.gone:
-            raise RobotUnreachable(note("web.service-gone", Severity.ERROR))
-        self.messages.append({"do": do} | words)
+            raise RobotUnreachable(note("web.service-ended", Severity.ERROR))
+        self.messages.append({"type": request} | words)
 
     async def receive(self, on_word):
         self.on_word = on_word
         await asyncio.Event().wait()
 
     def requests(self, *kinds):
-        return [word for word in self.messages if word["do"] in kinds]
+        return [word for word in self.messages if word["type"] in kinds]
 
     def frame(self, t, rows=1, **values):
         row = {"t": t} | values
         x = [[row.get(name) if name != "t" else t + 0.01 * k for name in COLUMNS] for k in range(rows)]
-        self.on_word({"is": "frame", "t_ns": 0, "n": 1, "x": x})
+        self.on_word({"type": "frame", "t_ns": 0, "n": 1, "x": x})
 
     def state(self, state="READY", **more):
-        self.on_word({"is": "state", "state": state} | more)
+        self.on_word({"type": "state", "state": state} | more)
 
 
 @asynccontextmanager
@@ -62,7 +62,7 @@ async def live_page(tmp_path, **options):
     hearing = asyncio.create_task(live.run())
     await asyncio.sleep(0)
     link.on_word(VEHICLE)
-    link.on_word({"is": "fields", "names": COLUMNS, "units": ["s", "m", "duty", "rad/s", "1", "m", "m"]})
+    link.on_word({"type": "fields", "names": COLUMNS, "units": ["s", "m", "duty", "rad/s", "1", "m", "m"]})
     link.state()
     try:
         async with server:

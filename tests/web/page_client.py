@@ -77,7 +77,7 @@ class Browser:
 
     async def send(self, word: str, **more: Any) -> None:
         """Send a message."""
-        await self.line.send(json.dumps({"is": word, **more}))
+        await self.line.send(json.dumps({"type": word, **more}))
 
     async def request(self, question: str, **more: Any) -> dict[str, Any]:
         """Send a request and return the answer."""
@@ -95,7 +95,7 @@ class Browser:
                 self.frames.append(data)
                 continue
             word = json.loads(data)
-            if word["is"] in kinds and values.items() <= word.items() and where(word):
+            if word["type"] in kinds and values.items() <= word.items() and where(word):
                 return word
 
     def rows(self, stream: int, columns: int) -> np.ndarray:

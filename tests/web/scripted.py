@@ -184,7 +184,7 @@ class ScriptedServer:
         self._showing = threading.Lock()  # no frame between the history of a guest and its first picture
 
     def __enter__(self) -> "ScriptedServer":
-        self._server = serve(self._guest, "127.0.0.1", 0, process_request=_file, subprotocols=["baqueano.2"])  # pyright: ignore
+        self._server = serve(self._guest, "127.0.0.1", 0, process_request=_file, subprotocols=["baqueano.3"])  # pyright: ignore
         self.port = self._server.socket.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}/"
         for work in (self._server.serve_forever, self._drive):
@@ -196,7 +196,7 @@ class ScriptedServer:
         self._server.shutdown()
 
     def words(self, kind: str) -> list[dict[str, Any]]:
-        return [word for _, word in list(self.messages) if word["is"] == kind]
+        return [word for _, word in list(self.messages) if word["type"] == kind]
 
     def drop(self) -> None:
         """Close every connection."""
@@ -215,7 +215,7 @@ class ScriptedServer:
     def _state(self, language: str) -> dict[str, Any]:
         title, sentence = SENTENCES[language].get(self.state, (self.state, ""))
         return {
-            "is": "state",
+            "type": "state",
             "state": self.state,
             "mission": {"kind": self.kind} if self.kind else None,
             "lap": 2,
@@ -232,8 +232,8 @@ class ScriptedServer:
     def _hello(self, language: str) -> dict[str, Any]:
         live = self.mode == "live"
         return {
-            "is": "hello",
-            "protocol": 2,
+            "type": "hello",
+            "protocol": 3,
             "role": "drive" if live else "view",
             "mode": self.mode,
             "vehicle": self._vehicle(),
@@ -280,37 +280,37 @@ class ScriptedServer:
 
     def _word(self, guest: ServerConnection, word: dict[str, Any]) -> None:
         self.messages.append((time.monotonic(), word))
-        if word["is"] == "take":
+        if word["type"] == "take":
             self.holder = guest
             self._lease()
-        elif word["is"] == "give":
+        elif word["type"] == "give":
             self.holder = None
             self._lease()
-        elif word["is"] == "stop":
+        elif word["type"] == "stop":
             self.go("STOPPED")
-        elif word["is"] == "clear":
+        elif word["type"] == "clear":
             self.go("READY")
-        elif word["is"] == "open":
+        elif word["type"] == "open":
             self._open(guest, word["run"], word.get("ghost"), word.get("filter"))
-        elif word["is"] == "identify" and word["on"]:
+        elif word["type"] == "identify" and word["on"]:
             guest.send(json.dumps(fit_taught(self._language(guest), live=True)))
-        elif word["is"] == "ask":
+        elif word["type"] == "ask":
             fitting = word["question"] == "identify"
             more = fit_taught(self._language(guest), live=False) if fitting else answer_to(word)
-            guest.send(json.dumps({"is": "answer", "to": "ask", "id": word["id"]} | more))
-        elif word["is"] in ("pause", "go"):
-            self.paused = word["is"] == "pause" or "ticks" in word
+            guest.send(json.dumps({"type": "answer", "to": "ask", "id": word["id"]} | more))
+        elif word["type"] in ("pause", "go"):
+            self.paused = word["type"] == "pause" or "ticks" in word
             self.go(self.state, self.kind)
-        elif word["is"] == "pace":
+        elif word["type"] == "pace":
             self.pace = word["factor"]
             self.go(self.state, self.kind)
-        elif word["is"] == "shake":
+        elif word["type"] == "shake":
             self.put(self.faults.take(word, self.tick / RATE, self._language(guest)))
-        elif word["is"] == "set":
+        elif word["type"] == "set":
             self.gains[word["path"]] = word["value"]
             for visitor, _ in list(self.guests):
                 visitor.send(
-                    json.dumps({"is": "blocks", "blocks": BLOCKS, "gains": self.gains, "swapped": {}})
+                    json.dumps({"type": "blocks", "blocks": BLOCKS, "gains": self.gains, "swapped": {}})
                 )
 
     def _language(self, guest: ServerConnection) -> str:
@@ -321,7 +321,7 @@ class ScriptedServer:
             guest.send(
                 json.dumps(
                     {
-                        "is": "lease",
+                        "type": "lease",
                         "driver": "guest 1" if self.holder else None,
                         "until_ms": 300,
                         "you": self.holder is guest,
@@ -340,7 +340,7 @@ class ScriptedServer:
                 {"t": 30.0, "severity": "info", "source": "mark", "text": "mark 1"},
             ]
             head = {
-                "is": "answer",
+                "type": "answer",
                 "to": "open",
                 "stream": stream,
                 "run": about,
@@ -358,7 +358,7 @@ class ScriptedServer:
             for first in (0, 4096):
                 guest.send(packed_rows(stream << 24 | 1, first, min(4096, 4160 - first), off))
             guest.send(
-                json.dumps({"is": "answer", "to": "open", "stream": stream, "done": True, "seconds": 41.6})
+                json.dumps({"type": "answer", "to": "open", "stream": stream, "done": True, "seconds": 41.6})
             )
 
     def _drive(self) -> None:

@@ -87,18 +87,18 @@ def answer_to(word: dict[str, Any]) -> dict[str, Any]:
         return {"side": side, "costs": costs, "seconds": 0.4}
     if word["question"] == "downhill":
         best = [gain["best"] for gain in GAINS]
-        way = [
+        path = [
             [g + part * (w - g) for g, w in zip(word["gains"], best, strict=True)]
             for part in (0, 0.4, 0.8, 1)
         ]
         places = [[math.log1p(g / gain["high"] * math.expm1(7)) / 7 for g, gain in zip(gains, GAINS, strict=True)]
-                  for gains in way]  # fmt: skip
-        costs = [lap_of(gains)["cost"] for gains in way]
+                  for gains in path]  # fmt: skip
+        costs = [lap_of(gains)["cost"] for gains in path]
         return {
-            "way": way,
+            "path": path,
             "places": places,
             "cost": costs[-1],
-            "before": costs[0],
+            "start_cost": costs[0],
             "laps": 23,
             "seconds": 0.2,
         }

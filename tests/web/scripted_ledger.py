@@ -36,7 +36,7 @@ def ledger(language: str) -> dict[str, Any]:
           "durante 5,0 s: NIS a lo sumo 1,05. Ningún otro sensor muestra este movimiento, así que nada contradice a "
           "imu[2].")),
     ]  # fmt: skip
-    return {"is": "ledger", "rows": [
+    return {"type": "ledger", "rows": [
         {"number": n, "t_s": t_s, "until_s": until_s, "ended": until_s is not None, "fault": of, "text": subject[k],
          "detections": [{"detector": detector, "after_s": after_s, "text": text[k]}
                         for detector, after_s, text in detections],
@@ -56,7 +56,7 @@ class Faults:
         if "end" in word:
             self.rows[word["end"] - 1] |= {"ended": True, "until_s": t_s}
         else:
-            fields = {name: value for name, value in word.items() if name not in ("is", "robot")}
+            fields = {name: value for name, value in word.items() if name not in ("type", "robot")}
             fault, number = Fault.parse(fields | {"at_s": t_s}), len(self.rows) + 1
             with use_language(language):
                 subject = text(fault.message(number))
@@ -64,4 +64,4 @@ class Faults:
                 "number": number, "t_s": t_s, "until_s": None, "ended": fault.kind == "push", "fault": fault.to_json(),
                 "text": subject, "detections": [], "missed_by": [], "undetected": None,
             })  # fmt: skip
-        return {"is": "ledger", "rows": self.rows}
+        return {"type": "ledger", "rows": self.rows}

@@ -51,8 +51,8 @@ def fit_taught(language: str, live: bool) -> dict[str, Any]:
     motion = ("drive straight in short pulses, forward and then backward, 4 s",
               "maneje derecho a impulsos, hacia adelante y después hacia atrás, 4 s")  # fmt: skip
     word = {
-        "of": "live", "t": 26.0, "start": 0.0 if not live else 34.0, "dt": 0.2, "rate": rate, "bits": 117.3, "now": now,
-        "before": [min(1.0, 1.35 * std) for std in now], "compiled": True, "busy": False, "first": 8.0,
+        "of": "live", "t": 26.0, "start": 0.0 if not live else 34.0, "dt": 0.2, "rate": rate, "bits": 117.3, "std": now,
+        "former_std": [min(1.0, 1.35 * std) for std in now], "compiled": True, "busy": False, "first": 8.0,
         "reason": None, "fit": fit,
         "parameters": [
             {"path": path, "label": label[k], "unit": unit, "guess": value, "needs": None if j else needs[k]}
@@ -61,6 +61,6 @@ def fit_taught(language: str, live: bool) -> dict[str, Any]:
         "next": {"motion": motion[k], "label": KNOWN[1][1][k], "from": 0.29, "to": 0.13},
     }  # fmt: skip
     if live:
-        return {"is": "identify"} | word
+        return {"type": "identify"} | word
     deviations = [[min(1.0, std * (41.6 / (0.4 * (j + 1))) ** 0.5) for std in now] for j in range(104)]
     return word | {"expected": deviations, "step_s": 0.4, "fits": [fit | {"t": 8.0}, fit]}

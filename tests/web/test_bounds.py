@@ -29,9 +29,9 @@ async def test_ne5_messages_are_limited_in_size_and_rate(folder):
             (" " * 17000, 1009),
             (b"binary", 1003),
             ("[1]", 1008),
-            ('{"is": 3}', 1008),
+            ('{"type": 3}', 1008),
             ("{", 1008),
-            ('{"is": "ask", "question": "ping", "id": %s}' % ("[" * 600 + "]" * 600), 1008),
+            ('{"type": "ask", "question": "ping", "id": %s}' % ("[" * 600 + "]" * 600), 1008),
         ):
             async with browser(server) as visitor:
                 await visitor.line.send(frame)
@@ -86,7 +86,7 @@ async def test_ne5_the_question_of_a_browser_waits_for_one_question_of_another_b
     begun, may_end, exchange = [], asyncio.Event(), WorkerClient._exchange
 
     async def slow(lab, request):
-        if request["do"] != "check":
+        if request["type"] != "check":
             return await exchange(lab, request)
         begun.append(request["room"])
         await may_end.wait()
@@ -193,7 +193,7 @@ async def test_a_browser_that_does_not_read_is_disconnected(folder):
         assert time.monotonic() - start_s < WAIT_S
         assert visitor._writer.transport.get_write_buffer_size() <= len(picture) + 100
         for _ in range(70):
-            visitor.send({"is": "event", "text": "x" * 1000})
+            visitor.send({"type": "event", "text": "x" * 1000})
         while server.visitors:
             await asyncio.sleep(0.01)
         guest.line.transport.abort()
@@ -209,7 +209,7 @@ async def test_ne5_browsers_that_do_not_read_share_one_history_buffer(tmp_path):
             for _ in range(12):
                 line = await lines.enter_async_context(line_to(server, max_queue=1))
                 line.transport.pause_reading()
-                await line.send('{"is": "hello", "lang": "en"}')
+                await line.send('{"type": "hello", "lang": "en"}')
             await until(lambda: len(live._browsers()) == 12)
             await asyncio.sleep(0.3)
             buffers = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]

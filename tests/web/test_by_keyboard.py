@@ -79,9 +79,9 @@ def test_a_tuning_lap_is_not_animated_with_reduced_motion(tab, live, motion):
     )
     assert places == (1 if motion == "reduce" else 3)
     tab.js(f"{PAGE}.screens.tune.downhill()")
-    way = f"JSON.stringify({PAGE}.screens.tune.way?.way)"
-    tab.wait(f"Boolean({PAGE}.screens.tune.way)")
+    path = f"JSON.stringify({PAGE}.screens.tune.path?.path)"
+    tab.wait(f"Boolean({PAGE}.screens.tune.path)")
     if motion == "reduce":  # at the end of the path at once
         assert tab.js(
-            f"JSON.stringify([{PAGE}.screens.tune.values]) === JSON.stringify(JSON.parse({way}).slice(-1))"
+            f"JSON.stringify([{PAGE}.screens.tune.values]) === JSON.stringify(JSON.parse({path}).slice(-1))"
         )

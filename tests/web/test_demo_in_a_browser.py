@@ -30,25 +30,25 @@ seen = {
     "paces": [], "errors": [], "verdicts": [], "costs": [],
 }
 host = address.split("/")[2]
-with connect(f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.2"], compression=None) as line:
-    line.send(json.dumps({"is": "hello", "lang": "en"}))
-    line.send(json.dumps({"is": "take"}))
-    line.send(json.dumps({"is": "identify", "on": True}))
+with connect(f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.3"], compression=None) as line:
+    line.send(json.dumps({"type": "hello", "lang": "en"}))
+    line.send(json.dumps({"type": "take"}))
+    line.send(json.dumps({"type": "identify", "on": True}))
     try:
         for data in line:
-            word = {"is": "frame"} if isinstance(data, bytes) else json.loads(data)
-            seen["frames"] += word["is"] == "frame"
+            word = {"type": "frame"} if isinstance(data, bytes) else json.loads(data)
+            seen["frames"] += word["type"] == "frame"
             screen = (word.get("scene") or {}).get("screen")
             if screen and seen["screens"][-1:] != [screen]:
                 seen["screens"].append(screen)
-                seen["costs"] += [word["scene"][name] for name in ("before", "cost") if screen == "tuned"]
+                seen["costs"] += [word["scene"][name] for name in ("start_cost", "cost") if screen == "tuned"]
             mission = (word.get("mission") or {}).get("kind")
             if mission and seen["missions"][-1:] != [mission]:
                 seen["missions"].append(mission)
             if word.get("pace") and seen["paces"][-1:] != [word["pace"]]:
                 seen["paces"].append(word["pace"])
-            if word["is"] == "identify" and word["parameters"]:
-                seen["errors"].append(sorted(word["now"]))
+            if word["type"] == "identify" and word["parameters"]:
+                seen["errors"].append(sorted(word["std"]))
                 seen["verdicts"].append((word["fit"] or {}).get("verdict_id"))
     except ConnectionClosed as error:
         seen["ended"] = str(error)
@@ -101,9 +101,9 @@ def greeting(address):
     """Return the hello message of the page at an address."""
     host = address.split("/")[2]
     with connect(
-        f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.2"], compression=None
+        f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.3"], compression=None
     ) as line:
-        line.send(json.dumps({"is": "hello", "lang": "en"}))
+        line.send(json.dumps({"type": "hello", "lang": "en"}))
         return json.loads(line.recv(START_S))
 
 

@@ -64,7 +64,7 @@ def test_the_map_of_a_vehicle_that_is_ready_shows_the_selected_route(tab, live):
     tab.js(f"(({{ route }}) => {{ route.value = 'oval'; route.onchange(); }})({PAGE}.screens.drive)")
     tab.wait(f"{PAGE}.route.name === 'oval' && Math.max(...{PAGE}.route.x) > 1.9")
     live.go("MISSION", "repeat")
-    live.put({"is": "route", **route(), "name": "lab"})
+    live.put({"type": "route", **route(), "name": "lab"})
     tab.wait(f"{PAGE}.route.name === 'lab' && {PAGE}.moves")
     live.go("STOPPED")
     tab.wait(f"{PAGE}.state.state === 'STOPPED'")

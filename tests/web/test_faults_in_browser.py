@@ -99,7 +99,7 @@ def fault_and_replay(tab):
     tab.wait(f"{STATE} === 'MISSION' && {PAGE}.record.end > {cut_s + 0.5} || {STATE} === 'STOPPED'", 90.0)
     assert tab.js(STATE) == "MISSION"
     assert tab.js(f"{PAGE}.ledger.map((row) => row.fault.kind)") == ["push"]
-    tab.js(f"{PAGE}.link.send({{ is: 'end' }})")
+    tab.js(f"{PAGE}.link.send({{ type: 'end' }})")
     tab.wait(f"{STATE} === 'READY'", 30.0)
 
 

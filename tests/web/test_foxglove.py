@@ -26,7 +26,7 @@ needs_client = pytest.mark.skipif(  # if CI is set, a missing client is a mistak
     (NODE is None or not (HERE / "node_modules").is_dir()) and not os.environ.get("CI"),
     reason="the public client is not installed: make browser-tools",
 )
-ROUTE = {"is": "route", "name": "oval", "closed": True, "length_m": 2.0, "x": [0.0, 1.0], "y": [0.0, 0.5]}
+ROUTE = {"type": "route", "name": "oval", "closed": True, "length_m": 2.0, "x": [0.0, 1.0], "y": [0.0, 0.5]}
 BLOCKS = {"estimator": "Ekf", "guide": "AlongRoute", "controller": "PdFeedforward"}
 
 
@@ -46,7 +46,7 @@ async def next_word(line, *ops):
 async def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path, name):
     async with live_page(tmp_path) as (server, link, live):
         link.on_word({
-            "is": "vehicle", "name": "small", "world": "simulated", "rate_hz": 100.0, "blocks": BLOCKS,
+            "type": "vehicle", "name": "small", "world": "simulated", "rate_hz": 100.0, "blocks": BLOCKS,
             "command": [{"name": "u_x", "low": -1, "high": 1}], "gains": {"controller.k_x": 3.0},
         })  # fmt: skip
         link.on_word(ROUTE)
@@ -60,7 +60,7 @@ async def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path,
             k += 1
             link.frame(0.1 * k, 2, **{"eta.x": 0.25, "u.0": 0.5, "z.imu[2]": math.nan if k % 2 else 1.5})
             if k == 10:
-                link.on_word({"is": "event", "message": note("web.begins", Severity.WARNING)})
+                link.on_word({"type": "event", "message": note("web.begins", Severity.WARNING)})
             await asyncio.sleep(0.1)
         message = json.loads((await looking)[0])
     assert message["name"] == name
@@ -97,7 +97,7 @@ async def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path,
     assert set(subscribers["/estimate/pose"]) == {"guide", "controller"}
     assert "world" in subscribers["/command/applied"]
     assert message["closed"] == 1003  # the client published
-    assert {word["do"] for word in link.messages} == {"watch", "routes"}  # the vehicle received nothing
+    assert {word["type"] for word in link.messages} == {"watch", "routes"}  # the vehicle received nothing
 
 
 @pytest.mark.parametrize("name", SUBPROTOCOLS)
@@ -209,7 +209,7 @@ async def test_a_program_that_publishes_is_disconnected(tmp_path):
         await line.send(struct.pack("<BI", 1, 1) + b"{}")
         with pytest.raises(ConnectionClosed):
             await asyncio.wait_for(all_of(line), WAIT_S)
-        assert {word["do"] for word in link.messages} == {"watch", "routes"}
+        assert {word["type"] for word in link.messages} == {"watch", "routes"}
 
 
 async def all_of(line):

@@ -77,7 +77,7 @@ async def test_ne3_a_shared_page_prints_a_qr_code_and_an_address_for_each_role(f
     notes, roles = [], []
 
     async def visit():
-        for code in ("web.at", "web.to-stop", "web.to-view"):
+        for code in ("web.address", "web.to-stop", "web.to-view"):
             (printed,) = (note.figures["url"] for note in notes[1:] if note.code == code)
             host, token = re.fullmatch(r"http://(127\.0\.0\.2:\d+)/#token=(\S+)", printed).groups()
             async with connect(
@@ -92,9 +92,9 @@ async def test_ne3_a_shared_page_prints_a_qr_code_and_an_address_for_each_role(f
     options = PageOptions(folder, share=True, browser=False)
     await show_runs(("circle",), options, notes.append)
     assert roles == ["drive", "stop", "view"]
-    assert notes[0] == qr_code(next(note.figures["url"] for note in notes[1:] if note.code == "web.at"))
+    assert notes[0] == qr_code(next(note.figures["url"] for note in notes[1:] if note.code == "web.address"))
     assert len(notes[0].splitlines()) > 10
-    assert "web.plain" in [note.code for note in notes[1:]]  # the risk of an unencrypted connection
+    assert "web.unencrypted" in [note.code for note in notes[1:]]  # the risk of an unencrypted connection
 
 
 def test_ne1_the_printed_address_contains_its_token_in_the_url_fragment():
@@ -131,7 +131,7 @@ async def test_ne2_a_shared_page_accepts_the_local_name_of_its_machine_and_no_ot
             assert answer[0] == status, host
         origin = f"http://ana.local:{server.port}"
         async with line_to(server, origin=origin) as line:
-            await line.send(json.dumps({"is": "hello", "token": server.guard.tokens[Role.VIEW]}))
+            await line.send(json.dumps({"type": "hello", "token": server.guard.tokens[Role.VIEW]}))
             assert json.loads(await line.recv())["role"] == "view"
 
 
@@ -155,10 +155,10 @@ async def test_ne2_a_page_of_another_origin_does_not_connect(folder, origin):
 async def test_ne2_a_client_without_an_origin_needs_a_token_to_watch(folder):
     async with recorded_page(folder, "circle") as server:
         async with line_to(server, origin=None) as line:
-            await line.send(json.dumps({"is": "hello", "token": server.guard.tokens[Role.DRIVE]}))
+            await line.send(json.dumps({"type": "hello", "token": server.guard.tokens[Role.DRIVE]}))
             assert json.loads(await line.recv())["role"] == "view"
         async with line_to(server, origin=None) as line:
-            await line.send(json.dumps({"is": "hello"}))
+            await line.send(json.dumps({"type": "hello"}))
             assert json.loads(await line.recv())["code"] == "web.token"
             with pytest.raises(ConnectionClosed) as error_info:
                 await line.recv()
@@ -192,7 +192,7 @@ async def test_ne3_shared_pages_need_a_token_and_each_token_has_its_role(folder)
                 assert visitor.hello["role"] == role.protocol_name
                 assert visitor.hello["shared"]  # the page explains this risk
         async with line_to(server) as line:
-            await line.send(json.dumps({"is": "hello"}))
+            await line.send(json.dumps({"type": "hello"}))
             assert json.loads(await line.recv())["code"] == "web.token"
 
 
@@ -304,7 +304,7 @@ async def test_ne7_only_the_printed_addresses_contain_a_token(folder, caplog, ca
         async with browser(server, token=tokens[0]):
             pass
         async with line_to(server) as line:
-            await line.send(json.dumps({"is": "hello", "token": tokens[1][:-1]}))
+            await line.send(json.dumps({"type": "hello", "token": tokens[1][:-1]}))
             assert json.loads(await line.recv())["code"] == "web.token"
         output = caplog.text + "".join(capfd.readouterr())
         assert not any(token[:-1] in output for token in tokens)

@@ -46,7 +46,7 @@ def pad_of_phone(tab, live):
 @pytest.fixture
 def breaking(driver, live):
     """Return the tab of the driver at the faults, before any fault."""
-    live.put({"is": "ledger", "rows": []})
+    live.put({"type": "ledger", "rows": []})
     driver.click("#tab-faults")
     driver.wait(f"{PAGE}.ledger.length === 0")
     return driver
@@ -144,7 +144,7 @@ def test_the_buttons_for_pause_continue_mark_and_end_work(driver, live):
     until(lambda: live.words("pause"))
     driver.wait(f"{button.format('P')}.textContent.startsWith('Continue')")
     driver.press("p", "KeyP", "p")  # its key has the same effect
-    until(lambda: live.words("go") == [{"is": "go"}])
+    until(lambda: live.words("go") == [{"type": "go"}])
     driver.wait(f"{button.format('P')}.textContent.startsWith('Pause')")
     driver.js(f"{button.format('E')}.click()")
     until(lambda: live.words("end"))
@@ -159,10 +159,10 @@ def test_the_pace_slider_shows_the_pace_of_the_drive(tab):
         assert tab.js(pace) == "pace 4×"
         tab.js("document.querySelector('.pace input').focus()")
         tab.press("ArrowRight")
-        until(lambda: live.words("pace") == [{"is": "pace", "factor": 8}])
+        until(lambda: live.words("pace") == [{"type": "pace", "factor": 8}])
         for _ in range(5):
             tab.press("ArrowLeft")
-        until(lambda: live.words("pace")[-1] == {"is": "pace", "factor": 0.25})
+        until(lambda: live.words("pace")[-1] == {"type": "pace", "factor": 0.25})
         tab.wait(f"{pace} === 'pace ¼×'")
 
 
@@ -204,7 +204,7 @@ def test_keys_and_buttons_send_a_push_a_single_tick_and_a_pace(breaking, live):
     breaking.wait(f"{LAST}?.fault.kind === 'push'")
     assert breaking.js(f"[{LAST}.fault.x, {LAST}.fault.y, {LAST}.fault.frame]") == [-0.2, 0, "map"]
     breaking.press("n", "KeyN", "n")
-    until(lambda: live.words("go") == [{"is": "go", "ticks": 1}])
+    until(lambda: live.words("go") == [{"type": "go", "ticks": 1}])
     for k, factor in enumerate((0.125, 0.25, 1, 4)):
         breaking.js(f"document.querySelectorAll('.fault-bar .choices button')[{k}].click()")
         until(lambda factor=factor: live.words("pace") and live.words("pace")[-1]["factor"] == factor)
@@ -238,7 +238,7 @@ def test_the_ledger_shows_what_detected_a_fault_and_what_did_not(
     assert rows[0][3] is None
     assert rows[1][1].startswith(detected)
     assert rows[1][2:] == [None, missed]
-    live.put({"is": "ledger", "rows": [LATEST]})
+    live.put({"type": "ledger", "rows": [LATEST]})
     waits = {"en": "not detected so far", "es": "sin detectar hasta ahora"}[language]
     until(lambda: [row[1:] for row in tab.js(LEDGER)] == [[None, None, waits]])
 

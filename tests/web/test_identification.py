@@ -71,10 +71,10 @@ def test_before_8_s_the_page_shows_errors_predicted_from_the_guess(driven_runs):
     assert state["fit"] is None
     drive_information = DriveInformation(guess)
     expected = drive_information.relative_std(drive_information.information(run.applied_commands[:700]))
-    np.testing.assert_allclose(state["now"], expected, rtol=1e-3)
+    np.testing.assert_allclose(state["std"], expected, rtol=1e-3)
     assert state["bits"] == pytest.approx(-np.sum(np.log2(expected)), rel=1e-6)
     assert np.sum(state["rate"]) * state["dt"] == pytest.approx(state["bits"], rel=0.02)
-    assert np.all(np.array(state["before"]) >= state["now"])
+    assert np.all(np.array(state["former_std"]) >= state["std"])
     drive.close()
 
 
@@ -237,10 +237,10 @@ async def test_a_page_shows_identification_while_answering_other_requests(tmp_pa
     path.write_text(guess.text, encoding="utf-8")
     async with live_page(tmp_path) as (server, link, live):
         live.identifying.vehicle = str(path)
-        link.on_word({"is": "fields", "names": names, "units": ["1"] * len(names)})
+        link.on_word({"type": "fields", "names": names, "units": ["1"] * len(names)})
         for at in range(0, 1000, 100):
             link.on_word(
-                {"is": "frame", "x": json.loads(json.dumps(rows[at : at + 100]).replace("NaN", "null"))}
+                {"type": "frame", "x": json.loads(json.dumps(rows[at : at + 100]).replace("NaN", "null"))}
             )
         async with browser(server, "es") as visitor, browser(server) as second:
             await visitor.send("identify", on=True)
@@ -253,10 +253,10 @@ async def test_a_page_shows_identification_while_answering_other_requests(tmp_pa
             assert "4 s" in answer["next"]["motion"]
             await second.send("ask", id=7, question="ping")
             # a browser on another screen receives nothing
-            assert (await second.next("answer", "identify"))["is"] == "answer"
+            assert (await second.next("answer", "identify"))["type"] == "answer"
             await visitor.send("identify", on=False)
             await until(lambda: not live.identifying._looking)
-            link.on_word({"is": "frame", "x": [[None] * len(names)]})
+            link.on_word({"type": "frame", "x": [[None] * len(names)]})
 
 
 async def test_identification_of_a_finished_run_is_shown_at_all_times(tmp_path, driven_runs):

@@ -33,7 +33,7 @@ def test_error_bars_are_hollow_until_a_fit_and_shrink_while_driving(tab, live):
     live.put(word | {"fit": None, "compiled": False})
     tab.wait("document.querySelector('.about').textContent.includes('a fit comes every 15 s')")
     assert kinds(tab) == {"hollow"}
-    live.put(word | {"now": [std / 3 for std in word["now"]]})
+    live.put(word | {"std": [std / 3 for std in word["std"]]})
     until(lambda: kinds(tab) == {"hollow", "filled"})  # one of them is unobservable
     assert all(
         now < then for now, then in zip(sorted(tab.js(WIDTHS)), sorted(before), strict=True) if then > 1.0
@@ -65,7 +65,11 @@ def test_an_experiment_can_be_started_from_the_identify_screen(tab, live):
     tab.press("l", "KeyL", "l")
     tab.wait("!document.querySelector('.next-card button').disabled")
     tab.click(".next-card button")
-    assert until(lambda: live.words("mission"))[-1] == {"is": "mission", "kind": "experiment", "seconds": 60}
+    assert until(lambda: live.words("mission"))[-1] == {
+        "type": "mission",
+        "kind": "experiment",
+        "seconds": 60,
+    }
 
 
 def test_the_identify_screen_of_a_run_follows_the_scrub_bar(tab, replay):
@@ -126,8 +130,8 @@ def test_the_path_is_coloured_by_the_information_of_each_part(tab, live):
 
 
 SCENE = {
-    "screen": "tuned", "history": [1.2, 1.2, 1.05, 0.96, 0.94], "before": 1.2, "cost": 0.94,
-    "gains": [{"name": "k_x", "unit": "1/s", "before": None, "value": 2.54}],
+    "screen": "tuned", "history": [1.2, 1.2, 1.05, 0.96, 0.94], "start_cost": 1.2, "cost": 0.94,
+    "gains": [{"name": "k_x", "unit": "1/s", "file_value": None, "value": 2.54}],
 }  # fmt: skip
 
 

@@ -24,7 +24,7 @@ REFUSALS = """(({ on }) => {
 BEATS = """async () => {  // of a driver who has handed over
   const { link } = baqueano.page;
   for (let n = 0; n < 12; n++) {
-    link.send({ is: "beat", n: 1e6 + n, seen: link.seen, u: [1, 0, 0] });
+    link.send({ type: "beat", n: 1e6 + n, seen: link.seen, u: [1, 0, 0] });
     await new Promise((done) => setTimeout(done, 40));
   }
   return 12;
@@ -83,7 +83,7 @@ def test_a_user_takes_control_drives_hands_over_and_any_user_stops(chromium, tmp
         while not tab.js(TEXT.format(text="MANUAL")):  # a busy machine loses control: it is taken again
             assert time.monotonic() < end, tab.js("document.body.innerText")
             if tab.js("baqueano.page.state.state") == "STOPPED":
-                tab.js("baqueano.page.link.send({is: 'clear'})")
+                tab.js("baqueano.page.link.send({type: 'clear'})")
             take(tab)
             tab.js(PRESS.format(name="Manual"))
             time.sleep(0.7)
@@ -131,11 +131,11 @@ def repeating(tab, true):
     while not tab.js(true):
         assert time.monotonic() < end
         if tab.js("baqueano.page.state.state") == "STOPPED":
-            tab.js("baqueano.page.link.send({is: 'clear'})")
+            tab.js("baqueano.page.link.send({type: 'clear'})")
         if not tab.js("baqueano.page.hand.mine"):
             tab.js("baqueano.page.hand.toggle()")
         elif tab.js("baqueano.page.state.state") == "READY":
-            tab.js("baqueano.page.link.send({is: 'mission', kind: 'repeat', route: 'ring', laps: 60})")
+            tab.js("baqueano.page.link.send({type: 'mission', kind: 'repeat', route: 'ring', laps: 60})")
         time.sleep(0.7)
 
 
@@ -157,7 +157,7 @@ def test_gains_are_tuned_applied_and_restored_during_a_repetition(chromium, tmp_
         tab.js(f"{TUNE}.jump([0, 1, 0.5, 0.25])")
         tab.wait(f"{TUNE}.lap.rms !== {before}", START_S)
         tab.js(f"{TUNE}.do.downhill.click()")
-        tab.wait(f"{TUNE}.way && {TUNE}.values.join() === {TUNE}.way.way.at(-1).join()", START_S)
+        tab.wait(f"{TUNE}.path && {TUNE}.values.join() === {TUNE}.path.path.at(-1).join()", START_S)
         tuned_values = tab.js(f"{TUNE}.values")
         repeating(tab, f"!{TUNE}.do.apply.disabled")
         tab.js(f"{TUNE}.do.apply.click()")

@@ -44,7 +44,7 @@ def words(lesson, tmp_path):
     write_run(run, tmp_path / "0002-teach.mcap")
     write_route(route, tmp_path / "ring.csv")
     return {
-        "do": "lap closure", "vehicle": str(tmp_path / "vehicle.toml"), "routes": str(tmp_path),
+        "type": "lap closure", "vehicle": str(tmp_path / "vehicle.toml"), "routes": str(tmp_path),
         "run": str(tmp_path / "0002-teach.mcap"), "route": "ring",
     }  # fmt: skip
 
@@ -131,18 +131,18 @@ def test_the_page_offers_the_closure_after_a_lap_by_hand(tab, live):
     live.go("READY")
     tab.click("#lease")
     tab.wait(f"{PAGE}.ready && {closed}.hidden")
-    live.put({"is": "runs", "runs": runs})  # a lap of an earlier page
+    live.put({"type": "runs", "runs": runs})  # a lap of an earlier page
     tab.wait(f"{PAGE}.runs[0].id === 'r9'")
     assert tab.js(f"{closed}.hidden")
     tab.press("t", code="KeyT")
     until(lambda: live.words("mission"))
     assert live.words("mission")[0]["name"] == "route-1"
-    live.put({"is": "runs", "runs": runs})
+    live.put({"type": "runs", "runs": runs})
     tab.wait(f"!{closed}.hidden")
     live.go("MISSION", "teach")
     tab.wait(f"{closed}.hidden")
     live.go("READY")
-    live.put({"is": "runs", "runs": runs})
+    live.put({"type": "runs", "runs": runs})
     tab.wait(f"!{closed}.hidden && !{closed}.disabled")
     assert tab.js(f"{closed}.firstChild.textContent") == "Back at its start"
     tab.size(*SIZES["phone"])
@@ -153,6 +153,6 @@ def test_the_page_offers_the_closure_after_a_lap_by_hand(tab, live):
     (word,) = until(lambda: live.words("write"))
     assert (word["lap"], word["route"]) == ("r9", "route-1")
     assert tab.js(f"{closed}.hidden")
-    live.put({"is": "runs", "runs": RUNS})
-    live.put({"is": "runs", "runs": runs})
+    live.put({"type": "runs", "runs": RUNS})
+    live.put({"type": "runs", "runs": runs})
     tab.wait(f"{PAGE}.runs[0].id === 'r9' && {closed}.hidden")

@@ -16,8 +16,8 @@ from tests.web.page_client import WAIT_S, browser
 
 async def test_the_hello_message_describes_vehicle_routes_and_fields(tmp_path):
     async with live_page(tmp_path) as (server, link, _):
-        assert link.messages[0] == {"do": "watch", "hz": 20.0}
-        link.on_word({"is": "routes", "routes": [{"name": "oval"}]})
+        assert link.messages[0] == {"type": "watch", "hz": 20.0}
+        link.on_word({"type": "routes", "routes": [{"name": "oval"}]})
         async with browser(server, "es", name="Ana") as visitor:
             hello = visitor.hello
             assert (hello["mode"], hello["you"], hello["driver"]) == ("live", "Ana", None)
@@ -156,9 +156,7 @@ async def test_moving_the_vehicle_needs_the_lease(tmp_path):
 async def test_missions_are_requested_only_by_name(tmp_path):
     async with live_page(tmp_path) as (server, link, _), browser(server) as ana:
         await ana.send("take")
-        await ana.send(
-            "mission", kind="repeat", route="oval", laps=3, mission="{}", do="stop", by="me", seed=1
-        )
+        await ana.send("mission", kind="repeat", route="oval", laps=3, mission="{}", by="me", seed=1)
         await until(lambda: link.requests("mission"))
         mission = link.requests("mission")[0]
         assert {
@@ -181,7 +179,7 @@ async def test_missions_are_requested_only_by_name(tmp_path):
         assert len(link.requests("mission")) == 1
         link.on_word(
             {
-                "is": "refused",
+                "type": "refused",
                 "reason": "no such route",
                 "diagnostic": note("door.no-route", value="oval", valid=[]),
             }
@@ -225,13 +223,13 @@ async def test_the_status_sentence_reports_task_quality_and_anomalies(tmp_path):
     page = live_page(tmp_path)
     async with page as (server, link, _), browser(server, "es") as uno, browser(server, "en") as english:
         link.on_word(
-            {"is": "route", "name": "oval", "closed": True, "length_m": 2.0, "x": [0, 1], "y": [0, 1]}
+            {"type": "route", "name": "oval", "closed": True, "length_m": 2.0, "x": [0, 1], "y": [0, 1]}
         )
         for k in range(20):
             link.frame(0.5 * k, 10, nis=4.0, progress=2.5, cross=-0.012)
         link.on_word(
             {
-                "is": "event",
+                "type": "event",
                 "level": "warning",
                 "message": note("sensor.degraded", Severity.WARNING, cause="imu[2]"),
             }
@@ -255,7 +253,7 @@ async def test_the_reason_of_a_stop_is_reported_once(tmp_path):
     why = stop(StopReason.STOPPED_BY, words="it nears the stairs")
     async with live_page(tmp_path) as (server, link, _), browser(server) as me:
         link.frame(1.0)
-        link.on_word({"is": "done", "id": "x", "run": None, "reason": why})
+        link.on_word({"type": "done", "id": "x", "run": None, "reason": why})
         link.state("STOPPED", reason=why)
         state = await me.next("state", state="STOPPED")
         assert (state["severity"], state["warnings"]) == ("error", [])
@@ -265,7 +263,7 @@ async def test_the_reason_of_a_stop_is_reported_once(tmp_path):
 async def test_a_change_of_vehicle_sends_a_new_hello_message(tmp_path):
     async with live_page(tmp_path) as (server, link, _), browser(server) as visitor:
         link.on_word(VEHICLE | {"name": "car"})
-        link.on_word({"is": "fields", "names": ["t", "battery"], "units": ["s", "V"]})
+        link.on_word({"type": "fields", "names": ["t", "battery"], "units": ["s", "V"]})
         hello = await visitor.next("hello")
         assert hello["vehicle"]["name"] == "car"
         assert [field["label"] for field in hello["fields"]] == ["time", "battery"]
@@ -292,8 +290,8 @@ async def test_the_end_of_the_service_is_reported_to_all_browsers(tmp_path):
     async with live_page(tmp_path) as (server, link, live), browser(server) as visitor:
         link.gone = True
         await visitor.send("stop")
-        assert (await visitor.next("refused"))["code"] == "web.service-gone"
-        live._state = {"is": "state", "state": "STOPPED", "reason": stop(StopReason.SERVICE_ENDED)}
+        assert (await visitor.next("refused"))["code"] == "web.service-ended"
+        live._state = {"type": "state", "state": "STOPPED", "reason": stop(StopReason.SERVICE_ENDED)}
         live._changed = True
         assert (await visitor.next("state", state="STOPPED"))["severity"] == "error"
 

@@ -20,8 +20,8 @@ STILL = Run("still", None, np.arange(3), np.zeros((3, 1)))
 class OwnWorker:
     """A worker in this process."""
 
-    async def request(self, do, **words):
-        return worker.Worker().answer({"do": do, **words})
+    async def request(self, request, **words):
+        return worker.Worker().answer({"type": request, **words})
 
     async def close(self):
         pass
@@ -51,7 +51,7 @@ def test_a_fetched_run_is_listed_although_its_route_fails(robot, tmp_path):
     assert message.figures["reason"].code == "route.no-estimates"
 
 
-def test_only_the_newest_missions_are_expected(tmp_path):
+def test_only_the_newest_missions_are_stored(tmp_path):
     files = LocalFiles("robot", "small", tmp_path, tmp_path)
     for number in range(10 * MAX_EXPECTED):
         files.expect(str(number), "drive", {})
@@ -63,7 +63,7 @@ def test_a_run_that_changes_has_one_list_entry(tmp_path):
     path, own = write_run(STILL, tmp_path / "a.mcap"), worker.Worker()
     for t_s in range(20):
         os.utime(path, (t_s, t_s))
-        own.answer({"do": "runs", "paths": [str(path)]})
+        own.answer({"type": "runs", "paths": [str(path)]})
     assert len(own._lines) == 1
-    own.answer({"do": "runs", "paths": []})
+    own.answer({"type": "runs", "paths": []})
     assert not own._lines

@@ -124,7 +124,7 @@ def test_a_mission_is_requested_by_its_name(tab, live):
     take_lease(tab)
     tab.press("r", "KeyR", "r")
     until(lambda: live.words("mission"))
-    assert live.words("mission") == [{"is": "mission", "kind": "repeat", "route": "lab", "laps": 3}]
+    assert live.words("mission") == [{"type": "mission", "kind": "repeat", "route": "lab", "laps": 3}]
 
 
 def test_a_mission_of_a_real_vehicle_needs_a_long_key_press(tab):
@@ -231,7 +231,7 @@ def test_names_from_other_programs_are_shown_as_text(tab):
     hostile = "<img src=x onerror=alert(1)>"
     with ScriptedServer("live", name=hostile) as server:
         open_page(tab, server)
-        server.put({"is": "event", "t": 1.0, "severity": "warning", "text": hostile})
+        server.put({"type": "event", "t": 1.0, "severity": "warning", "text": hostile})
         tab.wait(f"document.getElementById('toast').textContent === {hostile!r}")
         assert tab.js("document.getElementById('vehicle').textContent") == hostile
         assert tab.js("document.querySelectorAll('img').length") == 0

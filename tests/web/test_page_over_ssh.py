@@ -66,7 +66,7 @@ async def drives(visitor):
         if len(rows) > 50 and rows[-1, names.index("u.0")] > 0.4 and rows[-1, names.index("eta.x")] > 0.02:
             return
         word = await visitor.next("state", "hello")
-        if word["is"] == "hello":  # the robot has described its first drive
+        if word["type"] == "hello":  # the robot has described its first drive
             names, visitor.frames = [field["name"] for field in word["fields"]], []
         elif word["state"] == "STOPPED":
             raise StoppedItself(word["sentence"])

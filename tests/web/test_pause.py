@@ -26,9 +26,9 @@ async def test_a_robot_waits_on_its_route_during_a_pause_and_then_goes_on(tmp_pa
             await ana.send("take")
             await ana.send(word)
             await until(lambda: link.requests("set"))
-            assert link.messages.pop() == {"do": "set", "path": "guide.pace", "value": pace}
+            assert link.messages.pop() == {"type": "set", "path": "guide.pace", "value": pace}
             message = note("door.set", path="guide.pace", former_value="1.0", value=str(pace))
-            link.on_word({"is": "event", "message": message})
+            link.on_word({"type": "event", "message": message})
             await ana.next("state", paused=pace == 0.0)
 
 

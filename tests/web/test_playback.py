@@ -37,11 +37,11 @@ async def test_all_ticks_of_a_run_are_shown_in_order(tmp_path):
         RunPlayer(lab, 20.0), [folder / "circle.mcap", note("web.demo-done", verdict="USABLE")]
     )
     await lab.close()
-    kinds = [word["is"] for word in words]
+    kinds = [word["type"] for word in words]
     assert kinds[1:4] == ["vehicle", "fields", "route"]
-    rows = [row for word in words if word["is"] == "frame" for row in word["x"]]
+    rows = [row for word in words if word["type"] == "frame" for row in word["x"]]
     np.testing.assert_array_equal(np.array(rows, "f4"), pack_run(drive()).columns)
-    assert {"MISSION", "READY"} == {word["state"] for word in words if word["is"] == "state"}
+    assert {"MISSION", "READY"} == {word["state"] for word in words if word["type"] == "state"}
     assert words[-1]["message"].code == "web.demo-done"
 
 
@@ -52,14 +52,14 @@ async def test_playback_can_be_stopped_paused_and_paced(tmp_path):
     playback.enqueue(folder / "circle.mcap")
     playback.enqueue(None)
     playing = asyncio.create_task(playback.receive(words.append))
-    while not any(word["is"] == "frame" for word in words):
+    while not any(word["type"] == "frame" for word in words):
         await asyncio.sleep(0.01)
     playback.send("stop", reason=stop(StopReason.STOPPED_BY, words="eva"))
     await asyncio.sleep(0.2)
-    frames = sum(word["is"] == "frame" for word in words)
+    frames = sum(word["type"] == "frame" for word in words)
     await asyncio.sleep(0.3)
-    assert sum(word["is"] == "frame" for word in words) == frames
-    assert [word["state"] for word in words if word["is"] == "state"][-1] == "STOPPED"
+    assert sum(word["type"] == "frame" for word in words) == frames
+    assert [word["state"] for word in words if word["type"] == "state"][-1] == "STOPPED"
     playback.send("clear")
     playback.send("pace", factor=50.0)
     with pytest.raises(UsageError):
@@ -67,7 +67,7 @@ async def test_playback_can_be_stopped_paused_and_paced(tmp_path):
     with pytest.raises(UsageError):
         playback.send("mission", kind="drive")
     await playing
-    assert sum(len(word["x"]) for word in words if word["is"] == "frame") == 300
+    assert sum(len(word["x"]) for word in words if word["type"] == "frame") == 300
     await lab.close()
 
 
@@ -80,8 +80,8 @@ async def test_playback_waits_for_a_viewer_only_once(tmp_path, monkeypatch):
     playback = RunPlayer(lab, 1.0)
     playback.viewers = lambda: 0
     words = await play(playback, 2 * [folder / "circle.mcap"])
-    assert not any(word["is"] == "frame" for word in words)
-    assert sum(word["is"] == "vehicle" for word in words) == 2
+    assert not any(word["type"] == "frame" for word in words)
+    assert sum(word["type"] == "vehicle" for word in words) == 2
     await lab.close()
 
 
@@ -131,15 +131,15 @@ async def test_a_playback_shows_the_vehicle_the_identification_and_the_gains(tmp
         monkeypatch.setattr(module, name, seconds)
     taught_run = replace(drive(), metadata={"kind": "experiment"})
     folder = folder_of(tmp_path / "runs", experiment=taught_run, repeat=drive())
-    gains = {"history": [3.0, 1.0], "before": 3.0, "cost": 1.0, "gains": []}
+    gains = {"history": [3.0, 1.0], "start_cost": 3.0, "cost": 1.0, "gains": []}
     lab = WorkerClient()
     words = await play(RunPlayer(lab, 10.0), [folder / "experiment.mcap", gains, folder / "repeat.mcap"])
     await lab.close()
-    scenes = [word["scene"] for word in words if word["is"] == "state"]
+    scenes = [word["scene"] for word in words if word["type"] == "state"]
     distinct_scenes = [scene for k, scene in enumerate(scenes) if k == 0 or scene != scenes[k - 1]]
     assert [scene["screen"] for scene in distinct_scenes] == ["drive", "identify", "tuned", "drive"]
     assert distinct_scenes[2] == {"screen": "tuned"} | gains
-    assert [word["file"] for word in words if word["is"] == "vehicle"] == [
+    assert [word["file"] for word in words if word["type"] == "vehicle"] == [
         str(folder / "experiment.mcap"), str(folder / "repeat.mcap"),
     ]  # fmt: skip
 

@@ -137,11 +137,11 @@ async def test_the_cost_map_has_its_minimum_at_the_end_of_a_descent(folder):
         land = await visitor.request("landscape", gains=own, side=6, **axes)
         assert len(land["costs"]) == 36
         down = await visitor.request("downhill", gains=own, price=0.1, route="circle")
-        assert down["cost"] < down["before"]
+        assert down["cost"] < down["start_cost"]
         assert down["places"][0] != down["places"][-1]
         least = min(c[0] + 0.1 * c[1] for c in land["costs"] if c[0] is not None)
         assert down["cost"] < least * 1.001
-        assert all(a <= g <= b for a, g, b in zip(low, down["way"][-1], high, strict=True))
+        assert all(a <= g <= b for a, g, b in zip(low, down["path"][-1], high, strict=True))
 
 
 async def test_the_newest_request_replaces_the_previous_request(folder):

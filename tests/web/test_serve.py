@@ -98,7 +98,7 @@ class Watcher:
         """Return the first state of these names, and its time."""
         for data in self.file:
             word = json.loads(data)
-            if word["is"] == "state" and word["state"] in states:
+            if word["type"] == "state" and word["state"] in states:
                 return word, time.monotonic()
         raise AssertionError("the service has ended")
 
@@ -186,7 +186,7 @@ async def expected(visitor, kind, matches):
     before."""
 
     def ends(word):
-        return (word["is"] == kind and matches(word)) or word.get("state") == "STOPPED"
+        return (word["type"] == kind and matches(word)) or word.get("state") == "STOPPED"
 
     word = await visitor.next(kind, "state", where=ends)
     if word.get("state") == "STOPPED":

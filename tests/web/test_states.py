@@ -73,12 +73,12 @@ def test_a_message_covers_no_control(tab, live):
     open_page(tab, live, "es")
     for size in SIZES:
         tab.size(*SIZES[size])
-        live.put({"is": "event", "t": 1.0, "severity": "warning", "text": MESSAGE})
+        live.put({"type": "event", "t": 1.0, "severity": "warning", "text": MESSAGE})
         tab.wait("document.getElementById('toast').getBoundingClientRect().height > 10")
         assert tab.js(covered) == [], size
 
 
-def test_stop_stands_at_one_place_of_each_size_on_every_screen(tab, live):
+def test_the_stop_button_has_the_same_position_on_every_screen_of_a_size(tab, live):
     open_page(tab, live)
     node = "document.getElementById('stop')"
     box = f"(({{ x, y, width, height }}) => [x, y, width, height])({node}.getBoundingClientRect())"
@@ -99,7 +99,7 @@ def test_stop_stands_at_one_place_of_each_size_on_every_screen(tab, live):
     assert tab.js(box)[2] > 300  # across the whole width, under the thumb
 
 
-def test_on_a_phone_the_numbers_of_a_run_stand_above_its_controls(tab, live):
+def test_on_a_phone_the_numbers_of_a_run_are_above_its_controls(tab, live):
     """The vehicle is stopped, and an event is shown: all parts are as high as they become."""
     tab.size(*SIZES["phone"])
     open_page(tab, live, "es")
@@ -115,7 +115,7 @@ def test_on_a_phone_the_numbers_of_a_run_stand_above_its_controls(tab, live):
 
 
 @pytest.mark.parametrize("language", ODD)
-def test_an_odd_event_is_stated_beside_the_accuracy_in_the_sentence(tab, live, language):
+def test_the_sentence_states_a_warning_and_the_accuracy(tab, live, language):
     open_page(tab, live, language)
     live.put(live._state(language) | {"warnings": [ODD[language]], "severity": "warning"})
     tab.wait(f"document.getElementById('text').textContent.endsWith({ODD[language]!r})")
@@ -162,7 +162,7 @@ def test_a_block_shows_the_unit_of_each_parameter_and_signal(tab, live):
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_beside_the_list_of_keys_stop_is_within_reach_and_no_key_drives(tab, live, size):
+def test_while_the_list_of_keys_is_open_the_stop_button_works_and_no_key_drives(tab, live, size):
     tab.size(*SIZES[size])
     open_page(tab, live)
     tab.click("#lease")

@@ -153,7 +153,7 @@ def test_a_run_is_served_without_numpy_and_in_little_memory(folder, verb):
         with connect(
             url[0].replace("http", "ws") + "ws", origin=url[0].rstrip("/"), subprotocols=[SUBPROTOCOL]
         ) as visitor:
-            visitor.send(json.dumps({"is": "hello", "lang": "en"}))
+            visitor.send(json.dumps({"type": "hello", "lang": "en"}))
             hello = json.loads(visitor.recv(WAIT_S))
         assert (hello["mode"], hello["open"]["ghost"]) == ("replay", None)
         names = {run["id"]: run["name"] for run in hello["runs"]}

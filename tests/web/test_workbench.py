@@ -73,7 +73,7 @@ def test_selected_runs_are_compared_and_the_user_can_return_to_the_list(tab, liv
 def test_a_long_list_of_runs_has_pages(tab, live):
     open_page(tab, live, screen="runs")
     many = [{"id": f"m{k}", "name": f"run-{k:03}", "kind": "teach"} for k in range(60)]
-    live.put({"is": "runs", "runs": many})
+    live.put({"type": "runs", "runs": many})
     tab.wait("document.querySelectorAll('.runs tbody tr').length === 25")
     for _ in range(2):
         tab.js("document.querySelector('.runs footer').lastChild.click()")
@@ -93,7 +93,7 @@ def test_a_block_shows_its_source_and_can_be_checked_and_replaced(tab, live):
         "(() => { const one = document.querySelector('.other select'); one.value = 'ekf';"
         "one.dispatchEvent(new Event('change')); })()"
     )
-    until(lambda: live.words("swap") == [{"is": "swap", "room": "estimator", "kind": "ekf"}])
+    until(lambda: live.words("swap") == [{"type": "swap", "room": "estimator", "kind": "ekf"}])
 
 
 WIRES = [  # of the diagram in README.md

@@ -132,7 +132,7 @@ def test_faults_added_during_a_run_are_exactly_reproducible():
     events = [(t_ns, SHAKE_SOURCE, event) for t_ns, event in lively.new_events()]
     faults_of_run = faults_in(events)
     assert [fault.kind for fault in faults_of_run] == ["drift", "tilt", "tilt", "push"]
-    over = next(event for _, _, event in events if event.code == "shake.over")
+    over = next(event for _, _, event in events if event.code == "shake.end")
     assert over.figures["fault"].figures["unit"] == "rad/s"
     assert (faults_of_run[0].at_s, faults_of_run[0].for_s) == (0.5, pytest.approx(0.7))
     assert faults_of_run[1].for_s == pytest.approx(0.5)
@@ -156,14 +156,14 @@ def test_a_fault_free_simulation_is_identical_until_the_fault():
 @pytest.mark.parametrize(
     ("words", "code"),
     [
-        ("push 0.3 N s left", "shake.words"),
-        ("3 s: dance", "shake.words"),
-        ("3 s: push 0.3 N s up", "shake.form"),
+        ("push 0.3 N s left", "shake.syntax"),
+        ("3 s: dance", "shake.syntax"),
+        ("3 s: push 0.3 N s up", "shake.parts"),
         ("3 s: cut gps", "shake.of"),
         ("3 s: drift imu[7] 1", "shake.of"),
         ("5-3 s: cut imu", "shake.number"),
         ("3 s: sag 200 %", "shake.number"),
-        ("3 s: slip front 30 %", "shake.form"),
+        ("3 s: slip front 30 %", "shake.parts"),
         ({"kind": "push", "x": float("nan")}, "shake.number"),
         ({"kind": "push", "y": 1e6}, "shake.number"),
         ({"kind": "push", "frame": "moon"}, "shake.of"),
@@ -224,7 +224,7 @@ def test_the_ledger_gives_the_reason_if_no_fault_detector_reacted():
     assert row.notices == []
     assert set(row.silent_witnesses()) == {"monitor", "model", "supervisor", "gate", "nis"}
     reason = ledger.unnoticed_diagnostic(row)
-    assert reason.code == "ledger.nobody-and-off"
+    assert reason.code == "ledger.undetected-error"
     assert reason.figures["reason"].code == "ledger.why-drift"
     assert reason.figures["consequence"].figures["error_cm"] > 5.0
     ledger, row = rows_of("4 s: sag 84 %")

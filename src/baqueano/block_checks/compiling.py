@@ -67,7 +67,7 @@ def compilation_notes(
             )
         ]
     if not _are_close(block.step(*arguments), compiled_output):
-        return [note("check.compiled-otherwise", Severity.WARNING, subject=subject, place=place_text)]
+        return [note("check.compiled-output", Severity.WARNING, subject=subject, place=place_text)]
     return []
 
 

@@ -76,7 +76,7 @@ def _check_estimates(trial: Trial, sensors: SensorBlocks, n: int) -> None:
         t_ns += 2 * TICK_NS
         belief, estimate = _checked_estimate(trial, belief, Tick(t_ns, u, silent_slots), note("when.silent"))
     if not np.trace(estimate.cov[:2, :2]) > cov_before:
-        trial.add_fault("check.sure-without-sensors", "step")
+        trial.add_fault("check.constant-covariance", "step")
     for value in (np.nan, np.inf):
         t_ns += TICK_NS
         slots = type(silent_slots)(*(Slot(1.0, np.full(s.size, value)) for s in sensors))
@@ -200,9 +200,7 @@ def check_guide(block: object) -> list[Diagnostic]:
             150 * TICK_NS + 3_600_000_000_000,
         ]
         for k, t_ns in enumerate(times_ns):
-            context = (
-                note("when.within") if k < 150 else REPEATED_TICK if k == 150 else note("when.hour-later")
-            )
+            context = note("when.within") if k < 150 else REPEATED_TICK if k == 150 else note("when.later")
             eta = np.array([0.003 * k, 0.0, wrap(0.05 * k)])
             state, reference = trial.step(context, state, Estimate(t_ns, eta, np.zeros(3), 1e-4 * np.eye(6)))
             _check_reference(trial, reference, t_ns, context)
@@ -273,9 +271,9 @@ def _check_stop(
             note("when.around-nan", signal=subject),
         )
         if is_bad and np.any(u_out):
-            trial.add_fault("check.lets-through", "step", u=str(u_out.tolist()), signal=subject)
+            trial.add_fault("check.nan-output", "step", u=str(u_out.tolist()), signal=subject)
         elif k > 10 and np.any(u_out):
-            trial.add_fault("check.drives-again", "step", signal=subject)
+            trial.add_fault("check.stop-not-latched", "step", signal=subject)
 
 
 def _check_limits(trial: Trial, sensors: SensorBlocks, n: int) -> None:

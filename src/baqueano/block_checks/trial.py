@@ -77,9 +77,9 @@ class Trial:
         if self._is_call_repeated(method_name, context) and _freeze(first) != _freeze(
             self._call(method_name, context, copy.deepcopy(arguments))
         ):
-            self.add_fault("check.two-answers", method_name, situation=context)
+            self.add_fault("check.not-deterministic", method_name, situation=context)
         if _freeze(_fields(self.block)) != self._frozen_fields:
-            self.add_fault("check.changes-itself", method_name, situation=context)
+            self.add_fault("check.block-changed", method_name, situation=context)
             self._frozen_fields = _freeze(_fields(self.block))
         return first
 
@@ -96,7 +96,7 @@ class Trial:
             if type(result) is tuple:
                 self.add_fault("check.values", "step", count=len(result), situation=context)
             else:
-                self.add_fault("check.one-value", "step", value=type(result).__name__, situation=context)
+                self.add_fault("check.two-values", "step", value=type(result).__name__, situation=context)
             raise CheckAborted
         return result
 

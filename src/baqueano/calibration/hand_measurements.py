@@ -92,7 +92,7 @@ def _run_index(name: str | None, line: str, runs: Sequence[Run]) -> int:
         return 0
     if name not in names:
         if name is None:
-            raise UsageError(fault("tape.of-no-run", line=line, valid=names))
+            raise UsageError(fault("tape.run-missing", line=line, valid=names))
         raise UsageError(fault("tape.of-another-run", line=line, value=name, valid=names))
     return names.index(name)
 

@@ -194,14 +194,14 @@ def main(args: list[str] | None = None) -> None:
     replace_unprintable_letters(sys.stdout, sys.stderr)
     args = sys.argv[1:] if args is None else args
     debug = "--debug" in args
-    anywhere = [flag for flag in ("--debug", "--allow-blocks") if flag in args]
-    args = [arg for arg in args if arg not in anywhere]
+    global_flags = [flag for flag in ("--debug", "--allow-blocks") if flag in args]
+    args = [arg for arg in args if arg not in global_flags]
     args, tag = _without_language(args)
     language.choose_language(tag if tag in language.LANGUAGES else "")
     with warnings.catch_warnings(), use_notation(COMMAND_LINE):
         if not debug and not sys.warnoptions:  # an overflow during a search does not concern the user
             warnings.simplefilter("ignore", RuntimeWarning)
-        sys.exit(_exit_code(args, anywhere + ["--lang", tag] * bool(tag)))
+        sys.exit(_exit_code(args, global_flags + ["--lang", tag] * bool(tag)))
 
 
 def _without_language(args: list[str]) -> tuple[list[str], str]:

@@ -87,7 +87,7 @@ def check(
     if report.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("cli.block-breaks", block=block, count=len(report.findings)))
     if not report.findings:
-        print_message(note("cli.block-sound", block=block))
+        print_message(note("cli.block-correct", block=block))
 
 
 TEXT_COLUMNS = {  # columns that are words; the others are typed

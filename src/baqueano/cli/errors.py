@@ -67,7 +67,7 @@ def command_error(error: BaseException, args: list[str]) -> CommandError:
 def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
     match error:
         case BaqueanoError():
-            plain_diagnostic = fault("cli.words", words=str(error))
+            plain_diagnostic = fault("cli.text", words=str(error))
             return (
                 error.message if isinstance(error.message, Diagnostic) else plain_diagnostic
             ), error.exit_code
@@ -86,7 +86,7 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
                 code, f"{path} --help", words=" ".join(error.format_message().split()).rstrip(".")
             ), USAGE
         case click.ClickException():
-            return fault("cli.words", words=error.format_message()), error.exit_code
+            return fault("cli.text", words=error.format_message()), error.exit_code
         case KeyboardInterrupt() | click.Abort() if from_outside(error) or not user_code_place(error):
             return fault("cli.interrupted"), INTERRUPTED
         case MissingMethod():
@@ -107,7 +107,7 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
         return fault(f"cli.block-raised{suffix}", place=location, error=error_text(error)), BAD_FILE
     last_frame = traceback.extract_tb(error.__traceback__)[-1]
     return fault(
-        "cli.unforeseen", error=error_text(error), file=last_frame.filename, line=last_frame.lineno
+        "cli.unexpected-error", error=error_text(error), file=last_frame.filename, line=last_frame.lineno
     ), NEGATIVE_ANSWER
 
 

@@ -30,7 +30,7 @@ MIN_SIMILARITY = 0.75  # share of characters that two similar file names have in
 DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 UNBRACKETED = re.compile(r"=([-+\d.e]+(?:,[-+\d.e]+){2,})$")  # KEY=1,2,3
 NOT_BY_COMMA = ("cli.no-such-option", "cli.whole-number", "room.unreadable")
-ALLOWABLE_CODES = ("block.elsewhere", "block.in-run")
+ALLOWABLE_CODES = ("block.outside-folder", "block.in-run")
 NAMES_CODES = ("name.near", "name.unknown")
 MAX_LISTED_FILES = 5  # files of a folder that are named
 
@@ -123,18 +123,18 @@ def _nearest_file(missing_path: Path) -> Path | None:
 
 def _alternatives_to(path: Path) -> Diagnostic:
     """Return a message with the files of the same type in the folder of a missing path."""
-    alike = [name for name in _file_names(path.parent) if Path(name).suffix == path.suffix]
+    same_kind_names = [name for name in _file_names(path.parent) if Path(name).suffix == path.suffix]
     folder = path.parent.resolve().name
-    if not alike:
+    if not same_kind_names:
         return fault("next.no-file", folder=folder, suffix=path.suffix)
-    if len(alike) > MAX_LISTED_FILES:
+    if len(same_kind_names) > MAX_LISTED_FILES:
         return fault(
             "next.files-and-more",
             folder=folder,
-            files=alike[:MAX_LISTED_FILES],
-            count=len(alike) - MAX_LISTED_FILES,
+            files=same_kind_names[:MAX_LISTED_FILES],
+            count=len(same_kind_names) - MAX_LISTED_FILES,
         )
-    return fault("next.files", folder=folder, files=alike)
+    return fault("next.files", folder=folder, files=same_kind_names)
 
 
 def _file_names(folder: Path) -> list[str]:
@@ -149,7 +149,7 @@ def advise_after_import(
     if not any(run.applied_commands.any() for run in runs):
         noise = baqueano_command("runs", "noise", first, *options.runs_option(folder))
         calibrate = baqueano_command("runs", "calibrate", first, *options.runs_option(folder))
-        return print_message(note("cli.next-at-rest", fix=noise, calibrate=calibrate))
+        return print_message(note("cli.next-without-command", fix=noise, calibrate=calibrate))
     runs_and_options = [first, *(["--held-out", *last] if last else [])]
     is_new = vehicle_file is None and not options.DEFAULT_FILE.exists()
     usual = ["--vehicle", "mylab/vehicle.toml"] if is_new else []

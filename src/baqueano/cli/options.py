@@ -158,16 +158,16 @@ robot = click.option(
 )
 
 
-def refuse_together(other: str, *names: str) -> None:
-    """Raise UsageError if one of these parameters was typed, because it has no effect together with `other`."""
+def refuse_together(name: str, *names: str) -> None:
+    """Raise UsageError if one of these parameters was typed, because it has no effect together with `name`."""
     for option in _typed_options(names):
-        raise UsageError(fault("cli.options-together", option=option, second_option=other))
+        raise UsageError(fault("cli.options-together", option=option, second_option=name))
 
 
-def refuse_without(other: str, *names: str) -> None:
-    """Raise UsageError if one of these parameters was typed, because it has an effect only together with `other`."""
+def refuse_without(required_name: str, *names: str) -> None:
+    """Raise UsageError if one of these parameters was typed, because it has no effect without `required_name`."""
     for option in _typed_options(names):
-        raise UsageError(fault("cli.option-needs", option=option, second_option=other))
+        raise UsageError(fault("cli.option-needs", option=option, second_option=required_name))
 
 
 def _typed_options(names: tuple[str, ...]) -> list[str]:
@@ -278,14 +278,16 @@ def find_route(name: str) -> "Route":
     path = route_path(name)
     if not path.is_file():
         stored_names = stored_routes()
-        others = note("cli.routes", names=", ".join(stored_names)) if stored_names else note("cli.no-routes")
+        route_list = (
+            note("cli.routes", names=", ".join(stored_names)) if stored_names else note("cli.no-routes")
+        )
         raise FileError(
             fault(
                 "cli.route-absent",
                 baqueano_command("teach", name, *_vehicle_argument()),
                 value=name,
                 absent_path=path,
-                valid=others,
+                valid=route_list,
             )
         )
     if b"\0" in path.read_bytes()[:1000]:
@@ -391,7 +393,7 @@ def find_runs(names: tuple[str, ...], folder: str) -> "list[Run]":
 def save_update(vehicle_file: "VehicleFile", update: bool, *next_words: str) -> None:
     """Save a changed vehicle file to its path, or print the option that saves it. `next_words`: the next command."""
     if not update:
-        print_message(note("cli.not-kept"))
+        print_message(note("cli.update-advice"))
         return
     path = vehicle_file.save(None if vehicle_file.path is not None else DEFAULT_FILE)
     print_message(note("cli.written", path=path))

@@ -158,7 +158,11 @@ def show_time_progress(label: Diagnostic | str, duration_s: float) -> Iterator[C
     show(t_s)."""
     done_tenths = 0
     if duration_s <= 0.0:
-        yield lambda t_s: _rewrite(text(note("cli.clocked", label=label, t_s=t_s))) if is_terminal() else None
+        yield (
+            lambda t_s: (
+                _rewrite(text(note("cli.elapsed-time", label=label, t_s=t_s))) if is_terminal() else None
+            )
+        )
         _rewrite("")
         return
 

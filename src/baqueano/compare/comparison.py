@@ -129,7 +129,7 @@ class RunComparison:
         if not np.isfinite(self.end_error_m):
             return (self.corridor.sentence,)
         error_cm = 100.0 * self.end_error_m
-        return (text(note("corridor.and-truth", corridor=self.corridor.message, error_cm=error_cm)),)
+        return (text(note("corridor.with-truth", corridor=self.corridor.message, error_cm=error_cm)),)
 
     def _lap_sentences(self) -> tuple[str, ...]:
         """Return a sentence about the laps if there were at least two, else an empty tuple."""

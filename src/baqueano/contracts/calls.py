@@ -122,9 +122,11 @@ def checked_call(example: str, options_of: Callable[..., Tree] | None = None) ->
                 _refuse_arguments(signature, example, args, options)
             for name in variadic_names:
                 values[name] = args[0] if len(args) == 1 and not _is_container(args[0]) else items_of(args)
-            wrong = [n for n in kinds if n in values and not any(k.accepts(values[n]) for k in kinds[n])]
-            if wrong:
-                _refuse_kind(kinds, wrong, values, example)
+            wrong_names = [
+                n for n in kinds if n in values and not any(k.accepts(values[n]) for k in kinds[n])
+            ]
+            if wrong_names:
+                _refuse_kind(kinds, wrong_names, values, example)
             return function(*args, **options)
 
         vars(call)["__signature__"] = signature
@@ -215,24 +217,31 @@ def _refuse_arguments(
     missing = [p.name for p in positional[len(args) :] if p.default is p.empty and p.name not in options]
     if missing:
         raise Misuse(fault("call.missing", example, call=_call_name(example), names=missing))
-    most = len(positional) - ("self" in parameters)
-    raise Misuse(fault("call.positions", example, call=_call_name(example), maximum=most))
+    max_count = len(positional) - ("self" in parameters)
+    raise Misuse(fault("call.positions", example, call=_call_name(example), maximum=max_count))
 
 
 def _refuse_kind(
-    kinds: Mapping[str, tuple[ArgumentKind, ...]], wrong: list[str], values: Mapping[str, Tree], example: str
+    kinds: Mapping[str, tuple[ArgumentKind, ...]],
+    wrong_names: list[str],
+    values: Mapping[str, Tree],
+    example: str,
 ) -> NoReturn:
     """Raise Misuse for arguments of another kind, or in another order."""
-    name, call = wrong[0], _call_name(example)
+    name, call = wrong_names[0], _call_name(example)
     value = values[name]
-    if any(kind.accepts(value) for second_name in wrong[1:] for kind in kinds[second_name]) or any(
-        kind.accepts(values[second_name]) for second_name in wrong[1:] for kind in kinds[name]
+    if any(kind.accepts(value) for second_name in wrong_names[1:] for kind in kinds[second_name]) or any(
+        kind.accepts(values[second_name]) for second_name in wrong_names[1:] for kind in kinds[name]
     ):
         raise Misuse(fault("call.order", example, call=call))
-    others = [n for n in kinds if n not in values and type(value).__module__.startswith("baqueano")]
-    if others := [n for n in others if _is_accepted(value, kinds[n])]:
-        fix = f"{others[0]}={_short_repr(value)}"
-        raise Misuse(fault("call.of-other-argument", fix, call=call, name=name, function=others[0]))
+    package_arguments = [
+        n for n in kinds if n not in values and type(value).__module__.startswith("baqueano")
+    ]
+    if package_arguments := [n for n in package_arguments if _is_accepted(value, kinds[n])]:
+        fix = f"{package_arguments[0]}={_short_repr(value)}"
+        raise Misuse(
+            fault("call.of-other-argument", fix, call=call, name=name, function=package_arguments[0])
+        )
     label, is_item = name, False
     if type(value) in (list, tuple) and _is_accepted([], kinds[name]):
         wrong_items = (i for i, item in enumerate(value) if not _is_accepted([item], kinds[name]))

@@ -137,8 +137,8 @@ def shorten(
     least_count = _count(middle[: min(MIN_ROWS, max(1, free_count - len(last[:1]) - 1))])
     tail_count = _fitting(last, free_count - 1 - min(least_count, free_count - 1), least=1)
     row_count = _fitting(middle, free_count - 1 - _count(last[:tail_count]), least=1)
-    more = text(note("front.more", lines=len(middle) - row_count + len(last[tail_count:])))
-    return in_lines(chain(*first, *middle[:row_count], [more], *last[:tail_count]))
+    omission_note = text(note("front.more", lines=len(middle) - row_count + len(last[tail_count:])))
+    return in_lines(chain(*first, *middle[:row_count], [omission_note], *last[:tail_count]))
 
 
 def _count(lines: Sequence[Sequence[str]]) -> int:

@@ -54,8 +54,8 @@ class PurePursuit(ModelFollower):
         v_f = tracking.nu_f[0]
         L = np.maximum(self.look_ahead_m, self.look_ahead_s * np.abs(v_f))
         direction = np.array([np.cos(tracking.e_chi), np.sin(tracking.e_chi), 0.0])  # of the path
-        along = direction @ tracking.e
-        excess = along - np.clip(along, -0.5 * L, 0.5 * L)
+        along_m = direction @ tracking.e
+        excess = along_m - np.clip(along_m, -0.5 * L, 0.5 * L)
         near_reference = tracking._replace(e=tracking.e - excess * direction)
         x, y = point_ahead(near_reference, tracking.forward_sign * L)
         curvature = 2.0 * y / np.maximum(x * x + y * y, 0.25 * L * L) - tracking.kappa

@@ -213,12 +213,12 @@ class Composer:
                 break
         return best_score
 
-    def restart(self, path: np.ndarray, kept: np.ndarray) -> float:
-        """Search again from the beginning, with only `kept` of the primitives and with other vehicles. `path`
+    def restart(self, path: np.ndarray, kept_primitives: np.ndarray) -> float:
+        """Search again from the beginning, with only `kept_primitives` and with other vehicles. `path`
         (P, L, S, 3) contains the poses of these vehicles along all primitives."""
         self.chosen, self.path = [], path
         self.xy = np.ascontiguousarray(path[..., :2].transpose(3, 0, 2, 1), np.float32)
-        self._keep(kept)
+        self._keep(kept_primitives)
         return self.search()
 
     def _keep(self, primitives: np.ndarray) -> None:
@@ -275,13 +275,13 @@ class Composer:
     def _improve_place(self, place: int, best_score: float) -> float:
         """Put a better primitive in the place if the search finds one. Return J of the sequence minus the cost of its
         primitives."""
-        earlier, later = self.chosen[:place], self.chosen[place + 1 :]
-        pose, other_pieces = self._start(), [*earlier, *later]
-        for k in earlier:
+        earlier_primitives, later_primitives = self.chosen[:place], self.chosen[place + 1 :]
+        pose, other_pieces = self._start(), [*earlier_primitives, *later_primitives]
+        for k in earlier_primitives:
             pose = poses_in_map(pose, self.path[k, :, -1])
         cost = float(self.cost[other_pieces].sum())
         first_inside = self._first_inside(
-            self.F[other_pieces].sum(axis=0), pose, later, best_score + cost + 1e-6
+            self.F[other_pieces].sum(axis=0), pose, later_primitives, best_score + cost + 1e-6
         )
         if first_inside is None:
             return best_score
@@ -289,11 +289,11 @@ class Composer:
         return first_inside[1] - cost
 
     def _first_inside(
-        self, other_information: np.ndarray, pose: np.ndarray, later: list[int], min_score: float
+        self, other_information: np.ndarray, pose: np.ndarray, later_primitives: list[int], min_score: float
     ) -> tuple[int, float] | None:
         """Return the index of a good primitive to add to F = `other_information` (M, q, q), and J minus the cost of the
         primitive. Return None if no tested primitive exceeds `min_score`. At most the MAX_TRIED_PRIMITIVES primitives
-        with the highest bounds are tested. The primitive and all primitives of `later` must stay inside from the poses
+        with the highest bounds are tested. The primitive and all `later_primitives` must stay inside from the poses
         (L, 3) on."""
         order = np.argsort(-self._upper_bound(other_information) + self.cost)
         for offset in range(0, min(len(order), MAX_TRIED_PRIMITIVES), EXACT_PRIMITIVES):
@@ -301,7 +301,7 @@ class Composer:
             scores = self.score(other_information + self.F[candidates]) - self.cost[candidates]
             improving = np.flatnonzero(scores > min_score)
             if len(improving):
-                feasible = improving[self._stays_inside(pose, candidates[improving], later)]
+                feasible = improving[self._stays_inside(pose, candidates[improving], later_primitives)]
                 if len(feasible):
                     k = feasible[np.argmax(scores[feasible])]
                     return int(candidates[k]), float(scores[k])
@@ -321,12 +321,14 @@ class Composer:
     def _start(self) -> np.ndarray:
         return np.tile(np.array(self.room.start), (self.path.shape[1], 1))
 
-    def _stays_inside(self, pose: np.ndarray, primitives: np.ndarray, later: list[int]) -> np.ndarray:
-        """Return a mask (C,), True for each primitive whose corridor, with all of `later` after it, stays in the room.
+    def _stays_inside(
+        self, pose: np.ndarray, primitives: np.ndarray, later_primitives: list[int]
+    ) -> np.ndarray:
+        """Return a mask (C,), True for each primitive whose corridor stays in the room, with all `later_primitives`.
         The primitives begin at the poses (L, 3). (3)"""
         is_inside = self._margin(pose[None], primitives) >= 0.0
         poses = poses_in_map(pose, self.path[primitives][:, :, -1])
-        for k in later:
+        for k in later_primitives:
             candidates = np.flatnonzero(is_inside)
             if not len(candidates):
                 break

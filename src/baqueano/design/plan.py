@@ -146,8 +146,8 @@ class PlanSearch:
         self.room, self.rng = room, random_stream(seed, "pieces")
         self.drive_information = DriveInformation(vehicle_file, backend)
         with ThreadPoolExecutor(1) as thread:  # the two kernels compile at the same time
-            still = np.zeros((2, vehicle_file.vehicle.commands))
-            future = thread.submit(self.drive_information.information, still)
+            rest_commands = np.zeros((2, vehicle_file.vehicle.commands))
+            future = thread.submit(self.drive_information.information, rest_commands)
             self.cloud = VehicleCloud(vehicle_file, distribution.subset(LIBRARY_VEHICLES), seed, backend)
             future.result()
         self.all_vehicles = VehicleCloud(vehicle_file, distribution, seed, backend)

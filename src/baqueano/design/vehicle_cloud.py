@@ -150,9 +150,11 @@ def _with_sideways_friction(fit: "Fit", rough_file: "VehicleFile") -> "VehicleFi
         index = tuple(map(int, filter(None, entry.rstrip("]").split(","))))
         number[index] = np.asarray(rough_file.value(field), dtype=float)[index]
         values[field] = number.tolist()
-    others = [k for k, name in enumerate(cov.names) if name not in paths]
-    names = tuple(cov.names[k] for k in others)
-    return file.with_values(values, None, cov._replace(names=names, cov=cov.cov[np.ix_(others, others)]))
+    kept_indices = [k for k, name in enumerate(cov.names) if name not in paths]
+    names = tuple(cov.names[k] for k in kept_indices)
+    return file.with_values(
+        values, None, cov._replace(names=names, cov=cov.cov[np.ix_(kept_indices, kept_indices)])
+    )
 
 
 def _fields(fit: "Fit") -> set[str]:

@@ -3,4 +3,4 @@
 from pathlib import Path
 
 SOCKET = Path("/run/baqueano/door")  # socket of the service, on the vehicle
-VERSION = 3  # version of the protocol; since version 3, the names of fields are terms of the field
+VERSION = 4  # version of the protocol; since version 4, the field `type` names a message

@@ -26,8 +26,8 @@ MAX_PAUSE_S = 2.0  # longest pause within a long line: Wi-Fi is sometimes interr
 MIN_RATE_BYTES_S = 8 << 10  # of a long line, apart from pauses
 READ_BYTES = 16 << 10  # bytes that are read at once
 MAX_BACKLOG = 256  # most lines that wait
-MISSION_PATTERN = re.compile(rb'"do"\s*:\s*"mission"')  # at the beginning of each mission
-STOP_PATTERN = re.compile(rb'"do"\s*:\s*"stop"')  # in each stop; a line that contains it is read at once
+MISSION_PATTERN = re.compile(rb'"type"\s*:\s*"mission"')  # at the beginning of each mission
+STOP_PATTERN = re.compile(rb'"(?:type|do)"\s*:\s*"stop"')  # in each stop; a line with it is read at once
 
 
 class DoorClient:
@@ -41,7 +41,10 @@ class DoorClient:
         self.columns: tuple[int, ...] | None = None  # indices of the requested columns; None: all
         self.names: tuple[str, ...] | None = None  # names of the requested columns
         self.hz, self.turn = 0.0, 0  # frames per second; the period in which the last frame was sent
-        self.drive, self.shown = -1, 0  # the drive that was described to the client; its rows that were sent
+        self.drive, self.sent_row_count = (
+            -1,
+            0,
+        )  # the drive that was described to the client; its rows that were sent
         self._coming = bytearray()  # the beginning of a line
         self._due_s = 0.0  # time until which a long line needs no more bytes
         self._backlog = 0  # bytes of the waiting lines, without the mission

@@ -37,7 +37,7 @@ class RunFiles:
         if time.monotonic() - self._last_check_s > LIST_LIFETIME_S:
             paths = (p.name for p in self.folder.glob("*.mcap") if not p.is_symlink())
             names = sorted(name for name in paths if is_run_name(name) and name != self._open_run)
-            self._list, self._last_check_s = encode({"is": "runs", "runs": names}), time.monotonic()
+            self._list, self._last_check_s = encode({"type": "runs", "runs": names}), time.monotonic()
         return self._list
 
     def fetch(self, client: DoorClient, name: str, is_connected: Callable[[DoorClient], bool]) -> None:
@@ -69,7 +69,7 @@ class RunFiles:
                     is_last = remaining == 0
                     client.enqueue(
                         {
-                            "is": "file",
+                            "type": "file",
                             "run": name,
                             "data": base64.b64encode(data).decode(),
                             "left": remaining,

@@ -117,13 +117,13 @@ class ChangeObserver(Observer):
         lines: list[EventLine] = []
         while self._blocks:
             role, kind = self._blocks.popitem()
-            lines.append((SWAP, str(Severity.INFO), note("door.swapped", role=role, kind=kind)))
+            lines.append((SWAP, str(Severity.INFO), note("door.block-replaced", role=role, kind=kind)))
         for path, value in self._operator.pop_changes():
             try:
                 diagnostic, level = self._change(path, value), Severity.INFO
             except Invalid as error:
                 diagnostic, level = error.diagnostic, Severity.WARNING
-            self._broadcast({"is": "event", "level": str(level), "message": diagnostic})
+            self._broadcast({"type": "event", "level": str(level), "message": diagnostic})
             lines.append((SOURCE, str(level), diagnostic))
         return lines
 

@@ -181,5 +181,5 @@ class Operator:
         if self._holder is None or self._holder is client:
             return
         if self._busy:
-            raise SafetyStop(note("door.somebody", Severity.ERROR, STOP_COMMAND))
-        raise SafetyStop(note("door.somebody-waits", Severity.ERROR))
+            raise SafetyStop(note("door.other-driver", Severity.ERROR, STOP_COMMAND))
+        raise SafetyStop(note("door.other-reservation", Severity.ERROR))

@@ -29,4 +29,4 @@ def mission_outcome(drive: Callable[[], Diagnostic | None]) -> tuple[Diagnostic 
             return note("block.raised-outside", Severity.ERROR, place=location, error=error_text(error)), 1
         if isinstance(error, DiagnosticError):
             return error.diagnostic, UsageError.exit_code
-        return note("service.unforeseen", Severity.ERROR, error=error_text(error)), 1
+        return note("service.unexpected-error", Severity.ERROR, error=error_text(error)), 1

@@ -48,6 +48,7 @@ MAX_RUN_BYTES = 4 << 30  # bytes: two days of driving
 MAX_WAITING = 256  # messages that wait for the reader; further states are dropped, others wait outside
 LATE_CHANGE = "door.not-holder"  # a pause that arrives after the drive, whose end is reported by "done"
 ATTACH_COMMAND = "exec baqueano robot attach"
+STOP_REQUEST = {"type": "stop", "do": "stop"}  # `do` is for a vehicle with version 3 of the protocol
 
 
 class Remote:
@@ -70,7 +71,9 @@ class Remote:
                 self._sink.write(encode(words))
                 self._sink.flush()
             except (OSError, ValueError) as error:
-                raise RobotUnreachable(fault("remote.gone", host=self.name, error=error)) from error
+                raise RobotUnreachable(
+                    fault("remote.connection-lost", host=self.name, error=error)
+                ) from error
 
     def receive(self, kinds: tuple[str, ...], within_s: float) -> "JsonObject":
         """Return the next message of these kinds; store each "state", and raise the error that a "refused" reports.
@@ -89,14 +92,14 @@ class Remote:
                     fault("remote.closed", baqueano_command("robot", "status", self.name), host=self.name)
                 )
             self.on_message(message)
-            match message["is"]:
+            match message["type"]:
                 case "state":
                     self.state = message
                 case "received":
-                    self.acknowledged = message["do"]
-            if message["is"] in kinds:
+                    self.acknowledged = message["request"]
+            if message["type"] in kinds:
                 return message
-            if message["is"] == "refused" and getattr(message.get("diagnostic"), "code", "") != LATE_CHANGE:
+            if message["type"] == "refused" and getattr(message.get("diagnostic"), "code", "") != LATE_CHANGE:
                 raise error_of_exit_code(
                     int(message.get("code", 1)), message.get("diagnostic") or message["reason"]
                 )
@@ -134,7 +137,7 @@ class Remote:
         self._drop_old_messages()
         name = uuid4().hex
         self._check_version()
-        self.send(do="mission", id=name, mission=mission.to_json(), attended=True, door=VERSION)
+        self.send(type="mission", id=name, mission=mission.to_json(), attended=True, door=VERSION)
         outcome = self._await_end(name, hand, progress, on_event, words, on_state)
         if outcome["run"] is not None:
             self.fetch(outcome["run"], path)
@@ -160,9 +163,9 @@ class Remote:
         while True:
             try:
                 if hand is not None and not ending:
-                    self.send(do="hand", u=[float(x) for x in hand()])
+                    self.send(type="hand", u=[float(x) for x in hand()])
                 else:
-                    self.send(do="beat")
+                    self.send(type="beat")
                 for request in words():
                     self.send(**request)
                 self._ping()
@@ -172,15 +175,15 @@ class Remote:
                 on_state(self.state | {"link_ms": self.link_ms})
                 if message is None:
                     progress(time.monotonic() - start_s)
-                elif message["is"] == "event":
+                elif message["type"] == "event":
                     on_event(text(message["message"]))
-                elif message["is"] == "done" and message.get("id") == name:
+                elif message["type"] == "done" and message.get("id") == name:
                     return message
             except KeyboardInterrupt:
                 if ending:
-                    self.send(do="stop", reason=because(StopReason.STOPPED_FROM_LAPTOP))
+                    self.send(**STOP_REQUEST, reason=because(StopReason.STOPPED_FROM_LAPTOP))
                 ending = True
-                self.send(do="end")
+                self.send(type="end")
 
     def _check_version(self) -> None:
         """Raise UsageError if the vehicle uses another version of the protocol, which this program cannot read."""
@@ -196,19 +199,19 @@ class Remote:
             if message is None:  # the connection is closed; keep this for the next reader
                 self.inbox.put(None)
                 return
-            if message["is"] == "state":
+            if message["type"] == "state":
                 self.state = message
 
     def _ping(self) -> None:
         """Send a ping if one is due."""
         if time.monotonic() - self._pinged_s >= PING_PERIOD_S:
             self._pinged_s = time.monotonic()
-            self.send(do="ping", token=self._pinged_s)
+            self.send(type="ping", token=self._pinged_s)
 
     def _next_message(self, within_s: float) -> "JsonObject | None":
         try:
             message = self.receive(("event", "done", "pong"), within_s)
-            if message["is"] != "pong":
+            if message["type"] != "pong":
                 return message
             if message["token"] == self._pinged_s:
                 self.link_ms = 1e3 * (time.monotonic() - self._pinged_s)
@@ -228,7 +231,7 @@ class Remote:
             raise FileError(fault("remote.run-name", host=self.name, run=run))
         path.parent.mkdir(parents=True, exist_ok=True)
         with write_then_appear(path) as run_file:
-            self.send(do="fetch", run=run)
+            self.send(type="fetch", run=run)
             for piece in self._run_chunks(run, shutil.disk_usage(path.parent).free):
                 run_file.write(piece)
         return path
@@ -264,7 +267,7 @@ class Remote:
 
     def run_names(self) -> list[str]:
         """Return the names of the runs on the vehicle."""
-        self.send(do="runs")
+        self.send(type="runs")
         return self.receive(("runs",), 10.0)["runs"]
 
     def _read_messages(self) -> None:
@@ -273,7 +276,7 @@ class Remote:
             while (line := self._source.readline(MAX_LINE_BYTES)).endswith(b"\n"):
                 if (message := decode(line, address)) is None:
                     continue
-                while message["is"] != "state" and self.inbox.qsize() >= MAX_WAITING:  # the reader is busy
+                while message["type"] != "state" and self.inbox.qsize() >= MAX_WAITING:  # the reader is busy
                     time.sleep(SET_POINT_PERIOD_S)
                 if self.inbox.qsize() < MAX_WAITING:
                     self.inbox.put(message)
@@ -345,7 +348,7 @@ def stop(host: str, reason: Diagnostic) -> "JsonObject":
     a drive is being prepared: the drive then ends later, before the vehicle moves. Raise RobotUnreachable if the
     vehicle did not acknowledge the stop.
     """
-    with connect(host, do="stop", reason=reason) as remote:
+    with connect(host, **STOP_REQUEST, reason=reason) as remote:
         if not remote.wait(lambda: remote.acknowledged == "stop" or _is_stopped(remote), GREETING_TIMEOUT_S):
             raise RobotUnreachable(fault("remote.stop-unconfirmed", host=host))
         if not remote.wait(lambda: _is_stopped(remote), STOP_TIMEOUT_S):
@@ -362,7 +365,7 @@ def stop(host: str, reason: Diagnostic) -> "JsonObject":
 
 def unreachable_service(path: Path, error: OSError) -> Diagnostic:
     """Return the diagnostic for a socket at which no service listens."""
-    return fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
+    return fault("door.no-answer", "systemctl status baqueano", path=path, error=error.strerror)
 
 
 def _is_stopped(remote: Remote) -> bool:

@@ -3,7 +3,7 @@
   to the vehicle     mission {mission, attended, id, door}, hand {u}, beat, mark, end, stop {reason}, clear,
                      runs, fetch {run}, ping {token}, watch {hz, fields}, set {path, value}, and the service's own
   from the vehicle   state {door}, event {message}, done {id, run, reason}, runs, file {run, data, left}, vehicle,
-                     fields, refused {reason, diagnostic}, pong {token}, received {do}, route, frame {t_ns, n, x}
+                     fields, refused {reason, diagnostic}, pong {token}, received {request}, route, frame {t_ns, n, x}
 
 `reason`, `message` and `diagnostic` are diagnostics (wire.py), except the `reason` of `refused`, a sentence. `door` is
 the version of the protocol: missions of other versions are refused, but stops are always accepted. A new connection
@@ -62,11 +62,11 @@ class Door:
         self.path, self.operator, self.frames = path, operator, Frames()
         self._halt, self._handlers, self._files = halt, dict(handlers or {}), RunFiles(folder, self._wake)
         self._clients: set[DoorClient] = set()
-        self._until: dict[DoorClient, float] = {}  # end of the connection of clients in extra places
+        self._end_times_s: dict[DoorClient, float] = {}  # end of the connection of clients in extra places
         self._state: JsonObject = {}  # the last state sent
         self._outbox: deque[JsonObject] = deque()
         self._coming: deque[socket.socket] = deque()
-        self._behind = False  # some ticks are not yet converted to rows
+        self._has_unsent_rows = False  # some ticks are not yet converted to rows
         self._busy, self._number = 0, 0  # lines answered in the last turn, and in total
         self._end_event = threading.Event()
         self._listener = None if path is None else _listening_socket(path)
@@ -126,7 +126,7 @@ class Door:
             self._answer_all()
             self._send_new_rows()
             self._send_all()
-            for client in [client for client, until in self._until.items() if time.monotonic() > until]:
+            for client in [client for client, until in self._end_times_s.items() if time.monotonic() > until]:
                 self._refuse_client(client)
         self._queue_broadcasts()
         self._send_all()
@@ -135,11 +135,16 @@ class Door:
         """Return the longest time [s] for which the door waits for an event."""
         if self._busy >= MAX_LINES // 2:
             time.sleep(ROUND_PAUSE_S)
-        if self._behind or self._coming or self._outbox or any(client.lines for client in self._clients):
+        if (
+            self._has_unsent_rows
+            or self._coming
+            or self._outbox
+            or any(client.lines for client in self._clients)
+        ):
             return 0.0
         fastest = max((client.hz for client in self._clients), default=0.0)
         if fastest <= 0.0:
-            return SHORT_S if self._until else LOOK_S
+            return SHORT_S if self._end_times_s else LOOK_S
         now_s = time.monotonic()
         return max(0.0, (int(now_s * fastest) + 1) / fastest - now_s)
 
@@ -148,11 +153,11 @@ class Door:
         outbox_size = len(self._outbox)
         while self._outbox:
             message = self._outbox.popleft()
-            if message["is"] in ("state", "done"):
-                self._files.invalidate(message.get("run") if message["is"] == "state" else None)
-            if message["is"] == "done":
+            if message["type"] in ("state", "done"):
+                self._files.invalidate(message.get("run") if message["type"] == "state" else None)
+            if message["type"] == "done":
                 self._send_new_rows(at_once=True)  # the last ticks are sent before the end
-            if message["is"] == "state":
+            if message["type"] == "state":
                 self._state = message = message | {"door": VERSION}
             line = encode(message)
             for client in self._clients:
@@ -169,10 +174,10 @@ class Door:
         with suppress(OSError):
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         client = DoorClient(connection)
-        if len(self._clients) - len(self._until) >= MAX_CLIENTS:
-            if len(self._until) >= STOP_CONNECTIONS:
-                self._disconnect(min(self._until, key=self._until.__getitem__))
-            self._until[client] = time.monotonic() + SHORT_S
+        if len(self._clients) - len(self._end_times_s) >= MAX_CLIENTS:
+            if len(self._end_times_s) >= STOP_CONNECTIONS:
+                self._disconnect(min(self._end_times_s, key=self._end_times_s.__getitem__))
+            self._end_times_s[client] = time.monotonic() + SHORT_S
         elif self._state:
             client.enqueue(self._state)
         self._clients.add(client)
@@ -202,8 +207,10 @@ class Door:
         """Refuse a line longer than MAX_SHORT_LINE_BYTES; accept one mission at a time, up to MAX_LINE_BYTES."""
         try:
             self.operator.check_admission(client)
-            for other in [other for other in self._clients - {client} if other.has_stalled]:
-                self._disconnect(other)
+            for stalled_client in [
+                stalled_client for stalled_client in self._clients - {client} if stalled_client.has_stalled
+            ]:
+                self._disconnect(stalled_client)
             is_busy = any(c.partial_line_bytes > MAX_SHORT_LINE_BYTES for c in self._clients - {client})
             if is_busy or client.partial_line_bytes > MAX_LINE_BYTES or not client.can_be_mission:
                 raise Invalid(fault("door.too-long", max_kb=MAX_SHORT_LINE_BYTES >> 10))
@@ -213,7 +220,7 @@ class Door:
 
     def _answer_all(self) -> None:
         """Answer lines of all clients in turn: one, and more until MAX_LINES, MAX_ROUND_S or a message of the loop."""
-        for client in [peer for peer in self._until if peer.lines]:
+        for client in [peer for peer in self._end_times_s if peer.lines]:
             self._refuse_client(client)
         self._busy, end_s = 0, time.monotonic() + MAX_ROUND_S
         queue = deque(sorted((peer for peer in self._clients if peer.lines), key=lambda peer: peer.answered))
@@ -235,17 +242,26 @@ class Door:
             if len(line) > MAX_SHORT_LINE_BYTES:  # decoding blocks all threads, so check admission first
                 self.operator.check_admission(client)
             request = json.loads(line)
-            if len(line) > MAX_SHORT_LINE_BYTES and request["do"] not in ("mission", "stop"):
+            request_type = request["type" if "type" in request else "do"]  # do: a stop of an earlier version
+            if len(line) > MAX_SHORT_LINE_BYTES and request_type not in ("mission", "stop"):
                 raise Invalid(fault("door.too-long", max_kb=MAX_SHORT_LINE_BYTES >> 10))
-            self._execute(client, request, request["do"])
+            self._execute(client, request, request_type)
         except (BaqueanoError, Invalid) as error:
             self._refuse(client, error.diagnostic, getattr(error, "exit_code", UsageError.exit_code))
         except Exception as error:  # a line can cause any error, and this thread is the only reader
             self._refuse(client, note("door.not-understood", Severity.ERROR, error=error_text(error)), 2)
 
     def _refuse(self, client: DoorClient, diagnostic: Diagnostic, code: int) -> None:
-        """Send a refusal. Its sentence `reason` is for clients of another version, which cannot read diagnostics."""
-        client.enqueue({"is": "refused", "reason": text(diagnostic), "diagnostic": diagnostic, "code": code})
+        """Send a refusal. Its `is` and its sentence `reason` are for clients of another version."""
+        client.enqueue(
+            {
+                "type": "refused",
+                "is": "refused",
+                "reason": text(diagnostic),
+                "diagnostic": diagnostic,
+                "code": code,
+            }
+        )
 
     def _execute(self, client: DoorClient, request: "JsonObject", verb: str) -> None:
         actions: dict[str, Callable[[], object]] = {
@@ -253,7 +269,7 @@ class Door:
             "hand": lambda: self.operator.set_command(client, request["u"]),
             "beat": lambda: self.operator.record_heartbeat(client),
             "mark": lambda: self.operator.record_mark(client),
-            "ping": lambda: client.enqueue({"is": "pong", "token": request.get("token")}),
+            "ping": lambda: client.enqueue({"type": "pong", "token": request.get("token")}),
             "end": lambda: self.operator.request_end(client),
             "stop": lambda: self._stop(client, _stop_reason(request.get("reason"))),
             "clear": lambda: setattr(self.operator, "clear_requested", True),
@@ -281,14 +297,14 @@ class Door:
 
     def _set_gain(self, client: DoorClient, request: "JsonObject") -> None:
         self.operator.set_gain(client, str(request["path"]), request["value"])
-        client.enqueue({"is": "received", "do": "set"})
+        client.enqueue({"type": "received", "request": "set"})
 
     def _stop(self, client: DoorClient, reason: Diagnostic) -> None:
         self.operator.stop(reason)
         self._halt()
-        client.enqueue({"is": "received", "do": "stop"})
-        if client in self._until:
-            self._until[client] = time.monotonic() + STOPPED_S
+        client.enqueue({"type": "received", "request": "stop"})
+        if client in self._end_times_s:
+            self._end_times_s[client] = time.monotonic() + STOPPED_S
 
     def _subscribe(self, client: DoorClient, request: "JsonObject") -> None:
         """Begin to send frames of the next ticks to a client, at `hz`, at most MAX_FRAME_RATE_HZ; 0 ends this."""
@@ -305,14 +321,14 @@ class Door:
         drive, descriptions = self.frames.drive()
         if drive is None or drive.number == client.drive or client.hz <= 0.0:
             return
-        client.shown = drive.tick_count if client.drive < 0 else 0
+        client.sent_row_count = drive.tick_count if client.drive < 0 else 0
         client.drive = drive.number
         names = [column.name for column in drive.columns]
         client.columns = (
             None if client.names is None else tuple(names.index(n) for n in client.names if n in names)
         )
         for message in descriptions:
-            if message["is"] == "fields" and client.columns is not None:
+            if message["type"] == "fields" and client.columns is not None:
                 for name in ("names", "units", "kinds"):
                     message = message | {name: [message[name][c] for c in client.columns]}
             client.enqueue(message)
@@ -320,10 +336,10 @@ class Door:
     def _send_new_rows(self, at_once: bool = False) -> None:
         """Send new rows to the clients for which they are due, or to all if `at_once`; equal rows are encoded once."""
         watching = [client for client in self._clients if client.hz > 0.0]
-        (drive, _), frames_by_columns, self._behind = self.frames.drive(), {}, False
+        (drive, _), frames_by_columns, self._has_unsent_rows = self.frames.drive(), {}, False
         if drive is None or not watching:
             return
-        self._behind = drive.convert(MAX_STORED_TICKS if at_once else TICKS_PER_TURN)
+        self._has_unsent_rows = drive.convert(MAX_STORED_TICKS if at_once else TICKS_PER_TURN)
         now_s = time.monotonic()
         for client in watching:
             self._send_description(client)
@@ -331,10 +347,10 @@ class Door:
             if not reads or (int(now_s * client.hz) == client.turn and not at_once):
                 continue
             client.turn = int(now_s * client.hz)
-            key = (client.shown, client.columns)
+            key = (client.sent_row_count, client.columns)
             if key not in frames_by_columns:
-                frames_by_columns[key] = drive.frame(client.shown, client.columns)
-            client.shown = drive.row_count
+                frames_by_columns[key] = drive.frame(client.sent_row_count, client.columns)
+            client.sent_row_count = drive.row_count
             if frames_by_columns[key] is not None:
                 client.send_line(frames_by_columns[key])
 
@@ -363,7 +379,7 @@ class Door:
         if client not in self._clients:
             return
         self._clients.discard(client)
-        self._until.pop(client, None)
+        self._end_times_s.pop(client, None)
         self.operator.revoke_holder(client)
         with suppress(KeyError, ValueError):
             self._selector.unregister(client.line)

@@ -75,7 +75,7 @@ class StateMachine:
     def advice(self) -> Diagnostic:
         """Return the advice on how to leave the present state."""
         if self.state is DoorState.DISARMED:
-            return note("door.mend")
+            return note("door.correct-and-wait")
         if self.state is DoorState.STOPPED:
             return note("door.clear", fix="baqueano robot clear")
         return note("door.wait", fix="baqueano robot stop")

@@ -16,8 +16,11 @@ REQUIRED_FIELDS: dict[str, "JsonObject"] = {  # the required fields of a message
     "state": {"state": str}, "event": {"message": Diagnostic}, "done": {"run": str | None, "reason": Diagnostic | None},
     "runs": {"runs": list}, "file": {"data": str, "left": int}, "refused": {"reason": str}, "pong": {"token": object},
     "vehicle": {"name": str}, "fields": {"names": list}, "route": {"x": list, "y": list}, "frame": {"x": list},
-    "routes": {"routes": list}, "over": {"reason": Diagnostic}, "ledger": {"rows": list}, "received": {"do": str},
+    "routes": {"routes": list}, "over": {"reason": Diagnostic}, "ledger": {"rows": list}, "received": {"request": str},
 }  # fmt: skip
+
+
+FORMER_FIELDS = {"is": "type", "do": "request"}  # of a robot with an earlier version of the protocol
 
 
 def encode(message: "JsonObject") -> bytes:
@@ -32,14 +35,14 @@ def decode(line: bytes, host: str = "HOST") -> "JsonObject | None":
     The commands that its diagnostics advise contain `host`, the address of the vehicle.
     """
     try:
-        message = printable_json(json.loads(line))
+        message = {FORMER_FIELDS.get(str(k), str(k)): v for k, v in printable_json(json.loads(line)).items()}
         message |= {
             k: _with_host(Diagnostic.of_json(message[k]), host)
             for k in DIAGNOSTIC_FIELDS
             if isinstance(message.get(k), dict)
         }
         is_valid = all(
-            isinstance(message[name], kind) for name, kind in REQUIRED_FIELDS[message["is"]].items()
+            isinstance(message[name], kind) for name, kind in REQUIRED_FIELDS[message["type"]].items()
         )
         is_valid &= isinstance(message.get("code", 0), int)
         is_valid &= isinstance(message.get("diagnostic"), Diagnostic | None)

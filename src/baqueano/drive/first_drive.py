@@ -341,7 +341,7 @@ def _wiring_faults(pulses: tuple[Pulse, ...], commands: np.ndarray) -> tuple[Dia
         return tuple(fault(f"wiring.turns-wrong-{side}") for side in inverted_sides)
     is_own_wheel = speed_turn > 0.0  # the commanded wheel is the wheel that turned
     if is_own_wheel.any() and not is_own_wheel.all():
-        return (fault("wiring.answers-as-one"),)
+        return (fault("wiring.same-response"),)
     swap = [] if is_own_wheel.all() else [fault("wiring.swapped")]
     names, forward_turn = (("left", "right"), turn) if is_own_wheel.all() else (("right", "left"), -turn)
     backwards = [name for name, x in zip(names, forward_turn, strict=True) if x < 0.0]

@@ -383,7 +383,7 @@ def _run(
             blocks, recording.world, until_interrupted, recording.tick, recording.record_stop, start
         )
     if outcome.stop_reason is not None and not outcome.ticks:
-        raise SafetyStop(fault("drive.never-began", cause=outcome.stop_reason), outcome.stop_reason)
+        raise SafetyStop(fault("drive.not-started", cause=outcome.stop_reason), outcome.stop_reason)
     recording.end(outcome.stop_reason)
 
 

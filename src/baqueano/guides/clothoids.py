@@ -62,9 +62,9 @@ def shortest_path(
     best_lane = 0
     for _ in range(ITERATION_COUNT):
         entry, exit_1, phi_1, out_1 = _turn(s_1, kappa_1, kappa_1_0, k)
-        back, exit_2, phi_2, out_2 = _turn(-s_2, kappa_2, -kappa_g, k)
+        entry_2, exit_2, phi_2, out_2 = _turn(-s_2, kappa_2, -kappa_g, k)
         c_1 = _moved(turn_start, np.stack([*entry, phi_1]))
-        c_2 = _moved(end, np.stack([*back, phi_2]))
+        c_2 = _moved(end, np.stack([*entry_2, phi_2]))
         dx, dy = c_2[0] - c_1[0], c_2[1] - c_1[1]
         q_1, q_2 = exit_1, -exit_2  # the exit of the last turn, seen from the line that enters it
         across = q_1[1] - q_2[1]
@@ -108,21 +108,29 @@ def pose_at(path: ClothoidPath, sigma_m: float) -> tuple[np.ndarray, float]:
     return _moved(path.eta[:, i], _displacement(done_m, a, kappa)), float(kappa)
 
 
-def _path_of(start: np.ndarray, piece_m: np.ndarray, before: np.ndarray, after: np.ndarray) -> ClothoidPath:
+def _path_of(
+    start: np.ndarray, piece_m: np.ndarray, first_curvature: np.ndarray, last_curvature: np.ndarray
+) -> ClothoidPath:
     """Return the path of pieces with these lengths, and curvatures at their starts and ends, each (9,)."""
-    steps, eta = _displacement(piece_m, before, after), [np.array(start, dtype=float)]
+    steps, eta = _displacement(piece_m, first_curvature, last_curvature), [np.array(start, dtype=float)]
     for step in steps.T[:-1]:
         eta.append(_moved(eta[-1], step))
-    return ClothoidPath(float(np.sum(piece_m)), piece_m, np.stack([before, after]), np.array(eta).T)
+    return ClothoidPath(
+        float(np.sum(piece_m)), piece_m, np.stack([first_curvature, last_curvature]), np.array(eta).T
+    )
 
 
-def _displacement(length_m: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Return the pose (3, …) after a piece from the origin, along x, with a curvature from `before` to `after`."""
-    length_m, before, after = (np.asarray(x)[..., None] for x in (length_m, before, after))
+def _displacement(
+    length_m: np.ndarray, first_curvature: np.ndarray, last_curvature: np.ndarray
+) -> np.ndarray:
+    """Return the pose (3, …) after a piece from the origin, along x, with a curvature that changes linearly."""
+    length_m, first_curvature, last_curvature = (
+        np.asarray(x)[..., None] for x in (length_m, first_curvature, last_curvature)
+    )
     share = 0.5 * (NODES + 1.0)
-    psi = length_m * share * (before + 0.5 * (after - before) * share)
+    psi = length_m * share * (first_curvature + 0.5 * (last_curvature - first_curvature) * share)
     x, y = (0.5 * length_m[..., 0] * (f(psi) @ WEIGHTS) for f in (np.cos, np.sin))
-    return np.stack([x, y, 0.5 * (length_m * (before + after))[..., 0]])
+    return np.stack([x, y, 0.5 * (length_m * (first_curvature + last_curvature))[..., 0]])
 
 
 def _moved(eta: np.ndarray, step: np.ndarray) -> np.ndarray:

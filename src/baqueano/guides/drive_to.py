@@ -146,11 +146,11 @@ class DriveTo:
     def _nearest_goal(self, estimate: Estimate) -> tuple[ClothoidPath, np.ndarray]:
         """Return the path to the nearest goal, and time, speed and direction of the route at that goal.  (1)"""
         eta, (v, _, r) = np.array(estimate.eta), estimate.nu
-        offset, most = eta - self.goals[0], 1.0 / self.radius_m
+        offset, max_curvature = eta - self.goals[0], 1.0 / self.radius_m
         is_at_goal = (
             np.hypot(offset[0], offset[1]) < self.tolerance_m and abs(wrap(offset[2])) < self.tolerance_rad
         )
-        kappa_0 = float(np.clip(r / v, -most, most)) if abs(v) > MIN_SPEED_M_S else 0.0
+        kappa_0 = float(np.clip(r / v, -max_curvature, max_curvature)) if abs(v) > MIN_SPEED_M_S else 0.0
         shortest, nearest = NO_PATH._replace(eta=np.tile(eta[:, None], 9)), 0
         for sign in (1.0, -1.0):
             index = np.flatnonzero((self.v_m_s >= 0.0) == (sign > 0.0))
@@ -160,7 +160,7 @@ class DriveTo:
             start, goals = (
                 x - np.array([0.0, 0.0, 0.5 * np.pi * (1.0 - sign)]) for x in (eta, self.goals[index])
             )
-            kappa_g = sign * np.clip(self.kappa_1_m[index], -most, most)
+            kappa_g = sign * np.clip(self.kappa_1_m[index], -max_curvature, max_curvature)
             path, k = shortest_path(start, sign * kappa_0, goals, kappa_g, self.radius_m, self.ramp_m)
             if shortest.length_m == 0.0 or path.length_m < shortest.length_m:
                 shortest, nearest = path, int(index[k])

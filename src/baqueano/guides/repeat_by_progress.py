@@ -132,8 +132,8 @@ class RepeatByProgress(Repeat):
         )
         if has_cusps:
             squared_distances = np.where(np.abs(pieces - piece) < 1.0, squared_distances, FAR_AWAY)
-        least = np.min(squared_distances)
-        is_nearest = squared_distances <= least
+        min_squared_distance = np.min(squared_distances)
+        is_nearest = squared_distances <= min_squared_distance
         count = np.sum(np.where(is_nearest, 1.0, 0.0))
         x, y, psi, d = (np.sum(np.where(is_nearest, column, 0.0)) / count for column in (*eta.T, lag_m))
         forward_sign = np.sign(np.interp(phase, self.t_s, self.nu[:, 0]))

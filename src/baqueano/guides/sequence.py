@@ -91,9 +91,11 @@ class GuideSequence:
         if was_first_over is True:
             second, reference = self.second.step(state.second, estimate)
             return GuideSequenceState(state.first, second, 1.0), reference
-        over = Reference(estimate.t_ns, estimate.eta, np.zeros(3), 1.0)
+        end_reference = Reference(estimate.t_ns, estimate.eta, np.zeros(3), 1.0)
         first, reference = branch(
-            was_first_over, lambda: (state.first, over), lambda: self.first.step(state.first, estimate)
+            was_first_over,
+            lambda: (state.first, end_reference),
+            lambda: self.first.step(state.first, estimate),
         )
 
         def begun() -> Tree:

@@ -269,7 +269,7 @@ WARNING = Severity.WARNING
 
 def weak_reason(parameter: FreeParameter, confused: Sequence[FreeParameter]) -> Diagnostic:
     """Return the reason for the large error of a parameter, and the motion that would reduce it."""
-    code = "identifiability.weakly-beside" if confused else "identifiability.weakly"
+    code = "identifiability.poor-pair" if confused else "identifiability.poor"
     return note(code, WARNING, subject=parameter.path, **_explanation(parameter, confused))
 
 
@@ -289,14 +289,19 @@ def unobservable_reason(
     path = parameter.path
     if collinear:
         by, others = parameter.definition.measured_by, _names(collinear)
-        apart = _separation((parameter, *collinear))
-        remedy = note("identifiability.by-hand", tool=by) if by else note("identifiability.fix-one")
+        separation = _separation((parameter, *collinear))
+        remedy = note("identifiability.measure", tool=by) if by else note("identifiability.fix-one")
         return note(
-            "identifiability.tied", subject=path, others=others, value=value, advice=remedy, motion=apart
+            "identifiability.collinear",
+            subject=path,
+            others=others,
+            value=value,
+            advice=remedy,
+            motion=separation,
         )
     if parameter.definition.role == "scale":
         return note("identifiability.scale", subject=path, value=value, advice=_needed_motion(parameter))
-    code = "identifiability.not-beside" if confused else "identifiability.not"
+    code = "identifiability.fixed-pair" if confused else "identifiability.fixed"
     return note(code, subject=path, value=value, **_explanation(parameter, confused))
 
 
@@ -304,8 +309,8 @@ def missing_command(parameters: Sequence[FreeParameter], command: str, never: bo
     """Return the reason why the fit does not determine the column of `command` in the gain matrix, T or V."""
     names = _names(parameters)
     if never and command == "u_y":
-        return note("identifiability.never-sideways", subject=parameters[0].path, names=names)
-    code = "identifiability.never" if never else "identifiability.command-still"
+        return note("identifiability.no-sideways-command", subject=parameters[0].path, names=names)
+    code = "identifiability.no-command" if never else "identifiability.command-still"
     return note(code, subject=parameters[0].path, names=names, command=command)
 
 
@@ -319,7 +324,7 @@ def _motion_note(parameters: Sequence[FreeParameter]) -> Diagnostic | str:
     """Return a note on the limited motion that does not separate the `parameters`, or ""."""
     axes = {parameter.axis for parameter in parameters if parameter.axis is not None}
     if axes == {1}:
-        return note("identifiability.hardly-sideways")
+        return note("identifiability.little-sideways")
     of_axes = [p for p in parameters if p.axis is not None and p.definition.role != "gain"]
     frictions = {parameter.path.partition("[")[0] for parameter in of_axes}
     if len(axes) == 1 and len(frictions) > 1:
@@ -331,8 +336,8 @@ def _separation(parameters: Sequence[FreeParameter]) -> Diagnostic | str:
     """Return a note with one or two motions that separate the `parameters`, or ""."""
     motions = [*dict.fromkeys(parameter.shown_by for parameter in parameters if parameter.shown_by)][:2]
     if len(motions) == 2:
-        return note("identifiability.apart-by-two", first=motions[0], second=motions[1])
-    return note("identifiability.apart", motion=motions[0]) if motions else ""
+        return note("identifiability.separate-by-two", first=motions[0], second=motions[1])
+    return note("identifiability.separate", motion=motions[0]) if motions else ""
 
 
 def _needed_motion(parameter: FreeParameter) -> Diagnostic:

@@ -48,13 +48,13 @@ def gyro_leads(
     car with only an IMU, if all changed options are in ALLOWED_OPTIONS. Raise UsageError for other options if it is
     requested."""
     is_custom = residuals not in (Residuals, GyroAidedResiduals)
-    others = [name for name in options.non_defaults if name not in ALLOWED_OPTIONS]
-    others += ["residuals"] if is_custom else []
-    if options.gyro_leads and others:
-        raise UsageError(fault("imu-only.others", others=others))
+    refused_options = [name for name in options.non_defaults if name not in ALLOWED_OPTIONS]
+    refused_options += ["residuals"] if is_custom else []
+    if options.gyro_leads and refused_options:
+        raise UsageError(fault("imu-only.others", others=refused_options))
     if options.gyro_leads is not None:
         return options.gyro_leads
-    return not others and is_imu_only(vehicle_file, runs, use, free)
+    return not refused_options and is_imu_only(vehicle_file, runs, use, free)
 
 
 def is_imu_only(

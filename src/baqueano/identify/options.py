@@ -93,8 +93,8 @@ class FitOptions:
     @property
     def non_defaults(self) -> tuple[str, ...]:
         """Return the names of the options that differ from their defaults."""
-        plain = FitOptions()
+        defaults = FitOptions()
         values = [
-            (entry.name, getattr(self, entry.name), getattr(plain, entry.name)) for entry in fields(self)
+            (entry.name, getattr(self, entry.name), getattr(defaults, entry.name)) for entry in fields(self)
         ]
         return tuple(name for name, value, default in values if value != default and (value or default))

@@ -141,10 +141,10 @@ def verdict_line(verdict: Verdict, reasons: "Iterable[Diagnostic | str]", otherw
 
 def group_sentences(messages: Sequence[Diagnostic]) -> list[str]:
     """Return a sentence for each kind of message; one kind differs only in subject, run and numbers."""
-    alike: dict[Any, list[Diagnostic]] = {}
+    groups: dict[Any, list[Diagnostic]] = {}
     for message in messages:
-        alike.setdefault((message.severity, _kind(message)), []).append(message)
-    return [text(_merge(same)) for same in alike.values()]
+        groups.setdefault((message.severity, _kind(message)), []).append(message)
+    return [text(_merge(group)) for group in groups.values()]
 
 
 def _kind(message: Diagnostic) -> tuple[Any, ...]:
@@ -153,15 +153,15 @@ def _kind(message: Diagnostic) -> tuple[Any, ...]:
     return message.code, *((k, _kind(v) if isinstance(v, Diagnostic) else v) for k, v in words.items())
 
 
-def _merge(same: Sequence[Diagnostic]) -> Diagnostic:
-    first, subjects = same[0], [*dict.fromkeys(message.subject for message in same)][1:]
+def _merge(group: Sequence[Diagnostic]) -> Diagnostic:
+    first, subjects = group[0], [*dict.fromkeys(message.subject for message in group)][1:]
     if subjects:
         rest = ", …" if len(subjects) > MAX_LISTED_NAMES else ""
         names = ", ".join(subjects[:MAX_LISTED_NAMES]).replace("model.", "") + rest
         return Diagnostic("messages.others", first.severity, figures={"first": first, "others": names})
-    if len(same) == 1:
+    if len(group) == 1:
         return first
-    return Diagnostic("messages.times", first.severity, figures={"first": first, "count": len(same)})
+    return Diagnostic("messages.times", first.severity, figures={"first": first, "count": len(group)})
 
 
 def _figure_texts(message: Diagnostic) -> dict[str, Any]:

@@ -65,7 +65,8 @@ class Finding:
     def diagnostic(self) -> Diagnostic:
         """Return the finding as a message for the user."""
         cause = note(
-            f"sensor.off-{self.wrong_part}", fix="baqueano identify last" if self.wrong_part == MODEL else ""
+            f"sensor.error-in-{self.wrong_part}",
+            fix="baqueano identify last" if self.wrong_part == MODEL else "",
         )
         values = {
             "reading": self.reading,

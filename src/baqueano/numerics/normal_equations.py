@@ -201,12 +201,12 @@ def sum_of_segments(
     return Evaluation(cost, g, H)
 
 
-def marginal_information(A: np.ndarray, index: np.ndarray, others: np.ndarray) -> float:
-    """Return the smallest eigenvalue of the normalised information on the entries `index`, with the `others`
-    eliminated. Return 0 if one of the entries `index` does not have information."""
+def marginal_information(A: np.ndarray, index: np.ndarray, nuisance_indices: np.ndarray) -> float:
+    """Return the smallest eigenvalue of the normalised information on the entries `index`, with
+    `nuisance_indices` eliminated. Return 0 if one of the entries `index` does not have information."""
     if not np.all(np.diagonal(A)[index] > 0.0):
         return 0.0
-    indices = np.concatenate([index, others])
+    indices = np.concatenate([index, nuisance_indices])
     root = np.sqrt(np.diagonal(A)[indices])
     C = A[np.ix_(indices, indices)] / np.outer(root, root)
     n = len(index)

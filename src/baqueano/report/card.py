@@ -163,7 +163,7 @@ def _check_card(result: BlockCheck) -> Card:
         title,
         result.verdict,
         (),
-        texts(result.findings) or [text(note("cli.block-sound", block=result.block))],
+        texts(result.findings) or [text(note("cli.block-correct", block=result.block))],
     )
 
 

@@ -106,8 +106,11 @@ def route_along(path: RoutePath, speed: np.ndarray, forward_sign: float, closed:
     rate = 0.5 * (speed[1:] + speed[:-1])
     t_s = np.append(0.0, np.cumsum(np.diff(path.s) / rate))
     psi = path.course if forward_sign > 0.0 else path.course + np.pi
-    along, aside = forward_sign * speed * np.cos(path.slip), forward_sign * speed * np.sin(path.slip)
-    nu = np.column_stack([along, aside, path.kappa * speed])
+    forward_m_s, sideways_m_s = (
+        forward_sign * speed * np.cos(path.slip),
+        forward_sign * speed * np.sin(path.slip),
+    )
+    nu = np.column_stack([forward_m_s, sideways_m_s, path.kappa * speed])
     return Route(t_s, np.column_stack([path.xy, psi]), nu, closed)
 
 

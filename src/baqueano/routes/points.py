@@ -84,13 +84,13 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
 
 def _different_points(points: np.ndarray, closed: bool) -> list[int]:
     """Return the indices of points (m, 2) that are STEP_M or more from the last one, and of the first if closed."""
-    kept = [0]
+    indices = [0]
     for k in range(1, len(points)):
-        if np.hypot(*(points[k] - points[kept[-1]])) >= STEP_M:
-            kept.append(k)
-    while closed and len(kept) > 1 and np.hypot(*(points[kept[-1]] - points[0])) < STEP_M:
-        kept.pop()
-    return kept
+        if np.hypot(*(points[k] - points[indices[-1]])) >= STEP_M:
+            indices.append(k)
+    while closed and len(indices) > 1 and np.hypot(*(points[indices[-1]] - points[0])) < STEP_M:
+        indices.pop()
+    return indices
 
 
 def _round_corners(

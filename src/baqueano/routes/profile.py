@@ -132,8 +132,15 @@ def fastest(
             fix = baqueano_command("route", "faster", NAME_PLACEHOLDER, "--share", larger_share)
         position_m, radius_m = float(path.s[index]), float(1.0 / curvature[index])
         raise UsageError(fault("route.too-tight", fix, position_m=position_m, radius_m=radius_m, share=share))
-    up, down = (_rates(capability, path, forward_sign, sign, max_speed, share) for sign in (1.0, -1.0))
-    return route_along(path, _sweep(path, max_speed, up, down, not route.closed), forward_sign, route.closed)
+    acceleration, deceleration = (
+        _rates(capability, path, forward_sign, sign, max_speed, share) for sign in (1.0, -1.0)
+    )
+    return route_along(
+        path,
+        _sweep(path, max_speed, acceleration, deceleration, not route.closed),
+        forward_sign,
+        route.closed,
+    )
 
 
 def _resample(path: RoutePath) -> RoutePath:
@@ -175,22 +182,26 @@ def _rates(
 
 
 def _sweep(
-    path: RoutePath, max_speed: np.ndarray, up: np.ndarray, down: np.ndarray, begins_at_rest: bool
+    path: RoutePath,
+    max_speed: np.ndarray,
+    acceleration: np.ndarray,
+    deceleration: np.ndarray,
+    begins_at_rest: bool,
 ) -> np.ndarray:
     """Return the largest speed (m,) [m/s] that satisfies (1) and (2).
 
-    `up` and `down` (m, SPEED_COUNT) are the largest acceleration and braking [m/s²] at fractions of `max_speed` (m,).
+    `acceleration` and `deceleration` (m, SPEED_COUNT) are the largest values [m/s²] at fractions of `max_speed` (m,).
     """
     v, ds, fractions = max_speed.copy(), np.diff(path.s), np.linspace(0.0, 1.0, SPEED_COUNT)
     if begins_at_rest:
         v[[0, -1]] = MIN_SPEED_M_S
     for _ in range(1 if begins_at_rest else LAP_COUNT):
         for k in range(len(ds)):
-            gain = 2.0 * ds[k] * np.interp(v[k] / max_speed[k], fractions, up[k])
+            gain = 2.0 * ds[k] * np.interp(v[k] / max_speed[k], fractions, acceleration[k])
             v[k + 1] = min(v[k + 1], np.sqrt(v[k] ** 2 + gain))
         v[0] = v[0] if begins_at_rest else min(v[0], v[-1])
         for k in reversed(range(len(ds))):
-            gain = 2.0 * ds[k] * np.interp(v[k + 1] / max_speed[k + 1], fractions, down[k + 1])
+            gain = 2.0 * ds[k] * np.interp(v[k + 1] / max_speed[k + 1], fractions, deceleration[k + 1])
             v[k] = min(v[k], np.sqrt(v[k + 1] ** 2 + gain))
         v[-1] = v[-1] if begins_at_rest else min(v[0], v[-1])
     return v

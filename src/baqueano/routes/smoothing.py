@@ -130,8 +130,8 @@ def _spectrum_and_cutoff(
 def _smooth_distances(spectrum: Spectrum, cut_rad_m: float, s: np.ndarray) -> np.ndarray:
     """Return the distances (m,) along the smooth path of the points at the distances s (m,)."""
     p = _low_pass(spectrum, cut_rad_m) + spectrum.line
-    along = distances_along(np.column_stack([np.real(p), np.imag(p)]))
-    return np.interp(s, np.linspace(0.0, s[-1], spectrum.points), along)
+    distance_m = distances_along(np.column_stack([np.real(p), np.imag(p)]))
+    return np.interp(s, np.linspace(0.0, s[-1], spectrum.points), distance_m)
 
 
 def _cutoff(spectrum: Spectrum, tolerance_m: float, norm: str) -> float:

@@ -158,6 +158,6 @@ def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
 def _checked_new_path(path: Path | str) -> Path:
     path = Path(path)
     if path.exists():
-        raise FileError(fault("runs.file-in-the-way", path=path))
+        raise FileError(fault("runs.file-exists", path=path))
     path.parent.mkdir(parents=True, exist_ok=True)
     return path

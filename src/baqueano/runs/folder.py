@@ -146,7 +146,7 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
         return [find(name, folder)]
     runs = _without_recovered_originals(runs)
     if not runs:
-        raise FileError(fault("runs.none-like", _list_command(folder), value=name, folder=folder))
+        raise FileError(fault("runs.no-match", _list_command(folder), value=name, folder=folder))
     return runs
 
 

@@ -220,13 +220,13 @@ class _ModelSelection:
                 has_dropped = True
                 excluded_names.add(trial.result.term.name)
                 results[trial.result.term.name] = trial.result
-                others = tuple(term for term in model.terms if term.name not in excluded_names)
-                model = self.model(others, trial.theta)
+                other_terms = tuple(term for term in model.terms if term.name not in excluded_names)
+                model = self.model(other_terms, trial.theta)
             if not has_dropped:
                 break
         have = {path for term in model.terms for path in term.paths}
-        others = [term for term in self.terms if not have.intersection(term.paths)]
-        return model, [results[term.name] for term in (*model.terms, *others) if term.name in results]
+        other_terms = [term for term in self.terms if not have.intersection(term.paths)]
+        return model, [results[term.name] for term in (*model.terms, *other_terms) if term.name in results]
 
     def fit_of(self, model: Model, bare: "VehicleFile") -> Fit:
         """Return the fit of a model with its error bars, from its θ."""
@@ -380,7 +380,7 @@ def _simplest_of_the_best(trials: list[TermTrial]) -> TermTrial:
     for trial in trials:
         assert trial.score is not None
         assert best_trial.score is not None
-        behind = paired_comparison(trial.score, best_trial.score)
-        if trial is best_trial or not behind.errors > behind.critical_value(ALPHA):
+        comparison = paired_comparison(trial.score, best_trial.score)
+        if trial is best_trial or not comparison.errors > comparison.critical_value(ALPHA):
             return trial
     return best_trial

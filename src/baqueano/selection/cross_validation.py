@@ -109,9 +109,9 @@ class HeldOutFolds:
         self.all_data = Residuals(blocks, shape, fit_records, backend)
         self.is_shared = np.arange(self.all_data.size) < len(shape.shared_paths)
         self.starts = np.arange(self.all_data.size) >= self.all_data.layout.first_start
-        self.still = np.zeros(self.all_data.size, bool)  # starts that are known to be 0
+        self.is_resting_start = np.zeros(self.all_data.size, bool)  # starts that are known to be 0
         for k, record in enumerate(records):
-            self.still[self.all_data.layout.start_slice(k)] = begins_at_rest[record.run]
+            self.is_resting_start[self.all_data.layout.start_slice(k)] = begins_at_rest[record.run]
         self.folds = []
         if held_out_count:
             held_out_records = [r.with_mask(~mask) for r, mask in zip(records, is_fitted, strict=True)]
@@ -162,8 +162,10 @@ class HeldOutFolds:
         theta_ = self.fit(theta, movable, sigma, fold.train).theta
         shared_theta = theta_[self.is_shared]
         if self.whole_runs:
-            theta_ = np.where(self.still, 0.0, theta_)
-            theta_ = self.fit(theta_, is_free & ~self.is_shared & ~self.still, sigma, fold.test).theta
+            theta_ = np.where(self.is_resting_start, 0.0, theta_)
+            theta_ = self.fit(
+                theta_, is_free & ~self.is_shared & ~self.is_resting_start, sigma, fold.test
+            ).theta
         by_segment = zip(fold.test.weight(sigma).residuals(theta_), fold.test.masks, self.blocks, strict=True)
         for r, mask, block in by_segment:
             a = np.abs(r)

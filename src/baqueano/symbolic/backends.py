@@ -63,6 +63,6 @@ class Runner:
         if reason is not None and reason.code != "compiler.absent" and reason not in _report_log:
             _report_log.add(reason)
             print(
-                f"baqueano: {text(note('compiler.given-up', Severity.WARNING, cause=reason))}",
+                f"baqueano: {text(note('compiler.python-used', Severity.WARNING, cause=reason))}",
                 file=sys.stderr,
             )

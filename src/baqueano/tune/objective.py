@@ -256,7 +256,7 @@ def tuning_objective(
     """
     weights = checked_weights(vehicle_file, radian_m, huber_m, jerk_m2, effort_m2)
     if not np.isfinite(aside_m):
-        raise UsageError(fault("tune.aside", aside_m=aside_m))
+        raise UsageError(fault("tune.offset", aside_m=aside_m))
     space = search_space(vehicle_file, gains, bounds, controller)
     run_kernels: list[Any] = (
         [*routes] if isinstance(routes, list | tuple) and not isinstance(routes, Route) else [routes]

@@ -115,9 +115,9 @@ def _descend(
         costs.append(_finite(value))
         if costs[-1] == DIVERGED_COST or not np.all(np.isfinite(gradient)):
             return DIVERGED_COST * scale, np.zeros(len(x))
-        away = x - x_preferred
-        share = 1.0 + weight * float(away @ away)  # (2)
-        slope = share * gradient * gain_derivative(x, low, high) + 2.0 * weight * value * away
+        deviation = x - x_preferred
+        share = 1.0 + weight * float(deviation @ deviation)  # (2)
+        slope = share * gradient * gain_derivative(x, low, high) + 2.0 * weight * value * deviation
         if np.max(np.abs(slope)) > MAX_SLOPE * value:
             slope = np.zeros(len(x))
         return share * value * scale, slope * scale
@@ -128,8 +128,8 @@ def _descend(
         f, x0, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(x0), options=options,
         callback=lambda x: path.append(gains(x, low, high)),
     )  # fmt: skip
-    away = optimum.x - x_preferred
-    x, min_cost = optimum.x, float(optimum.fun / scale) / (1.0 + weight * float(away @ away))
+    deviation = optimum.x - x_preferred
+    x, min_cost = optimum.x, float(optimum.fun / scale) / (1.0 + weight * float(deviation @ deviation))
     if preferred is None and not min_cost <= initial_cost:
         x, min_cost = x0, initial_cost
     return Descent(

@@ -70,7 +70,7 @@ class DriveForecast(NamedTuple):
     @property
     def message(self) -> Diagnostic:
         """Return the drive and its errors as a message."""
-        code = "forecast.lost" if self.heading_rad > MAX_HEADING_STD_RAD else "forecast.off"
+        code = "forecast.lost" if self.heading_rad > MAX_HEADING_STD_RAD else "forecast.error"
         details = {"drive": self.drive, "duration_s": self.duration_s, "distance_m": self.distance_m}
         degrees = float(np.degrees(self.heading_rad))
         heading = f"{number(degrees):.2g}" if degrees < 10.0 else f"{number(degrees):.0f}"
@@ -193,9 +193,9 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
         forecasts.append(_forecast_drive(title, lap_drive, _variances(lap_drive, 0, -1, covs)[0] + misfit))
         notes += _outside_envelope(fit, lap[1])
     if not np.isfinite([forecasts[1:] for forecasts in forecasts]).all():
-        raise UsageError(fault("forecast.ran-away"))
+        raise UsageError(fault("forecast.diverged"))
     if fit.unobservable:
-        notes.append(note("forecast.unseen-exact"))
+        notes.append(note("forecast.unidentifiable-exact"))
     notes.append(note("forecast.more-errors"))
     return Forecast(tuple(forecasts), tuple(message for message in notes if message))
 
@@ -272,7 +272,7 @@ def _forecast_windows(
     of_fit, misfit = np.mean(variances or [_variances(longest_drive, 0, -1, covs)], axis=0)
     misfit = np.maximum(misfit, 0.0)
     if not variances:  # almost without commands: use the whole longest run
-        return _forecast_drive(note("forecast.longest-again"), longest_drive, of_fit + misfit), misfit
+        return _forecast_drive(note("forecast.repeat-longest"), longest_drive, of_fit + misfit), misfit
     position_m, heading_rad = np.sqrt(np.maximum(of_fit + misfit, 0.0)).tolist()
     title, distance = note("forecast.as-the-runs"), float(np.mean(distances_m))
     return DriveForecast(title, ahead_s, distance, position_m, heading_rad), misfit

@@ -230,7 +230,7 @@ def _too_few_reasons(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
     for k in fit.envelope.moved_commands:
         count, name = independent_motion_count(runs, k), fit.envelope.names[k]
         if not count:
-            reasons.append(note("validation.still", Severity.UNKNOWN, subject=name, min_s=ADVISED_S))
+            reasons.append(note("validation.no-variation", Severity.UNKNOWN, subject=name, min_s=ADVISED_S))
         elif count < MIN_INDEPENDENT_MOTIONS:
             details = {"pieces": count, "minimum": MIN_INDEPENDENT_MOTIONS, "min_s": ADVISED_S}
             reasons.append(note("validation.too-few", Severity.UNKNOWN, subject=name, **details))
@@ -331,11 +331,11 @@ def _evidence_against(
         "ratio": metrics.times, "variance_percent": 100 * max(metrics.explained_fraction, 0.0),
         "fit_variance_percent": 100 * metrics.on_own_runs,
     }  # fmt: skip
-    finding = _channel_finding("validation.off", Severity.WARNING, metrics, **details)
+    finding = _channel_finding("validation.error", Severity.WARNING, metrics, **details)
     if errors.square > MAX_SQUARE_RATIO * noise2 and (
         freedom < 1 or not min(len(errors.g), len(own_squares))
     ):
-        return [_channel_finding("validation.off-perhaps", Severity.WARNING, metrics, finding=finding)]
+        return [_channel_finding("validation.error-possible", Severity.WARNING, metrics, finding=finding)]
     if errors.square > MAX_SQUARE_RATIO * noise2:
         s = np.sqrt((len(errors.g) * np.var(errors.g) + len(own_squares) * np.var(own_squares)) / freedom)
         chance = (
@@ -350,7 +350,7 @@ def _evidence_against(
     if errors.g[k] > max(limit, own_squares.max(), np.log(MAX_SQUARE_RATIO * noise2)):
         rms_error, begin_s = float(np.exp(0.5 * errors.g[k])), float(errors.t_s[k])
         span = {"error": rms_error, "start_s": begin_s, "end_s": begin_s + errors.block_s}
-        finding = _channel_finding("validation.off-once", Severity.WARNING, metrics, **span)
+        finding = _channel_finding("validation.error-in-part", Severity.WARNING, metrics, **span)
         return [replace(finding, fix=baqueano_command("runs", "cut", metrics.run, "--to", f"{begin_s:.0f}"))]
     return []
 

@@ -223,10 +223,10 @@ def compare_fits(fits: Sequence["Fit"], names: Sequence[str] = ()) -> ParameterH
 
     Raise UsageError unless two of the fits are accepted.
     """
-    good = sum(fit.verdict != Verdict.REFUSED for fit in fits)
-    if good < 2:
+    usable_count = sum(fit.verdict != Verdict.REFUSED for fit in fits)
+    if usable_count < 2:
         raise UsageError(
-            fault("compare.few-fits", "print(fit.table())", accepted_count=good, count=len(fits))
+            fault("compare.few-fits", "print(fit.table())", accepted_count=usable_count, count=len(fits))
         )
     return track_parameters(fits, labels=names)
 
@@ -249,7 +249,7 @@ def track_parameters(
     filtered_values, cov, smoothed_values = _smooth(single, covs, walk)
     estimates = zip(names, units.values(), single.T, single_std.T, strict=True)
     tests = [_change(name, unit, labels, x, std, p) for name, unit, x, std in estimates]
-    changes = sorted((one for one in tests if one is not None), key=lambda change: -abs(change.z))
+    changes = sorted((change for change in tests if change is not None), key=lambda change: -abs(change.z))
     accepted_fits = [fit for fit, skip in zip(fits, is_refused, strict=True) if not skip]
     refused_runs = tuple(label for label, skip in zip(labels, is_refused, strict=True) if skip)
     return ParameterHistory(
@@ -357,9 +357,9 @@ def _change(
         values = float(ends[0]), std_first, float(ends[1]), std_last
         return ParameterChange(name, unit, "drift", (first, last), *values, z)
     z, first_mean, v_before, last_mean, v_after, _, k = best_step
-    between = (runs[measured_runs[k - 1]], runs[measured_runs[k]])
+    run_pair = (runs[measured_runs[k - 1]], runs[measured_runs[k]])
     return ParameterChange(
-        name, unit, "step", between, float(first_mean), float(np.sqrt(v_before)), float(last_mean),
+        name, unit, "step", run_pair, float(first_mean), float(np.sqrt(v_before)), float(last_mean),
         float(np.sqrt(v_after)), float(z),
     )  # fmt: skip
 

@@ -140,4 +140,4 @@ def _build(role: str, block: OwnBlock, vehicle_file: VehicleFile) -> object:
     try:
         return block_class()
     except (TypeError, ValueError) as error:
-        raise FileError(fault("cli.block-not-made", kind=block_class.__name__, error=error)) from error
+        raise FileError(fault("cli.block-needs-arguments", kind=block_class.__name__, error=error)) from error

@@ -14,5 +14,5 @@ run, share              the process from start to end, and the address that it p
 static/                 the files that the browser loads
 """
 
-PROTOCOL = 2
+PROTOCOL = 3
 SUBPROTOCOL = f"baqueano.{PROTOCOL}"

@@ -29,7 +29,7 @@ class Feed:
         self._now = now
         self.names: list[str] = []
         self.number = 0  # number of the newest frame
-        self._at: dict[str, int] = {}
+        self._column_indices: dict[str, int] = {}
         self._ring: deque[tuple[float, int, bytes]] = deque()  # time of the first row, rows, bytes
         self._rows = 0
         self._made_s: deque[tuple[int, float]] = deque(maxlen=MAX_FRAME_TIMES)
@@ -40,7 +40,7 @@ class Feed:
         self._clear()
         if names == self.names:
             return False
-        self.names, self._at = names, {name: k for k, name in enumerate(names)}
+        self.names, self._column_indices = names, {name: k for k, name in enumerate(names)}
         return True
 
     def add_rows(self, message: "JsonObject") -> bytes | None:
@@ -89,13 +89,13 @@ class Feed:
 
     def value(self, name: str) -> float:
         """Return the newest value of a column, or NaN if the column does not exist or is empty."""
-        k = self._at.get(name)
+        k = self._column_indices.get(name)
         value = None if k is None or k >= len(self._last) else self._last[k]
         return NAN if value is None else float(value)
 
     def mean(self, name: str, within_s: float) -> tuple[float, int]:
         """Return the mean of a column over the last `within_s` seconds, and the number of values; (NaN, 0) if none."""
-        k, width = self._at.get(name), len(self.names)
+        k, width = self._column_indices.get(name), len(self.names)
         if k is None or not self._ring:
             return NAN, 0
         from_s, total, count = self._ring[-1][0] - within_s, 0.0, 0
@@ -115,7 +115,7 @@ class Feed:
             self._rows -= self._ring.popleft()[1]
 
     def _time_s(self, row: Sequence[float]) -> float:
-        k = self._at.get("t", 0)
+        k = self._column_indices.get("t", 0)
         return float(row[k] or 0.0)
 
     def _clear(self) -> None:

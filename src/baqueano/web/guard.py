@@ -109,13 +109,13 @@ class RateLimit:
     """A limit of `each_s` messages per second. A burst of twice as many is allowed, after a pause of this process."""
 
     def __init__(self, each_s: float, now: Callable[[], float] = time.monotonic) -> None:
-        self._each_s, self._most, self._credit = each_s, 2.0 * each_s, 2.0 * each_s
+        self._each_s, self._max_credit, self._credit = each_s, 2.0 * each_s, 2.0 * each_s
         self._now, self._last_s = now, now()
 
     def allows_message(self) -> bool:
         """Count one more message; return True if it is within the rate."""
         now_s = self._now()
-        self._credit = min(self._most, self._credit + (now_s - self._last_s) * self._each_s)
+        self._credit = min(self._max_credit, self._credit + (now_s - self._last_s) * self._each_s)
         self._last_s = now_s
         if self._credit < 1.0:
             return False

@@ -90,7 +90,7 @@ def lease_messages(lease: Lease, visitors: list[Visitor]) -> "Iterator[tuple[Vis
     for visitor in visitors:
         other_names = [other.name for other in visitors if other.role == Role.DRIVE and other is not visitor]
         yield visitor, {
-            "is": "lease", "driver": getattr(holder, "name", None), "until_ms": round(1e3 * lease.remaining_s),
+            "type": "lease", "driver": getattr(holder, "name", None), "until_ms": round(1e3 * lease.remaining_s),
             "you": visitor is holder, "watching": len(visitors) - (holder is not None),
             "others": other_names if visitor is holder else [],
         }  # fmt: skip

@@ -50,7 +50,7 @@ class Live:
         self.on_done: Callable[[], None] = lambda: None
         self._local: LocalFiles | None = None  # of a robot
         self.send_hello: Callable[[Visitor], None] = lambda visitor: None
-        self._state: JsonObject = {"is": "state", "state": "DISARMED"}
+        self._state: JsonObject = {"type": "state", "state": "DISARMED"}
         self._vehicle: JsonObject = {}
         self._fields: list[JsonObject] = []
         self._route: JsonObject | None = None
@@ -86,7 +86,7 @@ class Live:
         finally:
             ticking.cancel()
             if not self.over.is_set():
-                self._state = {"is": "state", "state": "STOPPED", "reason": fault("web.service-gone")}
+                self._state = {"type": "state", "state": "STOPPED", "reason": fault("web.service-ended")}
             self._send_state()
 
     # from the browser
@@ -95,7 +95,7 @@ class Live:
         """Return the part of `hello` that describes the vehicle."""
         with use_language(visitor.language):
             state = self._description()
-        description = {k: v for k, v in self._vehicle.items() if k not in ("is", "blocks", "file")}
+        description = {k: v for k, v in self._vehicle.items() if k not in ("type", "blocks", "file")}
         return {
             "robot": self.robot, "vehicle": description or None, "blocks": self._vehicle.get("blocks", {}),
             "swapped": self._blocks, "fields": self._fields,
@@ -113,19 +113,21 @@ class Live:
 
     async def receive(self, visitor: Visitor, message: "JsonObject") -> None:
         """Execute a message of a browser. Raise UsageError if the message names another vehicle and is not a stop."""
-        if message.get("robot", self.robot) != self.robot and message["is"] != "stop":
+        if message.get("robot", self.robot) != self.robot and message["type"] != "stop":
             raise UsageError(fault("web.other-robot"))
         message = {name: value for name, value in message.items() if name != "robot"}
-        if message["is"] == "mission" and self._local is not None:
+        if message["type"] == "mission" and self._local is not None:
             return await self._send_packed_mission(visitor, message, self._local)
-        do = dict.fromkeys(("mark", "end", "set", "shake", "again"), self._forward) | {
+        actions = dict.fromkeys(("mark", "end", "set", "shake", "again"), self._forward) | {
             "stop": self._stop, "beat": self._beat, "take": self._take, "give": self._give, "clear": self._clear,
             "mission": self._mission, "pause": self._pause, "go": self._pause, "pace": self._pace,
             "history": self._send_history, "identify": self._identify,
         }  # fmt: skip
-        if message["is"] not in do:
-            raise UsageError(fault("web.unknown-word", request=one_line(message["is"])[:MAX_OPTION_LETTERS]))
-        return do[message["is"]](visitor, message)
+        if message["type"] not in actions:
+            raise UsageError(
+                fault("web.unknown-word", request=one_line(message["type"])[:MAX_OPTION_LETTERS])
+            )
+        return actions[message["type"]](visitor, message)
 
     def on_disconnect(self, visitor: Visitor) -> None:
         """End the right to drive of a browser that has disconnected; without its heartbeats the vehicle stops."""
@@ -197,9 +199,9 @@ class Live:
 
     def _pause(self, visitor: Visitor, message: "JsonObject") -> None:
         """Pause or continue the time of a simulation, or the guide of a robot, which then waits on its route."""
-        request = {"is": "set", "path": PACE, "value": float(message["is"] == "go")}
+        request = {"type": "set", "path": PACE, "value": float(message["type"] == "go")}
         if "paused" in self._state:
-            request = {"is": message["is"], "ticks": max(0, min(1000, int(message.get("ticks") or 0)))}
+            request = {"type": message["type"], "ticks": max(0, min(1000, int(message.get("ticks") or 0)))}
         self._forward(visitor, request)
 
     def _clear(self, visitor: Visitor, message: "JsonObject") -> None:
@@ -211,7 +213,7 @@ class Live:
         """Forward a request of the driver, as a mark, a gain, or a fault of a simulated vehicle."""
         self.lease.check_holder(visitor)
         self._last_sender = visitor
-        self._link.send(message["is"], **{k: v for k, v in message.items() if k not in ("is", "do")})
+        self._link.send(message["type"], **{k: v for k, v in message.items() if k not in ("type",)})
 
     def _pace(self, visitor: Visitor, message: "JsonObject") -> None:
         """Forward the pace from the driver, or from a browser with the role DRIVE without a driver."""
@@ -232,13 +234,13 @@ class Live:
     # from the vehicle
 
     def _receive(self, message: "JsonObject") -> None:
-        do = {
+        action = {
             "frame": self._on_frame, "state": self._on_state, "event": self._on_event, "refused": self._on_refusal,
             "vehicle": self._on_vehicle, "fields": self._on_fields, "route": self._on_route,
             "routes": self._on_routes, "done": self._on_done, "over": self._on_drive_end, "ledger": self._on_ledger,
-        }.get(message["is"])  # fmt: skip
-        if do is not None:
-            do(message)
+        }.get(message["type"])  # fmt: skip
+        if action is not None:
+            action(message)
 
     def _on_frame(self, message: "JsonObject") -> None:
         frame = self.feed.add_rows(message)
@@ -271,8 +273,8 @@ class Live:
     def _set_gain(self, message: Diagnostic) -> None:
         """Store a gain that was changed in the vehicle, and send it to all browsers."""
         with suppress(KeyError, TypeError, ValueError):
-            now = {message.figures["path"]: float(message.figures["value"])}
-            self._vehicle |= {"gains": self._vehicle.get("gains", {}) | now}
+            new_gains = {message.figures["path"]: float(message.figures["value"])}
+            self._vehicle |= {"gains": self._vehicle.get("gains", {}) | new_gains}
             self._send_blocks()
 
     def _on_refusal(self, message: "JsonObject") -> None:
@@ -283,7 +285,7 @@ class Live:
                 with use_language(visitor.language):
                     words = text(cause) if isinstance(cause, Diagnostic) else one_line(str(message["reason"]))
                 code = getattr(cause, "code", "")
-                visitor.send({"is": "refused", "reason": words, "code": code, "to": "mission"})
+                visitor.send({"type": "refused", "reason": words, "code": code, "to": "mission"})
 
     def _on_vehicle(self, message: "JsonObject") -> None:
         self._vehicle = message
@@ -304,11 +306,11 @@ class Live:
 
     def _on_route(self, message: "JsonObject") -> None:
         self._route = message if message["x"] else None
-        self._send_to_all({"is": "route", "name": "", "closed": False, "x": [], "y": []} | message)
+        self._send_to_all({"type": "route", "name": "", "closed": False, "x": [], "y": []} | message)
 
     def _on_routes(self, message: "JsonObject") -> None:
         self._routes = [route for route in message["routes"] if isinstance(route, dict) and "name" in route]
-        self._send_to_all({"is": "routes", "routes": self._routes})
+        self._send_to_all({"type": "routes", "routes": self._routes})
 
     def _on_ledger(self, message: "JsonObject") -> None:
         """Store the faults of a simulated drive with the checks that detected them, and send them to all browsers."""
@@ -318,7 +320,7 @@ class Live:
 
     def _send_ledger(self, visitor: Visitor) -> None:
         with use_language(visitor.language):
-            visitor.send({"is": "ledger", "rows": ledger_rows(self._ledger)})
+            visitor.send({"type": "ledger", "rows": ledger_rows(self._ledger)})
 
     def _on_done(self, message: "JsonObject") -> None:
         """Report the end of a mission and its reason, and request the routes again, or the run of a robot."""
@@ -341,7 +343,7 @@ class Live:
 
     def _on_drive_end(self, message: "JsonObject") -> None:
         """Report to all browsers that the last drive has ended, and set `over`."""
-        self._state = {"is": "state", "state": "OVER", "reason": message["reason"]}
+        self._state = {"type": "state", "state": "OVER", "reason": message["reason"]}
         self._send_state()
         self.over.set()
 
@@ -353,7 +355,7 @@ class Live:
     def _send_blocks(self) -> None:
         """Send all browsers the blocks by role, the gains, and the blocks swapped for the next mission."""
         block_names = {name: self._vehicle.get(name, {}) for name in ("blocks", "gains")}
-        self._send_to_all({"is": "blocks", **block_names, "swapped": self._blocks})
+        self._send_to_all({"type": "blocks", **block_names, "swapped": self._blocks})
 
     def _send_to_all(self, message: "JsonObject") -> None:
         for visitor in self._browsers():
@@ -396,4 +398,6 @@ class Live:
 
     def _send_event(self, visitor: Visitor, t_s: float, message: Diagnostic) -> None:
         with use_language(visitor.language):
-            visitor.send({"is": "event", "t": t_s, "severity": str(message.severity), "text": text(message)})
+            visitor.send(
+                {"type": "event", "t": t_s, "severity": str(message.severity), "text": text(message)}
+            )

@@ -93,7 +93,7 @@ class BrowserPage:
 
     async def receive(self, visitor: Visitor, message: "JsonObject") -> None:
         """Execute a message of a browser. A slow message runs as a task, because the next message can be a stop."""
-        if message["is"] in SLOW_MESSAGES:
+        if message["type"] in SLOW_MESSAGES:
             self._start_task(self._execute(visitor, message))
         else:
             await self._execute(visitor, message)
@@ -104,14 +104,16 @@ class BrowserPage:
             "swap": self._swap, "write": self._write,
         }  # fmt: skip
         try:
-            if visitor.role is None and message["is"] != "hello":
+            if visitor.role is None and message["type"] != "hello":
                 raise UsageError(fault("web.no-hello"))
-            if (do := words.get(message["is"])) is not None:
-                await do(visitor, message)
+            if (handler := words.get(message["type"])) is not None:
+                await handler(visitor, message)
             elif self.live is not None:
                 await self.live.receive(visitor, message)
             else:
-                raise UsageError(fault("web.no-vehicle", request=one_line(message["is"])[:MAX_NAME_LETTERS]))
+                raise UsageError(
+                    fault("web.no-vehicle", request=one_line(message["type"])[:MAX_NAME_LETTERS])
+                )
         except BaqueanoError as error:
             self.refuse(visitor, message, error.diagnostic)
         except (KeyError, TypeError, ValueError, OverflowError) as error:  # a browser can send anything
@@ -122,10 +124,10 @@ class BrowserPage:
         with use_language(visitor.language):
             visitor.send(
                 {
-                    "is": "refused",
+                    "type": "refused",
                     "reason": text(reason),
                     "code": str(reason.code),
-                    "to": message["is"][:MAX_NAME_LETTERS],
+                    "to": message["type"][:MAX_NAME_LETTERS],
                 }
             )
         if visitor.role is None:
@@ -145,7 +147,7 @@ class BrowserPage:
 
     async def _hello(self, visitor: Visitor, message: "JsonObject") -> None:
         if visitor.role is not None:
-            raise UsageError(fault("web.hello-again"))
+            raise UsageError(fault("web.hello-repeated"))
         if message.get("lang") in LANGUAGES:
             visitor.language = message["lang"]
         role = self._guard().role_of_browser(
@@ -167,7 +169,7 @@ class BrowserPage:
     def send_hello(self, visitor: Visitor, description: "JsonObject") -> None:
         """Send a browser the description of this page, completed by `about`."""
         hello = {
-            "is": "hello", "protocol": PROTOCOL, "role": visitor.role.protocol_name if visitor.role else "",
+            "type": "hello", "protocol": PROTOCOL, "role": visitor.role.protocol_name if visitor.role else "",
             "mode": "live" if self.live else "replay", "vehicle": None, "blocks": {}, "fields": [], "driver": None,
             "you": visitor.name, "state": None, "route": None, "room": None, "routes": [],
             "runs": self._shelf.entries(), "open": self._start_run_keys(), "shared": self._guard().shared,
@@ -193,7 +195,7 @@ class BrowserPage:
     async def _ask(self, visitor: Visitor, message: "JsonObject") -> None:
         """Answer "ping" at once, and another question within the limit of the browser."""
         if message["question"] == "ping":
-            visitor.send({"is": "answer", "to": "ask", "id": message.get("id")})
+            visitor.send({"type": "answer", "to": "ask", "id": message.get("id")})
         elif message["question"] == "identify":
             await self._within_limit(visitor, self._identify_run(visitor, message))
         else:
@@ -218,7 +220,7 @@ class BrowserPage:
         if path is None:
             raise UsageError(fault("web.no-run"))
         reply = await self._identifying.identify_run(path, visitor)
-        visitor.send({"is": "answer", "to": "ask", "id": message.get("id")} | reply)
+        visitor.send({"type": "answer", "to": "ask", "id": message.get("id")} | reply)
 
     async def _swap(self, visitor: Visitor, message: "JsonObject") -> None:
         """Use another block for a role from the next mission on, if the browser is allowed to change the mission."""
@@ -235,7 +237,7 @@ class BrowserPage:
         self.live.check_may_change(visitor)
         confirmation = await self.questions.write_gains(visitor, message)
         with use_language(visitor.language):
-            visitor.send({"is": "event", "t": 0.0, "severity": "warning", "text": text(confirmation)})
+            visitor.send({"type": "event", "t": 0.0, "severity": "warning", "text": text(confirmation)})
 
     async def _open(self, visitor: Visitor, message: "JsonObject") -> None:
         """Send the run with this key, and its ghost: a second run, or this run replayed through another estimator."""
@@ -255,9 +257,9 @@ class BrowserPage:
     async def _send_list(self, visitor: Visitor) -> None:
         """Let the worker read the list of runs, and send it to a browser."""
         try:
-            visitor.send({"is": "runs", "runs": await self._shelf.read_entries()})
+            visitor.send({"type": "runs", "runs": await self._shelf.read_entries()})
         except BaqueanoError as error:
-            self.refuse(visitor, {"is": "runs"}, error.diagnostic)
+            self.refuse(visitor, {"type": "runs"}, error.diagnostic)
 
     async def _run_pieces(
         self, visitor: Visitor, paths: list[tuple[Path, str]]
@@ -265,10 +267,10 @@ class BrowserPage:
         """Yield the description and the frames of each run in `paths`: (path, estimator for a replay, or "")."""
         for stream, (path, through) in enumerate(paths, 1):
             lab = self.questions.slow if through else self._lab
-            which = {"path": str(path), "filter": through}
+            request = {"path": str(path), "filter": through}
             try:
-                description, _ = await lab.request("open", **which)
-                start = {"is": "answer", "to": "open", "stream": stream, "of": RUN_OF_STREAM[stream]}
+                description, _ = await lab.request("open", **request)
+                start = {"type": "answer", "to": "open", "stream": stream, "of": RUN_OF_STREAM[stream]}
                 yield (
                     start
                     | self._run_description(visitor, path, description)
@@ -280,14 +282,14 @@ class BrowserPage:
                         number=stream << STREAM_SHIFT_BITS | number,
                         first=first,
                         count=ROWS_PER_FRAME,
-                        **which,
+                        **request,
                     )
                     yield frame
                 yield start | {"done": True, "seconds": description["seconds"]}
             except BaqueanoError as error:
                 with use_language(visitor.language):
                     yield {
-                        "is": "refused",
+                        "type": "refused",
                         "reason": text(error.diagnostic),
                         "code": error.diagnostic.code,
                         "to": "open",

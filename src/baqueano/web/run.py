@@ -107,7 +107,7 @@ async def show_vehicle(
         greeting_s = options.greeting_s if robot is None else ROBOT_GREETING_TIMEOUT_S
         await asyncio.wait({hearing, description}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
         if hearing.done() and not description.done():
-            raise RobotUnreachable(fault("web.service-gone"))
+            raise RobotUnreachable(fault("web.service-ended"))
         async with server:
             show_addresses(server, options, notify)
             ending = asyncio.create_task(wait_for_end())
@@ -115,7 +115,7 @@ async def show_vehicle(
             if live.over.is_set():
                 await server.disconnect_all()
             elif lasting and hearing.done():
-                raise RobotUnreachable(fault("web.service-gone"))
+                raise RobotUnreachable(fault("web.service-ended"))
     finally:
         await link.close()
         for task in (hearing, description, end_event, *([ending] if ending else [])):
@@ -164,8 +164,8 @@ def show_addresses(
         notify(qr_code(own_url))
         notify(note("web.to-stop", url=url(address, server.port, tokens, Role.STOP)))
         notify(note("web.to-view", url=url(address, server.port, tokens, Role.VIEW)))
-        notify(note("web.plain", hours=TOKEN_LIFETIME_S / 3600.0))
-    notify(note("web.at", url=own_url))
+        notify(note("web.unencrypted", hours=TOKEN_LIFETIME_S / 3600.0))
+    notify(note("web.address", url=own_url))
     if server.foxglove is not None:
         notify(note("web.foxglove", url=foxglove_url(server, tokens)))
     if options.browser:

@@ -47,7 +47,7 @@ def state_message(
     severity = Severity.ERROR if name == "STOPPED" else Severity.WARNING if warnings else Severity.INFO
     route_field = {} if not route or not route.get("name") else {"route": route["name"]}
     return {
-        "is": "state", "state": name, "mission": {"kind": kind, **route_field} if is_driving else None,
+        "type": "state", "state": name, "mission": {"kind": kind, **route_field} if is_driving else None,
         "lap": lap if is_driving else None, "laps": laps, "left_s": state.get("left_s"), "t_s": state.get("t_s"),
         "paused": state.get("paused") if is_driving else None, "pace": state.get("pace"), "title": text(note(title)),
         "sentence": " ".join(with_full_stop(text(part)) for part in parts), "severity": str(severity),

@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 MAX_LINE_BYTES = 4 << 20  # most bytes of a line
 ATTACH_COMMAND = "exec baqueano robot attach"
 END_TIMEOUT_S = 3.0  # time to close its last run
-FRAME_PREFIX = b'{"is":"frame"'
+FRAME_PREFIX = b'{"type":"frame"'
 MAX_UNSENT_BYTES = 256 << 10  # most bytes that wait for a service that does not read
 
 
 class DoorLink(Protocol):
     """Protocol of a service, or of a player of runs, that exchanges the messages of the door."""
 
-    def send(self, do: str, **words: object) -> None:
+    def send(self, request: str, **words: object) -> None:
         """Send a message without waiting. Raise RobotUnreachable if the other side does not accept it."""
         ...
 
@@ -56,12 +56,12 @@ class ServiceLink:
     ) -> None:  # fmt: skip
         self._reader, self._writer, self._program = reader, writer, program
 
-    def send(self, do: str, **words: object) -> None:
+    def send(self, request: str, **words: object) -> None:
         """Send a message without waiting. Raise RobotUnreachable if the service has ended or does not read."""
         transport = self._writer.transport
         if transport.is_closing() or transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
-            raise RobotUnreachable(fault("web.service-gone"))
-        self._writer.write(wire.encode({"do": do, **words}))
+            raise RobotUnreachable(fault("web.service-ended"))
+        self._writer.write(wire.encode({"type": request, **words}))
 
     async def receive(self, on_message: "Callable[[JsonObject], None]") -> None:
         """Pass each received message to `on_message` until the service ends."""
@@ -110,7 +110,7 @@ async def connect(host: str) -> ServiceLink:
             return ServiceLink(*await asyncio.open_unix_connection(str(path), limit=MAX_LINE_BYTES))
         except OSError as error:
             raise RobotUnreachable(
-                fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
+                fault("door.no-answer", "systemctl status baqueano", path=path, error=error.strerror)
             ) from error
     # a page cannot request a password
     return await _start(ssh_command(host, ATTACH_COMMAND, "-o", "BatchMode=yes"))

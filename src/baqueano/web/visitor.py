@@ -50,7 +50,7 @@ class Visitor:
 
     def __init__(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, protocol: ServerProtocol, address: str,
-        from_page: bool, kind: str = "is",
+        from_page: bool, kind: str = "type",
     ) -> None:  # fmt: skip
         self.address, self.from_page, self._kind = address, from_page, kind
         self.role: Role | None = None

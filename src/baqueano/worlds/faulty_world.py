@@ -263,7 +263,7 @@ class FaultyWorld(SimulatedWorld):
         ended_fault = replace(fault_, for_s=now_s - fault_.at_s)
         self.faults[number - 1] = ended_fault
         message = note(
-            "shake.over",
+            "shake.end",
             subject=SOURCE,
             number=number,
             duration_s=ended_fault.for_s,

@@ -36,7 +36,7 @@ def as_it_was(pins):
 
 
 @pytest.mark.parametrize("clocks", [1, 2, 5, 8, 9])
-def test_rt9_a_chip_in_mid_byte_releases_the_bus_within_nine_clocks(lines, clocks):
+def test_rt9_a_chip_in_the_middle_of_a_byte_releases_the_bus_within_nine_clocks(lines, clocks):
     pins = lines([0] * clocks)
     assert pins
     outcome = recover_bus(BUS)
@@ -119,7 +119,7 @@ def test_pins_that_cannot_return_to_i2c_are_reported_with_a_command(lines):
     pins.fails("root", after=SETS - 1, times=100)
     outcome = recover_bus(BUS)
     assert not outcome.is_free
-    assert (outcome.message.code, outcome.message.fix) == ("bus.not-given-back", "pinctrl set 2,3 a0")
+    assert (outcome.message.code, outcome.message.fix) == ("bus.pins-not-restored", "pinctrl set 2,3 a0")
     assert "(255): Must be root" in outcome.message.figures["cause"]
 
 
@@ -160,7 +160,7 @@ def test_gpio_pins_of_a_killed_program_return_to_i2c_after_recovery(lines, funct
     pins.put(function={"2": "ip", "3": function})
     outcome = recover_bus(BUS)
     assert outcome.is_free, "only these pins block the bus"
-    assert outcome.message.code == "bus.given-back"
+    assert outcome.message.code == "bus.pins-restored"
     assert as_it_was(pins)
 
 
@@ -191,7 +191,7 @@ def test_pins_of_another_board_or_bus_are_not_changed(lines):
     pins.put(function={"2": "a3", "3": "a3"})
     other, elsewhere = recover_bus(BUS).message, recover_bus("/dev/i2c-3").message
     assert (other.code, other.figures) == ("bus.other-pins", {"sda": "a3", "scl": "a3", "expected": "a0"})
-    assert (elsewhere.code, elsewhere.figures) == ("bus.not-this", {"path": "/dev/i2c-3", "bus": "i2c-1"})
+    assert (elsewhere.code, elsewhere.figures) == ("bus.other-bus", {"path": "/dev/i2c-3", "bus": "i2c-1"})
     assert {call[0] for call in pins.read()["calls"]} == {"get"}
 
 
@@ -283,7 +283,7 @@ def test_the_bus_is_unused_during_clocking_and_the_chip_restarts_afterwards(line
     samples = loop(bench, imu, 1.0)
     assert len(samples) > 100
     assert np.linalg.norm(np.mean([s.accel for s in samples], axis=0)) == pytest.approx(9.81, abs=0.1)
-    assert "imu.back" in [event.message.code for event in imu.events()]
+    assert "imu.answers-again" in [event.message.code for event in imu.events()]
     assert imu.free_bus() is None
     assert not imu.is_bus_stuck
     assert as_it_was(pins)

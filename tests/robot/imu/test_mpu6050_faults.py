@@ -87,7 +87,9 @@ def test_a_brown_out_is_detected_within_a_second_and_settings_are_restored(bench
     b.chip.brown_out()
     after = loop(b, device, 1.5)
     events = device.events()
-    assert [e.message.code for e in events if e.message.code not in ("imu.data-missing", "imu.back")] == [
+    assert [
+        e.message.code for e in events if e.message.code not in ("imu.data-missing", "imu.answers-again")
+    ] == [
         "imu.lost-supply",
         "imu.started",
     ]
@@ -130,7 +132,7 @@ def test_rt7_frozen_samples_are_discarded_and_the_chip_is_restarted(started):
     assert device.is_silent
     b.chip.freeze(False)
     fresh = loop(b, device, 1.0)
-    assert "imu.back" in kinds(device)
+    assert "imu.answers-again" in kinds(device)
     assert not device.is_silent
     assert_sane(fresh)
 
@@ -154,7 +156,7 @@ def test_a_chip_without_new_samples_is_restarted(started):
     b, device = started(read_s=1.0)
     b.chip.regs[0x23] = 0  # its FIFO accepts no samples; all checked registers are unchanged
     samples = loop(b, device, 1.5)
-    assert kinds(device) == ["imu.data-missing", "imu.restart", "imu.started", "imu.back"]
+    assert kinds(device) == ["imu.data-missing", "imu.restart", "imu.started", "imu.answers-again"]
     assert len(samples) > 100
     assert_sane(samples)
 
@@ -203,7 +205,7 @@ def test_rt9_a_blocked_bus_delays_only_one_read(started):
     samples = loop(b, device, 1.0)
     assert len(samples) > 100
     assert_sane(samples)
-    assert "imu.back" in kinds(device)
+    assert "imu.answers-again" in kinds(device)
 
 
 def test_a_blocked_bus_at_start_is_distinguished_from_a_missing_chip(bench):
@@ -227,7 +229,7 @@ def test_a_chip_that_is_disconnected_recovers_after_reconnection(started):
     samples = loop(b, device, 1.0)
     assert len(samples) > 100
     assert_sane(samples)
-    assert kinds(device) == ["imu.started", "imu.back"]
+    assert kinds(device) == ["imu.started", "imu.answers-again"]
 
 
 def test_a_missing_device_file_raises_no_error_and_reading_resumes_later(started, tmp_path):
@@ -239,7 +241,7 @@ def test_a_missing_device_file_raises_no_error_and_reading_resumes_later(started
     assert device.is_silent
     (tmp_path / "gone").rename(tmp_path / "i2c-1")
     assert len(loop(b, device, 1.0)) > 100
-    assert kinds(device) == ["imu.restart", "imu.data-missing", "imu.started", "imu.back"]
+    assert kinds(device) == ["imu.restart", "imu.data-missing", "imu.started", "imu.answers-again"]
 
 
 def test_random_bus_errors_cause_only_short_gaps(started):

@@ -185,11 +185,11 @@ def test_a_lost_arming_frame_is_sent_again_until_telemetry_confirms(line, uno):
 def test_an_unconfirmed_arming_becomes_a_fault_after_0_6_s(line, uno):
     """On a noisy line the first telemetry may arrive long after arming was lost."""
     uno.arm()
-    for t_ms, trouble in [(400, False), (590, False), (610, True)]:
+    for t_ms, is_deaf in [(400, False), (590, False), (610, True)]:
         line.now_ns = t_ms * MS
         line.send(state(t_ms))
         stop_reason = uno.receive()[-1].stop_reason
-        assert (stop_reason is not None and stop_reason.code == StopReason.UNO_DEAF) == trouble
+        assert (stop_reason is not None and stop_reason.code == StopReason.UNO_DEAF) == is_deaf
     uno.arm()
     line.send(state(620))
     assert uno.receive()[-1].stop_reason is None, "arming is sent again, with a new timeout"

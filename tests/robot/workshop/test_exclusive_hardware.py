@@ -75,7 +75,7 @@ def test_a_stopped_service_is_not_started(programs):
 
 def test_a_user_without_rights_to_stop_the_service_is_refused(programs):
     programs(systemctl="exit 0", sudo="echo a password is required >&2; exit 1")
-    with refused("hardware.service-has-it", UsageError, error="a password is required"):
+    with refused("hardware.used-by-service", UsageError, error="a password is required"):
         exclusive_hardware.stopped_service(print).__enter__()
 
 

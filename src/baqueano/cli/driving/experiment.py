@@ -170,11 +170,11 @@ def signal_of(
     if size is None:
         return u
     room = room_of(vehicle_file, size)
-    with show_activity(note("cli.keeping-in-room", size=size)):
+    with show_activity(note("cli.planning-in-room", size=size)):
         containment = contain_in_room(u, vehicle_file, room, seed=seed, backend=backend)
     print_message(
         note(
-            "cli.room-kept",
+            "cli.room-replaced",
             size=size,
             percent=100.0 * containment.replaced_fraction,
             margin_cm=100.0 * containment.margin_m,

@@ -62,7 +62,7 @@ def drive_by_hand(
         print_message(note("cli.game-pad", name=device.name))
     multiplexer = terminal_proxy() if is_over_ssh(os.environ) else ""
     if multiplexer:
-        print_message(note("cli.terminal-of-another", program=multiplexer))
+        print_message(note("cli.terminal-hidden", program=multiplexer))
     with ExitStack() as resources:
         target: Any = resources.enter_context(open_target(robot, vehicle_file, seed, backend))
         cockpit = Cockpit(

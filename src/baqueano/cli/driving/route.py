@@ -289,7 +289,7 @@ def start_pose_of(route: "Route", stand: str | None) -> tuple[float, ...]:
 
     if stand is None:
         return ()
-    x, y, degrees = pose_of(stand, "cli.from-unreadable")
+    x, y, degrees = pose_of(stand, "cli.pose-unreadable")
     start_pose = route.eta[0]
     xy = start_pose[:2] + map_from_body(start_pose[2])[:2, :2] @ np.array([x, y])
     return (float(xy[0]), float(xy[1]), float(start_pose[2] + np.radians(degrees)))
@@ -379,9 +379,9 @@ def route_through_points(path: Path, speed_m_s: float, closed: bool | None) -> "
         if names is None:
             raise FileError(fault("route.columns", path=path, value=", ".join(table.columns)))
         xy = np.column_stack([table.numbers(name) for name in names])
-    if others := [name for name in table.columns if name not in names]:
+    if unused_columns := [name for name in table.columns if name not in names]:
         figures = {"speed_m_s": speed_m_s, "folder": options.ROUTES}
-        print_message(note("route.columns-unused", names=", ".join(others), **figures))
+        print_message(note("route.columns-unused", names=", ".join(unused_columns), **figures))
     ends_m = float(np.hypot(*(xy[-1] - xy[0])))
     is_closed = closed if closed is not None else len(xy) > 3 and ends_m < MAX_END_GAP_M
     return through_points(xy, speed_m_s, is_closed)

@@ -59,7 +59,7 @@ class LocalTarget:
 
     def return_to_middle(self) -> None:
         """Print that the vehicle is in the middle again, because each simulated drive begins there."""
-        print_message(note("cli.middle-again"))
+        print_message(note("cli.start-in-middle"))
 
 
 class RemoteTarget:
@@ -87,7 +87,7 @@ class RemoteTarget:
         """Wait for the user to confirm that the vehicle is in the middle of the room. Raise click.Abort if not."""
         import click
 
-        print_message(note("cli.put-back"))
+        print_message(note("cli.put-in-middle"))
         click.confirm("Is it there?", default=True, abort=True, err=True)
 
 
@@ -146,11 +146,11 @@ def print_fault_detections(run: "Run", vehicle_file: "VehicleFile", shake: tuple
         for notice in row.notices:
             print_message(
                 note(
-                    "ledger.noticed",
+                    "ledger.detection-line",
                     detector=note(f"ledger.who-{notice.witness}"),
                     delay_s=notice.after_s,
                     reply=notice.message,
                 )
             )
         if (reply := ledger.unnoticed_diagnostic(row)) is not None:
-            print_message(note("ledger.by-nobody", reply=reply))
+            print_message(note("ledger.undetected-line", reply=reply))

@@ -202,7 +202,7 @@ def _refusal(code: str, reasons: Sequence[Diagnostic], page: Path | None) -> Dia
     """Return the reason why a fit is refused, with a hint to the report on `page` or to the option for a report."""
     from baqueano.messages import group_sentences
 
-    data = note("cli.data-unseen", fix="--report fit.html") if page is None else note("cli.data-in-report")
+    data = note("cli.data-advice", fix="--report fit.html") if page is None else note("cli.data-in-report")
     return fault(code, reasons="; ".join(group_sentences(reasons)[:2]), data=data)
 
 
@@ -285,7 +285,7 @@ def _with_tolerances(
     if conflicts or not is_imu_only(vehicle_file, runs, arguments["use"], arguments["free"]):
         if not conflicts and not is_imu_only(vehicle_file, runs, ("imu",), arguments["free"]):
             raise UsageError(fault("cli.tolerance-car", value=tolerances[0]))
-        code = "cli.tolerance-beside" if conflicts else "cli.tolerance-unused"
+        code = "cli.tolerance-conflict" if conflicts else "cli.tolerance-unused"
         raise UsageError(fault(code, "--use imu", value=tolerances[0], second_option=conflicts[:1]))
     fractions = {}
     for tolerance in tolerances:

@@ -69,7 +69,7 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
 
     if from_s == 0.0 and to_s is None:
         fix = baqueano_command("runs", "cut", run, "--from", "2", "--to", "30")
-        raise UsageError(fault("cli.cut-nothing", fix))
+        raise UsageError(fault("cli.cut-without-effect", fix))
     if to_s is not None and to_s <= from_s:
         fix = baqueano_command("runs", "cut", run, "--from", f"{to_s:g}", "--to", f"{from_s:g}")
         raise UsageError(fault("cli.cut-order", fix, start_s=from_s, end_s=to_s))

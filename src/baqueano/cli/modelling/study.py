@@ -23,12 +23,12 @@ def _check_cases(cases: Iterable[str], known_cases: Collection[str]) -> None:
             raise UsageError(fault("cli.case-unknown", value=case, suggestion=nearest(case, known_cases)))
 
 
-def _check_complete(done: int, requested: int) -> None:
+def _check_complete(completed_count: int, requested: int) -> None:
     """Raise Interruption if Ctrl-C ended the study early."""
     from baqueano.cli.errors import Interruption
 
-    if done < requested:
-        raise Interruption(fault("cli.study-interrupted", count=done, total=requested))
+    if completed_count < requested:
+        raise Interruption(fault("cli.study-interrupted", count=completed_count, total=requested))
 
 
 @command.command(

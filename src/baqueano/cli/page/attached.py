@@ -29,16 +29,16 @@ async def serve(options: PageOptions) -> None:
 
     def print_message(message: Diagnostic | str) -> None:
         print(text(message), file=sys.stderr, flush=True)
-        if isinstance(message, Diagnostic) and message.code == "web.at":
+        if isinstance(message, Diagnostic) and message.code == "web.address":
             counting.append(asyncio.get_running_loop().create_task(count()))
 
     async def count() -> None:
         former_count = -1
         with suppress(BaqueanoError):
             while True:
-                if (now := viewers[0]()) != former_count:
-                    former_count = now
-                    link[0].send("viewers", count=now)
+                if (viewer_count := viewers[0]()) != former_count:
+                    former_count = viewer_count
+                    link[0].send("viewers", count=viewer_count)
                 await asyncio.sleep(POLL_S)
 
     try:

@@ -70,7 +70,7 @@ class DriveDoor:
         self._robot: Remote | None = None
         words = {
             "viewers": self._on_viewers,
-            "routes": lambda client, message: {"is": "routes", "routes": []},
+            "routes": lambda client, message: {"type": "routes", "routes": []},
         }
         for do in ("pause", "go", "pace"):
             words[do] = self._on_time
@@ -85,7 +85,7 @@ class DriveDoor:
 
     def close(self, reason: Diagnostic) -> None:
         """Report that the drives have ended, and disconnect the page."""
-        self._door.broadcast({"is": "over", "reason": reason})
+        self._door.broadcast({"type": "over", "reason": reason})
         self._door.close()
 
     def wait_for_hand(self, is_running: Callable[[], bool]) -> None:
@@ -102,22 +102,26 @@ class DriveDoor:
                 return
             self.operator.record_mission_end()
             self._end(request[2], fault("cli.page-by-hand"), SafetyStop.exit_code)
-        raise RobotUnreachable(fault("cli.page-gone"))
+        raise RobotUnreachable(fault("cli.page-ended"))
 
-    def local_options(self, mission: "Mission", file: "VehicleFile", given: "JsonObject") -> "JsonObject":
+    def local_options(
+        self, mission: "Mission", file: "VehicleFile", mission_options: "JsonObject"
+    ) -> "JsonObject":
         """Return the options of a drive in this process. With them the page shows the drive and sets its pace."""
-        given = ({"eta": mission.start_pose} if mission.kind == "repeat" else {}) | given
-        if "world" not in given:
+        mission_options = ({"eta": mission.start_pose} if mission.kind == "repeat" else {}) | mission_options
+        if "world" not in mission_options:
             world_options = ("truth", "seed", "eta", "backend")
-            given["world"] = Conditions(**{k: given[k] for k in world_options if k in given}).make_world(file)
-        watching = _PageObserver(self, mission, file, cast(WorldWithBody, given["world"]))
-        given["observers"] = (
-            *given.get("observers", ()),
+            mission_options["world"] = Conditions(
+                **{k: mission_options[k] for k in world_options if k in mission_options}
+            ).make_world(file)
+        watching = _PageObserver(self, mission, file, cast(WorldWithBody, mission_options["world"]))
+        mission_options["observers"] = (
+            *mission_options.get("observers", ()),
             watching,
             ChangeObserver(self.operator, self._door.broadcast),
         )
-        given["tick_times_ns"] = self._ticks(file.rate_hz, given.get("tick_times_ns"))
-        return given
+        mission_options["tick_times_ns"] = self._ticks(file.rate_hz, mission_options.get("tick_times_ns"))
+        return mission_options
 
     def hand(self, commands: int) -> np.ndarray:
         """Return the command (n,) that the page requests. Raise KeyboardInterrupt if the page has ended the drive."""
@@ -132,14 +136,14 @@ class DriveDoor:
 
         def words() -> list[JsonObject]:
             nonlocal watching, is_stopped
-            replies: list[JsonObject] = [] if watching else [{"do": "watch", "hz": PAGE_RATE_HZ}]
-            replies += [{"do": "mark"}] * self.operator.pop_mark_count()
+            replies: list[JsonObject] = [] if watching else [{"type": "watch", "hz": PAGE_RATE_HZ}]
+            replies += [{"type": "mark"}] * self.operator.pop_mark_count()
             if self.operator.is_end_requested:
                 raise KeyboardInterrupt
             stop_reason = self.operator.stop_reason(self.by_hand)
             if stop_reason is not None and not is_stopped:
                 is_stopped = True
-                replies.append({"do": "stop", "reason": stop_reason})
+                replies.append({"type": "stop", "reason": stop_reason})
             watching = True
             return replies
 
@@ -153,7 +157,7 @@ class DriveDoor:
         self._published_s = now_s
         pace_fields = {} if self._world == "real" else {"pace": self.pace.factor, "paused": self.pace.paused}
         self._door.broadcast({
-            "is": "state", "state": str(self._state), "reason": self._reason, "run": None, "world": self._world,
+            "type": "state", "state": str(self._state), "reason": self._reason, "run": None, "world": self._world,
             "battery_v": None, **pace_fields, **drive_description(self._mission, self._record),
         })  # fmt: skip
 
@@ -190,7 +194,7 @@ class DriveDoor:
             self.publish()
 
     def _relay(self, message: "JsonObject") -> None:
-        if message["is"] in RELAYED:
+        if message["type"] in RELAYED:
             self._door.broadcast({name: value for name, value in message.items() if name not in TIME_FIELDS})
 
     def _on_viewers(self, client: object, message: "JsonObject") -> None:
@@ -207,26 +211,26 @@ class DriveDoor:
     def _on_stop(self, client: object, message: "JsonObject") -> "JsonObject":
         reason = Diagnostic.of_json(message["reason"])
         if self._robot is not None:  # at once, from this thread
-            self._robot.send(do="stop", reason=reason)
+            self._robot.send(type="stop", reason=reason)
         else:
             self.operator.stop(reason)
-        return {"is": "received", "do": "stop"}
+        return {"type": "received", "request": "stop"}
 
     def _on_set(self, client: object, message: "JsonObject") -> "JsonObject":
         if self._robot is None:
             self.operator.set_gain(client, str(message["path"]), message["value"])
         elif message["path"] == PACE:
-            self._robot.send(do="set", path=PACE, value=float(message["value"]))
+            self._robot.send(type="set", path=PACE, value=float(message["value"]))
         else:
             raise SafetyStop(
                 note("cli.page-set", Severity.ERROR, baqueano_command("serve", "--robot", self._robot.name))
             )
-        return {"is": "received", "do": "set"}
+        return {"type": "received", "request": "set"}
 
     def _on_time(self, client: object, message: "JsonObject") -> None:
         if self._robot is not None:
             raise SafetyStop(note("cli.page-time", Severity.ERROR))
-        match message["do"]:
+        match message["type"]:
             case "pause":
                 self.pace.pause()
             case "go":
@@ -236,7 +240,7 @@ class DriveDoor:
         self.publish(at_once=True)
 
     def _end(self, name: str, reason: Diagnostic, code: int) -> None:
-        self._door.broadcast({"is": "done", "id": name, "run": None, "reason": reason, "code": code})
+        self._door.broadcast({"type": "done", "id": name, "run": None, "reason": reason, "code": code})
 
 
 class _PageObserver(Observer):

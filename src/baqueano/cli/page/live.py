@@ -79,12 +79,12 @@ def live_page(
         _join(door, program)
         _wait(door.listens.is_set, START_TIMEOUT_S, program)
         if program.poll() is not None:
-            print_message(note("cli.page-gone"))
+            print_message(note("cli.page-ended"))
         elif has_display():
             _wait(door.visited.is_set, CONNECT_TIMEOUT_S, program)
         yield LivePage(door, program)
     finally:
-        door.close(note("cli.page-over", folder=folder))
+        door.close(note("cli.page-drive-ended", folder=folder))
         _end(program)
 
 
@@ -119,8 +119,8 @@ def _join(door: "DriveDoor", program: "subprocess.Popen[bytes]") -> None:
 
 
 def _wait(true: Callable[[], bool], within_s: float, program: "subprocess.Popen[bytes]") -> None:
-    until = time.monotonic() + within_s
-    while not true() and program.poll() is None and time.monotonic() < until:
+    end_s = time.monotonic() + within_s
+    while not true() and program.poll() is None and time.monotonic() < end_s:
         time.sleep(0.02)
 
 

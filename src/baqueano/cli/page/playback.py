@@ -35,10 +35,10 @@ class PlaybackPage:
         """Show the decrease of the cost, and the gains before and after the tuning."""
         costs = list(accumulate(result.history[:, 1].tolist(), min))
         gains = [
-            {"name": gain.name, "unit": gain.unit, "before": gain.file_value, "value": gain.value}
+            {"name": gain.name, "unit": gain.unit, "file_value": gain.file_value, "value": gain.value}
             for gain in result.gains
         ]
-        around = {"cost": result.cost, "before": result.cost_before, "gains": gains}
+        around = {"cost": result.cost, "start_cost": result.cost_before, "gains": gains}
         self._send({"tuned": around | {"history": costs[:: max(1, len(costs) // POINTS)]}})
 
     def show_event(self, message: Diagnostic) -> None:

@@ -47,6 +47,6 @@ def command(
         local_files = LocalFiles(robot, vehicle_name, options.ROUTES, Path(folder))
         page_options.run(show_vehicle(partial(connect, robot), serving, print_message, local_files))
     else:
-        more = ("--pace", str(pace), "--seed", str(seed or 0), "--routes", str(options.ROUTES))
-        start = partial(start_simulated, vehicle_name, Path(folder), *more)
+        service_options = ("--pace", str(pace), "--seed", str(seed or 0), "--routes", str(options.ROUTES))
+        start = partial(start_simulated, vehicle_name, Path(folder), *service_options)
         page_options.run(show_vehicle(start, serving, print_message, vehicle=vehicle_name))

@@ -86,7 +86,7 @@ def clear(host: str) -> None:
     from baqueano.messages import text
 
     with _connection(host) as remote:
-        remote.send(do="clear")
+        remote.send(type="clear")
         remote.wait(lambda: remote.state["state"] == "READY", 2.0)
         state = remote.state
         print_result(
@@ -119,7 +119,7 @@ def runs(host: str, fetch: bool, folder: str) -> None:
         invalid_list = ", ".join(f'"{one_line(str(name))}"' for name in invalid_names[:5])
         raise FileError(
             fault(
-                "cli.runs-named-oddly",
+                "cli.run-names-invalid",
                 ssh_line(host),
                 host=host,
                 count=len(invalid_names),
@@ -139,7 +139,7 @@ class RobotStatus:
     """The state that the vehicle reports."""
 
     def __init__(self, reply: "JsonObject") -> None:
-        self.reply = {k: v for k, v in reply.items() if k != "is"}
+        self.reply = {k: v for k, v in reply.items() if k != "type"}
         self.verdict = str(reply.get("state"))
 
     def rows(self) -> list["TableRow"]:

@@ -71,7 +71,10 @@ def settings(
         vehicle_file = options.load_vehicle(vehicle, settings)
         with stopped_service(print_message), open_uno(vehicle_file.robot.port) as uno:
             stored_settings = uno_settings.store(
-                uno, lambda before: uno_settings.apply_changes(Settings() if defaults else before, changes)
+                uno,
+                lambda stored_settings: uno_settings.apply_changes(
+                    Settings() if defaults else stored_settings, changes
+                ),
             )
             if watch_s is not None:
                 uno_settings.show_counts(uno, watch_s, print_message)

@@ -57,7 +57,7 @@ def card(
     )
 
     if wifi is not None and own:
-        raise UsageError(fault("cli.one-radio"))
+        raise UsageError(fault("cli.network-conflict"))
     boot, text, name = boot_partition(folder), public_key(key), name or new_name()
     network = None
     if wifi is not None:

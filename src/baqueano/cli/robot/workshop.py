@@ -66,7 +66,7 @@ def flash(
         with stopped_service(print_message):
             result = write(vehicle_file.robot.port, hex_file, print_message)
     elif hex_file is not None:
-        raise UsageError(fault("cli.hex-from-afar", host=host))
+        raise UsageError(fault("cli.hex-at-host", host=host))
     else:
         result = result_from_host(lambda rows: FlashResult(**rows[0]), host, "robot", "flash")
     print_answer(result, as_json)

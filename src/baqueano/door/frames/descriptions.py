@@ -83,10 +83,10 @@ def adjustable_names(block: object) -> list[str]:
 def route_description(route: "Route | None", name: str = "", laps: int = 1) -> JsonObject:
     """Return the message of a drive's route; its lists of points are empty if `route` is None."""
     if route is None:
-        return {"is": "route", "x": [], "y": []}
+        return {"type": "route", "x": [], "y": []}
     x, y = route.eta[:, 0], route.eta[:, 1]
     return {
-        "is": "route", "name": name, "closed": bool(route.closed), "laps": laps, "seconds": float(route.t_s[-1]),
+        "type": "route", "name": name, "closed": bool(route.closed), "laps": laps, "seconds": float(route.t_s[-1]),
         "length_m": float(np.sum(np.hypot(np.diff(x), np.diff(y)))),
         "x": np.round(x, 4).tolist(), "y": np.round(y, 4).tolist(),
     }  # fmt: skip

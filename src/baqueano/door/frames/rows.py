@@ -115,8 +115,10 @@ class DriveRows:
         self.row_count = 0  # rows since the beginning of the drive, including rows that were skipped
         sensors = self.vehicle_file.sensors
         self._sizes = [getattr(sensors, name).size for name in sensors._fields]
-        self._along = None if self.route is None else RouteProgress(self.route)
-        self._at: tuple[int, ...] | None = ()  # channel of each innovation; () before the first tick
+        self._progress = None if self.route is None else RouteProgress(self.route)
+        self._innovation_indices: (
+            tuple[int, ...] | None
+        ) = ()  # channel of each innovation; () before the first tick
 
     def convert(self, max_count: int = MAX_STORED_TICKS) -> bool:
         """Convert at most `max_count` waiting ticks to rows, and return True while further ticks wait.
@@ -152,7 +154,7 @@ class DriveRows:
             texts = [",".join(cells) for _, cells in rows]
         else:
             texts = [",".join([cells[c] for c in columns]) for _, cells in rows]
-        head = f'{{"is":"frame","t_ns":{rows[0][0]},"n":{self.row_count - frame_size},"x":[['
+        head = f'{{"type":"frame","t_ns":{rows[0][0]},"n":{self.row_count - frame_size},"x":[['
         return (head + "],[".join(texts) + "]]}\n").encode()
 
     def _row(self, sample: RecordedTick) -> list[float]:
@@ -171,7 +173,7 @@ class DriveRows:
             *reference.eta.tolist(), float(reference.nu[0]), *truth,
             *tick.u.tolist(), *record.requested_command.u.tolist(),
             *z, *(a - b for a, b in zip(z, innovation, strict=True)), *innovation, *deviation, nis,
-            *((NAN, NAN) if self._along is None else self._along.update(eta)), sample.battery_v, sample.late_ms,
+            *((NAN, NAN) if self._progress is None else self._progress.update(eta)), sample.battery_v, sample.late_ms,
         ]  # fmt: skip
 
     def _innovations(self, record: "Record", channel_count: int) -> tuple[list[float], list[float], float]:
@@ -180,10 +182,10 @@ class DriveRows:
         innovation, deviation = [NAN] * channel_count, [NAN] * channel_count
         if y is None or S is None:
             return innovation, deviation, NAN
-        if self._at == () and self.estimator is not None:
-            self._at = innovation_channels(self.estimator, self.vehicle_file.sensors, len(y))
+        if self._innovation_indices == () and self.estimator is not None:
+            self._innovation_indices = innovation_channels(self.estimator, self.vehicle_file.sensors, len(y))
         values, spread = y.tolist(), np.sqrt(np.maximum(np.diagonal(S), 0.0)).tolist()
-        for k, c in enumerate(self._at or ()):
+        for k, c in enumerate(self._innovation_indices or ()):
             innovation[c], deviation[c] = values[k], spread[k]
         try:
             nis = normalised_innovation_squared(values, S.tolist())
@@ -213,11 +215,11 @@ class Frames:
         route, laps = (None, 1) if mission is None else (mission.route, mission.laps)
         drive = DriveRows(vehicle_file, estimator, route)
         fields: JsonObject = {
-            "is": "fields", "names": [c.name for c in drive.columns], "units": [c.unit for c in drive.columns],
+            "type": "fields", "names": [c.name for c in drive.columns], "units": [c.unit for c in drive.columns],
             "kinds": [c.kind for c in drive.columns], "step_ns": round(NANOSECONDS / vehicle_file.rate_hz),
         }  # fmt: skip
         blocks = {} if mission is None else mission.blocks
-        vehicle = {"is": "vehicle", **vehicle_description(vehicle_file, world, seed, blocks)}
+        vehicle = {"type": "vehicle", **vehicle_description(vehicle_file, world, seed, blocks)}
         descriptions = [vehicle, fields, route_description(route, name, laps)]
         with self._lock:
             self._drive, self._words = drive, descriptions

@@ -45,7 +45,9 @@ class FaultRequests:
         self, plan: "MissionPlan", world: "FaultyWorld", mission_json: str, is_attended: bool
     ) -> Observer:
         """Store a drive that begins, and return the observer that keeps its record of faults."""
-        mission = {k: v for k, v in json.loads(mission_json).items() if k != "hurry_s"} | {"seed": plan.seed}
+        mission = {k: v for k, v in json.loads(mission_json).items() if k != "fast_until_s"} | {
+            "seed": plan.seed
+        }
         self._by_hand = plan.mission.is_manual
         self._world, self._last = world, (mission, is_attended, world)
         return _LedgerObserver(self, plan, world)
@@ -62,7 +64,7 @@ class FaultRequests:
             world.end_fault(int(request["end"]))
         else:
             world.begin_fault(
-                {name: value for name, value in request.items() if name not in ("do", "is", "at_s")}
+                {name: value for name, value in request.items() if name not in ("type", "at_s")}
             )
 
     def repeat_mission(self, client: object, request: JsonObject) -> None:
@@ -80,8 +82,8 @@ class FaultRequests:
             fault_.to_json() for number, fault_ in enumerate(world.faults, 1)
             if omitted_numbers is not None and number not in omitted_numbers
         ]  # fmt: skip
-        hurry = {"hurry_s": max(0.0, float(request.get("from_s", 0.0)))}
-        self._next_mission = client, mission | hurry | {"shake": faults}, is_attended
+        fast_part = {"fast_until_s": max(0.0, float(request.get("from_s", 0.0)))}
+        self._next_mission = client, mission | fast_part | {"shake": faults}, is_attended
         if self._operator.is_busy:
             self._operator.request_end(client)
         else:
@@ -97,11 +99,11 @@ class FaultRequests:
         try:
             self._operator.queue_mission(client, json.dumps(mission), is_attended, "again")
         except SafetyStop as error:
-            self._broadcast({"is": "event", "level": str(Severity.ERROR), "message": error.diagnostic})
+            self._broadcast({"type": "event", "level": str(Severity.ERROR), "message": error.diagnostic})
 
     def broadcast_ledger(self, ledger: Ledger) -> None:
         """Send the record of faults to all clients as the message `ledger`."""
-        self._broadcast({"is": "ledger", "rows": [_fault_row(ledger, row) for row in ledger.rows]})
+        self._broadcast({"type": "ledger", "rows": [_fault_row(ledger, row) for row in ledger.rows]})
 
 
 class _LedgerObserver(Observer):

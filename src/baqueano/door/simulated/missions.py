@@ -5,8 +5,8 @@
   {kind: "experiment", signal, seconds}
   {kind: "drive"}, {kind: "first drive"}
 
-All kinds accept three more fields: `seed`, `shake`, a list of faults (worlds/faults/), and `hurry_s`, the drive time
-until which the ticks do not wait. A whole mission in JSON, as the laptop sends it to a robot, contains its vehicle file
+All kinds accept three more fields: `seed`, `shake`, a list of faults (worlds/faults/), and `fast_until_s`. The ticks do
+not wait until this drive time. A whole mission in JSON, as the laptop sends it to a robot, contains its vehicle file
 and the user's blocks.
 """
 
@@ -77,7 +77,7 @@ def mission_plan(
         is_complete = "format" in request
         seed = int(request.get("seed", seed))
         kind = str(request["kind"])
-        shake, hurry_s = request.pop("shake", []), _checked_number(request, "hurry_s", 0.0)
+        shake, fast_until_s = request.pop("shake", []), _checked_number(request, "fast_until_s", 0.0)
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
     if not isinstance(shake, list) or len(shake) > MAX_FAULTS:
@@ -85,14 +85,14 @@ def mission_plan(
     faults = tuple(Fault.parse(request_of_fault) for request_of_fault in shake)
     if not is_complete:
         yield replace(
-            _plan_by_name(kind, request, vehicle_file, routes, seed), faults=faults, fast_until_s=hurry_s
+            _plan_by_name(kind, request, vehicle_file, routes, seed), faults=faults, fast_until_s=fast_until_s
         )
         return
-    extra_keys = ("seed", "shake", "hurry_s")
+    extra_keys = ("seed", "shake", "fast_until_s")
     mission = Mission.from_json(json.dumps({k: v for k, v in request.items() if k not in extra_keys}))
     with TemporaryDirectory(prefix="baqueano-") as folder:
         vehicle_file = unpack(mission, Path(folder))
-        yield MissionPlan(mission, vehicle_file, seed=seed, faults=faults, fast_until_s=hurry_s)
+        yield MissionPlan(mission, vehicle_file, seed=seed, faults=faults, fast_until_s=fast_until_s)
 
 
 def reload_if_changed(vehicle_file: "VehicleFile") -> "VehicleFile":

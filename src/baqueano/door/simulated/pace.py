@@ -31,7 +31,7 @@ class PacedClock:
     ) -> None:
         self._now_s, self._sleep = now_s, sleep
         self.paused, self.late_ms = False, 0.0
-        self._more = 0  # ticks until the next pause
+        self._ticks_until_pause = 0  # ticks until the next pause
         self.set_pace(factor)
 
     def set_pace(self, factor: float) -> None:
@@ -42,27 +42,29 @@ class PacedClock:
 
     def pause(self) -> None:
         """Pause simulated time."""
-        self.paused, self._more = True, 0
+        self.paused, self._ticks_until_pause = True, 0
 
     def resume(self, ticks: int = 0) -> None:
         """Let simulated time pass again. If `ticks` > 0, pause after this number of ticks."""
-        self._more, self.paused = max(0, ticks), ticks > 0
+        self._ticks_until_pause, self.paused = max(0, ticks), ticks > 0
 
-    def ticks(self, rate_hz: float, interrupted: Callable[[], bool], hurry_s: float = 0.0) -> Iterator[int]:
-        """Yield the times of the ticks [ns]; until the drive time `hurry_s`, do not wait.  (1)
+    def ticks(
+        self, rate_hz: float, interrupted: Callable[[], bool], fast_until_s: float = 0.0
+    ) -> Iterator[int]:
+        """Yield the times of the ticks [ns]; until the drive time `fast_until_s`, do not wait.  (1)
 
         Once `interrupted` returns True, time passes even in a pause, so that a stop can finish.
         """
         k, due_s = 0, self._now_s()
         while True:
-            if k < hurry_s * rate_hz:
+            if k < fast_until_s * rate_hz:
                 k, due_s = k + 1, self._now_s()
                 yield round(k * NANOSECONDS / rate_hz)
                 continue
-            while self.paused and not self._more and not interrupted():
+            while self.paused and not self._ticks_until_pause and not interrupted():
                 self._sleep(PAUSE_POLL_S)
                 due_s = self._now_s()
-            self._more = max(0, self._more - 1)
+            self._ticks_until_pause = max(0, self._ticks_until_pause - 1)
             due_s += 1.0 / (rate_hz * self.factor)
             early_s = due_s - self._now_s()
             if early_s > 0.0:

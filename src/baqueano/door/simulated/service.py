@@ -78,7 +78,7 @@ class SimulatedService:
             lambda: self.pace.resume(int(request.get("ticks", 0)))),
             "pace": lambda client, request: self._call_for_holder(client,
             lambda: self.pace.set_pace(float(request["factor"]))),
-            "routes": lambda client, request: {"is": "routes", "routes": self.routes.rows()},
+            "routes": lambda client, request: {"type": "routes", "routes": self.routes.rows()},
             "shake": lambda client, request: self._call_for_holder(client, lambda: self.shaken.handle(request)),
             "again": lambda client, request: self._call_for_holder(
                 client, lambda: self.shaken.repeat_mission(client, request)
@@ -112,7 +112,7 @@ class SimulatedService:
     def execute_request(self, mission_json: str, attended: bool, name: str = "") -> None:
         """Execute a mission in JSON, and report its end under this name; its errors do not end the service."""
         self._drives += 1
-        outcome: JsonObject = {"is": "done", "id": name, "run": None}
+        outcome: JsonObject = {"type": "done", "id": name, "run": None}
         reason, code = mission_outcome(lambda: self._drive_mission(mission_json, attended, outcome))
         self._plan = self._record = self._run = None
         self.send_state(at_once=True)
@@ -185,7 +185,7 @@ class SimulatedService:
 
     def send_event(self, level: str, event: Diagnostic) -> None:
         """Send an event to all clients."""
-        self.broadcast({"is": "event", "level": level, "message": event})
+        self.broadcast({"type": "event", "level": level, "message": event})
 
     def send_state(self, at_once: bool = False) -> None:
         """Send the state to all clients, if `at_once` or if the last state was sent at least TELL_S ago."""
@@ -196,7 +196,7 @@ class SimulatedService:
         mission = None if plan is None else plan.mission
         self.broadcast(
             {
-                "is": "state", "state": str(self.machine.state), "reason": self.machine.reason, "run": self._run,
+                "type": "state", "state": str(self.machine.state), "reason": self.machine.reason, "run": self._run,
                 "world": "simulated", "pace": self.pace.factor, "paused": self.pace.paused, "battery_v": None,
                 "tilt_rad": None, "temperature_c": None, "uno_trip_ms": None, "lost_telemetry": 0, "resets": 0,
                 **drive_description(mission, record),
@@ -214,7 +214,7 @@ class SimulatedService:
         Raise SafetyStop otherwise.
         """
         if self.operator.is_busy and not self.operator.is_holder(client):
-            raise SafetyStop(note("door.somebody", Severity.ERROR, STOP_COMMAND))
+            raise SafetyStop(note("door.other-driver", Severity.ERROR, STOP_COMMAND))
         act()
         self.send_state(at_once=True)
 

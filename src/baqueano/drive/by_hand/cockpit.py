@@ -153,11 +153,11 @@ class Cockpit(Observer):
 
     def pop_messages(self) -> list[TableRow]:
         """Return the driver's messages to the vehicle since the last call: marks, and a stop."""
-        commands: list[TableRow] = [{"do": "mark"}] * (self._marks - self._sent_marks)
+        commands: list[TableRow] = [{"type": "mark"}] * (self._marks - self._sent_marks)
         self._sent_marks = self._marks
         if self._stop and not self._stop_sent:
             self._stop_sent = True
-            commands.append({"do": "stop", "reason": self._stop})
+            commands.append({"type": "stop", "reason": self._stop})
         return commands
 
     def on_record(self, record: Record) -> None:
@@ -226,15 +226,17 @@ class Cockpit(Observer):
                 if event.kind == ALIVE:
                     self._life.record_answer(self._now())
             self._sleep(PAUSE_S)
-        alive = self._life.has_answered
-        if alive and releases:
+        has_answered = self._life.has_answered
+        if has_answered and releases:
             self._line.set_mode(RELEASES_ON, RELEASES_OFF)
-        if alive:
+        if has_answered:
             self._line.set_mode(WINDOW_ON, WINDOW_OFF)
-        self._plain = RELEASES if alive and releases else REPEATS
-        self._key_hold = KeyHold(LATCHED if alive and self._is_latch_requested else self._plain)
+        self._plain_key_mode = RELEASES if has_answered and releases else REPEATS
+        self._key_hold = KeyHold(
+            LATCHED if has_answered and self._is_latch_requested else self._plain_key_mode
+        )
         self.status.key_mode = KEY_HINTS[self._key_hold.mode]
-        if not alive:
+        if not has_answered:
             self.show_message(
                 _("this terminal does not confirm that it is active: each key counts for a short time")
             )
@@ -288,7 +290,7 @@ class Cockpit(Observer):
         if not self._life.has_answered:
             return
         self._key_hold.release_all()
-        self._key_hold.mode = self._plain if self._key_hold.mode == LATCHED else LATCHED
+        self._key_hold.mode = self._plain_key_mode if self._key_hold.mode == LATCHED else LATCHED
         self.status.key_mode = KEY_HINTS[self._key_hold.mode]
 
     def _direction(self, now_s: float) -> tuple[float, float]:

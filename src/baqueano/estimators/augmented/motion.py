@@ -165,9 +165,9 @@ def _speed_error_shape(estimator: "AugmentedEkf", speed: Value) -> Value:
     """Return e, the error of the speed at `speed` [m/s] relative to its scale error κ_v.  (8)"""
     if layout(estimator).speed_is_measured:
         return 1.0
-    std, least = estimator.speed_error_std, estimator.least_error_speed_m_s
+    std, least_error_speed = estimator.speed_error_std, estimator.least_error_speed_m_s
     magnitude, slope = np.sqrt(speed**2 + MIN_SPEED_M_S**2), np.where(std[1] > 0.0, std[1], 1.0)
-    relative = np.sqrt((std[0] / slope) ** 2 + (magnitude - least) ** 2) / magnitude
+    relative = np.sqrt((std[0] / slope) ** 2 + (magnitude - least_error_speed) ** 2) / magnitude
     return np.where(std[1] > 0.0, relative, 1.0)
 
 

@@ -156,7 +156,7 @@ def _yaw_rate_checks(
     checks = []
     for name in dict.fromkeys(name for name, _ in entries):
         channels = (
-            np.array([of == name for of, _ in entries])
+            np.array([sensor_of_entry == name for sensor_of_entry, _ in entries])
             & (np.abs(slopes).sum(axis=1) > 0.0)
             & (corrects == 0.0)
         )

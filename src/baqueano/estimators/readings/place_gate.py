@@ -128,13 +128,13 @@ def _next_history(
 
 def _nearest_distance(S: np.ndarray, y: np.ndarray, corrections: list[np.ndarray]) -> Value:
     """Return the least d²ᵢ of (2) over the other tags; a very large number if the sensor cannot mistake a tag."""
-    least = 1.0 / MIN_SQUARED_DISTANCE
+    max_inverse = 1.0 / MIN_SQUARED_DISTANCE
     for correction in np.stack(corrections, axis=1):
         is_none = np.sum(correction**2) < MIN_SQUARED_DISTANCE
-        least = np.minimum(
-            least, np.where(is_none, 1.0 / MIN_SQUARED_DISTANCE, squared_distance(S, y + correction))
+        max_inverse = np.minimum(
+            max_inverse, np.where(is_none, 1.0 / MIN_SQUARED_DISTANCE, squared_distance(S, y + correction))
         )
-    return least
+    return max_inverse
 
 
 def growth_factors(factor: Value, std: np.ndarray, max_std: np.ndarray, mask: np.ndarray) -> np.ndarray:

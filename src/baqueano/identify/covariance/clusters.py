@@ -35,9 +35,9 @@ MAX_BLOCK_SHARE = 0.9  # largest part of the information on a direction that is 
 MAX_SEGMENT_SHARE = 0.99  # the same for one segment
 
 
-def inflation_factors(variance: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """Return the factors (k,) of standard errors that raise each `variance` (k,) to `least` (k,) if it is below."""
-    return np.sqrt(np.maximum(least / np.maximum(variance, 1e-300), 1.0))
+def inflation_factors(variance: np.ndarray, min_variance: np.ndarray) -> np.ndarray:
+    """Return the factors (k,) of standard errors that raise each `variance` (k,) to at least `min_variance` (k,)."""
+    return np.sqrt(np.maximum(min_variance / np.maximum(variance, 1e-300), 1.0))
 
 
 def jackknife(

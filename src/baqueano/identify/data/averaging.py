@@ -81,9 +81,9 @@ def averaged_readings(
     b, e = b[used_rows], e[used_rows]
     weights[rows, :3] = _row_weights(b, e, begin_s[rows], dt_s[rows])
     following = np.searchsorted(rows, np.arange(len(dt_s)), side="right")
-    early = np.flatnonzero(following < len(rows))
-    j = following[early]
-    weights[early, 3:6] = _row_weights(b[j], e[j], begin_s[early], dt_s[early])
+    early_indices = np.flatnonzero(following < len(rows))
+    j = following[early_indices]
+    weights[early_indices, 3:6] = _row_weights(b[j], e[j], begin_s[early_indices], dt_s[early_indices])
     weights[rows, 6] = 1.0
     return used_rows, rows, weights
 

@@ -210,12 +210,12 @@ def _row_and_part(
     tick_ns: np.ndarray, t_ns: np.ndarray, tick: np.ndarray, ends: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the row of each reading at `t_ns` in its `tick`, and the part of this row by which it precedes its end."""
-    later = np.maximum(tick, 1)
-    tick_part = (tick_ns[tick] - t_ns) / np.maximum(tick_ns[later] - tick_ns[later - 1], 1)
+    later_tick = np.maximum(tick, 1)
+    tick_part = (tick_ns[tick] - t_ns) / np.maximum(tick_ns[later_tick] - tick_ns[later_tick - 1], 1)
     rows = np.diff(ends, prepend=-1)[tick]
     age = np.clip(tick_part, 0.0, 1.0) * rows  # in rows
-    earlier = np.minimum(np.floor(age + MAX_EARLY_FRACTION), rows - 1).astype(int)
-    return ends[tick] - earlier, np.clip(age - earlier, 0.0, 1.0)
+    earlier_rows = np.minimum(np.floor(age + MAX_EARLY_FRACTION), rows - 1).astype(int)
+    return ends[tick] - earlier_rows, np.clip(age - earlier_rows, 0.0, 1.0)
 
 
 def contains_readings(run: Run, sensor: str, entry: int, z: np.ndarray) -> bool:

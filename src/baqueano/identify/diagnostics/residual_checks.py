@@ -316,5 +316,5 @@ def _late_outliers(label: str, r: list[np.ndarray], h: list[np.ndarray], fix: st
     z = (float(rank[is_outlier].mean()) - 0.5) * np.sqrt(12.0 * n)
     if z < LATE_Z:
         return []
-    code = "residual.late" if fix else "residual.fast"
+    code = "residual.late-readings" if fix else "residual.fast"
     return [note(code, Severity.WARNING, fix, label, readings=n, limit=OUTLIER_SIGMA, z=float(z))]

@@ -261,7 +261,7 @@ def positive_definite(
     is_low = variance < floor
     if is_low.any():
         count = int(is_low.sum())
-        notes.append(note("noise.lifted", Severity.WARNING, subject=name, count=count, total=len(is_low)))
+        notes.append(note("noise.raised", Severity.WARNING, subject=name, count=count, total=len(is_low)))
     d = np.sqrt(np.maximum(variance, floor))
     C = np.clip(0.5 * (matrix + matrix.T) / np.outer(d, d), -1.0, 1.0)
     C = np.where(is_low[:, None] | is_low[None, :], 0.0, C)

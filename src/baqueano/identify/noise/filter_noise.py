@@ -304,8 +304,8 @@ def _rounding(
             gaps = np.diff(np.unique(counts))
             gaps = gaps[gaps > ROUNDING * np.max(np.abs(counts), initial=0.0)]
             if 0 < len(gaps) < MAX_LEVEL_SHARE * len(counts) - 1:
-                least = float(np.median(gaps) / np.median(interval_s)) ** 2 / 12.0
-                variances[name, i] = max(least, variances.get((name, i), (0.0, np.inf))[0]), np.inf
+                min_variance = float(np.median(gaps) / np.median(interval_s)) ** 2 / 12.0
+                variances[name, i] = max(min_variance, variances.get((name, i), (0.0, np.inf))[0]), np.inf
     return variances
 
 

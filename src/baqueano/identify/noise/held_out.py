@@ -205,23 +205,23 @@ def accept_or_refit(
     decisive = [square for square in squares if square.verdict != NoiseVerdict.CANNOT_TELL]
     if not decisive:
         return ekf, Acceptance(note("noise.too-short", runs=runs), False)
-    disagreeing, code = [square for square in decisive if square.disagrees], "noise.holds"
+    disagreeing, code = [square for square in decisive if square.disagrees], "noise.consistent"
     figures: JsonObject = {"runs": runs, "nis": _figures(decisive)}
     if disagreeing:
         ekf, code = refit(), "noise.estimated-again"
         kernel, names = _filter_scan(ekf, backend), {square.name for square in disagreeing}
         squares = nis_of(ekf, validation_runs, kernel)
-        again = [square for square in squares if square.name in names or square.disagrees]
-        figures |= {"nis": _figures(disagreeing), "new_nis": _figures(again)}
-        if remaining := [square for square in again if square.disagrees]:
+        rejected_squares = [square for square in squares if square.name in names or square.disagrees]
+        figures |= {"nis": _figures(disagreeing), "new_nis": _figures(rejected_squares)}
+        if remaining := [square for square in rejected_squares if square.disagrees]:
             figures |= {"states": _by_consistency(remaining)}
-            return ekf, Acceptance(note("noise.still-off", Severity.WARNING, **figures), True)
+            return ekf, Acceptance(note("noise.still-inconsistent", Severity.WARNING, **figures), True)
     nees = nees_of(ekf, validation_runs[0], kernel)
     if disagreeing_states := [square for square in nees if square.disagrees]:
         figures = {"nees": _figures(nees), "states": _by_consistency(disagreeing_states)}
-        return ekf, Acceptance(note("noise.nees-off", Severity.WARNING, **figures), True)
+        return ekf, Acceptance(note("noise.nees-inconsistent", Severity.WARNING, **figures), True)
     if nees and not disagreeing:
-        code, figures = "noise.holds-simulated", figures | {"nees": _figures(nees)}
+        code, figures = "noise.consistent-in-simulation", figures | {"nees": _figures(nees)}
     return ekf, Acceptance(note(code, **figures), False)
 
 

@@ -186,11 +186,11 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
     else:
         speed_var, gyro_var = start_std(replace(ekf, speed_error_std=np.zeros(2)))[SCALES] ** 2
         C[0, 0] += speed_var if c == 0.0 else max(speed_var - gyro_var, 0.0)
-    least = float(np.clip(-C[0, 1] / C[0, 0], -100.0, 100.0)) if C[0, 0] > 0.0 else 0.0
-    std = np.sqrt(np.maximum([C[1, 1] + least * C[0, 1], C[0, 0]], 0.0))  # C_bb − C_ab²/C_aa
+    least_error_speed = float(np.clip(-C[0, 1] / C[0, 0], -100.0, 100.0)) if C[0, 0] > 0.0 else 0.0
+    std = np.sqrt(np.maximum([C[1, 1] + least_error_speed * C[0, 1], C[0, 0]], 0.0))  # C_bb − C_ab²/C_aa
     if not (np.isfinite(std).all() and abs(c) < MAX_SPEED_PER_GYRO_SCALE):
         return ekf
-    return replace(ekf, speed_error_std=std, least_error_speed_m_s=least, speed_per_gyro_scale=c)
+    return replace(ekf, speed_error_std=std, least_error_speed_m_s=least_error_speed, speed_per_gyro_scale=c)
 
 
 def with_misfit_from_truth(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> AugmentedEkf:

@@ -340,11 +340,11 @@ class Fit(Result):
             median, lowest = by_explained[len(by_explained) // 2], by_explained[0]
             unit = channel_unit(self.file, median.sensor, median.entry)
             noise = f"{number(median.sigma):.3g} {unit}".rstrip()
-            middle, least = (percent_text(c.explained_fraction) for c in (median, lowest))
+            middle, lowest_text = (percent_text(c.explained_fraction) for c in (median, lowest))
             text_ = _(
                 "{channel} of {runs} runs: noise {noise}; the model explains {middle} of the median "
                 "run and {least} of {run}",
-                channel=label, runs=len(by_explained), noise=noise, middle=middle, least=least, run=lowest.run,
+                channel=label, runs=len(by_explained), noise=noise, middle=middle, least=lowest_text, run=lowest.run,
             )  # fmt: skip
             lines.append(text_)
         return lines

@@ -88,7 +88,7 @@ def choose_objective(
 def _open_loop(comparison: "LeaveOneOutComparison") -> Diagnostic:
     """Return a note on the open-loop error of the fit by innovations on held-out blocks."""
     if not np.isfinite(comparison.cost_increase_percent):
-        return note("cost.runs-away")
+        return note("cost.diverged")
     code = "cost.smaller" if comparison.is_better else "cost.larger"
     return note(code, percent=abs(comparison.cost_increase_percent))
 

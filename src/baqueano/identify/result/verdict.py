@@ -113,7 +113,7 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
         refusals.append(note("fit.explains-nothing", ERROR, percent=100.0 * max(max_explained, 0.0)))
     if error_ratios and max_explained > MIN_EXPLAINED:
         refusals += [
-            note("fit.far-channel", ERROR, "--use SENSOR", label, ratio=float(times))
+            note("fit.channel-far-from-model", ERROR, "--use SENSOR", label, ratio=float(times))
             for label, times in error_ratios.items()
         ]
         refusals += _findings_of(e, WARNING)  # one of them can be the reason
@@ -127,9 +127,9 @@ def _identifiability(e: Evidence) -> list[Diagnostic]:
     if free_count and missing_count == free_count:
         return [note("fit.nothing-identifiable", ERROR, total=free_count)]
     if missing_count > MAX_UNOBSERVABLE_SHARE * free_count:
-        return [note("fit.most-unseen", ERROR, missing_count=missing_count, total=free_count)]
+        return [note("fit.most-unidentifiable", ERROR, missing_count=missing_count, total=free_count)]
     if missing_count + weak_count > MAX_UNOBSERVABLE_SHARE * free_count:
-        code = "fit.most-unseen-or-weak" if missing_count else "fit.most-weak"
+        code = "fit.most-not-identified" if missing_count else "fit.most-poor"
         counts: JsonObject = {"total": free_count, "missing_count": missing_count, "weak_count": weak_count}
         return [note(code, ERROR, **counts, reason=_cause_of_wide_errors(e))]
     return []
@@ -158,14 +158,14 @@ def _warnings(e: Evidence) -> list[Diagnostic]:
     warnings += [_at_bound(e, int(k), "held", WARNING) for k in np.flatnonzero(e.bound)]
     if e.poorly_identified.any():
         names = ", ".join(e.names[k].removeprefix("model.") for k in np.flatnonzero(e.poorly_identified))
-        warnings.append(note("fit.weak", WARNING, names=names))
+        warnings.append(note("fit.poor", WARNING, names=names))
         warnings += e.weak_reasons
     warnings += unlike_runs(e.runs_of_channel, hardly=False)
     if e.unobservable:
-        warnings.append(note("fit.unseen", WARNING, count=len(e.unobservable)))
+        warnings.append(note("fit.unidentifiable", WARNING, count=len(e.unobservable)))
     subjects = {message.subject for message in e.messages if message.code == "residual.autocorrelated"}
     warnings += [
-        note("residual.lacking", WARNING, subject=label)
+        note("residual.incomplete-model", WARNING, subject=label)
         for label in _lacking_channels(e)
         if label not in subjects
     ]
@@ -179,7 +179,7 @@ def _noise_warnings(e: Evidence) -> list[Diagnostic]:
     for label, c, prior_sigma in zip(labels, e.channels, prior, strict=False):
         if prior_sigma > 0.0 and c.sigma > MAX_NOISE_RATIO * prior_sigma:
             times = float(c.sigma / prior_sigma)
-            warnings.append(note("residual.loud", WARNING, subject=label, sigma=c.sigma, ratio=times))
+            warnings.append(note("residual.large", WARNING, subject=label, sigma=c.sigma, ratio=times))
     for label, (n, above, below) in zip(labels, _outlier_counts(e), strict=True):
         outlier_share = (above + below) / max(n, 1)
         details: JsonObject = {"subject": label, "percent": 100.0 * outlier_share, "limit": OUTLIER_SIGMA}
@@ -209,7 +209,7 @@ def _single_outlier(e: Evidence, label: str) -> Diagnostic:
     units = CHANNEL_UNITS.get(channel_fits[0].sensor, ())
     unit = units[channel_fits[0].entry] if channel_fits[0].entry < len(units) else ""
     difference = abs(z - h) / sigma
-    return note("residual.one-far", WARNING, subject=label, measurement=z, model=h, unit=unit, z=difference)
+    return note("residual.outlier", WARNING, subject=label, measurement=z, model=h, unit=unit, z=difference)
 
 
 def _outlier_counts(e: Evidence) -> list[tuple[int, int, int]]:
@@ -298,7 +298,7 @@ def unlike_runs(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[D
                 outliers.append(channel.run)
         if outliers:
             code, severity = (
-                ("runs.hardly-moved", Severity.INFO) if hardly else ("runs.unlike-others", Severity.WARNING)
+                ("runs.little-motion", Severity.INFO) if hardly else ("runs.unlike-model", Severity.WARNING)
             )
             run_names = ", ".join(outliers[:MAX_NAMED_RUNS]) + ", …" * (len(outliers) > MAX_NAMED_RUNS)
             findings.append(

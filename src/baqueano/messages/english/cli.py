@@ -1,7 +1,7 @@
 """English sentences of the command line."""
 
 TEMPLATES: dict[str, str] = {
-    "cli.words": "{words}",
+    "cli.text": "{words}",
     "cli.number": "{option} {value} is not valid: expected a number {expected}.",
     "cli.whole-number": "{option} {value} is not valid: expected a whole number {expected}.",
     "cli.usage": "{words}. All options: {fix}",
@@ -19,7 +19,7 @@ TEMPLATES: dict[str, str] = {
     "cli.block-raised-and-ended": (
         "{place} raised {error}. A block must not end the program: correct that line."
     ),
-    "cli.unforeseen": (
+    "cli.unexpected-error": (
         "Unexpected error: {error} ({file}, line {line}). Run the same command with --debug and send us the output."
     ),
     "cli.unknown-verb": "'{path} {value}' does not exist. {suggestion}.",
@@ -65,7 +65,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.two-tolerances": "--rms and --max are two tolerances: give only one.",
     "cli.start-without-room": "--start is a place in a room: give the room too, for example --room 2x3.",
-    "cli.from-unreadable": (
+    "cli.pose-unreadable": (
         'from "{value}": expected x, y and a heading in metres and degrees, relative to the start of the '
         "route, such as -0.5,0.2,30."
     ),
@@ -76,11 +76,11 @@ TEMPLATES: dict[str, str] = {
     "cli.points-absent": "{path} does not exist. Give a CSV file with the columns x_m and y_m, or the name of a run.",
     "cli.routes": "The stored routes: {names}",
     "cli.no-routes": "That folder does not contain routes yet",
-    "cli.runs-named-oddly": (
+    "cli.run-names-invalid": (
         "{host} has {count} runs with names that cannot be used: {value}. Expected a plain name "
         "such as lap.mcap. They were not copied. Rename them there: {fix}"
     ),
-    "cli.data-unseen": "To see the data: {fix}",
+    "cli.data-advice": "To see the data: {fix}",
     "cli.data-in-report": "The report shows the data",
     "cli.fit-refused": "The fit is refused, and the vehicle file stays as it is: {reasons}. {data}",
     "cli.calibration-refused": (
@@ -90,7 +90,7 @@ TEMPLATES: dict[str, str] = {
     "cli.fit-refused-held-out": (
         "The fit is refused on the held-out runs, and the vehicle file stays as it is: {reasons}. {data}"
     ),
-    "cli.block-not-made": (
+    "cli.block-needs-arguments": (
         "{kind} could not be made without arguments ({error}). Give every field a default, or name it as "
         "kind in a vehicle file and pass that with --vehicle."
     ),
@@ -121,7 +121,7 @@ TEMPLATES: dict[str, str] = {
     "cli.tolerance-car": (
         "--tolerance {value} is for a car that is fitted only with its IMU. Remove the option."
     ),
-    "cli.tolerance-beside": (
+    "cli.tolerance-conflict": (
         "--tolerance {value} cannot be combined with {second_option}: it is for a car that is fitted only with "
         "its IMU. Remove one of the two options. Type: {fix}"
     ),
@@ -135,7 +135,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.bound": "--bound {value}: expected KEY=LOW,HIGH. Type: {fix}",
     "cli.tolerance": "--tolerance {value}: expected KEY=PART. Type: {fix}",
-    "cli.cut-nothing": "These options keep the whole run. Type: {fix}",
+    "cli.cut-without-effect": "These options keep the whole run. Type: {fix}",
     "cli.several-runs": "-o {path}: this command writes several runs. Give a folder for them. Type: {fix}",
     "cli.study-interrupted": "Stopped from the keyboard: the table covers {count} of {total:,}.",
     "cli.recordings-interrupted": (
@@ -153,8 +153,8 @@ TEMPLATES: dict[str, str] = {
     "cli.own-file": "--{role} {kind}: {cause}. To check your block: {fix}",
     "cli.own-name": "--{role} {kind}: {cause}.",
     "cli.drive-interrupted": "Stopped from the keyboard. The run is complete: {path}, {duration_s:.1f} s.",
-    "cli.one-radio": "--wifi and --own-network: a Pi has one radio. Choose one of the two options.",
-    "cli.hex-from-afar": (
+    "cli.network-conflict": "--wifi and --own-network: a Pi has one radio. Choose one of the two options.",
+    "cli.hex-at-host": (
         "--hex names a file of this computer, but {host} uses the firmware of its own package. Remove "
         "--hex or {host}."
     ),
@@ -171,7 +171,7 @@ TEMPLATES: dict[str, str] = {
     "cli.reading-files": "reading {count} files",
     "cli.study-paper": "fitting 60 s; seeds: {seeds}",
     "cli.until-ctrl-c": "The vehicle drives until you press Ctrl-C.",
-    "cli.clocked": "{label} {t_s:.0f} s, Ctrl-C ends it",
+    "cli.elapsed-time": "{label} {t_s:.0f} s, Ctrl-C ends it",
     "cli.ending": "ending with the results so far; Ctrl-C again to quit without them",
     "cli.estimator-place": (
         "estimator for {vehicle} ({sensors}): {estimator} with use = [{use}]: it corrects the pose with {place}"
@@ -189,10 +189,10 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.marks-too-few": "marks: press m on the mark before and after a lap. The lap then gives the scale of the gyro.",
     "cli.marks": "marks: {cause}",
-    "cli.block-sound": "{block} passes every check of a block.",
+    "cli.block-correct": "{block} passes every check of a block.",
     "cli.run": "run: {path}",
     "cli.next-command": "next: {fix}",
-    "cli.room-kept": (
+    "cli.room-replaced": (
         "room {size} m: {percent:.0f} % of the signal was replaced. The corridor of the body (3 "
         "standard deviations) stays {margin_cm:.1f} cm from the walls"
     ),
@@ -205,13 +205,13 @@ TEMPLATES: dict[str, str] = {
         "The first drive does not determine {names}. So the plan uses rough gains, and the other numbers of the file"
     ),
     "cli.experiment": "experiment",
-    "cli.keeping-in-room": "planning a drive within a room of {size} m",
+    "cli.planning-in-room": "planning a drive within a room of {size} m",
     "cli.driving-first": "first drive",
     "cli.fitting-first": "fitting the first drive",
     "cli.designing": "designing the experiment",
     "cli.round": "round {number}",
     "cli.game-pad": "game pad: {name}",
-    "cli.terminal-of-another": (
+    "cli.terminal-hidden": (
         "{program} answers in place of your terminal, even after you close it. Therefore the command of "
         "each key lasts only a short time."
     ),
@@ -224,10 +224,10 @@ TEMPLATES: dict[str, str] = {
         "vehicle: the file stored in the run. vehicle.toml differs from it; to use it: --vehicle vehicle.toml"
     ),
     "cli.replay": "replay",
-    "cli.middle-again": (
+    "cli.start-in-middle": (
         "The vehicle begins again in the middle of the room, with its heading along the width of the room"
     ),
-    "cli.put-back": (
+    "cli.put-in-middle": (
         "Put the vehicle back in the middle of the room, with its heading along the width of the room."
     ),
     "cli.taught": "next: {repeat}. Before that, {tune} finds gains for this path",
@@ -244,7 +244,7 @@ TEMPLATES: dict[str, str] = {
     "cli.imported": "{count} runs: {first} to {last}, {duration_s:.0f} s",
     "cli.drafted": "{path} contains a draft of the map. Replace each ? by a unit, then type: {fix}",
     "cli.drafted-complete": "{path} contains a draft of the map. Check it, then type: {fix}",
-    "cli.next-at-rest": (
+    "cli.next-without-command": (
         "The run contains no command, so a model cannot be fitted to it. If the vehicle drove, write [command] in "
         "the map. If it was at rest, its noise can be measured: {fix}. If it was turned by hand on a mark, its gyro "
         "can be calibrated: {calibrate}"
@@ -268,8 +268,8 @@ TEMPLATES: dict[str, str] = {
     "cli.tuning": "tuning: the closed loop is compiled, then searched from several starts",
     "cli.tuned": "These gains are for a {route} at {speed_m_s:g} m/s. For your own path: {fix}",
     "cli.page-waits": 'Take control on the page and press "Manual"; Ctrl-C ends it',
-    "cli.page-over": "This drive is over. Its run is in the folder {folder}",
-    "cli.page-gone": "The page process has ended.",
+    "cli.page-drive-ended": "This drive is over. Its run is in the folder {folder}",
+    "cli.page-ended": "The page process has ended.",
     "cli.page-by-hand": 'This page is for manual driving. Press "Manual" on it.',
     "cli.page-set": ("The gains of a robot are set on its own page. Type: {fix}"),
     "cli.page-time": "A real vehicle runs in real time: its time cannot be paused, slowed down or sped up.",
@@ -295,7 +295,7 @@ TEMPLATES: dict[str, str] = {
     "cli.written": "written into {path}",
     "cli.set": "  set on the command line: {setting}",
     "cli.warning": "warning: {cause}",
-    "cli.not-kept": "To keep this in the vehicle file, add --update.",
+    "cli.update-advice": "To keep this in the vehicle file, add --update.",
     "cli.run-note": "{run}: {cause}",
     "cli.card-written": "Eject the card, start the Pi, wait three minutes. Then: {fix}",
     "cli.no-network": (

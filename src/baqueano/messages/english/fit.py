@@ -20,7 +20,7 @@ TEMPLATES: dict[str, str] = {
         "the model explains only {percent:.0f} % of its best channel. Did the vehicle move? Do the signs "
         "and units of commands and sensors agree with the file?"
     ),
-    "fit.far-channel": (
+    "fit.channel-far-from-model": (
         "the error of {subject} is {ratio:.3g} times its own variation: the model does not predict it "
         "at all. Are its unit, scale and sign right? Or fit without this channel: name the other "
         "channels with {fix}"
@@ -28,9 +28,9 @@ TEMPLATES: dict[str, str] = {
     "fit.nothing-identifiable": (
         "the data determine none of the {total} parameters. Do axes, signs and units agree with the file?"
     ),
-    "fit.most-unseen": "the data do not determine {missing_count} of {total} parameters",
-    "fit.most-weak": "of {total} parameters {weak_count} are poorly identified. {reason}",
-    "fit.most-unseen-or-weak": (
+    "fit.most-unidentifiable": "the data do not determine {missing_count} of {total} parameters",
+    "fit.most-poor": "of {total} parameters {weak_count} are poorly identified. {reason}",
+    "fit.most-not-identified": (
         "of {total} parameters {missing_count} are not identifiable and {weak_count} are poorly identified. {reason}"
     ),
     "fit.little-motion": (
@@ -41,8 +41,8 @@ TEMPLATES: dict[str, str] = {
         "error bars are wide. Longer drives do not help. Test further terms: type {fix}; or begin with better "
         "guesses of friction and lag"
     ),
-    "fit.weak": "the data hardly determine {names}",
-    "fit.unseen": "parameters that are not identifiable: {count}; they are listed below",
+    "fit.poor": "the data hardly determine {names}",
+    "fit.unidentifiable": "parameters that are not identifiable: {count}; they are listed below",
     "fit.duty-step": (
         "the run shows that duties come in steps of 1/{steps}: duty_step was added to [model.drivetrain]"
     ),
@@ -58,33 +58,33 @@ TEMPLATES: dict[str, str] = {
         "{subject} is at its upper bound, {bound:.4g}. The unconstrained estimate is less than 3 "
         "standard errors above it, so noise can explain this"
     ),
-    "runs.hardly-moved": (
+    "runs.little-motion": (
         "in {count} of {total} runs ({runs}) the error of {subject} is larger than its variation. This "
         "variation is smaller than the error of the model in the other runs, so these runs have little "
         "weight"
     ),
-    "runs.unlike-others": (
+    "runs.unlike-model": (
         "in {count} of {total} runs ({runs}) the error of {subject} is larger than its variation. Were the "
         "vehicle, the floor and the battery the same? Fit these runs separately"
     ),
-    "identifiability.weakly": "{subject} is poorly identified{reason}. {advice}",
-    "identifiability.weakly-beside": "{subject} and {others} cannot be separated reliably{reason}. {advice}",
-    "identifiability.not": f"the data do not determine {{subject}}{{reason}}; {FIXED_AT_TEXT}. {{advice}}",
-    "identifiability.not-beside": (
+    "identifiability.poor": "{subject} is poorly identified{reason}. {advice}",
+    "identifiability.poor-pair": "{subject} and {others} cannot be separated reliably{reason}. {advice}",
+    "identifiability.fixed": f"the data do not determine {{subject}}{{reason}}; {FIXED_AT_TEXT}. {{advice}}",
+    "identifiability.fixed-pair": (
         "{subject} and {others} cannot be separated reliably{reason}; {subject} is fixed at {value:.4g}. {advice}"
     ),
     "identifiability.scale": (
         f"{{subject}} cannot be identified better than ± 3 %, as in a data sheet; {FIXED_AT_TEXT}. {{advice}}"
     ),
-    "identifiability.tied": (
+    "identifiability.collinear": (
         "{subject} and {others} are not separable: only their combination affects the data. {subject} is fixed at "
         "{value:.4g}. {advice}{motion}"
     ),
-    "identifiability.by-hand": "Measure it with {tool:word}",
+    "identifiability.measure": "Measure it with {tool:word}",
     "identifiability.fix-one": "Fix one of them at a value from another source",
-    "identifiability.apart": ", or separate them with {motion:word}",
-    "identifiability.apart-by-two": ", or separate them with {first:word} and with {second:word}",
-    "identifiability.hardly-sideways": ": the vehicle moved too little sideways",
+    "identifiability.separate": ", or separate them with {motion:word}",
+    "identifiability.separate-by-two": ", or separate them with {first:word} and with {second:word}",
+    "identifiability.little-sideways": ": the vehicle moved too little sideways",
     "identifiability.few-speeds": ": the vehicle drove at too few different speeds",
     "identifiability.few-turn-rates": ": the vehicle turned at too few different rates",
     "identifiability.needs": "This needs {motion:word}",
@@ -93,8 +93,10 @@ TEMPLATES: dict[str, str] = {
     "identifiability.command-still": (
         "{names}: {command} was 0 all the time. To identify this, record a run in which the command changes"
     ),
-    "identifiability.never": ("the data do not depend on {names}, because the vehicle cannot move {command}"),
-    "identifiability.never-sideways": (
+    "identifiability.no-command": (
+        "the data do not depend on {names}, because the vehicle cannot move {command}"
+    ),
+    "identifiability.no-sideways-command": (
         "the data do not depend on {names}, because the vehicle cannot be driven sideways"
     ),
     "identifiability.gyro-scale": (
@@ -179,7 +181,7 @@ TEMPLATES: dict[str, str] = {
         "{ratio:.1f}, probability by chance {chance}). The two fits differ by {difference:.1f} standard errors "
         "at most, but {open_loop}"
     ),
-    "cost.runs-away": "on held-out segments the innovations fit diverges in open loop",
+    "cost.diverged": "on held-out segments the innovations fit diverges in open loop",
     "cost.smaller": (
         "on held-out segments the open-loop error of the innovations fit is {percent:.2g} % smaller"
     ),
@@ -202,7 +204,7 @@ TEMPLATES: dict[str, str] = {
     "validation.from-velocity": "from a fitted velocity",
     "validation.some-from-velocity": "from a fitted velocity in {count} of {total} runs",
     "validation.shared-fault": "held-out runs of the same log cannot refute the warning of the fit about {subject}",
-    "validation.still": (
+    "validation.no-variation": (
         "{subject} does not vary in the held-out runs. Hold out {min_s:.0f} s or more in which it "
         "rises and falls"
     ),
@@ -216,14 +218,14 @@ TEMPLATES: dict[str, str] = {
         "predict it better. The error is {error:.3g}{unit}. Check signs, units and mounting, or include "
         "runs with this motion in the fit"
     ),
-    "validation.off": (
+    "validation.error": (
         "in {run} the error of {subject} is {error:.3g}{unit}, {ratio:.1f} times the noise. The model "
         "explains {variance_percent:.4g} % of this channel, and {fit_variance_percent:.4g} % in the runs of the fit"
     ),
-    "validation.off-perhaps": (
+    "validation.error-possible": (
         "{finding}. The runs are too short, or sampled too rarely, to exclude chance: hold out more data"
     ),
-    "validation.off-once": (
+    "validation.error-in-part": (
         "in {run} the error of {subject} is {error:.3g}{unit} from {start_s:.0f} s to {end_s:.0f} s, but "
         "small elsewhere. Did something happen then? Cut that part off with {fix}, or include "
         "such a run in the fit"

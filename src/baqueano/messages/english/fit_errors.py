@@ -79,7 +79,7 @@ TEMPLATES: dict[str, str] = {
     "forecast.no-errors": (
         "The fit did not give the error of any parameter of the model, so a drive cannot be predicted."
     ),
-    "forecast.ran-away": "The fitted model diverges in open loop, so a drive cannot be predicted.",
+    "forecast.diverged": "The fitted model diverges in open loop, so a drive cannot be predicted.",
     "forecast.refused": (
         "The fit is refused, so a drive cannot be predicted. First correct the causes of the refusal."
     ),
@@ -199,7 +199,7 @@ TEMPLATES: dict[str, str] = {
         "{fix}"
     ),
     "tape.unreadable": '{arg[measured]} "{line}": expected a time, a colon, and the measurement. Type: {fix}',
-    "tape.of-no-run": '{arg[measured]} "{line}" does not name its run: expected one of {valid} before the time.',
+    "tape.run-missing": '{arg[measured]} "{line}" does not name its run: expected one of {valid} before the time.',
     "tape.of-another-run": (
         '{arg[measured]} "{line}" names run {value}: expected one of {valid} before the time.'
     ),

@@ -17,7 +17,7 @@ TEMPLATES: dict[str, str] = {
     "call.of-other-argument": "{call}(): this value of {name} belongs to {function}. Type: {fix}",
     "front.no-attribute": "{owner} does not have attribute {value}. {suggestion}.",
     "call.option-of": "{call}() does not accept {value}, which is an option of {owner}. Add: {fix}",
-    "front.elsewhere": "Type: {fix}",
+    "front.advice": "Type: {fix}",
     "front.more": "{lines} more lines: .table()",
     "front.fit": "Fit of {vehicle} to {runs}: {count} of {parameters} parameters have an estimate",
     "front.across-true": "{cm:.2g} cm rms across the path",

@@ -46,22 +46,22 @@ TEMPLATES: dict[str, str] = {
         "that the model lacks"
     ),
     "noise.too-short": "noise: {runs} is too short to test the noise of the fitted runs, which is kept.",
-    "noise.holds": "noise: the covariances are consistent with {runs} (NIS {nis}).",
-    "noise.holds-simulated": (
+    "noise.consistent": "noise: the covariances are consistent with {runs} (NIS {nis}).",
+    "noise.consistent-in-simulation": (
         "noise: the covariances are consistent with {runs} (NIS {nis}) and with a simulation of the fitted "
         "vehicle (NEES {nees})."
     ),
-    "noise.nees-off": (
+    "noise.nees-inconsistent": (
         "noise: the covariances are inconsistent with a simulation of the fitted vehicle (NEES {nees}): "
         "{states}."
     ),
     "noise.estimated-again": f"{INCONSISTENT_NOISE_TEXT}.",
-    "noise.still-off": f"{INCONSISTENT_NOISE_TEXT}: {{states}}.",
+    "noise.still-inconsistent": f"{INCONSISTENT_NOISE_TEXT}: {{states}}.",
     "noise.too-small-for": "too small for {states}",
     "noise.too-large-for": "too large for {states}",
     "noise.state": "{name:word}",
     "noise.square": "{name:word}: {mean:.2f} ({low:.2f} … {high:.2f})",
-    "noise.lifted": "{subject}: {count} of {total} variances were raised to the lower limit",
+    "noise.raised": "{subject}: {count} of {total} variances were raised to the lower limit",
     "noise.correlations-reduced": "{subject}: correlations were reduced, so that the matrix is positive definite",
     "noise.of-the-file": "Q of {subject} comes from the file: not all of its channels were part of the fit",
     "noise.of-its-rest": (
@@ -104,7 +104,7 @@ TEMPLATES: dict[str, str] = {
     "over-time.step": f"{{subject}} changed between {{first}} and {{second}}: {CHANGE_TEXT}",
     "over-time.drift": f"{{subject}} changed slowly from {{first}} to {{second}}: {CHANGE_TEXT}",
     "over-time.refused": "the fit of {subject} is refused, so it is excluded",
-    "forecast.off": (
+    "forecast.error": (
         "After {duration_s:.0f} s of open loop, {drive} ({distance_m:.2g} m), the errors of the fit "
         "cause errors of {position} and {heading_deg}° (rms)."
     ),
@@ -113,7 +113,7 @@ TEMPLATES: dict[str, str] = {
         "heading error of {heading_deg}° (rms). The position is then unusable."
     ),
     "forecast.as-the-runs": "driven like these runs",
-    "forecast.longest-again": "the longest run again",
+    "forecast.repeat-longest": "the longest run again",
     "forecast.lap": "one lap",
     "forecast.lap-of": "one lap of {name}",
     "forecast.lap-of-circle": "one lap of a sinuous circle",
@@ -121,7 +121,7 @@ TEMPLATES: dict[str, str] = {
         "The scales of {subject} cause most of this error. That of the gyro is known to ± {percent:.2g} %. "
         "To measure it, turn the vehicle twice on its mark by hand, with a rest before and after. Type: {fix}"
     ),
-    "forecast.unseen-exact": "Parameters that are not identifiable are treated as exact here.",
+    "forecast.unidentifiable-exact": "Parameters that are not identifiable are treated as exact here.",
     "forecast.more-errors": "Another floor, another voltage and the start position add more errors.",
     "forecast.no-controller": f"{LAP}, because the recommended controller cannot drive this vehicle: {{error}}",
     "forecast.strays": f"{LAP}: the model leaves the route by {{distance}} (rms). The route is too fast or too tight.",

@@ -5,11 +5,11 @@ TEMPLATES: dict[str, str] = {
         "This page needs the whole printed address, with the part after #. The address may have expired."
     ),
     "web.no-hello": "The first message of a browser must be hello.",
-    "web.hello-again": "This browser is already connected.",
+    "web.hello-repeated": "This browser is already connected.",
     "web.not-understood": "This request could not be used: {error}.",
     "web.no-vehicle": 'The request "{request}" needs a vehicle, but this page only shows recorded runs.',
     "web.no-run": "This run is no longer in the list. Load the page again.",
-    "web.run-gone": "The run {path} is no longer in its folder.",
+    "web.run-missing": "The run {path} is no longer in its folder.",
     "web.lab-failed": "The process that reads the runs reported an error: {error}.",
     "web.lab-ended": "The process that reads the runs ended. The next request starts it again.",
     "web.no-question": 'The request "{request}" is unknown here.',
@@ -47,7 +47,7 @@ TEMPLATES: dict[str, str] = {
     "web.not-taught": "The run is stored as {run}, but route {route} was not made from it: {reason}",
     "web.fetched": "The run is stored as {run}",
     "web.no-such-mission": 'A mission of kind "{kind}" is unknown. Expected one of {valid}.',
-    "web.service-gone": "The connection to the vehicle's service has ended. Start the page again.",
+    "web.service-ended": "The connection to the vehicle's service has ended. Start the page again.",
     "web.title-teach": "TEACHING",
     "web.title-repeat": "REPEATING",
     "web.title-drive": "MANUAL",
@@ -77,7 +77,7 @@ TEMPLATES: dict[str, str] = {
     "web.no-websockets": "websockets is not installed, and the page needs it. Type: {fix}",
     "web.no-network": "The address of this computer in its network was not found. Type: --address 192.168.4.1",
     "web.one-of": "{names} were given together. Expected one of them.",
-    "web.at": "page: {url}   Ctrl-C ends it",
+    "web.address": "page: {url}   Ctrl-C ends it",
     "web.foxglove": "for Foxglove, read only: {url}",
     "web.foxglove-set": "Parameters can only be read here. The person who drives sets the gains on the page.",
     "web.foxglove-publish": "This vehicle does not accept messages.",
@@ -86,7 +86,7 @@ TEMPLATES: dict[str, str] = {
     "web.foxglove-most": "At most {request} subscriptions are accepted.",
     "web.to-stop": "to watch and stop: {url}",
     "web.to-view": "to watch only: {url}",
-    "web.plain": (
+    "web.unencrypted": (
         "The page is sent unencrypted: use --share only in a network of people whom you trust. The "
         "addresses are valid for {hours:.0f} h."
     ),

@@ -177,7 +177,7 @@ def _trail(scene: Scene, to_picture: _Map, clock: _Clock) -> list[str]:
         clock.frames[name] = steps.replace("0%{opacity:0}0.6%{", "0%%{opacity:0}0.6%%{") % (
             clock.percentage(stay_s), clock.percentage(stay_s + 0.3))  # fmt: skip
     last_lap_s = scene.t_s[-1] * (scene.laps - 1) / scene.laps - 1e-9
-    for k, (t, _until) in enumerate(pairwise(scene.t_s)):
+    for k, (t, _end_s) in enumerate(pairwise(scene.t_s)):
         parts = []
         if (
             scene.estimated_poses is not None

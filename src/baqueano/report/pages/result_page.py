@@ -108,14 +108,14 @@ def page_of_comparison(result: Comparison, alignment: str = "none") -> Page:
     caption = _("Errors of each run; the bar is the range of a consistent filter in 95 % of runs.")
     sentences = [f"{run.name}: {sentence}" for run in result.runs for sentence in run.sentences]
     figure = plot_comparison(result)
-    driven = [run for run in result.runs if np.isfinite(run.across_true.rms_m)]
+    runs_with_truth = [run for run in result.runs if np.isfinite(run.across_true.rms_m)]
     return Page(
         title=card.title,
         subtitle=", ".join(run.name for run in result.runs),
         verdict=result.verdict,
         headlines=[
             Headline(run.name, f"{number(100.0 * run.across_true.rms_m):.2g} cm", _("across its path"))
-            for run in driven[:MAX_HEADLINES]
+            for run in runs_with_truth[:MAX_HEADLINES]
         ],
         sections=[
             Section(

@@ -110,7 +110,7 @@ def recover_bus(path: str) -> RecoveryOutcome:
         if not scl.is_high:
             return RecoveryOutcome(False, note("bus.scl-held", Severity.WARNING))
         if sda.is_high and foreign_mode:
-            return RecoveryOutcome(True, note("bus.given-back", Severity.WARNING))
+            return RecoveryOutcome(True, note("bus.pins-restored", Severity.WARNING))
         if sda.is_high:
             return RecoveryOutcome(False, note("bus.free", Severity.WARNING))
         try:
@@ -191,7 +191,7 @@ class _Pins:
                     return
             except RobotUnreachable as error:
                 cause_text = f" ({error})"
-        raise RobotUnreachable(fault("bus.not-given-back", f"pinctrl set {BOTH} {I2C}", cause=cause_text))
+        raise RobotUnreachable(fault("bus.pins-not-restored", f"pinctrl set {BOTH} {I2C}", cause=cause_text))
 
     def _run_program(self, *words: str) -> str:
         import subprocess  # imported here for a fast start of the service: a bus is rarely held
@@ -226,7 +226,7 @@ def _pins(path: str) -> _Pins:
     Raise RobotUnreachable for another bus, if `pinctrl` is not installed, or if the pins have another function.
     """
     if Path(path).name != BUS_NAME:
-        raise RobotUnreachable(fault("bus.not-this", path=path, bus=BUS_NAME))
+        raise RobotUnreachable(fault("bus.other-bus", path=path, bus=BUS_NAME))
     import shutil
 
     program = shutil.which("pinctrl")

@@ -85,7 +85,7 @@ class Mpu6050:
         self._failures = 0
         self._index = 0  # samples read since the FIFO was emptied
         self._residue = 0  # bytes in the FIFO before a read that failed
-        self._odd = 0  # consecutive calls that found an incomplete sample
+        self._incomplete_count = 0  # consecutive calls that found an incomplete sample
 
     @property
     def delay_s(self) -> tuple[float, float]:
@@ -206,10 +206,10 @@ class Mpu6050:
         count = int.from_bytes(self.device.read(FIFO_COUNT, 2), "big")
         after_ns = self._now_ns()
         sample_count, residue = divmod(count, SAMPLE_BYTES)
-        self._odd = self._odd + 1 if residue else 0
+        self._incomplete_count = self._incomplete_count + 1 if residue else 0
         is_full = count > self.chip.fifo_bytes - FIFO_MARGIN * SAMPLE_BYTES
         is_misaligned = self._residue and (count < self._residue or (count - self._residue) % SAMPLE_BYTES)
-        if is_full or is_misaligned or self._odd >= MAX_FAILURES:
+        if is_full or is_misaligned or self._incomplete_count >= MAX_FAILURES:
             self._clear_fifo()
             self.counts.overflows += 1
             self._watch.record_event(
@@ -284,7 +284,7 @@ class Mpu6050:
         self.device.write(USER_CTRL, FIFO_RESET)
         self.device.write(USER_CTRL, FIFO_ON)
         self.clock.restart()
-        self._index = self._odd = self._residue = 0
+        self._index = self._incomplete_count = self._residue = 0
 
     def _advance_start(self, now_ns: int) -> bool:
         """Return True if the chip runs; otherwise take a step of its start. After an error, plan a new start."""

@@ -51,7 +51,7 @@ class ImuWatch:
         self._settings = settings
         self._rows = max(MIN_ROWS, round(REPORT_PERIOD_S * settings.rate_hz))
         self._last: Row = ()
-        self._same = 0
+        self._repeated_count = 0
         self._at_end = [0] * 6  # consecutive rows, per axis
         self._any_at_end = False
         self._error: Exception | None = None
@@ -99,7 +99,7 @@ class ImuWatch:
         if has_answered:
             if self.silent:
                 gap_s = (now_ns - self.last_ns) / SECOND
-                self.record_event(now_ns, "imu.back", silent_s=gap_s)
+                self.record_event(now_ns, "imu.answers-again", silent_s=gap_s)
             self.silent, self.last_ns, self.bus_stuck, self._error = False, now_ns, False, None
             self._quiet_ns = self.rounds = 0
             return False
@@ -123,13 +123,13 @@ class ImuWatch:
         )
         self._last = row
         if not is_same:
-            self.frozen, self._same = False, 0
+            self.frozen, self._repeated_count = False, 0
             return False, False
-        self._same += 1
-        if self.frozen or self._same < self._rows:
+        self._repeated_count += 1
+        if self.frozen or self._repeated_count < self._rows:
             return True, False
         self.frozen = True
-        self.record_event(now_ns, "imu.frozen", count=self._same)
+        self.record_event(now_ns, "imu.frozen", count=self._repeated_count)
         return True, True
 
     def _count_saturation(self, now_ns: int, row: Row) -> None:

@@ -199,7 +199,7 @@ class Service:
             self.set_watchdog_timeout(HANG_TIMEOUT_S)
             self.operator.record_mission_end()
             reason, code = error.diagnostic, error.exit_code
-            self.broadcast({"is": "done", "id": name, "run": None, "reason": reason, "code": code})
+            self.broadcast({"type": "done", "id": name, "run": None, "reason": reason, "code": code})
             return
         self._run = path.name
         self._publish(at_once=True)  # the next state is published only after the preparation
@@ -215,7 +215,7 @@ class Service:
         self._publish(at_once=True)
         self.operator.record_mission_end()
         run = path.name if path.exists() else None
-        self.broadcast({"is": "done", "id": name, "run": run, "reason": reason, "code": code})
+        self.broadcast({"type": "done", "id": name, "run": run, "reason": reason, "code": code})
 
     def _drive_with_journal(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
         """Write the journal file, and execute a mission as `drive` does; the caller deletes the file."""
@@ -277,7 +277,7 @@ class Service:
     def _send_event(self, level: str, content: Diagnostic | str) -> None:
         if isinstance(content, str):
             content = note("hardware.note", Severity(level), words=content)
-        self.broadcast({"is": "event", "level": level, "message": content})
+        self.broadcast({"type": "event", "level": level, "message": content})
 
     def _start_obstacle(self) -> Diagnostic | None:
         """Return the reason why a drive is not allowed to begin; None if it is allowed."""
@@ -306,7 +306,7 @@ class Service:
         trips = sorted(self.uno.statistics.trips_ms)
         self.broadcast(
             {
-                "is": "state", "state": str(self.machine.state), "reason": self.machine.reason, "run": self._run,
+                "type": "state", "state": str(self.machine.state), "reason": self.machine.reason, "run": self._run,
                 "battery_v": link.battery_v, "tilt_rad": link.tilt_rad, "temperature_c": self.health.temperature_c,
                 "uno_trip_ms": trips[len(trips) // 2] if trips else None,
                 "imu_bus": self._bus.message if self._bus else None,

@@ -102,11 +102,11 @@ def _with_calibration(
         if np.array_equal(np.asarray(file_value), np.asarray(leaves[key])):
             origins |= {} if own_provenance is not None else {key: origin}
             continue
-        when = origin.get("date")
+        calibration_date = origin.get("date")
         later = (
             own_provenance is not None
             and own_provenance.run == CALIBRATION_RUN
-            and _day(own_provenance.date) > _day(when)
+            and _day(own_provenance.date) > _day(calibration_date)
         )
         if not later:
             values[key], origins[key] = leaves[key], origin
@@ -115,9 +115,9 @@ def _with_calibration(
                     "{key}: {value} is kept, because it was calibrated there on {when}",
                     key=key,
                     value=_short_text(leaves[key]),
-                    when=when,
+                    when=calibration_date,
                 )
-                if when
+                if calibration_date
                 else _(
                     "{key}: {value} is kept, because it was calibrated there",
                     key=key,

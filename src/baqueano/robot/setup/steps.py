@@ -237,9 +237,9 @@ def environment_step(pi: Pi) -> Step:
         shutil.rmtree(pi.venv, ignore_errors=True)
         shutil.rmtree(former_venv, ignore_errors=True)
 
-    same = lambda: stamp.exists() and stamp.read_text(encoding="utf-8") == "\n".join(wheels)  # noqa: E731
+    is_installed = lambda: stamp.exists() and stamp.read_text(encoding="utf-8") == "\n".join(wheels)  # noqa: E731
     name = _("/opt/baqueano: a venv with {wheels} packages", wheels=len(wheels))
-    return Step(name, same, do, "environment", undo)
+    return Step(name, is_installed, do, "environment", undo)
 
 
 def vehicle_step(pi: Pi) -> Step:

@@ -52,8 +52,8 @@ def c_header() -> str:
         ),
     ]
     for kind, layout in LAYOUT_OF_KIND.items():
-        now = "_NOW" if layout is Settings and kind & 0x80 else ""
-        lines.append(f"#define KIND_{snake_case(layout.__name__).upper()}{now} 0x{kind:02x}")
+        suffix = "_NOW" if layout is Settings and kind & 0x80 else ""
+        lines.append(f"#define KIND_{snake_case(layout.__name__).upper()}{suffix} 0x{kind:02x}")
     for group in (
         frames.DriveFlag,
         frames.StateFlag,
@@ -66,7 +66,7 @@ def c_header() -> str:
         lines += ["", *(f"#define {names}_{member.name} {member.value}" for member in group)]
     lines += [
         "",
-        *(f"#define MOST_PWM_HZ_{driver.name} {most}" for driver, most in frames.MAX_PWM_HZ.items()),
+        *(f"#define MOST_PWM_HZ_{driver.name} {max_hz}" for driver, max_hz in frames.MAX_PWM_HZ.items()),
     ]
     for layout in LAYOUTS:
         lines += c_struct(layout)

@@ -165,7 +165,7 @@ def _with_setting(settings: Settings, name: str, text: str) -> Settings:
         return settings._replace(**{field: _checked_number(name, text, text, Settings, field, unit)})
     wheel, equals, number_text = text.partition("=")
     if not equals or wheel not in (*WHEEL_DIRECTIONS, "all"):
-        raise UsageError(fault("settings.way", option=name, value=text, valid=WHEEL_DIRECTIONS))
+        raise UsageError(fault("settings.wheel-direction", option=name, value=text, valid=WHEEL_DIRECTIONS))
     number = _checked_number(name, text, number_text, WheelCurve, CURVE_OPTIONS[name], 1000)
     wheel_rows = [
         curve._replace(**{CURVE_OPTIONS[name]: number}) if wheel in (direction_name, "all") else curve
@@ -176,7 +176,7 @@ def _with_setting(settings: Settings, name: str, text: str) -> Settings:
 
 def _checked_word(name: str, text: str, known_words: list[str]) -> str:
     if text.lower() not in known_words:
-        raise UsageError(fault("settings.word", option=name, value=text, valid=known_words))
+        raise UsageError(fault("settings.choice", option=name, value=text, valid=known_words))
     return text.lower()
 
 

@@ -174,24 +174,24 @@ def calibrate(reader: ImuReader, notify: Notify) -> ImuCalibration:
         )
     )
     first_force, gyro_1 = reader.wait_for_rest(REST_S, N_("at rest"))
-    up, reader.bias = up_axis_of(first_force), gyro_1
+    up_axis, reader.bias = up_axis_of(first_force), gyro_1
     notify(_("now lift its front by about 10 cm, straight up, and hold it there"))
     min_lift = MIN_LIFT * STANDARD_GRAVITY
 
     def is_tilted(accel: np.ndarray) -> bool:
-        return bool(np.abs(_horizontal_part(accel - first_force, up)).max() > min_lift)
+        return bool(np.abs(_horizontal_part(accel - first_force, up_axis)).max() > min_lift)
 
     axes, lift = axes_from_lift(
-        reader.wait_for_force(N_("the lift of the front"), is_tilted) - first_force, up
+        reader.wait_for_force(N_("the lift of the front"), is_tilted) - first_force, up_axis
     )
     notify(_("put it down and turn it on the floor by about half a turn to the left; then do not touch it"))
     turned_before = reader.turned
     reader.wait_for_force(
-        N_("the turn"), lambda accel: _is_turned_left(reader, turned_before, up) and not is_tilted(accel)
+        N_("the turn"), lambda accel: _is_turned_left(reader, turned_before, up_axis) and not is_tilted(accel)
     )
     second_force, gyro_2 = reader.wait_for_rest(REST_S, N_("after the turn"))
-    gyro = float(0.5 * up @ (gyro_1 + gyro_2))
-    turn = float(up @ (reader.turned - turned_before))
+    gyro = float(0.5 * up_axis @ (gyro_1 + gyro_2))
+    turn = float(up_axis @ (reader.turned - turned_before))
     bias, slope_xy = biases((axes @ first_force)[:2], (axes @ second_force)[:2], turn)
     oblique = float(np.arccos(np.clip(axes[2] @ first_force / np.linalg.norm(first_force), -1.0, 1.0)))
     return ImuCalibration(
@@ -199,12 +199,12 @@ def calibrate(reader: ImuReader, notify: Notify) -> ImuCalibration:
     )
 
 
-def _is_turned_left(reader: ImuReader, turned_before: np.ndarray, up: np.ndarray) -> bool:
+def _is_turned_left(reader: ImuReader, turned_before: np.ndarray, up_axis: np.ndarray) -> bool:
     """Return True if the vehicle was turned to the left. Raise AnswerNo if it was turned to the right.  (3)
 
     Return False for a turn of at most 90° in either direction.
     """
-    turn = float(up @ (reader.turned - turned_before))
+    turn = float(up_axis @ (reader.turned - turned_before))
     if turn < -MIN_TURN_RAD:
         raise AnswerNo(fault("calibrate.turned-right", turn_deg=-np.degrees(turn)))
     return turn > MIN_TURN_RAD
@@ -221,12 +221,12 @@ def up_axis_of(force: np.ndarray) -> np.ndarray:
     return up_axis
 
 
-def axes_from_lift(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, float]:
+def axes_from_lift(change: np.ndarray, up_axis: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the axes (3, 3), with the rows forward, left, up in the chip's axes, and the lift [rad].  (2)
 
     Raise AnswerNo if the vehicle was lifted over a corner.
     """
-    gains = _horizontal_part(change, up)
+    gains = _horizontal_part(change, up_axis)
     largest, next_largest = np.argsort(-np.abs(gains))[:2]
     if abs(gains[next_largest]) > MAX_OBLIQUE_TAN * abs(gains[largest]):
         raise AnswerNo(
@@ -239,7 +239,7 @@ def axes_from_lift(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, floa
         )
     front = np.zeros(3)
     front[largest] = np.sign(gains[largest])
-    return np.stack([front, np.cross(up, front), up]), float(
+    return np.stack([front, np.cross(up_axis, front), up_axis]), float(
         np.arcsin(min(1.0, abs(gains[largest]) / STANDARD_GRAVITY))
     )
 
@@ -259,6 +259,6 @@ def axis_names(axes: np.ndarray) -> tuple[str, str, str]:
     return forward, left, up
 
 
-def _horizontal_part(vector: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return `vector` (3,) with 0 in place of its component along the axis `up`."""
-    return vector * (1.0 - np.abs(up))
+def _horizontal_part(vector: np.ndarray, up_axis: np.ndarray) -> np.ndarray:
+    """Return `vector` (3,) with 0 in place of its component along `up_axis`."""
+    return vector * (1.0 - np.abs(up_axis))

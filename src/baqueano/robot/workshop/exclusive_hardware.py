@@ -52,7 +52,7 @@ def stopped_service(notify: Notify) -> Iterator[None]:
     process = _run_quietly([*sudo, "systemctl", "stop", SERVICE])
     if process.returncode:
         raise UsageError(
-            fault("hardware.service-has-it", f"sudo systemctl stop {SERVICE}", error=process.stderr.strip())
+            fault("hardware.used-by-service", f"sudo systemctl stop {SERVICE}", error=process.stderr.strip())
         )
     notify(_("{service} is stopped during these tests", service=SERVICE))
     try:

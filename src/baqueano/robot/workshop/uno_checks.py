@@ -130,9 +130,9 @@ def check_link(link: "Uno", previous: "Statistics") -> Iterator[Check]:
     )
 
 
-def check_received_frames(now: "Statistics", previous: "Statistics", info: "Info") -> Check:
+def check_received_frames(current: "Statistics", previous: "Statistics", info: "Info") -> Check:
     """Return the check of the frames sent to the Uno, from the counts of the Uno; `info` is its INFO."""
-    frames, damaged_frames, ignored_frames, lost_bytes = now.since(
+    frames, damaged_frames, ignored_frames, lost_bytes = current.since(
         previous, "written_frames", "rejected_frames", "ignored_frames", "overrun_bytes"
     )
     share = damaged_frames / max(1, frames)
@@ -189,9 +189,9 @@ def check_memory(info: "Info") -> Check:
     )
 
 
-def loss_verdict(lost: float) -> str:
+def loss_verdict(lost_share: float) -> str:
     """Return the verdict on a share of lost frames, 0 to 1."""
-    return "ok" if lost < LOSS_WARN else "warn" if lost < LOSS_BAD else "bad"
+    return "ok" if lost_share < LOSS_WARN else "warn" if lost_share < LOSS_BAD else "bad"
 
 
 def check_battery(volts: float, least_v: float) -> Check:

@@ -128,7 +128,7 @@ class _RunAssembly:
     def __init__(self, path: Path, contents: Contents) -> None:
         self.path, self.contents = path, contents
         self.notes: list[Diagnostic] = []
-        self.taken = 0  # bytes of memory in addition to the messages
+        self.reserved_bytes = 0  # bytes of memory in addition to the messages
         self.topics: dict[str, list[tuple[McapChannel, int]]] = {}  # in the order in which they were named
         for key, channel in sorted(contents.channels.items()):
             self.topics.setdefault(channel.topic, []).append((channel, key))
@@ -327,9 +327,11 @@ class _RunAssembly:
 
     def reserve(self, topic: str, size: int) -> None:
         """Add `size` bytes of additional memory. Raise FileError if the sum exceeds half of the file's limit."""
-        self.taken += size
-        if self.taken > memory_limit.limit_bytes(self.contents.size) // 2:
-            raise self.damage_error(topic, note("damage.memory", size=memory_limit.text_of_size(self.taken)))
+        self.reserved_bytes += size
+        if self.reserved_bytes > memory_limit.limit_bytes(self.contents.size) // 2:
+            raise self.damage_error(
+                topic, note("damage.memory", size=memory_limit.text_of_size(self.reserved_bytes))
+            )
 
     def damage_error(self, topic: str, cause: Diagnostic | str) -> FileError:
         return FileError(
@@ -351,7 +353,7 @@ def _join_causes(causes: list[Diagnostic | str]) -> Diagnostic | str | None:
     """Return one cause that joins all `causes`; None for an empty list."""
     first = causes[0] if causes else None
     for cause in causes[1:]:
-        first = note("run.and", first=first, second=cause)
+        first = note("run.pair", first=first, second=cause)
     return first
 
 

@@ -91,14 +91,16 @@ class Cursor:
     """A reader of strings, integers and maps from a part of the file. Its methods raise DamageError beyond its end."""
 
     def __init__(self, data: bytes | memoryview) -> None:
-        self.data, self.at = memoryview(data), 0
+        self.data, self.position = memoryview(data), 0
 
     def read(self, size: int) -> memoryview:
         """Return the next `size` bytes. Raise DamageError if fewer are left."""
-        if size > len(self.data) - self.at:
-            raise DamageError(fault("damage.field", size=size, remaining_bytes=len(self.data) - self.at))
-        self.at += size
-        return self.data[self.at - size : self.at]
+        if size > len(self.data) - self.position:
+            raise DamageError(
+                fault("damage.field", size=size, remaining_bytes=len(self.data) - self.position)
+            )
+        self.position += size
+        return self.data[self.position - size : self.position]
 
     def integer(self, size: int) -> int:
         """Return an unsigned integer of `size` bytes."""
@@ -114,7 +116,7 @@ class Cursor:
     def pairs(self) -> dict[str, str]:
         """Return a map from string to string. Raise DamageError for more than MAX_PAIRS entries."""
         cursor, pairs = Cursor(self.read(self.integer(4))), {}
-        while cursor.at < len(cursor.data):
+        while cursor.position < len(cursor.data):
             key = cursor.text()
             pairs[key] = cursor.text()
             if len(pairs) > MAX_PAIRS:
@@ -209,7 +211,7 @@ class _RecordReader:
             self.contents.damage_count += 1
             if self.contents.damage_count <= MAX_REPORTED_DAMAGES:
                 self.contents.problems.append(
-                    cause if offset < 0 else note("damage.at", first=offset, last=to, cause=cause)
+                    cause if offset < 0 else note("damage.place", first=offset, last=to, cause=cause)
                 )
         self.lost_to = to
 
@@ -343,7 +345,7 @@ class _RecordReader:
         cursor.read(_CHUNK_HEAD.size)
         compression = cursor.text()
         payload = cursor.read(cursor.integer(8))
-        if cursor.at != len(content):
+        if cursor.position != len(content):
             raise DamageError(fault("damage.chunk-longer"))
         if size > MAX_CHUNK_BYTES:
             raise DamageError(fault("damage.chunk-unpacks", unpacked_mib=size / 2**20))

@@ -85,7 +85,7 @@ class RunWriter:
         self._packing = Packing(self._file, self._append)
         self._queue: deque[tuple[int, int, bytes, int]] = deque()
         self._closing, self._closed = threading.Event(), False
-        self._once: set[str] = set()
+        self._reported_subjects: set[str] = set()
         self._t_ns = 0  # of the newest message
         self._topics: set[str] = set()
         self._thread = threading.Thread(target=self._write_until_closed, name="run writer", daemon=True)
@@ -172,8 +172,8 @@ class RunWriter:
         try:
             pack(*args)
         except (struct.error, ValueError, TypeError, AttributeError, OverflowError) as error:
-            if subject not in self._once:
-                self._once.add(subject)
+            if subject not in self._reported_subjects:
+                self._reported_subjects.add(subject)
                 self.event(
                     self._t_ns, "error", "run writer", note("run.not-packed", topic=subject, error=str(error))
                 )

@@ -45,14 +45,14 @@ def _joined_diagnostic(findings: list[ImportFinding]) -> Diagnostic:
     """Return several findings as one. A map line that several findings share is printed only after the last of them."""
     lines = [d.line for d in findings]
     diagnostics = [
-        note("recording.and-line", cause=d.reason, line=d.line)
+        note("recording.cause-and-line", cause=d.reason, line=d.line)
         if d.line and d.line not in lines[k + 1 :]
         else d.reason
         for k, d in enumerate(findings)
     ]
     first = diagnostics[0]
     for diagnostic in diagnostics[1:]:
-        first = note("recording.then", first=first, second=diagnostic)
+        first = note("recording.two-sentences", first=first, second=diagnostic)
     return first
 
 
@@ -88,7 +88,7 @@ def _channel_findings(
     )
     if is_read_too_fast(hold_counts):
         mean_hold = float(np.mean(hold_counts[hold_counts < LONG_HOLD_FACTOR * np.median(hold_counts)]))
-        reason = note("recording.held", key=key, share=1.0 - 1.0 / mean_hold, period_rows=mean_hold)
+        reason = note("recording.repeated-rows", key=key, share=1.0 - 1.0 / mean_hold, period_rows=mean_hold)
         yield ImportFinding(
             "repeated samples", "warning", int(t_ns[0]), reason, note("recording.write-new-when")
         )

@@ -43,8 +43,10 @@ class ImportFinding(NamedTuple):
         """Return the reason and the line to write as one diagnostic."""
         severity = Severity(self.level)
         if self.line is None:
-            return note("recording.alone", severity, finding=self.code, cause=self.reason)
-        return note("recording.with-line", severity, finding=self.code, cause=self.reason, line=self.line)
+            return note("recording.cause", severity, finding=self.code, cause=self.reason)
+        return note(
+            "recording.finding-and-line", severity, finding=self.code, cause=self.reason, line=self.line
+        )
 
     @property
     def advice(self) -> str:

@@ -77,7 +77,7 @@ def _finding(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagn
     if hypothesis.code == "inverted":
         scale_note = note("recording.write-scale", scale=f"{-entry.scale:g}")
         line = (
-            note("recording.and", first=scale_note, second=hypothesis.meaning)
+            note("recording.pair", first=scale_note, second=hypothesis.meaning)
             if hypothesis.meaning
             else scale_note
         )
@@ -108,7 +108,9 @@ def _truth_findings(
         return []
     true, findings = _shifted_truth(motion, entry, z, true_of)
     units = _lines_by_ratio(measures, entry)
-    double_units = {1.0 / r: note("recording.twice", unit_name=entry.unit, ratio=r) for r in units if r > 1.0}
+    double_units = {
+        1.0 / r: note("recording.unit-ratio", unit_name=entry.unit, ratio=r) for r in units if r > 1.0
+    }
     (hypothesis,) = signal_map(
         z[:, None], true[:, None], [MappedChannel(1.0 / MAX_SCALE, MAX_SCALE, double_units | units)]
     )
@@ -171,14 +173,14 @@ def _wheel_findings(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:
         "correlation": r.correlation,
     }
     if hypothesis.code == "inverted":
-        return [_opposite_sign_finding(motion, note("recording.turns-against", **figures), wheels, imu)]
+        return [_opposite_sign_finding(motion, note("recording.yaw-rates-opposite", **figures), wheels, imu)]
     if hypothesis.code:
         line = note("recording.check-track", wheels=wheels, reference=figures["reference"])
         return [
             ImportFinding("track", "error", None, note("recording.track", **figures, track_m=r.slope), line)
         ]
     if r.gain < MIN_GAIN and np.std(difference) > 0.0:
-        return [ImportFinding("unrelated", "warning", None, note("recording.turns-otherwise", **figures))]
+        return [ImportFinding("unrelated", "warning", None, note("recording.yaw-rates-disagree", **figures))]
     return []
 
 
@@ -190,7 +192,9 @@ def _compass_findings(
     (hypothesis,) = signal_map(z[:, None], h[:, None], [MappedChannel()])
     if hypothesis.code == "inverted" and np.nanstd(h) > MIN_TURN_STD_RAD_S:
         figures: JsonObject = {"wheels": compass.key, "reference": gyro.key}
-        reason = note("recording.turns-against", **figures, correlation=hypothesis.regression.correlation)
+        reason = note(
+            "recording.yaw-rates-opposite", **figures, correlation=hypothesis.regression.correlation
+        )
         scales: JsonObject = {
             "scale": f"{-compass.scale:g}",
             "gyro": gyro.key,
@@ -212,7 +216,10 @@ def _opposite_sign_finding(
     sideways = channel_regression(motion.imu[:, 1], motion.wheels.mean(axis=1) * motion.imu[:, 2])
     if sideways.is_clear() and sideways.slope < 0.0:
         both_reasons = note(
-            "recording.and-sideways", cause=reason, key=imu[1].key, correlation=sideways.correlation
+            "recording.cause-and-contradiction",
+            cause=reason,
+            key=imu[1].key,
+            correlation=sideways.correlation,
         )
         return ImportFinding("inverted", "error", None, both_reasons, note("recording.write-gyro", **figures))
     line = note("recording.swap-or-gyro", **figures)
@@ -242,8 +249,8 @@ def _accelerometer_findings(
         in_g = _lines_by_ratio("acceleration", y, "g")
         for r, line in _lines_by_ratio("angular rate", gyro, "rad/s", "deg/s").items():
             lines_by_axis[1] |= {1.0 / r: line} | {
-                unit_value / r: note("recording.list", first=line, second=more)
-                for unit_value, more in in_g.items()
+                unit_value / r: note("recording.list", first=line, second=further_findings)
+                for unit_value, further_findings in in_g.items()
                 if r > 1.0
             }
     channels = [MappedChannel(1.0 / MAX_ACCEL_SCALE, MAX_ACCEL_SCALE, lines) for lines in lines_by_axis]
@@ -278,7 +285,7 @@ def _steering_findings(motion: LoggedMotion) -> list[ImportFinding]:
     steering, other_name = (names[i] for i in order)
     figures: JsonObject = {"steering": steering, "correlation": hypothesis.regression.correlation}
     if hypothesis.code == "swapped":
-        reason = note("recording.other-steers", **figures, command=other_name)
+        reason = note("recording.other-steering", **figures, command=other_name)
         return [ImportFinding("swapped", "error", None, reason, note("recording.swap-commands"))]
     if hypothesis.code == "inverted":
         entry = motion.m.command.entries[steering_indices[0]]

@@ -66,7 +66,7 @@ def limit_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
             reason = note(
                 "recording.too-much", key=entry.key, unit_name=entry.unit, value=value, quantity=limit_text
             )
-            yield ImportFinding("unit", "error", None, reason, note("recording.perhaps", line=guess))
+            yield ImportFinding("unit", "error", None, reason, note("recording.possible-line", line=guess))
     if signal.kind == "imu" and not is_beyond:
         yield from _grip_findings(signal, channel)
         yield from _gyro_findings(signal, channel, run)
@@ -90,7 +90,7 @@ def _grip_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportF
                 maximum=peak_acceleration,
                 window_s=WINDOW_S,
             )
-            suggestion = note("recording.perhaps", line='unit = "m/s^2"')
+            suggestion = note("recording.possible-line", line='unit = "m/s^2"')
             if entry.unit == "m/s^2":
                 suggestion = note("recording.perhaps-smaller")
             yield ImportFinding("unit", level, None, reason, suggestion)
@@ -119,7 +119,9 @@ def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
     """Yield the findings about the gyro: its rate, and (2) at rest."""
     entry, rate, at_rest = signal.entries[2], channel.z[:, 2], _rest_mask(run, channel)
     remedy = (
-        note("recording.if-in", unit_name="deg/s") if entry.unit != "deg/s" else note("recording.check-scale")
+        note("recording.unit-entry", unit_name="deg/s")
+        if entry.unit != "deg/s"
+        else note("recording.check-scale")
     )
     peak_rate = _peak(rate)
     rest_rates = rate[at_rest][np.isfinite(rate[at_rest])]
@@ -152,11 +154,13 @@ def _accelerometer_findings(signal: "ColumnSignal", channel: Channel, run: Run) 
         figures: JsonObject = {"key": entry.key, "unit_name": entry.unit}
         if counts:
             reason = note("recording.counts-per-g", **figures, counts=counts)
-            yield ImportFinding("counts per g", "info", None, reason, note("recording.if-in", unit_name="g"))
+            yield ImportFinding(
+                "counts per g", "info", None, reason, note("recording.unit-entry", unit_name="g")
+            )
         elif 0.0 < std < LEAST_REST_STD_M_S2:
             reason = note("recording.quiet", **figures, std=std)
             yield ImportFinding(
-                "quiet accelerometer", "info", None, reason, note("recording.if-in", unit_name="g")
+                "quiet accelerometer", "info", None, reason, note("recording.unit-entry", unit_name="g")
             )
 
 
@@ -189,7 +193,7 @@ def _curve_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[Import
         reason = note("recording.curve", first=first.key, last=last.key, unit_name=last.unit, speed_m_s=v)
         remedy = note("recording.check-both-units")
         if last.unit == "deg/s":
-            remedy = note("recording.perhaps-gyro", line='unit = "rad/s"')
+            remedy = note("recording.possible-gyro-line", line='unit = "rad/s"')
         yield ImportFinding("curve", "warning", None, reason, remedy)
 
 

@@ -125,7 +125,7 @@ def _command_messages(run: Run, vehicle_file: "VehicleFile") -> list[Diagnostic]
         if not np.isfinite(limit) or peak <= LIMIT_TOLERANCE * limit or peak == 0.0:
             continue
         if limit == 0.0:
-            messages.append(note("command.beyond-zero", Severity.WARNING, subject=name, maximum=peak))
+            messages.append(note("command.limit-zero", Severity.WARNING, subject=name, maximum=peak))
             continue
         guess = next((unit for low, high, unit in FULL_SCALES if low <= peak <= high), "V")
         details = {"maximum": peak, "limit": float(limit), "file_unit": command.unit, "guess": guess}

@@ -176,8 +176,10 @@ def _repeated_samples(
     edges = np.flatnonzero(~is_repeated)
     longest = int(np.max(np.diff(np.concatenate([edges, [len(x)]])))) - 1
     is_repeated &= is_imu | (x != 0.0)
-    percent, lost = _percentage(is_repeated, np.isfinite(x)), int(is_repeated.sum())
-    return is_repeated, [note("data.repeats", subject=label, count=lost, percent=percent, longest=longest)]
+    percent, repeat_count = _percentage(is_repeated, np.isfinite(x)), int(is_repeated.sum())
+    return is_repeated, [
+        note("data.repeats", subject=label, count=repeat_count, percent=percent, longest=longest)
+    ]
 
 
 def end_samples(

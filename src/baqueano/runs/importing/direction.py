@@ -48,8 +48,8 @@ def without_unknown_direction(
             is_forward = forward_readings(channel.t_ns, channel.z[:, 0], run.t_ns, _forward_command(run, m))
             sensors[name_of_key[key]] = Channel(*(column[is_forward] for column in channel))
             reason = note(EXCLUDED, key=key, count=np.count_nonzero(~is_forward), rows=len(is_forward))
-            without = ImportFinding(NO_SIGN, "warning", None, reason, note("recording.log-sign"))
-            results.append(finding if is_forward.all() else without)
+            exclusion = ImportFinding(NO_SIGN, "warning", None, reason, note("recording.log-sign"))
+            results.append(finding if is_forward.all() else exclusion)
     return replace(run, sensors=sensors), results
 
 

@@ -62,11 +62,13 @@ def draft_map(recording: Path | str, *others: Path | str, path: Path | str | Non
     if path is not None and Path(path).exists():
         raise FileError(fault("cli.file-exists", "--draft FILE.toml", path=path))
     table, encoding = _read_in_any_encoding(recording := Path(recording))
-    for other in map(Path, others):
-        columns = _read_in_any_encoding(other)[0].columns
+    for file_of_set in map(Path, others):
+        columns = _read_in_any_encoding(file_of_set)[0].columns
         if missing := [name for name in table.columns if name not in columns]:
-            fix = baqueano_command("runs", "import", other, "--draft", other.with_suffix(".toml").name)
-            figures = {"table": other.name, "first": recording.name, "columns": missing}
+            fix = baqueano_command(
+                "runs", "import", file_of_set, "--draft", file_of_set.with_suffix(".toml").name
+            )
+            figures = {"table": file_of_set.name, "first": recording.name, "columns": missing}
             raise UsageError(fault("import.draft-columns", fix, **figures))
     free_columns = list(table.columns)
     lines = [
@@ -144,8 +146,8 @@ def _wheel_commands(table: LogTable, free_columns: list[str], pair: list[str], r
         _with_pin(_wheel_command(table, column, span), table, column, pin)
         for column, pin in zip(pair, pins, strict=True)
     )
-    until = _('"until": the command of a row held up to its time')
-    title = f'\n[command]{remark}\nin_force = "from"                    # {until}'
+    until_comment = _('"until": the command of a row held up to its time')
+    title = f'\n[command]{remark}\nin_force = "from"                    # {until_comment}'
     return f"{title}\nwheels = [\n{_list_lines(entries)}\n]"
 
 
@@ -328,13 +330,13 @@ def _span(table: LogTable, *columns: str) -> tuple[float, float]:
 
 
 def _command(column: str, span: tuple[float, float]) -> str:
-    least, largest = span
+    smallest, largest = span
     for measures in ("ratio", "angle"):
         if (unit_name := _unit(column, measures)) != UNKNOWN:
             return f'{{ column = {_quoted(column)}, unit = "{unit_name}" }}'
     if largest <= 1.0:
         return f'{{ column = {_quoted(column)}, unit = "1" }}'
-    if PULSE_RANGE_US[0] <= least and largest <= PULSE_RANGE_US[1]:
+    if PULSE_RANGE_US[0] <= smallest and largest <= PULSE_RANGE_US[1]:
         keys = "scale = 0.002, offset = -3.0"
         remark = _("pulses of 1000 to 2000 µs, with 1500 in the middle?")
     else:

@@ -143,5 +143,5 @@ def _vertical_axis(accels: dict[str, np.ndarray]) -> tuple[str, float]:
     medians = {axis: float(np.median(x)) for axis, x in accels.items()}
     *horizontal_axes, vertical = sorted(medians, key=lambda axis: abs(medians[axis]))
     deviation = MAD * float(np.median(np.abs(accels[vertical] - medians[vertical])))
-    least = max(MIN_AXIS_RATIO * abs(medians[horizontal_axes[-1]]), MIN_DEVIATIONS * deviation)
-    return (vertical, medians[vertical]) if abs(medians[vertical]) > least else ("z", 0.0)
+    min_mean = max(MIN_AXIS_RATIO * abs(medians[horizontal_axes[-1]]), MIN_DEVIATIONS * deviation)
+    return (vertical, medians[vertical]) if abs(medians[vertical]) > min_mean else ("z", 0.0)

@@ -29,10 +29,10 @@ def joined_rows(
     findings: list[ImportFinding],
 ) -> tuple[LogTable, np.ndarray]:
     """Return the rows and their times (rows,) [ns] after (1), and add a finding; the same rows if it does not apply."""
-    same = np.flatnonzero(np.diff(t_ns) == 0)
-    if not len(same) or spec.repeats is not None:
+    repeated_rows = np.flatnonzero(np.diff(t_ns) == 0)
+    if not len(repeated_rows) or spec.repeats is not None:
         return table, t_ns
-    rows = np.union1d(same, same + 1)
+    rows = np.union1d(repeated_rows, repeated_rows + 1)
     groups = np.cumsum(np.diff(t_ns[rows], prepend=t_ns[rows[0]]) != 0)
     firsts = rows[np.flatnonzero(np.diff(groups, prepend=-1))]
     times = {spec.time, spec.time_rest and spec.time_rest[0]}

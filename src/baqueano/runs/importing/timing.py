@@ -185,9 +185,9 @@ def _is_clock_back(table: LogTable, t_ns: np.ndarray, used: set[str]) -> bool:
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         is_even = end == len(t_ns) or t_ns[end] - t_ns[end - 1] < GAP_STEPS * usual_ns
         rows = np.arange(first, end)
-        earlier = np.minimum(np.searchsorted(latest[:first], t_ns[rows]), first - 1)
-        is_again = bool(np.all(t_ns[earlier] == t_ns[rows])) and bool(
-            _equal_rows(table, earlier, rows, used).all()
+        earlier_index = np.minimum(np.searchsorted(latest[:first], t_ns[rows]), first - 1)
+        is_again = bool(np.all(t_ns[earlier_index] == t_ns[rows])) and bool(
+            _equal_rows(table, earlier_index, rows, used).all()
         )
         clock_rows += len(rows) if is_even and len(rows) >= MIN_CLOCK_ROWS and not is_again else 0
     return bool(2 * clock_rows > lost_rows)

@@ -94,8 +94,8 @@ def signal_outcome(
     seeds = [seed + 1000 + k for k in range(len(each) * DRIVES)]
     world, u = world_of(repeats, seeds), np.repeat(plan.u, DRIVES, axis=1)
     margins = np.full(len(seeds), np.inf)
-    for now in u:
-        world.tick(now, 1.0 / vehicle_file.rate_hz)
+    for command in u:
+        world.tick(command, 1.0 / vehicle_file.rate_hz)
         margins = np.minimum(margins, np.min(room.free_half_width_m - np.abs(world.truth.eta[:, :2]), axis=1))
     return signal, SignalErrors(np.array(errors), margins, plan.seconds)
 
@@ -103,8 +103,8 @@ def signal_outcome(
 def ideal_readings(vehicles: Robots | Cars, u: np.ndarray, rate_hz: float) -> np.ndarray:
     """Return the noise-free readings (N, n, m) of IMUs, and odometers of cars, under commands u (N, n, k)."""
     world, readings = world_of(vehicles, [0] * u.shape[1]), []
-    for now in u:
-        world.tick(now, 1.0 / rate_hz)
+    for command in u:
+        world.tick(command, 1.0 / rate_hz)
         wheel_travel = [world.rolling_speed[:, None]] if isinstance(vehicles, Cars) else []
         readings.append(np.concatenate([world.noiseless_readings, *wheel_travel], axis=1))
     return np.stack(readings)

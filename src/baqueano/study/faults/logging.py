@@ -82,9 +82,9 @@ def epoch_in_milliseconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Ge
 def half_duplicated(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Replace the second half of the run by a copy of the first half, and remove the truth."""
     half_ticks = len(run.t_ns) // 2
-    twice = np.concatenate([np.arange(half_ticks), np.arange(len(run.t_ns) - half_ticks)])
-    sensors = {name: c._replace(z=c.z[twice]) for name, c in run.sensors.items()}
-    return replace(run, applied_commands=run.applied_commands[twice], sensors=sensors, truth=None)
+    rows = np.concatenate([np.arange(half_ticks), np.arange(len(run.t_ns) - half_ticks)])
+    sensors = {name: c._replace(z=c.z[rows]) for name, c in run.sensors.items()}
+    return replace(run, applied_commands=run.applied_commands[rows], sensors=sensors, truth=None)
 
 
 def two_imus(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:

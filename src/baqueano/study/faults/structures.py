@@ -168,12 +168,12 @@ def slipping(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.rando
     """Reduce the force of a robot's wheel, or of a car, to 30 % for 5 s. Then an odometer reads 1.5 times the speed."""
     w, k = _channels(subject, u), int(rng.integers(0, 2)) if isinstance(subject.vehicle, Robots) else 0
     start = int(rng.uniform(0.2, 0.6) * len(u))
-    during = slice(start, start + round(SLIP_S * subject.vehicle_file.rate_hz))
-    w[during, k] *= 0.3
+    slip_rows = slice(start, start + round(SLIP_S * subject.vehicle_file.rate_hz))
+    w[slip_rows, k] *= 0.3
 
     def ahead(run: Run, _: Run) -> Run:
         if "odometer" in run.sensors:
-            run.sensors["odometer"].z[during] *= 1.5
+            run.sensors["odometer"].z[slip_rows] *= 1.5
         return run
 
     return _plan(subject, _command(subject, w), change=ahead)

@@ -54,7 +54,13 @@ def laps_over_fixes(
     drives = tuple(lap for _, batch_drives, _, _ in results for lap in batch_drives)
     wholes = tuple(whole for _, _, batch_wholes, _ in results for whole in batch_wholes)
     refusals = {seed for *_, refused_seeds in results for seed in refused_seeds}
-    return LapStudy(drives, wholes, sum(done for done, *_ in results), count, tuple(sorted(refusals)))
+    return LapStudy(
+        drives,
+        wholes,
+        sum(completed_count for completed_count, *_ in results),
+        count,
+        tuple(sorted(refusals)),
+    )
 
 
 def all_cases() -> list[LapCase]:

@@ -38,8 +38,10 @@ def refused_share(
     """Return the share of the laps that are refused if they end away from the mark, in any direction."""
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     sides = np.where(angles < np.pi, turn_rad, -turn_rad)
-    away = np.column_stack([distance_m * np.cos(angles), distance_m * np.sin(angles), sides])
-    return float(np.mean([_is_refused(end._replace(e=end.e + d), file) for end, file in ends for d in away]))
+    offsets = np.column_stack([distance_m * np.cos(angles), distance_m * np.sin(angles), sides])
+    return float(
+        np.mean([_is_refused(end._replace(e=end.e + d), file) for end, file in ends for d in offsets])
+    )
 
 
 def _is_refused(end: LapEnd, vehicle_file: VehicleFile) -> bool:

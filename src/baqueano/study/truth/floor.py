@@ -40,13 +40,13 @@ class TagReaders:
         faults: PassingFaults,
     ) -> None:  # fmt: skip
         self._points, self._noise_m = points_m, noise_m
-        self._near = _PassageDetector(points_m, radius_m, xy)
+        self._detector = _PassageDetector(points_m, radius_m, xy)
         self._reports = _Reports((len(xy), 2), seeds, faults)
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported positions (n, 2) [m] at `t_s`; NaN without a report."""
         return self._reports.readings_at(
-            t_s, [(i, self._measure_of_tag(k, eta[i])) for i, k in self._near.passages(eta[:, :2])]
+            t_s, [(i, self._measure_of_tag(k, eta[i])) for i, k in self._detector.passages(eta[:, :2])]
         )
 
     def _measure_of_tag(self, k: int, eta: np.ndarray) -> Measure:
@@ -67,13 +67,13 @@ class Gate:
         faults: PassingFaults,
     ) -> None:  # fmt: skip
         self._poses, self._noise = poses, noise
-        self._near = _PassageDetector(poses[:1, :2], radius_m, xy)
+        self._detector = _PassageDetector(poses[:1, :2], radius_m, xy)
         self._reports = _Reports((len(xy), 3), seeds, faults)
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported poses (n, 3) [m, m, rad] at `t_s`; NaN without a report."""
         return self._reports.readings_at(
-            t_s, [(i, self._measure_of_pose(eta[i])) for i, _ in self._near.passages(eta[:, :2])]
+            t_s, [(i, self._measure_of_pose(eta[i])) for i, _ in self._detector.passages(eta[:, :2])]
         )
 
     def _measure_of_pose(self, eta: np.ndarray) -> Measure:
@@ -96,17 +96,17 @@ class FloorLines:
     ) -> None:  # fmt: skip
         self._poses, self._half_width_m, self._noise_m = poses, half_width_m, noise_m
         self._reports = _Reports((len(xy), len(poses)), seeds, faults)
-        self._beyond, _ = self._distances_from_lines(xy)
+        self._beyond_m, _ = self._distances_from_lines(xy)
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported distances (n, m) beyond each line [m] at `t_s`; NaN without a report."""
-        previous_beyond, (self._beyond, lateral_m) = self._beyond, self._distances_from_lines(eta[:, :2])
+        previous_beyond, (self._beyond_m, lateral_m) = self._beyond_m, self._distances_from_lines(eta[:, :2])
         is_passage = (
-            (previous_beyond < 0.0) & (self._beyond >= 0.0) & (np.abs(lateral_m) <= self._half_width_m)
+            (previous_beyond < 0.0) & (self._beyond_m >= 0.0) & (np.abs(lateral_m) <= self._half_width_m)
         )
         passages = np.argwhere(is_passage).tolist()
         return self._reports.readings_at(
-            t_s, [(i, self._measure_of_line(k, self._beyond[i, k])) for i, k in passages]
+            t_s, [(i, self._measure_of_line(k, self._beyond_m[i, k])) for i, k in passages]
         )
 
     def _measure_of_line(self, k: int, beyond_m: float) -> Measure:
@@ -152,7 +152,7 @@ class _Reports:
     def __init__(self, shape: tuple[int, int], seeds: Sequence[int], faults: PassingFaults) -> None:
         self._shape, self._faults = shape, faults
         self._draw = [np.random.default_rng([seed, 22]) for seed in seeds]
-        self._late: list[tuple[float, np.ndarray]] = []
+        self._second_readings: list[tuple[float, np.ndarray]] = []
 
     def readings_at(self, t_s: float, passings: Iterable[tuple[int, Measure]]) -> np.ndarray:
         """Return the reports (n, m) at `t_s`; NaN without a report. `passings` contains the index of each
@@ -160,15 +160,17 @@ class _Reports:
         reports = np.full(self._shape, np.nan)
         for i, measure in passings:
             draw = self._draw[i]
-            is_missed, twice, mistaken = draw.random(3) < self._faults
+            is_missed, is_repeated, mistaken = draw.random(3) < self._faults
             first, second = measure(draw, bool(mistaken))
             if not is_missed:
                 reports[i], late_reports = first, np.full(self._shape, np.nan)
                 late_reports[i] = second
-                self._late += [(t_s + SECOND_READING_S, late_reports)] if twice else []
-        for due_s, late_reports in self._late:
+                self._second_readings += [(t_s + SECOND_READING_S, late_reports)] if is_repeated else []
+        for due_s, late_reports in self._second_readings:
             reports = np.where(np.isnan(late_reports) | (due_s > t_s), reports, late_reports)
-        self._late = [(due_s, late_reports) for due_s, late_reports in self._late if due_s > t_s]
+        self._second_readings = [
+            (due_s, late_reports) for due_s, late_reports in self._second_readings if due_s > t_s
+        ]
         return reports
 
 

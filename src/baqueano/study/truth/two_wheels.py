@@ -91,8 +91,8 @@ class Robots(Group):
             )
             rim, emf = self._rim(x), 0.5 * self.viscous[:, :1]
             if self._has_lagging_emf:
-                late = self.lagging_emf[:, None] * emf * rim
-                target, force = target - late, force + late
+                lagging_effort = self.lagging_emf[:, None] * emf * rim
+                target, force = target - lagging_effort, force + lagging_effort
             if not self.transmission.is_ideal:
                 target, force, x_dot[:, 8:] = self.transmission.transmit(x[:, 8:], target, force, rim, emf)
             longitudinal, lateral = force * cos_toe, force * sin_toe
@@ -119,9 +119,11 @@ class Robots(Group):
         """Return the additional friction (n, 3) of wheels with unequal radii, at the velocities (n, 3).  (6)"""
         if not self._has_unequal_radii:
             return 0.0
-        more = 0.5 * self.viscous[:, :1] * (self.wheel**-2 - 1.0) * (v[:, :1] + v[:, 2:] * self.arm_m * SIDES)
-        yaw_friction = more[:, 1] * self.arm_m[:, 1] - more[:, 0] * self.arm_m[:, 0]
-        return np.stack([more[:, 0] + more[:, 1], np.zeros(len(v)), yaw_friction], axis=1)
+        added_friction = (
+            0.5 * self.viscous[:, :1] * (self.wheel**-2 - 1.0) * (v[:, :1] + v[:, 2:] * self.arm_m * SIDES)
+        )
+        yaw_friction = added_friction[:, 1] * self.arm_m[:, 1] - added_friction[:, 0] * self.arm_m[:, 0]
+        return np.stack([added_friction[:, 0] + added_friction[:, 1], np.zeros(len(v)), yaw_friction], axis=1)
 
     @cached_property
     def _has_unequal_radii(self) -> bool:

@@ -178,14 +178,14 @@ def _open_library(
 ) -> "ctypes.CDLL":
     import ctypes
 
-    trouble = None
+    last_error = None
     for root in (_cache_folder, _temporary_folder):  # the cache cannot always be written, or executed
         try:
             folder = root() / key
             return ctypes.CDLL(str(_stored_library(folder) or _build(folder, source, flag_sets, compiler)))
         except OSError as error:
-            trouble = error
-    raise CompileError(fault("compiler.trouble", command=" ".join(compiler.command), error=trouble))
+            last_error = error
+    raise CompileError(fault("compiler.no-library", command=" ".join(compiler.command), error=last_error))
 
 
 def _stored_library(folder: Path) -> Path | None:

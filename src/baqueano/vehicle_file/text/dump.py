@@ -24,8 +24,8 @@ def _lines(table: Mapping[str, object], path: tuple[str, ...]) -> list[str]:
 
 
 def _key(name: str) -> str:
-    bare = name.replace("_", "").replace("-", "")
-    return name if bare.isascii() and bare.isalnum() else json.dumps(name, ensure_ascii=False)
+    letters = name.replace("_", "").replace("-", "")
+    return name if letters.isascii() and letters.isalnum() else json.dumps(name, ensure_ascii=False)
 
 
 def _value(value: object) -> str:

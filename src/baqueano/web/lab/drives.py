@@ -24,14 +24,14 @@ class DriveIdentifications:
         """Add rows to the drive with the number `drive`, and return the state of its identification and b""."""
         from baqueano.web.lab.identification import DriveIdentification
 
-        anew = request["drive"] != self._number
-        if self._drive is None or (anew and _version_key(request["vehicle"]) != self._vehicle):
+        is_new_drive = request["drive"] != self._number
+        if self._drive is None or (is_new_drive and _version_key(request["vehicle"]) != self._vehicle):
             if self._drive is not None:
                 self._drive.close()
             self._vehicle = _version_key(request["vehicle"])
             self._drive = DriveIdentification(_vehicle_file(request["vehicle"]))
             self._drive.compile_kernels()
-        elif anew:
+        elif is_new_drive:
             self._drive.restart()
         self._number = request["drive"]
         if request["rows"]:

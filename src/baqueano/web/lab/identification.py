@@ -263,8 +263,8 @@ class DriveIdentification:
         return {
             "t": self.duration_s, "start": self._start_s, "dt": windows_per_point * self._window_s,
             "rate": rate.round(2).tolist(),
-            "bits": information_bits(std[-1]) + 0.0, "now": _rounded_list(std[-1]), "before": _rounded_list(std[ago]),
-            "compiled": self.compiled,
+            "bits": information_bits(std[-1]) + 0.0, "std": _rounded_list(std[-1]),
+            "former_std": _rounded_list(std[ago]), "compiled": self.compiled,
             "parameters": [self._parameter_json(free, std[-1, k], value[k]) for k, free in enumerate(self._free)],
             "fit": None if self._last_fit is None else self._fit_json(self._last_fit), "next": self._advised_motion(),
             "reason": None if self._reason is None else self._reason.to_json(),

@@ -43,7 +43,7 @@ class LiveIdentification:
         self.vehicle = ""  # name or path of the vehicle file, or of a run that contains it
         self._looking: set[Visitor] = set()
         self._names: list[str] = []
-        self._at: list[int] = []
+        self._column_indices: list[int] = []
         self._frames: deque[array[float]] = deque(maxlen=MAX_FRAMES)  # rows not yet sent to the worker
         self._last_s = 0.0
         self._drive = 0
@@ -54,10 +54,10 @@ class LiveIdentification:
     def begin(self, names: list[str], ahead: bool = False) -> None:
         """Begin a drive with these columns. If `ahead` is True, start the worker before a browser watches."""
         has_time = "t" in names
-        self._at = [
+        self._column_indices = [
             k for k, name in enumerate(names) if has_time and (name == "t" or name[:2] in ("u.", "z."))
         ]
-        self._names = [names[k] for k in self._at]
+        self._names = [names[k] for k in self._column_indices]
         self._drop_rows()
         if ahead and self.vehicle and (self._asking is None or self._asking.done()):
             self._warm = self.vehicle
@@ -65,13 +65,13 @@ class LiveIdentification:
 
     def add_rows(self, rows: list[list[float | None]]) -> None:
         """Add ticks of the drive."""
-        if not self._at:
+        if not self._column_indices:
             return
-        if (rows[0][self._at[0]] or 0.0) < self._last_s:
+        if (rows[0][self._column_indices[0]] or 0.0) < self._last_s:
             self._drop_rows()
-        values = (row[k] for row in rows for k in self._at)
+        values = (row[k] for row in rows for k in self._column_indices)
         self._frames.append(array("f", [NAN if x is None else x for x in values]))
-        self._last_s = rows[-1][self._at[0]] or 0.0
+        self._last_s = rows[-1][self._column_indices[0]] or 0.0
 
     def set_subscription(self, visitor: Visitor, on: bool) -> None:
         """Begin to send the identification to this browser, or stop sending it if `on` is False."""
@@ -145,7 +145,7 @@ class LiveIdentification:
                 self._send_reply(visitor, reply)
 
     def _send_reply(self, visitor: Visitor, reply: "JsonObject") -> None:
-        visitor.send({"is": "identify", "of": "live"} | with_sentences(reply, visitor.language))
+        visitor.send({"type": "identify", "of": "live"} | with_sentences(reply, visitor.language))
 
 
 def with_sentences(reply: "JsonObject", language: str) -> "JsonObject":

@@ -75,20 +75,20 @@ class RunPlayer:
         if not isinstance(item, WorkStep):
             self._waiting.put_nowait(item)
 
-    def send(self, do: str, **words: object) -> None:
+    def send(self, request: str, **words: object) -> None:
         """Execute a message as a service does. Raise UsageError for a message that a recorded drive cannot execute."""
-        if do == "pace":
+        if request == "pace":
             factor = words["factor"]
             if not isinstance(factor, int | float) or not SLOWEST <= factor <= FASTEST:
                 raise UsageError(
                     fault("door.pace", value=str(factor), min_factor=SLOWEST, max_factor=FASTEST)
                 )
             self._pace = float(factor)
-        elif do in ("pause", "go"):
-            self._paused = do == "pause"
-        elif do in ("stop", "clear"):
-            self._stop_reason = words.get("reason") if do == "stop" else None
-        elif do in ("mission", "set", "shake"):
+        elif request in ("pause", "go"):
+            self._paused = request == "pause"
+        elif request in ("stop", "clear"):
+            self._stop_reason = words.get("reason") if request == "stop" else None
+        elif request in ("mission", "set", "shake"):
             raise UsageError(fault("web.playback"))
         self._send_state()
 
@@ -102,7 +102,7 @@ class RunPlayer:
             elif isinstance(entry, dict):
                 await self._show({"screen": "tuned", **entry}, GAINS_DISPLAY_S)
             else:
-                on_message({"is": "event", "level": str(entry.severity), "message": entry})
+                on_message({"type": "event", "level": str(entry.severity), "message": entry})
 
     async def close(self) -> None:
         """Do nothing, because a player does not own resources."""
@@ -111,11 +111,11 @@ class RunPlayer:
         description, _ = await self._lab.request("open", path=str(path))
         names = [field["name"] for field in description["fields"]]
         context = {"world": "simulated", "blocks": description["blocks"], "file": str(path)}
-        self._on_message({"is": "vehicle", **description["vehicle"], **context})
+        self._on_message({"type": "vehicle", **description["vehicle"], **context})
         self._on_message(
-            {"is": "fields", "names": names, "units": [field["unit"] for field in description["fields"]]}
+            {"type": "fields", "names": names, "units": [field["unit"] for field in description["fields"]]}
         )
-        self._on_message({"is": "route", "x": [], "y": []} | (description["route"] or {}))
+        self._on_message({"type": "route", "x": [], "y": []} | (description["route"] or {}))
         if not await self._await_browser():
             return
         events, first_row, done_s, published_s = description["events"], 0, 0.0, float("-inf")
@@ -142,7 +142,7 @@ class RunPlayer:
                 while due < len(rows) and rows[due][0] <= done_s:
                     due += 1
                 if due > row_index:
-                    self._on_message({"is": "frame", "x": rows[row_index:due]})
+                    self._on_message({"type": "frame", "x": rows[row_index:due]})
                 row_index = due
                 while events and events[0]["t"] <= done_s:
                     self._send_event(events.pop(0))
@@ -181,14 +181,14 @@ class RunPlayer:
     def _send_event(self, event: "JsonObject") -> None:
         if isinstance(event["text"], dict):
             self._on_message(
-                {"is": "event", "level": event["severity"], "message": Diagnostic.of_json(event["text"])}
+                {"type": "event", "level": event["severity"], "message": Diagnostic.of_json(event["text"])}
             )
 
     def _send_state(self) -> None:
         state = "STOPPED" if self._stop_reason is not None else "MISSION" if self._mission else "READY"
         self._on_message(
             {
-                "is": "state",
+                "type": "state",
                 "state": state,
                 "reason": self._stop_reason,
                 "pace": self._pace,
@@ -225,7 +225,7 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
 
     def notify(message: Diagnostic | str) -> None:
         print(text(message), file=sys.stderr, flush=True)
-        if isinstance(message, Diagnostic) and message.code == "web.at":
+        if isinstance(message, Diagnostic) and message.code == "web.address":
             print(flush=True)  # for the process that records the runs
 
     def meet(viewers: Callable[[], int]) -> None:

@@ -77,7 +77,7 @@ class Questions:
         if self._is_newest(visitor, message):
             self._newest.pop((visitor, message["question"]), None)
         if visitor.is_open:
-            visitor.send({"is": "answer", "to": "ask", "id": message.get("id")} | reply)
+            visitor.send({"type": "answer", "to": "ask", "id": message.get("id")} | reply)
 
     def _refusal(self, visitor: Visitor, reason: Diagnostic) -> "JsonObject":
         with use_language(visitor.language):
@@ -134,7 +134,7 @@ class Questions:
             if not self._is_newest(visitor, message):
                 return {"stale": True}
             reply, _ = await self._bench.request(
-                "costs", visitor, at=positions[first : first + LAPS_PER_REQUEST], **arguments
+                "costs", visitor, positions=positions[first : first + LAPS_PER_REQUEST], **arguments
             )
             costs += reply["costs"]
         return {"side": side, "costs": costs, "seconds": time.monotonic() - began}

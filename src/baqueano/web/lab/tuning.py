@@ -79,14 +79,14 @@ class TuningWorker:
         return lap_json(lap) | {"ms": 1e3 * (time.perf_counter() - began)}
 
     def costs(self, request: "JsonObject") -> "JsonObject":
-        """Return both terms of the cost of laps for the request {gains, a, b, at: [[x, y], …]}.
+        """Return both terms of the cost of laps for the request {gains, a, b, positions: [[x, y], …]}.
 
         Only the gains a and b vary: x and y are their positions in [0, 1] within their ranges (search.py).
         """
         _, _, laps = self._laps(request)
         search, base = laps.space, _values(request["gains"], laps)
         a, b = (search.names.index(request[axis]) for axis in "ab")
-        positions = np.clip(np.array(request["at"], dtype=float).reshape(-1, 2)[:MAX_LAPS], 0.0, 1.0)
+        positions = np.clip(np.array(request["positions"], dtype=float).reshape(-1, 2)[:MAX_LAPS], 0.0, 1.0)
         gains_of_lap = np.tile(base, (len(positions), 1))
         for axis, k in ((0, a), (1, b)):
             gains_of_lap[:, k] = gains(positions[:, axis], search.low[k], search.high[k])
@@ -104,8 +104,8 @@ class TuningWorker:
         descent = descend(lambda g: laps.cost_and_gradient(g, price), start_gains, search.low, search.high)
         descent_path = [*descent.path, descent.gains]
         return {
-            "way": [gains.tolist() for gains in descent_path], "cost": descent.cost, "before": float(descent.costs[0]),
-            "laps": len(descent.costs), "seconds": time.perf_counter() - began,
+            "path": [gains.tolist() for gains in descent_path], "cost": descent.cost,
+            "start_cost": float(descent.costs[0]), "laps": len(descent.costs), "seconds": time.perf_counter() - began,
             "places": [coordinates(gains, search.low, search.high).tolist() for gains in descent_path],
         }  # fmt: skip
 

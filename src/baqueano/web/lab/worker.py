@@ -1,9 +1,9 @@
 """Run a worker: read requests on stdin, and write answers to stdout, one at a time, until stdin ends.
 
-to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "compare" | …, …}
-                   {"do": "vehicle" | "mission" | "fetch" | "lap closure", …}       local_files.py, questions.py
-                   {"do": "tune" | "route" | "lap" | "costs" | "downhill" | "write", …}       tuning.py
-                   {"do": "block" | "check", …}                                     described_blocks.py
+to the worker      {"type": "find" | "open" | "frame" | "runs" | "report" | "compare" | …, …}
+                   {"type": "vehicle" | "mission" | "fetch" | "lap closure", …}       local_files.py, questions.py
+                   {"type": "tune" | "route" | "lap" | "costs" | "downhill" | "write", …}       tuning.py
+                   {"type": "block" | "check", …}                                     described_blocks.py
 from the worker    a line {…, "bytes": n} followed by n bytes; {"refusal": diagnostic, "code": n, …}
 """
 
@@ -52,7 +52,7 @@ class Worker:
             **dict.fromkeys(("tune", "route", "lap", "costs", "downhill", "write"), self._tune),
             "identify": self._drives.answer, "identify run": self._drives.answer_run,
         }  # fmt: skip
-        return handlers[request["do"]](request)
+        return handlers[request["type"]](request)
 
     def _tune(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         from baqueano.web.lab.tuning import TuningWorker
@@ -63,7 +63,7 @@ class Worker:
             "tune": bench.begin, "route": bench.route, "lap": bench.lap, "costs": bench.costs,
             "downhill": bench.descent, "write": bench.write,
         }  # fmt: skip
-        return handlers[request["do"]](request), b""
+        return handlers[request["type"]](request), b""
 
     def _find(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         """Return the paths of the runs with these names, after reading each run."""
@@ -150,7 +150,7 @@ def _block(request: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.web.lab.described_blocks import block_description, check_block
     from baqueano.web.lab.tuning import requested_vehicle_file
 
-    answer = block_description if request["do"] == "block" else check_block
+    answer = block_description if request["type"] == "block" else check_block
     return answer(request, requested_vehicle_file(request)), b""
 
 
@@ -287,7 +287,7 @@ def _version_key(path: Path) -> tuple[str, int]:
     try:
         return str(path), path.stat().st_mtime_ns
     except OSError as error:
-        raise FileError(fault("web.run-gone", path=path.name)) from error
+        raise FileError(fault("web.run-missing", path=path.name)) from error
 
 
 def serve(source: BinaryIO, sink: BinaryIO) -> None:

@@ -29,7 +29,9 @@ class WorkerClient:
         self._turns: WeakKeyDictionary[object, asyncio.Lock] = WeakKeyDictionary()  # of the browsers
         self._task: asyncio.Task[tuple[JsonObject, bytes]] | None = None  # of the present request
 
-    async def request(self, do: str, browser: object = None, **words: object) -> tuple["JsonObject", bytes]:
+    async def request(
+        self, request: str, browser: object = None, **words: object
+    ) -> tuple["JsonObject", bytes]:
         """Return the answer to a request, and the bytes that follow it. Raise the error that the worker reports.
 
         If the caller is cancelled, a waiting request is not sent. The answer to a request that was sent is read;
@@ -38,7 +40,7 @@ class WorkerClient:
         own_turn = nullcontext() if browser is None else self._turns.setdefault(browser, asyncio.Lock())
         async with own_turn:
             await self._turn.acquire()
-            self._task = asyncio.create_task(self._exchange({"do": do, **words}))
+            self._task = asyncio.create_task(self._exchange({"type": request, **words}))
             self._task.add_done_callback(lambda _: self._turn.release())
             reply, payload = await asyncio.shield(self._task)
         if "refusal" in reply:

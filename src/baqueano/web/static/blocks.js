@@ -91,7 +91,7 @@ export class Blocks {
     put(this, { file: about.file, ofTick: t("block.step", { of: num(about.tick_us / 1000, 0) }), step: `${three(about.step_us)} µs`, check: t("block.check"), result: "" });
     show(this.cost, about.step_us);
     show(this.check, true);
-    fill(this.others, about.kinds, about.kind, (kind) => page.send({ is: "swap", room: picked, kind }));
+    fill(this.others, about.kinds, about.kind, (kind) => page.send({ type: "swap", room: picked, kind }));
     this.others.disabled = !page.drives;
     show(this.next, page.hello.swapped?.[picked]);
   }

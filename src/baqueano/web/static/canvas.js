@@ -25,7 +25,7 @@ const sizes = new ResizeObserver((entries) => {
 
 export function follow(canvas) { sizes.observe(canvas); return canvas; }
 
-/** Return [context, width, height] in CSS pixels, cleared; nothing for a box without size. */
+/** Return [context, width, height] in CSS pixels, cleared; nothing for an empty box. */
 export function begin(canvas) {
   if (!canvas.fitted) {
     const { width, height } = canvas.getBoundingClientRect(), scale = min(devicePixelRatio, 2);

@@ -34,12 +34,12 @@ export class Drive {
 
   #controls() {
     const { page } = this, { hand } = page, [paceText, paces] = this.pace.children, [shareText, share] = this.share.children;
-    const now = (name, code) => action(`drive.${name}`, code, () => page.send({ is: name }), () => page.moves);
-    const mission = (name, code, kind, more = () => null, may = () => true) => action(`drive.${name}`, code, () => page.send({ is: "mission", kind, ...more() }), () => page.state.state === "READY" && may(), () => page.state.mission?.kind === kind, page);
+    const now = (name, code) => action(`drive.${name}`, code, () => page.send({ type: name }), () => page.moves);
+    const mission = (name, code, kind, more = () => null, may = () => true) => action(`drive.${name}`, code, () => page.send({ type: "mission", kind, ...more() }), () => page.state.state === "READY" && may(), () => page.state.mission?.kind === kind, page);
     this.repeat = mission("repeat", "KeyR", "repeat", () => ({ route: this.route.value, laps: this.laps }), () => this.names.length);
     this.repeat.classList.add("repeat");
     this.pause = pauseButton(page);
-    this.closed = action("drive.closed", "KeyC", () => { page.send({ is: "write", lap: page.runs[0].id, route: this.name }); this.name = ""; this.runs(); }, () => true);
+    this.closed = action("drive.closed", "KeyC", () => { page.send({ type: "write", lap: page.runs[0].id, route: this.name }); this.name = ""; this.runs(); }, () => true);
     this.actions = [mission("teach", "KeyT", "teach", () => ({ name: this.name = this.#freeName() })), this.repeat, mission("by-hand", "KeyB", "drive"), this.pause, now("mark", "KeyM"), now("end", "KeyE"), this.closed];
     this.bar.prepend(...this.actions);
     const laps = (more) => { this.laps = clamp(this.laps + more, 1, 99); write(this.count, t(this.laps === 1 ? "drive.one-lap" : "drive.laps", { n: this.laps })); };
@@ -59,7 +59,7 @@ export class Drive {
       slide(paces, k / (PACES.length - 1), text);
       write(paceText, text);
     };
-    paces.oninput = () => { const factor = PACES[paces.value]; this.paced(factor); page.send({ is: "pace", factor }); };
+    paces.oninput = () => { const factor = PACES[paces.value]; this.paced(factor); page.send({ type: "pace", factor }); };
   }
 
   #freeName() {

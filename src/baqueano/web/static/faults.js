@@ -82,7 +82,7 @@ export class Faults {
   #active(kind) { return this.rows.findLast((row) => row.fault.kind === kind && !row.ended); }
 
   #send(word) {
-    if (this.page.hand.mine) this.page.send({ is: "shake", ...word });
+    if (this.page.hand.mine) this.page.send({ type: "shake", ...word });
     else this.page.say(t("pad.take"));
   }
 
@@ -91,20 +91,20 @@ export class Faults {
     this.start = action("faults.start", "KeyR", () => this.#begin(), () => page.ready);
     this.pause = pauseButton(page);
     this.again = action("faults.again", "KeyG", () => this.#again(this.rows.at(-1)), () => this.rows.length && page.state.state !== "STOPPED");
-    const tick = action("faults.tick", "KeyN", () => page.send({ is: "go", ticks: 1 }), () => page.moves);
+    const tick = action("faults.tick", "KeyN", () => page.send({ type: "go", ticks: 1 }), () => page.moves);
     this.again.classList.add("again");
     this.start.classList.add("primary");
     this.actions = [this.start, this.pause, tick, this.again];
     this.bar.prepend(this.start, this.pause, tick);
     this.faultBar.append(this.again);
-    choices(this.paces, PACES.indexOf(page.state.pace ?? 1), (k) => page.send({ is: "pace", factor: PACES[k] }));
+    choices(this.paces, PACES.indexOf(page.state.pace ?? 1), (k) => page.send({ type: "pace", factor: PACES[k] }));
   }
 
   /** Drive something that drives itself, so that it can be driven again. */
   #begin() {
     const { page } = this, [route] = page.screens.drive.names;
     this.#before(null);
-    page.send({ is: "mission", ...(route ? { kind: "repeat", route, laps: 5 } : { kind: "experiment", seconds: 120 }) });
+    page.send({ type: "mission", ...(route ? { kind: "repeat", route, laps: 5 } : { kind: "experiment", seconds: 120 }) });
   }
 
   #before(ghost) { this.ghost = ghost; show(this.ghostKey, ghost); }
@@ -115,7 +115,7 @@ export class Faults {
     if (!row) return;
     const record = page.record.kept();
     this.#before({ record, trail: trailsOf(record, page.hello.vehicle).truth, pushes: this.#arrows(record) });
-    page.send({ is: "again", from_s: max(0, row.t_s - BEFORE), without: [row.number] });
+    page.send({ type: "again", from_s: max(0, row.t_s - BEFORE), without: [row.number] });
   }
 
   ledger(rows) {

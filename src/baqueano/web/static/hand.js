@@ -30,7 +30,7 @@ export class Hand {
     this.still();
     if (!this.mine) return;
     this.beat(performance.now(), true);
-    this.page.send({ is: "give", to });
+    this.page.send({ type: "give", to });
   }
 
   still() {
@@ -40,7 +40,7 @@ export class Hand {
     this.#knob();
   }
 
-  toggle() { if (this.mine) this.letGo(); else this.page.send({ is: "take" }); }
+  toggle() { if (this.mine) this.letGo(); else this.page.send({ type: "take" }); }
 
   lease({ you }) {
     this.mine = you;
@@ -90,7 +90,7 @@ export class Hand {
     if (!this.mine || (!still && now_ms - this.sent_ms < EVERY_MS)) return;
     this.sent_ms = now_ms;
     const u = this.command;
-    this.page.send({ is: "beat", n: ++this.n, seen: this.page.link.seen, u: still ? u.map(() => 0) : u });
+    this.page.send({ type: "beat", n: ++this.n, seen: this.page.link.seen, u: still ? u.map(() => 0) : u });
     this.#knob();
   }
 
@@ -117,7 +117,7 @@ export function action(name, code, act, free, on = null, page = null) {
 }
 
 export function pauseButton(page) {
-  return action("drive.pause", "KeyP", () => page.send({ is: page.state.paused ? "go" : "pause" }), () => page.moves && page.state.paused !== null, () => Boolean(page.state.paused));
+  return action("drive.pause", "KeyP", () => page.send({ type: page.state.paused ? "go" : "pause" }), () => page.moves && page.state.paused !== null, () => Boolean(page.state.paused));
 }
 
 export function enable(actions, { hand, state }) {

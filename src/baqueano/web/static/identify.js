@@ -24,7 +24,7 @@ export class Identify {
     show(this.play, page.recorded);
     this.play.onclick = () => this.replay.toggle();
     if (page.recorded) drag(this.curve, ({ offsetX }) => this.replay.seekPart(offsetX / this.right));
-    moving(this.go, page, () => page.send({ is: "mission", kind: "experiment", seconds: EXPERIMENT_S }));
+    moving(this.go, page, () => page.send({ type: "mission", kind: "experiment", seconds: EXPERIMENT_S }));
     show(this.go, !page.recorded && page.drives);
     this.#clear();
   }
@@ -33,7 +33,7 @@ export class Identify {
 
   shown() {
     const { page } = this, { opened } = page;
-    if (!page.recorded) page.send({ is: "identify", on: true });
+    if (!page.recorded) page.send({ type: "identify", on: true });
     else if (opened && this.opened !== opened) {
       this.#clear();
       this.opened = opened;
@@ -42,7 +42,7 @@ export class Identify {
     }
   }
 
-  hidden() { if (!this.page.recorded) this.page.send({ is: "identify", on: false }); }
+  hidden() { if (!this.page.recorded) this.page.send({ type: "identify", on: false }); }
   opened() { if (this.page.screen === this) this.shown(); }
   buttons() { this.go.disabled = !this.page.ready; }
 
@@ -58,7 +58,7 @@ export class Identify {
       });
     }
     Object.assign(this, { word, of, shownAt: null });
-    if (!this.page.recorded) this.#fill(word, word.now, word.before, word.fit, word.bits);
+    if (!this.page.recorded) this.#fill(word, word.std, word.former_std, word.fit, word.bits);
   }
 
   #clear() {
@@ -98,8 +98,8 @@ export class Identify {
     const { word } = this, { expected, step_s, start, fits } = word, step = floor(seconds / step_s);
     if (step === this.shownAt) return;
     this.shownAt = step;
-    const at = (s) => expected[clamp(round((s - start) / step_s) - 1, 0, expected.length - 1)] ?? word.now;
-    const now = seconds < step_s ? word.now.map(() => 1) : at(seconds);
+    const at = (s) => expected[clamp(round((s - start) / step_s) - 1, 0, expected.length - 1)] ?? word.std;
+    const now = seconds < step_s ? word.std.map(() => 1) : at(seconds);
     this.#fill(word, now, at(max(seconds - AGO_S, step_s)), fits.findLast((one) => one.t <= seconds + 0.05), -now.reduce((sum, std) => sum + Math.log2(std), 0));
   }
 

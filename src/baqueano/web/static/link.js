@@ -13,11 +13,11 @@ export class Link {
   }
 
   connect() {
-    const socket = new WebSocket(`${location.origin.replace("http", "ws")}/ws`, "baqueano.2");
+    const socket = new WebSocket(`${location.origin.replace("http", "ws")}/ws`, "baqueano.3");
     socket.binaryType = "arraybuffer";
     Object.assign(this, { socket, up: false, silent: 0 });
     this.answers.clear();
-    socket.onopen = () => this.send({ is: "hello", lang: this.language, ...(this.token && { token: this.token }) });
+    socket.onopen = () => this.send({ type: "hello", lang: this.language, ...(this.token && { token: this.token }) });
     socket.onmessage = ({ data }) => {
       if (socket !== this.socket) return;
       this.silent = 0;
@@ -48,18 +48,18 @@ export class Link {
 
   ask(question, more, then) {
     this.answers.set(++this.id, then);
-    this.send({ is: "ask", id: this.id, question, ...more });
+    this.send({ type: "ask", id: this.id, question, ...more });
   }
 
   #word(word) {
-    if (word.is === "hello") Object.assign(this, { up: true, tries: 0, robot: word.robot, fields: [word.fields.length, 0, 0] });
-    if (word.to === "ask" && word.is === "answer") {
+    if (word.type === "hello") Object.assign(this, { up: true, tries: 0, robot: word.robot, fields: [word.fields.length, 0, 0] });
+    if (word.to === "ask" && word.type === "answer") {
       this.answers.get(word.id)?.(word);
       this.answers.delete(word.id);
       return;
     }
     if (word.to === "open" && word.fields) this.fields[word.stream] = word.fields.length;
-    this.on[word.is]?.(word);
+    this.on[word.type]?.(word);
   }
 
   #frame(data) {
@@ -70,7 +70,7 @@ export class Link {
   }
 }
 
-/** Take the token out of the address, so that it is never sent nor shown. */
+/** Take the token out of the address: it is never sent nor shown. */
 function tokenOf({ hash, pathname, search }) {
   const token = new URLSearchParams(hash.slice(1)).get("token");
   if (token) {

@@ -26,7 +26,7 @@ const page = {
   send(word) { this.link.send(word); },
   ask(what, more, then) { this.link.ask(what, { ...(this.recorded && this.opened && { run: this.opened.about.run.id }), ...more }, then); },
   openRun(run, ghost, filter) {
-    this.send({ is: "open", run, ghost, filter });
+    this.send({ type: "open", run, ghost, filter });
     open("replay");
   },
   get recorded() { return this.hello?.mode === "replay"; },
@@ -50,7 +50,7 @@ const on = {
     page.hand.lease({ you: false });
     page.hand.pad.ariaLabel = t("pad.label");
     frame();
-    if (word.open) page.send({ is: "open", ...word.open });
+    if (word.open) page.send({ type: "open", ...word.open });
   },
   rows(stream, values, count) { (stream ? pending[stream] : page)?.record.add(values, count); },
   down() {
@@ -208,7 +208,7 @@ function say(text) {
 function stop() {
   if (page.recorded) return;
   page.hand?.still();
-  page.send({ is: "stop" });
+  page.send({ type: "stop" });
   flash("stop", "pressed", 400);
 }
 
@@ -285,7 +285,7 @@ async function begin() {
   ui.stop.onpointerdown = stop;
   ui.stop.onclick = (e) => { if (e.detail === 0) stop(); }; // Enter, or a screen reader
   press(ui, {
-    lease: () => page.hand?.toggle(), clear: () => page.send({ is: "clear" }), help, close: () => ui.keys.close(),
+    lease: () => page.hand?.toggle(), clear: () => page.send({ type: "clear" }), help, close: () => ui.keys.close(),
     theme() {
       const next = getComputedStyle(document.documentElement).colorScheme === "dark" ? "light" : "dark";
       localStorage.setItem("theme", next);

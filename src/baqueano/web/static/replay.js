@@ -160,7 +160,7 @@ export class Replay {
     dot(c, now, h - 5, 5, "ink");
   }
 
-  /** Return the greatest error of each pixel column: off the route, or without one, off the truth. */
+  /** Return the greatest error of each pixel column, from the route or from the truth. */
   #peaks(columns) {
     const { record } = this.run;
     if (this.curve?.peaks.length === columns) return this.curve;

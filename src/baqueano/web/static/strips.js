@@ -47,7 +47,7 @@ class Strip {
     if (cursor !== null) line(c, [[X(cursor), 0], [X(cursor), h]], "ink", 1.4);
   }
 
-  /** Take a wider range at once, and a narrower one slowly, so that the picture does not breathe. */
+  /** Take a wider range at once, and a narrower one slowly. */
   #range(columns, std, first, last) {
     let low = Infinity, high = -Infinity;
     for (const v of columns) for (let i = first; v && i < last; i++) { if (v[i] < low) low = v[i]; if (v[i] > high) high = v[i]; }

@@ -45,7 +45,7 @@ export class Tune {
 
   build(about) {
     const { gains, price } = about, last = gains.length - 1;
-    Object.assign(this, { about, gains, price, land: null, way: null, lap: null, fileLap: null, busy: false, undos: [], axes: [max(last - 1, 0), last] });
+    Object.assign(this, { about, gains, price, land: null, path: null, lap: null, fileLap: null, busy: false, undos: [], axes: [max(last - 1, 0), last] });
     const { downhill, back, save, undo, apply, ...parts } = form("tune", this.node);
     Object.assign(this, parts, { do: { downhill, back, save, undo, apply } });
     this.file = gains.every((one) => one.file !== null) ? gains.map((one) => one.file) : null;
@@ -61,9 +61,9 @@ export class Tune {
       this.moved(true);
     });
     this.sliders = gains.map((one, k) => slider(one, one.file, (x) => { this.values[k] = x; this.moved(this.axes.includes(k)); }));
-    this.sliders.push(slider({ ...PRICE, name: t("tune.price"), meaning: t("tune.price-meaning") }, price, (x) => { this.price = x; this.way = null; this.put(); this.#paint(); }));
+    this.sliders.push(slider({ ...PRICE, name: t("tune.price"), meaning: t("tune.price-meaning") }, price, (x) => { this.price = x; this.path = null; this.put(); this.#paint(); }));
     this.sliderBox.append(...this.sliders.map((one) => one.node));
-    press(this.do, { downhill: () => this.downhill(), back: () => this.jump(this.file), save: () => this.page.send({ is: "write", gains: this.values, route: about.route }), undo: () => this.undo(), apply: () => this.apply() });
+    press(this.do, { downhill: () => this.downhill(), back: () => this.jump(this.file), save: () => this.page.send({ type: "write", gains: this.values, route: about.route }), undo: () => this.undo(), apply: () => this.apply() });
     apply.title = t("tune.apply-when");
     for (const one of [this.state, save, undo, apply]) show(one, this.live);
     if (this.file) this.#ask("lap", { gains: this.file }, (word) => { this.fileLap = word.x ? word : null; });
@@ -99,7 +99,7 @@ export class Tune {
 
   survey(side = SIDES[0]) {
     const [a, b] = this.axes.map((k) => this.gains[k].name);
-    if (side === SIDES[0]) { this.way = this.land = null; write(this.surveyed, t("tune.surveying")); }
+    if (side === SIDES[0]) { this.path = this.land = null; write(this.surveyed, t("tune.surveying")); }
     this.#ask("landscape", { a, b, side }, (word) => {
       if (!word.costs) return;
       this.land = word;
@@ -114,17 +114,17 @@ export class Tune {
     downhill.disabled = true;
     this.#ask("downhill", { price }, (word) => {
       downhill.disabled = false;
-      page.say(word.refusal ?? t("tune.down", { n: word.laps, s: num(word.seconds), part: num(100 * (1 - word.cost / word.before), 0) }));
-      if (word.way) this.#roll(word, calm() ? word.way.length - 1 : 0);
+      page.say(word.refusal ?? t("tune.down", { n: word.laps, s: num(word.seconds), part: num(100 * (1 - word.cost / word.start_cost), 0) }));
+      if (word.path) this.#roll(word, calm() ? word.path.length - 1 : 0);
     });
   }
 
   #roll(found, k) {
     if (this.about?.gains !== this.gains) return;
-    this.values = found.way[k].slice();
+    this.values = found.path[k].slice();
     this.moved(true);
-    this.way = found;
-    if (k + 1 < found.way.length) setTimeout(() => this.#roll(found, k + 1), 90);
+    this.path = found;
+    if (k + 1 < found.path.length) setTimeout(() => this.#roll(found, k + 1), 90);
   }
 
   /** The gains of the vehicle as it drives; null where they are of another controller. */
@@ -133,7 +133,7 @@ export class Tune {
     return this.live && own.every(Number.isFinite) ? own : null;
   }
 
-  #set(values) { this.gains.forEach(({ name }, k) => { if (values[k] !== this.force[k]) this.page.send({ is: "set", path: `controller.${name}`, value: values[k] }); }); }
+  #set(values) { this.gains.forEach(({ name }, k) => { if (values[k] !== this.force[k]) this.page.send({ type: "set", path: `controller.${name}`, value: values[k] }); }); }
   apply() { this.undos.push(this.force); this.#set(this.values); }
   undo() { const before = this.undos.pop(); this.#set(before); this.jump(before); }
 
@@ -189,7 +189,7 @@ export class Tune {
     c.rotate(-Math.PI / 2);
     text(up, 0, 0, "center", "ink");
     c.restore();
-    line(c, (this.way?.places ?? []).map(at), "ink", 2, [5, 4]);
+    line(c, (this.path?.places ?? []).map(at), "ink", 2, [5, 4]);
     const placesOf = (values) => this.gains.map((one, k) => placeOf(one, values[k]));
     const point = (values, words, colour) => {
       const [x, y] = at(placesOf(values)), wide = c.measureText(words).width + 0.9 * rem, from = x + (x > X(0.7) ? -0.8 * rem - wide : 0.8 * rem);

@@ -9,23 +9,23 @@ const FALLS_MS = 4000;
 export class Tuned {
   static key = "tuned";
 
-  constructor({ history, before, cost, gains }) {
-    Object.assign(this, { history, before, ...form("tuned") });
-    const [was, is] = [before, cost].map(three);
+  constructor({ history, start_cost: start, cost, gains }) {
+    Object.assign(this, { history, start, ...form("tuned") });
+    const [was, is] = [start, cost].map(three);
     write(this.was, was);
     write(this.is, is);
-    this.body.append(...gains.map((one) => row([`${one.name} `, el("small", one.unit)], [three(one.before), three(one.value)], 1)));
+    this.body.append(...gains.map((one) => row([`${one.name} `, el("small", one.unit)], [three(one.file_value), three(one.value)], 1)));
     this.summary = [t("tuned.title"), t("tuned.text", { n: history.length, before: was, after: is })];
   }
 
   draw(now_ms) {
     this.from ??= now_ms;
-    const [c, w, h] = begin(this.curve), { history, before } = this, n = history.length;
+    const [c, w, h] = begin(this.curve), { history, start } = this, n = history.length;
     if (!c) return;
     const shown = calm() ? n : Math.max(Math.min(Math.round(((now_ms - this.from) / FALLS_MS) * n), n), 1);
-    const known = [...history, before].filter((x) => x > 0).map(Math.log), low = Math.min(...known), high = Math.max(...known);
+    const known = [...history, start].filter((x) => x > 0).map(Math.log), low = Math.min(...known), high = Math.max(...known);
     const X = axis(0, Math.max(n - 1, 1), 10, w - 10), level = axis(high, high > low ? low : high - 1, 14, h - 20), Y = (x) => level(Math.log(x));
-    if (before > 0) line(c, [[0, Y(before)], [w, Y(before)]], "ghost", 1.4, [5, 4]);
+    if (start > 0) line(c, [[0, Y(start)], [w, Y(start)]], "ghost", 1.4, [5, 4]);
     line(c, history.slice(0, shown).flatMap((x, k) => [[X(k), Y(history[Math.max(k - 1, 0)])], [X(k), Y(x)]]), "model", 2.4);
     dot(c, X(shown - 1), Y(history[shown - 1]), 5, "model");
   }

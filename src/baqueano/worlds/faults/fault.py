@@ -171,7 +171,7 @@ def faults_in(events: Iterable[tuple[int, str, Diagnostic | None]]) -> list[Faul
         if source != SOURCE or message is None:
             continue
         number = int(message.figures["number"])
-        if message.code == "shake.over":
+        if message.code == "shake.end":
             at_s = by_number[number].at_s
             by_number[number] = replace(by_number[number], for_s=float(message.figures["duration_s"]))
             assert by_number[number].at_s == at_s

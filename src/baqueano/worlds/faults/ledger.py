@@ -101,7 +101,7 @@ class Ledger:
         self.now_s = 0.0
         self._window: deque[tuple[float, float, int]] = deque()
         self._sum, self._count = 0.0, 0
-        self._before: deque[tuple[float, float]] = deque()  # means of the windows, each WINDOW_S
+        self._window_means: deque[tuple[float, float]] = deque()  # means of the windows, each WINDOW_S
         self._refusals_s: deque[float] = deque()
 
     def on_event(self, t_ns: int, source: str, event: "Diagnostic | str") -> None:
@@ -142,9 +142,11 @@ class Ledger:
             return None
         figures = {"delay_s": lasted_s, "nis": row.worst_nis, "reason": self.reason_unnoticed(row.fault)}
         if isfinite(row.error_m) and isfinite(row.bound_m):
-            error_diagnostic = note("ledger.off", error_cm=100.0 * row.error_m, bound_cm=100.0 * row.bound_m)
-            return note("ledger.nobody-and-off", subject="nobody", consequence=error_diagnostic, **figures)
-        return note("ledger.nobody", subject="nobody", **figures)
+            error_diagnostic = note(
+                "ledger.estimate-error", error_cm=100.0 * row.error_m, bound_cm=100.0 * row.bound_m
+            )
+            return note("ledger.undetected-error", subject="nobody", consequence=error_diagnostic, **figures)
+        return note("ledger.undetected", subject="nobody", **figures)
 
     def reason_unnoticed(self, fault: Fault) -> Diagnostic:
         """Return the reason why the checks cannot detect a fault of this kind with these sensors."""
@@ -167,12 +169,14 @@ class Ledger:
 
     def _add_fault(self, diagnostic: Diagnostic) -> None:
         number = int(diagnostic.figures["number"])
-        if diagnostic.code == "shake.over":
+        if diagnostic.code == "shake.end":
             row = next(row for row in self.rows if row.number == number)
             row.until_s = row.fault.at_s + float(diagnostic.figures["duration_s"])
             return
         fault_ = Fault.from_diagnostic(diagnostic)
-        self._before = deque(pair for pair in self._before if pair[0] >= fault_.at_s - KEEP_BEFORE_S)
+        self._window_means = deque(
+            pair for pair in self._window_means if pair[0] >= fault_.at_s - KEEP_BEFORE_S
+        )
         self.rows.append(LedgerRow(number, fault_, diagnostic, fault_.end_s))
         self._window.clear()  # the entries of an earlier fault do not belong to this one
         self._refusals_s.clear()
@@ -222,11 +226,11 @@ class Ledger:
             return
         mean, k = self._sum / self._count, self._count
         is_window_full = bool(self._window) and t_s - self._window[0][0] > 0.9 * WINDOW_S
-        if is_window_full and (not self._before or t_s - self._before[-1][0] >= WINDOW_S):
-            self._before.append((t_s, mean))
+        if is_window_full and (not self._window_means or t_s - self._window_means[-1][0] >= WINDOW_S):
+            self._window_means.append((t_s, mean))
         for row in [row for row in self.rows if row.covers(t_s)][-1:]:
             row.worst_nis = mean if not isfinite(row.worst_nis) else max(mean, row.worst_nis)
-            earlier_means = [nis for at_s, nis in self._before if at_s < row.fault.at_s]
+            earlier_means = [nis for at_s, nis in self._window_means if at_s < row.fault.at_s]
             by_chance = (1.0 - 2.0 / (9.0 * k) + Z * sqrt(2.0 / (9.0 * k))) ** 3
             limit = max(by_chance, MIN_NIS_RATIO * float(np.mean(earlier_means)) if earlier_means else 0.0)
             if mean > limit:

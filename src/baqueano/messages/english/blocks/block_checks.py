@@ -13,7 +13,7 @@ TEMPLATES: dict[str, str] = {
     "when.repeated": "at a repeated tick",
     "when.gap": "after a gap of 0.3 s",
     "when.within": "within 3 s",
-    "when.hour-later": "an hour later",
+    "when.later": "an hour later",
     "when.around-nan": "around a NaN in {signal}",
     "when.large-command": "at a command of 1e9",
     "when.clock": "with a clock that begins at {begin_ns:.2g} ns",
@@ -35,16 +35,16 @@ TEMPLATES: dict[str, str] = {
         "{place}: {subject} changes its arguments ({situation}): make new arrays and NamedTuples, x._replace(…), never "
         "x[…] = …"
     ),
-    "check.two-answers": (
+    "check.not-deterministic": (
         "{place}: {subject} is not deterministic ({situation}): its output must depend only on its arguments "
         "and the block's parameters."
     ),
-    "check.changes-itself": "{place}: {subject} changes the block itself ({situation}). Keep memory in the state.",
+    "check.block-changed": "{place}: {subject} changes the block itself ({situation}). Keep memory in the state.",
     "check.returns": "{place}: {subject} returns {value}: expected {expected}.",
     "check.values": (
         "{place}: {subject} returns {count} values ({situation}): expected two values, (state, output)."
     ),
-    "check.one-value": (
+    "check.two-values": (
         "{place}: {subject} returns only {value} ({situation}): expected two values, (state, output)."
     ),
     "check.no-numbers": "{place}: {subject} gives {field} = {value}: expected numbers of shape {shape}.",
@@ -74,7 +74,7 @@ TEMPLATES: dict[str, str] = {
         "{place}: {subject} gives {count} measurements in {duration_s:g} s: rate_hz = "
         "{rate_hz:g} requires {expected:.0f}."
     ),
-    "check.sure-without-sensors": (
+    "check.constant-covariance": (
         "{place}: {subject} gives the same covariance of the position after 2 s without sensors. "
         "Predict at every tick, so that the covariance grows."
     ),
@@ -87,8 +87,8 @@ TEMPLATES: dict[str, str] = {
         "geometry.pose_error, the error in the frame of the vehicle."
     ),
     "check.done": "{place}: {subject} gives done = {value}: expected 1.0 at the end of the route, else 0.0.",
-    "check.lets-through": "{place}: {subject} outputs {u} after a NaN in {signal}: expected zeros.",
-    "check.drives-again": (
+    "check.nan-output": "{place}: {subject} outputs {u} after a NaN in {signal}: expected zeros.",
+    "check.stop-not-latched": (
         "{place}: {subject} lets the vehicle drive again by itself after a NaN in {signal}: a stop is final."
     ),
     "check.beyond-limit": "{place}: {subject} outputs {u}, which exceeds its limit {limit}.",
@@ -102,7 +102,7 @@ TEMPLATES: dict[str, str] = {
         "{place}: {subject} cannot be compiled, but simulations, estimators and fits need this: {cause}"
     ),
     "check.not-compiled": "{place}: {subject} works, but cannot be compiled: {error}",
-    "check.compiled-otherwise": (
+    "check.compiled-output": (
         "{place}: {subject} gives other values when it is compiled. It must depend only on its "
         "arguments and fields."
     ),

@@ -42,7 +42,7 @@ TEMPLATES: dict[str, str] = {
         "last bit, x > 0 for a condition"
     ),
     "engine.backend": 'backend = "{value}": expected one of {valid}',
-    "compiler.trouble": "{command}: {error}",
+    "compiler.no-library": "The library that {command} compiled cannot be stored or loaded: {error}",
     "compiler.refuses": "{command} cannot compile the code: {error}",
     "engine.arguments": "{value} arguments, expected {expected}: {names}",
     "engine.not-compiled": "Nothing is compiled yet",
@@ -92,5 +92,5 @@ TEMPLATES: dict[str, str] = {
     "path.no-such-name": '"{path}": {kind} does not have {value}. {suggestion}',
     "compiler.absent": "a C compiler was not found: install gcc or clang, or type: {fix}",
     "compiler.no-command": "BAQUEANO_CC = '{value}': this command does not exist",
-    "compiler.given-up": "Python is used instead of C, and this is slower: {cause}",
+    "compiler.python-used": "Python is used instead of C, and this is slower: {cause}",
 }

@@ -53,7 +53,7 @@ TEMPLATES: dict[str, str] = {
     "corridor.after-laps": "after {laps} laps the estimator expects errors within {bound} (95 %)",
     "corridor.cm": "± {across_cm:.2g} cm across the path, ± {heading_deg:.2g}° in heading",
     "corridor.m": "± {across_m:.2g} m across the path, ± {heading_deg:.2g}° in heading",
-    "corridor.and-truth": "{corridor}. The true position error there is {error_cm:.2g} cm.",
+    "corridor.with-truth": "{corridor}. The true position error there is {error_cm:.2g} cm.",
     "compare.few-fits": (
         "A comparison of fits needs two that are accepted; found {accepted_count} of {count}. For the reasons, "
         "type: {fix}"

@@ -121,7 +121,7 @@ TEMPLATES: dict[str, str] = {
         "{name} ends {gap_m:.2f} m and {gap_deg:.0f}° from where it began; a closed route returns to "
         "within {tolerance_m} m and {tolerance_deg:.0f}°. Drive back to the mark, or teach it as an open route."
     ),
-    "drive.never-began": (
+    "drive.not-started": (
         "{cause}. This was before the first tick: the vehicle did not move, and the run was not written."
     ),
     "pad.lacks": (
@@ -144,7 +144,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "wiring.turns-wrong-left": "the left wheel turns the vehicle in the wrong direction: check its wires",
     "wiring.turns-wrong-right": "the right wheel turns the vehicle in the wrong direction: check its wires",
-    "wiring.answers-as-one": "the two wheels respond as one: check the wires of both motors",
+    "wiring.same-response": "the two wheels respond as one: check the wires of both motors",
     "wiring.swapped": (
         "left and right motor are swapped. An IMU that is upside down gives the same readings, so calibrate the IMU "
         "first. Then swap the connectors of the motors"

@@ -14,9 +14,9 @@ TEMPLATES: dict[str, str] = {
         "{subject} reads {reading:.3g}, as the model predicts, but another sensor contradicts it. {consequence}."
     ),
     "sensor.away": "{subject} reads {reading:.3g}; expected {expected:.3g}. {consequence}.",
-    "sensor.off-sensor": "The error is in the sensor, not in the model",
-    "sensor.off-model": "The error is in the model, not in the sensor. Type: {fix}",
-    "sensor.off-unknown": (
+    "sensor.error-in-sensor": "The error is in the sensor, not in the model",
+    "sensor.error-in-model": "The error is in the model, not in the sensor. Type: {fix}",
+    "sensor.error-in-unknown": (
         "The error can be in this sensor, in another sensor, or in the model. A third source would decide"
     ),
     "sensor.degraded": "DEGRADED: {cause}.",

@@ -16,16 +16,16 @@ TEMPLATES: dict[str, str] = {
     "shake.wheel-all": "wheels slip,",
     "shake.sag": "battery falls to {percent:.0f} % of its voltage",
     "shake.lose": "the line loses {percent:.0f} % of its frames",
-    "shake.over": "over after {duration_s:.1f} s: {fault}",
+    "shake.end": "over after {duration_s:.1f} s: {fault}",
     "shake.kind": "The fault {value} does not exist: expected one of {valid}.",
     "shake.number": "{kind}: {name} = {value}: expected a number from {low:g} to {high:g}.",
     "shake.of": "{kind} of {value}: expected one of {valid}.",
     "shake.fields": "{value} does not have kind, or has an unknown field: expected some of {valid}.",
-    "shake.words": (
+    "shake.syntax": (
         '{value} does not describe a fault. Expected a time and a kind, such as "12 s: push 0.3 N s left" '
         'or "3-6 s: cut imu". The kinds, each with an example: {valid}.'
     ),
-    "shake.form": '{value} does not describe a fault of the kind {kind}: expected for example "{kind} {example}".',
+    "shake.parts": '{value} does not describe a fault of the kind {kind}: expected for example "{kind} {example}".',
     "shake.no-inertia": "This vehicle is kinematic: its velocity is its command, so a {kind} cannot move it.",
     "shake.no-mass": (
         "The vehicle file does not have mass_kg, so the effect of a push of {value} is unknown. "
@@ -52,13 +52,13 @@ TEMPLATES: dict[str, str] = {
     "ledger.who-gate": "gate",
     "ledger.who-nis": "NIS",
     "ledger.fault": "{t_s:.1f} s: {fault}",
-    "ledger.noticed": "    {detector} detected it after {delay_s:.2f} s: {reply}",
-    "ledger.by-nobody": "    it was not detected {reply}",
+    "ledger.detection-line": "    {detector} detected it after {delay_s:.2f} s: {reply}",
+    "ledger.undetected-line": "    it was not detected {reply}",
     "ledger.gate": "rejected {count} innovations within {limit_s:g} s",
     "ledger.nis": "{nis:.2f} over {window_s:g} s, by chance at most {maximum:.2f}",
-    "ledger.nobody": "for {delay_s:.1f} s: NIS at most {nis:.2f}. {reason}.",
-    "ledger.nobody-and-off": "for {delay_s:.1f} s: NIS at most {nis:.2f}. {consequence}. {reason}.",
-    "ledger.off": (
+    "ledger.undetected": "for {delay_s:.1f} s: NIS at most {nis:.2f}. {reason}.",
+    "ledger.undetected-error": "for {delay_s:.1f} s: NIS at most {nis:.2f}. {consequence}. {reason}.",
+    "ledger.estimate-error": (
         "The estimate has an error of {error_cm:.1f} cm, but its own uncertainty is ± {bound_cm:.1f} cm."
     ),
     "ledger.why-push": "The push is within the disturbance that the filter expects from the floor.",

@@ -24,7 +24,7 @@ TEMPLATES: dict[str, str] = {
     "simulate.lost": "{count} of {vehicles} vehicles diverged and were excluded",
     "simulate.clipped": "in {count} of {vehicles} draws a parameter was moved to its bound",
     "compare.inconsistent": "{subject}: {verdict:word}",
-    "tune.aside": "aside_m = {aside_m:g}: expected a finite distance [m], 0 for a start on the route.",
+    "tune.offset": "aside_m = {aside_m:g}: expected a finite distance [m], 0 for a start on the route.",
     "tune.all-run-away": (
         "{vehicle}: with every gain in the search the simulated vehicle diverges. Limit the "
         "command ([command] limit), or give smaller bounds."

@@ -36,8 +36,8 @@ TEMPLATES: dict[str, str] = {
     "damage.data-checksum": "the checksum of all data is wrong",
     "run.disk-slow": "the disk was too slow: {records} estimates, references or poses are not in this run",
     "run.not-packed": "the shape of {topic} is wrong, so it is not in this run: {error}",
-    "damage.at": "bytes {first} to {last}: {cause}",
-    "run.and": "{first}; {second}",
+    "damage.place": "bytes {first} to {last}: {cause}",
+    "run.pair": "{first}; {second}",
     "run.repeated-ticks": "{count} repeated ticks were excluded",
     "run.other-size": (
         "{topic} has {value} values, but /command/applied has {expected}: the topic was excluded"

@@ -50,7 +50,7 @@ TEMPLATES: dict[str, str] = {
         "the timestamps jump at {jumps} places, by up to {max_s:.3g} s. No segment between two jumps lasts {min_s:g} "
         "s, so the run was not cut. Check its time column"
     ),
-    "command.beyond-zero": (
+    "command.limit-zero": (
         "{subject} reaches {maximum:.3g}, but its limit in the vehicle file is 0. Are columns swapped?"
     ),
     "command.unit": (
@@ -174,7 +174,7 @@ TEMPLATES: dict[str, str] = {
         "the residuals of {subject} are autocorrelated. They reach {percent:g} % of the motion that the "
         "model explains there, and {ratio:.1f} times its noise. The model is incomplete"
     ),
-    "residual.late": (
+    "residual.late-readings": (
         "{readings} readings of {subject} are beyond {limit:g} standard deviations when the signal "
         "changes fast ({z:.0f} standard errors). There is a delay, or the model is too simple for fast "
         "changes. To estimate a delay, type: {fix}"
@@ -184,11 +184,11 @@ TEMPLATES: dict[str, str] = {
         "changes fast ({z:.0f} standard errors). The delay is estimated, so the model is too simple for fast "
         "changes"
     ),
-    "residual.lacking": (
+    "residual.incomplete-model": (
         "the residuals of {subject} are autocorrelated and large: the model is incomplete there"
     ),
-    "residual.loud": "the residuals of {subject}, {sigma:.3g}, are {ratio:.0f} times the noise in the file",
-    "residual.one-far": (
+    "residual.large": "the residuals of {subject}, {sigma:.3g}, are {ratio:.0f} times the noise in the file",
+    "residual.outlier": (
         "{subject}: measured {measurement:.4g}{unit}, predicted {model:.4g}{unit}; they differ by {z:.0f} "
         "standard deviations"
     ),

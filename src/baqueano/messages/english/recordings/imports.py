@@ -1,18 +1,18 @@
 """English sentences about a recording that is imported, and about the rows to write in its map."""
 
 TEMPLATES = {
-    "recording.alone": "{finding:word}: {cause}",
-    "recording.with-line": "{finding:word}: {cause}; {line}",
-    "recording.and-line": "{cause}; {line}",
-    "recording.then": "{first}. {second}",
-    "recording.and": "{first}, and {second}",
+    "recording.cause": "{finding:word}: {cause}",
+    "recording.finding-and-line": "{finding:word}: {cause}; {line}",
+    "recording.cause-and-line": "{cause}; {line}",
+    "recording.two-sentences": "{first}. {second}",
+    "recording.pair": "{first}, and {second}",
     "recording.list": "{first}, {second}",
     "recording.accepted": "{cause} (accepted by the map)",
     "recording.write": "write {line}",
-    "recording.perhaps": "perhaps {line:word}",
+    "recording.possible-line": "perhaps {line:word}",
     "recording.perhaps-smaller": 'perhaps unit = "mg", or "raw" with a scale',
-    "recording.perhaps-gyro": "perhaps {line} for the gyro",
-    "recording.if-in": 'if the column is in {unit_name} write unit = "{unit_name}"',
+    "recording.possible-gyro-line": "perhaps {line} for the gyro",
+    "recording.unit-entry": 'if the column is in {unit_name} write unit = "{unit_name}"',
     "recording.check-scale": "check its scale",
     "recording.check-both-units": "check both units",
     "recording.check-unit-and-scale": "check its unit and scale",
@@ -60,7 +60,7 @@ TEMPLATES = {
     ),
     "recording.constant": "[{key}] entry {number}: {value:g} in all {rows} rows; is it connected?",
     "recording.constant-command": "command {name} is {value:g} all the time",
-    "recording.held": (
+    "recording.repeated-rows": (
         "[{key}]: {share:.0%} of the rows repeat the previous row: a new value arrives about every "
         "{period_rows:.1f} rows"
     ),
@@ -70,7 +70,7 @@ TEMPLATES = {
         "[truth] eta: course and heading turn in opposite directions (agreement {agreement:.2f}, mirrored "
         "{mirrored_agreement:.2f})"
     ),
-    "recording.beside": "[truth] eta[2]: the direction of motion differs from the heading by "
+    "recording.camera-turned": "[truth] eta[2]: the direction of motion differs from the heading by "
                     "{offset_deg:.0f}° (or {opposite_deg:.0f}°)",
     "recording.too-much": (
         '{key} with unit = "{unit_name}" reaches {value:.3g} {quantity}: this is too much for a small vehicle'
@@ -100,7 +100,7 @@ TEMPLATES = {
     "recording.against-motion": (
         "{key} is {slope:.3g} times the value that speed and yaw rate imply (correlation {correlation:.2f})"
     ),
-    "recording.twice": (
+    "recording.unit-ratio": (
         'the unit "{unit_name}" is too small by a factor of {ratio:.4g}. Is the column in SI units?'
     ),
     "recording.no-sign": "{key} is never negative: the sensor does not measure the direction",
@@ -117,18 +117,18 @@ TEMPLATES = {
         "[truth] agrees best with {key} if it is shifted {shift_ms:.0f} ms earlier (correlation {correlation:.3f} "
         "now, {shifted_correlation:.3f} then)"
     ),
-    "recording.turns-against": (
+    "recording.yaw-rates-opposite": (
         "{wheels} and {reference} give yaw rates of opposite sign (correlation {correlation:.2f})"
     ),
-    "recording.and-sideways": "{cause}, and {key} contradicts it ({correlation:.2f})",
-    "recording.turns-otherwise": "{wheels} and {reference} disagree on the yaw rate (correlation {correlation:.2f})",
+    "recording.cause-and-contradiction": "{cause}, and {key} contradicts it ({correlation:.2f})",
+    "recording.yaw-rates-disagree": "{wheels} and {reference} disagree on the yaw rate (correlation {correlation:.2f})",
     "recording.track": (
         "{wheels} and {reference} agree if the wheels are {track_m:.3g} m apart (correlation {correlation:.2f})"
     ),
     "recording.axes-swapped": (
         "{first_key} agrees with v·ω and {second_key} with v̇ (correlations {first:.2f}, {second:.2f})"
     ),
-    "recording.other-steers": (
+    "recording.other-steering": (
         "command {command} turns the vehicle (correlation {correlation:.2f}), but {steering} does not"
     ),
     "recording.turns-right": (

@@ -38,11 +38,11 @@ TEMPLATES: dict[str, str] = {
     "runs.not-written": "{path}: the run could not be written ({error}).",
     "runs.decimal": 'decimal = {value!r}: write decimal "." or ","',
     "runs.no-trajectory": "Run {run} does not have trajectory {value!r}; it has: {trajectories}.",
-    "runs.file-in-the-way": "{path} exists already. Give another name, or remove it.",
+    "runs.file-exists": "{path} exists already. Give another name, or remove it.",
     "runs.folder-empty": "Run {value!r} does not exist: folder {folder} does not contain runs yet. To make one: {fix}",
     "runs.unknown": "No run in {folder} matches {value!r}. The newest there: {valid}. To list all: {fix}",
     "runs.ambiguous": "{value!r} matches more than one run of {folder}: {valid}. Type one of these names.",
-    "runs.none-like": (
+    "runs.no-match": (
         "No run in {folder} matches {value!r}. Give numbers (3-28), every second number (3-28:2), a name "
         "with *, or a folder. To list the runs: {fix}"
     ),

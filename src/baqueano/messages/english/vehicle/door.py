@@ -12,8 +12,8 @@ TEMPLATES: dict[str, str] = {
     S.STOPPED_BY_COMMAND: "the vehicle was stopped with the command baqueano robot stop",
     "door.own-mission": "Your last mission is still running. Wait for its end, or stop it.",
     "door.mission": "This vehicle is on a mission. You can stop it: {fix}",
-    "door.somebody": "Another person drives this vehicle now. You can stop it: {fix}",
-    "door.somebody-waits": (
+    "door.other-driver": "Another person drives this vehicle now. You can stop it: {fix}",
+    "door.other-reservation": (
         "The program of another person reserves this vehicle between two drives. The vehicle is at "
         "rest, but that program can drive it at any moment. Wait until the program has ended."
     ),
@@ -28,7 +28,7 @@ TEMPLATES: dict[str, str] = {
         "vehicle is version {robot_protocol}, here {laptop_protocol}. Install the newer one on both. On the "
         "vehicle: {fix}"
     ),
-    "remote.gone": "{host}: the connection was lost ({error}). The vehicle stops.",
+    "remote.connection-lost": "{host}: the connection was lost ({error}). The vehicle stops.",
     "remote.silent": (
         "{host} did not answer within {limit_s:g} s. Does its service run? Type there: "
         "systemctl status baqueano"
@@ -68,7 +68,7 @@ TEMPLATES: dict[str, str] = {
     "door.not-settable": (
         "{path} cannot be set while the vehicle drives; the values that can be set are {valid}"
     ),
-    "door.swapped": "{kind} is used as {role}, in place of the block of the vehicle file",
+    "door.block-replaced": "{kind} is used as {role}, in place of the block of the vehicle file",
     "door.set": "{path} is now {value}; it was {former_value}",
     "door.pace": "pace {value:g}: expected a factor from {min_factor:g} to {max_factor:g}",
     "door.guide-pace": "guide.pace = {value}: expected a number from 0 (the vehicle waits) to 1",
@@ -97,13 +97,13 @@ TEMPLATES: dict[str, str] = {
         "port into the vehicle file, or type: --set robot.port={host}"
     ),
     "ssh.too-much": "The answer of the vehicle is longer than {max_mb} MB, so the rest was not read.",
-    "door.nobody": (
+    "door.no-answer": (
         "{path}: no service answers there ({error}). On the vehicle type: {fix}. From a laptop, name the "
         "vehicle, for example pilot@rover.local"
     ),
     "door.state": "The vehicle is {state}. {advice}.",
     "door.state-because": "The vehicle is {state}: {cause}. {advice}.",
-    "door.mend": "Correct that; the vehicle checks again by itself",
+    "door.correct-and-wait": "Correct that; the vehicle checks again by itself",
     "door.clear": "Look at the vehicle, then type: {fix}",
     "door.wait": "Wait until it is done, or stop it: {fix}",
 }

@@ -13,14 +13,14 @@ TEMPLATES: dict[str, str] = {
     "emulated.no-packages": "--robot emulated: the emulator needs Debian packages. Type: {fix}",
     "bus.pinctrl-answer": "pinctrl get {pins} answered {value}: expected one line per pin.",
     "bus.pinctrl-refused": "pinctrl set {pin} {options} answered: {reply}",
-    "bus.not-given-back": "GPIO 2 and 3 could not be set back to I2C mode{cause}. Type: {fix}",
+    "bus.pins-not-restored": "GPIO 2 and 3 could not be set back to I2C mode{cause}. Type: {fix}",
     "bus.too-late": "{command} did not finish within {limit_s:g} s. Type: {fix}",
     "bus.call-failed": "{command} failed: {error}",
     "bus.call-refused": (
         "{command} failed ({exit}): {reply}. Is this user in the group gpio? Type: sudo usermod -aG gpio $USER, "
         "and log in again."
     ),
-    "bus.not-this": "{path} is not /dev/{bus}, so its pins are unknown.",
+    "bus.other-bus": "{path} is not /dev/{bus}, so its pins are unknown.",
     "bus.other-pins": (
         "GPIO 2 is {sda} and GPIO 3 is {scl}; expected: {expected}. On this board these pins do not "
         "belong to i2c-bcm2835, so they were not changed."
@@ -174,11 +174,11 @@ TEMPLATES: dict[str, str] = {
     "uno.several-lines": (
         'There are {count} serial lines: {lines}. Name one in the vehicle file: [robot] port = "{first}"'
     ),
-    "settings.way": (
+    "settings.wheel-direction": (
         "--{option} {value}: expected a wheel and direction with a number, such as left-forwards=0.9; "
         "wheels and directions are {valid} and all."
     ),
-    "settings.word": "--{option} {value}: expected one of {valid}.",
+    "settings.choice": "--{option} {value}: expected one of {valid}.",
     "settings.number": "--{option} {value}: expected a number from {minimum:g} to {maximum:g}.",
     "settings.motor-runs": (
         "A motor runs (left {left:+.0%}, right {right:+.0%} of full duty): expected both at rest. Nothing "
@@ -224,7 +224,7 @@ TEMPLATES: dict[str, str] = {
         "{name}: the wheel does not turn below a duty of {dead_zone:.0%}, but the firmware compensates 70 "
         "% at most. Charge the battery, or check what brakes the wheel."
     ),
-    "hardware.service-has-it": (
+    "hardware.used-by-service": (
         "The service uses the hardware, and this user is not allowed to stop it ({error}). Type: {fix}"
     ),
     "hardware.drives": (

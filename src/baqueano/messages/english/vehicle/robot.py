@@ -62,7 +62,7 @@ TEMPLATES: dict[str, str] = {
     "error.RobotUnreachable": "{words}",
     "error.SafetyStop": "{words}",
     "block.raised-outside": "{place} raised {error}",
-    "service.unforeseen": "{error}",
+    "service.unexpected-error": "{error}",
     "calibration.stopped": "The calibration was stopped: {cause}.",
     "hardware.note": "{words}",
     "imu.answers": "the IMU answers now",
@@ -71,7 +71,7 @@ TEMPLATES: dict[str, str] = {
         "GPIO. They free the bus from a chip in the middle of a byte. If that does not help, disconnect "
         "the IMU's supply for a second."
     ),
-    "imu.back": "The IMU is back after {silent_s:.2f} s.",
+    "imu.answers-again": "The IMU is back after {silent_s:.2f} s.",
     "imu.data-missing": "No data from the IMU for {silent_s:g} s{cause}.",
     "imu.frozen": "The IMU repeated the same data {count} times.",
     "imu.saturated": "The IMU's {axis:word} (the chip's axis) is at full scale, {range}.",
@@ -96,7 +96,7 @@ TEMPLATES: dict[str, str] = {
         "SCL (GPIO 3) is stuck low after {clocks} clock pulses, so more pulses cannot be sent."
     ),
     "bus.sda-held": "SDA (GPIO 2) is still low after {clocks} clock pulses.",
-    "bus.given-back": (
+    "bus.pins-restored": (
         "GPIO 2 and 3 were not in I2C mode, probably because a program was killed. They were set back to "
         "I2C mode."
     ),
@@ -126,7 +126,7 @@ TEMPLATES: dict[str, str] = {
         "received, {lost_frames} lost, {late_frames} repeated or too late, {damaged_frames} damaged. The Uno was "
         "reset {resets} times"
     ),
-    "drive.line-in-trouble": (
+    "drive.line-stopped": (
         "the line to the Uno: {sent_commands} commands sent, {unsent_commands} not sent. {received_frames} frames "
         "received, {lost_frames} lost, {late_frames} repeated or too late, {damaged_frames} damaged. The Uno was "
         "reset {resets} times. {cause}"
