@@ -232,3 +232,23 @@ def test_a_guide_that_raises_is_named_by_teach():
     with refused("route.stopped", AnswerNo) as error:
         bq.teach(bq.load("small"), Broken, duration_s=3.0)
     assert includes(error.value.diagnostic, "block.raised")
+
+
+def test_a_missing_signal_is_answered_with_a_call_that_runs():
+    with pytest.raises(Misuse) as error_info:
+        bq.simulate(ROBOT)
+    assert isinstance(eval(error_info.value.diagnostic.fix, {"bq": bq, "robot": ROBOT}), Run)
+
+
+@pytest.mark.parametrize("name", ["circle", "eight"])
+def test_the_name_of_a_shape_is_answered_with_its_route(name):
+    with pytest.raises(Misuse) as error_info:
+        bq.repeat(ROBOT, name)
+    names = {}
+    exec(error_info.value.diagnostic.fix, names)
+    assert len(names["route"].t_s) > 100
+
+
+def test_a_channel_without_a_limit_has_no_negative_zeros():
+    u = bq.excitation("random_steps", ROBOT.command.limit, 5.0, ROBOT.rate_hz)
+    assert not np.signbit(u[:, 1]).any()

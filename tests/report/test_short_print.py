@@ -39,7 +39,7 @@ def test_the_verdict_of_a_long_table_is_printed():
         def table(self):
             return "\n".join([*"abcdefghijklmn", "WARN: a reason"])
 
-    assert repr(Long()).splitlines()[-2:] == ["4 more lines: .table()", "WARN: a reason"]
+    assert repr(Long()).splitlines()[-2:] == ["more lines (4): .table()", "WARN: a reason"]
 
 
 @pytest.mark.parametrize("name", ["page.pdf", "page.SVG"])

@@ -27,11 +27,12 @@ F = TypeVar("F", bound=Callable[..., Tree])
 
 
 class ArgumentKind(NamedTuple):
-    """The kind of an argument: its name for the reader, its test, and a line that reads one from a file."""
+    """The kind of an argument: its name, its test, and lines that read one from a file or make one by name."""
 
     name: str
     accepts: Callable[[object], bool]
     reader: str = ""
+    maker: str = ""
 
 
 LIST = N_("a list")
@@ -64,7 +65,10 @@ ALLOWED = {  # part of an annotation → the kind
     "VehicleFile": ArgumentKind(N_("a vehicle file"), _has_class("VehicleFile"), "robot = bq.load({})"),
     "Run": ArgumentKind(N_("a run"), _has_class("Run"), "run = bq.read_run({})"),
     "Route": ArgumentKind(
-        N_("a route"), _has_class("Route"), "from baqueano.runs import read_route; route = read_route({})"
+        N_("a route"),
+        _has_class("Route"),
+        "from baqueano.runs import read_route; route = read_route({})",
+        "from baqueano.guides.shapes import shape; route = shape({}, 1.0, 0.25)",
     ),
     "Fit": ArgumentKind(N_("a fit"), _has_class("Fit")),
     "FitOptions": ArgumentKind(N_("the options of a fit"), _has_class("FitOptions")),
@@ -248,8 +252,10 @@ def _refuse_kind(
         if (position := next(wrong_items, None)) is not None:
             label, value = f"{name}[{position}]", value[position]
             is_item = True
-    reader = next((kind.reader for kind in kinds[name] if kind.reader), "")
     is_text = isinstance(value, str | PurePath)
+    is_file = is_text and bool(PurePath(value).suffix)
+    readers = ((kind.maker if kind.maker and not is_file else kind.reader) for kind in kinds[name])
+    reader = next(filter(None, readers), "")
     value_text = f'"{value}"' if is_text else _short_repr(value)
     fix = reader.format(value_text, name=name) if is_text and reader else example
     if type(value) is float and ALLOWED["int"] in kinds[name]:

@@ -127,7 +127,7 @@ def shorten(
     >>> print(shorten(["gains"], ["a 1", "b 2", "c 3", "d 4"], ["USABLE"], line_count=4))
     gains
     a 1
-    3 more lines: .table()
+    more lines (3): .table()
     USABLE
     """
     first, middle, last = ([_parts(line) for line in lines] for lines in (head, rows, tail))

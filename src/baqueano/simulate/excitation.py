@@ -191,7 +191,7 @@ def excitation(
         raise UsageError(fault("signal.all-rest", rest_s=rest_s, moving_s=moving_s, duration_s=duration_s))
     u = KINDS[kind](limit, moving_s, rate_hz, seed, **options)
     rest = np.zeros((round(rest_s * rate_hz), u.shape[1]))
-    return np.concatenate([rest, u, rest])
+    return np.concatenate([rest, u, rest]) + 0.0  # not -0.0
 
 
 def _validate(limit: ArrayLike, duration_s: float, rate_hz: float) -> tuple[np.ndarray, int]:

@@ -48,7 +48,7 @@ class Readings(NamedTuple):
     slots: ByName[Slot]
 
 
-@checked_call("bq.simulate(robot, u)")
+@checked_call('bq.simulate(robot, bq.excitation("random_steps", robot.command.limit, 60.0, robot.rate_hz))')
 def simulate(
     vehicle_file: "VehicleFile",
     u: ArrayLike,

@@ -18,7 +18,7 @@ TEMPLATES: dict[str, str] = {
     "front.no-attribute": "{owner} does not have attribute {value}. {suggestion}.",
     "call.option-of": "{call}() does not accept {value}, which is an option of {owner}. Add: {fix}",
     "front.advice": "Type: {fix}",
-    "front.more": "{lines} more lines: .table()",
+    "front.more": "more lines ({lines}): .table()",
     "front.fit": "Fit of {vehicle} to {runs}: {count} of {parameters} parameters have an estimate",
     "front.across-true": "{cm:.2g} cm rms across the path",
     "front.across-estimate": "{cm:.2g} cm according to its estimate",
