@@ -278,16 +278,14 @@ def find_route(name: str) -> "Route":
     path = route_path(name)
     if not path.is_file():
         stored_names = stored_routes()
-        route_list = (
-            note("cli.routes", names=", ".join(stored_names)) if stored_names else note("cli.no-routes")
-        )
+        routes = note("cli.routes", names=", ".join(stored_names)) if stored_names else note("cli.no-routes")
         raise FileError(
             fault(
                 "cli.route-absent",
                 baqueano_command("teach", name, *_vehicle_argument()),
                 value=name,
                 absent_path=path,
-                valid=route_list,
+                valid=routes,
             )
         )
     if b"\0" in path.read_bytes()[:1000]:

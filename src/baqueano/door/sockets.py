@@ -9,8 +9,7 @@
 the version of the protocol: missions of other versions are refused, but stops are always accepted. A new connection
 receives the last state at once. All connections receive the events of each drive, recognised by its `id`.
 Only the user of the service and its group can open the socket; others need ssh (remote.py). In each turn the door reads
-all connections, handles the stops, sends the queued messages, and answers the other lines in equal shares. A malformed
-line is answered by `refused`. A client that does not read is disconnected.
+all connections, handles the stops, sends the queued messages, and answers the other lines in equal shares.
 """
 
 import errno
@@ -32,7 +31,7 @@ from baqueano.door import VERSION
 from baqueano.door.clients import MAX_LINE_BYTES, MAX_SHORT_LINE_BYTES, DoorClient
 from baqueano.door.files import RunFiles
 from baqueano.door.frames.rows import MAX_FRAME_RATE_HZ, MAX_STORED_TICKS, TICKS_PER_TURN, Frames
-from baqueano.door.wire import encode
+from baqueano.door.wire import REFUSED, encode
 from baqueano.errors import BaqueanoError, Invalid, RobotUnreachable, UsageError, error_text
 from baqueano.messages import text
 
@@ -62,11 +61,11 @@ class Door:
         self.path, self.operator, self.frames = path, operator, Frames()
         self._halt, self._handlers, self._files = halt, dict(handlers or {}), RunFiles(folder, self._wake)
         self._clients: set[DoorClient] = set()
-        self._end_times_s: dict[DoorClient, float] = {}  # end of the connection of clients in extra places
+        self._ends_s: dict[DoorClient, float] = {}  # end of the connection of clients in extra places
         self._state: JsonObject = {}  # the last state sent
         self._outbox: deque[JsonObject] = deque()
         self._coming: deque[socket.socket] = deque()
-        self._has_unsent_rows = False  # some ticks are not yet converted to rows
+        self._is_behind = False  # some ticks are not yet converted to rows
         self._busy, self._number = 0, 0  # lines answered in the last turn, and in total
         self._end_event = threading.Event()
         self._listener = None if path is None else _listening_socket(path)
@@ -126,7 +125,7 @@ class Door:
             self._answer_all()
             self._send_new_rows()
             self._send_all()
-            for client in [client for client, until in self._end_times_s.items() if time.monotonic() > until]:
+            for client in [client for client, until in self._ends_s.items() if time.monotonic() > until]:
                 self._refuse_client(client)
         self._queue_broadcasts()
         self._send_all()
@@ -135,16 +134,11 @@ class Door:
         """Return the longest time [s] for which the door waits for an event."""
         if self._busy >= MAX_LINES // 2:
             time.sleep(ROUND_PAUSE_S)
-        if (
-            self._has_unsent_rows
-            or self._coming
-            or self._outbox
-            or any(client.lines for client in self._clients)
-        ):
+        if self._is_behind or self._coming or self._outbox or any(client.lines for client in self._clients):
             return 0.0
         fastest = max((client.hz for client in self._clients), default=0.0)
         if fastest <= 0.0:
-            return SHORT_S if self._end_times_s else LOOK_S
+            return SHORT_S if self._ends_s else LOOK_S
         now_s = time.monotonic()
         return max(0.0, (int(now_s * fastest) + 1) / fastest - now_s)
 
@@ -174,10 +168,10 @@ class Door:
         with suppress(OSError):
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         client = DoorClient(connection)
-        if len(self._clients) - len(self._end_times_s) >= MAX_CLIENTS:
-            if len(self._end_times_s) >= STOP_CONNECTIONS:
-                self._disconnect(min(self._end_times_s, key=self._end_times_s.__getitem__))
-            self._end_times_s[client] = time.monotonic() + SHORT_S
+        if len(self._clients) - len(self._ends_s) >= MAX_CLIENTS:
+            if len(self._ends_s) >= STOP_CONNECTIONS:
+                self._disconnect(min(self._ends_s, key=self._ends_s.__getitem__))
+            self._ends_s[client] = time.monotonic() + SHORT_S
         elif self._state:
             client.enqueue(self._state)
         self._clients.add(client)
@@ -207,10 +201,8 @@ class Door:
         """Refuse a line longer than MAX_SHORT_LINE_BYTES; accept one mission at a time, up to MAX_LINE_BYTES."""
         try:
             self.operator.check_admission(client)
-            for stalled_client in [
-                stalled_client for stalled_client in self._clients - {client} if stalled_client.has_stalled
-            ]:
-                self._disconnect(stalled_client)
+            for peer in [peer for peer in self._clients - {client} if peer.has_stalled]:
+                self._disconnect(peer)
             is_busy = any(c.partial_line_bytes > MAX_SHORT_LINE_BYTES for c in self._clients - {client})
             if is_busy or client.partial_line_bytes > MAX_LINE_BYTES or not client.can_be_mission:
                 raise Invalid(fault("door.too-long", max_kb=MAX_SHORT_LINE_BYTES >> 10))
@@ -220,7 +212,7 @@ class Door:
 
     def _answer_all(self) -> None:
         """Answer lines of all clients in turn: one, and more until MAX_LINES, MAX_ROUND_S or a message of the loop."""
-        for client in [peer for peer in self._end_times_s if peer.lines]:
+        for client in [peer for peer in self._ends_s if peer.lines]:
             self._refuse_client(client)
         self._busy, end_s = 0, time.monotonic() + MAX_ROUND_S
         queue = deque(sorted((peer for peer in self._clients if peer.lines), key=lambda peer: peer.answered))
@@ -242,10 +234,10 @@ class Door:
             if len(line) > MAX_SHORT_LINE_BYTES:  # decoding blocks all threads, so check admission first
                 self.operator.check_admission(client)
             request = json.loads(line)
-            request_type = request["type" if "type" in request else "do"]  # do: a stop of an earlier version
-            if len(line) > MAX_SHORT_LINE_BYTES and request_type not in ("mission", "stop"):
+            request.setdefault("type", request.get("do"))  # do: a stop of an earlier version
+            if len(line) > MAX_SHORT_LINE_BYTES and request["type"] not in ("mission", "stop"):
                 raise Invalid(fault("door.too-long", max_kb=MAX_SHORT_LINE_BYTES >> 10))
-            self._execute(client, request, request_type)
+            self._execute(client, request)
         except (BaqueanoError, Invalid) as error:
             self._refuse(client, error.diagnostic, getattr(error, "exit_code", UsageError.exit_code))
         except Exception as error:  # a line can cause any error, and this thread is the only reader
@@ -253,17 +245,9 @@ class Door:
 
     def _refuse(self, client: DoorClient, diagnostic: Diagnostic, code: int) -> None:
         """Send a refusal. Its `is` and its sentence `reason` are for clients of another version."""
-        client.enqueue(
-            {
-                "type": "refused",
-                "is": "refused",
-                "reason": text(diagnostic),
-                "diagnostic": diagnostic,
-                "code": code,
-            }
-        )
+        client.enqueue(REFUSED | {"reason": text(diagnostic), "diagnostic": diagnostic, "code": code})
 
-    def _execute(self, client: DoorClient, request: "JsonObject", verb: str) -> None:
+    def _execute(self, client: DoorClient, request: "JsonObject") -> None:
         actions: dict[str, Callable[[], object]] = {
             "mission": lambda: self._queue_mission(client, request),
             "hand": lambda: self.operator.set_command(client, request["u"]),
@@ -278,7 +262,7 @@ class Door:
             "watch": lambda: self._subscribe(client, request),
             "set": lambda: self._set_gain(client, request),
         }
-        if verb in self._handlers:
+        if (verb := request["type"]) in self._handlers:
             if (answer := self._handlers[verb](client, request)) is not None:
                 client.enqueue(answer)
         elif verb in actions:
@@ -303,8 +287,8 @@ class Door:
         self.operator.stop(reason)
         self._halt()
         client.enqueue({"type": "received", "request": "stop"})
-        if client in self._end_times_s:
-            self._end_times_s[client] = time.monotonic() + STOPPED_S
+        if client in self._ends_s:
+            self._ends_s[client] = time.monotonic() + STOPPED_S
 
     def _subscribe(self, client: DoorClient, request: "JsonObject") -> None:
         """Begin to send frames of the next ticks to a client, at `hz`, at most MAX_FRAME_RATE_HZ; 0 ends this."""
@@ -336,10 +320,10 @@ class Door:
     def _send_new_rows(self, at_once: bool = False) -> None:
         """Send new rows to the clients for which they are due, or to all if `at_once`; equal rows are encoded once."""
         watching = [client for client in self._clients if client.hz > 0.0]
-        (drive, _), frames_by_columns, self._has_unsent_rows = self.frames.drive(), {}, False
+        (drive, _), frames_by_columns, self._is_behind = self.frames.drive(), {}, False
         if drive is None or not watching:
             return
-        self._has_unsent_rows = drive.convert(MAX_STORED_TICKS if at_once else TICKS_PER_TURN)
+        self._is_behind = drive.convert(MAX_STORED_TICKS if at_once else TICKS_PER_TURN)
         now_s = time.monotonic()
         for client in watching:
             self._send_description(client)
@@ -379,7 +363,7 @@ class Door:
         if client not in self._clients:
             return
         self._clients.discard(client)
-        self._end_times_s.pop(client, None)
+        self._ends_s.pop(client, None)
         self.operator.revoke_holder(client)
         with suppress(KeyError, ValueError):
             self._selector.unregister(client.line)

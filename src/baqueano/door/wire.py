@@ -20,6 +20,7 @@ REQUIRED_FIELDS: dict[str, "JsonObject"] = {  # the required fields of a message
 }  # fmt: skip
 
 
+REFUSED = {"type": "refused", "is": "refused"}  # `is` is for clients with an earlier version of the protocol
 FORMER_FIELDS = {"is": "type", "do": "request"}  # of a robot with an earlier version of the protocol
 
 

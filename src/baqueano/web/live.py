@@ -115,19 +115,17 @@ class Live:
         """Execute a message of a browser. Raise UsageError if the message names another vehicle and is not a stop."""
         if message.get("robot", self.robot) != self.robot and message["type"] != "stop":
             raise UsageError(fault("web.other-robot"))
-        message = {name: value for name, value in message.items() if name != "robot"}
-        if message["type"] == "mission" and self._local is not None:
+        kind, message = message["type"], {name: value for name, value in message.items() if name != "robot"}
+        if kind == "mission" and self._local is not None:
             return await self._send_packed_mission(visitor, message, self._local)
         actions = dict.fromkeys(("mark", "end", "set", "shake", "again"), self._forward) | {
             "stop": self._stop, "beat": self._beat, "take": self._take, "give": self._give, "clear": self._clear,
             "mission": self._mission, "pause": self._pause, "go": self._pause, "pace": self._pace,
             "history": self._send_history, "identify": self._identify,
         }  # fmt: skip
-        if message["type"] not in actions:
-            raise UsageError(
-                fault("web.unknown-word", request=one_line(message["type"])[:MAX_OPTION_LETTERS])
-            )
-        return actions[message["type"]](visitor, message)
+        if kind not in actions:
+            raise UsageError(fault("web.unknown-word", request=one_line(kind)[:MAX_OPTION_LETTERS]))
+        return actions[kind](visitor, message)
 
     def on_disconnect(self, visitor: Visitor) -> None:
         """End the right to drive of a browser that has disconnected; without its heartbeats the vehicle stops."""
@@ -213,7 +211,7 @@ class Live:
         """Forward a request of the driver, as a mark, a gain, or a fault of a simulated vehicle."""
         self.lease.check_holder(visitor)
         self._last_sender = visitor
-        self._link.send(message["type"], **{k: v for k, v in message.items() if k not in ("type",)})
+        self._link.send(message["type"], **{k: v for k, v in message.items() if k != "type"})
 
     def _pace(self, visitor: Visitor, message: "JsonObject") -> None:
         """Forward the pace from the driver, or from a browser with the role DRIVE without a driver."""
@@ -398,6 +396,5 @@ class Live:
 
     def _send_event(self, visitor: Visitor, t_s: float, message: Diagnostic) -> None:
         with use_language(visitor.language):
-            visitor.send(
-                {"type": "event", "t": t_s, "severity": str(message.severity), "text": text(message)}
-            )
+            event = {"t": t_s, "severity": str(message.severity), "text": text(message)}
+            visitor.send({"type": "event"} | event)

@@ -91,16 +91,14 @@ class Cursor:
     """A reader of strings, integers and maps from a part of the file. Its methods raise DamageError beyond its end."""
 
     def __init__(self, data: bytes | memoryview) -> None:
-        self.data, self.position = memoryview(data), 0
+        self.data, self.index = memoryview(data), 0
 
     def read(self, size: int) -> memoryview:
         """Return the next `size` bytes. Raise DamageError if fewer are left."""
-        if size > len(self.data) - self.position:
-            raise DamageError(
-                fault("damage.field", size=size, remaining_bytes=len(self.data) - self.position)
-            )
-        self.position += size
-        return self.data[self.position - size : self.position]
+        if size > len(self.data) - self.index:
+            raise DamageError(fault("damage.field", size=size, remaining_bytes=len(self.data) - self.index))
+        self.index += size
+        return self.data[self.index - size : self.index]
 
     def integer(self, size: int) -> int:
         """Return an unsigned integer of `size` bytes."""
@@ -116,7 +114,7 @@ class Cursor:
     def pairs(self) -> dict[str, str]:
         """Return a map from string to string. Raise DamageError for more than MAX_PAIRS entries."""
         cursor, pairs = Cursor(self.read(self.integer(4))), {}
-        while cursor.position < len(cursor.data):
+        while cursor.index < len(cursor.data):
             key = cursor.text()
             pairs[key] = cursor.text()
             if len(pairs) > MAX_PAIRS:
@@ -345,7 +343,7 @@ class _RecordReader:
         cursor.read(_CHUNK_HEAD.size)
         compression = cursor.text()
         payload = cursor.read(cursor.integer(8))
-        if cursor.position != len(content):
+        if cursor.index != len(content):
             raise DamageError(fault("damage.chunk-longer"))
         if size > MAX_CHUNK_BYTES:
             raise DamageError(fault("damage.chunk-unpacks", unpacked_mib=size / 2**20))

@@ -62,13 +62,11 @@ def draft_map(recording: Path | str, *others: Path | str, path: Path | str | Non
     if path is not None and Path(path).exists():
         raise FileError(fault("cli.file-exists", "--draft FILE.toml", path=path))
     table, encoding = _read_in_any_encoding(recording := Path(recording))
-    for file_of_set in map(Path, others):
-        columns = _read_in_any_encoding(file_of_set)[0].columns
+    for file in map(Path, others):
+        columns = _read_in_any_encoding(file)[0].columns
         if missing := [name for name in table.columns if name not in columns]:
-            fix = baqueano_command(
-                "runs", "import", file_of_set, "--draft", file_of_set.with_suffix(".toml").name
-            )
-            figures = {"table": file_of_set.name, "first": recording.name, "columns": missing}
+            fix = baqueano_command("runs", "import", file, "--draft", file.with_suffix(".toml").name)
+            figures = {"table": file.name, "first": recording.name, "columns": missing}
             raise UsageError(fault("import.draft-columns", fix, **figures))
     free_columns = list(table.columns)
     lines = [
