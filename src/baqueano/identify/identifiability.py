@@ -292,13 +292,8 @@ def unobservable_reason(
         separation = _separation((parameter, *collinear))
         remedy = note("identifiability.measure", tool=by) if by else note("identifiability.fix-one")
         return note(
-            "identifiability.collinear",
-            subject=path,
-            others=others,
-            value=value,
-            advice=remedy,
-            motion=separation,
-        )
+            "identifiability.collinear", subject=path, others=others, value=value, advice=remedy, motion=separation
+        )  # fmt: skip
     if parameter.definition.role == "scale":
         return note("identifiability.scale", subject=path, value=value, advice=_needed_motion(parameter))
     code = "identifiability.fixed-pair" if confused else "identifiability.fixed"
