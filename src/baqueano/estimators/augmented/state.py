@@ -11,9 +11,8 @@ than the sensors, and the estimate was worse than the model. So each measured qu
     only ν_ψ (a gyro)       ψ, ν_y, ν_ψ, d_ψ; at rest also its bias
     other inertial channel  its bias at rest; if in `speed_from` its bias, position, ν_x, ν_y, d_x at any time (2)
 
-If no gyro has corrected the yaw rate for MAX_SILENT_S, the wheels also correct the turning states (3).
-h determines the measured quantity (sensor_numbers.py). A channel whose bias walks is inertial. A model error looks like
-a bias: so biases outside `speed_from` are estimated only at rest. With a pose sensor, all channels correct all biases.
+After MAX_SILENT_S without a gyro, the wheels also correct the turning states (3). A channel whose bias walks is
+inertial. A model error looks like a bias, so other biases are only estimated at rest; with a pose sensor, at any time.
 """
 
 from collections.abc import Sequence
