@@ -154,6 +154,21 @@ RENAMED_CODES = {  # room → former code → its present name
     "validation": {"off-perhaps": "error-possible", "off-once": "error-in-part", "off": "error",
         "still": "no-variation"},
     "uno": {"silent-so-far": "nothing-received"},
+    "command": {"beyond-zero": "limit-zero"},
+    "compiler": {"given-up": "python-used", "trouble": "no-library"},
+    "corridor": {"and-truth": "with-truth"},
+    "cost": {"runs-away": "diverged"},
+    "front": {"elsewhere": "advice"},
+    "remote": {"gone": "connection-lost"},
+    "run": {"and": "pair"},
+    "runs": {"file-in-the-way": "file-exists", "hardly-moved": "little-motion", "none-like": "no-match",
+        "unlike-others": "unlike-model"},
+    "tape": {"of-no-run": "run-missing"},
+    "tune": {"aside": "offset"},
+    "web": {"at": "address", "hello-again": "hello-repeated", "plain": "unencrypted", "run-gone": "run-missing",
+        "service-gone": "service-ended"},
+    "when": {"hour-later": "later"},
+    "wiring": {"answers-as-one": "same-response"},
 }  # fmt: skip
 FORMER_FIGURES = {  # beginning of a code → figure in older runs and robots → its present name
     "": {
