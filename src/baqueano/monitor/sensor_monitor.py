@@ -68,6 +68,8 @@ class SensorMonitor:
     @property
     def is_suspect(self) -> bool:
         """Return True if readings of a sensor disagree and the monitor has not decided against the model."""
+        if not self._findings:  # in almost every tick
+            return False
         return any(f.wrong_part != MODEL and f.symptom != LOST for f in self._findings.values())
 
     @property

@@ -88,7 +88,7 @@ class Ledger:
     >>> u = np.tile([0.6, 0.0, 0.1], (500, 1))
     >>> run = experiment(robot, u, shake=["2-4 s: cut imu"])
     >>> [(row.fault.kind, [notice.witness for notice in row.notices]) for row in fault_ledger(run, robot).rows]
-    [('cut', ['supervisor'])]
+    [('cut', ['supervisor', 'monitor'])]
     """
 
     def __init__(self, vehicle_file: "VehicleFile", estimator: "Estimator | None" = None) -> None:
