@@ -289,7 +289,7 @@ def test_the_page_reports_the_consistency_of_the_filter():
     log = run.estimate._replace(cov=0.25 * run.estimate.cov)
     doubtful = {section.title: section for section in page_of_run(replace(run, estimate=log)).sections}
     (table,) = doubtful[title].parts
-    assert {row["figure"]: row["is"] for row in table.rows}.items() >= {
+    assert {row["figure"]: row["verdict"] for row in table.rows}.items() >= {
         "nees_pose": "too sure",
         "nees_velocity": "too sure",
     }.items()

@@ -103,7 +103,7 @@ class FilterConsistency:
         """Return a row for each known NEES and NIS, for a table."""
         return [
             {"figure": name, "value": band.mean, "from": band.low, "to": band.high,
-             "independent samples": band.samples, "is": band.verdict}
+             "independent samples": band.samples, "verdict": band.verdict}
             for name, band in self._bands_by_name().items() if np.isfinite(band.mean)
         ]  # fmt: skip
 

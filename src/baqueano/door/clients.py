@@ -41,10 +41,8 @@ class DoorClient:
         self.columns: tuple[int, ...] | None = None  # indices of the requested columns; None: all
         self.names: tuple[str, ...] | None = None  # names of the requested columns
         self.hz, self.turn = 0.0, 0  # frames per second; the period in which the last frame was sent
-        self.drive, self.sent_row_count = (
-            -1,
-            0,
-        )  # the drive that was described to the client; its rows that were sent
+        # the drive that was described to the client, and the number of its rows that were sent
+        self.drive, self.sent_row_count = -1, 0
         self._coming = bytearray()  # the beginning of a line
         self._due_s = 0.0  # time until which a long line needs no more bytes
         self._backlog = 0  # bytes of the waiting lines, without the mission

@@ -116,9 +116,8 @@ class DriveRows:
         sensors = self.vehicle_file.sensors
         self._sizes = [getattr(sensors, name).size for name in sensors._fields]
         self._progress = None if self.route is None else RouteProgress(self.route)
-        self._innovation_indices: (
-            tuple[int, ...] | None
-        ) = ()  # channel of each innovation; () before the first tick
+        # channel of each innovation; () before the first tick
+        self._innovation_indices: tuple[int, ...] | None = ()
 
     def convert(self, max_count: int = MAX_STORED_TICKS) -> bool:
         """Convert at most `max_count` waiting ticks to rows, and return True while further ticks wait.

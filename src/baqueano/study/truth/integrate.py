@@ -18,7 +18,7 @@ class CommandDelayLine:
 
     def __init__(self, delay_s: np.ndarray, commands: int) -> None:
         self._delay_s, self._all = delay_s, np.arange(len(delay_s))
-        # when the last commands were sent, and a later time that never comes; the commands
+        # when each of the last commands was sent; at the end infinity, as no next command is known
         self._sent_s = np.append(np.full(STORED_COMMANDS, -np.inf), np.inf)
         self._commands = np.zeros((STORED_COMMANDS, len(delay_s), commands))
 
