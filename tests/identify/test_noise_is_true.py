@@ -81,8 +81,7 @@ def test_the_gyro_noise_is_at_least_its_noise_at_rest(rest, least):
     rng = np.random.default_rng(0)
 
     class Channel:
-        sensor, entry, predicted = "imu", 2, np.zeros(5000)
-        measured = 0.004 * rng.standard_normal(5000)
+        sensor, entry, residuals = "imu", 2, 0.004 * rng.standard_normal(5000)
 
     class Fit:
         channels = (Channel,)
