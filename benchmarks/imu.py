@@ -46,17 +46,17 @@ def drive(b, device, seconds: float, until=lambda samples, events: False):
     return samples, events, longest
 
 
-def cost(mode: str, calls: int) -> np.ndarray:
-    """Return the CPU time [µs] of calls that find two new samples (one in burst mode), sorted."""
+def cost(calls: int) -> np.ndarray:
+    """Return the CPU time [µs] of calls that find two new samples, sorted."""
     import smbus2.smbus2
 
-    b, device = bench(mode=mode)
+    b, device = bench()
     drive(b, device, 11.0)
     rng = np.random.default_rng(0)
     blocks = [rng.integers(-3000, 3000, 14).astype(">i2").tobytes() for _ in range(64)]
     registers = {
         0x19: bytes(device._registers()),
-        0x6A: bytes([device._control_bits, 1]),
+        0x6A: bytes([0x40, 1]),
         0x72: bytes([0, 28]),
     }
     turn = 0
@@ -75,26 +75,23 @@ def cost(mode: str, calls: int) -> np.ndarray:
         before = time.thread_time_ns()
         samples = device.read()
         spent.append(time.thread_time_ns() - before)
-        assert len(samples) == (2 if mode == "fifo" else 1)
+        assert len(samples) == 2
     return np.sort(spent) / 1e3
 
 
 def recoveries(moments: int) -> None:
     """Print the recovery from each fault of the bus or the chip."""
-    for mode in ("fifo", "burst"):
-        waits = []
-        for moment in np.linspace(0.05, 1.0, moments):
-            b, device = bench(mode=mode)
-            drive(b, device, moment)
-            began = b.clock.now
-            b.chip.brown_out()
-            samples, _, _ = drive(
-                b, device, 2.0, lambda s, e: s and [x for x in e if x.message.code == "imu.started"]
-            )
-            waits.append((samples[-1][0] - began) / 1e6)
-        print(
-            f"brown-out, {mode}: good samples again after {min(waits):.0f}-{max(waits):.0f} ms ({moments} moments)"
+    waits = []
+    for moment in np.linspace(0.05, 1.0, moments):
+        b, device = bench()
+        drive(b, device, moment)
+        began = b.clock.now
+        b.chip.brown_out()
+        samples, _, _ = drive(
+            b, device, 2.0, lambda s, e: s and [x for x in e if x.message.code == "imu.started"]
         )
+        waits.append((samples[-1][0] - began) / 1e6)
+    print(f"brown-out: good samples again after {min(waits):.0f}-{max(waits):.0f} ms ({moments} moments)")
     b, device = bench()
     began = b.clock.now
     b.bus.fail(121, 6)
@@ -147,9 +144,8 @@ def main() -> None:
     )
     parser.add_argument("--smallest", action="store_true", help="few calls and moments: that it runs")
     calls, moments, stamps_s = (100, 2, 4.0) if parser.parse_args().smallest else (CALLS, MOMENTS, STAMPS_S)
-    for mode in ("fifo", "burst"):
-        us = cost(mode, calls)
-        print(f"{mode}: CPU of a call, median {us[calls // 2]:.0f} µs, 99 % {us[calls * 99 // 100]:.0f} µs")
+    us = cost(calls)
+    print(f"CPU of a call: median {us[calls // 2]:.0f} µs, 99 % {us[calls * 99 // 100]:.0f} µs")
     stamps(stamps_s)
     recoveries(moments)
 

@@ -20,6 +20,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from baqueano.door import VERSION
+from baqueano.web import SUBPROTOCOL
 from benchmarks.harness import Bench, LeftOut, Row
 from benchmarks.processes import before_others, first_of_all, p99, quantile, resident_mb, spread
 
@@ -214,9 +216,10 @@ class _Guest:
 
     def __enter__(self) -> "_Guest":
         if self._begin:
-            self.send("mission", id="bench", kind="experiment", seconds=3600, attended=False, door=2)
-            while self._word()["state"] != "MISSION":
-                pass
+            self.send("mission", id="bench", kind="experiment", seconds=3600, attended=False, door=VERSION)
+            while (word := self._word("state", "refused")).get("state") != "MISSION":
+                if word["type"] == "refused":
+                    raise RuntimeError(word["reason"])
         self.send("watch", hz=50)
         return self
 
@@ -226,7 +229,7 @@ class _Guest:
             self._line.close()
 
     def send(self, request: str, **words: object) -> None:
-        """Send the request `do` to the service."""
+        """Send the request with these words to the service."""
         self._line.sendall(json.dumps({"type": request, **words}).encode() + b"\n")
 
     def late_ms(self, seconds: float) -> list[float]:
@@ -308,7 +311,7 @@ async def _connect_guests(port: int, number: int) -> Any:
         for _ in range(number):
             with suppress(InvalidStatus):
                 lines.append(await connect(
-                    f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None,
+                    f"ws://{host}/ws", origin=f"http://{host}", subprotocols=[SUBPROTOCOL], compression=None,
                     max_size=None,
                 ))  # fmt: skip
         for line in lines:
