@@ -42,10 +42,6 @@ def test_the_filter_begins_at_the_first_pose_of_the_camera(study):
         estimate, truth = validation.replay_run.estimate, validation.replay_run.truth
         at = np.argmin(np.abs(truth.t_ns - estimate.t_ns[0]))
         assert np.hypot(*(estimate.eta[0] - truth.eta[at])[:2]) < 0.05
-        of_filter = [
-            event for event in validation.replay_run.events if event.source not in ("model", "refused")
-        ]
-        assert not of_filter or of_filter[0].t_ns == validation.replay_run.t_ns[0]
 
 
 def test_both_fits_give_similar_parameters(study):

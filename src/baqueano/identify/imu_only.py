@@ -92,12 +92,10 @@ def fit_of_imu(end: FinishedFit) -> Fit:
     # the jackknife does not contain effects that shift all parts alike, such as understeer, or times by a short lag
     is_time = np.array([parameter.unit == "s" for parameter in end.parameters.free], bool)
     lag_errors = np.where(is_time, basis.diagnosis.lag_errors, 0.0)
-    cov = basis.diagnosis.unmodelled_cov + np.outer(lag_errors, lag_errors)
-    basis = basis._replace(
-        diagnosis=basis.diagnosis._replace(unmodelled_cov=cov),
-        evidence=basis.evidence._replace(messages=tuple(map(_without_advice, basis.evidence.messages))),
-    )
-    return _with_notes(fit_of(end, basis), imu, scales)
+    cov = basis.diagnosis.reported_cov + np.outer(lag_errors, lag_errors)
+    diagnosis = basis.diagnosis._replace(unmodelled_cov=cov)
+    evidence = basis.evidence._replace(messages=tuple(map(_without_advice, basis.evidence.messages)))
+    return _with_notes(fit_of(end, basis._replace(diagnosis=diagnosis, evidence=evidence)), imu, scales)
 
 
 def _without_advice(message: Diagnostic) -> Diagnostic:
@@ -129,5 +127,5 @@ def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
         note("identifiability.gyro-scale", fix=fix, subject=imu, value=gyro_scale, percent=gyro),
         note("identifiability.accelerometer-scale", subject=imu, value=accel_scale, percent=accel),
     )
-    fitted_to = note("fit.envelope", ranges=fit.envelope.ranges)
-    return replace(fit, always_unobservable=never_shown, notes=(*fit.notes, fitted_to))
+    notes = (*fit.notes, note("fit.envelope", ranges=fit.envelope.ranges))
+    return replace(fit, always_unobservable=never_shown, notes=notes)

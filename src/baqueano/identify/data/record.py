@@ -150,12 +150,7 @@ def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
 
 
 def _measurements(
-    run: Run,
-    name: str,
-    block: Tree,
-    ends: np.ndarray,
-    row_s: np.ndarray,
-    max_offset_s: float,
+    run: Run, name: str, block: Tree, ends: np.ndarray, row_s: np.ndarray, max_offset_s: float
 ) -> Measurements:
     """Return the measurements of one sensor in N rows of `row_s` (N,) [s]. `ends` contains the last row of each tick.
     Each reading is assigned `max_offset_s` after its timestamp. Raise UsageError for a run without this sensor, or with

@@ -38,7 +38,7 @@ def diagnose(end: "FinishedFit", std: np.ndarray, file_sigma: np.ndarray) -> res
         at_start = file_consistency.check_channels(problem, end.task.start)
         messages += [message for message in at_start if message.code not in codes]
         messages = earlier_messages + file_consistency.with_mount_findings(end, messages)
-        return residual_checks.Diagnosis(messages, np.zeros((s, s)), np.zeros((3, s)), np.zeros(s))
+        return residual_checks.Diagnosis.of(messages, s)
     estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.search.sigma
     messages += file_consistency.gain_findings(end.blocks, problem.shape.shared_paths, estimate, std[:s])
     messages += file_consistency.noise_findings(file_sigma, sigma, problem.labels)

@@ -84,10 +84,9 @@ def check_residuals(
     is weighted with the estimated noise.
     """
     s = problem.layout.shared_count
-    index, unmodelled_cov, scale_shifts = np.flatnonzero(identifiable[:s]), np.zeros((s, s)), np.zeros((3, s))
+    index = np.flatnonzero(identifiable[:s])
     if not len(index):
-        messages = _residual_messages(problem, problem.residuals(theta))
-        return Diagnosis(messages, unmodelled_cov, scale_shifts, np.zeros(s))
+        return Diagnosis.of(_residual_messages(problem, problem.residuals(theta)), s)
     motion = fitted_motion(blocks, problem, theta)
     candidates = list if motion is None else term_columns(blocks, problem, motion)
     fit = fit_residuals(problem, theta, identifiable)
@@ -98,15 +97,19 @@ def check_residuals(
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
     missing_terms = _missing_terms(fit_evidence, tests, blocks.model)
     speed_errors = _errors_by("term.friction-speed", -1, fit_evidence, tests)  # nobody measures it
-    if errors := [*speed_errors, *(result.errors for result in missing_terms + differences)]:
-        unmodelled_cov[np.ix_(index, index)] = _largest_errors_cov(np.array(errors))
-    if motion is not None:
-        is_inside = (low < 0.0) & (high > 0.0)
-        scale_shifts[:, index] = shift_by_effects(fit, scale_columns(blocks, problem, motion), is_inside)
-    lag_errors = np.zeros(s)
-    lag_errors[index] = sum(_errors_by("term.low-pass", 1, fit_evidence, tests))
     messages += [result.message for result in missing_terms[:MAX_REPORTED] + differences[:MAX_REPORTED]]
-    return Diagnosis(messages, unmodelled_cov, scale_shifts, lag_errors)
+    diagnosis, entries = Diagnosis.of(messages, s), np.ix_(index, index)
+    shifts = [result.errors for result in missing_terms]
+    errors = np.array(
+        [np.zeros(len(index)), *shifts, *speed_errors, *(result.errors for result in differences)]
+    )
+    diagnosis.reported_cov[entries] = _largest_errors_cov(errors[: 1 + len(shifts[:MAX_REPORTED])])
+    diagnosis.unmodelled_cov[entries] = _largest_errors_cov(errors)
+    if motion is not None:
+        is_inside, columns = (low < 0.0) & (high > 0.0), scale_columns(blocks, problem, motion)
+        diagnosis.scale_shifts[:, index] = shift_by_effects(fit, columns, is_inside)
+    diagnosis.lag_errors[index] = sum(_errors_by("term.low-pass", 1, fit_evidence, tests))
+    return diagnosis
 
 
 def _errors_by(code: str, sign: int, fit: "_FitEvidence", tests: TermTests) -> list[np.ndarray]:
@@ -153,8 +156,14 @@ class Diagnosis(NamedTuple):
 
     messages: list[Diagnostic]
     unmodelled_cov: np.ndarray  # (s, s) covariance by effects that the model lacks  (4)
+    reported_cov: np.ndarray  # (s, s) the same, by the missing terms that are reported
     scale_shifts: np.ndarray  # (3, s) change of θ per relative error of the IMU's scales (a_x, a_y, ω_z)
     lag_errors: np.ndarray  # (s,) errors of θ by a short lag that the file lacks
+
+    @classmethod
+    def of(cls, messages: list[Diagnostic], s: int) -> "Diagnosis":
+        """Return findings without consequences."""
+        return cls(messages, np.zeros((s, s)), np.zeros((s, s)), np.zeros((3, s)), np.zeros(s))
 
 
 class _SignificantResult(NamedTuple):
@@ -189,9 +198,8 @@ class _FitEvidence(NamedTuple):
 
 
 def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -> list[_SignificantResult]:
-    ranked_tests = sorted(tests, key=lambda pair: -abs(pair[1].z))
     results = []
-    for (code, term_note), test in ranked_tests:
+    for (code, term_note), test in sorted(tests, key=lambda pair: -abs(pair[1].z)):
         is_filter = term_note.code == "term.low-pass"
         if not (abs(test.z) > LOW_PASS_Z if is_filter else fit.is_significant(test)):
             continue

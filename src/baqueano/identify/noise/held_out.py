@@ -191,10 +191,7 @@ class Acceptance(NamedTuple):
 
 
 def accept_or_refit(
-    ekf: AugmentedEkf,
-    refit: Callable[[], AugmentedEkf],
-    validation_runs: Sequence[Run],
-    backend: str,
+    ekf: AugmentedEkf, refit: Callable[[], AugmentedEkf], validation_runs: Sequence[Run], backend: str
 ) -> tuple[AugmentedEkf, Acceptance]:
     """Return the filter whose noise is written, and the verdict. The filter is `ekf` if the `validation_runs` agree
     with it or are too short for a test, else `refit()`, with the noise over all runs: the runs of the fit then do not

@@ -133,7 +133,7 @@ def _diagnosis(end: FinishedFit, std: np.ndarray) -> Diagnosis:
     is_skipped = not end.score_test or end.search.stopped
     if is_skipped or report(_("testing for effects that the model lacks")) is True:
         s = end.task.problem.layout.shared_count
-        return Diagnosis(list(end.findings), np.zeros((s, s)), np.zeros((3, s)), np.zeros(s))
+        return Diagnosis.of(list(end.findings), s)
     sensors, origins = end.blocks.sensors, end.vehicle_file.provenance
     measured = [is_measured(origins, f"sensors.{name}.measurement_noise_cov") for name in sensors._fields]
     is_known = np.repeat(measured, [sensor.size for sensor in sensors])
