@@ -35,8 +35,8 @@ def on_demand(
         if name in subpackages:
             return import_module(f"{package}.{name}")
         if name not in module_and_name:
-            similar = _suggestion(name, [*module_and_name, *subpackages])
-            raise AttributeError(_no_such_name(package, name) + similar)
+            suggestion = _suggestion(name, [*module_and_name, *subpackages])
+            raise AttributeError(_no_such_name(package, name) + suggestion)
         module, export = module_and_name[name]
         return getattr(import_module(module), export.partition(" as ")[0])
 

@@ -65,7 +65,7 @@ def test_a_search_out_of_evaluations_continues_in_another_round(small, run):
     unfinished = []
 
     def slow(*arguments, most, **others):
-        solution = minimise(*arguments, most=most, **others)
+        solution = minimise(*arguments, limit=most, **others)
         if most < MAX_EVALUATIONS or unfinished:
             return solution
         unfinished.append(solution)

@@ -19,7 +19,7 @@ SOME = (
 def study():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(detection, "DRIVE_S", 12.0)
-        return faults(1, 2, vehicles=("car",), only=SOME)
+        return faults(1, 2, vehicles=("car",), names=SOME)
 
 
 def test_no_wrong_fit_is_called_usable_and_no_sound_run_refused(study):

@@ -213,10 +213,10 @@ def _motion_equations(w: Windows, odometer: IntegratedSignal, offset_s: float) -
     )
     jacobian = np.concatenate([with_sideways(displacement(odometer.interpolate(t))), lever], axis=2)
     h = 0.5 * GRID_S
-    faster = (displacement(odometer.interpolate(t + h)) - displacement(odometer.interpolate(t - h))) / (
+    velocity = (displacement(odometer.interpolate(t + h)) - displacement(odometer.interpolate(t - h))) / (
         2.0 * h
     )
-    change = np.concatenate([with_sideways(faster), np.zeros((len(w.a), 2, 2))], axis=2)
+    change = np.concatenate([with_sideways(velocity), np.zeros((len(w.a), 2, 2))], axis=2)
     return w.change_of(w.eta[:, :2]).ravel(), jacobian.reshape(-1, 4), change.reshape(-1, 4)
 
 

@@ -46,7 +46,7 @@ def _picture_file(path: Path) -> Path:
     help="Folder to write; default: demo, or the next free name, demo-2.",
 )
 @click.option(
-    "--page/--no-page", "shown", default=None,
+    "--page/--no-page", "show_page", default=None,
     help="Show the drives in a browser while they happen. Default: if there is a display.",
 )  # fmt: skip
 @click.option(
@@ -65,7 +65,7 @@ def _picture_file(path: Path) -> Path:
 @options.as_json
 def command(
     out: Path | None,
-    shown: bool | None,
+    show_page: bool | None,
     pace: float,
     animation: Path | None,
     report: ReportFiles,
@@ -77,7 +77,7 @@ def command(
 
     picture_path = None if animation is None else _picture_file(animation)
     out = out or unused_folder()
-    with run_with_page(out, shown, pace) as motion:
+    with run_with_page(out, show_page, pace) as motion:
         from baqueano.report.page import save_text  # these modules are loaded while the page starts
         from baqueano.study.demo import demo
 

@@ -91,8 +91,8 @@ update = click.option("--update", is_flag=True, help="Write the result into the 
 class GroupedCommand(click.Command):
     """A command whose help shows its options under headings; `groups` is {heading: names of options}."""
 
-    def __init__(self, *args: Any, groups: dict[str, tuple[str, ...]], **more: Any) -> None:
-        super().__init__(*args, **more)
+    def __init__(self, *args: Any, groups: dict[str, tuple[str, ...]], **settings: Any) -> None:
+        super().__init__(*args, **settings)
         self.groups = groups
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -340,7 +340,7 @@ def block_kind(vehicle_file: "VehicleFile | None", role: str, kind: str | None) 
             code, fix = ("cli.own-file", ("check", kind)) if is_own else ("cli.own-block", ("ls",))
             command = baqueano_command("blocks", *fix)
             raise FileError(fault(code, command, role=role, kind=kind, cause=error.diagnostic)) from error
-        check_step(role, block_class, lambda other: f"--{other} {kind}")
+        check_step(role, block_class, lambda owner: f"--{owner} {kind}")
     return kind
 
 

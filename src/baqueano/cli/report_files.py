@@ -78,11 +78,11 @@ def _collect(*page_options: Callable[[Command], Command]) -> Callable[[Command],
             file_format: str,
             width: str | None,
             page: Path | None = None,
-            **others: object,
+            **arguments: object,
         ) -> object:
             report = ReportFiles(page, figures, file_format, _width(width))
             _check_folder(report, width)
-            return command(*args, report=report, **others)
+            return command(*args, report=report, **arguments)
 
         return options.combine_options(*page_options, *_FIGURES)(wrapper)
 

@@ -97,11 +97,11 @@ def _wrapped_for(stream: TextIO, lines: str) -> str:
 
 
 def print_answer(
-    result: Any, as_json: bool, more: list["TableRow"] | None = None, **more_rows: list["TableRow"]
+    result: Any, as_json: bool, tail: list["TableRow"] | None = None, **more_rows: list["TableRow"]
 ) -> None:
     """Print a result: its table for people, or one JSON object for programs.
 
-    The object contains `rows` (of the result, then `more`), `verdict`, `reasons` if the result has them, and the rows
+    The object contains `rows` (of the result, then `tail`), `verdict`, `reasons` if the result has them, and the rows
     `beside`, each list under its name.
     """
     if not as_json:
@@ -109,7 +109,7 @@ def print_answer(
         return
     import json
 
-    reply = {"rows": [_finite_row(row) for row in [*result.rows(), *(more or [])]], "verdict": result.verdict}
+    reply = {"rows": [_finite_row(row) for row in [*result.rows(), *(tail or [])]], "verdict": result.verdict}
     if hasattr(result, "reasons"):
         reply["reasons"] = [
             json_row(reason) if isinstance(reason, Diagnostic) else reason for reason in result.reasons

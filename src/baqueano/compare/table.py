@@ -65,9 +65,9 @@ def table(comparison: "Comparison") -> str:
             title, indent = section["title"], "  " * bool(section["title"])
             cells = [[row["cells"][k] for k in columns_shown] for row in section["rows"]]
             lines_of = [
-                line(indent + row["label"], row["unit"], shown, columns_shown)
-                for row, shown in zip(section["rows"], cells, strict=True)
-                if any(cell != "-" for cell in shown)
+                line(indent + row["label"], row["unit"], cells_of_row, columns_shown)
+                for row, cells_of_row in zip(section["rows"], cells, strict=True)
+                if any(cell != "-" for cell in cells_of_row)
             ]
             lines += [title] * bool(title and lines_of) + lines_of
         blocks.append("\n".join(lines))

@@ -135,8 +135,8 @@ def shorten(
     if free_count >= _count([*middle, *last]):
         return in_lines(chain(*first, *middle, *last))
     least_count = _count(middle[: min(MIN_ROWS, max(1, free_count - len(last[:1]) - 1))])
-    tail_count = _fitting(last, free_count - 1 - min(least_count, free_count - 1), least=1)
-    row_count = _fitting(middle, free_count - 1 - _count(last[:tail_count]), least=1)
+    tail_count = _fitting(last, free_count - 1 - min(least_count, free_count - 1), minimum=1)
+    row_count = _fitting(middle, free_count - 1 - _count(last[:tail_count]), minimum=1)
     omission_note = text(note("front.more", lines=len(middle) - row_count + len(last[tail_count:])))
     return in_lines(chain(*first, *middle[:row_count], [omission_note], *last[:tail_count]))
 
@@ -145,10 +145,10 @@ def _count(lines: Sequence[Sequence[str]]) -> int:
     return sum(map(len, lines))
 
 
-def _fitting(lines: Sequence[Sequence[str]], free_count: int, least: int) -> int:
-    """Return how many wrapped lines, in order, fit into `free_count` lines; at least `least`, if there are as many."""
+def _fitting(lines: Sequence[Sequence[str]], free_count: int, minimum: int) -> int:
+    """Return the number of wrapped lines that fit into `free_count` lines, at least `minimum` if they exist."""
     ends = accumulate(map(len, lines))
-    return max(sum(end <= free_count for end in ends), min(least, len(lines)))
+    return max(sum(end <= free_count for end in ends), min(minimum, len(lines)))
 
 
 def wrap_sentences(lines: Iterable[str], width: int = MAX_SENTENCE) -> list[str]:
@@ -157,12 +157,12 @@ def wrap_sentences(lines: Iterable[str], width: int = MAX_SENTENCE) -> list[str]
     >>> wrap_sentences(["- the floor disturbs the vehicle. Type: baqueano identify last"], 30)
     ['- the floor disturbs the', '  vehicle. Type:', '  baqueano identify last']
     """
-    whole = [
+    unsplit_lines = [
         re.sub(r"baqueano [a-z].*", lambda command: command[0].replace(" ", "\0"), line) for line in lines
     ]
     return [
         part.replace("\0", " ")
-        for line in whole
+        for line in unsplit_lines
         for part in textwrap.wrap(
             line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
         )

@@ -116,7 +116,7 @@ def poses_in_map(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
 
 
 def _mutation(
-    primitive: MotionPrimitive, other: MotionPrimitive, shape: PrimitiveShape, rng: np.random.Generator
+    primitive: MotionPrimitive, second: MotionPrimitive, shape: PrimitiveShape, rng: np.random.Generator
 ) -> MotionPrimitive:
     outbound = primitive.outbound.copy()
     mode = int(rng.integers(8))
@@ -129,9 +129,9 @@ def _mutation(
     elif mode == 4:
         outbound[:, j] = np.clip(outbound[:, j] * rng.uniform(0.5, 1.5), -1.0, 1.0)
     elif mode == 5:
-        outbound[a:] = other.outbound[a:]
+        outbound[a:] = second.outbound[a:]
     elif mode == 6:
-        outbound[:, j] = other.outbound[:, j] * rng.choice([-1.0, 1.0])
+        outbound[:, j] = second.outbound[:, j] * rng.choice([-1.0, 1.0])
     else:
         return MotionPrimitive(outbound, int(rng.integers(RETURN_KINDS)))
     return MotionPrimitive(outbound, primitive.return_kind)
@@ -228,12 +228,12 @@ class Composer:
         self.xy = self.xy[:, primitives]
 
     def substitutes(
-        self, chosen: list[int], place: int, pose: np.ndarray, reach_costs: Sequence[float], count: int
+        self, plan: list[int], place: int, pose: np.ndarray, reach_costs: Sequence[float], count: int
     ) -> list[int]:
         """Return indices of primitives for `place` that stay inside from the poses (L, 3) on. For each of the
         `reach_costs` of their reach, the `count` primitives that are best together with the other primitives of
-        `chosen` are returned, in order."""
-        other_primitives = [*chosen[:place], *chosen[place + 1 :]]
+        `plan` are returned, in order."""
+        other_primitives = [*plan[:place], *plan[place + 1 :]]
         other_information = self.F[other_primitives].sum(axis=0)
         candidates = np.argsort(-self._upper_bound(other_information) + self.cost)[:MAX_TRIED_PRIMITIVES]
         candidates = candidates[self._margin(pose[None], candidates) >= 0.0]

@@ -59,8 +59,8 @@ class Room:
         free_m = 0.5 * min(self.width_m, self.height_m) - self.radius_m
         if not (np.isfinite(self.width_m + self.height_m) and free_m > 0.0):
             w, h, r = self.width_m, self.height_m, self.radius_m
-            small = fault("room.small", "--room 2x2", width_m=w, height_m=h, radius_m=r, min_m=2.0 * r)
-            raise UsageError(small)
+            size_fault = fault("room.small", "--room 2x2", width_m=w, height_m=h, radius_m=r, min_m=2.0 * r)
+            raise UsageError(size_fault)
         if np.any(np.abs(self.start[:2]) > self.free_half_width_m):
             (x_m, y_m, _), (along_m, across_m) = self.start, self.free_half_width_m
             raise UsageError(fault("room.start", x_m=x_m, y_m=y_m, max_x_m=along_m, max_y_m=across_m))
@@ -125,8 +125,8 @@ def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
 def body_radius(vehicle_file: "VehicleFile") -> float:
     """Return the radius [m] of the circle about the origin that contains the body, or 0 without a size in the file."""
     g = vehicle_file.geometry
-    box = float(np.hypot(g.length_m or 0.0, g.width_m or 0.0)) / 2.0
-    return max(g.radius_m or 0.0, box, (g.track_m or 0.0) / 2.0)
+    half_diagonal_m = float(np.hypot(g.length_m or 0.0, g.width_m or 0.0)) / 2.0
+    return max(g.radius_m or 0.0, half_diagonal_m, (g.track_m or 0.0) / 2.0)
 
 
 def _upper_limit(x: np.ndarray) -> np.ndarray:

@@ -216,12 +216,12 @@ class VehicleCloud:
         return self.kernel.batch((u, noise), self.distribution.theta, carry=state, with_outputs=True)
 
     def drive_each(
-        self, states: Sequence[VehicleState], us: Sequence[np.ndarray], tick: int = 0
+        self, states: Sequence[VehicleState], commands: Sequence[np.ndarray], tick: int = 0
     ) -> list[tuple[VehicleState, np.ndarray]]:
         """Return the result of `drive` for each pair of state and commands, computed on all cores. All use the noise
         from `tick` on."""
         return parallel_map(
-            lambda x, u: self.drive(x, u, tick), states, us, rows=self.size * sum(map(len, us))
+            lambda x, u: self.drive(x, u, tick), states, commands, rows=self.size * sum(map(len, commands))
         )
 
     def _reduce_stiffness(self, limit: np.ndarray) -> None:

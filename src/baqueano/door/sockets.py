@@ -125,7 +125,7 @@ class Door:
             self._answer_all()
             self._send_new_rows()
             self._send_all()
-            for client in [client for client, until in self._ends_s.items() if time.monotonic() > until]:
+            for client in [client for client, end_s in self._ends_s.items() if time.monotonic() > end_s]:
                 self._refuse_client(client)
         self._queue_broadcasts()
         self._send_all()

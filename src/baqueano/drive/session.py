@@ -93,11 +93,11 @@ class Conditions:
         return world if is_ours(type(world)) else with_checked_ticks(world, example_tick(vehicle_file))
 
     def _simulated_world(self, vehicle_file: VehicleFile) -> World:
-        real = vehicle_file.truth if self.truth is None else self.truth
-        arguments = real.vehicle, real.sensors, real.rate_hz, self.seed, self.start, self.backend
+        file = vehicle_file.truth if self.truth is None else self.truth
+        arguments = file.vehicle, file.sensors, file.rate_hz, self.seed, self.start, self.backend
         if self.shake is None:
             return SimulatedWorld(*arguments)
-        return FaultyWorld(*arguments, self.shake, channel_units(real))
+        return FaultyWorld(*arguments, self.shake, channel_units(file))
 
     def tick_times_of(self, vehicle_file: VehicleFile) -> Iterable[int]:
         """Return the times of the ticks [ns]."""

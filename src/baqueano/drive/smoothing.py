@@ -37,9 +37,9 @@ def smooth_run(
     belief = estimator.init(
         *(() if initial is None else (initial,) if len(initial) == 3 else (initial[:3], initial[3:]))
     )
-    quiet = Tick(int(run.t_ns[0]), run.applied_commands[0], silent(sizes))
+    silent_tick = Tick(int(run.t_ns[0]), run.applied_commands[0], silent(sizes))
     block_name = type(estimator).__name__
-    if not can_be_smoothed(estimator, belief, quiet):
+    if not can_be_smoothed(estimator, belief, silent_tick):
         raise UsageError(fault("smooth.not-kalman", estimator=block_name))
     rows, tick_rows = rows_of_ticks(_ticks(run, sizes), vehicle_file.rate_hz)
     try:

@@ -67,11 +67,11 @@ def shortest_path(
         c_2 = _moved(end, np.stack([*entry_2, phi_2]))
         dx, dy = c_2[0] - c_1[0], c_2[1] - c_1[1]
         q_1, q_2 = exit_1, -exit_2  # the exit of the last turn, seen from the line that enters it
-        across = q_1[1] - q_2[1]
-        root = dx * dx + dy * dy - across * across
-        along = np.sqrt(np.maximum(root, 0.0))
-        p = along + q_2[0] - q_1[0]
-        chi = np.arctan2(dy, dx) - np.arctan2(across, along)
+        offset = q_1[1] - q_2[1]
+        root = dx * dx + dy * dy - offset * offset
+        length = np.sqrt(np.maximum(root, 0.0))
+        p = length + q_2[0] - q_1[0]
+        chi = np.arctan2(dy, dx) - np.arctan2(offset, length)
         phi_end = c_2[2] - np.pi
         t_1 = _positive_angle(s_1 * (chi - c_1[2]) - out_1)
         t_2 = _positive_angle(s_2 * (phi_end - chi) - out_2)
@@ -155,8 +155,8 @@ def _turn(
 
 def _turn_angle(angle: np.ndarray, c: np.ndarray, k: float) -> np.ndarray:
     """Return the angle θ of a turn, from −c²/2k, the smallest one with the curvature c at one end."""
-    least = -0.5 * c * c / k
-    return _positive_angle(angle - least) + least
+    smallest_angle = -0.5 * c * c / k
+    return _positive_angle(angle - smallest_angle) + smallest_angle
 
 
 def _positive_angle(angle: np.ndarray) -> np.ndarray:

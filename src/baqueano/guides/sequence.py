@@ -98,12 +98,12 @@ class GuideSequence:
             lambda: self.first.step(state.first, estimate),
         )
 
-        def begun() -> Tree:
+        def step_of_second() -> Tree:
             entry = branch(was_first_over, lambda: state.second, lambda: self._entry(first, estimate))
             return (*self.second.step(entry, estimate), 1.0)
 
         second, reference, is_first_over = branch(
-            reference.done > 0.0, begun, lambda: (state.second, reference._replace(done=0.0), 0.0)
+            reference.done > 0.0, step_of_second, lambda: (state.second, reference._replace(done=0.0), 0.0)
         )
         return GuideSequenceState(first, second, is_first_over), reference
 

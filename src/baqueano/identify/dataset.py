@@ -200,8 +200,8 @@ def sensors_of(
         size = getattr(sensors, name).size
         if name in channels and max(channels[name]) >= size:
             raise UsageError(fault("use.no-channel", sensor=name, entry=max(channels[name]), last=size - 1))
-    chosen = sensor_slots(tuple(names))(*(getattr(sensors, name) for name in names))
-    return FittedBlocks(vehicle_file.vehicle, chosen), runs, channels
+    used_sensors = sensor_slots(tuple(names))(*(getattr(sensors, name) for name in names))
+    return FittedBlocks(vehicle_file.vehicle, used_sensors), runs, channels
 
 
 def _no_common_sensor(names: Sequence[str], runs: list[Run]) -> UsageError:

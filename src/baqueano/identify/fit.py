@@ -115,7 +115,7 @@ def identify(
     data = dataset(runs, vehicle_file, use, options)
     parameters = parameters_of(data, free, options)
     problem = residuals.from_parameters(parameters, options.backend)
-    task, end = solve(problem, parameters, options, solver=solver, progress=progress, again=data.is_usable)
+    task, end = solve(problem, parameters, options, solver=solver, progress=progress, retry=data.is_usable)
 
     def refit(file: "VehicleFile", paths: Sequence[str] | None) -> Fit:
         return identify(
@@ -141,7 +141,7 @@ def solve(
     *,
     solver: Minimiser = minimise,
     progress: Callable[[str], object] | None = None,
-    again: bool = True,
+    retry: bool = True,
 ) -> tuple[Task, Search]:
     """Return the task of the search for the least cost, and the result of the search.
 
@@ -157,7 +157,7 @@ def solve(
         `minimise`, or a custom solver.
     progress : callable, optional
         Receives the progress as text; True from it ends the search.
-    again : bool
+    retry : bool
         If the result of the search is not plausible, begin it again from other starts.
 
     Returns
@@ -180,7 +180,7 @@ def solve(
         problem, parameters.start, parameters.low, parameters.high, min_sigma(sensors, problem.z, problem.masks),
         None if options.sigma is None else sigma_from_option(options.sigma, sensors),
         options.speed_noise or problem.has_speed_noise, progress,
-        sigma_of_rare_channels(sensors, problem.masks), again, solver,
+        sigma_of_rare_channels(sensors, problem.masks), retry, solver,
     )  # fmt: skip
     return search_to_the_end(task, _start_theta(task, parameters))
 

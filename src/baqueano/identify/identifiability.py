@@ -72,7 +72,7 @@ def identifiability_of(
         return mask
 
     is_of_vehicle, is_by_hand = (mask_of(lambda p: True), mask_of(lambda p: p.definition.measured_by != ""))
-    is_identifiable, collinear, near = ~is_fixed & (np.diagonal(info.bread) > 0.0), {}, {}
+    is_identifiable, collinear, partners = ~is_fixed & (np.diagonal(info.bread) > 0.0), {}, {}
     signal = _signal_scale(info.information_by_channel, signal_energy)
     while is_identifiable.any():
         direction = _unobservable_direction(info.bread, is_identifiable)
@@ -83,9 +83,9 @@ def identifiability_of(
         members, diagonal = np.flatnonzero(loading >= MIN_LOADING), np.diagonal(info.bread)
         start_rank = np.where(is_of_vehicle, 0.0, -diagonal)
         rank = {int(i): (is_by_hand[i], round(loading[i], 1), start_rank[i]) for i in members}
-        removed_entry = max(rank, key=rank.__getitem__)
-        collinear[removed_entry] = tuple(i for i in main_entries if i != removed_entry)
-        is_identifiable[removed_entry] = False
+        entry = max(rank, key=rank.__getitem__)
+        collinear[entry] = tuple(i for i in main_entries if i != entry)
+        is_identifiable[entry] = False
     # a bound of the integrator does not limit the effect that the equations can have
     weak_signal = np.where(mask_of(lambda p: p.is_numerical_bound), signal, np.minimum(signal, span))
     signal = np.minimum(signal, span)
@@ -102,13 +102,13 @@ def identifiability_of(
             is_large = (std > WEAK_VALUE * np.abs(theta[index])) & (std > WEAK_SIGNAL * weak_signal[index])
             is_weak[index] = is_large & is_of_vehicle[index]
             for k in np.flatnonzero(is_weak).tolist():
-                near[k] = _correlated_entries(info.bread, is_identifiable & is_of_vehicle, k)
+                partners[k] = _correlated_entries(info.bread, is_identifiable & is_of_vehicle, k)
             break
         relative = std / np.maximum(signal[index], 1e-9 * std)
-        removed_entry = int(index[np.argmax(np.where(excess > 0.0, relative, -1.0))])
-        near[removed_entry] = _correlated_entries(info.bread, is_identifiable & is_of_vehicle, removed_entry)
-        is_identifiable[removed_entry] = False
-    return Identifiability(is_identifiable, is_weak, collinear, near)
+        entry = int(index[np.argmax(np.where(excess > 0.0, relative, -1.0))])
+        partners[entry] = _correlated_entries(info.bread, is_identifiable & is_of_vehicle, entry)
+        is_identifiable[entry] = False
+    return Identifiability(is_identifiable, is_weak, collinear, partners)
 
 
 def _directions(A: np.ndarray, identifiable: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -256,11 +256,11 @@ class FinishedFit(NamedTuple):
         """Return the model and the sensors, with the values of the file."""
         return self.parameters.blocks
 
-    def confused_with(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[FreeParameter]:
-        """Return the shared parameters that are confused with entry i of θ, according to `which`, a field of
+    def confused_with(self, partners: Mapping[int, tuple[int, ...]], i: int) -> list[FreeParameter]:
+        """Return the shared parameters that are confused with entry i of θ, according to `partners`, a field of
         `identifiability`."""
         free = self.parameters.free
-        return [free[j] for j in which.get(i, ()) if j < len(free)]
+        return [free[j] for j in partners.get(i, ()) if j < len(free)]
 
 
 MAX_NAMES = 4  # names in one message
@@ -288,11 +288,11 @@ def unobservable_reason(
     """Return the reason why a parameter is fixed at `value`, and the motion that would show it."""
     path = parameter.path
     if collinear:
-        by, others = parameter.definition.measured_by, _names(collinear)
+        tool, names = parameter.definition.measured_by, _names(collinear)
         separation = _separation((parameter, *collinear))
-        remedy = note("identifiability.measure", tool=by) if by else note("identifiability.fix-one")
+        remedy = note("identifiability.measure", tool=tool) if tool else note("identifiability.fix-one")
         return note(
-            "identifiability.collinear", subject=path, others=others, value=value, advice=remedy, motion=separation
+            "identifiability.collinear", subject=path, others=names, value=value, advice=remedy, motion=separation
         )  # fmt: skip
     if parameter.definition.role == "scale":
         return note("identifiability.scale", subject=path, value=value, advice=_needed_motion(parameter))
@@ -300,12 +300,12 @@ def unobservable_reason(
     return note(code, subject=path, value=value, **_explanation(parameter, confused))
 
 
-def missing_command(parameters: Sequence[FreeParameter], command: str, never: bool) -> Diagnostic:
+def missing_command(parameters: Sequence[FreeParameter], command: str, is_unused: bool) -> Diagnostic:
     """Return the reason why the fit does not determine the column of `command` in the gain matrix, T or V."""
     names = _names(parameters)
-    if never and command == "u_y":
+    if is_unused and command == "u_y":
         return note("identifiability.no-sideways-command", subject=parameters[0].path, names=names)
-    code = "identifiability.no-command" if never else "identifiability.command-still"
+    code = "identifiability.no-command" if is_unused else "identifiability.command-still"
     return note(code, subject=parameters[0].path, names=names, command=command)
 
 

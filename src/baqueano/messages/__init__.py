@@ -39,8 +39,8 @@ class _Arguments:
 
     __slots__ = ("_written",)
 
-    def __init__(self, written: Callable[[str], object]) -> None:
-        self._written = written
+    def __init__(self, write: Callable[[str], object]) -> None:
+        self._written = write
 
     def __getitem__(self, name: str) -> object:
         return self._written(name)
@@ -128,13 +128,13 @@ def json_row(message: Diagnostic) -> dict[str, Any]:
     return message.to_json() | {"text": text(message)}
 
 
-def verdict_line(verdict: Verdict, reasons: "Iterable[Diagnostic | str]", otherwise: str = "") -> str:
-    """Return a verdict and its reasons in one line; without reasons, the verdict and `otherwise`.
+def verdict_line(verdict: Verdict, reasons: "Iterable[Diagnostic | str]", default: str = "") -> str:
+    """Return a verdict and its reasons in one line; without reasons, the verdict and `default`.
 
     >>> verdict_line(Verdict.WARN, ["the run is short", "the floor is soft"])
     'WARN: the run is short; the floor is soft'
     """
-    sentences = "; ".join(texts(reasons)) or otherwise
+    sentences = "; ".join(texts(reasons)) or default
     word = language.translate(str(verdict))
     return f"{word}: {sentences}" if sentences else word
 

@@ -22,9 +22,9 @@ def text_table(sides: str, *lines: Sequence[str]) -> list[str]:
     wrapped_lines: list[str] = []
     for line in lines:
         cells = [f"{cell:{side}{width}}" for cell, side, width in zip(line, sides, widths, strict=True)]
-        whole = "  ".join(cells).rstrip()
-        if sides[-1:] == ">" or len(whole) <= LINE_LETTERS or len(line[-1]) <= MIN_LAST_LETTERS:
-            wrapped_lines.append(whole)
+        row_text = "  ".join(cells).rstrip()
+        if sides[-1:] == ">" or len(row_text) <= LINE_LETTERS or len(line[-1]) <= MIN_LAST_LETTERS:
+            wrapped_lines.append(row_text)
             continue
         words = _wrapped(line[-1], LINE_LETTERS - indent)
         first_cells = "  ".join(cells[:-1])
@@ -35,8 +35,8 @@ def text_table(sides: str, *lines: Sequence[str]) -> list[str]:
 
 def with_remark(line: str, remark: str) -> list[str]:
     """Return a line of the table with its remark, which is below the line if both are wider than LINE_LETTERS."""
-    whole = f"{line}  ({remark})" if remark else line
-    return [whole] if len(whole) <= LINE_LETTERS or not remark else [line, f"{'':{INDENT}}({remark})"]
+    full_line = f"{line}  ({remark})" if remark else line
+    return [full_line] if len(full_line) <= LINE_LETTERS or not remark else [line, f"{'':{INDENT}}({remark})"]
 
 
 def _wrapped(words: str, letters: int) -> list[str]:

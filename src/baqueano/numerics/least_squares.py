@@ -51,7 +51,7 @@ class Minimiser(Protocol):
 
     def __call__(
         self, evaluate: Callable[[np.ndarray], Evaluation], theta: np.ndarray, low: np.ndarray, high: np.ndarray, *,
-        is_fixed: np.ndarray | None, tolerance: float, most: int, damping: float,
+        is_fixed: np.ndarray | None, tolerance: float, limit: int, damping: float,
     ) -> Solution: ...  # fmt: skip
 
 
@@ -109,7 +109,7 @@ def minimise(
     *,
     is_fixed: np.ndarray | None = None,
     tolerance: float = 1e-8,
-    most: int = MAX_EVALUATIONS,
+    limit: int = MAX_EVALUATIONS,
     damping: float = DAMPING,
     evaluation: Evaluation | None = None,
 ) -> Solution:
@@ -129,7 +129,7 @@ def minimise(
         if (
             (idle_count >= 3 or damping > STUCK_DAMPING)
             and decrement >= STALLED_DECREMENT
-            and count < most
+            and count < limit
             and not kinks_tested
         ):
             at_kinks, trial_count = _kink_mask(evaluate, current, theta, scale, movable)
@@ -137,7 +137,7 @@ def minimise(
             if at_kinks.any():
                 damping, growth, idle_count = DAMPING, 2.0, 0
                 continue
-        if decrement < tolerance or idle_count >= 3 or count >= most:
+        if decrement < tolerance or idle_count >= 3 or count >= limit:
             converged = decrement < tolerance or (idle_count >= 3 and decrement < STALLED_DECREMENT)
             return Solution(theta, current, converged, decrement, count, _bound(theta, low, high))
         overstep = 1.0 + OVERSTEP / (1.0 + 1e3 * damping)

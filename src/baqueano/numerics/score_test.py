@@ -190,8 +190,8 @@ def shift_by_effects(fit: FitResiduals, D: np.ndarray, is_inside: np.ndarray) ->
 
     Entries at a bound, where `is_inside` (k,) is False, do not change.
     """
-    inverse, inside = np.zeros_like(fit.inverse), np.ix_(is_inside, is_inside)
-    inverse[inside] = pseudo_inverse(pseudo_inverse(fit.inverse)[inside])
+    inverse, block = np.zeros_like(fit.inverse), np.ix_(is_inside, is_inside)
+    inverse[block] = pseudo_inverse(pseudo_inverse(fit.inverse)[block])
     return _sums(fit, D).cross @ inverse
 
 

@@ -150,12 +150,12 @@ def huber_regression(
     return x, weights
 
 
-def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:
-    """Return the ratio of two root mean square errors, and its 95 % interval. `ours` and `reference` (B,) are sums of
+def ratio_of_blocks(sums: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:
+    """Return the ratio of two root mean square errors, and its 95 % interval. `sums` and `reference` (B,) are sums of
     squares in B blocks, which are drawn with replacement. The interval is NaN with fewer than MIN_BLOCKS blocks. (4)"""
-    ratio = float(np.sqrt(ours.sum() / reference.sum()))
-    if len(ours) < MIN_BLOCKS:
+    ratio = float(np.sqrt(sums.sum() / reference.sum()))
+    if len(sums) < MIN_BLOCKS:
         return ratio, float("nan"), float("nan")
-    pick = np.random.default_rng(0).integers(0, len(ours), (DRAWS, len(ours)))
-    low, high = np.quantile(np.sqrt(ours[pick].sum(axis=1) / reference[pick].sum(axis=1)), [0.025, 0.975])
+    pick = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
+    low, high = np.quantile(np.sqrt(sums[pick].sum(axis=1) / reference[pick].sum(axis=1)), [0.025, 0.975])
     return ratio, float(low), float(high)

@@ -329,18 +329,18 @@ def _motion_findings(route: Route, s: np.ndarray, reach: float) -> list[Diagnost
     t_s, dt_s, middle_s = _times(route), np.diff(route.t_s), 0.5 * (route.t_s[1:] + route.t_s[:-1])
     step, turn = np.diff(route.eta[:, :2], axis=0), wrap(np.diff(route.eta[:, 2]))
     psi = route.eta[:-1, 2] + 0.5 * turn
-    along, across = np.cos(psi) * step.T + np.sin(psi) * np.array([step[:, 1], -step[:, 0]])
+    forward, lateral = np.cos(psi) * step.T + np.sin(psi) * np.array([step[:, 1], -step[:, 0]])
     nu_x, nu_y, r = (
-        _moving_mean(t_s, np.interp(t_s, middle_s, change / dt_s)) for change in (along, across, turn)
+        _moving_mean(t_s, np.interp(t_s, middle_s, change / dt_s)) for change in (forward, lateral, turn)
     )
     sideways = np.abs(nu_y) - reach * np.abs(r) - np.abs(nu_x)
     file, name = f"routes/{NAME_PLACEHOLDER}.csv", f"{NAME_PLACEHOLDER}-turned"
     v = _moving_mean(t_s, np.interp(t_s, route.t_s, route.nu[:, 0]))
-    otherwise = np.abs(nu_x - v) - 0.5 * np.maximum(np.abs(nu_x), np.abs(v))
+    speed_excess = np.abs(nu_x - v) - 0.5 * np.maximum(np.abs(nu_x), np.abs(v))
     usual_speed = str(round(max(float(np.median(np.abs(nu_x))), MIN_SIDEWAYS_M_S), 2))
     for code, excess, speed, advice in (
         ("route.sideways", sideways, nu_y, ("import", file, name)),
-        ("route.otherwise", otherwise, nu_x, ("faster", NAME_PLACEHOLDER, "--speed", usual_speed)),
+        ("route.otherwise", speed_excess, nu_x, ("faster", NAME_PLACEHOLDER, "--speed", usual_speed)),
     ):
         least_excess = _least_over(excess, t_s, MIN_SIDEWAYS_S)
         k = int(np.argmax(least_excess))

@@ -112,16 +112,16 @@ def choose(
     battery = any(BATTERY_CHANNEL in run.sensors for run in runs)
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     all_commands = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
-    bare = without_terms(vehicle_file, candidate_terms(blocks, candidates, all_commands, battery))
-    minimal = [path for path in minimal_free(bare, free, u) if path.partition("[")[0] not in options.fixed]
+    core = without_terms(vehicle_file, candidate_terms(blocks, candidates, all_commands, battery))
+    minimal = [path for path in minimal_free(core, free, u) if path.partition("[")[0] not in options.fixed]
     report(_("fitting the smallest model"))
-    base = setup.fit(bare, minimal)
-    terms = candidate_terms(base.blocks._replace(sensors=bare.sensors), candidates, u, battery)
+    base = setup.fit(core, minimal)
+    terms = candidate_terms(base.blocks._replace(sensors=core.sensors), candidates, u, battery)
     terms = [t for t in terms if {path.partition("[")[0] for path in t.paths}.isdisjoint(options.fixed)]
-    growing = _ModelSelection(setup, bare, base, minimal, terms, report)
+    growing = _ModelSelection(setup, core, base, minimal, terms, report)
     model, results = growing.grow()
     report(_("fitting the model that was chosen"))
-    return Choice(tuple(results), growing.fit_of(model, bare), growing.rule)
+    return Choice(tuple(results), growing.fit_of(model, core), growing.rule)
 
 
 class FitSetup(NamedTuple):
@@ -145,21 +145,21 @@ class _ModelSelection:
     """The problem with all terms in it, and the models that are fitted to it."""
 
     def __init__(
-        self, setup: FitSetup, bare: "VehicleFile", base: Fit, least_paths: list[str], terms: list[Term],
+        self, setup: FitSetup, core: "VehicleFile", base: Fit, least_paths: list[str], terms: list[Term],
         progress: Callable[[str], object],
     ) -> None:  # fmt: skip
         runs, use, options, validation_runs = setup
         self.how, self.least_paths, self.terms, self.progress = setup, least_paths, terms, progress
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # the result of the last trial of each term
-        base_file = with_gyro_bias_at_rest(bare, runs)[0] if has_offset(bare.vehicle) else bare
-        blocks, runs, only = sensors_of(base_file, [*runs, *validation_runs], use)
+        base_file = with_gyro_bias_at_rest(core, runs)[0] if has_offset(core.vehicle) else core
+        blocks, runs, channels = sensors_of(base_file, [*runs, *validation_runs], use)
         if any(measures_pose(sensor) for sensor in blocks.sensors):
             raise UsageError(fault("choose.pose"))
         blocks = with_term_slots(blocks, terms)
         paths = list(dict.fromkeys([*least_paths, *(path for term in terms for path in term.paths)]))
         bounds = {path: limits for path, limits in options.bounds.items() if path in paths}
-        candidates, plain = free_parameters(blocks, paths, (), bounds), FitOptions(at_rest=options.at_rest)
-        parameters = parameters_for_fit(blocks, candidates, runs, only, base_file.rate_hz, plain)
+        candidates, flags = free_parameters(blocks, paths, (), bounds), FitOptions(at_rest=options.at_rest)
+        parameters = parameters_for_fit(blocks, candidates, runs, channels, base_file.rate_hz, flags)
         blocks, shape = parameters.blocks, parameters.shape
         self.paths = list(shape.shared_paths)
         at_rest = [begins_at_rest(run, blocks.sensors) for run in runs]
@@ -202,13 +202,13 @@ class _ModelSelection:
                 "held-out runs ({size}).",
                 unidentified=h.unseen, size=block_text,
             )  # fmt: skip
-        needs = _(
+        criterion = _(
             "The fall of the mean error is divided by its standard error. A term is added if the ratio is "
             "above the {percent:g} % quantile of Student's t, shared by all terms. This limits how often a "
             "vehicle without such terms gets one.",
             percent=100 * ALPHA,
         )
-        return f"{sentence} {needs}"
+        return f"{sentence} {criterion}"
 
     def grow(self) -> tuple[Model, list[TermResult]]:
         """Return the model, and the last result for each term."""
@@ -228,11 +228,11 @@ class _ModelSelection:
         other_terms = [term for term in self.terms if not have.intersection(term.paths)]
         return model, [results[term.name] for term in (*model.terms, *other_terms) if term.name in results]
 
-    def fit_of(self, model: Model, bare: "VehicleFile") -> Fit:
+    def fit_of(self, model: Model, core: "VehicleFile") -> Fit:
         """Return the fit of a model with its error bars, from its θ."""
         values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
         paths = [path for term in model.terms for path in term.paths]
-        vehicle_file = with_terms(bare, self.terms, {path: values[path] for path in paths})
+        vehicle_file = with_terms(core, self.terms, {path: values[path] for path in paths})
         start = {p: values[p] for p in self.least_paths}
         return self.how.fit(vehicle_file, [*self.least_paths, *paths], start)
 

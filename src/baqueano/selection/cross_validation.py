@@ -136,7 +136,7 @@ class HeldOutFolds:
         problem = (self.all_data if problem is None else problem).weight(sigma)
         return minimise(
             problem.evaluate, theta, self.low, self.high,
-            is_fixed=~is_free, tolerance=FINAL_DECREMENT, most=max_evaluations, damping=1e-4,
+            is_fixed=~is_free, tolerance=FINAL_DECREMENT, limit=max_evaluations, damping=1e-4,
         )  # fmt: skip
 
     def score(self, theta: np.ndarray, is_free: np.ndarray, sigma: np.ndarray) -> Score:
@@ -186,11 +186,11 @@ def check_only_held_out(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
         raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=repeats[0]))
 
 
-def paired_comparison(without: Score, with_: Score) -> PairedComparison:
+def paired_comparison(base: Score, other_model: Score) -> PairedComparison:
     """Return the comparison of two models, block by block.  (2), (3)"""
-    has_samples = without.samples.sum(axis=1) > 0.0
-    loss_before, loss_after = without.loss[has_samples], with_.loss[has_samples]
-    floor = MIN_NOISE_SHARE * without.samples[has_samples].sum(axis=1)
+    has_samples = base.samples.sum(axis=1) > 0.0
+    loss_before, loss_after = base.loss[has_samples], other_model.loss[has_samples]
+    floor = MIN_NOISE_SHARE * base.samples[has_samples].sum(axis=1)
     if not (np.isfinite(loss_before).all() and np.isfinite(loss_after).all()):
         return PairedComparison(-np.inf, np.inf, -np.inf, 0, len(floor))
     g = 0.5 * np.log((loss_before.sum(axis=1) + floor) / (loss_after.sum(axis=1) + floor))

@@ -198,11 +198,11 @@ def _search_starts(
 ) -> tuple[float, ...]:
     """Return the starts of the search for a parameter, or () for a parameter without an effect.  (1)"""
     max_nu = np.max([m.max_nu for m in motions], axis=0, initial=1e-9)
-    with_, without = (with_value(blocks, path, neutral + x).model for x in (UNIT_STEP, 0.0))
+    changed_model, base = (with_value(blocks, path, neutral + x).model for x in (UNIT_STEP, 0.0))
     sensitivity = 0.0
     for m in motions:
         nu_dot_with, nu_dot_without = (
-            x.step(m.state, m.u, SHORT_STEP_S, np.zeros(3))[1].nu_dot for x in (with_, without)
+            x.step(m.state, m.u, SHORT_STEP_S, np.zeros(3))[1].nu_dot for x in (changed_model, base)
         )
         change = np.abs(nu_dot_with - nu_dot_without) / UNIT_STEP / max_nu
         sensitivity = max(sensitivity, float(np.max(change)) if np.all(np.isfinite(change)) else 0.0)

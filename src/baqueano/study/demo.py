@@ -234,9 +234,9 @@ def demo(
     AnswerNo if the fit is refused.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    small = load("small")
-    truth = small.with_values({"sensors.imu.gyro_scale": TRUE_GYRO_SCALE})
-    vehicle_file = small.with_values(GUESSED_VALUES)
+    garage_file = load("small")
+    truth = garage_file.with_values({"sensors.imu.gyro_scale": TRUE_GYRO_SCALE})
+    vehicle_file = garage_file.with_values(GUESSED_VALUES)
     options = {"truth": truth, "backend": backend}
 
     progress(note("demo.experiment"))

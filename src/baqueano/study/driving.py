@@ -176,13 +176,13 @@ class Driving:
         """Return the rows as a text table."""
         rows = []
         for r in self.rows():
-            speed, uneven, across = (
+            speed, unevenness, distance = (
                 " ".join(f"{number(scale * r[f'{figure}_{q}']):.1f}" for q in ("median", "p95", "worst"))
                 for figure, scale in (("speed_error", 100.0), ("unevenness", 100.0), ("across_m", 1000.0))
             )
             limits = f"{number(100.0 * r['at_limit_worst']):.1f}%", f"{number(r['sign_changes_worst']):.0f}"
-            where = _(r["case"]), _(r["shape"]), f"{number(r['requested_m_s']):.1f}"
-            rows.append([*where, speed, uneven, across, *limits])
+            labels = _(r["case"]), _(r["shape"]), f"{number(r['requested_m_s']):.1f}"
+            rows.append([*labels, speed, unevenness, distance, *limits])
         head = [
             _("case"), _("shape"), "m/s", _("speed error %"), _("uneven %"), _("across mm"), _("limit"), _("sign"),
         ]  # fmt: skip

@@ -58,8 +58,8 @@ class RecordingStudy:
         lines = text_table("<<<<<", head, *rows)
         lines += self.missing_recordings
         passes = sum(bool(r["ok"]) for r in self.result_rows)
-        met = {"verdict": _(self.verdict), "met": passes, "all": len(self.result_rows)}
-        return "\n".join([*lines, _("{verdict}: {met} of {all} requirements are met", **met)])
+        figures = {"verdict": _(self.verdict), "met": passes, "all": len(self.result_rows)}
+        return "\n".join([*lines, _("{verdict}: {met} of {all} requirements are met", **figures)])
 
 
 def recordings(

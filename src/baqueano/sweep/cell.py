@@ -79,10 +79,10 @@ def _drive(job: SweepJob) -> "Run":
     assert job.route is not None
     start = compose(job.route.eta[0], np.array(job.settings.start))
     # only the blocks are compared
-    bare = {"check": False, "lead_in": False, "caution": False, "patience_s": np.inf, "rest_s": 0.0}
+    no_safeguards = {"check": False, "lead_in": False, "caution": False, "patience_s": np.inf, "rest_s": 0.0}
     return repeat(
         job.file_text.parse(), job.route, job.settings.laps, **job.blocks._asdict(), eta=start, seed=job.seed,
-        backend=job.settings.backend, **bare,
+        backend=job.settings.backend, **no_safeguards,
     )  # fmt: skip
 
 

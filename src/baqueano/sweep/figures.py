@@ -148,8 +148,8 @@ def _laps(
     if not stops and np.all(np.abs(cross_track) <= MAX_LAP_DISTANCE_M):
         return float(laps)
     lost_ns = [int(t_ns[k]) for k in np.flatnonzero(~(np.abs(cross_track) <= MAX_LAP_DISTANCE_M))[:1]]
-    until = path_fraction[t_ns <= min([*stops, *lost_ns])]
-    return float(np.floor(laps * until[-1] - 1e-9)) if until.size and until[-1] > 0.0 else 0.0
+    fractions = path_fraction[t_ns <= min([*stops, *lost_ns])]
+    return float(np.floor(laps * fractions[-1] - 1e-9)) if fractions.size and fractions[-1] > 0.0 else 0.0
 
 
 def _command_series(run: "Run", k: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:

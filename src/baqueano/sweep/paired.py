@@ -59,9 +59,9 @@ class PairedDifference(NamedTuple):
 UNKNOWN = PairedDifference(NAN, NAN, NAN, 0, False)
 
 
-def paired_difference(ours: Sequence[ErrorSegments], theirs: Sequence[ErrorSegments]) -> PairedDifference:
-    """Return the ratio of two cells; drive k of `ours` and of `theirs` is the same drive.  (1)"""
-    block_pairs = [_blocks(a, b) for a, b in zip(ours, theirs, strict=True)]
+def paired_difference(cell: Sequence[ErrorSegments], base: Sequence[ErrorSegments]) -> PairedDifference:
+    """Return the ratio of two cells; drive k of `cell` and of `base` is the same drive.  (1)"""
+    block_pairs = [_blocks(a, b) for a, b in zip(cell, base, strict=True)]
     block_pairs = [blocks for blocks in block_pairs if np.all(np.sum(blocks, axis=0) > 0.0)]
     if not block_pairs:
         return UNKNOWN

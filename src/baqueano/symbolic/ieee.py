@@ -15,14 +15,14 @@ from baqueano.contracts.values import Value
 
 
 def _quiet(fast: Callable[..., float], exact: Value) -> Callable[..., float]:
-    def quiet(*args: float) -> float:
+    def with_nan(*args: float) -> float:
         try:
             return fast(*args)
         except (ArithmeticError, ValueError):
             with np.errstate(all="ignore"):
                 return float(exact(*map(float, args)))
 
-    return quiet
+    return with_nan
 
 
 def minimum(a: float, b: float) -> float:

@@ -67,12 +67,12 @@ def tree_function(
             "else:",
         ]
         packs[0] = [*constants, *(f"    {line}" for line in packs[0])]
-    inside = [line for lines in packs for line in lines]
+    body = [line for lines in packs for line in lines]
     head = f"def call({', '.join(f'a{k}' for k in range(len(shapes)))}):"
     text = [
         head,
         "    with lock:",
-        *(f"        {line}" for line in [*inside, "if run(): general()", "row = result.copy()"]),
+        *(f"        {line}" for line in [*body, "if run(): general()", "row = result.copy()"]),
     ]
     text += [f"    {line}" for line in _unpack(shape, state, count, space)]
     exec(compile("\n".join(text), "<baqueano packing>", "exec"), space)

@@ -140,8 +140,8 @@ def search_gains(
         descents.sort(key=lambda d: d.cost)
         best_gains = descents[0].gains
         ends = at_limit(best_gains, space.low, space.high)
-        if np.any(ends) and (inside := _within_bounds(rehearsal, descents[0], preferred_gains)):
-            return rehearsal, [inside, *descents]
+        if np.any(ends) and (interior := _within_bounds(rehearsal, descents[0], preferred_gains)):
+            return rehearsal, [interior, *descents]
         wider = space.widen(ends)
         if np.array_equal(wider.low, space.low) and np.array_equal(wider.high, space.high):
             break
@@ -193,14 +193,14 @@ def _tune_result(
     worst: WorstCase | None, fresh_seeds: FreshSeeds | None, controller: Any,
 ) -> TuneResult:  # fmt: skip
     space, best_descent = rehearsal.space, descents[0]
-    around = _relative_costs(rehearsal, best_descent)
+    ratios = _relative_costs(rehearsal, best_descent)
     limits = at_limit(best_descent.gains, space.low, space.high)
     block = space.with_gains(best_descent.gains)
     history = [(k, c) for k, descent in enumerate(descents) for c in descent.costs]
     speed_m_s = float(np.mean([leg.speed_m_s for leg in rehearsal.cases]))
     return TuneResult(
         vehicle_file,
-        tuple(_gain(rehearsal, k, best_descent, int(limits[k]), around) for k in range(len(space.names))),
+        tuple(_gain(rehearsal, k, best_descent, int(limits[k]), ratios) for k in range(len(space.names))),
         best_descent.cost,
         rehearsal.cost(initial[0]) if initial else float("nan"),
         rehearsal.cost(np.zeros(len(space.low))),
@@ -212,7 +212,7 @@ def _tune_result(
         rehearsal.backend,
         block,
         controller,
-        around,
+        ratios,
         speed_m_s,
         worst,
         fresh_seeds,
@@ -228,9 +228,9 @@ def _relative_costs(rehearsal: Objective, best_descent: Descent) -> np.ndarray:
     return rehearsal.costs(gains.reshape(-1, p)).reshape(p, -1) / best_descent.cost
 
 
-def _gain(rehearsal: Objective, k: int, best: Descent, limit: int, around: np.ndarray) -> Gain:
+def _gain(rehearsal: Objective, k: int, best: Descent, limit: int, ratios: np.ndarray) -> Gain:
     """Return gain `k` with its bounds, and the relative costs if only this gain is multiplied by 0.8 or 1.25."""
     space, (smaller, larger) = rehearsal.space, (FACTORS.index(factor) for factor in (0.8, 1.25))
     description = space.names[k], space.units[k], float(best.gains[k]), float(space.file_gains[k])
     ends = float(space.low[k]), float(space.high[k]), limit
-    return Gain(*description, *ends, float(around[k, smaller]), float(around[k, larger]))
+    return Gain(*description, *ends, float(ratios[k, smaller]), float(ratios[k, larger]))

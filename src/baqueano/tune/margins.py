@@ -100,10 +100,10 @@ def margins(loop: LinearSystem) -> tuple[float, float, float, float]:
     omega = np.geomspace(MIN_FREQUENCY_RAD_S, np.pi / loop.dt_s, FREQUENCY_COUNT)
     L = loop.frequency_response(omega)
     ends = np.flatnonzero(np.diff(np.sign(np.imag(L))) != 0)
-    real = [
+    real_parts = [
         loop.frequency_response(_crossing_frequency(loop, omega[k : k + 2], np.imag))[0].real for k in ends
     ]
-    factors = [-1.0 / x for x in [*real, L[-1].real] if x < 0.0]
+    factors = [-1.0 / x for x in [*real_parts, L[-1].real] if x < 0.0]
     crossings = np.flatnonzero(np.diff(np.sign(np.abs(L) - 1.0)) != 0)
     frequencies = [_crossing_frequency(loop, omega[k : k + 2], lambda x: np.abs(x) - 1.0) for k in crossings]
     phases = [float(np.angle(-loop.frequency_response(w)[0])) for w in frequencies]

@@ -159,12 +159,12 @@ def _refine_with_simplex(
         return costs[-1]
 
     x0 = coordinates(end.gains, low, high)
-    around = np.clip(
+    simplex = np.clip(
         x0 + SIMPLEX_SIZE * np.vstack([np.zeros(len(x0)), np.diag(np.where(x0 > 0.5, -1.0, 1.0))]), 0.0, 1.0
     )
     options = {
         "maxfev": SIMPLEX_EVALUATIONS,
-        "initial_simplex": around,
+        "initial_simplex": simplex,
         "xatol": 1e-6,
         "fatol": 1e-9 * end.cost,
     }

@@ -55,12 +55,12 @@ def with_cost_advice(
 
 
 def refit_with_cost(
-    runs: Sequence[Run], vehicle_file: "VehicleFile", *, options: FitOptions, **how: Any
+    runs: Sequence[Run], vehicle_file: "VehicleFile", *, options: FitOptions, **arguments: Any
 ) -> Callable[[str], Fit]:
     """Return a function that fits the runs with a given cost, without diagnostics. All other `options` and the
-    arguments `how` of `identify` are unchanged."""
+    arguments `arguments` of `identify` are unchanged."""
     return lambda cost: identify(
-        runs, vehicle_file, options=replace(options, cost=cost, diagnose=False), **how
+        runs, vehicle_file, options=replace(options, cost=cost, diagnose=False), **arguments
     )
 
 

@@ -209,9 +209,9 @@ def _scale_cov(fit: "Fit", entries: list[int]) -> np.ndarray:
     return shifts.T @ shifts
 
 
-def _scale_notes(fit: "Fit", total: DriveForecast, without: DriveForecast) -> list[Diagnostic | str]:
+def _scale_notes(fit: "Fit", total: DriveForecast, unscaled: DriveForecast) -> list[Diagnostic | str]:
     """Return a note if the scales of the IMU cause most of the variance of the position."""
-    if not without.position_m**2 < 0.5 * total.position_m**2:
+    if not unscaled.position_m**2 < 0.5 * total.position_m**2:
         return []
     imu, fix = _imus(fit)[0], baqueano_command("runs", "calibrate", "last", "--update")
     return [

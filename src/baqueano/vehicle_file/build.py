@@ -177,7 +177,7 @@ def role_table(
     report: ReadReport,
     name: str,
     table: Any,
-    given: "JsonObject",
+    role_values: "JsonObject",
     fallback: "JsonObject",
     context: BuildContext,
     kind: str | type | None = None,
@@ -193,17 +193,17 @@ def role_table(
     )
     if block_class is None:
         return None
-    keys = keys_of(block_class, {*DERIVED_KEYS, *given, *(ROUTE_FIELDS if name == "guide" else ())})
+    keys = keys_of(block_class, {*DERIVED_KEYS, *role_values, *(ROUTE_FIELDS if name == "guide" else ())})
     if kind is not None and kind != own_kind:
         table = {k: v for k, v in table.items() if k in keys}
     values = arguments(report, path, keys, table)
     values |= {k: v for k, v in fallback.items() if k in keys and k not in values}
     if "use" in keys and "use" not in values and keys["use"].default == ("imu",):
-        sensors = given["sensors"]
+        sensors = role_values["sensors"]
         names = tuple(n for n in sensors._fields if velocity_rows(getattr(sensors, n)))
         values["use"] = ("imu",) if "imu" in sensors._fields else names or sensors._fields
     missing_names = missing_keys(keys, values)
-    values |= {k: v for k, v in given.items() if k in argument_names(block_class)}
+    values |= {k: v for k, v in role_values.items() if k in argument_names(block_class)}
     return RoleTable(block_class, values, [k for k in missing_names if k not in table])
 
 
@@ -295,7 +295,7 @@ def _named_class(
     try:
         block_class = resolve_kind(role, name, context.folder)
         check_step(
-            role, block_class, lambda other: f'{other}="{name}"' if is_typed else f'[{other}] kind = "{name}"'
+            role, block_class, lambda owner: f'{owner}="{name}"' if is_typed else f'[{owner}] kind = "{name}"'
         )
         return block_class
     except (FileError, UsageError) as error:

@@ -88,7 +88,7 @@ def lease_messages(lease: Lease, visitors: list[Visitor]) -> "Iterator[tuple[Vis
     """Yield, for each visitor, the message about the right to drive. It names other possible drivers to the holder."""
     holder = lease.holder
     for visitor in visitors:
-        other_names = [other.name for other in visitors if other.role == Role.DRIVE and other is not visitor]
+        other_names = [v.name for v in visitors if v.role == Role.DRIVE and v is not visitor]
         yield visitor, {
             "type": "lease", "driver": getattr(holder, "name", None), "until_ms": round(1e3 * lease.remaining_s),
             "you": visitor is holder, "watching": len(visitors) - (holder is not None),

@@ -293,7 +293,7 @@ class Live:
     def _on_fields(self, message: "JsonObject") -> None:
         names, units = message["names"], message.get("units", [])
         columns_changed = self.feed.begin_drive([str(name) for name in names])
-        self.identifying.begin(self.feed.names, ahead="file" in self._vehicle)
+        self.identifying.begin(self.feed.names, early_start="file" in self._vehicle)
         self._events.clear()
         if columns_changed:
             commands = [str(command["name"]) for command in self._vehicle.get("command", [])]

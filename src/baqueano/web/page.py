@@ -241,14 +241,14 @@ class BrowserPage:
 
     async def _open(self, visitor: Visitor, message: "JsonObject") -> None:
         """Send the run with this key, and its ghost: a second run, or this run replayed through another estimator."""
-        paths, through = self._shelf.paths(), str(message.get("filter") or "")[:MAX_FILTER_LETTERS]
+        paths, filter_name = self._shelf.paths(), str(message.get("filter") or "")[:MAX_FILTER_LETTERS]
         selection: list[tuple[Path, str]] = []
         for word_of_run in filter(
-            None, (message["run"], message["run"] if through else message.get("ghost"))
+            None, (message["run"], message["run"] if filter_name else message.get("ghost"))
         ):
             if word_of_run not in paths:
                 raise UsageError(fault("web.no-run"))
-            selection.append((paths[word_of_run], through if selection else ""))
+            selection.append((paths[word_of_run], filter_name if selection else ""))
         visitor.send_pieces(self._run_pieces(visitor, selection))
 
     async def _runs(self, visitor: Visitor, message: "JsonObject") -> None:
@@ -297,12 +297,12 @@ class BrowserPage:
 
     def _run_description(self, visitor: Visitor, path: Path, metadata: "JsonObject") -> "JsonObject":
         """Return the description of a run for a browser, in the language of the browser."""
-        whole = {name: metadata[name] for name in ("vehicle", "blocks", "route", "rows", "seconds")}
+        description = {name: metadata[name] for name in ("vehicle", "blocks", "route", "rows", "seconds")}
         with use_language(visitor.language):
             figures = {name: metadata[name] for name in ("kind", "seconds")}
             sentence = text(note("web.recorded", events=len(metadata["events"]), **figures))
         brief = {name: metadata[name] for name in ("name", "kind", "seconds")}
-        return whole | {
+        return description | {
             "id": self._shelf.key_of(path), "name": metadata["name"], "run": self._shelf.entry_of(path) | brief,
             "fields": label_fields(metadata["fields"], visitor.language), "sentence": sentence,
             "events": [with_sentence(event, visitor.language) for event in metadata["events"]],

@@ -85,10 +85,10 @@ class ServiceLink:
             await self._program.wait()
 
 
-async def start_simulated(vehicle: str, folder: Path, *more: str) -> ServiceLink:
+async def start_simulated(vehicle: str, folder: Path, *options: str) -> ServiceLink:
     """Start the service of a simulated vehicle, and return the link to it."""
     return await _start(
-        [sys.executable, "-m", "baqueano.door.simulated", vehicle, "--runs", str(folder), *more]
+        [sys.executable, "-m", "baqueano.door.simulated", vehicle, "--runs", str(folder), *options]
     )
 
 

@@ -50,15 +50,15 @@ if TYPE_CHECKING:
 def command(
     vehicle: str | None, settings: tuple[str, ...], robot: str, latched: bool, share: float, pad: str | None,
     hold: bool, length_m: float | None, seed: int, backend: str, folder: str, out: Path | None, update: bool,
-    shown: bool, pace: float, as_json: bool,
+    show_page: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
-    if shown:
+    if show_page:
         options.refuse_together("--page", "latched", "share", "pad")
     vehicle_file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(vehicle_file, robot)
     path = options.run_path(out, folder, "drive")
     at_terminal = partial(drive_by_hand, pad=pad, share=share, latched=latched)
-    drive = drive_from_page(folder, pace) if shown else at_terminal
+    drive = drive_from_page(folder, pace) if show_page else at_terminal
     run = drive("drive", vehicle_file, robot, seed, backend, path, hold=hold)
     print_message(note("cli.run", path=path))
     finish_manual_drive(run, path, robot)

@@ -68,7 +68,7 @@ def command(
     vehicle: str | None, settings: tuple[str, ...], robot: str, signal: str, room: str | None, trust_file: bool,
     rounds: int | None, seconds: float, seed: int, shake: tuple[str, ...],
     backend: str, folder: str, out: Path | None, update: bool,
-    shown: bool, pace: float, as_json: bool,
+    show_page: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
     _check_options(signal, rounds, update)
     if signal != "designed":
@@ -87,7 +87,7 @@ def command(
         return path
 
     with (
-        live.live_page(shown, robot, vehicle_file, folder, pace) as page,
+        live.live_page(show_page, robot, vehicle_file, folder, pace) as page,
         open_target(robot, vehicle_file, seed, backend, page=page, shake=shake) as target,
     ):
         runs: list[Run] = []

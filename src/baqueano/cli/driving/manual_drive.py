@@ -38,12 +38,12 @@ hold_option = click.option(
 
 def drive_by_hand(
     verb: str, vehicle_file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, pad: str | None = None,
-    hold: bool = True, **how: Any,
+    hold: bool = True, **options: Any,
 ) -> "Run":  # fmt: skip
     """Return the run of a manual drive in real time, which ends with q.
 
     `verb` is "drive" or "teach". `pad` is the device of the game pad, or ANY_PAD to search for it. With `hold` and a
-    gyro, the heading is kept during straight motion. `how` contains `share` and `latched` of a Cockpit. Raise
+    gyro, the heading is kept during straight motion. `options` contains `share` and `latched` of a Cockpit. Raise
     UsageError for an emulated vehicle.
     """
     from baqueano.drive.by_hand.cockpit import Cockpit
@@ -68,7 +68,7 @@ def drive_by_hand(
         cockpit = Cockpit(
             vehicle_file.command.limit, name=robot, names=tuple(vehicle_file.command.names), trusted=not multiplexer,
             hold=hold and heading_hold_gains(vehicle_file) is not None, pad=device,
-            drivetrain=getattr(vehicle_file.vehicle, "drivetrain", None), **how,
+            drivetrain=getattr(vehicle_file.vehicle, "drivetrain", None), **options,
         )  # fmt: skip
         hand = resources.enter_context(cockpit)
         resources.enter_context(stop_on_signals(hand.stop))

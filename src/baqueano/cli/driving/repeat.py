@@ -90,8 +90,8 @@ def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, laps: int, room: str | None,
     start: str | None, anyway: bool, faster: bool, stand: str | None, lead_in: bool, way_back: bool, caution: bool,
     patience_s: float, estimator: str | None, controller: str | None, guide: str | None, rest_s: float | None,
-    seed: int, shake: tuple[str, ...], backend: str, folder: str, out: Path | None, report: ReportFiles, shown: bool,
-    pace: float, as_json: bool,
+    seed: int, shake: tuple[str, ...], backend: str, folder: str, out: Path | None, report: ReportFiles,
+    show_page: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare
     from baqueano.drive.mission import Mission
@@ -113,7 +113,7 @@ def command(
         start=start_pose_of(taught_route, stand), rest_s=rest_s, precautions=precautions.to_json(),
     )  # fmt: skip
     with (
-        live.live_page(shown, robot, vehicle_file, folder, pace) as watching,
+        live.live_page(show_page, robot, vehicle_file, folder, pace) as watching,
         open_target(robot, vehicle_file, seed, backend, page=watching, shake=shake) as target,
     ):
         path = options.run_path(out, folder, "repeat")
@@ -121,7 +121,7 @@ def command(
         if laps == 0:
             print_message(note("cli.until-ctrl-c"))
         with show_time_progress(note("cli.repeat"), laps and duration_s) as progress:
-            is_paced = laps == 0 and robot.startswith("simulated") and not shown
+            is_paced = laps == 0 and robot.startswith("simulated") and not show_page
             run = target.drive(mission, vehicle_file, path, in_real_time(progress) if is_paced else progress)
     print_message(note("cli.run", path=path))
     print_fault_detections(run, vehicle_file, shake)

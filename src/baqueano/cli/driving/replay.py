@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 @options.runs_folder
 @options.out
 @report_options
-@live.shown
+@live.page_flag
 @options.as_json
 def command(
     run: str, vehicle: str | None, settings: tuple[str, ...], estimator: str | None, align: str, smooth: bool,
-    backend: str, folder: str, out: Path | None, report: ReportFiles, shown: bool, as_json: bool,
+    backend: str, folder: str, out: Path | None, report: ReportFiles, show_page: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare
     from baqueano.drive import replay, stop_reason_of
@@ -75,7 +75,7 @@ def command(
 
         original = recorded_run if recorded_run.estimate is not None else None
         report.write(lambda: page_of_run(replayed_run, align, original))
-    if shown:
+    if show_page:
         live.show_both(path, recorded_run.path, folder)
     # a stop that was recorded is replayed with the rest
     if not _stops_are_equal(stop_reason_of(replayed_run), stop_reason_of(recorded_run)):

@@ -67,7 +67,7 @@ SHAPES = (  # of guides.shapes, which loads numpy
 def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, driver: str, pad: str | None,
     hold: bool, speed_m_s: float, size_m: float, closed: bool, update: bool, rest_s: float | None, seed: int,
-    backend: str, folder: str, out: Path | None, shown: bool, pace: float, as_json: bool,
+    backend: str, folder: str, out: Path | None, show_page: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.drive import replay, route_of
     from baqueano.drive.mission import Mission
@@ -75,18 +75,18 @@ def command(
 
     check_ending(options.route_path(route))
     _check_driver(driver, pad is not None or not hold or closed or update)
-    if shown:
+    if show_page:
         options.refuse_together("--page", "pad")
     vehicle_file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(vehicle_file, robot)
     if driver == "keys":
         path = options.run_path(out, folder, "teach")
-        drive = drive_from_page(folder, pace) if shown else partial(drive_by_hand, pad=pad)
+        drive = drive_from_page(folder, pace) if show_page else partial(drive_by_hand, pad=pad)
         run, is_closed = drive("teach", vehicle_file, robot, seed, backend, path, hold=hold), closed
     else:
-        target_route = shape_or_route(driver, speed_m_s, size_m, others=("keys",))
+        target_route = shape_or_route(driver, speed_m_s, size_m, valid_names=("keys",))
         with (
-            live.live_page(shown, robot, vehicle_file, folder, pace) as page,
+            live.live_page(show_page, robot, vehicle_file, folder, pace) as page,
             open_target(robot, vehicle_file, seed, backend, page=page) as target,
         ):
             path = options.run_path(out, folder, "teach")
@@ -107,9 +107,9 @@ def command(
     except AnswerNo as error:
         if driver not in SHAPES:
             raise
-        slower = baqueano_command("teach", route, "--driver", driver, "--speed", "0.2", *vehicle_options)
+        slow_drive = baqueano_command("teach", route, "--driver", driver, "--speed", "0.2", *vehicle_options)
         figures = {"shape": driver, "speed_m_s": speed_m_s, "cause": error.diagnostic}
-        raise AnswerNo(fault("cli.not-followed", slower, **figures)) from None
+        raise AnswerNo(fault("cli.not-followed", slow_drive, **figures)) from None
     route_path = options.route_path(route)
     if route_path.exists():
         print_message(note("cli.route-replaced", path=route_path))
@@ -132,10 +132,10 @@ def _check_driver(driver: str, has_hand_options: bool) -> None:
         options.refuse_together("--driver keys", "rest_s")
 
 
-def shape_or_route(name: str, speed_m_s: float, size_m: float, others: tuple[str, ...] = ()) -> Any:
+def shape_or_route(name: str, speed_m_s: float, size_m: float, valid_names: tuple[str, ...] = ()) -> Any:
     """Return a shape by its name, or a stored route.
 
-    Raise UsageError for an unknown name. `others`: further names that the option accepts.
+    Raise UsageError for an unknown name. `valid_names`: further names that the option accepts.
     """
     from baqueano.guides.shapes import shape
 
@@ -144,7 +144,7 @@ def shape_or_route(name: str, speed_m_s: float, size_m: float, others: tuple[str
     if "." in name or options.route_path(name).is_file():
         return options.find_route(name)
     stored_names = sorted(path.stem for path in options.ROUTES.glob("*.csv"))
-    suggestion = nearest(name, [*SHAPES, *others, *stored_names])
+    suggestion = nearest(name, [*SHAPES, *valid_names, *stored_names])
     raise UsageError(fault("cli.driver-unknown", value=name, suggestion=suggestion))
 
 

@@ -118,7 +118,7 @@ GROUPS = {
 def command(
     runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], choose: bool,
     parameter_history: bool, held_out: tuple[str, ...], no_noise: bool, table: Path | None, folder: str, update: bool,
-    report: ReportFiles, as_json: bool, backend: str, **how: Any,
+    report: ReportFiles, as_json: bool, backend: str, **arguments: Any,
 ) -> None:  # fmt: skip
     from baqueano.cli.errors import Interruption
     from baqueano.identify import identify
@@ -126,11 +126,11 @@ def command(
 
     _check_options(parameter_history, choose, with_validation=bool(held_out))
     _check_table(table)
-    lap = _forecast_route(how["route"])
+    lap = _forecast_route(arguments["route"])
     fit_runs, validation_runs = (options.find_runs(names, folder) for names in (runs, held_out))
-    settings_of_fit: JsonObject = _fit_arguments(how, backend)
+    settings_of_fit: JsonObject = _fit_arguments(arguments, backend)
     vehicle_file = _with_tolerances(
-        options.load_vehicle(vehicle, settings), how["tolerance"], fit_runs, settings_of_fit
+        options.load_vehicle(vehicle, settings), arguments["tolerance"], fit_runs, settings_of_fit
     )
     if not settings_of_fit["use"]:
         for diagnostic in unused_sensors(fit_runs, vehicle_file):
@@ -152,7 +152,7 @@ def command(
         changed_settings = settings_of_fit | changes
         fit, validation = _validate_fit(fit, fit_runs, validation_runs, start_file, changed_settings)
         result = replace(result, fit=fit) if choose else fit
-    drive_forecast = _forecast_drive(fit, fit_runs, lap, how["route"])
+    drive_forecast = _forecast_drive(fit, fit_runs, lap, arguments["route"])
     if as_json or report.page is None:
         print_answer(
             result, as_json, _extra_rows(fit, validation), forecast=drive_forecast.rows() if drive_forecast else [],

@@ -26,9 +26,11 @@ START_TIMEOUT_S = 30.0  # a busy laptop starts Python
 CONNECT_TIMEOUT_S = 5.0  # a browser, if a tab was opened
 END_TIMEOUT_S = 3.0  # the page, once its drives are over
 
-shown = click.option("--page", "shown", is_flag=True, help="Show both runs in a browser, side by side.")
+page_flag = click.option(
+    "--page", "show_page", is_flag=True, help="Show both runs in a browser, side by side."
+)
 page = options.combine_options(
-    click.option("--page", "shown", is_flag=True, help="Show the drive in a browser while it happens."),
+    click.option("--page", "show_page", is_flag=True, help="Show the drive in a browser while it happens."),
     click.option(
         "--pace", type=numbers.pace, default=1.0, show_default=True,
         help="Simulated seconds per real second (with --page).",
@@ -55,13 +57,13 @@ class LivePage:
 
 @contextmanager
 def live_page(
-    shown: bool, robot: str, file: "VehicleFile", folder: str, pace: float = 1.0, by_hand: bool = False
+    show_page: bool, robot: str, file: "VehicleFile", folder: str, pace: float = 1.0, by_hand: bool = False
 ) -> Iterator[LivePage | None]:
-    """Open a page for the drives of a subcommand, and yield it; None if it is not `shown`.
+    """Open a page for the drives of a subcommand, and yield it; None if `show_page` is False.
 
     With a display, first wait up to CONNECT_TIMEOUT_S for a browser. The page always ends with the verb.
     """
-    if not shown:
+    if not show_page:
         yield None
         return
     require_websockets()

@@ -38,8 +38,8 @@ class PlaybackPage:
             {"name": gain.name, "unit": gain.unit, "file_value": gain.file_value, "value": gain.value}
             for gain in result.gains
         ]
-        around = {"cost": result.cost, "start_cost": result.cost_before, "gains": gains}
-        self._send({"tuned": around | {"history": costs[:: max(1, len(costs) // POINTS)]}})
+        costs_and_gains = {"cost": result.cost, "start_cost": result.cost_before, "gains": gains}
+        self._send({"tuned": costs_and_gains | {"history": costs[:: max(1, len(costs) // POINTS)]}})
 
     def show_event(self, message: Diagnostic) -> None:
         """Show an event on the page."""
@@ -64,14 +64,14 @@ class PlaybackPage:
 
 
 @contextmanager
-def run_with_page(folder: Path, shown: bool | None, pace: float) -> Iterator[PlaybackPage]:
+def run_with_page(folder: Path, show_page: bool | None, pace: float) -> Iterator[PlaybackPage]:
     """Open a page for the runs of `folder`, played at `pace`. At the end, wait until the viewers have seen them.
 
-    With `shown` None, the page opens if there is a display.
+    With `show_page` None, the page opens if there is a display.
     """
-    if shown is None:
-        shown = _display()
-    if not shown:
+    if show_page is None:
+        show_page = _display()
+    if not show_page:
         yield PlaybackPage(None)
         return
     folder.mkdir(parents=True, exist_ok=True)

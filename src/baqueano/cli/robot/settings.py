@@ -58,14 +58,14 @@ choices = options.combine_options(
 @options.as_json
 def settings(
     host: str, defaults: bool, watch_s: float | None, vehicle: str | None, settings: tuple[str, ...],
-    as_json: bool, **given: Any,
+    as_json: bool, **new_values: Any,
 ) -> None:  # fmt: skip
     from baqueano.robot.uno import settings as uno_settings
     from baqueano.robot.uno.frames import Settings
     from baqueano.robot.uno.serial_port import open_uno
     from baqueano.robot.workshop.exclusive_hardware import result_from_host, stopped_service
 
-    changes = option_values(given)
+    changes = option_values(new_values)
     uno_settings.apply_changes(Settings(), changes)  # a wrong value is reported before the hardware is opened
     if host == "here":
         vehicle_file = options.load_vehicle(vehicle, settings)

@@ -119,8 +119,8 @@ def measured_rows(reading: Reading, sensor: Sensor, slot: Slot) -> np.ndarray:
     together; of several rows that measure one entry, a missing one does not exclude the others.
     """
     mask = measured_channels(sensor, slot)[list(reading.rows)]
-    entry, *others = reading.entries
-    if others:
+    entry, *other_entries = reading.entries
+    if other_entries:
         return mask * np.where(np.sum(mask) == len(reading.rows), 1.0, 0.0)
     return mask * np.where(reading.jacobian[:, entry] != 0.0, 1.0, 0.0)
 

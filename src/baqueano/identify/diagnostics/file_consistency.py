@@ -296,8 +296,8 @@ def _comparison(path: str, file_value: float, fitted: float, std: float) -> list
     return [note("file.gain", Severity.WARNING, subject=path, ratio=ratio, guess=_unit(factor))]
 
 
-def _unit(off: float) -> Diagnostic | str:
-    code = UNITS.get(nearest_ratio(off, 0.8, 1.25, UNITS))
+def _unit(ratio: float) -> Diagnostic | str:
+    code = UNITS.get(nearest_ratio(ratio, 0.8, 1.25, UNITS))
     return note(code) if code else ""
 
 

@@ -219,13 +219,13 @@ def _force_columns(
     else:
         segments = parallel_map(lambda k: derivatives(k, rows_of(k)), range(len(channels)), rows=work_rows)
         all_columns = partial(np.concatenate, segments)
-    shown = [k for k, force in enumerate(candidates) if force.channel is None or largest[force.channel] > 0.0]
+    index = [k for k, force in enumerate(candidates) if force.channel is None or largest[force.channel] > 0.0]
 
     def columns() -> TermColumns:
         D = all_columns().reshape(-1, len(candidates)).T  # (K, N m)
-        axes, forces = ("x", "y", "psi"), [candidates[k] for k in shown]
+        axes, forces = ("x", "y", "psi"), [candidates[k] for k in index]
         labels = [(f"{force.code}, {axes[force.axis]}", force.description) for force in forces]
-        return labels, D if len(shown) == len(candidates) else D[shown]
+        return labels, D if len(index) == len(candidates) else D[index]
 
     return columns
 
@@ -242,8 +242,8 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     def pushes(epsilon: np.ndarray, phi: np.ndarray) -> Iterator[np.ndarray]:
         for k, axis in enumerate(FORCE_AXES):
             e, of_motion = epsilon[k * count : (k + 1) * count], phi[c + k * (count - c) :]
-            along = e[:c] @ phi[:c] + e[c:-1] @ of_motion[: count - c - 1]
-            yield along * np.eye(3)[axis] + e[-1] * of_motion[count - c - 1] * SIDEWAYS_AXIS
+            push = e[:c] @ phi[:c] + e[c:-1] @ of_motion[: count - c - 1]
+            yield push * np.eye(3)[axis] + e[-1] * of_motion[count - c - 1] * SIDEWAYS_AXIS
 
     def step(epsilon: np.ndarray, state: PushedState, row: np.ndarray) -> tuple[PushedState, np.ndarray]:
         blocks_at = blocks_in_row(blocks, shape, state.theta, row)
@@ -295,13 +295,13 @@ def _mount_terms(
     x, y = span.start, span.start + 1
     w, w_dot = motions.nu[:, 2], motions.nu_dot[:, 2]
     terms = []
-    for code, along, across in (
+    for code, change_x, change_y in (
         ("term.imu-ahead", -w * w, w_dot),
         ("term.imu-beside", -w_dot, -w * w),
         ("term.imu-turned", h[:, y], -h[:, x]),
         ("term.measurement-model", -w * motions.nu[:, 1], w * motions.nu[:, 0]),
     ):
         D = np.zeros_like(h)
-        D[:, x], D[:, y] = along, across
+        D[:, x], D[:, y] = change_x, change_y
         terms.append((f"mount of {name}", note(code, subject=name), D))
     return terms

@@ -143,14 +143,14 @@ class Prediction:
 
 def maximum_likelihood(
     prediction: Prediction, theta: np.ndarray, low: np.ndarray, high: np.ndarray, is_fixed: np.ndarray,
-    least: np.ndarray | None = None, progress: Callable[[str], object] | None = None,
+    floor: np.ndarray | None = None, progress: Callable[[str], object] | None = None,
 ) -> MaximumLikelihood:  # fmt: skip
     """Return the x of maximum likelihood. The search starts at `theta` (p,) of the simulation and stays between `low`
-    and `high` (p,). `is_fixed` (p,) is a mask of entries that do not change. σ of a channel is at least `least` (m,),
+    and `high` (p,). `is_fixed` (p,) is a mask of entries that do not change. σ of a channel is at least `floor` (m,),
     given by its converter and by rounding. The first search has v = 0, the second one a free v. `progress` is called
     with a text; if it returns True, a search ends."""
     k, m, x = len(prediction.axes), prediction.channels, prediction.x(theta)
-    min_factor = np.zeros(m) if least is None else least / prediction.simulation.sigma
+    min_factor = np.zeros(m) if floor is None else floor / prediction.simulation.sigma
     low = np.concatenate([low, np.zeros(k), np.log(np.clip(min_factor, np.exp(-MAX_LOG_NOISE), 1.0))])
     high = np.concatenate([high, np.full(k, np.inf), np.full(m, MAX_LOG_NOISE)])
     is_floor = np.zeros(len(x), bool)
@@ -179,7 +179,7 @@ def _search(
     while True:
         solution = minimise(
             prediction.evaluate, x, low, high,
-            is_fixed=is_fixed, tolerance=TOLERANCE, most=EVALUATIONS_AT_ONCE, damping=damping, evaluation=evaluation,
+            is_fixed=is_fixed, tolerance=TOLERANCE, limit=EVALUATIONS_AT_ONCE, damping=damping, evaluation=evaluation,
         )  # fmt: skip
         evaluation_count += solution.evaluations
         cost = solution.evaluation.cost

@@ -125,7 +125,7 @@ def search(
         solution = task.minimise(
             problem.evaluate, theta, task.low, task.high, is_fixed=is_fixed, damping=damping,
             tolerance=FINE_DECREMENT if is_near else ROUGH_DECREMENT,
-            most=MAX_EVALUATIONS if is_near else ROUND_EVALUATIONS,
+            limit=MAX_EVALUATIONS if is_near else ROUND_EVALUATIONS,
         )  # fmt: skip
         theta, count, damping = solution.theta, count + solution.evaluations, 1e-6
         if task.progress is not None:

@@ -333,14 +333,14 @@ def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., T
 
 
 def _variance_range(
-    fit: "Fit", name: str, entry: int, rest: np.ndarray | None, otherwise: float
+    fit: "Fit", name: str, entry: int, rest: np.ndarray | None, default: float
 ) -> tuple[float, float]:
     """Return the least and the greatest variance of an inertial channel. With few residuals, the greatest is
-    `otherwise`.  (2)"""
+    `default`.  (2)"""
     residuals = [c.residuals for c in fit.channels if (c.sensor, c.entry) == (name, entry)]
     residuals = [r[np.isfinite(r)] for r in residuals]
     count = sum(max(0, len(r) - 2) for r in residuals)
-    max_variance = (white_std(residuals) ** 2 if count >= MIN_RESIDUALS else 0.0) or otherwise
+    max_variance = (white_std(residuals) ** 2 if count >= MIN_RESIDUALS else 0.0) or default
     variance_at_rest = np.inf if rest is None else float(rest[entry, entry])
     is_usable = variance_at_rest < max_variance
     return variance_at_rest if is_usable else max_variance * np.exp(-2.0 * LOG_RANGE), max_variance

@@ -215,11 +215,11 @@ def free_parameters(
     return [free_parameter(blocks, p, {**ranges, **bounds}) for p in free_paths]
 
 
-def requested_paths(free: Sequence[str] | None, needed: Callable[[], Iterable[str]]) -> list[str]:
-    """Return the requested paths. They are the `needed` paths if `free` is None, the `needed` paths and the
+def requested_paths(free: Sequence[str] | None, default: Callable[[], Iterable[str]]) -> list[str]:
+    """Return the requested paths. They are the `default` paths if `free` is None, the `default` paths and the
     additions if all names begin with "+", else only the names."""
     additions = [path.removeprefix("+") for path in free or () if path not in ("", "+")]
-    return [*needed(), *additions] if adds_to_default(free) else additions
+    return [*default(), *additions] if adds_to_default(free) else additions
 
 
 def adds_to_default(free: Sequence[str] | None) -> bool:
@@ -373,11 +373,11 @@ def _value_at(blocks: FittedBlocks, path: str) -> np.ndarray:
 
 def _similar_paths(field: str, entry: str, names: list[str]) -> Diagnostic:
     """Return a note with the similar path, including `entry`, and the known paths."""
-    similar = nearest(field, names)
-    similar = similar if "match" in similar.figures else nearest(f"model.{field}", names)
-    if "match" not in similar.figures or field in names:
-        return similar
-    return note("name.near", match=f"{similar.figures['match']}{entry}", valid=similar.figures["valid"])
+    guess = nearest(field, names)
+    guess = guess if "match" in guess.figures else nearest(f"model.{field}", names)
+    if "match" not in guess.figures or field in names:
+        return guess
+    return note("name.near", match=f"{guess.figures['match']}{entry}", valid=guess.figures["valid"])
 
 
 def _fields(blocks: FittedBlocks) -> list[str]:

@@ -143,9 +143,9 @@ def open_loop(
         return substitute(blocks, paths, theta).model.init()
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
-        at = substitute(blocks, paths, theta)
-        at = with_value(at, "model.drivetrain.battery_v", row[-1]) if volts else at
-        state, motion = at.model.step(state, row[1:n], row[0], np.zeros(3))
+        row_blocks = substitute(blocks, paths, theta)
+        row_blocks = with_value(row_blocks, "model.drivetrain.battery_v", row[-1]) if volts else row_blocks
+        state, motion = row_blocks.model.step(state, row[1:n], row[0], np.zeros(3))
         return state, output(motion)
 
     theta = np.array([value(blocks, path) for path in paths])
@@ -153,15 +153,15 @@ def open_loop(
 
 
 def cached_kernel(
-    blocks: FittedBlocks, shape: ThetaShape, backend: str, traced: Callable[..., K], *more: Any
+    blocks: FittedBlocks, shape: ThetaShape, backend: str, traced: Callable[..., K], *arguments: Any
 ) -> K:
     """Return `traced(blocks, shape, backend, *more)`, cached for fits with the same structure and fixed numbers."""
     shape_blocks = blocks
     for path in shape.paths:
         shape_blocks = with_value(shape_blocks, path, 0.0)
-    key = (traced, more, _fingerprint(shape_blocks), shape, backend)
+    key = (traced, arguments, _fingerprint(shape_blocks), shape, backend)
     if key not in _kernels:
-        _kernels[key] = traced(blocks, shape, backend, *more)
+        _kernels[key] = traced(blocks, shape, backend, *arguments)
         if len(_kernels) > CACHED_KERNELS:
             _kernels.popitem(last=False)
     _kernels.move_to_end(key)

@@ -194,10 +194,10 @@ class Residuals:
     def cost(self, theta: np.ndarray, rows_of: Callable[[np.ndarray], np.ndarray]) -> float:
         """Return the Huber cost at θ, with the rows of each segment replaced by `rows_of(rows)`."""
 
-        def of(rows: np.ndarray, index: np.ndarray) -> float:
+        def segment_cost(rows: np.ndarray, index: np.ndarray) -> float:
             return huber_cost(self.scan.run(np.ascontiguousarray(rows_of(rows)), theta[index])[1])
 
-        return sum(self._map_segments(of))
+        return sum(self._map_segments(segment_cost))
 
     def _start_prior(self) -> np.ndarray:
         """Return the weight (p,) of a prior at 0 for start velocities of segments and of runs that begin without
@@ -210,18 +210,18 @@ class Residuals:
                 prior[self.layout.start_slice(k)] = weight
         return prior
 
-    def _map_segments(self, work: Callable[..., Any], *more: Sequence[Any]) -> list[Any]:
+    def _map_segments(self, work: Callable[..., Any], *arguments: Sequence[Any]) -> list[Any]:
         """Return `work(rows, index, …)` for each segment, on all cores if that is faster."""
         rows = sum(map(len, self.rows)) if self.scan.backend == "c" else 0
-        return parallel_map(work, self.rows, self._index, *more, rows=rows)
+        return parallel_map(work, self.rows, self._index, *arguments, rows=rows)
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment r (N, m) in standard deviations, 0 without a measurement. Do not modify it."""
 
-        def of(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
+        def segment_residuals(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
             return np.asarray(self.scan.run(rows, theta[index])[1])
 
-        return self._cached("residuals", theta, lambda: self._map_segments(of))
+        return self._cached("residuals", theta, lambda: self._map_segments(segment_residuals))
 
     def misfits(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment z − h (N, m) in the sensors' units, 0 without a measurement."""
@@ -267,14 +267,14 @@ class Residuals:
         if not is_plain:
             kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, _trace, Residuals.difference)
 
-        def of(rows: np.ndarray, index: np.ndarray, z: np.ndarray) -> np.ndarray:
+        def segment_prediction(rows: np.ndarray, index: np.ndarray, z: np.ndarray) -> np.ndarray:
             rows = _fill(rows, self._weights, 1.0)
             return z - np.asarray(kernel.run(rows, theta[index])[1])
 
         def work() -> list[np.ndarray]:
             if is_plain and all(mask.all() for mask in self.masks):
                 return [z - misfit for z, misfit in zip(self.z, self.misfits(theta), strict=True)]
-            return self._map_segments(of, self.z)
+            return self._map_segments(segment_prediction, self.z)
 
         return self._cached("predictions", theta, work)
 

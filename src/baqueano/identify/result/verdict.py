@@ -76,9 +76,9 @@ def remarks(e: Evidence) -> list[Diagnostic]:
     notes = _findings_of(e, Severity.INFO)
     notes += unlike_runs(e.runs_of_channel, hardly=True)
     notes += [_at_bound(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
-    for label, (n, above, below) in zip(_labels(e), _outlier_counts(e), strict=True):
-        outlier_share = (above + below) / max(n, 1)
-        if OUTLIER_CHANCE < outlier_share <= MAX_OUTLIER_SHARE and not _is_one_sided(above, below):
+    for label, (n, highs, lows) in zip(_labels(e), _outlier_counts(e), strict=True):
+        outlier_share = (highs + lows) / max(n, 1)
+        if OUTLIER_CHANCE < outlier_share <= MAX_OUTLIER_SHARE and not _is_one_sided(highs, lows):
             notes.append(
                 note("outliers.both-sides", subject=label, percent=100.0 * outlier_share, limit=OUTLIER_SIGMA)
             )
@@ -180,21 +180,21 @@ def _noise_warnings(e: Evidence) -> list[Diagnostic]:
         if prior_sigma > 0.0 and c.sigma > MAX_NOISE_RATIO * prior_sigma:
             times = float(c.sigma / prior_sigma)
             warnings.append(note("residual.large", WARNING, subject=label, sigma=c.sigma, ratio=times))
-    for label, (n, above, below) in zip(labels, _outlier_counts(e), strict=True):
-        outlier_share = (above + below) / max(n, 1)
+    for label, (n, highs, lows) in zip(labels, _outlier_counts(e), strict=True):
+        outlier_share = (highs + lows) / max(n, 1)
         details: JsonObject = {"subject": label, "percent": 100.0 * outlier_share, "limit": OUTLIER_SIGMA}
         if outlier_share > MAX_OUTLIER_SHARE and n == 1:
             warnings.append(_single_outlier(e, label))
         elif outlier_share > MAX_OUTLIER_SHARE:
             warnings.append(note("outliers.many", WARNING, **details))
-        elif _is_one_sided(above, below) and outlier_share > OUTLIER_CHANCE:
-            warnings.append(note("outliers.one-side", WARNING, **details, positives=above, negatives=below))
+        elif _is_one_sided(highs, lows) and outlier_share > OUTLIER_CHANCE:
+            warnings.append(note("outliers.one-side", WARNING, **details, positives=highs, negatives=lows))
     return warnings
 
 
-def _is_one_sided(above: int, below: int) -> bool:
+def _is_one_sided(highs: int, lows: int) -> bool:
     """Return True if significantly more outliers are on one side."""
-    return bool(abs(above - below) > ONE_SIDED_SIGMA * np.sqrt(above + below))
+    return bool(abs(highs - lows) > ONE_SIDED_SIGMA * np.sqrt(highs + lows))
 
 
 def _single_outlier(e: Evidence, label: str) -> Diagnostic:
@@ -221,7 +221,7 @@ def _outlier_counts(e: Evidence) -> list[tuple[int, int, int]]:
         residuals = c.residuals / c.sigma
         is_in_group = np.isfinite(residuals), residuals > OUTLIER_SIGMA, residuals < -OUTLIER_SIGMA
         counts[k % m] += np.sum(is_in_group, axis=1)
-    return [(int(n), int(above), int(below)) for n, above, below in counts]
+    return [(int(n), int(highs), int(lows)) for n, highs, lows in counts]
 
 
 def _labels(e: Evidence) -> list[str]:

@@ -156,10 +156,10 @@ def _identity_at_rest(
 
     Raise RobotUnreachable if too few samples arrive, or for an unlisted chip with impossible values.
     """
-    samples, began = [], now_ns()
+    samples, start_ns = [], now_ns()
     while len(samples) < REST_SAMPLES:
         samples += imu.read()
-        if now_ns() - began > START_TIMEOUT_NS:
+        if now_ns() - start_ns > START_TIMEOUT_NS:
             raise RobotUnreachable(
                 fault(
                     "imu.too-few-samples",

@@ -86,7 +86,7 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
     own_accel_filter = imu.chip.has_own_accel_filter
     accel_bits = 0x00 if own_accel_filter else 0x10
     try:
-        quiet = _mean(imu, 0x00, accel_bits, sleep)
+        mean_at_rest = _mean(imu, 0x00, accel_bits, sleep)
         in_test = _mean(imu, TEST_BITS, TEST_BITS | accel_bits, sleep)
         codes = _codes(imu)
     except OSError as error:
@@ -96,7 +96,7 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
     trims = factory_trims(codes, own_accel_filter)
     axes = (
         AxisResponse(
-            AXES[n], UNITS[n], float(in_test[n] - quiet[n]), trims[n], None if codes[n] == 0 else True
+            AXES[n], UNITS[n], float(in_test[n] - mean_at_rest[n]), trims[n], None if codes[n] == 0 else True
         )
         for n in range(6)
     )

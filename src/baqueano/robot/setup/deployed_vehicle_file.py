@@ -103,12 +103,12 @@ def _with_calibration(
             origins |= {} if own_provenance is not None else {key: origin}
             continue
         calibration_date = origin.get("date")
-        later = (
+        is_newer = (
             own_provenance is not None
             and own_provenance.run == CALIBRATION_RUN
             and _day(own_provenance.date) > _day(calibration_date)
         )
-        if not later:
+        if not is_newer:
             values[key], origins[key] = leaves[key], origin
             lines.append(
                 _(

@@ -77,18 +77,18 @@ def clock_step(pi: Pi, now_s: float | None) -> Step:
 def boot_block_step(pi: Pi) -> Step:
     """Return the step that sets, in config.txt, I2C to 400 kHz and a fixed core clock."""
 
-    def without() -> str:
+    def text_without_block() -> str:
         text = pi.config.read_text(encoding="utf-8")
         head, begin, rest = text.partition(BEGIN)
         return head + rest.partition(END + "\n")[2] if begin else text
 
     def do() -> None:
         pi.record_state("boot", True)
-        text = without()
+        text = text_without_block()
         write_atomically(pi.config, text + ("" if not text or text.endswith("\n") else "\n") + CONFIG_BLOCK)
 
     def undo() -> None:
-        write_atomically(pi.config, without())
+        write_atomically(pi.config, text_without_block())
 
     if not pi.config.exists():
         return Step(_("config.txt is missing: this is not a Raspberry Pi"), lambda: True)

@@ -144,13 +144,13 @@ def open_uno(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
         line.close()
 
 
-def read_continuously(port: SerialPort, uno: "Uno", done: threading.Event) -> None:
-    """Read the line until `done` is set, and open it again after each disconnection."""
-    while not done.is_set():
+def read_continuously(port: SerialPort, uno: "Uno", stop: threading.Event) -> None:
+    """Read the line until `stop` is set, and open it again after each disconnection."""
+    while not stop.is_set():
         if port.is_open:
             port.wait(READ_PERIOD_S)
             uno.pump()
-        elif not done.wait(REOPEN_PERIOD_S):
+        elif not stop.wait(REOPEN_PERIOD_S):
             try:
                 port.open()
             except OSError:

@@ -74,18 +74,18 @@ class StoredSettings:
 
     def rows(self) -> list["TableRow"]:
         """Return a row for the whole Uno, then a row for each wheel and direction; duties are shares of full duty."""
-        s, whole = self.settings, {}
+        s, uno = self.settings, {}
         for name, (field, kind) in NAMED_OPTIONS.items():
-            whole[name] = kind(getattr(s, field)).name.lower()
+            uno[name] = kind(getattr(s, field)).name.lower()
         for name, (flag, plug_names) in PLUG_FLAGS.items():
-            whole[name] = plug_names[bool(s.wiring & flag)]
+            uno[name] = plug_names[bool(s.wiring & flag)]
         for name, (field, unit) in NUMBER_OPTIONS.items():
-            whole[name] = getattr(s, field) / unit
+            uno[name] = getattr(s, field) / unit
         wheel_rows = [
             {"wheel": wheel} | {name: getattr(curve, field) / 1000 for name, field in CURVE_OPTIONS.items()}
             for wheel, curve in zip(WHEEL_DIRECTIONS, s.curves, strict=True)
         ]
-        return [{key.replace("-", "_"): value for key, value in row.items()} for row in (whole, *wheel_rows)]
+        return [{key.replace("-", "_"): value for key, value in row.items()} for row in (uno, *wheel_rows)]
 
     @classmethod
     def from_rows(cls, rows: list["TableRow"]) -> "StoredSettings":

@@ -99,12 +99,12 @@ class MotorCalibration:
     @classmethod
     def from_rows(cls, rows: list["TableRow"]) -> "MotorCalibration":
         """Return the result from rows in JSON, the inverse of `rows`, with only the settings that `table` uses."""
-        whole, *wheels = rows
+        uno_row, *wheels = rows
         curves = tuple(WheelCurve(*(row[name] for name in WheelCurve._fields)) for row in wheels)
         sweeps = tuple(Sweep(*(row[name] for name in Sweep._fields)) for row in wheels)
         names = ("wheel_differences_before", "wheel_differences", "turn_rates_dps", "heading_errors_deg")
-        pairs = (tuple(whole[name]) for name in names)
-        return cls(Settings(wiring=whole["wiring"], curves=curves), sweeps, *pairs)
+        pairs = (tuple(uno_row[name]) for name in names)
+        return cls(Settings(wiring=uno_row["wiring"], curves=curves), sweeps, *pairs)
 
     def table(self) -> str:
         """Return wiring, dead zones, slopes and straight drives as text."""

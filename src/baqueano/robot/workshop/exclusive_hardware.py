@@ -126,15 +126,15 @@ def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
     raise error_of_exit_code(code, reason_of_error, default_class=RobotUnreachable)
 
 
-def result_from_host(of: "Callable[[list[TableRow]], Result]", host: str, *verb: str) -> Result:
-    """Return `of` of the rows of `baqueano VERB --json` at HOST, for the vehicle file of its service.
+def result_from_host(make_result: "Callable[[list[TableRow]], Result]", host: str, *verb: str) -> Result:
+    """Return `make_result` of the rows of `baqueano VERB --json` at HOST, for the vehicle file of its service.
 
     Raise UsageError for rows in another form, as of another version of baqueano; other errors as in `rows_from_host`.
     """
     verb = (*verb, "--vehicle", VEHICLE)
     rows = rows_from_host(host, *verb)
     try:
-        return of(rows)
+        return make_result(rows)
     except (LookupError, TypeError, ValueError, BaqueanoError) as error:
         fix = baqueano_command("robot", "setup", host)
         raise UsageError(fault("ssh.other-version", fix, host=host, verb=" ".join(verb))) from error

@@ -59,11 +59,11 @@ class FloorTests:
 
     def follow_duties(
         self, duties: Callable[[float], tuple[float, float]], seconds: float,
-        until: Callable[["Sample"], bool] = lambda sample: False,
+        is_over: Callable[["Sample"], bool] = lambda sample: False,
     ) -> ImuSamples:  # fmt: skip
         """Send `duties`, a function of time [s], every 10 ms for this time, and return the IMU's samples.
 
-        End earlier if `until` returns True for a sample. Raise SafetyStop if the link or the IMU fails.
+        End earlier if `is_over` returns True for a sample. Raise SafetyStop if the link or the IMU fails.
         """
         start_ns = imu_ns = uno_ns = self.now_ns()
         samples, is_finished = [], False
@@ -74,7 +74,7 @@ class FloorTests:
             uno_ns = self.now_ns() if self.uno.receive() else uno_ns
             new_samples = self.imu.read()
             samples += new_samples
-            is_finished = any(until(sample) for sample in new_samples)
+            is_finished = any(is_over(sample) for sample in new_samples)
             imu_ns = self.now_ns() if new_samples else imu_ns
             self._check(uno_ns, imu_ns)
         return ImuSamples(

@@ -23,8 +23,8 @@ PutMessage = Callable[[int, int, bytes, int, bool], None]
 class Packing:
     """A packer of recorded signals. It packs each signal for a file, and passes it to `put`."""
 
-    def __init__(self, run_file: "RunFile", put: PutMessage) -> None:
-        self.file, self.put = run_file, put
+    def __init__(self, run_file: "RunFile", write: PutMessage) -> None:
+        self.file, self.put = run_file, write
 
     def command(self, stage: str, t_ns: int, u: object) -> None:
         """Pack the command `u` (n,). An "applied" command was used in the interval that ends at `t_ns`; a

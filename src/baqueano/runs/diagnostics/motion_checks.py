@@ -71,9 +71,9 @@ def motion_findings(run: Run, m: "ColumnMap") -> list[ImportFinding]:
     return findings + _steering_findings(motion) + _direction_findings(motion)
 
 
-def _finding(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnostic) -> ImportFinding:
-    """Return an error that contradicts the map, with the corrected line of the map, or `otherwise` if it is unknown."""
-    line = hypothesis.meaning or otherwise
+def _finding(hypothesis: Hypothesis, entry: "Entry", code: str, default: Diagnostic) -> ImportFinding:
+    """Return an error that contradicts the map, with the corrected line of the map, or `default` if it is unknown."""
+    line = hypothesis.meaning or default
     if hypothesis.code == "inverted":
         scale_note = note("recording.write-scale", scale=f"{-entry.scale:g}")
         line = (
@@ -89,13 +89,13 @@ def _finding_reason(hypothesis: Hypothesis, entry: "Entry", code: str) -> Diagno
     return note(code, key=entry.key, slope=r.slope, correlation=r.correlation)
 
 
-def _lines_by_ratio(measures: str, entry: "Entry", *only: str) -> dict[float, Diagnostic]:
+def _lines_by_ratio(measures: str, entry: "Entry", *codes: str) -> dict[float, Diagnostic]:
     """Return ratio → map line for each other unit that `entry` can have."""
     units = unit_ratios(measures, entry.unit).items()
     return {
         r: note("recording.write-unit", column_unit=unit, key=entry.key)
         for r, unit in units
-        if not only or unit in only
+        if not codes or unit in codes
     }
 
 

@@ -149,8 +149,8 @@ def _check_stamps(name: str, c: Channel) -> tuple[Channel, list[Diagnostic]]:
     is_backward[1:] = (c.t_ns[1:] <= latest[:-1]) & ~is_far[1:]
     figures = {"time.stamps-far": {"limit_s": MAX_LATENESS_S}, "time.stamps-back": {}}
     messages = [
-        note(code, _severity(is_lost), subject=name, count=int(is_lost.sum()), **more)
-        for is_lost, (code, more) in zip((is_far, is_backward), figures.items(), strict=True)
+        note(code, _severity(is_lost), subject=name, count=int(is_lost.sum()), **details)
+        for is_lost, (code, details) in zip((is_far, is_backward), figures.items(), strict=True)
         if is_lost.any()
     ]
     is_kept = ~(is_far | is_backward)

@@ -263,7 +263,7 @@ def _with_default_paths(m: ColumnMap, by_name: dict[str, Path]) -> dict[str, Pat
 
 def _path_of(m: ColumnMap, spec: FileSpec) -> Path:
     if spec.path is None:
-        open_names = [name for name, other in m.files.items() if other.path is None]
+        open_names = [name for name, s in m.files.items() if s.path is None]
         values = ["FILE"] if len(open_names) == 1 else [f"{name}=FILE" for name in open_names]
         fix = baqueano_command(
             "runs", "import", m.path.stem if m.path.parent == maps_folder() else m.path, *values

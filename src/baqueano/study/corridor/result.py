@@ -126,8 +126,8 @@ class Corridors:
                     refused=len(self.refused_robots),
                 )
             )
-        met = _("all requirements are met")
-        return "\n".join([*lines, *self.notes, verdict_line(self.verdict, self.reasons, met)])
+        summary = _("all requirements are met")
+        return "\n".join([*lines, *self.notes, verdict_line(self.verdict, self.reasons, summary)])
 
 
 def squared_distance(instant: Instant, quantity: str) -> float:

@@ -59,18 +59,18 @@ class EstimatedPath(NamedTuple):
 
 
 def block_errors(
-    t_ns: np.ndarray, ours: EstimatedPath, reference: EstimatedPath, truth: TruthLog
+    t_ns: np.ndarray, candidate: EstimatedPath, reference: EstimatedPath, truth: TruthLog
 ) -> dict[str, BlockSums]:
-    """Return the squared errors of `ours` and `reference` at the ticks `t_ns` (N,) against the truth, summed
+    """Return the squared errors of `candidate` and `reference` at the ticks `t_ns` (N,) against the truth, summed
     by block."""
     eta = interpolate_poses(t_ns, truth.t_ns, truth.eta)
     speed = true_speed(t_ns, truth)
     t_s = seconds(t_ns, t_ns[0])
     block_index = (t_s // BLOCK_S).astype(int)
     errors = {
-        SPEED: _sums((ours.speed - speed) ** 2, (reference.speed - speed) ** 2, block_index),
+        SPEED: _sums((candidate.speed - speed) ** 2, (reference.speed - speed) ** 2, block_index),
         WHOLE_RUN: _sums(
-            _squared_distance(ours.eta, eta),
+            _squared_distance(candidate.eta, eta),
             _squared_distance(reference.eta, eta),
             np.zeros(len(t_s), dtype=int),
         ),
@@ -79,7 +79,7 @@ def block_errors(
         windows = _windows(t_s, window_s)
         a, b = (
             np.concatenate([_squared_distance(path.eta[k], eta[k]) for k in windows])
-            for path in (ours, reference)
+            for path in (candidate, reference)
         )
         errors[name] = _sums(a, b, np.repeat(np.arange(len(windows)), [len(k) for k in windows]))
     return errors

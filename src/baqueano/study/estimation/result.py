@@ -100,21 +100,18 @@ class EstimationStudy:
         rows = self.rows_shown()
         names = [_("recording"), _("estimator"), _("quantity")]
         head = [*names, _("value"), _("ref."), _("ratio"), "95 %", ""]
-        refused_recordings = dict.fromkeys(each.recording for each in self.estimates if each.fit == REFUSED)
+        refused_recordings = dict.fromkeys(e.recording for e in self.estimates if e.fit == REFUSED)
         not_counted = N_("{recording}: its fit is {verdict}, so it is shown but not counted.")
         checks = [r["ok"] for r in rows if r["ok"] is not None]
-        met = {"verdict": _(self.verdict), "met": sum(checks), "all": len(checks)}
+        figures = {"verdict": _(self.verdict), "met": sum(checks), "all": len(checks)}
         return "\n".join(
             [
                 *text_table("<<<>>><<", head, *map(_cells, rows)),
                 *_legend(),
-                *(
-                    f"{each.recording}, {each.estimator}: {each.consistency.sentence}"
-                    for each in self.estimates
-                ),
+                *(f"{e.recording}, {e.estimator}: {e.consistency.sentence}" for e in self.estimates),
                 *self.notes,
                 *(_(not_counted, recording=name, verdict=_(REFUSED)) for name in refused_recordings),
-                _("{verdict}: {met} of {all} requirements are met", **met),
+                _("{verdict}: {met} of {all} requirements are met", **figures),
             ]
         )
 

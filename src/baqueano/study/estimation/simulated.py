@@ -222,10 +222,10 @@ def subjects_of(job: EstimationJob) -> list[Subject]:
     return subjects
 
 
-def _file(driven: Driven, seed: int) -> Any:
+def _file(drive: Driven, seed: int) -> Any:
     """Return the subject's file with an odometer; a car with slipping tyres has its full steering range."""
-    if "odometer" not in driven.vehicle_file.sensors._fields:
-        return parse(driven.vehicle_file.text + ODOMETER, driven.vehicle_file.name)
+    if "odometer" not in drive.vehicle_file.sensors._fields:
+        return parse(drive.vehicle_file.text + ODOMETER, drive.vehicle_file.name)
     if unmodelled_effect(seed)[0] == "slip":
-        return driven.vehicle_file.with_values(FULL_LOCK)
-    return driven.vehicle_file
+        return drive.vehicle_file.with_values(FULL_LOCK)
+    return drive.vehicle_file

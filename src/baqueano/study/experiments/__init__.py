@@ -37,8 +37,8 @@ def experiments(
         rows += rows_of(name, size, draws)
         for signal, part in draws.items():
             all_figures.setdefault(signal, []).append(part)
-    whole = {signal: merge(parts) for signal, parts in all_figures.items()}
-    return Experiments((*rows, *rows_of("all", "", whole)), duration_s)
+    merged_figures = {signal: merge(parts) for signal, parts in all_figures.items()}
+    return Experiments((*rows, *rows_of("all", "", merged_figures)), duration_s)
 
 
 def errors_around_file(

@@ -44,15 +44,15 @@ def plan_signals(
     plans = {DESIGNED: PlannedDrive(np.repeat(u[:, None], count, axis=1), time.perf_counter() - began_s)}
     cloud = VehicleCloud(vehicle_file, possible_vehicles(vehicle_file, vehicle_count=VEHICLES), seed, backend)
     for kind in KINDS:
-        us, slowest = [], 0.0
+        commands, slowest = [], 0.0
         for k in range(count):
             began_s = time.perf_counter()
             command = excitation(
                 kind, vehicle_file.command.limit, duration_s, vehicle_file.rate_hz, seed + k, rest_s=1.0
             )
-            us.append(contain_in_room(command, vehicle_file, room, cloud=cloud).u)
+            commands.append(contain_in_room(command, vehicle_file, room, cloud=cloud).u)
             slowest = max(slowest, time.perf_counter() - began_s)
-        plans[kind] = PlannedDrive(np.stack(us, axis=1), slowest)
+        plans[kind] = PlannedDrive(np.stack(commands, axis=1), slowest)
     return plans
 
 
@@ -80,18 +80,18 @@ def signal_outcome(
 ) -> tuple[str, SignalErrors]:
     """Return the name of a signal, and its errors and margins on the vehicles."""
     (signal, plan), vehicle_file = job, load(name)
-    each = [vehicles.subset([k]) for k in range(plan.u.shape[1])]
-    around: list[Any] = [perturbed_copies(q.with_parameters(floor=0.0 * q.floor)) for q in each]
-    group, vehicle_count = merge(around), len(around[0].mass_kg)
-    quiet = np.split(
+    robots = [vehicles.subset([k]) for k in range(plan.u.shape[1])]
+    copies: list[Any] = [perturbed_copies(q.with_parameters(floor=0.0 * q.floor)) for q in robots]
+    group, vehicle_count = merge(copies), len(copies[0].mass_kg)
+    noiseless = np.split(
         ideal_readings(group, np.repeat(plan.u, vehicle_count, axis=1), vehicle_file.rate_hz),
-        len(each),
+        len(robots),
         axis=1,
     )
     paths = [path for path in unknowns(vehicle_file).names if path in free_values(vehicles)]
-    errors = [_error(readings, q, paths) for readings, q in zip(quiet, each, strict=True)]
-    repeats = vehicles.subset(np.repeat(np.arange(len(each)), DRIVES).tolist())
-    seeds = [seed + 1000 + k for k in range(len(each) * DRIVES)]
+    errors = [_error(readings, q, paths) for readings, q in zip(noiseless, robots, strict=True)]
+    repeats = vehicles.subset(np.repeat(np.arange(len(robots)), DRIVES).tolist())
+    seeds = [seed + 1000 + k for k in range(len(robots) * DRIVES)]
     world, u = world_of(repeats, seeds), np.repeat(plan.u, DRIVES, axis=1)
     margins = np.full(len(seeds), np.inf)
     for command in u:
@@ -110,10 +110,10 @@ def ideal_readings(vehicles: Robots | Cars, u: np.ndarray, rate_hz: float) -> np
     return np.stack(readings)
 
 
-def _error(quiet: np.ndarray, vehicle: Robots | Cars, paths: list[str]) -> float:
+def _error(noiseless: np.ndarray, vehicle: Robots | Cars, paths: list[str]) -> float:
     """Return the mean error (1) of one vehicle from the readings (N, 2p, m) of its perturbed copies."""
     value = {path: abs(float(x[0])) for path, x in free_values(vehicle).items()}
-    bound = cramer_rao_bound(quiet, vehicle, {path: _parameter_scale(path, value) for path in value})
+    bound = cramer_rao_bound(noiseless, vehicle, {path: _parameter_scale(path, value) for path in value})
     return mean_error(np.array([bound[path] / value[path] for path in paths]))
 
 

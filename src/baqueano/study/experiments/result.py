@@ -54,8 +54,8 @@ class Experiments:
                     expected=MIN_RATIO,
                 )
             )
-        if above := design.above_best:
-            reasons.append(_("for {above} vehicles another signal gives more information", above=above))
+        if designs := design.above_best:
+            reasons.append(_("for {above} vehicles another signal gives more information", above=designs))
         exits = sum(row.left for row in self.signal_rows if row.vehicle != "all")
         if exits:
             reasons.append(_("in {left} drives the body left the room", left=exits))

@@ -91,12 +91,12 @@ def run_fault_jobs(jobs: tuple[FaultJob, ...]) -> list[FaultOutcome]:
     """Return the outcomes of faults on one vehicle and seed."""
     fault_subject = subject(jobs[0].vehicle, jobs[0].seed)
     inputs_of_jobs, backend = _inputs(fault_subject, jobs), jobs[0].backend
-    clean_fits = (_fit(of, of.undamaged_run, backend) for _, of in inputs_of_jobs if of.undamaged_run)
-    clean = next(clean_fits, None)  # the same run for all jobs
-    return [_outcome(job, inputs, clean) for job, inputs in inputs_of_jobs]
+    fits = (_fit(x, x.undamaged_run, backend) for _, x in inputs_of_jobs if x.undamaged_run)
+    fit = next(fits, None)  # the same run for all jobs
+    return [_outcome(job, inputs, fit) for job, inputs in inputs_of_jobs]
 
 
-def _outcome(job: FaultJob, inputs: FaultInputs, clean: "Fit | None") -> FaultOutcome:
+def _outcome(job: FaultJob, inputs: FaultInputs, reference: "Fit | None") -> FaultOutcome:
     try:
         fit = identify(inputs.run, inputs.vehicle_file, inputs.free, options=FitOptions(backend=job.backend))
     except BaqueanoError as error:
@@ -107,18 +107,18 @@ def _outcome(job: FaultJob, inputs: FaultInputs, clean: "Fit | None") -> FaultOu
     outcome = FaultOutcome(
         job, fit.verdict, is_wrong, np.nan, np.nan, tuple(reason.code for reason in fit.reasons)
     )
-    if inputs.undamaged_run is None or clean is None:
+    if inputs.undamaged_run is None or reference is None:
         return outcome
     outcome = outcome._replace(
-        error_rms=_error_rms(fit, clean, inputs.truth),
-        undamaged_error_rms=_error_rms(clean, clean, inputs.truth),
+        error_rms=_error_rms(fit, reference, inputs.truth),
+        undamaged_error_rms=_error_rms(reference, reference, inputs.truth),
     )
     reduced_run = undamaged_run(inputs.undamaged_run, inputs.run, inputs.vehicle_file)
     if reduced_run is None:
         return outcome
     repaired_fit = _fit(inputs, reduced_run[0], job.backend)
     return outcome._replace(
-        reduced_error_rms=_error_rms(repaired_fit, clean, inputs.truth), lost_share=reduced_run[1]
+        reduced_error_rms=_error_rms(repaired_fit, reference, inputs.truth), lost_share=reduced_run[1]
     )
 
 
@@ -131,8 +131,8 @@ def _true_values(fit: "Fit", truth: dict[str, float]) -> np.ndarray:
     return np.array([truth.get(name, np.nan) for name in fit.names])
 
 
-def _error_rms(fit: "Fit", clean: "Fit", truth: dict[str, float]) -> float:
-    z = (fit.estimate - _true_values(fit, truth)) / clean.std
+def _error_rms(fit: "Fit", reference: "Fit", truth: dict[str, float]) -> float:
+    z = (fit.estimate - _true_values(fit, truth)) / reference.std
     z = z[np.isfinite(z)]
     return float(np.sqrt(np.mean(np.minimum(z**2, 1e6)))) if len(z) else np.nan
 
@@ -152,9 +152,9 @@ def _inputs(subject: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[Fault
             inputs_of_jobs.append((job, _undamaged_inputs(subject, job, undamaged_drive, rng)))
         else:
             damaged_run = DAMAGED[job.fault](undamaged_drive, subject.vehicle_file, rng)
-            clean = undamaged_drive if job.fault in REPAIRED else None
+            undamaged_run = undamaged_drive if job.fault in REPAIRED else None
             truth = {k: x for k, x in subject.truth.items() if (job.fault, k) not in UNCOMPARED_PARAMETERS}
-            inputs = FaultInputs(subject.vehicle_file, damaged_run, subject.free, truth, clean)
+            inputs = FaultInputs(subject.vehicle_file, damaged_run, subject.free, truth, undamaged_run)
             inputs_of_jobs.append((job, inputs))
     return inputs_of_jobs + _planned_inputs(subject, plans)
 
@@ -307,22 +307,22 @@ def faults(
     first: int = 0,
     *,
     vehicles: Sequence[str] = VEHICLES,
-    only: Sequence[str] | None = None,
+    names: Sequence[str] | None = None,
     processes: int = 1,
     backend: str = "auto",
     advance: Callable[[int], None] | None = None,
 ) -> Faults:
     """Return the outcomes of `seeds` fits of each fault, from seed `first` on, with the vehicles in turn."""
     jobs: dict[tuple[str, int], list[FaultJob]] = {}
-    for fault in only or FAULTS:
+    for fault in names or FAULTS:
         vehicles_of_fault = [v for v in vehicles if v != "car" or fault not in NOT_FOR_CARS]
         for s in range(seeds if vehicles_of_fault else 0):
             name = vehicles_of_fault[s % len(vehicles_of_fault)]
             jobs.setdefault((name, first + s), []).append(FaultJob(fault, name, first + s, backend))
     batches = [
-        tuple(of[k : k + FAULTS_AT_ONCE])
-        for _, of in sorted(jobs.items())
-        for k in range(0, len(of), FAULTS_AT_ONCE)
+        tuple(group[k : k + FAULTS_AT_ONCE])
+        for _, group in sorted(jobs.items())
+        for k in range(0, len(group), FAULTS_AT_ONCE)
     ]
     report = advance or (lambda n: None)
     batches_done = run_in_processes(run_fault_jobs, batches, processes, lambda n: report(n * FAULTS_AT_ONCE))

@@ -13,10 +13,10 @@ from baqueano.vehicle_file import VehicleFile
 EPOCH_MS = 1_760_000_000_000
 
 
-def with_clock_drift(run: Run, by: float) -> Run:
-    """Return the run with an IMU clock that is fast by the fraction `by`."""
+def with_clock_drift(run: Run, rate: float) -> Run:
+    """Return the run with an IMU clock that is fast by the fraction `rate`."""
     c = run.sensors["imu"]
-    t_ns = c.t_ns + np.round(by * (c.t_ns - run.t_ns[0])).astype(np.int64)
+    t_ns = c.t_ns + np.round(rate * (c.t_ns - run.t_ns[0])).astype(np.int64)
     return replace(run, sensors={**run.sensors, "imu": c._replace(t_ns=t_ns)})
 
 

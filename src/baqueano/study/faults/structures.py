@@ -33,9 +33,9 @@ class FaultPlan(NamedTuple):
 Structure = Callable[[FaultSubject, np.ndarray, Run, np.random.Generator], FaultPlan]
 
 
-def _plan(subject: FaultSubject, effective: np.ndarray, **more: Any) -> FaultPlan:
+def _plan(subject: FaultSubject, effective: np.ndarray, **fields: Any) -> FaultPlan:
     limit = np.asarray(subject.vehicle_file.command.limit)
-    return FaultPlan(subject.vehicle, np.clip(effective, -limit, limit), subject.vehicle_file, **more)
+    return FaultPlan(subject.vehicle, np.clip(effective, -limit, limit), subject.vehicle_file, **fields)
 
 
 def _channels(subject: FaultSubject, u: np.ndarray) -> np.ndarray:
@@ -55,13 +55,13 @@ def _command(subject: FaultSubject, w: np.ndarray) -> np.ndarray:
 
 
 def _throttle(
-    subject: FaultSubject, u: np.ndarray, change: Callable[[np.ndarray], np.ndarray], **more: Any
+    subject: FaultSubject, u: np.ndarray, change: Callable[[np.ndarray], np.ndarray], **fields: Any
 ) -> FaultPlan:
     """Return the plan with `change` applied to the duty of each wheel, or to a car's throttle."""
     w = _channels(subject, u)
     for k in range(w.shape[1] if isinstance(subject.vehicle, Robots) else 1):
         w[:, k] = change(w[:, k])
-    return _plan(subject, _command(subject, w), **more)
+    return _plan(subject, _command(subject, w), **fields)
 
 
 def dead_zone(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
@@ -171,12 +171,12 @@ def slipping(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.rando
     slip_rows = slice(start, start + round(SLIP_S * subject.vehicle_file.rate_hz))
     w[slip_rows, k] *= 0.3
 
-    def ahead(run: Run, _: Run) -> Run:
+    def with_faster_odometer(run: Run, _: Run) -> Run:
         if "odometer" in run.sensors:
             run.sensors["odometer"].z[slip_rows] *= 1.5
         return run
 
-    return _plan(subject, _command(subject, w), change=ahead)
+    return _plan(subject, _command(subject, w), change=with_faster_odometer)
 
 
 def dry_friction(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:

@@ -125,9 +125,9 @@ def draw_car(seed: int, case: str) -> Cars:
 
 def initial_file(robot: Robots) -> VehicleFile:
     """Return the initial file of a fit: the guess of a user with a scale but without a data sheet."""
-    rough = {path: value for path, value in GUESSED_VALUES.items() if path.startswith(("model.", "sensors."))}
+    guess = {path: value for path, value in GUESSED_VALUES.items() if path.startswith(("model.", "sensors."))}
     return robot_file(robot).with_values(
-        rough | {
+        guess | {
             "model.centre_of_mass_x_m": 0.0, "model.drivetrain.delay_s": 0.01, "sensors.imu.lever_arm_m": [0.0, 0.0],
             "sensors.imu.heading_rad": 0.0, "sensors.imu.tilt_rad": robot.imu.tilt_rad[0].tolist(),
         }
@@ -147,9 +147,9 @@ def _robot_outcomes(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
             ("clean", "wrong start"), drive_group(merge(robots), _columns(us), job.seeds, t_ns)
         )
     if any("floor" in case for case in cases):
-        rough = [q.with_parameters(floor=np.array([FLOOR_NOISE])) for q in robots]
+        group = [q.with_parameters(floor=np.array([FLOOR_NOISE])) for q in robots]
         drives |= dict.fromkeys(
-            ("floor", "floor, innovations"), drive_group(merge(rough), _columns(us), job.seeds, t_ns)
+            ("floor", "floor, innovations"), drive_group(merge(group), _columns(us), job.seeds, t_ns)
         )
     if "low-passed" in cases:
         filtered_robots = [_low_pass(q) for q in robots]
@@ -187,9 +187,9 @@ def _fit(run: Run, q: Robots, case: str, seed: int, backend: str) -> Fit:
 
 def _bounds(robots: list[Robots], us: list[np.ndarray], t_ns: np.ndarray) -> list[dict[str, float]]:
     """Return the Cramér-Rao bounds of each robot, by parameter."""
-    around = [perturbed_copies(q) for q in robots]
-    u = np.repeat(_columns(us), len(around[0].mass_kg), axis=1)
-    noiseless = readings_without_noise(merge(around), u, t_ns, BOUND_STEP_S)
+    copies = [perturbed_copies(q) for q in robots]
+    u = np.repeat(_columns(us), len(copies[0].mass_kg), axis=1)
+    noiseless = readings_without_noise(merge(copies), u, t_ns, BOUND_STEP_S)
     readings_by_robot = np.split(noiseless, len(robots), axis=1)
     return [cramer_rao_bound(readings, q) for readings, q in zip(readings_by_robot, robots, strict=True)]
 

@@ -52,11 +52,11 @@ def laps_over_fixes(
     work = partial(run_cases, count=count, backend=backend, cases=all_cases() if cases is None else cases)
     results = run_in_batches(work, range(first, first + seeds), ROBOTS_AT_ONCE, processes, advance)
     drives = tuple(lap for _, batch_drives, _, _ in results for lap in batch_drives)
-    wholes = tuple(whole for _, _, batch_wholes, _ in results for whole in batch_wholes)
+    full_drives = tuple(drive for _, _, batch_wholes, _ in results for drive in batch_wholes)
     refusals = {seed for *_, refused_seeds in results for seed in refused_seeds}
     return LapStudy(
         drives,
-        wholes,
+        full_drives,
         sum(completed_count for completed_count, *_ in results),
         count,
         tuple(sorted(refusals)),

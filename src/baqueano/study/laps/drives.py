@@ -183,7 +183,7 @@ def _laps(
         np.array(values) for values in zip(*samples, strict=True)
     )
     sample_ns = np.arange(len(reference_xy)) * round(SAMPLE_TICKS / RATE_HZ * NANOSECONDS)
-    across = np.stack(
+    cross_track_m = np.stack(
         [
             cross_track(sample_ns, eta_at_sample[:, i], sample_ns, reference_xy)
             for i in range(eta_at_sample.shape[1])
@@ -191,7 +191,7 @@ def _laps(
         axis=1,
     )
     return [
-        Laps(error[:, span], cov[:, span], across[:, span], drives[:, span], touches[span], logs)
+        Laps(error[:, span], cov[:, span], cross_track_m[:, span], drives[:, span], touches[span], logs)
         for span, logs in zip(spans, runs, strict=True)
     ]
 

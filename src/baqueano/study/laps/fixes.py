@@ -47,7 +47,7 @@ def with_fix(vehicle_file: VehicleFile, fix: str, route: Route) -> VehicleFile:
     """Return the file with the sensors of a fix on a route; its estimator uses them."""
     sizes, tables, _ = FIXES[fix]
     text = vehicle_file.with_values({"estimator.use": ["imu"]}).text
-    for name in [name for other in FIXES.values() for name in other.sizes]:
+    for name in [name for sensors in FIXES.values() for name in sensors.sizes]:
         text = text.partition(f"\n[sensors.{name}]")[0]
     return parse(f"{text}\n{tables(route)}", vehicle_file.name).with_values(
         {"estimator.use": ["imu", *sizes]}

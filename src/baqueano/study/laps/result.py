@@ -61,17 +61,17 @@ class FullDrive(NamedTuple):
     forecast: float  # probability to stay on the route, computed before the drive; NaN without a forecast
 
 
-def laps_of(driven: "Laps", case: LapCase, seeds: Sequence[int], laps: int, per_lap: int) -> list[Lap]:
+def laps_of(drives: "Laps", case: LapCase, seeds: Sequence[int], laps: int, per_lap: int) -> list[Lap]:
     """Return the laps of all robots of a drive, `per_lap` samples each."""
-    e, P = driven.error, driven.cov
+    e, P = drives.error, drives.cov
     square = np.einsum("tni,tnij,tnj->tn", e, np.linalg.inv(P), e)
     square = np.where(np.sqrt(P[..., 2, 2]) <= MAX_HEADING_STD_RAD, square, np.nan)
-    distance_m, cross_track_m = np.hypot(e[..., 0], e[..., 1]), np.abs(driven.across)
+    distance_m, cross_track_m = np.hypot(e[..., 0], e[..., 1]), np.abs(drives.across)
     laps_found = []
     for lap in range(laps):
         t = slice(lap * per_lap, (lap + 1) * per_lap if lap < laps - 1 else None)
         for i, seed in enumerate(seeds):
-            lap_rows = driven.drives[t, i]
+            lap_rows = drives.drives[t, i]
             if not lap_rows.any():
                 continue
             squares = square[t, i][lap_rows & np.isfinite(square[t, i])]
@@ -97,14 +97,14 @@ class LapStudy:
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row for each case."""
-        return [self._row(case) for case in dict.fromkeys(whole.case for whole in self.full_drives)]
+        return [self._row(case) for case in dict.fromkeys(uno.case for uno in self.full_drives)]
 
     def _row(self, case: LapCase) -> "TableRow":
-        wholes = [w for w in self.full_drives if w.case == case]
+        full_drives = [w for w in self.full_drives if w.case == case]
         laps_of_case = [d for d in self.drives if d.case == case]
-        first, last, later = (
-            [d for d in laps_of_case if chosen(d.lap)]
-            for chosen in (
+        first, last, later_laps = (
+            [d for d in laps_of_case if condition(d.lap)]
+            for condition in (
                 lambda lap: lap == 1,
                 lambda lap: lap == self.laps,
                 lambda lap: lap > SETTLING_LAPS,
@@ -112,27 +112,27 @@ class LapStudy:
         )
         stops = [
             max(d.lap for d in laps_of_case if d.seed == w.seed)
-            for w in wholes
+            for w in full_drives
             if not self._is_whole(laps_of_case, w.seed)
         ]
         keeps = [
             self._is_whole(laps_of_case, w.seed)
             and max(d.across_m for d in laps_of_case if d.seed == w.seed) <= MAX_DISTANCE_M
-            for w in wholes
+            for w in full_drives
         ]
         return case._asdict() | {
-            "robots": len(wholes),
+            "robots": len(full_drives),
             "success_share": float(np.mean(keeps)),
-            "forecast": float(np.mean([w.forecast for w in wholes])),
+            "forecast": float(np.mean([w.forecast for w in full_drives])),
             "first_across_p95_m": _quantile([d.across_m for d in first], 0.95),
             "last_across_p95_m": _quantile([d.across_m for d in last], 0.95),
             "across_worst_m": _quantile([d.across_m for d in laps_of_case], 1.0),
-            "position_worst_m": _quantile([d.position_m for d in later], 1.0),
+            "position_worst_m": _quantile([d.position_m for d in later_laps], 1.0),
             "region_share": _mean([d.within for d in laps_of_case]),
             "nees": _mean([d.nees for d in laps_of_case]),
             "stopped": len(stops),
             "stop_lap_median": _quantile([float(lap) for lap in stops], 0.5),
-            "wall_contacts": sum(w.touches for w in wholes),
+            "wall_contacts": sum(w.touches for w in full_drives),
         }
 
     def _is_whole(self, laps_of_case: list[Lap], seed: int) -> bool:

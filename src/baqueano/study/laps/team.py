@@ -63,7 +63,7 @@ def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -
         ]
     usable = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
     files = [fits[k].vehicle_file for k in usable]
-    alone = [
+    ekf_files = [
         measure_noise(fits[k], runs[k], backend=backend).updated_file(fits[k].vehicle_file) for k in usable
     ]
     names = [seeds[k] for k in usable]
@@ -73,11 +73,11 @@ def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -
         else {}
     )
     accepted_indices = [k for k, name in enumerate(names) if name in learned_files or not learns]
-    names, alone = [names[k] for k in accepted_indices], [alone[k] for k in accepted_indices]
-    anew = switch_on_again(robots.subset([name - seeds[0] for name in names]), names, alone)
+    names, ekf_files = [names[k] for k in accepted_indices], [ekf_files[k] for k in accepted_indices]
+    fleet = switch_on_again(robots.subset([name - seeds[0] for name in names]), names, ekf_files)
     other_files = [learned_files[name] for name in names if name in learned_files]
     refusals = [seed for seed in seeds if seed not in names]
-    return Teams(Team(alone, anew, names), Team(other_files, anew, names if learns else []), refusals)
+    return Teams(Team(ekf_files, fleet, names), Team(other_files, fleet, names if learns else []), refusals)
 
 
 def _identify_with_laps(team: Team, runs: list[Run], backend: str) -> dict[int, VehicleFile]:

@@ -52,12 +52,12 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     run, test_run = run_of(FITTED_SWEEP), run_of(OTHER_SWEEP)
     fit = fit_sweep(run, backend)
     band, threshold = dead_band(fit), starting_duty(test_run)
-    faster = asymmetry(fit, run, backend)
+    wheel_asymmetry = asymmetry(fit, run, backend)
     z, simulated_values = measured_and_simulated(fit.vehicle_file, test_run, "wheels", backend)
     share = 1.0 - float(np.sum((z - simulated_values) ** 2) / np.sum((z - z.mean(axis=0)) ** 2))
     is_near = abs(band - threshold) <= DEAD_BAND_TOLERANCE * threshold
     name, bar = "micromouse", f"{number(threshold):.1f} ± {100 * DEAD_BAND_TOLERANCE:.0f} %"
-    percent = 100.0 * np.array([faster, ASYMMETRY, ASYMMETRY_TOLERANCE])
+    percent = 100.0 * np.array([wheel_asymmetry, ASYMMETRY, ASYMMETRY_TOLERANCE])
     return [
         criterion_row(name, _("dead band [of 255]"), band, bar, is_near),
         within(name, _("right wheel faster by [%]"), *percent.tolist()),

@@ -108,9 +108,9 @@ class Cars(Group):
         (a, b), (front, rear) = self.axle_m.T, self.tyre_n_rad.T
         return self.mass_kg * (b * rear - a * front) / ((a + b) * front * rear)
 
-    def _sideways(self, axle: int, along: np.ndarray, across: np.ndarray) -> np.ndarray:
+    def _sideways(self, axle: int, v_x: np.ndarray, v_y: np.ndarray) -> np.ndarray:
         """Return the sideways force Y (n,) of an axle.  (3)"""
-        slip = -across / np.sqrt(along**2 + MIN_SLIP_SPEED_M_S**2)
+        slip = -v_y / np.sqrt(v_x**2 + MIN_SLIP_SPEED_M_S**2)
         return self.grip_n[:, axle] * np.tanh(self.tyre_n_rad[:, axle] * slip / self.grip_n[:, axle])
 
 

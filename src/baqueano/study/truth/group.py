@@ -25,10 +25,10 @@ class Group:
         """Return the vehicles with the given parameters replaced."""
         return replace(self, **values)
 
-    def subset(self, which: list[int]) -> Self:
-        """Return the vehicles with the indices `which`; an index may occur several times."""
+    def subset(self, indices: list[int]) -> Self:
+        """Return the vehicles with the indices `indices`; an index may occur several times."""
         return replace(
-            self, **{k: v.subset(which) if isinstance(v, Group) else v[which] for k, v in self._all()}
+            self, **{k: v.subset(indices) if isinstance(v, Group) else v[indices] for k, v in self._all()}
         )
 
     def _all(self) -> list[tuple[str, Any]]:

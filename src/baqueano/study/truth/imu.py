@@ -47,20 +47,20 @@ class Imus(Group):
         """Return the readings (n, 3) without noise; `floor` (n, 2) is gravity along x and y."""
         (vx, vy, w), (vx_dot, vy_dot, w_dot) = truth.nu.T, truth.nu_dot.T
         lx, ly = self.place_m.T
-        along = vx_dot - w * vy - w * w * lx - w_dot * ly - floor[:, 0]
-        aside = vy_dot + w * vx - w * w * ly + w_dot * lx - floor[:, 1]
+        a_x = vx_dot - w * vy - w * w * lx - w_dot * ly - floor[:, 0]
+        a_y = vy_dot + w * vx - w * w * ly + w_dot * lx - floor[:, 1]
         c, s = np.cos(self.turn_rad), np.sin(self.turn_rad)
-        along, aside = c * along + s * aside, c * aside - s * along
+        a_x, a_y = c * a_x + s * a_y, c * a_y - s * a_x
         (cr, cp), (sr, sp) = np.cos(self.tilt_rad).T, np.sin(self.tilt_rad).T
-        forward = cp * along - sp * GRAVITY
-        left = cr * aside + sr * (sp * along + cp * GRAVITY)
+        forward = cp * a_x - sp * GRAVITY
+        left = cr * a_y + sr * (sp * a_x + cp * GRAVITY)
         (sx, sy), (kx, ky) = self.accel_scale.T, self.cross_axis.T
         forward, left = sx * forward + kx * left, sy * left + ky * forward
         return np.stack([forward, left, self.gyro_scale * cr * cp * w], axis=1) + self.bias
 
-    def readings(self, quiet: np.ndarray, drift: np.ndarray, white: np.ndarray) -> np.ndarray:
-        """Return the readings (n, 3): `quiet` plus `drift`, with noise from unit normals `white`, and
+    def readings(self, noiseless: np.ndarray, drift: np.ndarray, white: np.ndarray) -> np.ndarray:
+        """Return the readings (n, 3): `noiseless` plus `drift`, with noise from unit normals `white`, and
         rounded."""
-        z = quiet + drift + self.noise * white
+        z = noiseless + drift + self.noise * white
         safe = np.where(self.step > 0.0, self.step, 1.0)
         return np.where(self.step > 0.0, safe * np.round(z / safe), z)

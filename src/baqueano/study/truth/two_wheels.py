@@ -183,8 +183,8 @@ def draw_robots(n: int, seed: int) -> Robots:
     """Return n robots with the tolerances of real parts."""
     draw = np.random.default_rng([seed, 20])
 
-    def about(value: float, part: float, *more: int) -> np.ndarray:
-        return value * (1.0 + part * draw.uniform(-1.0, 1.0, (n, *more)))
+    def about(value: float, part: float, *shape: int) -> np.ndarray:
+        return value * (1.0 + part * draw.uniform(-1.0, 1.0, (n, *shape)))
 
     ones, three = np.ones(n), np.ones((n, 3))
     return Robots(

@@ -52,9 +52,9 @@ class TruthWorld:
         draw = np.stack([rng.standard_normal(6) for rng in self._noise])
         self._drift = self._drift + self.physics.imu.walk * np.sqrt(dt_s) * draw[:, 3:]
         has_filter = self.physics.imu.low_pass_s[:, None] > 0.0
-        quiet = self.noiseless_readings
-        quiet = quiet if self._smooth is None else np.where(has_filter, self._smooth, quiet)
-        return self.physics.imu.readings(quiet, self._drift, draw[:, :3])
+        noiseless = self.noiseless_readings
+        noiseless = noiseless if self._smooth is None else np.where(has_filter, self._smooth, noiseless)
+        return self.physics.imu.readings(noiseless, self._drift, draw[:, :3])
 
     def move(self, u: np.ndarray, dt_s: float) -> None:
         """Send the commands u (n, m) and move for `dt_s`, without a reading of an IMU."""

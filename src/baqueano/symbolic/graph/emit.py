@@ -156,17 +156,17 @@ def flat_statements(statements: Iterable[Statement]) -> Iterator[Term]:
 
 def postorder(roots: Iterable[Term], is_given: Callable[[Term], bool]) -> list[Term]:
     """Return all terms below the roots, arguments before users; given terms and all terms below these are excluded."""
-    done: set[Term] = set()  # terms in the order, and given terms
+    members: set[Term] = set()  # terms in the order, and given terms
     order: list[Term] = []
     for root in roots:
-        stack = [] if root in done or is_given(root) else [root]
+        stack = [] if root in members or is_given(root) else [root]
         while stack:
             term = stack[-1]
             pending = []
             for a in term.args:
-                if a not in done:
+                if a not in members:
                     if is_given(a):
-                        done.add(a)
+                        members.add(a)
                     else:
                         pending.append(a)
             if pending:
@@ -174,8 +174,8 @@ def postorder(roots: Iterable[Term], is_given: Callable[[Term], bool]) -> list[T
                 stack += pending
                 continue
             stack.pop()
-            if term not in done:
-                done.add(term)
+            if term not in members:
+                members.add(term)
                 order.append(term)
     return order
 
@@ -376,8 +376,8 @@ class _Scheduler:
                     stack.pop()
                     continue
                 group = self.plan.get(term)
-                needs = term.args if group is None else group.needs
-                pending = [a for a in needs if a not in self.done and not self.is_given(a)]
+                arguments = term.args if group is None else group.needs
+                pending = [a for a in arguments if a not in self.done and not self.is_given(a)]
                 if not pending:
                     statements.append(term if group is None else self.branch(group))
                     self.done.add(term)

@@ -43,8 +43,8 @@ def split_shared(program: Program, leaves: Set[Node]) -> SharedSplit | None:
     graph.truths.update(x for x, term in zip(symbols, w, strict=True) if term.is_truth)
     roots = graph.substitute(roots, dict(zip(w, symbols, strict=True)))
 
-    def with_carry(kept: list[int], next_carry: Iterable[Node]) -> Program:
-        initial, symbols = (tuple(x[k] for k in kept) for x in (program.initial, program.carry))
+    def with_carry(indices: list[int], next_carry: Iterable[Node]) -> Program:
+        initial, symbols = (tuple(x[k] for k in indices) for x in (program.initial, program.carry))
         return program._replace(initial=initial, carry=symbols, next_carry=tuple(next_carry))
 
     per_tick = with_carry(carry, (program.next_carry[k] for k in carry))

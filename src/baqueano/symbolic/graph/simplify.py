@@ -65,8 +65,8 @@ def _without_common_term(g: "Graph", a: "Node", b: "Node") -> "Node | None":
         return g.make("sub", b.args[1], a.args[1])
     if a.op == b.op == "add":
         for k, term in enumerate(a.args):
-            for n, other in enumerate(b.args):
-                if term is other:
+            for n, second in enumerate(b.args):
+                if term is second:
                     return g.make("sub", a.args[1 - k], b.args[1 - n])
     return None
 

@@ -54,8 +54,8 @@ def trace_function(f: Callable[..., Tree], shapes: Iterable[Shape]) -> Trace:
         results = [g(*(_argument(*pair) for pair in symbols)) for _ in range(1 if g is f else 2)]
     shape, outputs = _flat_nodes(graph, results[0], "output", kinds)
     for result in results[1:]:
-        other_shape, others = _flat_nodes(graph, result, "output", kinds)
-        is_same = other_shape == shape and all(a is b for a, b in zip(outputs, others, strict=True))
+        other_shape, other_nodes = _flat_nodes(graph, result, "output", kinds)
+        is_same = other_shape == shape and all(a is b for a, b in zip(outputs, other_nodes, strict=True))
         if not is_same or _has_scalars_inside(g, set()):
             raise TraceError(fault("trace.not-pure", function=_name(f)))
     return Trace(graph, [], [x for _, nodes in symbols for x in nodes], None, [], [], outputs, shape, None)

@@ -155,10 +155,10 @@ def step_time_us(role: str, kind: str, vehicle_file: "VehicleFile") -> float | N
     step, state = getattr(quick, role).step, getattr(states, role)
     rounds = []
     for _ in range(ROUNDS):
-        began = time.perf_counter()
+        start_s = time.perf_counter()
         for _ in range(CALLS):
             step(state, *inputs)
-        rounds.append(time.perf_counter() - began)
+        rounds.append(time.perf_counter() - start_s)
     return 1e6 * min(rounds) / CALLS
 
 

@@ -134,13 +134,13 @@ class DriveIdentification:
         if np.max(np.diff(ticks, prepend=last_tick)) > MAX_GAP_S * self.vehicle_file.rate_hz:
             self._reset()
             last_tick = ticks[0] - 1
-        whole = np.arange(last_tick + 1, ticks[-1] + 1)
-        indices = np.searchsorted(ticks, whole, side="right") - 1
+        all_ticks = np.arange(last_tick + 1, ticks[-1] + 1)
+        indices = np.searchsorted(ticks, all_ticks, side="right") - 1
         in_force = np.concatenate([self._u[-1:] if len(self._u) else u[:1], u])[indices + 1]
         z_on_ticks = np.where(
-            (indices >= 0)[:, None] & (ticks[indices] == whole)[:, None], z[indices], np.nan
+            (indices >= 0)[:, None] & (ticks[indices] == all_ticks)[:, None], z[indices], np.nan
         )
-        self._ticks = np.concatenate([self._ticks, whole])
+        self._ticks = np.concatenate([self._ticks, all_ticks])
         self._u, self._z = np.concatenate([self._u, in_force]), np.concatenate([self._z, z_on_ticks])
 
     def state(self) -> "JsonObject":

@@ -51,17 +51,17 @@ class LiveIdentification:
         self._reply: JsonObject | None = None
         self._asking: asyncio.Task[None] | None = None
 
-    def begin(self, names: list[str], ahead: bool = False) -> None:
-        """Begin a drive with these columns. If `ahead` is True, start the worker before a browser watches."""
+    def begin(self, names: list[str], early_start: bool = False) -> None:
+        """Begin a drive with these columns. If `early_start` is True, start the worker before a browser watches."""
         has_time = "t" in names
         self._column_indices = [
             k for k, name in enumerate(names) if has_time and (name == "t" or name[:2] in ("u.", "z."))
         ]
         self._names = [names[k] for k in self._column_indices]
         self._drop_rows()
-        if ahead and self.vehicle and (self._asking is None or self._asking.done()):
+        if early_start and self.vehicle and (self._asking is None or self._asking.done()):
             self._warm = self.vehicle
-            self._asking = asyncio.create_task(self._send_rows_periodically(once=True))
+            self._asking = asyncio.create_task(self._send_rows_periodically(at_start=True))
 
     def add_rows(self, rows: list[list[float | None]]) -> None:
         """Add ticks of the drive."""
@@ -103,9 +103,9 @@ class LiveIdentification:
         self._drive += 1
         self._reply = None
 
-    async def _send_rows_periodically(self, once: bool = False) -> None:
+    async def _send_rows_periodically(self, at_start: bool = False) -> None:
         """Send rows to the worker each second while a browser watches, and forward its answers."""
-        if once:
+        if at_start:
             await self._exchange_once()
         while self._looking:
             self._looking &= set(self._visitors())

@@ -50,17 +50,17 @@ class LocalFiles:
         self._requested[number] = kind, str(order.get("name", "")) if kind == "teach" else ""
 
     def fetch(
-        self, done: "JsonObject", report: "Callable[[Diagnostic, list[JsonObject] | None], None]"
+        self, event: "JsonObject", report: "Callable[[Diagnostic, list[JsonObject] | None], None]"
     ) -> None:
         """Copy the run of an expected mission after its message "done", and store the route that it taught.
 
         `report` receives a message, and a row for each stored route, or None in place of the rows if the copy failed.
         """
-        kind, route = self._requested.pop(str(done.get("id")), ("", ""))
-        if kind and done.get("run"):
-            reason = done["reason"]
-            regular_end = not done.get("code") and (reason is None or reason.code == StopReason.INTERRUPTED)
-            task = asyncio.create_task(self._fetch(done["run"], kind, route if regular_end else "", report))
+        kind, route = self._requested.pop(str(event.get("id")), ("", ""))
+        if kind and event.get("run"):
+            reason = event["reason"]
+            regular_end = not event.get("code") and (reason is None or reason.code == StopReason.INTERRUPTED)
+            task = asyncio.create_task(self._fetch(event["run"], kind, route if regular_end else "", report))
             self._fetching.add(task)
             task.add_done_callback(self._fetching.discard)
 

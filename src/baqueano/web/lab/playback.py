@@ -244,20 +244,20 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
     await reading
 
 
-def read_entries(source: BinaryIO, put: "Callable[[Entry], object]") -> None:
-    """Pass the entry in each line of stdin to `put`, and None at its end; skip malformed lines."""
+def read_entries(source: BinaryIO, write: "Callable[[Entry], object]") -> None:
+    """Pass the entry in each line of stdin to `write`, and None at its end; skip malformed lines."""
     for line in source:
         try:
             entry = json.loads(line)
             if "tuned" in entry:
-                put(dict(entry["tuned"]))
+                write(dict(entry["tuned"]))
             elif "step" in entry:
-                put(WorkStep(Diagnostic.of_json(entry["step"])))
+                write(WorkStep(Diagnostic.of_json(entry["step"])))
             else:
-                put(Path(entry["play"]) if "play" in entry else Diagnostic.of_json(entry["say"]))
+                write(Path(entry["play"]) if "play" in entry else Diagnostic.of_json(entry["say"]))
         except (ValueError, KeyError, TypeError):
             continue
-    put(None)
+    write(None)
 
 
 def main() -> None:

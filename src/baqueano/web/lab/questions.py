@@ -129,7 +129,7 @@ class Questions:
         side = max(2, min(MAX_GRID_SIDE, int(message["side"])))
         positions = [(i / (side - 1), j / (side - 1)) for j in range(side) for i in range(side)]
         arguments = {name: message[name] for name in ("gains", "a", "b")} | self._tuning_request(message)
-        began, costs = time.monotonic(), []
+        start_s, costs = time.monotonic(), []
         for first in range(0, len(positions), LAPS_PER_REQUEST):
             if not self._is_newest(visitor, message):
                 return {"stale": True}
@@ -137,7 +137,7 @@ class Questions:
                 "costs", visitor, positions=positions[first : first + LAPS_PER_REQUEST], **arguments
             )
             costs += reply["costs"]
-        return {"side": side, "costs": costs, "seconds": time.monotonic() - began}
+        return {"side": side, "costs": costs, "seconds": time.monotonic() - start_s}
 
     async def _descent(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         arguments = {name: message[name] for name in ("gains", "price")} | self._tuning_request(message)

@@ -74,9 +74,9 @@ class TuningWorker:
     def lap(self, request: "JsonObject") -> "JsonObject":
         """Return path, cost and other results of a simulated lap with `gains`, and its computing time."""
         _, _, laps = self._laps(request)
-        began = time.perf_counter()
+        start_s = time.perf_counter()
         lap = laps.lap(_values(request["gains"], laps))
-        return lap_json(lap) | {"ms": 1e3 * (time.perf_counter() - began)}
+        return lap_json(lap) | {"ms": 1e3 * (time.perf_counter() - start_s)}
 
     def costs(self, request: "JsonObject") -> "JsonObject":
         """Return both terms of the cost of laps for the request {gains, a, b, positions: [[x, y], …]}.
@@ -99,13 +99,13 @@ class TuningWorker:
         """
         _, _, laps = self._laps(request)
         price, search = max(0.0, float(request["price"])), laps.space
-        began = time.perf_counter()
+        start_s = time.perf_counter()
         start_gains = np.clip(_values(request["gains"], laps), search.low, search.high)
         descent = descend(lambda g: laps.cost_and_gradient(g, price), start_gains, search.low, search.high)
         descent_path = [*descent.path, descent.gains]
         return {
             "path": [gains.tolist() for gains in descent_path], "cost": descent.cost,
-            "start_cost": float(descent.costs[0]), "laps": len(descent.costs), "seconds": time.perf_counter() - began,
+            "start_cost": float(descent.costs[0]), "laps": len(descent.costs), "seconds": time.perf_counter() - start_s,
             "places": [coordinates(gains, search.low, search.high).tolist() for gains in descent_path],
         }  # fmt: skip
 
