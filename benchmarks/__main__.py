@@ -24,9 +24,9 @@ def main() -> int:
         help="sizes that show in seconds that they run; no target is judged",
     )
     args = parser.parse_args()
-    wrong = [name for name in args.names if name not in BENCHES]
-    if wrong:
-        parser.error(f"no bench {wrong[0]!r}: expected one of {', '.join(BENCHES)}")
+    unknown = [name for name in args.names if name not in BENCHES]
+    if unknown:
+        parser.error(f"no bench {unknown[0]!r}: expected one of {', '.join(BENCHES)}")
     rows, all_met = [], True
     for name in args.names or BENCHES:
         for bench in importlib.import_module(f"benchmarks.{name}").benches(args.smallest):

@@ -35,12 +35,12 @@ def next_state(x, u, keep, np=np):
     p3, n3 = rate(pose + 0.5 * DT * p2, nu + 0.5 * DT * n2)
     p4, n4 = rate(pose + DT * p3, nu + DT * n3)
     D = np.array([d[0], 0.0, d[1]])
-    ahead = nu + DT / 6.0 * (n1 + 2.0 * n2 + 2.0 * n3 + n4) + DT * D
+    next_nu = nu + DT / 6.0 * (n1 + 2.0 * n2 + 2.0 * n3 + n4) + DT * D
     pose = pose + DT / 6.0 * (p1 + 2.0 * p2 + 2.0 * p3 + p4)
-    way = 0.5 * DT**2 * D + 0.5 * DT * np.array([kappa[0], kappa[0], kappa[1]]) * (nu + ahead)
+    shift = 0.5 * DT**2 * D + 0.5 * DT * np.array([kappa[0], kappa[0], kappa[1]]) * (nu + next_nu)
     c, s = np.cos(pose[2]), np.sin(pose[2])
-    pose = pose + np.array([c * way[0] - s * way[1], s * way[0] + c * way[1], way[2]])
-    return np.concatenate([pose, ahead, keep * d, x[8:]])
+    pose = pose + np.array([c * shift[0] - s * shift[1], s * shift[0] + c * shift[1], shift[2]])
+    return np.concatenate([pose, next_nu, keep * d, x[8:]])
 
 
 def imu_readings(x, u, np=np):
@@ -76,14 +76,14 @@ class Filterpy:
         return self.ekf
 
     def _of_motion(self, x, u):
-        F, identity, at, slope, total = np.eye(13), np.eye(6), x[:6], np.eye(6), np.zeros((6, 6))
-        for weight, ahead in ((1.0, 0.5), (2.0, 0.5), (2.0, 1.0), (1.0, 0.0)):
-            slope = self._rate(at) @ slope
+        F, identity, state, slope, total = np.eye(13), np.eye(6), x[:6], np.eye(6), np.zeros((6, 6))
+        for weight, step in ((1.0, 0.5), (2.0, 0.5), (2.0, 1.0), (1.0, 0.0)):
+            slope = self._rate(state) @ slope
             total += weight * slope
-            c, s = np.cos(at[2]), np.sin(at[2])
-            way = np.array([c * at[3] - s * at[4], s * at[3] + c * at[4], at[5]])
-            at = x[:6] + ahead * DT * np.concatenate([way, nu_dot(at[3:], u)])
-            slope = identity + ahead * DT * slope
+            c, s = np.cos(state[2]), np.sin(state[2])
+            velocity = np.array([c * state[3] - s * state[4], s * state[3] + c * state[4], state[5]])
+            state = x[:6] + step * DT * np.concatenate([velocity, nu_dot(state[3:], u)])
+            slope = identity + step * DT * slope
         F[:6, :6] += DT / 6.0 * total
         F[3, 6] = F[5, 7] = DT
         F[6, 6], F[7, 7] = self.keep
@@ -92,8 +92,8 @@ class Filterpy:
         F[0, 8], F[1, 8], F[2, 9] = DT * (c * vx - s * vy), DT * (s * vx + c * vy), DT * w
         return F
 
-    def _rate(self, at):
-        (psi, vx, vy, w), A = at[2:], np.zeros((6, 6))
+    def _rate(self, state):
+        (psi, vx, vy, w), A = state[2:], np.zeros((6, 6))
         c, s = np.cos(psi), np.sin(psi)
         A[0, 2], A[1, 2] = -s * vx - c * vy, c * vx - s * vy
         A[:2, 3:5] = [[c, -s], [s, c]]

@@ -48,9 +48,9 @@ def predictive(name: str, speed_m_s: float) -> Bench:
     solver.solve = timed_solve
     for k in range(WARM_UP + TICKS):
         t_ns, j = round(k * 1e9 / HZ), k % len(route.t_s)
-        aside = route.eta[j] + np.array([0.0, 0.01 * np.sin(0.1 * k), 0.0])
+        position = route.eta[j] + np.array([0.0, 0.01 * np.sin(0.1 * k), 0.0])
         reference = Reference(t_ns, route.eta[j], route.nu[j], 0.0)
-        estimate = Estimate(t_ns, aside, route.nu[j], np.eye(6))
+        estimate = Estimate(t_ns, position, route.nu[j], np.eye(6))
         begin_s = process_time()
         state, _ = law.step(state, reference, estimate)
         steps_s.append(process_time() - begin_s)

@@ -126,9 +126,9 @@ def covered(case: str, seeds: range, duration_s: float) -> str:
     for run, file, true in runs_of_case:
         fit = fit_case(case, run, file)
         truth = np.array([float(true[name][0]) if name in true else np.nan for name in fit.names])
-        inside = np.isfinite(fit.std) & (fit.bound == 0) & np.isfinite(truth)
-        errors.append(np.where(inside, fit.estimate - truth, np.nan))
-        sds.append(np.where(inside, fit.std, np.nan))
+        is_inside = np.isfinite(fit.std) & (fit.bound == 0) & np.isfinite(truth)
+        errors.append(np.where(is_inside, fit.estimate - truth, np.nan))
+        sds.append(np.where(is_inside, fit.std, np.nan))
         truths.append(truth)
     finite = np.isfinite(errors).sum(axis=0) > 1
     e, std, truth = (np.array(x)[:, finite] for x in (errors, sds, truths))

@@ -60,11 +60,11 @@ def errors_beside(loops, robots, seeds, seconds):
     t_ns, guide = tick_times(int(seconds * rate_hz), rate_hz), Repeat.along(ROUTE)
     world = TruthWorld(robots, seeds, np.tile(ROUTE.eta[0], (n, 1)))
     states, u, now = [loop.start(ROUTE.eta[0]) for loop in loops], np.zeros((n, 3)), guide.init()
-    off = np.stack([disturbances(seed, len(t_ns), rate_hz) for seed in seeds])
+    errors = np.stack([disturbances(seed, len(t_ns), rate_hz) for seed in seeds])
     true, requested = np.zeros((len(t_ns), n, 2)), np.zeros((len(t_ns), 2))
     at_rest = Estimate(0, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
     for k, t in enumerate(t_ns):
-        duty = u @ SIDES.T * (1.0 + off[:, k])
+        duty = u @ SIDES.T * (1.0 + errors[:, k])
         world.move(
             np.column_stack([duty.mean(1), np.zeros(n), 0.5 * (duty[:, 1] - duty[:, 0])]), 1.0 / rate_hz
         )
@@ -76,8 +76,8 @@ def errors_beside(loops, robots, seeds, seconds):
                 states[i], Tick(int(t), u[i].copy(), loop.slots(Slot(1.0, state))), reference
             )
         true[k], requested[k] = truth.eta[:, :2], reference.eta[:2]
-    late = t_ns >= int(min(FROM_S, 0.5 * seconds) * 1e9)
-    return np.array([rms(cross_track(t_ns[late], true[late, i], t_ns, requested)) for i in range(n)])
+    is_late = t_ns >= int(min(FROM_S, 0.5 * seconds) * 1e9)
+    return np.array([rms(cross_track(t_ns[is_late], true[is_late, i], t_ns, requested)) for i in range(n)])
 
 
 def main():
@@ -88,35 +88,35 @@ def main():
     args = parser.parse_args()
     seeds = [FIRST] if args.smallest else list(range(FIRST, FIRST + ROBOTS))
     seconds, extra = (1.0, EXTRA_S[:2]) if args.smallest else (LASTS_S, EXTRA_S)
-    each = [draw_robots(1, seed) for seed in seeds]
+    robots_of_seeds = [draw_robots(1, seed) for seed in seeds]
     gains = {"alpha": 4.0, "beta": 1.0, "gamma": 0.1} if args.controller == "pd" else {}
     files = [
         model_of(robot, seed).with_values(
             {"controller.kind": args.controller}
             | {f"controller.{name}": value for name, value in gains.items()}
         )
-        for robot, seed in zip(each, seeds, strict=True)
+        for robot, seed in zip(robots_of_seeds, seeds, strict=True)
     ]
-    loops, robots = [Loop(file, True, "auto") for file in files], merge(each)
-    own = float(np.median(robots.delay_s))
+    loops, robots = [Loop(file, True, "auto") for file in files], merge(robots_of_seeds)
+    mean_s = float(np.median(robots.delay_s))
     print(
         f"{args.controller}, {len(seeds)} robots: total delay [ms] (median), beside the path [mm rms]: median, worst"
     )
     rows = []
-    for late in extra:
+    for delay_s in extra:
         rows.append(
-            errors_beside(loops, robots.with_parameters(delay_s=robots.delay_s + late), seeds, seconds)
+            errors_beside(loops, robots.with_parameters(delay_s=robots.delay_s + delay_s), seeds, seconds)
         )
         middle, worst = 1e3 * np.median(rows[-1]), 1e3 * np.max(rows[-1])
-        print(f"  {1e3 * (own + late):6.0f} {middle:8.2f} {worst:8.2f}", flush=True)
+        print(f"  {1e3 * (mean_s + delay_s):6.0f} {middle:8.2f} {worst:8.2f}", flush=True)
     medians = np.array([np.median(d) for d in rows])
-    twice = np.flatnonzero(medians >= 2.0 * medians[0])
-    if len(twice):
-        k = int(twice[0])
+    slow_sizes = np.flatnonzero(medians >= 2.0 * medians[0])
+    if len(slow_sizes):
+        k = int(slow_sizes[0])
         part = (2.0 * medians[0] - medians[k - 1]) / (medians[k] - medians[k - 1])
-        print(f"  twice at {1e3 * (own + extra[k - 1] + part * (extra[k] - extra[k - 1])):.0f} ms")
+        print(f"  twice at {1e3 * (mean_s + extra[k - 1] + part * (extra[k] - extra[k - 1])):.0f} ms")
     else:
-        print(f"  not twice up to {1e3 * (own + extra[-1]):.0f} ms")
+        print(f"  not twice up to {1e3 * (mean_s + extra[-1]):.0f} ms")
 
 
 if __name__ == "__main__":

@@ -42,8 +42,8 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
     """Return the benches against peers, with a longer run, and on several processors."""
     one_s, several_s = (10.0, 20.0) if smallest else (60.0, 1440.0)
     jax = against_jax(one_s) if find_spec("jax") else LeftOut("fit in JAX", "pip install jax")
-    several = [] if _processors() < 2 else [several_runs(several_s)]
-    return [against_peers(one_s, extrapolated=smallest), jax, ten_times(one_s), *several]
+    benches = [] if _processors() < 2 else [several_runs(several_s)]
+    return [against_peers(one_s, extrapolated=smallest), jax, ten_times(one_s), *benches]
 
 
 def against_peers(duration_s: float, extrapolated: bool) -> Bench:
@@ -64,11 +64,11 @@ def against_peers(duration_s: float, extrapolated: bool) -> Bench:
         return ((z - kernel.run(u, theta)[1]) / SIGMA).ravel()
 
     np.testing.assert_allclose(compiled(first), loop(first), atol=1e-6)
-    began = time.perf_counter()
+    start_s = time.perf_counter()
     reference = least_squares(
         compiled if extrapolated else loop, first, loss="huber", f_scale=1.345, x_scale="jac"
     )
-    took = time.perf_counter() - began
+    took = time.perf_counter() - start_s
     calls = reference.nfev + 15 * reference.njev
     theirs_s = calls * timed(lambda: loop(first)) if extrapolated else took
     fit = _fit_runs(run)
@@ -130,7 +130,7 @@ def ten_times(duration_s: float) -> Bench:
     runs = [_record_run(duration_s * k, 3)[0] for k in (1, 10)]
     cases = [Case(f"{run.duration_s:.0f} s", lambda run=run: _fit_runs(run)) for run in runs]
     return measured(
-        "fit of 15 parameters over a run of ten times the length", cases, {}, most={cases[1].name: 11.0}
+        "fit of 15 parameters over a run of ten times the length", cases, {}, limits={cases[1].name: 11.0}
     )
 
 

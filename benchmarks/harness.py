@@ -50,14 +50,14 @@ class Bench(NamedTuple):
 
     def table(self) -> str:
         """Return the rows as text."""
-        wide = max(len(row.name) for row in self.rows)
+        width = max(len(row.name) for row in self.rows)
         lines = [self.title]
         for row in self.rows:
             ratio = f"{row.ratio:10,.1f} ×" if row.ratio != 1.0 else " " * 12
             target = f"{row.target:,.3g}" if row.target else f"at most {row.most:,g}" if row.most else ""
             target = f"  (target {target}{': missed' if row.missed else ''})" if target else ""
             note = f"  {row.note}" if row.note else ""
-            lines.append(f"  {row.name:<{wide}}  {in_units(row.seconds)}{ratio}{target}{note}")
+            lines.append(f"  {row.name:<{width}}  {in_units(row.seconds)}{ratio}{target}{note}")
         return "\n".join(lines)
 
     def as_rows(self) -> list[dict[str, Any]]:
@@ -109,16 +109,16 @@ def measured(
     cases: Sequence[Case],
     targets: dict[str, float],
     notes: dict[str, str] | None = None,
-    most: dict[str, float] | None = None,
+    limits: dict[str, float] | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Bench:
     """Return the bench of `cases`; the first case is ours.
 
-    `targets` are the least allowed ratios by the names of the other cases, `most` the largest allowed ratios.
+    `targets` are the least allowed ratios by the names of the other cases, `limits` the largest allowed ratios.
     """
     seconds = interleaved(cases, clock)
     rows = [
-        row(case.name, s, seconds[0], targets, notes or {}, most)
+        row(case.name, s, seconds[0], targets, notes or {}, limits)
         for case, s in zip(cases, seconds, strict=True)
     ]
     return Bench(title, tuple(rows))
@@ -130,10 +130,10 @@ def row(
     own_seconds: float,
     targets: dict[str, float],
     notes: dict[str, str],
-    most: dict[str, float] | None = None,
+    limits: dict[str, float] | None = None,
 ) -> Row:
     """Return the row of one case, with its ratio to our time `own_seconds`."""
-    target, limit, ratio = targets.get(name, 0.0), (most or {}).get(name, 0.0), seconds / own_seconds
+    target, limit, ratio = targets.get(name, 0.0), (limits or {}).get(name, 0.0), seconds / own_seconds
     is_missed = ratio < target or bool(limit and ratio > limit)
     return Row(name, seconds, ratio, target, notes.get(name, ""), is_missed, limit)
 
@@ -151,6 +151,6 @@ def _plan(case: Case, clock: Callable[[], float]) -> tuple[int, int]:
     if case.rounds < ROUNDS:
         return 1, case.rounds
     case.call()
-    once = max(min(timed(case.call, 1, clock) for _ in range(2)), 1e-9)
-    repeat = max(1, round(LEAST_S / once))
-    return repeat, min(MOST_ROUNDS, max(ROUNDS, round(ENOUGH_S / (repeat * once))))
+    time_s = max(min(timed(case.call, 1, clock) for _ in range(2)), 1e-9)
+    repeat = max(1, round(LEAST_S / time_s))
+    return repeat, min(MOST_ROUNDS, max(ROUNDS, round(ENOUGH_S / (repeat * time_s))))

@@ -61,7 +61,7 @@ class Accuracy(NamedTuple):
     t_s: np.ndarray  # (N,)
     ratios: dict[str, np.ndarray]  # (N,) NEES and NIS over their dimensions, mean of all drives
     width: dict[str, float]  # half of the band
-    speed: tuple[float, float]  # rms, and by the bound [m/s]
+    speed: tuple[float, float]  # rms [m/s], and divided by the bound
 
 
 def cases() -> list[Case]:
@@ -101,15 +101,15 @@ def accuracy(case: Case, simulated_drives: matched.Drives) -> Accuracy:
     bound = matched.bound(case.assumed, simulated_drives, 2 + 1 + (case.block.use == BOTH))
     kernel, sums, squares, settled = kernel_of(case.block), {}, 0.0, round(SETTLED_S / matched.DT)
     for first in range(0, drives, TOGETHER):
-        some = slice(first, first + TOGETHER)
-        true = np.swapaxes(simulated_drives.x[:, some], 0, 1)
+        rows = slice(first, first + TOGETHER)
+        true = np.swapaxes(simulated_drives.x[:, rows], 0, 1)
         each_run = [
             kernel.run(ticks_of(simulated_drives, first + k, case.block.use))[1] for k in range(len(true))
         ]
         eta, nu, cov, y, S = (np.stack(outputs) for outputs in zip(*each_run, strict=True))
         off, e = eta - true[..., matched.POSE], nu - true[..., matched.NU] * (1.0 + true[..., [8, 8, 9]])
         off[..., 2] = wrap(off[..., 2])
-        each = {
+        errors = {
             "NEES of the pose": (_square(cov[..., :3, :3], off), 3),
             "NEES of the velocity": (_square(cov[..., 3:, 3:], e), 3),
             "NIS": (_square(S, y), y.shape[-1]),
@@ -119,7 +119,7 @@ def accuracy(case: Case, simulated_drives: matched.Drives) -> Accuracy:
                 for i, name in enumerate(("ν_x", "ν_y", "ν_ψ"))
             },
         }
-        for name, (square, size) in each.items():
+        for name, (square, size) in errors.items():
             before = sums.get(name, (0.0, size))[0]
             sums[name] = (before + np.sum(square, axis=0) / (size * drives), size)
         squares += np.sum(np.mean(e[:, settled:, 0] ** 2, axis=1)) / drives
@@ -151,8 +151,8 @@ def main() -> None:
             f"{name} {np.mean(x):.2f} ({np.mean(np.abs(x - 1.0) < result.width[name]):.0%})"
             for name, x in result.ratios.items()
         ]
-        reached, least = result.speed
-        words.append(f"speed {1e3 * reached:.2f} mm/s = {reached / least:.2f} × the bound")
+        reached, min_error = result.speed
+        words.append(f"speed {1e3 * reached:.2f} mm/s = {reached / min_error:.2f} × the bound")
         print(f"{result.name:74}  {', '.join(words)}", flush=True)
     if args.plot:
         _drawing(all_found).savefig(args.plot)

@@ -95,7 +95,7 @@ def bound(assumed: AssumedNoise, drives: Drives, m: int) -> np.ndarray:
     indices = [
         k for k in range(8) if k < 5 or assumed.start[INNER[k]] > 0.0
     ]  # a bias without error is a constant
-    at = [INNER[k] for k in indices]
+    states = [INNER[k] for k in indices]
     std = np.where(np.isin(INNER, range(6, 8)), 0.0, assumed.start[INNER])
     std[3:5] = assumed.disturbance
     J, out, before = np.diag(1.0 / std[indices] ** 2), np.empty((len(drives.u), 3)), None
@@ -108,7 +108,7 @@ def bound(assumed: AssumedNoise, drives: Drives, m: int) -> np.ndarray:
         F, W = F[:, indices][:, :, indices], np.linalg.inv(Q[:, indices][:, :, indices])
         WF = W @ F
         D11, D12, D22 = np.mean(np.swapaxes(F, 1, 2) @ WF, axis=0), np.mean(WF, axis=0), np.mean(W, axis=0)
-        H = _slopes(x, row)[:, :m, at]
+        H = _slopes(x, row)[:, :m, states]
         information_of_readings = np.mean(np.swapaxes(H, 1, 2) @ (H / assumed.reading[:m, None] ** 2), axis=0)
         J = D22 + information_of_readings - D12 @ np.linalg.solve(J + D11, D12.T)
         spread = np.repeat(assumed.start[KAPPA], [2, 1]) ** 2

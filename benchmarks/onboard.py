@@ -60,7 +60,9 @@ class Figures:
     def pi_start_s(self) -> float:
         """Return the estimated duration [s] of a start on a Pi 3 with the boot-loader."""
         computing_s, loading_s = self.start_cpu_s * self.ratio, self.loading_s * self.ratio
-        waiting_s = self.start_s - self.start_cpu_s + self.loading_s  # for the IMU, hidden by loading or not
+        waiting_s = (
+            self.start_s - self.start_cpu_s + self.loading_s
+        )  # until the IMU is ready; loading may hide it
         return max(computing_s - loading_s, EARLY * computing_s + BOOT_S) + max(loading_s, waiting_s)
 
     @property
@@ -95,8 +97,8 @@ def benches(smallest: bool) -> list[Figures] | list[LeftOut]:
     build = rig.build(user_cache() / "emulated")
     starts = [start_service(build) for _ in range(0 if smallest else 4)]
     with tempfile.TemporaryDirectory() as folder:
-        resident, clock_text, own = drive_service(build, Path(folder), 1.0 if smallest else 30.0)
-    start_s, cpu_s = min([*starts, own])
+        resident, clock_text, own_ms = drive_service(build, Path(folder), 1.0 if smallest else 30.0)
+    start_s, cpu_s = min([*starts, own_ms])
     ratio = PI3_HELLO_S / hello_s(2 if smallest else 40)
     loading, tick_s = loading_s(1 if smallest else 5), computing(build, 1.0 if smallest else 20.0)
     return [Figures(resident, start_s, cpu_s, loading, tick_s, clock_text, ratio)]

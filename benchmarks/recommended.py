@@ -41,8 +41,8 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
     """Return the benches of a log, a tick, the compilation and a drive."""
     block, n = _filter(), 200 if smallest else 60_000
     log = _log(block, n)
-    few = _of_a_tick(block, *log), _of_compiling(smallest), _of_a_drive(1.0 if smallest else 20.0)
-    return [*_of_a_log(block, *log, smallest), *few]
+    benches = _of_a_tick(block, *log), _of_compiling(smallest), _of_a_drive(1.0 if smallest else 20.0)
+    return [*_of_a_log(block, *log, smallest), *benches]
 
 
 def _filter() -> AugmentedEkf:
@@ -82,17 +82,17 @@ def _of_a_log(block: AugmentedEkf, u: np.ndarray, z: np.ndarray, smallest: bool)
         return belief, (estimate.eta, estimate.nu, estimate.cov)
 
     kernel = scan(step, block.init(), EXAMPLE)
-    few = min(n, 6000)  # filterpy takes the same time for each tick
+    count = min(n, 6000)  # filterpy takes the same time for each tick
 
     def by_filterpy():
         peer_filter = augmented_peer.Filterpy(*peer)
-        return np.array([peer_filter.step(*row) for row in zip(u[:few], z[:few], strict=True)])
+        return np.array([peer_filter.step(*row) for row in zip(u[:count], z[:count], strict=True)])
 
     outputs = kernel.run(ticks)[1]
     reference = by_filterpy()
-    off = outputs[1][:few, 2] - reference[:, 5]
-    assert np.sqrt(np.mean(off**2)) < AGREE, np.sqrt(np.mean(off**2))
-    peer_name = f"filterpy, 13 states, {few / 100:g} s of it"
+    error = outputs[1][:count, 2] - reference[:, 5]
+    assert np.sqrt(np.mean(error**2)) < AGREE, np.sqrt(np.mean(error**2))
+    peer_name = f"filterpy, 13 states, {count / 100:g} s of it"
     cases = [
         Case("scan, recommended filter", lambda: kernel.run(ticks)),
         Case(peer_name, by_filterpy, 1 if smallest else 3),
@@ -102,14 +102,14 @@ def _of_a_log(block: AugmentedEkf, u: np.ndarray, z: np.ndarray, smallest: bool)
     except ImportError:
         cases.append(None)
     else:
-        np.testing.assert_allclose(by_dynamax()[:few, 3:6], reference[:, 3:6], atol=1e-3)
+        np.testing.assert_allclose(by_dynamax()[:count, 3:6], reference[:, 3:6], atol=1e-3)
         cases.append(Case("dynamax, 13 states, jit", by_dynamax, 1 if smallest else 3))
     left_out = [LeftOut("dynamax on ten minutes of log", "pip install dynamax")] if cases[-1] is None else []
     bench = measured(
         f"recommended filter over {n / 100:g} s at 100 Hz",
         [case for case in cases if case],
-        {peer_name: 300.0 * few / n, "dynamax, 13 states, jit": 25.0},
-        {peer_name: f"{n / few:g} times as long for all of it"} if few < n else {},
+        {peer_name: 300.0 * count / n, "dynamax, 13 states, jit": 25.0},
+        {peer_name: f"{n / count:g} times as long for all of it"} if count < n else {},
         clock=time.process_time,
     )
     return [bench, *left_out]
@@ -129,12 +129,12 @@ def _of_a_tick(block: AugmentedEkf, u: np.ndarray, z: np.ndarray) -> Bench:
 
         return once
 
-    peer_filter, at = augmented_peer.Filterpy(*_peer(block)), [0]
+    peer_filter, index = augmented_peer.Filterpy(*_peer(block)), [0]
 
     def by_filterpy():
-        k = at[0] % len(u)
+        k = index[0] % len(u)
         peer_filter.step(u[k], z[k])
-        at[0] += 1
+        index[0] += 1
 
     quick, slow = online(compile_block(block)), online(compile_block(block, "python"))
     cases = [
@@ -145,9 +145,9 @@ def _of_a_tick(block: AugmentedEkf, u: np.ndarray, z: np.ndarray) -> Bench:
     bench = measured(
         "a tick on line, through step", cases, {"filterpy, 13 states": 20.0}, clock=time.process_time
     )
-    without, reference = (row for row in bench.rows[1:])
-    gain = reference.seconds / without.seconds
-    row_of_target = without._replace(note=f"{gain:.1f} × as quick as filterpy (target 3)", missed=gain < 3.0)
+    ours, reference = (row for row in bench.rows[1:])
+    gain = reference.seconds / ours.seconds
+    row_of_target = ours._replace(note=f"{gain:.1f} × as quick as filterpy (target 3)", missed=gain < 3.0)
     return bench._replace(rows=(bench.rows[0], row_of_target, reference))
 
 
@@ -157,17 +157,17 @@ def _of_compiling(smallest: bool) -> Bench:
     The gradient is with respect to the noise parameters of the filter.
     """
     rows = []
-    for name, most in MOST_S.items():
+    for name, limit in MOST_S.items():
         compile_times = []
         for _ in range(1 if smallest else 3):
             with tempfile.TemporaryDirectory() as folder:
                 environment = {**os.environ, "XDG_CACHE_HOME": folder}
-                done = subprocess.run(
+                result = subprocess.run(
                     [sys.executable, "-m", __name__, name], capture_output=True, check=True, env=environment
                 )
-            compile_times.append(float(done.stdout))
+            compile_times.append(float(result.stdout))
         seconds = min(compile_times)
-        rows.append(Row(name, seconds, 1.0, note=f"at most {most:g} s", missed=seconds > most))
+        rows.append(Row(name, seconds, 1.0, note=f"at most {limit:g} s", missed=seconds > limit))
     return Bench("compiling the recommended filter", tuple(rows))
 
 

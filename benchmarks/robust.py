@@ -45,8 +45,8 @@ def judge_gains(file, gains, count, **options):
     vehicles = draw_vehicles(file, drives.cases[0].system, count, OTHER)[1][1:]
     drives = replace(drives, vehicles=vehicles)
     case = drives.cases[0]
-    far = [case.shown.run(case.inputs[0], np.concatenate([gains, v]))[1][0] for v in vehicles]
-    return drives.vehicle_costs(gains[None])[0], np.array([1e3 * rms(d) for d in far])
+    costs = [case.shown.run(case.inputs[0], np.concatenate([gains, v]))[1][0] for v in vehicles]
+    return drives.vehicle_costs(gains[None])[0], np.array([1e3 * rms(d) for d in costs])
 
 
 def main():
@@ -62,18 +62,18 @@ def main():
     robust = tune(file, ROUTE, draws=draws, starts=STARTS, polish=False, **options)
     drives = sum(len(d.costs) for d in robust.descents) * (draws + 1)
     nominal = tune(file, ROUTE, starts=STARTS, polish=False, **options)
-    more = 1 if smallest else min(24, max(1, STARTS * drives // len(nominal.history)))
-    nominal = tune(file, ROUTE, starts=more, polish=False, **options)
+    drive_count = 1 if smallest else min(24, max(1, STARTS * drives // len(nominal.history)))
+    nominal = tune(file, ROUTE, starts=drive_count, polish=False, **options)
     print(
         f"vehicles of the search, drives needed; {judges} other vehicles: cost [m²], distance [mm rms]; gains"
     )
-    for name, tuning, of in (("nominal", nominal, 1), ("over draws", robust, draws + 1)):
+    for name, tuning, per_step in (("nominal", nominal, 1), ("over draws", robust, draws + 1)):
         gains = np.array(list(tuning.values.values()))
-        cost, far = judge_gains(file, gains, judges, **options)
+        cost, costs = judge_gains(file, gains, judges, **options)
         each = ", ".join(f"{x:.3g}" for x in (*np.quantile(cost, [0.5, 0.95]), cost.max()))
-        distances = ", ".join(f"{x:.1f}" for x in (*np.quantile(far, [0.5, 0.95]), far.max()))
-        needed = sum(len(d.costs) for d in tuning.descents) * of
-        print(f"  {name:10} {of:3} {needed:6}   {each}   {distances}   {tuning.values}", flush=True)
+        distances = ", ".join(f"{x:.1f}" for x in (*np.quantile(costs, [0.5, 0.95]), costs.max()))
+        needed = sum(len(d.costs) for d in tuning.descents) * per_step
+        print(f"  {name:10} {per_step:3} {needed:6}   {each}   {distances}   {tuning.values}", flush=True)
 
 
 if __name__ == "__main__":

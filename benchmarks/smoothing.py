@@ -46,8 +46,8 @@ def errors_of(run):
     rows = run.t_s > 1.0
     e, speed, P = e[rows], speed[rows], log.cov[rows]
     d2 = np.einsum("ki,ki->k", e[:, :2], np.linalg.solve(P[:, :2, :2], e[:, :2, None])[..., 0])
-    inside = d2 < CHI_SQUARE_95["position"], e[:, 2] ** 2 / P[:, 2, 2] < CHI_SQUARE_95["heading"]
-    return [np.mean(x) for x in (speed**2, np.sum(e[:, :2] ** 2, axis=1), e[:, 2] ** 2, *inside)]
+    is_inside = d2 < CHI_SQUARE_95["position"], e[:, 2] ** 2 / P[:, 2, 2] < CHI_SQUARE_95["heading"]
+    return [np.mean(x) for x in (speed**2, np.sum(e[:, :2] ** 2, axis=1), e[:, 2] ** 2, *is_inside)]
 
 
 def main():
@@ -55,8 +55,8 @@ def main():
     arguments = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     arguments.add_argument("--draws", type=int, default=8)
     arguments.add_argument("--smallest", action="store_true", help="one vehicle, one draw")
-    chosen = arguments.parse_args()
-    draws, sensor_sets = (1, SENSORS[:1]) if chosen.smallest else (chosen.draws, SENSORS)
+    options = arguments.parse_args()
+    draws, sensor_sets = (1, SENSORS[:1]) if options.smallest else (options.draws, SENSORS)
     subjects = subjects_of(EstimationJob("robot", tuple(range(len(sensor_sets))), (), "auto"))
     for subject, sensors in zip(subjects, sensor_sets, strict=True):
         file = fit_subject(subject, sensors)[1]

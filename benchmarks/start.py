@@ -26,14 +26,14 @@ def benches(smallest: bool) -> list[Bench]:
                 timed(lambda run=run: subprocess.run(run, check=True, capture_output=True))
             )
     medians = {name: median(times) for name, times in start_times.items()}
-    bare = medians["bare Python"]
+    python_s = medians["bare Python"]
     rows = []
     for name, seconds in medians.items():
-        over = 1e3 * (seconds - bare)
+        over = 1e3 * (seconds - python_s)
         is_missed = name == "baqueano --help" and over > MOST_MS
         limit = (
             f" (at most {MOST_MS:g}{': missed' if is_missed else ''})" if name == "baqueano --help" else ""
         )
         note = "" if name == "bare Python" else f"{over:+.0f} ms over bare Python{limit}"
-        rows.append(Row(name, seconds, seconds / bare, note=note, missed=is_missed))
+        rows.append(Row(name, seconds, seconds / python_s, note=note, missed=is_missed))
     return [Bench("start of the command line", tuple(rows))]

@@ -65,9 +65,9 @@ def benches(smallest: bool) -> list[Bench]:
         ),
         row(peer_name, one_s * simplex.nfev, ours_s, {peer_name: TARGET}, notes),
     )
-    worse = tuning.cost > evolved.fun * WORSE
+    is_worse = tuning.cost > evolved.fun * WORSE
     comparison = f"differential evolution reaches {evolved.fun:.5g} in {evolved.nfev} evaluations"
-    quality = rows[0]._replace(note=f"{rows[0].note}; {comparison}", missed=bool(worse))
+    quality = rows[0]._replace(note=f"{rows[0].note}; {comparison}", missed=bool(is_worse))
     return [Bench(f"tuning of 3 gains over {duration_s:g} s", (quality, *rows[1:]))]
 
 

@@ -100,12 +100,12 @@ def main() -> int:
             print(
                 f"{name}, variances × {kappa:<5g} {', '.join(f'{word}: {n}' for word, n in words.most_common())}"
             )
-        wrong = np.mean([not RIGHT.get(result.verdict, lambda k: True)(result.kappa) for result in results])
+        share = np.mean([not RIGHT.get(result.verdict, lambda k: True)(result.kappa) for result in results])
         could = [result.verdict != "cannot tell" for result in results if result.samples >= ENOUGH]
         speaks = float(np.mean(could)) if could else 1.0
-        met = bool(wrong <= WRONG and speaks >= SPEAKS)
+        met = bool(share <= WRONG and speaks >= SPEAKS)
         print(
-            f"{name}, {len(results)} drives: wrong in {wrong:.1%} (at most {WRONG:.0%}); speaks in {speaks:.1%} of "
+            f"{name}, {len(results)} drives: wrong in {share:.1%} (at most {WRONG:.0%}); speaks in {speaks:.1%} of "
             f"{len(could)} with {ENOUGH:g} independent samples (at least {SPEAKS:.0%}): {'MET' if met else 'MISSED'}",
             flush=True,
         )

@@ -98,7 +98,7 @@ def words_in_braces(words: str) -> list[str]:
     """
     names = {"{nth}": ORDINALS[:2], "{axis}": AXIS_NAMES}
     return next(
-        ([words.replace(field, name) for name in each] for field, each in names.items() if field in words),
+        ([words.replace(field, name) for name in word] for field, word in names.items() if field in words),
         [words],
     )
 
@@ -109,8 +109,8 @@ def help_of(command: click.Command) -> Iterator[str]:
         None, (command.help, command.short_help, command.epilog, *getattr(command, "groups", ()))
     )
     yield from (param.help for param in command.params if isinstance(param, click.Option) and param.help)
-    below = [*getattr(command, "commands", {}).values()]
-    for verb in map(command_of, SUBCOMMANDS) if command is baqueano else below:
+    commands = [*getattr(command, "commands", {}).values()]
+    for verb in map(command_of, SUBCOMMANDS) if command is baqueano else commands:
         yield from help_of(verb)
 
 

@@ -149,8 +149,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
     """Run a test beside those of the other processes, or alone."""
-    with turn(item.get_closest_marker("alone") is not None) as alone:
-        item.stash[ALONE] = alone
+    with turn(item.get_closest_marker("alone") is not None) as is_exclusive:
+        item.stash[ALONE] = is_exclusive
         try:
             return (yield)
         finally:

@@ -147,7 +147,7 @@ class Ends:
 def main(arguments: list[str]) -> int:
     """Run the tests that name a promise, with options for pytest, and print the table; return 1 if one fails."""
     by_number, ends = keepers(), Ends()
-    tests = sorted({test for several in by_number.values() for test in several})
+    tests = sorted({test for names in by_number.values() for test in names})
     exit_code = pytest.main(["-q", "-p", "no:randomly", *arguments, *tests], plugins=[ends])
     counts = dict.fromkeys(reversed(RESULTS), 0)
     for number, words in promises().items():

@@ -61,17 +61,17 @@ def laptop(tmp_path: Path):
                 program.terminate()
 
     def run(*args: str, code: int = 0) -> subprocess.CompletedProcess[bytes]:
-        done = subprocess.run(
+        result = subprocess.run(
             [sys.executable, "-m", "baqueano", *args],
             cwd=run.home,  # type: ignore[attr-defined]
             env=environment,
             capture_output=True,
             check=False,
         )
-        errors = done.stderr.decode("cp1252")
-        assert done.returncode == code, errors[-3000:]
+        errors = result.stderr.decode("cp1252")
+        assert result.returncode == code, errors[-3000:]
         assert "Traceback" not in errors
-        return done
+        return result
 
     run.home, run.running = home, running  # type: ignore[attr-defined]
     return run
@@ -159,8 +159,8 @@ def test_lg11_runs_are_written_listed_and_exported_without_posix_modules(laptop)
 
 
 def test_errors_have_one_paragraph_without_posix_modules(laptop):
-    done = laptop("identify", "no existe.mcap", "--vehicle", "small", code=3)
-    errors = done.stderr.decode("cp1252").strip()
+    result = laptop("identify", "no existe.mcap", "--vehicle", "small", code=3)
+    errors = result.stderr.decode("cp1252").strip()
     assert "no existe.mcap" in errors
     assert "\n\n" not in errors
 
@@ -185,7 +185,7 @@ def test_advised_command_lines_are_quoted_for_powershell(monkeypatch, word, type
 
 def test_pytest_collects_the_fast_tests_without_posix_modules(laptop):
     """Only slow tests may need POSIX: Windows and macOS run the fast part."""
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", "--collect-only"],
         cwd=ROOT,
         env={
@@ -196,7 +196,7 @@ def test_pytest_collects_the_fast_tests_without_posix_modules(laptop):
         capture_output=True,
         check=False,
     )
-    assert done.returncode == 0, done.stdout.decode("cp1252", "replace")[-3000:]
+    assert result.returncode == 0, result.stdout.decode("cp1252", "replace")[-3000:]
 
 
 def test_source_files_state_encodings_and_import_no_posix_module():
@@ -222,8 +222,8 @@ def reads_text(call: ast.Call) -> bool:
     name = call.func.attr if isinstance(call.func, ast.Attribute) else ""
     if name in ("read_text", "write_text"):
         return True
-    plain = isinstance(call.func, ast.Name) and call.func.id == "open"
-    if plain or (name == "open" and ast.unparse(call.func) != "tarfile.open"):
+    is_open = isinstance(call.func, ast.Name) and call.func.id == "open"
+    if is_open or (name == "open" and ast.unparse(call.func) != "tarfile.open"):
         modes = [
             argument.value
             for argument in call.args

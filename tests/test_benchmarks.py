@@ -40,12 +40,12 @@ def with_function(name: str) -> list[str]:
 @cache
 def run_module(*words: str) -> tuple[str, str]:
     """Return what a command printed at the smallest size, and its messages."""
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-m", *words, "--smallest"], cwd=ROOT, capture_output=True, text=True,
         encoding="utf-8", timeout=PATIENCE_S, env={**os.environ, "PYTHONIOENCODING": "utf-8"},
     )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout, done.stderr
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout, result.stderr
 
 
 def refuse_constant(number: str) -> float:

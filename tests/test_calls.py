@@ -118,9 +118,9 @@ def test_a_number_in_a_list_of_names_is_answered_with_a_text():
 
 
 def test_a_result_in_place_of_its_part_is_answered_with_the_part():
-    taught = bq.teach(ROBOT, [(0.1, (0.4, 0.0, 0.0)), (0.2, (0.4, 0.0, 0.2))])
+    lesson = bq.teach(ROBOT, [(0.1, (0.4, 0.0, 0.0)), (0.2, (0.4, 0.0, 0.2))])
     with pytest.raises(Misuse) as error:
-        bq.repeat(ROBOT, taught)
+        bq.repeat(ROBOT, lesson)
     assert error.value.diagnostic.fix == "bq.repeat(robot, result.route)"
     with pytest.raises(Misuse) as error:
         bq.identify(ImportedRun(RUN, ()), ROBOT)
@@ -173,7 +173,7 @@ def test_a_run_in_memory_is_saved(tmp_path):
 def test_runs_are_compared_one_by_one_in_a_list_and_with_names():
     row = bq.compare(RUN, RUN).rows()[1]
     assert repr(bq.compare([RUN, RUN]).rows()[1]) == repr(row)
-    assert [one.name for one in bq.compare({"a": RUN, "b": RUN}).runs] == ["a", "b"]
+    assert [run.name for run in bq.compare({"a": RUN, "b": RUN}).runs] == ["a", "b"]
 
 
 def test_correct_calls_are_not_changed():

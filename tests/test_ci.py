@@ -38,12 +38,12 @@ def test_a_skipped_test_fails_in_ci(tmp_path, no_skips):
     (tmp_path / "test_module.py").write_text(MODULE, encoding="utf-8")
     (tmp_path / "pytest.ini").touch()
     options = ("-q", "-p", "tests.conftest", "-p", "no:cacheprovider", "--continue-on-collection-errors")
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-m", "pytest", *options, "-c", str(tmp_path / "pytest.ini"), str(tmp_path)],
         capture_output=True, text=True, cwd=Path(__file__).parents[1], env=os.environ | {"BAQUEANO_NO_SKIPS": no_skips},
     )  # fmt: skip
-    assert done.stdout.splitlines()[-1].startswith(OUTCOMES[no_skips]), done.stdout + done.stderr
-    assert done.returncode == bool(no_skips)
+    assert result.stdout.splitlines()[-1].startswith(OUTCOMES[no_skips]), result.stdout + result.stderr
+    assert result.returncode == bool(no_skips)
 
 
 def test_the_pictures_of_all_screens_are_stored_by_ci():

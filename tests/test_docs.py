@@ -82,8 +82,8 @@ def test_the_page_on_python_lists_every_public_name_and_plot(page):
 
 def options_of(command):
     """Return all options of a command and of its subcommands."""
-    own = {option for param in command.params for option in (*param.opts, *param.secondary_opts)}
-    return own.union(*(options_of(subcommand) for subcommand in getattr(command, "commands", {}).values()))
+    w = {option for param in command.params for option in (*param.opts, *param.secondary_opts)}
+    return w.union(*(options_of(subcommand) for subcommand in getattr(command, "commands", {}).values()))
 
 
 PAGES = (
@@ -195,8 +195,8 @@ def test_a_term_of_the_glossary_is_used_on_the_page_that_its_row_names(page):
     assert len(rows) > 80
     for term, translation, _meaning, link in rows:
         target = (glossary.parent / re.findall(r"\((.*?)\)", link)[0]).resolve()
-        own = uses(term, target)
-        assert own or ("es/" in page and uses(translation, target)), f"{term}: not on {target.name}"
+        uses_own = uses(term, target)
+        assert uses_own or ("es/" in page and uses(translation, target)), f"{term}: not on {target.name}"
 
 
 TERMS = {  # of the pages, which are not in a first-year textbook

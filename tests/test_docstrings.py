@@ -152,12 +152,12 @@ def test_a_name_has_one_unit_in_all_places():
         if unit and is_number(entry):
             for name in entry.name.split(", "):
                 units.setdefault(name, set()).add(unit[1])
-    several = {
+    groups = {
         name: of_name
         for name, of_name in units.items()
         if len({unit for unit in of_name if not re.search(r"\bunits?\b(?<!no unit)", unit)}) > 1
     }
-    assert several.keys() == OWN_UNITS.keys(), f"one name for one quantity: {several}"
+    assert groups.keys() == OWN_UNITS.keys(), f"one name for one quantity: {groups}"
 
 
 SYNONYMS = {  # a name that is not used, and the name of the same idea
@@ -168,8 +168,8 @@ SYNONYMS = {  # a name that is not used, and the name of the same idea
 
 def test_an_idea_has_one_name():
     names = {part.strip(): name for name, _, entry in entries_of(*FIELDS) for part in entry.name.split(",")}
-    others = {f"{names[name]}.{name}": word for name, word in SYNONYMS.items() if name in names}
-    assert not others, f"one name for one idea: {others}"
+    synonyms = {f"{names[name]}.{name}": word for name, word in SYNONYMS.items() if name in names}
+    assert not synonyms, f"one name for one idea: {synonyms}"
 
 
 def in_a_function(function, doc: NumpyDocString) -> list[str]:

@@ -102,11 +102,11 @@ def examples_of(module: str) -> list[doctest.DocTest]:
 
 def docstrings(node: ast.AST, name: str) -> Iterator[tuple[str, str, int]]:
     """Return (qualified name, docstring, line) of the definitions below a node."""
-    for below in ast.iter_child_nodes(node):
-        if isinstance(below, ast.FunctionDef | ast.ClassDef):
-            if text := ast.get_docstring(below):
-                yield f"{name}.{below.name}", text, below.lineno
-            yield from docstrings(below, f"{name}.{below.name}")
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.FunctionDef | ast.ClassDef):
+            if text := ast.get_docstring(child):
+                yield f"{name}.{child.name}", text, child.lineno
+            yield from docstrings(child, f"{name}.{child.name}")
 
 
 @contextmanager
@@ -178,10 +178,10 @@ def a_service_on_this_vehicle(request, monkeypatch):
 
     folder = Path(tempfile.mkdtemp())  # a socket's path may have 104 letters on some systems
     (folder / "0001-experiment.mcap").touch()
-    door, done = Door(folder / "door", Operator(), folder), threading.Event()
+    door, stop = Door(folder / "door", Operator(), folder), threading.Event()
 
     def broadcast_state() -> None:
-        while not done.wait(0.02):
+        while not stop.wait(0.02):
             door.broadcast({"type": "state", "state": "READY"})
 
     telling = threading.Thread(target=broadcast_state)
@@ -190,7 +190,7 @@ def a_service_on_this_vehicle(request, monkeypatch):
     try:
         yield
     finally:
-        done.set()
+        stop.set()
         telling.join()
         door.close()
         shutil.rmtree(folder)

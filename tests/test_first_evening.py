@@ -57,15 +57,15 @@ def evening(request, tmp_path_factory):
             if arguments[1] == "cd":
                 folder = folder / arguments[2]
                 continue
-            done = subprocess.run(
+            result = subprocess.run(
                 [sys.executable, *arguments],
                 cwd=folder,
                 env=environment,
                 capture_output=True,
                 encoding="utf-8",
             )
-            assert done.returncode == exit_code, f"{arguments}: {done.stderr[-2000:]}"
-            printed += done.stdout + done.stderr
+            assert result.returncode == exit_code, f"{arguments}: {result.stderr[-2000:]}"
+            printed += result.stdout + result.stderr
     return page, folder, pairs
 
 

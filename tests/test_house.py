@@ -31,10 +31,10 @@ DOORS = {"time", "os", "random", "datetime", "pathlib", "io", "sys", "socket", "
 
 
 def run(*command: str) -> None:
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, encoding="utf-8"
     )
-    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
+    assert result.returncode == 0, result.stdout[-4000:] + result.stderr[-2000:]
 
 
 @cache
@@ -111,8 +111,8 @@ def test_a_block_package_exports_every_block_of_its_modules(room):
 
 
 def test_no_block_is_defined_outside_the_block_packages():
-    outside = [path for path in SOURCE.rglob("*.py") if path.relative_to(SOURCE).parts[0] not in BLOCK_ROOMS]
-    hidden_blocks = blocks_in(outside)
+    paths = [path for path in SOURCE.rglob("*.py") if path.relative_to(SOURCE).parts[0] not in BLOCK_ROOMS]
+    hidden_blocks = blocks_in(paths)
     assert not hidden_blocks - AROUND_BLOCKS, (
         "a block stands in vehicles/, sensors/, estimators/, guides/ or controllers/"
     )
@@ -145,7 +145,7 @@ def test_no_module_tests_for_a_specific_vehicle_class():
 
 
 SNIFFED = 15  # calls of hasattr: what a system offers, and what the author of a block wrote
-UNTYPED = 500  # mentions of Any; asked for: 500
+UNTYPED = 500  # mentions of Any
 SAME_NAME = 3  # names of two classes
 
 
@@ -165,8 +165,8 @@ def test_signatures_rarely_use_any():
 
 def test_each_class_has_a_unique_name():
     names = Counter(name for text in sources().values() for name in re.findall(r"^class (\w+)", text, re.M))
-    twice = sorted(name for name, count in names.items() if count > 1)
-    assert len(twice) <= SAME_NAME, twice
+    repeated = sorted(name for name, count in names.items() if count > 1)
+    assert len(repeated) <= SAME_NAME, repeated
 
 
 @pytest.mark.parametrize("room", ["vehicles", "sensors", "estimators", "guides", "controllers"])
@@ -192,13 +192,13 @@ def test_no_built_in_block_class_is_named_outside_its_package(room):
 
 
 def test_no_file_has_more_than_400_lines():
-    long = {
+    sizes = {
         str(path.relative_to(ROOT)): lines
         for room in (SOURCE, ROOT / "tests", ROOT / "benchmarks", ROOT / "docs")
         for path in room.rglob("*.py")
         if (lines := path.read_text(encoding="utf-8").count("\n")) > 400
     }
-    assert not long, f"longer than 400 lines, so two ideas: {long}"
+    assert not sizes, f"longer than 400 lines, so two ideas: {sizes}"
 
 
 @pytest.mark.parametrize("room", SEEN_AT_ONCE)

@@ -156,9 +156,9 @@ def test_words_beyond_80_columns_are_wrapped_in_the_last_column(first_column):
     sentence = (
         "the serial line of an Uno was not found, so neither its firmware nor its battery can be checked here"
     )
-    head, first, *others = text_table("<<", ["", "result"], [first_column, sentence])
-    assert max(map(len, (head, first, *others))) <= 80
-    assert " ".join(" ".join([first, *others]).split()) == f"{first_column} {sentence}"
+    head, first, *lines = text_table("<<", ["", "result"], [first_column, sentence])
+    assert max(map(len, (head, first, *lines))) <= 80
+    assert " ".join(" ".join([first, *lines]).split()) == f"{first_column} {sentence}"
 
 
 def test_a_key_with_its_value_and_a_command_stay_in_one_line():

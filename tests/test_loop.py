@@ -50,8 +50,8 @@ def replay_of(records):
     ticks = [r.tick for r in records]
     t_ns = np.array([t.t_ns for t in ticks])
     imu = [(t.t_ns, t.sensors.imu.z) for t in ticks if t.sensors.imu.is_new]
-    at = np.array([t for t, _ in imu])
-    channel = Channel(at, at, np.array([z for _, z in imu]))
+    times = np.array([t for t, _ in imu])
+    channel = Channel(times, times, np.array([z for _, z in imu]))
     return ReplayedWorld(Run("test", None, t_ns, np.array([t.u for t in ticks]), sensors={"imu": channel}))
 
 
@@ -116,9 +116,9 @@ class Deaf:
         self.from_ns, self.to_ns = from_s * 1e9, to_s * 1e9
 
     def read(self, t_ns):
-        quiet = sensor_slots(("imu",))(Slot(0.0, np.zeros(3)))
+        silence = sensor_slots(("imu",))(Slot(0.0, np.zeros(3)))
         ticks = self.world.read(t_ns)
-        return [t._replace(sensors=quiet) if self.from_ns < t.t_ns <= self.to_ns else t for t in ticks]
+        return [t._replace(sensors=silence) if self.from_ns < t.t_ns <= self.to_ns else t for t in ticks]
 
     def write(self, command):
         self.motors.append(command.u)
@@ -174,7 +174,7 @@ class Failing:
             return state, command
         if self.how == "raises":
             return state, Command(estimate.t_ns, np.array([1.0 / 0, 0.0, 0.0]))  # the line that fails
-        bad = {
+        values = {
             "shape": Command(estimate.t_ns, np.zeros(2)),
             "nan": Command(estimate.t_ns, np.array([np.nan, 0.0, 0.0])),
             "text": Command(estimate.t_ns, np.array(["a", "b", "c"])),
@@ -182,7 +182,7 @@ class Failing:
         }
         if self.how in ("nothing", "three"):
             return None if self.how == "nothing" else (state, command, command)
-        return command if self.how == "one" else (state, bad[self.how])
+        return command if self.how == "one" else (state, values[self.how])
 
 
 HERE = Path(__file__).name

@@ -91,10 +91,10 @@ def readers(tree):
             sides = [node.left, *node.comparators]
             if any(prose(side, constants) for side in sides):
                 yield node.lineno
-            within = any(isinstance(op, ast.In | ast.NotIn) for op in node.ops)
-            within &= not (isinstance(node.left, ast.Name) and node.left.id in LISTS_OF_NAMES)
-            within &= not (isinstance(node.left, ast.Constant) and node.left.value in MACHINES_WORDS)
-            if within and any(name_of(side) in PROSE for side in node.comparators):
+            is_membership = any(isinstance(op, ast.In | ast.NotIn) for op in node.ops)
+            is_membership &= not (isinstance(node.left, ast.Name) and node.left.id in LISTS_OF_NAMES)
+            is_membership &= not (isinstance(node.left, ast.Constant) and node.left.value in MACHINES_WORDS)
+            if is_membership and any(name_of(side) in PROSE for side in node.comparators):
                 yield node.lineno
 
 

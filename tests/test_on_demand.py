@@ -68,8 +68,8 @@ def test_an_unknown_name_of_a_package_raises_an_attribute_error():
 
 def fresh(code: str) -> str:
     """Return the output of a new Python process."""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return done.stdout.strip()
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return result.stdout.strip()
 
 
 # functions with the names of their packages
@@ -95,10 +95,10 @@ def test_importing_baqueano_imports_no_subpackage():
 
 
 def test_the_top_level_functions_match_the_command_line():
-    both = {"simulate", "experiment", "identify", "tune", "teach", "repeat", "replay", "compare", "report", "forecast",
+    names = {"simulate", "experiment", "identify", "tune", "teach", "repeat", "replay", "compare", "report", "forecast",
             "new"}  # fmt: skip
-    assert both <= set(COMMANDS)
-    assert both <= set(baqueano.__all__) == set(dir(baqueano)) - {"__version__"}
+    assert names <= set(COMMANDS)
+    assert names <= set(baqueano.__all__) == set(dir(baqueano)) - {"__version__"}
 
 
 @pytest.mark.parametrize("name", MODULE_OF)

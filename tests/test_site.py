@@ -130,11 +130,11 @@ def site(tmp_path_factory):
     if find_spec("sphinx") is None:
         pytest.skip("the site needs the extra docs: pip install '.[docs]'")
     out = tmp_path_factory.mktemp("site") / "site"
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-m", "docs.site", str(out)], cwd=ROOT, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, done.stderr[-3000:]
-    assert "WARNING" not in done.stderr
+    assert result.returncode == 0, result.stderr[-3000:]
+    assert "WARNING" not in result.stderr
     return out
 
 

@@ -88,9 +88,9 @@ def test_an_imu_without_any_reading_stops_the_vehicle():
 
 
 def test_a_vehicle_without_an_imu_is_not_stopped_for_imu_silence():
-    bare = Tick(9_000_000_000, np.zeros(3), sensor_slots(("odometer",))(Slot(0.0, np.zeros(1))))
+    signal = Tick(9_000_000_000, np.zeros(3), sensor_slots(("odometer",))(Slot(0.0, np.zeros(1))))
     state, _ = answer(command(1, 0, 0), t=tick(1.0))
-    state, out = answer(command(1, 0, 0), t=bare, state=state)
+    state, out = answer(command(1, 0, 0), t=signal, state=state)
     assert out.u[0] == 1.0
 
 

@@ -59,14 +59,14 @@ def sentences(tree: ast.AST) -> Iterator[tuple[int, str]]:
 
 
 def test_every_displayed_sentence_is_translated():
-    bare = []
+    texts = []
     for path in sorted(SOURCE.rglob("*.py")):
         place = path.relative_to(SOURCE)
         if place.parts[0] in ELSEWHERE or place.as_posix() in OTHER_TEXT:
             continue
         sentence_list = sentences(ast.parse(path.read_text(encoding="utf-8")))
-        bare += [f"{place}:{line}: {words!r}" for line, words in sentence_list if not TYPED.search(words)]
-    assert bare == [], "write a template of messages/, or _(…)"
+        texts += [f"{place}:{line}: {words!r}" for line, words in sentence_list if not TYPED.search(words)]
+    assert texts == [], "write a template of messages/, or _(…)"
 
 
 def test_an_untranslated_sentence_is_detected():
@@ -89,15 +89,15 @@ def bare_fractions(node: ast.AST) -> Iterator[tuple[int, str]]:
 
 def test_every_displayed_fraction_has_the_decimal_sign_of_the_language():
     """A fraction travels as a number in a figure of a message, or passes through `number`."""
-    bare = []
+    texts = []
     for path in sorted(SOURCE.rglob("*.py")):
         place = path.relative_to(SOURCE)
         if "symbolic" in place.parts or "animation" in place.parts or place.as_posix() in IN_FILE_NOTATION:
             continue
-        bare += [
+        texts += [
             f"{place}:{line}: {words}" for line, words in bare_fractions(ast.parse(path.read_text("utf-8")))
         ]
-    assert bare == [], "give the number to note(…), or write number(…)"
+    assert texts == [], "give the number to note(…), or write number(…)"
 
 
 def test_a_fraction_with_a_fixed_decimal_point_is_detected():

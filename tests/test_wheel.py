@@ -16,8 +16,8 @@ ROOT = Path(__file__).parents[1]
 def wheel(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("wheel")
     build = [sys.executable, "-m", "build", "--no-isolation", "--wheel", "--outdir", str(out), str(ROOT)]
-    done = subprocess.run(build, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
+    result = subprocess.run(build, capture_output=True, text=True)
+    assert result.returncode == 0, result.stdout + result.stderr
     return next(out.glob("*.whl"))
 
 
@@ -54,6 +54,6 @@ def test_su4_the_wheel_installs_offline_and_works_outside_the_repository(wheel, 
         f"assert baqueano.__file__.startswith({str(target)!r}); from baqueano.cli import main; "
         "main(['simulate', '--vehicle', 'small', '--seconds', '2', '-o', 'a.mcap'])"
     )
-    done = subprocess.run([python, "-c", code], cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    result = subprocess.run([python, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
     assert (tmp_path / "a.mcap").stat().st_size > 1000

@@ -32,11 +32,11 @@ AROUND = "docs/", "tests/", "benchmarks/", "examples/"  # code that is not in th
 
 def test_a_message_is_in_plain_language():
     for code, template in templates().items():
-        bare = re.sub(r"\{[^{}]*\}", "x", template)
-        long = [sentence for sentence in re.split(r"[.;:!?] ", bare) if len(sentence.split()) > WORDS]
+        text = re.sub(r"\{[^{}]*\}", "x", template)
+        long = [sentence for sentence in re.split(r"[.;:!?] ", text) if len(sentence.split()) > WORDS]
         assert not long, f"{code}: over {WORDS} words: {long}"
-        assert not NEGATION.search(bare), f'{code}: say "is not a", "does not exist": {template}'
-        assert not SAYING.search(bare), (
+        assert not NEGATION.search(text), f'{code}: say "is not a", "does not exist": {template}'
+        assert not SAYING.search(text), (
             f"{code}: a term of the field, in place of a verb of saying: {template}"
         )
 

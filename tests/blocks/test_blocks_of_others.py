@@ -106,10 +106,10 @@ def test_permission_holds_for_started_processes_while_it_lasts(tmp_path, mark):
     for allow in (False, True, False):
         mark.unlink(missing_ok=True)
         with blocks.permit_blocks(allow):
-            done = subprocess.run(
+            result = subprocess.run(
                 [sys.executable, "-c", load_there], cwd=file.parent, capture_output=True, check=False
             )
-        assert (done.returncode == 0, mark.exists()) == (allow, allow), done.stderr
+        assert (result.returncode == 0, mark.exists()) == (allow, allow), result.stderr
     assert blocks.ALLOW not in os.environ
 
 
@@ -214,8 +214,8 @@ def test_a_simulated_truth_outside_the_folder_is_refused(tmp_path):
 def test_a_vehicle_file_in_a_run_with_a_wrong_checksum_is_discarded(tmp_path, checksum):
     path = write_run(experiment(load("small"), np.zeros((5, 3))), tmp_path / "run.mcap")
     data = bytearray(path.read_bytes())
-    at = data.index(b"max_yaw_rate_rad_s = 15.0") + len("max_yaw_rate_rad_s = 15.0\nimu_timeout_s = 0.5\n")
-    data[at : at + 4] = bytes(4) if checksum == "0" else bytes([data[at] ^ 1, *data[at + 1 : at + 4]])
+    k = data.index(b"max_yaw_rate_rad_s = 15.0") + len("max_yaw_rate_rad_s = 15.0\nimu_timeout_s = 0.5\n")
+    data[k : k + 4] = bytes(4) if checksum == "0" else bytes([data[k] ^ 1, *data[k + 1 : k + 4]])
     path.write_bytes(data)
     run = read_run(path)
     assert run.vehicle_text == ""

@@ -37,10 +37,10 @@ def film(run, seed, late_s=TRUE["clock.truth"], turned_rad=TRUE["mark.heading_ra
     """Return the run with the truth of a camera: 25 frames a second, noise, a clock `late_s` behind, a rotated mark."""
     rng, truth = np.random.default_rng(seed), run.truth
     eta = truth.eta[::2] + rng.normal(size=truth.eta[::2].shape) * [0.002, 0.002, 0.01] + [0, 0, turned_rad]
-    nothing = np.full(eta.shape, np.nan)
-    late = TruthLog(truth.t_ns[::2] - round(late_s * 1e9), eta, nothing, nothing)
-    first = np.searchsorted(late.t_ns, 0)  # a run on disk does not contain negative times
-    return replace(run, truth=TruthLog(*(column[first:] for column in late)))
+    no_values = np.full(eta.shape, np.nan)
+    shifted = TruthLog(truth.t_ns[::2] - round(late_s * 1e9), eta, no_values, no_values)
+    first = np.searchsorted(shifted.t_ns, 0)  # a run on disk does not contain negative times
+    return replace(run, truth=TruthLog(*(column[first:] for column in shifted)))
 
 
 @pytest.fixture(scope="module")
@@ -66,14 +66,14 @@ def drive(assumed_file):
 
 
 def test_every_calibrated_value_is_within_its_error_bars(assumed_file, drive):
-    inside = []
+    counts = []
     for seed in range(6):
         fit = calibrate(drive(seed), assumed_file)
         assert fit.verdict == "USABLE", fit.reasons
         assert abs(fit.value("clock.truth") - TRUE["clock.truth"]) < 0.003
-        inside += [row["low"] <= TRUE[row["name"]] <= row["high"] for row in fit.rows()]
-    assert len(inside) == 42
-    assert sum(inside) >= 36
+        counts += [row["low"] <= TRUE[row["name"]] <= row["high"] for row in fit.rows()]
+    assert len(counts) == 42
+    assert sum(counts) >= 36
 
 
 def test_error_bars_of_the_calibration_are_narrow(assumed_file, drive):
@@ -137,8 +137,8 @@ def test_a_car_at_rest_determines_no_scale(assumed_file):
 def test_a_dead_gyro_does_not_prevent_the_calibration_of_the_odometer(assumed_file, drive):
     run = drive(0)
     imu = run.sensors["imu"]
-    dead = imu._replace(z=imu.z * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.02])
-    fit = calibrate(replace(run, sensors=run.sensors | {"imu": dead}), assumed_file)
+    flat_imu = imu._replace(z=imu.z * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.02])
+    fit = calibrate(replace(run, sensors=run.sensors | {"imu": flat_imu}), assumed_file)
     assert fit.verdict == "WARN"
     updated_file = fit.updated_file(assumed_file)
     assert updated_file.sensors.imu.gyro_scale == assumed_file.sensors.imu.gyro_scale

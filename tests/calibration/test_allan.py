@@ -47,12 +47,12 @@ def test_a_bias_does_not_change_the_allan_deviation():
 
 
 def test_intervals_of_the_allan_deviation_cover_white_noise():
-    inside = 0
+    count = 0
     for seed in range(40):
         curve = allan_deviation(noise_of(1e-3, 0.0, 0.0, seed, 4096), RATE)
         truth = 1e-3 / np.sqrt(curve.tau_s)
-        inside += int(np.sum((curve.low <= truth) & (truth <= curve.high))[()]) * 8 / len(truth)
-    assert 287 <= inside <= 317
+        count += int(np.sum((curve.low <= truth) & (truth <= curve.high))[()]) * 8 / len(truth)
+    assert 287 <= count <= 317
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from tests.codes import of_code
 @pytest.fixture(scope="module")
 def resting_run(small):
     """Return two minutes of the small vehicle with its motors off, on a floor without vibration."""
-    quiet = small.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]})
-    return simulate(quiet, np.zeros((12_000, 3)), 3)
+    smooth_floor = small.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]})
+    return simulate(smooth_floor, np.zeros((12_000, 3)), 3)
 
 
 def test_noise_and_bias_of_a_simulated_imu_are_identified(resting_run, small):

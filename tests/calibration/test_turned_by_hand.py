@@ -30,14 +30,14 @@ def by_hand_log(turns=(2, -2), seed=0, hand_deg=2.0, pause=False, rest_s=3.0, sc
     """Return a log of a vehicle on its mark: rests, and turns of uneven speed."""
     rng = np.random.default_rng(seed)
     omega = [np.zeros(round(rest_s * RATE))]
-    at = np.radians(hand_deg) * rng.standard_normal(len(turns) + 1)
-    for n, off in zip(turns, np.diff(at), strict=True):
+    marks = np.radians(hand_deg) * rng.standard_normal(len(turns) + 1)
+    for n, error in zip(turns, np.diff(marks), strict=True):
         t = np.linspace(0.0, 1.0, round(RATE * rng.uniform(2.5, 4.0) * max(abs(n), 0.5)))
         wish = np.sin(np.pi * t) * (1.2 + np.sin(7.0 * np.pi * t + rng.uniform(0, 6)))
-        turn = wish * (2 * np.pi * n + off) / (wish.sum() / RATE)
+        turn = wish * (2 * np.pi * n + error) / (wish.sum() / RATE)
         parts = np.split(turn, [len(turn) // 3]) if pause else [turn]
-        between = [np.zeros(round(rest_s * RATE))]
-        omega += [x for part in parts for x in (part, *between)]
+        pieces = [np.zeros(round(rest_s * RATE))]
+        omega += [x for part in parts for x in (part, *pieces)]
     omega = np.concatenate(omega)
     drift = np.cumsum(rng.standard_normal(len(omega))) * 2e-5
     gyro = scale * omega + BIAS + drift + noise * rng.standard_normal(len(omega))
@@ -52,16 +52,16 @@ def small():
 
 
 def test_the_true_gyro_scale_lies_within_a_narrow_interval(small):
-    inside, wide, usable = 0, [], 0
+    count, widths, usable = 0, [], 0
     for seed in range(200):
         calibration = calibrate_by_hand_turns(by_hand_log((2, -2) if seed % 2 else (2, 2, -2), seed), small)
         row = calibration.rows()[0]
-        inside += row["low"] < SCALE < row["high"]
+        count += row["low"] < SCALE < row["high"]
         assert row["name"] == NAME
-        wide.append(row["high"] - row["low"])
+        widths.append(row["high"] - row["low"])
         usable += calibration.verdict == "USABLE"
-    assert 180 <= inside <= 198
-    assert np.median(wide) < 0.018
+    assert 180 <= count <= 198
+    assert np.median(widths) < 0.018
     assert usable >= 190, "a hand may seem careless once in a hundred times"
 
 
@@ -79,11 +79,11 @@ def test_a_pause_within_a_turn_is_not_a_rest_on_the_mark(small):
 
 
 def test_a_larger_placement_error_widens_the_interval(small):
-    sure, careless = (
+    careful, careless = (
         calibrate_by_hand_turns(by_hand_log((2, -2, 2, -2, 2, -2), 4, hand_deg), small).rows()[0]
         for hand_deg in (1.0, 5.0)
     )
-    assert careless["high"] - careless["low"] > 1.5 * (sure["high"] - sure["low"])
+    assert careless["high"] - careless["low"] > 1.5 * (careful["high"] - careful["low"])
     assert careless["low"] < SCALE < careless["high"]
 
 
@@ -156,8 +156,8 @@ def test_two_turns_on_the_mark_shrink_the_corridor_of_a_route(small):
     )
     assert "gyro_bias_std" not in after.text  # a rest today does not predict the next bias
     route = circle(0.6, 0.2)
-    wide, narrow = (forecast_corridor(file, route, 3).rows()[-1] for file in (small, after))
-    assert narrow["heading_rad"] < 0.6 * wide["heading_rad"]
+    large, narrow = (forecast_corridor(file, route, 3).rows()[-1] for file in (small, after))
+    assert narrow["heading_rad"] < 0.6 * large["heading_rad"]
 
 
 @pytest.mark.parametrize("upward", [1, -1])

@@ -28,8 +28,8 @@ OPEN = "1"  # replaces a word that is known only at run time
 
 def of_call(node):
     """Return the words of a call of baqueano_command(…), with optional words once present and once absent."""
-    several = any(isinstance(argument, ast.Starred) for argument in node.args)
-    for prefix in ([OPEN], []) if several else ([],):
+    has_star = any(isinstance(argument, ast.Starred) for argument in node.args)
+    for prefix in ([OPEN], []) if has_star else ([],):
         words = []
         for argument in node.args:
             words += (
@@ -86,14 +86,14 @@ def test_more_than_fifty_advised_command_lines_are_checked():
 
 @pytest.mark.parametrize(("place", "readings"), LINES, ids=[place for place, _ in LINES])
 def test_each_advised_command_line_can_be_parsed(place, readings):
-    wrong = []
+    errors = []
     for words in readings:
         try:
             parse_line(words)
             return
         except (click.ClickException, KeyError) as error:
-            wrong.append(error)
-    raise AssertionError(f"{place}: baqueano {' '.join(map(str, readings[0]))}: {wrong[0]!r}")
+            errors.append(error)
+    raise AssertionError(f"{place}: baqueano {' '.join(map(str, readings[0]))}: {errors[0]!r}")
 
 
 def test_an_advised_line_does_not_contain_a_placeholder():
@@ -119,9 +119,9 @@ def test_a_command_line_is_quoted_for_the_shell_of_the_system(monkeypatch):
 
 def test_the_advised_lines_of_a_new_project_can_be_parsed(baqueano, tmp_path):
     end = baqueano("new", "my lab")
-    line, then = (text.partition(": ")[2].strip() for text in end.err.strip().splitlines()[-2:])
+    line, advice = (text.partition(": ")[2].strip() for text in end.err.strip().splitlines()[-2:])
     assert line == "cd 'my lab'"
-    assert then == "baqueano experiment"
+    assert advice == "baqueano experiment"
     assert (
         subprocess.run(
             ["sh", "-c", f"{line} && cat vehicle.toml"], capture_output=True, cwd=tmp_path
@@ -201,9 +201,9 @@ def test_the_tolerance_of_a_vehicle_with_two_wheels_is_refused_without_another_s
 
 
 def test_a_name_error_reports_an_empty_list_of_names():
-    near = nearest("lap", [])
-    assert near.code == "name.none"
-    assert "–" not in text(near)
+    suggestion = nearest("lap", [])
+    assert suggestion.code == "name.none"
+    assert "–" not in text(suggestion)
 
 
 def test_the_width_option_is_refused_without_the_figures_option(baqueano, lab):

@@ -79,8 +79,8 @@ def test_a_missing_run_is_reported(baqueano, verb):
 
 
 def test_a_truncated_run_is_read_to_its_end_with_a_warning(baqueano, lab, tmp_path):
-    whole = (lab / "runs" / "0001-experiment.mcap").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(whole[: 2 * len(whole) // 3])
+    data = (lab / "runs" / "0001-experiment.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: 2 * len(data) // 3])
     listing = baqueano("runs", "show", "cut.mcap", "--json")
     assert listing.code == 0
     assert listing.reply["rows"][0]["count"] > 100
@@ -89,7 +89,7 @@ def test_a_truncated_run_is_read_to_its_end_with_a_warning(baqueano, lab, tmp_pa
     assert recovery.code == 0
     assert "cut-recovered.mcap" in recovery.out
     assert "not closed" not in baqueano("runs", "show", "cut-recovered.mcap").err
-    assert len((tmp_path / "cut.mcap").read_bytes()) == 2 * len(whole) // 3, "the original is unchanged"
+    assert len((tmp_path / "cut.mcap").read_bytes()) == 2 * len(data) // 3, "the original is unchanged"
 
 
 def test_an_unrecoverable_run_is_reported(baqueano, lab, tmp_path):

@@ -144,8 +144,8 @@ def test_noise_stated_in_the_file_is_used_unchanged():
     assert half.sensors_without_noise == ("imu",)
     np.testing.assert_allclose(np.diag(half.estimator().sensors.imu.cov), [0.04, 0.01, 0.0001])
     assert not half.sensors.imu.cov[1, 1], "the simulated vehicle equals the file"
-    whole = parse(BARE + "accel_noise_std = [0.2, 0.1]\ngyro_noise_std = 0.01\n", "whole.toml")
-    assert (whole.sensors_without_noise, whole.estimator().sensors is whole.sensors) == ((), True)
+    vehicle = parse(BARE + "accel_noise_std = [0.2, 0.1]\ngyro_noise_std = 0.01\n", "whole.toml")
+    assert (vehicle.sensors_without_noise, vehicle.estimator().sensors is vehicle.sensors) == ((), True)
 
 
 def test_measuring_advice_names_the_vehicle_and_its_path(capsys, tmp_path, monkeypatch):
@@ -190,8 +190,8 @@ def test_simulate_uses_the_project_truth_or_the_model_on_request(baqueano, tmp_p
     assert baqueano("new", "mylab").code == 0
     monkeypatch.chdir(tmp_path / "mylab")
     ends = [
-        baqueano("simulate", "--seconds", "1", "-o", f"{k}.mcap", *more)
-        for k, more in enumerate(((), ("--model",)))
+        baqueano("simulate", "--seconds", "1", "-o", f"{k}.mcap", *options)
+        for k, options in enumerate(((), ("--model",)))
     ]
     truth, model = (read_run(tmp_path / "mylab" / f"{k}.mcap") for k in range(2))
     assert "simulated vehicle: small" in ends[0].err

@@ -95,10 +95,10 @@ def test_one_imported_run_is_written_to_the_reported_folder(baqueano, tmp_path):
     for name in ("first", "second"):
         rows = "".join(f"{20 * k},{k},{2 * k}\n" for k in range(20))
         (tmp_path / f"{name}.csv").write_text("time_ms,pwm_left,pwm_right\n" + rows, encoding="utf-8")
-    several = baqueano("runs", "import", "rover.toml", "first.csv", "second.csv", "-o", "my runs")
-    assert several.out == "nothing in the data was doubtful\n"
-    assert "next: baqueano new mylab\n" in several.err
-    (line,) = re.findall(r"^then: (.*)", several.err, re.MULTILINE)
+    result = baqueano("runs", "import", "rover.toml", "first.csv", "second.csv", "-o", "my runs")
+    assert result.out == "nothing in the data was doubtful\n"
+    assert "next: baqueano new mylab\n" in result.err
+    (line,) = re.findall(r"^then: (.*)", result.err, re.MULTILINE)
     ends = [str(Path("my runs") / f"{name}.mcap") for name in ("first", "second")]
     assert shlex.split(line) == [
         "baqueano",
@@ -247,9 +247,9 @@ def test_a_draft_reads_the_abbreviations_of_spanish_columns(tmp_path):
     ],
 )  # fmt: skip
 def test_a_draft_finds_the_axes_of_an_imu(tmp_path, columns):
-    others = ("gyro_x", "giro_y", "mag_x", "mag_y", "mag_z", "acel_z")
+    names = ("gyro_x", "giro_y", "mag_x", "mag_y", "mag_z", "acel_z")
     (tmp_path / "log.csv").write_text(
-        f"t,{','.join([*others, *columns])}\n" + ("0.1" + ",2" * 9 + "\n") * 3, encoding="utf-8"
+        f"t,{','.join([*names, *columns])}\n" + ("0.1" + ",2" * 9 + "\n") * 3, encoding="utf-8"
     )
     tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
     assert tuple(entry["column"] for entry in tables["sensors"]["imu"]["z"]) == columns

@@ -153,8 +153,8 @@ def test_help_is_translated_after_an_earlier_english_call(in_strange_letters, ca
 
 def helps():
     """Yield each command that has a help, with the text of this help."""
-    below = [("baqueano", baqueano), *((name, command_of(name)) for name in ALL)]
-    for name, command in below:
+    commands = [("baqueano", baqueano), *((name, command_of(name)) for name in ALL)]
+    for name, command in commands:
         yield name, command
         for each, verb in getattr(command, "commands", {}).items():
             yield f"{name} {each}", verb

@@ -120,7 +120,7 @@ def test_two_numbers_of_a_bound_are_not_read_as_a_decimal_comma():
 
 
 def test_an_error_that_contains_advice_gets_no_second_advice():
-    inside = fault("cli.own-block", cause=fault("block.unknown", "baqueano blocks ls"))
+    cause = fault("cli.own-block", cause=fault("block.unknown", "baqueano blocks ls"))
     assert next_command(fault("cli.hand-options", "--driver keys"), 2, ["teach"]) is None
-    assert next_command(inside, 3, ["repeat"]) is None
+    assert next_command(cause, 3, ["repeat"]) is None
     assert next_command(fault("cli.fit-refused"), 1, ["identify", "x"]) is None

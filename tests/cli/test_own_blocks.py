@@ -91,9 +91,9 @@ def test_a_guide_of_a_plain_class_drives_the_requested_laps(project, tmp_path):
     end = project("repeat", "lab", *SMALL, "--guide", "mine.py:Mine", "--laps", "3", "--json")
     assert end.code == 0, end.err
     assert [lap["lap"] for lap in end.reply["laps"]] == [1, 2, 3]
-    once = project("repeat", "lab", *SMALL, "--json").reply["rows"][0]["duration_s"]
+    duration_s = project("repeat", "lab", *SMALL, "--json").reply["rows"][0]["duration_s"]
     lap_s = end.reply["laps"][1]["duration_s"]  # the first lap also accelerates, the last one brakes
-    assert end.reply["rows"][0]["duration_s"] == pytest.approx(once + 2.0 * lap_s, rel=1e-2)
+    assert end.reply["rows"][0]["duration_s"] == pytest.approx(duration_s + 2.0 * lap_s, rel=1e-2)
 
 
 def own_controller(folder, k):

@@ -15,9 +15,9 @@ class Stoppable(Operator):
 
     door: Any = None
 
-    def stop(self, why):
-        super().stop(why)
-        self.door.broadcast({"type": "state", "state": "STOPPED", "reason": why})
+    def stop(self, reason):
+        super().stop(reason)
+        self.door.broadcast({"type": "state", "state": "STOPPED", "reason": reason})
 
 
 @pytest.fixture(params=[Operator])

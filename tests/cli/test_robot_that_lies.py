@@ -109,18 +109,18 @@ def test_ne6_a_door_lists_and_serves_only_names_of_runs(baqueano, tmp_path):
 
 @pytest.mark.parametrize("link", [False, True, "dangling"])
 def test_existing_local_files_and_links_are_not_changed(baqueano, liar, tmp_path, link):
-    folder, outside = tmp_path / "runs", tmp_path / "other"
+    folder, target = tmp_path / "runs", tmp_path / "other"
     folder.mkdir()
     if link != "dangling":
-        outside.write_bytes(b"mine")
+        target.write_bytes(b"mine")
     if link:
-        (folder / "1.mcap").symlink_to(outside)
-        (folder / "1.mcap.part").symlink_to(outside)
+        (folder / "1.mcap").symlink_to(target)
+        (folder / "1.mcap.part").symlink_to(target)
     else:
         (folder / "1.mcap").write_bytes(b"mine")
     host = liar(runs=[{"type": "runs", "runs": ["1.mcap"]}], fetch=[piece(b"evil", 0)])
     assert baqueano("robot", "runs", host, "--fetch", "--runs", str(folder)).code == 0
-    assert not outside.exists() if link == "dangling" else (folder / "1.mcap").read_bytes() == b"mine"
+    assert not target.exists() if link == "dangling" else (folder / "1.mcap").read_bytes() == b"mine"
     assert (folder / "1.mcap").is_symlink() == bool(link)
 
 

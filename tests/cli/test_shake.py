@@ -9,9 +9,9 @@ from baqueano.worlds.faults.fault import faults_in
 def test_a_fault_given_on_the_command_line_is_logged_and_detected(baqueano):
     line = ("experiment", "--vehicle", "small", "--seconds", "4", "-o", "run.mcap",
             "--shake", "2 s: push 0.3 N s left", "--shake", "3 s: sag 84 %")  # fmt: skip
-    done = baqueano(*line)
-    assert done.code == 0
-    assert "NIS detected it" in done.err
+    result = baqueano(*line)
+    assert result.code == 0
+    assert "NIS detected it" in result.err
     run = read_run("run.mcap")
     faults = faults_in((e.t_ns, e.source, e.diagnostic) for e in run.events)
     assert [(fault.kind, fault.at_s) for fault in faults] == [("push", 2.0), ("sag", 3.0)]
@@ -26,6 +26,6 @@ def test_a_fault_given_on_the_command_line_is_logged_and_detected(baqueano):
     ],
 )
 def test_an_impossible_fault_is_refused_before_the_drive(baqueano, more, code):
-    done = baqueano("experiment", "--vehicle", "small", *more)
-    assert done.code == 2
-    assert done.reason.code == code
+    result = baqueano("experiment", "--vehicle", "small", *more)
+    assert result.code == 2
+    assert result.reason.code == code

@@ -52,18 +52,18 @@ def test_a_terminal_wraps_sentences_but_neither_tables_nor_commands(monkeypatch)
 
 
 def test_no_progress_bar_is_drawn_if_stderr_is_not_a_terminal(project):
-    done = run(project, "repeat", "lab", "--vehicle", "small", "--json")
-    assert done.returncode == 0
-    rest, path = done.stderr.decode().splitlines()
+    result = run(project, "repeat", "lab", "--vehicle", "small", "--json")
+    assert result.returncode == 0
+    rest, path = result.stderr.decode().splitlines()
     assert rest == text(note("drive.rest", rest_s=2.0))
     assert path == "run: runs/0003-repeat.mcap"
 
 
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
 def test_results_are_printed_in_any_terminal_encoding(project, encoding):
-    done = run(project, "compare", "1", PYTHONIOENCODING=encoding)
-    assert done.returncode == 0, done.stderr
-    assert "position (ATE)" in done.stdout.decode(encoding)
+    result = run(project, "compare", "1", PYTHONIOENCODING=encoding)
+    assert result.returncode == 0, result.stderr
+    assert "position (ATE)" in result.stdout.decode(encoding)
 
 
 def test_a_closed_pipe_does_not_end_the_work(project):
@@ -104,11 +104,11 @@ def test_an_endless_simulation_waits_for_the_clock(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(terminal.time, "sleep", lambda wait_s: now.append(now.pop() + wait_s))
-    shown: list[float] = []
-    show = terminal.in_real_time(shown.append)
+    paces: list[float] = []
+    show = terminal.in_real_time(paces.append)
     for t_s in (0.5, 2.0, 1.0):
         show(t_s)
-    assert (shown, now) == ([0.5, 2.0, 1.0], [102.0])
+    assert (paces, now) == ([0.5, 2.0, 1.0], [102.0])
 
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT is sent to a process in another way there")
@@ -130,11 +130,11 @@ def test_ctrl_c_ends_an_endless_repeat_with_a_complete_run(project):
     assert "Stopped from the keyboard. The run is complete: forever.mcap" in err
     assert "Traceback" not in err
     assert "true cross-track error of the vehicle" in out
-    whole = read_run(path)
-    assert whole.notes == ()
-    assert whole.estimate is not None
-    assert len(whole.estimate.t_ns) == len(whole.t_ns), "every tick is complete"
-    reasons = [event.diagnostic for event in whole.events if event.source != "refused"]
+    run = read_run(path)
+    assert run.notes == ()
+    assert run.estimate is not None
+    assert len(run.estimate.t_ns) == len(run.t_ns), "every tick is complete"
+    reasons = [event.diagnostic for event in run.events if event.source != "refused"]
     assert [reason.code for reason in reasons if reason is not None] == ["drive.rest", StopReason.INTERRUPTED]
 
 
@@ -160,7 +160,7 @@ def in_terminal(folder: Path, args: list[str], keys: list[tuple[str, float, byte
     if pid == 0:
         os.chdir(folder)
         os.execv(COMMAND[0], [*COMMAND, *args])
-    text, keys, since, until = "", list(keys), None, time.monotonic() + 60
+    text, keys, begin, until = "", list(keys), None, time.monotonic() + 60
     while time.monotonic() < until:
         if select.select([terminal], [], [], 0.02)[0]:
             try:
@@ -168,10 +168,10 @@ def in_terminal(folder: Path, args: list[str], keys: list[tuple[str, float, byte
             except OSError:  # the other side is closed
                 break
         if keys and keys[0][0] in text:
-            since = since or time.monotonic()
-            if time.monotonic() - since >= keys[0][1]:
+            begin = begin or time.monotonic()
+            if time.monotonic() - begin >= keys[0][1]:
                 os.write(terminal, keys.pop(0)[2])
-                since = None
+                begin = None
     os.close(terminal)
     return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), text
 
@@ -198,12 +198,12 @@ def test_driving_by_keys_writes_a_route_and_restores_the_terminal(project):
 
 
 def test_driving_by_keys_without_a_terminal_is_refused(project):
-    done = subprocess.run(
+    result = subprocess.run(
         [*COMMAND, "teach", "mine", "--driver", "keys", "--vehicle", "small"],
         cwd=project, stdin=subprocess.DEVNULL, capture_output=True, text=True,
     )  # fmt: skip
-    assert done.returncode == 2
-    assert "Driving with the keys needs a terminal" in done.stderr
+    assert result.returncode == 2
+    assert "Driving with the keys needs a terminal" in result.stderr
 
 
 def test_ctrl_c_ends_work_at_once_or_at_its_next_progress_report():
@@ -249,12 +249,12 @@ def test_the_time_of_a_step_is_shown_as_the_language_writes_numbers(monkeypatch,
 
 def test_without_a_terminal_progress_lines_are_rare(monkeypatch, capsys):
     monkeypatch.setattr(terminal, "PROGRESS_PERIOD_S", 0.2)
-    began = time.monotonic()
+    start_s = time.monotonic()
     with show_steps() as begin:
         status = begin("fitting")
         status("round 3")
         err = progress_lines(capsys, "round 3", times=2)
-    took_s = time.monotonic() - began
+    took_s = time.monotonic() - start_s
     err += capsys.readouterr().err
     lines = err.splitlines()
     assert lines[0] == "fitting"

@@ -273,7 +273,7 @@ def test_the_command_line_computes_small_matrices_without_threads(given, expecte
 def test_the_help_of_a_folder_names_a_folder():
     """`-o FILE  Folder to write` states two things."""
     commands = [command_of(verb) for verb in SUBCOMMANDS]
-    commands += [below for command in commands for below in getattr(command, "commands", {}).values()]
+    commands += [child for command in commands for child in getattr(command, "commands", {}).values()]
     options = [p for command in commands for p in command.params if isinstance(p, click.Option) and p.help]
     folders = [p for p in options if p.help.startswith("Folder")]
     assert len(folders) > 5

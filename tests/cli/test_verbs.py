@@ -76,9 +76,9 @@ def test_a_fit_is_written_to_the_vehicle_file_only_with_update(project, tmp_path
     assert not (tmp_path / "vehicle.toml").exists()
     assert project(*arguments, "--update").code == 0
     assert "[provenance" in (tmp_path / "vehicle.toml").read_text(encoding="utf-8")
-    wrong = project("identify", "long.mcap", "--bound", "model.mass_kg")
-    assert wrong.code == 2
-    assert (wrong.reason.code, wrong.fix) == ("cli.bound", "--bound model.mass_kg=0,10")
+    result = project("identify", "long.mcap", "--bound", "model.mass_kg")
+    assert result.code == 2
+    assert (result.reason.code, result.fix) == ("cli.bound", "--bound model.mass_kg=0,10")
 
 
 def test_a_taught_route_is_repeated_and_judged(project, tmp_path):
@@ -112,9 +112,9 @@ def test_a_replay_needs_only_a_model_and_an_estimator(project, tmp_path):
     )
     (tmp_path / "bare.toml").write_text(text, encoding="utf-8")
     project("repeat", "lab", "--vehicle", "small", "--json")
-    own = ("replay", "last", "--vehicle", "bare.toml", "--estimator", "mine.py:MyEstimator", "--json")
-    assert project(*own).code == 0
-    assert project(*own[:-3], "--json").reason.figures["role"] == "estimator"
+    own_replay = ("replay", "last", "--vehicle", "bare.toml", "--estimator", "mine.py:MyEstimator", "--json")
+    assert project(*own_replay).code == 0
+    assert project(*own_replay[:-3], "--json").reason.figures["role"] == "estimator"
 
 
 def test_a_smoothed_replay_has_a_smaller_error(project, tmp_path):
@@ -187,11 +187,11 @@ def test_unsuitable_options_of_identify_are_refused(project, options, expected):
 def test_a_report_is_advised_only_if_no_report_was_written(baqueano, tmp_path):
     baqueano("simulate", "--vehicle", "small", "--seconds", "0.3", "-o", "tiny.mcap")
     fit = ("identify", "tiny.mcap", "--vehicle", "small", "--no-noise")
-    without, with_report = baqueano(*fit), baqueano(*fit, "--report", "page.html")
-    assert without.code == with_report.code == 1
-    assert without.out.endswith(" more: --report fit.html shows all, with figures\n")
-    assert without.reason.code == "cli.fit-refused"
-    assert without.reason.figures["data"].fix == "--report fit.html"
+    plain_fit, with_report = baqueano(*fit), baqueano(*fit, "--report", "page.html")
+    assert plain_fit.code == with_report.code == 1
+    assert plain_fit.out.endswith(" more: --report fit.html shows all, with figures\n")
+    assert plain_fit.reason.code == "cli.fit-refused"
+    assert plain_fit.reason.figures["data"].fix == "--report fit.html"
     assert with_report.out.endswith(" more: the report shows all, with figures\n")
     assert with_report.reason.figures["data"].code == "cli.data-in-report"
     assert "report: page.html" in with_report.err

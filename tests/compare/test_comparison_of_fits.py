@@ -19,8 +19,8 @@ def test_fits_are_compared_by_their_parameters():
     assert history.runs == ("empty", "loaded")
     assert np.isnan(history.single[1, 0])
     assert history.changes
-    for same in (bq.compare(fit, short), bq.compare({"empty": fit, "loaded": short})):
-        assert np.array_equal(same.single, history.single, equal_nan=True)
+    for comparison in (bq.compare(fit, short), bq.compare({"empty": fit, "loaded": short})):
+        assert np.array_equal(comparison.single, history.single, equal_nan=True)
     with pytest.raises(UsageError) as error:
         bq.compare([fit])
     assert error.value.diagnostic.code == "compare.few-fits"

@@ -19,14 +19,14 @@ from tests.codes import refused
 N = 1500
 
 
-def run_with(name="a", off=(0.03, 0.0, 0.0), across=0.0, sigma=0.02, seed=0, innovation=True, **extra):
-    """A straight drive at 1 m/s; the estimate is off by white noise of `sigma` and, at the end, by `off`."""
+def run_with(name="a", offset=(0.03, 0.0, 0.0), distance=0.0, sigma=0.02, seed=0, innovation=True, **extra):
+    """A straight drive at 1 m/s; the estimate is off by white noise of `sigma` and, at the end, by `offset`."""
     rng = np.random.default_rng(seed)
     t_ns = 10_000_000 * np.arange(1, N + 1)
     ref = np.column_stack([t_ns * 1e-9, np.zeros(N), np.zeros(N)])
     nu = np.tile([1.0, 0.0, 0.0], (N, 1))
-    true = ref + np.array([0.0, across, 0.0])
-    eta = true + sigma * rng.standard_normal((N, 3)) + np.array(off)
+    true = ref + np.array([0.0, distance, 0.0])
+    eta = true + sigma * rng.standard_normal((N, 3)) + np.array(offset)
     cov = np.tile(np.diag([4e-4] * 6), (N, 1, 1))
     y = rng.standard_normal((N, 2)) if innovation else None
     S = np.tile(np.eye(2), (N, 1, 1)) if innovation else None
@@ -40,7 +40,7 @@ def run_with(name="a", off=(0.03, 0.0, 0.0), across=0.0, sigma=0.02, seed=0, inn
 
 
 def test_a_consistent_run_is_called_consistent():
-    comparison = compare(run_with(off=(0.0, 0.0, 0.0), across=0.05))
+    comparison = compare(run_with(offset=(0.0, 0.0, 0.0), distance=0.05))
     row = comparison.rows()[0]
     assert row["verdict"] == "consistent"
     assert comparison.verdict == "CONSISTENT"
@@ -81,7 +81,7 @@ def test_a_small_nees_is_printed_with_its_digits():
 
 
 def test_an_estimate_with_errors_beyond_its_covariance_is_called_too_sure():
-    comparison = compare([run_with(off=(0, 0, 0)), run_with("b", off=(0.2, 0.0, 0.0))])
+    comparison = compare([run_with(offset=(0, 0, 0)), run_with("b", offset=(0.2, 0.0, 0.0))])
     assert [row["verdict"] for row in comparison.rows()] == ["consistent", "too sure"]
     assert [(reason.subject, reason.figures["verdict"]) for reason in comparison.reasons] == [
         ("b", "too sure")
@@ -90,7 +90,7 @@ def test_an_estimate_with_errors_beyond_its_covariance_is_called_too_sure():
 
 
 def test_an_overestimated_covariance_is_called_too_cautious_without_fit_advice():
-    comparison = compare(run_with(off=(0.0, 0.0, 0.0), sigma=0.01))
+    comparison = compare(run_with(offset=(0.0, 0.0, 0.0), sigma=0.01))
     assert [(reason.subject, reason.figures["verdict"]) for reason in comparison.reasons] == [
         ("a", "too cautious")
     ]
@@ -100,7 +100,7 @@ def test_an_overestimated_covariance_is_called_too_cautious_without_fit_advice()
 
 
 def test_the_second_run_is_compared_with_the_path_of_the_first():
-    rows = compare([run_with(across=0.01), run_with("b", across=-0.03)]).rows()
+    rows = compare([run_with(distance=0.01), run_with("b", distance=-0.03)]).rows()
     assert np.isnan(rows[0]["across_first_rms_m"])
     assert rows[1]["across_first_rms_m"] == pytest.approx(0.04)
 
@@ -114,9 +114,9 @@ def test_figures_without_data_in_the_run_are_nan():
 
 
 def test_a_camera_without_velocities_still_judges_the_pose():
-    run = run_with(off=(0, 0, 0))
+    run = run_with(offset=(0, 0, 0))
     blind = run.truth._replace(nu=np.full((N, 3), np.nan), nu_dot=np.full((N, 3), np.nan))
-    row = compare(run_with(off=(0, 0, 0), truth=blind)).rows()[0]
+    row = compare(run_with(offset=(0, 0, 0), truth=blind)).rows()[0]
     assert np.isnan(row["speed_error_m_s"])
     assert row["nees_velocity_verdict"] == "not reported"
     assert row["verdict"] == "consistent"
@@ -132,7 +132,7 @@ def test_the_first_seconds_can_be_excluded_from_a_comparison():
 
 
 def test_the_table_has_a_column_per_run_and_the_verdict():
-    text = compare([run_with(off=(0.2, 0, 0)), run_with("0002-repeat", off=(0.2, 0, 0))]).table()
+    text = compare([run_with(offset=(0.2, 0, 0)), run_with("0002-repeat", offset=(0.2, 0, 0))]).table()
     assert "0002-repeat" in text.splitlines()[0]
     assert "NEES, 1 if consistent" in text
     assert len([line for line in text.splitlines() if line.startswith("INCONSISTENT")]) == 1
@@ -142,8 +142,8 @@ def test_the_table_has_a_column_per_run_and_the_verdict():
 def test_the_table_fits_80_columns_and_each_row_has_a_figure(runs):
     names = ["a", "0012-replay-0003-repeat-of-a-long-name", "b", "c", "d"][:runs]
     silent = run_with("a", innovation=False, events=(Event(0, "info", "refused", "imu[0]: 0 of 0"),))
-    several = [silent, *(run_with(name) for name in names[1:])]
-    text = compare(several).table()
+    results = [silent, *(run_with(name) for name in names[1:])]
+    text = compare(results).table()
     assert max(map(len, text.splitlines())) <= 80
     assert "of 0" not in text
     rows = [
@@ -154,8 +154,8 @@ def test_the_table_fits_80_columns_and_each_row_has_a_figure(runs):
 
 
 def test_a_replay_is_judged_only_by_its_estimate():
-    drive = run_with("drive", across=0.05)
-    replayed_run = run_with("replay", across=0.05, metadata={"kind": "replay"})
+    drive = run_with("drive", distance=0.05)
+    replayed_run = run_with("replay", distance=0.05, metadata={"kind": "replay"})
     text = compare([drive, replayed_run]).table()
     assert "cross-track" not in text
     assert "at a limit" not in text
@@ -164,7 +164,7 @@ def test_a_replay_is_judged_only_by_its_estimate():
 
 
 def test_a_diverged_estimate_is_judged_until_its_divergence():
-    run = run_with(off=(0, 0, 0))
+    run = run_with(offset=(0, 0, 0))
     eta = run.estimate.eta.copy()
     eta[700:, 0] = 1e16
     comparison = compare(run_with(estimate=run.estimate._replace(eta=eta)))
@@ -176,7 +176,7 @@ def test_a_diverged_estimate_is_judged_until_its_divergence():
 
 
 def test_an_invalid_covariance_is_named():
-    run = run_with(off=(0, 0, 0))
+    run = run_with(offset=(0, 0, 0))
     cov = run.estimate.cov.copy()
     cov[100:] *= -1.0
     comparison = compare(run_with(estimate=run.estimate._replace(cov=cov)))
@@ -207,7 +207,7 @@ def test_an_invalid_comparison_is_refused_with_a_reason(call, words):
 
 
 def test_one_sentence_names_the_figure_and_state_with_the_largest_deviation():
-    comparison = compare(run_with(off=(0.0, 0.2, 0.0)))
+    comparison = compare(run_with(offset=(0.0, 0.2, 0.0)))
     sentence, (message, *_) = comparison.rows()[0]["sentence"], comparison.runs[0].consistency.messages
     assert (message.code, message.figures["figure"], message.figures["quantity"]) == (
         "consistency.too-sure",
@@ -221,7 +221,7 @@ def test_one_sentence_names_the_figure_and_state_with_the_largest_deviation():
 
 
 def test_a_run_of_a_few_ticks_gives_no_verdict():
-    comparison = compare(run_with(off=(0.0, 0.0, 0.0)).cut(0.0, 0.05))
+    comparison = compare(run_with(offset=(0.0, 0.0, 0.0)).cut(0.0, 0.05))
     assert comparison.verdict == "CANNOT TELL"
     (message,) = comparison.runs[0].consistency.messages
     assert message.code == "consistency.cannot-tell"
@@ -229,24 +229,24 @@ def test_a_run_of_a_few_ticks_gives_no_verdict():
 
 def test_innovations_are_judged_without_a_truth():
     right = Band(1.0, 0.9, 1.1, 3, 900.0)
-    far = Band(2.0, 0.9, 1.1, 3, 900.0)
-    few = Band(2.0, 0.2, 4.0, 3, 2.0)
+    wide_band = Band(2.0, 0.9, 1.1, 3, 900.0)
+    small_sample = Band(2.0, 0.2, 4.0, 3, 2.0)
 
     def verdict(pose, nis):
         return FilterConsistency(pose, NOT_REPORTED, nis, {}, {}, (0.5,), 0.05)
 
-    assert verdict(few, far).verdict == "too sure"
-    assert verdict(few, right).verdict == "cannot tell"
-    assert verdict(right, far).verdict == "consistent"
+    assert verdict(small_sample, wide_band).verdict == "too sure"
+    assert verdict(small_sample, right).verdict == "cannot tell"
+    assert verdict(right, wide_band).verdict == "consistent"
     assert verdict(NOT_REPORTED, right).verdict == "consistent"
-    drift = FilterConsistency(few._replace(mean=1.0), right, right, {}, {}, (), np.nan)
+    drift = FilterConsistency(small_sample._replace(mean=1.0), right, right, {}, {}, (), np.nan)
     assert drift.verdict == "consistent"
-    (first, then), (_, correlated) = drift.messages, verdict(NOT_REPORTED, right).messages
+    (first, second), (_, correlated) = drift.messages, verdict(NOT_REPORTED, right).messages
     assert (first.code, first.figures["quantity"], first.figures["mean"]) == (
         "consistency.consistent",
         "the velocity",
         1.0,
     )
-    assert (then.code, then.figures) == ("consistency.unknown", {"quantity": "the pose"})
+    assert (second.code, second.figures) == ("consistency.unknown", {"quantity": "the pose"})
     assert (correlated.code, correlated.figures) == ("consistency.correlated", {"correlation": 0.5})
     assert verdict(NOT_REPORTED, NOT_REPORTED).verdict == "not reported"

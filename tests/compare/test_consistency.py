@@ -37,13 +37,13 @@ def test_a_wrong_covariance_is_called_too_sure_or_too_cautious():
     assert consistency.band(whitened(e[:5], P)).verdict == "cannot tell"
 
 
-def filtered(rng, few):
+def filtered(rng, count):
     """Return whitened errors and innovations of a steady Kalman filter of d copies of x_t = a x_{t−1} + w, z = x +
     v. The filter assumes 1/κ of the variances, so its gain is correct. Also return κ and the number of independent
     samples of the slower signal."""
     d, a, r = rng.integers(1, 4), rng.choice([0.0, 0.5, 0.9, 0.97, 0.99]), 10 ** rng.uniform(-2.0, 1.0)
     kappa = rng.choice([0.25, 0.5, 1.0, 1.0, 1.0, 2.0, 4.0])
-    n = int(10 ** rng.uniform(2.0, 3.0 if few else 4.0))
+    n = int(10 ** rng.uniform(2.0, 3.0 if count else 4.0))
     q = 1.0 - a * a
     p = 1.0
     for _ in range(200):
@@ -58,33 +58,33 @@ def filtered(rng, few):
     return errors, kappa, n * (1.0 - c * c) / (1.0 + c * c)
 
 
-def sentences(count, seed, few=False):
+def sentences(count, seed, small_sample=False):
     """Return the share of wrong verdicts, and the share with a verdict among cases with 100 independent samples."""
-    rng, wrong, decisions = np.random.default_rng(seed), [], []
+    rng, false_alarms, decisions = np.random.default_rng(seed), [], []
     right = {
         "too sure": lambda k: k > 1.0,
         "too cautious": lambda k: k < 1.0,
         "consistent": lambda k: k == 1.0,
     }
     for _ in range(count):
-        errors, kappa, samples = filtered(rng, few)
+        errors, kappa, samples = filtered(rng, small_sample)
         for w in errors:
             word = consistency.band(w).verdict
-            wrong.append(not right.get(word, lambda k: True)(kappa))
+            false_alarms.append(not right.get(word, lambda k: True)(kappa))
             decisions += [word != "cannot tell"] if samples >= 100 else []
-    return float(np.mean(wrong)), float(np.mean(decisions))
+    return float(np.mean(false_alarms)), float(np.mean(decisions))
 
 
 def test_the_verdict_is_seldom_wrong_and_seldom_missing():
     """NEES and NIS of 250 filters. Of 6,000 such verdicts 0.95 % are wrong, and 99.9 % of the possible verdicts are
     given. By chance, 500 verdicts have more than 2.2 % wrong once in 100."""
-    wrong, speaks = sentences(250, 1)
-    assert wrong <= 0.03
+    errors, speaks = sentences(250, 1)
+    assert errors <= 0.03
     assert speaks >= 0.95
 
 
 def test_short_runs_of_slow_errors_are_seldom_judged_wrongly():
-    assert sentences(150, 2, few=True)[0] <= 0.05
+    assert sentences(150, 2, small_sample=True)[0] <= 0.05
 
 
 def test_a_random_walk_of_the_error_gives_no_verdict():

@@ -57,8 +57,8 @@ def test_ellipse_and_half_width_cover_95_percent_of_a_normal_distribution():
     P = np.zeros((1, 3, 3))
     P[0, :2, :2], P[0, 2, 2] = A @ A.T, 0.01
     corridor = straight(P)
-    inside = np.einsum("ki,ij,kj->k", e, np.linalg.inv(A @ A.T), e) <= 5.991
-    assert np.mean(inside) == pytest.approx(0.95, abs=0.002)
+    is_inside = np.einsum("ki,ij,kj->k", e, np.linalg.inv(A @ A.T), e) <= 5.991
+    assert np.mean(is_inside) == pytest.approx(0.95, abs=0.002)
     assert np.mean(np.abs(e[:, 1]) <= corridor.across_m[0]) == pytest.approx(0.95, abs=0.002)
 
 
@@ -79,10 +79,10 @@ def test_a_figure_eight_is_one_lap_although_its_path_crosses_the_start():
 
 def test_the_forecast_agrees_with_the_corridor_computed_after_the_drive():
     file, route = load("small"), sinuous_circle(0.6, 0.06, 5, 0.2)
-    ahead = forecast_corridor(file, route, 2)
+    prediction = forecast_corridor(file, route, 2)
     for seed in (1, 2):
         driven_corridor = corridor_of(simulate_loop(file, route, seed, laps=2))
-        for row in ahead.rows():
+        for row in prediction.rows():
             k = int(np.searchsorted(driven_corridor.t_s, row["t_s"])) - 1
             for name in ("across_m", "area_m2", "heading_rad"):
                 assert row[name] == pytest.approx(getattr(driven_corridor, name)[k], rel=0.2), (name, seed)
@@ -90,16 +90,16 @@ def test_the_forecast_agrees_with_the_corridor_computed_after_the_drive():
 
 def test_a_forecast_reports_the_time_at_which_the_vehicle_is_lost():
     file = load("small").with_values({"sensors.imu.gyro_scale_std": 0.05})
-    ahead = forecast_corridor(file, circle(0.6, 0.2), 3)
-    assert ahead.verdict == "LOST"
-    assert ahead.corridor.message.code in ("corridor.lost", "corridor.lost-in-lap")
-    assert np.isnan([row["across_m"] for row in ahead.rows()]).tolist() == [False, True, True]
+    prediction = forecast_corridor(file, circle(0.6, 0.2), 3)
+    assert prediction.verdict == "LOST"
+    assert prediction.corridor.message.code in ("corridor.lost", "corridor.lost-in-lap")
+    assert np.isnan([row["across_m"] for row in prediction.rows()]).tolist() == [False, True, True]
 
 
-@pytest.mark.parametrize(("key", "off"), [("gyro_bias", 0.0005), ("gyro_scale", 0.01)])
-def test_a_small_bias_or_scale_error_lies_inside_the_corridor(key, off):
+@pytest.mark.parametrize(("key", "error"), [("gyro_bias", 0.0005), ("gyro_scale", 0.01)])
+def test_a_small_bias_or_scale_error_lies_inside_the_corridor(key, error):
     file = load("small")
-    truth = file.with_values({f"sensors.imu.{key}": file.value(f"sensors.imu.{key}") + off})
+    truth = file.with_values({f"sensors.imu.{key}": file.value(f"sensors.imu.{key}") + error})
     route = sinuous_circle(0.6, 0.06, 5, 0.2)
     from baqueano.drive import repeat
 

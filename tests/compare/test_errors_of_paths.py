@@ -22,9 +22,9 @@ def trajectories():
         x = 2 * np.sin(0.3 * t) + k * 0.05 * np.cos(0.9 * t)
         return np.column_stack([x, 1.5 * np.sin(0.6 * t + 0.2) + k * 0.04 * np.sin(0.7 * t), psi])
 
-    truth, off = drive(0.0), drive(1.0)
+    truth, shifted = drive(0.0), drive(1.0)
     c, s = np.cos(0.7), np.sin(0.7)
-    x, y, psi = off.T
+    x, y, psi = shifted.T
     moved_poses = np.column_stack([x * c - y * s + 3, x * s + y * c - 1, wrap(psi + 0.7)])
     return np.round(t * 1e9).astype(np.int64), moved_poses, truth
 
@@ -39,9 +39,9 @@ def trajectories():
 )
 def test_absolute_errors_equal_the_results_of_evo(alignment, position, heading):
     _, eta, truth = trajectories()
-    off = errors.absolute_pose_errors(errors.align_trajectory(eta, truth, alignment), truth)
-    assert errors.rms(off.position_m) == pytest.approx(position, rel=1e-9)
-    assert errors.rms(off.heading_rad) == pytest.approx(heading, rel=1e-7)
+    error = errors.absolute_pose_errors(errors.align_trajectory(eta, truth, alignment), truth)
+    assert errors.rms(error.position_m) == pytest.approx(position, rel=1e-9)
+    assert errors.rms(error.heading_rad) == pytest.approx(heading, rel=1e-7)
 
 
 def test_a_truth_without_heading_is_aligned_by_the_umeyama_method():
@@ -53,9 +53,9 @@ def test_a_truth_without_heading_is_aligned_by_the_umeyama_method():
     U, _, Vt = np.linalg.svd(b.T @ a)
     R = U @ np.diag([1.0, np.linalg.det(U @ Vt)]) @ Vt  # Umeyama 1991, without scale
     errors_m = np.hypot(*(a @ R.T - b).T)
-    off = errors.absolute_pose_errors(errors.align_trajectory(eta, truth, "rigid"), truth)
-    np.testing.assert_allclose(off.position_m[7:], errors_m, atol=1e-12)
-    assert np.isnan(off.heading_rad).all()
+    error = errors.absolute_pose_errors(errors.align_trajectory(eta, truth, "rigid"), truth)
+    np.testing.assert_allclose(error.position_m[7:], errors_m, atol=1e-12)
+    assert np.isnan(error.heading_rad).all()
 
 
 def test_a_truth_without_heading_cannot_be_aligned_at_the_start():
@@ -93,8 +93,8 @@ def test_truth_is_interpolated_but_not_extrapolated():
 def test_distance_across_a_straight_path_is_positive_to_the_left():
     t_ns = np.arange(101) * 10_000_000
     ref = np.column_stack([t_ns * 1e-9, np.zeros(101)])
-    off = errors.cross_track(t_ns, ref + np.array([-0.2, 0.03]), t_ns, ref)
-    np.testing.assert_allclose(off[21:], 0.03, atol=1e-12)  # a delay along the path does not count
+    error = errors.cross_track(t_ns, ref + np.array([-0.2, 0.03]), t_ns, ref)
+    np.testing.assert_allclose(error[21:], 0.03, atol=1e-12)  # a delay along the path does not count
     np.testing.assert_allclose(errors.cross_track(t_ns, ref - [0.0, 0.05], t_ns, ref), -0.05, atol=1e-12)
 
 
@@ -102,15 +102,15 @@ def test_at_a_crossing_the_nearest_point_stays_on_the_same_branch():
     t_ns = np.arange(2000) * 10_000_000
     th = 2 * np.pi * np.arange(2000) / 2000
     eight = np.column_stack([np.sin(th), np.sin(th) * np.cos(th)])
-    inside = eight + np.column_stack([np.zeros(2000), np.where(np.abs(eight[:, 0]) < 0.02, 0.3, 0.0)])
-    off = np.abs(errors.cross_track(t_ns, inside, t_ns, eight, window_s=0.5))
-    assert off.max() > 0.1
+    clipped = eight + np.column_stack([np.zeros(2000), np.where(np.abs(eight[:, 0]) < 0.02, 0.3, 0.0)])
+    error = np.abs(errors.cross_track(t_ns, clipped, t_ns, eight, window_s=0.5))
+    assert error.max() > 0.1
 
 
 def test_a_reference_at_rest_is_a_single_point():
     t_ns = np.arange(50) * 10_000_000
-    off = errors.cross_track(t_ns, np.tile([0.3, 0.4], (50, 1)), t_ns, np.zeros((50, 2)))
-    np.testing.assert_allclose(off, 0.5)
+    error = errors.cross_track(t_ns, np.tile([0.3, 0.4], (50, 1)), t_ns, np.zeros((50, 2)))
+    np.testing.assert_allclose(error, 0.5)
 
 
 def test_errors_are_invariant_under_rotation_of_the_world():

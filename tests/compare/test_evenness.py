@@ -65,8 +65,8 @@ def test_a_reference_that_was_interrupted_at_speed_is_judged_until_its_end():
 
 
 def test_backward_driving_is_judged_like_forward_driving():
-    back = evenness.speed_errors(T_NS, steady(-0.23), steady(-0.2))
-    assert back.error == pytest.approx(0.15)
+    reverse = evenness.speed_errors(T_NS, steady(-0.23), steady(-0.2))
+    assert reverse.error == pytest.approx(0.15)
 
 
 def test_unknown_figures_of_evenness_are_nan():
@@ -90,9 +90,9 @@ def test_gaps_in_the_speed_do_not_change_the_evenness():
 
 def test_timestamps_since_1970_give_the_same_evenness():
     speed = 0.2 + 0.1 * np.sin(2 * np.pi * 5 * T_S)
-    late = T_NS + 1_700_000_000_000_000_000
-    assert evenness.speed_errors(late, speed, steady()) == evenness.speed_errors(T_NS, speed, steady())
-    assert evenness.sign_changes(late, speed - 0.2) == evenness.sign_changes(T_NS, speed - 0.2)
+    later_ns = T_NS + 1_700_000_000_000_000_000
+    assert evenness.speed_errors(later_ns, speed, steady()) == evenness.speed_errors(T_NS, speed, steady())
+    assert evenness.sign_changes(later_ns, speed - 0.2) == evenness.sign_changes(T_NS, speed - 0.2)
 
 
 def test_changes_of_sign_are_counted_per_second():
@@ -156,28 +156,28 @@ def test_a_vehicle_text_without_limits_returns_none(text):
     assert evenness.limits_of(text) is None
 
 
-def a_run(at, u, vehicle_text, **extra):
+def a_run(times, u, vehicle_text, **extra):
     """A straight drive for 30 s at a reference of 0.2 m/s, then 5 s at rest after the end of the guide."""
     t_ns = 10_000_000 * np.arange(3500)
-    driving = at < 3001
-    nu = np.column_stack([np.where(driving, 0.2, 0.0), 0 * at, 0 * at])
-    eta = np.column_stack([0.01 * np.cumsum(nu[:, 0]), 0 * at, 0 * at])
+    driving = times < 3001
+    nu = np.column_stack([np.where(driving, 0.2, 0.0), 0 * times, 0 * times])
+    eta = np.column_stack([0.01 * np.cumsum(nu[:, 0]), 0 * times, 0 * times])
     true = nu + np.array([0.02, 0.0, 0.0])
     velocity = nu + np.array([0.01, 0.0, 0.0])
     parts = {
         "sent_commands": u,
-        "estimate": EstimateLog(t_ns, eta + 0.001, velocity, np.tile(1e-4 * np.eye(6), (len(at), 1, 1))),
+        "estimate": EstimateLog(t_ns, eta + 0.001, velocity, np.tile(1e-4 * np.eye(6), (len(times), 1, 1))),
         "reference": ReferenceLog(t_ns, eta, nu, (~driving).astype(float)),
         "truth": TruthLog(t_ns, eta, true, 0 * true),
     }
-    return Run("a", None, t_ns, np.zeros((len(at), 3)), vehicle_text=vehicle_text, **(parts | extra))
+    return Run("a", None, t_ns, np.zeros((len(times), 3)), vehicle_text=vehicle_text, **(parts | extra))
 
 
 def run_with(**extra):
-    at = np.arange(3500)
-    u = np.column_stack([np.where(at % 4 == 0, 0.9, 0.3), 0 * at, np.full(len(at), 0.2)])
+    times = np.arange(3500)
+    u = np.column_stack([np.where(times % 4 == 0, 0.9, 0.3), 0 * times, np.full(len(times), 0.2)])
     u[3001:] = 0.0
-    return a_run(at, u, extra.pop("vehicle_text", load("small").text), **extra)
+    return a_run(times, u, extra.pop("vehicle_text", load("small").text), **extra)
 
 
 def test_evenness_is_judged_by_truth_and_estimate_until_the_guide_ends():

@@ -42,12 +42,12 @@ def test_an_open_route_has_no_laps():
 
 def test_a_reference_that_returns_at_the_lap_end_counts_once():
     route = circle(0.5, 0.2)
-    back = route.eta[1380:][::-1]
-    eta = np.concatenate([route.eta, back, route.eta[1380:], np.tile(route.eta[-1], (50, 1)), route.eta])
+    reverse = route.eta[1380:][::-1]
+    eta = np.concatenate([route.eta, reverse, route.eta[1380:], np.tile(route.eta[-1], (50, 1)), route.eta])
     assert len(_end_passages(eta, True)) == 3  # begin, end of the first lap, end of the second
 
 
 def test_the_end_of_each_lap_is_detected_after_a_lead_in():
     route = eight(0.6, 0.2)
-    aside = route.eta[200:] + np.where(np.arange(1241)[:, None] < 100, [0.0, 0.1, 0.0], 0.0)
-    assert _end_passages(np.concatenate([aside, route.eta[1:]]), True) == [1240, 2680]
+    shifted = route.eta[200:] + np.where(np.arange(1241)[:, None] < 100, [0.0, 0.1, 0.0], 0.0)
+    assert _end_passages(np.concatenate([shifted, route.eta[1:]]), True) == [1240, 2680]

@@ -26,8 +26,8 @@ def test_the_regulator_gain_equals_the_riccati_solution_of_scipy():
     want = solve_discrete_are(A, B, np.diag(1.0 / law.e_max**2), np.diag(1.0 / law.change_max**2))
     np.testing.assert_allclose(P, want, rtol=0.02, atol=0.01 * np.abs(want).max())
     K = np.linalg.solve(np.diag(1.0 / law.change_max**2) + B.T @ want @ B, B.T @ want @ A)
-    _, (ahead, turn) = step(P, now._replace(e=np.array([0.01, 0.02, 0.0]), e_chi=0.03))
-    np.testing.assert_allclose(np.array([v, w]) - [ahead, turn], K @ [0.01, 0.02, 0.03], rtol=0.02, atol=3e-4)
+    _, (x, turn) = step(P, now._replace(e=np.array([0.01, 0.02, 0.0]), e_chi=0.03))
+    np.testing.assert_allclose(np.array([v, w]) - [x, turn], K @ [0.01, 0.02, 0.03], rtol=0.02, atol=3e-4)
 
 
 def test_the_regulator_starts_with_the_riccati_solution_of_scipy_for_a_slow_vehicle():

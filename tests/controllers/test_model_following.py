@@ -72,8 +72,8 @@ def test_the_command_for_a_steady_circle_makes_the_model_follow_the_circle(name,
 
 @pytest.mark.parametrize("law", LAWS)
 def test_the_command_is_zero_for_a_vehicle_at_rest_on_its_reference(law):
-    at = [1.0, 2.0, 0.5]
-    assert settled(SMALL.controller(law), at, [0, 0, 0], at, [0, 0, 0]) == pytest.approx(0.0)
+    start = [1.0, 2.0, 0.5]
+    assert settled(SMALL.controller(law), start, [0, 0, 0], start, [0, 0, 0]) == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -81,8 +81,8 @@ def test_the_command_is_zero_for_a_vehicle_at_rest_on_its_reference(law):
 def test_a_vehicle_beside_its_path_returns_when_driving_forward_or_backward(law, v):
     """Left of the path, the vehicle turns right when driving forward and left when driving backward."""
     turn = [
-        settled(SMALL.controller(law), [0.15 * v, 0, 0], [v, 0, 0], [0, aside, 0], [v, 0, 0], 20)[2]
-        for aside in (0.05, 0.0, -0.05)
+        settled(SMALL.controller(law), [0.15 * v, 0, 0], [v, 0, 0], [0, offset, 0], [v, 0, 0], 20)[2]
+        for offset in (0.05, 0.0, -0.05)
     ]
     assert v * turn[0] < v * turn[1] < v * turn[2]
 
@@ -97,11 +97,11 @@ def test_each_control_law_passes_the_controller_check(law):
 def test_compiled_and_uncompiled_controllers_give_the_same_command(law):
     controller = SMALL.controller(law)
     now, target = estimate([0.1, -0.2, 3.1], [0.2, 0.01, 0.3]), reference([0.15, -0.2, -3.1], [0.2, 0.0, 0.4])
-    plain = controller.step(controller.init(), target, now)
+    command = controller.step(controller.init(), target, now)
     for backend in ("c", "python"):
         step = function(controller.step, controller.init(), target, now, backend=backend)
         np.testing.assert_allclose(
-            step(controller.init(), target, now)[1].u, plain[1].u, rtol=1e-12, atol=1e-14
+            step(controller.init(), target, now)[1].u, command[1].u, rtol=1e-12, atol=1e-14
         )
 
 
@@ -137,17 +137,17 @@ def test_the_garage_vehicle_drives_evenly(shape, perfect):
 
 
 def test_each_law_tolerates_an_unmodelled_delay_of_100_ms():
-    route, across = SHAPES["sinuous"](0.2), []
+    route, distances = SHAPES["sinuous"](0.2), []
     for delay_s in (0.01, 0.11):
-        late = SMALL.with_values({"model.drivetrain.delay_s": delay_s})
-        system = loop_system(late, route, perfect=True, controller=SMALL.controller())
+        delayed = SMALL.with_values({"model.drivetrain.delay_s": delay_s})
+        system = loop_system(delayed, route, perfect=True, controller=SMALL.controller())
         t_ns = tick_times(tick_count_of(system, SMALL.rate_hz) - 1, SMALL.rate_hz)
         kernel = closed_loop(system, SMALL.rate_hz, noise=False)
         run = as_run("late", t_ns, kernel.run(Input(t_ns, None), carry=begin(system, route.eta[0]))[1], {})
-        across.append(rms(cross_track(t_ns, run.truth.eta[:, :2], t_ns, run.reference.eta[:, :2])))
+        distances.append(rms(cross_track(t_ns, run.truth.eta[:, :2], t_ns, run.reference.eta[:, :2])))
         assert speed_errors(t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).unevenness < 0.02
-    assert across[0] < 0.003
-    assert across[1] < 0.006
+    assert distances[0] < 0.003
+    assert distances[1] < 0.006
 
 
 STARTS = [
@@ -170,18 +170,18 @@ def test_a_vehicle_joins_its_route_from_all_sides_within_a_metre(law):
         vehicle = state.world.vehicle._replace(nu=np.array([speed, 0.0, 0.0]))
         state = state._replace(world=state.world._replace(vehicle=vehicle))
         run = as_run("joined", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {})
-        off = np.abs(np.hypot(run.truth.eta[:, 0], run.truth.eta[:, 1] - 1.0) - 1.0)
+        error = np.abs(np.hypot(run.truth.eta[:, 0], run.truth.eta[:, 1] - 1.0) - 1.0)
         way_m = np.cumsum(np.abs(run.truth.nu[:, 0])) / SMALL.rate_hz
         assert way_m[-1] > 2.0
-        assert off[way_m > 1.0].max() < 0.03, (start, speed)
+        assert error[way_m > 1.0].max() < 0.03, (start, speed)
 
 
 def test_pure_pursuit_steers_along_the_path_if_it_is_on_the_path_ahead_of_its_reference():
     """Before, only e_x was limited: the path moved to the left, and a vehicle that was turned left turned on."""
     law, e_chi = SMALL.controller("pure_pursuit"), -0.5
-    behind = -0.2 * np.array([np.cos(e_chi), np.sin(e_chi), 0.0])
+    offset = -0.2 * np.array([np.cos(e_chi), np.sin(e_chi), 0.0])
     _, (_, omega) = law.velocity_law(
-        law.memory(), Tracking(behind, e_chi, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
+        law.memory(), Tracking(offset, e_chi, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
     )
     assert omega < -1.0
 
@@ -195,7 +195,7 @@ def test_a_car_joins_its_route_within_a_metre(law, moving):
     kernel, t_ns = closed_loop(system, car.rate_hz, noise=False), tick_times(240, car.rate_hz)
     nu = np.array([speed if moving else 0.0, 0.0, 0.0])
     x, y, psi = circle(radius_m, speed).eta[0]
-    for ahead, left, heading_deg in [
+    for forward, left, heading_deg in [
         (0, 0.2, 30),
         (0, 0.2, -30),
         (0, -0.2, 30),
@@ -204,15 +204,15 @@ def test_a_car_joins_its_route_within_a_metre(law, moving):
         (0.2, 0, 30),
     ]:
         state = begin(
-            system, compose(np.array([x, y, psi]), np.array([ahead, left, np.radians(heading_deg)]))
+            system, compose(np.array([x, y, psi]), np.array([forward, left, np.radians(heading_deg)]))
         )
         state = state._replace(world=state.world._replace(vehicle=state.world.vehicle._replace(nu=nu)))
         run = as_run("joined", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {})
         centre = x - radius_m * np.sin(psi), y + radius_m * np.cos(psi)
-        off = np.abs(np.hypot(run.truth.eta[:, 0] - centre[0], run.truth.eta[:, 1] - centre[1]) - radius_m)
+        error = np.abs(np.hypot(run.truth.eta[:, 0] - centre[0], run.truth.eta[:, 1] - centre[1]) - radius_m)
         way_m = np.cumsum(np.abs(run.truth.nu[:, 0])) / car.rate_hz
         assert way_m[-1] > 1.5
-        assert off[way_m > 1.0].max() < 0.03, (ahead, left, heading_deg)
+        assert error[way_m > 1.0].max() < 0.03, (forward, left, heading_deg)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -246,8 +246,8 @@ def test_a_moving_vehicle_is_not_braked_at_controller_start():
 @pytest.mark.parametrize("law", LAWS)
 def test_the_vehicle_drives_evenly_around_the_corners_of_a_rectangle(law):
     run = simulate_loop(SMALL, SHAPES["rectangle"](0.2), perfect=True, controller=SMALL.controller(law))
-    across = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
-    assert rms(across) < 0.003
+    distance = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
+    assert rms(distance) < 0.003
     assert speed_errors(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).unevenness < 0.03
     assert share_at_limit(run.sent_commands, limits_of(SMALL.text)) == 0.0
     drives = is_driving(run.t_ns, run.reference.nu[:, 0], 0.0)
@@ -259,8 +259,8 @@ def test_the_vehicle_drives_evenly_around_the_corners_of_a_rectangle(law):
 def test_a_car_follows_a_circle_without_servo_saturation(law):
     car = load("car")
     run = simulate_loop(car, circle(3.0, 0.8), perfect=True, controller=car.controller(law))
-    across = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
-    assert rms(across) < 0.01
+    distance = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
+    assert rms(distance) < 0.01
     assert share_at_limit(run.sent_commands, limits_of(car.text)) < 0.01  # the first tick
 
 
@@ -272,15 +272,15 @@ def test_a_car_follows_a_circle_without_servo_saturation(law):
 def test_a_fast_car_with_an_unmodelled_delay_keeps_a_calm_servo(law, speed, delay_s, bar_m):
     """Before, all but pure_pursuit wove by 7 to 65 mm with 80 ms at 1 m/s: they did not predict their corrections."""
     car, radius_m = load("car"), 3.0
-    late = car.with_values({"model.drivetrain.delay_s": car.vehicle.drivetrain.delay_s + delay_s})
-    system = loop_system(late, circle(radius_m, speed), perfect=True, controller=car.controller(law))
+    delayed = car.with_values({"model.drivetrain.delay_s": car.vehicle.drivetrain.delay_s + delay_s})
+    system = loop_system(delayed, circle(radius_m, speed), perfect=True, controller=car.controller(law))
     kernel, t_ns = closed_loop(system, car.rate_hz, noise=False), tick_times(400, car.rate_hz)
     state = begin(system, np.array([0.0, 0.02, 0.0]))
     vehicle = state.world.vehicle._replace(nu=np.array([speed, 0.0, 0.0]))
     state = state._replace(world=state.world._replace(vehicle=vehicle))
     run = as_run("fast", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {})
-    off = np.hypot(run.truth.eta[200:, 0], run.truth.eta[200:, 1] - radius_m) - radius_m
-    assert rms(off) < bar_m
+    error = np.hypot(run.truth.eta[200:, 0], run.truth.eta[200:, 1] - radius_m) - radius_m
+    assert rms(error) < bar_m
     assert np.abs(np.diff(run.sent_commands[200:, 1])).sum() < 1.0
 
 
@@ -317,7 +317,7 @@ def test_a_car_stays_on_its_circle_with_a_calm_servo_in_both_directions(law, spe
     motion, state = vehicle.init(nu=np.array([speed, 0.0, speed / radius_m])), controller.init()
     steer = function(controller.step, state, reference(np.zeros(3)), estimate(np.zeros(3)), backend="python")
     move = function(vehicle.step, motion, np.zeros(2), 0.02, np.zeros(3), backend="python")
-    off, servo = [], []
+    errors, servo = [], []
     for k in range(round(3.0 / abs(speed) * car.rate_hz)):
         psi = speed * 0.02 * k / radius_m
         on_circle = [radius_m * np.sin(psi), radius_m * (1.0 - np.cos(psi)), psi]
@@ -326,10 +326,10 @@ def test_a_car_stays_on_its_circle_with_a_calm_servo_in_both_directions(law, spe
             state, reference(on_circle, [speed, 0.0, speed / radius_m], t), estimate(motion.eta, motion.nu, t)
         )
         motion, _ = move(motion, command.u, 0.02, np.zeros(3))
-        off.append(np.hypot(motion.eta[0], motion.eta[1] - radius_m) - radius_m)
+        errors.append(np.hypot(motion.eta[0], motion.eta[1] - radius_m) - radius_m)
         servo.append(command.u[1])
-    assert rms(np.array(off[len(off) // 2 :])) < 0.004
-    assert np.abs(np.diff(servo[len(off) // 2 :])).sum() < 0.3
+    assert rms(np.array(errors[len(errors) // 2 :])) < 0.004
+    assert np.abs(np.diff(servo[len(errors) // 2 :])).sum() < 0.3
 
 
 class ByHeading(ModelFollower):
@@ -340,9 +340,9 @@ class ByHeading(ModelFollower):
 
 
 def test_a_custom_control_law_can_be_used_as_a_controller():
-    own = ByHeading(SMALL.vehicle, limit=np.ones(3))
-    assert check_controller(own) == []
-    run = simulate_loop(SMALL, circle(1.0, 0.2), perfect=True, controller=own, duration_s=5.0)
+    own_law = ByHeading(SMALL.vehicle, limit=np.ones(3))
+    assert check_controller(own_law) == []
+    run = simulate_loop(SMALL, circle(1.0, 0.2), perfect=True, controller=own_law, duration_s=5.0)
     assert speed_errors(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).error < 0.05
 
 
@@ -381,9 +381,9 @@ def test_a_car_at_rest_beside_its_route_does_not_race_backward_to_turn(law, side
     state = controller.init()
     for k in range(1, 100):
         s_m = 0.5 * 0.3 * (k / car.rate_hz) ** 2
-        there = reference([s_m, 0.0, 0.0], [0.3 * k / car.rate_hz, 0.0, 0.0])._replace(t_ns=k * 20_000_000)
-        here = estimate(world.truth.eta, world.truth.nu)._replace(t_ns=k * 20_000_000)
-        state, command = block.step(state, there, here)
+        target = reference([s_m, 0.0, 0.0], [0.3 * k / car.rate_hz, 0.0, 0.0])._replace(t_ns=k * 20_000_000)
+        pose = estimate(world.truth.eta, world.truth.nu)._replace(t_ns=k * 20_000_000)
+        state, command = block.step(state, target, pose)
         world.write(command)
         world.read(k * 20_000_000)
         assert world.truth.nu[0] > -0.15

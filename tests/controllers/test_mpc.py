@@ -64,11 +64,11 @@ def test_mpc_joins_its_route_from_all_sides_within_a_metre(file, speed, radius_m
     route, controller = circle(radius_m, speed), law(file)
     x, y, psi = route.eta[0]
     centre = np.array([x - radius_m * np.sin(psi), y + radius_m * np.cos(psi)])
-    for ahead, left, heading_deg in PLACES:
-        start = compose(route.eta[0], np.array([ahead, left, np.radians(heading_deg)]))
+    for forward, left, heading_deg in PLACES:
+        start = compose(route.eta[0], np.array([forward, left, np.radians(heading_deg)]))
         poses, u = drive(controller, file, route, start, 2.0 / speed, speed if moving else 0.0)
-        off = np.abs(np.hypot(*(poses[:, :2] - centre).T) - radius_m)
-        assert np.max(off[round(1.0 / speed * HZ) :]) < 0.03, (ahead, left, heading_deg)
+        error = np.abs(np.hypot(*(poses[:, :2] - centre).T) - radius_m)
+        assert np.max(error[round(1.0 / speed * HZ) :]) < 0.03, (forward, left, heading_deg)
         assert np.all(np.abs(u) <= file.command.limit + 1e-9)
 
 
@@ -78,9 +78,9 @@ def test_a_car_stays_on_a_circle_that_was_drawn_for_its_origin(speed):
     lap = circle(1.2, 0.3)
     route = lap if speed > 0.0 else reverse(lap, backing=True)
     poses, _ = drive(law(CAR), CAR, route, route.eta[0], 10.0)
-    off = np.abs(np.hypot(poses[:, 0], poses[:, 1] - 1.2) - 1.2)
-    assert np.max(off) < 0.012
-    assert np.max(off[250:]) < 0.002
+    error = np.abs(np.hypot(poses[:, 0], poses[:, 1] - 1.2) - 1.2)
+    assert np.max(error) < 0.012
+    assert np.max(error[250:]) < 0.002
 
 
 def test_mpc_drives_a_custom_vehicle_class():
@@ -114,28 +114,28 @@ def test_mpc_stays_on_its_path_for_a_lap():
     run = repeat(SMALL, sinuous_circle(0.6, 0.08, 5, 0.2), controller=Mpc, duration_s=6.0, rest_s=0.0)
     assert run.estimate is not None
     assert run.reference is not None
-    off = run.estimate.eta - run.reference.eta
+    error = run.estimate.eta - run.reference.eta
     psi = run.reference.eta[:, 2]
-    along, across = (np.array([[np.cos(psi), np.sin(psi)], [-np.sin(psi), np.cos(psi)]]) * off[:, :2].T).sum(
-        axis=1
-    )
-    assert np.sqrt(np.mean(across**2)) < 0.004
-    assert np.sqrt(np.mean(along[200:] ** 2)) < 0.006
+    forward, sideways = (
+        np.array([[np.cos(psi), np.sin(psi)], [-np.sin(psi), np.cos(psi)]]) * error[:, :2].T
+    ).sum(axis=1)
+    assert np.sqrt(np.mean(sideways**2)) < 0.004
+    assert np.sqrt(np.mean(forward[200:] ** 2)) < 0.006
 
 
 def test_mpc_follows_its_old_plan_after_a_solver_failure_and_then_stops(monkeypatch):
-    controller, standing = law(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))
-    ahead = Reference(0, np.array([0.3, 0.0, 0.0]), np.zeros(3), 0.0)
-    state, first = controller.step(controller.init(), ahead, standing)
+    controller, at_rest = law(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))
+    target = Reference(0, np.array([0.3, 0.0, 0.0]), np.zeros(3), 0.0)
+    state, first = controller.step(controller.init(), target, at_rest)
     monkeypatch.setattr(BoundedProgram, "solve", lambda *_: None)
     for k in range(1, 11):
         t_ns = k * 20_000_000
-        state, command = controller.step(state, ahead._replace(t_ns=t_ns), standing._replace(t_ns=t_ns))
+        state, command = controller.step(state, target._replace(t_ns=t_ns), at_rest._replace(t_ns=t_ns))
         assert state.failures == k
         assert np.isfinite(command.u).all()
     assert first.u[0] > 0.3
     with refused("mpc.unsolved", Invalid, ticks=11):
-        controller.step(state, ahead._replace(t_ns=10**9), standing._replace(t_ns=10**9))
+        controller.step(state, target._replace(t_ns=10**9), at_rest._replace(t_ns=10**9))
 
 
 def test_a_solver_failure_is_logged_in_the_run(monkeypatch):
@@ -179,10 +179,10 @@ def test_a_closed_loop_with_uncompiled_mpc_is_simulated():
 
 def test_a_missing_solver_is_reported_with_the_install_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "osqp", None)
-    ahead = Reference(0, np.array([0.3, 0.0, 0.0]), np.zeros(3), 0.0)
+    target = Reference(0, np.array([0.3, 0.0, 0.0]), np.zeros(3), 0.0)
     with refused("mpc.no-solver", UsageError):
         controller = law()
-        controller.step(controller.init(), ahead, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
+        controller.step(controller.init(), target, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
 
 
 def test_a_limit_of_wrong_length_is_refused():
@@ -198,9 +198,9 @@ def test_a_car_beside_its_reference_does_not_race_back(turn_deg):
     world, state, speed = SimulatedWorld(car.vehicle, car.sensors, car.rate_hz, eta0=eta), law.init(), []
     for k in range(1, 150):
         t_ns = k * 20_000_000
-        here = Estimate(t_ns, world.truth.eta, world.truth.nu, np.eye(6))
-        there = Reference(t_ns, np.array([0.01 * k, 0.0, 0.0]), np.array([0.5, 0.0, 0.0]), 0.0)
-        state, command = law.step(state, there, here)
+        pose = Estimate(t_ns, world.truth.eta, world.truth.nu, np.eye(6))
+        target = Reference(t_ns, np.array([0.01 * k, 0.0, 0.0]), np.array([0.5, 0.0, 0.0]), 0.0)
+        state, command = law.step(state, target, pose)
         world.write(command)
         world.read(t_ns)
         speed.append(abs(world.truth.nu[0]))

@@ -65,9 +65,9 @@ def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
     for name, number in (("FIRST_PRIMITIVES", 40), ("ROUNDS", 1), ("PRIMITIVES_PER_ROUND", 10)):
         monkeypatch.setattr(planning, name, number)
     room = room_of(small, "2x2")
-    first, same, different = (design_plan(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))
-    assert np.array_equal(first, same)
-    assert not np.array_equal(first, different)
+    first, repeated, other_seed = (design_plan(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))
+    assert np.array_equal(first, repeated)
+    assert not np.array_equal(first, other_seed)
 
 
 def test_a_stopped_search_returns_its_best_plan_so_far(small, monkeypatch):
@@ -183,9 +183,9 @@ def test_possible_vehicles_have_the_measured_total_friction(small):
     values = dict(zip(names, (0.5, 1.0, 0.1), strict=True))
     speed = 0.5
     force = np.array([speed, speed**2, 1.0])  # N of each at this speed
-    wide = np.diag([1.0, 2.0, 0.5]) ** 2
-    variance = force @ wide @ force + 0.01**2  # the sum is known to 0.01 N
-    cov = wide - np.outer(wide @ force, force @ wide) / variance
+    shape = np.diag([1.0, 2.0, 0.5]) ** 2
+    variance = force @ shape @ force + 0.01**2  # the sum is known to 0.01 N
+    cov = shape - np.outer(shape @ force, force @ shape) / variance
     measured_file = small.with_values(values, parameter_cov=ParameterCov(names, cov))
     theta = possible_vehicles(measured_file, vehicle_count=200).theta[:, :3]
     assert np.all(theta >= 0.0)
@@ -231,8 +231,8 @@ def test_the_room_margin_includes_the_furthest_vehicle():
 def test_a_curve_beyond_tyre_grip_is_too_fast(speed_m_s, slides):
     """On a circle of 1 m: 2.6 and 3.6 m/s²."""
     room = room_of(load("car"), "4x4")
-    way = speed_m_s * np.arange(100) / 50.0
-    eta = np.stack([np.sin(way), 1.0 - np.cos(way), way], axis=1)
+    distance = speed_m_s * np.arange(100) / 50.0
+    eta = np.stack([np.sin(distance), 1.0 - np.cos(distance), distance], axis=1)
     assert room.lateral_m_s2 == MAX_LATERAL_M_S2
     assert bool(room.respects_speed_limits(eta[None], 50.0)) == (not slides)
     assert bool(Room(4.0, 4.0).respects_speed_limits(eta[None], 50.0))

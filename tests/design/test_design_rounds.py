@@ -80,10 +80,10 @@ def test_id14_error_bars_of_each_round_cover_the_true_parameters(rounds_of_desig
     rounds, _, _ = rounds_of_design
     for design_round in rounds.rounds:
         true = np.array([truth.value(name) for name in design_round.fit.names])
-        inside = np.abs(design_round.fit.estimate - true) < 1.96 * design_round.fit.std
+        is_inside = np.abs(design_round.fit.estimate - true) < 1.96 * design_round.fit.std
         finite = np.isfinite(design_round.fit.std)
-        assert np.mean(inside[finite]) > 0.75
-        assert np.sum(~inside[finite]) <= binom.isf(0.005, np.sum(finite), 0.05)
+        assert np.mean(is_inside[finite]) > 0.75
+        assert np.sum(~is_inside[finite]) <= binom.isf(0.005, np.sum(finite), 0.05)
         for name in SURE:
             assert 0.0 < design_round.relative_std(name) < 0.1, name
 

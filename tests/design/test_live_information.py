@@ -18,9 +18,9 @@ def drive_named(name, seconds=6.0):
 
 def relative(estimate, expected):
     """Return the largest difference relative to the scale of the entry, √(F_ii F_jj)."""
-    own = np.sqrt(np.diagonal(expected))
-    own = np.where(own > 0.0, own, 1.0)
-    return np.max(np.abs(estimate - expected) / np.outer(own, own))
+    std = np.sqrt(np.diagonal(expected))
+    std = np.where(std > 0.0, std, 1.0)
+    return np.max(np.abs(estimate - expected) / np.outer(std, std))
 
 
 @pytest.mark.parametrize("name", ["small", "case-study-1", "car"])
@@ -30,19 +30,19 @@ def test_the_sum_over_windows_equals_the_information_of_one_batch(name):
     live = RecursiveInformation(drive_information)
     theta = drive_information.nominal.copy()
     theta[: drive_information.unknowns.interest_count] *= 1.2  # not only at the values of the file
-    for at in (drive_information.nominal, theta):
-        F = live.add(live.begin(at), u).F * np.outer(
+    for point in (drive_information.nominal, theta):
+        F = live.add(live.begin(point), u).F * np.outer(
             drive_information.unknowns.size, drive_information.unknowns.size
         )
-        assert relative(F, drive_information.information(u, at)) < EXACT
+        assert relative(F, drive_information.information(u, point)) < EXACT
 
 
 def test_information_does_not_depend_on_the_grouping_of_ticks():
     file, u = drive_named("small", 2.0)
     live = RecursiveInformation(DriveInformation(file))
-    state, at = live.begin(), 0
+    state, row = live.begin(), 0
     for count in (1, 7, WINDOW_TICKS, 33, len(u)):
-        state, at = live.add(state, u[at : at + count]), at + count
+        state, row = live.add(state, u[row : row + count]), row + count
     assert relative(state.F, live.add(live.begin(), u).F) < EXACT
 
 
@@ -57,10 +57,10 @@ def test_unmeasured_ticks_add_no_information():
     live = RecursiveInformation(DriveInformation(file))
     none = live.add(live.begin(), u, np.zeros((len(u), 3)))
     assert not none.F.any()
-    late = live.add(none, u, np.ones((len(u), 3)))  # the state has advanced meanwhile
-    whole = live.add(live.begin(), np.concatenate([u, u]))
+    rest_part = live.add(none, u, np.ones((len(u), 3)))  # the state has advanced meanwhile
+    total = live.add(live.begin(), np.concatenate([u, u]))
     first = live.add(live.begin(), u)
-    assert relative(late.F, whole.F - first.F) < EXACT
+    assert relative(rest_part.F, total.F - first.F) < EXACT
 
 
 def test_predicted_errors_decrease_and_information_grows_with_each_window():
@@ -69,8 +69,8 @@ def test_predicted_errors_decrease_and_information_grows_with_each_window():
     state, before = live.begin(), np.ones(live.unknowns.interest_count)
     np.testing.assert_allclose(live.relative_std(state), before)
     assert information_bits(before) == 0.0
-    for at in range(0, len(u), WINDOW_TICKS):
-        state = live.add(state, u[at : at + WINDOW_TICKS])
+    for row in range(0, len(u), WINDOW_TICKS):
+        state = live.add(state, u[row : row + WINDOW_TICKS])
         now = live.relative_std(state)
         assert np.all(now <= before + 1e-12)
         assert information_bits(now) >= information_bits(before) - 1e-9

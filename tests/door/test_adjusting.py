@@ -21,8 +21,8 @@ from tests.codes import refused
 class Hand(Observer):
     """Set a gain at a given tick, as the driver does from outside."""
 
-    def __init__(self, operator, at, *changes):
-        self.operator, self.at, self.changes, self.ticks = operator, at, changes, 0
+    def __init__(self, operator, tick, *changes):
+        self.operator, self.at, self.changes, self.ticks = operator, tick, changes, 0
 
     def on_record(self, record):
         self.ticks += 1
@@ -31,19 +31,19 @@ class Hand(Observer):
                 self.operator.set_gain("me", path, value)
 
 
-def drive_with(*changes, at=100):
+def drive_with(*changes, tick=100):
     file, operator, messages = load("small"), Operator(), []
     operator.queue_mission("me", "a mission")
-    observers = (ChangeObserver(operator, messages.append), Hand(operator, at, *changes))
+    observers = (ChangeObserver(operator, messages.append), Hand(operator, tick, *changes))
     options = {"observers": observers, "duration_s": 12.0, "rest_s": 0.0}
     return file, repeat(file, shapes.circle(0.4, 0.3), **options), messages
 
 
 def test_a_new_gain_applies_from_the_next_tick_and_is_logged():
     file, run, messages = drive_with(("controller.k_x", 0.0))
-    _, same, _ = drive_with()
+    _, repeated, _ = drive_with()
     before = load("small").controller().k_x
-    first = int(np.flatnonzero(np.any(run.requested_commands != same.requested_commands, axis=1))[0])
+    first = int(np.flatnonzero(np.any(run.requested_commands != repeated.requested_commands, axis=1))[0])
     assert first in (101, 102)  # set after tick 100, seen by tick 101, in force for the next
     (event,) = [event for event in run.events if event.source == SOURCE]
     assert event.t_ns == run.t_ns[100]
@@ -69,11 +69,11 @@ def test_a_new_gain_applies_from_the_next_tick_and_is_logged():
     ],
 )
 def test_a_forbidden_gain_change_is_reported_and_ignored(path, value, code):
-    own = load("small").controller()
-    adjustable = AdjustableController(own)
+    block = load("small").controller()
+    adjustable = AdjustableController(block)
     with refused(code):
         adjustable.change(path, value)
-    assert adjustable.block is own
+    assert adjustable.block is block
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,8 +122,8 @@ def test_a_failing_controller_does_not_end_the_drive(monkeypatch):
 
     monkeypatch.setattr("baqueano.door.gain_changes.replace", fail)
     _, run, messages = drive_with(("controller.k_x", 1.0))
-    _, same, _ = drive_with()
-    np.testing.assert_array_equal(run.requested_commands, same.requested_commands)
+    _, repeated, _ = drive_with()
+    np.testing.assert_array_equal(run.requested_commands, repeated.requested_commands)
     assert [(message["level"], message["message"].code) for message in messages] == [
         ("warning", "door.gain-refused")
     ]
@@ -131,8 +131,8 @@ def test_a_failing_controller_does_not_end_the_drive(monkeypatch):
 
 def test_a_refused_change_does_not_end_the_drive():
     _, run, messages = drive_with(("supervisor.imu_timeout_s", 99.0), ("controller.k_x", "x"))
-    _, same, _ = drive_with()
-    np.testing.assert_array_equal(run.requested_commands, same.requested_commands)
+    _, repeated, _ = drive_with()
+    np.testing.assert_array_equal(run.requested_commands, repeated.requested_commands)
     assert [message["level"] for message in messages] == ["warning", "warning"]
 
 
@@ -150,7 +150,7 @@ def test_only_the_client_that_drives_can_set_gains():
 
 
 def test_a_pace_of_zero_pauses_the_guide_and_is_logged():
-    _, run, messages = drive_with(("guide.pace", 0.0), at=100)
+    _, run, messages = drive_with(("guide.pace", 0.0), tick=100)
     v = run.reference.nu[:, 0]
     assert v[100] == pytest.approx(0.3)
     assert np.all(v[101 + 70 :] == 0.0)  # it brakes in 0.6 s and waits until the drive is ended

@@ -64,8 +64,8 @@ def test_rt15_a_stop_has_priority_over_five_flooding_clients(door, connect, turn
         while (message := teacher.receive())["type"] == "state":
             pass
         assert message == {"type": "received", "request": "stop"}
-        at = next(k for k in range(before, len(turns)) if turns[k].startswith(b'{"type": "stop"'))
-        assert at - before <= 8 * MAX_LINES  # of millions of messages sent meanwhile
+        index = next(k for k in range(before, len(turns)) if turns[k].startswith(b'{"type": "stop"'))
+        assert index - before <= 8 * MAX_LINES  # of millions of messages sent meanwhile
         door.operator.discard_requests(door.operator.stop_reason(False))
     for flood in floods:
         flood.end()
@@ -83,8 +83,8 @@ def test_a_stop_has_priority_over_earlier_lines_of_its_client(door, connect, tur
     person = connect()
     person.line.sendall(RUNS * 200 + STOP + RUNS * 20)
     until(lambda: door.operator.stop_reason(False) is not None)
-    at = next(k for k, line in enumerate(turns) if line.startswith(b'{"type": "stop"'))
-    assert at <= MAX_LINES
+    index = next(k for k, line in enumerate(turns) if line.startswith(b'{"type": "stop"'))
+    assert index <= MAX_LINES
     assert door.operator.stop_reason(False).code == StopReason.STOPPED_BY
 
 
@@ -131,12 +131,12 @@ def test_a_second_queued_mission_is_dropped_but_heartbeats_are_not():
 
 
 def test_all_clients_receive_an_equal_share_of_answers(door, connect, turns):
-    flood, quiet = Flood(connect()), connect()
+    flood, client = Flood(connect()), connect()
     until(lambda: len(turns) > 10 * MAX_LINES)
     for k in range(20):
         before = len(turns)
-        quiet.send(type="ping", token=k)
-        assert quiet.receive()["token"] == k
+        client.send(type="ping", token=k)
+        assert client.receive()["token"] == k
         assert len(turns) - before <= 8 * MAX_LINES
     flood.end()
 
@@ -145,18 +145,18 @@ def test_a_stop_is_received_even_if_all_client_places_are_taken(door, connect):
     door.broadcast({"type": "state", "state": "MISSION"})
     for _ in range(MAX_CLIENTS):
         assert connect().receive()["type"] == "state"
-    late = connect()
-    late.send(type="runs")
-    assert late.receive()["diagnostic"]["code"] == "door.full"
-    assert late.file.readline() == b""
-    more = [connect() for _ in range(STOP_CONNECTIONS + 2)]  # clients that send nothing
+    client = connect()
+    client.send(type="runs")
+    assert client.receive()["diagnostic"]["code"] == "door.full"
+    assert client.file.readline() == b""
+    clients = [connect() for _ in range(STOP_CONNECTIONS + 2)]  # clients that send nothing
     teacher = connect()
     teacher.line.sendall(STOP)
     assert teacher.receive() == {"type": "received", "request": "stop"}
     assert len(door._clients) <= MAX_CLIENTS + STOP_CONNECTIONS
     door.broadcast({"type": "state", "state": "STOPPED"})
     assert teacher.receive()["state"] == "STOPPED"
-    assert more[0].file.readline() == b""
+    assert clients[0].file.readline() == b""
 
 
 def test_only_one_client_at_a_time_may_send_an_endless_line(door, connect):
@@ -215,12 +215,12 @@ def test_a_stop_with_any_reason_stops_and_its_reason_reaches_all(door, connect, 
 def test_a_long_line_must_arrive_at_a_least_rate(monkeypatch, bytes_each_s, stalls):
     now_s = 0.0
     monkeypatch.setattr(clients.time, "monotonic", lambda: now_s)
-    near, far = socket.socketpair()
-    with near, far:
-        client = DoorClient(near)
+    end_a, end_b = socket.socketpair()
+    with end_a, end_b:
+        client = DoorClient(end_a)
         for data in (*[b"x" * READ_BYTES] * 5, *[b"x" * bytes_each_s] * 20):
             now_s += 1.0 if len(data) == bytes_each_s else 0.001
-            far.sendall(data)
+            end_b.sendall(data)
             assert not [*client.receive()]
         assert client.partial_line_bytes > MAX_SHORT_LINE_BYTES
         now_s += 1.0  # an interruption of Wi-Fi

@@ -100,13 +100,13 @@ def test_rows_lost_by_the_ring_buffer_are_shown_as_a_gap(drive_of_service):
 
 def test_progress_grows_over_all_laps_and_across_the_crossing_of_an_eight():
     for route, laps in ((shapes.circle(0.5, 0.3), 3), (shapes.eight(0.5, 0.3), 2)):
-        along, places = RouteProgress(route), []
+        progress, places = RouteProgress(route), []
         for _ in range(laps):
             for x, y in route.eta[::10, :2]:
-                places.append(along.update([x, y + 0.0]))
+                places.append(progress.update([x, y + 0.0]))
         s, cross = np.array(places).T
         assert np.all(np.diff(s) > -1e-9)
-        assert s[-1] == pytest.approx(laps * along.length_m, rel=0.02)
+        assert s[-1] == pytest.approx(laps * progress.length_m, rel=0.02)
         np.testing.assert_allclose(cross, 0.0, atol=1e-6)
     deviation = RouteProgress(shapes.circle(0.5, 0.3)).update([0.0, 0.02])
     assert deviation[1] == pytest.approx(0.02, rel=0.01)
@@ -119,15 +119,15 @@ def test_at_most_one_frame_waits_for_a_client_that_does_not_read(door, connect, 
     for person in (sleeper, healthy):
         person.send(type="watch", hz=50)
     until(lambda: sum(client.hz > 0 for client in door._clients) == 2)
-    count, most = 0, 0
+    count, largest = 0, 0
     for _ in range(150):
         for record in listening.records[:40]:
             door.frames.on_record(record)
         while count < door.frames.drive()[0].tick_count:
             message = healthy.receive()
             count = message["n"] + len(message["x"]) if message["type"] == "frame" else count
-        most = max(most, *(client.pending_bytes for client in door._clients))
-    assert most < 2 * MAX_STORED_TICKS * 400  # of 6,000 rows of 300 bytes
+        largest = max(largest, *(client.pending_bytes for client in door._clients))
+    assert largest < 2 * MAX_STORED_TICKS * 400  # of 6,000 rows of 300 bytes
     assert len(door._clients) == 2
     ends = []
     while not ends or ends[-1] < count:

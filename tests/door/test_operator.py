@@ -31,11 +31,11 @@ def test_clearing_one_stop_reason_does_not_clear_another():
     ("check_admission", ("me",))]
 )  # fmt: skip
 def test_a_signal_handler_does_not_wait_for_a_lock(word, args):
-    operator, rung = Operator(), []
+    operator, calls = Operator(), []
 
     def on_alarm(number, frame):
         operator.stop(stop(StopReason.SERVICE_ENDED))
-        rung.append(number)
+        calls.append(number)
 
     def hung(number, frame):
         raise TimeoutError(f"{word} holds what the handler waits for")
@@ -55,7 +55,7 @@ def test_a_signal_handler_does_not_wait_for_a_lock(word, args):
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGTERM, before[0])
         signal.signal(signal.SIGALRM, before[1])
-    assert len(rung) > 1
+    assert len(calls) > 1
     assert operator.stop_reason(attended=False).code == StopReason.SERVICE_ENDED
 
 

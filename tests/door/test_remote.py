@@ -65,17 +65,17 @@ def mission():
 
 
 def test_a_pause_that_arrives_after_the_drive_does_not_hide_its_end(vehicle, mission, tmp_path):
-    own, late = vehicle.run("mine", 5), note("door.not-holder", Severity.ERROR)
+    run, message = vehicle.run("mine", 5), note("door.not-holder", Severity.ERROR)
     vehicle.drives = lambda name: [
-        {"type": "refused", "reason": "", "diagnostic": late, "code": 5}, vehicle.done(own, id=name),
+        {"type": "refused", "reason": "", "diagnostic": message, "code": 5}, vehicle.done(run, id=name),
     ]  # fmt: skip
     with connect(str(vehicle.door.path)) as remote:
         assert len(remote.perform(mission, tmp_path / "run.mcap").t_ns) == 5
 
 
 def test_a_client_ignores_the_end_of_another_clients_drive(vehicle, mission, tmp_path):
-    foreign, own = vehicle.run("theirs", 3), vehicle.run("mine", 5)
-    vehicle.drives = lambda name: [vehicle.done(foreign, id="another"), vehicle.done(own, id=name)]
+    foreign, ours = vehicle.run("theirs", 3), vehicle.run("mine", 5)
+    vehicle.drives = lambda name: [vehicle.done(foreign, id="another"), vehicle.done(ours, id=name)]
     with connect(str(vehicle.door.path)) as remote:
         vehicle.door.broadcast({"type": "event", "level": "info", "message": note("imu.answers")})
         vehicle.door.broadcast(vehicle.done(foreign, id="another"))  # before this drive begins
@@ -92,8 +92,8 @@ def test_a_client_ignores_the_end_of_another_clients_drive(vehicle, mission, tmp
 
 @pytest.mark.parametrize("message", [{"type": "pong"}, {"type": "refused", "reason": "x", "diagnostic": 5}])
 def test_a_malformed_message_during_a_drive_is_ignored(vehicle, mission, tmp_path, message):
-    own = vehicle.run("mine", 5)
-    vehicle.drives = lambda name: [message, vehicle.done(own, id=name)]
+    run = vehicle.run("mine", 5)
+    vehicle.drives = lambda name: [message, vehicle.done(run, id=name)]
     with connect(str(vehicle.door.path)) as remote:
         assert len(remote.perform(mission, tmp_path / "here.mcap").t_ns) == 5
 

@@ -85,23 +85,23 @@ def child(folder):
 def test_the_simulated_service_teaches_repeats_and_sends_each_tick(child, folder):
     child.send(type="watch", hz=20)
     names = child.until(lambda m: m["type"] == "fields")[-1]["names"]
-    done, _ = child.drive(kind="teach", name="oval", shape="circle", size_m=0.4, speed_m_s=0.3)
-    assert (done["code"], done["reason"], done["route"]) == (0, None, "oval")
+    end, _ = child.drive(kind="teach", name="oval", shape="circle", size_m=0.4, speed_m_s=0.3)
+    assert (end["code"], end["reason"], end["route"]) == (0, None, "oval")
     assert read_route(folder / "routes/oval.csv").closed
     child.send(type="routes")
     assert "oval" in [row["name"] for row in child.until(lambda m: m["type"] == "routes")[-1]["routes"]]
-    done, messages = child.drive(kind="repeat", route="oval", laps=2)
-    assert (done["code"], done["reason"]) == (0, None)
-    run = read_run(folder / "runs" / done["run"])
+    end, messages = child.drive(kind="repeat", route="oval", laps=2)
+    assert (end["code"], end["reason"]) == (0, None)
+    run = read_run(folder / "runs" / end["run"])
     assert run.metadata["kind"] == "repeat"
     # earlier frames belong to the taught drive
     begin = next(k for k, m in enumerate(messages) if m["type"] == "fields")
     rows = [row for m in messages[begin:] if m["type"] == "frame" for row in m["x"]]
     x = {name: np.array([row[k] for row in rows], dtype=float) for k, name in enumerate(names)}
     assert len(x["t"]) > 0.8 * len(run.t_ns)  # unread frames were replaced
-    at = np.searchsorted(run.t_ns, np.round(x["t"] * 1e9).astype(int) - 1000)
-    np.testing.assert_allclose(x["eta.x"], run.estimate.eta[at, 0], atol=1e-6)
-    np.testing.assert_allclose(x["truth.y"], run.truth.eta[at, 1], atol=1e-6)
+    index = np.searchsorted(run.t_ns, np.round(x["t"] * 1e9).astype(int) - 1000)
+    np.testing.assert_allclose(x["eta.x"], run.estimate.eta[index, 0], atol=1e-6)
+    np.testing.assert_allclose(x["truth.y"], run.truth.eta[index, 1], atol=1e-6)
     route = next(m for m in messages if m["type"] == "route" and m["x"])
     assert x["progress"][-1] == pytest.approx(2 * route["length_m"], rel=0.1)
     states = [m for m in messages if m["type"] == "state" and m["mission"] == "repeat"]
@@ -116,17 +116,17 @@ def test_a_drive_by_hand_records_a_route(child, folder):
     child.until(lambda m: m["type"] == "state" and (m["t_s"] or 0.0) > 2.0, turns)
     child.send(type="mark")
     child.send(type="end")
-    done = child.until(lambda m: m["type"] == "done", {"type": "beat"})[-1]
+    end = child.until(lambda m: m["type"] == "done", {"type": "beat"})[-1]
     child.send(type="pace", factor=20.0)
-    assert (done["code"], done["route"]) == (0, "by-hand")
-    assert read_run(folder / "runs" / done["run"]).applied_commands[:, 0].max() > 0.3
+    assert (end["code"], end["route"]) == (0, "by-hand")
+    assert read_run(folder / "runs" / end["run"]).applied_commands[:, 0].max() > 0.3
 
 
 def test_silence_of_a_page_stops_the_vehicle_until_cleared(child):
     child.send(type="mission", door=VERSION, id="one", kind="drive", by="page")
-    done = child.until(lambda m: m["type"] == "done")[-1]
-    assert done["reason"]["code"] == StopReason.HOLDER_SILENT
-    assert 300.0 < done["reason"]["figures"]["silent_ms"] < 10_000.0
+    end = child.until(lambda m: m["type"] == "done")[-1]
+    assert end["reason"]["code"] == StopReason.HOLDER_SILENT
+    assert 300.0 < end["reason"]["figures"]["silent_ms"] < 10_000.0
     refusal, _ = child.drive(kind="drive")
     assert (refusal["run"], refusal["code"]) == (None, 5)
     child.send(type="clear")
@@ -158,12 +158,12 @@ def test_paused_time_advances_by_single_ticks_and_accepts_a_stop(child):
     t_s = (times_in(messages) + new_times(child))[-1]
     for ticks in (1, 1, 5, 1):
         child.send(type="go", ticks=ticks)
-        later = new_times(child)
-        assert later == pytest.approx([t_s + 0.01 * k for k in range(1, ticks + 1)], abs=1e-6)
-        t_s = later[-1]
+        times = new_times(child)
+        assert times == pytest.approx([t_s + 0.01 * k for k in range(1, ticks + 1)], abs=1e-6)
+        t_s = times[-1]
     child.send(type="stop", reason="the teacher stops it")
-    done = child.until(lambda m: m["type"] == "done")[-1]
-    assert done["reason"]["code"] == StopReason.STOPPED_BY
+    end = child.until(lambda m: m["type"] == "done")[-1]
+    assert end["reason"]["code"] == StopReason.STOPPED_BY
     child.send(type="go")
     child.send(type="clear")
     child.until(lambda m: m["type"] == "state" and m["state"] == "READY")
@@ -187,8 +187,8 @@ def test_an_invalid_mission_is_refused(tmp_path, mission, code):
 
 
 def test_a_complete_mission_uses_the_vehicle_file_that_it_contains(tmp_path):
-    whole = pack(Mission("repeat", route=shapes.circle(0.4, 0.25), laps=3), load("small"))
-    with mission_plan(whole.to_json(), load("car"), StoredRoutes(tmp_path), 7) as plan:
+    mission = pack(Mission("repeat", route=shapes.circle(0.4, 0.25), laps=3), load("small"))
+    with mission_plan(mission.to_json(), load("car"), StoredRoutes(tmp_path), 7) as plan:
         assert (plan.vehicle_file.name, plan.mission.laps, plan.seed) == ("small", 3, 7)
 
 
@@ -257,12 +257,12 @@ def test_a_pace_that_is_not_a_number_is_refused(factor):
 
 
 def test_an_unknown_vehicle_gives_an_error_of_one_paragraph(tmp_path):
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-m", "baqueano.door.simulated", "what there is not"],
         capture_output=True, text=True, cwd=tmp_path, stdin=subprocess.DEVNULL,
     )  # fmt: skip
-    assert done.returncode == 3
-    assert "Traceback" not in done.stderr
+    assert result.returncode == 3
+    assert "Traceback" not in result.stderr
     assert issubclass(UsageError, BaqueanoError)
 
 
@@ -292,17 +292,17 @@ def test_a_fault_acts_at_once_but_not_in_the_fault_free_simulation(child, folder
     child.send(type="shake", end=1)
     row = child.until(lambda m: m["type"] == "ledger" and m["rows"][0]["ended"])[-1]["rows"][0]
     assert row["until_s"] > row["t_s"]
-    done = child.until(lambda m: m["type"] == "done")[-1]
-    shaken_run = read_run(folder / "runs" / done["run"])
+    end = child.until(lambda m: m["type"] == "done")[-1]
+    shaken_run = read_run(folder / "runs" / end["run"])
     child.send(type="again", from_s=8.0, without=[])  # with the same faults
-    done = child.until(lambda m: m["type"] == "done")[-1]
-    again = read_run(folder / "runs" / done["run"])
-    assert len(again.t_ns) == len(shaken_run.t_ns)
+    end = child.until(lambda m: m["type"] == "done")[-1]
+    run_read = read_run(folder / "runs" / end["run"])
+    assert len(run_read.t_ns) == len(shaken_run.t_ns)
     for column in (
         lambda run: run.truth.eta, lambda run: run.truth.nu, lambda run: run.applied_commands,
         lambda run: run.sensors["imu"].z, lambda run: run.estimate.eta, lambda run: run.estimate.cov,
     ):  # fmt: skip
-        np.testing.assert_array_equal(column(again), column(shaken_run))  # bit for bit
+        np.testing.assert_array_equal(column(run_read), column(shaken_run))  # bit for bit
     child.send(type="again", from_s=push["t_s"], without=[2])
     messages = child.until(lambda m: m["type"] == "done")
     assert (messages[-1]["id"], messages[-1]["code"]) == ("again", 0)

@@ -102,14 +102,14 @@ def test_a_refused_mission_is_not_decoded(door, person, connect, monkeypatch, ti
         type="mission", door=VERSION, mission=pack(Mission("experiment", u=np.zeros((3, 3))), file).to_json()
     )
     until(lambda: door.operator.pop_mission() is not None)
-    large = pack(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).to_json()
+    message = pack(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).to_json()
     monkeypatch.setattr(json, "loads", lambda text: decoded_texts.append(len(text)) or loads(text))
     second = connect()
-    second.send(type="mission", door=VERSION, mission=large)
+    second.send(type="mission", door=VERSION, mission=message)
     assert loads(second.file.readline())["diagnostic"]["code"] == "door.other-driver"
     # at most one line, never the commands of a mission
     assert all(n <= MAX_SHORT_LINE_BYTES for n in decoded_texts)
-    assert len(decoded_texts) == (len(large) < MAX_SHORT_LINE_BYTES)
+    assert len(decoded_texts) == (len(message) < MAX_SHORT_LINE_BYTES)
 
 
 def test_several_messages_in_one_packet_are_all_received(door, person):
@@ -322,11 +322,11 @@ def test_a_file_that_is_no_socket_is_not_replaced(tmp_path):
 def test_a_second_service_is_refused_and_a_dead_socket_is_replaced(door, tmp_path):
     with refused("door.runs-already", RobotUnreachable):
         Door(door.path, Operator(), tmp_path)
-    dead = tmp_path / "dead"
+    no_link = tmp_path / "dead"
     old = socket.socket(socket.AF_UNIX)
-    old.bind(str(dead))
+    old.bind(str(no_link))
     old.close()
-    Door(dead, Operator(), tmp_path).close()
+    Door(no_link, Operator(), tmp_path).close()
 
 
 @pytest.mark.parametrize("word", ["shake", "again", "pace", "pause"])

@@ -76,10 +76,10 @@ def hand_for(seconds, u, rate_hz):
     return hand
 
 
-def straight(file, truth, ahead, speed_m_s, hold, seed=0):
-    """Drive WAY_M with the command `ahead`, at about this speed."""
+def straight(file, truth, speed, speed_m_s, hold, seed=0):
+    """Drive WAY_M with the command `speed`, at about this speed."""
     u = np.zeros(file.vehicle.commands)
-    u[0] = ahead
+    u[0] = speed
     hand = hand_for(1.2 * WAY_M / speed_m_s, u, file.rate_hz)
     return measured(drive_with_driver(file, hand, hold=hold, truth=truth, seed=seed))
 
@@ -87,9 +87,9 @@ def straight(file, truth, ahead, speed_m_s, hold, seed=0):
 def measured(run, way_m=WAY_M):
     """Return the errors of the first `way_m` of a run."""
     eta = run.truth.eta
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(eta[:, :2], axis=0), axis=1))])
-    assert way[-1] > way_m, f"only {way[-1]:.2f} m"
-    rows = slice(0, int(np.searchsorted(way, way_m)) + 1)
+    path_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(eta[:, :2], axis=0), axis=1))])
+    assert path_m[-1] > way_m, f"only {path_m[-1]:.2f} m"
+    rows = slice(0, int(np.searchsorted(path_m, way_m)) + 1)
     psi = np.degrees(np.unwrap(eta[rows, 2]) - eta[0, 2])
     sideways = np.array([-np.sin(eta[0, 2]), np.cos(eta[0, 2])])
     return Straight(psi[-1], np.abs(psi).max(), float((eta[rows][-1, :2] - eta[0, :2]) @ sideways), run)

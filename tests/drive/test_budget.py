@@ -93,8 +93,8 @@ class AlarmAtInstruction:
     """Raise the alarm at instruction number `at` of `within` and of the functions that it calls, while the alarm is
     set."""
 
-    def __init__(self, at):
-        self.left = at
+    def __init__(self, tick):
+        self.left = tick
 
     def __call__(self, frame, event, arg):
         if frame.f_code.co_filename not in (budget.__file__, __file__):
@@ -112,8 +112,8 @@ def test_an_alarm_at_any_instruction_raises_a_timeout_or_has_no_effect():
     before, tracing, ends = signal.getsignal(signal.SIGALRM), sys.gettrace(), []
     # Python 3.12 reports instructions only if requested before `settrace`
     sys._getframe().f_trace_opcodes = True
-    for at in itertools.count(1):
-        alarm = AlarmAtInstruction(at)
+    for tick in itertools.count(1):
+        alarm = AlarmAtInstruction(tick)
         sys.settrace(alarm)
         try:
             ends.append(within(5.0, lambda: 7))
@@ -125,10 +125,10 @@ def test_an_alarm_at_any_instruction_raises_a_timeout_or_has_no_effect():
         assert signal.getsignal(signal.SIGALRM) is before
         if alarm.left > 0:
             break
-    late = ends.index(7)
-    assert ends == [None] * late + [7] * (len(ends) - late)
-    assert late > 2
-    assert len(ends) - late > 2, "alarms arrived after the end of the block"
+    index = ends.index(7)
+    assert ends == [None] * index + [7] * (len(ends) - index)
+    assert index > 2
+    assert len(ends) - index > 2, "alarms arrived after the end of the block"
 
 
 def test_a_live_drive_does_not_read_its_run_file(tmp_path):

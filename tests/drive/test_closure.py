@@ -36,8 +36,8 @@ def file():
 class ByTruth(Observer):
     """Commands of a driver who sees the true pose: `turns` in place or `metres` ahead, then a rest."""
 
-    def __init__(self, world, rate_hz, turns, ahead):
-        self.world, self.rate_hz, self.goals, self.ahead = world, rate_hz, turns, ahead
+    def __init__(self, world, rate_hz, turns, speed):
+        self.world, self.rate_hz, self.goals, self.ahead = world, rate_hz, turns, speed
         self.ticks, self.psi, self.turned, self.begun, self.new_marks, self.rest = 0, 0.0, 0.0, False, 0, 200
 
     def __call__(self):
@@ -55,20 +55,20 @@ class ByTruth(Observer):
         if abs(remaining) < 0.01 and abs(self.world.truth.nu[2]) < 0.05:
             self.goals, self.rest = self.goals[1:], 150
         turn = np.clip(1.2 * remaining, -0.7, 0.7)
-        ahead = self.ahead if abs(remaining) > 0.5 else 0.0
-        return np.array([ahead, 0.0, turn + np.sign(remaining) * 0.32 * (abs(remaining) > 0.01)])
+        speed = self.ahead if abs(remaining) > 0.5 else 0.0
+        return np.array([speed, 0.0, turn + np.sign(remaining) * 0.32 * (abs(remaining) > 0.01)])
 
     def pop_mark_count(self):
         marks, self.new_marks = self.new_marks, 0
         return marks
 
 
-def drive_of_turns(file, turns, seed=3, ahead=0.0, scale=TRUE):
+def drive_of_turns(file, turns, seed=3, speed=0.0, scale=TRUE):
     """Return a run of turns to these headings [rad], with a mark at each rest; the gyro measures `scale` times the
     turn."""
     truth = override(file, (f"sensors.imu.gyro_scale={scale}",))
     world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed)
-    driver = ByTruth(world, file.rate_hz, list(turns), ahead)
+    driver = ByTruth(world, file.rate_hz, list(turns), speed)
     return teach(
         file, driver, world=world, tick_times_ns=simulated_ticks(file.rate_hz, 120.0), observers=[driver]
     ).run
@@ -130,7 +130,7 @@ def test_a_closure_needs_two_marks_and_a_gyro(file):
 
 
 def test_a_figure_eight_is_refused_as_a_closure(file):
-    run = drive_of_turns(file, [2.0 * np.pi, 0.0], ahead=0.45)
+    run = drive_of_turns(file, [2.0 * np.pi, 0.0], speed=0.45)
     first, middle, last = (e for e in run.events if e.source == "mark")
     for events in ((first, middle, last), (first, last)):
         with refused("marks.no-turn", AnswerNo):
@@ -144,10 +144,10 @@ def test_a_closure_does_not_identify_the_wheel_scale(tmp_path):
     path.write_text(text, encoding="utf-8")
     file = vehicle_file.load(path)
     truth = override(file, ("sensors.wheels.radius_scale=[1.05,1.05]",))
-    run = drive_of_turns(truth, [6.0 * np.pi], ahead=0.7, scale=1.0)
+    run = drive_of_turns(truth, [6.0 * np.pi], speed=0.7, scale=1.0)
     assert set(closure(run, file).values) == {"sensors.imu.gyro_scale", "sensors.imu.gyro_scale_std"}
-    inside = (run.truth.t_ns >= mark_times_ns(run)[0]) & (run.truth.t_ns <= mark_times_ns(run)[1])
-    length_m = float(np.sum(run.truth.nu[inside, 0]) / file.rate_hz)
+    is_between = (run.truth.t_ns >= mark_times_ns(run)[0]) & (run.truth.t_ns <= mark_times_ns(run)[1])
+    length_m = float(np.sum(run.truth.nu[is_between, 0]) / file.rate_hz)
     loop = closure(run, file, length_m)
     np.testing.assert_allclose(loop.values["sensors.wheels.radius_scale"], 1.05, rtol=0.005)
     assert f"of {length_m:g} m" in loop.table()

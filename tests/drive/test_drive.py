@@ -245,7 +245,7 @@ def test_a_replay_over_a_gap_has_growing_uncertainty_and_is_reproducible():
     keep = (run.t_ns < 2_000_000_000) | (run.t_ns > 3_000_000_000)
     imu = run.sensors["imu"]
     received = (imu.arrival_ns < 2_000_000_000) | (imu.arrival_ns > 3_000_000_000)
-    torn = replace(
+    gap_run = replace(
         run,
         t_ns=run.t_ns[keep],
         applied_commands=run.applied_commands[keep],
@@ -253,15 +253,15 @@ def test_a_replay_over_a_gap_has_growing_uncertainty_and_is_reproducible():
         sent_commands=run.sent_commands[keep],
         sensors={"imu": Channel(*(column[received] for column in imu))},
     )
-    once = replay(torn, FILE)
-    reason = once.events[0].diagnostic
+    replay_1 = replay(gap_run, FILE)
+    reason = replay_1.events[0].diagnostic
     assert (reason.code, reason.figures) == ("replay.holes", {"count": 101})
-    hole = (once.t_ns >= 2_000_000_000) & (once.t_ns <= 3_000_000_000)
-    spread = np.trace(once.estimate.cov[hole], axis1=1, axis2=2)
+    hole = (replay_1.t_ns >= 2_000_000_000) & (replay_1.t_ns <= 3_000_000_000)
+    spread = np.trace(replay_1.estimate.cov[hole], axis1=1, axis2=2)
     assert np.all(np.diff(spread) > 0.0)
-    assert np.isfinite(once.estimate.eta).all()
-    twice = replay(once, FILE)
-    assert same_log(twice.estimate, once.estimate)
+    assert np.isfinite(replay_1.estimate.eta).all()
+    replay_2 = replay(replay_1, FILE)
+    assert same_log(replay_2.estimate, replay_1.estimate)
 
 
 def test_a_sensor_absent_from_the_run_is_silent_in_its_replay():
@@ -292,8 +292,8 @@ def test_a_replay_preserves_the_timestamps_of_a_sensor(tmp_path):
 def test_the_simulated_vehicle_may_differ_from_the_model():
     heavy = SimpleNamespace(**(vars(FILE) | {"vehicle": Planar(2.0, 0.0015, VEHICLE.actuator_matrix)}))
     u = np.tile([0.5, 0.0, 0.0], (100, 1))
-    same, real = experiment(FILE, u), experiment(FILE, u, truth=heavy)
-    assert real.truth.nu[-1, 0] < 0.8 * same.truth.nu[-1, 0]
+    repeated, real = experiment(FILE, u), experiment(FILE, u, truth=heavy)
+    assert real.truth.nu[-1, 0] < 0.8 * repeated.truth.nu[-1, 0]
 
 
 def test_a_world_and_a_file_of_different_kinds_are_refused():

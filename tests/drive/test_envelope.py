@@ -69,8 +69,8 @@ def test_a_replay_beyond_the_envelope_is_flagged(small):
 
 
 def test_a_yaw_rate_beyond_the_envelope_is_flagged_without_commands(small):
-    slower = small.with_values({}, envelope=small.envelope._replace(high=np.array([1.0, 0, 1, 0.1])))
-    assert range_warnings(experiment(slower, SLOW))[0].subject == "imu[2]"
+    slow_file = small.with_values({}, envelope=small.envelope._replace(high=np.array([1.0, 0, 1, 0.1])))
+    assert range_warnings(experiment(slow_file, SLOW))[0].subject == "imu[2]"
 
 
 def test_a_repetition_beyond_the_envelope_is_flagged(small):
@@ -83,8 +83,8 @@ def test_a_repetition_beyond_the_envelope_is_flagged(small):
 
 def test_a_simulation_beyond_the_envelope_is_flagged_for_one_or_many_vehicles(small):
     assert len(range_warnings(simulate(small, FAST))) == 1
-    many = simulate_many(small, FAST, vary={"model.mass_kg": np.linspace(0.5, 0.7, 4)})
-    assert (many.verdict, many.reasons) == (Verdict.WARN, many.envelope_warnings)
+    group = simulate_many(small, FAST, vary={"model.mass_kg": np.linspace(0.5, 0.7, 4)})
+    assert (group.verdict, group.reasons) == (Verdict.WARN, group.envelope_warnings)
 
 
 def test_the_envelope_refuses_a_run_with_other_commands(small):

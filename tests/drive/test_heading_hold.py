@@ -132,10 +132,10 @@ EACH_VEHICLE = [
 @pytest.mark.parametrize("name", EACH_VEHICLE)
 def test_heading_control_drives_straight_with_wheels_differing_by_15_percent(name, yaw_gain):
     """One fitted file has the correct yaw gain; in the others the yaw gain is twice or half the true value."""
-    of, ahead, speed_m_s = VEHICLES[name]
-    file = as_fitted(of())
+    kind, speed, speed_m_s = VEHICLES[name]
+    file = as_fitted(kind())
     truth = body(file, yaw_gain)
-    free, holding = (straight(file, truth, ahead, speed_m_s, hold) for hold in (False, True))
+    free, holding = (straight(file, truth, speed, speed_m_s, hold) for hold in (False, True))
     print(f"{name}, yaw gain {yaw_gain}: free {free.text()}; held {holding.text()}")
     assert abs(holding.psi_deg) < 2.5
     assert holding.most_deg < 6.5
@@ -143,18 +143,18 @@ def test_heading_control_drives_straight_with_wheels_differing_by_15_percent(nam
     assert abs(free.psi_deg) > 5.0 * abs(holding.psi_deg)
     limit = MAX_TURN_SHARE * file.command.limit[2]
     assert np.all(np.abs(holding.run.applied_commands[:, 2]) <= limit)
-    late = np.convolve(
+    turn = np.convolve(
         holding.run.applied_commands[len(holding.run.t_s) // 2 :, 2], np.full(30, 1.0 / 30.0), "valid"
     )
-    assert np.ptp(late) < 0.05 * file.command.limit[2], "the heading must not oscillate"
+    assert np.ptp(turn) < 0.05 * file.command.limit[2], "the heading must not oscillate"
 
 
 @pytest.mark.parametrize("yaw_gain", [1.0, 2.0])
 @pytest.mark.parametrize("name", EACH_VEHICLE)
 def test_heading_control_works_with_an_unfitted_model(name, yaw_gain):
-    of, ahead, speed_m_s = VEHICLES[name]
-    file = of()
-    holding = straight(file, body(file, yaw_gain), ahead, speed_m_s, True)
+    kind, speed, speed_m_s = VEHICLES[name]
+    file = kind()
+    holding = straight(file, body(file, yaw_gain), speed, speed_m_s, True)
     print(f"{name}, yaw gain {yaw_gain}, not fitted: {holding.text()}")
     assert abs(holding.psi_deg) < 5.0
     assert holding.most_deg < 12.0
@@ -168,12 +168,12 @@ def test_heading_control_works_backwards():
     assert abs(holding.beside_m) < 0.1
 
 
-@pytest.mark.parametrize("ahead", [0.5, -0.5])
-def test_a_car_with_a_steering_offset_drives_straight_both_ways(ahead):
+@pytest.mark.parametrize("speed", [0.5, -0.5])
+def test_a_car_with_a_steering_offset_drives_straight_both_ways(speed):
     file = as_fitted(vehicle_file.load("car"), "model.steering_gain")
     truth = override(file, ("model.steering_offset_rad=0.035",))
     free, holding = (
-        straight(file, truth, ahead * file.command.limit[0], 1.0, hold) for hold in (False, True)
+        straight(file, truth, speed * file.command.limit[0], 1.0, hold) for hold in (False, True)
     )
     print(f"car: free {free.text()}; held {holding.text()}")
     assert abs(free.psi_deg) > 60.0
@@ -237,8 +237,8 @@ def test_heading_control_is_limited_with_anti_windup():
     turns = [drive.tick(psi=-2.0)[2] for _ in range(500)]
     assert max(turns) == pytest.approx(0.15), "0.3 of 0.5 ahead"
     assert Drive().hold.limit * MAX_TURN_SHARE == 0.25
-    back = [drive.tick(psi=0.3)[2] for _ in range(200)]
-    assert back[0] < 0.0, "the integrator must not wind up"
+    outputs = [drive.tick(psi=0.3)[2] for _ in range(200)]
+    assert outputs[0] < 0.0, "the integrator must not wind up"
 
 
 def test_heading_control_works_across_pi():

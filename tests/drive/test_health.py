@@ -89,9 +89,9 @@ def test_a_loose_gyro_is_reported_without_advice_to_fit(small):
     assert events[0].level == "info"
     first = events[0].diagnostic
     assert (first.code, first.subject) == ("sensor.scaled", "imu[2]")
-    (worse,) = [e.diagnostic for e in events if e.level == "warning"]
-    assert (worse.code, worse.subject) == ("sensor.degraded", "imu[2]")
-    cause = worse.figures["cause"]
+    (event,) = [e.diagnostic for e in events if e.level == "warning"]
+    assert (event.code, event.subject) == ("sensor.degraded", "imu[2]")
+    cause = event.figures["cause"]
     assert (cause.code, cause.figures["consequence"].code) == ("sensor.scaled", "sensor.error-in-sensor")
     assert cause.figures["ratio"] == pytest.approx(0.3, abs=0.005)
     assert [e for e in run.events if e.source == SOURCE] == []
@@ -107,11 +107,11 @@ def test_degraded_sensors_are_listed_at_each_tick(small):
     wrong_file = small.with_values({"sensors.imu.gyro_scale": 0.1})
     u = np.tile([0.4, 0.0, 0.4], (500, 1))
     run = experiment(small, u, truth=wrong_file, seed=3, observers=[Watcher()])
-    worse = next(e for e in run.events if e.source == SENSORS_SOURCE and e.level == "warning")
+    event = next(e for e in run.events if e.source == SENSORS_SOURCE and e.level == "warning")
     (finding,) = degraded[-1]
-    assert finding.diagnostic == worse.diagnostic
+    assert finding.diagnostic == event.diagnostic
     assert finding.name == "imu[2]"
-    assert [bool(count) for count in degraded] == [t >= worse.t_ns for t in run.t_ns]
+    assert [bool(count) for count in degraded] == [t >= event.t_ns for t in run.t_ns]
 
 
 def test_the_run_contains_the_rejection_count_of_each_channel(small):

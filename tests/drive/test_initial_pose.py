@@ -54,9 +54,9 @@ def test_a_vehicle_that_a_camera_sees_accelerate_from_rest_begins_at_rest(begins
     """The mean speed of the first 0.2 s is not the speed at the first tick."""
     t = 0.02 * np.arange(100) - begins_s
     speed = 1.0 - np.exp(-t / 0.3)
-    way = t - 0.3 * speed + 1e-3 * np.random.default_rng(0).standard_normal(100)
+    path_m = t - 0.3 * speed + 1e-3 * np.random.default_rng(0).standard_normal(100)
     run = circling(0.0)
-    eta = np.column_stack([way, 0.0 * t, 0.0 * t])
+    eta = np.column_stack([path_m, 0.0 * t, 0.0 * t])
     nu = initial_pose(replace(run, truth=run.truth._replace(eta=eta)))[3:]
     assert (nu == 0.0).all() == at_rest
     assert at_rest or abs(nu[0] - speed[5]) < 0.05

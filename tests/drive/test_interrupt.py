@@ -16,24 +16,24 @@ def as_python_starts():
     signal.signal(signal.SIGINT, before)
 
 
-def ticks_done(presses: int, at: int) -> list[int]:
-    """Return the number of completed ticks of a drive with this number of Ctrl-C in tick `at`."""
-    done = []
+def ticks_done(presses: int, tick: int) -> list[int]:
+    """Return the number of completed ticks of a drive with this number of Ctrl-C in tick `tick`."""
+    ticks = []
     with suppress(KeyboardInterrupt), interruptible_ticks(range(10)) as tick_times_ns:
         for t_ns in tick_times_ns:
-            for _ in range(presses if t_ns == at else 0):
+            for _ in range(presses if t_ns == tick else 0):
                 signal.raise_signal(signal.SIGINT)
-            done.append(t_ns)
-    return done
+            ticks.append(t_ns)
+    return ticks
 
 
 def test_an_interrupt_lets_the_current_tick_finish():
-    assert ticks_done(presses=1, at=3) == [0, 1, 2, 3]
+    assert ticks_done(presses=1, tick=3) == [0, 1, 2, 3]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_a_second_interrupt_ends_a_hanging_tick():
-    assert ticks_done(presses=2, at=3) == [0, 1, 2]
+    assert ticks_done(presses=2, tick=3) == [0, 1, 2]
 
 
 def test_without_an_interrupt_the_ticks_are_unchanged():

@@ -65,10 +65,10 @@ def test_a_sequence_that_is_not_a_key_gives_no_event(data):
 
 def test_a_key_sequence_split_at_any_byte_gives_the_same_events():
     data = b"w\x1b[119;1:3u\x1b[0n\x1bOA\x1b[B "
-    whole = events(data)
+    expected = events(data)
     for cut in range(len(data)):
         decoder = KeyDecoder()
-        assert decoder.feed(data[:cut]) + decoder.feed(data[cut:]) == whole
+        assert decoder.feed(data[:cut]) + decoder.feed(data[cut:]) == expected
 
 
 def test_a_stop_key_after_a_single_escape_is_received():

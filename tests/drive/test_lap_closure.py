@@ -50,7 +50,7 @@ def file():
 
 @pytest.fixture(scope="module")
 def lap(file):
-    """A taught eight of a driver who returns to the start, whose gyro has another scale than the file."""
+    """A taught eight that ends at its start; the scale of the gyro differs from the file."""
     true_file = file.with_values({"sensors.imu.gyro_scale": TRUE})
     return teach(true_file, eight(0.4, 0.3), seed=3, backend="python").run
 
@@ -82,8 +82,8 @@ def after_another_drive(run):
             np.concatenate([imu.z, rest_z, imu.z]),
         )
     }
-    whole = Run("two laps", None, t_ns, applied, sensors=sensors, metadata={"start": "5 7 2"})
-    return marked(whole, run.t_ns[0] + shift_ns, run.t_ns[-1] + shift_ns)
+    long_run = Run("two laps", None, t_ns, applied, sensors=sensors, metadata={"start": "5 7 2"})
+    return marked(long_run, run.t_ns[0] + shift_ns, run.t_ns[-1] + shift_ns)
 
 
 def test_a_lap_identifies_the_gyro_scale_without_marks(result):
@@ -170,13 +170,13 @@ def test_a_lap_that_closes_in_its_estimate_only_confirms_a_wrong_scale(file):
     assert abs(closure.scale - file.sensors.imu.gyro_scale) < 3.0 * closure.std < 0.5 * (1.0 - TRUE)
 
 
-@pytest.mark.parametrize(("scale", "std", "most"), [(1.0, 0.001, 1.5), (1.11 * TRUE, 0.0, 10.0)])
-def test_a_scale_that_contradicts_the_file_is_refused(file, lap, scale, std, most):
+@pytest.mark.parametrize(("scale", "std", "limit"), [(1.0, 0.001, 1.5), (1.11 * TRUE, 0.0, 10.0)])
+def test_a_scale_that_contradicts_the_file_is_refused(file, lap, scale, std, limit):
     prior = {"sensors.imu.gyro_scale": scale, "sensors.imu.gyro_scale_std": std}
     with refused("marks.lap-other-scale", AnswerNo) as no:
         lap_closure(lap, file.with_values(prior))
     assert no.value.diagnostic.figures["value"] == pytest.approx(TRUE, abs=0.015)
-    assert no.value.diagnostic.figures["max_percent"] == pytest.approx(most, abs=0.2)
+    assert no.value.diagnostic.figures["max_percent"] == pytest.approx(limit, abs=0.2)
 
 
 @pytest.mark.parametrize("column", ["eta", "cov"])

@@ -86,9 +86,9 @@ def test_two_files_of_the_same_name_are_refused(tmp_path, monkeypatch):
     (tmp_path / "a").mkdir()
     (tmp_path / "slow.py").write_text(CONTROLLER.format(size=0.5))
     (tmp_path / "a" / "slow.py").write_text(CONTROLLER.format(size=0.6))
-    own = {"controller": "slow.py:Slow", "guide": "a/slow.py:Slow"}
+    blocks = {"controller": "slow.py:Slow", "guide": "a/slow.py:Slow"}
     with refused("mission.two-files", FileError):
-        pack(Mission("repeat", route=shapes.circle(0.3, 0.6), blocks=own), vehicle_file.load("small"))
+        pack(Mission("repeat", route=shapes.circle(0.3, 0.6), blocks=blocks), vehicle_file.load("small"))
 
 
 @pytest.mark.parametrize(

@@ -98,11 +98,11 @@ def test_after_lost_events_the_pad_commands_zero_until_resynchronised(plug):
     for k in range(40):  # more events than the kernel stores
         kernel.change((ABS, 0, 100 * k))
     kernel.change((ABS, 1, 0), (KEY, EAST, 1))
-    whole, kernel.waiting = kernel.waiting, kernel.waiting[:1]
-    assert whole[0] == (0, 3, 0), "the kernel sends SYN_DROPPED"
+    data, kernel.waiting = kernel.waiting, kernel.waiting[:1]
+    assert data[0] == (0, 3, 0), "the kernel sends SYN_DROPPED"
     game_pad.read()
     assert not game_pad.is_held
-    kernel.waiting = whole[1:]
+    kernel.waiting = data[1:]
     assert game_pad.read() == [EAST], "the stop was pressed during the lost events"
     assert game_pad.is_held
     assert game_pad.direction() == (0.0, 0.0)

@@ -31,8 +31,8 @@ BESIDE = np.array([0.0, 0.2, np.radians(30.0)])
 def off_route(run, route):
     """Return the distance of each true position from the route, and the distance travelled until then [m]."""
     xy = run.truth.eta[::5, :2]
-    away = np.array([np.min(np.hypot(*(route.eta[:, :2] - p).T)) for p in xy])
-    return away, np.append(0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))
+    distance = np.array([np.min(np.hypot(*(route.eta[:, :2] - p).T)) for p in xy])
+    return distance, np.append(0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))
 
 
 def record(t_s, eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0), cov=None, velocity=(0.0, 0.0, 0.0), degraded=()):
@@ -78,8 +78,8 @@ def test_a_route_that_a_guessed_model_can_hardly_drive_is_a_warning_of_the_run()
 
 def test_a_vehicle_beside_its_route_joins_the_route_by_a_lead_in():
     run = repeat(SMALL, LAP, eta=BESIDE)
-    away, way = off_route(run, LAP)
-    assert np.max(away[way > 0.6]) < 0.01  # it joins the route some 0.4 m ahead
+    distance, path_m = off_route(run, LAP)
+    assert np.max(distance[path_m > 0.6]) < 0.01  # it joins the route some 0.4 m ahead
     assert run.reference.eta[0] == pytest.approx(BESIDE, abs=1e-3)
     assert run.duration_s < run.rest_s + LAP.t_s[-1] + 1.5  # no part of the route is driven twice
     assert run.reference.done[-1] == 1.0
@@ -103,15 +103,15 @@ def test_the_lead_in_radius_is_possible_for_the_vehicle(name):
 
 def test_a_vehicle_returns_to_its_route_after_a_push():
     run = repeat(SMALL, LAP, shake=["3 s: push 0.5 N s left"])
-    away, _ = off_route(run, LAP)
+    distance, _ = off_route(run, LAP)
     after = run.truth.t_ns[::5] > 6e9
-    assert np.max(away[~after]) > np.max(away[after])
-    assert np.max(away[after]) < 0.03
+    assert np.max(distance[~after]) > np.max(distance[after])
+    assert np.max(distance[after]) < 0.03
     assert stop_reason_of(run) is None
 
 
-def doubtful(off):
-    return (Finding("imu[2]", 0, 3.0, AWAY, off, 1.0, 0.0, 1.0),)
+def doubtful(error):
+    return (Finding("imu[2]", 0, 3.0, AWAY, error, 1.0, 0.0, 1.0),)
 
 
 def watch_rows(caution, rows):
@@ -145,8 +145,8 @@ def test_an_inconsistent_sensor_slows_and_stops_the_vehicle():
 
 
 def test_only_a_misfit_of_unknown_cause_slows_the_vehicle():
-    for off, pace in ((UNKNOWN, SLOW), (MODEL, 1.0)):
-        rows = watch_rows(begin(), [(t, doubtful(off)) for t in np.arange(0.0, 9.0, 0.5)])
+    for error, pace in ((UNKNOWN, SLOW), (MODEL, 1.0)):
+        rows = watch_rows(begin(), [(t, doubtful(error)) for t in np.arange(0.0, 9.0, 0.5)])
         assert rows == [(pace, None)] * 18
 
 
@@ -179,8 +179,8 @@ def test_a_drive_with_sensor_spikes_slows_and_logs_the_reason():
     run = repeat(SMALL, LAP, laps=2, shake=["3-60 s: spikes imu[0] 8, 50 %"])
     slow = [event for event in run.events if event.source == "caution"]
     assert slow[0].diagnostic.code == "caution.slow"
-    later = run.t_ns > slow[0].t_ns + 1_000_000_000
-    assert np.max(run.reference.nu[later, 0]) == pytest.approx(SLOW * 0.25)
+    is_later = run.t_ns > slow[0].t_ns + 1_000_000_000
+    assert np.max(run.reference.nu[is_later, 0]) == pytest.approx(SLOW * 0.25)
 
 
 def test_a_stuck_vehicle_ends_the_drive_and_a_waiting_vehicle_does_not():
@@ -253,11 +253,11 @@ def test_a_mission_contains_its_precautions_and_the_start_pose():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"anyway": 1}, {"nothing": True}, {"room": {"free": [1.0]}}, {"patience_s": "long"}]
+    "names", [{"anyway": 1}, {"nothing": True}, {"room": {"free": [1.0]}}, {"patience_s": "long"}]
 )
-def test_unknown_precautions_are_refused(wrong):
+def test_unknown_precautions_are_refused(names):
     with refused("mission.damaged", UsageError):
-        Mission("repeat", route=LAP, precautions=wrong)
+        Mission("repeat", route=LAP, precautions=names)
 
 
 def test_the_return_path_ends_at_the_start():
@@ -292,8 +292,8 @@ def test_a_vehicle_that_loses_a_sensor_slows_down_and_stops_and_names_it(sensor)
     assert reason.code == StopReason.ESTIMATE_DOUBTFUL
     cause = reason.figures["cause"].figures["cause"]
     assert (cause.code, cause.subject) == ("sensor.lost", sensor)
-    late = run.truth.t_ns * 1e-9 > 16.5
-    assert np.max(np.abs(run.truth.nu[late, 0])) < 0.03
+    is_late = run.truth.t_ns * 1e-9 > 16.5
+    assert np.max(np.abs(run.truth.nu[is_late, 0])) < 0.03
     assert np.max(off_route(run, lap)[0]) < 0.05
 
 

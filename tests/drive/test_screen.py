@@ -11,15 +11,15 @@ from baqueano.messages.language import use_language
 
 def terminal_screen(frames, rows=24):
     """The screen of a terminal after these bytes: it supports up, carriage return, new line and truncation."""
-    screen, at = [""] * rows, 0
+    screen, line = [""] * rows, 0
     for token in re.findall(r"\x1b\[\d+A|\x1b\[K|\x1b\[\?2026[hl]|[^\x1b\r\n]+|\r|\n", frames.decode()):
         if token.endswith("A") and token[0] == "\x1b":
-            at -= int(token[2:-1])
+            line -= int(token[2:-1])
         elif token == "\n":
-            at += 1
+            line += 1
         elif token[0] not in "\x1b\r":
-            screen[at] = token
-    return screen, at
+            screen[line] = token
+    return screen, line
 
 
 @pytest.mark.parametrize("columns", [40, 80, 132])
@@ -35,20 +35,20 @@ def test_the_driver_display_fits_a_small_terminal_without_wrapping(columns):
 @pytest.mark.parametrize("hold", [0.03, np.nan, None])
 def test_the_heading_control_line_fits_into_eighty_columns(language, hold):
     with use_language(language):
-        narrow, wide = (
+        narrow, broad = (
             [row for row in status_lines(Status("robot", hold_command=hold), columns) if "u_psi" in row]
             for columns in (80, 160)
         )
-    assert narrow == wide != []
+    assert narrow == broad != []
 
 
 def test_the_second_display_overwrites_the_first():
     screen, status = Screen(), Status("robot")
     first = screen.frame(status_lines(status))
     status.motor_command = np.array([0.3, 0.0, -1.0])
-    screen_lines, at = terminal_screen(first + screen.frame(status_lines(status)))
+    screen_lines, line = terminal_screen(first + screen.frame(status_lines(status)))
     assert screen_lines[: len(status_lines(status))] == status_lines(status)
-    assert at == len(status_lines(status))
+    assert line == len(status_lines(status))
     assert "+0.30" in "".join(screen_lines)
 
 

@@ -36,9 +36,9 @@ def test_the_command_is_exactly_zero_during_the_rest_and_then_the_guide_begins(r
 
 def test_the_rest_measures_the_bias_of_the_gyro(run):
     """The bias of 0.004 rad/s turns the estimated heading by 0.07 rad; the scale of the gyro cancels on an eight."""
-    without = bq.repeat(SMALL, LAP, 2, truth=SMALL.with_values({"sensors.imu.gyro_bias": 0.004}), rest_s=0.0)
-    assert without.rest_s == 0.0
-    at_rest, at_once = (bq.compare(r).runs[0] for r in (run, without))
+    result = bq.repeat(SMALL, LAP, 2, truth=SMALL.with_values({"sensors.imu.gyro_bias": 0.004}), rest_s=0.0)
+    assert result.rest_s == 0.0
+    at_rest, at_once = (bq.compare(r).runs[0] for r in (run, result))
     assert at_rest.ate_heading_rad < 0.2 * at_once.ate_heading_rad
     assert at_rest.corridor.heading_rad[-1] < 0.3 * at_once.corridor.heading_rad[-1]
 
@@ -68,11 +68,11 @@ def test_a_taught_route_begins_with_the_motion():
 
 
 def test_a_forecast_begins_with_the_rest_of_the_drive(run):
-    ahead = bq.forecast(SMALL, LAP, backend="python").rows()[0]
-    driven = bq.compare(run).runs[0].corridor
-    assert ahead["t_s"] == pytest.approx(LAP.t_s[-1] + 2.0 * RAMP_S, abs=0.02)
-    driven_rad = driven.heading_rad[np.searchsorted(driven.t_s, ahead["t_s"])]
-    assert ahead["heading_rad"] == pytest.approx(driven_rad, rel=0.05)
+    forecast = bq.forecast(SMALL, LAP, backend="python").rows()[0]
+    corridor = bq.compare(run).runs[0].corridor
+    assert forecast["t_s"] == pytest.approx(LAP.t_s[-1] + 2.0 * RAMP_S, abs=0.02)
+    driven_rad = corridor.heading_rad[np.searchsorted(corridor.t_s, forecast["t_s"])]
+    assert forecast["heading_rad"] == pytest.approx(driven_rad, rel=0.05)
 
 
 class Counting:

@@ -60,9 +60,9 @@ return state, Command(estimate.t_ns, np.zeros(3))
 
 def test_a_user_block_is_compiled_like_a_built_in_block(tmp_path):
     blocks = blocks_with(tmp_path, GOOD)
-    run, plain = run_of(blocks), run_of(blocks, backend="numpy")
+    run, numpy_run = run_of(blocks), run_of(blocks, backend="numpy")
     assert [e for e in run.events if e.source != REJECTIONS_SOURCE] == []
-    np.testing.assert_allclose(run.requested_commands, plain.requested_commands, atol=1e-9)
+    np.testing.assert_allclose(run.requested_commands, numpy_run.requested_commands, atol=1e-9)
 
 
 def test_a_block_that_branches_on_data_runs_uncompiled_with_a_note(tmp_path):

@@ -30,10 +30,10 @@ class CallCounter(Observer):
         return ()
 
 
-@pytest.mark.parametrize(("event", "most"), [("call", 180), ("c_call", 230)])
-def test_a_tick_of_a_repetition_into_a_file_makes_few_calls(tmp_path, event, most):
+@pytest.mark.parametrize(("event", "limit"), [("call", 180), ("c_call", 230)])
+def test_a_tick_of_a_repetition_into_a_file_makes_few_calls(tmp_path, event, limit):
     counter = CallCounter()
     route = sinuous_circle(1.0, 0.2, 6, 0.1)
     bq.repeat(bq.load("small"), route, path=tmp_path / "run.mcap", duration_s=4.0, observers=[counter])
     per_tick = counter.calls[event] / (counter.ticks - SETTLED_TICKS)
-    assert per_tick <= most, per_tick
+    assert per_tick <= limit, per_tick

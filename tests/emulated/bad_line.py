@@ -32,10 +32,10 @@ class BadLine:
         passed = (frame for body in frames if body for frame in self._passed("of", b"\0" + body + b"\0"))
         return b"".join(map(self._noisy, passed))
 
-    def _passed(self, way: str, frame: bytes) -> Iterator[bytes]:
-        delayed_frame, self._delayed_frames[way] = self._delayed_frames[way], b""
+    def _passed(self, direction: str, frame: bytes) -> Iterator[bytes]:
+        delayed_frame, self._delayed_frames[direction] = self._delayed_frames[direction], b""
         if not delayed_frame and self._chance.random() < self.swapped:
-            self._delayed_frames[way] = frame
+            self._delayed_frames[direction] = frame
             return
         yield frame
         if self._chance.random() < self.twice:

@@ -74,8 +74,8 @@ def connect(monkeypatch, buses: dict[str, EmulatedBus]) -> None:
 
 
 def _combined(bus: EmulatedBus, messages: list) -> None:
-    plain = [(True, m.len) if m.flags & READS else (False, ctypes.string_at(m.buf, m.len)) for m in messages]
-    answers = iter(bus.transfer(messages[0].addr, plain))
+    parts = [(True, m.len) if m.flags & READS else (False, ctypes.string_at(m.buf, m.len)) for m in messages]
+    answers = iter(bus.transfer(messages[0].addr, parts))
     for message in messages:
         if message.flags & READS:
             ctypes.memmove(message.buf, next(answers), message.len)

@@ -41,7 +41,7 @@ class Kernel:
 
     def handle(self, _handler, client) -> bool:
         """Answer one call; an OSError of the emulator is sent to the client as its errno."""
-        request, arg, done = client.get_request(), client.get_arg(), 0
+        request, arg, count = client.get_request(), client.get_arg(), 0
         try:
             if request == I2C_FUNCS:
                 arg.resolve(0, 8).update(0, struct.pack("@L", FUNC_I2C_AND_SMBUS))
@@ -50,7 +50,7 @@ class Kernel:
             elif request in (I2C_RETRIES, I2C_TIMEOUT):
                 self.bus.control(request, word(arg))
             elif request == I2C_RDWR:
-                done = self.combined(arg)
+                count = self.combined(arg)
             elif request == I2C_SMBUS:
                 self.smbus(arg)
             else:
@@ -60,7 +60,7 @@ class Kernel:
                 time.sleep(self.bus.timeout_ns * 1e-9)
             client.complete(-1, error.errno)
             return True
-        client.complete(done, 0)
+        client.complete(count, 0)
         return True
 
     def combined(self, arg) -> int:
@@ -69,16 +69,16 @@ class Kernel:
         _, count = struct.unpack("@PI4x", bytes(head.retrieve()))
         array = head.resolve(0, MESSAGE.size * count)
         table = bytes(array.retrieve())
-        plain, buffers, address = [], [], 0
+        messages, buffers, address = [], [], 0
         for n in range(count):
             address, flags, length, _ = MESSAGE.unpack_from(table, n * MESSAGE.size)
             data = array.resolve(n * MESSAGE.size + 8, length)
             if flags & READS:
-                plain.append((True, length))
+                messages.append((True, length))
                 buffers.append(data)
             else:
-                plain.append((False, bytes(data.retrieve())))
-        for buffer, answer in zip(buffers, self.bus.transfer(address, plain), strict=True):
+                messages.append((False, bytes(data.retrieve())))
+        for buffer, answer in zip(buffers, self.bus.transfer(address, messages), strict=True):
             buffer.update(0, answer)
         return count
 

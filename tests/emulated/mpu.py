@@ -79,13 +79,13 @@ class Channel:
 
     def step(self, x: float) -> float:
         """Return the output of the filter 1 ms later."""
-        late, whole = self.late, self.whole
+        delay, total = self.late, self.whole
         self.y = x if self.y is None else self.y + self.alpha * (x - self.y)
-        late.appendleft(self.y)
-        if len(late) < whole + 2:
-            return late[-1]
-        newer = late[whole]
-        return newer + self.part * (late[whole + 1] - newer)
+        delay.appendleft(self.y)
+        if len(delay) < total + 2:
+            return delay[-1]
+        newer = delay[total]
+        return newer + self.part * (delay[total + 1] - newer)
 
 
 class MpuEmulator:
@@ -214,8 +214,8 @@ class MpuEmulator:
             self.busy_until = self.t_ns + RESET_NS
             return
         if register == PWR_MGMT_1:
-            slept, sleeps = self.regs[PWR_MGMT_1] & 0x40, value & 0x40
-            if slept and not sleeps:
+            was_asleep, sleeps = self.regs[PWR_MGMT_1] & 0x40, value & 0x40
+            if was_asleep and not sleeps:
                 self.awake_since = self.t_ns
         if register == USER_CTRL:
             if value & 0x04 and not value & 0x40:

@@ -126,22 +126,22 @@ def _spawned(
                 with suppress(TimeoutError):
                     service.notifications.append(listener.recv(4096).decode())
             service.start_s, service.cpu_s = time.monotonic() - start_s, service.used_s()
-            done = threading.Event()
+            stop = threading.Event()
             hearing = threading.Thread(
-                target=_hear, args=(listener, service.notifications, done), daemon=True
+                target=_hear, args=(listener, service.notifications, stop), daemon=True
             )
             hearing.start()
             try:
                 yield service
             finally:
-                done.set()
+                stop.set()
                 hearing.join()
         finally:
             process.kill()
             process.wait()
 
 
-def _hear(listener: socket.socket, messages: list[str], done: threading.Event) -> None:
-    while not done.is_set():
+def _hear(listener: socket.socket, messages: list[str], stop: threading.Event) -> None:
+    while not stop.is_set():
         with suppress(TimeoutError):
             messages.append(listener.recv(4096).decode())

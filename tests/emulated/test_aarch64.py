@@ -28,11 +28,11 @@ def _aarch64(request):
 
 
 def test_the_command_line_runs_on_aarch64(tmp_path):
-    done = subprocess.run(
+    result = subprocess.run(
         [*aarch64.python(), "-m", "baqueano", "--version"], env=aarch64.environment(False, tmp_path),
         capture_output=True, text=True, timeout=10 * PATIENCE_S,
     )  # fmt: skip
-    assert re.fullmatch(r"baqueano, version \S+\n", done.stdout), done.stderr
+    assert re.fullmatch(r"baqueano, version \S+\n", result.stdout), result.stderr
 
 
 @pytest.mark.parametrize("backend", ["c", "python"])
@@ -42,8 +42,8 @@ def test_the_service_is_ready_and_drives_with_its_ekf_compiled(firmware, tmp_pat
         pytest.skip(
             f"no {aarch64.COMPILER}: sudo apt-get install gcc-aarch64-linux-gnu libc6-dev-arm64-cross"
         )
-    around = aarch64.environment(backend == "c", tmp_path / "cache")
-    with running(firmware, tmp_path, aarch64.python(), around) as service:
+    variables = aarch64.environment(backend == "c", tmp_path / "cache")
+    with running(firmware, tmp_path, aarch64.python(), variables) as service:
         guest_mb = service.guest_mb("qemu-aarch64")
         with connect(str(service.door)) as remote:
             ready(remote)

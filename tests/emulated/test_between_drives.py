@@ -49,8 +49,8 @@ def preparing(monkeypatch):
 def test_slow_closing_of_a_run_causes_no_command_timeout_fault(service, robot, closing):
     troubles = []
     closing(lambda: (robot.wait(0.5), troubles.append(robot.uno.stop_cause)))
-    done, run = drive(service, spin())
-    assert (done["reason"], troubles) == (None, [None])
+    end, run = drive(service, spin())
+    assert (end["reason"], troubles) == (None, [None])
     assert StopReason.UNO_DEAD_MAN not in [e.diagnostic.code for e in run.events if e.diagnostic is not None]
     look_around(service, robot, 5)
     assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
@@ -62,9 +62,9 @@ def test_an_unwritable_run_folder_ends_the_mission_and_not_the_service(service, 
     service.folder.parent.write_text("no folder")
     service.execute_request(spin(), True, "mine")
     look_around(service, robot, 3)
-    done = [message for message in service.messages if message["type"] == "done"][-1]
-    assert (done["id"], done["run"], done["code"]) == ("mine", None, 3)
-    assert "Type: ls -ld" in text(done["reason"])
+    end = [message for message in service.messages if message["type"] == "done"][-1]
+    assert (end["id"], end["run"], end["code"]) == ("mine", None, 3)
+    assert "Type: ls -ld" in text(end["reason"])
     assert service.machine.state is DoorState.READY
 
 
@@ -133,8 +133,8 @@ def test_a_reset_in_the_last_tick_of_a_drive_is_recovered(service, robot):
 
 def test_a_stop_during_closing_of_the_run_is_latched(service, robot, closing):
     closing(lambda: service.operator.stop(TEACHER))
-    done, run = drive(service, spin())
-    assert (done["reason"], done["code"]) == (None, 0), "the drive had no fault"
+    end, run = drive(service, spin())
+    assert (end["reason"], end["code"]) == (None, 0), "the drive had no fault"
     assert run.duration_s == pytest.approx(1.0, abs=0.03)
     assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
     look_around(service, robot, 3)
@@ -145,8 +145,8 @@ def test_a_stop_during_closing_of_the_run_is_latched(service, robot, closing):
 
 def test_a_stop_during_preparation_is_latched_and_nothing_moves(service, robot, preparing):
     preparing(lambda: service.operator.stop(TEACHER))
-    done, run = drive(service, spin())
-    assert done["reason"] == TEACHER
+    end, run = drive(service, spin())
+    assert end["reason"] == TEACHER
     assert not np.any(run.applied_commands)
     assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
 
@@ -157,18 +157,18 @@ def test_a_stop_during_a_failing_preparation_is_latched(service, robot, preparin
         raise FileError("mine.py: broken")
 
     preparing(fails)
-    done, _ = drive(service, spin())
-    assert text(done["reason"]) == "mine.py: broken"
+    end, _ = drive(service, spin())
+    assert text(end["reason"]) == "mine.py: broken"
     assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
 
 
 def test_a_second_stop_does_not_replace_the_first_reason(service, robot, closing):
     during(service, robot, 0.3, lambda: robot.board.reset(ResetCause.BROWN_OUT))
     closing(lambda: service.operator.stop(TEACHER))
-    done, _ = drive(service, spin(3.0))
-    assert done["reason"].code == StopReason.UNO_RESET
+    end, _ = drive(service, spin(3.0))
+    assert end["reason"].code == StopReason.UNO_RESET
     look_around(service, robot, 3)
-    assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, done["reason"])
+    assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, end["reason"])
 
 
 def test_systemd_waits_for_preparation_and_for_a_run_that_is_closed_slowly(
@@ -236,12 +236,12 @@ def test_vehicle_settings_are_restored_after_the_line_reconnects(service, robot)
 def test_a_reset_at_rest_restores_the_limits_of_the_vehicle(robot, tmp_path):
     file = vehicle_file.override(vehicle_file.load("small"), ["robot.least_battery_v=6.6"])
     service = serve(robot, file, tmp_path)
-    own = firmware_config(file.robot, robot.uno.info)
-    assert robot.board.info().config == own
+    config = firmware_config(file.robot, robot.uno.info)
+    assert robot.board.info().config == config
     robot.board.reset(ResetCause.BROWN_OUT)
     look_around(service, robot, 10)
     assert robot.uno.statistics.resets == 1
-    assert robot.board.info().config == own
+    assert robot.board.info().config == config
     assert service.machine.state is DoorState.READY
 
 

@@ -40,13 +40,13 @@ def test_r13_full_and_zero_duty_are_exact(new_uno, driver):
 def test_r13_a_pwm_frequency_above_the_limit_of_the_bridge_is_refused(new_uno, driver):
     uno = new_uno(driver=driver)
     uno.store(driver=driver)
-    most = MAX_PWM_HZ[driver]
-    uno.send(Config(pwm_hz=most))
-    assert uno.info().config.pwm_hz == most
-    if most < 25_000:
-        uno.send(Config(pwm_hz=most + 1))
+    limit = MAX_PWM_HZ[driver]
+    uno.send(Config(pwm_hz=limit))
+    assert uno.info().config.pwm_hz == limit
+    if limit < 25_000:
+        uno.send(Config(pwm_hz=limit + 1))
         info = uno.info()
-        assert info.config.pwm_hz == most
+        assert info.config.pwm_hz == limit
         assert info.out_of_range == 1
 
 

@@ -51,7 +51,7 @@ def last_state(service):
 
 
 def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, lines):
-    pins, log, early = lines([]), [], []
+    pins, log, events = lines([]), [], []
     service.log = log.append
 
     def hangs():
@@ -60,13 +60,13 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
 
     during(service, robot, 0.5, hangs)
     healthy = service.notify_watchdog
-    service.notify_watchdog = lambda: (healthy(), early.extend(pins.read()["calls"]))
-    done, run = drive(service, spin(3.0))
+    service.notify_watchdog = lambda: (healthy(), events.extend(pins.read()["calls"]))
+    end, run = drive(service, spin(3.0))
     service.notify_watchdog = lambda: None
-    assert done["reason"].code == StopReason.SENSOR_SILENT
-    assert stop_reason_of(run) == done["reason"]
+    assert end["reason"].code == StopReason.SENSOR_SILENT
+    assert stop_reason_of(run) == end["reason"]
     assert any("low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
-    assert early == [], "no pin may change during a drive"
+    assert events == [], "no pin may change during a drive"
 
     looked_on(service, robot, 2.0)
     (message,) = log
@@ -83,8 +83,8 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
     service.operator.clear_requested = True
     looked_on(service, robot, 1.0)
     assert service.machine.state is DoorState.READY
-    done, run = drive(service, spin(1.0))
-    assert done["reason"] is None
+    end, run = drive(service, spin(1.0))
+    assert end["reason"] is None
 
 
 def test_a_bus_blocked_at_rest_is_freed_automatically(service, robot, lines):
@@ -99,8 +99,8 @@ def test_a_bus_blocked_at_rest_is_freed_automatically(service, robot, lines):
         DoorState.READY,
     ]
     assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=9)
-    done, _ = drive(service, spin(1.0))
-    assert done["reason"] is None
+    end, _ = drive(service, spin(1.0))
+    assert end["reason"] is None
 
 
 def test_an_unrecoverable_bus_is_reported_once_and_retried(service, robot, lines):

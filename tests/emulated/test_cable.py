@@ -53,10 +53,10 @@ def put_back(live, name):
     name.symlink_to(os.ttyname(live._slave))
 
 
-def look_until(service, well):
+def look_until(service, condition):
     """Let the service examine its hardware while idle, until `well()` is true."""
     end = time.monotonic() + PATIENCE_S
-    while not well():
+    while not condition():
         assert time.monotonic() < end, service.machine.reason
         service.idle()
         time.sleep(0.05)
@@ -86,15 +86,15 @@ def test_rt10_a_disconnected_line_reopens_and_drives_after_a_clear(plugged_uno, 
         service.notify_watchdog = healthy
         service.execute_request(spin(20.0, file=file), attended=False)
         assert pulls
-        done = [m for m in messages if m["type"] == "done"][-1]
+        last = [m for m in messages if m["type"] == "done"][-1]
         # another reason may follow a stall of this machine
-        assert done["reason"].code in (StopReason.UNO_SILENT, StopReason.UNO_DEAD_MAN)
+        assert last["reason"].code in (StopReason.UNO_SILENT, StopReason.UNO_DEAD_MAN)
         assert service.machine.state is DoorState.STOPPED
         end = time.monotonic() + PATIENCE_S
         while live.moving():
             assert time.monotonic() < end
             time.sleep(0.01)
-        assert read_run(tmp_path / "runs" / done["run"]).notes == ()
+        assert read_run(tmp_path / "runs" / last["run"]).notes == ()
         put_back(live, name)
         service.operator.clear_requested = True
         look_until(service, lambda: service.machine.state is DoorState.READY)

@@ -56,7 +56,7 @@ def test_swapped_and_reversed_motors_drive_straight_after_calibration(robot, ben
         true.dead_zone_backward[1],
     ]
     np.testing.assert_allclose(
-        [way.dead_zone_permille / 1000 for way in motors.settings.curves], zones, atol=0.02
+        [curve.dead_zone_permille / 1000 for curve in motors.settings.curves], zones, atol=0.02
     )
     assert motors.verdict == "BALANCED"
     assert max(map(abs, motors.wheel_differences)) < 0.02
@@ -69,9 +69,9 @@ def test_swapped_and_reversed_motors_drive_straight_after_calibration(robot, ben
     before, x, y = robot.motion.eta[2], robot.motion.eta[0], robot.motion.eta[1]
     robot.uno.arm()
     bench.hold_duties(0.4, 0.4, 2.0)  # a request that differs from the trim
-    went = np.array([robot.motion.eta[0] - x, robot.motion.eta[1] - y]) @ [np.cos(before), np.sin(before)]
-    assert went > 0.3  # forwards
-    assert abs(robot.motion.eta[2] - before) < np.radians(10.0) * went
+    path = np.array([robot.motion.eta[0] - x, robot.motion.eta[1] - y]) @ [np.cos(before), np.sin(before)]
+    assert path > 0.3  # forwards
+    assert abs(robot.motion.eta[2] - before) < np.radians(10.0) * path
 
 
 @pytest.mark.parametrize(
@@ -212,9 +212,9 @@ def test_calibrated_slopes_equalise_the_wheels_to_the_weakest_wheel():
             Sweep(0.4, 0.2, 9.0, 0.0),
         )
     )
-    reach = [way.slope_permille * gain for way, gain in zip(way_list, (10.0, 8.0, 10.0, 9.0), strict=True)]
+    reach = [s.slope_permille * gain for s, gain in zip(way_list, (10.0, 8.0, 10.0, 9.0), strict=True)]
     np.testing.assert_allclose(reach, 0.7 * 8.0 * 1000, rtol=1e-3)
-    assert max(way.dead_zone_permille + way.slope_permille for way in way_list) == 1000
+    assert max(s.dead_zone_permille + s.slope_permille for s in way_list) == 1000
 
 
 def test_a_sweep_without_motion_is_reported():

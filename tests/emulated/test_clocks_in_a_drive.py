@@ -59,9 +59,9 @@ def test_a_circle_is_repeated_with_correct_timestamps_despite_clock_errors(
     robot.wait(0.1)
     service = serve(robot, file, tmp_path)
     stamps = Stamps(service, robot, ppm, host_ppm, 2000)
-    done, run = drive(service, pack(Mission("repeat", route=shapes.circle(0.4, 0.25)), file))
+    end, run = drive(service, pack(Mission("repeat", route=shapes.circle(0.4, 0.25)), file))
     robot.close()
-    assert done["reason"] is None
+    assert end["reason"] is None
     gap = run.estimate.eta[:, :2] - run.reference.eta[:, :2]
     assert np.sqrt(np.mean(np.sum(gap**2, axis=1))) < 0.1
     late_ms, skew_error = stamps.after(5.0, file.rate_hz)
@@ -104,13 +104,13 @@ def test_rt18_memory_does_not_grow_in_five_minutes_with_a_fast_clock(firmware, m
             )
 
     service.notify_watchdog = look
-    done, run = drive(service, spin(301.0, file=file))
+    end, run = drive(service, spin(301.0, file=file))
     robot.close()
-    assert done["reason"] is None
+    assert end["reason"] is None
     assert run.duration_s == pytest.approx(301.0, abs=0.1)
     late_ms, skew_error = stamps.after(20.0, file.rate_hz)
     assert late_ms < 1.5  # measured: 1.3, of which 1.0 is the 2 ms of Bare
     assert skew_error < 1e-4  # measured: 3e-5
-    (*counts, early), (*later, late) = marks[5000], marks[15_000]
-    assert later == counts
-    assert late - early < 5000, "blocks of memory: half a one for each of 10 000 ticks"  # measured: 2057
+    (*counts, first_row), (*counts_2, t) = marks[5000], marks[15_000]
+    assert counts_2 == counts
+    assert t - first_row < 5000, "blocks of memory: half a one for each of 10 000 ticks"  # measured: 2057

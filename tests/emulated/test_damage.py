@@ -42,9 +42,9 @@ def host_firmware(tmp_path_factory) -> Path:
 
 
 def counts_of(program: Path, seed: int, frames: int) -> dict[str, int]:
-    done = subprocess.run([program, str(seed), str(frames)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout)
+    result = subprocess.run([program, str(seed), str(frames)], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr[-2000:]
+    return json.loads(result.stdout)
 
 
 def test_r18_fw4_a_million_damaged_frames_move_no_motor(host_firmware):
@@ -76,8 +76,8 @@ def test_r18_damaged_commands_move_nothing_and_are_counted(uno):
     enough = long_run if os.environ.get("LONG") else lambda n: n == 3000
     while not enough(damages):
         n = damages
-        clean = encode(Drive(nonce, 900, -900, DriveFlag.ARM), seq + 1 + n % 100)
-        wire = bytearray(clean)
+        frame = encode(Drive(nonce, 900, -900, DriveFlag.ARM), seq + 1 + n % 100)
+        wire = bytearray(frame)
         for place in chance.sample(range(8, 8 * (len(wire) - 1)), chance.randint(1, 8)):
             wire[place // 8] ^= 1 << place % 8
         uno.run_until(uno.write(bytes(wire)))

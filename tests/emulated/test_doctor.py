@@ -143,7 +143,7 @@ def test_the_count_of_damaged_frames_may_exceed_255(robot):
 
 
 def test_intact_commands_that_are_not_executed_give_a_warning(robot):
-    whole, robot.write = robot.write, lambda data: (whole(data), whole(data))
+    write, robot.write = robot.write, lambda data: (write(data), write(data))
     check = looked_at(robot, 0.5)["frames to the Uno"]
     assert counts_of(check)[1:] == [0, 49, 0, 0], "each came twice; the last is in no telemetry yet"
     assert check.verdict == "warn"
@@ -185,22 +185,22 @@ def test_the_reported_imu_figures_match_the_chip(on_bus):
     )  # fmt: skip
     assert "IMU scale" not in checks
     on_bus.chip.self_test_error = -0.3
-    weak = doctor.self_test_check(on_bus.imu, on_bus.wait)
-    assert weak.verdict == "warn"
-    assert "0 of 6 axes" in weak.figure
-    assert "gyro z" in weak.figure
+    check = doctor.self_test_check(on_bus.imu, on_bus.wait)
+    assert check.verdict == "warn"
+    assert "0 of 6 axes" in check.figure
+    assert "gyro z" in check.figure
 
 
 def test_the_imu_rate_is_reported_within_its_stated_error(tmp_path, monkeypatch):
     on_bus = OnBus(tmp_path, monkeypatch, clock_ppm=8_000)
     check = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 4.0))["IMU rate"]
     assert check.verdict == "ok"
-    rate, error, _, off, stamp_ms, count_failed, count_lost = map(
+    rate, error, _, offset, stamp_ms, count_failed, count_lost = map(
         float, re.findall(r"[-+]?\d+(?:\.\d+)?", check.figure)
     )
     assert abs(rate - 200 * 1.008) <= error + 0.01
     assert error < 0.5
-    assert off == 0.8
+    assert offset == 0.8
     assert 0.0 < stamp_ms < 1.0
     assert (count_failed, count_lost) == (0, 0)
 

@@ -33,8 +33,8 @@ def answer_to(door, request):
         line.settimeout(PATIENCE_S)
         line.connect(str(door.path))
         line.sendall(json.dumps({"type": request}).encode() + b"\n")
-        with line.makefile("rb") as of:
-            return next(message for message in map(json.loads, of) if message["type"] != "state")
+        with line.makefile("rb") as file:
+            return next(message for message in map(json.loads, file) if message["type"] != "state")
 
 
 def test_a_stop_during_preparation_of_a_mission_prevents_motion(service, robot, door, tmp_path, monkeypatch):
@@ -45,8 +45,8 @@ def test_a_stop_during_preparation_of_a_mission_prevents_motion(service, robot, 
             line.settimeout(PATIENCE_S)
             line.connect(str(door.path))
             line.sendall(b'{"type": "stop", "reason": "it nears the stairs"}\n')
-            with line.makefile("rb") as of:
-                messages.extend(json.loads(of.readline()) for _ in range(2))
+            with line.makefile("rb") as file:
+                messages.extend(json.loads(file.readline()) for _ in range(2))
 
     monkeypatch.setattr("builtins.somebody_stops_it", somebody_stops_it, raising=False)
     monkeypatch.chdir(tmp_path)
@@ -57,24 +57,24 @@ def test_a_stop_during_preparation_of_a_mission_prevents_motion(service, robot, 
     mission = Mission(
         "repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "slow.py:PdFeedforward"}
     )
-    done, run = drive(service, pack(mission, vehicle_file.load("small")))
+    end, run = drive(service, pack(mission, vehicle_file.load("small")))
     assert messages[0]["state"] == DoorState.MISSION
     assert messages[1] == {"type": "received", "request": "stop"}
-    assert done["reason"] == stop(StopReason.STOPPED_BY, words="it nears the stairs")
+    assert end["reason"] == stop(StopReason.STOPPED_BY, words="it nears the stairs")
     assert run is None or not np.any(run.applied_commands)
     assert not robot.board.moving
     look_around(service, robot, 2)
     assert service.machine.state is DoorState.STOPPED
-    assert service.machine.reason == done["reason"]
+    assert service.machine.reason == end["reason"]
 
 
 @pytest.mark.parametrize("text", ["{", "7", "[" * 100_000, "{}"])
 def test_an_invalid_mission_is_refused_and_the_service_continues(service, text):
     waits = []
     service.set_watchdog_timeout = waits.append
-    done, run = drive(service, text)
+    end, run = drive(service, text)
     assert run is None
-    assert (done["code"], done["reason"].code) == (2, "mission.damaged")
+    assert (end["code"], end["reason"].code) == (2, "mission.damaged")
     assert waits == [PREPARE_TIMEOUT_S, HANG_TIMEOUT_S]
     assert service.machine.state is DoorState.READY
     assert drive(service, spin().to_json())[0]["reason"] is None
@@ -83,8 +83,8 @@ def test_an_invalid_mission_is_refused_and_the_service_continues(service, text):
 def test_a_run_is_listed_only_after_it_is_complete(service, robot, door):
     folders = []
     during(service, robot, 0.3, lambda: folders.append(answer_to(door, "runs")["runs"]))
-    done, _ = drive(service, spin())
+    end, _ = drive(service, spin())
     assert folders == [[]]
-    assert answer_to(door, "runs")["runs"] == [done["run"]]
+    assert answer_to(door, "runs")["runs"] == [end["run"]]
     # a client can fetch the run then
     assert [m["type"] for m in service.messages][-2:] == ["state", "done"]

@@ -63,8 +63,8 @@ class Driver:
         self.service.notify_watchdog = self.each_tick
         with self.cockpit:
             self.service.execute_request(pack(Mission("teach"), vehicle_file.load("small")), True)
-        done = [m for m in self.service.messages if m["type"] == "done"][-1]
-        return done, read_run(self.service.folder / done["run"])
+        end = [m for m in self.service.messages if m["type"] == "done"][-1]
+        return end, read_run(self.service.folder / end["run"])
 
 
 @pytest.fixture
@@ -75,49 +75,49 @@ def driver(robot, service):
 @pytest.mark.parametrize(("latched", "phase_ms"), [(False, 0), (False, 47), (False, 98), (True, 23)])
 def test_rt13_motors_are_off_half_a_second_after_the_terminal_disappears(driver, latched, phase_ms):
     terminal = Terminal(kitty=not latched, trip_s=0.03)
-    at = driver(terminal, latched=latched)
+    person = driver(terminal, latched=latched)
     gone_ns = []
 
     def leave():
         terminal.there = False
-        gone_ns.append(at.robot.now_ns)
+        gone_ns.append(person.robot.now_ns)
 
     keys = ["d"] * 12 if latched else ["d"]
-    done, run = at.drives((0.2, lambda: terminal.type(*keys)), (1.0 + 1e-3 * phase_ms, leave))
-    assert done["reason"].code == StopReason.TERMINAL_SILENT
-    assert at.service.machine.state is DoorState.STOPPED
-    moving = at.start_ns + run.t_ns[np.abs(run.applied_commands[:, 2]) > 0.0][-1] - run.t_ns[0]
+    end, run = person.drives((0.2, lambda: terminal.type(*keys)), (1.0 + 1e-3 * phase_ms, leave))
+    assert end["reason"].code == StopReason.TERMINAL_SILENT
+    assert person.service.machine.state is DoorState.STOPPED
+    moving = person.start_ns + run.t_ns[np.abs(run.applied_commands[:, 2]) > 0.0][-1] - run.t_ns[0]
     after_ms = (moving - gone_ns[0]) * 1e-6
     print(f"off {after_ms:.0f} ms after the terminal")
     assert 200.0 < after_ms < 500.0
-    assert not at.robot.board.moving
+    assert not person.robot.board.moving
 
 
 @pytest.mark.parametrize("phase_ms", [0, 9, 17])
 def test_motors_are_off_at_once_after_the_terminal_closes(driver, phase_ms):
     terminal = Terminal(kitty=True)
-    at = driver(terminal)
+    person = driver(terminal)
     gone_ns = []
 
     def hang_up():
         terminal.ended = True
-        gone_ns.append(at.robot.now_ns)
+        gone_ns.append(person.robot.now_ns)
 
-    done, run = at.drives((0.2, lambda: terminal.type("d")), (1.0 + 1e-3 * phase_ms, hang_up))
-    assert done["reason"].code == StopReason.TERMINAL_CLOSED
-    assert at.service.machine.state is DoorState.STOPPED
-    moving = at.start_ns + run.t_ns[np.abs(run.applied_commands[:, 2]) > 0.0][-1] - run.t_ns[0]
+    end, run = person.drives((0.2, lambda: terminal.type("d")), (1.0 + 1e-3 * phase_ms, hang_up))
+    assert end["reason"].code == StopReason.TERMINAL_CLOSED
+    assert person.service.machine.state is DoorState.STOPPED
+    moving = person.start_ns + run.t_ns[np.abs(run.applied_commands[:, 2]) > 0.0][-1] - run.t_ns[0]
     after_ms = (moving - gone_ns[0]) * 1e-6
     print(f"off {after_ms:.0f} ms after the hang-up")
     assert after_ms < 100.0
-    assert not at.robot.board.moving
+    assert not person.robot.board.moving
 
 
 def test_a_key_at_a_silent_terminal_drives_for_a_limited_time(driver):
     terminal = Terminal(answers=False)
-    at = driver(terminal)
-    done, run = at.drives((0.3, lambda: terminal.type("w")), (3.0, lambda: terminal.type("q")))
-    assert done["reason"].code == StopReason.INTERRUPTED
+    person = driver(terminal)
+    end, run = person.drives((0.3, lambda: terminal.type("w")), (3.0, lambda: terminal.type("q")))
+    assert end["reason"].code == StopReason.INTERRUPTED
     times = run.t_s[np.abs(run.applied_commands[:, 0]) > 0.0]
     assert times[0] == pytest.approx(0.3, abs=0.08)
     assert times[-1] - times[0] == pytest.approx(FIRST_S, abs=0.12)
@@ -126,44 +126,44 @@ def test_a_key_at_a_silent_terminal_drives_for_a_limited_time(driver):
 
 def test_releasing_a_key_stops_the_motors_and_marks_are_logged(driver):
     terminal = Terminal(kitty=True)
-    at = driver(terminal)
-    done, run = at.drives(
+    person = driver(terminal)
+    end, run = person.drives(
         (0.3, lambda: terminal.type("a")), (0.9, lambda: terminal.type("a", kind="release")),
         (1.5, lambda: terminal.type("m")), (2.0, lambda: terminal.type("q")),
     )  # fmt: skip
-    assert done["reason"].code == StopReason.INTERRUPTED
-    assert at.service.machine.state is DoorState.READY
+    assert end["reason"].code == StopReason.INTERRUPTED
+    assert person.service.machine.state is DoorState.READY
     (mark_ns,) = mark_times_ns(run)
     assert (mark_ns - run.t_ns[0]) * 1e-9 == pytest.approx(1.5, abs=0.06)
     moving = run.t_s[np.abs(run.applied_commands[:, 2]) > 0.0]
     assert moving[0] == pytest.approx(0.3, abs=0.08)
     assert moving[-1] == pytest.approx(0.9, abs=0.12)
-    states = [m for m in at.service.messages if m["type"] == "state" and m.get("u")]
+    states = [m for m in person.service.messages if m["type"] == "state" and m.get("u")]
     assert max(m["yaw_rate_rad_s"] for m in states) > 0.5
 
 
 def test_the_space_bar_latches_the_stop_of_the_vehicle(driver):
     terminal = Terminal(kitty=True)
-    at = driver(terminal)
-    done, _ = at.drives((0.2, lambda: terminal.type("a")), (0.8, lambda: terminal.type(" ")))
-    assert done["reason"].code == StopReason.DRIVER
-    assert at.service.machine.state is DoorState.STOPPED
-    assert not at.robot.board.moving
+    person = driver(terminal)
+    end, _ = person.drives((0.2, lambda: terminal.type("a")), (0.8, lambda: terminal.type(" ")))
+    assert end["reason"].code == StopReason.DRIVER
+    assert person.service.machine.state is DoorState.STOPPED
+    assert not person.robot.board.moving
 
 
 def test_heading_control_acts_on_straight_driving_but_not_in_turns(driver):
     terminal = Terminal(kitty=True)
-    at = driver(terminal, hold=True, share=0.8)
-    done, run = at.drives(
+    person = driver(terminal, hold=True, share=0.8)
+    end, run = person.drives(
         (0.2, lambda: terminal.type("w")), (2.5, lambda: terminal.type("a")),
         (3.5, lambda: terminal.type("q")),
     )  # fmt: skip
-    assert done["reason"].code == StopReason.INTERRUPTED
+    assert end["reason"].code == StopReason.INTERRUPTED
     straight, turning = (run.requested_commands[(run.t_s > t) & (run.t_s < t + 0.7)] for t in (1.0, 2.7))
     assert np.all(straight[:, 2] != 0.0)
     assert np.max(np.abs(straight[:, 2])) < 0.25
     assert np.all(turning[:, 2] == 0.8)
-    moving = [m for m in at.service.messages if m["type"] == "state" and m.get("requested", (0.0,))[0]]
-    at.cockpit.status.driver_command = np.array([0.8, 0.0, 0.0])
-    at.cockpit.show(moving[3])
-    assert at.cockpit.status.hold_command == moving[3]["requested"][2] != 0.0
+    moving = [m for m in person.service.messages if m["type"] == "state" and m.get("requested", (0.0,))[0]]
+    person.cockpit.status.driver_command = np.array([0.8, 0.0, 0.0])
+    person.cockpit.show(moving[3])
+    assert person.cockpit.status.hold_command == moving[3]["requested"][2] != 0.0

@@ -65,8 +65,8 @@ def test_a_key_drives_the_firmware_and_the_run_contains_a_mark(screens, service,
         assert code == 0 or (stalled(run, live.loss_s - loss_s) and time.monotonic() < end), reason
     assert re.search(rb"vehicle \d+ ms", screen.output)
     assert len(mark_times_ns(run)) == 1
-    back = max(tmp_path.glob("[0-9]*.mcap"), key=lambda path: int(path.stem))
-    assert len(mark_times_ns(read_run(back))) == 1
+    run_path = max(tmp_path.glob("[0-9]*.mcap"), key=lambda path: int(path.stem))
+    assert len(mark_times_ns(read_run(run_path))) == 1
 
 
 def test_an_unresponsive_terminal_leaves_a_stopped_vehicle(screens, live):

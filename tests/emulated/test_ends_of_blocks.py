@@ -51,8 +51,8 @@ def repetition(folder, place, text, file):
     ],
 )  # fmt: skip
 def test_a_block_that_ends_the_program_ends_only_its_mission(service, robot, tmp_path, place, end, message):
-    done, run = drive(service, repetition(tmp_path, place, end, vehicle_file.load("small")))
-    words = text(done["reason"])
+    last, run = drive(service, repetition(tmp_path, place, end, vehicle_file.load("small")))
+    words = text(last["reason"])
     assert message in words
     assert "bye" in words or "bye" not in end
     assert f"mine.py line {PLACES[place]}" in words or f"mine.py:{PLACES[place]})" in words
@@ -77,17 +77,17 @@ def test_an_unguarded_block_failure_names_its_file_and_line(service, tmp_path):
     mission = Mission(
         "repeat", route=shapes.circle(0.4, 0.25), blocks={"guide": f"{tmp_path / 'mine.py'}:Mine"}
     )
-    done, _ = drive(service, pack(mission, vehicle_file.load("small")))
-    assert (done["reason"].code, done["code"]) == ("block.raised-outside", 1)
-    assert done["reason"].figures == {"place": "mine.py line 5", "error": "SystemExit: 2"}
+    end, _ = drive(service, pack(mission, vehicle_file.load("small")))
+    assert (end["reason"].code, end["code"]) == ("block.raised-outside", 1)
+    assert end["reason"].figures == {"place": "mine.py line 5", "error": "SystemExit: 2"}
 
 
 @pytest.mark.parametrize("place", ["top", "line"])
 def test_a_hanging_block_ends_only_its_mission(service, robot, tmp_path, monkeypatch, place):
     monkeypatch.setattr(module, "PREPARE_S", 3.0)
     endless = "while True: pass"
-    done, _ = drive(service, repetition(tmp_path, place, endless, vehicle_file.load("small")))
-    words = text(done["reason"])
+    end, _ = drive(service, repetition(tmp_path, place, endless, vehicle_file.load("small")))
+    words = text(end["reason"])
     assert "TimeoutError: " in words
     assert f"mine.py line {PLACES[place]}" in words or f"mine.py:{PLACES[place]})" in words
     robot.wait(0.4)

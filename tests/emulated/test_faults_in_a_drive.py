@@ -85,9 +85,9 @@ def test_a_disconnected_cable_stops_the_drive_and_driving_resumes_afterwards(rob
         cut.append(robot.board.t_s)
 
     during(service, robot, 1.0, pull)
-    done, run = drive(service, spin(3.0))
-    assert done["reason"].code == StopReason.UNO_SILENT
-    assert stop_reason_of(run) == done["reason"]
+    end, run = drive(service, spin(3.0))
+    assert end["reason"].code == StopReason.UNO_SILENT
+    assert stop_reason_of(run) == end["reason"]
     assert 0.25 < robot.board.off_since() - cut[0] <= 0.320
     assert run.notes == ()
     assert run.duration_s == pytest.approx(2.1, abs=0.05), "a second of it after the stop"
@@ -99,8 +99,8 @@ def test_a_disconnected_cable_stops_the_drive_and_driving_resumes_afterwards(rob
         robot.board.reset(ResetCause.EXTERNAL)
     robot.uno.on_reopen()  # as the listening thread says
     assert clear_stop(service, robot)
-    done, run = drive(service, spin(0.5))
-    assert done["reason"] is None
+    end, run = drive(service, spin(0.5))
+    assert end["reason"] is None
     assert counts_of(run)[1] == 0
 
 
@@ -118,7 +118,7 @@ def test_a_circle_is_repeated_over_a_faulty_serial_line(robot, service, noise, t
     assert done["reason"] is None
     assert across(run) < 0.1
     assert end(robot, run) < (0.2 if noise else 0.1), "where it really is; 0.04 m over a line that is well"
-    _, unsent, count_received, count_lost, late, count_damaged, resets = counts_of(run)
+    _, unsent, count_received, count_lost, late_count, count_damaged, resets = counts_of(run)
     assert (unsent, resets) == (0, 0)
     assert last(run, LINE_SOURCE).level == "warning"
     if noise:
@@ -126,7 +126,7 @@ def test_a_circle_is_repeated_over_a_faulty_serial_line(robot, service, noise, t
         assert count_lost / (count_received + count_lost) == pytest.approx(0.9, abs=0.03)
         assert count_damaged > 800
     else:
-        assert late / count_received == pytest.approx(0.18, abs=0.04)
+        assert late_count / count_received == pytest.approx(0.18, abs=0.04)
         assert count_lost / count_received == pytest.approx(0.09, abs=0.03), (
             "one of each swapped pair was not there in its turn"
         )
@@ -138,8 +138,8 @@ def test_a_run_ends_with_the_frame_counts_of_the_uno(robot, service, noise):
     """The host cannot detect frames that are damaged on the way to the Uno."""
     line, before = BadLine(robot, seed=2), robot.board.info()
     line.noise = noise
-    done, run = drive(service, spin(5.0))
-    assert done["reason"] is None
+    end, run = drive(service, spin(5.0))
+    assert end["reason"] is None
     event = last(run, UNO_SOURCE)
     n = event.diagnostic.figures
     count_sent = n["received_frames"]
@@ -165,8 +165,8 @@ def test_a_mission_with_a_lost_arming_frame_drives_normally(robot, service):
         robot.write = write
 
     service.uno.arm = lose_arming
-    done, run = drive(service, spin())
-    assert done["reason"] is None
+    end, run = drive(service, spin())
+    assert end["reason"] is None
     assert run.applied_commands[-1, 2] == pytest.approx(0.6, abs=0.002)
     count_ignored = last(run, UNO_SOURCE).diagnostic.figures["ignored_frames"]
     assert 1 <= count_ignored <= 4, "the run counts the commands that arrived before arming"
@@ -181,9 +181,9 @@ def test_a_mission_that_the_uno_never_receives_fails(robot, service):
         arm()
 
     service.uno.arm = deaf
-    done, run = drive(service, spin())
-    assert done["reason"].code == StopReason.UNO_DEAF
-    assert stop_reason_of(run) == done["reason"]
+    end, run = drive(service, spin())
+    assert end["reason"].code == StopReason.UNO_DEAF
+    assert stop_reason_of(run) == end["reason"]
     assert robot.board.first_time(lambda out: any(out.pwm)) is None
 
 
@@ -197,8 +197,8 @@ def test_a_run_ends_with_the_fault_counts_of_the_imu(robot, service, line_harmed
 
     if line_harmed:
         during(service, robot, 0.95, brief)
-    done, run = drive(service, spin(1.0))
-    assert done["reason"] is None
+    end, run = drive(service, spin(1.0))
+    assert end["reason"] is None
     assert [e.text for e in run.events if e.source == HARDWARE_SOURCE] == []
     event = last(run, IMU_SOURCE)
     counts = dict(event.diagnostic.figures)
@@ -221,9 +221,9 @@ def test_fw7_a_restarted_uno_stops_the_drive_and_can_be_cleared(robot, service, 
     act, within_s, beginning = ACCIDENTS[accident]
     at_s = []
     during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), act(robot.board)))
-    done, run = drive(service, spin(3.0))
-    assert done["reason"].code in (StopReason.UNO_RESET, StopReason.UNO_SILENT)
-    assert stop_reason_of(run) == done["reason"]
+    end, run = drive(service, spin(3.0))
+    assert end["reason"].code in (StopReason.UNO_RESET, StopReason.UNO_SILENT)
+    assert stop_reason_of(run) == end["reason"]
     assert run.duration_s < 1.7
     assert robot.board.off_since() - at_s[0] <= within_s
     figures = last(run, LINE_SOURCE).diagnostic.figures
@@ -238,8 +238,8 @@ def test_a_short_battery_sag_at_motor_start_does_not_stop_the_drive(vehicle):
         7.4 - abs(robot.board.duty(0)) - abs(robot.board.duty(1))
     )
     pushes = np.tile(np.repeat([[0.0, 0.0, 0.6], [0.0, 0.0, 0.0]], [120, 40], axis=0), (2, 1))
-    done, run = drive(service, pack(Mission("experiment", u=pushes), vehicle_file.load("small")))
-    assert done["reason"] is None
+    end, run = drive(service, pack(Mission("experiment", u=pushes), vehicle_file.load("small")))
+    assert end["reason"] is None
     battery = run.sensors["battery"].z[:, 0]
     assert np.min(battery) == pytest.approx(6.2, abs=0.05), "the run contains the event"
     assert np.max(battery) == pytest.approx(7.4, abs=0.05)
@@ -249,9 +249,9 @@ def test_fw8_a_battery_that_stays_low_stops_the_drive_after_two_seconds(robot, s
     low = pack(spin(5.0), vehicle_file.override(vehicle_file.load("small"), ["robot.least_battery_v=6.6"]))
     at_s = []
     during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), robot.board.set_battery(6.2)))
-    done, run = drive(service, low)
-    assert done["reason"].code in (StopReason.UNO_BATTERY, StopReason.BATTERY)
-    assert stop_reason_of(run) == done["reason"]
+    end, run = drive(service, low)
+    assert end["reason"].code in (StopReason.UNO_BATTERY, StopReason.BATTERY)
+    assert stop_reason_of(run) == end["reason"]
     assert 1.9 <= robot.board.off_since() - at_s[0] <= 2.2
     assert run.sensors["battery"].z[-1, 0] == pytest.approx(6.2, abs=0.05)
 
@@ -265,8 +265,8 @@ def hold(robot):
 def test_a_blocked_bus_stops_the_drive_and_can_be_cleared_afterwards(robot, service):
     at_s = []
     during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), hold(robot)))
-    done, run = drive(service, spin(3.0))
-    assert done["reason"].code == StopReason.SENSOR_SILENT
+    end, run = drive(service, spin(3.0))
+    assert end["reason"].code == StopReason.SENSOR_SILENT
     assert robot.board.off_since() - at_s[0] <= 0.56  # imu_timeout_s = 0.5
     assert any("low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
     assert last(run, CLOCK_SOURCE).level == "warning", "each look at the bus took 40 ms, four ticks"
@@ -284,8 +284,8 @@ def test_rt6_an_imu_gap_below_half_a_second_stops_no_drive(robot, service, accid
             robot.bus.fail(errno.EREMOTEIO, 5)
 
     during(service, robot, 0.5, brief)
-    done, run = drive(service, spin(1.5))
-    assert done["reason"] is None
+    end, run = drive(service, spin(1.5))
+    assert end["reason"] is None
     gap_s = np.max(np.diff(run.sensors["imu"].t_ns)) / 1e9
     assert gap_s < 0.5
     codes = {e.diagnostic.code for e in run.events if e.source == HARDWARE_SOURCE}
@@ -295,12 +295,12 @@ def test_rt6_an_imu_gap_below_half_a_second_stops_no_drive(robot, service, accid
 def test_a_clone_imu_with_a_slow_clock_teaches_and_repeats_a_route(vehicle):
     file = vehicle_file.load("small")
     robot, service = vehicle(chip={"who_am_i": 0x98, "clock_ppm": -40_000})
-    done, lesson = drive(service, pack(Mission("teach", route=CIRCLE), file))
-    assert done["reason"] is None
+    last, lesson = drive(service, pack(Mission("teach", route=CIRCLE), file))
+    assert last["reason"] is None
     assert "IMU: ICM-20689 (WHO_AM_I 0x98)" in [e.text for e in lesson.events]
     robot.put_back()
-    done, run = drive(service, pack(Mission("repeat", route=route_of(lesson, closed=True)), file))
-    assert done["reason"] is None
+    last, run = drive(service, pack(Mission("repeat", route=route_of(lesson, closed=True)), file))
+    assert last["reason"] is None
     assert across(run) < 0.1
     assert end(robot, run) < 0.1
 
@@ -332,13 +332,13 @@ def test_rt16_a_full_disk_ends_the_log_and_not_the_drive(robot, service, with_st
         service.execute_request(spin(7.0), False)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    done = service.messages[-1]
-    assert (done["code"], done["reason"]) == (0, TEACHER if with_stop else None)
+    end = service.messages[-1]
+    assert (end["code"], end["reason"]) == (0, TEACHER if with_stop else None)
     assert service.machine.state is (DoorState.STOPPED if with_stop else DoorState.READY)
     first, *_, last = [m["message"] for m in service.messages if m["type"] == "event"]
     assert (first.code, first.figures) == ("drive.disk-full", {"error": "File too large"})
     assert last.code == "runs.disk-full"
     assert motions == [True], "the drive continued while the log was closed"
-    run = read_run(service.folder / done["run"])
+    run = read_run(service.folder / end["run"])
     assert 1.5 < run.duration_s < 5.5
     assert run.notes[0].code == "run.not-closed"

@@ -42,11 +42,11 @@ def test_r28_avrdude_writes_and_verifies_the_firmware_and_it_starts(firmware, op
     with on_pty(firmware, boot_loader=optiboot, flashed=False) as live:
         reset_when_opened(live)
         command = ["avrdude", "-q", "-c", "arduino", "-p", "m328p", "-P", live.path, "-b", "115200", "-D"]
-        done = subprocess.run(
+        result = subprocess.run(
             [*command, "-U", f"flash:w:{firmware.hex}:i"], capture_output=True, text=True, timeout=120
         )
-        assert done.returncode == 0, done.stderr[-1500:]
-        assert f"{len(program)} bytes of flash verified" in done.stderr
+        assert result.returncode == 0, result.stderr[-1500:]
+        assert f"{len(program)} bytes of flash verified" in result.stderr
         with live.lock:
             assert live.uno.flash(0, len(program)) == program
         state = first_state(live.path, 30)

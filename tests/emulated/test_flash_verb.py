@@ -30,20 +30,20 @@ def test_r28_the_flash_command_writes_the_firmware_and_prints_its_version(firmwa
     texts = []
     with on_pty(firmware, boot_loader=optiboot, flashed=False) as live:
         reset_when_opened(live)
-        done = flash(live.path, notify=texts.append)
+        result = flash(live.path, notify=texts.append)
         program_written = program_bytes(packaged_firmware())
         with live.lock:
             assert live.uno.flash(0, len(program_written)) == program_written
-    assert done.bytes == len(program_written)
-    assert done.version.startswith("1.")
-    assert "bytes written and read back" in done.table()
+    assert result.bytes == len(program_written)
+    assert result.version.startswith("1.")
+    assert "bytes written and read back" in result.table()
     assert f"writing {len(program_written)} bytes" in texts[0]
 
 
 def test_a_hex_file_is_decoded_like_in_the_emulator(firmware):
     memory = bytearray(program_bytes(firmware.hex))
-    for at, data in hex_chunks(firmware.hex):
-        assert memory[at : at + len(data)] == data
+    for address, data in hex_chunks(firmware.hex):
+        assert memory[address : address + len(data)] == data
 
 
 def test_a_line_without_a_boot_loader_is_reported(firmware, optiboot):

@@ -47,9 +47,9 @@ def missing() -> str:
     """Return the missing packages, or an empty text."""
     if sys.platform != "linux" or not Path(SYSTEM_PYTHON).exists():
         return "no Linux with a system Python"
-    done = subprocess.run([SYSTEM_PYTHON, "-c", ASK], capture_output=True, text=True)
-    if done.returncode != 0:
-        return f"{SYSTEM_PYTHON} has no umockdev ({done.stderr.strip().splitlines()[-1]})"
+    result = subprocess.run([SYSTEM_PYTHON, "-c", ASK], capture_output=True, text=True)
+    if result.returncode != 0:
+        return f"{SYSTEM_PYTHON} has no umockdev ({result.stderr.strip().splitlines()[-1]})"
     return "" if Path("/usr/sbin/i2cget").exists() else "no i2c-tools"
 
 

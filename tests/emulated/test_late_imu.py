@@ -51,8 +51,8 @@ def test_rt19_a_vehicle_without_its_imu_refuses_to_drive(service, robot):
     assert [m["reason"] for m in service.messages if m["type"] == "state"][-1] == service.machine.reason
     assert service.texts == [text(service.machine.reason)], "the missing IMU is reported only once"
     for mission in (spin(), pack(Mission("teach"), vehicle_file.load("small"))):
-        done, run = drive(service, mission)
-        assert done["reason"].code == StopReason.IMU_ABSENT
+        end, run = drive(service, mission)
+        assert end["reason"].code == StopReason.IMU_ABSENT
         assert run is None
     robot.bus.devices[0x68] = chip
 
@@ -67,8 +67,8 @@ def test_an_imu_that_answers_later_makes_the_vehicle_ready(service, robot):
     events = [m["message"] for m in service.messages if m["type"] == "event"]
     assert [event.code for event in events[1:]] == ["imu.answers"]
     assert service.texts == [text(event) for event in events]
-    done, run = drive(service, spin())
-    assert done["reason"] is None
+    end, run = drive(service, spin())
+    assert end["reason"] is None
     assert len(run.sensors["imu"].t_ns) > 90
 
 

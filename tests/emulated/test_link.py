@@ -76,12 +76,12 @@ def hardware(run):
 def test_each_silence_of_an_encoder_is_logged_once(robot):
     file = vehicle_file.load("small")
     robot.uno.store_settings(Settings(encoders=EncoderKind.QUADRATURE), robot.wait)
-    ahead, pause = np.tile([0.8, 0.0, 0.0], (110, 1)), np.zeros((30, 3))
+    forward, pause = np.tile([0.8, 0.0, 0.0], (110, 1)), np.zeros((30, 3))
 
     def left_alone(start_s):
         robot.board.encoder(0, 1500, start_s, start_s + 2.8)
 
-    run = drive_robot(robot, file, np.concatenate([ahead, pause, ahead]), left_alone)
+    run = drive_robot(robot, file, np.concatenate([forward, pause, forward]), left_alone)
     events = [e for e in run.events if e.source == "hardware"]
     assert len(events) == 2
     assert {e.diagnostic.code for e in events} == {"encoders.right-silent"}

@@ -30,11 +30,11 @@ def world(firmware):
 
 def test_a_vehicle_fitted_from_forty_seconds_repeats_a_taught_route(world):
     truth = vehicle_file.load("small")
-    wrong = {
+    values = {
         "model.friction.linear": [5.0, 40.0, 0.02],
         "model.actuator_matrix": [[5.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.3]],
     }
-    file = truth.with_values(wrong)
+    file = truth.with_values(values)
     run = experiment(file, excitation("random_steps", file.command.limit, 40.0, file.rate_hz, 3), **world())
     fit = identify([run], file)
     assert fit.verdict in ("USABLE", "WARN")

@@ -156,10 +156,10 @@ def test_r11_dither_is_a_square_wave_around_nonzero_duty(uno):
 def sums_of(rows):
     """Return the times and the integrals of left and right duty at the pins until these times."""
     times, sums = [rows[0][0]], [(0.0, 0.0)]
-    for this, after in itertools.pairwise(rows):
-        dt = after[0] - this[0]
+    for row, after in itertools.pairwise(rows):
+        dt = after[0] - row[0]
         times.append(after[0])
-        sums.append((sums[-1][0] + this[1] * dt, sums[-1][1] + this[2] * dt))
+        sums.append((sums[-1][0] + row[1] * dt, sums[-1][1] + row[2] * dt))
     return times, sums
 
 

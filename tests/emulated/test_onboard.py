@@ -68,9 +68,9 @@ def test_the_door_and_the_serial_thread_run_below_the_loop_and_before_ordinary_p
             mission = pack(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
             path = tmp_path / "run.mcap"
             perform_mission(remote, mission, path, progress=lambda t_s: driving.append(priorities(service)))
-    most = max(driving, key=len)
+    longest = max(driving, key=len)
     assert idle == [PRIORITY - 1, PRIORITY - 1, PRIORITY]
-    assert most == [0, *idle]  # the run's writer
+    assert longest == [0, *idle]  # the run's writer
 
 
 def priorities(service):

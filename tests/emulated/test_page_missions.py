@@ -40,8 +40,8 @@ def teach(wheel, body):
         wheel.hold("Teach")
         if until(lambda: wheel.state() == "MANUAL", 10.0):
             wheel.tab.down("w", "KeyW")
-            far = body.motion.eta[0] + TAUGHT_M
-            until(lambda end=far: body.motion.eta[0] > end or wheel.state() != "MANUAL", START_S)
+            goal = body.motion.eta[0] + TAUGHT_M
+            until(lambda end=goal: body.motion.eta[0] > end or wheel.state() != "MANUAL", START_S)
             wheel.tab.up("w", "KeyW")
             if wheel.state() == "MANUAL":
                 wheel.hold("End")
@@ -99,8 +99,8 @@ def test_a_route_is_taught_repeated_tuned_swapped_and_replayed_on_the_emulated_r
             # the run is copied, and its route is stored
             tab.wait(f"{SCREENS}.drive.names.length > 1", START_S)
             assert len(list((tmp_path / "here").glob("*-teach.mcap"))) >= 1
-            (taught,) = set(tab.js(f"{SCREENS}.drive.names")) - {"ring"}
-            repeat(wheel, taught, DRIVING)
+            (name,) = set(tab.js(f"{SCREENS}.drive.names")) - {"ring"}
+            repeat(wheel, name, DRIVING)
             stop(wheel)
             pause_and_continue(wheel, "ring", service.body)
             stop(wheel)

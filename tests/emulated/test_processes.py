@@ -143,8 +143,8 @@ def drive_whole(remote, mission, live, folder):
 def stalled(run, loss_s):
     """Return True if this machine delayed the emulated Uno or the ticks of the loop, which may end a drive."""
     (text,) = [event.text for event in run.events if event.source == CLOCK_SOURCE]
-    late = re.search(r"the latest started ([\d.]+) ms late", text)
-    late_s = 1e-3 * float(late[1]) if late else 0.0
+    match = re.search(r"the latest started ([\d.]+) ms late", text)
+    late_s = 1e-3 * float(match[1]) if match else 0.0
     return max(loss_s, late_s, *np.diff(run.t_s)) >= STALL_S
 
 
@@ -233,9 +233,9 @@ def test_rt5_a_killed_service_leaves_a_stopped_vehicle_and_a_readable_run(servic
     assert until(lambda: not live.moving(), PATIENCE_S)
     assert 0.25 < live.off_after_s() <= 0.32  # the command timeout of the firmware, on its clock
     damaged_file = max((tmp_path / "there").glob("*.mcap*"))
-    whole = tmp_path / "whole.mcap"
-    recover(damaged_file, whole)
-    assert read_run(whole).duration_s > 0.7
+    path = tmp_path / "whole.mcap"
+    recover(damaged_file, path)
+    assert read_run(path).duration_s > 0.7
 
 
 def test_a_service_that_receives_sigterm_exits(service, vehicle, live):

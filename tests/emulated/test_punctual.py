@@ -24,8 +24,8 @@ def test_a_punctual_drive_is_reported_in_its_run(service):
 
 def test_rt1_omitted_ticks_are_counted_with_a_warning(service, robot):
     during(service, robot, 0.5, lambda: robot.wait(0.05))
-    done, run = drive(service, spin())
-    assert done["reason"] is None
+    end, run = drive(service, spin())
+    assert end["reason"] is None
     missing = np.diff(run.t_ns) // 10_000_000 - 1
     assert missing.max() >= 4
     assert punctuality(run).level == "warning"
@@ -35,8 +35,8 @@ def test_rt1_omitted_ticks_are_counted_with_a_warning(service, robot):
 
 def test_a_stopped_drive_reports_its_punctuality(service, robot):
     during(service, robot, 0.5, lambda: service.operator.stop(TEACHER))
-    done, run = drive(service, spin(3.0))
-    assert done["reason"] == TEACHER
+    end, run = drive(service, spin(3.0))
+    assert end["reason"] == TEACHER
     assert punctuality(run).text.startswith(f"{len(run.t_ns)} ticks: ")
 
 
@@ -49,14 +49,14 @@ def test_a_drive_ended_by_the_driver_reports_its_punctuality(service, robot):
         service.operator.request_end(me)
 
     during(service, robot, 0.2, enough)
-    done, run = drive(service, spin(3.0), attended=True)
-    assert done["reason"].code == StopReason.INTERRUPTED
+    end, run = drive(service, spin(3.0), attended=True)
+    assert end["reason"].code == StopReason.INTERRUPTED
     assert "ticks: " in punctuality(run).text
 
 
 def test_a_first_drive_on_the_vehicle_writes_a_run(service):
     """Its result is computed on the laptop that receives the run."""
-    done, run = drive(service, pack(Mission("first drive"), vehicle_file.load("small")))
-    assert done["code"] == 0
+    end, run = drive(service, pack(Mission("first drive"), vehicle_file.load("small")))
+    assert end["code"] == 0
     assert run.metadata["kind"] == "first drive"
     assert len(run.t_ns) > 100

@@ -14,8 +14,8 @@ from tests.emulated.drives import TEACHER, drive, during, spin
 
 def test_a_mission_writes_a_run_with_the_applied_duty(service, robot):
     assert service.machine.state is DoorState.READY
-    done, run = drive(service, spin())
-    assert done["reason"] is None
+    end, run = drive(service, spin())
+    assert end["reason"] is None
     assert service.machine.state is DoorState.READY
     assert run.duration_s == pytest.approx(1.0, abs=0.03)
     assert run.applied_commands[-1, 2] == pytest.approx(0.6, abs=0.002)
@@ -27,8 +27,8 @@ def test_a_mission_writes_a_run_with_the_applied_duty(service, robot):
 
 def test_rt15_a_stop_by_anyone_is_latched_until_cleared(service, robot):
     during(service, robot, 0.5, lambda: service.operator.stop(TEACHER))
-    done, run = drive(service, spin(3.0))
-    assert done["reason"] == TEACHER
+    end, run = drive(service, spin(3.0))
+    assert end["reason"] == TEACHER
     assert service.machine.state is DoorState.STOPPED
     assert run.duration_s < 1.7
     second, _ = drive(service, spin())
@@ -44,8 +44,8 @@ def test_rt15_a_stop_by_anyone_is_latched_until_cleared(service, robot):
 
 def test_rt15_a_stop_that_latches_the_uno_at_once_is_reported_as_the_stop_and_not_as_a_fault(service, robot):
     during(service, robot, 0.5, lambda: (robot.uno.stop(), service.operator.stop(TEACHER), robot.wait(0.03)))
-    done, run = drive(service, spin(3.0))
-    assert done["reason"] == TEACHER
+    end, run = drive(service, spin(3.0))
+    assert end["reason"] == TEACHER
     assert {event.level for event in run.events if event.source in (LINE_SOURCE, UNO_SOURCE)} == {"info"}
     assert service.machine.reason == TEACHER
 
@@ -63,16 +63,16 @@ def test_rt13_a_silent_driver_stops_the_vehicle_within_half_a_second(service, ro
                 stops_ns[-1:] = [robot.now_ns]
 
     service.notify_watchdog = healthy
-    done, run = drive(service, spin(3.0), attended=True)
-    assert done["reason"].code == StopReason.HOLDER_SILENT
+    end, run = drive(service, spin(3.0), attended=True)
+    assert end["reason"].code == StopReason.HOLDER_SILENT
     moving = np.flatnonzero(np.abs(run.applied_commands[:, 2]) > 0.0)
     assert run.t_ns[moving[-1]] / 1e9 < 1.0
 
 
 def test_fw7_a_brown_out_of_the_uno_ends_the_drive(service, robot):
     during(service, robot, 0.5, lambda: robot.board.reset(4))
-    done, run = drive(service, spin(3.0))
-    assert done["reason"].code == StopReason.UNO_RESET
+    end, run = drive(service, spin(3.0))
+    assert end["reason"].code == StopReason.UNO_RESET
     assert service.machine.state is DoorState.STOPPED
     assert not robot.board.moving
     assert run.duration_s < 1.8
@@ -81,23 +81,23 @@ def test_fw7_a_brown_out_of_the_uno_ends_the_drive(service, robot):
 def test_a_tilt_ends_the_drive(service, robot):
     robot.chip.motion = lambda t_ns: ((8.0, 0.0, 4.0), (0.0, 0.0, 0.0))
     robot.wait(0.1)
-    done, _ = drive(service, spin(3.0))
-    assert done["reason"].code == StopReason.TILT
+    end, _ = drive(service, spin(3.0))
+    assert end["reason"].code == StopReason.TILT
 
 
 def test_rt6_a_silent_imu_ends_the_drive_and_is_logged(service, robot):
     during(service, robot, 0.3, lambda: setattr(robot.chip, "frozen", True))
-    done, run = drive(service, spin(3.0))
-    assert done["reason"].code == StopReason.SENSOR_SILENT
+    end, run = drive(service, spin(3.0))
+    assert end["reason"].code == StopReason.SENSOR_SILENT
     assert not robot.board.moving
     assert any(e.source == "hardware" for e in run.events)
 
 
 def test_a_repetition_runs_the_blocks_of_the_vehicle_file(service, robot):
-    done, run = drive(
+    end, run = drive(
         service, pack(Mission("repeat", route=shapes.circle(0.4, 0.25)), vehicle_file.load("small"))
     )
-    assert done["reason"] is None
+    assert end["reason"] is None
     gap = np.linalg.norm(run.estimate.eta[:, :2] - run.reference.eta[:, :2], axis=1)
     assert np.sqrt(np.mean(gap**2)) < 0.1
 
@@ -110,11 +110,11 @@ def test_rt3_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_pa
     )
     mission = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "mine.py:Mine"})
     mission = pack(mission, vehicle_file.load("small"))
-    done, _ = drive(service, mission)
-    assert done["reason"].code == StopReason.BLOCK_RAISED
-    assert done["reason"].figures["block"].startswith("controller Mine (")
-    assert "mine.py:6" in done["reason"].figures["block"]
-    assert done["reason"].figures["error"].startswith("ZeroDivisionError")
+    end, _ = drive(service, mission)
+    assert end["reason"].code == StopReason.BLOCK_RAISED
+    assert end["reason"].figures["block"].startswith("controller Mine (")
+    assert "mine.py:6" in end["reason"].figures["block"]
+    assert end["reason"].figures["error"].startswith("ZeroDivisionError")
 
 
 def test_manual_commands_drive_only_while_they_are_fresh(service, robot):
@@ -132,8 +132,8 @@ def test_manual_commands_drive_only_while_they_are_fresh(service, robot):
                 service.operator.request_end(me)
 
     service.notify_watchdog = healthy
-    done, run = drive(service, pack(Mission("teach"), vehicle_file.load("small")), attended=True)
-    assert done["reason"].code == StopReason.INTERRUPTED
+    end, run = drive(service, pack(Mission("teach"), vehicle_file.load("small")), attended=True)
+    assert end["reason"].code == StopReason.INTERRUPTED
     assert service.machine.state is DoorState.READY
     moving = run.t_ns[np.abs(run.applied_commands[:, 2]) > 0.01] / 1e9
     assert moving[0] < 0.2

@@ -132,12 +132,12 @@ def test_r15_settings_of_an_interrupted_write_are_not_used(uno, new_uno):
 
 
 def test_r19_configurations_at_their_limits_are_accepted(uno):
-    for least in (True, False):
+    for is_least in (True, False):
         numbers = [
-            field.value_range.low if least else field.value_range.high
+            field.value_range.low if is_least else field.value_range.high
             for field in frames.FIELDS_OF_LAYOUT[Config]
         ]
-        config = Config(*numbers)._replace(pwm_hz=50 if least else 20_000)
+        config = Config(*numbers)._replace(pwm_hz=50 if is_least else 20_000)
         uno.send(config)
         assert uno.info().config == config
 
@@ -166,16 +166,16 @@ def test_r19_a_configuration_out_of_range_is_refused_as_a_whole(uno, name, value
 
 def test_r19_settings_out_of_range_are_refused_as_a_whole(uno):
     flat = frames.flat_values(OURS)
-    wrong = 0
+    errors = 0
     for place, field in enumerate(frames.FIELDS_OF_LAYOUT[Settings]):
         for value in (field.value_range.low - 1, field.value_range.high + 1):
             if frames.integer_range(field.code).low <= value <= frames.integer_range(field.code).high:
                 uno.write(unchecked(frames.unflatten(Settings, [*flat[:place], value, *flat[place + 1 :]])))
                 uno.run(0.01)
-                wrong += 1
-    assert wrong > 20
+                errors += 1
+    assert errors > 20
     assert settings_of(uno) == Settings()
-    assert uno.info().out_of_range == wrong
+    assert uno.info().out_of_range == errors
     assert uno.eeprom()[AT_SETTINGS:] == b"\xff" * (1024 - AT_SETTINGS)
 
 

@@ -24,9 +24,9 @@ def verb(live, capsys):
     """Return `verb("--bridge", "tb6612")`, which gives exit code, stdout and stderr."""
 
     def run_verb(*words, host=("--vehicle", "small", "--set")):
-        more = [*host, f"robot.port={live.path}"] if "--set" in host else list(host)
+        options = [*host, f"robot.port={live.path}"] if "--set" in host else list(host)
         with pytest.raises(SystemExit) as exit_info:
-            main(["robot", "settings", *more, *words])
+            main(["robot", "settings", *options, *words])
         out, err = capsys.readouterr()
         return exit_info.value.code, out, err
 
@@ -120,10 +120,10 @@ def test_an_invalid_setting_is_refused_before_the_line_opens(verb, live, words, 
 
 def test_settings_are_not_stored_while_a_motor_runs(verb, live):
     """Opening the line does not reset this Uno, as with GPIO wiring; another program commands it."""
-    done = threading.Event()
+    stop = threading.Event()
 
     def somebody_else():
-        while not done.wait(0.03):
+        while not stop.wait(0.03):
             with live.lock:
                 for flags, duty in ((DriveFlag.ARM, 0), (DriveFlag.ARM, 400)):
                     live.uno.drive(duty, duty, flags)
@@ -133,7 +133,7 @@ def test_settings_are_not_stored_while_a_motor_runs(verb, live):
     try:
         code, _, err = verb("--bridge", "tb6612")
     finally:
-        done.set()
+        stop.set()
         thread.join()
     assert code == 1
     assert "A motor runs (left +" in err
@@ -214,10 +214,10 @@ def test_option_names_match_the_settings_of_the_firmware():
 
 
 def test_settings_rows_contain_all_stored_settings():
-    whole = apply_changes(
+    data = apply_changes(
         Settings(),
         {name: [words[1]] for name, (_, words) in uno_settings.PLUG_FLAGS.items()}
         | {"encoders": ["single"], "battery-ratio": ["4.001"], "dither-ms": ["50"], "kick": ["all=0.333"]},
     )
-    assert whole.wiring == 127
-    assert StoredSettings.from_rows(json.loads(json.dumps(StoredSettings(whole).rows()))).settings == whole
+    assert data.wiring == 127
+    assert StoredSettings.from_rows(json.loads(json.dumps(StoredSettings(data).rows()))).settings == data

@@ -65,40 +65,40 @@ class Freeze:
 def frozen_drive(robot, folder, phase, seconds, **options):
     service = serve(robot, vehicle_file.load("small"), folder)
     freeze = Freeze(robot, service, phase, seconds, **options)
-    done, run = drive(service, spin(2.5))
-    return service, freeze, done, run
+    end, run = drive(service, spin(2.5))
+    return service, freeze, end, run
 
 
 @pytest.mark.parametrize("keeps", [BUFFER, 0], ids=["telemetry kept", "telemetry lost"])
 @pytest.mark.parametrize("seconds", [0.35, 0.8, 5.0])
 @pytest.mark.parametrize("phase", [*PHASES, "in a block"])
 def test_rt2_a_freeze_longer_than_the_command_timeout_ends_the_drive(robot, tmp_path, phase, seconds, keeps):
-    service, _, done, run = frozen_drive(robot, tmp_path, phase, seconds, keeps=keeps)
+    service, _, end, run = frozen_drive(robot, tmp_path, phase, seconds, keeps=keeps)
     assert robot.board.first_time(lambda out: any(out.pwm)) is None, "no motor has moved since it woke"
-    assert done["reason"].code == StopReason.STANDSTILL
-    assert done["reason"].figures["dead_man_s"] == 0.3
-    assert stop_reason_of(run) == done["reason"]
-    assert done["reason"].figures["silent_s"] == pytest.approx(seconds, abs=0.02)
+    assert end["reason"].code == StopReason.STANDSTILL
+    assert end["reason"].figures["dead_man_s"] == 0.3
+    assert stop_reason_of(run) == end["reason"]
+    assert end["reason"].figures["silent_s"] == pytest.approx(seconds, abs=0.02)
     assert service.machine.state is DoorState.STOPPED
     look_around(service, robot, 5)
     assert service.machine.state is DoorState.STOPPED, "the stop is latched"
     service.operator.clear_requested = True
     look_around(service, robot, 20)
-    done, _ = drive(service, spin(0.5))
-    assert done["reason"] is None, "after an inspection the vehicle drives again"
+    end, _ = drive(service, spin(0.5))
+    assert end["reason"] is None, "after an inspection the vehicle drives again"
 
 
 @pytest.mark.parametrize("phase", ["after read", "in a block"])
 def test_a_freeze_in_the_first_tick_stops_the_drive_before_motion(robot, tmp_path, phase):
-    _, _, done, _ = frozen_drive(robot, tmp_path, phase, 0.8, after_s=0.0)
-    assert done["reason"].code == StopReason.STANDSTILL
+    _, _, end, _ = frozen_drive(robot, tmp_path, phase, 0.8, after_s=0.0)
+    assert end["reason"].code == StopReason.STANDSTILL
     assert robot.board.first_time(lambda out: any(out.pwm)) is None
 
 
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_short_freeze_does_not_stop_the_drive(robot, tmp_path, phase):
-    service, _, done, _ = frozen_drive(robot, tmp_path, phase, 0.2)
-    assert done["reason"] is None
+    service, _, end, _ = frozen_drive(robot, tmp_path, phase, 0.2)
+    assert end["reason"] is None
     assert service.machine.state is DoorState.READY
     assert robot.board.first_time(lambda out: any(out.pwm)) is not None
 
@@ -115,6 +115,6 @@ def test_a_freeze_during_a_write_moves_motors_for_one_tick_at_most(robot, tmp_pa
         write(data)
 
     robot.write = slow
-    done, _ = drive(service, spin(2.5))
-    assert done["reason"].code == StopReason.STANDSTILL
+    end, _ = drive(service, spin(2.5))
+    assert end["reason"].code == StopReason.STANDSTILL
     assert robot.board.off_since() - freeze.woken_s <= 0.02

@@ -115,11 +115,11 @@ class EmulatedUno:
         self.set_battery(battery_v)
         self.clock_began_s = 0.0
         if boot_loader:
-            chunks = [(at, data) for at, data in hex_chunks(boot_loader) if at + len(data) <= FLASH]
+            chunks = [(place, data) for place, data in hex_chunks(boot_loader) if place + len(data) <= FLASH]
             program = hex_chunks(build.hex) if flashed else ()
-            for at, data in (*program, *chunks):
-                self.lib.rig_flash(self.rig, at, data, len(data))
-            self.lib.rig_start_at(self.rig, min(at for at, _ in chunks))
+            for place, data in (*program, *chunks):
+                self.lib.rig_flash(self.rig, place, data, len(data))
+            self.lib.rig_start_at(self.rig, min(place for place, _ in chunks))
             self.reset()
         else:
             while not self.ram(TCCR0B, 1)[0]:
@@ -296,12 +296,12 @@ class EmulatedUno:
     def off_since(self) -> float:
         """Return the time since which neither motor is driven."""
         assert not self.moving
-        since = self.t_s
+        start_s = self.t_s
         for out in reversed(self.outputs()):
             if any(out.terminal(channel, self.driver).duty for channel in range(2)):
-                return since
-            since = out.t_s
-        return since
+                return start_s
+            start_s = out.t_s
+        return start_s
 
     def set_battery(self, volts: float) -> None:
         self._put(ADC_MV, 0, round(volts / DIVIDER * 1000), self.t_s)
@@ -354,14 +354,14 @@ class EmulatedUno:
         self.lib.rig_eeprom_read(self.rig, 0, memory, 1024)
         return memory
 
-    def flash(self, at: int, n: int) -> bytes:
+    def flash(self, address: int, n: int) -> bytes:
         memory = bytes(n)
-        self.lib.rig_flash_read(self.rig, at, memory, n)
+        self.lib.rig_flash_read(self.rig, address, memory, n)
         return memory
 
-    def ram(self, at: int, n: int) -> bytes:
+    def ram(self, address: int, n: int) -> bytes:
         memory = bytes(n)
-        self.lib.rig_ram_read(self.rig, at, memory, n)
+        self.lib.rig_ram_read(self.rig, address, memory, n)
         return memory
 
     def _put(self, kind: int, place: int, value: int, at_s: float | None) -> None:

@@ -41,15 +41,15 @@ def watch_ticks() -> None:
     ticks = Service._ticks
 
     def ticks_and_watch(self: Service, *arguments: Any) -> Iterator[int]:
-        first, late = set[str](), set[str]()
+        first, rest_names = set[str](), set[str]()
         try:
             for t_ns in ticks(self, *arguments):
                 first = first or set(sys.modules)
-                late = set(sys.modules) - first
+                rest_names = set(sys.modules) - first
                 yield t_ns
         finally:
             if first:  # the drive has begun
-                write_line(late=late)
+                write_line(late=rest_names)
 
     Service._ticks = ticks_and_watch
 

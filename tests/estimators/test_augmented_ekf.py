@@ -67,8 +67,8 @@ def test_a_lasting_disagreement_with_the_model_does_not_turn_the_heading_away_fr
 
 def test_the_region_of_the_position_contains_each_heading_of_its_own_95_percent():
     imu = replace(IMU, gyro_scale_std=0.0145, gyro_bias_std=1e-6)
-    quiet = {"disturbance_std": np.array([1e-3, 3.0]), "velocity_walk_std": np.array([1e-4, 1e-4, 1e-3])}
-    ekf = compile_block(AugmentedEkf(SMALL, BOTH(imu, ODOMETER), course_std=1e-4, **quiet), "c")
+    options = {"disturbance_std": np.array([1e-3, 3.0]), "velocity_walk_std": np.array([1e-4, 1e-4, 1e-3])}
+    ekf = compile_block(AugmentedEkf(SMALL, BOTH(imu, ODOMETER), course_std=1e-4, **options), "c")
     belief, square, place = ekf.init(), [], np.zeros(2)
     for k in range(1, 2001):
         before = belief.mean[2]
@@ -90,14 +90,14 @@ def test_without_a_speed_sensor_the_model_predicts_the_speed():
 
 def test_trusted_accelerometers_correct_the_speed():
     trusted = filter_of(speed_from=("imu[1]",))
-    plain, _ = run(filter_of(), (tick(k, (0.0, 1.5, 3.0)) for k in range(1, 200)))
+    belief, _ = run(filter_of(), (tick(k, (0.0, 1.5, 3.0)) for k in range(1, 200)))
     moving, _ = run(trusted, (tick(k, (0.0, 1.5, 3.0)) for k in range(1, 200)))
-    assert abs(moving.mean[3] - plain.mean[3]) > 0.05
+    assert abs(moving.mean[3] - belief.mean[3]) > 0.05
 
 
 def test_an_odometer_determines_the_speed_and_the_gyro_the_heading():
-    both = filter_of(use=("imu", "odometer"))
-    belief, estimate = run(both, (tick(k, (0.0, 0.0, 1.0), 0.6) for k in range(1, 200)))
+    block = filter_of(use=("imu", "odometer"))
+    belief, estimate = run(block, (tick(k, (0.0, 0.0, 1.0), 0.6) for k in range(1, 200)))
     gyro_only, _ = run(filter_of(), (tick(k, (0.0, 0.0, 1.0)) for k in range(1, 200)))
     assert estimate.nu[0] == pytest.approx(0.6, abs=0.01)
     assert wrap(belief.mean[2] - gyro_only.mean[2]) == pytest.approx(0.0, abs=1e-3)
@@ -167,9 +167,9 @@ def test_rt8_a_saturated_gyro_reading_is_not_used():
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_one_nan_does_not_discard_the_other_readings_of_its_sensor(bad):
     belief, _ = run(filter_of(), (tick(k, (0, 0, 0.5)) for k in range(1, 100)))
-    good, _ = run(filter_of(), [tick(100, (0, 0, 0.6))], belief)
+    expected, _ = run(filter_of(), [tick(100, (0, 0, 0.6))], belief)
     hurt, estimate = run(filter_of(), [tick(100, (bad, 0, 0.6))], belief)
-    assert hurt.mean == pytest.approx(good.mean)
+    assert hurt.mean == pytest.approx(expected.mean)
     assert np.isnan(estimate.innovation).tolist() == [True, False, False]
 
 
@@ -197,9 +197,9 @@ def test_wheels_beside_a_gyro_do_not_make_its_scale_more_certain(gyro, wheel):
 
 def test_a_pose_sensor_corrects_the_whole_state():
     sensors = sensor_slots(("imu", "pose"))(IMU, Pose(noise_std=np.array([0.01, 0.01, 0.02])))
-    its = layout(AugmentedEkf(SMALL, sensors, use=("imu", "pose")))
+    slots = layout(AugmentedEkf(SMALL, sensors, use=("imu", "pose")))
     # the curvature of the region is considered
-    assert np.all(np.delete(its.moving_mask[3:], BEND_INDEX, axis=1) == 1.0)
+    assert np.all(np.delete(slots.moving_mask[3:], BEND_INDEX, axis=1) == 1.0)
     assert not np.any(layout(AugmentedEkf(SMALL, sensors)).moving_mask[:, SCALE_INDEX:])
 
 

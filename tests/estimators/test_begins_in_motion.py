@@ -34,8 +34,8 @@ def steady():
     0 = 0.03 · 0.2 − 0.006 r,   0 = −4 ν_y − m ν_x r,   0 = 1.5 · 0.5 − 1.2 ν_x + m ν_y r
     """
     m, r = 0.61, 0.03 * 0.2 / 0.006
-    ahead = 1.5 * 0.5 / (1.2 + (m * r) ** 2 / 4.0)
-    return np.array([ahead, -m * ahead * r / 4.0, r])
+    speed = 1.5 * 0.5 / (1.2 + (m * r) ** 2 / 4.0)
+    return np.array([speed, -m * speed * r / 4.0, r])
 
 
 def speeds(block, nu, first=U):

@@ -62,9 +62,9 @@ def test_wheels_correct_the_speed_only_at_ticks_with_a_reading():
         Slot(np.ones(n), of_motion(np.zeros((n, 3)), np.zeros((n, 3))), np.zeros(n)),
         Slot((np.arange(n) % 2).astype(float), 1.02 * v[:, None], np.zeros(n)),
     )
-    quiet = Tick(10_000_000, np.zeros(3), silent({"imu": 3, "odometer": 1}))
+    silent_tick = Tick(10_000_000, np.zeros(3), silent({"imu": 3, "odometer": 1}))
     ticks = Tick(10_000_000 * np.arange(1, n + 1), np.zeros((n, 3)), slots)
-    _, motion = scan(block.step, block.init(), quiet).run(ticks)
+    _, motion = scan(block.step, block.init(), silent_tick).run(ticks)
     assert motion.nu[-1, 0] == pytest.approx(0.3, rel=0.01)
 
 
@@ -92,23 +92,23 @@ def test_without_wheel_speeds_the_model_predicts_the_speed():
     u = np.tile([0.4, 0.0, 0.0], (n, 1))
     _, motion = through(blended(), u, {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3)))})
     assert motion.nu[-1, 0] == pytest.approx(1.5 * 0.4 / 1.2, rel=0.01)
-    block, quiet = blended(), Tick(10_000_000, np.zeros(3), silent({"imu": 3}))
+    block, silent_tick = blended(), Tick(10_000_000, np.zeros(3), silent({"imu": 3}))
     # the vehicle was driving before
-    _, estimate = block.step(block.init(np.zeros(3), np.array([0.5, 0.0, 0.0])), quiet)
+    _, estimate = block.step(block.init(np.zeros(3), np.array([0.5, 0.0, 0.0])), silent_tick)
     assert estimate.nu[0] == pytest.approx(0.5, rel=0.03)
 
 
 def test_the_gyro_bias_is_estimated_only_at_rest():
     n = 600
-    off = np.array([0.0, 0.0, 0.03]) + of_motion(np.zeros((n, 3)), np.zeros((n, 3)))
-    rest, motion = through(blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": off})
+    error = np.array([0.0, 0.0, 0.03]) + of_motion(np.zeros((n, 3)), np.zeros((n, 3)))
+    rest, motion = through(blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": error})
     assert float(rest.bias) == pytest.approx(0.03 / 1.03, rel=0.01)
     assert abs(motion.nu[-1, 2]) < 1e-3
-    driving, _ = through(blended(rest_time_s=0.5), np.tile([0.4, 0.0, 0.0], (n, 1)), {"imu": off})
+    driving, _ = through(blended(rest_time_s=0.5), np.tile([0.4, 0.0, 0.0], (n, 1)), {"imu": error})
     assert float(driving.bias) == 0.0
     # by hand
     turning_state, _ = through(
-        blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": np.array([0.0, 0.0, 1.0]) + off}
+        blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": np.array([0.0, 0.0, 1.0]) + error}
     )
     assert float(turning_state.bias) == 0.0
 

@@ -49,8 +49,8 @@ def drive_truth(n, t_s):
     v, w = v * stopping, w * (1.0 - np.exp(-fine / 0.2)) * stopping
     psi = np.concatenate([[0.0], np.cumsum(0.5 * (w[1:] + w[:-1]) * 1e-3)])
     middle = 0.5 * (psi[1:] + psi[:-1])
-    way = 0.5 * (v[1:] + v[:-1]) * 1e-3
-    xy = np.cumsum(way[:, None] * np.stack([np.cos(middle), np.sin(middle)], 1), axis=0)
+    path_m = 0.5 * (v[1:] + v[:-1]) * 1e-3
+    xy = np.cumsum(path_m[:, None] * np.stack([np.cos(middle), np.sin(middle)], 1), axis=0)
     eta = np.column_stack([np.concatenate([np.zeros((1, 2)), xy]), psi])
     return np.column_stack([v, 0.0 * v, w])[::10], eta[::10]
 
@@ -69,9 +69,9 @@ def ticks_of(reckon, readings, u=None):
 
 
 def kernel_of(reckon, start=None):
-    quiet = silent({name: s.size for name, s in reckon.sensors._asdict().items()})
+    silence = silent({name: s.size for name, s in reckon.sensors._asdict().items()})
     belief = reckon.init() if start is None else start
-    return scan(reckon.step, belief, Tick(10_000_000, np.zeros(reckon.vehicle.commands), quiet))
+    return scan(reckon.step, belief, Tick(10_000_000, np.zeros(reckon.vehicle.commands), silence))
 
 
 @pytest.mark.parametrize("speed", [{"wheels": WHEELS}, {"odometer": ODOMETER}], ids=["wheels", "odometer"])

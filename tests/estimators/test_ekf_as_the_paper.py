@@ -75,10 +75,10 @@ def test_the_paper_mode_does_not_gate_readings():
 def test_the_kinematic_model_predicts_the_command_times_its_matrix_v(mode):
     V = np.diag([0.3, 0.0, 2.0])
     ekf = Ekf(Kinematic(velocity_matrix=V, drivetrain=Drivetrain()), SENSORS, R, mode=mode)
-    belief, quiet = ekf.init(), sensor_slots(("imu",))(Slot(0.0, np.zeros(3)))
+    belief, silence = ekf.init(), sensor_slots(("imu",))(Slot(0.0, np.zeros(3)))
     u = np.array([1.0, 0.0, -0.5])
-    belief, _ = ekf.step(belief, Tick(10_000_000, u, quiet))
+    belief, _ = ekf.step(belief, Tick(10_000_000, u, silence))
     np.testing.assert_allclose(belief.mean[3:6], V @ u, atol=1e-12)
     np.testing.assert_allclose(belief.mean[6:], V @ u / DT, atol=1e-9)
-    belief, _ = ekf.step(belief, Tick(20_000_000, u, quiet))
+    belief, _ = ekf.step(belief, Tick(20_000_000, u, silence))
     np.testing.assert_allclose(belief.mean[6:], 0.0, atol=1e-9)

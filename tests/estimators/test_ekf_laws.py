@@ -76,13 +76,13 @@ class PartOfImu(NamedTuple):
     "bad", [(np.nan, 0.01, 0.1), (0.3, np.inf, 0.1), (0.3, np.nan, -np.inf), (np.nan,) * 3]
 )
 def test_es4_a_channel_that_is_not_finite_leaves_no_trace_in_the_state(kind, bad):
-    good = [int(k) for k in np.flatnonzero(np.isfinite(bad))]
-    whole, part = (
-        compile_block(kind(SMALL, Sensors(imu), R), "python") for imu in (IMU, PartOfImu(IMU, good))
+    finite = [int(k) for k in np.flatnonzero(np.isfinite(bad))]
+    full, part = (
+        compile_block(kind(SMALL, Sensors(imu), R), "python") for imu in (IMU, PartOfImu(IMU, finite))
     )
-    belief, _ = after(whole, GOOD)
-    hit, estimate = whole.step(belief, tick(6, z=bad))
-    expected, _ = part.step(belief, tick(6, z=np.array(bad)[good]))
+    belief, _ = after(full, GOOD)
+    hit, estimate = full.step(belief, tick(6, z=bad))
+    expected, _ = part.step(belief, tick(6, z=np.array(bad)[finite]))
     np.testing.assert_allclose(hit.mean, expected.mean, rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(hit.cov, expected.cov, rtol=1e-9, atol=1e-18)
     assert np.array_equal(np.isfinite(estimate.innovation), np.isfinite(bad))
@@ -183,8 +183,8 @@ def test_unexplained_acceleration_decays_with_its_time_constant():
 
 def test_the_estimator_models_the_drivetrain_delay_of_the_vehicle():
     drivetrain = Drivetrain(delay_s=0.03, delay_slots=3, limit=np.array([0.5, 0.5, 0.5]))
-    late = replace(SMALL, drivetrain=drivetrain)
-    filter_ = Ekf(late, Sensors(IMU), R)
+    delayed = replace(SMALL, drivetrain=drivetrain)
+    filter_ = Ekf(delayed, Sensors(IMU), R)
     belief, efforts = filter_.init(), []
     for k in range(1, 7):
         belief, _ = filter_.step(belief, tick(k, u=(2.0, 0.0, 0.0)))

@@ -134,10 +134,10 @@ def test_after_one_second_of_pause_only_the_covariance_grows(name, call):
     spread = [np.diag(b.cov)[:6] for b in (after_1_ms, two, ten)]
     assert np.all(spread[1] > spread[0])
     assert np.all(spread[2] > spread[1])
-    way = np.hypot(*ten.mean[3:5]) * 8.9
-    assert np.sqrt(ten.cov[0, 0]) > way, "the vehicle may have continued at its velocity"
-    near = drive_ekf(name, range(1010, 2001, 10), belief) if call == "step" else after_1_ms
-    np.testing.assert_allclose(after_1_ms.mean, near.mean, rtol=0.0, atol=1e-3)
+    path_m = np.hypot(*ten.mean[3:5]) * 8.9
+    assert np.sqrt(ten.cov[0, 0]) > path_m, "the vehicle may have continued at its velocity"
+    state = drive_ekf(name, range(1010, 2001, 10), belief) if call == "step" else after_1_ms
+    np.testing.assert_allclose(after_1_ms.mean, state.mean, rtol=0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("name", GARAGE)
@@ -194,12 +194,12 @@ def test_all_back_ends_give_the_same_estimate_over_pauses(name):
 @pytest.mark.parametrize("name", BOTH)
 def test_a_scan_over_split_ticks_equals_single_steps(name):
     ticks = random_ticks(name, 300, 7)
-    rows, at = rows_of_ticks(ticks, load(name).rate_hz)
+    rows, indices = rows_of_ticks(ticks, load(name).rate_hz)
     _, (mean, cov) = kernel(name).run(rows)
-    assert np.array_equal(rows.t_ns[at], ticks.t_ns)
+    assert np.array_equal(rows.t_ns[indices], ticks.t_ns)
     # 9: the paper's state
     belief, rtol = ekf(name).init(), 1e-12 if len(ekf(name).init().mean) == 9 else 1e-11
-    for k, each_tick in zip(at, each(ticks), strict=True):
+    for k, each_tick in zip(indices, each(ticks), strict=True):
         belief, _ = ekf(name).step(belief, each_tick)
         np.testing.assert_allclose(mean[k], belief.mean, rtol=rtol, atol=rtol)
         np.testing.assert_allclose(np.diag(cov[k]), np.diag(belief.cov), rtol=rtol)
@@ -236,7 +236,7 @@ def test_a_pause_does_not_change_the_command_delay():
     assert steady[:4] == [0.0] * 4
     assert steady[4] > 0.4
     assert list(efforts([20, 40, 520, *after])) == steady
-    late = [t + 4 * (k % 2) for k, t in enumerate(range(20, 700, 20))]
-    assert list(efforts(late))[:5] == pytest.approx(steady[:5], abs=0.11), (
+    uneven_times = [t + 4 * (k % 2) for k, t in enumerate(range(20, 700, 20))]
+    assert list(efforts(uneven_times))[:5] == pytest.approx(steady[:5], abs=0.11), (
         "ticks that jitter keep their delay"
     )

@@ -71,20 +71,20 @@ def consequence(kernel, run: Run, z: np.ndarray | None = None) -> Consequence:
     reasons = [
         bool(health.misfit_message(int(t), Estimate(*row))) for t, *row in zip(t_ns, *out, strict=True)
     ]
-    at = [float(1e-9 * t_ns[np.argmax(flags)]) if np.any(flags) else np.nan for flags in (refusals, reasons)]
-    return Consequence(out.nu - run.truth.nu, refusals, *at)
+    k = [float(1e-9 * t_ns[np.argmax(flags)]) if np.any(flags) else np.nan for flags in (refusals, reasons)]
+    return Consequence(out.nu - run.truth.nu, refusals, *k)
 
 
 def broken_readings(run: Run, fault: str) -> np.ndarray:
     """The IMU readings of the run, broken from 8 s to 11 s."""
     z, random = run.sensors["imu"].z.copy(), np.random.default_rng(6)
-    at = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
+    mask = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
     if fault == "stuck":
-        z[at] = z[np.argmax(at)]
+        z[mask] = z[np.argmax(mask)]
     elif fault == "shaken":
-        z[at] += random.normal(size=(int(np.sum(at)), 3)) * [3.0, 3.0, 1.0]
+        z[mask] += random.normal(size=(int(np.sum(mask)), 3)) * [3.0, 3.0, 1.0]
     else:
-        z[at] += {"gyro": [0.0, 0.0, 2.0], "ramp of 6 degrees": [1.0, 0.0, 0.0]}[fault]
+        z[mask] += {"gyro": [0.0, 0.0, 2.0], "ramp of 6 degrees": [1.0, 0.0, 0.0]}[fault]
     return z
 
 
@@ -92,12 +92,12 @@ def broken_readings(run: Run, fault: str) -> np.ndarray:
 def test_es7_a_sensor_broken_for_seconds_does_not_move_the_estimate(kernel, run, fault):
     """The limits are twice the largest errors with an intact IMU. The gyro gate is wide, because real cars turn
     differently from any model: 200 σ of vibration may change the yaw rate by 4."""
-    whole, s = consequence(kernel, run), consequence(kernel, run, broken_readings(run, fault))
-    at = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
-    assert np.mean(s.refused[at]) > 0.5
-    assert not np.any(s.refused[~at])
+    reference, s = consequence(kernel, run), consequence(kernel, run, broken_readings(run, fault))
+    mask = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
+    assert np.mean(s.refused[mask]) > 0.5
+    assert not np.any(s.refused[~mask])
     times = np.array([2.0, 2.0, 4.0 if fault == "shaken" else 2.0])
-    assert np.all(np.max(np.abs(s.error), axis=0) < times * np.max(np.abs(whole.error), axis=0))
+    assert np.all(np.max(np.abs(s.error), axis=0) < times * np.max(np.abs(reference.error), axis=0))
     assert BROKEN_S[0] < s.told_at_s < s.refused_at_s + TOLD_S
 
 
@@ -110,19 +110,19 @@ def test_es6_a_sound_sensor_is_never_rejected_or_reported(kernel, run):
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_wrong_turning_gain_is_reported_and_the_estimate_recovers_at_rest(kernel, factor):
     s = consequence(kernel, turning(factor))
-    moving, late = DRIVING & (t_s > REST_S + TOLD_S), t_s > END_S - 0.5 * STILL_S
+    moving, is_late = DRIVING & (t_s > REST_S + TOLD_S), t_s > END_S - 0.5 * STILL_S
     assert np.mean(s.refused[moving]) > 0.9
     assert REST_S < s.told_at_s < s.refused_at_s + TOLD_S
-    assert not np.any(s.refused[late])
-    assert np.max(np.abs(s.error[late, 2])) < 0.03
+    assert not np.any(s.refused[is_late])
+    assert np.max(np.abs(s.error[is_late, 2])) < 0.03
 
 
 def test_es5_ten_percent_outliers_increase_the_error_by_at_most_a_tenth(kernel, run):
     random = np.random.default_rng(5)
     z, sigma = run.sensors["imu"].z.copy(), np.sqrt(np.diag(SMALL.sensors.imu.cov))
-    at = random.uniform(size=len(z)) < 0.1
-    z[at] += 20.0 * sigma * random.choice([-1.0, 1.0], size=(int(np.sum(at)), 3))
-    whole, s = consequence(kernel, run), consequence(kernel, run, z)
+    mask = random.uniform(size=len(z)) < 0.1
+    z[mask] += 20.0 * sigma * random.choice([-1.0, 1.0], size=(int(np.sum(mask)), 3))
+    reference, s = consequence(kernel, run), consequence(kernel, run, z)
     assert np.mean(s.refused) > 0.09
-    rms, before = (np.sqrt(np.mean(x.error**2, axis=0)) for x in (s, whole))
+    rms, before = (np.sqrt(np.mean(x.error**2, axis=0)) for x in (s, reference))
     assert np.all(rms < 1.1 * before)

@@ -45,8 +45,8 @@ def drive_with(kind: str, keys: str):
 def through(kind: str, estimator: str, use):
     """Return a drive with this sensor, and what the estimator computes from the sensors in `use`."""
     file, run = drive_with(kind, SENSORS[kind])
-    needs = {"process_noise_cov": R} if estimator != "augmented_ekf" else {}
-    block = file.estimator(estimator, use=use, **needs)
+    options = {"process_noise_cov": R} if estimator != "augmented_ekf" else {}
+    block = file.estimator(estimator, use=use, **options)
     ticks = ticks_of(run, block, len(run.t_ns))
     first = type(ticks)(*(leaf if leaf is None else _first(leaf) for leaf in ticks))
     return run, scan(block.row, block.init(), first).run(ticks)[1]
@@ -75,8 +75,8 @@ def test_an_estimate_is_finite_and_its_error_matches_its_covariance(kind, estima
 
 @pytest.mark.parametrize("kind", ["tags", "beacon", "rangefinder", "pose"])
 def test_a_position_sensor_reduces_the_position_uncertainty(kind):
-    with_it, without = (through(kind, "augmented_ekf", use)[1].cov[-1] for use in (("imu", kind), ("imu",)))
-    assert np.trace(with_it[:2, :2]) < 0.7 * np.trace(without[:2, :2])
+    with_it, plain = (through(kind, "augmented_ekf", use)[1].cov[-1] for use in (("imu", kind), ("imu",)))
+    assert np.trace(with_it[:2, :2]) < 0.7 * np.trace(plain[:2, :2])
 
 
 @pytest.mark.parametrize("turn", [3.1, -1.3])  # the drive turns left: from 3.1 rad across π

@@ -70,11 +70,11 @@ def test_the_heading_region_covers_the_truth_during_and_after_a_gyro_fault(fault
     eta, nu, cov = estimates(readings(fault))
     true = run().truth
     e = wrap(eta[:, 2] - true.eta[:, 2])
-    inside = np.abs(e) <= REGION_95 * np.sqrt(cov[:, 2, 2])
-    late = t_s >= FAULT_S[0] + MIN_INCONSISTENT_S + 0.1
-    assert np.mean(inside[late]) >= 0.95
+    is_inside = np.abs(e) <= REGION_95 * np.sqrt(cov[:, 2, 2])
+    is_late = t_s >= FAULT_S[0] + MIN_INCONSISTENT_S + 0.1
+    assert np.mean(is_inside[is_late]) >= 0.95
     turning = np.abs(nu[:, 2] - true.nu[:, 2]) <= REGION_95 * np.sqrt(cov[:, 5, 5])
-    assert np.mean(turning[AT & late]) >= 0.95
+    assert np.mean(turning[AT & is_late]) >= 0.95
 
 
 @cache
@@ -91,9 +91,9 @@ def wheeled_block():
 def test_wheels_and_gyro_widen_the_region_of_the_signal_that_the_model_contradicts(fault, wide):
     file, filter_ = wheeled_block()
     imu, true = run().sensors["imu"].z.copy(), run().truth
-    across = 0.06 * true.nu[:, 2]
+    speed = 0.06 * true.nu[:, 2]
     noise = 0.02 * np.random.default_rng(5).standard_normal((len(t_s), 2))
-    wheels = np.stack([true.nu[:, 0] - across, true.nu[:, 0] + across], axis=1) + noise
+    wheels = np.stack([true.nu[:, 0] - speed, true.nu[:, 0] + speed], axis=1) + noise
     if fault == "gyro":
         imu[AT, 2] *= 2.0
     elif fault == "bias":
@@ -106,11 +106,11 @@ def test_wheels_and_gyro_widen_the_region_of_the_signal_that_the_model_contradic
         belief, estimate = filter_.step(belief, Tick(t_ns, run().applied_commands[k], slots))
         nu.append(estimate.nu)
         cov.append(np.diag(estimate.cov))
-    late = AT & (t_s >= FAULT_S[0] + 1.0)
-    inside = np.abs(np.array(nu) - true.nu)[late] <= REGION_95 * np.sqrt(np.array(cov)[late, 3:])
-    assert np.all(np.mean(inside[:, [2] if fault == "bias" else [0, 2]], axis=0) >= 0.9)
+    mask = AT & (t_s >= FAULT_S[0] + 1.0)
+    is_inside = np.abs(np.array(nu) - true.nu)[mask] <= REGION_95 * np.sqrt(np.array(cov)[mask, 3:])
+    assert np.all(np.mean(is_inside[:, [2] if fault == "bias" else [0, 2]], axis=0) >= 0.9)
     before = np.median(np.array(cov)[(t_s > 1.5) & (t_s < FAULT_S[0])], axis=0)
-    is_wide = np.median(np.array(cov)[late], axis=0) > 30.0 * before
+    is_wide = np.median(np.array(cov)[mask], axis=0) > 30.0 * before
     assert [k for k in (3, 5) if is_wide[k]] == wide
 
 
@@ -136,9 +136,9 @@ def test_consistent_sensors_cause_no_lasting_disagreement():
 def test_a_frozen_imu_causes_a_speed_error_below_20_cm_s():
     z = run().sensors["imu"].z.copy()
     for begin_s in (2.0, 3.3, 5.1, 8.4):
-        at, bad = (t_s >= begin_s) & (t_s < begin_s + 2.0), z.copy()
-        bad[at] = z[np.argmax(at)]
-        _, nu, _ = estimates(bad)
+        mask, damaged = (t_s >= begin_s) & (t_s < begin_s + 2.0), z.copy()
+        damaged[mask] = z[np.argmax(mask)]
+        _, nu, _ = estimates(damaged)
         assert np.max(np.abs(nu[:, 0] - run().truth.nu[:, 0])) <= 0.2
 
 
@@ -166,8 +166,8 @@ def test_position_uncertainty_grows_by_velocity_uncertainty_times_time():
 def test_one_rejected_reading_in_ten_does_not_widen_the_region():
     doubt = np.zeros((2, 2))
     for k in range(1000):
-        off = np.full(2, 1.0 if k % 10 == 0 else 0.0)
-        doubt = inconsistency_after(doubt, off, np.zeros(2), np.array([True, True]), 0.01)
+        error = np.full(2, 1.0 if k % 10 == 0 else 0.0)
+        doubt = inconsistency_after(doubt, error, np.zeros(2), np.array([True, True]), 0.01)
         assert np.all(doubt[1] < MIN_INCONSISTENT_S)
 
 

@@ -50,12 +50,12 @@ def test_prediction_and_correction_equal_filterpy():
     reference.H = H
     reference.R = Q
     reference.predict()
-    ahead = predict(Gaussian(np.ones(6), P), lambda x: F @ x, R)
-    assert ahead.mean == pytest.approx(reference.x)
-    assert ahead.cov == pytest.approx(reference.P)
+    prediction = predict(Gaussian(np.ones(6), P), lambda x: F @ x, R)
+    assert prediction.mean == pytest.approx(reference.x)
+    assert prediction.cov == pytest.approx(reference.P)
     reference.update(H @ reference.x + y)
-    correction = correct(ahead.cov, y, H, Q)
-    assert ahead.mean + correction.move == pytest.approx(reference.x)
+    correction = correct(prediction.cov, y, H, Q)
+    assert prediction.mean + correction.move == pytest.approx(reference.x)
     assert correction.cov == pytest.approx(reference.P)
     log_likelihood = -0.5 * np.sum(correction.e**2 + np.log(2.0 * np.pi * correction.s))
     assert log_likelihood == pytest.approx(reference.log_likelihood)

@@ -50,7 +50,7 @@ def test_the_heading_follows_the_gyro_with_any_model(turning_gain):
     )
     heading = kernel.run(ticks, carry=begin)[1].eta[:, 2]
     error = np.unwrap(heading) - DT_S * np.arange(1, TICKS + 1)
-    plain = DT_S * np.cumsum(readings - 1.0)
-    late = slice(TICKS // 3, None)  # the misfit has lasted for 5 s
-    drift = (error - plain)[late]
+    sums = DT_S * np.cumsum(readings - 1.0)
+    last_part = slice(TICKS // 3, None)  # the misfit has lasted for 5 s
+    drift = (error - sums)[last_part]
     assert np.ptp(drift) < 0.003  # of 10 rad; a permanent pull of the model moves the heading by 0.008

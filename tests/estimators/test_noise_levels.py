@@ -83,9 +83,9 @@ def test_a_calmer_run_has_a_nis_nearer_to_one():
     """The garage's file is cautious; what the disturbance adds to an accelerometer is not adapted."""
     _, fixed = filtered(1.0, 0.0)
     belief, adapted = filtered(1.0, 0.01)
-    was, now = nis(fixed, fixed.innovation_cov), nis(adapted, adapted.innovation_cov)
-    assert np.all(was < 0.5)
-    assert np.all((now > was + 0.15) & (now < 1.15))
+    nis_before, now = nis(fixed, fixed.innovation_cov), nis(adapted, adapted.innovation_cov)
+    assert np.all(nis_before < 0.5)
+    assert np.all((now > nis_before + 0.15) & (now < 1.15))
     assert np.all(belief.memory.noise_levels.sensors < 0.5)
 
 
@@ -97,10 +97,10 @@ def test_monitors_see_the_innovations_with_the_noise_of_the_file():
 
 
 def test_outliers_do_not_change_the_noise_levels():
-    clean, _ = filtered(1.0, 0.01)
+    without_outliers, _ = filtered(1.0, 0.01)
     belief, _ = filtered(1.0, 0.01, "outliers")
     np.testing.assert_allclose(
-        belief.memory.noise_levels.sensors, clean.memory.noise_levels.sensors, rtol=0.5
+        belief.memory.noise_levels.sensors, without_outliers.memory.noise_levels.sensors, rtol=0.5
     )
 
 
@@ -115,10 +115,10 @@ def test_an_imu_that_is_shaken_for_three_seconds_does_not_widen_its_gate():
 def test_noise_levels_do_not_change_at_rest():
     kernel, n = kernel_of(SMALL.estimator()), 1000
     t_ns, zeros = 10_000_000 * np.arange(1, n + 1), np.zeros((n, 3))
-    early, _ = kernel.run(ticks(t_ns, zeros, zeros))
-    late, _ = kernel.run(ticks(t_ns + t_ns[-1], zeros, zeros), carry=early)
-    np.testing.assert_array_equal(late.memory.noise_levels.sensors, early.memory.noise_levels.sensors)
-    np.testing.assert_array_equal(late.memory.noise_levels.motion, early.memory.noise_levels.motion)
+    carry, _ = kernel.run(ticks(t_ns, zeros, zeros))
+    result, _ = kernel.run(ticks(t_ns + t_ns[-1], zeros, zeros), carry=carry)
+    np.testing.assert_array_equal(result.memory.noise_levels.sensors, carry.memory.noise_levels.sensors)
+    np.testing.assert_array_equal(result.memory.noise_levels.motion, carry.memory.noise_levels.motion)
 
 
 def test_a_level_follows_the_gradient_of_the_likelihood():

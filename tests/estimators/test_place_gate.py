@@ -41,8 +41,8 @@ def after(belief, seconds, place=None, u=(0.3, 0.0, 0.0)):
 
 def position(belief, t_ns, u):
     """Return the estimated position one tick later."""
-    quiet = BOTH(Slot(1.0, np.zeros(3)), Slot(0.0, np.zeros(2)))
-    return ekf().step(belief, Tick(t_ns, np.array(u), quiet))[0].mean
+    silence = BOTH(Slot(1.0, np.zeros(3)), Slot(0.0, np.zeros(2)))
+    return ekf().step(belief, Tick(t_ns, np.array(u), silence))[0].mean
 
 
 def moved_by(belief, seconds, place):
@@ -70,9 +70,9 @@ def test_a_confused_tag_does_not_move_the_estimate_if_one_coordinate_agrees(driv
 
 def test_two_confused_tags_are_rejected_and_the_next_correct_tag_is_accepted(driving):
     """The same tag is confused with the same other tag twice, as if the vehicle had been carried."""
-    once, twice = after(driving, LATER, OTHER), after(after(driving, LATER, OTHER), LATER, OTHER)
+    first_belief, twice = after(driving, LATER, OTHER), after(after(driving, LATER, OTHER), LATER, OTHER)
     silent = after(after(driving, LATER), LATER)
-    for x in (twice, after(once, LATER, -OTHER)):
+    for x in (twice, after(first_belief, LATER, -OTHER)):
         assert x.mean[:2] == pytest.approx(silent.mean[:2], abs=2e-3)
         assert x.cov == pytest.approx(silent.cov, rel=0.02, abs=1e-6)
     correction_m, _ = moved_by(twice, LATER, np.array([0.02, 0.0]))
@@ -99,10 +99,10 @@ def test_four_equal_tag_readings_relocate_a_carried_vehicle(driving):
 def test_an_uncertain_estimate_accepts_the_likelier_tag():
     """With 0.3 m of standard deviation the other tag is 3.3 deviations away, within the gate."""
     start = after(ekf().init(), 1.0, u=(0.0, 0.0, 0.0))
-    wide = start._replace(cov=start.cov + np.diag([0.09, 0.09, *np.zeros(len(start.mean) - 2)]))
-    correction_m, _ = moved_by(wide, SOON, np.array([0.01, 0.02]) + OTHER)
+    uncertain = start._replace(cov=start.cov + np.diag([0.09, 0.09, *np.zeros(len(start.mean) - 2)]))
+    correction_m, _ = moved_by(uncertain, SOON, np.array([0.01, 0.02]) + OTHER)
     assert np.hypot(*correction_m) < 0.1
-    correction_m, _ = moved_by(wide, SOON, np.array([0.25, -0.3]))
+    correction_m, _ = moved_by(uncertain, SOON, np.array([0.25, -0.3]))
     assert correction_m == pytest.approx([0.25, -0.3], abs=0.02)
 
 
@@ -118,37 +118,37 @@ def test_the_second_consistent_tag_relocates_a_carried_vehicle(driving):
 
 
 def test_a_repeated_reading_is_not_a_second_confirmation(driving):
-    far = np.array([1.0, 0.3])
-    doubting = after(driving, LATER, far)
-    correction_m, twice = moved_by(doubting, SOON, far)
+    offset = np.array([1.0, 0.3])
+    doubting = after(driving, LATER, offset)
+    correction_m, second_m = moved_by(doubting, SOON, offset)
     assert correction_m == pytest.approx(np.zeros(2), abs=1e-3)
-    correction_m, _ = moved_by(twice, REPEAT_S + 0.1, far)
-    assert correction_m == pytest.approx(far, abs=0.05)
+    correction_m, _ = moved_by(second_m, REPEAT_S + 0.1, offset)
+    assert correction_m == pytest.approx(offset, abs=0.05)
 
 
 def test_two_contradicting_tags_widen_the_region_and_the_third_decides(driving):
     doubting = after(driving, LATER, np.array([2.0, 0.0]))
-    correction_m, wide = moved_by(doubting, LATER, np.array([-2.0, 0.0]))
+    correction_m, second_m = moved_by(doubting, LATER, np.array([-2.0, 0.0]))
     assert correction_m == pytest.approx(np.zeros(2), abs=0.02)
-    assert np.sqrt(wide.cov[0, 0]) > 0.4
-    correction_m, _ = moved_by(wide, LATER, np.array([0.3, 0.1]))
+    assert np.sqrt(second_m.cov[0, 0]) > 0.4
+    correction_m, _ = moved_by(second_m, LATER, np.array([0.3, 0.1]))
     assert correction_m == pytest.approx([0.3, 0.1], abs=0.03)
 
 
 def test_contradicting_tags_do_not_widen_scales_or_biases_beyond_their_prior(driving):
-    wide = after(after(driving, LATER, np.array([50.0, 0.0])), LATER, np.array([-50.0, 0.0]))
+    belief = after(after(driving, LATER, np.array([50.0, 0.0])), LATER, np.array([-50.0, 0.0]))
     start = np.sqrt(np.diag(ekf().init().cov))
-    std = np.sqrt(np.diag(wide.cov))
+    std = np.sqrt(np.diag(belief.cov))
     assert np.all(std[SCALE_INDEX:] <= start[SCALE_INDEX:] * (1.0 + 1e-9))
     assert std[2] <= TURN_STD * 1.01
     assert len(std) == BIAS_INDEX + 3
-    assert np.linalg.eigvalsh(wide.cov)[0] > 0.0
+    assert np.linalg.eigvalsh(belief.cov)[0] > 0.0
 
 
 def test_an_accepted_tag_resets_an_earlier_contradiction(driving):
-    far, near = np.array([1.0, 0.3]), np.zeros(2)
-    calm = after(after(driving, LATER, far), LATER, near)
-    correction_m, _ = moved_by(calm, LATER, far)
+    offset, origin = np.array([1.0, 0.3]), np.zeros(2)
+    calm = after(after(driving, LATER, offset), LATER, origin)
+    correction_m, _ = moved_by(calm, LATER, offset)
     assert correction_m == pytest.approx(np.zeros(2), abs=1e-3)
 
 
@@ -158,15 +158,15 @@ def test_a_permanent_camera_jump_is_followed_after_one_second():
     block = compile_block(
         AugmentedEkf(SMALL, sensors(IMU, Pose(noise_std=np.full(3, 0.01))), use=("imu", "pose")), "c"
     )
-    belief, at = block.init(), {}
+    belief, results = block.init(), {}
     for k in range(1, 600):
         slot = Slot(float(k % 4 == 0), np.array([1.0 if k > 200 else 0.0, 0.0, 0.0]))
         belief, estimate = block.step(
             belief, Tick(k * 10_000_000, np.zeros(3), sensors(Slot(1.0, np.zeros(3)), slot))
         )
-        at[k] = estimate.eta[0]
-    assert abs(at[295]) < 0.05
-    assert at[330] == pytest.approx(1.0, abs=0.05)
+        results[k] = estimate.eta[0]
+    assert abs(results[295]) < 0.05
+    assert results[330] == pytest.approx(1.0, abs=0.05)
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])

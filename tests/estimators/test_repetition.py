@@ -27,13 +27,13 @@ def estimate_of(kind, run):
 def test_a_stuck_gyro_changes_the_heading_by_less_than_the_model_errs(kind, fault):
     for run in drives(kind, 3):
         eta, nu, cov, weight = estimate_of(kind, damaged_run(run, "imu", [2], fault))
-        at = (run.t_s >= FROM_S) & (run.t_s < FROM_S + STUCK_S)
-        error = wrap(eta[:, 2] - run.truth.eta[:, 2])[at]
+        mask = (run.t_s >= FROM_S) & (run.t_s < FROM_S + STUCK_S)
+        error = wrap(eta[:, 2] - run.truth.eta[:, 2])[mask]
         error = np.abs(error - error[0])
         assert np.degrees(error.max()) < MAX_ERROR_DEG
-        assert np.mean(error <= 1.96 * np.sqrt(cov[at, 2, 2])) >= 0.95
-        assert np.mean(weight[at] == 0.0) > 0.95
-        assert np.max(np.abs(nu[at, 0] - run.truth.nu[at, 0])) <= 0.2
+        assert np.mean(error <= 1.96 * np.sqrt(cov[mask, 2, 2])) >= 0.95
+        assert np.mean(weight[mask] == 0.0) > 0.95
+        assert np.max(np.abs(nu[mask, 0] - run.truth.nu[mask, 0])) <= 0.2
 
 
 @pytest.mark.parametrize("copies", [1, 4])

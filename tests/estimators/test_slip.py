@@ -52,8 +52,8 @@ def errors_and_claims(odometer):
             slip = keep * slip + SLIP * np.sqrt(1.0 - keep**2) * rng.standard_normal()
             z[k] = v * (1.0 + slip) + NOISE * rng.standard_normal()
         ticks = Tick(10_000_000 * np.arange(1, n + 1), u, slots(Slot(np.ones(n), z, np.zeros(n))))
-        way, speed, var_x, var_v = (np.asarray(column)[-1] for column in kernel.run(ticks)[1])
-        out.append(([way - x, speed - v], [var_x, var_v]))
+        path_m, speed, var_x, var_v = (np.asarray(column)[-1] for column in kernel.run(ticks)[1])
+        out.append(([path_m - x, speed - v], [var_x, var_v]))
     return tuple(np.array(column) for column in zip(*out, strict=True))
 
 

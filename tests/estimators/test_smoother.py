@@ -93,9 +93,9 @@ def batch(ticks, start, cov):
     normal = sum(a.T @ w @ a for a, w in zip(rows, weights, strict=True))
     gradient = sum(a.T @ w @ b for a, w, b in zip(rows, weights, right, strict=True))
     cov = np.linalg.inv(normal)
-    at = [slice(N * k, N * (k + 1)) for k in range(1, n + 1)]
+    parts = [slice(N * k, N * (k + 1)) for k in range(1, n + 1)]
     x = np.linalg.solve(normal, gradient)
-    return np.array([x[i] for i in at]), np.array([cov[i, i] for i in at])
+    return np.array([x[i] for i in parts]), np.array([cov[i, i] for i in parts])
 
 
 def test_the_smoother_equals_the_least_squares_solution_over_the_whole_run():
@@ -172,8 +172,8 @@ def circle(n, seed, start):
     belief, truth, z = world.init(eta=start), [], []
     u = np.tile([0.4, 0.0, 0.25], (n, 1))
     for k in range(n):
-        quiet = BOTH(Slot(0.0, np.zeros(3)), Slot(0.0, np.zeros(3)))
-        belief, _ = world.step(belief, Tick(10_000_000 * (k + 1), u[k], quiet))
+        silence = BOTH(Slot(0.0, np.zeros(3)), Slot(0.0, np.zeros(3)))
+        belief, _ = world.step(belief, Tick(10_000_000 * (k + 1), u[k], silence))
         kick = np.concatenate([np.zeros(3), np.sqrt(np.diag(NOISE)) * rng.standard_normal(6)])
         belief = belief._replace(mean=belief.mean + kick)
         truth.append(belief.mean)
@@ -242,9 +242,9 @@ def test_shifting_and_rotating_the_map_moves_the_smoothed_estimate_equally():
 
 def test_only_a_kalman_filter_can_be_smoothed():
     file = load("small")
-    quiet = Tick(1, np.zeros(3), sensor_slots(("imu",))(Slot(0.0, np.zeros(3))))
+    silent_tick = Tick(1, np.zeros(3), sensor_slots(("imu",))(Slot(0.0, np.zeros(3))))
     smoothable = {}
     for kind in ("augmented_ekf", "ekf", "unscented", "dead_reckoning", "complementary"):
         block = file.estimator(kind=kind)
-        smoothable[kind] = can_be_smoothed(block, block.init(), quiet)
+        smoothable[kind] = can_be_smoothed(block, block.init(), silent_tick)
     assert [kind for kind, can in smoothable.items() if can] == ["augmented_ekf", "ekf", "unscented"]

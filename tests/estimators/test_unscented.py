@@ -116,14 +116,14 @@ def test_the_square_root_of_a_singular_covariance_is_correct():
 
 def test_an_uncertain_heading_gives_a_more_accurate_pose_than_the_ekf():
     """Two seconds straight ahead from a heading known to 0.3 rad: the mean distance is shorter by e^(−σ²/2)."""
-    sigma, quiet = 0.3, Sensors(Slot(0.0, np.zeros(3)))
+    sigma, silence = 0.3, Sensors(Slot(0.0, np.zeros(3)))
     std = np.array([1e-3, 1e-3, sigma, *np.full(6, 1e-3)])
     poses = []
     for kind in (Ekf, Unscented):
         block = compile_block(kind(SMALL, Sensors(IMU), 1e-4 * R, initial_std=std), "python")
         belief = block.init(nu=np.array([0.4, 0.0, 0.0]))
         for k in range(1, 201):
-            belief, estimate = block.step(belief, Tick(k * 10_000_000, np.array([0.5, 0.0, 0.0]), quiet))
+            belief, estimate = block.step(belief, Tick(k * 10_000_000, np.array([0.5, 0.0, 0.0]), silence))
         poses.append(estimate.eta[0])
     assert poses[1] / poses[0] == pytest.approx(np.exp(-(sigma**2) / 2.0), rel=0.005)
 
@@ -140,12 +140,12 @@ def test_nees_and_nis_lie_in_their_bands_on_the_independent_truth():
     for k in range(ticks):
         z[:, k] = world.tick(np.tile(u[k], (n, 1)), 0.01)
     process = np.diag([0.005, 0.002, 0.005, 0.03, 0.03, 0.01]) ** 2 * 0.01
-    quiet, nees, nis = Tick(10_000_000, np.zeros(3), silent({"imu": 3})), 0.0, []
+    silent_tick, nees, nis = Tick(10_000_000, np.zeros(3), silent({"imu": 3})), 0.0, []
     for i in range(n):
         file = robot_file(physics.subset([i]))
         block = Unscented(file.vehicle, file.sensors, process)
         slots = type(file.sensors)(Slot(np.ones(ticks), z[i], np.zeros(ticks)))
-        belief, estimates = scan(block.step, block.init(), quiet, backend="python").run(
+        belief, estimates = scan(block.step, block.init(), silent_tick, backend="python").run(
             Tick(10_000_000 * (steps + 1), u, slots)
         )
         e = np.concatenate([world.truth.eta[i], world.truth.nu[i]]) - belief.mean[:6]

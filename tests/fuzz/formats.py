@@ -134,11 +134,11 @@ def csv(folder: Path) -> Iterator[Callable[[int], object]]:
         _write_new(path, _damaged(original, generator, 0.5))
         runs = import_runs(column_map)
         if (rates := _yaw_rates(path.read_bytes())) is not None:
-            imported = np.concatenate([one.run.sensors["imu"].z[:, 2] for one in runs])
+            imported = np.concatenate([result.run.sensors["imu"].z[:, 2] for result in runs])
             is_whole = len(imported) == len(rates)
             if is_whole and not np.allclose(imported, rates, rtol=1e-12, atol=0.0):
                 raise Silent("a yaw rate differs from the text")
-            if not is_whole and not any(one.findings for one in runs):
+            if not is_whole and not any(result.findings for result in runs):
                 raise Silent("rows are missing, and the import reports nothing")
         return runs
 
@@ -172,11 +172,11 @@ def hand_written_map(folder: Path) -> Iterator[Callable[[int], object]]:
         _write_new(path, _damaged(MAP, draw("map", number)))
         read = load_map(path)
         runs = import_runs(read)
-        written = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        if any(_differs(entry, spec) for entry, spec in _entries(read, written)):
+        document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        if any(_differs(entry, spec) for entry, spec in _entries(read, document)):
             raise Silent("an entry of the map differs from its text")
-        if (rates := _mapped_yaw_rates(written)) is not None:
-            imported = np.concatenate([one.run.sensors["imu"].z[:, 2] for one in runs])
+        if (rates := _mapped_yaw_rates(document)) is not None:
+            imported = np.concatenate([result.run.sensors["imu"].z[:, 2] for result in runs])
             imported = imported[np.isfinite(imported)]
             if not np.isclose(imported[:, None], rates, rtol=1e-12, atol=0.0).any(axis=1).all():
                 raise Silent("a yaw rate differs from its column")
@@ -185,13 +185,13 @@ def hand_written_map(folder: Path) -> Iterator[Callable[[int], object]]:
     yield read_mutant
 
 
-def _entries(read: ColumnMap, written: dict[str, Any]) -> Iterator[tuple[Entry, dict[str, Any]]]:
+def _entries(read: ColumnMap, document: dict[str, Any]) -> Iterator[tuple[Entry, dict[str, Any]]]:
     """Yield each entry of a map with the table that describes it."""
-    tables = [(signal, written["sensors"][name]["z"]) for name, signal in read.sensors.items()]
-    if "command" in written:
-        tables.append((read.command, written["command"]["wheels" if read.wheels else "u"]))
+    tables = [(signal, document["sensors"][name]["z"]) for name, signal in read.sensors.items()]
+    if "command" in document:
+        tables.append((read.command, document["command"]["wheels" if read.wheels else "u"]))
     if read.truth is not None:
-        tables.append((read.truth, written["truth"].get("eta", []) + written["truth"].get("nu", [])))
+        tables.append((read.truth, document["truth"].get("eta", []) + document["truth"].get("nu", [])))
     for signal, specs in tables:
         yield from zip(signal.entries, specs, strict=True)
 
@@ -212,9 +212,9 @@ def _differs(entry: Entry, spec: dict[str, Any]) -> bool:
     return any(spec[name] == spec[name] != getattr(entry, name) for name in names if name in spec)
 
 
-def _mapped_yaw_rates(written: dict[str, Any]) -> np.ndarray | None:
+def _mapped_yaw_rates(document: dict[str, Any]) -> np.ndarray | None:
     """Return the yaw rates [rad/s] of all rows of the log by the third entry of `imu`; None if it is not plain."""
-    table = written.get("sensors", {}).get("imu", {})
+    table = document.get("sensors", {}).get("imu", {})
     spec = table.get("z", [{}] * 3)[2]
     factor = {"deg/s": np.pi / 180.0, "rad/s": 1.0}.get(spec.get("unit", ""))
     if factor is None or set(table) != {"file", "z"} or set(spec) != {"column", "unit"}:
@@ -240,10 +240,10 @@ def vehicle(folder: Path) -> Iterator[Callable[[int], object]]:
         generator = draw("vehicle", number)
         _write_new(path, _damaged(generator.choice(originals), generator))
         file = load(path)
-        written = tomllib.loads(path.read_text(encoding="utf-8"))
-        numbers = {name: x for name, x in written["model"].items() if isinstance(x, float)}
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        numbers = {name: x for name, x in document["model"].items() if isinstance(x, float)}
         read = {name: float(getattr(file.vehicle, name)) for name in numbers if hasattr(file.vehicle, name)}
-        if repr(file.data) != repr(written) or any(
+        if repr(file.data) != repr(document) or any(
             repr(x) != repr(numbers[name]) for name, x in read.items()
         ):
             raise Silent("the tables of the file, or its model, differ from its text")
@@ -255,8 +255,8 @@ def vehicle(folder: Path) -> Iterator[Callable[[int], object]]:
 @contextmanager
 def route(folder: Path) -> Iterator[Callable[[int], object]]:
     """A taught route, and a lap along it."""
-    whole = circle(0.3, 0.2)
-    short = whole._replace(t_s=whole.t_s[:12], eta=whole.eta[:12], nu=whole.nu[:12])
+    points = circle(0.3, 0.2)
+    short = points._replace(t_s=points.t_s[:12], eta=points.eta[:12], nu=points.nu[:12])
     path = write_route(short, folder / "input.csv")
     original = path.read_text(encoding="utf-8")
     header = original.splitlines()[1]
@@ -345,10 +345,10 @@ class _Guest:
         try:
             self.line.sendall(word + b'\n{"type": "ping", "token": "' + token + b'"}\n')
             while token not in answer:
-                more = self.line.recv(1 << 20)
-                if not more:
+                data = self.line.recv(1 << 20)
+                if not data:
                     raise ConnectionError
-                answer += more
+                answer += data
         except TimeoutError:
             raise Hang from None
         except ConnectionError:  # it may disconnect the sender of this message, but not the next client

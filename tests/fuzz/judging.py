@@ -38,7 +38,7 @@ class Outcome:
         """Return the counts in a line, and below them the findings."""
         head = f"{self.values} values, {sum(self.errors.values())} errors of {len(self.errors)} codes"
         lines = [f"{head}, slowest {self.slowest_s:.2f} s"]
-        lines += [f"{len(at)} × {name}; inputs {at[:SHOWN]}" for name, at in self.findings.items()]
+        lines += [f"{len(k)} × {name}; inputs {k[:SHOWN]}" for name, k in self.findings.items()]
         return "\n".join(lines)
 
 

@@ -46,8 +46,8 @@ def damaged_bytes(original: bytes, draw: random.Random, originals: tuple[bytes, 
     for _ in range(draw.choice((1, 1, 1, 2, 3, 4))):
         _BYTES[draw.randrange(len(_BYTES))](data, draw)
     if originals and draw.random() < 0.05:  # two files joined in the middle
-        second, at = draw.choice(originals), draw.randrange(len(data) + 1)
-        data[at:] = second[draw.randrange(len(second)) :]
+        second, index = draw.choice(originals), draw.randrange(len(data) + 1)
+        data[index:] = second[draw.randrange(len(second)) :]
     return bytes(data)
 
 
@@ -60,8 +60,8 @@ def damaged_text(original: str, draw: random.Random, separators: str = "\n") -> 
 
 
 def _place(data: bytearray, draw: random.Random) -> tuple[int, int]:
-    at = draw.randrange(len(data) + 1)
-    return at, min(len(data), at + draw.choice((1, 1, 2, 4, 8, 30, 300)))
+    index = draw.randrange(len(data) + 1)
+    return index, min(len(data), index + draw.choice((1, 1, 2, 4, 8, 30, 300)))
 
 
 def _flip(data: bytearray, draw: random.Random) -> None:
@@ -70,34 +70,34 @@ def _flip(data: bytearray, draw: random.Random) -> None:
 
 
 def _overwrite(data: bytearray, draw: random.Random) -> None:
-    at, end = _place(data, draw)
-    data[at:end] = draw.randbytes(end - at)
+    begin, end = _place(data, draw)
+    data[begin:end] = draw.randbytes(end - begin)
 
 
 def _zero(data: bytearray, draw: random.Random) -> None:
-    at, end = _place(data, draw)
-    data[at:end] = bytes(end - at)
+    begin, end = _place(data, draw)
+    data[begin:end] = bytes(end - begin)
 
 
 def _extreme(data: bytearray, draw: random.Random) -> None:
-    size, at = draw.choice((1, 2, 4, 8)), draw.randrange(len(data) + 1)
+    size, index = draw.choice((1, 2, 4, 8)), draw.randrange(len(data) + 1)
     value = draw.choice(EXTREME) & (2 ** (8 * size) - 1)
-    data[at : at + size] = value.to_bytes(size, "little")
+    data[index : index + size] = value.to_bytes(size, "little")
 
 
 def _remove(data: bytearray, draw: random.Random) -> None:
-    at, end = _place(data, draw)
-    del data[at:end]
+    begin, end = _place(data, draw)
+    del data[begin:end]
 
 
 def _repeat(data: bytearray, draw: random.Random) -> None:
-    at, end = _place(data, draw)
-    data[at:at] = data[at:end] * draw.choice((1, 2, 5))
+    begin, end = _place(data, draw)
+    data[begin:begin] = data[begin:end] * draw.choice((1, 2, 5))
 
 
 def _insert(data: bytearray, draw: random.Random) -> None:
-    at, end = _place(data, draw)
-    data[at:at] = draw.randbytes(end - at)
+    begin, end = _place(data, draw)
+    data[begin:begin] = draw.randbytes(end - begin)
 
 
 def _cut(data: bytearray, draw: random.Random) -> None:
@@ -156,13 +156,13 @@ def _value(text: str, draw: random.Random, end: str) -> str:
 
 
 def _letter(text: str, draw: random.Random, end: str) -> str:
-    at = draw.randrange(len(text) + 1)
-    return text[:at] + draw.choice(LETTERS) + text[at + draw.randrange(2) :]
+    index = draw.randrange(len(text) + 1)
+    return text[:index] + draw.choice(LETTERS) + text[index + draw.randrange(2) :]
 
 
 def _drop(text: str, draw: random.Random, end: str) -> str:
-    at = draw.randrange(len(text) + 1)
-    return text[:at] + text[at + draw.choice((1, 1, 3, 20)) :]
+    index = draw.randrange(len(text) + 1)
+    return text[:index] + text[index + draw.choice((1, 1, 3, 20)) :]
 
 
 def _swap(text: str, draw: random.Random, end: str) -> str:

@@ -56,8 +56,8 @@ def repeat_line(name, outcome):
     """Return the command lines that judge only the first input of each finding."""
     test = f"pytest tests/fuzz/test_fuzz.py -k 'damaged and {name}'"
     return "\n".join(
-        f"BAQUEANO_FUZZ_SEED={SEED} BAQUEANO_FUZZ={at[0]}:{at[0] + 1} {test}"
-        for at in outcome.findings.values()
+        f"BAQUEANO_FUZZ_SEED={SEED} BAQUEANO_FUZZ={places[0]}:{places[0] + 1} {test}"
+        for places in outcome.findings.values()
     )
 
 

@@ -83,8 +83,8 @@ def test_an_extremely_distant_pose_uses_no_extra_memory():
     ],
 )  # fmt: skip
 def test_a_mission_with_a_field_of_wrong_type_is_refused(name, value):
-    whole = json.loads(Mission("experiment", u=np.zeros((1, 3))).to_json())
-    text = json.dumps(whole | {name: "HERE"}).replace('"HERE"', value)
+    mission = json.loads(Mission("experiment", u=np.zeros((1, 3))).to_json())
+    text = json.dumps(mission | {name: "HERE"}).replace('"HERE"', value)
     with refused("mission.damaged", UsageError):
         Mission.from_json(text)
 

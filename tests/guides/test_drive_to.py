@@ -76,18 +76,18 @@ def test_the_guide_joins_a_route_within_radius_and_speed(start, radius_m, speed_
     steps = np.hypot(*np.diff(eta[:, :2], axis=0).T)
     assert np.max(steps) <= 1.01 * speed_m_s * DT
     assert np.max(np.abs(nu[:, 2])) <= 1.001 * speed_m_s / radius_m
-    tau_s, v, ahead = state.goal
+    tau_s, v, distance = state.goal
     start_eta = [np.interp(tau_s, route.t_s, route.eta[:, i]) for i in range(3)]
     np.testing.assert_allclose(eta[-1, :2], start_eta[:2], atol=1e-6)
-    assert (v, ahead) == pytest.approx((speed_m_s, 1.0))
+    assert (v, distance) == pytest.approx((speed_m_s, 1.0))
     assert out[-1].done == 1.0
 
 
 def test_the_reference_velocity_is_the_derivative_of_its_poses():
     _, out = followed(DriveTo([[1.0, 0.8, 2.0]]), (0.0, 0.0, 0.0))
     eta, nu = np.array([r.eta for r in out[1:-1]]), np.array([r.nu for r in out[1:-1]])
-    off = np.abs(np.diff(np.unwrap(eta[:, 2])) / DT - 0.5 * (nu[1:, 2] + nu[:-1, 2]))
-    assert np.max(off) < 0.02
+    error = np.abs(np.diff(np.unwrap(eta[:, 2])) / DT - 0.5 * (nu[1:, 2] + nu[:-1, 2]))
+    assert np.max(error) < 0.02
     assert np.max(np.abs(nu[:, 2])) == pytest.approx(0.2 / 0.25)
     speeds = np.hypot(*np.diff(eta[:, :2], axis=0).T) / DT
     np.testing.assert_allclose(speeds, nu[1:, 0], atol=2e-3)

@@ -36,11 +36,11 @@ def test_a_lead_in_shorter_than_the_route_works(kind):
 
 def test_a_vehicle_at_the_route_start_needs_no_lead_in():
     route = circle(0.5, 0.2)
-    plain, led = Repeat.along(route, 2), GuideSequence.with_lead_in(Repeat.along(route, 2), route)
-    state, led_state = plain.init(), led.init()
+    guide, lead_in = Repeat.along(route, 2), GuideSequence.with_lead_in(Repeat.along(route, 2), route)
+    state, led_state = guide.init(), lead_in.init()
     for k in range(60):
         estimate = at(route.eta[0], k)
-        (state, a), (led_state, b) = plain.step(state, estimate), led.step(led_state, estimate)
+        (state, a), (led_state, b) = guide.step(state, estimate), lead_in.step(led_state, estimate)
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 

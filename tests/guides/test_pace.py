@@ -24,8 +24,8 @@ def drive_guide(guide, ticks, requests=None):
 
 @pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
 def test_at_full_pace_the_guide_is_unchanged(kind):
-    plain, paced = drive_guide(kind.along(ROUTE), 60), drive_guide(GuideAtPace(kind.along(ROUTE)), 60)
-    for a, b in zip(plain, paced, strict=True):
+    poses, paced = drive_guide(kind.along(ROUTE), 60), drive_guide(GuideAtPace(kind.along(ROUTE)), 60)
+    for a, b in zip(poses, paced, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 
@@ -33,15 +33,15 @@ def test_a_pause_brakes_the_guide_and_then_continues_from_the_same_place():
     guide = PacedGuide(Repeat.along(ROUTE))
     out = drive_guide(guide, 400, {80: 0.0, 250: 1.0})
     v = np.array([r.nu[0] for r in out])
-    way = np.unwrap([r.eta[2] for r in out]) * 0.5
+    path_m = np.unwrap([r.eta[2] for r in out]) * 0.5
     assert v[79] == pytest.approx(0.2)
     assert np.max(np.abs(np.diff(v))) <= 0.2 * DT / guide.block.ramp_s + 1e-9
-    assert np.ptp(way[100:250]) < 1e-9
+    assert np.ptp(path_m[100:250]) < 1e-9
     assert np.all(v[100:250] == 0.0)
     assert v[-1] == pytest.approx(0.2)
     begin_ticks = 0.5 * 0.2 / 0.3 / DT
     # no part is skipped
-    assert way[-1] == pytest.approx(0.2 * DT * (400 - 170 - begin_ticks), abs=0.2 * DT * 5)
+    assert path_m[-1] == pytest.approx(0.2 * DT * (400 - 170 - begin_ticks), abs=0.2 * DT * 5)
 
 
 def test_the_slowest_of_several_requested_paces_applies():

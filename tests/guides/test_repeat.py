@@ -31,10 +31,10 @@ def references(guide, times):
 def test_the_reference_equals_the_taught_pose_at_each_time():
     """A taught route begins and ends with at most 1 cm/s, one tick before and after its motion."""
     t_s, v = np.linspace(0.0, 2.0, 41), 0.5 * np.sin(np.pi * np.linspace(0.0, 1.0, 41)) + 0.01
-    taught = Route(t_s, np.outer(np.cumsum(v) * 0.05, [1.0, 0, 0]), np.outer(v, [1.0, 0, 0]), False)
+    route = Route(t_s, np.outer(np.cumsum(v) * 0.05, [1.0, 0, 0]), np.outer(v, [1.0, 0, 0]), False)
     times = seconds(np.arange(200) * 10_000_000)
-    r = references(Repeat.along(taught), times)
-    assert [x.eta[0] for x in r] == np.interp(times, t_s, taught.eta[:, 0]).tolist()
+    r = references(Repeat.along(route), times)
+    assert [x.eta[0] for x in r] == np.interp(times, t_s, route.eta[:, 0]).tolist()
     assert [x.nu[0] for x in r] == np.interp(times, t_s, v).tolist()
     assert r[50].t_ns == T0 + 500_000_000
     assert not any(x.done for x in r)

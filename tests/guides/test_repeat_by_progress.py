@@ -23,9 +23,9 @@ def at(eta, tick=0):
     return Estimate(round(1e9 * DT) * tick, np.array(eta, float), np.zeros(3), np.zeros((6, 6)))
 
 
-def coarse(route, every):
-    """Return the route with only one point in `every`."""
-    return route._replace(t_s=route.t_s[::every], eta=route.eta[::every], nu=route.nu[::every])
+def coarse(route, step):
+    """Return the route with only one point in `step`."""
+    return route._replace(t_s=route.t_s[::step], eta=route.eta[::step], nu=route.nu[::step])
 
 
 def drive_guide(guide, place, ticks):
@@ -52,36 +52,36 @@ def test_a_vehicle_on_schedule_gets_the_reference_by_time():
 def test_the_reference_waits_for_a_blocked_vehicle():
     guide = RepeatByProgress.along(circle(1.0, 0.2))
     last = drive_guide(guide, lambda k, _: np.zeros(3), 1000)[-1]
-    way = np.arctan2(last.eta[0], 1.0 - last.eta[1])
-    assert way == pytest.approx(guide.slack_m + 0.2 * guide.slack_s + guide.wait_m, abs=0.01)
+    path_m = np.arctan2(last.eta[0], 1.0 - last.eta[1])
+    assert path_m == pytest.approx(guide.slack_m + 0.2 * guide.slack_s + guide.wait_m, abs=0.01)
     assert last.nu == pytest.approx(np.zeros(3), abs=1e-3)
     assert last.done == 0.0
 
 
 def test_the_waiting_reference_keeps_its_speed_for_a_vehicle_beside_the_route():
     """Before, its speed fell to 0, and a law that steers only in motion stopped there for ever."""
-    guide, beside = RepeatByProgress.along(circle(1.0, 0.2)), np.array([0.0, -0.3, 0.0])
-    references = drive_guide(guide, lambda k, _: beside, 400)
+    guide, pose = RepeatByProgress.along(circle(1.0, 0.2)), np.array([0.0, -0.3, 0.0])
+    references = drive_guide(guide, lambda k, _: pose, 400)
     assert references[-1].nu[0] == pytest.approx(0.2)
     np.testing.assert_allclose(references[-1].eta, references[-50].eta, atol=0.01)
 
 
 def test_the_reference_returns_to_a_vehicle_that_was_pushed_back():
-    guide, back = RepeatByProgress.along(circle(1.0, 0.2)), np.array([0.4, 1.0 - np.cos(0.41), 0.41])
+    guide, pose = RepeatByProgress.along(circle(1.0, 0.2)), np.array([0.4, 1.0 - np.cos(0.41), 0.41])
 
     def push(k, reference):
-        return on_it(k, reference) if k < 400 else back
+        return on_it(k, reference) if k < 400 else pose
 
     references = drive_guide(guide, push, 1000)
-    way = [np.arctan2(r.eta[0], 1.0 - r.eta[1]) for r in references]
-    assert way[399] > 0.7
-    assert 0.41 < way[-1] < 0.65
+    path_m = [np.arctan2(r.eta[0], 1.0 - r.eta[1]) for r in references]
+    assert path_m[399] > 0.7
+    assert 0.41 < path_m[-1] < 0.65
     assert all(r.nu[0] >= 0.0 for r in references)
 
 
 def test_the_reference_advances_to_a_vehicle_placed_ahead():
-    guide, ahead = RepeatByProgress.along(circle(1.0, 0.2)), 0.4
-    pose = np.array([np.sin(ahead), 1.0 - np.cos(ahead), ahead])
+    guide, lead_m = RepeatByProgress.along(circle(1.0, 0.2)), 0.4
+    pose = np.array([np.sin(lead_m), 1.0 - np.cos(lead_m), lead_m])
     references = drive_guide(guide, lambda k, _: pose, 150)
     assert references[-1].eta[2] > 0.9 * 0.2 * 150 * DT
     assert max(r.nu[0] for r in references) == pytest.approx(0.2 * guide.fastest)
@@ -100,10 +100,10 @@ def test_the_reference_does_not_jump_at_the_crossing_of_an_eight():
 def test_a_route_that_comes_back_over_the_same_poses_is_driven_to_its_end():
     """Before, the vehicle was found on both pieces at once: it oscillated behind the cusp and never finished."""
     s, v, kappa = np.linspace(0.0, 0.6, 61), 0.2, 0.8
-    there = np.column_stack([np.sin(kappa * s) / kappa, (1.0 - np.cos(kappa * s)) / kappa, kappa * s])
+    expected = np.column_stack([np.sin(kappa * s) / kappa, (1.0 - np.cos(kappa * s)) / kappa, kappa * s])
     speed = np.where(np.arange(121) <= 60, v, -v)
     nu = np.column_stack([speed, np.zeros(121), kappa * speed])
-    route = Route(np.arange(121) * 0.01 / v, np.vstack([there, there[-2::-1]]), nu, False)
+    route = Route(np.arange(121) * 0.01 / v, np.vstack([expected, expected[-2::-1]]), nu, False)
     run = simulate_loop(SMALL, RepeatByProgress.along(route), perfect=True, duration_s=8.0)
     assert run.reference.done[-1] == 1.0
     assert run.reference.eta[:, 0].max() > 0.56
@@ -124,11 +124,11 @@ def test_repeat_by_progress_passes_the_guide_check():
 def test_compiled_and_uncompiled_guides_give_the_same_reference():
     guide, now = RepeatByProgress.along(coarse(eight(0.6, 0.2), 40), 2), at([0.1, 0.2, 0.7], 3)
     state = guide.entry_state(20_000_000, 3.0, 0.1)
-    plain = guide.step(state, now)[1]
+    reference = guide.step(state, now)[1]
     for backend in ("c", "python"):
         compiled = function(guide.step, state, now, backend=backend)(state, now)[1]
-        np.testing.assert_allclose(compiled.eta, plain.eta, rtol=1e-12)
-        np.testing.assert_allclose(compiled.nu, plain.nu, rtol=1e-12)
+        np.testing.assert_allclose(compiled.eta, reference.eta, rtol=1e-12)
+        np.testing.assert_allclose(compiled.nu, reference.nu, rtol=1e-12)
 
 
 class LookAtAll(RepeatByProgress):
@@ -144,12 +144,12 @@ class LookAtAll(RepeatByProgress):
 @pytest.mark.parametrize("shape", [eight(0.6, 0.2), circle(1.0, 0.2), rectangle(4.0, 3.0, 0.2, 0.2)])
 def test_distant_points_do_not_change_the_progress(shape, is_closed):
     route, random = shape._replace(closed=is_closed), np.random.default_rng(0)
-    near, every = (kind.along(route, 2) for kind in (RepeatByProgress, LookAtAll))
+    local, full = (kind.along(route, 2) for kind in (RepeatByProgress, LookAtAll))
     for _ in range(100):
         pose = route.eta[random.integers(len(route.t_s))] + random.normal(size=3) * [0.1, 0.1, 0.5]
-        state = near.entry_state(20_000_000, random.uniform(0.0, (1 + is_closed) * route.t_s[-1]), 0.2)
+        state = local.entry_state(20_000_000, random.uniform(0.0, (1 + is_closed) * route.t_s[-1]), 0.2)
         (near_state, reference), (full_state, expected) = (
-            guide.step(state, at(pose, 3)) for guide in (near, every)
+            guide.step(state, at(pose, 3)) for guide in (local, full)
         )
         assert near_state.tau_s == pytest.approx(full_state.tau_s, abs=1e-12)
         np.testing.assert_allclose(reference.eta, expected.eta, atol=1e-12)

@@ -18,11 +18,11 @@ def with_speed(v, psi):
 
 def test_the_lap_starts_at_its_end_speed_instead_of_rest():
     v = np.minimum(T_S, 1.0) * 0.2  # one second of acceleration
-    way = np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(T_S)))
-    route = run_through(with_speed(v, 2.0 * np.pi * way / way[-1]))
+    path_m = np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(T_S)))
+    route = run_through(with_speed(v, 2.0 * np.pi * path_m / path_m[-1]))
     assert route.nu[:, 0] == pytest.approx(0.2)
-    assert route.nu[1:-1, 2] == pytest.approx(0.2 * 2.0 * np.pi / way[-1], rel=0.02)
-    assert np.diff(way) / np.diff(route.t_s) == pytest.approx(0.2)
+    assert route.nu[1:-1, 2] == pytest.approx(0.2 * 2.0 * np.pi / path_m[-1], rel=0.02)
+    assert np.diff(path_m) / np.diff(route.t_s) == pytest.approx(0.2)
     assert np.all(np.diff(route.t_s) > 0.0)
 
 
@@ -49,7 +49,7 @@ def test_a_start_in_a_curve_and_a_speed_that_fluctuates_are_driven_through():
     """Before, both were taken for a turn on the spot, and each lap began from rest."""
     v = np.minimum(T_S / 3.0, 1.0) * 0.3 - 0.002 * (T_S > 3.0) * np.cos(T_S) ** 2
     v[-1] = 0.3
-    way = np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(T_S)))
-    route = run_through(with_speed(v, way / 0.3))
+    path_m = np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(T_S)))
+    route = run_through(with_speed(v, path_m / 0.3))
     assert route.nu[:, 0] == pytest.approx(0.3, abs=0.003)
-    assert np.diff(way) / np.diff(route.t_s) == pytest.approx(0.3, abs=0.003)
+    assert np.diff(path_m) / np.diff(route.t_s) == pytest.approx(0.3, abs=0.003)

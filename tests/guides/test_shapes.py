@@ -67,10 +67,10 @@ def test_the_sinuous_circle_can_be_used_as_a_guide():
     state, reference = guide.step(guide.init(), Estimate(10, np.zeros(3), np.zeros(3), np.eye(6)))
     np.testing.assert_allclose(reference.eta, 0.0, atol=1e-12)
     lap_s = sinuous_circle(0.5, 0.05, 6, 0.25).t_s[-1]
-    for part, done in ((1.5, 0.0), (2.08, 1.0)):
-        later = Estimate(10 + round(part * lap_s * 1e9), np.zeros(3), np.zeros(3), np.eye(6))
-        _, reference = guide.step(state, later)
-        assert reference.done == done
+    for part, is_over in ((1.5, 0.0), (2.08, 1.0)):
+        estimate = Estimate(10 + round(part * lap_s * 1e9), np.zeros(3), np.zeros(3), np.eye(6))
+        _, reference = guide.step(state, estimate)
+        assert reference.done == is_over
     assert abs(wrap(reference.eta[2])) < 1e-9
 
 

@@ -96,11 +96,11 @@ def test_noise_is_rejected_if_the_filter_is_overconfident_in_simulation(fit, uns
         return e, P / np.where(np.arange(6) == HEADING, 9.0, 1.0)[:, None]
 
     monkeypatch.setattr(accepted_noise, "simulated_errors", surer)
-    wrong = measure_noise(*fit, held_out=[unseen_run]).acceptance
-    assert wrong is not None
-    assert wrong.disagrees
-    assert wrong.message.code == "noise.nees-inconsistent"
-    state = wrong.message.figures["states"]
+    acceptance = measure_noise(*fit, held_out=[unseen_run]).acceptance
+    assert acceptance is not None
+    assert acceptance.disagrees
+    assert acceptance.message.code == "noise.nees-inconsistent"
+    state = acceptance.message.figures["states"]
     assert (state.code, state.figures["states"].figures["name"]) == ("noise.too-small-for", "heading")
 
 

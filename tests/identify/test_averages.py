@@ -101,16 +101,16 @@ def test_the_interval_of_an_imported_rate_ends_at_its_later_count(tmp_path):
 
 def test_a_block_of_counts_averages_in_the_same_way_without_the_import(run):
     counters = 'kind = "encoders"\ncount_m = 1.9e-7\nrate_hz = 10.0'
-    plain = Run("counts", None, run.t_ns, run.applied_commands, sensors=run.sensors)
-    problem, theta = problem_of(plain, FILE.replace('kind = "wheels"', counters))
+    counts = Run("counts", None, run.t_ns, run.applied_commands, sensors=run.sensors)
+    problem, theta = problem_of(counts, FILE.replace('kind = "wheels"', counters))
     assert np.array_equal(problem.misfits(theta)[0], problem_of(run)[0].misfits(theta)[0])
 
 
 def test_a_delayed_sensor_averages_its_delayed_signal(run):
     late_ns = run.sensors["wheels"].t_ns + 20_000_000  # by one row, so that no interval ends within a row
-    late = Run("late", None, run.t_ns, run.applied_commands, metadata=run.metadata,
+    later_run = Run("late", None, run.t_ns, run.applied_commands, metadata=run.metadata,
                sensors={"wheels": Channel(late_ns, late_ns, run.sensors["wheels"].z)})  # fmt: skip
-    problem, theta = problem_of(late, f"{FILE}delay_s = 0.02\n")
+    problem, theta = problem_of(later_run, f"{FILE}delay_s = 0.02\n")
     assert np.abs(problem.misfits(theta)[0]).max() < 1e-4
 
 

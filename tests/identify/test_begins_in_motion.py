@@ -34,8 +34,8 @@ def rows_of(file, run, at_rest=False):
 
 def test_rows_before_the_first_command_are_ignored_if_a_run_begins_in_motion(moving_run):
     file, run = moving_run
-    later = run.cut(4.2)
-    mask = rows_of(file, later)
+    part = run.cut(4.2)
+    mask = rows_of(file, part)
     assert not mask[:LATE].any()
     assert mask[LATE + 1 :].all()
 

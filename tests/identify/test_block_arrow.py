@@ -29,13 +29,13 @@ def equations(seed, runs, more=0, common=4, by_run=3, by_segment=6):
     layout = ThetaLayout(common, by_run, by_segment, runs)
     places, size = arrow_layout(layout, more), layout.size + more
     prior = rng.uniform(0.0, 1.0, size)
-    arrow, whole = diagonal_matrix(prior, places), diagonal_matrix(prior, None)
+    arrow, full = diagonal_matrix(prior, places), diagonal_matrix(prior, None)
     unit = 10.0 ** rng.uniform(-4.0, 4.0, size)
     indices = [np.concatenate([index, layout.size + np.arange(more)]) for index in layout.indices]
     slopes = [rng.normal(size=(40, len(index))) * unit[index] for index in indices]
-    for H in (arrow, whole):
+    for H in (arrow, full):
         add(H, indices, [J.T @ J for J in slopes])
-    return arrow, whole, rng.normal(size=size) * unit
+    return arrow, full, rng.normal(size=size) * unit
 
 
 ONE_RUN, TWO_RUNS, WHOLE_RUNS = (0,) * 12, (0,) * 6 + (1,) * 8, tuple(range(9))
@@ -49,35 +49,35 @@ ONE_RUN, TWO_RUNS, WHOLE_RUNS = (0,) * 12, (0,) * 6 + (1,) * 8, tuple(range(9))
     damping=st.sampled_from([RIDGE, 1e-6, 1e-2, 10.0]),
 )
 def test_the_block_solution_equals_the_solution_of_the_whole_matrix(seed, runs, more, damping):
-    arrow, whole, g = equations(seed, runs, more)
+    arrow, full, g = equations(seed, runs, more)
     assert isinstance(arrow, BlockArrow)
     index = np.flatnonzero(np.random.default_rng(seed).random(len(g)) < 0.8)
-    scale = whole.diagonal().copy()
-    x, y = (_step(H, damping, scale, index, g[index]) for H in (arrow, whole))
+    scale = full.diagonal().copy()
+    x, y = (_step(H, damping, scale, index, g[index]) for H in (arrow, full))
     root = np.sqrt(scale[index])  # in units of the standard error of each entry
     assert np.max(np.abs(x - y) * root) < 1e-10 * np.max(np.abs(y) * root)
 
 
 @pytest.mark.parametrize("runs", [ONE_RUN, TWO_RUNS, WHOLE_RUNS])
 def test_the_blocks_equal_the_parts_of_the_whole_matrix(runs):
-    arrow, whole, g = equations(1, runs, 2)
-    np.testing.assert_allclose(arrow.dense(), whole, rtol=1e-13)
-    np.testing.assert_allclose(arrow.diagonal(), whole.diagonal(), rtol=1e-13)
+    arrow, full, g = equations(1, runs, 2)
+    np.testing.assert_allclose(arrow.dense(), full, rtol=1e-13)
+    np.testing.assert_allclose(arrow.diagonal(), full.diagonal(), rtol=1e-13)
     index = np.array([0, 3, 20])
-    np.testing.assert_allclose(row_product(arrow, index, g), row_product(whole, index, g), rtol=1e-10)
+    np.testing.assert_allclose(row_product(arrow, index, g), row_product(full, index, g), rtol=1e-10)
     assert arrow.is_finite
     arrow.border[3, 1, 2] = np.nan
     assert not arrow.is_finite
 
 
 def test_blocks_and_whole_matrix_give_the_same_bounded_step():
-    arrow, whole, g = equations(2, ONE_RUN)
-    root = np.sqrt(whole.diagonal())
+    arrow, full, g = equations(2, ONE_RUN)
+    root = np.sqrt(full.diagonal())
     low, high = -0.02 / root, 0.05 / root
     movable = np.arange(len(g)) % 7 != 3
     ends = [
         _bounded_step(Evaluation(1.0, 5.0 * g, H), root**2, 1e-3, 1.1, movable, np.zeros(len(g)), low, high)
-        for H in (arrow, whole)
+        for H in (arrow, full)
     ]
     assert np.sum((ends[1] == low) | (ends[1] == high)) > 5
     np.testing.assert_allclose(ends[0] * root, ends[1] * root, atol=1e-11)
@@ -120,7 +120,7 @@ def test_block_solver_and_whole_matrix_give_the_same_segmented_fit(case, case_ru
     run, free = case_run(5, 40.0), ("model.friction.linear[0]", "model.actuator_matrix[0,0]")
     pieces = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
     monkeypatch.setattr(simulated, "arrow_layout", lambda layout: None)
-    whole = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
-    assert pieces.evaluations == whole.evaluations
-    np.testing.assert_allclose((pieces.estimate - whole.estimate) / whole.std, 0.0, atol=1e-5)
-    np.testing.assert_allclose(pieces.cov, whole.cov, rtol=1e-6)
+    full = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
+    assert pieces.evaluations == full.evaluations
+    np.testing.assert_allclose((pieces.estimate - full.estimate) / full.std, 0.0, atol=1e-5)
+    np.testing.assert_allclose(pieces.cov, full.cov, rtol=1e-6)

@@ -29,11 +29,11 @@ def end(case, case_run):
 def seen_by_a_camera(run: Run, seed: int) -> Run:
     """Return the run with every fourth pose, accurate to 2 mm and 5 mrad."""
     assert run.truth is not None
-    every = slice(3, None, 4)
-    eta = run.truth.eta[every]
+    rows = slice(3, None, 4)
+    eta = run.truth.eta[rows]
     eta = eta + np.random.default_rng(seed).normal(size=eta.shape) * [2e-3, 2e-3, 5e-3]
     none = np.full_like(eta, np.nan)
-    return replace(run, truth=TruthLog(run.truth.t_ns[every], eta, none, none))
+    return replace(run, truth=TruthLog(run.truth.t_ns[rows], eta, none, none))
 
 
 def test_excluding_a_block_shifts_the_fit_by_one_gauss_newton_step(end):
@@ -47,13 +47,13 @@ def test_excluding_a_block_shifts_the_fit_by_one_gauss_newton_step(end):
         edges = np.flatnonzero(np.diff(block, prepend=-1, append=-1))
         for first, last in pairwise(edges):
             x, residual = d[first:last].reshape(-1, len(index)), r[first:last].ravel()
-            g, without = np.zeros(problem.size), (1.0 + MIN_REMAINDER) * info.bread
+            g, H = np.zeros(problem.size), (1.0 + MIN_REMAINDER) * info.bread
             g[index] = np.clip(residual, -HUBER, HUBER) @ x
             x = x[np.abs(residual) < HUBER]
-            without[np.ix_(index, index)] -= x.T @ x
-            moves.append(np.linalg.solve(without[np.ix_(identifiable, identifiable)], g[identifiable]))
-    off = np.array(moves) - np.mean(moves, axis=0)
-    expected = (len(moves) - 1) / len(moves) * off.T @ off
+            H[np.ix_(index, index)] -= x.T @ x
+            moves.append(np.linalg.solve(H[np.ix_(identifiable, identifiable)], g[identifiable]))
+    errors = np.array(moves) - np.mean(moves, axis=0)
+    expected = (len(moves) - 1) / len(moves) * errors.T @ errors
     cov = jackknife(problem, theta, identifiable, info.bread)
     assert cov is not None
     assert jackknife(problem, theta, identifiable, info.bread, by_segment=True) is None  # the runs are whole
@@ -66,9 +66,9 @@ def test_only_larger_block_errors_widen_the_errors_of_shared_parameters():
     cov = np.array([[4.0, 1.0, 0.5], [1.0, 1.0, 0.2], [0.5, 0.2, 1.0]])
     choices = [with_larger_errors(problem, cov, block_cov, 2) for block_cov in (None, 1.3 * cov, 0.2 * cov)]  # pyright: ignore[reportArgumentType]
     assert all(np.array_equal(choice, cov) for choice in choices)
-    wide = with_larger_errors(problem, cov, np.diag([36.0, 0.1, 1e9]), 2)  # pyright: ignore[reportArgumentType]
-    np.testing.assert_allclose(np.diagonal(wide), [36.0, 1.0, 1.0])  # the third belongs to one run
-    np.testing.assert_allclose(wide[0, 1] / np.sqrt(wide[0, 0] * wide[1, 1]), 0.5)
+    larger = with_larger_errors(problem, cov, np.diag([36.0, 0.1, 1e9]), 2)  # pyright: ignore[reportArgumentType]
+    np.testing.assert_allclose(np.diagonal(larger), [36.0, 1.0, 1.0])  # the third belongs to one run
+    np.testing.assert_allclose(larger[0, 1] / np.sqrt(larger[0, 0] * larger[1, 1]), 0.5)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def drives():
 
 @pytest.mark.long
 def test_block_errors_have_coverage_with_floor_disturbance_and_outliers(drives):
-    rng, inside, before = np.random.default_rng(0), [], []
+    rng, counts, before = np.random.default_rng(0), [], []
     for drive in drives:
         channels = {}
         for name, channel in drive.run.sensors.items():
@@ -98,11 +98,11 @@ def test_block_errors_have_coverage_with_floor_disturbance_and_outliers(drives):
         finite = np.isfinite(fit.estimate)
         truth = np.array([drive.true.get(name, np.nan) for name in fit.names])[finite]
         inner = np.isfinite(truth) & (fit.bound[finite] == 0)
-        off = np.abs(fit.estimate[finite] - truth)[inner]
-        inside += (off < 1.96 * fit.std[finite][inner]).tolist()
-        before += (off < 1.96 * white[inner]).tolist()
-    assert 0.88 < np.mean(inside) <= 1.0
-    assert np.mean(before) < np.mean(inside) - 0.04
+        errors = np.abs(fit.estimate[finite] - truth)[inner]
+        counts += (errors < 1.96 * fit.std[finite][inner]).tolist()
+        before += (errors < 1.96 * white[inner]).tolist()
+    assert 0.88 < np.mean(counts) <= 1.0
+    assert np.mean(before) < np.mean(counts) - 0.04
 
 
 def test_a_score_matrix_with_a_negative_eigenvalue_gives_a_valid_covariance():
@@ -157,8 +157,8 @@ def test_the_jackknife_excludes_segments_in_which_the_model_diverged(case, case_
     theta = fit.search.solution.theta
     identifiable = np.flatnonzero(fit.identifiability.mask)
     ways = {"by_segment": False}, {"by_segment": True}
-    assert all(jackknife(problem, theta, identifiable, fit.info.bread, **way) is not None for way in ways)
+    assert all(jackknife(problem, theta, identifiable, fit.info.bread, **s) is not None for s in ways)
     slopes = [(r, d.copy(), index) for r, d, index in problem.sensitivities(theta)]
     slopes[2][1][-1] = np.inf
     monkeypatch.setattr(problem, "sensitivities", lambda theta: slopes)
-    assert all(jackknife(problem, theta, identifiable, fit.info.bread, **way) is None for way in ways)
+    assert all(jackknife(problem, theta, identifiable, fit.info.bread, **s) is None for s in ways)

@@ -33,7 +33,9 @@ def test_the_clock_offset_of_a_slow_sensor_with_lost_readings_is_identified(kind
     file, run = drive_kind(kind, 1)
     channel = run.sensors[kind]
     shifted = channel._replace(t_ns=channel.t_ns - round(late_s * 1e9))
-    late = replace(run, sensors=run.sensors | {kind: shifted})
-    fit = identify(late, file, USUAL, use=("imu", kind), options=FitOptions(clocks=(kind,), diagnose=False))
+    late_run = replace(run, sensors=run.sensors | {kind: shifted})
+    fit = identify(
+        late_run, file, USUAL, use=("imu", kind), options=FitOptions(clocks=(kind,), diagnose=False)
+    )
     clock = fit.run_entry_names.index(f"clock.{kind}")
     assert abs(fit.run_entries[0, clock] - late_s) < 3.5 * fit.run_entry_std[0, clock] < 0.01

@@ -14,14 +14,14 @@ def residuals_and_effect(own_fraction):
     t = np.linspace(0.0, 60.0, ROWS)
     rng = np.random.default_rng(4)
     d = np.sin(2.0 * t)
-    own = np.cos(0.7 * t)
-    own -= d * (own @ d) / (d @ d)
-    own *= np.linalg.norm(d) / np.linalg.norm(own)
-    misfit = 0.3 * own + 0.5 * rng.standard_normal(ROWS)  # motion outside the model, below its noise
+    signal = np.cos(0.7 * t)
+    signal -= d * (signal @ d) / (d @ d)
+    signal *= np.linalg.norm(d) / np.linalg.norm(signal)
+    misfit = 0.3 * signal + 0.5 * rng.standard_normal(ROWS)  # motion outside the model, below its noise
     mask, run, is_free = np.ones(ROWS, bool), np.zeros(ROWS, int), np.ones(1, bool)
     segments = [(misfit[:, None], -d[:, None, None])]
     fit = residuals_for_tests(segments, mask, run, is_free, [], float(np.sum(d**2)))
-    return fit, (np.sqrt(1.0 - own_fraction) * d + np.sqrt(own_fraction) * own)[None, :]
+    return fit, (np.sqrt(1.0 - own_fraction) * d + np.sqrt(own_fraction) * signal)[None, :]
 
 
 def effect_on(own_fraction):
@@ -47,11 +47,11 @@ def test_an_effect_cannot_shift_a_parameter_beyond_its_bound(part):
     shift = bounded_shift(fit, test, low, high)
 
     d, D, w = fit.d[0], D[0], fit.w
-    own = D - d * (D @ (w * d)) / (d @ (w * d))  # the score of θ is 0 at a minimum
+    signal = D - d * (D @ (w * d)) / (d @ (w * d))  # the score of θ is 0 at a minimum
 
     def cost(x):
         change = x[0] * d + x[1] * test.size * D
-        return 0.5 * w @ change**2 - x[1] * test.size * (own @ fit.clipped_residuals)
+        return 0.5 * w @ change**2 - x[1] * test.size * (signal @ fit.clipped_residuals)
 
     best = minimize(cost, np.zeros(2), bounds=[(low[0], high[0]), (0.0, None)], tol=1e-12)
     assert shift == pytest.approx(best.x[:1], abs=1e-3)

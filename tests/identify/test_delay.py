@@ -53,28 +53,28 @@ SEEDS = range(300, 320)  # these values were not used to develop the search
 
 def test_delay_and_lag_of_the_motors_are_identified_together():
     """A delay and a lag look alike, and a dead zone gives the cost a local minimum at every tick."""
-    far = []
+    errors = []
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
         delay_s, lag_s = rng.uniform(0.0, 0.06), rng.uniform(0.02, 0.12)
         truth = override(small, [f"{DELAY_PATH}={delay_s}", f"{LAG_PATH}={lag_s}"])
         run = simulate(truth, random_steps(truth.command.limit, 10.0, 100.0, seed, hold_s=0.5), seed)
         fit = identify(run, small, (*FREE, LAG_PATH), options=FitOptions(diagnose=False))
-        at = [fit.names.index(path) for path in (DELAY_PATH, LAG_PATH)]
+        indices = [fit.names.index(path) for path in (DELAY_PATH, LAG_PATH)]
         assert fit.converged
-        far += [(fit.estimate[at] - [delay_s, lag_s]) / fit.std[at]]
-        assert np.all(fit.std[at] < [1e-3, 3e-3])
-    assert np.max(np.abs(far)) < 3.0
-    assert 0.6 < np.sqrt(np.mean(np.square(far))) < 1.4
+        errors += [(fit.estimate[indices] - [delay_s, lag_s]) / fit.std[indices]]
+        assert np.all(fit.std[indices] < [1e-3, 3e-3])
+    assert np.max(np.abs(errors)) < 3.0
+    assert 0.6 < np.sqrt(np.mean(np.square(errors))) < 1.4
 
 
 def test_an_unmodelled_delay_is_reported_until_the_delay_is_a_free_parameter():
     truth = override(small, [f"{DELAY_PATH}=0.04"])
     run = simulate(truth, random_steps(truth.command.limit, 20.0, 100.0, 7, hold_s=0.5), 7)
     fit = identify(run, small)
-    late = [reason for reason in fit.reasons if reason.code == "residual.missing-free"]
+    reasons = [reason for reason in fit.reasons if reason.code == "residual.missing-free"]
     assert ("term.delay", f"--free +{DELAY_PATH}") in [
-        (reason.figures["effect"].code, reason.fix) for reason in late
+        (reason.figures["effect"].code, reason.fix) for reason in reasons
     ]
     freed = identify(run, small, [f"+{DELAY_PATH}"])
     assert freed.names == (*fit.names, DELAY_PATH)

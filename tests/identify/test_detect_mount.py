@@ -60,8 +60,8 @@ def test_an_unmodelled_dead_zone_is_not_reported_as_a_mounting_error(case, case_
     """A dead zone that the model lacks."""
     run, limit = case_run(0, 20.0), np.maximum(case.command.limit, 1e-9)
     part = run.applied_commands / limit
-    weak = np.sign(part) * np.maximum(np.abs(part) - 0.2, 0.0) * limit
-    fit = identify(replace(simulate(case, weak, 0), applied_commands=run.applied_commands), case)
+    signal = np.sign(part) * np.maximum(np.abs(part) - 0.2, 0.0) * limit
+    fit = identify(replace(simulate(case, signal, 0), applied_commands=run.applied_commands), case)
     assert fit.verdict != "USABLE"
     assert not any(code.startswith("mount.") for code in codes(fit.reasons))
 
@@ -71,14 +71,14 @@ def test_a_better_minimum_is_not_reported_as_a_mounting_error(case, case_run, mo
     """A simulated tank with the right IMU was refused as swapped, because the trial found a better fit of the gyro."""
     monkeypatch.setattr(module, "fit_by_simulation", lambda end: end)
     end = identify(case_run(0, 5.0), case)
-    worse, better, other_theta = np.full(3, 0.2), np.array([0.2, 0.2, 0.05]), end.task.start + 1e-9
+    start, better, other_theta = np.full(3, 0.2), np.array([0.2, 0.2, 0.05]), end.task.start + 1e-9
     z = end.task.problem.records[0].sensors["imu"].z
 
     def search_from(task, blocks, records, theta):
         is_swapped = np.array_equal(records[0].sensors["imu"].z[:50], z[:50, [1, 0, 2]])
         is_better = is_swapped or (theta is other_theta and not is_of_mount)
         solution = SimpleNamespace(theta=other_theta, evaluation=SimpleNamespace(cost=1.0))
-        return end.search._replace(sigma=better if is_better else worse, solution=solution)
+        return end.search._replace(sigma=better if is_better else start, solution=solution)
 
     monkeypatch.setattr(file_consistency, "_search_from", search_from)
     finding = file_consistency._better_mount(end, "imu")

@@ -52,15 +52,15 @@ def test_the_sensitivity_column_equals_the_response_to_a_small_push(end, code, a
         for k, (c, _) in enumerate(block)
         if c == code
     ]
-    at = 0
+    row = 0
     for record, weight, index, motion in zip(
         problem.records, problem.weights, problem.layout.indices, now.motions, strict=True
     ):
         blocks = substitute(end.blocks, (*problem.shape.shared_paths, *problem.shape.per_run), theta[index])
         push = 1e-6 * phi(motion.nu)[:, None] * np.eye(3)[axis]
         slope = weight * (push_response(blocks, record, push) - push_response(blocks, record, -push)) / 2e-6
-        change = columns[0][at : at + slope.size].reshape(slope.shape)
-        at += slope.size
+        change = columns[0][row : row + slope.size].reshape(slope.shape)
+        row += slope.size
         np.testing.assert_allclose(change, slope, atol=1e-5 * np.max(np.abs(slope)))
 
 
@@ -78,11 +78,11 @@ def test_testing_part_of_a_run_equals_testing_a_masked_column(end):
     assert residuals.nuisances  # biases
     for mask, answers in zip(masks, score_test_parts(residuals, masks), strict=True):
         present = np.repeat(mask, len(residuals.clipped_residuals) // n)
-        for part, whole in zip(answers, score_test(residuals, residuals.d * present), strict=True):
-            np.testing.assert_allclose(part.size, whole.size, rtol=1e-6)
-            np.testing.assert_allclose([part.z, part.freedom], [whole.z, whole.freedom], rtol=1e-6)
+        for part, total in zip(answers, score_test(residuals, residuals.d * present), strict=True):
+            np.testing.assert_allclose(part.size, total.size, rtol=1e-6)
+            np.testing.assert_allclose([part.z, part.freedom], [total.z, total.freedom], rtol=1e-6)
             np.testing.assert_allclose(
-                part.shift, whole.shift, rtol=1e-6, atol=1e-9 * np.max(np.abs(whole.shift))
+                part.shift, total.shift, rtol=1e-6, atol=1e-9 * np.max(np.abs(total.shift))
             )
 
 
@@ -91,7 +91,7 @@ def test_the_score_test_ignores_a_diverged_probe(end):
     residuals = fit_residuals(problem, theta, np.ones(problem.size, bool))
     D = np.stack([residuals.d[0] ** 2, np.full(len(residuals.clipped_residuals), 1.0)])
     D[1, 50:] = np.inf
-    sound, away = score_test(residuals, D)
+    sound, far_test = score_test(residuals, D)
     assert sound.size != 0.0
-    assert (away.size, away.z) == (0.0, 0.0)
-    assert not away.shift.any()
+    assert (far_test.size, far_test.z) == (0.0, 0.0)
+    assert not far_test.shift.any()

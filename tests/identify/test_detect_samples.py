@@ -99,8 +99,8 @@ def test_many_samples_at_the_largest_value_are_reported_as_clipped():
     after, findings = check_samples("imu", IMU, channel(clipped_z))
     assert "data.clipped" in codes(findings)
     assert findings[0].subject == "imu[0]"
-    far = np.abs(2.0 * np.sin(np.arange(len(z)) / 100.0)) > 1.3
-    assert np.isfinite(after.z[far, 0]).mean() < 0.05
+    clipped = np.abs(2.0 * np.sin(np.arange(len(z)) / 100.0)) > 1.3
+    assert np.isfinite(after.z[clipped, 0]).mean() < 0.05
     assert np.isfinite(after.z[:, 2]).all()  # the signal never reached the end of the range
 
 
@@ -137,8 +137,8 @@ def test_id6_clipped_samples_are_removed_without_biasing_the_fit():
     after, _ = check_samples("imu", IMU, channel(np.stack([np.clip(z, -1.2, 1.2), z, z], axis=1)))
     identifiable = np.isfinite(after.z[:, 0])
     error = np.mean(np.sign(truth[identifiable]) * (after.z[identifiable, 0] - truth[identifiable]))
-    plain = np.abs(np.clip(z, -1.2, 1.2)) < 1.2
-    pull = np.mean(np.sign(truth[plain]) * (z[plain] - truth[plain]))
+    unclipped = np.abs(np.clip(z, -1.2, 1.2)) < 1.2
+    pull = np.mean(np.sign(truth[unclipped]) * (z[unclipped] - truth[unclipped]))
     assert abs(error) < 0.5 * abs(pull)
 
 
@@ -147,8 +147,8 @@ def test_a_constant_channel_is_excluded_with_a_warning():
     z[:, 1] = 0.0
     after, findings = check_samples("imu", IMU, channel(z))
     assert not np.isfinite(after.z[:, 1]).any()
-    dead = note("data.dead-channel", Severity.WARNING, subject="imu[1]", value=0.0, samples=4000)
-    assert findings[0] == dead
+    message = note("data.dead-channel", Severity.WARNING, subject="imu[1]", value=0.0, samples=4000)
+    assert findings[0] == message
 
 
 def test_the_noise_estimate_ignores_repeated_values():

@@ -50,8 +50,8 @@ def test_id3_a_clock_jump_of_one_day_splits_the_run(case_run, case, off):
 def test_a_run_whose_clock_jumps_repeatedly_is_not_split(case_run):
     run = case_run(0, 20.0)
     jumps = move_stamps(run, lambda t: t + 60 * 10**9 * ((t - run.t_ns[0]) // 10**9))
-    pieces, several = check_timestamps(jumps, 100.0)
-    (finding,) = (finding for finding in several if finding.code.startswith("time.jump"))
+    pieces, messages = check_timestamps(jumps, 100.0)
+    (finding,) = (finding for finding in messages if finding.code.startswith("time.jump"))
     assert (finding.code, finding.severity) == ("time.jump-throughout", Severity.ERROR)
     assert len(pieces) == 1
 
@@ -62,8 +62,8 @@ def test_a_run_whose_clock_jumps_repeatedly_is_not_split(case_run):
 def test_a_clock_in_another_unit_is_refused_and_the_unit_is_named(case_run, case, factor, guess):
     run = case_run(0, 20.0)
     first = run.t_ns[0]
-    wrong = move_stamps(run, lambda t: first + np.rint((t - first) * factor).astype(np.int64))
-    fit = identify(wrong, case)
+    moved = move_stamps(run, lambda t: first + np.rint((t - first) * factor).astype(np.int64))
+    fit = identify(moved, case)
     assert fit.verdict == "REFUSED"
     (reason,) = (candidate for candidate in fit.reasons if candidate.code == "time.unit")
     assert reason.figures["rate_hz"] == 100.0
@@ -91,8 +91,8 @@ def test_a_sensor_stamped_in_bursts_is_fitted_with_a_warning(case_run, case, off
 def test_samples_with_wrong_timestamps_are_excluded(case_run, case, off):
     run = case_run(0, 20.0)
     c = run.sensors["imu"]
-    back = np.arange(len(c.t_ns)) > 1200
-    imu = c._replace(t_ns=c.t_ns - back * 3600 * 10**9)
+    mask = np.arange(len(c.t_ns)) > 1200
+    imu = c._replace(t_ns=c.t_ns - mask * 3600 * 10**9)
     pieces, findings = check_timestamps(replace(run, sensors={"imu": imu}), 100.0)
     assert len(pieces[0].sensors["imu"].t_ns) == 1201
     assert (findings[0].code, findings[0].severity) == ("time.stamps-far", Severity.WARNING)

@@ -54,8 +54,8 @@ def test_a_sound_fit_gives_no_warning(case, seed, kind):
 
 
 def test_a_delayed_command_is_detected(case, u):
-    late = np.concatenate([np.zeros((3, 3)), u[:-3]])
-    fit = identify(driven_as(case, u, late), case)
+    delayed = np.concatenate([np.zeros((3, 3)), u[:-3]])
+    fit = identify(driven_as(case, u, delayed), case)
     assert fit.verdict == "WARN"
     assert "--free +model.drivetrain.delay_s" in {
         r.fix for r in fit.reasons if r.code == "residual.late-readings"
@@ -75,17 +75,17 @@ def test_a_delayed_sensor_is_reported_with_its_clock_and_the_delay_of_the_comman
     }
     assert "--free +model.drivetrain.delay_s --clock odometer" in {reason.fix for reason in fit.reasons}
     delay, clock = ["+model.drivetrain.delay_s"], FitOptions(clocks=("odometer",))
-    again = identify(run, car, delay, options=clock)
-    assert again.value("model.drivetrain.delay_s") == pytest.approx(0.08, abs=0.01)
-    assert again.run_entries[0, again.run_entry_names.index("clock.odometer")] == pytest.approx(
+    second_fit = identify(run, car, delay, options=clock)
+    assert second_fit.value("model.drivetrain.delay_s") == pytest.approx(0.08, abs=0.01)
+    assert second_fit.run_entries[0, second_fit.run_entry_names.index("clock.odometer")] == pytest.approx(
         -0.12, abs=0.01
     )
-    assert not {"residual.late-readings", "residual.missing-free"} & codes(again.reasons)
+    assert not {"residual.late-readings", "residual.missing-free"} & codes(second_fit.reasons)
 
 
 def test_dry_friction_that_is_not_in_the_file_is_named(case, u):
-    rough = case.with_values({"model.friction.coulomb": [2.0, 0.0, 180.0]})
-    fit = identify(simulate(rough, u, 0), case)
+    rough_file = case.with_values({"model.friction.coulomb": [2.0, 0.0, 180.0]})
+    fit = identify(simulate(rough_file, u, 0), case)
     assert fit.verdict == "WARN"
     missing = [reason for reason in fit.reasons if reason.code == "residual.missing"]
     assert "term.dry-friction" in {reason.figures["effect"].code for reason in missing}
@@ -137,9 +137,9 @@ def test_a_wrong_inertia_is_named_as_its_ratio_to_the_centre_of_mass():
 
 
 def test_the_errors_by_a_missing_effect_are_correlated(case, u):
-    """Drag and quadratic drag share the error by missing dry friction, so their sum at the driven speed is accurate."""
-    rough = case.with_values({"model.friction.coulomb": [0.15, 0.0, 0.0]})
-    fit = identify(simulate(rough, u, 0), case)
+    """Linear and quadratic drag share the error of a missing dry friction; their sum at this speed is accurate."""
+    rough_file = case.with_values({"model.friction.coulomb": [0.15, 0.0, 0.0]})
+    fit = identify(simulate(rough_file, u, 0), case)
     i, j = (fit.names.index(f"model.friction.{name}[0]") for name in ("linear", "quadratic"))
     assert fit.cov[i, j] < -0.9 * fit.std[i] * fit.std[j]
 
@@ -171,8 +171,8 @@ def test_a_probe_estimates_an_unmodelled_term_and_its_parameter_shift(case, u):
     """The result of a probe equals the fit with this term, to first order."""
     from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, term_columns
 
-    rough = case.with_values({"model.friction.coulomb": [0.15, 0.0, 0.0]})
-    run, scores = simulate(rough, u, 0), {}
+    rough_file = case.with_values({"model.friction.coulomb": [0.15, 0.0, 0.0]})
+    run, scores = simulate(rough_file, u, 0), {}
 
     def look(end):
         problem, theta = end.task.problem, end.search.solution.theta
@@ -183,12 +183,12 @@ def test_a_probe_estimates_an_unmodelled_term_and_its_parameter_shift(case, u):
 
     from baqueano.identify import prediction_error_fit as module
 
-    whole = module.fit_of
+    function = module.fit_of
     try:
-        module.fit_of = lambda end, *args: (look(end), whole(end, *args))[1]
+        module.fit_of = lambda end, *args: (look(end), function(end, *args))[1]
         identify(run, case)
     finally:
-        module.fit_of = whole
+        module.fit_of = function
     answer = scores["dry friction, x"]
     assert answer.z < -5.0  # a push against the motion
     k = scores["names"].index("model.friction.linear[0]")
@@ -226,28 +226,28 @@ def test_unmodelled_tyre_slip_drag_widens_the_errors(soft_tyres):
     car, file, run = soft_tyres
     fit = identify(run, file, FREE_CAR)
     k = fit.names.index(DRAG)
-    off = fit.estimate[k] - float(car_values(car)[DRAG][0])
+    error = fit.estimate[k] - float(car_values(car)[DRAG][0])
     assert fit.verdict == "WARN"
     assert "slip, x" in [reason.figures.get("term") for reason in fit.reasons]
-    assert abs(off) < 1.96 * fit.std[k]
+    assert abs(error) < 1.96 * fit.std[k]
     assert np.isfinite(fit.std[k])
     assert "--free +model.understeer" in [reason.fix for reason in fit.reasons]
 
 
 def test_understeer_explains_a_steering_gain_that_falls_with_the_speed(soft_tyres):
     car, file, run = soft_tyres
-    off = {}
+    errors = {}
     for free in (FREE_CAR, (*FREE_CAR, "+model.understeer")):
         fit = identify(run, file, free)
-        off[free] = abs(fit.value("model.steering_gain") / float(car.servo_rad[0]) - 1.0)
-    assert off[free] < 0.02 < off[FREE_CAR]
+        errors[free] = abs(fit.value("model.steering_gain") / float(car.servo_rad[0]) - 1.0)
+    assert errors[free] < 0.02 < errors[FREE_CAR]
 
 
 @pytest.mark.parametrize(("z", "fix"), [(-9.0, "--free +model.understeer"), (9.0, "")])
 def test_understeer_is_advised_only_if_the_yaw_rate_is_too_small(z, fix):
     """A car that oversteers turns faster than the model."""
-    gain, std, far = np.array([0.4]), np.array([0.01]), np.array([np.inf])
-    fit = residual_checks._FitEvidence(None, ["model.steering_gain"], gain, std, -far, far)
+    gain, std, infinite = np.array([0.4]), np.array([0.01]), np.array([np.inf])
+    fit = residual_checks._FitEvidence(None, ["model.steering_gain"], gain, std, -infinite, infinite)
     tests = [(("cornering, psi", note("term.cornering")), ScoreTest(z, z, 58.0, np.array([0.1]), 1.0))]
     (result,) = residual_checks._missing_terms(fit, tests, load("car").vehicle)
     assert result.message.fix == fix

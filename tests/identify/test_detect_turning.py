@@ -42,8 +42,8 @@ def at_ten_hertz():
 
 def accused(fit):
     """Return the reasons that concern the gyro unit, with or without the accelerometer."""
-    both = [reason.figures["gyro"] for reason in fit.reasons if reason.code == physical_units.CURVE_CODE]
-    return [*both, *(reason for reason in fit.reasons if reason.code == "gyro.unit")]
+    readings = [reason.figures["gyro"] for reason in fit.reasons if reason.code == physical_units.CURVE_CODE]
+    return [*readings, *(reason for reason in fit.reasons if reason.code == "gyro.unit")]
 
 
 @pytest.mark.parametrize(
@@ -82,9 +82,9 @@ FRICTION = "model.friction.linear"
 def guessed_sticky(small):
     """Return a run of a vehicle that turns easily, and a file with 84 times its friction."""
     linear = small.vehicle.friction.linear
-    quiet = small.with_values({"model.friction.coulomb": [0.25, 0.0, 0.003]})
-    free = quiet.with_values({FRICTION: [*linear[:2], linear[2] / 3.0]})
-    guess = quiet.with_values({FRICTION: [*linear[:2], linear[2] * 28.0]})
+    rough_file = small.with_values({"model.friction.coulomb": [0.25, 0.0, 0.003]})
+    free = rough_file.with_values({FRICTION: [*linear[:2], linear[2] / 3.0]})
+    guess = rough_file.with_values({FRICTION: [*linear[:2], linear[2] * 28.0]})
     return simulate(free, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0), guess
 
 

@@ -127,11 +127,11 @@ def test_friction_guessed_by_a_factor_of_two_gives_a_usable_fit(case_run, case):
     ("times", "codes"), [(0.48, []), (2.1, []), (3.6, ["file.gain"]), (1 / 3.6, ["file.gain"])]
 )
 def test_only_a_gain_far_from_the_file_gives_a_reason(case, times, codes):
-    was = case.value("model.actuator_matrix[2,2]")
+    file_value = case.value("model.actuator_matrix[2,2]")
     findings = gain_findings(
         FittedBlocks(case.vehicle, case.sensors),
         ["model.actuator_matrix[2,2]"],
-        np.array([times * was]),
+        np.array([times * file_value]),
         np.array([0.01]),
     )
     assert [finding.code for finding in findings] == codes

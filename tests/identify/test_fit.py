@@ -108,10 +108,10 @@ def test_id5_ten_percent_outliers_hardly_change_the_fit(case, case_run, off):
     z = run.sensors["imu"].z.copy()
     hit = rng.random(z.shape) < 0.1
     z[hit] += (rng.choice([-20.0, 20.0], z.shape) * [0.05, 0.05, 0.005])[hit]
-    spoilt = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
-    clean, fit = identify(run, case), identify(spoilt, case)
+    damaged = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
+    sound_fit, fit = identify(run, case), identify(damaged, case)
     assert np.max(np.abs(off(fit, case))) < 4.5
-    assert np.nanmax(fit.std / clean.std) < 1.35
+    assert np.nanmax(fit.std / sound_fit.std) < 1.35
     assert fit.verdict == "USABLE"
     assert "outliers.both-sides" in [note.code for note in fit.notes]
 
@@ -119,13 +119,13 @@ def test_id5_ten_percent_outliers_hardly_change_the_fit(case, case_run, off):
 def test_id13_negative_friction_ends_at_its_bound_and_is_reported(case, case_run):
     frictionless = case.with_values({"model.friction.quadratic": [0.0, 3.5, 250.0]})
     ends = [identify(case_run(seed, 20.0, frictionless), frictionless) for seed in range(6)]
-    at = [fit for fit in ends if fit.bound[fit.names.index("model.friction.quadratic[0]")] == -1]
-    assert 1 <= len(at) <= 6  # by chance half of them
+    matches = [fit for fit in ends if fit.bound[fit.names.index("model.friction.quadratic[0]")] == -1]
+    assert 1 <= len(matches) <= 6  # by chance half of them
     assert all(fit.value("model.friction.quadratic[0]") >= 0.0 for fit in ends)
-    row = next(r for r in at[0].rows() if r["name"] == "model.friction.quadratic[0]")
+    row = next(r for r in matches[0].rows() if r["name"] == "model.friction.quadratic[0]")
     assert row["bound"] == "low"
-    assert {"bound.low-held", "bound.low-by-chance"} & {finding.code for finding in at[0].findings}
-    assert BOUNDS["low"] in at[0].table()
+    assert {"bound.low-held", "bound.low-by-chance"} & {finding.code for finding in matches[0].findings}
+    assert BOUNDS["low"] in matches[0].table()
 
 
 def test_biases_and_initial_speed_are_estimated_with_the_parameters(case, case_run):
@@ -150,10 +150,10 @@ def test_two_runs_reduce_the_errors_and_have_separate_biases(case, case_run, off
         name="b",
         sensors={"imu": b.sensors["imu"]._replace(z=b.sensors["imu"].z + np.array([0.5, 0.0, 0.1]))},
     )
-    both, single = identify([a, b], case), identify(a, case)
-    assert np.max(np.abs(off(both, case))) < 4.5
-    assert np.nanmedian(both.std / single.std) == pytest.approx(np.sqrt(0.5), rel=0.2)
-    np.testing.assert_allclose(both.run_entries[:, 2], [0.0, 0.1], atol=5e-3)
+    joint, single = identify([a, b], case), identify(a, case)
+    assert np.max(np.abs(off(joint, case))) < 4.5
+    assert np.nanmedian(joint.std / single.std) == pytest.approx(np.sqrt(0.5), rel=0.2)
+    np.testing.assert_allclose(joint.run_entries[:, 2], [0.0, 0.1], atol=5e-3)
 
 
 def test_id3_id4_irregular_ticks_gaps_nan_and_silence_do_not_bias(case, case_run, off):

@@ -20,22 +20,22 @@ def logs():
     """Return a robot with quiet sensors, its file, and its logs. One log has the counts of the timer, one has the
     requested commands. The others have the counts and an IMU behind a low-pass, or behind a low-pass and a delay.
     This delay looks like a delay of the motors."""
-    plain = draw_robot(SEED)
-    plain = plain.with_parameters(imu=plain.imu.with_parameters(noise=0.2 * plain.imu.noise))
-    behind = plain.with_parameters(imu=plain.imu.with_parameters(low_pass_s=np.full(1, 0.5 / np.pi / HZ)))
-    chip = behind.with_parameters(delay_s=behind.delay_s + 4.8e-3 - 0.5 / np.pi / HZ)
-    file = robot_file(plain)
+    robot = draw_robot(SEED)
+    robot = robot.with_parameters(imu=robot.imu.with_parameters(noise=0.2 * robot.imu.noise))
+    filtered = robot.with_parameters(imu=robot.imu.with_parameters(low_pass_s=np.full(1, 0.5 / np.pi / HZ)))
+    chip = filtered.with_parameters(delay_s=filtered.delay_s + 4.8e-3 - 0.5 / np.pi / HZ)
+    file = robot_file(robot)
     requested = excitation(
         "random_steps", file.command.limit, SECONDS, file.rate_hz, SEED, rest_s=1.0, hold_s=0.4
     )
     sent_u = quantised_commands(requested)
-    each = np.stack([sent_u] * 3, axis=1)
+    commands = np.stack([sent_u] * 3, axis=1)
     motion = drive_group(
-        merge([plain, behind, chip]), each, [SEED] * 3, tick_times(len(sent_u), file.rate_hz)
+        merge([robot, filtered, chip]), commands, [SEED] * 3, tick_times(len(sent_u), file.rate_hz)
     )
     kinds = {"counts": (0, sent_u), "asked": (0, requested), "filtered": (1, sent_u), "chip": (2, sent_u)}
     runs = {name: run_of_vehicle(motion, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
-    return plain, file, runs
+    return robot, file, runs
 
 
 def off(fit, q, name):
@@ -65,24 +65,24 @@ def test_a_declared_low_pass_does_not_bias_the_delay_of_the_motors(logs):
 def test_the_chip_setting_determines_the_lag_and_delay_of_its_filter(logs):
     """A lag of 44 Hz and a pure delay together have the 4.8 ms that the data sheet states for setting 3."""
     q, file, runs = logs
-    plain, set_up = (
+    fit, set_up = (
         identify(runs["chip"], f, FREE, options=FitOptions(diagnose=False))
         for f in (file, file.with_values({"robot.imu_filter": 3}))
     )
-    assert plain.value(DELAY_PATH) - q.delay_s[0] > 0.003
+    assert fit.value(DELAY_PATH) - q.delay_s[0] > 0.003
     assert abs(set_up.value(DELAY_PATH) - q.delay_s[0]) < 5e-4
     assert abs(set_up.value(LAG_PATH) - q.lag_s[0]) < 5e-4
 
 
 def test_only_the_sum_of_tilt_and_bias_is_identified_by_default(logs):
     _, file, runs = logs
-    few = ["model.friction.linear[0]", "model.actuator_matrix[0,0]"]
-    single, both = (
+    names = ["model.friction.linear[0]", "model.actuator_matrix[0,0]"]
+    single, joint = (
         identify(runs["counts"], file, free, options=FitOptions(diagnose=False))
-        for free in (few, [*few, "sensors.imu.tilt_rad"])
+        for free in (names, [*names, "sensors.imu.tilt_rad"])
     )
     assert ("bias.tilt-sum", "imu") in [(note.code, note.subject) for note in single.notes]
-    assert "bias.tilt-sum" not in [finding.code for finding in both.findings]
+    assert "bias.tilt-sum" not in [finding.code for finding in joint.findings]
 
 
 def test_a_low_pass_can_be_fitted(logs):

@@ -75,9 +75,9 @@ def test_parameters_that_no_imu_can_identify_are_reported(fitted):
 def test_an_unmeasured_scale_widens_the_errors_by_its_effect(fitted):
     file, run, fit = fitted
     exact = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
-    wide = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance={**EXACT, "sensors.imu.gyro_scale": 0.1})
+    unscaled = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance={**EXACT, "sensors.imu.gyro_scale": 0.1})
     np.testing.assert_allclose(exact.estimate, fit.estimate, rtol=1e-6)
-    part = np.sqrt(np.maximum(wide.std**2 - exact.std**2, 0.0)) / std_of_tolerance(0.1)
+    part = np.sqrt(np.maximum(unscaled.std**2 - exact.std**2, 0.0)) / std_of_tolerance(0.1)
     changes_by_scale = []
     for factor in (1.02, 0.98):
         scale = file.sensors.imu.gyro_scale * factor
@@ -104,7 +104,7 @@ def test_an_uncertain_gyro_bias_widens_the_errors_by_its_effect(fitted):
 
     file, run, _ = fitted
     path, origin = "sensors.imu.gyro_bias", Provenance("rest", None, 0.02, "USABLE")
-    at = [file.value(path) + shift for shift in (0.0, 0.005, -0.005)]
+    values = [file.value(path) + shift for shift in (0.0, 0.005, -0.005)]
     narrow, higher, lower = (
         fit_imu_only(
             run,
@@ -112,12 +112,12 @@ def test_an_uncertain_gyro_bias_widens_the_errors_by_its_effect(fitted):
             LONGITUDINAL + YAW,
             tolerance=EXACT,
         )
-        for x in at
+        for x in values
     )
-    wide = fit_imu_only(
-        run, file.with_values({path: at[0]}, {path: origin}), LONGITUDINAL + YAW, tolerance=EXACT
+    fit = fit_imu_only(
+        run, file.with_values({path: values[0]}, {path: origin}), LONGITUDINAL + YAW, tolerance=EXACT
     )
-    part = np.sqrt(np.maximum(wide.std**2 - narrow.std**2, 0.0))
+    part = np.sqrt(np.maximum(fit.std**2 - narrow.std**2, 0.0))
     slope = 0.02 * np.abs(higher.estimate - lower.estimate) / 0.01
     offset = narrow.names.index("model.steering_offset_rad")
     assert part[offset] > 3.0 * narrow.std[offset]
@@ -147,14 +147,14 @@ def test_a_fit_started_at_its_estimate_returns_the_same_estimate():
 
 def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
     _, run, fit = fitted
-    inside = fit.envelope
-    assert inside.range_warnings(run) == ()
-    faster = replace(run, applied_commands=run.applied_commands * np.array([1.4, 1.0]))
-    flags = inside.range_warnings(faster)
+    envelope = fit.envelope
+    assert envelope.range_warnings(run) == ()
+    faster_run = replace(run, applied_commands=run.applied_commands * np.array([1.4, 1.0]))
+    flags = envelope.range_warnings(faster_run)
     assert len(flags) == 1
     assert (flags[0].code, flags[0].subject) == ("envelope.left", "throttle")
     with pytest.raises(UsageError, check=of_code("vehicle.commands-differ")):
-        inside.range_warnings(replace(run, applied_commands=run.applied_commands[:, :1]))
+        envelope.range_warnings(replace(run, applied_commands=run.applied_commands[:, :1]))
     with pytest.raises(UsageError, check=of_code("runs.no-command")):
         identify(replace(run, applied_commands=np.full_like(run.applied_commands, np.nan)), fit.file)
 
@@ -192,8 +192,8 @@ def test_the_lag_of_the_motor_of_a_car_does_not_bias_its_gain_and_drag():
     fit = identify(run_of_vehicle(motion, 0, u, file, "car", 1), file, use=("imu",))
     true = {**car_values(car), "model.drivetrain.lag_s": car.lag_s}
     names = ("model.throttle_gain", "model.linear_drag", "model.drivetrain.lag_s")
-    off = [(fit.value(n) - float(true[n][0])) / fit.std[fit.names.index(n)] for n in names]
-    assert np.all(np.abs(off) < 2.5), off
+    errors = [(fit.value(n) - float(true[n][0])) / fit.std[fit.names.index(n)] for n in names]
+    assert np.all(np.abs(errors) < 2.5), errors
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -205,17 +205,17 @@ def test_the_delay_of_a_car_with_soft_tyres_and_a_slow_servo_is_within_its_error
     u[:150] = 0.0
     motion = drive_group(car, u[:, None], [seed], tick_times(len(u), 50.0))
     fit = identify(run_of_vehicle(motion, 0, u, file, "car", 1), file, use=("imu",))
-    off = fit.value("model.drivetrain.delay_s") - car.delay_s[0]
-    assert abs(off) < 3.0 * fit.std[fit.names.index("model.drivetrain.delay_s")] < 0.04
+    error = fit.value("model.drivetrain.delay_s") - car.delay_s[0]
+    assert abs(error) < 3.0 * fit.std[fit.names.index("model.drivetrain.delay_s")] < 0.04
     assert "delay.sum" in [message.code for message in fit.notes]
     assert not any("+sensors." in message.fix for message in fit.reasons)
 
 
 def test_a_free_parameter_added_with_plus_does_not_remove_default_parameters():
     file, run = drive_seed(3, 20.0)
-    plain, with_drag = (fit_imu_only(run, file, free) for free in (None, ["+model.motor_drag"]))
-    assert "model.drivetrain.delay_s" in plain.names
-    assert set(with_drag.names) == {*plain.names, "model.motor_drag"}
+    fit, with_drag = (fit_imu_only(run, file, free) for free in (None, ["+model.motor_drag"]))
+    assert "model.drivetrain.delay_s" in fit.names
+    assert set(with_drag.names) == {*fit.names, "model.motor_drag"}
 
 
 def test_the_gyro_fit_of_a_two_wheeled_vehicle_identifies_the_true_parameters():
@@ -225,10 +225,10 @@ def test_the_gyro_fit_of_a_two_wheeled_vehicle_identifies_the_true_parameters():
     turning = steps(rng, -0.5, 0.5, 1.0, 30.0, file.rate_hz) * limit[2]
     run = simulate(file, np.stack([forward, np.zeros_like(forward), turning], axis=1), 0)
     free = ["model.friction.linear", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]"]
-    led = identify(run, file, free, use=("imu",), options=FitOptions(gyro_leads=True))
+    fit = identify(run, file, free, use=("imu",), options=FitOptions(gyro_leads=True))
     truth = np.array([*file.vehicle.friction.linear, *np.diagonal(file.vehicle.actuator_matrix)[[0, 2]]])
-    assert np.all(np.abs(led.estimate[:5] - truth) < 3.0 * led.std[:5])
-    np.testing.assert_allclose(led.estimate[:5], truth, rtol=0.03)
+    assert np.all(np.abs(fit.estimate[:5] - truth) < 3.0 * fit.std[:5])
+    np.testing.assert_allclose(fit.estimate[:5], truth, rtol=0.03)
 
 
 def test_the_gyro_fit_uses_the_given_solver(fitted):
@@ -294,16 +294,16 @@ def test_block_errors_replace_the_errors_only_if_larger_and_are_reported():
     A = root @ root.T + 4.0 * np.eye(4)
     info = Information(A, A, np.zeros((1, 4)), False, np.zeros(1), 100)
     kept_indices = np.array([0, 2, 3])
-    at = np.ix_(kept_indices, kept_indices)
-    inverse = np.linalg.inv(A[at])
+    k = np.ix_(kept_indices, kept_indices)
+    inverse = np.linalg.inv(A[k])
     np.testing.assert_allclose(with_jackknife(info, kept_indices, inverse).meat, A, rtol=1e-10)
     np.testing.assert_allclose(
-        with_jackknife(info, kept_indices, 3.0 * inverse).meat[at], 3.0 * A[at], rtol=1e-10
+        with_jackknife(info, kept_indices, 3.0 * inverse).meat[k], 3.0 * A[k], rtol=1e-10
     )
-    np.testing.assert_allclose(with_jackknife(info, kept_indices, 0.1 * inverse).meat[at], A[at], rtol=1e-10)
+    np.testing.assert_allclose(with_jackknife(info, kept_indices, 0.1 * inverse).meat[k], A[k], rtol=1e-10)
     autocorrelated_info = info._replace(meat=2.0 * A)
     np.testing.assert_allclose(
-        with_jackknife(autocorrelated_info, kept_indices, inverse).meat[at], 2.0 * A[at], rtol=1e-10
+        with_jackknife(autocorrelated_info, kept_indices, inverse).meat[k], 2.0 * A[k], rtol=1e-10
     )
 
 
@@ -321,14 +321,14 @@ def test_a_slow_disturbance_is_separated_from_white_noise():
 
 
 def test_gyro_noise_does_not_bias_lever_arm_or_speed_towards_zero():
-    off = []
+    errors = []
     for seed in range(4):
         file, run = drive_seed(seed)
         fit = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
-        at = [fit.names.index(name) for name in ("sensors.imu.lever_arm_m[0]", "model.throttle_gain")]
-        off.append((fit.estimate - np.array([file.value(name) for name in fit.names]))[at] / fit.std[at])
+        k = [fit.names.index(name) for name in ("sensors.imu.lever_arm_m[0]", "model.throttle_gain")]
+        errors.append((fit.estimate - np.array([file.value(name) for name in fit.names]))[k] / fit.std[k])
     # the lever arm was 4 standard errors too short
-    assert np.all(np.abs(np.mean(off, axis=0)) < 3.0 / np.sqrt(4.0)), off
+    assert np.all(np.abs(np.mean(errors, axis=0)) < 3.0 / np.sqrt(4.0)), errors
 
 
 def test_a_kinematic_vehicle_cannot_use_the_gyro_fit(tmp_path):

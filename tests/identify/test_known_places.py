@@ -49,19 +49,19 @@ def with_sensor(text):
 
 def seen_by_camera(run, seed, late_s=0.0):
     """Return the run with 20 camera poses a second instead of its truth, on a clock that is `late_s` behind."""
-    at = np.arange(0, len(run.t_ns), 5)
-    noise = np.random.default_rng(seed).normal(size=(len(at), 3)) * [0.003, 0.003, 0.01]
-    unknown = np.full((len(at), 3), np.nan)
-    t_ns = run.truth.t_ns[at] - round(late_s * 1e9)
-    return replace(run, truth=TruthLog(t_ns, run.truth.eta[at] + noise, unknown, unknown))
+    indices = np.arange(0, len(run.t_ns), 5)
+    noise = np.random.default_rng(seed).normal(size=(len(indices), 3)) * [0.003, 0.003, 0.01]
+    unknown = np.full((len(indices), 3), np.nan)
+    t_ns = run.truth.t_ns[indices] - round(late_s * 1e9)
+    return replace(run, truth=TruthLog(t_ns, run.truth.eta[indices] + noise, unknown, unknown))
 
 
 def by_hand(run, seed):
     """Return the tape measurement at the end, accurate to a centimetre and two degrees."""
     rng = np.random.default_rng(seed)
     x, y, psi = run.truth.eta[-1]
-    far, turn_deg = np.hypot(x, y) + 0.01 * rng.normal(), np.degrees(psi) + 2.0 * rng.normal()
-    return f"end: {100.0 * far:.1f} cm, {turn_deg:.1f} deg"
+    distance, turn_deg = np.hypot(x, y) + 0.01 * rng.normal(), np.degrees(psi) + 2.0 * rng.normal()
+    return f"end: {100.0 * distance:.1f} cm, {turn_deg:.1f} deg"
 
 
 def steps(file, seconds, seed):
@@ -113,12 +113,12 @@ def test_a_camera_identifies_wheels_gyro_and_the_camera_clock():
         assert abs(fit.run_entries[0, clock] - late_s) < SIGMAS * fit.run_entry_std[0, clock] < 0.005
 
 
-def with_mark_at(run, ahead, left, turned_rad):
+def with_mark_at(run, x, left, turned_rad):
     """Return the run whose truth is that of a mark beside the origin; a NaN `turned_rad` gives no heading, like a
     GPS."""
     eta = run.truth.eta.copy()
     c, s = np.cos(eta[:, 2]), np.sin(eta[:, 2])
-    eta += np.column_stack([c * ahead - s * left, s * ahead + c * left, np.full(len(eta), turned_rad)])
+    eta += np.column_stack([c * x - s * left, s * x + c * left, np.full(len(eta), turned_rad)])
     return replace(run, truth=run.truth._replace(eta=eta))
 
 
@@ -248,10 +248,10 @@ def test_a_camera_identifies_gyro_and_odometer_of_a_car():
     """The floor does not disturb the car, because the simulation error has another meaning on a disturbing floor."""
     car = override(load("car"), [STILL])
     free = [*OF_CAR, GYRO, "sensors.odometer.scale", "model.cornering_drag", "model.yaw_lag_s"]
-    wrong = [f"{GYRO}=1", "sensors.odometer.scale=1", "model.cornering_drag=0", "model.yaw_lag_s=0.2"]
+    values = [f"{GYRO}=1", "sensors.odometer.scale=1", "model.cornering_drag=0", "model.yaw_lag_s=0.2"]
     for seed in (1, 2):
         run = seen_by_camera(simulate(car, of_car(60.0, seed), seed), seed)
-        fit = identify(run, override(car, wrong), free, use=("imu", "odometer", "truth"))
+        fit = identify(run, override(car, values), free, use=("imu", "odometer", "truth"))
         worst, errors = off(car, fit)
         assert worst < SIGMAS, errors
 
@@ -263,11 +263,11 @@ def test_a_mark_passed_each_lap_reduces_speed_and_gyro_errors():
         run = simulate(truth, laps(truth, 40.0), seed)
         assert len(run.sensors["mark"].z) > 5
         with_mark = identify(run, begin, [*USUAL, GYRO])
-        without = identify(run, begin, [*USUAL, GYRO], use=("imu",))
+        fit = identify(run, begin, [*USUAL, GYRO], use=("imu",))
         worst, errors = off(truth, with_mark)
         assert worst < SIGMAS, errors
         k = with_mark.names.index(GYRO)
-        assert not with_mark.std[k] > 0.5 * without.std[k], "without the mark the value is unknown (NaN)"
+        assert not with_mark.std[k] > 0.5 * fit.std[k], "without the mark the value is unknown (NaN)"
 
 
 class Ten:
@@ -345,9 +345,9 @@ def taped_fit(small, taped_runs):
 
 
 def test_a_wrong_tape_measurement_of_a_later_run_is_reported_in_metres(taped_fit):
-    far = [reason for reason in taped_fit.reasons if reason.code == "residual.outlier"]
-    assert len(far) == 1
-    assert (far[0].subject, far[0].figures["measurement"], far[0].figures["unit"]) == ("tape[0]", 4.0, "m")
+    e = [reason for reason in taped_fit.reasons if reason.code == "residual.outlier"]
+    assert len(e) == 1
+    assert (e[0].subject, e[0].figures["measurement"], e[0].figures["unit"]) == ("tape[0]", 4.0, "m")
 
 
 def test_the_identified_noise_has_units_and_excludes_the_tape_measurement(taped_fit, taped_runs):

@@ -53,9 +53,9 @@ def test_any_matrix_is_converted_to_a_valid_covariance(matrix, exponent):
 
 
 def test_an_indefinite_matrix_is_corrected_and_reported():
-    bad = np.array([[1.0, 1.2, 0.0], [1.2, 1.0, 0.0], [0.0, 0.0, -1e-5]])
+    matrix = np.array([[1.0, 1.2, 0.0], [1.2, 1.0, 0.0], [0.0, 0.0, -1e-5]])
     notes = []
-    Q = positive_definite(bad, np.full(3, 1e-8), "Q", notes)
+    Q = positive_definite(matrix, np.full(3, 1e-8), "Q", notes)
     np.linalg.cholesky(Q)
     assert [(note.code, note.subject) for note in notes] == [
         ("noise.raised", "Q"),
@@ -195,7 +195,7 @@ def test_the_noise_does_not_depend_on_the_names_of_the_runs(small):
     ]
     renamed_runs = [replace(run, name=f"run {k}") for k, run in enumerate(runs)]
     noise, noise_of_renamed = (
-        measure_noise(identify(each, small, ["model.mass_kg"]), each) for each in (runs, renamed_runs)
+        measure_noise(identify(r, small, ["model.mass_kg"]), r) for r in (runs, renamed_runs)
     )
     assert runs[0].name == runs[1].name
     np.testing.assert_array_equal(noise.in_motion["imu"], noise_of_renamed.in_motion["imu"])
@@ -288,23 +288,23 @@ def test_few_readings_identify_the_misfit_but_not_the_sensor_noise(tags, free):
 def test_the_noise_of_a_counted_speed_is_at_least_its_step():
     """Readings that never repeat do not show a step. A tag, which repeats its position, is not treated as counted."""
     text = load("small").text + TAGS + '\n[sensors.odometer]\nkind = "odometer"\n'
-    its = layout(parse(text, "small").estimator(use=("imu", "odometer", "tags")))
+    slots = layout(parse(text, "small").estimator(use=("imu", "odometer", "tags")))
     rng = np.random.default_rng(3)
     speed, tags = rng.uniform(0.0, 1.0, (600, 1)), 0.5 * rng.choice([-1.0, 1.0], (600, 2))
     imu = 0.01 * np.rint(100.0 * rng.standard_normal((600, 3)))
 
     def rounding_of(z, steps_ms=None):
         """`steps_ms` (600,) are the intervals of rates that the import derived."""
-        later = np.cumsum(20 * np.ones(600, int) if steps_ms is None else steps_ms) * 1_000_000
-        middle = later - np.diff(later, prepend=0) // 2
+        times = np.cumsum(20 * np.ones(600, int) if steps_ms is None else steps_ms) * 1_000_000
+        middle = times - np.diff(times, prepend=0) // 2
         run = SimpleNamespace(
-            sensors={n: Channel(middle, later, x) for n, x in zip(its.names, (imu, z, tags), strict=True)},
+            sensors={n: Channel(middle, times, x) for n, x in zip(slots.names, (imu, z, tags), strict=True)},
             metadata={} if steps_ms is None else {"means": "odometer"},
         )
-        return _rounding(its, {"imu"}, [run])
+        return _rounding(slots, {"imu"}, [run])
 
-    counts, late = np.rint(speed / 0.04), np.cumsum(rng.uniform(0.9, 1.1, (600, 1)), axis=0)
-    for z in (0.04 * counts, 0.04 * (late + counts) - 0.04 * late):  # the second with rounding errors
+    counts, delays = np.rint(speed / 0.04), np.cumsum(rng.uniform(0.9, 1.1, (600, 1)), axis=0)
+    for z in (0.04 * counts, 0.04 * (delays + counts) - 0.04 * delays):  # the second with rounding errors
         assert rounding_of(z) == {("odometer", 0): (pytest.approx(0.04**2 / 12.0), np.inf)}
     assert rounding_of(speed) == {}
     steps_ms = rng.integers(17, 27, 600)
@@ -320,16 +320,16 @@ def test_no_noise_of_two_wheels_trusts_one_of_them():
     ekf = parse(text, "small").estimator(use=("imu", "wheels"))
     free = _free_noise(ekf, {"imu"}, {}, {"imu": 6000, "wheels": 6000})
     x = np.random.default_rng(4).uniform(-9.0, 0.0, len(free))
-    (left, both), (_, right) = _with_noise(ekf, free, x).sensors.wheels.cov
+    (left, pair), (_, right) = _with_noise(ekf, free, x).sensors.wheels.cov
     mean, turn = (np.exp(2.0 * x[k]) for k, one in enumerate(free) if ".wheels." in one.path)
     assert left == right
-    assert (0.5 * (left + both), 0.5 * (left - both)) == (pytest.approx(mean), pytest.approx(turn))
+    assert (0.5 * (left + pair), 0.5 * (left - pair)) == (pytest.approx(mean), pytest.approx(turn))
 
 
 def test_a_sensor_quieter_than_its_noise_in_the_file_is_reported_only_if_this_noise_was_measured(small):
     """A file of the garage contains typical noise. A quiet chip on a smooth floor is not an error."""
-    quiet = small.with_values({"sensors.imu.accel_noise_std": [0.015, 0.015]})
-    run = simulate(quiet, excitation("random_steps", small.command.limit, 20.0, 100.0, 4), 4)
+    file = small.with_values({"sensors.imu.accel_noise_std": [0.015, 0.015]})
+    run = simulate(file, excitation("random_steps", small.command.limit, 20.0, 100.0, 4), 4)
     key = "sensors.imu.measurement_noise_cov"
     origin = {key: Provenance("0001-experiment", verdict="USABLE")}
     measured = small.with_values({key: small.sensors.imu.cov.tolist()}, origin)

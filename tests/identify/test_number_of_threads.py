@@ -30,8 +30,8 @@ for sums in (
 
 def sums_with(threads):
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": str(threads)}
-    done = subprocess.run([sys.executable, "-c", SUMS], capture_output=True, check=True, env=environment)
-    return done.stdout.decode().splitlines()
+    result = subprocess.run([sys.executable, "-c", SUMS], capture_output=True, check=True, env=environment)
+    return result.stdout.decode().splitlines()
 
 
 def test_sums_over_a_long_run_are_equal_with_one_and_two_threads():

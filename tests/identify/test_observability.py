@@ -98,8 +98,8 @@ def test_one_channel_far_from_the_model_is_refused_by_name():
 def test_a_poorly_identified_parameter_remains_in_the_fit_with_a_warning(case):
     u = excitation("random_steps", [8.0, 0.0, 20.0], 12.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
-    weak = [name for name, w in zip(fit.names, fit.poorly_identified, strict=True) if w]
-    assert "model.friction.quadratic[1]" in {*weak, *(f"model.{n}" for n in unseen_names(fit))}
+    names = [name for name, w in zip(fit.names, fit.poorly_identified, strict=True) if w]
+    assert "model.friction.quadratic[1]" in {*names, *(f"model.{n}" for n in unseen_names(fit))}
     assert fit.verdict == "WARN"
 
 

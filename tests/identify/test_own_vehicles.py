@@ -165,9 +165,9 @@ def test_unobservable_parameters_are_reported_with_their_metadata_texts(files):
 def test_a_gain_of_wrong_sign_or_unit_is_refused(files, volts, speed, code):
     run = of_axis(files["servo_axis"], 1, 4.0)
     encoder = run.sensors["encoder"]
-    wrong = {"encoder": encoder._replace(z=speed * encoder.z)}
+    sensors = {"encoder": encoder._replace(z=speed * encoder.z)}
     fit = identify(
-        replace(run, applied_commands=volts * run.applied_commands, sensors=wrong), files["servo_axis"]
+        replace(run, applied_commands=volts * run.applied_commands, sensors=sensors), files["servo_axis"]
     )
     assert fit.verdict == "REFUSED"
     assert fit.reasons[0].code == code

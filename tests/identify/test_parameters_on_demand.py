@@ -167,10 +167,10 @@ def test_bounds_of_free_friction_are_valid_in_a_vehicle_file(small):
         values = small.vehicle.friction.linear.copy()
         values[i] = high[f"linear[{i}]"]
         small.with_values({"model.friction.linear": values.tolist()})  # this value would be refused
-    both = small.vehicle.friction.linear.copy(), small.vehicle.friction.coulomb.copy()
-    both[0][1], both[1][1] = high["linear[1]"], high["coulomb[1]"]
+    friction = small.vehicle.friction.linear.copy(), small.vehicle.friction.coulomb.copy()
+    friction[0][1], friction[1][1] = high["linear[1]"], high["coulomb[1]"]
     small.with_values(
-        {f"model.friction.{k}": x.tolist() for k, x in zip(("linear", "coulomb"), both, strict=True)}
+        {f"model.friction.{k}": x.tolist() for k, x in zip(("linear", "coulomb"), friction, strict=True)}
     )
 
 

@@ -127,9 +127,9 @@ def fisher_of(run, x, rows_shown):
     _, cov = joint_normal(run, x)
     step, d_mean, d_cov = 1e-5 * np.maximum(np.abs(x), 0.1), [], []
     for k in rows_shown:
-        ahead, behind = x.copy(), x.copy()
-        ahead[k], behind[k] = x[k] + step[k], x[k] - step[k]
-        (m1, c1), (m0, c0) = joint_normal(run, ahead), joint_normal(run, behind)
+        forward, backward = x.copy(), x.copy()
+        forward[k], backward[k] = x[k] + step[k], x[k] - step[k]
+        (m1, c1), (m0, c0) = joint_normal(run, forward), joint_normal(run, backward)
         d_mean.append((m1 - m0) / (2 * step[k]))
         d_cov.append(np.linalg.solve(cov, (c1 - c0) / (2 * step[k])))
     return np.array(
@@ -179,17 +179,17 @@ def test_the_gradient_matches_finite_differences_over_two_runs_with_outliers(car
     x = np.array([2.8, 1.1, 0.05, -0.1, 0.02, 0.0, 0.0, 0.3])
     slope = prediction.evaluate(x).gradient
     for k in (0, 1, 2, 3, 4, 7):
-        ahead, behind = x.copy(), x.copy()
-        ahead[k], behind[k] = x[k] + 1e-6, x[k] - 1e-6
-        slope_difference = (prediction.evaluate(ahead).cost - prediction.evaluate(behind).cost) / 2e-6
+        forward, backward = x.copy(), x.copy()
+        forward[k], backward[k] = x[k] + 1e-6, x[k] - 1e-6
+        slope_difference = (prediction.evaluate(forward).cost - prediction.evaluate(backward).cost) / 2e-6
         assert slope[k] == pytest.approx(slope_difference, rel=1e-5, abs=1e-4)
 
 
 def test_a_spike_has_the_same_effect_as_a_missing_measurement(cart):
-    clean, spiked_run, gap = (cart_run(cart, 5) for _ in range(3))
+    sound_run, spiked_run, gap = (cart_run(cart, 5) for _ in range(3))
     spiked_run.sensors["odometer"].z[20] = 1e6
     gap.sensors["odometer"].z[20] = np.nan
-    innovations = [of_cart(cart, run).derivatives(AT)[0].e[:, 0] for run in (clean, spiked_run, gap)]
+    innovations = [of_cart(cart, run).derivatives(AT)[0].e[:, 0] for run in (sound_run, spiked_run, gap)]
     assert innovations[2][20] == 0.0
     assert np.allclose(np.delete(innovations[1], 20), np.delete(innovations[2], 20), atol=1e-9)
     assert not np.allclose(innovations[0][21:25], innovations[2][21:25], atol=1e-3)

@@ -76,8 +76,8 @@ def test_floor_noise_is_identified_with_error_bars_and_written_to_the_file(distu
     file, fits = disturbed_fits
     floor = [f"{FLOOR}[{i}]" for i in range(3)]
     for _, fit in fits:
-        off, _ = offs(fit, file, floor)
-        assert np.max(np.abs(off)) < 4.5
+        errors, _ = offs(fit, file, floor)
+        assert np.max(np.abs(errors)) < 4.5
     fitted_file = fits[0][1].vehicle_file
     k = fits[0][1].names.index(floor[0])
     assert fitted_file.value(floor[0]) == pytest.approx(fits[0][1].estimate[k], rel=1e-6)
@@ -87,24 +87,24 @@ def test_floor_noise_is_identified_with_error_bars_and_written_to_the_file(distu
 def test_ten_percent_outliers_hardly_change_the_fit_by_innovations(disturbed_drives, disturbed_fits):
     file, fits = disturbed_fits
     names = interior_names(fits[0][1])[:-3]
-    clean, dirty = [], []
+    sound, noisy = [], []
     noise = np.array([*file.sensors.imu.accel_noise_std, file.sensors.imu.gyro_noise_std])
     for seed, drive, (_, fit) in zip(SEEDS, disturbed_drives, fits, strict=True):
         rng, imu = np.random.default_rng([seed, 7]), drive.run.sensors["imu"]
-        far = 20.0 * noise * rng.choice([-1.0, 0.0, 1.0], imu.z.shape, p=[0.05, 0.9, 0.05])
-        run = replace(drive.run, sensors={"imu": imu._replace(z=imu.z + far)})
-        spoilt = identify(run, file, options=FitOptions(cost="innovations"))
-        clean.append(offs(fit, file, names)[1])
-        dirty.append(offs(spoilt, file, names)[1])
-    rmse = [np.sqrt(np.mean(np.square(errors), axis=0)) for errors in (clean, dirty)]
+        outliers = 20.0 * noise * rng.choice([-1.0, 0.0, 1.0], imu.z.shape, p=[0.05, 0.9, 0.05])
+        run = replace(drive.run, sensors={"imu": imu._replace(z=imu.z + outliers)})
+        other_fit = identify(run, file, options=FitOptions(cost="innovations"))
+        sound.append(offs(fit, file, names)[1])
+        noisy.append(offs(other_fit, file, names)[1])
+    rmse = [np.sqrt(np.mean(np.square(errors), axis=0)) for errors in (sound, noisy)]
     assert np.exp(np.mean(np.log(rmse[1] / rmse[0]))) < 1.3
 
 
 def test_the_innovations_cost_works_with_segments_and_several_runs(disturbed_drives):
     file, runs = disturbed_drives[0].file, [drive.run.cut(0.0, 20.0) for drive in disturbed_drives[1:]]
     fit = identify(runs, file, options=FitOptions(cost="innovations", segment_s=10.0))
-    off, _ = offs(fit, file, [f"{FLOOR}[{i}]" for i in range(3)])
-    assert np.max(np.abs(off)) < 4.5
+    errors, _ = offs(fit, file, [f"{FLOOR}[{i}]" for i in range(3)])
+    assert np.max(np.abs(errors)) < 4.5
 
 
 def test_a_free_clock_or_an_unknown_cost_is_refused(case):

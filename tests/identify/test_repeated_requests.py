@@ -45,8 +45,8 @@ def test_predictions_are_computed_at_ticks_without_a_reading_too(end, case, case
     run = case_run(0, 6.0)
     z = run.sensors["imu"].z.copy()
     z[100:200, 1] = np.nan
-    few = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
-    problem, theta = fit_at_rest(few, case).task.problem, end.search.solution.theta
+    short_run = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
+    problem, theta = fit_at_rest(short_run, case).task.problem, end.search.solution.theta
     assert not problem.masks[0].all()
     np.testing.assert_allclose(problem.predictions(theta)[0], predictions(problem, theta), atol=1e-9)
     np.testing.assert_allclose(

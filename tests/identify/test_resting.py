@@ -75,11 +75,11 @@ def offset(car, run, zero, std):
 def test_the_steering_error_includes_the_gyro_bias_error():
     """A gyro bias has the effect of a steering offset; an unmeasured bias contributes what the run can identify."""
     car, run = drive_rest(rest_s=0.0)
-    estimate, sure = offset(car, run, BIAS, 1e-9)
+    estimate, precise = offset(car, run, BIAS, 1e-9)
     _, unsure = offset(car, run, BIAS, 0.01)
     shift = offset(car, run, BIAS + 0.001, 1e-9)[0] - estimate
-    assert np.sqrt(unsure**2 - sure**2) / 0.01 == pytest.approx(abs(shift) / 0.001, rel=0.05)
-    assert 1.01 * sure < offset(car, run, BIAS, None)[1] < unsure
+    assert np.sqrt(unsure**2 - precise**2) / 0.01 == pytest.approx(abs(shift) / 0.001, rel=0.05)
+    assert 1.01 * precise < offset(car, run, BIAS, None)[1] < unsure
 
 
 def test_a_car_turned_by_hand_is_not_at_rest():

@@ -50,21 +50,21 @@ def test_the_longest_names_and_spanish_units_fit_80_columns(fit):
     names = ("drivetrain.dead_zone_backward[0]", *fit.names[1:])
     units = ("N m per unit of u",) * len(names)
     without_value = np.where(np.arange(len(names)) == 1, np.nan, fit.estimate)
-    wide = replace(fit, names=names, units=units, estimate=without_value)
+    result = replace(fit, names=names, units=units, estimate=without_value)
     with use_language("es"):
-        assert max(map(len, wide.table().splitlines())) <= 80
+        assert max(map(len, result.table().splitlines())) <= 80
 
 
 def test_parameters_of_single_runs_are_reported(case, case_run):
     fit = identify(case_run(0, 10.0), case, use=("truth",), options=FitOptions(clocks=("truth",)))
-    plain = identify(case_run(0, 10.0), case)
+    joint_fit = identify(case_run(0, 10.0), case)
     rows = [row for row in fit.run_by_run() if row["name"] == "clock.truth"]
     assert len(rows) == 1
     assert set(rows[0]) == {"run", "name", "estimate", "std"}
     assert json.loads(json.dumps(rows)) == rows
     assert f"clock.truth of {fit.runs[0]}: " in fit.table()
     assert "s, to be added to its timestamps" in fit.table()
-    assert "clock." not in plain.table()
+    assert "clock." not in joint_fit.table()
 
 
 def test_intervals_and_correlations_match_the_covariance(fit):
@@ -147,20 +147,20 @@ def test_a_run_without_readings_among_others_is_refused_by_name(small):
     u = random_steps(small.command.limit, 10.0, 100.0, 0)
     run = simulate(small, u, 0, name="whole")
     imu = run.sensors["imu"]
-    empty = replace(run, name="empty", sensors={"imu": Channel(imu.t_ns[:0], imu.arrival_ns[:0], imu.z[:0])})
+    no_imu = replace(run, name="empty", sensors={"imu": Channel(imu.t_ns[:0], imu.arrival_ns[:0], imu.z[:0])})
     deaf = replace(run, name="deaf", sensors={})
     with pytest.raises(UsageError, check=of_code("use.read-in-some", runs="empty", sensor="imu")):
-        identify([run, empty], small)
+        identify([run, no_imu], small)
     with pytest.raises(UsageError, check=of_code("use.not-in-all", runs="empty, deaf")):
-        identify([run, empty, deaf], small)
+        identify([run, no_imu, deaf], small)
     with pytest.raises(UsageError, check=of_code("use.nothing-common", valid="imu")):
-        identify(empty, small)
-    single, both = (
+        identify(no_imu, small)
+    single, joint = (
         identify(runs, small, use=("imu",), options=FitOptions(diagnose=False))
-        for runs in (run, [run, empty])
+        for runs in (run, [run, no_imu])
     )
-    off = np.abs(both.estimate - single.estimate) / single.std
-    assert np.nanmax(off) < 1e-2
+    error = np.abs(joint.estimate - single.estimate) / single.std
+    assert np.nanmax(error) < 1e-2
 
 
 @pytest.mark.parametrize(

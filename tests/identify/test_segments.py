@@ -21,18 +21,18 @@ FREE = ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_
 
 
 def test_segments_contain_every_measurement_once(case, case_run):
-    whole = record_of(case_run(0, 12.0), case.sensors._asdict())
-    pieces = split_record(whole, 2.5, 0.3)
+    record = record_of(case_run(0, 12.0), case.sensors._asdict())
+    pieces = split_record(record, 2.5, 0.3)
     assert len(pieces) == 5
     assert [p.lead for p in pieces] == [0, 30, 30, 30, 30]
-    assert sum(p.sensors["imu"].mask.sum() for p in pieces) == whole.sensors["imu"].mask.sum()
+    assert sum(p.sensors["imu"].mask.sum() for p in pieces) == record.sensors["imu"].mask.sum()
     times_kept = np.concatenate([p.t_s[p.lead :] for p in pieces])
-    np.testing.assert_array_equal(times_kept, whole.t_s)
+    np.testing.assert_array_equal(times_kept, record.t_s)
 
 
 def test_a_segment_begins_before_its_first_measurement(case, case_run):
-    whole = record_of(case_run(0, 12.0), case.sensors._asdict())
-    pieces = split_record(whole, 2.5, 0.0)
+    record = record_of(case_run(0, 12.0), case.sensors._asdict())
+    pieces = split_record(record, 2.5, 0.0)
     assert [p.lead for p in pieces] == [0, 1, 1, 1, 1]
     assert all(not p.sensors["imu"].mask[: p.lead].any() for p in pieces)
 
@@ -41,8 +41,8 @@ def test_measurements_before_the_first_tick_are_ignored(case, case_run):
     run = case_run(0, 3.0)
     imu = run.sensors["imu"]
     t_ns = imu.t_ns - 2_000_000
-    early = replace(run, sensors={"imu": imu._replace(t_ns=t_ns)})
-    mask = record_of(early, case.sensors._asdict()).sensors["imu"].mask
+    early_run = replace(run, sensors={"imu": imu._replace(t_ns=t_ns)})
+    mask = record_of(early_run, case.sensors._asdict()).sensors["imu"].mask
     assert not mask[0].any()
     assert mask[1:].all()
 
@@ -69,10 +69,10 @@ def test_a_reading_within_a_long_tick_belongs_to_the_row_of_its_time(case, case_
 
 
 def test_a_segment_longer_than_the_run_is_the_whole_run(case, case_run):
-    whole = record_of(case_run(0, 4.0), case.sensors._asdict())
-    (piece,) = split_record(whole, 60.0, 0.5)
+    record = record_of(case_run(0, 4.0), case.sensors._asdict())
+    (piece,) = split_record(record, 60.0, 0.5)
     assert piece.lead == 0
-    np.testing.assert_array_equal(piece.u, whole.u)
+    np.testing.assert_array_equal(piece.u, record.u)
 
 
 def test_eliminating_initial_states_gives_the_inverse_of_the_whole_information():
@@ -105,13 +105,13 @@ def test_derivatives_with_initial_states_eliminated_give_the_reduced_information
 
 def test_a_segmented_fit_is_correct_with_slightly_larger_errors(case, case_run, off):
     run = case_run(3, 40.0)
-    whole = identify(run, case, FREE)
+    full_fit = identify(run, case, FREE)
     pieces = identify(run, case, FREE, options=FitOptions(segment_s=4.0))
     assert np.max(np.abs(off(pieces, case))) < 4.0
-    assert np.all(pieces.std > 0.9 * whole.std)
-    assert np.all(pieces.std < 4.0 * whole.std)
-    assert pieces.channels[0].t_s.shape == whole.channels[0].t_s.shape
-    assert pieces.runs == whole.runs
+    assert np.all(pieces.std > 0.9 * full_fit.std)
+    assert np.all(pieces.std < 4.0 * full_fit.std)
+    assert pieces.channels[0].t_s.shape == full_fit.channels[0].t_s.shape
+    assert pieces.runs == full_fit.runs
     assert pieces.run_entries.shape == (1, 3)  # biases; the starts are of no interest
 
 
@@ -126,11 +126,11 @@ def test_initial_slip_of_segments_does_not_slow_the_search(small, seed, segment_
 
 def test_several_cores_give_the_same_fit_as_a_single_core(case, case_run, monkeypatch):
     runs = [case_run(k, 25.0) for k in range(2)]
-    together = identify(runs, case, FREE)
+    joint = identify(runs, case, FREE)
     monkeypatch.setattr(import_module("baqueano.numerics.parallel"), "MIN_ROWS", 10**9)
     serial = identify(runs, case, FREE)
-    np.testing.assert_array_equal(together.estimate, serial.estimate)
-    np.testing.assert_array_equal(together.cov, serial.cov)
+    np.testing.assert_array_equal(joint.estimate, serial.estimate)
+    np.testing.assert_array_equal(joint.cov, serial.cov)
 
 
 def test_a_parameter_may_have_a_different_value_in_each_run(case, case_run):
@@ -154,10 +154,10 @@ def filmed_run(small):
     run = simulate(file, u, 5)
     rng = np.random.default_rng(1)
     t = run.truth
-    every = slice(3, None, 4)
-    eta = t.eta[every] + rng.normal(size=t.eta[every].shape) * [2e-3, 2e-3, 5e-3]
+    rows = slice(3, None, 4)
+    eta = t.eta[rows] + rng.normal(size=t.eta[rows].shape) * [2e-3, 2e-3, 5e-3]
     none = np.full_like(eta, np.nan)
-    return replace(run, truth=TruthLog(t.t_ns[every] - 40_000_000, eta, none, none))
+    return replace(run, truth=TruthLog(t.t_ns[rows] - 40_000_000, eta, none, none))
 
 
 @pytest.mark.long

@@ -68,8 +68,8 @@ def test_the_reported_speed_error_contains_the_errors_in_turns():
     predicted = (sheet_std * nu_x) ** 2
     for change in 1e-3 * np.eye(2):
         zone = SMALL.vehicle.drivetrain.dead_zone_forward + change
-        other = simulate(SMALL.with_values({"model.drivetrain.dead_zone_forward": zone}), commands)
-        predicted += (0.02 * (other.truth.nu[:, 0] - nu_x) / 1e-3) ** 2
+        second_run = simulate(SMALL.with_values({"model.drivetrain.dead_zone_forward": zone}), commands)
+        predicted += (0.02 * (second_run.truth.nu[:, 0] - nu_x) / 1e-3) ** 2
     ekf, rows = with_speed_error(ekf, fit, [run]), np.abs(nu_x) > MIN_SPEED_M_S
     claimed = [claimed_std(ekf, v) ** 2 for v in nu_x[rows]]
     assert np.mean(claimed) == pytest.approx(np.mean(predicted[rows]), rel=0.1)

@@ -67,9 +67,9 @@ def test_a_fit_gives_fast_driving_less_weight_if_noise_grows_with_speed(small):
     u = random_steps(small.command.limit, 30.0, small.rate_hz, 2)
     run = simulate(small, u, 2)
     imu = run.sensors["imu"]
-    at = np.searchsorted(run.t_ns, imu.t_ns)
+    index = np.searchsorted(run.t_ns, imu.t_ns)
     rng = np.random.default_rng(0)
-    z = imu.z + rng.normal(size=imu.z.shape) * [3.0, 3.0, 0.3] * np.abs(run.truth.nu[at, :1])
+    z = imu.z + rng.normal(size=imu.z.shape) * [3.0, 3.0, 0.3] * np.abs(run.truth.nu[index, :1])
     run = replace(run, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z)})
     free = ["model.actuator_matrix[0,0]", "model.friction.linear[0]"]
     steady = identify(run, small, free)

@@ -59,9 +59,9 @@ def drive(seed, seconds=60.0, tick_s=0.05, h=0.005):
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         pose = pose + h * np.array([cos * nu[0] - sin * nu[1], sin * nu[0] + cos * nu[1], nu[2]])
         poses[k], wheel_angles[k] = pose, wheels
-    every = round(tick_s / h)
-    wheel_readings = wheel_angles.reshape(-1, every, 2).mean(axis=1) + 0.02 * rng.standard_normal(
-        (count // every, 2)
+    step = round(tick_s / h)
+    wheel_readings = wheel_angles.reshape(-1, step, 2).mean(axis=1) + 0.02 * rng.standard_normal(
+        (count // step, 2)
     )
     u = np.stack(
         [
@@ -71,10 +71,10 @@ def drive(seed, seconds=60.0, tick_s=0.05, h=0.005):
         ],
         axis=1,
     )
-    t_ns = np.arange(1, count // every + 1, dtype=np.int64) * round(1e9 * tick_s)
-    at = np.arange(20, count - 20, 20) + 3  # 15 ms after a tick
-    eta = poses[at] + rng.standard_normal((len(at), 3)) * [5e-3, 5e-3, 7e-3]
-    seen_ns = np.rint((at + 1) * h * 1e9 + LATE_S * 1e9).astype(np.int64)
+    t_ns = np.arange(1, count // step + 1, dtype=np.int64) * round(1e9 * tick_s)
+    index = np.arange(20, count - 20, 20) + 3  # 15 ms after a tick
+    eta = poses[index] + rng.standard_normal((len(index), 3)) * [5e-3, 5e-3, 7e-3]
+    seen_ns = np.rint((index + 1) * h * 1e9 + LATE_S * 1e9).astype(np.int64)
     none = np.full_like(eta, np.nan)
     return Run(f"stranger {seed}", None, t_ns, u, truth=TruthLog(seen_ns, eta, none, none))
 
@@ -98,14 +98,14 @@ def test_the_camera_delay_of_40_ms_is_identified(fit):
 
 
 def test_the_error_bars_include_the_autocorrelated_floor_disturbance():
-    file, off = parse(FILE, "stranger.toml"), []
+    file, errors = parse(FILE, "stranger.toml"), []
     for seed in (11, 21, 31):
         runs = [drive(seed), drive(seed + 1)]
         fit = identify(
             runs, file, FREE, use=("truth",), options=FitOptions(clocks=("truth",), diagnose=False)
         )
-        off.append((fit.estimate - TRUE) / fit.std)
-    assert 0.5 < float(np.sqrt(np.mean(np.square(off)))) < 1.5
+        errors.append((fit.estimate - TRUE) / fit.std)
+    assert 0.5 < float(np.sqrt(np.mean(np.square(errors)))) < 1.5
 
 
 def test_unseen_runs_are_predicted_as_well_as_fitted_runs(fit):

@@ -47,16 +47,16 @@ CANDIDATES = ("dry friction forward", "dry friction turning", "dry friction of t
 
 def drive(seed, seconds=40.0, tick_s=0.02, h=0.002):
     rng = np.random.default_rng(seed)
-    count, every, fade = int(seconds / h), round(tick_s / h), math.exp(-h / 0.4)
+    count, step, fade = int(seconds / h), round(tick_s / h), math.exp(-h / 0.4)
     kick = (math.sqrt(1.0 - fade**2) * rng.standard_normal((count, 2)) * [0.05, 0.1]).tolist()
     v = side = r = e_x = e_psi = 0.0
     duty, until, ways_m = (0.0, 0.0), 1.0, [0.0, 0.0]
     readings, duties_sent = [], []
     for k in range(count):
-        if k % every == 0 and k * h >= until:
+        if k % step == 0 and k * h >= until:
             left, right = rng.uniform(-0.9, 0.9, 2).tolist()
             duty, until = (left, left if rng.random() < 0.4 else right), until + rng.uniform(0.3, 2.0)
-        if k % every == 0:
+        if k % step == 0:
             duties_sent.append(duty)
         e_x, e_psi = fade * e_x + kick[k][0], fade * e_psi + kick[k][1]
         rolls = (v - 0.5 * TRACK_M * r, v + 0.5 * TRACK_M * r)
@@ -70,7 +70,7 @@ def drive(seed, seconds=40.0, tick_s=0.02, h=0.002):
         r_dot = (0.5 * TRACK_M * (F[1] - F[0]) - SCRUB * r) / INERTIA_KG_M2 + e_psi * moves
         v, side, r = v + h * v_dot, side + h * side_dot, r + h * r_dot
         ways_m = [x + h * w for x, w in zip(ways_m, rolls, strict=True)]
-        if (k + 1) % every == 0:
+        if (k + 1) % step == 0:
             readings.append([math.floor(x / TICK_M) * TICK_M for x in ways_m])
     t_ns = np.arange(1, len(readings) + 1, dtype=np.int64) * round(1e9 * tick_s)
     left, right = np.array(duties_sent).T

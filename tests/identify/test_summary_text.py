@@ -72,9 +72,9 @@ def test_long_verdicts_fit_a_screen_and_count_the_omitted_lines():
 
 
 def test_the_last_line_refers_to_the_report_for_omitted_notes():
-    many = list(WORDS)
+    words = list(WORDS)
     on_request, in_report = (
-        lines_of(many, [], [], [], with_report=with_report) for with_report in (False, True)
+        lines_of(words, [], [], [], with_report=with_report) for with_report in (False, True)
     )
     assert on_request[:-1] == in_report[:-1]
     assert on_request[-1] == 'and 3 more: bq.report(fit, "fit.html") shows all, with figures'

@@ -31,8 +31,8 @@ def emptied(small, effect, seed, start_v=7.8, end_v=6.8, with_battery=True):
     u = random_steps(small.command.limit, 20.0, small.rate_hz, seed, hold_s=0.5)
     volts = np.linspace(start_v, end_v, len(u))
     run = simulate(small, u * (1.0 + effect * (volts / NOMINAL_V - 1.0))[:, None], seed)
-    at = np.arange(0, len(u), 20)
-    battery = {"battery": Channel(run.t_ns[at], run.t_ns[at], volts[at][:, None])} if with_battery else {}
+    k = np.arange(0, len(u), 20)
+    battery = {"battery": Channel(run.t_ns[k], run.t_ns[k], volts[k][:, None])} if with_battery else {}
     return replace(run, applied_commands=u, sensors={**run.sensors, **battery})
 
 
@@ -69,8 +69,8 @@ def test_a_fit_of_the_voltage_effect_needs_a_logged_voltage(small):
 
 def test_a_voltage_that_contradicts_the_file_is_refused(small):
     run = emptied(small, 1.0, 1)
-    wrong = run.sensors["battery"]._replace(z=np.full_like(run.sensors["battery"].z, 30.0))
-    run = replace(run, sensors={**run.sensors, "battery": wrong})
+    channel = run.sensors["battery"]._replace(z=np.full_like(run.sensors["battery"].z, 30.0))
+    run = replace(run, sensors={**run.sensors, "battery": channel})
     with pytest.raises(UsageError, check=of_code("battery.other-voltage", voltage_v=30.0, nominal_v=7.4)):
         identify(run, small, FREE)
 

@@ -73,12 +73,12 @@ def cars_on_floor(seeds: Sequence[int], duration_s: float) -> list[TrueDrive]:
     """Return drives of three cars with the floor noise of the garage's file; each drive begins with 1 s of rest."""
     floor, drives = np.asarray(load("car").value("model.process_noise_std"))[None], []
     for first in range(0, len(seeds), CARS):
-        few = seeds[first : first + CARS]
-        cars = [draw_car(seed % CARS, "matched").with_parameters(floor=floor) for seed in few]
+        group = seeds[first : first + CARS]
+        cars = [draw_car(seed % CARS, "matched").with_parameters(floor=floor) for seed in group]
         files = [car_file(q) for q in cars]
-        us = [steps_of_car(seed, duration_s, files[0].rate_hz) for seed in few]
+        us = [steps_of_car(seed, duration_s, files[0].rate_hz) for seed in group]
         values = [{name: float(v[0]) for name, v in car_values(q).items()} for q in cars]
-        runs = group_runs(cars, us, few, files[0], STEP_S)
+        runs = group_runs(cars, us, group, files[0], STEP_S)
         drives += [TrueDrive(*drive) for drive in zip(runs, files, values, strict=True)]
     return drives
 
@@ -111,10 +111,10 @@ def case_vehicle(file: VehicleFile) -> Robots:
     model, imu = file.vehicle, file.sensors.imu
     q, gain = draw_robots(1, 0), np.asarray(file.value("model.actuator_matrix"))
     noise = np.array([[*imu.accel_noise_std, imu.gyro_noise_std]])
-    quiet = {"turn_rad": 0.0 * one, "gyro_scale": one, "low_pass_s": 0.0 * one}
+    fields = {"turn_rad": 0.0 * one, "gyro_scale": one, "low_pass_s": 0.0 * one}
     unbiased = q.imu.with_parameters(
         place_m=0.0 * two, tilt_rad=0.0 * two, bias=0.0 * three, walk=0.0 * three, step=0.0 * three, noise=noise,
-        **quiet,
+        **fields,
     )  # fmt: skip
     return q.with_parameters(
         mass_kg=model.mass_kg * one, inertia_kg_m2=model.inertia_kg_m2 * one, ahead_m=0.0 * one,

@@ -64,10 +64,10 @@ def drives(kind: str, count: int) -> tuple[Run, ...]:
 @cache
 def _motion(vehicle: str, count: int) -> tuple[list[np.ndarray], GroupDrive]:
     """Return the commands and the drives of a "robot" or a "car"; encoders do not change a drive."""
-    one = subject(vehicle, 0)
-    u = [one._replace(seed=seed).signal(SECONDS) for seed in range(count)]
-    t_ns = tick_times(len(u[0]), one.vehicle_file.rate_hz)
-    return u, drive_group(one.vehicle.subset([0] * count), np.stack(u, axis=1), range(count), t_ns)
+    robot = subject(vehicle, 0)
+    u = [robot._replace(seed=seed).signal(SECONDS) for seed in range(count)]
+    t_ns = tick_times(len(u[0]), robot.vehicle_file.rate_hz)
+    return u, drive_group(robot.vehicle.subset([0] * count), np.stack(u, axis=1), range(count), t_ns)
 
 
 def watch(
@@ -90,29 +90,29 @@ def watch(
 
 def damaged_run(run: Run, sensor: str, numbers: Sequence[int], fault: str, limit: float = np.inf) -> Run:
     """Return the run with a fault from FROM_S on."""
-    z, at, k = run.sensors[sensor].z.copy(), run.t_s >= FROM_S, list(numbers)
-    first = int(np.argmax(at))
+    z, mask, k = run.sensors[sensor].z.copy(), run.t_s >= FROM_S, list(numbers)
+    first = int(np.argmax(mask))
     if fault == "frozen":
-        z[np.ix_(at, k)] = z[first, k]
+        z[np.ix_(mask, k)] = z[first, k]
     elif fault == "full scale":
-        z[np.ix_(at, k)] = limit
+        z[np.ix_(mask, k)] = limit
     elif fault in SCALES:
-        z[np.ix_(at, k)] *= SCALES[fault]
+        z[np.ix_(mask, k)] *= SCALES[fault]
     elif fault == "slip":
-        z[np.ix_(at, k)] += 0.6 * np.sign(z[np.ix_(at, k)])
+        z[np.ix_(mask, k)] += 0.6 * np.sign(z[np.ix_(mask, k)])
     elif fault == "zeroes itself":  # uses the mean of the last 0.4 s as its bias
         mean = np.cumsum(z[:, k], axis=0)
         mean[40:] -= mean[:-40].copy()
-        z[np.ix_(at, k)] -= mean[at] / 40.0
+        z[np.ix_(mask, k)] -= mean[mask] / 40.0
     elif fault == "zero":
-        z[np.ix_(at, k)] = 0.0
+        z[np.ix_(mask, k)] = 0.0
     elif fault == "not a number":
-        z[np.ix_(at, k)] = np.nan
+        z[np.ix_(mask, k)] = np.nan
     return replace(run, sensors=run.sensors | {sensor: run.sensors[sensor]._replace(z=z)})
 
 
 def _wheels(run: Run, seed: int) -> Channel:
     assert run.truth is not None
-    v, across = run.truth.nu[:, 0], 0.5 * TRACK_M * run.truth.nu[:, 2]
+    v, side = run.truth.nu[:, 0], 0.5 * TRACK_M * run.truth.nu[:, 2]
     noise = np.random.default_rng([seed, 23]).standard_normal((len(v), 2))
-    return Channel(run.t_ns, run.t_ns, np.stack([v - across, v + across], axis=1) + 0.02 * noise)
+    return Channel(run.t_ns, run.t_ns, np.stack([v - side, v + side], axis=1) + 0.02 * noise)

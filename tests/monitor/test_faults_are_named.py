@@ -58,16 +58,16 @@ def test_a_faulty_sensor_is_named_and_never_the_model(kind, name, fault, looks):
     sensor, number = name[:-3], int(name[-2])
     limit = getattr(getattr(kind_of(kind).file.sensors, sensor), "limit", np.full(3, np.inf))[number]
     for run in drives(kind, DRIVES):
-        bad = damaged_run(run, sensor, [number], fault, limit if np.isfinite(limit) else 30.0)
-        findings, sensors = watch(kind, bad)
-        first_finding, *later = [finding for finding in findings if finding.name == name]
+        damaged = damaged_run(run, sensor, [number], fault, limit if np.isfinite(limit) else 30.0)
+        findings, sensors = watch(kind, damaged)
+        first_finding, *later_findings = [finding for finding in findings if finding.name == name]
         told_s = 1e-9 * first_finding.t_ns - FROM_S
         assert EVENT_S - 0.02 <= told_s <= TOLD_S
         assert not first_finding.is_degraded
         assert {finding.wrong_part for finding in findings} <= {SENSOR, UNKNOWN}
         assert {finding.name for finding in findings} == {name}
-        for worse in later:
-            assert not worse.is_degraded or 1e-9 * worse.t_ns - FROM_S >= DEGRADED_S - 0.02
+        for x in later_findings:
+            assert not x.is_degraded or 1e-9 * x.t_ns - FROM_S >= DEGRADED_S - 0.02
         last = findings[-1]
         assert last.symptom in looks
         assert last.diagnostic.subject == name
@@ -80,10 +80,10 @@ def test_a_lost_sensor_is_named_once_as_faulty(kind, sensor):
     run = drives(kind, 1)[0]
     channel = run.sensors[sensor]
     is_kept = channel.t_ns * 1e-9 < FROM_S
-    lost = channel._replace(
+    gap = channel._replace(
         t_ns=channel.t_ns[is_kept], arrival_ns=channel.arrival_ns[is_kept], z=channel.z[is_kept]
     )
-    findings, _ = watch(kind, replace(run, sensors=run.sensors | {sensor: lost}))
+    findings, _ = watch(kind, replace(run, sensors=run.sensors | {sensor: gap}))
     assert [(f.name, f.symptom, f.wrong_part) for f in findings] == [(sensor, LOST, SENSOR)] * 2
     told_s = [1e-9 * finding.t_ns - FROM_S for finding in findings]
     assert told_s == pytest.approx([EVENT_S + 0.1, DEGRADED_S + 0.1], abs=0.05)
@@ -111,14 +111,14 @@ def test_a_sensor_that_never_gave_a_reading_is_lost_and_one_that_returns_agrees_
 def test_two_of_three_signals_identify_the_faulty_sensor_in_two_seconds(kind, name, fault):
     """The signals are wheels, gyro and model; without wheels, a_y by ν_x ν_ψ. One of DRIVES may be without a second
     signal."""
-    off = []
+    errors = []
     for run in drives(kind, DRIVES):
         findings, _ = watch(kind, damaged_run(run, name[:-3], [int(name[-2])], fault))
-        off += [finding.wrong_part for finding in findings if finding.is_degraded and finding.name == name][
-            :1
-        ]
-    assert len(off) == DRIVES
-    assert off.count(SENSOR) >= DRIVES - 1
+        errors += [
+            finding.wrong_part for finding in findings if finding.is_degraded and finding.name == name
+        ][:1]
+    assert len(errors) == DRIVES
+    assert errors.count(SENSOR) >= DRIVES - 1
 
 
 @pytest.mark.parametrize(
@@ -127,12 +127,12 @@ def test_two_of_three_signals_identify_the_faulty_sensor_in_two_seconds(kind, na
 )  # fmt: skip
 def test_two_sensors_identify_the_third_where_the_model_predicts_little(name, fault):
     """A model that does not know its floor allows almost any motion, but not two yaw rates at once."""
-    wrong = {"estimator.disturbance_std[0]": 20.0, "estimator.disturbance_std[1]": 20.0}
+    values = {"estimator.disturbance_std[0]": 20.0, "estimator.disturbance_std[1]": 20.0}
     for run in drives("wheels", DRIVES):
-        findings, _ = watch("wheels", damaged_run(run, name[:-3], [int(name[-2])], fault), wrong)
+        findings, _ = watch("wheels", damaged_run(run, name[:-3], [int(name[-2])], fault), values)
         assert {finding.name for finding in findings if finding.wrong_part == SENSOR} == {name}
         assert MODEL not in {finding.wrong_part for finding in findings}
-        assert watch("wheels", run, wrong)[0] == []
+        assert watch("wheels", run, values)[0] == []
 
 
 @pytest.mark.parametrize("gain", [0.85, 1.15])
@@ -147,12 +147,12 @@ def test_an_aged_turning_gain_is_not_reported_as_a_gyro_fault(gain):
 
 
 def test_a_model_without_disturbance_can_be_wrong():
-    wrong = {
+    values = {
         "model.actuator_matrix[2,2]": 0.5,
         "estimator.disturbance_std[0]": 0.0,
         "estimator.disturbance_std[1]": 0.0,
     }
-    findings, _ = watch("wheels", drives("wheels", 1)[0], wrong=wrong)
+    findings, _ = watch("wheels", drives("wheels", 1)[0], wrong=values)
     assert [finding.wrong_part for finding in findings if finding.name == "imu[2]"][-1] == MODEL
 
 

@@ -129,14 +129,14 @@ def test_a_kink_in_one_parameter_does_not_stop_the_search_of_others():
 
 def test_two_equivalent_parameters_do_not_crash_the_search():
     """A short run has many free numbers: after many good steps the damping is below the float resolution."""
-    both = of(
+    joint = of(
         lambda x: x[0] * np.exp(-(x[1] + x[2]) * T) - Z,
         lambda x: np.stack(
             [np.exp(-(x[1] + x[2]) * T), *2 * [-x[0] * T * np.exp(-(x[1] + x[2]) * T)]], axis=1
         ),
     )
-    start, wide = np.array([1.8, 1.0, 0.4]), np.full(3, np.inf)
-    minimum = minimise(both, start, -wide, wide, damping=1e-18, tolerance=1e-20)
+    start, bounds = np.array([1.8, 1.0, 0.4]), np.full(3, np.inf)
+    minimum = minimise(joint, start, -bounds, bounds, damping=1e-18, tolerance=1e-20)
     assert minimum.theta[0] == pytest.approx(2.0, rel=1e-6)
     assert minimum.theta[1] + minimum.theta[2] == pytest.approx(1.5, rel=1e-6)
 
@@ -159,7 +159,7 @@ def test_the_search_rejects_a_point_with_infinite_derivatives():
 def test_id12_a_diverged_segment_adds_no_information(far):
     rng = np.random.default_rng(0)
     r, d = rng.standard_normal((100, 2)), rng.standard_normal((100, 2, 3))
-    away = np.where(np.arange(100)[:, None, None] > 50, far, d)
+    far_rows = np.where(np.arange(100)[:, None, None] > 50, far, d)
 
     def of(*slopes):
         problem = SimpleNamespace(
@@ -173,7 +173,7 @@ def test_id12_a_diverged_segment_adds_no_information(far):
         )
         return information(problem, np.zeros(3))  # pyright: ignore[reportArgumentType]
 
-    single, both = of(d), of(d, away)
-    assert np.array_equal(both.bread, single.bread)
-    assert np.array_equal(both.meat, single.meat)
-    assert not of(away).bread.any()
+    single, joint = of(d), of(d, far_rows)
+    assert np.array_equal(joint.bread, single.bread)
+    assert np.array_equal(joint.meat, single.meat)
+    assert not of(far_rows).bread.any()

@@ -135,11 +135,11 @@ def test_a_run_that_was_cut_before_the_first_pose_of_its_camera_has_a_report(run
 def test_the_report_writes_the_animation_beside_the_page(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_run(run, tmp_path / "lap.mcap")
-    done = CliRunner().invoke(baqueano, ["report", "lap.mcap", "--animation", "lap.svg"])
-    assert done.exit_code == 0, done.output
+    result = CliRunner().invoke(baqueano, ["report", "lap.mcap", "--animation", "lap.svg"])
+    assert result.exit_code == 0, result.output
     assert (tmp_path / "lap.svg").read_text(encoding="utf-8").startswith("<svg")
     assert {path.name for path in tmp_path.iterdir()} >= {"lap.svg", "lap.html"}
-    wrong = CliRunner().invoke(
+    second = CliRunner().invoke(
         baqueano, ["report", "lap.mcap", "--animation", "lap.gif"], standalone_mode=False
     )
-    assert isinstance(wrong.exception, UsageError)
+    assert isinstance(second.exception, UsageError)

@@ -32,11 +32,11 @@ def lines_of(svg):
 def test_the_narrow_version_of_a_figure_has_the_same_texts():
     t = np.linspace(0.0, 10.0, 50)
     drawing = draw(figures.over_time([("a [m]", {"truth": (t, t), "estimate": (t, -t)})]), "c").svg
-    wide, narrow = drawing.split("<svg")[1:]
+    large, narrow = drawing.split("<svg")[1:]
     width = float(re.search(r'width="([\d.]+)pt"', narrow)[1])
     assert width == pytest.approx(NARROW_IN * POINTS_PER_IN, rel=0.01)
     assert 9.0 * PHONE_PX / width >= LEAST_PX
-    assert {"a [m]", "truth", "estimate", "time [s]"} <= lines_of(wide) & lines_of(narrow)
+    assert {"a [m]", "truth", "estimate", "time [s]"} <= lines_of(large) & lines_of(narrow)
 
 
 def test_the_legend_of_the_narrow_figure_ends_inside_the_figure():
@@ -53,12 +53,12 @@ def test_the_legend_of_the_narrow_figure_ends_inside_the_figure():
 
 def test_the_wide_and_narrow_figures_share_no_id():
     t = np.linspace(0.0, 10.0, 50)
-    wide, narrow = (
+    large, narrow = (
         set(re.findall(r'id="([mp][0-9a-f]{8,})"', figure))
         for figure in draw(figures.over_time([("a", {"truth": (t, t)})]), "c").svg.split("<svg")[1:]
     )
-    assert wide
-    assert not wide & narrow
+    assert large
+    assert not large & narrow
 
 
 def test_a_table_of_many_columns_becomes_cards_that_name_each_value():
@@ -86,8 +86,8 @@ def test_only_the_last_lap_has_a_corridor(drive):
 
 def test_the_report_of_two_estimators_draws_and_judges_both(drive):
     log = drive.estimate
-    off = log._replace(eta=log.eta + np.array([0.1, 0.0, 0.0]))
-    second = replace(drive, name="other", estimate=off, metadata=drive.metadata | {"kind": "replay"})
+    shifted = log._replace(eta=log.eta + np.array([0.1, 0.0, 0.0]))
+    second = replace(drive, name="other", estimate=shifted, metadata=drive.metadata | {"kind": "replay"})
     text = page_of_run(second, beside=drive).html()
     assert "Two estimators, one drive" in text
     assert len(re.findall(f">{drive.name}</text>", text)) >= 4  # the path and the errors, both shapes

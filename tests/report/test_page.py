@@ -115,12 +115,12 @@ def test_a_page_can_show_an_incomplete_run(without):
 
 
 def test_a_page_can_show_a_run_with_only_commands():
-    bare = replace(
+    run = replace(
         a_run(), truth=None, estimate=None, reference=None, requested_commands=None, sensors={}, events=()
     )
-    assert_stands_alone(page_of_run(bare).html())
+    assert_stands_alone(page_of_run(run).html())
     assert "Path" in [section.title for section in whole_page().sections]
-    assert "Path" not in [section.title for section in page_of_run(bare).sections], "an empty card"
+    assert "Path" not in [section.title for section in page_of_run(run).sections], "an empty card"
 
 
 def test_a_drive_shows_its_speed_and_its_commands_with_their_limits():
@@ -209,11 +209,11 @@ def test_thinning_retains_every_peak():
     y = np.sin(t / 500)
     y[51_234], y[77] = 9.0, -9.0
     y[1000:3000] = np.nan
-    few_t, few = figures.decimate(t, y)
-    assert len(few) <= figures.MAX_POINTS + 2
-    assert (np.nanmax(few), np.nanmin(few)) == (9.0, -9.0)
+    few_t, y_few = figures.decimate(t, y)
+    assert len(y_few) <= figures.MAX_POINTS + 2
+    assert (np.nanmax(y_few), np.nanmin(y_few)) == (9.0, -9.0)
     assert np.all(np.diff(few_t) > 0)
-    assert np.isnan(few[(few_t > 1100) & (few_t < 2900)]).all()
+    assert np.isnan(y_few[(few_t > 1100) & (few_t < 2900)]).all()
 
 
 def test_the_period_of_most_motion_ignores_offsets_and_spikes():

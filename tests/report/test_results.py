@@ -182,10 +182,10 @@ def test_a_result_without_a_plot_is_refused(results):
 
 
 def test_a_comparison_without_estimates_is_not_drawn():
-    still = bq.compare(bq.simulate(bq.load("small"), np.zeros((20, 3))))
+    at_rest = bq.compare(bq.simulate(bq.load("small"), np.zeros((20, 3))))
     with refused("front.nothing-to-draw", UsageError):
-        still.plot()
-    assert bq.report(still).drawings() == {}
+        at_rest.plot()
+    assert bq.report(at_rest).drawings() == {}
 
 
 def test_the_figure_of_a_route_shows_the_limits_of_its_vehicle(results):
@@ -335,10 +335,10 @@ def test_a_vehicle_file_is_printed_in_two_lines(results):
 
 def test_each_result_is_printed_in_the_language_of_the_user(results):
     objects = results | {"page": bq.report(results["fit"])}
-    english = {name: repr(one) for name, one in objects.items()}
+    english = {name: repr(result) for name, result in objects.items()}
     language.choose_language("es")
     try:
-        spanish = {name: repr(one) for name, one in objects.items()}
+        spanish = {name: repr(result) for name, result in objects.items()}
     finally:
         language.choose_language("")
     assert not [name for name, printed in english.items() if printed == spanish[name] != "USABLE"]

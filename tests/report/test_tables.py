@@ -35,11 +35,11 @@ ROWS = [
 
 
 def test_a_csv_table_is_read_back_unchanged():
-    back = list(csv.DictReader(io.StringIO(csv_text(ROWS))))
-    assert [row["name"] for row in back] == [row["name"] for row in ROWS]
-    assert float(back[0]["estimate"]) == 7.0012
-    assert back[2]["estimate"] == ""
-    assert back[3]["std"] == ""
+    rows = list(csv.DictReader(io.StringIO(csv_text(ROWS))))
+    assert [row["name"] for row in rows] == [row["name"] for row in ROWS]
+    assert float(rows[0]["estimate"]) == 7.0012
+    assert rows[2]["estimate"] == ""
+    assert rows[3]["std"] == ""
 
 
 def test_latex_uses_the_symbols_of_the_paper_and_significant_digits():

@@ -121,9 +121,9 @@ def test_no_wire_overlaps_another_wire(bridge):
     parts = list(stretches(bridge))
     for number, x0, y0, x1, y1 in parts:
         for second, u0, v0, u1, v1 in parts:
-            along = min(x1, u1) - max(x0, u0) + min(y1, v1) - max(y0, v0)
+            distance = min(x1, u1) - max(x0, u0) + min(y1, v1) - max(y0, v0)
             same_line = (x0 == x1 == u0 == u1) or (y0 == y1 == v0 == v1)
-            assert number == second or not same_line or along <= 0.0, (x0, y0, x1, y1, u0, v0, u1, v1)
+            assert number == second or not same_line or distance <= 0.0, (x0, y0, x1, y1, u0, v0, u1, v1)
 
 
 @EITHER

@@ -37,15 +37,15 @@ def drives_itself(route, atol=2e-3):
 
 
 def test_joining_the_parts_of_a_cut_gives_the_whole_route():
-    whole = ROUTES["slalom"]
+    route = ROUTES["slalom"]
     parts = (
-        cut(whole, 0.0, 1.0),
-        cut(whole, distances_along(whole.eta[:, :2])[len(cut(whole, 0.0, 1.0).t_s) - 1]),
+        cut(route, 0.0, 1.0),
+        cut(route, distances_along(route.eta[:, :2])[len(cut(route, 0.0, 1.0).t_s) - 1]),
     )
     whole_again = join(*parts)
-    np.testing.assert_allclose(whole_again.eta, whole.eta, atol=1e-12)
-    np.testing.assert_allclose(whole_again.t_s, whole.t_s, atol=1e-12)
-    np.testing.assert_array_equal(whole_again.nu, whole.nu)
+    np.testing.assert_allclose(whole_again.eta, route.eta, atol=1e-12)
+    np.testing.assert_allclose(whole_again.t_s, route.t_s, atol=1e-12)
+    np.testing.assert_array_equal(whole_again.nu, route.nu)
 
 
 def test_a_joined_route_that_returns_is_closed():
@@ -81,8 +81,8 @@ def test_a_route_through_points_is_drivable_and_passes_near_the_points():
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     for is_closed in (False, True):
         route = through_points(corners, 0.2, is_closed)
-        near = np.min(np.hypot(*(route.eta[:, None, :2] - corners).transpose(2, 0, 1)), axis=0)
-        assert np.max(near) < 0.05
+        distance = np.min(np.hypot(*(route.eta[:, None, :2] - corners).transpose(2, 0, 1)), axis=0)
+        assert np.max(distance) < 0.05
         assert route.closed == is_closed
         drives_itself(route, atol=0.05)
     assert np.round((route.eta[-1, 2] - route.eta[0, 2]) / (2.0 * np.pi)) == 1.0

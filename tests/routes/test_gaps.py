@@ -76,10 +76,10 @@ def test_the_advised_cut_removes_a_jump_or_a_change_of_direction(k):
     )
     assert codes(jump) == ["route.jump"]
     assert codes(advised_cut(jump, examine(jump).findings[0].fix)) == []
-    both = there._replace(nu=np.where(np.arange(len(there.t_s)) < k, 1.0, -1.0)[:, None] * there.nu)
+    two_ways = there._replace(nu=np.where(np.arange(len(there.t_s)) < k, 1.0, -1.0)[:, None] * there.nu)
     with pytest.raises(UsageError) as error:
-        direction(both)
-    assert abs(direction(advised_cut(both, error.value.diagnostic.fix))) == 1.0
+        direction(two_ways)
+    assert abs(direction(advised_cut(two_ways, error.value.diagnostic.fix))) == 1.0
 
 
 DRAWN = {
@@ -116,8 +116,8 @@ def test_a_sideways_route_is_only_for_a_vehicle_with_a_command_that_moves_it_sid
 
 def test_a_slip_and_an_origin_beside_the_axle_are_not_sideways_motion():
     slow_circle, car = circle(0.5, 0.2), load("car")
-    beside = slow_circle.eta + np.array([0.0, 0.0, np.radians(40.0)])
-    assert not examine(slow_circle._replace(eta=beside), car).findings
+    turned = slow_circle.eta + np.array([0.0, 0.0, np.radians(40.0)])
+    assert not examine(slow_circle._replace(eta=turned), car).findings
     turn = np.linspace(0.0, np.pi, 200)
     # an origin 0.1 m ahead of the axle
     spin = np.column_stack([0.1 * np.cos(turn), 0.1 * np.sin(turn), turn])

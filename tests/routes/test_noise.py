@@ -41,11 +41,11 @@ def test_a_drawn_route_with_a_jump_or_few_poses_is_not_noisy(route):
 
 
 def test_a_noisy_route_is_advised_to_be_smoothed_with_a_tolerance_that_removes_the_noise():
-    taught = noisy(circle(0.5, 0.2), 0.01)
-    (finding,) = (f for f in examine(taught).findings if f.code == "route.noisy")
+    route = noisy(circle(0.5, 0.2), 0.01)
+    (finding,) = (f for f in examine(route).findings if f.code == "route.noisy")
     tolerance_m = float(finding.fix.split()[-1])
     assert tolerance_m == pytest.approx(0.01 * np.sqrt(2.0), abs=0.002)
-    smoothed = smooth(taught, tolerance_m, "rms")
+    smoothed = smooth(route, tolerance_m, "rms")
     assert "route.noisy" not in [f.code for f in examine(smoothed).findings]
     away_m = np.hypot(smoothed.eta[:, 0], smoothed.eta[:, 1] - 0.5) - 0.5
     assert np.sqrt(np.mean(away_m**2)) < 0.005
@@ -55,7 +55,7 @@ def test_a_noisy_route_is_advised_to_be_smoothed_with_a_tolerance_that_removes_t
 def test_a_smooth_route_with_uneven_times_is_not_noisy():
     """A run at 20 Hz with ticks of 40 and 60 ms was taken for a noise of 4.5 mm."""
     route = circle(1.0, 0.5)
-    kept = np.sort(np.concatenate([np.arange(0, 1440, 10), np.arange(4, 1440, 10)]))
-    uneven = route._replace(t_s=route.t_s[kept], eta=route.eta[kept], nu=route.nu[kept])
+    indices = np.sort(np.concatenate([np.arange(0, 1440, 10), np.arange(4, 1440, 10)]))
+    uneven = route._replace(t_s=route.t_s[indices], eta=route.eta[indices], nu=route.nu[indices])
     assert position_noise(uneven) < 1e-4
     assert position_noise(noisy(uneven, 0.01)) == pytest.approx(0.01, rel=0.15)

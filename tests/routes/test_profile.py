@@ -197,7 +197,7 @@ def test_a_car_follows_its_fastest_route_and_ends_it_slowly(shape):
     car = load("car")
     route = fastest(shape, car)
     run = simulate_loop(car, route, perfect=True, noise=False)
-    across = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
-    assert np.abs(across).max() < 0.03
+    distance = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
+    assert np.abs(distance).max() < 0.03
     assert run.truth.nu[-1, 0] < 0.2
     assert np.hypot(*(run.truth.eta[-1] - route.eta[-1])[:2]) < 0.08

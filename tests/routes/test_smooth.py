@@ -19,11 +19,11 @@ def by_keys(seed, seconds=25.0, turn=2.0, slow=0.25):
     rows, hold = [], 0
     for k in range(round(seconds / dt)):
         rows.append((k * dt, x, y, psi, v, 0.0, r))
-        off = np.arctan2(y - 0.8, x) + np.pi / 2.0 + 1.5 * (0.8 - np.hypot(x, y - 0.8)) - psi
-        off = (off + np.pi) % (2.0 * np.pi) - np.pi
+        error = np.arctan2(y - 0.8, x) + np.pi / 2.0 + 1.5 * (0.8 - np.hypot(x, y - 0.8)) - psi
+        error = (error + np.pi) % (2.0 * np.pi) - np.pi
         hold -= 1
         if hold <= 0:
-            target, hold = turn * np.sign(off) * (abs(off) > 0.12), int(rng.uniform(5, 15))
+            target, hold = turn * np.sign(error) * (abs(error) > 0.12), int(rng.uniform(5, 15))
         stands = 500 <= k < 650
         v += ((0.0 if stands else slow if target else 0.25) - v) * dt / 0.15
         r += ((0.0 if stands else target) - r) * dt / 0.1
@@ -48,9 +48,9 @@ def bend(route):
 def test_a_jerky_drive_is_smooth_within_two_centimetres(seed):
     taught_route = by_keys(seed)
     route = smooth(taught_route, 0.02)
-    off = off_path(route, taught_route.eta[::5, :2])
-    assert np.sqrt(np.mean(off**2)) <= 0.02
-    assert np.max(off) <= 0.05
+    error = off_path(route, taught_route.eta[::5, :2])
+    assert np.sqrt(np.mean(error**2)) <= 0.02
+    assert np.max(error) <= 0.05
     assert bend(route) <= 8.0
     assert bend(route) < 0.4 * np.max(np.abs(taught_route.nu[50:480, 2] / taught_route.nu[50:480, 0]))
     assert np.min(route.nu[:, 0]) > 0.03  # the vehicle never rests
@@ -63,9 +63,9 @@ def test_smoothing_makes_very_tight_turns_of_a_route_feasible(seed):
     moves = np.abs(taught_route.nu[:, 0]) > 0.05
     assert 28.0 < np.max(np.abs(taught_route.nu[moves, 2] / taught_route.nu[moves, 0])) < 45.0
     route = smooth(taught_route, 0.02)
-    off = off_path(route, taught_route.eta[::5, :2])
-    assert np.sqrt(np.mean(off**2)) <= 0.02
-    assert np.max(off) <= 0.05
+    error = off_path(route, taught_route.eta[::5, :2])
+    assert np.sqrt(np.mean(error**2)) <= 0.02
+    assert np.max(error) <= 0.05
     assert bend(route) <= 8.0
 
 

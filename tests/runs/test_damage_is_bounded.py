@@ -39,9 +39,9 @@ class CountedBytes(bytes):
     searched = 0
 
     def find(self, sub, start=0):
-        at = super().find(sub, start)
-        self.searched += (at if at >= 0 else len(self)) - start
-        return at
+        place = super().find(sub, start)
+        self.searched += (place if place >= 0 else len(self)) - start
+        return place
 
 
 def record(kind, body=b"", size=None):
@@ -50,9 +50,9 @@ def record(kind, body=b"", size=None):
 
 def chunks_in_chunks(size):
     """Return chunks that each begin 60 bytes after their outer chunk and end with it."""
-    at = range(size - size % 60, 0, -60)
+    k = range(size - size % 60, 0, -60)
     return b"".join(
-        record(CHUNK, bytes(28) + b"\x04\0\0\0zstd" + struct.pack("<Q", n - 53) + bytes(7), n - 9) for n in at
+        record(CHUNK, bytes(28) + b"\x04\0\0\0zstd" + struct.pack("<Q", n - 53) + bytes(7), n - 9) for n in k
     )
 
 
@@ -80,12 +80,12 @@ def chunked_file(tmp_path_factory):
         t_ns = 1_700_000_000_000_000_000 + 10_000_000 * np.arange(60)
         u = np.random.default_rng(4).normal(size=(60, 30))
         path = write_run(Run("x", None, t_ns, u), tmp_path_factory.mktemp("x") / "x.mcap")
-    data, at, chunks = path.read_bytes(), len(MAGIC), []
-    while at < len(data) - len(MAGIC):
-        kind, size = struct.unpack_from("<BQ", data, at)
+    data, place, chunks = path.read_bytes(), len(MAGIC), []
+    while place < len(data) - len(MAGIC):
+        kind, size = struct.unpack_from("<BQ", data, place)
         if kind == CHUNK:
-            chunks.append((at, at + 9 + size))
-        at += 9 + size
+            chunks.append((place, place + 9 + size))
+        place += 9 + size
     return InChunks(data, chunks)
 
 
@@ -105,11 +105,11 @@ def test_the_reading_time_grows_linearly_with_the_damaged_bytes(chunked_file, mo
     before, after = {"end": (data[:cut], b""), "middle": (data[:cut], data[cut:]), "alone": (MAGIC, b"")}[
         place
     ]
-    spoilt = CountedBytes(before + FILLED[fill](SIZE) + after)
-    scan = mcap_records.scan(spoilt)
-    assert spoilt.searched <= 2 * len(spoilt)
-    assert len(records) <= len(spoilt) // 8 + 1
-    assert sum(summed) <= 4 * mcap_records.SEARCH_FACTOR * len(spoilt)
+    damaged = CountedBytes(before + FILLED[fill](SIZE) + after)
+    scan = mcap_records.scan(damaged)
+    assert damaged.searched <= 2 * len(damaged)
+    assert len(records) <= len(damaged) // 8 + 1
+    assert sum(summed) <= 4 * mcap_records.SEARCH_FACTOR * len(damaged)
     assert len(scan.problems) <= mcap_records.MAX_REPORTED_DAMAGES
     assert (place != "alone") == bool(scan.messages)
 
@@ -124,21 +124,21 @@ def test_damage_loses_only_the_damaged_chunks(chunked_file, at, size, fill):
     data, chunks = chunked_file
     at = chunks[0][1] + int(at * (len(data) - chunks[0][1]))  # the first chunk names the topics
     if fill == "put between":
-        end, spoilt = at, data[:at] + random.Random(size).randbytes(size) + data[at:]
+        end, damaged = at, data[:at] + random.Random(size).randbytes(size) + data[at:]
     elif fill == "taken out":
-        end, spoilt = at + size, data[:at] + data[at + size :]
+        end, damaged = at + size, data[:at] + data[at + size :]
     else:
         end = min(at + size, len(data))
-        spoilt = data[:at] + FILLED[fill](end - at) + data[end:]
-    scan, whole = mcap_records.scan(spoilt), mcap_records.scan(data)
-    (key,) = whole.messages
+        damaged = data[:at] + FILLED[fill](end - at) + data[end:]
+    scan, expected = mcap_records.scan(damaged), mcap_records.scan(data)
+    (key,) = expected.messages
     times = set(scan.messages[key].t_ns)
     for start, stop in chunks:
         if stop <= at or start >= end:
             original = mcap_records.scan(MAGIC + data[start:stop]).messages[key]
             assert set(original.t_ns) <= times
     assert list(scan.messages[key].t_ns) == sorted(times)
-    assert times <= set(whole.messages[key].t_ns)
+    assert times <= set(expected.messages[key].t_ns)
 
 
 def test_zeros_at_the_file_end_are_reported_as_one_damaged_place(chunked_file, tmp_path):

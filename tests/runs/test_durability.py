@@ -67,9 +67,9 @@ def test_lg1_kill_9_loses_at_most_one_second(tmp_path):
 
 def fewer(run, whole):
     """Return True if all data of `run` are part of `whole`."""
-    at = np.searchsorted(whole.t_ns, run.t_ns)
-    assert np.array_equal(whole.t_ns[at], run.t_ns)
-    assert whole.applied_commands[at].tobytes() == run.applied_commands.tobytes()
+    index = np.searchsorted(whole.t_ns, run.t_ns)
+    assert np.array_equal(whole.t_ns[index], run.t_ns)
+    assert whole.applied_commands[index].tobytes() == run.applied_commands.tobytes()
     assert set(run.sensors) <= set(whole.sensors)
     for name, channel in run.sensors.items():
         rows = np.searchsorted(whole.sensors[name].t_ns, channel.t_ns)
@@ -95,7 +95,7 @@ def chunked_files(make_run, tmp_path, monkeypatch):
 
 
 def test_lg5_a_file_cut_anywhere_gives_every_complete_chunk_or_an_error(chunked_files, tmp_path):
-    whole, data = chunked_files
+    file, data = chunked_files
     path, run_lengths, refusals = tmp_path / "cut.mcap", [], []
     for size in [*range(0, len(data), 97), *range(len(data) - 300, len(data))]:
         path.write_bytes(data[:size])
@@ -106,7 +106,7 @@ def test_lg5_a_file_cut_anywhere_gives_every_complete_chunk_or_an_error(chunked_
             run_lengths.append(0)
             continue
         assert run.notes
-        fewer(run, whole)
+        fewer(run, file)
         run_lengths.append(len(run.t_ns))
     assert not any("\n" in text for text in refusals)
     assert run_lengths == sorted(run_lengths)
@@ -115,24 +115,24 @@ def test_lg5_a_file_cut_anywhere_gives_every_complete_chunk_or_an_error(chunked_
 
 
 def test_lg4_a_flipped_bit_never_gives_a_silently_wrong_run(chunked_files, tmp_path):
-    whole, data = chunked_files
+    file, data = chunked_files
     path, pick = tmp_path / "flipped.mcap", random.Random(5)
     for trial in range(700):
-        at, bit = pick.randrange(len(data)), 1 << pick.randrange(8)
-        end = len(data) if trial % 2 else pick.randrange(at + 1, len(data) + 1)  # half of them cut as well
+        index, bit = pick.randrange(len(data)), 1 << pick.randrange(8)
+        end = len(data) if trial % 2 else pick.randrange(index + 1, len(data) + 1)  # half of them cut as well
         flipped_data = bytearray(data[:end])
-        flipped_data[at] ^= bit
+        flipped_data[index] ^= bit
         path.write_bytes(flipped_data)
         try:
             run = read_run(path)
         except FileError:
             continue
-        assert run.notes, (at, bit, end)
-        fewer(run, whole)
+        assert run.notes, (index, bit, end)
+        fewer(run, file)
 
 
 def test_lg4_one_damaged_chunk_does_not_lose_other_chunks(chunked_files, tmp_path):
-    whole, data = chunked_files
+    file, data = chunked_files
     signs = [i - 37 for i in range(len(data)) if data.startswith(b"\x04\0\0\0zstd", i) and data[i - 37] == 6]
     path = tmp_path / "damaged.mcap"
     for place in (37 + 20, 1, 0, 30):  # contents, size, kind, checksum
@@ -140,14 +140,14 @@ def test_lg4_one_damaged_chunk_does_not_lose_other_chunks(chunked_files, tmp_pat
         damaged_data[signs[2] + place] ^= 0x40
         path.write_bytes(damaged_data)
         run = read_run(path)
-        fewer(run, whole)
+        fewer(run, file)
         # the checksum still identifies a chunk of a different type
         assert 40 <= len(run.t_ns) < 60 or place == 0
         assert run.notes[-1].code == "run.damaged"
 
 
 def test_recover_writes_the_recovered_data_to_a_new_file(chunked_files, tmp_path):
-    whole, data = chunked_files
+    file, data = chunked_files
     cut = tmp_path / "0001-test-cut.mcap"
     cut.write_bytes(data[: len(data) // 2])
     recovery = recover(cut)
@@ -155,8 +155,8 @@ def test_recover_writes_the_recovered_data_to_a_new_file(chunked_files, tmp_path
     assert recovery.notes[0].code == "run.not-closed"
     saved_run = read_run(recovery.path)
     assert saved_run.notes == ()
-    assert saved_run.metadata == whole.metadata | {"recovered_from": "0001-test-cut.mcap"}
-    assert saved_run.applied_commands.tobytes() == whole.applied_commands[: len(saved_run.t_ns)].tobytes()
+    assert saved_run.metadata == file.metadata | {"recovered_from": "0001-test-cut.mcap"}
+    assert saved_run.applied_commands.tobytes() == file.applied_commands[: len(saved_run.t_ns)].tobytes()
     assert cut.read_bytes() == data[: len(data) // 2]
 
 
@@ -183,17 +183,17 @@ def test_lg6_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression
     import lz4.frame
     import zstandard
 
-    big = bytes(300 * 2**20)
-    payload = zstandard.ZstdCompressor(write_content_size=message == "truth").compress(big)
-    payload = payload if compression == b"zstd" else lz4.frame.compress(big)
-    del big
+    data = bytes(300 * 2**20)
+    payload = zstandard.ZstdCompressor(write_content_size=message == "truth").compress(data)
+    payload = payload if compression == b"zstd" else lz4.frame.compress(data)
+    del data
     path = mcap(
         tmp_path / "bomb.mcap", chunk(b"", 300 * 2**20 if message == "truth" else 1000, compression, payload)
     )
-    began = time.process_time()
+    start_s = time.process_time()
     with refused("runs.nothing-saved", FileError):
         read_run(path)
-    assert time.process_time() - began < 1.0
+    assert time.process_time() - start_s < 1.0
 
 
 @pytest.mark.parametrize(

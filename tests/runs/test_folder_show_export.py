@@ -184,9 +184,9 @@ def test_the_brief_form_of_a_run_begins_its_events_with_the_error(run):
 
 def test_show_aligns_its_columns_under_a_long_name(make_run):
     run = make_run()
-    long = {"temperature_of_the_gearbox": next(iter(run.sensors.values()))}
+    channels = {"temperature_of_the_gearbox": next(iter(run.sensors.values()))}
     head, *lines = (
-        show(replace(run, sensors=run.sensors | long, events=(), notes=())).table().splitlines()[1:]
+        show(replace(run, sensors=run.sensors | channels, events=(), notes=())).table().splitlines()[1:]
     )
     ends = {line.index(" Hz") for line in lines}
     assert ends == {head.index("  gaps") - len(" Hz")}
@@ -232,14 +232,14 @@ def test_a_tum_file_has_full_time_and_heading(run, tmp_path):
 
 
 def test_a_run_without_ticks_is_exported_as_a_header(run, tmp_path):
-    empty = replace(
+    no_rows = replace(
         run,
         t_ns=run.t_ns[:0],
         applied_commands=run.applied_commands[:0],
         requested_commands=None,
         sent_commands=None,
     )
-    (head,) = export_csv(empty, tmp_path / "x.csv").read_text(encoding="utf-8").splitlines()
+    (head,) = export_csv(no_rows, tmp_path / "x.csv").read_text(encoding="utf-8").splitlines()
     assert "imu.z1" in head.split(",")
 
 

@@ -36,10 +36,10 @@ def test_an_imported_run_is_stored_with_its_map(lab, tmp_path):
 
 
 def test_a_command_valid_until_the_time_of_its_row_acts_one_tick_earlier(lab):
-    late = lab.run().run
-    early = lab.edit('in_force = "from"', 'in_force = "until"').run().run
-    assert early.t_ns[1] == late.t_ns[0]
-    assert np.array_equal(early.applied_commands[:-1], late.applied_commands)
+    run = lab.run().run
+    until_run = lab.edit('in_force = "from"', 'in_force = "until"').run().run
+    assert until_run.t_ns[1] == run.t_ns[0]
+    assert np.array_equal(until_run.applied_commands[:-1], run.applied_commands)
 
 
 def test_units_scales_offsets_and_switches_are_applied_at_import(lab):
@@ -347,11 +347,11 @@ def test_an_import_without_paths_names_each_file_of_the_map(lab):
 
 def test_recordings_are_searched_in_the_folder_of_the_environment_variable(lab, tmp_path, monkeypatch):
     lab.save()
-    elsewhere = tmp_path / "recordings"
-    elsewhere.mkdir()
+    folder = tmp_path / "recordings"
+    folder.mkdir()
     for name in ("board.csv", "camera.csv"):
-        (lab.folder / name).rename(elsewhere / name)
-    monkeypatch.setenv("BAQUEANO_DATA", str(elsewhere))
+        (lab.folder / name).rename(folder / name)
+    monkeypatch.setenv("BAQUEANO_DATA", str(folder))
     assert len(import_run(lab.folder / "lab.toml").run.t_ns) == 1499
 
 

@@ -31,21 +31,21 @@ def test_lg9_plain_csv_formats_are_detected_automatically(lab, format):
 
 
 def test_gzip_spaces_comments_and_quotes_are_read(lab):
-    plain = lab.run().run
+    run = lab.run().run
     path = lab.folder / "board.csv"
     lines = path.read_text(encoding="utf-8").splitlines()
     lines[0] = ",".join(f'"{name}"' for name in lines[0].split(","))
     text = "# from the lab\r\n\r\n" + " \r\n".join(lines)
     path.write_bytes(gzip.compress(text.encode()))
-    assert import_run(lab.folder / "lab.toml").run == plain
+    assert import_run(lab.folder / "lab.toml").run == run
 
 
 @pytest.mark.parametrize("format", [{"sep": ";", "decimal": ","}, {"sep": "\t"}, {}])
 def test_the_first_line_of_excel_names_the_separator(lab, format):
-    plain = lab.run(**format).run
+    run = lab.run(**format).run
     path = lab.folder / "board.csv"
     path.write_text(f"sep={format.get('sep', ',')}\n" + path.read_text(encoding="utf-8"), encoding="utf-8")
-    assert import_run(lab.folder / "lab.toml").run == plain
+    assert import_run(lab.folder / "lab.toml").run == run
 
 
 def raw(lab, text, encoding="utf-8"):
@@ -208,17 +208,17 @@ def test_columns_without_names_are_addressed_by_number(lab):
     for number, name in enumerate(lab.board, 1):
         text = text.replace(f'column = "{name}"', f'column = "{number}"')
     (lab.folder / "lab.toml").write_text(text, encoding="utf-8")
-    plain = lab.fresh().run
+    run = lab.fresh().run
     imported_run = import_run(lab.folder / "lab.toml").run
-    assert imported_run.sensors["imu"].z.tobytes() == plain().run.sensors["imu"].z.tobytes()
+    assert imported_run.sensors["imu"].z.tobytes() == run().run.sensors["imu"].z.tobytes()
 
 
 def test_a_separator_at_the_end_of_each_row_does_not_add_a_column(lab):
-    plain = lab.run().run
+    run = lab.run().run
     path = lab.folder / "board.csv"
     head, *lines = path.read_text(encoding="utf-8").splitlines()
     path.write_text("\n".join([head, *(f"{line}," for line in lines)]) + "\n", encoding="utf-8")
-    assert import_run(lab.folder / "lab.toml").run == plain
+    assert import_run(lab.folder / "lab.toml").run == run
 
 
 @pytest.mark.parametrize("last_line", ["30.0,3,0.1", '30.0,3,0.1,0,0,0,0,"0.'])
@@ -233,7 +233,7 @@ def test_an_incomplete_last_line_is_ignored_and_reported(lab, last_line):
 
 @pytest.mark.parametrize("name", ["speed", "Speed of it"])
 def test_the_proposed_map_entry_skips_a_row_of_units(lab, name):
-    plain = lab.run().run
+    run = lab.run().run
     path = lab.folder / "board.csv"
     head, *lines = path.read_text(encoding="utf-8").replace("speed", name).splitlines()
     path.write_text("\n".join([head, "s,-,-,-,-,-,-,m/s", *lines]) + "\n", encoding="utf-8")
@@ -245,7 +245,7 @@ def test_the_proposed_map_entry_skips_a_row_of_units(lab, name):
         import_run(map_file)
     (line,) = re.findall(r"exclude the row with (where = .*)\.$", str(error_info.value))
     map_file.write_text(text.replace("where = { }", line), encoding="utf-8")
-    assert import_run(map_file).run.applied_commands.tobytes() == plain.applied_commands.tobytes()
+    assert import_run(map_file).run.applied_commands.tobytes() == run.applied_commands.tobytes()
     table = LogTable("log.csv", {name: ["m/s", "1"]}, np.arange(2))
     with pytest.raises(FileError) as error_info:
         table.numbers(name)
@@ -259,7 +259,7 @@ def as_json_lines(path, of_cell=float):
 
 
 def test_json_lines_are_read_as_a_table_of_their_flattened_names(lab):
-    plain = lab.run().run
+    table_run = lab.run().run
     lines = [json.loads(line) for line in as_json_lines(lab.folder / "board.csv")]
     nested = [
         {"t": x["t"], "id": x["id"], "cmd": [x["throttle"], x["steer"]], "speed": x["speed"],
@@ -273,13 +273,13 @@ def test_json_lines_are_read_as_a_table_of_their_flattened_names(lab):
         text = text.replace(f'column = "{name}"', f'column = "{flat}"')
     (lab.folder / "lab.toml").write_text(text, encoding="utf-8")
     run, findings = import_run(lab.folder / "lab.toml")
-    assert np.array_equal(run.applied_commands, plain.applied_commands)
-    assert all(np.array_equal(run.sensors[name].z, plain.sensors[name].z) for name in plain.sensors)
+    assert np.array_equal(run.applied_commands, table_run.applied_commands)
+    assert all(np.array_equal(run.sensors[name].z, table_run.sensors[name].z) for name in table_run.sensors)
     assert [finding.reason.code for finding in findings][:1] == ["recording.cut-line"]
 
 
 def test_json_lines_of_topics_are_one_table_with_empty_cells(lab):
-    plain = lab.run().run
+    table_run = lab.run().run
     topics = []
     for line in as_json_lines(lab.folder / "board.csv"):
         row = json.loads(line)
@@ -287,7 +287,7 @@ def test_json_lines_of_topics_are_one_table_with_empty_cells(lab):
         topics += [json.dumps(row), json.dumps({"t": row["t"]} | imu)]
     (lab.folder / "board.csv").write_text("\n".join(topics), encoding="utf-8")
     run, findings = import_run(lab.folder / "lab.toml")
-    assert np.array_equal(run.sensors["imu"].z, plain.sensors["imu"].z)
+    assert np.array_equal(run.sensors["imu"].z, table_run.sensors["imu"].z)
     assert "recording.joined" in {finding.reason.code for finding in findings}
 
 

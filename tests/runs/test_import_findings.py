@@ -137,8 +137,8 @@ def test_rows_with_decreasing_time_are_refused_or_removed(lab):
 @pytest.mark.parametrize("back_s", [0.1, 0.5, 14.0])
 def test_a_clock_that_steps_back_is_split_without_a_loss(lab, back_s):
     lab.board["t"] = np.where(np.arange(1500) < 700, lab.board["t"], lab.board["t"] - back_s)
-    lost = min(round(back_s / 0.02) - 1, 699)
-    lab.refused("import.clock-back", line=702, count=1, rows=lost)
+    lost_rows = min(round(back_s / 0.02) - 1, 699)
+    lab.refused("import.clock-back", line=702, count=1, rows=lost_rows)
     lab.edit('path = "board.csv"', 'path = "board.csv"\nsplit_gap_s = 5.0')
     lab.map = re.sub(r"\[files\.camera\].*?(?=\[ticks\])|\[truth\].*", "", lab.map, flags=re.DOTALL)
     runs = import_runs(lab.save())
@@ -165,10 +165,10 @@ def test_identical_repeated_rows_are_removed_and_contradicting_repeats_are_refus
     lab.board["ax"][8] += 1.0
     lab.refused("import.repeats", count=3, line=10, file="board")
     imu_by_choice = {}
-    for which in ("first", "last"):
-        repeated_lab = lab.fresh().edit('path = "board.csv"', f'path = "board.csv"\nrepeats = "{which}"')
+    for entry in ("first", "last"):
+        repeated_lab = lab.fresh().edit('path = "board.csv"', f'path = "board.csv"\nrepeats = "{entry}"')
         repeated_lab.board = lab.board
-        imu_by_choice[which] = repeated_lab.run().run.sensors["imu"].z[7, 0]
+        imu_by_choice[entry] = repeated_lab.run().run.sensors["imu"].z[7, 0]
     assert imu_by_choice["last"] - imu_by_choice["first"] == pytest.approx(1.0)
 
 

@@ -41,11 +41,11 @@ def board(tmp_path):
     left = np.floor(65000 + way_ticks).astype(int) % 65536
     right = np.floor(300 - way_ticks).astype(int) % 65536
     lines = ["sec,nanosec,pwm_l,dir_l,pwm_r,dir_r,ticks_l,ticks_r"]
-    for k, at in enumerate(t):
-        whole = int(at)
-        ns = round((at - whole) * 1e9)
+    for k, t_s in enumerate(t):
+        second = int(t_s)
+        ns = round((t_s - second) * 1e9)
         way_l, way_r = ("B" if k % 2 else "F"), int(k % 3 == 0)
-        lines.append(f"{START_S + whole},{ns},40,{way_l},30,{way_r},{left[k]},{right[k]}")
+        lines.append(f"{START_S + second},{ns},40,{way_l},30,{way_r},{left[k]},{right[k]}")
     (tmp_path / "log.csv").write_text("\n".join(lines), encoding="utf-8")
     (tmp_path / "board.toml").write_text(MAP, encoding="utf-8")
     return tmp_path
@@ -93,8 +93,8 @@ def test_a_rate_is_timestamped_midway_between_its_rows(board):
     t_s = (wheels.t_ns - START_S * 10**9) * 1e-9
     np.testing.assert_allclose(t_s[:3], [0.31, 0.33, 0.35], atol=1e-6)
     np.testing.assert_allclose(wheels.arrival_ns - wheels.t_ns, 10_000_000, atol=1)  # with the later count
-    late = np.mean(wheels.z[:, 0] - (0.5 + 0.1 * t_s)) / 0.1  # v = 0.5 + 0.1 t
-    assert abs(late) < 0.005  # of a step of 20 ms
+    delay_s = np.mean(wheels.z[:, 0] - (0.5 + 0.1 * t_s)) / 0.1  # v = 0.5 + 0.1 t
+    assert abs(delay_s) < 0.005  # of a step of 20 ms
 
 
 def test_a_direction_pin_inverts_the_sign(board):
@@ -236,7 +236,7 @@ def test_interpolation_does_not_unwrap_the_rate_of_an_angle(tmp_path):
 
 @pytest.mark.parametrize("lowest_us", [0, -(2**31)])
 def test_a_counter_of_microseconds_that_overflows_is_unwrapped(lab, lowest_us):
-    plain = lab.run().run
+    first = lab.run().run
     count = np.round(lab.board["t"] * 1e6).astype(np.int64)
     shift_s = (2**32 + lowest_us - int(count[700])) * 1e-6
     lab.board["t"] = [str((k + 2**32 - int(count[700])) % 2**32 + lowest_us) for k in count.tolist()]
@@ -248,5 +248,5 @@ def test_a_counter_of_microseconds_that_overflows_is_unwrapped(lab, lowest_us):
     run, findings = lab.edit("start_ns = 1000000000", "start_ns = 3000000000000").edit(*board_unit).run()
     assert findings[0].code == "counter overflow"
     assert includes(findings[0].reason, "recording.counter-overflow", table="board.csv", count=1, line=702)
-    assert len(run.t_ns) == len(plain.t_ns)
-    assert np.abs(run.t_s - plain.t_s).max() < 2e-6
+    assert len(run.t_ns) == len(first.t_ns)
+    assert np.abs(run.t_s - first.t_s).max() < 2e-6

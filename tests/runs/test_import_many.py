@@ -117,10 +117,10 @@ def test_a_recording_of_several_runs_is_not_imported_as_a_single_run(desk):
 
 
 def test_a_missing_first_command_is_reported_in_full_for_one_run_only(desk):
-    late = desk.file("late.csv", [1, 2])
-    late.write_text(late.read_text().replace("1,0.000,0.2,", "1,0.000,,"), encoding="utf-8")
+    path = desk.file("late.csv", [1, 2])
+    path.write_text(path.read_text().replace("1,0.000,0.2,", "1,0.000,,"), encoding="utf-8")
     by_map = desk.map(SPLIT, ('in_force = "until"', 'in_force = "from"'))
-    imports = tuple(import_runs(by_map, [late]))
+    imports = tuple(import_runs(by_map, [path]))
     assert [
         [(d.code, d.usual) for d in imported_run.findings if d.level == "info"] for imported_run in imports
     ] == [
@@ -135,16 +135,16 @@ def test_a_missing_first_command_is_reported_in_full_for_one_run_only(desk):
 
 
 def test_several_runs_in_one_file_are_distinguished_from_delayed_rows(desk):
-    several = desk.file("log.csv", [1, 2])
-    several.write_text(several.read_text().replace("2,0.100,0.2,", "2,0.100,0.3,"), encoding="utf-8")
+    path = desk.file("log.csv", [1, 2])
+    path.write_text(path.read_text().replace("2,0.100,0.2,", "2,0.100,0.3,"), encoding="utf-8")
     with refused("import.clock-back", FileError, rows=4):
-        import_runs(desk.map(), [several])
-    late = desk.file("late.csv", [1], rows=30)
-    text = late.read_text().replace("1,1.500,", "1,1.390,")
-    late.write_text(text, encoding="utf-8")
+        import_runs(desk.map(), [path])
+    log = desk.file("late.csv", [1], rows=30)
+    text = log.read_text().replace("1,1.500,", "1,1.390,")
+    log.write_text(text, encoding="utf-8")
     with refused("import.steps-back", FileError, count=1, rows=1):
-        import_runs(desk.map(), [late])
-    (single,) = import_runs(desk.map(('time_unit = "s"', 'time_unit = "s"\nbackwards = "drop"')), [late])
+        import_runs(desk.map(), [log])
+    (single,) = import_runs(desk.map(('time_unit = "s"', 'time_unit = "s"\nbackwards = "drop"')), [log])
     assert includes(single.findings[0].reason, "recording.steps-back", table="late.csv", count=1, rows=1)
 
 
@@ -193,8 +193,8 @@ def speeds(imports):
 def test_split_files_are_matched_by_value_and_not_by_order(desk):
     log = desk.file("log.csv", ["monday", "tuesday"])
     odo = desk.file("odo.csv", ["tuesday"], rows=5)
-    later = desk.file("monday.csv", ["monday"], rows=4)
-    odo.write_text(odo.read_text() + later.read_text().removeprefix(HEAD), encoding="utf-8")
+    path = desk.file("monday.csv", ["monday"], rows=4)
+    odo.write_text(odo.read_text() + path.read_text().removeprefix(HEAD), encoding="utf-8")
     imports = import_runs(desk.map(SPLIT, *TWO), {"log": log, "odo": odo})
     assert speeds(imports) == {"log-monday": 3, "log-tuesday": 4}
 
@@ -209,9 +209,9 @@ def test_a_split_value_absent_from_one_file_is_excluded_and_reported(desk):
     log = desk.file("log.csv", ["monday", "tuesday"])
     odo = desk.file("odo.csv", ["parking", "tuesday", "monday", "home"])
     first, second = import_runs(desk.map(SPLIT, *TWO), {"log": log, "odo": odo})
-    lost = {"map": "many.toml", "values": "trial = parking, home"}
+    figures = {"map": "many.toml", "values": "trial = parking, home"}
     assert [d.reason.figures for d in first.findings if d.reason.code == "recording.not-in-all"] == [
-        lost | {"file": "odo", "second_file": "log"}
+        figures | {"file": "odo", "second_file": "log"}
     ]
     assert "not in all files" not in [d.code for d in second.findings]
     imports = import_runs(desk.map(SPLIT, *TWO), {"log": odo, "odo": log})
@@ -219,7 +219,7 @@ def test_a_split_value_absent_from_one_file_is_excluded_and_reported(desk):
     reason = imports[0].findings[0].reason
     assert (reason.code, reason.figures) == (
         "recording.not-in-all",
-        lost | {"file": "log", "second_file": "odo"},
+        figures | {"file": "log", "second_file": "odo"},
     )
 
 
@@ -229,7 +229,7 @@ def test_a_row_without_a_time_does_not_split_a_run(desk):
     lines[3] = lines[3].replace(",0.200,", ",,")
     log.write_text("\n".join(lines) + "\n", encoding="utf-8")
     first, second = import_runs(desk.map(GAP), [log])
-    assert [len(each.run.t_ns) for each in (first, second)] == [4, 5]
+    assert [len(r.run.t_ns) for r in (first, second)] == [4, 5]
 
 
 def test_split_files_without_a_common_value_are_refused(desk):
@@ -239,10 +239,10 @@ def test_split_files_without_a_common_value_are_refused(desk):
 
 
 def test_for_each_split_value_parts_after_a_pause_are_matched_in_order(desk):
-    both = ('split = "trial"', 'split = "trial"\nsplit_gap_s = 5.0')
+    splits = ('split = "trial"', 'split = "trial"\nsplit_gap_s = 5.0')
     log = desk.file("log.csv", ["a", "b", "b"], restart=False)
     odo = desk.file("odo.csv", ["a", "b", "b"], restart=False)
-    imports = import_runs(desk.map(SPLIT, *TWO, both), {"log": log, "odo": odo})
+    imports = import_runs(desk.map(SPLIT, *TWO, splits), {"log": log, "odo": odo})
     assert list(speeds(imports)) == ["log-a-1", "log-b-1", "log-b-2"]
     fewer = desk.file("odo.csv", ["b", "a", "b"], rows=1, restart=False)
     longer = desk.file("odo.csv", ["a", "b"], restart=False)
@@ -250,7 +250,7 @@ def test_for_each_split_value_parts_after_a_pause_are_matched_in_order(desk):
         with refused(
             "import.parts-differ", FileError, counts="[files.log] 2, [files.odo] 1", split="trial", value="b"
         ):
-            import_runs(desk.map(SPLIT, *TWO, both), {"log": log, "odo": odometry})
+            import_runs(desk.map(SPLIT, *TWO, splits), {"log": log, "odo": odometry})
 
 
 def test_parts_separated_only_by_a_pause_are_matched_in_order(desk):
@@ -300,12 +300,12 @@ def test_a_file_without_times_uses_a_fixed_rate(desk):
     assert import_run(by_map, [log]).run.duration_s == pytest.approx(0.2)
     log.write_bytes(log.read_bytes().replace(b"\n", b"\r\r\n"))  # a CSV file of Python on Windows
     assert import_run(by_map, [log]).run.duration_s == pytest.approx(0.2)
-    for wrong, message in (
+    for text, message in (
         ("rate_hz = 0.0", ("expect.rate", {})),
         ('rate_hz = 5.0\ntime = "t"', ("expect.time", {})),
     ):
         with refused(message[0], FileError, **message[1]):
-            import_run(desk.map(('time = "t"\ntime_unit = "s"', wrong)), [desk.file("log.csv", [1])])
+            import_run(desk.map(('time = "t"\ntime_unit = "s"', text)), [desk.file("log.csv", [1])])
 
 
 @pytest.mark.parametrize(
@@ -324,9 +324,9 @@ def test_an_inconsistent_map_is_refused_with_a_remedy(desk, old, new, message):
 
 
 def test_a_map_with_two_definitions_of_the_command_is_refused(desk):
-    twice = ("[sensors.wheels]", "[sensors.wheels]")
+    table = ("[sensors.wheels]", "[sensors.wheels]")
     with refused("expect.u-or-wheels", FileError):
-        import_run(desk.map(("wheels = [{", "u = []\nwheels = [{"), twice), [desk.file("log.csv", [1])])
+        import_run(desk.map(("wheels = [{", "u = []\nwheels = [{"), table), [desk.file("log.csv", [1])])
 
 
 def test_runs_are_selected_by_numbers_patterns_and_folders(desk, make_run):

@@ -65,6 +65,6 @@ def test_position_sensors_are_imported_in_si_with_their_timestamps(run):
 
 
 def test_a_speed_from_counts_is_timestamped_midway_between_two_rows(run):
-    way = 2.0 * np.pi * 0.05
-    assert run.sensors["encoders"].z == pytest.approx(np.tile([way, 2.0 * way], (3, 1)))
+    metres = 2.0 * np.pi * 0.05
+    assert run.sensors["encoders"].z == pytest.approx(np.tile([metres, 2.0 * metres], (3, 1)))
     assert run.sensors["encoders"].t_ns[0] == pytest.approx(1_000_000_000 + 3.75e9)

@@ -33,7 +33,7 @@ def test_the_cpm_runs_are_imported_with_commands_sensors_and_camera(run, rows, n
     reasons = [d.reason for d in findings if d.code == "scale"]
     scale = next(reason for reason in reasons if reason.figures["key"] == "sensors.imu.z[2]")
     assert scale.code == "recording.against-truth"
-    assert scale.figures["slope"] == pytest.approx(1.03, abs=0.005)  # truth = 0.966 gyro, says the recording
+    assert scale.figures["slope"] == pytest.approx(1.03, abs=0.005)  # in the recording: truth = 0.966 gyro
 
 
 @recordings

@@ -46,8 +46,8 @@ def test_swapped_wheels_and_an_inverted_imu_are_named_as_possible_causes(lab, fl
     else:
         lab.board["l"], lab.board["r"] = lab.board["r"], lab.board["l"]
     reason = lab.refused("recording.yaw-rates-opposite", correlation=pytest.approx(-1.0))
-    either = {"wheels": "[sensors.wheels]", "gyro": IMU[2], "scale": "-1"}
-    assert includes(reason, "recording.swap-or-upside-down", **either)
+    tables = {"wheels": "[sensors.wheels]", "gyro": IMU[2], "scale": "-1"}
+    assert includes(reason, "recording.swap-or-upside-down", **tables)
     assert not includes(reason, "recording.against-motion")
 
 

@@ -63,8 +63,8 @@ def recording(tmp_path_factory):
     rows = np.column_stack([run.t_s, run.applied_commands, imu, odometer])
     np.savetxt(folder / "log.csv", rows, delimiter=",", header="t,throttle,servo,gyro,speed", comments="")
     rng, psi = np.random.default_rng(0), run.truth.eta[::2, 2]
-    (ahead, left), c, s = TRUE.lever_arm_m, np.cos(psi), np.sin(psi)
-    x, y = run.truth.eta[::2, 0] + c * ahead - s * left, run.truth.eta[::2, 1] + s * ahead + c * left
+    (forward, left), c, s = TRUE.lever_arm_m, np.cos(psi), np.sin(psi)
+    x, y = run.truth.eta[::2, 0] + c * forward - s * left, run.truth.eta[::2, 1] + s * forward + c * left
     eta = np.column_stack([x, y, wrap(psi + TRUE.heading_rad)]) + rng.normal(size=(len(x), 3)) * 0.002
     camera = np.column_stack([run.t_s[::2] - TRUE.shift_s, eta])
     np.savetxt(folder / "camera.csv", camera[3:], delimiter=",", header="t,x,y,psi", comments="")
@@ -96,10 +96,10 @@ def test_the_next_import_removes_the_camera_mount_that_calibration_wrote(
     assert mount["lever_arm_m"] == pytest.approx(TRUE.lever_arm_m, abs=0.006)
     assert mount["heading_rad"] == pytest.approx(TRUE.heading_rad, abs=0.015)
     second = import_run("filmed.toml").run
-    off = second.truth.eta[50:-50, :2] - np.column_stack(
+    error = second.truth.eta[50:-50, :2] - np.column_stack(
         [np.interp(second.truth.t_ns[50:-50], run.t_ns, column) for column in run.truth.eta[:, :2].T]
     )
-    assert np.hypot(*off.T).mean() < 0.01, "7 cm before"
+    assert np.hypot(*error.T).mean() < 0.01, "7 cm before"
     capsys.readouterr()
     assert exit_code("runs", "calibrate", "first.mcap", *words) == 2
     assert "Import the run again, and calibrate the new run" in capsys.readouterr().err
@@ -112,15 +112,15 @@ def test_the_next_import_removes_the_camera_mount_that_calibration_wrote(
 
 
 def test_pose_and_velocity_are_corrected_by_the_mount():
-    rng, ahead, left = np.random.default_rng(1), 0.3, -0.2
+    rng, forward, left = np.random.default_rng(1), 0.3, -0.2
     eta, nu = rng.normal(size=(20, 3)), rng.normal(size=(20, 3))
     c, s, w = np.cos(eta[:, 2]), np.sin(eta[:, 2]), nu[:, 2]
     mark = np.column_stack(
-        [eta[:, 0] + c * ahead - s * left, eta[:, 1] + s * ahead + c * left, eta[:, 2] + 0.4]
+        [eta[:, 0] + c * forward - s * left, eta[:, 1] + s * forward + c * left, eta[:, 2] + 0.4]
     )
-    vx, vy = nu[:, 0] - w * left, nu[:, 1] + w * ahead
-    own = np.column_stack([np.cos(0.4) * vx + np.sin(0.4) * vy, np.cos(0.4) * vy - np.sin(0.4) * vx, w])
-    body, body_nu = Mount(0.0, (ahead, left), 0.4).body_motion(mark, own)
+    vx, vy = nu[:, 0] - w * left, nu[:, 1] + w * forward
+    own_frame = np.column_stack([np.cos(0.4) * vx + np.sin(0.4) * vy, np.cos(0.4) * vy - np.sin(0.4) * vx, w])
+    body, body_nu = Mount(0.0, (forward, left), 0.4).body_motion(mark, own_frame)
     np.testing.assert_allclose(body[:, :2], eta[:, :2], atol=1e-12)
     np.testing.assert_allclose(wrap(body[:, 2] - eta[:, 2]), 0.0, atol=1e-12)
     np.testing.assert_allclose(body_nu, nu, atol=1e-12)

@@ -115,8 +115,8 @@ def test_rosbags_decodes_every_message(run, path):
 
 
 def test_an_estimate_without_innovation_is_decoded(run, tmp_path):
-    quiet = replace(run, estimate=run.estimate._replace(innovation=None, innovation_cov=None))
-    path = write_run(quiet, tmp_path / "x.mcap")
+    variant = replace(run, estimate=run.estimate._replace(innovation=None, innovation_cov=None))
+    path = write_run(variant, tmp_path / "x.mcap")
     _, _, first = next(messages_of(path, ["/estimate"]))
     assert (first.innovation_size, list(first.innovation), list(first.innovation_cov)) == (0, [], [])
     with AnyReader([path]) as reader:

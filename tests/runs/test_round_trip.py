@@ -54,14 +54,14 @@ def test_data_absent_from_a_run_are_absent_after_reading(run, change, tmp_path):
 
 def test_an_estimate_without_innovations_is_read_back_unchanged(run, tmp_path):
     for innovation in (None, run.estimate.innovation):
-        quiet = replace(run, estimate=EstimateLog(*run.estimate[:4], innovation, None))
-        assert read_run(write_run(quiet, tmp_path / f"{innovation is None}.mcap")) == quiet
+        variant = replace(run, estimate=EstimateLog(*run.estimate[:4], innovation, None))
+        assert read_run(write_run(variant, tmp_path / f"{innovation is None}.mcap")) == variant
 
 
 def test_a_run_without_ticks_is_read_back(make_run, tmp_path):
-    empty = make_run(N=0)
-    read_back = read_run(write_run(empty, tmp_path / "x.mcap"))
-    assert read_back == empty
+    no_rows = make_run(N=0)
+    read_back = read_run(write_run(no_rows, tmp_path / "x.mcap"))
+    assert read_back == no_rows
     assert read_back.applied_commands.shape == (0, 3)
     assert list(read_back.ticks()) == []
     assert read_back.duration_s == 0.0
@@ -87,8 +87,8 @@ def test_a_tick_contains_the_newest_measurement_since_the_previous_tick():
 
 def test_a_cut_run_has_the_same_ticks_as_the_whole_run(run):
     piece = run.cut(0.5, 1.2)
-    whole = [tick for tick in run.ticks() if piece.t_ns[0] <= tick.t_ns <= piece.t_ns[-1]]
-    for a, b in zip(piece.ticks(), whole, strict=True):
+    expected = [tick for tick in run.ticks() if piece.t_ns[0] <= tick.t_ns <= piece.t_ns[-1]]
+    for a, b in zip(piece.ticks(), expected, strict=True):
         assert (a.t_ns, a.u.tobytes()) == (b.t_ns, b.u.tobytes())
         assert all(
             x.is_new == y.is_new and x.z.tobytes() == y.z.tobytes()
@@ -165,8 +165,8 @@ def test_data_of_a_wrong_shape_do_not_stop_the_recording(tmp_path):
     path = tmp_path / "x.mcap"
     with RunWriter(path) as writer:
         for t_ns in range(0, 50, 10):
-            bad = Estimate(t_ns, np.zeros(2), np.zeros(3), np.eye(6))
-            writer.record(record_of(silent_tick(t_ns), estimate=bad))
+            estimate = Estimate(t_ns, np.zeros(2), np.zeros(3), np.eye(6))
+            writer.record(record_of(silent_tick(t_ns), estimate=estimate))
     run = read_run(path)
     assert len(run.t_ns) == 5
     assert run.estimate is None or len(run.estimate.t_ns) == 0

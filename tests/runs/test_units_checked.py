@@ -162,8 +162,8 @@ def test_the_proposed_remedy_for_a_command_unit_is_accepted(tmp_path, largest, d
     """This includes a set-point in m/s, whose full scale does not follow from its unit."""
 
     def commanded(result=import_message, **units):
-        at = {name: largest / np.max(np.abs(car(10.0)[name])) for name in ("throttle", "servo")}
-        change = {"throttle": lambda u: 0.7 * at["throttle"] * u, "servo": lambda u: at["servo"] * u}
+        scales = {name: largest / np.max(np.abs(car(10.0)[name])) for name in ("throttle", "servo")}
+        change = {"throttle": lambda u: 0.7 * scales["throttle"] * u, "servo": lambda u: scales["servo"] * u}
         return result(tmp_path, change=change, **units)
 
     message, reasons, physical = commanded(duty=duty), commanded(findings, duty=duty), largest < 3.0

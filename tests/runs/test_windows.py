@@ -17,6 +17,6 @@ def test_empty_windows_are_omitted_and_missing_values_are_ignored():
 
 def test_two_channels_with_the_same_time_origin_have_the_same_windows():
     t_ns = (np.arange(20) * NANOSECONDS // 10).astype(np.int64)
-    late = t_ns + NANOSECONDS // 20
-    first, second = (window_means(Channel(t, t, t[:, None] * 1.0), 0, 0.5)[0] for t in (t_ns, late))
+    later_ns = t_ns + NANOSECONDS // 20
+    first, second = (window_means(Channel(t, t, t[:, None] * 1.0), 0, 0.5)[0] for t in (t_ns, later_ns))
     np.testing.assert_array_equal(first, second)

@@ -95,12 +95,12 @@ def test_sensor_readings_are_the_same_in_every_back_end(name):
     for k in range(N):
         state, slot = step(state, at(inputs, k))
         rows.append(flat(slot))
-    plain = np.array(rows)
-    assert 0.0 < plain[:, 0].mean() <= 1.0
+    expected = np.array(rows)
+    assert 0.0 < expected[:, 0].mean() <= 1.0
     for backend in ("python", "c"):
         end, slots = scan(step, sensor.init(), at(inputs, 0), backend=backend).run(inputs)
         outputs = np.concatenate([np.reshape(leaf, (N, -1)) for leaf in slots], axis=1)
-        assert np.all(np.abs(outputs - plain) <= 1e-12 * np.maximum(1.0, np.abs(plain))), backend
+        assert np.all(np.abs(outputs - expected) <= 1e-12 * np.maximum(1.0, np.abs(expected))), backend
         assert flat(end) == pytest.approx(flat(state), abs=1e-12, rel=1e-12), backend
 
 

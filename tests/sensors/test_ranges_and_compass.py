@@ -91,13 +91,13 @@ def test_iron_on_the_vehicle_deflects_the_compass():
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_delayed_compass_is_interpolated_across_pi(side):
     compass = Compass(rate_hz=100.0, delay_s=0.025, delay_slots=3)
-    state, late = compass.init(), []
+    state, readings = compass.init(), []
     for k in range(60):
         psi = side * (np.pi - 0.5 + 0.02 * k)
         state, slot = compass.step(state, at(0.0, 0.0, wrap(psi)), 0.01, np.zeros(1))
         if slot.is_new:
-            late.append(wrap(psi - slot.z[0]))
-    assert np.array(late) == pytest.approx(np.full(57, side * 0.05), abs=1e-9)
+            readings.append(wrap(psi - slot.z[0]))
+    assert np.array(readings) == pytest.approx(np.full(57, side * 0.05), abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -115,6 +115,6 @@ def test_beacon_rangefinder_and_compass_pass_the_sensor_check(sensor):
 
 @pytest.mark.parametrize("sensor", [Beacon(point_m=np.zeros(2), rate_hz=100.0), Compass(rate_hz=100.0)])
 def test_noise_is_its_std_times_the_unit_normal(sensor):
-    (_, quiet), (_, loud) = (reading_of(sensor, at(1.0, 0.0, 0.1), noise) for noise in (0.0, 2.0))
-    assert loud - quiet == pytest.approx(0.2)
+    (_, exact), (_, noisy) = (reading_of(sensor, at(1.0, 0.0, 0.1), noise) for noise in (0.0, 2.0))
+    assert noisy - exact == pytest.approx(0.2)
     assert sensor.cov == pytest.approx(0.01 * np.eye(1))

@@ -66,15 +66,15 @@ def test_es10_a_measured_pose_and_pose_differences_are_wrapped(psi, noise):
 def test_a_delayed_pose_is_interpolated_across_pi(side):
     """At 2 rad/s through ±π with 25 ms of delay the heading is always 0.05 rad behind, never near zero."""
     pose = Pose(rate_hz=100.0, delay_s=0.025, delay_slots=3)
-    state, late = pose.init(), []
+    state, times = pose.init(), []
     for k in range(60):
         psi = side * (np.pi - 0.5 + 0.02 * k)
         state, slot = pose.step(state, motion([0.0, 0.0, wrap(psi)]), 0.01, np.zeros(3))
         if slot.is_new:
-            late.append(wrap(psi - slot.z[2]))
+            times.append(wrap(psi - slot.z[2]))
             assert -np.pi <= slot.z[2] < np.pi
-    assert len(late) == 57
-    assert np.array(late) == pytest.approx(np.full(57, side * 0.05), abs=1e-9)
+    assert len(times) == 57
+    assert np.array(times) == pytest.approx(np.full(57, side * 0.05), abs=1e-9)
 
 
 ERRORS = [

@@ -111,7 +111,7 @@ class Twice:
 
 
 def test_a_guide_of_a_plain_class_drives_the_requested_laps(vehicle):
-    once, twice = (
+    single, twice = (
         simulate_loop(vehicle, Twice(), laps=n, perfect=True, noise=False).duration_s for n in (1, 2)
     )
-    assert twice - once == pytest.approx(2 * np.pi * 0.3 / 0.2, abs=0.02)
+    assert twice - single == pytest.approx(2 * np.pi * 0.3 / 0.2, abs=0.02)

@@ -23,9 +23,9 @@ def test_every_signal_stays_within_its_limits_and_zero_limits_give_zero(kind, se
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_signal_is_determined_by_its_seed(kind):
-    first, same, different = (excitation(kind, LIMIT, 20.0, 50.0, seed) for seed in (3, 3, 4))
-    assert np.array_equal(first, same)
-    assert not np.array_equal(first, different)
+    first, repeated, other_seed = (excitation(kind, LIMIT, 20.0, 50.0, seed) for seed in (3, 3, 4))
+    assert np.array_equal(first, repeated)
+    assert not np.array_equal(first, other_seed)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -18,27 +18,27 @@ U = np.repeat(np.random.default_rng(3).uniform(-1, 1, (4, 3)) * [1.0, 0.0, 1.0],
 
 def test_each_vehicle_equals_its_single_simulation(vehicle):
     mass, linear = np.array([0.5, 0.7, 0.9]), np.array([[1.0, 30, 0.01], [2, 40, 0.02], [0.5, 50, 0.005]])
-    many = simulate_many(
+    group = simulate_many(
         vehicle,
         U,
         vary={"model.mass_kg": mass, "model.friction.linear": linear},
         every_s=0.25,
         eta0=[1, 2, 3],
     )
-    assert many.names == (
+    assert group.names == (
         "model.mass_kg",
         "model.friction.linear[0]",
         "model.friction.linear[1]",
         "model.friction.linear[2]",
     )
-    np.testing.assert_allclose(many.t_s, [0.25, 0.5, 0.75, 1.0])
+    np.testing.assert_allclose(group.t_s, [0.25, 0.5, 0.75, 1.0])
     model = vehicle.vehicle
     for l in range(3):
         friction = replace(model.friction, linear=linear[l])
         vehicle.vehicle = replace(model, mass_kg=mass[l], friction=friction)
         single = simulate(vehicle, U, eta0=[1, 2, 3], noise=False)
-        np.testing.assert_allclose(many.eta[l], single.truth.eta[24::25], atol=1e-11)
-        np.testing.assert_allclose(many.nu[l], single.truth.nu[24::25], atol=1e-11)
+        np.testing.assert_allclose(group.eta[l], single.truth.eta[24::25], atol=1e-11)
+        np.testing.assert_allclose(group.nu[l], single.truth.nu[24::25], atol=1e-11)
 
 
 def test_a_vehicle_with_long_ticks_equals_its_single_simulation(vehicle):
@@ -46,18 +46,18 @@ def test_a_vehicle_with_long_ticks_equals_its_single_simulation(vehicle):
     vehicle.rate_hz = 25.0
     mass = {"model.mass_kg": [vehicle.vehicle.mass_kg]}
     truth = simulate(vehicle, U, noise=False).truth
-    many = simulate_many(vehicle, U, vary=mass)
-    np.testing.assert_allclose(many.eta[0, -1], truth.eta[-1], atol=1e-11)
+    group = simulate_many(vehicle, U, vary=mass)
+    np.testing.assert_allclose(group.eta[0, -1], truth.eta[-1], atol=1e-11)
     noisy = simulate_many(vehicle, U, vary=mass, process_noise=True)
     assert not np.allclose(noisy.nu[0, -1], truth.nu[-1], atol=1e-3)
 
 
 def test_the_number_of_chunks_does_not_change_the_result(vehicle, monkeypatch):
     mass = np.linspace(0.5, 0.9, 21)
-    whole = simulate_many(vehicle, U, vary={"model.mass_kg": mass}, process_noise=True)
+    group = simulate_many(vehicle, U, vary={"model.mass_kg": mass}, process_noise=True)
     monkeypatch.setattr(import_module("baqueano.simulate.many"), "CHUNK_VEHICLES", 8)
     parts = simulate_many(vehicle, U, vary={"model.mass_kg": mass}, process_noise=True)
-    np.testing.assert_array_equal(whole.eta, parts.eta)
+    np.testing.assert_array_equal(group.eta, parts.eta)
 
 
 def test_the_scatter_of_vehicles_matches_the_process_noise(vehicle):
@@ -65,26 +65,26 @@ def test_the_scatter_of_vehicles_matches_the_process_noise(vehicle):
     000."""
     friction = replace(vehicle.vehicle.friction, linear=np.zeros(3), quadratic=np.zeros(3))
     vehicle.vehicle = replace(vehicle.vehicle, friction=friction)
-    many = simulate_many(vehicle, 0 * U, 400, vary={}, process_noise=True, seed=3)
-    std = np.std(many.nu[:, -1, 2])
+    group = simulate_many(vehicle, 0 * U, 400, vary={}, process_noise=True, seed=3)
+    std = np.std(group.nu[:, -1, 2])
     assert std == pytest.approx(0.1 * np.sqrt(1.0), rel=4 / np.sqrt(2 * 400))
 
 
 def test_the_table_shows_mean_and_standard_deviation(vehicle):
-    many = simulate_many(vehicle, U, vary={"model.mass_kg": np.linspace(0.5, 0.7, 5)})
-    row = many.rows()[-1]
+    group = simulate_many(vehicle, U, vary={"model.mass_kg": np.linspace(0.5, 0.7, 5)})
+    row = group.rows()[-1]
     assert row["vehicles"] == 5
     assert row["x_m_std"] > 0
-    assert "model.mass_kg" in many.table()
-    assert many.verdict == "DONE"
+    assert "model.mass_kg" in group.table()
+    assert group.verdict == "DONE"
 
 
 def test_a_diverged_vehicle_is_counted_separately(vehicle):
     linear = np.tile([1.5, 40.0, 0.01], (4, 1))
     linear[2] = -1e6  # a file would not permit this value
-    many = simulate_many(vehicle, U, vary={"model.friction.linear": linear})
-    assert [(reason.code, reason.figures["count"]) for reason in many.reasons] == [("simulate.lost", 1)]
-    assert many.rows()[-1]["vehicles"] == 3
+    group = simulate_many(vehicle, U, vary={"model.friction.linear": linear})
+    assert [(reason.code, reason.figures["count"]) for reason in group.reasons] == [("simulate.lost", 1)]
+    assert group.rows()[-1]["vehicles"] == 3
 
 
 def test_drawn_parameters_have_the_fitted_covariance_and_respect_bounds(vehicle):
@@ -109,9 +109,9 @@ def test_drawn_parameters_have_the_fitted_covariance_and_respect_bounds(vehicle)
 
 def test_vehicles_drawn_from_a_covariance_are_simulated(vehicle):
     vehicle.parameter_cov = ParameterCov(("model.friction.linear[0]",), np.array([[0.04]]))
-    many = simulate_many(vehicle, U, 50, seed=2)
-    assert many.theta.shape == (50, 1)
-    assert np.corrcoef(many.theta[:, 0], np.abs(many.nu[:, 0, 0]))[0, 1] < -0.9
+    group = simulate_many(vehicle, U, 50, seed=2)
+    assert group.theta.shape == (50, 1)
+    assert np.corrcoef(group.theta[:, 0], np.abs(group.nu[:, 0, 0]))[0, 1] < -0.9
 
 
 @pytest.mark.parametrize(

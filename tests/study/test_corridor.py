@@ -48,9 +48,9 @@ def test_a_lost_vehicle_is_counted_and_not_judged():
 
 def test_the_study_vehicles_have_the_imu_of_a_data_sheet():
     robots = vehicles(range(40))
-    off = robots.imu.gyro_scale - 1.0
-    assert np.all(np.abs(off) <= SCALE_TOLERANCE)
-    assert np.std(off) == pytest.approx(SCALE_TOLERANCE / np.sqrt(3.0), rel=0.2)
+    error = robots.imu.gyro_scale - 1.0
+    assert np.all(np.abs(error) <= SCALE_TOLERANCE)
+    assert np.std(error) == pytest.approx(SCALE_TOLERANCE / np.sqrt(3.0), rel=0.2)
     assert np.all(robots.imu.walk == [0.0, 0.0, BIAS_WALK])
     assert np.abs(np.diff(robots.wheel, axis=1)) == pytest.approx(np.full((40, 1), 0.02))
 

@@ -24,13 +24,13 @@ def test_an_identified_robot_drives_evenly_on_independent_physics(monkeypatch):
 
 
 def test_a_lap_beyond_a_limit_is_reported_with_its_figure():
-    good = LapErrors("pose", "eight", 0.2, 0, 0.01, 0.01, 0.0, 0.0, 0.003, 0.0)
-    late = good._replace(seed=1, across_m=0.02, sign_changes=2.0)
-    study = Driving((good, late), 2, ())
+    figures = LapErrors("pose", "eight", 0.2, 0, 0.01, 0.01, 0.0, 0.0, 0.003, 0.0)
+    second = figures._replace(seed=1, across_m=0.02, sign_changes=2.0)
+    study = Driving((figures, second), 2, ())
     assert study.verdict == "WARN"
-    across, signs = study.reasons
-    assert across.startswith("pose, eight at 0.2 m/s: across_m 19")
-    assert across.endswith("at most 6 mm")
+    distance, signs = study.reasons
+    assert distance.startswith("pose, eight at 0.2 m/s: across_m 19")
+    assert distance.endswith("at most 6 mm")
     assert signs == "pose, eight at 0.2 m/s: sign_changes 2, expected 0"
 
 

@@ -63,10 +63,10 @@ def test_integration_of_perfect_readings_gives_the_circle():
 def test_the_open_loop_prediction_equals_a_simulation_without_noise():
     car = load("car")
     u = np.repeat(np.random.default_rng(0).uniform([0.2, -0.5], [0.6, 0.5], (8, 2)), 50, axis=0)
-    quiet = car.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]})
-    run = simulate(quiet, u)
+    smooth_floor = car.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]})
+    run = simulate(smooth_floor, u)
     start = np.concatenate([run.truth.eta[0], run.truth.nu[0]])
-    nu = open_loop(quiet, run, start)
+    nu = open_loop(smooth_floor, run, start)
     after = run.t_s > 3.0  # later than the effect of the start
     assert np.max(np.abs(nu - run.truth.nu)[after]) < 0.02
 
@@ -107,12 +107,12 @@ def test_a_slow_camera_with_lost_frames_shows_the_speed(frame_s):
 def test_an_estimate_with_half_the_error_has_the_ratio_one_half():
     _, run = circle()
     eta = run.truth.eta.copy()
-    off = 0.01 * run.t_s[:, None] * [1.0, 0.0, 0.0]
+    error = 0.01 * run.t_s[:, None] * [1.0, 0.0, 0.0]
     speed = np.full(len(run.t_ns), V)
     ratios = block_errors(
         run.t_ns,
-        EstimatedPath(eta + 0.5 * off, speed + 0.05),
-        EstimatedPath(eta + off, speed + 0.1),
+        EstimatedPath(eta + 0.5 * error, speed + 0.05),
+        EstimatedPath(eta + error, speed + 0.1),
         run.truth,
     )
     assert list(ratios) == list(QUANTITIES)
@@ -129,15 +129,15 @@ def test_an_estimate_with_half_the_error_has_the_ratio_one_half():
 def test_the_interval_of_a_ratio_has_its_nominal_coverage():
     """40 blocks, 200 trials: with a true coverage of 0.95, fewer than 178 inside occur once in 500; small samples
     lower the coverage by 2 %."""
-    inside = 0
+    count = 0
     for seed in range(200):
         rng = np.random.default_rng(seed)
         common = rng.standard_normal(40)
         estimate = (common + 0.5 * rng.standard_normal(40)) ** 2
         reference = (common + 0.5 * rng.standard_normal(40)) ** 2
         _, low, high = BlockSums(estimate, reference, np.ones(40)).ratio
-        inside += low <= 1.0 <= high
-    assert inside >= 174
+        count += low <= 1.0 <= high
+    assert count >= 174
 
 
 def outcome_of(ratio):
@@ -158,9 +158,9 @@ def outcome_of(ratio):
 
 def test_a_better_estimator_passes_and_a_worse_estimator_fails():
     assert EstimationStudy((outcome_of(0.6),)).verdict == "USABLE"
-    worse = EstimationStudy((outcome_of(0.6), outcome_of(1.2)._replace(recording="there")))
-    assert any(reason.startswith("there, ekf: speed") for reason in worse.reasons)
-    flags = [row["ok"] for row in worse.rows() if row["recording"].startswith("here") and "ratio" in row]
+    study = EstimationStudy((outcome_of(0.6), outcome_of(1.2)._replace(recording="there")))
+    assert any(reason.startswith("there, ekf: speed") for reason in study.reasons)
+    flags = [row["ok"] for row in study.rows() if row["recording"].startswith("here") and "ratio" in row]
     assert flags == [True] * len(QUANTITIES)
     # with an odometer the required speed error is 0.7 of the model error
     assert not EstimationStudy((outcome_of(0.8),)).pooled_ratios()[0]["ok"]
@@ -168,8 +168,8 @@ def test_a_better_estimator_passes_and_a_worse_estimator_fails():
 
 
 def test_a_refused_fit_is_shown_but_not_counted_in_the_verdict():
-    bad = outcome_of(3.0)._replace(recording="there", fit="REFUSED")
-    study = EstimationStudy((outcome_of(0.6), bad))
+    refusal = outcome_of(3.0)._replace(recording="there", fit="REFUSED")
+    study = EstimationStudy((outcome_of(0.6), refusal))
     assert study.verdict == "USABLE"
     assert {row["ok"] for row in study.rows() if row["recording"] == "there"} == {None}
     assert study.pooled_ratios()[0]["value"] == pytest.approx(0.6)
@@ -224,11 +224,11 @@ def test_simulated_vehicles_have_a_fit_run_and_a_validation_run(vehicles):
 
 
 def test_the_share_of_good_estimates_counts_only_accepted_fits():
-    good, bad = outcome_of(0.6), outcome_of(1.2)
+    accepted, refusal = outcome_of(0.6), outcome_of(1.2)
     refused_outcome = outcome_of(3.0)._replace(fit="REFUSED")
     outcomes = [
         simulated.SimulatedOutcome(k, "slope", (outcome,), "")
-        for k, outcome in enumerate((good, bad, refused_outcome))
+        for k, outcome in enumerate((accepted, refusal, refused_outcome))
     ]
     rows = {row["quantity"]: row for row in simulated.rows(outcomes) if "all" in row["recording"]}
     assert rows["speed, not worse"]["value"] == 0.5

@@ -63,19 +63,19 @@ def test_a_designed_experiment_below_its_requirement_is_reported(errors_of_desig
 @pytest.mark.parametrize("signal", ["designed", "random_steps", "prbs"])
 def test_a_vehicle_that_left_the_room_is_counted_for_every_signal(signal):
     robots = {"designed": draw_robots(0.01), "random_steps": draw_robots(0.02), "prbs": draw_robots(0.03)}
-    whole = rows_of("all", "", robots)
+    total = rows_of("all", "", robots)
     rows = rows_of("small", "2x2", {**robots, signal: robots[signal]._replace(margins=np.full(20, -0.01))})
     assert {row.signal: row.left for row in rows} == {**dict.fromkeys(robots, 0), signal: 20}
-    assert "in 20 drives the body left the room" in Experiments((*rows, *whole), 60.0).reasons
+    assert "in 20 drives the body left the room" in Experiments((*rows, *total), 60.0).reasons
 
 
 def test_a_touched_wall_gives_the_verdict_refused():
-    good = FirstDrive("well", 10, 0, 0.5, 10, 1.2, 60.0)
-    assert FirstDrives((good,)).verdict == "USABLE"
-    assert FirstDrives((good,)).rows() == [good._asdict()]
-    assert FirstDrives((good._replace(correct_names=9),)).verdict == "WARN"
-    assert FirstDrives((good._replace(touches=1),)).verdict == "REFUSED"
-    assert "touched a wall" in FirstDrives((good._replace(touches=1),)).table()
+    drive = FirstDrive("well", 10, 0, 0.5, 10, 1.2, 60.0)
+    assert FirstDrives((drive,)).verdict == "USABLE"
+    assert FirstDrives((drive,)).rows() == [drive._asdict()]
+    assert FirstDrives((drive._replace(correct_names=9),)).verdict == "WARN"
+    assert FirstDrives((drive._replace(touches=1),)).verdict == "REFUSED"
+    assert "touched a wall" in FirstDrives((drive._replace(touches=1),)).table()
 
 
 @pytest.mark.parametrize("name", ["small", "car"])
@@ -85,9 +85,9 @@ def test_study_vehicles_differ_from_their_file_within_the_stated_spread(name):
     values = free_values(vehicles)
     paths = [path for path in possible_vehicles(file, vehicle_count=2).paths if path in values]
     assert len(paths) >= 7
-    off = np.array([values[path] / file.value(path) - 1.0 for path in paths])
-    assert np.max(np.abs(off)) <= SPREAD + 1e-9
-    assert np.all(np.ptp(off, axis=1) > 1.4 * SPREAD)
+    errors = np.array([values[path] / file.value(path) - 1.0 for path in paths])
+    assert np.max(np.abs(errors)) <= SPREAD + 1e-9
+    assert np.all(np.ptp(errors, axis=1) > 1.4 * SPREAD)
     assert type(vehicles).__module__.startswith("baqueano.study.truth")
 
 
@@ -96,18 +96,18 @@ def test_a_stronger_signal_is_more_informative_and_long_driving_leaves_the_room(
     file = load("small")
     vehicles, room = vehicles_around(file, 2, 0), room_of(file, "2x2")
     steps = excitation("random_steps", file.command.limit, 8.0, file.rate_hz, 0, rest_s=1.0)
-    ahead = np.tile([1.0, 0.0, 0.0], (len(steps), 1))
+    forward = np.tile([1.0, 0.0, 0.0], (len(steps), 1))
 
     def of(u):
         return signal_outcome(
             ("some", PlannedDrive(np.repeat(u[:, None], 2, axis=1), 0.0)), vehicles, "small", room, 0
         )[1]
 
-    strong, weak, far = of(steps), of(0.5 * steps), of(ahead)
-    assert np.all(2.0 * strong.errors < weak.errors)
-    assert len(far.margins) == 2 * DRIVES
-    assert np.all(far.margins < 0.0)
-    assert np.all(weak.margins > 0.0)
+    full, halved, straight = of(steps), of(0.5 * steps), of(forward)
+    assert np.all(2.0 * full.errors < halved.errors)
+    assert len(straight.margins) == 2 * DRIVES
+    assert np.all(straight.margins < 0.0)
+    assert np.all(halved.margins > 0.0)
 
 
 def test_a_car_on_tyres_that_slide_stays_in_its_room():
@@ -133,18 +133,18 @@ def test_an_unobservable_parameter_retains_its_prior_uncertainty():
 @pytest.mark.parametrize("vehicle", [robots_drawn(1, 3), draw_cars(1, 3)], ids=["robot", "car"])
 def test_the_loop_world_equals_the_truth_world_with_delayed_commands(vehicle):
     vehicle = vehicle.with_parameters(floor=0.0 * vehicle.floor)
-    looped, plain = LoopWorld(vehicle, 5, 100.0), TruthWorld(vehicle, [5])
+    looped, truth = LoopWorld(vehicle, 5, 100.0), TruthWorld(vehicle, [5])
     rng, u = np.random.default_rng(0), np.zeros(vehicle.commands)
     for k in range(100):
         (tick,) = looped.read((k + 1) * 10_000_000)
-        z = plain.tick(u[None], 0.01)[0]
+        z = truth.tick(u[None], 0.01)[0]
         np.testing.assert_array_equal(tick.u, u)
         np.testing.assert_allclose(tick.sensors.imu.z, z, atol=1e-3)
         u = rng.uniform(-0.5, 0.5, vehicle.commands)
         looped.write(Command(tick.t_ns, u))
     times, motions = zip(*looped.new_truths(), strict=True)
     assert times == tuple(range(10_000_000, 1_000_000_001, 10_000_000))
-    np.testing.assert_allclose(motions[-1].eta, plain.truth.eta[0], atol=1e-4)
+    np.testing.assert_allclose(motions[-1].eta, truth.truth.eta[0], atol=1e-4)
     assert looped.new_truths() == []
 
 
@@ -157,6 +157,6 @@ def test_unknown_robots_have_the_documented_range_of_gains_and_dead_zones():
     zones = np.concatenate([np.ravel([robot.forward, robot.backward]) for robot in robots])
     assert 0.0 <= zones.min() < 0.05 < 0.35 < zones.max() <= DEAD_ZONE
     robot = robots_drawn(1, 0)
-    same = robot.with_parameters(gain=file.vehicle.drivetrain.gain[None])
-    value = robot_values(same)["model.actuator_matrix[0,0]"][0]
-    assert gain_ratios(same, file)[0] == pytest.approx(value / 3.38)
+    twin = robot.with_parameters(gain=file.vehicle.drivetrain.gain[None])
+    value = robot_values(twin)["model.actuator_matrix[0,0]"][0]
+    assert gain_ratios(twin, file)[0] == pytest.approx(value / 3.38)

@@ -74,8 +74,8 @@ def test_more_than_two_per_cent_of_sound_runs_refused_fail_the_study():
 
 def test_a_fit_without_parameters_is_excluded_from_the_ratio():
     none = outcome_of("stuck", "REFUSED", False)._replace(undamaged_error_rms=1.0)
-    some = none._replace(error_rms=3.0, undamaged_error_rms=2.0)
-    assert Faults((none, some), 2, 2).rows()[0]["error_ratio_clean"] == 1.5
+    fault = none._replace(error_rms=3.0, undamaged_error_rms=2.0)
+    assert Faults((none, fault), 2, 2).rows()[0]["error_ratio_clean"] == 1.5
     assert Faults((none,), 1, 1).rows()[0]["error_ratio_clean"] is None
 
 
@@ -98,11 +98,11 @@ def test_the_sound_reference_run_lacks_the_same_readings_as_the_damaged_run(case
     restored_run, lost_share = undamaged_run(run, damaged_run, file)
     np.testing.assert_array_equal(restored_run.sensors["imu"].z, damaged_run.sensors["imu"].z)
     assert lost_share == np.mean(np.isnan(damaged_run.sensors["imu"].z))
-    late = repeated_time(run, file, rng)
-    restored_run, lost_share = undamaged_run(run, late, file)
+    damaged = repeated_time(run, file, rng)
+    restored_run, lost_share = undamaged_run(run, damaged, file)
     lost_rows = np.isnan(restored_run.sensors["imu"].z).all(axis=1)
     assert 0.02 < lost_share == lost_rows.mean() < 0.25
-    repeats = np.flatnonzero(np.diff(late.sensors["imu"].t_ns) == 0) + 1
+    repeats = np.flatnonzero(np.diff(damaged.sensors["imu"].t_ns) == 0) + 1
     assert np.all(lost_rows[repeats])
     assert undamaged_run(run, time_jumps_a_day(run, file, rng), file) is None
 
@@ -184,15 +184,15 @@ def harm(sound, name, seed=0):
 
 @pytest.mark.parametrize(("name", "part"), [("clock 200 ppm off", 200e-6), ("clock 2 % off", 0.02)])
 def test_a_clock_with_a_wrong_rate_has_an_error_proportional_to_time(sound, name, part):
-    run, bad = harm(sound, name)
-    off = (bad.sensors["imu"].t_ns[-1] - run.t_ns[-1]) * 1e-9
-    assert abs(off) == pytest.approx(part * 29.99, rel=1e-6)
-    np.testing.assert_array_equal(bad.t_ns, run.t_ns)
+    run, damaged = harm(sound, name)
+    error = (damaged.sensors["imu"].t_ns[-1] - run.t_ns[-1]) * 1e-9
+    assert abs(error) == pytest.approx(part * 29.99, rel=1e-6)
+    np.testing.assert_array_equal(damaged.t_ns, run.t_ns)
 
 
 def test_a_rotating_mount_preserves_the_magnitude_of_the_acceleration(sound):
-    run, bad = harm(sound, "mount turns")
-    before, after = run.sensors["imu"].z, bad.sensors["imu"].z
+    run, damaged = harm(sound, "mount turns")
+    before, after = run.sensors["imu"].z, damaged.sensors["imu"].z
     np.testing.assert_allclose(np.hypot(*after[:, :2].T), np.hypot(*before[:, :2].T))
     differing = np.flatnonzero(np.any(before != after, axis=1))
     assert 0.3 * len(before) <= differing[0] <= 0.7 * len(before)
@@ -200,15 +200,15 @@ def test_a_rotating_mount_preserves_the_magnitude_of_the_acceleration(sound):
 
 
 def test_a_low_pass_delays_a_ramp_by_its_time_constant(sound):
-    run, bad = harm(sound, "low-passed")
-    late = run.sensors["imu"].z[-1, 0] - bad.sensors["imu"].z[-1, 0]
-    assert 0.5 / (2.0 * np.pi * 44.0) - 0.01 < late < 1.0 / (2.0 * np.pi * 5.0)
+    run, damaged = harm(sound, "low-passed")
+    delay = run.sensors["imu"].z[-1, 0] - damaged.sensors["imu"].z[-1, 0]
+    assert 0.5 / (2.0 * np.pi * 44.0) - 0.01 < delay < 1.0 / (2.0 * np.pi * 5.0)
 
 
 def test_resampled_values_are_linear_interpolations(sound):
-    run, bad = harm(sound, "resampled")
-    np.testing.assert_allclose(bad.sensors["imu"].z[:2900, 0], run.sensors["imu"].z[:2900, 0])
-    assert 0.0 < np.max(np.abs(bad.sensors["imu"].z[:2900] - run.sensors["imu"].z[:2900])) < 1e-3
+    run, damaged = harm(sound, "resampled")
+    np.testing.assert_allclose(damaged.sensors["imu"].z[:2900, 0], run.sensors["imu"].z[:2900, 0])
+    assert 0.0 < np.max(np.abs(damaged.sensors["imu"].z[:2900] - run.sensors["imu"].z[:2900])) < 1e-3
 
 
 def test_a_gyro_that_zeroes_itself_removes_a_steady_turn(sound):
@@ -218,17 +218,17 @@ def test_a_gyro_that_zeroes_itself_removes_a_steady_turn(sound):
 
     file, run = sound
     steady = run.sensors["imu"]._replace(z=np.tile([0.0, 0.0, 1.0], (3000, 1)))
-    bad = gyro_zeroes_itself(replace(run, sensors={"imu": steady}), file, np.random.default_rng(0))
-    assert abs(bad.sensors["imu"].z[-1, 2]) < 0.01
+    damaged = gyro_zeroes_itself(replace(run, sensors={"imu": steady}), file, np.random.default_rng(0))
+    assert abs(damaged.sensors["imu"].z[-1, 2]) < 0.01
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_lost_sign_changes_only_the_second_half(sound, seed):
-    run, bad = harm(sound, "sign lost", seed)
-    np.testing.assert_array_equal(bad.applied_commands[:1500], run.applied_commands[:1500])
-    np.testing.assert_array_equal(bad.sensors["imu"].z[:1500], run.sensors["imu"].z[:1500])
-    has_changed = np.any(bad.applied_commands != run.applied_commands) or np.any(
-        bad.sensors["imu"].z != run.sensors["imu"].z
+    run, damaged = harm(sound, "sign lost", seed)
+    np.testing.assert_array_equal(damaged.applied_commands[:1500], run.applied_commands[:1500])
+    np.testing.assert_array_equal(damaged.sensors["imu"].z[:1500], run.sensors["imu"].z[:1500])
+    has_changed = np.any(damaged.applied_commands != run.applied_commands) or np.any(
+        damaged.sensors["imu"].z != run.sensors["imu"].z
     )
     assert has_changed or seed in (1, 2)  # a channel without negative values cannot lose a sign
 
@@ -238,10 +238,10 @@ def test_each_fault_changes_rate_and_duration_as_named(sound):
     assert (len(ten.t_ns), int(np.median(np.diff(ten.t_ns)))) == (300, 100_000_000)
     run, fast = harm(sound, "1 kHz repeats")
     assert (len(fast.t_ns), set(np.diff(fast.t_ns).tolist())) == (10_000, {1_000_000})
-    at = np.searchsorted(fast.t_ns, run.t_ns[5])
-    np.testing.assert_array_equal(fast.applied_commands[at], run.applied_commands[5])
+    index = np.searchsorted(fast.t_ns, run.t_ns[5])
+    np.testing.assert_array_equal(fast.applied_commands[index], run.applied_commands[5])
     np.testing.assert_array_equal(
-        fast.applied_commands[at + 1 : at + 11], np.tile(run.applied_commands[6], (10, 1))
+        fast.applied_commands[index + 1 : index + 11], np.tile(run.applied_commands[6], (10, 1))
     )
     _, short = harm(sound, "2 s")
     assert short.duration_s == pytest.approx(2.0, abs=0.02)
@@ -250,9 +250,9 @@ def test_each_fault_changes_rate_and_duration_as_named(sound):
 
 
 def test_a_duplicated_half_and_a_second_imu_have_the_expected_samples(sound):
-    run, twice = harm(sound, "half duplicated")
-    np.testing.assert_array_equal(twice.sensors["imu"].z[1500:], run.sensors["imu"].z[:1500])
-    np.testing.assert_array_equal(twice.applied_commands[1500:], run.applied_commands[:1500])
+    run, damaged = harm(sound, "half duplicated")
+    np.testing.assert_array_equal(damaged.sensors["imu"].z[1500:], run.sensors["imu"].z[:1500])
+    np.testing.assert_array_equal(damaged.applied_commands[1500:], run.applied_commands[:1500])
     run, two = harm(sound, "two IMUs")
     np.testing.assert_array_equal(two.sensors["imu"].z[::2], run.sensors["imu"].z[::2])
     assert np.all(np.any(two.sensors["imu"].z[1::2] != run.sensors["imu"].z[1::2], axis=1))
@@ -266,11 +266,11 @@ def test_structural_faults_do_not_change_the_original_data(vehicle):
     from baqueano.study.faults.structures import STRUCTURES
     from baqueano.study.faults.subject import subject
 
-    of = subject(vehicle, 0)
-    u = of.signal(12.0)
+    q = subject(vehicle, 0)
+    u = q.signal(12.0)
     nu = np.sin(np.arange(len(u)) / 100.0)[:, None] * np.ones(3)
     sound = SimpleNamespace(truth=SimpleNamespace(nu=nu))
     for name in STRUCTURES.keys() - (NOT_FOR_CARS if vehicle == "car" else ()):
-        plan = STRUCTURES[name](of, u, sound, np.random.default_rng(0))
-        has_changed = plan.vehicle is not of.vehicle or not np.array_equal(plan.effective, u)
-        assert has_changed or plan.vehicle_file is not of.vehicle_file or plan.second_vehicle, name
+        plan = STRUCTURES[name](q, u, sound, np.random.default_rng(0))
+        has_changed = plan.vehicle is not q.vehicle or not np.array_equal(plan.effective, u)
+        assert has_changed or plan.vehicle_file is not q.vehicle_file or plan.second_vehicle, name

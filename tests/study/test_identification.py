@@ -70,8 +70,8 @@ def test_setting_a_true_value_of_a_car_changes_no_other_value(path):
 
 def test_the_error_bound_of_an_unobservable_parameter_is_its_prior_error():
     car = draw_cars(1, 0)
-    quiet = np.zeros((50, 2 * len(car_unknowns(car)), 4))
-    bounds = cramer_rao_bound(quiet, car, {path: 0.5 for path in car_unknowns(car)})
+    readings = np.zeros((50, 2 * len(car_unknowns(car)), 4))
+    bounds = cramer_rao_bound(readings, car, {path: 0.5 for path in car_unknowns(car)})
     np.testing.assert_allclose(list(bounds.values()), 0.5)
 
 
@@ -95,12 +95,12 @@ def test_the_stated_true_speed_of_a_car_is_its_final_speed():
 def test_the_error_bound_is_computed_from_the_inverse_information():
     """The readings are linear in the parameters, with derivatives that can be calculated by hand."""
     robot = trials.draw_robot(1)
-    of, rng = difference_steps(robot), np.random.default_rng(0)
-    G = rng.normal(size=(60, 3, len(of)))
+    steps, rng = difference_steps(robot), np.random.default_rng(0)
+    G = rng.normal(size=(60, 3, len(steps)))
     values = robot_values(perturbed_copies(robot))
-    theta = np.stack([values[path] for path in of])
+    theta = np.stack([values[path] for path in steps])
     bounds = cramer_rao_bound(np.einsum("tcp,pk->tkc", G, theta), robot)
-    flat = (G / robot.imu.noise[0][:, None]).reshape(-1, len(of))
+    flat = (G / robot.imu.noise[0][:, None]).reshape(-1, len(steps))
     expected = np.sqrt(np.diagonal(np.linalg.inv(flat.T @ flat)))
     np.testing.assert_allclose(list(bounds.values()), expected, rtol=1e-6)
 

@@ -86,10 +86,10 @@ def test_the_innovations_cost_predicts_the_other_run_worse_without_an_encoder(cp
 
 
 def test_coverage_and_width_of_intervals_are_taken_over_all_cases():
-    inside, width = np.ones((4, 5), bool), np.full((4, 5), 0.05)
-    assert all(row["ok"] for row in interval_rows(inside, width))
-    inside[:, 0], width[2, 1] = False, 0.41
-    rows = {row["quantity"]: row for row in interval_rows(inside, width)}
+    is_inside, width = np.ones((4, 5), bool), np.full((4, 5), 0.05)
+    assert all(row["ok"] for row in interval_rows(is_inside, width))
+    is_inside[:, 0], width[2, 1] = False, 0.41
+    rows = {row["quantity"]: row for row in interval_rows(is_inside, width)}
     row = rows["intervals that contain the odometer's fit"]
     assert row["value"] == pytest.approx(0.8)
     assert not row["ok"]

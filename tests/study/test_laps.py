@@ -152,11 +152,11 @@ def test_the_compiled_truth_gives_the_same_path_with_longer_steps():
 
 def test_the_compiled_truth_equals_the_truth():
     robots, u = vehicles(range(3)), np.array([[0.6, 0.0, 0.1], [0.5, 0.0, -0.3], [-0.7, 0.0, 0.0]])
-    plain, compiled = (TruthWorld(robots, [1, 2, 3], fast=fast) for fast in (slow, function))
+    reference, compiled = (TruthWorld(robots, [1, 2, 3], fast=fast) for fast in (slow, function))
     for _ in range(100):
-        z = plain.tick(u, 0.01), compiled.tick(u, 0.01)
+        z = reference.tick(u, 0.01), compiled.tick(u, 0.01)
         assert z[0] == pytest.approx(z[1], abs=1e-12)
-    assert plain.truth.eta == pytest.approx(compiled.truth.eta, abs=1e-12)
+    assert reference.truth.eta == pytest.approx(compiled.truth.eta, abs=1e-12)
 
 
 def slow(f, *examples):
@@ -170,8 +170,8 @@ def test_tags_limit_the_errors_and_a_drive_without_tags_stops(monkeypatch):
     cases = [LapCase("rectangle", fix, "calibrated", "no reading lost") for fix in ("none", "tags")]
     study = laps_over_fixes(1, 40, 4, cases=cases)
     assert study.refused_robots == ()
-    alone, tags = study.rows()
-    assert alone["wall_contacts"] == 0
+    imu_only, tags = study.rows()
+    assert imu_only["wall_contacts"] == 0
     assert tags["success_share"] == 1.0
     assert tags["position_worst_m"] < 0.05
     assert tags["last_across_p95_m"] < 0.05
@@ -184,9 +184,9 @@ def study_of(error_m, std_m, laps=5, across_m=0.02, stops=False, case=TAGS, fore
     """Return a study of two robots with a constant error in x. Robot 3 is `across_m` off the route, and may stop."""
     error, drives = np.tile([error_m, 0.0, 0.0], (10 * laps, 2, 1)), np.ones((10 * laps, 2), bool)
     cov = np.tile(np.diag([std_m**2, std_m**2, 1e-4]), (10 * laps, 2, 1, 1))
-    across = np.tile([across_m, -0.01], (10 * laps, 1))
+    distance = np.tile([across_m, -0.01], (10 * laps, 1))
     drives[15 if stops else 10 * laps :, 0] = False
-    driven = Laps(error, cov, across, drives, np.zeros(2, bool), ())
+    driven = Laps(error, cov, distance, drives, np.zeros(2, bool), ())
     wholes = tuple(FullDrive(case, seed, False, forecast) for seed in (3, 4))
     return LapStudy(tuple(laps_of(driven, case, [3, 4], laps, 10)), wholes, 2, laps, ())
 
@@ -200,30 +200,30 @@ def test_a_stop_or_a_large_distance_fails_the_study_despite_faults():
     assert study_of(0.02, 0.02).rows()[0]["success_share"] == 1.0
     (row,) = study_of(0.02, 0.02, stops=True).rows()
     assert (row["success_share"], row["stopped"], row["stop_lap_median"]) == (0.5, 1, 2.0)
-    far = study_of(0, 1, 3, 0.2).reasons
+    e = study_of(0, 1, 3, 0.2).reasons
     assert (
-        "eight, tags, calibrated, no reading lost: lap 3: 19 cm from the route; expected at most 10 cm" in far
+        "eight, tags, calibrated, no reading lost: lap 3: 19 cm from the route; expected at most 10 cm" in e
     )
 
 
 def test_a_too_small_covariance_is_named_by_the_study():
     assert study_of(0.02, 0.02).verdict == "USABLE"
     assert "all bounds are met" in study_of(0.02, 0.02).table()
-    sure = study_of(0.05, 0.01)
-    assert sure.verdict == "WARN"
-    assert "0% are within the 95 % region" in sure.reasons[0]
-    assert "NEES 8.33" in sure.reasons[1]
+    precise = study_of(0.05, 0.01)
+    assert precise.verdict == "WARN"
+    assert "0% are within the 95 % region" in precise.reasons[0]
+    assert "NEES 8.33" in precise.reasons[1]
     assert "the error of the estimate is 20 cm; expected at most 10 cm" in study_of(0.2, 0.2).reasons[0]
 
 
 def test_the_limits_depend_on_the_gyro_and_the_position_sensor():
     bought = TAGS._replace(gyro="uncalibrated")
     assert study_of(0.02, 0.02, across_m=0.2, case=bought, forecast=0.55).verdict == "USABLE"
-    wrong = study_of(0.02, 0.02, across_m=0.2, case=bought, forecast=0.9)
-    assert "50% of the robots keep to the route; the forecast was 90%" in wrong.reasons[0]
-    alone = TAGS._replace(fix="none")
-    assert study_of(0.02, 0.02, across_m=0.3, stops=True, case=alone).verdict == "USABLE"
-    assert study_of(0.1, 0.02, stops=True, case=alone).verdict == "WARN"
+    study = study_of(0.02, 0.02, across_m=0.2, case=bought, forecast=0.9)
+    assert "50% of the robots keep to the route; the forecast was 90%" in study.reasons[0]
+    imu_only = TAGS._replace(fix="none")
+    assert study_of(0.02, 0.02, across_m=0.3, stops=True, case=imu_only).verdict == "USABLE"
+    assert study_of(0.1, 0.02, stops=True, case=imu_only).verdict == "WARN"
 
 
 def test_the_study_combines_every_position_sensor_with_every_route():

@@ -120,8 +120,8 @@ def test_a_slipping_wheel_has_limited_force_and_turns_faster():
     q = between(robots(2), grip_n=np.array([0.3, np.inf]))
     world = TruthWorld(q, range(2))
     velocities = [world.tick(np.tile([0.9, 0.0, 0.0], (2, 1)), 0.01)[:, 0] for _ in range(60)]
-    most = np.max(velocities, axis=0)
-    assert most[0] <= 2.0 * 0.3 / 0.61 + 1e-9 < most[1]
+    largest = np.max(velocities, axis=0)
+    assert largest[0] <= 2.0 * 0.3 / 0.61 + 1e-9 < largest[1]
     assert world.rolling_speed[0] > world.truth.nu[0, 0] + 0.1
     assert world.rolling_speed[1] == world.truth.nu[1, 0]
 
@@ -143,11 +143,11 @@ def test_the_motor_crosses_the_backlash_at_no_load_speed():
         delay_s=zero, dry=np.zeros((1, 3)),
     )  # fmt: skip
     e = 0.5 * q.viscous[0, 0]
-    at = brentq(lambda t: F / e * (t - 0.02 * (1.0 - np.exp(-t / 0.02))) - 0.5 * play, 1e-3, 1.0)
+    time_s = brentq(lambda t: F / e * (t - 0.02 * (1.0 - np.exp(-t / 0.02))) - 0.5 * play, 1e-3, 1.0)
     world = TruthWorld(q, [0])
     while world.truth.nu[0, 0] == 0.0:
         world.tick(np.array([[0.6, 0.0, 0.0]]), 0.001)
-    assert world.t_s == pytest.approx(at, abs=0.0021)
+    assert world.t_s == pytest.approx(time_s, abs=0.0021)
 
 
 def test_within_the_backlash_a_robot_rolls_without_motor_force():
@@ -213,10 +213,10 @@ def test_the_integration_step_is_fine_enough_for_any_delay(make, us):
 
 def test_other_vehicles_do_not_change_a_simulation():
     two = draw_robots(2, 5)
-    both, single = TruthWorld(two, [7, 8]), TruthWorld(two.subset([1]), [8])
+    pair, single = TruthWorld(two, [7, 8]), TruthWorld(two.subset([1]), [8])
     for k in range(20):
         u = np.array([[0.5, 0.0, 0.2], [0.8, 0.0, -0.4]]) * (k % 3)
-        np.testing.assert_array_equal(both.tick(u, 0.01)[1:], single.tick(u[1:], 0.01))
+        np.testing.assert_array_equal(pair.tick(u, 0.01)[1:], single.tick(u[1:], 0.01))
 
 
 def test_an_understeering_car_needs_more_steering_on_a_circle():

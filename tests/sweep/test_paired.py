@@ -24,7 +24,7 @@ def lasting(rng, time_s: float, length_s: float) -> tuple[np.ndarray, np.ndarray
 def test_an_interval_of_few_drives_has_its_nominal_coverage(drives, spread):
     """The drives differ by e^± `spread`, and two cells are equally good on them. Bootstrap percentiles covered 85 %
     with 5 drives."""
-    rng, inside = np.random.default_rng(drives), 0
+    rng, count = np.random.default_rng(drives), 0
     for _ in range(2000):
         level = np.exp(spread * rng.standard_normal(drives))
         cells = [level * np.exp(0.3 * rng.standard_normal(drives)) for _cell in range(2)]
@@ -32,8 +32,8 @@ def test_an_interval_of_few_drives_has_its_nominal_coverage(drives, spread):
             *([ErrorSegments((1000.0 * x,) * 3, (1000.0,) * 3) for x in cell] for cell in cells)
         )
         assert (difference.blocks, difference.is_by_drives) == (drives, True)
-        inside += difference.low <= 1.0 <= difference.high
-    assert 0.935 <= inside / 2000 <= 0.965
+        count += difference.low <= 1.0 <= difference.high
+    assert 0.935 <= count / 2000 <= 0.965
 
 
 def trials(time_s: float, count: int = 500) -> tuple[float, float]:
@@ -50,16 +50,16 @@ def trials(time_s: float, count: int = 500) -> tuple[float, float]:
 
 
 def test_an_interval_of_six_segments_has_its_nominal_coverage():
-    finite, inside = trials(0.5)
+    finite, count = trials(0.5)
     assert finite > 0.98
-    assert 0.92 <= inside <= 0.98
+    assert 0.92 <= count <= 0.98
 
 
 def test_six_segments_with_errors_correlated_for_5_s_give_no_interval():
     """Bootstrap percentiles covered 76 % here. A drive whose errors seem uncorrelated is the exception."""
-    finite, inside = trials(5.0)
+    finite, count = trials(5.0)
     assert finite < 0.15
-    assert finite * (1.0 - inside) < 0.02  # wrong claims
+    assert finite * (1.0 - count) < 0.02  # wrong claims
     rng = np.random.default_rng(3)
     comparison = paired_difference(*([error_segments(*lasting(rng, 5.0, 60.0))] for _cell in range(2)))
     assert comparison.ratio > 0.0
@@ -87,8 +87,8 @@ def test_the_correlation_time_is_estimated_from_squared_errors(time_s):
 
 def test_a_sample_that_spans_two_segments_is_not_counted():
     t_ns = np.arange(201) * 100_000_000  # 20 s
-    whole = error_segments(t_ns[:191], np.ones(191), span_s=1.0)  # intervals that begin at 0.0 … 19.0
-    assert whole.samples == (91.0, 91.0)  # each within 0 … 10 s, or within 10 … 20 s
+    segments = error_segments(t_ns[:191], np.ones(191), span_s=1.0)  # intervals that begin at 0.0 … 19.0
+    assert segments.samples == (91.0, 91.0)  # each within 0 … 10 s, or within 10 … 20 s
     assert error_segments(t_ns, np.ones(201)).samples == (100.0, 101.0)
     assert error_segments(t_ns, np.ones(201), span_s=5.0).length_s == 20.0
 

@@ -76,13 +76,11 @@ def test_ate_and_rpe_of_a_replay_equal_the_results_of_evo(alignment, figures):
         "evo", None, t_ns, np.zeros((len(t_ns), 3)), estimate=EstimateLog(t_ns, eta, zero, P),
         truth=TruthLog(t_ns, truth, zero, zero), metadata={"kind": "replay"},
     )  # fmt: skip
-    shown, pieces = drive_figures(run, alignment=alignment)
-    assert (shown["ate_m"], shown["ate_heading_rad"]) == pytest.approx(figures, abs=1e-9)
-    assert (shown["rpe_m"], shown["rpe_heading_rad"]) == pytest.approx(
-        (0.039987329757, 0.0170090357855), abs=1e-9
-    )
+    f, pieces = drive_figures(run, alignment=alignment)
+    assert (f["ate_m"], f["ate_heading_rad"]) == pytest.approx(figures, abs=1e-9)
+    assert (f["rpe_m"], f["rpe_heading_rad"]) == pytest.approx((0.039987329757, 0.0170090357855), abs=1e-9)
     assert len(pieces["ate_m"].squares) == 2  # of 20 s
-    assert np.isnan(shown["across_rms_m"])
+    assert np.isnan(f["across_rms_m"])
 
 
 def test_each_sweep_drive_starts_beside_its_route_and_joins_it(result):
@@ -196,9 +194,9 @@ def test_two_sweeps_can_store_the_same_drive_at_once(tmp_path):
 def test_a_dict_gives_the_names_of_blocks_and_the_routes_need_no_keyword(small):
     controllers = {"base": "kanayama", "other": bq.controllers.Kanayama}
     result = bq.sweep(small, ROUTE, controllers=controllers, processes=1)
-    base, other = result.cells()
-    assert (base["cell"], other["cell"]) == ("base", "other")
-    assert base["across_rms_m"] == other["across_rms_m"] > 0.0
+    base, second = result.cells()
+    assert (base["cell"], second["cell"]) == ("base", "other")
+    assert base["across_rms_m"] == second["across_rms_m"] > 0.0
 
 
 def test_recorded_runs_are_replayed_only_through_estimators(small):

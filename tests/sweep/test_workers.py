@@ -17,6 +17,6 @@ print(sorted(run_in_processes(math.sqrt, [1.0, 4.0, 9.0], processes=2)))
 def test_a_script_without_a_guard_runs_once(tmp_path):
     path = tmp_path / "script.py"
     path.write_text(SCRIPT)
-    done = subprocess.run([sys.executable, path], cwd=tmp_path, capture_output=True, text=True, timeout=120)
-    assert (done.stdout, done.returncode) == ("[1.0, 2.0, 3.0]\n", 0), done.stderr
+    result = subprocess.run([sys.executable, path], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert (result.stdout, result.returncode) == ("[1.0, 2.0, 3.0]\n", 0), result.stderr
     assert (tmp_path / "log.txt").read_text() == "begun\n"

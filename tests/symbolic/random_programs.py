@@ -96,9 +96,9 @@ def _unrolled(program: Program, theta, start, inputs, apply: Callable) -> tuple[
     outputs = []
     for row in inputs:
         values = inputs_by_node | dict(zip((*program.carry, *program.inputs), (*carry, *row), strict=True))
-        both = _values((*program.outputs, *program.next_carry), values, apply)
-        outputs += both[: len(program.outputs)]
-        carry = both[len(program.outputs) :]
+        results = _values((*program.outputs, *program.next_carry), values, apply)
+        outputs += results[: len(program.outputs)]
+        carry = results[len(program.outputs) :]
     return outputs, carry
 
 

@@ -59,9 +59,9 @@ def test_a_different_source_gives_a_different_library(cache):
 def test_a_damaged_library_is_built_again(cache, damage):
     compile.load_library(answer(42))
     path = libraries(cache)[0]
-    whole = path.read_bytes()
+    data = path.read_bytes()
     path.unlink()  # the old one stays mapped
-    path.write_bytes(whole[: len(whole) // 2] if damage is None else damage)
+    path.write_bytes(data[: len(data) // 2] if damage is None else damage)
     compile._libraries.clear()
     assert compile.load_library(answer(42)).answer() == 42
     assert [p.stat().st_size > 1000 for p in libraries(cache)] == [True]
@@ -71,10 +71,10 @@ def test_two_processes_can_build_the_same_library_at_once(cache, tmp_path):
     text = tmp_path / "answer.c"
     text.write_text(answer(43), encoding="utf-8")
     command = [sys.executable, "-c", SCRIPT, str(text)]
-    both = [
+    processes = [
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)
     ]
-    for process in both:
+    for process in processes:
         output, errors = process.communicate(timeout=120)
         assert output.strip() == "43", errors
     assert not list(cache.rglob("kernel.c"))

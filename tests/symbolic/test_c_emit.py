@@ -36,8 +36,8 @@ def check(statements, known_symbols: set, roots=()) -> set:
         if isinstance(s, EmittedBranch):
             assert is_leaf(s.condition) or s.condition in known_symbols
             for arm, body in ((1, s.if_true), (2, s.if_false)):
-                inside = check(body, known_symbols)
-                assert all(is_leaf(c.args[arm]) or c.args[arm] in inside for c in s.choices)
+                values = check(body, known_symbols)
+                assert all(is_leaf(c.args[arm]) or c.args[arm] in values for c in s.choices)
             assert not known_symbols.intersection(s.choices)
             known_symbols.update(s.choices)
         else:
@@ -135,10 +135,10 @@ def test_a_conditional_with_few_operations_is_not_a_branch():
 def test_dependent_conditionals_become_consecutive_branches():
     t = Text()
     first = t.make("where", t.flag, t.long(t.x), t.x)
-    between = t.make("sin", first)
-    second = t.make("where", t.flag, t.long(between), between)
-    statements = scheduled_statements([second, between], is_leaf)
-    check(statements, set(), [second, between])
+    term = t.make("sin", first)
+    second = t.make("where", t.flag, t.long(term), term)
+    statements = scheduled_statements([second, term], is_leaf)
+    check(statements, set(), [second, term])
     assert len(branches(statements)) == 2
 
 

@@ -77,9 +77,9 @@ def test_normal_equations_follow_from_the_sensitivities(cases, p, huber):
     outputs, slopes = case.sensitivities()
     r, jacobian = outputs.ravel(), slopes.reshape(-1, p)
     k = np.inf if huber is None else huber
-    inside = np.abs(r) <= k
-    weight = np.where(inside, 1.0, k / np.maximum(np.abs(r), 1e-9))
-    rho = np.where(inside, 0.5 * r * r, 0.0 if huber is None else k * np.abs(r) - 0.5 * k * k)
+    is_small = np.abs(r) <= k
+    weight = np.where(is_small, 1.0, k / np.maximum(np.abs(r), 1e-9))
+    rho = np.where(is_small, 0.5 * r * r, 0.0 if huber is None else k * np.abs(r) - 0.5 * k * k)
     cost, gradient, hessian = case.kernel.normal_equations(*case.given(), huber)
     size = max(1.0, np.abs(jacobian).max() ** 2)
     close(cost, rho.sum())
@@ -102,10 +102,10 @@ def test_the_total_cost_is_the_sum_of_the_outputs_with_its_gradient(cases, p):
     case = Case(cases[p].program._replace(outputs=cases[p].program.outputs[:1]))
     outputs, slopes = case.sensitivities()
     cost, none = case.kernel.total(*case.given(), False)
-    same, gradient = case.kernel.total(*case.given(), True)
+    total, gradient = case.kernel.total(*case.given(), True)
     assert none is None
     close(cost, outputs.sum())
-    close(same, cost)
+    close(total, cost)
     close(gradient, slopes.sum(axis=(0, 1)), max(1.0, np.abs(slopes).max()))
 
 
@@ -116,16 +116,16 @@ def test_several_vehicles_in_one_call_equal_separate_runs(cases, count, shared_i
     draw = np.random.default_rng(count)
     theta, start = draw.normal(size=(count, 5)), draw.normal(size=(count, len(case.start)))
     mask = np.array(shared_inputs)
-    own = draw.normal(size=(count, case.n, int((~mask).sum())))
+    w = draw.normal(size=(count, case.n, int((~mask).sum())))
     outputs, final = np.empty((count, case.n, len(case.program.outputs))), np.empty((count, len(case.start)))
     common = np.ascontiguousarray(case.inputs[:, mask])
-    case.kernel.batch(theta, start, common, own, shared_inputs, outputs, final)
+    case.kernel.batch(theta, start, common, w, shared_inputs, outputs, final)
     only_final = np.empty_like(final)
-    case.kernel.batch(theta, start, common, own, shared_inputs, None, only_final)
+    case.kernel.batch(theta, start, common, w, shared_inputs, None, only_final)
     close(only_final, final)
     for member in range(count):
         inputs = case.inputs.copy()
-        inputs[:, ~mask] = own[member]
+        inputs[:, ~mask] = w[member]
         expected, last = in_numpy(case.program, theta[member], start[member], inputs)
         close(outputs[member], expected)
         close(final[member], last)
@@ -236,10 +236,10 @@ def test_table_lookup_equals_numpy(size):
     outputs, slopes = case.sensitivities()
     points = case.inputs[:, 0]
     close(outputs[:, 0], np.interp(points, xp, fp))
-    off = ~np.isin(points, xp) & np.isfinite(points)
+    is_off = ~np.isin(points, xp) & np.isfinite(points)
     cell = np.clip(np.searchsorted(xp, points) - 1, 0, size - 2)
     slope = np.where((points > xp[0]) & (points < xp[-1]), (np.diff(fp) / np.diff(xp))[cell], 0.0)
-    np.testing.assert_allclose(slopes[off, 0, 0], (slope * points)[off], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(slopes[is_off, 0, 0], (slope * points)[is_off], rtol=1e-9, atol=1e-9)
     final, batch_outputs = np.empty((1, 0)), np.empty((1, 200, 1))
     nothing = np.empty((1, 200, 0))
     case.kernel.batch(case.theta[None], np.empty((1, 0)), case.inputs, nothing, (True,), batch_outputs, final)

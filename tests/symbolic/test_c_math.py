@@ -106,8 +106,8 @@ def test_error_of_two_argument_functions_is_a_few_units_in_last_place(library, n
 def same(computed: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Return True if equal to 1e-15, including the sign of zero; NaN equals NaN."""
     with np.errstate(invalid="ignore"):
-        near = (computed == expected) | (np.abs(computed - expected) <= 1e-15 * np.abs(expected))
-    return (near & (np.signbit(computed) == np.signbit(expected))) | (np.isnan(computed) & np.isnan(expected))
+        y = (computed == expected) | (np.abs(computed - expected) <= 1e-15 * np.abs(expected))
+    return (y & (np.signbit(computed) == np.signbit(expected))) | (np.isnan(computed) & np.isnan(expected))
 
 
 @pytest.mark.parametrize("width", WIDTHS)

@@ -71,9 +71,9 @@ def test_a_covariance_in_joseph_form_is_stored_as_one_triangle():
 
 def test_symmetry_reduces_the_number_of_operations():
     start = START._replace(cov=np.eye(3) + np.triu(np.full((3, 3), 0.1), 1))  # not symmetric
-    whole, half = traced(ekf(joseph), start, np.zeros(2)), traced(ekf(joseph), START, np.zeros(2))
-    assert whole.symmetric == set()
-    assert half.operations < 0.9 * whole.operations
+    full, half = traced(ekf(joseph), start, np.zeros(2)), traced(ekf(joseph), START, np.zeros(2))
+    assert full.symmetric == set()
+    assert half.operations < 0.9 * full.operations
 
 
 def test_a_matrix_that_is_symmetric_only_at_the_start_is_stored_completely():
@@ -184,8 +184,8 @@ def test_solving_with_a_symmetric_matrix_needs_fewer_operations(size):
 
     inputs = np.random.default_rng(1).normal(size=(4, size))
     half = traced(step, np.zeros((size, size)), np.zeros(size))
-    whole = traced(step, np.triu(np.full((size, size), 1e-3)), np.zeros(size))
-    assert half.operations < whole.operations
-    for kernel in (half, whole):
+    full = traced(step, np.triu(np.full((size, size), 1e-3)), np.zeros(size))
+    assert half.operations < full.operations
+    for kernel in (half, full):
         expected = scan(step, kernel.example, np.zeros(size), backend="numpy").run(inputs)[1]
         np.testing.assert_allclose(kernel.run(inputs)[1], expected, rtol=1e-12, atol=1e-12)

@@ -200,13 +200,13 @@ def test_a_wrong_call_of_a_scan_is_refused_with_the_expected_arguments(name, bac
 
 @pytest.mark.parametrize("backend", ["numpy", "python"])
 def test_an_unsupported_request_to_a_scan_is_refused(backend):
-    plain = scan(lambda c, x: (c, (c, x)), 0.0, 0.0, backend=backend)
+    kernel = scan(lambda c, x: (c, (c, x)), 0.0, 0.0, backend=backend)
     with refused("engine.no-theta", ValueError):
-        plain.run(X, [1.0])
+        kernel.run(X, [1.0])
     with refused("engine.no-parameters", ValueError):
-        plain.sensitivities(X, [1.0])
+        kernel.sensitivities(X, [1.0])
     with refused("engine.cost", ValueError, numbers=2):
-        plain.cost(X)
+        kernel.cost(X)
     with refused("engine.no-number", ValueError):
         scan(lambda c, x: (c, c), 0.0, None, backend=backend).run(None)
     with refused("engine.theta-vector", ValueError, value="()"):

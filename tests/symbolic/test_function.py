@@ -262,19 +262,19 @@ def test_a_compiled_block_has_the_fields_of_the_block():
 
 def test_simultaneous_calls_in_several_threads_give_correct_results(backend):
     f = function(lambda x: np.cumsum(x), np.zeros(50), backend=backend)
-    wrong = []
+    errors = []
 
     def work(value):
         for _ in range(300):
             if f(np.full(50, value))[-1] != 50 * value:
-                wrong.append(value)
+                errors.append(value)
 
     threads = [threading.Thread(target=work, args=(float(k),)) for k in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert not wrong
+    assert not errors
 
 
 def test_a_function_without_arguments_or_numbers_is_compiled(backend):
@@ -303,9 +303,9 @@ class Counting:
 
 @pytest.mark.parametrize("backend", ["c", "python", "numpy"])
 def test_a_step_that_loops_over_its_time_argument_can_be_compiled(backend):
-    plain, fast = Counting(), compile_block(Counting(), backend)
+    block, fast = Counting(), compile_block(Counting(), backend)
     for t in (1, 2, 7):
-        assert fast.step((0, 1.0), t) == plain.step((0, 1.0), t)
+        assert fast.step((0, 1.0), t) == block.step((0, 1.0), t)
 
 
 class Belief2(NamedTuple):
@@ -329,10 +329,10 @@ class Apart:
 
 
 def test_a_step_uses_values_that_the_user_wrote_into_the_state(backend):
-    plain, fast = Apart(), compile_block(Apart(), backend=backend)
-    belief, fast_belief = plain.init(), fast.init()
+    block, fast = Apart(), compile_block(Apart(), backend=backend)
+    belief, fast_belief = block.init(), fast.init()
     for k in range(6):
-        belief, output = plain.step(belief, 0.5 * k)
+        belief, output = block.step(belief, 0.5 * k)
         fast_belief, computed = fast.step(fast_belief, 0.5 * k)
         for state in (belief, fast_belief):
             if k == 2:
@@ -347,15 +347,15 @@ def test_a_step_uses_values_that_the_user_wrote_into_the_state(backend):
 
 
 def test_a_changed_constant_zero_selects_the_general_kernel(backend):
-    plain, fast = Apart(), compile_block(Apart(), backend=backend)
+    block, fast = Apart(), compile_block(Apart(), backend=backend)
     belief, _ = fast.step(fast.init(), 1.0)
     for entry, value in ((0, 2), 0.3), ((2, 1), -0.2), ((1, 2), 0.7):
         belief.cov[entry] = value
         for state in (belief, belief._replace(t_ns=5)):
-            assert_same(fast.step(state, 1.0)[0], plain.step(state, 1.0)[0])
-    assert_same(fast.step(fast.init(), 1.0)[0], plain.step(plain.init(), 1.0)[0])
+            assert_same(fast.step(state, 1.0)[0], block.step(state, 1.0)[0])
+    assert_same(fast.step(fast.init(), 1.0)[0], block.step(block.init(), 1.0)[0])
     belief = fast.init()._replace(mean=np.array([1.0, 2.0, 4.0]))
-    assert_same(fast.step(belief, 1.0)[0], plain.step(belief, 1.0)[0])
+    assert_same(fast.step(belief, 1.0)[0], block.step(belief, 1.0)[0])
 
 
 @pytest.mark.parametrize("backend", BACKENDS[1:])

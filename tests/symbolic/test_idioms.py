@@ -199,9 +199,9 @@ def test_a_system_whose_first_pivot_becomes_zero_at_run_time_is_solved(backend):
     draw = np.random.default_rng(0)
     for n in (2, 3, 5):
         fast = function(solved, np.eye(n), np.ones(n), backend=backend)
-        for hidden in np.ndindex(n, n):
+        for index in np.ndindex(n, n):
             A = draw.normal(size=(n, n))
-            A[hidden] = 0.0
+            A[index] = 0.0
             for computed, expected in zip(fast(A, A[1]), solved(A, A[1]), strict=True):
                 close(computed, expected, "a zero", tolerance=1e-10)
 

@@ -61,14 +61,14 @@ def test_derivatives_equal_the_derivatives_of_casadi(op, numbers, signs):
     count = 3 if op == "where" else 2 if IN_NUMPY.get(op) and IN_NUMPY[op].nin == 2 else 1
     signs = (1.0, 1.0, 1.0) if op in ("log", "sqrt", "pow") else signs
     limit = INSIDE.get(op, INF)
-    at = [min(x, limit) * s for x, s in zip(numbers, signs, strict=True)][:count]
-    if op in ("min", "max") and at[0] == at[1]:
+    values = [min(x, limit) * s for x, s in zip(numbers, signs, strict=True)][:count]
+    if op in ("min", "max") and values[0] == values[1]:
         return
     x = ca.SX.sym("x", count)
     y = IN_CASADI[op](*(ca.vertsplit(x) if op != "where" else (x[0] > 0, x[1], x[2])))
-    expected = np.array(ca.Function("f", [x], [ca.jacobian(y, x)])(at)).ravel()
-    level_one = [Dual(v, {k: 1.0}, 1) for k, v in enumerate(at)]
-    arguments = level_one if op != "where" else [at[0] > 0, *level_one[1:]]
+    expected = np.array(ca.Function("f", [x], [ca.jacobian(y, x)])(values)).ravel()
+    level_one = [Dual(v, {k: 1.0}, 1) for k, v in enumerate(values)]
+    arguments = level_one if op != "where" else [values[0] > 0, *level_one[1:]]
     result = apply(op, *arguments)
     row = result.row if isinstance(result, Dual) else {}
     np.testing.assert_allclose([row.get(k, 0.0) for k in range(count)], expected, rtol=1e-12, atol=1e-12)

@@ -60,15 +60,15 @@ def test_several_runs_in_one_call_equal_separate_runs(seed):
     theta = draw.normal(size=(size, len(program.theta)))
     start = draw.normal(size=(size, len(program.start)))
     is_shared = (True, False, True)
-    shared_inputs, own = case.inputs[:, [0, 2]], draw.normal(size=(size, case.n, 1))
+    shared_inputs, inputs = case.inputs[:, [0, 2]], draw.normal(size=(size, case.n, 1))
     outputs = np.empty((size, case.n, len(program.outputs)))
     final, final_copy = np.empty((size, len(program.carry))), np.empty((size, len(program.carry)))
-    case.kernel.batch(theta, start, shared_inputs, own, is_shared, outputs, final)
-    case.kernel.batch(theta, start, shared_inputs, own, is_shared, None, final_copy)
+    case.kernel.batch(theta, start, shared_inputs, inputs, is_shared, outputs, final)
+    case.kernel.batch(theta, start, shared_inputs, inputs, is_shared, None, final_copy)
     close(final_copy, final)
     for k in range(size):
         case.theta, case.start = theta[k], start[k]
-        case.inputs = np.column_stack([shared_inputs[:, 0], own[k], shared_inputs[:, 1]])
+        case.inputs = np.column_stack([shared_inputs[:, 0], inputs[k], shared_inputs[:, 1]])
         close(outputs[k], case.run()[0])
         close(final[k], case.run()[1])
 
@@ -138,9 +138,9 @@ def test_booleans_are_added_as_integers_in_a_batch():
     x, y = graph.symbol("x"), graph.symbol("y")
     program = one_tick((x > 0.0) + (y > 0.0), -(x > 0.0), inputs=(x, y))
     outputs = np.empty((2, 1, 2))
-    own = np.array([[[1.0, 1.0]], [[-1.0, 1.0]]])
+    w = np.array([[[1.0, 1.0]], [[-1.0, 1.0]]])
     make_kernel(program).batch(
-        np.zeros((2, 0)), np.zeros((2, 0)), np.zeros((1, 0)), own, (False, False), outputs, np.zeros((2, 0))
+        np.zeros((2, 0)), np.zeros((2, 0)), np.zeros((1, 0)), w, (False, False), outputs, np.zeros((2, 0))
     )
     close(outputs[:, 0], [[2.0, -1.0], [1.0, 0.0]])
 
@@ -157,10 +157,10 @@ def test_table_lookup_equals_numpy(points):
     kernel = make_kernel(one_tick(y, inputs=(x,)))
     kernel.run(final, final, inputs, outputs, final)
     close(outputs[:, 0], np.interp(inputs[:, 0], *table))
-    own = np.empty((len(inputs), 1, 1))
+    w = np.empty((len(inputs), 1, 1))
     kernel.batch(np.zeros((len(inputs), 0)), np.zeros((len(inputs), 0)), np.zeros((1, 0)),
-                 inputs[:, None], (False,), own, np.zeros((len(inputs), 0)))  # fmt: skip
-    close(own[:, 0, 0], outputs[:, 0])
+                 inputs[:, None], (False,), w, np.zeros((len(inputs), 0)))  # fmt: skip
+    close(w[:, 0, 0], outputs[:, 0])
 
 
 @pytest.mark.parametrize("seed", range(12))

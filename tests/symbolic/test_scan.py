@@ -143,11 +143,11 @@ def test_a_nonsymmetric_start_matrix_is_used_unchanged(kernel):
 
 
 def test_two_consecutive_runs_equal_one_longer_run(kernel):
-    every, halves = pushes(), []
+    all_pushes, halves = pushes(), []
     for part in (slice(0, 3), slice(3, N)):
-        halves.append(Push(*(leaf[part] for leaf in every)))
+        halves.append(Push(*(leaf[part] for leaf in all_pushes)))
     middle, _ = kernel.run(halves[0], THETA)
-    close(kernel.run(halves[1], THETA, carry=middle)[0].x, kernel.run(every, THETA)[0].x)
+    close(kernel.run(halves[1], THETA, carry=middle)[0].x, kernel.run(all_pushes, THETA)[0].x)
 
 
 def test_sensitivities_match_finite_differences(backend):
@@ -255,10 +255,10 @@ def test_a_batch_accepts_a_nonsymmetric_start_matrix(kernel):
 
 def test_without_parameters_a_step_has_two_arguments(backend):
     kernel = scan(lambda total, x: (total + x, total * 2.0), 1.0, 0.0, backend=backend)
-    last, twice = kernel.run(np.array([1.0, 2.0, 3.0]))
+    last, doubled = kernel.run(np.array([1.0, 2.0, 3.0]))
     assert last == 7.0
     assert type(last) is float
-    close(twice, [2.0, 4.0, 8.0])
+    close(doubled, [2.0, 4.0, 8.0])
     close(kernel.cost(np.array([1.0, 2.0, 3.0])), 14.0)
     close(kernel.batch(np.array([[1.0, 2.0], [5.0, 6.0]]))[0], [4.0, 12.0])
 
@@ -280,9 +280,9 @@ def test_lists_dicts_and_none_are_accepted_as_state_and_output(backend):
         return {"pair": [b, a + x["u"]], "none": None}, (a, [None, {"b": b}])
 
     kernel = scan(step, {"pair": [1.0, 2.0], "none": None}, {"u": 0.0}, backend=backend)
-    last, (a, (nothing, by_name)) = kernel.run({"u": np.array([1.0, 1.0])})
+    last, (a, (empty, by_name)) = kernel.run({"u": np.array([1.0, 1.0])})
     assert last == {"pair": [2.0, 3.0], "none": None}
-    assert nothing is None
+    assert empty is None
     close(a, [1.0, 2.0])
     close(by_name["b"], [2.0, 2.0])
 
@@ -335,8 +335,8 @@ def test_an_input_array_is_read_at_each_call_and_never_changed(backend):
         lambda p, x, u: (x + p[0] * u, x * u), np.zeros(3), np.zeros(3), np.ones(1), backend=backend
     )
     expected = kernel.run(inputs, np.array([2.0]))[1]
-    for same in (np.asfortranarray(inputs), inputs.astype(np.int64), np.repeat(inputs, 2, axis=0)[::2]):
-        np.testing.assert_array_equal(kernel.run(same, np.array([2.0]))[1], expected)
+    for array in (np.asfortranarray(inputs), inputs.astype(np.int64), np.repeat(inputs, 2, axis=0)[::2]):
+        np.testing.assert_array_equal(kernel.run(array, np.array([2.0]))[1], expected)
     kernel.normal_equations(inputs, np.array([2.0]))
     np.testing.assert_array_equal(inputs, np.arange(21.0).reshape(N, 3))
     inputs[0] += 1.0  # between calls the caller may write

@@ -18,11 +18,11 @@ def laps():
 
 
 def test_the_cost_of_a_lap_equals_the_cost_in_tune(laps):
-    own = laps.space.file_gains
-    lap, rehearsal = laps.lap(own), tuning_objective(load("small"), ROUTE)
-    assert lap.path_cost + 0.1 * lap.jerk_cost == pytest.approx(rehearsal.cost(own), rel=1e-9)
-    assert lap.distance_rms_m == pytest.approx(rehearsal.drive_errors(own).distance_rms_m, rel=1e-9)
-    assert laps.costs(np.array([own, own]))[1] == pytest.approx([lap.path_cost, lap.jerk_cost])
+    gains = laps.space.file_gains
+    lap, rehearsal = laps.lap(gains), tuning_objective(load("small"), ROUTE)
+    assert lap.path_cost + 0.1 * lap.jerk_cost == pytest.approx(rehearsal.cost(gains), rel=1e-9)
+    assert lap.distance_rms_m == pytest.approx(rehearsal.drive_errors(gains).distance_rms_m, rel=1e-9)
+    assert laps.costs(np.array([gains, gains]))[1] == pytest.approx([lap.path_cost, lap.jerk_cost])
 
 
 @pytest.mark.parametrize("price", [0.0, 0.1, 1.0])

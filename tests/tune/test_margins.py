@@ -24,14 +24,14 @@ def test_margins_equal_the_margins_of_python_control(name, late):
     loop = control.ss(LOOPS[name].sample(DT_S)) * control.ss(control.tf([1.0], [1.0] + late * [0.0], DT_S))
     omega = np.geomspace(0.02, np.pi / DT_S, 4000)
     response = control.frd(loop(np.exp(1j * omega * DT_S)), omega, smooth=True)
-    gains, phases, _, _, at, _ = control.stability_margins(response, returnall=True)
+    gains, phases, _, _, crossings, _ = control.stability_margins(response, returnall=True)
     own_margins = margins(LinearSystem(loop.A, loop.B, loop.C, loop.D, DT_S))
-    above, below = [g for g in gains if g > 1.0], [g for g in gains if g < 1.0]
-    assert own_margins[0] == pytest.approx(min(above, default=np.inf), rel=1e-3)
-    assert own_margins[1] == pytest.approx(max(below, default=0.0), rel=1e-3)
+    high, low = [g for g in gains if g > 1.0], [g for g in gains if g < 1.0]
+    assert own_margins[0] == pytest.approx(min(high, default=np.inf), rel=1e-3)
+    assert own_margins[1] == pytest.approx(max(low, default=0.0), rel=1e-3)
     smallest = np.argmin(np.abs(phases))
     assert np.degrees(own_margins[2]) == pytest.approx(phases[smallest], rel=1e-3)
-    assert own_margins[3] == pytest.approx(np.min(np.radians(phases % 360.0) / at), rel=1e-3)
+    assert own_margins[3] == pytest.approx(np.min(np.radians(phases % 360.0) / crossings), rel=1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -87,9 +87,9 @@ EVEN = {
 
 def test_additional_delay_reduces_the_delay_margin_by_its_amount():
     file = load("small").with_values(EVEN)
-    late, controller = file.with_values({"model.drivetrain.delay_s": 0.05}), file.controller()
-    near, far = (loop_margins(each, controller, 0.2)[1].delay_s for each in (file, late))
-    assert near - far == pytest.approx(0.04, abs=1e-3)
+    delayed, controller = file.with_values({"model.drivetrain.delay_s": 0.05}), file.controller()
+    margin, margin_2 = (loop_margins(f, controller, 0.2)[1].delay_s for f in (file, delayed))
+    assert margin - margin_2 == pytest.approx(0.04, abs=1e-3)
 
 
 def test_a_gain_that_makes_the_loop_oscillate_has_no_margin():

@@ -76,8 +76,8 @@ def test_gains_at_a_bound_for_a_negligible_advantage_are_moved_near_the_present_
     no_block: Any = None
     space = SearchSpace(("a", "b"), ("1", "1"), LOW[:2], HIGH[:2], LOW[:2], HIGH[:2], present, no_block)
     drives: Any = SimpleNamespace(space=space, cost=lambda g: both(g)[0], cost_and_gradient=both)
-    plain = search(drives.cost, both, LOW[:2], HIGH[:2], [present], 0)[0]
-    assert at_limit(plain.gains, LOW[:2], HIGH[:2]).tolist() == [-1, 0]
+    result = search(drives.cost, both, LOW[:2], HIGH[:2], [present], 0)[0]
+    assert at_limit(result.gains, LOW[:2], HIGH[:2]).tolist() == [-1, 0]
     best = search_gains(drives, [present], 0, False)[1][0]
     assert at_limit(best.gains, LOW[:2], HIGH[:2]).tolist() == [0, 0]
     assert best.gains[1] == pytest.approx(3.0, rel=1e-2)
@@ -97,10 +97,10 @@ def test_the_gain_scale_is_smooth_with_an_exact_derivative():
 
 
 def test_nan_costs_of_unstable_gains_do_not_disturb_other_descents():
-    _, both = bowl(np.array([7.0, 1.0, 20.0]))
+    _, cost = bowl(np.array([7.0, 1.0, 20.0]))
 
     def wild(g):
-        return (float("nan"), np.full(3, np.nan)) if g[0] > 30 else both(g)
+        return (float("nan"), np.full(3, np.nan)) if g[0] > 30 else cost(g)
 
     descents = search(lambda g: wild(g)[0], wild, LOW, HIGH, initial=[np.array([60.0, 5.0, 5.0])])
     assert descents[0].cost == pytest.approx(1.0, abs=1e-9)
@@ -109,10 +109,10 @@ def test_nan_costs_of_unstable_gains_do_not_disturb_other_descents():
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_the_gradient_of_a_chaotic_drive_does_not_stop_a_descent(sign):
-    _, both = bowl(np.array([7.0, 1.0, 20.0]))
+    _, result = bowl(np.array([7.0, 1.0, 20.0]))
 
     def chaotic(g):
-        cost, gradient = both(g)
+        cost, gradient = result(g)
         return (
             (cost + 30.0, np.full(3, sign * 1e250)) if g[0] > 30 else (100.0 * cost - 99.0, 100.0 * gradient)
         )
@@ -159,7 +159,7 @@ def test_the_minimum_of_a_rough_cost_is_reached_without_gradients():
         d = 1e-6
         return rough(g), np.array([(rough(g + d * e) - rough(g - d * e)) / (2 * d) for e in np.eye(3)])
 
-    plain, polished = (search(rough, both, LOW, HIGH, polish=p)[0] for p in (False, True))
-    assert polished.cost < plain.cost
-    assert len(polished.costs) > len(plain.costs)
+    result, polished = (search(rough, both, LOW, HIGH, polish=p)[0] for p in (False, True))
+    assert polished.cost < result.cost
+    assert len(polished.costs) > len(result.costs)
     assert polished.cost == pytest.approx(min(polished.costs))

@@ -60,10 +60,10 @@ def test_the_memory_of_the_controller_at_the_start_follows_its_gains():
     """The regulator starts with the cost matrix of its own weights, so the weights in the file have no effect."""
     weights = np.array([0.2, 0.02, 0.1])
     options = {"controller": "lqr", "gains": ["e_max"], "duration_s": 1.0}
-    other = load("small").with_values({"controller.kind": "lqr", "controller.e_max": weights})
+    file = load("small").with_values({"controller.kind": "lqr", "controller.e_max": weights})
     drive = tuning_objective(load("small"), ROUTE, **options)
     assert drive.cost(weights) == pytest.approx(
-        tuning_objective(other, ROUTE, **options).cost(weights), rel=1e-9
+        tuning_objective(file, ROUTE, **options).cost(weights), rel=1e-9
     )
     _, slope = drive.cost_and_gradient(weights)
     for k, step in enumerate(1e-6 * np.eye(3)):
@@ -156,8 +156,8 @@ def test_a_gain_at_a_soft_bound_is_searched_again_with_wider_bounds():
     (gain,) = tuning.gains
     assert gain.low < first.low[0]
     assert gain.value < first.low[0]
-    inside = at_limit(np.array([gain.value]), np.array([gain.low]), np.array([gain.high]))
-    assert inside[0] == 0 or gain.low == pytest.approx(first.low[0] / 64.0)
+    is_inside = at_limit(np.array([gain.value]), np.array([gain.low]), np.array([gain.high]))
+    assert is_inside[0] == 0 or gain.low == pytest.approx(first.low[0] / 64.0)
 
 
 def test_a_controller_whose_step_calls_a_library_is_refused_before_the_search():

@@ -165,8 +165,8 @@ def test_a_subset_of_the_gains_can_be_tuned(small):
 
 
 def test_a_file_without_gains_receives_the_tuned_gains(small):
-    bare = with_papers_pd(gains="")
-    tuning = tune(bare, circle(0.4, 0.3), starts=2, duration_s=4.0)
+    file = with_papers_pd(gains="")
+    tuning = tune(file, circle(0.4, 0.3), starts=2, duration_s=4.0)
     assert np.isnan(tuning.cost_before)
     assert f"cost {tuning.cost:.4g} m², {tuning.cost_uncontrolled:.4g} m² without control" in tuning.table()
     assert tuning.updated_file().controller().alpha == pytest.approx(tuning.values["alpha"])
@@ -209,9 +209,9 @@ def test_the_cost_can_weigh_mean_and_worst_of_drawn_vehicles(small, identified_f
     route = circle(0.4, 0.3)
     drive = tuning_objective(identified_file, route, draws=5, duration_s=3.0)
     costs = []
-    for linear, mass, late in drive.vehicles:
+    for linear, mass, delay in drive.vehicles:
         vehicle = small.with_values({"model.friction.linear": [linear, 40.0, 0.0115], "model.mass_kg": mass,
-                                     "model.drivetrain.delay_s": late})  # fmt: skip
+                                     "model.drivetrain.delay_s": delay})  # fmt: skip
         costs.append(tuning_objective(vehicle, route, duration_s=3.0).cost(GAINS))
     assert np.std(costs) > 0
     # the file also computes another inertia from another mass: the two are near, not equal
@@ -220,10 +220,10 @@ def test_the_cost_can_weigh_mean_and_worst_of_drawn_vehicles(small, identified_f
 
 
 def test_an_unfitted_delay_is_varied_by_ten_milliseconds(identified_file):
-    late = tuning_objective(identified_file, ROUTE, draws=50).vehicles[:, -1]
-    assert late[0] == 0.01
-    assert 0.0 <= late.min() < 0.002
-    assert 0.018 < late.max() <= 0.02
+    delays = tuning_objective(identified_file, ROUTE, draws=50).vehicles[:, -1]
+    assert delays[0] == 0.01
+    assert 0.0 <= delays.min() < 0.002
+    assert 0.018 < delays.max() <= 0.02
 
 
 def test_the_gradient_over_vehicles_is_exact_sequentially_and_as_a_batch(identified_file, monkeypatch):
@@ -257,21 +257,21 @@ def test_robust_gains_are_not_worse_than_nominal_gains_for_other_vehicles(identi
 
 def test_several_routes_have_equal_weight(small):
     routes = [circle(0.4, 0.3), ROUTE]
-    both, first, second = (tuning_objective(small, way, duration_s=2.0) for way in (routes, *routes))
-    cost, slope = both.cost_and_gradient(GAINS)
+    joint, first, second = (tuning_objective(small, route, duration_s=2.0) for route in (routes, *routes))
+    cost, slope = joint.cost_and_gradient(GAINS)
     assert cost == pytest.approx(0.5 * (first.cost(GAINS) + second.cost(GAINS)), rel=1e-12)
-    each = [drive.cost_and_gradient(GAINS)[1] for drive in (first, second)]
-    np.testing.assert_allclose(slope, np.mean(each, axis=0), rtol=1e-9)
+    gradients = [drive.cost_and_gradient(GAINS)[1] for drive in (first, second)]
+    np.testing.assert_allclose(slope, np.mean(gradients, axis=0), rtol=1e-9)
 
 
 @pytest.mark.long
 def test_several_seeds_have_equal_weight_and_other_seeds_check_the_result(small):
     options: dict = {"estimator": True, "duration_s": 0.4, "gains": ["beta"]}
-    both, *each = (
+    joint, *parts = (
         tuning_objective(small, ROUTE, seeds=n, seed=k, **options) for n, k in ((2, 7), (1, 7), (1, 8))
     )
     gains = np.array([3.0])
-    assert both.cost(gains) == pytest.approx(np.mean([drive.cost(gains) for drive in each]), rel=1e-12)
+    assert joint.cost(gains) == pytest.approx(np.mean([drive.cost(gains) for drive in parts]), rel=1e-12)
     tuning = tune(small, ROUTE, starts=1, polish=False, seeds=2, **options)
     assert tuning.fresh_seeds is not None
     assert tuning.fresh_seeds.seeds == 30

@@ -62,9 +62,9 @@ def each(request):
 def spread(fit, u):
     """Return the root mean square of position and heading at the end of 600 drawn vehicles around the fitted
     vehicle."""
-    many, own = simulate_many(fit.vehicle_file, u, 600), simulate_many(fit.vehicle_file, u, 1, vary={})
-    off = many.eta[:, -1] - own.eta[:, -1]
-    return np.sqrt(np.mean(off[:, 0] ** 2 + off[:, 1] ** 2)), np.sqrt(np.mean(off[:, 2] ** 2))
+    group, single = simulate_many(fit.vehicle_file, u, 600), simulate_many(fit.vehicle_file, u, 1, vary={})
+    error = group.eta[:, -1] - single.eta[:, -1]
+    return np.sqrt(np.mean(error[:, 0] ** 2 + error[:, 1] ** 2)), np.sqrt(np.mean(error[:, 2] ** 2))
 
 
 def path_of(file, u):
@@ -87,11 +87,11 @@ def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(each):
     fit, _ = each
     rate = fit.file.rate_hz
     short = simulate(fit.file, random_steps(LIMIT[fit.file.name], 10.1, rate, 5), 5, name="short")
-    (ahead, *_) = forecast(exact_scales(fit), short).ahead
-    position, heading = spread(fit, short.applied_commands[: round((ahead.duration_s + 1.0 / rate) * rate)])
-    assert ahead.duration_s == pytest.approx(10.0)
-    assert ahead.position_m == pytest.approx(position, rel=0.15)
-    assert ahead.heading_rad == pytest.approx(heading, rel=0.15)
+    (drive, *_) = forecast(exact_scales(fit), short).ahead
+    position, heading = spread(fit, short.applied_commands[: round((drive.duration_s + 1.0 / rate) * rate)])
+    assert drive.duration_s == pytest.approx(10.0)
+    assert drive.position_m == pytest.approx(position, rel=0.15)
+    assert drive.heading_rad == pytest.approx(heading, rel=0.15)
 
 
 def test_the_forecast_error_over_a_lap_matches_drawn_vehicles(each):
@@ -118,8 +118,8 @@ def test_the_forecast_of_an_incomplete_model_agrees_with_unseen_drives():
         "[sensors.wheels]",
         "dead_zone_forward = [0.05, 0.05]\ndead_zone_backward = [0.05, 0.05]\n[sensors.wheels]",
     )
-    own = drive_with_counts(1)
-    fit = identify(own, parse(text, "stranger.toml"))
+    run = drive_with_counts(1)
+    fit = identify(run, parse(text, "stranger.toml"))
     exact, errors = fit.vehicle_file.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]}), []
     for seed in (3, 4, 5):
         unseen = drive_with_counts(seed)
@@ -127,25 +127,25 @@ def test_the_forecast_of_an_incomplete_model_agrees_with_unseen_drives():
         psi = np.unwrap(simulate(exact, unseen.applied_commands).truth.eta[:, 2])
         error = np.cumsum(turn) - psi[1:]
         errors.append(error[500:] - error[:-500])
-    (ahead, *_) = forecast(fit, own).ahead
+    (drive, *_) = forecast(fit, run).ahead
     actual = float(np.sqrt(np.mean(np.square(errors))))
-    assert 0.67 < ahead.heading_rad / actual < 1.5
+    assert 0.67 < drive.heading_rad / actual < 1.5
     exact_fit = replace(fit, cov=fit.unmodelled_cov)  # without the errors of the parameters
     of_misfit, of_parameters = (
-        forecast(f, own).ahead[0].heading_rad for f in (exact_fit, replace(fit, channels=()))
+        forecast(f, run).ahead[0].heading_rad for f in (exact_fit, replace(fit, channels=()))
     )
-    assert ahead.heading_rad**2 == pytest.approx(of_misfit**2 + 2.0 * of_parameters**2)  # Akaike 1970
+    assert drive.heading_rad**2 == pytest.approx(of_misfit**2 + 2.0 * of_parameters**2)  # Akaike 1970
     shifted = replace(fit, cov=4.0 * fit.cov, unmodelled_cov=fit.unmodelled_cov + 3.0 * fit.cov)
-    assert forecast(shifted, own).ahead[0].heading_rad == pytest.approx(ahead.heading_rad)
+    assert forecast(shifted, run).ahead[0].heading_rad == pytest.approx(drive.heading_rad)
 
 
 def test_the_forecast_contains_the_unmeasured_scale_of_a_gyro(small):
     """A gyro that reads 1 % too much moves the fit. With a tolerance of σ = 1 %, the forecast is that change."""
     fit, run = small
     imu = run.sensors["imu"]
-    wrong = replace(run, sensors={**run.sensors, "imu": imu._replace(z=imu.z * [1.0, 1.0, 1.01])})
-    other, u = identify(wrong, fit.file, options=FitOptions(diagnose=False)), run.applied_commands
-    etas = [path_of(f.vehicle_file, u) for f in (fit, other)]
+    damaged = replace(run, sensors={**run.sensors, "imu": imu._replace(z=imu.z * [1.0, 1.0, 1.01])})
+    fit_2, u = identify(damaged, fit.file, options=FitOptions(diagnose=False)), run.applied_commands
+    etas = [path_of(f.vehicle_file, u) for f in (fit, fit_2)]
     scales = {"sensors.imu.gyro_scale": 0.01 * np.sqrt(3.0), "sensors.imu.accel_scale": 0.0}
     diagnosed = identify(run, fit.file)
     exact = replace(
@@ -177,24 +177,24 @@ def test_the_forecast_contains_the_error_of_the_battery_effect():
 def test_runs_with_equal_names_have_their_own_residuals():
     runs = [drive_with_counts(seed) for seed in (1, 3)]
     named = [replace(run, name="a run") for run in runs]
-    apart, alike = (forecast(identify(r, parse(FILE, "stranger.toml")), r).ahead[0] for r in (runs, named))
-    assert alike.heading_rad == pytest.approx(apart.heading_rad)
+    first, alike = (forecast(identify(r, parse(FILE, "stranger.toml")), r).ahead[0] for r in (runs, named))
+    assert alike.heading_rad == pytest.approx(first.heading_rad)
 
 
 def test_a_forecast_skips_the_pauses_of_a_log(small):
     """In a pause the commands are unknown."""
     fit, run = replace(small[0], channels=()), small[1]
-    later = np.where(np.arange(len(run.t_ns)) < len(run.t_ns) // 2, 0, 400_000_000_000)
-    (whole, *_), (paused, *_) = (forecast(fit, r).ahead for r in (run, replace(run, t_ns=run.t_ns + later)))
-    assert paused.distance_m == pytest.approx(whole.distance_m, rel=0.2)
-    assert paused.heading_rad == pytest.approx(whole.heading_rad, rel=0.2)
+    delays = np.where(np.arange(len(run.t_ns)) < len(run.t_ns) // 2, 0, 400_000_000_000)
+    (drive, *_), (paused, *_) = (forecast(fit, r).ahead for r in (run, replace(run, t_ns=run.t_ns + delays)))
+    assert paused.distance_m == pytest.approx(drive.distance_m, rel=0.2)
+    assert paused.heading_rad == pytest.approx(drive.heading_rad, rel=0.2)
 
 
 def test_a_forecast_that_cannot_cover_a_lap_reports_its_reason(small):
     fit, run = small
-    ahead = forecast(fit, run, eight(0.5, 30.0))
-    assert len(ahead.ahead) == 1
-    assert ahead.notes[0].code == "forecast.strays"
+    result = forecast(fit, run, eight(0.5, 30.0))
+    assert len(result.ahead) == 1
+    assert result.notes[0].code == "forecast.strays"
 
 
 def test_a_lost_heading_gives_no_distance_forecast():

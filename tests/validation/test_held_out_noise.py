@@ -31,11 +31,11 @@ def truth_fit(small):
 
 def test_a_wrong_covariance_predicts_worse_and_its_nis_is_inconsistent(truth_fit):
     fit, noise, unseen_run = truth_fit
-    wrong = {
+    values = {
         "too small": replace(noise, process=1e-4 * noise.process),
         "too large": replace(noise, process=1e2 * noise.process),
     }
-    comparison = compare_noise(fit, {"truth": noise} | wrong, unseen_run)
+    comparison = compare_noise(fit, {"truth": noise} | values, unseen_run)
     by_name = {tried.name: tried for tried in comparison.trials}
     assert comparison.best == "truth"
     assert abs(by_name["truth"].nis - 1.0) < 0.1

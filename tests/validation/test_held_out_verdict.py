@@ -77,9 +77,9 @@ def fit(file, logs):
 def test_one_short_run_is_not_enough_for_a_verdict(fit, logs):
     validation = validate(fit, logs["step -1"])
     assert validation.verdict == "CANNOT TELL"
-    few = validation.reasons[0]
-    assert (few.code, few.subject) == ("validation.too-few", "u_psi")
-    assert (few.figures["pieces"], few.figures["minimum"]) == (1.0, 5)
+    reason = validation.reasons[0]
+    assert (reason.code, reason.subject) == ("validation.too-few", "u_psi")
+    assert (reason.figures["pieces"], reason.figures["minimum"]) == (1.0, 5)
 
 
 def test_the_verdict_states_horizon_and_initial_condition(fit, logs):
@@ -98,12 +98,12 @@ def test_runs_with_enough_motion_get_a_verdict(fit, logs):
 def test_a_channel_unexplained_in_fitted_and_unseen_runs_is_refused_by_name(file, logs):
     """The gain is inverted and the time constant is 2.6 s instead of 0.13 s: the error of the fitted runs is as
     large."""
-    wrong = override(
+    start = override(
         file, ["model.actuator_matrix=[[0.28,0,0],[0,0,0],[0,0,-0.017]]", "model.drivetrain.lag_s=2.6"]
     )
     fit = identify(
         [logs[name] for name in FITTED],
-        wrong,
+        start,
         ["model.friction.linear[0]"],
         options=FitOptions(diagnose=False),
     )

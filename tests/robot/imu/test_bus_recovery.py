@@ -189,9 +189,9 @@ def test_a_missing_pinctrl_is_reported_with_the_install_command(tmp_path, monkey
 def test_pins_of_another_board_or_bus_are_not_changed(lines):
     pins = lines(ZEROS)
     pins.put(function={"2": "a3", "3": "a3"})
-    other, elsewhere = recover_bus(BUS).message, recover_bus("/dev/i2c-3").message
-    assert (other.code, other.figures) == ("bus.other-pins", {"sda": "a3", "scl": "a3", "expected": "a0"})
-    assert (elsewhere.code, elsewhere.figures) == ("bus.other-bus", {"path": "/dev/i2c-3", "bus": "i2c-1"})
+    message, message_3 = recover_bus(BUS).message, recover_bus("/dev/i2c-3").message
+    assert (message.code, message.figures) == ("bus.other-pins", {"sda": "a3", "scl": "a3", "expected": "a0"})
+    assert (message_3.code, message_3.figures) == ("bus.other-bus", {"path": "/dev/i2c-3", "bus": "i2c-1"})
     assert {call[0] for call in pins.read()["calls"]} == {"get"}
 
 

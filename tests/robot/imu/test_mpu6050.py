@@ -25,10 +25,10 @@ def turning(t_ns: int):
 
 def test_every_sample_is_read_once_and_in_order(started):
     b, device = started()
-    already = len(b.chip.taken)
+    count = len(b.chip.taken)
     samples = loop(b, device, 10.0)
     times = np.array([s.t_ns for s in samples])
-    assert abs(len(samples) - (len(b.chip.taken) - already)) <= 2
+    assert abs(len(samples) - (len(b.chip.taken) - count)) <= 2
     assert np.all(np.diff(times) > 0)
     assert np.max(np.abs(np.diff(times) / 5e6 - 1.0)[100:]) <= 0.101, (
         "the sample period is that of the chip and not of the calls"
@@ -64,17 +64,17 @@ def test_readings_are_rotated_into_the_vehicle_axes(bench):
 @pytest.mark.parametrize("number", [1, 2, 3, 4, 5, 6])
 @pytest.mark.parametrize("who_am_i", [0x68, 0x98])
 def test_the_measured_delay_equals_the_delay_stated_by_the_driver(bench, number, who_am_i):
-    began = 1_000_000_000
+    start_ns = 1_000_000_000
 
     def ramp(t_ns):
-        s = (t_ns - began) * 1e-9
+        s = (t_ns - start_ns) * 1e-9
         return (s, 0.0, G), (0.0, 0.0, s)
 
     b = bench(motion=ramp, noise=0.0, who_am_i=who_am_i, clock_ppm=8000)
     device = start(b, filter=number, gyro_range_dps=250)
     samples = loop(b, device, 3.0)[-200:]
-    late_accel = np.mean([(s.t_ns - began) * 1e-9 - s.accel[0] for s in samples])
-    late_gyro = np.mean([(s.t_ns - began) * 1e-9 - s.gyro[2] for s in samples])
+    late_accel = np.mean([(s.t_ns - start_ns) * 1e-9 - s.accel[0] for s in samples])
+    late_gyro = np.mean([(s.t_ns - start_ns) * 1e-9 - s.gyro[2] for s in samples])
     # 0.2 ms of stamps while the clock is learned, 0.1 ms because the count is held before the answer has come
     assert (late_accel, late_gyro) == pytest.approx(device.delay_s, abs=3e-4)
 
@@ -174,8 +174,8 @@ try:
 except UsageError as error:
     print(error)
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "needs Linux and smbus2" in done.stdout
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "needs Linux and smbus2" in result.stdout
 
 
 def test_a_missing_bus_is_reported_with_its_remedy(tmp_path):

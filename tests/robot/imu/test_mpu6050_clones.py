@@ -34,12 +34,12 @@ def test_without_register_0x1d_a_clone_does_not_filter_its_accelerometer(bench):
     """This shows why the table is needed: without register 0x1D a 6500 at 5 Hz has the noise of 460 Hz."""
     b = bench(who_am_i=0x70)
     device = start(b, filter=6)
-    quiet = np.std([s.accel[0] for s in loop(b, device, 3.0)][100:])
+    noise = np.std([s.accel[0] for s in loop(b, device, 3.0)][100:])
     b.chip.regs[0x1D] = 0
     b.chip._set_filters()
     device._check_at = 10**18
-    loud = np.std([s.accel[0] for s in loop(b, device, 2.0)])
-    assert loud > 3.0 * quiet
+    noise_2 = np.std([s.accel[0] for s in loop(b, device, 2.0)])
+    assert noise_2 > 3.0 * noise
 
 
 @pytest.mark.parametrize("who_am_i", [0x72, 0x75])
@@ -128,7 +128,7 @@ def test_a_bus_fault_ends_the_self_test_and_the_chip_continues(started):
 
 def test_factory_codes_are_converted_as_in_the_register_map():
     """Code 1 is the smallest response, 31 the largest: 0.34 and 0.92 g, 25 and 25 · 1.046³⁰ = 96.4 °/s."""
-    least, most = factory_trims((1,) * 6, False), factory_trims((31,) * 6, False)
-    assert least == pytest.approx((0.34, 0.34, 0.34, 25.0, -25.0, 25.0))
-    assert most == pytest.approx((0.92, 0.92, 0.92, 96.4, -96.4, 96.4), abs=0.1)
+    low, high = factory_trims((1,) * 6, False), factory_trims((31,) * 6, False)
+    assert low == pytest.approx((0.34, 0.34, 0.34, 25.0, -25.0, 25.0))
+    assert high == pytest.approx((0.92, 0.92, 0.92, 96.4, -96.4, 96.4), abs=0.1)
     assert factory_trims((1,) * 6, True) == pytest.approx((2620 / 16384,) * 3 + (20.0,) * 3)

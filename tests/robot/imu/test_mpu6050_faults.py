@@ -33,12 +33,12 @@ def gaps_s(samples) -> np.ndarray:
 @pytest.mark.parametrize("code", [NACK, errno.EIO])
 def test_one_failed_transfer_loses_no_sample(started, code):
     b, device = started(read_s=1.0)
-    samples, already = [], len(b.chip.taken)
+    samples, count = [], len(b.chip.taken)
     for _ in range(20):
         b.bus.fail(code)
         samples += loop(b, device, 0.05)
     assert_sane(samples)
-    assert len(samples) == pytest.approx(len(b.chip.taken) - already, abs=2)
+    assert len(samples) == pytest.approx(len(b.chip.taken) - count, abs=2)
     assert device.counts.retries == 20
     assert device.counts.failures == device.counts.restarts == device.counts.overflows == 0
     assert device.events() == []
@@ -187,14 +187,14 @@ def test_a_saturated_axis_is_named_once(started):
 def test_rt9_a_blocked_bus_delays_only_one_read(started):
     b, device = started(read_s=1.0)
     b.bus.sda_low = True
-    longest, began = 0, b.clock.now
+    longest, start_ns = 0, b.clock.now
     silent_after = None
-    while b.clock.now - began < 2_000_000_000:
+    while b.clock.now - start_ns < 2_000_000_000:
         before = b.clock.now
         assert device.read() == []
         longest = max(longest, b.clock.now - before)
         if device.is_silent and silent_after is None:
-            silent_after = b.clock.now - began
+            silent_after = b.clock.now - start_ns
         b.clock.now = max(b.clock.now, before + 10_000_000)
     assert longest <= 40_000_000, "i2c.py sets 40 ms in the kernel; its second would be too long"
     assert silent_after == pytest.approx(0.5e9, abs=0.06e9)

@@ -92,10 +92,10 @@ def test_a_slow_clock_drift_is_tracked():
 
 def test_timestamps_increase_by_about_one_period_during_phase_estimation():
     samples, period, _ = looks(-20_000, 5.0, np.random.default_rng(8), 1e-3)
-    clock, stamps, done = SampleClock(5e6), [], samples[0][0]
+    clock, stamps, last_ns = SampleClock(5e6), [], samples[0][0]
     for newest, before, after in samples:
         clock.add_reading(newest, before, after)
-        stamps += clock.stamps(done + 1, newest - done)
-        done = newest
+        stamps += clock.stamps(last_ns + 1, newest - last_ns)
+        last_ns = newest
     steps = np.diff(stamps) / period
     assert 0.85 < steps.min() <= steps.max() < 1.15

@@ -12,7 +12,7 @@ from baqueano.robot.service import realtime
 
 @pytest.mark.skipif(sys.platform != "linux", reason="SCHED_FIFO")
 def test_other_threads_get_the_priority_below_the_loop(monkeypatch):
-    priorities, done = {}, threading.Event()
+    priorities, stop = {}, threading.Event()
     monkeypatch.setattr(
         os, "sched_setscheduler", lambda n, policy, p: priorities.update({n: p.sched_priority})
     )
@@ -20,12 +20,12 @@ def test_other_threads_get_the_priority_below_the_loop(monkeypatch):
         realtime.ctypes, "CDLL", lambda *name, **options: SimpleNamespace(mlockall=lambda flags: 1)
     )
     monkeypatch.setattr(realtime.gc, "freeze", lambda: None)
-    thread = threading.Thread(target=done.wait)
+    thread = threading.Thread(target=stop.wait)
     thread.start()
     try:
         realtime.request_realtime(40)
     finally:
-        done.set()
+        stop.set()
         thread.join()
     assert priorities[threading.get_native_id()] == 40
     assert priorities[thread.native_id] == 39

@@ -70,21 +70,21 @@ def test_an_empty_vehicle_file_is_replaced(programs, pi, wheels, vehicle_toml, v
 
 @pytest.mark.parametrize("name", ["vehicle.toml.part", "vehicle.toml.before"])
 def test_root_writes_no_vehicle_file_through_a_link(programs, pi, wheels, vehicle_toml, tmp_path, name):
-    other = tmp_path / "cron"
-    other.write_text("of root")
-    vehicle_toml.with_name(name).symlink_to(other)
+    path = tmp_path / "cron"
+    path.write_text("of root")
+    vehicle_toml.with_name(name).symlink_to(path)
     file = vehicle_file.override(SMALL, ["robot.port=/dev/serial0"])
     setup("r1", wheels, PI, vehicle=file, root=str(pi))
-    assert (other.read_text(), vehicle_toml.read_text()) == ("of root", file.text)
+    assert (path.read_text(), vehicle_toml.read_text()) == ("of root", file.text)
 
 
 @pytest.mark.parametrize("when", ["2026-11-03T10:00:00Z", "2026-11-03T10:00:00", '"2026-11-03"'])
 def test_a_calibration_with_any_kind_of_date_is_compared(programs, pi, wheels, vehicle_toml, when):
     vehicle_toml.write_text(calibrated(SMALL).text.replace("2026-11-03", when))
-    mine = calibrated(SMALL, {"robot.imu_axes": ["y", "-x", "z"]}, on=date(2026, 11, 2))
-    setup("r1", wheels, PI, vehicle=mine, root=str(pi))
-    kept = vehicle_file.load(vehicle_toml).robot.imu_axes
-    assert kept == (("y", "-x", "z") if '"' in when else ("-y", "x", "z"))
+    file = calibrated(SMALL, {"robot.imu_axes": ["y", "-x", "z"]}, on=date(2026, 11, 2))
+    setup("r1", wheels, PI, vehicle=file, root=str(pi))
+    axes = vehicle_file.load(vehicle_toml).robot.imu_axes
+    assert axes == (("y", "-x", "z") if '"' in when else ("-y", "x", "z"))
 
 
 @pytest.mark.parametrize("text", ["provenance = 3", "[provenance]\nmodel = 3"])

@@ -124,16 +124,16 @@ def test_su2_a_wheel_with_a_wrong_hash_is_not_installed(programs, pi, wheels, ca
     setup("r1", wheels, PI, root=str(pi))
     for name in ("baqueano", "pip"):
         (wheel,) = wheels.glob(f"{name}-*.whl")
-        whole = wheel.read_bytes()
-        wheel.write_bytes(whole + b"\0")  # this is still a wheel
+        data = wheel.read_bytes()
+        wheel.write_bytes(data + b"\0")  # this is still a wheel
         with refused("setup.not-finished", RobotUnreachable):
             setup("r1", wheels, PI, root=str(pi))
         errors = capfd.readouterr().err
         assert "hash" in errors.lower() or "differs from the lock file" in errors
-        done = subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True)
-        assert done.stdout == b"here I am\n"
+        result = subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True)
+        assert result.stdout == b"here I am\n"
         assert [path.name for path in (pi / "opt").iterdir()] == ["baqueano"]
-        wheel.write_bytes(whole)
+        wheel.write_bytes(data)
     setup("r1", wheels, PI, root=str(pi))
     assert [path.name for path in (pi / "opt").iterdir()] == ["baqueano"]
 
@@ -278,8 +278,8 @@ def test_systemd_accepts_every_line_of_the_unit(tmp_path):
         .replace("@groups@", "root")
         .replace("/opt/baqueano/bin/baqueano", "/bin/sh")
     )
-    done = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True)
+    result = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True)
     # systemd-analyze returns 0 for unknown keys
-    complaints = [line for line in done.stderr.splitlines() if "baqueano.service" in line]
+    complaints = [line for line in result.stderr.splitlines() if "baqueano.service" in line]
     assert not complaints
-    assert done.returncode == 0
+    assert result.returncode == 0

@@ -98,10 +98,10 @@ def test_the_two_checksum_polynomials_share_no_factor():
 def test_frames_with_up_to_three_changed_bits_are_refused():
     """The polynomial has Hamming distance 4 at these lengths, without the length byte of a COBS segment."""
     chance = random.Random(3)
-    clean = encode(STATE, 9)
+    frame = encode(STATE, 9)
     accepted_count = 0
     for _ in range(20_000):
-        wire = bytearray(clean)
+        wire = bytearray(frame)
         for place in chance.sample(range(8, 8 * (len(wire) - 1)), chance.randint(1, 3)):
             wire[place // 8] ^= 1 << place % 8
         accepted_count += sum(got.frame != STATE for got in Decoder().feed(bytes(wire)))

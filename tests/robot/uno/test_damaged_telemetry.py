@@ -50,9 +50,9 @@ class Kept(Decoder):
         return frames_received
 
 
-def drawn_frames(whole, rng):
+def drawn_frames(complete, rng):
     """Return random frames (EACH, 46) of them."""
-    return whole[rng.integers(len(whole), size=EACH)]
+    return complete[rng.integers(len(complete), size=EACH)]
 
 
 def flip_bits(frames, rng, most):
@@ -61,18 +61,18 @@ def flip_bits(frames, rng, most):
     places = 8 + np.sort(rng.integers(spare + 1, size=(EACH, most)), axis=1) + np.arange(most)
     count, rows = rng.integers(1, most + 1, EACH), np.arange(EACH)
     for k in range(most):
-        some = rows[count > k]
-        frames[some, places[some, k] // 8] ^= (1 << places[some, k] % 8).astype(np.uint8)
+        rows_k = rows[count > k]
+        frames[rows_k, places[rows_k, k] // 8] ^= (1 << places[rows_k, k] % 8).astype(np.uint8)
     return frames
 
 
 def burst(frames, rng, bits):
     """Replace a burst of `bits`: its ends are inverted, and the bits between them are random."""
     start = rng.integers(8, 8 * (frames.shape[1] - 1) - bits, EACH)
-    wrong = np.unpackbits(np.zeros_like(frames), axis=1)
+    frames_bad = np.unpackbits(np.zeros_like(frames), axis=1)
     for k in range(bits):
-        wrong[np.arange(EACH), start + k] = 1 if k in (0, bits - 1) else rng.integers(2, size=EACH)
-    return frames ^ np.packbits(wrong, axis=1)
+        frames_bad[np.arange(EACH), start + k] = 1 if k in (0, bits - 1) else rng.integers(2, size=EACH)
+    return frames ^ np.packbits(frames_bad, axis=1)
 
 
 def replaced(frames, rng):
@@ -129,17 +129,17 @@ def test_a_16_bit_crc_accepts_few_of_a_million_damaged_frames(frames_sent, whole
     rng, line = np.random.default_rng(2026), Line()
     uno = Uno(line, lambda: line.now_ns)
     uno._decoder = Kept()
-    wrong = {}
+    errors = {}
     for name, (harm, _) in DAMAGE.items():
         data = harm(whole, rng).tobytes()
         for start in range(0, len(data), AT_ONCE):
             line.coming = data[start : start + AT_ONCE]
             line.now_ns += 10_000_000
             uno.receive()
-        wrong[name] = len(set(uno._decoder.accepted_frames) - set(frames_sent))
+        errors[name] = len(set(uno._decoder.accepted_frames) - set(frames_sent))
         uno._decoder.accepted_frames.clear()
-    assert all(wrong[name] == 0 for name, (_, is_accepted) in DAMAGE.items() if is_accepted), wrong
-    assert sum(wrong.values()) <= len(DAMAGE) * EACH / 65_536, wrong  # measured: 6 of 15
+    assert all(errors[name] == 0 for name, (_, is_accepted) in DAMAGE.items() if is_accepted), errors
+    assert sum(errors.values()) <= len(DAMAGE) * EACH / 65_536, errors  # measured: 6 of 15
     line.send(info())
     line.send(state(10))
     assert uno.receive(), "intact frames are still received"

@@ -229,10 +229,10 @@ def test_telemetry_timestamps_compensate_a_resonator_error_of_half_a_percent(lin
         line.send(state(0)._replace(t_us=device(measured_ns)))
         measurements = uno.receive()
         for ping in [frame for frame, _ in line.sent if isinstance(frame, Ping)]:
-            forth_ns, back = rng.uniform(0.2, 1.2, 2) * MS
-            late = 4 * MS if rng.random() < 0.15 else 0
+            forth_ns, return_ns = rng.uniform(0.2, 1.2, 2) * MS
+            delay = 4 * MS if rng.random() < 0.15 else 0
             line.send(Pong(ping.token, device(line.now_ns + round(forth_ns))))
-            line.now_ns += round(forth_ns + back) + late
+            line.now_ns += round(forth_ns + return_ns) + delay
             uno.pump()
         line.sent.clear()
         if k > 1000:
@@ -377,12 +377,12 @@ def test_half_a_million_damaged_bytes_give_no_telemetry():
     line = Line()
     uno = Uno(line, lambda: line.now_ns)
     rng = np.random.default_rng(5)
-    whole = encode(state(10), 1)
+    frame = encode(state(10), 1)
     for _ in range(5000):
-        damaged_frame = bytearray(whole)
-        for place in rng.integers(1, len(whole) - 1, rng.integers(1, 4)):
+        damaged_frame = bytearray(frame)
+        for place in rng.integers(1, len(frame) - 1, rng.integers(1, 4)):
             damaged_frame[place] ^= 1 << int(rng.integers(8))
-        line.coming += bytes(damaged_frame) if bytes(damaged_frame) != whole else b""
+        line.coming += bytes(damaged_frame) if bytes(damaged_frame) != frame else b""
         line.coming += rng.integers(1, 256, 60, dtype=np.uint8).tobytes()
     assert uno.receive() == []
     assert uno.statistics.damaged_frames > 5000

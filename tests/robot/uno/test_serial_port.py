@@ -72,7 +72,7 @@ def test_rt10_a_write_to_a_blocked_line_ends_soon(ends):
 def test_rt10_a_disconnected_line_is_opened_again(ends, monkeypatch):
     monkeypatch.setattr(serial_port, "REOPEN_PERIOD_S", 0.01)
     _, path = ends
-    port, done, port_open = SerialPort(path), threading.Event(), threading.Event()
+    port, stop, port_open = SerialPort(path), threading.Event(), threading.Event()
 
     class Link:
         def pump(self):
@@ -82,13 +82,13 @@ def test_rt10_a_disconnected_line_is_opened_again(ends, monkeypatch):
         def on_reopen(self):
             port_open.set()
 
-    listener = threading.Thread(target=read_continuously, args=(port, Link(), done))
+    listener = threading.Thread(target=read_continuously, args=(port, Link(), stop))
     listener.start()
     assert port_open.wait(5.0)
     port_open.clear()
     port.close()
     assert port_open.wait(5.0)
-    done.set()
+    stop.set()
     listener.join()
     port.close()
 
