@@ -106,7 +106,7 @@ class StopReason(StrEnum):
     RECORDED = "recorded.stop"  # of an older run without codes, with the sentence of the run
 
 
-MAX_CAUSES = 16  # most levels of diagnostics within a diagnostic
+MAX_CAUSES = 16  # maximum number of levels of diagnostics within a diagnostic
 FORMER_CODES = (  # beginning of a code in older runs → its present one
     ("doubt.", "recording."), ("seen.", "identifiability."), ("led.", "imu-only."), ("unseen-runs.", "validation."),
     ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),

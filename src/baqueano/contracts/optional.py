@@ -38,7 +38,7 @@ DEFAULTS: dict[str, object] = {
     # of any block
     "is_compiled": False,  # True if a step always returns the classes and shapes of its first step
     "as_written": False,  # True if the step uses a person, a clock or a library: it is never compiled
-    "goes_around": (),  # names of the fields of inner blocks, and of their states in its state
+    "goes_around": (),  # names of the fields with inner blocks, and of their states
     "diagnostic": None,  # state → the Diagnostic of this tick for the run, or None; default: always None
 }
 

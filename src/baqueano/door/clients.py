@@ -25,7 +25,7 @@ MAX_PENDING_BYTES = 1 << 20  # bytes that wait for a client that does not read
 MAX_PAUSE_S = 2.0  # longest pause within a long line: Wi-Fi is sometimes interrupted for half a second
 MIN_RATE_BYTES_S = 8 << 10  # of a long line, apart from pauses
 READ_BYTES = 16 << 10  # bytes that are read at once
-MAX_BACKLOG = 256  # most lines that wait
+MAX_BACKLOG = 256  # maximum number of lines that wait
 MISSION_PATTERN = re.compile(rb'"type"\s*:\s*"mission"')  # at the beginning of each mission
 STOP_PATTERN = re.compile(rb'"(?:type|do)"\s*:\s*"stop"')  # in each stop; a line with it is read at once
 

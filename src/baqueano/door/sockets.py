@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 MAX_CLIENTS = 32
 STOP_CONNECTIONS = 4  # extra connections, for SHORT_S each, for a stop when all places are occupied
 SHORT_S, STOPPED_S = 1.0, 15.0  # time of an extra connection before a stop, and after it, to report STOPPED
-MAX_LINES = 128  # most lines answered in a turn, of all clients together
+MAX_LINES = 128  # maximum number of lines answered in a turn, of all clients together
 MAX_ROUND_S = 0.002  # time limit of a turn; then stops and messages of the loop are handled first
-LONGEST_ID, LOOK_S = 64, 5.0  # most characters of an id; longest wait, since a message to send wakes the door
+LONGEST_ID, LOOK_S = 64, 5.0  # characters of an id; seconds of a wait: a message to send ends it
 SWITCH_INTERVAL_S = 5e-4  # the door and a computing loop wait at most this time for each other, not 5 ms
 ROUND_PAUSE_S = 0.001  # pause after a turn with many lines, so that the loop's thread runs
 SEND_BUFFER_BYTES = 16 << 10  # bytes buffered by the system for a slow reader; more would delay its frames

@@ -18,7 +18,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.messages.printable import one_line, printable, shell_command
 
-MAX_ANSWER_BYTES = 16 << 20  # most bytes of an answer
+MAX_ANSWER_BYTES = 16 << 20  # maximum number of bytes of an answer
 LAST_OUTPUT_S = 1.0  # time to show the last output of a program that has ended
 
 

@@ -42,7 +42,7 @@ MAX_TURN_ERROR = 0.1
 MAX_SCALE_ERROR = 0.1  # of κ̂ and of σ̂
 MAX_RESIDUAL_CHI2 = 13.816  # (6): −2 ln 0.001
 MAX_SIGMAS = 3.2905  # (7)
-MAX_TURNS = 4  # most turns between two marks
+MAX_TURNS = 4  # maximum number of turns between two marks
 REST_S, MIN_REST_S = 1.0, 1.0  # at rest after this time without a command; least duration of rest
 
 

@@ -64,7 +64,7 @@ def solution_at(
     converged: bool,
     evaluations: int,
 ) -> Solution:
-    """Return the end of a search by a custom solver.
+    """Return the result of a search by a custom solver.
 
     Parameters
     ----------

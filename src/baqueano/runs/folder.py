@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 NUMBERED_NAME = re.compile(r"(\d{4,})-.*\.mcap")
 RECOVERED_SUFFIX = "-recovered"  # suffix of the name of a run that `runs recover` saved
 RUN_NAME = re.compile(r"\w[\w .,+=@()-]*\.mcap")
-MAX_NAME_LETTERS = 120  # most characters of a name
+MAX_NAME_LETTERS = 120  # maximum number of characters of a name
 # reserved by Windows
 DEVICE_NAME = re.compile(r"(CON|PRN|AUX|NUL|CON(IN|OUT)|(COM|LPT)[0-9¹²³])[ .]", re.IGNORECASE)
 NUMBER_RANGE = re.compile(r"(\d+)-(\d+)(?::(\d+))?")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 HEAD_LAYOUT = struct.Struct("<IId")
 RING_S = 60.0  # drive time that the ring stores
-MAX_ROWS = 60_000  # most rows of the ring, at any rate
+MAX_ROWS = 60_000  # maximum number of rows of the ring, at any rate
 MAX_FRAME_TIMES = 64  # number of frames whose age is stored
 FRAME_NUMBER_COUNT = 1 << 24  # frame numbers; the higher bits are the stream
 NAN = float("nan")

@@ -26,12 +26,12 @@ from baqueano.messages.printable import one_line
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-MAX_FAILURES = 5  # most wrong tokens from an address in a minute
+MAX_FAILURES = 5  # maximum number of wrong tokens from an address in a minute
 MINUTE_S = 60.0
-MAX_ADDRESSES = 1024  # most addresses that are stored
+MAX_ADDRESSES = 1024  # maximum number of addresses that are stored
 TOKEN_LIFETIME_S = 12 * 3600.0  # lifetime of a token
 LOOPBACK = ("127.0.0.1", "::1")
-MAX_OPTION_LETTERS = 60  # most characters of a text option
+MAX_OPTION_LETTERS = 60  # maximum number of characters of a text option
 MISSION_OPTIONS: "dict[str, dict[str, type]]" = {  # kind → the allowed options and their types
     "teach": {"name": str, "shape": str, "size_m": float, "speed_m_s": float, "closed": bool},
     "repeat": {"route": str, "laps": float}, "experiment": {"seconds": float, "signal": str}, "drive": {},

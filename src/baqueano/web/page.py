@@ -24,7 +24,7 @@ from baqueano.web.visitor import POLICY, Visitor
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-ROWS_PER_FRAME = 4096  # most rows in a frame of a run
+ROWS_PER_FRAME = 4096  # maximum number of rows in a frame of a run
 RUN_OF_STREAM = {1: "run", 2: "ghost"}  # streams of the opened runs
 STREAM_SHIFT_BITS = 24  # bits of the number of a frame, below its stream: 0 live, 1 the run, 2 its ghost
 IMU_LABELS = {"imu[0]": "web.imu-ahead", "imu[1]": "web.imu-left", "imu[2]": "web.imu-turning"}
@@ -38,9 +38,9 @@ LABELS = {
     "cross": "web.label-cross", "battery": "web.label-battery", "late_ms": "web.label-late",
 }  # fmt: skip
 SLOW_MESSAGES = ("mission", "swap", "write", "ask")  # messages that can need an answer of a worker
-MAX_NAME_LETTERS = 40  # most characters of a name
+MAX_NAME_LETTERS = 40  # maximum number of characters of a name
 MAX_FILTER_LETTERS = 200
-MAX_QUESTIONS = 32  # most questions of a browser that wait for an answer; the page itself asks a few at once
+MAX_QUESTIONS = 32  # maximum number of open questions of a browser; the page itself asks a few at once
 SEVERITIES = {"fatal": Severity.ERROR, "debug": Severity.INFO}  # of a run's events
 
 

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 STATIC = Path(__file__).with_name("static")
 MAX_VISITORS = 32
-MAX_CONNECTIONS = 96  # most connections, including those that fetch files
+MAX_CONNECTIONS = 96  # maximum number of connections, including those that fetch files
 MAX_CONNECTIONS_OF_ADDRESS = 24  # of one machine of the network, so that it leaves places for the others
 HANDSHAKE_TIMEOUT_S = 5.0
 DONE, GOODBYE_S = 1000, 1.0

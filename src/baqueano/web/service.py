@@ -24,11 +24,11 @@ from baqueano.errors import RobotUnreachable
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-MAX_LINE_BYTES = 4 << 20  # most bytes of a line
+MAX_LINE_BYTES = 4 << 20  # maximum number of bytes of a line
 ATTACH_COMMAND = "exec baqueano robot attach"
 END_TIMEOUT_S = 3.0  # time to close its last run
 FRAME_PREFIX = b'{"type":"frame"'
-MAX_UNSENT_BYTES = 256 << 10  # most bytes that wait for a service that does not read
+MAX_UNSENT_BYTES = 256 << 10  # maximum number of bytes that wait for a service that does not read
 
 
 class DoorLink(Protocol):

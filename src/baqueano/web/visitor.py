@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     Piece = bytes | JsonObject | tuple[bytes, ...]  # a binary message, a word, the parts of a binary message
 
 MAX_MESSAGES = 64
-MAX_MESSAGE_BYTES = 16 << 10  # most bytes of a message from a browser
+MAX_MESSAGE_BYTES = 16 << 10  # maximum number of bytes of a message from a browser
 MAX_MESSAGE_RATE_HZ = 50.0  # messages per second from a browser, and frames of any kind
-MAX_LEVELS = 8  # most levels of lists and objects in a message: hundreds would exhaust the stack of an answer
-MAX_UNREAD_BYTES = 4 << 20  # most bytes that wait for the kernel: more than the largest piece
+MAX_LEVELS = 8  # maximum number of levels of lists and objects in a message; hundreds exhaust the stack
+MAX_UNREAD_BYTES = 4 << 20  # maximum number of bytes that wait for the kernel: more than the largest piece
 FRAGMENT_BYTES = 16 << 10  # bytes of a long message that are encoded at once
 SEND_BUFFER_BYTES = 64 << 10  # bytes in the socket's buffer
 PING_PERIOD_S = 2.0

@@ -22,7 +22,7 @@ LONGEST_NAME, KEYS, AXES = 256, 0x300, 0x40
 # (1), by the size of a long in bytes
 EVENT_LAYOUTS = {4: struct.Struct("=iiHHi"), 8: struct.Struct("=qqHHi")}
 AXIS_LAYOUT = struct.Struct("=6i")
-MAX_EVENTS = 64  # most events of one read
+MAX_EVENTS = 64  # maximum number of events of one read
 
 
 class InputEvent(NamedTuple):

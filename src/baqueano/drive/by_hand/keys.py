@@ -23,7 +23,7 @@ KEYPAD = {57399 + digit: str(digit) for digit in range(10)} | {  # codes of (2) 
 }  # fmt: skip
 CTRL_BIT = 4  # bit of the modifiers, which are sent plus one
 INTERRUPT_KEY = "ctrl-c"
-MAX_SEQUENCE_BYTES = 64  # most bytes of a sequence
+MAX_SEQUENCE_BYTES = 64  # maximum number of bytes of a sequence
 
 _SEQUENCE = re.compile(r"\x1b(?:\[([<-?]?)([0-9;:]*)[ -/]*([@-~])|O([A-D]))")
 _PREFIX = re.compile(r"\x1b(?:\[[0-?]*[ -/]*|O)?\Z")

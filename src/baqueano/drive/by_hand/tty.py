@@ -15,7 +15,7 @@ from baqueano.drive.by_hand.keys import PRESS, KeyDecoder, KeyEvent
 from baqueano.errors import UsageError
 
 CURSOR_OFF, CURSOR_ON = b"\x1b[?25l", b"\x1b[?25h"
-MAX_PENDING_BYTES = 4096  # most bytes that wait: frames of half a second
+MAX_PENDING_BYTES = 4096  # maximum number of bytes that wait: frames of half a second
 
 
 class Terminal(Protocol):

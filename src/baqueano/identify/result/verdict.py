@@ -3,7 +3,7 @@
 REFUSED   The search did not converge. The model explains nothing, or is far from a channel in use. Most parameters
           are not identifiable, or have a large error. A diagnostic found impossible data.
 WARN      A parameter is at its bound, poorly identified or not identifiable. Residuals are autocorrelated and large, or
-          far above the sensors' noise in the file. Outliers are many, or to one side. A diagnostic found an effect
+          far above the sensors' noise in the file. Outliers are frequent, or on one side. A diagnostic found an effect
           that might have changed a parameter.
 USABLE    None of these. Parameters that the vehicle can never show do not count. Notes report repairs to the data.
 

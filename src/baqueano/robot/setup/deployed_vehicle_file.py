@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 NON_VALUE_PREFIXES = ("provenance.", "parameter_cov.", "envelope.")  # keys that describe other keys
 CALIBRATION_RUN = "calibrate imu"  # the `run` in the provenance of calibrated values
-MAX_SHOWN_LETTERS = 60  # most characters of a value that are shown
+MAX_SHOWN_LETTERS = 60  # maximum number of characters of a value that are shown
 
 
 class RenewedFile(NamedTuple):

@@ -41,13 +41,13 @@ from baqueano.robot.uno.statistics import Statistics
 from baqueano.worlds.robot import Telemetry, count_increase
 
 PING_PERIOD_S = 0.1
-MAX_TELEMETRY = 2000  # most telemetry frames kept for the caller: 20 s
+MAX_TELEMETRY = 2000  # maximum number of telemetry frames kept for the caller: 20 s
 ANSWER_S = 1.0  # timeout of a request outside a drive
 REPEAT_PERIOD_S = 0.2
 SILENCE_US = 500_000  # during this time fewer than 128 frames are sent
 ARM_DELAY_S = 0.01  # the Uno receives a frame within this time; later telemetry shows it
 ARMING_TIMEOUT_S = 0.2  # time for which arming is repeated before `stop_cause` is set
-MAX_COMMANDS_AHEAD = 64  # most commands on their way; the firmware regards a command 128 ahead as old
+MAX_COMMANDS_AHEAD = 64  # maximum number of commands on their way; the firmware regards 128 ahead as old
 LATCHED_STOPS = (StopReason.UNO_LATCHED, StopReason.UNO_BATTERY)  # kept while telemetry reports them
 Reply = TypeVar("Reply")
 

@@ -24,7 +24,7 @@ from baqueano.runs.run import Run
 
 VIEWER_SCHEMAS = frozenset({"geometry_msgs/msg/PoseStamped"})  # the run has these poses elsewhere
 NO_MESSAGES = McapMessages(bytearray(), array("Q"), array("Q"), array("Q"))
-MAX_TOPICS = 1000  # most topics of a run
+MAX_TOPICS = 1000  # maximum number of topics of a run
 EVENT_BYTES = 256  # bytes of memory of an event, in addition to its text
 FOREIGN_SIGNATURES = {  # first bytes → kind of file
     b"#ROSBAG": "ros-1",

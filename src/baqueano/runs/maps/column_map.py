@@ -32,7 +32,7 @@ ETA_MEASURES, NU_MEASURES = ("length", "length", "angle"), ("speed", "speed", "a
 RATE_OF = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # quantity → its derivative
 ROLLED_MEASURE = {"angle": "length", "angular rate": "speed"}  # quantity of a wheel → quantity at its rim
 MAX_INTEGER = 2**63  # limit of an integer; integers of Python are unlimited
-MAX_MAP_LETTERS = 1_000_000  # most characters of a map; a recording can have more
+MAX_MAP_LETTERS = 1_000_000  # maximum number of characters of a map; a recording can have more
 REST_COMMAND: dict[str, Any] = {
     "in_force": "from", "names": ["u_x", "u_y", "u_psi"], "u": [{"constant": 0.0}] * 3,
 }  # fmt: skip

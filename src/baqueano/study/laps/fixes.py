@@ -29,7 +29,7 @@ MakeReader = Callable[[Route, Sequence[int], np.ndarray, PassingFaults], Reader]
 
 
 class Fix(NamedTuple):
-    """Sensors of one kind of position sensor (a fix)."""
+    """The sensors of one kind of fix."""
 
     sizes: dict[str, int]  # number of values that each sensor reports
     tables: Callable[[Route], str]  # of the vehicle file

@@ -36,7 +36,7 @@ HASTY_LEVEL = "-O1"  # optimisation level of code that is compiled quickly
 LONG_LEVEL = "-O1"  # and of code with more than MAX_THOROUGH_OPERATIONS
 # Of quick code: calls of sin, exp and the like, because their copies take up to half of a compilation.
 CALLS = "-DCALLED", "-Wno-psabi"
-SIMPLE_REGISTERS = "--param=ira-max-conflict-table-size=0"  # as fast code, with gcc's quicker allocator
+SIMPLE_REGISTERS = "--param=ira-max-conflict-table-size=0"  # gcc's quicker allocator: the code is as fast
 WHOLE_VECTORS = "-mprefer-vector-width=512"  # else gcc splits √ and ⌊ ⌋ of eight lanes, through memory
 LIBRARY_SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 PROBE_TEXT = """\

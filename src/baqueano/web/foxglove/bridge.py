@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")  # names of the subprotocol
 MESSAGE_LAYOUT = struct.Struct("<BIQ")  # opcode 1, subscription, time [ns]
 DATA, ERROR, SECOND = 1, 2, 10**9
-MAX_SUBSCRIPTIONS = 256  # most subscriptions of a client
+MAX_SUBSCRIPTIONS = 256  # maximum number of subscriptions of a client
 TOPIC_OF_PREFIX = {  # first part of a column's name → topic
     "eta": "/estimate/pose", "P": "/estimate/covariance", "nu": "/estimate/velocity", "ref": "/guide/reference",
     "truth": "/world/truth", "u": "/command/applied", "requested": "/controller/command", "z": "/sensors",

@@ -26,10 +26,10 @@ ROLES_BY_INPUTS = {
 }  # fmt: skip
 LOOP_ROLES = ("estimator", "guide", "controller", "supervisor")
 SWAPPABLE_ROLES = ("estimator", "guide", "controller")
-MAX_TEXT_LETTERS = 60_000  # most characters of a file that are shown
-FILES, LARGEST = 50, 200_000  # most files of the user's folder, and most bytes of each
+MAX_TEXT_LETTERS = 60_000  # maximum number of characters of a file that are shown
+FILES, LARGEST = 50, 200_000  # maximum number of files of the user's folder, and of bytes of each
 CALLS, ROUNDS = 50, 5  # calls in a round, and rounds, to time a step
-MAX_SHOWN_NUMBERS = 9  # most values of an array that are shown
+MAX_SHOWN_NUMBERS = 9  # maximum number of values of an array that are shown
 
 
 def block_description(request: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObject":

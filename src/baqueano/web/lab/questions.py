@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 MAX_GRID_SIDE = 24  # laps along an axis of a landscape, at most
 LAPS_PER_REQUEST = 10  # laps of a landscape in one request
-MAX_COMPARED_RUNS = 6  # most runs in a comparison
-MAX_NAME_LETTERS = 200  # most characters of a name from a browser
+MAX_COMPARED_RUNS = 6  # maximum number of runs in a comparison
+MAX_NAME_LETTERS = 200  # maximum number of characters of a name from a browser
 
 
 class Questions:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 Log: TypeAlias = EstimateLog | ReferenceLog | TruthLog
-MAX_ROUTE_POINTS = 2000  # most points of a drawn path
+MAX_ROUTE_POINTS = 2000  # maximum number of points of a drawn path
 MAX_CLOSED_GAP_M = 0.3  # largest gap between the ends of a closed path
 # default if the file does not have a body
 DEFAULT_FOOTPRINT = {"kind": "round", "length_m": 0.14, "width_m": 0.14}

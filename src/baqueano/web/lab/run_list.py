@@ -16,7 +16,7 @@ from baqueano.web.lab.worker_client import WorkerClient
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-MAX_LISTED_RUNS = 200  # most runs in a list
+MAX_LISTED_RUNS = 200  # maximum number of runs in a list
 
 
 class RunList:

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 SIZE_M, SPEED_M_S = 1.0, 0.25  # defaults of a shape, as in a service
-MAX_POINTS, MAX_ROUTE_POINTS = 500, 1500  # most points of a drawn path and route
+MAX_POINTS, MAX_ROUTE_POINTS = 500, 1500  # maximum number of points of a drawn path and route
 MAX_KERNELS = 4  # stored kernels
-MAX_LAPS = 200  # most laps of one question
+MAX_LAPS = 200  # maximum number of laps of one question
 ROUTE_OF_RUN = "run"
 
 
