@@ -21,7 +21,7 @@ class Compressed(Residuals):
         return SHOCK * np.log(x + np.sqrt(x * x + 1.0))
 
 
-def by_scipy(evaluate, theta, low, high, *, is_fixed, tolerance, most, damping):
+def by_scipy(evaluate, theta, low, high, *, is_fixed, tolerance, max_evaluations, damping):
     """Minimise with SciPy's L-BFGS-B and the exact gradient; each entry of θ (p,) is scaled by its curvature."""
     moving = np.ones(len(theta), bool) if is_fixed is None else ~is_fixed
     start, unit = evaluate(theta), np.ones(len(theta))

@@ -64,12 +64,12 @@ def test_a_custom_solver_gives_the_same_estimate(small, run, examples):
 def test_a_search_out_of_evaluations_continues_in_another_round(small, run):
     unfinished = []
 
-    def slow(*arguments, most, **others):
-        solution = minimise(*arguments, limit=most, **others)
-        if most < MAX_EVALUATIONS or unfinished:
+    def slow(*arguments, max_evaluations, **options):
+        solution = minimise(*arguments, max_evaluations=max_evaluations, **options)
+        if max_evaluations < MAX_EVALUATIONS or unfinished:
             return solution
         unfinished.append(solution)
-        return solution._replace(converged=False, evaluations=most)
+        return solution._replace(converged=False, evaluations=max_evaluations)
 
     parameters = parameters_of(dataset([run], small), ["model.mass_kg"])
     end = solve(Residuals.from_parameters(parameters), parameters, solver=slow)[1]

@@ -104,7 +104,7 @@ def test_a_search_from_a_start_with_nan_cost_does_not_report_convergence():
 
 
 def test_a_search_that_exhausts_its_evaluations_is_not_converged():
-    minimum = minimise(DECAY, np.array([10.0, 7.5]), *FREE, limit=2)
+    minimum = minimise(DECAY, np.array([10.0, 7.5]), *FREE, max_evaluations=2)
     assert not minimum.converged
     assert minimum.evaluations == 2
 

@@ -46,12 +46,12 @@ class Solution(NamedTuple):
 class Minimiser(Protocol):
     """Interface of a custom solver: it returns the θ (p,) of least cost between `low` and `high` (p,), from `theta`.
     `is_fixed` (p,) is a mask of entries that do not change. The solver can stop at a decrement (4) below `tolerance` or
-    after `most` evaluations. `damping` is 1e-2 for a start far from the minimum, 1e-6 near it. `solution_at` builds the
+    after `max_evaluations`. `damping` is 1e-2 for a start far from the minimum, 1e-6 near it. `solution_at` builds the
     result."""
 
     def __call__(
         self, evaluate: Callable[[np.ndarray], Evaluation], theta: np.ndarray, low: np.ndarray, high: np.ndarray, *,
-        is_fixed: np.ndarray | None, tolerance: float, limit: int, damping: float,
+        is_fixed: np.ndarray | None, tolerance: float, max_evaluations: int, damping: float,
     ) -> Solution: ...  # fmt: skip
 
 
@@ -109,7 +109,7 @@ def minimise(
     *,
     is_fixed: np.ndarray | None = None,
     tolerance: float = 1e-8,
-    limit: int = MAX_EVALUATIONS,
+    max_evaluations: int = MAX_EVALUATIONS,
     damping: float = DAMPING,
     evaluation: Evaluation | None = None,
 ) -> Solution:
@@ -129,7 +129,7 @@ def minimise(
         if (
             (idle_count >= 3 or damping > STUCK_DAMPING)
             and decrement >= STALLED_DECREMENT
-            and count < limit
+            and count < max_evaluations
             and not kinks_tested
         ):
             at_kinks, trial_count = _kink_mask(evaluate, current, theta, scale, movable)
@@ -137,7 +137,7 @@ def minimise(
             if at_kinks.any():
                 damping, growth, idle_count = DAMPING, 2.0, 0
                 continue
-        if decrement < tolerance or idle_count >= 3 or count >= limit:
+        if decrement < tolerance or idle_count >= 3 or count >= max_evaluations:
             converged = decrement < tolerance or (idle_count >= 3 and decrement < STALLED_DECREMENT)
             return Solution(theta, current, converged, decrement, count, _bound(theta, low, high))
         overstep = 1.0 + OVERSTEP / (1.0 + 1e3 * damping)

@@ -63,10 +63,10 @@ def _lap_count(corridor: Corridor) -> float:
     )
 
 
-def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[Table | Drawing]:
+def paths(run: Run, alignment: str = "none", second: Run | None = None) -> list[Table | Drawing]:
     """Return the drawing of the path of a run: reference, truth, and estimate with the corridor of its last lap.
 
-    The estimate of the run `beside` is also drawn. Data that the run does not contain are not drawn.
+    The estimate of the run `second` is also drawn. Data that the run does not contain are not drawn.
     """
     run = run.without_rest
     lines: dict[str, np.ndarray] = {}
@@ -93,10 +93,10 @@ def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[
             band = np.stack([eta[indices, :2] + edge_offset, eta[indices, :2] - edge_offset], axis=1)
             turn = map_from_body(eta[last_index, 2] - corridor.eta[last_index, 2])[:2, :2]
             end = figures.ellipse(eta[last_index, :2], turn @ run.estimate.cov[last_index, :2, :2] @ turn.T)
-    if beside is not None and beside.estimate is not None:
-        second_run = cut_at_divergence(beside)
+    if second is not None and second.estimate is not None:
+        second_run = cut_at_divergence(second)
         assert second_run.estimate is not None
-        lines[beside.name] = _aligned_path(second_run, alignment)[:, :2]
+        lines[second.name] = _aligned_path(second_run, alignment)[:, :2]
     if not lines:
         return []
     caption = _("The path of {run}.", run=run.name)
@@ -115,18 +115,18 @@ def _aligned_path(run: Run, alignment: str) -> np.ndarray:
     )
 
 
-def errors(run: Run, alignment: str = "none", beside: Run | None = None) -> list[Section]:
+def errors(run: Run, alignment: str = "none", second: Run | None = None) -> list[Section]:
     """Return the section of the errors against the truth with the filter's ±2σ; [] without a truth.
 
-    The errors of the run `beside` are drawn as a line.
+    The errors of the run `second` are drawn as a line.
     """
     if run.estimate is None or run.truth is None or len(run.truth.t_ns) < 2:
         return []
     t, error = _errors_against_truth(run, run, alignment)
     band = 2.0 * np.sqrt(np.maximum(np.einsum("kii->ki", run.estimate.cov[:, :4, :4]), 0.0))
     second_errors = {}
-    if beside is not None and beside.estimate is not None:
-        second_errors[beside.name] = _errors_against_truth(cut_at_divergence(beside), run, alignment)
+    if second is not None and second.estimate is not None:
+        second_errors[second.name] = _errors_against_truth(cut_at_divergence(second), run, alignment)
     panels = []
     for k, label in enumerate(
         (_("x error [m]"), _("y error [m]"), _("heading error [°]"), _("ν_x error [m/s]"))

@@ -38,20 +38,20 @@ VERDICTS = {
 }
 
 
-def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) -> Page:
+def page_of_run(run: Run, alignment: str = "none", second: Run | None = None) -> Page:
     """Return the page of a run: path, errors, innovations, commands, events. `alignment` is as in `compare`.
 
-    The run `beside` is of another estimator on the same drive: its estimate is also drawn and assessed.
+    The run `second` is of another estimator on the same drive: its estimate is also drawn and assessed.
     """
-    comparison = compare([run] if beside is None else [run, beside], alignment=alignment)
+    comparison = compare([run] if second is None else [run, second], alignment=alignment)
     run_figures = comparison.runs[0]
     row, drove = run_figures.row(), comparison.of_drives and len(run.t_ns) > 0
     run = cut_at_divergence(run)
-    drawings = paths(run, alignment, beside)
+    drawings = paths(run, alignment, second)
     sections = [Section(_("Path"), sentence_of_path(run_figures, alignment), drawings)] if drawings else []
-    sections += comparison_section(comparison) if beside is not None else []
+    sections += comparison_section(comparison) if second is not None else []
     sections += driving_sections(run, row) if drove else []
-    sections += errors(run, alignment, beside)
+    sections += errors(run, alignment, second)
     sections += consistency_sections(run_figures.consistency, run)
     sections += refused_section(run_figures.refusals)
     sections += [Section(_("Measurements"), "", [sensors_of(run)])] if run.sensors else []

@@ -136,7 +136,7 @@ class HeldOutFolds:
         problem = (self.all_data if problem is None else problem).weight(sigma)
         return minimise(
             problem.evaluate, theta, self.low, self.high,
-            is_fixed=~is_free, tolerance=FINAL_DECREMENT, limit=max_evaluations, damping=1e-4,
+            is_fixed=~is_free, tolerance=FINAL_DECREMENT, max_evaluations=max_evaluations, damping=1e-4,
         )  # fmt: skip
 
     def score(self, theta: np.ndarray, is_free: np.ndarray, sigma: np.ndarray) -> Score:

@@ -196,7 +196,7 @@ def _fit(
 ) -> Solution:
     return task.minimise(
         task.problem.evaluate, theta, task.low, task.high,
-        is_fixed=is_fixed, tolerance=max(min_tolerance, ROUGH_DECREMENT), limit=MAX_EVALUATIONS, damping=1e-6,
+        is_fixed=is_fixed, tolerance=max(min_tolerance, ROUGH_DECREMENT), max_evaluations=MAX_EVALUATIONS, damping=1e-6,
     )  # fmt: skip
 
 

@@ -178,8 +178,8 @@ def _search(
     evaluation_count, evaluation = 0, None
     while True:
         solution = minimise(
-            prediction.evaluate, x, low, high,
-            is_fixed=is_fixed, tolerance=TOLERANCE, limit=EVALUATIONS_AT_ONCE, damping=damping, evaluation=evaluation,
+            prediction.evaluate, x, low, high, is_fixed=is_fixed, tolerance=TOLERANCE,
+            max_evaluations=EVALUATIONS_AT_ONCE, damping=damping, evaluation=evaluation,
         )  # fmt: skip
         evaluation_count += solution.evaluations
         cost = solution.evaluation.cost

@@ -46,7 +46,7 @@ class Task(NamedTuple):
     progress: Callable[[str], object] | None = None
     # (m,) σ of channels with too few measurements to estimate it, else 0
     prior_sigma: np.ndarray | None = None
-    again: bool = True  # True if a search that is not sound begins again; False for refused data
+    retry: bool = True  # True if a search that is not sound begins again; False for refused data
     minimise: Minimiser = minimise  # finds the least cost of one σ
 
 
@@ -82,7 +82,7 @@ def best_search(task: Task, begin: np.ndarray) -> Search:
     signal, counts = task.problem.signal_std(), task.problem.counts
     fields = [path.partition("[")[0] for path in task.problem.shape.shared_paths]
     is_gain = np.array([field.endswith(GAIN_NAMES) for field in fields], dtype=bool)
-    for factor in RESTART_FACTORS if is_gain.any() and task.again else ():
+    for factor in RESTART_FACTORS if is_gain.any() and task.retry else ():
         if best_end.stopped or best_end.is_sound(signal):
             break
         theta = task.start.copy()
@@ -125,7 +125,7 @@ def search(
         solution = task.minimise(
             problem.evaluate, theta, task.low, task.high, is_fixed=is_fixed, damping=damping,
             tolerance=FINE_DECREMENT if is_near else ROUGH_DECREMENT,
-            limit=MAX_EVALUATIONS if is_near else ROUND_EVALUATIONS,
+            max_evaluations=MAX_EVALUATIONS if is_near else ROUND_EVALUATIONS,
         )  # fmt: skip
         theta, count, damping = solution.theta, count + solution.evaluations, 1e-6
         if task.progress is not None:

@@ -69,7 +69,7 @@ class FaultOutcome(NamedTuple):
 
     job: FaultJob
     verdict: str  # ERROR: the fit did not start, and the message gave the reason; CRASH: the program failed
-    wrong: bool
+    is_wrong: bool
     error_rms: float  # root mean square of the errors, in standard errors of the clean fit; NaN: not compared
     undamaged_error_rms: float
     reasons: tuple[str, ...]  # codes
@@ -223,11 +223,11 @@ class Faults:
         return {
             "fault": fault,
             "fits": len(own_outcomes),
-            "wrongly_usable": sum(o.verdict == Verdict.USABLE and o.wrong for o in own_outcomes),
+            "wrongly_usable": sum(o.verdict == Verdict.USABLE and o.is_wrong for o in own_outcomes),
             "wrongly_refused": sum(
                 is_undamaged and o.verdict in (Verdict.REFUSED, "ERROR") for o in own_outcomes
             ),
-            "wrong": sum(o.wrong for o in own_outcomes),
+            "wrong": sum(o.is_wrong for o in own_outcomes),
             "usable": sum(o.verdict == Verdict.USABLE for o in own_outcomes),
             "warn": sum(o.verdict == Verdict.WARN for o in own_outcomes),
             "refused": sum(o.verdict in (Verdict.REFUSED, "ERROR") for o in own_outcomes),

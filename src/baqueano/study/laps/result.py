@@ -45,10 +45,10 @@ class Lap(NamedTuple):
     case: LapCase
     seed: int
     lap: int  # from 1
-    whole: bool  # without a stop
+    is_complete: bool  # without a stop
     position_m: float  # worst error of the estimate
     across_m: float  # largest true distance from the route
-    within: float  # fraction (2); NaN if the heading is lost
+    region_share: float  # fraction (2); NaN if the heading is lost
     nees: float  # mean of (1) over the samples of (2)
 
 
@@ -128,7 +128,7 @@ class LapStudy:
             "last_across_p95_m": _quantile([d.across_m for d in last], 0.95),
             "across_worst_m": _quantile([d.across_m for d in laps_of_case], 1.0),
             "position_worst_m": _quantile([d.position_m for d in later_laps], 1.0),
-            "region_share": _mean([d.within for d in laps_of_case]),
+            "region_share": _mean([d.region_share for d in laps_of_case]),
             "nees": _mean([d.nees for d in laps_of_case]),
             "stopped": len(stops),
             "stop_lap_median": _quantile([float(lap) for lap in stops], 0.5),
@@ -136,7 +136,7 @@ class LapStudy:
         }
 
     def _is_whole(self, laps_of_case: list[Lap], seed: int) -> bool:
-        return sum(d.whole for d in laps_of_case if d.seed == seed) == self.laps
+        return sum(d.is_complete for d in laps_of_case if d.seed == seed) == self.laps
 
     @property
     def reasons(self) -> tuple[str, ...]:
