@@ -33,7 +33,7 @@ COMMENT = re.compile(r'# (.*)|^about = "(.*)"', re.MULTILINE)
 CODE = re.compile(
     rf"`[^`\n]+`|--[a-z][a-z-]+|baqueano (?:{'|'.join(SUBCOMMANDS)})\b|\[[a-z_]{{3,}}(?:\.[a-z_]+)*\](?!\()"
 )
-MARKED = {"_": 0, "N_": 0, "parameter": 1}  # function → argument that contains text
+MARKERS = {"_": 0, "N_": 0, "parameter": 1}  # function → argument that contains text
 
 
 def places(language: str) -> tuple[Path, Path]:
@@ -80,8 +80,8 @@ def required_reference() -> Catalog:
 def words_in(path: Path) -> Iterator[str]:
     """Yield what is marked in a file: literals in `_(…)` and `N_(…)`, also in f-strings, and words of parameters."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in MARKED:
-            words = [*node.args[MARKED[node.func.id] :][:1]]
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in MARKERS:
+            words = [*node.args[MARKERS[node.func.id] :][:1]]
             words += [
                 key.value for key in node.keywords if node.func.id == "parameter" and key.arg in OF_PARAMETERS
             ]

@@ -91,7 +91,7 @@ Report = TypeVar("Report", pytest.TestReport, pytest.CollectReport)
 ALONE = pytest.StashKey[Callable[[], None]]()  # of a test: from its call on, the other processes wait
 
 FLAGS = "MAX_THOROUGH_OPERATIONS", "MAX_SCHEDULED_OPERATIONS", "HASTY_LEVEL", "LONG_LEVEL"
-SHIPPED = tuple(getattr(compile, name) for name in FLAGS)
+OPTIMISATIONS = tuple(getattr(compile, name) for name in FLAGS)
 
 os.environ["BAQUEANO_LANG"] = "en"  # whatever the locale of this machine
 # of the processes of a run: threads of one would wait for those of another
@@ -197,7 +197,7 @@ def not_skipped(report: Report) -> Report:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Compile the many short kernels quickly; the tests of the engine use the compiler flags of the package."""
     level = "-Og" if is_in(item.path, LONG_RUNS) and not is_in(item.path, SHORT_RUNS) else "-O0"
-    flags = SHIPPED if is_in(item.path, {"symbolic"}) else (0, 0, level, level)
+    flags = OPTIMISATIONS if is_in(item.path, {"symbolic"}) else (0, 0, level, level)
     for name, value in zip(FLAGS, flags, strict=True):
         setattr(compile, name, value)
     if getattr(item, "execution_count", 1) > 1:  # of pytest-rerunfailures

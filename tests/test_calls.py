@@ -24,9 +24,9 @@ ROBOT = bq.load("small")
 ROUTE = bq.guides.shapes.circle(0.5, 0.2)
 RUN = bq.simulate(ROBOT, np.tile([0.5, 0.0, 0.0], (5, 1)))
 SOURCE = Path(bq.__file__).parent
-ADVISED = re.compile(r"^@checked_call\(['\"](.*)['\"]\)$", re.MULTILINE)
+ADVICE = re.compile(r"^@checked_call\(['\"](.*)['\"]\)$", re.MULTILINE)
 EXAMPLES = sorted(
-    {call for path in SOURCE.rglob("*.py") for call in ADVISED.findall(path.read_text(encoding="utf-8"))}
+    {call for path in SOURCE.rglob("*.py") for call in ADVICE.findall(path.read_text(encoding="utf-8"))}
 )
 
 

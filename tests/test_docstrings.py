@@ -54,7 +54,7 @@ MOST_NAMES = 190  # of all rooms together
 MODULE_LINES = 15  # of the docstring of a module: equations and source
 # of a parameter, as in mass_kg
 UNIT_IN_NAME = re.compile(r"_(?:(?:k?m|m?s|ns|rad|hz|deg|kg|v|std)2?|dps|per_m)$")
-FRAMED = re.compile(r"\b(poses?|velocity|velocities)\b", re.I)  # quantities that have components in a frame
+VECTOR = re.compile(r"\b(poses?|velocity|velocities)\b", re.I)  # quantities that have components in a frame
 SHAPE = re.compile(r"\([^)]*\b[236],?\)")  # of 2, 3 or 6 components
 FRAME = re.compile(r"\b(map|body|sensor frame|relative to)\b", re.I)
 # a base class and `__getattr__` give no advice to a user
@@ -86,12 +86,12 @@ def documented_here(value: object) -> bool:
     return callable(value) and (getattr(value, "__module__", "") or "").startswith("baqueano")
 
 
-DOCUMENTED = {name: value for name, value in PUBLIC.items() if documented_here(value)}
+OBJECTS = {name: value for name, value in PUBLIC.items() if documented_here(value)}
 
 
-@pytest.mark.parametrize("name", DOCUMENTED)
+@pytest.mark.parametrize("name", OBJECTS)
 def test_a_public_name_is_documented(name):
-    value = DOCUMENTED[name]
+    value = OBJECTS[name]
     doc = NumpyDocString(inspect.getdoc(value) or "")
     lacks = in_a_class(value, doc) if isinstance(value, type) else in_a_function(value, doc)
     lacks += [] if "".join(doc["Summary"]).strip() else ["a summary"]
@@ -104,7 +104,7 @@ FIELDS = ("Parameters", "Attributes", "Other Parameters")
 
 def entries_of(*sections):
     """Yield the public name, the section and the entry of each documented value."""
-    for name, value in DOCUMENTED.items():
+    for name, value in OBJECTS.items():
         doc = NumpyDocString(inspect.getdoc(value) or "")
         yield from ((name, section, entry) for section in sections for entry in doc[section])
 
@@ -121,7 +121,7 @@ def test_a_pose_or_velocity_of_a_public_name_states_its_frame():
     lacks = [
         f"{name}: {entry.name or section}: {described(entry)}"
         for name, section, entry in entries_of(*FIELDS, "Returns", "Yields")
-        if FRAMED.search(described(entry)) and SHAPE.search(described(entry))
+        if VECTOR.search(described(entry)) and SHAPE.search(described(entry))
         if not FRAME.search(described(entry))
     ]
     assert not lacks, "name the frame (map, body, sensor frame, relative to): " + "; ".join(lacks)

@@ -144,8 +144,8 @@ def test_no_module_tests_for_a_specific_vehicle_class():
     assert not offenders, f"{offenders} import a class of vehicle"
 
 
-SNIFFED = 15  # calls of hasattr: what a system offers, and what the author of a block wrote
-UNTYPED = 500  # mentions of Any
+HASATTRS = 15  # calls of hasattr: what a system offers, and what the author of a block wrote
+MAX_ANY = 500  # mentions of Any
 SAME_NAME = 3  # names of two classes
 
 
@@ -154,11 +154,11 @@ def sources() -> dict[Path, str]:
 
 
 def test_the_number_of_hasattr_calls_is_limited():
-    assert sum(text.count("hasattr(") for text in sources().values()) <= SNIFFED, "ask contracts/optional.py"
+    assert sum(text.count("hasattr(") for text in sources().values()) <= HASATTRS, "ask contracts/optional.py"
 
 
 def test_signatures_rarely_use_any():
-    assert sum(len(re.findall(r"\bAny\b", text)) for text in sources().values()) <= UNTYPED, (
+    assert sum(len(re.findall(r"\bAny\b", text)) for text in sources().values()) <= MAX_ANY, (
         "a promise or a type of contracts/, or the class itself"
     )
 

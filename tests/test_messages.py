@@ -32,8 +32,8 @@ NAMES = {  # with a space: cases of studies, verdicts on a filter
     "left inverted", "right inverted", "clean, other start",
 }  # fmt: skip
 LISTS_OF_NAMES = {
-    "UNDAMAGED",
-    "REPAIRED",
+    "SOUND_DATA",
+    "REPAIRS",
     "NOT_FOR_CARS",
     "UNCOMPARED_PARAMETERS",
     "BATTERY_TERM",
@@ -165,7 +165,7 @@ def test_an_error_with_a_literal_sentence_is_detected(line):
 
 
 TESTS = Path(__file__).parent
-QUOTED = 94  # assertions that repeat a message: of tables, pages and terminals, whose subject is the text
+MAX_QUOTES = 94  # assertions that repeat a message: of tables, pages and terminals, whose subject is the text
 
 
 def triples(sentence):
@@ -206,7 +206,7 @@ def test_tests_assert_codes_and_rarely_quote_a_message():
         for path in sorted(TESTS.rglob("*.py"))
         for line in sorted(quotations(ast.parse(path.read_text(encoding="utf-8")), phrases))
     ]
-    assert len(places) <= QUOTED, f"assert code and figures (tests/codes.py): {places}"
+    assert len(places) <= MAX_QUOTES, f"assert code and figures (tests/codes.py): {places}"
 
 
 def test_an_assertion_that_quotes_a_message_is_detected():
@@ -292,13 +292,13 @@ def test_each_template_is_used_by_a_code():
     assert [code for code in sorted(unused) if not pattern.fullmatch(code)] == []
 
 
-NESTED = stop(StopReason.IMU_ABSENT, cause=UsageError("no bus").diagnostic)
+INNER = stop(StopReason.IMU_ABSENT, cause=UsageError("no bus").diagnostic)
 
 
 @pytest.mark.parametrize(
     "note",
     [
-        stop(StopReason.UNO_SILENT, silent_ms=320.5), stop(StopReason.UNO_LATCHED, "baqueano robot clear"), NESTED,
+        stop(StopReason.UNO_SILENT, silent_ms=320.5), stop(StopReason.UNO_LATCHED, "baqueano robot clear"), INNER,
         note("bus.freed", Severity.WARNING, clocks=9),
     ],
 )  # fmt: skip

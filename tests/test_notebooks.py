@@ -45,7 +45,7 @@ sweep = bq.sweep(cart, bq.guides.shapes.circle(0.4, 0.2), controllers=["kanayama
 estimates = {name: fit.value(name) for name in ("push", "drag")}
 estimates | {"drives": len(sweep.drives), "text": cart_run.metadata["vehicle.text"]}
 """
-SAVED = '\nmine = bq.repeat(robot, route, controller=Mine, duration_s=0.5, path="mine.mcap")\n'
+LINE = '\nmine = bq.repeat(robot, route, controller=Mine, duration_s=0.5, path="mine.mcap")\n'
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def executed_notebooks(tmp_path_factory):
     folder = new(tmp_path_factory.mktemp("notebook") / "mi lab")
     notebook = nbformat.read(folder / "first_evening.ipynb", as_version=4)
     nbformat.validate(notebook)
-    notebook.cells += map(nbformat.v4.new_code_cell, [SAVED, MODEL, BROKEN])
+    notebook.cells += map(nbformat.v4.new_code_cell, [LINE, MODEL, BROKEN])
     client = NotebookClient(
         notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
     )

@@ -20,7 +20,7 @@ PAGES = [
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 FIELD = re.compile(r"\{(?:[^{}]|\{[^{}]*\})*\}")
 FIGURE = re.compile(r"\d+(?:[.,]\d+)?")
-TYPED = re.compile(r"\S*[\w.…][_./=\[-]\S*|--\S+")  # paths, keys, options
+CODE = re.compile(r"\S*[\w.…][_./=\[-]\S*|--\S+")  # paths, keys, options
 LETTERS = 6  # that a template needs beside its fields: fewer would match any text
 QUOTE = re.compile(
     r'"([^"\n]{4,160})"|«([^»\n]+)»|(?<![*\w])\*([^*|\n]{3,160})\*(?!\*)|`([a-z]+ [^`\n]*)`|\b([A-Z]{4,})\b'
@@ -51,7 +51,7 @@ def printed_in(language: str, cell: str) -> bool:
     """Return if the program prints this part of a line in a language."""
     with use_language(language):
         unit = shown_unit("N per unit of u").removeprefix("N ")
-    words = TYPED.sub("", cell.replace(unit, ""))
+    words = CODE.sub("", cell.replace(unit, ""))
     if not re.search(r"[^\W\d]{4,}", words) or cell in texts(language):
         return True
     if any(pattern.fullmatch(cell) for pattern in templates(language)):

@@ -21,7 +21,7 @@ OF_DEVELOPERS = {
     "NotImplementedError",
     "OSError",
 }
-TYPED = re.compile(  # lines to type, code, words of NumPy
+CODE = re.compile(  # lines to type, code, words of NumPy
     r"^(exec )?baqueano |^sudo |^pip |\.__class__ |^\(\w+, \w+\(t_ns"
 )
 OTHER_TEXT = {  # with text that users read elsewhere, or never
@@ -65,7 +65,7 @@ def test_every_displayed_sentence_is_translated():
         if place.parts[0] in ELSEWHERE or place.as_posix() in OTHER_TEXT:
             continue
         sentence_list = sentences(ast.parse(path.read_text(encoding="utf-8")))
-        texts += [f"{place}:{line}: {words!r}" for line, words in sentence_list if not TYPED.search(words)]
+        texts += [f"{place}:{line}: {words!r}" for line, words in sentence_list if not CODE.search(words)]
     assert texts == [], "write a template of messages/, or _(…)"
 
 

@@ -26,7 +26,7 @@ OLD = re.compile(  # words of an earlier style, in place of terms of the field
     re.IGNORECASE,
 )
 RIDDLE = re.compile(r"(What|Whether|That|How|Where|Who|Those|Whose)\b")
-DEFINED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
+DOC_NODES = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
 AROUND = "docs/", "tests/", "benchmarks/", "examples/"  # code that is not in the package
 
 
@@ -133,7 +133,7 @@ def contents_of(folder: Path) -> Contents:
     for path in sorted(folder.rglob("*.py")):
         file = path.relative_to(SOURCE if folder == SOURCE else DOCS).as_posix()
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, DEFINED) and (docstring := ast.get_docstring(node)):
+            if isinstance(node, DOC_NODES) and (docstring := ast.get_docstring(node)):
                 contents.docstrings.append((file, docstring))
             contents.names.extend((file, type(node), name) for name in defined_names(node))
     return contents
@@ -253,9 +253,8 @@ NO_NOUNS = re.compile(
     "wrong|lost|spoilt|kept|late|early|wide|similar|different|ours|theirs|way|odd"
 )
 ADVERBS = re.compile(NO_NOUNS.pattern + "|along|around|inside|until|otherwise|alone|anew|both|quiet|whole")
-USUAL = set(
-    ["before", "after", "now", "other", "out", "do", "lost", "of", "over", "when", "where", "without"]
-)  # or public
+# usual or public names
+USUAL = {"before", "after", "now", "other", "out", "do", "lost", "of", "over", "when", "where", "without"}
 
 
 def test_a_figure_of_a_message_is_named_by_a_noun():

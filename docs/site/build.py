@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from docs.site.pages import ROOT, Edition
-from docs.site.reference import SHARED, reference
+from docs.site.reference import COMMON, reference
 
 HERE = Path(__file__).parent
 NAMES = {"en": "English", "es": "Español"}
@@ -130,7 +130,7 @@ def _languages(app: Any, page: str, _template: str, context: dict[str, Any], _tr
     """Add a link to the other language above each page: to the same page, or to the first page if it is missing."""
     language = app.config.language
     second = "es" if language == "en" else "en"
-    target_page = page if page in {*Edition(second).sources, *SHARED, "search", "genindex"} else "index"
+    target_page = page if page in {*Edition(second).sources, *COMMON, "search", "genindex"} else "index"
     up = "../" * page.count("/")
     target = f"{up}es/{target_page}.html" if second == "es" else f"../{up}{target_page}.html"
     switch = (

@@ -11,7 +11,7 @@ SPECIAL = re.compile(r"([\\*_<>\[\]$|#~^{}])")
 SET_IN = "  "
 RULE = re.compile(r"-{3,}\s*$")
 Translate = Callable[[str], str]
-LISTED = ("Parameters", "Returns", "Raises", "Attributes", "Yields", "Methods", "Other Parameters")
+SECTIONS = ("Parameters", "Returns", "Raises", "Attributes", "Yields", "Methods", "Other Parameters")
 
 
 def markdown(docstring: str, translate: Translate = str) -> str:
@@ -20,7 +20,7 @@ def markdown(docstring: str, translate: Translate = str) -> str:
     for heading, lines in _sections(docstring.splitlines()):
         if heading:
             out.append(f"**{translate(heading)}**\n")
-        out += (_entries if heading in LISTED else _blocks)(lines, translate)
+        out += (_entries if heading in SECTIONS else _blocks)(lines, translate)
     return "\n".join(out).strip() + "\n"
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
-FENCED = re.compile(r"^(```.*?^```|~~~.*?^~~~)$", re.MULTILINE | re.DOTALL)
+FENCE = re.compile(r"^(```.*?^```|~~~.*?^~~~)$", re.MULTILINE | re.DOTALL)
 ELSEWHERE = {  # page of the site → file outside docs/
     "changelog": ROOT / "CHANGELOG.md",
     "contributing": ROOT / "CONTRIBUTING.md",
@@ -81,9 +81,9 @@ class Edition:
     def _linked(self, path: Path, folder: Path) -> str:
         """Return the text of a page with the links of the site; code is not changed."""
         text = re.sub(r"^```math$", "```{math}", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
-        parts = FENCED.split(text)
+        parts = FENCE.split(text)
         return "".join(
-            part if FENCED.fullmatch(part) else LINK.sub(lambda m: self._link(m, path, folder), part)
+            part if FENCE.fullmatch(part) else LINK.sub(lambda m: self._link(m, path, folder), part)
             for part in parts
         )
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from docs.site.docstring import LISTED, Translate, markdown
+from docs.site.docstring import SECTIONS, Translate, markdown
 
 ROOMS = {  # module → its purpose; the first one that offers a name describes it
     "baqueano": "the commands of the command line, as functions",
@@ -50,7 +50,7 @@ ROOMS = {  # module → its purpose; the first one that offers a name describes 
     "baqueano.diagnostics": "messages as data, and verdicts",
 }
 DOOR = "baqueano"
-TRANSLATED = (
+COURSE = (
     DOOR,
     "baqueano.blocks",
     "baqueano.signals",
@@ -64,14 +64,14 @@ INTRODUCTION = (
     "English and Spanish. The pages of other modules are for programmers, and exist in English only."
 )
 MODULES = re.compile(r"\b(?:[a-z_]\w*\.)+(?=\w)")
-WORDS = {*LISTED, "Examples", "Notes", "References", "module", "content"}  # other words alone are types
+WORDS = {*SECTIONS, "Examples", "Notes", "References", "module", "content"}  # other words alone are types
 LONG = 24  # letters of the longest default value that is shown
 
 
 def reference(language: str = "en", translate: Translate | None = None) -> dict[str, str]:
     """Return the text of each page by its name; each object is described once."""
     translate = translate or translation(language)
-    names = [name for name in ROOMS if language == "en" or name in TRANSLATED]
+    names = [name for name in ROOMS if language == "en" or name in COURSE]
     described: dict[int, str] = {}
     pages = {f"reference/{_file(name)}": _page(name, described, translate, language) for name in names}
     rows = "".join(
@@ -122,12 +122,12 @@ def _file(module: str) -> str:
     return module.removeprefix("baqueano.")
 
 
-SHARED = "reference/index", *(f"reference/{_file(module)}" for module in TRANSLATED)  # pages in all languages
+COMMON = "reference/index", *(f"reference/{_file(module)}" for module in COURSE)  # pages in all languages
 
 
 def _address(module: str, language: str) -> str:
     """Return the target of a link from a page of the reference to the page of a module."""
-    is_here = language == "en" or module in TRANSLATED
+    is_here = language == "en" or module in COURSE
     return f"{_file(module)}.md" if is_here else f"en:../reference/{_file(module)}.html"
 
 

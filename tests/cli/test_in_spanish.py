@@ -21,7 +21,7 @@ ENGLISH = (
     "verdict|topic|count|rate|gaps|longest|size|drift|distance|duration|expected|warning|yes|consistent|cost"
 )
 WORD = re.compile(rf"(?<![\w./\\\-'\"=\[:<])({ENGLISH})(?![\w./\\\-'\"=\]:(])", re.IGNORECASE)
-TYPED = re.compile(
+CODE = re.compile(
     r"^  laps {2,}|COMMAND \[ARGS\]|"
     r"baqueano \d[^\n]*|baqueano [a-z][^.;,:\n]*(\.[a-z]+[^.;,:\n]*)*|--[\w-]+( \S+)?|\[[\w. ]+\]"
 )
@@ -123,7 +123,7 @@ def said_by(line: str, capsys) -> str:
 
 def english_in(text: str) -> list[str]:
     """Return the lines that contain English words outside of command lines, names and keys."""
-    return [line for line in text.splitlines() if WORD.search(TYPED.sub("", line))]
+    return [line for line in text.splitlines() if WORD.search(CODE.sub("", line))]
 
 
 @pytest.fixture
@@ -215,7 +215,7 @@ def test_a_spanish_report_contains_no_english(in_lab, in_strange_letters, capsys
     "line", ["compare 1", "runs ls", "route ls", "forecast lab --vehicle small --laps 1", "route check lab"]
 )
 def test_numbers_have_a_decimal_comma(line, in_lab, capsys):
-    figures_text = TYPED.sub("", said_by(line, capsys))
+    figures_text = CODE.sub("", said_by(line, capsys))
     assert not POINT.findall(figures_text)
     assert re.search(r"\d,\d", figures_text) or "forecast" in line
 

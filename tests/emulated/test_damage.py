@@ -16,7 +16,7 @@ from baqueano.robot.uno.frames import Drive, DriveFlag, Ping, Pong, State
 from tests.emulated.rig import FIRMWARE
 
 BOARD = Path(__file__).with_name("host_board.c")
-SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+SANITIZER = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def host_firmware(tmp_path_factory) -> Path:
         "-std=gnu11",
         "-O2",
         *warnings,
-        *SANITIZED,
+        *SANITIZER,
         f"-I{FIRMWARE}",
         BOARD,
         *sources,

@@ -21,7 +21,7 @@ from tests.emulated.onboard import running
 from tests.emulated.test_imu_process import _installed, lacking  # noqa: F401
 from tests.emulated.test_processes import drive_whole, perform_mission
 
-WATCHED = Path(__file__).with_name("watched.py")
+WATCHER = Path(__file__).with_name("watched.py")
 NOT_AT_THE_START = (  # modules of a laptop, or of the start of a drive
     "baqueano.simulate", "baqueano.runs.importing", "baqueano.runs.export",
     "baqueano.runs.route_file", "baqueano.vehicle_file.text.edit", "baqueano.identify", "baqueano.compare",
@@ -32,8 +32,8 @@ NOT_AT_THE_START = (  # modules of a laptop, or of the start of a drive
 @pytest.mark.parametrize("backend", ["c", "python"])
 def test_the_service_imports_no_laptop_module_at_start_or_in_drives(firmware, tmp_path, backend):
     log = tmp_path / "watched.jsonl"
-    environment = {"WATCHED": str(log), "BAQUEANO_BACKEND": backend}
-    with running(firmware, tmp_path, (sys.executable, str(WATCHED)), environment) as service:
+    environment = {"WATCHER": str(log), "BAQUEANO_BACKEND": backend}
+    with running(firmware, tmp_path, (sys.executable, str(WATCHER)), environment) as service:
         ring = circle(0.05, 0.2)
         missions = [
             Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (100, 1))),

@@ -6,7 +6,7 @@ import subprocess
 from baqueano.robot.uno.frames import PROTOCOL, VERSION, Config, EncoderKind, Info, Ping, Settings
 from tests.emulated.rig import FIRMWARE
 
-SHIPPED = FIRMWARE.parents[1] / "src" / "baqueano" / "robot" / "files" / "uno.hex"
+PACKAGE = FIRMWARE.parents[1] / "src" / "baqueano" / "robot" / "files" / "uno.hex"
 FLASH, RAM, PART_RAM = 6000, 700, 2048
 
 
@@ -35,9 +35,9 @@ def test_r27_the_stack_leaves_more_than_half_of_the_ram_untouched(uno):
 def test_the_firmware_in_the_wheel_matches_its_sources(firmware, new_uno):
     """Equal bytes with the compiler that built it; with another compiler, the firmware runs and reports its version."""
     if "5.4.0" in subprocess.run(["avr-gcc", "--version"], capture_output=True, text=True, check=True).stdout:
-        assert SHIPPED.read_bytes() == firmware.hex.read_bytes(), "run `make firmware` and commit uno.hex"
+        assert PACKAGE.read_bytes() == firmware.hex.read_bytes(), "run `make firmware` and commit uno.hex"
     # it starts at 0, as a program without a boot-loader
-    shipped = new_uno(boot_loader=SHIPPED, flashed=False)
+    shipped = new_uno(boot_loader=PACKAGE, flashed=False)
     info = shipped.next_frame(Info, 0.1)
     assert (info.protocol, info.version_major, info.version_minor, info.version_patch) == (PROTOCOL, *VERSION)
 

@@ -24,7 +24,7 @@ from tests.light_robot import SMALL
 
 DT = 0.01
 FALSE_ALARM = 1e-4
-WHEELED = Kinematic(velocity_matrix=np.diag([0.5, 0.0, 3.0]))  # nothing slips sideways
+MODEL = Kinematic(velocity_matrix=np.diag([0.5, 0.0, 3.0]))  # nothing slips sideways
 IMU = Imu(gyro_noise_std=0.005, accel_noise_std=np.array([0.1, 0.1]), gyro_scale=1.03, gyro_bias=0.02)
 WHEELS = Wheels(track_m=0.12, noise_std=0.02, radius_scale=np.array([1.02, 0.97]))
 ODOMETER = Odometer(scale=1.02, noise_std=0.02)
@@ -84,7 +84,7 @@ def test_the_covariance_matches_a_monte_carlo_simulation(speed):
     ((name, sensor),), start_std = speed.items(), np.array([2e-3, 2e-3, 4e-3])
     sensor = replace(sensor, **{"radius_scale_std" if name == "wheels" else "scale_std": speed_std})
     first = np.concatenate([start_std, [1e-3, 1e-3, 1e-3]])
-    reckon = reckoning(WHEELED, imu=imu, **{name: sensor}, initial_std=first)
+    reckon = reckoning(MODEL, imu=imu, **{name: sensor}, initial_std=first)
     nu, eta = drive_truth(n, 1e9)
     w = nu[1:, 2]
     if name == "wheels":
@@ -113,7 +113,7 @@ def test_the_covariance_matches_a_monte_carlo_simulation(speed):
 def test_one_wheel_and_the_gyro_give_the_speed_while_the_other_wheel_is_nan(kind):
     wheels, nu = replace(WHEELS, radius_scale=np.ones(2)), np.array([0.4, 0.0, 1.5])
     blocks = sensors(imu=replace(IMU, gyro_scale=1.0, gyro_bias=0.0), wheels=wheels)
-    estimator = kind(WHEELED, blocks, R, rate_hz=100.0) if kind is DeadReckoning else kind(WHEELED, blocks)
+    estimator = kind(MODEL, blocks, R, rate_hz=100.0) if kind is DeadReckoning else kind(MODEL, blocks)
     left, right = nu[0] - 0.06 * nu[2], nu[0] + 0.06 * nu[2]
     for z in ([left, right], [np.nan, right], [left, np.inf]):
         belief = estimator.init()
@@ -187,7 +187,7 @@ def test_pose_nees_lies_in_its_band_on_the_independent_truth():
 def test_a_delayed_gyro_causes_no_heading_error_in_a_curve(late):
     """On a curve that begins, oscillates and ends, the delay causes no heading error during or after the curve."""
     n = 600
-    reckon = reckoning(WHEELED, imu=replace(IMU, **late), odometer=ODOMETER)
+    reckon = reckoning(MODEL, imu=replace(IMU, **late), odometer=ODOMETER)
     nu, eta = drive_truth(n, 4.0)
     fine = np.interp(np.arange(n * 10) * 1e-3, np.arange(n + 1) * DT, nu[:, 2])
     if "delay_s" in late:
@@ -218,7 +218,7 @@ def test_slow_readings_correct_the_model_error_between_two_readings():
 
 
 def test_a_gyro_without_accelerometers_turns_the_heading():
-    reckon = reckoning(WHEELED, imu=IMU)
+    reckon = reckoning(MODEL, imu=IMU)
     ticks = ticks_of(reckon, {"imu": np.tile([0.0, 0.0, 1.03 * 0.5], (200, 1))})
     missing = ticks.sensors.imu._replace(z=ticks.sensors.imu.z + np.array([np.nan, np.nan, 0.0]))
     heading = [
@@ -250,7 +250,7 @@ def test_wheel_speeds_without_a_gyro_determine_the_heading():
     n = 500
     nu, eta = drive_truth(n, 1e9)
     z = WHEELS.radius_scale * np.stack([nu[1:, 0] - 0.06 * nu[1:, 2], nu[1:, 0] + 0.06 * nu[1:, 2]], 1)
-    reckon = reckoning(WHEELED, wheels=WHEELS)
+    reckon = reckoning(MODEL, wheels=WHEELS)
     belief, _ = kernel_of(reckon).run(ticks_of(reckon, {"wheels": z}))
     np.testing.assert_allclose(belief.mean[:2], eta[-1, :2], atol=1e-3)
     assert abs(wrap(belief.mean[2] - eta[-1, 2])) < 1e-3
@@ -304,7 +304,7 @@ def test_bad_settings_are_refused_with_a_reason(options, words):
 def test_a_gyro_measures_its_bias_at_rest_before_the_drive():
     """The bias differs from that of the file by 0.01 rad/s; without the rest the heading is 0.03 rad off after 3 s."""
     rest, n = 200, 300
-    reckon = reckoning(WHEELED, imu=IMU, odometer=ODOMETER)
+    reckon = reckoning(MODEL, imu=IMU, odometer=ODOMETER)
     nu, eta = drive_truth(n, 2.0)
     nu, eta = (np.concatenate([np.zeros((rest, 3)), x]) for x in (nu, eta))
     z = np.column_stack([np.zeros((rest + n, 2)), 1.03 * nu[1:, 2] + 0.03])

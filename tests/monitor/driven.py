@@ -22,7 +22,7 @@ SECONDS, FROM_S = 20.0, 6.0  # of a drive; when a fault begins
 TRACK_M = 0.12
 WHEELS = f'\n[sensors.wheels]\nkind = "wheels"\nrate_hz = 100.0\nnoise_std = 0.02\ntrack_m = {TRACK_M}\n'
 SCALES = {"half": 0.5, "15 % less": 0.85, "15 % more": 1.15}
-IDENTIFIED = {"estimator.disturbance_std": [0.2, 0.5], "estimator.velocity_walk_std": [0.02, 0.01, 0.05]}
+NOISE = {"estimator.disturbance_std": [0.2, 0.5], "estimator.velocity_walk_std": [0.02, 0.01, 0.05]}
 
 
 class Kind(NamedTuple):
@@ -37,7 +37,7 @@ class Kind(NamedTuple):
 def kind_of(kind: str, wrong: tuple[tuple[str, float], ...] = ()) -> Kind:
     """Return "robot", "wheels" (a robot with encoders) or "car" (with an odometer). `wrong` contains factors of
     values of its file, which is then wrong."""
-    file = subject("robot" if kind == "wheels" else kind, 0).vehicle_file.with_values(IDENTIFIED)
+    file = subject("robot" if kind == "wheels" else kind, 0).vehicle_file.with_values(NOISE)
     if kind == "wheels":
         file = parse(file.text + WHEELS, file.name).with_values({"estimator.use": ["imu", "wheels"]})
     elif kind == "car":

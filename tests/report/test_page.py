@@ -20,7 +20,7 @@ from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, TruthL
 from baqueano.vehicle_file import load
 
 mpl.use("svg")
-FETCHED = re.compile(r"""(?:src|href|xlink:href|action)\s*=\s*["'](?!#|data:)|url\((?!\s*["']?#)|@import""")
+ADDRESS = re.compile(r"""(?:src|href|xlink:href|action)\s*=\s*["'](?!#|data:)|url\((?!\s*["']?#)|@import""")
 EVIL = "<script>alert('ñ')</script> & \"co\""
 
 
@@ -59,7 +59,7 @@ def parts_of(page: Page) -> dict[str, list[Any]]:
 
 def assert_stands_alone(text: str) -> None:
     assert text.lstrip().lower().startswith("<!doctype html>")
-    assert not FETCHED.search(text)
+    assert not ADDRESS.search(text)
     assert "<script" not in text.lower()
     assert 'charset="utf-8"' in text.lower()
 

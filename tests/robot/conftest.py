@@ -11,7 +11,7 @@ import pytest
 
 from baqueano.robot.setup import install
 
-RECORDED = ("usermod", "gpasswd", "systemctl", "udevadm", "chown", "chmod", "date")
+COMMANDS = ("usermod", "gpasswd", "systemctl", "udevadm", "chown", "chmod", "date")
 ACCOUNT = "baqueano:x:990:990::/var/lib/baqueano:/usr/sbin/nologin"
 CONFIG = "dtparam=audio=on\n[cm4]\notg_mode=1\n"
 
@@ -30,7 +30,7 @@ def programs(tmp_path, monkeypatch):
 
     put_scripts(
         ssh='for last; do :; done; exec sh -c "$last"', sudo='[ "$1" = -n ] && shift; exec "$@"',
-        **dict.fromkeys(RECORDED, "exit 0"),
+        **dict.fromkeys(COMMANDS, "exit 0"),
         useradd=f"echo {ACCOUNT} >>{tmp_path}/root/etc/passwd",
         userdel=f"sed -i /^baqueano:/d {tmp_path}/root/etc/passwd",
     )  # fmt: skip

@@ -56,7 +56,7 @@ def chunks_in_chunks(size):
     )
 
 
-FILLED = {
+FILLINGS = {
     "zeros": lambda n: bytes(n),
     "ones": lambda n: b"\xff" * n,
     "random": lambda n: random.Random(3).randbytes(n),
@@ -90,7 +90,7 @@ def chunked_file(tmp_path_factory):
 
 
 @pytest.mark.parametrize("place", ["end", "middle", "alone"])
-@pytest.mark.parametrize("fill", FILLED)
+@pytest.mark.parametrize("fill", FILLINGS)
 def test_the_reading_time_grows_linearly_with_the_damaged_bytes(chunked_file, monkeypatch, fill, place):
     data, chunks = chunked_file
     cut = chunks[len(chunks) // 2][1]
@@ -105,7 +105,7 @@ def test_the_reading_time_grows_linearly_with_the_damaged_bytes(chunked_file, mo
     before, after = {"end": (data[:cut], b""), "middle": (data[:cut], data[cut:]), "alone": (MAGIC, b"")}[
         place
     ]
-    damaged = CountedBytes(before + FILLED[fill](SIZE) + after)
+    damaged = CountedBytes(before + FILLINGS[fill](SIZE) + after)
     scan = mcap_records.scan(damaged)
     assert damaged.searched <= 2 * len(damaged)
     assert len(records) <= len(damaged) // 8 + 1
@@ -129,7 +129,7 @@ def test_damage_loses_only_the_damaged_chunks(chunked_file, at, size, fill):
         end, damaged = at + size, data[:at] + data[at + size :]
     else:
         end = min(at + size, len(data))
-        damaged = data[:at] + FILLED[fill](end - at) + data[end:]
+        damaged = data[:at] + FILLINGS[fill](end - at) + data[end:]
     scan, expected = mcap_records.scan(damaged), mcap_records.scan(data)
     (key,) = expected.messages
     times = set(scan.messages[key].t_ns)

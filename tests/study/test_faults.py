@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.study.faults import FAULTS, Faults, detection, faults
-from baqueano.study.faults.detection import UNDAMAGED, FaultJob, FaultOutcome
+from baqueano.study.faults.detection import SOUND_DATA, FaultJob, FaultOutcome
 from baqueano.study.wrong_estimates import wrong_mask
 
 SOME = (
@@ -132,7 +132,7 @@ def test_the_study_contains_every_specified_fault():
     )  # fmt: skip
     for word in words:
         assert any(word in fault for fault in FAULTS), word
-    assert len(UNDAMAGED) == 5
+    assert len(SOUND_DATA) == 5
 
 
 @pytest.mark.parametrize(("off", "code"), [(False, 0), (True, 1)])

@@ -91,7 +91,7 @@ def test_the_vehicle_file_declares_the_sensors_of_each_kind_of_mark(fix, shape):
         [np.interp(np.arange(0.01, route.t_s[-1], 0.01), route.t_s, x) for x in route.eta.T]
     )
     readings = np.array([reader.read(0.01 * k, eta[None])[0] for k, eta in enumerate(poses)])
-    assert np.sum(np.isfinite(readings), axis=0).tolist() == FIXED[fix]  # once a lap each
+    assert np.sum(np.isfinite(readings), axis=0).tolist() == COUNTS[fix]  # once a lap each
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -103,7 +103,7 @@ def test_three_lines_determine_the_pose_on_every_route(shape):
     assert np.linalg.svd(H, compute_uv=False)[-1] > 0.7
 
 
-FIXED = {"none": [], "tags": [2, 2], "lines": [1, 1, 1], "gate": [1, 1, 1]}
+COUNTS = {"none": [], "tags": [2, 2], "lines": [1, 1, 1], "gate": [1, 1, 1]}
 
 
 def test_two_turns_on_a_mark_calibrate_the_gyro():

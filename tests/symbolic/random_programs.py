@@ -12,7 +12,7 @@ from baqueano.symbolic.graph.node import Graph, Node
 from baqueano.symbolic.graph.program import Kernel, Program
 
 SMOOTH = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
-KINKED = ("abs", "sign", "floor", "not")
+KINKS = ("abs", "sign", "floor", "not")
 TWO = ("add", "sub", "mul", "div", "pow", "hypot", "atan2", "min", "max", "lt", "le", "eq", "ne", "and", "or")
 
 
@@ -49,12 +49,12 @@ def _random_node(graph: Graph, pool: list[Node], draw: np.random.Generator) -> N
     def positive(node: Node) -> Node:  # (0.1, 1.9)
         return graph.make("add", graph.const(1.0), inside(node))
 
-    op = str(draw.choice([*SMOOTH, *KINKED, *TWO, "neg", "where", "where", "where"]))
+    op = str(draw.choice([*SMOOTH, *KINKS, *TWO, "neg", "where", "where", "where"]))
     if op == "where":
         return graph.make("where", graph.make("lt", pick(), pick()), pick(), pick())
     if op in ("log", "sqrt"):
         return graph.make(op, positive(pick()))
-    if op in (*SMOOTH, *KINKED, "neg"):
+    if op in (*SMOOTH, *KINKS, "neg"):
         return graph.make(op, inside(pick()))
     if op in ("div", "pow"):
         return graph.make(op, positive(pick()), positive(pick()))

@@ -11,7 +11,7 @@ from baqueano.symbolic import TraceError, function, jacobian, scan, with_value
 from tests.codes import refused
 
 X, A = np.array([1.0, 2.0, 3.0]), np.eye(3)
-KEPT = []
+RESULTS = []
 TABLE = np.zeros(3)
 
 
@@ -31,8 +31,8 @@ def writes_into_a_constant(x):
 
 
 def keeps_a_value(x):
-    KEPT.append(x[0])
-    return KEPT[0] * x[0]
+    RESULTS.append(x[0])
+    return RESULTS[0] * x[0]
 
 
 CASES = {
@@ -100,7 +100,7 @@ def test_a_trace_error_is_both_a_type_and_a_value_error():
 
 
 def test_a_traced_value_used_in_another_trace_is_refused():
-    KEPT.clear()
+    RESULTS.clear()
     function(keeps_a_value, X, backend="python")
     with refused("trace.another-trace", TraceError):
         function(keeps_a_value, X, backend="python")

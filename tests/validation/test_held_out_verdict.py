@@ -18,7 +18,7 @@ from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import load, override
 
 RATE_HZ, VOLTS = 200.0, 12.0
-FITTED = ("ramp +1", "ramp -1", "step +1")
+FIT_RUNS = ("ramp +1", "ramp -1", "step +1")
 FREE = ["model.actuator_matrix[2,2]", "model.friction.linear[2]", "model.drivetrain.lag_s"]
 
 
@@ -71,7 +71,7 @@ def logs():
 @pytest.fixture(scope="module")
 def fit(file, logs):
     """A fit to three of them."""
-    return identify([logs[name] for name in FITTED], file, FREE, options=FitOptions(diagnose=False))
+    return identify([logs[name] for name in FIT_RUNS], file, FREE, options=FitOptions(diagnose=False))
 
 
 def test_one_short_run_is_not_enough_for_a_verdict(fit, logs):
@@ -102,7 +102,7 @@ def test_a_channel_unexplained_in_fitted_and_unseen_runs_is_refused_by_name(file
         file, ["model.actuator_matrix=[[0.28,0,0],[0,0,0],[0,0,-0.017]]", "model.drivetrain.lag_s=2.6"]
     )
     fit = identify(
-        [logs[name] for name in FITTED],
+        [logs[name] for name in FIT_RUNS],
         start,
         ["model.friction.linear[0]"],
         options=FitOptions(diagnose=False),

@@ -15,7 +15,7 @@ from tests.codes import refused
 
 LINEAR = np.array([3.4123456789, 41.0, 0.0123])
 SD = np.array([0.02, 0.5, 0.00004])
-FITTED = Provenance("runs/0001-experiment.mcap", date(2026, 11, 21), SD, "USABLE")
+SOURCE = Provenance("runs/0001-experiment.mcap", date(2026, 11, 21), SD, "USABLE")
 
 
 def difference(before, after):
@@ -71,16 +71,16 @@ def test_a_missing_table_is_added():
 def test_a_model_is_a_guess_until_a_usable_fit_changes_it():
     small, key = load("small"), "model.friction.linear"
     assert small.is_guess
-    assert not small.with_values({}, {key: FITTED}).is_guess
-    assert small.with_values({}, {key: FITTED._replace(verdict="REFUSED")}).is_guess
-    assert small.with_values({}, {"sensors.imu.gyro_bias": FITTED, "controller.k_x": FITTED}).is_guess
+    assert not small.with_values({}, {key: SOURCE}).is_guess
+    assert small.with_values({}, {key: SOURCE._replace(verdict="REFUSED")}).is_guess
+    assert small.with_values({}, {"sensors.imu.gyro_bias": SOURCE, "controller.k_x": SOURCE}).is_guess
 
 
 def test_after_a_partial_fit_a_table_retains_its_mark_as_a_guess():
     text = load("small").text + '\n[provenance.model]\nrun = "the data sheet of another"\nverdict = "GUESS"\n'
     guess = parse(text + '[provenance."model.friction"]\nrun = "a friend"\nverdict = "GUESS"\n', "mine.toml")
     assert guess.is_guess
-    fitted = guess.with_values({"model.friction.linear": LINEAR}, {"model.friction.linear": FITTED})
+    fitted = guess.with_values({"model.friction.linear": LINEAR}, {"model.friction.linear": SOURCE})
     assert not fitted.is_guess
     assert fitted.provenance["model"].verdict == "GUESS"
     assert parse(fitted.text, "mine.toml").provenance.keys() == fitted.provenance.keys()
@@ -88,14 +88,14 @@ def test_after_a_partial_fit_a_table_retains_its_mark_as_a_guess():
 
 def test_a_fitted_value_has_its_provenance():
     changed_file = load("small").with_values(
-        {"model.friction.linear": LINEAR}, provenance={"model.friction.linear": FITTED}
+        {"model.friction.linear": LINEAR}, provenance={"model.friction.linear": SOURCE}
     )
     assert (
         '[provenance."model.friction.linear"]\nrun = "runs/0001-experiment.mcap"\ndate = 2026-11-21\n'
         in changed_file.text
     )
     provenance = changed_file.provenance["model.friction.linear"]
-    assert (provenance.run, provenance.date, provenance.verdict) == (FITTED.run, FITTED.date, "USABLE")
+    assert (provenance.run, provenance.date, provenance.verdict) == (SOURCE.run, SOURCE.date, "USABLE")
     assert provenance.std.tolist() == SD.tolist()
     former_file = parse(changed_file.text.replace("\nstd = [", "\nsd = ["), "of an older run")
     assert former_file.provenance["model.friction.linear"].std.tolist() == SD.tolist()
@@ -103,7 +103,7 @@ def test_a_fitted_value_has_its_provenance():
 
 def test_a_value_is_written_to_a_thousandth_of_its_standard_deviation():
     changed_file = load("small").with_values(
-        {"model.friction.linear": LINEAR}, provenance={"model.friction.linear": FITTED._asdict()}
+        {"model.friction.linear": LINEAR}, provenance={"model.friction.linear": SOURCE._asdict()}
     )
     assert "linear = [3.41235, 41.0, 0.0123] # back EMF" in changed_file.text
     assert np.all(np.abs(changed_file.vehicle.friction.linear - LINEAR) < 1e-3 * SD)
@@ -116,7 +116,7 @@ def test_without_a_standard_deviation_a_value_is_written_exactly():
 
 def test_a_changed_value_loses_its_provenance():
     fitted = load("small").with_values(
-        {"model.friction.linear": LINEAR}, provenance={"model.friction.linear": FITTED}
+        {"model.friction.linear": LINEAR}, provenance={"model.friction.linear": SOURCE}
     )
     assert fitted.with_values({"model.friction.linear[0]": 3.0}).provenance == {}
     assert list(fitted.with_values({"model.mass_kg": 0.6}).provenance) == ["model.friction.linear"]
@@ -159,7 +159,7 @@ def test_an_unknown_key_is_not_written(key, code, figures):
     with refused(code, UsageError, **figures):
         load("small").with_values({key: 1.0})
     with refused("vehicle.unknown-key", UsageError, value="nothing"):
-        load("small").with_values({}, provenance={"nothing": FITTED})
+        load("small").with_values({}, provenance={"nothing": SOURCE})
 
 
 def test_a_value_absent_from_the_file_has_its_default():

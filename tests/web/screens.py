@@ -12,12 +12,12 @@ from tests.web.chromium import SIZES, Chromium, Tab
 from tests.web.scripted import RATE, ScriptedServer, fields, row
 
 LIVE = ("drive", "identify", "replay", "tune", "runs", "blocks", "faults")
-RECORDED = ("identify", "replay", "tune", "runs", "blocks")
+SCREENS = ("identify", "replay", "tune", "runs", "blocks")
 GHOST = ("replay",)
-SEEN = {"live": LIVE, "recorded": RECORDED, "ghost": GHOST}
+SEEN = {"live": LIVE, "recorded": SCREENS, "ghost": GHOST}
 THEMES, LANGUAGES = ("light", "dark"), ("en", "es")
 BOXES = (Path(__file__).parent / "boxes.js").read_text(encoding="utf-8")
-PAINTED = (Path(__file__).parent / "painted.js").read_text(encoding="utf-8")
+PAINTING = (Path(__file__).parent / "painted.js").read_text(encoding="utf-8")
 SHOTS = os.environ.get("BAQUEANO_SHOTS")  # a folder for pictures of the tested screens
 PAGE = "baqueano.page"
 READY = f"Boolean(globalThis.baqueano?.page?.screen) && {PAGE}.link.up"
@@ -74,7 +74,7 @@ def still_page(tab: Tab, server: ScriptedServer, *where: str) -> dict[str, np.nd
 
 def painted(tab: Tab, canvas: str) -> list[dict[str, Any]]:
     """Return the lines and areas that the next picture of the screen draws on a canvas."""
-    return tab.js(f"({PAINTED})({canvas}, () => {PAGE}.screen.draw(performance.now()))")
+    return tab.js(f"({PAINTING})({canvas}, () => {PAGE}.screen.draw(performance.now()))")
 
 
 def only(marks: list[dict[str, Any]], **look: object) -> dict[str, Any]:

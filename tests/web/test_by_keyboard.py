@@ -7,7 +7,7 @@ import time
 import pytest
 
 from tests.web.chromium import CHROMIUM
-from tests.web.screens import DRAWN, LIVE, PAGE, RECORDED, open_page
+from tests.web.screens import DRAWN, LIVE, PAGE, SCREENS, open_page
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
@@ -15,17 +15,17 @@ WATCH = """addEventListener("focusin", ({ target }) => {
   seen.reached.add(target);
   if (getComputedStyle(target).outlineStyle === "none") seen.unseen.push(target.outerHTML.slice(0, 120));
 })"""
-WANTED = """[...document.querySelectorAll("button, a, select, input, [tabindex='0']")]
+CONTROLS = """[...document.querySelectorAll("button, a, select, input, [tabindex='0']")]
   .filter((node) => node.checkVisibility() && !node.disabled && node.tabIndex >= 0)"""
 
 
 def walked(tab, screen: str) -> dict[str, list[str]]:
     """Move through a screen by Tab from its top; return the unreached elements and those without visible focus."""
     tab.js("globalThis.seen = { reached: new Set(), unseen: [] }; document.activeElement.blur()")
-    for _ in range(tab.js(f"{WANTED}.length") + 4):
+    for _ in range(tab.js(f"{CONTROLS}.length") + 4):
         tab.press("Tab", "Tab")
     unreached_nodes = (
-        f"{WANTED}.filter((node) => !seen.reached.has(node)).map((node) => node.outerHTML.slice(0, 120))"
+        f"{CONTROLS}.filter((node) => !seen.reached.has(node)).map((node) => node.outerHTML.slice(0, 120))"
     )
     return {"not reached": tab.js(unreached_nodes), "no focus seen": tab.js("seen.unseen")}
 
@@ -52,7 +52,7 @@ def test_every_element_of_a_drive_is_reachable_by_tab_with_visible_focus(driver)
 
 def test_every_element_of_a_run_is_reachable_by_tab_with_visible_focus(tab, replay):
     open_page(tab, replay)
-    assert not by_keys(tab, RECORDED)
+    assert not by_keys(tab, SCREENS)
 
 
 def test_with_reduced_motion_the_map_is_not_animated(tab, live):

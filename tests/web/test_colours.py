@@ -36,7 +36,7 @@ BY_COLOUR = [  # only the colour distinguishes these
     ("quiet", "middle"), ("middle", "loud"),  # the path by its information
     ("route", "model"),
 ]  # fmt: skip
-DASHED = {  # at least one of two lines is dashed: the file, and its notation
+DASHES = {  # at least one of two lines is dashed: the file, and its notation
     ("model", "ghost"): ("map.js", r'ghost: \{ colour: "ghost", width: [\d.]+, dash: \[\d'),
     ("model", "ink"): ("map.js", r'truth: \{ colour: "ink", width: [\d.]+, dash: \[\d'),
     ("ink", "ghost"): ("strips.js", r'requested: \{ colour: "ghost", width: [\d.]+, dash: \[\d'),
@@ -137,7 +137,7 @@ def test_every_line_has_contrast_with_its_card(theme, eye):
     assert not faint
 
 
-@pytest.mark.parametrize("pair", DASHED, ids=" ".join)
+@pytest.mark.parametrize("pair", DASHES, ids=" ".join)
 def test_lines_of_similar_colour_differ_by_their_dash(pair):
-    file, dash = DASHED[pair]
+    file, dash = DASHES[pair]
     assert re.search(dash, (STATIC / file).read_text(encoding="utf-8"))

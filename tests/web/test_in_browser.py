@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chrom
 PRESS = "[...document.querySelectorAll('button')].find((one) => one.innerText.startsWith({name!r})).click()"
 TEXT = "document.body.innerText.includes({text!r})"
 START_S, TRIES = 60.0, 6
-REQUESTED = (
+REQUESTS = (
     "(({ record }) => Array.from(record.column('requested.0').subarray(0, record.length)))(baqueano.page)"
 )
 REFUSALS = """(({ on }) => {
@@ -101,7 +101,7 @@ def test_a_user_takes_control_drives_hands_over_and_any_user_stops(chromium, tmp
             time.sleep(0.2)
         assert other.js("document.getElementById('toast').textContent")
         tab.down("w", "KeyW", "w")  # and it is not released
-        other.wait(f"{REQUESTED}.at(-1) > 0 || baqueano.page.state.state === 'STOPPED'", START_S)
+        other.wait(f"{REQUESTS}.at(-1) > 0 || baqueano.page.state.state === 'STOPPED'", START_S)
         end = time.monotonic() + START_S
         while not other.js("baqueano.page.hand.mine"):
             assert time.monotonic() < end
@@ -113,7 +113,7 @@ def test_a_user_takes_control_drives_hands_over_and_any_user_stops(chromium, tmp
             time.sleep(0.2)
         since_s = other.js("baqueano.page.record.end") + 0.1
         assert tab.js(f"({BEATS})()") == 12
-        after = other.js(f"{REQUESTED}.filter((_, k) => baqueano.page.record.t[k] > {since_s})")
+        after = other.js(f"{REQUESTS}.filter((_, k) => baqueano.page.record.t[k] > {since_s})")
         assert not any(after)
         other.js(PRESS.format(name="STOP"))
         show_text(tab, "STOPPED")

@@ -16,9 +16,9 @@ JAVASCRIPT_KB = 120
 WIRE_KB = 49  # of all scripts, as a browser gets them
 LITERAL = re.compile(r'"([a-z][\w-]*(?:\.[\w-]+)*)"')
 MADE = re.compile(r"`([a-z][\w-]*\.(?:[\w]+-)?)\$\{")  # t(`state.${name}`)
-ASKED = re.compile(r'\bt\("([^"]+)"')
+CALL_KEY = re.compile(r'\bt\("([^"]+)"')
 WORD_FOR = re.compile(r'\bwordFor\("(\w+)"')  # wordFor("kind", name) asks for kind.…
-MARKED = re.compile(r' data-(?:t|label|title)="([^"]+)"')  # of an element of the document
+TEXT_KEY = re.compile(r' data-(?:t|label|title)="([^"]+)"')  # of an element of the document
 
 
 def texts(language: str) -> dict[str, str]:
@@ -67,13 +67,13 @@ def test_both_languages_have_the_same_texts_with_the_same_placeholders():
 
 
 def test_every_requested_text_exists():
-    requested = set(ASKED.findall(source())) | set(MARKED.findall(document()))
+    requested = set(CALL_KEY.findall(source())) | set(TEXT_KEY.findall(document()))
     assert requested <= set(texts("en"))
 
 
 def test_every_text_is_used():
     script = source()
-    literal = set(LITERAL.findall(script)) | set(MARKED.findall(document()))
+    literal = set(LITERAL.findall(script)) | set(TEXT_KEY.findall(document()))
     patterns = (*MADE.findall(script), *(f"{key}." for key in WORD_FOR.findall(script)))
     unused = [key for key in texts("en") if key not in literal and not key.startswith(patterns)]
     assert not unused

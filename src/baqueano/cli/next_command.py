@@ -28,7 +28,7 @@ CAR_COMMANDS = 2  # throttle and steering
 GROUPS = (["runs"], ["route"], ["study"], ["blocks"], ["robot"])
 MIN_SIMILARITY = 0.75  # share of characters that two similar file names have in common
 DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
-UNBRACKETED = re.compile(r"=([-+\d.e]+(?:,[-+\d.e]+){2,})$")  # KEY=1,2,3
+BARE_LIST = re.compile(r"=([-+\d.e]+(?:,[-+\d.e]+){2,})$")  # KEY=1,2,3
 NOT_BY_COMMA = ("cli.no-such-option", "cli.whole-number", "room.unreadable")
 ALLOWABLE_CODES = ("block.outside-folder", "block.in-run")
 NAMES_CODES = ("name.near", "name.unknown")
@@ -50,7 +50,7 @@ def next_command(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnost
         return fault("next.put-right", baqueano_command(*args, "--figures", "figures"))
     if any(cause.code in ALLOWABLE_CODES for cause in causes):
         return fault("next.allow-blocks", baqueano_command(*args, "--allow-blocks"))
-    if code == USAGE and (corrected_args := [UNBRACKETED.sub(r"=[\1]", arg) for arg in args]) != args:
+    if code == USAGE and (corrected_args := [BARE_LIST.sub(r"=[\1]", arg) for arg in args]) != args:
         return fault("next.put-right", baqueano_command(*corrected_args))
     missing_paths = [
         Path(str(cause.figures["absent_path"])) for cause in causes if "absent_path" in cause.figures

@@ -1,6 +1,6 @@
 """Check how a function of the front door is called: a wrong call raises one sentence with a call to type.
 
-The check reads the annotations. An annotation that is a class of ALLOWED, a number or a path is checked; any other
+The check reads the annotations. An annotation that is a class of KINDS, a number or a path is checked; any other
 annotation, such as the one of a block, is left to the function. Missing and unknown arguments are found for all.
 """
 
@@ -61,7 +61,7 @@ def _is_array(value: Tree) -> bool:
         return False
 
 
-ALLOWED = {  # part of an annotation → the kind
+KINDS = {  # part of an annotation → the kind
     "VehicleFile": ArgumentKind(N_("a vehicle file"), _has_class("VehicleFile"), "robot = bq.load({})"),
     "Run": ArgumentKind(N_("a run"), _has_class("Run"), "run = bq.read_run({})"),
     "Route": ArgumentKind(
@@ -167,10 +167,10 @@ def _with_options(signature: inspect.Signature, options_of: Callable[..., Tree] 
 
 
 def _kinds_of(annotation: object) -> tuple[ArgumentKind, ...]:
-    """Return the kinds of an annotation, or () if one of its parts is not in ALLOWED."""
+    """Return the kinds of an annotation, or () if one of its parts is not in KINDS."""
     text = annotation.__name__ if isinstance(annotation, type) else str(annotation)
     if "_SupportsArray" in text:  # numpy's ArrayLike
-        return (ALLOWED["ndarray"],)
+        return (KINDS["ndarray"],)
     parts = re.split(r" \| (?![^\[]*\])", re.sub(r"\w+\.", "", text))
     kinds = [_kind_of(part) for part in parts]
     return tuple(kind for kind in kinds if kind) if all(kinds) else ()
@@ -179,7 +179,7 @@ def _kinds_of(annotation: object) -> tuple[ArgumentKind, ...]:
 def _kind_of(part: str) -> ArgumentKind | None:
     items = re.fullmatch(r"(?:Sequence|Mapping)\[(?:str, )?(.*)\]", part)
     if not items:
-        return ALLOWED.get(part)
+        return KINDS.get(part)
     kinds = _kinds_of(items[1])
     if not kinds:
         return None
@@ -258,14 +258,14 @@ def _refuse_kind(
     reader = next(filter(None, readers), "")
     value_text = f'"{value}"' if is_text else _short_repr(value)
     fix = reader.format(value_text, name=name) if is_text and reader else example
-    if type(value) is float and ALLOWED["int"] in kinds[name]:
+    if type(value) is float and KINDS["int"] in kinds[name]:
         fix = f"{example[:-1]}, {name}={max(1, round(value))})"
     for part_name in (name, name.removesuffix("s")):  # such as the route of the result of `teach`
         part = getattr(value, part_name, None)
         if part is not None and any(kind.accepts(part) for kind in kinds[name]):
             fix = re.sub(rf"\b{part_name}\b", f"result.{part_name}", example)
-    expected_kind = ALLOWED["Path"] if ALLOWED["Path"] in kinds[name] else kinds[name][0]
-    expected_kind = ALLOWED["str"] if is_item and expected_kind.name == LIST else expected_kind
+    expected_kind = KINDS["Path"] if KINDS["Path"] in kinds[name] else kinds[name][0]
+    expected_kind = KINDS["str"] if is_item and expected_kind.name == LIST else expected_kind
     raise Misuse(
         fault("call.kind", fix, call=call, name=label, value=value_text, expected=expected_kind.name)
     )

@@ -7,7 +7,7 @@ from textwrap import wrap
 LINE_LETTERS = 80  # characters of a line
 MIN_LAST_LETTERS = 24  # of a cell that is wrapped, and of the place in which it is wrapped
 INDENT = 4  # of words that are written below their line
-TYPED = re.compile(r"\w+ = \S+|\bbaqueano( [-\w./:\"'=]+)+")  # to type as it is printed, so in one line
+CODE = re.compile(r"\w+ = \S+|\bbaqueano( [-\w./:\"'=]+)+")  # to type as it is printed, so in one line
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
 
@@ -41,6 +41,6 @@ def with_remark(line: str, remark: str) -> list[str]:
 
 def _wrapped(words: str, letters: int) -> list[str]:
     """Return the lines of a text, in which a key with its value and a command are not divided."""
-    whole_commands = TYPED.sub(lambda match: match[0].replace(" ", NO_BREAK), words)
+    whole_commands = CODE.sub(lambda match: match[0].replace(" ", NO_BREAK), words)
     lines = wrap(whole_commands, letters, break_long_words=False, break_on_hyphens=False) or [""]
     return [line.replace(NO_BREAK, " ") for line in lines]

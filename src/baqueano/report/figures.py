@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from baqueano.contracts.values import JsonObject
 
-MEASURED, MODEL, TRUTH, REFERENCE, ALARM = "#3b6fb6", "#238b45", "#1d2128", "#a3a9b2", "#c2410c"
+MEASUREMENT, MODEL, TRUTH, REFERENCE, ALARM = "#3b6fb6", "#238b45", "#1d2128", "#a3a9b2", "#c2410c"
 SECOND_COLOUR = "#7c3aed"  # the estimate of another run
 MAX_POINTS = 1600
 MAX_PERCENT = 100.0  # %: a longer interval is cut off in the figure of estimates
@@ -80,7 +80,7 @@ def channels(t_s: np.ndarray, measured: np.ndarray, model: np.ndarray, names: Se
     """
     figure, axes = panels(len(names), 1, (9.2, 1.75 * len(names) + 0.5), sharex=True)
     for k, axis in enumerate(axes[:, 0]):
-        axis.plot(*decimate(t_s, measured[:, k]), color=MEASURED, lw=0.8, alpha=0.75, label=_("measured"))
+        axis.plot(*decimate(t_s, measured[:, k]), color=MEASUREMENT, lw=0.8, alpha=0.75, label=_("measured"))
         axis.plot(*decimate(t_s, model[:, k]), color=MODEL, lw=1.4, label=_("model"))
         axis.set_ylabel(names[k])
     axes[0, 0].legend(**LEGEND_ABOVE)
@@ -101,10 +101,10 @@ def residuals(residual: np.ndarray, names: Sequence[str], lags: int = 60) -> "Fi
         left.set_ylabel(names[k])
         if len(r) < 2:
             continue
-        left.hist(np.clip(r, -4.5, 4.5), bins=60, density=True, color=MEASURED, alpha=0.6)
+        left.hist(np.clip(r, -4.5, 4.5), bins=60, density=True, color=MEASUREMENT, alpha=0.6)
         left.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2 * np.pi), color=TRUTH, lw=1)
         rho = autocorrelation(r, lags)
-        right.bar(np.arange(1, len(rho) + 1), rho, width=0.8, color=MEASURED)
+        right.bar(np.arange(1, len(rho) + 1), rho, width=0.8, color=MEASUREMENT)
         right.axhspan(-1.96 / np.sqrt(len(r)), 1.96 / np.sqrt(len(r)), color=REFERENCE, alpha=0.35)
         axis_limit = 1.0 if np.abs(rho).max(initial=0.0) > 0.5 else 0.5
         right.set_ylim(-axis_limit, axis_limit)
@@ -238,10 +238,10 @@ def over_time(
 
 
 CURVE_COLOURS = {
-    "measured": MEASURED,
-    "applied": MEASURED,
-    "sent": MEASURED,
-    "residual": MEASURED,
+    "measured": MEASUREMENT,
+    "applied": MEASUREMENT,
+    "sent": MEASUREMENT,
+    "residual": MEASUREMENT,
     "estimate": MODEL,
     "truth": TRUTH,
     "reference": REFERENCE,

@@ -22,7 +22,7 @@ from baqueano.identify.noise.covariances import Noise
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.report import figures
-from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
+from baqueano.report.figures import MEASUREMENT, MODEL, REFERENCE, TRUTH
 from baqueano.report.fit_report import draw_most_motion, label
 from baqueano.report.libraries import draw_onto, panel, panels, with_style
 from baqueano.report.page import Drawing, Table
@@ -200,7 +200,7 @@ def plot_comparison(result: Comparison) -> "Figure | None":
     series = (
         (_("across its path"), [run.across_true.rms_m for run in runs], TRUTH, "s"),
         (_("by the estimate"), [run.across_estimate.rms_m for run in runs], MODEL, "o"),
-        (_("position error"), [run.ate_m for run in runs], MEASURED, "D"),
+        (_("position error"), [run.ate_m for run in runs], MEASUREMENT, "D"),
     )
     for name, metres, colour, marker in series:
         if np.isfinite(metres).any():
@@ -208,7 +208,7 @@ def plot_comparison(result: Comparison) -> "Figure | None":
     upper.set_xlim(left=0.0)
     upper.set_xlabel(_("error [cm rms]"))
     for k, (name, values, colour) in enumerate(
-        (("nees_velocity", _("NEES of the velocity"), MODEL), ("nis", "NIS", MEASURED))
+        (("nees_velocity", _("NEES of the velocity"), MODEL), ("nis", "NIS", MEASUREMENT))
     ):
         heights, bands = rows + 0.15 - 0.3 * k, [getattr(run.consistency, name) for run in runs]
         lower.hlines(
@@ -241,7 +241,7 @@ def plot_search(result: TuneResult) -> "Figure":
         style = {"color": MODEL, "lw": 2.0, "zorder": 3} if k == 0 else {"color": REFERENCE, "lw": 1.0}
         axes.plot(np.arange(1, len(costs) + 1), costs, label=_("best start") if k == 0 else "", **style)
     if np.isfinite(result.cost_before):
-        axes.axhline(result.cost_before, color=MEASURED, lw=1, ls="--", label=_("gains of the file"))
+        axes.axhline(result.cost_before, color=MEASUREMENT, lw=1, ls="--", label=_("gains of the file"))
     axes.set_yscale("log")
     axes.set_xlabel(_("evaluations"))
     axes.set_ylabel(_("cost [m²]"))
@@ -287,7 +287,7 @@ def plot_noise(result: Noise) -> "Figure":
     figure, axes = panel((7.2, 0.32 * len(rows) + 1.4))
     heights = np.arange(len(rows))[::-1]
     for key, name, colour, marker in (
-        ("std", _("in motion"), MODEL, "o"), ("std_at_rest", _("at rest"), MEASURED, "D")
+        ("std", _("in motion"), MODEL, "o"), ("std_at_rest", _("at rest"), MEASUREMENT, "D")
     ):  # fmt: skip
         values = np.array([np.nan if row[key] is None else row[key] for row in rows], dtype=float)
         if np.isfinite(values).any():

@@ -47,7 +47,7 @@ _CODES = {
     "table.uneven": "route.uneven",
     "table.commas-between-commas": "route.uneven",
 }
-_CLOSED = re.compile(r"^#\s*closed\s*=\s*(true|false)\b", re.IGNORECASE)
+_CLOSED_LINE = re.compile(r"^#\s*closed\s*=\s*(true|false)\b", re.IGNORECASE)
 
 
 def write_route(route: Route, path: Path | str) -> Path:
@@ -185,7 +185,7 @@ def _route_by_distance(table: LogTable, path: Path) -> Route:
 
 def _is_closed(path: Path) -> bool:
     for line in Lines(path, None, str(path)):
-        match = _CLOSED.match(line)
+        match = _CLOSED_LINE.match(line)
         if match:
             return match[1].lower() == "true"
     raise FileError(fault("route.closed-missing", path=path))

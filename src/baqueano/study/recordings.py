@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
 CPM_MAPS = ("cpm_run_a", "cpm_run_b")
-RECORDED = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
+STUDIES = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class RecordingStudy:
 def recordings(
     backend: str = "auto",
     progress: Callable[[str], object] = lambda text: None,
-    names: Sequence[str] = RECORDED,
+    names: Sequence[str] = STUDIES,
 ) -> RecordingStudy:
     """Return the results of the recordings `names`; after Ctrl-C only the finished results.
     Without any result, raise FileError with the names of the missing files of the CPM µCar.

@@ -11,7 +11,7 @@ from baqueano.messages import text
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.report.card import Card, card_of
-from baqueano.report.figures import MEASURED, MODEL, REFERENCE
+from baqueano.report.figures import MEASUREMENT, MODEL, REFERENCE
 from baqueano.report.libraries import panel, with_style
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.pages.result_page import page_of
@@ -110,7 +110,7 @@ def draw_spread(result: SweepResult) -> "Figure":
             for d in result.drives
             if d.cell.label == row["cell"]
         ]
-        axes.plot(x, np.full(len(x), k), "o", ms=4, color=MEASURED, alpha=0.4)
+        axes.plot(x, np.full(len(x), k), "o", ms=4, color=MEASUREMENT, alpha=0.4)
         axes.plot([row[main] * ALL_FIGURES[main].scale], [k], "|", ms=16, mew=2.5, color=MODEL)
     axes.set_yticks(range(len(rows)), [row["cell"] for row in reversed(rows)])
     axes.set_xscale("log")
@@ -127,7 +127,7 @@ def draw_ratios(result: SweepResult) -> "Figure":
         difference = result.difference(row["cell"], main)
         axes.hlines([k], [difference.low], [difference.high], color=REFERENCE, lw=5)
         axes.plot([difference.ratio], [k], "o", ms=5, color=MODEL)
-    axes.axvline(1.0, color=MEASURED, lw=1)
+    axes.axvline(1.0, color=MEASUREMENT, lw=1)
     axes.set_yticks(range(len(rows)), [row["cell"] for row in reversed(rows)])
     axes.set_xscale("log")
     axes.set_xlabel(f"{_(ALL_FIGURES[main].heading)} / {result.reference}")

@@ -22,7 +22,7 @@ from baqueano.validation.held_out import Validation, validate
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-COMPARED = ("cost.try-innovations", "cost.innovations", "cost.simulation", "cost.too-short")
+ADVICE_CODES = ("cost.try-innovations", "cost.innovations", "cost.simulation", "cost.too-short")
 
 
 def is_fit_by_innovations(fit: Fit) -> bool:
@@ -37,7 +37,7 @@ def with_cost_advice(
     fit on these runs, and `refit(cost)` returns the fit with another cost. The fit is returned unchanged if its notes
     do not compare costs, or if the validation is inconclusive. If the other fit is refused, or has the same cost, the
     note that compares costs is removed."""
-    index = next((k for k, message in enumerate(fit.notes) if message.code in COMPARED), None)
+    index = next((k for k, message in enumerate(fit.notes) if message.code in ADVICE_CODES), None)
     if index is None or any(message.severity == Severity.UNKNOWN for message in validation.messages):
         return fit
     second_fit = refit("simulation" if is_fit_by_innovations(fit) else "innovations")

@@ -27,7 +27,7 @@ from baqueano.robot.workshop.calibrate_imu import ImuCalibration
 from baqueano.robot.workshop.calibrate_motors import MotorCalibration, Sweep
 from tests.codes import refused
 
-MOUNTED = ImuCalibration(("-y", "x", "z"), np.array([0.1, -0.2]), 0.03, 0.01, 0.3, 3.1, 0.02)
+IMU_FIT = ImuCalibration(("-y", "x", "z"), np.array([0.1, -0.2]), 0.03, 0.01, 0.3, 3.1, 0.02)
 
 
 @pytest.fixture
@@ -168,7 +168,7 @@ def exit_code(arguments):
 
 
 def test_an_imu_calibration_at_a_host_updates_the_local_file(programs, tmp_path, monkeypatch, capsys):
-    calls = at_host(programs, MOUNTED.rows())
+    calls = at_host(programs, IMU_FIT.rows())
     monkeypatch.chdir(tmp_path)
     vehicle_file.load("small").save("vehicle.toml")
     assert exit_code(["robot", "calibrate", "imu", "r1", "--update"]) == 0

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 SEND_PERIOD_S = 0.2  # between states
 PAGE_RATE_HZ = 20.0  # frames of a robot
-RELAYED = ("vehicle", "fields", "route", "frame", "state", "event")
+RELAY_TYPES = ("vehicle", "fields", "route", "frame", "state", "event")
 PACE = "guide.pace"  # 0 if the vehicle waits on its route
 TIME_FIELDS = ("pace", "paused")  # of a simulation: the page of a subcommand does not set the time of a robot
 MANUAL_MISSIONS = ("drive", "teach")
@@ -194,7 +194,7 @@ class DriveDoor:
             self.publish()
 
     def _relay(self, message: "JsonObject") -> None:
-        if message["type"] in RELAYED:
+        if message["type"] in RELAY_TYPES:
             self._door.broadcast({name: value for name, value in message.items() if name not in TIME_FIELDS})
 
     def _on_viewers(self, client: object, message: "JsonObject") -> None:

@@ -9,7 +9,7 @@ from baqueano.contracts.values import TableRow
 from baqueano.messages import texts
 from baqueano.messages.language import translate as _
 from baqueano.report.card import MAX_SENTENCES, Card, card_of
-from baqueano.report.figures import MEASURED, MODEL, REFERENCE
+from baqueano.report.figures import MEASUREMENT, MODEL, REFERENCE
 from baqueano.report.libraries import panels, with_style
 from baqueano.report.plots import Draw, drawings_of
 from baqueano.study.controllers.result import Controllers
@@ -62,7 +62,7 @@ def by_view(result: Controllers, kind: str = "errors") -> "Figure":
         axis.set_title(_(view))
         axis.set_xlim(left=0.0)
         if kind == "ratios":
-            axis.axvline(1.0, color=MEASURED, lw=1)
+            axis.axvline(1.0, color=MEASUREMENT, lw=1)
     label = _("ratio to {first}", first=result.reference) if kind == "ratios" else _("median to 95 % [mm]")
     axes[-1, 0].set_xlabel(label)
     return figure

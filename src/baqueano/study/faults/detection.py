@@ -44,15 +44,15 @@ if TYPE_CHECKING:
 RATIO_KEYS = ("error_ratio_clean", "error_ratio_reduced")
 DRIVE_S = 30.0
 FAULTS_AT_ONCE = 16  # faults of a vehicle and seed that share their simulations
-UNDAMAGED = (
+SOUND_DATA = (
     N_("clean"), N_("clean, 10 % outliers"), N_("clean, multisine"), N_("clean, 60 s"), N_("clean, other start"),
 )  # fmt: skip
-REPAIRED = (
+REPAIRS = (
     N_("repeated time"), N_("time jumps a day"), N_("time jumps seconds"), N_("repeated samples"), N_("stuck"),
     N_("frames as zero"), N_("not numbers"), N_("clipped"), N_("bursts"), N_("clock goes back"),
 )  # fmt: skip
-DAMAGED = {**DAMAGES, **LOGGING}
-FAULTS = (*UNDAMAGED, *DAMAGED, *STRUCTURES)
+RUN_FAULTS = {**DAMAGES, **LOGGING}
+FAULTS = (*SOUND_DATA, *RUN_FAULTS, *STRUCTURES)
 
 
 class FaultJob(NamedTuple):
@@ -148,11 +148,11 @@ def _inputs(subject: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[Fault
             plans.append((job, STRUCTURES[job.fault](subject, u, undamaged_drive, rng), u))
         elif job.fault == "clean, multisine":
             plans.append((job, FaultPlan(subject.vehicle, multisine, subject.vehicle_file), multisine))
-        elif job.fault in UNDAMAGED:
+        elif job.fault in SOUND_DATA:
             inputs_of_jobs.append((job, _undamaged_inputs(subject, job, undamaged_drive, rng)))
         else:
-            damaged_run = DAMAGED[job.fault](undamaged_drive, subject.vehicle_file, rng)
-            undamaged_run = undamaged_drive if job.fault in REPAIRED else None
+            damaged_run = RUN_FAULTS[job.fault](undamaged_drive, subject.vehicle_file, rng)
+            undamaged_run = undamaged_drive if job.fault in REPAIRS else None
             truth = {k: x for k, x in subject.truth.items() if (job.fault, k) not in UNCOMPARED_PARAMETERS}
             inputs = FaultInputs(subject.vehicle_file, damaged_run, subject.free, truth, undamaged_run)
             inputs_of_jobs.append((job, inputs))
@@ -218,7 +218,7 @@ class Faults:
 
     def _row(self, fault: str) -> "JsonObject":
         own_outcomes = self._outcomes_of(fault)
-        is_undamaged = fault in UNDAMAGED
+        is_undamaged = fault in SOUND_DATA
         losses = [o.lost_share for o in own_outcomes if np.isfinite(o.lost_share)]
         return {
             "fault": fault,
@@ -250,7 +250,7 @@ class Faults:
             for r in rows
             if r["crashes"]
         ]
-        undamaged_fits = sum(r["fits"] for r in rows if r["fault"] in UNDAMAGED)
+        undamaged_fits = sum(r["fits"] for r in rows if r["fault"] in SOUND_DATA)
         refusals = sum(r["wrongly_refused"] for r in rows)
         if refusals > 0.02 * undamaged_fits:
             figures = {"refused": refusals, "sound": undamaged_fits}
@@ -286,7 +286,7 @@ class Faults:
             counts = [str(r[key]) for key in ("fits", "wrong", "wrongly_usable", "wrongly_refused")]
             rows.append([_(r["fault"]), *counts, verdicts, ratio_texts[0], loss, ratio_texts[1]])
         lines = text_table("<>>>><>>>", head, *rows)
-        undamaged_fits = [o for o in self.outcomes if o.job.fault in UNDAMAGED]
+        undamaged_fits = [o for o in self.outcomes if o.job.fault in SOUND_DATA]
         warning_count = sum(o.verdict == Verdict.WARN for o in undamaged_fits)
         figures = {"warned": warning_count, "sound": len(undamaged_fits)}
         lines += ["", _("{warned} of {sound} runs without faults have a warning", **figures)]

@@ -10,7 +10,7 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.report import Drawing, Headline, Page, Section, Table, draw
-from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
+from baqueano.report.figures import MEASUREMENT, MODEL, REFERENCE, TRUTH
 from baqueano.report.libraries import panel, with_style
 from baqueano.study.identification.result import LIMITS, POOL, Identification
 
@@ -101,7 +101,7 @@ def histogram(z: np.ndarray) -> "Figure":
     """Draw the histogram of all errors z (K,) with the normal density."""
     figure, axis = panel((9.2, 2.8))
     grid = np.linspace(-4.5, 4.5, 200)
-    axis.hist(np.clip(z, -4.5, 4.5), bins=60, range=(-4.5, 4.5), density=True, color=MEASURED, alpha=0.6)
+    axis.hist(np.clip(z, -4.5, 4.5), bins=60, range=(-4.5, 4.5), density=True, color=MEASUREMENT, alpha=0.6)
     axis.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2 * np.pi), color=TRUTH, lw=1)
     axis.set_xlabel(_("(estimate − truth) / standard error"))
     return figure
@@ -132,7 +132,7 @@ def efficiency(rows: list[dict[str, float]]) -> "Figure":
         positions + 0.2,
         [row["std"] or 0.0 for row in rows],
         width=0.38,
-        color=MEASURED,
+        color=MEASUREMENT,
         label=_("standard error"),
     )
     axis.axhline(LIMITS["clean"].rmse_each, color=TRUTH, lw=1)

@@ -17,7 +17,7 @@ SHOWN_S = 30.0
 SIGNS = N_("Signs as in the paper. A dash means not identifiable: u_y is always zero.")
 SENSORS = N_("The paper's fig. acceleracion_simulacion: measured in blue, the dynamic model in green.")
 MODELS = N_("One step ahead (square roots of R), and as the EKF's model on a run that neither fit used.")
-CLOSED = N_(
+PATH_CAPTION = N_(
     "The paper's fig. evaluacion_real, for the simulated small vehicle: reference, truth, and the estimate "
     "of the EKF with the dynamic model."
 )
@@ -65,7 +65,7 @@ def page_of_paper(study: CaseStudy, models: tuple[ModelEvaluation, ...], backend
             Section(_("Case study I: parameters"), _(SIGNS), [Table(study.rows())]),
             Section(_("Sensors and model"), "", [draw(sensors, _(SENSORS))]),
             Section(_("Dynamic and kinematic model"), _(MODELS), [Table(rows(models))]),
-            Section(_("Closed loop"), "", [draw(figures.paths(lines), _(CLOSED))]),
+            Section(_("Closed loop"), "", [draw(figures.paths(lines), _(PATH_CAPTION))]),
             Section(
                 _("Case study II: what the printed values imply"), "", [Table(ImpliedParameters().rows())]
             ),
