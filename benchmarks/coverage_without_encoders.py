@@ -123,9 +123,9 @@ def covered(case: str, seeds: range, duration_s: float) -> str:
     """Return the row of the table for a case, as text."""
     errors, sds, truths = [], [], []
     runs_of_case = of_robots(seeds, duration_s) if "robot" in case else of_cars(case, seeds, duration_s)
-    for run, file, true in runs_of_case:
+    for run, file, exact in runs_of_case:
         fit = fit_case(case, run, file)
-        truth = np.array([float(true[name][0]) if name in true else np.nan for name in fit.names])
+        truth = np.array([float(exact[name][0]) if name in exact else np.nan for name in fit.names])
         is_inside = np.isfinite(fit.std) & (fit.bound == 0) & np.isfinite(truth)
         errors.append(np.where(is_inside, fit.estimate - truth, np.nan))
         sds.append(np.where(is_inside, fit.std, np.nan))

@@ -37,10 +37,10 @@ def model_of(robot, seed):
     """Return the vehicle file of a robot, with random errors of the model."""
     draw, file = np.random.default_rng([seed, 31]), robot_file(robot)
     values = {}
-    for path, true in robot_values(robot).items():
+    for path, truth in robot_values(robot).items():
         if path.startswith("model."):
             part = next((size for name, size in ERRORS.items() if path.startswith(name)), 0.0)
-            values[path] = float(true[0]) * (1.0 + part * draw.uniform(-1.0, 1.0))
+            values[path] = float(truth[0]) * (1.0 + part * draw.uniform(-1.0, 1.0))
     return file.with_values(values)
 
 
@@ -61,7 +61,7 @@ def errors_beside(loops, robots, seeds, seconds):
     world = TruthWorld(robots, seeds, np.tile(ROUTE.eta[0], (n, 1)))
     states, u, now = [loop.start(ROUTE.eta[0]) for loop in loops], np.zeros((n, 3)), guide.init()
     errors = np.stack([disturbances(seed, len(t_ns), rate_hz) for seed in seeds])
-    true, requested = np.zeros((len(t_ns), n, 2)), np.zeros((len(t_ns), 2))
+    exact, requested = np.zeros((len(t_ns), n, 2)), np.zeros((len(t_ns), 2))
     at_rest = Estimate(0, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
     for k, t in enumerate(t_ns):
         duty = u @ SIDES.T * (1.0 + errors[:, k])
@@ -75,9 +75,9 @@ def errors_beside(loops, robots, seeds, seconds):
             states[i], (u[i], _) = loop.step(
                 states[i], Tick(int(t), u[i].copy(), loop.slots(Slot(1.0, state))), reference
             )
-        true[k], requested[k] = truth.eta[:, :2], reference.eta[:2]
+        exact[k], requested[k] = truth.eta[:, :2], reference.eta[:2]
     is_late = t_ns >= int(min(FROM_S, 0.5 * seconds) * 1e9)
-    return np.array([rms(cross_track(t_ns[is_late], true[is_late, i], t_ns, requested)) for i in range(n)])
+    return np.array([rms(cross_track(t_ns[is_late], exact[is_late, i], t_ns, requested)) for i in range(n)])
 
 
 def main():

@@ -204,12 +204,12 @@ class Teacher:
     def _say(self, **words: object) -> None:
         self._line.sendall(json.dumps(words).encode() + b"\n")
 
-    def _hear(self, kind: str, true: Any = lambda word: True) -> dict[str, Any]:
+    def _hear(self, kind: str, condition: Any = lambda word: True) -> dict[str, Any]:
         for line in self._file:
             word = json.loads(line)
             if word["type"] == "no":
                 raise RuntimeError(word["why"])
-            if word["type"] == kind and true(word):
+            if word["type"] == kind and condition(word):
                 return word
         raise EOFError
 

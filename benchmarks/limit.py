@@ -102,12 +102,12 @@ def accuracy(case: Case, simulated_drives: matched.Drives) -> Accuracy:
     kernel, sums, squares, settled = kernel_of(case.block), {}, 0.0, round(SETTLED_S / matched.DT)
     for first in range(0, drives, TOGETHER):
         rows = slice(first, first + TOGETHER)
-        true = np.swapaxes(simulated_drives.x[:, rows], 0, 1)
+        truth = np.swapaxes(simulated_drives.x[:, rows], 0, 1)
         each_run = [
-            kernel.run(ticks_of(simulated_drives, first + k, case.block.use))[1] for k in range(len(true))
+            kernel.run(ticks_of(simulated_drives, first + k, case.block.use))[1] for k in range(len(truth))
         ]
         eta, nu, cov, y, S = (np.stack(outputs) for outputs in zip(*each_run, strict=True))
-        off, e = eta - true[..., matched.POSE], nu - true[..., matched.NU] * (1.0 + true[..., [8, 8, 9]])
+        off, e = eta - truth[..., matched.POSE], nu - truth[..., matched.NU] * (1.0 + truth[..., [8, 8, 9]])
         off[..., 2] = wrap(off[..., 2])
         errors = {
             "NEES of the pose": (_square(cov[..., :3, :3], off), 3),

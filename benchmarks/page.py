@@ -244,11 +244,11 @@ class _Guest:
         end = time.monotonic() + seconds
         return min(time.monotonic() - rows[-1][self._at["t"]] for rows in self._frames(end))
 
-    def first_s(self, column: str, true: Any) -> float:
-        """Return the time [s] in the drive of the next tick in which the column satisfies the condition `true`."""
+    def first_s(self, column: str, condition: Any) -> float:
+        """Return the time [s] in the drive of the next tick in which the column satisfies the condition `condition`."""
         for rows in self._frames(time.monotonic() + STARTS_S):
             for row in rows:
-                if true(row[self._at[column]]):
+                if condition(row[self._at[column]]):
                     return row[self._at["t"]]
         raise TimeoutError(column)
 

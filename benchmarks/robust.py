@@ -70,10 +70,10 @@ def main():
     for name, tuning, per_step in (("nominal", nominal, 1), ("over draws", robust, draws + 1)):
         gains = np.array(list(tuning.values.values()))
         cost, costs = judge_gains(file, gains, judges, **options)
-        each = ", ".join(f"{x:.3g}" for x in (*np.quantile(cost, [0.5, 0.95]), cost.max()))
+        item = ", ".join(f"{x:.3g}" for x in (*np.quantile(cost, [0.5, 0.95]), cost.max()))
         distances = ", ".join(f"{x:.1f}" for x in (*np.quantile(costs, [0.5, 0.95]), costs.max()))
         needed = sum(len(d.costs) for d in tuning.descents) * per_step
-        print(f"  {name:10} {per_step:3} {needed:6}   {each}   {distances}   {tuning.values}", flush=True)
+        print(f"  {name:10} {per_step:3} {needed:6}   {item}   {distances}   {tuning.values}", flush=True)
 
 
 if __name__ == "__main__":

@@ -209,12 +209,12 @@ def without_scipy(monkeypatch):
     """Let every import of scipy fail."""
     real = builtins.__import__
 
-    def without(name, *args, **kwargs):
+    def fail_import(name, *args, **kwargs):
         if name.startswith("scipy"):
             raise ImportError(name)
         return real(name, *args, **kwargs)
 
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setattr(builtins, "__import__", fail_import)
 
 
 @pytest.fixture(scope="session")

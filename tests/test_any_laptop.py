@@ -126,10 +126,10 @@ def test_the_page_drives_a_simulated_vehicle_without_posix_modules(laptop):
     """The service is a child process of the page, over pipes; the test replaces the browser."""
     from websockets.sync.client import connect
 
-    def first(line, kind, true=lambda word: True):
+    def first(line, kind, condition=lambda word: True):
         while True:
             data = line.recv(timeout=60.0)
-            if isinstance(data, str) and (word := json.loads(data))["type"] == kind and true(word):
+            if isinstance(data, str) and (word := json.loads(data))["type"] == kind and condition(word):
                 return word
 
     with laptop.running("serve", "--vehicle", "small", "--no-browser", "--runs", "corridas") as page:

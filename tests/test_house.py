@@ -380,6 +380,6 @@ def names_behind(name: str, functions: dict[str, ast.FunctionDef | ast.AsyncFunc
         parts = list(ast.walk(functions[waiting.pop()]))
         used = {part.id for part in parts if isinstance(part, ast.Name)}
         used |= {part.arg for part in parts if isinstance(part, ast.arg)}
-        waiting += [one for one in used - names if one in functions]
+        waiting += [single for single in used - names if single in functions]
         names |= used
     return names

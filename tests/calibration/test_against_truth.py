@@ -54,13 +54,13 @@ def assumed_file():
 @pytest.fixture(scope="module")
 def drive(assumed_file):
     """Return the function seed → a filmed run of a car with imperfect sensors."""
-    true = assumed_file.with_values(
+    truth = assumed_file.with_values(
         {name: value for name, value in TRUE.items() if name.startswith("sensors.")}
     )
 
     def run_of_seed(seed, duration_s=60.0):
-        u = random_steps([0.5, 0.8], duration_s, true.rate_hz, seed)
-        return film(simulate(true, u, seed), seed)
+        u = random_steps([0.5, 0.8], duration_s, truth.rate_hz, seed)
+        return film(simulate(truth, u, seed), seed)
 
     return run_of_seed
 

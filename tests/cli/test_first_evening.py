@@ -81,8 +81,8 @@ def test_a_new_project_drives_a_vehicle_that_differs_from_its_file(baqueano, tmp
         assert guess.is_guess
         assert guess.truth.layers == (f"garage: {name}",)
         key = "model.friction.linear" if name != "car" else "model.linear_drag"
-        guesses, true = guess.value(key), guess.truth.value(key)
-        assert np.all(np.abs(guesses - true) > 0.1 * np.abs(true)), f"{name}: a guess is off"
+        guesses, truth = guess.value(key), guess.truth.value(key)
+        assert np.all(np.abs(guesses - truth) > 0.1 * np.abs(truth)), f"{name}: a guess is off"
         sds = [origin.std for origin in guess.provenance.values() if origin.std is not None]
         assert sds, "a guess must state its possible error"
     guess, u = load(tmp_path / "small" / "vehicle.toml"), np.tile([0.6, 0.0, 0.1], (100, 1))

@@ -156,8 +156,8 @@ def helps():
     commands = [("baqueano", baqueano), *((name, command_of(name)) for name in ALL)]
     for name, command in commands:
         yield name, command
-        for each, verb in getattr(command, "commands", {}).items():
-            yield f"{name} {each}", verb
+        for x, verb in getattr(command, "commands", {}).items():
+            yield f"{name} {x}", verb
 
 
 def test_each_option_has_a_help_text():

@@ -163,10 +163,10 @@ def test_a_full_disk_is_reported_with_the_command_to_repeat(baqueano, monkeypatc
 
 
 def test_too_little_memory_is_reported(baqueano, monkeypatch):
-    def big(*args, **kwargs):
+    def fail_allocation(*args, **kwargs):
         raise MemoryError("22 TiB")
 
-    monkeypatch.setattr("baqueano.runs.folder.listing", big)
+    monkeypatch.setattr("baqueano.runs.folder.listing", fail_allocation)
     reason = baqueano("runs", "ls").reason
     assert (reason.code, reason.figures["error"]) == ("cli.memory", "22 TiB")
 

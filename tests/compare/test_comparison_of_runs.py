@@ -25,8 +25,8 @@ def run_with(name="a", offset=(0.03, 0.0, 0.0), distance=0.0, sigma=0.02, seed=0
     t_ns = 10_000_000 * np.arange(1, N + 1)
     ref = np.column_stack([t_ns * 1e-9, np.zeros(N), np.zeros(N)])
     nu = np.tile([1.0, 0.0, 0.0], (N, 1))
-    true = ref + np.array([0.0, distance, 0.0])
-    eta = true + sigma * rng.standard_normal((N, 3)) + np.array(offset)
+    truth = ref + np.array([0.0, distance, 0.0])
+    eta = truth + sigma * rng.standard_normal((N, 3)) + np.array(offset)
     cov = np.tile(np.diag([4e-4] * 6), (N, 1, 1))
     y = rng.standard_normal((N, 2)) if innovation else None
     S = np.tile(np.eye(2), (N, 1, 1)) if innovation else None
@@ -34,7 +34,7 @@ def run_with(name="a", offset=(0.03, 0.0, 0.0), distance=0.0, sigma=0.02, seed=0
     parts = {
         "estimate": log,
         "reference": ReferenceLog(t_ns, ref, nu, np.zeros(N)),
-        "truth": TruthLog(t_ns, true, nu, 0 * nu),
+        "truth": TruthLog(t_ns, truth, nu, 0 * nu),
     }
     return Run(name, None, t_ns, np.zeros((N, 3)), **(parts | extra))
 

@@ -162,13 +162,13 @@ def a_run(times, u, vehicle_text, **extra):
     driving = times < 3001
     nu = np.column_stack([np.where(driving, 0.2, 0.0), 0 * times, 0 * times])
     eta = np.column_stack([0.01 * np.cumsum(nu[:, 0]), 0 * times, 0 * times])
-    true = nu + np.array([0.02, 0.0, 0.0])
+    truth = nu + np.array([0.02, 0.0, 0.0])
     velocity = nu + np.array([0.01, 0.0, 0.0])
     parts = {
         "sent_commands": u,
         "estimate": EstimateLog(t_ns, eta + 0.001, velocity, np.tile(1e-4 * np.eye(6), (len(times), 1, 1))),
         "reference": ReferenceLog(t_ns, eta, nu, (~driving).astype(float)),
-        "truth": TruthLog(t_ns, eta, true, 0 * true),
+        "truth": TruthLog(t_ns, eta, truth, 0 * truth),
     }
     return Run("a", None, t_ns, np.zeros((len(times), 3)), vehicle_text=vehicle_text, **(parts | extra))
 

@@ -79,8 +79,8 @@ def test_id14_error_bars_of_each_round_cover_the_true_parameters(rounds_of_desig
     """Five or more of 19 independent intervals of 95 % miss the truth in 2 of 1,000 fits."""
     rounds, _, _ = rounds_of_design
     for design_round in rounds.rounds:
-        true = np.array([truth.value(name) for name in design_round.fit.names])
-        is_inside = np.abs(design_round.fit.estimate - true) < 1.96 * design_round.fit.std
+        true_values = np.array([truth.value(name) for name in design_round.fit.names])
+        is_inside = np.abs(design_round.fit.estimate - true_values) < 1.96 * design_round.fit.std
         finite = np.isfinite(design_round.fit.std)
         assert np.mean(is_inside[finite]) > 0.75
         assert np.sum(~is_inside[finite]) <= binom.isf(0.005, np.sum(finite), 0.05)

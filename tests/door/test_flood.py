@@ -11,7 +11,7 @@ from baqueano.diagnostics import StopReason
 from baqueano.door import clients, sockets
 from baqueano.door.clients import MAX_BACKLOG, MAX_SHORT_LINE_BYTES, READ_BYTES, DoorClient
 from baqueano.door.sockets import MAX_CLIENTS, MAX_LINES, STOP_CONNECTIONS
-from tests.door.test_sockets import until
+from tests.door.test_sockets import wait_for
 
 RUNS = b'{"type": "runs"}\n'
 BEAT = b'{"type": "beat"}\n'
@@ -57,7 +57,7 @@ class Flood(threading.Thread):
 
 def test_rt15_a_stop_has_priority_over_five_flooding_clients(door, connect, turns):
     floods = [Flood(connect()) for _ in range(5)]
-    until(lambda: len(turns) > 20 * MAX_LINES)
+    wait_for(lambda: len(turns) > 20 * MAX_LINES)
     for _ in range(5):
         teacher, before = connect(), len(turns)
         teacher.line.sendall(STOP)
@@ -82,7 +82,7 @@ def test_a_message_of_the_loop_has_priority_over_the_waiting_lines(door, connect
 def test_a_stop_has_priority_over_earlier_lines_of_its_client(door, connect, turns):
     person = connect()
     person.line.sendall(RUNS * 200 + STOP + RUNS * 20)
-    until(lambda: door.operator.stop_reason(False) is not None)
+    wait_for(lambda: door.operator.stop_reason(False) is not None)
     index = next(k for k, line in enumerate(turns) if line.startswith(b'{"type": "stop"'))
     assert index <= MAX_LINES
     assert door.operator.stop_reason(False).code == StopReason.STOPPED_BY
@@ -121,7 +121,7 @@ def test_a_second_queued_mission_is_dropped_but_heartbeats_are_not():
         lines = mission + BEAT * 100 + mission + BEAT * 100
         sender = threading.Thread(target=far_end.sendall, args=(lines,))
         sender.start()
-        until(lambda: not list(client.receive()) and len(client.lines) + client.dropped == 202)
+        wait_for(lambda: not list(client.receive()) and len(client.lines) + client.dropped == 202)
         sender.join()
         assert client.dropped == 1  # the second mission
         assert [client.pop_line() for _ in range(201)] == [mission.rstrip(), *[BEAT.rstrip()] * 200]
@@ -132,7 +132,7 @@ def test_a_second_queued_mission_is_dropped_but_heartbeats_are_not():
 
 def test_all_clients_receive_an_equal_share_of_answers(door, connect, turns):
     flood, client = Flood(connect()), connect()
-    until(lambda: len(turns) > 10 * MAX_LINES)
+    wait_for(lambda: len(turns) > 10 * MAX_LINES)
     for k in range(20):
         before = len(turns)
         client.send(type="ping", token=k)
@@ -176,7 +176,7 @@ def test_only_one_client_at_a_time_may_send_an_endless_line(door, connect):
         thread.start()
     for thread in threads:
         thread.join()
-    until(lambda: sum(client.partial_line_bytes > MAX_SHORT_LINE_BYTES for client in door._clients) <= 1)
+    wait_for(lambda: sum(client.partial_line_bytes > MAX_SHORT_LINE_BYTES for client in door._clients) <= 1)
     total_bytes = sum(client.partial_line_bytes for client in door._clients)
     assert total_bytes <= 64 * MAX_SHORT_LINE_BYTES + 12 * (MAX_SHORT_LINE_BYTES + READ_BYTES)
 
@@ -185,9 +185,9 @@ def test_half_a_mission_that_stalls_does_not_refuse_the_next_mission(door, conne
     monkeypatch.setattr(clients, "MAX_PAUSE_S", 0.05)
     stalled, second = connect(), connect()
     stalled.line.sendall(HALF_A_MISSION)
-    until(lambda: any(client.has_stalled for client in door._clients))
+    wait_for(lambda: any(client.has_stalled for client in door._clients))
     second.line.sendall(HALF_A_MISSION + b'"}\n')
-    until(lambda: door.operator.is_busy)
+    wait_for(lambda: door.operator.is_busy)
     assert stalled.file.readline() == b""
 
 
@@ -204,7 +204,7 @@ def many_causes(levels):
 def test_a_stop_with_any_reason_stops_and_its_reason_reaches_all(door, connect, reason):
     person = connect()
     person.send(type="stop", reason=reason)
-    until(lambda: door.operator.stop_reason(attended=False))
+    wait_for(lambda: door.operator.stop_reason(attended=False))
     door.broadcast({"type": "state", "state": "STOPPED", "reason": door.operator.stop_reason(attended=False)})
     states = (json.loads(line) for line in person.file)
     assert next(word for word in states if word["type"] == "state")["reason"]["code"] == StopReason.STOPPED_BY
@@ -231,9 +231,9 @@ def test_a_long_line_must_arrive_at_a_least_rate(monkeypatch, bytes_each_s, stal
 
 def test_a_long_line_is_refused_during_a_drive(door, connect):
     driver, second = connect(), connect()
-    until(lambda: len(door._clients) == 2)
+    wait_for(lambda: len(door._clients) == 2)
     driver.send(type="mission", door=sockets.VERSION, mission="{}")
-    until(lambda: door.operator.is_busy)
+    wait_for(lambda: door.operator.is_busy)
     with suppress(OSError):
         for _ in range(1000):
             second.line.sendall(b'{"type": "mission", "mission": "' + b"x" * MAX_SHORT_LINE_BYTES)

@@ -14,7 +14,7 @@ from baqueano.drive.health import normalised_innovation_squared
 from baqueano.drive.observers import Observer
 from baqueano.guides import shapes
 from baqueano.vehicle_file import load
-from tests.door.test_sockets import until
+from tests.door.test_sockets import wait_for
 
 
 class Listening(Observer):
@@ -118,7 +118,7 @@ def test_at_most_one_frame_waits_for_a_client_that_does_not_read(door, connect, 
     sleeper, healthy = connect(), connect()
     for person in (sleeper, healthy):
         person.send(type="watch", hz=50)
-    until(lambda: sum(client.hz > 0 for client in door._clients) == 2)
+    wait_for(lambda: sum(client.hz > 0 for client in door._clients) == 2)
     count, largest = 0, 0
     for _ in range(150):
         for record in listening.records[:40]:
@@ -200,7 +200,7 @@ def test_a_message_wakes_the_door_and_is_encoded_once(door, connect, monkeypatch
     monkeypatch.setattr(sockets, "encode", encode)
     monkeypatch.setattr(sockets, "LOOK_S", 1e6)  # without a wake-up nothing arrives
     people = [connect() for _ in range(5)]
-    until(lambda: len(door._clients) == 5)
+    wait_for(lambda: len(door._clients) == 5)
     for k in range(20):
         door.broadcast({"type": "event", "message": k})
         assert [person.receive()["message"] for person in people] == [k] * 5

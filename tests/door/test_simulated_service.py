@@ -45,10 +45,10 @@ class Child:
         self.process.stdin.write(json.dumps(words).encode() + b"\n")
         self.process.stdin.flush()
 
-    def until(self, true, beat=None):
+    def until(self, condition, beat=None):
         """Return the messages up to and including this message."""
         end, messages = time.monotonic() + PATIENCE_S, []
-        while not messages or not true(messages[-1]):
+        while not messages or not condition(messages[-1]):
             assert time.monotonic() < end
             if beat is not None:
                 self.send(**beat)

@@ -49,9 +49,9 @@ def person(connect):
     return connect()
 
 
-def until(true):
+def wait_for(condition):
     end = time.monotonic() + PATIENCE_S
-    while not true():
+    while not condition():
         assert time.monotonic() < end
         time.sleep(0.005)
 
@@ -65,7 +65,7 @@ def test_missions_and_manual_commands_reach_the_operator(door, person):
         attended=False,
     )
     requests = []
-    until(lambda: requests.append(door.operator.pop_mission()) or requests[-1] is not None)
+    wait_for(lambda: requests.append(door.operator.pop_mission()) or requests[-1] is not None)
     mission, attended, _ = requests[-1]
     assert Mission.from_json(mission).kind == "experiment"
     assert not attended
@@ -76,7 +76,7 @@ def test_missions_and_manual_commands_reach_the_operator(door, person):
         commands.append(door.operator.command(3))
         return commands[-1].any()
 
-    until(hand_arrives)
+    wait_for(hand_arrives)
     np.testing.assert_allclose(commands[-1], [0.1, 0.0, 0.2])
 
 
@@ -84,13 +84,13 @@ def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, con
     file = vehicle_file.load("small")
     mission = pack(Mission("experiment", u=np.zeros((3, 3))), file).to_json()
     person.send(type="mission", door=VERSION, mission=mission)
-    until(lambda: door.operator.pop_mission() is not None)
+    wait_for(lambda: door.operator.pop_mission() is not None)
     second = connect()
     second.send(type="mission", door=VERSION, mission=mission)
     assert second.receive()["diagnostic"]["code"] == "door.other-driver"
     second.send(type="hand", u=[1.0, 0.0, 0.0])
     second.send(type="stop", reason="it nears the stairs")
-    until(lambda: door.operator.stop_reason(False) is not None)
+    wait_for(lambda: door.operator.stop_reason(False) is not None)
     assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
     assert not door.operator.command(3).any()
 
@@ -101,7 +101,7 @@ def test_a_refused_mission_is_not_decoded(door, person, connect, monkeypatch, ti
     person.send(
         type="mission", door=VERSION, mission=pack(Mission("experiment", u=np.zeros((3, 3))), file).to_json()
     )
-    until(lambda: door.operator.pop_mission() is not None)
+    wait_for(lambda: door.operator.pop_mission() is not None)
     message = pack(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).to_json()
     monkeypatch.setattr(json, "loads", lambda text: decoded_texts.append(len(text)) or loads(text))
     second = connect()
@@ -122,12 +122,12 @@ def test_several_messages_in_one_packet_are_all_received(door, person):
 def test_rt14_a_mission_of_a_disconnected_client_is_not_given_to_the_next(door, person, connect):
     mission = pack(Mission("experiment", u=np.zeros((3, 3))), vehicle_file.load("small")).to_json()
     person.send(type="mission", door=VERSION, mission=mission)
-    until(lambda: door.operator.pop_mission() is not None)
+    wait_for(lambda: door.operator.pop_mission() is not None)
     person.send(type="mission", door=VERSION, mission=mission)
     assert person.receive()["diagnostic"]["code"] == "door.own-mission"
     person.close()
     second = connect()
-    until(lambda: door.operator.stop_reason() is not None)  # the door accepts no more clients
+    wait_for(lambda: door.operator.stop_reason() is not None)  # the door accepts no more clients
     second.send(type="mission", door=VERSION, mission=mission)
     assert second.receive()["diagnostic"]["code"] == "door.mission"
     second.send(type="beat")
@@ -138,7 +138,7 @@ def test_rt14_a_mission_of_a_disconnected_client_is_not_given_to_the_next(door, 
     assert not door.operator.command(3).any()
     door.operator.record_mission_end()
     second.send(type="mission", door=VERSION, mission=mission)
-    until(lambda: door.operator.pop_mission() is not None)
+    wait_for(lambda: door.operator.pop_mission() is not None)
 
 
 @pytest.mark.parametrize(
@@ -262,17 +262,17 @@ def test_a_run_that_is_being_written_is_not_listed(door, person, tmp_path):
     for open_file, names in (("b.mcap", ["a.mcap"]), (None, ["a.mcap", "b.mcap"])):
         door.broadcast({"type": "state", "state": "MISSION", "run": open_file})
         person.send(type="runs")
-        until(lambda: person.receive()["type"] == "state")
+        wait_for(lambda: person.receive()["type"] == "state")
         assert person.receive() == {"type": "runs", "runs": names}
 
 
 def test_ne5_a_client_that_does_not_read_is_disconnected(door, person, connect):
     connect()
-    until(lambda: len(door._clients) == 2)
+    wait_for(lambda: len(door._clients) == 2)
     for k in range(200):
         door.broadcast({"type": "event", "text": "x" * 100_000, "k": k})
         person.receive()
-    until(lambda: len(door._clients) == 1)
+    wait_for(lambda: len(door._clients) == 1)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts open files in /proc")
@@ -283,7 +283,7 @@ def test_two_hundred_clients_that_come_and_go_leave_nothing_behind(door):
         client.send(type="ping", token=1)
         assert client.receive()["type"] == "pong"
         client.close()
-        until(lambda: not door._clients)
+        wait_for(lambda: not door._clients)
 
     def left():
         gc.collect()
@@ -302,12 +302,12 @@ def test_two_hundred_clients_that_come_and_go_leave_nothing_behind(door):
 def test_a_disconnected_driver_releases_the_vehicle(door, person):
     door.operator.set_holder(next(iter(until_client(door))))
     person.close()
-    until(lambda: not door._clients)
+    wait_for(lambda: not door._clients)
     door.operator.set_holder("another")
 
 
 def until_client(door):
-    until(lambda: door._clients)
+    wait_for(lambda: door._clients)
     return door._clients
 
 

@@ -159,7 +159,7 @@ def test_the_project_estimator_accepts_timestamps_since_1970():
     estimator = FILE.estimator(kind=f"{files('baqueano.project').joinpath('my_estimator.py')}:MyEstimator")
     now, since_1970 = (
         replay(r, FILE, replay_blocks(r, FILE)._replace(estimator=estimator)).estimate
-        for r in (run, later(run, 1_700_000_000_000_000_000))
+        for r in (run, shifted(run, 1_700_000_000_000_000_000))
     )
     assert now is not None
     assert since_1970 is not None
@@ -167,7 +167,7 @@ def test_the_project_estimator_accepts_timestamps_since_1970():
     np.testing.assert_allclose(since_1970.cov, now.cov, rtol=1e-4, atol=1e-12)
 
 
-def later(run, ns):
+def shifted(run, ns):
     """Return the same run with shifted timestamps."""
     logs = {name: getattr(run, name) for name in ("estimate", "reference", "truth")}
     return replace(

@@ -48,7 +48,7 @@ class OnPty:
             return self.uno.moving
 
     def off_since(self) -> float:
-        """Return the seconds since both motors are off."""
+        """Return the seconds for which both motors have been off."""
         with self.lock:
             return self.uno.t_s - self.uno.off_since()
 

@@ -120,11 +120,11 @@ def test_a_reset_in_the_last_tick_of_a_drive_is_recovered(service, robot):
     me = object()
     service.operator.set_holder(me)
 
-    def both():
+    def pair():
         robot.board.reset(ResetCause.BROWN_OUT)
         service.operator.request_end(me)
 
-    during(service, robot, 0.5, both)
+    during(service, robot, 0.5, pair)
     drive(service, spin(3.0))
     look_around(service, robot, 10)
     assert robot.uno.statistics.resets == 1

@@ -48,12 +48,12 @@ def test_swapped_and_reversed_motors_drive_straight_after_calibration(robot, ben
     robot.uno.store_settings(Settings(battery_permille=3127, wiring=Wiring.ENCODERS_SWAPPED), robot.wait)
     motors = calibrate(bench)
     assert motors.settings.wiring == REVERSED_L | SWAPPED | Wiring.ENCODERS_SWAPPED
-    true = vehicle_file.load("small").vehicle.drivetrain
+    truth = vehicle_file.load("small").vehicle.drivetrain
     zones = [
-        true.dead_zone_forward[0],
-        true.dead_zone_backward[0],
-        true.dead_zone_forward[1],
-        true.dead_zone_backward[1],
+        truth.dead_zone_forward[0],
+        truth.dead_zone_backward[0],
+        truth.dead_zone_forward[1],
+        truth.dead_zone_backward[1],
     ]
     np.testing.assert_allclose(
         [curve.dead_zone_permille / 1000 for curve in motors.settings.curves], zones, atol=0.02

@@ -17,8 +17,8 @@ from tests.emulated.test_processes import (  # noqa: F401
     service,
     stalled,
     stops,
-    until,
     vehicle,
+    wait,
 )
 
 
@@ -40,7 +40,7 @@ def screens(service, vehicle, live, tmp_path):  # noqa: F811
             terminals.append(screen)
             if screen.shows(rb"MANUAL", PATIENCE_S):
                 screen.type(W_DOWN)
-                if until(live.moving, PATIENCE_S / 4.0):
+                if wait(live.moving, PATIENCE_S / 4.0):
                     return screen
             assert time.monotonic() < end, screen.output[-2000:]
             screen.close()

@@ -29,8 +29,8 @@ def test_the_emulated_robot_drives_at_an_even_speed(firmware, fitted_file, route
     run = repeat(fitted_file, route, world=world, tick_times_ns=tick_times_ns).without_rest
     world.robot.close()
     going = run.reference.done < 1.0
-    true = np.interp(run.reference.t_ns[going], run.truth.t_ns, run.truth.nu[:, 0])
-    evenness = speed_errors(run.reference.t_ns[going], true, run.reference.nu[going, 0])
+    truth = np.interp(run.reference.t_ns[going], run.truth.t_ns, run.truth.nu[:, 0])
+    evenness = speed_errors(run.reference.t_ns[going], truth, run.reference.nu[going, 0])
     assert evenness.error < 0.05
     assert evenness.unevenness < 0.03
     assert share_at_limit(run.sent_commands[going], limits_of(fitted_file.text)) == 0.0

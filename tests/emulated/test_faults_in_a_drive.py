@@ -55,7 +55,7 @@ def counts_of(run):
     return [n for n in last(run, LINE_SOURCE).diagnostic.figures.values() if isinstance(n, int)]
 
 
-def across(run):
+def position_rms(run):
     """Return the RMS distance [m] between the estimated position and the reference."""
     gap = run.estimate.eta[:, :2] - run.reference.eta[:, :2]
     return np.sqrt(np.mean(np.sum(gap**2, axis=1)))
@@ -97,7 +97,7 @@ def test_a_disconnected_cable_stops_the_drive_and_driving_resumes_afterwards(rob
     line.gone = False
     if reset:
         robot.board.reset(ResetCause.EXTERNAL)
-    robot.uno.on_reopen()  # as the listening thread says
+    robot.uno.on_reopen()  # as the listening thread calls it
     assert clear_stop(service, robot)
     end, run = drive(service, spin(0.5))
     assert end["reason"] is None
@@ -116,7 +116,7 @@ def test_a_circle_is_repeated_over_a_faulty_serial_line(robot, service, noise, t
     during(service, robot, 0.1, begins)
     done, run = drive(service, pack(Mission("repeat", route=CIRCLE), vehicle_file.load("small")))
     assert done["reason"] is None
-    assert across(run) < 0.1
+    assert position_rms(run) < 0.1
     assert end(robot, run) < (0.2 if noise else 0.1), "where it really is; 0.04 m over a line that is well"
     _, unsent, count_received, count_lost, late_count, count_damaged, resets = counts_of(run)
     assert (unsent, resets) == (0, 0)
@@ -301,7 +301,7 @@ def test_a_clone_imu_with_a_slow_clock_teaches_and_repeats_a_route(vehicle):
     robot.put_back()
     last, run = drive(service, pack(Mission("repeat", route=route_of(lesson, closed=True)), file))
     assert last["reason"] is None
-    assert across(run) < 0.1
+    assert position_rms(run) < 0.1
     assert end(robot, run) < 0.1
 
 
@@ -317,9 +317,9 @@ def test_rt16_a_full_disk_ends_the_log_and_not_the_drive(robot, service, with_st
         time.sleep(2.0 * SYNC_PERIOD_S)  # the drive until now is on the disk
         (file,) = service.folder.glob("*.mcap*")
         resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size + 1000, hard))
-        during(service, robot, 2.5, later)
+        during(service, robot, 2.5, fill)
 
-    def later():
+    def fill():
         for thread in threading.enumerate():
             if thread.name == "run writer":
                 thread.join(30.0)  # the simulated vehicle is faster than the disk here

@@ -16,7 +16,7 @@ from baqueano.drive.mission import Mission, pack
 from benchmarks.door import FLOODING, MOST_STOP_MS, flood
 from benchmarks.processes import before_others
 from tests.emulated.onboard import running
-from tests.emulated.test_processes import PATIENCE_S, ready, until
+from tests.emulated.test_processes import PATIENCE_S, ready, wait
 
 MOST_STALLED_MS = 500.0  # guaranteed even on a machine that stalls, by the firmware
 pytestmark = [pytest.mark.skipif(sys.platform != "linux", reason="a pty, /proc"), pytest.mark.alone]
@@ -32,7 +32,7 @@ def moving(service):
         with connect(str(service.door)) as remote:
             ready(remote)
             remote.send(type="mission", door=VERSION, mission=mission, attended=False)
-            under_way = until(service.live.moving, PATIENCE_S / 4.0)
+            under_way = wait(service.live.moving, PATIENCE_S / 4.0)
             if under_way:
                 yield remote
                 return
@@ -44,7 +44,7 @@ def off_ms(remote, live):
     """Return how long the motors turn on after a STOP, in the time of the Uno."""
     said_s = live.now_s()
     remote.send(type="stop", reason="it nears the stairs")
-    assert until(lambda: not live.moving(), PATIENCE_S)
+    assert wait(lambda: not live.moving(), PATIENCE_S)
     with live.lock:
         return 1e3 * (live.uno.off_since() - said_s)
 

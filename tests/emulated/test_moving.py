@@ -185,17 +185,17 @@ def test_r12_telemetry_contains_the_duty_at_the_pins_and_its_sum(uno):
     assert len(states) > 150
     times, sums = sums_of(rows)
 
-    def at(t_s):
+    def row_at(t_s):
         """Return duty and integral of the pins at this time."""
         k = bisect.bisect_right(times, t_s) - 1
         return rows[k][1:], [sums[k][c] + rows[k][1 + c] * (t_s - times[k]) for c in range(2)]
 
     for state in states[1:-1]:
-        duty, _ = at(state.t_us * 1e-6 + uno.clock_began_s)
+        duty, _ = row_at(state.t_us * 1e-6 + uno.clock_began_s)
         assert (state.left_permille, state.right_permille) == pytest.approx(duty, abs=1.0)
     for early, two in zip(states[1:], states[40:], strict=False):
         start, end = (s.t_us * 1e-6 + uno.clock_began_s for s in (early, two))
-        before, after = at(start)[1], at(end)[1]
+        before, after = row_at(start)[1], row_at(end)[1]
         for column, name in enumerate(("left_sum", "right_sum")):
             mean = (getattr(two, name) - getattr(early, name)) / ((end - start) * 1e3)
             assert mean == pytest.approx((after[column] - before[column]) / (end - start), abs=8.0)

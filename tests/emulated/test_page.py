@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.emulated.onboard import running
-from tests.emulated.test_processes import until
+from tests.emulated.test_processes import wait
 from tests.web.chromium import CHROMIUM, Chromium
 from tests.web.test_page_over_ssh import put_programs
 from tests.web.test_serve import port_of, program
@@ -65,9 +65,9 @@ class Wheel:
         for _ in range(TRIES):
             self.ready()
             self.hold("Manual")
-            if until(lambda: self.state() == "MANUAL", 10.0):
+            if wait(lambda: self.state() == "MANUAL", 10.0):
                 self.tab.down("w", "KeyW")
-                if until(self.live.moving, 5.0):
+                if wait(self.live.moving, 5.0):
                     time.sleep(0.3)
                     if self.live.moving():
                         return
@@ -80,7 +80,7 @@ class Wheel:
         """Return how long the motors turn on [s] after `lose`, in the Uno's own time."""
         now_s = self.live.now_s()
         lose()
-        assert until(lambda: not self.live.moving(), START_S)
+        assert wait(lambda: not self.live.moving(), START_S)
         with self.live.lock:
             return self.live.uno.off_since() - now_s
 
@@ -94,10 +94,10 @@ class Wheel:
             if self.state() != "MANUAL":
                 self.drives()
             self.tab.up("w", "KeyW")
-            assert until(lambda: not self.live.moving(), START_S)
+            assert wait(lambda: not self.live.moving(), START_S)
             now_s = self.live.now_s()
             self.tab.down("w", "KeyW")
-            if until(self.live.moving, 3.0):  # else a stalled machine has stopped it before
+            if wait(self.live.moving, 3.0):  # else a stalled machine has stopped it before
                 with self.live.lock:
                     return 1e3 * (self.live.uno.first_time(self.is_driven, after_s=now_s) - now_s)
         raise AssertionError(self.tab.js("baqueano.page.state.sentence"))
@@ -144,7 +144,7 @@ def test_rt13_rt15_any_lost_connection_from_browser_to_motors_stops_the_motors(f
                 took["tab closed"] = wheel.off_after(tab.close)
                 tab = chromium.tab()  # the user returns
                 wheel = Wheel(tab, port, service.live)
-                assert until(lambda: wheel.state() == "STOPPED", START_S)
+                assert wait(lambda: wheel.state() == "STOPPED", START_S)
                 wheel.drives()
                 browser = chromium._process.pid
                 took["browser frozen"] = wheel.off_after(lambda: signalled(browser, signal.SIGSTOP))

@@ -15,7 +15,7 @@ from baqueano.runs import read_run
 from baqueano.runs.route_file import write_route
 from tests.emulated.onboard import running
 from tests.emulated.test_page import OFF_S, START_S, TRIES, Wheel
-from tests.emulated.test_processes import until
+from tests.emulated.test_processes import wait
 from tests.web.chromium import CHROMIUM, Chromium
 from tests.web.test_serve import port_of, program
 
@@ -38,29 +38,29 @@ def teach(wheel, body):
     for _ in range(TRIES):
         wheel.ready()
         wheel.hold("Teach")
-        if until(lambda: wheel.state() == "MANUAL", 10.0):
+        if wait(lambda: wheel.state() == "MANUAL", 10.0):
             wheel.tab.down("w", "KeyW")
             goal = body.motion.eta[0] + TAUGHT_M
-            until(lambda end=goal: body.motion.eta[0] > end or wheel.state() != "MANUAL", START_S)
+            wait(lambda end=goal: body.motion.eta[0] > end or wheel.state() != "MANUAL", START_S)
             wheel.tab.up("w", "KeyW")
             if wheel.state() == "MANUAL":
                 wheel.hold("End")
-                if until(lambda: wheel.state() == "READY", START_S):
+                if wait(lambda: wheel.state() == "READY", START_S):
                     return
     raise AssertionError(wheel.tab.js("baqueano.page.state.sentence"))
 
 
-def repeat(wheel, route, true, tab="drive"):
-    """Repeat the route, on this tab, until it drives and `true`; if a busy machine stops it, it begins again."""
+def repeat(wheel, route, condition, tab="drive"):
+    """Repeat the route, on this tab, until it drives and `condition`; if a busy machine stops it, it begins again."""
     end = time.monotonic() + 3.0 * START_S
-    while not (wheel.live.moving() and wheel.tab.js(true)):
+    while not (wheel.live.moving() and wheel.tab.js(condition)):
         assert time.monotonic() < end, wheel.tab.js("baqueano.page.state.sentence")
         if wheel.state() != "MISSION":
             wheel.ready()
             wheel.tab.click("#tab-drive")
             wheel.tab.js(f"Object.assign({SCREENS}.drive, {{ laps: {LAPS} }}).route.value = {route!r}")
             wheel.hold("Repeat")
-            until(lambda: wheel.state() == "MISSION", 10.0)
+            wait(lambda: wheel.state() == "MISSION", 10.0)
             wheel.tab.click(f"#tab-{tab}")
         time.sleep(0.3)
 
@@ -70,10 +70,10 @@ def pause_and_continue(wheel, route, body):
     for _ in range(TRIES):
         repeat(wheel, route, DRIVING)
         wheel.tab.press("p", "KeyP", "p")
-        if until(lambda: wheel.tab.js("baqueano.page.state.paused") and abs(body.motion.nu[0]) < 0.02, 10.0):
+        if wait(lambda: wheel.tab.js("baqueano.page.state.paused") and abs(body.motion.nu[0]) < 0.02, 10.0):
             place = np.array(body.motion.eta[:2])
             wheel.tab.press("p", "KeyP", "p")
-            if until(lambda here=place: np.hypot(*(body.motion.eta[:2] - here)) > 0.1, 10.0):
+            if wait(lambda here=place: np.hypot(*(body.motion.eta[:2] - here)) > 0.1, 10.0):
                 return
     raise AssertionError(wheel.tab.js("baqueano.page.state.sentence"))
 
@@ -123,7 +123,7 @@ def test_a_route_is_taught_repeated_tuned_swapped_and_replayed_on_the_emulated_r
             assert wheel.off_after(tab.close) <= OFF_S  # the tab is lost while it drives
             tab = chromium.tab()
             wheel = Wheel(tab, port, service.live)
-            assert until(lambda: wheel.state() == "STOPPED", START_S)
+            assert wait(lambda: wheel.state() == "STOPPED", START_S)
             wheel.ready()
             tab.wait(
                 "baqueano.page.runs.filter((one) => one.kind === 'repeat' && one.seconds).length >= 3",

@@ -67,7 +67,7 @@ def start_vehicle(vehicle, tmp_path):
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env={**os.environ, "BAQUEANO_BACKEND": "python"},
     )  # fmt: skip
     try:
-        assert until(lambda: process.poll() is not None or answers(door), PATIENCE_S)
+        assert wait(lambda: process.poll() is not None or answers(door), PATIENCE_S)
         assert process.poll() is None, process.stdout.read().decode()
         yield process, door
     finally:
@@ -98,9 +98,9 @@ def ready(remote):
         remote.receive(("state",), PATIENCE_S)
 
 
-def until(true, within_s):
+def wait(condition, within_s):
     end = time.monotonic() + within_s
-    while not true():
+    while not condition():
         if time.monotonic() > end:
             return False
         time.sleep(0.005)
@@ -110,7 +110,7 @@ def until(true, within_s):
 def stops(live, within_s):
     """Return the time until the motors are off [s], on the clock of the Uno."""
     now_s = live.now_s()
-    assert until(lambda: not live.moving(), PATIENCE_S)
+    assert wait(lambda: not live.moving(), PATIENCE_S)
     with live.lock:
         took_s = live.uno.off_since() - now_s
     assert took_s < within_s
@@ -165,7 +165,7 @@ def driving(door, vehicle, live):
         with connect(str(door)) as remote:
             ready(remote)
             remote.send(type="mission", door=VERSION, mission=spin(vehicle, 300.0).to_json())
-            moves = until(lambda remote=remote: remote.send(type="beat") or live.moving(), PATIENCE_S / 4.0)
+            moves = wait(lambda remote=remote: remote.send(type="beat") or live.moving(), PATIENCE_S / 4.0)
             if moves:
                 yield remote
 
@@ -173,7 +173,7 @@ def driving(door, vehicle, live):
 def lives(live, seconds, meanwhile=lambda: None):
     """Wait until the Uno has run this long on its own clock; return True if a motor is driven then."""
     end_s = live.now_s() + seconds
-    assert until(lambda: meanwhile() or live.now_s() > end_s, PATIENCE_S)
+    assert wait(lambda: meanwhile() or live.now_s() > end_s, PATIENCE_S)
     return live.moving()
 
 
@@ -230,7 +230,7 @@ def test_rt5_a_killed_service_leaves_a_stopped_vehicle_and_a_readable_run(servic
             assert stalled(run, live.loss_s - loss_s), reason
             assert time.monotonic() < end, reason
     process.wait()
-    assert until(lambda: not live.moving(), PATIENCE_S)
+    assert wait(lambda: not live.moving(), PATIENCE_S)
     assert 0.25 < live.off_after_s() <= 0.32  # the command timeout of the firmware, on its clock
     damaged_file = max((tmp_path / "there").glob("*.mcap*"))
     path = tmp_path / "whole.mcap"
@@ -278,13 +278,13 @@ def test_a_block_that_kills_the_service_is_named_after_restart(vehicle, live, tm
         with suppress(RobotUnreachable), connect(str(door)) as remote:
             ready(remote)
             remote.send(type="mission", door=VERSION, mission=mission.to_json())
-            assert until(lambda: remote.send(type="beat") or live.moving(), PATIENCE_S)
+            assert wait(lambda: remote.send(type="beat") or live.moving(), PATIENCE_S)
             if text == "hang()":
-                assert until(lambda: remote.send(type="beat") or mark_file.exists(), PATIENCE_S)
-                assert until(lambda: not live.moving(), PATIENCE_S)
+                assert wait(lambda: remote.send(type="beat") or mark_file.exists(), PATIENCE_S)
+                assert wait(lambda: not live.moving(), PATIENCE_S)
                 process.send_signal(signal.SIGABRT)
         assert process.wait(PATIENCE_S) == code
-    assert until(lambda: not live.moving(), PATIENCE_S)
+    assert wait(lambda: not live.moving(), PATIENCE_S)
     assert live.off_after_s() <= 0.32
     with start_vehicle(vehicle, tmp_path) as (_, door):
         state = status(door)

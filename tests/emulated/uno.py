@@ -289,9 +289,9 @@ class EmulatedUno:
     def moving(self) -> bool:
         return bool(self.duty(0) or self.duty(1))
 
-    def first_time(self, true: Callable[[Output], bool], after_s: float = 0.0) -> float | None:
+    def first_time(self, condition: Callable[[Output], bool], after_s: float = 0.0) -> float | None:
         """Return the first time at which the outputs satisfy the condition."""
-        return next((out.t_s for out in self.outputs() if out.t_s >= after_s and true(out)), None)
+        return next((out.t_s for out in self.outputs() if out.t_s >= after_s and condition(out)), None)
 
     def off_since(self) -> float:
         """Return the time since which neither motor is driven."""

@@ -25,7 +25,7 @@ def blended(odometer=None, **options):
     return Complementary(SMALL, sensors, **options)
 
 
-def through(block, u, z, start=None):
+def estimate_of(block, u, z, start=None):
     """Return estimates (N,) from commands (N, 3) and measurements {name: (N, m)}."""
     names, n = block.sensors._fields, len(u)
     slots = type(block.sensors)(
@@ -47,7 +47,7 @@ def test_fast_speed_changes_follow_the_model_and_fade_with_the_blend_time():
     n, time_s, lag_s = 400, 0.5, 0.61 / 1.2
     u = np.tile([0.4, 0.0, 0.0], (n, 1))
     z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3))), "odometer": np.zeros((n, 1))}
-    _, motion = through(blended(ODOMETER, blend_time_s=time_s), u, z)
+    _, motion = estimate_of(blended(ODOMETER, blend_time_s=time_s), u, z)
     t_s, rates = DT * np.arange(1, n + 1), np.array([1.0 / lag_s, 1.0 / time_s])
     fading = np.exp(-np.outer(t_s, rates))
     exact = 0.5 / lag_s * (fading[:, 1] - fading[:, 0]) / (rates[0] - rates[1])
@@ -72,7 +72,7 @@ def test_slow_speed_changes_follow_the_wheels_with_any_model():
     n = 1000
     v = 0.3 * np.sin(0.2 * DT * np.arange(1, n + 1))
     z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3))), "odometer": 1.02 * v[:, None]}
-    _, motion = through(blended(ODOMETER, blend_time_s=0.1), np.zeros((n, 3)), z)
+    _, motion = estimate_of(blended(ODOMETER, blend_time_s=0.1), np.zeros((n, 3)), z)
     np.testing.assert_allclose(motion.nu[:, 0], v, atol=0.01)
 
 
@@ -90,7 +90,7 @@ def test_the_heading_is_correct_at_a_lower_tick_rate():
 def test_without_wheel_speeds_the_model_predicts_the_speed():
     n = 800
     u = np.tile([0.4, 0.0, 0.0], (n, 1))
-    _, motion = through(blended(), u, {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3)))})
+    _, motion = estimate_of(blended(), u, {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3)))})
     assert motion.nu[-1, 0] == pytest.approx(1.5 * 0.4 / 1.2, rel=0.01)
     block, silent_tick = blended(), Tick(10_000_000, np.zeros(3), silent({"imu": 3}))
     # the vehicle was driving before
@@ -101,13 +101,13 @@ def test_without_wheel_speeds_the_model_predicts_the_speed():
 def test_the_gyro_bias_is_estimated_only_at_rest():
     n = 600
     error = np.array([0.0, 0.0, 0.03]) + of_motion(np.zeros((n, 3)), np.zeros((n, 3)))
-    rest, motion = through(blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": error})
+    rest, motion = estimate_of(blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": error})
     assert float(rest.bias) == pytest.approx(0.03 / 1.03, rel=0.01)
     assert abs(motion.nu[-1, 2]) < 1e-3
-    driving, _ = through(blended(rest_time_s=0.5), np.tile([0.4, 0.0, 0.0], (n, 1)), {"imu": error})
+    driving, _ = estimate_of(blended(rest_time_s=0.5), np.tile([0.4, 0.0, 0.0], (n, 1)), {"imu": error})
     assert float(driving.bias) == 0.0
     # by hand
-    turning_state, _ = through(
+    turning_state, _ = estimate_of(
         blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": np.array([0.0, 0.0, 1.0]) + error}
     )
     assert float(turning_state.bias) == 0.0
@@ -129,7 +129,7 @@ def test_the_complementary_filter_halves_the_wheel_noise_on_the_independent_trut
         z[:, k], v[:, k] = world.tick(np.tile(u[k], (n, 1)), DT), world.truth.nu[:, 0]
     readings = v + 0.05 * rng.standard_normal(v.shape)
     speeds = [
-        through(block, u, {"imu": z[i], "odometer": readings[i][:, None]})[1].nu[:, 0] for i in range(n)
+        estimate_of(block, u, {"imu": z[i], "odometer": readings[i][:, None]})[1].nu[:, 0] for i in range(n)
     ]
     assert np.sqrt(np.mean((np.array(speeds) - v) ** 2)) < 0.5 * 0.05
 

@@ -42,7 +42,7 @@ def after(filter_, ticks, belief=None):
     return belief, estimate
 
 
-def same(a, b):
+def is_equal(a, b):
     return all(np.array_equal(x, y, equal_nan=True) for x, y in zip(a, b, strict=True))
 
 
@@ -93,14 +93,14 @@ def test_es4_a_command_that_is_not_finite_does_not_enter_the_state():
     belief, _ = after(ekf(), GOOD)
     hit, _ = ekf().step(belief, tick(6, u=(np.nan, 0.0, 0.1)))
     zero, _ = ekf().step(belief, tick(6, u=(0.0, 0.0, 0.1)))
-    assert same(hit[:4], zero[:4])
+    assert is_equal(hit[:4], zero[:4])
 
 
 def test_a_spike_beyond_four_sigma_is_rejected_and_reported():
     belief, _ = after(ekf(), GOOD)
     hit, estimate = ekf().step(belief, tick(6, z=(50.0, 0.0, 0.0)))
     silent, _ = ekf().step(belief, tick(6))
-    assert same(hit[:4], silent[:4])
+    assert is_equal(hit[:4], silent[:4])
     assert estimate.innovation[0] > 40.0
 
 
@@ -116,7 +116,7 @@ def test_es11_a_repeated_or_delayed_tick_does_not_change_the_estimate():
     belief, _ = after(ekf(), GOOD)
     for t in (GOOD[-1], GOOD[2]):
         same_belief, estimate = ekf().step(belief, t)
-        assert same(same_belief[:4], belief[:4])
+        assert is_equal(same_belief[:4], belief[:4])
         assert estimate.t_ns == t.t_ns
 
 

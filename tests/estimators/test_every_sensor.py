@@ -42,7 +42,7 @@ def drive_with(kind: str, keys: str):
 
 
 @cache
-def through(kind: str, estimator: str, use):
+def drive_of(kind: str, estimator: str, use):
     """Return a drive with this sensor, and what the estimator computes from the sensors in `use`."""
     file, run = drive_with(kind, SENSORS[kind])
     options = {"process_noise_cov": R} if estimator != "augmented_ekf" else {}
@@ -63,7 +63,7 @@ def _first(leaf):
     [(k, e) for k in SENSORS for e in KINDS] + [("tags", "unscented"), ("compass", "unscented")],
 )
 def test_an_estimate_is_finite_and_its_error_matches_its_covariance(kind, estimator):
-    run, estimate = through(kind, estimator, ("imu", kind))
+    run, estimate = drive_of(kind, estimator, ("imu", kind))
     assert len(run.sensors[kind].z) > 0
     cov = estimate.cov
     assert np.all(np.isfinite(estimate.eta))
@@ -75,7 +75,7 @@ def test_an_estimate_is_finite_and_its_error_matches_its_covariance(kind, estima
 
 @pytest.mark.parametrize("kind", ["tags", "beacon", "rangefinder", "pose"])
 def test_a_position_sensor_reduces_the_position_uncertainty(kind):
-    with_it, plain = (through(kind, "augmented_ekf", use)[1].cov[-1] for use in (("imu", kind), ("imu",)))
+    with_it, plain = (drive_of(kind, "augmented_ekf", use)[1].cov[-1] for use in (("imu", kind), ("imu",)))
     assert np.trace(with_it[:2, :2]) < 0.7 * np.trace(plain[:2, :2])
 
 

@@ -54,8 +54,8 @@ def estimates(z: np.ndarray, is_new: np.ndarray | None = None):
 
 
 def readings(fault: str) -> np.ndarray:
-    z, true = run().sensors["imu"].z.copy(), run().truth
-    assert true is not None
+    z, truth = run().sensors["imu"].z.copy(), run().truth
+    assert truth is not None
     if fault == "stuck":
         z[AT, 2] = z[np.argmax(AT), 2]
     elif fault == "zero":
@@ -68,12 +68,12 @@ def readings(fault: str) -> np.ndarray:
 @pytest.mark.parametrize("fault", ["stuck", "zero", "off"])
 def test_the_heading_region_covers_the_truth_during_and_after_a_gyro_fault(fault):
     eta, nu, cov = estimates(readings(fault))
-    true = run().truth
-    e = wrap(eta[:, 2] - true.eta[:, 2])
+    truth = run().truth
+    e = wrap(eta[:, 2] - truth.eta[:, 2])
     is_inside = np.abs(e) <= REGION_95 * np.sqrt(cov[:, 2, 2])
     is_late = t_s >= FAULT_S[0] + MIN_INCONSISTENT_S + 0.1
     assert np.mean(is_inside[is_late]) >= 0.95
-    turning = np.abs(nu[:, 2] - true.nu[:, 2]) <= REGION_95 * np.sqrt(cov[:, 5, 5])
+    turning = np.abs(nu[:, 2] - truth.nu[:, 2]) <= REGION_95 * np.sqrt(cov[:, 5, 5])
     assert np.mean(turning[AT & is_late]) >= 0.95
 
 
@@ -90,10 +90,10 @@ def wheeled_block():
 @pytest.mark.parametrize(("fault", "wide"), [("gyro", [3, 5]), ("bias", [5]), ("wheel", [3]), ("none", [])])
 def test_wheels_and_gyro_widen_the_region_of_the_signal_that_the_model_contradicts(fault, wide):
     file, filter_ = wheeled_block()
-    imu, true = run().sensors["imu"].z.copy(), run().truth
-    speed = 0.06 * true.nu[:, 2]
+    imu, truth = run().sensors["imu"].z.copy(), run().truth
+    speed = 0.06 * truth.nu[:, 2]
     noise = 0.02 * np.random.default_rng(5).standard_normal((len(t_s), 2))
-    wheels = np.stack([true.nu[:, 0] - speed, true.nu[:, 0] + speed], axis=1) + noise
+    wheels = np.stack([truth.nu[:, 0] - speed, truth.nu[:, 0] + speed], axis=1) + noise
     if fault == "gyro":
         imu[AT, 2] *= 2.0
     elif fault == "bias":
@@ -107,7 +107,7 @@ def test_wheels_and_gyro_widen_the_region_of_the_signal_that_the_model_contradic
         nu.append(estimate.nu)
         cov.append(np.diag(estimate.cov))
     mask = AT & (t_s >= FAULT_S[0] + 1.0)
-    is_inside = np.abs(np.array(nu) - true.nu)[mask] <= REGION_95 * np.sqrt(np.array(cov)[mask, 3:])
+    is_inside = np.abs(np.array(nu) - truth.nu)[mask] <= REGION_95 * np.sqrt(np.array(cov)[mask, 3:])
     assert np.all(np.mean(is_inside[:, [2] if fault == "bias" else [0, 2]], axis=0) >= 0.9)
     before = np.median(np.array(cov)[(t_s > 1.5) & (t_s < FAULT_S[0])], axis=0)
     is_wide = np.median(np.array(cov)[mask], axis=0) > 30.0 * before

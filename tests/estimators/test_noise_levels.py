@@ -32,7 +32,7 @@ ACCEL, GYRO = SMALL.sensors.imu.accel_noise_std, SMALL.sensors.imu.gyro_noise_st
 
 
 @cache
-def shaken(factor: float, seed: int = 0):
+def noisy_run(factor: float, seed: int = 0):
     """Return a run whose IMU is noisier than its file by this factor, and whose floor is that of the file."""
     noisy = SMALL.with_values(
         {
@@ -47,7 +47,7 @@ def shaken(factor: float, seed: int = 0):
 def filtered(factor: float, noise_gain: float, damage: str = "", speed_from: tuple[str, ...] = ()):
     """Return the estimates over a shaken run, and the belief at the end."""
     ekf = replace(SMALL.estimator(), noise_gain=noise_gain, speed_from=speed_from)
-    run = shaken(factor)
+    run = noisy_run(factor)
     z = run.sensors["imu"].z.copy()
     if damage == "outliers":
         z[::10] += 100.0 * ACCEL[0]
@@ -157,7 +157,7 @@ def test_the_innovation_covariance_of_the_file_does_not_use_noise_levels():
 
 def test_a_replay_of_a_noisier_run_is_consistent():
     """The verdict of a replay: too sure with the noise of the file, consistent with adapted noise."""
-    run = shaken(2.0)
+    run = noisy_run(2.0)
     fixed, adapted = (
         filter_consistency(replay(run, SMALL.with_values({"estimator.noise_gain": gain})))
         for gain in (0.0, 0.01)
@@ -168,7 +168,7 @@ def test_a_replay_of_a_noisier_run_is_consistent():
 
 def test_an_accelerometer_that_corrects_nothing_does_not_decide_about_the_covariance():
     """On a wavy floor the accelerometers are wrong by 2 m/s² for seconds; the estimate does not use them."""
-    run = shaken(1.0)
+    run = noisy_run(1.0)
     z = run.sensors["imu"].z + np.outer(2.0 * np.sin(0.01 * np.arange(len(run.t_ns))), [1.0, 1.0, 0.0])
     sensors = run.sensors | {"imu": run.sensors["imu"]._replace(z=z)}
     consistency = filter_consistency(replay(replace(run, sensors=sensors), SMALL))

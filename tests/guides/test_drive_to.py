@@ -15,7 +15,7 @@ DT = 0.04
 SMALL, CAR = (0.25, 0.2), (1.0, 0.5)  # radius [m], speed [m/s]
 
 
-def at(eta, tick=0, v=0.0):
+def estimate_at(eta, tick=0, v=0.0):
     return Estimate(round(1e9 * DT) * tick, np.array(eta, float), np.array([v, 0.0, 0.0]), np.zeros((6, 6)))
 
 
@@ -23,7 +23,7 @@ def followed(guide, start, ticks=1500):
     """Return the references of a vehicle that follows them exactly, until the end."""
     state, out, pose = guide.init(), [], np.array(start, float)
     for k in range(ticks):
-        state, reference = guide.step(state, at(pose, k))
+        state, reference = guide.step(state, estimate_at(pose, k))
         out.append(reference)
         pose = reference.eta
         if reference.done > 0.0:
@@ -95,7 +95,7 @@ def test_the_reference_velocity_is_the_derivative_of_its_poses():
 
 def test_the_guide_begins_at_the_vehicle_speed_and_ends_at_rest():
     guide = DriveTo([[2.0, 0.0, 0.0]], speed_m_s=0.5, acceleration_m_s2=0.25)
-    _, first = guide.step(guide.init(), at(np.zeros(3), v=0.4))
+    _, first = guide.step(guide.init(), estimate_at(np.zeros(3), v=0.4))
     assert first.nu[0] == pytest.approx(0.4)
     _, out = followed(guide, np.zeros(3))
     v = np.array([r.nu[0] for r in out])
@@ -106,7 +106,7 @@ def test_the_guide_begins_at_the_vehicle_speed_and_ends_at_rest():
 
 def test_the_guide_is_done_if_the_vehicle_is_at_its_goal():
     guide = DriveTo.to_route(eight(0.6, 0.2))
-    state, reference = guide.step(guide.init(), at([0.004, 0.004, np.radians(1.0)]))
+    state, reference = guide.step(guide.init(), estimate_at([0.004, 0.004, np.radians(1.0)]))
     assert reference.done == 1.0
     assert state.goal[0] == 0.0
 
@@ -127,13 +127,13 @@ def test_the_turn_rate_of_the_reference_is_continuous_from_a_moving_start_to_the
     """Neither the servo of a car nor the wheels of a robot can follow a jump of the curvature."""
     route, speed_m_s, (radius_m, ramp_m) = circle(2.0, 0.5), 0.5, (1.0, 0.4)
     guide = DriveTo.to_route(route, radius_m=radius_m, ramp_m=ramp_m, speed_m_s=speed_m_s)
-    moving = at((0.1, 0.4, 0.5))._replace(nu=np.array([0.4, 0.0, -0.2]))  # a curvature of −0.5 1/m
+    moving = estimate_at((0.1, 0.4, 0.5))._replace(nu=np.array([0.4, 0.0, -0.2]))  # a curvature of −0.5 1/m
     state, first = guide.step(guide.init(), moving)
     assert first.nu == pytest.approx([0.4, 0.0, -0.2])
     rates, k = [first.nu], 0
     while rates[-1][0] > 0.0 and not first.done:
         k += 1
-        state, first = guide.step(state, at(first.eta, k))
+        state, first = guide.step(state, estimate_at(first.eta, k))
         rates.append(first.nu)
     v, _, r = np.array(rates[:-1]).T
     steepest = speed_m_s * DT / (radius_m * ramp_m)
@@ -143,13 +143,13 @@ def test_the_turn_rate_of_the_reference_is_continuous_from_a_moving_start_to_the
 
 def test_a_goal_at_rest_is_reached_only_with_a_resting_vehicle():
     guide, k = DriveTo([[1.0, 0.5, 1.0]]), 0
-    state, reference = guide.step(guide.init(), at(np.zeros(3)))
+    state, reference = guide.step(guide.init(), estimate_at(np.zeros(3)))
     while state.goal_ns < 0:
         k += 1
-        state, reference = guide.step(state, at(reference.eta, k, v=0.05))
-    turning = at(reference.eta, k + 1)._replace(nu=np.array([0.0, 0.0, 0.33]))
+        state, reference = guide.step(state, estimate_at(reference.eta, k, v=0.05))
+    turning = estimate_at(reference.eta, k + 1)._replace(nu=np.array([0.0, 0.0, 0.33]))
     assert guide.step(state, turning)[1].done == 0.0
-    assert guide.step(state, at(reference.eta, k + 1))[1].done == 1.0
+    assert guide.step(state, estimate_at(reference.eta, k + 1))[1].done == 1.0
     assert (
         guide.step(state, turning._replace(t_ns=turning.t_ns + 2_000_000_000))[1].done == 1.0
     )  # it cannot rest

@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.guides import GuideSequence, Idle, Repeat, RepeatByProgress
 from baqueano.guides.shapes import circle, eight, line
-from tests.guides.test_drive_to import DT, at, followed
+from tests.guides.test_drive_to import DT, estimate_at, followed
 
 
 @pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
@@ -39,7 +39,7 @@ def test_a_vehicle_at_the_route_start_needs_no_lead_in():
     guide, lead_in = Repeat.along(route, 2), GuideSequence.with_lead_in(Repeat.along(route, 2), route)
     state, led_state = guide.init(), lead_in.init()
     for k in range(60):
-        estimate = at(route.eta[0], k)
+        estimate = estimate_at(route.eta[0], k)
         (state, a), (led_state, b) = guide.step(state, estimate), lead_in.step(led_state, estimate)
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 

@@ -6,7 +6,7 @@ import pytest
 from baqueano.drive.safety.paced_guide import PacedGuide
 from baqueano.guides import GuideAtPace, Repeat, RepeatByProgress
 from baqueano.guides.shapes import circle
-from tests.guides.test_drive_to import DT, at
+from tests.guides.test_drive_to import DT, estimate_at
 
 ROUTE = circle(0.5, 0.2)
 
@@ -16,7 +16,7 @@ def drive_guide(guide, ticks, requests=None):
     for k in range(ticks):
         if requests and k in requests:
             guide.set_pace("holder", requests[k])
-        state, reference = guide.step(state, at(pose, k))
+        state, reference = guide.step(state, estimate_at(pose, k))
         out.append(reference)
         pose = reference.eta
     return out

@@ -16,14 +16,14 @@ T0 = 7_000_000_000
 LINE = Route(np.array([0.0, 2.0]), np.array([[0.0, 0, 0], [1.0, 0, 0]]), np.array([[0.5, 0, 0]] * 2), False)
 
 
-def at(t_s):
+def estimate_at(t_s):
     return Estimate(T0 + round(t_s * 1e9), np.zeros(3), np.zeros(3), np.eye(6))
 
 
 def references(guide, times):
     state, out = guide.init(), []
     for t in times:
-        state, reference = guide.step(state, at(t))
+        state, reference = guide.step(state, estimate_at(t))
         out.append(reference)
     return out
 
@@ -78,7 +78,7 @@ def test_a_drawn_route_is_driven_evenly_from_rest_to_rest(kind, speed, length_m)
     acceleration = max(0.3, abs(speed) / route.t_s[-1])
     state, eta, r = guide.init(), route.eta[0], []
     while not r or not r[-1].done:
-        state, reference = guide.step(state, at(len(r) * dt)._replace(eta=eta))
+        state, reference = guide.step(state, estimate_at(len(r) * dt)._replace(eta=eta))
         r.append(reference)
         eta = reference.eta  # a vehicle on its reference
     v = np.array([x.nu[0] for x in r])
@@ -100,7 +100,7 @@ def test_a_route_begins_at_the_speed_of_its_vehicle(kind, speed):
     for share in (0.0, 0.4, 1.0):
         state, v, eta = guide.init(), [], route.eta[0]
         for t_s in k * 0.01:
-            rolling = at(t_s)._replace(eta=eta, nu=np.array([share * speed, 0.0, 0.0]))
+            rolling = estimate_at(t_s)._replace(eta=eta, nu=np.array([share * speed, 0.0, 0.0]))
             state, reference = guide.step(state, rolling)
             v.append(abs(reference.nu[0]))
             eta = reference.eta
@@ -117,7 +117,7 @@ def test_a_vehicle_that_joins_at_rest_accelerates_to_the_speed_at_its_entry(kind
         state, r = guide.entry_state(T0, 3.0, speed), []
         for k in range(150):
             eta = r[-1].eta if r else np.array([np.interp(3.0, t_s, x), 0.0, 0.0])
-            state, reference = guide.step(state, at(k * 0.01)._replace(eta=eta))
+            state, reference = guide.step(state, estimate_at(k * 0.01)._replace(eta=eta))
             r.append(reference)
         assert r[0].eta[0] == pytest.approx(np.interp(3.0, t_s, x), abs=1e-9)
         assert r[0].nu[0] == pytest.approx(speed)

@@ -19,7 +19,7 @@ SMALL = load("small")
 DT = 0.01
 
 
-def at(eta, tick=0):
+def estimate_at(eta, tick=0):
     return Estimate(round(1e9 * DT) * tick, np.array(eta, float), np.zeros(3), np.zeros((6, 6)))
 
 
@@ -32,7 +32,7 @@ def drive_guide(guide, place, ticks):
     """Return the references to a vehicle whose pose is place(tick, previous reference)."""
     state, reference, out = guide.init(), None, []
     for k in range(ticks):
-        state, reference = guide.step(state, at(place(k, reference), k))
+        state, reference = guide.step(state, estimate_at(place(k, reference), k))
         out.append(reference)
     return out
 
@@ -122,7 +122,7 @@ def test_repeat_by_progress_passes_the_guide_check():
 
 
 def test_compiled_and_uncompiled_guides_give_the_same_reference():
-    guide, now = RepeatByProgress.along(coarse(eight(0.6, 0.2), 40), 2), at([0.1, 0.2, 0.7], 3)
+    guide, now = RepeatByProgress.along(coarse(eight(0.6, 0.2), 40), 2), estimate_at([0.1, 0.2, 0.7], 3)
     state = guide.entry_state(20_000_000, 3.0, 0.1)
     reference = guide.step(state, now)[1]
     for backend in ("c", "python"):
@@ -149,7 +149,7 @@ def test_distant_points_do_not_change_the_progress(shape, is_closed):
         pose = route.eta[random.integers(len(route.t_s))] + random.normal(size=3) * [0.1, 0.1, 0.5]
         state = local.entry_state(20_000_000, random.uniform(0.0, (1 + is_closed) * route.t_s[-1]), 0.2)
         (near_state, reference), (full_state, expected) = (
-            guide.step(state, at(pose, 3)) for guide in (local, full)
+            guide.step(state, estimate_at(pose, 3)) for guide in (local, full)
         )
         assert near_state.tau_s == pytest.approx(full_state.tau_s, abs=1e-12)
         np.testing.assert_allclose(reference.eta, expected.eta, atol=1e-12)
@@ -160,7 +160,7 @@ def test_the_compiled_program_grows_neither_with_the_route_nor_with_its_density(
     """Before, a circle of 0.1 m with 1441 poses needed 12 s to compile; now it needs 0.5 s."""
     sizes = []
     for route in (circle(0.1, 0.2), *(rectangle(length_m, 3.0, 0.2, 0.2) for length_m in (4.0, 16.0, 64.0))):
-        guide, now = RepeatByProgress.along(route), at([0.1, 0.2, 0.7], 3)
+        guide, now = RepeatByProgress.along(route), estimate_at([0.1, 0.2, 0.7], 3)
         state = guide.entry_state(20_000_000, 3.0, 0.1)
         trace = trace_function(guide.step, [shape_of(state, "state"), shape_of(now, "estimate")])
         sizes.append((len(guide.t_s), len(nodes_below(trace.outputs))))
@@ -177,7 +177,7 @@ def test_a_reference_that_waits_follows_an_even_motion_evenly(sign):
     poses = np.diag([sign * 2.0, 0.0, 0.0])[[1, 0]]
     guide = RepeatByProgress(np.array([0.0, 8.0]), poses, np.tile([sign * 0.25, 0.0, 0.0], (2, 1)))
     ways_m = np.arange(0.6, 1.0, 0.001)
-    paces, aside_m = zip(*(guide._pace(4.0, at([sign * x, 0.05, 0.0])) for x in ways_m), strict=True)
+    paces, aside_m = zip(*(guide._pace(4.0, estimate_at([sign * x, 0.05, 0.0])) for x in ways_m), strict=True)
     assert np.abs(np.diff(paces)).max() < 1.01 * 0.001 / guide.wait_m
     assert (paces[0], paces[-1]) == (-1.0, 1.0)
     assert np.array(aside_m) == pytest.approx(0.05, abs=1e-9)

@@ -89,7 +89,7 @@ def test_unobservable_initial_states_do_not_change_the_minimum():
     slopes = [rng.normal(size=(30, 8)) * [*np.ones(7), 0.0] for _ in layout.runs]
     z = [rng.normal(size=30) for _ in layout.runs]
 
-    def of(places):
+    def solution_of(places):
         def evaluate(theta):
             cost, g, H = 0.0, np.zeros(len(theta)), diagonal_matrix(np.zeros(len(theta)), places)
             for J, index, z_i in zip(slopes, layout.indices, z, strict=True):
@@ -102,7 +102,7 @@ def test_unobservable_initial_states_do_not_change_the_minimum():
         bounds = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
         return minimise(evaluate, np.ones(layout.size), *bounds, tolerance=1e-18)
 
-    arrow, dense = of(arrow_layout(layout)), of(None)
+    arrow, dense = solution_of(arrow_layout(layout)), solution_of(None)
     assert arrow.converged
     assert dense.converged
     np.testing.assert_allclose(arrow.theta, dense.theta, atol=1e-8)

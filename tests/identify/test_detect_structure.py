@@ -108,12 +108,12 @@ def test_error_bars_contain_a_wrong_speed_of_the_dry_friction():
     us = [quantised_commands(random_steps([1.0, 0.0, 1.0], 40.0, 100.0, seed)) for seed in range(4)]
     for robot, file, run in zip(robots, files, group_runs(robots, us, range(4), files[0]), strict=True):
         fit = identify(run, file.with_values({"model.friction.coulomb_speed": [0.02, 0.02, 0.2]}), FREE_ROBOT)
-        true = robot_values(robot)
+        truth = robot_values(robot)
         for name in (
             f"model.friction.{name}[{k}]" for name in ("linear", "quadratic", "coulomb") for k in (0, 2)
         ):
             k = fit.names.index(name)
-            z.append((fit.estimate[k] - true[name][0]) / fit.std[k])
+            z.append((fit.estimate[k] - truth[name][0]) / fit.std[k])
     assert np.sqrt(np.mean(np.square(z))) < 1.5
 
 

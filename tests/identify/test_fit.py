@@ -90,12 +90,12 @@ def test_gains_of_an_absent_command_are_null_and_reported_once(fits):
 def test_id11_wrong_starts_by_factors_of_five_with_any_sign_converge(case, case_run, off, seed):
     rng = np.random.default_rng(seed)
 
-    def wrong(x):
+    def begin(x):
         return x * 5.0 ** rng.uniform(-1.0, 1.0, np.shape(x))
 
-    start = {f"model.friction.{k}": wrong(case.value(f"model.friction.{k}")) for k in ("linear", "quadratic")}
+    start = {f"model.friction.{k}": begin(case.value(f"model.friction.{k}")) for k in ("linear", "quadratic")}
     start |= {
-        f"model.actuator_matrix[{i},{i}]": rng.choice([-1, 1]) * wrong(x) for i, x in ((0, 1.0), (2, 29.99))
+        f"model.actuator_matrix[{i},{i}]": rng.choice([-1, 1]) * begin(x) for i, x in ((0, 1.0), (2, 29.99))
     }
     fit = identify(case_run(seed, 20.0), case, options=FitOptions(start=start))
     assert fit.converged

@@ -38,7 +38,7 @@ def logs():
     return robot, file, runs
 
 
-def off(fit, q, name):
+def error_of(fit, q, name):
     """Return the deviation of the parameter `name` from the truth, in standard errors."""
     return abs(fit.value(name) - float(robot_values(q)[name][0])) / fit.std[fit.names.index(name)]
 
@@ -51,15 +51,15 @@ def test_an_undeclared_low_pass_gives_a_warning_and_a_remedy(logs):
     assert ("delay.sum", "imu") in [(note.code, note.subject) for note in fit.notes]
     # the fit mistook the filter for a delay
     assert fit.value(DELAY_PATH) - q.delay_s[0] > 0.5 * 0.5 / np.pi / HZ
-    assert off(fit, q, DELAY_PATH) < 4.0  # and the error bar includes this
+    assert error_of(fit, q, DELAY_PATH) < 4.0  # and the error bar includes this
 
 
 def test_a_declared_low_pass_does_not_bias_the_delay_of_the_motors(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file.with_values({LOW_PASS: HZ}), FREE)
     assert not {"residual.missing-free", "delay.sum"} & {finding.code for finding in fit.findings}
-    assert off(fit, q, DELAY_PATH) < 3.0
-    assert off(fit, q, LAG_PATH) < 3.0
+    assert error_of(fit, q, DELAY_PATH) < 3.0
+    assert error_of(fit, q, LAG_PATH) < 3.0
 
 
 def test_the_chip_setting_determines_the_lag_and_delay_of_its_filter(logs):
@@ -89,7 +89,7 @@ def test_a_low_pass_can_be_fitted(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file, [*FREE, f"+{LOW_PASS}"], options=FitOptions(diagnose=False))
     assert abs(fit.value(LOW_PASS) - HZ) < 4.0 * fit.std[fit.names.index(LOW_PASS)]
-    assert off(fit, q, DELAY_PATH) < 3.0
+    assert error_of(fit, q, DELAY_PATH) < 3.0
 
 
 def test_unlogged_duty_steps_are_added_to_the_model(logs):
@@ -97,7 +97,7 @@ def test_unlogged_duty_steps_are_added_to_the_model(logs):
     fit = identify(runs["asked"], file, FREE, options=FitOptions(diagnose=False))
     assert fit.vehicle_file.value("model.drivetrain.duty_step") == pytest.approx(1.0 / 255.0)
     assert [note.figures["steps"] for note in fit.notes if note.code == "fit.duty-step"] == [255]
-    assert off(fit, q, DELAY_PATH) < 4.0
+    assert error_of(fit, q, DELAY_PATH) < 4.0
 
 
 def test_no_duty_step_is_added_if_the_log_contains_quantised_commands(logs):

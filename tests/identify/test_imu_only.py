@@ -190,9 +190,9 @@ def test_the_lag_of_the_motor_of_a_car_does_not_bias_its_gain_and_drag():
     u[:150] = 0.0
     motion = drive_group(car, u[:, None], [1], tick_times(len(u), 50.0))
     fit = identify(run_of_vehicle(motion, 0, u, file, "car", 1), file, use=("imu",))
-    true = {**car_values(car), "model.drivetrain.lag_s": car.lag_s}
+    truth = {**car_values(car), "model.drivetrain.lag_s": car.lag_s}
     names = ("model.throttle_gain", "model.linear_drag", "model.drivetrain.lag_s")
-    errors = [(fit.value(n) - float(true[n][0])) / fit.std[fit.names.index(n)] for n in names]
+    errors = [(fit.value(n) - float(truth[n][0])) / fit.std[fit.names.index(n)] for n in names]
     assert np.all(np.abs(errors) < 2.5), errors
 
 

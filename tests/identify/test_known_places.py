@@ -84,7 +84,7 @@ def of_car(seconds, seed):
     return np.repeat(levels, 50, axis=0)
 
 
-def off(truth, fit):
+def error_of(truth, fit):
     errors = {
         n: (x - truth.value(n)) / std for n, x, std in zip(fit.names, fit.estimate, fit.std, strict=True)
     }
@@ -107,7 +107,7 @@ def test_a_camera_identifies_wheels_gyro_and_the_camera_clock():
             options=FitOptions(clocks=("truth",)),
         )
         assert fit.verdict == "USABLE", fit.reasons
-        worst, errors = off(truth, fit)
+        worst, errors = error_of(truth, fit)
         assert worst < SIGMAS, errors
         clock = fit.run_entry_names.index("clock.truth")
         assert abs(fit.run_entries[0, clock] - late_s) < SIGMAS * fit.run_entry_std[0, clock] < 0.005
@@ -185,7 +185,7 @@ def test_an_imu_clock_offset_of_whole_ticks_is_identified():
         assert fit.converged
         clock = fit.run_entry_names.index("clock.imu")
         assert abs(fit.run_entries[0, clock] - 1e-9 * late_ns) < SIGMAS * fit.run_entry_std[0, clock] < 1e-3
-        assert off(small, fit)[0] < SIGMAS
+        assert error_of(small, fit)[0] < SIGMAS
 
 
 def test_without_a_camera_the_imu_identifies_wheel_radii_and_track():
@@ -193,7 +193,7 @@ def test_without_a_camera_the_imu_identifies_wheel_radii_and_track():
     begin = override(truth, [f"{RADII}=[1, 1]", f"{TRACK}=0.12"])
     for seed in (1, 2):
         fit = identify(simulate(truth, steps(truth, 20.0, seed), seed), begin, [*USUAL, RADII, TRACK])
-        worst, errors = off(truth, fit)
+        worst, errors = error_of(truth, fit)
         assert worst < SIGMAS, errors
 
 
@@ -218,7 +218,7 @@ def test_a_tape_measurement_at_the_end_identifies_the_gyro_scale():
         fit = identify(
             run, begin, [*OF_CAR, GYRO], use=("imu",), options=FitOptions(measured=[by_hand(run, seed)])
         )
-        worst, errors = off(car, fit)
+        worst, errors = error_of(car, fit)
         assert worst < SIGMAS, errors
         assert fit.std[fit.names.index(GYRO)] < 0.01
 
@@ -236,7 +236,7 @@ def test_the_error_of_a_tape_includes_the_floor_disturbance():
             use=("imu",),
             options=FitOptions(measured=[line]),
         )
-        worst, errors = off(car, fit)
+        worst, errors = error_of(car, fit)
         assert worst < SIGMAS, errors
         _, (length, angle) = read_line(line, [run])
         assert 0.05 < drift_std(car.vehicle, run, length) < 1.0
@@ -252,7 +252,7 @@ def test_a_camera_identifies_gyro_and_odometer_of_a_car():
     for seed in (1, 2):
         run = seen_by_camera(simulate(car, of_car(60.0, seed), seed), seed)
         fit = identify(run, override(car, values), free, use=("imu", "odometer", "truth"))
-        worst, errors = off(car, fit)
+        worst, errors = error_of(car, fit)
         assert worst < SIGMAS, errors
 
 
@@ -264,7 +264,7 @@ def test_a_mark_passed_each_lap_reduces_speed_and_gyro_errors():
         assert len(run.sensors["mark"].z) > 5
         with_mark = identify(run, begin, [*USUAL, GYRO])
         fit = identify(run, begin, [*USUAL, GYRO], use=("imu",))
-        worst, errors = off(truth, with_mark)
+        worst, errors = error_of(truth, with_mark)
         assert worst < SIGMAS, errors
         k = with_mark.names.index(GYRO)
         assert not with_mark.std[k] > 0.5 * fit.std[k], "without the mark the value is unknown (NaN)"

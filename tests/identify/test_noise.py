@@ -321,7 +321,7 @@ def test_no_noise_of_two_wheels_trusts_one_of_them():
     free = _free_noise(ekf, {"imu"}, {}, {"imu": 6000, "wheels": 6000})
     x = np.random.default_rng(4).uniform(-9.0, 0.0, len(free))
     (left, pair), (_, right) = _with_noise(ekf, free, x).sensors.wheels.cov
-    mean, turn = (np.exp(2.0 * x[k]) for k, one in enumerate(free) if ".wheels." in one.path)
+    mean, turn = (np.exp(2.0 * x[k]) for k, single in enumerate(free) if ".wheels." in single.path)
     assert left == right
     assert (0.5 * (left + pair), 0.5 * (left - pair)) == (pytest.approx(mean), pytest.approx(turn))
 

@@ -39,14 +39,14 @@ def measured(request):
     return q, file, measure_noise(identify(run, file, ["model.friction.linear"]), run)
 
 
-def within(value, true, factor):
-    return true / factor <= value <= true * factor
+def within(value, truth, factor):
+    return truth / factor <= value <= truth * factor
 
 
 def test_the_identified_variance_of_each_channel_equals_the_true_variance(measured):
     q, _, noise = measured
-    for k, true in enumerate(q.imu.noise[0] ** 2):
-        assert within(noise.in_motion["imu"][k, k], true, SENSOR), f"imu[{k}]"
+    for k, truth in enumerate(q.imu.noise[0] ** 2):
+        assert within(noise.in_motion["imu"][k, k], truth, SENSOR), f"imu[{k}]"
     assert within(noise.in_motion["odometer"][0, 0], ODOMETER_M_S**2, SENSOR)
 
 

@@ -19,7 +19,7 @@ def likelihood_fit(ratio, autocorrelated=False, floor=(0.04, 0.0)):
     return MaximumLikelihood(solution, np.zeros(1), noise, np.array([0.008, np.nan]), info, ratio, 1)
 
 
-def both(*shifts, more=-1.0, scatter=1.0, n=31):
+def pair(*shifts, more=-1.0, scatter=1.0, n=31):
     """Return n omitted blocks with `more` as mean difference, and two fits this many standard errors apart."""
     blocks = more + scatter * np.linspace(-1.0, 1.0, n)
     return LeaveOneOutComparison(
@@ -28,14 +28,14 @@ def both(*shifts, more=-1.0, scatter=1.0, n=31):
 
 
 def test_the_simulation_cost_is_chosen_without_floor_noise():
-    choice = choose_objective(likelihood_fit(3.0), (0, 2), both(0.1, 0.2), QUIET)
+    choice = choose_objective(likelihood_fit(3.0), (0, 2), pair(0.1, 0.2), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, False)
     assert choice.reason.code == "cost.floor-still"
     assert (choice.reason.figures["ratio"], choice.reason.figures["chance"]) == (3.0, "0.22")
 
 
 def test_innovations_are_chosen_if_consistent_and_better_on_unseen_segments():
-    choice = choose_objective(likelihood_fit(400.0), (0, 2), both(0.1, 1.5), QUIET)
+    choice = choose_objective(likelihood_fit(400.0), (0, 2), pair(0.1, 1.5), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("innovations", True, False)
     figures = choice.reason.figures
     assert (figures["floor"], figures["chance"], figures["difference"]) == ("0.2 ± 0.02 m/s", "< 1e-6", 1.5)
@@ -44,11 +44,11 @@ def test_innovations_are_chosen_if_consistent_and_better_on_unseen_segments():
 
 
 def test_an_insignificantly_larger_error_does_not_change_the_choice():
-    choice = choose_objective(likelihood_fit(400.0), (0, 2), both(0.1, more=0.05), QUIET)
+    choice = choose_objective(likelihood_fit(400.0), (0, 2), pair(0.1, more=0.05), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", True, False)
 
 
-@pytest.mark.parametrize("floor", [both(0.1, more=1.0), both(0.1, 5.0), both(0.1, more=np.nan)])
+@pytest.mark.parametrize("floor", [pair(0.1, more=1.0), pair(0.1, 5.0), pair(0.1, more=np.nan)])
 def test_a_larger_error_and_different_estimates_indicate_a_missing_model_term(floor):
     choice = choose_objective(likelihood_fit(400.0), (0, 2), floor, QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, True)
@@ -56,8 +56,8 @@ def test_a_larger_error_and_different_estimates_indicate_a_missing_model_term(fl
 
 
 def test_autocorrelation_or_excess_sensor_noise_is_not_attributed_to_the_floor():
-    assert not choose_objective(likelihood_fit(400.0, autocorrelated=True), (0, 2), both(0.1), QUIET).explains
-    assert not choose_objective(likelihood_fit(400.0), (0, 2), both(0.1), 4.0 * QUIET).explains
+    assert not choose_objective(likelihood_fit(400.0, autocorrelated=True), (0, 2), pair(0.1), QUIET).explains
+    assert not choose_objective(likelihood_fit(400.0), (0, 2), pair(0.1), 4.0 * QUIET).explains
 
 
 def test_the_simulation_cost_is_chosen_for_a_short_run():
@@ -66,6 +66,6 @@ def test_the_simulation_cost_is_chosen_for_a_short_run():
 
 
 def test_the_allowed_difference_of_two_fits_grows_with_parameter_count():
-    assert both(0.0).limit == pytest.approx(2.750, abs=1e-3)  # of Student's t with 30 degrees
-    assert both(*np.zeros(20)).limit > 3.5
-    assert both().largest_change == (0.0, "")
+    assert pair(0.0).limit == pytest.approx(2.750, abs=1e-3)  # of Student's t with 30 degrees
+    assert pair(*np.zeros(20)).limit > 3.5
+    assert pair().largest_change == (0.0, "")

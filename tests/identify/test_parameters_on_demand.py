@@ -70,7 +70,7 @@ def fitted(small, values, seed, **options):
     return truth, identify(run, begin, [*USUAL, *values], options=FitOptions(**options))
 
 
-def off(truth, fit):
+def error_of(truth, fit):
     """Return (estimate − truth) / std by name."""
     return {
         name: (x - truth.value(name)) / std
@@ -84,13 +84,13 @@ def test_a_freed_effect_that_the_file_lacks_is_identified(small, values):
         truth, fit = fitted(small, values, seed)
         assert fit.converged
         assert fit.verdict == "USABLE", fit.reasons
-        assert max(map(abs, off(truth, fit).values())) < SIGMAS, off(truth, fit)
+        assert max(map(abs, error_of(truth, fit).values())) < SIGMAS, error_of(truth, fit)
 
 
 def test_a_tilt_is_identified_if_the_bias_is_constant(small):
     for seed in (1, 2):
         truth, fit = fitted(override(small, ["sensors.imu.accel_bias_walk=0"]), TILT, seed, biases=False)
-        assert max(map(abs, off(truth, fit).values())) < SIGMAS, off(truth, fit)
+        assert max(map(abs, error_of(truth, fit).values())) < SIGMAS, error_of(truth, fit)
 
 
 def test_tilt_and_bias_together_are_reported_as_unobservable(small):
@@ -148,7 +148,7 @@ def test_dry_friction_of_a_car_is_identified_forward_and_backward(seed):
     truth = override(car, [f"{key}={value}" for key, (value, _) in CAR_WAYS.items()])
     run = simulate(truth, random_steps(truth.command.limit, 40.0, truth.rate_hz, seed, hold_s=1.0), seed)
     fit = identify(run, car, [*CAR_USUAL, *CAR_WAYS], options=FitOptions(diagnose=False))
-    errors = off(truth, fit)
+    errors = error_of(truth, fit)
     assert all(abs(errors[name]) < SIGMAS for name in CAR_WAYS), errors
     assert all(fit.std[fit.names.index(name)] < 0.1 for name in CAR_WAYS)
 

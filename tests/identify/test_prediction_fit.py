@@ -20,7 +20,7 @@ FLOOR = "model.process_noise_std"
 SEEDS = range(3)
 
 
-def both(drive):
+def fits_of(drive):
     costs = (FitOptions(cost=cost) for cost in ("simulation", "innovations"))
     return tuple(identify(drive.run, drive.file, options=cost) for cost in costs)
 
@@ -45,12 +45,12 @@ def disturbed_drives():
 @pytest.fixture(scope="module")
 def disturbed_fits(disturbed_drives):
     """The file of these drives and their fits by both costs."""
-    return disturbed_drives[0].file, [both(drive) for drive in disturbed_drives]
+    return disturbed_drives[0].file, [fits_of(drive) for drive in disturbed_drives]
 
 
 def test_without_floor_noise_both_costs_agree_and_simulation_is_chosen():
     for drive in case_drives(SEEDS, 60.0, case_file()):
-        first, second = both(drive)
+        first, second = fits_of(drive)
         k = np.isfinite(first.std)
         distance = (second.estimate[: len(first.std)] - first.estimate)[k] / first.std[k]
         assert np.sqrt(np.mean(distance**2)) < 0.25  # the weights of Huber and of baqueano: 0.09 over 8 seeds

@@ -84,7 +84,7 @@ def test_without_errors_of_a_fit_the_data_sheet_gives_the_speed_error():
 
 
 @pytest.fixture(scope="module")
-def driven():
+def drive():
     """Return a run of `small` with turns, and its fit by commands and IMU."""
     small = load("small")
     run = simulate(small, random_steps(small.command.limit, 40.0, small.rate_hz, 2), 1)
@@ -92,8 +92,8 @@ def driven():
     return run, identify(run, small)
 
 
-def test_the_effect_of_the_gyros_scale_on_a_fit_equals_another_fit(driven):
-    run, fit = driven
+def test_the_effect_of_the_gyros_scale_on_a_fit_equals_another_fit(drive):
+    run, fit = drive
     small = load("small")
     low, high = (
         identify(run, small.with_values({"sensors.imu.gyro_scale": 1.0 / (1.0 + kappa)}))
@@ -104,9 +104,9 @@ def test_the_effect_of_the_gyros_scale_on_a_fit_equals_another_fit(driven):
         assert fit.scale_shifts[2, k] == pytest.approx((high.estimate[k] - low.estimate[k]) / 0.02, rel=0.2)
 
 
-def test_a_gyro_that_reads_too_much_gives_a_speed_that_is_too_low(driven):
+def test_a_gyro_that_reads_too_much_gives_a_speed_that_is_too_low(drive):
     """a_y = ν_x ν_ψ determines the speed: the filter claims both errors together, not twice."""
-    run, fit = driven
+    run, fit = drive
     ekf = measure_noise(fit, run).updated_file(fit.vehicle_file).estimator()
     c, gyro_std = ekf.speed_per_gyro_scale, float(ekf.sensors.imu.gyro_scale_std)
     assert -1.1 < c < -0.05

@@ -36,15 +36,15 @@ def test_all_rows_of_a_constant_channel_are_used():
 def draw(kappa, seed, n=4000):
     rng = np.random.default_rng(seed)
     v = np.abs(rng.uniform(0.0, 2.0, n))
-    true = 0.3 * np.sqrt(1.0 + (kappa * v) ** 2)
-    return rng.normal(size=n) * true, v, true
+    truth = 0.3 * np.sqrt(1.0 + (kappa * v) ** 2)
+    return rng.normal(size=n) * truth, v, truth
 
 
 def test_growth_of_the_noise_with_speed_is_estimated_despite_outliers():
-    r, v, true = draw(1.5, 0)
+    r, v, truth = draw(1.5, 0)
     r[::20] += 30.0
     sigma, (profile,) = profile_by_speed([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
-    np.testing.assert_allclose(sigma[0] * profile[:, 0], true, rtol=0.25)
+    np.testing.assert_allclose(sigma[0] * profile[:, 0], truth, rtol=0.25)
     np.testing.assert_allclose(np.mean(profile**2), 1.0)
 
 

@@ -28,9 +28,9 @@ def test_a_tolerance_replaces_that_of_the_data_sheet(tolerance, parts):
 
 
 def test_scales_without_calibration_have_the_tolerance_of_the_data_sheet_in_every_room():
-    one = 0.03 / np.sqrt(3.0)  # PS-MPU-6000A: initial tolerance of accelerometers and gyro
-    np.testing.assert_allclose(scale_stds(load("car"), "imu"), one)
-    assert pytest.approx(one) == ACCEL_SCALE_STD == SCALE_STD
+    single = 0.03 / np.sqrt(3.0)  # PS-MPU-6000A: initial tolerance of accelerometers and gyro
+    np.testing.assert_allclose(scale_stds(load("car"), "imu"), single)
+    assert pytest.approx(single) == ACCEL_SCALE_STD == SCALE_STD
 
 
 def test_a_given_tolerance_is_written_with_its_provenance():

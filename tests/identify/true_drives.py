@@ -107,21 +107,21 @@ def robot_on_floor(seed: int, duration_s: float) -> TrueDrive:
 
 def case_vehicle(file: VehicleFile) -> Robots:
     """Return the vehicle of the truth that a file of case study I describes."""
-    one, two, three = np.ones(1), np.ones((1, 2)), np.ones((1, 3))
+    single, two, three = np.ones(1), np.ones((1, 2)), np.ones((1, 3))
     model, imu = file.vehicle, file.sensors.imu
     q, gain = draw_robots(1, 0), np.asarray(file.value("model.actuator_matrix"))
     noise = np.array([[*imu.accel_noise_std, imu.gyro_noise_std]])
-    fields = {"turn_rad": 0.0 * one, "gyro_scale": one, "low_pass_s": 0.0 * one}
+    fields = {"turn_rad": 0.0 * single, "gyro_scale": single, "low_pass_s": 0.0 * single}
     unbiased = q.imu.with_parameters(
         place_m=0.0 * two, tilt_rad=0.0 * two, bias=0.0 * three, walk=0.0 * three, step=0.0 * three, noise=noise,
         **fields,
     )  # fmt: skip
     return q.with_parameters(
-        mass_kg=model.mass_kg * one, inertia_kg_m2=model.inertia_kg_m2 * one, ahead_m=0.0 * one,
-        arm_m=gain[2, 2] / gain[0, 0] * two, toe_rad=0.0 * two, stall_n=0.5 * FULL * gain[0, 0] * one, gain=two,
-        wheel=two, forward=0.0 * two, backward=0.0 * two, lag_s=LAG_S * one, delay_s=0.0 * one, supply=one,
-        levels=1e9 * one, viscous=np.array([model.friction.linear]), quadratic=np.array([model.friction.quadratic]),
-        dry=0.0 * three, breakaway=one, slope_rad=0.0 * one,
+        mass_kg=model.mass_kg * single, inertia_kg_m2=model.inertia_kg_m2 * single, ahead_m=0.0 * single,
+        arm_m=gain[2, 2] / gain[0, 0] * two, toe_rad=0.0 * two, stall_n=0.5 * FULL * gain[0, 0] * single, gain=two,
+        wheel=two, forward=0.0 * two, backward=0.0 * two, lag_s=LAG_S * single, delay_s=0.0 * single, supply=single,
+        levels=1e9 * single, viscous=np.array([model.friction.linear]), quadratic=np.array([model.friction.quadratic]),
+        dry=0.0 * three, breakaway=single, slope_rad=0.0 * single,
         floor=np.array([file.value("model.process_noise_std")]) * three, imu=unbiased,
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ from baqueano.numerics.least_squares import minimise
 from baqueano.numerics.normal_equations import Evaluation
 
 
-def of(residuals, slopes):
+def cost_of(residuals, slopes):
     """Return the evaluation of a function θ → r (n,), ∂r (n, p)."""
 
     def evaluate(theta):
@@ -26,7 +26,7 @@ def of(residuals, slopes):
 T = np.linspace(0.0, 4.0, 80)
 TRUE = np.array([2.0, 1.5])
 Z = TRUE[0] * np.exp(-TRUE[1] * T)
-DECAY = of(
+DECAY = cost_of(
     lambda x: x[0] * np.exp(-x[1] * T) - Z,
     lambda x: np.stack([np.exp(-x[1] * T), -x[0] * T * np.exp(-x[1] * T)], axis=1),
 )
@@ -43,7 +43,7 @@ def test_a_decay_is_identified_from_starts_wrong_by_a_factor_of_five(x):
 @given(scale=st.floats(-9.0, 9.0))
 def test_the_unit_of_a_parameter_does_not_change_the_search(scale):
     unit = np.array([1.0, 10.0**scale])
-    scaled_cost = of(
+    scaled_cost = cost_of(
         lambda x: x[0] * np.exp(-x[1] / unit[1] * T) - Z,
         lambda x: np.stack(
             [np.exp(-x[1] / unit[1] * T), -x[0] * T / unit[1] * np.exp(-x[1] / unit[1] * T)], axis=1
@@ -76,7 +76,7 @@ def test_bounded_linear_problems_satisfy_the_kkt_conditions(seed):
     rng = np.random.default_rng(seed)
     A, z = rng.normal(size=(30, 5)), rng.normal(size=30)
     low, high = -rng.uniform(0.0, 0.3, 5), rng.uniform(0.0, 0.3, 5)
-    minimum = minimise(of(lambda x: A @ x - z, lambda x: A), np.zeros(5), low, high, tolerance=1e-18)
+    minimum = minimise(cost_of(lambda x: A @ x - z, lambda x: A), np.zeros(5), low, high, tolerance=1e-18)
     assert minimum.converged
     g = minimum.evaluation.gradient
     assert np.all(g[minimum.bound == -1] >= -1e-9)
@@ -86,20 +86,20 @@ def test_bounded_linear_problems_satisfy_the_kkt_conditions(seed):
 
 def test_a_parameter_without_effect_does_not_change():
     minimum = minimise(
-        of(lambda x: x[:1] - 3.0, lambda x: np.array([[1.0, 0.0]])), np.array([0.0, 7.0]), *FREE
+        cost_of(lambda x: x[:1] - 3.0, lambda x: np.array([[1.0, 0.0]])), np.array([0.0, 7.0]), *FREE
     )
     assert minimum.converged
     assert minimum.theta.tolist() == pytest.approx([3.0, 7.0], abs=1e-3)
 
 
 def test_the_search_avoids_a_region_of_nan():
-    wall = of(lambda x: np.log(x) - np.log(2.0), lambda x: 1.0 / x[:, None])
+    wall = cost_of(lambda x: np.log(x) - np.log(2.0), lambda x: 1.0 / x[:, None])
     minimum = minimise(wall, np.array([40.0]), np.array([-np.inf]), np.array([np.inf]))
     assert minimum.theta[0] == pytest.approx(2.0, rel=1e-3)
 
 
 def test_a_search_from_a_start_with_nan_cost_does_not_report_convergence():
-    wall = of(lambda x: np.log(x), lambda x: 1.0 / x[:, None])
+    wall = cost_of(lambda x: np.log(x), lambda x: 1.0 / x[:, None])
     assert not minimise(wall, np.array([-1.0]), np.array([-np.inf]), np.array([np.inf])).converged
 
 
@@ -129,7 +129,7 @@ def test_a_kink_in_one_parameter_does_not_stop_the_search_of_others():
 
 def test_two_equivalent_parameters_do_not_crash_the_search():
     """A short run has many free numbers: after many good steps the damping is below the float resolution."""
-    joint = of(
+    joint = cost_of(
         lambda x: x[0] * np.exp(-(x[1] + x[2]) * T) - Z,
         lambda x: np.stack(
             [np.exp(-(x[1] + x[2]) * T), *2 * [-x[0] * T * np.exp(-(x[1] + x[2]) * T)]], axis=1
@@ -161,7 +161,7 @@ def test_id12_a_diverged_segment_adds_no_information(far):
     r, d = rng.standard_normal((100, 2)), rng.standard_normal((100, 2, 3))
     far_rows = np.where(np.arange(100)[:, None, None] > 50, far, d)
 
-    def of(*slopes):
+    def cost_of(*slopes):
         problem = SimpleNamespace(
             size=3,
             layout=SimpleNamespace(first_start=0, runs=list(range(len(slopes)))),
@@ -173,7 +173,7 @@ def test_id12_a_diverged_segment_adds_no_information(far):
         )
         return information(problem, np.zeros(3))  # pyright: ignore[reportArgumentType]
 
-    single, joint = of(d), of(d, far_rows)
+    single, joint = cost_of(d), cost_of(d, far_rows)
     assert np.array_equal(joint.bread, single.bread)
     assert np.array_equal(joint.meat, single.meat)
-    assert not of(far_rows).bread.any()
+    assert not cost_of(far_rows).bread.any()

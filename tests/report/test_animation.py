@@ -28,7 +28,7 @@ LARGEST = 300_000  # bytes
 @pytest.fixture(scope="module")
 def run():
     small = bq.load("small")
-    return bq.repeat(small, circle(0.4, 0.3), laps=2, truth=small.with_values({"model.mass_kg": 0.7}))
+    return bq.repeat(small, circle(0.4, 0.3), laps=2, condition=small.with_values({"model.mass_kg": 0.7}))
 
 
 @pytest.fixture(scope="module")
@@ -74,9 +74,9 @@ def test_the_animated_vehicle_follows_its_path(run, svg):
     keyframes = re.search(r"@keyframes v\{(.*?)\}\}", svg)
     assert keyframes is not None
     px = np.array(re.findall(r"translate\((-?[\d.]+)px,(-?[\d.]+)px\)", keyframes.group()), dtype=float)
-    true = scene(run).vehicle_poses[:, :2]
-    fit, *_ = np.linalg.lstsq(np.column_stack([true, np.ones(len(true))]), px, rcond=None)
-    assert np.abs(np.column_stack([true, np.ones(len(true))]) @ fit - px).max() < 0.1, "the same shape"
+    truth = scene(run).vehicle_poses[:, :2]
+    fit, *_ = np.linalg.lstsq(np.column_stack([truth, np.ones(len(truth))]), px, rcond=None)
+    assert np.abs(np.column_stack([truth, np.ones(len(truth))]) @ fit - px).max() < 0.1, "the same shape"
     assert fit[0, 0] == pytest.approx(-fit[1, 1], rel=1e-3), "y up, no direction longer than the other"
     assert (px > 0.0).all()
     assert (px < [450.0, 430.0]).all()
@@ -116,10 +116,10 @@ def test_a_truth_without_heading_is_drawn_on_the_map_and_the_estimate_is_animate
     longest_lines = [
         max(
             len(line.get_xdata())
-            for line in paths(each)[0].figure.axes[0].get_lines()
+            for line in paths(x)[0].figure.axes[0].get_lines()
             if line.get_label() == "truth"
         )
-        for each in (gps_run, run)
+        for x in (gps_run, run)
     ]
     assert longest_lines[0] == longest_lines[1] > 100
 

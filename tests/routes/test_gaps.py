@@ -16,7 +16,7 @@ from baqueano.vehicle_file import load
 from tests.codes import refused
 
 
-def without(route, first, last):
+def cut_out(route, first, last):
     keep = np.r_[0:first, last : len(route.t_s)]
     return Route(route.t_s[keep], route.eta[keep], route.nu[keep], route.closed)
 
@@ -26,7 +26,7 @@ def codes(route):
 
 
 def test_missing_samples_on_a_straight_line_are_a_gap():
-    (gap,) = examine(without(line(2.0, 0.2), 50, 100)).findings
+    (gap,) = examine(cut_out(line(2.0, 0.2), 50, 100)).findings
     assert gap.code == "route.gap"
     figures = {"position_m": 0.49, "gap_m": 0.51, "gap_s": 2.55, "count": 1}
     assert {name: gap.figures[name] for name in figures} == pytest.approx(figures)
@@ -34,7 +34,7 @@ def test_missing_samples_on_a_straight_line_are_a_gap():
 
 def test_a_chord_across_a_circle_is_a_gap():
     lap = circle(0.5, 0.2)
-    (gap,) = examine(without(lap, 200, 920)).findings
+    (gap,) = examine(cut_out(lap, 200, 920)).findings
     assert gap.code == "route.gap"
     assert gap.figures["gap_m"] == pytest.approx(1.0, abs=0.01)
 

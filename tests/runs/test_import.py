@@ -94,10 +94,10 @@ def test_a_slow_signal_is_repeated_or_interpolated_at_the_ticks(lab):
     assert set(imported_run.truth.eta[:, 0]) <= set(measured.truth.eta[:, 0])
     lab.edit('sample = "hold"', 'sample = "linear"')
     slow_run = lab.run().run
-    true = np.interp(
+    truth = np.interp(
         slow_run.truth.t_ns, 1e9 + 1e9 * (lab.recording()[1]["t"] + 0.002), lab.recording()[1]["x"]
     )
-    assert slow_run.truth.eta[:, 0] == pytest.approx(true, abs=0.02)
+    assert slow_run.truth.eta[:, 0] == pytest.approx(truth, abs=0.02)
     assert np.abs(slow_run.truth.eta[:, 2]).max() <= np.pi
 
 
@@ -230,7 +230,7 @@ PATH, RATE, YAW = 'path = "board.csv"', '"wz", unit = "rad/s"', '{ column = "yaw
 GYRO, SECONDS = "sensors.imu.z[2]", 'time_unit = "s"'
 
 
-def wrong(place, value, expected, **figures):
+def map_error(place, value, expected, **figures):
     """A value that the map does not permit, and the expected value."""
     return "map.wrong", {"map": "lab.toml", "place": place, "value": value}, expected, figures
 
@@ -243,56 +243,56 @@ def unknown(place, near):
     return "map.unknown-key", {"map": "lab.toml", "place": place}, "name.near", {"match": near}
 
 
-def other(code, **figures):
+def case(code, **figures):
     return code, figures, code, figures
 
 
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ("format = 1", "format = 2", wrong("format", "2", "expect.format")),
+        ("format = 1", "format = 2", map_error("format", "2", "expect.format")),
         ("format = 1", "", missing("format", "expect.format")),
-        ("format = 1", "format = = 1", other("map.not-toml", error="Invalid value (at line 2, column 10)")),
+        ("format = 1", "format = = 1", case("map.not-toml", error="Invalid value (at line 2, column 10)")),
         ("[command]", "[comand]", unknown("comand", "command")),
         ("[files.board]", "[files]\nboard = 3\n[files.bord]",
-         wrong("[files.board]", "3", "expect.table", key="files.board")),
+         map_error("[files.board]", "3", "expect.table", key="files.board")),
         (SECONDS, "", missing("[files.board] time_unit", "expect.time-unit", valid="s, ms, us, ns, min")),
         (SECONDS, 'time_unit = "hours"',
-         wrong("[files.board] time_unit", "'hours'", "expect.time-unit", valid="s, ms, us, ns, min")),
+         map_error("[files.board] time_unit", "'hours'", "expect.time-unit", valid="s, ms, us, ns, min")),
         ('time = "t"', "", missing("[files.board] time", "expect.time")),
         (PATH, PATH + '\ndecimal = ";"',
-         wrong("[files.board] decimal", "';'", "expect.one-of", key="decimal", valid='".", ","')),
+         map_error("[files.board] decimal", "';'", "expect.one-of", key="decimal", valid='".", ","')),
         (PATH, PATH + "\nshift = 3", unknown("[files.board] shift", "shift_s")),
-        (PATH, PATH + '\nshift_s = "a"', wrong("[files.board] shift_s", "'a'", "expect.type", kind="float")),
-        (PATH, 'path = "bored.csv"', other("import.file-absent", file="board", absent_path="bored.csv")),
-        (PATH, PATH + '\ntopic = "/imu"', other("import.no-bag", path="board.csv", file="board", topic="/imu")),
-        (PATH, PATH + "\nshift_s = inf", wrong("[files.board] shift_s", "inf", "expect.finite")),
-        (RATE, RATE + ", scale = nan", wrong(f"[{GYRO}] scale", "nan", "expect.finite")),
-        (PATH, PATH + '\ndelimiter = ", "', wrong("[files.board] delimiter", "', '", "expect.delimiter")),
-        (PATH, PATH + '\nencoding = "klingon"', other("table.encoding", file="board.csv", encoding="klingon")),
-        (PATH, PATH + "\nwhere = { id = { above = 3 } }", other("import.where", file="board", column="id")),
-        (PATH, PATH + "\nwhere = { id = 7 }", other("import.where-empty", table="board.csv", condition="{'id': 7}")),
+        (PATH, PATH + '\nshift_s = "a"', map_error("[files.board] shift_s", "'a'", "expect.type", kind="float")),
+        (PATH, 'path = "bored.csv"', case("import.file-absent", file="board", absent_path="bored.csv")),
+        (PATH, PATH + '\ntopic = "/imu"', case("import.no-bag", path="board.csv", file="board", topic="/imu")),
+        (PATH, PATH + "\nshift_s = inf", map_error("[files.board] shift_s", "inf", "expect.finite")),
+        (RATE, RATE + ", scale = nan", map_error(f"[{GYRO}] scale", "nan", "expect.finite")),
+        (PATH, PATH + '\ndelimiter = ", "', map_error("[files.board] delimiter", "', '", "expect.delimiter")),
+        (PATH, PATH + '\nencoding = "klingon"', case("table.encoding", file="board.csv", encoding="klingon")),
+        (PATH, PATH + "\nwhere = { id = { above = 3 } }", case("import.where", file="board", column="id")),
+        (PATH, PATH + "\nwhere = { id = 7 }", case("import.where-empty", table="board.csv", condition="{'id': 7}")),
         ('in_force = "from"', "", missing("[command] in_force", "expect.in-force")),
         ('names = ["throttle", "steering"]', 'names = ["throttle"]',
-         wrong("[command] names", "['throttle']", "expect.names", count=2)),
+         map_error("[command] names", "['throttle']", "expect.names", count=2)),
         ('[ticks]\nfile = "board"', "", missing("ticks", "expect.ticks")),
         ('[ticks]\nfile = "board"', '[ticks]\nfile = "bord"',
-         wrong("[ticks] file", "'bord'", "expect.file", first="board")),
+         map_error("[ticks] file", "'bord'", "expect.file", first="board")),
         ("[sensors.imu]", "[sensors.imu]\nrate = 3", unknown("[sensors.imu] rate", "sample")),
-        ("[sensors.imu]", "[sensors.1mu]", wrong("[sensors.1mu]", "'1mu'", "expect.sensor-name")),
+        ("[sensors.imu]", "[sensors.1mu]", map_error("[sensors.1mu]", "'1mu'", "expect.sensor-name")),
         (RATE, '"wz"', missing(f"{GYRO} unit", "expect.unit-of", valid="rad/s, deg/s, mrad/s, rpm, turn/s")),
         (RATE, '"wz", unit = "rad"',
-         wrong(f"{GYRO} unit", "'rad'", "expect.measures-or-rate", measures="angular rate")),
+         map_error(f"{GYRO} unit", "'rad'", "expect.measures-or-rate", measures="angular rate")),
         (RATE, '"wz", unit = "radps"',
-         wrong(f"{GYRO} unit", "'radps'", "expect.listed-unit-of", suggestion="rad/s, rad, mrad/s")),
+         map_error(f"{GYRO} unit", "'radps'", "expect.listed-unit-of", suggestion="rad/s, rad, mrad/s")),
         (RATE, '"wz", unit = "raw"', missing(f"{GYRO} scale", "expect.scale")),
-        ('{ column = "wz", unit = "rad/s" }', '"wz"', wrong(GYRO, "'wz'", "expect.entry")),
+        ('{ column = "wz", unit = "rad/s" }', '"wz"', map_error(GYRO, "'wz'", "expect.entry")),
         ('column = "wz"', 'quaternion = ["x"], column = "wz"',
-         wrong(GYRO, "{'quaternion': ['x'], 'column': 'wz', 'unit': 'rad/s'}", "expect.one-source")),
-        (YAW, '{ quaternion = ["q"], unit = "deg" }', wrong("truth.eta[2] unit", "'deg'", "expect.no-unit")),
-        (YAW, "", wrong("[truth] eta", "[{'column': 'x', 'unit': 'm'}, {'column': 'y', 'unit': 'm'}]",
+         map_error(GYRO, "{'quaternion': ['x'], 'column': 'wz', 'unit': 'rad/s'}", "expect.one-source")),
+        (YAW, '{ quaternion = ["q"], unit = "deg" }', map_error("truth.eta[2] unit", "'deg'", "expect.no-unit")),
+        (YAW, "", map_error("[truth] eta", "[{'column': 'x', 'unit': 'm'}, {'column': 'y', 'unit': 'm'}]",
                         "expect.entries", count=3, measures="length, length, angle")),
-        ("[truth]", '[truth]\nsample = "nearest"', wrong("[truth] sample", "'nearest'", "expect.sample")),
+        ("[truth]", '[truth]\nsample = "nearest"', map_error("[truth] sample", "'nearest'", "expect.sample")),
     ],
 )  # fmt: skip
 def test_a_mistake_in_the_map_is_named_with_a_remedy(lab, old, new, reason):

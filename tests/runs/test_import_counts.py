@@ -40,7 +40,7 @@ def test_the_steps_or_the_noise_of_an_accelerometer_in_g_are_reported(tmp_path, 
     columns = np.column_stack([t, u, ax, ay, u + 0.001 * rng.standard_normal(len(t))])
     np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header="t,u,ax,ay,wz", comments="", fmt="%.17g")
     (tmp_path / "map.toml").write_text(ONLY_IMU)
-    codes = [one.code for one in import_run(tmp_path / "map.toml", tmp_path / "log.csv").findings]
+    codes = [single.code for single in import_run(tmp_path / "map.toml", tmp_path / "log.csv").findings]
     for code in ("counts per g", "quiet accelerometer"):
         assert codes.count(code) == (2 if code == finding else 0), codes
 

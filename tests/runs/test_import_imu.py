@@ -12,17 +12,17 @@ from tests.runs.conftest import write_csv
 
 
 def test_gyro_words_at_the_rail_become_gaps_of_the_gyro_alone(lab):
-    scale, true = 1.5 / 32768.0, lab.board["wz"]
-    lab.board["wz"] = np.clip(np.round(true / scale), -32768, 32767)
+    scale, truth = 1.5 / 32768.0, lab.board["wz"]
+    lab.board["wz"] = np.clip(np.round(truth / scale), -32768, 32767)
     lab.edit('"wz", unit = "rad/s"', f'"wz", unit = "raw", scale = {scale}')
-    at_rail = np.abs(true) > 1.5
+    at_rail = np.abs(truth) > 1.5
     assert 0 < at_rail.sum() < 90
     run, findings = lab.run()
     z = run.sensors["imu"].z
     assert len(z) == 1500
     assert not np.isfinite(z[at_rail, 2]).any()
     assert np.isfinite(z[:, :2]).all()
-    assert np.isfinite(z[np.abs(true) < 1.3, 2]).all()
+    assert np.isfinite(z[np.abs(truth) < 1.3, 2]).all()
     (finding,) = (d for d in findings if d.code == "full scale")
     assert finding.level == "warning"
     assert finding.reason.figures["full_scale_count"] == at_rail.sum()

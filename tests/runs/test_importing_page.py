@@ -68,14 +68,14 @@ def test_the_commands_of_the_importing_page_give_runs_and_a_model(folder, capsys
     assert runs[0].truth is not None
     run_line(of_page("sh", 1))
     fitted = load("rover.toml")
-    for name, index, true in (
+    for name, index, truth in (
         ("model.actuator_matrix", (0, 0), 4.0),
         ("model.friction.linear", (0,), 3.0),
         ("model.drivetrain.dead_zone_forward", (0,), 0.12),
         ("model.drivetrain.dead_zone_backward", (1,), 0.14),
     ):
         estimate, std = (np.array(x)[index] for x in (fitted.value(name), fitted.provenance[name].std))
-        assert abs(estimate - true) < 4.0 * std + 0.02 * true, (name, estimate, std)
+        assert abs(estimate - truth) < 4.0 * std + 0.02 * truth, (name, estimate, std)
     printed = capsys.readouterr()
     assert "held out" in printed.out + printed.err
     for line in of_page("sh", 2).splitlines():

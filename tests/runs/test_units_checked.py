@@ -119,11 +119,11 @@ def test_milliseconds_and_microseconds_for_seconds_are_reported(tmp_path, rate, 
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize(
-    ("factor", "time_unit", "true"), [(1.0, "ms", "s"), (1e3, "us", "ms"), (1e6, "ms", "us")]
+    ("factor", "time_unit", "truth"), [(1.0, "ms", "s"), (1e3, "us", "ms"), (1e6, "ms", "us")]
 )
-def test_id2_every_wrong_unit_of_time_is_reported(tmp_path, rate, factor, time_unit, true):
+def test_id2_every_wrong_unit_of_time_is_reported(tmp_path, rate, factor, time_unit, truth):
     message = import_message(tmp_path, rate, change={"t": lambda t: factor * t}, time=time_unit)
-    assert f'time_unit = "{true}"' in message
+    assert f'time_unit = "{truth}"' in message
 
 
 @pytest.mark.parametrize("rate", [1.0, 0.5])

@@ -55,7 +55,7 @@ def file():
 
 
 @pytest.fixture(scope="module")
-def bare(file):
+def core(file):
     """Return the same car without any terms."""
     return without_terms(
         file,
@@ -64,9 +64,9 @@ def bare(file):
 
 
 @pytest.fixture(scope="module")
-def dry(bare):
+def dry(core):
     """Return a car with dry friction and a dead zone, and without quadratic drag."""
-    return bare.with_values(DRY)
+    return core.with_values(DRY)
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +74,8 @@ def choice(dry, file):
     return choose(drive(dry, 0), file, use=USE)
 
 
-def test_no_term_is_chosen_for_a_vehicle_without_terms(bare, file):
-    choices = [choose(drive(bare, seed), file, use=USE).selected_terms for seed in range(4)]
+def test_no_term_is_chosen_for_a_vehicle_without_terms(core, file):
+    choices = [choose(drive(core, seed), file, use=USE).selected_terms for seed in range(4)]
     assert sum(len(names) > 0 for names in choices) <= 1, choices
 
 
@@ -252,11 +252,11 @@ def test_options_that_conflict_with_choose_are_refused(in_a_folder, capsys):
     assert "--choose cannot be combined with --speed-noise. First choose" in capsys.readouterr().err
 
 
-def test_terms_are_chosen_by_their_error_on_validation_runs(dry, bare, file):
+def test_terms_are_chosen_by_their_error_on_validation_runs(dry, core, file):
     """The fitted car has dry friction: the term is chosen if held-out runs have it too, otherwise it is rejected."""
     choices = [
         choose(drive(dry, 0, 20.0), file, ["dry friction"], use=USE, held_out=[drive(truth, 1, 20.0)])
-        for truth in (dry, bare)
+        for truth in (dry, core)
     ]
     assert [choice.selected_terms for choice in choices] == [("dry friction",), ()]
     assert "tested by its simulation of the 1 held-out runs (10 blocks of about 2.0 s)" in choices[0].rule

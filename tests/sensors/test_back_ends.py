@@ -77,7 +77,7 @@ def moved_motion(motion: Motion, k: int) -> Motion:
     return Motion(*(leaf[k] for leaf in motion[:4]), tick)
 
 
-def at(inputs: Input, k: int) -> Input:
+def input_at(inputs: Input, k: int) -> Input:
     return Input(moved_motion(inputs.motion, k), inputs.dt_s[k], inputs.noise[k])
 
 
@@ -93,12 +93,12 @@ def test_sensor_readings_are_the_same_in_every_back_end(name):
 
     state, rows = sensor.init(), []
     for k in range(N):
-        state, slot = step(state, at(inputs, k))
+        state, slot = step(state, input_at(inputs, k))
         rows.append(flat(slot))
     expected = np.array(rows)
     assert 0.0 < expected[:, 0].mean() <= 1.0
     for backend in ("python", "c"):
-        end, slots = scan(step, sensor.init(), at(inputs, 0), backend=backend).run(inputs)
+        end, slots = scan(step, sensor.init(), input_at(inputs, 0), backend=backend).run(inputs)
         outputs = np.concatenate([np.reshape(leaf, (N, -1)) for leaf in slots], axis=1)
         assert np.all(np.abs(outputs - expected) <= 1e-12 * np.maximum(1.0, np.abs(expected))), backend
         assert flat(end) == pytest.approx(flat(state), abs=1e-12, rel=1e-12), backend

@@ -8,14 +8,14 @@ from baqueano.sensors import Mark
 from baqueano.signals import Motion
 
 
-def at(x, y, psi=0.0):
+def motion_at(x, y, psi=0.0):
     return Motion(np.array([x, y, psi]), np.zeros(3), np.zeros(3), np.zeros(2))
 
 
 def readings_of(mark, places, noise=0.0):
     state, readings = mark.init(), []
     for x, y in places:
-        state, slot = mark.step(state, at(x, y), 0.01, np.array([noise]))
+        state, slot = mark.step(state, motion_at(x, y), 0.01, np.array([noise]))
         readings.append((float(slot.is_new), float(slot.z[0])))
     return readings
 
@@ -41,7 +41,7 @@ def test_a_mark_is_not_read_when_reversing_passing_beside_it_or_starting():
 def test_a_line_crossed_northward_measures_the_distance_to_the_north():
     """Through (1, 2), passed along y: 0.25 m beyond it at y = 2.25, wherever x is."""
     mark = Mark(point_m=np.array([1.0, 2.0]), heading_rad=np.pi / 2)
-    assert mark.h(at(5.0, 2.25)) == pytest.approx([0.25])
+    assert mark.h(motion_at(5.0, 2.25)) == pytest.approx([0.25])
 
 
 def test_mark_noise_is_its_std_times_the_unit_normal():

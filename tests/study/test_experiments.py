@@ -98,12 +98,12 @@ def test_a_stronger_signal_is_more_informative_and_long_driving_leaves_the_room(
     steps = excitation("random_steps", file.command.limit, 8.0, file.rate_hz, 0, rest_s=1.0)
     forward = np.tile([1.0, 0.0, 0.0], (len(steps), 1))
 
-    def of(u):
+    def std_of(u):
         return signal_outcome(
             ("some", PlannedDrive(np.repeat(u[:, None], 2, axis=1), 0.0)), vehicles, "small", room, 0
         )[1]
 
-    full, halved, straight = of(steps), of(0.5 * steps), of(forward)
+    full, halved, straight = std_of(steps), std_of(0.5 * steps), std_of(forward)
     assert np.all(2.0 * full.errors < halved.errors)
     assert len(straight.margins) == 2 * DRIVES
     assert np.all(straight.margins < 0.0)

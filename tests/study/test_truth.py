@@ -13,7 +13,7 @@ from baqueano.study import truth
 from baqueano.study.truth import Transmission, TruthWorld, draw_cars, draw_robots
 
 
-def quiet(vehicles, **parts):
+def without_noise(vehicles, **parts):
     silent = {name: 0.0 * getattr(vehicles.imu, name) for name in ("bias", "noise", "tilt_rad")}
     return vehicles.with_parameters(
         floor=0.0 * vehicles.floor, **{"imu": vehicles.imu.with_parameters(**silent), **parts}
@@ -21,11 +21,11 @@ def quiet(vehicles, **parts):
 
 
 def robots(n=1, **parts):
-    return quiet(draw_robots(n, 3), **parts)
+    return without_noise(draw_robots(n, 3), **parts)
 
 
 def cars(n=1, **parts):
-    return quiet(draw_cars(n, 3), **parts)
+    return without_noise(draw_cars(n, 3), **parts)
 
 
 def drive_truth(vehicles, u, seconds):
@@ -54,11 +54,11 @@ def test_forces_balance_at_the_final_speed_of_straight_driving():
     world, _ = drive_truth(q, [0.6, 0.0, 0.0], 2.0)
     duty = round(255 * 0.6) / 255 - 0.3
 
-    def left_over(v):
+    def remainder(v):
         dry = q.dry[0, 0] * np.tanh(v / q.dry_speed_m_s[0])
         return 2.0 * q.stall_n[0] * duty - dry - q.viscous[0, 0] * v - q.quadratic[0, 0] * v * v
 
-    assert world.truth.nu[0, 0] == pytest.approx(brentq(left_over, 0.01, 2.0), rel=1e-4)
+    assert world.truth.nu[0, 0] == pytest.approx(brentq(remainder, 0.01, 2.0), rel=1e-4)
 
 
 def test_a_robot_rests_below_its_dead_zone():
@@ -111,13 +111,13 @@ def test_a_car_rolls_downhill_at_the_speed_of_force_balance():
     assert z[0, 0] == pytest.approx(-drag / q.mass_kg[0], rel=1e-3)
 
 
-def between(vehicles, **values):
+def with_transmission(vehicles, **values):
     n = len(vehicles.mass_kg)
     return vehicles.with_parameters(transmission=Transmission.ideal(n).with_parameters(**values))
 
 
 def test_a_slipping_wheel_has_limited_force_and_turns_faster():
-    q = between(robots(2), grip_n=np.array([0.3, np.inf]))
+    q = with_transmission(robots(2), grip_n=np.array([0.3, np.inf]))
     world = TruthWorld(q, range(2))
     velocities = [world.tick(np.tile([0.9, 0.0, 0.0], (2, 1)), 0.01)[:, 0] for _ in range(60)]
     largest = np.max(velocities, axis=0)
@@ -127,7 +127,7 @@ def test_a_slipping_wheel_has_limited_force_and_turns_faster():
 
 
 def test_a_slipping_wheel_grips_again_at_low_command():
-    q = between(robots(), grip_n=np.array([0.5]))
+    q = with_transmission(robots(), grip_n=np.array([0.5]))
     world, _ = drive_truth(q, [0.9, 0.0, 0.0], 0.3)
     spun = world.rolling_speed[0] - world.truth.nu[0, 0]
     for _ in range(100):
@@ -138,7 +138,7 @@ def test_a_slipping_wheel_grips_again_at_low_command():
 def test_the_motor_crosses_the_backlash_at_no_load_speed():
     """With T = f and f = F (1 − e^(−t/λ)) effective at once, half of the play is ∫ f dt/e."""
     play, F, zero = 0.02, 1.69 * 0.4, np.zeros(1)
-    q = between(robots(), play_m=np.full(1, play)).with_parameters(
+    q = with_transmission(robots(), play_m=np.full(1, play)).with_parameters(
         gain=np.ones((1, 2)), stall_n=np.full(1, 1.69), forward=np.full((1, 2), 0.6 - 0.4), lag_s=np.full(1, 0.02),
         delay_s=zero, dry=np.zeros((1, 3)),
     )  # fmt: skip
@@ -151,7 +151,7 @@ def test_the_motor_crosses_the_backlash_at_no_load_speed():
 
 
 def test_within_the_backlash_a_robot_rolls_without_motor_force():
-    q = between(robots(), play_m=np.full(1, 1.0)).with_parameters(
+    q = with_transmission(robots(), play_m=np.full(1, 1.0)).with_parameters(
         dry=np.zeros((1, 3)), quadratic=np.zeros((1, 3))
     )
     world = TruthWorld(q, [0])
@@ -163,7 +163,7 @@ def test_within_the_backlash_a_robot_rolls_without_motor_force():
 
 def test_a_second_order_motor_has_the_analytic_step_response():
     a, b = 0.05, 0.08
-    q = between(robots(), second_lag_s=np.full(1, b)).with_parameters(
+    q = with_transmission(robots(), second_lag_s=np.full(1, b)).with_parameters(
         lag_s=np.full(1, a), delay_s=np.zeros(1)
     )
     world, _ = drive_truth(q, [0.8, 0.0, 0.0], 0.1)
@@ -175,7 +175,7 @@ def test_a_second_order_motor_has_the_analytic_step_response():
 
 def test_grip_limit_backlash_and_motor_lag_create_no_energy():
     lossy = {"grip_n": np.full(2, 0.6), "play_m": np.full(2, 0.004), "second_lag_s": np.full(2, 0.03)}
-    world, _ = drive_truth(between(robots(2), **lossy), [0.8, 0.0, 0.2], 0.5)
+    world, _ = drive_truth(with_transmission(robots(2), **lossy), [0.8, 0.0, 0.2], 0.5)
     q, energy = world.physics, []
     for _ in range(70):
         world.tick(np.zeros((2, 3)), 0.01)
@@ -186,7 +186,7 @@ def test_grip_limit_backlash_and_motor_lag_create_no_energy():
 
 
 def smooth_robots():
-    return between(robots(), second_lag_s=np.full(1, 0.05), grip_n=np.full(1, 0.6))
+    return with_transmission(robots(), second_lag_s=np.full(1, 0.05), grip_n=np.full(1, 0.6))
 
 
 @pytest.mark.parametrize(

@@ -181,14 +181,14 @@ def test_the_name_of_a_stored_drive_contains_the_ends_of_a_route_and_the_start_o
         job._replace(run=run),
         job._replace(run=moved),
     )
-    assert len({job_digest(each, {}) for each in jobs}) == 4
+    assert len({job_digest(x, {}) for x in jobs}) == 4
 
 
 def test_two_sweeps_can_store_the_same_drive_at_once(tmp_path):
     path = tmp_path / "drive.json"
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(lambda k: [replace_file(path, str(k)) for _ in range(200)], range(4)))
-    assert [each.name for each in tmp_path.iterdir()] == ["drive.json"]
+    assert [x.name for x in tmp_path.iterdir()] == ["drive.json"]
 
 
 def test_a_dict_gives_the_names_of_blocks_and_the_routes_need_no_keyword(small):

@@ -43,11 +43,11 @@ def _random_node(graph: Graph, pool: list[Node], draw: np.random.Generator) -> N
             draw.integers(len(pool) // 2, len(pool)) if draw.random() < 0.5 else draw.integers(len(pool))
         ]
 
-    def inside(node: Node) -> Node:  # (-0.9, 0.9)
+    def bounded(node: Node) -> Node:  # (-0.9, 0.9)
         return graph.make("mul", graph.const(0.9), graph.make("sin", node))
 
     def positive(node: Node) -> Node:  # (0.1, 1.9)
-        return graph.make("add", graph.const(1.0), inside(node))
+        return graph.make("add", graph.const(1.0), bounded(node))
 
     op = str(draw.choice([*SMOOTH, *KINKS, *TWO, "neg", "where", "where", "where"]))
     if op == "where":
@@ -55,13 +55,13 @@ def _random_node(graph: Graph, pool: list[Node], draw: np.random.Generator) -> N
     if op in ("log", "sqrt"):
         return graph.make(op, positive(pick()))
     if op in (*SMOOTH, *KINKS, "neg"):
-        return graph.make(op, inside(pick()))
+        return graph.make(op, bounded(pick()))
     if op in ("div", "pow"):
         return graph.make(op, positive(pick()), positive(pick()))
     if op == "atan2":  # away from its cut: the sign of a zero is not defined
         y = positive(pick())
         return graph.make(op, graph.make("neg", y) if draw.random() < 0.5 else y, pick())
-    return graph.make(op, inside(pick()), pick())
+    return graph.make(op, bounded(pick()), pick())
 
 
 def _values(roots: Iterable[Node], inputs: dict[Node, object], apply: Callable) -> list:

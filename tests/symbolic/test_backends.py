@@ -15,7 +15,7 @@ def double(x):
 
 
 @pytest.fixture
-def elsewhere(monkeypatch, tmp_path):
+def cache(monkeypatch, tmp_path):
     """Use an empty cache, so that no kernel of another test is loaded or stored."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(backends, "_report_log", set())
@@ -32,7 +32,7 @@ def test_the_environment_variable_selects_the_default_back_end(monkeypatch):
     assert function(double, 1.0).backend in ("c", "python")
 
 
-def test_without_a_compiler_python_is_used_without_a_message(elsewhere, monkeypatch, capfd):
+def test_without_a_compiler_python_is_used_without_a_message(cache, monkeypatch, capfd):
     monkeypatch.delenv("BAQUEANO_CC", raising=False)
     monkeypatch.setenv("PATH", "")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
@@ -41,7 +41,7 @@ def test_without_a_compiler_python_is_used_without_a_message(elsewhere, monkeypa
     assert capfd.readouterr().err == ""
 
 
-def test_a_compiler_that_fails_is_reported_once_and_python_is_used(elsewhere, monkeypatch, capfd):
+def test_a_compiler_that_fails_is_reported_once_and_python_is_used(cache, monkeypatch, capfd):
     monkeypatch.setenv("BAQUEANO_CC", "false" if sys.platform != "win32" else "where")
     for _ in range(2):
         kernel = scan(lambda c, x: (c + x, c), 0.0, 0.0)
@@ -51,14 +51,14 @@ def test_a_compiler_that_fails_is_reported_once_and_python_is_used(elsewhere, mo
     assert errors.count("baqueano: Python is used instead of C") == 1
 
 
-def test_a_compiler_failure_of_a_requested_c_back_end_is_an_error(elsewhere, monkeypatch):
+def test_a_compiler_failure_of_a_requested_c_back_end_is_an_error(cache, monkeypatch):
     monkeypatch.setenv("BAQUEANO_CC", "false")
     with pytest.raises(RuntimeError):
         function(double, 1.0, backend="c")
 
 
 @pytest.mark.skipif(not find_compiler().compiler, reason="no C compiler")
-def test_python_runs_a_kernel_that_the_compiler_refuses(elsewhere, monkeypatch, capfd):
+def test_python_runs_a_kernel_that_the_compiler_refuses(cache, monkeypatch, capfd):
     monkeypatch.setattr("baqueano.symbolic.c_code.c.header", lambda *args: "this is not C")
     block = compile_block(type("Block", (), {"step": staticmethod(lambda c, x: (c, double(x)))})())
     assert block.step(0.0, 1.0) == (0.0, 2.0 + np.pi)

@@ -63,23 +63,23 @@ def magnitudes(low: float, high: float, signs: bool = True) -> np.ndarray:
     return x * draw.choice([-1.0, 1.0], COUNT) if signs else x
 
 
-def between(low: float, high: float) -> np.ndarray:
+def uniform(low: float, high: float) -> np.ndarray:
     return np.random.default_rng(0).uniform(low, high, COUNT)
 
 
 TURNS = [magnitudes(1e-300, 10.0), magnitudes(1.0, 1e6), np.arange(COUNT) * math.pi / 2 + 1e-9]
-WIDE = [magnitudes(1e-310, 1e300), between(-3.0, 3.0)]
+WIDE = [magnitudes(1e-310, 1e300), uniform(-3.0, 3.0)]
 RANGES = {
     "sin": TURNS, "cos": TURNS, "tan": TURNS,
-    "exp": [magnitudes(1e-300, 700.0), between(-745.1, -700.0), between(700.0, 709.7)],
-    "log": [magnitudes(1e-320, 1e308, False), 1.0 + magnitudes(1e-16, 0.5), between(0.5, 2.0)],
-    "tanh": [magnitudes(1e-310, 100.0), between(-1.0, 1.0)],
-    "sinh": [magnitudes(1e-310, 710.0), between(-1.0, 1.0), between(20.0, 24.0)],
-    "cosh": [magnitudes(1e-310, 710.0), between(-1.0, 1.0), between(20.0, 24.0)],
+    "exp": [magnitudes(1e-300, 700.0), uniform(-745.1, -700.0), uniform(700.0, 709.7)],
+    "log": [magnitudes(1e-320, 1e308, False), 1.0 + magnitudes(1e-16, 0.5), uniform(0.5, 2.0)],
+    "tanh": [magnitudes(1e-310, 100.0), uniform(-1.0, 1.0)],
+    "sinh": [magnitudes(1e-310, 710.0), uniform(-1.0, 1.0), uniform(20.0, 24.0)],
+    "cosh": [magnitudes(1e-310, 710.0), uniform(-1.0, 1.0), uniform(20.0, 24.0)],
     "asin": [magnitudes(1e-300, 1.0), 1.0 - magnitudes(1e-16, 0.1, False)],
     "acos": [magnitudes(1e-300, 1.0), 1.0 - magnitudes(1e-16, 0.1, False)],
     "sqrt": [magnitudes(1e-310, 1e300, False)], "atan": WIDE, "abs": WIDE, "sign": WIDE,
-    "floor": [between(-9.0, 9.0), magnitudes(1.0, 1e18)],
+    "floor": [uniform(-9.0, 9.0), magnitudes(1.0, 1e18)],
 }  # fmt: skip
 
 
@@ -103,7 +103,7 @@ def test_error_of_two_argument_functions_is_a_few_units_in_last_place(library, n
         assert np.all(np.abs(computed - expected) <= 4.0 * np.spacing(np.abs(expected)))
 
 
-def same(computed: np.ndarray, expected: np.ndarray) -> np.ndarray:
+def is_equal(computed: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Return True if equal to 1e-15, including the sign of zero; NaN equals NaN."""
     with np.errstate(invalid="ignore"):
         y = (computed == expected) | (np.abs(computed - expected) <= 1e-15 * np.abs(expected))
@@ -116,7 +116,7 @@ def test_zeros_infinities_and_nan_give_the_numpy_result(library, name, width):
     computed, expected = evaluate(library, name, width, SPECIAL), oracle(name, SPECIAL)
     if name in ("sin", "tan"):
         computed, expected = computed + 0.0, expected + 0.0  # ours lose the sign of −0
-    assert same(computed, expected).all(), (computed, expected)
+    assert is_equal(computed, expected).all(), (computed, expected)
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -127,7 +127,7 @@ def test_pairs_of_zeros_infinities_and_nan_give_the_numpy_result(library, name, 
     if name in ("min", "max"):
         # the order of two zeros is not defined
         computed, expected = computed + 0.0, expected + 0.0
-    assert same(computed, expected).all(), list(zip(a, b, computed, expected, strict=True))
+    assert is_equal(computed, expected).all(), list(zip(a, b, computed, expected, strict=True))
 
 
 @pytest.mark.parametrize("width", WIDTHS)

@@ -73,7 +73,7 @@ def test_integer_arguments_have_derivatives():
 
 
 def test_a_nested_derivative_does_not_change_the_outer_derivative():
-    # d/dx [x · d/dy (x + y)] = 1: the classical confusion of perturbations would say 2
+    # d/dx [x · d/dy (x + y)] = 1: the classical confusion of perturbations would give 2
     assert jacobian(lambda x: x * jacobian(lambda y: x + y)(1.0))(1.0) == 1.0
     close(jacobian(lambda x: jacobian(lambda y: x[0] * y * y)(x[1]))(np.array([3.0, 5.0])), [10.0, 6.0])
 

@@ -229,9 +229,9 @@ def test_a_batch_of_runs_equals_separate_runs(kernel):
     assert output.y.shape == (3, N, 2)
     assert last.t_ns.tolist() == [2**50 + 10 * (N - 1)] * 3
     for k in range(3):
-        single, each = kernel.run(inputs._replace(u=u[k]), theta[k], carry=START._replace(x=start.x[k]))
+        single, x = kernel.run(inputs._replace(u=u[k]), theta[k], carry=START._replace(x=start.x[k]))
         close(last.cov[k], single.cov)
-        close(output.y[k], each.y)
+        close(output.y[k], x.y)
     assert kernel.batch(inputs._replace(u=u), theta, carry=start)[1] is None
 
 

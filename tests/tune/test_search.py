@@ -25,11 +25,11 @@ LOW, HIGH = np.array([0.0, 0.0, 1.0]), np.array([100.0, 10.0, 50.0])
 
 
 def bowl(target):
-    def both(g):
+    def f(g):
         d = (g - target) / HIGH
         return 1.0 + float(d @ d), 2 * d / HIGH
 
-    return lambda g: both(g)[0], both
+    return lambda g: f(g)[0], f
 
 
 def test_the_search_reaches_the_minimum_from_every_start():
@@ -53,30 +53,30 @@ def test_gains_that_only_act_together_stay_near_the_present_gains():
     """Only g0 + 10 g1 matters, and g2 has no effect: without a preference the descent stays at the bounds."""
     present = np.array([20.0, 3.0, 30.0])
 
-    def both(g):
+    def f(g):
         d = (g[0] + 10.0 * g[1] - 40.0) / 40.0
         return 1.0 + d * d, np.array([2.0 * d / 40.0, 20.0 * d / 40.0, 0.0])
 
     at_bounds = np.array([0.0, 4.0, 50.0])
-    end = descend(both, at_bounds, LOW, HIGH, present)
+    end = descend(f, at_bounds, LOW, HIGH, present)
     assert end.cost == pytest.approx(1.0, abs=1e-4)
     assert 20.0 < end.gains[2] < 40.0
     assert not np.any(at_limit(end.gains, LOW, HIGH))
-    np.testing.assert_allclose(descend(both, at_bounds, LOW, HIGH).gains, at_bounds, atol=1e-9)
+    np.testing.assert_allclose(descend(f, at_bounds, LOW, HIGH).gains, at_bounds, atol=1e-9)
 
 
 def test_gains_at_a_bound_for_a_negligible_advantage_are_moved_near_the_present_gains():
     """g0 falls to its bound, for 0.05 % of the cost; g1 has its optimum inside, and keeps it."""
     present, slope = np.array([50.0, 2.0]), 1e-5
 
-    def both(g):
+    def f(g):
         d = (g[1] - 3.0) / 3.0
         return 1.0 + d * d + slope * g[0], np.array([slope, 2.0 * d / 3.0])
 
     no_block: Any = None
     space = SearchSpace(("a", "b"), ("1", "1"), LOW[:2], HIGH[:2], LOW[:2], HIGH[:2], present, no_block)
-    drives: Any = SimpleNamespace(space=space, cost=lambda g: both(g)[0], cost_and_gradient=both)
-    result = search(drives.cost, both, LOW[:2], HIGH[:2], [present], 0)[0]
+    drives: Any = SimpleNamespace(space=space, cost=lambda g: f(g)[0], cost_and_gradient=f)
+    result = search(drives.cost, f, LOW[:2], HIGH[:2], [present], 0)[0]
     assert at_limit(result.gains, LOW[:2], HIGH[:2]).tolist() == [-1, 0]
     best = search_gains(drives, [present], 0, False)[1][0]
     assert at_limit(best.gains, LOW[:2], HIGH[:2]).tolist() == [0, 0]
@@ -151,15 +151,15 @@ def test_a_missing_scipy_is_reported_with_the_install_command(without_scipy):
 def test_the_minimum_of_a_rough_cost_is_reached_without_gradients():
     target = np.array([7.0, 0.5, 20.0])
 
-    def rough(g):
+    def g_cost(g):
         x = (coordinates(g, LOW, HIGH) - coordinates(target, LOW, HIGH)) * 20.0
         return 1.0 + float(np.sum(np.abs(x)) + 0.3 * np.sum(np.abs(np.sin(9.0 * x))))
 
-    def both(g):
+    def f(g):
         d = 1e-6
-        return rough(g), np.array([(rough(g + d * e) - rough(g - d * e)) / (2 * d) for e in np.eye(3)])
+        return g_cost(g), np.array([(g_cost(g + d * e) - g_cost(g - d * e)) / (2 * d) for e in np.eye(3)])
 
-    result, polished = (search(rough, both, LOW, HIGH, polish=p)[0] for p in (False, True))
+    result, polished = (search(g_cost, f, LOW, HIGH, polish=p)[0] for p in (False, True))
     assert polished.cost < result.cost
     assert len(polished.costs) > len(result.costs)
     assert polished.cost == pytest.approx(min(polished.costs))

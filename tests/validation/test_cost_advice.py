@@ -33,7 +33,7 @@ def fits(drives):
     return {cost: identify(run, file, FREE, options=FitOptions(cost=cost)) for cost in costs}
 
 
-def wrong(fit):
+def biased(fit):
     """Return the fit with 30 % more friction."""
     path = "model.friction.linear"
     return replace(fit, blocks=with_value(fit.blocks, path, 1.3 * fit.blocks.model.friction.linear))
@@ -55,7 +55,7 @@ def advised(fits, drives, cost, other):
 
 
 def test_innovations_are_recommended_if_their_held_out_error_is_smaller(fits, drives):
-    simulation = {"simulation": wrong(fits["simulation"])}
+    simulation = {"simulation": biased(fits["simulation"])}
     advice = advised(simulation, drives, "simulation", fits["innovations"])
     assert (advice.code, advice.fix) == ("cost.try-innovations", "--cost innovations")
     assert advice.figures["cause"].code == "cost.held-out-smaller"
@@ -63,7 +63,7 @@ def test_innovations_are_recommended_if_their_held_out_error_is_smaller(fits, dr
 
 def test_a_larger_held_out_error_overrides_the_recommendation_from_segments(fits, drives):
     assert fits["simulation"].notes[0].code == "cost.try-innovations"
-    advice = advised(fits, drives, "simulation", wrong(fits["innovations"]))
+    advice = advised(fits, drives, "simulation", biased(fits["innovations"]))
     assert (advice.code, advice.fix) == ("cost.held-out-larger", "")
     assert advice.figures["percent"] > 0.0
 
@@ -71,7 +71,7 @@ def test_a_larger_held_out_error_overrides_the_recommendation_from_segments(fits
 def test_a_fit_by_innovations_receives_the_same_recommendation(fits, drives):
     assert is_fit_by_innovations(fits["innovations"])
     assert not is_fit_by_innovations(fits["simulation"])
-    assert advised(fits, drives, "innovations", wrong(fits["simulation"])).code == "cost.held-out-smaller"
+    assert advised(fits, drives, "innovations", biased(fits["simulation"])).code == "cost.held-out-smaller"
 
 
 def test_short_held_out_runs_do_not_change_the_recommendation(fits, drives):

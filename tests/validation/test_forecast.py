@@ -83,8 +83,8 @@ def exact_scales(fit):
     return replace(fit, scale_shifts=0.0 * fit.scale_shifts)
 
 
-def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(each):
-    fit, _ = each
+def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(x):
+    fit, _ = x
     rate = fit.file.rate_hz
     short = simulate(fit.file, random_steps(LIMIT[fit.file.name], 10.1, rate, 5), 5, name="short")
     (drive, *_) = forecast(exact_scales(fit), short).ahead
@@ -94,8 +94,8 @@ def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(each):
     assert drive.heading_rad == pytest.approx(heading, rel=0.15)
 
 
-def test_the_forecast_error_over_a_lap_matches_drawn_vehicles(each):
-    fit, run = each
+def test_the_forecast_error_over_a_lap_matches_drawn_vehicles(x):
+    fit, run = x
     route = eight(1.0, 0.25)
     lap = forecast(exact_scales(replace(fit, channels=())), run, route, "lab").ahead[
         1

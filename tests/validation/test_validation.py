@@ -61,7 +61,7 @@ def test_with_poses_each_segment_starts_from_a_fitted_velocity(small):
     """A run that begins at rest was "from a fitted velocity in 0 of 1 runs"."""
     u = np.concatenate([np.zeros((100, 3)), random_steps(small.command.limit, 14.0, small.rate_hz, 5)])
     runs = [simulate(small, u, seed, name=f"run {seed}") for seed in (5, 6)]
-    runs = [replace(one, truth=one.truth._replace(nu=np.full_like(one.truth.nu, np.nan))) for one in runs]
+    runs = [replace(x, truth=x.truth._replace(nu=np.full_like(x.truth.nu, np.nan))) for x in runs]
     fit = identify(runs[0], small, use=("imu", "truth"), options=FitOptions(diagnose=False))
     basis = validate(fit, runs[1]).basis.figures
     assert (basis["span_s"], basis["start"].code) == ("5", "validation.from-velocity")
@@ -69,8 +69,8 @@ def test_with_poses_each_segment_starts_from_a_fitted_velocity(small):
 
 def test_the_tables_of_a_fit_and_of_its_held_out_runs_clip_outliers_alike(small):
     runs = [run(small, seed) for seed in (1, 2)]
-    for one in runs:
-        one.sensors["imu"].z[::20, 2] += 6.0
+    for single in runs:
+        single.sensors["imu"].z[::20, 2] += 6.0
     fit = identify(runs[0], small)
     (figure,) = [f for f in validate(fit, runs[1]).figures if f.channel == "imu[2]"]
     (of_fit,) = [c.explained_fraction for c in fit.channels if (c.sensor, c.entry) == ("imu", 2)]

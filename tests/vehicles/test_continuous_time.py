@@ -235,9 +235,9 @@ def test_the_integration_error_of_every_vehicle_is_of_fourth_order(kind, delay_s
     moments = [float(t) for t in np.round(ticks[0] * np.arange(1, round(DURATION_S / ticks[0]) + 1), 12)]
     exactly, differences = fine(accelerate, changes, delay_s, moments, make(0.0, 1.0).drivetrain.servos), []
     for dt_s in ticks:
-        each = round(ticks[0] / dt_s)
-        steps_s = np.full(each * len(moments), dt_s)
-        had = simulated_outputs(make(delay_s, dt_s), [Imu(rate_hz=1e5)], steps_s, changes)[each - 1 :: each]
+        x = round(ticks[0] / dt_s)
+        steps_s = np.full(x * len(moments), dt_s)
+        had = simulated_outputs(make(delay_s, dt_s), [Imu(rate_hz=1e5)], steps_s, changes)[x - 1 :: x]
         differences.append(np.abs(had[:, : exactly.shape[1]] - exactly).max(axis=0))
     worst = np.array(differences)
     is_moving = worst[0] > 1e-11  # otherwise only rounding errors remain

@@ -49,9 +49,9 @@ def take_lease(tab: Tab) -> None:
     tab.wait(f"{PAGE}.hand.mine")
 
 
-def until(true: Callable[[], Any], seconds: float = 10.0) -> Any:
+def until(condition: Callable[[], Any], seconds: float = 10.0) -> Any:
     end = time.monotonic() + seconds
-    while not (result := true()):
+    while not (result := condition()):
         assert time.monotonic() < end, "still not true"
         time.sleep(0.02)
     return result

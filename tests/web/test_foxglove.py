@@ -163,22 +163,22 @@ def test_a_row_has_the_same_time_in_each_topic():
 
 
 def test_ne5_a_route_is_encoded_once_for_many_subscriptions_and_sent_to_their_client_alone():
-    routes, one, other = [], Line(), Line()
+    routes, single, other = [], Line(), Line()
 
     def about():
         return {"fields": [], "route": routes.append(1) or {"x": [0.0], "y": [0.0]}}
 
     bridge = FoxgloveServer(about)
-    bridge.add_client(one)
+    bridge.add_client(single)
     bridge.add_client(other)
-    for line in (one, other):
+    for line in (single, other):
         routes.clear()
-        one.pictures = b""
+        single.pictures = b""
         many = [{"id": k, "channelId": 3} for k in range(20)]
         asyncio.run(bridge.receive(line, {"op": "subscribe", "subscriptions": many}))
         assert line.pictures.count(b"map") == 20
         assert len(routes) == 1
-    assert not one.pictures
+    assert not single.pictures
 
 
 async def test_ne2_ne3_a_foxglove_program_needs_a_token_like_a_browser(tmp_path):

@@ -98,10 +98,10 @@ def test_a_fit_replaces_predicted_errors_with_values_near_the_truth(driven_runs)
 
 def test_the_next_fit_waits_longer_after_a_slow_fit(driven_runs, monkeypatch):
     guess, _, run = driven_runs
-    began, fit_of = [], module.identify
+    start_s, fit_of = [], module.identify
 
     def slow(*arguments):
-        began.append(time.monotonic())
+        start_s.append(time.monotonic())
         time.sleep(0.6)
         return fit_of(*arguments)
 
@@ -114,10 +114,10 @@ def test_the_next_fit_waits_longer_after_a_slow_fit(driven_runs, monkeypatch):
         drive.add_rows(names, rows[at : at + 1])
         drive.state()
         time.sleep(0.08)
-        if len(began) == 3:
+        if len(start_s) == 3:
             break
-    assert len(began) == 3
-    assert min(np.diff(began)) > 1.15  # a fit, and as long again; without the rule 0.65
+    assert len(start_s) == 3
+    assert min(np.diff(start_s)) > 1.15  # a fit, and as long again; without the rule 0.65
     drive.close()
 
 

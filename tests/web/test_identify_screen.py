@@ -115,9 +115,9 @@ def test_the_path_is_coloured_by_the_information_of_each_part(tab, live):
     for mark in marks:
         if mark["kind"] == "line" and mark["colour"].startswith("#") and mark["width"] >= 4:
             _, px, py = mark["path"][len(mark["path"]) // 2]
-            far = np.hypot(*(place - [(px - left) / scale, (top - py) / scale]).T)
+            distance = np.hypot(*(place - [(px - left) / scale, (top - py) / scale]).T)
             shades.append(mark["colour"])
-            times_s.append(x["t"][np.argmin(far)] - start_s)
+            times_s.append(x["t"][np.argmin(distance)] - start_s)
     ends = tab.js(
         "['quiet', 'loud'].map((n) => getComputedStyle(document.documentElement).getPropertyValue(`--${n}`).trim())"
     )

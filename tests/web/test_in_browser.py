@@ -125,10 +125,10 @@ def test_a_user_takes_control_drives_hands_over_and_any_user_stops(chromium, tmp
 TUNE = "baqueano.page.screens.tune"
 
 
-def repeating(tab, true):
+def repeating(tab, condition):
     """Repeat `ring` as its driver. A tab without processor time on a busy machine loses control and takes it again."""
     end = time.monotonic() + START_S
-    while not tab.js(true):
+    while not tab.js(condition):
         assert time.monotonic() < end
         if tab.js("baqueano.page.state.state") == "STOPPED":
             tab.js("baqueano.page.link.send({type: 'clear'})")

@@ -186,9 +186,9 @@ def test_a_run_plays_at_the_selected_pace(tab, replay):
     for _ in range(2):
         tab.press("]", "BracketRight", "]")
     tab.press("k", "KeyK", "k")
-    began = time.monotonic()
+    start_s = time.monotonic()
     tab.wait(f"{PAGE}.screens.replay.now_s > 8")
-    assert 1.5 < time.monotonic() - began < 4.0  # 8 s at 4 ×
+    assert 1.5 < time.monotonic() - start_s < 4.0  # 8 s at 4 ×
     tab.press(" ", "Space", " ")
     time_s = tab.js(f"{PAGE}.screens.replay.now_s")
     time.sleep(0.3)

@@ -82,14 +82,14 @@ def size_of(path):
 def all_gone(pids, within_s=10.0):
     """Return True when none of these processes runs."""
     end = time.monotonic() + within_s
-    while any(alive(pid) for pid in pids):
+    while any(is_alive(pid) for pid in pids):
         if time.monotonic() > end:
             return False
         time.sleep(0.05)
     return True
 
 
-def alive(pid):
+def is_alive(pid):
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:

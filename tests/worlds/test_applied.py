@@ -48,7 +48,7 @@ def drive_motors(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
     firmware = Firmware(motors, phase_ms, on_the_way_ms)
     firmware.until(20, applied)
     applied.begin(20 * MS)
-    means, true = [], []
+    means, truth = [], []
     for k in range(ticks):
         if k % 20 == 0:
             goal = tuple(rng.uniform(-1.0, 1.0, 2))
@@ -56,21 +56,21 @@ def drive_motors(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
         applied.record_command(firmware.ms * MS, *goal)
         firmware.until(firmware.ms + 10, applied)
         means.append(applied.mean(firmware.ms * MS))
-        true.append(np.mean(firmware.duties[-10:], axis=0))
-    return np.array(means), np.array(true)
+        truth.append(np.mean(firmware.duties[-10:], axis=0))
+    return np.array(means), np.array(truth)
 
 
 @pytest.mark.parametrize("phase_ms", range(10))
 def test_the_mean_duty_of_a_tick_is_exact_for_every_telemetry_phase(phase_ms):
-    means, true = drive_motors(UNEQUAL, phase_ms)
-    np.testing.assert_allclose(means, true, atol=1e-9)
+    means, truth = drive_motors(UNEQUAL, phase_ms)
+    np.testing.assert_allclose(means, truth, atol=1e-9)
 
 
 @pytest.mark.parametrize("phase_ms", [1, 2])
 def test_errors_of_the_predicted_duty_do_not_accumulate(phase_ms):
-    means, true = drive_motors(UNEQUAL, phase_ms, on_the_way_ms=4)  # 3 ms more delay
-    behind = 0.01 * np.cumsum(means - true, axis=0)
-    assert np.max(np.abs(means - true)) > 0.1
+    means, truth = drive_motors(UNEQUAL, phase_ms, on_the_way_ms=4)  # 3 ms more delay
+    behind = 0.01 * np.cumsum(means - truth, axis=0)
+    assert np.max(np.abs(means - truth)) > 0.1
     assert np.max(np.abs(behind)) < 0.006, "the duty of three milliseconds, twice as large where it reverses"
     assert np.max(np.abs(behind[18::20])) < 1e-9, "no error after a constant command"
 

@@ -220,7 +220,7 @@ class ProgressLine:
 
 @contextmanager
 def show_activity(label: Diagnostic | str) -> Iterator[ProgressLine]:
-    """Show a line on stderr for work of unknown duration. Yield the function say(text).
+    """Show a line on stderr for work of unknown duration. Yield a function that prints a text.
 
     On a terminal it counts the seconds, and shows the progress of the work. Otherwise a line is printed
     every PROGRESS_PERIOD_S.
@@ -248,7 +248,7 @@ def show_activity(label: Diagnostic | str) -> Iterator[ProgressLine]:
 
 @contextmanager
 def show_steps() -> Iterator[Callable[[Diagnostic | str], ProgressLine]]:
-    """Show a line on stderr for each step of the work. Yield begin(label), which returns the say(text) of the step."""
+    """Show a line on stderr for each step of the work. Yield begin(label), which returns the line of the step."""
     with ExitStack() as step:
 
         def begin(label: Diagnostic | str) -> ProgressLine:

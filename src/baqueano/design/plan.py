@@ -227,10 +227,10 @@ class PlanSearch:
         """Add the primitives that respect the speed limits to the library. For each other primitive, add a gentler form
         if this form respects the limits."""
         drives = self._map_primitives(self._evaluate, primitives)
-        too_fast = [k for k, drive in enumerate(drives) if not drive[0]]
-        gentler = [gentler_primitive(primitives[k], self.shape) for k in too_fast]
-        drives += self._map_primitives(self._evaluate, gentler) if gentler else []
-        feasible = [pair for pair in zip([*primitives, *gentler], drives, strict=True) if pair[1][0]]
+        indices = [k for k, drive in enumerate(drives) if not drive[0]]
+        variants = [gentler_primitive(primitives[k], self.shape) for k in indices]
+        drives += self._map_primitives(self._evaluate, variants) if variants else []
+        feasible = [pair for pair in zip([*primitives, *variants], drives, strict=True) if pair[1][0]]
         self.primitives += [primitive for primitive, _ in feasible]
         F, path = (np.array([drive[k] for _, drive in feasible]) for k in (2, 1))
         self.composer.add_primitives(F, path)

@@ -25,7 +25,7 @@ LAST_OUTPUT_S = 1.0  # time to show the last output of a program that has ended
 def host_args(host: str) -> list[str]:
     """Return the arguments of ssh for `host`, "user@name" or "user@name:port".
 
-    The name can be an IPv6 address, which has colons, and stands in brackets before a port: [fe80::1]:22. Raise
+    The name can be an IPv6 address, which has colons, and is in brackets before a port: [fe80::1]:22. Raise
     UsageError if `host` does not have this form.
     """
     name, colon, port = host.rpartition(":")

@@ -170,7 +170,7 @@ class RouteReport(Result):
             lines.append(
                 _("needs up to {share} of the command", share=number(f"{100.0 * self.command_share:.0f} %"))
             )
-        if self.clearance_m >= 0.0:  # beyond a wall, a finding tells the place
+        if self.clearance_m >= 0.0:  # beyond a wall, a finding states the place
             lines.append(_("stays {m:.2f} m from the walls", m=self.clearance_m))
         return in_lines([*lines, verdict_line(self.verdict, self.findings)])
 

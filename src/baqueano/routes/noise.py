@@ -5,7 +5,7 @@
     mean sign(d_k d_{k−1}) < MAX_SIGN                       −0.54 for white noise, near 1 for a smooth path        (2)
 
 p: x and y at the time t of every n-th pose, for each n of STRIDES, because the poses of a slow camera are interpolated.
-The median ignores single jumps and corners. (2) tells noise from a curve with few poses. Source of (1): Gasser, Sroka
+The median ignores single jumps and corners. (2) separates noise from a curve of few poses. Source of (1): Gasser, Sroka
 and Jennen-Steinmetz, Biometrika, 1986, with third in place of second differences.
 """
 

@@ -111,7 +111,7 @@ def _keys_of_plain_class(block_class: type, hidden_names: typing.Collection[str]
 def _type_hints(block_class: type) -> "JsonObject":
     try:
         return typing.get_type_hints(block_class)
-    except NameError:  # a name that only a type checker knows
+    except NameError:  # a name that is defined only for a type checker
         return {}
 
 

@@ -32,7 +32,7 @@ def frames_sent():
 
 
 @pytest.fixture(scope="module")
-def whole(frames_sent):
+def intact(frames_sent):
     """Return the same frames (4096, 46) as bytes on the wire."""
     return np.array([list(encode(frame, seq)) for seq, frame in frames_sent], dtype=np.uint8)
 
@@ -111,27 +111,27 @@ def joined_frames(frames, next_frames, rng):
 
 
 DAMAGE = {  # name: (function, True if a 16-bit CRC detects all of it)
-    "3 bits": (lambda whole, rng: flip_bits(drawn_frames(whole, rng), rng, 3), True),
-    "8 bits": (lambda whole, rng: flip_bits(drawn_frames(whole, rng), rng, 8), False),
-    "a burst of 16": (lambda whole, rng: burst(drawn_frames(whole, rng), rng, 16), True),
-    "a burst of 40": (lambda whole, rng: burst(drawn_frames(whole, rng), rng, 40), False),
-    "other bytes": (lambda whole, rng: replaced(drawn_frames(whole, rng), rng), False),
-    "bytes lost": (lambda whole, rng: cut(drawn_frames(whole, rng), rng), False),
-    "bytes more": (lambda whole, rng: inserted(drawn_frames(whole, rng), rng), False),
+    "3 bits": (lambda intact, rng: flip_bits(drawn_frames(intact, rng), rng, 3), True),
+    "8 bits": (lambda intact, rng: flip_bits(drawn_frames(intact, rng), rng, 8), False),
+    "a burst of 16": (lambda intact, rng: burst(drawn_frames(intact, rng), rng, 16), True),
+    "a burst of 40": (lambda intact, rng: burst(drawn_frames(intact, rng), rng, 40), False),
+    "other bytes": (lambda intact, rng: replaced(drawn_frames(intact, rng), rng), False),
+    "bytes lost": (lambda intact, rng: cut(drawn_frames(intact, rng), rng), False),
+    "bytes more": (lambda intact, rng: inserted(drawn_frames(intact, rng), rng), False),
     "another's tail": (
-        lambda whole, rng: joined_frames(drawn_frames(whole, rng), drawn_frames(whole, rng), rng),
+        lambda intact, rng: joined_frames(drawn_frames(intact, rng), drawn_frames(intact, rng), rng),
         False,
     ),
 }
 
 
-def test_a_16_bit_crc_accepts_few_of_a_million_damaged_frames(frames_sent, whole):
+def test_a_16_bit_crc_accepts_few_of_a_million_damaged_frames(frames_sent, intact):
     rng, line = np.random.default_rng(2026), Line()
     uno = Uno(line, lambda: line.now_ns)
     uno._decoder = Kept()
     errors = {}
     for name, (harm, _) in DAMAGE.items():
-        data = harm(whole, rng).tobytes()
+        data = harm(intact, rng).tobytes()
         for start in range(0, len(data), AT_ONCE):
             line.coming = data[start : start + AT_ONCE]
             line.now_ns += 10_000_000

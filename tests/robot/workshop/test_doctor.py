@@ -11,7 +11,7 @@ from baqueano.robot.workshop import doctor, uno_checks
 from baqueano.robot.workshop.checks import Check, Report
 
 
-def only(checks):
+def single(checks):
     (check,) = checks
     return check
 
@@ -31,12 +31,12 @@ def put_file(root, path, text):
 )
 def test_the_supply_state_of_a_pi_is_decoded(tmp_path, bits, verdict, figure):
     put_file(tmp_path, doctor.THROTTLED_FILE, bits + "\n")
-    assert only(doctor.check_power(tmp_path))[1:3] == (verdict, figure)
+    assert single(doctor.check_power(tmp_path))[1:3] == (verdict, figure)
 
 
 @pytest.mark.parametrize("look", [doctor.check_power, doctor.check_temperature, doctor.check_governor])
 def test_unavailable_readings_are_unknown_and_do_not_change_the_verdict(tmp_path, look):
-    check = only(look(tmp_path))
+    check = single(look(tmp_path))
     assert check.verdict == "unknown"
     assert "this machine" in check.figure
     assert Report([check]).verdict == "ok"
@@ -45,8 +45,8 @@ def test_unavailable_readings_are_unknown_and_do_not_change_the_verdict(tmp_path
 def test_high_temperature_and_a_variable_cpu_clock_give_warnings(tmp_path):
     put_file(tmp_path, "sys/class/thermal/thermal_zone0/temp", "81000\n")
     put_file(tmp_path, "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor", "ondemand\n")
-    assert only(doctor.check_temperature(tmp_path))[1:3] == ("warn", "81 °C")
-    assert only(doctor.check_governor(tmp_path))[1:3] == ("warn", "ondemand")
+    assert single(doctor.check_temperature(tmp_path))[1:3] == ("warn", "81 °C")
+    assert single(doctor.check_governor(tmp_path))[1:3] == ("warn", "ondemand")
 
 
 def test_a_user_outside_a_group_gets_the_command_to_join(tmp_path, monkeypatch):
@@ -62,14 +62,14 @@ def test_a_user_outside_a_group_gets_the_command_to_join(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("least_mb", "verdict"), [(1e-6, "ok"), (1e12, "bad")])
 def test_free_disk_space_is_checked_in_the_folder_of_runs(tmp_path, least_mb, verdict):
-    check = only(doctor.check_disk(tmp_path / "not" / "yet", least_mb))
+    check = single(doctor.check_disk(tmp_path / "not" / "yet", least_mb))
     assert check.verdict == verdict
     assert str(tmp_path) in check.figure
 
 
 def test_a_date_earlier_than_the_program_is_refused():
-    assert only(doctor.check_clock(lambda: 0.0)).verdict == "warn"
-    assert only(doctor.check_clock(time.time)).verdict == "ok"
+    assert single(doctor.check_clock(lambda: 0.0)).verdict == "warn"
+    assert single(doctor.check_clock(time.time)).verdict == "ok"
 
 
 def test_the_battery_check_compares_the_voltage_with_its_limit():
@@ -79,9 +79,9 @@ def test_the_battery_check_compares_the_voltage_with_its_limit():
 
 def test_real_time_and_jitter_checks_restore_the_priority():
     before = os.sched_getscheduler(0)
-    assert "SCHED_FIFO" in only(doctor.check_realtime()).figure
+    assert "SCHED_FIFO" in single(doctor.check_realtime()).figure
     texts = []
-    check = only(doctor.check_jitter(0.2, texts.append))
+    check = single(doctor.check_jitter(0.2, texts.append))
     assert "of 20 ticks" in check.figure
     assert "p99" in check.figure
     assert texts == ["measures the wake-up error of a 100 Hz loop for 0.2 s"]
@@ -93,7 +93,7 @@ def test_a_refused_priority_is_a_warning_that_names_systemd(monkeypatch):
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    check = only(doctor.check_realtime())
+    check = single(doctor.check_realtime())
     assert check.verdict == "warn"
     assert "systemd" in check.remedy
 

@@ -120,9 +120,9 @@ def _join(door: "DriveDoor", program: "subprocess.Popen[bytes]") -> None:
     door.welcome(far_end)
 
 
-def _wait(true: Callable[[], bool], within_s: float, program: "subprocess.Popen[bytes]") -> None:
+def _wait(condition: Callable[[], bool], within_s: float, program: "subprocess.Popen[bytes]") -> None:
     end_s = time.monotonic() + within_s
-    while not true() and program.poll() is None and time.monotonic() < end_s:
+    while not condition() and program.poll() is None and time.monotonic() < end_s:
         time.sleep(0.02)
 
 

@@ -1,4 +1,4 @@
-"""Tell the user, before a drive, which of its commands or laps are not driven as requested."""
+"""Report, before a drive, the commands or laps that the vehicle will not drive as requested."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Tell the user, before a drive, what the vehicle file lacks for its sensors: their noise, or their place in `use`."""
+"""Report, before a drive, what the vehicle file lacks for its sensors: their noise, or their place in `use`."""
 
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Estimator

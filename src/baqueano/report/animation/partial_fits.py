@@ -31,8 +31,8 @@ def partial_fits(
         rows = {row["name"]: row for row in fit.rows()}
         pairs = [(rows[name]["estimate"], rows[name]["std"]) for name in names]
         value, std = np.array([[np.nan if x is None else x for x in pair] for pair in pairs]).T
-        true = np.asarray(truth)
+        exact = np.asarray(truth)
         partial_fits.append(
-            PartialFit(seconds, fit.verdict, value / true - 1.0, QUANTILE_95 * std / np.abs(true))
+            PartialFit(seconds, fit.verdict, value / exact - 1.0, QUANTILE_95 * std / np.abs(exact))
         )
     return partial_fits

@@ -37,9 +37,9 @@ def serve(
     """
     systemd = Systemd()
     folder.mkdir(parents=True, exist_ok=True)
-    with ExitStack() as open_things:
+    with ExitStack() as hardware:
         try:
-            uno = open_things.enter_context(open_uno(vehicle_file.robot.port))
+            uno = hardware.enter_context(open_uno(vehicle_file.robot.port))
         finally:
             give_back()
         if uno.info is not None:
@@ -51,7 +51,7 @@ def serve(
 
         def find_imu() -> Any:
             imu = imu_driver.imu_of(vehicle_file.robot, log)
-            open_things.callback(imu.close)
+            hardware.callback(imu.close)
             return imu
 
         imu, has_imu = None, "imu" in vehicle_file.sensors._fields
@@ -65,7 +65,7 @@ def serve(
 
         operator = Operator()
         door = Door(path, operator, folder, halt=uno.stop)
-        open_things.callback(door.close)
+        hardware.callback(door.close)
         for line in request_realtime():
             log(line)
         door.frames.begin(vehicle_file, "real")

@@ -106,13 +106,13 @@ def _truth_findings(
     scale.  (1)"""
     if not np.std(true_of(0.0)) > MIN_SPEED_STD or not np.isfinite(z).all():
         return []
-    true, findings = _shifted_truth(motion, entry, z, true_of)
+    truth, findings = _shifted_truth(motion, entry, z, true_of)
     units = _lines_by_ratio(measures, entry)
     double_units = {
         1.0 / r: note("recording.unit-ratio", unit_name=entry.unit, ratio=r) for r in units if r > 1.0
     }
     (hypothesis,) = signal_map(
-        z[:, None], true[:, None], [MappedChannel(1.0 / MAX_SCALE, MAX_SCALE, double_units | units)]
+        z[:, None], truth[:, None], [MappedChannel(1.0 / MAX_SCALE, MAX_SCALE, double_units | units)]
     )
     r, reason = hypothesis.regression, _finding_reason(hypothesis, entry, "recording.against-truth")
     if hypothesis.code:
@@ -121,7 +121,7 @@ def _truth_findings(
         )
     elif hypothesis.is_clear:
         findings += [ImportFinding("scale", "info", None, reason)] if abs(r.slope - 1.0) > 0.02 else []
-    elif np.all(z >= 0.0) and channel_regression(z, np.abs(true)).is_clear():
+    elif np.all(z >= 0.0) and channel_regression(z, np.abs(truth)).is_clear():
         findings.append(ImportFinding("no sign", "info", None, note("recording.no-sign", key=entry.key)))
     elif r.gain < MIN_GAIN:
         findings.append(ImportFinding("unrelated", "warning", None, reason))
@@ -149,15 +149,15 @@ def _shifted_truth(
     zero_lag, truth = len(lags) // 2, motion.m.truth
     if not regressions[k].is_clear():
         return true_of(0.0), []
-    late_s, true = float(lags[k]), true_of(float(lags[k]))
+    late_s, true_values = float(lags[k]), true_of(float(lags[k]))
     if truth is None or abs(late_s) < MIN_OFFSET_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[zero_lag] ** 2):
-        return true, []
+        return true_values, []
     code = "recording.clock-later" if late_s > 0.0 else "recording.clock-earlier"
     reason = note(
         code, key=entry.key, shift_ms=1e3 * abs(late_s), correlation=r[zero_lag], shifted_correlation=r[k]
     )
     line = note("recording.write-shift", shift_s=f"{truth.mount.shift_s + late_s:.3g}")
-    return true, [ImportFinding("clock", "info", None, reason, line)]
+    return true_values, [ImportFinding("clock", "info", None, reason, line)]
 
 
 def _wheel_findings(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:

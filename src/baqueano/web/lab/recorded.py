@@ -91,8 +91,8 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
     columns |= {f"ref.{a}": ref[:, k] for k, a in enumerate(ETA)} | {
         "ref.u": _velocities_at_ticks(target, t)[:, 0]
     }
-    true = _poses_at_ticks(run.truth, t)
-    columns |= {f"truth.{a}": true[:, k] for k, a in enumerate(ETA)}
+    truth = _poses_at_ticks(run.truth, t)
+    columns |= {f"truth.{a}": truth[:, k] for k, a in enumerate(ETA)}
     for k in range(run.applied_commands.shape[1]):
         columns[f"u.{k}"] = run.applied_commands[:, k]
         columns[f"requested.{k}"] = silent if run.requested_commands is None else run.requested_commands[:, k]
