@@ -1,6 +1,7 @@
 """Controllers with a model: the command computed from the model, weak feedback, and an even drive with each law."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -150,30 +151,41 @@ def test_each_law_tolerates_an_unmodelled_delay_of_100_ms():
     assert distances[1] < 0.006
 
 
-STARTS = [
-    (0.0, 0.2, -0.5),
-    (0.0, -0.2, -0.5),
-    (-0.2, 0.2, 0.5),
-    (0.2, -0.2, 0.5),
-    (-0.2, 0.0, 0.5),
-    (0.2, 0.0, 0.5),
-]
+STARTS = [(0, 0.2, -0.5), (0, -0.2, -0.5), (-0.2, 0.2, 0.5), (0.2, -0.2, 0.5), (-0.2, 0, 0.5), (0.2, 0, 0.5)]
+TURN = np.radians(30)
+BESIDE = list(itertools.product([0.0], (0.2, -0.2), (TURN, -TURN)))
+
+
+def drives(file, route, law, seconds, cases):
+    """Return for each case (pose from the start, speed) the true poses (N, 3) and the distance driven (N,) [m]."""
+    system = loop_system(file, route, perfect=True, controller=file.controller(law))
+    kernel = closed_loop(system, file.rate_hz, noise=False)
+    t_ns = tick_times(round(seconds * file.rate_hz), file.rate_hz)
+    for case in cases:
+        start, nu = compose(route.eta[0], np.array(case[0])), np.array([case[1], 0.0, 0.0])
+        state = begin(system, start)
+        state = state._replace(world=state.world._replace(vehicle=state.world.vehicle._replace(nu=nu)))
+        truth = as_run("joined", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {}).truth
+        yield case, truth.eta, np.cumsum(np.abs(truth.nu[:, 0])) / file.rate_hz
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_a_vehicle_joins_its_route_from_all_sides_within_a_metre(law):
     """The vehicle is 20 cm beside, behind or in front, 30° off, on a circle of 1 m that has begun without it."""
-    system = loop_system(SMALL, circle(1.0, 0.2), perfect=True, controller=SMALL.controller(law))
-    kernel, t_ns = closed_loop(system, SMALL.rate_hz, noise=False), tick_times(1500, SMALL.rate_hz)
-    for start, speed in itertools.product(STARTS, (0.0, 0.2)):
-        state = begin(system, np.array(start))
-        vehicle = state.world.vehicle._replace(nu=np.array([speed, 0.0, 0.0]))
-        state = state._replace(world=state.world._replace(vehicle=vehicle))
-        run = as_run("joined", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {})
-        error = np.abs(np.hypot(run.truth.eta[:, 0], run.truth.eta[:, 1] - 1.0) - 1.0)
-        way_m = np.cumsum(np.abs(run.truth.nu[:, 0])) / SMALL.rate_hz
+    cases = itertools.product(STARTS, (0.0, 0.2))
+    for case, eta, way_m in drives(SMALL, circle(1.0, 0.2), law, 15.0, cases):
         assert way_m[-1] > 2.0
-        assert error[way_m > 1.0].max() < 0.03, (start, speed)
+        assert np.abs(np.hypot(eta[:, 0], eta[:, 1] - 1.0) - 1.0)[way_m > 1.0].max() < 0.03, case
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_high_gains_do_not_increase_the_speed_at_which_a_vehicle_catches_up(law):
+    """The reference is 1 m ahead, and `tune` can choose k_x = 10 1/s. Before, it requested 3.2 m/s."""
+    gains = {"change_max": np.array([10.0, 1.0])} if law == "lqr" else {"k_x": 10.0}
+    controller = replace(SMALL.controller(law), k_i=0.0, **gains)
+    u = settled(controller, [1.0, 0, 0], [0.2, 0, 0], [0, 0, 0], [0.2, 0, 0])
+    at_limit = settled(replace(SMALL.controller(), k_i=0.0), [1.0, 0, 0], [0.2, 0, 0], [0, 0, 0], [0.2, 0, 0])
+    np.testing.assert_allclose(u, at_limit, rtol=0.01, atol=0.02)
 
 
 def test_pure_pursuit_steers_along_the_path_if_it_is_on_the_path_ahead_of_its_reference():
@@ -191,28 +203,14 @@ def test_pure_pursuit_steers_along_the_path_if_it_is_on_the_path_ahead_of_its_re
 def test_a_car_joins_its_route_within_a_metre(law, moving):
     """The car is 20 cm beside, behind or in front and 30° off. On a circle of 3 m at 0.5 m/s it stays within 3 cm."""
     car, speed, radius_m = load("car"), 0.5, 3.0
-    system = loop_system(car, circle(radius_m, speed), perfect=True, controller=car.controller(law))
-    kernel, t_ns = closed_loop(system, car.rate_hz, noise=False), tick_times(240, car.rate_hz)
-    nu = np.array([speed if moving else 0.0, 0.0, 0.0])
-    x, y, psi = circle(radius_m, speed).eta[0]
-    for forward, left, heading_deg in [
-        (0, 0.2, 30),
-        (0, 0.2, -30),
-        (0, -0.2, 30),
-        (0, -0.2, -30),
-        (-0.2, 0, 30),
-        (0.2, 0, 30),
-    ]:
-        state = begin(
-            system, compose(np.array([x, y, psi]), np.array([forward, left, np.radians(heading_deg)]))
-        )
-        state = state._replace(world=state.world._replace(vehicle=state.world.vehicle._replace(nu=nu)))
-        run = as_run("joined", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {})
-        centre = x - radius_m * np.sin(psi), y + radius_m * np.cos(psi)
-        error = np.abs(np.hypot(run.truth.eta[:, 0] - centre[0], run.truth.eta[:, 1] - centre[1]) - radius_m)
-        way_m = np.cumsum(np.abs(run.truth.nu[:, 0])) / car.rate_hz
+    route = circle(radius_m, speed)
+    x, y, psi = route.eta[0]
+    centre = x - radius_m * np.sin(psi), y + radius_m * np.cos(psi)
+    cases = itertools.product([*BESIDE, (-0.2, 0, TURN), (0.2, 0, TURN)], [speed if moving else 0.0])
+    for case, eta, way_m in drives(car, route, law, 240 / car.rate_hz, cases):
         assert way_m[-1] > 1.5
-        assert error[way_m > 1.0].max() < 0.03, (forward, left, heading_deg)
+        aside_m = np.abs(np.hypot(eta[:, 0] - centre[0], eta[:, 1] - centre[1]) - radius_m)
+        assert aside_m[way_m > 1.0].max() < 0.03, case
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -221,19 +219,12 @@ def test_a_car_joins_its_route_in_reverse_within_a_metre_of_route(law, speed, ba
     """In reverse the origin first moves away from the route: full lock alone needs 0.72 or 0.77 m of path."""
     car, radius_m, route = load("car"), 3.0, circle(3.0, -speed)
     route = route._replace(eta=route.eta[::-1], nu=-route.nu[::-1])
-    system = loop_system(car, route, perfect=True, controller=car.controller(law))
-    t_ns = tick_times(round(2.5 / abs(speed) * car.rate_hz), car.rate_hz)
-    kernel = closed_loop(system, car.rate_hz, noise=False)
-    for side, heading_deg, moving in itertools.product((0.2, -0.2), (30, -30), (0.0, speed)):
-        start = compose(route.eta[0], np.array([0.0, side, np.radians(heading_deg)]))
-        state = begin(system, start)
-        vehicle = state.world.vehicle._replace(nu=np.array([moving, 0.0, 0.0]))
-        state = state._replace(world=state.world._replace(vehicle=vehicle))
-        run = as_run("joined", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {})
-        x, y = run.truth.eta[:, 0], run.truth.eta[:, 1] - radius_m
+    cases = itertools.product(BESIDE, (0.0, speed))
+    for case, eta, _ in drives(car, route, law, 2.5 / abs(speed), cases):
+        x, y = eta[:, 0], eta[:, 1] - radius_m
         along_m = radius_m * np.abs(np.unwrap(np.arctan2(y, x)) + 0.5 * np.pi)
         assert along_m[-1] > 1.5
-        assert np.abs(np.hypot(x, y) - radius_m)[along_m > bar_m].max() < 0.03, (side, heading_deg, moving)
+        assert np.abs(np.hypot(x, y) - radius_m)[along_m > bar_m].max() < 0.03, case
 
 
 def test_a_moving_vehicle_is_not_braked_at_controller_start():

@@ -8,8 +8,9 @@
 e: error; ν_f: velocity of the reference without jumps; δν: its correction; P: cost matrix; K: gain. One step of (3) per
 tick propagates the Riccati equation forward, without future references; P begins with the solution of its continuous
 form for a slow vehicle. An error of e_max has the same cost as a change of velocity of δν_max (Bryson's rule). The
-angle of approach to a far path is at most MAX_APPROACH_RAD. At rest a cross-track error cannot be corrected, so (2) is
-evaluated at a speed of at least MIN_SPEED_M_S. model_following.py predicts the pose and computes the command.
+angle of approach to a far path is at most MAX_APPROACH_RAD. At rest a cross-track error cannot be corrected. So (2) is
+evaluated at a speed of at least MIN_SPEED_M_S; below it, the turn towards the path is proportional to the speed.
+model_following.py predicts the pose and computes the command.
 Source: Anderson and Moore, Optimal Control, 1990; forward propagation: Prach, Tekinalp and Bernstein, IEEE Control
 Systems, 2015.
 """
@@ -82,7 +83,7 @@ class Lqr(ModelFollower):
         share = self.gain_share(K[1, 2])  # of a loop that the delay does not make unstable
         k_y, k_chi = share**2 * K[1, 1], share * K[1, 2]
         max_correction = np.abs(k_chi) * MAX_APPROACH_RAD
-        lateral = np.clip(k_y * tracking.e[1], -max_correction, max_correction)
+        lateral = np.abs(v_f / v) * np.clip(k_y * tracking.e[1], -max_correction, max_correction)
         omega = omega_f - K[1, 0] * tracking.e[0] - lateral - k_chi * tracking.e_chi
         return P, (v_f - K[0] @ np.array([tracking.e[0], tracking.e[1], tracking.e_chi]), omega)
 

@@ -4,7 +4,7 @@
     ν̇_m: the model at ε,    ½ D ν̇_1 = ν_m − ν_1,    ½ D ν̇_2 = ν_1 − ν_2,    4 T ḋ = ν − ν_2 − d           (1a)
     e = J(ψ_p)⁻¹ (η_r − η_p) + b (1 − cos e_χ, − sin e_χ, 0),    e_χ = ψ_r + β_r − ψ_p − β_f              (2)
     λ ν̇_f = ν_r − ν_f                                       a reference without jumps                     (3)
-    v_w = v(e, e_χ, ν_f) + v_i,    ω_w = ω(e, e_χ, ν_f),    v̇_i = k_i e_x     v, ω: the law               (4)
+    v_w = v + v_i,   |v| ≤ |v_f| + v_c,   v̇_i = k_i e_x,   ω_w = ω       v, ω: the law at e, e_χ and ν_f  (4)
     u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f                                      (5)
 
 η, ν: pose and velocity; index r: reference; e_χ: error of the course; β = atan(ν_y / ν_x); ν_w = (v_w, ω_w). A vehicle
@@ -37,6 +37,7 @@ SMOOTHING_S = 0.08  # λ: a corner of 1.5 rad/s costs a tenth of full command
 MAX_ACCELERATION = np.array([1.0, 1.0, 20.0])  # of ν_f: a start does not need the whole command
 MAX_INTEGRAL_SHARE = 0.5  # largest integral, as a share of the reference speed
 MAX_ALONG_ERROR_M = 0.3  # limit of e_x: a larger error does not increase the requested speed
+MAX_CATCH_UP_M_S = 0.3  # v_c, however large the gains are
 MAX_APPROACH_RAD = 1.0  # largest angle between course and path when a law approaches from far
 DELAY_RATIO = 1.25  # smallest further delay that a loop of the course tolerates, as a share of T
 MIN_COURSE_SPEED_M_S = 0.02  # below this speed the course is the heading
@@ -224,7 +225,8 @@ class ModelFollower:
             memory, (v, omega) = result
         except (TypeError, ValueError) as error:
             raise MissingMethod(fault("follower.law-result", block=type(self).__name__)) from error
-        return memory, v, omega
+        max_speed = np.abs(tracking.nu_f[0]) + MAX_CATCH_UP_M_S
+        return memory, np.clip(v, -max_speed, max_speed), omega
 
     def _effort(self, effort: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
         """Return ε (n,): the model at (v_w, ν_y, ω_w) then has the acceleration `nu_dot` (2,) over one tick.  (5)"""

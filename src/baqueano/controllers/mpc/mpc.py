@@ -20,6 +20,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from baqueano.controllers.model_following import MAX_CATCH_UP_M_S
 from baqueano.controllers.mpc.horizon import Horizon
 from baqueano.controllers.mpc.program import BoundedProgram
 from baqueano.controllers.mpc.state import MpcState
@@ -77,7 +78,7 @@ class Mpc:
         low=1e-3, default=0.3,
     )  # fmt: skip
     catch_up_m_s: float = parameter(
-        "m/s", "speed above that of the reference, to catch up", low=0.01, default=0.3
+        "m/s", "speed above that of the reference, to catch up", low=0.01, default=MAX_CATCH_UP_M_S
     )
     wall_low: np.ndarray = parameter(
         "m, m", "smallest x and y that the origin may reach in the map", shape=(2,), default=(-INF, -INF)
