@@ -65,20 +65,22 @@ def test_gains_that_only_act_together_stay_near_the_present_gains():
     np.testing.assert_allclose(descend(f, at_bounds, LOW, HIGH).gains, at_bounds, atol=1e-9)
 
 
-def test_gains_at_a_bound_for_a_negligible_advantage_are_moved_near_the_present_gains():
-    """g0 falls to its bound, for 0.05 % of the cost; g1 has its optimum inside, and keeps it."""
+@pytest.mark.parametrize("ripple", [0.0, 5e-4])
+def test_gains_at_a_bound_for_a_negligible_advantage_are_moved_near_the_present_gains(ripple):
+    """g0 falls to its bound, for 0.05 % of the cost; g1 ends inside. With ripples no descent left a bound."""
     present, slope = np.array([50.0, 2.0]), 1e-5
 
     def f(g):
         d = (g[1] - 3.0) / 3.0
-        return 1.0 + d * d + slope * g[0], np.array([slope, 2.0 * d / 3.0])
+        cost = 1.0 + d * d + slope * g[0] + ripple * np.sin(30.0 * g[0])
+        return cost, np.array([slope + 30.0 * ripple * np.cos(30.0 * g[0]), 2.0 * d / 3.0])
 
     no_block: Any = None
     space = SearchSpace(("a", "b"), ("1", "1"), LOW[:2], HIGH[:2], LOW[:2], HIGH[:2], present, no_block)
     drives: Any = SimpleNamespace(space=space, cost=lambda g: f(g)[0], cost_and_gradient=f)
-    result = search(drives.cost, f, LOW[:2], HIGH[:2], [present], 0)[0]
-    assert at_limit(result.gains, LOW[:2], HIGH[:2]).tolist() == [-1, 0]
-    best = search_gains(drives, [present], 0, False)[1][0]
+    plain = search(drives.cost, f, LOW[:2], HIGH[:2], [LOW[:2]], 0)[0]
+    assert at_limit(plain.gains, LOW[:2], HIGH[:2]).tolist() == [-1, 0]
+    best = search_gains(drives, [present, LOW[:2]], 0, False)[1][0]
     assert at_limit(best.gains, LOW[:2], HIGH[:2]).tolist() == [0, 0]
     assert best.gains[1] == pytest.approx(3.0, rel=1e-2)
 

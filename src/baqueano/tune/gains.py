@@ -150,9 +150,14 @@ def search_gains(
 
 
 def _within_bounds(rehearsal: Objective, best: Descent, preferred: np.ndarray) -> Descent | None:
-    """Return a descent from the best end to gains within their bounds, if it costs nearly the same; else None."""
+    """Return a descent to gains within their bounds, if it costs nearly the same as the best end; else None.
+
+    A gain on its bound starts at its preferred value: where the cost is rough, no descent leaves the bound.
+    """
     space = rehearsal.space
-    end = descend(rehearsal.cost_and_gradient, best.gains, space.low, space.high, preferred)
+    is_at_limit = at_limit(best.gains, space.low, space.high) != 0
+    start = np.where(is_at_limit, np.clip(preferred, space.low, space.high), best.gains)
+    end = descend(rehearsal.cost_and_gradient, start, space.low, space.high, preferred)
     is_near = end.cost <= (1.0 + TIE_WEIGHT * len(preferred)) * best.cost
     return end if is_near and not np.any(at_limit(end.gains, space.low, space.high)) else None
 
