@@ -7,6 +7,7 @@ a vehicle. A row of tangents is a vector in which each lane is a parameter.
 import pkgutil
 import re
 from collections.abc import Iterable, Sequence
+from functools import cache
 
 from baqueano.symbolic.graph.emit import EmitPlan, EmittedBranch, Statement, Term, flat_statements
 
@@ -19,15 +20,20 @@ MAX_INLINED_CALLS = 100  # largest number of inlined calls: with more calls the 
 TABLE_OPERATORS = ("interp", "interp_slope")
 NAN = '__builtin_nan("")'
 ROW_OPERATORS = ("row", "choose", "unit", "drift")
+CALL = re.compile(r"\b(\w+)_(\d+)\(")
+FUNCTION = re.compile(r"^(?:LOCAL|LONG) \w+ FN\((\w+)\)(?:.*\}.*\n|(?:.*\n)+?\}\n)", re.MULTILINE)
+SCALAR_FUNCTION = re.compile(r"^SCALAR\w*\((\w+)\)\n", re.MULTILINE)
 
 
 def header(body: str, tables: Sequence) -> str:
     """Return the declarations for the body: elementary functions of its widths, and the tables of `interp`."""
-    functions = (pkgutil.get_data("baqueano.symbolic", "c_math.h") or b"").decode()
+    calls = {(name, max(int(width), 2)) for name, width in CALL.findall(body)}
     has_many_calls = sum(map(body.count, LONG_FUNCTIONS)) > MAX_INLINED_CALLS
     widths = sorted({2, *map(int, re.findall(r"v_(\d+)", body))} - {1})
     texts = ["#define CALLED\n"] if has_many_calls else []
-    texts += [f"#define LANES {width}\n{functions}#undef LANES\n" for width in widths]
+    for width in widths:
+        functions = _elementary_functions({name for name, lanes in calls if lanes == width})
+        texts.append(f"#define LANES {width}\n{functions}#undef LANES\n")
     columns = {f"xp{_grid(tables, k)}": xp for k, (xp, _) in enumerate(tables)}
     columns |= {f"fp{k}": fp for k, (_, fp) in enumerate(tables)}
     for name in dict.fromkeys(re.findall(r"\b[xf]p\d+\b", body)) if tables else ():
@@ -37,6 +43,25 @@ def header(body: str, tables: Sequence) -> str:
         texts.append(f"static const double {name}[] = {{{cells}}};\n")
     texts.append("#ifdef _WIN32\n#define EXPORT __declspec(dllexport)\n#else\n#define EXPORT\n#endif\n")
     return "".join(texts)
+
+
+def _elementary_functions(names: set[str]) -> str:
+    """Return these functions of c_math.h and those that they call; gcc would read and translate all others too."""
+    text, calls = _math_text()
+    needed, found = set(), names | {"splat"}
+    while found:
+        needed |= found
+        found = {inner for name in found for inner in calls.get(name, ())} - needed
+    text = FUNCTION.sub(lambda function: function[0] if function[1] in needed else "", text)
+    return SCALAR_FUNCTION.sub(lambda line: line[0] if line[1] in needed else "", text)
+
+
+@cache
+def _math_text() -> tuple[str, dict[str, list[str]]]:
+    """Return the text of c_math.h, and for each of its functions the names of the functions that it calls."""
+    text = (pkgutil.get_data("baqueano.symbolic", "c_math.h") or b"").decode()
+    calls = {function[1]: re.findall(r"FN\((\w+)\)", function[0]) for function in FUNCTION.finditer(text)}
+    return text, calls
 
 
 def literal(value: float) -> str:
