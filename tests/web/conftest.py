@@ -11,8 +11,9 @@ from tests.web.screens import open_page, take_lease, until
 from tests.web.scripted import ScriptedServer
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def browser():
+    """Return a browser; starting it takes as long as a test."""
     with Chromium() as chromium_:
         yield chromium_
 

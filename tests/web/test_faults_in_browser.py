@@ -8,7 +8,7 @@ import pytest
 
 from baqueano.runs import read_run
 from baqueano.worlds.faults.fault import faults_in
-from tests.web.chromium import CHROMIUM, Chromium
+from tests.web.chromium import CHROMIUM
 from tests.web.scripted import ScriptedServer
 from tests.web.test_serve import port_of, program
 
@@ -17,12 +17,6 @@ PAGE = "baqueano.page"
 STATE = f"{PAGE}.state.state"
 TRIES = 4  # a busy machine delays a browser longer than a driver may be silent
 START = "document.querySelector('.fault-bar .primary')"
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with Chromium() as browser:
-        yield browser
 
 
 def driving(tab):
@@ -41,7 +35,7 @@ def driving(tab):
     raise AssertionError(f"in {TRIES} tries nothing drove for 2 s")
 
 
-def test_faults_in_the_browser_are_logged_and_can_be_omitted_later(chromium, tmp_path):
+def test_faults_in_the_browser_are_logged_and_can_be_omitted_later(browser, tmp_path):
     for k in range(TRIES):
         folder = tmp_path / str(k)
         folder.mkdir()
@@ -49,7 +43,7 @@ def test_faults_in_the_browser_are_logged_and_can_be_omitted_later(chromium, tmp
             "baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=folder,
             env={**os.environ, "BAQUEANO_BACKEND": "python"},
         ) as page:  # fmt: skip
-            tab = chromium.tab()
+            tab = browser.tab()
             tab.size(1280, 800)
             tab.goto(f"http://127.0.0.1:{port_of(page)}/?lang=en")
             tab.wait(f"{STATE} === 'READY' && {PAGE}.hello.vehicle.world === 'simulated'", 60.0)
@@ -103,9 +97,9 @@ def fault_and_replay(tab):
     tab.wait(f"{STATE} === 'READY'", 30.0)
 
 
-def test_a_real_robot_does_not_have_the_faults_tab(chromium):
+def test_a_real_robot_does_not_have_the_faults_tab(browser):
     with ScriptedServer("live", world="real") as server:
-        tab = chromium.tab()
+        tab = browser.tab()
         tab.goto(f"{server.url}?lang=en")
         tab.wait(f"Boolean(globalThis.baqueano?.page?.screen) && {PAGE}.record.length > 0", 30.0)
         assert tab.js("document.getElementById('tab-faults')") is None

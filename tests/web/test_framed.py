@@ -6,7 +6,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from tests.web.chromium import CHROMIUM, Chromium
+from tests.web.chromium import CHROMIUM
 from tests.web.page_client import drive, folder_of
 from tests.web.test_serve import port_of, program
 
@@ -46,13 +46,10 @@ def framed_in(tab, address):
     return child["frame"].get("unreachableUrl") or child["frame"]["url"], "unreachableUrl" in child["frame"]
 
 
-def test_a_framed_page_is_refused_by_a_real_browser(tmp_path):
+def test_a_framed_page_is_refused_by_a_real_browser(browser, tmp_path):
     folder = folder_of(tmp_path / "runs", circle=drive())
-    with (
-        program("baqueano", "view", "circle", "--runs", str(folder), "--no-browser") as page,
-        Chromium() as chromium,
-    ):
-        page_url, tab = f"http://127.0.0.1:{port_of(page)}/", chromium.tab()
+    with program("baqueano", "view", "circle", "--runs", str(folder), "--no-browser") as page:
+        page_url, tab = f"http://127.0.0.1:{port_of(page)}/", browser.tab()
         with stranger("") as address:
             assert framed_in(tab, address) == (f"{address}plain", False)  # a permitted frame is shown
         with stranger(page_url) as address:

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from tests.web.chromium import CHROMIUM, SIZES, Chromium
+from tests.web.chromium import CHROMIUM, SIZES
 from tests.web.page_client import drive, folder_of
 from tests.web.test_serve import port_of, program
 
@@ -31,12 +31,6 @@ BEATS = """async () => {  // of a driver who has handed over
 }"""
 
 
-@pytest.fixture(scope="module")
-def chromium():
-    with Chromium() as browser:
-        yield browser
-
-
 def show_text(tab, text):
     tab.wait(TEXT.format(text=text), START_S)
 
@@ -50,12 +44,12 @@ def take(tab):
         time.sleep(0.3)
 
 
-def test_a_run_and_its_ghost_run_are_shown(chromium, tmp_path):
+def test_a_run_and_its_ghost_run_are_shown(browser, tmp_path):
     folder = folder_of(tmp_path / "runs", circle=drive(), short=drive("short", 200))
     with program(
         "baqueano", "view", "circle", "--ghost", "short", "--runs", str(folder), "--no-browser"
     ) as page:
-        tab = chromium.tab()
+        tab = browser.tab()
         tab.goto(f"http://127.0.0.1:{port_of(page)}/")
         show_text(tab, "short (ghost)")
         tab.click("#tab-runs")
@@ -71,12 +65,12 @@ def test_a_run_and_its_ghost_run_are_shown(chromium, tmp_path):
         tab.close()
 
 
-def test_a_user_takes_control_drives_hands_over_and_any_user_stops(chromium, tmp_path):
+def test_a_user_takes_control_drives_hands_over_and_any_user_stops(browser, tmp_path):
     with program(
         "baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=tmp_path,
         env={**os.environ, "BAQUEANO_BACKEND": "python"},
     ) as page:  # fmt: skip
-        tab = chromium.tab()
+        tab = browser.tab()
         tab.goto(f"http://127.0.0.1:{port_of(page)}/")
         show_text(tab, "nobody drives")
         end = time.monotonic() + START_S
@@ -88,7 +82,7 @@ def test_a_user_takes_control_drives_hands_over_and_any_user_stops(chromium, tmp
             tab.js(PRESS.format(name="Manual"))
             time.sleep(0.7)
         show_text(tab, "m/s forward")
-        other = chromium.window()
+        other = browser.window()
         other.goto(tab.js("location.href"))
         show_text(other, "m/s forward")
         other.js(REFUSALS)
@@ -139,7 +133,7 @@ def repeating(tab, condition):
         time.sleep(0.7)
 
 
-def test_gains_are_tuned_applied_and_restored_during_a_repetition(chromium, tmp_path):
+def test_gains_are_tuned_applied_and_restored_during_a_repetition(browser, tmp_path):
     """The simulated service is the real one: the run contains the changed gains."""
     from baqueano.guides.shapes import circle
     from baqueano.runs import read_run
@@ -148,7 +142,7 @@ def test_gains_are_tuned_applied_and_restored_during_a_repetition(chromium, tmp_
     (tmp_path / "routes").mkdir()
     write_route(circle(0.3, 0.2), tmp_path / "routes" / "ring.csv")
     with program("baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=tmp_path) as page:
-        tab = chromium.tab()
+        tab = browser.tab()
         tab.goto(f"http://127.0.0.1:{port_of(page)}/")
         tab.wait("baqueano.page.hello?.fields.length > 9", START_S)  # a second hello begins afresh
         tab.click("#tab-tune")
@@ -188,7 +182,7 @@ class MyEkf(AugmentedEkf):
 """
 
 
-def test_a_user_block_of_the_folder_replaces_a_block_and_drives(chromium, tmp_path):
+def test_a_user_block_of_the_folder_replaces_a_block_and_drives(browser, tmp_path):
     from baqueano.guides.shapes import circle
     from baqueano.runs import read_run
     from baqueano.runs.route_file import write_route
@@ -198,7 +192,7 @@ def test_a_user_block_of_the_folder_replaces_a_block_and_drives(chromium, tmp_pa
     write_route(circle(0.3, 0.2), tmp_path / "routes" / "ring.csv")
     blocks = "baqueano.page.screens.blocks"
     with program("baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=tmp_path) as page:
-        tab = chromium.tab()
+        tab = browser.tab()
         tab.goto(f"http://127.0.0.1:{port_of(page)}/")
         tab.wait("baqueano.page.hello?.fields.length > 9", START_S)
         tab.click("#tab-blocks")
@@ -220,7 +214,7 @@ def test_a_user_block_of_the_folder_replaces_a_block_and_drives(chromium, tmp_pa
     assert [e.diagnostic.figures["kind"] for e in run.events if e.source == "swap"] == ["mine.py:MyLaw"]
 
 
-def test_a_run_is_replayed_through_another_filter_in_the_browser(chromium, tmp_path):
+def test_a_run_is_replayed_through_another_filter_in_the_browser(browser, tmp_path):
     from baqueano.drive import repeat
     from baqueano.guides.shapes import circle
     from baqueano.runs import write_run
@@ -230,7 +224,7 @@ def test_a_run_is_replayed_through_another_filter_in_the_browser(chromium, tmp_p
     (tmp_path / "runs").mkdir()
     write_run(repeat(load("small"), circle(0.3, 0.2)), tmp_path / "runs" / "round.mcap")
     with program("baqueano", "view", "round", "--no-browser", cwd=tmp_path) as page:
-        tab = chromium.tab()
+        tab = browser.tab()
         tab.goto(f"http://127.0.0.1:{port_of(page)}/")
         tab.wait("baqueano.page?.screens.replay?.filter?.options.length > 3", START_S)
         tab.js(
@@ -242,9 +236,9 @@ def test_a_run_is_replayed_through_another_filter_in_the_browser(chromium, tmp_p
         tab.wait("document.querySelectorAll('.compare tbody tr').length === 4", START_S)
 
 
-def phone(chromium, port):
+def phone(browser, port):
     """Return a tab of a phone at the page."""
-    tab = chromium.tab()
+    tab = browser.tab()
     tab.size(*SIZES["phone"])
     tab.do("Emulation.setTouchEmulationEnabled", enabled=True)
     tab.goto(f"http://127.0.0.1:{port}/")
@@ -258,7 +252,7 @@ def tap(tab, selector):
     tab.touch("touchEnd")
 
 
-def test_a_phone_teaches_a_route_by_touch_repeats_stops_and_scrubs_it(chromium, tmp_path):
+def test_a_phone_teaches_a_route_by_touch_repeats_stops_and_scrubs_it(browser, tmp_path):
     action = ".drive .actions button:nth-of-type({})".format
     teach, repeat, finish = action(1), action(2), action(6)
     with program(
@@ -266,7 +260,7 @@ def test_a_phone_teaches_a_route_by_touch_repeats_stops_and_scrubs_it(chromium, 
         env={**os.environ, "BAQUEANO_BACKEND": "python"},
     ) as page:  # fmt: skip
         port = port_of(page)
-        tab = phone(chromium, port)
+        tab = phone(browser, port)
         is_taught = False
         for _ in range(TRIES):  # a stalled machine loses control of the vehicle
             take(tab)
@@ -294,7 +288,7 @@ def test_a_phone_teaches_a_route_by_touch_repeats_stops_and_scrubs_it(chromium, 
         show_text(tab, "REPEATING")
         show_text(tab, "from its route")
         tab.close()  # the tab is lost while it drives
-        tab = phone(chromium, port)
+        tab = phone(browser, port)
         show_text(tab, "STOPPED")
         assert tab.js("baqueano.page.record.length") > 10  # the last minute is available
         take(tab)

@@ -22,7 +22,7 @@ from baqueano.runs import read_run
 from baqueano.runs.route_file import read_route, write_route
 from baqueano.web.feed import HEAD_LAYOUT
 from tests.emulated.rig import missing
-from tests.web.chromium import CHROMIUM, Chromium
+from tests.web.chromium import CHROMIUM
 from tests.web.page_client import WAIT_S, browser
 from tests.web.screens import until
 from tests.web.test_in_browser import PRESS, START_S, show_text
@@ -285,24 +285,23 @@ async def test_the_emulated_vehicle_is_driven_by_hand_on_the_page(tmp_path):
 
 
 @needs_browser
-def test_a_repetition_is_shown_stopped_and_replayed_in_a_browser(tmp_path):
-    with Chromium() as chromium:
-        with with_page(tmp_path, *repeat_ring(tmp_path)) as (verb, port):
-            tab = chromium.tab()
-            tab.goto(f"http://127.0.0.1:{port}/")
-            show_text(tab, "REPEATING")
-            show_text(tab, "from its route")
-            tab.js(PRESS.format(name="STOP"))
-            assert exit_code_of(verb) == 5
-            tab.wait("baqueano.page.state.state === 'OVER'", START_S)
-            time.sleep(1.0)
-            assert not tab.js("baqueano.page.link.tries")  # no client connects to a closed door
-            assert not tab.errors
-            tab.close()
-        with with_page(tmp_path, "replay", "last") as (verb, port):
-            tab = chromium.tab()
-            tab.goto(f"http://127.0.0.1:{port}/")
-            show_text(tab, "(ghost)")
-            assert not tab.errors
-            tab.close()
-            assert exit_code_of(verb) == 0
+def test_a_repetition_is_shown_stopped_and_replayed_in_a_browser(browser, tmp_path):
+    with with_page(tmp_path, *repeat_ring(tmp_path)) as (verb, port):
+        tab = browser.tab()
+        tab.goto(f"http://127.0.0.1:{port}/")
+        show_text(tab, "REPEATING")
+        show_text(tab, "from its route")
+        tab.js(PRESS.format(name="STOP"))
+        assert exit_code_of(verb) == 5
+        tab.wait("baqueano.page.state.state === 'OVER'", START_S)
+        time.sleep(1.0)
+        assert not tab.js("baqueano.page.link.tries")  # no client connects to a closed door
+        assert not tab.errors
+        tab.close()
+    with with_page(tmp_path, "replay", "last") as (verb, port):
+        tab = browser.tab()
+        tab.goto(f"http://127.0.0.1:{port}/")
+        show_text(tab, "(ghost)")
+        assert not tab.errors
+        tab.close()
+        assert exit_code_of(verb) == 0
