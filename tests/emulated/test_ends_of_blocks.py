@@ -42,12 +42,13 @@ def repetition(folder, place, text, file):
     return pack(Mission("repeat", route=shapes.circle(0.4, 0.25), blocks=blocks), file)
 
 
-@pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize(
-    ("end", "message"),
+    ("place", "end", "message"),
     [
-        ("sys.exit()", "SystemExit"), ("sys.exit('bye')", "SystemExit"), ("raise GeneratorExit", "GeneratorExit"),
-        ("raise KeyboardInterrupt", "KeyboardInterrupt"), ("raise Odd", "Odd"),
+        *((place, "sys.exit()", "SystemExit") for place in PLACES),
+        *((place, "raise Odd", "Odd") for place in PLACES),
+        *((place, "raise KeyboardInterrupt", "KeyboardInterrupt") for place in PLACES),
+        ("line", "sys.exit('bye')", "SystemExit"), ("line", "raise GeneratorExit", "GeneratorExit"),
     ],
 )  # fmt: skip
 def test_a_block_that_ends_the_program_ends_only_its_mission(service, robot, tmp_path, place, end, message):
