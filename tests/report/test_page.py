@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
+from baqueano.compare import compare
 from baqueano.compare.filter_consistency import STATE_NAMES, filter_consistency
 from baqueano.monitor import REJECTIONS_SOURCE, Rejections, rejection_event
 from baqueano.report import Headline, Page, Section, Table, draw, figures
@@ -69,6 +70,10 @@ def test_ne8_a_page_fetches_no_file_and_runs_no_script():
     assert_stands_alone(text)
     assert text.count("<svg") >= 4
     assert "baqueano report 0001-test" in text
+
+
+def test_the_verdict_of_a_page_is_the_verdict_of_the_comparison():
+    assert whole_page().verdict == compare(a_run()).verdict
 
 
 def test_rejected_readings_have_a_table_only_if_they_were_counted():

@@ -99,17 +99,14 @@ class RunComparison:
         row |= {"verdict": self.verdict, "sentence": self.sentences[-1], "divergence_s": self.divergence_s}
         return row | corridor_row(self.corridor)
 
-    def lines(self) -> list[str]:
-        """Return lines with the known errors of the run [cm rms], and with its sentences."""
+    def errors_line(self) -> str:
+        """Return a line with the known errors of the run [cm rms]."""
         errors = (
             ("front.across-true", self.across_true.rms_m), ("front.across-estimate", self.across_estimate.rms_m),
             ("front.position-off", self.ate_m), ("front.across-first", self.across_first.rms_m),
         )  # fmt: skip
         sentences = [text(note(code, cm=100.0 * m)) for code, m in errors if np.isfinite(m)]
-        return [
-            f"{self.name}, {number(self.duration_s):.1f} s: {', '.join(sentences)}",
-            *(f"  {sentence}" for sentence in self.sentences),
-        ]
+        return f"{self.name}, {number(self.duration_s):.1f} s: {', '.join(sentences)}"
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -176,7 +173,7 @@ class Comparison(Result):
     of_drives: bool
 
     def __repr__(self) -> str:
-        rows = [line for run in self.runs for line in run.lines()]
+        rows = [*(run.errors_line() for run in self.runs), *self.sentences]
         return shorten([], rows, [verdict_line(self.verdict, self.reasons)])
 
     def rows(self) -> list["TableRow"]:
@@ -210,8 +207,7 @@ class Comparison(Result):
 
     def table(self) -> str:
         """Return a text, 80 columns wide: a table with a column for each run, then the sentences about each run."""
-        sentences = [f"{run.name}: {sentence}" for run in self.runs for sentence in run.sentences]
-        sentences += [verdict_line(self.verdict, self.reasons), *self._advice()]
+        sentences = [*self.sentences, verdict_line(self.verdict, self.reasons), *self._advice()]
         return "\n".join(
             [
                 table(self),
@@ -219,6 +215,11 @@ class Comparison(Result):
                 *(fill(sentence, LINE_LETTERS, subsequent_indent="  ") for sentence in sentences),
             ]
         )
+
+    @property
+    def sentences(self) -> list[str]:
+        """Return the sentences of each run, after its name."""
+        return [f"{run.name}: {sentence}" for run in self.runs for sentence in run.sentences]
 
     def _advice(self) -> list[str]:
         """Return advice for each kind of inconsistent covariance that occurred."""

@@ -42,8 +42,7 @@ def table(comparison: "Comparison") -> str:
     """Return the table as text, in blocks of columns. A block contains the rows that at least one of its runs has."""
     sections = sections_of(comparison)
     rows = [row for section in sections for row in section["rows"]]
-    label_width = max((len(row["label"]) for row in rows), default=0) + 2
-    unit = max((len(row["unit"]) for row in rows), default=0)
+    width = max((len(row["label"]) + len(row["unit"]) for row in rows), default=0) + 3  # of "  label unit"
     heads = [wrap(run.name, COLUMN_LETTERS) or [""] for run in comparison.runs]
     column_widths = [
         max(MIN_COLUMN_LETTERS, *map(len, head), *(len(row["cells"][k]) for row in rows))
@@ -54,10 +53,10 @@ def table(comparison: "Comparison") -> str:
         columns = "".join(
             f"  {cell:>{column_widths[k]}}" for k, cell in zip(columns_shown, cells, strict=True)
         )
-        return f"{label:{label_width}} {its_unit:{unit}}{columns}".rstrip()
+        return f"{label}{its_unit:>{width - len(label)}}{columns}".rstrip()
 
     blocks = []
-    for columns_shown in _column_ranges(column_widths, LINE_LETTERS - label_width - 1 - unit):
+    for columns_shown in _column_ranges(column_widths, LINE_LETTERS - width):
         high = max(len(heads[k]) for k in columns_shown)
         top = [[""] * (high - len(heads[k])) + heads[k] for k in columns_shown]
         lines = [line("", "", [head[row] for head in top], columns_shown) for row in range(high)]

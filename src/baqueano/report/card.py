@@ -139,9 +139,8 @@ def _comparison_card(result: Comparison) -> Card:
         }
         for run in result.runs
     ]  # fmt: skip
-    sentences = [f"{run.name}: {sentence}" for run in result.runs for sentence in run.sentences]
     return Card(
-        text(note("front.card-comparison", runs=len(rows))), result.verdict, rows, sentences[:MAX_SENTENCES]
+        text(note("front.card-comparison", runs=len(rows))), result.verdict, rows, result.sentences[:MAX_SENTENCES]
     )
 
 

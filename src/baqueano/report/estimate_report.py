@@ -31,8 +31,7 @@ def comparison_section(comparison: Comparison) -> list[Section]:
         for label, key in columns.items()
     ]
     headings = {"figure": _("figure")} | {f"run {k}": str(row["run"]) for k, row in enumerate(rows)}
-    sentences = "\n".join(f"{run.name}: {line}" for run in comparison.runs for line in run.sentences)
-    return [Section(_("Two estimators, one drive"), sentences, [Table(lines, "", headings)])]
+    return [Section(_("Two estimators, one drive"), "\n".join(comparison.sentences), [Table(lines, "", headings)])]
 
 
 def sentence_of_path(comparison: RunComparison, alignment: str) -> str:

@@ -27,15 +27,8 @@ from baqueano.signals import seconds
 from baqueano.vehicles.drivetrain import mix
 
 IMU = ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]")
-VERDICTS = {
-    "consistent": "OK",
-    "too cautious": Verdict.WARN,
-    "too sure": Verdict.WARN,
-    "not definite": Verdict.WARN,
-    "diverged": Verdict.WARN,
-    "cannot tell": "",
-    "not reported": "",
-}
+VERDICTS = dict.fromkeys(("too cautious", "too sure", "not definite", "diverged"), Verdict.INCONSISTENT)
+VERDICTS["consistent"] = Verdict.CONSISTENT
 
 
 def page_of_run(run: Run, alignment: str = "none", second: Run | None = None) -> Page:
