@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from baqueano.drive.mission import KINDS as MISSION_KINDS
 from baqueano.guides.shapes import SHAPE_NAMES
 from baqueano.web.http import static_files
 
@@ -43,6 +44,18 @@ def test_a_script_module_imports_only_existing_files_of_its_folder(path):
 @pytest.mark.parametrize("language", ["en", "es"])
 def test_each_shape_of_a_lap_has_a_name(language):
     assert {f"shape.{name}" for name in SHAPE_NAMES} <= set(texts(language))
+
+
+@pytest.mark.parametrize("language", ["en", "es"])
+def test_each_kind_of_run_has_a_name(language):
+    assert {f"kind.{kind}" for kind in (*MISSION_KINDS, "simulate", "replay", "import")} <= set(
+        texts(language)
+    )
+
+
+def test_the_list_of_keys_contains_a_digit_for_each_screen():
+    screens = len(set(texts("en")) & {f"tab.{path.stem}" for path in SCRIPTS})
+    assert f"<kbd>1</kbd>…<kbd>{screens}</kbd>" in document()
 
 
 def test_the_scripts_are_small():
