@@ -29,6 +29,12 @@ def test_a_file_appears_in_its_folder_only_after_it_is_complete(tmp_path, monkey
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a", b"whole")]
 
 
+def test_an_error_contains_the_name_that_the_user_knows(tmp_path):
+    with pytest.raises(OSError, match="absent") as caught, write_then_appear(tmp_path / "absent" / "a"):
+        pass
+    assert caught.value.filename == str(tmp_path / "absent" / "a")
+
+
 @pytest.mark.parametrize("links", [True, False])
 @pytest.mark.parametrize("meanwhile", [True, False])
 def test_an_existing_file_is_not_replaced(tmp_path, monkeypatch, links, meanwhile):

@@ -21,6 +21,10 @@ def temporary_file(path: Path) -> Iterator[Path]:
     temporary_path = path.with_name(f".{uuid4().hex}.part")
     try:
         yield temporary_path
+    except OSError as error:
+        if error.filename == str(temporary_path):
+            error.filename = str(path)  # the name that the user knows
+        raise
     finally:
         with suppress(OSError):
             temporary_path.unlink(missing_ok=True)

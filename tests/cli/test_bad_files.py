@@ -75,7 +75,8 @@ def test_a_missing_run_is_reported(baqueano, verb):
     end = baqueano(*verb.split(), "last")
     assert end.code == 3
     assert (end.reason.code, end.reason.figures["value"]) == ("runs.folder-empty", "last")
-    assert baqueano(*verb.split(), "no.mcap").reason.code == "runs.absent"
+    reason = baqueano(*verb.split(), "no.mcap").reason
+    assert (reason.code, reason.fix) == ("runs.absent", "baqueano runs ls")
 
 
 def test_a_truncated_run_is_read_to_its_end_with_a_warning(baqueano, lab, tmp_path):

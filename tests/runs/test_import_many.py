@@ -338,6 +338,7 @@ def test_runs_are_selected_by_numbers_patterns_and_folders(desk, make_run):
     assert find_all("*-a0", folder) == paths[1::2]
     assert find_all(str(folder), folder) == paths
     assert find_all(str(folder / "000[12]*.mcap"), folder) == paths[:2]
+    assert find_all(str(folder / "000[12]-a1.mcap"), folder) == paths[:1]
     assert find_all("3", folder) == [paths[2]]
     assert [run.name for run in find_runs(("3", "1-3"), str(folder))] == ["0003-a1", "0001-a1", "0002-a0"]
     with refused("runs.no-match", FileError):

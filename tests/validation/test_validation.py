@@ -1,6 +1,7 @@
 """A fit is judged on unseen runs."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -129,7 +130,8 @@ def alarms_of(blocks, own, noise=None):
     square = np.exp(blocks).mean()
     noise = np.sqrt(np.exp(own).mean()) if noise is None else noise
     figure = ChannelMetrics("run 2", "imu[2]", np.sqrt(square), 0.0, 0.9, "rad/s", noise)
-    return _evidence_against(figure, _ChannelError(square, 0.0, blocks, 5.0 * np.arange(len(blocks))), own)
+    error = _ChannelError(square, 0.0, blocks, 5.0 * np.arange(len(blocks)))
+    return _evidence_against(figure, error, own, Path("my runs/run 2.mcap"))
 
 
 @pytest.mark.parametrize(("count", "own"), [(1, 2), (2, 2), (6, 2), (2, 6), (3, 3), (4, 4), (12, 12)])
@@ -146,6 +148,11 @@ def test_a_run_with_a_large_error_is_reported_despite_few_blocks():
     for count, own in ((2, 2), (3, 3), (1, 6)):
         alarms = alarms_of(8.0 + rng.normal(0.0, 0.3, count), rng.normal(0.0, 0.3, own))
         assert alarms[0].code == "validation.error", (count, own)
+
+
+def test_the_advice_to_cut_a_run_contains_its_file():
+    (alarm,) = alarms_of(np.array([0.1, 0.0, 8.0, 0.2]), np.array([0.0, 0.2, 0.1, 0.1]))
+    assert alarm.fix == "baqueano runs cut 'my runs/run 2.mcap' --to 10"
 
 
 def test_two_blocks_give_only_a_possible_alarm():

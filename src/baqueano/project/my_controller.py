@@ -6,7 +6,7 @@
 It runs without changes. Change it, then:
 
     baqueano blocks check my_controller.py:MyController
-    baqueano repeat lab --vehicle vehicle.toml --controller my_controller.py:MyController
+    baqueano repeat lap --controller my_controller.py:MyController
 """
 
 from dataclasses import dataclass

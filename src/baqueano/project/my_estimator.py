@@ -3,7 +3,7 @@
 It runs without changes. Change it, then check it, and compare it with ours on a run:
 
     baqueano blocks check my_estimator.py:MyEstimator
-    baqueano replay runs/0001-experiment.mcap --vehicle vehicle.toml --estimator my_estimator.py:MyEstimator
+    baqueano replay last --estimator my_estimator.py:MyEstimator
 """
 
 from dataclasses import dataclass

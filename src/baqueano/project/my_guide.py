@@ -6,7 +6,7 @@
 It runs without changes. Change it, then:
 
     baqueano blocks check my_guide.py:MyGuide
-    baqueano repeat lab --vehicle vehicle.toml --guide my_guide.py:MyGuide
+    baqueano repeat lap --guide my_guide.py:MyGuide
 """
 
 from dataclasses import dataclass

@@ -140,7 +140,10 @@ def _comparison_card(result: Comparison) -> Card:
         for run in result.runs
     ]  # fmt: skip
     return Card(
-        text(note("front.card-comparison", runs=len(rows))), result.verdict, rows, result.sentences[:MAX_SENTENCES]
+        text(note("front.card-comparison", runs=len(rows))),
+        result.verdict,
+        rows,
+        result.sentences[:MAX_SENTENCES],
     )
 
 
@@ -157,7 +160,7 @@ def _tune_card(result: TuneResult) -> Card:
 
 @card_of.register(BlockCheck)
 def _check_card(result: BlockCheck) -> Card:
-    title = text(note("front.card-check", block=result.block, role=result.role))
+    title = text(note("front.card-check", block=result.block, role=_(result.role)))
     return Card(
         title,
         result.verdict,

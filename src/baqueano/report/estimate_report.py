@@ -31,7 +31,9 @@ def comparison_section(comparison: Comparison) -> list[Section]:
         for label, key in columns.items()
     ]
     headings = {"figure": _("figure")} | {f"run {k}": str(row["run"]) for k, row in enumerate(rows)}
-    return [Section(_("Two estimators, one drive"), "\n".join(comparison.sentences), [Table(lines, "", headings)])]
+    return [
+        Section(_("Two estimators, one drive"), "\n".join(comparison.sentences), [Table(lines, "", headings)])
+    ]
 
 
 def sentence_of_path(comparison: RunComparison, alignment: str) -> str:

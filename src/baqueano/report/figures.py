@@ -142,7 +142,9 @@ def estimates(
         for row in rows[reach > axis_limit]:
             axis.annotate(_("beyond"), (axis_limit, row), ha="right", va="bottom", fontsize=7, color=ALARM)
     axis.set_yticks(rows, labels)
-    axis.set_xlabel(_("interval [% of the estimate]") if truth is None else _("estimate − truth [%]"))
+    axis.set_xlabel(
+        _("interval [% of the estimate]") if truth is None else _("estimate − truth [%]"), loc="right"
+    )
     return figure
 
 

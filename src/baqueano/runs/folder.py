@@ -30,6 +30,7 @@ RUN_NAME = re.compile(r"\w[\w .,+=@()-]*\.mcap")
 MAX_NAME_LETTERS = 120  # maximum number of characters of a name
 # reserved by Windows
 DEVICE_NAME = re.compile(r"(CON|PRN|AUX|NUL|CON(IN|OUT)|(COM|LPT)[0-9¹²³])[ .]", re.IGNORECASE)
+GLOB_LETTERS = re.compile(r"[*?]|\[[^]]+\]")
 NUMBER_RANGE = re.compile(r"(\d+)-(\d+)(?::(\d+))?")
 
 
@@ -127,14 +128,14 @@ def _without_recovered_originals(runs: list[Path]) -> list[Path]:
 
 def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
     """Return the runs that a name selects: a run as in `find`, all runs in a folder, or all runs that match a pattern.
-    A pattern contains * or ?. `3-28` selects the runs with these numbers, `3-28:2` every second number. A recovered run
-    replaces its original.
+    A pattern contains *, ? or [abc]. `3-28` selects the runs with these numbers, `3-28:2` every second number. A
+    recovered run replaces its original.
     Raise FileError if the name does not select a run.
     """
     path = Path(name)
     if path.is_dir() and not (path / "metadata.yaml").exists():
         runs = sorted(path.glob("*.mcap"))
-    elif "*" in name or "?" in name:
+    elif GLOB_LETTERS.search(name) and not path.exists():
         runs = sorted(path.parent.glob(path.name)) if len(path.parts) > 1 else []
         runs = runs or sorted(Path(folder).glob(name if path.suffix else f"{name}.mcap"))
     elif span := NUMBER_RANGE.fullmatch(name):

@@ -15,6 +15,7 @@ below 0 (5). CANNOT TELL: too few segments of motion of a command that moved in 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -202,13 +203,14 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
         of_run = identify(run, vehicle_file, (), use=use, options=replace(options, at_rest=is_at_rest))
         channels += of_run.channels
     metrics, messages = [], [*_shared_faults(fit), *_too_few_reasons(fit, runs)]
+    files = {run.name: run.path or run.name for run in runs}
     for c in channels:
         if np.isfinite(c.residuals).any() and np.isfinite(c.explained_fraction):
             own_channels = [
                 channel for channel in fit.channels if (channel.sensor, channel.entry) == (c.sensor, c.entry)
             ]
             unit = channel_unit(vehicle_file, c.sensor, c.entry)
-            channel_metrics, channel_findings = _channel_metrics(c, own_channels, unit)
+            channel_metrics, channel_findings = _channel_metrics(c, own_channels, unit, files[c.run])
             metrics.append(channel_metrics)
             messages += channel_findings
     flags = tuple(flag for run in runs for flag in fit.envelope.range_warnings(run))
@@ -270,7 +272,7 @@ def _channels_used(fit: Fit) -> tuple[str, ...]:
 
 
 def _channel_metrics(
-    c: ChannelFit, own_channels: Sequence[ChannelFit], unit: str
+    c: ChannelFit, own_channels: Sequence[ChannelFit], unit: str, file: Path | str
 ) -> tuple[ChannelMetrics, list[Diagnostic]]:
     """Return the errors of one channel of a held-out run, compared with `own_channels`, the same channel in the runs of
     the fit. Also return the evidence against the model."""
@@ -294,7 +296,8 @@ def _channel_metrics(
     explains = sum(np.nansum(own_channel.residuals**2) for own_channel in own_channels) < sum(signals)
     if worse_finding := _worse_than_mean(metrics, c, noise**2 if explains else errors.white):
         return metrics, [worse_finding]
-    return metrics, _evidence_against(metrics, errors, np.concatenate([error.g for error in own_errors]))
+    own_squares = np.concatenate([error.g for error in own_errors])
+    return metrics, _evidence_against(metrics, errors, own_squares, file)
 
 
 def _worse_than_mean(metrics: ChannelMetrics, c: ChannelFit, noise2: float) -> Diagnostic | None:
@@ -323,7 +326,7 @@ def _channel_finding(
 
 
 def _evidence_against(
-    metrics: ChannelMetrics, errors: _ChannelError, own_squares: np.ndarray
+    metrics: ChannelMetrics, errors: _ChannelError, own_squares: np.ndarray, file: Path | str
 ) -> list[Diagnostic]:
     """Return the evidence against the model in one channel of a run, at most one finding.  (3), (4)"""
     noise2, freedom, alpha = metrics.noise**2, len(errors.g) + len(own_squares) - 2, 0.5 * FALSE_ALARM_RATE
@@ -351,7 +354,7 @@ def _evidence_against(
         rms_error, begin_s = float(np.exp(0.5 * errors.g[k])), float(errors.t_s[k])
         span = {"error": rms_error, "start_s": begin_s, "end_s": begin_s + errors.block_s}
         finding = _channel_finding("validation.error-in-part", Severity.WARNING, metrics, **span)
-        return [replace(finding, fix=baqueano_command("runs", "cut", metrics.run, "--to", f"{begin_s:.0f}"))]
+        return [replace(finding, fix=baqueano_command("runs", "cut", file, "--to", f"{begin_s:.0f}"))]
     return []
 
 

@@ -14,7 +14,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.not-compiled": "{error}. Or use Python instead: {fix}",
     "cli.output": "the output",
-    "cli.system": "{place}: {error}. Free some space or choose another place, then: {fix}",
+    "cli.system": "{place}: {error}. Is the disk full, or read-only? Make room or choose another place, then: {fix}",
     "cli.block-raised": "{place} raised {error}. Correct that line.",
     "cli.block-raised-and-ended": (
         "{place} raised {error}. A block must not end the program: correct that line."

@@ -42,7 +42,7 @@ TEMPLATES: dict[str, str] = {
         "guesses of friction and lag"
     ),
     "fit.poor": "the data hardly determine {names}",
-    "fit.unidentifiable": "parameters that are not identifiable: {count}; they are listed below",
+    "fit.unidentifiable": "parameters that are not identifiable: {count}",
     "fit.duty-step": (
         "the run shows that duties come in steps of 1/{steps}: duty_step was added to [model.drivetrain]"
     ),

@@ -232,7 +232,7 @@ def check_groups(root: Path) -> Iterator[Check]:
         if group not in names.values():
             yield Check(f"group {group}", "unknown", _("this group does not exist on this machine"))
         elif group in own_groups or (POSIX and os.geteuid() == 0):
-            yield Check(f"group {group}", "ok", _("{what} can be opened", what=_(device)))
+            yield Check(f"group {group}", "ok", _("this user is allowed to open {what}", what=_(device)))
         else:
             yield Check(
                 f"group {group}",

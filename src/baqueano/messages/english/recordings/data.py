@@ -23,7 +23,7 @@ TEMPLATES: dict[str, str] = {
         "are at full scale. Choose a larger range, or drive more gently"
     ),
     "data.gaps": (
-        "the model bridged {gaps} gaps in time without measurements; the longest lasts {longest_s:.3g} s"
+        "gaps in time that the model bridged without measurements: {gaps}; the longest lasts {longest_s:.3g} s"
     ),
     "data.command-unknown": "the command of {ticks} ticks is missing: the previous command was used",
     "time.unit": (
