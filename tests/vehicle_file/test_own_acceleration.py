@@ -65,6 +65,27 @@ def test_a_class_becomes_the_model_only_if_it_has_the_members_of_a_vehicle(monke
     assert small.with_values({"controller.kind": bq.controllers.Lqr}).value("controller.kind") == "lqr"
 
 
+def test_a_class_becomes_a_further_sensor_also_of_the_simulated_vehicle(monkeypatch):
+    tacho = type("Tacho", (bq.sensors.Odometer,), {"__module__": "__main__"})
+    monkeypatch.setattr(sys.modules["__main__"], "Tacho", tacho, raising=False)
+    for kind in ("wheels", tacho):
+        values = {"sensors.other.kind": kind, "sensors.other.noise_std": 0.02, "simulation.truth": "small"}
+        file = bq.load("small").with_values(values | {"estimator.use": ["imu", "other"]})
+        for truth in (None, bq.load("small")):
+            run = bq.experiment(file, np.zeros((20, 3)), truth=truth)
+            assert len(run.sensors["other"].z) > 0
+            assert not [event for event in run.events if event.level == "error"]
+
+
+def test_a_new_kind_keeps_the_tables_that_its_block_has():
+    small = bq.load("small")
+    assert small.with_values({"model.kind": "planar"}).text == small.text
+    rolling = {"model.kind": "kinematic", "model.velocity_matrix": 0.5 * np.eye(3)}
+    model = small.with_values(rolling).data["model"]
+    assert "drivetrain" in model
+    assert "friction" not in model
+
+
 def test_the_check_names_an_acceleration_that_cannot_be_compiled(with_body):
     vehicle = bq.load(
         with_body("return np.array([effort[0] - nu[0] * (2.0 if nu[0] > 0.0 else 3.0), 0.0, 0.0])"), True

@@ -246,7 +246,7 @@ def load_truth(robot: str, vehicle_file: "VehicleFile") -> "VehicleFile":
     from baqueano.vehicle_file import load
 
     _, _, truth_path = robot.partition(":")
-    return load(truth_path) if truth_path else vehicle_file.truth
+    return vehicle_file.simulation_truth(load(truth_path)) if truth_path else vehicle_file.truth
 
 
 def run_path(out: Path | None, folder: str, label: str) -> Path:

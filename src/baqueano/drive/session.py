@@ -93,7 +93,7 @@ class Conditions:
         return world if is_ours(type(world)) else with_checked_ticks(world, example_tick(vehicle_file))
 
     def _simulated_world(self, vehicle_file: VehicleFile) -> World:
-        file = vehicle_file.truth if self.truth is None else self.truth
+        file = vehicle_file.truth if self.truth is None else vehicle_file.simulation_truth(self.truth)
         arguments = file.vehicle, file.sensors, file.rate_hz, self.seed, self.start, self.backend
         if self.shake is None:
             return SimulatedWorld(*arguments)

@@ -210,20 +210,19 @@ class VehicleFile:
         if truth_name is None:
             return self
         if truth_name in garage.names():
-            return self._filtering(load(truth_name))
+            return self.simulation_truth(load(truth_name))
         file_folder = Path(self.folder or ".").resolve()
         if not (file_folder / truth_name).resolve().is_relative_to(file_folder):
             raise FileError(
                 fault("vehicle.truth-elsewhere", file=self.label, value=truth_name, garage=garage.names())
             )
-        return self._filtering(load(file_folder / truth_name))
+        return self.simulation_truth(load(file_folder / truth_name))
 
-    def _filtering(self, truth: "VehicleFile") -> "VehicleFile":
-        """Return the vehicle `truth` with the IMU filter setting of this file, which the user chooses."""
-        from baqueano.vehicle_file.text.edit import override
+    def simulation_truth(self, truth: "VehicleFile") -> "VehicleFile":
+        """Return `truth` with the IMU filter of this file, and with the sensors that only this file describes."""
+        from baqueano.vehicle_file.text.edit import truth_with_sensors
 
-        setting = self.data.get("robot", {}).get("imu_filter")
-        return truth if setting is None else override(truth, [f"robot.imu_filter={setting}"])
+        return truth_with_sensors(truth, self)
 
     @property
     def sensors_without_noise(self) -> tuple[str, ...]:

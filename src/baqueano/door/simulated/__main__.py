@@ -32,7 +32,7 @@ def _serve(options: argparse.Namespace) -> int:
     """Serve until the input ends; return the exit code."""
     try:
         vehicle_file = load(options.vehicle)
-        truth = vehicle_file if options.truth is None else load(options.truth)
+        truth = vehicle_file if options.truth is None else vehicle_file.simulation_truth(load(options.truth))
         pace = PacedClock(options.pace)
     except BaqueanoError as error:
         print(error, file=sys.stderr)

@@ -4,6 +4,7 @@ So the difference of two files shows only the changes of the vehicle, such as we
 at all.
 """
 
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from datetime import date
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.envelope import Envelope
 
 RANGE_DIGITS = 4  # digits of an end of the envelope
-KIND_KEYS = tuple(f"{role}.kind" for role in ("model", *LOOP_ROLES))
+KIND_KEY = re.compile(rf"(model|sensors\.[^.]+|{'|'.join(LOOP_ROLES)})\.kind")
 STD_DIGITS = 3  # digits of a standard deviation; a value is rounded to a thousandth of its standard deviation
 
 
@@ -95,6 +96,23 @@ def _with_settings(vehicle_file: VehicleFile, settings: list[str]) -> VehicleFil
         raise UsageError(fault("vehicle.set", setting=joined_settings, cause=error.diagnostic)) from error
 
 
+def truth_with_sensors(truth: VehicleFile, vehicle_file: VehicleFile) -> VehicleFile:
+    """Return the file `truth` with the IMU filter of `vehicle_file`, and with the sensors that only it describes.
+    A block of the user keeps its file."""
+    setting = vehicle_file.data.get("robot", {}).get("imu_filter")
+    values: JsonObject = {} if setting is None else {"robot.imu_filter": setting}
+    for name in vehicle_file.sensors._fields:
+        if name not in truth.sensors._fields:
+            table = {"kind": name} | vehicle_file.data["sensors"][name]
+            if ".py:" in table["kind"]:
+                table["kind"] = str(Path(vehicle_file.folder or ".") / table["kind"])
+            values |= {f"sensors.{name}.{key}": value for key, value in table.items()}
+    if not values:
+        return truth
+    text = _text_with(truth, values, keep_comments=_has_tomlkit())
+    return parse(text, truth.label, truth.path, truth.layers, truth.on_disk)
+
+
 def edit_text(
     vehicle_file: VehicleFile,
     values: "JsonObject",
@@ -107,8 +125,8 @@ def edit_text(
     """
     if not _has_tomlkit():
         raise UsageError(fault("vehicle.no-tomlkit", "pip install tomlkit"))
-    for key in [k for k in values if k in KIND_KEYS and isinstance(values[k], type)]:
-        check_role(key.removesuffix(".kind"), values[key])
+    for key in [k for k in values if KIND_KEY.fullmatch(k) and isinstance(values[k], type)]:
+        check_role(key.split(".")[0].removesuffix("s"), values[key])
         values = {**values, key: kind_of(values[key])}
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
     rounded_values = {k: _round(v, origins[k].std if k in origins else None) for k, v in values.items()}
@@ -193,18 +211,33 @@ def _text_with(
 
 
 def _data_with_kinds(data: "JsonObject", values: Mapping[str, object]) -> "JsonObject":
-    """Return the tables in which the roles have the kinds that `values` contain."""
-    kinds = {key.removesuffix(".kind"): value for key, value in values.items() if key in KIND_KEYS}
-    return data | {role: {**data.get(role, {}), "kind": kind} for role, kind in kinds.items()}
+    """Return the tables in which roles and sensors have the kinds that `values` contain; a new sensor has a table."""
+    data = {**data, "sensors": {**data.get("sensors", {})}}
+    for key in filter(KIND_KEY.fullmatch, values):
+        *group, name, _kind = key.split(".")
+        tables = data["sensors"] if group else data
+        tables[name] = {**tables.get(name, {}), "kind": values[key]}
+    return data
 
 
 def _drop_unknown(document: Any, changed_paths: Iterable[tuple[str, ...]], paths: list[str]) -> None:
     """Delete the keys that the block of a new kind does not have, and their provenance."""
-    for role, *names in changed_paths:
-        if names == ["kind"] and f"{role}.kind" in KIND_KEYS:
-            for key in [k for k in document[role] if f"{role}.{k}" not in paths]:
-                del document[role][key]
-                _delete_origin(document, f"{role}.{key}")
+    for path in changed_paths:
+        if KIND_KEY.fullmatch(".".join(path)):
+            table = document
+            for name in path[:-1]:
+                table = table[name]
+            _drop_unknown_of(document, table, ".".join(path[:-1]), paths)
+
+
+def _drop_unknown_of(document: Any, table: Any, name: str, paths: list[str]) -> None:
+    for key in [*table]:
+        dotted_key = f"{name}.{key}"
+        if any(path.startswith(f"{dotted_key}.") for path in paths):
+            _drop_unknown_of(document, table[key], dotted_key, paths)
+        elif dotted_key not in paths:
+            del table[key]
+            _delete_origin(document, dotted_key)
 
 
 def _array_with_entry(
