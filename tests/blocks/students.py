@@ -96,6 +96,7 @@ SENSOR = (
     noise_size: int = 1
     rate_hz: float = 50.0
     delay_s: float = 0.0
+    measurement_noise_cov: np.ndarray | None = None
 
     @property
     def cov(self):

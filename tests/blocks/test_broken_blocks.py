@@ -253,6 +253,12 @@ BROKEN = {
         ],
     ),
     "no cov": ("sensor", "def cov", "def covariance", [("check.no-attribute", {"name": "cov"})]),
+    "no field for a measured noise": (
+        "sensor",
+        "measurement_noise_cov",
+        "noise_matrix",
+        [("check.no-noise-field", {})],
+    ),
     "cov of nothing": ("sensor", "0.01 * np.eye(1)", "np.zeros((1, 1))", [("check.no-noise", {})]),
     "h of another size": (
         "sensor",

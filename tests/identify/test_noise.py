@@ -33,7 +33,7 @@ from baqueano.numerics.gaussian_likelihood import log_det_and_square
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import Provenance, load, parse
-from tests.codes import of_code
+from tests.codes import of_code, refused
 from tests.ekf_file import with_ekf
 
 
@@ -80,6 +80,13 @@ def noise_at_rest(small):
     u = excitation("random_steps", small.command.limit, 60.0, 100.0, 4, rest_s=4.0)
     run = simulate(small, u, 4)
     return run, identify(run, small)
+
+
+def test_a_sensor_without_a_field_for_its_noise_is_refused(noise_at_rest):
+    run, fit = noise_at_rest
+    fit_of_student = SimpleNamespace(file=SimpleNamespace(sensors=(*fit.file.sensors, object())))
+    with refused("noise.no-field", UsageError):
+        measure_noise.__wrapped__(fit_of_student, run)
 
 
 def test_the_identified_noise_equals_the_sensor_noise_in_motion_and_at_rest(noise_at_rest):

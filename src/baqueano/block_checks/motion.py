@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.block_checks.trial import AT_START, CheckAborted, Trial
+from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.sensors.sampling import detects
 from baqueano.signals import Motion, Slot
@@ -118,6 +119,8 @@ def check_sensor(block: object) -> list[Diagnostic]:
     with suppress(CheckAborted):
         if not trial.is_incomplete:
             _check_measurements(trial, block)
+    if not has_field(block, "measurement_noise_cov"):
+        trial.add_fault("check.no-noise-field")
     return trial.reported_faults()
 
 

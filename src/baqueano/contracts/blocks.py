@@ -46,6 +46,8 @@ OwnBlock: TypeAlias = str | type | Block  # a kind or "file.py:Class", a class, 
 class Sensor(Protocol):
     """Protocol of a sensor for the world, the estimators and the fit. m = `size`.
 
+    A fit writes the noise that it measures into the field `measurement_noise_cov` (m, m), and `cov` returns it.
+
     Examples
     --------
     >>> gyro: Sensor = bq.sensors.Imu()

@@ -7,6 +7,8 @@ import dataclasses
 from collections.abc import Iterator
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
 
 INF = float("inf")
 DEFAULTS: dict[str, object] = {
@@ -58,6 +60,12 @@ def nested_blocks(block: object) -> Iterator[Tree]:
 def is_dynamic(vehicle: object) -> bool:
     """Return True for a model with an acceleration; False for a model in which the command is a velocity."""
     return attribute(vehicle, "nu_dot") is not None
+
+
+def check_noise_field(sensor: object) -> None:
+    """Raise UsageError for a sensor without a field for the noise that a fit measures."""
+    if not has_field(sensor, "measurement_noise_cov"):
+        raise UsageError(fault("noise.no-field", block=type(sensor).__name__))
 
 
 def has_field(block: object, name: str) -> bool:

@@ -161,7 +161,7 @@ def test_a_folder_that_is_not_a_card_is_reported(tmp_path, monkeypatch):
     with refused("card.no-boot", FileError):
         boot_partition(tmp_path)
     monkeypatch.setattr(card, "BOOT_FOLDERS", (str(tmp_path / "*" / "bootfs"),))
-    with refused("card.cards", FileError, cards="no"):
+    with refused("card.cards", FileError, cards=0):
         boot_partition(None)
     for user in ("a", "b"):
         (tmp_path / user / "bootfs").mkdir(parents=True)

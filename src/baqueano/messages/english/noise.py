@@ -45,6 +45,11 @@ TEMPLATES: dict[str, str] = {
         "{value:.2g} ± {half_width:.2g} is outside of 0 to {maximum:.2g}, so the voltage stands for another effect "
         "that the model lacks"
     ),
+    "noise.no-field": (
+        "{block} lacks a field for the noise that a fit measures. Add to this class "
+        "measurement_noise_cov: np.ndarray | None = None, and return it from cov if it is not None. With "
+        "--no-noise, the noise is not measured"
+    ),
     "noise.too-short": "noise: {runs} is too short to test the noise of the fitted runs, which is kept.",
     "noise.consistent": "noise: the covariances are consistent with {runs} (NIS {nis}).",
     "noise.consistent-in-simulation": (

@@ -70,7 +70,7 @@ def boot_partition(folder: Path | None) -> Path:
     if folder is None:
         partitions = [path for label in BOOT_FOLDERS for path in Path("/").glob(label.lstrip("/"))]
         if len(partitions) != 1:
-            raise FileError(fault("card.cards", cards=len(partitions) or "no"))
+            raise FileError(fault("card.cards", cards=len(partitions)))
         folder = partitions[0]
     if not (folder / "cmdline.txt").is_file() or not (folder / "config.txt").is_file():
         raise FileError(fault("card.no-boot", folder=folder))

@@ -64,6 +64,10 @@ TEMPLATES: dict[str, str] = {
     "check.raises-on-line": "{place}: {subject} raises {error} on line {line} ({situation}).",
     "check.moves-by-itself": "{place}: {subject} moves {distance} within 2 s without a command, on a level floor.",
     "check.gains-speed": "{place}: {subject} gains speed without a command: ν goes from {first_speed} to {last_speed}.",
+    "check.no-noise-field": (
+        "{place}: {subject} lacks a field for the noise that a fit measures. Add measurement_noise_cov: "
+        "np.ndarray | None = None, and return it from cov if it is not None."
+    ),
     "check.no-noise": (
         "{place}: {subject} has a cov with 0 on its diagonal, so an estimator would divide by 0. Give it a "
         "variance above 0."

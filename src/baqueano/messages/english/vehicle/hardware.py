@@ -7,8 +7,8 @@ UNO_REMEDY = (
 
 TEMPLATES: dict[str, str] = {
     "emulated.no-source": (
-        "--robot emulated: the emulated vehicle is in the source tree, not in the package. Type: git clone, then "
-        "make demo there, and .venv/bin/baqueano"
+        "--robot emulated: the emulated vehicle is in the source tree, not in the package. In a clone of the "
+        "repository type make demo, and then use .venv/bin/baqueano from there"
     ),
     "emulated.no-packages": "--robot emulated: the emulator needs Debian packages. Type: {fix}",
     "bus.pinctrl-answer": "pinctrl get {pins} answered {value}: expected one line per pin.",
@@ -69,8 +69,8 @@ TEMPLATES: dict[str, str] = {
     "service.no-run-there": "A run cannot be written into {folder}: {error}. Type: {fix}",
     "service.hundred-runs": "{folder} already contains a hundred runs that began in this second.",
     "card.cards": (
-        "{cards} cards with a partition bootfs are mounted here. Write Raspberry Pi OS Lite (64-bit) on "
-        "one card, and plug it in again. Then name the folder of its small partition: baqueano robot card "
+        "cards with a partition bootfs that are mounted here: {cards}; expected 1. Write Raspberry Pi OS Lite "
+        "(64-bit) on one card, and plug it in again. Then name the folder of its small partition: baqueano robot card "
         "/media/you/bootfs"
     ),
     "card.no-boot": (
