@@ -46,7 +46,7 @@ FILE = SimpleNamespace(
     guide=lambda route, kind=None: Repeat.along(route),
     supervisor=lambda: Supervisor(LIMIT),
 )
-FILE.truth = FILE
+FILE.truth, FILE.simulation_truth = FILE, lambda truth: truth
 ROUTE = circle(0.3, 0.3)
 
 

@@ -42,12 +42,8 @@ def test_a_script_module_imports_only_existing_files_of_its_folder(path):
 
 
 @pytest.mark.parametrize("language", ["en", "es"])
-def test_each_shape_of_a_lap_has_a_name(language):
+def test_each_shape_of_a_lap_and_each_kind_of_run_has_a_name(language):
     assert {f"shape.{name}" for name in SHAPE_NAMES} <= set(texts(language))
-
-
-@pytest.mark.parametrize("language", ["en", "es"])
-def test_each_kind_of_run_has_a_name(language):
     assert {f"kind.{kind}" for kind in (*MISSION_KINDS, "simulate", "replay", "import")} <= set(
         texts(language)
     )
