@@ -72,7 +72,7 @@ def search(
     points = [gains(x, low, high) for x in halton(SAMPLED_POINTS, len(low))]
     by_cost = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
     begin = [np.clip(g, low, high) for g in initial] + [points[k] for _, k in by_cost[:start_count]]
-    ends = [_descend(minimize, cost_and_gradient, g, low, high) for g in begin]
+    ends = [descend(cost_and_gradient, g, low, high) for g in begin]
     ends.sort(key=lambda d: d.cost)
     if polish and ends[0].cost < DIVERGED_COST and ends[0].slope > MAX_RELATIVE_SLOPE:
         for _ in range(SIMPLEX_SEARCHES):
@@ -89,17 +89,7 @@ def descend(
     preferred: np.ndarray | None = None,
 ) -> Descent:
     """Return the descent from the gains `start` (p,), which must be within the bounds; `preferred` (p,): see (2)."""
-    return _descend(_minimize(), cost_and_gradient, start, low, high, preferred)
-
-
-def _descend(
-    minimize: Callable,
-    cost_and_gradient: CostAndGradient,
-    start: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    preferred: np.ndarray | None = None,
-) -> Descent:
+    minimize = _minimize()
     costs: list[float] = []
     initial_cost = _finite(cost_and_gradient(start)[0])
     x0 = coordinates(start, low, high)
