@@ -202,11 +202,10 @@ def test_pure_pursuit_steers_along_the_path_if_it_is_on_the_path_ahead_of_its_re
 @pytest.mark.parametrize("moving", [False, True], ids=["at rest", "moving"])
 def test_a_car_joins_its_route_within_a_metre(law, moving):
     """The car is 20 cm beside, behind or in front and 30° off. On a circle of 3 m at 0.5 m/s it stays within 3 cm."""
-    car, speed, radius_m = load("car"), 0.5, 3.0
-    route = circle(radius_m, speed)
+    car, radius_m, route = load("car"), 3.0, circle(3.0, 0.5)
     x, y, psi = route.eta[0]
     centre = x - radius_m * np.sin(psi), y + radius_m * np.cos(psi)
-    cases = itertools.product([*BESIDE, (-0.2, 0, TURN), (0.2, 0, TURN)], [speed if moving else 0.0])
+    cases = itertools.product([*BESIDE, (-0.2, 0, TURN), (0.2, 0, TURN)], [0.5 if moving else 0.0])
     for case, eta, way_m in drives(car, route, law, 240 / car.rate_hz, cases):
         assert way_m[-1] > 1.5
         aside_m = np.abs(np.hypot(eta[:, 0] - centre[0], eta[:, 1] - centre[1]) - radius_m)

@@ -152,14 +152,16 @@ def search_gains(
 def _within_bounds(rehearsal: Objective, best: Descent, preferred: np.ndarray) -> Descent | None:
     """Return a descent to gains within their bounds, if it costs nearly the same as the best end; else None.
 
-    A gain on its bound starts at its preferred value: where the cost is rough, no descent leaves the bound.
+    Where the cost is rough, no descent leaves a bound: a second one starts at the preferred values of these gains.
     """
-    space = rehearsal.space
-    is_at_limit = at_limit(best.gains, space.low, space.high) != 0
-    start = np.where(is_at_limit, np.clip(preferred, space.low, space.high), best.gains)
-    end = descend(rehearsal.cost_and_gradient, start, space.low, space.high, preferred)
-    is_near = end.cost <= (1.0 + TIE_WEIGHT * len(preferred)) * best.cost
-    return end if is_near and not np.any(at_limit(end.gains, space.low, space.high)) else None
+    low, high = rehearsal.space.low, rehearsal.space.high
+    is_at_limit = at_limit(best.gains, low, high) != 0
+    for start in (best.gains, np.where(is_at_limit, np.clip(preferred, low, high), best.gains)):
+        end = descend(rehearsal.cost_and_gradient, start, low, high, preferred)
+        is_near = end.cost <= (1.0 + TIE_WEIGHT * len(preferred)) * best.cost
+        if is_near and not np.any(at_limit(end.gains, low, high)):
+            return end
+    return None
 
 
 def rank_by_worst_case(
