@@ -48,12 +48,12 @@ def header(body: str, tables: Sequence) -> str:
 def _elementary_functions(names: set[str]) -> str:
     """Return these functions of c_math.h and those that they call; gcc would read and translate all others too."""
     text, calls = _math_text()
-    needed, found = set(), names | {"splat"}
-    while found:
-        needed |= found
-        found = {inner for name in found for inner in calls.get(name, ())} - needed
-    text = FUNCTION.sub(lambda function: function[0] if function[1] in needed else "", text)
-    return SCALAR_FUNCTION.sub(lambda line: line[0] if line[1] in needed else "", text)
+    callees, new_names = set(), names | {"splat"}
+    while new_names:
+        callees |= new_names
+        new_names = {inner for name in new_names for inner in calls.get(name, ())} - callees
+    text = FUNCTION.sub(lambda function: function[0] if function[1] in callees else "", text)
+    return SCALAR_FUNCTION.sub(lambda line: line[0] if line[1] in callees else "", text)
 
 
 @cache
