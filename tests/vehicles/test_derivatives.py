@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from baqueano.symbolic import function, jacobian, with_value
+from baqueano.symbolic import function, jacobian, value_at_path, with_value
 from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar, constant_effort
 
 QUICK = settings(max_examples=30)
@@ -119,30 +119,27 @@ PARAMETERS = {
 }
 
 
+def shift(block, paths, change):
+    """Return the block with these parameters changed by these amounts."""
+    new = block
+    for path, amount in zip(paths, change, strict=True):
+        new = with_value(new, path, float(value_at_path(block, path)) + amount)
+    return new
+
+
 @names
 def test_every_parameter_of_a_vehicle_has_a_derivative(name):
     vehicle, paths = VEHICLES[name], PARAMETERS[name]
     effort = effort_of(vehicle, np.array([0.7, -0.6]))
     x = np.array([0.3, -0.2, 0.9, 0.8, -0.3, 1.1])
 
-    def f(scale):
-        changed_vehicle = vehicle
-        for k, path in enumerate(paths):
-            changed_vehicle = with_value(changed_vehicle, path, START[name][k] + scale[k])
-        return advanced(changed_vehicle, effort)(x)
+    def f(change):
+        return advanced(shift(vehicle, paths, change), effort)(x)
 
-    slope = jacobian(f)(np.zeros(len(paths)))
-    assert slope == pytest.approx(differences(f, np.zeros(len(paths))), abs=1e-6, rel=1e-6)
+    zero = np.zeros(len(paths))
+    slope = jacobian(f)(zero)
+    assert slope == pytest.approx(differences(f, zero), abs=1e-6, rel=1e-6)
     assert np.all(np.abs(slope).max(axis=0) > 0.0), "each parameter has an effect"
-
-
-def value(vehicle, path):
-    from baqueano.symbolic import value_at_path
-
-    return float(value_at_path(vehicle, path))
-
-
-START = {name: [value(VEHICLES[name], path) for path in paths] for name, paths in PARAMETERS.items()}
 
 
 def test_every_parameter_of_a_drivetrain_has_a_derivative():
@@ -161,15 +158,12 @@ def test_every_parameter_of_a_drivetrain_has_a_derivative():
     )
     paths = ["limit[0]", "dead_zone_forward[1]", "dead_zone_backward[0]", "gain[1]", "delay_s", "lag_s"]
     paths += ["battery_v", "battery_nominal_v", "battery_effect", "sag"]
-    start = [value(d, path) for path in paths]
 
     def f(change):
-        changed_drivetrain = d
-        for path, a, b in zip(paths, start, change, strict=True):
-            changed_drivetrain = with_value(changed_drivetrain, path, a + b)
-        state, efforts = changed_drivetrain.init(), []
+        drivetrain = shift(d, paths, change)
+        state, efforts = drivetrain.init(), []
         for u in ([-0.7, 0.0, 0.6], [0.5, 0.0, 0.5], [0.2, 0.0, 0.6]):
-            state, effort = changed_drivetrain.step(state, np.array(u), 0.01)
+            state, effort = drivetrain.step(state, np.array(u), 0.01)
             efforts += effort
         return np.concatenate(efforts)
 
