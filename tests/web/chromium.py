@@ -8,8 +8,9 @@ import shutil
 import subprocess
 import tempfile
 import time
+import urllib.error
 import urllib.request
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,16 @@ class Chromium:
             while (word := json.loads(line.recv(60))).get("id") != 1:
                 pass
         return Tab(f"ws://127.0.0.1:{self.port}/devtools/page/{word['result']['targetId']}")
+
+    def close_tabs(self) -> None:
+        """Close the pages that tests left open, because each page draws as long as it is open."""
+        address = f"http://127.0.0.1:{self.port}/json"
+        with urllib.request.urlopen(f"{address}/list") as answer:
+            pages = [page for page in json.load(answer) if page["type"] == "page"]
+        for page in pages:
+            with suppress(urllib.error.HTTPError):  # the page has just closed
+                if page["url"] != "about:blank":  # without its first page the browser would end
+                    urllib.request.urlopen(f"{address}/close/{page['id']}").close()
 
     def _browser_url(self) -> str:
         with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/json/version") as answer:

@@ -12,10 +12,16 @@ from tests.web.scripted import ScriptedServer
 
 
 @pytest.fixture(scope="session")
-def browser():
-    """Return a browser; starting it takes as long as a test."""
-    with Chromium() as chromium_:
-        yield chromium_
+def chromium():
+    """Return the only browser of a process of the tests; starting it takes as long as a test."""
+    with Chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def browser(chromium):
+    yield chromium
+    chromium.close_tabs()
 
 
 @pytest.fixture
