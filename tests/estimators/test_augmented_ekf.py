@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano.estimators import AugmentedEkf
+from baqueano.estimators.augmented.motion import disturbance_variance
 from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, SCALE_INDEX, layout, start_std
 from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.geometry import wrap
@@ -55,6 +56,16 @@ def test_the_heading_follows_the_gyro_despite_a_wrong_turning_model(rate):
     after, estimate = run(filter_of(), (tick(k, (0.0, 0.0, rate)) for k in range(50, 150)), belief)
     assert wrap(after.mean[2] - belief.mean[2] - rate) == pytest.approx(0.0, abs=0.005)
     assert estimate.nu[2] == pytest.approx(rate, rel=2e-3)
+
+
+def test_an_error_of_the_motor_lag_disturbs_the_yaw_rate_only_while_the_effort_changes():
+    motors = replace(SMALL, drivetrain=Drivetrain(lag_s=0.05))
+    block = AugmentedEkf(motors, BOTH(IMU, ODOMETER), motor_lag_std_s=0.02)
+    _, effort = motors.drivetrain.step(motors.drivetrain.init(), np.array(U), 0.01)
+    added_variance = disturbance_variance(block, np.zeros(12), effort) - block.disturbance_std**2
+    np.testing.assert_allclose(added_variance, [0.0, (0.02 * 0.1 / 0.0015 * effort.mean_rate[2]) ** 2])
+    _, effort = motors.drivetrain.step(motors.drivetrain.steady_state(np.array(U)), np.array(U), 0.01)
+    np.testing.assert_array_equal(disturbance_variance(block, np.zeros(12), effort), block.disturbance_std**2)
 
 
 @pytest.mark.parametrize("noise_gain", [0.0, 0.01])

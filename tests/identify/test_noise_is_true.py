@@ -5,10 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.compare.filter_consistency import filter_consistency
+from baqueano.drive import replay
 from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise import filter_noise
 from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.simulate.open_loop import tick_times
+from baqueano.study.corridor.vehicles import identify_vehicles, vehicles
 from baqueano.study.counterpart import drive_group, robot_file, run_of_vehicle
 from baqueano.study.counterpart.cars import ODOMETER_M_S
 from baqueano.study.estimation.simulated import ODOMETER
@@ -89,3 +92,13 @@ def test_the_gyro_noise_is_at_least_its_noise_at_rest(rest, least):
     low, high = filter_noise._variance_range(Fit, "imu", 2, np.diag([1.0, 1.0, rest]), 1.0)
     assert high == pytest.approx(0.004**2, rel=0.1)
     assert low == least if least else low < 1e-3 * high
+
+
+def test_a_motor_with_another_lag_does_not_make_the_gyro_too_cautious_in_a_calm_drive():
+    """The current of the motors lags, not their voltage. Their commands change slowly, unlike those of the fit."""
+    robots, t_s = vehicles([4]), np.arange(4000) * 0.01
+    file = identify_vehicles(robots, [4], "auto")[0]
+    u = np.stack([0.6 + 0.2 * np.sin(0.9 * t_s), 0.0 * t_s, 0.15 * np.sin(0.5 * t_s)], axis=1)
+    motion = drive_group(robots, u[:, None], [5], tick_times(len(u), file.rate_hz))
+    estimated = replay(run_of_vehicle(motion, 0, u, file, "calm", 5), file)
+    assert 0.85 < filter_consistency(estimated).channels["imu[2]"].mean < 1.15  # 0.69 with one disturbance

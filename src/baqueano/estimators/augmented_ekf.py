@@ -121,6 +121,10 @@ class AugmentedEkf:
     disturbance_fade_s: np.ndarray = parameter(
         "s", "T, time constant with which each of them decays", low=1e-3, default=(1.0, 0.2), shape=(2,)
     )
+    motor_lag_std_s: float = parameter(
+        "s", "τ_d: error of the motors' time constant; while their effort changes, it disturbs the yaw rate",
+        low=0.0, high=10.0, default=0.0,
+    )  # fmt: skip
     velocity_walk_std: np.ndarray = parameter(
         "m/s/√s, m/s/√s, rad/s/√s", "random walk of ν in 1 s, due to the floor", low=0.0,
         default=(0.03, 0.01, 0.1), shape=(3,),

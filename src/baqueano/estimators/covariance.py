@@ -32,32 +32,14 @@ def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
     asymmetry = np.abs(P - P.T)
     if np.max(asymmetry) > 1e-9 * scale:
         i, j = np.unravel_index(np.argmax(np.triu(asymmetry)), P.shape)
-        reason = fault(
-            "cov.not-symmetric",
-            name=name,
-            i=i,
-            j=j,
-            first=P[i, j],
-            second=P[j, i],
-            offer=_nearest_valid_text(P),
-        )
-        raise Invalid(reason)
+        entries = {"i": i, "j": j, "first": P[i, j], "second": P[j, i]}
+        raise Invalid(fault("cov.not-symmetric", name=name, **entries, offer=_nearest_valid_text(P)))
     smallest = np.linalg.eigvalsh(P)[0]
     if smallest < -1e-12 * scale:
         i, j = _worst_pair(P)
-        raise Invalid(
-            fault(
-                "cov.eigenvalue",
-                name=name,
-                smallest=smallest,
-                i=i,
-                j=j,
-                entry=P[i, j],
-                first=P[i, i],
-                second=P[j, j],
-                offer=_nearest_valid_text(P),
-            )
-        )
+        entries = {"i": i, "j": j, "entry": P[i, j], "first": P[i, i], "second": P[j, j]}
+        offer = _nearest_valid_text(P)
+        raise Invalid(fault("cov.eigenvalue", name=name, smallest=smallest, **entries, offer=offer))
     return mirror_upper(P)
 
 

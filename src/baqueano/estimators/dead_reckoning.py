@@ -24,13 +24,7 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirror_upper
 from baqueano.estimators.kalman import boxplus, correct
-from baqueano.estimators.pauses import (
-    filter_row,
-    row_effort,
-    rows_before,
-    step_in_rows,
-    unmoved_cov,
-)
+from baqueano.estimators.pauses import filter_row, row_effort, rows_before, step_in_rows, unmoved_cov
 from baqueano.estimators.readings.sensor_numbers import (
     UncertainParameter,
     age_s,

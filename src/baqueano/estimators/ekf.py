@@ -137,15 +137,9 @@ class Ekf:
         if self.mode not in MODES:
             raise Invalid(fault("ekf.mode", value=self.mode, valid=MODES))
         check_use(self.sensors, self.use)
-        if not (self.rate_hz > 0.0 and self.gate_sigma > 0.0 and self.disturbance_time_s > 0.0):
-            raise Invalid(
-                fault(
-                    "ekf.positive",
-                    rate_hz=self.rate_hz,
-                    gate_sigma=self.gate_sigma,
-                    disturbance_time_s=self.disturbance_time_s,
-                )
-            )
+        positive = {name: getattr(self, name) for name in ("rate_hz", "gate_sigma", "disturbance_time_s")}
+        if not all(value > 0.0 for value in positive.values()):
+            raise Invalid(fault("ekf.positive", **positive))
         object.__setattr__(
             self, "process_noise_cov", covariance(self.process_noise_cov, 6, "process_noise_cov")
         )

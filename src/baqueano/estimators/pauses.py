@@ -145,18 +145,9 @@ def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray
     `mean` (n,) and `cov` (n, n) are those of the state (η, ν, …); they give the velocity in that part.
     """
     squared_displacement = (row.dt_s - row.moved_s) ** 2 * (mean[3:6] ** 2 + np.diag(cov)[3:6])
-    return np.diag(
-        np.minimum(
-            np.array(
-                [
-                    squared_displacement[0] + squared_displacement[1],
-                    squared_displacement[0] + squared_displacement[1],
-                    squared_displacement[2],
-                ]
-            ),
-            MAX_POSE_VARIANCE,
-        )
-    )
+    of_position = squared_displacement[0] + squared_displacement[1]
+    variances = np.array([of_position, of_position, squared_displacement[2]])
+    return np.diag(np.minimum(variances, MAX_POSE_VARIANCE))
 
 
 def step_in_rows(block: Tree, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:

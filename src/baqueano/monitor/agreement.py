@@ -214,9 +214,8 @@ class AgreementMonitor:
         differences, k = [], 0
         for name in self.channels.sensors:
             sensor = getattr(self.model.sensors, name)
-            differences.append(
-                difference(sensor, z[k : k + sensor.size], predicted_reading[k : k + sensor.size])
-            )
+            entries = slice(k, k + sensor.size)
+            differences.append(difference(sensor, z[entries], predicted_reading[entries]))
             k += sensor.size
         return np.concatenate(differences)
 

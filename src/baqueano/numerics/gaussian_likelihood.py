@@ -10,18 +10,28 @@ from baqueano.contracts.values import Tree
 
 def log_det_and_square(S: np.ndarray, y: np.ndarray, mask: np.ndarray) -> tuple[Tree, Tree]:
     """Return log |S| and yᵀ S⁻¹ y of the entries with `mask` (m,) 1, not 0; S (m, m) is positive definite."""
-    S, y, m = S * np.outer(mask, mask) + np.diag(1.0 - mask), np.where(mask > 0.0, y, 0.0), len(y)
-    rows, v, total, square = [[S[i, j] for j in range(m)] for i in range(m)], list(y), 0.0, 0.0
-    for k in range(m):
-        pivot = rows[k][k]
-        total = total + np.log(pivot)
-        square = square + v[k] * v[k] / pivot
-        for i in range(k + 1, m):
-            factor = rows[i][k] / pivot
+    pivots, square = _elimination(
+        S * np.outer(mask, mask) + np.diag(1.0 - mask), np.where(mask > 0.0, y, 0.0)
+    )
+    return sum(map(np.log, pivots), 0.0), square
+
+
+def squared_distance(S: np.ndarray, y: np.ndarray) -> Tree:
+    """Return yᵀ S⁻¹ y of a covariance S (m, m)."""
+    return _elimination(S, y)[1]
+
+
+def _elimination(S: np.ndarray, y: np.ndarray) -> tuple[list[Tree], Tree]:
+    """Return the pivots of S (m, m), whose product is |S|, and yᵀ S⁻¹ y."""
+    rows, v, square = [list(row) for row in S], list(y), 0.0
+    for k in range(len(v)):
+        square = square + v[k] * v[k] / rows[k][k]
+        for i in range(k + 1, len(v)):
+            factor = rows[i][k] / rows[k][k]
             v[i] = v[i] - factor * v[k]
-            for j in range(k + 1, m):
+            for j in range(k + 1, len(v)):
                 rows[i][j] = rows[i][j] - factor * rows[k][j]
-    return total, square
+    return [rows[k][k] for k in range(len(v))], square
 
 
 def robust_square(square: Tree, limit: Tree) -> Tree:

@@ -11,7 +11,11 @@ import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Tree, Value
-from baqueano.estimators.augmented.motion import disturbance_acceleration, velocity_error
+from baqueano.estimators.augmented.motion import (
+    disturbance_acceleration,
+    disturbance_variance,
+    velocity_error,
+)
 from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, SCALE_INDEX, layout, start_std
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.pauses import rows_of_ticks
@@ -108,7 +112,8 @@ def _tick(
         motions.append(_motion(ekf, x, eta, nu, _effort_at(effort, (k + 1) / TICK_PARTS)))
     current_motion = _motion(ekf, x, eta, nu, effort.last)
     decay = np.exp(-dt_s / ekf.disturbance_fade_s)
-    d = decay * x[6:SCALE_INDEX] + ekf.disturbance_std * np.sqrt(1.0 - decay**2) * draws.d
+    std = np.sqrt(disturbance_variance(ekf, x, effort) * (1.0 - decay**2))
+    d = decay * x[6:SCALE_INDEX] + std * draws.d
     walks = [entry.value_at(ekf.sensors, entry.walk) * np.sqrt(dt_s) for entry in filter_layout.biases]
     bias = x[BIAS_INDEX:] + np.array(walks) * draws.bias if walks else x[BIAS_INDEX:]
     entries = dict(zip(filter_layout.names, filter_layout.entries, strict=True))

@@ -47,6 +47,7 @@ def predict_row(
     """Return mean, covariance and G of the state one row later.  (2)-(4)"""
     x, n = Gaussian(belief.mean, belief.cov), len(belief.mean)
     noise_level = belief.memory.noise_levels.motion
+    variance = disturbance_variance(estimator, x.mean, effort)
     walks = [
         np.array([bias.value_at(estimator.sensors, bias.walk) ** 2 * row.dt_s])
         for bias in layout(estimator).biases
@@ -56,7 +57,7 @@ def predict_row(
     def R(mean: np.ndarray, G: np.ndarray) -> np.ndarray:
         rest_cov = unmoved_cov(row, mean, x.cov) + slip_covariance(estimator, mean, row.dt_s)
         return block_diagonal(
-            [process_noise_cov(estimator, mean[2], row, G[4, 4], noise_level), constant]
+            [process_noise_cov(estimator, mean[2], row, G[4, 4], noise_level, variance), constant]
         ) + block_diagonal([rest_cov, np.zeros((n - 3, n - 3))])
 
     motion = predict(
@@ -109,6 +110,22 @@ def disturbance_acceleration(vehicle: DynamicVehicle, d: np.ndarray) -> np.ndarr
     return _push_matrix(vehicle) @ np.array([d[0], 0.0, d[1]])
 
 
+def disturbance_variance(estimator: "AugmentedEkf", mean: np.ndarray, effort: Effort) -> np.ndarray:
+    """Return σ_d² (2,) in a row. For the yaw rate, σ_d² + (τ_d ∂f_ψ/∂e ė)²: an error τ_d of the motors' time constant
+    acts only while their effort e changes. `mean` (n,) is the state before the row."""
+    vehicle, nu, psi = estimator.vehicle, mean[3:6], mean[2]
+    if not has_motor_lag(vehicle):
+        return estimator.disturbance_std**2
+    change = estimator.motor_lag_std_s * effort.mean_rate
+    f = [vehicle.nu_dot(nu, effort.last + side * change, psi)[2] for side in (0.5, -0.5)]
+    return estimator.disturbance_std**2 + np.array([0.0, (f[0] - f[1]) ** 2])
+
+
+def has_motor_lag(vehicle: DynamicVehicle) -> bool:
+    """Return True for a dynamic model whose motors have a lag; without a lag, ė is not known."""
+    return is_dynamic(vehicle) and vehicle.drivetrain.has_lag
+
+
 def slip_covariance(estimator: "AugmentedEkf", mean: np.ndarray, dt_s: Value) -> np.ndarray:
     """Return the covariance (3, 3) that the slip of the wheels adds to the pose in a row.  (5)"""
     variance, fade_s, _ = _slips(estimator)
@@ -122,21 +139,19 @@ def wheel_velocity_cov(estimator: "AugmentedEkf", speed: Value, gain: Value) -> 
 
 
 def process_noise_cov(
-    estimator: "AugmentedEkf", psi: Value, row: FilterRow, nu_y_factor: Value, noise_level: np.ndarray
-) -> np.ndarray:
+    estimator: "AugmentedEkf", psi: Value, row: FilterRow, nu_y_factor: Value, noise_level: np.ndarray,
+    variance: np.ndarray,
+) -> np.ndarray:  # fmt: skip
     """Return the covariance (8, 8) that a row adds to (η, ν, d): the walks of ν and d, and their displacement.
 
     The displacement has the variance σ² δ³/3: σ² δ³/4 is correlated with the change of ν, σ² δ³/12 is not. The change
     of ν by d is computed in the same manner. `nu_y_factor` is the part of ν_y that remains after a row.  (7)
     `noise_level` (2,) multiplies the variances of the speed, and of the yaw rate with the sideways velocity.
+    `variance` is σ_d² (2,).
     """
     W, E = _push_matrix(estimator.vehicle), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
     J, D, moved_s = map_from_body(psi) @ W, W @ E, row.moved_s
-    d = (
-        noise_level
-        * estimator.disturbance_std**2
-        * (1.0 - np.exp(-2.0 * row.dt_s / estimator.disturbance_fade_s))
-    )
+    d = noise_level * variance * (1.0 - np.exp(-2.0 * row.dt_s / estimator.disturbance_fade_s))
     walk = estimator.velocity_walk_std**2 * row.dt_s * noise_level[[0, 1, 1]]
     nu_gain, eta_gain = D, 0.5 * moved_s * J @ E
     if is_dynamic(estimator.vehicle):

@@ -92,17 +92,13 @@ def update_inconsistency(
     next_inconsistency = inconsistency_after(
         inconsistency, np.array([speed_size, yaw_size]), model_error, np.array(has_reading), dt_s
     )
-    return InconsistencyUpdate(
-        next_inconsistency,
-        np.array(mean_checks) if mean_checks else means,
-        *added_covariances(
-            np.maximum(next_inconsistency[0], model_error),
-            inconsistency[1],
-            next_inconsistency[1],
-            pose_nu[2],
-            dt_s,
-        ),
+    size, durations_s = (
+        np.maximum(next_inconsistency[0], model_error),
+        (inconsistency[1], next_inconsistency[1]),
     )
+    means = np.array(mean_checks) if mean_checks else means
+    covariances = added_covariances(size, *durations_s, pose_nu[2], dt_s)
+    return InconsistencyUpdate(next_inconsistency, means, *covariances)
 
 
 def _wheel_check(

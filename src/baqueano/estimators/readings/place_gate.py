@@ -19,6 +19,7 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.estimators.readings.gate import gate_limit
+from baqueano.numerics.gaussian_likelihood import squared_distance
 
 REPEAT_S = 1.0
 MISTAKE_SHARE = 0.05  # share of mistaken readings; a guess, the distances between tags matter more
@@ -84,9 +85,8 @@ def gate_decision(
         d2, apart_d2 = squared_distance(S, y), squared_distance(2.0 * S, y - memory.y[indices])
         other_d2 = _nearest_distance(S, y, [channels.corrections[k] for k in group])
         history = GateHistory(record[0] + dt_s, *record[1:])
-        probability_right = 1.0 / (
-            1.0 + MISTAKE_SHARE * np.exp(np.minimum(0.5 * (d2 - other_d2), MAX_EXPONENT))
-        )
+        odds_wrong = MISTAKE_SHARE * np.exp(np.minimum(0.5 * (d2 - other_d2), MAX_EXPONENT))
+        probability_right = 1.0 / (1.0 + odds_wrong)
         is_rejected = has_reading & ((d2 > limit) | (probability_right < 0.5))
         is_mistake = (
             is_rejected & (probability_right < 0.5) & (other_d2 <= limit) & (history.mistakes < MAX_MISTAKES)
@@ -95,17 +95,13 @@ def gate_decision(
         is_informative = is_rejected & ~is_mistake & is_due
         has_witness = is_informative & (history.confirmation > 0.0)
         is_confirmed = has_witness & (apart_d2 <= limit)
-        weights |= dict.fromkeys(
-            group, np.where(is_confirmed, 1.0, probability_right / (1.0 + (d2 / limit) ** 4))
-        )
+        weight = np.where(is_confirmed, 1.0, probability_right / (1.0 + (d2 / limit) ** 4))
+        weights |= dict.fromkeys(group, weight)
         factor = np.maximum(factor, np.where(has_witness, np.sqrt(d2 / len(group)), 1.0))
         for k in group:
             innovations[k] = np.where(is_informative & ~is_confirmed, channels.y[k], innovations[k])
-        histories.append(
-            _next_history(
-                history, is_rejected & ~is_confirmed, is_mistake, has_reading & (is_confirmed | ~is_rejected)
-            )
-        )
+        is_right = has_reading & (is_confirmed | ~is_rejected)
+        histories.append(_next_history(history, is_rejected & ~is_confirmed, is_mistake, is_right))
     history = GateHistory(*(np.array(column) for column in zip(*histories, strict=True)))
     return GateDecision(weights, factor, PoseMemory(np.array(innovations), history))
 
@@ -118,12 +114,8 @@ def _next_history(
     since_s = np.where(is_counted, 0.0, np.minimum(history.since_s, NO_REJECTION_S))
     witness = np.where(is_counted & ~is_mistake, 1.0, history.confirmation)
     mistakes = history.mistakes + np.where(is_counted & is_mistake, 1.0, 0.0)
-    return GateHistory(
-        *(
-            np.where(is_right, a, b)
-            for a, b in zip((NO_REJECTION_S, 0.0, 0.0), (since_s, witness, mistakes), strict=True)
-        )
-    )
+    pairs = zip((NO_REJECTION_S, 0.0, 0.0), (since_s, witness, mistakes), strict=True)
+    return GateHistory(*(np.where(is_right, a, b) for a, b in pairs))
 
 
 def _nearest_distance(S: np.ndarray, y: np.ndarray, corrections: list[np.ndarray]) -> Value:
@@ -145,16 +137,3 @@ def growth_factors(factor: Value, std: np.ndarray, max_std: np.ndarray, mask: np
     """
     max_factor = np.maximum(max_std / np.maximum(std, 1e-12), 1.0)
     return np.where(mask > 0.0, np.minimum(factor, max_factor), 1.0)
-
-
-def squared_distance(S: np.ndarray, y: np.ndarray) -> Value:
-    """Return yᵀ S⁻¹ y of a covariance S (m, m), by elimination."""
-    rows, v, total = [[S[i, j] for j in range(len(y))] for i in range(len(y))], list(y), 0.0
-    for k in range(len(y)):
-        total = total + v[k] * v[k] / rows[k][k]
-        for i in range(k + 1, len(y)):
-            factor = rows[i][k] / rows[k][k]
-            v[i] = v[i] - factor * v[k]
-            for j in range(k + 1, len(y)):
-                rows[i][j] = rows[i][j] - factor * rows[k][j]
-    return total

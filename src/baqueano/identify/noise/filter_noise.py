@@ -24,6 +24,7 @@ import numpy as np
 from baqueano.contracts.blocks import Sensor, SensorBlocks
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.contracts.values import Tree, Value
+from baqueano.estimators.augmented.motion import has_motor_lag
 from baqueano.estimators.augmented.state import FORWARD_STATES, TURNING_STATES, Layout, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
@@ -61,9 +62,11 @@ TURNING_NOISE = (
     ("disturbance_fade_s[1]", MIN_FADE_S, MAX_FADE_S),
     ("velocity_walk_std[2]", 1e-4, 30.0),
 )
+MOTOR_LAG_NOISE = (("motor_lag_std_s", 1e-3, 1.0),)
 FIELDS = (
     "disturbance_std",
     "disturbance_fade_s",
+    "motor_lag_std_s",
     "velocity_walk_std",
     "course_std",
     "speed_error_std",
@@ -229,7 +232,8 @@ def _free_noise(
     filter_layout = layout(ekf)
     counts = np.array([readings[name] for name, _ in filter_layout.channel_entries])
     free_noise = []
-    for state, paths in ((FORWARD_STATES[0], FORWARD_NOISE), (TURNING_STATES[2], TURNING_NOISE)):
+    turning_noise = TURNING_NOISE + (MOTOR_LAG_NOISE if has_motor_lag(ekf.vehicle) else ())
+    for state, paths in ((FORWARD_STATES[0], FORWARD_NOISE), (TURNING_STATES[2], turning_noise)):
         max_count = np.max(counts * filter_layout.corrects(state), initial=0)
         count = len(paths) if max_count >= MIN_RESIDUALS else int(max_count >= MIN_READINGS)
         free_noise += [FreeNoise(*path, 1.0) for path in paths[:count]]
@@ -268,7 +272,7 @@ def _start(ekf: AugmentedEkf, parameter: FreeNoise) -> float:
     """Return the value at the start of the search: a logarithm.  (1)"""
     value = value_at_path(ekf, parameter.path)
     value = value if parameter.pattern is None else _pattern_variance(value, parameter.pattern)
-    return float(np.log(value)) / parameter.power
+    return float(np.log(max(value, parameter.low**parameter.power))) / parameter.power
 
 
 def _with_noise(
@@ -296,10 +300,8 @@ def _rounding(
     for name, i in (c for c in channels if c[0] not in inertial and c not in positions):
         of_name = [run for run in runs if name in run.sensors and len(run.sensors[name].z) > 1]
         z = np.concatenate([np.zeros(0), *(run.sensors[name].z[:, i] for run in of_name)])
-        for interval_s in (
-            np.ones(len(z)),
-            np.concatenate([np.zeros(0), *(_counted_s(r, name) for r in of_name)]),
-        ):
+        counted_s = np.concatenate([np.zeros(0), *(_counted_s(run, name) for run in of_name)])
+        for interval_s in (np.ones(len(z)), counted_s):
             counts = (z * interval_s)[np.isfinite(z)]
             gaps = np.diff(np.unique(counts))
             gaps = gaps[gaps > ROUNDING * np.max(np.abs(counts), initial=0.0)]
