@@ -9,7 +9,7 @@ from baqueano.compare import compare
 from baqueano.compare.consistency import NOT_REPORTED, Band
 from baqueano.compare.divergence import InvalidCovariance
 from baqueano.compare.filter_consistency import FilterConsistency
-from baqueano.diagnostics import note
+from baqueano.diagnostics import StopReason, fault, note
 from baqueano.errors import UsageError
 from baqueano.messages import language, text
 from baqueano.monitor import Rejections, rejection_event
@@ -51,9 +51,8 @@ def test_a_consistent_run_is_called_consistent():
 
 
 def test_rejections_of_runs_are_compared_side_by_side():
-    first = run_with(
-        events=(Event(0, "info", "refused", "", rejection_event([Rejections("imu[2]", 12, 800)])),)
-    )
+    rejections = rejection_event([Rejections("imu[2]", 12, 800)])
+    first = run_with(events=(Event(0, "info", "refused", "", rejections),))
     comparison = compare([first, run_with("b")])
     rows = comparison.rows()
     assert (rows[0]["rejections_imu[2]"], rows[0]["readings_imu[2]"]) == (12, 800)
@@ -176,6 +175,21 @@ def test_a_replay_is_judged_only_by_its_estimate():
     assert "at a limit" not in text
     assert "position (ATE)" in text
     assert "cross-track error of the vehicle" in compare(drive).table()
+
+
+def test_an_estimator_that_raised_is_not_called_diverged():
+    """The sentence contains the error, its line, and the command that tests the block."""
+    block = {"block": "estimator Mine (/lab/my.py:7)", "error": "ValueError: no"}
+    cause = fault(StopReason.BLOCK_RAISED, **block)
+    log = run_with().estimate
+    events = (Event(int(log.t_ns[0]), "error", "loop", "", cause),)
+    comparison = compare(run_with(estimate=log._replace(eta=log.eta * np.nan), events=events))
+    assert (comparison.runs[0].verdict, comparison.verdict) == ("failed", "INCONSISTENT")
+    sentence = " ".join(comparison.table().split())
+    assert text(cause) in sentence
+    assert text(comparison.runs[0].failure) in sentence
+    assert comparison.runs[0].failure.fix == "baqueano blocks check /lab/my.py:Mine"
+    assert "diverged" not in sentence
 
 
 def test_a_diverged_estimate_is_judged_until_its_divergence():

@@ -64,15 +64,16 @@ class RunComparison:
     invalid_covariance: InvalidCovariance | None  # None: the covariance is valid at every tick
     # how often the estimator rejected each channel; empty: rejections are not recorded
     refusals: tuple[Rejections, ...] = ()
+    failure: Diagnostic | None = None  # of the estimator: the error that ended it
     laps: tuple[DriveLap, ...] = ()  # laps of a route that returns to its beginning
 
     @property
     def verdict(self) -> str:
-        """Return DIVERGED if the estimate diverged, else NOT_DEFINITE if a covariance is not valid.
+        """Return FAILED or DIVERGED if the estimator did, else NOT_DEFINITE if a covariance is not valid.
         Otherwise return the consistency of the estimate, by NEES if the truth is known, else by NIS.
         """
-        if np.isfinite(self.divergence_s):
-            return DIVERGED
+        if self.failure is not None or np.isfinite(self.divergence_s):
+            return FAILED if self.failure else DIVERGED
         return self.consistency.verdict if self.invalid_covariance is None else NOT_DEFINITE
 
     @property
@@ -111,8 +112,10 @@ class RunComparison:
     @property
     def sentences(self) -> tuple[str, ...]:
         """Return sentences on the laps, the corridor at the end and consistency.
-        If the estimate diverged or a covariance is not valid, return only a sentence about this.
+        If the estimator failed or diverged, or a covariance is not valid, return only a sentence about this.
         """
+        if self.failure is not None:
+            return (text(self.failure),)
         if np.isfinite(self.divergence_s):
             return (text(note("compare.diverged", t_s=self.divergence_s)),)
         if self.invalid_covariance is not None:
@@ -141,7 +144,7 @@ class RunComparison:
         return (text(note("compare.laps", **figures, **values)),)
 
 
-NOT_DEFINITE, DIVERGED = "not definite", "diverged"
+NOT_DEFINITE, DIVERGED, FAILED = "not definite", "diverged", N_("failed")
 ADVICE_CODES = {"too sure": "compare.advice-too-sure", "too cautious": "compare.advice-too-cautious"}
 
 
@@ -202,7 +205,7 @@ class Comparison(Result):
         return tuple(
             note("compare.inconsistent", Severity.WARNING, subject=run.name, verdict=run.verdict)
             for run in self.runs
-            if run.verdict in (*ADVICE_CODES, NOT_DEFINITE, DIVERGED)
+            if run.verdict in (*ADVICE_CODES, NOT_DEFINITE, DIVERGED, FAILED)
         )
 
     def table(self) -> str:
@@ -223,8 +226,5 @@ class Comparison(Result):
 
     def _advice(self) -> list[str]:
         """Return advice for each kind of inconsistent covariance that occurred."""
-        return [
-            text(note(ADVICE_CODES[verdict]))
-            for verdict in dict.fromkeys(run.verdict for run in self.runs)
-            if verdict in ADVICE_CODES
-        ]
+        verdicts = dict.fromkeys(run.verdict for run in self.runs)
+        return [text(note(ADVICE_CODES[verdict])) for verdict in verdicts if verdict in ADVICE_CODES]

@@ -57,12 +57,10 @@ class CorridorForecast(Result):
         """Return one flat row per lap (SI); NaN if the vehicle is lost before the end of the lap."""
         rows = []
         for lap in range(1, self.laps + 1):
-            row = {"lap": lap, "t_s": lap * self.lap_s}
-            k = self._tick(lap)
-            names = ("across_m", "heading_rad", "area_m2")
-            rows.append(
-                row | {n: np.nan if k is None else float(getattr(self.corridor, n)[k]) for n in names}
-            )
+            row, k = {"lap": lap, "t_s": lap * self.lap_s}, self._tick(lap)
+            for name in ("across_m", "heading_rad", "area_m2"):
+                row[name] = np.nan if k is None else float(getattr(self.corridor, name)[k])
+            rows.append(row)
         return rows
 
     def table(self) -> str:
@@ -71,10 +69,8 @@ class CorridorForecast(Result):
         for lap in range(1, self.laps + 1):
             k = self._tick(lap)
             if k is not None:
-                region = self.corridor.region_text(k)
-                lines.append(
-                    _("lap {lap}, {t_s:.0f} s: {region} (95 %)", lap=lap, t_s=lap * self.lap_s, region=region)
-                )
+                figures = {"lap": lap, "t_s": lap * self.lap_s, "region": self.corridor.region_text(k)}
+                lines.append(_("lap {lap}, {t_s:.0f} s: {region} (95 %)", **figures))
         return "\n".join([*lines, f"{_(self.verdict)}: {self.corridor.sentence}"])
 
     def _tick(self, lap: int) -> int | None:

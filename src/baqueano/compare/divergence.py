@@ -1,4 +1,4 @@
-"""Find the time at which an estimate diverges, and the ticks at which its covariance is not valid.
+"""Find the time at which an estimate diverges or fails, and the ticks at which its covariance is not valid.
 
 diverged   |p − p*| > MAX_PATH_SIZES · max(1 m, size of the true path),
            or without a truth  |p − p₀| > MAX_SPEED_M_S (t + 1 s)                                                    (1)
@@ -7,17 +7,20 @@ a valid covariance P has eigenvalues λ ≥ −ROUNDING_SHARE max |λ|          
 p is the estimated position at the time t, p₀ the first one, p* the true position, moved so that both paths begin at p₀.
 """
 
+import re
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, StopReason, note
 from baqueano.runs.interpolation import interpolate_poses
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 
 MAX_PATH_SIZES = 5.0  # largest error, in sizes of the true path
 MAX_SPEED_M_S = 100.0
+FAULTS = (StopReason.BLOCK_RAISED, StopReason.BLOCK_RAISED_IN_INIT, StopReason.BLOCK_RETURNED)  # of a block
 ROUNDING_SHARE = 1e-9  # of the largest eigenvalue
 
 
@@ -48,6 +51,18 @@ def divergence_s(run: Run) -> float:
             limit = MAX_PATH_SIZES * max(1.0, path_size) * np.ones(len(t_s))
     is_lost = ~(distances <= limit)  # NaN is also a divergence
     return float(t_s[np.argmax(is_lost)]) if is_lost.any() else float("nan")
+
+
+def estimator_failure(run: Run) -> Diagnostic | None:
+    """Return the error that ended the estimator of a run, where, and the command that tests it; None without one."""
+    for event in run.events:
+        cause = event.diagnostic
+        block = str(cause.figures.get("block", "")) if cause is not None and cause.code in FAULTS else ""
+        if place := re.match(r"estimator (\w+)(?: \((.+):\d+\))?", block):
+            name = f"{place[2]}:{place[1]}" if place[2] else place[1]
+            t_s = float(seconds(event.t_ns, run.start_ns))
+            return note("compare.estimator-failed", fix=f"baqueano blocks check {name}", t_s=t_s, cause=cause)
+    return None
 
 
 def cut_at_divergence(run: Run) -> Run:

@@ -113,10 +113,8 @@ def _signed_distance(xy: np.ndarray, corners: np.ndarray) -> np.ndarray:
     squared_distance = np.where(has_no_length, np.inf, np.sum(offset * offset, axis=2))
     nearest_segment = np.argmin(squared_distance, axis=1)
     rows = np.arange(len(xy))
-    side = np.sign(
-        d[rows, nearest_segment, 0] * r[rows, nearest_segment, 1]
-        - d[rows, nearest_segment, 1] * r[rows, nearest_segment, 0]
-    )
+    (d_x, d_y), (r_x, r_y) = d[rows, nearest_segment].T, r[rows, nearest_segment].T
+    side = np.sign(d_x * r_y - d_y * r_x)
     distance = np.sqrt(squared_distance[rows, nearest_segment])
     # distance to the point, if the reference does not move in the window
     to_point = np.hypot(*(xy - corners[:, 0]).T)
@@ -132,6 +130,5 @@ def _relative_pose(eta_a: np.ndarray, eta_b: np.ndarray) -> np.ndarray:
     """Return the relative poses T_a⁻¹ T_b of poses (N, 3) and (N, 3)."""
     d = eta_b[:, :2] - eta_a[:, :2]
     c, s = np.cos(eta_a[:, 2]), np.sin(eta_a[:, 2])
-    return np.column_stack(
-        [c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0], wrap(eta_b[:, 2] - eta_a[:, 2])]
-    )
+    turn = wrap(eta_b[:, 2] - eta_a[:, 2])
+    return np.column_stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0], turn])

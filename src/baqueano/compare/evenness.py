@@ -67,9 +67,8 @@ def speed_errors(
     if not np.any(speed_ref[is_known]):
         return UNKNOWN_SPEED_ERRORS
     scale = float(np.mean(np.abs(speed_ref[is_known])))
-    return SpeedErrors(
-        rms(e[is_counted]), rms(e[is_counted]) / scale, rms(minus_moving_mean(t_ns, e)[is_counted]) / scale
-    )
+    error, fluctuation = rms(e[is_counted]), rms(minus_moving_mean(t_ns, e)[is_counted])
+    return SpeedErrors(error, error / scale, fluctuation / scale)
 
 
 def is_driving(t_ns: np.ndarray, speed_ref: np.ndarray, after_s: float = START_S) -> np.ndarray:
@@ -123,9 +122,8 @@ def at_limit(u: np.ndarray, limits: Limits) -> np.ndarray:
     The two wheels are checked too, because a wheel can reach its limit while u_x and u_ψ are within their limits.
     """
     w = np.abs(mix(limits.mixing, u.T)).T
-    is_at_limit = np.any(_reaches_limit(np.abs(u), limits.command), axis=1) | np.any(
-        _reaches_limit(w, limits.channel), axis=1
-    )
+    reaches_limit = _reaches_limit(np.abs(u), limits.command), _reaches_limit(w, limits.channel)
+    is_at_limit = np.any(np.concatenate(reaches_limit, axis=1), axis=1)
     return np.where(np.all(np.isfinite(u), axis=1), is_at_limit.astype(float), np.nan)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from baqueano.compare import errors, evenness
 from baqueano.compare.comparison import Comparison, PathDistances, RunComparison
 from baqueano.compare.corridor import corridor_of
-from baqueano.compare.divergence import cut_at_divergence, divergence_s, invalid_covariance
+from baqueano.compare.divergence import cut_at_divergence, divergence_s, estimator_failure, invalid_covariance
 from baqueano.compare.filter_consistency import filter_consistency
 from baqueano.compare.laps import laps_of
 from baqueano.contracts.calls import checked_call, items_of
@@ -135,7 +135,8 @@ def _compare_runs(
 
 
 def _run_comparison(run: Run, name: str, first: Run, alignment: str, over_s: float) -> RunComparison:
-    end_s, run = divergence_s(run), cut_at_divergence(run)  # the errors are those before the divergence
+    failure = estimator_failure(run)
+    end_s, run = float("nan") if failure else divergence_s(run), cut_at_divergence(run)
     figures = dict.fromkeys(
         ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
          "end_error_m"), float("nan"))  # fmt: skip
@@ -148,7 +149,7 @@ def _run_comparison(run: Run, name: str, first: Run, alignment: str, over_s: flo
         pace_estimate=_speed_errors(run.estimate, run),
         **_command_figures(run), consistency=filter_consistency(run, alignment),
         refusals=rejections_in(run.events), laps=laps_of(run), corridor=corridor_of(run), divergence_s=end_s,
-        invalid_covariance=invalid_covariance(run))  # fmt: skip
+        invalid_covariance=invalid_covariance(run), failure=failure)  # fmt: skip
 
 
 def _against_truth(run: Run, alignment: str, over_s: float) -> dict[str, float]:

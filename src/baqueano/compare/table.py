@@ -50,9 +50,8 @@ def table(comparison: "Comparison") -> str:
     ]
 
     def line(label: str, its_unit: str, cells: Sequence[str], columns_shown: Sequence[int]) -> str:
-        columns = "".join(
-            f"  {cell:>{column_widths[k]}}" for k, cell in zip(columns_shown, cells, strict=True)
-        )
+        pairs = zip(columns_shown, cells, strict=True)
+        columns = "".join(f"  {cell:>{column_widths[k]}}" for k, cell in pairs)
         return f"{label}{its_unit:>{width - len(label)}}{columns}".rstrip()
 
     blocks = []
@@ -111,31 +110,20 @@ def _column_ranges(column_widths: Sequence[int], width: int) -> Iterator[range]:
 
 
 def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
-    span_text = _("over {over_s:g} s", over_s=comparison.over_s)
-    yield (
-        "",
-        [
-            TableLine(_("duration"), "s", lambda j: j.duration_s),
-            TableLine(_("the estimate diverged at"), "s", lambda j: j.divergence_s),
-        ],
-    )
-    yield (
-        _(ALIGNMENT_TITLES[comparison.alignment]),
-        [
-            TableLine(_("position (ATE)"), "m", lambda j: j.ate_m, True),
-            TableLine(_("position, at the end"), "m", lambda j: j.end_error_m, True),
-            TableLine(_("heading"), "°", lambda j: j.ate_heading_rad * DEGREES_PER_RAD, True),
-            TableLine(_("drift {over} (RPE)", over=span_text), "m", lambda j: j.rpe_m, True),
-            TableLine(
-                _("drift of the heading {over}", over=span_text),
-                "°",
-                lambda j: j.rpe_heading_rad * DEGREES_PER_RAD,
-                True,
-            ),
-            TableLine(_("speed"), "m/s", lambda j: j.speed_error_m_s, True),
-            TableLine(_("yaw rate"), "rad/s", lambda j: j.yaw_rate_error_rad_s, True),
-        ],
-    )
+    over = _("over {over_s:g} s", over_s=comparison.over_s)
+    duration = TableLine(_("duration"), "s", lambda j: j.duration_s)
+    yield "", [duration, TableLine(_("the estimate diverged at"), "s", lambda j: j.divergence_s)]
+    drift, turn = _("drift {over} (RPE)", over=over), _("drift of the heading {over}", over=over)
+    lines = [
+        TableLine(_("position (ATE)"), "m", lambda j: j.ate_m, True),
+        TableLine(_("position, at the end"), "m", lambda j: j.end_error_m, True),
+        TableLine(_("heading"), "°", lambda j: j.ate_heading_rad * DEGREES_PER_RAD, True),
+        TableLine(drift, "m", lambda j: j.rpe_m, True),
+        TableLine(turn, "°", lambda j: j.rpe_heading_rad * DEGREES_PER_RAD, True),
+        TableLine(_("speed"), "m/s", lambda j: j.speed_error_m_s, True),
+        TableLine(_("yaw rate"), "rad/s", lambda j: j.yaw_rate_error_rad_s, True),
+    ]
+    yield _(ALIGNMENT_TITLES[comparison.alignment]), lines
     if comparison.of_drives:
         yield from _vehicle_sections()
     yield from _filter_sections(comparison)
@@ -143,18 +131,14 @@ def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLin
 
 def _vehicle_sections() -> Iterator[tuple[str, Sequence[TableLine]]]:
     """Yield the sections on path, speed and command of the vehicle. A replay does not have these sections."""
-    for title, path_kind in (
-        (_("true cross-track error of the vehicle"), "true"),
-        (_("the same, as estimated"), "estimate"),
-    ):
-        yield title, [*_distances(f"across_{path_kind}"), *_paces(f"pace_{path_kind}")]
+    kinds = {"true": _("true cross-track error of the vehicle"), "estimate": _("the same, as estimated")}
+    for kind, title in kinds.items():
+        yield title, [*_distances(f"across_{kind}"), *_paces(f"pace_{kind}")]
     yield _("cross-track distance to the path of the first run"), _distances("across_first")
+    changes = TableLine(_("changes of sign, forward"), "1/s", lambda j: j.sign_changes_per_s)
     yield (
         _("command"),
-        [
-            TableLine(_("changes of sign, forward"), "1/s", lambda j: j.sign_changes_per_s),
-            TableLine(_("ticks at a limit"), "%", lambda j: 100.0 * j.saturated_fraction),
-        ],
+        [changes, TableLine(_("ticks at a limit"), "%", lambda j: 100.0 * j.saturated_fraction)],
     )
 
 
@@ -176,47 +160,32 @@ def _paces(name: str) -> list[TableLine]:
 
 def _filter_sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
     channels = dict.fromkeys(name for run in comparison.runs for name in run.consistency.channels)
-    yield (
-        _("NEES, 1 if consistent"),
-        [
-            *(
-                TableLine(_(k.removeprefix("nees_")), "", lambda j, k=k: _band(getattr(j.consistency, k)))
-                for k in JOINT_FIGURES
-                if k != "nis"
-            ),
-            *(
-                TableLine(_(state_title), "", lambda j, k=k: _band(j.consistency.states[k]))
-                for k, state_title in STATE_NAMES.items()
-            ),
-        ],
-    )
-    yield (
-        _("NIS, 1 if consistent"),
-        [
-            TableLine(_("all innovations"), "", lambda j: _band(j.consistency.nis)),
-            *(
-                TableLine(k, "", lambda j, k=k: _band(j.consistency.channels.get(k, NOT_REPORTED)))
-                for k in channels
-            ),
-            TableLine(_("correlation at lag 1"), "", lambda j: j.consistency.correlation),
-        ],
-    )
+    joint = {k: _(k.removeprefix("nees_")) for k in JOINT_FIGURES if k != "nis"}
+    states = {k: _(title) for k, title in STATE_NAMES.items()}
+    lines = [
+        TableLine(title, "", lambda j, k=k: _band(getattr(j.consistency, k))) for k, title in joint.items()
+    ]
+    lines += [
+        TableLine(title, "", lambda j, k=k: _band(j.consistency.states[k])) for k, title in states.items()
+    ]
+    yield _("NEES, 1 if consistent"), lines
+    lines = [TableLine(_("all innovations"), "", lambda j: _band(j.consistency.nis))]
+    for k in channels:
+        lines.append(TableLine(k, "", lambda j, k=k: _band(j.consistency.channels.get(k, NOT_REPORTED))))
+    lines.append(TableLine(_("correlation at lag 1"), "", lambda j: j.consistency.correlation))
+    yield _("NIS, 1 if consistent"), lines
     names = dict.fromkeys(refusal.name for run in comparison.runs for refusal in run.refusals)
-    yield (
-        _("readings rejected by the estimator"),
-        [TableLine(k, "", lambda j, k=k: _refusal_text(j, k)) for k in names],
-    )
+    lines = [TableLine(k, "", lambda j, k=k: _refusal_text(j, k)) for k in names]
+    yield _("readings rejected by the estimator"), lines
     verdicts = [run.verdict for run in comparison.runs if run.verdict != "not reported"]
     yield _("covariance"), [TableLine(_("verdict"), "", lambda j: _(j.verdict))] if verdicts else []
 
 
 def _refusal_text(run: "RunComparison", name: str) -> str:
     """Return the rejected readings of a channel, such as "540 of 1501"; "-" without a record or without readings."""
-    refusals = [refusal for refusal in run.refusals if refusal.name == name and refusal.reading_count]
-    if refusals:
-        return _(
-            "{refused} of {arrived}", refused=refusals[0].rejected_count, arrived=refusals[0].reading_count
-        )
+    for of in run.refusals:
+        if of.name == name and of.reading_count:
+            return _("{refused} of {arrived}", refused=of.rejected_count, arrived=of.reading_count)
     return "-"
 
 

@@ -118,9 +118,8 @@ class Unscented:
             y, s, w = [*y, innovation], [*s, S], [*w, weight]
         belief = tree_where(row.is_new, Belief(tick.t_ns, *x, effort.last, drivetrain), belief)
         innovations = (np.concatenate(y), block_diagonal(s), np.concatenate(w)) if y else ()
-        return belief, Estimate(
-            tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6], *innovations
-        )
+        mean, cov = belief.mean, belief.cov
+        return belief, Estimate(tick.t_ns, mean[:3], mean[3:6], cov[:6, :6], *innovations)
 
     def _predict(self, belief: Belief, effort: Effort, row: FilterRow) -> Gaussian:
         """Return the mean and the covariance of the state one row later.  (1)"""
@@ -130,10 +129,8 @@ class Unscented:
 
         centre = g(belief.mean)
         spread_points = propagate(lambda x: _difference(g(x), centre), Gaussian(belief.mean, belief.cov))
-        noise = [
-            unmoved_cov(row, belief.mean, belief.cov),
-            self.process_noise_cov * (row.dt_s * self.rate_hz),
-        ]
+        R = self.process_noise_cov * (row.dt_s * self.rate_hz)
+        noise = [unmoved_cov(row, belief.mean, belief.cov), R]
         cov = mirror_upper(
             spread_points.odd_part @ spread_points.odd_part.T
             + spread_points.even_part @ spread_points.even_part.T

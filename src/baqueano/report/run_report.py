@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.compare import compare, evenness
-from baqueano.compare.comparison import ADVICE_CODES, DIVERGED, NOT_DEFINITE
+from baqueano.compare.comparison import ADVICE_CODES, DIVERGED, FAILED, NOT_DEFINITE
 from baqueano.compare.divergence import cut_at_divergence
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import number
@@ -28,9 +28,8 @@ from baqueano.signals import seconds
 from baqueano.vehicles.drivetrain import mix
 
 IMU = ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]")
-VERDICTS = {"consistent": Verdict.CONSISTENT} | dict.fromkeys(
-    (*ADVICE_CODES, NOT_DEFINITE, DIVERGED), Verdict.INCONSISTENT
-)
+NOT_CONSISTENT = (*ADVICE_CODES, NOT_DEFINITE, DIVERGED, FAILED)
+VERDICTS = {"consistent": Verdict.CONSISTENT} | dict.fromkeys(NOT_CONSISTENT, Verdict.INCONSISTENT)
 
 
 def page_of_run(run: Run, alignment: str = "none", second: Run | None = None) -> Page:

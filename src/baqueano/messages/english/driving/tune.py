@@ -58,6 +58,10 @@ TEMPLATES: dict[str, str] = {
     "tune.too-many": "{dimensions} gains at once: expected at most {maximum}. Name fewer, and fix the rest.",
     "lab.scipy-for-tuning": "scipy is not installed, and tuning needs it. Type: {fix}",
     "compare.diverged": "The estimate diverged at {t_s:.1f} s. Its results cover only the time before that.",
+    "compare.estimator-failed": (
+        "The estimator failed at {t_s:.1f} s: {cause}. Its results cover only the time before that. Correct it, and "
+        "test it alone. Type: {fix}"
+    ),
     "compare.no-covariance": (
         "The covariance is not positive definite at {ticks} of {total} ticks, first at {start_s:.2f} s, so a "
         "probability cannot be computed."
