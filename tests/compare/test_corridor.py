@@ -103,7 +103,7 @@ def test_a_small_bias_or_scale_error_lies_inside_the_corridor(key, error):
     route = sinuous_circle(0.6, 0.06, 5, 0.2)
     from baqueano.drive import repeat
 
-    run = repeat(file, route, 2, condition=truth, seed=3)
+    run = repeat(file, route, 2, truth=truth, seed=3)
     log = run.estimate
     e = log.eta - run.truth.eta[np.searchsorted(run.truth.t_ns, log.t_ns)]
     e[:, 2] = np.angle(np.exp(1j * e[:, 2]))

@@ -22,7 +22,7 @@ RAMP_S = 0.5 * 0.2 / 0.3  # half of the time between rest and 0.2 m/s, at the st
 
 @pytest.fixture(scope="module")
 def run():
-    return bq.repeat(SMALL, LAP, laps=2, condition=SMALL.with_values({"sensors.imu.gyro_bias": 0.004}))
+    return bq.repeat(SMALL, LAP, laps=2, truth=SMALL.with_values({"sensors.imu.gyro_bias": 0.004}))
 
 
 def test_the_command_is_exactly_zero_during_the_rest_and_then_the_guide_begins(run):
@@ -36,9 +36,7 @@ def test_the_command_is_exactly_zero_during_the_rest_and_then_the_guide_begins(r
 
 def test_the_rest_measures_the_bias_of_the_gyro(run):
     """The bias of 0.004 rad/s turns the estimated heading by 0.07 rad; the scale of the gyro cancels on an eight."""
-    result = bq.repeat(
-        SMALL, LAP, 2, condition=SMALL.with_values({"sensors.imu.gyro_bias": 0.004}), rest_s=0.0
-    )
+    result = bq.repeat(SMALL, LAP, 2, truth=SMALL.with_values({"sensors.imu.gyro_bias": 0.004}), rest_s=0.0)
     assert result.rest_s == 0.0
     at_rest, at_once = (bq.compare(r).runs[0] for r in (run, result))
     assert at_rest.ate_heading_rad < 0.2 * at_once.ate_heading_rad

@@ -28,7 +28,7 @@ LARGEST = 300_000  # bytes
 @pytest.fixture(scope="module")
 def run():
     small = bq.load("small")
-    return bq.repeat(small, circle(0.4, 0.3), laps=2, condition=small.with_values({"model.mass_kg": 0.7}))
+    return bq.repeat(small, circle(0.4, 0.3), laps=2, truth=small.with_values({"model.mass_kg": 0.7}))
 
 
 @pytest.fixture(scope="module")
