@@ -4,7 +4,7 @@ Your own class needs only the methods of its protocol (blocks.py, vehicles/state
 """
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
@@ -62,10 +62,11 @@ def is_dynamic(vehicle: object) -> bool:
     return attribute(vehicle, "nu_dot") is not None
 
 
-def check_noise_field(sensor: object) -> None:
-    """Raise UsageError for a sensor without a field for the noise that a fit measures."""
-    if not has_field(sensor, "measurement_noise_cov"):
-        raise UsageError(fault("noise.no-field", block=type(sensor).__name__))
+def check_noise_fields(sensors: Iterable[object]) -> None:
+    """Raise UsageError if one of the sensors has no field for the noise that a fit measures."""
+    for sensor in sensors:
+        if not has_field(sensor, "measurement_noise_cov"):
+            raise UsageError(fault("noise.no-field", block=type(sensor).__name__))
 
 
 def has_field(block: object, name: str) -> bool:

@@ -23,7 +23,7 @@ import numpy as np
 from baqueano.calibration.hand_measurements import HAND_SENSORS
 from baqueano.calibration.rest import is_at_rest
 from baqueano.contracts.calls import checked_call
-from baqueano.contracts.optional import check_noise_field, is_dynamic
+from baqueano.contracts.optional import check_noise_fields, is_dynamic
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
@@ -218,7 +218,7 @@ def measure_noise(
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if source not in ("auto", "truth", "innovations"):
         raise UsageError(fault("noise.unknown-source", value=source))
-    [check_noise_field(sensor) for sensor in fit.file.sensors]
+    check_noise_fields(fit.file.sensors)
     notes: list[Diagnostic] = []
     in_motion, at_rest = _measurement(fit, runs, notes)
     units = channel_units(fit.file) | channel_units(fit.file, fit.blocks.sensors)
