@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -237,8 +237,9 @@ def test_the_inverse_drivetrain_returns_the_command_for_an_effort(size, sign, co
         battery_nominal_v=7.4,
     )
     effort = drivetrain.unmix(size * sign)
-    command = drivetrain.static_response(drivetrain.mix(drivetrain.inverse(effort)))
-    np.testing.assert_allclose(drivetrain.unmix(command), effort, atol=1e-9)
+    wheels = drivetrain.mix(drivetrain.inverse(effort))
+    assume(np.abs(wheels).max() < 1.0)  # a low battery does not reach each effort
+    np.testing.assert_allclose(drivetrain.unmix(drivetrain.static_response(wheels)), effort, atol=1e-9)
 
 
 def test_the_inverse_drivetrain_is_continuous_at_zero():
