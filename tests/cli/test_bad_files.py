@@ -71,10 +71,11 @@ def test_every_command_refuses_a_file_that_is_not_a_run(baqueano, tmp_path, name
 
 
 @pytest.mark.parametrize("verb", ["runs show", "runs recover", "identify", "replay", "compare", "report"])
-def test_a_missing_run_is_reported(baqueano, verb):
+def test_a_missing_run_is_reported(baqueano, verb, tmp_path):
     end = baqueano(*verb.split(), "last")
     assert end.code == 3
     assert (end.reason.code, end.reason.figures["value"]) == ("runs.folder-empty", "last")
+    (tmp_path / "runs").mkdir()
     reason = baqueano(*verb.split(), "no.mcap").reason
     assert (reason.code, reason.fix) == ("runs.absent", "baqueano runs ls")
 

@@ -155,14 +155,16 @@ def test_the_table_fits_80_columns_and_each_row_has_a_figure(runs):
 @pytest.mark.parametrize("chosen", ["en", "es"])
 def test_two_drives_stand_side_by_side(chosen):
     with language.use_language(chosen):
-        drives = [run_with(name, off=(0.0, 0.0, 0.0), sigma=0.001) for name in ("0004-repeat", "0005-repeat")]
+        drives = [
+            run_with(name, offset=(0.0, 0.0, 0.0), sigma=0.001) for name in ("0004-repeat", "0005-repeat")
+        ]
         lines = compare(drives).table().splitlines()
     assert lines[0].split() == ["0004-repeat", "0005-repeat"]
     assert max(map(len, lines)) <= 80
 
 
 def test_a_printed_comparison_begins_with_a_line_for_each_run():
-    runs = [run_with(name, off=(0.2, 0, 0)) for name in ("ours", "mine", "third")]
+    runs = [run_with(name, offset=(0.2, 0, 0)) for name in ("ours", "mine", "third")]
     begins = [line.split(",")[0] for line in repr(compare(runs)).splitlines() if not line.startswith(" ")]
     assert begins[:3] == ["ours", "mine", "third"]
 

@@ -32,7 +32,7 @@ NOT_AT_THE_START = (  # modules of a laptop, or of the start of a drive
 @pytest.mark.parametrize("backend", ["c", "python"])
 def test_the_service_imports_no_laptop_module_at_start_or_in_drives(firmware, tmp_path, backend):
     log = tmp_path / "watched.jsonl"
-    environment = {"WATCHER": str(log), "BAQUEANO_BACKEND": backend}
+    environment = {"MODULE_LOG": str(log), "BAQUEANO_BACKEND": backend}
     with running(firmware, tmp_path, (sys.executable, str(WATCHER)), environment) as service:
         ring = circle(0.05, 0.2)
         missions = [

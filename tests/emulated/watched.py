@@ -1,4 +1,4 @@
-"""`python watched.py -m baqueano …` runs this process and records its imported modules in the file $WATCHED.
+"""`python watched.py -m baqueano …` runs this process and records its imported modules in the file $MODULE_LOG.
 
 One JSON line at READY=1 lists all modules. One line at the end of each drive lists the modules that were imported
 between its first and its last tick.
@@ -17,7 +17,7 @@ from baqueano.robot.service.realtime import Systemd
 
 def write_line(**modules: Any) -> None:
     """Write a line."""
-    with Path(os.environ["WATCHED"]).open("a", encoding="utf-8") as out:
+    with Path(os.environ["MODULE_LOG"]).open("a", encoding="utf-8") as out:
         out.write(json.dumps({name: sorted(names) for name, names in modules.items()}) + "\n")
 
 

@@ -55,7 +55,7 @@ def car():
 
 
 @pytest.fixture(params=["small", "car"])
-def each(request):
+def fit_and_run(request):
     return request.getfixturevalue(request.param)
 
 
@@ -83,8 +83,8 @@ def exact_scales(fit):
     return replace(fit, scale_shifts=0.0 * fit.scale_shifts)
 
 
-def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(x):
-    fit, _ = x
+def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(fit_and_run):
+    fit, _ = fit_and_run
     rate = fit.file.rate_hz
     short = simulate(fit.file, random_steps(LIMIT[fit.file.name], 10.1, rate, 5), 5, name="short")
     (drive, *_) = forecast(exact_scales(fit), short).ahead
@@ -94,8 +94,8 @@ def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(x):
     assert drive.heading_rad == pytest.approx(heading, rel=0.15)
 
 
-def test_the_forecast_error_over_a_lap_matches_drawn_vehicles(x):
-    fit, run = x
+def test_the_forecast_error_over_a_lap_matches_drawn_vehicles(fit_and_run):
+    fit, run = fit_and_run
     route = eight(1.0, 0.25)
     lap = forecast(exact_scales(replace(fit, channels=())), run, route, "lab").ahead[
         1

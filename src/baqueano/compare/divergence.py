@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, StopReason, note
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs.interpolation import interpolate_poses
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
@@ -60,8 +61,8 @@ def estimator_failure(run: Run) -> Diagnostic | None:
         block = str(cause.figures.get("block", "")) if cause is not None and cause.code in FAULTS else ""
         if place := re.match(r"estimator (\w+)(?: \((.+):\d+\))?", block):
             name = f"{place[2]}:{place[1]}" if place[2] else place[1]
-            t_s = float(seconds(event.t_ns, run.start_ns))
-            return note("compare.estimator-failed", fix=f"baqueano blocks check {name}", t_s=t_s, cause=cause)
+            fix, t_s = baqueano_command("blocks", "check", name), float(seconds(event.t_ns, run.start_ns))
+            return note("compare.estimator-failed", fix=fix, t_s=t_s, cause=cause)
     return None
 
 

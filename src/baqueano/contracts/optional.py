@@ -63,7 +63,7 @@ def is_dynamic(vehicle: object) -> bool:
 
 
 def check_noise_fields(sensors: Iterable[object]) -> None:
-    """Raise UsageError if one of the sensors has no field for the noise that a fit measures."""
+    """Raise UsageError for a sensor without a field for the noise that a fit measures."""
     for sensor in sensors:
         if not has_field(sensor, "measurement_noise_cov"):
             raise UsageError(fault("noise.no-field", block=type(sensor).__name__))

@@ -97,7 +97,8 @@ def read_bytes(path: Path) -> bytes:
         fix = baqueano_command("runs", "ls", "--runs", path)
         raise FileError(fault("runs.folder", fix, path=path)) from None
     except FileNotFoundError:
-        fix = baqueano_command("runs", "ls", *([] if path.parent == Path() else ["--runs", path.parent]))
+        is_default = path.parent == Path() and Path("runs").is_dir()
+        fix = baqueano_command("runs", "ls", *([] if is_default else ["--runs", path.parent]))
         raise FileError(fault("runs.absent", fix, absent_path=path)) from None
     except OSError as error:
         raise FileError(fault("runs.not-read", path=path, error=error.strerror or error)) from error
