@@ -122,10 +122,10 @@ def test_a_lap_of_an_independent_robot_is_refused_if_it_ends_away_from_its_mark(
     ends = ends_of_laps(seeds, files, "rectangle")
     assert refused_share(ends) == 0.0
     assert refused_share(ends, distance_m=0.05) < refused_share(ends, distance_m=0.1) <= 1.0
-    assert refused_share(ends, distance_m=0.2) == refused_share(ends, turn_rad=np.radians(20.0)) == 1.0
+    assert refused_share(ends, distance_m=0.3) == refused_share(ends, turn_rad=np.radians(25.0)) == 1.0
     for lap, file in zip(
         team.simulate_taught_laps(
-            vehicles(seeds), seeds, files, ends=np.array([[0.2, 0.0, 0.0], [0.0, -0.2, 0.0]])
+            vehicles(seeds), seeds, files, ends=np.array([[0.3, 0.0, 0.0], [0.0, -0.3, 0.0]])
         ),
         files,
         strict=True,
