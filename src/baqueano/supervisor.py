@@ -187,16 +187,14 @@ class GuardedBlock:
             replace(self, block=with_guarded_parts(self.role, text, command_count, True)).step(state, *inputs)
 
     def _return_fault(self, result_text: str, expected: Diagnostic | str) -> BlockFault:
-        reason = stop(
-            StopReason.BLOCK_RETURNED, block=_block_place(self), value=result_text, expected=expected
-        )
-        return BlockFault(self.role, reason)
+        figures = {"value": result_text, "expected": expected}
+        return BlockFault(self.role, stop(StopReason.BLOCK_RETURNED, **_block_figures(self), **figures))
 
     def _fault(self, error: BaseException, reason: StopReason = StopReason.BLOCK_RAISED) -> BlockFault:
         """Return the fault of an exception of the block, even of sys.exit(). Re-raise an interruption from outside."""
         if from_outside(error):
             raise error
-        return BlockFault(self.role, stop(reason, block=_block_place(self, error), error=error_text(error)))
+        return BlockFault(self.role, stop(reason, **_block_figures(self, error), error=error_text(error)))
 
 
 def guard_block(role: str, block: Block, command_count: int = 0) -> GuardedBlock:
@@ -285,20 +283,25 @@ def _text_of(value: object) -> str:
     return "None" if value is None else type(value).__name__
 
 
-def _block_place(guard: GuardedBlock, error: BaseException | None = None) -> str:
-    """Return the block, its file, and the line of the error or, without an error, the line where `step` begins."""
+def _block_figures(guard: GuardedBlock, error: BaseException | None = None) -> dict[str, str]:
+    """Return the role of a block, its kind as in a vehicle file, and as `block` a text with its file and line.
+
+    The line is that of the error or, without an error, that where `step` begins.
+    """
     frames = traceback.extract_tb(error.__traceback__) if error is not None else []
     block = _faulty_part(guard.block, {frame.filename for frame in frames})
     block_class: Tree = type(block)
-    block_name, file_name = f"{guard.role} {block_class.__name__}", _file_of(block)
+    class_name, file_name = block_class.__name__, _file_of(block)
+    block_text = f"{guard.role} {class_name}"
     if file_name is None:
-        return block_name
+        return {"role": guard.role, "kind": class_name, "block": block_text}
     line = block_class.step.__code__.co_firstlineno
     line_numbers = [
         frame.lineno for frame in frames if frame.filename == file_name and frame.lineno is not None
     ]
     shown_name = cell_name(file_name) or file_name
-    return f"{block_name} ({shown_name}:{line_numbers[-1] if line_numbers else line})"
+    place = f"{shown_name}:{line_numbers[-1] if line_numbers else line}"
+    return {"role": guard.role, "kind": f"{shown_name}:{class_name}", "block": f"{block_text} ({place})"}
 
 
 def _as_written(block: Tree) -> Tree:

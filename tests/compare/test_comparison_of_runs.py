@@ -181,8 +181,8 @@ def test_a_replay_is_judged_only_by_its_estimate():
 
 def test_an_estimator_that_raised_is_not_called_diverged():
     """The sentence contains the error, its line, and the command that tests the block."""
-    block = {"block": "estimator Mine (/lab/my.py:7)", "error": "ValueError: no"}
-    cause = fault(StopReason.BLOCK_RAISED, **block)
+    block = {"role": "estimator", "kind": "/lab/my.py:Mine", "block": "estimator Mine (/lab/my.py:7)"}
+    cause = fault(StopReason.BLOCK_RAISED, **block, error="ValueError: no")
     log = run_with().estimate
     events = (Event(int(log.t_ns[0]), "error", "loop", "", cause),)
     comparison = compare(run_with(estimate=log._replace(eta=log.eta * np.nan), events=events))

@@ -108,6 +108,7 @@ def test_a_failing_block_is_named_with_its_file_and_line(tmp_path, body, words, 
     reason = stop_reason_of(run)
     assert reason.figures["block"].startswith("controller Mine (")
     assert "mi contról.py:" in reason.figures["block"]
+    assert reason.figures["kind"].endswith("mi contról.py:Mine")
     assert words in text(reason)
     assert np.array_equal(run.applied_commands, np.zeros_like(run.applied_commands))
     assert np.isfinite(run.estimate.eta).all()

@@ -49,7 +49,7 @@ def missing() -> str:
         return "no Linux with a system Python"
     result = subprocess.run([SYSTEM_PYTHON, "-c", ASK], capture_output=True, text=True)
     if result.returncode != 0:
-        return f"{SYSTEM_PYTHON} has no umockdev ({result.stderr.strip().splitlines()[-1]})"
+        return f"{SYSTEM_PYTHON} lacks umockdev ({result.stderr.strip().splitlines()[-1]})"
     return "" if Path("/usr/sbin/i2cget").exists() else "no i2c-tools"
 
 

@@ -45,11 +45,13 @@ def test_imu_only_intervals_cover_the_odometer_fit_and_are_narrow(study):
             assert rows[f"widest of {name}, ± parts"]["value"] <= bar, name
 
 
-def test_the_study_reports_that_its_limit_for_the_steady_speed_is_exceeded(study):
-    """Errors by reported effects of turning widen it, as simulated cars need; on these cars it was 8 % without them."""
-    assert study.verdict == "WARN"
-    exceeded = [row["quantity"] for row in study.rows() if row["ok"] is False]
-    assert exceeded == [f"widest of {QUANTITY_NAMES[-1]}, ± parts"], study.reasons
+@pytest.mark.xfail(
+    strict=True, reason="errors by reported effects of turning widen the steady speed to ± 22 %"
+)
+def test_the_imu_only_interval_of_the_steady_speed_is_narrow(study):
+    rows = {row["quantity"]: row for row in study.rows()}
+    assert rows[f"widest of {QUANTITY_NAMES[-1]}, ± parts"]["value"] <= MAX_WIDTHS[-1]
+    assert study.verdict == "USABLE", study.reasons
 
 
 def test_the_study_reports_the_unobservable_gyro_scale_and_an_envelope_exit(study):

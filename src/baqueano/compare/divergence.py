@@ -7,7 +7,6 @@ a valid covariance P has eigenvalues λ ≥ −ROUNDING_SHARE max |λ|          
 p is the estimated position at the time t, p₀ the first one, p* the true position, moved so that both paths begin at p₀.
 """
 
-import re
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -58,10 +57,9 @@ def estimator_failure(run: Run) -> Diagnostic | None:
     """Return the error that ended the estimator of a run, where, and the command that tests it; None without one."""
     for event in run.events:
         cause = event.diagnostic
-        block = str(cause.figures.get("block", "")) if cause is not None and cause.code in FAULTS else ""
-        if place := re.match(r"estimator (\w+)(?: \((.+):\d+\))?", block):
-            name = f"{place[2]}:{place[1]}" if place[2] else place[1]
-            fix, t_s = baqueano_command("blocks", "check", name), float(seconds(event.t_ns, run.start_ns))
+        if cause is not None and cause.code in FAULTS and cause.figures.get("role") == "estimator":
+            fix = baqueano_command("blocks", "check", str(cause.figures["kind"]))
+            t_s = float(seconds(event.t_ns, run.start_ns))
             return note("compare.estimator-failed", fix=fix, t_s=t_s, cause=cause)
     return None
 

@@ -183,9 +183,9 @@ def _filter_sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[T
 
 def _refusal_text(run: "RunComparison", name: str) -> str:
     """Return the rejected readings of a channel, such as "540 of 1501"; "-" without a record or without readings."""
-    for of in run.refusals:
-        if of.name == name and of.reading_count:
-            return _("{refused} of {arrived}", refused=of.rejected_count, arrived=of.reading_count)
+    for channel in run.refusals:
+        if channel.name == name and channel.reading_count:
+            return _("{refused} of {arrived}", refused=channel.rejected_count, arrived=channel.reading_count)
     return "-"
 
 
