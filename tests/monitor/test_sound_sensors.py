@@ -39,5 +39,6 @@ def test_rejections_are_counted_for_each_channel():
     assert [refusal.name for refusal in sensors.rejections] == ["imu[0]", "imu[1]", "imu[2]"]
     assert [refusal.rejected_count for refusal in sensors.rejections] == [0, 0, 10]
     assert rejection_event(sensors.rejections).figures["imu[2].refused"] == 10
+    assert rejection_event(sensors.rejections).figures["reasons"] == f"imu[2]: 10/{len(z) - 1}"
     # an accelerometer does not correct the estimate
     assert [refusal.reading_count for refusal in sensors.rejections] == [0, 0, len(z) - 1]

@@ -34,10 +34,11 @@ class Rejections(NamedTuple):
 
 
 def rejection_event(counts: Sequence[Rejections]) -> Diagnostic:
-    """Return the message with the counts of all channels."""
+    """Return the message with the counts of the channels that correct the estimate."""
     values: dict[str, Any] = {count.name + OF_REFUSED: count.rejected_count for count in counts}
     values |= {count.name + OF_ARRIVED: count.reading_count for count in counts}
-    texts = [f"{count.name}: {count.rejected_count}/{count.reading_count}" for count in counts]
+    active_counts = [count for count in counts if count.reading_count] or counts
+    texts = [f"{count.name}: {count.rejected_count}/{count.reading_count}" for count in active_counts]
     return note("estimator.refused", reasons=texts, **values)
 
 
