@@ -14,6 +14,7 @@ import numpy as np
 from baqueano.cli import options
 from baqueano.cli.terminal import print_message, show_activity, show_time_progress
 from baqueano.diagnostics import Verdict, fault, note
+from baqueano.messages import texts, verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
-from baqueano.messages import texts, verdict_line
 
 
 class Round(NamedTuple):

@@ -5,13 +5,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
 from baqueano.design.information import mean_error
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
 
 DESIGNED, BASELINE = "designed", "random_steps"
 MIN_RATIO = 1.5
