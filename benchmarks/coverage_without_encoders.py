@@ -72,11 +72,11 @@ def of_cars(case: str, seeds: range, duration_s: float) -> list[Made]:
     files = [car_file(q) for q in cars]
     kinds = ((0.1, 0.55, 2.0), (-LOCK, LOCK, 1.2))
     rate_hz = files[0].rate_hz
-    us = [np.stack([steps(rng, *k, rate_hz, duration_s) for k in kinds], axis=1) for rng in draws]
-    for u in us:
+    inputs = [np.stack([steps(rng, *k, rate_hz, duration_s) for k in kinds], axis=1) for rng in draws]
+    for u in inputs:
         u[: round(REST_S * rate_hz)] = 0.0
     out = []
-    for (run, file), q, rng in zip(_drive_cars(cars, files, us, seeds), cars, draws, strict=True):
+    for (run, file), q, rng in zip(_drive_cars(cars, files, inputs, seeds), cars, draws, strict=True):
         imu, truth = run.sensors["imu"], run.truth
         assert truth is not None
         if case == "± scales":
@@ -90,23 +90,23 @@ def of_cars(case: str, seeds: range, duration_s: float) -> list[Made]:
 def of_robots(seeds: range, duration_s: float) -> list[Made]:
     """Return run, file and true values of a robot for each seed; all robots are simulated in one batch."""
     robots = [draw_robot(seed) for seed in seeds]
-    files, us = [robot_file(q) for q in robots], []
+    files, inputs = [robot_file(q) for q in robots], []
     for seed, file in zip(seeds, files, strict=True):
         rng = np.random.default_rng([seed, 51])
         columns = [steps(rng, -limit, limit, 1.0, file.rate_hz, duration_s) for limit in file.command.limit]
-        us.append(quantised_commands(np.stack(columns, axis=1)))
-    pairs = zip(_drive_cars(robots, files, us, seeds), robots, strict=True)
+        inputs.append(quantised_commands(np.stack(columns, axis=1)))
+    pairs = zip(_drive_cars(robots, files, inputs, seeds), robots, strict=True)
     return [(run, file, robot_values(q)) for (run, file), q in pairs]
 
 
 def _drive_cars(
-    vehicles: list[Any], files: list[Any], us: list[np.ndarray], seeds: range
+    vehicles: list[Any], files: list[Any], inputs: list[np.ndarray], seeds: range
 ) -> list[tuple[Run, Any]]:
-    group, t_ns = merge(vehicles), tick_times(len(us[0]), files[0].rate_hz)
-    motion = drive_group(group, np.stack(us, axis=1), seeds, t_ns)
+    group, t_ns = merge(vehicles), tick_times(len(inputs[0]), files[0].rate_hz)
+    motion = drive_group(group, np.stack(inputs, axis=1), seeds, t_ns)
     return [
         (run_of_vehicle(motion, k, u, file, f"seed {seed}", seed), file)
-        for k, (u, file, seed) in enumerate(zip(us, files, seeds, strict=True))
+        for k, (u, file, seed) in enumerate(zip(inputs, files, seeds, strict=True))
     ]
 
 

@@ -62,7 +62,7 @@ class Times(NamedTuple):
     quiet rounds.
     """
 
-    quiet: list[float]
+    idle: list[float]
     flooded: list[float]
     messages: list[list[float]]
     messages_flooded: list[list[float]]
@@ -84,7 +84,7 @@ def in_turn(guest: "Teacher", door: Path, rounds: int) -> Times:
         guest.control_ms.clear()
         times.messages.append(guest.message_delays_ms(0.5))
         times.control.append(list(guest.control_ms))
-        times.quiet.append(guest.stop())
+        times.idle.append(guest.stop())
         guest.begin()
         with flood(door, FLOODING):
             times.messages_flooded.append(guest.message_delays_ms(0.5))
@@ -101,10 +101,10 @@ def _stops(guest: "Teacher", door: Path, rounds: int, share: str) -> list[Bench 
     worst_ms, late_ms = quantile(times.flooded, 0.95), median(times.late_ms())
     first = f"{'with' if guest.first else 'without'} SCHED_FIFO, {share}"
     stops = (
-        Row("nobody else is there", 1e-3 * median(times.quiet), 1.0,
-            note=f"p95 {quantile(times.quiet, 0.95):.1f} ms, {first}"),
+        Row("nobody else is there", 1e-3 * median(times.idle), 1.0,
+            note=f"p95 {quantile(times.idle, 0.95):.1f} ms, {first}"),
         Row(
-            f"{FLOODING} guests flood", 1e-3 * median(times.flooded), median(times.flooded) / median(times.quiet),
+            f"{FLOODING} guests flood", 1e-3 * median(times.flooded), median(times.flooded) / median(times.idle),
             missed=worst_ms > MOST_STOP_MS,
             note=f"p95 {worst_ms:.1f} ms (at most {MOST_STOP_MS:g}) of {rounds}; {spread(times.flooded)}",
         ),
@@ -138,7 +138,7 @@ def grown_mb(service: int, guest: "Teacher", door: Path, seconds: float) -> tupl
     with flood(door, MANY):
         guest.message_delays_ms(seconds)
     guest.stop()
-    return before, resident_mb(service, most=True) - before
+    return before, resident_mb(service, peak=True) - before
 
 
 class Teacher:

@@ -34,7 +34,7 @@ class Row(NamedTuple):
     target: float = 0.0  # least allowed ratio; 0 for none
     note: str = ""
     missed: bool = False
-    most: float = 0.0  # largest allowed ratio; 0 for none
+    max_ratio: float = 0.0  # largest allowed ratio; 0 for none
 
 
 class Bench(NamedTuple):
@@ -54,7 +54,9 @@ class Bench(NamedTuple):
         lines = [self.title]
         for row in self.rows:
             ratio = f"{row.ratio:10,.1f} ×" if row.ratio != 1.0 else " " * 12
-            target = f"{row.target:,.3g}" if row.target else f"at most {row.most:,g}" if row.most else ""
+            target = (
+                f"{row.target:,.3g}" if row.target else f"at most {row.max_ratio:,g}" if row.max_ratio else ""
+            )
             target = f"  (target {target}{': missed' if row.missed else ''})" if target else ""
             note = f"  {row.note}" if row.note else ""
             lines.append(f"  {row.name:<{width}}  {in_units(row.seconds)}{ratio}{target}{note}")

@@ -33,11 +33,11 @@ def bench(ppm: float = 8000.0, **settings):
     return b, device
 
 
-def drive(b, device, seconds: float, until=lambda samples, events: False):
+def drive(b, device, seconds: float, is_over=lambda samples, events: False):
     """Call the device each 10 ms; return the samples with the times of their calls, events, and longest call [ns]."""
     samples, events, longest, due = [], [], 0, b.clock.now
     end = b.clock.now + seconds * 1e9
-    while due < end and not until(samples, events):
+    while due < end and not is_over(samples, events):
         due += 10_000_000
         b.clock.now = call_ns = max(b.clock.now, due)
         samples += [(call_ns, sample) for sample in device.read()]
@@ -144,8 +144,8 @@ def main() -> None:
     )
     parser.add_argument("--smallest", action="store_true", help="few calls and moments: that it runs")
     calls, moments, stamps_s = (100, 2, 4.0) if parser.parse_args().smallest else (CALLS, MOMENTS, STAMPS_S)
-    us = cost(calls)
-    print(f"CPU of a call: median {us[calls // 2]:.0f} µs, 99 % {us[calls * 99 // 100]:.0f} µs")
+    cost_us = cost(calls)
+    print(f"CPU of a call: median {cost_us[calls // 2]:.0f} µs, 99 % {cost_us[calls * 99 // 100]:.0f} µs")
     stamps(stamps_s)
     recoveries(moments)
 

@@ -107,13 +107,16 @@ def accuracy(case: Case, simulated_drives: matched.Drives) -> Accuracy:
             kernel.run(ticks_of(simulated_drives, first + k, case.block.use))[1] for k in range(len(truth))
         ]
         eta, nu, cov, y, S = (np.stack(outputs) for outputs in zip(*each_run, strict=True))
-        off, e = eta - truth[..., matched.POSE], nu - truth[..., matched.NU] * (1.0 + truth[..., [8, 8, 9]])
-        off[..., 2] = wrap(off[..., 2])
+        pose_error, e = (
+            eta - truth[..., matched.POSE],
+            nu - truth[..., matched.NU] * (1.0 + truth[..., [8, 8, 9]]),
+        )
+        pose_error[..., 2] = wrap(pose_error[..., 2])
         errors = {
-            "NEES of the pose": (_square(cov[..., :3, :3], off), 3),
+            "NEES of the pose": (_square(cov[..., :3, :3], pose_error), 3),
             "NEES of the velocity": (_square(cov[..., 3:, 3:], e), 3),
             "NIS": (_square(S, y), y.shape[-1]),
-            "NEES of ψ": (off[..., 2] ** 2 / cov[..., 2, 2], 1),
+            "NEES of ψ": (pose_error[..., 2] ** 2 / cov[..., 2, 2], 1),
             **{
                 f"NEES of {name}": (e[..., i] ** 2 / cov[..., 3 + i, 3 + i], 1)
                 for i, name in enumerate(("ν_x", "ν_y", "ν_ψ"))

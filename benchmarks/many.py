@@ -23,9 +23,11 @@ def benches(smallest: bool) -> list[Bench]:
         command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), limit=np.array([20.0, 0.0, 60.0])),
     )  # fmt: skip
     vary = {PATHS[0]: thetas[:, :3], PATHS[1]: thetas[:, 3:6], PATHS[2]: thetas[:, 6:].reshape(-1, 3, 3)}
-    few = {path: values[:40] for path, values in vary.items()}
+    first_values = {path: values[:40] for path, values in vary.items()}
     np.testing.assert_allclose(
-        simulate_many(file, u, vary=few).nu[:, 0], peers.simulate_many(u, thetas[:40], m, I)[:, 3:], atol=1e-8
+        simulate_many(file, u, vary=first_values).nu[:, 0],
+        peers.simulate_many(u, thetas[:40], m, I)[:, 3:],
+        atol=1e-8,
     )
     cases = [
         Case("simulate_many()", lambda: simulate_many(file, u, vary=vary), 3),

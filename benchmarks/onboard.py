@@ -53,7 +53,7 @@ class Figures:
     start_cpu_s: float
     loading_s: float  # the part of start_cpu_s while the IMU starts
     tick_s: float
-    kept: str
+    clock_text: str
     ratio: float
 
     @property
@@ -79,7 +79,7 @@ class Figures:
         lines += [
             f"  start to READY       {self.start_s:8.2f} s, {self.start_cpu_s:.2f} s of it computing",
             f"  computing in a tick  {1e3 * self.tick_s:8.2f} ms",
-            f"  {self.kept}",
+            f"  {self.clock_text}",
             f"  a Pi 3, estimated at ×{self.ratio:.1f}: start {self.pi_start_s:.1f} s with the Uno's boot-loader{over};"
             f" {1e3 * self.tick_s * self.ratio:.1f} ms of a tick's 10",
         ]

@@ -55,13 +55,13 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
 
 async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
     """Return processor time and memory of the page process without and with viewers, in turn."""
-    quiet, with_viewers = [], []
+    without_viewers, with_viewers = [], []
     for _ in range(rounds):
-        quiet.append(await _share(page, seconds))
+        without_viewers.append(await _share(page, seconds))
         async with _looking(port, VIEWERS):
             with_viewers.append(await _share(page, seconds))
     resident = resident_mb(page)
-    none, five = median(quiet), median(with_viewers)
+    none, five = median(without_viewers), median(with_viewers)
     rows = (
         Row("nobody looks", none / 100.0, 1.0, note=f"{none:.2f} % of a core"),
         Row(
@@ -87,7 +87,7 @@ async def _history(service: int, guest: "_Guest", port: int, rounds: int, second
             asking = asyncio.create_task(_ask_again(lines[0]))
             with_history.append(await asyncio.to_thread(guest.late_ms, seconds))
             asking.cancel()
-    without, busy = (p99([x for times in several for x in times]) for several in (plain, with_history))
+    without, busy = (p99([x for times in histories for x in times]) for histories in (plain, with_history))
     later = median(p99(b) - p99(a) for a, b in zip(plain, with_history, strict=True))
     rows = (
         Row("p99 without a visitor", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
@@ -113,7 +113,7 @@ async def _stalled(service: int, page: int, guest: "_Guest", port: int, rounds: 
             stalled.append(await asyncio.to_thread(guest.late_ms, seconds))
             growth_mb.append(resident_mb(page) - before)
     later = median(p99(b) - p99(a) for a, b in zip(plain, stalled, strict=True))
-    without, busy = (p99([x for times in several for x in times]) for several in (plain, stalled))
+    without, busy = (p99([x for times in histories for x in times]) for histories in (plain, stalled))
     rows = (
         Row("p99 without them", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
         Row(f"with the {visitors} that are let in", 1e-3 * busy, busy / max(without, 1e-9),

@@ -9,10 +9,10 @@ from pathlib import Path
 SESSION = Path("/proc/self/autogroup")
 
 
-def resident_mb(process: int, most: bool = False) -> float:
-    """Return the resident memory [MB] of a process, or, if `most`, its maximum since `forget_most`."""
+def resident_mb(process: int, peak: bool = False) -> float:
+    """Return the resident memory [MB] of a process, or, if `peak`, its maximum since `forget_most`."""
     text = Path(f"/proc/{process}/status").read_text()
-    match = re.search(rf"{'VmHWM' if most else 'VmRSS'}:\s+(\d+)", text)
+    match = re.search(rf"{'VmHWM' if peak else 'VmRSS'}:\s+(\d+)", text)
     assert match is not None
     return 1024e-6 * float(match[1])
 

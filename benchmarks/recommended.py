@@ -145,9 +145,9 @@ def _of_a_tick(block: AugmentedEkf, u: np.ndarray, z: np.ndarray) -> Bench:
     bench = measured(
         "a tick on line, through step", cases, {"filterpy, 13 states": 20.0}, clock=time.process_time
     )
-    ours, reference = (row for row in bench.rows[1:])
-    gain = reference.seconds / ours.seconds
-    row_of_target = ours._replace(note=f"{gain:.1f} × as quick as filterpy (target 3)", missed=gain < 3.0)
+    own_row, reference = (row for row in bench.rows[1:])
+    gain = reference.seconds / own_row.seconds
+    row_of_target = own_row._replace(note=f"{gain:.1f} × as quick as filterpy (target 3)", missed=gain < 3.0)
     return bench._replace(rows=(bench.rows[0], row_of_target, reference))
 
 

@@ -47,10 +47,10 @@ class Sheet:
         self.names: list[str] = []
 
     def text(
-        self, x: float, y: float, label: str, size: float = 13, anchor: str = "middle", **more: str
+        self, x: float, y: float, label: str, size: float = 13, anchor: str = "middle", **svg_values: str
     ) -> None:
         """A line of text; y is its base line."""
-        attributes = "".join(f' {key.replace("_", "-")}="{value}"' for key, value in more.items())
+        attributes = "".join(f' {key.replace("_", "-")}="{value}"' for key, value in svg_values.items())
         self.names.append(
             f'<text x="{x:g}" y="{y:g}" font-size="{size:g}" text-anchor="{anchor}"{attributes}>{escape(label)}</text>'
         )
@@ -63,9 +63,9 @@ class Sheet:
             f'stroke="#333" stroke-width="1.8"{dashes}/>'
         )
 
-    def wire(self, kind: str, ends: tuple[str, str], points: list[Point], at: Point | None = None, label: str = "",
+    def wire(self, kind: str, ends: tuple[str, str], points: list[Point], middle: Point | None = None, label: str = "",
              upright: bool = False) -> None:  # fmt: skip
-        """A wire along `points`, named `label` at the point `at`."""
+        """A wire along `points`, named `label` at the point `middle`."""
         k = KINDS[kind]
         path = "M" + " L".join(f"{x:g} {y:g}" for x, y in points)
         dashes = f' stroke-dasharray="{k.dashes}"' if k.dashes else ""
@@ -74,12 +74,12 @@ class Sheet:
             f'<path class="wire" data-kind="{kind}" data-from="{escape(ends[0])}" data-to="{escape(ends[1])}" '
             f'd="{path}" stroke="{k.colour}" stroke-width="{k.width:g}"{dashes}/>',
         ]
-        if at is not None:
-            self.name(at, label, k.colour, upright)
+        if middle is not None:
+            self.name(middle, label, k.colour, upright)
 
-    def name(self, at: Point, label: str, colour: str, upright: bool = False) -> None:
+    def name(self, middle: Point, label: str, colour: str, upright: bool = False) -> None:
         """The name of a wire, written across it."""
-        (x, y), half = at, 4 + 3.7 * len(label)
+        (x, y), half = middle, 4 + 3.7 * len(label)
         rotation = f' transform="rotate(-90 {x:g} {y:g})"' if upright else ""
         self.names.append(
             f'<g{rotation}><rect x="{x - half:g}" y="{y - 9:g}" width="{2 * half:g}" height="18" rx="4" fill="#fff" '

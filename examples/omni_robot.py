@@ -10,14 +10,14 @@ from typing import ClassVar
 import numpy as np
 
 from baqueano.parameter import parameter
-from baqueano.vehicles import FromAcceleration
+from baqueano.vehicles import AccelerationModel
 
 ANGLES = np.pi * np.array([1.0, 3.0, 5.0]) / 3.0
 SIDE = np.stack([-np.sin(ANGLES), np.cos(ANGLES)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OmniRobot(FromAcceleration):
+class OmniRobot(AccelerationModel):
     """An omni robot: u = (duty of wheel 1, 2, 3)."""
 
     commands: ClassVar[int] = 3

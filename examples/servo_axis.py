@@ -9,11 +9,11 @@ from typing import ClassVar
 import numpy as np
 
 from baqueano.parameter import parameter
-from baqueano.vehicles import FromAcceleration
+from baqueano.vehicles import AccelerationModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ServoAxis(FromAcceleration):
+class ServoAxis(AccelerationModel):
     """A servo axis: u = (volts,); all parameters are per kilogram of the moving mass."""
 
     commands: ClassVar[int] = 1

@@ -105,9 +105,11 @@ def test_a_page_names_only_existing_commands_and_options(page):
     lines = re.findall(r"(?:`|^)baqueano ([a-z][^`\n]*)", text, re.MULTILINE)
     for verb, *rest in map(str.split, lines):
         assert verb in verbs, f"{page}: there is no baqueano {verb}"
-        below = set(getattr(verbs[verb], "commands", ()))
+        subcommands = set(getattr(verbs[verb], "commands", ()))
         names = {word for before, word in zip(["·", *rest], rest, strict=False) if before == "·"}
-        assert not below or names <= below, f"{page}: baqueano {verb} has no {' or '.join(names - below)}"
+        assert not subcommands or names <= subcommands, (
+            f"{page}: baqueano {verb} has no {' or '.join(names - subcommands)}"
+        )
         assert {word for word in rest if word.startswith("--")} <= options_of(verbs[verb]), (
             f"{page}: baqueano {verb} {rest}"
         )

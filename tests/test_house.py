@@ -233,12 +233,12 @@ def test_every_public_object_has_a_docstring():
     assert not dumb, "no docstring, so a reader has to guess:\n" + "\n".join(dumb)
 
 
-def without_docstring(inside: ast.AST, prefix: str, inherited: set[str], members: dict[str, set[str]]):
+def without_docstring(scope: ast.AST, prefix: str, inherited: set[str], members: dict[str, set[str]]):
     """Return the public names without a docstring. A docstring of a base class, or the `help=` of a command, is
     enough."""
-    if isinstance(inside, ast.Module) and not ast.get_docstring(inside):
+    if isinstance(scope, ast.Module) and not ast.get_docstring(scope):
         yield "the module"
-    for node in ast.iter_child_nodes(inside):
+    for node in ast.iter_child_nodes(scope):
         if not isinstance(node, (*FUNCTIONS, ast.ClassDef)) or node.name.startswith("_"):
             continue
         verb = any(

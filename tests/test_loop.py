@@ -157,10 +157,10 @@ class Count(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Failing:
-    """The PD controller of the paper that fails at tick `at` in the manner `how`."""
+    """The PD controller of the paper that fails at tick `tick` in the manner `failure`."""
 
-    how: str
-    at: int = 20
+    failure: str
+    tick: int = 20
     pd: Any = BLOCKS.controller
 
     def init(self):
@@ -170,9 +170,9 @@ class Failing:
         count, inner = state
         inner, command = self.pd.step(inner, reference, estimate)
         state = (Count(count.ticks + 1), inner)
-        if count.ticks < self.at:
+        if count.ticks < self.tick:
             return state, command
-        if self.how == "raises":
+        if self.failure == "raises":
             return state, Command(estimate.t_ns, np.array([1.0 / 0, 0.0, 0.0]))  # the line that fails
         values = {
             "shape": Command(estimate.t_ns, np.zeros(2)),
@@ -180,9 +180,9 @@ class Failing:
             "text": Command(estimate.t_ns, np.array(["a", "b", "c"])),
             "kind": command.u,
         }
-        if self.how in ("nothing", "three"):
-            return None if self.how == "nothing" else (state, command, command)
-        return command if self.how == "one" else (state, values[self.how])
+        if self.failure in ("nothing", "three"):
+            return None if self.failure == "nothing" else (state, command, command)
+        return command if self.failure == "one" else (state, values[self.failure])
 
 
 HERE = Path(__file__).name
@@ -328,8 +328,8 @@ def test_after_a_supervisor_stop_one_more_second_is_recorded():
 def test_a_guide_that_is_done_ends_the_run():
     guide = Repeat.along(circle(0.1, 0.2), laps=2)
     records, _, outcome = drive(BLOCKS._replace(guide=guide), duration_s=60.0)
-    assert outcome.done
-    assert records[-1].reference.done == 1.0
+    assert outcome.at_end
+    assert records[-1].reference.at_end == 1.0
     assert len(records) == pytest.approx(100 * guide.duration_s, abs=3)
 
 

@@ -322,7 +322,7 @@ def test_invalid_diagnostic_data_are_refused(data):
 
 
 @pytest.mark.parametrize(
-    ("then", "now"),
+    ("former_code", "now"),
     [
         ("doubt.clock-later", "recording.clock-later"), ("shake.over", "shake.end"),
         ("sensor.off-model", "sensor.error-in-model"), ("seen.not", "identifiability.fixed"),
@@ -331,12 +331,12 @@ def test_invalid_diagnostic_data_are_refused(data):
         ("imu.found", "imu.answers"), ("service.told-to-end", "service.ended-by-process"),
     ],
 )  # fmt: skip
-def test_the_code_of_an_old_message_is_replaced_by_its_new_code(then, now):
+def test_the_code_of_an_old_message_is_replaced_by_its_new_code(former_code, now):
     outer = {"code": "run.event", "severity": "warning", "subject": "", "fix": "", "figures": {}}
-    words = outer | {"figures": {"cause": outer | {"code": then}}}
+    words = outer | {"figures": {"cause": outer | {"code": former_code}}}
     assert Diagnostic.of_json(words).figures["cause"].code == now
     assert now in templates()
-    assert then not in templates()
+    assert former_code not in templates()
 
 
 def test_the_role_in_an_old_message_was_called_room():

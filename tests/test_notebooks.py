@@ -23,10 +23,10 @@ MODEL = """
 import numpy as np
 from dataclasses import dataclass
 from baqueano.parameter import parameter
-from baqueano.vehicles import FromAcceleration
+from baqueano.vehicles import AccelerationModel
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cart(FromAcceleration):
+class Cart(AccelerationModel):
     push: float = parameter("m/s²", "acceleration of full command", low=0.1, high=50.0, default=4.0, role="gain")
     drag: float = parameter("1/s", "drag", low=0.1, high=50.0, default=8.0)
 

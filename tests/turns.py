@@ -20,7 +20,7 @@ with suppress(ImportError):
 
 @contextmanager
 def turn(
-    alone: bool, run: str = os.environ.get("PYTEST_XDIST_TESTRUNUID", "")
+    exclusive: bool, run: str = os.environ.get("PYTEST_XDIST_TESTRUNUID", "")
 ) -> Iterator[Callable[[], None]]:
     """Run a block in its turn among the processes of this test run."""
     if not run or os.name == "nt":
@@ -35,7 +35,7 @@ def turn(
             fcntl.lockf(room, lock)
             fcntl.lockf(queue, fcntl.LOCK_UN)
 
-        enter(fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
+        enter(fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)
         yield lambda: enter(fcntl.LOCK_EX)
 
 

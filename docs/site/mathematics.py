@@ -25,8 +25,8 @@ def mathml(tex: str, block: bool, place: Any = None) -> str:
     """Return the MathML of `tex`, with the number of an equation with \\tag{n}; log a warning for an invalid one."""
     number = TAG.search(tex)
     rest = TAG.sub("", tex)
-    for pattern, same in SAME:
-        rest = pattern.sub(same, rest)
+    for pattern, replacement in SAME:
+        rest = pattern.sub(replacement, rest)
     try:
         mathematics = tex2mathml(rest, as_block=block)
     except MathError as error:

@@ -51,9 +51,9 @@ class Edition:
         pages = {_name(path.relative_to(folder).with_suffix("").as_posix()): path for path in own}
         return pages if self.language == "es" else pages | ELSEWHERE
 
-    def menu(self, more: tuple[str, ...] = ()) -> dict[str, list[str]]:
+    def menu(self, extra_pages: tuple[str, ...] = ()) -> dict[str, list[str]]:
         """Return the pages below each heading; `more` are names of generated pages."""
-        have = {*self.sources, *more} - {"index"}
+        have = {*self.sources, *extra_pages} - {"index"}
         page_names = {name for names in ORDER.values() for name in names}
         out = {}
         for heading, names in ORDER.items():
@@ -67,15 +67,15 @@ class Edition:
                 out[title] = pages
         return out
 
-    def write(self, folder: Path, more: dict[str, str] | None = None) -> None:
+    def write(self, folder: Path, extra_pages: dict[str, str] | None = None) -> None:
         """Write all pages and the files that they link to into `folder`; `more` are generated pages, by name."""
-        more = more or {}
+        extra_pages = extra_pages or {}
         for name, path in self.sources.items():
             text = self._linked(path, folder)
             if name == "index":
-                text += _toctrees(self.menu(tuple(more)))
+                text += _toctrees(self.menu(tuple(extra_pages)))
             _write_page(folder / f"{name}.md", text)
-        for name, text in more.items():
+        for name, text in extra_pages.items():
             _write_page(folder / f"{name}.md", text)
 
     def _linked(self, path: Path, folder: Path) -> str:

@@ -69,7 +69,7 @@ class Outcome(NamedTuple):
     """The end of a run of the loop: the reason of a stop, the guide's end, and the number of ticks."""
 
     stop_reason: Diagnostic | None  # None if the motors were not stopped
-    done: bool  # True if the guide reached its end
+    at_end: bool  # True if the guide reached its end
     ticks: int
 
 
@@ -92,7 +92,7 @@ def run(
     n = world.commands
     blocks = Blocks(*(guard_block(role, b, n) for role, b in zip(Blocks._fields, blocks, strict=True)))
     end_reason: Diagnostic | None = None
-    since_ns, done, ticks, t_ns = 0, False, 0, 0
+    since_ns, at_end, ticks, t_ns = 0, False, 0, 0
     try:
         for record, reason in _records(blocks, world, clock, eta):
             ticks, t_ns = ticks + 1, record.tick.t_ns
@@ -100,8 +100,8 @@ def run(
             if reason is not None and end_reason is None:
                 end_reason, since_ns = reason, t_ns
                 on_event(t_ns, reason)
-            done = bool(record.reference.done > 0.0)
-            if done or (end_reason is not None and seconds(t_ns, since_ns) >= AFTER_STOP_S):
+            at_end = bool(record.reference.at_end > 0.0)
+            if at_end or (end_reason is not None and seconds(t_ns, since_ns) >= AFTER_STOP_S):
                 break
     except BlockFault as fault:  # in init, before any motion
         end_reason = fault.reason
@@ -111,7 +111,7 @@ def run(
         on_event(t_ns, end_reason)
     finally:
         world.write(Command(t_ns, np.zeros(n)))
-    return Outcome(end_reason, done and end_reason is None, ticks)
+    return Outcome(end_reason, at_end and end_reason is None, ticks)
 
 
 def _records(

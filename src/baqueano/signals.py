@@ -206,7 +206,7 @@ class Reference(NamedTuple):
         Pose in the map.
     nu : ndarray (3,) [m/s, m/s, rad/s]
         Velocity along the route, in the body frame of the route.
-    done : float
+    at_end : float
         1.0 if the guide has reached its end, else 0.0 [no unit].
 
     Examples
@@ -218,7 +218,7 @@ class Reference(NamedTuple):
     t_ns: int
     eta: np.ndarray
     nu: np.ndarray
-    done: float
+    at_end: float
 
 
 def measured_ns(t_ns: int, slot: Slot) -> int:

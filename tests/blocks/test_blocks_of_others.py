@@ -80,16 +80,16 @@ def test_a_vehicle_file_may_name_a_block_in_the_user_folder(tmp_path, mark):
     assert mark.exists()
 
 
-@pytest.mark.parametrize("way", ["absolute", "upwards", "where the user stands", "by a link"])
-def test_a_block_outside_the_folder_needs_permission(tmp_path, mark, monkeypatch, way):
+@pytest.mark.parametrize("path_form", ["absolute", "upwards", "where the user stands", "by a link"])
+def test_a_block_outside_the_folder_needs_permission(tmp_path, mark, monkeypatch, path_form):
     outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
     home = tmp_path / "lab"
     kind = {"absolute": f"{outside_file}:Mine", "upwards": "../elsewhere/theirs.py:Mine"}.get(
-        way, "theirs.py:Mine"
+        path_form, "theirs.py:Mine"
     )
     file = vehicle_at(home / "vehicle.toml", kind)
-    monkeypatch.chdir(home if way != "where the user stands" else outside_file.parent)
-    if way == "by a link":
+    monkeypatch.chdir(home if path_form != "where the user stands" else outside_file.parent)
+    if path_form == "by a link":
         (home / "theirs.py").symlink_to(outside_file)
     with refused("block.outside-folder", FileError):
         load(file)

@@ -186,7 +186,7 @@ BROKEN = {
         "guide",
         "np.zeros(3), 0.0)",
         "np.zeros(3), 0.5)",
-        [("check.done", {"value": "0.5"})],
+        [("check.at-end", {"value": "0.5"})],
     ),
     "guide ends": (
         "guide",
@@ -306,8 +306,8 @@ def test_id12_each_broken_block_gives_the_expected_diagnostic_codes(tmp_path, ca
     assert GOOD[room].count(old) >= 1
     findings = findings_about(tmp_path, room, GOOD[room].replace(old, new, 1))
     for code, figures in expected:
-        alike = [finding for finding in findings if finding.code == code]
-        assert any(figures.items() <= figures_of(finding).items() for finding in alike), findings
+        same_code = [finding for finding in findings if finding.code == code]
+        assert any(figures.items() <= figures_of(finding).items() for finding in same_code), findings
     assert all(finding.figures["place"].startswith("mine.py line ") for finding in findings)
     keys = [(f.code, f.subject, *map(f.figures.get, ("field", "signal", "name"))) for f in findings]
     assert len({*keys}) == len(keys), "a fault of many ticks is reported once"

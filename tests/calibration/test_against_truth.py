@@ -188,9 +188,9 @@ def test_a_short_run_is_refused_with_its_length(assumed_file, drive):
 
 def test_a_silent_camera_is_refused(assumed_file, drive):
     run = drive(0)
-    seldom = TruthLog(*(column[::25] for column in run.truth))
+    sparse_truth = TruthLog(*(column[::25] for column in run.truth))
     with pytest.raises(UsageError, check=of_code("truth.silent", windows=0)):
-        calibrate(replace(run, truth=seldom), assumed_file)
+        calibrate(replace(run, truth=sparse_truth), assumed_file)
 
 
 def test_batch_error_bars_have_coverage_with_autocorrelated_residuals():

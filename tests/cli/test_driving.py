@@ -41,13 +41,13 @@ W_DOWN, W_UP = b"\x1b[119;1:1u", b"\x1b[119;1:3u"
 
 
 class Terminal:
-    """A terminal that answers like kitty while it is `there`. The drive ends after `gone_s` without an answer. This
+    """A terminal that answers like kitty while it is `present`. The drive ends after `gone_s` without an answer. This
     time is long, because a busy machine may delay the answers."""
 
-    def __init__(self, folder, *words, kitty=True, there=True, gone_s=15.0):
+    def __init__(self, folder, *words, kitty=True, present=True, gone_s=15.0):
         import termios
 
-        self.there, self.kitty, self.output, self.over = there, kitty, b"", False
+        self.present, self.kitty, self.output, self.over = present, kitty, b"", False
         self.master, self.slave = pty.openpty()
         self.before = termios.tcgetattr(self.slave)
         environment = {k: v for k, v in os.environ.items() if not k.startswith("SSH_")}
@@ -86,7 +86,7 @@ class Terminal:
         return code
 
     def hang_up(self):
-        self.there = False
+        self.present = False
         os.close(self.slave)
         master, self.master, self.slave = self.master, -1, -1
         self._thread.join()  # otherwise it reads from the next file with this number
@@ -109,7 +109,7 @@ class Terminal:
             except OSError:  # the other side is closed
                 return
             self.output += data
-            if self.there:
+            if self.present:
                 answers = b"\x1b[?0u" * (self.kitty and b"\x1b[?u" in data) + b"\x1b[0n" * data.count(
                     b"\x1b[5n"
                 )
@@ -171,7 +171,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, l
     screen.until(rb"terminal \d+ ms")
     screen.type(b"w" if latched else W_DOWN)
     screen.until(rb"(?s)(?:u_x +\S+ \+0\.(?:05|50) .*?){12}")
-    screen.there = False
+    screen.present = False
     assert screen.ends() == 5
     run = read_run(tmp_path / "run.mcap")
     assert stop_reason_of(run).code == StopReason.TERMINAL_SILENT
@@ -192,7 +192,7 @@ def test_rt12_a_closed_terminal_stops_the_vehicle_and_the_run_is_complete(termin
 
 
 def test_single_keys_drive_at_a_terminal_that_never_answers(terminal, tmp_path):
-    screen = terminal(*DRIVE, there=False, gone_s=MAX_FIRST_ANSWER_S)
+    screen = terminal(*DRIVE, present=False, gone_s=MAX_FIRST_ANSWER_S)
     screen.until(rb"does not confirm that it is active")
     for _ in range(20):  # a key counts for 0.75 s; a busy machine may show nothing
         screen.type(b"w")

@@ -60,7 +60,7 @@ def test_measuring_advice_for_a_new_vehicle_ends_with_its_first_fit(baqueano, tm
         assert end.err.count(advice) == 1, "the advice is one sentence and not a refusal"
     for flags, times in ((["--json"], 1), ([], 0)):  # the table of a run lists its warnings
         end = baqueano("experiment", "--seconds", "20", *flags)
-        (warning, *_more) = [e.diagnostic for e in read_run(find("last")).events if e.level == "warning"]
+        (warning, *_rest) = [e.diagnostic for e in read_run(find("last")).events if e.level == "warning"]
         with use_notation(COMMAND_LINE):
             sentence = text(note("cli.warning", cause=warning))
         assert (end.code, end.err.count(sentence)) == (0, times)

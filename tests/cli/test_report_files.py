@@ -29,8 +29,8 @@ LINES = {
 def commands(name: str, command: click.Command):
     """Yield each command below `command` with its name."""
     if isinstance(command, click.Group):
-        for below, subcommand in command.commands.items():
-            yield from commands(below, subcommand)
+        for subname, subcommand in command.commands.items():
+            yield from commands(subname, subcommand)
     else:
         yield name, command
 

@@ -18,14 +18,14 @@ def test_a_fault_given_on_the_command_line_is_logged_and_detected(baqueano):
 
 
 @pytest.mark.parametrize(
-    ("more", "code"),
+    ("options", "code"),
     [
         (("--shake", "dance"), "shake.syntax"),
         (("--robot", "pi@robot.local", "--shake", "2 s: cut imu"), "shake.robot"),
         (("--robot", "emulated", "--shake", "2 s: cut imu"), "shake.robot"),
     ],
 )
-def test_an_impossible_fault_is_refused_before_the_drive(baqueano, more, code):
-    result = baqueano("experiment", "--vehicle", "small", *more)
+def test_an_impossible_fault_is_refused_before_the_drive(baqueano, options, code):
+    result = baqueano("experiment", "--vehicle", "small", *options)
     assert result.code == 2
     assert result.reason.code == code

@@ -118,8 +118,8 @@ def test_ctrl_c_ends_an_endless_repeat_with_a_complete_run(project):
         command, cwd=project, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     path = project / "forever.mcap"
-    until = time.monotonic() + 60  # the rest of 2 s before the drive is 200 kB
-    while (not path.exists() or path.stat().st_size < 400_000) and time.monotonic() < until:
+    end_s = time.monotonic() + 60  # the rest of 2 s before the drive is 200 kB
+    while (not path.exists() or path.stat().st_size < 400_000) and time.monotonic() < end_s:
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     try:
@@ -142,8 +142,8 @@ def test_a_killed_program_leaves_a_readable_run(project):
     command = [*COMMAND, "repeat", "lab", "--vehicle", "small", "--laps", "0", "-o", "killed.mcap"]
     process = subprocess.Popen(command, cwd=project, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     path = project / "killed.mcap"
-    until = time.monotonic() + 30
-    while (not path.exists() or path.stat().st_size < 100_000) and time.monotonic() < until:
+    end_s = time.monotonic() + 30
+    while (not path.exists() or path.stat().st_size < 100_000) and time.monotonic() < end_s:
         time.sleep(0.1)
     process.kill()
     process.wait(60)
@@ -160,8 +160,8 @@ def in_terminal(folder: Path, args: list[str], keys: list[tuple[str, float, byte
     if pid == 0:
         os.chdir(folder)
         os.execv(COMMAND[0], [*COMMAND, *args])
-    text, keys, begin, until = "", list(keys), None, time.monotonic() + 60
-    while time.monotonic() < until:
+    text, keys, begin, end_s = "", list(keys), None, time.monotonic() + 60
+    while time.monotonic() < end_s:
         if select.select([terminal], [], [], 0.02)[0]:
             try:
                 text += os.read(terminal, 65_536).decode(errors="replace")
@@ -220,9 +220,9 @@ def test_ctrl_c_ends_work_at_once_or_at_its_next_progress_report():
 
 def progress_lines(capsys, pattern, times=1):
     """Return the text of stderr when it contains the pattern `times` times."""
-    err, until = "", time.monotonic() + 60
+    err, end_s = "", time.monotonic() + 60
     while len(re.findall(pattern, err)) < times:
-        assert time.monotonic() < until, err
+        assert time.monotonic() < end_s, err
         time.sleep(0.05)
         err += capsys.readouterr().err
     return err

@@ -221,7 +221,7 @@ def test_an_invalid_covariance_is_named():
     ("call", "words"),
     [
         (lambda: compare([]), ("compare.no-runs", {})),
-        (lambda: compare(run_with(), over_s=0.0), ("compare.times", {"over_s": 0.0, "skip_s": 0.0})),
+        (lambda: compare(run_with(), interval_s=0.0), ("compare.times", {"interval_s": 0.0, "skip_s": 0.0})),
         (
             lambda: compare(run_with(), alignment="sim"),
             ("compare.alignment", {"valid": "none, start, rigid"}),

@@ -40,6 +40,6 @@ def test_the_regulator_starts_with_the_riccati_solution_of_scipy_for_a_slow_vehi
 
 def test_a_vehicle_at_rest_beside_its_path_does_not_turn_away_from_its_course():
     """Before, it turned: a vehicle that was pushed near the end of its route stopped 37° off its course."""
-    law, beside = SMALL.controller("lqr"), np.array([0.0, 0.1, 0.0])
-    _, velocity = law.velocity_law(law.memory(), Tracking(beside, 0.0, np.zeros(3), 0.0, 0.0, 0.01))
+    law, offset_pose = SMALL.controller("lqr"), np.array([0.0, 0.1, 0.0])
+    _, velocity = law.velocity_law(law.memory(), Tracking(offset_pose, 0.0, np.zeros(3), 0.0, 0.0, 0.01))
     np.testing.assert_allclose(velocity, 0.0, atol=1e-9)

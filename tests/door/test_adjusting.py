@@ -162,4 +162,4 @@ def test_a_pace_of_zero_pauses_the_guide_and_is_logged():
 def test_a_wrong_pace_is_refused_and_the_drive_continues(value):
     _, run, messages = drive_with(("guide.pace", value))
     assert [message["message"].code for message in messages] == ["door.guide-pace"]
-    assert run.reference.done[-1] == 1.0
+    assert run.reference.at_end[-1] == 1.0

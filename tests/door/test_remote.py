@@ -74,8 +74,8 @@ def test_a_pause_that_arrives_after_the_drive_does_not_hide_its_end(vehicle, mis
 
 
 def test_a_client_ignores_the_end_of_another_clients_drive(vehicle, mission, tmp_path):
-    foreign, ours = vehicle.run("theirs", 3), vehicle.run("mine", 5)
-    vehicle.drives = lambda name: [vehicle.done(foreign, id="another"), vehicle.done(ours, id=name)]
+    foreign, own_run = vehicle.run("theirs", 3), vehicle.run("mine", 5)
+    vehicle.drives = lambda name: [vehicle.done(foreign, id="another"), vehicle.done(own_run, id=name)]
     with connect(str(vehicle.door.path)) as remote:
         vehicle.door.broadcast({"type": "event", "level": "info", "message": note("imu.answers")})
         vehicle.door.broadcast(vehicle.done(foreign, id="another"))  # before this drive begins

@@ -46,8 +46,8 @@ class Terminal:
             self.coming += [(due, KeyEvent(KITTY))] * (self.kitty and b"\x1b[?u" in data)
             self.coming += [(due, KeyEvent(ALIVE))] * data.count(QUERY)
 
-    def set_mode(self, on, off):
-        self.changes.append((on, off))
+    def set_mode(self, on, hidden):
+        self.changes.append((on, hidden))
 
     def size(self):
         return 80, 24

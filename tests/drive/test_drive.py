@@ -160,7 +160,7 @@ def test_three_laps_are_repeated_from_the_start_of_the_route():
     start = np.array([1.0, -1.0, 0.4])
     route = move_route(ROUTE, start)
     run = repeat(FILE, route, laps=3, seed=5)
-    assert run.reference.done[-1] == 1.0
+    assert run.reference.at_end[-1] == 1.0
     assert run.duration_s == pytest.approx(run.rest_s + Repeat.along(ROUTE, 3).duration_s, abs=0.3)
     np.testing.assert_allclose(run.truth.eta[0], start, atol=0.01)
     error = np.hypot(*(run.reference.eta - run.estimate.eta)[:, :2].T)
@@ -179,7 +179,7 @@ def test_laps_of_an_open_route_are_answered_with_a_warning():
 def test_an_endless_repetition_ends_when_the_clock_ends():
     run = repeat(FILE, ROUTE, laps=0, seed=5, duration_s=3.0)
     assert len(run.t_ns) == 300
-    assert np.all(run.reference.done == 0.0)
+    assert np.all(run.reference.at_end == 0.0)
 
 
 @pytest.mark.parametrize("laps", [0, -1])
@@ -234,7 +234,7 @@ def test_a_replayed_drive_without_a_route_has_no_laps():
     turning = experiment(robot, np.tile([0.55, 0.0, 0.35], (900, 1)))
     ekf = robot.estimator("ekf")
     replayed_run = replay(turning, estimator=ekf)
-    assert np.array_equal(replayed_run.reference.done, turning.reference.done)
+    assert np.array_equal(replayed_run.reference.at_end, turning.reference.at_end)
     for run in (replayed_run, replay(turning, estimator=ekf, smooth=True)):
         assert run.guide_reference is None
         assert not laps_of(run)
@@ -319,8 +319,10 @@ def test_an_experiment_warns_of_commands_that_are_clipped():
     clipped = [d for d in diagnostics if d is not None and d.code == "drive.clipped"]
     assert [(d.subject, d.severity) for d in clipped] == [("u_x", Severity.WARNING)]
     assert (clipped[0].figures["share"], clipped[0].figures["largest"]) == (80.0, 100.0)
-    quiet = experiment(robot, commands / 100.0)
-    assert all(event.diagnostic is None or event.diagnostic.code != "drive.clipped" for event in quiet.events)
+    small_drive = experiment(robot, commands / 100.0)
+    assert all(
+        event.diagnostic is None or event.diagnostic.code != "drive.clipped" for event in small_drive.events
+    )
 
 
 @pytest.mark.parametrize(("name", "speed", "end_m"), [("small", 0.2, 0.012), ("car", 0.5, 0.025)])

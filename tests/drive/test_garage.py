@@ -21,7 +21,7 @@ def test_a_circle_is_taught_repeated_and_replayed(name, radius_m, speed_m_s):
     assert stop_reason_of(lesson.run) is None
     run = repeat(file, lesson.route, seed=2)
     assert stop_reason_of(run) is None
-    assert run.reference.done[-1] == 1.0
+    assert run.reference.at_end[-1] == 1.0
     # the lap was completed, although the gains are untuned
     assert np.ptp(run.truth.eta[:, 1]) > 0.5 * radius_m
     replayed_run = replay(run, file)

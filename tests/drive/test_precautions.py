@@ -82,7 +82,7 @@ def test_a_vehicle_beside_its_route_joins_the_route_by_a_lead_in():
     assert np.max(distance[path_m > 0.6]) < 0.01  # it joins the route some 0.4 m ahead
     assert run.reference.eta[0] == pytest.approx(BESIDE, abs=1e-3)
     assert run.duration_s < run.rest_s + LAP.t_s[-1] + 1.5  # no part of the route is driven twice
-    assert run.reference.done[-1] == 1.0
+    assert run.reference.at_end[-1] == 1.0
 
 
 def test_without_a_lead_in_the_guide_of_the_file_is_used():

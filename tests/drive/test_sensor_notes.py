@@ -37,6 +37,8 @@ def test_only_a_sensor_of_the_position_that_the_estimator_does_not_use_is_named(
 
 def test_an_ignored_sensor_is_named_once_in_the_run_of_a_drive_and_of_its_replay():
     run = bq.repeat(with_sensor("pose"), circle(0.3, 0.2), duration_s=1.0, check=False)
-    for each in (run, bq.replay(run)):
-        codes = [e.diagnostic.code for e in each.events if e.level == "warning" and e.diagnostic is not None]
+    for checked_run in (run, bq.replay(run)):
+        codes = [
+            e.diagnostic.code for e in checked_run.events if e.level == "warning" and e.diagnostic is not None
+        ]
         assert codes.count("drive.sensor-ignored") == 1

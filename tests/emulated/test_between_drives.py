@@ -117,12 +117,12 @@ def test_an_earlier_clear_request_does_not_clear_a_later_latch(service, robot):
 
 
 def test_a_reset_in_the_last_tick_of_a_drive_is_recovered(service, robot):
-    me = object()
-    service.operator.set_holder(me)
+    holder = object()
+    service.operator.set_holder(holder)
 
     def pair():
         robot.board.reset(ResetCause.BROWN_OUT)
-        service.operator.request_end(me)
+        service.operator.request_end(holder)
 
     during(service, robot, 0.5, pair)
     drive(service, spin(3.0))

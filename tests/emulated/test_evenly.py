@@ -28,7 +28,7 @@ def test_the_emulated_robot_drives_at_an_even_speed(firmware, fitted_file, route
     world, tick_times_ns = world_of(firmware, vehicle_file.load("small"), seed=5)
     run = repeat(fitted_file, route, world=world, tick_times_ns=tick_times_ns).without_rest
     world.robot.close()
-    going = run.reference.done < 1.0
+    going = run.reference.at_end < 1.0
     truth = np.interp(run.reference.t_ns[going], run.truth.t_ns, run.truth.nu[:, 0])
     evenness = speed_errors(run.reference.t_ns[going], truth, run.reference.nu[going, 0])
     assert evenness.error < 0.05

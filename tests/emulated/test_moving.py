@@ -193,11 +193,11 @@ def test_r12_telemetry_contains_the_duty_at_the_pins_and_its_sum(uno):
     for state in states[1:-1]:
         duty, _ = row_at(state.t_us * 1e-6 + uno.clock_began_s)
         assert (state.left_permille, state.right_permille) == pytest.approx(duty, abs=1.0)
-    for early, two in zip(states[1:], states[40:], strict=False):
-        start, end = (s.t_us * 1e-6 + uno.clock_began_s for s in (early, two))
+    for first_state, two in zip(states[1:], states[40:], strict=False):
+        start, end = (s.t_us * 1e-6 + uno.clock_began_s for s in (first_state, two))
         before, after = row_at(start)[1], row_at(end)[1]
         for column, name in enumerate(("left_sum", "right_sum")):
-            mean = (getattr(two, name) - getattr(early, name)) / ((end - start) * 1e3)
+            mean = (getattr(two, name) - getattr(first_state, name)) / ((end - start) * 1e3)
             assert mean == pytest.approx((after[column] - before[column]) / (end - start), abs=8.0)
 
 

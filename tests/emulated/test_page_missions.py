@@ -73,7 +73,7 @@ def pause_and_continue(wheel, route, body):
         if wait(lambda: wheel.tab.js("baqueano.page.state.paused") and abs(body.motion.nu[0]) < 0.02, 10.0):
             place = np.array(body.motion.eta[:2])
             wheel.tab.press("p", "KeyP", "p")
-            if wait(lambda here=place: np.hypot(*(body.motion.eta[:2] - here)) > 0.1, 10.0):
+            if wait(lambda place_now=place: np.hypot(*(body.motion.eta[:2] - place_now)) > 0.1, 10.0):
                 return
     raise AssertionError(wheel.tab.js("baqueano.page.state.sentence"))
 

@@ -41,12 +41,12 @@ def test_a_stopped_drive_reports_its_punctuality(service, robot):
 
 
 def test_a_drive_ended_by_the_driver_reports_its_punctuality(service, robot):
-    me = object()
-    service.operator.set_holder(me)
+    holder = object()
+    service.operator.set_holder(holder)
 
     def enough():
-        service.operator.record_heartbeat(me)
-        service.operator.request_end(me)
+        service.operator.record_heartbeat(holder)
+        service.operator.request_end(holder)
 
     during(service, robot, 0.2, enough)
     end, run = drive(service, spin(3.0), attended=True)

@@ -51,15 +51,15 @@ def test_rt15_a_stop_that_latches_the_uno_at_once_is_reported_as_the_stop_and_no
 
 
 def test_rt13_a_silent_driver_stops_the_vehicle_within_half_a_second(service, robot):
-    me = object()
+    holder = object()
     stops_ns = []
-    service.operator.set_holder(me)
+    service.operator.set_holder(holder)
 
     def healthy():
         if service.machine.state is DoorState.MISSION:
             stops_ns.append(robot.now_ns)
             if robot.now_ns - stops_ns[0] < 0.5e9:
-                service.operator.record_heartbeat(me)
+                service.operator.record_heartbeat(holder)
                 stops_ns[-1:] = [robot.now_ns]
 
     service.notify_watchdog = healthy
@@ -118,18 +118,18 @@ def test_rt3_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_pa
 
 
 def test_manual_commands_drive_only_while_they_are_fresh(service, robot):
-    me = object()
-    service.operator.set_holder(me)
+    holder = object()
+    service.operator.set_holder(holder)
     starts_ns = []
 
     def healthy():
         if service.machine.state is DoorState.MANUAL:
             starts_ns.append(robot.now_ns)
             if robot.now_ns - starts_ns[0] < 0.6e9:
-                service.operator.set_command(me, [0.0, 0.0, 0.5])
-            service.operator.record_heartbeat(me)
+                service.operator.set_command(holder, [0.0, 0.0, 0.5])
+            service.operator.record_heartbeat(holder)
             if robot.now_ns - starts_ns[0] > 1.5e9:
-                service.operator.request_end(me)
+                service.operator.request_end(holder)
 
     service.notify_watchdog = healthy
     end, run = drive(service, pack(Mission("teach"), vehicle_file.load("small")), attended=True)

@@ -97,16 +97,16 @@ def test_r17_a_newer_sequence_number_is_1_to_127_ahead(uno, step, obeyed):
 def test_r17_fw5_the_newest_of_commands_out_of_order_is_executed(uno):
     chance = random.Random(6)
     uno.arm()
-    newest = uno.seq
+    last_seq = uno.seq
     for _ in range(60):
-        batch = [(newest + k, 100 + 10 * k) for k in range(1, 5)]
-        newest += 4
+        batch = [(last_seq + k, 100 + 10 * k) for k in range(1, 5)]
+        last_seq += 4
         chance.shuffle(batch)
         for seq, duty in batch + batch[:2]:
             uno.drive(duty, duty, seq=seq)
         uno.run(0.02)
         assert uno.duty(0) == pytest.approx(0.14), batch
-    assert uno.state().drive_seq == newest & 0xFF
+    assert uno.state().drive_seq == last_seq & 0xFF
 
 
 @pytest.mark.parametrize("count_lost", [0, 126, 127, 200, 254, 255, 1000])

@@ -175,11 +175,11 @@ def test_rt8_a_saturated_gyro_reading_is_not_used():
     assert estimate.nu[2] < 1.0
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_one_nan_does_not_discard_the_other_readings_of_its_sensor(bad):
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_one_nan_does_not_discard_the_other_readings_of_its_sensor(value):
     belief, _ = run(filter_of(), (tick(k, (0, 0, 0.5)) for k in range(1, 100)))
     expected, _ = run(filter_of(), [tick(100, (0, 0, 0.6))], belief)
-    hurt, estimate = run(filter_of(), [tick(100, (bad, 0, 0.6))], belief)
+    hurt, estimate = run(filter_of(), [tick(100, (value, 0, 0.6))], belief)
     assert hurt.mean == pytest.approx(expected.mean)
     assert np.isnan(estimate.innovation).tolist() == [True, False, False]
 

@@ -31,9 +31,11 @@ def estimate_of(block, u, z, start=None):
     slots = type(block.sensors)(
         *(Slot(np.ones(n), np.asarray(z[k], dtype=float), np.zeros(n)) for k in names)
     )
-    quiet = Tick(10_000_000, np.zeros(3), silent({k: s.size for k, s in block.sensors._asdict().items()}))
+    empty_tick = Tick(
+        10_000_000, np.zeros(3), silent({k: s.size for k, s in block.sensors._asdict().items()})
+    )
     belief = block.init() if start is None else block.init(start)
-    return scan(block.step, belief, quiet).run(Tick(10_000_000 * np.arange(1, n + 1), u, slots))
+    return scan(block.step, belief, empty_tick).run(Tick(10_000_000 * np.arange(1, n + 1), u, slots))
 
 
 def of_motion(nu, nu_dot):

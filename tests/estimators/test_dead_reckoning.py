@@ -182,15 +182,15 @@ def test_pose_nees_lies_in_its_band_on_the_independent_truth():
 
 
 @pytest.mark.parametrize(
-    "late", [{"delay_s": 0.03, "delay_slots": 3}, {"low_pass_hz": 5.0}], ids=["delay", "low-pass"]
+    "delay", [{"delay_s": 0.03, "delay_slots": 3}, {"low_pass_hz": 5.0}], ids=["delay", "low-pass"]
 )
-def test_a_delayed_gyro_causes_no_heading_error_in_a_curve(late):
+def test_a_delayed_gyro_causes_no_heading_error_in_a_curve(delay):
     """On a curve that begins, oscillates and ends, the delay causes no heading error during or after the curve."""
     n = 600
-    reckon = reckoning(MODEL, imu=replace(IMU, **late), odometer=ODOMETER)
+    reckon = reckoning(MODEL, imu=replace(IMU, **delay), odometer=ODOMETER)
     nu, eta = drive_truth(n, 4.0)
     fine = np.interp(np.arange(n * 10) * 1e-3, np.arange(n + 1) * DT, nu[:, 2])
-    if "delay_s" in late:
+    if "delay_s" in delay:
         delayed_signal = np.concatenate([np.zeros(30), fine[:-30]])
     else:
         delayed_signal, tau_s = np.zeros_like(fine), 0.5 / (np.pi * 5.0)

@@ -73,20 +73,20 @@ class PartOfImu(NamedTuple):
 
 @pytest.mark.parametrize("kind", [Ekf, Unscented])
 @pytest.mark.parametrize(
-    "bad", [(np.nan, 0.01, 0.1), (0.3, np.inf, 0.1), (0.3, np.nan, -np.inf), (np.nan,) * 3]
+    "value", [(np.nan, 0.01, 0.1), (0.3, np.inf, 0.1), (0.3, np.nan, -np.inf), (np.nan,) * 3]
 )
-def test_es4_a_channel_that_is_not_finite_leaves_no_trace_in_the_state(kind, bad):
-    finite = [int(k) for k in np.flatnonzero(np.isfinite(bad))]
+def test_es4_a_channel_that_is_not_finite_leaves_no_trace_in_the_state(kind, value):
+    finite = [int(k) for k in np.flatnonzero(np.isfinite(value))]
     full, part = (
         compile_block(kind(SMALL, Sensors(imu), R), "python") for imu in (IMU, PartOfImu(IMU, finite))
     )
     belief, _ = after(full, GOOD)
-    hit, estimate = full.step(belief, tick(6, z=bad))
-    expected, _ = part.step(belief, tick(6, z=np.array(bad)[finite]))
+    hit, estimate = full.step(belief, tick(6, z=value))
+    expected, _ = part.step(belief, tick(6, z=np.array(value)[finite]))
     np.testing.assert_allclose(hit.mean, expected.mean, rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(hit.cov, expected.cov, rtol=1e-9, atol=1e-18)
-    assert np.array_equal(np.isfinite(estimate.innovation), np.isfinite(bad))
-    assert np.array_equal(np.isfinite(estimate.weight), np.isfinite(bad))
+    assert np.array_equal(np.isfinite(estimate.innovation), np.isfinite(value))
+    assert np.array_equal(np.isfinite(estimate.weight), np.isfinite(value))
 
 
 def test_es4_a_command_that_is_not_finite_does_not_enter_the_state():

@@ -18,7 +18,7 @@ from baqueano.symbolic import scan
 from baqueano.vehicle_file import load
 
 REST_S, BROKEN_S, END_S, STILL_S = WINDOW_S + 1.0, (8.0, 11.0), 16.0, 2.0
-TOLD_S = 0.5
+REPORT_S = 0.5
 SMALL = load("small").with_values(  # the model equals the vehicle, and the floor is without noise
     {"estimator.velocity_walk_std": [0.005, 0.002, 0.005], "estimator.disturbance_std": [0.02, 0.05]}
 )
@@ -98,7 +98,7 @@ def test_es7_a_sensor_broken_for_seconds_does_not_move_the_estimate(kernel, run,
     assert not np.any(s.refused[~mask])
     times = np.array([2.0, 2.0, 4.0 if fault == "shaken" else 2.0])
     assert np.all(np.max(np.abs(s.error), axis=0) < times * np.max(np.abs(reference.error), axis=0))
-    assert BROKEN_S[0] < s.told_at_s < s.refused_at_s + TOLD_S
+    assert BROKEN_S[0] < s.told_at_s < s.refused_at_s + REPORT_S
 
 
 def test_es6_a_sound_sensor_is_never_rejected_or_reported(kernel, run):
@@ -110,9 +110,9 @@ def test_es6_a_sound_sensor_is_never_rejected_or_reported(kernel, run):
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_wrong_turning_gain_is_reported_and_the_estimate_recovers_at_rest(kernel, factor):
     s = consequence(kernel, turning(factor))
-    moving, is_late = DRIVING & (t_s > REST_S + TOLD_S), t_s > END_S - 0.5 * STILL_S
+    moving, is_late = DRIVING & (t_s > REST_S + REPORT_S), t_s > END_S - 0.5 * STILL_S
     assert np.mean(s.refused[moving]) > 0.9
-    assert REST_S < s.told_at_s < s.refused_at_s + TOLD_S
+    assert REST_S < s.told_at_s < s.refused_at_s + REPORT_S
     assert not np.any(s.refused[is_late])
     assert np.max(np.abs(s.error[is_late, 2])) < 0.03
 

@@ -87,8 +87,8 @@ def wheeled_block():
     return file, compile_block(file.estimator())
 
 
-@pytest.mark.parametrize(("fault", "wide"), [("gyro", [3, 5]), ("bias", [5]), ("wheel", [3]), ("none", [])])
-def test_wheels_and_gyro_widen_the_region_of_the_signal_that_the_model_contradicts(fault, wide):
+@pytest.mark.parametrize(("fault", "signal"), [("gyro", [3, 5]), ("bias", [5]), ("wheel", [3]), ("none", [])])
+def test_wheels_and_gyro_widen_the_region_of_the_signal_that_the_model_contradicts(fault, signal):
     file, filter_ = wheeled_block()
     imu, truth = run().sensors["imu"].z.copy(), run().truth
     speed = 0.06 * truth.nu[:, 2]
@@ -111,7 +111,7 @@ def test_wheels_and_gyro_widen_the_region_of_the_signal_that_the_model_contradic
     assert np.all(np.mean(is_inside[:, [2] if fault == "bias" else [0, 2]], axis=0) >= 0.9)
     before = np.median(np.array(cov)[(t_s > 1.5) & (t_s < FAULT_S[0])], axis=0)
     is_wide = np.median(np.array(cov)[mask], axis=0) > 30.0 * before
-    assert [k for k in (3, 5) if is_wide[k]] == wide
+    assert [k for k in (3, 5) if is_wide[k]] == signal
 
 
 def test_the_region_covers_the_truth_if_the_model_turns_half_as_much():
@@ -142,11 +142,11 @@ def test_a_frozen_imu_causes_a_speed_error_below_20_cm_s():
         assert np.max(np.abs(nu[:, 0] - run().truth.nu[:, 0])) <= 0.2
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_single_nan_reading_has_no_effect(bad):
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_single_nan_reading_has_no_effect(value):
     """The estimate equals, bit by bit, the estimate of an IMU that was silent in this tick."""
     z, is_new = run().sensors["imu"].z.copy(), np.ones(len(t_s))
-    z[500], is_new[500] = bad, 0.0
+    z[500], is_new[500] = value, 0.0
     for estimate, silent in zip(estimates(z), estimates(run().sensors["imu"].z, is_new), strict=True):
         assert np.array_equal(estimate, silent)
 

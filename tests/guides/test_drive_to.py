@@ -26,7 +26,7 @@ def followed(guide, start, ticks=1500):
         state, reference = guide.step(state, estimate_at(pose, k))
         out.append(reference)
         pose = reference.eta
-        if reference.done > 0.0:
+        if reference.at_end > 0.0:
             break
     return state, out
 
@@ -80,7 +80,7 @@ def test_the_guide_joins_a_route_within_radius_and_speed(start, radius_m, speed_
     start_eta = [np.interp(tau_s, route.t_s, route.eta[:, i]) for i in range(3)]
     np.testing.assert_allclose(eta[-1, :2], start_eta[:2], atol=1e-6)
     assert (v, distance) == pytest.approx((speed_m_s, 1.0))
-    assert out[-1].done == 1.0
+    assert out[-1].at_end == 1.0
 
 
 def test_the_reference_velocity_is_the_derivative_of_its_poses():
@@ -107,7 +107,7 @@ def test_the_guide_begins_at_the_vehicle_speed_and_ends_at_rest():
 def test_the_guide_is_done_if_the_vehicle_is_at_its_goal():
     guide = DriveTo.to_route(eight(0.6, 0.2))
     state, reference = guide.step(guide.init(), estimate_at([0.004, 0.004, np.radians(1.0)]))
-    assert reference.done == 1.0
+    assert reference.at_end == 1.0
     assert state.goal[0] == 0.0
 
 
@@ -131,7 +131,7 @@ def test_the_turn_rate_of_the_reference_is_continuous_from_a_moving_start_to_the
     state, first = guide.step(guide.init(), moving)
     assert first.nu == pytest.approx([0.4, 0.0, -0.2])
     rates, k = [first.nu], 0
-    while rates[-1][0] > 0.0 and not first.done:
+    while rates[-1][0] > 0.0 and not first.at_end:
         k += 1
         state, first = guide.step(state, estimate_at(first.eta, k))
         rates.append(first.nu)
@@ -148,10 +148,10 @@ def test_a_goal_at_rest_is_reached_only_with_a_resting_vehicle():
         k += 1
         state, reference = guide.step(state, estimate_at(reference.eta, k, v=0.05))
     turning = estimate_at(reference.eta, k + 1)._replace(nu=np.array([0.0, 0.0, 0.33]))
-    assert guide.step(state, turning)[1].done == 0.0
-    assert guide.step(state, estimate_at(reference.eta, k + 1))[1].done == 1.0
+    assert guide.step(state, turning)[1].at_end == 0.0
+    assert guide.step(state, estimate_at(reference.eta, k + 1))[1].at_end == 1.0
     assert (
-        guide.step(state, turning._replace(t_ns=turning.t_ns + 2_000_000_000))[1].done == 1.0
+        guide.step(state, turning._replace(t_ns=turning.t_ns + 2_000_000_000))[1].at_end == 1.0
     )  # it cannot rest
 
 

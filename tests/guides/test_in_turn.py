@@ -18,7 +18,7 @@ def test_the_reference_does_not_jump_between_lead_in_and_route(kind, start):
     assert np.max(np.hypot(*np.diff(eta[:, :2], axis=0).T)) < 1.5 * 0.2 * DT
     np.testing.assert_allclose(eta[-1, :2], route.eta[-1, :2], atol=1e-6)
     assert 0.0 < state.first.goal[0] < 6.0 or start[0] < 0.0
-    assert out[-1].done == 1.0
+    assert out[-1].at_end == 1.0
 
 
 @pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
@@ -54,7 +54,7 @@ class Counts:
         start_ns = np.where(state < 0, estimate.t_ns, state)
         reference = Repeat.along(line(2.0, 0.2)).step(Repeat.along(line(2.0, 0.2)).init(), estimate)[1]
         x = 0.2e-9 * (estimate.t_ns - start_ns)
-        return start_ns, reference._replace(eta=np.array([x, 0.0, 0.0]), done=np.where(x >= 2.0, 1.0, 0.0))
+        return start_ns, reference._replace(eta=np.array([x, 0.0, 0.0]), at_end=np.where(x >= 2.0, 1.0, 0.0))
 
 
 def test_a_custom_guide_begins_at_the_join_point():
@@ -70,7 +70,7 @@ def test_the_guide_returns_to_its_start_after_the_route():
     assert state.is_first_over == 1.0
     assert max(r.eta[0] for r in out) > 1.0
     np.testing.assert_allclose(out[-1].eta, np.zeros(3), atol=1e-6)
-    assert [r.done for r in out[:-1]] == [0.0] * (len(out) - 1)
+    assert [r.at_end for r in out[:-1]] == [0.0] * (len(out) - 1)
 
 
 @pytest.mark.parametrize("offset", [(0.02, -0.03, 0.1), (-0.04, 0.01, -0.15)])

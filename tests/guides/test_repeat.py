@@ -37,13 +37,13 @@ def test_the_reference_equals_the_taught_pose_at_each_time():
     assert [x.eta[0] for x in r] == np.interp(times, t_s, route.eta[:, 0]).tolist()
     assert [x.nu[0] for x in r] == np.interp(times, t_s, v).tolist()
     assert r[50].t_ns == T0 + 500_000_000
-    assert not any(x.done for x in r)
+    assert not any(x.at_end for x in r)
 
 
 def test_an_open_route_is_driven_once_for_any_number_of_laps():
     for laps in (0, 1, 3):
         r = references(Repeat.along(LINE, laps), [0.0, 3.66, 3.67, 5.0])
-        assert [x.done for x in r] == [0.0, 0.0, 1.0, 1.0]
+        assert [x.at_end for x in r] == [0.0, 0.0, 1.0, 1.0]
         np.testing.assert_allclose(r[-1].eta, [1.0, 0.0, 0.0])
         np.testing.assert_allclose(r[-1].nu, 0.0)
 
@@ -64,7 +64,7 @@ def test_three_laps_of_a_circle_pass_the_start_three_times():
     for x in (r[0], r[1], r[2], r[4]):
         np.testing.assert_allclose(x.eta[:2], 0.0, atol=1e-8)
     np.testing.assert_allclose(r[3].eta[:2], [0.0, 1.0], atol=1e-6)  # half a lap: across the circle
-    assert [x.done for x in r] == [0.0, 0.0, 0.0, 0.0, 1.0]
+    assert [x.at_end for x in r] == [0.0, 0.0, 0.0, 0.0, 1.0]
 
 
 @pytest.mark.parametrize("speed", [0.25, -0.25])
@@ -77,7 +77,7 @@ def test_a_drawn_route_is_driven_evenly_from_rest_to_rest(kind, speed, length_m)
     guide, dt = kind.along(route, 2 if length_m > 1.0 else 1), 0.01
     acceleration = max(0.3, abs(speed) / route.t_s[-1])
     state, eta, r = guide.init(), route.eta[0], []
-    while not r or not r[-1].done:
+    while not r or not r[-1].at_end:
         state, reference = guide.step(state, estimate_at(len(r) * dt)._replace(eta=eta))
         r.append(reference)
         eta = reference.eta  # a vehicle on its reference
@@ -127,7 +127,7 @@ def test_a_vehicle_that_joins_at_rest_accelerates_to_the_speed_at_its_entry(kind
 
 def test_zero_laps_mean_endless_repetition():
     r = references(Repeat.along(circle(0.5, 0.25), 0), [0.0, 1e5])
-    assert r[-1].done == 0.0
+    assert r[-1].at_end == 0.0
     assert r[-1].nu[0] == pytest.approx(0.25)
 
 

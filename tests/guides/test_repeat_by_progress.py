@@ -55,7 +55,7 @@ def test_the_reference_waits_for_a_blocked_vehicle():
     path_m = np.arctan2(last.eta[0], 1.0 - last.eta[1])
     assert path_m == pytest.approx(guide.slack_m + 0.2 * guide.slack_s + guide.wait_m, abs=0.01)
     assert last.nu == pytest.approx(np.zeros(3), abs=1e-3)
-    assert last.done == 0.0
+    assert last.at_end == 0.0
 
 
 def test_the_waiting_reference_keeps_its_speed_for_a_vehicle_beside_the_route():
@@ -105,7 +105,7 @@ def test_a_route_that_comes_back_over_the_same_poses_is_driven_to_its_end():
     nu = np.column_stack([speed, np.zeros(121), kappa * speed])
     route = Route(np.arange(121) * 0.01 / v, np.vstack([expected, expected[-2::-1]]), nu, False)
     run = simulate_loop(SMALL, RepeatByProgress.along(route), perfect=True, duration_s=8.0)
-    assert run.reference.done[-1] == 1.0
+    assert run.reference.at_end[-1] == 1.0
     assert run.reference.eta[:, 0].max() > 0.56
     np.testing.assert_allclose(run.truth.eta[-1, :2], 0.0, atol=0.02)
 
@@ -113,7 +113,7 @@ def test_a_route_that_comes_back_over_the_same_poses_is_driven_to_its_end():
 def test_the_guide_is_done_after_its_last_lap():
     route = rectangle(1.2, 0.8, 0.2, 0.2)
     last = drive_guide(RepeatByProgress.along(route), on_it, round((route.t_s[-1] + 0.7) / DT) + 5)[-1]
-    assert last.done == 1.0
+    assert last.at_end == 1.0
     assert last.nu == pytest.approx(np.zeros(3))
 
 

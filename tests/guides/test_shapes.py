@@ -70,7 +70,7 @@ def test_the_sinuous_circle_can_be_used_as_a_guide():
     for part, is_over in ((1.5, 0.0), (2.08, 1.0)):
         estimate = Estimate(10 + round(part * lap_s * 1e9), np.zeros(3), np.zeros(3), np.eye(6))
         _, reference = guide.step(state, estimate)
-        assert reference.done == is_over
+        assert reference.at_end == is_over
     assert abs(wrap(reference.eta[2])) < 1e-9
 
 

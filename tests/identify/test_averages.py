@@ -116,8 +116,15 @@ def test_a_delayed_sensor_averages_its_delayed_signal(run):
 
 def test_a_free_clock_shifts_the_interval_of_a_mean(run):
     c = run.sensors["wheels"]
-    early = Channel(c.t_ns - 40_000_000, c.arrival_ns - 40_000_000, c.z)  # two rows
-    run = Run("early", None, run.t_ns, run.applied_commands, metadata=run.metadata, sensors={"wheels": early})
+    shifted_channel = Channel(c.t_ns - 40_000_000, c.arrival_ns - 40_000_000, c.z)  # two rows
+    run = Run(
+        "early",
+        None,
+        run.t_ns,
+        run.applied_commands,
+        metadata=run.metadata,
+        sensors={"wheels": shifted_channel},
+    )
     problem, theta = problem_of(run, clocks=("wheels",))
     assert problem.masks[0][:, 0].sum() > 70
     theta = np.append(theta[: len(FREE)], 0.04)

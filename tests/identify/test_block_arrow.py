@@ -23,15 +23,15 @@ from baqueano.numerics.normal_equations import (
 )
 
 
-def equations(seed, runs, more=0, common=4, by_run=3, by_segment=6):
+def equations(seed, runs, extra_rows=0, common=4, by_run=3, by_segment=6):
     """Return (places, arrow, the same as one matrix, g) of random derivatives of every segment."""
     rng = np.random.default_rng(seed)
     layout = ThetaLayout(common, by_run, by_segment, runs)
-    places, size = arrow_layout(layout, more), layout.size + more
+    places, size = arrow_layout(layout, extra_rows), layout.size + extra_rows
     prior = rng.uniform(0.0, 1.0, size)
     arrow, full = diagonal_matrix(prior, places), diagonal_matrix(prior, None)
     unit = 10.0 ** rng.uniform(-4.0, 4.0, size)
-    indices = [np.concatenate([index, layout.size + np.arange(more)]) for index in layout.indices]
+    indices = [np.concatenate([index, layout.size + np.arange(extra_rows)]) for index in layout.indices]
     slopes = [rng.normal(size=(40, len(index))) * unit[index] for index in indices]
     for H in (arrow, full):
         add(H, indices, [J.T @ J for J in slopes])
@@ -45,11 +45,11 @@ ONE_RUN, TWO_RUNS, WHOLE_RUNS = (0,) * 12, (0,) * 6 + (1,) * 8, tuple(range(9))
 @given(
     seed=st.integers(0, 10**6),
     runs=st.sampled_from([ONE_RUN, TWO_RUNS, WHOLE_RUNS]),
-    more=st.integers(0, 3),
+    extra_rows=st.integers(0, 3),
     damping=st.sampled_from([RIDGE, 1e-6, 1e-2, 10.0]),
 )
-def test_the_block_solution_equals_the_solution_of_the_whole_matrix(seed, runs, more, damping):
-    arrow, full, g = equations(seed, runs, more)
+def test_the_block_solution_equals_the_solution_of_the_whole_matrix(seed, runs, extra_rows, damping):
+    arrow, full, g = equations(seed, runs, extra_rows)
     assert isinstance(arrow, BlockArrow)
     index = np.flatnonzero(np.random.default_rng(seed).random(len(g)) < 0.8)
     scale = full.diagonal().copy()

@@ -51,13 +51,13 @@ def test_readings_with_rounding_errors_are_not_reported_or_changed():
     assert np.array_equal(after.z, rounded_z)
 
 
-@pytest.mark.parametrize("every", [2, 5, 8])
-def test_only_the_first_of_repeated_samples_is_retained(every):
+@pytest.mark.parametrize("period", [2, 5, 8])
+def test_only_the_first_of_repeated_samples_is_retained(period):
     z = motion()
-    repeated_z = z[np.arange(len(z)) // every * every]
+    repeated_z = z[np.arange(len(z)) // period * period]
     after, findings = check_samples("imu", IMU, channel(repeated_z))
     new = np.isfinite(after.z).all(axis=1)
-    assert np.array_equal(np.flatnonzero(new), np.arange(0, len(z), every))
+    assert np.array_equal(np.flatnonzero(new), np.arange(0, len(z), period))
     assert "data.repeats" in codes(findings)
     assert findings[0].subject == "imu"  # all channels are equal, so reported once
 

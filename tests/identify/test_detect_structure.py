@@ -105,8 +105,8 @@ def test_error_bars_contain_a_wrong_speed_of_the_dry_friction():
     """The speed is 0.05 m/s; the file has 0.02 m/s. Half of these fits are USABLE, so only the error bars show it."""
     robots, z = [draw_robot(seed) for seed in range(4)], []
     files = [initial_file(robot) for robot in robots]
-    us = [quantised_commands(random_steps([1.0, 0.0, 1.0], 40.0, 100.0, seed)) for seed in range(4)]
-    for robot, file, run in zip(robots, files, group_runs(robots, us, range(4), files[0]), strict=True):
+    signals = [quantised_commands(random_steps([1.0, 0.0, 1.0], 40.0, 100.0, seed)) for seed in range(4)]
+    for robot, file, run in zip(robots, files, group_runs(robots, signals, range(4), files[0]), strict=True):
         fit = identify(run, file.with_values({"model.friction.coulomb_speed": [0.02, 0.02, 0.2]}), FREE_ROBOT)
         truth = robot_values(robot)
         for name in (

@@ -47,15 +47,15 @@ def accused(fit):
 
 
 @pytest.mark.parametrize(
-    ("factor", "unit", "was"), [(DEGREES, "deg/s", "rad/s"), (1.0 / DEGREES, "rad/s", "deg/s")]
+    ("factor", "unit", "first_unit"), [(DEGREES, "deg/s", "rad/s"), (1.0 / DEGREES, "rad/s", "deg/s")]
 )
-def test_the_gyro_unit_of_a_slow_car_is_reported(at_ten_hertz, factor, unit, was):
+def test_the_gyro_unit_of_a_slow_car_is_reported(at_ten_hertz, factor, unit, first_unit):
     file, run = at_ten_hertz
     for use, free in ((None, None), (("imu",), ["model.throttle_gain"])):  # more would diverge for seconds
         fit = identify(with_gyro(run, factor), file, free, use=use)
         assert fit.verdict == "REFUSED"
         (finding,) = (gyro for gyro in accused(fit) if gyro.figures["source"].code == "gyro.as-curve")
-        assert (finding.figures["true_unit"], finding.figures["assumed_unit"]) == (unit, was)
+        assert (finding.figures["true_unit"], finding.figures["assumed_unit"]) == (unit, first_unit)
 
 
 def test_commands_reveal_the_gyro_unit_without_wheels(small):

@@ -210,8 +210,8 @@ def test_the_noise_does_not_depend_on_the_names_of_the_runs(small):
 
 def test_few_velocities_of_a_truth_give_no_noise_of_a_truth(small):
     run = simulate(small, random_steps(small.command.limit, 10.0, small.rate_hz, 1), 1)
-    seldom = replace(run, truth=type(run.truth)(*(column[::50] for column in run.truth)))
-    noise = measure_noise(identify(seldom, small, ["model.mass_kg"], use=["truth", "imu"]), seldom)
+    sparse_run = replace(run, truth=type(run.truth)(*(column[::50] for column in run.truth)))
+    noise = measure_noise(identify(sparse_run, small, ["model.mass_kg"], use=["truth", "imu"]), sparse_run)
     assert list(noise.in_motion) == ["imu"]
 
 

@@ -79,8 +79,8 @@ def test_the_search_reaches_the_minimum_along_a_narrow_ridge():
     np.testing.assert_allclose(estimate, [3.0, -3.0], atol=0.2)
 
 
-@pytest.mark.parametrize(("rest", "least"), [(1e-6, 1e-6), (1e-2, None)])
-def test_the_gyro_noise_is_at_least_its_noise_at_rest(rest, least):
+@pytest.mark.parametrize(("rest", "min_std"), [(1e-6, 1e-6), (1e-2, None)])
+def test_the_gyro_noise_is_at_least_its_noise_at_rest(rest, min_std):
     rng = np.random.default_rng(0)
 
     class Channel:
@@ -91,7 +91,7 @@ def test_the_gyro_noise_is_at_least_its_noise_at_rest(rest, least):
 
     low, high = filter_noise._variance_range(Fit, "imu", 2, np.diag([1.0, 1.0, rest]), 1.0)
     assert high == pytest.approx(0.004**2, rel=0.1)
-    assert low == least if least else low < 1e-3 * high
+    assert low == min_std if min_std else low < 1e-3 * high
 
 
 def test_a_motor_with_another_lag_does_not_make_the_gyro_too_cautious_in_a_calm_drive():

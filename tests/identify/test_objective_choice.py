@@ -19,9 +19,9 @@ def likelihood_fit(ratio, autocorrelated=False, floor=(0.04, 0.0)):
     return MaximumLikelihood(solution, np.zeros(1), noise, np.array([0.008, np.nan]), info, ratio, 1)
 
 
-def pair(*shifts, more=-1.0, scatter=1.0, n=31):
+def pair(*shifts, extra=-1.0, scatter=1.0, n=31):
     """Return n omitted blocks with `more` as mean difference, and two fits this many standard errors apart."""
-    blocks = more + scatter * np.linspace(-1.0, 1.0, n)
+    blocks = extra + scatter * np.linspace(-1.0, 1.0, n)
     return LeaveOneOutComparison(
         blocks, 1000.0, np.array(shifts), [f"model.mass_kg{k}" for k in range(len(shifts))]
     )
@@ -44,11 +44,11 @@ def test_innovations_are_chosen_if_consistent_and_better_on_unseen_segments():
 
 
 def test_an_insignificantly_larger_error_does_not_change_the_choice():
-    choice = choose_objective(likelihood_fit(400.0), (0, 2), pair(0.1, more=0.05), QUIET)
+    choice = choose_objective(likelihood_fit(400.0), (0, 2), pair(0.1, extra=0.05), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", True, False)
 
 
-@pytest.mark.parametrize("floor", [pair(0.1, more=1.0), pair(0.1, 5.0), pair(0.1, more=np.nan)])
+@pytest.mark.parametrize("floor", [pair(0.1, extra=1.0), pair(0.1, 5.0), pair(0.1, extra=np.nan)])
 def test_a_larger_error_and_different_estimates_indicate_a_missing_model_term(floor):
     choice = choose_objective(likelihood_fit(400.0), (0, 2), floor, QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, True)

@@ -14,13 +14,13 @@ def unseen_names(fit):
     return {row["name"].removeprefix("model.") for row in fit.rows() if row["identifiable"] == "no"}
 
 
-def test_id1_straight_driving_leaves_turning_parameters_unobservable_with_a_remedy(case, off):
+def test_id1_straight_driving_leaves_turning_parameters_unobservable_with_a_remedy(case, factor):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
     fit = identify(simulate(case, u, 0), case)
     turning = {"friction.linear[2]", "friction.quadratic[2]"}
     assert turning <= unseen_names(fit)
     assert "friction.linear[0]" not in unseen_names(fit)
-    assert np.max(np.abs(off(fit, case))) < 4.5
+    assert np.max(np.abs(factor(fit, case))) < 4.5
     notes = {note.subject: note for note in fit.unobservable}
     note = notes["model.friction.linear[2]"]
     assert (note.code, note.figures["value"], note.figures["advice"].code) == (
@@ -107,11 +107,13 @@ def test_weakly_separable_parameters_are_named_with_an_informative_motion(case):
     fit = identify(simulate(case, excitation("multisine", case.command.limit, 30.0, 100.0, 1), 1), case)
     assert fit.verdict == "WARN"
     reasons = {reason.subject: reason for reason in fit.reasons}
-    near = reasons["model.friction.quadratic[1]"]
-    assert near.code == "identifiability.poor-pair"
-    assert near.figures["others"] == "friction.linear[0], friction.linear[1], friction.quadratic[0]"
+    friction_reason = reasons["model.friction.quadratic[1]"]
+    assert friction_reason.code == "identifiability.poor-pair"
+    assert (
+        friction_reason.figures["others"] == "friction.linear[0], friction.linear[1], friction.quadratic[0]"
+    )
     motion = "sliding sideways both slowly and fast, as in turns at many speeds"
-    assert near.figures["advice"].figures["motion"].startswith(motion)
+    assert friction_reason.figures["advice"].figures["motion"].startswith(motion)
     weak = reasons["model.actuator_matrix[1,2]"]
     assert (weak.code, weak.figures["reason"].code) == (
         "identifiability.poor",

@@ -45,10 +45,10 @@ def carriage(volts, rate_hz, rng):
     v, fade, out = 0.0, np.exp(-d / rate_hz / FINE), []
     for u in volts:
         for _ in range(FINE):
-            way = np.sign(v) if v else np.sign(u) * (abs(k * u) > c)
-            end = (k * u - c * way) / d
-            v = (end + (v - end) * fade) if way else 0.0
-            v = 0.0 if v * way < 0.0 else v
+            sign = np.sign(v) if v else np.sign(u) * (abs(k * u) > c)
+            end = (k * u - c * sign) / d
+            v = (end + (v - end) * fade) if sign else 0.0
+            v = 0.0 if v * sign < 0.0 else v
         out.append(v + 0.01 * rng.standard_normal())
     return np.array(out)[:, None]
 
@@ -134,7 +134,7 @@ def test_terms_named_in_the_metadata_of_a_custom_vehicle_are_chosen(files, name,
 
 
 def test_a_dead_zone_of_two_volts_hides_no_model_term(files):
-    zones = {f"model.drivetrain.dead_zone_{way}": [2.0] for way in ("forward", "backward")}
+    zones = {f"model.drivetrain.dead_zone_{sign}": [2.0] for sign in ("forward", "backward")}
     file = files["servo_axis"].with_values(zones)
     names = [
         term.name for term in terms_of(FittedBlocks(file.vehicle, file.sensors), np.array([[1.0], [-1.0]]))

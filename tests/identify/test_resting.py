@@ -35,8 +35,8 @@ def test_the_gyro_bias_is_measured_while_the_car_is_at_rest():
     assert fit.notes[0].code == "bias.at-rest"
 
 
-@pytest.mark.parametrize("every", [1, 3])
-def test_each_rest_is_tested_alone_by_its_duration(every):
+@pytest.mark.parametrize("period", [1, 3])
+def test_each_rest_is_tested_alone_by_its_duration(period):
     """A coast of 0.5 s passed beside a long rest; a rest of 2 s at a third of the rate of the file was too short."""
     car = load("car")
     steps = random_steps([0.5, 0.6], 10.0, car.rate_hz, 3)
@@ -45,7 +45,9 @@ def test_each_rest_is_tested_alone_by_its_duration(every):
     channel, std = run.sensors["imu"], float(np.sqrt(car.sensors.imu.cov[-1, -1]))
     z = channel.z.copy()
     z[channel.t_ns > run.t_ns[-1] - 500_000_000, -1] += 3.0 * std
-    short = channel._replace(t_ns=channel.t_ns[::every], arrival_ns=channel.arrival_ns[::every], z=z[::every])
+    short = channel._replace(
+        t_ns=channel.t_ns[::period], arrival_ns=channel.arrival_ns[::period], z=z[::period]
+    )
     file, _ = with_gyro_bias_at_rest(car, [replace(run, sensors={**run.sensors, "imu": short})])
     std = file.provenance["sensors.imu.gyro_bias"].std
     assert abs(file.value("sensors.imu.gyro_bias") - BIAS) < 4.5 * std

@@ -110,8 +110,10 @@ def test_a_gyro_that_reads_too_much_gives_a_speed_that_is_too_low(drive):
     ekf = measure_noise(fit, run).updated_file(fit.vehicle_file).estimator()
     c, gyro_std = ekf.speed_per_gyro_scale, float(ekf.sensors.imu.gyro_scale_std)
     assert -1.1 < c < -0.05
-    alone = with_speed_error(ekf, replace(fit, scale_shifts=np.zeros((3, len(fit.names)))), [run])
-    assert alone.speed_error_std[1] ** 2 - ekf.speed_error_std[1] ** 2 == pytest.approx(gyro_std**2, rel=0.05)
+    unscaled_ekf = with_speed_error(ekf, replace(fit, scale_shifts=np.zeros((3, len(fit.names)))), [run])
+    assert unscaled_ekf.speed_error_std[1] ** 2 - ekf.speed_error_std[1] ** 2 == pytest.approx(
+        gyro_std**2, rel=0.05
+    )
     kappa = np.array([0.0, -gyro_std, 0.0, 0.0])
     error = velocity_error(ekf, kappa, np.array([0.3, 0.0, 1.0]))
     assert error[0] == pytest.approx(-c * gyro_std * 0.3)

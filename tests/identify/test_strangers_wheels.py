@@ -50,12 +50,12 @@ def drive(seed, seconds=40.0, tick_s=0.02, h=0.002):
     count, step, fade = int(seconds / h), round(tick_s / h), math.exp(-h / 0.4)
     kick = (math.sqrt(1.0 - fade**2) * rng.standard_normal((count, 2)) * [0.05, 0.1]).tolist()
     v = side = r = e_x = e_psi = 0.0
-    duty, until, ways_m = (0.0, 0.0), 1.0, [0.0, 0.0]
+    duty, change_s, ways_m = (0.0, 0.0), 1.0, [0.0, 0.0]
     readings, duties_sent = [], []
     for k in range(count):
-        if k % step == 0 and k * h >= until:
+        if k % step == 0 and k * h >= change_s:
             left, right = rng.uniform(-0.9, 0.9, 2).tolist()
-            duty, until = (left, left if rng.random() < 0.4 else right), until + rng.uniform(0.3, 2.0)
+            duty, change_s = (left, left if rng.random() < 0.4 else right), change_s + rng.uniform(0.3, 2.0)
         if k % step == 0:
             duties_sent.append(duty)
         e_x, e_psi = fade * e_x + kick[k][0], fade * e_psi + kick[k][1]

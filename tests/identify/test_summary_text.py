@@ -49,11 +49,11 @@ def test_the_table_marks_every_row_that_may_be_zero(case_run, case):
 
 
 def lines_of(
-    reasons: list[str], unobservable: list[str], never: list[str], notes: list[str], verdict: str = "WARN",
+    reasons: list[str], unobservable: list[str], unseen: list[str], notes: list[str], verdict: str = "WARN",
     with_report: bool = False,
 ) -> list[str]:  # fmt: skip
     """Return the lines of codes without a template, which are printed unchanged."""
-    fields = {"reasons": reasons, "unobservable": unobservable, "always_unobservable": never, "notes": notes}
+    fields = {"reasons": reasons, "unobservable": unobservable, "always_unobservable": unseen, "notes": notes}
     by_field = {name: tuple(map(note, codes)) for name, codes in fields.items()}
     return verdict_lines(SimpleNamespace(verdict=verdict, **by_field), with_report)
 

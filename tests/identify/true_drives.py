@@ -55,17 +55,17 @@ class TrueDrive(NamedTuple):
 
 def group_runs(
     vehicles: Sequence[Any],
-    us: Sequence[np.ndarray],
+    signals: Sequence[np.ndarray],
     seeds: Sequence[int],
     file: VehicleFile,
     step_s: float = ROBOT_STEP_S,
 ) -> list[Run]:
     """Return a run of each vehicle; the vehicles are simulated as one group."""
-    group, t_ns = merge(vehicles), tick_times(len(us[0]), file.rate_hz)
-    motion = drive_group(group, np.stack(us, axis=1), seeds, t_ns, step_s)
+    group, t_ns = merge(vehicles), tick_times(len(signals[0]), file.rate_hz)
+    motion = drive_group(group, np.stack(signals, axis=1), seeds, t_ns, step_s)
     return [
         run_of_vehicle(motion, k, u, file, f"run {seed}", seed)
-        for k, (u, seed) in enumerate(zip(us, seeds, strict=True))
+        for k, (u, seed) in enumerate(zip(signals, seeds, strict=True))
     ]
 
 
@@ -76,9 +76,9 @@ def cars_on_floor(seeds: Sequence[int], duration_s: float) -> list[TrueDrive]:
         group = seeds[first : first + CARS]
         cars = [draw_car(seed % CARS, "matched").with_parameters(floor=floor) for seed in group]
         files = [car_file(q) for q in cars]
-        us = [steps_of_car(seed, duration_s, files[0].rate_hz) for seed in group]
+        signals = [steps_of_car(seed, duration_s, files[0].rate_hz) for seed in group]
         values = [{name: float(v[0]) for name, v in car_values(q).items()} for q in cars]
-        runs = group_runs(cars, us, group, files[0], STEP_S)
+        runs = group_runs(cars, signals, group, files[0], STEP_S)
         drives += [TrueDrive(*drive) for drive in zip(runs, files, values, strict=True)]
     return drives
 
@@ -137,14 +137,14 @@ def case_drives(
 ) -> list[TrueDrive]:
     """Return drives of case study I, one for each seed of its random steps and of its noise."""
     files = [files] * len(seeds) if isinstance(files, VehicleFile) else list(files)
-    us = [
+    signals = [
         random_steps(file.command.limit, duration_s, file.rate_hz, seed)
         for seed, file in zip(seeds, files, strict=True)
     ]
-    runs = group_runs([case_vehicle(file) for file in files], [u / FULL for u in us], seeds, files[0])
+    runs = group_runs([case_vehicle(file) for file in files], [u / FULL for u in signals], seeds, files[0])
     return [
         TrueDrive(replace(run, applied_commands=u), file, truth_of(file))
-        for run, u, file in zip(runs, us, files, strict=True)
+        for run, u, file in zip(runs, signals, files, strict=True)
     ]
 
 

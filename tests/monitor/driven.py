@@ -34,7 +34,7 @@ class Kind(NamedTuple):
 
 
 @cache
-def kind_of(kind: str, wrong: tuple[tuple[str, float], ...] = ()) -> Kind:
+def kind_of(kind: str, errors: tuple[tuple[str, float], ...] = ()) -> Kind:
     """Return "robot", "wheels" (a robot with encoders) or "car" (with an odometer). `wrong` contains factors of
     values of its file, which is then wrong."""
     file = subject("robot" if kind == "wheels" else kind, 0).vehicle_file.with_values(NOISE)
@@ -42,7 +42,7 @@ def kind_of(kind: str, wrong: tuple[tuple[str, float], ...] = ()) -> Kind:
         file = parse(file.text + WHEELS, file.name).with_values({"estimator.use": ["imu", "wheels"]})
     elif kind == "car":
         file = file.with_values({"estimator.use": ["imu", "odometer"]})
-    file = file.with_values({path: factor * file.value(path) for path, factor in wrong})
+    file = file.with_values({path: factor * file.value(path) for path, factor in errors})
     estimator = compile_block(file.estimator())
     sensors, reason = sensor_monitor(file, estimator)
     assert sensors is not None, reason
@@ -71,10 +71,10 @@ def _motion(vehicle: str, count: int) -> tuple[list[np.ndarray], GroupDrive]:
 
 
 def watch(
-    kind: str, run: Run, wrong: Mapping[str, float] = MappingProxyType({})
+    kind: str, run: Run, errors: Mapping[str, float] = MappingProxyType({})
 ) -> tuple[list[Finding], SensorMonitor]:
     """Return each finding at its start and again when it became DEGRADED, and the monitor at the end."""
-    file, estimator, sensors = kind_of(kind, tuple(wrong.items()))
+    file, estimator, sensors = kind_of(kind, tuple(errors.items()))
     belief, findings = estimator.init(), []
     sensors.begin()
     for tick in run.ticks():

@@ -26,7 +26,7 @@ from baqueano.monitor.findings import (
 from tests.monitor.driven import FROM_S, damaged_run, drives, kind_of, watch
 
 DRIVES = 3
-TOLD_S = 5.0
+REPORT_S = 5.0
 CASES = [  # kind of vehicle, channel, fault, similar faults
     ("robot", "imu[2]", "frozen", (FROZEN, ZERO)),
     ("robot", "imu[2]", "full scale", (AT_ITS_END,)),
@@ -62,9 +62,9 @@ def test_a_faulty_sensor_is_named_and_never_the_model(kind, name, fault, looks):
         findings, sensors = watch(kind, damaged)
         first_finding, *later_findings = [finding for finding in findings if finding.name == name]
         told_s = 1e-9 * first_finding.t_ns - FROM_S
-        assert EVENT_S - 0.02 <= told_s <= TOLD_S
+        assert EVENT_S - 0.02 <= told_s <= REPORT_S
         assert not first_finding.is_degraded
-        assert {finding.wrong_part for finding in findings} <= {SENSOR, UNKNOWN}
+        assert {finding.faulty_part for finding in findings} <= {SENSOR, UNKNOWN}
         assert {finding.name for finding in findings} == {name}
         for x in later_findings:
             assert not x.is_degraded or 1e-9 * x.t_ns - FROM_S >= DEGRADED_S - 0.02
@@ -84,7 +84,7 @@ def test_a_lost_sensor_is_named_once_as_faulty(kind, sensor):
         t_ns=channel.t_ns[is_kept], arrival_ns=channel.arrival_ns[is_kept], z=channel.z[is_kept]
     )
     findings, _ = watch(kind, replace(run, sensors=run.sensors | {sensor: gap}))
-    assert [(f.name, f.symptom, f.wrong_part) for f in findings] == [(sensor, LOST, SENSOR)] * 2
+    assert [(f.name, f.symptom, f.faulty_part) for f in findings] == [(sensor, LOST, SENSOR)] * 2
     told_s = [1e-9 * finding.t_ns - FROM_S for finding in findings]
     assert told_s == pytest.approx([EVENT_S + 0.1, DEGRADED_S + 0.1], abs=0.05)
 
@@ -98,7 +98,7 @@ def test_a_sensor_that_never_gave_a_reading_is_lost_and_one_that_returns_agrees_
             t_ns=channel.t_ns[is_kept], arrival_ns=channel.arrival_ns[is_kept], z=channel.z[is_kept]
         )
         findings, sensors = watch(kind, replace(run, sensors=run.sensors | {sensor: rows}))
-        assert [(f.name, f.symptom, f.wrong_part) for f in findings] == [(sensor, LOST, SENSOR)] * 2
+        assert [(f.name, f.symptom, f.faulty_part) for f in findings] == [(sensor, LOST, SENSOR)] * 2
         assert len(sensors.degraded_sensors) == (0 if is_kept.any() else 1)
 
 
@@ -115,7 +115,7 @@ def test_two_of_three_signals_identify_the_faulty_sensor_in_two_seconds(kind, na
     for run in drives(kind, DRIVES):
         findings, _ = watch(kind, damaged_run(run, name[:-3], [int(name[-2])], fault))
         errors += [
-            finding.wrong_part for finding in findings if finding.is_degraded and finding.name == name
+            finding.faulty_part for finding in findings if finding.is_degraded and finding.name == name
         ][:1]
     assert len(errors) == DRIVES
     assert errors.count(SENSOR) >= DRIVES - 1
@@ -130,8 +130,8 @@ def test_two_sensors_identify_the_third_where_the_model_predicts_little(name, fa
     values = {"estimator.disturbance_std[0]": 20.0, "estimator.disturbance_std[1]": 20.0}
     for run in drives("wheels", DRIVES):
         findings, _ = watch("wheels", damaged_run(run, name[:-3], [int(name[-2])], fault), values)
-        assert {finding.name for finding in findings if finding.wrong_part == SENSOR} == {name}
-        assert MODEL not in {finding.wrong_part for finding in findings}
+        assert {finding.name for finding in findings if finding.faulty_part == SENSOR} == {name}
+        assert MODEL not in {finding.faulty_part for finding in findings}
         assert watch("wheels", run, values)[0] == []
 
 
@@ -141,7 +141,7 @@ def test_an_aged_turning_gain_is_not_reported_as_a_gyro_fault(gain):
     wrong_parts = set()
     for run in drives("robot", DRIVES):
         findings, _ = watch("robot", run, wrong={"model.actuator_matrix[2,2]": gain})
-        wrong_parts |= {finding.wrong_part for finding in findings}
+        wrong_parts |= {finding.faulty_part for finding in findings}
     assert UNKNOWN in wrong_parts
     assert SENSOR not in wrong_parts
 
@@ -153,7 +153,7 @@ def test_a_model_without_disturbance_can_be_wrong():
         "estimator.disturbance_std[1]": 0.0,
     }
     findings, _ = watch("wheels", drives("wheels", 1)[0], wrong=values)
-    assert [finding.wrong_part for finding in findings if finding.name == "imu[2]"][-1] == MODEL
+    assert [finding.faulty_part for finding in findings if finding.name == "imu[2]"][-1] == MODEL
 
 
 @pytest.mark.parametrize(
@@ -164,5 +164,5 @@ def test_a_wrong_turning_gain_is_not_reported_as_a_gyro_fault(kind, gain):
     findings, _ = watch(kind, drives(kind, 1)[0], wrong={"model.actuator_matrix[2,2]": gain})
     gyro = [finding for finding in findings if finding.name == "imu[2]"]
     assert gyro
-    assert {finding.wrong_part for finding in gyro} <= {MODEL, UNKNOWN}
-    assert gyro[-1].wrong_part == MODEL
+    assert {finding.faulty_part for finding in gyro} <= {MODEL, UNKNOWN}
+    assert gyro[-1].faulty_part == MODEL

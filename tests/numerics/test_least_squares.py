@@ -155,11 +155,11 @@ def test_the_search_rejects_a_point_with_infinite_derivatives():
     assert not nowhere.converged
 
 
-@pytest.mark.parametrize("far", [np.nan, np.inf, -np.inf, 1e200, -1e200])
-def test_id12_a_diverged_segment_adds_no_information(far):
+@pytest.mark.parametrize("distance", [np.nan, np.inf, -np.inf, 1e200, -1e200])
+def test_id12_a_diverged_segment_adds_no_information(distance):
     rng = np.random.default_rng(0)
     r, d = rng.standard_normal((100, 2)), rng.standard_normal((100, 2, 3))
-    far_rows = np.where(np.arange(100)[:, None, None] > 50, far, d)
+    far_rows = np.where(np.arange(100)[:, None, None] > 50, distance, d)
 
     def cost_of(*slopes):
         problem = SimpleNamespace(

@@ -110,8 +110,8 @@ def test_a_run_without_truth_or_without_estimate_is_animated(run):
 def test_a_truth_without_heading_is_drawn_on_the_map_and_the_estimate_is_animated(run):
     eta = run.truth.eta * [1.0, 1.0, np.nan]
     gps_run = replace(run, truth=run.truth._replace(eta=eta))
-    seldom = TruthLog(*(column[41::100] for column in run.truth))
-    assert scene(gps_run).true_poses is scene(replace(run, truth=seldom)).true_poses is None
+    sparse_truth = TruthLog(*(column[41::100] for column in run.truth))
+    assert scene(gps_run).true_poses is scene(replace(run, truth=sparse_truth)).true_poses is None
     np.testing.assert_array_equal(scene(gps_run).vehicle_poses, scene(run).estimated_poses)
     longest_lines = [
         max(

@@ -71,7 +71,7 @@ def test_the_wiring_drawing_is_current(bridge):
 def test_the_motors_are_wired_to_the_firmware_pins(bridge):
     ends = ends_by_net(bridge)
     assert [ends[of("pwm", k)] for k in (0, 1)] == [f"bridge {name}" for name in bridge.pwm]
-    inputs = [of(f"direction {way}", channel) for channel in (0, 1) for way in (1, 2)]
+    inputs = [of(f"direction {pin_number}", channel) for channel in (0, 1) for pin_number in (1, 2)]
     assert [ends[pin] for pin in inputs] == [f"bridge {name}" for name in bridge.direction]
     assert ends.get(of("standby")) == (f"bridge {bridge.standby}" if bridge.standby else None)
 
@@ -87,7 +87,9 @@ def test_encoders_and_mark_sensor_are_wired_to_the_firmware_pins(bridge):
 def test_the_pin_table_of_the_header_matches_the_firmware_code():
     pins = WIRING.pins(BOARD_H)
     assert pins.pwm == (of("pwm"), of("pwm", 1))
-    assert pins.direction == tuple(of(f"direction {way}", channel) for channel in (0, 1) for way in (1, 2))
+    assert pins.direction == tuple(
+        of(f"direction {pin_number}", channel) for channel in (0, 1) for pin_number in (1, 2)
+    )
     assert (pins.standby, pins.lamp, pins.mark) == (of("standby"), of("lamp"), of("mark"))
     channel = re.search(r"DIDR0 = _BV\(ADC(\d)D\)", BOARD_C)[1]
     assert pins.battery == f"A{channel}"

@@ -41,8 +41,8 @@ def test_a_chord_across_a_circle_is_a_gap():
 
 def test_sparse_poses_are_a_gap_only_if_the_heading_changes_too_much():
     lap = circle(0.5, 0.2)
-    for every, expected in ((240, ["route.gap"]), (60, [])):  # arcs of 60°, 7 cm high; of 15°
-        assert codes(Route(lap.t_s[::every], lap.eta[::every], lap.nu[::every], True)) == expected
+    for step, expected in ((240, ["route.gap"]), (60, [])):  # arcs of 60°, 7 cm high; of 15°
+        assert codes(Route(lap.t_s[::step], lap.eta[::step], lap.nu[::step], True)) == expected
 
 
 @pytest.mark.parametrize("name", ["t_s", "eta", "nu"])
@@ -70,13 +70,15 @@ def advised_cut(route, fix):
 
 @pytest.mark.parametrize("k", [1, 50, 70, 200])
 def test_the_advised_cut_removes_a_jump_or_a_change_of_direction(k):
-    there = scale(line(2.0, 0.2), 0.97)  # a pose every 9.7 mm, so that some distances are rounded up
-    jump = there._replace(
-        eta=there.eta + np.where(np.arange(len(there.t_s)) < k, 0.0, 0.5)[:, None] * [1, 0, 0]
+    scaled_line = scale(line(2.0, 0.2), 0.97)  # a pose every 9.7 mm, so that some distances are rounded up
+    jump = scaled_line._replace(
+        eta=scaled_line.eta + np.where(np.arange(len(scaled_line.t_s)) < k, 0.0, 0.5)[:, None] * [1, 0, 0]
     )
     assert codes(jump) == ["route.jump"]
     assert codes(advised_cut(jump, examine(jump).findings[0].fix)) == []
-    two_ways = there._replace(nu=np.where(np.arange(len(there.t_s)) < k, 1.0, -1.0)[:, None] * there.nu)
+    two_ways = scaled_line._replace(
+        nu=np.where(np.arange(len(scaled_line.t_s)) < k, 1.0, -1.0)[:, None] * scaled_line.nu
+    )
     with pytest.raises(UsageError) as error:
         direction(two_ways)
     assert abs(direction(advised_cut(two_ways, error.value.diagnostic.fix))) == 1.0

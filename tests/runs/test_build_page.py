@@ -26,8 +26,8 @@ def with_keys(lines):
     """Return the file of the small vehicle with these lines of the page."""
     text = tomlkit.parse(load("small").text)
 
-    def put_value(into, more):
-        for key, value in more.items():
+    def put_value(into, cells):
+        for key, value in cells.items():
             if isinstance(value, dict):
                 put_value(into.setdefault(key, {}), value)
             else:

@@ -97,7 +97,9 @@ def test_the_reading_time_grows_linearly_with_the_damaged_bytes(chunked_file, mo
     records, summed, crc32 = [], [], zlib.crc32
     step = mcap_records._RecordReader.record
     monkeypatch.setattr(
-        mcap_records._RecordReader, "record", lambda walk, at: records.append(at) or step(walk, at)
+        mcap_records._RecordReader,
+        "record",
+        lambda walk, position: records.append(position) or step(walk, position),
     )
     monkeypatch.setattr(
         mcap_records, "zlib", type("_", (), {"crc32": lambda b: summed.append(len(b)) or crc32(b)})
@@ -116,25 +118,25 @@ def test_the_reading_time_grows_linearly_with_the_damaged_bytes(chunked_file, mo
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    at=st.floats(0.0, 1.0),
+    position=st.floats(0.0, 1.0),
     size=st.integers(1, 5000),
     fill=st.sampled_from(["zeros", "ones", "random", "put between", "taken out"]),
 )
-def test_damage_loses_only_the_damaged_chunks(chunked_file, at, size, fill):
+def test_damage_loses_only_the_damaged_chunks(chunked_file, position, size, fill):
     data, chunks = chunked_file
-    at = chunks[0][1] + int(at * (len(data) - chunks[0][1]))  # the first chunk names the topics
+    position = chunks[0][1] + int(position * (len(data) - chunks[0][1]))  # the first chunk names the topics
     if fill == "put between":
-        end, damaged = at, data[:at] + random.Random(size).randbytes(size) + data[at:]
+        end, damaged = position, data[:position] + random.Random(size).randbytes(size) + data[position:]
     elif fill == "taken out":
-        end, damaged = at + size, data[:at] + data[at + size :]
+        end, damaged = position + size, data[:position] + data[position + size :]
     else:
-        end = min(at + size, len(data))
-        damaged = data[:at] + FILLINGS[fill](end - at) + data[end:]
+        end = min(position + size, len(data))
+        damaged = data[:position] + FILLINGS[fill](end - position) + data[end:]
     scan, expected = mcap_records.scan(damaged), mcap_records.scan(data)
     (key,) = expected.messages
     times = set(scan.messages[key].t_ns)
     for start, stop in chunks:
-        if stop <= at or start >= end:
+        if stop <= position or start >= end:
             original = mcap_records.scan(MAGIC + data[start:stop]).messages[key]
             assert set(original.t_ns) <= times
     assert list(scan.messages[key].t_ns) == sorted(times)
@@ -190,9 +192,12 @@ def events(count, text):
 def estimates(writer, channel):
     commands(3, 1)(writer, channel)
     channel("/estimate", 2000)
-    quiet, data = channel("/estimate", "none"), messages.estimate_layout(None).pack(1, *[0.0] * 42, 0, 0, 0)
+    estimate_topic, data = (
+        channel("/estimate", "none"),
+        messages.estimate_layout(None).pack(1, *[0.0] * 42, 0, 0, 0),
+    )
     for k in range(100):
-        writer.add_message(quiet, k, data, k)
+        writer.add_message(estimate_topic, k, data, k)
 
 
 def topics(writer, channel):

@@ -65,25 +65,25 @@ def test_lg1_kill_9_loses_at_most_one_second(tmp_path):
         assert run.metadata["seed"] == "1"
 
 
-def fewer(run, whole):
+def fewer(run, full_run):
     """Return True if all data of `run` are part of `whole`."""
-    index = np.searchsorted(whole.t_ns, run.t_ns)
-    assert np.array_equal(whole.t_ns[index], run.t_ns)
-    assert whole.applied_commands[index].tobytes() == run.applied_commands.tobytes()
-    assert set(run.sensors) <= set(whole.sensors)
+    index = np.searchsorted(full_run.t_ns, run.t_ns)
+    assert np.array_equal(full_run.t_ns[index], run.t_ns)
+    assert full_run.applied_commands[index].tobytes() == run.applied_commands.tobytes()
+    assert set(run.sensors) <= set(full_run.sensors)
     for name, channel in run.sensors.items():
-        rows = np.searchsorted(whole.sensors[name].t_ns, channel.t_ns)
+        rows = np.searchsorted(full_run.sensors[name].t_ns, channel.t_ns)
         assert all(
-            a[rows].tobytes() == b.tobytes() for a, b in zip(whole.sensors[name], channel, strict=True)
+            a[rows].tobytes() == b.tobytes() for a, b in zip(full_run.sensors[name], channel, strict=True)
         )
     for name in ("estimate", "reference", "truth"):
-        log, all_of_it = getattr(run, name), getattr(whole, name)
+        log, all_of_it = getattr(run, name), getattr(full_run, name)
         if log is not None:
             rows = np.searchsorted(all_of_it.t_ns, log.t_ns)
             assert all(a[rows].tobytes() == b.tobytes() for a, b in zip(all_of_it, log, strict=True))
-    assert set(run.events) <= set(whole.events)
-    assert run.vehicle_text in ("", whole.vehicle_text)
-    assert run.metadata in ({}, whole.metadata)
+    assert set(run.events) <= set(full_run.events)
+    assert run.vehicle_text in ("", full_run.vehicle_text)
+    assert run.metadata in ({}, full_run.metadata)
 
 
 @pytest.fixture

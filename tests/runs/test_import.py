@@ -239,8 +239,8 @@ def missing(place, expected, **figures):
     return "map.missing", {"map": "lab.toml", "place": place}, expected, figures
 
 
-def unknown(place, near):
-    return "map.unknown-key", {"map": "lab.toml", "place": place}, "name.near", {"match": near}
+def unknown(place, suggestion):
+    return "map.unknown-key", {"map": "lab.toml", "place": place}, "name.near", {"match": suggestion}
 
 
 def case(code, **figures):

@@ -50,8 +50,8 @@ def too_much(key, value):
     return "recording.too-much", {"key": key, "value": pytest.approx(value, rel=0.01)}
 
 
-def throttle_of(most):
-    return "recording.command-range", {"name": "throttle", "maximum": pytest.approx(most, rel=0.01)}
+def throttle_of(maximum):
+    return "recording.command-range", {"name": "throttle", "maximum": pytest.approx(maximum, rel=0.01)}
 
 
 def write_unit(unit, key):

@@ -129,9 +129,11 @@ def test_the_same_runs_give_the_same_choice(dry, file, choice):
 
 
 def test_the_table_refers_to_the_report_for_omitted_notes(choice):
-    much = replace(choice, fit=replace(choice.fit, notes=tuple(note(f"any.{letter}") for letter in "abcdef")))
-    assert much.table().endswith(' more: bq.report(fit, "fit.html") shows all, with figures')
-    assert much.table(reported=True).endswith(" more: the report shows all, with figures")
+    long_choice = replace(
+        choice, fit=replace(choice.fit, notes=tuple(note(f"any.{letter}") for letter in "abcdef"))
+    )
+    assert long_choice.table().endswith(' more: bq.report(fit, "fit.html") shows all, with figures')
+    assert long_choice.table(reported=True).endswith(" more: the report shows all, with figures")
 
 
 def test_many_runs_are_cross_validated_by_whole_runs(dry, file):

@@ -49,8 +49,8 @@ def test_the_simulation_ends_when_the_guide_is_done(vehicle):
     ramp_s = 0.3 / 0.3  # half of the time between rest and 0.3 m/s, at both ends
     assert reference_duration(system) == pytest.approx(2 * 2 * np.pi * 0.5 / 0.3 + ramp_s, abs=0.02)
     run = simulate_loop(vehicle, rectangle(0.3, 0.2, 0.05, 0.5), perfect=True)
-    assert run.reference.done[-1] == 1.0
-    assert run.reference.done[-2] == 0.0
+    assert run.reference.at_end[-1] == 1.0
+    assert run.reference.at_end[-2] == 0.0
 
 
 def test_the_duration_of_a_route_by_progress_does_not_depend_on_its_place(vehicle):

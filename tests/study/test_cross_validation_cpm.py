@@ -40,8 +40,8 @@ def test_the_filter_error_is_below_one_percent_of_the_distance(study):
 def test_the_filter_begins_at_the_first_pose_of_the_camera(study):
     for validation in study.evaluations:
         estimate, truth = validation.replay_run.estimate, validation.replay_run.truth
-        at = np.argmin(np.abs(truth.t_ns - estimate.t_ns[0]))
-        assert np.hypot(*(estimate.eta[0] - truth.eta[at])[:2]) < 0.05
+        index = np.argmin(np.abs(truth.t_ns - estimate.t_ns[0]))
+        assert np.hypot(*(estimate.eta[0] - truth.eta[index])[:2]) < 0.05
 
 
 def test_both_fits_give_similar_parameters(study):

@@ -50,8 +50,8 @@ def test_the_table_names_each_fault_and_ends_with_the_verdict(study):
     json.dumps(study.rows(), allow_nan=False)
 
 
-def outcome_of(fault, verdict, off):
-    return FaultOutcome(FaultJob(fault, "small", 0, "auto"), verdict, off, np.nan, np.nan, ())
+def outcome_of(fault, verdict, is_off):
+    return FaultOutcome(FaultJob(fault, "small", 0, "auto"), verdict, is_off, np.nan, np.nan, ())
 
 
 def test_one_wrong_fit_called_usable_fails_the_study():
@@ -135,18 +135,18 @@ def test_the_study_contains_every_specified_fault():
     assert len(SOUND_DATA) == 5
 
 
-@pytest.mark.parametrize(("off", "code"), [(False, 0), (True, 1)])
-def test_the_faults_command_exits_with_1_if_the_detectors_fail(monkeypatch, capsys, off, code):
+@pytest.mark.parametrize(("is_off", "code"), [(False, 0), (True, 1)])
+def test_the_faults_command_exits_with_1_if_the_detectors_fail(monkeypatch, capsys, is_off, code):
     from baqueano.cli import main
     from baqueano.study import faults as room
 
-    study = Faults((outcome_of("clean", "USABLE", False), outcome_of("lag", "USABLE", off)), 2, 2)
+    study = Faults((outcome_of("clean", "USABLE", False), outcome_of("lag", "USABLE", is_off)), 2, 2)
     monkeypatch.setattr(room, "faults", lambda *args, **options: study)
     with pytest.raises(SystemExit) as exit_info:
         main(["study", "faults", "--seeds", "1", "--json"])
     assert exit_info.value.code == code
     printed = json.loads(capsys.readouterr().out)
-    assert [row["wrongly_usable"] for row in printed["rows"]] == [0, int(off)]
+    assert [row["wrongly_usable"] for row in printed["rows"]] == [0, int(is_off)]
     assert {"fault", "fits", "wrongly_usable", "wrongly_refused"} <= set(printed["rows"][0])
 
 

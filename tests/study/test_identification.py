@@ -34,10 +34,10 @@ from baqueano.sweep.workers import run_in_processes
 NAMES = ("model.friction.linear[0]", "model.drivetrain.lag_s")
 
 
-def outcome_of(case="clean", verdict="USABLE", reasons=(), std=1.0, off=0.0, seed=0, within_limits=True):
+def outcome_of(case="clean", verdict="USABLE", reasons=(), std=1.0, error=0.0, seed=0, within_limits=True):
     """Return an outcome with random errors in bounds of 0.01 and with standard errors of `std` bounds."""
     truth, rng = np.array([3.0, 0.05]), np.random.default_rng(seed)
-    estimate = truth + 0.01 * (off + rng.normal(size=2))
+    estimate = truth + 0.01 * (error + rng.normal(size=2))
     bound = np.full(2, 0.01 if case in ("clean", "rough") else np.nan)
     return TrialOutcome(
         case, seed, NAMES, truth, estimate, np.full(2, 0.01 * std), bound, verdict, reasons, within_limits

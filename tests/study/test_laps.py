@@ -20,9 +20,9 @@ from tests.codes import refused
 TWO = np.array([[1.0, 0.0], [2.0, 1.0]])
 
 
-def readings_of(floor, way):
+def readings_of(floor, path):
     """Return the readings of one vehicle along a path (T, 3), by the index of the step."""
-    readings = [floor.read(0.01 * (k + 1), eta[None])[0] for k, eta in enumerate(way)]
+    readings = [floor.read(0.01 * (k + 1), eta[None])[0] for k, eta in enumerate(path)]
     return {k: z for k, z in enumerate(readings) if not np.isnan(z).all()}
 
 
@@ -43,11 +43,17 @@ def test_a_tag_is_read_once_at_the_nearest_point():
 
 
 def test_tag_faults_occur_at_the_specified_rate():
-    ways = [readings_of(floor(seed, PassingFaults(0.2, 0.1, 0.05)), line(0.05)) for seed in range(400)]
-    counts = np.bincount([len(way) for way in ways], minlength=3)
+    readings_by_seed = [
+        readings_of(floor(seed, PassingFaults(0.2, 0.1, 0.05)), line(0.05)) for seed in range(400)
+    ]
+    counts = np.bincount([len(readings) for readings in readings_by_seed], minlength=3)
     assert counts[0] / 400 == pytest.approx(0.2, abs=0.06)
     assert counts[2] / 400 == pytest.approx(0.08, abs=0.05)
-    mistaken = [way for way in ways if way and abs(next(iter(way.values()))[0] - 2.0) < 0.05]
+    mistaken = [
+        readings
+        for readings in readings_by_seed
+        if readings and abs(next(iter(readings.values()))[0] - 2.0) < 0.05
+    ]
     assert len(mistaken) / 400 == pytest.approx(0.04, abs=0.03)
 
 
@@ -66,8 +72,12 @@ def test_a_line_is_read_once_when_crossed_in_its_direction():
 
 
 def test_a_confused_line_reading_names_another_line():
-    ways = [readings_of(lines(seed, PassingFaults(mistaken_rate=1.0)), line(0.05)) for seed in range(20)]
-    first = [int(np.flatnonzero(np.isfinite(next(iter(way.values()))))[0]) for way in ways]
+    readings_by_seed = [
+        readings_of(lines(seed, PassingFaults(mistaken_rate=1.0)), line(0.05)) for seed in range(20)
+    ]
+    first = [
+        int(np.flatnonzero(np.isfinite(next(iter(readings.values()))))[0]) for readings in readings_by_seed
+    ]
     assert set(first) == {1, 2}
 
 

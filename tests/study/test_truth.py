@@ -190,18 +190,18 @@ def smooth_robots():
 
 
 @pytest.mark.parametrize(
-    ("make", "us"),
+    ("make", "signals"),
     [
         (smooth_robots, [[0.7, 0.0, -0.1], [-0.6, 0.0, 0.4], [0.0, 0.0, 0.9]]),
         (robots, [[0.7, 0.0, -0.1], [-0.6, 0.0, 0.4], [0.0, 0.0, 0.9]]),
         (cars, [[0.3, 0.6], [0.5, -0.5], [-0.2, 0.3]]),
     ],
 )
-def test_the_integration_step_is_fine_enough_for_any_delay(make, us):
+def test_the_integration_step_is_fine_enough_for_any_delay(make, signals):
     """Against an adaptive integrator restarted at each effective command, with ticks of 10 and of 7.3 ms."""
     vehicles = make()
     world, x, sends = TruthWorld(vehicles, [0]), np.zeros(vehicles.states), []
-    for dt_s, u in zip([0.0073, 0.01] * 15, np.repeat(us, 10, axis=0), strict=True):
+    for dt_s, u in zip([0.0073, 0.01] * 15, np.repeat(signals, 10, axis=0), strict=True):
         sends.append((world.t_s + float(vehicles.delay_s[0]), u))
         world.tick(u[None], dt_s)
     edges = [0.0, *(t for t, _ in sends if t < world.t_s), world.t_s]

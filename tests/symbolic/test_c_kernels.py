@@ -241,8 +241,10 @@ def test_table_lookup_equals_numpy(size):
     slope = np.where((points > xp[0]) & (points < xp[-1]), (np.diff(fp) / np.diff(xp))[cell], 0.0)
     np.testing.assert_allclose(slopes[is_off, 0, 0], (slope * points)[is_off], rtol=1e-9, atol=1e-9)
     final, batch_outputs = np.empty((1, 0)), np.empty((1, 200, 1))
-    nothing = np.empty((1, 200, 0))
-    case.kernel.batch(case.theta[None], np.empty((1, 0)), case.inputs, nothing, (True,), batch_outputs, final)
+    empty_inputs = np.empty((1, 200, 0))
+    case.kernel.batch(
+        case.theta[None], np.empty((1, 0)), case.inputs, empty_inputs, (True,), batch_outputs, final
+    )
     close(batch_outputs[0], outputs)
 
 

@@ -85,7 +85,7 @@ def test_traced_values_can_be_put_into_blocks_and_arrays():
 
 
 @pytest.mark.parametrize(
-    ("path", "kind", "near"),
+    ("path", "kind", "suggestion"),
     [
         ("model.friction.lineer", "Friction", note("name.near", match="linear", valid="linear, dry")),
         ("model.mass.x", "float", note("name.none")),
@@ -93,9 +93,9 @@ def test_traced_values_can_be_put_into_blocks_and_arrays():
         ("model.computed", "Body", note("name.unknown", valid="friction, mass")),
     ],
 )
-def test_an_unknown_name_is_refused_with_valid_names(path, kind, near):
+def test_an_unknown_name_is_refused_with_valid_names(path, kind, suggestion):
     for call in (lambda: value_at_path(SYSTEM, path), lambda: with_value(SYSTEM, path, 1.0)):
-        with refused("path.no-such-name", AttributeError, kind=kind, suggestion=near):
+        with refused("path.no-such-name", AttributeError, kind=kind, suggestion=suggestion):
             call()
 
 

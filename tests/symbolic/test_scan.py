@@ -29,7 +29,7 @@ class State(NamedTuple):
 class Push(NamedTuple):
     t_ns: int
     u: float
-    has: bool
+    is_new: bool
     z: np.ndarray | None
 
 
@@ -37,7 +37,7 @@ class Push(NamedTuple):
 class FilterOutput:
     t_ns: int
     y: np.ndarray
-    late: bool
+    is_late: bool
     label: str = "measured"
 
 
@@ -53,8 +53,8 @@ def filtered(theta, state, push):
     K = np.linalg.solve(H @ cov @ H.T + 0.04, H @ cov).T
     A = np.eye(2) - K @ H
     corrected = x + K @ (push.z - H @ x), A @ cov @ A.T + 0.04 * K @ K.T
-    x, cov = (np.where(push.has, a, b) for a, b in zip(corrected, (x, cov), strict=True))
-    armed = state.armed | push.has
+    x, cov = (np.where(push.is_new, a, b) for a, b in zip(corrected, (x, cov), strict=True))
+    armed = state.armed | push.is_new
     return State(push.t_ns, x, cov, armed), FilterOutput(push.t_ns, x, push.t_ns - state.t_ns > 10)
 
 
@@ -80,7 +80,7 @@ def pushes(seed=0):
 
 
 def tick(pushes, k):
-    return Push(int(pushes.t_ns[k]), float(pushes.u[k]), bool(pushes.has[k]), pushes.z[k])
+    return Push(int(pushes.t_ns[k]), float(pushes.u[k]), bool(pushes.is_new[k]), pushes.z[k])
 
 
 def by_hand(step, theta, state=START, inputs=None):
@@ -127,8 +127,8 @@ def test_integers_booleans_and_strings_are_returned_unchanged(kernel):
     assert last.t_ns == 2**50 + 10 * (N - 1)
     assert last.armed is True
     assert output.t_ns.dtype == np.int64
-    assert output.late.dtype == bool
-    assert output.late.tolist() == [True] + [False] * (N - 1)
+    assert output.is_late.dtype == bool
+    assert output.is_late.tolist() == [True] + [False] * (N - 1)
     assert output.label == "measured"
 
 

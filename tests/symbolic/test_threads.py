@@ -33,12 +33,12 @@ def kernel_of(backend="c"):
 def test_simultaneous_threads_and_a_single_thread_give_the_same_result():
     u, theta = np.random.default_rng(0).normal(size=(50, 2)), np.array([0.5, -0.3, 1.2])
     reference = kernel_of().sensitivities(u, theta)
-    kernel, together = kernel_of(), Barrier(THREADS)
+    kernel, barrier = kernel_of(), Barrier(THREADS)
     graph = kernel.trace.graph
     graph.nodes = Slow(graph.nodes)
 
     def sensitivities(_):
-        together.wait()
+        barrier.wait()
         return kernel.sensitivities(u, theta)
 
     with ThreadPoolExecutor(THREADS) as pool:

@@ -19,9 +19,9 @@ LOOPS = {  # L(s) of textbooks: k / (s (s + a)), with a lead, conditionally stab
 
 
 @pytest.mark.parametrize("name", LOOPS)
-@pytest.mark.parametrize("late", [0, 4])
-def test_margins_equal_the_margins_of_python_control(name, late):
-    loop = control.ss(LOOPS[name].sample(DT_S)) * control.ss(control.tf([1.0], [1.0] + late * [0.0], DT_S))
+@pytest.mark.parametrize("delay", [0, 4])
+def test_margins_equal_the_margins_of_python_control(name, delay):
+    loop = control.ss(LOOPS[name].sample(DT_S)) * control.ss(control.tf([1.0], [1.0] + delay * [0.0], DT_S))
     omega = np.geomspace(0.02, np.pi / DT_S, 4000)
     response = control.frd(loop(np.exp(1j * omega * DT_S)), omega, smooth=True)
     gains, phases, _, _, crossings, _ = control.stability_margins(response, returnall=True)

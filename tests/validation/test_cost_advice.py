@@ -96,7 +96,7 @@ def test_identify_prints_the_recommendation_by_held_out_runs(
     monkeypatch.setattr(
         import_module("baqueano.selection.choose"),
         "choose",
-        lambda runs, file, **how: Choice((), identify(runs, file, ["model.mass_kg"]), ""),
+        lambda runs, file, **settings: Choice((), identify(runs, file, ["model.mass_kg"]), ""),
     )
     with pytest.raises(SystemExit):
         main(

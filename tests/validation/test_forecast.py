@@ -87,7 +87,7 @@ def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(fit_and_run)
     fit, _ = fit_and_run
     rate = fit.file.rate_hz
     short = simulate(fit.file, random_steps(LIMIT[fit.file.name], 10.1, rate, 5), 5, name="short")
-    (drive, *_) = forecast(exact_scales(fit), short).ahead
+    (drive, *_) = forecast(exact_scales(fit), short).drives
     position, heading = spread(fit, short.applied_commands[: round((drive.duration_s + 1.0 / rate) * rate)])
     assert drive.duration_s == pytest.approx(10.0)
     assert drive.position_m == pytest.approx(position, rel=0.15)
@@ -97,7 +97,7 @@ def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(fit_and_run)
 def test_the_forecast_error_over_a_lap_matches_drawn_vehicles(fit_and_run):
     fit, run = fit_and_run
     route = eight(1.0, 0.25)
-    lap = forecast(exact_scales(replace(fit, channels=())), run, route, "lab").ahead[
+    lap = forecast(exact_scales(replace(fit, channels=())), run, route, "lab").drives[
         1
     ]  # without the misfit by the floor
     paths = tuple(
@@ -127,16 +127,16 @@ def test_the_forecast_of_an_incomplete_model_agrees_with_unseen_drives():
         psi = np.unwrap(simulate(exact, unseen.applied_commands).truth.eta[:, 2])
         error = np.cumsum(turn) - psi[1:]
         errors.append(error[500:] - error[:-500])
-    (drive, *_) = forecast(fit, run).ahead
+    (drive, *_) = forecast(fit, run).drives
     actual = float(np.sqrt(np.mean(np.square(errors))))
     assert 0.67 < drive.heading_rad / actual < 1.5
     exact_fit = replace(fit, cov=fit.unmodelled_cov)  # without the errors of the parameters
     of_misfit, of_parameters = (
-        forecast(f, run).ahead[0].heading_rad for f in (exact_fit, replace(fit, channels=()))
+        forecast(f, run).drives[0].heading_rad for f in (exact_fit, replace(fit, channels=()))
     )
     assert drive.heading_rad**2 == pytest.approx(of_misfit**2 + 2.0 * of_parameters**2)  # Akaike 1970
     shifted = replace(fit, cov=4.0 * fit.cov, unmodelled_cov=fit.unmodelled_cov + 3.0 * fit.cov)
-    assert forecast(shifted, run).ahead[0].heading_rad == pytest.approx(drive.heading_rad)
+    assert forecast(shifted, run).drives[0].heading_rad == pytest.approx(drive.heading_rad)
 
 
 def test_the_forecast_contains_the_unmeasured_scale_of_a_gyro(small):
@@ -152,7 +152,7 @@ def test_the_forecast_contains_the_unmeasured_scale_of_a_gyro(small):
         diagnosed, cov=diagnosed.unmodelled_cov, channels=(), file=with_tolerance(fit.file, scales)
     )
     prediction, heading = forecast(exact, run), rms_of_ten_seconds(etas)
-    assert prediction.ahead[0].heading_rad == pytest.approx(heading, rel=0.1)
+    assert prediction.drives[0].heading_rad == pytest.approx(heading, rel=0.1)
     assert [message.code for message in prediction.notes if "scales" in message.code] == ["forecast.scales"]
 
 
@@ -164,7 +164,7 @@ def test_the_forecast_contains_the_error_of_the_battery_effect():
     k = fit.names.index(EFFECT)
     only = np.zeros_like(fit.cov)
     only[k, k] = fit.cov[k, k]
-    of_effect = forecast(replace(fit, cov=only, unmodelled_cov=0.0 * only, channels=()), run).ahead[0]
+    of_effect = forecast(replace(fit, cov=only, unmodelled_cov=0.0 * only, channels=()), run).drives[0]
     scale = 1.0 + (fit.estimate[k] + np.array([0.0, fit.std[k]])) * (volts[:, None] / 7.4 - 1.0)
     steady = fit.vehicle_file.with_values(
         {"model.drivetrain.battery": "steady", "model.drivetrain.battery_v": 7.4}
@@ -177,15 +177,17 @@ def test_the_forecast_contains_the_error_of_the_battery_effect():
 def test_runs_with_equal_names_have_their_own_residuals():
     runs = [drive_with_counts(seed) for seed in (1, 3)]
     named = [replace(run, name="a run") for run in runs]
-    first, alike = (forecast(identify(r, parse(FILE, "stranger.toml")), r).ahead[0] for r in (runs, named))
-    assert alike.heading_rad == pytest.approx(first.heading_rad)
+    first, named_drive = (
+        forecast(identify(r, parse(FILE, "stranger.toml")), r).drives[0] for r in (runs, named)
+    )
+    assert named_drive.heading_rad == pytest.approx(first.heading_rad)
 
 
 def test_a_forecast_skips_the_pauses_of_a_log(small):
     """In a pause the commands are unknown."""
     fit, run = replace(small[0], channels=()), small[1]
     delays = np.where(np.arange(len(run.t_ns)) < len(run.t_ns) // 2, 0, 400_000_000_000)
-    (drive, *_), (paused, *_) = (forecast(fit, r).ahead for r in (run, replace(run, t_ns=run.t_ns + delays)))
+    (drive, *_), (paused, *_) = (forecast(fit, r).drives for r in (run, replace(run, t_ns=run.t_ns + delays)))
     assert paused.distance_m == pytest.approx(drive.distance_m, rel=0.2)
     assert paused.heading_rad == pytest.approx(drive.heading_rad, rel=0.2)
 
@@ -193,7 +195,7 @@ def test_a_forecast_skips_the_pauses_of_a_log(small):
 def test_a_forecast_that_cannot_cover_a_lap_reports_its_reason(small):
     fit, run = small
     result = forecast(fit, run, eight(0.5, 30.0))
-    assert len(result.ahead) == 1
+    assert len(result.drives) == 1
     assert result.notes[0].code == "forecast.strays"
 
 

@@ -141,12 +141,13 @@ def test_fi2_typing_errors_are_detected_and_the_correct_key_is_proposed():
     count_named = 0
     for _ in range(200):
         key = rng.choice(keys)
-        wrong = typed_wrong(rng, key)
-        if wrong in keys:
+        misspelt_key = typed_wrong(rng, key)
+        if misspelt_key in keys:
             count_named += 1
             continue
         text = "\n".join(
-            line.replace(key, wrong, 1) if line.startswith(f"{key} ") else line for line in SMALL.split("\n")
+            line.replace(key, misspelt_key, 1) if line.startswith(f"{key} ") else line
+            for line in SMALL.split("\n")
         )
         with pytest.raises(FileError) as error_info:
             parse(text, "my.toml")

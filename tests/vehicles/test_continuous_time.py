@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from baqueano.sensors import Imu
-from baqueano.vehicles import Car, Drivetrain, Friction, FromAcceleration, Kinematic, Planar
+from baqueano.vehicles import AccelerationModel, Car, Drivetrain, Friction, Kinematic, Planar
 
 M, I, C = 0.6, 1.5e-3, 0.01
 LINEAR, DRY, DRY_SPEED = np.array([4.0, 20.0, 0.0155]), np.array([0.4, 0.0, 0.01]), 0.3
@@ -126,10 +126,10 @@ def test_with_a_lag_the_integration_error_is_of_fourth_order(delay_s):
 
 
 def test_without_a_lag_a_command_within_a_tick_increases_the_error():
-    whole, in_two_parts = errors(0.0, 0.0, 0.01), errors(0.013, 0.0, 0.01)
-    assert np.all(whole[:9] < 1e-3)
+    whole_steps, in_two_parts = errors(0.0, 0.0, 0.01), errors(0.013, 0.0, 0.01)
+    assert np.all(whole_steps[:9] < 1e-3)
     assert np.all(in_two_parts[:9] < 5e-3)
-    assert in_two_parts[:9].sum() > whole[:9].sum()
+    assert in_two_parts[:9].sum() > whole_steps[:9].sum()
 
 
 def test_the_acceleration_at_the_tick_end_uses_the_instantaneous_effort():
@@ -152,7 +152,7 @@ def test_with_uneven_ticks_a_command_acts_at_the_correct_time():
     assert np.all(np.abs(readings - exact(changes, 0.013, LAG_S, times)).max(axis=0)[:9] < 5e-4)
 
 
-class Hovercraft(FromAcceleration):
+class Hovercraft(AccelerationModel):
     """A user vehicle that slides and turns into the wind of its own speed."""
 
     def nu_dot(self, nu, effort, psi=0.0):

@@ -132,11 +132,11 @@ def test_a_lag_reaches_63_percent_after_its_time_constant():
 def test_a_lag_over_one_tick_equals_the_lag_over_two_half_ticks(lag_s, dt_s, start, target):
     d = Drivetrain(commands=1, lag_s=lag_s)
     state, u = d.init()._replace(lag_state=np.array([start])), np.array([target])
-    once, whole = d.step(state, u, 2.0 * dt_s)
+    once, one_step = d.step(state, u, 2.0 * dt_s)
     half, first = d.step(state, u, dt_s)
     twice, second = d.step(half, u, dt_s)
     assert twice.lag_state == pytest.approx(once.lag_state, abs=1e-12)
-    assert 0.5 * (first.mean + second.mean) == pytest.approx(whole.mean, abs=1e-10)
+    assert 0.5 * (first.mean + second.mean) == pytest.approx(one_step.mean, abs=1e-10)
 
 
 def test_the_mean_effort_of_a_tick_integrates_the_lag_response():

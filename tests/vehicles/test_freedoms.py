@@ -56,7 +56,7 @@ def test_only_a_car_is_classified_as_steered(vehicle, does):
 
 
 def test_a_vehicle_with_a_large_dead_zone_is_not_classified_as_steered():
-    zones = {f"model.drivetrain.dead_zone_{way}": [2.0, 2.0] for way in ("forward", "backward")}
+    zones = {f"model.drivetrain.dead_zone_{direction}": [2.0, 2.0] for direction in ("forward", "backward")}
     limits = {"model.drivetrain.limit": [6.0], "command.limit": [6.0, 0.0, 6.0]}
     blunt = load("small").with_values(zones | limits)
     assert not is_steered(blunt.vehicle)

@@ -78,12 +78,12 @@ def test_process_noise_is_added_to_the_velocity_once_per_tick(name, dt_s):
     vehicle, effort = CASES[name]
     std, noise = np.array([0.3, 0.2, 0.1]), np.array([1.0, -2.0, 0.5])
     noisy = dataclasses.replace(vehicle, process_noise_std=std)
-    quiet, _ = vehicle.step(vehicle.init(), effort, dt_s, noise)
+    exact_state, _ = vehicle.step(vehicle.init(), effort, dt_s, noise)
     noisy_state, motion = noisy.step(noisy.init(), effort, dt_s, noise)
     kick = std * noise * (1.0 if name == "kinematic" else np.sqrt(dt_s))
     if name == "car":
         kick[1] = 0.0  # the rear axle does not slip
-    assert noisy_state.nu - quiet.nu == pytest.approx(kick)
+    assert noisy_state.nu - exact_state.nu == pytest.approx(kick)
     assert np.array_equal(motion.nu, noisy_state.nu)
     assert np.array_equal(motion.nu_dot, noisy_state.nu_dot)
 

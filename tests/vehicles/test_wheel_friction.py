@@ -68,5 +68,5 @@ def test_wheels_without_friction_add_no_operations_to_a_kernel():
             lambda s, u: planar.step(s, u, 0.01, np.zeros(3)), planar.init(), np.zeros(3), backend="python"
         )
 
-    off, on = text(Friction(track_m=0.2)), text(wheels([1.0, 1.0], [1.0, 1.0]))
-    assert off.operations == text(Friction()).operations < on.operations
+    without_wheels, on = text(Friction(track_m=0.2)), text(wheels([1.0, 1.0], [1.0, 1.0]))
+    assert without_wheels.operations == text(Friction()).operations < on.operations

@@ -41,9 +41,9 @@ class Chromium:
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         port_file = Path(self._folder.name, "DevToolsActivePort")
-        until = time.monotonic() + 60.0
+        end_s = time.monotonic() + 60.0
         while not (port_file.exists() and port_file.read_text().count("\n")):
-            assert time.monotonic() < until, "Chromium did not start"
+            assert time.monotonic() < end_s, "Chromium did not start"
             time.sleep(0.05)
         self.port = int(port_file.read_text().splitlines()[0])
         return self
@@ -137,9 +137,9 @@ class Tab:
         return done["result"].get("value")
 
     def wait(self, code: str, seconds: float = WAIT_S) -> None:
-        until = time.monotonic() + seconds
+        end_s = time.monotonic() + seconds
         while not self.js(code):
-            assert time.monotonic() < until, f"still not true after {seconds} s: {code}"
+            assert time.monotonic() < end_s, f"still not true after {seconds} s: {code}"
             time.sleep(0.05)
 
     def press(
@@ -150,9 +150,9 @@ class Tab:
         self.up(key, code)
 
     def down(self, key: str, code: str = "", text: str = "", shift: bool = False) -> None:
-        more = {"text": text, "unmodifiedText": text} if text else {}
+        text_fields = {"text": text, "unmodifiedText": text} if text else {}
         self.do("Input.dispatchKeyEvent", type="keyDown", key=key, code=code or key, modifiers=8 * shift,
-                windowsVirtualKeyCode=VIRTUAL.get(code or key, 0), **more)  # fmt: skip
+                windowsVirtualKeyCode=VIRTUAL.get(code or key, 0), **text_fields)  # fmt: skip
 
     def up(self, key: str, code: str = "") -> None:
         self.do("Input.dispatchKeyEvent", type="keyUp", key=key, code=code or key,

@@ -45,8 +45,8 @@ class FakeLink:
         x = [[row.get(name) if name != "t" else t + 0.01 * k for name in COLUMNS] for k in range(rows)]
         self.on_word({"type": "frame", "t_ns": 0, "n": 1, "x": x})
 
-    def state(self, state="READY", **more):
-        self.on_word({"type": "state", "state": state} | more)
+    def state(self, state="READY", **fields):
+        self.on_word({"type": "state", "state": state} | fields)
 
 
 @asynccontextmanager

@@ -29,14 +29,14 @@ def drive(name: str = "circle", ticks: int = 300) -> Run:
     t_ns = TICK_NS * np.arange(1, ticks + 1)
     psi = 0.01 * np.arange(ticks)
     on = np.column_stack([np.sin(psi), 1.0 - np.cos(psi), psi])
-    off = on + 0.01 * np.column_stack([-np.sin(psi), np.cos(psi), 0.0 * psi])
+    shifted_path = on + 0.01 * np.column_stack([-np.sin(psi), np.cos(psi), 0.0 * psi])
     nu = np.tile([1.0, 0.0, 1.0], (ticks, 1))
     z = np.column_stack([np.arange(ticks), -np.ones(ticks), np.ones(ticks)])
     y, S = np.tile([0.1, np.nan, 0.2], (ticks, 1)), np.tile(np.diag([0.01, 1.0, 0.04]), (ticks, 1, 1))
     cov = np.tile(np.diag([4.0, 9.0, 1.0, 1.0, 1.0, 1.0]), (ticks, 1, 1))
     return Run(
         name, None, t_ns, np.tile([0.5, 0.0, 0.1], (ticks, 1)), requested_commands=np.tile([0.6, 0.0, 0.1], (ticks, 1)),
-        sensors={"imu": Channel(t_ns, t_ns, z)}, estimate=EstimateLog(t_ns, off, nu, cov, y, S),
+        sensors={"imu": Channel(t_ns, t_ns, z)}, estimate=EstimateLog(t_ns, shifted_path, nu, cov, y, S),
         reference=ReferenceLog(t_ns, on, nu, np.zeros(ticks)), vehicle_text=load("small").text,
         events=(Event(int(t_ns[3]), "warning", "test", "a stone"),), metadata={"kind": "repeat"},
     )  # fmt: skip
@@ -75,14 +75,14 @@ class Browser:
         self.hello: dict[str, Any] = {}
         self.question_id = 0
 
-    async def send(self, word: str, **more: Any) -> None:
+    async def send(self, word: str, **fields: Any) -> None:
         """Send a message."""
-        await self.line.send(json.dumps({"type": word, **more}))
+        await self.line.send(json.dumps({"type": word, **fields}))
 
-    async def request(self, question: str, **more: Any) -> dict[str, Any]:
+    async def request(self, question: str, **fields: Any) -> dict[str, Any]:
         """Send a request and return the answer."""
         self.question_id += 1
-        await self.send("ask", id=self.question_id, question=question, **more)
+        await self.send("ask", id=self.question_id, question=question, **fields)
         return await self.next("answer", id=self.question_id)
 
     async def next(

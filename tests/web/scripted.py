@@ -114,10 +114,10 @@ def fields() -> list[dict[str, str]]:
     ]
 
 
-def row(tick: int, off: float = 0.02) -> list[float]:
+def row(tick: int, offset_m: float = 0.02) -> list[float]:
     """Return a tick of a vehicle that drives a circle, `off` metres outside its route; noise is a sine of the tick."""
     t, noise = tick / RATE, math.sin(12.9898 * tick) * math.cos(78.233 * tick)
-    angle, r = SPEED * t, RADIUS + off * (1 + 0.5 * math.sin(0.7 * t))
+    angle, r = SPEED * t, RADIUS + offset_m * (1 + 0.5 * math.sin(0.7 * t))
     x, y, psi = r * math.sin(angle), RADIUS - r * math.cos(angle), math.remainder(angle, 2 * math.pi)
     std = 0.01 + 0.0004 * t
     plain = [
@@ -160,8 +160,8 @@ def row(tick: int, off: float = 0.02) -> list[float]:
     )
 
 
-def packed_rows(number: int, first: int, count: int, off: float = 0.02) -> bytes:
-    rows = [row(tick, off) for tick in range(first, first + count)]
+def packed_rows(number: int, first: int, count: int, offset_m: float = 0.02) -> bytes:
+    rows = [row(tick, offset_m) for tick in range(first, first + count)]
     flat = [value for row in rows for value in row]
     return struct.pack("<IId", number, count, first / RATE) + struct.pack(f"<{len(flat)}f", *flat)
 
@@ -296,8 +296,8 @@ class ScriptedServer:
             guest.send(json.dumps(fit_taught(self._language(guest), live=True)))
         elif word["type"] == "ask":
             fitting = word["question"] == "identify"
-            more = fit_taught(self._language(guest), live=False) if fitting else answer_to(word)
-            guest.send(json.dumps({"type": "answer", "to": "ask", "id": word["id"]} | more))
+            reply = fit_taught(self._language(guest), live=False) if fitting else answer_to(word)
+            guest.send(json.dumps({"type": "answer", "to": "ask", "id": word["id"]} | reply))
         elif word["type"] in ("pause", "go"):
             self.paused = word["type"] == "pause" or "ticks" in word
             self.go(self.state, self.kind)
@@ -331,7 +331,7 @@ class ScriptedServer:
             )
 
     def _open(self, guest: ServerConnection, run: str, ghost: str | None, through: str | None) -> None:
-        for stream, key, off in ((1, run, 0.02), (2, run if through else ghost, 0.08)):
+        for stream, key, offset_m in ((1, run, 0.02), (2, run if through else ghost, 0.08)):
             about = next((run for run in RUNS if run["id"] == key), None)
             if about is None:
                 continue
@@ -356,7 +356,7 @@ class ScriptedServer:
             }
             guest.send(json.dumps(head | {"done": False}))
             for first in (0, 4096):
-                guest.send(packed_rows(stream << 24 | 1, first, min(4096, 4160 - first), off))
+                guest.send(packed_rows(stream << 24 | 1, first, min(4096, 4160 - first), offset_m))
             guest.send(
                 json.dumps({"type": "answer", "to": "open", "stream": stream, "done": True, "seconds": 41.6})
             )

@@ -80,8 +80,8 @@ def answer_to(word: dict[str, Any]) -> dict[str, Any]:
         for j in range(side):
             for i in range(side):
                 gains = list(word["gains"])
-                for axis, at in ((a, i), (b, j)):
-                    gains[axis] = GAINS[axis]["high"] * math.expm1(7 * at / (side - 1)) / math.expm1(7)
+                for axis, position in ((a, i), (b, j)):
+                    gains[axis] = GAINS[axis]["high"] * math.expm1(7 * position / (side - 1)) / math.expm1(7)
                 lap = lap_of(gains)
                 costs.append([lap["cost"], lap["jerk"]])
         return {"side": side, "costs": costs, "seconds": 0.4}
@@ -142,11 +142,12 @@ def block_of(room: str) -> dict[str, Any]:
 
 def lap_of(gains: list[float]) -> dict[str, Any]:
     """Return a lap whose distance from its circle grows with the distance of the gains from their optimum."""
-    off = sum(math.log((g + 0.1) / (gain["best"] + 0.1)) ** 2 for g, gain in zip(gains, GAINS, strict=True))
-    far = 0.01 + 0.02 * off
+    gap = sum(math.log((g + 0.1) / (gain["best"] + 0.1)) ** 2 for g, gain in zip(gains, GAINS, strict=True))
+    error = 0.01 + 0.02 * gap
     angles = [math.tau * k / 300 for k in range(300)]
     return {
-        "x": [(1 + far * math.cos(3 * a)) * math.sin(a) for a in angles],
-        "y": [1 - (1 + far * math.cos(3 * a)) * math.cos(a) for a in angles],
-        "cost": 0.2 + 4.0 * off, "jerk": 0.1 + gains[0] / 10, "rms": 0.7 * far, "most": far, "full": 0.03, "ms": 2.1,
+        "x": [(1 + error * math.cos(3 * a)) * math.sin(a) for a in angles],
+        "y": [1 - (1 + error * math.cos(3 * a)) * math.cos(a) for a in angles],
+        "cost": 0.2 + 4.0 * gap,
+        "jerk": 0.1 + gains[0] / 10, "rms": 0.7 * error, "most": error, "full": 0.03, "ms": 2.1,
     }  # fmt: skip

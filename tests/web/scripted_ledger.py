@@ -14,8 +14,8 @@ def ledger(language: str) -> dict[str, Any]:
     """Return the faults of the vehicle and their detections."""
     k = 0 if language == "en" else 1
 
-    def fault(kind: str, **more: Any) -> dict[str, Any]:
-        return {"kind": kind, "of": "", "x": 0.0, "y": 0.0, "size": 0.0, "part": 0.0, "frame": "map"} | more
+    def fault(kind: str, **values: Any) -> dict[str, Any]:
+        return {"kind": kind, "of": "", "x": 0.0, "y": 0.0, "size": 0.0, "part": 0.0, "frame": "map"} | values
 
     rows = [
         (44.0, None, fault("tilt", x=0.025, y=0.02),

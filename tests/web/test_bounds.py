@@ -124,8 +124,8 @@ def test_ne5_at_most_fifty_messages_per_second_are_accepted():
 
 
 async def test_ne5_at_most_thirty_two_browsers_are_accepted(folder):
-    async with recorded_page(folder, "circle") as server, AsyncExitStack() as several:
-        lines = [await several.enter_async_context(line_to(server)) for _ in range(serving.MAX_VISITORS)]
+    async with recorded_page(folder, "circle") as server, AsyncExitStack() as stack:
+        lines = [await stack.enter_async_context(line_to(server)) for _ in range(serving.MAX_VISITORS)]
         with pytest.raises(InvalidStatus, match="503"):
             async with line_to(server):
                 pass
@@ -152,9 +152,9 @@ async def test_ne5_one_machine_of_the_network_leaves_places_for_the_others(folde
         for _, writer in silent:
             writer.close()
         await until(lambda: not server._connections["127.0.0.3"])
-        reader, again = await answer(server, "127.0.0.3", head)
+        reader, second_answer = await answer(server, "127.0.0.3", head)
         assert (await asyncio.wait_for(reader.read(), WAIT_S)).startswith(b"HTTP/1.1 200 OK")
-        for writer in (one_more, other, again):
+        for writer in (one_more, other, second_answer):
             writer.close()
 
 
@@ -178,8 +178,8 @@ async def test_ne5_a_silent_connection_is_closed(folder, monkeypatch):
 async def test_ne5_a_long_request_header_is_refused(folder):
     async with recorded_page(folder, "circle") as server:
         assert (await request(server, "GET / HTTP/1.1\r\nX: " + "a" * 40000))[0] in (431, 0)
-        many = "\r\n".join(f"X{k}: 1" for k in range(100))
-        assert (await request(server, f"GET / HTTP/1.1\r\n{many}"))[0] == 400
+        headers = "\r\n".join(f"X{k}: 1" for k in range(100))
+        assert (await request(server, f"GET / HTTP/1.1\r\n{headers}"))[0] == 400
 
 
 async def test_a_browser_that_does_not_read_is_disconnected(folder):
@@ -203,8 +203,8 @@ async def test_ne5_browsers_that_do_not_read_share_one_history_buffer(tmp_path):
     async with live_page(tmp_path) as (server, link, live):
         for k in range(60):
             link.frame(float(k), 400)
-        whole = sum(map(len, await anext(live.feed.history())))
-        assert whole > 20 * FRAGMENT_BYTES
+        total_bytes = sum(map(len, await anext(live.feed.history())))
+        assert total_bytes > 20 * FRAGMENT_BYTES
         async with AsyncExitStack() as lines:
             for _ in range(12):
                 line = await lines.enter_async_context(line_to(server, max_queue=1))
@@ -218,4 +218,4 @@ async def test_ne5_browsers_that_do_not_read_share_one_history_buffer(tmp_path):
                 link.frame(60.0, 5)  # while the last minute is sent
                 await until_frames(visitor, 2)
                 assert {HEAD_LAYOUT.unpack(frame[:16])[1] for frame in visitor.frames} == {60 * 400, 5}
-                assert max(map(len, visitor.frames)) == whole
+                assert max(map(len, visitor.frames)) == total_bytes

@@ -34,7 +34,7 @@ def by_keys(tab, screens: tuple[str, ...]) -> dict[str, dict[str, list[str]]]:
     """Open each screen by its number and move through it; return all faults."""
     tab.js("globalThis.seen = { reached: new Set(), unseen: [] }")
     tab.js(WATCH)
-    wrong = {}
+    faults = {}
     for k, screen in enumerate(screens, 1):
         tab.js("document.activeElement.blur()")
         tab.press(str(k), f"Digit{k}", str(k))
@@ -42,8 +42,8 @@ def by_keys(tab, screens: tuple[str, ...]) -> dict[str, dict[str, list[str]]]:
         if screen == "tune":
             tab.wait(f"Boolean({PAGE}.screens.tune.lap)")
         if any((problems := walked(tab, screen)).values()):
-            wrong[screen] = problems
-    return wrong
+            faults[screen] = problems
+    return faults
 
 
 def test_every_element_of_a_drive_is_reachable_by_tab_with_visible_focus(driver):

@@ -116,12 +116,12 @@ def test_in_simulated_deuteranopia_red_and_green_look_similar():
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_colours_that_are_the_only_difference_are_far_apart(theme, eye):
     colours = palette(theme)
-    near = {
-        pair: round(far, 1)
+    similar_pairs = {
+        pair: round(difference, 1)
         for pair in BY_COLOUR
-        if (far := distance(*(lab(colours[name], eye) for name in pair))) < APART
+        if (difference := distance(*(lab(colours[name], eye) for name in pair))) < APART
     }
-    assert not near
+    assert not similar_pairs
 
 
 @pytest.mark.parametrize("eye", EYES)
@@ -130,9 +130,9 @@ def test_every_line_has_contrast_with_its_card(theme, eye):
     colours = palette(theme)
     lines = ("measured", "model", "ghost", "alarm", "sim", "ink", "route", "quiet", "middle", "loud")
     faint = {
-        name: round(far, 1)
+        name: round(difference, 1)
         for name in lines
-        if (far := distance(lab(colours[name], eye), lab(colours["card"], eye))) < FROM_CARD
+        if (difference := distance(lab(colours[name], eye), lab(colours["card"], eye))) < FROM_CARD
     }
     assert not faint
 

@@ -53,8 +53,12 @@ def test_the_map_shows_route_path_corridor_ellipses_and_truth(tab, live):
         shape = turn @ np.diag([a**2, b**2]) @ turn.T / scale**2
         np.testing.assert_allclose(shape, -2.0 * np.log(0.05) * P[k], rtol=1e-3)  # 95 % of two dimensions
     bodies = [(mark, places(mark)[0]) for mark in marks if mark["path"] and mark["path"][0][0] == "box"]
-    assert any(mark["kind"] == "area" and np.hypot(*(at - estimate[-1])) < 1e-5 for mark, at in bodies)
-    assert any(mark.get("dash") == [4, 3] and np.hypot(*(at - truth[-1])) < 1e-5 for mark, at in bodies)
+    assert any(
+        mark["kind"] == "area" and np.hypot(*(position - estimate[-1])) < 1e-5 for mark, position in bodies
+    )
+    assert any(
+        mark.get("dash") == [4, 3] and np.hypot(*(position - truth[-1])) < 1e-5 for mark, position in bodies
+    )
 
 
 def test_the_map_of_a_vehicle_that_is_ready_shows_the_selected_route(tab, live):
@@ -87,11 +91,11 @@ def test_the_drive_screen_shows_three_numbers(tab, live):
         "[...document.querySelectorAll('.drive .much')].map((one) => [...one.children].map((of) => of.textContent))"
     )
     n = np.array([-np.sin(x["eta.psi"]), np.cos(x["eta.psi"])])
-    within = 1.96 * np.sqrt(n @ [[x["P.xx"], x["P.xy"]], [x["P.xy"], x["P.yy"]]] @ n)
+    half_width_m = 1.96 * np.sqrt(n @ [[x["P.xx"], x["P.xy"]], [x["P.xy"], x["P.yy"]]] @ n)
     assert [unit for _, unit in shown] == ["cm", "cm", "m/s"]
     assert shown[1][0].startswith("± ")
     numbers = [float(number.removeprefix("± ")) for number, _ in shown]
-    exact = [100 * abs(x["cross"]), 100 * within, np.hypot(x["nu.u"], x["nu.v"])]
+    exact = [100 * abs(x["cross"]), 100 * half_width_m, np.hypot(x["nu.u"], x["nu.v"])]
     assert np.all(np.abs(np.subtract(numbers, exact)) < [0.051, 0.051, 0.0051])
     assert min(numbers) > 0.1
 

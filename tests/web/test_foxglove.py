@@ -121,12 +121,12 @@ async def test_both_names_of_the_foxglove_protocol_are_accepted(tmp_path, name):
         opcode, number, _ = MESSAGE_LAYOUT.unpack(data[: MESSAGE_LAYOUT.size])
         assert (opcode, number) == (1, 7)
         assert json.loads(data[MESSAGE_LAYOUT.size :])["nis"] == 1.25
-        for bad in (
+        for request in (
             {"op": "subscribe"},
             {"op": "unsubscribe", "subscriptionIds": ["x"]},
             {"op": "fetchAsset"},
         ):
-            await line.send(json.dumps(bad))
+            await line.send(json.dumps(request))
             await next_word(line, "status")
 
 
@@ -174,8 +174,8 @@ def test_ne5_a_route_is_encoded_once_for_many_subscriptions_and_sent_to_their_cl
     for line in (single, other):
         routes.clear()
         single.pictures = b""
-        many = [{"id": k, "channelId": 3} for k in range(20)]
-        asyncio.run(bridge.receive(line, {"op": "subscribe", "subscriptions": many}))
+        requests = [{"id": k, "channelId": 3} for k in range(20)]
+        asyncio.run(bridge.receive(line, {"op": "subscribe", "subscriptions": requests}))
         assert line.pictures.count(b"map") == 20
         assert len(routes) == 1
     assert not single.pictures

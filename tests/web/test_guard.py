@@ -175,14 +175,14 @@ async def test_ne2_http_methods_other_than_get_and_head_are_refused(folder, meth
 
 async def test_ne2_a_request_with_a_body_is_refused(folder):
     async with recorded_page(folder, "circle") as server:
-        for more in (
+        for extra_headers in (
             "Content-Length: 5",
             "Transfer-Encoding: chunked",
             "X: a\r\n b: c",
             " x: y",
             "novalue",
         ):
-            assert (await request(server, f"GET / HTTP/1.1\r\n{more}"))[0] == 400
+            assert (await request(server, f"GET / HTTP/1.1\r\n{extra_headers}"))[0] == 400
 
 
 async def test_ne3_shared_pages_need_a_token_and_each_token_has_its_role(folder):

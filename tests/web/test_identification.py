@@ -22,7 +22,7 @@ from baqueano.parameter import parameter
 from baqueano.runs import write_run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
-from baqueano.vehicles import FromAcceleration
+from baqueano.vehicles import AccelerationModel
 from baqueano.web.lab import identification as module
 from baqueano.web.lab import live_identification
 from baqueano.web.lab.drives import DriveIdentifications
@@ -82,8 +82,8 @@ def test_a_fit_replaces_predicted_errors_with_values_near_the_truth(driven_runs)
     guess, small, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
-    for at in range(0, len(rows), 100):
-        drive.add_rows(names, rows[at : at + 100])
+    for start in range(0, len(rows), 100):
+        drive.add_rows(names, rows[start : start + 100])
         drive.state()
     state = fitted(drive)
     assert state["fit"]["verdict"] in ("USABLE", "WARN")
@@ -110,8 +110,8 @@ def test_the_next_fit_waits_longer_after_a_slow_fit(driven_runs, monkeypatch):
     monkeypatch.setattr(module, "PERIOD_S", 0.05)
     monkeypatch.setattr(module, "identify", slow)
     drive.add_rows(names, rows[:900])
-    for at in range(900, len(rows)):
-        drive.add_rows(names, rows[at : at + 1])
+    for start in range(900, len(rows)):
+        drive.add_rows(names, rows[start : start + 1])
         drive.state()
         time.sleep(0.08)
         if len(start_s) == 3:
@@ -190,16 +190,16 @@ async def test_the_rows_of_a_drive_are_sent_to_the_worker_each_second(monkeypatc
 def test_missing_ticks_are_simulated_without_measurements(driven_runs):
     guess, _, run = driven_runs
     names, rows = rows_of(run)
-    whole, gap = DriveIdentification(guess), DriveIdentification(guess)
-    whole.add_rows(names, rows[:300])
+    full_drive, gap = DriveIdentification(guess), DriveIdentification(guess)
+    full_drive.add_rows(names, rows[:300])
     gap.add_rows(names, rows[:100])
     gap.add_rows(names, rows[140:300])
-    assert gap.duration_s == whole.duration_s == 3.0
-    for drive in (whole, gap):
+    assert gap.duration_s == full_drive.duration_s == 3.0
+    for drive in (full_drive, gap):
         while drive.state()["busy"]:
             pass
         drive.close()
-    assert gap.state()["bits"] < whole.state()["bits"]
+    assert gap.state()["bits"] < full_drive.state()["bits"]
     gap.add_rows(names, rows[1000:1100])  # seven seconds later it is another segment
     assert gap.duration_s == 1.0
     gap.add_rows(names, rows[1000:1050])  # earlier data are not used twice
@@ -216,7 +216,7 @@ def test_every_parameter_of_the_garage_has_a_readable_label():
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Sledge(FromAcceleration):
+class Sledge(AccelerationModel):
     pull: float = parameter("m/s² per unit of u", "pull of a command", default=1.0, role="gain", label="rope")
     glide: float = parameter("1/s", "drag on snow", default=2.0)
 
@@ -238,9 +238,12 @@ async def test_a_page_shows_identification_while_answering_other_requests(tmp_pa
     async with live_page(tmp_path) as (server, link, live):
         live.identifying.vehicle = str(path)
         link.on_word({"type": "fields", "names": names, "units": ["1"] * len(names)})
-        for at in range(0, 1000, 100):
+        for start in range(0, 1000, 100):
             link.on_word(
-                {"type": "frame", "x": json.loads(json.dumps(rows[at : at + 100]).replace("NaN", "null"))}
+                {
+                    "type": "frame",
+                    "x": json.loads(json.dumps(rows[start : start + 100]).replace("NaN", "null")),
+                }
             )
         async with browser(server, "es") as visitor, browser(server) as second:
             await visitor.send("identify", on=True)

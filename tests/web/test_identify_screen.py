@@ -36,7 +36,7 @@ def test_error_bars_are_hollow_until_a_fit_and_shrink_while_driving(tab, live):
     live.put(word | {"std": [std / 3 for std in word["std"]]})
     until(lambda: kinds(tab) == {"hollow", "filled"})  # one of them is unobservable
     assert all(
-        now < then for now, then in zip(sorted(tab.js(WIDTHS)), sorted(before), strict=True) if then > 1.0
+        now < first for now, first in zip(sorted(tab.js(WIDTHS)), sorted(before), strict=True) if first > 1.0
     )
     assert tab.js("document.querySelector('.known-card .chip').textContent") == "USABLE"
     unseen_chip = "document.querySelector('[data-kind~=hollow]')"

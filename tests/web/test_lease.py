@@ -17,10 +17,10 @@ class Clock:
         return self.s
 
 
-def lease_of(by="ana"):
+def lease_of(name="ana"):
     clock = Clock()
     lease = Lease(clock)
-    lease.acquire(by, by)
+    lease.acquire(name, name)
     return clock, lease
 
 

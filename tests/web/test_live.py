@@ -146,8 +146,8 @@ async def test_moving_the_vehicle_needs_the_lease(tmp_path):
             if holder:
                 await ana.send("take")
                 await ana.next("lease", you=True)
-            for word, more in MOVING:
-                await luis.send(word, **more)
+            for word, fields in MOVING:
+                await luis.send(word, **fields)
                 no = await luis.next("refused")
                 assert (no["code"], no["to"]) == ("web.lease-needed", word)
         assert len(link.messages) == before
@@ -167,14 +167,14 @@ async def test_missions_are_requested_only_by_name(tmp_path):
         }.items() <= mission.items()
         assert "mission" not in mission
         assert "seed" not in mission
-        for wrong in (
+        for fields in (
             {"kind": "fly"},
             {"kind": "repeat", "route": 3},
             {"kind": "repeat", "route": "x" * 99},
             {},
         ):
             await ana.send("take")
-            await ana.send("mission", **wrong)
+            await ana.send("mission", **fields)
             assert (await ana.next("refused"))["to"] == "mission"
         assert len(link.requests("mission")) == 1
         link.on_word(
@@ -250,12 +250,12 @@ async def test_the_status_sentence_reports_task_quality_and_anomalies(tmp_path):
 
 
 async def test_the_reason_of_a_stop_is_reported_once(tmp_path):
-    why = stop(StopReason.STOPPED_BY, words="it nears the stairs")
-    async with live_page(tmp_path) as (server, link, _), browser(server) as me:
+    stop_reason = stop(StopReason.STOPPED_BY, words="it nears the stairs")
+    async with live_page(tmp_path) as (server, link, _), browser(server) as guest:
         link.frame(1.0)
-        link.on_word({"type": "done", "id": "x", "run": None, "reason": why})
-        link.state("STOPPED", reason=why)
-        state = await me.next("state", state="STOPPED")
+        link.on_word({"type": "done", "id": "x", "run": None, "reason": stop_reason})
+        link.state("STOPPED", reason=stop_reason)
+        state = await guest.next("state", state="STOPPED")
         assert (state["severity"], state["warnings"]) == ("error", [])
         assert "it nears the stairs" in state["sentence"]
 
@@ -276,10 +276,10 @@ async def test_a_browser_that_does_not_read_does_not_delay_others(tmp_path):
         for k in range(1500):
             link.frame(0.05 * k, 5)
             await asyncio.sleep(0)
-        newest = live.feed.number
+        last_number = live.feed.number
         while True:
             data = await asyncio.wait_for(visitor.line.recv(), WAIT_S)
-            if isinstance(data, bytes) and HEAD_LAYOUT.unpack(data[:16])[0] == newest:
+            if isinstance(data, bytes) and HEAD_LAYOUT.unpack(data[:16])[0] == last_number:
                 break
         buffers = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
         assert max(buffers) < 1 << 20
@@ -309,31 +309,31 @@ async def test_a_robot_receives_complete_missions_packed_by_the_page(tmp_path):
         live.use_local_files(files, await files.describe())
         async with browser(server) as ana:
             assert ana.hello["routes"] == ["oval"]
-            for kind, more in (
+            for kind, fields in (
                 ("repeat", {"route": "oval", "laps": 2}),
                 ("drive", {}),
                 ("teach", {"name": "ring"}),
             ):
-                await drive_page(ana, link, kind, **more)
+                await drive_page(ana, link, kind, **fields)
                 mission = Mission.from_json(link.requests("mission")[-1]["mission"])
-                assert (mission.kind, mission.laps) == (kind, more.get("laps", 1))
+                assert (mission.kind, mission.laps) == (kind, fields.get("laps", 1))
                 assert 'name = "small"' in mission.vehicle
-            for kind, more in (
+            for kind, fields in (
                 ("repeat", {"route": "../oval"}),
                 ("teach", {}),
                 ("teach", {"name": "../x"}),
             ):
                 await ana.send("take")
-                await ana.send("mission", kind=kind, **more)
+                await ana.send("mission", kind=kind, **fields)
                 assert (await ana.next("refused"))["to"] == "mission"
         await files.close()
 
 
-async def drive_page(visitor, link, kind, **more):
+async def drive_page(visitor, link, kind, **fields):
     """Request a mission, and send heartbeats until it is packed."""
     before, n = len(link.requests("mission")), 0
     await visitor.send("take")
-    await visitor.send("mission", kind=kind, **more)
+    await visitor.send("mission", kind=kind, **fields)
     async with asyncio.timeout(WAIT_S):
         while len(link.requests("mission")) == before:
             n += 1

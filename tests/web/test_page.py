@@ -162,23 +162,23 @@ def test_a_network_that_is_lost_without_a_close_is_reported_and_restored(tab, li
 
 def test_the_scrub_bar_works_by_pointer_and_by_keys(tab, replay):
     open_page(tab, replay)
-    at = "Number(document.querySelector('.scrub').getAttribute('aria-valuenow'))"
+    position = "Number(document.querySelector('.scrub').getAttribute('aria-valuenow'))"
     x, y = tab.middle(".scrub")
     tab.mouse("mousePressed", x, y)
     tab.mouse("mouseReleased", x, y)
-    tab.wait(f"Math.abs({at} - 20.8) < 0.3")
-    start_time = tab.js(at)
+    tab.wait(f"Math.abs({position} - 20.8) < 0.3")
+    start_time = tab.js(position)
     tab.press("ArrowRight")
-    tab.wait(f"Math.abs({at} - {start_time} - 0.01) < 0.006")
+    tab.wait(f"Math.abs({position} - {start_time} - 0.01) < 0.006")
     tab.press("Home")
-    tab.wait(f"{at} === 0")
+    tab.wait(f"{position} === 0")
     tab.press("ArrowRight", shift=True)
-    tab.wait(f"{at} === 1")
+    tab.wait(f"{position} === 1")
     tab.press("n", "KeyN", "n")
-    tab.wait(f"{at} === 12")
+    tab.wait(f"{position} === 12")
     assert "gate refused" in tab.js("document.querySelector('.happened').textContent")
     tab.press("End")
-    tab.wait(f"{at} > 41.5")
+    tab.wait(f"{position} > 41.5")
 
 
 def test_a_run_plays_at_the_selected_pace(tab, replay):
@@ -205,9 +205,9 @@ def test_the_vehicle_is_drawn_at_the_pose_of_the_row(tab, replay):
     assert place[2] - place[0] == pytest.approx(place[1] - place[3])  # x and y at the same scale, y up
     from_route = tab.js("document.querySelector('.numbers b').textContent")
     i = 2000
-    off = tab.js(f"{PAGE}.opened.record.value('cross', {i})")
-    assert float(from_route) == pytest.approx(abs(off) * 100, abs=0.06)
-    assert abs(off) < 0.05 * RADIUS
+    cross_m = tab.js(f"{PAGE}.opened.record.value('cross', {i})")
+    assert float(from_route) == pytest.approx(abs(cross_m) * 100, abs=0.06)
+    assert abs(cross_m) < 0.05 * RADIUS
 
 
 def test_the_ghost_run_is_aligned_by_distance_or_by_time(tab):

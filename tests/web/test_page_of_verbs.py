@@ -172,7 +172,7 @@ async def test_after_ctrl_c_or_a_killed_command_no_process_remains(tmp_path):
                 assert code_of_end == plain.returncode
 
 
-async def at_the_wheel(port, then):
+async def at_the_wheel(port, action):
     """Take control on the page of `drive`, drive ahead for a while, then do `then`."""
     async with browser(port, name="ana") as visitor:
         await visitor.send("take")
@@ -182,7 +182,7 @@ async def at_the_wheel(port, then):
             await visitor.next(
                 "state", where=lambda word: word["state"] == "MANUAL" and (word["t_s"] or 0) > 1.0
             )
-            await then(visitor)
+            await action(visitor)
         finally:
             beating.cancel()
 

@@ -73,13 +73,13 @@ async def drives(visitor):
 
 
 async def test_the_page_of_a_host_shows_stops_and_copies_a_drive_over_ssh(tmp_path):
-    path, there, here = tmp_path / "door", tmp_path / "there", tmp_path / "here"
+    path, robot_folder, laptop_folder = tmp_path / "door", tmp_path / "there", tmp_path / "here"
     calls = put_programs(tmp_path / "bin", path)
     environment = {**os.environ, "PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}"}
-    with before_others(), simulated_vehicle(path, there):
+    with before_others(), simulated_vehicle(path, robot_folder):
         Watcher(path).close()  # the service has started
         serve = ("baqueano", "serve", "--robot", "ana@r1", "--vehicle", "small", "--no-browser")
-        with program(*serve, "--runs", str(here), cwd=tmp_path, env=environment) as page:
+        with program(*serve, "--runs", str(laptop_folder), cwd=tmp_path, env=environment) as page:
             port = port_of(page)
             process, words = calls.read_text().split(maxsplit=1)
             assert "BatchMode=yes" in words
@@ -100,12 +100,12 @@ async def test_the_page_of_a_host_shows_stops_and_copies_a_drive_over_ssh(tmp_pa
                 await visitor.next(
                     "runs", where=lambda word: any(run["kind"] == "drive" for run in word["runs"])
                 )
-            last = max(here.glob("*.mcap"))
+            last = max(laptop_folder.glob("*.mcap"))
             run = read_run(last)
             assert stop_reason_of(run).figures["name"] == "ana"
             assert run.applied_commands[:, 0].max() > 0.4
             assert not run.applied_commands[-1].any()
-            assert last.read_bytes() == (there / last.name).read_bytes()
+            assert last.read_bytes() == (robot_folder / last.name).read_bytes()
             assert " ana@r1 " in calls.read_text().splitlines()[-1]
             os.kill(int(process), signal.SIGKILL)
             assert page.wait(START_S) == 4  # the robot cannot be reached any more

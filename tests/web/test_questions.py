@@ -86,9 +86,9 @@ async def test_a_block_named_by_an_opened_run_is_not_executed(tmp_path, driven_f
         await visitor.send("open", **visitor.hello["open"])
         await visitor.next("answer", done=True)
         run = visitor.hello["open"]["run"]
-        for what in ("block", "check"):
-            answer = await visitor.request(what, room="controller", run=run)
-            assert answer["code"] == "vehicle.kind", what
+        for topic in ("block", "check"):
+            answer = await visitor.request(topic, room="controller", run=run)
+            assert answer["code"] == "vehicle.kind", topic
         assert (await visitor.request("tune", run=run))["code"] == "vehicle.kind"
         answer = await visitor.request("block", room="estimator", run=run)
         # the others are still shown
@@ -140,17 +140,17 @@ async def test_the_cost_map_has_its_minimum_at_the_end_of_a_descent(folder):
         down = await visitor.request("downhill", gains=own, price=0.1, route="circle")
         assert down["cost"] < down["start_cost"]
         assert down["places"][0] != down["places"][-1]
-        least = min(c[0] + 0.1 * c[1] for c in land["costs"] if c[0] is not None)
-        assert down["cost"] < least * 1.001
+        min_cost = min(c[0] + 0.1 * c[1] for c in land["costs"] if c[0] is not None)
+        assert down["cost"] < min_cost * 1.001
         assert all(a <= g <= b for a, g, b in zip(low, down["path"][-1], high, strict=True))
 
 
 async def test_the_newest_request_replaces_the_previous_request(folder):
     async with asking(folder) as visitor:
         own = [gain["file"] for gain in (await visitor.request("tune"))["gains"]]
-        more = {"gains": own, "a": "k_x", "b": "k_chi", "route": "run"}
+        request = {"gains": own, "a": "k_x", "b": "k_chi", "route": "run"}
         for number, side in ((100, 20), (101, 3)):
-            await visitor.send("ask", id=number, question="landscape", side=side, **more)
+            await visitor.send("ask", id=number, question="landscape", side=side, **request)
         answers = {}
         while len(answers) < 2:
             word = await visitor.next("answer", where=lambda word: word.get("id") in (100, 101))
@@ -168,8 +168,8 @@ async def test_invalid_gains_are_refused(folder):
 
 async def test_a_route_outside_the_list_is_refused(folder):
     async with asking(folder) as visitor:
-        for what, route in product(("tune", "route"), ("../runs/round", "none", "/etc/passwd")):
-            assert (await visitor.request(what, route=route))["code"] == "door.no-route", (what, route)
+        for topic, route in product(("tune", "route"), ("../runs/round", "none", "/etc/passwd")):
+            assert (await visitor.request(topic, route=route))["code"] == "door.no-route", (topic, route)
 
 
 async def test_a_block_is_shown_with_source_parameters_cost_and_check(folder):
@@ -191,9 +191,9 @@ async def test_a_block_is_shown_with_source_parameters_cost_and_check(folder):
 async def test_an_unlisted_block_is_never_executed(folder):
     async with asking(folder) as visitor:
         for kind in ("os.py:system", "/tmp/x.py:X", "../x.py:X", "nothing"):
-            for what in ("block", "check"):
-                answer = await visitor.request(what, room="estimator", kind=kind)
-                assert answer["code"] == "web.no-kind", (what, kind)
+            for topic in ("block", "check"):
+                answer = await visitor.request(topic, room="estimator", kind=kind)
+                assert answer["code"] == "web.no-kind", (topic, kind)
             await visitor.send("open", run=visitor.hello["runs"][0]["id"], filter=kind)
             assert (await visitor.next("refused"))["code"] == "web.no-kind", kind
 
@@ -207,8 +207,10 @@ async def test_a_replay_through_another_filter_is_sent_as_a_second_stream(folder
         names = [field["name"] for field in heads[0]["fields"]]
         rows = [visitor.rows(stream, len(names)) for stream in (1, 2)]
         assert rows[0].shape == rows[1].shape
-        at = names.index("eta.x")
-        assert np.nanmax(np.abs(rows[0][:, at] - rows[1][:, at])) < 1e-6  # the same filter by another name
+        index = names.index("eta.x")
+        assert (
+            np.nanmax(np.abs(rows[0][:, index] - rows[1][:, index])) < 1e-6
+        )  # the same filter by another name
         z = [k for k, name in enumerate(names) if name.startswith("z.")]
         assert np.array_equal(rows[0][:, z], rows[1][:, z], equal_nan=True)
 

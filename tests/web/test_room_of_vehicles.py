@@ -57,10 +57,10 @@ needs_namespace = pytest.mark.skipif(
 )
 
 
-def scanned(tmp_path, *more):
+def scanned(tmp_path, *options):
     (tmp_path / "scan.py").write_text(SCAN)
     done = subprocess.run(
-        [*NAMESPACE, sys.executable, "scan.py", "serve", "--vehicle", "small", "--no-browser", *more],
+        [*NAMESPACE, sys.executable, "scan.py", "serve", "--vehicle", "small", "--no-browser", *options],
         cwd=tmp_path, capture_output=True, text=True, timeout=240, check=False, env=os.environ,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -42,30 +42,30 @@ needs_axe = pytest.mark.skipif(
 @pytest.mark.parametrize("kind", SEEN)
 def test_no_screen_has_a_layout_fault(browser, kind, language, looks):
     """No text is cut, overlaps another text, is faint, or extends beyond the edge."""
-    wrong = {}
+    faults = {}
     for screen, tab in each_screen(browser, kind, language):
         for look in looks:
             looked_at(tab, *look)
             shot(tab, kind, screen, *look, language)
             if problems := tab.js(BOXES):
-                wrong[f"{screen} {look}"] = problems
+                faults[f"{screen} {look}"] = problems
         looked_at(tab, "laptop", "light")
-    assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
+    assert not faults, json.dumps(faults, indent=1, ensure_ascii=False)
 
 
 @needs_axe
 @pytest.mark.parametrize(("language", "looks"), AXE_LOOKS.items())
 @pytest.mark.parametrize("kind", SEEN)
 def test_axe_reports_no_accessibility_violation_on_any_screen(browser, kind, language, looks):
-    wrong, passes = {}, []
+    faults, passes = {}, []
     for screen, tab in each_screen(browser, kind, language):
         for look in looks:
             looked_at(tab, *look)
             judged = axe(tab)
             passes.append(judged["passes"])
             if judged["violations"]:
-                wrong[f"{screen} {look}"] = judged["violations"]
-    assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
+                faults[f"{screen} {look}"] = judged["violations"]
+    assert not faults, json.dumps(faults, indent=1, ensure_ascii=False)
     assert min(passes) > 15  # rules that had something to judge
 
 

@@ -222,7 +222,7 @@ async def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path)
         port = port_of(page)
         async with AsyncExitStack() as room:
             visitor, *others = [await room.enter_async_context(browser(port)) for _ in range(VIEWERS)]
-            looking = [asyncio.create_task(pictures(one)) for one in others]
+            looking = [asyncio.create_task(pictures(tab)) for tab in others]
             beating = asyncio.create_task(beats(visitor))
             for tries_left in reversed(range(TRIES)):
                 try:
@@ -240,7 +240,7 @@ async def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path)
             await ready_again(visitor)
             if sys.platform == "linux":
                 assert resident_mb(page.pid) <= MOST_MB
-            assert all(one.frames for one in others)
+            assert all(tab.frames for tab in others)
             for task in (beating, *looking):
                 task.cancel()
 

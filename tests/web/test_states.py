@@ -53,15 +53,15 @@ def states(tab, live):
 
 
 def test_no_state_of_a_screen_has_a_layout_fault(tab, live):
-    wrong = {}
+    faults = {}
     for state in states(tab, live):
         for size, theme in LOOKS:
             looked_at(tab, size, theme)
             shot(tab, "state", state, size, theme)
             if problems := [*tab.js(BOXES), *(axe(tab)["violations"] if AXE.is_file() else ())]:
-                wrong[f"{state} {size}"] = problems
+                faults[f"{state} {size}"] = problems
         looked_at(tab, "laptop", "light")
-    assert not wrong
+    assert not faults
     assert not tab.errors
 
 
@@ -88,10 +88,12 @@ def test_the_stop_button_has_the_same_position_on_every_screen_of_a_size(tab, li
         for screen in LIVE:
             tab.js(f"{PAGE}.open({screen!r})")
             places.append(tab.js(box))
-            x, y, wide, high = places[-1]
-            top = tab.js(f"document.elementFromPoint({x + wide / 2}, {y + high / 2}).closest('button')?.id")
+            x, y, box_width, high = places[-1]
+            top = tab.js(
+                f"document.elementFromPoint({x + box_width / 2}, {y + high / 2}).closest('button')?.id"
+            )
             assert top == "stop", (size, screen)  # nothing lies over it
-            assert 0 <= x <= x + wide <= width
+            assert 0 <= x <= x + box_width <= width
             assert 0 <= y <= y + high <= height
         assert places == places[:1] * len(LIVE), size
         assert tab.js("document.querySelectorAll('#stop').length") == 1

@@ -19,11 +19,11 @@ def tune_page(tab, live):
 
 def test_each_slider_move_simulates_a_lap_and_a_descent_is_shown(tab, live):
     tune_page(tab, live)
-    laps, far = len(requests_of(live, "lap")), tab.js(f"{TUNE}.lap.rms")
+    laps, rms_m = len(requests_of(live, "lap")), tab.js(f"{TUNE}.lap.rms")
     tab.js("document.querySelectorAll('.gain input')[2].focus()")
     for _ in range(4):
         tab.press("PageDown")
-    tab.wait(f"{TUNE}.lap.rms > 1.2 * {far}")
+    tab.wait(f"{TUNE}.lap.rms > 1.2 * {rms_m}")
     assert len(requests_of(live, "lap")) > laps
     assert not live.words("set")  # nothing that drives has changed
     tab.js(f"{TUNE}.do.downhill.click()")
@@ -72,8 +72,8 @@ def test_selected_runs_are_compared_and_the_user_can_return_to_the_list(tab, liv
 
 def test_a_long_list_of_runs_has_pages(tab, live):
     open_page(tab, live, screen="runs")
-    many = [{"id": f"m{k}", "name": f"run-{k:03}", "kind": "teach"} for k in range(60)]
-    live.put({"type": "runs", "runs": many})
+    runs = [{"id": f"m{k}", "name": f"run-{k:03}", "kind": "teach"} for k in range(60)]
+    live.put({"type": "runs", "runs": runs})
     tab.wait("document.querySelectorAll('.runs tbody tr').length === 25")
     for _ in range(2):
         tab.js("document.querySelector('.runs footer').lastChild.click()")
@@ -114,8 +114,8 @@ BOX = """((name) => {
 def is_on_border(box, point):
     left, top, right, bottom = box
     _, x, y = point
-    inside = left - 2 <= x <= right + 2 and top - 2 <= y <= bottom + 2
-    return inside and min(abs(x - left), abs(x - right), abs(y - top), abs(y - bottom)) <= 2
+    is_inside = left - 2 <= x <= right + 2 and top - 2 <= y <= bottom + 2
+    return is_inside and min(abs(x - left), abs(x - right), abs(y - top), abs(y - bottom)) <= 2
 
 
 def test_each_wire_of_the_diagram_joins_its_blocks_and_shows_its_signals(tab, live):

@@ -22,10 +22,11 @@ class Vanishing:
 
     async def joined(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Connect a new client to the other end."""
-        upstream, away = await asyncio.open_connection("127.0.0.1", self._to)
-        self._writers += [writer, away]
+        upstream, upstream_writer = await asyncio.open_connection("127.0.0.1", self._to)
+        self._writers += [writer, upstream_writer]
         self._tasks += [
-            asyncio.create_task(self._carry(*pair)) for pair in ((reader, away), (upstream, writer))
+            asyncio.create_task(self._carry(*pair))
+            for pair in ((reader, upstream_writer), (upstream, writer))
         ]
 
     async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -23,8 +23,8 @@ def drive_loop(world):
         u.append(tick.u)
         eta.append(world.truth.eta)
         z.append(tick.sensors.imu.z)
-        back = np.clip(4.0 * (0.2 - world.truth.nu[0]), -1.0, 1.0)
-        world.write(Command(tick.t_ns, np.array([back, 0.0, 0.3 * (-1.0) ** (k // 5)])))
+        command = np.clip(4.0 * (0.2 - world.truth.nu[0]), -1.0, 1.0)
+        world.write(Command(tick.t_ns, np.array([command, 0.0, 0.3 * (-1.0) ** (k // 5)])))
     return np.array(u), np.array(eta), np.array(z)
 
 
@@ -37,15 +37,15 @@ def test_a_closed_loop_at_10_hz_equals_its_open_loop_replay(kind):
 
 
 def test_a_closed_loop_at_10_hz_equals_a_solution_with_fine_steps():
-    quiet = SLOW.with_values(
+    noiseless = SLOW.with_values(
         {
             "model.process_noise_std": [0.0] * 3,
             "sensors.imu.accel_noise_std": [0.0] * 2,
             "sensors.imu.gyro_noise_std": 0.0,
         }
     )
-    u, eta, _ = drive_loop(SimulatedWorld(quiet.vehicle, quiet.sensors, quiet.rate_hz, SEED))
-    fine = quiet.with_values({"rate_hz": 1000.0})
+    u, eta, _ = drive_loop(SimulatedWorld(noiseless.vehicle, noiseless.sensors, noiseless.rate_hz, SEED))
+    fine = noiseless.with_values({"rate_hz": 1000.0})
     exact = simulate(fine, np.repeat(u, 100, axis=0), noise=False).truth.eta[99::100]
     assert np.ptp(exact[:, 0]) > 0.3
     np.testing.assert_allclose(eta, exact, atol=2e-3)

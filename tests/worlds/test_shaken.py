@@ -29,12 +29,12 @@ def world(cls=FaultyWorld, file=FILE, **options):
     return cls(file.vehicle, file.sensors, file.rate_hz, backend="numpy", **options)
 
 
-def drive_world(simulated_world, seconds=2.0, u=(0.5, 0.0, 0.1), at=None, rate_hz=FILE.rate_hz):
+def drive_world(simulated_world, seconds=2.0, u=(0.5, 0.0, 0.1), faults_at=None, rate_hz=FILE.rate_hz):
     """Return truth and readings (N, 9) of each tick; `at` is called before the tick of this number."""
     rows = []
     for k in range(round(seconds * rate_hz)):
-        if at is not None and k in at:
-            at[k](simulated_world)
+        if faults_at is not None and k in faults_at:
+            faults_at[k](simulated_world)
         simulated_world.write(Command(0, np.array(u)))
         (tick,) = simulated_world.read(round((k + 1) * 1e9 / rate_hz))
         rows.append(np.concatenate([simulated_world.truth.eta, simulated_world.truth.nu, tick.sensors.imu.z]))
@@ -60,8 +60,8 @@ def test_a_fault_acts_from_its_first_tick(words):
 def test_removing_a_fault_does_not_change_the_noise_of_others():
     spikes = Fault.parse("0.1-2 s: spikes imu[0] 5, 10 %")
     lone = drive_world(world(shake=[spikes]))
-    both = drive_world(world(shake=[spikes, "1 s: spikes imu[1] 5, 20 %", "1.5 s: drift imu[2] 0.1"]))
-    np.testing.assert_array_equal(lone[:, 6], both[:, 6])
+    two_faults = drive_world(world(shake=[spikes, "1 s: spikes imu[1] 5, 20 %", "1.5 s: drift imu[2] 0.1"]))
+    np.testing.assert_array_equal(lone[:, 6], two_faults[:, 6])
 
 
 def test_a_push_changes_the_velocity_by_impulse_over_mass():
@@ -77,13 +77,13 @@ def test_a_push_changes_the_velocity_by_impulse_over_mass():
 
 
 def test_an_imu_measures_pushes_and_floor_forces_but_not_free_fall():
-    quiet = {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.accel_bias": [0.0, 0.0],
+    noiseless = {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.accel_bias": [0.0, 0.0],
              "sensors.imu.tilt_rad": [0.0, 0.0], "sensors.imu.accel_bias_walk": 0.0}  # fmt: skip
-    rough = FILE.with_values(quiet | {"model.friction.linear": [15.0, 15.0, 0.05]})
+    rough = FILE.with_values(noiseless | {"model.friction.linear": [15.0, 15.0, 0.05]})
     ahead = drive_world(world(file=rough, shake=[Fault("tilt", x=0.05)]), u=(0.0, 0.0, 0.0))[-1, 6]
     assert ahead == pytest.approx(STANDARD_GRAVITY * np.sin(0.05), rel=0.02)  # nose up: it is pushed ahead
     free = FILE.with_values(
-        quiet | {f"model.friction.{k}": [0.0] * 3 for k in ("linear", "quadratic", "coulomb")}
+        noiseless | {f"model.friction.{k}": [0.0] * 3 for k in ("linear", "quadratic", "coulomb")}
     )
     falling = drive_world(world(file=free, shake=[Fault("tilt", x=0.05)]), u=(0.0, 0.0, 0.0))
     assert falling[-1, 6] == pytest.approx(0.0, abs=1e-3)
@@ -121,14 +121,14 @@ def test_a_faulty_run_stores_its_faults_and_is_exactly_reproducible(tmp_path):
 
 def test_faults_added_during_a_run_are_exactly_reproducible():
     lively = world(units={"imu[2]": "rad/s"})
-    at = {
+    faults_at = {
         50: lambda w: w.begin_fault({"kind": "drift", "of": "imu[2]", "size": 0.1}),
         80: lambda w: w.begin_fault({"kind": "tilt", "x": 0.03}),
         120: lambda w: w.end_fault(1),
         130: lambda w: w.begin_fault({"kind": "tilt", "y": 0.02}),  # replaces the first
         150: lambda w: w.begin_fault({"kind": "push", "x": 0.1, "frame": "map"}),
     }
-    rows = drive_world(lively, at=at)
+    rows = drive_world(lively, faults_at=faults_at)
     events = [(t_ns, SHAKE_SOURCE, event) for t_ns, event in lively.new_events()]
     faults_of_run = faults_in(events)
     assert [fault.kind for fault in faults_of_run] == ["drift", "tilt", "tilt", "push"]

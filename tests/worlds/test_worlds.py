@@ -54,8 +54,10 @@ def test_the_world_equals_the_pure_step_with_the_same_noise():
 
 def test_an_additional_sensor_does_not_change_the_noise_of_others():
     without, _ = ticks_of(SENSORS)
-    both, _ = ticks_of(sensor_slots(("odometer", "imu"))(Odometer(noise_std=0.01), IMU))
-    assert all(np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(without, both, strict=True))
+    both_slots, _ = ticks_of(sensor_slots(("odometer", "imu"))(Odometer(noise_std=0.01), IMU))
+    assert all(
+        np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(without, both_slots, strict=True)
+    )
 
 
 def test_reading_seven_ticks_at_a_time_gives_the_same_ticks():
@@ -153,8 +155,8 @@ def test_a_gap_is_filled_with_ticks_without_readings():
 
 def test_a_gap_of_a_day_is_filled_only_partly():
     ticks, _ = ticks_of(SENSORS, n=20)
-    late = [t._replace(t_ns=t.t_ns + 86_400 * 1_000_000_000) for t in ticks[10:]]
-    assert len(ReplayedWorld(run_of(ticks[:10] + late)).times) < 6100
+    later_ticks = [t._replace(t_ns=t.t_ns + 86_400 * 1_000_000_000) for t in ticks[10:]]
+    assert len(ReplayedWorld(run_of(ticks[:10] + later_ticks)).times) < 6100
 
 
 def test_no_limit_of_the_file_ends_the_replay_of_an_imported_recording():
@@ -166,9 +168,9 @@ def test_no_limit_of_the_file_ends_the_replay_of_an_imported_recording():
     stop = stop_reason_of(replay(recorded, limited))
     assert stop is not None
     assert stop.code == StopReason.SPEED
-    whole = replay(imported, limited)
-    assert stop_reason_of(whole) is None
-    assert whole.t_ns[-1] == recorded.t_ns[-1]
+    full_replay = replay(imported, limited)
+    assert stop_reason_of(full_replay) is None
+    assert full_replay.t_ns[-1] == recorded.t_ns[-1]
 
 
 WRONG_TICKS = {

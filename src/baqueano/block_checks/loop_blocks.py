@@ -209,13 +209,13 @@ def check_guide(block: object) -> list[Diagnostic]:
 
 
 def _check_reference(trial: Trial, reference: Reference, t_ns: int, context: Diagnostic) -> None:
-    trial.expect_record(reference, Reference, "(state, Reference(t_ns, eta, nu, done))")
+    trial.expect_record(reference, Reference, "(state, Reference(t_ns, eta, nu, at_end))")
     trial.check_stamp(reference, t_ns, "estimate", context)
     eta = trial.expect("Reference.eta", reference.eta, (3,), context)
     trial.expect("Reference.nu", reference.nu, (3,), context)
     trial.check_wrapped("Reference.eta[2]", float(eta[2]), context)
-    if float(reference.done) not in (0.0, 1.0):
-        trial.add_fault("check.done", "step", value=str(reference.done))
+    if float(reference.at_end) not in (0.0, 1.0):
+        trial.add_fault("check.at-end", "step", value=str(reference.at_end))
 
 
 def check_supervisor(
@@ -354,7 +354,7 @@ def _output_fields(output: Any) -> dict[str, np.ndarray]:
     """Return the fields of an output that the contract requires, by name; the angle is a separate field."""
     fields = {
         name: np.asarray(getattr(output, name), dtype=float)
-        for name in ("u", "nu", "done", "cov")
+        for name in ("u", "nu", "at_end", "cov")
         if name in output._fields
     }
     if "eta" in output._fields:

@@ -46,7 +46,7 @@ class RunComparison:
     duration_s: float
     ate_m: float  # estimate against truth, rms
     ate_heading_rad: float
-    rpe_m: float  # over `over_s`, rms
+    rpe_m: float  # over `interval_s`, rms
     rpe_heading_rad: float
     speed_error_m_s: float  # ν_x, ν_y of the estimate against the truth, rms
     yaw_rate_error_rad_s: float
@@ -158,7 +158,7 @@ class Comparison(Result):
         The measures of each run.
     alignment : str
         Alignment of the estimate with the truth: "none", "start" or "rigid".
-    over_s : float
+    interval_s : float
         Time span of the relative error.
     of_drives : bool
         False if a run is a replay, because its vehicle drove with another estimate.
@@ -172,7 +172,7 @@ class Comparison(Result):
 
     runs: tuple[RunComparison, ...]
     alignment: str
-    over_s: float
+    interval_s: float
     of_drives: bool
 
     def __repr__(self) -> str:

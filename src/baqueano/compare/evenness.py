@@ -86,7 +86,7 @@ def is_driving(t_ns: np.ndarray, speed_ref: np.ndarray, after_s: float = START_S
 
 def until_done(t_ns: np.ndarray, ref: "ReferenceLog") -> np.ndarray:
     """Return a mask (N,): True until the guide finished, or until the last reference if it did not finish."""
-    done_ns = ref.t_ns[ref.done > 0.0]
+    done_ns = ref.t_ns[ref.at_end > 0.0]
     return t_ns <= (done_ns[0] if done_ns.size else ref.t_ns[-1])
 
 

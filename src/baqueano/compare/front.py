@@ -34,7 +34,7 @@ UNKNOWN_DISTANCES = PathDistances(float("nan"), float("nan"), float("nan"))
 def compare(
     *runs: "Run | Sequence[Run] | Mapping[str, Run]",
     alignment: str = "none",
-    over_s: float = 1.0,
+    interval_s: float = 1.0,
     skip_s: float = 0.0,
     names: Sequence[str] | None = None,
 ) -> Comparison:
@@ -50,7 +50,7 @@ def compare(*runs: "Fit | Sequence[Fit] | Mapping[str, Fit]", names: Sequence[st
 def compare(
     *runs: "Run | Fit | Sequence[Run | Fit] | Mapping[str, Run | Fit]",
     alignment: str = "none",
-    over_s: float = 1.0,
+    interval_s: float = 1.0,
     skip_s: float = 0.0,
     names: Sequence[str] | None = None,
 ) -> "Comparison | Result":
@@ -62,7 +62,7 @@ def compare(
         One after the other, in a list, or in a dict with their names. Runs are compared with the path of the first.
     alignment : str
         Alignment of estimate and truth: "none" (both in one map), "start" or "rigid"; only "none" allows a NEES.
-    over_s : float
+    interval_s : float
         Time span of the relative error.
     skip_s : float
         Seconds at the start that are ignored; the rest before a drive is always ignored.
@@ -102,7 +102,7 @@ def compare(
     if len(run_list) < len(items):
         raise Misuse(fault("compare.mixed", "bq.compare(run, other)"))
     return _compare_runs(
-        run_list, alignment, over_s, skip_s, _distinct(labels or [run.name for run in run_list])
+        run_list, alignment, interval_s, skip_s, _distinct(labels or [run.name for run in run_list])
     )
 
 
@@ -117,31 +117,31 @@ def _distinct(names: Sequence[str]) -> list[str]:
 
 
 def _compare_runs(
-    run_list: Sequence[Run], alignment: str, over_s: float, skip_s: float, labels: Sequence[str]
+    run_list: Sequence[Run], alignment: str, interval_s: float, skip_s: float, labels: Sequence[str]
 ) -> Comparison:
-    if not (over_s > 0.0 and skip_s >= 0.0):
-        raise UsageError(fault("compare.times", over_s=over_s, skip_s=skip_s))
+    if not (interval_s > 0.0 and skip_s >= 0.0):
+        raise UsageError(fault("compare.times", interval_s=interval_s, skip_s=skip_s))
     errors.align_trajectory(np.zeros((0, 3)), np.zeros((0, 3)), alignment)
     cut_runs = [run.cut(skip_s) if skip_s else run for run in (r.without_rest for r in run_list)]
     return Comparison(
         tuple(
-            _run_comparison(run, name, cut_runs[0], alignment, over_s)
+            _run_comparison(run, name, cut_runs[0], alignment, interval_s)
             for run, name in zip(cut_runs, labels, strict=True)
         ),
         alignment,
-        over_s,
+        interval_s,
         all(run.metadata.get("kind") != "replay" for run in cut_runs),
     )
 
 
-def _run_comparison(run: Run, name: str, first: Run, alignment: str, over_s: float) -> RunComparison:
+def _run_comparison(run: Run, name: str, first: Run, alignment: str, interval_s: float) -> RunComparison:
     failure = estimator_failure(run)
     end_s, run = float("nan") if failure else divergence_s(run), cut_at_divergence(run)
     figures = dict.fromkeys(
         ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
          "end_error_m"), float("nan"))  # fmt: skip
     if run.estimate is not None and run.truth is not None and len(run.truth.t_ns) > 1:
-        figures = _against_truth(run, alignment, over_s)
+        figures = _against_truth(run, alignment, interval_s)
     return RunComparison(
         name, run.duration_s, **figures,
         across_true=_path_distances(run.truth, run), across_estimate=_path_distances(run.estimate, run),
@@ -152,7 +152,7 @@ def _run_comparison(run: Run, name: str, first: Run, alignment: str, over_s: flo
         invalid_covariance=invalid_covariance(run), failure=failure)  # fmt: skip
 
 
-def _against_truth(run: Run, alignment: str, over_s: float) -> dict[str, float]:
+def _against_truth(run: Run, alignment: str, interval_s: float) -> dict[str, float]:
     est, truth = run.estimate, run.truth
     assert est is not None
     assert truth is not None
@@ -163,7 +163,7 @@ def _against_truth(run: Run, alignment: str, over_s: float) -> dict[str, float]:
     except UsageError as error:
         raise UsageError(fault("compare.of-run", run=run.name, cause=cause_of(error))) from error
     pose_errors = errors.absolute_pose_errors(eta, eta_true)
-    drift = errors.relative_pose_errors(est.t_ns, eta, eta_true, over_s)
+    drift = errors.relative_pose_errors(est.t_ns, eta, eta_true, interval_s)
     known_errors = pose_errors.position_m[np.isfinite(pose_errors.position_m)]
     e_nu = est.nu - nu_true
     return {

@@ -66,7 +66,7 @@ def laps_of(run: "Run") -> tuple[DriveLap, ...]:
     ref, log = run.guide_reference, run.truth if run.truth is not None else run.estimate
     if ref is None or log is None or len(ref.t_ns) < 3 or len(log.t_ns) < 2:
         return ()
-    end_indices = _end_passages(ref.eta, bool(ref.done[-1] > 0.0))
+    end_indices = _end_passages(ref.eta, bool(ref.at_end[-1] > 0.0))
     if len(end_indices) < 2:  # the reference does not return
         return ()
     end_indices = end_indices if end_indices[0] == 0 else [0, *end_indices]

@@ -110,7 +110,7 @@ def _column_ranges(column_widths: Sequence[int], width: int) -> Iterator[range]:
 
 
 def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
-    over = _("over {over_s:g} s", over_s=comparison.over_s)
+    over = _("over {interval_s:g} s", interval_s=comparison.interval_s)
     duration = TableLine(_("duration"), "s", lambda j: j.duration_s)
     yield "", [duration, TableLine(_("the estimate diverged at"), "s", lambda j: j.divergence_s)]
     drift, turn = _("drift {over} (RPE)", over=over), _("drift of the heading {over}", over=over)

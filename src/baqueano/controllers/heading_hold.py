@@ -53,7 +53,7 @@ class Gyro(NamedTuple):
 class HeadingHoldState(NamedTuple):
     """State of a heading hold between two ticks."""
 
-    hand: Tree
+    controller: Tree
     t_ns: int  # of the last tick, -1 before the first
     rejected_s: float  # duration for which the IMU has been rejected
     forward_sign: float = 0.0  # sign of the requested speed, 0 without a reference heading
@@ -65,11 +65,11 @@ class HeadingHoldState(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingHold:
-    """Controller that holds the heading with the gyro while `hand` requests a speed but does not request a turn.
+    """Controller that holds the heading with the gyro while another controller requests a speed, but no turn.
 
     Parameters
     ----------
-    hand : Controller
+    controller : Controller
         Controller whose commands are corrected.
     gains : Gains
         Gains of (1), from (3): `drive.by_hand.heading_gains` finds them for a vehicle file.
@@ -97,7 +97,7 @@ class HeadingHold:
 
     as_written: ClassVar[bool] = True
 
-    hand: Tree
+    controller: Tree
     gains: Gains
     limit: float
     speed_scale: float = inf
@@ -105,13 +105,13 @@ class HeadingHold:
 
     def init(self) -> HeadingHoldState:
         """Return the state before the first tick, without a reference heading."""
-        return HeadingHoldState(self.hand.init(), -1, 0.0)
+        return HeadingHoldState(self.controller.init(), -1, 0.0)
 
     def step(
         self, state: HeadingHoldState, reference: Reference, estimate: Estimate
     ) -> tuple[HeadingHoldState, Command]:
-        """Return the state and the command (n,) of `hand`, with a turning command that keeps the heading."""
-        hand, command = self.hand.step(state.hand, reference, estimate)
+        """Return the state and the command (n,) of `controller`, with a turning command that keeps the heading."""
+        controller, command = self.controller.step(state.controller, reference, estimate)
         u, t_ns = command.u, estimate.t_ns
         dt_s = seconds(t_ns, state.t_ns) if state.t_ns >= 0 else 0.0
         missing_rate = self._missing_yaw_rate(estimate)
@@ -120,9 +120,9 @@ class HeadingHold:
         v, r = float(estimate.nu[0]), float(estimate.nu[2]) + missing_rate
         forward_sign = copysign(1.0, u[0]) if u[0] and not u[-1] else 0.0
         if not forward_sign or not isfinite(v + r + float(estimate.eta[2])):
-            return HeadingHoldState(hand, t_ns, rejected_s), command
+            return HeadingHoldState(controller, t_ns, rejected_s), command
         if forward_sign != state.forward_sign:
-            state = HeadingHoldState(hand, t_ns, rejected_s, forward_sign, t_ns)
+            state = HeadingHoldState(controller, t_ns, rejected_s, forward_sign, t_ns)
         missing_angle = state.missing_angle + missing_rate * dt_s
         psi, psi_r = float(estimate.eta[2]) + missing_angle, state.psi
         is_quiet = abs(r) < MAX_QUIET_RAD_S or seconds(t_ns, state.straight_since_ns) >= self.gains.wait_s
@@ -131,7 +131,7 @@ class HeadingHold:
         u = u.copy()
         u[-1], sum_e = self._turn(e, state.integral, r, dt_s, v, abs(float(u[0])))
         next_state = HeadingHoldState(
-            hand, t_ns, rejected_s, forward_sign, state.straight_since_ns, psi_r, sum_e, missing_angle
+            controller, t_ns, rejected_s, forward_sign, state.straight_since_ns, psi_r, sum_e, missing_angle
         )
         return next_state, command._replace(u=u)
 

@@ -351,7 +351,7 @@ def replay_blocks(
     A `guide` receives them as a route. Without `controller` or gains of a repetition, the commands are repeated.
     """
     ref, log, begin = run.guide_reference, run.reference, min(run.begin_index, len(run.t_ns) - 1)
-    end_ns = np.zeros(0) if log is None else log.t_ns[log.done > 0.0]
+    end_ns = np.zeros(0) if log is None else log.t_ns[log.at_end > 0.0]
     leader = Playback(*ref) if ref is not None else Idle(
         float(seconds(end_ns[0], run.t_ns[begin])) if len(end_ns) else float("inf"))  # fmt: skip
     if guide is not None:

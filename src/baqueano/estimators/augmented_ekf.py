@@ -209,7 +209,7 @@ class AugmentedEkf:
 
         x, innovations = branch(at_rest, lambda: correct(_rest_state(x), True), lambda: correct(x, False))
         x, memory, nu_cov = self._widen(x, innovations, model_nu, belief.silent_s[1] > MAX_SILENT_S, row.dt_s)
-        doubt_s = np.where(innovations.rejected_count > 0.0, REJECTION_COST * row.dt_s, 0.0)
+        disagreement_s = np.where(innovations.rejected_count > 0.0, REJECTION_COST * row.dt_s, 0.0)
         is_corrected = states.corrected_by(innovations.weight >= 0.5)
         silent_s = np.where(is_corrected, 0.0, belief.silent_s + row.dt_s)
         next_belief = AugmentedBelief(
@@ -219,7 +219,7 @@ class AugmentedEkf:
             mean_disturbance_after(belief.mean_disturbance, x.mean[6:SCALE_INDEX], silent_s, row.dt_s),
             model_nu,
             memory,
-            np.maximum(np.minimum(quiet_s, MAX_QUIET_S) - doubt_s, 0.0),
+            np.maximum(np.minimum(quiet_s, MAX_QUIET_S) - disagreement_s, 0.0),
             silent_s,
             drivetrain,
         )

@@ -57,7 +57,7 @@ class DriveTo:
     >>> from baqueano.signals import Estimate
     >>> guide = DriveTo(goals=[[1.0, 0.0, 0.0]])
     >>> _, reference = guide.step(guide.init(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
-    >>> float(reference.done)
+    >>> float(reference.at_end)
     0.0
     """
 

@@ -24,7 +24,7 @@ class PulseGuide:
     >>> class Still:
     ...     def init(self): return 0
     ...     def advance(self, state, estimate): return state + 1, np.zeros(2), state > 9
-    >>> PulseGuide(Still()).step(10, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))[1].done
+    >>> PulseGuide(Still()).step(10, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))[1].at_end
     1.0
     """
 

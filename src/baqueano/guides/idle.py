@@ -30,7 +30,7 @@ class Idle:
     >>> guide = Idle(2.0)
     >>> here = Estimate(0, np.array([1.0, 0.0, 0.0]), np.zeros(3), np.eye(6))
     >>> state, reference = guide.step(guide.init(), here)
-    >>> print(reference.eta, guide.step(state, here._replace(t_ns=2_000_000_000))[1].done)
+    >>> print(reference.eta, guide.step(state, here._replace(t_ns=2_000_000_000))[1].at_end)
     [1. 0. 0.] 1.0
     """
 

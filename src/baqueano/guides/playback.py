@@ -20,7 +20,7 @@ class Playback:
         Poses in the map.
     nu : ndarray (N, 3) [m/s, m/s, rad/s]
         Velocities in the body frame.
-    done : ndarray (N,)
+    at_end : ndarray (N,)
         1.0 in the rows after the end of the guide, else 0.0 [no unit].
 
     Examples
@@ -36,7 +36,7 @@ class Playback:
     t_ns: np.ndarray
     eta: np.ndarray
     nu: np.ndarray
-    done: np.ndarray
+    at_end: np.ndarray
 
     def init(self) -> None:
         """Return None: this guide does not have a state."""
@@ -44,4 +44,4 @@ class Playback:
     def step(self, state: None, estimate: Estimate) -> tuple[None, Reference]:
         """Return the last reference recorded up to the time of the estimate; before the first time, the first one."""
         k = max(int(np.searchsorted(self.t_ns, estimate.t_ns, side="right")) - 1, 0)
-        return None, Reference(estimate.t_ns, self.eta[k], self.nu[k], float(self.done[k]))
+        return None, Reference(estimate.t_ns, self.eta[k], self.nu[k], float(self.at_end[k]))

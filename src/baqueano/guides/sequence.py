@@ -103,7 +103,9 @@ class GuideSequence:
             return (*self.second.step(entry, estimate), 1.0)
 
         second, reference, is_first_over = branch(
-            reference.done > 0.0, step_of_second, lambda: (state.second, reference._replace(done=0.0), 0.0)
+            reference.at_end > 0.0,
+            step_of_second,
+            lambda: (state.second, reference._replace(at_end=0.0), 0.0),
         )
         return GuideSequenceState(first, second, is_first_over), reference
 

@@ -95,19 +95,20 @@ class AgreementMonitor:
             GATE_SIGMA,
         )
         is_outlier = reading.is_good & ~channels.is_pose & (r**2 > GATE_SIGMA**2 * variance)
-        is_wrong = (memory.evidence > MIN_LOG_ODDS) & (memory.doubt_s > 0.0)
+        is_wrong = (memory.evidence > MIN_LOG_ODDS) & (memory.disagreement_s > 0.0)
         is_outlier = is_outlier | (verdict.is_contradicted & (is_wrong | _is_only_suspect(is_wrong)))
         is_constant = channels.is_inertial & memory_at_end.repetition.is_stuck & ~at_rest
         is_suspect = reading.is_unusable | is_outlier | is_constant
         is_off = reading.is_arrived & (
-            is_suspect | (self._is_rejected(y, S) & _is_only_suspect(is_suspect | (memory.doubt_s > 0.0)))
+            is_suspect
+            | (self._is_rejected(y, S) & _is_only_suspect(is_suspect | (memory.disagreement_s > 0.0)))
         )
         s = predicted_reading - channels.reading_at_rest
         signal_share = s**2 / (s**2 + GATE_SIGMA**2 * variance + MIN_VARIANCE)
         fading = np.where(is_frozen, 0.0, SLOW_RATE + (FAST_RATE - SLOW_RATE) * signal_share)
         change_s = np.where(is_lost, row.dt_s, dt_s * np.where(is_off, 1.0, -fading))
         change_s = np.where(was_lost & reading.is_arrived & ~is_off, -DEGRADED_S, change_s)  # it is back
-        doubt_s = np.clip(memory.doubt_s + change_s, 0.0, DEGRADED_S)
+        disagreement_s = np.clip(memory.disagreement_s + change_s, 0.0, DEGRADED_S)
 
         odds = np.where(is_outlier, dt_s, 0.0) * verdict.log_odds
         memory_factor = np.exp(-dt_s / MEMORY_S)
@@ -117,8 +118,8 @@ class AgreementMonitor:
         gain = np.where(is_calibrating, p / (p + np.diag(N) + MIN_VARIANCE), 0.0)
         shown_s, is_arrived = np.where(reading.is_good, dt_s, 0.0), reading.is_arrived
         next_memory = memory_at_end._replace(
-            doubt_s=doubt_s,
-            evidence=np.where(doubt_s > 0.0, evidence, 0.0),
+            disagreement_s=disagreement_s,
+            evidence=np.where(disagreement_s > 0.0, evidence, 0.0),
             is_broken=np.where(is_arrived, np.where(reading.is_unusable, 1.0, 0.0), memory.is_broken),
             bias=memory.bias + gain * r,
             bias_var=p * (1.0 - gain),

@@ -27,12 +27,12 @@ class Finding:
         Name of the channel, such as "imu[2]", or of the sensor if it is LOST.
     t_ns : int
         Time of the finding.
-    doubt_s : float
+    disagreement_s : float
         Duration of the disagreement, minus the weighted duration of later agreement.
     symptom : str
         Symptom: one of LOST, NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY,
         CONTRADICTED.
-    wrong_part : str
+    faulty_part : str
         The wrong part: SENSOR, MODEL or UNKNOWN.
     reading : float
         The last reading [unit of the sensor].
@@ -49,24 +49,24 @@ class Finding:
 
     name: str
     t_ns: int
-    doubt_s: float
+    disagreement_s: float
     symptom: str
-    wrong_part: str
+    faulty_part: str
     reading: float
     predicted_reading: float
     ratio: float
 
     @property
     def is_degraded(self) -> bool:
-        """Return True if `doubt_s` has reached DEGRADED_S."""
-        return self.doubt_s >= DEGRADED_S
+        """Return True if `disagreement_s` has reached DEGRADED_S."""
+        return self.disagreement_s >= DEGRADED_S
 
     @property
     def diagnostic(self) -> Diagnostic:
         """Return the finding as a message for the user."""
         cause = note(
-            f"sensor.error-in-{self.wrong_part}",
-            fix="baqueano identify last" if self.wrong_part == MODEL else "",
+            f"sensor.error-in-{self.faulty_part}",
+            fix="baqueano identify last" if self.faulty_part == MODEL else "",
         )
         values = {
             "reading": self.reading,
@@ -80,7 +80,9 @@ class Finding:
         return symptom
 
 
-def finding_of(channels: ChannelProperties, c: int, memory: Memory, t_ns: int, doubt_s: float) -> Finding:
+def finding_of(
+    channels: ChannelProperties, c: int, memory: Memory, t_ns: int, disagreement_s: float
+) -> Finding:
     """Return the finding for channel `c` from the memory of the monitor."""
     z = float(memory.last_reading[c])
     h = float(memory.predicted_reading[c])
@@ -95,18 +97,18 @@ def finding_of(channels: ChannelProperties, c: int, memory: Memory, t_ns: int, d
         symptom in (LOST, NO_NUMBER, AT_ITS_END)
         or (channels.is_inertial[c] and memory.repetition.is_stuck[c])
     )
-    wrong_part = (
+    faulty_part = (
         SENSOR if is_certain or evidence > MIN_LOG_ODDS else MODEL if evidence < -MIN_LOG_ODDS else UNKNOWN
     )
     if (
         symptom == AWAY
-        and wrong_part == SENSOR
+        and faulty_part == SENSOR
         and channels.measures_speed[c]
         and abs(z - rest_reading) > abs(h - rest_reading)
     ):
         symptom = SLIPS
     name = sensor_of(channels.names[c]) if symptom == LOST else channels.names[c]
-    return Finding(name, t_ns, doubt_s, symptom, wrong_part, z, h, ratio)
+    return Finding(name, t_ns, disagreement_s, symptom, faulty_part, z, h, ratio)
 
 
 def _symptom_of(

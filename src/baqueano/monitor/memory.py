@@ -22,7 +22,7 @@ REGULAR_S = 5.0
 class Memory(NamedTuple):
     """The memory of the monitor: an array (m,) for each quantity, with an entry for each channel."""
 
-    doubt_s: np.ndarray
+    disagreement_s: np.ndarray
     evidence: np.ndarray  # log odds: above 0 the sensor is wrong, below 0 the model
     silent_s: np.ndarray  # since the last reading
     interval_s: np.ndarray  # between the last two readings; 0 before the first

@@ -70,7 +70,7 @@ class SensorMonitor:
         """Return True if readings of a sensor disagree and the monitor has not decided against the model."""
         if not self._findings:  # in almost every tick
             return False
-        return any(f.wrong_part != MODEL and f.symptom != LOST for f in self._findings.values())
+        return any(f.faulty_part != MODEL and f.symptom != LOST for f in self._findings.values())
 
     @property
     def rejections(self) -> tuple[Rejections, ...]:

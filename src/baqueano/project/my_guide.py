@@ -44,19 +44,19 @@ class MyGuide:
         return GuideState(-1)
 
     def step(self, state: GuideState, estimate: Estimate) -> tuple[GuideState, Reference]:
-        """Return the state, and the reference pose and velocity at this time; done at the end of the last lap."""
+        """Return the state, and the reference pose and velocity at this time; at_end is 1.0 after the last lap."""
         start_ns: Value = np.where(state.start_ns < 0, estimate.t_ns, state.start_ns)
         t = seconds(estimate.t_ns, start_ns)
         pace = 1.0 - np.exp(-t / self.ease_s)  # ṡ
         s = t - self.ease_s * pace
         period, laps = self.t_s[-1], self.laps if self.closed else 1
-        done: Value = np.where(s >= laps * period, 1.0, 0.0) if laps > 0 else 0.0
-        path_time_s = np.where(done > 0.0, period, s - period * np.floor(s / period))
+        at_end: Value = np.where(s >= laps * period, 1.0, 0.0) if laps > 0 else 0.0
+        path_time_s = np.where(at_end > 0.0, period, s - period * np.floor(s / period))
         x, y, psi = (np.interp(path_time_s, self.t_s, self.eta[:, i]) for i in range(3))
         nu = np.array(
             [
-                np.where(done > 0.0, 0.0, pace * np.interp(path_time_s, self.t_s, self.nu[:, i]))
+                np.where(at_end > 0.0, 0.0, pace * np.interp(path_time_s, self.t_s, self.nu[:, i]))
                 for i in range(3)
             ]
         )
-        return GuideState(start_ns), Reference(estimate.t_ns, np.array([x, y, wrap(psi)]), nu, done)
+        return GuideState(start_ns), Reference(estimate.t_ns, np.array([x, y, wrap(psi)]), nu, at_end)

@@ -29,12 +29,15 @@ MAX_SPAN_S = 20.0  # of the data, in the figure: the span with most motion
 
 
 def page_of_fit(
-    fit: Fit, truth: np.ndarray | None = None, held_out: "Validation | None" = None, ahead: Any = None
+    fit: Fit,
+    truth: np.ndarray | None = None,
+    held_out: "Validation | None" = None,
+    drive_forecast: Any = None,
 ) -> Page:
     """Return the page about a fit, with its raw data. A refused fit also has a page.
 
     `truth` (p,) is drawn beside the estimates.
-    `held_out` is the validation on other runs, `ahead` the forecast of drives.
+    `held_out` is the validation on other runs, `drive_forecast` the forecast of drives.
     """
     return Page(
         title=_("Fit of {name}", name=fit.file.name),
@@ -56,8 +59,8 @@ def page_of_fit(
         sections=[
             _next_step(fit, held_out),
             *(
-                [Section(_("Consequences for a drive"), "\n".join(texts(ahead.sentences)), [])]
-                if ahead
+                [Section(_("Consequences for a drive"), "\n".join(texts(drive_forecast.sentences)), [])]
+                if drive_forecast
                 else []
             ),
             *sections_of_fit(fit, truth, reasons=False),
@@ -122,7 +125,7 @@ def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
     if held_out is not None:
         sentences += [
             _("On held-out runs: {sentence}", sentence=with_full_stop(held_out.sentence)),
-            *(f"{message}." for message in texts(held_out.outside)),
+            *(f"{message}." for message in texts(held_out.range_notes)),
         ]
     advice = [message.figures["advice"] for message in fit.unobservable if "advice" in message.figures]
     if fit.verdict == Verdict.REFUSED:

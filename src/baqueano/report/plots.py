@@ -303,16 +303,16 @@ def plot_noise(result: Noise) -> "Figure":
 @with_style
 def plot_forecast(result: Forecast) -> "Figure":
     """Draw the standard deviation of the final position of each drive."""
-    figure, axes = panel((7.2, 0.5 * len(result.ahead) + 0.9))
-    rows = np.arange(len(result.ahead))[::-1]
+    figure, axes = panel((7.2, 0.5 * len(result.drives) + 0.9))
+    rows = np.arange(len(result.drives))[::-1]
     axes.barh(
-        rows, [100.0 * forecast.position_m for forecast in result.ahead], height=0.5, color=MODEL, alpha=0.6
+        rows, [100.0 * forecast.position_m for forecast in result.drives], height=0.5, color=MODEL, alpha=0.6
     )
     axes.set_yticks(
         rows,
         [
             f"{number(forecast.duration_s):.0f} s, {number(forecast.distance_m):.1f} m"
-            for forecast in result.ahead
+            for forecast in result.drives
         ],
     )
     axes.set_xlabel(_("position at the end, open loop [± cm]"))

@@ -94,19 +94,19 @@ class ReferenceLog(NamedTuple):
         Poses in the map.
     nu : ndarray (N, 3) [m/s, m/s, rad/s]
         Velocities in the body frame of the route.
-    done : ndarray (N,)
+    at_end : ndarray (N,)
         1.0 from the tick at which the guide finished [no unit].
 
     Examples
     --------
-    >>> ReferenceLog(np.array([0]), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1)).done
+    >>> ReferenceLog(np.array([0]), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1)).at_end
     array([0.])
     """
 
     t_ns: np.ndarray
     eta: np.ndarray
     nu: np.ndarray
-    done: np.ndarray
+    at_end: np.ndarray
 
     __repr__ = _short_repr
 

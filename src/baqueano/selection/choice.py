@@ -72,8 +72,8 @@ class TermResult(NamedTuple):
     verdict: Decision
     reason: Diagnostic | None  # the reason, if not only the values decided
     channel: ChannelLabel
-    without: float  # held-out error of that channel
-    with_: float
+    error_without: float  # held-out error of that channel
+    error_with: float
     gain: float  # relative fall of the held-out error of a block, mean over blocks
     gain_std: float
     errors: float  # the gain in its standard errors
@@ -93,7 +93,11 @@ class TermResult(NamedTuple):
         if self.verdict == Decision.TAKEN:
             details |= {"channel": self.channel.name, "unit": self.channel.unit}
             return note(
-                "choose.taken", subject=name, first_error=self.without, last_error=self.with_, **details
+                "choose.taken",
+                subject=name,
+                first_error=self.error_without,
+                last_error=self.error_with,
+                **details,
             )
         if self.verdict == Decision.DROPPED:
             return note("choose.dropped", subject=name, **part, **details)
@@ -106,8 +110,8 @@ class TermResult(NamedTuple):
         """Return the result as one flat row."""
         return {
             "term": self.term.name, "parameters": ", ".join(self.term.paths), "verdict": self.verdict,
-            "channel": self.channel.name, "unit": self.channel.unit, "error_without": self.without,
-            "error_with": self.with_, "gain": self.gain, "gain_std": self.gain_std,
+            "channel": self.channel.name, "unit": self.channel.unit, "error_without": self.error_without,
+            "error_with": self.error_with, "gain": self.gain, "gain_std": self.gain_std,
             "standard_errors": self.errors, "needed": self.required_errors, "estimate": list(self.estimate),
             "std": list(self.std), "one_step_without": self.one_step_without,
             "one_step_with": self.one_step_with, "text": text(self.message),
@@ -157,7 +161,7 @@ class Choice:
         """Return the table as text; `reported` is passed to the table of the fit."""
         rows = []
         for result in self.term_results:
-            errors = f"{number(result.without):.4g} → {number(result.with_):.4g}"
+            errors = f"{number(result.error_without):.4g} → {number(result.error_with):.4g}"
             one_step = f"{number(result.one_step_without):.4g} → {number(result.one_step_with):.4g}"
             label = f"{_(result.channel.name)} [{result.channel.unit}]"
             rows.append([_(result.term.name), _(result.verdict), errors, one_step, label])

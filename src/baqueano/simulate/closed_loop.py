@@ -251,7 +251,7 @@ def as_run(name: str, t_ns: np.ndarray, output: Tree, metadata: dict[str, str]) 
         sent_commands=record.sent_command.u,
         sensors=channels(t_ns, record.tick.sensors),
         estimate=EstimateLog(t_ns, est.eta, est.nu, est.cov, est.innovation, est.innovation_cov),
-        reference=ReferenceLog(t_ns, ref.eta, ref.nu, ref.done),
+        reference=ReferenceLog(t_ns, ref.eta, ref.nu, ref.at_end),
         truth=TruthLog(t_ns, truth.eta, truth.nu, truth.nu_dot),
         metadata=metadata,
     )
@@ -282,7 +282,7 @@ def tick_count_of(system: System, rate_hz: float) -> int:
 
 
 def _is_over(system: System, t_ns: int) -> bool:
-    return bool(sample_references(system, [0, t_ns])[-1].done > 0.0)
+    return bool(sample_references(system, [0, t_ns])[-1].at_end > 0.0)
 
 
 def sample_references(system: System, times_ns: Sequence[int]) -> list[Reference]:

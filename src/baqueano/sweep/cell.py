@@ -47,7 +47,7 @@ class SweepSettings(NamedTuple):
     # initial pose of the vehicle, relative to the route's first pose
     start: tuple[float, float, float] = 0.0, 0.0, 0.0
     alignment: str = "none"
-    over_s: float = 1.0
+    interval_s: float = 1.0
     backend: str = "auto"
 
 
@@ -71,7 +71,7 @@ def do_job(job: SweepJob) -> SweepDrive:
     except SafetyStop as error:  # before its first tick
         return SweepDrive(job.cell, job.drive, {}, {}, error.diagnostic.code)
     s, reason = job.settings, stop_reason_of(run)
-    figures, pieces = drive_figures(run, s.laps, s.alignment, s.over_s)
+    figures, pieces = drive_figures(run, s.laps, s.alignment, s.interval_s)
     return SweepDrive(job.cell, job.drive, figures, pieces, "" if reason is None else reason.code)
 
 

@@ -35,7 +35,7 @@ LOOP_ROLES = ("estimator", "controller", "guide")
 
 @checked_call('bq.sweep(robot, routes=route, controllers=["pd", "lqr"])')
 def sweep(
-    over: "VehicleFile | Run | str | Sequence[VehicleFile | Run | str]",
+    subjects: "VehicleFile | Run | str | Sequence[VehicleFile | Run | str]",
     routes: "Route | Sequence[Route] | dict[str, Route]" = (),
     *,
     estimators: "OwnBlock | Sequence[OwnBlock] | dict[str, OwnBlock]" = (),
@@ -54,7 +54,7 @@ def sweep(
 
     Parameters
     ----------
-    over : VehicleFile, Run, str, or sequence of them
+    subjects : VehicleFile, Run, str, or sequence of them
         Vehicles, which are simulated as by `repeat`; or recorded runs, for which only estimators can vary.
     routes : Route, sequence or dict of Route
         The routes of the vehicles; a dict gives their names.
@@ -77,8 +77,8 @@ def sweep(
     advance : callable, optional
         A function that is called with the number of drives that have just finished.
     **settings : object
-        `laps`; `start` (3,) [m, m, rad] of the vehicle, relative to the route's first pose; `alignment` and `over_s`
-        [s] as in `compare`; `backend`.
+        `laps`; `start` (3,) [m, m, rad] of the vehicle, relative to the route's first pose; `alignment` and
+        `interval_s` [s] as in `compare`; `backend`.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def sweep(
     >>> [row["cell"] for row in result.cells()], len(result.drives)
     (['kanayama', 'lqr'], 2)
     """
-    subjects = [load(subject) if isinstance(subject, str) else subject for subject in _as_list(over)]
+    subjects = [load(subject) if isinstance(subject, str) else subject for subject in _as_list(subjects)]
     blocks_by_role = {
         role: blocks if isinstance(blocks, dict) else _as_list(blocks)
         for role, blocks in zip(LOOP_ROLES, (estimators, controllers, guides), strict=True)
@@ -138,8 +138,8 @@ def _checked_settings(settings: dict) -> SweepSettings:
     conditions = SweepSettings(**settings)
     if conditions.alignment not in ALIGNMENTS:
         raise UsageError(fault("compare.alignment", value=conditions.alignment, valid=ALIGNMENTS))
-    if not (conditions.laps >= 1 and conditions.over_s > 0.0):
-        raise UsageError(fault("sweep.numbers", laps=conditions.laps, over_s=conditions.over_s))
+    if not (conditions.laps >= 1 and conditions.interval_s > 0.0):
+        raise UsageError(fault("sweep.numbers", laps=conditions.laps, interval_s=conditions.interval_s))
     start = tuple(conditions.start)
     if len(start) != 3 or not np.all(np.isfinite(start)):
         raise UsageError(fault("simulate.pose", name="start", value=str(list(start))))

@@ -83,7 +83,7 @@ class Forecast(Result):
 
     Parameters
     ----------
-    ahead : tuple of DriveForecast
+    drives : tuple of DriveForecast
         Each drive, and the standard deviations of the pose at its end [m, rad].
     notes : tuple of Diagnostic or str
         Errors that the forecast does not contain.
@@ -95,20 +95,20 @@ class Forecast(Result):
     0.02
     """
 
-    ahead: tuple[DriveForecast, ...]
+    drives: tuple[DriveForecast, ...]
     notes: tuple[Diagnostic | str, ...]
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per drive, in SI units."""
         return [
             drive._asdict() | {"drive": text(drive.drive), "text": text(drive.message)}
-            for drive in self.ahead
+            for drive in self.drives
         ]
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """Return a sentence per drive, then the errors that the forecast does not contain."""
-        return (*texts(drive.message for drive in self.ahead), *map(with_full_stop, texts(self.notes)))
+        return (*texts(drive.message for drive in self.drives), *map(with_full_stop, texts(self.notes)))
 
     def table(self) -> str:
         """Return the sentences as text."""
@@ -156,7 +156,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     >>> small = bq.load("small")
     >>> run = bq.simulate(small, random_steps(small.command.limit, 30.0, small.rate_hz, 1))
     >>> prediction = forecast(identify(run, small, ["model.actuator_matrix[0,0]", "model.friction.linear[0]"]), run)
-    >>> len(prediction.ahead), prediction.ahead[0].position_m < 0.1
+    >>> len(prediction.drives), prediction.drives[0].position_m < 0.1
     (2, True)
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)

@@ -85,7 +85,7 @@ class Validation(Result):
         Residuals of each channel of each run, for the figure.
     messages : tuple of Diagnostic
         Evidence against the model, and reasons why a test is not possible.
-    outside : tuple of Diagnostic
+    range_notes : tuple of Diagnostic
         Runs that leave the range of motion of the fit.
     basis : Diagnostic
         Horizon of the simulation [s], and the number of independent segments of motion.
@@ -103,7 +103,7 @@ class Validation(Result):
     figures: tuple[ChannelMetrics, ...]
     channels: tuple[ChannelFit, ...]
     messages: tuple[Diagnostic, ...]
-    outside: tuple[Diagnostic, ...]
+    range_notes: tuple[Diagnostic, ...]
     basis: Diagnostic
 
     @property
@@ -137,7 +137,7 @@ class Validation(Result):
         )  # fmt: skip
         lines = text_table("<<><>>>", head, *rows)
         return "\n".join(
-            [*lines, *(_("note: {note}", note=text(message)) for message in self.outside), self.sentence]
+            [*lines, *(_("note: {note}", note=text(message)) for message in self.range_notes), self.sentence]
         )
 
 

@@ -4,17 +4,17 @@ from baqueano.vehicles.car import Car
 from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState
 from baqueano.vehicles.effort import Effort, constant_effort
 from baqueano.vehicles.friction import Friction
-from baqueano.vehicles.from_acceleration import FromAcceleration
+from baqueano.vehicles.from_acceleration import AccelerationModel
 from baqueano.vehicles.kinematic import Kinematic
 from baqueano.vehicles.planar import Planar
 from baqueano.vehicles.state import Vehicle, VehicleState
 
 __all__ = [
+    "AccelerationModel",
     "Car",
     "Drivetrain",
     "Effort",
     "Friction",
-    "FromAcceleration",
     "Kinematic",
     "Planar",
     "Vehicle",

@@ -26,7 +26,7 @@ from baqueano.vehicles.state import VehicleState, end_of_tick
 
 @document
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FromAcceleration:
+class AccelerationModel:
     """Base of a vehicle whose subclass defines `nu_dot`; the other methods follow from it.
 
     Parameters
@@ -41,7 +41,7 @@ class FromAcceleration:
 
     Examples
     --------
-    >>> class Puck(FromAcceleration):
+    >>> class Puck(AccelerationModel):
     ...     def nu_dot(self, nu, effort, psi=0.0):
     ...         return 2.0 * effort - nu
     >>> _, motion = Puck().step(Puck().init(), np.array([1.0, 0.0, 0.0]), 0.1, np.zeros(3))

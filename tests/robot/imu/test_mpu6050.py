@@ -132,7 +132,7 @@ def test_close_puts_the_chip_to_sleep(started):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("values", "message"),
     [
         ({"rate_hz": 150}, "rate_hz = 150: expected one of 4, 5, 8, 10"),
         ({"filter": 0}, "filter = 0: expected one of 1, 2, 3, 4, 5, 6"),
@@ -143,9 +143,9 @@ def test_close_puts_the_chip_to_sleep(started):
         ({"axes": ("x", "y")}, "forward, left and up"),
     ],
 )
-def test_settings_that_no_chip_supports_are_refused(wrong, message):
+def test_settings_that_no_chip_supports_are_refused(values, message):
     with pytest.raises(UsageError, match="IMU") as error:
-        ImuSettings(**wrong)
+        ImuSettings(**values)
     assert message in str(error.value)
 
 

@@ -24,12 +24,12 @@ def looks(ppm, seconds, rng, jitter_s, rate_hz=200.0, every_s=0.01):
 def test_errors_of_period_and_phase_are_within_their_stated_bounds(ppm, jitter_s, seed):
     samples, period, phase = looks(ppm, 15.0, np.random.default_rng(seed), jitter_s)
     clock = SampleClock(5e6)
-    for n, (newest, before, after) in enumerate(samples):
-        clock.add_reading(newest, before, after)
+    for n, (last_sample, before, after) in enumerate(samples):
+        clock.add_reading(last_sample, before, after)
         assert abs(clock.rate_hz - 1e9 / period) <= clock.rate_error_hz * 1.001 + 1e-6 or n < 100
-        stamp = clock.stamps(newest, 1)[0]
+        stamp = clock.stamps(last_sample, 1)[0]
         if n > 300:
-            assert abs(stamp - (phase + period * newest)) <= clock.phase_error_ns + 0.2e6
+            assert abs(stamp - (phase + period * last_sample)) <= clock.phase_error_ns + 0.2e6
     assert clock.slips == 0
     assert clock.rate_hz == pytest.approx(1e9 / period, rel=150e-6)
 
@@ -37,9 +37,9 @@ def test_errors_of_period_and_phase_are_within_their_stated_bounds(ppm, jitter_s
 def test_the_sample_phase_is_estimated_to_a_hundredth_of_a_period():
     samples, period, phase = looks(8_000, 20.0, np.random.default_rng(3), 1e-4)
     clock, errors = SampleClock(5e6), []
-    for newest, before, after in samples:
-        clock.add_reading(newest, before, after)
-        errors.append(clock.stamps(newest, 1)[0] - (phase + period * newest))
+    for last_sample, before, after in samples:
+        clock.add_reading(last_sample, before, after)
+        errors.append(clock.stamps(last_sample, 1)[0] - (phase + period * last_sample))
     assert np.std(errors[500:]) < 50e3
     assert np.max(np.abs(errors[500:])) < 200e3
 
@@ -55,10 +55,10 @@ def test_the_phase_stays_unknown_if_polling_is_synchronous_with_the_chip():
 def test_lost_samples_are_detected_and_the_clock_estimate_recovers():
     samples, period, phase = looks(5_000, 20.0, np.random.default_rng(6), 1e-4)
     clock, errors = SampleClock(5e6), []
-    for n, (newest, before, after) in enumerate(samples):
+    for n, (last_sample, before, after) in enumerate(samples):
         count_lost = 3 if n >= 1000 else 0
-        clock.add_reading(newest - count_lost, before, after)
-        errors.append(clock.stamps(newest - count_lost, 1)[0] - (phase + period * newest))
+        clock.add_reading(last_sample - count_lost, before, after)
+        errors.append(clock.stamps(last_sample - count_lost, 1)[0] - (phase + period * last_sample))
     assert clock.slips >= 1
     assert np.max(np.abs(errors[1300:])) < 0.3e6
     assert clock.rate_hz == pytest.approx(1e9 / period, rel=1e-4)
@@ -67,10 +67,10 @@ def test_lost_samples_are_detected_and_the_clock_estimate_recovers():
 def test_samples_lost_directly_after_the_start_are_detected():
     samples, period, phase = looks(5_000, 5.0, np.random.default_rng(9), 1e-4)
     clock, errors = SampleClock(5e6), []
-    for n, (newest, before, after) in enumerate(samples):
+    for n, (last_sample, before, after) in enumerate(samples):
         count_lost = 2 if n >= 4 else 0
-        clock.add_reading(newest - count_lost, before, after)
-        errors.append(clock.stamps(newest - count_lost, 1)[0] - (phase + period * newest))
+        clock.add_reading(last_sample - count_lost, before, after)
+        errors.append(clock.stamps(last_sample - count_lost, 1)[0] - (phase + period * last_sample))
     assert clock.slips >= 1
     assert np.max(np.abs(errors[200:])) < 0.5e6
     assert clock.rate_hz == pytest.approx(1e9 / period, rel=1e-3)
@@ -78,24 +78,24 @@ def test_samples_lost_directly_after_the_start_are_detected():
 
 def test_a_slow_clock_drift_is_tracked():
     rng = np.random.default_rng(7)
-    clock, sample, newest, period, errors = SampleClock(5e6), 2e6, 0, 5e6 * 0.99, []
+    clock, sample, last_sample, period, errors = SampleClock(5e6), 2e6, 0, 5e6 * 0.99, []
     for i in range(6000):
         look = 10_000_000 * (i + 1) + round(rng.exponential(1e5))
         while sample + period <= look:
             sample += period
-            newest += 1
+            last_sample += 1
             period *= 1.0 + 3e-6 * 5e-3  # 3 ppm a second: 180 ppm in the minute
-        clock.add_reading(newest, look - 100_000, look + 100_000)
-        errors.append(clock.stamps(newest, 1)[0] - sample)
+        clock.add_reading(last_sample, look - 100_000, look + 100_000)
+        errors.append(clock.stamps(last_sample, 1)[0] - sample)
     assert np.max(np.abs(errors[300:])) < 0.3e6
 
 
 def test_timestamps_increase_by_about_one_period_during_phase_estimation():
     samples, period, _ = looks(-20_000, 5.0, np.random.default_rng(8), 1e-3)
     clock, stamps, last_ns = SampleClock(5e6), [], samples[0][0]
-    for newest, before, after in samples:
-        clock.add_reading(newest, before, after)
-        stamps += clock.stamps(last_ns + 1, newest - last_ns)
-        last_ns = newest
+    for last_sample, before, after in samples:
+        clock.add_reading(last_sample, before, after)
+        stamps += clock.stamps(last_ns + 1, last_sample - last_ns)
+        last_ns = last_sample
     steps = np.diff(stamps) / period
     assert 0.85 < steps.min() <= steps.max() < 1.15

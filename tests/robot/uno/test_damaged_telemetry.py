@@ -55,12 +55,12 @@ def drawn_frames(complete, rng):
     return complete[rng.integers(len(complete), size=EACH)]
 
 
-def flip_bits(frames, rng, most):
+def flip_bits(frames, rng, max_flips):
     """Invert 1 to `most` different bits."""
-    spare = 8 * (frames.shape[1] - 2) - most
-    places = 8 + np.sort(rng.integers(spare + 1, size=(EACH, most)), axis=1) + np.arange(most)
-    count, rows = rng.integers(1, most + 1, EACH), np.arange(EACH)
-    for k in range(most):
+    spare = 8 * (frames.shape[1] - 2) - max_flips
+    places = 8 + np.sort(rng.integers(spare + 1, size=(EACH, max_flips)), axis=1) + np.arange(max_flips)
+    count, rows = rng.integers(1, max_flips + 1, EACH), np.arange(EACH)
+    for k in range(max_flips):
         rows_k = rows[count > k]
         frames[rows_k, places[rows_k, k] // 8] ^= (1 << places[rows_k, k] % 8).astype(np.uint8)
     return frames

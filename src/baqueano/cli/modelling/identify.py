@@ -166,7 +166,9 @@ def command(
     if report:
         from baqueano.report.fit_report import page_of_fit
 
-        report.write(lambda: page_of_fit(fit, held_out=validation, ahead=drive_forecast), reproducible=True)
+        report.write(
+            lambda: page_of_fit(fit, held_out=validation, drive_forecast=drive_forecast), reproducible=True
+        )
     if progress_line.stopped:
         raise Interruption(fault("cli.fit-interrupted"))
     _check_verdicts(fit, validation, update, report.page)
@@ -242,7 +244,9 @@ def _extra_rows(fit: "Fit", validation: Any) -> list["TableRow"]:
     per_run_rows = [row for row in fit.run_by_run() if is_requested(row["name"])]
     if validation is None:
         return per_run_rows
-    reasons, outside_rows = (list(map(json_row, table)) for table in (validation.reasons, validation.outside))
+    reasons, outside_rows = (
+        list(map(json_row, table)) for table in (validation.reasons, validation.range_notes)
+    )
     summary = {
         "verdict": validation.verdict, "sentence": validation.sentence, "reasons": reasons, "outside": outside_rows,
     }  # fmt: skip

@@ -78,7 +78,7 @@ class Caution(Observer):
                 return note("caution.uncertain", Severity.WARNING, std_m=std_m, max_m=self._max_std_m), True
         if not record.sensor_findings:
             return None, False
-        findings = [finding for finding in record.sensor_findings if finding.wrong_part != MODEL]
+        findings = [finding for finding in record.sensor_findings if finding.faulty_part != MODEL]
         return merge_diagnostics(finding.diagnostic for finding in findings), any(
-            finding.wrong_part == SENSOR for finding in findings
+            finding.faulty_part == SENSOR for finding in findings
         )

@@ -74,7 +74,7 @@ def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
 def remarks(e: Evidence) -> list[Diagnostic]:
     """Return notes that do not change the verdict. `e.bound` marks parameters that can be at a bound by chance."""
     notes = _findings_of(e, Severity.INFO)
-    notes += unlike_runs(e.runs_of_channel, hardly=True)
+    notes += unlike_runs(e.runs_of_channel, small=True)
     notes += [_at_bound(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
     for label, (n, highs, lows) in zip(_labels(e), _outlier_counts(e), strict=True):
         outlier_share = (highs + lows) / max(n, 1)
@@ -160,7 +160,7 @@ def _warnings(e: Evidence) -> list[Diagnostic]:
         names = ", ".join(e.names[k].removeprefix("model.") for k in np.flatnonzero(e.poorly_identified))
         warnings.append(note("fit.poor", WARNING, names=names))
         warnings += e.weak_reasons
-    warnings += unlike_runs(e.runs_of_channel, hardly=False)
+    warnings += unlike_runs(e.runs_of_channel, small=False)
     if e.unobservable:
         warnings.append(note("fit.unidentifiable", WARNING, count=len(e.unobservable)))
     subjects = {message.subject for message in e.messages if message.code == "residual.autocorrelated"}
@@ -282,8 +282,8 @@ def sum_of_runs(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
     return ChannelOfRun("", squares, moved2, samples)
 
 
-def unlike_runs(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[Diagnostic]:
-    """Return findings on runs that are unlike the model in a channel that other runs support. If `hardly`, these are
+def unlike_runs(channels: dict[str, list[ChannelOfRun]], small: bool) -> list[Diagnostic]:
+    """Return findings on runs that are unlike the model in a channel that other runs support. If `small`, these are
     runs that moved by less than the model's error in the other runs. Otherwise they are runs that moved more and
     differ significantly."""
     findings = []
@@ -294,11 +294,11 @@ def unlike_runs(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[D
         total, outliers = sum_of_runs(like_runs), []
         for channel in (channel for channel in runs if channel.contradicts_model):
             is_quiet = channel.signal_squares * total.samples <= total.squares * channel.samples
-            if is_quiet == hardly and (hardly or _is_significantly_larger(channel, like_runs, len(runs))):
+            if is_quiet == small and (small or _is_significantly_larger(channel, like_runs, len(runs))):
                 outliers.append(channel.run)
         if outliers:
             code, severity = (
-                ("runs.little-motion", Severity.INFO) if hardly else ("runs.unlike-model", Severity.WARNING)
+                ("runs.little-motion", Severity.INFO) if small else ("runs.unlike-model", Severity.WARNING)
             )
             run_names = ", ".join(outliers[:MAX_NAMED_RUNS]) + ", …" * (len(outliers) > MAX_NAMED_RUNS)
             findings.append(

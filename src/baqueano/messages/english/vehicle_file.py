@@ -124,7 +124,7 @@ TEMPLATES: dict[str, str] = {
     "vehicle.refused": "{block} does not accept {place}: {error}",
     "vehicle.not-built": "{place} cannot be built: {block} raised {error}.",
     "vehicle.lacks-members": (
-        "{place}: {block} lacks {names}, which a vehicle needs. Inherit from baqueano.vehicles.FromAcceleration, and "
+        "{place}: {block} lacks {names}, which a vehicle needs. Inherit from baqueano.vehicles.AccelerationModel, and "
         "write nu_dot."
     ),
     "vehicle.block-not-table": "{place} is not a table: write [{table}] on a line of its own, and its keys below it.",

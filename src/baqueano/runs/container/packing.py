@@ -64,10 +64,10 @@ class Packing:
         self.put(topic.id, t_ns, data, t_ns, True)
         self._pose("/estimate/pose", t_ns, pose)
 
-    def reference(self, t_ns: int, eta: object, nu: object, done: float) -> None:
+    def reference(self, t_ns: int, eta: object, nu: object, at_end: float) -> None:
         """Pack the reference pose and velocity."""
         topic, pose = self.file.fixed_topic("/reference"), np.asarray(eta, dtype=float).tolist()
-        values = [*pose, *np.asarray(nu, dtype=float).tolist(), float(done)]
+        values = [*pose, *np.asarray(nu, dtype=float).tolist(), float(at_end)]
         self.put(topic.id, t_ns, topic.pack(t_ns, *values), t_ns, True)
         self._pose("/reference/pose", t_ns, pose)
 

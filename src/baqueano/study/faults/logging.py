@@ -43,8 +43,8 @@ def resample(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> R
     sensors = {}
     for name, c in run.sensors.items():
         t = (c.t_ns - c.t_ns[0]) * 1e-9
-        seldom = np.arange(0.0, t[-1], np.median(np.diff(t)) / rng.uniform(0.5, 0.9))
-        z = [np.interp(t, seldom, np.interp(seldom, t, column)) for column in c.z.T]
+        sparse_t = np.arange(0.0, t[-1], np.median(np.diff(t)) / rng.uniform(0.5, 0.9))
+        z = [np.interp(t, sparse_t, np.interp(sparse_t, t, column)) for column in c.z.T]
         sensors[name] = c._replace(z=np.stack(z, axis=1))
     return replace(run, sensors=sensors)
 

@@ -136,33 +136,35 @@ def initial_file(robot: Robots) -> VehicleFile:
 
 def _robot_outcomes(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
     robots = [draw_robot(seed) for seed in job.seeds]
-    us = [_steps(initial_file(q), seed, job.duration_s) for q, seed in zip(robots, job.seeds, strict=True)]
-    t_ns, n = tick_times(len(us[0]), 100.0), len(robots)
+    signals = [
+        _steps(initial_file(q), seed, job.duration_s) for q, seed in zip(robots, job.seeds, strict=True)
+    ]
+    t_ns, n = tick_times(len(signals[0]), 100.0), len(robots)
     drives: dict[str, GroupDrive] = {}
     bounds: list[dict[str, float]] = [{}] * n
     if set(cases) & set(CASES_WITH_BOUND):
-        bounds = _bounds(robots, us, t_ns)
+        bounds = _bounds(robots, signals, t_ns)
     if "clean" in cases or "wrong start" in cases:
         drives = dict.fromkeys(
-            ("clean", "wrong start"), drive_group(merge(robots), _columns(us), job.seeds, t_ns)
+            ("clean", "wrong start"), drive_group(merge(robots), _columns(signals), job.seeds, t_ns)
         )
     if any("floor" in case for case in cases):
         group = [q.with_parameters(floor=np.array([FLOOR_NOISE])) for q in robots]
         drives |= dict.fromkeys(
-            ("floor", "floor, innovations"), drive_group(merge(group), _columns(us), job.seeds, t_ns)
+            ("floor", "floor, innovations"), drive_group(merge(group), _columns(signals), job.seeds, t_ns)
         )
     if "low-passed" in cases:
         filtered_robots = [_low_pass(q) for q in robots]
-        drives["low-passed"] = drive_group(merge(filtered_robots), _columns(us), job.seeds, t_ns)
+        drives["low-passed"] = drive_group(merge(filtered_robots), _columns(signals), job.seeds, t_ns)
     if "rough" in cases:
-        drives["rough"] = _drive_irregularly(robots, us, job.seeds, t_ns)
+        drives["rough"] = _drive_irregularly(robots, signals, job.seeds, t_ns)
     outcomes: list[TrialOutcome] = []
     for k in range(n):
         clean: Fit | None = None
         for case in cases:
             q = robots[k] if case != "rough" else _with_coarse_readings(robots[k])
             run = run_of_vehicle(
-                drives[case], k, us[k], initial_file(q), f"robot {job.seeds[k]}", job.seeds[k]
+                drives[case], k, signals[k], initial_file(q), f"robot {job.seeds[k]}", job.seeds[k]
             )
             fit = _fit(run, q, case, job.seeds[k], job.backend)
             clean = fit if case == "clean" else clean
@@ -185,24 +187,24 @@ def _fit(run: Run, q: Robots, case: str, seed: int, backend: str) -> Fit:
     )
 
 
-def _bounds(robots: list[Robots], us: list[np.ndarray], t_ns: np.ndarray) -> list[dict[str, float]]:
+def _bounds(robots: list[Robots], signals: list[np.ndarray], t_ns: np.ndarray) -> list[dict[str, float]]:
     """Return the Cramér-Rao bounds of each robot, by parameter."""
     copies = [perturbed_copies(q) for q in robots]
-    u = np.repeat(_columns(us), len(copies[0].mass_kg), axis=1)
+    u = np.repeat(_columns(signals), len(copies[0].mass_kg), axis=1)
     noiseless = readings_without_noise(merge(copies), u, t_ns, BOUND_STEP_S)
     readings_by_robot = np.split(noiseless, len(robots), axis=1)
     return [cramer_rao_bound(readings, q) for readings, q in zip(readings_by_robot, robots, strict=True)]
 
 
 def _drive_irregularly(
-    robots: list[Robots], us: list[np.ndarray], seeds: Sequence[int], t_ns: np.ndarray
+    robots: list[Robots], signals: list[np.ndarray], seeds: Sequence[int], t_ns: np.ndarray
 ) -> GroupDrive:
     """Return the drives of robots whose logger samples at irregular times."""
     jitter_s = (
         np.random.default_rng(41).normal(0.0, JITTER_S, len(t_ns)).clip(-3.0 * JITTER_S, 3.0 * JITTER_S)
     )
     irregular = t_ns + np.round(1e9 * jitter_s).astype(np.int64)
-    return drive_group(merge([_with_coarse_readings(q) for q in robots]), _columns(us), seeds, irregular)
+    return drive_group(merge([_with_coarse_readings(q) for q in robots]), _columns(signals), seeds, irregular)
 
 
 def _with_coarse_readings(q: Robots) -> Robots:
@@ -241,11 +243,15 @@ def _wrong_start(vehicle_file: VehicleFile, seed: int) -> dict[str, float]:
 def _car_outcomes(job: TrialJob, case: str) -> list[TrialOutcome]:
     cars = [draw_car(seed, case) for seed in job.seeds]
     files = [car_file(q) for q in cars]
-    us = [_car_steps(seed, files[0].rate_hz, job.duration_s, STEERING_AMPLITUDE[case]) for seed in job.seeds]
-    drive = drive_group(merge(cars), _columns(us), job.seeds, tick_times(len(us[0]), files[0].rate_hz))
+    signals = [
+        _car_steps(seed, files[0].rate_hz, job.duration_s, STEERING_AMPLITUDE[case]) for seed in job.seeds
+    ]
+    drive = drive_group(
+        merge(cars), _columns(signals), job.seeds, tick_times(len(signals[0]), files[0].rate_hz)
+    )
     outcomes = []
     for k, seed in enumerate(job.seeds):
-        run = run_of_vehicle(drive, k, us[k], files[k], f"car {seed}", seed)
+        run = run_of_vehicle(drive, k, signals[k], files[k], f"car {seed}", seed)
         fit = identify(run, files[k], FREE_CAR_ON_TYRES, options=FitOptions(backend=job.backend))
         outcomes.append(_outcome(case, seed, fit, car_values(cars[k]), {}, None))
     return outcomes
@@ -323,5 +329,5 @@ def _car_steps(seed: int, rate_hz: float, duration_s: float, lock: float) -> np.
     return u
 
 
-def _columns(us: Sequence[np.ndarray]) -> np.ndarray:
-    return np.stack(us, axis=1)
+def _columns(signals: Sequence[np.ndarray]) -> np.ndarray:
+    return np.stack(signals, axis=1)

@@ -90,7 +90,7 @@ TEMPLATES: dict[str, str] = {
         "{place}: {subject} gives another command when the whole map is moved and turned. Use "
         "geometry.pose_error, the error in the frame of the vehicle."
     ),
-    "check.done": "{place}: {subject} gives done = {value}: expected 1.0 at the end of the route, else 0.0.",
+    "check.at-end": "{place}: {subject} gives at_end = {value}: expected 1.0 at the end of the route, else 0.0.",
     "check.nan-output": "{place}: {subject} outputs {u} after a NaN in {signal}: expected zeros.",
     "check.stop-not-latched": (
         "{place}: {subject} lets the vehicle drive again by itself after a NaN in {signal}: a stop is final."

@@ -11,7 +11,9 @@ TEMPLATES: dict[str, str] = {
         "vehicle is at most {gap_cm:.1f} cm from the point at which this lap began."
     ),
     "compare.no-runs": "A comparison needs one or more runs. For example, type: {type[baqueano compare last]}",
-    "compare.times": "over_s = {over_s:g} s, skip_s = {skip_s:g} s: expected over_s above 0, skip_s at least 0.",
+    "compare.times": (
+        "interval_s = {interval_s:g} s, skip_s = {skip_s:g} s: expected interval_s above 0, skip_s at least 0."
+    ),
     "compare.names": "names contains {names} names for {runs} runs or fits: expected one for each.",
     "lab.scipy-for-bands": "scipy is not installed, and the χ² bands need it. Type: {fix}",
     "forecast.no-covariance": (

@@ -21,7 +21,7 @@ TEMPLATES: dict[str, str] = {
     "sweep.setting": "{call}() does not accept {value}. {suggestion}.",
     "sweep.seeds": "seeds = {value}: expected several whole numbers, such as range(10).",
     "sweep.numbers": (
-        "The sweep received {laps} laps and a span of {over_s:g} s. Expected 1 lap or more, and more than "
+        "The sweep received {laps} laps and a span of {interval_s:g} s. Expected 1 lap or more, and more than "
         "0 s."
     ),
     "sweep.nothing": (
