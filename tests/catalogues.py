@@ -24,6 +24,7 @@ from baqueano.cli import SUBCOMMANDS, baqueano, command_of
 from baqueano.identify.parameters.free import AXIS_NAMES, ORDINALS
 from baqueano.messages import templates
 from baqueano.messages.language import CATALOGUES, DOMAIN, LANGUAGES
+from baqueano.project.folder import BLOCK_TEXT
 from docs.site.reference import catalogue_file, texts_to_translate
 
 SOURCE = CATALOGUES.parent
@@ -57,7 +58,8 @@ def required_catalogue() -> Catalog:
         for words in words_in(path):
             catalogue.add(words)
     for path in sorted((SOURCE / "project").glob("my_*.py")):
-        catalogue.add(path.read_text(encoding="utf-8").split('"""')[1])  # as `baqueano new` writes it
+        for words in BLOCK_TEXT.findall(path.read_text(encoding="utf-8")):  # as `baqueano new` writes it
+            catalogue.add(words)
     for path in sorted((SOURCE / "project" / "guesses").glob("*.toml")):
         for words in COMMENT.findall(path.read_text(encoding="utf-8")):
             catalogue.add("".join(words))

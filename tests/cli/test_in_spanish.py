@@ -256,6 +256,8 @@ def test_files_of_a_new_project_have_spanish_comments(in_lab, capsys):
     assert "Ejecute las celdas" in texts["first_evening.ipynb"]
     for name in ("my_estimator.py", "my_guide.py", "my_controller.py"):
         assert "Funciona sin cambios." in texts[name]
+        assert "Devuelve " in texts[name]
+        assert not re.search(r"\b(Return|the|a guess)\b", texts[name])
         compile(texts[name], name, "exec")
 
 

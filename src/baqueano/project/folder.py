@@ -24,6 +24,8 @@ GUESS_FOLDER = Path(__file__).parent / "guesses"
 TRUTH_FILE = "simulated.toml"
 GUESS_ERROR_STD = 0.15  # standard deviation of ln(true value / guess) in a simulation
 FITTED_ROLES = ("fitted", "gain", "term", "rolling")  # roles of parameters
+# the docstrings and the comments of a block, which are written in the current language
+BLOCK_TEXT = re.compile(r'(?<=""")(?=\S)[^"]+(?=""")|(?<=# ).+')
 GUESS_TEMPLATE = """{text}
 
 # {advice}
@@ -76,10 +78,8 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
     vehicle_file.save(folder / "vehicle.toml")
     for block in BLOCKS:
         text = files("baqueano.project").joinpath(block).read_text(encoding="utf-8")
-        description = text.split('"""')[1]
-        (folder / block).write_text(
-            text.replace(description, _(description), 1), encoding="utf-8", newline="\n"
-        )
+        text = BLOCK_TEXT.sub(lambda match: _(match[0]), text)
+        (folder / block).write_text(text, encoding="utf-8", newline="\n")
     (folder / NOTEBOOK).write_text(notebook(folder.name), encoding="utf-8", newline="\n")
     return folder
 
