@@ -1,18 +1,18 @@
 """Base of the controllers with a model: a law requests a velocity, and the model computes the command for it.
 
     η_p = η + J(ψ + ½ Δ_ψ) Δ,    Δ = D (½ (ν_1 + ν_2) + d) + λ ν_f     the pose when a present command acts (1)
-    ν̇_m: the model at ε,    ½ D ν̇_1 = ν_m − ν_1,    ½ D ν̇_2 = ν_1 − ν_2,    4 T ḋ = ν − ν_2 − d           (1a)
+    ν̇_m: the model at ε,    ½ D ν̇_1 = ν_m − ν_1,    ½ D ν̇_2 = ν_1 − ν_2,    8 T ḋ = ν − ν_2 − d           (1a)
     e = J(ψ_p)⁻¹ (η_r − η_p) + b (1 − cos e_χ, − sin e_χ, 0),    e_χ = ψ_r + β_r − ψ_p − β_f              (2)
     λ ν̇_f = ν_r − ν_f                                       a reference without jumps                     (3)
-    v_w = v + v_i,   |v| ≤ |v_f| + v_c,   v̇_i = k_i e_x,   ω_w = ω       v, ω: the law at e, e_χ and ν_f  (4)
+    v_w = v + v_i,   |v| ≤ |v_f| + v_c,   v̇_i = k_i e_x,   ω_w = ω + ω_i,   4 T ω̇_i = −(d_ψ + ω_i)        (4)
     u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f                                      (5)
 
-η, ν: pose and velocity; index r: reference; e_χ: error of the course; β = atan(ν_y / ν_x); ν_w = (v_w, ω_w). A vehicle
-is D = delay + lag behind its command, T = D + λ behind its reference. (1) is a filtered Smith predictor. ν_y of ν_f is
-that of ν_2 + d at the yaw rate of ν_f. (2) is the error of the centre of turning, b behind the origin: with errors of
-the origin, a car in reverse is unstable. (5) inverts friction, actuator matrix, unequal wheels and dead zone, so weak
-feedback (4) is enough. (5) is one Newton step per tick. If a wheel reaches its limit, the turn has priority. Use an
-identified model: a guessed dead zone causes a wrong speed. docs/derivations/pd_feedforward.md derives all equations.
+η, ν: pose and velocity; index r: reference; v, ω: the law at e, e_χ (error of the course) and ν_f; β = atan(ν_y / ν_x);
+ν_w = (v_w, ω_w). A vehicle is D = delay + lag behind its command, T = D + λ behind its reference. (1) is a filtered
+Smith predictor, d its model error. ν_y of ν_f is that of ν_2 + d at the yaw rate of ν_f. (2) is the error of the centre
+of turning, b behind the origin: with errors of the origin, a car in reverse is unstable. (5) inverts friction, actuator
+matrix, unequal wheels and dead zone, in one Newton step per tick, so weak feedback (4) is enough: v_i and ω_i remove
+the steady errors of the model. At a limit, the turn has priority. docs/derivations/pd_feedforward.md derives this page.
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,9 @@ from baqueano.vehicles.state import DynamicVehicle, Vehicle
 
 SMOOTHING_S = 0.08  # λ: a corner of 1.5 rad/s costs a tenth of full command
 MAX_ACCELERATION = np.array([1.0, 1.0, 20.0])  # of ν_f: a start does not need the whole command
-MAX_INTEGRAL_SHARE = 0.5  # largest integral, as a share of the reference speed
+MODEL_ERROR_RATIO, INTEGRAL_RATIO = 8.0, 4.0  # time constants of d and ω_i, as multiples of T
+MAX_INTEGRAL_SHARE = 0.5  # largest integrals v_i and ω_i, as a share of ν_f
+MAX_CURVATURE_ERROR_1_M = 1.0  # of a straight drive, for ω_i
 MAX_ALONG_ERROR_M = 0.3  # limit of e_x: a larger error does not increase the requested speed
 MAX_CATCH_UP_M_S = 0.3  # v_c, however large the gains are
 MAX_APPROACH_RAD = 1.0  # largest angle between course and path when a law approaches from far
@@ -54,8 +56,8 @@ class FollowerState(NamedTuple):
         Time of the last tick; -1 before the first.
     nu : ndarray (3,) [m/s, m/s, rad/s]
         ν_f, the reference without jumps, in the body frame.
-    integral_v : float [m/s]
-        Integral part of the requested speed: k_i times the integral of e_x.
+    integral : ndarray (2,) [m/s, rad/s]
+        v_i and ω_i of (4), the parts of the requested velocity that compensate steady errors of the model.
     effort : ndarray (n,) [unit of u]
         ε of (5), from which the command is computed.
     law : ndarray
@@ -66,7 +68,7 @@ class FollowerState(NamedTuple):
 
     t_ns: int
     nu: np.ndarray
-    integral_v: float
+    integral: np.ndarray
     effort: np.ndarray
     law: np.ndarray
     pipeline: np.ndarray
@@ -159,7 +161,7 @@ class ModelFollower:
     def init(self) -> FollowerState:
         """Return the state of a vehicle at rest."""
         return FollowerState(
-            -1, np.zeros(3), 0.0, np.zeros(self.vehicle.commands), self.memory(), np.zeros((4, 3))
+            -1, np.zeros(3), np.zeros(2), np.zeros(self.vehicle.commands), self.memory(), np.zeros((4, 3))
         )
 
     def step(
@@ -180,16 +182,16 @@ class ModelFollower:
         e_chi = wrap(eta_r[2] + slip(nu_r) - eta_p[2] - slip(nu_f))  # (2)
         e = pose_error(eta_r, eta_p) + b * np.array([1.0 - np.cos(e_chi), -np.sin(e_chi), 0.0])
         e_x = np.clip(e[0], -MAX_ALONG_ERROR_M, MAX_ALONG_ERROR_M)
-        max_integral = MAX_INTEGRAL_SHARE * np.abs(nu_f[0])
-        v_i = np.clip(state.integral_v + self.k_i * e_x * dt_s, -max_integral, max_integral)
+        integral = self._integral(state.integral, e_x, pipeline[3][2], nu_f, dt_s)
         kappa = nu_r[2] * nu_r[0] / (nu_r[0] ** 2 + MIN_COURSE_SPEED_M_S**2)
         forward_sign = nu_f[0] / np.hypot(nu_f[0], MIN_COURSE_SPEED_M_S)
         tracking = Tracking(np.array([e_x, e[1], e[2]]), e_chi, nu_f, kappa, forward_sign, dt_s)
         law, v_w, omega_w = self._checked_law(state.law, tracking)
-        effort = self._effort(state.effort, np.array([v_w + v_i, nu[1], omega_w]), nu_f_dot[::2])
+        nu_w = np.array([v_w + integral[0], nu[1], omega_w + integral[1]])
+        effort = self._effort(state.effort, nu_w, nu_f_dot[::2])
         drivetrain = self.vehicle.drivetrain
         u = drivetrain.prioritise_turn(np.clip(drivetrain.inverse(effort), -self.limit, self.limit))
-        return FollowerState(estimate.t_ns, nu_f, v_i, effort, law, pipeline), Command(estimate.t_ns, u)
+        return FollowerState(estimate.t_ns, nu_f, integral, effort, law, pipeline), Command(estimate.t_ns, u)
 
     @property
     def response_delay_s(self) -> float:
@@ -208,9 +210,19 @@ class ModelFollower:
         share = dt_s / np.maximum(0.5 * self._delay_s, dt_s)
         nu_1 = nu_1 + share * (nu_m - nu_1)
         nu_2 = nu_2 + share * (nu_1 - nu_2)
-        d = d + dt_s / np.maximum(4.0 * self.response_delay_s, dt_s) * (nu - nu_2 - d)
+        d = d + dt_s / np.maximum(MODEL_ERROR_RATIO * self.response_delay_s, dt_s) * (nu - nu_2 - d)
         at_start = np.array([nu, nu, nu, np.zeros(3)])
         return np.where(state.t_ns >= 0, np.array([nu_m, nu_1, nu_2, d]), at_start)
+
+    def _integral(
+        self, integral: np.ndarray, e_x: Value, d_psi: Value, nu_f: np.ndarray, dt_s: Value
+    ) -> np.ndarray:
+        """Return v_i and ω_i (2,) at this tick, within their limits, which prevent wind-up.  (4)"""
+        share = dt_s / np.maximum(INTEGRAL_RATIO * self.response_delay_s, dt_s)
+        change = np.array([self.k_i * e_x * dt_s, -share * (d_psi + integral[1])])
+        max_turn = MAX_INTEGRAL_SHARE * np.abs(nu_f[2]) + MAX_CURVATURE_ERROR_1_M * np.abs(nu_f[0])
+        limit = np.array([MAX_INTEGRAL_SHARE * np.abs(nu_f[0]), max_turn])
+        return np.clip(integral + change, -limit, limit)
 
     def gain_share(self, k_chi: Value, delay_ratio: float = DELAY_RATIO) -> Value:
         """Return min(1, 1 / (ratio T k_χ)) for the yaw rate per course error k_χ [1/s], with ratio = `delay_ratio`.
