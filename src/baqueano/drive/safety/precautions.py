@@ -12,6 +12,7 @@ from baqueano.controllers.model_following import SMOOTHING_S
 from baqueano.diagnostics import fault
 from baqueano.drive.observers import Observer
 from baqueano.drive.safety.caution import Caution
+from baqueano.drive.safety.final_pose import FinalPose
 from baqueano.drive.safety.patience import Patience
 from baqueano.drive.safety.room_watch import RoomWatch
 from baqueano.errors import UsageError
@@ -122,9 +123,9 @@ class Precautions:
         return GuideSequence.with_way_back(guide, route, **limits) if self.way_back else guide
 
     def observers(self, vehicle_file: "VehicleFile", route: Route) -> tuple[Observer, ...]:
-        """Return the observers that slow down and stop the drive."""
+        """Return the observers that slow down and stop the drive, and examine its end."""
         max_std_m = getattr(vehicle_file.supervisor(), "max_position_std_m", float("inf"))
-        watch: list[Observer] = [Caution(max_std_m, self.caution)]
+        watch: list[Observer] = [Caution(max_std_m, self.caution), FinalPose()]
         if np.isfinite(self.patience_s):
             watch.append(Patience(self.patience_s))
         if self.room is not None:

@@ -34,6 +34,11 @@ TEMPLATES: dict[str, str] = {
         "the vehicle"
     ),
     "drive.rest": "the vehicle stands still for {rest_s:g} s, to measure the bias of its gyro",
+    "drive.end-beside": (
+        "the drive ended {distance_cm:.0f} cm from the end of its route, and the heading differs by {turn_deg:.0f}°. "
+        "Usually these values are below {max_cm:.0f} cm and {max_deg:.0f}°. Was the vehicle pushed near the end, or "
+        "did the wheels slip?"
+    ),
     "drive.open-laps": (
         "The route is open, so it is driven once. Laps need a route that ends at its start, with closed = true."
     ),
