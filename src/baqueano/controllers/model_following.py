@@ -5,7 +5,7 @@
     e = J(ψ_p)⁻¹ (η_r − η_p) + b (1 − cos e_χ, − sin e_χ, 0),    e_χ = ψ_r + β_r − ψ_p − β_f              (2)
     λ ν̇_f = ν_r − ν_f                                       a reference without jumps                     (3)
     v_w = v + v_i,   |v| ≤ |v_f| + v_c,   v̇_i = k_i e_x,   ω_w = ω + ω_i,   4 T ω̇_i = −(d_ψ + ω_i)        (4)
-    u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f                                      (5)
+    u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f; within the limits of u              (5)
 
 η, ν: pose and velocity; index r: reference; v, ω: the law at e, e_χ (error of the course) and ν_f; β = atan(ν_y / ν_x);
 ν_w = (v_w, ω_w). A vehicle is D = delay + lag behind its command, T = D + λ behind its reference. (1) is a filtered
@@ -191,6 +191,9 @@ class ModelFollower:
         effort = self._effort(state.effort, nu_w, nu_f_dot[::2])
         drivetrain = self.vehicle.drivetrain
         u = drivetrain.prioritise_turn(np.clip(drivetrain.inverse(effort), -self.limit, self.limit))
+        effort = drivetrain.unmix(
+            drivetrain.static_response(drivetrain.mix(u))
+        )  # that u causes: no wind-up at a limit
         return FollowerState(estimate.t_ns, nu_f, integral, effort, law, pipeline), Command(estimate.t_ns, u)
 
     @property
