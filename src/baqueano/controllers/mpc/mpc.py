@@ -102,11 +102,13 @@ class Mpc:
         return MpcState(-1, *self._horizon.rest_state(), 0)
 
     def step(self, state: MpcState, reference: Reference, estimate: Estimate) -> tuple[MpcState, Command]:
-        """Return the new plan and its first command (n,).
+        """Return the new plan and its first command (n,), or the command 0 after the end of the drive.
 
         Raise Invalid if the solver failed in more than MAX_FAILURES consecutive ticks, and UsageError if OSQP is not
         installed.
         """
+        if reference.done > 0.0:  # a car would drive to and fro to turn
+            return self.init(), Command(estimate.t_ns, np.zeros(self.vehicle.commands))
         dt_s = seconds(estimate.t_ns, state.t_ns) if state.t_ns >= 0 else 1.0 / self.rate_hz
         E, drivetrain, program = self._horizon.linearised_program(state, dt_s, reference, estimate)
         solution = None if program is None else self._program.solve(program, E)
