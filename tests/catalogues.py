@@ -16,6 +16,7 @@ from string import Formatter
 
 import click
 from babel.messages import Catalog
+from babel.messages.catalog import Message
 from babel.messages.extract import extract_from_file
 from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po, write_po
@@ -146,13 +147,18 @@ def update(language: str, path: Path, required: Catalog) -> Catalog:
 
 
 def faults(catalogue: Catalog, required: Catalog | None = None) -> list[str]:
-    """Return the entries that are missing, fuzzy, or have other placeholders than the English text."""
-    failures = []
-    for message in required_catalogue() if required is None else required:
+    """Return the entries that are missing, superfluous, fuzzy, or have other placeholders than the English text."""
+    required = required_catalogue() if required is None else required
+    failures = [
+        f"superfluous: {name_of(entry)}"
+        for entry in catalogue
+        if entry.id and required.get(entry.id, entry.context) is None
+    ]
+    for message in required:
         if not message.id:
             continue
         entry = catalogue.get(message.id, message.context)
-        name = f"{message.context or ''} {message.id!r}".strip()
+        name = name_of(message)
         if entry is None or not all(entry.string if isinstance(entry.string, tuple) else (entry.string,)):
             failures.append(f"missing: {name}")
         elif entry.fuzzy:
@@ -160,6 +166,11 @@ def faults(catalogue: Catalog, required: Catalog | None = None) -> list[str]:
         elif (difference := differs(message.id, entry.string)) is not None:
             failures.append(f"placeholders: {name}: {difference}")
     return failures
+
+
+def name_of(entry: Message) -> str:
+    """Return the code, if any, and the English text of an entry."""
+    return f"{entry.context or ''} {entry.id!r}".strip()
 
 
 def differs(english: str | tuple[str, ...], translation: str | tuple[str, ...]) -> str | None:

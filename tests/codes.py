@@ -1,4 +1,4 @@
-"""Check errors by their code and figures; the file messages.golden contains their sentences."""
+"""Check errors by their code and figures; the catalogue of each language contains their sentences."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -51,7 +51,7 @@ def test_the_reference_of_the_front_door_is_completely_translated(language):
         ("{vueltas} vueltas", (), "placeholders"),
     ],
 )
-def test_a_missing_fuzzy_or_different_entry_is_a_fault(translation, flags, fault_name):
+def test_a_missing_superfluous_fuzzy_or_different_entry_is_a_fault(translation, flags, fault_name):
     required, catalogue = Catalog(), Catalog(locale="es")
     required.add("{laps} laps", context="lap.count")
     if translation is not None:
@@ -61,6 +61,7 @@ def test_a_missing_fuzzy_or_different_entry_is_a_fault(translation, flags, fault
     complete = Catalog(locale="es")
     complete.add("{laps} laps", "{laps} vueltas", context="lap.count")
     assert faults(complete, required) == []
+    assert faults(complete, Catalog()) == ["superfluous: lap.count '{laps} laps'"]
 
 
 @pytest.mark.parametrize(
