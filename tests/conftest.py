@@ -84,7 +84,7 @@ REAL_TIME = {  # sockets, processes, firmware and browsers whose time is that of
 
 NO_SKIPS = bool(os.environ.get("BAQUEANO_NO_SKIPS")) and sys.platform == "linux"  # a skipped test fails
 MAY_LACK = re.compile(  # reasons of skips in CI
-    r"\brecordings\b|(is long|left out)\. Type|real-time priority|aarch64|avr-gcc .* other bytes"
+    r"\brecordings\b|(is long|left out)\. Type|real-time priority|aarch64"
 )
 
 Report = TypeVar("Report", pytest.TestReport, pytest.CollectReport)

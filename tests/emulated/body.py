@@ -20,6 +20,7 @@ STEP_S = 1e-3
 VIBRATION = (500.0 / 69.0) ** 0.5
 STILL_M_S, STILL_RAD_S = 0.002, 0.01
 PERIOD_S = 0.005  # of the body in real time: the sample period of the chip
+KERNELS: dict[str, Any] = {}  # the step of the body of each text of a vehicle file
 
 
 class Body:
@@ -38,7 +39,9 @@ class Body:
             state, motion = vehicle.step(state, unmix("two_wheels", duties), STEP_S, noise)
             return state, motion, quick.sensors.imu.h(motion)
 
-        self._step = function(step, self._state, np.zeros(2), np.zeros(3))
+        if truth.text not in KERNELS:
+            KERNELS[truth.text] = function(step, self._state, np.zeros(2), np.zeros(3))
+        self._step = KERNELS[truth.text]
 
     def put_back(self) -> None:
         """Put the body at rest at the origin."""

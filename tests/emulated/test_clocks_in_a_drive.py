@@ -44,21 +44,16 @@ class Stamps:
         return np.max(np.abs(self.late_ms[begin : self.n])), np.max(np.abs(self.skew_error[begin : self.n]))
 
 
-@pytest.mark.parametrize(
-    ("ppm", "host_ppm"),
-    [(-2000.0, 0.0), (0.0, 2000.0), (0.0, -2000.0)],
-    ids=["Uno slow", "Pi fast", "Pi slow"],
-)
+@pytest.mark.parametrize("host_ppm", [2000.0, -2000.0], ids=["Pi fast, so Uno slow", "Pi slow"])
 def test_a_circle_is_repeated_with_correct_timestamps_despite_clock_errors(
-    firmware, monkeypatch, tmp_path, ppm, host_ppm
+    firmware, monkeypatch, tmp_path, host_ppm
 ):
     file = vehicle_file.load("small")
-    robot = EmulatedRobot(
-        firmware, file, patches=monkeypatch, ppm=ppm, host_ppm=host_ppm, chip={"clock_ppm": -host_ppm}
-    )
+    chip = {"clock_ppm": -host_ppm}
+    robot = EmulatedRobot(firmware, file, patches=monkeypatch, host_ppm=host_ppm, chip=chip)
     robot.wait(0.1)
     service = serve(robot, file, tmp_path)
-    stamps = Stamps(service, robot, ppm, host_ppm, 2000)
+    stamps = Stamps(service, robot, 0.0, host_ppm, 2000)
     end, run = drive(service, pack(Mission("repeat", route=shapes.circle(0.4, 0.25)), file))
     robot.close()
     assert end["reason"] is None

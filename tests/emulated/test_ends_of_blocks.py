@@ -45,10 +45,10 @@ def repetition(folder, place, text, file):
 @pytest.mark.parametrize(
     ("place", "end", "message"),
     [
-        *((place, "sys.exit()", "SystemExit") for place in PLACES),
-        *((place, "raise Odd", "Odd") for place in PLACES),
         *((place, "raise KeyboardInterrupt", "KeyboardInterrupt") for place in PLACES),
-        ("line", "sys.exit('bye')", "SystemExit"), ("line", "raise GeneratorExit", "GeneratorExit"),
+        ("top", "sys.exit()", "SystemExit"), ("made", "raise Odd", "Odd"), ("begun", "sys.exit()", "SystemExit"),
+        ("line", "sys.exit('bye')", "SystemExit"), ("line", "raise Odd", "Odd"),
+        ("line", "raise GeneratorExit", "GeneratorExit"),
     ],
 )  # fmt: skip
 def test_a_block_that_ends_the_program_ends_only_its_mission(service, robot, tmp_path, place, end, message):

@@ -34,19 +34,6 @@ def test_the_next_command_after_lost_commands_moves_the_motors(robot, first_lost
     assert robot.board.info().old_sequence == 0
 
 
-def test_the_motors_move_despite_a_lost_arming_frame(robot):
-    robot.write = lambda data: None
-    robot.uno.arm()
-    del robot.write
-    hold(robot, 0.4, 0.4, 0.2)
-    assert (robot.board.duty(0), robot.board.duty(1)) == pytest.approx((0.4, 0.4), abs=2e-3)
-    assert robot.uno.stop_cause is None
-    not_armed = robot.board.info().not_armed
-    assert 1 <= not_armed <= 4, "30 ms of commands, until telemetry reported it"
-    hold(robot, 0.4, 0.4, 0.2)
-    assert robot.board.info().not_armed == not_armed
-
-
 def test_an_uno_that_receives_no_arming_frame_is_a_fault(robot):
     robot.write = lambda data: None
     robot.uno.arm()

@@ -69,15 +69,6 @@ def test_rt13_a_silent_driver_stops_the_vehicle_within_half_a_second(service, ro
     assert run.t_ns[moving[-1]] / 1e9 < 1.0
 
 
-def test_fw7_a_brown_out_of_the_uno_ends_the_drive(service, robot):
-    during(service, robot, 0.5, lambda: robot.board.reset(4))
-    end, run = drive(service, spin(3.0))
-    assert end["reason"].code == StopReason.UNO_RESET
-    assert service.machine.state is DoorState.STOPPED
-    assert not robot.board.moving
-    assert run.duration_s < 1.8
-
-
 def test_a_tilt_ends_the_drive(service, robot):
     robot.chip.motion = lambda t_ns: ((8.0, 0.0, 4.0), (0.0, 0.0, 0.0))
     robot.wait(0.1)
@@ -91,15 +82,6 @@ def test_rt6_a_silent_imu_ends_the_drive_and_is_logged(service, robot):
     assert end["reason"].code == StopReason.SENSOR_SILENT
     assert not robot.board.moving
     assert any(e.source == "hardware" for e in run.events)
-
-
-def test_a_repetition_runs_the_blocks_of_the_vehicle_file(service, robot):
-    end, run = drive(
-        service, pack(Mission("repeat", route=shapes.circle(0.4, 0.25)), vehicle_file.load("small"))
-    )
-    assert end["reason"] is None
-    gap = np.linalg.norm(run.estimate.eta[:, :2] - run.reference.eta[:, :2], axis=1)
-    assert np.sqrt(np.mean(gap**2)) < 0.1
 
 
 def test_rt3_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_path, monkeypatch):

@@ -32,7 +32,7 @@ def test_r27_the_stack_leaves_more_than_half_of_the_ram_untouched(uno):
     assert uno.info().least_free_ram > PART_RAM / 2
 
 
-def test_the_firmware_in_the_wheel_matches_its_sources(firmware, new_uno):
+def test_su3_the_packaged_firmware_equals_the_build_of_its_sources(firmware, new_uno):
     """Equal bytes with the compiler that built it; with another compiler, the firmware runs and reports its version."""
     if "5.4.0" in subprocess.run(["avr-gcc", "--version"], capture_output=True, text=True, check=True).stdout:
         assert PACKAGE.read_bytes() == firmware.hex.read_bytes(), "run `make firmware` and commit uno.hex"
