@@ -11,10 +11,12 @@ from baqueano.estimators.augmented.motion import disturbance_variance
 from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, SCALE_INDEX, layout, start_std
 from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.geometry import wrap
+from baqueano.runs.filter_ticks import example_filter_tick
 from baqueano.sensors import Imu, Odometer, Pose, Wheels
 from baqueano.signals import Slot, Tick, sensor_slots
+from baqueano.study.counterpart.world import ROBOT_STEP_S
 from baqueano.study.truth import TruthWorld, draw_robots, merge
-from baqueano.symbolic import compile_block
+from baqueano.symbolic import compile_block, scan
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar
 from tests.codes import refused
@@ -236,15 +238,15 @@ def test_heading_errors_match_their_covariance_on_the_independent_truth():
     u = np.zeros((ticks, 3))
     u[:, 0], u[:, 2] = 0.5, np.repeat(rng.uniform(0.1, 0.5, ticks // 50), 50)
     file = load("small").with_values({"sensors.imu.gyro_bias": 0.0, "sensors.imu.gyro_scale_std": 0.03})
-    block = compile_block(replace(file.estimator(), use=("imu[2]",)), "c")
-    world, beliefs, sensors = TruthWorld(robots, seeds), [block.init() for _ in seeds], sensor_slots(("imu",))
-    for k, row in enumerate(u):
-        z = world.tick(np.tile(row, (len(seeds), 1)), 0.01)
-        z[:, 2] = scale * (z[:, 2] - robots.imu.bias[:, 2]) + bias
-        ticks_of_all = [Tick((k + 1) * PERIOD_NS, row, sensors(Slot(1.0, row_z))) for row_z in z]
-        steps = [
-            block.step(belief, each_tick) for belief, each_tick in zip(beliefs, ticks_of_all, strict=True)
-        ]
-        beliefs = [belief for belief, _ in steps]
-    error = wrap(np.array([estimate.eta[2] for _, estimate in steps]) - world.truth.eta[:, 2])
-    assert 0.58 < np.mean(error**2 / [estimate.cov[2, 2] for _, estimate in steps]) < 1.52
+    block, world = replace(file.estimator(), use=("imu[2]",)), TruthWorld(robots, seeds, step_s=ROBOT_STEP_S)
+    z = np.stack([world.tick(np.tile(row, (len(seeds), 1)), 0.01) for row in u], axis=1)
+    z[..., 2] = scale[:, None] * (z[..., 2] - robots.imu.bias[:, 2:]) + bias[:, None]
+    kernel, new, t_ns = (
+        scan(block.row, block.init(), example_filter_tick(block)),
+        np.ones(ticks),
+        np.arange(ticks),
+    )
+    slots = [type(block.sensors)(Slot(new, of_robot, 0.0 * new)) for of_robot in z]
+    ends = [kernel.run(Tick((t_ns + 1) * PERIOD_NS, u, slot))[1] for slot in slots]
+    error = wrap(np.array([estimate.eta[-1, 2] for estimate in ends]) - world.truth.eta[:, 2])
+    assert 0.58 < np.mean(error**2 / [estimate.cov[-1, 2, 2] for estimate in ends]) < 1.52

@@ -8,8 +8,9 @@ import pytest
 from baqueano.estimators import Complementary
 from baqueano.sensors import Imu, Odometer
 from baqueano.signals import Motion, Slot, Tick, sensor_slots, silent
+from baqueano.study.counterpart.world import ROBOT_STEP_S
 from baqueano.study.truth import TruthWorld, draw_robots
-from baqueano.symbolic import scan
+from baqueano.symbolic import compile_block, scan
 from baqueano.vehicle_file import load
 from tests.light_robot import SMALL
 
@@ -122,7 +123,7 @@ def test_the_complementary_filter_halves_the_wheel_noise_on_the_independent_trut
     physics = physics.with_parameters(
         imu=physics.imu.with_parameters(bias=np.zeros((n, 3)), tilt_rad=np.zeros((n, 2)))
     )
-    world, small = TruthWorld(physics, range(n)), load("small")
+    world, small = TruthWorld(physics, range(n), step_s=ROBOT_STEP_S), load("small")
     imu = Imu(lever_arm_m=np.array([0.02, 0.005]), accel_noise_std=np.array([0.1, 0.1]), gyro_noise_std=0.004)
     block = Complementary(small.vehicle, type(blended(ODOMETER).sensors)(imu, Odometer(noise_std=0.05)))
     u = np.column_stack([0.7 + 0.2 * np.sin(0.02 * np.arange(ticks)), np.zeros(ticks), np.zeros(ticks)])
@@ -137,7 +138,7 @@ def test_the_complementary_filter_halves_the_wheel_noise_on_the_independent_trut
 
 
 def test_the_bias_stays_while_the_gyro_is_silent():
-    block, noise = blended(), np.random.default_rng(0)
+    block, noise = compile_block(blended(), "c"), np.random.default_rng(0)
     slots = type(block.sensors)
     belief = block.init()
     for k in range(1, 4001):

@@ -15,6 +15,7 @@ from baqueano.estimators.readings.sensor_numbers import ACCEL_SCALE_STD
 from baqueano.geometry import compose, wrap
 from baqueano.sensors import Imu, Odometer, Pose, Wheels
 from baqueano.signals import Slot, Tick, sensor_slots, silent
+from baqueano.study.counterpart.world import ROBOT_STEP_S
 from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.symbolic import compile_block, scan
 from baqueano.vehicle_file import load
@@ -154,7 +155,7 @@ def test_pose_nees_lies_in_its_band_on_the_independent_truth():
     bias = np.zeros((n, 3))
     bias[:, 2] = 5e-4 * rng.standard_normal(n)
     physics = physics.with_parameters(imu=physics.imu.with_parameters(bias=bias, tilt_rad=np.zeros((n, 2))))
-    world, small = TruthWorld(physics, range(n)), load("small")
+    world, small = TruthWorld(physics, range(n), step_s=ROBOT_STEP_S), load("small")
     wheels = Wheels(track_m=0.12, noise_std=0.01)
     reckon = DeadReckoning(
         small.vehicle,

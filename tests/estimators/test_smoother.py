@@ -19,6 +19,7 @@ from baqueano.estimators.smoother import (
 from baqueano.geometry import compose, wrap
 from baqueano.sensors import Imu, Pose
 from baqueano.signals import Estimate, Motion, Slot, Tick, sensor_slots
+from baqueano.symbolic import compile_block
 from baqueano.vehicle_file import load
 from tests.light_robot import SMALL
 
@@ -59,9 +60,9 @@ class Linear:
         )
 
 
-def smoothed(block, belief, ticks):
+def smoothed(block, belief, ticks, backend="python"):
     """Return the smoothed mean (N, n) and covariance (N, n, n) of each row."""
-    return smooth_backward(run_forward(block, belief, ticks, "python"))
+    return smooth_backward(run_forward(block, belief, ticks, backend))
 
 
 def drive(n, seed, turn_rad=0.0):
@@ -168,7 +169,7 @@ NOISE = np.diag([2e-3, 1e-3, 2e-2, 0.02, 0.01, 0.1]) ** 2
 def circle(n, seed, start):
     """Return truth (n, 9) of the filter model, and its ticks: an IMU, and a camera only at the end."""
     rng = np.random.default_rng(seed)
-    world = Ekf(SMALL, SENSORS, NOISE)
+    world = compile_block(Ekf(SMALL, SENSORS, NOISE))
     belief, truth, z = world.init(eta=start), [], []
     u = np.tile([0.4, 0.0, 0.25], (n, 1))
     for k in range(n):
@@ -191,8 +192,8 @@ def test_a_camera_reading_at_the_end_corrects_the_earlier_path_across_pi(kind):
     start, n = np.array([1.0, 2.0, 2.5]), 300
     truth, ticks = circle(n, 63, start)
     block = kind(SMALL, SENSORS, NOISE, use=("imu", "pose"))
-    mean, cov = smoothed(block, block.init(eta=start), ticks)
-    unsmoothed, _ = smoothed(block, block.init(eta=start), blind(ticks))
+    mean, cov = smoothed(block, block.init(eta=start), ticks, "auto")
+    unsmoothed, _ = smoothed(block, block.init(eta=start), blind(ticks), "auto")
 
     def rms(x):
         return np.sqrt(np.mean(wrap(x[:, 2] - truth[:, 2]) ** 2)), np.sqrt(
