@@ -98,7 +98,7 @@ def test_the_commands_of_the_demo_run_without_posix_modules(laptop):
 
     laptop("new", "mi proyecto")
     laptop.home = laptop.home / "mi proyecto"
-    reply("experiment", "--seconds", "5")
+    reply("experiment", "--seconds", "3")
     gains = "--free", "model.actuator_matrix[0,0]", "--free", "model.actuator_matrix[2,2]"
     fit = reply("identify", "last", *gains, "--no-noise", "--update")
     assert fit["verdict"] in ("USABLE", "WARN")

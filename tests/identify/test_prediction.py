@@ -140,7 +140,7 @@ def fisher_of(run, x, rows_shown):
 
 def test_errors_of_drag_and_floor_noise_equal_the_cramer_rao_bound(cart):
     """The decay of a push depends on both: their errors are correlated, and the error of the drag is larger."""
-    u = 0.1 * random_steps(cart.command.limit, 24.0, 1.0 / DT, 12)
+    u = 0.1 * random_steps(cart.command.limit, 16.0, 1.0 / DT, 12)
     run = simulate(cart, u, 12)
     fit = identify(run, cart, FREE, options=FitOptions(cost="innovations", diagnose=False))
     x = np.array([*fit.estimate[:2], 0.0, fit.estimate[2] ** 2, 0.0, 0.0, 0.0])

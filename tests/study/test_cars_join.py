@@ -22,6 +22,7 @@ LAWS = ("pd_feedforward", "kanayama", "lqr", "pure_pursuit", "stanley")
 def true_motion(guide, law, start, duration_s):
     """Return the true distance (N,) [m] outside the circle and the speed (N,) [m/s], from rest at `start` (3,)."""
     world, controller = LoopWorld(CAR, 1, FILE.rate_hz), compile_block(FILE.controller(law))
+    guide = compile_block(guide)
     guide_state, state, out = guide.init(), controller.init(), []
     x, y, psi = ROUTE.eta[0]
     centre = np.array([x - RADIUS_M * np.sin(psi), y + RADIUS_M * np.cos(psi)])
@@ -47,11 +48,15 @@ def test_a_car_on_tyres_joins_its_route_within_a_metre(law, offset):
     assert way_m[np.flatnonzero(np.abs(aside_m) > 0.03)[-1]] < 1.0
 
 
+@pytest.fixture(scope="module")
+def route():
+    return fastest(ROUTE, FILE)
+
+
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
-def test_a_car_on_tyres_begins_its_fastest_lap_on_the_route(kind, law):
+def test_a_car_on_tyres_begins_its_fastest_lap_on_the_route(kind, law, route):
     """Before, the reference began at 2.5 m/s, and the car left the circle by 0.54 to 0.84 m."""
-    route = fastest(ROUTE, FILE)
     aside_m, speed = true_motion(kind.along(route, 2), law, route.eta[0], 12.0)
     assert speed.max() > 0.9 * route.nu[0, 0] > 2.0
     assert np.abs(aside_m).max() < 0.06

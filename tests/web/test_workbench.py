@@ -165,5 +165,16 @@ def test_the_ghost_run_is_aligned_with_the_run_by_marks(tab):
         tab.wait(f"{replay}.by === 'mark' && {replay}.pairs?.map[3000] === 3200")
 
 
+def test_a_run_is_shown_beside_the_same_data_through_another_filter(tab, replay):
+    open_page(tab, replay)
+    choice = f"{PAGE}.screens.replay.filter"
+    tab.wait(f"{choice}?.options.length > 1")
+    kind = tab.js(f"{choice}.options[1].value")
+    tab.js(f"((one) => {{ one.value = {kind!r}; one.dispatchEvent(new Event('change')); }})({choice})")
+    tab.wait(f"{PAGE}.ghost?.about.filter === {kind!r}")
+    tab.wait(f"document.body.innerText.includes('{kind} · same data')")
+    tab.wait("document.querySelectorAll('.compare tbody tr').length === 4")
+
+
 def requests_of(live, subject):
     return [word for word in live.words("ask") if word["question"] == subject]
