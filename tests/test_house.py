@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections import Counter
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -146,7 +145,6 @@ def test_no_module_tests_for_a_specific_vehicle_class():
 
 HASATTRS = 15  # calls of hasattr: what a system offers, and what the author of a block wrote
 MAX_ANY = 500  # mentions of Any
-SAME_NAME = 3  # names of two classes
 
 
 def sources() -> dict[Path, str]:
@@ -161,12 +159,6 @@ def test_signatures_rarely_use_any():
     assert sum(len(re.findall(r"\bAny\b", text)) for text in sources().values()) <= MAX_ANY, (
         "a promise or a type of contracts/, or the class itself"
     )
-
-
-def test_each_class_has_a_unique_name():
-    names = Counter(name for text in sources().values() for name in re.findall(r"^class (\w+)", text, re.M))
-    repeated = sorted(name for name, count in names.items() if count > 1)
-    assert len(repeated) <= SAME_NAME, repeated
 
 
 @pytest.mark.parametrize("room", ["vehicles", "sensors", "estimators", "guides", "controllers"])
