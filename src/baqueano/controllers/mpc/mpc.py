@@ -107,7 +107,7 @@ class Mpc:
         Raise Invalid if the solver failed in more than MAX_FAILURES consecutive ticks, and UsageError if OSQP is not
         installed.
         """
-        if reference.done > 0.0:  # a car would drive to and fro to turn
+        if reference.at_end > 0.0:  # a car would drive to and fro to turn
             return self.init(), Command(estimate.t_ns, np.zeros(self.vehicle.commands))
         dt_s = seconds(estimate.t_ns, state.t_ns) if state.t_ns >= 0 else 1.0 / self.rate_hz
         E, drivetrain, program = self._horizon.linearised_program(state, dt_s, reference, estimate)

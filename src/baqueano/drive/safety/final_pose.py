@@ -29,7 +29,7 @@ class FinalPose(Observer):
 
     def end(self, reason: Diagnostic | None) -> Iterable[EventLine]:
         """Return a warning if the guide is done and the vehicle is outside the limits.  (1)"""
-        if reason is not None or self._last is None or not self._last.reference.done > 0.0:
+        if reason is not None or self._last is None or not self._last.reference.at_end > 0.0:
             return ()
         x, y, psi = self._last.reference.eta - self._last.estimate.eta
         distance_m, turn_rad = hypot(x, y), abs(wrap(psi))
