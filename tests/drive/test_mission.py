@@ -63,7 +63,7 @@ def test_user_blocks_are_packed_into_the_mission(tmp_path, monkeypatch):
     )
     (tmp_path / "slow.py").unlink()
     mission_received, file_received = send(mission, tmp_path / "robot")
-    run = perform(mission_received, file_received, backend="numpy")
+    run = perform(mission_received, file_received)
     assert np.all(run.without_rest.requested_commands[:, 0] == 0.5)
 
 

@@ -145,12 +145,15 @@ async def test_the_cost_map_has_its_minimum_at_the_end_of_a_descent(folder):
         assert all(a <= g <= b for a, g, b in zip(low, down["path"][-1], high, strict=True))
 
 
-async def test_the_newest_request_replaces_the_previous_request(folder):
+async def test_a_new_request_replaces_the_previous_one_and_a_stop_waits_for_none(folder):
     async with asking(folder) as visitor:
         own = [gain["file"] for gain in (await visitor.request("tune"))["gains"]]
         request = {"gains": own, "a": "k_x", "b": "k_chi", "route": "run"}
-        for number, side in ((100, 20), (101, 3)):
-            await visitor.send("ask", id=number, question="landscape", side=side, **request)
+        await visitor.send("ask", id=100, question="landscape", side=24, **request)
+        began = asyncio.get_running_loop().time()
+        await visitor.request("ping")
+        assert asyncio.get_running_loop().time() - began < 0.5
+        await visitor.send("ask", id=101, question="landscape", side=3, **request)
         answers = {}
         while len(answers) < 2:
             word = await visitor.next("answer", where=lambda word: word.get("id") in (100, 101))
@@ -159,17 +162,22 @@ async def test_the_newest_request_replaces_the_previous_request(folder):
         assert len(answers[101]["costs"]) == 9
 
 
-async def test_invalid_gains_are_refused(folder):
+async def test_invalid_gains_routes_and_blocks_are_refused(folder):
     async with asking(folder) as visitor:
+        for word in ({"room": "controller", "kind": "lqr"}, {"gains": [1, 1, 1, 1]}):
+            await visitor.send("swap" if "room" in word else "write", **word)
+            assert (await visitor.next("refused"))["code"] == "web.no-vehicle"
         for gains in ([1.0], ["x", 1, 1, 1], [1e999, 1, 1, 1], None, {"a": 1}):
             answer = await visitor.request("lap", gains=gains, route="run")
             assert answer["code"] == "web.not-understood", gains
-
-
-async def test_a_route_outside_the_list_is_refused(folder):
-    async with asking(folder) as visitor:
         for topic, route in product(("tune", "route"), ("../runs/round", "none", "/etc/passwd")):
             assert (await visitor.request(topic, route=route))["code"] == "door.no-route", (topic, route)
+        for kind in ("os.py:system", "/tmp/x.py:X", "../x.py:X", "nothing"):
+            for topic in ("block", "check"):
+                answer = await visitor.request(topic, room="estimator", kind=kind)
+                assert answer["code"] == "web.no-kind", (topic, kind)
+            await visitor.send("open", run=visitor.hello["runs"][0]["id"], filter=kind)
+            assert (await visitor.next("refused"))["code"] == "web.no-kind", kind
 
 
 async def test_a_block_is_shown_with_source_parameters_cost_and_check(folder):
@@ -186,16 +194,6 @@ async def test_a_block_is_shown_with_source_parameters_cost_and_check(folder):
         assert own_block["name"] == "MyEkf"
         for room in ("vehicle", "sensors", "supervisor", "guide"):
             assert (await visitor.request("block", room=room))["text"]
-
-
-async def test_an_unlisted_block_is_never_executed(folder):
-    async with asking(folder) as visitor:
-        for kind in ("os.py:system", "/tmp/x.py:X", "../x.py:X", "nothing"):
-            for topic in ("block", "check"):
-                answer = await visitor.request(topic, room="estimator", kind=kind)
-                assert answer["code"] == "web.no-kind", (topic, kind)
-            await visitor.send("open", run=visitor.hello["runs"][0]["id"], filter=kind)
-            assert (await visitor.next("refused"))["code"] == "web.no-kind", kind
 
 
 async def test_a_replay_through_another_filter_is_sent_as_a_second_stream(folder, driven_folder):
@@ -225,24 +223,6 @@ async def test_runs_are_compared_and_the_smaller_error_is_marked(folder, driven_
         rows = [row for section in comparison["sections"] for row in section["rows"]]
         assert [row["best"] for row in rows if row["label"].startswith("position (ATE)")] == [0]
         json.dumps(comparison, allow_nan=False)
-
-
-async def test_a_recorded_run_refuses_block_changes_and_writing(folder):
-    async with asking(folder) as visitor:
-        for word in ({"room": "controller", "kind": "lqr"}, {"gains": [1, 1, 1, 1]}):
-            await visitor.send("swap" if "room" in word else "write", **word)
-            assert (await visitor.next("refused"))["code"] == "web.no-vehicle"
-
-
-async def test_a_stop_does_not_wait_for_a_long_request(folder):
-    async with asking(folder) as visitor:
-        own = [gain["file"] for gain in (await visitor.request("tune"))["gains"]]
-        await visitor.send(
-            "ask", id=1000, question="landscape", side=24, gains=own, a="k_x", b="k_chi", route="run"
-        )
-        began = asyncio.get_running_loop().time()
-        await visitor.request("ping")
-        assert asyncio.get_running_loop().time() - began < 0.5
 
 
 def test_gains_are_written_to_a_user_file_but_not_to_the_garage(tmp_path):
