@@ -148,7 +148,7 @@ def test_a_run_stores_the_source_of_a_file_or_a_notebook_cell():
     assert drive_with(controller=in_a_cell()).metadata["controller.text"] == CELL
 
 
-@pytest.mark.parametrize(("backend", "eta"), [("auto", (0.0, 0.0, 0.0)), ("numpy", (-0.02, 0.0, 0.0))])
+@pytest.mark.parametrize(("backend", "eta"), [("numpy", (0.0, 0.0, 0.0)), ("auto", (-0.02, 0.0, 0.0))])
 @pytest.mark.parametrize(
     ("returned", "code", "figure"),
     [
