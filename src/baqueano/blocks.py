@@ -243,7 +243,12 @@ def check_role(role: str, block: object) -> None:
     It does not fit without `init` or `step`, or if its `step` has the arguments of another role of the loop.
     """
     block_class = block if isinstance(block, type) else type(block)
-    if not all(callable(getattr(block_class, method, None)) for method in ("init", "step")):
+    missing = [name for name in ("init", "step") if not callable(getattr(block_class, name, None))]
+    if len(missing) == 1:
+        raise UsageError(
+            fault("block.lacks-method", role=role, block=block_class.__name__, method=missing[0])
+        )
+    if missing:
         raise UsageError(fault("block.not-a-block", role=role, value=block_class.__name__))
     check_step(role, block_class, lambda fitting_role: f"{fitting_role}={block_class.__name__}")
 

@@ -213,6 +213,11 @@ def test_a_run_reports_a_block_with_unknown_source():
     assert event.figures == {"role": "controller", "block": "InACell"}
 
 
+def test_a_block_without_a_method_is_refused_with_the_name_of_the_method():
+    with refused("block.lacks-method", role="estimator", block="StepOnly", method="init"):
+        drive_with(estimator=type("StepOnly", (), {"step": lambda self, belief, tick: belief}))
+
+
 @pytest.mark.parametrize(
     ("block", "code"),
     [(3, "block.not-a-block"), (ROUTE, "block.not-a-block"), (PdFeedforward, "block.of-other-role"),

@@ -189,6 +189,14 @@ def test_gaps_are_reported_with_their_line_and_duration(lab):
     ]
 
 
+def test_the_longest_gap_is_reported_first(lab):
+    keep = np.arange(1500) % 20 != 3
+    keep[1300:1450] = False
+    lab.board = {name: column[keep] for name, column in lab.board.items()}
+    (first, *_) = (d.reason.figures for d in lab.run().findings if d.code == "gap")
+    assert (first["gap_s"], first["line"]) == (pytest.approx(3.02), 1236)
+
+
 def test_many_gaps_are_counted(lab):
     keep = np.arange(1500) % 20 != 3
     lab.board = {name: column[keep] for name, column in lab.board.items()}

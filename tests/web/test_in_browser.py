@@ -72,7 +72,7 @@ def test_a_user_takes_control_drives_hands_over_and_any_user_stops(browser, tmp_
     ) as page:  # fmt: skip
         tab = browser.tab()
         tab.goto(f"http://127.0.0.1:{port_of(page)}/")
-        show_text(tab, "nobody drives")
+        show_text(tab, "no driver")
         end = time.monotonic() + START_S
         while not tab.js(TEXT.format(text="MANUAL")):  # a busy machine loses control: it is taken again
             assert time.monotonic() < end, tab.js("document.body.innerText")

@@ -5,6 +5,7 @@ TEMPLATES: dict[str, str] = {
         '{role}={value} is not a block. Expected the name of a block, "file.py:Class", or a '
         "class or object with init() and step()."
     ),
+    "block.lacks-method": "{role}={block} does not have the method {method}(). A block needs init() and step().",
     "block.of-other-role": (
         "{block} was given as {role:word}, but its step() belongs to another type of block ({actual_role:word}). "
         "Type: {fix}"

@@ -283,6 +283,7 @@ def _check_steps(
     if spec.name == m.ticks and not MIN_USUAL_STEP_S <= median_step_s <= MAX_USUAL_STEP_S:
         findings.append(_rate_of_ticks(table, median_step_s, spec))
     gaps = np.flatnonzero(step_s > GAP_STEPS * median_step_s)
+    gaps = gaps[np.argsort(-step_s[gaps], kind="stable")]  # the longest first
     for i in gaps[:20]:
         jump = step_s[i] > MIN_CLOCK_JUMP_S
         reason = note(

@@ -176,7 +176,7 @@ function lease({ driver, you = false, watching = 0, others = [] } = {}) {
   const { recorded } = page;
   put(ui, {
     driver: t(`driver.${recorded ? "recorded" : you ? "you" : driver ? "other" : "none"}`, { driver }),
-    watching: recorded || !watching ? "" : t(watching === 1 ? "driver.one-watches" : "driver.watch", { n: watching }),
+    watching: recorded || !watching ? "" : t(watching === 1 ? "driver.one-viewer" : "driver.viewers", { n: watching }),
     lease: t(you ? "lease.give" : "lease.take"),
   });
   ui.driver.classList.toggle("you", you);

@@ -153,7 +153,7 @@ TEMPLATES = {
         "{line}. The rows of each time were joined, because no column has two different values at one time"
     ),
     "recording.gap": "{table}: {gap_s:.3f} s without a row after line {line} (usual step {usual_s:.3f} s)",
-    "recording.more-gaps": "{table}: and {count} more gaps",
+    "recording.more-gaps": "{table}: {count} other gaps, none of them longer",
     "recording.tick-lasts": (
         '{table}: with time_unit = "{unit_name}" a tick lasts {tick_s:.3g} s, {rate_hz:.3g} per second'
     ),
