@@ -310,6 +310,8 @@ def test_an_unknown_map_is_refused_with_the_list_of_built_in_maps(tmp_path):
     (tmp_path / "x.toml").write_bytes(b"\xff\xfe")
     with refused("map.not-read", FileError):
         load_map(tmp_path / "x.toml")
+    with refused("map.folder", FileError):
+        load_map(tmp_path)
 
 
 @pytest.mark.parametrize("path", sorted(maps_folder().glob("*.toml")), ids=lambda path: path.stem)

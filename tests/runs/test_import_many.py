@@ -343,6 +343,9 @@ def test_runs_are_selected_by_numbers_patterns_and_folders(desk, make_run):
     assert [run.name for run in find_runs(("3", "1-3"), str(folder))] == ["0003-a1", "0001-a1", "0002-a0"]
     with refused("runs.no-match", FileError):
         find_all("90-95", folder)
+    (folder / "empty").mkdir()
+    with refused("runs.folder-without-runs", FileError):
+        find_all(str(folder / "empty"), folder)
 
 
 def test_a_run_named_by_a_fraction_is_found_by_its_name(desk, monkeypatch, capsys):

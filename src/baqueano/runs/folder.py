@@ -147,7 +147,8 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
         return [find(name, folder)]
     runs = _without_recovered_originals(runs)
     if not runs:
-        raise FileError(fault("runs.no-match", _list_command(folder), value=name, folder=folder))
+        code = "runs.folder-without-runs" if path.is_dir() else "runs.no-match"
+        raise FileError(fault(code, _list_command(folder), value=name, folder=folder))
     return runs
 
 

@@ -72,6 +72,8 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
             return load_map(shipped_path)
         raise FileError(_not_a_map_note(path, error)) from error
     except OSError as error:
+        if path.is_dir():
+            raise FileError(fault("map.folder", path=path)) from None
         raise FileError(fault("map.not-read", path=path, error=error)) from error
 
 

@@ -40,6 +40,7 @@ TEMPLATES: dict[str, str] = {
     "runs.no-trajectory": "Run {run} does not have trajectory {value!r}; it has: {trajectories}.",
     "runs.file-exists": "{path} exists already. Give another name, or remove it.",
     "runs.folder-empty": "Run {value!r} does not exist: folder {folder} does not contain runs yet. To make one: {fix}",
+    "runs.folder-without-runs": "Folder {value} does not contain a run (*.mcap). To list the runs of {folder}: {fix}",
     "runs.unknown": "No run in {folder} matches {value!r}. The newest there: {valid}. To list all: {fix}",
     "runs.ambiguous": "{value!r} matches more than one run of {folder}: {valid}. Type one of these names.",
     "runs.no-match": (
@@ -113,6 +114,7 @@ TEMPLATES: dict[str, str] = {
         "{path} is empty: expected a map, a TOML file that assigns the columns of a recording. To write a draft of a "
         "map, give a recording that is not empty: {fix}"
     ),
+    "map.folder": "{path} is a folder. Expected a map, a TOML file that assigns the columns of a recording.",
     "map.not-read": "{path} cannot be read: {error}. A map is a TOML file in UTF-8.",
     "map.not-file": "{path} is not a file: expected the map with which {run} was imported. Type: {fix}",
     "map.other-truth": (
