@@ -52,7 +52,7 @@ class Edition:
         return pages if self.language == "es" else pages | ELSEWHERE
 
     def menu(self, extra_pages: tuple[str, ...] = ()) -> dict[str, list[str]]:
-        """Return the pages below each heading; `more` are names of generated pages."""
+        """Return the pages below each heading; `extra_pages` are names of generated pages."""
         have = {*self.sources, *extra_pages} - {"index"}
         page_names = {name for names in ORDER.values() for name in names}
         out = {}
@@ -68,7 +68,7 @@ class Edition:
         return out
 
     def write(self, folder: Path, extra_pages: dict[str, str] | None = None) -> None:
-        """Write all pages and the files that they link to into `folder`; `more` are generated pages, by name."""
+        """Write all pages and the files that they link to into `folder`; `extra_pages` are generated pages, by name."""
         extra_pages = extra_pages or {}
         for name, path in self.sources.items():
             text = self._linked(path, folder)

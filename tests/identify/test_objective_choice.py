@@ -20,7 +20,7 @@ def likelihood_fit(ratio, autocorrelated=False, floor=(0.04, 0.0)):
 
 
 def pair(*shifts, extra=-1.0, scatter=1.0, n=31):
-    """Return n omitted blocks with `more` as mean difference, and two fits this many standard errors apart."""
+    """Return n omitted blocks with `extra` as mean difference, and two fits this many standard errors apart."""
     blocks = extra + scatter * np.linspace(-1.0, 1.0, n)
     return LeaveOneOutComparison(
         blocks, 1000.0, np.array(shifts), [f"model.mass_kg{k}" for k in range(len(shifts))]

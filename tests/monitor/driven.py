@@ -35,7 +35,7 @@ class Kind(NamedTuple):
 
 @cache
 def kind_of(kind: str, errors: tuple[tuple[str, float], ...] = ()) -> Kind:
-    """Return "robot", "wheels" (a robot with encoders) or "car" (with an odometer). `wrong` contains factors of
+    """Return "robot", "wheels" (a robot with encoders) or "car" (with an odometer). `errors` contains factors of
     values of its file, which is then wrong."""
     file = subject("robot" if kind == "wheels" else kind, 0).vehicle_file.with_values(NOISE)
     if kind == "wheels":

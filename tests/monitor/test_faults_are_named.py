@@ -145,7 +145,7 @@ def test_an_aged_turning_gain_is_not_reported_as_a_gyro_fault(gain):
     """Only the gyro measures the turn, so no other sensor can decide. The accelerometer shows only fast turns."""
     faulty_parts = set()
     for run in drives("robot", DRIVES):
-        findings, _ = watch("robot", run, wrong={"model.actuator_matrix[2,2]": gain})
+        findings, _ = watch("robot", run, errors={"model.actuator_matrix[2,2]": gain})
         faulty_parts |= {finding.faulty_part for finding in findings}
     assert UNKNOWN in faulty_parts
     assert SENSOR not in faulty_parts
@@ -157,7 +157,7 @@ def test_a_model_without_disturbance_can_be_wrong():
         "estimator.disturbance_std[0]": 0.0,
         "estimator.disturbance_std[1]": 0.0,
     }
-    findings, _ = watch("wheels", drives("wheels", 1)[0], wrong=values)
+    findings, _ = watch("wheels", drives("wheels", 1)[0], errors=values)
     assert [finding.faulty_part for finding in findings if finding.name == "imu[2]"][-1] == MODEL
 
 
@@ -166,7 +166,7 @@ def test_a_model_without_disturbance_can_be_wrong():
 )
 def test_a_wrong_turning_gain_is_not_reported_as_a_gyro_fault(kind, gain):
     """The vehicle of the independent truth turns as its sensors measure; the file is wrong."""
-    findings, _ = watch(kind, drives(kind, 1)[0], wrong={"model.actuator_matrix[2,2]": gain})
+    findings, _ = watch(kind, drives(kind, 1)[0], errors={"model.actuator_matrix[2,2]": gain})
     gyro = [finding for finding in findings if finding.name == "imu[2]"]
     assert gyro
     assert {finding.faulty_part for finding in gyro} <= {MODEL, UNKNOWN}

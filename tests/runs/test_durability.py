@@ -66,7 +66,7 @@ def test_lg1_kill_9_loses_at_most_one_second(tmp_path):
 
 
 def fewer(run, full_run):
-    """Return True if all data of `run` are part of `whole`."""
+    """Return True if all data of `run` are part of `full_run`."""
     index = np.searchsorted(full_run.t_ns, run.t_ns)
     assert np.array_equal(full_run.t_ns[index], run.t_ns)
     assert full_run.applied_commands[index].tobytes() == run.applied_commands.tobytes()

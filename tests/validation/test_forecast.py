@@ -234,5 +234,5 @@ def test_terminal_json_and_report_show_the_forecast(small, tmp_path, monkeypatch
     rows = json.loads(capsys.readouterr().out)["forecast"]
     assert [row["drive"] for row in rows] == ["driven like these runs", "one lap of circle"]
     assert 0.0 < rows[0]["position_m"] < 0.5
-    page = page_of_fit(fit, ahead=forecast(fit, run))
+    page = page_of_fit(fit, drive_forecast=forecast(fit, run))
     assert [section for section in page.sections if section.title == "Consequences for a drive"]

@@ -115,7 +115,7 @@ def fields() -> list[dict[str, str]]:
 
 
 def row(tick: int, offset_m: float = 0.02) -> list[float]:
-    """Return a tick of a vehicle that drives a circle, `off` metres outside its route; noise is a sine of the tick."""
+    """Return a tick of a vehicle on a circle, `offset_m` outside its route; noise is a sine of the tick."""
     t, noise = tick / RATE, math.sin(12.9898 * tick) * math.cos(78.233 * tick)
     angle, r = SPEED * t, RADIUS + offset_m * (1 + 0.5 * math.sin(0.7 * t))
     x, y, psi = r * math.sin(angle), RADIUS - r * math.cos(angle), math.remainder(angle, 2 * math.pi)

@@ -173,7 +173,7 @@ async def test_after_ctrl_c_or_a_killed_command_no_process_remains(tmp_path):
 
 
 async def at_the_wheel(port, action):
-    """Take control on the page of `drive`, drive ahead for a while, then do `then`."""
+    """Take control on the page of `drive`, drive ahead for a while, then do `action`."""
     async with browser(port, name="ana") as visitor:
         await visitor.send("take")
         beating = asyncio.create_task(ahead(visitor))

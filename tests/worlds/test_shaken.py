@@ -30,7 +30,7 @@ def world(cls=FaultyWorld, file=FILE, **options):
 
 
 def drive_world(simulated_world, seconds=2.0, u=(0.5, 0.0, 0.1), faults_at=None, rate_hz=FILE.rate_hz):
-    """Return truth and readings (N, 9) of each tick; `at` is called before the tick of this number."""
+    """Return truth and readings (N, 9) of each tick; `faults_at` is called before the tick of this number."""
     rows = []
     for k in range(round(seconds * rate_hz)):
         if faults_at is not None and k in faults_at:

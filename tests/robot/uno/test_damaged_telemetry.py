@@ -56,7 +56,7 @@ def drawn_frames(complete, rng):
 
 
 def flip_bits(frames, rng, max_flips):
-    """Invert 1 to `most` different bits."""
+    """Invert 1 to `max_flips` different bits."""
     spare = 8 * (frames.shape[1] - 2) - max_flips
     places = 8 + np.sort(rng.integers(spare + 1, size=(EACH, max_flips)), axis=1) + np.arange(max_flips)
     count, rows = rng.integers(1, max_flips + 1, EACH), np.arange(EACH)

@@ -48,8 +48,7 @@ def data_folders() -> list[Path]:
     """Return the folders to search for recordings: BAQUEANO_DATA if it is set, else ../shared/data next to the current
     folder or the repository.
     """
-    from_environment = os.environ.get("BAQUEANO_DATA")
-    if from_environment:
+    if from_environment := os.environ.get("BAQUEANO_DATA"):
         return [Path(from_environment)]
     return [start.parent / "shared" / "data" for start in (Path.cwd(), Path(__file__).parents[4])]
 
@@ -72,9 +71,8 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
             return load_map(shipped_path)
         raise FileError(_not_a_map_note(path, error)) from error
     except OSError as error:
-        if path.is_dir():
-            raise FileError(fault("map.folder", path=path)) from None
-        raise FileError(fault("map.not-read", path=path, error=error)) from error
+        code = "map.folder" if path.is_dir() else "map.not-read"
+        raise FileError(fault(code, path=path, error=error)) from error
 
 
 def _tree(path: Path, text: str) -> dict[str, Any]:
