@@ -46,8 +46,11 @@ static inline __attribute__((unused)) void as_before(unsigned int mode) { (void)
     ((((x) - (n) * 1.5707963267341256) - (n) * 6.077100506303966e-11) - (n) * 2.0222662487959506e-21)
 #endif
 
-/* Index j of the cell of a table with xp[j] <= x < xp[j + 1], 0 <= j <= n - 2; NaN gives some valid cell. */
-static __attribute__((noinline, pure, unused)) int64_t table_search(const double *xp, int64_t n, double x) {
+/* Index of the cell of a table with xp[j] <= x < xp[j + 1], 0 <= j <= n - 2, from the given j on; NaN gives some valid
+   cell. The first steps go cell by cell: a tick passes a few cells of a fine table. */
+static __attribute__((noinline, pure, unused)) int64_t table_search(const double *xp, int64_t n, double x, int64_t j) {
+    for (int step = 0; step < 4 && j < n - 1 && xp[j] <= x; ++step, ++j)
+        if (x < xp[j + 1]) return j;
     int64_t low = 0;
     for (int64_t size = n - 1; size > 1;) {
         int64_t half = size / 2;
@@ -61,7 +64,7 @@ static __attribute__((noinline, pure, unused)) int64_t table_search(const double
 LOCAL int64_t table_cell(const double *xp, int64_t n, double x, int64_t *at) {
     int64_t j = *at;
     if (j < n - 2 && xp[j + 1] <= x) ++j;
-    if (!(xp[j] <= x && x < xp[j + 1])) j = table_search(xp, n, x);
+    if (!(xp[j] <= x && x < xp[j + 1])) j = table_search(xp, n, x, j);
     return *at = j;
 }
 

@@ -7,9 +7,10 @@ three arrays to fill.
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from baqueano.contracts.values import Value
 from baqueano.symbolic.c_code.c_text import CText
 from baqueano.symbolic.derivatives.tangents import Tangents, parameter_blocks, tangents
-from baqueano.symbolic.graph.emit import EmitPlan, plan_statements
+from baqueano.symbolic.graph.emit import EmitPlan, Term, arguments, plan_statements
 from baqueano.symbolic.graph.emit import operation_cost as cost_of
 from baqueano.symbolic.graph.program import Program
 
@@ -30,7 +31,9 @@ EXPORT int again(const int64_t *a) {{
     return 0;
 }}
 """
-LANE_COUNT = 8  # vehicles that are computed in parallel
+LANE_COUNT = 8  # vehicles in a vector
+TURN_COUNT = 2  # vectors that take turns in a tick
+EACH_VECTOR = "for (struct vector *vector = turns; vector < end; ++vector) {"
 MAX_UNROLLED = 16  # largest number of parameters whose hessian is summed in straight-line code
 
 
@@ -177,7 +180,8 @@ def batch(program: Program, shared: Sequence[bool], with_outputs: bool) -> str:
     """Return the code that fills outputs (L, n, m), if `with_outputs`, and final (L, c).
 
     `shared` marks the columns of the inputs that are common to all vehicles, (n, ·); the others belong to each vehicle,
-    (L, n, ·). Unused lanes of a vector repeat the last vehicle.
+    (L, n, ·). Unused lanes of a vector repeat the last vehicle. In a tick, most operations wait for the previous one.
+    So several vectors take turns, and the processor computes their ticks at the same time.
     """
     text = CText(width=LANE_COUNT)
     text.lines.append(BATCH_SIGNATURE)
@@ -187,33 +191,60 @@ def batch(program: Program, shared: Sequence[bool], with_outputs: bool) -> str:
     )
     sizes = {"theta": len(program.theta), "start": len(program.start), "final": len(program.carry)}
     strides = {"own": f"n * {len(shared) - sum(shared)}", "outputs": f"n * {len(outputs_of_tick)}"} | sizes
-    text.open_brace(f"for (int64_t group = 0; group < vehicles; group += {LANE_COUNT}) {{")
-    text.add(*(f"int64_t at_{name}[{LANE_COUNT}];" for name in strides))
-    text.open_brace(f"for (int lane = 0; lane < {LANE_COUNT}; ++lane) {{")
-    text.add("int64_t vehicle = group + lane < vehicles ? group + lane : vehicles - 1;")
-    text.add(*(f"at_{name}[lane] = vehicle * {stride};" for name, stride in strides.items()))
-    text.close_brace()
-    for name, symbols in (("theta", program.theta), ("start", program.start)):
-        text.symbols(symbols, name + "{}")
-        text.add(
-            *(
-                f"const v_{LANE_COUNT} {name}{k} = gather_{LANE_COUNT}({name} + {k}, at_{name});"
-                for k in range(len(symbols))
-            )
-        )
-    text.symbols(program.inputs, "u{}")
-    _add_tick_code(text, program, order, head=_load_inputs(shared))
+    for name in ("theta", "start", "carry", "inputs"):
+        text.symbols(getattr(program, name), {"carry": "x", "inputs": "u"}.get(name, name) + "{}")
+    text.name_cells(order, "vector->cell{}")
+    loop_terms = {*arguments(order.loop_statements), *outputs_of_tick, *program.next_carry}
+    fixed = [
+        term for term in (*program.theta, *program.start, *order.statements_before) if term in loop_terms
+    ]
+    variables = [(text.type(term), text.name(term)) for term in (*fixed, *program.carry)]
+    fields = [f"int64_t at_{name}[{LANE_COUNT}];" for name in strides]
+    fields += [f"int64_t {cell.removeprefix('vector->')};" for cell in text.cells.values()]
+    fields += [f"{type_} {name};" for type_, name in variables]
+    text.add(f"struct vector {{ {' '.join(fields)} }} turns[{TURN_COUNT}];")
+    text.open_brace(f"for (int64_t first = 0; first < vehicles; first += {LANE_COUNT * TURN_COUNT}) {{")
     text.add(
-        *(
-            f"scatter_{LANE_COUNT}(outputs + tick * {len(outputs_of_tick)} + {k}, at_outputs, {text.vector_code(y)});"
-            for k, y in enumerate(outputs_of_tick)
-        )
+        f"const int64_t vectors = (vehicles - first + {LANE_COUNT - 1}) / {LANE_COUNT};",
+        f"struct vector *const end = turns + (vectors < {TURN_COUNT} ? vectors : {TURN_COUNT});",
     )
-    text.assign(program.carry, program.next_carry)
+    _start_vectors(text, program, order, strides, fixed)
+    text.open_brace("for (int64_t tick = 0; tick < n; ++tick) {")
+    text.open_brace(EACH_VECTOR)
+    text.add(*(f"const {type_} {name} = vector->{name};" for type_, name in variables), *_load_inputs(shared))
+    text.statements(order.loop_statements)
+    for k, y in enumerate(outputs_of_tick):
+        to = f"outputs + tick * {len(outputs_of_tick)} + {k}"
+        text.add(f"scatter_{LANE_COUNT}({to}, vector->at_outputs, {text.vector_code(y)});")
+    text.add(*(f"vector->x{k} = {text.vector_code(x)};" for k, x in enumerate(program.next_carry)))
     text.close_brace()
-    text.add(*(f"scatter_{LANE_COUNT}(final + {k}, at_final, x{k});" for k in range(len(program.carry))))
+    text.close_brace()
+    text.open_brace(EACH_VECTOR)
+    line = f"scatter_{LANE_COUNT}(final + {{0}}, vector->at_final, vector->x{{0}});"
+    text.add(*map(line.format, range(len(program.carry))))
+    text.close_brace()
     text.close_brace()
     return str(text)
+
+
+def _start_vectors(
+    text: CText, program: Program, order: EmitPlan, strides: dict[str, Value], fixed: Sequence[Term]
+) -> None:
+    """Add the code that fills each vector before the first tick: addresses, `fixed` terms, and the carry."""
+    text.open_brace(EACH_VECTOR)
+    text.open_brace(f"for (int lane = 0; lane < {LANE_COUNT}; ++lane) {{")
+    text.add(f"int64_t vehicle = first + {LANE_COUNT} * (vector - turns) + lane;")
+    text.add("vehicle = vehicle < vehicles ? vehicle : vehicles - 1;")
+    text.add(*(f"vector->at_{name}[lane] = vehicle * {stride};" for name, stride in strides.items()))
+    text.close_brace()
+    for name, count in (("theta", len(program.theta)), ("start", len(program.start))):
+        line = f"const v_{LANE_COUNT} {name}{{0}} = gather_{LANE_COUNT}({name} + {{0}}, vector->at_{name});"
+        text.add(*map(line.format, range(count)))
+    text.statements(order.statements_before)
+    text.add(*(f"{cell} = 0;" for cell in text.cells.values()))
+    text.add(*(f"vector->{text.names[term]} = {text.names[term]};" for term in fixed))
+    text.add(*(f"vector->x{k} = {text.vector_code(x)};" for k, x in enumerate(program.initial)))
+    text.close_brace()
 
 
 def _again(program: Program) -> str:
@@ -261,12 +292,11 @@ def _symbols(text: CText, program: Program) -> None:
     text.symbols(program.inputs, "inputs[{}]")
 
 
-def _add_tick_code(
-    text: CText, program: Program, order: EmitPlan, rows: Sequence[Tangents] = (), head: Sequence[str] = ()
-) -> None:
+def _add_tick_code(text: CText, program: Program, order: EmitPlan, rows: Sequence[Tangents] = ()) -> None:
     """Add the code up to the last statement of a tick."""
     text.symbols(program.carry, "x{}")
-    text.declare_cells(order)
+    text.name_cells(order, "cell{}")
+    text.add(*(f"int64_t {name} = 0;" for name in text.cells.values()))
     text.statements(order.statements_before)
     text.add(*(f"v_{text.width} x{k} = {text.vector_code(x)};" for k, x in enumerate(program.initial)))
     for block in rows:
@@ -277,7 +307,6 @@ def _add_tick_code(
             )
         )
     text.open_brace("for (int64_t tick = 0; tick < n; ++tick) {")
-    text.add(*head)
     text.statements(order.loop_statements)
 
 
@@ -289,7 +318,7 @@ def _load_inputs(shared_flags: Sequence[bool]) -> list[str]:
             source = f"splat_{LANE_COUNT}(shared[tick * {width[True]} + {shared_count}])"
             shared_count += 1
         else:
-            source = f"gather_{LANE_COUNT}(own + tick * {width[False]} + {own_count}, at_own)"
+            source = f"gather_{LANE_COUNT}(own + tick * {width[False]} + {own_count}, vector->at_own)"
             own_count += 1
         lines.append(f"const v_{LANE_COUNT} u{k} = {source};")
     return lines

@@ -104,12 +104,13 @@ class CText:
         """Define the names of these leaves: the pattern, with the index of the leaf in place of {}."""
         self.names |= {term: pattern.format(k) for k, term in enumerate(terms)}
 
-    def declare_cells(self, plan: EmitPlan) -> None:
-        """Declare, for each argument of tables with one grid, the cell that was read last."""
+    def name_cells(self, plan: EmitPlan, pattern: str) -> None:
+        """Name the cell that was read last, for each argument of tables with one grid."""
         for s in flat_statements((*plan.statements_before, *plan.loop_statements)):
             if s.op in TABLE_OPERATORS:
-                self.cells.setdefault((s.args[0], _grid(s.graph.tables, s.value)), f"cell{len(self.cells)}")
-        self.add(*(f"int64_t {name} = 0;" for name in self.cells.values()))
+                self.cells.setdefault(
+                    (s.args[0], _grid(s.graph.tables, s.value)), pattern.format(len(self.cells))
+                )
 
     def statements(self, statements: Iterable[Statement]) -> None:
         """Add a C statement for each statement, in order; a branch becomes an if with two arms."""

@@ -38,6 +38,7 @@ LONG_LEVEL = "-O1"  # and of code with more than MAX_THOROUGH_OPERATIONS
 CALLS = "-DCALLED", "-Wno-psabi"
 SIMPLE_REGISTERS = "--param=ira-max-conflict-table-size=0"  # gcc's quicker allocator: the code is as fast
 WHOLE_VECTORS = "-mprefer-vector-width=512"  # else gcc splits √ and ⌊ ⌋ of eight lanes, through memory
+TUNING = "-mtune=generic"  # for a processor that it does not know, gcc chooses the instructions of another
 LIBRARY_SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 PROBE_TEXT = """\
 typedef double pair __attribute__((vector_size(16)));
@@ -157,7 +158,7 @@ def _flag_sets(
         common_flags += ("-fschedule-insns", "-fsched-pressure")
     sets = [common_flags + native, (*common_flags, "-mcpu=native"), common_flags]
     if find_vectors and platform.machine().lower() in ("x86_64", "amd64"):
-        sets.insert(0, (*sets[0], WHOLE_VECTORS))
+        sets.insert(0, (*sets[0], WHOLE_VECTORS, TUNING))
     return sets
 
 
