@@ -170,7 +170,12 @@ class Repeat:
 
     def _start(self, state: RepeatState, t_ns: Value) -> tuple[Value, Value]:
         """Return σ [s] at the time `t_ns`, and the pace σ̇.  (2)"""
-        t, D = seconds(t_ns, state.start_ns), self.ramp_s(state.tau_s)
+        t = seconds(t_ns, state.start_ns)
+        if np.isinf(
+            self.acceleration_m_s2
+        ):  # D = 0: the reference does not depend on the speed of the vehicle
+            return state.tau_s + t, 1.0
+        D = self.ramp_s(state.tau_s)
         starting_s = (1.0 - state.pace) * D
         x = np.clip(t, 0.0, starting_s)
         rise = x / np.maximum(D, TINY)
