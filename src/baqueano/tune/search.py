@@ -25,6 +25,8 @@ from baqueano.errors import UsageError
 STRETCH_EXPONENT = 7.0  # c: the middle of the range is 3 % of its upper end
 SAMPLED_POINTS = 24  # points of the cube that are evaluated before the descents
 START_COUNT = 3
+PATIENCE = 8  # evaluations after which a descent ends if they decreased its cost by less, relative, than
+MIN_PROGRESS = 1e-7
 MAX_EVALUATIONS = 60  # of one descent
 # ∂C/∂x relative to C above which the end of a descent is not a minimum of a smooth cost
 MAX_RELATIVE_SLOPE = 1e-3
@@ -91,6 +93,7 @@ def descend(
     """Return the descent from the gains `start` (p,), which must be within the bounds; `preferred` (p,): see (2)."""
     minimize = _minimize()
     costs: list[float] = []
+    values: list[float] = []  # of (2)
     initial_cost = _finite(cost_and_gradient(start)[0])
     x0 = coordinates(start, low, high)
     weight, x_preferred = (
@@ -103,6 +106,7 @@ def descend(
     def f(x: np.ndarray) -> tuple[float, np.ndarray]:
         value, gradient = cost_and_gradient(gains(x, low, high))
         costs.append(_finite(value))
+        values.append(DIVERGED_COST)
         if costs[-1] == DIVERGED_COST or not np.all(np.isfinite(gradient)):
             return DIVERGED_COST * scale, np.zeros(len(x))
         deviation = x - x_preferred
@@ -110,13 +114,20 @@ def descend(
         slope = share * gradient * gain_derivative(x, low, high) + 2.0 * weight * value * deviation
         if np.max(np.abs(slope)) > MAX_SLOPE * value:
             slope = np.zeros(len(x))
-        return share * value * scale, slope * scale
+        values[-1] = share * costs[-1]
+        return values[-1] * scale, slope * scale
+
+    path = [np.array(start, dtype=float)]
+
+    def after_step(x: np.ndarray) -> None:
+        path.append(gains(x, low, high))
+        if min(values) > (1.0 - MIN_PROGRESS) * min(values[:-PATIENCE], default=np.inf):
+            raise StopIteration
 
     options = {"maxfun": MAX_EVALUATIONS, "ftol": MIN_DECREASE, "gtol": 1e-8}
-    path = [np.array(start, dtype=float)]
     optimum = minimize(
         f, x0, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(x0), options=options,
-        callback=lambda x: path.append(gains(x, low, high)),
+        callback=after_step,
     )  # fmt: skip
     deviation = optimum.x - x_preferred
     x, min_cost = optimum.x, float(optimum.fun / scale) / (1.0 + weight * float(deviation @ deviation))
