@@ -38,10 +38,7 @@ from tests.ekf_file import with_ekf
 
 
 @settings(max_examples=100)
-@given(
-    matrix=arrays(float, (4, 4), elements=st.floats(-1e6, 1e6)),
-    exponent=st.integers(-12, 3),
-)
+@given(matrix=arrays(float, (4, 4), elements=st.floats(-1e6, 1e6)), exponent=st.integers(-12, 3))
 def test_any_matrix_is_converted_to_a_valid_covariance(matrix, exponent):
     notes = []
     Q = positive_definite(matrix, np.full(4, 10.0**exponent), "Q", notes)
@@ -234,16 +231,14 @@ def test_the_drag_is_that_at_the_command_of_the_runs():
     runs = [SimpleNamespace(applied_commands=np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.1], [-0.8, 0.0, 0.0]]))]
     command = _rms_forward_command(runs)
     assert command == pytest.approx(np.sqrt(0.5))
-    drive = _straight_drive(SimpleNamespace(blocks=SimpleNamespace(model=small.vehicle), file=small), command)
-    friction, m = small.vehicle.friction, small.vehicle.mass_kg
-    drag = friction.linear[0] + 4.0 * drive.nu[0]
-    dry = (
-        friction.coulomb[0]
-        / friction.coulomb_speed[0]
-        / np.cosh(drive.nu[0] / friction.coulomb_speed[0]) ** 2
+    nu, decay_rate = _straight_drive(
+        SimpleNamespace(blocks=SimpleNamespace(model=small.vehicle), file=small), command
     )
-    assert drive.nu[0] > 0.1
-    assert drive.decay_rate == pytest.approx((drag + dry) / m, rel=1e-3)
+    friction, m = small.vehicle.friction, small.vehicle.mass_kg
+    drag = friction.linear[0] + 4.0 * nu[0]
+    dry = friction.coulomb[0] / friction.coulomb_speed[0] / np.cosh(nu[0] / friction.coulomb_speed[0]) ** 2
+    assert nu[0] > 0.1
+    assert decay_rate == pytest.approx((drag + dry) / m, rel=1e-3)
     assert _rms_forward_command([SimpleNamespace(applied_commands=np.zeros((3, 2)))]) == 0.0
 
 
@@ -259,10 +254,25 @@ def test_an_accelerometer_shows_a_push_against_the_drag(decay_rate):
     assert push_std_of(r, dt_s, decay_rate) == pytest.approx(std, rel=0.2)
 
 
-def push_std_of(r, dt_s, decay_rate):
-    """Return the standard deviation of the push that residuals (N,) of the forward accelerometer show."""
-    channel = ChannelFit("a", "imu", 0, dt_s * np.arange(len(r)), r, np.zeros(len(r)), 1.0, 0.0, 0.0)
-    ekf, fit = load("small").estimator(use=("imu",)), SimpleNamespace(channels=[channel])
+@pytest.mark.parametrize("push_std", [0.01, 0.3])
+def test_errors_that_the_commands_cause_are_no_push(push_std):
+    """The sensor has a wrong scale and place, the motors another lag, and the speed in bends an error."""
+    rng, t_s = np.random.default_rng(7), 0.01 * np.arange(6000)
+    steps = np.repeat(rng.uniform(-1.0, 1.0, (120, 2)), 50, axis=0)
+    v, w = lfilter([0.06], [1.0, -0.94], steps * [0.4, 8.0], axis=0).T
+    d = lfilter([push_std * np.sqrt(1.0 - 0.99**2)], [1.0, -0.99], rng.standard_normal(6000))
+    e, a = lfilter([0.01], [1.0, -0.94], d) + 0.1 * v - 0.006 * np.abs(w), np.gradient(v, t_s)
+    r = np.gradient(e, t_s) + 0.05 * a + 0.003 * w**2 + 0.1 * np.roll(a, 5) + 0.03 * rng.standard_normal(6000)
+    assert push_std_of(r, 0.01, 6.0) > 0.15
+    assert push_std_of(r, 0.01, 6.0, (a, v * w, w)) == pytest.approx(push_std, rel=0.25, abs=0.02)
+
+
+def push_std_of(r, dt_s, decay_rate, predictions=(0.0,)):
+    """Return the standard deviation of the push that residuals (N,) of the forward accelerometer show. `predictions`
+    are those of the entries of the IMU."""
+    t_s, h = dt_s * np.arange(len(r)), [x + np.zeros(len(r)) for x in predictions]
+    channels = [ChannelFit("a", "imu", i, t_s, x + r * (i == 0), x, 1.0, 0.0, 0.0) for i, x in enumerate(h)]
+    ekf, fit = load("small").estimator(use=("imu",)), SimpleNamespace(channels_by_run=[channels])
     return _with_misfit_from_accelerometer(ekf, fit, {"imu"}, decay_rate).disturbance_std[0]
 
 

@@ -15,6 +15,7 @@ from baqueano.numerics.parallel import dot, inner, parallel_map
 
 WINDOW_S = 5.0
 LAGS = 20  # ticks over which the autocorrelation is summed
+ROWS_PER_COLUMN = 10  # of a regression, at least
 WHITE_LIMIT = 0.15  # above this sum of the autocorrelation, residuals are not treated as white noise
 
 
@@ -74,6 +75,22 @@ def lag_sums(signals: Sequence[np.ndarray], lags: np.ndarray) -> tuple[np.ndarra
             products[: len(short_lags)] += lag_products(np.where(mask, x, 0.0), length)[short_lags]
             count[: len(short_lags)] += lag_products(mask.astype(float), length)[short_lags]
     return products, count
+
+
+def without_regression(signals: Sequence[np.ndarray], columns: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return `signals` (N,) without their regression on `columns` (N, p), over all signals; NaN is a missing value.
+    With too few rows, they are unchanged.
+
+    >>> t = np.arange(20.0)
+    >>> without_regression([3.0 * t], [t[:, None]])[0].round(6)[:2] + 0.0
+    array([0., 0.])
+    """
+    x, X = np.concatenate([np.zeros(0), *signals]), np.concatenate(columns) if columns else np.zeros((0, 1))
+    is_finite = np.isfinite(x)
+    if np.count_nonzero(is_finite) < ROWS_PER_COLUMN * X.shape[1]:
+        return [*signals]
+    b = np.linalg.lstsq(X[is_finite], x[is_finite], rcond=None)[0]
+    return [signal - regressors @ b for signal, regressors in zip(signals, columns, strict=True)]
 
 
 def residual_autocorrelation(tau_s: np.ndarray, fade_s: float, decay_rate: float) -> np.ndarray:

@@ -7,6 +7,8 @@ intervals δ give it the variance (1). A fine camera needs only a short window, 
     σ_v² = 3 σ² δ / (2 h³),   h = (3 σ² δ / (2 SPEED_STD²))^(1/3) ≤ HALF_WINDOW_S                         (1)
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from baqueano.geometry import wrap
@@ -17,6 +19,22 @@ from baqueano.signals import NANOSECONDS, seconds
 MAX_GAP_S = 0.5  # longest gap that is interpolated
 SPEED_STD = 0.005  # m/s, σ_v
 HALF_WINDOW_S, HALF_WINDOW_STEPS, MAX_HALF_WINDOW_S = 0.15, 3.0, 0.6  # of the parabola
+
+
+class TimeSeries(NamedTuple):
+    """A quantity of one run over time."""
+
+    t_s: np.ndarray  # (N,)
+    x: np.ndarray  # (N,)
+
+    def interpolate(self, t_s: np.ndarray) -> np.ndarray:
+        """Return the quantity at the times `t_s` (K,), by linear interpolation."""
+        return np.interp(t_s, *self)
+
+    def integral(self) -> "TimeSeries":
+        """Return the integral from the first time on."""
+        steps = 0.5 * (self.x[1:] + self.x[:-1]) * np.diff(self.t_s)
+        return TimeSeries(self.t_s, np.concatenate([[0.0], np.cumsum(steps)]))
 
 
 def interpolate_rows(t_ns: np.ndarray, sample_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:

@@ -34,6 +34,7 @@ from baqueano.identify.noise.speed_error import (
     MAX_FADE_S,
     MIN_FADE_S,
     accelerometer_share,
+    disturbance_residuals,
     forward_accelerometer,
     with_misfit_from_truth,
     with_speed_error,
@@ -80,7 +81,6 @@ MIN_READINGS = 6  # readings for the magnitude of a misfit, with an error of 30 
 MAX_LEVEL_SHARE = 0.5  # of the readings: with fewer levels they are quantised
 # lags of (3): beyond the noise, from LAGS_S[0] seconds or 1/λ if it is less, to LAGS_S[1] times T
 LAGS_S, MIN_LAG_S = (0.1, 2.0), 0.03
-CLIP_SIGMA = 4.0  # σ, of a residual for (3)
 STRAIGHT_S, MIN_SPEED_M_S = 1.0, 0.02  # of the drive that shows a model's course
 TOE_RAD = 0.01  # angle error of wheels that are mounted by hand
 WHEEL_PATTERNS = np.array([[1.0, 1.0], [1.0, 1.0]]), np.array([[1.0, -1.0], [-1.0, 1.0]])  # (4)
@@ -136,7 +136,7 @@ def filter_noise(
         if speed_is_measured:
             ekf = _without_wheel_slip(ekf, fit, inertial)
         else:
-            rate = _straight_drive(fit, _rms_forward_command(runs)).decay_rate
+            rate = _straight_drive(fit, _rms_forward_command(runs))[1]
             ekf = _with_misfit_from_accelerometer(ekf, fit, inertial, rate)
     elif not speed_is_measured:
         ekf = with_misfit_from_truth(ekf, fit, runs)
@@ -150,15 +150,9 @@ def _rms_forward_command(runs: Sequence[Run]) -> float:
     return float(np.sqrt(np.mean(u[u != 0.0] ** 2))) if np.any(u != 0.0) else 0.0
 
 
-class StraightDrive(NamedTuple):
-    """The steady state of the fitted model with a constant forward command."""
-
-    nu: np.ndarray  # (3,)
-    decay_rate: float  # λ = −∂ν̇_x/∂ν_x [1/s]; 0 for a kinematic model
-
-
-def _straight_drive(fit: "Fit", command: float) -> StraightDrive:
-    """Return the motion of the fitted model after STRAIGHT_S with a forward `command`."""
+def _straight_drive(fit: "Fit", command: float) -> tuple[np.ndarray, float]:
+    """Return ν (3,) of the fitted model after STRAIGHT_S with a forward `command`, and the decay rate λ = −∂ν̇_x/∂ν_x
+    [1/s] there, which is 0 for a kinematic model."""
     vehicle, dt_s = fit.blocks.model, 1.0 / fit.file.rate_hz
     u, state, motion, effort = np.zeros(vehicle.commands), vehicle.init(), None, None
     u[0] = command
@@ -167,16 +161,16 @@ def _straight_drive(fit: "Fit", command: float) -> StraightDrive:
         state, motion = vehicle.step(state, u, dt_s, np.zeros(3))
     nu, step = np.asarray(motion.nu if motion else np.zeros(3), dtype=float), np.array([1e-4, 0.0, 0.0])
     if effort is None or not is_dynamic(vehicle):
-        return StraightDrive(nu, 0.0)
+        return nu, 0.0
     accelerations = [float(vehicle.nu_dot(nu + side * step, effort.last, 0.0)[0]) for side in (-1.0, 1.0)]
-    return StraightDrive(nu, max(0.0, (accelerations[0] - accelerations[1]) / (2.0 * step[0])))
+    return nu, max(0.0, (accelerations[0] - accelerations[1]) / (2.0 * step[0]))
 
 
 def _crab_angle_rad(fit: "Fit", runs: Sequence[Run]) -> float:
     """Return the angle between course and heading of the fitted model, driving forward at half its largest command
     [rad]. Return 0 if its speed is below MIN_SPEED_M_S."""
     limit = fit.file.command.limit[0]
-    nu = _straight_drive(fit, 0.5 * limit if np.isfinite(limit) else _rms_forward_command(runs)).nu
+    nu = _straight_drive(fit, 0.5 * limit if np.isfinite(limit) else _rms_forward_command(runs))[0]
     return float(np.arctan2(abs(nu[1]), abs(nu[0]))) if abs(nu[0]) > MIN_SPEED_M_S else 0.0
 
 
@@ -196,12 +190,10 @@ def _with_misfit_from_accelerometer(
     accelerometer = forward_accelerometer(ekf, inertial)
     if accelerometer is None:
         return ekf
-    sensor, entry, slope = accelerometer
     dt_s, T = 1.0 / ekf.rate_hz, float(ekf.disturbance_fade_s[0])
     first_s = max(MIN_LAG_S, min(LAGS_S[0], 1.0 / max(decay_rate, 1e-3)))
     lags = np.arange(max(1, round(first_s / dt_s)), max(1, round(LAGS_S[1] * T / dt_s)) + 1)
-    channels = [c for c in fit.channels if (c.sensor, c.entry) == (sensor, entry)]
-    residuals = [np.clip(c.residuals, -CLIP_SIGMA * c.sigma, CLIP_SIGMA * c.sigma) / slope for c in channels]
+    residuals = disturbance_residuals(ekf, fit, accelerometer)
     products, count = lag_sums(residuals, lags)
     if np.min(count, initial=np.inf) < MIN_RESIDUALS:
         return ekf

@@ -14,7 +14,7 @@ model's speed; they follow from the errors of the fit (`with_speed_error`) and l
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,9 +26,9 @@ from baqueano.estimators.readings.velocity_readings import velocity_readings
 from baqueano.identify.data.added_channels import TRUTH
 from baqueano.identify.data.record import record_of
 from baqueano.identify.residuals.motion import motion_rows, open_loop
-from baqueano.numerics.autocorrelation import lag_sums
+from baqueano.numerics.autocorrelation import lag_sums, without_regression
 from baqueano.numerics.statistics import white_std
-from baqueano.runs.interpolation import HALF_WINDOW_S, true_speed
+from baqueano.runs.interpolation import HALF_WINDOW_S, TimeSeries, true_speed
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
 from baqueano.symbolic import with_value
@@ -46,23 +46,8 @@ MAX_SPEED_PER_GYRO_SCALE = 10.0  # a larger c belongs to a model that diverged
 SCALES_INCLUDED = "identifiability.accelerometer-scale"  # of a fit whose errors contain those of the scales
 MIN_FADE_S, MAX_FADE_S = 0.3, 30.0  # of T; faster changes belong to the walk of ν
 MIN_STD_M_S = 1e-4
+CLIP_SIGMA, MOTOR_LAGS_S = 4.0, (0.02, 0.05, 0.1, 0.2, 0.4)  # σ of a residual, and τ, for (7)
 TRUTH_LAGS_S, MIN_PAIRS = (2.0 * HALF_WINDOW_S, 10.0), 100  # of (6)
-
-
-class TimeSeries(NamedTuple):
-    """A quantity of one run over time."""
-
-    t_s: np.ndarray  # (N,)
-    x: np.ndarray  # (N,)
-
-    def interpolate(self, t_s: np.ndarray) -> np.ndarray:
-        """Return the quantity at the times `t_s` (K,), by linear interpolation."""
-        return np.interp(t_s, *self)
-
-    def integral(self) -> "TimeSeries":
-        """Return the integral from the first time on."""
-        steps = 0.5 * (self.x[1:] + self.x[:-1]) * np.diff(self.t_s)
-        return TimeSeries(self.t_s, np.concatenate([[0.0], np.cumsum(steps)]))
 
 
 def forward_accelerometer(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int, float] | None:
@@ -74,6 +59,27 @@ def forward_accelerometer(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, i
     ]
     strongest = max(readings, key=lambda reading: abs(reading[2]), default=None)
     return strongest if strongest and strongest[2] != 0.0 else None
+
+
+def disturbance_residuals(ekf: AugmentedEkf, fit: "Fit", channel: tuple[str, int, float]) -> list[np.ndarray]:
+    """Return r_a (N,) [m/s²] of each run by `channel`, clipped, without the part that the commands cause. The
+    errors of the fit contain this part. It is the regression of r_a, over all runs, on predictions of
+
+        a, ω, ω², ω̇, a_x(t − τ)      errors of the sensor's scales, axes and place, and of the motors' lag    (7)
+        |ω| a_x, ω ω̇, ω̇ sgn ω        derivatives of speed errors proportional to |ω| ν_x, ω², |ω|
+    """
+    (name, entry, slope), residuals, columns = channel, [], []
+    yaw = int(np.argmax(np.abs(measurement_jacobian(getattr(ekf.sensors, name), np.zeros(9))[:, 3 + YAW])))
+    for channels in fit.channels_by_run:
+        h = {c.entry: c.predictions for c in channels if c.sensor == name}
+        for c in (c for c in channels if (c.sensor, c.entry) == (name, entry)):
+            a_x, w, t_s = h[entry], h.get(yaw, np.zeros(len(c.t_s))), c.t_s
+            w_dot = np.gradient(w) if len(w) > 1 else w
+            X = [np.interp(t_s - late_s, t_s, a_x) for late_s in MOTOR_LAGS_S]
+            X += [np.ones(len(w)), w**2, w_dot, np.abs(w) * a_x, w * w_dot, np.sign(w) * w_dot]
+            columns.append(np.stack([*h.values(), *X], axis=1))
+            residuals.append(np.clip(c.residuals, -CLIP_SIGMA * c.sigma, CLIP_SIGMA * c.sigma) / slope)
+    return without_regression(residuals, columns)
 
 
 def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> float:

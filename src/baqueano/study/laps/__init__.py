@@ -54,13 +54,8 @@ def laps_over_fixes(
     drives = tuple(lap for _, batch_drives, _, _ in results for lap in batch_drives)
     full_drives = tuple(drive for _, _, batch_wholes, _ in results for drive in batch_wholes)
     refusals = {seed for *_, refused_seeds in results for seed in refused_seeds}
-    return LapStudy(
-        drives,
-        full_drives,
-        sum(completed_count for completed_count, *_ in results),
-        count,
-        tuple(sorted(refusals)),
-    )
+    completed_count = sum(robots for robots, *_ in results)
+    return LapStudy(drives, full_drives, completed_count, count, tuple(sorted(refusals)))
 
 
 def all_cases() -> list[LapCase]:

@@ -8,7 +8,7 @@ A robot stays on the route if its true distance from the route is at most MAX_DI
 stopped.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -102,14 +102,8 @@ class LapStudy:
     def _row(self, case: LapCase) -> "TableRow":
         full_drives = [w for w in self.full_drives if w.case == case]
         laps_of_case = [d for d in self.drives if d.case == case]
-        first, last, later_laps = (
-            [d for d in laps_of_case if condition(d.lap)]
-            for condition in (
-                lambda lap: lap == 1,
-                lambda lap: lap == self.laps,
-                lambda lap: lap > SETTLING_LAPS,
-            )
-        )
+        first, last = ([d for d in laps_of_case if d.lap == lap] for lap in (1, self.laps))
+        later_laps = [d for d in laps_of_case if d.lap > SETTLING_LAPS]
         stops = [
             max(d.lap for d in laps_of_case if d.seed == w.seed)
             for w in full_drives
@@ -167,7 +161,7 @@ class LapStudy:
                 robots=self.robots,
                 laps=self.laps,
                 settled=SETTLING_LAPS,
-            ),
+            )
         ]
         cells = []
         for r in self.rows():
@@ -176,14 +170,9 @@ class LapStudy:
             )
             stops = f"{r['stopped']}, {number(r['stop_lap_median']):.0f}" if r["stopped"] else "0"
             chance = f"{number(r['success_share']):.0%}", _share_text(r["forecast"])
-            estimate = (
-                _cm_text(r["position_worst_m"]),
-                _share_text(r["region_share"]),
-                f"{number(r['nees']):.2f}",
-            )
-            cells.append(
-                [*(_(r[name]) for name in LapCase._fields), *chance, cross_track_text, *estimate, stops]
-            )
+            estimate = _cm_text(r["position_worst_m"]), _share_text(r["region_share"])
+            labels, nees = (_(r[name]) for name in LapCase._fields), f"{number(r['nees']):.2f}"
+            cells.append([*labels, *chance, cross_track_text, *estimate, nees, stops])
         head = [
             _("route"), _("fix"), _("gyro"), _("readings"), _("kept"), _("forecast"), _("cross, cm"),
             _("estimate, cm"), _("within"), "NEES", _("stopped, in lap"),
@@ -192,46 +181,31 @@ class LapStudy:
         return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons, _("all bounds are met"))])
 
 
-def _missed_bounds(row: "TableRow", laps: int) -> list[str]:
-    """Return a sentence for each bound that a row misses."""
-    problems = []
+def _missed_bounds(row: "TableRow", laps: int) -> Iterator[str]:
+    """Yield a sentence for each bound that a row misses."""
     if row["wall_contacts"]:
-        problems.append(_("{robots} robots touched a wall", robots=row["wall_contacts"]))
+        yield _("{robots} robots touched a wall", robots=row["wall_contacts"])
     if row["region_share"] < MIN_WITHIN_SHARE:
-        problems.append(
-            _("{within:.0%} are within the 95 % region; expected 90 %", within=row["region_share"])
-        )
+        yield _("{within:.0%} are within the 95 % region; expected 90 %", within=row["region_share"])
     if row["nees"] > MAX_NEES:
-        problems.append(_("NEES {nees:.2f}; expected at most {most:g}", nees=row["nees"], most=MAX_NEES))
+        yield _("NEES {nees:.2f}; expected at most {most:g}", nees=row["nees"], most=MAX_NEES)
     if row["fix"] != "tags":
-        return problems
+        return
     if row["gyro"] == "uncalibrated":
         if abs(row["forecast"] - row["success_share"]) > MAX_FORECAST_ERROR:
-            problems.append(
-                _(
-                    "{kept:.0%} of the robots keep to the route; the forecast was {forecast:.0%}",
-                    kept=row["success_share"],
-                    forecast=row["forecast"],
-                )
-            )
-        return problems
+            figures = {"kept": row["success_share"], "forecast": row["forecast"]}
+            yield _("{kept:.0%} of the robots keep to the route; the forecast was {forecast:.0%}", **figures)
+        return
     if row["last_across_p95_m"] > MAX_DISTANCE_M:
         distance = f"{number(100.0 * row['last_across_p95_m']):.0f} cm"
-        problems.append(
-            _("lap {lap}: {distance} from the route; expected at most 10 cm", lap=laps, distance=distance)
-        )
+        yield _("lap {lap}: {distance} from the route; expected at most 10 cm", lap=laps, distance=distance)
     if row["read"] == "no reading lost" and row["position_worst_m"] > MAX_DISTANCE_M:
         distance = f"{number(100.0 * row['position_worst_m']):.0f} cm"
-        problems.append(
-            _("the error of the estimate is {distance}; expected at most 10 cm", distance=distance)
-        )
+        yield _("the error of the estimate is {distance}; expected at most 10 cm", distance=distance)
     if row["route"] != "sinuous" and row["success_share"] < MIN_KEPT_SHARE:
-        problems.append(
-            _("{kept:.0%} of the robots keep to the route; expected 90 %", kept=row["success_share"])
-        )
+        yield _("{kept:.0%} of the robots keep to the route; expected 90 %", kept=row["success_share"])
     if row["stopped"]:
-        problems.append(_("{stopped} drives were stopped", stopped=row["stopped"]))
-    return problems
+        yield _("{stopped} drives were stopped", stopped=row["stopped"])
 
 
 def _quantile(values: list[float], q: float) -> float:
