@@ -188,7 +188,7 @@ def test_one_nan_does_not_discard_the_other_readings_of_its_sensor(value):
 
 def test_scale_uncertainty_widens_the_heading_covariance_with_the_turned_angle():
     belief, estimate = run(filter_of(), (tick(k, (0.0, 0.0, 2.0)) for k in range(1, 500)))
-    assert belief.mean[SCALE_INDEX:BIAS_INDEX] == pytest.approx(np.zeros(4), abs=1e-12)
+    assert belief.mean[SCALE_INDEX:BIAS_INDEX] == pytest.approx(np.zeros(5), abs=1e-12)
     turn_rad, bias = 2.0 * 5.0, IMU.gyro_bias_std * 5.0
     assert np.sqrt(estimate.cov[2, 2]) == pytest.approx(
         np.hypot(IMU.gyro_scale_std * turn_rad, bias), rel=0.05

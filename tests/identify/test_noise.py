@@ -292,7 +292,7 @@ def test_white_noise_of_an_accelerometer_leaves_a_push_of_the_size_of_its_error(
         (0, []),
         (MIN_READINGS, FORWARD[:1]),
         (MIN_RESIDUALS - 1, FORWARD[:1]),
-        (MIN_RESIDUALS, [*FORWARD, *NOISE]),
+        (MIN_RESIDUALS, [*FORWARD, "velocity_walk_std[1]", *NOISE]),
     ],
 )
 def test_few_readings_identify_the_misfit_but_not_the_sensor_noise(tags, free):

@@ -135,6 +135,10 @@ class AugmentedEkf:
         low=0.0,
         default=0.01,
     )
+    sideslip_error_std: float = parameter(
+        "1", "γ: error of the model's sideslip in turns, relative to this sideslip; 1: no sensor shows it",
+        low=0.0, high=10.0, default=1.0,
+    )  # fmt: skip
     speed_error_std: np.ndarray = parameter(
         "m/s, 1",
         "σ₀, σ₁: lasting error of the model's speed, at the speed of least error and per m/s away from it; "

@@ -1,9 +1,9 @@
 """Process model of the augmented state: the mean one row later, and the covariance of its noise.
 
-    x = (η, ν, d, κ, β, w, b):  pose, velocity, disturbance, scale errors, course, bend, biases               (1)
+    x = (η, ν, d, κ, β, γ, w, b):  pose, velocity, disturbance, scales, course, sideslip, bend, biases        (1)
     ν̇ = f(ν, e) + D,  D = (d_x, l d_ψ, d_ψ),  or  ν = V e + D,  D = (d_x, 0, d_ψ);   η̇ = J(ψ) (1 + K) ν     (2)
-    K ν = (κ_v ν_x, κ_v ν_y + β ν_x, κ_ψ ν_ψ)
-    ḋ = −(d − d̄)/T + noise  (Ornstein-Uhlenbeck, σ_d² about d̄),  d̄˙ = (d − d̄)/2 s,  κ̇ = β̇ = ẇ = 0,  ḃ = noise  (3)
+    K ν = (κ_v ν_x, κ_v ν_y + β ν_x + γ (ν_y − l ν_ψ), κ_ψ ν_ψ)
+    ḋ = −(d − d̄)/T + noise  (Ornstein-Uhlenbeck, σ_d² about d̄),  d̄˙ = (d − d̄)/2 s;  κ, β, γ, w constant  (3)
     displacement += −w λ s / (1 + s/2) J(ψ) ν δ,   s the variance of the heading, w ~ N(0, 1)              (4)
     P_xx, P_yy += 2 T_s (σ_s ν_x)² δ,   var ν_x += (σ_s ν_x)² as reported:   slip, σ_s, T_s of a wheel    (5)
     var ν_x += (ν̇_x τ)²/3   as reported, τ the time between two readings of a wheel                       (6)
@@ -173,7 +173,10 @@ def velocity_error(estimator: "AugmentedEkf", kappa: np.ndarray, nu: np.ndarray)
     """Return K ν (3,), the error of the velocity due to scale errors and course `kappa` = (κ_v, κ_ψ, β, …). (2), (8)"""
     c = 0.0 if layout(estimator).speed_is_measured else estimator.speed_per_gyro_scale
     scale = kappa[0] * _speed_error_shape(estimator, nu[0]) + c * kappa[1]
-    return np.array([scale * nu[0], scale * nu[1] + kappa[2] * nu[0], kappa[1] * nu[2]])
+    arm = optional.attribute(estimator.vehicle, "turning_arm_m")
+    sideslip = nu[1] - (0.0 if arm is None else arm) * nu[2]
+    sideways = scale * nu[1] + kappa[2] * nu[0] + kappa[3] * sideslip
+    return np.array([scale * nu[0], sideways, kappa[1] * nu[2]])
 
 
 def _speed_error_shape(estimator: "AugmentedEkf", speed: Value) -> Value:

@@ -1,6 +1,6 @@
 """The augmented state of augmented_ekf.py, and the entries of it that each channel of a sensor may correct.
 
-    x = (x, y, ψ | ν_x, ν_y, ν_ψ | d_x, d_ψ | κ_v, κ_ψ, β, w | biases)                                     (1)
+    x = (x, y, ψ | ν_x, ν_y, ν_ψ | d_x, d_ψ | κ_v, κ_ψ, β, γ, w | biases)                                  (1)
 
 A filter in which every channel corrects every state relies on the couplings of its model. Then a gyro that disagrees
 with the model changes the speed, and an odometer changes the heading. On real cars these couplings had larger errors
@@ -37,10 +37,12 @@ from baqueano.estimators.readings.sensor_numbers import (
 if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
-SCALE_INDEX, BIAS_INDEX = 8, 12  # index of the first of κ, β, w, and of the first bias
+SCALE_INDEX, BIAS_INDEX = 8, 13  # index of the first of κ, β, γ, w, and of the first bias
 # index of w, the bend of the position's region at a large heading variance; w is not estimated
-BEND_INDEX = 11
+BEND_INDEX = 12
 POSITION_STATES, TURNING_STATES, FORWARD_STATES = (0, 1), (2, 4, 5, 7), (3, 4, 6)  # entries of x
+SIDEWAYS = [0, 1, 4]  # of (η, ν): position, ν_y; an accelerometer shows only the fast part of ν_y
+MIN_SIDEWAYS_SLOPE = 0.5  # a sensor that is mounted a little turned has a smaller one
 MAX_SILENT_S = 0.2  # without a reading of the yaw rate for longer, other sensors and the model replace it
 # factor on the model's part of the gate of a gyro, because no model predicts each turn
 LEADING_GYRO_FACTOR = 2.5
@@ -59,6 +61,8 @@ class Layout(NamedTuple):
     gate_factors: np.ndarray  # (m,) factor on the model's part of the gate of each channel
     # (m, 2) derivative of each channel by speed and yaw rate; 0 if it must not correct them
     rest_jacobian: np.ndarray
+    # (m,) bool: the channel corrects ν_y, and depends on ν_y or its integral
+    shows_sideways: np.ndarray
     # the channels of each sensor that measures the pose: place_gate.py
     pose_groups: tuple[tuple[int, ...], ...]
     speed_is_measured: bool  # True if a channel has its own scale of the speed
@@ -128,6 +132,7 @@ def layout(estimator: "AugmentedEkf") -> Layout:
         resting_mask[k, states] = 1.0
     at_rest = {name: measurement_jacobian(getattr(sensors, name), np.zeros(9)) for name in names}
     slopes = np.array([at_rest[name][i, SPEED_AND_YAW_RATE] for name, i in channels]).reshape(-1, 2)
+    sideways = np.array([np.max(np.abs(at_rest[name][i, SIDEWAYS])) for name, i in channels])
     groups = (
         tuple(k for k, (of_channel, _) in enumerate(channels) if of_channel == name and dependencies[k].pose)
         for name in dict.fromkeys(names)
@@ -142,6 +147,7 @@ def layout(estimator: "AugmentedEkf") -> Layout:
         np.array([bool(states) for states in bias_states], dtype=bool),
         np.where([d.is_turn_only for d in dependencies], LEADING_GYRO_FACTOR, 1.0),
         slopes * moving_mask[:, SPEED_AND_YAW_RATE],
+        (moving_mask[:, SIDEWAYS[2]] > 0.0) & (sideways > MIN_SIDEWAYS_SLOPE),
         tuple(group for group in groups if group),
         has_speed_scale(sensors, dict(used_channels)),
         _yaw_rate_checks(sensors, channels, slopes, moving_mask[:, SPEED_AND_YAW_RATE[1]]),
@@ -227,7 +233,7 @@ def start_std(estimator: "AugmentedEkf") -> np.ndarray:
     scales = scale_std(estimator.sensors, *(_channels_correcting(states, k) for k in SPEED_AND_YAW_RATE))
     if not states.speed_is_measured and estimator.speed_error_std[1] > 0.0:
         scales[0] = estimator.speed_error_std[1]
-    course = np.array([estimator.course_std, 1.0])
+    course = np.array([estimator.course_std, estimator.sideslip_error_std, 1.0])
     return np.concatenate([estimator.initial_std, estimator.disturbance_std, scales, course, biases])
 
 

@@ -82,6 +82,8 @@ class Noise(Result):
         Accelerometers that correct the speed in the recommended filter.
     acceptance : Acceptance, optional
         Verdict of held-out runs on the recommended filter.
+    sideways_is_shown : bool
+        False if no sensor in use shows the sideways velocity; its walk is then that of the file.
 
     Examples
     --------
@@ -100,6 +102,7 @@ class Noise(Result):
     fields: dict[str, np.ndarray] = field(default_factory=dict)
     speed: SpeedChannels | None = None
     acceptance: Acceptance | None = None
+    sideways_is_shown: bool = True
 
     @property
     def verdict(self) -> Verdict:
@@ -143,6 +146,7 @@ class Noise(Result):
             source = _("R of (ν, ν̇) per tick at {rate_hz:g} Hz, from the {source}",
                        rate_hz=self.rate_hz, source=_(self.source))  # fmt: skip
             lines.append(source)
+        lines += texts([] if self.sideways_is_shown else [note("noise.sideways-of-the-file")])
         lines += texts(message.message for message in (self.speed, self.acceptance) if message)
         return "\n".join([*lines, *(f"- {message}" for message in texts(self.notes))])
 
@@ -236,7 +240,9 @@ def measure_noise(
         in_motion |= {name: getattr(ekf.sensors, name).cov for name in layout(ekf).names}
         fields = {name: np.array(getattr(ekf, name), dtype=float) for name in FIELDS}
         metadata = np.zeros((0, 0)), fit.file.rate_hz, "innovations", tuple(notes), units
-        return Noise(in_motion, at_rest, *metadata, fields, speed, check)
+        return Noise(
+            in_motion, at_rest, *metadata, fields, speed, check, bool(layout(ekf).shows_sideways.any())
+        )
     truths = [(r, r.truth) for r in runs if r.truth is not None and len(r.truth.t_ns)]
     runs_with_truth = [r for r, truth in truths if np.isfinite(truth.nu_dot).all()]
     if source == "truth" and not runs_with_truth:

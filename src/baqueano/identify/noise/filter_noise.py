@@ -63,17 +63,12 @@ TURNING_NOISE = (
     ("disturbance_fade_s[1]", MIN_FADE_S, MAX_FADE_S),
     ("velocity_walk_std[2]", 1e-4, 30.0),
 )
+SIDEWAYS_NOISE = ("velocity_walk_std[1]", 1e-4, 10.0)
 MOTOR_LAG_NOISE = (("motor_lag_std_s", 1e-3, 1.0),)
 FIELDS = (
-    "disturbance_std",
-    "disturbance_fade_s",
-    "motor_lag_std_s",
-    "velocity_walk_std",
-    "course_std",
-    "speed_error_std",
-    "least_error_speed_m_s",
-    "speed_per_gyro_scale",
-)
+    "disturbance_std", "disturbance_fade_s", "motor_lag_std_s", "velocity_walk_std", "course_std",
+    "speed_error_std", "least_error_speed_m_s", "speed_per_gyro_scale",
+)  # fmt: skip
 ROBUST_SIGMA = 6.0  # ρ is a square up to this limit, so that the long tails of model errors do not enlarge σ
 LOG_RANGE = 5.0  # of the logarithm of a sensor's σ, to both sides of the file's value
 MIN_RESIDUALS = 30  # residuals for (2), (3), readings for the noise of a sensor
@@ -109,6 +104,9 @@ def filter_noise(
     estimator = replace(fit.file.estimator(), speed_from=speed_from, noise_gain=0.0)
     filter_layout = layout(estimator)
     inertial = {bias.sensor for bias in filter_layout.biases}
+    correcting = [
+        c for c, E in zip(filter_layout.channel_entries, filter_layout.corrects_motion, strict=True) if E
+    ]
     sensors, sensors_of_fit, rounding = estimator.sensors, fit.vehicle_file.sensors, {}
     runs_of = {name: [run for run in runs if name in run.sensors] for name in filter_layout.names}
     readings = {name: sum(len(run.sensors[name].z) for run in runs_of[name]) for name in runs_of}
@@ -116,7 +114,7 @@ def filter_noise(
         sensor = getattr(sensors_of_fit, name)
         Q = q.get(name, sensor.cov) if readings[name] >= MIN_RESIDUALS else sensor.cov
         variance = np.array(np.diagonal(Q), dtype=float)
-        for i in _correcting_entries(filter_layout, name) if name in inertial else ():
+        for _, i in [c for c in correcting if c[0] == name and name in inertial]:
             rounding[name, i] = _variance_range(fit, name, i, rest.get(name), variance[i])
             variance[i] = rounding[name, i][1]
         Q = Q if _is_wheel_pair(sensor, filter_layout, name) else np.diag(variance)
@@ -207,12 +205,6 @@ def _with_misfit_from_accelerometer(
     return with_value(ekf, "velocity_walk_std[0]", walk)
 
 
-def _correcting_entries(layout: Layout, name: str) -> list[int]:
-    """Return the entries of a sensor that correct the motion while the vehicle drives."""
-    channels = zip(layout.channel_entries, layout.corrects_motion, strict=True)
-    return [i for (sensor, i), corrects in channels if sensor == name and corrects]
-
-
 def _free_noise(
     ekf: AugmentedEkf,
     inertial: set[str],
@@ -229,6 +221,8 @@ def _free_noise(
         max_count = np.max(counts * filter_layout.corrects(state), initial=0)
         count = len(paths) if max_count >= MIN_RESIDUALS else int(max_count >= MIN_READINGS)
         free_noise += [FreeNoise(*path, 1.0) for path in paths[:count]]
+    if np.max(counts * filter_layout.shows_sideways, initial=0) >= MIN_RESIDUALS:
+        free_noise.append(FreeNoise(*SIDEWAYS_NOISE, 1.0))
     pairs = [n for n in filter_layout.names if _is_wheel_pair(getattr(ekf.sensors, n), filter_layout, n)]
     for name in (name for name in pairs if readings[name] >= MIN_RESIDUALS):
         low = np.sqrt(0.5 * max(rounding.get((name, i), (0.0, 0.0))[0] for i in (0, 1)))

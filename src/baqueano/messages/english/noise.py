@@ -69,6 +69,9 @@ TEMPLATES: dict[str, str] = {
     "noise.raised": "{subject}: {count} of {total} variances were raised to the lower limit",
     "noise.correlations-reduced": "{subject}: correlations were reduced, so that the matrix is positive definite",
     "noise.of-the-file": "Q of {subject} comes from the file: not all of its channels were part of the fit",
+    "noise.sideways-of-the-file": (
+        "noise: no sensor in use shows the sideways velocity. velocity_walk_std[1] is that of the file."
+    ),
     "noise.of-its-rest": (
         "Q of {subject} is the noise at rest, σ = {sigma:.3g}: the sensor was not part of the fit"
     ),
