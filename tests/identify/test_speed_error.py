@@ -9,6 +9,7 @@ import pytest
 from baqueano.estimators.augmented.motion import MIN_SPEED_M_S, velocity_error
 from baqueano.estimators.augmented_ekf import SCALE_INDEX
 from baqueano.identify import identify, random_steps
+from baqueano.identify.covariance.fixed_parameters import FixedParameters
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.identify.noise.speed_error import with_speed_error
@@ -24,11 +25,16 @@ FORCE = "model.actuator_matrix[0,0]"
 CONSTANT_SPEED = 0.3  # m/s
 
 
+def no_fixed_parameters(count):
+    """Return no parameters beside `count` others."""
+    return FixedParameters((), np.zeros((0, 0)), np.zeros((0, count)), np.zeros(0, bool))
+
+
 def fit_with(names, std):
     """Return what `with_speed_error` reads of a fit with independent errors."""
     return SimpleNamespace(
         names=tuple(names), std=np.array(std), cov=np.diag(np.square(std)), backend="auto", always_unobservable=(),
-        scale_shifts=np.zeros((3, len(names))), blocks=FittedBlocks(SMALL.vehicle, sensor_slots(())()), file=SMALL,
+        fixed=no_fixed_parameters(len(names)), blocks=FittedBlocks(SMALL.vehicle, sensor_slots(())()), file=SMALL,
     )  # fmt: skip
 
 
@@ -101,7 +107,9 @@ def test_the_effect_of_the_gyros_scale_on_a_fit_equals_another_fit(drive):
     )
     for name in ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[2,2]"):
         k = fit.names.index(name)
-        assert fit.scale_shifts[2, k] == pytest.approx((high.estimate[k] - low.estimate[k]) / 0.02, rel=0.2)
+        assert fit.fixed.gyro_shift()[k] == pytest.approx(
+            (low.estimate[k] - high.estimate[k]) / 0.02, rel=0.2
+        )
 
 
 def test_a_gyro_that_reads_too_much_gives_a_speed_that_is_too_low(drive):
@@ -110,7 +118,7 @@ def test_a_gyro_that_reads_too_much_gives_a_speed_that_is_too_low(drive):
     ekf = measure_noise(fit, run).updated_file(fit.vehicle_file).estimator()
     c, gyro_std = ekf.speed_per_gyro_scale, float(ekf.sensors.imu.gyro_scale_std)
     assert -1.1 < c < -0.05
-    unscaled_ekf = with_speed_error(ekf, replace(fit, scale_shifts=np.zeros((3, len(fit.names)))), [run])
+    unscaled_ekf = with_speed_error(ekf, replace(fit, fixed=no_fixed_parameters(len(fit.names))), [run])
     assert unscaled_ekf.speed_error_std[1] ** 2 - ekf.speed_error_std[1] ** 2 == pytest.approx(
         gyro_std**2, rel=0.05
     )

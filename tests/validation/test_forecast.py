@@ -6,6 +6,7 @@ The forecast is linear in the errors; the drawn vehicles are not.
 
 import json
 from dataclasses import replace
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -17,17 +18,23 @@ from baqueano.errors import UsageError
 from baqueano.guides.shapes import eight
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.parameters.free import value
+from baqueano.numerics.normal_equations import mean_square_error
 from baqueano.report.fit_report import page_of_fit
 from baqueano.runs import write_run
 from baqueano.simulate import simulate
 from baqueano.simulate.many import simulate_many
 from baqueano.validation.forecast import MAX_HEADING_STD_RAD, DriveForecast, _lap, forecast
-from baqueano.vehicle_file import load, parse
+from baqueano.vehicle_file import Provenance, load, parse
 from tests.codes import of_code
+from tests.identify.test_speed_error import no_fixed_parameters
 from tests.identify.test_strangers_wheels import FILE, TRACK_M
 from tests.identify.test_strangers_wheels import drive as drive_with_counts
 from tests.identify.test_voltage import EFFECT, emptied
 
+WITH_DEAD_ZONES = FILE.replace(
+    "[sensors.wheels]",
+    "dead_zone_forward = [0.05, 0.05]\ndead_zone_backward = [0.05, 0.05]\n[sensors.wheels]",
+)
 LIMIT = {"small": [1.0, 0.0, 1.0], "car": [0.5, 0.8]}
 
 
@@ -79,8 +86,8 @@ def rms_of_ten_seconds(paths):
 
 
 def exact_scales(fit):
-    """Return the fit without the errors of the scales of the IMU, which drawn vehicles do not have."""
-    return replace(fit, scale_shifts=0.0 * fit.scale_shifts)
+    """Return the fit without the errors of fixed parameters, which drawn vehicles do not have."""
+    return replace(fit, fixed=no_fixed_parameters(len(fit.names)))
 
 
 def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(fit_and_run):
@@ -114,12 +121,8 @@ def test_the_forecast_error_over_a_lap_matches_drawn_vehicles(fit_and_run):
 
 def test_the_forecast_of_an_incomplete_model_agrees_with_unseen_drives():
     """The fit has dead zones in place of the dry friction of the wheels. Its error bars contain their difference."""
-    text = FILE.replace(
-        "[sensors.wheels]",
-        "dead_zone_forward = [0.05, 0.05]\ndead_zone_backward = [0.05, 0.05]\n[sensors.wheels]",
-    )
     run = drive_with_counts(1)
-    fit = identify(run, parse(text, "stranger.toml"))
+    fit = exact_scales(identify(run, parse(WITH_DEAD_ZONES, "stranger.toml")))
     exact, errors = fit.vehicle_file.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]}), []
     for seed in (3, 4, 5):
         unseen = drive_with_counts(seed)
@@ -147,13 +150,63 @@ def test_the_forecast_contains_the_unmeasured_scale_of_a_gyro(small):
     fit_2, u = identify(damaged, fit.file, options=FitOptions(diagnose=False)), run.applied_commands
     etas = [path_of(f.vehicle_file, u) for f in (fit, fit_2)]
     scales = {"sensors.imu.gyro_scale": 0.01 * np.sqrt(3.0), "sensors.imu.accel_scale": 0.0}
-    diagnosed = identify(run, fit.file)
-    exact = replace(
-        diagnosed, cov=diagnosed.unmodelled_cov, channels=(), file=with_tolerance(fit.file, scales)
-    )
+    diagnosed = identify(run, with_tolerance(fit.file, scales))
+    fixed = diagnosed.fixed._replace(cov=np.array([[0.01**2]]))  # without the information of the run
+    exact = replace(diagnosed, cov=diagnosed.unmodelled_cov, channels=(), fixed=fixed)
     prediction, heading = forecast(exact, run), rms_of_ten_seconds(etas)
     assert prediction.drives[0].heading_rad == pytest.approx(heading, rel=0.1)
     assert [message.code for message in prediction.notes if "scales" in message.code] == ["forecast.scales"]
+
+
+def with_wheels(keys):
+    """Return `small` with encoders of the given keys, and its run."""
+    text = (files("baqueano.garage") / "small.toml").read_text(encoding="utf-8")
+    file = parse(f'{text}\n[sensors.wheels]\nkind = "wheels"\nnoise_std = 0.01\n{keys}', "small.toml")
+    return file, simulate(file, random_steps(LIMIT["small"], 40.0, file.rate_hz, 1), 1)
+
+
+def test_the_forecast_contains_the_declared_error_of_a_track():
+    """The wheels alone do not show their distance: a track 1 % wider is a vehicle that turns 1 % slower."""
+    file, run = with_wheels("radius_scale_std = 0.0")
+    track, error_m = "sensors.wheels.track_m", 0.0012
+    measured = file.with_values({track: 0.12}, {track: Provenance("tape", None, error_m)})
+    wider = file.with_values({track: 0.12 + error_m})
+    fit, fit_of_wider = (identify(run, f, use=["wheels"]) for f in (measured, wider))
+    assert fit.fixed.paths == (track,)
+    fixed = fit.fixed._replace(cov=np.array([[error_m**2]]))  # without the information of the run
+    prediction = forecast(replace(fit, cov=fit.unmodelled_cov, channels=(), fixed=fixed), run)
+    heading = rms_of_ten_seconds([path_of(f.vehicle_file, run.applied_commands) for f in (fit, fit_of_wider)])
+    assert prediction.drives[0].heading_rad == pytest.approx(heading, rel=0.1)
+    assert ("forecast.fixed", track) in [(message.code, message.subject) for message in prediction.notes]
+
+
+def test_sensors_that_measure_the_same_turns_show_the_scale_of_a_gyro():
+    """The file states a scale within ± 1.5 %. The wheels show that it reads 1 % too much, as a fit with a free scale
+    does."""
+    file, run = with_wheels("radius_scale_std = 0.0")
+    imu = run.sensors["imu"]
+    run = replace(run, sensors={**run.sensors, "imu": imu._replace(z=imu.z * [1.0, 1.0, 1.01])})
+    fit, free = identify(run, file), identify(run, file, ["+sensors.imu.gyro_scale"])
+    k, j = (x.index("sensors.imu.gyro_scale") for x in (free.names, fit.fixed.paths))
+    error = np.hypot(free.estimate[k] - 1.0, free.std[k])
+    assert 0.005 < error < 0.015
+    assert np.sqrt(fit.fixed.cov[j, j]) == pytest.approx(error, rel=0.1)
+
+
+def test_runs_that_contradict_the_vehicle_file_do_not_change_its_errors():
+    small_N, large_g = 4.0 * np.eye(1), np.array([400.0])
+    assert mean_square_error(np.eye(1), small_N, small_N, large_g) == pytest.approx(np.eye(1))
+    assert mean_square_error(np.eye(1), small_N, small_N, np.zeros(1)) == pytest.approx(0.2 * np.eye(1))
+
+
+def test_the_forecast_states_the_speed_with_an_empty_battery():
+    """Without friction at low speed, the speed of `small` with half of its voltage is below half of its speed."""
+    file, run = drive_named("small", 20.0)
+    file = file.with_values({"robot.least_battery_v": 3.7})
+    notes = forecast(identify(run, file, options=FitOptions(diagnose=False)), run).notes
+    (message,) = [message for message in notes if message.code == "forecast.battery"]
+    assert (message.figures["low_v"], message.figures["full_v"]) == (3.7, 7.4)
+    assert 50.0 < message.figures["percent"] < 100.0
 
 
 def test_the_forecast_contains_the_error_of_the_battery_effect():
@@ -194,7 +247,7 @@ def test_a_forecast_skips_the_pauses_of_a_log(small):
 
 def test_a_forecast_that_cannot_cover_a_lap_reports_its_reason(small):
     fit, run = small
-    result = forecast(fit, run, eight(0.5, 30.0))
+    result = forecast(exact_scales(fit), run, eight(0.5, 30.0))
     assert len(result.drives) == 1
     assert result.notes[0].code == "forecast.strays"
 
@@ -202,6 +255,15 @@ def test_a_forecast_that_cannot_cover_a_lap_reports_its_reason(small):
 def test_a_lost_heading_gives_no_distance_forecast():
     message = DriveForecast(note("forecast.lap"), 60.0, 12.0, 3.0, MAX_HEADING_STD_RAD + 0.1).message
     assert (message.code, message.figures["heading_deg"]) == ("forecast.lost", "34")
+
+
+def test_a_fit_by_innovations_has_a_forecast():
+    """Its parameters also contain the process noise, which has no effect on the path."""
+    file, run = drive_named("small", 20.0)
+    options = FitOptions(cost="innovations", diagnose=False)
+    fit = identify(run, file, ["model.actuator_matrix[0,0]", "model.friction.linear[0]"], options=options)
+    assert fit.fixed.shifts.shape[1] == len(fit.names) > 2
+    assert 0.0 < forecast(fit, run).drives[0].position_m < 0.1
 
 
 def test_a_fit_of_only_sensor_parameters_gives_no_forecast():

@@ -11,9 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
+from baqueano.parameter import all_parameters, parameters
 from baqueano.sensors.imu import SCALE_TOLERANCE
+from baqueano.sensors.sampling import is_imu
 from baqueano.symbolic import value_at_path
 
 if TYPE_CHECKING:
@@ -33,10 +36,76 @@ def scale_stds(vehicle_file: "VehicleFile", imu: str) -> np.ndarray:
 
     They are those of the file if they were measured or stated, else those of a data sheet.
     """
-    stds = [
-        _measured_relative_std(vehicle_file, f"sensors.{imu}.{field}", entry) for field, entry in CHANNELS
-    ]
-    return np.array([std_of_tolerance(SCALE_TOLERANCE) if std is None else std for std in stds])
+    sensor = getattr(vehicle_file.sensors, imu)
+    scales = [(f"sensors.{imu}.{field}", entry) for field, entry in CHANNELS]
+    values = [float(np.ravel(getattr(sensor, field))[entry]) for field, entry in CHANNELS]
+    stds = [_declared_std(vehicle_file, vehicle_file, path, entry) for path, entry in scales]
+    return np.array(stds) / np.abs(values)
+
+
+def declared_covariance(
+    vehicle_file: "VehicleFile", blocks: Tree, exact: set[str], with_zero: bool
+) -> tuple[list[str], np.ndarray]:
+    """Return the paths (K,) of the uncertain parameters of the model and the sensors, and their covariance (K, K).
+
+    Their standard deviations are in the file, or in a data sheet. Parameters in `exact` are excluded, and so are
+    biases, except the zeros of gyros if `with_zero`. The correlations are those of an earlier fit.
+    """
+    blocks_by_name = {"model": blocks.model}
+    blocks_by_name |= {f"sensors.{name}": sensor for name, sensor in blocks.sensors._asdict().items()}
+    stds: dict[str, float] = {}
+    for owner, block in blocks_by_name.items():
+        for field, p in all_parameters(block, owner):
+            names = entry_paths(field, np.shape(value_at_path(blocks, field)))
+            for entry, path in enumerate(names if p.role != "noise" and not p.walk else ()):
+                stds[path] = _declared_std(vehicle_file, blocks, field, entry)
+        if with_zero and has_field(block, "gyro_bias"):
+            stds[f"{owner}.gyro_bias"] = std_of_gyro_bias(vehicle_file, owner.removeprefix("sensors."))
+    stds = {path: std for path, std in stds.items() if std > 0.0 and path not in exact}
+    correlation, paths = np.eye(len(stds)), list(stds)
+    if vehicle_file.parameter_cov is not None:
+        names, cov = vehicle_file.parameter_cov[:2]
+        root = np.sqrt(np.diagonal(cov))
+        indices = [k for k, path in enumerate(paths) if path in names and root[names.index(path)] > 0.0]
+        rows = [names.index(paths[k]) for k in indices]
+        correlation[np.ix_(indices, indices)] = cov[np.ix_(rows, rows)] / np.outer(root[rows], root[rows])
+    std = np.array(list(stds.values()))
+    return paths, correlation * np.outer(std, std)
+
+
+def entry_paths(path: str, shape: tuple[int, ...]) -> list[str]:
+    """Return the path of each entry of a field, such as "model.actuator_matrix[0,2]"."""
+    return [f"{path}[{','.join(map(str, index))}]" for index in np.ndindex(shape)] if shape else [path]
+
+
+def _declared_std(vehicle_file: "VehicleFile", tree: Tree, path: str, entry: int) -> float:
+    """Return the standard deviation of entry `entry` of a parameter of `tree`, 0 if it is unknown.
+
+    It is that of a measurement, else that of the key of the sensor, else that of a data sheet.
+    """
+    owner, _, field = path.rpartition(".")
+    block = value_at_path(tree, owner)
+    p, size = dict(parameters(block))[field], abs(float(_entry(getattr(block, field), entry)))
+    origin = vehicle_file.provenance.get(path)
+    if origin is not None and origin.std is not None and np.isfinite(measured := _entry(origin.std, entry)):
+        return float(measured)
+    if is_imu(block) and p.role == "scale" and (not p.std or p.std not in _table(vehicle_file, owner)):
+        return size * std_of_tolerance(SCALE_TOLERANCE)
+    return size * float(_entry(getattr(block, p.std), entry)) if p.std and not p.walk else 0.0
+
+
+def _entry(values: Tree, entry: int) -> float:
+    """Return one entry of an array; the last one if it has fewer entries."""
+    flat = np.ravel(np.asarray(values, float))
+    return float(flat[min(entry, len(flat) - 1)])
+
+
+def _table(vehicle_file: "VehicleFile", path: str) -> JsonObject:
+    """Return the table of the file at a dotted path, as written."""
+    table = vehicle_file.data
+    for key in path.split("."):
+        table = table.get(key, {})
+    return table
 
 
 def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) -> "VehicleFile":
@@ -63,16 +132,6 @@ def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) 
         values[path] = value.tolist()
         origins[path] = Provenance(f"stated, ± {100.0 * relative_tolerance:g} %", date.today(), std.tolist())
     return vehicle_file.with_values(values, origins) if values else vehicle_file
-
-
-def _measured_relative_std(vehicle_file: "VehicleFile", path: str, entry: int) -> float | None:
-    """Return the relative standard error of a scale, or None if it was not measured."""
-    origin = vehicle_file.provenance.get(path)
-    if origin is None or origin.std is None:
-        return None
-    std, value = (np.ravel(np.asarray(x, float)) for x in (origin.std, value_at_path(vehicle_file, path)))
-    relative = float(std[min(entry, len(std) - 1)] / abs(value[min(entry, len(value) - 1)]))
-    return relative if np.isfinite(relative) else None
 
 
 def std_of_gyro_bias(vehicle_file: "VehicleFile", imu: str) -> float:

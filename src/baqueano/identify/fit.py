@@ -23,7 +23,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import note
 from baqueano.identify import imu_only
 from baqueano.identify.battery import with_shown_battery
-from baqueano.identify.covariance.information import gyro_bias_covariance
+from baqueano.identify.covariance.fixed_parameters import fixed_parameters
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.estimation.delay import (
     DUTY_STEP_PATH,
@@ -224,16 +224,16 @@ def conclude(
     best, identifiability, info = fix_unidentifiable(task, result, parameters.free)
     # the bounds of the search are those of one tick if the delay is free
     task = task._replace(low=parameters.low, high=parameters.high, problem=best.problem)
+    best, with_zero = with_bound_flags(task, best), options.biases and has_offset(data.vehicle_file.vehicle)
+    fixed = fixed_parameters(
+        data.vehicle_file, parameters.blocks, best.problem, best.solution, identifiability.mask, with_zero
+    )
     end = FinishedFit(
-        data.vehicle_file, parameters, task, with_bound_flags(task, best), identifiability, info,
-        data.note, data.findings, score_test=options.diagnose,
+        data.vehicle_file, parameters, task, best, identifiability, info, fixed, data.note, data.findings,
+        score_test=options.diagnose,
     )  # fmt: skip
     if options.gyro_leads:
         return imu_only.fit_of_imu(end)
-    if options.biases and has_offset(data.vehicle_file.vehicle):
-        theta, mask = best.solution.theta, identifiability.mask
-        zero_cov = gyro_bias_covariance(task.problem, theta, mask, info.bread, data.vehicle_file)
-        end = end._replace(systematic=zero_cov)
     return fit_by_innovations(end) if options.cost == "innovations" else fit_by_simulation(end)
 
 

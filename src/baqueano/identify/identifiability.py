@@ -21,6 +21,7 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.identify.covariance.fixed_parameters import FixedParameters
 from baqueano.identify.covariance.information import Information, covariance_of, information
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation.search import Search, Task, search
@@ -244,12 +245,12 @@ class FinishedFit(NamedTuple):
     search: Search
     identifiability: Identifiability
     info: Information
+    fixed: FixedParameters
     note: Diagnostic | None = None  # on changes before the search
     findings: tuple[Diagnostic, ...] = ()  # about the data
     score_test: bool = True  # True to test for effects that the model lacks
     is_explained_by_floor: bool = False  # True if process noise explains the residuals of the simulation
     is_filtered: bool = False  # True if θ comes from the innovations
-    systematic: np.ndarray | None = None  # (p, p) covariance of θ from parameters fixed at measured values
 
     @property
     def blocks(self) -> FittedBlocks:

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.calibration.tolerances import scale_stds, std_of_gyro_bias
+from baqueano.calibration.tolerances import scale_stds
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import jackknife, with_jackknife
-from baqueano.identify.covariance.information import Information, with_systematic_errors
+from baqueano.identify.covariance.information import Information
 from baqueano.identify.identifiability import FinishedFit
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import has_offset
@@ -87,7 +87,7 @@ def fit_of_imu(end: FinishedFit) -> Fit:
     problem, imu = end.task.problem, end.task.problem.names[0]
     scales = scale_stds(end.vehicle_file, imu)
     sigma = robust_sigma(problem.misfits(end.search.solution.theta), problem.masks, end.task.floor)
-    end = end._replace(info=_with_all_errors(end, scales), search=end.search._replace(sigma=sigma))
+    end = end._replace(info=_with_jackknife(end), search=end.search._replace(sigma=sigma))
     basis = verdict_basis(end)
     # the jackknife does not contain effects that shift all parts alike, such as understeer, or times by a short lag
     is_time = np.array([parameter.unit == "s" for parameter in end.parameters.free], bool)
@@ -103,18 +103,11 @@ def _without_advice(message: Diagnostic) -> Diagnostic:
     return replace(message, code="residual.missing", fix="") if "+sensors." in message.fix else message
 
 
-def _with_all_errors(end: FinishedFit, scales: np.ndarray) -> Information:
-    """Return the information with an enlarged covariance.
-
-    It contains the scatter between parts of the run, the errors of the `scales`, and that of the zero of a car's gyro.
-    """
-    problem, theta = end.task.problem, end.search.solution.theta
+def _with_jackknife(end: FinishedFit) -> Information:
+    """Return the information, with the covariance enlarged by the scatter between parts of the run."""
     identifiable = np.flatnonzero(end.identifiability.mask)
-    is_car = has_offset(end.vehicle_file.vehicle)
-    zero_rad_s = std_of_gyro_bias(end.vehicle_file, problem.names[0]) if is_car else 0.0
-    cov = jackknife(problem, theta, identifiable, end.info.bread)
-    info = end.info if cov is None else with_jackknife(end.info, identifiable, cov)
-    return with_systematic_errors(info, problem, theta, scales, zero_rad_s)
+    cov = jackknife(end.task.problem, end.search.solution.theta, identifiable, end.info.bread)
+    return end.info if cov is None else with_jackknife(end.info, identifiable, cov)
 
 
 def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:

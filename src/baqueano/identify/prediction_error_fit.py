@@ -82,6 +82,8 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
         bound=np.concatenate([fit.bound, np.where(floor > 0.0, 0, -1)]),
         poorly_identified=np.concatenate([fit.poorly_identified, np.zeros(len(paths), bool)]),
         cov=cov,
+        unmodelled_cov=np.pad(fit.unmodelled_cov, (0, len(paths))),
+        fixed=fit.fixed._replace(shifts=np.pad(fit.fixed.shifts, ((0, 0), (0, len(paths))))),
         notes=(second.choice.reason, _sensors(second), *fit.notes),
     )
 

@@ -17,6 +17,7 @@ import numpy as np
 
 # of the largest eigenvalue of a start's information: directions below it are unobservable
 MIN_EIGENVALUE = 1e-9
+MAX_PRIOR_SIGMA = 4.0  # standard deviations of a prior within which an estimate agrees with it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,6 +174,21 @@ def derivatives_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -
         for x in (start_derivatives, other_derivatives)
     )
     return other_derivatives - start_derivatives @ (pseudo_inverse(A_ss, MIN_EIGENVALUE) @ A_so)
+
+
+def mean_square_error(prior: np.ndarray, N: np.ndarray, meat: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """Return P + δ δᵀ (K, K) of parameters that stay at their prior mean, or `prior` (K, K) if δ contradicts it.
+
+        K = Σ N (N Σ N + M)⁻¹,   δ = −K g,   P = Σ − K N Σ                                                 (4)
+
+    N (K, K) is their information in the data, and `meat`, M (K, K), the covariance of their score `g` (K,). δ of more
+    than MAX_PRIOR_SIGMA standard deviations is an error of the model. Source: the consider filter of Schmidt 1966.
+    """
+    noise = meat + MIN_EIGENVALUE * max(float(np.trace(N)), 1e-300) * np.eye(len(N))
+    gain = np.linalg.solve(N @ prior @ N + noise, N @ prior).T
+    delta, P = -gain @ g, prior - gain @ N @ prior
+    is_contradicted = not delta @ pseudo_inverse(prior) @ delta < MAX_PRIOR_SIGMA**2 + len(delta)
+    return prior if is_contradicted else 0.5 * (P + P.T) + np.outer(delta, delta)
 
 
 def pseudo_inverse(A: np.ndarray, rcond: float = 1e-12) -> np.ndarray:

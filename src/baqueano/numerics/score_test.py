@@ -185,16 +185,6 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _ScoreSums:
     return _ScoreSums(energy, products[-1], products[:-1].T, of_nuisances)
 
 
-def shift_by_effects(fit: FitResiduals, D: np.ndarray, is_inside: np.ndarray) -> np.ndarray:
-    """Return the change (K, k) of θ if the readings lacked a unit of each effect D (K, N m).  −(3) with δ = 1
-
-    Entries at a bound, where `is_inside` (k,) is False, do not change.
-    """
-    inverse, block = np.zeros_like(fit.inverse), np.ix_(is_inside, is_inside)
-    inverse[block] = pseudo_inverse(pseudo_inverse(fit.inverse)[block])
-    return _sums(fit, D).cross @ inverse
-
-
 def bounded_shift(fit: FitResiduals, test: ScoreTest, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return the change (k,) of θ by an effect between `low` and `high` (k,), the distances of θ to its bounds.  (5)"""
     if np.all((test.shift >= low) & (test.shift <= high)):

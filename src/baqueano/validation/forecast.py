@@ -4,7 +4,7 @@
     Σ_η = (∂η/∂θ) P (∂η/∂θ)ᵀ,   position √(Σ_xx + Σ_yy),   heading √Σ_ψψ                                  (2)
     η: the pose after HORIZON_S relative to its start, once per second of the runs of the fit               (3)
     + max(0, mean d₁ᵀ d₂ + tr Σ_η) over windows of the runs,   d_i: (3) of ν + H⁺ r_i, minus (3) of ν        (4)
-    + (2) of S diag(σ²) Sᵀ,   S = ∂θ̂/∂(scales of the IMU),  σ of these scales: measured, or of a data sheet (5)
+    + (2) of S C Sᵀ,   S = ∂θ̂/∂κ,   C of the parameters κ that were not fitted: fixed_parameters.py          (5)
 
 P is the covariance of the fit without the shifts by effects that the model lacks. Along the runs these effects and
 shifts cancel; their remainder is in the residuals r. H = ∂h/∂ν of wheels, gyro, odometer. r₁, r₂ are every second
@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.calibration.tolerances import scale_stds
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.errors import BaqueanoError, UsageError
@@ -29,7 +28,7 @@ from baqueano.geometry import map_from_body, wrap
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_voltage
 from baqueano.identify.data.record import FitRecord, record_of
-from baqueano.identify.noise.speed_error import SCALES_INCLUDED
+from baqueano.identify.parameters.free import free_parameter, value
 from baqueano.identify.residuals.motion import motion_rows, open_loop
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.messages import text, texts, with_full_stop
@@ -165,8 +164,9 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     entries = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.std[k])]
     if not entries:
         raise UsageError(fault("forecast.no-errors"))
-    paths = tuple(fit.names[k] for k in entries)
-    cov = (fit.cov - fit.unmodelled_cov)[np.ix_(entries, entries)]
+    fixed_paths = [path for path in fit.fixed.paths if path.startswith("model.")]
+    paths = (*(fit.names[k] for k in entries), *fixed_paths)
+    covs = _covariances(fit, entries, fixed_paths)
     segments = [segment for run in runs for segment in check_timestamps(run, fit.file.rate_hz)[0]]
     records = [
         with_voltage([record_of(segment, {})], [segment], fit.blocks, False)[0] for segment in segments
@@ -175,12 +175,14 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     kernel, theta = open_loop(
         fit.blocks.model, paths, lambda motion: motion.eta, fit.backend, bool(volts)
     )  # (1)
-    drives, covs = [], np.array([cov, _scale_cov(fit, entries)])
+    drives = []
     for segment, record in zip(segments, records, strict=True):
         drive, channels = _drive(kernel, theta, motion_rows(record), record.u), fit.channels_of(segment)
         drives.append(drive._replace(measured=_measured_paths(fit, channels, record, drive.eta)))
     forecasts: list[DriveForecast] = [_forecast_windows(drives, covs)[0]]
-    notes: list[Diagnostic | str] = _scale_notes(fit, forecasts[0], _forecast_windows(drives, covs[:1])[0])
+    notes: list[Diagnostic | str] = _fixed_notes(fit, drives, covs, forecasts[0])
+    if not volts:
+        notes += _battery_notes(fit, drives[0], motion_rows(records[0]))
     lap, reason = _lap(fit, paths, theta, _route_of(drives) if route is None else route)
     if lap is None:
         notes.append(reason)
@@ -200,23 +202,51 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     return Forecast(tuple(forecasts), tuple(message for message in notes if message))
 
 
-def _scale_cov(fit: "Fit", entries: list[int]) -> np.ndarray:
-    """Return the covariance (p, p) of the parameters `entries` by the scales of the IMU in the file.  (5)"""
-    imus = _imus(fit)
-    is_included = any(message.code == SCALES_INCLUDED for message in fit.always_unobservable)
-    stds = scale_stds(fit.file, imus[0]) if imus and not is_included else np.zeros(3)
-    shifts = stds[:, None] * fit.scale_shifts[:, entries]
-    return shifts.T @ shifts
+def _covariances(fit: "Fit", entries: list[int], fixed_paths: list[str]) -> np.ndarray:
+    """Return covariances (1 + K, p, p) of the fitted parameters `entries` and of `fixed_paths`: by the errors of the
+    fit, and by each of the K fixed parameters.  (5)"""
+    paths, C = fit.fixed.paths, fit.fixed.cov
+    direct = np.array([[path == x for x in fixed_paths] for path in paths]).reshape(
+        len(paths), len(fixed_paths)
+    )
+    S = np.hstack([fit.fixed.shifts[:, entries], direct])
+    covs = np.zeros((1 + len(paths), S.shape[1], S.shape[1]))
+    of_data = fit.cov - fit.unmodelled_cov - fit.fixed.estimate_cov
+    covs[0, : len(entries), : len(entries)] = of_data[np.ix_(entries, entries)]
+    cross = S[:, :, None] * (C @ S)[:, None, :]
+    covs[1:] = 0.5 * (cross + cross.transpose(0, 2, 1))
+    return covs
 
 
-def _scale_notes(fit: "Fit", total: DriveForecast, unscaled: DriveForecast) -> list[Diagnostic | str]:
-    """Return a note if the scales of the IMU cause most of the variance of the position."""
-    if not unscaled.position_m**2 < 0.5 * total.position_m**2:
+def _fixed_notes(
+    fit: "Fit", drives: Sequence["_ModelDrive"], covs: np.ndarray, total: DriveForecast
+) -> list[Diagnostic | str]:
+    """Return a note if the parameters that were not fitted cause most of the variance of the position."""
+    if not _forecast_windows(drives, covs[:1])[0].position_m ** 2 < 0.5 * total.position_m**2:
         return []
-    imu, fix = _imus(fit)[0], baqueano_command("runs", "calibrate", "last", "--update")
-    return [
-        note("forecast.scales", fix=fix, subject=imu, percent=100.0 * float(scale_stds(fit.file, imu)[2]))
+    others = [
+        _forecast_windows(drives, np.delete(covs, 1 + k, axis=0))[0] for k in range(len(fit.fixed.paths))
     ]
+    k = int(np.argmin([other.position_m for other in others]))
+    path, std = fit.fixed.paths[k], float(np.sqrt(fit.fixed.cov[k, k]))
+    parameter, x = free_parameter(fit.blocks, path, {}), value(fit.blocks, path)
+    if parameter.definition.role == "scale" and (subject := path.split(".")[1]) in _imus(fit):
+        fix = baqueano_command("runs", "calibrate", "last", "--update")
+        return [note("forecast.scales", fix=fix, subject=subject, percent=100.0 * std / abs(x))]
+    return [note("forecast.fixed", subject=path, value=x, std=std, unit=parameter.unit)]
+
+
+def _battery_notes(fit: "Fit", drive: "_ModelDrive", rows: np.ndarray) -> list[Diagnostic | str]:
+    """Return a note on the speed of a drive at the least voltage of the battery, if the file states one."""
+    low_v, drivetrain = fit.file.robot.least_battery_v, getattr(fit.blocks.model, "drivetrain", None)
+    full_v = float(getattr(drivetrain, "battery_v", 0.0))
+    if not 0.0 < low_v < full_v:
+        return []
+    kernel, _ = open_loop(fit.blocks.model, ("model.drivetrain.battery_v",), lambda m: m.eta, fit.backend)
+    weak = np.asarray(kernel.run(np.ascontiguousarray(rows), np.array([low_v]))[1])
+    distances_m = [float(np.sum(np.hypot(*np.diff(eta[:, :2], axis=0).T))) for eta in (drive.eta, weak)]
+    percent = 100.0 * (1.0 - distances_m[1] / max(distances_m[0], 1e-9))
+    return [note("forecast.battery", low_v=low_v, full_v=full_v, percent=percent)]
 
 
 def _imus(fit: "Fit") -> list[str]:

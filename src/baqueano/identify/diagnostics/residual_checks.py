@@ -27,7 +27,6 @@ from baqueano.identify.diagnostics.unmodelled_terms import (
     FittedMotion,
     LabelledTerm,
     fitted_motion,
-    scale_columns,
     term_columns,
 )
 from baqueano.identify.parameters.free import DELAY_PATH
@@ -41,7 +40,6 @@ from baqueano.numerics.score_test import (
     residuals_for_tests,
     score_test,
     score_test_parts,
-    shift_by_effects,
 )
 from baqueano.numerics.statistics import MAD, student_quantile, white_std
 from baqueano.vehicles.freedoms import sign_speed_paths
@@ -105,9 +103,6 @@ def check_residuals(
     )
     diagnosis.reported_cov[entries] = _largest_errors_cov(errors[: 1 + len(shifts[:MAX_REPORTED])])
     diagnosis.unmodelled_cov[entries] = _largest_errors_cov(errors)
-    if motion is not None:
-        is_inside, columns = (low < 0.0) & (high > 0.0), scale_columns(blocks, problem, motion)
-        diagnosis.scale_shifts[:, index] = shift_by_effects(fit, columns, is_inside)
     diagnosis.lag_errors[index] = sum(_errors_by("term.low-pass", 1, fit_evidence, tests))
     return diagnosis
 
@@ -157,13 +152,12 @@ class Diagnosis(NamedTuple):
     messages: list[Diagnostic]
     unmodelled_cov: np.ndarray  # (s, s) covariance by effects that the model lacks  (4)
     reported_cov: np.ndarray  # (s, s) the same, by the missing terms that are reported
-    scale_shifts: np.ndarray  # (3, s) change of θ per relative error of the IMU's scales (a_x, a_y, ω_z)
     lag_errors: np.ndarray  # (s,) errors of θ by a short lag that the file lacks
 
     @classmethod
     def of(cls, messages: list[Diagnostic], s: int) -> "Diagnosis":
         """Return findings without consequences."""
-        return cls(messages, np.zeros((s, s)), np.zeros((s, s)), np.zeros((3, s)), np.zeros(s))
+        return cls(messages, np.zeros((s, s)), np.zeros((s, s)), np.zeros(s))
 
 
 class _SignificantResult(NamedTuple):

@@ -40,7 +40,6 @@ from baqueano.identify.residuals.motion import (
 )
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import parallel_map, prefetch
-from baqueano.sensors.sampling import is_imu
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.freedoms import dry_friction_speeds
@@ -182,14 +181,6 @@ def _reading_columns(blocks: FittedBlocks, problem: Residuals, fitted: FittedMot
         labels = [(code, term_note) for code, term_note, _ in readings]
         columns.append(np.stack([(D * weight).ravel() for _, _, D in readings]))
     return labels, np.concatenate(columns, axis=1)
-
-
-def scale_columns(blocks: FittedBlocks, problem: Residuals, fitted: FittedMotion) -> np.ndarray:
-    """Return D (3, N m) of a relative error of the scales of all IMUs (a_x, a_y, ω_z): their predicted readings."""
-    channels = [k if is_imu(block) else -1 for block in blocks.sensors for k in range(block.size)]
-    scales = np.arange(3)[:, None, None] == channels
-    pairs = zip(fitted.motions, problem.weights, strict=True)
-    return np.concatenate([(motion.h * scales * weight).reshape(3, -1) for motion, weight in pairs], axis=1)
 
 
 def _force_columns(

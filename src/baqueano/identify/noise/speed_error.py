@@ -175,6 +175,7 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
     nu_x, derivatives = (np.concatenate(columns)[:, 0] for columns in zip(*outputs, strict=True))
     moving = np.abs(nu_x) > MIN_SPEED_M_S
     C, c, modelled_sum, total = np.zeros((2, 2)), 0.0, 0.0, 0.0
+    gyro_shift = fit.fixed.gyro_shift()
     for direction in (1.0, -1.0):
         rows = moving & (np.sign(nu_x) == direction) & np.isfinite(derivatives).all(axis=1)
         if rows.any():
@@ -183,7 +184,7 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
             B = np.linalg.lstsq(X, D, rcond=None)[0]
             weight = rows.sum() / moving.sum()
             C += weight * (B @ P @ B.T)
-            c += weight * float(B[0] @ fit.scale_shifts[2, entries])
+            c -= weight * float(B[0] @ gyro_shift[entries])
             modelled_sum += np.einsum("ni,ij,nj->", X @ B, P, X @ B)
             total += np.einsum("ni,ij,nj->", D, P, D)
     C *= total / modelled_sum if modelled_sum > 0.0 else 1.0

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.calibration.tolerances import entry_paths
 from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
@@ -162,10 +163,7 @@ def has_offset(model: Tree) -> bool:
 
 def entries(blocks: FittedBlocks, path: str) -> list[str]:
     """Return the path of each entry of the field `path`, such as "model.actuator_matrix[0,2]"."""
-    values = _value_at(blocks, path)
-    if values.ndim == 0:
-        return [path]
-    return [f"{path}[{','.join(map(str, index))}]" for index in np.ndindex(values.shape)]
+    return entry_paths(path, _value_at(blocks, path).shape)
 
 
 def value(blocks: FittedBlocks, path: str) -> float:

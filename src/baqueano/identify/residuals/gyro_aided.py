@@ -51,7 +51,7 @@ class GyroAidedState(NamedTuple):
 class GyroAidedResiduals(Residuals):
     """Residuals (2), (3) of several runs as a function of one θ, for an IMU only."""
 
-    has_speed_noise = depends_on_fit = True
+    has_speed_noise = depends_on_fit = has_fixed_scales = True
 
     def __init__(
         self, blocks: FittedBlocks, shape: ThetaShape, records: Sequence[FitRecord], backend: str = "auto"
@@ -59,12 +59,15 @@ class GyroAidedResiduals(Residuals):
         is_delay_free = DELAY_PATH in shape.shared_paths
         records = [record.after(_unknown_s(record, blocks, is_delay_free)) for record in records]
         super().__init__(blocks, shape, records, backend)
-        self.scan = cached_kernel(blocks, shape, backend, _trace)
         imu = self.names[0]
         self.rows = [
             _gyro_rows(rows, record, imu, blocks) for rows, record in zip(self.rows, records, strict=True)
         ]
         self._gyro = [rows[:, -EXTRA_COLUMNS] for rows in self.rows]
+
+    def _kernel(self, shape: ThetaShape, backend: str) -> Scan:
+        """Return the scan from rows and θ to the residuals."""
+        return cached_kernel(self._blocks, shape, backend, _trace)
 
     def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment |ν_x| (N,) of the gyro-aided simulation."""
@@ -96,10 +99,6 @@ class GyroAidedResiduals(Residuals):
         `misfits` at θ, and weight the channels."""
         dt_s = [record.dt_s for record in self.records]
         return profile_with_slow_noise(misfits, self.masks, self.speeds(theta), dt_s, floor)
-
-    def columns_of_channel(self, c: int) -> list[int]:
-        """Return the columns of the rows that contain the readings of channel c, then of their derivative."""
-        return super().columns_of_channel(c) + ([-2, -1] if c == GYRO_CHANNEL else [])
 
 
 def _unknown_s(record: FitRecord, blocks: FittedBlocks, is_delay_free: bool) -> float:

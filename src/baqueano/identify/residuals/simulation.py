@@ -84,6 +84,7 @@ class Residuals:
 
     has_speed_noise = False  # True if the noise always grows with speed
     depends_on_fit = False  # True if `at_estimate` changes the residuals
+    has_fixed_scales = False  # True if the readings never show the scales of the IMU
 
     @staticmethod
     def difference(sensor: Any, z: np.ndarray, h: np.ndarray) -> np.ndarray:
@@ -93,29 +94,44 @@ class Residuals:
     def __init__(
         self, blocks: FittedBlocks, shape: ThetaShape, records: Sequence[FitRecord], backend: str = "auto"
     ) -> None:
-        self.shape, self.records = shape, tuple(records)
+        self.records = tuple(records)
         self.names: tuple[str, ...] = blocks.sensors._fields
         self.sizes = [s.size for s in blocks.sensors]
-        self.scan = cached_kernel(blocks, shape, backend, _trace, self.difference)
         self._blocks = blocks
         row_count = sum(len(record.dt_s) for record in self.records)
         # per segment the input rows (N, q) of its kernel, and 1 at each measurement (N, m)
         self.rows = parallel_map(lambda x: _rows(x, self.names, shape), self.records, rows=row_count)
-        self.layout = layout_of(shape, self.records)
-        self._index, self._places = self.layout.indices, arrow_layout(self.layout)
-        self.size = self.layout.size
         m, n = sum(self.sizes), blocks.model.commands
         self._weights = slice(1 + n + m, 1 + n + 2 * m)
         self.masks = [rows[:, self._weights].copy() for rows in self.rows]
         for rows in self.rows:
             rows.flags.writeable = False
         self.z = [rows[:, 1 + n : 1 + n + m].copy() for rows in self.rows]
-        self._prior = self._start_prior()
         self.sigma = np.ones(m)
         self.weights = self.masks  # per segment (N, m), 1/σ of each measurement, 0 without one
         self._profile: Sequence[np.ndarray] | None = None
+        self._set_shape(shape, backend)
+
+    def _set_shape(self, shape: ThetaShape, backend: str) -> None:
+        """Set the meaning of θ, and all that depends on it."""
+        self.shape, self.scan = shape, self._kernel(shape, backend)
+        self.layout = layout_of(shape, self.records)
+        self._index, self._places = self.layout.indices, arrow_layout(self.layout)
+        self.size = self.layout.size
+        self._prior = self._start_prior()
         self._results: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
         self._slopes: tuple[bytes | None, list[Any]] = None, []  # θ, and the sensitivities there
+
+    def _kernel(self, shape: ThetaShape, backend: str) -> Scan:
+        """Return the scan from rows and θ to the residuals."""
+        return cached_kernel(self._blocks, shape, backend, _trace, self.difference)
+
+    def with_paths(self, paths: Sequence[str]) -> Self:
+        """Return the residuals as a function of more shared parameters, which follow the others in θ."""
+        residuals = copy(self)
+        shape = self.shape._replace(shared_paths=(*self.shape.shared_paths, *paths))
+        residuals._set_shape(shape, self.scan.backend)
+        return residuals
 
     @classmethod
     def from_parameters(cls, parameters: Any, backend: str = "auto") -> Self:
@@ -173,19 +189,6 @@ class Residuals:
             lambda rows, index: Evaluation(*self.scan.normal_equations(rows, theta[index], HUBER))
         )
         return sum_of_segments(parts, self._index, theta, self._prior, self._places)
-
-    def columns_of_channel(self, c: int) -> list[int]:
-        """Return the columns of the rows that contain the readings of channel c."""
-        return [1 + self._blocks.model.commands + c]
-
-    def gradient_of_changed_channel(
-        self, theta: np.ndarray, c: int, scale: float, shift: float
-    ) -> np.ndarray:
-        """Return the gradient (p,) at θ if the readings of channel c were divided by `scale` and raised by `shift`."""
-        columns = self.columns_of_channel(c)
-        shifts = np.array([shift, shift, 0.0][: len(columns)])  # a derivative does not change
-        changed_columns = [rows[:, columns] / scale + shifts for rows in self.rows]
-        return self.with_columns(columns, changed_columns).evaluate(theta).gradient
 
     def at_estimate(self, theta: np.ndarray) -> Self:
         """Return the residuals with all that they take from a fit, taken from the fit θ (p,)."""

@@ -90,6 +90,8 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     shared_cov[shared_entries] = basis.cov[:s, :s] + basis.diagnosis.unmodelled_cov
     run_entry_names, run_values, run_entry_std = _run_entries(problem, solution.theta, run_std)
     commands = end.vehicle_file.command.names
+    shifts = np.zeros((len(end.fixed.paths), len(requested_parameters)))
+    shifts[:, in_theta] = end.fixed.shifts[:, :s]
     start = np.array([value(end.blocks, parameter.path) for parameter in requested_parameters])
     start[in_theta] = end.task.start[: len(in_theta)]
     fit = Fit(
@@ -102,7 +104,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         poorly_identified=evidence.poorly_identified,
         cov=shared_cov,
         unmodelled_cov=unmodelled_cov,
-        scale_shifts=np.array([_in_order(end, shift, 0.0) for shift in basis.diagnosis.scale_shifts]),
+        fixed=end.fixed._replace(shifts=shifts),
         run_entry_names=run_entry_names,
         run_entries=run_values,
         run_entry_std=run_entry_std,
@@ -195,7 +197,7 @@ def _covariance(end: FinishedFit) -> np.ndarray:
     for by_segment in () if end.is_filtered else (False, True):  # the innovations of a filter are white
         scatter = jackknife(problem, theta, identifiable, end.info.bread, limit=True, by_segment=by_segment)
         cov = with_larger_errors(problem, cov, scatter, k, by_segment)
-    full_cov[index] = cov if end.systematic is None else cov + end.systematic[index]
+    full_cov[index] = cov + end.fixed.estimate_cov[index]
     return full_cov
 
 

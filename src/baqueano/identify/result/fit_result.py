@@ -10,6 +10,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, shorten, wrap_sentences
 from baqueano.diagnostics import Diagnostic, Verdict, fault, most_severe_first, nearest, note
 from baqueano.errors import UsageError
+from baqueano.identify.covariance.fixed_parameters import FixedParameters
 from baqueano.identify.data.record import contains_readings
 from baqueano.identify.parameters.free import entries, free_parameter
 from baqueano.messages import group_sentences, text
@@ -79,9 +80,9 @@ class Fit(Result):
         Covariance of the estimates [products of their units]; NaN if not identifiable.
     unmodelled_cov : ndarray (p, p)
         Part of `cov` by effects that the model lacks [products of units]; NaN if not identifiable.
-    scale_shifts : ndarray (3, p)
-        Change of the estimates [unit of each] per relative error of the scales of the IMU (a_x, a_y, ω_z): above 0
-        the vehicle moves faster than measured.
+    fixed : FixedParameters
+        Uncertain parameters that were not fitted: their paths (K,), the mean square `cov` (K, K) of their errors,
+        and `shifts` (K, p), the change of the estimates per change of each.
     run_entry_names : tuple of str (q,)
         Names of the entries that each run has separately: biases, clocks, starts.
     run_entries, run_entry_std : ndarray (runs, q)
@@ -134,7 +135,7 @@ class Fit(Result):
     poorly_identified: np.ndarray
     cov: np.ndarray
     unmodelled_cov: np.ndarray
-    scale_shifts: np.ndarray
+    fixed: FixedParameters
     run_entry_names: tuple[str, ...]
     run_entries: np.ndarray
     run_entry_std: np.ndarray

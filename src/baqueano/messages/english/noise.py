@@ -129,6 +129,14 @@ TEMPLATES: dict[str, str] = {
         "The scales of {subject} cause most of this error. That of the gyro is known to ± {percent:.2g} %. "
         "To measure it, turn the vehicle twice on its mark by hand, with a rest before and after. Type: {fix}"
     ),
+    "forecast.fixed": (
+        "{subject} was not fitted, and its value {value:.4g} ± {std:.2g} {unit} causes most of this error (1 σ). "
+        "Measure it again."
+    ),
+    "forecast.battery": (
+        "The runs do not contain the voltage of the battery. At {low_v:.2g} V, where it must stop, the vehicle "
+        "is {percent:.0f} % slower than at {full_v:.2g} V."
+    ),
     "forecast.unidentifiable-exact": "Parameters that are not identifiable are treated as exact here.",
     "forecast.more-errors": "Another floor, another voltage and the start position add more errors.",
     "forecast.no-controller": f"{LAP}, because the recommended controller cannot drive this vehicle: {{error}}",
