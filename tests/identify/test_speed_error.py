@@ -9,7 +9,7 @@ import pytest
 from baqueano.estimators.augmented.motion import MIN_SPEED_M_S, velocity_error
 from baqueano.estimators.augmented_ekf import SCALE_INDEX
 from baqueano.identify import identify, random_steps
-from baqueano.identify.covariance.fixed_parameters import FixedParameters
+from baqueano.identify.covariance.information import FixedParameters
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.identify.noise.speed_error import with_speed_error

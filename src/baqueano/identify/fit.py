@@ -23,7 +23,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import note
 from baqueano.identify import imu_only
 from baqueano.identify.battery import with_shown_battery
-from baqueano.identify.covariance.fixed_parameters import fixed_parameters
+from baqueano.identify.covariance.information import fixed_parameters
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.estimation.delay import (
     DUTY_STEP_PATH,

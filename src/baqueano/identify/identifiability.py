@@ -21,8 +21,7 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.covariance.fixed_parameters import FixedParameters
-from baqueano.identify.covariance.information import Information, covariance_of, information
+from baqueano.identify.covariance.information import FixedParameters, Information, covariance_of, information
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter

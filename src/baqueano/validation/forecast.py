@@ -4,7 +4,7 @@
     Σ_η = (∂η/∂θ) P (∂η/∂θ)ᵀ,   position √(Σ_xx + Σ_yy),   heading √Σ_ψψ                                  (2)
     η: the pose after HORIZON_S relative to its start, once per second of the runs of the fit               (3)
     + max(0, mean d₁ᵀ d₂ + tr Σ_η) over windows of the runs,   d_i: (3) of ν + H⁺ r_i, minus (3) of ν        (4)
-    + (2) of S C Sᵀ,   S = ∂θ̂/∂κ,   C of the parameters κ that were not fitted: fixed_parameters.py          (5)
+    + (2) of S C Sᵀ,   S = ∂θ̂/∂κ,   C of the parameters κ that were not fitted: information.py               (5)
 
 P is the covariance of the fit without the shifts by effects that the model lacks. Along the runs these effects and
 shifts cancel; their remainder is in the residuals r. H = ∂h/∂ν of wheels, gyro, odometer. r₁, r₂ are every second

@@ -1,23 +1,36 @@
-"""Compute the covariance of the parameters of a robust fit.
+"""Compute the covariance of the parameters of a robust fit, and their errors by parameters that stay fixed.
 
     A = Σ ψ'(r) ∂r ∂rᵀ,   B = Σ ψ(r)² ∂r ∂rᵀ,   cov = A⁻¹ B A⁻¹ N/(N − p)                                  (1)
     B = Σ_c Σ_t Σ_s γ_c(t − s) (1 − |t − s|/L) ∂r_ct ∂r_csᵀ    if residuals are autocorrelated            (2)
     cov_ii ← max(cov_ii, (A⁻¹ Σ_k s_k s_kᵀ A⁻¹)_ii K/(K − q)),   s_k = Σ_t∈k ψ ∂r                          (3)
+    S = −A_κθ A_θθ⁻¹,   g = (1, S) ∂C     change of θ̂ per change of κ, score of κ                           (4)
 
 (3) is for a run in K segments with q shared parameters; it does not change the correlations. If a channel has fewer
-than MIN_MEASUREMENTS, ψ² is set to 1. docs/derivations/robust_covariance.md derives (1) to (3).
+than MIN_MEASUREMENTS, ψ² is set to 1. docs/derivations/robust_covariance.md derives (1) to (3). κ are the fixed scales,
+mounts and lengths with the covariance Σ of the file. Runs show a part of κ: wheels and a gyro measure the same turns.
+Given the runs, κ has the mean error δ and the covariance P: (4) of numerics/normal_equations.py. The fit does not use
+δ, so the mean square is P + δ δᵀ.
 """
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.calibration.tolerances import ZERO_RATE_RAD_S, declared_covariance, std_of_tolerance
 from baqueano.identify.covariance.clusters import are_finite, inflation_factors
+from baqueano.identify.data.record import FittedBlocks
+from baqueano.identify.parameters.free import value
+from baqueano.identify.parameters.theta import eliminate_starts
 from baqueano.identify.residuals.noise_level import MIN_MEASUREMENTS
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.autocorrelation import WHITE_LIMIT, autocorrelated_scores, autocorrelation_sums
+from baqueano.numerics.least_squares import Solution
+from baqueano.numerics.normal_equations import eliminate, mean_square_error, pseudo_inverse
 from baqueano.numerics.parallel import gram, parallel_map
 from baqueano.numerics.statistics import HUBER, covariance_of_changes
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
 
 # segments for each shared parameter: with fewer, the fit pulls the sums of scores to 0
 MIN_SEGMENTS_PER_PARAMETER = 2
@@ -117,3 +130,63 @@ def _square_root(B: np.ndarray) -> np.ndarray:
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(B)
         return vectors * np.sqrt(np.maximum(values, jitter))
+
+
+class FixedParameters(NamedTuple):
+    """K uncertain parameters that a fit keeps fixed."""
+
+    paths: tuple[str, ...]
+    cov: np.ndarray  # (K, K) mean square of their errors
+    shifts: np.ndarray  # (K, p) change of the estimates per change of κ  (4)
+    in_cov: np.ndarray  # (K,) True if the covariance of θ contains the error
+
+    @property
+    def estimate_cov(self) -> np.ndarray:
+        """Return the part (p, p) of the covariance of the estimates that is `in_cov`."""
+        S = self.shifts * self.in_cov[:, None]
+        return S.T @ self.cov @ S
+
+    def gyro_shift(self) -> np.ndarray:
+        """Return the change (p,) of the estimates per change of the gyro's scale, 0 if it is exact or fitted."""
+        return self.shifts[[path.endswith(".gyro_scale") for path in self.paths]].sum(axis=0)
+
+
+def fixed_parameters(
+    vehicle_file: "VehicleFile", blocks: FittedBlocks, problem: Residuals, solution: Solution, mask: np.ndarray,
+    with_zero: bool,
+) -> FixedParameters:  # fmt: skip
+    """Return the uncertain parameters of `blocks` that were fixed in a search with the end `solution`. `mask` (p,) is
+    that of the identifiable entries of θ. `with_zero` includes the zero of the gyro.
+
+    The covariance of θ contains this zero and the scales of a gyro-aided fit, which are fixed in every run.
+    """
+    theta, s, shared_paths = solution.theta, problem.layout.shared_count, problem.shape.shared_paths
+    exact_paths = {path for path, is_free in zip(shared_paths, mask, strict=False) if is_free}
+    exact_paths |= {*problem.shape.per_run}
+    paths, prior = declared_covariance(vehicle_file, blocks, exact_paths, with_zero)
+    free, K = np.flatnonzero(mask & (solution.bound[: len(mask)] == 0)), len(paths)
+    if not (K and len(free) and np.isfinite(theta).all()):
+        return FixedParameters((), np.zeros((0, 0)), np.zeros((0, len(mask))), np.zeros(0, bool))
+    new = [path for path in paths if path not in shared_paths]
+    joint = problem.with_paths(new)
+    joint_theta = np.insert(theta, s, [value(blocks, path) for path in new])
+    info, gradient = information(joint, joint_theta), joint.evaluate(joint_theta).gradient
+    A, B = info.bread, info.meat
+    if joint.layout.has_split_runs:
+        A, B = eliminate_starts(A, B, joint.layout)
+    std, shifts = np.sqrt(np.diagonal(prior)), np.zeros((K, len(mask)))
+    index = np.r_[[joint.shape.shared_paths.index(path) for path in paths], free + (free >= s) * len(new)]
+    unit = np.r_[std, np.ones(len(free))]
+    A, B = (x[np.ix_(index, index)] * np.outer(unit, unit) for x in (A, B))
+    S = -A[:K, K:] @ pseudo_inverse(A[K:, K:])
+    shifts[:, free] = S / std[:, None]
+    in_cov = np.array(
+        [x.endswith(".gyro_bias") or (problem.has_fixed_scales and "_scale" in x) for x in paths]
+    )
+    # a zero that was measured at rest is known better than by a model, which may lack some effects
+    is_updated = ~(in_cov & (std < std_of_tolerance(ZERO_RATE_RAD_S))) & (not problem.has_fixed_scales)
+    cov, k = prior / np.outer(std, std), np.ix_(is_updated, is_updated)
+    N, M = eliminate(A, B, K, [slice(K, len(A))])
+    g = np.hstack([np.eye(K), S]) @ (unit * gradient[index])
+    cov[k] = mean_square_error(cov[k], N[k], M[k], g[is_updated])
+    return FixedParameters(tuple(paths), cov * np.outer(std, std), shifts, in_cov)

@@ -10,7 +10,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, shorten, wrap_sentences
 from baqueano.diagnostics import Diagnostic, Verdict, fault, most_severe_first, nearest, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.fixed_parameters import FixedParameters
+from baqueano.identify.covariance.information import FixedParameters
 from baqueano.identify.data.record import contains_readings
 from baqueano.identify.parameters.free import entries, free_parameter
 from baqueano.messages import group_sentences, text
