@@ -71,7 +71,7 @@ def test_a_key_drives_the_firmware_and_the_run_contains_a_mark(screens, service,
 
 def test_an_unresponsive_terminal_leaves_a_stopped_vehicle(screens, live):
     screen = screens()
-    screen.there = False
+    screen.present = False
     print(f"off {1e3 * stops(live, 10.0):.0f} ms after the terminal")
     assert screen.ends() == 5
     screen.until(rb"baqueano robot clear", PATIENCE_S)

@@ -61,7 +61,7 @@ def test_a_vehicle_fitted_from_forty_seconds_repeats_a_taught_route(world, fit):
 def test_the_emulated_robot_drives_at_an_even_speed(world, fit, route):
     file = fit.vehicle_file
     run = repeat(file, route, **world(5)).without_rest
-    going = run.reference.done < 1.0
+    going = run.reference.at_end < 1.0
     truth = np.interp(run.reference.t_ns[going], run.truth.t_ns, run.truth.nu[:, 0])
     evenness = speed_errors(run.reference.t_ns[going], truth, run.reference.nu[going, 0])
     assert evenness.error < 0.05

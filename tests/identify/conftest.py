@@ -32,7 +32,7 @@ def small():
 
 
 @pytest.fixture(scope="session")
-def off():
+def normalised_errors():
     """Return the function (fit, file) → (estimate − truth) / std of the observable parameters."""
 
     def errors(fit, file):

@@ -130,7 +130,7 @@ def coverage(drives, segment_s, with_camera):
         run = seen_by_a_camera(drive.run, drive.seed) if with_camera else drive.run
         use = ("imu", "truth") if with_camera else None
         options = FitOptions(segment_s=segment_s, diagnose=False)
-        z += drive.off(identify(run, drive.file, use=use, options=options)).tolist()
+        z += drive.normalised_errors(identify(run, drive.file, use=use, options=options)).tolist()
     return np.mean(np.abs(z) < 1.96)
 
 

@@ -35,7 +35,7 @@ def test_id3_half_a_step_of_jitter_is_not_a_burst(case_run):
     assert len(pieces) == 1
 
 
-def test_id3_a_clock_jump_of_one_day_splits_the_run(case_run, case, start_error):
+def test_id3_a_clock_jump_of_one_day_splits_the_run(case_run, case, normalised_errors):
     run = case_run(0, 20.0)
     jump = move_stamps(run, lambda t: t + np.where(t >= run.t_ns[900], 86_400 * 10**9, 0))
     pieces, findings = check_timestamps(jump, 100.0)
@@ -43,7 +43,7 @@ def test_id3_a_clock_jump_of_one_day_splits_the_run(case_run, case, start_error)
     assert codes(findings) == ["time.jump"]
     assert findings[0].severity == Severity.INFO
     fit = identify(jump, case)
-    assert np.max(np.abs(start_error(fit, case))) < 4.5
+    assert np.max(np.abs(normalised_errors(fit, case))) < 4.5
     assert [note.figures["jumps"] for note in fit.notes if note.code == "time.jump"] == [1]
 
 
@@ -77,7 +77,7 @@ def test_timestamps_of_bursts_are_spread_evenly_between_their_ends():
     assert np.max(np.abs(spread_bursts(burst) - regular)) < 10_000
 
 
-def test_a_sensor_stamped_in_bursts_is_fitted_with_a_warning(case_run, case, start_error):
+def test_a_sensor_stamped_in_bursts_is_fitted_with_a_warning(case_run, case, normalised_errors):
     run = case_run(0, 20.0)
     c = run.sensors["imu"]
     last = np.minimum((np.arange(len(c.t_ns)) // 6 + 1) * 6 - 1, len(c.t_ns) - 1)
@@ -85,10 +85,10 @@ def test_a_sensor_stamped_in_bursts_is_fitted_with_a_warning(case_run, case, sta
     fit = identify(replace(run, sensors={"imu": imu}), case)
     assert fit.verdict == "WARN"
     assert (fit.reasons[0].code, fit.reasons[0].subject) == ("time.bursts", "imu")
-    assert np.max(np.abs(start_error(fit, case))) < 4.5
+    assert np.max(np.abs(normalised_errors(fit, case))) < 4.5
 
 
-def test_samples_with_wrong_timestamps_are_excluded(case_run, case, start_error):
+def test_samples_with_wrong_timestamps_are_excluded(case_run, case, normalised_errors):
     run = case_run(0, 20.0)
     c = run.sensors["imu"]
     mask = np.arange(len(c.t_ns)) > 1200
@@ -97,7 +97,7 @@ def test_samples_with_wrong_timestamps_are_excluded(case_run, case, start_error)
     assert len(pieces[0].sensors["imu"].t_ns) == 1201
     assert (findings[0].code, findings[0].severity) == ("time.stamps-far", Severity.WARNING)
     fit = identify(replace(run, sensors={"imu": imu}), case)
-    assert np.max(np.abs(start_error(fit, case))) < 4.5
+    assert np.max(np.abs(normalised_errors(fit, case))) < 4.5
 
 
 def test_id3_samples_with_repeated_timestamps_are_excluded(case_run):

@@ -60,7 +60,7 @@ def fits(drives):
 
 
 def test_case_study_1_is_identified_within_its_error_bars(drives, fits):
-    z = np.array([drive.off(fit) for drive, fit in zip(drives, fits, strict=True)])
+    z = np.array([drive.normalised_errors(fit) for drive, fit in zip(drives, fits, strict=True)])
     assert z.shape == (12, 12)
     assert np.max(np.abs(z)) < 4.5
     assert 0.88 <= np.mean(np.abs(z) < 1.96) <= 0.99
@@ -87,7 +87,7 @@ def test_gains_of_an_absent_command_are_null_and_reported_once(fits):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_id11_wrong_starts_by_factors_of_five_with_any_sign_converge(case, case_run, factor, seed):
+def test_id11_wrong_starts_by_factors_of_five_with_any_sign_converge(case, case_run, normalised_errors, seed):
     rng = np.random.default_rng(seed)
 
     def begin(x):
@@ -99,10 +99,10 @@ def test_id11_wrong_starts_by_factors_of_five_with_any_sign_converge(case, case_
     }
     fit = identify(case_run(seed, 20.0), case, options=FitOptions(start=start))
     assert fit.converged
-    assert np.max(np.abs(factor(fit, case))) < 4.5
+    assert np.max(np.abs(normalised_errors(fit, case))) < 4.5
 
 
-def test_id5_ten_percent_outliers_hardly_change_the_fit(case, case_run, factor):
+def test_id5_ten_percent_outliers_hardly_change_the_fit(case, case_run, normalised_errors):
     run = case_run(1)
     rng = np.random.default_rng(0)
     z = run.sensors["imu"].z.copy()
@@ -110,7 +110,7 @@ def test_id5_ten_percent_outliers_hardly_change_the_fit(case, case_run, factor):
     z[hit] += (rng.choice([-20.0, 20.0], z.shape) * [0.05, 0.05, 0.005])[hit]
     damaged = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
     sound_fit, fit = identify(run, case), identify(damaged, case)
-    assert np.max(np.abs(factor(fit, case))) < 4.5
+    assert np.max(np.abs(normalised_errors(fit, case))) < 4.5
     assert np.nanmax(fit.std / sound_fit.std) < 1.35
     assert fit.verdict == "USABLE"
     assert "outliers.both-sides" in [note.code for note in fit.notes]
@@ -143,7 +143,7 @@ def test_biases_and_initial_speed_are_estimated_with_the_parameters(case, case_r
     assert fit.blocks.sensors.imu.gyro_bias == fit.run_entries[0, 2]
 
 
-def test_two_runs_reduce_the_errors_and_have_separate_biases(case, case_run, factor):
+def test_two_runs_reduce_the_errors_and_have_separate_biases(case, case_run, normalised_errors):
     a, b = case_run(3, 20.0), case_run(4, 20.0)
     b = replace(
         b,
@@ -151,12 +151,12 @@ def test_two_runs_reduce_the_errors_and_have_separate_biases(case, case_run, fac
         sensors={"imu": b.sensors["imu"]._replace(z=b.sensors["imu"].z + np.array([0.5, 0.0, 0.1]))},
     )
     joint, single = identify([a, b], case), identify(a, case)
-    assert np.max(np.abs(factor(joint, case))) < 4.5
+    assert np.max(np.abs(normalised_errors(joint, case))) < 4.5
     assert np.nanmedian(joint.std / single.std) == pytest.approx(np.sqrt(0.5), rel=0.2)
     np.testing.assert_allclose(joint.run_entries[:, 2], [0.0, 0.1], atol=5e-3)
 
 
-def test_id3_id4_irregular_ticks_gaps_nan_and_silence_do_not_bias(case, case_run, factor):
+def test_id3_id4_irregular_ticks_gaps_nan_and_silence_do_not_bias(case, case_run, normalised_errors):
     run = case_run(5, 30.0)
     rng = np.random.default_rng(0)
     keep = rng.random(len(run.t_ns)) < 0.9  # a tenth of the measurements never arrived
@@ -165,7 +165,7 @@ def test_id3_id4_irregular_ticks_gaps_nan_and_silence_do_not_bias(case, case_run
     z[::97] = np.nan
     run = replace(run, sensors={"imu": Channel(imu.t_ns[keep], imu.arrival_ns[keep], z[keep])})
     fit = identify(run, case)
-    assert np.max(np.abs(factor(fit, case))) < 4.5
+    assert np.max(np.abs(normalised_errors(fit, case))) < 4.5
     assert "data.not-finite" in [note.code for note in fit.notes]
 
 
@@ -204,7 +204,7 @@ def test_free_and_fixed_parameters_and_bounds_are_given_by_path(case, case_run):
 def test_a_robot_with_dead_zones_and_lag_is_identified():
     drive = robot_on_floor(3, 40.0)
     fit = identify(drive.run, drive.file)
-    assert np.max(np.abs(drive.off(fit))) < 4.5  # autocorrelated by the noise of the floor
+    assert np.max(np.abs(drive.normalised_errors(fit))) < 4.5  # autocorrelated by the noise of the floor
     assert fit.autocorrelated
     assert "residual.not-white" in [note.code for note in fit.notes]
     assert fit.verdict in ("USABLE", "WARN")

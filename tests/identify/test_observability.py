@@ -14,13 +14,13 @@ def unseen_names(fit):
     return {row["name"].removeprefix("model.") for row in fit.rows() if row["identifiable"] == "no"}
 
 
-def test_id1_straight_driving_leaves_turning_parameters_unobservable_with_a_remedy(case, factor):
+def test_id1_straight_driving_leaves_turning_parameters_unobservable_with_a_remedy(case, normalised_errors):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
     fit = identify(simulate(case, u, 0), case)
     turning = {"friction.linear[2]", "friction.quadratic[2]"}
     assert turning <= unseen_names(fit)
     assert "friction.linear[0]" not in unseen_names(fit)
-    assert np.max(np.abs(factor(fit, case))) < 4.5
+    assert np.max(np.abs(normalised_errors(fit, case))) < 4.5
     notes = {note.subject: note for note in fit.unobservable}
     note = notes["model.friction.linear[2]"]
     assert (note.code, note.figures["value"], note.figures["advice"].code) == (

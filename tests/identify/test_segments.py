@@ -103,11 +103,11 @@ def test_derivatives_with_initial_states_eliminated_give_the_reduced_information
     np.testing.assert_allclose(without_start, eliminate_starts(A, A, layout)[0], rtol=1e-9, atol=1e-12)
 
 
-def test_a_segmented_fit_is_correct_with_slightly_larger_errors(case, case_run, factor):
+def test_a_segmented_fit_is_correct_with_slightly_larger_errors(case, case_run, normalised_errors):
     run = case_run(3, 40.0)
     full_fit = identify(run, case, FREE)
     pieces = identify(run, case, FREE, options=FitOptions(segment_s=4.0))
-    assert np.max(np.abs(factor(pieces, case))) < 4.0
+    assert np.max(np.abs(normalised_errors(pieces, case))) < 4.0
     assert np.all(pieces.std > 0.9 * full_fit.std)
     assert np.all(pieces.std < 4.0 * full_fit.std)
     assert pieces.channels[0].t_s.shape == full_fit.channels[0].t_s.shape

@@ -46,7 +46,7 @@ class TrueDrive(NamedTuple):
         """Return the seed of the commands and the noise."""
         return int(self.run.name.removeprefix("run "))
 
-    def off(self, fit: Fit) -> np.ndarray:
+    def normalised_errors(self, fit: Fit) -> np.ndarray:
         """Return (estimate − truth)/std of the parameters with a true value and an estimate inside its bounds."""
         truth = np.array([self.true.get(name, np.nan) for name in fit.names])
         z = (fit.estimate - truth) / fit.std

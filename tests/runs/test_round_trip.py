@@ -104,7 +104,7 @@ def records(run, sensors):
     for k, tick in enumerate(run.ticks()):
         t_ns, e, r = tick.t_ns, run.estimate, run.reference
         estimate = Estimate(t_ns, e.eta[k], e.nu[k], e.cov[k], e.innovation[k], e.innovation_cov[k])
-        reference = Reference(t_ns, r.eta[k], r.nu[k], r.done[k])
+        reference = Reference(t_ns, r.eta[k], r.nu[k], r.at_end[k])
         requested = Command(t_ns, run.requested_commands[k])
         sent_command = Command(t_ns, run.sent_commands[k])
         commands = {"requested_command": requested, "sent_command": sent_command}

@@ -147,12 +147,12 @@ def test_a_study_that_meets_every_limit_is_usable():
     [
         ({"std": 0.7}, "of the intervals contain the truth"),
         ({"std": 1.6}, "of the intervals contain the truth"),
-        ({"off": 3.0, "std": 3.0}, "bounds"),
+        ({"error": 3.0, "std": 3.0}, "bounds"),
         ({"verdict": "WARN"}, "0 % USABLE, expected 95 %"),
         ({"case": "rough", "std": 1.8}, "standard errors of 1.80 bounds"),
-        ({"case": "floor", "off": 30.0}, "wrong fits were called USABLE"),
+        ({"case": "floor", "error": 30.0}, "wrong fits were called USABLE"),
         ({"case": "wrong start", "within_limits": False}, "200 ended in another minimum without a warning"),
-        ({"case": "understeer", "off": 3.0}, "are in their interval or named"),
+        ({"case": "understeer", "error": 3.0}, "are in their interval or named"),
         (
             {"case": "matched", "reasons": (("residual.missing", "model.drivetrain.lag_s"),)},
             "name a parameter",

@@ -49,7 +49,7 @@ def small():
 @pytest.fixture(scope="module")
 def cells(small):
     return {
-        "over": small, "routes": {"circle": ROUTE}, "controllers": ["kanayama", "lqr"], "seeds": (3, 4),
+        "subjects": small, "routes": {"circle": ROUTE}, "controllers": ["kanayama", "lqr"], "seeds": (3, 4),
         "start": (0.0, 0.08, 0.3), "backend": "python",  # conftest.py compiles otherwise here than in other processes
     }  # fmt: skip
 

@@ -101,8 +101,8 @@ WIRES = [  # of the diagram in README.md
     ("estimator", "controller"), ("controller", "supervisor"), ("supervisor", "vehicle"),
 ]  # fmt: skip
 SPARKS = {  # title of a wire: its signals
-    "measured": ["z.imu[0]", "z.imu[1]", "z.imu[2]"], "estimate": ["eta.x", "eta.y"],
-    "reference": ["ref.x", "ref.y"], "requested": ["requested.0", "requested.2"], "command": ["u.0", "u.2"],
+    "measurement": ["z.imu[0]", "z.imu[1]", "z.imu[2]"], "estimate": ["eta.x", "eta.y"],
+    "reference": ["ref.x", "ref.y"], "requested command": ["requested.0", "requested.2"], "command": ["u.0", "u.2"],
 }  # fmt: skip
 BOX = """((name) => {
   const canvas = document.querySelector('.wires').getBoundingClientRect();
