@@ -79,7 +79,9 @@ def cases() -> list[Case]:
             (BOTH, ACCELEROMETERS),
         ):
             sensors = sensor_slots(use)(*(imu, odometer)[: len(use)])
-            block = AugmentedEkf(VEHICLE, sensors, use=use, speed_from=trusted, course_std=0.0)
+            block = AugmentedEkf(
+                VEHICLE, sensors, use=use, speed_from=trusted, course_std=0.0, sideslip_error_std=0.0
+            )
             name = f"augmented_ekf, {' + '.join(use)}{', speed_from accel.' if trusted else ''}, {limit_of}"
             case_list.append(Case(name, block, assumed_by(block, imu)))
     return case_list

@@ -20,7 +20,8 @@ M, I = np.array([0.61, 0.61]), 0.0015
 PUSH, TWIST, ALONG, ACROSS, SPIN = 3.0, 0.1, 3.0, 40.0, 0.012
 POSE, NU, D, KAPPA, BETA = slice(0, 3), slice(3, 6), slice(6, 8), slice(8, 10), slice(10, 13)
 INNER = [3, 4, 5, 6, 7, 10, 11, 12]  # s, as entries of x
-OF_FILTER = [*range(10), 12, 13, 14]  # x in the filter's state: its course and bend are certain in this model
+# x in the filter's state: its course, sideslip and bend are certain in this model
+OF_FILTER = [*range(10), 13, 14, 15]
 
 
 class AssumedNoise(NamedTuple):

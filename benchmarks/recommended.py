@@ -1,9 +1,9 @@
 """Measure the recommended filter: ten minutes of log in one run, a single tick, compilation, and a tick of a drive.
 
 The tick of a drive includes all blocks, health and log, with a simulated vehicle. Its time is estimated for a Pi 3 as
-in onboard.py. The peers estimate 13 of its 15 states, without course and bend, by the same g and h (augmented_peer.py)
-and Kalman's gain. Our filter also has rest, gate and the choice of correcting sensors. The tests in tests/estimators
-check that both filters are equal in their common part. Here the yaw rates must agree within AGREE.
+in onboard.py. The peers estimate 13 of its 16 states, without course, sideslip and bend, by the same g and h
+(augmented_peer.py) and Kalman's gain. Our filter also has rest, gate and the choice of correcting sensors. The tests in
+tests/estimators check that both filters are equal in their common part. The yaw rates must agree within AGREE.
 """
 
 import os
@@ -46,7 +46,7 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
 
 
 def _filter() -> AugmentedEkf:
-    return AugmentedEkf(VEHICLE, SLOTS(IMU), course_std=0.0)
+    return AugmentedEkf(VEHICLE, SLOTS(IMU), course_std=0.0, sideslip_error_std=0.0)
 
 
 def _log(block: AugmentedEkf, n: int) -> tuple[np.ndarray, np.ndarray]:

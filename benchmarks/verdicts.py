@@ -63,7 +63,7 @@ def judge_filters(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -
     out, rng = [], np.random.default_rng(0)
     for use in (limit.IMU_ALONE, limit.BOTH):
         sensors = sensor_slots(use)(*(imu, odometer)[: len(use)])
-        block = AugmentedEkf(limit.VEHICLE, sensors, use=use, course_std=0.0)
+        block = AugmentedEkf(limit.VEHICLE, sensors, use=use, course_std=0.0, sideslip_error_std=0.0)
         kernel, assumed = limit.kernel_of(block), limit.assumed_by(block, imu)
         for j, kappa in enumerate(RATIOS):
             n = max(drives // (2 * len(RATIOS)), 2)

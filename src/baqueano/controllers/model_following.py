@@ -191,9 +191,8 @@ class ModelFollower:
         effort = self._effort(state.effort, nu_w, nu_f_dot[::2])
         drivetrain = self.vehicle.drivetrain
         u = drivetrain.prioritise_turn(np.clip(drivetrain.inverse(effort), -self.limit, self.limit))
-        effort = drivetrain.unmix(
-            drivetrain.static_response(drivetrain.mix(u))
-        )  # that u causes: no wind-up at a limit
+        # that u causes within the limits: otherwise the integrals would wind up
+        effort = drivetrain.unmix(drivetrain.static_response(drivetrain.mix(u)))
         return FollowerState(estimate.t_ns, nu_f, integral, effort, law, pipeline), Command(estimate.t_ns, u)
 
     @property
