@@ -62,6 +62,12 @@ def is_dynamic(vehicle: object) -> bool:
     return attribute(vehicle, "nu_dot") is not None
 
 
+def turning_arm_m(vehicle: object) -> Tree:
+    """Return b [m], the distance from the centre of turning forward to the origin; 0 if the model does not name it."""
+    arm = attribute(vehicle, "turning_arm_m")
+    return 0.0 if arm is None else arm
+
+
 def check_noise_fields(sensors: Iterable[object]) -> None:
     """Raise UsageError for a sensor without a field for the noise that a fit measures."""
     for sensor in sensors:

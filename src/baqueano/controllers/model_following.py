@@ -31,7 +31,7 @@ from baqueano.symbolic import jacobian
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.effort import constant_effort
 from baqueano.vehicles.rk4 import row_counts
-from baqueano.vehicles.state import DynamicVehicle, Vehicle
+from baqueano.vehicles.state import DynamicVehicle
 
 SMOOTHING_S = 0.08  # λ: a corner of 1.5 rad/s costs a tenth of full command
 MAX_ACCELERATION = np.array([1.0, 1.0, 20.0])  # of ν_f: a start does not need the whole command
@@ -173,7 +173,7 @@ class ModelFollower:
         nu_b = np.where(state.t_ns >= 0, state.nu, nu)  # ν_f starts at the velocity of the vehicle
         nu_f_dot = np.clip((nu_r - nu_b) / SMOOTHING_S, -MAX_ACCELERATION, MAX_ACCELERATION)
         nu_f = nu_b + nu_f_dot * np.minimum(dt_s, SMOOTHING_S)  # (3)
-        b = turning_arm_m(self.vehicle)
+        b = optional.turning_arm_m(self.vehicle)
         pipeline = self._pipeline(state, nu, dt_s)
         _, smooth_y, smooth_r = pipeline[2] + pipeline[3]  # ν without most of its noise
         nu_f = np.array([nu_f[0], smooth_y + b * (nu_f[2] - smooth_r), nu_f[2]])
@@ -273,12 +273,6 @@ def slip(nu: np.ndarray) -> Value:
     β is 0 at rest.  (2)
     """
     return np.arctan(nu[1] * nu[0] / (nu[0] * nu[0] + MIN_COURSE_SPEED_M_S**2))
-
-
-def turning_arm_m(vehicle: Vehicle) -> Value:
-    """Return b [m], the distance from the centre of turning forward to the origin; 0 if the model does not name it."""
-    arm = optional.attribute(vehicle, "turning_arm_m")
-    return 0.0 if arm is None else arm
 
 
 def point_ahead(tracking: Tracking, distance_m: Value) -> tuple[Value, Value]:

@@ -25,8 +25,8 @@ from baqueano.errors import UsageError
 STRETCH_EXPONENT = 7.0  # c: the middle of the range is 3 % of its upper end
 SAMPLED_POINTS = 24  # points of the cube that are evaluated before the descents
 START_COUNT = 3
-PATIENCE = 8  # evaluations after which a descent ends if they decreased its cost by less, relative, than
-MIN_PROGRESS = 1e-7
+# a descent ends if PATIENCE evaluations decreased its cost by a smaller share than MIN_PROGRESS
+PATIENCE, MIN_PROGRESS = 8, 1e-7
 MAX_EVALUATIONS = 60  # of one descent
 # ∂C/∂x relative to C above which the end of a descent is not a minimum of a smooth cost
 MAX_RELATIVE_SLOPE = 1e-3

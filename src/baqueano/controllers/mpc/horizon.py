@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts import optional
 from baqueano.contracts.values import Tree, Value
-from baqueano.controllers.model_following import slip, turning_arm_m
+from baqueano.controllers.model_following import slip
 from baqueano.controllers.mpc.state import MpcState
 from baqueano.geometry import compose, map_from_body, pose_error
 from baqueano.signals import Estimate, Reference
@@ -162,7 +163,7 @@ class Horizon:
         """
         if self._k > 2:
             return eta_r, nu_r
-        b = turning_arm_m(self._linear_vehicle)
+        b = optional.turning_arm_m(self._linear_vehicle)
         beta_r, beta = slip(nu_r), slip(np.array([nu_r[0], nu[1] + b * (nu_r[2] - nu[2]), 0.0]))
         speed = nu_r[0] * np.cos(beta_r) + nu_r[1] * np.sin(beta_r)
         eta = eta_r + np.array([0.0, 0.0, beta_r - beta])

@@ -173,8 +173,7 @@ def velocity_error(estimator: "AugmentedEkf", kappa: np.ndarray, nu: np.ndarray)
     """Return K ν (3,), the error of the velocity due to scale errors and course `kappa` = (κ_v, κ_ψ, β, …). (2), (8)"""
     c = 0.0 if layout(estimator).speed_is_measured else estimator.speed_per_gyro_scale
     scale = kappa[0] * _speed_error_shape(estimator, nu[0]) + c * kappa[1]
-    arm = optional.attribute(estimator.vehicle, "turning_arm_m")
-    sideslip = nu[1] - (0.0 if arm is None else arm) * nu[2]
+    sideslip = nu[1] - optional.turning_arm_m(estimator.vehicle) * nu[2]
     sideways = scale * nu[1] + kappa[2] * nu[0] + kappa[3] * sideslip
     return np.array([scale * nu[0], sideways, kappa[1] * nu[2]])
 
@@ -191,8 +190,7 @@ def _speed_error_shape(estimator: "AugmentedEkf", speed: Value) -> Value:
 
 def _push_matrix(vehicle: DynamicVehicle) -> np.ndarray:
     """Return the matrix (3, 3) from a disturbance (forward, sideways, in rotation) to the change of ν."""
-    arm = optional.attribute(vehicle, "turning_arm_m")
-    return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0 if arm is None else arm], [0.0, 0.0, 1.0]])
+    return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, optional.turning_arm_m(vehicle)], [0.0, 0.0, 1.0]])
 
 
 @lru_cache(maxsize=256)

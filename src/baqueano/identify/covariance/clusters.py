@@ -45,15 +45,15 @@ def jackknife(
     theta: np.ndarray,
     identifiable: np.ndarray,
     bread: np.ndarray,
-    limit: bool = False,
+    is_limited: bool = False,
     by_segment: bool = False,
 ) -> np.ndarray | None:
     """Return the covariance (k, k) of the `identifiable` entries of θ. `bread` (p, p) is the information.  (2)
 
     If runs are split, the initial states of the segments are eliminated first. If `by_segment`, each segment is one
     block. Return None for too few blocks, no entries, a model that diverged, or `by_segment` with runs that are not
-    split. If `limit`, also return None if one block has more than MAX_BLOCK_SHARE of the information on a direction
-    (one segment: MAX_SEGMENT_SHARE).
+    split. If `is_limited`, also return None if one block has more than MAX_BLOCK_SHARE of the information on a
+    direction (one segment: MAX_SEGMENT_SHARE).
     """
     if not len(identifiable) or (by_segment and not problem.layout.has_split_runs):
         return None
@@ -82,7 +82,7 @@ def jackknife(
         changes.append(np.linalg.solve(remainder, g[:, :, None])[:, :, 0] @ inverse[positions] / root)
         cross_cov = inverse[np.ix_(positions, shared_entries)]
         shared_cov = inverse[np.ix_(shared_entries, shared_entries)]
-        if limit and _is_dominated_by_one_block(A_b, remainder, cross_cov, shared_cov, max_share):
+        if is_limited and _is_dominated_by_one_block(A_b, remainder, cross_cov, shared_cov, max_share):
             return None
     all_changes = np.concatenate(changes)
     if len(all_changes) < min_count or not np.isfinite(all_changes).all():

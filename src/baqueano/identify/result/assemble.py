@@ -195,7 +195,9 @@ def _covariance(end: FinishedFit) -> np.ndarray:
     index, cov = np.ix_(identifiable, identifiable), covariance_of(end.info, identifiable)
     k = int(np.sum(identifiable < problem.layout.shared_count))
     for by_segment in () if end.is_filtered else (False, True):  # the innovations of a filter are white
-        scatter = jackknife(problem, theta, identifiable, end.info.bread, limit=True, by_segment=by_segment)
+        scatter = jackknife(
+            problem, theta, identifiable, end.info.bread, is_limited=True, by_segment=by_segment
+        )
         cov = with_larger_errors(problem, cov, scatter, k, by_segment)
     full_cov[index] = cov + end.fixed.estimate_cov[index]
     return full_cov
