@@ -45,7 +45,7 @@ sweep = bq.sweep(cart, bq.guides.shapes.circle(0.4, 0.2), controllers=["kanayama
 estimates = {name: fit.value(name) for name in ("push", "drag")}
 estimates | {"drives": len(sweep.drives), "text": cart_run.metadata["vehicle.text"]}
 """
-LINE = '\nmine = bq.repeat(robot, route, controller=Mine, duration_s=0.5, path="mine.mcap")\n'
+LINE = '\nmine = bq.repeat(robot, route, controller=MyController, duration_s=0.5, path="mine.mcap")\n'
 
 
 @pytest.fixture(scope="module")
@@ -93,8 +93,8 @@ def test_notebook_results_are_cards_with_short_texts_and_figures_are_images(exec
 def test_a_run_stores_the_source_of_a_block_from_a_cell(executed_notebooks):
     folder, _ = executed_notebooks
     metadata = read_run(folder / "mine.mcap").metadata
-    assert "class Mine:" in metadata["controller.text"]
-    assert metadata["controller"].startswith("Mine(k_x=")
+    assert "class MyController:" in metadata["controller.text"]
+    assert metadata["controller"].startswith("MyController(k_x=")
 
 
 def test_a_model_from_a_cell_is_identified_tuned_simulated_and_compared(executed_notebooks):

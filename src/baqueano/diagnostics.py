@@ -28,7 +28,7 @@ class Verdict(StrEnum):
     USABLE = "USABLE"
     WARN = "WARN"
     REFUSED = "REFUSED"
-    CANNOT_TELL = "CANNOT TELL"
+    UNDECIDED = "UNDECIDED"
     STOPPED = "STOPPED"
     DONE = "DONE"  # of a result without an evaluation
     CONSISTENT = "CONSISTENT"
@@ -47,7 +47,7 @@ class Verdict(StrEnum):
         verdicts = {
             Severity.ERROR: cls.REFUSED,
             Severity.WARNING: cls.WARN,
-            Severity.UNKNOWN: cls.CANNOT_TELL,
+            Severity.UNKNOWN: cls.UNDECIDED,
         }
         return next((verdict for severity, verdict in verdicts.items() if severity in severities), cls.USABLE)
 

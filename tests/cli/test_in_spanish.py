@@ -160,6 +160,18 @@ def helps():
             yield f"{name} {x}", verb
 
 
+@pytest.mark.parametrize("name", language.LANGUAGES)
+def test_each_help_fits_80_columns_and_names_its_defaults_as_they_are_typed(name):
+    language.choose_language(name)
+    pages = [
+        in_language(command).get_help(click.Context(command, terminal_width=80, max_content_width=80))
+        for _, command in helps()
+    ]
+    lines = [line for page in pages for line in page.split("\n")]
+    assert [line for line in lines if len(line) > 80] == []
+    assert not re.search(r"(default|predeterminad[oa]): \(", "\n".join(pages))
+
+
 def test_each_option_has_a_help_text():
     silent = [
         f"{name} {param.opts[0]}"
@@ -254,6 +266,7 @@ def test_files_of_a_new_project_have_spanish_comments(in_lab, capsys):
     said_by("new proyecto", capsys)
     texts = {path.name: path.read_text(encoding="utf-8") for path in Path("proyecto").iterdir()}
     assert "Ejecute las celdas" in texts["first_evening.ipynb"]
+    assert re.findall(r'names=\[\\"(\w+)', texts["first_evening.ipynb"]) == ["controlador", "estimador"]
     for name in ("my_estimator.py", "my_guide.py", "my_controller.py"):
         assert "Funciona sin cambios." in texts[name]
         assert "Devuelve " in texts[name]

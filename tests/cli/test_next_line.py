@@ -5,6 +5,7 @@ import pytest
 from baqueano.cli.modelling.identify import command
 from baqueano.cli.next_command import next_command
 from baqueano.diagnostics import fault
+from baqueano.messages import language, templates
 from baqueano.messages.notation import OPTIONS, Argument, Option
 
 
@@ -124,3 +125,11 @@ def test_an_error_that_contains_advice_gets_no_second_advice():
     assert next_command(fault("cli.hand-options", "--driver keys"), 2, ["teach"]) is None
     assert next_command(cause, 3, ["repeat"]) is None
     assert next_command(fault("cli.fit-refused"), 1, ["identify", "x"]) is None
+
+
+@pytest.mark.parametrize("code", ["cli.next-command", "cli.next-new", "cli.route-stored", "cli.taught"])
+@pytest.mark.parametrize("name", language.LANGUAGES)
+def test_an_advised_command_ends_its_line_so_that_it_can_be_copied(name, code):
+    with language.use_language(name):
+        lines = language.translate(templates()[code], code).split("\n")
+    assert [line for line in lines if "{" in line and not line.endswith("}")] == []

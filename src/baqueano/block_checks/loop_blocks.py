@@ -89,7 +89,7 @@ def _check_estimates(trial: Trial, sensors: SensorBlocks, n: int) -> None:
 
 def _checked_estimate(trial: Trial, belief: Tree, tick: Tick, context: Diagnostic) -> tuple[Tree, Estimate]:
     belief, estimate = trial.step(context, belief, tick)
-    trial.expect_record(estimate, Estimate, "(belief, Estimate(t_ns, eta, nu, cov))")
+    trial.expect_record(estimate, Estimate, "(state, Estimate(t_ns, eta, nu, cov))")
     trial.check_stamp(estimate, tick.t_ns, "tick", context)
     eta = trial.expect("Estimate.eta", estimate.eta, (3,), context)
     trial.expect("Estimate.nu", estimate.nu, (3,), context)

@@ -105,8 +105,8 @@ N_ = mark
 PLACEHOLDERS = (  # names of values in the help: of options and of arguments
     N_("ADDRESS"), N_("ANGLE"), N_("BLOCK"), N_("CELL"), N_("CLASS"), N_("DEG"), N_("DEVICE"), N_("FACTOR"),
     N_("FILE"), N_("FILES"), N_("FOLDER"), N_("HEIGHT"), N_("HIGH"), N_("KEY"), N_("KIND"), N_("LENGTH"),
-    N_("LOW"), N_("MAP"), N_("NAME"), N_("OTHER"), N_("PART"), N_("RATIO"), N_("ROUTE"), N_("RUN"),
-    N_("RUNS"), N_("SECONDS"), N_("SHAPE"), N_("SHARE"), N_("SOURCE"), N_("TIME"), N_("VALUE"), N_("WAY"),
+    N_("LOW"), N_("MAP"), N_("NAME"), N_("OTHER"), N_("FRACTION"), N_("RATIO"), N_("ROUTE"), N_("RUN"),
+    N_("RUNS"), N_("SECONDS"), N_("SHAPE"), N_("SOURCE"), N_("TIME"), N_("VALUE"), N_("DIRECTION"),
     N_("WHAT"), N_("WHEN"), N_("WIDTH"), N_("WORDS"),
 )  # fmt: skip
 _PLACEHOLDER = re.compile(rf"(?<![A-Z_])(?:{'|'.join(PLACEHOLDERS)})(?![A-Z_])")

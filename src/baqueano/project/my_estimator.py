@@ -1,6 +1,6 @@
 """An estimator of your own: the vehicle's model, with its turning rate pulled towards the gyro.
 
-It runs without changes. Change it, then check it, and compare it with ours on a run:
+It runs without changes. Change it, then check it, and compare it with the estimator of the file on a run:
 
     baqueano blocks check my_estimator.py:MyEstimator
     baqueano replay last --estimator my_estimator.py:MyEstimator
@@ -46,8 +46,8 @@ class MyEstimator:
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, tick.u, dt_s)
         eta, nu, _ = self.vehicle.advance(belief.eta, belief.nu, effort, dt_s)
         gyro = tick.sensors.imu
-        usable = (gyro.is_new > 0) & np.isfinite(gyro.z[2])
-        turning = np.where(usable, gyro.z[2] - self.sensors.imu.gyro_bias, nu[2])
-        nu = np.array([nu[0], nu[1], nu[2] + self.gyro_trust * (turning - nu[2])])
+        is_usable = (gyro.is_new > 0) & np.isfinite(gyro.z[2])
+        yaw_rate = np.where(is_usable, gyro.z[2] - self.sensors.imu.gyro_bias, nu[2])
+        nu = np.array([nu[0], nu[1], nu[2] + self.gyro_trust * (yaw_rate - nu[2])])
         cov = belief.cov + dt_s * 1e-3 * np.eye(6)  # a guess that only grows: yours will be better
         return MyBelief(tick.t_ns, eta, nu, cov, drivetrain), Estimate(tick.t_ns, eta, nu, cov)

@@ -32,8 +32,8 @@ robot = tuned.updated_file()
 tuned"""),
     N_("""## 3. Teach a path, and repeat it"""),
     """route = bq.teach(robot, path, closed=True).route
-ours = bq.repeat(robot, route)
-ours.plot()""",
+lap = bq.repeat(robot, route)
+lap.plot()""",
     N_("""## 4. A controller of your own
 A block is a class with `init()` and a pure `step(...)`. This one turns towards the path and back onto it. The run keeps
 its text."""),
@@ -46,7 +46,7 @@ from baqueano.signals import Command
 
 
 @dataclass(frozen=True, eq=False)
-class Mine:
+class MyController:
     k_x: float = 3.0
     k_y: float = 40.0
     k_psi: float = 8.0
@@ -62,16 +62,16 @@ class Mine:
         return state, Command(estimate.t_ns, np.clip(np.array([u_x, 0.0, u_psi]), -1.0, 1.0))
 
 
-bq.check(Mine, robot)""",
-    """mine = bq.repeat(robot, route, controller=Mine(k_y=20.0))
-both = bq.compare([ours, mine], names=["ours", "mine"])
-both""",
-    """both.plot()""",
+bq.check(MyController, robot)""",
+    N_("""my_lap = bq.repeat(robot, route, controller=MyController(k_y=20.0))
+comparison = bq.compare([lap, my_lap], names=["controller of the file", "my controller"])
+comparison"""),
+    """comparison.plot()""",
     N_("""## 5. Another estimator on the same data, and a figure for a paper"""),
-    """again = bq.replay(ours, estimator="dead_reckoning")
-bq.compare([ours, again], names=["as driven", "dead reckoning"])""",
-    N_("""mine.plot("errors", width="column").savefig("errors.pdf")
-mine  # mine.to_pandas() is a data frame; it needs: pip install pandas"""),
+    N_("""replayed_lap = bq.replay(lap, estimator="dead_reckoning")
+bq.compare([lap, replayed_lap], names=["estimator of the file", "dead reckoning"])"""),
+    N_("""my_lap.plot("errors", width="column").savefig("errors.pdf")
+my_lap  # my_lap.to_pandas() is a data frame; it needs: pip install pandas"""),
 )
 
 

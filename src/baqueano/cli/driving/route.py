@@ -35,7 +35,13 @@ def command() -> None: ...
 
 
 vehicle = options.vehicle
-new_name = click.option("-o", "--out", "name", metavar="NAME", help="Route to write; default: NAME-command.")
+new_name = click.option(
+    "-o",
+    "--out",
+    "name",
+    metavar="NAME",
+    help="Route to write; default: ROUTE and the name of this command, lap-smooth.",
+)
 room_option = click.option(
     "--room",
     metavar="WIDTHxHEIGHT",
@@ -319,7 +325,7 @@ def with_route_name(diagnostic: Diagnostic, route: str) -> Diagnostic:
 def apply_edit(
     route: str, verb: str, name: str | None, as_json: bool, edit: "Callable[[Route], Route]"
 ) -> None:
-    """Apply an edit to a route, and store the result, by default as NAME-command."""
+    """Apply an edit to a route, and store the result, by default as the name of the route and of the command."""
     try:
         result = edit(options.find_route(route))
     except UsageError as error:

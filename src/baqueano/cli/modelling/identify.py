@@ -97,7 +97,7 @@ GROUPS = {
 @click.option(
     "--tolerance",
     multiple=True,
-    metavar="KEY=PART",
+    metavar="KEY=FRACTION",
     help=(
         "Relative error of a scale of the IMU, for a car without another speed sensor: "
         "sensors.imu.gyro_scale=0.01."

@@ -112,8 +112,8 @@ name = "rover"
 time = "time_ms"          # a column
 time_unit = "ms"          # s, ms, us, ns, min, iso8601
 [command]
-in_force = "from"         # the command of a row holds from its time on; "until": up to then
-wheels = [                # or names = [...] and u = [...], one for each command
+in_force = "from"         # a row begins its command; "until": ends it
+wheels = [                # or names = [...] and u = [...], one each
   { column = "pwm_left", unit = "raw", scale = 0.00392157 },    # of 255
   { column = "pwm_right", unit = "raw", scale = 0.00392157 },
 ]
@@ -315,7 +315,12 @@ def calibrate(
     help=("Decimal sign of the CSV file; with ',' the columns are separated by ';'."),
 )
 @options.runs_folder
-@options.out
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path),
+    help="File to write; default: the name of the run, .csv or .tum.",
+)
 def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path | None) -> None:
     from baqueano.runs.export import export_csv, export_tum
 

@@ -17,7 +17,7 @@ from baqueano.messages.printable import baqueano_command
     "routes",
     multiple=True,
     default=["sinuous-circle"],
-    show_default="sinuous-circle",
+    show_default=True,
     metavar="SHAPE|NAME",
     help="Route to tune for: a shape, or a stored route. Repeat the option for gains that suit several routes.",
 )

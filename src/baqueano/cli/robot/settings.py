@@ -22,7 +22,7 @@ NAMES = {  # option: its values, help; names and ranges as in robot/uno/settings
     "mark": ("high|low", "Level at the output of the lap-mark sensor when it is over the tape."),
     "battery-ratio": ("RATIO", "Voltage of the battery divided by that of A0: 3 for 20 kΩ and 10 kΩ."),
     "kick-ms": ("MS", "Shortest duration of the kick of a wheel that starts [ms]."),
-    "dither": ("SHARE", "Dither: duty that is alternately added and subtracted, against stiction."),
+    "dither": ("FRACTION", "Dither: duty that is alternately added and subtracted, against stiction."),
     "dither-ms": ("MS", "Time after which the dither changes its sign [ms]."),
 }
 WHEEL_SETTINGS = {
@@ -35,7 +35,7 @@ WHEEL_SETTINGS = {
 choices = options.combine_options(
     *(click.option(f"--{name}", metavar=metavar, help=text) for name, (metavar, text) in NAMES.items()),
     *(
-        click.option(f"--{name}", multiple=True, metavar="WAY=SHARE", help=text)
+        click.option(f"--{name}", multiple=True, metavar="DIRECTION=FRACTION", help=text)
         for name, text in WHEEL_SETTINGS.items()
     ),
 )
@@ -44,7 +44,7 @@ choices = options.combine_options(
 @click.command(
     help=(
         "Show or set the settings stored in the Uno: bridge, encoders, lap mark, polarity, and dead zone "
-        "and slope of each wheel. Without options, the settings are shown. WAY is left-forwards, "
+        "and slope of each wheel. Without options, the settings are shown. DIRECTION is left-forwards, "
         "left-backwards, right-forwards, right-backwards or all."
     )
 )

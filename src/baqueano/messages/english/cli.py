@@ -60,9 +60,7 @@ TEMPLATES: dict[str, str] = {
         "{run} lasts {duration_s:.2f} s, so it does not contain ticks from {start_s:g} s to {end_s:g} s."
     ),
     "cli.stopped": "The vehicle was stopped: {cause}. The recording up to the stop is in {path}. To see it: {fix}",
-    "cli.route-stored": (
-        "The route is stored as {path}. To check it with your vehicle: {check}. To drive it: {repeat}"
-    ),
+    "cli.route-stored": "route: {path}\nnext: {check}\nthen: {repeat}",
     "cli.two-tolerances": "--rms and --max are two tolerances: give only one.",
     "cli.start-without-room": "--start is a place in a room: give the room too, for example --room 2x3.",
     "cli.pose-unreadable": (
@@ -134,7 +132,7 @@ TEMPLATES: dict[str, str] = {
         "--choose. To free more parameters, type: {fix}"
     ),
     "cli.bound": "--bound {value}: expected KEY=LOW,HIGH. Type: {fix}",
-    "cli.tolerance": "--tolerance {value}: expected KEY=PART. Type: {fix}",
+    "cli.tolerance": "--tolerance {value}: expected KEY=FRACTION. Type: {fix}",
     "cli.cut-without-effect": "These options keep the whole run. Type: {fix}",
     "cli.several-runs": "-o {path}: this command writes several runs. Give a folder for them. Type: {fix}",
     "cli.study-interrupted": "Stopped from the keyboard: the table covers {count} of {total:,}.",
@@ -230,7 +228,7 @@ TEMPLATES: dict[str, str] = {
     "cli.put-in-middle": (
         "Put the vehicle back in the middle of the room, with its heading along the width of the room."
     ),
-    "cli.taught": "next: {repeat}. Before that, {tune} finds gains for this path",
+    "cli.taught": "next: {repeat}\nfor gains that suit this path, first: {tune}",
     "cli.route-replaced": "{path} existed and was replaced by the new route",
     "cli.teach": "teach",
     "cli.no-estimate": "{run} does not contain an estimate; to make one: {fix}",

@@ -144,7 +144,7 @@ def _wheel_commands(table: LogTable, free_columns: list[str], pair: list[str], r
         _with_pin(_wheel_command(table, column, span), table, column, pin)
         for column, pin in zip(pair, pins, strict=True)
     )
-    until_comment = _('"until": the command of a row held up to its time')
+    until_comment = _('"until": a row ends its command')
     title = f'\n[command]{remark}\nin_force = "from"                    # {until_comment}'
     return f"{title}\nwheels = [\n{_list_lines(entries)}\n]"
 

@@ -24,7 +24,8 @@ TEMPLATES: dict[str, str] = {
     S.STUCK: "the vehicle has not moved for {rest_s:.0f} s, and its reference is {distance_m:.2f} m away",
     S.ROOM: (
         "the vehicle might leave the room. The wall in direction {axis} is {wall_m:.2f} m from its body. Its position "
-        "is uncertain by {region_m:.2f} m (95 %), and it needs {stop_m:.2f} m to stop"
+        "is uncertain by {region_m:.2f} m (95 %), and it needs {stop_m:.2f} m to stop. Use a smaller route or a larger "
+        "room"
     ),
     S.ESTIMATE_DOUBTFUL: "the estimate is not reliable, so the vehicle slowed down and stopped. {cause}",
     "caution.slow": "the vehicle slows down. {cause}",

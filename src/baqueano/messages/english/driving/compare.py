@@ -14,7 +14,7 @@ TEMPLATES: dict[str, str] = {
     "compare.times": (
         "interval_s = {interval_s:g} s, skip_s = {skip_s:g} s: expected interval_s above 0, skip_s at least 0."
     ),
-    "compare.names": "names contains {names} names for {runs} runs or fits: expected one for each.",
+    "compare.names": "Number of names: {names}, number of runs or fits: {runs}. Expected one name for each.",
     "lab.scipy-for-bands": "scipy is not installed, and the χ² bands need it. Type: {fix}",
     "forecast.no-covariance": (
         "The estimator {estimator:word} does not give a covariance of the pose, so its "
@@ -36,7 +36,7 @@ TEMPLATES: dict[str, str] = {
         "{type[baqueano identify last --update]}"
     ),
     "consistency.not-reported": "The run does not contain an estimate with a covariance",
-    "consistency.cannot-tell": (
+    "consistency.undecided": (
         "There are not enough data: the errors of {quantity:word} are equivalent to {samples:.1f} independent "
         "samples"
     ),

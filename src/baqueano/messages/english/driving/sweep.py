@@ -25,7 +25,7 @@ TEMPLATES: dict[str, str] = {
         "0 s."
     ),
     "sweep.nothing": (
-        "The sweep is empty: {vehicles} vehicles, {routes} routes, {seeds} seeds. Expected one or more of "
+        "The sweep is empty. Vehicles: {vehicles}, routes: {routes}, seeds: {seeds}. Expected one or more of "
         "each."
     ),
     "sweep.mixed": "A sweep accepts vehicles or runs, not both. The list of vehicles contains a {value}.",
