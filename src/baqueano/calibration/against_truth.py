@@ -29,6 +29,7 @@ from baqueano.errors import UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.numerics.statistics import batch_covariance, huber_regression, student_quantile
+from baqueano.runs.interpolation import TimeSeries
 from baqueano.signals import seconds
 
 if TYPE_CHECKING:
@@ -37,25 +38,6 @@ if TYPE_CHECKING:
 
 WINDOW_S, STEP_S, GAP_S = 2.0, 0.1, 0.25  # of windows: length, step, and the longest gap between measurements
 BATCH_S, BATCHES = 5.0, 8  # the longest batch, and the least number of them
-
-
-class IntegratedSignal(NamedTuple):
-    """A channel and its integral, linear between samples."""
-
-    t_s: np.ndarray  # (M,)
-    z: np.ndarray  # (M,)
-    sum: np.ndarray  # (M,) ∫ z dt
-
-    def interpolate(self, t_s: np.ndarray) -> np.ndarray:
-        """Return z at the times `t_s`."""
-        return np.interp(t_s, self.t_s, self.z)
-
-    def integral_until(self, t_s: np.ndarray) -> np.ndarray:
-        """Return ∫ z dt from the first time to the times `t_s`."""
-        k = np.clip(np.searchsorted(self.t_s, t_s, side="right") - 1, 0, len(self.t_s) - 2)
-        h = t_s - self.t_s[k]
-        slope = (self.z[k + 1] - self.z[k]) / (self.t_s[k + 1] - self.t_s[k])
-        return self.sum[k] + h * (self.z[k] + 0.5 * h * slope)
 
 
 class Windows(NamedTuple):
@@ -115,7 +97,7 @@ def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
 
 def channel_of(
     run: "Run", vehicle_file: "VehicleFile", field: str, entry: int
-) -> tuple[str, IntegratedSignal] | None:
+) -> tuple[str, TimeSeries] | None:
     """Return the first sensor of the run whose block has `field`, and its channel `entry`, or None. Samples of an
     IMU that repeat the previous sample in all entries are excluded: they come from the driver, not the chip."""
     for name, block in vehicle_file.sensors._asdict().items():
@@ -126,9 +108,8 @@ def channel_of(
         is_finite[1:] &= np.diff(channel.t_ns) > 0
         if channel.z.shape[1] >= 3:
             is_finite[1:] &= np.any(channel.z[1:] != channel.z[:-1], axis=1)
-        t_s, z = seconds(channel.t_ns[is_finite], run.t_ns[0]), channel.z[is_finite, entry]
-        sums = np.concatenate([[0.0], np.cumsum(0.5 * (z[1:] + z[:-1]) * np.diff(t_s))])
-        return name, IntegratedSignal(t_s, z, sums)
+        t_s = seconds(channel.t_ns[is_finite], run.t_ns[0])
+        return name, TimeSeries(t_s, channel.z[is_finite, entry])
     return None
 
 
@@ -149,7 +130,7 @@ def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
     return seconds(run.truth.t_ns[is_finite], run.t_ns[0]), eta
 
 
-def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: IntegratedSignal) -> Windows:
+def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TimeSeries) -> Windows:
     """Return all windows without a long gap in truth or sensor at any offset. Raise UsageError for too few."""
     t_s, eta = frames
     begin, end = max(t_s[0], signal.t_s[0] + MAX_OFFSET_S), min(t_s[-1], signal.t_s[-1] - MAX_OFFSET_S)
@@ -180,7 +161,7 @@ def _gaps(t_s: np.ndarray, wider_s: float) -> list[tuple[float, float]]:
     return [(t_s[k] - wider_s, t_s[k + 1] + wider_s) for k in long_gaps]
 
 
-def _turn_equations(w: Windows, gyro: IntegratedSignal, offset_s: float) -> Equations:
+def _turn_equations(w: Windows, gyro: TimeSeries, offset_s: float) -> Equations:
     """Return (1): y (N,), derivatives (N, 2) by (a, −c), and their change per second of offset (N, 2)."""
     t = w.t_s + offset_s
     jacobian = np.stack([w.change_of(gyro.integral_until(t)), w.change_of(w.t_s)], axis=1)
@@ -191,7 +172,7 @@ def _turn_equations(w: Windows, gyro: IntegratedSignal, offset_s: float) -> Equa
     )
 
 
-def _motion_equations(w: Windows, odometer: IntegratedSignal, offset_s: float) -> Equations:
+def _motion_equations(w: Windows, odometer: TimeSeries, offset_s: float) -> Equations:
     """Return (2): y (2N,), derivatives (2N, 4) by (k_x, k_y, l_x, l_y), and their change per second of offset."""
     c, s = np.cos(w.eta[:, 2]), np.sin(w.eta[:, 2])
 

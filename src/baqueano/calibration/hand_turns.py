@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.calibration.against_truth import GAP_S, IntegratedSignal, channel_of
+from baqueano.calibration.against_truth import GAP_S, channel_of
 from baqueano.calibration.result import CalibratedNumber, Calibration, axis_warnings_of
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
@@ -27,6 +27,7 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.numerics.statistics import QUANTILE_95, chi_square, student_quantile
+from baqueano.runs.interpolation import TimeSeries
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import sensor_range
 
@@ -94,15 +95,15 @@ def calibrate_by_hand_turns(run: Run, vehicle_file: "VehicleFile", turns: float 
     )  # fmt: skip
 
 
-def _check_complete_record(name: str, gyro: IntegratedSignal, limit: np.ndarray | None) -> None:
+def _check_complete_record(name: str, gyro: TimeSeries, limit: np.ndarray | None) -> None:
     """Raise UsageError if the record of a turn has a gap or is saturated."""
     steps_s = np.diff(gyro.t_s)
     if steps_s.max() > GAP_S:
         at_s = float(gyro.t_s[np.argmax(steps_s)])
         fix = baqueano_command("runs", "cut", name, "--to", f"{at_s:.1f}")
         raise UsageError(fault("turns.silent", fix, run=name, gap_s=steps_s.max(), t_s=at_s))
-    if limit is not None and np.any(np.abs(gyro.z) >= limit[-1]):
-        at_s = gyro.t_s[np.argmax(np.abs(gyro.z))]
+    if limit is not None and np.any(np.abs(gyro.x) >= limit[-1]):
+        at_s = gyro.t_s[np.argmax(np.abs(gyro.x))]
         raise UsageError(fault("turns.end-of-range", run=name, limit_rad_s=limit[-1], t_s=at_s))
 
 
@@ -112,9 +113,9 @@ def is_turned_by_hand(run: Run) -> bool:
     return without_truth and not np.any(np.nan_to_num(run.applied_commands))
 
 
-def _rests(gyro: IntegratedSignal) -> list[Rest]:
+def _rests(gyro: TimeSeries) -> list[Rest]:
     """Return the rests: joined windows with a scatter close to the scatter of the quietest windows."""
-    t_s, z = gyro.t_s, gyro.z
+    t_s, z = gyro.t_s, gyro.x
     window_number = ((t_s - t_s[0]) // WINDOW_S).astype(int)
     ends = np.flatnonzero(np.diff(window_number, append=window_number[-1] + 1)) + 1
     windows = [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True) if b - a >= 3]
@@ -138,7 +139,7 @@ def _rests(gyro: IntegratedSignal) -> list[Rest]:
     return rests
 
 
-def _angles(gyro: IntegratedSignal, rests: list[Rest]) -> tuple[np.ndarray, np.ndarray]:
+def _angles(gyro: TimeSeries, rests: list[Rest]) -> tuple[np.ndarray, np.ndarray]:
     """Return G (K,) of (1) from middle to middle of the rests, the first 0, and q (K − 1,) of (2)."""
     middles_s, rates = np.array([rest.middle_s for rest in rests]), np.array([rest.mean for rest in rests])
     T = np.diff(middles_s)

@@ -36,6 +36,17 @@ class TimeSeries(NamedTuple):
         steps = 0.5 * (self.x[1:] + self.x[:-1]) * np.diff(self.t_s)
         return TimeSeries(self.t_s, np.concatenate([[0.0], np.cumsum(steps)]))
 
+    def integral_until(self, t_s: np.ndarray) -> np.ndarray:
+        """Return the integral (K,) from the first time to the times `t_s` (K,), for a quantity linear between samples.
+
+        >>> TimeSeries(np.array([0.0, 2.0]), np.array([0.0, 4.0])).integral_until(np.array([1.0, 2.0])).tolist()
+        [1.0, 4.0]
+        """
+        k = np.clip(np.searchsorted(self.t_s, t_s, side="right") - 1, 0, len(self.t_s) - 2)
+        h = t_s - self.t_s[k]
+        slope = (self.x[k + 1] - self.x[k]) / (self.t_s[k + 1] - self.t_s[k])
+        return self.integral().x[k] + h * (self.x[k] + 0.5 * h * slope)
+
 
 def interpolate_rows(t_ns: np.ndarray, sample_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Return `rows` (K, m), sampled at `sample_ns` (K,), interpolated at `t_ns` (N,): (N, m).
