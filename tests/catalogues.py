@@ -132,12 +132,12 @@ def compiled(catalogue: Catalog) -> bytes:
     return out.getvalue()
 
 
-def update(language: str, path: Path, required: Catalog) -> Catalog:
+def update(language: str, path: Path, entries: Catalog) -> Catalog:
     """Write a catalogue again, with all texts that must be translated at present."""
     catalogue = read_catalogue(language, path)
-    created = catalogue.creation_date  # a file with equal entries is not changed
-    catalogue.update(required, no_fuzzy_matching=False, update_header_comment=False)
-    catalogue.creation_date = created
+    creation_time = catalogue.creation_date  # a file with equal entries is not changed
+    catalogue.update(entries, no_fuzzy_matching=False, update_header_comment=False)
+    catalogue.creation_date = creation_time
     catalogue.obsolete.clear()
     path.parent.mkdir(parents=True, exist_ok=True)
     out = io.BytesIO()
@@ -146,15 +146,15 @@ def update(language: str, path: Path, required: Catalog) -> Catalog:
     return catalogue
 
 
-def faults(catalogue: Catalog, required: Catalog | None = None) -> list[str]:
+def faults(catalogue: Catalog, entries: Catalog | None = None) -> list[str]:
     """Return the entries that are missing, superfluous, fuzzy, or have other placeholders than the English text."""
-    required = required_catalogue() if required is None else required
+    entries = required_catalogue() if entries is None else entries
     failures = [
         f"superfluous: {name_of(entry)}"
         for entry in catalogue
-        if entry.id and required.get(entry.id, entry.context) is None
+        if entry.id and entries.get(entry.id, entry.context) is None
     ]
-    for message in required:
+    for message in entries:
         if not message.id:
             continue
         entry = catalogue.get(message.id, message.context)
@@ -213,11 +213,11 @@ if __name__ == "__main__":
     for language in LANGUAGES:
         if language != "en":
             po, mo = places(language)
-            for path, required in (
+            for path, entries in (
                 (po, required_catalogue()),
                 (catalogue_file(language), required_reference()),
             ):
-                faulty = faults(update(language, path, required), required)
+                faulty = faults(update(language, path, entries), entries)
                 print(f"{path}: {len(faulty)} to do", *faulty, sep="\n  ")
                 to_do += len(faulty)
             mo.write_bytes(compiled(read_catalogue(language)))

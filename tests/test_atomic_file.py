@@ -30,9 +30,9 @@ def test_a_file_appears_in_its_folder_only_after_it_is_complete(tmp_path, monkey
 
 
 def test_an_error_contains_the_name_that_the_user_knows(tmp_path):
-    with pytest.raises(OSError, match="absent") as caught, write_then_appear(tmp_path / "absent" / "a"):
+    with pytest.raises(OSError, match="absent") as error_info, write_then_appear(tmp_path / "absent" / "a"):
         pass
-    assert caught.value.filename == str(tmp_path / "absent" / "a")
+    assert error_info.value.filename == str(tmp_path / "absent" / "a")
 
 
 @pytest.mark.parametrize("links", [True, False])

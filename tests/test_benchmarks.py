@@ -54,8 +54,8 @@ def refuse_constant(number: str) -> float:
 
 @pytest.mark.parametrize("name", with_function("benches"))
 def test_a_benchmark_succeeds_with_finite_numbers_in_each_row(name):
-    printed, tables = run_module("benchmarks", name, "--json")
-    rows = json.loads(printed, parse_constant=refuse_constant)["rows"]
+    output, tables = run_module("benchmarks", name, "--json")
+    rows = json.loads(output, parse_constant=refuse_constant)["rows"]
     assert rows or "left out. Type: " in tables
     for row in rows:
         assert any(isinstance(value, float) for value in row.values()), row
@@ -70,9 +70,9 @@ def test_omitted_parts_of_a_benchmark_are_reported_as_a_skip(name):
 
 @pytest.mark.parametrize("name", with_function("main"))
 def test_a_benchmark_table_is_printed_with_finite_numbers(name):
-    printed, _ = run_module(f"benchmarks.{name}")
-    assert re.search(r"\d", printed)
-    assert not re.search(r"\b(nan|inf)", printed), printed
+    output, _ = run_module(f"benchmarks.{name}")
+    assert re.search(r"\d", output)
+    assert not re.search(r"\b(nan|inf)", output), output
 
 
 def test_each_benchmark_module_is_a_command_or_is_imported():

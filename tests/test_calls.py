@@ -197,8 +197,8 @@ def test_an_advised_call_matches_its_function(call):
 
 def test_every_function_of_the_front_door_checks_its_call():
     functions = [name for name in bq.__all__ if inspect.isfunction(getattr(bq, name))]
-    advised = {call.removeprefix("bq.").partition("(")[0] for call in EXAMPLES}
-    assert set(functions) <= advised
+    advised_calls = {call.removeprefix("bq.").partition("(")[0] for call in EXAMPLES}
+    assert set(functions) <= advised_calls
 
 
 def test_an_unknown_name_of_the_package_is_answered_with_a_similar_one():

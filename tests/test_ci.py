@@ -50,6 +50,6 @@ def test_the_pictures_of_all_screens_are_stored_by_ci():
     workflow = (Path(__file__).parents[1] / ".github/workflows/tests.yml").read_text(encoding="utf-8")
     job = workflow[workflow.index("\n  all:") : workflow.index("\n  docs:")]
     (folder,) = re.findall(r"BAQUEANO_SHOTS: \$\{\{ github.workspace \}\}/(\S+)", job)
-    uploaded = job[job.index("uses: actions/upload-artifact") :]
-    assert f"path: {folder}\n" in uploaded
-    assert "if: always()" in uploaded  # above all if a test has failed
+    upload_step = job[job.index("uses: actions/upload-artifact") :]
+    assert f"path: {folder}\n" in upload_step
+    assert "if: always()" in upload_step  # above all if a test has failed

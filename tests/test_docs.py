@@ -37,9 +37,9 @@ def test_the_ten_lines_of_the_readme_run_and_print_the_fit(tmp_path, monkeypatch
         .replace("laps=3", "laps=1")
     )
     exec(compile(lines, "README.md", "exec"), {})
-    printed = capsys.readouterr().out
-    assert "friction.linear[0]" in printed
-    assert "across the path" in printed
+    output = capsys.readouterr().out
+    assert "friction.linear[0]" in output
+    assert "across the path" in output
 
 
 def code_of(page):
@@ -51,9 +51,9 @@ def test_the_code_of_the_page_on_python_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = "docs/python.md"
     exec(compile("\n".join(code_of(page)), page, "exec"), {"__name__": "page"})
-    printed = capsys.readouterr().out
-    assert "USABLE" in printed
-    assert "dead reckoning, " in printed
+    output = capsys.readouterr().out
+    assert "USABLE" in output
+    assert "dead reckoning, " in output
     assert {"errors.pdf", "fit.html", "figures"} <= {path.name for path in tmp_path.iterdir()}
 
 
@@ -238,5 +238,5 @@ def test_each_abbreviation_of_the_pages_is_in_the_glossary():
     text = "\n".join(page.read_text(encoding="utf-8") for page in pages if page.stem != "glossary")
     prose = re.sub(r"```.*?```|`[^`\n]*`|\*\*.*?\*\*|\]\([^)]*\)", " ", text, flags=re.DOTALL)
     glossary = (ROOT / "docs/glossary.md").read_text(encoding="utf-8")
-    used = set(re.findall(r"(?<![\w-])[A-Z]{2,}\d?(?![\w-])", prose))
-    assert used - set(NOT_TERMS.split()) - set(re.findall(r"[A-Z]{2,}\d?", glossary)) == set()
+    abbreviations_used = set(re.findall(r"(?<![\w-])[A-Z]{2,}\d?(?![\w-])", prose))
+    assert abbreviations_used - set(NOT_TERMS.split()) - set(re.findall(r"[A-Z]{2,}\d?", glossary)) == set()

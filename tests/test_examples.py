@@ -83,8 +83,8 @@ def test_each_public_function_has_a_short_example(module, name):
 
 
 def test_every_docstring_example_is_executed():
-    skipped = [module for module, text in TEXTS.items() if "doctest:" in text]
-    assert not skipped, "an example that does not run may be wrong"
+    skipped_modules = [module for module, text in TEXTS.items() if "doctest:" in text]
+    assert not skipped_modules, "an example that does not run may be wrong"
     for module, text in TEXTS.items():
         assert sum(len(candidate.examples) for candidate in examples_of(module)) == text.count(">>> "), module
 

@@ -42,7 +42,7 @@ def evening(request, tmp_path_factory):
     Those of the Spanish page are the same, so it is enough to type them until the last output on the page.
     """
     page, language = request.param.split()
-    folder, printed, pairs = tmp_path_factory.mktemp("evening"), "", []
+    folder, output, pairs = tmp_path_factory.mktemp("evening"), "", []
     markdown = (FOLDERS[language] / f"{page}.md").read_text(encoding="utf-8")
     fences = re.findall(r"^```(\w+)\n(.*?)^```$", markdown, re.MULTILINE | re.DOTALL)
     if language == "es":
@@ -51,7 +51,7 @@ def evening(request, tmp_path_factory):
     environment = {**os.environ, "PYTHONIOENCODING": "utf-8", "BAQUEANO_LANG": language}
     for kind, text in fences:
         if kind == "text":
-            pairs.append((printed, text))
+            pairs.append((output, text))
             continue
         for arguments, exit_code in commands_of(kind, text):
             if arguments[1] == "cd":
@@ -65,7 +65,7 @@ def evening(request, tmp_path_factory):
                 encoding="utf-8",
             )
             assert result.returncode == exit_code, f"{arguments}: {result.stderr[-2000:]}"
-            printed += result.stdout + result.stderr
+            output += result.stdout + result.stderr
     return page, folder, pairs
 
 
@@ -81,6 +81,6 @@ def test_every_command_of_the_page_runs_and_writes_its_files(evening):
 def test_the_page_shows_the_output_of_the_commands(evening):
     _, _, pairs = evening
     assert len(pairs) > 2
-    for printed, text in pairs:
-        lines = {shape(line) for line in printed.splitlines()}
+    for output, text in pairs:
+        lines = {shape(line) for line in output.splitlines()}
         assert not [line for line in text.splitlines() if shape(line) not in lines]

@@ -225,7 +225,7 @@ def test_every_public_object_has_a_docstring():
     assert not dumb, "no docstring, so a reader has to guess:\n" + "\n".join(dumb)
 
 
-def without_docstring(scope: ast.AST, prefix: str, inherited: set[str], members: dict[str, set[str]]):
+def without_docstring(scope: ast.AST, prefix: str, base_names: set[str], members: dict[str, set[str]]):
     """Return the public names without a docstring. A docstring of a base class, or the `help=` of a command, is
     enough."""
     if isinstance(scope, ast.Module) and not ast.get_docstring(scope):
@@ -237,7 +237,7 @@ def without_docstring(scope: ast.AST, prefix: str, inherited: set[str], members:
             isinstance(decorator, ast.Call) and any(key.arg == "help" for key in decorator.keywords)
             for decorator in node.decorator_list
         )
-        if not (verb or node.name in inherited or ast.get_docstring(node)):
+        if not (verb or node.name in base_names or ast.get_docstring(node)):
             yield prefix + node.name
         if isinstance(node, ast.ClassDef):
             bases = [base.id for base in node.bases if isinstance(base, ast.Name)]
@@ -360,8 +360,8 @@ def test_no_test_measures_coverage_on_data_of_the_fitted_model():
     for path in (path for path in paths if "1.96" in path.read_text(encoding="utf-8")):
         functions = {node.name: node for node in nodes_of(path) if isinstance(node, FUNCTIONS)}
         for name, node in functions.items():
-            compared = [ast.unparse(part) for part in ast.walk(node) if isinstance(part, ast.Compare)]
-            if any("1.96" in part for part in compared) and re.search(r"(mean|sum)\(", ast.unparse(node)):
+            comparisons = [ast.unparse(part) for part in ast.walk(node) if isinstance(part, ast.Compare)]
+            if any("1.96" in part for part in comparisons) and re.search(r"(mean|sum)\(", ast.unparse(node)):
                 mirrors = names_behind(name, functions) & FITTED_STEP
                 assert not mirrors, f"{path.relative_to(ROOT)}: {name} judges coverage on data of {mirrors}"
 
@@ -371,8 +371,8 @@ def names_behind(name: str, functions: dict[str, ast.FunctionDef | ast.AsyncFunc
     names, waiting = set(), [name]
     while waiting:
         parts = list(ast.walk(functions[waiting.pop()]))
-        used = {part.id for part in parts if isinstance(part, ast.Name)}
-        used |= {part.arg for part in parts if isinstance(part, ast.arg)}
-        waiting += [single for single in used - names if single in functions]
-        names |= used
+        names_used = {part.id for part in parts if isinstance(part, ast.Name)}
+        names_used |= {part.arg for part in parts if isinstance(part, ast.arg)}
+        waiting += [single for single in names_used - names if single in functions]
+        names |= names_used
     return names

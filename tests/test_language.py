@@ -52,15 +52,15 @@ def test_the_reference_of_the_front_door_is_completely_translated(language):
     ],
 )
 def test_a_missing_superfluous_fuzzy_or_different_entry_is_a_fault(translation, flags, fault_name):
-    required, catalogue = Catalog(), Catalog(locale="es")
-    required.add("{laps} laps", context="lap.count")
+    entries, catalogue = Catalog(), Catalog(locale="es")
+    entries.add("{laps} laps", context="lap.count")
     if translation is not None:
         catalogue.add("{laps} laps", translation, context="lap.count", flags=flags)
-    (failure,) = faults(catalogue, required)
+    (failure,) = faults(catalogue, entries)
     assert failure.startswith(f"{fault_name}: lap.count '{{laps}} laps'")
     complete = Catalog(locale="es")
     complete.add("{laps} laps", "{laps} vueltas", context="lap.count")
-    assert faults(complete, required) == []
+    assert faults(complete, entries) == []
     assert faults(complete, Catalog()) == ["superfluous: lap.count '{laps} laps'"]
 
 
@@ -87,13 +87,13 @@ def test_command_line_variable_and_locale_set_the_language_in_this_order(monkeyp
 
 def test_a_sentence_is_spanish_and_its_numbers_have_a_decimal_comma():
     note = fault("vehicle.setting", setting="x")
-    timed = Diagnostic("vehicle.tilt", figures={"tilt_deg": 12.0, "max_tilt_rad": 0.5})
-    english = text(note), text(timed)
+    tilt_diagnostic = Diagnostic("vehicle.tilt", figures={"tilt_deg": 12.0, "max_tilt_rad": 0.5})
+    english = text(note), text(tilt_diagnostic)
     language.choose_language("es")
     assert text(note) != english[0]
-    assert text(timed) == "el vehículo está inclinado 12°: max_tilt_rad es 0,5"
+    assert text(tilt_diagnostic) == "el vehículo está inclinado 12°: max_tilt_rad es 0,5"
     language.choose_language("en")
-    assert (text(note), text(timed)) == english
+    assert (text(note), text(tilt_diagnostic)) == english
 
 
 @pytest.mark.parametrize(
@@ -166,9 +166,9 @@ def test_a_key_with_its_value_and_a_command_stay_in_one_line():
     key, command = 'unit = "deg/s"', "baqueano robot setup pilot@rover.local"
     advice = f"this sensor turns faster than a small vehicle can turn, so write {key} there or type {command}"
     for shift in range(20):
-        printed = "\n".join(text_table("<<", ["info", "x" * shift + " " + advice.replace("@", "-")]))
-        assert key in printed
-        assert command.replace("@", "-") in printed
+        table_text = "\n".join(text_table("<<", ["info", "x" * shift + " " + advice.replace("@", "-")]))
+        assert key in table_text
+        assert command.replace("@", "-") in table_text
 
 
 def test_no_translated_text_has_a_fixed_width():

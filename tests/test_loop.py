@@ -133,8 +133,8 @@ def test_during_imu_silence_the_estimate_uses_the_applied_commands():
     assert outcome.stop_reason is None
     silent = records[100:300]
     assert all(r.tick.sensors.imu.is_new == 0.0 for r in silent)
-    saturated = [np.any(np.abs(r.requested_command.u) > LIMIT + 1e-9) for r in silent]
-    assert np.mean(saturated) > 0.5
+    is_saturated = [np.any(np.abs(r.requested_command.u) > LIMIT + 1e-9) for r in silent]
+    assert np.mean(is_saturated) > 0.5
     # the estimator used the commands that the motors received
     for k, record in enumerate(records[1:]):
         assert np.array_equal(record.tick.u, world.motors[k])

@@ -139,8 +139,8 @@ def literal_raises(tree):
         of_class = kind[:1].isupper()  # self.wrong(place, …) makes an error with a code
         if kind in OF_PROGRAMMERS or not of_class:
             continue
-        translated = any(isinstance(arg, ast.Call) and ast.unparse(arg.func) == "_" for arg in arguments)
-        if translated or any(isinstance(arg, ast.JoinedStr) or prose(arg, set()) for arg in arguments):
+        is_translated = any(isinstance(arg, ast.Call) and ast.unparse(arg.func) == "_" for arg in arguments)
+        if is_translated or any(isinstance(arg, ast.JoinedStr) or prose(arg, set()) for arg in arguments):
             yield node.lineno
 
 
@@ -276,8 +276,8 @@ def codes_in_the_code():
 def test_each_template_is_used_by_a_code():
     literals, pattern = codes_in_the_code()
     of_errors = {f"error.{error.__name__}" for error in (BaqueanoError, *BaqueanoError.__subclasses__())}
-    unused = set(templates()) - literals - of_errors
-    assert [code for code in sorted(unused) if not pattern.fullmatch(code)] == []
+    unused_codes = set(templates()) - literals - of_errors
+    assert [code for code in sorted(unused_codes) if not pattern.fullmatch(code)] == []
 
 
 INNER = stop(StopReason.IMU_ABSENT, cause=UsageError("no bus").diagnostic)
@@ -351,8 +351,8 @@ def test_a_figure_of_an_old_message_has_its_present_name():
         ("shake.end", {"number": 1, "duration_s": 2.0, "fault": "x"}, {"number", "duration_s", "fault"}),
         (
             "shake.push",
-            {"impulse_n_s": 0.3, "direction": "left", "for_s": None},
-            {"impulse_n_s", "direction", "for_s"},
+            {"impulse_n_s": 0.3, "direction": "left", "for_s": None, "at_s": 1.0, "of": ""},
+            {"impulse_n_s", "direction", "duration_s", "start_s", "target"},
         ),
         (
             "drive.line",
@@ -367,7 +367,7 @@ def test_a_figure_of_an_event_in_an_old_run_has_its_present_name(code, figures, 
     message = Diagnostic.of_json(note(code, **figures).to_json())
     assert set(message.figures) == present
     required_names = {name for _, name, _, _ in string.Formatter().parse(templates()[code]) if name}
-    assert present - {"number", "for_s"} <= required_names
+    assert present - {"number", "duration_s", "start_s", "target"} <= required_names
 
 
 def test_an_unknown_code_is_printed_with_its_figures():

@@ -69,15 +69,15 @@ def test_the_same_message_advises_a_call_in_python_and_a_line_in_the_terminal():
 def test_a_recording_without_a_map_gets_a_call_that_drafts_one(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "log.csv").write_text("t,ax,ay,gz\n0.0,0,0,0\n0.1,0,0,0\n", encoding="utf-8")
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError) as error_info:
         bq.import_run("log.csv")
-    exec(python_call(caught.value.diagnostic.fix))
+    exec(python_call(error_info.value.diagnostic.fix))
     assert (tmp_path / "log.toml").exists()
 
 
 def test_an_unknown_key_lists_the_keys_of_its_table():
-    with pytest.raises(UsageError) as caught:
+    with pytest.raises(UsageError) as error_info:
         bq.load("small").value("controler.k_y")
-    suggestion = caught.value.diagnostic.figures["suggestion"].figures
+    suggestion = error_info.value.diagnostic.figures["suggestion"].figures
     assert suggestion["match"] == "controller.k_x"
     assert all(key.startswith("controller.") for key in suggestion["valid"].split(", "))

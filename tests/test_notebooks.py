@@ -108,9 +108,9 @@ def test_a_model_from_a_cell_is_identified_tuned_simulated_and_compared(executed
 
 def test_a_run_with_a_model_from_a_cell_states_elsewhere_that_its_class_is_missing(executed_notebooks):
     folder, _ = executed_notebooks
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError) as error_info:
         replay(read_run(folder / "cart.mcap"))
-    assert "block.cell-class-unknown" in str(caught.value.diagnostic.to_json())
+    assert "block.cell-class-unknown" in str(error_info.value.diagnostic.to_json())
 
 
 def test_a_fault_of_a_block_names_its_cell_and_the_fields_of_the_signal(executed_notebooks):

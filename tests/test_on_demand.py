@@ -78,10 +78,8 @@ SUBCOMMANDS = ["compare", "identify", "report", "simulate", "tune"]
 
 def test_importing_a_package_does_not_hide_the_function_of_the_same_name():
     rooms = "; ".join(f"import baqueano.{verb}" for verb in SUBCOMMANDS)
-    printed = fresh(
-        f"import baqueano as bq; {rooms}; print([getattr(bq, v).__name__ for v in {SUBCOMMANDS}])"
-    )
-    assert printed == str(SUBCOMMANDS)
+    output = fresh(f"import baqueano as bq; {rooms}; print([getattr(bq, v).__name__ for v in {SUBCOMMANDS}])")
+    assert output == str(SUBCOMMANDS)
     assert (
         fresh("from baqueano.tune import TuneResult; import baqueano as bq; print(callable(bq.tune))")
         == "True"
@@ -90,8 +88,8 @@ def test_importing_a_package_does_not_hide_the_function_of_the_same_name():
 
 def test_importing_baqueano_imports_no_subpackage():
     new = "set(sys.modules) - before"
-    printed = fresh(f"import sys; before = set(sys.modules); import baqueano; print(*sorted({new}))")
-    assert printed == "baqueano baqueano.on_demand"
+    output = fresh(f"import sys; before = set(sys.modules); import baqueano; print(*sorted({new}))")
+    assert output == "baqueano baqueano.on_demand"
 
 
 def test_the_top_level_functions_match_the_command_line():
@@ -104,8 +102,8 @@ def test_the_top_level_functions_match_the_command_line():
 @pytest.mark.parametrize("name", MODULE_OF)
 @pytest.mark.parametrize("package", [baqueano, guides])
 def test_a_name_of_another_module_is_reported_with_its_import(package, name):
-    with pytest.raises(AttributeError) as raised:
+    with pytest.raises(AttributeError) as error_info:
         getattr(package, name)
     namespace: dict[str, object] = {}
-    exec(str(raised.value).partition(": ")[2], namespace)
+    exec(str(error_info.value).partition(": ")[2], namespace)
     assert callable(namespace[name])

@@ -25,18 +25,18 @@ def test_the_readme_contains_one_picture_and_it_is_animated():
     assert pictures == ["docs/pictures/demo.svg"]
     picture = (ROOT / pictures[0]).read_text(encoding="utf-8")
     names = set(re.findall(r"@keyframes (\w+)", picture))
-    used = set(re.findall(r"animation:\s*(\w+) ", picture)) - {"none"}
-    assert used
-    assert used <= names, "an animation without keyframes stands still"
+    animations_used = set(re.findall(r"animation:\s*(\w+) ", picture)) - {"none"}
+    assert animations_used
+    assert animations_used <= names, "an animation without keyframes stands still"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_a_page_installs_only_extras_that_exist(page):
     existing = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    named = {
+    animation_names = {
         extra for extras in EXTRAS.findall(page.read_text(encoding="utf-8")) for extra in extras.split(",")
     }
-    assert named <= set(existing["optional-dependencies"])
+    assert animation_names <= set(existing["optional-dependencies"])
 
 
 def test_the_readme_installs_extras():

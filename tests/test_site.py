@@ -60,8 +60,8 @@ def equations(page):
     """Return the displayed equations of a page in order, and the others; without words, and with decimal points."""
     text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     text = re.sub(r"\\(?:text|mathrm)\{[^}]*\}", "", text.replace("{,}", "."))
-    displayed = re.compile(r"\$\$.*?\$\$", re.DOTALL)
-    return displayed.findall(text), set(re.findall(r"\$[^$\n]+\$", displayed.sub("", text)))
+    displayed_equation = re.compile(r"\$\$.*?\$\$", re.DOTALL)
+    return displayed_equation.findall(text), set(re.findall(r"\$[^$\n]+\$", displayed_equation.sub("", text)))
 
 
 def table_rows(page):

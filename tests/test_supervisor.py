@@ -150,6 +150,6 @@ STILL = Reference(10, np.zeros(3), np.zeros(3), 0.0)
 def test_a_fault_names_the_block_inside_a_wrapper(role, block, inputs, name, part):
     guard = guard_block(role, block(part), 3)
     state, _ = guard.step(guard.init(), *inputs)
-    with pytest.raises(BlockFault) as caught:
+    with pytest.raises(BlockFault) as error_info:
         guard.step(state, *inputs)
-    assert caught.value.reason.figures["block"].startswith(name)
+    assert error_info.value.reason.figures["block"].startswith(name)

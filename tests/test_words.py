@@ -184,17 +184,17 @@ def sentences(docstring: str) -> list[str]:
 
 
 def test_a_docstring_is_in_plain_language():
-    long, negated, old = [], [], []
+    long, negations, old = [], [], []
     for file, text in docstrings():
         for sentence in sentences(text):
             if file.startswith(AROUND) and OLD.search(re.sub(r"`[^`]*`", "", sentence)):
                 old.append(f"{file}: {sentence}")
             if NO_SUBJECT.search(sentence):
-                negated.append(f"{file}: {sentence}")
+                negations.append(f"{file}: {sentence}")
             if len(sentence.split()) > WORDS and not EQUATION.search(sentence):
                 long.append(f"{file}: {sentence}")
     assert not long, f"over {WORDS} words: {long}"
-    assert not negated, f"a subject and a verb: {negated}"
+    assert not negations, f"a subject and a verb: {negations}"
     assert not old, f"a term of the field: {old}"
 
 
@@ -279,16 +279,15 @@ def test_a_figure_of_a_message_is_named_by_a_noun():
         f"{code}: {name}"
         for code, template in templates().items()
         for name in fields(template)
-        if {*re.split(r"[_\[\].]", name)} & VERBS or is_without_noun(name, code)
+        if {*re.split(r"[_\[\].]", name)} & VERBS or is_without_noun(name)
     }
     assert not names, f"name the quantity: {sorted(names)}"
 
 
-def is_without_noun(name, code):
-    """Return True if the name lacks a noun, apart from its unit; a fault has the field `of`."""
-    is_parameter = name == "aside_m" or (code.startswith("shake.") and name in ("of", "at_s", "for_s"))
+def is_without_noun(name):
+    """Return True if the name lacks a noun, apart from its unit."""
     word = re.sub(r"_(?:n|rad|deg|m|s|s2|ms|cm|kg|hz|v|percent|std)(?=_|$)", "", name)
-    return not is_parameter and (
+    return name != "aside_m" and (
         NO_NOUNS.fullmatch(word) or (PAST.fullmatch(word) and word not in {*WORDS_IN_ED, "expected"})
     )
 
@@ -381,5 +380,5 @@ def test_a_class_name_is_defined_once():
     for file, kind, name in contents_of(SOURCE).names:
         if kind is ast.ClassDef:
             files.setdefault(name, []).append(str(file))
-    repeated = {name: places for name, places in files.items() if len(places) > 1}
-    assert not repeated, f"one name for one idea: {repeated}"
+    repeated_names = {name: places for name, places in files.items() if len(places) > 1}
+    assert not repeated_names, f"one name for one idea: {repeated_names}"

@@ -225,7 +225,7 @@ def with_guarded_parts(role: str, block: Tree, command_count: int, compiled_too:
 
 def _parts(block: Tree) -> dict[str, Tree]:
     """Return the blocks inside a dataclass, by the name of their fields."""
-    names = [name for name in optional.attribute(block, "goes_around") if optional.has_field(block, name)]
+    names = [name for name in optional.attribute(block, "inner_blocks") if optional.has_field(block, name)]
     return {name: getattr(block, name) for name in names}
 
 
@@ -314,7 +314,7 @@ def _as_written(block: Tree) -> Tree:
 def _faulty_part(block: Tree, files: Container[str | None]) -> Tree:
     """Return the innermost part of a block that is written in one of `files`; the block if no part is."""
     block = _as_written(block)
-    parts = [_faulty_part(getattr(block, name), files) for name in optional.attribute(block, "goes_around")]
+    parts = [_faulty_part(getattr(block, name), files) for name in optional.attribute(block, "inner_blocks")]
     return next((part for part in parts if _file_of(part) in files), block)
 
 

@@ -38,9 +38,9 @@ def film(run, seed, late_s=TRUE["clock.truth"], turned_rad=TRUE["mark.heading_ra
     rng, truth = np.random.default_rng(seed), run.truth
     eta = truth.eta[::2] + rng.normal(size=truth.eta[::2].shape) * [0.002, 0.002, 0.01] + [0, 0, turned_rad]
     no_values = np.full(eta.shape, np.nan)
-    shifted = TruthLog(truth.t_ns[::2] - round(late_s * 1e9), eta, no_values, no_values)
-    first = np.searchsorted(shifted.t_ns, 0)  # a run on disk does not contain negative times
-    return replace(run, truth=TruthLog(*(column[first:] for column in shifted)))
+    shifted_truth = TruthLog(truth.t_ns[::2] - round(late_s * 1e9), eta, no_values, no_values)
+    first = np.searchsorted(shifted_truth.t_ns, 0)  # a run on disk does not contain negative times
+    return replace(run, truth=TruthLog(*(column[first:] for column in shifted_truth)))
 
 
 @pytest.fixture(scope="module")
@@ -148,8 +148,8 @@ def test_a_dead_gyro_does_not_prevent_the_calibration_of_the_odometer(assumed_fi
 def test_an_inverted_gyro_is_refused(assumed_file, drive, tmp_path, monkeypatch, capsys):
     run = drive(0)
     imu = run.sensors["imu"]
-    inverted = imu._replace(z=imu.z * [1.0, 1.0, -1.0])
-    run = replace(run, sensors=run.sensors | {"imu": inverted})
+    inverted_imu = imu._replace(z=imu.z * [1.0, 1.0, -1.0])
+    run = replace(run, sensors=run.sensors | {"imu": inverted_imu})
     fit = calibrate(run, assumed_file)
     assert [(reason.code, reason.subject) for reason in fit.reasons] == [
         ("calibration.inverted", "sensors.imu.gyro_scale")

@@ -104,9 +104,11 @@ def test_an_advised_line_does_not_contain_a_placeholder():
 
 
 def test_the_source_quotes_every_argument_of_an_advised_line():
-    unquoted = re.compile(rf"f\"baqueano (?:{'|'.join(SUBCOMMANDS)}) [^\"]*\{{")
+    unquoted_command = re.compile(rf"f\"baqueano (?:{'|'.join(SUBCOMMANDS)}) [^\"]*\{{")
     offenders = [
-        path.name for path in SOURCE.rglob("*.py") if unquoted.search(path.read_text(encoding="utf-8"))
+        path.name
+        for path in SOURCE.rglob("*.py")
+        if unquoted_command.search(path.read_text(encoding="utf-8"))
     ]
     assert offenders == []
 

@@ -165,11 +165,13 @@ def test_a_set_point_below_the_dead_zone_is_reported_on_screen(terminal):
     assert screen.ends() == 0
 
 
-@pytest.mark.parametrize("latched", [False, True])
-def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, latched):
-    screen = terminal(*DRIVE, *(["--latched"] if latched else []), kitty=not latched, gone_s=MAX_SILENCE_S)
+@pytest.mark.parametrize("is_latched", [False, True])
+def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, is_latched):
+    screen = terminal(
+        *DRIVE, *(["--latched"] if is_latched else []), kitty=not is_latched, gone_s=MAX_SILENCE_S
+    )
     screen.until(rb"terminal \d+ ms")
-    screen.type(b"w" if latched else W_DOWN)
+    screen.type(b"w" if is_latched else W_DOWN)
     screen.until(rb"(?s)(?:u_x +\S+ \+0\.(?:05|50) .*?){12}")
     screen.present = False
     assert screen.ends() == 5
@@ -292,9 +294,9 @@ GYRO = 0.97
 
 
 def save_identified_robot(folder):
-    measured = {"model.friction.linear": Provenance("0001-experiment", verdict="USABLE")}
+    provenance = {"model.friction.linear": Provenance("0001-experiment", verdict="USABLE")}
     values = {f"estimator.{name}": value for name, value in NOISE.items()}
-    return vehicle_file.load("small").with_values(values, measured).save(folder / "vehicle.toml")
+    return vehicle_file.load("small").with_values(values, provenance).save(folder / "vehicle.toml")
 
 
 def test_a_taught_eight_writes_the_gyro_scale_into_the_vehicle_file(baqueano, tmp_path, monkeypatch):

@@ -154,11 +154,11 @@ def test_measuring_advice_names_the_vehicle_and_its_path(capsys, tmp_path, monke
     options.advise_to_measure(load("my vehicle.toml"), "simulated:small")
     load("small").save(tmp_path / "vehicle.toml")  # in this case the user must name a garage vehicle
     options.advise_to_measure(load("small"), "pilot@rover.local")
-    printed = capsys.readouterr().err
-    assert "baqueano experiment --vehicle 'my vehicle.toml' --robot simulated:small, then" in printed
-    assert "baqueano identify last --vehicle 'my vehicle.toml' --update" in printed
-    assert "small.toml: its model is a guess" in printed
-    assert "baqueano experiment --vehicle small --robot pilot@rover.local" in printed
+    output = capsys.readouterr().err
+    assert "baqueano experiment --vehicle 'my vehicle.toml' --robot simulated:small, then" in output
+    assert "baqueano identify last --vehicle 'my vehicle.toml' --update" in output
+    assert "small.toml: its model is a guess" in output
+    assert "baqueano experiment --vehicle small --robot pilot@rover.local" in output
 
 
 def test_no_measuring_advice_for_a_simulated_garage_vehicle(capsys):
@@ -168,8 +168,8 @@ def test_no_measuring_advice_for_a_simulated_garage_vehicle(capsys):
 
 
 def test_a_measured_vehicle_is_not_called_a_guess_in_a_project(baqueano, tmp_path):
-    fitted = {"model.mass_kg": Provenance("0001-experiment", verdict="USABLE")}
-    load("small").with_values({}, fitted).save(tmp_path / "mine.toml")
+    provenance = {"model.mass_kg": Provenance("0001-experiment", verdict="USABLE")}
+    load("small").with_values({}, provenance).save(tmp_path / "mine.toml")
     assert "guess" not in baqueano("new", "mylab", "--vehicle", "mine.toml").err
     assert "model" not in load(tmp_path / "mylab" / "vehicle.toml").provenance
 

@@ -45,8 +45,8 @@ def test_an_imu_upside_down_in_all_runs_is_not_validated_and_not_written(baquean
     for seed in (1, 2):
         run = simulate(small, random_steps(small.command.limit, 12.0, small.rate_hz, seed), seed)
         imu = run.sensors["imu"]
-        turned = replace(run, sensors={"imu": imu._replace(z=imu.z * [1.0, -1.0, -1.0])})
-        write_run(turned, tmp_path / f"{seed}.mcap")
+        turned_run = replace(run, sensors={"imu": imu._replace(z=imu.z * [1.0, -1.0, -1.0])})
+        write_run(turned_run, tmp_path / f"{seed}.mcap")
     before = (tmp_path / "my.toml").read_text()
     end = baqueano(
         "identify",

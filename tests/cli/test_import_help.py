@@ -162,8 +162,8 @@ def test_a_draft_is_for_all_its_files_or_names_the_one_with_other_columns(baquea
     assert (end.code, end.reason.code) == (2, "import.draft-columns")
     assert end.fix == "baqueano runs import camera.csv --draft camera.toml"
     assert not (tmp_path / "log.toml").exists()
-    drafted = baqueano("runs", "import", "log.csv", "second.csv", "--draft", "log.toml")
-    assert "baqueano runs import log.toml log.csv second.csv" in drafted.out
+    draft_end = baqueano("runs", "import", "log.csv", "second.csv", "--draft", "log.toml")
+    assert "baqueano runs import log.toml log.csv second.csv" in draft_end.out
 
 
 def test_a_draft_takes_columns_with_the_package_names_of_commands_as_commands(baqueano, tmp_path):

@@ -90,11 +90,11 @@ def strange(words: str) -> str:
 def in_strange_letters(monkeypatch):
     """Make `--lang es` print a catalogue in letters of no language."""
     real = gettext.translation(language.DOMAIN, language.CATALOGUES, ["es"])
-    renamed = copy(real)
-    renamed._catalog = {  # pyright: ignore[reportAttributeAccessIssue]
+    command_copy = copy(real)
+    command_copy._catalog = {  # pyright: ignore[reportAttributeAccessIssue]
         key: strange(key.rpartition("\4")[2]) for key in real._catalog if isinstance(key, str) and key
     }
-    monkeypatch.setattr(language, "_catalogue", lambda name: renamed)
+    monkeypatch.setattr(language, "_catalogue", lambda name: command_copy)
 
 
 @pytest.fixture(autouse=True)

@@ -147,11 +147,11 @@ def test_an_error_about_a_block_path_without_a_class_lists_the_classes(project, 
 
 
 @pytest.mark.parametrize(
-    ("mistyped", "right"), [("min.py:Mine", "mine.py:Mine"), ("mine.py:Mina", "mine.py:Mine")]
+    ("wrong_part", "right"), [("min.py:Mine", "mine.py:Mine"), ("mine.py:Mina", "mine.py:Mine")]
 )
-def test_a_mistyped_part_of_a_block_path_is_corrected(project, tmp_path, mistyped, right):
+def test_a_mistyped_part_of_a_block_path_is_corrected(project, tmp_path, wrong_part, right):
     (tmp_path / "mine.py").write_text(CONTROLLER.format(line="pass", u="np.zeros(3)"))
-    end = project("repeat", "lab", "--vehicle", "small", "--controller", mistyped)
+    end = project("repeat", "lab", "--vehicle", "small", "--controller", wrong_part)
     assert end.fix == f"baqueano repeat lab --vehicle small --controller {right}"
 
 

@@ -183,9 +183,9 @@ def test_the_headings_of_a_sideways_route_are_taken_from_its_path(lab, tmp_path,
     lab("route", "draw", "line", "way")
     head, *rows = (tmp_path / "routes" / "way.csv").read_text().splitlines()[1:]
     psi = head.split(",").index("psi_rad")
-    turned = [",".join([*(row := line.split(","))[:psi], "1.5708", *row[psi + 1 :]]) for line in rows]
+    turned_lines = [",".join([*(row := line.split(","))[:psi], "1.5708", *row[psi + 1 :]]) for line in rows]
     side = tmp_path / "routes" / "my side.csv"
-    side.write_text("\n".join(["# closed = false", head, *turned]), encoding="utf-8")
+    side.write_text("\n".join(["# closed = false", head, *turned_lines]), encoding="utf-8")
     end = lab("route", "check", route, "--vehicle", "small")
     assert cause_of(end.reason) == "route.sideways"
     assert lab(*shlex.split(end.fix)[1:]).code == 0

@@ -14,7 +14,7 @@ def test_a_fault_given_on_the_command_line_is_logged_and_detected(baqueano):
     assert "NIS detected it" in result.err
     run = read_run("run.mcap")
     faults = faults_in((e.t_ns, e.source, e.diagnostic) for e in run.events)
-    assert [(fault.kind, fault.at_s) for fault in faults] == [("push", 2.0), ("sag", 3.0)]
+    assert [(fault.kind, fault.start_s) for fault in faults] == [("push", 2.0), ("sag", 3.0)]
 
 
 @pytest.mark.parametrize(

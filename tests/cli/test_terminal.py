@@ -44,11 +44,11 @@ def test_a_terminal_wraps_sentences_but_neither_tables_nor_commands(monkeypatch)
     table, data = "speed" + 50 * " " + "m/s", '{"rows": [' + "1, " * 30 + "1]}"
     for line in (sentence, table, data):
         terminal.print_result(line)
-    *wrapped, last_table, last_data = screen.getvalue().splitlines()
+    *wrapped_lines, last_table, last_data = screen.getvalue().splitlines()
     assert (last_table, last_data) == (table, data)
-    assert max(map(len, wrapped)) <= 40
-    assert " ".join(part.strip() for part in wrapped) == sentence
-    assert wrapped[-1].strip().endswith("baqueano identify last")
+    assert max(map(len, wrapped_lines)) <= 40
+    assert " ".join(part.strip() for part in wrapped_lines) == sentence
+    assert wrapped_lines[-1].strip().endswith("baqueano identify last")
 
 
 def test_no_progress_bar_is_drawn_if_stderr_is_not_a_terminal(project):

@@ -232,10 +232,10 @@ def test_no_sentence_in_a_command_list_is_truncated(baqueano, group):
 )
 def test_an_error_with_json_is_one_object_with_code_and_figures(baqueano, line, code, ends):
     end = baqueano(*line.split())
-    printed = json.loads(end.out)
-    assert (end.code, printed["exit_code"], printed["code"]) == (ends, ends, code)
-    assert printed["figures"] == end.reason.to_json()["figures"]
-    assert printed["text"] in end.paragraph
+    output = json.loads(end.out)
+    assert (end.code, output["exit_code"], output["code"]) == (ends, ends, code)
+    assert output["figures"] == end.reason.to_json()["figures"]
+    assert output["text"] in end.paragraph
 
 
 def test_a_negative_answer_with_json_prints_only_the_answer(baqueano, tmp_path):
@@ -259,11 +259,11 @@ def test_a_usage_error_advises_a_command_that_helps(baqueano, line, fix):
     assert baqueano(*line.split()).fix == fix
 
 
-@pytest.mark.parametrize(("given", "expected"), [(None, "1"), ("4", "4")])
-def test_the_command_line_computes_small_matrices_without_threads(given, expected, monkeypatch):
+@pytest.mark.parametrize(("environment", "expected"), [(None, "1"), ("4", "4")])
+def test_the_command_line_computes_small_matrices_without_threads(environment, expected, monkeypatch):
     """The threads of OpenBLAS took two thirds of the processor time of `tune`; a value of the user stays."""
-    monkeypatch.setenv("OPENBLAS_NUM_THREADS", given or "")
-    if given is None:
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", environment or "")
+    if environment is None:
         monkeypatch.delenv("OPENBLAS_NUM_THREADS")
     with pytest.raises(SystemExit):
         main(["--version"])

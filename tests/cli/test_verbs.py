@@ -252,5 +252,5 @@ def test_an_estimator_that_uses_a_pose_is_recommended_for_a_camera(baqueano, tmp
 
     text = load("small").text + '\n[sensors.camera]\nkind = "pose"\nnoise_std = [0.01, 0.01, 0.02]\n'
     (tmp_path / "identifiability.toml").write_text(text, encoding="utf-8")
-    printed = baqueano("blocks", "ls", "--vehicle", "identifiability.toml").err
-    assert 'augmented_ekf with use = ["imu", "camera"]: it corrects the pose with camera' in printed
+    output = baqueano("blocks", "ls", "--vehicle", "identifiability.toml").err
+    assert 'augmented_ekf with use = ["imu", "camera"]: it corrects the pose with camera' in output

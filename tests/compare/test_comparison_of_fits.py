@@ -24,6 +24,6 @@ def test_fits_are_compared_by_their_parameters():
     with pytest.raises(UsageError) as error:
         bq.compare([fit])
     assert error.value.diagnostic.code == "compare.few-fits"
-    with pytest.raises(Misuse) as mixed:
+    with pytest.raises(Misuse) as error_info:
         bq.compare(fit, run)
-    assert mixed.value.diagnostic.code == "compare.mixed"
+    assert error_info.value.diagnostic.code == "compare.mixed"

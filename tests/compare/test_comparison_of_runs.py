@@ -64,8 +64,8 @@ def test_rejections_of_runs_are_compared_side_by_side():
 
 def test_an_innovation_has_the_name_of_its_channel():
     counts = rejection_event([Rejections("imu[2]", 0, 800), Rejections("odometer[0]", 3, 90)])
-    named = run_with(events=(Event(0, "info", "refused", "", counts),))
-    comparison = compare([named, run_with("b", innovation=False)])
+    run_with_counts = run_with(events=(Event(0, "info", "refused", "", counts),))
+    comparison = compare([run_with_counts, run_with("b", innovation=False)])
     assert list(comparison.runs[0].consistency.channels) == ["imu[2]", "odometer[0]"]
     assert "innovation 0" not in comparison.table()
     assert list(compare(run_with()).runs[0].consistency.channels) == ["innovation 0", "innovation 1"]
@@ -93,9 +93,9 @@ def test_an_overestimated_covariance_is_called_too_cautious_without_fit_advice()
     assert [(reason.subject, reason.figures["verdict"]) for reason in comparison.reasons] == [
         ("a", "too cautious")
     ]
-    printed = " ".join(comparison.table().split())
-    assert printed.endswith(text(note("compare.advice-too-cautious")))
-    assert text(note("compare.advice-too-sure")) not in printed
+    table_text = " ".join(comparison.table().split())
+    assert table_text.endswith(text(note("compare.advice-too-cautious")))
+    assert text(note("compare.advice-too-sure")) not in table_text
 
 
 def test_the_second_run_is_compared_with_the_path_of_the_first():
@@ -152,9 +152,9 @@ def test_the_table_fits_80_columns_and_each_row_has_a_figure(runs):
     assert all(re.search(r"\d|consistent|sure|tell|cautious", row[30:]) for row in rows)
 
 
-@pytest.mark.parametrize("chosen", ["en", "es"])
-def test_two_drives_stand_side_by_side(chosen):
-    with language.use_language(chosen):
+@pytest.mark.parametrize("columns", ["en", "es"])
+def test_two_drives_stand_side_by_side(columns):
+    with language.use_language(columns):
         drives = [
             run_with(name, offset=(0.0, 0.0, 0.0), sigma=0.001) for name in ("0004-repeat", "0005-repeat")
         ]
@@ -272,12 +272,15 @@ def test_innovations_are_judged_without_a_truth():
     assert verdict(NOT_REPORTED, right).verdict == "consistent"
     drift = FilterConsistency(small_sample._replace(mean=1.0), right, right, {}, {}, (), np.nan)
     assert drift.verdict == "consistent"
-    (first, second), (_, correlated) = drift.messages, verdict(NOT_REPORTED, right).messages
+    (first, second), (_, correlation_note) = drift.messages, verdict(NOT_REPORTED, right).messages
     assert (first.code, first.figures["quantity"], first.figures["mean"]) == (
         "consistency.consistent",
         "the velocity",
         1.0,
     )
     assert (second.code, second.figures) == ("consistency.unknown", {"quantity": "the pose"})
-    assert (correlated.code, correlated.figures) == ("consistency.correlated", {"correlation": 0.5})
+    assert (correlation_note.code, correlation_note.figures) == (
+        "consistency.correlated",
+        {"correlation": 0.5},
+    )
     assert verdict(NOT_REPORTED, NOT_REPORTED).verdict == "not reported"

@@ -22,9 +22,9 @@ def trajectories():
         x = 2 * np.sin(0.3 * t) + k * 0.05 * np.cos(0.9 * t)
         return np.column_stack([x, 1.5 * np.sin(0.6 * t + 0.2) + k * 0.04 * np.sin(0.7 * t), psi])
 
-    truth, shifted = drive(0.0), drive(1.0)
+    truth, shifted_drive = drive(0.0), drive(1.0)
     c, s = np.cos(0.7), np.sin(0.7)
-    x, y, psi = shifted.T
+    x, y, psi = shifted_drive.T
     moved_poses = np.column_stack([x * c - y * s + 3, x * s + y * c - 1, wrap(psi + 0.7)])
     return np.round(t * 1e9).astype(np.int64), moved_poses, truth
 
@@ -102,8 +102,8 @@ def test_at_a_crossing_the_nearest_point_stays_on_the_same_branch():
     t_ns = np.arange(2000) * 10_000_000
     th = 2 * np.pi * np.arange(2000) / 2000
     eight = np.column_stack([np.sin(th), np.sin(th) * np.cos(th)])
-    clipped = eight + np.column_stack([np.zeros(2000), np.where(np.abs(eight[:, 0]) < 0.02, 0.3, 0.0)])
-    error = np.abs(errors.cross_track(t_ns, clipped, t_ns, eight, window_s=0.5))
+    path_with_jump = eight + np.column_stack([np.zeros(2000), np.where(np.abs(eight[:, 0]) < 0.02, 0.3, 0.0)])
+    error = np.abs(errors.cross_track(t_ns, path_with_jump, t_ns, eight, window_s=0.5))
     assert error.max() > 0.1
 
 

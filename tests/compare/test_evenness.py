@@ -40,8 +40,10 @@ def test_a_slow_speed_error_hardly_changes_the_evenness():
 
 
 def test_speed_that_follows_a_changing_reference_is_even():
-    requested = 0.2 + 0.1 * np.sign(np.sin(T_S))
-    assert evenness.speed_errors(T_NS, requested, requested) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+    reference_speed = 0.2 + 0.1 * np.sign(np.sin(T_S))
+    assert evenness.speed_errors(T_NS, reference_speed, reference_speed) == pytest.approx(
+        (0.0, 0.0, 0.0), abs=1e-12
+    )
 
 
 def test_the_start_from_rest_is_excluded_from_the_evenness():
@@ -52,10 +54,10 @@ def test_the_start_from_rest_is_excluded_from_the_evenness():
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_braking_of_the_reference_at_its_end_is_excluded_from_the_evenness(sign):
-    requested = sign * 0.2 * np.clip((T_S[-1] - T_S) / 2.0, 0.0, 1.0)
-    speed = np.where(T_S[-1] - T_S < 1.9, 0.5, requested)
-    assert evenness.speed_errors(T_NS, speed, requested).error == 0.0
-    cruising = evenness.is_driving(T_NS, requested)
+    reference_speed = sign * 0.2 * np.clip((T_S[-1] - T_S) / 2.0, 0.0, 1.0)
+    speed = np.where(T_S[-1] - T_S < 1.9, 0.5, reference_speed)
+    assert evenness.speed_errors(T_NS, speed, reference_speed).error == 0.0
+    cruising = evenness.is_driving(T_NS, reference_speed)
     assert (np.flatnonzero(cruising)[0], np.flatnonzero(cruising)[-1]) == (100, N - 1 - 200)
 
 

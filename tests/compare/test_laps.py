@@ -49,5 +49,5 @@ def test_a_reference_that_returns_at_the_lap_end_counts_once():
 
 def test_the_end_of_each_lap_is_detected_after_a_lead_in():
     route = eight(0.6, 0.2)
-    shifted = route.eta[200:] + np.where(np.arange(1241)[:, None] < 100, [0.0, 0.1, 0.0], 0.0)
-    assert _end_passages(np.concatenate([shifted, route.eta[1:]]), True) == [1240, 2680]
+    shifted_poses = route.eta[200:] + np.where(np.arange(1241)[:, None] < 100, [0.0, 0.1, 0.0], 0.0)
+    assert _end_passages(np.concatenate([shifted_poses, route.eta[1:]]), True) == [1240, 2680]

@@ -145,8 +145,8 @@ def test_the_garage_vehicle_drives_evenly(shape, law, perfect):
 def test_each_law_tolerates_an_unmodelled_delay_of_100_ms():
     route, distances = SHAPES["sinuous"](0.2), []
     for delay_s in (0.01, 0.11):
-        delayed = SMALL.with_values({"model.drivetrain.delay_s": delay_s})
-        system = loop_system(delayed, route, perfect=True, controller=SMALL.controller())
+        delayed_file = SMALL.with_values({"model.drivetrain.delay_s": delay_s})
+        system = loop_system(delayed_file, route, perfect=True, controller=SMALL.controller())
         t_ns = tick_times(tick_count_of(system, SMALL.rate_hz) - 1, SMALL.rate_hz)
         kernel = closed_loop(system, SMALL.rate_hz, noise=False)
         run = as_run("late", t_ns, kernel.run(Input(t_ns, None), carry=begin(system, route.eta[0]))[1], {})
@@ -246,8 +246,8 @@ def test_a_car_follows_a_circle_without_servo_saturation(law):
 def test_a_fast_car_with_an_unmodelled_delay_keeps_a_calm_servo(law, speed, delay_s, bar_m):
     """Before, all but pure_pursuit wove by 7 to 65 mm with 80 ms at 1 m/s: they did not predict their corrections."""
     car, radius_m = load("car"), 3.0
-    delayed = car.with_values({"model.drivetrain.delay_s": car.vehicle.drivetrain.delay_s + delay_s})
-    system = loop_system(delayed, circle(radius_m, speed), perfect=True, controller=car.controller(law))
+    delayed_file = car.with_values({"model.drivetrain.delay_s": car.vehicle.drivetrain.delay_s + delay_s})
+    system = loop_system(delayed_file, circle(radius_m, speed), perfect=True, controller=car.controller(law))
     kernel, t_ns = closed_loop(system, car.rate_hz, noise=False), tick_times(400, car.rate_hz)
     state = begin(system, np.array([0.0, 0.02, 0.0]))
     vehicle = state.world.vehicle._replace(nu=np.array([speed, 0.0, 0.0]))
@@ -333,9 +333,9 @@ def test_a_limit_of_wrong_length_is_refused():
 def test_speed_is_reduced_to_retain_the_turn_at_the_wheel_limit():
     """A saturated wheel turns the vehicle off its path. So the speed is reduced until no wheel saturates, and the
     turn stays the same."""
-    eased, limit = load("small").controller(), SMALL.vehicle.drivetrain.limit
-    calm = settled(eased, np.zeros(3), (0.3, 0.0, 1.0), np.zeros(3), (0.3, 0.0, 1.0))
-    hasty = settled(eased, np.array([0.3, 0.0, 0.0]), (1.5, 0.0, 1.0), np.zeros(3), (0.3, 0.0, 1.0))
+    soft_controller, limit = load("small").controller(), SMALL.vehicle.drivetrain.limit
+    calm = settled(soft_controller, np.zeros(3), (0.3, 0.0, 1.0), np.zeros(3), (0.3, 0.0, 1.0))
+    hasty = settled(soft_controller, np.array([0.3, 0.0, 0.0]), (1.5, 0.0, 1.0), np.zeros(3), (0.3, 0.0, 1.0))
     wheels = np.array([hasty[0] - hasty[2], hasty[0] + hasty[2]])
     assert np.max(np.abs(wheels) / limit) == pytest.approx(0.98, abs=1e-9)
     assert hasty[0] > calm[0]

@@ -209,7 +209,9 @@ def test_a_car_beside_its_reference_does_not_race_back(turn_deg):
 
 def test_a_turned_car_stands_after_the_end_of_its_drive():
     """Before, a car that ended its drive turned by 1 rad drove to and fro for 2 s, over 0.5 m."""
-    controller, turned = law(CAR), Estimate(0, np.array([0.0, 0.0, 1.0]), np.zeros(3), np.eye(6))
+    controller, turned_estimate = law(CAR), Estimate(0, np.array([0.0, 0.0, 1.0]), np.zeros(3), np.eye(6))
     for done, is_moving in ((0.0, True), (1.0, False)):
-        _, command = controller.step(controller.init(), Reference(0, np.zeros(3), np.zeros(3), done), turned)
+        _, command = controller.step(
+            controller.init(), Reference(0, np.zeros(3), np.zeros(3), done), turned_estimate
+        )
         assert np.any(command.u != 0.0) == is_moving

@@ -40,8 +40,8 @@ def test_a_designed_experiment_is_more_informative_than_other_signals_in_its_roo
     room, drive_information = room_of(small, "2x2"), DriveInformation(small)
     cloud = VehicleCloud(small, possible_vehicles(small))
     for kind, options in (("random_steps", {}), ("multisine", {"low_hz": 0.2}), ("prbs", {}), ("ramps", {})):
-        requested = excitation(kind, small.command.limit, SECONDS, small.rate_hz, 3, **options)
-        u = contain_in_room(requested, small, room, cloud=cloud).u
+        signal = excitation(kind, small.command.limit, SECONDS, small.rate_hz, 3, **options)
+        u = contain_in_room(signal, small, room, cloud=cloud).u
         assert plan.mean_error < mean_error(
             drive_information.relative_std(drive_information.information(u))
         ), kind
@@ -65,8 +65,8 @@ def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
     for name, number in (("FIRST_PRIMITIVES", 40), ("ROUNDS", 1), ("PRIMITIVES_PER_ROUND", 10)):
         monkeypatch.setattr(planning, name, number)
     room = room_of(small, "2x2")
-    first, repeated, other_seed = (design_plan(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))
-    assert np.array_equal(first, repeated)
+    first, repetition, other_seed = (design_plan(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))
+    assert np.array_equal(first, repetition)
     assert not np.array_equal(first, other_seed)
 
 
@@ -105,10 +105,10 @@ def test_vehicles_outside_the_planned_set_stay_inside_the_room(small, plan):
 def test_a_signal_that_leaves_the_room_is_changed_without_stopping_the_vehicle(name, size):
     file = load(name)
     room = room_of(file, size)
-    requested = excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 1)
+    signal = excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 1)
     cloud = VehicleCloud(file, possible_vehicles(file))
-    _, free = cloud.drive(cloud.state_at(room.start), requested)
-    contained_drive = contain_in_room(requested, file, room, cloud=cloud)
+    _, free = cloud.drive(cloud.state_at(room.start), signal)
+    contained_drive = contain_in_room(signal, file, room, cloud=cloud)
     assert room.margin(free) < 0.0 <= contained_drive.margin_m
     assert 0.0 < contained_drive.replaced_fraction < 1.0
     assert np.mean(np.any(contained_drive.u != 0.0, axis=1)) > 0.7
@@ -116,17 +116,17 @@ def test_a_signal_that_leaves_the_room_is_changed_without_stopping_the_vehicle(n
 
 
 def test_a_signal_that_stays_inside_is_not_changed(small):
-    requested = 0.4 * excitation("multisine", small.command.limit, SECONDS, small.rate_hz, 1, low_hz=0.3)
-    contained_drive = contain_in_room(requested, small, room_of(small, "4x4"))
+    signal = 0.4 * excitation("multisine", small.command.limit, SECONDS, small.rate_hz, 1, low_hz=0.3)
+    contained_drive = contain_in_room(signal, small, room_of(small, "4x4"))
     assert contained_drive.replaced_fraction == 0.0
-    assert np.array_equal(contained_drive.u, requested)
+    assert np.array_equal(contained_drive.u, signal)
 
 
 def test_alternatives_to_a_command_never_exceed_it_and_include_zero():
-    requested = np.array([[0.8, 0.0, -0.4]])
-    options = chunk_alternatives(requested)
-    assert np.array_equal(options[0], requested)
-    assert np.all(np.abs(options) <= np.abs(requested))
+    signal = np.array([[0.8, 0.0, -0.4]])
+    options = chunk_alternatives(signal)
+    assert np.array_equal(options[0], signal)
+    assert np.all(np.abs(options) <= np.abs(signal))
     assert np.all(options[-1] == 0.0)
     assert any(np.array_equal(o, [[-0.8, 0.0, -0.4]]) for o in options)  # a car drives back on its own arc
 
@@ -139,9 +139,9 @@ def test_the_information_matrix_equals_finite_differences(small):
     theta, h = drive_information.nominal, 1e-4 * drive_information.nominal[k]
     ends = []
     for sign in (-1.0, 1.0):
-        shifted = theta.copy()
-        shifted[k] += sign * h
-        ends.append(np.asarray(drive_information.kernel.run(u, shifted)[1]))
+        shifted_theta = theta.copy()
+        shifted_theta[k] += sign * h
+        ends.append(np.asarray(drive_information.kernel.run(u, shifted_theta)[1]))
     slope = (ends[1] - ends[0]) / (2.0 * h) * drive_information.unknowns.size[k]
     assert F[k, k] == pytest.approx(np.sum(slope**2), rel=1e-4)
 
@@ -172,9 +172,11 @@ def test_a_pose_relative_to_the_vehicle_is_transformed_to_the_map():
 
 
 def test_possible_vehicles_of_a_fit_are_drawn_from_its_covariance(small):
-    fitted = possible_vehicles(small, 0.2)
-    assert np.std(np.log(fitted.theta[1:] / fitted.theta[0])) == pytest.approx(0.2, rel=0.1)
-    np.testing.assert_allclose(np.mean(np.log(fitted.theta[1:] / fitted.theta[0]), axis=0), 0.0, atol=1e-12)
+    fitted_file = possible_vehicles(small, 0.2)
+    assert np.std(np.log(fitted_file.theta[1:] / fitted_file.theta[0])) == pytest.approx(0.2, rel=0.1)
+    np.testing.assert_allclose(
+        np.mean(np.log(fitted_file.theta[1:] / fitted_file.theta[0]), axis=0), 0.0, atol=1e-12
+    )
 
 
 def test_possible_vehicles_have_the_measured_total_friction(small):
@@ -195,8 +197,8 @@ def test_possible_vehicles_have_the_measured_total_friction(small):
 
 
 def test_a_parameter_that_a_fit_did_not_determine_is_uncertain_by_a_half(small):
-    fitted = small.with_values({}, parameter_cov=ParameterCov(("model.friction.linear[1]",), np.eye(1)))
-    draws = possible_vehicles(fitted, vehicle_count=200)
+    fitted_file = small.with_values({}, parameter_cov=ParameterCov(("model.friction.linear[1]",), np.eye(1)))
+    draws = possible_vehicles(fitted_file, vehicle_count=200)
     column = draws.paths.index("model.friction.linear[0]")
     drag = draws.theta[:, column]
     assert np.std(np.log(drag[1:] / drag[0])) == pytest.approx(0.5, rel=0.15)

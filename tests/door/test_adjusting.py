@@ -41,9 +41,9 @@ def drive_with(*changes, tick=100):
 
 def test_a_new_gain_applies_from_the_next_tick_and_is_logged():
     file, run, messages = drive_with(("controller.k_x", 0.0))
-    _, repeated, _ = drive_with()
+    _, repetition, _ = drive_with()
     before = load("small").controller().k_x
-    first = int(np.flatnonzero(np.any(run.requested_commands != repeated.requested_commands, axis=1))[0])
+    first = int(np.flatnonzero(np.any(run.requested_commands != repetition.requested_commands, axis=1))[0])
     assert first in (101, 102)  # set after tick 100, seen by tick 101, in force for the next
     (event,) = [event for event in run.events if event.source == SOURCE]
     assert event.t_ns == run.t_ns[100]
@@ -122,8 +122,8 @@ def test_a_failing_controller_does_not_end_the_drive(monkeypatch):
 
     monkeypatch.setattr("baqueano.door.gain_changes.replace", fail)
     _, run, messages = drive_with(("controller.k_x", 1.0))
-    _, repeated, _ = drive_with()
-    np.testing.assert_array_equal(run.requested_commands, repeated.requested_commands)
+    _, repetition, _ = drive_with()
+    np.testing.assert_array_equal(run.requested_commands, repetition.requested_commands)
     assert [(message["level"], message["message"].code) for message in messages] == [
         ("warning", "door.gain-refused")
     ]
@@ -131,8 +131,8 @@ def test_a_failing_controller_does_not_end_the_drive(monkeypatch):
 
 def test_a_refused_change_does_not_end_the_drive():
     _, run, messages = drive_with(("supervisor.imu_timeout_s", 99.0), ("controller.k_x", "x"))
-    _, repeated, _ = drive_with()
-    np.testing.assert_array_equal(run.requested_commands, repeated.requested_commands)
+    _, repetition, _ = drive_with()
+    np.testing.assert_array_equal(run.requested_commands, repetition.requested_commands)
     assert [message["level"] for message in messages] == ["warning", "warning"]
 
 

@@ -183,12 +183,12 @@ def test_only_one_client_at_a_time_may_send_an_endless_line(door, connect):
 
 def test_half_a_mission_that_stalls_does_not_refuse_the_next_mission(door, connect, monkeypatch):
     monkeypatch.setattr(clients, "MAX_PAUSE_S", 0.05)
-    stalled, second = connect(), connect()
-    stalled.line.sendall(HALF_A_MISSION)
+    stalled_client, second = connect(), connect()
+    stalled_client.line.sendall(HALF_A_MISSION)
     wait_for(lambda: any(client.has_stalled for client in door._clients))
     second.line.sendall(HALF_A_MISSION + b'"}\n')
     wait_for(lambda: door.operator.is_busy)
-    assert stalled.file.readline() == b""
+    assert stalled_client.file.readline() == b""
 
 
 def many_causes(levels):

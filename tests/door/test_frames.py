@@ -191,11 +191,11 @@ def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, co
 
 
 def test_a_message_wakes_the_door_and_is_encoded_once(door, connect, monkeypatch):
-    encodings, encoded = [], sockets.encode
+    encodings, encode_frame = [], sockets.encode
 
     def encode(message):
         encodings.append(threading.current_thread().name)
-        return encoded(message)
+        return encode_frame(message)
 
     monkeypatch.setattr(sockets, "encode", encode)
     monkeypatch.setattr(sockets, "LOOK_S", 1e6)  # without a wake-up nothing arrives

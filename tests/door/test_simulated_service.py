@@ -280,9 +280,9 @@ def test_a_fault_acts_at_once_but_not_in_the_fault_free_simulation(child, folder
     child.until(lambda m: m["type"] == "state" and (m["t_s"] or 0.0) > 1.0)
     child.send(type="shake", kind="tilt", x=0.03)
     child.send(type="shake", kind="push", y=0.4)
-    child.send(type="shake", kind="cut", of="gps")
+    child.send(type="shake", kind="cut", target="gps")
     refusal = child.until(lambda m: m["type"] == "refused")[-1]
-    assert refusal["diagnostic"]["code"] == "shake.of"
+    assert refusal["diagnostic"]["code"] == "shake.target"
     messages = child.until(
         lambda m: m["type"] == "ledger" and len(m["rows"]) == 2 and m["rows"][1]["detections"]
     )

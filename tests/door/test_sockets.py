@@ -66,9 +66,9 @@ def test_missions_and_manual_commands_reach_the_operator(door, person):
     )
     requests = []
     wait_for(lambda: requests.append(door.operator.pop_mission()) or requests[-1] is not None)
-    mission, attended, _ = requests[-1]
+    mission, is_attended, _ = requests[-1]
     assert Mission.from_json(mission).kind == "experiment"
-    assert not attended
+    assert not is_attended
     commands = []
 
     def hand_arrives():  # sent repeatedly: a set-point is valid for 0.3 s only
@@ -184,12 +184,14 @@ LONG_LINES = [
 @pytest.mark.parametrize("line", LONG_LINES, ids=["just too long", "far too long", "hand", "nested"])
 def test_a_long_line_that_is_not_a_mission_is_refused_at_rest(door, person, monkeypatch, line):
     door.operator.set_holder(next(iter(until_client(door))))  # a mission would be accepted
-    decoded, loads = [], json.loads
-    monkeypatch.setattr(json, "loads", lambda text: decoded.append(len(text)) or loads(text))
+    decoded_messages, loads = [], json.loads
+    monkeypatch.setattr(json, "loads", lambda text: decoded_messages.append(len(text)) or loads(text))
     with suppress(OSError):  # disconnected before the end of the line
         person.line.sendall(line)
     assert loads(person.file.readline())["diagnostic"]["code"] == "door.too-long"
-    assert all(n < 2 * MAX_SHORT_LINE_BYTES for n in decoded)  # a far longer line is refused before its end
+    assert all(
+        n < 2 * MAX_SHORT_LINE_BYTES for n in decoded_messages
+    )  # a far longer line is refused before its end
     assert not door.operator.command(2 * MAX_SHORT_LINE_BYTES).any()
 
 

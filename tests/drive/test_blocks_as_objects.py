@@ -252,6 +252,6 @@ def test_an_invalid_option_of_a_drive_is_refused_by_its_name(code, options):
 
 
 def test_a_vehicle_file_can_be_pickled():
-    copied = pickle.loads(pickle.dumps(SMALL))
-    assert type(copied.sensors) is type(SMALL.sensors)
-    assert copied.text == SMALL.text
+    file_copy = pickle.loads(pickle.dumps(SMALL))
+    assert type(file_copy.sensors) is type(SMALL.sensors)
+    assert file_copy.text == SMALL.text

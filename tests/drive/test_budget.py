@@ -64,10 +64,10 @@ def test_a_hanging_block_is_stopped_and_its_line_is_named():
 
 def test_an_external_stop_reason_is_latched_and_logged():
     file = vehicle_file.load("small")
-    lifted = stop(StopReason.STOPPED_BY, words="the vehicle was lifted")
+    lift_stop = stop(StopReason.STOPPED_BY, words="the vehicle was lifted")
 
     class LiftWatch(Observer):
-        answers = iter([None] * 20 + [lifted] + [None] * 1000)
+        answers = iter([None] * 20 + [lift_stop] + [None] * 1000)
 
         def stop_reason(self, t_ns):
             return next(self.answers)
@@ -76,7 +76,7 @@ def test_an_external_stop_reason_is_latched_and_logged():
         blocks_of(file, Schedule.at_rate(np.full((100, 3), 0.2), file.rate_hz)), file, kind="experiment",
         world=world_of(file), tick_times_ns=simulated_ticks(file.rate_hz, 1.0), live=True, observers=[LiftWatch()],
     )  # fmt: skip
-    assert stop_reason_of(run) == lifted
+    assert stop_reason_of(run) == lift_stop
     assert np.any(run.applied_commands[:20] != 0.0)
     assert np.all(run.applied_commands[25:] == 0.0)
 

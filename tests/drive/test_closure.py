@@ -90,14 +90,14 @@ def test_whole_turns_on_a_mark_identify_the_gyro_scale(file):
 
 def test_the_speed_keeps_the_error_of_the_old_gyro_scale(file):
     """The model was fitted with it. Another fit with the new scale removes the error."""
-    fitted = file.with_values(
+    fitted_file = file.with_values(
         {
             "estimator.speed_error_std": [0.01, 0.03],
             "estimator.speed_per_gyro_scale": -0.8,
             "sensors.imu.gyro_scale_std": 0.05,
         }
     )
-    values = closure(drive_of_turns(file, [4.0 * np.pi]), fitted).values
+    values = closure(drive_of_turns(file, [4.0 * np.pi]), fitted_file).values
     assert values["estimator.speed_error_std"] == pytest.approx([0.01, 0.05])
     assert values["estimator.speed_per_gyro_scale"] == 0.0
 

@@ -244,14 +244,14 @@ def test_a_replay_over_a_gap_has_growing_uncertainty_and_is_reproducible():
     run = repeat(FILE, ROUTE, laps=1, seed=9)
     keep = (run.t_ns < 2_000_000_000) | (run.t_ns > 3_000_000_000)
     imu = run.sensors["imu"]
-    received = (imu.arrival_ns < 2_000_000_000) | (imu.arrival_ns > 3_000_000_000)
+    was_received = (imu.arrival_ns < 2_000_000_000) | (imu.arrival_ns > 3_000_000_000)
     gap_run = replace(
         run,
         t_ns=run.t_ns[keep],
         applied_commands=run.applied_commands[keep],
         requested_commands=run.requested_commands[keep],
         sent_commands=run.sent_commands[keep],
-        sensors={"imu": Channel(*(column[received] for column in imu))},
+        sensors={"imu": Channel(*(column[was_received] for column in imu))},
     )
     replay_1 = replay(gap_run, FILE)
     reason = replay_1.events[0].diagnostic
@@ -292,8 +292,8 @@ def test_a_replay_preserves_the_timestamps_of_a_sensor(tmp_path):
 def test_the_simulated_vehicle_may_differ_from_the_model():
     heavy = SimpleNamespace(**(vars(FILE) | {"vehicle": Planar(2.0, 0.0015, VEHICLE.actuator_matrix)}))
     u = np.tile([0.5, 0.0, 0.0], (100, 1))
-    repeated, real = experiment(FILE, u), experiment(FILE, u, truth=heavy)
-    assert real.truth.nu[-1, 0] < 0.8 * repeated.truth.nu[-1, 0]
+    repetition, real = experiment(FILE, u), experiment(FILE, u, truth=heavy)
+    assert real.truth.nu[-1, 0] < 0.8 * repetition.truth.nu[-1, 0]
 
 
 def test_a_world_and_a_file_of_different_kinds_are_refused():
@@ -316,9 +316,9 @@ def test_an_experiment_warns_of_commands_that_are_clipped():
     commands = np.tile([100.0, 0.0, -1.0], (50, 1))
     commands[:10] /= 100.0
     diagnostics = [event.diagnostic for event in experiment(robot, commands).events]
-    clipped = [d for d in diagnostics if d is not None and d.code == "drive.clipped"]
-    assert [(d.subject, d.severity) for d in clipped] == [("u_x", Severity.WARNING)]
-    assert (clipped[0].figures["share"], clipped[0].figures["largest"]) == (80.0, 100.0)
+    clip_notes = [d for d in diagnostics if d is not None and d.code == "drive.clipped"]
+    assert [(d.subject, d.severity) for d in clip_notes] == [("u_x", Severity.WARNING)]
+    assert (clip_notes[0].figures["share"], clip_notes[0].figures["largest"]) == (80.0, 100.0)
     small_drive = experiment(robot, commands / 100.0)
     assert all(
         event.diagnostic is None or event.diagnostic.code != "drive.clipped" for event in small_drive.events

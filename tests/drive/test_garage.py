@@ -58,6 +58,6 @@ def test_the_filter_is_better_than_a_model_with_10_percent_error(name, speed_fro
         with_sensors, a = ekf.step(with_sensors, tick)
         blind, b = ekf.step(blind, tick._replace(sensors=silent))
         errors.append([a.nu - truth, b.nu - truth])
-    filtered, model = np.sqrt(np.mean(np.array(errors) ** 2, axis=0))
-    assert filtered[0] < (0.7 if "odometer" in block.use or speed_from else 1.01) * model[0]
-    assert filtered[2] < 0.3 * model[2]
+    filter_error, model = np.sqrt(np.mean(np.array(errors) ** 2, axis=0))
+    assert filter_error[0] < (0.7 if "odometer" in block.use or speed_from else 1.01) * model[0]
+    assert filter_error[2] < 0.3 * model[2]

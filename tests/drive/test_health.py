@@ -98,20 +98,20 @@ def test_a_loose_gyro_is_reported_without_advice_to_fit(small):
 
 
 def test_degraded_sensors_are_listed_at_each_tick(small):
-    degraded = []
+    degraded_sensors = []
 
     class Watcher(Observer):
         def on_record(self, record):
-            degraded.append(record.sensor_findings)
+            degraded_sensors.append(record.sensor_findings)
 
     wrong_file = small.with_values({"sensors.imu.gyro_scale": 0.1})
     u = np.tile([0.4, 0.0, 0.4], (500, 1))
     run = experiment(small, u, truth=wrong_file, seed=3, observers=[Watcher()])
     event = next(e for e in run.events if e.source == SENSORS_SOURCE and e.level == "warning")
-    (finding,) = degraded[-1]
+    (finding,) = degraded_sensors[-1]
     assert finding.diagnostic == event.diagnostic
     assert finding.name == "imu[2]"
-    assert [bool(count) for count in degraded] == [t >= event.t_ns for t in run.t_ns]
+    assert [bool(count) for count in degraded_sensors] == [t >= event.t_ns for t in run.t_ns]
 
 
 def test_the_run_contains_the_rejection_count_of_each_channel(small):
@@ -121,6 +121,6 @@ def test_the_run_contains_the_rejection_count_of_each_channel(small):
         ("imu[1]", 0),
         ("imu[2]", 101),  # without `speed_from` an accelerometer does not correct
     ]
-    uncounted = replay_blocks(run, small)._replace(estimator=small.estimator("dead_reckoning"))
-    replayed_run = replay(run, small, uncounted)
+    uncounted_replay = replay_blocks(run, small)._replace(estimator=small.estimator("dead_reckoning"))
+    replayed_run = replay(run, small, uncounted_replay)
     assert rejections_in(replayed_run.events) == ()

@@ -70,7 +70,7 @@ def after_another_drive(run):
     rest_ns = run.t_ns[-1] + period_ns * np.arange(1, 201)
     shift_ns = int(rest_ns[-1]) + period_ns - int(run.t_ns[0])
     t_ns = np.concatenate([run.t_ns, rest_ns, run.t_ns + shift_ns])
-    applied = np.concatenate(
+    applied_commands = np.concatenate(
         [run.applied_commands, np.zeros((200, run.applied_commands.shape[1])), run.applied_commands]
     )
     imu = run.sensors["imu"]
@@ -82,7 +82,7 @@ def after_another_drive(run):
             np.concatenate([imu.z, rest_z, imu.z]),
         )
     }
-    long_run = Run("two laps", None, t_ns, applied, sensors=sensors, metadata={"start": "5 7 2"})
+    long_run = Run("two laps", None, t_ns, applied_commands, sensors=sensors, metadata={"start": "5 7 2"})
     return marked(long_run, run.t_ns[0] + shift_ns, run.t_ns[-1] + shift_ns)
 
 

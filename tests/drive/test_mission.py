@@ -76,9 +76,9 @@ def test_a_block_in_a_folder_is_packed_with_each_quote_of_toml(tmp_path, monkeyp
     (tmp_path / "vehicle.toml").write_text(
         text.replace('"pd_feedforward"', f"{quote}mine/slow.py:Slow{quote}")
     )
-    packed = pack(Mission("teach"), vehicle_file.load("vehicle.toml"))
-    assert 'kind = "slow.py:Slow"' in packed.vehicle
-    assert [*packed.texts] == ["slow.py"]
+    mission_json = pack(Mission("teach"), vehicle_file.load("vehicle.toml"))
+    assert 'kind = "slow.py:Slow"' in mission_json.vehicle
+    assert [*mission_json.texts] == ["slow.py"]
 
 
 def test_two_files_of_the_same_name_are_refused(tmp_path, monkeypatch):

@@ -46,12 +46,12 @@ def record(t_s, eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0), cov=None, velocity=(0.0
 
 
 def test_an_impossible_route_is_refused_by_repeat_and_by_a_mission():
-    fast, fitted = circle(1.0, 10.0), as_fitted(SMALL)
+    fast, fitted_file = circle(1.0, 10.0), as_fitted(SMALL)
     for drive in (repeat, lambda file, route: perform(Mission("repeat", route=route), file)):
         with refused("route.speed-too-high", AnswerNo):
             drive(SMALL, fast)
         with refused("route.speed-too-high", AnswerNo):
-            drive(fitted, fast)
+            drive(fitted_file, fast)
 
 
 @pytest.mark.parametrize("room", ["2x2", (2.0, 2.0)])

@@ -52,10 +52,10 @@ def test_laps_and_errors_begin_after_the_rest(run):
 
 
 def test_a_replay_repeats_the_rest_bit_by_bit(run):
-    replayed = bq.replay(run)
+    replayed_run = bq.replay(run)
     for log in ("requested_commands", "sent_commands"):
-        assert np.array_equal(getattr(replayed, log), getattr(run, log))
-    assert np.array_equal(replayed.reference.eta, run.reference.eta)
+        assert np.array_equal(getattr(replayed_run, log), getattr(run, log))
+    assert np.array_equal(replayed_run.reference.eta, run.reference.eta)
     commands_of_run = bq.replay(replace(run, metadata=run.metadata | {"kind": "teach"}))
     assert np.array_equal(commands_of_run.requested_commands, run.requested_commands)
 
@@ -88,10 +88,10 @@ class Counting:
 
 
 def test_a_controller_in_plain_python_begins_after_the_rest():
-    requested = bq.repeat(SMALL, LAP, controller=Counting(), duration_s=0.14, rest_s=0.1).requested_commands[
-        :, 0
-    ]
-    assert requested.tolist() == [0.0] * 10 + [0.2] + [0.1] * 3
+    requested_u = bq.repeat(
+        SMALL, LAP, controller=Counting(), duration_s=0.14, rest_s=0.1
+    ).requested_commands[:, 0]
+    assert requested_u.tolist() == [0.0] * 10 + [0.2] + [0.1] * 3
 
 
 def test_only_a_vehicle_at_rest_with_a_gyro_has_a_rest():

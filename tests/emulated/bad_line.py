@@ -29,8 +29,8 @@ class BadLine:
         if self.gone:
             raise OSError("the line is gone")
         *frames, self._open = (self._open + data).split(b"\0")
-        passed = (frame for body in frames if body for frame in self._passed("of", b"\0" + body + b"\0"))
-        return b"".join(map(self._noisy, passed))
+        frames_out = (frame for body in frames if body for frame in self._passed("of", b"\0" + body + b"\0"))
+        return b"".join(map(self._noisy, frames_out))
 
     def _passed(self, direction: str, frame: bytes) -> Iterator[bytes]:
         delayed_frame, self._delayed_frames[direction] = self._delayed_frames[direction], b""

@@ -286,9 +286,9 @@ class MpuEmulator:
             self._push(bytes(self.regs[DATA : DATA + 14]))
 
     def _push(self, data: bytes) -> None:
-        enabled = self.regs[FIFO_EN]
-        parts = [data[0:6] if enabled & 0x08 else b"", data[6:8] if enabled & 0x80 else b""]
-        parts += [data[8 + 2 * n : 10 + 2 * n] if enabled & (0x40 >> n) else b"" for n in range(3)]
+        enabled_bits = self.regs[FIFO_EN]
+        parts = [data[0:6] if enabled_bits & 0x08 else b"", data[6:8] if enabled_bits & 0x80 else b""]
+        parts += [data[8 + 2 * n : 10 + 2 * n] if enabled_bits & (0x40 >> n) else b"" for n in range(3)]
         for byte in b"".join(parts):
             if len(self.fifo) >= self.fifo_bytes:
                 self.fifo.popleft()

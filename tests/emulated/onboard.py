@@ -86,17 +86,17 @@ def running(
             machine.order("fail", errno.EREMOTEIO, unheard)
         with on_pty(build) as live:
             file = vehicle_of(live.path, folder)
-            moved = RealTimeBody(file, live, machine) if body else None
+            body_motion = RealTimeBody(file, live, machine) if body else None
             devices = (
                 {} if machine is None else {k: machine.environment[k] for k in ("UMOCKDEV_DIR", "LD_PRELOAD")}
             )
             try:
                 with _spawned(python, file, folder, live, {**devices, **(environment or {})}) as service:
-                    service.body = moved.body if moved else None
+                    service.body = body_motion.body if body_motion else None
                     yield service
             finally:
-                if moved:
-                    moved.close()
+                if body_motion:
+                    body_motion.close()
     finally:
         if machine is not None:
             machine.close()

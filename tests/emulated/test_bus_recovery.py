@@ -70,10 +70,10 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
 
     looked_on(service, robot, 2.0)
     (message,) = log
-    freed = note("bus.freed", Severity.WARNING, clocks=5)
-    assert message == text(freed)
-    assert freed in [m["message"] for m in service.messages if m["type"] == "event"]
-    assert last_state(service)["imu_bus"] == freed
+    freed_note = note("bus.freed", Severity.WARNING, clocks=5)
+    assert message == text(freed_note)
+    assert freed_note in [m["message"] for m in service.messages if m["type"] == "event"]
+    assert last_state(service)["imu_bus"] == freed_note
     assert not pins
     assert pins.read()["driven_high"] == 0
     assert not robot.imu.is_silent

@@ -221,18 +221,18 @@ def test_the_adapter_accepts_only_one_final_read_in_a_transfer(chip):
 
 
 def test_a_bus_transfer_consumes_time_up_to_its_timeout(chip):
-    spent = []
-    bus = EmulatedBus({0x68: chip}, spent.append)
+    durations_s = []
+    bus = EmulatedBus({0x68: chip}, durations_s.append)
     bus.transfer(0x68, [(False, b"\x3b"), (True, 14)])
-    assert spent[-1] == pytest.approx(0.39e6, rel=0.03), "ns; 156 bits at 400 kHz"
+    assert durations_s[-1] == pytest.approx(0.39e6, rel=0.03), "ns; 156 bits at 400 kHz"
     bus.sda_low = True
     with pytest.raises(OSError, match="timed out"):
         bus.transfer(0x68, [(False, b"\x3b"), (True, 14)])
-    assert spent[-1] == 1_000_000_000
+    assert durations_s[-1] == 1_000_000_000
     bus.control(0x0702, 4)
     with pytest.raises(OSError, match="timed out"):
         bus.transfer(0x68, [(False, b"\x3b"), (True, 14)])
-    assert spent[-1] == 40_000_000
+    assert durations_s[-1] == 40_000_000
 
 
 def test_an_ioctl_call_on_another_file_is_passed_to_the_kernel(monkeypatch, tmp_path):

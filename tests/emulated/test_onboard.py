@@ -85,14 +85,14 @@ def priorities(service):
 def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware, tmp_path, monkeypatch):
     monkeypatch.delenv("BAQUEANO_BACKEND", raising=False)
     with running(firmware, tmp_path) as service:
-        printed = (tmp_path / "output.txt").read_text()
+        output = (tmp_path / "output.txt").read_text()
         idle = service.memory_mb()
         with connect(str(service.door)) as remote:
             mission = pack(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
             run = drive_whole(remote, mission, service.live, tmp_path / "here")
         after = service.memory_mb()
         assert "WATCHDOG=1" in service.notifications
-    assert ("memory locked" in printed) == (idle["VmLck"] > 0.0)
+    assert ("memory locked" in output) == (idle["VmLck"] > 0.0)
     assert idle["VmRSS"] < MOST_MB
     assert after["VmHWM"] < MOST_MB
     assert run.metadata["backend"] == "c"
@@ -104,9 +104,9 @@ def test_an_imu_that_does_not_answer_at_start_is_detected_later(firmware, tmp_pa
     with running(firmware, tmp_path, unheard=4) as service, connect(str(service.door)) as remote:
         mission = pack(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
         run = drive_whole(remote, mission, service.live, tmp_path / "here")
-    printed = (tmp_path / "output.txt").read_text()
-    assert printed.count("the IMU is missing: No IMU answers at 0x68") == 1
-    assert printed.count("the IMU answers now") == 1
+    output = (tmp_path / "output.txt").read_text()
+    assert output.count("the IMU is missing: No IMU answers at 0x68") == 1
+    assert output.count("the IMU answers now") == 1
     assert len(run.sensors["imu"].t_ns) > 20
 
 

@@ -78,8 +78,10 @@ def test_r17_fw5_a_repeated_command_does_not_reset_the_command_timeout(uno):
     assert uno.info().old_sequence >= 30
 
 
-@pytest.mark.parametrize(("step", "obeyed"), [(1, True), (127, True), (128, False), (255, False), (0, False)])
-def test_r17_a_newer_sequence_number_is_1_to_127_ahead(uno, step, obeyed):
+@pytest.mark.parametrize(
+    ("step", "is_obeyed"), [(1, True), (127, True), (128, False), (255, False), (0, False)]
+)
+def test_r17_a_newer_sequence_number_is_1_to_127_ahead(uno, step, is_obeyed):
     for start in (0, 100, 200, 255):
         uno.arm()
         uno.seq = uno.state().drive_seq
@@ -88,7 +90,7 @@ def test_r17_a_newer_sequence_number_is_1_to_127_ahead(uno, step, obeyed):
             uno.run_until(uno.drive(0, 0, seq=uno.seq) + 2e-3)
         uno.drive(400, 400, seq=start + step)
         uno.run(0.03)
-        assert uno.moving == obeyed
+        assert uno.moving == is_obeyed
         uno.seq = uno.state().drive_seq
         uno.drive(0, 0)
         uno.run(0.05)

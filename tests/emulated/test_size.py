@@ -37,8 +37,8 @@ def test_su3_the_packaged_firmware_equals_the_build_of_its_sources(firmware, new
     if "5.4.0" in subprocess.run(["avr-gcc", "--version"], capture_output=True, text=True, check=True).stdout:
         assert PACKAGE.read_bytes() == firmware.hex.read_bytes(), "run `make firmware` and commit uno.hex"
     # it starts at 0, as a program without a boot-loader
-    shipped = new_uno(boot_loader=PACKAGE, flashed=False)
-    info = shipped.next_frame(Info, 0.1)
+    package_uno = new_uno(boot_loader=PACKAGE, flashed=False)
+    info = package_uno.next_frame(Info, 0.1)
     assert (info.protocol, info.version_major, info.version_minor, info.version_patch) == (PROTOCOL, *VERSION)
 
 
@@ -49,10 +49,10 @@ def test_the_sketch_file_contains_only_comments():
 
 def test_every_requirement_has_a_test_that_names_the_requirement():
     table = (FIRMWARE / "README.md").read_text(encoding="utf-8")
-    promised = {int(n) for n in re.findall(r"^\| R(\d+) \|", table, re.MULTILINE)}
+    promise_numbers = {int(n) for n in re.findall(r"^\| R(\d+) \|", table, re.MULTILINE)}
     tests = "".join(
         p.read_text(encoding="utf-8") for p in (FIRMWARE.parents[1] / "tests" / "emulated").glob("test_*.py")
     )
     proven = {int(n) for n in re.findall(r"def test_r(\d+)_", tests)}
-    assert promised == set(range(1, len(promised) + 1))
-    assert proven == promised
+    assert promise_numbers == set(range(1, len(promise_numbers) + 1))
+    assert proven == promise_numbers

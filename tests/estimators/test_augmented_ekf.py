@@ -102,9 +102,9 @@ def test_without_a_speed_sensor_the_model_predicts_the_speed():
 
 
 def test_trusted_accelerometers_correct_the_speed():
-    trusted = filter_of(speed_from=("imu[1]",))
+    filter_with_speed = filter_of(speed_from=("imu[1]",))
     belief, _ = run(filter_of(), (tick(k, (0.0, 1.5, 3.0)) for k in range(1, 200)))
-    moving, _ = run(trusted, (tick(k, (0.0, 1.5, 3.0)) for k in range(1, 200)))
+    moving, _ = run(filter_with_speed, (tick(k, (0.0, 1.5, 3.0)) for k in range(1, 200)))
     assert abs(moving.mean[3] - belief.mean[3]) > 0.05
 
 
@@ -170,8 +170,8 @@ def test_an_impossible_yaw_rate_is_never_followed():
 
 
 def test_rt8_a_saturated_gyro_reading_is_not_used():
-    ranged = replace(IMU, gyro_limit=4.0)
-    block = compile_block(AugmentedEkf(SMALL, BOTH(ranged, ODOMETER)), "c")
+    imu_with_limit = replace(IMU, gyro_limit=4.0)
+    block = compile_block(AugmentedEkf(SMALL, BOTH(imu_with_limit, ODOMETER)), "c")
     _, estimate = run(block, (tick(k, (0, 0, 4.0)) for k in range(1, 100)))
     assert np.isnan(estimate.innovation[2])
     assert estimate.nu[2] < 1.0
@@ -181,8 +181,8 @@ def test_rt8_a_saturated_gyro_reading_is_not_used():
 def test_one_nan_does_not_discard_the_other_readings_of_its_sensor(value):
     belief, _ = run(filter_of(), (tick(k, (0, 0, 0.5)) for k in range(1, 100)))
     expected, _ = run(filter_of(), [tick(100, (0, 0, 0.6))], belief)
-    hurt, estimate = run(filter_of(), [tick(100, (value, 0, 0.6))], belief)
-    assert hurt.mean == pytest.approx(expected.mean)
+    belief_after, estimate = run(filter_of(), [tick(100, (value, 0, 0.6))], belief)
+    assert belief_after.mean == pytest.approx(expected.mean)
     assert np.isnan(estimate.innovation).tolist() == [True, False, False]
 
 

@@ -183,8 +183,8 @@ def test_unexplained_acceleration_decays_with_its_time_constant():
 
 def test_the_estimator_models_the_drivetrain_delay_of_the_vehicle():
     drivetrain = Drivetrain(delay_s=0.03, delay_slots=3, limit=np.array([0.5, 0.5, 0.5]))
-    delayed = replace(SMALL, drivetrain=drivetrain)
-    filter_ = Ekf(delayed, Sensors(IMU), R)
+    delayed_vehicle = replace(SMALL, drivetrain=drivetrain)
+    filter_ = Ekf(delayed_vehicle, Sensors(IMU), R)
     belief, efforts = filter_.init(), []
     for k in range(1, 7):
         belief, _ = filter_.step(belief, tick(k, u=(2.0, 0.0, 0.0)))

@@ -104,12 +104,12 @@ def kernel(name):
 def test_a_pause_equals_the_same_number_of_ticks_without_readings(name, pause_ms, backend):
     belief, period = moving(name)
     block = ekf(name).block if backend == "plain" else ekf(name)
-    paused, _ = block.step(belief, tick(name, 1000 + pause_ms))
-    ticked = drive_ekf(name, [*range(1000 + period, 1000 + pause_ms, period), 1000 + pause_ms], belief)
-    np.testing.assert_allclose(paused.mean, ticked.mean, rtol=0.0, atol=2e-5)
+    paused_belief, _ = block.step(belief, tick(name, 1000 + pause_ms))
+    ticked_belief = drive_ekf(name, [*range(1000 + period, 1000 + pause_ms, period), 1000 + pause_ms], belief)
+    np.testing.assert_allclose(paused_belief.mean, ticked_belief.mean, rtol=0.0, atol=2e-5)
     if pause_ms % period == 0 and backend == "c":
-        assert np.array_equal(paused.mean, ticked.mean), "the rows must be equal bit by bit"
-        assert np.array_equal(paused.cov, ticked.cov)
+        assert np.array_equal(paused_belief.mean, ticked_belief.mean), "the rows must be equal bit by bit"
+        assert np.array_equal(paused_belief.cov, ticked_belief.cov)
 
 
 @pytest.mark.parametrize("name", GARAGE)

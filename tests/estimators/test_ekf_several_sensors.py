@@ -24,10 +24,10 @@ def tick(k, **readings):
 
 
 def test_only_the_sensors_in_use_correct_the_state_and_have_innovations():
-    imu_only, all_used = Ekf(SMALL, SENSORS, R), Ekf(SMALL, SENSORS, R, use=ALL)
+    imu_only, all_sensors = Ekf(SMALL, SENSORS, R), Ekf(SMALL, SENSORS, R, use=ALL)
     readings = {"imu": (0, 0, 0), "wheels": (0.02, 0.02)}
     _, a = imu_only.step(imu_only.init(), tick(1, **readings))
-    _, b = all_used.step(all_used.init(), tick(1, **readings))
+    _, b = all_sensors.step(all_sensors.init(), tick(1, **readings))
     assert a.innovation.shape == (3,)
     assert a.nu[0] < 1e-6
     assert b.nu[0] > 1e-3

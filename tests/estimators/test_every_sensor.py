@@ -93,16 +93,18 @@ def test_shifting_and_rotating_the_map_moves_the_estimate_equally(kind, keys, at
     block = file.estimator(kind, **keys)
     ticks, start = ticks_of(run, block, len(run.t_ns)), np.array([3.0, -2.0, turn])
     kernel = scan(block.row, block.init(), type(ticks)(*(x if x is None else _first(x) for x in ticks)))
-    original, moved = (kernel.run(ticks, carry=block.init(eta=eta))[1] for eta in (np.zeros(3), start))
+    original, moved_estimates = (
+        kernel.run(ticks, carry=block.init(eta=eta))[1] for eta in (np.zeros(3), start)
+    )
     expected = np.array([compose(start, eta) for eta in original.eta])
-    np.testing.assert_allclose(moved.eta[:, :2], expected[:, :2], atol=min(atol, 1e-5))
-    np.testing.assert_allclose(wrap(moved.eta[:, 2] - expected[:, 2]), 0.0, atol=atol)
-    assert np.all(np.abs(moved.eta[:, 2]) <= np.pi)
-    assert turn < 3.0 or np.min(moved.eta[:, 2]) < -3.0
-    np.testing.assert_allclose(moved.nu, original.nu, atol=atol)
+    np.testing.assert_allclose(moved_estimates.eta[:, :2], expected[:, :2], atol=min(atol, 1e-5))
+    np.testing.assert_allclose(wrap(moved_estimates.eta[:, 2] - expected[:, 2]), 0.0, atol=atol)
+    assert np.all(np.abs(moved_estimates.eta[:, 2]) <= np.pi)
+    assert turn < 3.0 or np.min(moved_estimates.eta[:, 2]) < -3.0
+    np.testing.assert_allclose(moved_estimates.nu, original.nu, atol=atol)
     J = np.eye(6)
     J[:3, :3] = map_from_body(turn)
-    np.testing.assert_allclose(moved.cov, J @ original.cov @ J.T, atol=atol)
+    np.testing.assert_allclose(moved_estimates.cov, J @ original.cov @ J.T, atol=atol)
 
 
 @pytest.mark.parametrize("name", ["small", "car"])

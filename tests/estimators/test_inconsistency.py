@@ -136,9 +136,9 @@ def test_consistent_sensors_cause_no_lasting_disagreement():
 def test_a_frozen_imu_causes_a_speed_error_below_20_cm_s():
     z = run().sensors["imu"].z.copy()
     for begin_s in (2.0, 3.3, 5.1, 8.4):
-        mask, damaged = (t_s >= begin_s) & (t_s < begin_s + 2.0), z.copy()
-        damaged[mask] = z[np.argmax(mask)]
-        _, nu, _ = estimates(damaged)
+        mask, damaged_z = (t_s >= begin_s) & (t_s < begin_s + 2.0), z.copy()
+        damaged_z[mask] = z[np.argmax(mask)]
+        _, nu, _ = estimates(damaged_z)
         assert np.max(np.abs(nu[:, 0] - run().truth.nu[:, 0])) <= 0.2
 
 

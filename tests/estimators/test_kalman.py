@@ -73,14 +73,14 @@ def test_a_considered_state_is_not_corrected_but_its_uncertainty_counts():
     """Schmidt filter: a scale of unknown size affects the measurement. The covariance equals that of many random
     draws."""
     P, H, Q = np.diag([1.0, 0.25]), np.array([[1.0, 2.0]]), np.array([0.5])
-    estimated = np.array([1.0, 0.0])
-    correction = correct(P, np.array([1.0]), H, Q, estimated)
+    estimate_mask = np.array([1.0, 0.0])
+    correction = correct(P, np.array([1.0]), H, Q, estimate_mask)
     assert correction.move[1] == 0.0
     assert correction.cov[1, 1] == 0.25
     rng = np.random.default_rng(0)
     x = rng.normal(size=(200_000, 2)) * np.sqrt(np.diag(P))
     z = x @ H[0] + np.sqrt(Q[0]) * rng.normal(size=len(x))
-    gain = correct(P, np.array([1.0]), H, Q, estimated).move
+    gain = correct(P, np.array([1.0]), H, Q, estimate_mask).move
     errors = x - z[:, None] * gain
     assert correction.cov == pytest.approx(np.cov(errors.T), abs=0.01)
 
@@ -88,10 +88,10 @@ def test_a_considered_state_is_not_corrected_but_its_uncertainty_counts():
 def test_a_smaller_weight_has_the_effect_of_more_noise():
     P, y, H, _ = _case(3)
     s = H[0] @ P @ H[0] + 0.3
-    weighted = correct(P, y[:1], H[:1], np.array([0.3]), weight=lambda c, e, s: 0.25)
+    weighted_update = correct(P, y[:1], H[:1], np.array([0.3]), weight=lambda c, e, s: 0.25)
     noisier = correct(P, y[:1], H[:1], np.array([4.0 * s - H[0] @ P @ H[0]]))
-    assert weighted.move == pytest.approx(noisier.move)
-    assert weighted.cov == pytest.approx(noisier.cov)
+    assert weighted_update.move == pytest.approx(noisier.move)
+    assert weighted_update.cov == pytest.approx(noisier.cov)
     without_weight = correct(P, y, H, np.full(3, 0.3), weight=lambda c, e, s: 0.0)
     assert without_weight.move == pytest.approx(np.zeros(6))
     assert without_weight.cov == pytest.approx(P)

@@ -72,27 +72,32 @@ def nis(estimate, S) -> np.ndarray:
 
 
 def test_a_noisier_imu_has_a_nis_of_one():
-    _, fixed = filtered(2.0, 0.0)
-    belief, adapted = filtered(2.0, 0.01)
-    assert np.all(nis(fixed, fixed.innovation_cov)[:2] > 1.35)
-    np.testing.assert_allclose(nis(adapted, adapted.innovation_cov), 1.0, atol=0.15)
+    _, file_estimates = filtered(2.0, 0.0)
+    belief, estimates = filtered(2.0, 0.01)
+    assert np.all(nis(file_estimates, file_estimates.innovation_cov)[:2] > 1.35)
+    np.testing.assert_allclose(nis(estimates, estimates.innovation_cov), 1.0, atol=0.15)
     assert np.all(belief.memory.noise_levels.sensors[:2] > 2.0)
 
 
 def test_a_calmer_run_has_a_nis_nearer_to_one():
     """The garage's file is cautious; what the disturbance adds to an accelerometer is not adapted."""
-    _, fixed = filtered(1.0, 0.0)
-    belief, adapted = filtered(1.0, 0.01)
-    nis_before, now = nis(fixed, fixed.innovation_cov), nis(adapted, adapted.innovation_cov)
+    _, file_estimates = filtered(1.0, 0.0)
+    belief, estimates = filtered(1.0, 0.01)
+    nis_before, now = (
+        nis(file_estimates, file_estimates.innovation_cov),
+        nis(estimates, estimates.innovation_cov),
+    )
     assert np.all(nis_before < 0.5)
     assert np.all((now > nis_before + 0.15) & (now < 1.15))
     assert np.all(belief.memory.noise_levels.sensors < 0.5)
 
 
 def test_monitors_see_the_innovations_with_the_noise_of_the_file():
-    _, fixed = filtered(2.0, 0.0)
-    _, adapted = filtered(2.0, 0.01)
-    ratio = nis(adapted, expected_innovation_cov(adapted)) / nis(fixed, expected_innovation_cov(fixed))
+    _, file_estimates = filtered(2.0, 0.0)
+    _, estimates = filtered(2.0, 0.01)
+    ratio = nis(estimates, expected_innovation_cov(estimates)) / nis(
+        file_estimates, expected_innovation_cov(file_estimates)
+    )
     np.testing.assert_allclose(ratio, 1.0, atol=0.2)
 
 
@@ -158,12 +163,12 @@ def test_the_innovation_covariance_of_the_file_does_not_use_noise_levels():
 def test_a_replay_of_a_noisier_run_is_consistent():
     """The verdict of a replay: too sure with the noise of the file, consistent with adapted noise."""
     run = noisy_run(2.0)
-    fixed, adapted = (
+    file_estimates, estimates = (
         filter_consistency(replay(run, SMALL.with_values({"estimator.noise_gain": gain})))
         for gain in (0.0, 0.01)
     )
-    assert fixed.channels["imu[0]"].mean > 1.35
-    assert adapted.channels["imu[0]"].mean == pytest.approx(1.0, abs=0.15)
+    assert file_estimates.channels["imu[0]"].mean > 1.35
+    assert estimates.channels["imu[0]"].mean == pytest.approx(1.0, abs=0.15)
 
 
 def test_an_accelerometer_that_corrects_nothing_does_not_decide_about_the_covariance():

@@ -41,14 +41,14 @@ def test_a_sound_gyro_is_used_although_its_readings_repeat(copies):
     """A log can contain each reading several times, and a coarse converter repeats its readings."""
     noise, step = np.random.default_rng(3).standard_normal(4000), 0.7
     z = np.repeat(step * np.round(noise / step), copies)
-    state, omitted, stuck = no_repetition(1), 0, 0
+    state, omission_count, stuck_count = no_repetition(1), 0, 0
     for reading in z:
         state = repetition_after(state, np.array([reading]), np.array([True]))
-        omitted += bool(state.is_longest[0])
-        stuck += bool(state.is_stuck[0])
+        omission_count += bool(state.is_longest[0])
+        stuck_count += bool(state.is_stuck[0])
     assert state.reversal_count[0] > MIN_REVERSALS
-    assert omitted < 0.01 * len(z)
-    assert stuck == 0
+    assert omission_count < 0.01 * len(z)
+    assert stuck_count == 0
 
 
 def test_a_reading_without_noise_may_stay_constant():

@@ -115,8 +115,10 @@ def pass_with_error(sources, E, n, rows=6):
     G, H, q = np.eye(n) + 0.2 * rng.normal(size=(n, n)), rng.normal(size=(2, n)), np.array([0.3, 0.7])
     P, e, columns = np.eye(n), sources[0], []
     for k in range(rows):
-        predicted = G @ P @ G.T + 0.02 * np.eye(n)
-        c = correct(predicted, np.zeros(2), H, q, E, lambda c, e, s, k=k: float(c == 0 or k % 3 == 0) * 0.8)
+        predicted_cov = G @ P @ G.T + 0.02 * np.eye(n)
+        c = correct(
+            predicted_cov, np.zeros(2), H, q, E, lambda c, e, s, k=k: float(c == 0 or k % 3 == 0) * 0.8
+        )
         e, y = G @ e + np.sqrt(0.02) * sources[1][k], []
         for j, w in enumerate(c.weight):
             noise = np.sqrt(q[j] + c.s[j] * (1.0 / w - 1.0)) if w else 0.0
@@ -133,14 +135,14 @@ def test_the_covariance_is_right_for_gains_that_correct_some_states_only():
     """The smoothed errors of all sources, each alone, add up to the covariance that the smoother states."""
     n, rows, mask = 4, 6, np.array([[1.0, 0.0, 1.0, 1.0], [0.0, 0.0, 1.0, 0.0]])
     unit = 1e-3 * np.eye(n + rows * (n + 2))  # so small that no heading is wrapped
-    total, cov, unsmoothed = 0.0, None, None
+    total, cov, filter_estimates = 0.0, None, None
     for source in unit:
         start, walk, noise = np.split(source, [n, n + rows * n])
         forward = pass_with_error((start, walk.reshape(rows, n), noise.reshape(rows, 2)), mask, n)
         mean, cov = smooth_backward(forward)
-        total, unsmoothed = total + 1e6 * mean[:, :, None] * mean[:, None, :], forward.cov
+        total, filter_estimates = total + 1e6 * mean[:, :, None] * mean[:, None, :], forward.cov
     np.testing.assert_allclose(cov, total, rtol=0.0, atol=1e-12)
-    gain = np.diagonal(unsmoothed - cov, axis1=1, axis2=2)
+    gain = np.diagonal(filter_estimates - cov, axis1=1, axis2=2)
     assert np.all(gain >= 0.0)
     assert np.max(gain[:, 1]) == 0.0  # no measurement corrects this state
     assert np.min(gain[:-1, [0, 2, 3]]) > 1e-3
@@ -193,7 +195,7 @@ def test_a_camera_reading_at_the_end_corrects_the_earlier_path_across_pi(kind):
     truth, ticks = circle(n, 63, start)
     block = kind(SMALL, SENSORS, NOISE, use=("imu", "pose"))
     mean, cov = smoothed(block, block.init(eta=start), ticks, "auto")
-    unsmoothed, _ = smoothed(block, block.init(eta=start), blind(ticks), "auto")
+    filter_estimates, _ = smoothed(block, block.init(eta=start), blind(ticks), "auto")
 
     def rms(x):
         return np.sqrt(np.mean(wrap(x[:, 2] - truth[:, 2]) ** 2)), np.sqrt(
@@ -203,7 +205,7 @@ def test_a_camera_reading_at_the_end_corrects_the_earlier_path_across_pi(kind):
     assert np.all(np.abs(mean[:, 2]) <= np.pi)
     assert np.min(mean[:, 2]) < -3.0
     assert np.max(np.abs(wrap(np.diff(mean[:, 2])))) < 0.1
-    assert rms(mean)[1] < 0.7 * rms(unsmoothed)[1]
+    assert rms(mean)[1] < 0.7 * rms(filter_estimates)[1]
     e = mean[:, :6] - truth[:, :6]
     e[:, 2] = wrap(e[:, 2])
     nees = np.einsum("ki,ki->k", e, np.linalg.solve(cov[:, :6, :6], e[:, :, None])[:, :, 0])

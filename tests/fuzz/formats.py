@@ -134,9 +134,9 @@ def csv(folder: Path) -> Iterator[Callable[[int], object]]:
         _write_new(path, _damaged(original, generator, 0.5))
         runs = import_runs(column_map)
         if (rates := _yaw_rates(path.read_bytes())) is not None:
-            imported = np.concatenate([result.run.sensors["imu"].z[:, 2] for result in runs])
-            is_whole = len(imported) == len(rates)
-            if is_whole and not np.allclose(imported, rates, rtol=1e-12, atol=0.0):
+            imported_rates = np.concatenate([result.run.sensors["imu"].z[:, 2] for result in runs])
+            is_whole = len(imported_rates) == len(rates)
+            if is_whole and not np.allclose(imported_rates, rates, rtol=1e-12, atol=0.0):
                 raise Silent("a yaw rate differs from the text")
             if not is_whole and not any(result.findings for result in runs):
                 raise Silent("rows are missing, and the import reports nothing")
@@ -176,9 +176,9 @@ def hand_written_map(folder: Path) -> Iterator[Callable[[int], object]]:
         if any(_differs(entry, spec) for entry, spec in _entries(read, document)):
             raise Silent("an entry of the map differs from its text")
         if (rates := _mapped_yaw_rates(document)) is not None:
-            imported = np.concatenate([result.run.sensors["imu"].z[:, 2] for result in runs])
-            imported = imported[np.isfinite(imported)]
-            if not np.isclose(imported[:, None], rates, rtol=1e-12, atol=0.0).any(axis=1).all():
+            imported_rates = np.concatenate([result.run.sensors["imu"].z[:, 2] for result in runs])
+            imported_rates = imported_rates[np.isfinite(imported_rates)]
+            if not np.isclose(imported_rates[:, None], rates, rtol=1e-12, atol=0.0).any(axis=1).all():
                 raise Silent("a yaw rate differs from its column")
         return runs
 
@@ -227,11 +227,11 @@ def _mapped_yaw_rates(document: dict[str, Any]) -> np.ndarray | None:
 def vehicle(folder: Path) -> Iterator[Callable[[int], object]]:
     """A vehicle file, and the blocks that it describes."""
     originals = [load(name).text for name in ("small", "car", "case-study-1")]
-    fitted = load("small").with_values(
+    fitted_file = load("small").with_values(
         {"model.mass_kg": 0.6}, {"model.mass_kg": {"run": "a", "std": 0.1, "verdict": "USABLE"}}
     )
     originals.append(
-        fitted.text
+        fitted_file.text
         + '\n[parameter_cov]\nrun = "a"\nnames = ["model.mass_kg"]\nsd = [0.1]\ncorrelation = [[1.0]]\n'
     )
     path = folder / "input.toml"

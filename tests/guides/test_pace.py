@@ -24,8 +24,8 @@ def drive_guide(guide, ticks, requests=None):
 
 @pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
 def test_at_full_pace_the_guide_is_unchanged(kind):
-    poses, paced = drive_guide(kind.along(ROUTE), 60), drive_guide(GuideAtPace(kind.along(ROUTE)), 60)
-    for a, b in zip(poses, paced, strict=True):
+    poses, paced_poses = drive_guide(kind.along(ROUTE), 60), drive_guide(GuideAtPace(kind.along(ROUTE)), 60)
+    for a, b in zip(poses, paced_poses, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 

@@ -140,12 +140,12 @@ def test_heading_is_interpolated_across_pi_and_wrapped():
 
 def test_closing_a_route_distributes_the_drift_along_the_route():
     route = circle(0.5, 0.25)
-    drifted = route._replace(
+    drifted_route = route._replace(
         eta=route.eta + np.outer(route.t_s / route.t_s[-1], [0.03, -0.02, 0.1]), closed=False
     )
-    assert end_gap(drifted) == pytest.approx((np.hypot(0.03, 0.02), 0.1))
-    np.testing.assert_allclose(with_closed_gap(drifted).eta, route.eta, atol=1e-12)
-    assert with_closed_gap(drifted).closed
+    assert end_gap(drifted_route) == pytest.approx((np.hypot(0.03, 0.02), 0.1))
+    np.testing.assert_allclose(with_closed_gap(drifted_route).eta, route.eta, atol=1e-12)
+    assert with_closed_gap(drifted_route).closed
 
 
 def test_a_route_is_placed_at_the_vehicle_pose():

@@ -126,9 +126,9 @@ def test_compiled_and_uncompiled_guides_give_the_same_reference():
     state = guide.entry_state(20_000_000, 3.0, 0.1)
     reference = guide.step(state, now)[1]
     for backend in ("c", "python"):
-        compiled = function(guide.step, state, now, backend=backend)(state, now)[1]
-        np.testing.assert_allclose(compiled.eta, reference.eta, rtol=1e-12)
-        np.testing.assert_allclose(compiled.nu, reference.nu, rtol=1e-12)
+        compiled_reference = function(guide.step, state, now, backend=backend)(state, now)[1]
+        np.testing.assert_allclose(compiled_reference.eta, reference.eta, rtol=1e-12)
+        np.testing.assert_allclose(compiled_reference.nu, reference.nu, rtol=1e-12)
 
 
 class LookAtAll(RepeatByProgress):

@@ -91,8 +91,8 @@ def test_a_validation_run_of_six_seconds_is_too_short_for_the_noise(fit):
 def test_noise_is_rejected_if_the_filter_is_overconfident_in_simulation(fit, unseen_run, monkeypatch):
     """The filter claims a ninth of the variance of its heading, which no NIS shows."""
 
-    def surer(ekf, run, filtered):
-        e, P = simulated_errors(ekf, run, filtered)
+    def surer(ekf, run, filter_result):
+        e, P = simulated_errors(ekf, run, filter_result)
         return e, P / np.where(np.arange(6) == HEADING, 9.0, 1.0)[:, None]
 
     monkeypatch.setattr(accepted_noise, "simulated_errors", surer)

@@ -144,7 +144,7 @@ def test_a_mean_of_a_parabola_is_exact_in_rows_of_any_length():
     rng = np.random.default_rng(3)
     dt_s = rng.uniform(0.002, 0.03, 200)
     ends, readings = np.cumsum(dt_s), np.arange(0.05, 2.5, 0.0371)
-    used, rows, weights = averaged_readings(readings, np.full(len(readings), 0.0371), ends, dt_s)
+    used_readings, rows, weights = averaged_readings(readings, np.full(len(readings), 0.0371), ends, dt_s)
     sensor = Odometer()
 
     def motion(t):
@@ -157,8 +157,8 @@ def test_a_mean_of_a_parabola_is_exact_in_rows_of_any_length():
         tick = motion(end - dt), motion(end - 0.5 * dt), motion(end)
         state, h = average_step(sensor, state, tick[2]._replace(tick=tick), dt, w)
         means.append(h[0])
-    t, half = readings[used], 0.5 * 0.0371
-    assert len(used) > 40
+    t, half = readings[used_readings], 0.5 * 0.0371
+    assert len(used_readings) > 40
     assert np.array(means)[rows] == pytest.approx(1.0 + 2.0 * t - 3.0 * (t * t + half * half / 3.0))
     line = averages(weights, 1.0 + 2.0 * ends[:, None])
     assert line[rows, 0] == pytest.approx(1.0 + 2.0 * t)

@@ -32,8 +32,8 @@ def drive_kind(kind, seed):
 def test_the_clock_offset_of_a_slow_sensor_with_lost_readings_is_identified(kind, late_s):
     file, run = drive_kind(kind, 1)
     channel = run.sensors[kind]
-    shifted = channel._replace(t_ns=channel.t_ns - round(late_s * 1e9))
-    late_run = replace(run, sensors=run.sensors | {kind: shifted})
+    shifted_channel = channel._replace(t_ns=channel.t_ns - round(late_s * 1e9))
+    late_run = replace(run, sensors=run.sensors | {kind: shifted_channel})
     fit = identify(
         late_run, file, USUAL, use=("imu", kind), options=FitOptions(clocks=(kind,), diagnose=False)
     )

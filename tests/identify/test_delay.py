@@ -76,10 +76,10 @@ def test_an_unmodelled_delay_is_reported_until_the_delay_is_a_free_parameter():
     assert ("term.delay", f"--free +{DELAY_PATH}") in [
         (reason.figures["effect"].code, reason.fix) for reason in reasons
     ]
-    freed = identify(run, small, [f"+{DELAY_PATH}"])
-    assert freed.names == (*fit.names, DELAY_PATH)
-    assert freed.value(DELAY_PATH) == pytest.approx(0.04, abs=1e-3)
-    assert not any(reason.figures.get("term") == "delay" for reason in freed.reasons)
+    delay_fit = identify(run, small, [f"+{DELAY_PATH}"])
+    assert delay_fit.names == (*fit.names, DELAY_PATH)
+    assert delay_fit.value(DELAY_PATH) == pytest.approx(0.04, abs=1e-3)
+    assert not any(reason.figures.get("term") == "delay" for reason in delay_fit.reasons)
 
 
 def test_the_reported_number_of_evaluations_is_correct(monkeypatch):

@@ -99,8 +99,8 @@ def test_many_samples_at_the_largest_value_are_reported_as_clipped():
     after, findings = check_samples("imu", IMU, channel(clipped_z))
     assert "data.clipped" in codes(findings)
     assert findings[0].subject == "imu[0]"
-    clipped = np.abs(2.0 * np.sin(np.arange(len(z)) / 100.0)) > 1.3
-    assert np.isfinite(after.z[clipped, 0]).mean() < 0.05
+    is_clipped = np.abs(2.0 * np.sin(np.arange(len(z)) / 100.0)) > 1.3
+    assert np.isfinite(after.z[is_clipped, 0]).mean() < 0.05
     assert np.isfinite(after.z[:, 2]).all()  # the signal never reached the end of the range
 
 
@@ -137,8 +137,8 @@ def test_id6_clipped_samples_are_removed_without_biasing_the_fit():
     after, _ = check_samples("imu", IMU, channel(np.stack([np.clip(z, -1.2, 1.2), z, z], axis=1)))
     identifiable = np.isfinite(after.z[:, 0])
     error = np.mean(np.sign(truth[identifiable]) * (after.z[identifiable, 0] - truth[identifiable]))
-    unclipped = np.abs(np.clip(z, -1.2, 1.2)) < 1.2
-    pull = np.mean(np.sign(truth[unclipped]) * (z[unclipped] - truth[unclipped]))
+    is_within = np.abs(np.clip(z, -1.2, 1.2)) < 1.2
+    pull = np.mean(np.sign(truth[is_within]) * (z[is_within] - truth[is_within]))
     assert abs(error) < 0.5 * abs(pull)
 
 
@@ -162,8 +162,8 @@ def test_the_noise_estimate_ignores_repeated_values():
 def test_encoders_that_measure_step_times_are_not_reported_as_stuck(period_s):
     """A wheel with 12 steps a turn follows commands with a lag of 50 ms and then rolls evenly."""
     rng = np.random.default_rng(0)
-    requested = np.repeat(np.minimum(rng.uniform(0.1, 0.9, 60), 0.6), 100)  # 0.6 m/s is its top speed
-    v = lfilter([0.2], [1.0, -0.8], requested)
+    speed = np.repeat(np.minimum(rng.uniform(0.1, 0.9, 60), 0.6), 100)  # 0.6 m/s is its top speed
+    v = lfilter([0.2], [1.0, -0.8], speed)
     step_m = 2.0 * np.pi * 0.0325 / 12
     z = step_m / (period_s * np.round(step_m / np.maximum(v, 0.02) / period_s))
     after, findings = check_samples("odometer", Odometer(noise_std=0.01), channel(z[:, None]))

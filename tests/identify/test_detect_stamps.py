@@ -62,8 +62,8 @@ def test_a_run_whose_clock_jumps_repeatedly_is_not_split(case_run):
 def test_a_clock_in_another_unit_is_refused_and_the_unit_is_named(case_run, case, factor, guess):
     run = case_run(0, 20.0)
     first = run.t_ns[0]
-    moved = move_stamps(run, lambda t: first + np.rint((t - first) * factor).astype(np.int64))
-    fit = identify(moved, case)
+    moved_run = move_stamps(run, lambda t: first + np.rint((t - first) * factor).astype(np.int64))
+    fit = identify(moved_run, case)
     assert fit.verdict == "REFUSED"
     (reason,) = (candidate for candidate in fit.reasons if candidate.code == "time.unit")
     assert reason.figures["rate_hz"] == 100.0

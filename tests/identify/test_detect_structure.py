@@ -54,8 +54,8 @@ def test_a_sound_fit_gives_no_warning(case, seed, kind):
 
 
 def test_a_delayed_command_is_detected(case, u):
-    delayed = np.concatenate([np.zeros((3, 3)), u[:-3]])
-    fit = identify(driven_as(case, u, delayed), case)
+    delayed_u = np.concatenate([np.zeros((3, 3)), u[:-3]])
+    fit = identify(driven_as(case, u, delayed_u), case)
     assert fit.verdict == "WARN"
     assert "--free +model.drivetrain.delay_s" in {
         r.fix for r in fit.reasons if r.code == "residual.late-readings"

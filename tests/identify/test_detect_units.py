@@ -63,11 +63,11 @@ def test_gravity_in_a_horizontal_axis_is_reported(case_run, case):
 
     fit = identify(with_imu(case_run(0, 20.0), upright), case)
     assert fit.verdict != "USABLE"
-    (tilted,) = (
+    (tilt_message,) = (
         reason for code, reason in reasons(fit).items() if code in ("gravity.at-rest", "gravity.all-the-time")
     )
-    assert tilted.subject == "imu[1]"
-    assert tilted.figures["error_m_s2"] == pytest.approx(9.8, abs=0.01)
+    assert tilt_message.subject == "imu[1]"
+    assert tilt_message.figures["error_m_s2"] == pytest.approx(9.8, abs=0.01)
 
 
 @pytest.fixture(scope="module")

@@ -108,8 +108,8 @@ def test_id5_ten_percent_outliers_hardly_change_the_fit(case, case_run, normalis
     z = run.sensors["imu"].z.copy()
     hit = rng.random(z.shape) < 0.1
     z[hit] += (rng.choice([-20.0, 20.0], z.shape) * [0.05, 0.05, 0.005])[hit]
-    damaged = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
-    sound_fit, fit = identify(run, case), identify(damaged, case)
+    damaged_run = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
+    sound_fit, fit = identify(run, case), identify(damaged_run, case)
     assert np.max(np.abs(normalised_errors(fit, case))) < 4.5
     assert np.nanmax(fit.std / sound_fit.std) < 1.35
     assert fit.verdict == "USABLE"

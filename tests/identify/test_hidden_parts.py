@@ -22,18 +22,20 @@ def logs():
     This delay looks like a delay of the motors."""
     robot = draw_robot(SEED)
     robot = robot.with_parameters(imu=robot.imu.with_parameters(noise=0.2 * robot.imu.noise))
-    filtered = robot.with_parameters(imu=robot.imu.with_parameters(low_pass_s=np.full(1, 0.5 / np.pi / HZ)))
-    chip = filtered.with_parameters(delay_s=filtered.delay_s + 4.8e-3 - 0.5 / np.pi / HZ)
+    filtered_robot = robot.with_parameters(
+        imu=robot.imu.with_parameters(low_pass_s=np.full(1, 0.5 / np.pi / HZ))
+    )
+    chip = filtered_robot.with_parameters(delay_s=filtered_robot.delay_s + 4.8e-3 - 0.5 / np.pi / HZ)
     file = robot_file(robot)
-    requested = excitation(
+    signal = excitation(
         "random_steps", file.command.limit, SECONDS, file.rate_hz, SEED, rest_s=1.0, hold_s=0.4
     )
-    sent_u = quantised_commands(requested)
+    sent_u = quantised_commands(signal)
     commands = np.stack([sent_u] * 3, axis=1)
     motion = drive_group(
-        merge([robot, filtered, chip]), commands, [SEED] * 3, tick_times(len(sent_u), file.rate_hz)
+        merge([robot, filtered_robot, chip]), commands, [SEED] * 3, tick_times(len(sent_u), file.rate_hz)
     )
-    kinds = {"counts": (0, sent_u), "asked": (0, requested), "filtered": (1, sent_u), "chip": (2, sent_u)}
+    kinds = {"counts": (0, sent_u), "asked": (0, signal), "filtered": (1, sent_u), "chip": (2, sent_u)}
     runs = {name: run_of_vehicle(motion, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
     return robot, file, runs
 

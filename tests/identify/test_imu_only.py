@@ -52,32 +52,34 @@ def drive_seed(seed, seconds=60.0, changes=None):
 
 
 @pytest.fixture(scope="module")
-def fitted():
+def imu_fit():
     """Return one car, its run and its fit."""
     file, run = drive_seed(3)
     return file, run, fit_imu_only(run, file, LONGITUDINAL + YAW)
 
 
-def test_a_car_is_identified_from_its_commands_and_imu(fitted):
-    file, _, fit = fitted
+def test_a_car_is_identified_from_its_commands_and_imu(imu_fit):
+    file, _, fit = imu_fit
     assert fit.converged
     for name in ("throttle_gain", "linear_drag", "steering_gain"):
         truth = getattr(file.vehicle, name)
         assert fit.value(f"model.{name}") == pytest.approx(truth, rel=0.08), name
 
 
-def test_parameters_that_no_imu_can_identify_are_reported(fitted):
-    _, _, fit = fitted
+def test_parameters_that_no_imu_can_identify_are_reported(imu_fit):
+    _, _, fit = imu_fit
     assert "identifiability.gyro-scale" in [reason.code for reason in fit.always_unobservable]
     assert "fit.envelope" in [note.code for note in fit.notes]
 
 
-def test_an_unmeasured_scale_widens_the_errors_by_its_effect(fitted):
-    file, run, fit = fitted
+def test_an_unmeasured_scale_widens_the_errors_by_its_effect(imu_fit):
+    file, run, fit = imu_fit
     exact = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
-    unscaled = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance={**EXACT, "sensors.imu.gyro_scale": 0.1})
+    fit_with_tolerance = fit_imu_only(
+        run, file, LONGITUDINAL + YAW, tolerance={**EXACT, "sensors.imu.gyro_scale": 0.1}
+    )
     np.testing.assert_allclose(exact.estimate, fit.estimate, rtol=1e-6)
-    part = np.sqrt(np.maximum(unscaled.std**2 - exact.std**2, 0.0)) / std_of_tolerance(0.1)
+    part = np.sqrt(np.maximum(fit_with_tolerance.std**2 - exact.std**2, 0.0)) / std_of_tolerance(0.1)
     changes_by_scale = []
     for factor in (1.02, 0.98):
         scale = file.sensors.imu.gyro_scale * factor
@@ -99,10 +101,10 @@ def test_a_measured_scale_has_priority_over_a_data_sheet():
     assert scale_stds(measured_file, "imu")[2] == pytest.approx(0.005 / 1.035)
 
 
-def test_an_uncertain_gyro_bias_widens_the_errors_by_its_effect(fitted):
+def test_an_uncertain_gyro_bias_widens_the_errors_by_its_effect(imu_fit):
     from baqueano.vehicle_file import Provenance
 
-    file, run, _ = fitted
+    file, run, _ = imu_fit
     path, origin = "sensors.imu.gyro_bias", Provenance("rest", None, 0.02, "USABLE")
     values = [file.value(path) + shift for shift in (0.0, 0.005, -0.005)]
     narrow, higher, lower = (
@@ -145,8 +147,8 @@ def test_a_fit_started_at_its_estimate_returns_the_same_estimate():
     )
 
 
-def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
-    _, run, fit = fitted
+def test_a_run_that_leaves_the_envelope_is_flagged(imu_fit):
+    _, run, fit = imu_fit
     envelope = fit.envelope
     assert envelope.range_warnings(run) == ()
     faster_run = replace(run, applied_commands=run.applied_commands * np.array([1.4, 1.0]))
@@ -159,8 +161,8 @@ def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
         identify(replace(run, applied_commands=np.full_like(run.applied_commands, np.nan)), fit.file)
 
 
-def test_an_imu_fit_refuses_a_run_without_motion_or_gyro_data(fitted):
-    file, run, _ = fitted
+def test_an_imu_fit_refuses_a_run_without_motion_or_gyro_data(imu_fit):
+    file, run, _ = imu_fit
     with pytest.raises(UsageError, check=of_code("imu-only.not-an-imu")):
         fit_imu_only(run, file, use=("compass",))
     with pytest.raises(UsageError, check=of_code("runs.all-still")):
@@ -170,8 +172,8 @@ def test_an_imu_fit_refuses_a_run_without_motion_or_gyro_data(fitted):
         fit_imu_only(replace(run, sensors={"imu": silent}), file)
 
 
-def test_a_car_with_only_an_imu_uses_the_gyro_fit_by_default(fitted):
-    file, run, fit = fitted
+def test_a_car_with_only_an_imu_uses_the_gyro_fit_by_default(imu_fit):
+    file, run, fit = imu_fit
     by_default = identify(run, file, LONGITUDINAL + YAW)
     np.testing.assert_allclose(by_default.estimate, fit.estimate, rtol=1e-9)
     assert is_imu_only(file, [run], None, None)
@@ -231,14 +233,14 @@ def test_the_gyro_fit_of_a_two_wheeled_vehicle_identifies_the_true_parameters():
     np.testing.assert_allclose(fit.estimate[:5], truth, rtol=0.03)
 
 
-def test_the_gyro_fit_uses_the_given_solver(fitted):
+def test_the_gyro_fit_uses_the_given_solver(imu_fit):
     class SolverCall(Exception):
         pass
 
     def solver(*args, **options):
         raise SolverCall
 
-    file, run, _ = fitted
+    file, run, _ = imu_fit
     with pytest.raises(SolverCall):
         identify(run, file, use=("imu",), solver=solver)
 
@@ -247,8 +249,8 @@ class OwnResiduals(Residuals):
     """Residuals of a user."""
 
 
-def test_options_that_the_gyro_fit_ignores_are_refused(fitted):
-    file, run, _ = fitted
+def test_options_that_the_gyro_fit_ignores_are_refused(imu_fit):
+    file, run, _ = imu_fit
     with pytest.raises(UsageError, check=of_code("imu-only.others", others="clocks, sigma")):
         identify(
             run, file, options=FitOptions(gyro_leads=True, sigma={"imu": (1.0, 1.0, 1.0)}, clocks=("imu",))

@@ -161,8 +161,8 @@ def test_an_unused_channel_without_stated_noise_uses_its_noise_at_rest(noise_at_
     file = small.with_values(silent)
     noise = measure_noise(identify(run, file, use=["imu[2]"]), run, source="truth")
     np.testing.assert_allclose(np.sqrt(np.diagonal(noise.in_motion["imu"])), [0.1, 0.1, 0.004], rtol=0.25)
-    simulated = noise.updated_file(file).sensors.imu
-    np.testing.assert_allclose(simulated.accel_noise_std, [0.1, 0.1], rtol=0.25)
+    simulated_imu = noise.updated_file(file).sensors.imu
+    np.testing.assert_allclose(simulated_imu.accel_noise_std, [0.1, 0.1], rtol=0.25)
     assert ("noise.of-its-rest", "imu[0]") in [(note.code, note.subject) for note in noise.notes]
 
 
@@ -198,11 +198,11 @@ def test_the_noise_does_not_depend_on_the_names_of_the_runs(small):
         simulate(small, random_steps(small.command.limit, 10.0, small.rate_hz, seed), seed) for seed in (1, 2)
     ]
     renamed_runs = [replace(run, name=f"run {k}") for k, run in enumerate(runs)]
-    noise, noise_of_renamed = (
+    noise, noise_of_copy = (
         measure_noise(identify(r, small, ["model.mass_kg"]), r) for r in (runs, renamed_runs)
     )
     assert runs[0].name == runs[1].name
-    np.testing.assert_array_equal(noise.in_motion["imu"], noise_of_renamed.in_motion["imu"])
+    np.testing.assert_array_equal(noise.in_motion["imu"], noise_of_copy.in_motion["imu"])
 
 
 def test_few_velocities_of_a_truth_give_no_noise_of_a_truth(small):
@@ -351,6 +351,6 @@ def test_a_sensor_quieter_than_its_noise_in_the_file_is_reported_only_if_this_no
     run = simulate(file, excitation("random_steps", small.command.limit, 20.0, 100.0, 4), 4)
     key = "sensors.imu.measurement_noise_cov"
     origin = {key: Provenance("0001-experiment", verdict="USABLE")}
-    measured = small.with_values({key: small.sensors.imu.cov.tolist()}, origin)
+    measured_file = small.with_values({key: small.sensors.imu.cov.tolist()}, origin)
     assert "file.quiet" not in {reason.code for reason in identify(run, small).reasons}
-    assert "file.quiet" in {reason.code for reason in identify(run, measured).reasons}
+    assert "file.quiet" in {reason.code for reason in identify(run, measured_file).reasons}

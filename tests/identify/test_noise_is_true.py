@@ -25,7 +25,7 @@ SECONDS = 40.0
 
 
 @pytest.fixture(scope="module", params=[1, 2])
-def measured(request):
+def noise_case(request):
     """Return the true values of a robot on a rough floor, its file, and the noise that a fit of its friction
     identifies."""
     seed = request.param
@@ -46,21 +46,21 @@ def within(value, truth, factor):
     return truth / factor <= value <= truth * factor
 
 
-def test_the_identified_variance_of_each_channel_equals_the_true_variance(measured):
-    q, _, noise = measured
+def test_the_identified_variance_of_each_channel_equals_the_true_variance(noise_case):
+    q, _, noise = noise_case
     for k, truth in enumerate(q.imu.noise[0] ** 2):
         assert within(noise.in_motion["imu"][k, k], truth, SENSOR), f"imu[{k}]"
     assert within(noise.in_motion["odometer"][0, 0], ODOMETER_M_S**2, SENSOR)
 
 
-def test_the_identified_velocity_walk_equals_the_true_floor_noise(measured):
-    _, _, noise = measured
+def test_the_identified_velocity_walk_equals_the_true_floor_noise(noise_case):
+    _, _, noise = noise_case
     for k in (0, 2):
         assert within(noise.fields["velocity_walk_std"][k] ** 2, FLOOR_NOISE[k] ** 2, VELOCITY), k
 
 
-def test_the_noise_table_shows_the_values_written_to_the_file(measured):
-    _, file, noise = measured
+def test_the_noise_table_shows_the_values_written_to_the_file(noise_case):
+    _, file, noise = noise_case
     written_data = noise.updated_file(file).data
     deviations = {row["name"]: row["std"] for row in noise.rows()}
     for name in ("imu", "odometer"):
@@ -100,5 +100,5 @@ def test_a_motor_with_another_lag_does_not_make_the_gyro_too_cautious_in_a_calm_
     file = identify_vehicles(robots, [4], "auto")[0]
     u = np.stack([0.6 + 0.2 * np.sin(0.9 * t_s), 0.0 * t_s, 0.15 * np.sin(0.5 * t_s)], axis=1)
     motion = drive_group(robots, u[:, None], [5], tick_times(len(u), file.rate_hz))
-    estimated = replay(run_of_vehicle(motion, 0, u, file, "calm", 5), file)
-    assert 0.85 < filter_consistency(estimated).channels["imu[2]"].mean < 1.15  # 0.69 with one disturbance
+    replayed_run = replay(run_of_vehicle(motion, 0, u, file, "calm", 5), file)
+    assert 0.85 < filter_consistency(replayed_run).channels["imu[2]"].mean < 1.15  # 0.69 with one disturbance

@@ -87,8 +87,8 @@ def test_one_channel_far_from_the_model_is_refused_by_name():
     car = load("car")
     run = simulate(car, excitation("random_steps", [0.5, 0.6], 30.0, car.rate_hz, 1), 1)
     z = np.remainder(run.sensors["odometer"].z + 0.026, 0.052) - 0.026
-    wrapped = replace(run, sensors=run.sensors | {"odometer": run.sensors["odometer"]._replace(z=z)})
-    fit = identify(wrapped, car)
+    wrapped_run = replace(run, sensors=run.sensors | {"odometer": run.sensors["odometer"]._replace(z=z)})
+    fit = identify(wrapped_run, car)
     assert fit.verdict == "REFUSED"
     assert (fit.reasons[0].code, fit.reasons[0].subject) == ("fit.channel-far-from-model", "odometer[0]")
     assert fit.reasons[0].figures["ratio"] > 3.0

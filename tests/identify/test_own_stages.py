@@ -62,18 +62,18 @@ def test_a_custom_solver_gives_the_same_estimate(small, run, examples):
 
 
 def test_a_search_out_of_evaluations_continues_in_another_round(small, run):
-    unfinished = []
+    unfinished_problems = []
 
     def slow(*arguments, max_evaluations, **options):
         solution = minimise(*arguments, max_evaluations=max_evaluations, **options)
-        if max_evaluations < MAX_EVALUATIONS or unfinished:
+        if max_evaluations < MAX_EVALUATIONS or unfinished_problems:
             return solution
-        unfinished.append(solution)
+        unfinished_problems.append(solution)
         return solution._replace(converged=False, evaluations=max_evaluations)
 
     parameters = parameters_of(dataset([run], small), ["model.mass_kg"])
     end = solve(Residuals.from_parameters(parameters), parameters, solver=slow)[1]
-    assert len(unfinished) == 1
+    assert len(unfinished_problems) == 1
     assert end.solution.converged
 
 
@@ -82,11 +82,12 @@ def test_a_custom_residual_tolerates_disturbances_of_three_samples(small, run, e
     z = imu.z.copy()
     for first in rng.choice(len(z) - 5, 80):
         z[first : first + 3, 0] += 4.0 * np.sign(z[first, 0])  # too long for a spike
-    damaged = replace(run, sensors={"imu": imu._replace(z=z)})
+    damaged_run = replace(run, sensors={"imu": imu._replace(z=z)})
     sound_fit, usual_fit = (
-        identify(recording, small, FREE, options=FitOptions(diagnose=False)) for recording in (run, damaged)
+        identify(recording, small, FREE, options=FitOptions(diagnose=False))
+        for recording in (run, damaged_run)
     )
-    w = identify(damaged, small, FREE, residuals=examples.Compressed, options=FitOptions(diagnose=False))
+    w = identify(damaged_run, small, FREE, residuals=examples.Compressed, options=FitOptions(diagnose=False))
     change, own_error = (np.abs(fit.estimate / sound_fit.estimate - 1.0).max() for fit in (usual_fit, w))
     assert own_error < 0.5 * change
     error = w.channels[0].measurements - w.channels[0].predictions

@@ -59,8 +59,10 @@ def test_without_a_rest_the_gyro_bias_of_the_file_is_used():
     assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
     assert fit.notes[0].code == "bias.no-rest"
     path = "sensors.imu.gyro_bias"
-    measured = car.with_values({path: BIAS}, {path: Provenance("a rest", date(2026, 1, 1), 1e-3, "USABLE")})
-    fit = identify(run, measured, use=["odometer", "imu[2]"], options=FitOptions(diagnose=False))
+    measured_car = car.with_values(
+        {path: BIAS}, {path: Provenance("a rest", date(2026, 1, 1), 1e-3, "USABLE")}
+    )
+    fit = identify(run, measured_car, use=["odometer", "imu[2]"], options=FitOptions(diagnose=False))
     assert not {"bias.no-rest", "bias.at-rest"} & {note.code for note in fit.notes}
 
 

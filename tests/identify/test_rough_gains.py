@@ -53,9 +53,9 @@ def test_a_sideways_friction_that_may_be_0_is_that_of_the_file(friction, std, ex
         poorly_identified=np.zeros(3, bool), vehicle_file=fitted_file, verdict=Verdict.WARN,
         blocks=SimpleNamespace(model=fitted_file.vehicle),
     )  # fmt: skip
-    planned = planning_file(fit, rough_file)
-    assert list(planned.value("model.friction.linear")) == [4.0, expected, 0.03]
-    assert len(planned.parameter_cov.names) == (3 if friction == expected else 2)
+    plan_file = planning_file(fit, rough_file)
+    assert list(plan_file.value("model.friction.linear")) == [4.0, expected, 0.03]
+    assert len(plan_file.parameter_cov.names) == (3 if friction == expected else 2)
 
 
 @pytest.mark.parametrize(("name", "count"), [("car", 2), ("small", 0)])

@@ -71,14 +71,14 @@ def test_the_reported_speed_error_contains_the_errors_in_turns():
     fit, run, ekf = fit_with(zones, [0.02] * 2), simulate(SMALL, commands), SMALL.estimator()
     sheet_std = np.sqrt(ekf.init().cov[SCALE_INDEX, SCALE_INDEX])
     nu_x = run.truth.nu[:, 0]
-    predicted = (sheet_std * nu_x) ** 2
+    predicted_variance = (sheet_std * nu_x) ** 2
     for change in 1e-3 * np.eye(2):
         zone = SMALL.vehicle.drivetrain.dead_zone_forward + change
         second_run = simulate(SMALL.with_values({"model.drivetrain.dead_zone_forward": zone}), commands)
-        predicted += (0.02 * (second_run.truth.nu[:, 0] - nu_x) / 1e-3) ** 2
+        predicted_variance += (0.02 * (second_run.truth.nu[:, 0] - nu_x) / 1e-3) ** 2
     ekf, rows = with_speed_error(ekf, fit, [run]), np.abs(nu_x) > MIN_SPEED_M_S
-    claimed = [claimed_std(ekf, v) ** 2 for v in nu_x[rows]]
-    assert np.mean(claimed) == pytest.approx(np.mean(predicted[rows]), rel=0.1)
+    claimed_variance = [claimed_std(ekf, v) ** 2 for v in nu_x[rows]]
+    assert np.mean(claimed_variance) == pytest.approx(np.mean(predicted_variance[rows]), rel=0.1)
 
 
 def test_without_errors_of_a_fit_the_data_sheet_gives_the_speed_error():

@@ -76,37 +76,39 @@ def test_a_voltage_that_contradicts_the_file_is_refused(small):
 
 
 @pytest.fixture(scope="module")
-def unstated(small):
+def file_without_effect(small):
     """Return the small vehicle without a voltage in its file."""
     text = "\n".join(line for line in small.text.splitlines() if not line.startswith("battery"))
     return override(parse(text, "small"), ["model.drivetrain.limit=[inf]"])
 
 
-def test_a_default_fit_uses_a_logged_voltage_whose_effect_is_visible(unstated):
+def test_a_default_fit_uses_a_logged_voltage_whose_effect_is_visible(file_without_effect):
     """The nominal voltage is that of the runs, so a drive without a voltage has a mean battery."""
-    fit = identify(emptied(unstated, 1.0, 3, 7.4, 6.6), unstated, ["+model.drivetrain.delay_s"])
+    fit = identify(
+        emptied(file_without_effect, 1.0, 3, 7.4, 6.6), file_without_effect, ["+model.drivetrain.delay_s"]
+    )
     k, drivetrain = fit.names.index(EFFECT), fit.vehicle_file.vehicle.drivetrain
     assert abs(fit.estimate[k] - 1.0) < 3.5 * fit.std[k] < 0.2
     assert drivetrain.battery_nominal_v == drivetrain.battery_v == pytest.approx(7.0, abs=0.02)
     assert "battery.shown" in codes(fit)
 
 
-def test_a_default_fit_states_that_the_motion_does_not_follow_a_logged_voltage(unstated):
-    fit = identify(emptied(unstated, 0.0, 3, 7.4, 6.6), unstated)
+def test_a_default_fit_states_that_the_motion_does_not_follow_a_logged_voltage(file_without_effect):
+    fit = identify(emptied(file_without_effect, 0.0, 3, 7.4, 6.6), file_without_effect)
     assert EFFECT not in fit.names
     assert "battery.not-shown" in codes(fit)
     assert fit.vehicle_file.vehicle.drivetrain.battery == "steady"
 
 
 @pytest.mark.parametrize("options", [{"free": FREE[:3]}, {"options": FitOptions(fixed=(EFFECT,))}])
-def test_requested_parameters_and_a_fixed_effect_are_kept(unstated, options):
-    fit = identify(emptied(unstated, 1.0, 3, 7.4, 6.6), unstated, **options)
+def test_requested_parameters_and_a_fixed_effect_are_kept(file_without_effect, options):
+    fit = identify(emptied(file_without_effect, 1.0, 3, 7.4, 6.6), file_without_effect, **options)
     assert EFFECT not in fit.names
     assert not any(code.startswith("battery.") for code in codes(fit))
 
 
-def test_a_constant_voltage_costs_no_second_fit(unstated):
-    fit = identify(emptied(unstated, 1.0, 3, 7.3, 7.25), unstated)
+def test_a_constant_voltage_costs_no_second_fit(file_without_effect):
+    fit = identify(emptied(file_without_effect, 1.0, 3, 7.3, 7.25), file_without_effect)
     assert not any(code.startswith("battery.") for code in codes(fit))
 
 

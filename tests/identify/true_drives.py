@@ -112,7 +112,7 @@ def case_vehicle(file: VehicleFile) -> Robots:
     q, gain = draw_robots(1, 0), np.asarray(file.value("model.actuator_matrix"))
     noise = np.array([[*imu.accel_noise_std, imu.gyro_noise_std]])
     fields = {"turn_rad": 0.0 * single, "gyro_scale": single, "low_pass_s": 0.0 * single}
-    unbiased = q.imu.with_parameters(
+    imu_without_bias = q.imu.with_parameters(
         place_m=0.0 * two, tilt_rad=0.0 * two, bias=0.0 * three, walk=0.0 * three, step=0.0 * three, noise=noise,
         **fields,
     )  # fmt: skip
@@ -122,7 +122,7 @@ def case_vehicle(file: VehicleFile) -> Robots:
         wheel=two, forward=0.0 * two, backward=0.0 * two, lag_s=LAG_S * single, delay_s=0.0 * single, supply=single,
         levels=1e9 * single, viscous=np.array([model.friction.linear]), quadratic=np.array([model.friction.quadratic]),
         dry=0.0 * three, breakaway=single, slope_rad=0.0 * single,
-        floor=np.array([file.value("model.process_noise_std")]) * three, imu=unbiased,
+        floor=np.array([file.value("model.process_noise_std")]) * three, imu=imu_without_bias,
     )  # fmt: skip
 
 

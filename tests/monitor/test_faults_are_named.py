@@ -59,8 +59,8 @@ def test_a_faulty_sensor_is_named_and_never_the_model(kind, name, fault, looks):
     sensor, number = name[:-3], int(name[-2])
     limit = getattr(getattr(kind_of(kind).file.sensors, sensor), "limit", np.full(3, np.inf))[number]
     for run in drives(kind, DRIVES):
-        damaged = damaged_run(run, sensor, [number], fault, limit if np.isfinite(limit) else 30.0)
-        findings, sensors = watch(kind, damaged)
+        faulty_run = damaged_run(run, sensor, [number], fault, limit if np.isfinite(limit) else 30.0)
+        findings, sensors = watch(kind, faulty_run)
         first_finding, *later_findings = [finding for finding in findings if finding.name == name]
         told_s = 1e-9 * first_finding.t_ns - FROM_S
         assert EVENT_S - 0.02 <= told_s <= REPORT_S

@@ -55,7 +55,7 @@ def test_the_headlines_show_the_least_explained_run(fits):
 
 def test_the_four_least_explained_channels_are_in_the_headlines(fits):
     """There are eight channels: IMU, wheels and a pose."""
-    first, explained = fits.channels[0], (0.99, 0.4, 0.98, 0.97, 0.3, 0.96, 0.5, 0.6)
+    first, shares = fits.channels[0], (0.99, 0.4, 0.98, 0.97, 0.3, 0.96, 0.5, 0.6)
     names = [
         ("imu", 0),
         ("imu", 1),
@@ -68,7 +68,7 @@ def test_the_four_least_explained_channels_are_in_the_headlines(fits):
     ]
     channels = tuple(
         first._replace(sensor=name, entry=entry, explained_fraction=part)
-        for (name, entry), part in zip(names, explained, strict=True)
+        for (name, entry), part in zip(names, shares, strict=True)
     )
     page = page_of_fit(replace(fits, runs=fits.runs[:1], channels=channels))
     assert [h.label for h in page.headlines] == [

@@ -86,8 +86,8 @@ def test_only_the_last_lap_has_a_corridor(drive):
 
 def test_the_report_of_two_estimators_draws_and_judges_both(drive):
     log = drive.estimate
-    shifted = log._replace(eta=log.eta + np.array([0.1, 0.0, 0.0]))
-    second = replace(drive, name="other", estimate=shifted, metadata=drive.metadata | {"kind": "replay"})
+    shifted_log = log._replace(eta=log.eta + np.array([0.1, 0.0, 0.0]))
+    second = replace(drive, name="other", estimate=shifted_log, metadata=drive.metadata | {"kind": "replay"})
     text = page_of_run(second, second=drive).html()
     assert "Two estimators, one drive" in text
     assert len(re.findall(f">{drive.name}</text>", text)) >= 4  # the path and the errors, both shapes

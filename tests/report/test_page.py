@@ -159,10 +159,12 @@ def test_without_a_vehicle_file_a_page_shows_no_limits():
 
 def test_an_unused_command_entry_is_not_drawn():
     run = a_run()
-    applied = run.applied_commands.copy()
-    applied[:, 1] = 0.0
+    applied_commands = run.applied_commands.copy()
+    applied_commands[:, 1] = 0.0
     page = page_of_run(
-        replace(run, applied_commands=applied, requested_commands=None, vehicle_text=load("small").text)
+        replace(
+            run, applied_commands=applied_commands, requested_commands=None, vehicle_text=load("small").text
+        )
     )
     rows = parts_of(page)["Commands"][1].rows
     assert [row["command"] for row in rows] == [

@@ -192,13 +192,13 @@ def test_a_comparison_without_estimates_is_not_drawn():
 def test_the_figure_of_a_route_shows_the_limits_of_its_vehicle(results):
     slow = results["examined route"]
     speed, turn, command = slow.plot().axes
-    (driven, limit), (_, left, right) = speed.lines, turn.lines
-    assert np.all(driven.get_ydata() < limit.get_ydata())
+    (drive_line, limit), (_, left, right) = speed.lines, turn.lines
+    assert np.all(drive_line.get_ydata() < limit.get_ydata())
     np.testing.assert_array_equal(left.get_ydata(), -right.get_ydata())
     assert max(command.lines[0].get_ydata()) == pytest.approx(100.0 * slow.command_share)
     fast = bq.routes.examine(circle(0.3, 2.0), bq.load("small"))
-    driven, limit = fast.plot().axes[0].lines
-    assert np.all(driven.get_ydata() > limit.get_ydata())
+    drive_line, limit = fast.plot().axes[0].lines
+    assert np.all(drive_line.get_ydata() > limit.get_ydata())
     assert [len(axes.lines) for axes in bq.routes.examine(circle(0.3, 0.2)).plot().axes] == [1, 1]
 
 
@@ -342,7 +342,7 @@ def test_each_result_is_printed_in_the_language_of_the_user(results):
         spanish = {name: repr(result) for name, result in objects.items()}
     finally:
         language.choose_language("")
-    assert not [name for name, printed in english.items() if printed == spanish[name] != "USABLE"]
+    assert not [name for name, text in english.items() if text == spanish[name] != "USABLE"]
 
 
 def test_the_residuals_of_a_fit_are_drawn_over_time(results):
@@ -387,6 +387,6 @@ def test_each_heading_of_a_card_is_in_the_catalogue():
             for n in ast.walk(node) if isinstance(n, ast.Dict)]  # fmt: skip
     headings = {ast.literal_eval(key.args[0] if isinstance(key, ast.Call) else key)
                 for row in rows for key in row.keys if isinstance(key, ast.Constant | ast.Call)}  # fmt: skip
-    translated = {entry.id for entry in read_catalogue("es")}
+    translated_ids = {entry.id for entry in read_catalogue("es")}
     assert len(headings) > 20
-    assert {heading for heading in headings if heading.replace("_", " ") not in translated} == {"± 95 %"}
+    assert {heading for heading in headings if heading.replace("_", " ") not in translated_ids} == {"± 95 %"}

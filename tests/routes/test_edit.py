@@ -98,14 +98,17 @@ def test_the_curvature_of_a_wide_corner_is_even():
     assert np.abs(np.diff(kappa[170:280], 2)).max() < 0.02
 
 
-@pytest.mark.parametrize("closed", [False, True])
-def test_a_log_of_points_with_stops_gives_the_route_without_stops(closed):
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_a_log_of_points_with_stops_gives_the_route_without_stops(is_closed):
     """Before, each of the equal points had to be removed by hand."""
     points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
-    log = points[[0, 0, 1, 1, 1, 2, 2] + [0, 0] * closed] + 1e-5 * np.arange(7 + 2 * closed)[:, None] % 2e-5
-    expected, route = (through_points(xy, 0.2, closed) for xy in (points, log))
+    log = (
+        points[[0, 0, 1, 1, 1, 2, 2] + [0, 0] * is_closed]
+        + 1e-5 * np.arange(7 + 2 * is_closed)[:, None] % 2e-5
+    )
+    expected, route = (through_points(xy, 0.2, is_closed) for xy in (points, log))
     assert route.eta == pytest.approx(expected.eta, abs=1e-3)
-    assert route.closed is closed
+    assert route.closed is is_closed
 
 
 def test_setting_a_constant_speed_removes_stops_from_a_route():

@@ -101,8 +101,8 @@ def test_drawn_and_edited_routes_have_no_gaps(name):
 
 def sideways(route, heading_rad):
     """Return a route driven with a constant heading, as by a vehicle that can move along all axes."""
-    turned = np.full(len(route.t_s), heading_rad)
-    return route._replace(eta=np.column_stack([route.eta[:, :2], turned]))
+    turned_headings = np.full(len(route.t_s), heading_rad)
+    return route._replace(eta=np.column_stack([route.eta[:, :2], turned_headings]))
 
 
 def test_a_sideways_route_is_only_for_a_vehicle_with_a_command_that_moves_it_sideways():
@@ -118,8 +118,8 @@ def test_a_sideways_route_is_only_for_a_vehicle_with_a_command_that_moves_it_sid
 
 def test_a_slip_and_an_origin_beside_the_axle_are_not_sideways_motion():
     slow_circle, car = circle(0.5, 0.2), load("car")
-    turned = slow_circle.eta + np.array([0.0, 0.0, np.radians(40.0)])
-    assert not examine(slow_circle._replace(eta=turned), car).findings
+    turned_headings = slow_circle.eta + np.array([0.0, 0.0, np.radians(40.0)])
+    assert not examine(slow_circle._replace(eta=turned_headings), car).findings
     turn = np.linspace(0.0, np.pi, 200)
     # an origin 0.1 m ahead of the axle
     spin = np.column_stack([0.1 * np.cos(turn), 0.1 * np.sin(turn), turn])

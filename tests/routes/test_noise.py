@@ -45,11 +45,11 @@ def test_a_noisy_route_is_advised_to_be_smoothed_with_a_tolerance_that_removes_t
     (finding,) = (f for f in examine(route).findings if f.code == "route.noisy")
     tolerance_m = float(finding.fix.split()[-1])
     assert tolerance_m == pytest.approx(0.01 * np.sqrt(2.0), abs=0.002)
-    smoothed = smooth(route, tolerance_m, "rms")
-    assert "route.noisy" not in [f.code for f in examine(smoothed).findings]
-    away_m = np.hypot(smoothed.eta[:, 0], smoothed.eta[:, 1] - 0.5) - 0.5
+    smooth_route = smooth(route, tolerance_m, "rms")
+    assert "route.noisy" not in [f.code for f in examine(smooth_route).findings]
+    away_m = np.hypot(smooth_route.eta[:, 0], smooth_route.eta[:, 1] - 0.5) - 0.5
     assert np.sqrt(np.mean(away_m**2)) < 0.005
-    assert np.max(np.abs(smoothed.nu[:, 2] / smoothed.nu[:, 0])) < 8.0  # before, it was 23 1/m
+    assert np.max(np.abs(smooth_route.nu[:, 2] / smooth_route.nu[:, 0])) < 8.0  # before, it was 23 1/m
 
 
 def test_a_smooth_route_with_uneven_times_is_not_noisy():

@@ -185,10 +185,10 @@ def test_a_curve_that_needs_more_than_the_default_share_is_refused_with_a_share_
 
 
 def test_the_table_of_a_straight_route_has_no_line_about_curves():
-    straight, curved = (
+    straight, curve = (
         len(examine(route).table().splitlines()) for route in (line(1.0, 0.2), circle(0.5, 0.2))
     )
-    assert straight == curved - 1
+    assert straight == curve - 1
 
 
 @pytest.mark.parametrize("shape", [line(6.0, 0.5), clothoid(6.0, 1.57, 0.5)])

@@ -94,7 +94,7 @@ def chunked_file(tmp_path_factory):
 def test_the_reading_time_grows_linearly_with_the_damaged_bytes(chunked_file, monkeypatch, fill, place):
     data, chunks = chunked_file
     cut = chunks[len(chunks) // 2][1]
-    records, summed, crc32 = [], [], zlib.crc32
+    records, checked_sizes, crc32 = [], [], zlib.crc32
     step = mcap_records._RecordReader.record
     monkeypatch.setattr(
         mcap_records._RecordReader,
@@ -102,16 +102,16 @@ def test_the_reading_time_grows_linearly_with_the_damaged_bytes(chunked_file, mo
         lambda walk, position: records.append(position) or step(walk, position),
     )
     monkeypatch.setattr(
-        mcap_records, "zlib", type("_", (), {"crc32": lambda b: summed.append(len(b)) or crc32(b)})
+        mcap_records, "zlib", type("_", (), {"crc32": lambda b: checked_sizes.append(len(b)) or crc32(b)})
     )
     before, after = {"end": (data[:cut], b""), "middle": (data[:cut], data[cut:]), "alone": (MAGIC, b"")}[
         place
     ]
-    damaged = CountedBytes(before + FILLINGS[fill](SIZE) + after)
-    scan = mcap_records.scan(damaged)
-    assert damaged.searched <= 2 * len(damaged)
-    assert len(records) <= len(damaged) // 8 + 1
-    assert sum(summed) <= 4 * mcap_records.SEARCH_FACTOR * len(damaged)
+    damaged_bytes = CountedBytes(before + FILLINGS[fill](SIZE) + after)
+    scan = mcap_records.scan(damaged_bytes)
+    assert damaged_bytes.searched <= 2 * len(damaged_bytes)
+    assert len(records) <= len(damaged_bytes) // 8 + 1
+    assert sum(checked_sizes) <= 4 * mcap_records.SEARCH_FACTOR * len(damaged_bytes)
     assert len(scan.problems) <= mcap_records.MAX_REPORTED_DAMAGES
     assert (place != "alone") == bool(scan.messages)
 
@@ -126,13 +126,13 @@ def test_damage_loses_only_the_damaged_chunks(chunked_file, position, size, fill
     data, chunks = chunked_file
     position = chunks[0][1] + int(position * (len(data) - chunks[0][1]))  # the first chunk names the topics
     if fill == "put between":
-        end, damaged = position, data[:position] + random.Random(size).randbytes(size) + data[position:]
+        end, damaged_bytes = position, data[:position] + random.Random(size).randbytes(size) + data[position:]
     elif fill == "taken out":
-        end, damaged = position + size, data[:position] + data[position + size :]
+        end, damaged_bytes = position + size, data[:position] + data[position + size :]
     else:
         end = min(position + size, len(data))
-        damaged = data[:position] + FILLINGS[fill](end - position) + data[end:]
-    scan, expected = mcap_records.scan(damaged), mcap_records.scan(data)
+        damaged_bytes = data[:position] + FILLINGS[fill](end - position) + data[end:]
+    scan, expected = mcap_records.scan(damaged_bytes), mcap_records.scan(data)
     (key,) = expected.messages
     times = set(scan.messages[key].t_ns)
     for start, stop in chunks:
@@ -170,9 +170,9 @@ def commands(count, size):
     data = messages.command_layout(size).pack(1, size, *[0.0] * size)
 
     def fill(writer, channel):
-        applied = channel("/command/applied", size)
+        applied_channel = channel("/command/applied", size)
         for _ in range(count):
-            writer.add_message(applied, 1, data, 1)
+            writer.add_message(applied_channel, 1, data, 1)
 
     return fill
 

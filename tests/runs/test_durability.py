@@ -57,9 +57,9 @@ def test_lg1_kill_9_loses_at_most_one_second(tmp_path):
         time.sleep(0.9 if k == 0 else 0.17)
         program.kill()
     for program, path in zip(running, paths, strict=True):
-        printed = [int(line) for line in program.communicate()[0].split()]
+        numbers = [int(line) for line in program.communicate()[0].split()]
         run = read_run(path)
-        loss_s = (printed[-1] - run.t_ns[-1]) * 1e-9
+        loss_s = (numbers[-1] - run.t_ns[-1]) * 1e-9
         assert loss_s <= 1.0
         assert run.notes[0].code == "run.not-closed"
         assert run.metadata["seed"] == "1"

@@ -177,9 +177,9 @@ def test_show_does_not_name_the_source_of_an_event_by_the_word_for_manual_drivin
 def test_the_brief_form_of_a_run_begins_its_events_with_the_error(run):
     start_ns = int(run.t_ns[0])
     events = [Event(start_ns + k, "info", "imu", f"line {k}", None) for k in range(5)]
-    stopped = Event(start_ns + 9, "error", "loop", "the estimator failed", None)
-    brief = repr(replace(run, events=(*events, stopped)))
-    assert stopped.text in brief
+    stop_event = Event(start_ns + 9, "error", "loop", "the estimator failed", None)
+    brief = repr(replace(run, events=(*events, stop_event)))
+    assert stop_event.text in brief
 
 
 def test_show_aligns_its_columns_under_a_long_name(make_run):

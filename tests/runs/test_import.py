@@ -86,12 +86,12 @@ def test_the_where_key_accepts_minimum_maximum_and_excluded_value(lab, limits, c
 
 def test_a_slow_signal_is_repeated_or_interpolated_at_the_ticks(lab):
     lab.camera = {name: column[::10] for name, column in lab.camera.items()}
-    measured = lab.run().run
-    assert len(measured.truth.t_ns) == 150
+    measured_run = lab.run().run
+    assert len(measured_run.truth.t_ns) == 150
     lab.edit("[truth]", '[truth]\nsample = "hold"')
     imported_run = lab.run().run
-    assert set(imported_run.truth.t_ns) <= set(measured.t_ns)
-    assert set(imported_run.truth.eta[:, 0]) <= set(measured.truth.eta[:, 0])
+    assert set(imported_run.truth.t_ns) <= set(measured_run.t_ns)
+    assert set(imported_run.truth.eta[:, 0]) <= set(measured_run.truth.eta[:, 0])
     lab.edit('sample = "hold"', 'sample = "linear"')
     slow_run = lab.run().run
     truth = np.interp(
@@ -174,7 +174,7 @@ def test_dates_are_accepted_as_times(lab):
 
 
 @pytest.mark.parametrize(
-    "written",
+    "date_text",
     [
         lambda t: t.replace("T", " ").replace(".", ","),  # the logging of Python
         lambda t: f"{t[8:10]}/{t[5:7]}/{t[:4]} {t[11:]}",
@@ -185,11 +185,11 @@ def test_dates_are_accepted_as_times(lab):
         lambda t: t[11:],  # a time of day
     ],
 )
-def test_dates_of_loggers_and_spreadsheets_are_accepted_as_times_also_across_midnight(lab, written):
+def test_dates_of_loggers_and_spreadsheets_are_accepted_as_times_also_across_midnight(lab, date_text):
     expected = lab.run().run
     for columns in (lab.board, lab.camera):
         first = np.datetime64("2024-05-03T23:59:51.000") + np.timedelta64(round(1e3 * columns["t"][0]), "ms")
-        columns["t"] = [f'"{written(str(first + np.timedelta64(20 * k, "ms")))}"' for k in range(1500)]
+        columns["t"] = [f'"{date_text(str(first + np.timedelta64(20 * k, "ms")))}"' for k in range(1500)]
     lab.edit('time_unit = "s"', 'time_unit = "iso8601"').edit("start_ns = 1000000000", "")
     run = lab.run().run
     assert np.array_equal(np.diff(run.t_ns), np.diff(expected.t_ns))

@@ -261,12 +261,12 @@ def as_json_lines(path, of_cell=float):
 def test_json_lines_are_read_as_a_table_of_their_flattened_names(lab):
     table_run = lab.run().run
     lines = [json.loads(line) for line in as_json_lines(lab.folder / "board.csv")]
-    nested = [
+    nested_rows = [
         {"t": x["t"], "id": x["id"], "cmd": [x["throttle"], x["steer"]], "speed": x["speed"],
          "imu": {"a": [x["ax"], x["ay"]], "wz": x["wz"]}} for x in lines
     ]  # fmt: skip
     path = lab.folder / "board.csv"
-    path.write_text("\n".join(map(json.dumps, nested)) + '\n{"t": 29.9', encoding="utf-8")
+    path.write_text("\n".join(map(json.dumps, nested_rows)) + '\n{"t": 29.9', encoding="utf-8")
     text = (lab.folder / "lab.toml").read_text(encoding="utf-8")
     names = {"throttle": "cmd.0", "steer": "cmd.1", "ax": "imu.a.0", "ay": "imu.a.1", "wz": "imu.wz"}
     for name, flat in names.items():

@@ -104,8 +104,8 @@ def test_positions_in_millimetres_given_as_metres_are_refused(lab):
 
 def test_a_camera_rotated_against_the_heading_is_refused(lab):
     lab.camera["yaw"] = lab.camera["yaw"] - np.pi / 2
-    turned = {"offset_deg": pytest.approx(-90.0, abs=0.1), "opposite_deg": pytest.approx(90.0, abs=0.1)}
-    reason = lab.refused("recording.camera-turned", **turned)
+    mount_angles = {"offset_deg": pytest.approx(-90.0, abs=0.1), "opposite_deg": pytest.approx(90.0, abs=0.1)}
+    reason = lab.refused("recording.camera-turned", **mount_angles)
     assert includes(reason, "recording.write-offset", offset="-1.570", backward_offset="1.572")
     assert lab.edit('"yaw", unit = "rad"', '"yaw", unit = "rad", offset = 1.571').codes() == [
         "no command yet"
@@ -142,7 +142,7 @@ def test_a_clock_that_steps_back_is_split_without_a_loss(lab, back_s):
     lab.edit('path = "board.csv"', 'path = "board.csv"\nsplit_gap_s = 5.0')
     lab.map = re.sub(r"\[files\.camera\].*?(?=\[ticks\])|\[truth\].*", "", lab.map, flags=re.DOTALL)
     runs = import_runs(lab.save())
-    assert [len(imported.run.sensors["imu"].t_ns) for imported in runs] == [700, 800]
+    assert [len(imported_log.run.sensors["imu"].t_ns) for imported_log in runs] == [700, 800]
 
 
 def test_late_rows_are_not_a_clock_that_steps_back(lab):

@@ -70,11 +70,11 @@ def test_a_speed_without_a_sign_in_one_run_lacks_it_in_all_runs_of_the_map(tmp_p
         paths.append(write_csv(tmp_path / f"{k}.csv", columns))
     (tmp_path / "map.toml").write_text(draft_map(paths[0]), encoding="utf-8")
     assert "no sign" not in {d.code for d in import_runs(tmp_path / "map.toml", paths[1:])[0].findings}
-    for imported, v in zip(import_runs(tmp_path / "map.toml", paths), speeds, strict=True):
-        odometer = imported.run.sensors["odometer"]
-        since_s = (odometer.t_ns - imported.run.t_ns[0]) * 1e-9 + t[1]
+    for imported_log, v in zip(import_runs(tmp_path / "map.toml", paths), speeds, strict=True):
+        odometer = imported_log.run.sensors["odometer"]
+        since_s = (odometer.t_ns - imported_log.run.t_ns[0]) * 1e-9 + t[1]
         assert np.min(np.interp(since_s, t, v)) > -0.1
-        assert "recording.no-sign-excluded" in {finding.reason.code for finding in imported.findings}
+        assert "recording.no-sign-excluded" in {finding.reason.code for finding in imported_log.findings}
 
 
 @pytest.mark.parametrize(("floor", "is_signed"), [(-9.0, False), (-9.0, True), (0.0, False), (0.0, True)])

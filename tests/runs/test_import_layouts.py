@@ -99,8 +99,11 @@ def test_a_rate_is_timestamped_midway_between_its_rows(board):
 
 def test_a_direction_pin_inverts_the_sign(board):
     # row k contains the command of row k: from the row before its tick
-    applied = run_of_board(board).applied_commands
-    left, right = applied[:, 0] - applied[:, 2], applied[:, 0] + applied[:, 2]
+    applied_commands = run_of_board(board).applied_commands
+    left, right = (
+        applied_commands[:, 0] - applied_commands[:, 2],
+        applied_commands[:, 0] + applied_commands[:, 2],
+    )
     np.testing.assert_allclose(left, np.where(np.arange(len(left)) % 2, -0.4, 0.4))
     np.testing.assert_allclose(right, np.where(np.arange(len(right)) % 3 == 0, -0.3, 0.3))
 

@@ -17,9 +17,9 @@ def test_rows_of_two_topics_with_the_same_time_are_joined(lab):
     expected, _ = lab.run()
     lab.board = in_two_rows(lab.board)
     run, findings = lab.run()
-    joined = [d for d in findings if d.reason.code == "recording.joined"]
+    join_findings = [d for d in findings if d.reason.code == "recording.joined"]
     figures = {"table": "board.csv", "count": 3000, "times": 1500, "line": 2}
-    assert [(d.reason.figures, d.level) for d in joined] == [(figures, "info")]
+    assert [(d.reason.figures, d.level) for d in join_findings] == [(figures, "info")]
     assert not [d for d in findings if d.reason.code in ("recording.missing", "recording.repeats")]
     assert np.array_equal(run.applied_commands, expected.applied_commands)
     for name, channel in expected.sensors.items():

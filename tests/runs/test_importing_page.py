@@ -67,21 +67,23 @@ def test_the_commands_of_the_importing_page_give_runs_and_a_model(folder, capsys
     assert np.max(np.abs(runs[0].sensors["imu"].z[:, 2])) < 20.0
     assert runs[0].truth is not None
     run_line(of_page("sh", 1))
-    fitted = load("rover.toml")
+    fitted_file = load("rover.toml")
     for name, index, truth in (
         ("model.actuator_matrix", (0, 0), 4.0),
         ("model.friction.linear", (0,), 3.0),
         ("model.drivetrain.dead_zone_forward", (0,), 0.12),
         ("model.drivetrain.dead_zone_backward", (1,), 0.14),
     ):
-        estimate, std = (np.array(x)[index] for x in (fitted.value(name), fitted.provenance[name].std))
+        estimate, std = (
+            np.array(x)[index] for x in (fitted_file.value(name), fitted_file.provenance[name].std)
+        )
         assert abs(estimate - truth) < 4.0 * std + 0.02 * truth, (name, estimate, std)
-    printed = capsys.readouterr()
-    assert "held out" in printed.out + printed.err
+    output = capsys.readouterr()
+    assert "held out" in output.out + output.err
     for line in of_page("sh", 2).splitlines():
         run_line(line)
-    replayed_run, reckoned = (read_run(Path(f"{name}.mcap")) for name in ("replayed", "reckoned"))
-    errors = [comparison.ate_m for comparison in compare([replayed_run, reckoned]).runs]
+    replayed_run, reckoned_run = (read_run(Path(f"{name}.mcap")) for name in ("replayed", "reckoned"))
+    errors = [comparison.ate_m for comparison in compare([replayed_run, reckoned_run]).runs]
     assert max(errors) < 0.01
     assert errors[0] < errors[1]
     assert Path("replayed.html").is_file()

@@ -69,9 +69,9 @@ def test_a_run_without_ticks_is_read_back(make_run, tmp_path):
 
 def test_two_runs_are_equal_if_all_recorded_bits_are_equal(run):
     assert run == replace(run, name="other", path=None, notes=(note("run.metadata-lost"),))
-    applied = run.applied_commands.copy()
-    applied[7, 1] = np.nextafter(applied[7, 1], 1e9)
-    assert run != replace(run, applied_commands=applied)
+    applied_commands = run.applied_commands.copy()
+    applied_commands[7, 1] = np.nextafter(applied_commands[7, 1], 1e9)
+    assert run != replace(run, applied_commands=applied_commands)
     assert run != replace(run, sensors=dict(reversed(run.sensors.items())))
     assert run != "a run"
 
@@ -105,9 +105,9 @@ def records(run, sensors):
         t_ns, e, r = tick.t_ns, run.estimate, run.reference
         estimate = Estimate(t_ns, e.eta[k], e.nu[k], e.cov[k], e.innovation[k], e.innovation_cov[k])
         reference = Reference(t_ns, r.eta[k], r.nu[k], r.at_end[k])
-        requested = Command(t_ns, run.requested_commands[k])
+        requested_command = Command(t_ns, run.requested_commands[k])
         sent_command = Command(t_ns, run.sent_commands[k])
-        commands = {"requested_command": requested, "sent_command": sent_command}
+        commands = {"requested_command": requested_command, "sent_command": sent_command}
         yield record_of(tick, **commands, estimate=estimate, reference=reference)
 
 

@@ -110,9 +110,9 @@ def test_each_chosen_or_rejected_term_is_reported_with_its_figures(choice):
     with use_language("es"):
         assert "fricción seca" in text(message)
         assert "dry friction" not in choice.table()
-    rejected = [judgement for judgement in choice.term_results if judgement.verdict == "excluded"]
-    assert rejected
-    assert {judgement.message.code for judgement in rejected} <= {"choose.left-out", "choose.left-out-for"}
+    rejections = [judgement for judgement in choice.term_results if judgement.verdict == "excluded"]
+    assert rejections
+    assert {judgement.message.code for judgement in rejections} <= {"choose.left-out", "choose.left-out-for"}
     assert "This limits how often a vehicle without such terms gets one" in choice.table()
 
 
@@ -166,8 +166,8 @@ def test_a_term_that_duplicates_a_fitted_parameter_is_refused(dry, file):
 def test_a_battery_that_hardly_moves_is_not_identifiable(dry, file):
     run = drive(dry, 0)
     volts = 6.0 + 0.01 * np.sin(run.t_s)[:, None]
-    logged = replace(run, sensors={**run.sensors, "battery": Channel(run.t_ns, run.t_ns, volts)})
-    choice = choose(logged, file, ["dry friction", "battery voltage"], use=USE)
+    logged_run = replace(run, sensors={**run.sensors, "battery": Channel(run.t_ns, run.t_ns, volts)})
+    choice = choose(logged_run, file, ["dry friction", "battery voltage"], use=USE)
     assert choice.selected_terms == ("dry friction",)
     assert choice.sentences[1].startswith("battery voltage")
 
@@ -312,8 +312,8 @@ def test_a_battery_term_needs_a_narrow_interval_in_its_possible_range(x, std, no
     assert (problem and problem.code) == code
 
 
-@pytest.mark.parametrize(("drop_v", "chosen"), [(2.0, True), (None, False)])
-def test_a_battery_term_is_chosen_for_the_motors_behind_a_bridge(drop_v, chosen):
+@pytest.mark.parametrize(("drop_v", "is_chosen"), [(2.0, True), (None, False)])
+def test_a_battery_term_is_chosen_for_the_motors_behind_a_bridge(drop_v, is_chosen):
     """Motors at V − 2 V follow the voltage by 7.4 / 5.4 = 1.37; those of a regulated supply do not follow it."""
     robot = draw_robot(3).with_parameters(levels=np.full(1, 1e9), supply=np.full(1, 1.25))
     keys = {f"model.drivetrain.{key}": 7.4 for key in ("battery_v", "battery_nominal_v")}
@@ -333,8 +333,8 @@ def test_a_battery_term_is_chosen_for_the_motors_behind_a_bridge(drop_v, chosen)
         "battery voltage",
     ]
     choice = choose(runs, small, terms)
-    assert ("battery voltage" in choice.selected_terms) == chosen
-    if chosen:
+    assert ("battery voltage" in choice.selected_terms) == is_chosen
+    if is_chosen:
         k = choice.fit.names.index("model.drivetrain.battery_effect")
         assert abs(choice.fit.estimate[k] - 7.4 / 5.4) < 3.0 * choice.fit.std[k] < 1.0
     delay = [k for k, name in enumerate(choice.fit.names) if name == "model.drivetrain.delay_s"]
@@ -346,6 +346,6 @@ def test_the_command_line_chooses_and_judges_by_the_validation_run(in_a_folder, 
     with pytest.raises(SystemExit) as exit_info:
         main(["identify", *SAID, "--held-out", "other.mcap"])
     assert exit_info.value.code == 0
-    printed = capsys.readouterr().out
-    assert "tested by its simulation of the 1 held-out runs" in printed
-    assert "the model remains valid over 20 s in open loop" in printed
+    output = capsys.readouterr().out
+    assert "tested by its simulation of the 1 held-out runs" in output
+    assert "the model remains valid over 20 s in open loop" in output

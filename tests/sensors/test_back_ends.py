@@ -47,12 +47,12 @@ SENSORS = {
     "tags": Tags(points_m=np.array([[0.5, 0.2], [-1.0, 1.0]]), radius_m=0.8, lever_arm_m=np.array([0.1, -0.05])),
     "tags without offset": Tags(points_m=np.array([[0.5, 0.2]]), radius_m=1.5, measures_offset=False),
     "beacon": Beacon(
-        point_m=np.array([4.0, 1.0]), above_m=2.0, offset_m=0.3, farthest_m=6.0, lever_arm_m=np.array([0.1, -0.05]),
+        point_m=np.array([4.0, 1.0]), height_m=2.0, offset_m=0.3, max_range_m=6.0, lever_arm_m=np.array([0.1, -0.05]),
         delay_s=0.013, delay_slots=2,
     ),
     "rangefinder": Rangefinder(
         wall_point_m=np.array([5.0, 1.0]), wall_heading_rad=0.3, heading_rad=0.2, lever_arm_m=np.array([0.1, 0.05]),
-        half_width_m=3.0, farthest_m=20.0, incidence_rad=1.2,
+        half_width_m=3.0, max_range_m=20.0, incidence_rad=1.2,
     ),
     "compass": Compass(iron=np.array([0.2, -0.1]), heading_rad=0.4, rate_hz=30.0),
     "encoders": Encoders(track_m=0.12, count_m=7e-4, counter=256.0, radius_scale=np.array([1.01, 0.98])),

@@ -65,10 +65,10 @@ def test_an_imu_ahead_of_the_axis_measures_centripetal_and_tangential_accelerati
 
 
 def test_a_tilted_imu_measures_a_component_of_gravity():
-    pitched = Imu(tilt_rad=np.array([0.0, 0.02]))
-    assert pitched.h(motion()) == pytest.approx([-G * np.sin(0.02), 0.0, 0.0])
-    tilted = Imu(tilt_rad=np.array([0.02, 0.0]))
-    assert tilted.h(motion()) == pytest.approx([0.0, G * np.sin(0.02), 0.0])
+    pitched_imu = Imu(tilt_rad=np.array([0.0, 0.02]))
+    assert pitched_imu.h(motion()) == pytest.approx([-G * np.sin(0.02), 0.0, 0.0])
+    tilted_imu = Imu(tilt_rad=np.array([0.02, 0.0]))
+    assert tilted_imu.h(motion()) == pytest.approx([0.0, G * np.sin(0.02), 0.0])
 
 
 @QUICK

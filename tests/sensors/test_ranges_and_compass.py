@@ -27,7 +27,7 @@ def test_a_beacon_measures_the_distance_plus_its_offset():
     assert Beacon(point_m=np.array([3.0, 4.0]), offset_m=0.2).h(motion_at(3.0, 0.0)) == pytest.approx(
         [4.2], abs=1e-6
     )
-    high = Beacon(point_m=np.array([3.0, 0.0]), above_m=4.0)
+    high = Beacon(point_m=np.array([3.0, 0.0]), height_m=4.0)
     assert high.h(motion_at(0.0, 0.0)) == pytest.approx([5.0], abs=1e-6)
 
 
@@ -38,7 +38,7 @@ def test_a_receiver_ahead_of_the_origin_measures_a_shorter_range():
 
 
 def test_a_beacon_out_of_range_is_silent():
-    beacon = Beacon(point_m=np.array([3.0, 0.0]), farthest_m=2.0, rate_hz=100.0)
+    beacon = Beacon(point_m=np.array([3.0, 0.0]), max_range_m=2.0, rate_hz=100.0)
     assert reading_of(beacon, motion_at(0.0, 0.0)) == (0.0, 0.0)
     assert reading_of(beacon, motion_at(2.0, 0.0))[0] == 1.0
 
@@ -104,7 +104,7 @@ def test_a_delayed_compass_is_interpolated_across_pi(side):
     "sensor",
     [
         Beacon(point_m=np.array([3.0, 4.0])),
-        Beacon(point_m=np.array([3.0, 4.0]), farthest_m=1.0),
+        Beacon(point_m=np.array([3.0, 4.0]), max_range_m=1.0),
         Rangefinder(**WALL),
         Compass(iron=np.array([0.2, 0.1])),
     ],

@@ -17,7 +17,7 @@ SENSORS = {
     "pose": lambda **f: Pose(**f),
     "beacon": lambda **f: Beacon(point_m=np.array([-1000.0, 0.0]), **f),
     "rangefinder": lambda **f: Rangefinder(
-        wall_point_m=np.array([1000.0, 0.0]), wall_heading_rad=0.0, farthest_m=2000.0, **f
+        wall_point_m=np.array([1000.0, 0.0]), wall_heading_rad=0.0, max_range_m=2000.0, **f
     ),
     "compass": lambda **f: Compass(**f),
 }

@@ -23,8 +23,8 @@ def test_every_signal_stays_within_its_limits_and_zero_limits_give_zero(kind, se
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_signal_is_determined_by_its_seed(kind):
-    first, repeated, other_seed = (excitation(kind, LIMIT, 20.0, 50.0, seed) for seed in (3, 3, 4))
-    assert np.array_equal(first, repeated)
+    first, repetition, other_seed = (excitation(kind, LIMIT, 20.0, 50.0, seed) for seed in (3, 3, 4))
+    assert np.array_equal(first, repetition)
     assert not np.array_equal(first, other_seed)
 
 

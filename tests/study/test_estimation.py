@@ -182,9 +182,9 @@ def test_the_estimation_command_prints_json(monkeypatch, capsys):
     with pytest.raises(SystemExit) as end:
         main(["study", "estimation", "--json"])
     assert end.value.code == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert {"recording", "estimator", "quantity", "value", "reference", "ok"} <= set(printed["rows"][0])
-    assert printed["verdict"] == "WARN"
+    output = json.loads(capsys.readouterr().out)
+    assert {"recording", "estimator", "quantity", "value", "reference", "ok"} <= set(output["rows"][0])
+    assert output["verdict"] == "WARN"
     with pytest.raises(SystemExit) as end:
         main(["study", "estimation", "--case", "cmp"])
     assert end.value.code == 2
@@ -224,11 +224,11 @@ def test_simulated_vehicles_have_a_fit_run_and_a_validation_run(vehicles):
 
 
 def test_the_share_of_good_estimates_counts_only_accepted_fits():
-    accepted, refusal = outcome_of(0.6), outcome_of(1.2)
+    accepted_outcome, refusal = outcome_of(0.6), outcome_of(1.2)
     refused_outcome = outcome_of(3.0)._replace(fit="REFUSED")
     outcomes = [
         simulated.SimulatedOutcome(k, "slope", (outcome,), "")
-        for k, outcome in enumerate((accepted, refusal, refused_outcome))
+        for k, outcome in enumerate((accepted_outcome, refusal, refused_outcome))
     ]
     rows = {row["quantity"]: row for row in simulated.rows(outcomes) if "all" in row["recording"]}
     assert rows["speed, not worse"]["value"] == 0.5

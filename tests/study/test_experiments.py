@@ -103,19 +103,19 @@ def test_a_stronger_signal_is_more_informative_and_long_driving_leaves_the_room(
             ("some", PlannedDrive(np.repeat(u[:, None], 2, axis=1), 0.0)), vehicles, "small", room, 0
         )[1]
 
-    full, halved, straight = std_of(steps), std_of(0.5 * steps), std_of(forward)
-    assert np.all(2.0 * full.errors < halved.errors)
+    full, half, straight = std_of(steps), std_of(0.5 * steps), std_of(forward)
+    assert np.all(2.0 * full.errors < half.errors)
     assert len(straight.margins) == 2 * DRIVES
     assert np.all(straight.margins < 0.0)
-    assert np.all(halved.margins > 0.0)
+    assert np.all(half.margins > 0.0)
 
 
 def test_a_car_on_tyres_that_slide_stays_in_its_room():
     """Its planner does not model tyres. With curves of up to 12 m/s² the car was 37 cm inside the wall."""
     file = load("car")
     vehicles, room = vehicles_around(file, 2, 1), room_of(file, "4x4")
-    requested = excitation("prbs", file.command.limit, 12.0, file.rate_hz, 1, rest_s=1.0)
-    u, world = contain_in_room(requested, file, room).u, world_of(vehicles, [0, 1])
+    signal = excitation("prbs", file.command.limit, 12.0, file.rate_hz, 1, rest_s=1.0)
+    u, world = contain_in_room(signal, file, room).u, world_of(vehicles, [0, 1])
     for now in u:
         world.tick(np.tile(now, (2, 1)), 1.0 / file.rate_hz)
         assert np.all(np.abs(world.truth.eta[:, :2]) < room.free_half_width_m)
@@ -133,19 +133,19 @@ def test_an_unobservable_parameter_retains_its_prior_uncertainty():
 @pytest.mark.parametrize("vehicle", [robots_drawn(1, 3), draw_cars(1, 3)], ids=["robot", "car"])
 def test_the_loop_world_equals_the_truth_world_with_delayed_commands(vehicle):
     vehicle = vehicle.with_parameters(floor=0.0 * vehicle.floor)
-    looped, truth = LoopWorld(vehicle, 5, 100.0), TruthWorld(vehicle, [5])
+    loop_world, truth = LoopWorld(vehicle, 5, 100.0), TruthWorld(vehicle, [5])
     rng, u = np.random.default_rng(0), np.zeros(vehicle.commands)
     for k in range(100):
-        (tick,) = looped.read((k + 1) * 10_000_000)
+        (tick,) = loop_world.read((k + 1) * 10_000_000)
         z = truth.tick(u[None], 0.01)[0]
         np.testing.assert_array_equal(tick.u, u)
         np.testing.assert_allclose(tick.sensors.imu.z, z, atol=1e-3)
         u = rng.uniform(-0.5, 0.5, vehicle.commands)
-        looped.write(Command(tick.t_ns, u))
-    times, motions = zip(*looped.new_truths(), strict=True)
+        loop_world.write(Command(tick.t_ns, u))
+    times, motions = zip(*loop_world.new_truths(), strict=True)
     assert times == tuple(range(10_000_000, 1_000_000_001, 10_000_000))
     np.testing.assert_allclose(motions[-1].eta, truth.truth.eta[0], atol=1e-4)
-    assert looped.new_truths() == []
+    assert loop_world.new_truths() == []
 
 
 def test_unknown_robots_have_the_documented_range_of_gains_and_dead_zones():

@@ -98,11 +98,11 @@ def test_the_sound_reference_run_lacks_the_same_readings_as_the_damaged_run(case
     restored_run, lost_share = undamaged_run(run, damaged_run, file)
     np.testing.assert_array_equal(restored_run.sensors["imu"].z, damaged_run.sensors["imu"].z)
     assert lost_share == np.mean(np.isnan(damaged_run.sensors["imu"].z))
-    damaged = repeated_time(run, file, rng)
-    restored_run, lost_share = undamaged_run(run, damaged, file)
+    faulty_run = repeated_time(run, file, rng)
+    restored_run, lost_share = undamaged_run(run, faulty_run, file)
     lost_rows = np.isnan(restored_run.sensors["imu"].z).all(axis=1)
     assert 0.02 < lost_share == lost_rows.mean() < 0.25
-    repeats = np.flatnonzero(np.diff(damaged.sensors["imu"].t_ns) == 0) + 1
+    repeats = np.flatnonzero(np.diff(faulty_run.sensors["imu"].t_ns) == 0) + 1
     assert np.all(lost_rows[repeats])
     assert undamaged_run(run, time_jumps_a_day(run, file, rng), file) is None
 
@@ -145,9 +145,9 @@ def test_the_faults_command_exits_with_1_if_the_detectors_fail(monkeypatch, caps
     with pytest.raises(SystemExit) as exit_info:
         main(["study", "faults", "--seeds", "1", "--json"])
     assert exit_info.value.code == code
-    printed = json.loads(capsys.readouterr().out)
-    assert [row["wrongly_usable"] for row in printed["rows"]] == [0, int(is_off)]
-    assert {"fault", "fits", "wrongly_usable", "wrongly_refused"} <= set(printed["rows"][0])
+    output = json.loads(capsys.readouterr().out)
+    assert [row["wrongly_usable"] for row in output["rows"]] == [0, int(is_off)]
+    assert {"fault", "fits", "wrongly_usable", "wrongly_refused"} <= set(output["rows"][0])
 
 
 def test_a_stopped_study_reports_its_completed_part(monkeypatch, capsys):
@@ -184,15 +184,15 @@ def harm(sound, name, seed=0):
 
 @pytest.mark.parametrize(("name", "part"), [("clock 200 ppm off", 200e-6), ("clock 2 % off", 0.02)])
 def test_a_clock_with_a_wrong_rate_has_an_error_proportional_to_time(sound, name, part):
-    run, damaged = harm(sound, name)
-    error = (damaged.sensors["imu"].t_ns[-1] - run.t_ns[-1]) * 1e-9
+    run, faulty_run = harm(sound, name)
+    error = (faulty_run.sensors["imu"].t_ns[-1] - run.t_ns[-1]) * 1e-9
     assert abs(error) == pytest.approx(part * 29.99, rel=1e-6)
-    np.testing.assert_array_equal(damaged.t_ns, run.t_ns)
+    np.testing.assert_array_equal(faulty_run.t_ns, run.t_ns)
 
 
 def test_a_rotating_mount_preserves_the_magnitude_of_the_acceleration(sound):
-    run, damaged = harm(sound, "mount turns")
-    before, after = run.sensors["imu"].z, damaged.sensors["imu"].z
+    run, faulty_run = harm(sound, "mount turns")
+    before, after = run.sensors["imu"].z, faulty_run.sensors["imu"].z
     np.testing.assert_allclose(np.hypot(*after[:, :2].T), np.hypot(*before[:, :2].T))
     differing = np.flatnonzero(np.any(before != after, axis=1))
     assert 0.3 * len(before) <= differing[0] <= 0.7 * len(before)
@@ -200,15 +200,15 @@ def test_a_rotating_mount_preserves_the_magnitude_of_the_acceleration(sound):
 
 
 def test_a_low_pass_delays_a_ramp_by_its_time_constant(sound):
-    run, damaged = harm(sound, "low-passed")
-    delay = run.sensors["imu"].z[-1, 0] - damaged.sensors["imu"].z[-1, 0]
+    run, faulty_run = harm(sound, "low-passed")
+    delay = run.sensors["imu"].z[-1, 0] - faulty_run.sensors["imu"].z[-1, 0]
     assert 0.5 / (2.0 * np.pi * 44.0) - 0.01 < delay < 1.0 / (2.0 * np.pi * 5.0)
 
 
 def test_resampled_values_are_linear_interpolations(sound):
-    run, damaged = harm(sound, "resampled")
-    np.testing.assert_allclose(damaged.sensors["imu"].z[:2900, 0], run.sensors["imu"].z[:2900, 0])
-    assert 0.0 < np.max(np.abs(damaged.sensors["imu"].z[:2900] - run.sensors["imu"].z[:2900])) < 1e-3
+    run, faulty_run = harm(sound, "resampled")
+    np.testing.assert_allclose(faulty_run.sensors["imu"].z[:2900, 0], run.sensors["imu"].z[:2900, 0])
+    assert 0.0 < np.max(np.abs(faulty_run.sensors["imu"].z[:2900] - run.sensors["imu"].z[:2900])) < 1e-3
 
 
 def test_a_gyro_that_zeroes_itself_removes_a_steady_turn(sound):
@@ -218,17 +218,17 @@ def test_a_gyro_that_zeroes_itself_removes_a_steady_turn(sound):
 
     file, run = sound
     steady = run.sensors["imu"]._replace(z=np.tile([0.0, 0.0, 1.0], (3000, 1)))
-    damaged = gyro_zeroes_itself(replace(run, sensors={"imu": steady}), file, np.random.default_rng(0))
-    assert abs(damaged.sensors["imu"].z[-1, 2]) < 0.01
+    faulty_run = gyro_zeroes_itself(replace(run, sensors={"imu": steady}), file, np.random.default_rng(0))
+    assert abs(faulty_run.sensors["imu"].z[-1, 2]) < 0.01
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_lost_sign_changes_only_the_second_half(sound, seed):
-    run, damaged = harm(sound, "sign lost", seed)
-    np.testing.assert_array_equal(damaged.applied_commands[:1500], run.applied_commands[:1500])
-    np.testing.assert_array_equal(damaged.sensors["imu"].z[:1500], run.sensors["imu"].z[:1500])
-    has_changed = np.any(damaged.applied_commands != run.applied_commands) or np.any(
-        damaged.sensors["imu"].z != run.sensors["imu"].z
+    run, faulty_run = harm(sound, "sign lost", seed)
+    np.testing.assert_array_equal(faulty_run.applied_commands[:1500], run.applied_commands[:1500])
+    np.testing.assert_array_equal(faulty_run.sensors["imu"].z[:1500], run.sensors["imu"].z[:1500])
+    has_changed = np.any(faulty_run.applied_commands != run.applied_commands) or np.any(
+        faulty_run.sensors["imu"].z != run.sensors["imu"].z
     )
     assert has_changed or seed in (1, 2)  # a channel without negative values cannot lose a sign
 
@@ -250,9 +250,9 @@ def test_each_fault_changes_rate_and_duration_as_named(sound):
 
 
 def test_a_duplicated_half_and_a_second_imu_have_the_expected_samples(sound):
-    run, damaged = harm(sound, "half duplicated")
-    np.testing.assert_array_equal(damaged.sensors["imu"].z[1500:], run.sensors["imu"].z[:1500])
-    np.testing.assert_array_equal(damaged.applied_commands[1500:], run.applied_commands[:1500])
+    run, faulty_run = harm(sound, "half duplicated")
+    np.testing.assert_array_equal(faulty_run.sensors["imu"].z[1500:], run.sensors["imu"].z[:1500])
+    np.testing.assert_array_equal(faulty_run.applied_commands[1500:], run.applied_commands[:1500])
     run, two = harm(sound, "two IMUs")
     np.testing.assert_array_equal(two.sensors["imu"].z[::2], run.sensors["imu"].z[::2])
     assert np.all(np.any(two.sensors["imu"].z[1::2] != run.sensors["imu"].z[1::2], axis=1))

@@ -182,7 +182,7 @@ def test_an_interrupted_study_resumes_from_stored_results(tmp_path, monkeypatch)
         result, "fit_job", lambda job: calls.append(job.seeds) or [outcome_of(seed=job.seeds[0])]
     )
     for seeds in (8, 16):
-        study = identification(seeds, cases=("clean",), keep=tmp_path / "kept")
+        study = identification(seeds, cases=("clean",), drives_folder=tmp_path / "kept")
     assert [seeds[0] for seeds in calls] == [0, 8]
     assert len(study.outcomes) == 2
 

@@ -159,11 +159,11 @@ def test_the_compiled_truth_gives_the_same_path_with_longer_steps():
 
 def test_the_compiled_truth_equals_the_truth():
     robots, u = vehicles(range(3)), np.array([[0.6, 0.0, 0.1], [0.5, 0.0, -0.3], [-0.7, 0.0, 0.0]])
-    reference, compiled = (TruthWorld(robots, [1, 2, 3], fast=fast) for fast in (slow, function))
+    reference, compiled_world = (TruthWorld(robots, [1, 2, 3], fast=fast) for fast in (slow, function))
     for _ in range(100):
-        z = reference.tick(u, 0.01), compiled.tick(u, 0.01)
+        z = reference.tick(u, 0.01), compiled_world.tick(u, 0.01)
         assert z[0] == pytest.approx(z[1], abs=1e-12)
-    assert reference.truth.eta == pytest.approx(compiled.truth.eta, abs=1e-12)
+    assert reference.truth.eta == pytest.approx(compiled_world.truth.eta, abs=1e-12)
 
 
 def slow(f, *examples):
@@ -193,9 +193,9 @@ def study_of(error_m, std_m, laps=5, across_m=0.02, stops=False, case=TAGS, fore
     cov = np.tile(np.diag([std_m**2, std_m**2, 1e-4]), (10 * laps, 2, 1, 1))
     distance = np.tile([across_m, -0.01], (10 * laps, 1))
     drives[15 if stops else 10 * laps :, 0] = False
-    driven = Laps(error, cov, distance, drives, np.zeros(2, bool), ())
+    driven_laps = Laps(error, cov, distance, drives, np.zeros(2, bool), ())
     wholes = tuple(FullDrive(case, seed, False, forecast) for seed in (3, 4))
-    return LapStudy(tuple(laps_of(driven, case, [3, 4], laps, 10)), wholes, 2, laps, ())
+    return LapStudy(tuple(laps_of(driven_laps, case, [3, 4], laps, 10)), wholes, 2, laps, ())
 
 
 def test_a_stop_or_a_large_distance_fails_the_study_despite_faults():

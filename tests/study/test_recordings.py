@@ -91,12 +91,12 @@ def test_missing_recordings_are_named_and_end_with_code_3(monkeypatch, tmp_path,
     with pytest.raises(SystemExit) as exit_info:
         main(["study", "recordings"])
     assert exit_info.value.code == 3
-    printed = capsys.readouterr()
-    assert printed.out == ""
+    output = capsys.readouterr()
+    assert output.out == ""
     for name in FILES:
-        assert f"cpm_mucar/{name}.csv.gz" in printed.err
-    assert f"{tmp_path} do not contain " in printed.err
-    assert "set BAQUEANO_DATA to the folder that contains cpm_mucar" in printed.err
+        assert f"cpm_mucar/{name}.csv.gz" in output.err
+    assert f"{tmp_path} do not contain " in output.err
+    assert "set BAQUEANO_DATA to the folder that contains cpm_mucar" in output.err
 
 
 def test_an_incomplete_set_of_recordings_is_refused(monkeypatch, tmp_path):

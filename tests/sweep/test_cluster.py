@@ -38,10 +38,10 @@ def serial():
 @pytest.mark.filterwarnings("ignore")
 def test_two_workers_of_a_cluster_give_the_same_rows_bit_for_bit(address, serial, tmp_path):
     small, counts = bq.load("small"), []
-    result = bq.sweep(small, **GRID, cluster=address, keep=tmp_path, advance=counts.append)
+    result = bq.sweep(small, **GRID, cluster=address, drives_folder=tmp_path, advance=counts.append)
     assert counts == [1, 1, 1, 1]
     assert rows_of(result) == serial
-    in_cluster = bq.sweep(small, **GRID, cluster="nothing://here", keep=tmp_path)  # no drive remains
+    in_cluster = bq.sweep(small, **GRID, cluster="nothing://here", drives_folder=tmp_path)  # no drive remains
     assert rows_of(in_cluster) == serial
     with refused("sweep.no-cluster", UsageError):
         bq.sweep(small, **GRID, cluster="nothing://here")
@@ -56,7 +56,7 @@ def test_an_interrupted_sweep_on_a_cluster_is_resumed(address, serial, tmp_path)
         if len(counts) == 2:
             raise KeyboardInterrupt
 
-    part = bq.sweep(small, **GRID, cluster=address, keep=tmp_path, advance=until_two)
+    part = bq.sweep(small, **GRID, cluster=address, drives_folder=tmp_path, advance=until_two)
     assert (len(part.drives), part.requested_drives, [reason.code for reason in part.reasons]) == (
         2,
         4,
@@ -64,6 +64,6 @@ def test_an_interrupted_sweep_on_a_cluster_is_resumed(address, serial, tmp_path)
     )
     before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert len(before) == 2
-    assert rows_of(bq.sweep(small, **GRID, cluster=address, keep=tmp_path)) == serial
+    assert rows_of(bq.sweep(small, **GRID, cluster=address, drives_folder=tmp_path)) == serial
     after = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert (len(after), before.items() <= after.items()) == (4, True)  # the first two were not driven again

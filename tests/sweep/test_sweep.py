@@ -103,7 +103,7 @@ def test_an_interrupted_sweep_resumes_and_equals_two_processes(cells, result, tm
         if len(counts) == 2:
             raise KeyboardInterrupt
 
-    part = one_process(**cells, processes=1, keep=tmp_path, advance=until_two)
+    part = one_process(**cells, processes=1, drives_folder=tmp_path, advance=until_two)
     assert (len(part.drives), part.requested_drives, [reason.code for reason in part.reasons]) == (
         2,
         4,
@@ -113,11 +113,11 @@ def test_an_interrupted_sweep_resumes_and_equals_two_processes(cells, result, tm
     assert len(files) == 2
     # an incomplete file is not from this program, so the drive is repeated
     files[0].write_text(files[0].read_text()[:40])
-    second = one_process(**cells, processes=2, keep=tmp_path)
+    second = one_process(**cells, processes=2, drives_folder=tmp_path)
     assert rows_of(second) == rows_of(result)
     assert len(list(tmp_path.iterdir())) == 4
     before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    assert rows_of(one_process(**cells, processes=1, keep=tmp_path)) == rows_of(result)
+    assert rows_of(one_process(**cells, processes=1, drives_folder=tmp_path)) == rows_of(result)
     assert {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
@@ -151,7 +151,11 @@ def test_a_stored_drive_is_not_used_after_a_change_of_a_block_that_the_file_name
         text = MINE.replace("Kanayama", "PdFeedforward") + SCALED.format(scale=scale)
         (tmp_path / "my.py").write_text(text, encoding="utf-8")
         result = one_process(
-            bq.load("vehicle.toml"), routes=ROUTE, processes=1, keep=tmp_path / "keep", backend="python"
+            bq.load("vehicle.toml"),
+            routes=ROUTE,
+            processes=1,
+            drives_folder=tmp_path / "keep",
+            backend="python",
         )
         efforts.append(result.drives[0].figures["effort"])
     assert len(list((tmp_path / "keep").iterdir())) == 2
@@ -172,14 +176,14 @@ def test_the_name_of_a_stored_drive_contains_each_entry_of_an_array(small):
 
 def test_the_name_of_a_stored_drive_contains_the_ends_of_a_route_and_the_start_of_a_run(small):
     run = bq.simulate(small, np.zeros((10, 3)))
-    moved = replace(run, metadata=run.metadata | {"start": "1.0 0.0 0.0"})
+    moved_run = replace(run, metadata=run.metadata | {"start": "1.0 0.0 0.0"})
     file, cell = FileText(small.text, small.label, small.path, small.on_disk), SweepCell("m", "", "", "")
     job = SweepJob(cell, "d", file, SweepBlocks(), SweepSettings(), ROUTE)
     jobs = (
         job,
         job._replace(route=ROUTE._replace(closed=False)),
         job._replace(run=run),
-        job._replace(run=moved),
+        job._replace(run=moved_run),
     )
     assert len({job_digest(x, {}) for x in jobs}) == 4
 

@@ -118,8 +118,8 @@ def in_casadi(program: Program, theta, start, inputs) -> tuple[np.ndarray, np.nd
     """Return outputs (N, m) and their derivatives (N, m, p)."""
     symbols = ca.SX.sym("theta", len(theta))
     outputs, _ = _unrolled(program, ca.vertsplit(symbols), start, inputs, _in_casadi)
-    stacked = ca.vertcat(*outputs)
-    values, slopes = ca.Function("f", [symbols], [stacked, ca.jacobian(stacked, symbols)])(theta)
+    stack = ca.vertcat(*outputs)
+    values, slopes = ca.Function("f", [symbols], [stack, ca.jacobian(stack, symbols)])(theta)
     n = len(inputs)
     return np.reshape(np.array(values), (n, -1)), np.reshape(np.array(slopes), (n, -1, len(theta)))
 

@@ -30,8 +30,8 @@ class Case(CaseOfKernel):
         return outputs, slopes
 
 
-def close(computed, expected, scale=1.0) -> None:
-    np.testing.assert_allclose(computed, expected, rtol=1e-12 * scale, atol=1e-12 * scale)
+def close(result, expected, scale=1.0) -> None:
+    np.testing.assert_allclose(result, expected, rtol=1e-12 * scale, atol=1e-12 * scale)
 
 
 @pytest.fixture(scope="module")
@@ -44,11 +44,9 @@ def cases() -> dict[int, Case]:
 def test_kernel_values_equal_the_numpy_values(seed):
     case = Case(random_program(seed, operations=250, m=40), seed=seed)
     expected = in_numpy(case.program, case.theta, case.start, case.inputs)
-    for computed, reference, off_kinks in zip(
-        case.run(), expected, off_the_kinks(case, expected), strict=True
-    ):
+    for result, reference, off_kinks in zip(case.run(), expected, off_the_kinks(case, expected), strict=True):
         assume(off_kinks.mean() > 0.5)
-        close(computed[off_kinks], reference[off_kinks])
+        close(result[off_kinks], reference[off_kinks])
 
 
 def off_the_kinks(case, expected):

@@ -87,8 +87,8 @@ RANGES = {
 @pytest.mark.parametrize("name", ONE)
 def test_relative_error_is_a_few_units_in_the_last_place(library, name, width):
     for x in RANGES[name]:
-        computed, expected = evaluate(library, name, width, x), oracle(name, x)
-        units = np.abs(computed - expected) / np.spacing(np.abs(expected))
+        result, expected = evaluate(library, name, width, x), oracle(name, x)
+        units = np.abs(result - expected) / np.spacing(np.abs(expected))
         assert units.max() <= 4.0, (name, x[units.argmax()])
 
 
@@ -99,35 +99,35 @@ def test_error_of_two_argument_functions_is_a_few_units_in_last_place(library, n
     for low, high in ((1e-150, 1e150), (1e-2, 1e2)):
         a = magnitudes(low, high, signs=name != "pow")
         b = draw.permutation(magnitudes(low, high)) if name != "pow" else draw.uniform(-2.0, 2.0, COUNT)
-        computed, expected = evaluate(library, name, width, a, b), oracle(name, a, b)
-        assert np.all(np.abs(computed - expected) <= 4.0 * np.spacing(np.abs(expected)))
+        result, expected = evaluate(library, name, width, a, b), oracle(name, a, b)
+        assert np.all(np.abs(result - expected) <= 4.0 * np.spacing(np.abs(expected)))
 
 
-def is_equal(computed: np.ndarray, expected: np.ndarray) -> np.ndarray:
+def is_equal(result: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Return True if equal to 1e-15, including the sign of zero; NaN equals NaN."""
     with np.errstate(invalid="ignore"):
-        y = (computed == expected) | (np.abs(computed - expected) <= 1e-15 * np.abs(expected))
-    return (y & (np.signbit(computed) == np.signbit(expected))) | (np.isnan(computed) & np.isnan(expected))
+        y = (result == expected) | (np.abs(result - expected) <= 1e-15 * np.abs(expected))
+    return (y & (np.signbit(result) == np.signbit(expected))) | (np.isnan(result) & np.isnan(expected))
 
 
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("name", ONE)
 def test_zeros_infinities_and_nan_give_the_numpy_result(library, name, width):
-    computed, expected = evaluate(library, name, width, SPECIAL), oracle(name, SPECIAL)
+    result, expected = evaluate(library, name, width, SPECIAL), oracle(name, SPECIAL)
     if name in ("sin", "tan"):
-        computed, expected = computed + 0.0, expected + 0.0  # ours lose the sign of −0
-    assert is_equal(computed, expected).all(), (computed, expected)
+        result, expected = result + 0.0, expected + 0.0  # ours lose the sign of −0
+    assert is_equal(result, expected).all(), (result, expected)
 
 
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("name", TWO)
 def test_pairs_of_zeros_infinities_and_nan_give_the_numpy_result(library, name, width):
     a, b = (np.ascontiguousarray(x.ravel()) for x in np.meshgrid(SPECIAL, SPECIAL))
-    computed, expected = evaluate(library, name, width, a, b), oracle(name, a, b)
+    result, expected = evaluate(library, name, width, a, b), oracle(name, a, b)
     if name in ("min", "max"):
         # the order of two zeros is not defined
-        computed, expected = computed + 0.0, expected + 0.0
-    assert is_equal(computed, expected).all(), list(zip(a, b, computed, expected, strict=True))
+        result, expected = result + 0.0, expected + 0.0
+    assert is_equal(result, expected).all(), list(zip(a, b, result, expected, strict=True))
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -143,6 +143,6 @@ def test_overflow_is_infinite_and_underflow_is_gradual(library, width):
 def test_large_angles_retain_full_precision(library, name, width):
     for limit in (1e9, 1e14, 1e300):
         x = magnitudes(1e6, limit)
-        computed, expected = evaluate(library, name, width, x), oracle(name, x)
-        assert np.all(np.abs(computed) <= 1.0 + 1e-12)
-        assert np.all(np.abs(computed - expected) <= 1e-15 * np.abs(x))
+        result, expected = evaluate(library, name, width, x), oracle(name, x)
+        assert np.all(np.abs(result) <= 1.0 + 1e-12)
+        assert np.all(np.abs(result - expected) <= 1e-15 * np.abs(x))

@@ -119,8 +119,8 @@ def test_a_matrix_difference_with_a_changed_entry_is_computed_correctly():
         return c, A @ np.array([[1.0, x], [3.0, 4.0]])
 
     inputs = np.array([0.3, -0.4])
-    computed, expected = (scan(step, 0.0, 0.0, backend=b).run(inputs)[1] for b in ("python", "numpy"))
-    np.testing.assert_allclose(computed, expected, rtol=1e-14)
+    result, expected = (scan(step, 0.0, 0.0, backend=b).run(inputs)[1] for b in ("python", "numpy"))
+    np.testing.assert_allclose(result, expected, rtol=1e-14)
 
 
 def test_an_unchanged_carry_entry_is_treated_as_a_constant():

@@ -83,20 +83,20 @@ ARGUMENTS = (
 )
 
 
-def assert_same(computed, expected):
-    assert isinstance(expected, type(computed))  # NumPy's float64 is a float
+def assert_same(result, expected):
+    assert isinstance(expected, type(result))  # NumPy's float64 is a float
     if isinstance(expected, dict):
-        assert computed.keys() == expected.keys()
-        computed, expected = list(computed.values()), list(expected.values())
+        assert result.keys() == expected.keys()
+        result, expected = list(result.values()), list(expected.values())
     if isinstance(expected, tuple | list):
-        for a, b in zip(computed, expected, strict=True):
+        for a, b in zip(result, expected, strict=True):
             assert_same(a, b)
     elif isinstance(expected, Box):
-        assert_same((computed.low, computed.high), (expected.low, expected.high))
+        assert_same((result.low, result.high), (expected.low, expected.high))
     elif isinstance(expected, float | np.ndarray):
-        np.testing.assert_allclose(computed, expected, rtol=1e-14, atol=1e-14)
+        np.testing.assert_allclose(result, expected, rtol=1e-14, atol=1e-14)
     else:
-        assert computed == expected
+        assert result == expected
 
 
 def test_a_compiled_function_returns_the_same_structure_and_values(backend):
@@ -333,12 +333,12 @@ def test_a_step_uses_values_that_the_user_wrote_into_the_state(backend):
     belief, fast_belief = block.init(), fast.init()
     for k in range(6):
         belief, output = block.step(belief, 0.5 * k)
-        fast_belief, computed = fast.step(fast_belief, 0.5 * k)
+        fast_belief, result = fast.step(fast_belief, 0.5 * k)
         for state in (belief, fast_belief):
             if k == 2:
                 state.mean[1] = -7.0
         assert_same(fast_belief, belief)
-        assert computed == pytest.approx(output, rel=1e-14)
+        assert result == pytest.approx(output, rel=1e-14)
         assert type(fast_belief.t_ns) is int
     before = fast_belief.mean.copy()
     kept_belief, _ = fast.step(fast_belief, 9.0)  # a result is never overwritten

@@ -164,28 +164,28 @@ def all_of_them(x, y, A):
     return tuple(idiom(x, y, A) for idiom in IDIOMS.values())
 
 
-def close(computed, expected, name, tolerance=1e-12):
-    np.testing.assert_allclose(computed, expected, rtol=tolerance, atol=tolerance, err_msg=name)
+def close(result, expected, name, tolerance=1e-12):
+    np.testing.assert_allclose(result, expected, rtol=tolerance, atol=tolerance, err_msg=name)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_compiled_code_gives_the_numpy_results(backend):
     fast = function(all_of_them, *POINTS[0], backend=backend)
     for point in POINTS:
-        for name, computed, expected in zip(IDIOMS, fast(*point), all_of_them(*point), strict=True):
-            close(computed, expected, name)
-            assert np.shape(computed) == np.shape(expected), name
+        for name, result, expected in zip(IDIOMS, fast(*point), all_of_them(*point), strict=True):
+            close(result, expected, name)
+            assert np.shape(result) == np.shape(expected), name
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_system_whose_first_pivot_becomes_zero_at_run_time_is_solved(backend):
     def turned(psi, b, y):
         rotation = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
-        mixed = np.array([[1.0, 3.0], [y, 2.0]])
+        mixed_array = np.array([[1.0, 3.0], [y, 2.0]])
         return (
             np.linalg.solve(rotation, b),
-            np.linalg.solve(mixed, b),
-            np.linalg.det(rotation) + np.linalg.det(mixed),
+            np.linalg.solve(mixed_array, b),
+            np.linalg.det(rotation) + np.linalg.det(mixed_array),
         )
 
     def solved(A, b):
@@ -194,16 +194,16 @@ def test_a_system_whose_first_pivot_becomes_zero_at_run_time_is_solved(backend):
     fast = function(turned, 0.1, np.ones(2), 0.1, backend=backend)
     for psi in (np.pi / 2.0, -np.pi / 2.0, 1.2, 0.0):
         arguments = psi, np.array([1.0, 2.0]), 0.0
-        for computed, expected in zip(fast(*arguments), turned(*arguments), strict=True):
-            close(computed, expected, "a rotation")
+        for result, expected in zip(fast(*arguments), turned(*arguments), strict=True):
+            close(result, expected, "a rotation")
     draw = np.random.default_rng(0)
     for n in (2, 3, 5):
         fast = function(solved, np.eye(n), np.ones(n), backend=backend)
         for index in np.ndindex(n, n):
             A = draw.normal(size=(n, n))
             A[index] = 0.0
-            for computed, expected in zip(fast(A, A[1]), solved(A, A[1]), strict=True):
-                close(computed, expected, "a zero", tolerance=1e-10)
+            for result, expected in zip(fast(A, A[1]), solved(A, A[1]), strict=True):
+                close(result, expected, "a zero", tolerance=1e-10)
 
 
 @pytest.mark.parametrize("name", IDIOMS)

@@ -25,8 +25,8 @@ def length(x):
     return np.sqrt(x @ x + 1.0)
 
 
-def close(computed, expected, tolerance=1e-12):
-    np.testing.assert_allclose(computed, expected, rtol=tolerance, atol=tolerance)
+def close(result, expected, tolerance=1e-12):
+    np.testing.assert_allclose(result, expected, rtol=tolerance, atol=tolerance)
 
 
 @settings(max_examples=25)

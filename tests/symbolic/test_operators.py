@@ -50,8 +50,8 @@ def test_every_operator_equals_numpy_without_errors_or_warnings(op):
             expected = float(IN_NUMPY[op](*args))
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            computed = float(ieee.OPERATORS[op](*args))
-        np.testing.assert_allclose(computed, expected, rtol=4e-16, err_msg=f"{op}{args}")
+            result = float(ieee.OPERATORS[op](*args))
+        np.testing.assert_allclose(result, expected, rtol=4e-16, err_msg=f"{op}{args}")
 
 
 @pytest.mark.parametrize("op", IN_CASADI)

@@ -19,8 +19,8 @@ class Case(CaseOfKernel):
     make_kernel = staticmethod(make_kernel)
 
 
-def close(computed, expected, tolerance=1e-12):
-    np.testing.assert_allclose(computed, expected, rtol=tolerance, atol=tolerance)
+def close(result, expected, tolerance=1e-12):
+    np.testing.assert_allclose(result, expected, rtol=tolerance, atol=tolerance)
 
 
 def one_tick(*outputs, inputs=(), carry=(), next_carry=()):
@@ -34,8 +34,8 @@ def one_tick(*outputs, inputs=(), carry=(), next_carry=()):
 def test_kernel_values_equal_the_numpy_values(seed):
     case = Case(random_program(seed, operations=250, m=40), seed=seed)
     expected = in_numpy(case.program, case.theta, case.start, case.inputs)
-    for computed, reference in zip(case.run(), expected, strict=True):
-        close(computed, reference)
+    for result, reference in zip(case.run(), expected, strict=True):
+        close(result, reference)
 
 
 @settings(max_examples=10)

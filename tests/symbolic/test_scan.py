@@ -52,8 +52,8 @@ def filtered(theta, state, push):
     H = np.array([[1.0, 0.0]])
     K = np.linalg.solve(H @ cov @ H.T + 0.04, H @ cov).T
     A = np.eye(2) - K @ H
-    corrected = x + K @ (push.z - H @ x), A @ cov @ A.T + 0.04 * K @ K.T
-    x, cov = (np.where(push.is_new, a, b) for a, b in zip(corrected, (x, cov), strict=True))
+    correction = x + K @ (push.z - H @ x), A @ cov @ A.T + 0.04 * K @ K.T
+    x, cov = (np.where(push.is_new, a, b) for a, b in zip(correction, (x, cov), strict=True))
     armed = state.armed | push.is_new
     return State(push.t_ns, x, cov, armed), FilterOutput(push.t_ns, x, push.t_ns - state.t_ns > 10)
 
@@ -91,8 +91,8 @@ def by_hand(step, theta, state=START, inputs=None):
     return state, outputs
 
 
-def close(computed, expected, tolerance=1e-12):
-    np.testing.assert_allclose(computed, expected, rtol=tolerance, atol=tolerance)
+def close(result, expected, tolerance=1e-12):
+    np.testing.assert_allclose(result, expected, rtol=tolerance, atol=tolerance)
 
 
 @pytest.fixture(scope="module", params=BACKENDS)
@@ -243,8 +243,8 @@ def test_runs_of_a_batch_start_from_the_example_or_from_theta(kernel, backend):
     def start(theta):
         return START._replace(x=theta[:2] * 0.1)
 
-    compiled = scan(filtered, start, EXAMPLE, THETA, backend=backend)
-    close(compiled.batch(pushes(), theta)[0].x[1], compiled.run(pushes(), theta[1])[0].x)
+    compiled_scan = scan(filtered, start, EXAMPLE, THETA, backend=backend)
+    close(compiled_scan.batch(pushes(), theta)[0].x[1], compiled_scan.run(pushes(), theta[1])[0].x)
 
 
 def test_a_batch_accepts_a_nonsymmetric_start_matrix(kernel):
@@ -255,10 +255,10 @@ def test_a_batch_accepts_a_nonsymmetric_start_matrix(kernel):
 
 def test_without_parameters_a_step_has_two_arguments(backend):
     kernel = scan(lambda total, x: (total + x, total * 2.0), 1.0, 0.0, backend=backend)
-    last, doubled = kernel.run(np.array([1.0, 2.0, 3.0]))
+    last, doubled_values = kernel.run(np.array([1.0, 2.0, 3.0]))
     assert last == 7.0
     assert type(last) is float
-    close(doubled, [2.0, 4.0, 8.0])
+    close(doubled_values, [2.0, 4.0, 8.0])
     close(kernel.cost(np.array([1.0, 2.0, 3.0])), 14.0)
     close(kernel.batch(np.array([[1.0, 2.0], [5.0, 6.0]]))[0], [4.0, 12.0])
 

@@ -37,17 +37,17 @@ def test_a_nested_trace_does_not_end_the_outer_trace():
 
 
 def test_tracing_does_not_change_numpy_in_other_threads():
-    entered, leave, types = threading.Event(), threading.Event(), []
+    entry_event, leave, types = threading.Event(), threading.Event(), []
 
     def trace():
         with tracing():
-            entered.set()
+            entry_event.set()
             leave.wait(10.0)
             types.append(type(np.zeros(2)))
 
     thread = threading.Thread(target=trace)
     thread.start()
-    entered.wait(10.0)
+    entry_event.wait(10.0)
     types.append(type(np.zeros(2)))
     types.append(np.array([1.0]).dtype)
     leave.set()

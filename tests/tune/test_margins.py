@@ -87,8 +87,8 @@ EVEN = {
 
 def test_additional_delay_reduces_the_delay_margin_by_its_amount():
     file = load("small").with_values(EVEN)
-    delayed, controller = file.with_values({"model.drivetrain.delay_s": 0.05}), file.controller()
-    margin, margin_2 = (loop_margins(f, controller, 0.2)[1].delay_s for f in (file, delayed))
+    delayed_file, controller = file.with_values({"model.drivetrain.delay_s": 0.05}), file.controller()
+    margin, margin_2 = (loop_margins(f, controller, 0.2)[1].delay_s for f in (file, delayed_file))
     assert margin - margin_2 == pytest.approx(0.04, abs=1e-3)
 
 

@@ -161,7 +161,7 @@ def test_the_minimum_of_a_rough_cost_is_reached_without_gradients():
         d = 1e-6
         return g_cost(g), np.array([(g_cost(g + d * e) - g_cost(g - d * e)) / (2 * d) for e in np.eye(3)])
 
-    result, polished = (search(g_cost, f, LOW, HIGH, polish=p)[0] for p in (False, True))
-    assert polished.cost < result.cost
-    assert len(polished.costs) > len(result.costs)
-    assert polished.cost == pytest.approx(min(polished.costs))
+    result, polished_result = (search(g_cost, f, LOW, HIGH, polish=p)[0] for p in (False, True))
+    assert polished_result.cost < result.cost
+    assert len(polished_result.costs) > len(result.costs)
+    assert polished_result.cost == pytest.approx(min(polished_result.costs))

@@ -135,16 +135,16 @@ def test_each_number_of_a_plain_class_is_a_gain_and_keeps_its_sign():
     assert tuning.cost < tuning.cost_before
     assert tuning.controller.k_y == tuning.values["k_y"] < 0.0
     assert "NaN" not in tuning.table()
-    fixed = tune(load("small"), ROUTE, controller=Plain(k_y=-6.0), gains=["k_x"], **QUICK)
-    assert (list(fixed.values), fixed.controller.k_y) == (["k_x"], -6.0)
+    fixed_result = tune(load("small"), ROUTE, controller=Plain(k_y=-6.0), gains=["k_x"], **QUICK)
+    assert (list(fixed_result.values), fixed_result.controller.k_y) == (["k_x"], -6.0)
 
 
 def test_a_soft_bound_is_widened_and_a_hard_bound_is_not():
     space = search_space(load("small"), ["e_max[0]", "k_i"], controller="lqr")
     wider = space.widen(np.array([1, 1]))
     assert wider.high.tolist() == [4.0 * space.high[0], 10.0]
-    bounded = search_space(load("small"), ["e_max[0]"], {"e_max[0]": (0.1, 0.2)}, "lqr")
-    assert bounded.widen(np.array([1])).high.tolist() == [0.2]
+    bounded_space = search_space(load("small"), ["e_max[0]"], {"e_max[0]": (0.1, 0.2)}, "lqr")
+    assert bounded_space.widen(np.array([1])).high.tolist() == [0.2]
     assert space.widen(np.array([-1, 0])).low[0] == space.low[0] / 4.0
 
 

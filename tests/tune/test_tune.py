@@ -78,10 +78,10 @@ def test_a_search_without_gradients_gives_no_lower_cost(small, tuning):
 
     drive = tuning_objective(small, ROUTE, **PAPERS)
     bounds = list(zip(drive.space.low, drive.space.high, strict=True))
-    evolved = differential_evolution(
+    evolution_result = differential_evolution(
         drive.cost, bounds, seed=3, maxiter=25, popsize=10, polish=False, tol=1e-8
     )
-    assert tuning.cost <= evolved.fun * (1 + 1e-4)
+    assert tuning.cost <= evolution_result.fun * (1 + 1e-4)
 
 
 def test_the_errors_state_the_distance_of_the_start_from_the_reference(small, tuning):
@@ -293,8 +293,8 @@ def test_the_weight_of_effort_adds_the_squared_commands_to_the_cost(small):
     run = simulate_loop(gains, ROUTE, perfect=True, noise=False)
     assert run.sent_commands is not None
     papers = tuning_objective(small, ROUTE, **PAPERS).cost(GAINS)
-    priced = tuning_objective(small, ROUTE, effort_m2=0.02, **PAPERS).cost(GAINS)
-    assert priced == pytest.approx(papers + 0.02 * np.sum(run.sent_commands**2), rel=1e-9)
+    cost_with_effort = tuning_objective(small, ROUTE, effort_m2=0.02, **PAPERS).cost(GAINS)
+    assert cost_with_effort == pytest.approx(papers + 0.02 * np.sum(run.sent_commands**2), rel=1e-9)
 
 
 def test_a_route_faster_than_the_vehicle_is_refused(small):

@@ -138,21 +138,23 @@ def test_the_forecast_of_an_incomplete_model_agrees_with_unseen_drives():
         forecast(f, run).drives[0].heading_rad for f in (exact_fit, replace(fit, channels=()))
     )
     assert drive.heading_rad**2 == pytest.approx(of_misfit**2 + 2.0 * of_parameters**2)  # Akaike 1970
-    shifted = replace(fit, cov=4.0 * fit.cov, unmodelled_cov=fit.unmodelled_cov + 3.0 * fit.cov)
-    assert forecast(shifted, run).drives[0].heading_rad == pytest.approx(drive.heading_rad)
+    fit_with_larger_cov = replace(fit, cov=4.0 * fit.cov, unmodelled_cov=fit.unmodelled_cov + 3.0 * fit.cov)
+    assert forecast(fit_with_larger_cov, run).drives[0].heading_rad == pytest.approx(drive.heading_rad)
 
 
 def test_the_forecast_contains_the_unmeasured_scale_of_a_gyro(small):
     """A gyro that reads 1 % too much moves the fit. With a tolerance of σ = 1 %, the forecast is that change."""
     fit, run = small
     imu = run.sensors["imu"]
-    damaged = replace(run, sensors={**run.sensors, "imu": imu._replace(z=imu.z * [1.0, 1.0, 1.01])})
-    fit_2, u = identify(damaged, fit.file, options=FitOptions(diagnose=False)), run.applied_commands
+    damaged_run = replace(run, sensors={**run.sensors, "imu": imu._replace(z=imu.z * [1.0, 1.0, 1.01])})
+    fit_2, u = identify(damaged_run, fit.file, options=FitOptions(diagnose=False)), run.applied_commands
     etas = [path_of(f.vehicle_file, u) for f in (fit, fit_2)]
     scales = {"sensors.imu.gyro_scale": 0.01 * np.sqrt(3.0), "sensors.imu.accel_scale": 0.0}
-    diagnosed = identify(run, with_tolerance(fit.file, scales))
-    fixed = diagnosed.fixed._replace(cov=np.array([[0.01**2]]))  # without the information of the run
-    exact = replace(diagnosed, cov=diagnosed.unmodelled_cov, channels=(), fixed=fixed)
+    diagnosed_fit = identify(run, with_tolerance(fit.file, scales))
+    fixed_values = diagnosed_fit.fixed._replace(
+        cov=np.array([[0.01**2]])
+    )  # without the information of the run
+    exact = replace(diagnosed_fit, cov=diagnosed_fit.unmodelled_cov, channels=(), fixed=fixed_values)
     prediction, heading = forecast(exact, run), rms_of_ten_seconds(etas)
     assert prediction.drives[0].heading_rad == pytest.approx(heading, rel=0.1)
     assert [message.code for message in prediction.notes if "scales" in message.code] == ["forecast.scales"]
@@ -169,12 +171,12 @@ def test_the_forecast_contains_the_declared_error_of_a_track():
     """The wheels alone do not show their distance: a track 1 % wider is a vehicle that turns 1 % slower."""
     file, run = with_wheels("radius_scale_std = 0.0")
     track, error_m = "sensors.wheels.track_m", 0.0012
-    measured = file.with_values({track: 0.12}, {track: Provenance("tape", None, error_m)})
+    measured_file = file.with_values({track: 0.12}, {track: Provenance("tape", None, error_m)})
     wider = file.with_values({track: 0.12 + error_m})
-    fit, fit_of_wider = (identify(run, f, use=["wheels"]) for f in (measured, wider))
+    fit, fit_of_wider = (identify(run, f, use=["wheels"]) for f in (measured_file, wider))
     assert fit.fixed.paths == (track,)
-    fixed = fit.fixed._replace(cov=np.array([[error_m**2]]))  # without the information of the run
-    prediction = forecast(replace(fit, cov=fit.unmodelled_cov, channels=(), fixed=fixed), run)
+    fixed_values = fit.fixed._replace(cov=np.array([[error_m**2]]))  # without the information of the run
+    prediction = forecast(replace(fit, cov=fit.unmodelled_cov, channels=(), fixed=fixed_values), run)
     heading = rms_of_ten_seconds([path_of(f.vehicle_file, run.applied_commands) for f in (fit, fit_of_wider)])
     assert prediction.drives[0].heading_rad == pytest.approx(heading, rel=0.1)
     assert ("forecast.fixed", track) in [(message.code, message.subject) for message in prediction.notes]
@@ -229,9 +231,9 @@ def test_the_forecast_contains_the_error_of_the_battery_effect():
 
 def test_runs_with_equal_names_have_their_own_residuals():
     runs = [drive_with_counts(seed) for seed in (1, 3)]
-    named = [replace(run, name="a run") for run in runs]
+    named_runs = [replace(run, name="a run") for run in runs]
     first, named_drive = (
-        forecast(identify(r, parse(FILE, "stranger.toml")), r).drives[0] for r in (runs, named)
+        forecast(identify(r, parse(FILE, "stranger.toml")), r).drives[0] for r in (runs, named_runs)
     )
     assert named_drive.heading_rad == pytest.approx(first.heading_rad)
 
@@ -240,9 +242,11 @@ def test_a_forecast_skips_the_pauses_of_a_log(small):
     """In a pause the commands are unknown."""
     fit, run = replace(small[0], channels=()), small[1]
     delays = np.where(np.arange(len(run.t_ns)) < len(run.t_ns) // 2, 0, 400_000_000_000)
-    (drive, *_), (paused, *_) = (forecast(fit, r).drives for r in (run, replace(run, t_ns=run.t_ns + delays)))
-    assert paused.distance_m == pytest.approx(drive.distance_m, rel=0.2)
-    assert paused.heading_rad == pytest.approx(drive.heading_rad, rel=0.2)
+    (drive, *_), (paused_drive, *_) = (
+        forecast(fit, r).drives for r in (run, replace(run, t_ns=run.t_ns + delays))
+    )
+    assert paused_drive.distance_m == pytest.approx(drive.distance_m, rel=0.2)
+    assert paused_drive.heading_rad == pytest.approx(drive.heading_rad, rel=0.2)
 
 
 def test_a_forecast_that_cannot_cover_a_lap_reports_its_reason(small):
@@ -288,9 +292,9 @@ def test_terminal_json_and_report_show_the_forecast(small, tmp_path, monkeypatch
     words = ["identify", "one.mcap", "--no-noise", "--route", "circle", "--free", "model.mass_kg"]
     with pytest.raises(SystemExit):
         main(words)
-    printed = capsys.readouterr().out
-    assert "s of open loop, driven like these runs (" in printed
-    assert "s of open loop, one lap of circle (" in printed
+    output = capsys.readouterr().out
+    assert "s of open loop, driven like these runs (" in output
+    assert "s of open loop, one lap of circle (" in output
     with pytest.raises(SystemExit):
         main([*words, "--json"])
     rows = json.loads(capsys.readouterr().out)["forecast"]

@@ -36,7 +36,7 @@ def test_a_wrong_covariance_predicts_worse_and_its_nis_is_inconsistent(truth_fit
         "too large": replace(noise, process=1e2 * noise.process),
     }
     comparison = compare_noise(fit, {"truth": noise} | values, unseen_run)
-    by_name = {tried.name: tried for tried in comparison.trials}
+    by_name = {trial.name: trial for trial in comparison.trials}
     assert comparison.best == "truth"
     assert abs(by_name["truth"].nis - 1.0) < 0.1
     assert by_name["too large"].consistent == "too cautious"

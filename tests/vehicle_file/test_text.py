@@ -165,3 +165,19 @@ def typed_wrong(rng, key):
             key[:i] + rng.choice(string.ascii_lowercase) + key[i + 1 :] if key[i] != "_" else key + "s",
         ]
     )
+
+
+def test_the_keys_of_an_older_file_are_read_and_saved_with_their_present_names(tmp_path):
+    path = tmp_path / "old.toml"
+    old_lines = (
+        '[controller]\nkind = "stanley"\nk = 2.0\nsoft_m_s = 0.1\nsteepest_rad = 0.5\n'
+        "[sensors.beacon]\npoint_m = [1.0, 0.0]\nabove_m = 0.2\nfarthest_m = 4.0\nmeasurement_noise_cov = [[0.01]]\n"
+        '[provenance."sensors.beacon.above_m"]\nrun = "tape"\nstd = 0.01\n'
+    )
+    path.write_text(SMALL.partition("[controller]")[0] + old_lines)
+    robot = load(path)
+    assert robot.value("controller.max_steering_rad") == 0.5
+    assert robot.sensors.beacon.max_range_m == 4.0
+    assert robot.provenance["sensors.beacon.height_m"].std == 0.01
+    robot.with_values({"sensors.beacon.height_m": 0.3}).save(path)
+    assert (load(path).value("sensors.beacon.height_m"), "above_m" in path.read_text()) == (0.3, False)

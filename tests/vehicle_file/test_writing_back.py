@@ -80,10 +80,10 @@ def test_after_a_partial_fit_a_table_retains_its_mark_as_a_guess():
     text = load("small").text + '\n[provenance.model]\nrun = "the data sheet of another"\nverdict = "GUESS"\n'
     guess = parse(text + '[provenance."model.friction"]\nrun = "a friend"\nverdict = "GUESS"\n', "mine.toml")
     assert guess.is_guess
-    fitted = guess.with_values({"model.friction.linear": LINEAR}, {"model.friction.linear": SOURCE})
-    assert not fitted.is_guess
-    assert fitted.provenance["model"].verdict == "GUESS"
-    assert parse(fitted.text, "mine.toml").provenance.keys() == fitted.provenance.keys()
+    fitted_file = guess.with_values({"model.friction.linear": LINEAR}, {"model.friction.linear": SOURCE})
+    assert not fitted_file.is_guess
+    assert fitted_file.provenance["model"].verdict == "GUESS"
+    assert parse(fitted_file.text, "mine.toml").provenance.keys() == fitted_file.provenance.keys()
 
 
 def test_a_fitted_value_has_its_provenance():
@@ -115,11 +115,11 @@ def test_without_a_standard_deviation_a_value_is_written_exactly():
 
 
 def test_a_changed_value_loses_its_provenance():
-    fitted = load("small").with_values(
+    fitted_file = load("small").with_values(
         {"model.friction.linear": LINEAR}, provenance={"model.friction.linear": SOURCE}
     )
-    assert fitted.with_values({"model.friction.linear[0]": 3.0}).provenance == {}
-    assert list(fitted.with_values({"model.mass_kg": 0.6}).provenance) == ["model.friction.linear"]
+    assert fitted_file.with_values({"model.friction.linear[0]": 3.0}).provenance == {}
+    assert list(fitted_file.with_values({"model.mass_kg": 0.6}).provenance) == ["model.friction.linear"]
 
 
 def test_the_covariance_of_the_last_fit_is_stored_in_the_file():

@@ -101,8 +101,8 @@ def test_a_simulated_drive_is_the_same_in_every_back_end(name):
     bound = 1e-12 * np.maximum(1.0, np.abs(plain))
     for backend in ("python", "c"):
         end, outputs = scan(step, start, example, backend=backend).run(inputs)
-        computed = flat(outputs, N)
-        assert np.all(np.abs(computed - plain) <= bound), backend
+        result = flat(outputs, N)
+        assert np.all(np.abs(result - plain) <= bound), backend
         assert np.all(np.abs(flat(end) - flat(state)) <= 1e-12 * np.maximum(1.0, np.abs(flat(state)))), (
             backend
         )

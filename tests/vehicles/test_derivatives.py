@@ -43,9 +43,9 @@ VEHICLES = {
         understeer=0.02,
     ),
 }
-signed = st.floats(0.1, 2.0).flatmap(lambda x: st.sampled_from([x, -x]))
-velocities = arrays(float, 3, elements=signed)
-efforts = arrays(float, 2, elements=signed)
+signed_floats = st.floats(0.1, 2.0).flatmap(lambda x: st.sampled_from([x, -x]))
+velocities = arrays(float, 3, elements=signed_floats)
+efforts = arrays(float, 2, elements=signed_floats)
 names = pytest.mark.parametrize("name", VEHICLES)
 
 

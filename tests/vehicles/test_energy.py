@@ -77,9 +77,9 @@ def test_an_unforced_vehicle_never_gains_kinetic_energy(friction, nu, c):
 def test_the_kinetic_power_equals_effort_power_minus_friction_power(friction, nu, effort, c):
     T = np.array([[2.0, 0.1, 0.2], [0.0, 1.0, 0.3], [-0.1, 0.2, 0.5]])
     p = Planar(2.0, 0.5, T, centre_of_mass_x_m=c, friction=friction)
-    gained = nu @ mass_matrix(p) @ p.nu_dot(nu, effort)
+    power = nu @ mass_matrix(p) @ p.nu_dot(nu, effort)
     given_ = nu @ (T @ effort) - nu @ friction.force(nu)
-    assert gained == pytest.approx(given_, abs=1e-9, rel=1e-9)
+    assert power == pytest.approx(given_, abs=1e-9, rel=1e-9)
 
 
 @QUICK

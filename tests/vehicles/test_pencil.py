@@ -154,10 +154,10 @@ def test_the_middle_of_a_car_moves_sideways_at_b_omega():
 
 def test_cornering_drag_slows_a_car_by_k_v_omega():
     straight = Car(wheelbase_m=0.15, throttle_gain=4.0, steering_gain=0.3)
-    dragged = Car(wheelbase_m=0.15, throttle_gain=4.0, steering_gain=0.3, cornering_drag=0.8)
+    car = Car(wheelbase_m=0.15, throttle_gain=4.0, steering_gain=0.3, cornering_drag=0.8)
     for v, r in ((0.5, 2.0), (0.5, -2.0), (-0.5, 2.0)):
         nu, effort = np.array([v, 0.0, r]), np.zeros(2)
-        extra = dragged.nu_dot(nu, effort)[0] - straight.nu_dot(nu, effort)[0]
+        extra = car.nu_dot(nu, effort)[0] - straight.nu_dot(nu, effort)[0]
         assert extra == pytest.approx(-0.8 * abs(v * r) * np.sign(v))
 
 

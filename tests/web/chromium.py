@@ -107,8 +107,8 @@ class Tab:
                 assert "error" not in word, f"{method}: {word['error']}"
                 return word["result"]
             if word.get("method") == "Runtime.exceptionThrown":
-                thrown = word["params"]["exceptionDetails"]
-                self.errors.append(thrown.get("exception", {}).get("description", thrown["text"]))
+                exception = word["params"]["exceptionDetails"]
+                self.errors.append(exception.get("exception", {}).get("description", exception["text"]))
             if word.get("method") == "Log.entryAdded" and word["params"]["entry"]["level"] == "error":
                 self.errors.append(word["params"]["entry"]["text"])
 

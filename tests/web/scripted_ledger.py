@@ -15,7 +15,15 @@ def ledger(language: str) -> dict[str, Any]:
     k = 0 if language == "en" else 1
 
     def fault(kind: str, **values: Any) -> dict[str, Any]:
-        return {"kind": kind, "of": "", "x": 0.0, "y": 0.0, "size": 0.0, "part": 0.0, "frame": "map"} | values
+        return {
+            "kind": kind,
+            "target": "",
+            "x": 0.0,
+            "y": 0.0,
+            "size": 0.0,
+            "part": 0.0,
+            "frame": "map",
+        } | values
 
     rows = [
         (44.0, None, fault("tilt", x=0.025, y=0.02),
@@ -30,7 +38,7 @@ def ledger(language: str) -> dict[str, Any]:
                          "2,63 en 1 s, por azar a lo sumo 1,33")),
           (("gate", "compuerta")[k], 0.03, ("refused 3 innovations within 1 s",
                                             "rechazó 3 innovaciones en 1 s"))], None),
-        (55.0, None, fault("drift", of="imu[2]", size=0.15),
+        (55.0, None, fault("drift", target="imu[2]", size=0.15),
          ("zero of imu[2] drifts by 0.15 rad/s", "el cero de imu[2] deriva 0,15 rad/s"), [],
          ("for 5.0 s: NIS at most 1.05. No other sensor shows this motion, so nothing contradicts imu[2].",
           "durante 5,0 s: NIS a lo sumo 1,05. Ningún otro sensor muestra este movimiento, así que nada contradice a "
@@ -40,8 +48,8 @@ def ledger(language: str) -> dict[str, Any]:
         {"number": n, "t_s": t_s, "until_s": until_s, "ended": until_s is not None, "fault": of, "text": subject[k],
          "detections": [{"detector": detector, "after_s": after_s, "text": text[k]}
                         for detector, after_s, text in detections],
-         "missed_by": ["monitor", "supervisor"], "undetected": undetected and undetected[k]}
-        for n, (t_s, until_s, of, subject, detections, undetected) in enumerate(rows, 1)
+         "missed_by": ["monitor", "supervisor"], "undetected": misses and misses[k]}
+        for n, (t_s, until_s, of, subject, detections, misses) in enumerate(rows, 1)
     ]}  # fmt: skip
 
 
@@ -57,7 +65,7 @@ class Faults:
             self.rows[word["end"] - 1] |= {"ended": True, "until_s": t_s}
         else:
             fields = {name: value for name, value in word.items() if name not in ("type", "robot")}
-            fault, number = Fault.parse(fields | {"at_s": t_s}), len(self.rows) + 1
+            fault, number = Fault.parse(fields | {"start_s": t_s}), len(self.rows) + 1
             with use_language(language):
                 subject = text(fault.message(number))
             self.rows.append({

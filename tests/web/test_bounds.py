@@ -83,12 +83,12 @@ async def test_ne5_a_browser_with_many_waiting_questions_is_disconnected(folder,
 
 async def test_ne5_the_question_of_a_browser_waits_for_one_question_of_another_browser(folder, monkeypatch):
     """A worker answers one question at a time. A browser that leaves takes its waiting questions with it."""
-    begun, may_end, exchange = [], asyncio.Event(), WorkerClient._exchange
+    begun_requests, may_end, exchange = [], asyncio.Event(), WorkerClient._exchange
 
     async def slow(lab, request):
         if request["type"] != "check":
             return await exchange(lab, request)
-        begun.append(request["room"])
+        begun_requests.append(request["room"])
         await may_end.wait()
         return {"findings": []}, b""
 
@@ -98,21 +98,21 @@ async def test_ne5_the_question_of_a_browser_waits_for_one_question_of_another_b
             run = visitor.hello["runs"][0]["id"]
             for number in range(20):
                 await other.send("ask", id=number, question="check", room="guide", run=run)
-            await until(lambda: begun == ["guide"])
+            await until(lambda: begun_requests == ["guide"])
             await visitor.send("ask", id=100, question="check", room="controller", run=run)
             assert await visitor.request("ping")
             may_end.set()
             await visitor.next("answer", id=100)
-            assert begun.index("controller") <= 2
+            assert begun_requests.index("controller") <= 2
             await other.next("answer", id=19)
             may_end.clear()
             for number in range(20):
                 await other.send("ask", id=number, question="check", room="guide", run=run)
-            await until(lambda: len(begun) == 22)
+            await until(lambda: len(begun_requests) == 22)
         await until(lambda: len(server.visitors) == 1)
         may_end.set()
         assert (await visitor.request("check", room="controller", run=run))["findings"] == []
-        assert len(begun) == 23
+        assert len(begun_requests) == 23
 
 
 def test_ne5_at_most_fifty_messages_per_second_are_accepted():

@@ -15,14 +15,14 @@ TICKS, ROWS = 20, 5  # pictures, and ticks in a picture
 
 
 async def test_five_viewers_share_one_encoding_of_each_picture(tmp_path, monkeypatch):
-    encoded, shown, frame_of, show = [], [], live_module.binary_frame, Visitor.send_latest
+    encoded_frames, shown_messages, frame_of, show = [], [], live_module.binary_frame, Visitor.send_latest
 
     def encode(data):
-        encoded.append(frame_of(data))
-        return encoded[-1]
+        encoded_frames.append(frame_of(data))
+        return encoded_frames[-1]
 
     def show_picture(visitor, picture):
-        shown.append(picture)
+        shown_messages.append(picture)
         show(visitor, picture)
 
     monkeypatch.setattr(live_module, "binary_frame", encode)
@@ -32,8 +32,10 @@ async def test_five_viewers_share_one_encoding_of_each_picture(tmp_path, monkeyp
         for k in range(TICKS):
             link.frame(0.05 * k, ROWS)
             await asyncio.gather(*[until_frames(viewer, k + 1) for viewer in viewers])
-        assert len(encoded) == TICKS
-        assert len(shown) == TICKS * VIEWERS
-        assert {id(picture) for picture in shown} == {id(picture) for picture in encoded}  # no copies
+        assert len(encoded_frames) == TICKS
+        assert len(shown_messages) == TICKS * VIEWERS
+        assert {id(picture) for picture in shown_messages} == {
+            id(picture) for picture in encoded_frames
+        }  # no copies
         size = HEAD_LAYOUT.size + ROWS * len(COLUMNS) * 4  # float32 and nothing else
         assert {len(frame) for viewer in viewers for frame in viewer.frames} == {size}

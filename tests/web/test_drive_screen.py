@@ -87,14 +87,14 @@ def test_the_three_numbers_on_a_projector_are_read_from_six_heights_of_the_pictu
 
 def test_the_drive_screen_shows_three_numbers(tab, live):
     x = {name: column[-1] for name, column in still_page(tab, live).items()}
-    shown = tab.js(
+    shown_texts = tab.js(
         "[...document.querySelectorAll('.drive .much')].map((one) => [...one.children].map((of) => of.textContent))"
     )
     n = np.array([-np.sin(x["eta.psi"]), np.cos(x["eta.psi"])])
     half_width_m = 1.96 * np.sqrt(n @ [[x["P.xx"], x["P.xy"]], [x["P.xy"], x["P.yy"]]] @ n)
-    assert [unit for _, unit in shown] == ["cm", "cm", "m/s"]
-    assert shown[1][0].startswith("± ")
-    numbers = [float(number.removeprefix("± ")) for number, _ in shown]
+    assert [unit for _, unit in shown_texts] == ["cm", "cm", "m/s"]
+    assert shown_texts[1][0].startswith("± ")
+    numbers = [float(number.removeprefix("± ")) for number, _ in shown_texts]
     exact = [100 * abs(x["cross"]), 100 * half_width_m, np.hypot(x["nu.u"], x["nu.v"])]
     assert np.all(np.abs(np.subtract(numbers, exact)) < [0.051, 0.051, 0.0051])
     assert min(numbers) > 0.1
@@ -102,7 +102,7 @@ def test_the_drive_screen_shows_three_numbers(tab, live):
 
 def test_the_strips_show_measurement_model_innovation_and_command(tab, live):
     x = still_page(tab, live)
-    shown = []
+    shown_texts = []
     for k in range(tab.js(f"{PAGE}.screen.strips.length")):
         strip = f"{PAGE}.screen.strips[{k}]"
         marks = painted(tab, f"{strip}.canvas")
@@ -118,14 +118,14 @@ def test_the_strips_show_measurement_model_innovation_and_command(tab, live):
             check_trace(line, [low, high, height], x, name, 20.0)
             assert line["path"][-1][1] > width - 2  # up to now
             assert float(text.replace("−", "-")) == pytest.approx(x[name][-1], rel=0.006, abs=6e-4)
-            shown.append((name, kind))
+            shown_texts.append((name, kind))
         if band := [mark for mark in marks if mark.get("dash") == [2, 2]]:
             std = x[traces[0][0].replace("innov", "S")][-1]
             edges = [low + (height - 3 - mark["path"][0][2]) / (height - 6) * (high - low) for mark in band]
             assert sorted(edges) == pytest.approx([-1.96 * std, 1.96 * std], rel=1e-3)
             assert only(marks, kind="area", colour="band")
-            shown.append((traces[0][0], "band"))
-    assert shown == [
+            shown_texts.append((traces[0][0], "band"))
+    assert shown_texts == [
         *((f"{of}.imu[{k}]", kind) for k in range(3) for of, kind in (("z", "measured"), ("model", "model"))),
         *((f"innov.imu[{k}]", kind) for k in range(3) for kind in ("measured", "band")),
         *((f"{of}.{k}", kind) for k in (0, 2) for of, kind in (("u", "applied"), ("requested", "requested"))),

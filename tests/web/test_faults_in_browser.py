@@ -63,7 +63,7 @@ def test_faults_in_the_browser_are_logged_and_can_be_omitted_later(browser, tmp_
     faults = [faults_in((e.t_ns, e.source, e.diagnostic) for e in run.events) for run in (first, twin)]
     assert [fault.kind for fault in faults[0]] == ["push", "cut"]
     assert faults[1] == faults[0][:1]
-    n = round(faults[0][1].at_s * 100)
+    n = round(faults[0][1].start_s * 100)
     assert (first.truth.eta[:n] == twin.truth.eta[:n]).all()
 
 

@@ -91,9 +91,9 @@ async def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path,
     assert values["limit.u_x"] == [-1, 1]
     assert message["parameters"]["mine"] == message["parameters"]["all"]  # the set value is unchanged
     assert len(message["statuses"]) >= 3  # set, publish, updates
-    published = {topic["name"]: topic["publisherIds"] for topic in message["graph"]["publishedTopics"]}
+    publishers = {topic["name"]: topic["publisherIds"] for topic in message["graph"]["publishedTopics"]}
     subscribers = {topic["name"]: topic["subscriberIds"] for topic in message["graph"]["subscribedTopics"]}
-    assert published["/estimate/pose"] == ["estimator"]
+    assert publishers["/estimate/pose"] == ["estimator"]
     assert set(subscribers["/estimate/pose"]) == {"guide", "controller"}
     assert "world" in subscribers["/command/applied"]
     assert message["closed"] == 1003  # the client published

@@ -15,7 +15,7 @@ START_S = 60.0
 
 
 @contextmanager
-def stranger(framed):
+def stranger(in_frame):
     """Serve a page that frames `framed`, and at /plain a page that may be framed; return its address."""
 
     class Pages(BaseHTTPRequestHandler):
@@ -23,7 +23,7 @@ def stranger(framed):
             self.send_response(200)
             self.send_header("Content-Type", "text/html")
             self.end_headers()
-            source = "" if self.path == "/plain" else f'<iframe src="{framed or "/plain"}"></iframe>'
+            source = "" if self.path == "/plain" else f'<iframe src="{in_frame or "/plain"}"></iframe>'
             self.wfile.write(f"<!doctype html><title>stranger</title><p>press here</p>{source}".encode())
 
         def log_message(self, *words):

@@ -78,8 +78,8 @@ async def test_ne3_a_shared_page_prints_a_qr_code_and_an_address_for_each_role(f
 
     async def visit():
         for code in ("web.address", "web.to-stop", "web.to-view"):
-            (printed,) = (note.figures["url"] for note in notes[1:] if note.code == code)
-            host, token = re.fullmatch(r"http://(127\.0\.0\.2:\d+)/#token=(\S+)", printed).groups()
+            (address,) = (note.figures["url"] for note in notes[1:] if note.code == code)
+            host, token = re.fullmatch(r"http://(127\.0\.0\.2:\d+)/#token=(\S+)", address).groups()
             async with connect(
                 f"ws://{host}/ws", origin=f"http://{host}", subprotocols=[SUBPROTOCOL]
             ) as line:
@@ -101,10 +101,10 @@ def test_ne1_the_printed_address_contains_its_token_in_the_url_fragment():
     tokens = Guard((), 1).tokens
     assert len(set(tokens.values())) == 3
     assert all(len(token) >= 22 for token in tokens.values())  # 128 bits, six per letter
-    printed = url("192.168.4.1", 8000, tokens, Role.VIEW)
-    assert printed == f"http://192.168.4.1:8000/#token={tokens[Role.VIEW]}"
+    address = url("192.168.4.1", 8000, tokens, Role.VIEW)
+    assert address == f"http://192.168.4.1:8000/#token={tokens[Role.VIEW]}"
     assert "#" not in url("127.0.0.1", 8000, tokens)
-    assert len(qr_code(printed).splitlines()) > 10
+    assert len(qr_code(address).splitlines()) > 10
     assert own_names()[0].endswith(".local")
 
 

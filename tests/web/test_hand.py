@@ -15,12 +15,12 @@ PAD = """globalThis.gamePad = {
 };
 navigator.getGamepads = () => [null, globalThis.gamePad]"""
 FAULTS = [  # kind, choice of its list, fields that the ledger must hold
-    ("cut", None, {"of": "imu"}),
-    ("drift", 0, {"of": "imu[2]", "size": 0.15}),
-    ("drift", 2, {"of": "imu[2]", "size": 0.5}),
-    ("spikes", 1, {"of": "imu[0]", "size": 20, "part": 0.02}),
-    ("slip", 0, {"of": "left", "part": 0.3}),
-    ("slip", 2, {"of": "all", "part": 0.3}),
+    ("cut", None, {"target": "imu"}),
+    ("drift", 0, {"target": "imu[2]", "size": 0.15}),
+    ("drift", 2, {"target": "imu[2]", "size": 0.5}),
+    ("spikes", 1, {"target": "imu[0]", "size": 20, "part": 0.02}),
+    ("slip", 0, {"target": "left", "part": 0.3}),
+    ("slip", 2, {"target": "all", "part": 0.3}),
     ("sag", 1, {"part": 0.7}),
     ("lose", 1, {"part": 0.6}),
 ]
@@ -90,12 +90,12 @@ def test_a_frame_that_is_not_drawn_is_not_named_by_a_heartbeat(driver, live):
     until(lambda: live.words("beat"))
     driver.js("globalThis.requestAnimationFrame = () => 0")  # nothing is drawn, but frames arrive
     time.sleep(0.1)
-    drawn, beats = driver.js(f"{PAGE}.link.seen"), len(live.words("beat"))
-    driver.wait(f"{PAGE}.link.number > {drawn} + 5")
+    frame_count, beats = driver.js(f"{PAGE}.link.seen"), len(live.words("beat"))
+    driver.wait(f"{PAGE}.link.number > {frame_count} + 5")
     assert len(live.words("beat")) == beats
     driver.js("dispatchEvent(new Event('pagehide'))")
     until(lambda: live.words("give"))
-    assert [beat["seen"] for beat in live.words("beat")[beats:]] == [drawn]
+    assert [beat["seen"] for beat in live.words("beat")[beats:]] == [frame_count]
 
 
 def test_a_finger_on_the_touch_pad_drives_until_it_is_lifted_or_interrupted(tab, live, pad_of_phone):
@@ -218,7 +218,7 @@ LEDGER = """[...document.querySelectorAll('.ledger li')].map((one) =>
 
 
 @pytest.mark.parametrize(
-    ("language", "drift", "push", "detected", "undetected", "missed"),
+    ("language", "drift", "push", "detections", "misses", "missed_push"),
     [
         ("en", "zero of imu[2] drifts by 0.15 rad/s", "push of 0.12 N s to the left", "NIS after 0.02 s: 2.63 over",
          "not detected for 5.0 s: NIS at most 1.05.", "not detected by: monitor, supervisor"),
@@ -228,16 +228,16 @@ LEDGER = """[...document.querySelectorAll('.ledger li')].map((one) =>
     ids=["en", "es"],
 )  # fmt: skip
 def test_the_ledger_shows_what_detected_a_fault_and_what_did_not(
-    tab, live, language, drift, push, detected, undetected, missed
+    tab, live, language, drift, push, detections, misses, missed_push
 ):
     open_page(tab, live, language, "faults")
     rows = tab.js(LEDGER)
     assert [row[0] for row in rows[:2]] == [drift, push]  # the newest first
     assert rows[0][1] is None
-    assert rows[0][2].startswith(undetected)
+    assert rows[0][2].startswith(misses)
     assert rows[0][3] is None
-    assert rows[1][1].startswith(detected)
-    assert rows[1][2:] == [None, missed]
+    assert rows[1][1].startswith(detections)
+    assert rows[1][2:] == [None, missed_push]
     live.put({"type": "ledger", "rows": [LATEST]})
     waits = {"en": "not detected so far", "es": "sin detectar hasta ahora"}[language]
     until(lambda: [row[1:] for row in tab.js(LEDGER)] == [[None, None, waits]])

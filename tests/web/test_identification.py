@@ -160,11 +160,11 @@ class Viewer:
 
 
 async def test_the_rows_of_a_drive_are_sent_to_the_worker_each_second(monkeypatch):
-    sent, waits, visitor = [], [], Viewer()
+    messages_sent, waits, visitor = [], [], Viewer()
     identifying = LiveIdentification(lambda: [visitor])
 
     async def request(do, **words):
-        sent.append(len(words["rows"]))
+        messages_sent.append(len(words["rows"]))
         return {"busy": False}, b""
 
     async def wait(seconds):
@@ -174,15 +174,15 @@ async def test_the_rows_of_a_drive_are_sent_to_the_worker_each_second(monkeypatc
             identifying.set_subscription(visitor, False)
 
     monkeypatch.setattr(identifying._lab, "request", request)
-    patched = {name: getattr(asyncio, name) for name in ("create_task", "CancelledError")}
-    monkeypatch.setattr(live_identification, "asyncio", SimpleNamespace(**patched, sleep=wait))
+    patches = {name: getattr(asyncio, name) for name in ("create_task", "CancelledError")}
+    monkeypatch.setattr(live_identification, "asyncio", SimpleNamespace(**patches, sleep=wait))
     identifying.vehicle = "small"
     identifying.begin(["t", "u.0"])
     identifying.add_rows([[0.0, 0.0]])
     identifying.set_subscription(visitor, True)
     await identifying._asking
     assert waits == [1.0] * 5
-    assert sent == [1] * 5
+    assert messages_sent == [1] * 5
     assert [word["busy"] for word in visitor.words] == [True, *[False] * 5]  # before the first answer
     await identifying.close()
 

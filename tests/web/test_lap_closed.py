@@ -122,7 +122,7 @@ async def test_the_driver_closes_a_lap_and_a_viewer_does_not(words, tmp_path):
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 def test_the_page_offers_the_closure_after_a_lap_by_hand(tab, live):
-    closed = f"{PAGE}.screens.drive.closed"
+    closed_flag = f"{PAGE}.screens.drive.closed"
     runs = [
         {"id": "r9", "name": "0009-teach", "kind": "teach", "seconds": 20.0, "when": None, "laps": None},
         *RUNS,
@@ -130,21 +130,21 @@ def test_the_page_offers_the_closure_after_a_lap_by_hand(tab, live):
     open_page(tab, live)
     live.go("READY")
     tab.click("#lease")
-    tab.wait(f"{PAGE}.ready && {closed}.hidden")
+    tab.wait(f"{PAGE}.ready && {closed_flag}.hidden")
     live.put({"type": "runs", "runs": runs})  # a lap of an earlier page
     tab.wait(f"{PAGE}.runs[0].id === 'r9'")
-    assert tab.js(f"{closed}.hidden")
+    assert tab.js(f"{closed_flag}.hidden")
     tab.press("t", code="KeyT")
     until(lambda: live.words("mission"))
     assert live.words("mission")[0]["name"] == "route-1"
     live.put({"type": "runs", "runs": runs})
-    tab.wait(f"!{closed}.hidden")
+    tab.wait(f"!{closed_flag}.hidden")
     live.go("MISSION", "teach")
-    tab.wait(f"{closed}.hidden")
+    tab.wait(f"{closed_flag}.hidden")
     live.go("READY")
     live.put({"type": "runs", "runs": runs})
-    tab.wait(f"!{closed}.hidden && !{closed}.disabled")
-    assert tab.js(f"{closed}.firstChild.textContent") == "Back at its start"
+    tab.wait(f"!{closed_flag}.hidden && !{closed_flag}.disabled")
+    assert tab.js(f"{closed_flag}.firstChild.textContent") == "Back at its start"
     tab.size(*SIZES["phone"])
     tab.js("dispatchEvent(new Event('resize'))")
     time.sleep(REST_S)
@@ -152,7 +152,7 @@ def test_the_page_offers_the_closure_after_a_lap_by_hand(tab, live):
     tab.press("c", code="KeyC")
     (word,) = until(lambda: live.words("write"))
     assert (word["lap"], word["route"]) == ("r9", "route-1")
-    assert tab.js(f"{closed}.hidden")
+    assert tab.js(f"{closed_flag}.hidden")
     live.put({"type": "runs", "runs": RUNS})
     live.put({"type": "runs", "runs": runs})
-    tab.wait(f"{PAGE}.runs[0].id === 'r9' && {closed}.hidden")
+    tab.wait(f"{PAGE}.runs[0].id === 'r9' && {closed_flag}.hidden")

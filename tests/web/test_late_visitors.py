@@ -53,11 +53,11 @@ async def test_the_history_ends_for_a_browser_that_is_slower_than_the_drive():
     feed = Feed()
     feed.begin_drive(COLUMNS)
     feed.add_rows({"x": [[0.0] * len(COLUMNS)]})
-    sent = 0
+    sent_count = 0
     async for _ in feed.history():
-        sent += 1
-        feed.add_rows({"x": [[0.05 * sent, *[0.0] * (len(COLUMNS) - 1)]]})
-    assert sent == 1
+        sent_count += 1
+        feed.add_rows({"x": [[0.05 * sent_count, *[0.0] * (len(COLUMNS) - 1)]]})
+    assert sent_count == 1
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts open files in /proc")

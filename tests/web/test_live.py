@@ -271,8 +271,8 @@ async def test_a_change_of_vehicle_sends_a_new_hello_message(tmp_path):
 
 async def test_a_browser_that_does_not_read_does_not_delay_others(tmp_path):
     page = live_page(tmp_path)
-    async with page as (server, link, live), browser(server) as stalled, browser(server) as visitor:
-        stalled.line.transport.pause_reading()
+    async with page as (server, link, live), browser(server) as stalled_visitor, browser(server) as visitor:
+        stalled_visitor.line.transport.pause_reading()
         for k in range(1500):
             link.frame(0.05 * k, 5)
             await asyncio.sleep(0)
@@ -283,7 +283,7 @@ async def test_a_browser_that_does_not_read_does_not_delay_others(tmp_path):
                 break
         buffers = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
         assert max(buffers) < 1 << 20
-        stalled.line.transport.abort()
+        stalled_visitor.line.transport.abort()
 
 
 async def test_the_end_of_the_service_is_reported_to_all_browsers(tmp_path):

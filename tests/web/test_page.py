@@ -148,8 +148,8 @@ def test_a_lost_connection_is_reported_and_restored(driver, live):
 
 def test_a_network_that_is_lost_without_a_close_is_reported_and_restored(tab, live):
     """A sleeping laptop or a phone out of reach keeps a connection that is open and carries nothing."""
-    hurried = "const slow = setInterval; globalThis.setInterval = (act, ms) => slow(act, ms / 20)"
-    tab.do("Page.addScriptToEvaluateOnNewDocument", source=hurried)
+    faster_clock = "const slow = setInterval; globalThis.setInterval = (act, ms) => slow(act, ms / 20)"
+    tab.do("Page.addScriptToEvaluateOnNewDocument", source=faster_clock)
     open_page(tab, live)
     take_lease(tab)
     tab.js(

@@ -45,9 +45,9 @@ def test_no_screen_has_a_layout_fault_or_an_accessibility_violation(browser, kin
         for look in LOOKS[language]:
             looked_at(tab, *look)
             shot(tab, kind, screen, *look, language)
-            judged = axe(tab) if HAS_AXE and look in LOOKS_OF_AXE[language] else {}
-            passes += [judged["passes"]] if judged else []
-            if problems := [*tab.js(BOXES), *judged.get("violations", ())]:
+            violations = axe(tab) if HAS_AXE and look in LOOKS_OF_AXE[language] else {}
+            passes += [violations["passes"]] if violations else []
+            if problems := [*tab.js(BOXES), *violations.get("violations", ())]:
                 faults[f"{screen} {look}"] = problems
         looked_at(tab, "laptop", "light")
     assert not faults, json.dumps(faults, indent=1, ensure_ascii=False)
@@ -85,8 +85,8 @@ def test_the_layout_check_detects_each_fault(tab, live, spoil, finds):
 def test_on_a_phone_each_small_button_answers_a_finger_of_44_px(tab, live):
     tab.size(*SIZES["phone"])
     open_page(tab, live, screen="drive")
-    missed = tab.js("""[...document.querySelectorAll("#lease, #settings button, .map-buttons button")].filter((one) => {
+    small = tab.js("""[...document.querySelectorAll("#lease, #settings button, .map-buttons button")].filter((one) => {
       const { left, right, top, bottom } = one.getBoundingClientRect(), middle = (top + bottom) / 2;
       return [-21, 21].some((far) => document.elementFromPoint((left + right) / 2, middle + far) !== one);
     }).map((one) => one.id || one.title)""")
-    assert missed == []
+    assert small == []

@@ -66,7 +66,7 @@ def test_no_state_of_a_screen_has_a_layout_fault(tab, live):
 
 
 def test_a_message_covers_no_control(tab, live):
-    covered = """[...document.querySelectorAll("button, select, input, .pad")].filter((one) => {
+    covered_buttons = """[...document.querySelectorAll("button, select, input, .pad")].filter((one) => {
       const a = one.getBoundingClientRect(), b = document.getElementById("toast").getBoundingClientRect();
       return one.checkVisibility() && a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
     }).map((one) => one.id || one.textContent)"""
@@ -75,7 +75,7 @@ def test_a_message_covers_no_control(tab, live):
         tab.size(*SIZES[size])
         live.put({"type": "event", "t": 1.0, "severity": "warning", "text": MESSAGE})
         tab.wait("document.getElementById('toast').getBoundingClientRect().height > 10")
-        assert tab.js(covered) == [], size
+        assert tab.js(covered_buttons) == [], size
 
 
 def test_the_stop_button_has_the_same_position_on_every_screen_of_a_size(tab, live):

@@ -76,22 +76,22 @@ def test_both_languages_have_the_same_texts_with_the_same_placeholders():
 
 
 def test_every_requested_text_exists():
-    requested = set(CALL_KEY.findall(source())) | set(TEXT_KEY.findall(document()))
-    assert requested <= set(texts("en"))
+    keys_used = set(CALL_KEY.findall(source())) | set(TEXT_KEY.findall(document()))
+    assert keys_used <= set(texts("en"))
 
 
 def test_every_text_is_used():
     script = source()
     literal = set(LITERAL.findall(script)) | set(TEXT_KEY.findall(document()))
     patterns = (*MADE.findall(script), *(f"{key}." for key in WORD_FOR.findall(script)))
-    unused = [key for key in texts("en") if key not in literal and not key.startswith(patterns)]
-    assert not unused
+    unused_keys = [key for key in texts("en") if key not in literal and not key.startswith(patterns)]
+    assert not unused_keys
 
 
 def test_spanish_texts_differ_from_english_except_names():
     english, spanish = texts("en"), texts("es")
-    untranslated = {key for key, text in english.items() if text and text == spanish[key]}
-    assert untranslated <= {
+    untranslated_keys = {key for key, text in english.items() if text and text == spanish[key]}
+    assert untranslated_keys <= {
         "world.real",
         "drive.by-hand",
         "block.supervisor",

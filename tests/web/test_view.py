@@ -130,9 +130,9 @@ async def test_reports_and_runs_are_fetched_by_their_id(folder):
 async def test_the_list_of_runs_describes_each_run(folder):
     (folder / "broken.mcap").write_bytes(b"no run")
     async with recorded_page(folder, "circle") as server, browser(server) as visitor:
-        listed = {run["name"]: run for run in (await visitor.next("runs"))["runs"]}
-        assert listed["circle"]["seconds"] == pytest.approx(2.99)
-        assert listed["broken"]["kind"] == "?"
+        run_by_name = {run["name"]: run for run in (await visitor.next("runs"))["runs"]}
+        assert run_by_name["circle"]["seconds"] == pytest.approx(2.99)
+        assert run_by_name["broken"]["kind"] == "?"
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/proc")

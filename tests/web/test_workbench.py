@@ -124,11 +124,11 @@ def test_each_wire_of_the_diagram_joins_its_blocks_and_shows_its_signals(tab, li
     starts = [mark["path"][0] for mark in marks if mark["kind"] == "line"]
     tips = [mark["path"][0] for mark in marks if mark["kind"] == "area"]
     boxes = {name: tab.js(f"{BOX}({name!r})") for wire in WIRES for name in wire}
-    joined = [
+    joined_runs = [
         tuple(next(name for name, box in boxes.items() if is_on_border(box, point)) for point in ends)
         for ends in zip(starts, tips, strict=True)
     ]
-    assert joined == WIRES
+    assert joined_runs == WIRES
     sparks = f"{PAGE}.screen.sparks"
     titles = tab.js(f"{sparks}.map((one) => one.node.querySelector('b').textContent)")
     assert titles == list(SPARKS)
@@ -136,8 +136,8 @@ def test_each_wire_of_the_diagram_joins_its_blocks_and_shows_its_signals(tab, li
         marks = painted(tab, f"{sparks}[{k}].canvas")
         assert [mark["colour"] for mark in marks] == ["measured", "model", "ghost"][: len(names)]
         scale = tab.js(f"(({{ low, high, canvas }}) => [low, high, canvas.h])({sparks}[{k}])")
-        shown = tab.js(f"{sparks}[{k}].values.map((one) => one.textContent)")
-        for name, mark, text in zip(names, marks, shown, strict=True):
+        shown_values = tab.js(f"{sparks}[{k}].values.map((one) => one.textContent)")
+        for name, mark, text in zip(names, marks, shown_values, strict=True):
             check_trace(mark, scale, x, name, 10.0)
             assert float(text.replace("−", "-")) == pytest.approx(x[name][-1], rel=0.006, abs=6e-4)
     tab.js(f"{PAGE}.record.length = 0")  # as before the first drive

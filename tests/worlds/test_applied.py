@@ -28,34 +28,34 @@ class Firmware:
     def command(self, goal):
         self.goals.append((self.ms + self.late_ms, goal))
 
-    def until(self, ms, applied):
+    def until(self, ms, duties):
         while self.ms < ms:
             goal = next(g for since, g in reversed(self.goals) if since <= self.ms)
             self.requests = [self.motors.step(x, g, 1e-3) for x, g in zip(self.requests, goal, strict=True)]
             self.duties.append([self.motors.duty(k, x) for k, x in enumerate(self.requests)])
             self.ms += 1
             if self.ms % 10 == self.phase_ms:
-                self.report(applied)
+                self.report(duties)
 
-    def report(self, applied):
-        applied.update(self.ms * MS, tuple(np.mean(self.duties[-10:], axis=0)), tuple(self.duties[-1]), False)
+    def report(self, duties):
+        duties.update(self.ms * MS, tuple(np.mean(self.duties[-10:], axis=0)), tuple(self.duties[-1]), False)
 
 
 def drive_motors(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
     """Return reported (ticks, 2) and true mean duties of each tick."""
     rng = np.random.default_rng(seed)
-    applied = AppliedDuties(motors)
+    duties = AppliedDuties(motors)
     firmware = Firmware(motors, phase_ms, on_the_way_ms)
-    firmware.until(20, applied)
-    applied.begin(20 * MS)
+    firmware.until(20, duties)
+    duties.begin(20 * MS)
     means, truth = [], []
     for k in range(ticks):
         if k % 20 == 0:
             goal = tuple(rng.uniform(-1.0, 1.0, 2))
         firmware.command(goal)
-        applied.record_command(firmware.ms * MS, *goal)
-        firmware.until(firmware.ms + 10, applied)
-        means.append(applied.mean(firmware.ms * MS))
+        duties.record_command(firmware.ms * MS, *goal)
+        firmware.until(firmware.ms + 10, duties)
+        means.append(duties.mean(firmware.ms * MS))
         truth.append(np.mean(firmware.duties[-10:], axis=0))
     return np.array(means), np.array(truth)
 
@@ -76,15 +76,15 @@ def test_errors_of_the_predicted_duty_do_not_accumulate(phase_ms):
 
 
 def test_no_duty_is_predicted_for_a_stopped_vehicle():
-    applied = AppliedDuties()
-    applied.update(0, (0.0, 0.0), (0.0, 0.0), False)
-    applied.begin(0)
-    applied.record_command(0, 0.5, 0.5)
-    np.testing.assert_allclose(applied.mean(10 * MS), 0.5 * (1.0 - COMMAND_DELAY_NS / (10 * MS)))
-    applied.update(12 * MS, (0.0, 0.0), (0.0, 0.0), True)
-    assert np.all(applied.mean(20 * MS) < 0.0), "subtracts the excess of the previous tick"
-    applied.update(22 * MS, (0.0, 0.0), (0.0, 0.0), True)
-    np.testing.assert_allclose(applied.mean(30 * MS), 0.0, atol=1e-12)
+    duties = AppliedDuties()
+    duties.update(0, (0.0, 0.0), (0.0, 0.0), False)
+    duties.begin(0)
+    duties.record_command(0, 0.5, 0.5)
+    np.testing.assert_allclose(duties.mean(10 * MS), 0.5 * (1.0 - COMMAND_DELAY_NS / (10 * MS)))
+    duties.update(12 * MS, (0.0, 0.0), (0.0, 0.0), True)
+    assert np.all(duties.mean(20 * MS) < 0.0), "subtracts the excess of the previous tick"
+    duties.update(22 * MS, (0.0, 0.0), (0.0, 0.0), True)
+    np.testing.assert_allclose(duties.mean(30 * MS), 0.0, atol=1e-12)
 
 
 def test_conversion_from_duty_to_request_inverts_the_reverse_conversion():

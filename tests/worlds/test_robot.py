@@ -209,10 +209,10 @@ def test_a_silent_link_and_a_stopped_firmware_are_reported():
     assert robot.stop_reason(50 * MS) is None
     silent = robot.stop_reason(300 * MS)
     assert (silent.code, silent.figures["silent_ms"]) == (StopReason.UNO_SILENT, pytest.approx(290.0))
-    latched = stop(StopReason.UNO_LATCHED)
-    line.waiting = [telemetry(310, stop_code=latched)]
+    latch_stop = stop(StopReason.UNO_LATCHED)
+    line.waiting = [telemetry(310, stop_code=latch_stop)]
     robot.read(310 * MS)
-    assert robot.stop_reason(310 * MS) == latched
+    assert robot.stop_reason(310 * MS) == latch_stop
 
 
 def test_a_noisy_line_has_a_longer_timeout_than_a_silent_line():

@@ -49,7 +49,7 @@ def test_without_faults_the_world_equals_the_simulated_world():
 def test_a_fault_acts_from_its_first_tick(words):
     fault = Fault.parse(words)
     rows, twin = drive_world(world(shake=[fault])), drive_world(world())
-    first = round(fault.at_s * FILE.rate_hz)
+    first = round(fault.start_s * FILE.rate_hz)
     np.testing.assert_array_equal(rows[:first], twin[:first])
     if fault.kind != "lose":  # the command does not change here, but readings do
         assert np.any(rows[first:] != twin[first:])
@@ -68,7 +68,7 @@ def test_a_push_changes_the_velocity_by_impulse_over_mass():
     standing = {"u": (0.0, 0.0, 0.0), "seconds": 0.5 + PUSH_S}
     heavy = FILE.with_values({"model.friction.linear": [0.0] * 3, "model.friction.coulomb": [0.0] * 3,
                               "model.friction.quadratic": [0.0] * 3, "model.process_noise_std": [0.0] * 3})  # fmt: skip
-    for words in ("0.5 s: push 0.3 N s left", {"kind": "push", "at_s": 0.5, "x": -0.3, "frame": "map"}):
+    for words in ("0.5 s: push 0.3 N s left", {"kind": "push", "start_s": 0.5, "x": -0.3, "frame": "map"}):
         pushed_world = world(file=heavy, shake=[words], eta0=np.array([0.0, 0.0, np.pi / 2.0]))
         nu = drive_world(pushed_world, **standing)[-1, 3:6]
         np.testing.assert_allclose(nu, [0.0, 0.3 / 0.61, 0.0], atol=1e-9)
@@ -122,7 +122,7 @@ def test_a_faulty_run_stores_its_faults_and_is_exactly_reproducible(tmp_path):
 def test_faults_added_during_a_run_are_exactly_reproducible():
     lively = world(units={"imu[2]": "rad/s"})
     faults_at = {
-        50: lambda w: w.begin_fault({"kind": "drift", "of": "imu[2]", "size": 0.1}),
+        50: lambda w: w.begin_fault({"kind": "drift", "target": "imu[2]", "size": 0.1}),
         80: lambda w: w.begin_fault({"kind": "tilt", "x": 0.03}),
         120: lambda w: w.end_fault(1),
         130: lambda w: w.begin_fault({"kind": "tilt", "y": 0.02}),  # replaces the first
@@ -134,8 +134,8 @@ def test_faults_added_during_a_run_are_exactly_reproducible():
     assert [fault.kind for fault in faults_of_run] == ["drift", "tilt", "tilt", "push"]
     over = next(event for _, _, event in events if event.code == "shake.end")
     assert over.figures["fault"].figures["unit"] == "rad/s"
-    assert (faults_of_run[0].at_s, faults_of_run[0].for_s) == (0.5, pytest.approx(0.7))
-    assert faults_of_run[1].for_s == pytest.approx(0.5)
+    assert (faults_of_run[0].start_s, faults_of_run[0].duration_s) == (0.5, pytest.approx(0.7))
+    assert faults_of_run[1].duration_s == pytest.approx(0.5)
     np.testing.assert_array_equal(drive_world(world(shake=faults_of_run)), rows)
 
 
@@ -159,15 +159,15 @@ def test_a_fault_free_simulation_is_identical_until_the_fault():
         ("push 0.3 N s left", "shake.syntax"),
         ("3 s: dance", "shake.syntax"),
         ("3 s: push 0.3 N s up", "shake.parts"),
-        ("3 s: cut gps", "shake.of"),
-        ("3 s: drift imu[7] 1", "shake.of"),
+        ("3 s: cut gps", "shake.target"),
+        ("3 s: drift imu[7] 1", "shake.target"),
         ("5-3 s: cut imu", "shake.number"),
         ("3 s: sag 200 %", "shake.number"),
         ("3 s: slip front 30 %", "shake.parts"),
         ({"kind": "push", "x": float("nan")}, "shake.number"),
         ({"kind": "push", "y": 1e6}, "shake.number"),
-        ({"kind": "push", "frame": "moon"}, "shake.of"),
-        ({"kind": "slip", "of": "front", "part": 0.3}, "shake.of"),
+        ({"kind": "push", "frame": "moon"}, "shake.target"),
+        ({"kind": "slip", "target": "front", "part": 0.3}, "shake.target"),
         ({"kind": "tilt", "angle": 3}, "shake.fields"),
         ({"kind": "tilt", "x": "steep"}, "shake.number"),
         ({"x": 1.0}, "shake.fields"),
@@ -184,7 +184,7 @@ def test_an_unsuitable_fault_for_a_vehicle_is_refused():
     car = load("car")
     with refused("shake.no-mass", UsageError):
         world(file=car, shake=["1 s: push 0.3 N s left"])
-    with refused("shake.of", UsageError):
+    with refused("shake.target", UsageError):
         world(file=car, shake=["1 s: slip left 30 %"])
     with refused("shake.of-another-world", UsageError):
         experiment(FILE, np.zeros((10, 3)), world=world(), shake=[])

@@ -109,10 +109,10 @@ def run_of(ticks, truth=None):
 
 
 def test_a_replayed_world_repeats_its_ticks_for_any_command():
-    ticks, simulated = ticks_of(SENSORS, n=50)
-    motions = simulated.new_truths()
+    ticks, simulated_run = ticks_of(SENSORS, n=50)
+    motions = simulated_run.new_truths()
     assert [t for t, _ in motions] == [t.t_ns for t in ticks]
-    assert simulated.new_truths() == []
+    assert simulated_run.new_truths() == []
     truth = TruthLog(
         np.array([t for t, _ in motions]), *(np.array([m[i] for _, m in motions]) for i in (0, 1, 2))
     )
@@ -138,9 +138,9 @@ def test_an_empty_run_is_refused_with_a_reason():
 
 def test_a_recording_without_gaps_is_replayed_unchanged():
     ticks, _ = ticks_of(SENSORS, n=50)
-    jittered = [t._replace(t_ns=t.t_ns + 3_000_000 * (k % 2)) for k, t in enumerate(ticks)]
-    world = ReplayedWorld(run_of(jittered))
-    assert world.times == [t.t_ns for t in jittered]
+    jittered_ticks = [t._replace(t_ns=t.t_ns + 3_000_000 * (k % 2)) for k, t in enumerate(ticks)]
+    world = ReplayedWorld(run_of(jittered_ticks))
+    assert world.times == [t.t_ns for t in jittered_ticks]
     assert world.notes == ()
 
 
@@ -162,15 +162,15 @@ def test_a_gap_of_a_day_is_filled_only_partly():
 def test_no_limit_of_the_file_ends_the_replay_of_an_imported_recording():
     """A recording of others was made without our supervisor; a drive of ours repeats its stop."""
     small = load("small")
-    limited = small.with_values({"supervisor.max_speed_m_s": 0.05})
-    recorded = simulate(small, np.tile([0.8, 0.0, 0.0], (60, 1)))
-    imported = replace(recorded, metadata={**recorded.metadata, "kind": "import"})
-    stop = stop_reason_of(replay(recorded, limited))
+    limited_file = small.with_values({"supervisor.max_speed_m_s": 0.05})
+    recorded_run = simulate(small, np.tile([0.8, 0.0, 0.0], (60, 1)))
+    imported_run = replace(recorded_run, metadata={**recorded_run.metadata, "kind": "import"})
+    stop = stop_reason_of(replay(recorded_run, limited_file))
     assert stop is not None
     assert stop.code == StopReason.SPEED
-    full_replay = replay(imported, limited)
+    full_replay = replay(imported_run, limited_file)
     assert stop_reason_of(full_replay) is None
-    assert full_replay.t_ns[-1] == recorded.t_ns[-1]
+    assert full_replay.t_ns[-1] == recorded_run.t_ns[-1]
 
 
 WRONG_TICKS = {

@@ -81,8 +81,8 @@ align = click.option(
 estimator = click.option(
     "--estimator", metavar="FILE:CLASS", help="Estimator that replaces the estimator of the vehicle file."
 )
-keep = click.option(
-    "--keep", type=click.Path(path_type=Path, file_okay=False),
+drives_folder = click.option(
+    "--keep", "drives_folder", type=click.Path(path_type=Path, file_okay=False),
     help="Folder for finished drives: an interrupted command continues from it. Delete it after a change of the code.",
 )  # fmt: skip
 update = click.option("--update", is_flag=True, help="Write the result into the vehicle file.")

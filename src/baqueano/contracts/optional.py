@@ -39,8 +39,8 @@ DEFAULTS: dict[str, object] = {
     "set_pace": None,  # sets the pace that the operator requests during a drive
     # of any block
     "is_compiled": False,  # True if a step always returns the classes and shapes of its first step
-    "as_written": False,  # True if the step uses a person, a clock or a library: it is never compiled
-    "goes_around": (),  # names of the fields with inner blocks, and of their states
+    "is_interpreted": False,  # True if the step uses a person, a clock or a library: it is never compiled
+    "inner_blocks": (),  # names of the fields with inner blocks, and of their states
     "diagnostic": None,  # state → the Diagnostic of this tick for the run, or None; default: always None
 }
 
@@ -53,7 +53,7 @@ def attribute(block: object, name: str) -> Tree:
 def nested_blocks(block: object) -> Iterator[Tree]:
     """Yield the block and the blocks that it contains, from outside to inside."""
     yield block
-    for name in attribute(block, "goes_around"):
+    for name in attribute(block, "inner_blocks"):
         yield from nested_blocks(getattr(block, name))
 
 

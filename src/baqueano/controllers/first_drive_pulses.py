@@ -29,7 +29,7 @@ class PulseController:
     array([0., 0.])
     """
 
-    as_written: ClassVar[bool] = True
+    is_interpreted: ClassVar[bool] = True
 
     pulses: Tree
 

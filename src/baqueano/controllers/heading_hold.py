@@ -95,7 +95,7 @@ class HeadingHold:
     [0.3 0.  0. ]
     """
 
-    as_written: ClassVar[bool] = True
+    is_interpreted: ClassVar[bool] = True
 
     controller: Tree
     gains: Gains

@@ -33,7 +33,7 @@ class ManualController:
     array([0.3, 0. , 0.1])
     """
 
-    as_written: ClassVar[bool] = True
+    is_interpreted: ClassVar[bool] = True
 
     command: Callable[[], object]
 

@@ -45,7 +45,7 @@ class Schedule:
     array([0.2, 0. ])
     """
 
-    as_written: ClassVar[bool] = True
+    is_interpreted: ClassVar[bool] = True
 
     t_ns: np.ndarray
     u: np.ndarray
@@ -103,7 +103,7 @@ class DelayedController:
     [0. 0. 0.]
     """
 
-    goes_around: ClassVar[tuple[str, ...]] = ("controller",)
+    inner_blocks: ClassVar[tuple[str, ...]] = ("controller",)
 
     controller: Controller
     rest_s: float

@@ -1,7 +1,7 @@
 """Stanley's law: steer a front axle onto the path, as a driver who watches the front wheels.
 
     l = max(axle_m, axle_s |v_f|),    y_f = e_y ± l sin e_χ
-    δ = e_χ ± atan(s k y_f / (v_soft + |v_f|)),    |δ| ≤ steepest_rad
+    δ = e_χ ± atan(s k y_f / (v_soft + |v_f|)),    |δ| ≤ max_steering_rad
     v = v_f + k_x e_x,    ω = ω_f + s |v_f| sin(δ) / l                                                    (1)
     k_χ = (1 + k l / (v_soft + |v_f|)) |v_f| / l,    s = min(1, 1 / (0.9 T k_χ))                          (2)
 
@@ -53,18 +53,18 @@ class Stanley(ModelFollower):
     axle_s: float = parameter(
         "s", "distance l per m/s, if it is more than axle_m", low=0.0, high=10.0, default=0.25
     )
-    soft_m_s: float = parameter(
+    softening_speed_m_s: float = parameter(
         "m/s", "v_soft: makes the steering softer at low speed", low=1e-3, high=10.0, default=0.05
     )
-    steepest_rad: float = parameter("rad", "largest steering angle δ", low=0.01, high=1.57, default=0.8)
+    max_steering_rad: float = parameter("rad", "largest steering angle δ", low=0.01, high=1.57, default=0.8)
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = tracking.e, tracking.nu_f
         axle_m = np.maximum(self.axle_m, self.axle_s * np.abs(v_f))
         y_f = e_y + tracking.forward_sign * axle_m * np.sin(tracking.e_chi)
-        steering = self.k / (self.soft_m_s + np.abs(v_f))
+        steering = self.k / (self.softening_speed_m_s + np.abs(v_f))
         share = self.gain_share((1.0 + steering * axle_m) * v_f / axle_m, 0.9)  # (2)
         delta = tracking.e_chi + tracking.forward_sign * np.arctan(share * steering * y_f)
-        delta = np.clip(delta, -self.steepest_rad, self.steepest_rad)
+        delta = np.clip(delta, -self.max_steering_rad, self.max_steering_rad)
         return memory, (v_f + self.k_x * e_x, omega_f + share * np.abs(v_f) * np.sin(delta) / axle_m)

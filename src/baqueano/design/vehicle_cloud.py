@@ -232,11 +232,11 @@ class VehicleCloud:
         """
         active = [(-x, 0.0, x) if x > 0.0 else (0.0,) for x in np.where(np.isfinite(limit), limit, 1.0)]
         commands = np.repeat(list(product(*active)), round(STIFFNESS_TEST_S * self.rate_hz), axis=0)
-        farthest_m = MAX_SPEED_M_S * len(commands) / self.rate_hz
+        max_distance_m = MAX_SPEED_M_S * len(commands) / self.rate_hz
         for _ in range(8):
             with np.errstate(all="ignore"):
                 _, eta = self.drive(self.state_at(np.zeros(3)), commands)
-                diverged = ~(np.abs(eta) < farthest_m).all(axis=(1, 2))
+                diverged = ~(np.abs(eta) < max_distance_m).all(axis=(1, 2))
             if not diverged.any():
                 break
             theta = self.distribution.theta.copy()

@@ -33,7 +33,7 @@ class BudgetExceeded(ExternalError):
 class BudgetedBlock:
     """A wrapper of a block: its `init` and `step` raise TimeoutError if they take longer than `budget_s`."""
 
-    goes_around: ClassVar[tuple[str, ...]] = ("block",)
+    inner_blocks: ClassVar[tuple[str, ...]] = ("block",)
 
     block: Any
     budget_s: float = BUDGET_S
@@ -51,8 +51,8 @@ def may_hang(block: Tree) -> bool:
     """Return True for a block that runs as Python code and contains code that can be the user's."""
     if isinstance(block, CompiledBlock):
         return False
-    parts = [getattr(block, name, None) for name in optional.attribute(block, "goes_around")]
-    return not optional.attribute(block, "as_written") or any(map(may_hang, parts))
+    parts = [getattr(block, name, None) for name in optional.attribute(block, "inner_blocks")]
+    return not optional.attribute(block, "is_interpreted") or any(map(may_hang, parts))
 
 
 def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value:

@@ -79,7 +79,7 @@ class WatchdogState(NamedTuple):
 class Watchdog:
     """A supervisor that also stops for the reasons of the observers; both kinds of stop are latched."""
 
-    goes_around: ClassVar[tuple[str, ...]] = ("supervisor",)
+    inner_blocks: ClassVar[tuple[str, ...]] = ("supervisor",)
 
     supervisor: Supervision
     observers: Sequence[Observer]

@@ -124,7 +124,7 @@ def _diagnostic_functions(block: Tree) -> Iterator[Callable[[Tree], Diagnostic |
         return
     if (diagnostic := optional.attribute(block, "diagnostic")) is not None:
         yield diagnostic
-    for name in optional.attribute(block, "goes_around"):
+    for name in optional.attribute(block, "inner_blocks"):
         for diagnose in _diagnostic_functions(getattr(block, name)):
             yield partial(_diagnose_part, diagnose, name)
 

@@ -331,9 +331,9 @@ def compiled_or_unchanged(
 
     Of a block that runs as written, the blocks inside it are compiled.
     """
-    if optional.attribute(block, "as_written"):
+    if optional.attribute(block, "is_interpreted"):
         reasons: list[Diagnostic | None] = [None]
-        for name in optional.attribute(block, "goes_around"):
+        for name in optional.attribute(block, "inner_blocks"):
             part_and_state = getattr(block, name), getattr(state, name)
             part, reason = compiled_or_unchanged(role, *part_and_state, inputs, backend)
             block, reasons = replace(block, **{name: part}), [reason, *reasons]

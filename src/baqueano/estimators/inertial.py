@@ -119,7 +119,7 @@ class Inertial:
     array([0., 0., 0.])
     """
 
-    as_written: ClassVar[bool] = True
+    is_interpreted: ClassVar[bool] = True
 
     sensor: str = "imu"
 

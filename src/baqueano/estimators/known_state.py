@@ -67,7 +67,7 @@ class TrueState:
     array([0., 1., 2.])
     """
 
-    as_written: ClassVar[bool] = True
+    is_interpreted: ClassVar[bool] = True
 
     motion_now: Callable[[], Motion]
 

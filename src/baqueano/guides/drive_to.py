@@ -61,7 +61,7 @@ class DriveTo:
     0.0
     """
 
-    as_written: ClassVar[bool] = True  # the path is computed once
+    is_interpreted: ClassVar[bool] = True  # the path is computed once
 
     goals: np.ndarray = parameter("m, m, rad", "poses in the map, (k, 3)", shape=None)
     tau_s: np.ndarray = parameter("s", "times of the route at the goals, (k,)", default=(0.0,), shape=None)

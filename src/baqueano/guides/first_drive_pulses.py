@@ -28,7 +28,7 @@ class PulseGuide:
     1.0
     """
 
-    as_written: ClassVar[bool] = True
+    is_interpreted: ClassVar[bool] = True
 
     pulses: Tree
 

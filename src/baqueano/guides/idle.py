@@ -34,7 +34,7 @@ class Idle:
     [1. 0. 0.] 1.0
     """
 
-    as_written: ClassVar[bool] = True
+    is_interpreted: ClassVar[bool] = True
 
     duration_s: float
 

@@ -48,8 +48,8 @@ class GuideAtPace:
     [0.1 0.  0.2]
     """
 
-    as_written: ClassVar[bool] = True  # `pace` can change between two ticks; the inner guide is compiled
-    goes_around: ClassVar[tuple[str, ...]] = ("guide",)
+    is_interpreted: ClassVar[bool] = True  # `pace` can change between two ticks; the inner guide is compiled
+    inner_blocks: ClassVar[tuple[str, ...]] = ("guide",)
 
     guide: Tree
     pace: float = parameter("1", "pace", low=0.0, high=1.0, default=1.0)

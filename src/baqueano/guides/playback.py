@@ -31,7 +31,7 @@ class Playback:
     array([0., 1., 0.])
     """
 
-    as_written: ClassVar[bool] = True
+    is_interpreted: ClassVar[bool] = True
 
     t_ns: np.ndarray
     eta: np.ndarray

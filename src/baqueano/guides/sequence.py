@@ -57,7 +57,7 @@ class GuideSequence:
     [0.  0.2 0. ]
     """
 
-    goes_around: ClassVar[tuple[str, ...]] = ("first", "second")
+    inner_blocks: ClassVar[tuple[str, ...]] = ("first", "second")
 
     first: Tree
     second: Tree
@@ -77,7 +77,7 @@ class GuideSequence:
         return cls(guide, DriveTo(route.eta[:1], **AT_START | limits))
 
     @property
-    def as_written(self) -> bool:
+    def is_interpreted(self) -> bool:
         """Return True if a part computes a path, which is not compiled; the other parts are compiled on their own."""
         return any(type(part) is DriveTo for part in optional.nested_blocks(self))
 

@@ -39,7 +39,7 @@ class Beacon(SampledSensor):
     point_m: np.ndarray = parameter(
         "m", "position of the beacon in the map, b", low=-1e4, high=1e4, shape=(2,)
     )
-    above_m: float = parameter(
+    height_m: float = parameter(
         "m", "height of the beacon above the sensor, z", low=0.0, high=100.0, default=0.0
     )
     delay_slots: int = 0
@@ -48,7 +48,7 @@ class Beacon(SampledSensor):
     offset_m: float = parameter(
         "m", "offset of the reading from the distance, d", low=-10.0, high=10.0, default=0.0
     )
-    farthest_m: float = parameter("m", "largest distance that is measured", low=1e-3, default=INF)
+    max_range_m: float = parameter("m", "largest distance that is measured", low=1e-3, default=INF)
     lever_arm_m: np.ndarray = parameter(
         "m", "position of the sensor in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
         measured_by="the tape",
@@ -59,8 +59,8 @@ class Beacon(SampledSensor):
     def h(self, motion: Motion) -> np.ndarray:
         """Return the range (1,) [m] without noise.  (1)"""
         x, y = self.point_m - sensor_position(self.lever_arm_m, motion)
-        return np.array([np.sqrt(x * x + y * y + self.above_m**2 + MIN_DISTANCE_M**2) + self.offset_m])
+        return np.array([np.sqrt(x * x + y * y + self.height_m**2 + MIN_DISTANCE_M**2) + self.offset_m])
 
     def detects(self, motion: Motion) -> Value:
-        """Return True if the beacon is within `farthest_m`."""
-        return self.h(motion)[0] <= self.farthest_m
+        """Return True if the beacon is within `max_range_m`."""
+        return self.h(motion)[0] <= self.max_range_m

@@ -7,7 +7,7 @@ at a right angle. ψ is the heading of the vehicle, ζ the angle of the beam on 
 incidence. s is the position of the sensor. p is the body's origin, l the lever arm forward and to the left, R(ψ) the
 rotation by the heading.
 
-The sensor is silent beyond `farthest_m`, beyond the ends of the wall, and if |α| is above `incidence_rad`: a smooth
+The sensor is silent beyond `max_range_m`, beyond the ends of the wall, and if |α| is above `incidence_rad`: a smooth
 wall then reflects the sound away. If a chair is in front of the wall, the gate of an estimator rejects the reading.
 """
 
@@ -49,7 +49,7 @@ class Rangefinder(SampledSensor):
     delay_slots: int = 0
     rate_hz: float = parameter("Hz", "measurements per second", low=1e-3, high=1e5, default=20.0)
     noise_std: float = parameter("m", "white noise of the range", low=0.0, high=100.0, default=0.01)
-    farthest_m: float = parameter("m", "largest distance that is measured", low=1e-3, default=4.0)
+    max_range_m: float = parameter("m", "largest distance that is measured", low=1e-3, default=4.0)
     incidence_rad: float = parameter(
         "rad", "largest angle between beam and normal of the wall", low=0.0, high=1.5, default=0.35
     )
@@ -69,7 +69,7 @@ class Rangefinder(SampledSensor):
         return np.array([perpendicular / np.maximum(np.cos(alpha), MIN_COS)])
 
     def detects(self, motion: Motion) -> Value:
-        """Return True if the beam hits the wall within `farthest_m`, at an angle of at most `incidence_rad`."""
+        """Return True if the beam hits the wall within `max_range_m`, at an angle of at most `incidence_rad`."""
         (perpendicular, alpha), r = self._facing(motion), self.h(motion)[0]
         beam_heading, normal_heading = motion.eta[2] + self.heading_rad, self.wall_heading_rad
         x, y = (
@@ -78,7 +78,7 @@ class Rangefinder(SampledSensor):
             - self.wall_point_m
         )
         lateral = np.abs(y * np.cos(normal_heading) - x * np.sin(normal_heading))
-        is_within_reach = (perpendicular > 0.0) & (r <= self.farthest_m) & (lateral <= self.half_width_m)
+        is_within_reach = (perpendicular > 0.0) & (r <= self.max_range_m) & (lateral <= self.half_width_m)
         return is_within_reach & (np.abs(alpha) <= self.incidence_rad)
 
     def _facing(self, motion: Motion) -> tuple[Value, Value]:

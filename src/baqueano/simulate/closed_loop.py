@@ -232,7 +232,7 @@ def start_by_parameters(
 def check_compilable(backend: str, **blocks: Tree) -> None:
     """Raise UsageError, with a command to use instead, if the step of a block must not be compiled for `backend`."""
     for role, block in blocks.items():
-        if optional.attribute(block, "as_written") and resolve_backend(backend) != "numpy":
+        if optional.attribute(block, "is_interpreted") and resolve_backend(backend) != "numpy":
             line = f"--{role}", f"file.py:{type(block).__name__}"
             command = baqueano_command("repeat", "lab", *line)
             raise UsageError(fault("simulate.as-written", command, role=role, block=type(block).__name__))

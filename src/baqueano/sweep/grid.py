@@ -44,7 +44,7 @@ def sweep(
     seeds: Iterable[int] = (0,),
     reference: str | None = None,
     vehicle: VehicleFile | None = None,
-    keep: Path | str | None = None,
+    drives_folder: Path | str | None = None,
     processes: int | None = None,
     cluster: str | None = None,
     advance: Callable[[int], None] | None = None,
@@ -67,7 +67,7 @@ def sweep(
         Label of the cell with which the other cells are compared; by default the first cell.
     vehicle : VehicleFile, optional
         For runs: the vehicle file of the estimators; by default the file in the run.
-    keep : path, optional
+    drives_folder : path, optional
         A folder in which each finished drive is stored. The same call later resumes from there.
     processes : int, optional
         Number of processes, by default one per processor. Drives with blocks that only this process can import are
@@ -114,7 +114,9 @@ def sweep(
     if reference is not None and reference not in labels:
         raise UsageError(fault("sweep.reference", value=reference, suggestion=nearest(reference, labels)))
     count = processor_count() if processes is None else processes
-    drives = run_jobs(jobs, Resources(count, cluster, None if keep is None else Path(keep)), advance)
+    drives = run_jobs(
+        jobs, Resources(count, cluster, None if drives_folder is None else Path(drives_folder)), advance
+    )
     if not drives:
         raise KeyboardInterrupt
     register()

@@ -37,7 +37,7 @@ class Resources(NamedTuple):
 
     processes: int = 1
     cluster: str | None = None  # address of a Dask scheduler
-    keep: Path | None = None  # a folder
+    drives_folder: Path | None = None  # a folder
 
 
 def run_jobs(
@@ -46,20 +46,25 @@ def run_jobs(
     """Run all jobs, or read their stored drives, and return the drives in order; after Ctrl-C, return only the
     finished drives.
     """
-    if resources.keep is not None:
-        resources.keep.mkdir(parents=True, exist_ok=True)
+    if resources.drives_folder is not None:
+        resources.drives_folder.mkdir(parents=True, exist_ok=True)
     names = [""] * len(jobs)
-    if resources.keep is not None:
+    if resources.drives_folder is not None:
         texts = {file_text: _texts_in_file(file_text) for file_text in {job.file_text for job in jobs}}
         names = [job_digest(job, texts[job.file_text]) for job in jobs]
     advance, rows = advance or (lambda n: None), {}
     for k, name in enumerate(names):
-        if resources.keep is not None and (row := _stored_row(resources.keep / f"{name}.json")) is not None:
+        if (
+            resources.drives_folder is not None
+            and (row := _stored_row(resources.drives_folder / f"{name}.json")) is not None
+        ):
             rows[k] = row
             advance(1)
     remaining_jobs = [NumberedJob(k, job) for k, job in enumerate(jobs) if k not in rows]
     task = partial(
-        _run_and_store, keep=resources.keep, names={job.number: names[job.number] for job in remaining_jobs}
+        _run_and_store,
+        drives_folder=resources.drives_folder,
+        names={job.number: names[job.number] for job in remaining_jobs},
     )
     if resources.cluster is not None and remaining_jobs:
         results = run_on_cluster(remaining_jobs, resources, names, advance)
@@ -78,11 +83,11 @@ class NumberedJob(NamedTuple):
     job: SweepJob
 
 
-def _run_and_store(job: NumberedJob, keep: Path | None, names: dict[int, str]) -> tuple[int, dict]:
-    """Run a job, write its row to `keep`, and return its number and row."""
+def _run_and_store(job: NumberedJob, drives_folder: Path | None, names: dict[int, str]) -> tuple[int, dict]:
+    """Run a job, write its row to `drives_folder`, and return its number and row."""
     row = row_of_drive(do_job(job.job))
-    if keep is not None:
-        replace_file(keep / f"{names[job.number]}.json", json.dumps(row))
+    if drives_folder is not None:
+        replace_file(drives_folder / f"{names[job.number]}.json", json.dumps(row))
     return job.number, row
 
 
@@ -182,12 +187,14 @@ def run_on_cluster(
         raise UsageError(fault("sweep.no-cluster", address=resources.cluster, cause=error)) from error
     results: list[tuple[int, dict]] = []
     with client:
-        waiting = [client.submit(_run_and_store, job, keep=None, names={}, pure=False) for job in jobs]
+        waiting = [
+            client.submit(_run_and_store, job, drives_folder=None, names={}, pure=False) for job in jobs
+        ]
         try:
             for future in as_completed(waiting, loop=client.loop):
                 k, row = future.result()
-                if resources.keep is not None:
-                    replace_file(resources.keep / f"{names[k]}.json", json.dumps(row))
+                if resources.drives_folder is not None:
+                    replace_file(resources.drives_folder / f"{names[k]}.json", json.dumps(row))
                 results.append((k, row))
                 advance(1)
         except KeyboardInterrupt:

@@ -113,7 +113,7 @@ def search_space(
     """
     bounds = bounds or {}
     block, complete = _controller_of(vehicle_file, gains, controller)
-    if optional.attribute(block, "as_written"):
+    if optional.attribute(block, "is_interpreted"):
         raise UsageError(fault("tune.as-written", controller=type(block).__name__))
     entries = _entries(block)
     fields = {name.partition("[")[0] for name in entries}

@@ -35,7 +35,7 @@ from baqueano.vehicle_file.paths import raise_missing_attribute, refuse_change, 
 from baqueano.vehicle_file.plausibility import check_body, check_drive, check_sensors
 from baqueano.vehicle_file.provenance import ParameterCov, Provenance, is_measured, model_values, read_history
 from baqueano.vehicle_file.tables import ReadReport, report_unknown_key
-from baqueano.vehicle_file.text.toml_text import read_text, tables
+from baqueano.vehicle_file.text.toml_text import read_text, tables, with_present_keys
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -341,8 +341,8 @@ def parse(
     >>> parse(load("small").text, "copy").name
     'small'
     """
-    report = ReadReport(name, text)
-    data = tables(text, name)
+    text = with_present_keys(text, name)
+    report, data = ReadReport(name, text), tables(text, name)
     top = read_top(report, data)
     channels, geometry, hardware, simulation = read_head(report, data)
     imu_filter_hz = low_pass_hz(hardware.imu_filter) if "imu_filter" in data.get("robot", {}) else None

@@ -196,7 +196,7 @@ class FaultyWorld(SimulatedWorld):
         self._compiled_step = block if backend == "numpy" else function(block, *example, backend=backend)
 
     def begin_fault(self, fault_like: FaultLike) -> Fault:
-        """Begin a fault with the next tick, which sets `at_s`, and return the fault. Any thread can call this.
+        """Begin a fault with the next tick, which sets `start_s`, and return the fault. Any thread can call this.
 
         Raise UsageError for a fault that this vehicle cannot have, or for more than MAX_FAULTS faults.
         """
@@ -247,7 +247,7 @@ class FaultyWorld(SimulatedWorld):
                         if self.faults[n - 1].kind == "tilt"
                     ]:
                         self._end(number, k)
-                self._append_fault(replace(change, at_s=now_s))
+                self._append_fault(replace(change, start_s=now_s))
             else:
                 self._end(change, k)
 
@@ -260,20 +260,20 @@ class FaultyWorld(SimulatedWorld):
         ):
             return
         self._ended_numbers.add(number)
-        ended_fault = replace(fault_, for_s=now_s - fault_.at_s)
+        ended_fault = replace(fault_, duration_s=now_s - fault_.start_s)
         self.faults[number - 1] = ended_fault
         message = note(
             "shake.end",
             subject=SOURCE,
             number=number,
-            duration_s=ended_fault.for_s,
+            duration_s=ended_fault.duration_s,
             fault=self._message(number),
         )
         self._pending.append((self._end_ns(k), message))
 
     def _message(self, number: int, psi_rad: float = 0.0) -> Diagnostic:
         fault_ = self.faults[number - 1]
-        return fault_.message(number, psi_rad, self._units.get(fault_.of, ""))
+        return fault_.message(number, psi_rad, self._units.get(fault_.target, ""))
 
     def _append_fault(self, fault_: Fault) -> None:
         self.faults.append(fault_)

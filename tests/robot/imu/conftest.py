@@ -12,8 +12,8 @@ def bench(monkeypatch, tmp_path):
 
 
 @pytest.fixture
-def started(bench):
-    """Return `started(**chip)`, which returns a bench with this chip, and its IMU that has been read for `read_s`."""
+def start_imu(bench):
+    """Return `start_imu(**chip)`, which returns a bench with this chip, and its IMU that has been read for `read_s`."""
     from tests.emulated.i2c_ioctl import loop, start
 
     def make(read_s=0.0, **chip):

@@ -268,8 +268,8 @@ def test_the_bus_is_unused_during_clocking_and_the_chip_restarts_afterwards(line
     imu._recovery.wait()
     assert pins.read()["calls"] == []
     loop(bench, imu, 0.4)
-    go, recovered = threading.Event(), bus_recovery.recover_bus
-    monkeypatch.setattr(bus_recovery, "recover_bus", lambda path: (go.wait(), recovered(path))[1])
+    go, recover_bus = threading.Event(), bus_recovery.recover_bus
+    monkeypatch.setattr(bus_recovery, "recover_bus", lambda path: (go.wait(), recover_bus(path))[1])
     assert imu.free_bus() is None
     before = bench.bus.transfers
     read = loop(bench, imu, 0.5)

@@ -23,8 +23,8 @@ def turning(t_ns: int):
     return (0.5, -0.25, G), (0.0, 0.0, 1.5)
 
 
-def test_every_sample_is_read_once_and_in_order(started):
-    b, device = started()
+def test_every_sample_is_read_once_and_in_order(start_imu):
+    b, device = start_imu()
     count = len(b.chip.taken)
     samples = loop(b, device, 10.0)
     times = np.array([s.t_ns for s in samples])
@@ -37,8 +37,8 @@ def test_every_sample_is_read_once_and_in_order(started):
     assert device.events() == []
 
 
-def test_a_read_needs_two_bus_transfers(started):
-    b, device = started()
+def test_a_read_needs_two_bus_transfers(start_imu):
+    b, device = start_imu()
     before = b.bus.transfers
     loop(b, device, 0.5)
     assert b.bus.transfers - before <= 2 * 51 + 2
@@ -80,8 +80,8 @@ def test_the_measured_delay_equals_the_delay_stated_by_the_driver(bench, number,
 
 
 @pytest.mark.parametrize("ppm", [-40_000, -12_000, 3_000, 40_000])
-def test_the_real_rate_is_measured_and_timestamps_use_this_rate(started, ppm):
-    b, device = started(clock_ppm=ppm)
+def test_the_real_rate_is_measured_and_timestamps_use_this_rate(start_imu, ppm):
+    b, device = start_imu(clock_ppm=ppm)
     samples = loop(b, device, 10.0)
     rate = 200.0 * (1.0 + ppm * 1e-6)
     assert device.rate_hz == pytest.approx(rate, abs=device.clock.rate_error_hz + 0.01)
@@ -91,8 +91,8 @@ def test_the_real_rate_is_measured_and_timestamps_use_this_rate(started, ppm):
     assert np.max(error) < 0.4e6, "ns; a tenth of a period and less"
 
 
-def test_a_backlog_is_read_in_limited_parts_without_losing_a_sample(started):
-    b, device = started(read_s=1.0)
+def test_a_backlog_is_read_in_limited_parts_without_losing_a_sample(start_imu):
+    b, device = start_imu(read_s=1.0)
     b.clock.sleep(0.3)
     lengths, samples = [], []
     for _ in range(8):
@@ -106,8 +106,8 @@ def test_a_backlog_is_read_in_limited_parts_without_losing_a_sample(started):
     assert device.counts.overflows == 0
 
 
-def test_opening_reports_the_chip_and_its_settings(started):
-    b, device = started()
+def test_opening_reports_the_chip_and_its_settings(start_imu):
+    b, device = start_imu()
     text = "\n".join(b.printed)
     for part in ("MPU-6050", "0x68", "200 Hz; ±4 g", "44 Hz, delay 4.9 ms", "kHz or more", "°C"):
         assert part in text
@@ -123,8 +123,8 @@ def test_opening_a_moving_chip_gives_a_warning(bench):
     assert "turns at 57" in b.printed[-1]
 
 
-def test_close_puts_the_chip_to_sleep(started):
-    b, device = started()
+def test_close_puts_the_chip_to_sleep(start_imu):
+    b, device = start_imu()
     device.close()
     assert b.chip.regs[0x6B] == 0x40
     assert loop(b, device, 1.0) == [], "no transfer may wake the chip"

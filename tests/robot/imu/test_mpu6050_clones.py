@@ -43,15 +43,15 @@ def test_without_register_0x1d_a_clone_does_not_filter_its_accelerometer(bench):
 
 
 @pytest.mark.parametrize("who_am_i", [0x72, 0x75])
-def test_a_clone_without_a_register_map_has_an_unknown_temperature(started, who_am_i):
-    b, device = started(who_am_i=who_am_i)
+def test_a_clone_without_a_register_map_has_an_unknown_temperature(start_imu, who_am_i):
+    b, device = start_imu(who_am_i=who_am_i)
     assert np.isnan(loop(b, device, 0.1)[0].temperature_c)
     assert "°C" not in b.printed[0]
     assert device.identity.warnings == ()
 
 
-def test_an_unknown_chip_runs_with_a_warning(started):
-    b, device = started(who_am_i=0x33)
+def test_an_unknown_chip_runs_with_a_warning(start_imu):
+    b, device = start_imu(who_am_i=0x33)
     assert not device.chip.is_listed
     assert "WHO_AM_I 0x33 is not known: the chip is used as an MPU-6500" in b.printed[-1]
     assert len(loop(b, device, 1.0)) > 190
@@ -83,8 +83,8 @@ def test_every_chip_has_six_filters_and_a_plausible_temperature_scale():
 
 
 @pytest.mark.parametrize("who_am_i", [0x68, 0x98])
-def test_a_good_chip_passes_its_self_test_and_continues(started, who_am_i):
-    b, device = started(who_am_i=who_am_i, self_test_error=0.05)
+def test_a_good_chip_passes_its_self_test_and_continues(start_imu, who_am_i):
+    b, device = start_imu(who_am_i=who_am_i, self_test_error=0.05)
     result = self_test(device, b.clock.sleep)
     assert result.has_passed
     for axis in result.axes:
@@ -103,8 +103,8 @@ def test_a_chip_that_differs_from_its_factory_code_fails_the_self_test(bench, wh
     assert result.table().count("FAILED") == 6
 
 
-def test_an_axis_without_a_factory_code_has_no_verdict(started):
-    b, device = started()
+def test_an_axis_without_a_factory_code_has_no_verdict(start_imu):
+    b, device = start_imu()
     b.chip.regs[0x0D] &= 0xE0  # no code for gyro x
     result = self_test(device, b.clock.sleep)
     assert result.axes[3].has_passed is None
@@ -118,8 +118,8 @@ def test_a_moving_vehicle_is_not_self_tested(bench):
         self_test(start(b), b.clock.sleep)
 
 
-def test_a_bus_fault_ends_the_self_test_and_the_chip_continues(started):
-    b, device = started()
+def test_a_bus_fault_ends_the_self_test_and_the_chip_continues(start_imu):
+    b, device = start_imu()
     b.bus.fail(121)
     with refused("imu.self-test-broke-off", AnswerNo):
         self_test(device, b.clock.sleep)

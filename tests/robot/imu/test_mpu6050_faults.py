@@ -31,8 +31,8 @@ def gaps_s(samples) -> np.ndarray:
 
 
 @pytest.mark.parametrize("code", [NACK, errno.EIO])
-def test_one_failed_transfer_loses_no_sample(started, code):
-    b, device = started(read_s=1.0)
+def test_one_failed_transfer_loses_no_sample(start_imu, code):
+    b, device = start_imu(read_s=1.0)
     samples, count = [], len(b.chip.taken)
     for _ in range(20):
         b.bus.fail(code)
@@ -44,8 +44,8 @@ def test_one_failed_transfer_loses_no_sample(started, code):
     assert device.events() == []
 
 
-def test_an_interrupted_fifo_read_does_not_misalign_samples(started):
-    b, device = started(read_s=1.0)
+def test_an_interrupted_fifo_read_does_not_misalign_samples(start_imu):
+    b, device = start_imu(read_s=1.0)
     samples = []
     for count in range(1, 28):
         b.clock.sleep(0.01)
@@ -67,8 +67,8 @@ def test_an_interrupted_fifo_read_does_not_misalign_samples(started):
     assert set(kinds(device)) <= {"imu.overflow"}
 
 
-def test_three_failed_reads_restart_the_chip(started):
-    b, device = started()
+def test_three_failed_reads_restart_the_chip(start_imu):
+    b, device = start_imu()
     samples = loop(b, device, 1.0)
     b.bus.fail(NACK, 6)
     samples += loop(b, device, 1.0)
@@ -99,8 +99,8 @@ def test_a_brown_out_is_detected_within_a_second_and_settings_are_restored(bench
     assert_sane(after)
 
 
-def test_rt9_a_changed_chip_setting_is_restored_within_a_second(started):
-    b, device = started()
+def test_rt9_a_changed_chip_setting_is_restored_within_a_second(start_imu):
+    b, device = start_imu()
     loop(b, device, 0.5)
     b.chip.regs[0x1C] = 0x18
     loop(b, device, 1.5)
@@ -109,22 +109,22 @@ def test_rt9_a_changed_chip_setting_is_restored_within_a_second(started):
     assert_sane(loop(b, device, 0.2))
 
 
-def test_a_full_fifo_is_emptied_and_its_old_samples_are_discarded(started):
-    b, device = started()
+def test_a_full_fifo_is_emptied_and_its_old_samples_are_discarded(start_imu):
+    b, device = start_imu()
     before = loop(b, device, 1.0)
     b.clock.sleep(0.5)
-    paused = b.clock.now
+    pause_time = b.clock.now
     after = loop(b, device, 1.0)
     assert kinds(device) == ["imu.overflow"]
     assert device.counts.overflows == 1
-    assert after[0].t_ns > paused
+    assert after[0].t_ns > pause_time
     assert after[0].t_ns > before[-1].t_ns
     assert_sane(after)
     assert len(after) == pytest.approx(200, abs=5)
 
 
-def test_rt7_frozen_samples_are_discarded_and_the_chip_is_restarted(started):
-    b, device = started(read_s=1.0)
+def test_rt7_frozen_samples_are_discarded_and_the_chip_is_restarted(start_imu):
+    b, device = start_imu(read_s=1.0)
     b.chip.freeze()
     samples = loop(b, device, 0.8)
     assert len(samples) <= 21
@@ -137,8 +137,8 @@ def test_rt7_frozen_samples_are_discarded_and_the_chip_is_restarted(started):
     assert_sane(fresh)
 
 
-def test_a_frozen_chip_is_restarted_each_second_and_reported_once(started):
-    b, device = started(read_s=1.0)
+def test_a_frozen_chip_is_restarted_each_second_and_reported_once(start_imu):
+    b, device = start_imu(read_s=1.0)
     b.chip.freeze()
     loop(b, device, 5.0)
     assert device.counts.restarts in (5, 6)
@@ -152,8 +152,8 @@ def test_a_frozen_chip_is_restarted_each_second_and_reported_once(started):
     ]
 
 
-def test_a_chip_without_new_samples_is_restarted(started):
-    b, device = started(read_s=1.0)
+def test_a_chip_without_new_samples_is_restarted(start_imu):
+    b, device = start_imu(read_s=1.0)
     b.chip.regs[0x23] = 0  # its FIFO accepts no samples; all checked registers are unchanged
     samples = loop(b, device, 1.5)
     assert kinds(device) == ["imu.data-missing", "imu.restart", "imu.started", "imu.answers-again"]
@@ -171,8 +171,8 @@ def test_rt7_a_real_sensor_at_rest_never_counts_as_frozen(bench, who_am_i):
     assert kinds(device) == []
 
 
-def test_a_saturated_axis_is_named_once(started):
-    b, device = started()
+def test_a_saturated_axis_is_named_once(start_imu):
+    b, device = start_imu()
     loop(b, device, 0.2)
     b.chip.saturate(5, -32768)
     samples = loop(b, device, 1.0)
@@ -184,8 +184,8 @@ def test_a_saturated_axis_is_named_once(started):
     assert len(samples) == pytest.approx(200, abs=5), "the log retains the measured value"
 
 
-def test_rt9_a_blocked_bus_delays_only_one_read(started):
-    b, device = started(read_s=1.0)
+def test_rt9_a_blocked_bus_delays_only_one_read(start_imu):
+    b, device = start_imu(read_s=1.0)
     b.bus.sda_low = True
     longest, start_ns = 0, b.clock.now
     silent_after = None
@@ -217,8 +217,8 @@ def test_a_blocked_bus_at_start_is_distinguished_from_a_missing_chip(bench):
         start(b)
 
 
-def test_a_chip_that_is_disconnected_recovers_after_reconnection(started):
-    b, device = started(read_s=1.0)
+def test_a_chip_that_is_disconnected_recovers_after_reconnection(start_imu):
+    b, device = start_imu(read_s=1.0)
     chip = b.bus.devices.pop(0x68)
     assert loop(b, device, 3.0) == []
     assert device.is_silent
@@ -232,8 +232,8 @@ def test_a_chip_that_is_disconnected_recovers_after_reconnection(started):
     assert kinds(device) == ["imu.started", "imu.answers-again"]
 
 
-def test_a_missing_device_file_raises_no_error_and_reading_resumes_later(started, tmp_path):
-    b, device = started()
+def test_a_missing_device_file_raises_no_error_and_reading_resumes_later(start_imu, tmp_path):
+    b, device = start_imu()
     loop(b, device, 0.5)
     b.bus.fail(errno.ENODEV, 6)
     (tmp_path / "i2c-1").rename(tmp_path / "gone")
@@ -244,8 +244,8 @@ def test_a_missing_device_file_raises_no_error_and_reading_resumes_later(started
     assert kinds(device) == ["imu.restart", "imu.data-missing", "imu.started", "imu.answers-again"]
 
 
-def test_random_bus_errors_cause_only_short_gaps(started):
-    b, device = started(clock_ppm=8000)
+def test_random_bus_errors_cause_only_short_gaps(start_imu):
+    b, device = start_imu(clock_ppm=8000)
     rng = np.random.default_rng(5)
     original = b.bus.transfer
 

@@ -30,9 +30,9 @@ def boot(tmp_path, monkeypatch):
 
 def test_an_unfinished_mission_is_named_with_its_blocks(boot, tmp_path):
     Journal(tmp_path).begin(MISSION, "1.mcap")
-    unfinished = Journal(tmp_path).unfinished_mission()
-    assert unfinished.code == StopReason.MISSION_UNFINISHED
-    assert unfinished.figures == {
+    unfinished_mission = Journal(tmp_path).unfinished_mission()
+    assert unfinished_mission.code == StopReason.MISSION_UNFINISHED
+    assert unfinished_mission.figures == {
         "kind": "experiment", "run": "1.mcap", "blocks": "mine.py:Mine", "file": "", "line": 0,
     }  # fmt: skip
 

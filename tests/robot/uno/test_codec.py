@@ -32,10 +32,10 @@ def test_the_checksum_equals_the_catalogue_value():
 
 @given(st.binary(max_size=MAX_FRAME_BYTES - 1))
 def test_byte_stuffing_removes_every_zero_and_is_reversible(body):
-    stuffed = cobs_encode(body)
-    assert 0 not in stuffed
-    assert len(stuffed) == len(body) + 1
-    assert cobs_decode(stuffed) == body
+    encoded_body = cobs_encode(body)
+    assert 0 not in encoded_body
+    assert len(encoded_body) == len(body) + 1
+    assert cobs_decode(encoded_body) == body
 
 
 def test_the_stop_frame_has_fixed_bytes():

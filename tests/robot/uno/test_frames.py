@@ -92,8 +92,8 @@ def test_each_frame_has_the_same_layout_in_c_and_python(tmp_path):
         f'#include <stddef.h>\n#include <stdio.h>\n#include "{HEADER}"\nint main(void) {{\n{body}\nreturn 0; }}\n'
     )
     subprocess.run(["gcc", "-std=c11", "-o", tmp_path / "layout", source], check=True)
-    printed = subprocess.run([tmp_path / "layout"], capture_output=True, text=True, check=True).stdout
-    places = dict(line.split() for line in printed.splitlines())
+    output = subprocess.run([tmp_path / "layout"], capture_output=True, text=True, check=True).stdout
+    places = dict(line.split() for line in output.splitlines())
     for layout in LAYOUTS:
         name, place = snake_case(layout.__name__), 0
         for field in FIELDS_OF_LAYOUT[layout]:

@@ -149,9 +149,9 @@ def test_ctrl_c_ends_the_remote_program_and_waits_for_its_output(programs, endin
             assert time.monotonic() < end
             time.sleep(0.02)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal sends it, to ssh too
-        _, printed = process.communicate(timeout=60.0)
+        _, output = process.communicate(timeout=60.0)
     assert process.returncode == 130
-    assert message in printed
+    assert message in output
     with pytest.raises(ProcessLookupError):
         os.kill(int(pid.read_text()), 0)
 

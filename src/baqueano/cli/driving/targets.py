@@ -142,7 +142,7 @@ def print_fault_detections(run: "Run", vehicle_file: "VehicleFile", shake: tuple
 
     ledger = fault_ledger(run, vehicle_file)
     for row in ledger.rows:
-        print_message(note("ledger.fault", t_s=row.fault.at_s, fault=row.message))
+        print_message(note("ledger.fault", t_s=row.fault.start_s, fault=row.message))
         for notice in row.notices:
             print_message(
                 note(

@@ -69,12 +69,12 @@ def paper(seed: int, seed_count: int, backend: str, report: ReportFiles, as_json
     multiple=True,
     help=("Case to study, such as clean or understeer. Repeat the option for more; default: all."),
 )
-@options.keep
+@options.drives_folder
 @options.backend
 @report_options
 @options.as_json
 def identification(
-    seed: int, seed_count: int, cases: tuple[str, ...], keep: Path | None, backend: str, report: ReportFiles,
+    seed: int, seed_count: int, cases: tuple[str, ...], drives_folder: Path | None, backend: str, report: ReportFiles,
     as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.study.identification import identification
@@ -85,7 +85,13 @@ def identification(
     _check_cases(cases, CASES)
     with show_progress(note("cli.study-identification", seeds=seed_count), seed_count) as advance:
         result = identification(
-            seed_count, seed, backend, processor_count(), advance, cases=cases or CASES, keep=keep
+            seed_count,
+            seed,
+            backend,
+            processor_count(),
+            advance,
+            cases=cases or CASES,
+            drives_folder=drives_folder,
         )
     print_answer(result, as_json)
     report.write(lambda: page_of_identification(result), Path("study-identification.html"), reproducible=True)

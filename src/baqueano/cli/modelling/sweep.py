@@ -55,7 +55,7 @@ BLOCK_OPTIONS = [
     metavar="CELL",
     help="Combination of blocks with which the others are compared; default: the first.",
 )
-@options.keep
+@options.drives_folder
 @cluster
 @options.backend
 @options.runs_folder
@@ -64,7 +64,7 @@ BLOCK_OPTIONS = [
 def command(
     runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], estimators: tuple[str, ...],
     controllers: tuple[str, ...], guides: tuple[str, ...], routes: tuple[str, ...], speed_m_s: float, size_m: float,
-    seed: int, seeds: int, laps: int, aside_m: float, align: str, reference: str | None, keep: Path | None,
+    seed: int, seeds: int, laps: int, aside_m: float, align: str, reference: str | None, drives_folder: Path | None,
     cluster: str | None, backend: str, folder: str, report: ReportFiles, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.driving.teach import shape_or_route
@@ -76,7 +76,7 @@ def command(
         sweep,
         **block_kinds,
         reference=reference,
-        keep=keep,
+        drives_folder=drives_folder,
         cluster=cluster,
         alignment=align,
         backend=backend,

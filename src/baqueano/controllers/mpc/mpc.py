@@ -65,7 +65,7 @@ class Mpc:
     True
     """
 
-    as_written: ClassVar[bool] = True  # its solver is a library, so the step is not compiled
+    is_interpreted: ClassVar[bool] = True  # its solver is a library, so the step is not compiled
 
     vehicle: Vehicle
     horizon_s: float = parameter("s", "prediction horizon", low=0.1, high=5.0, default=0.8)

@@ -64,7 +64,7 @@ class FaultRequests:
             world.end_fault(int(request["end"]))
         else:
             world.begin_fault(
-                {name: value for name, value in request.items() if name not in ("type", "at_s")}
+                {name: value for name, value in request.items() if name not in ("type", "start_s")}
             )
 
     def repeat_mission(self, client: object, request: JsonObject) -> None:
@@ -148,7 +148,7 @@ class _LedgerObserver(Observer):
 def _fault_row(ledger: Ledger, row: LedgerRow) -> JsonObject:
     until_s = None if row.until_s == float("inf") else row.until_s
     return {
-        "number": row.number, "t_s": row.fault.at_s, "until_s": until_s, "ended": row.until_s <= ledger.now_s,
+        "number": row.number, "t_s": row.fault.start_s, "until_s": until_s, "ended": row.until_s <= ledger.now_s,
         "fault": row.fault.to_json(), "message": row.message,
         "detections": [
             {"detector": note(f"ledger.who-{notice.witness}"), "after_s": notice.after_s, "message": notice.message}

@@ -91,7 +91,7 @@ def _compared_controller(
     if not isinstance(kind, str):
         return ComparedController(label, kind, {}, ())
     vehicle_file = vehicle_file.with_values({"controller.kind": kind})
-    if kind != "pd" and attribute(vehicle_file.controller(), "as_written"):
+    if kind != "pd" and attribute(vehicle_file.controller(), "is_interpreted"):
         return ComparedController(label, kind, {}, ())
     route = SHAPES["sinuous"]()
     tune_result = tune(

@@ -211,18 +211,24 @@ def _reasons(row: "TableRow") -> list[str]:
 def identification(
     seeds: int = SEEDS, first: int = 0, backend: str = "auto", processes: int = 1,
     advance: Callable[[int], None] | None = None, *, cases: Sequence[str] = CASES, duration_s: float = DRIVE_S,
-    keep: Path | None = None,
+    drives_folder: Path | None = None,
 ) -> Identification:  # fmt: skip
     """Return the outcomes of the fits of vehicles `first` … `first + seeds − 1` of each case. The fits run in
     `processes` processes.
 
     `advance` is called with the number of seeds that have just finished. Ctrl-C ends the study with the finished
-    results, and raises KeyboardInterrupt before the first result. With a folder `keep`, outcomes are stored there and
-    not computed again.
+    results, and raises KeyboardInterrupt before the first result. Outcomes are stored in `drives_folder`, and not
+    computed again.
     """
-    if keep is not None:
-        keep.mkdir(parents=True, exist_ok=True)
-    work = partial(_batch_outcomes, cases=tuple(cases), backend=backend, duration_s=duration_s, keep=keep)
+    if drives_folder is not None:
+        drives_folder.mkdir(parents=True, exist_ok=True)
+    work = partial(
+        _batch_outcomes,
+        cases=tuple(cases),
+        backend=backend,
+        duration_s=duration_s,
+        drives_folder=drives_folder,
+    )
     batches_done = run_in_batches(work, range(first, first + seeds), BATCH, processes, advance)
     if not batches_done:
         raise KeyboardInterrupt
@@ -233,14 +239,14 @@ def identification(
 
 
 def _batch_outcomes(
-    seeds: range, cases: tuple[str, ...], backend: str, duration_s: float, keep: Path | None
+    seeds: range, cases: tuple[str, ...], backend: str, duration_s: float, drives_folder: Path | None
 ) -> list[TrialOutcome]:
-    """Return the outcomes of the seeds, read from `keep` if they are stored there."""
+    """Return the outcomes of the seeds, read from `drives_folder` if they are stored there."""
     job = TrialJob(tuple(seeds), cases, backend, duration_s)
-    if keep is None:
+    if drives_folder is None:
         return fit_job(job)
     numbers = "-".join(str(CASES.index(case)) for case in cases)
-    path = keep / f"{seeds[0]}to{seeds[-1]}_cases{numbers}_{duration_s:g}s.pickle"
+    path = drives_folder / f"{seeds[0]}to{seeds[-1]}_cases{numbers}_{duration_s:g}s.pickle"
     if not path.exists():
         replace_file(path, pickle.dumps(fit_job(job)))
     return pickle.loads(path.read_bytes())

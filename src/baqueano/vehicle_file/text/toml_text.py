@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 
 MAX_BYTES = 64 * 1024  # bytes
 MAX_DEPTH = 16  # nested tables
+FORMER_KEYS = {  # kind of a block → key in older files → its present name
+    "beacon": {"above_m": "height_m", "farthest_m": "max_range_m"},
+    "rangefinder": {"farthest_m": "max_range_m"},
+    "stanley": {"soft_m_s": "softening_speed_m_s", "steepest_rad": "max_steering_rad"},
+}
 _DOTS = re.compile(r"""[\w"'.\- \t]+""")
 _HEADER = re.compile(r"^\s*\[\[?\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
 _KEY = re.compile(r"""^\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
@@ -58,6 +63,25 @@ def tables(text: str, name: str) -> "JsonObject":
         return parse_toml(text, name)
     except tomllib.TOMLDecodeError as error:
         raise FileError(_syntax_error(str(error), text, name)) from error
+
+
+def with_present_keys(text: str, name: str) -> str:
+    """Return the text with the present names of the keys that older files of our blocks contain.
+
+    >>> with_present_keys('[controller]\\nkind = "stanley"\\nsteepest_rad = 0.5', "lab.toml")
+    '[controller]\\nkind = "stanley"\\nmax_steering_rad = 0.5'
+    """
+    if not any(key in text for keys in FORMER_KEYS.values() for key in keys):
+        return text
+    data = tables(text, name)
+    sensors = data.get("sensors", {})
+    sources = ({"controller": data.get("controller")}, sensors if isinstance(sensors, dict) else {})
+    for source in sources:
+        for table_name, table in source.items():
+            keys = FORMER_KEYS.get(str(table.get("kind", table_name)), {}) if isinstance(table, dict) else {}
+            for former_key in keys.keys() & table.keys():
+                text = re.sub(rf"\b{former_key}\b", keys[former_key], text)
+    return text
 
 
 def parse_toml(text: str, name: str) -> "JsonObject":

@@ -54,10 +54,10 @@ export class Faults {
     const imu = sensors.find((one) => one.kind === "imu"), of = (imu ?? sensors[0])?.name, gyro = imu ? 2 : 0;
     const unit = (channel) => this.page.record.field(`z.${of}[${channel}]`)?.unit ?? "", parts = (...all) => all.map((part) => [percent(part), { part }]);
     const kinds = {
-      cut: sensors.map(({ name }) => [name, { of: name }]),
-      drift: of ? [0.15, 0.05, 0.5].map((size) => [`+ ${num(size, 2)} ${unit(gyro)}`, { of: `${of}[${gyro}]`, size }]) : [],
-      spikes: of ? [5, 20].map((size) => [`± ${size} ${unit(0)}, 2 %`, { of: `${of}[0]`, size, part: 0.02 }]) : [],
-      slip: (footprint.kind === "car" ? ["all"] : ["left", "right", "all"]).map((one) => [`${t(`faults.wheel-${one}`)}, 30 %`, { of: one, part: 0.3 }]),
+      cut: sensors.map(({ name }) => [name, { target: name }]),
+      drift: of ? [0.15, 0.05, 0.5].map((size) => [`+ ${num(size, 2)} ${unit(gyro)}`, { target: `${of}[${gyro}]`, size }]) : [],
+      spikes: of ? [5, 20].map((size) => [`± ${size} ${unit(0)}, 2 %`, { target: `${of}[0]`, size, part: 0.02 }]) : [],
+      slip: (footprint.kind === "car" ? ["all"] : ["left", "right", "all"]).map((one) => [`${t(`faults.wheel-${one}`)}, 30 %`, { target: one, part: 0.3 }]),
       sag: parts(0.84, 0.7), lose: parts(0.3, 0.6),
     };
     this.breakers = Object.entries(kinds).filter(([, options]) => options.length).map(([kind, options]) => this.#breaker(kind, options, t(`faults.${kind}${imu && ["drift", "spikes"].includes(kind) ? "-imu" : ""}`)));

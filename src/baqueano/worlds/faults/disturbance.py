@@ -81,17 +81,19 @@ class DisturbanceConverter:
             known_names = [
                 f"{n}[{c}]" for n, m in zip(self.names, self.calm.sizes, strict=True) for c in range(m)
             ]
-        if (fault_.kind in SENSOR_KINDS or fault_.kind in CHANNEL_KINDS) and fault_.of not in known_names:
+        if (fault_.kind in SENSOR_KINDS or fault_.kind in CHANNEL_KINDS) and fault_.target not in known_names:
             raise UsageError(
-                fault("shake.of", kind=fault_.kind, value=repr(fault_.of)[:40], valid=known_names)
+                fault("shake.target", kind=fault_.kind, value=repr(fault_.target)[:40], valid=known_names)
             )
-        if fault_.kind == "slip" and self._motors < 2 and fault_.of != "all":
-            raise UsageError(fault("shake.of", kind=fault_.kind, value=repr(fault_.of)[:40], valid="all"))
+        if fault_.kind == "slip" and self._motors < 2 and fault_.target != "all":
+            raise UsageError(
+                fault("shake.target", kind=fault_.kind, value=repr(fault_.target)[:40], valid="all")
+            )
         return fault_
 
     def first_tick(self, fault: Fault) -> int:
         """Return the index of the first tick that the fault affects."""
-        return round(fault.at_s * self._rate_hz)
+        return round(fault.start_s * self._rate_hz)
 
     def end_tick(self, fault: Fault) -> float:
         """Return the index of the first tick after the fault; infinity for a fault without an end."""
@@ -119,7 +121,7 @@ class DisturbanceConverter:
                         sin(slope_rad) / slope_rad if slope_rad > 0.0 else 0.0
                     )
                 case "cut":
-                    kept_readings[self.names.index(fault_.of)] = 0.0
+                    kept_readings[self.names.index(fault_.target)] = 0.0
                 case "drift":
                     s, c = self._channel(fault_)
                     age_s = (k - self.first_tick(fault_)) / self._rate_hz
@@ -143,7 +145,7 @@ class DisturbanceConverter:
         return d._replace(supply_factor=supply, sensors=sensors), command_arrives
 
     def _slip(self, d: Disturbance, fault_: Fault) -> None:
-        wheels = {"all": slice(None), "left": slice(0, 1), "right": slice(1, 2)}[fault_.of]
+        wheels = {"all": slice(None), "left": slice(0, 1), "right": slice(1, 2)}[fault_.target]
         d.grip[: self._motors][wheels] *= fault_.part
         for sensor, block in zip(d.sensors, self._sensors, strict=True):
             if attribute(block, "reads") in WHEEL_SENSORS:
@@ -152,7 +154,7 @@ class DisturbanceConverter:
                 sensor.factor[:] *= SLIP_FACTOR
 
     def _channel(self, fault_: Fault) -> tuple[int, int]:
-        name, _, index_text = fault_.of.partition("[")
+        name, _, index_text = fault_.target.partition("[")
         return self.names.index(name), int(index_text[:-1])
 
     def _random(self, k: int) -> tuple[np.ndarray, list[np.ndarray]]:

@@ -51,11 +51,11 @@ class Fault:
     ----------
     kind : str
         One of push, tilt, cut, drift, spikes, slip, sag, lose; the module lists the fields of each kind.
-    at_s : float [s]
+    start_s : float [s]
         Time of the drive at which the fault begins; the tick that begins at this time is the first affected tick.
-    for_s : float, optional [s]
+    duration_s : float, optional [s]
         Duration; by default until the end of the drive. A push lasts PUSH_S.
-    of : str
+    target : str
         The sensor, channel or wheel.
     x, y : float [N s] or [rad]
         Components of a push or a tilt.
@@ -69,13 +69,13 @@ class Fault:
     Examples
     --------
     >>> Fault.parse("12 s: push 0.3 N s left")
-    Fault(kind='push', at_s=12.0, for_s=None, of='', x=0.0, y=0.3, size=0.0, part=0.0, frame='body')
+    Fault(kind='push', start_s=12.0, duration_s=None, target='', x=0.0, y=0.3, size=0.0, part=0.0, frame='body')
     """
 
     kind: str
-    at_s: float = 0.0
-    for_s: float | None = None
-    of: str = ""
+    start_s: float = 0.0
+    duration_s: float | None = None
+    target: str = ""
     x: float = 0.0
     y: float = 0.0
     size: float = 0.0
@@ -85,24 +85,30 @@ class Fault:
     def __post_init__(self) -> None:
         if self.kind not in FIELD_RANGES:
             raise UsageError(fault("shake.kind", value=str(self.kind), valid=FIELD_RANGES))
-        time_ranges = {"at_s": (0.0, 1e6)} | ({} if self.for_s is None else {"for_s": (0.0, 1e6)})
+        time_ranges = {"start_s": (0.0, 1e6)} | (
+            {} if self.duration_s is None else {"duration_s": (0.0, 1e6)}
+        )
         for name, (low, high) in (time_ranges | FIELD_RANGES[self.kind]).items():
             value = getattr(self, name)
             is_number = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
             if not (is_number and low <= value <= high):
                 limits = {"kind": self.kind, "name": name, "low": low, "high": high}
                 raise UsageError(fault("shake.number", value=repr(value)[:40], **limits))
-        if self.kind in WHEEL_KINDS and self.of not in WHEELS:
-            raise UsageError(fault("shake.of", kind=self.kind, value=repr(self.of)[:40], valid=WHEELS))
+        if self.kind in WHEEL_KINDS and self.target not in WHEELS:
+            raise UsageError(
+                fault("shake.target", kind=self.kind, value=repr(self.target)[:40], valid=WHEELS)
+            )
         if self.frame not in ("body", "map"):
-            raise UsageError(fault("shake.of", kind="frame", value=repr(self.frame)[:40], valid="body, map"))
+            raise UsageError(
+                fault("shake.target", kind="frame", value=repr(self.frame)[:40], valid="body, map")
+            )
 
     @property
     def end_s(self) -> float:
         """Return the time [s] at which the fault ends; infinity if it lasts until the end of the drive."""
         if self.kind == "push":
-            return self.at_s + PUSH_S
-        return float("inf") if self.for_s is None else self.at_s + self.for_s
+            return self.start_s + PUSH_S
+        return float("inf") if self.duration_s is None else self.start_s + self.duration_s
 
     def to_json(self) -> JsonObject:
         """Return the fields of the fault by name, for JSON."""
@@ -125,7 +131,7 @@ class Fault:
         if self.kind == "push":
             figures["direction"] = note(f"shake.way-{direction_name}")
         if self.kind == "slip":
-            figures["wheel"] = note(f"shake.wheel-{self.of}")
+            figures["wheel"] = note(f"shake.wheel-{self.target}")
         if self.kind in CHANNEL_KINDS:
             figures["unit"] = unit
         figures["percent"] = 100.0 * self.part
@@ -156,7 +162,7 @@ class Fault:
         for name, value in description.items():
             if isinstance(value, int) and not isinstance(value, bool):
                 values[name] = float(value)
-        for name in ("kind", "of", "frame"):
+        for name in ("kind", "target", "frame"):
             values[name] = str(description.get(name, "body" if name == "frame" else ""))
         return cls(**values)
 
@@ -172,9 +178,9 @@ def faults_in(events: Iterable[tuple[int, str, Diagnostic | None]]) -> list[Faul
             continue
         number = int(message.figures["number"])
         if message.code == "shake.end":
-            at_s = by_number[number].at_s
-            by_number[number] = replace(by_number[number], for_s=float(message.figures["duration_s"]))
-            assert by_number[number].at_s == at_s
+            start_s = by_number[number].start_s
+            by_number[number] = replace(by_number[number], duration_s=float(message.figures["duration_s"]))
+            assert by_number[number].start_s == start_s
         else:
             by_number[number] = Fault.from_diagnostic(message)
     return list(by_number.values())

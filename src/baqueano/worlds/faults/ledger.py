@@ -62,7 +62,7 @@ class LedgerRow:
 
     def covers(self, t_s: float) -> bool:
         """Return True if a notice at `t_s` can belong to this fault."""
-        return self.fault.at_s <= t_s <= self.until_s + COVER_AFTER_S
+        return self.fault.start_s <= t_s <= self.until_s + COVER_AFTER_S
 
     def silent_witnesses(self) -> tuple[str, ...]:
         """Return the names of the checks that did not detect the fault."""
@@ -137,7 +137,7 @@ class Ledger:
 
         Return None if a check detected the fault, or if the fault is younger than MIN_LASTED_S.
         """
-        lasted_s = min(self.now_s, row.until_s + COVER_AFTER_S) - row.fault.at_s
+        lasted_s = min(self.now_s, row.until_s + COVER_AFTER_S) - row.fault.start_s
         if row.notices or lasted_s < MIN_LASTED_S:
             return None
         figures = {"delay_s": lasted_s, "nis": row.worst_nis, "reason": self.reason_unnoticed(row.fault)}
@@ -155,27 +155,27 @@ class Ledger:
         if (
             self._used_channels is not None
             and fault.kind in CHANNEL_KINDS
-            and fault.of not in self._used_channels
+            and fault.target not in self._used_channels
         ):
-            return note("ledger.why-unused", subject=fault.of)
+            return note("ledger.why-unused", subject=fault.target)
         if fault.kind == "slip" and wheels:
             code = "slip-wheels"
         if fault.kind == "tilt" and self._sees_pose:
             code = "tilt-pose"
         if fault.kind == "drift":
-            other_sensors = [name for name in self._reads if name != fault.of.partition("[")[0]]
+            other_sensors = [name for name in self._reads if name != fault.target.partition("[")[0]]
             code = "drift-others" if other_sensors else "drift"
-        return note(f"ledger.why-{code}", subject=fault.of or fault.kind)
+        return note(f"ledger.why-{code}", subject=fault.target or fault.kind)
 
     def _add_fault(self, diagnostic: Diagnostic) -> None:
         number = int(diagnostic.figures["number"])
         if diagnostic.code == "shake.end":
             row = next(row for row in self.rows if row.number == number)
-            row.until_s = row.fault.at_s + float(diagnostic.figures["duration_s"])
+            row.until_s = row.fault.start_s + float(diagnostic.figures["duration_s"])
             return
         fault_ = Fault.from_diagnostic(diagnostic)
         self._window_means = deque(
-            pair for pair in self._window_means if pair[0] >= fault_.at_s - KEEP_BEFORE_S
+            pair for pair in self._window_means if pair[0] >= fault_.start_s - KEEP_BEFORE_S
         )
         self.rows.append(LedgerRow(number, fault_, diagnostic, fault_.end_s))
         self._window.clear()  # the entries of an earlier fault do not belong to this one
@@ -188,10 +188,10 @@ class Ledger:
             return
         name = diagnostic.subject.partition("[")[0]
         sensor_rows = [row for row in watched_rows if row.fault.kind in (*CHANNEL_KINDS, *SENSOR_KINDS)
-               and row.fault.of.partition("[")[0] == name]  # fmt: skip
+               and row.fault.target.partition("[")[0] == name]  # fmt: skip
         row = (sensor_rows if witness == "monitor" and sensor_rows else watched_rows)[-1]
         if witness not in [notice.witness for notice in row.notices]:
-            row.notices.append(LedgerNotice(witness, t_s - row.fault.at_s, diagnostic))
+            row.notices.append(LedgerNotice(witness, t_s - row.fault.start_s, diagnostic))
 
     def _check_gate(self, t_s: float, weight: np.ndarray) -> None:
         refusals = int(np.sum(weight < 0.5))
@@ -230,7 +230,7 @@ class Ledger:
             self._window_means.append((t_s, mean))
         for row in [row for row in self.rows if row.covers(t_s)][-1:]:
             row.worst_nis = mean if not isfinite(row.worst_nis) else max(mean, row.worst_nis)
-            earlier_means = [nis for at_s, nis in self._window_means if at_s < row.fault.at_s]
+            earlier_means = [nis for window_s, nis in self._window_means if window_s < row.fault.start_s]
             by_chance = (1.0 - 2.0 / (9.0 * k) + Z * sqrt(2.0 / (9.0 * k))) ** 3
             limit = max(by_chance, MIN_NIS_RATIO * float(np.mean(earlier_means)) if earlier_means else 0.0)
             if mean > limit:

@@ -46,8 +46,8 @@ def parse_fields(text: str) -> JsonObject:
         raise UsageError(fault("shake.parts", value=repr(text)[:80], kind=match[3], example=example))
     begin, end = float(match[1]), None if match[2] is None else float(match[2])
     kind_fields = _kind_fields(match[3], form_match.groups())
-    for_s = None if end is None or match[3] == "push" else end - begin
-    return {"kind": match[3], "at_s": begin, "for_s": for_s, **kind_fields}
+    duration_s = None if end is None or match[3] == "push" else end - begin
+    return {"kind": match[3], "start_s": begin, "duration_s": duration_s, **kind_fields}
 
 
 def _kind_fields(kind: str, groups: tuple[str, ...]) -> JsonObject:
@@ -59,11 +59,11 @@ def _kind_fields(kind: str, groups: tuple[str, ...]) -> JsonObject:
             slope_rad, direction_rad = radians(float(groups[0])), radians(float(groups[1] or 0.0))
             return {"x": slope_rad * cos(direction_rad), "y": slope_rad * sin(direction_rad)}
         case "cut":
-            return {"of": groups[0]}
+            return {"target": groups[0]}
         case "drift":
-            return {"of": groups[0], "size": float(groups[1])}
+            return {"target": groups[0], "size": float(groups[1])}
         case "spikes":
-            return {"of": groups[0], "size": float(groups[1]), "part": float(groups[2]) / 100.0}
+            return {"target": groups[0], "size": float(groups[1]), "part": float(groups[2]) / 100.0}
         case "slip":
-            return {"of": groups[0], "part": float(groups[1]) / 100.0}
+            return {"target": groups[0], "part": float(groups[1]) / 100.0}
     return {"part": float(groups[0]) / 100.0}

@@ -7,9 +7,9 @@ TEMPLATES: dict[str, str] = {
     "shake.way-back": "backward",
     "shake.way-right": "to the right",
     "shake.tilt": "floor tilted by {slope_deg:.1f}°, up towards {uphill_deg:.0f}°",
-    "shake.cut": "{of} cut",
-    "shake.drift": "zero of {of} drifts by {size:g}{unit}",
-    "shake.spikes": "spikes of ± {size:g}{unit} in {of}, {percent:.0f} % of its samples",
+    "shake.cut": "{target} cut",
+    "shake.drift": "zero of {target} drifts by {size:g}{unit}",
+    "shake.spikes": "spikes of ± {size:g}{unit} in {target}, {percent:.0f} % of its samples",
     "shake.slip": "{wheel} with {percent:.0f} % of its force",
     "shake.wheel-left": "left wheel slips,",
     "shake.wheel-right": "right wheel slips,",
@@ -19,7 +19,7 @@ TEMPLATES: dict[str, str] = {
     "shake.end": "over after {duration_s:.1f} s: {fault}",
     "shake.kind": "The fault {value} does not exist: expected one of {valid}.",
     "shake.number": "{kind}: {name} = {value}: expected a number from {low:g} to {high:g}.",
-    "shake.of": "{kind} of {value}: expected one of {valid}.",
+    "shake.target": "{kind} of {value}: expected one of {valid}.",
     "shake.fields": "{value} does not have kind, or has an unknown field: expected some of {valid}.",
     "shake.syntax": (
         '{value} does not describe a fault. Expected a time and a kind, such as "12 s: push 0.3 N s left" '
