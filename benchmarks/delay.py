@@ -61,7 +61,7 @@ def errors_beside(loops, robots, seeds, seconds):
     world = TruthWorld(robots, seeds, np.tile(ROUTE.eta[0], (n, 1)))
     states, u, now = [loop.start(ROUTE.eta[0]) for loop in loops], np.zeros((n, 3)), guide.init()
     errors = np.stack([disturbances(seed, len(t_ns), rate_hz) for seed in seeds])
-    exact, requested = np.zeros((len(t_ns), n, 2)), np.zeros((len(t_ns), 2))
+    exact, requested_u = np.zeros((len(t_ns), n, 2)), np.zeros((len(t_ns), 2))
     at_rest = Estimate(0, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
     for k, t in enumerate(t_ns):
         duty = u @ SIDES.T * (1.0 + errors[:, k])
@@ -75,9 +75,9 @@ def errors_beside(loops, robots, seeds, seconds):
             states[i], (u[i], _) = loop.step(
                 states[i], Tick(int(t), u[i].copy(), loop.slots(Slot(1.0, state))), reference
             )
-        exact[k], requested[k] = truth.eta[:, :2], reference.eta[:2]
+        exact[k], requested_u[k] = truth.eta[:, :2], reference.eta[:2]
     is_late = t_ns >= int(min(FROM_S, 0.5 * seconds) * 1e9)
-    return np.array([rms(cross_track(t_ns[is_late], exact[is_late, i], t_ns, requested)) for i in range(n)])
+    return np.array([rms(cross_track(t_ns[is_late], exact[is_late, i], t_ns, requested_u)) for i in range(n)])
 
 
 def main():

@@ -33,7 +33,7 @@ class Row(NamedTuple):
     ratio: float  # time over the time of the first case
     target: float = 0.0  # least allowed ratio; 0 for none
     note: str = ""
-    missed: bool = False
+    is_missed: bool = False
     max_ratio: float = 0.0  # largest allowed ratio; 0 for none
 
 
@@ -46,7 +46,7 @@ class Bench(NamedTuple):
     @property
     def met(self) -> bool:
         """Return True if every target was reached."""
-        return not any(row.missed for row in self.rows)
+        return not any(row.is_missed for row in self.rows)
 
     def table(self) -> str:
         """Return the rows as text."""
@@ -57,7 +57,7 @@ class Bench(NamedTuple):
             target = (
                 f"{row.target:,.3g}" if row.target else f"at most {row.max_ratio:,g}" if row.max_ratio else ""
             )
-            target = f"  (target {target}{': missed' if row.missed else ''})" if target else ""
+            target = f"  (target {target}{': missed' if row.is_missed else ''})" if target else ""
             note = f"  {row.note}" if row.note else ""
             lines.append(f"  {row.name:<{width}}  {in_units(row.seconds)}{ratio}{target}{note}")
         return "\n".join(lines)

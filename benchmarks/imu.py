@@ -69,14 +69,14 @@ def cost(calls: int) -> np.ndarray:
         ctypes.memmove(out.buf, data, out.len)
 
     smbus2.smbus2.ioctl = ioctl
-    began, spent = b.clock.now, []
+    began, durations = b.clock.now, []
     for n in range(calls):
         b.clock.now = int(began + (n + 1) * 2 * device.clock.period_ns)
         before = time.thread_time_ns()
         samples = device.read()
-        spent.append(time.thread_time_ns() - before)
+        durations.append(time.thread_time_ns() - before)
         assert len(samples) == 2
-    return np.sort(spent) / 1e3
+    return np.sort(durations) / 1e3
 
 
 def recoveries(moments: int) -> None:

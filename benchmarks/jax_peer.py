@@ -52,8 +52,8 @@ def of(
         slopes, r = jax.jacfwd(residuals, has_aux=True)(theta)
         size = jnp.abs(r)
         rho = jnp.where(size <= BEND, 0.5 * r * r, BEND * size - 0.5 * BEND**2)
-        weighted = jnp.minimum(1.0, BEND / jnp.maximum(size, 1e-300))[:, None] * slopes
-        return rho.sum(), weighted.T @ r, weighted.T @ slopes
+        weighted_slopes = jnp.minimum(1.0, BEND / jnp.maximum(size, 1e-300))[:, None] * slopes
+        return rho.sum(), weighted_slopes.T @ r, weighted_slopes.T @ slopes
 
     @jax.jit
     def errors_of(theta):

@@ -68,13 +68,13 @@ def trajectory(libraries: Libraries, u: np.ndarray) -> Bench:
         x = runge_kutta(theta, x, u)
         return x, x
 
-    folded = scan(lambda x, u: step(ALL, x, u), np.zeros(6), u[0], backend="c")
+    folded_scan = scan(lambda x, u: step(ALL, x, u), np.zeros(6), u[0], backend="c")
     free = scan(step, np.zeros(6), u[0], ALL, backend="c")
     expected = np.empty((len(u), 6))
     by_hand = compiled_cases(libraries, "simulate", len(u), ALL, u, expected)
-    np.testing.assert_allclose(folded.run(u)[1], expected, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(folded_scan.run(u)[1], expected, rtol=1e-11, atol=1e-11)
     cases = [
-        Case("scan, constants folded", lambda: folded.run(u)),
+        Case("scan, constants folded", lambda: folded_scan.run(u)),
         *by_hand,
         Case("scan, 17 parameters at run time", lambda: free.run(u, ALL)),
     ]
@@ -159,7 +159,7 @@ def fitting(libraries: Libraries, u: np.ndarray) -> Bench:
 
 def late(theta, state, row):
     """Return a tick of a robot with delay and lag of its motors, computed as in our vehicles; θ as in kernels.c."""
-    nu, past, steps_s, lagged = state
+    nu, past, steps_s, lag_state = state
     dt_s, u, z, inverse_mass = row[0], row[1:3], row[3:], np.array([1.0 / MASS, 1.0 / MASS, 1.0 / INERTIA])
     T = theta[6:12].reshape(3, 2)
 
@@ -167,7 +167,9 @@ def late(theta, state, row):
         turning = np.array([nu[1] * nu[2], -nu[0] * nu[2], 0.0])
         return (T @ effort - (theta[:3] + theta[3:6] * np.abs(nu)) * nu) * inverse_mass + turning
 
-    effort = lagged_effort(delay.command_segments(u, past, steps_s, theta[13], dt_s), lagged, theta[12], dt_s)
+    effort = lagged_effort(
+        delay.command_segments(u, past, steps_s, theta[13], dt_s), lag_state, theta[12], dt_s
+    )
     nu = rk4(nu_dot, nu, effort, dt_s)
     a = nu_dot(nu, effort.last)
     h = np.array([a[0] - nu[2] * nu[1], a[1] + nu[2] * nu[0], nu[2] + theta[14]])

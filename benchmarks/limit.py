@@ -51,7 +51,7 @@ class Case(NamedTuple):
 
     name: str
     block: Any
-    assumed: matched.AssumedNoise
+    assumed_noise: matched.AssumedNoise
 
 
 class Accuracy(NamedTuple):
@@ -72,7 +72,7 @@ def cases() -> list[Case]:
         (IMU, ODOMETER, "with bias, scale"),
     )
     for imu, odometer, limit_of in (exact, errors):
-        for use, trusted in (
+        for use, trusted_sensors in (
             (IMU_ALONE, ()),
             (IMU_ALONE, ACCELEROMETERS),
             (BOTH, ()),
@@ -80,28 +80,30 @@ def cases() -> list[Case]:
         ):
             sensors = sensor_slots(use)(*(imu, odometer)[: len(use)])
             block = AugmentedEkf(
-                VEHICLE, sensors, use=use, speed_from=trusted, course_std=0.0, sideslip_error_std=0.0
+                VEHICLE, sensors, use=use, speed_from=trusted_sensors, course_std=0.0, sideslip_error_std=0.0
             )
-            name = f"augmented_ekf, {' + '.join(use)}{', speed_from accel.' if trusted else ''}, {limit_of}"
+            name = f"augmented_ekf, {' + '.join(use)}{', speed_from accel.' if trusted_sensors else ''}, {limit_of}"
             case_list.append(Case(name, block, assumed_by(block, imu)))
     return case_list
 
 
-def simulated(assumed: matched.AssumedNoise, drives: int, seconds: float, seed: int = 0) -> matched.Drives:
+def simulated(
+    assumed_noise: matched.AssumedNoise, drives: int, seconds: float, seed: int = 0
+) -> matched.Drives:
     """Return simulated drives under random commands, each constant for HOLD ticks."""
     n, rng = round(seconds / matched.DT), np.random.default_rng([seed, 1])
     blocks = -(-n // HOLD)
     levels = np.stack(
         [rng.uniform(0.3, 0.9, blocks), np.zeros(blocks), rng.uniform(-0.5, 0.5, blocks)], axis=1
     )
-    return matched.drive_matched(assumed, np.repeat(levels, HOLD, axis=0)[:n], drives, seed)
+    return matched.drive_matched(assumed_noise, np.repeat(levels, HOLD, axis=0)[:n], drives, seed)
 
 
 def accuracy(case: Case, simulated_drives: matched.Drives) -> Accuracy:
     """Return the accuracy of the filter on the drives, compared with the truth and the bound."""
     n, drives = simulated_drives.x.shape[:2]
-    bound = matched.bound(case.assumed, simulated_drives, 2 + 1 + (case.block.use == BOTH))
-    kernel, sums, squares, settled = kernel_of(case.block), {}, 0.0, round(SETTLED_S / matched.DT)
+    bound = matched.bound(case.assumed_noise, simulated_drives, 2 + 1 + (case.block.use == BOTH))
+    kernel, sums, squares, settled_row = kernel_of(case.block), {}, 0.0, round(SETTLED_S / matched.DT)
     for first in range(0, drives, TOGETHER):
         rows = slice(first, first + TOGETHER)
         truth = np.swapaxes(simulated_drives.x[:, rows], 0, 1)
@@ -127,9 +129,9 @@ def accuracy(case: Case, simulated_drives: matched.Drives) -> Accuracy:
         for name, (square, size) in errors.items():
             before = sums.get(name, (0.0, size))[0]
             sums[name] = (before + np.sum(square, axis=0) / (size * drives), size)
-        squares += np.sum(np.mean(e[:, settled:, 0] ** 2, axis=1)) / drives
+        squares += np.sum(np.mean(e[:, settled_row:, 0] ** 2, axis=1)) / drives
     width = {name: BAND * np.sqrt(2.0 / (drives * size)) for name, (_, size) in sums.items()}
-    rms = np.sqrt(squares), np.sqrt(np.mean(bound[settled:, 0]))
+    rms = np.sqrt(squares), np.sqrt(np.mean(bound[settled_row:, 0]))
     t_s = matched.DT * np.arange(1, n + 1)
     return Accuracy(case.name, t_s, {name: series for name, (series, _) in sums.items()}, width, rms)
 
@@ -146,18 +148,25 @@ def main() -> None:
     print(
         f"{drives} drives of {seconds:g} s of the matched model; 1 is right, in brackets the share of ticks in band"
     )
-    all_found, assumed, simulated_drives = [], None, None
+    all_found, assumed_noise, simulated_drives = [], None, None
     for case in cases():
-        if assumed is None or simulated_drives is None or not all(map(np.array_equal, assumed, case.assumed)):
-            assumed, simulated_drives = case.assumed, simulated(case.assumed, drives, seconds)
+        if (
+            assumed_noise is None
+            or simulated_drives is None
+            or not all(map(np.array_equal, assumed_noise, case.assumed_noise))
+        ):
+            assumed_noise, simulated_drives = (
+                case.assumed_noise,
+                simulated(case.assumed_noise, drives, seconds),
+            )
         result = accuracy(case, simulated_drives)
         all_found.append(result)
         words = [
             f"{name} {np.mean(x):.2f} ({np.mean(np.abs(x - 1.0) < result.width[name]):.0%})"
             for name, x in result.ratios.items()
         ]
-        reached, min_error = result.speed
-        words.append(f"speed {1e3 * reached:.2f} mm/s = {reached / min_error:.2f} × the bound")
+        speed_error, min_error = result.speed
+        words.append(f"speed {1e3 * speed_error:.2f} mm/s = {speed_error / min_error:.2f} × the bound")
         print(f"{result.name:74}  {', '.join(words)}", flush=True)
     if args.plot:
         _drawing(all_found).savefig(args.plot)

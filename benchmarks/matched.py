@@ -63,14 +63,14 @@ def readings(x: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.stack(z, axis=1)
 
 
-def drive_matched(assumed: AssumedNoise, u: np.ndarray, n: int, seed: int) -> Drives:
+def drive_matched(assumed_noise: AssumedNoise, u: np.ndarray, n: int, seed: int) -> Drives:
     """Return n simulated drives under the commands u (N, 3).  (1)-(3)"""
     rng, h = np.random.default_rng(seed), DT / STEPS
-    x, xs, zs = assumed.start * rng.standard_normal((n, 13)), [], []
-    x[:, D] = assumed.disturbance * rng.standard_normal((n, 2))
-    keep = np.exp(-0.5 * h / assumed.fade_s)
-    fresh = assumed.disturbance * np.sqrt(1.0 - keep**2)
-    walk, of_bias = (density * np.sqrt(0.5 * h) for density in (assumed.walk, assumed.bias_walk))
+    x, xs, zs = assumed_noise.start * rng.standard_normal((n, 13)), [], []
+    x[:, D] = assumed_noise.disturbance * rng.standard_normal((n, 2))
+    keep = np.exp(-0.5 * h / assumed_noise.fade_s)
+    fresh = assumed_noise.disturbance * np.sqrt(1.0 - keep**2)
+    walk, of_bias = (density * np.sqrt(0.5 * h) for density in (assumed_noise.walk, assumed_noise.bias_walk))
 
     def add_walk(x: np.ndarray) -> np.ndarray:
         draw, x = rng.standard_normal((n, 8)), x.copy()
@@ -87,32 +87,38 @@ def drive_matched(assumed: AssumedNoise, u: np.ndarray, n: int, seed: int) -> Dr
             k3 = rates(x + 0.5 * h * k2, row)
             x = add_walk(x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + rates(x + h * k3, row)))
         xs.append(x)
-        zs.append(readings(x, row) + assumed.reading * rng.standard_normal((n, 4)))
+        zs.append(readings(x, row) + assumed_noise.reading * rng.standard_normal((n, 4)))
     return Drives(u, np.stack(xs), np.stack(zs))
 
 
-def bound(assumed: AssumedNoise, drives: Drives, m: int) -> np.ndarray:
+def bound(assumed_noise: AssumedNoise, drives: Drives, m: int) -> np.ndarray:
     """Return the least variances (N, 3) of an estimator of (1 + κ) v, with the first m readings.  (4)"""
     indices = [
-        k for k in range(8) if k < 5 or assumed.start[INNER[k]] > 0.0
+        k for k in range(8) if k < 5 or assumed_noise.start[INNER[k]] > 0.0
     ]  # a bias without error is a constant
     states = [INNER[k] for k in indices]
-    std = np.where(np.isin(INNER, range(6, 8)), 0.0, assumed.start[INNER])
-    std[3:5] = assumed.disturbance
+    std = np.where(np.isin(INNER, range(6, 8)), 0.0, assumed_noise.start[INNER])
+    std[3:5] = assumed_noise.disturbance
     J, out, before = np.diag(1.0 / std[indices] ** 2), np.empty((len(drives.u), 3)), None
     noise = np.concatenate(
-        [assumed.walk**2, 2.0 * assumed.disturbance**2 / assumed.fade_s, assumed.bias_walk**2]
+        [
+            assumed_noise.walk**2,
+            2.0 * assumed_noise.disturbance**2 / assumed_noise.fade_s,
+            assumed_noise.bias_walk**2,
+        ]
     )
     for k, (row, x) in enumerate(zip(drives.u, drives.x, strict=True)):
         before = x if before is None else before
-        F, Q = _transition(before, noise, assumed.fade_s)
+        F, Q = _transition(before, noise, assumed_noise.fade_s)
         F, W = F[:, indices][:, :, indices], np.linalg.inv(Q[:, indices][:, :, indices])
         WF = W @ F
         D11, D12, D22 = np.mean(np.swapaxes(F, 1, 2) @ WF, axis=0), np.mean(WF, axis=0), np.mean(W, axis=0)
         H = _slopes(x, row)[:, :m, states]
-        information_of_readings = np.mean(np.swapaxes(H, 1, 2) @ (H / assumed.reading[:m, None] ** 2), axis=0)
+        information_of_readings = np.mean(
+            np.swapaxes(H, 1, 2) @ (H / assumed_noise.reading[:m, None] ** 2), axis=0
+        )
         J = D22 + information_of_readings - D12 @ np.linalg.solve(J + D11, D12.T)
-        spread = np.repeat(assumed.start[KAPPA], [2, 1]) ** 2
+        spread = np.repeat(assumed_noise.start[KAPPA], [2, 1]) ** 2
         out[k] = np.diag(np.linalg.inv(J))[:3] + spread * np.mean(x[:, NU] ** 2, axis=0)
         before = x
     return out

@@ -65,11 +65,11 @@ async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
     rows = (
         Row("nobody looks", none / 100.0, 1.0, note=f"{none:.2f} % of a core"),
         Row(
-            f"{VIEWERS} browsers at 20 Hz", five / 100.0, five / max(none, 1e-9), missed=five > MOST_PERCENT,
+            f"{VIEWERS} browsers at 20 Hz", five / 100.0, five / max(none, 1e-9), is_missed=five > MOST_PERCENT,
             note=f"{five:.2f} % of a core (at most {MOST_PERCENT:g}); {spread(with_viewers)}",
         ),
         Row(
-            "memory", 0.0, 1.0, missed=resident > MOST_MB,
+            "memory", 0.0, 1.0, is_missed=resident > MOST_MB,
             note=f"{resident:.1f} MB resident (at most {MOST_MB:g})",
         ),
     )  # fmt: skip
@@ -92,7 +92,7 @@ async def _history(service: int, guest: "_Guest", port: int, rounds: int, second
     rows = (
         Row("p99 without a visitor", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
         Row(
-            "with one who takes history", 1e-3 * busy, busy / max(without, 1e-9), missed=later > MOST_LATER_MS,
+            "with one who takes history", 1e-3 * busy, busy / max(without, 1e-9), is_missed=later > MOST_LATER_MS,
             note=f"{later:+.3f} ms, median of {rounds} pairs (at most {MOST_LATER_MS:g})",
         ),
     )  # fmt: skip
@@ -102,7 +102,7 @@ async def _history(service: int, guest: "_Guest", port: int, rounds: int, second
 async def _stalled(service: int, page: int, guest: "_Guest", port: int, rounds: int, seconds: float) -> Bench:
     """Return the memory of the page process, and the delay of ticks, while tabs do not read."""
     first = "with SCHED_FIFO" if first_of_all(service) else "without SCHED_FIFO"
-    plain, stalled, growth_mb, visitors = [], [], [], 0
+    plain, stalled_times, growth_mb, visitors = [], [], [], 0
     for _ in range(rounds):
         plain.append(await asyncio.to_thread(guest.late_ms, seconds))
         before = resident_mb(page)
@@ -110,14 +110,14 @@ async def _stalled(service: int, page: int, guest: "_Guest", port: int, rounds: 
             visitors = len(lines)
             for line in lines:
                 line.transport.pause_reading()
-            stalled.append(await asyncio.to_thread(guest.late_ms, seconds))
+            stalled_times.append(await asyncio.to_thread(guest.late_ms, seconds))
             growth_mb.append(resident_mb(page) - before)
-    later = median(p99(b) - p99(a) for a, b in zip(plain, stalled, strict=True))
-    without, busy = (p99([x for times in histories for x in times]) for histories in (plain, stalled))
+    later = median(p99(b) - p99(a) for a, b in zip(plain, stalled_times, strict=True))
+    without, busy = (p99([x for times in histories for x in times]) for histories in (plain, stalled_times))
     rows = (
         Row("p99 without them", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
         Row(f"with the {visitors} that are let in", 1e-3 * busy, busy / max(without, 1e-9),
-            missed=later > MOST_LATER_MS or max(growth_mb) > MOST_GROWN_MB,
+            is_missed=later > MOST_LATER_MS or max(growth_mb) > MOST_GROWN_MB,
             note=f"{later:+.3f} ms, median of {rounds} pairs (at most {MOST_LATER_MS:g}); "
                  f"{max(growth_mb):+.1f} MB resident (at most {MOST_GROWN_MB:g})"),
     )  # fmt: skip
@@ -158,12 +158,12 @@ def _browser(smallest: bool) -> list[Bench | LeftOut]:
         tab.close()
     picture, key, drawing = median(pictures), median(keys), quantile(drawings, 0.95)
     rows = (
-        Row("from open to the first picture", 1e-3 * picture, 1.0, missed=picture > MOST_PICTURE_MS,
+        Row("from open to the first picture", 1e-3 * picture, 1.0, is_missed=picture > MOST_PICTURE_MS,
             note=f"median of {len(pictures)} (at most {MOST_PICTURE_MS:g} ms); {spread(pictures)}"),
-        Row("from a key to the command of a tick", 1e-3 * key, key / picture, missed=key > MOST_KEY_MS,
+        Row("from a key to the command of a tick", 1e-3 * key, key / picture, is_missed=key > MOST_KEY_MS,
             note=f"median of {len(keys)} (at most {MOST_KEY_MS:g} ms); {spread(keys)}"),
         Row(f"a drawing of the map and {strips} strips", 1e-3 * drawing, drawing / picture,
-            missed=drawing > MOST_FRAME_MS,
+            is_missed=drawing > MOST_FRAME_MS,
             note=f"p95 of {len(drawings)}, median {median(drawings):.1f} ms (at most {MOST_FRAME_MS:g})"),
     )  # fmt: skip
     return [Bench("the page in a browser on this machine", rows)]

@@ -59,8 +59,8 @@ def p99(values: Sequence[float]) -> float:
 
 def quantile(values: Sequence[float], q: float) -> float:
     """Return the `q` quantile: the share `q` of all values is below it."""
-    ordered = sorted(values)
-    return ordered[min(len(ordered) - 1, int(q * len(ordered)))]
+    ordered_values = sorted(values)
+    return ordered_values[min(len(ordered_values) - 1, int(q * len(ordered_values)))]
 
 
 def spread(values: Sequence[float]) -> str:

@@ -57,11 +57,11 @@ def _log(block: AugmentedEkf, n: int) -> tuple[np.ndarray, np.ndarray]:
         [*IMU.accel_noise_std, IMU.gyro_noise_std, 0.0]
     )  # last: the odometer, which no peer uses
     start = np.sqrt(np.diag(block.init().cov))[matched.OF_FILTER]
-    assumed = matched.AssumedNoise(
+    assumed_noise = matched.AssumedNoise(
         start, block.velocity_walk_std, block.disturbance_std, block.disturbance_fade_s,
         np.zeros(3), noise,
     )  # fmt: skip
-    return u, matched.drive_matched(assumed, u, 1, 3).z[:, 0, :3]
+    return u, matched.drive_matched(assumed_noise, u, 1, 3).z[:, 0, :3]
 
 
 def _peer(block: AugmentedEkf) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -147,7 +147,9 @@ def _of_a_tick(block: AugmentedEkf, u: np.ndarray, z: np.ndarray) -> Bench:
     )
     own_row, reference = (row for row in bench.rows[1:])
     gain = reference.seconds / own_row.seconds
-    row_of_target = own_row._replace(note=f"{gain:.1f} × as quick as filterpy (target 3)", missed=gain < 3.0)
+    row_of_target = own_row._replace(
+        note=f"{gain:.1f} × as quick as filterpy (target 3)", is_missed=gain < 3.0
+    )
     return bench._replace(rows=(bench.rows[0], row_of_target, reference))
 
 
@@ -167,7 +169,7 @@ def _of_compiling(smallest: bool) -> Bench:
                 )
             compile_times.append(float(result.stdout))
         seconds = min(compile_times)
-        rows.append(Row(name, seconds, 1.0, note=f"at most {limit:g} s", missed=seconds > limit))
+        rows.append(Row(name, seconds, 1.0, note=f"at most {limit:g} s", is_missed=seconds > limit))
     return Bench("compiling the recommended filter", tuple(rows))
 
 
@@ -195,7 +197,7 @@ def _of_a_drive(seconds: float) -> Bench:
         f"{1e3 * tick_s * ratio:.2f} ms of 10 on a Pi 3, estimated at ×{ratio:.1f} (at most {MOST_TICK_MS:g})"
     )
     row = Row(
-        "a tick of repeat, into a file", tick_s, 1.0, note=note, missed=1e3 * tick_s * ratio > MOST_TICK_MS
+        "a tick of repeat, into a file", tick_s, 1.0, note=note, is_missed=1e3 * tick_s * ratio > MOST_TICK_MS
     )
     return Bench("a whole tick without wires", (row,))
 

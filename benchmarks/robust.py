@@ -72,8 +72,10 @@ def main():
         cost, costs = judge_gains(file, gains, judges, **options)
         item = ", ".join(f"{x:.3g}" for x in (*np.quantile(cost, [0.5, 0.95]), cost.max()))
         distances = ", ".join(f"{x:.1f}" for x in (*np.quantile(costs, [0.5, 0.95]), costs.max()))
-        needed = sum(len(d.costs) for d in tuning.descents) * per_step
-        print(f"  {name:10} {per_step:3} {needed:6}   {item}   {distances}   {tuning.values}", flush=True)
+        drives_needed = sum(len(d.costs) for d in tuning.descents) * per_step
+        print(
+            f"  {name:10} {per_step:3} {drives_needed:6}   {item}   {distances}   {tuning.values}", flush=True
+        )
 
 
 if __name__ == "__main__":

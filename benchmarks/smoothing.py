@@ -65,7 +65,7 @@ def main():
         runs = [with_camera(subject.test_run, seed) for seed in range(100, 100 + draws)]
         for smooth in (False, True):
             replays = [replay(run, file, smooth=smooth) for run in runs]
-            figures = np.mean([errors_of(replayed) for replayed in replays], axis=0)
+            figures = np.mean([errors_of(replay_run) for replay_run in replays], axis=0)
             speed, position, heading = np.sqrt(figures[:3])
             print(
                 f"{subject.name}, {sensors}, {'smoothed' if smooth else 'filtered'}: speed {1e3 * speed:.1f} mm/s, "

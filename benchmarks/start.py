@@ -35,5 +35,5 @@ def benches(smallest: bool) -> list[Bench]:
             f" (at most {MOST_MS:g}{': missed' if is_missed else ''})" if name == "baqueano --help" else ""
         )
         note = "" if name == "bare Python" else f"{over:+.0f} ms over bare Python{limit}"
-        rows.append(Row(name, seconds, seconds / python_s, note=note, missed=is_missed))
+        rows.append(Row(name, seconds, seconds / python_s, note=note, is_missed=is_missed))
     return [Bench("start of the command line", tuple(rows))]

@@ -45,7 +45,7 @@ def benches(smallest: bool) -> list[Bench]:
     np.testing.assert_allclose(numpy_cost(start), rehearsal.cost(start), rtol=1e-6)
     bounds = list(zip(low, high, strict=True))
     simplex = minimize(rehearsal.cost, start, method="Nelder-Mead", bounds=bounds)
-    evolved = evolution(rehearsal, bounds, EVOLVED * len(tuning.history) if not smallest else 100)
+    evolution_result = evolution(rehearsal, bounds, EVOLVED * len(tuning.history) if not smallest else 100)
     ours_s, one_s = interleaved(
         [
             Case(NAMED, lambda: by_baqueano(file, duration_s, fixed_bounds), 1 if smallest else ROUNDS),
@@ -65,9 +65,11 @@ def benches(smallest: bool) -> list[Bench]:
         ),
         row(peer_name, one_s * simplex.nfev, ours_s, {peer_name: TARGET}, notes),
     )
-    is_worse = tuning.cost > evolved.fun * WORSE
-    comparison = f"differential evolution reaches {evolved.fun:.5g} in {evolved.nfev} evaluations"
-    quality = rows[0]._replace(note=f"{rows[0].note}; {comparison}", missed=bool(is_worse))
+    is_worse = tuning.cost > evolution_result.fun * WORSE
+    comparison = (
+        f"differential evolution reaches {evolution_result.fun:.5g} in {evolution_result.nfev} evaluations"
+    )
+    quality = rows[0]._replace(note=f"{rows[0].note}; {comparison}", is_missed=bool(is_worse))
     return [Bench(f"tuning of 3 gains over {duration_s:g} s", (quality, *rows[1:]))]
 
 

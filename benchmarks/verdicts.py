@@ -64,12 +64,12 @@ def judge_filters(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -
     for use in (limit.IMU_ALONE, limit.BOTH):
         sensors = sensor_slots(use)(*(imu, odometer)[: len(use)])
         block = AugmentedEkf(limit.VEHICLE, sensors, use=use, course_std=0.0, sideslip_error_std=0.0)
-        kernel, assumed = limit.kernel_of(block), limit.assumed_by(block, imu)
+        kernel, assumed_noise = limit.kernel_of(block), limit.assumed_by(block, imu)
         for j, kappa in enumerate(RATIOS):
             n = max(drives // (2 * len(RATIOS)), 2)
-            scaled_noise = matched.AssumedNoise(*(density * np.sqrt(kappa) for density in assumed))._replace(
-                fade_s=assumed.fade_s
-            )
+            scaled_noise = matched.AssumedNoise(
+                *(density * np.sqrt(kappa) for density in assumed_noise)
+            )._replace(fade_s=assumed_noise.fade_s)
             simulated_drives = limit.simulated(scaled_noise, n, longest_s, 10 * j + len(use))
             for k in range(n):
                 ticks = round(rng.uniform(min(SHORTEST_S, 0.5 * longest_s), longest_s) / matched.DT)
@@ -103,13 +103,14 @@ def main() -> int:
         share = np.mean([not RIGHT.get(result.verdict, lambda k: True)(result.kappa) for result in results])
         could = [result.verdict != "undecided" for result in results if result.samples >= ENOUGH]
         speaks = float(np.mean(could)) if could else 1.0
-        met = bool(share <= WRONG and speaks >= SPEAKS)
+        is_good = bool(share <= WRONG and speaks >= SPEAKS)
         print(
             f"{name}, {len(results)} drives: wrong in {share:.1%} (at most {WRONG:.0%}); speaks in {speaks:.1%} of "
-            f"{len(could)} with {ENOUGH:g} independent samples (at least {SPEAKS:.0%}): {'MET' if met else 'MISSED'}",
+            f"{len(could)} with {ENOUGH:g} independent samples (at least {SPEAKS:.0%}): "
+            f"{'MET' if is_good else 'MISSED'}",
             flush=True,
         )
-        all_met = all_met and met
+        all_met = all_met and is_good
     return int(not (all_met or args.smallest))
 
 

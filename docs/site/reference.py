@@ -72,8 +72,8 @@ def reference(language: str = "en", translate: Translate | None = None) -> dict[
     """Return the text of each page by its name; each object is described once."""
     translate = translate or translation(language)
     names = [name for name in ROOMS if language == "en" or name in COURSE]
-    described: dict[int, str] = {}
-    pages = {f"reference/{_file(name)}": _page(name, described, translate, language) for name in names}
+    page_of_object: dict[int, str] = {}
+    pages = {f"reference/{_file(name)}": _page(name, page_of_object, translate, language) for name in names}
     rows = "".join(
         f"| [{name}]({_address(name, language)}) | {translate(about)} |\n" for name, about in ROOMS.items()
     )
@@ -131,7 +131,7 @@ def _address(module: str, language: str) -> str:
     return f"{_file(module)}.md" if is_here else f"en:../reference/{_file(module)}.html"
 
 
-def _page(name: str, described: dict[int, str], translate: Translate, language: str) -> str:
+def _page(name: str, page_of_object: dict[int, str], translate: Translate, language: str) -> str:
     module = importlib.import_module(name)
     about = translate(ROOMS[name])
     parts = [
@@ -142,11 +142,11 @@ def _page(name: str, described: dict[int, str], translate: Translate, language: 
         thing = getattr(module, word)
         if inspect.ismodule(thing):
             parts.append(f"`{word}`: [{translate('its page')}]({_address(thing.__name__, language)})\n")
-        elif id(thing) in described and callable(thing):
-            target_name = described[id(thing)]
+        elif id(thing) in page_of_object and callable(thing):
+            target_name = page_of_object[id(thing)]
             parts.append(f"`{word}` → {{py:obj}}`{target_name}`\n")
         elif callable(thing):
-            described[id(thing)] = f"{name}.{word}"
+            page_of_object[id(thing)] = f"{name}.{word}"
             parts.append(_entry(f"{name}.{word}", thing, translate))
     return "\n".join(parts)
 
@@ -199,13 +199,13 @@ def signature(thing: Any, method: bool = False) -> str:
         signature_of = inspect.signature(thing)
     except (TypeError, ValueError):
         return "()"
-    words, starred = [], False
+    words, has_star = [], False
     for k, parameter in enumerate(signature_of.parameters.values()):
         if method and k == 0 and parameter.name in ("self", "cls"):
             continue
-        if parameter.kind is parameter.KEYWORD_ONLY and not starred:
+        if parameter.kind is parameter.KEYWORD_ONLY and not has_star:
             words.append("*")
-        starred = starred or parameter.kind in (parameter.KEYWORD_ONLY, parameter.VAR_POSITIONAL)
+        has_star = has_star or parameter.kind in (parameter.KEYWORD_ONLY, parameter.VAR_POSITIONAL)
         mark = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**"}.get(parameter.kind, "")
         text = f"{mark}{parameter.name}"
         if kind := _type(parameter.annotation):

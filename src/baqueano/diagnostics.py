@@ -355,11 +355,11 @@ def _list_figure(values: list[Any]) -> "str | Diagnostic":
     return first
 
 
-def nearest(name: str, allowed: Iterable[str], cutoff: float = 0.6) -> Diagnostic:
+def nearest(name: str, valid_names: Iterable[str], cutoff: float = 0.6) -> Diagnostic:
     """Return a message with the known names, at most MAX_LISTED_NAMES, and the name most similar to `name`, if any."""
     import difflib
 
-    names = list(allowed)
+    names = list(valid_names)
     if not names:
         return note("name.none")
     close_names = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)

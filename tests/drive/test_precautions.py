@@ -117,9 +117,9 @@ def doubtful(error):
 def watch_rows(caution, rows):
     """Return pace and stop after each (time, finding)."""
     out = []
-    for t_s, degraded in rows:
+    for t_s, degraded_sensors in rows:
         reason = caution.stop_reason(round(1e9 * t_s))
-        caution.on_record(record(t_s, degraded=degraded))
+        caution.on_record(record(t_s, degraded=degraded_sensors))
         out.append((caution._guide.pace, reason))
     return out
 

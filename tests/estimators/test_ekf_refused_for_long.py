@@ -31,7 +31,7 @@ class Consequence(NamedTuple):
     """The results of a filter over one run."""
 
     error: np.ndarray  # (N, 3) of ν
-    refused: np.ndarray  # (N,) bool
+    is_refused: np.ndarray  # (N,) bool
     refused_at_s: float  # the first time
     told_at_s: float  # reported by Health; NaN: never
 
@@ -94,8 +94,8 @@ def test_es7_a_sensor_broken_for_seconds_does_not_move_the_estimate(kernel, run,
     differently from any model: 200 σ of vibration may change the yaw rate by 4."""
     reference, s = consequence(kernel, run), consequence(kernel, run, broken_readings(run, fault))
     mask = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
-    assert np.mean(s.refused[mask]) > 0.5
-    assert not np.any(s.refused[~mask])
+    assert np.mean(s.is_refused[mask]) > 0.5
+    assert not np.any(s.is_refused[~mask])
     times = np.array([2.0, 2.0, 4.0 if fault == "shaken" else 2.0])
     assert np.all(np.max(np.abs(s.error), axis=0) < times * np.max(np.abs(reference.error), axis=0))
     assert BROKEN_S[0] < s.told_at_s < s.refused_at_s + REPORT_S
@@ -103,7 +103,7 @@ def test_es7_a_sensor_broken_for_seconds_does_not_move_the_estimate(kernel, run,
 
 def test_es6_a_sound_sensor_is_never_rejected_or_reported(kernel, run):
     s = consequence(kernel, run)
-    assert not np.any(s.refused)
+    assert not np.any(s.is_refused)
     assert np.isnan(s.told_at_s)
 
 
@@ -111,9 +111,9 @@ def test_es6_a_sound_sensor_is_never_rejected_or_reported(kernel, run):
 def test_a_wrong_turning_gain_is_reported_and_the_estimate_recovers_at_rest(kernel, factor):
     s = consequence(kernel, turning(factor))
     moving, is_late = DRIVING & (t_s > REST_S + REPORT_S), t_s > END_S - 0.5 * STILL_S
-    assert np.mean(s.refused[moving]) > 0.9
+    assert np.mean(s.is_refused[moving]) > 0.9
     assert REST_S < s.told_at_s < s.refused_at_s + REPORT_S
-    assert not np.any(s.refused[is_late])
+    assert not np.any(s.is_refused[is_late])
     assert np.max(np.abs(s.error[is_late, 2])) < 0.03
 
 
@@ -123,6 +123,6 @@ def test_es5_ten_percent_outliers_increase_the_error_by_at_most_a_tenth(kernel, 
     mask = random.uniform(size=len(z)) < 0.1
     z[mask] += 20.0 * sigma * random.choice([-1.0, 1.0], size=(int(np.sum(mask)), 3))
     reference, s = consequence(kernel, run), consequence(kernel, run, z)
-    assert np.mean(s.refused) > 0.09
+    assert np.mean(s.is_refused) > 0.09
     rms, before = (np.sqrt(np.mean(x.error**2, axis=0)) for x in (s, reference))
     assert np.all(rms < 1.1 * before)

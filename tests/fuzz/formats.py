@@ -77,10 +77,10 @@ def draw(name: str, number: int) -> random.Random:
 
 @dataclass(frozen=True)
 class Format:
-    """A format: `opened(folder)` yields the reader of the input of a number."""
+    """A format: `open_folder(folder)` yields the reader of the input of a number."""
 
     name: str
-    opened: Callable[[Path], object]
+    open_folder: Callable[[Path], object]
 
 
 def log(rows: int = 40) -> str:

@@ -36,11 +36,11 @@ class InChunks(NamedTuple):
 class CountedBytes(bytes):
     """Bytes that count how many of them were searched."""
 
-    searched = 0
+    search_count = 0
 
     def find(self, sub, start=0):
         place = super().find(sub, start)
-        self.searched += (place if place >= 0 else len(self)) - start
+        self.search_count += (place if place >= 0 else len(self)) - start
         return place
 
 
@@ -109,7 +109,7 @@ def test_the_reading_time_grows_linearly_with_the_damaged_bytes(chunked_file, mo
     ]
     damaged_bytes = CountedBytes(before + FILLINGS[fill](SIZE) + after)
     scan = mcap_records.scan(damaged_bytes)
-    assert damaged_bytes.searched <= 2 * len(damaged_bytes)
+    assert damaged_bytes.search_count <= 2 * len(damaged_bytes)
     assert len(records) <= len(damaged_bytes) // 8 + 1
     assert sum(checked_sizes) <= 4 * mcap_records.SEARCH_FACTOR * len(damaged_bytes)
     assert len(scan.problems) <= mcap_records.MAX_REPORTED_DAMAGES

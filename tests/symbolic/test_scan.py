@@ -23,7 +23,7 @@ class State(NamedTuple):
     t_ns: int
     x: np.ndarray  # (2,)
     cov: np.ndarray  # (2, 2)
-    armed: bool
+    is_armed: bool
 
 
 class Push(NamedTuple):
@@ -54,8 +54,8 @@ def filtered(theta, state, push):
     A = np.eye(2) - K @ H
     correction = x + K @ (push.z - H @ x), A @ cov @ A.T + 0.04 * K @ K.T
     x, cov = (np.where(push.is_new, a, b) for a, b in zip(correction, (x, cov), strict=True))
-    armed = state.armed | push.is_new
-    return State(push.t_ns, x, cov, armed), FilterOutput(push.t_ns, x, push.t_ns - state.t_ns > 10)
+    is_armed = state.is_armed | push.is_new
+    return State(push.t_ns, x, cov, is_armed), FilterOutput(push.t_ns, x, push.t_ns - state.t_ns > 10)
 
 
 def residuals(theta, state, push):
@@ -125,7 +125,7 @@ def test_integers_booleans_and_strings_are_returned_unchanged(kernel):
     last, output = kernel.run(pushes(), THETA)
     assert type(last.t_ns) is int
     assert last.t_ns == 2**50 + 10 * (N - 1)
-    assert last.armed is True
+    assert last.is_armed is True
     assert output.t_ns.dtype == np.int64
     assert output.is_late.dtype == bool
     assert output.is_late.tolist() == [True] + [False] * (N - 1)

@@ -87,8 +87,12 @@ def _declared_std(vehicle_file: "VehicleFile", tree: Tree, path: str, entry: int
     block = value_at_path(tree, owner)
     p, size = dict(parameters(block))[field], abs(float(_entry(getattr(block, field), entry)))
     origin = vehicle_file.provenance.get(path)
-    if origin is not None and origin.std is not None and np.isfinite(measured := _entry(origin.std, entry)):
-        return float(measured)
+    if (
+        origin is not None
+        and origin.std is not None
+        and np.isfinite(measured_std := _entry(origin.std, entry))
+    ):
+        return float(measured_std)
     if is_imu(block) and p.role == "scale" and (not p.std or p.std not in _table(vehicle_file, owner)):
         return size * std_of_tolerance(SCALE_TOLERANCE)
     return size * float(_entry(getattr(block, p.std), entry)) if p.std and not p.walk else 0.0

@@ -200,12 +200,12 @@ def _vehicle_option_of(run: "Run") -> list[str]:
 
 
 def advise_to_fit(
-    compared: "Comparison", runs: "list[Run]", folder: str, named: list[str] | None = None
+    run_comparison: "Comparison", runs: "list[Run]", folder: str, run_names: list[str] | None = None
 ) -> None:
     """Print the command to type if the errors of an estimator in these runs are larger than its covariance states.
-    `named` are the options of its vehicle, by default those of `run_options`.
+    `run_names` are the options of its vehicle, by default those of `run_options`.
     """
-    for comparison, run in zip(compared.runs, runs, strict=True):
+    for comparison, run in zip(run_comparison.runs, runs, strict=True):
         if comparison.is_overconfident:
             is_in_folder = run.path is None or run.path.parent == Path(folder)
             run_name = run.name if is_in_folder else run.path
@@ -215,7 +215,7 @@ def advise_to_fit(
                     fix=baqueano_command(
                         "identify",
                         run_name,
-                        *(run_options(folder, run) if named is None else named),
+                        *(run_options(folder, run) if run_names is None else run_names),
                         "--update",
                     ),
                 )

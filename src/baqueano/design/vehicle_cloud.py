@@ -236,11 +236,11 @@ class VehicleCloud:
         for _ in range(8):
             with np.errstate(all="ignore"):
                 _, eta = self.drive(self.state_at(np.zeros(3)), commands)
-                diverged = ~(np.abs(eta) < max_distance_m).all(axis=(1, 2))
-            if not diverged.any():
+                has_diverged = ~(np.abs(eta) < max_distance_m).all(axis=(1, 2))
+            if not has_diverged.any():
                 break
             theta = self.distribution.theta.copy()
-            theta[diverged] = 0.5 * (theta[0] + theta[diverged])
+            theta[has_diverged] = 0.5 * (theta[0] + theta[has_diverged])
             self.distribution = VehicleDistribution(self.distribution.paths, theta)
 
     def _noise(self, tick: int, ticks: int) -> np.ndarray:

@@ -37,9 +37,9 @@ SENSORS_SOURCE = "sensors"
 EventLine = tuple[str, str, Diagnostic]  # source, level, message of an event
 
 
-def degraded_note(degraded: tuple[Finding, ...]) -> Diagnostic | None:
+def degraded_note(degraded_sensors: tuple[Finding, ...]) -> Diagnostic | None:
     """Return the degraded sensors of a tick as one message, None if no sensor is degraded."""
-    return merge_diagnostics(finding.diagnostic for finding in degraded)
+    return merge_diagnostics(finding.diagnostic for finding in degraded_sensors)
 
 
 class Health:

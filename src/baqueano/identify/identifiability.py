@@ -267,23 +267,26 @@ MAX_NAMES = 4  # names in one message
 WARNING = Severity.WARNING
 
 
-def weak_reason(parameter: FreeParameter, confused: Sequence[FreeParameter]) -> Diagnostic:
+def weak_reason(parameter: FreeParameter, similar_parameters: Sequence[FreeParameter]) -> Diagnostic:
     """Return the reason for the large error of a parameter, and the motion that would reduce it."""
-    code = "identifiability.poor-pair" if confused else "identifiability.poor"
-    return note(code, WARNING, subject=parameter.path, **_explanation(parameter, confused))
+    code = "identifiability.poor-pair" if similar_parameters else "identifiability.poor"
+    return note(code, WARNING, subject=parameter.path, **_explanation(parameter, similar_parameters))
 
 
-def _explanation(parameter: FreeParameter, confused: Sequence[FreeParameter]) -> JsonObject:
+def _explanation(parameter: FreeParameter, similar_parameters: Sequence[FreeParameter]) -> JsonObject:
     """Return the parameters that are confused with `parameter`, the reason, and the missing motion."""
-    figures = {"others": _names(confused)} if confused else {}
-    return figures | {"reason": _motion_note((parameter, *confused)), "advice": _needed_motion(parameter)}
+    figures = {"others": _names(similar_parameters)} if similar_parameters else {}
+    return figures | {
+        "reason": _motion_note((parameter, *similar_parameters)),
+        "advice": _needed_motion(parameter),
+    }
 
 
 def unobservable_reason(
     parameter: FreeParameter,
     collinear: Sequence[FreeParameter],
     value: float,
-    confused: Sequence[FreeParameter],
+    similar_parameters: Sequence[FreeParameter],
 ) -> Diagnostic:
     """Return the reason why a parameter is fixed at `value`, and the motion that would show it."""
     path = parameter.path
@@ -296,8 +299,8 @@ def unobservable_reason(
         )  # fmt: skip
     if parameter.definition.role == "scale":
         return note("identifiability.scale", subject=path, value=value, advice=_needed_motion(parameter))
-    code = "identifiability.fixed-pair" if confused else "identifiability.fixed"
-    return note(code, subject=path, value=value, **_explanation(parameter, confused))
+    code = "identifiability.fixed-pair" if similar_parameters else "identifiability.fixed"
+    return note(code, subject=path, value=value, **_explanation(parameter, similar_parameters))
 
 
 def missing_command(parameters: Sequence[FreeParameter], command: str, is_unused: bool) -> Diagnostic:

@@ -67,13 +67,13 @@ def in_lines(rows: Iterable[str]) -> str:
     return "\n".join(map(one_line, rows))
 
 
-def printable_json(decoded: object) -> Any:
+def printable_json(content: object) -> Any:
     """Return a value decoded from JSON, with all its texts and keys converted by `one_line`."""
-    if isinstance(decoded, str):
-        return one_line(decoded)
-    if isinstance(decoded, dict):
-        return {one_line(key): printable_json(value) for key, value in decoded.items()}
-    return [printable_json(value) for value in decoded] if isinstance(decoded, list) else decoded
+    if isinstance(content, str):
+        return one_line(content)
+    if isinstance(content, dict):
+        return {one_line(key): printable_json(value) for key, value in content.items()}
+    return [printable_json(value) for value in content] if isinstance(content, list) else content
 
 
 def _is_printable_letter(c: str) -> bool:

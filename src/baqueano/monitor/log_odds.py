@@ -55,7 +55,7 @@ def verdicts(
     E = {g: _quadratic(W[list(g)][:, list(g)], w[list(g)]) for g in _wrong_sets(groups)}
     J_A = {g: q - E[g] + np.sum(arrived[list(g)]) for g in E if g}
     likeliest = reduce(np.minimum, J_A.values())
-    odds, contradicted = [], []
+    odds, contradictions = [], []
     for c, group in enumerate(groups):
         J_M = []
         for G in causes:
@@ -70,8 +70,8 @@ def verdicts(
             for g, J in J_A.items()
             if c in g
         ]
-        contradicted.append((arrived[c] > 0.0) & reduce(np.logical_or, is_likely))
-    return Verdicts(np.array(odds), np.array(contradicted))
+        contradictions.append((arrived[c] > 0.0) & reduce(np.logical_or, is_likely))
+    return Verdicts(np.array(odds), np.array(contradictions))
 
 
 def _wrong_sets(groups: tuple[tuple[int, ...], ...]) -> list[tuple[int, ...]]:

@@ -175,7 +175,7 @@ class _CommandCurve(NamedTuple):
 
     name: str
     curves: dict[str, np.ndarray]  # name → (N,)
-    sent: np.ndarray  # (N,) the assessed signal
+    signal: np.ndarray  # (N,) the assessed signal
     limit: float  # inf: unlimited, or unknown
 
 

@@ -242,11 +242,11 @@ class _ModelSelection:
         end = search(self.task, np.where(mask, theta, self.start), ~mask)
         return Model(terms, end.solution.theta, end.sigma, self._score(end.solution.theta, mask, end.sigma))
 
-    def add_terms(self, model: Model, last_results: dict[str, TermResult], barred: set[str]) -> Model:
-        """Add a term per round until none improves the model significantly; exclude the `barred` terms.  (2)"""
+    def add_terms(self, model: Model, last_results: dict[str, TermResult], excluded_names: set[str]) -> Model:
+        """Add a term per round until none improves the model significantly; exclude the `excluded_names` terms.  (2)"""
         while True:
             have = {path for term in model.terms for path in term.paths}
-            open_ = [t for t in self.terms if t.name not in barred and not have.intersection(t.paths)]
+            open_ = [t for t in self.terms if t.name not in excluded_names and not have.intersection(t.paths)]
             tries = []
             for term in open_:
                 self.progress(_("{terms} terms: trying {term}", terms=len(model.terms), term=_(term.name)))

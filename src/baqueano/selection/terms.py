@@ -82,15 +82,17 @@ def without_terms(vehicle_file: "VehicleFile", terms: Sequence[Term]) -> "Vehicl
     return with_terms(vehicle_file, terms, {})
 
 
-def with_terms(vehicle_file: "VehicleFile", terms: Sequence[Term], fitted: dict[str, float]) -> "VehicleFile":
-    """Return the file with the values `fitted` at their paths, and all other paths of `terms` neutral."""
+def with_terms(
+    vehicle_file: "VehicleFile", terms: Sequence[Term], fitted_values: dict[str, float]
+) -> "VehicleFile":
+    """Return the file with the values `fitted_values` at their paths, and all other paths of `terms` neutral."""
     blocks, fields = with_term_slots(FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), terms), set()
     for term in terms:
         for path, none in zip(term.paths, term.neutral, strict=True):
-            blocks = with_value(blocks, path, fitted.get(path, none))
+            blocks = with_value(blocks, path, fitted_values.get(path, none))
             fields.add(path.partition("[")[0])
     values = {field: np.asarray(value_at_path(blocks, field), float).tolist() for field in sorted(fields)}
-    if LAG_PATH in values and LAG_PATH not in fitted:
+    if LAG_PATH in values and LAG_PATH not in fitted_values:
         values[LAG_PATH] = 0.0
     changes = {k: v for k, v in values.items() if not np.array_equal(v, vehicle_file.value(k))}
     return vehicle_file.with_values(changes) if changes else vehicle_file

@@ -55,26 +55,26 @@ class DrawnTick(NamedTuple):
     reading: tuple[np.ndarray, ...]  # (m,) of each sensor
 
 
-def simulated_errors(ekf: AugmentedEkf, run: Run, filtered: Scan) -> tuple[np.ndarray, np.ndarray]:
+def simulated_errors(ekf: AugmentedEkf, run: Run, filter_kernel: Scan) -> tuple[np.ndarray, np.ndarray]:
     """Return errors (DRIVES, N, 6) of the filter on vehicles that are driven as in `run`, and their covariances.
 
     The drives have the commands of the run, without its rests.
 
-    `filtered` runs the filter: its last outputs are η, ν and the covariance. Return empty arrays if the run is too
+    `filter_kernel` runs the filter: its last outputs are η, ν and the covariance. Return empty arrays if the run is too
     short, for a kinematic model, and without compiled or generated code.
     """
     filter_layout, dt_s, rng = layout(ekf), 1.0 / ekf.rate_hz, np.random.default_rng(0)
     u = run.applied_commands[
         np.isfinite(run.applied_commands).all(axis=1) & np.any(run.applied_commands != 0.0, axis=1)
     ]
-    u = np.ascontiguousarray(u[: min(round(DRIVE_S / dt_s), TICKS.get(filtered.backend, 0) // DRIVES)])
+    u = np.ascontiguousarray(u[: min(round(DRIVE_S / dt_s), TICKS.get(filter_kernel.backend, 0) // DRIVES)])
     if len(u) < MIN_TICKS or not is_dynamic(ekf.vehicle):
         return np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6))
     state, n = _start(ekf, np.zeros(filter_layout.size)), len(u)
     sizes, bias_count = [sensor.size for sensor in ekf.sensors], len(filter_layout.biases)
     no_noise = np.zeros((TICK_PARTS, 2, 3)), np.zeros(2), np.zeros(bias_count), 0.0
     example = DrawnTick(u[0], *no_noise, tuple(map(np.zeros, sizes)))
-    drive = scan(lambda x, draws: _tick(ekf, x, draws, dt_s), state, example, backend=filtered.backend)
+    drive = scan(lambda x, draws: _tick(ekf, x, draws, dt_s), state, example, backend=filter_kernel.backend)
     t_ns: Any = np.round(np.arange(1, n + 1) * dt_s * NANOSECONDS).astype(np.int64)
     errors, covs = [], []
     for _ in range(DRIVES):
@@ -84,7 +84,7 @@ def simulated_errors(ekf: AugmentedEkf, run: Run, filtered: Scan) -> tuple[np.nd
         draws = DrawnTick(u, walk, d, bias, slip, tuple(rng.standard_normal((n, m)) for m in sizes))
         _, (truth, slots) = drive.run(draws, carry=begin)
         rows, tick_rows = rows_of_ticks(Tick(t_ns, u, slots), ekf.rate_hz)
-        eta, nu, cov = (rows_of_output[tick_rows] for rows_of_output in filtered.run(rows)[1][-3:])
+        eta, nu, cov = (rows_of_output[tick_rows] for rows_of_output in filter_kernel.run(rows)[1][-3:])
         e = np.concatenate([eta, nu], axis=1) - truth
         e[:, 2] = wrap(e[:, 2])
         errors.append(e)

@@ -120,7 +120,7 @@ class Driving:
     """The laps of all robots."""
 
     drives: tuple[LapErrors, ...]
-    driven: int  # robots, fewer than requested if it was interrupted
+    robot_count: int  # robots, fewer than requested if it was interrupted
     refused_robots: tuple[int, ...]  # robots whose fit was refused: they did not drive
 
     def laps_of(self, case: str, shape: str, speed: float) -> list[LapErrors]:
@@ -188,8 +188,8 @@ class Driving:
         ]  # fmt: skip
         lines = [
             _(
-                "{driven} robots; of each figure the median, the 95 % quantile and the worst",
-                driven=self.driven,
+                "{robots} robots; of each figure the median, the 95 % quantile and the worst",
+                robots=self.robot_count,
             ),
             *text_table("<<>>>>>>", head, *rows),
         ]

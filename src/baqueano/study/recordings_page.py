@@ -13,18 +13,18 @@ CHANNELS = (N_("speed, odometer [m/s]"), N_("yaw rate, gyro [rad/s]"))
 SHOWN_S = 30.0
 
 
-def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation | None) -> Page:
+def page_of_recordings(recordings: RecordingStudy | None, study: CrossValidation | None) -> Page:
     """Return the page: the table of all recordings, then the tables of the car that was driven twice.
     For each held-out run the page shows the model, the path and the errors.
     """
     sections, headlines = [], []
-    if recorded is not None:
-        text = "\n".join((*recorded.reasons, *recorded.missing_recordings))
+    if recordings is not None:
+        text = "\n".join((*recordings.reasons, *recordings.missing_recordings))
         sections.append(
             Section(
                 _("All recordings"),
                 text,
-                [Table(recorded.rows(), _("Each fit is tested with data that it did not use."))],
+                [Table(recordings.rows(), _("Each fit is tested with data that it did not use."))],
             )
         )
     if study is not None:
@@ -41,7 +41,7 @@ def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation |
         for judgement in held_out:
             sections += sections_of(judgement)
             headlines += _headlines(judgement)
-    result = recorded or study
+    result = recordings or study
     assert result is not None
     return Page(
         title=_("Real vehicles, tested with data that their models did not use"),

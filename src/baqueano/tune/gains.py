@@ -149,16 +149,16 @@ def search_gains(
     return rehearsal, descents
 
 
-def _within_bounds(rehearsal: Objective, best: Descent, preferred: np.ndarray) -> Descent | None:
+def _within_bounds(rehearsal: Objective, best: Descent, preferred_x: np.ndarray) -> Descent | None:
     """Return a descent to gains within their bounds, if it costs nearly the same as the best end; else None.
 
     Where the cost is rough, no descent leaves a bound: a second one starts at the preferred values of these gains.
     """
     low, high = rehearsal.space.low, rehearsal.space.high
     is_at_limit = at_limit(best.gains, low, high) != 0
-    for start in (best.gains, np.where(is_at_limit, np.clip(preferred, low, high), best.gains)):
-        end = descend(rehearsal.cost_and_gradient, start, low, high, preferred)
-        is_near = end.cost <= (1.0 + TIE_WEIGHT * len(preferred)) * best.cost
+    for start in (best.gains, np.where(is_at_limit, np.clip(preferred_x, low, high), best.gains)):
+        end = descend(rehearsal.cost_and_gradient, start, low, high, preferred_x)
+        is_near = end.cost <= (1.0 + TIE_WEIGHT * len(preferred_x)) * best.cost
         if is_near and not np.any(at_limit(end.gains, low, high)):
             return end
     return None

@@ -79,7 +79,7 @@ class ObjectiveCase(NamedTuple):
     rate_hz: float
     ticks: int
     cost: Scan
-    shown: Scan
+    figures_kernel: Scan
     inputs: tuple[Input, ...] = ()  # of each seed
 
     @property
@@ -148,7 +148,7 @@ class Objective:
         """Return the errors over all drives with the gains (p,)."""
         thetas = [np.concatenate([gains, v]) for v in self.vehicles]
         errors_of_drives = [
-            case.shown.run(inputs, theta)[1]
+            case.figures_kernel.run(inputs, theta)[1]
             for case in self.cases for inputs in case.inputs for theta in thetas
         ]  # fmt: skip
         d, psi, at_limit = (np.concatenate(x) for x in zip(*errors_of_drives, strict=True))

@@ -9,7 +9,7 @@ still large, the cost is not smooth (for example, motors that switch direction).
 continues from there. The search is deterministic: the same input yields the same result.
 
 Two gains can have the same effect, or one gain none; then a descent can end at a bound for a negligible advantage. With
-`preferred` gains x_0, a descent stays near them, and minimises, for the cost C,
+`preferred_x` gains x_0, a descent stays near them, and minimises, for the cost C,
 
     C (1 + w |x − x_0|²),   w = 0.002                                                                 (2)
 """
@@ -88,9 +88,9 @@ def descend(
     start: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
-    preferred: np.ndarray | None = None,
+    preferred_x: np.ndarray | None = None,
 ) -> Descent:
-    """Return the descent from the gains `start` (p,), which must be within the bounds; `preferred` (p,): see (2)."""
+    """Return the descent from the gains `start` (p,), which must be within the bounds; `preferred_x` (p,): see (2)."""
     minimize = _minimize()
     costs: list[float] = []
     values: list[float] = []  # of (2)
@@ -98,8 +98,8 @@ def descend(
     x0 = coordinates(start, low, high)
     weight, x_preferred = (
         (0.0, x0)
-        if preferred is None
-        else (TIE_WEIGHT, coordinates(np.clip(preferred, low, high), low, high))
+        if preferred_x is None
+        else (TIE_WEIGHT, coordinates(np.clip(preferred_x, low, high), low, high))
     )
     scale = 1.0 / max(initial_cost, 1e-300)  # the stopping rule is relative to the cost at the start
 
@@ -131,7 +131,7 @@ def descend(
     )  # fmt: skip
     deviation = optimum.x - x_preferred
     x, min_cost = optimum.x, float(optimum.fun / scale) / (1.0 + weight * float(deviation @ deviation))
-    if preferred is None and not min_cost <= initial_cost:
+    if preferred_x is None and not min_cost <= initial_cost:
         x, min_cost = x0, initial_cost
     return Descent(
         start, gains(x, low, high), min_cost, np.array(costs), _largest_slope(optimum, x), tuple(path)

@@ -157,9 +157,9 @@ class VehicleFile:
         arguments = {"route": route, **route._asdict()} if route is not None else {}
         return self._block("guide", kind, changes, arguments)
 
-    def value(self, dotted: str) -> Any:
+    def value(self, key: str) -> Any:
         """Return the value or the default of a key: "model.friction.linear". Raise UsageError for an unknown key."""
-        return value_in_force(self, dotted)
+        return value_in_force(self, key)
 
     @checked_call('robot.with_values({"model.mass_kg": 1.0})')
     def with_values(

@@ -23,9 +23,9 @@ MIN_SIMILARITY = 0.6  # least similarity of the last names of two keys
 _ENTRY = re.compile(r"^(.*?)((?:\[\s*\d+(?:\s*,\s*\d+)*\s*\])*)$")
 
 
-def split_key(dotted: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
+def split_key(path_text: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
     """Return (("model", "friction", "linear"), (0,)) for "model.friction.linear[0]"; [0,2] equals [0][2]."""
-    match = _ENTRY.match(dotted.strip())
+    match = _ENTRY.match(path_text.strip())
     assert match is not None
     return tuple(name.strip() for name in match[1].split(".")), tuple(
         int(i) for i in re.findall(r"\d+", match[2])
@@ -54,22 +54,22 @@ def known_paths(data: "JsonObject", folder: Path | str | None = None) -> list[st
     return paths
 
 
-def key_exists(data: "JsonObject", dotted: str, folder: Path | str | None = None) -> bool:
+def key_exists(data: "JsonObject", path_text: str, folder: Path | str | None = None) -> bool:
     """Return True if the blocks of this file can have this key, or the key of this entry."""
-    return ".".join(split_key(dotted)[0]) in known_paths(data, folder)
+    return ".".join(split_key(path_text)[0]) in known_paths(data, folder)
 
 
-def is_table(data: "JsonObject", dotted: str, folder: Path | str | None = None) -> bool:
+def is_table(data: "JsonObject", path_text: str, folder: Path | str | None = None) -> bool:
     """Return True for the name of a table that this file can have, such as "model" or "model.friction"."""
-    return any(path.startswith(f"{dotted}.") for path in known_paths(data, folder))
+    return any(path.startswith(f"{path_text}.") for path in known_paths(data, folder))
 
 
-def value_in_force(vehicle_file: "VehicleFile", dotted: str) -> Any:
+def value_in_force(vehicle_file: "VehicleFile", path_text: str) -> Any:
     """Return the value, or default, of a key in the block that was built. Raise UsageError for an unknown key."""
-    path, entry = split_key(dotted)
+    path, entry = split_key(path_text)
     paths = known_paths(vehicle_file.data, vehicle_file.folder)
     if ".".join(path) not in paths:
-        raise no_such_key(vehicle_file.name, dotted, paths)
+        raise no_such_key(vehicle_file.name, path_text, paths)
     value: Any = vehicle_file
     if path[0] == "model":
         value, path = vehicle_file.vehicle, path[1:]
@@ -79,24 +79,24 @@ def value_in_force(vehicle_file: "VehicleFile", dotted: str) -> Any:
         else:
             value, path = getattr(vehicle_file, path[0])(), path[1:]
     if path[-1] == "kind":
-        return vehicle_file.data.get(dotted.split(".")[0], {}).get("kind")
+        return vehicle_file.data.get(path_text.split(".")[0], {}).get("kind")
     for name in path:
         value = value[name] if isinstance(value, dict) else getattr(value, name)
     value = np.array(value, dtype=float) if isinstance(value, list) else value
     return value[entry] if entry else value
 
 
-def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
+def no_such_key(name: str, path_text: str, keys: list[str]) -> UsageError:
     """Return the error for an unknown key, with the keys of its table. A suggested key must be similar in the last
     part of its name: so `mass_kg` is not suggested for `yaw_lag_s`, although both are in the model.
     """
-    match = str(nearest(dotted, keys).figures.get("match", ""))
-    last_parts = dotted.rpartition(".")[2], match.rpartition(".")[2]
+    match = str(nearest(path_text, keys).figures.get("match", ""))
+    last_parts = path_text.rpartition(".")[2], match.rpartition(".")[2]
     if difflib.SequenceMatcher(None, *last_parts).ratio() < MIN_SIMILARITY:
         match = ""
-    table = f"{(match or dotted).rpartition('.')[0]}."
+    table = f"{(match or path_text).rpartition('.')[0]}."
     hint = nearest(match, [key for key in keys if key.startswith(table)] or keys, cutoff=1.0)
-    return UsageError(fault("vehicle.unknown-key", file=name, value=dotted, suggestion=hint))
+    return UsageError(fault("vehicle.unknown-key", file=name, value=path_text, suggestion=hint))
 
 
 def raise_missing_attribute(vehicle_file: "VehicleFile", name: str) -> Any:

@@ -76,15 +76,21 @@ class VehicleSide(Protocol):
 
 
 class BrowserPage:
-    """The handler of all browsers of a page, with a vehicle (`live`) or with the recorded runs `opened`."""
+    """The handler of all browsers of a page, with a vehicle (`live`) or with the recorded runs `open_files`."""
 
     def __init__(
-        self, lab: WorkerClient, shelf: RunList, guard: Callable[[], Guard], opened: tuple[Path, ...] = (),
+        self, lab: WorkerClient, shelf: RunList, guard: Callable[[], Guard], open_files: tuple[Path, ...] = (),
         live: VehicleSide | None = None,
     ) -> None:  # fmt: skip
-        self._lab, self._shelf, self._guard, self._start_paths, self.live = lab, shelf, guard, opened, live
+        self._lab, self._shelf, self._guard, self._start_paths, self.live = (
+            lab,
+            shelf,
+            guard,
+            open_files,
+            live,
+        )
         self._identifying = LiveIdentification()  # for finished runs
-        first = {"path": str(opened[0])} if opened else None
+        first = {"path": str(open_files[0])} if open_files else None
         self.source: Callable[[], JsonObject | None] = lambda: first  # the subject of questions
         self.questions = Questions(shelf, lambda: self.source())
         self._count = 0

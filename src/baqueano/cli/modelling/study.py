@@ -23,12 +23,12 @@ def _check_cases(cases: Iterable[str], known_cases: Collection[str]) -> None:
             raise UsageError(fault("cli.case-unknown", value=case, suggestion=nearest(case, known_cases)))
 
 
-def _check_complete(completed_count: int, requested: int) -> None:
+def _check_complete(completed_count: int, requested_count: int) -> None:
     """Raise Interruption if Ctrl-C ended the study early."""
     from baqueano.cli.errors import Interruption
 
-    if completed_count < requested:
-        raise Interruption(fault("cli.study-interrupted", count=completed_count, total=requested))
+    if completed_count < requested_count:
+        raise Interruption(fault("cli.study-interrupted", count=completed_count, total=requested_count))
 
 
 @command.command(
@@ -143,7 +143,7 @@ def driving(seed: int, seed_count: int, controller: str | None, backend: str, as
     with show_progress(note("cli.study-driving", seeds=seed_count), seed_count) as advance:
         result = driving(seed_count, seed, processor_count(), backend, controller=controller, advance=advance)
     print_answer(result, as_json)
-    _check_complete(result.driven, seed_count)
+    _check_complete(result.robot_count, seed_count)
 
 
 @command.command(

@@ -49,11 +49,11 @@ class PacedClock:
         self._ticks_until_pause, self.paused = max(0, ticks), ticks > 0
 
     def ticks(
-        self, rate_hz: float, interrupted: Callable[[], bool], fast_until_s: float = 0.0
+        self, rate_hz: float, is_interrupted: Callable[[], bool], fast_until_s: float = 0.0
     ) -> Iterator[int]:
         """Yield the times of the ticks [ns]; until the drive time `fast_until_s`, do not wait.  (1)
 
-        Once `interrupted` returns True, time passes even in a pause, so that a stop can finish.
+        Once `is_interrupted` returns True, time passes even in a pause, so that a stop can finish.
         """
         k, due_s = 0, self._now_s()
         while True:
@@ -61,7 +61,7 @@ class PacedClock:
                 k, due_s = k + 1, self._now_s()
                 yield round(k * NANOSECONDS / rate_hz)
                 continue
-            while self.paused and not self._ticks_until_pause and not interrupted():
+            while self.paused and not self._ticks_until_pause and not is_interrupted():
                 self._sleep(PAUSE_POLL_S)
                 due_s = self._now_s()
             self._ticks_until_pause = max(0, self._ticks_until_pause - 1)

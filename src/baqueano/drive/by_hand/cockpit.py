@@ -183,9 +183,9 @@ class Cockpit(Observer):
         """Show a message to the driver in the last line of the display."""
         self.status.message = line
 
-    def _update_hold(self, requested: Sequence[float] | np.ndarray) -> None:
+    def _update_hold(self, requested_u: Sequence[float] | np.ndarray) -> None:
         """Update the turn command of the heading hold on the display. It is NaN unless the driver drives straight."""
-        s, turn = self.status, float(requested[-1])
+        s, turn = self.status, float(requested_u[-1])
         if s.hold_command is not None:
             straight = s.driver_command[0] != 0.0 and s.driver_command[-1] == 0.0
             s.hold_command = (

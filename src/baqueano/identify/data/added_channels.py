@@ -114,10 +114,10 @@ def _voltage_at_rows(record: FitRecord, run: Run, drivetrain: Tree) -> np.ndarra
 
 
 def with_hand_measurements(
-    runs: Sequence[Run], blocks: FittedBlocks, measured: Sequence[str]
+    runs: Sequence[Run], blocks: FittedBlocks, measurement_texts: Sequence[str]
 ) -> tuple[list[Run], FittedBlocks]:
     """Return the runs with one channel for each hand measurement, and the blocks with a sensor for each channel.
-    Raise UsageError for a line of `measured` that cannot be parsed. The lines are such as
+    Raise UsageError for a line of `measurement_texts` that cannot be parsed. The lines are such as
 
         "12.4 s: 2.31 m"               2.31 m from the start of the run, 12.4 s after the first tick
         "end: 0 m, 720 deg"            back on its mark, turned twice to the left
@@ -129,7 +129,7 @@ def with_hand_measurements(
     If this value is 0, a tape measurement after a minute has the weight of an error of only 1 cm: measure early.
     """
     runs, sensors = list(runs), blocks.sensors._asdict()
-    for line in measured:
+    for line in measurement_texts:
         run_index, measurements = read_line(line, runs)
         for measurement in measurements:
             name, drift = measurement.kind, drift_std(blocks.model, runs[run_index], measurement)

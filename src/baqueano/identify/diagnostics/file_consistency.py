@@ -281,15 +281,15 @@ def _scalar_gain_findings(
     return findings
 
 
-def _comparison(path: str, file_value: float, fitted: float, std: float) -> list[Diagnostic]:
+def _comparison(path: str, file_value: float, estimate: float, std: float) -> list[Diagnostic]:
     """Return findings on one gain compared with its value in the file."""
-    if not abs(fitted - file_value) > SIGNIFICANT_SIGMA * std:
+    if not abs(estimate - file_value) > SIGNIFICANT_SIGMA * std:
         return []
-    ratio = fitted / file_value
+    ratio = estimate / file_value
     if ratio < 0.0:
-        return [note("file.inverted", Severity.WARNING, subject=path, value=fitted, file_value=file_value)]
+        return [note("file.inverted", Severity.WARNING, subject=path, value=estimate, file_value=file_value)]
     factor = max(ratio, 1.0 / max(ratio, 1e-12))
-    if factor * (1.0 - max(SIGNIFICANT_SIGMA * std / abs(fitted), MODEL_TOLERANCE)) < MAX_GAIN_RATIO:
+    if factor * (1.0 - max(SIGNIFICANT_SIGMA * std / abs(estimate), MODEL_TOLERANCE)) < MAX_GAIN_RATIO:
         return []
     if factor > IMPLAUSIBLE_RATIO:
         return [note("file.far-gain", Severity.ERROR, subject=path, ratio=ratio, guess=_unit(factor))]
@@ -352,13 +352,13 @@ def _offset_path(blocks: FittedBlocks) -> str:
     return "model.centre_of_mass_x_m" if has_field(blocks.model, "centre_of_mass_x_m") else ""
 
 
-def _comparable_magnitudes(fitted: np.ndarray, file_gains: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return the comparable magnitudes (3,) of the accelerations `fitted` (3,) of a command. The turning entry is
+def _comparable_magnitudes(estimate: np.ndarray, file_gains: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Return the comparable magnitudes (3,) of the accelerations `estimate` (3,) of a command. The turning entry is
     multiplied by the ratio of linear to turning gain in the file."""
     gains = np.max(np.abs(file_gains) / scale[:, None], axis=1)
     linear = max(gains[0], gains[1])
     ratio = linear / gains[2] if gains[2] > 0.0 and linear > 0.0 else 1.0
-    return np.abs(fitted) * np.array([1.0, 1.0, ratio])
+    return np.abs(estimate) * np.array([1.0, 1.0, ratio])
 
 
 def _mass_and_inertia(model: Tree) -> np.ndarray:

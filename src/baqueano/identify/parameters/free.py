@@ -193,7 +193,7 @@ def free_parameter(
 def free_parameters(
     blocks: FittedBlocks,
     free: Sequence[str] | None,
-    fixed: Iterable[str],
+    fixed_names: Iterable[str],
     bounds: Mapping[str, tuple[float, float]],
     channels: Mapping[str, Sequence[int]] = NO_CHANNELS,
 ) -> list[FreeParameter]:
@@ -201,7 +201,7 @@ def free_parameters(
     partly used sensors. Raise UsageError if all are fixed."""
     field_paths = requested_paths(free, lambda: default_free(blocks, channels))
     paths = [p for path in field_paths for p in entries(blocks, path)]
-    fixed_paths = {p for path in fixed for p in entries(blocks, path)}
+    fixed_paths = {p for path in fixed_names for p in entries(blocks, path)}
     for path in bounds:
         entries(blocks, path)
     free_paths = [p for p in dict.fromkeys(paths) if p not in fixed_paths]

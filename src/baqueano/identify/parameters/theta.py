@@ -155,7 +155,7 @@ class Parameters:
 
     blocks: FittedBlocks  # prepared for the free parameters
     requested_parameters: tuple[FreeParameter, ...]  # (q,) all requested parameters
-    frozen: tuple[int, ...]  # indices of parameters whose command never moved; they are not in θ
+    frozen_indices: tuple[int, ...]  # indices of parameters whose command never moved; they are not in θ
     records: tuple[FitRecord, ...]  # per segment
     shape: ThetaShape
     layout: ThetaLayout
@@ -166,7 +166,7 @@ class Parameters:
     @property
     def in_theta(self) -> list[int]:
         """Return the indices of the requested parameters that are in θ."""
-        return [k for k in range(len(self.requested_parameters)) if k not in self.frozen]
+        return [k for k in range(len(self.requested_parameters)) if k not in self.frozen_indices]
 
     @property
     def free(self) -> list[FreeParameter]:

@@ -143,7 +143,7 @@ def _prediction(
 
 def _innovation(
     sensors: ByName[Tree],
-    predicted: PredictedState,
+    prediction: PredictedState,
     state: FilterState,
     z: np.ndarray,
     extra: np.ndarray,
@@ -153,14 +153,14 @@ def _innovation(
     """Return for each sensor z − h (m,), ∂h/∂x̄ (m, n), and its signal with h after the low-pass, without delay."""
     innovations, jacobians, lines, offset = [], [], [], 0
     mean_weights, fractions = shape.mean_weights(sensors._fields, extra), shape.sample_fractions(extra)
-    motion = predicted.motion(predicted.mean)
+    motion = prediction.motion(prediction.mean)
     for k, sensor in enumerate(sensors):
         signal, shown_h = read_sensor(sensor, state.signals[k], motion, dt_s, mean_weights[k])
         h = signal.low_passed if mean_weights[k] is None and len(signal.low_passed) else sensor.h(motion)
         if fractions[k] is not None:
             shown_h = shown_h + fractions[k] * difference(sensor, state.previous_h[k], shown_h)
         innovations.append(difference(sensor, z[offset : offset + sensor.size], shown_h))
-        jacobian_of_h = jacobian(lambda x, s=sensor: s.h(predicted.motion(x)))(predicted.mean)
+        jacobian_of_h = jacobian(lambda x, s=sensor: s.h(prediction.motion(x)))(prediction.mean)
         jacobians.append(gain_after_low_pass(sensor, dt_s) * jacobian_of_h)
         lines.append((signal, h))
         offset += sensor.size
@@ -174,11 +174,11 @@ def _noise_input_matrix(model: Tree, dt_s: Value) -> np.ndarray:
     return jacobian(lambda noise: unit.step(unit.init(), u, dt_s, noise)[0].nu)(np.zeros(3))
 
 
-def _corrected_state(predicted: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _corrected_state(prediction: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return η (3,) and ν (3,) after the correction."""
     if len(move) == 3:
-        return predicted.eta, predicted.mean + move
-    x = boxplus(predicted.mean, move)
+        return prediction.eta, prediction.mean + move
+    x = boxplus(prediction.mean, move)
     return x[:3], x[3:]
 
 

@@ -153,15 +153,15 @@ def open_loop(
 
 
 def cached_kernel(
-    blocks: FittedBlocks, shape: ThetaShape, backend: str, traced: Callable[..., K], *arguments: Any
+    blocks: FittedBlocks, shape: ThetaShape, backend: str, trace: Callable[..., K], *arguments: Any
 ) -> K:
     """Return `traced(blocks, shape, backend, *more)`, cached for fits with the same structure and fixed numbers."""
     shape_blocks = blocks
     for path in shape.paths:
         shape_blocks = with_value(shape_blocks, path, 0.0)
-    key = (traced, arguments, _fingerprint(shape_blocks), shape, backend)
+    key = (trace, arguments, _fingerprint(shape_blocks), shape, backend)
     if key not in _kernels:
-        _kernels[key] = traced(blocks, shape, backend, *arguments)
+        _kernels[key] = trace(blocks, shape, backend, *arguments)
         if len(_kernels) > CACHED_KERNELS:
             _kernels.popitem(last=False)
     _kernels.move_to_end(key)

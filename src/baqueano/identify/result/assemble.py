@@ -169,7 +169,7 @@ def _evidence(
         _in_order(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
         _in_order(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
         _in_order(end, end.identifiability.poorly_identified[:s], False).astype(bool),
-        len(end.parameters.frozen),
+        len(end.parameters.frozen_indices),
         unobservable_terms,
         channels,
         by_channel(channels, has_one_mean(end.task.problem)),
@@ -260,14 +260,14 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
     """Return findings on parameters that a better run would show, and findings on parameters that no run can show."""
     unobservable_terms, never_shown = [], []
     columns: dict[int, list[FreeParameter]] = {}
-    for parameter in (end.parameters.requested_parameters[k] for k in end.parameters.frozen):
+    for parameter in (end.parameters.requested_parameters[k] for k in end.parameters.frozen_indices):
         assert parameter.column is not None
         columns.setdefault(parameter.column, []).append(parameter)
     n, drivetrain = len(end.vehicle_file.command.names), end.blocks.model.drivetrain
     command = end.vehicle_file.command
-    for j, frozen in columns.items():
+    for j, frozen_parameters in columns.items():
         is_impossible = bool(command.limit[j] == 0.0) or not np.any(drivetrain.mix(np.eye(n)[j]))
-        message = missing_command(frozen, command.names[j], is_impossible)
+        message = missing_command(frozen_parameters, command.names[j], is_impossible)
         (never_shown if is_impossible else unobservable_terms).append(message)
     for i in np.flatnonzero(~end.identifiability.mask[: len(end.parameters.free)]).tolist():
         pairs = end.identifiability.collinear, end.identifiability.correlated

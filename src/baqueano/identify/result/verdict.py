@@ -53,7 +53,7 @@ class Evidence(NamedTuple):
     estimate: np.ndarray  # (p,)
     bound: np.ndarray  # (p,)
     poorly_identified: np.ndarray  # (p,)
-    frozen: int  # parameters whose command never moved
+    frozen_count: int  # parameters whose command never moved
     unobservable: tuple[Diagnostic, ...]
     channels: Any  # ChannelFit, run by run, the channels in one order
     runs_of_channel: "dict[str, list[ChannelOfRun]]"  # see by_channel
@@ -122,7 +122,7 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
 
 def _identifiability(e: Evidence) -> list[Diagnostic]:
     """Return a finding if too few of the parameters are identified."""
-    free_count, weak_count = len(e.names) - e.frozen, int(np.sum(e.poorly_identified))
+    free_count, weak_count = len(e.names) - e.frozen_count, int(np.sum(e.poorly_identified))
     missing_count = free_count - int(np.sum(np.isfinite(e.estimate)))
     if free_count and missing_count == free_count:
         return [note("fit.nothing-identifiable", ERROR, total=free_count)]

@@ -334,14 +334,14 @@ def find_chip(path: str, addresses: tuple[int, ...]) -> tuple[I2cDevice, int, tu
     Raise RobotUnreachable if no device answers, even after a recovery.
     """
     outcome: RecoveryOutcome | None = None
-    device, stuck = _first_answer(path, addresses)
-    if device is None and stuck:
+    device, is_bus_stuck = _first_answer(path, addresses)
+    if device is None and is_bus_stuck:
         outcome = recover_bus(path)
         if outcome.is_free:
-            device, stuck = _first_answer(path, addresses)
+            device, is_bus_stuck = _first_answer(path, addresses)
     if device is not None:
         return *device, () if outcome is None else (outcome.text,)
-    if stuck and outcome is not None:
+    if is_bus_stuck and outcome is not None:
         raise RobotUnreachable(note("imu.bus-unusable", Severity.ERROR, path=path, cause=outcome.message))
     addresses_text = " and ".join(f"0x{address:02X}" for address in addresses)
     raise RobotUnreachable(fault("imu.no-answer", address_range=addresses_text, path=path))
@@ -349,17 +349,17 @@ def find_chip(path: str, addresses: tuple[int, ...]) -> tuple[I2cDevice, int, tu
 
 def _first_answer(path: str, addresses: tuple[int, ...]) -> tuple[tuple[I2cDevice, int] | None, bool]:
     """Return (device, answer) of the first device that answers WHO_AM_I, or None; and True if the bus was stuck."""
-    stuck = False
+    is_bus_stuck = False
     for address in addresses:
         device = I2cDevice(path, address)
         device.open()
         for _ in range(2):
             try:
-                return (device, device.read(WHO_AM_I, 1)[0]), stuck
+                return (device, device.read(WHO_AM_I, 1)[0]), is_bus_stuck
             except OSError as error:
-                stuck = stuck or is_stuck_low(error)
+                is_bus_stuck = is_bus_stuck or is_stuck_low(error)
         device.close()
-    return None, stuck
+    return None, is_bus_stuck
 
 
 def chip_at(device: I2cDevice, who_am_i: int) -> Chip:

@@ -70,10 +70,10 @@ class ImuWatch:
     def record_failure(self, now_ns: int, error: Exception) -> None:
         """Record a transfer that failed although it was repeated, and report a bus that is newly stuck."""
         self._error = error
-        stuck = isinstance(error, OSError) and is_stuck_low(error)
-        if stuck and not self.bus_stuck:
+        is_bus_stuck = isinstance(error, OSError) and is_stuck_low(error)
+        if is_bus_stuck and not self.bus_stuck:
             self.record_event(now_ns, "imu.held")
-        self.bus_stuck = stuck
+        self.bus_stuck = is_bus_stuck
 
     def check_rows(self, now_ns: int, rows: list[Row]) -> tuple[list[bool], bool]:
         """Return a mask of the rows to use, one bool per row, and True if the chip must be started again."""

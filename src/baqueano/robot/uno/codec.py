@@ -53,12 +53,12 @@ def cobs_encode(body: bytes) -> bytes:
     return b"".join(bytes([len(run) + 1]) + run for run in body.split(b"\0"))
 
 
-def cobs_decode(stuffed: bytes) -> bytes | None:
+def cobs_decode(encoded_bytes: bytes) -> bytes | None:
     """Return the body that a COBS code encodes; None if the distances in the code are not consistent."""
     body, position = bytearray(), 0
-    while position < len(stuffed):
-        distance = stuffed[position]
-        run = stuffed[position + 1 : position + distance]
+    while position < len(encoded_bytes):
+        distance = encoded_bytes[position]
+        run = encoded_bytes[position + 1 : position + distance]
         if distance == 0 or len(run) != distance - 1:
             return None
         body += run

@@ -300,13 +300,13 @@ def _sweep(
     return fit_sweep(start_duty, np.array(duties[:-1]), np.array(turn_rates[:-1]) - turn_rates[-1], name)
 
 
-def fit_sweep(starting_duty: float, duties: np.ndarray, added: np.ndarray, name: str) -> Sweep:
-    """Return the fit (3) of `duties` (n,) to `added` (n,), the Δω of each duty [rad/s].
+def fit_sweep(starting_duty: float, duties: np.ndarray, counts_added: np.ndarray, name: str) -> Sweep:
+    """Return the fit (3) of `duties` (n,) to `counts_added` (n,), the Δω of each duty [rad/s].
 
     Only points with Δω over 0.1 rad/s and over a fifth of the largest Δω are used. Raise AnswerNo for fewer than four
     of these points, or for a dead zone above 0.7.
     """
-    runs = added > max(0.2 * added.max(), 0.1)
+    runs = counts_added > max(0.2 * counts_added.max(), 0.1)
     if runs.sum() < 4:
         raise AnswerNo(
             fault(
@@ -318,14 +318,14 @@ def fit_sweep(starting_duty: float, duties: np.ndarray, added: np.ndarray, name:
                 count=runs.sum(),
             )
         )
-    powers = np.stack([np.ones(runs.sum()), added[runs], added[runs] ** 2], axis=1)
+    powers = np.stack([np.ones(runs.sum()), counts_added[runs], counts_added[runs] ** 2], axis=1)
     line, *_rest = np.linalg.lstsq(powers, duties[runs], rcond=None)
     rms = float(np.sqrt(np.mean((powers @ line - duties[runs]) ** 2)))
     dead_zone = float(np.clip(line[0], 0.0, 1.0))
     if dead_zone > 0.7:
         raise AnswerNo(fault("calibrate.dead-zone", name=name, dead_zone=dead_zone))
-    top = float(added.max())
-    return Sweep(starting_duty, dead_zone, top / (float(duties[np.argmax(added)]) - dead_zone), rms)
+    top = float(counts_added.max())
+    return Sweep(starting_duty, dead_zone, top / (float(duties[np.argmax(counts_added)]) - dead_zone), rms)
 
 
 def wheel_curves(sweeps: Sweeps) -> tuple[WheelCurve, ...]:

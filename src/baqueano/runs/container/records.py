@@ -375,17 +375,17 @@ def _check_size(compression: str, payload: memoryview, size: int) -> None:
             raise DamageError(fault("damage.chunk-other-size"))
 
 
-def decompress(compression: str, packed: memoryview, size: int) -> bytes | memoryview:
+def decompress(compression: str, payload: memoryview, size: int) -> bytes | memoryview:
     """Return the unpacked data, at most `size` + 1 bytes. The extra byte shows that they are longer than `size`.
     Raise DamageError for data that cannot be unpacked.
     """
     if compression == "":
-        return packed
+        return payload
     if compression == "zstd":
         import zstandard
 
         try:
-            with zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as stream:
+            with zstandard.ZstdDecompressor().stream_reader(payload, read_across_frames=True) as stream:
                 return stream.read(size + 1)
         except zstandard.ZstdError as error:
             raise DamageError(fault("damage.chunk-not-unpacked", error=error)) from error
@@ -393,7 +393,7 @@ def decompress(compression: str, packed: memoryview, size: int) -> bytes | memor
         import lz4.frame
 
         try:
-            return lz4.frame.LZ4FrameDecompressor().decompress(packed, size + 1)
+            return lz4.frame.LZ4FrameDecompressor().decompress(payload, size + 1)
         except (RuntimeError, EOFError) as error:
             raise DamageError(fault("damage.chunk-not-unpacked", error=error)) from error
     raise DamageError(fault("damage.chunk-packed", packing=compression[:20]))

@@ -141,16 +141,19 @@ def has_heading(instant: Instant) -> bool:
     return bool(instant.cov[2, 2] <= MAX_HEADING_STD_RAD**2)
 
 
-def corridors_of(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Sequence[int]) -> Corridors:
+def corridors_of(
+    named_instants: Sequence[tuple[str, Instant]], vehicles: int, refused_numbers: Sequence[int]
+) -> Corridors:
     """Return the corridors of named instants; the names keep the order of their first occurrence."""
-    names = list(dict.fromkeys(name for name, _ in named))
+    names = list(dict.fromkeys(name for name, _ in named_instants))
     instants = {
-        n: tuple(instant for name, instant in named if name == n and has_heading(instant)) for n in names
+        n: tuple(instant for name, instant in named_instants if name == n and has_heading(instant))
+        for n in names
     }
     lost_cases = {
-        n: sum(1 for name, instant in named if name == n and not has_heading(instant)) for n in names
+        n: sum(1 for name, instant in named_instants if name == n and not has_heading(instant)) for n in names
     }
-    return Corridors({n: x for n, x in instants.items() if x}, lost_cases, vehicles, tuple(refused))
+    return Corridors({n: x for n, x in instants.items() if x}, lost_cases, vehicles, tuple(refused_numbers))
 
 
 def _coverage_row(

@@ -16,9 +16,9 @@ def column(values: np.ndarray, k: int) -> np.ndarray:
 
 
 def add_change(
-    changed: dict[str, np.ndarray], owner: object, entry: tuple[str, int], change: np.ndarray
+    new_fields: dict[str, np.ndarray], owner: object, entry: tuple[str, int], change: np.ndarray
 ) -> None:
-    """Add `change` (n,) to the field and column `entry` of `owner`. `changed` collects the changed fields by name."""
+    """Add `change` (n,) to the field and column `entry` of `owner`; collect the changed fields in `new_fields`."""
     name, k = entry
-    changed.setdefault(name, getattr(owner, name).copy())
-    changed[name][... if k == NO_COLUMN else (slice(None), k)] += change
+    new_fields.setdefault(name, getattr(owner, name).copy())
+    new_fields[name][... if k == NO_COLUMN else (slice(None), k)] += change

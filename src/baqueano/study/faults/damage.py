@@ -27,10 +27,10 @@ def imu_readings(run: Run) -> np.ndarray:
     return run.sensors["imu"].z.copy()
 
 
-def with_clocks(run: Run, changed: Callable[[np.ndarray], np.ndarray]) -> Run:
-    """Return the run with all its timestamps `changed`, and without its truth."""
-    sensors = {n: Channel(changed(c.t_ns), changed(c.arrival_ns), c.z) for n, c in run.sensors.items()}
-    return replace(run, t_ns=changed(run.t_ns), sensors=sensors, truth=None)
+def with_clocks(run: Run, change: Callable[[np.ndarray], np.ndarray]) -> Run:
+    """Return the run with all its timestamps `change`, and without its truth."""
+    sensors = {n: Channel(change(c.t_ns), change(c.arrival_ns), c.z) for n, c in run.sensors.items()}
+    return replace(run, t_ns=change(run.t_ns), sensors=sensors, truth=None)
 
 
 def outliers(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:

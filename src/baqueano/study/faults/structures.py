@@ -64,7 +64,7 @@ def _throttle(
     return _plan(subject, _command(subject, w), **fields)
 
 
-def dead_zone(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
+def dead_zone(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator) -> FaultPlan:
     """Remove the dead zone from the model; a car's true dead zone is 10 to 30 % of its full throttle."""
     none = np.zeros(2).tolist()
     zones = {f"model.drivetrain.dead_zone_{direction}": none for direction in ("forward", "backward")}
@@ -75,13 +75,13 @@ def dead_zone(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.rand
     return plan
 
 
-def saturation(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
+def saturation(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator) -> FaultPlan:
     """Saturate the force at 40 to 70 % of the full force, as with slipping wheels."""
     end = rng.uniform(0.4, 0.7)
     return _throttle(subject, u, lambda w: end * np.tanh(w / end))
 
 
-def lag(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
+def lag(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator) -> FaultPlan:
     """Give the motors a time constant of 50 to 300 ms, and remove the lag from the model."""
     lagging_vehicle = subject.vehicle.with_parameters(lag_s=rng.uniform(0.05, 0.3, 1))
     return FaultPlan(
@@ -89,7 +89,7 @@ def lag(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Gen
     )
 
 
-def delay(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
+def delay(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator) -> FaultPlan:
     """Delay the commands by 20 to 150 ms, and remove the delay from the model."""
     delayed_vehicle = subject.vehicle.with_parameters(delay_s=rng.uniform(0.02, 0.15, 1))
     return FaultPlan(
@@ -98,7 +98,7 @@ def delay(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.G
 
 
 def fading_battery(
-    subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator
+    subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator
 ) -> FaultPlan:
     """Reduce the voltage evenly by 15 to 50 % over the run."""
     loss = rng.uniform(0.15, 0.5)
@@ -106,7 +106,7 @@ def fading_battery(
 
 
 def sagging_battery(
-    subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator
+    subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator
 ) -> FaultPlan:
     """Reduce the voltage by 20 to 50 % at full command, and in proportion below."""
     loss = rng.uniform(0.2, 0.5)
@@ -118,7 +118,7 @@ def _velocity(run: Run) -> np.ndarray:
     return np.zeros((0, 3)) if run.truth is None else run.truth.nu
 
 
-def backlash(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
+def backlash(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator) -> FaultPlan:
     """Set the force to zero for 50 to 200 ms after a change of its sign."""
     ticks = round(rng.uniform(0.05, 0.2) * subject.vehicle_file.rate_hz)
 
@@ -135,9 +135,9 @@ def backlash(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.rando
     return _throttle(subject, u, loose)
 
 
-def caster(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
+def caster(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator) -> FaultPlan:
     """Add a kick about z when the vehicle reverses; it decays with a time constant of 0.2 to 0.5 s."""
-    nu = _velocity(undamaged)
+    nu = _velocity(sound_run)
     amplitude, tau = rng.uniform(0.2, 0.5), rng.uniform(0.2, 0.5) * subject.vehicle_file.rate_hz
     kick, level, previous_sign = np.zeros(len(u)), 0.0, 1.0
     for k, v in enumerate(nu[:, 0]):
@@ -150,21 +150,21 @@ def caster(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.
     return _plan(subject, effective)
 
 
-def cogging(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
+def cogging(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator) -> FaultPlan:
     """Let the force ripple by 10 to 40 % with the rolled distance, with a period of 2 to 10 cm."""
-    nu = _velocity(undamaged)
+    nu = _velocity(sound_run)
     distance_m = np.cumsum(nu[:, 0]) / subject.vehicle_file.rate_hz
     ripple = rng.uniform(0.1, 0.4) * np.sin(2.0 * np.pi * distance_m / rng.uniform(0.02, 0.1))
     return _throttle(subject, u, lambda w: w * (1.0 + ripple))
 
 
-def one_sided(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
+def one_sided(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator) -> FaultPlan:
     """Reduce the backward force to 50 to 80 % of the forward force."""
     backward_fraction = rng.uniform(0.5, 0.8)
     return _throttle(subject, u, lambda w: np.where(w < 0.0, backward_fraction * w, w))
 
 
-def slipping(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
+def slipping(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator) -> FaultPlan:
     """Reduce the force of a robot's wheel, or of a car, to 30 % for 5 s. Then an odometer reads 1.5 times the speed."""
     w, k = _channels(subject, u), int(rng.integers(0, 2)) if isinstance(subject.vehicle, Robots) else 0
     start = int(rng.uniform(0.2, 0.6) * len(u))
@@ -179,7 +179,7 @@ def slipping(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.rando
     return _plan(subject, _command(subject, w), change=with_faster_odometer)
 
 
-def dry_friction(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
+def dry_friction(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator) -> FaultPlan:
     """Add dry friction of 5 to 30 % of the full force along x, of a robot also about z.
     Remove dry friction from the fitted file.
     """
@@ -197,7 +197,7 @@ def dry_friction(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.r
 
 
 def centre_of_mass(
-    subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator
+    subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator
 ) -> FaultPlan:
     """Move the centre of mass along x by 10 to 30 % of the radius of gyration; the fit keeps it fixed."""
     q = subject.vehicle
@@ -211,7 +211,7 @@ def centre_of_mass(
     )
 
 
-def tilted_floor(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator) -> FaultPlan:
+def tilted_floor(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator) -> FaultPlan:
     """Tilt the floor by 2 to 6°."""
     q = subject.vehicle
     rise, uphill_rad = np.radians(rng.uniform(2.0, 6.0, 1)), rng.uniform(-np.pi, np.pi, 1)
@@ -219,7 +219,7 @@ def tilted_floor(subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.r
 
 
 def second_vehicle(
-    subject: FaultSubject, u: np.ndarray, undamaged: Run, rng: np.random.Generator
+    subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator
 ) -> FaultPlan:
     """Replace the readings after 25 to 75 % of the run by the readings of a vehicle with other friction and motors."""
     factor, q = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.15, 0.6), subject.vehicle

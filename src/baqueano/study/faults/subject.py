@@ -51,14 +51,17 @@ class FaultSubject(NamedTuple):
         return quantised_commands(u) if isinstance(self.vehicle, Robots) else u
 
     def runs(
-        self, vehicles: Sequence[Robots | Cars], effective: Sequence[np.ndarray], logged: Sequence[np.ndarray]
+        self,
+        vehicles: Sequence[Robots | Cars],
+        effective: Sequence[np.ndarray],
+        logged_commands: Sequence[np.ndarray],
     ) -> list[Run]:
         """Return the runs of the vehicles, simulated together, each with its `effective` commands."""
         t_ns = tick_times(len(effective[0]), self.vehicle_file.rate_hz)
         drive = drive_group(merge(vehicles), np.stack(effective, axis=1), [self.seed] * len(vehicles), t_ns)
         return [
             run_of_vehicle(drive, k, u, self.vehicle_file, f"seed {self.seed}", self.seed)
-            for k, u in enumerate(logged)
+            for k, u in enumerate(logged_commands)
         ]
 
 

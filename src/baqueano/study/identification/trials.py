@@ -87,7 +87,7 @@ class TrialOutcome(NamedTuple):
     bound: np.ndarray  # NaN without a bound
     verdict: str
     reasons: tuple[tuple[str, str], ...]  # code and subject of each
-    met: bool  # True if a wrong start ended at the same point as the usual start
+    has_same_end: bool  # True if a wrong start ended at the same point as the usual start
 
 
 def fit_job(job: TrialJob) -> list[TrialOutcome]:

@@ -38,17 +38,17 @@ class CommandDelayLine:
 
 
 def integrate(
-    stepped: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],
+    step: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],
     x: np.ndarray,
     span_s: tuple[float, float],
     line: CommandDelayLine,
-    kicked: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+    impulse: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
     step_s: float = STEP_S,
 ) -> np.ndarray:
     """Return the states (n, k) at the end of the span.
 
-    `stepped` takes states, commands in effect (n, m) and lengths of the steps (n, 1) [s], and returns the next states.
-    `kicked` takes the states at the end of a step and its lengths (n,) [s].
+    `step` takes states, commands in effect (n, m) and lengths of the steps (n, 1) [s], and returns the next states.
+    `impulse` takes the states at the end of a step and its lengths (n,) [s].
     It returns these states with the kicks of a rough floor.
     """
     t_s, end = np.full(len(x), span_s[0]), span_s[1]
@@ -57,10 +57,10 @@ def integrate(
         stop = np.minimum(t_s + step_s, next_s)
         stop = np.where(stop > end - MIN_STEP_S, end, stop)
         h = stop - t_s
-        x = stepped(x, u, h[:, None])
+        x = step(x, u, h[:, None])
         t_s = stop
-        if kicked is not None:
-            x = kicked(x, h)
+        if impulse is not None:
+            x = impulse(x, h)
     return x
 
 

@@ -50,13 +50,19 @@ class CKernel:
         self._function("values")(len(inputs), *addresses, 0.0, *_addresses(outputs, final), None)
 
     def bind(
-        self, theta: Array, start: Array, inputs: Array, outputs: Array, filled: Array, method: str = "run"
+        self,
+        theta: Array,
+        start: Array,
+        inputs: Array,
+        outputs: Array,
+        rows_filled: Array,
+        method: str = "run",
     ) -> Callable[[], object]:
         """Return `run` or `sensitivities` bound to these arrays, whose addresses are read once.
 
         The call holds the interpreter's lock, because a tick takes only microseconds and must not wait for the lock.
         """
-        arrays = theta, start, inputs, outputs, filled
+        arrays = theta, start, inputs, outputs, rows_filled
         addresses = np.array([len(inputs), *_addresses(*arrays)], dtype=np.int64)
         name = "values" if method == "run" else method
         self._function(name, is_hasty=True)  # for one tick, the call costs more than the arithmetic
@@ -97,7 +103,7 @@ class CKernel:
         self,
         theta: Array,
         start: Array,
-        shared: Array,
+        shared_inputs: Array,
         own_inputs: Array,
         is_shared: Sequence[bool],
         outputs: Array | None,
@@ -113,10 +119,10 @@ class CKernel:
 
         def run(vehicles: slice) -> None:
             to = None if outputs is None else outputs[vehicles].ctypes.data
-            addresses = _addresses(theta[vehicles], start[vehicles], shared, own_inputs[vehicles])
-            function(len(shared), len(final[vehicles]), *addresses, to, *_addresses(final[vehicles]))
+            addresses = _addresses(theta[vehicles], start[vehicles], shared_inputs, own_inputs[vehicles])
+            function(len(shared_inputs), len(final[vehicles]), *addresses, to, *_addresses(final[vehicles]))
 
-        slices = _thread_slices(len(final), len(shared))
+        slices = _thread_slices(len(final), len(shared_inputs))
         if len(slices) == 1:
             run(slices[0])
         else:

@@ -176,12 +176,12 @@ def _add_to_hessian(text: CText, rows: list[Tangents], residuals: range, p: int)
             text.add(f"hessian{block.first}[{i}] = {' + '.join((f'hessian{block.first}[{i}]', *terms))};")
 
 
-def batch(program: Program, shared: Sequence[bool], with_outputs: bool) -> str:
+def batch(program: Program, shared_flags: Sequence[bool], with_outputs: bool) -> str:
     """Return the code that fills outputs (L, n, m), if `with_outputs`, and final (L, c).
 
-    `shared` marks the columns of the inputs that are common to all vehicles, (n, ·); the others belong to each vehicle,
-    (L, n, ·). Unused lanes of a vector repeat the last vehicle. In a tick, most operations wait for the previous one.
-    So several vectors take turns, and the processor computes their ticks at the same time.
+    `shared_flags` marks the columns of the inputs that are common to all vehicles, (n, ·); the others belong to each
+    vehicle, (L, n, ·). Unused lanes of a vector repeat the last vehicle. In a tick, most operations wait for the
+    previous one. So several vectors take turns, and the processor computes their ticks at the same time.
     """
     text = CText(width=LANE_COUNT)
     text.lines.append(BATCH_SIGNATURE)
@@ -190,15 +190,18 @@ def batch(program: Program, shared: Sequence[bool], with_outputs: bool) -> str:
         program.initial, (*outputs_of_tick, *program.next_carry), {*program.carry, *program.inputs}, False
     )
     sizes = {"theta": len(program.theta), "start": len(program.start), "final": len(program.carry)}
-    strides = {"own": f"n * {len(shared) - sum(shared)}", "outputs": f"n * {len(outputs_of_tick)}"} | sizes
+    strides = {
+        "own": f"n * {len(shared_flags) - sum(shared_flags)}",
+        "outputs": f"n * {len(outputs_of_tick)}",
+    } | sizes
     for name in ("theta", "start", "carry", "inputs"):
         text.symbols(getattr(program, name), {"carry": "x", "inputs": "u"}.get(name, name) + "{}")
     text.name_cells(order, "vector->cell{}")
     loop_terms = {*arguments(order.loop_statements), *outputs_of_tick, *program.next_carry}
-    fixed = [
+    fixed_terms = [
         term for term in (*program.theta, *program.start, *order.statements_before) if term in loop_terms
     ]
-    variables = [(text.type(term), text.name(term)) for term in (*fixed, *program.carry)]
+    variables = [(text.type(term), text.name(term)) for term in (*fixed_terms, *program.carry)]
     fields = [f"int64_t at_{name}[{LANE_COUNT}];" for name in strides]
     fields += [f"int64_t {cell.removeprefix('vector->')};" for cell in text.cells.values()]
     fields += [f"{type_} {name};" for type_, name in variables]
@@ -208,10 +211,12 @@ def batch(program: Program, shared: Sequence[bool], with_outputs: bool) -> str:
         f"const int64_t vectors = (vehicles - first + {LANE_COUNT - 1}) / {LANE_COUNT};",
         f"struct vector *const end = turns + (vectors < {TURN_COUNT} ? vectors : {TURN_COUNT});",
     )
-    _start_vectors(text, program, order, strides, fixed)
+    _start_vectors(text, program, order, strides, fixed_terms)
     text.open_brace("for (int64_t tick = 0; tick < n; ++tick) {")
     text.open_brace(EACH_VECTOR)
-    text.add(*(f"const {type_} {name} = vector->{name};" for type_, name in variables), *_load_inputs(shared))
+    text.add(
+        *(f"const {type_} {name} = vector->{name};" for type_, name in variables), *_load_inputs(shared_flags)
+    )
     text.statements(order.loop_statements)
     for k, y in enumerate(outputs_of_tick):
         to = f"outputs + tick * {len(outputs_of_tick)} + {k}"
@@ -228,9 +233,9 @@ def batch(program: Program, shared: Sequence[bool], with_outputs: bool) -> str:
 
 
 def _start_vectors(
-    text: CText, program: Program, order: EmitPlan, strides: dict[str, Value], fixed: Sequence[Term]
+    text: CText, program: Program, order: EmitPlan, strides: dict[str, Value], fixed_terms: Sequence[Term]
 ) -> None:
-    """Add the code that fills each vector before the first tick: addresses, `fixed` terms, and the carry."""
+    """Add the code that fills each vector before the first tick: addresses, `fixed_terms` terms, and the carry."""
     text.open_brace(EACH_VECTOR)
     text.open_brace(f"for (int lane = 0; lane < {LANE_COUNT}; ++lane) {{")
     text.add(f"int64_t vehicle = first + {LANE_COUNT} * (vector - turns) + lane;")
@@ -242,7 +247,7 @@ def _start_vectors(
         text.add(*map(line.format, range(count)))
     text.statements(order.statements_before)
     text.add(*(f"{cell} = 0;" for cell in text.cells.values()))
-    text.add(*(f"vector->{text.names[term]} = {text.names[term]};" for term in fixed))
+    text.add(*(f"vector->{text.names[term]} = {text.names[term]};" for term in fixed_terms))
     text.add(*(f"vector->x{k} = {text.vector_code(x)};" for k, x in enumerate(program.initial)))
     text.close_brace()
 

@@ -87,23 +87,23 @@ def find_compiler() -> FoundCompiler:
 
 
 @cache
-def _find(requested: str, path: str) -> FoundCompiler:
+def _find(compiler_name: str, path: str) -> FoundCompiler:
     reasons: list[Diagnostic] = []
-    for compiler in _candidates(requested, path):
+    for compiler in _candidates(compiler_name, path):
         try:
             _load(PROBE_TEXT, _flag_sets(compiler, 0, True, False), compiler)
         except CompileError as error:
             reasons.append(error.diagnostic)
         else:
             return FoundCompiler(compiler, merge_diagnostics(reasons))
-    if requested and not reasons:
-        reasons.append(fault("compiler.no-command", value=requested))
+    if compiler_name and not reasons:
+        reasons.append(fault("compiler.no-command", value=compiler_name))
     return FoundCompiler(None, merge_diagnostics(reasons) or fault("compiler.absent", "pip install ziglang"))
 
 
-def _candidates(requested: str, path: str) -> Iterator[Compiler]:
-    if requested:
-        command = [requested] if shutil.which(requested, path=path) else shlex.split(requested)
+def _candidates(compiler_name: str, path: str) -> Iterator[Compiler]:
+    if compiler_name:
+        command = [compiler_name] if shutil.which(compiler_name, path=path) else shlex.split(compiler_name)
         executable = shutil.which(command[0], path=path)
         if executable:
             yield _compiler((executable, *command[1:]))

@@ -55,7 +55,13 @@ class Kernel(Protocol):
         ...
 
     def bind(
-        self, theta: Array, start: Array, inputs: Array, outputs: Array, filled: Array, method: str = "run"
+        self,
+        theta: Array,
+        start: Array,
+        inputs: Array,
+        outputs: Array,
+        rows_filled: Array,
+        method: str = "run",
     ) -> Callable[[], object]:
         """Return `run` or `sensitivities` bound to these arrays, for repeated calls.
 
@@ -85,7 +91,7 @@ class Kernel(Protocol):
         self,
         theta: Array,
         start: Array,
-        shared: Array,
+        shared_inputs: Array,
         own_inputs: Array,
         is_shared: Sequence[bool],
         outputs: Array | None,

@@ -227,20 +227,20 @@ def _on_copy(method: MethodType) -> Callable[..., Tree]:
     return MethodType(method.__func__, block)
 
 
-def _has_scalars_inside(x: Tree, visited: set[int]) -> bool:
+def _has_scalars_inside(x: Tree, visited_ids: set[int]) -> bool:
     """Return True if a scalar is in the attributes or entries of a block, at any depth."""
     if isinstance(x, Scalar | np.ndarray):
         return has_scalars(x)
-    if id(x) in visited or isinstance(x, type | ModuleType | FunctionType):
+    if id(x) in visited_ids or isinstance(x, type | ModuleType | FunctionType):
         return False
-    visited.add(id(x))
+    visited_ids.add(id(x))
     if isinstance(x, MethodType):
-        return _has_scalars_inside(x.__self__, visited)
+        return _has_scalars_inside(x.__self__, visited_ids)
     parts: list[Tree] = list(x.values()) if isinstance(x, dict) else []
     parts += x if isinstance(x, list | tuple | set | frozenset | deque) else []
     slots = [name for c in type(x).__mro__ for name in getattr(c, "__slots__", ()) if isinstance(name, str)]
     parts += [getattr(x, name, None) for name in slots] + list(getattr(x, "__dict__", {}).values())
-    return any(_has_scalars_inside(part, visited) for part in parts)
+    return any(_has_scalars_inside(part, visited_ids) for part in parts)
 
 
 def _name(f: Callable[..., Tree]) -> str:

@@ -77,11 +77,17 @@ class PythonKernel:
         final[:] = last
 
     def bind(
-        self, theta: Array, start: Array, inputs: Array, outputs: Array, filled: Array, method: str = "run"
+        self,
+        theta: Array,
+        start: Array,
+        inputs: Array,
+        outputs: Array,
+        rows_filled: Array,
+        method: str = "run",
     ) -> Callable[[], object]:
         """Return `run` or `sensitivities` bound to these arrays."""
         if len(inputs) != 1 or self.program.carry or self.program.theta or self.program.start:
-            return partial(getattr(self, method), theta, start, inputs, outputs, filled)
+            return partial(getattr(self, method), theta, start, inputs, outputs, rows_filled)
         return self._tick(inputs[0], outputs[0])
 
     def sensitivities(
@@ -123,7 +129,7 @@ class PythonKernel:
         self,
         theta: Array,
         start: Array,
-        shared: Array,
+        shared_inputs: Array,
         own_inputs: Array,
         is_shared: Sequence[bool],
         outputs: Array | None,
@@ -131,7 +137,9 @@ class PythonKernel:
     ) -> None:
         """Run all members in parallel, tick by tick; arguments as in program.Kernel."""
         order = np.argsort(np.argsort([not x for x in is_shared], kind="stable"), kind="stable")
-        ticks = ([[*shared[k], *own_inputs[:, k].T][i] for i in order] for k in range(len(shared)))
+        ticks = (
+            [[*shared_inputs[k], *own_inputs[:, k].T][i] for i in order] for k in range(len(shared_inputs))
+        )
         groups = [] if outputs is None else [self.program.outputs]
         kernel = self._function(ARRAY_FORMATS, _BATCH_OPERATORS, (), groups)
         with np.errstate(all="ignore"):

@@ -78,7 +78,9 @@ def with_present_keys(text: str, name: str) -> str:
     sources = ({"controller": data.get("controller")}, sensors if isinstance(sensors, dict) else {})
     for source in sources:
         for table_name, table in source.items():
-            keys = FORMER_KEYS.get(str(table.get("kind", table_name)), {}) if isinstance(table, dict) else {}
+            if not isinstance(table, dict):
+                continue
+            keys = FORMER_KEYS.get(str(table.get("kind", table_name)), {})
             for former_key in keys.keys() & table.keys():
                 text = re.sub(rf"\b{former_key}\b", keys[former_key], text)
     return text
