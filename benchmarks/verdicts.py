@@ -4,7 +4,7 @@
 
 All variances of the model of matched.py are κ times the variances that the recommended filter assumes, κ from 1/4 to 4.
 So its errors are √κ times the reported errors. "Too sure" is correct for κ > 1, "too cautious" for κ < 1, "consistent"
-for κ = 1, and "undecided" is never wrong. The benchmark runs twice: with sensors whose biases and scales are known,
+for κ = 1, and "cannot tell" is never wrong. The benchmark runs twice: with sensors whose biases and scales are known,
 and with biases and scales that are drawn once per drive, as the filter assumes. Each drive lasts 10 to 60 s. Every
 second drive is judged only by its innovations, as without a camera. A drive with 100 independent samples should have a
 verdict.
@@ -101,7 +101,7 @@ def main() -> int:
                 f"{name}, variances × {kappa:<5g} {', '.join(f'{word}: {n}' for word, n in words.most_common())}"
             )
         share = np.mean([not RIGHT.get(result.verdict, lambda k: True)(result.kappa) for result in results])
-        could = [result.verdict != "undecided" for result in results if result.samples >= ENOUGH]
+        could = [result.verdict != "cannot tell" for result in results if result.samples >= ENOUGH]
         speaks = float(np.mean(could)) if could else 1.0
         is_good = bool(share <= WRONG and speaks >= SPEAKS)
         print(

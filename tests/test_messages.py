@@ -26,7 +26,7 @@ MACHINES_WORDS = {
     "arrays used as ind", "field limit",  # of errors of NumPy and of csv, which have no codes
 }  # fmt: skip
 NAMES = {  # with a space: cases of studies, verdicts on a filter
-    "undecided", "not reported", "too sure", "too cautious", "at its limit", "no reading lost", "wrong start",
+    "cannot tell", "not reported", "too sure", "too cautious", "at its limit", "no reading lost", "wrong start",
     "left inverted", "right inverted", "clean, other start",
 }  # fmt: skip
 LISTS_OF_NAMES = {

@@ -28,7 +28,7 @@ class Verdict(StrEnum):
     USABLE = "USABLE"
     WARN = "WARN"
     REFUSED = "REFUSED"
-    UNDECIDED = "UNDECIDED"
+    CANNOT_TELL = "CANNOT TELL"
     STOPPED = "STOPPED"
     DONE = "DONE"  # of a result without an evaluation
     CONSISTENT = "CONSISTENT"
@@ -47,7 +47,7 @@ class Verdict(StrEnum):
         verdicts = {
             Severity.ERROR: cls.REFUSED,
             Severity.WARNING: cls.WARN,
-            Severity.UNKNOWN: cls.UNDECIDED,
+            Severity.UNKNOWN: cls.CANNOT_TELL,
         }
         return next((verdict for severity, verdict in verdicts.items() if severity in severities), cls.USABLE)
 

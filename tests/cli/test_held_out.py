@@ -70,7 +70,7 @@ def test_too_little_motion_does_not_validate_a_fit(identify_against, tmp_path):
     end = identify_against("short.mcap", "--json")
     assert end.code == 0
     verdict = end.reply["rows"][-1]
-    assert (verdict["name"], verdict["verdict"]) == ("held_out_verdict", "UNDECIDED")
+    assert (verdict["name"], verdict["verdict"]) == ("held_out_verdict", "CANNOT TELL")
     assert "checked over 2.99 s in open loop" in verdict["sentence"]
     assert load(tmp_path / "my.toml").envelope.run == "own"
 

@@ -253,9 +253,9 @@ def test_one_sentence_names_the_figure_and_state_with_the_largest_deviation():
 
 def test_a_run_of_a_few_ticks_gives_no_verdict():
     comparison = compare(run_with(offset=(0.0, 0.0, 0.0)).cut(0.0, 0.05))
-    assert comparison.verdict == "UNDECIDED"
+    assert comparison.verdict == "CANNOT TELL"
     (message,) = comparison.runs[0].consistency.messages
-    assert message.code == "consistency.undecided"
+    assert message.code == "consistency.cannot-tell"
 
 
 def test_innovations_are_judged_without_a_truth():
@@ -267,7 +267,7 @@ def test_innovations_are_judged_without_a_truth():
         return FilterConsistency(pose, NOT_REPORTED, nis, {}, {}, (0.5,), 0.05)
 
     assert verdict(small_sample, wide_band).verdict == "too sure"
-    assert verdict(small_sample, right).verdict == "undecided"
+    assert verdict(small_sample, right).verdict == "cannot tell"
     assert verdict(right, wide_band).verdict == "consistent"
     assert verdict(NOT_REPORTED, right).verdict == "consistent"
     drift = FilterConsistency(small_sample._replace(mean=1.0), right, right, {}, {}, (), np.nan)

@@ -107,7 +107,7 @@ def test_noise_is_rejected_if_the_filter_is_overconfident_in_simulation(fit, uns
 @pytest.mark.parametrize(
     ("low", "high", "verdict"),
     [(0.9, 1.1, "true"), (1.1, 1.5, "true"), (1.3, 1.5, "too sure"), (0.5, 0.8, "too cautious"),
-     (np.nan, np.nan, "undecided")],
+     (np.nan, np.nan, "cannot tell")],
 )  # fmt: skip
 def test_a_normalised_square_disagrees_if_its_interval_is_far_from_one(low, high, verdict):
     square = NormalisedSquare("imu[2]", 1.0, low, high, 1.2)

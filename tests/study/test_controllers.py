@@ -64,7 +64,7 @@ def test_the_verdict_lists_the_code_of_each_missed_requirement():
     assert [reason.code for reason in result(0.2, ("k",)).reasons] == ["study.gain-at-bound"]
     assert [reason.code for reason in result(0.2, stop_code="stop.room").reasons] == ["study.stopped"] * 2
     assert [reason.code for reason in result(0.2, drives=4).reasons] == ["study.no-interval"]
-    assert result(0.2, drives=4).verdict == Verdict.UNDECIDED
+    assert result(0.2, drives=4).verdict == Verdict.CANNOT_TELL
     row = result(0.2).rows()[1]
     assert row["pose_low"] < 0.2 < row["pose_high"] < 0.21
     assert len(result(0.2).table().splitlines()) == 7

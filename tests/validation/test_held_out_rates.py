@@ -1,4 +1,4 @@
-"""The rate of UNDECIDED by the length of held-out runs, for the correct model on drives of the independent truth.
+"""The rate of CANNOT TELL by the length of held-out runs, for the correct model on drives of the independent truth.
 
 Of 30 drives by steps of 1 s, all have too few segments of motion in 8 s. In 10 s 7 have too few, and in 12 s 2. From
 15 s on, all have enough. The message recommends ADVISED_S; at most one run in ten of this length may remain undecided.
@@ -37,11 +37,11 @@ def verdicts(fit, drives, span_s):
 def test_the_correct_model_is_usable_on_runs_of_the_advised_length(fit, drives, span_s):
     """CHANCE for each of three channels gives 0.6 WARN in 20 runs; more than 2 occur by chance once in 40 times."""
     count = verdicts(fit, drives, span_s)
-    assert count["UNDECIDED"] <= DRIVES / 10
+    assert count["CANNOT TELL"] <= DRIVES / 10
     assert count["REFUSED"] == 0
     assert count["WARN"] <= 2
 
 
 @pytest.mark.parametrize("span_s", [3.0, 8.0])
 def test_runs_with_too_few_segments_of_motion_give_no_verdict(fit, drives, span_s):
-    assert verdicts(fit, drives, span_s) == {"UNDECIDED": DRIVES}
+    assert verdicts(fit, drives, span_s) == {"CANNOT TELL": DRIVES}

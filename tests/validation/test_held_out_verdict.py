@@ -76,7 +76,7 @@ def fit(file, logs):
 
 def test_one_short_run_is_not_enough_for_a_verdict(fit, logs):
     validation = validate(fit, logs["step -1"])
-    assert validation.verdict == "UNDECIDED"
+    assert validation.verdict == "CANNOT TELL"
     reason = validation.reasons[0]
     assert (reason.code, reason.subject) == ("validation.too-few", "u_psi")
     assert (reason.figures["pieces"], reason.figures["minimum"]) == (1.0, 5)
@@ -90,7 +90,7 @@ def test_the_verdict_states_horizon_and_initial_condition(fit, logs):
 
 def test_runs_with_enough_motion_get_a_verdict(fit, logs):
     validation = validate(fit, logs["random steps"])
-    assert validation.verdict != "UNDECIDED"
+    assert validation.verdict != "CANNOT TELL"
     assert validation.basis.figures["span_s"] == "10.5"
     assert validation.sentence.endswith(text(validation.basis))
 

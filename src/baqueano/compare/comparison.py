@@ -190,14 +190,14 @@ class Comparison(Result):
     @property
     def verdict(self) -> Verdict:
         """Return INCONSISTENT if `reasons` is not empty, and NOT REPORTED if all verdicts are "not reported".
-        Otherwise return CONSISTENT if all reported verdicts are consistent, else UNDECIDED.
+        Otherwise return CONSISTENT if all reported verdicts are consistent, else CANNOT TELL.
         """
         if self.reasons:
             return Verdict.INCONSISTENT
         verdicts = {run.verdict for run in self.runs} - {"not reported"}
         if not verdicts:
             return Verdict.NOT_REPORTED
-        return Verdict.CONSISTENT if verdicts == {"consistent"} else Verdict.UNDECIDED
+        return Verdict.CONSISTENT if verdicts == {"consistent"} else Verdict.CANNOT_TELL
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:

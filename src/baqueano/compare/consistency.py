@@ -25,7 +25,7 @@ FALSE_ALARM = 0.05  # probability that a consistent filter is called inconsisten
 BOOTSTRAP_DRAWS, MAX_BLOCKS, MIN_SAMPLES = 400, 200, 5
 MIN_CORRELATION = 0.05  # of |Γ_0|²: a smaller correlation is considered random
 ACCEPTED_RATIO = 1.1  # a variance within this factor of 1 is considered consistent
-MAX_BAND_RATIO = 1.6  # the verdict is "undecided" if the band is wider than this factor on either side
+MAX_BAND_RATIO = 1.6  # the verdict is "cannot tell" if the band is wider than this factor on either side
 
 
 class Band(NamedTuple):
@@ -39,7 +39,7 @@ class Band(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Return "too sure", "too cautious", "consistent", "undecided" or "not reported"."""
+        """Return "too sure", "too cautious", "consistent", "cannot tell" or "not reported"."""
         if not np.isfinite(self.mean):
             return "not reported"
         if self.mean > max(self.high, ACCEPTED_RATIO):
@@ -47,7 +47,7 @@ class Band(NamedTuple):
         if self.mean < min(self.low, 1.0 / ACCEPTED_RATIO):
             return "too cautious"
         is_narrow = self.high <= MAX_BAND_RATIO * self.mean and self.mean <= MAX_BAND_RATIO * self.low
-        return "consistent" if is_narrow else "undecided"
+        return "consistent" if is_narrow else "cannot tell"
 
 
 NOT_REPORTED = Band(float("nan"), float("nan"), float("nan"), 0, 0.0)

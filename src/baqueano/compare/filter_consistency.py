@@ -55,7 +55,7 @@ class FilterConsistency:
 
     @property
     def verdict(self) -> str:
-        """Return "too sure", "too cautious", "consistent", "undecided" or "not reported"."""
+        """Return "too sure", "too cautious", "consistent", "cannot tell" or "not reported"."""
         return self._decision()[0]
 
     @property
@@ -69,8 +69,8 @@ class FilterConsistency:
         verdict, name, band = self._decision()
         if band is None:
             return (note("consistency.not-reported"),)
-        if verdict == "undecided":
-            return (note("consistency.undecided", quantity=JOINT_FIGURES[name], samples=band.samples),)
+        if verdict == "cannot tell":
+            return (note("consistency.cannot-tell", quantity=JOINT_FIGURES[name], samples=band.samples),)
         figures = {"mean": band.mean, "low": band.low, "high": band.high, "worst": self._worst(verdict)}
         figure = "NIS" if name == "nis" else "NEES"
         first = note(
@@ -126,7 +126,7 @@ class FilterConsistency:
             return "not reported", "", None
         consistent_bands = [pair for pair in bands if pair[1].verdict == "consistent"]
         name, band = max(consistent_bands or bands, key=lambda pair: pair[1].samples)
-        return "consistent" if consistent_bands else "undecided", name, band
+        return "consistent" if consistent_bands else "cannot tell", name, band
 
     def _worst(self, verdict: str) -> Diagnostic | str:
         """Return the state that deviates most in the direction of the verdict; "" if no state deviates."""
@@ -140,7 +140,7 @@ class FilterConsistency:
 
     def _few_samples(self, verdict: str) -> Diagnostic | None:
         """Return a note if the verdict is "consistent" but a joint NEES has too few samples, else None."""
-        short_names = [n for n in ("nees_pose", "nees_velocity") if getattr(self, n).verdict == "undecided"]
+        short_names = [n for n in ("nees_pose", "nees_velocity") if getattr(self, n).verdict == "cannot tell"]
         if short_names and verdict == "consistent":
             return note("consistency.unknown", quantity=JOINT_FIGURES[short_names[0]])
         return None

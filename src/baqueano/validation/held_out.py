@@ -10,7 +10,7 @@
 Biases, clocks, the mount of a truth, and a start in motion are estimated on each run. (2) contains the residual on the
 fitted runs, and the excess of this run's white noise (von Neumann's w). WARN: the model's part of e² is significantly
 larger (3), one block fulfils (4), or the fit warns of signs, axes or timestamps. REFUSED: explained is significantly
-below 0 (5). UNDECIDED: too few segments of motion of a command that moved in the fit (objective_choice.py).
+below 0 (5). CANNOT TELL: too few segments of motion of a command that moved in the fit (objective_choice.py).
 """
 
 from collections.abc import Sequence
@@ -108,7 +108,7 @@ class Validation(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """Return REFUSED if the model is worse than the mean, WARN for too large an error, UNDECIDED, or USABLE."""
+        """Return REFUSED if the model is worse than the mean, WARN for too large an error, CANNOT TELL, or USABLE."""
         return Verdict.of(self.messages)
 
     @property
@@ -164,7 +164,7 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     Returns
     -------
     Validation
-        REFUSED for a model that is worse than the mean of a channel, WARN for too large an error. UNDECIDED if the
+        REFUSED for a model that is worse than the mean of a channel, WARN for too large an error. CANNOT TELL if the
         runs contain too little independent motion, else USABLE.
 
     Raises

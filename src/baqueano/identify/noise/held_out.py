@@ -156,7 +156,7 @@ class NoiseVerdict(StrEnum):
     TRUE = "true"
     TOO_SURE = "too sure"
     TOO_CAREFUL = "too cautious"
-    UNDECIDED = "undecided"
+    CANNOT_TELL = "cannot tell"
 
 
 class NormalisedSquare(NamedTuple):
@@ -172,7 +172,7 @@ class NormalisedSquare(NamedTuple):
     def verdict(self) -> NoiseVerdict:
         """Return the verdict on the noise."""
         if not np.isfinite(self.low):
-            return NoiseVerdict.UNDECIDED
+            return NoiseVerdict.CANNOT_TELL
         if self.low > self.close_factor:
             return NoiseVerdict.TOO_SURE
         return NoiseVerdict.TOO_CAREFUL if self.high < 1.0 / self.close_factor else NoiseVerdict.TRUE
@@ -199,7 +199,7 @@ def accept_or_refit(
     CLOSE_FACTOR, a state within CLOSE_FACTOR_ON_DRIVES. Channels that still disagree are reported."""
     runs, kernel = ", ".join(run.name for run in validation_runs), _filter_scan(ekf, backend)
     squares = nis_of(ekf, validation_runs, kernel)
-    decisive = [square for square in squares if square.verdict != NoiseVerdict.UNDECIDED]
+    decisive = [square for square in squares if square.verdict != NoiseVerdict.CANNOT_TELL]
     if not decisive:
         return ekf, Acceptance(note("noise.too-short", runs=runs), False)
     disagreeing, code = [square for square in decisive if square.disagrees], "noise.consistent"

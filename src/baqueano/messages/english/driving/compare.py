@@ -36,7 +36,7 @@ TEMPLATES: dict[str, str] = {
         "{type[baqueano identify last --update]}"
     ),
     "consistency.not-reported": "The run does not contain an estimate with a covariance",
-    "consistency.undecided": (
+    "consistency.cannot-tell": (
         "There are not enough data: the errors of {quantity:word} are equivalent to {samples:.1f} independent "
         "samples"
     ),
