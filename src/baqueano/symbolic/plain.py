@@ -4,6 +4,7 @@ print and pdb work in the step. Derivatives are computed with dual numbers.
 """
 
 from collections.abc import Callable, Iterator
+from copy import copy
 
 import numpy as np
 
@@ -40,6 +41,15 @@ class PlainScan(Scan):
     @property
     def backend(self) -> str:
         return "numpy"
+
+    def part(self, name: str) -> "PlainScan":
+        def step(*args: Tree) -> tuple[Tree, Tree]:
+            carry, output = self.step(*args)
+            return carry, getattr(output, name)
+
+        part = copy(self)
+        part.step = step
+        return part
 
     def run(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> tuple[Tree, Tree]:
         last, outputs = self._loop(inputs, self._theta(theta), carry)

@@ -8,6 +8,8 @@ when a method is first called. With the back end "numpy" the step is not traced,
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from copy import copy
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +21,7 @@ from baqueano.symbolic.backends import Runner, resolve_backend
 from baqueano.symbolic.graph.assemble import Assembly, assemble
 from baqueano.symbolic.graph.node import nodes_below
 from baqueano.symbolic.graph.program import NormalEquations
-from baqueano.symbolic.graph.trace import trace_step
+from baqueano.symbolic.graph.trace import field_of_output, trace_step
 from baqueano.symbolic.graph.tree import (
     flat_row,
     input_rows,
@@ -141,6 +143,10 @@ class Scan(ABC):
         return ()
 
     @abstractmethod
+    def part(self, name: str) -> "Scan":
+        """Return the scan whose output is only the field `name` of the output; the step is not traced again."""
+
+    @abstractmethod
     def run(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> tuple[Tree, Tree]:
         """Return the carry after the last tick, and the outputs, whose leaves begin with the axis N."""
 
@@ -226,6 +232,7 @@ class TracedScan(Scan):
         self.requested_backend = backend
         start = None if self.carry_function else self._flat_start(None)  # the start can depend on θ
         candidates = {leaf.path for leaf in symmetric_leaves(self.carry_shape, start)}
+        self.fields: tuple[str, ...] = ()  # the part of the output of the step
         self.trace, self.symmetric = self._trace_once(candidates)
         self.runners: dict[tuple[bool, bool, bool], tuple[Assembly, Runner]] = {}
         self.sums: dict[tuple, BatchSums] = {}
@@ -248,6 +255,12 @@ class TracedScan(Scan):
     def unused_carry(self) -> tuple[str, ...]:
         names = [name for leaf in leaves(self.carry_shape) for name in leaf.names]
         return tuple(names[k] for k in self._runner(keep_all=False)[0].unused_carry)
+
+    def part(self, name: str) -> "TracedScan":
+        part = copy(self)
+        part.fields, part.trace = (*self.fields, name), field_of_output(self.trace, name)
+        part.runners, part.sums, part.begun = {}, {}, {}
+        return part
 
     def run(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> tuple[Tree, Tree]:
         theta, rows = self._theta(theta), input_rows(self.input_shape, inputs)
@@ -338,7 +351,8 @@ class TracedScan(Scan):
 
     def _trace_once(self, symmetric: set[str]) -> Tree:
         shapes = self.carry_shape, self.input_shape
-        return trace_step(self.step, self.carry_function, *shapes, self.parameters, symmetric)
+        trace, symmetric = trace_step(self.step, self.carry_function, *shapes, self.parameters, symmetric)
+        return reduce(field_of_output, self.fields, trace), symmetric
 
     def _runner(self, keep_all: bool, given_start: bool | None = None, is_symmetric: bool = True) -> Tree:
         given_start = self.carry_function is None if given_start is None else given_start

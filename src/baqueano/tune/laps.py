@@ -7,7 +7,6 @@ The vehicle is the model of the file with exact pose. It starts `aside_m` behind
 """
 
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -143,17 +142,15 @@ def simulated_laps(
     full_tick_count = tick_count_of(system, rate)
     tick_count = min(full_tick_count, round(MAX_LAP_S * rate))
 
-    def costs(loop_output: Tree) -> _TickCosts:
-        return _TickCosts(path_cost(weights, loop_output), jerk(limit, loop_output))
-
     def output(loop_output: Tree) -> _LapTick:
         errors, eta = tick_errors(limit, loop_output), loop_output.truth.eta
-        return _LapTick(eta[0], eta[1], costs(loop_output), errors.distance_m, errors.at_limit)
+        costs = _TickCosts(path_cost(weights, loop_output), jerk(limit, loop_output))
+        return _LapTick(eta[0], eta[1], costs, errors.distance_m, errors.at_limit)
 
     paths = tuple(f"controller.{name}" for name in space.names)
     state = begin(system, compose(start_pose(system), np.array([-ASIDE_M, ASIDE_M, 0.0])))
     start = start_by_parameters(system, paths, state)
-    make = partial(closed_loop, system, rate, noise=False, backend=backend, paths=paths, start=start)
+    kernel = closed_loop(system, rate, noise=False, backend=backend, paths=paths, start=start, output=output)
     is_whole = tick_count == full_tick_count
     return SimulatedLaps(
         space,
@@ -161,6 +158,6 @@ def simulated_laps(
         tick_count / rate,
         is_whole,
         Input(tick_times(tick_count, rate), None),
-        make(output=output),
-        make(output=costs),
+        kernel,
+        kernel.part("costs"),
     )

@@ -14,7 +14,6 @@ takes longer to compile.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, is_dataclass, replace
-from functools import partial
 from math import ceil, inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,6 +21,7 @@ import numpy as np
 
 from baqueano.contracts.blocks import Guide, OwnBlock
 from baqueano.contracts.calls import checked_call
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.geometry import compose
@@ -41,7 +41,7 @@ from baqueano.simulate.many import draw_parameters
 from baqueano.simulate.open_loop import draw_noise, tick_times
 from baqueano.simulate.system import Input, System, begin, parameter_vector
 from baqueano.symbolic import Scan, with_value
-from baqueano.tune.cost import Weights, tick_cost, tick_errors
+from baqueano.tune.cost import TickErrors, Weights, tick_cost, tick_errors
 from baqueano.tune.search_space import SearchSpace, search_space
 from baqueano.vehicles.rk4 import row_rate_hz
 from baqueano.worlds.noise import random_stream
@@ -70,6 +70,13 @@ class DriveErrors(NamedTuple):
     distance_max_m: float
     heading_rms_rad: float
     saturated_fraction: float  # fraction of the ticks at a limit of the command
+
+
+class _TickOutput(NamedTuple):
+    """The outputs of the loop at a tick: both kernels are from one trace."""
+
+    cost: Tree
+    errors: TickErrors
 
 
 class ObjectiveCase(NamedTuple):
@@ -304,9 +311,12 @@ def _case(
     tick_count = tick_count_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
     state = begin(system, compose(start_pose(system), np.array([-aside_m, aside_m, 0.0])))
     start = start_by_parameters(system, paths, state)
-    make = partial(closed_loop, system, rate, noise=noise, backend=backend, paths=paths, start=start)
-    kernels = make(output=partial(tick_cost, weights, limit)), make(output=partial(tick_errors, limit))
-    return ObjectiveCase(system, rate, tick_count, *kernels)
+
+    def output(loop_output: Tree) -> _TickOutput:
+        return _TickOutput(tick_cost(weights, limit, loop_output), tick_errors(limit, loop_output))
+
+    loop = closed_loop(system, rate, noise=noise, backend=backend, paths=paths, start=start, output=output)
+    return ObjectiveCase(system, rate, tick_count, loop.part("cost"), loop.part("errors"))
 
 
 def draw_vehicles(

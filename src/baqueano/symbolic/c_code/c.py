@@ -31,11 +31,22 @@ class CKernel:
     """The kernel in C. Arrays are float64 and C-contiguous; the caller owns the arrays that are filled."""
 
     def __init__(self, program: Program) -> None:
-        self.program = program
+        self._given_program = program
+        self.is_hasty = program.is_hasty
         self.texts: dict[tuple, str] = {}
         self.functions: dict[tuple, Callable[..., None]] = {}
         self.libraries: dict[tuple, ctypes.CDLL] = {}
         self.below = np.tri(len(program.theta), k=-1, dtype=bool)
+
+    @cached_property
+    def fingerprint(self) -> bytes:
+        """Return the digest of the program."""
+        return self._given_program.fingerprint
+
+    @cached_property
+    def program(self) -> Program:
+        """Return the program in a graph of its own, from which code is generated."""
+        return self._given_program.copy()
 
     @property
     def source(self) -> str:
@@ -113,9 +124,7 @@ class CKernel:
 
         Inputs that are True in `is_shared` are columns of shared (N, ·), the others columns of own (L, N, ·).
         """
-        function = self._function(
-            "batch", tuple(is_shared), outputs is not None, is_hasty=self.program.is_hasty
-        )
+        function = self._function("batch", tuple(is_shared), outputs is not None, is_hasty=self.is_hasty)
 
         def run(vehicles: slice) -> None:
             to = None if outputs is None else outputs[vehicles].ctypes.data
@@ -154,16 +163,19 @@ class CKernel:
     def _function(self, name: str, *options, is_hasty: bool = False) -> Callable[..., None]:
         key = (name, is_hasty, *options)
         if key not in self.functions:
-            with self.program.graph.lock:
+            with self._given_program.graph.lock:
                 if key not in self.functions:
                     self.functions[key] = self._compile(key, name, options, is_hasty)
         return self.functions[key]
 
     def _compile(self, key: tuple, name: str, options: tuple, is_hasty: bool) -> Callable[..., None]:
-        code = self._text(name, *options)
-        library = self.libraries[key] = compile.load_library(
-            header(code, self.program.tables) + code,
-            operation_count=code.count(" = "),
+        def code() -> tuple[str, int]:
+            body = self._text(name, *options)
+            return header(body, self.program.tables) + body, body.count(" = ")
+
+        library = self.libraries[key] = compile.load_code(
+            (self.fingerprint, name, options),
+            code,
             find_vectors=name == "batch",  # only then √ and ⌊ ⌋ of eight lanes become vectors
             is_hasty=is_hasty,
         )

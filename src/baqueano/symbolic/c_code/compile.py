@@ -1,8 +1,9 @@
 """Compile C code to a loaded library: find a compiler, choose its flags, store the result.
 
-A library is stored in the user's cache folder under the hash of all that it depends on (code, flags, compiler,
-processor). The file name is the hash of its content, and is checked before loading: a damaged file is removed and built
-again. Two processes can build the same kernel at the same time.
+A library is stored in the user's cache folder under the hash of all that it depends on (program, modules that generate
+code, compiler, processor). So the code of a stored library is not generated again. The file name is the hash of its
+content, and is checked before loading: a damaged file is removed and built again. Two processes can build the same
+kernel at the same time.
 
 Never use -ffast-math: a library that was linked with it sets subnormal numbers to zero in the whole process.
 -fno-math-errno, -fno-trapping-math and -ffp-contract=fast make the code equally fast. Modules needed only for a build
@@ -18,7 +19,7 @@ import shlex
 import shutil
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -73,12 +74,21 @@ def load_library(
     The flags depend on `operation_count`, the number of operations in the loop. `find_vectors` lets the compiler
     vectorise; `is_hasty` makes the compilation faster and the code slower.
     """
+    identity = source, operation_count
+    return load_code(identity, lambda: (source, operation_count), find_vectors, is_hasty)
+
+
+def load_code(
+    identity: tuple[object, ...], code: Callable[[], tuple[str, int]], find_vectors: bool, is_hasty: bool
+) -> "ctypes.CDLL":
+    """Return the library of the C code that `code` generates, with its number of operations.
+
+    `identity` determines the code, which is only generated if no library is in the cache.
+    """
     compiler = find_compiler()
     if compiler.compiler is None:
         raise CompileError(compiler.reason or "")
-    return _load(
-        source, _flag_sets(compiler.compiler, operation_count, find_vectors, is_hasty), compiler.compiler
-    )
+    return _load(identity, code, compiler.compiler, find_vectors, is_hasty)
 
 
 def find_compiler() -> FoundCompiler:
@@ -91,7 +101,7 @@ def _find(compiler_name: str, path: str) -> FoundCompiler:
     reasons: list[Diagnostic] = []
     for compiler in _candidates(compiler_name, path):
         try:
-            _load(PROBE_TEXT, _flag_sets(compiler, 0, True, False), compiler)
+            _load((PROBE_TEXT,), lambda: (PROBE_TEXT, 0), compiler, True, False)
         except CompileError as error:
             reasons.append(error.diagnostic)
         else:
@@ -166,16 +176,28 @@ _libraries: dict[str, "ctypes.CDLL"] = {}
 _lock = threading.Lock()
 
 
-def _load(source: str, flag_sets: list[tuple[str, ...]], compiler: Compiler) -> "ctypes.CDLL":
-    key = hashlib.sha256(repr((source, flag_sets, compiler.identity, _processor())).encode()).hexdigest()
+def _load(
+    identity: tuple[object, ...],
+    code: Callable[[], tuple[str, int]],
+    compiler: Compiler,
+    find_vectors: bool,
+    is_hasty: bool,
+) -> "ctypes.CDLL":
+    parts = identity, find_vectors, is_hasty, compiler.identity, _processor(), _generator()
+    key = hashlib.sha256(repr(parts).encode()).hexdigest()
     with _lock:
         if key not in _libraries:
-            _libraries[key] = _open_library(key, source, flag_sets, compiler)
+
+            def source_and_flags() -> tuple[str, list[tuple[str, ...]]]:
+                source, operation_count = code()
+                return source, _flag_sets(compiler, operation_count, find_vectors, is_hasty)
+
+            _libraries[key] = _open_library(key, source_and_flags, compiler)
         return _libraries[key]
 
 
 def _open_library(
-    key: str, source: str, flag_sets: list[tuple[str, ...]], compiler: Compiler
+    key: str, source_and_flags: Callable[[], tuple[str, list[tuple[str, ...]]]], compiler: Compiler
 ) -> "ctypes.CDLL":
     import ctypes
 
@@ -183,7 +205,7 @@ def _open_library(
     for root in (_cache_folder, _temporary_folder):  # the cache cannot always be written, or executed
         try:
             folder = root() / key
-            return ctypes.CDLL(str(_stored_library(folder) or _build(folder, source, flag_sets, compiler)))
+            return ctypes.CDLL(str(_stored_library(folder) or _build(folder, *source_and_flags(), compiler)))
         except OSError as error:
             last_error = error
     raise CompileError(fault("compiler.no-library", command=" ".join(compiler.command), error=last_error))
@@ -264,6 +286,16 @@ def _temporary_folder() -> Path:
     folder = tempfile.mkdtemp(prefix="baqueano-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return Path(folder)
+
+
+@cache
+def _generator() -> str:
+    """Return a digest of the modules that generate code: another version generates other code."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parents[1].rglob("*.[ph]*")):
+        if path.suffix in (".py", ".h"):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 @cache

@@ -4,7 +4,7 @@ Only the graph creates nodes. It folds constants and applies the local rules of 
 trace and is deleted with it. Truth values are the numbers 0 and 1.
 """
 
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from operator import attrgetter, is_not
 from threading import RLock
 
@@ -93,6 +93,14 @@ class Graph:
         if simple is not None:
             return simple
         return self._intern((op, value, *[a.index for a in args]), op, args, value)
+
+    def copy(self, node: Node, args: Sequence[Node]) -> Node:
+        """Return the copy of a node of another graph with the same tables, with these arguments, not simplified."""
+        if node.op == "const":
+            return self.const(node.value)
+        if node.op == "symbol":
+            return self.symbol(node.value)
+        return self._intern((node.op, node.value, *[a.index for a in args]), node.op, tuple(args), node.value)
 
     def table(self, xp: np.ndarray, fp: np.ndarray) -> int:
         """Return the number of the table (xp, fp). Equal tables have one number, and equal xp are one array."""

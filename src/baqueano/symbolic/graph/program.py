@@ -1,13 +1,15 @@
 """Define the program of a traced step: the contract between the tracer and the back ends."""
 
+import hashlib
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from baqueano.symbolic.graph.node import Graph, Node
+from baqueano.symbolic.graph.node import Graph, Node, nodes_below
 
 Array: TypeAlias = np.ndarray
+NODE_FIELDS = ("theta", "start", "initial", "carry", "inputs", "next_carry", "outputs", "zeros")
 
 
 class Program(NamedTuple):
@@ -28,6 +30,45 @@ class Program(NamedTuple):
     def tables(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return (xp, fp) of each table that `interp` reads, by number."""
         return self.graph.tables
+
+    @property
+    def symbols(self) -> tuple[tuple[Node, ...], ...]:
+        """Return the symbols, by their role."""
+        return self.theta, self.start, self.carry, self.inputs
+
+    @property
+    def fingerprint(self) -> bytes:
+        """Return a digest of all that determines the code of `copy()`: equal programs have equal digests."""
+        numbers = {x: (role, k) for role, nodes in enumerate(self.symbols) for k, x in enumerate(nodes)}
+        roots = (*self.initial, *self.next_carry, *self.outputs)
+        nodes, tables = nodes_below(roots), set()
+        order = {node: k for k, node in enumerate(nodes)}
+        entries: list = []
+        for node in nodes:
+            if node.op == "symbol":
+                entries += (numbers[node], node in self.graph.truths)
+                continue
+            entries += (node.op, node.value, [order[a] for a in node.args])
+            if node.args and node.value is not None:
+                tables.add(node.value)
+        sizes = [*map(len, (*self.symbols, self.initial, self.outputs))]
+        zeros = [numbers[x] for x in self.zeros]
+        parts = entries, [order[x] for x in roots], sizes, zeros, sorted(tables), self.is_hasty
+        digest = hashlib.blake2b(repr(parts).encode(), digest_size=20)
+        for column in (column for k in sorted(tables) for column in self.tables[k]):
+            digest.update(b"%d " % len(column) + column.tobytes())
+        return digest.digest()
+
+    def copy(self) -> "Program":
+        """Return the program in a graph of its own, so that its code does not depend on other nodes of the trace."""
+        graph, copies = Graph(), {}
+        graph.tables = list(self.tables)
+        roots = (*self.initial, *self.next_carry, *self.outputs)
+        for node in nodes_below([*(x for nodes in self.symbols for x in nodes), *roots]):
+            copies[node] = graph.copy(node, [copies[a] for a in node.args])
+        graph.truths = {copies[x] for x in self.graph.truths if x in copies}
+        fields = {name: tuple(copies[x] for x in getattr(self, name)) for name in NODE_FIELDS}
+        return Program(graph, **fields, is_hasty=self.is_hasty)
 
 
 class NormalEquations(NamedTuple):

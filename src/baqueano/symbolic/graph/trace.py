@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from itertools import islice
 from types import FunctionType, MethodType, ModuleType
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -23,7 +23,18 @@ from baqueano.symbolic.arrays.scalar import Scalar
 from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.errors import TraceError, locate_errors
 from baqueano.symbolic.graph.node import Graph, Node
-from baqueano.symbolic.graph.tree import Leaf, Shape, build, kind_finder, leaves, shape_of, values, with_kinds
+from baqueano.symbolic.graph.tree import (
+    Branch,
+    Leaf,
+    Shape,
+    build,
+    kind_finder,
+    leaves,
+    shape_of,
+    size,
+    values,
+    with_kinds,
+)
 
 
 class Trace(NamedTuple):
@@ -76,6 +87,16 @@ def trace_step(
         if remaining == symmetric:
             return trace, symmetric
         symmetric = remaining
+
+
+def field_of_output(trace: Trace, name: str) -> Trace:
+    """Return the trace with only the field `name` of the output, which must be a container."""
+    branch = cast(Branch, trace.output_shape)
+    k = branch.keys.index(name)
+    first = sum(map(size, branch.children[:k]))
+    return trace._replace(
+        outputs=trace.outputs[first : first + size(branch.children[k])], output_shape=branch.children[k]
+    )
 
 
 def _traced_step(
