@@ -1,18 +1,17 @@
-"""Linear quadratic regulator of the error, time-varying: the gain follows speed and curvature of the reference.
+"""Linear quadratic regulator of the error, time-varying: the gain follows the speed of the reference.
 
-    e⁺ = g(e, δν) = error after a tick, of a vehicle with ν_f + δν and a reference with ν_f               (1)
+    e⁺ = g(e, δν) = error after a tick, of a vehicle with (v_f, 0) + δν and a reference with (v_f, 0)     (1)
     A = ∂g/∂e,    B = ∂g/∂δν    at 0, by the engine                                                        (2)
     K = (R + Bᵀ P B)⁻¹ Bᵀ P A,    P⁺ = Q + Aᵀ P (A − B K)                                                 (3)
     (v, ω) = ν_f − K e,    Q = diag(1/e_max²),    R = diag(1/δν_max²)                                     (4)
 
-e: error; ν_f: velocity of the reference without jumps; δν: its correction; P: cost matrix; K: gain. One step of (3) per
-tick propagates the Riccati equation forward, without future references; P begins with the solution of its continuous
-form for a slow vehicle. An error of e_max has the same cost as a change of velocity of δν_max (Bryson's rule). The
-angle of approach to a far path is at most MAX_APPROACH_RAD. At rest a cross-track error cannot be corrected. So (2) is
-evaluated at a speed of at least MIN_SPEED_M_S; below it, the turn towards the path is proportional to the speed.
-model_following.py predicts the pose and computes the command.
-Source: Anderson and Moore, Optimal Control, 1990; forward propagation: Prach, Tekinalp and Bernstein, IEEE Control
-Systems, 2015.
+e: error; ν_f = (v_f, ω_f): velocity of the reference without jumps; δν: its correction. The errors are those beside the
+vehicle, so (1) does not contain the curvature. P: cost matrix; K: gain. One step of (3) per tick propagates the Riccati
+equation forward, without future references; P begins with the solution of its continuous form for a slow vehicle. An
+error of e_max has the same cost as a change of velocity of δν_max (Bryson's rule). The angle of approach to a far path
+is at most MAX_APPROACH_RAD. At rest a cross-track error cannot be corrected. So (2) is evaluated at a speed of at least
+MIN_SPEED_M_S; below it, the turn towards the path is proportional to the speed. Source: Anderson and Moore, Optimal
+Control, 1990; forward propagation: Prach, Tekinalp and Bernstein, IEEE Control Systems, 2015.
 """
 
 from dataclasses import dataclass
@@ -79,12 +78,12 @@ class Lqr(ModelFollower):
         v_f, _, omega_f = tracking.nu_f
         min_speed = np.where(tracking.forward_sign < 0.0, -MIN_SPEED_M_S, MIN_SPEED_M_S)
         v = np.where(np.abs(v_f) < MIN_SPEED_M_S, min_speed, v_f)
-        P, K = self.riccati(memory, *_linear(np.array([v, 0.0, omega_f]), tracking.dt_s))
+        P, K = self.riccati(memory, *_linear(v, tracking.dt_s))
         share = self.gain_share(K[1, 2])  # of a loop that the delay does not make unstable
         k_y, k_chi = share**2 * K[1, 1], share * K[1, 2]
         max_correction = np.abs(k_chi) * MAX_APPROACH_RAD
         lateral = np.abs(v_f / v) * np.clip(k_y * tracking.e[1], -max_correction, max_correction)
-        omega = omega_f - K[1, 0] * tracking.e[0] - lateral - k_chi * tracking.e_chi
+        omega = omega_f - lateral - k_chi * tracking.e_chi
         return P, (v_f - K[0] @ np.array([tracking.e[0], tracking.e[1], tracking.e_chi]), omega)
 
     def riccati(self, P: np.ndarray, A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -95,8 +94,9 @@ class Lqr(ModelFollower):
         return 0.5 * (P + P.T), K
 
 
-def _linear(nu_f: np.ndarray, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
-    """Return A (3, 3) and B (3, 2) of the error over a tick, for a reference with the velocity ν_f (3,).  (2)"""
+def _linear(v: Value, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
+    """Return A (3, 3) and B (3, 2) of the error over a tick, for a reference with the speed `v` [m/s].  (2)"""
+    nu_f = np.array([v, 0.0, 0.0])
     A = jacobian(lambda e: _next_error(e, np.zeros(2), nu_f, dt_s))(np.zeros(3))
     return A, jacobian(lambda change: _next_error(np.zeros(3), change, nu_f, dt_s))(np.zeros(2))
 

@@ -3,16 +3,16 @@
     η_p = η + J(ψ + ½ Δ_ψ) Δ,    Δ = D (½ (ν_1 + ν_2) + d) + λ ν_f     the pose when a present command acts (1)
     ν̇_m: the model at ε,    ½ D ν̇_1 = ν_m − ν_1,    ½ D ν̇_2 = ν_1 − ν_2,    8 T ḋ = ν − ν_2 − d           (1a)
     e = J(ψ_p)⁻¹ (η_r − η_p) + b (1 − cos e_χ, − sin e_χ, 0),    e_χ = ψ_r + β_r − ψ_p − β_f              (2)
+    e ← e + c(s) − (s, 0, 0),    e_χ ← e_χ + κ s                        errors at the point beside the vehicle (2a)
     λ ν̇_f = ν_r − ν_f                                       a reference without jumps                     (3)
     v_w = v + v_i,   |v| ≤ |v_f| + v_c,   v̇_i = k_i e_x,   ω_w = ω + ω_i,   4 T ω̇_i = −(d_ψ + ω_i)        (4)
     u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f; within the limits of u              (5)
 
-η, ν: pose and velocity; index r: reference; v, ω: the law at e, e_χ (error of the course) and ν_f; β = atan(ν_y / ν_x);
-ν_w = (v_w, ω_w). A vehicle is D = delay + lag behind its command, T = D + λ behind its reference. (1) is a filtered
-Smith predictor, d its model error. ν_y of ν_f is that of ν_2 + d at the yaw rate of ν_f. (2) is the error of the centre
-of turning, b behind the origin: with errors of the origin, a car in reverse is unstable. (5) inverts friction, actuator
-matrix, unequal wheels and dead zone, in one Newton step per tick, so weak feedback (4) is enough: v_i and ω_i remove
-the steady errors of the model. At a limit, the turn has priority. docs/derivations/pd_feedforward.md derives this page.
+η, ν: pose and velocity; r: reference; v, ω: the law at e, e_χ and ν_f; β = atan(ν_y / ν_x); ν_w = (v_w, ω_w). A vehicle
+is D = delay + lag behind its command, T = D + λ behind its reference. (1) is a filtered Smith predictor, d its model
+error. (2) is the error of the centre of turning, b behind the origin. c(s): from the reference to the point beside the
+vehicle, along a circle of curvature κ. (5) inverts friction, actuator matrix, unequal wheels and dead zone, in one
+Newton step per tick; v_i and ω_i remove steady errors. docs/derivations/pd_feedforward.md derives this page.
 """
 
 from dataclasses import dataclass
@@ -40,6 +40,10 @@ MAX_INTEGRAL_SHARE = 0.5  # largest integrals v_i and ω_i, as a share of ν_f
 MAX_CURVATURE_ERROR_1_M = 1.0  # of a straight drive, for ω_i
 MAX_ALONG_ERROR_M = 0.3  # limit of e_x: a larger error does not increase the requested speed
 MAX_CATCH_UP_M_S = 0.3  # v_c, however large the gains are
+MAX_ARC_M = 0.5  # of (2a): farther away, the path has another curvature
+MIN_RADIUS_RATIO = (
+    0.5  # of (2a): distance of the vehicle from the centre of the circle, as a share of its radius
+)
 MAX_APPROACH_RAD = 1.0  # largest angle between course and path when a law approaches from far
 DELAY_RATIO = 1.25  # smallest further delay that a loop of the course tolerates, as a share of T
 MIN_COURSE_SPEED_M_S = 0.02  # below this speed the course is the heading
@@ -80,9 +84,10 @@ class Tracking(NamedTuple):
     Attributes
     ----------
     e : ndarray (3,) [m, m, rad]
-        Error of the pose of the centre of turning, in the body frame; |e_x| is at most MAX_ALONG_ERROR_M.
+        Error of the pose of the centre of turning, in the body frame: e_x along the path to the reference, at most
+        MAX_ALONG_ERROR_M; e_y and e_ψ at the point of the path beside the vehicle.
     e_chi : float [rad]
-        Error of the course.
+        Error of the course, at the point of the path beside the vehicle.
     nu_f : ndarray (3,) [m/s, m/s, rad/s]
         Velocity of the reference without jumps, in the body frame; ν_y is that of the vehicle at this yaw rate.
     kappa : float [1/m]
@@ -181,11 +186,14 @@ class ModelFollower:
         eta_p = eta + map_from_body(eta[2] + 0.5 * displacement[2]) @ displacement  # (1)
         e_chi = wrap(eta_r[2] + slip(nu_r) - eta_p[2] - slip(nu_f))  # (2)
         e = pose_error(eta_r, eta_p) + b * np.array([1.0 - np.cos(e_chi), -np.sin(e_chi), 0.0])
-        e_x = np.clip(e[0], -MAX_ALONG_ERROR_M, MAX_ALONG_ERROR_M)
-        integral = self._integral(state.integral, e_x, pipeline[3][2], nu_f, dt_s)
         kappa = nu_r[2] * nu_r[0] / (nu_r[0] ** 2 + MIN_COURSE_SPEED_M_S**2)
+        s = arc_to_vehicle(e, e_chi, kappa)
+        x, y = point_ahead(e, e_chi, kappa, s)  # (2a)
+        e_x = np.clip(x - s, -MAX_ALONG_ERROR_M, MAX_ALONG_ERROR_M)
+        integral = self._integral(state.integral, e_x, pipeline[3][2], nu_f, dt_s)
         forward_sign = nu_f[0] / np.hypot(nu_f[0], MIN_COURSE_SPEED_M_S)
-        tracking = Tracking(np.array([e_x, e[1], e[2]]), e_chi, nu_f, kappa, forward_sign, dt_s)
+        e = np.array([e_x, y, e[2] + kappa * s])
+        tracking = Tracking(e, e_chi + kappa * s, nu_f, kappa, forward_sign, dt_s)
         law, v_w, omega_w = self._checked_law(state.law, tracking)
         nu_w = np.array([v_w + integral[0], nu[1], omega_w + integral[1]])
         effort = self._effort(state.effort, nu_w, nu_f_dot[::2])
@@ -212,7 +220,7 @@ class ModelFollower:
         share = dt_s / np.maximum(0.5 * self._delay_s, dt_s)
         nu_1 = nu_1 + share * (nu_m - nu_1)
         nu_2 = nu_2 + share * (nu_1 - nu_2)
-        d = d + dt_s / np.maximum(MODEL_ERROR_RATIO * self.response_delay_s, dt_s) * (nu - nu_2 - d)
+        d = low_pass(d, nu - nu_2, MODEL_ERROR_RATIO * self.response_delay_s, dt_s)
         at_start = np.array([nu, nu, nu, np.zeros(3)])
         return np.where(state.t_ns >= 0, np.array([nu_m, nu_1, nu_2, d]), at_start)
 
@@ -220,11 +228,10 @@ class ModelFollower:
         self, integral: np.ndarray, e_x: Value, d_psi: Value, nu_f: np.ndarray, dt_s: Value
     ) -> np.ndarray:
         """Return v_i and ω_i (2,) at this tick, within their limits, which prevent wind-up.  (4)"""
-        share = dt_s / np.maximum(INTEGRAL_RATIO * self.response_delay_s, dt_s)
-        change = np.array([self.k_i * e_x * dt_s, -share * (d_psi + integral[1])])
-        max_turn = MAX_INTEGRAL_SHARE * np.abs(nu_f[2]) + MAX_CURVATURE_ERROR_1_M * np.abs(nu_f[0])
-        limit = np.array([MAX_INTEGRAL_SHARE * np.abs(nu_f[0]), max_turn])
-        return np.clip(integral + change, -limit, limit)
+        v_i = integral[0] + self.k_i * e_x * dt_s
+        omega_i = low_pass(integral[1], -d_psi, INTEGRAL_RATIO * self.response_delay_s, dt_s)
+        limit = np.array([MAX_INTEGRAL_SHARE * np.abs(nu_f[0]), max_turn_error(nu_f)])
+        return np.clip(np.array([v_i, omega_i]), -limit, limit)
 
     def gain_share(self, k_chi: Value, delay_ratio: float = DELAY_RATIO) -> Value:
         """Return min(1, 1 / (ratio T k_χ)) for the yaw rate per course error k_χ [1/s], with ratio = `delay_ratio`.
@@ -267,6 +274,16 @@ class ModelFollower:
         return nu
 
 
+def low_pass(value: Value, target: Value, constant_s: Value, dt_s: Value) -> Value:
+    """Return `value` after a tick in which it follows `target` with the time constant `constant_s`.  (1a), (4)"""
+    return value + dt_s / np.maximum(constant_s, dt_s) * (target - value)
+
+
+def max_turn_error(nu: np.ndarray) -> Value:
+    """Return the largest error of the yaw rate [rad/s] that is compensated at the reference velocity ν (3,).  (4)"""
+    return MAX_INTEGRAL_SHARE * np.abs(nu[2]) + MAX_CURVATURE_ERROR_1_M * np.abs(nu[0])
+
+
 def slip(nu: np.ndarray) -> Value:
     """Return β [rad], the angle from the heading to the course for ν (3,); positive to the left, even backward.
 
@@ -275,12 +292,24 @@ def slip(nu: np.ndarray) -> Value:
     return np.arctan(nu[1] * nu[0] / (nu[0] * nu[0] + MIN_COURSE_SPEED_M_S**2))
 
 
-def point_ahead(tracking: Tracking, distance_m: Value) -> tuple[Value, Value]:
-    """Return x and y [m], in the body frame, of the point of the path `distance_m` after the reference.
+def arc_to_vehicle(e: np.ndarray, e_chi: Value, kappa: Value) -> Value:
+    """Return s [m], the distance along the path from the reference to the point beside the vehicle.  (2a)
 
-    The path continues from the reference with the curvature of the reference. It bends by at most 1 rad over
-    `distance_m`.
+    The path has the curvature `kappa` of the reference. It bends by at most 1 rad over s, and |s| is at most MAX_ARC_M.
     """
-    angle = np.clip(tracking.kappa * distance_m, -1.0, 1.0)
-    chord_m, chord = distance_m * (1.0 - angle**2 / 24.0), tracking.e_chi + 0.5 * angle
-    return tracking.e[0] + chord_m * np.cos(chord), tracking.e[1] + chord_m * np.sin(chord)
+    along_m = np.cos(e_chi) * e[0] + np.sin(e_chi) * e[1]  # of the reference, from the vehicle
+    across_m = np.cos(e_chi) * e[1] - np.sin(e_chi) * e[0]
+    slope_m = -along_m / np.maximum(1.0 + kappa * across_m, MIN_RADIUS_RATIO)
+    s = slope_m / (1.0 + (kappa * slope_m) ** 2 / 3.0)  # atan(κ slope_m) / κ, finite for κ = 0
+    max_m = np.minimum(MAX_ARC_M, 1.0 / np.maximum(np.abs(kappa), TINY))
+    return np.clip(s, -max_m, max_m)
+
+
+def point_ahead(e: np.ndarray, e_chi: Value, kappa: Value, distance_m: Value) -> tuple[Value, Value]:
+    """Return x and y [m], in the body frame, of the point of the path `distance_m` after the point with the error e.
+
+    The path has the curvature `kappa`, and bends by at most 1 rad over `distance_m`.
+    """
+    angle = np.clip(kappa * distance_m, -1.0, 1.0)
+    chord_m, chord = distance_m * (1.0 - angle**2 / 24.0), e_chi + 0.5 * angle
+    return e[0] + chord_m * np.cos(chord), e[1] + chord_m * np.sin(chord)

@@ -1,6 +1,6 @@
 """Pure pursuit: drive on the arc that ends at a point of the path ahead.
 
-    L = max(look_ahead_m, look_ahead_s |v_f|),    (x, y): point of the path L after the reference, in the body frame
+    L = max(look_ahead_m, look_ahead_s |v_f|),    (x, y): point of the path L ahead, in the body frame
     v = v_f + k_x e_x,    ω = v_f 2 y / (x² + y²)                                                         (1)
 
 v_f is the speed of the reference without jumps, e_x the along-track error. (1) is the curvature of the arc that leaves
@@ -53,10 +53,8 @@ class PurePursuit(ModelFollower):
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         v_f = tracking.nu_f[0]
         L = np.maximum(self.look_ahead_m, self.look_ahead_s * np.abs(v_f))
-        direction = np.array([np.cos(tracking.e_chi), np.sin(tracking.e_chi), 0.0])  # of the path
-        along_m = direction @ tracking.e
-        excess = along_m - np.clip(along_m, -0.5 * L, 0.5 * L)
-        near_reference = tracking._replace(e=tracking.e - excess * direction)
-        x, y = point_ahead(near_reference, tracking.forward_sign * L)
+        e_y, e_chi = tracking.e[1], tracking.e_chi
+        offset_m = np.array([-np.sin(e_chi) * e_y, e_y])
+        x, y = point_ahead(offset_m, e_chi, tracking.kappa, tracking.forward_sign * L)
         curvature = 2.0 * y / np.maximum(x * x + y * y, 0.25 * L * L) - tracking.kappa
         return memory, (v_f + self.k_x * tracking.e[0], tracking.nu_f[2] + v_f * curvature)

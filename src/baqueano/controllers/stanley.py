@@ -56,7 +56,7 @@ class Stanley(ModelFollower):
     softening_speed_m_s: float = parameter(
         "m/s", "v_soft: makes the steering softer at low speed", low=1e-3, high=10.0, default=0.05
     )
-    max_steering_rad: float = parameter("rad", "largest steering angle δ", low=0.01, high=1.57, default=0.8)
+    max_steering_rad: float = parameter("rad", "largest steering angle δ", low=0.01, high=1.57, default=1.2)
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
