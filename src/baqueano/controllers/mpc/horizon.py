@@ -15,7 +15,13 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.values import Tree, Value
-from baqueano.controllers.model_following import slip
+from baqueano.controllers.model_following import (
+    MODEL_ERROR_RATIO,
+    SMOOTHING_S,
+    low_pass,
+    max_turn_error,
+    slip,
+)
 from baqueano.controllers.mpc.state import MpcState
 from baqueano.geometry import compose, map_from_body, pose_error
 from baqueano.signals import Estimate, Reference
@@ -65,6 +71,7 @@ class Horizon:
         self._linear_vehicle = replace(
             body, drivetrain=replace(self._motors, **linear_fields, **STEADY_MOTORS)
         )
+        self._delay_s = self._motors.delay_s + self._motors.lag_s + SMOOTHING_S
         self._limit, self._e_max, self._catch_up_m_s = law.limit, law.e_max, law.catch_up_m_s
         self._active_rows = np.eye(vehicle.commands)[law.limit > 0.0]  # (k, n) commands with a limit above 0
         self._k, self._step_s = len(self._active_rows), law.horizon_s / STEPS
@@ -96,10 +103,13 @@ class Horizon:
 
     def linearised_program(
         self, state: MpcState, dt_s: float, reference: Reference, estimate: Estimate
-    ) -> tuple[np.ndarray, Tree, QuadraticProgram | None]:
-        """Return the shifted plan (N, k), the state of the drivetrain, and the program; None if the model diverges."""
+    ) -> tuple[np.ndarray, Tree, np.ndarray, float, QuadraticProgram | None]:
+        """Return the shifted plan (N, k), the drivetrain, velocity (3,) and turn error of the model, and the program.
+
+        The program is None if the model diverges.
+        """
         arguments = (
-            state[1:4],
+            state[1:6],
             dt_s,
             float(state.t_ns >= 0),
             estimate.eta,
@@ -109,7 +119,7 @@ class Horizon:
         )
         if self._begin_compiled is None:
             self._begin_compiled = function(self._begin, *arguments).call
-        E, drivetrain, start = self._begin_compiled(*arguments)
+        E, *model, start = self._begin_compiled(*arguments)
         if self._kernel is None:
             self._kernel = self._scan(start).bind_sensitivities(self._weights)
         outputs, jacobians = self._kernel(z := E.ravel(), start)
@@ -118,10 +128,10 @@ class Horizon:
         q = (outputs[:, :RESIDUALS].ravel() - J @ z) @ J
         q[: self._k] -= state.effort * self._change_weight
         if not np.isfinite(q).all():
-            return E, drivetrain, None
+            return E, *model, None
         p_E, p = jacobians[:, RESIDUALS:].reshape(-1, len(z)), outputs[:, RESIDUALS:].ravel()
         low, high = self._walls - (p - p_E @ z) if len(p) else self._walls
-        return E, drivetrain, QuadraticProgram(J.T @ J + self._P, q, p_E, low, high)
+        return E, *model, QuadraticProgram(J.T @ J + self._P, q, p_E, low, high)
 
     def command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the command (n,) for an effort (k,), within the limits, and the effort (k,) that it causes."""
@@ -137,10 +147,14 @@ class Horizon:
 
     def _begin(
         self, previous: Tree, dt_s: Value, has_plan: Value, eta: Value, nu: Value, eta_r: Value, nu_r: Value
-    ) -> tuple[np.ndarray, Tree, np.ndarray]:
-        """Return the present plan, the state of the drivetrain, and all inputs of the kernel in one array."""
-        E, effort, drivetrain = previous
-        drivetrain = self._linear_vehicle.drivetrain.step(drivetrain, self._active_rows.T @ effort, dt_s)[0]
+    ) -> tuple[np.ndarray, Tree, np.ndarray, Value, np.ndarray]:
+        """Return the present plan, drivetrain, velocity and turn error of the model, and all inputs of the kernel."""
+        E, effort, drivetrain, model_nu, turn_error = previous
+        model = VehicleState(np.zeros(3), model_nu, np.zeros(3), drivetrain)
+        model, _ = self._linear_vehicle.step(model, self._active_rows.T @ effort, dt_s, np.zeros(3))
+        drivetrain, model_nu = model.drivetrain, np.where(has_plan > 0.0, model.nu, nu)
+        turn_error = low_pass(turn_error, nu[2] - model_nu[2], MODEL_ERROR_RATIO * self._delay_s, dt_s)  # (6)
+        turn_error = np.clip(turn_error, -max_turn_error(nu_r), max_turn_error(nu_r))
         k = np.minimum(np.arange(STEPS) + has_plan * dt_s / self._step_s, STEPS - 1.0)
         # linear interpolation between the steps
         E = np.maximum(1.0 - np.abs(k[:, None] - np.arange(STEPS)), 0.0) @ E
@@ -148,14 +162,15 @@ class Horizon:
         eta_r, nu_r = self._reference_of_vehicle(eta_r, nu_r, nu)
         entries = (
             eta,
-            nu,
+            nu - np.array([0.0, 0.0, turn_error]),
             drivetrain.past_commands.ravel(),
             drivetrain.steps_s,
             drivetrain.lag_state,
             eta_r,
             nu_r,
+            np.array([turn_error]),
         )
-        return E, drivetrain, np.concatenate(entries)
+        return E, drivetrain, model_nu, turn_error, np.concatenate(entries)
 
     def _reference_of_vehicle(self, eta_r: Value, nu_r: Value, nu: Value) -> tuple[Value, Value]:
         """Return the reference (3,), (3,) with the slip that the vehicle has at the yaw rate of the reference.  (5)
@@ -173,30 +188,36 @@ class Horizon:
         """Return the kernel, which computes r and the coordinates with walls at the end of each step."""
         dt_s, rest_state = self._step_s / self._substeps, self._linear_vehicle.drivetrain.init()
         offsets = np.cumsum(
-            [3, 3, rest_state.past_commands.size, rest_state.steps_s.size, rest_state.lag_state.size, 3]
+            [3, 3, rest_state.past_commands.size, rest_state.steps_s.size, rest_state.lag_state.size, 3, 3]
         )
 
+        turn = np.array(
+            [0.0, optional.turning_arm_m(self._linear_vehicle), 1.0]
+        )  # about the centre of turning
+
         def step(theta: np.ndarray, x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            eta, nu, *motor_parts, eta_r, nu_r = np.split(x, offsets)
+            eta, nu, *motor_parts, eta_r, nu_r, turn_error = np.split(x, offsets)
             motors = DrivetrainState(
                 np.reshape(motor_parts[0], rest_state.past_commands.shape), *motor_parts[1:]
             )
             effort = row @ np.reshape(theta, (STEPS, self._k))
             state = VehicleState(eta, nu, np.zeros(3), motors)
             state, _ = self._linear_vehicle.step(state, self._active_rows.T @ effort, dt_s, np.zeros(3))
+            eta = compose(state.eta, turn_error[0] * dt_s * turn)  # (6)
             motors, eta_r = state.drivetrain, compose(eta_r, _arc(nu_r * dt_s))
             entries = (
-                state.eta,
+                eta,
                 state.nu,
                 motors.past_commands.ravel(),
                 motors.steps_s,
                 motors.lag_state,
                 eta_r,
                 nu_r,
+                turn_error,
             )
             excess = np.maximum(np.abs(state.nu[0]) - np.abs(nu_r[0]) - self._catch_up_m_s, 0.0) / EXCESS_M_S
-            residuals = [pose_error(eta_r, state.eta) / self._e_max, np.array([excess])]
-            outputs = [*residuals, state.eta[:2][self._with_wall]]
+            residuals = [pose_error(eta_r, eta) / self._e_max, np.array([excess])]
+            outputs = [*residuals, eta[:2][self._with_wall]]
             return np.concatenate(entries), np.concatenate(outputs)
 
         return scan(step, start, self._weights[0], np.zeros(STEPS * self._k))

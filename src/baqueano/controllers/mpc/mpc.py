@@ -5,13 +5,14 @@
     min over E   ½ |r(E°) + ∂r/∂E (E − E°)|²,   static(−limit) ≤ mix(ε_k) ≤ static(limit)                 (3)
                  wall_low ≤ p_k + ∂p/∂E (E − E°) ≤ wall_high                                              (4)
     ψ_r ← ψ_r + β_r − β        β: slip of the vehicle at the yaw rate of the reference, with two commands   (5)
+    8 T ḋ = ω − ω_m − d,    ψ̇ = ω_f + d                      ω_m: the model after the sent commands           (6)
 
 x: state; p: position; v: speed; e: error from the reference; v_max = |v_r| + catch_up_m_s; E = (ε_0, ε_1, …). ε is the
 effort after the dead zone, within which a command has no effect; u = drivetrain⁻¹(ε_0). The reference at k is the
-present one, advanced with its velocity: a bend is predicted only when the reference has reached it. E° is the previous
-plan, shifted in time; one step of (3) per tick follows the optimum (real-time iteration). If the solver fails, the old
-plan continues, and the run reports it; after MAX_FAILURES ticks the drive ends. Source: Diehl, Bock and Schlöder, SIAM
-Journal on Control and Optimization, 2005; solver: OSQP, Stellato et al., 2020.
+present one, advanced with its velocity: a bend is predicted only when the reference has reached it. d: the steady error
+of the yaw rate; ω_f: yaw rate of f, from ω − d. E° is the previous plan, shifted in time; one step of (3) per tick
+follows the optimum (real-time iteration). If the solver fails, the old plan continues; after MAX_FAILURES ticks the
+drive ends. Source: Diehl, Bock and Schlöder, SIAM J. Control and Optimization, 2005; solver: Stellato et al., 2020.
 """
 
 from dataclasses import dataclass
@@ -48,7 +49,7 @@ class Mpc:
 
     Notes
     -----
-    Equations (1)-(5) of the module. The controller needs a solver: `pip install osqp`. A tick takes less than 1 ms on a
+    Equations (1)-(6) of the module. The controller needs a solver: `pip install osqp`. A tick takes less than 1 ms on a
     laptop. The step calls that solver, so it is not compiled: it works in `repeat` and `sweep`, and cannot be tuned.
 
     References
@@ -99,7 +100,7 @@ class Mpc:
 
     def init(self) -> MpcState:
         """Return the plan of a vehicle at rest."""
-        return MpcState(-1, *self._horizon.rest_state(), 0)
+        return MpcState(-1, *self._horizon.rest_state(), np.zeros(3), 0.0, 0)
 
     def step(self, state: MpcState, reference: Reference, estimate: Estimate) -> tuple[MpcState, Command]:
         """Return the new plan and its first command (n,), or the command 0 after the end of the drive.
@@ -110,14 +111,14 @@ class Mpc:
         if reference.at_end > 0.0:  # a car would drive to and fro to turn
             return self.init(), Command(estimate.t_ns, np.zeros(self.vehicle.commands))
         dt_s = seconds(estimate.t_ns, state.t_ns) if state.t_ns >= 0 else 1.0 / self.rate_hz
-        E, drivetrain, program = self._horizon.linearised_program(state, dt_s, reference, estimate)
+        E, *model, program = self._horizon.linearised_program(state, dt_s, reference, estimate)
         solution = None if program is None else self._program.solve(program, E)
         failures = 0 if solution is not None else state.failures + 1
         if failures > MAX_FAILURES:
             raise Invalid(fault("mpc.unsolved", ticks=failures))
         E = E if solution is None else solution
         u, effort = self._horizon.command(E[0])
-        return MpcState(estimate.t_ns, E, effort, drivetrain, failures), Command(estimate.t_ns, u)
+        return MpcState(estimate.t_ns, E, effort, *model, failures), Command(estimate.t_ns, u)
 
     def diagnostic(self, state: MpcState) -> Diagnostic | None:
         """Return a warning for the run at the first tick of a series in which the solver failed, else None."""

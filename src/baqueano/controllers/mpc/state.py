@@ -20,6 +20,10 @@ class MpcState(NamedTuple):
         Effort of the last command.
     drivetrain : DrivetrainState
         State of delay and lag after the commands that were sent.
+    model_nu : ndarray (3,) [m/s, m/s, rad/s]
+        Velocity of the model after these commands.
+    turn_error : float [rad/s]
+        Steady error of the model's yaw rate, d of (6) of mpc.py.
     failures : int
         Number of consecutive ticks in which the solver failed.
     """
@@ -28,4 +32,6 @@ class MpcState(NamedTuple):
     E: np.ndarray
     effort: np.ndarray
     drivetrain: DrivetrainState
+    model_nu: np.ndarray
+    turn_error: float
     failures: int
