@@ -111,14 +111,16 @@ class Mpc:
         if reference.at_end > 0.0:  # a car would drive to and fro to turn
             return self.init(), Command(estimate.t_ns, np.zeros(self.vehicle.commands))
         dt_s = seconds(estimate.t_ns, state.t_ns) if state.t_ns >= 0 else 1.0 / self.rate_hz
-        E, *model, program = self._horizon.linearised_program(state, dt_s, reference, estimate)
+        plan = self._horizon.linearised_program(state, dt_s, reference, estimate)
+        E, drivetrain, model_nu, turn_error, program = plan
         solution = None if program is None else self._program.solve(program, E)
         failures = 0 if solution is not None else state.failures + 1
         if failures > MAX_FAILURES:
             raise Invalid(fault("mpc.unsolved", ticks=failures))
         E = E if solution is None else solution
         u, effort = self._horizon.command(E[0])
-        return MpcState(estimate.t_ns, E, effort, *model, failures), Command(estimate.t_ns, u)
+        state = MpcState(estimate.t_ns, E, effort, drivetrain, model_nu, turn_error, failures)
+        return state, Command(estimate.t_ns, u)
 
     def diagnostic(self, state: MpcState) -> Diagnostic | None:
         """Return a warning for the run at the first tick of a series in which the solver failed, else None."""
