@@ -201,11 +201,14 @@ def with_yaw_rate(model: Tree, motion: Motion, effort: np.ndarray, r: Any, r_dot
 
 def gyro_aided_paths(blocks: FittedBlocks, free: Sequence[str] | None, vehicle: str) -> list[str]:
     """Return the requested paths `free`, and the position of the IMU along the vehicle. If `free` contains the default
-    parameters, also return the delay of a car's commands. Raise UsageError if the velocity is not a state."""
-    if optional.attribute(blocks.model, "turning_arm_m") is None:
-        raise UsageError(fault("imu-only.no-dynamics", vehicle=vehicle, kind=type(blocks.model).__name__))
+    parameters, also return the delay of a car's commands, and its understeer, which would otherwise act like drag.
+    Raise UsageError if the velocity is not a state."""
+    model, defaults = blocks.model, []
+    if optional.attribute(model, "turning_arm_m") is None:
+        raise UsageError(fault("imu-only.no-dynamics", vehicle=vehicle, kind=type(model).__name__))
     lever, names = f"sensors.{blocks.sensors._fields[0]}.{LEVER_ARM}", ["+"] if free is None else list(free)
     if not all(path.startswith("+") for path in names):
         return [*names, lever]
-    delay = [f"+{DELAY_PATH}"] if has_offset(blocks.model) else []
-    return [*delay, *names, f"+{lever}"]
+    defaults += [f"+{DELAY_PATH}"] if has_offset(model) else []
+    defaults += ["+model.understeer"] if optional.has_field(model, "understeer") else []
+    return [*defaults, *names, f"+{lever}"]
