@@ -90,6 +90,31 @@ def test_a_matrix_that_is_symmetric_only_at_the_start_is_stored_completely():
     np.testing.assert_array_equal(line.run(u)[1], np.vstack([np.zeros((3, 3)), u[:2]]))
 
 
+@pytest.mark.parametrize("start", [START.cov, np.triu(START.cov + 0.1), np.zeros((3, 3))])
+def test_entries_that_stay_zero_are_omitted_only_for_a_start_with_these_zeros(start):
+    def step(theta, cov, x):
+        A = np.diag([0.9, theta[0], x]) + np.array([[0.0, x, 0.0], [0.0] * 3, [0.0] * 3])
+        cov = A @ cov @ A.T + np.diag([x**2, 0.0, 0.0])
+        return cov, np.sum(cov)
+
+    theta, x = np.array([0.7]), np.linspace(0.5, 1.0, N)
+    kernel = traced(step, np.diag([1.0, 0.0, 0.0]), 0.0, theta)
+    assert len(program(kernel).carry) == 1
+    reference = scan(step, kernel.example, 0.0, theta, backend="numpy")
+    for carry in (kernel.example, start):
+        for method in ("run", "sensitivities", "cost_and_gradient", "normal_equations"):
+            results = (getattr(k, method)(x, theta, carry=carry) for k in (kernel, reference))
+            for value, expected in zip(*results, strict=True):
+                np.testing.assert_allclose(value, expected, rtol=1e-12)
+    starts = np.stack([kernel.example, start])
+    ends = (k.batch(x, np.stack([theta, theta]), starts)[0] for k in (kernel, reference))
+    np.testing.assert_allclose(*ends, rtol=1e-12)
+    symmetric = start + start.T
+    values = kernel.bind_sensitivities(x)(theta, symmetric.ravel())
+    for value, expected in zip(values, reference.sensitivities(x, theta, symmetric), strict=True):
+        np.testing.assert_allclose(value, expected, rtol=1e-12)
+
+
 def test_a_mirrored_matrix_is_treated_as_symmetric():
     i, j = np.indices((3, 3))
     upper = np.minimum(i, j), np.maximum(i, j)

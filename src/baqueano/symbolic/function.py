@@ -217,7 +217,9 @@ def _simplified_for_zeros(
     zero = set(np.flatnonzero(flat_row(shapes[0], examples[0]) == 0.0).tolist())
     graph, inputs = program.graph, program.inputs
     zero = remaining_zeros(graph, inputs, program.outputs, zero)
-    outputs = graph.substitute(program.outputs, {inputs[k]: graph.const(0.0) for k in zero})
+    zero_node = graph.const(0.0)
+    outputs = graph.substitute(program.outputs, {inputs[k]: zero_node for k in zero})
+    outputs = [zero_node if k in zero else node for k, node in enumerate(outputs)]  # never −0
     return program._replace(outputs=tuple(outputs), zeros=tuple(inputs[k] for k in sorted(zero)))
 
 

@@ -233,8 +233,9 @@ class TracedScan(Scan):
         start = None if self.carry_function else self._flat_start(None)  # the start can depend on θ
         candidates = {leaf.path for leaf in symmetric_leaves(self.carry_shape, start)}
         self.fields: tuple[str, ...] = ()  # the part of the output of the step
+        self.zero_entries = frozenset() if start is None else frozenset(np.flatnonzero(start == 0.0).tolist())
         self.trace, self.symmetric = self._trace_once(candidates)
-        self.runners: dict[tuple[bool, bool, bool], tuple[Assembly, Runner]] = {}
+        self.runners: dict[tuple[bool, ...], tuple[Assembly, Runner]] = {}
         self.sums: dict[tuple, BatchSums] = {}
         self.begun: dict[bool, tuple[tuple[Assembly, Runner], np.ndarray]] = {}
 
@@ -284,7 +285,7 @@ class TracedScan(Scan):
     def bind_sensitivities(self, inputs: Tree) -> Callable[[np.ndarray, np.ndarray], Tree]:
         self._need_theta()
         rows = input_rows(self.input_shape, inputs)
-        assembly, runner = self._runner(keep_all=False, given_start=True)
+        assembly, runner = self._runner(keep_all=False, given_start=True, has_zeros=False)
         theta, start = np.empty(self.parameters or 0), np.empty(len(assembly.first))
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
         jacobians = np.empty((*outputs.shape, len(theta)))
@@ -354,14 +355,21 @@ class TracedScan(Scan):
         trace, symmetric = trace_step(self.step, self.carry_function, *shapes, self.parameters, symmetric)
         return reduce(field_of_output, self.fields, trace), symmetric
 
-    def _runner(self, keep_all: bool, given_start: bool | None = None, is_symmetric: bool = True) -> Tree:
+    def _runner(
+        self,
+        keep_all: bool,
+        given_start: bool | None = None,
+        is_symmetric: bool = True,
+        has_zeros: bool = True,
+    ) -> Tree:
         given_start = self.carry_function is None if given_start is None else given_start
-        key = keep_all, given_start, is_symmetric
+        key = keep_all, given_start, is_symmetric, has_zeros
         if key not in self.runners:
             with self.trace.graph.lock:
                 if key not in self.runners:
                     trace = self.trace if is_symmetric else self._trace_once(set())[0]
-                    assembly = assemble(trace, keep_all, given_start)
+                    zero_entries = self.zero_entries if has_zeros else ()
+                    assembly = assemble(trace, keep_all, given_start, zero_entries)
                     self.runners[key] = assembly, Runner(assembly.program, self.requested_backend)
         return self.runners[key]
 
@@ -385,8 +393,9 @@ class TracedScan(Scan):
         is_symmetric = not len(mirrored_entries) or np.array_equal(
             flat_start[..., mirrored_entries], flat_start[..., mirror], equal_nan=True
         )
-        if not is_symmetric:  # a matrix of the start
-            pair = self._runner(keep_all, given_start=True, is_symmetric=False)
+        has_zeros = is_symmetric and not flat_start[..., pair[0].zeros].any()
+        if not has_zeros:  # the start of the scan had more zeros, or a matrix that was symmetric
+            pair = self._runner(keep_all, True, is_symmetric, has_zeros=False)
         return pair, np.ascontiguousarray(flat_start[..., pair[0].first])
 
     def _flat_start(self, carry: Tree) -> np.ndarray:

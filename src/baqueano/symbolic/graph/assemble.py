@@ -1,10 +1,11 @@
 """Convert a trace to the program that runs, without the mirrored, constant and dead entries of the carry.
 
-*Mirrored*: the other side of a symmetric matrix. *Constant*: an entry that a step returns unchanged. *Dead*: an entry
-on which no requested result depends. The removed entries are restored after the run.
+*Mirrored*: the other side of a symmetric matrix. *Constant*: an entry that a step returns unchanged, or that is 0 at
+the start and stays 0 by induction. *Dead*: an entry on which no requested result depends. The removed entries are
+restored after the run.
 """
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ class Assembly(NamedTuple):
     whole_from_kept: np.ndarray  # index of each entry of the whole carry in (final carry, start values)
     mirrored_entries: np.ndarray  # index of each mirrored entry of the whole carry
     mirror: np.ndarray  # index of the entry that it must equal at the start
+    zeros: np.ndarray  # index of each entry of the whole carry that must be 0 at the start
     unused_carry: tuple[int, ...]  # indices in the whole carry
 
     def whole_carry(self, final: np.ndarray, start: np.ndarray) -> np.ndarray:
@@ -29,11 +31,11 @@ class Assembly(NamedTuple):
         return np.concatenate([final, start], axis=-1)[..., self.whole_from_kept]
 
 
-def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
+def assemble(trace: Trace, keep_all: bool, given_start: bool, zero_entries: Container[int] = ()) -> Assembly:
     """Return the program of a trace.
 
     With `keep_all` the final carry is computed as well as the outputs. With `given_start` the start values are given at
-    run time, even if the trace contains them as functions of θ.
+    run time, even if the trace contains them as functions of θ; those of `zero_entries` are 0.
     """
     graph = trace.graph
     first_of: dict[Node, int] = {}
@@ -46,6 +48,15 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
     begin = dict(zip(symbols, start or [(trace.initial or [])[k] for k in first], strict=True))
 
     constant = {x: begin[x] for x in symbols if next_of[x] is x and (from_start or not keep_all)}
+    zeros = {
+        k for k, x in enumerate(symbols) if (first[k] in zero_entries if from_start else _is_zero(begin[x]))
+    }
+    zeros = (
+        remaining_zeros(graph, symbols, list(next_of.values()), zeros)
+        if from_start or not keep_all
+        else set()
+    )
+    constant |= {symbols[k]: graph.const(0.0) for k in zeros}
     roots = graph.substitute([*trace.outputs, *next_of.values()], constant)
     outputs = roots[: len(trace.outputs)]
     next_values = dict(zip(symbols, roots[len(trace.outputs) :], strict=True))
@@ -73,6 +84,7 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
         np.array([kept_index.get(x, 0) for x in trace.carry], dtype=int),
         np.array(mirrored_entries, dtype=int),
         np.array([first_of[trace.carry[k]] for k in mirrored_entries], dtype=int),
+        np.array([first[k] for k in sorted(zeros)] if from_start else [], dtype=int),
         tuple(unused_carry),
     )
 
@@ -85,11 +97,15 @@ def remaining_zeros(
     while zero:
         order = sorted(zero)
         nodes = graph.substitute([next_carry[k] for k in order], {carry[k]: zero_node for k in order})
-        remaining = {k for k, node in zip(order, nodes, strict=True) if node is zero_node}
+        remaining = {k for k, node in zip(order, nodes, strict=True) if _is_zero(node)}
         if remaining == zero:
             break
         zero = remaining
     return zero
+
+
+def _is_zero(node: Node) -> bool:
+    return node.op == "const" and node.value == 0.0
 
 
 def _used_entries(outputs: Sequence[Node], next_of: dict[Node, Node], carry: set[Node]) -> set[Node]:

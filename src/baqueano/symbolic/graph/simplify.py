@@ -128,7 +128,7 @@ def _even_function(op: str) -> Callable[..., Value]:
 
 
 def _where(g: "Graph", c: "Node", a: "Node", b: "Node") -> "Node | None":
-    if a is b:
+    if a is b or (a.op == "const" and _is(b, a.value)):  # 0 and −0 are equal
         return a
     if c.op == "const":
         return a if c.value else b
