@@ -20,6 +20,7 @@ from baqueano.symbolic.graph.tree import (
     Leaf,
     Shape,
     as_floats,
+    build,
     leaves,
     make,
     restore,
@@ -171,6 +172,9 @@ def _tree(shape: Shape, names: Tree, space: dict[str, Tree]) -> str:
         return f"value{k}"
     if isinstance(shape, Leaf):
         return _leaf(shape, next(names), k, space)
+    if not size(shape) and _is_fixed(shape):  # it cannot change, so all results share it
+        space[f"value{k}"] = build(shape, (space[next(names)] for _ in leaves(shape)))
+        return f"value{k}"
     space |= {f"kind{k}": shape.kind, f"keys{k}": shape.keys}
     children = f"({''.join(f'{_tree(child, names, space)}, ' for child in shape.children)})"
     if shape.kind is tuple:

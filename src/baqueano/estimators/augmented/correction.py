@@ -21,7 +21,6 @@ from baqueano.estimators.augmented.noise_levels import (
     InnovationSquares,
     NoiseLevels,
     file_innovation_cov,
-    file_levels,
     levels_after,
 )
 from baqueano.estimators.augmented.state import BIAS_INDEX, SCALE_INDEX, Layout, layout, start_std
@@ -54,9 +53,9 @@ class ReadingMemory(NamedTuple):
     """The state of the checks of the readings, between two rows."""
 
     last_innovations: np.ndarray  # (m,) the last innovation of each channel
-    repetition: RepeatedReadings  # of each channel
+    repetition: np.ndarray  # (5, m) the fields of RepeatedReadings, of each channel
     pose: PoseMemory  # of the sensors that measure the pose
-    noise_levels: NoiseLevels  # of this run, relative to the vehicle file
+    noise_levels: np.ndarray  # (m + 2,) NoiseLevels of this run, relative to the vehicle file
     # (2, 2) of speed and yaw rate: absolute value and duration, see inconsistency.py
     inconsistency: np.ndarray
     mean_checks: np.ndarray  # (k,) rad/s, mean differences between wheels and estimate, see inconsistency.py
@@ -66,7 +65,7 @@ def empty_reading_memory(states: Layout) -> ReadingMemory:
     """Return the memory before the first reading."""
     m = states.channels
     return ReadingMemory(
-        np.zeros(m), no_repetition(m), empty_memory(states.pose_groups, m), file_levels(m), np.zeros((2, 2)),
+        np.zeros(m), np.array(no_repetition(m)), empty_memory(states.pose_groups, m), np.ones(m + 2), np.zeros((2, 2)),
         np.zeros(len(states.yaw_rate_checks)),
     )  # fmt: skip
 
@@ -103,7 +102,7 @@ def correct_tick(
     (m, n) selects the states that each channel may correct.
     """
     states, n = layout(estimator), len(x.mean)
-    last_innovations, levels = memory.last_innovations, memory.noise_levels
+    last_innovations, levels = memory.last_innovations, NoiseLevels.from_row(memory.noise_levels)
     if not len(states.moving_mask):
         none, no_rows, no_cov = last_innovations, np.zeros((0, n)), np.zeros((0, 0))
         update = Correction(np.zeros(n), x.cov, none, none, none, no_rows, no_rows)
@@ -111,7 +110,7 @@ def correct_tick(
     y, H, file_cov, mask, corrections, z, arrived_mask = _compared_channels(
         estimator, x, effort, nu_dot, tick
     )
-    repetition = repetition_after(memory.repetition, z, mask > 0.0)
+    repetition = repetition_after(RepeatedReadings(*memory.repetition), z, mask > 0.0)
     repeated_mask = np.where(repetition.is_longest & states.is_inertial & (not at_rest), 1.0, 0.0)
     Q = levels.sensor_cov(file_cov)
     H_of_present = H * mask[:, None]
@@ -145,7 +144,10 @@ def correct_tick(
     x = Gaussian(boxplus(x.mean, update.move), update.cov)
     y, w = (np.where(mask > 0.0, values, np.nan) for values in (y, w))
     memory = memory._replace(
-        last_innovations=latest_innovations, repetition=repetition, pose=decision.memory, noise_levels=levels
+        last_innovations=latest_innovations,
+        repetition=np.array(repetition),
+        pose=decision.memory,
+        noise_levels=np.concatenate(levels),
     )
     return x, Innovations(arrived_mask, repeated_mask, memory, rejected_count, y, S, w, file_S, update, D)
 

@@ -23,6 +23,7 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
+from baqueano.estimators.augmented.noise_levels import NoiseLevels
 from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, MAX_SILENT_S, SCALE_INDEX, layout
 from baqueano.estimators.covariance import CHI_SQUARE_95, block_diagonal
 from baqueano.estimators.kalman import Gaussian, StatePrediction, predict
@@ -46,7 +47,7 @@ def predict_row(
 ) -> StatePrediction:
     """Return mean, covariance and G of the state one row later.  (2)-(4)"""
     x, n = Gaussian(belief.mean, belief.cov), len(belief.mean)
-    noise_level = belief.memory.noise_levels.motion
+    noise_level = NoiseLevels.from_row(belief.memory.noise_levels).motion
     variance = disturbance_variance(estimator, x.mean, effort)
     walks = [
         np.array([bias.value_at(estimator.sensors, bias.walk) ** 2 * row.dt_s])

@@ -27,10 +27,15 @@ MIN_MOTION_LEVEL = 0.5  # a calm drive does not show that the next turn is calm,
 
 
 class NoiseLevels(NamedTuple):
-    """The noise relative to that of the vehicle file, as variances."""
+    """The noise relative to that of the vehicle file, as variances. A belief contains them as one row (m + 2,)."""
 
     sensors: np.ndarray  # λ (m,) of each channel
     motion: np.ndarray  # κ (2,) of speed and yaw rate
+
+    @classmethod
+    def from_row(cls, row: np.ndarray) -> "NoiseLevels":
+        """Return the levels of a row (m + 2,)."""
+        return cls(row[:-2], row[-2:])
 
     def sensor_cov(self, Q: np.ndarray) -> np.ndarray:
         """Return Q' (m, m) for the covariance Q of the vehicle file.  (1)"""
@@ -45,11 +50,6 @@ class InnovationSquares(NamedTuple):
     S: np.ndarray  # (m, m)
     noise_cov: np.ndarray  # Q' (m, m)
     counts: np.ndarray  # (m,) 1 for a reading that changes the levels, else 0
-
-
-def file_levels(channel_count: int) -> NoiseLevels:
-    """Return the levels at the start: the noise of the vehicle file."""
-    return NoiseLevels(np.ones(channel_count), np.ones(2))
 
 
 def levels_after(

@@ -51,7 +51,8 @@ class GateHistory(NamedTuple):
 class PoseMemory(NamedTuple):
     """Memory of the rejected readings, for each sensor that measures the pose."""
 
-    y: np.ndarray  # (m,) innovations of the last informative rejected reading, in the order of all channels
+    # (m,) innovations of the last informative rejected reading, in the order of all channels; (0,) without a sensor
+    y: np.ndarray
     history: GateHistory
 
 
@@ -66,7 +67,7 @@ class GateDecision(NamedTuple):
 def empty_memory(groups: tuple[tuple[int, ...], ...], m: int) -> PoseMemory:
     """Return the memory at the start, without rejected readings; m is the number of all channels."""
     zeros = np.zeros(len(groups))
-    return PoseMemory(np.zeros(m), GateHistory(NO_REJECTION_S + zeros, zeros, zeros))
+    return PoseMemory(np.zeros(m if groups else 0), GateHistory(NO_REJECTION_S + zeros, zeros, zeros))
 
 
 def gate_decision(

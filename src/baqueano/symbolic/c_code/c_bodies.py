@@ -23,10 +23,11 @@ EXPORT void kernel(int64_t n, int64_t vehicles, const double *restrict theta, co
                    const double *restrict shared, const double *restrict own,
                    double *restrict outputs, double *restrict final) {"""
 REPEATED_CALL_CODE = """\
+typedef uint64_t __attribute__((may_alias)) bits;
 EXPORT int again(const int64_t *a) {{
-    const double *inputs = (const double *)(intptr_t)a[3];
-    if ({nonzero}) return 1;
-    kernel(a[0], (const double *)(intptr_t)a[1], (const double *)(intptr_t)a[2], inputs, 0.0,
+    const bits *inputs = (const bits *)(intptr_t)a[3];
+    if (({zeros}) << 1) return 1;
+    kernel(a[0], (const double *)(intptr_t)a[1], (const double *)(intptr_t)a[2], (const double *)inputs, 0.0,
            (double *)(intptr_t)a[4], (double *)(intptr_t)a[5], 0);
     return 0;
 }}
@@ -254,8 +255,8 @@ def _start_vectors(
 
 def _again(program: Program) -> str:
     zeros = set(program.zeros)
-    nonzero = [f"(inputs[{k}] != 0.0)" for k, node in enumerate(program.inputs) if node in zeros]
-    return REPEATED_CALL_CODE.format(nonzero=" | ".join(nonzero) or "0")
+    entries = [f"inputs[{k}]" for k, node in enumerate(program.inputs) if node in zeros]
+    return REPEATED_CALL_CODE.format(zeros=" | ".join(entries) or "0")  # << 1 removes the sign
 
 
 def _tick_with_tangents(derivatives: DerivativeProgram, *declarations: str) -> CText:

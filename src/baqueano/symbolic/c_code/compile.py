@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 MAX_SCHEDULED_OPERATIONS = 4_000  # operations; for more, gcc's first scheduler makes kernels slower
 MAX_THOROUGH_OPERATIONS = 20_000  # operations; for more, -O3 takes minutes
 MIN_HASTY_OPERATIONS = 1_000  # operations; for fewer, -O1 saves only a tenth of a second
-HASTY_LEVEL = "-O1"  # optimisation level of code that is compiled quickly
+HASTY_LEVEL = "-O2"  # optimisation level of code that is compiled quickly
 LONG_LEVEL = "-O1"  # and of code with more than MAX_THOROUGH_OPERATIONS
 # Of quick code: calls of sin, exp and the like, because their copies take up to half of a compilation.
 CALLS = "-DCALLED", "-Wno-psabi"
@@ -153,7 +153,7 @@ def _flag_sets(
     """Return the sets of flags to try in order: compilers have different flags for the present processor."""
     is_hasty = is_hasty and operation_count > MIN_HASTY_OPERATIONS
     is_long = operation_count > MAX_THOROUGH_OPERATIONS
-    level = HASTY_LEVEL if is_hasty else LONG_LEVEL if is_long else "-O3"
+    level = LONG_LEVEL if is_long else HASTY_LEVEL if is_hasty else "-O3"
     common_flags = (level, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-shared", "-w")
     if level != "-O3":
         common_flags += CALLS if compiler.is_clang else (*CALLS, SIMPLE_REGISTERS)
