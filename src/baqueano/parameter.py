@@ -16,6 +16,7 @@ import inspect
 import re
 import sys
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
@@ -188,9 +189,15 @@ def parameters(block: Tree) -> Iterator[tuple[str, Parameter]]:
     >>> [name for name, _ in parameters(bq.controllers.Pd)]
     ['alpha', 'beta', 'gamma', 'limit']
     """
-    for field in dataclasses.fields(block) if dataclasses.is_dataclass(block) else ():
-        if "parameter" in field.metadata:
-            yield field.name, field.metadata["parameter"]
+    yield from _parameters_of(block if isinstance(block, type) else type(block))
+
+
+@lru_cache(maxsize=1000)
+def _parameters_of(block_class: type) -> tuple[tuple[str, Parameter], ...]:
+    fields = dataclasses.fields(block_class) if dataclasses.is_dataclass(block_class) else ()
+    return tuple(
+        (field.name, field.metadata["parameter"]) for field in fields if "parameter" in field.metadata
+    )
 
 
 def all_parameters(block: Tree, path: str) -> Iterator[tuple[str, Parameter]]:

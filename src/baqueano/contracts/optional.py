@@ -5,6 +5,7 @@ Your own class needs only the methods of its protocol (blocks.py, vehicles/state
 
 import dataclasses
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
@@ -77,4 +78,10 @@ def check_noise_fields(sensors: Iterable[object]) -> None:
 
 def has_field(block: object, name: str) -> bool:
     """Return True for a dataclass with a field of this name: a gyro has the field `gyro_scale`."""
-    return dataclasses.is_dataclass(block) and name in (field.name for field in dataclasses.fields(block))
+    return name in _field_names(block if isinstance(block, type) else type(block))
+
+
+@lru_cache(maxsize=1000)
+def _field_names(block_class: type) -> frozenset[str]:
+    is_dataclass = dataclasses.is_dataclass(block_class)
+    return frozenset(field.name for field in dataclasses.fields(block_class)) if is_dataclass else frozenset()

@@ -262,8 +262,9 @@ def enable_parameters(
     if any(path.startswith(LIMIT_PATH) for path in paths):
         blocks, limits = _with_reached_limit(blocks, paths, u)
         high |= limits
-    quadratic_bounds = _quadratic_bounds(blocks, paths, rate_hz)
-    high |= _friction_bounds(blocks, paths, rate_hz) | quadratic_bounds
+    axes = coasting_axes(blocks.model)
+    quadratic_bounds = _quadratic_bounds(blocks, paths, rate_hz, axes)
+    high |= _friction_bounds(blocks, paths, rate_hz, axes) | quadratic_bounds
     return blocks, [
         parameter._replace(
             low=max(parameter.low, low.get(parameter.path, -np.inf)),
@@ -274,12 +275,15 @@ def enable_parameters(
     ]
 
 
-def _friction_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
+def _friction_bounds(
+    blocks: FittedBlocks, paths: list[str], rate_hz: float, axes: tuple[int, ...]
+) -> dict[str, float]:
     """Return, for each free friction (path → value), the upper bound up to which the motion of a row is integrable.
+    `axes` are the axes along which the vehicle coasts.
 
     The free frictions of an axis share the remaining range, without those of single wheels.
     """
-    axes, bounds = coasting_axes(blocks.model), {}
+    bounds: dict[str, float] = {}
     slack = np.maximum(MAX_DECAY_PER_ROW * row_rate_hz(rate_hz) - decay_rates(blocks.model, axes), 0.0)
     fields = {path.partition("[")[0] for path in paths} - set(WHEEL_FRICTIONS)
     fields &= {path for path, p in all_parameters(blocks.model, "model") if p.role != "known"}
@@ -293,18 +297,22 @@ def _friction_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> 
     return bounds
 
 
-def _quadratic_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
+def _quadratic_bounds(
+    blocks: FittedBlocks, paths: list[str], rate_hz: float, axes: tuple[int, ...]
+) -> dict[str, float]:
     """Return, for each free quadratic friction along an axis that no command drives, the upper bound (path → value).
 
     A friction k θ ν² decays as fast as the speed ν permits. The inertial acceleration a sets ν: (r + k θ ν) ν = a, so
     the rate r + 2 k θ ν is √(r² + 4 k θ a), with the rate r at rest. With the largest r it is at most √2 the limit.
     """
-    axes, bounds = coasting_axes(blocks.model), {}
+    driven = driven_axes(blocks)
+    if not (axes := tuple(i for i in axes if i not in driven)):
+        return {}
+    bounds: dict[str, float] = {}
     limit, rates = MAX_DECAY_PER_ROW * row_rate_hz(rate_hz), decay_rates(blocks.model, axes)
-    inertial_axes = [i for i in axes if i not in driven_axes(blocks)]
     fields = {path.partition("[")[0] for path in paths}
     for path, k in quadratic_damping(blocks.model, fields, axes):
-        for i in (i for i in inertial_axes if path in paths and k[i] > 0.0):
+        for i in (i for i in axes if path in paths and k[i] > 0.0):
             bound = float(max(limit**2 - rates[i] ** 2, 0.0) / (4.0 * k[i] * MAX_INERTIAL_M_S2))
             bounds[path] = max(bound, value(blocks, path))
     return bounds
