@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from baqueano.symbolic import function, jacobian, scan
-from baqueano.symbolic.derivatives.dual import Dual
+from baqueano.symbolic.derivatives.dual import Dual, chain_rule
 from baqueano.symbolic.graph.node import Node
 
 vectors = st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3).map(np.array)
@@ -115,3 +115,19 @@ def test_computing_derivatives_leaves_no_objects_in_memory():
         assert not [x for x in gc.get_objects() if isinstance(x, Dual | Node)]
     finally:
         gc.unfreeze()
+
+
+def test_the_chain_rule_gives_the_same_derivatives_also_of_a_derivative():
+    def f(x):
+        return np.array([np.sin(x[0]) * x[1], x[0] ** 2, x[2]])
+
+    def g(inner):
+        return lambda x: inner(np.array([x[0] * x[1], x[2] - 1.0, x[3]])) * x[0]
+
+    x = np.array([0.3, 0.7, 2.0, -0.4])
+    np.testing.assert_allclose(chain_rule(f)(x[:3]), f(x[:3]))
+    for derivative in (jacobian, lambda h: jacobian(lambda x: jacobian(h)(x).ravel())):
+        expected = derivative(g(f))(x)
+        np.testing.assert_allclose(derivative(g(chain_rule(f)))(x), expected, rtol=1e-14)
+        compiled = function(derivative(g(chain_rule(f))), x)
+        np.testing.assert_allclose(compiled(x), expected, rtol=1e-14)

@@ -30,6 +30,7 @@ from baqueano.estimators.kalman import Gaussian, StatePrediction, predict
 from baqueano.estimators.pauses import FilterRow, limit_covariance, limiting_factors, unmoved_cov
 from baqueano.estimators.readings.sensor_numbers import slip_statistics
 from baqueano.geometry import map_from_body, wrap
+from baqueano.symbolic.derivatives.dual import chain_rule
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.state import DynamicVehicle
 
@@ -82,8 +83,12 @@ def advance_mean(
     vehicle, d, nu = estimator.vehicle, mean[6:SCALE_INDEX], mean[3:6]
     D = disturbance_acceleration(vehicle, d)
     if is_dynamic(vehicle):  # (9)
-        eta, nu_next, nu_dot = vehicle.advance(mean[:3], nu + 0.5 * dt_s * D, effort, dt_s)
-        nu_next = nu_next + 0.5 * dt_s * D
+
+        def advance(x: np.ndarray) -> np.ndarray:
+            return np.concatenate(vehicle.advance(x[:3], x[3:], effort, dt_s))
+
+        motion = chain_rule(advance)(np.concatenate([mean[:3], nu + 0.5 * dt_s * D]))  # d has the effect of ν
+        eta, nu_next, nu_dot = motion[:3], motion[3:6] + 0.5 * dt_s * D, motion[6:]
         displacement = -(dt_s**2) / 6.0 * (vehicle.nu_dot(nu_next, effort.last, eta[2]) - nu_dot)
     else:
         eta, nu_next, _ = vehicle.advance(mean[:3], nu, effort, dt_s)
