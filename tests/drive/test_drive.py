@@ -14,6 +14,7 @@ from baqueano.drive import experiment, repeat, replay, stop_reason_of, teach
 from baqueano.drive.observers import Progress
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Ekf
+from baqueano.geometry import wrap
 from baqueano.guides import Repeat, SinuousCircle
 from baqueano.guides.route import move_route
 from baqueano.guides.shapes import circle
@@ -89,6 +90,23 @@ def test_teaching_along_a_shape_gives_a_closed_route(driver):
     assert np.max(np.diff(route.t_s)) <= 0.06
     assert np.ptp(route.eta[:, 1]) == pytest.approx(0.6, abs=0.15)
     Repeat.along(route, 3)
+
+
+def test_a_taught_lap_points_along_its_path_everywhere():
+    """A lap that ends before its start, by the delay of the vehicle, was closed by moving and turning all its poses."""
+    eta = teach(load("small"), circle(0.3, 0.4), closed=True).route.eta
+    dx, dy = np.diff(eta[:, :2], axis=0).T
+    error = wrap(np.arctan2(dy, dx) - 0.5 * (eta[1:, 2] + eta[:-1, 2]))
+    np.testing.assert_allclose(error[np.hypot(dx, dy) > 0.005], 0.0, atol=0.08)
+
+
+@pytest.mark.parametrize("name", ["stanley", "pd_feedforward"])
+def test_a_lesson_ends_when_the_vehicle_passes_its_start(name):
+    run = teach(load("small"), circle(0.3, 0.4), closed=True, controller=name).run
+    before, last = run.estimate.eta[-2:, 0]
+    assert before < 0.0 <= last < 0.01
+    assert run.reference.at_end[-1] == 1.0
+    assert run.reference.at_end[-2] == 0.0
 
 
 def test_teaching_accepts_a_list_of_commands():
