@@ -129,5 +129,5 @@ def test_the_chain_rule_gives_the_same_derivatives_also_of_a_derivative():
     for derivative in (jacobian, lambda h: jacobian(lambda x: jacobian(h)(x).ravel())):
         expected = derivative(g(f))(x)
         np.testing.assert_allclose(derivative(g(chain_rule(f)))(x), expected, rtol=1e-14)
-        compiled = function(derivative(g(chain_rule(f))), x)
-        np.testing.assert_allclose(compiled(x), expected, rtol=1e-14)
+        f_dot = function(derivative(g(chain_rule(f))), x)
+        np.testing.assert_allclose(f_dot(x), expected, rtol=1e-14)

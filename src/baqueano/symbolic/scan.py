@@ -22,14 +22,7 @@ from baqueano.symbolic.graph.assemble import Assembly, assemble
 from baqueano.symbolic.graph.node import nodes_below
 from baqueano.symbolic.graph.program import NormalEquations
 from baqueano.symbolic.graph.trace import field_of_output, trace_step
-from baqueano.symbolic.graph.tree import (
-    flat_row,
-    input_rows,
-    leaves,
-    shape_of,
-    symmetric_leaves,
-    tree_of,
-)
+from baqueano.symbolic.graph.tree import flat_row, input_rows, leaves, shape_of, symmetric_leaves, tree_of
 
 if TYPE_CHECKING:
     from baqueano.symbolic.batch import BatchSums

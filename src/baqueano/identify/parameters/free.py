@@ -305,8 +305,8 @@ def _quadratic_bounds(
     A friction k θ ν² decays as fast as the speed ν permits. The inertial acceleration a sets ν: (r + k θ ν) ν = a, so
     the rate r + 2 k θ ν is √(r² + 4 k θ a), with the rate r at rest. With the largest r it is at most √2 the limit.
     """
-    driven = driven_axes(blocks)
-    if not (axes := tuple(i for i in axes if i not in driven)):
+    axes_with_command = driven_axes(blocks)
+    if not (axes := tuple(i for i in axes if i not in axes_with_command)):
         return {}
     bounds: dict[str, float] = {}
     limit, rates = MAX_DECAY_PER_ROW * row_rate_hz(rate_hz), decay_rates(blocks.model, axes)
