@@ -58,7 +58,7 @@ def test_a_tolerance_of_a_parameter_that_is_not_a_scale_is_refused(tolerance, co
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("--use imu --tolerance sensors.imu.gyro_scale", "expected KEY=PART"),
+        ("--use imu --tolerance sensors.imu.gyro_scale", "expected KEY=FRACTION"),
         (
             "--use imu --segment 2 --tolerance sensors.imu.gyro_scale=0.01",
             "cannot be combined with --segment: it is for a car",

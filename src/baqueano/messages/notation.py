@@ -26,7 +26,7 @@ OPTIONS = {  # argument of `identify` → option, and the name of its value
     "cost": ("--cost", "simulation"),
     "speed_noise": ("--speed-noise", ""),
     "measured": ("--measured", '"TIME: LENGTH, ANGLE"'),
-    "tolerance": ("--tolerance", "KEY=PART"),
+    "tolerance": ("--tolerance", "KEY=FRACTION"),
     "start": ("--set", "KEY=VALUE"),
 }
 EXPERIMENT = (
