@@ -122,6 +122,29 @@ def test_the_region_covers_the_truth_if_the_model_turns_half_as_much():
     assert np.mean(np.abs(e) <= REGION_95 * np.sqrt(cov[:, 2, 2])) >= 0.95
 
 
+@cache
+def block_with_lag_error():
+    return compile_block(SMALL.with_values({"estimator.motor_lag_std_s": 0.03}).estimator())
+
+
+@pytest.mark.parametrize(
+    ("bias", "is_wide"), [pytest.param(0.0, False, id="sound"), pytest.param(0.8, True, id="bias")]
+)
+def test_a_lag_error_within_its_error_is_no_disagreement_and_a_gyro_bias_is_one(bias, is_wide):
+    u = np.outer(t_s >= 1.0, [0.62, 0.0, 0.0])
+    u[:, 2] = 0.3 * (t_s >= 1.0) * np.sign(np.sin(20.0 * t_s + 2.0 * np.sin(2.0 * t_s)))
+    slow = simulate(SMALL.with_values({"model.drivetrain.lag_s": 0.09}), u, 0)
+    belief, errors, std = block_with_lag_error().init(), [], []
+    for k, t_ns in enumerate(slow.t_ns.tolist()):
+        z = slow.sensors["imu"].z[k] + np.array([0.0, 0.0, bias * AT[k]])
+        tick = Tick(t_ns, slow.applied_commands[k], SMALL.sensors._replace(imu=Slot(1.0, z, 0.0)))
+        belief, estimate = block_with_lag_error().step(belief, tick)
+        errors.append(wrap(estimate.eta[2] - slow.truth.eta[k, 2]))
+        std.append(np.sqrt(estimate.cov[2, 2]))
+    assert (std[-1] > 0.3) == is_wide
+    assert np.mean(np.abs(errors) <= REGION_95 * np.array(std)) >= 0.9
+
+
 def test_consistent_sensors_cause_no_lasting_disagreement():
     """The duration of a disagreement stays below the threshold that widens the region."""
     belief = block().init()

@@ -30,8 +30,10 @@ from baqueano.estimators.augmented.correction import (
     empty_reading_memory,
 )
 from baqueano.estimators.augmented.motion import (
+    disturbance_variance,
     mean_disturbance_after,
     predict_row,
+    unmeasured_variance_after,
     velocity_error,
     wheel_velocity_cov,
 )
@@ -69,6 +71,7 @@ class AugmentedBelief(NamedTuple):
     mean: np.ndarray  # (n,) of (1); biases and scales are differences from those of the vehicle file
     cov: np.ndarray  # (n, n)
     mean_disturbance: np.ndarray  # (2,) d̄ of motion.py: the part of d that does not decay
+    unmeasured_variance: np.ndarray  # (2,) of d without any measurement: larger after a change of the effort
     model_nu: np.ndarray  # (3,) ν of the model, computed only from the commands
     memory: ReadingMemory  # of the checks of the readings
     quiet_s: Value  # time without a command; a rejected channel shortens it
@@ -181,7 +184,8 @@ class AugmentedEkf:
         states, cov = layout(self), np.diag(start_std(self) ** 2)
         mean, memory = np.concatenate([eta, nu, np.zeros(states.size - 6)]), empty_reading_memory(states)
         drivetrain = self.vehicle.drivetrain.init()
-        return AugmentedBelief(-1, mean, cov, np.zeros(2), nu, memory, 0.0, np.zeros(2), drivetrain)
+        variance = self.disturbance_std**2
+        return AugmentedBelief(-1, mean, cov, np.zeros(2), variance, nu, memory, 0.0, np.zeros(2), drivetrain)
 
     step, rows_before = step_in_rows, rows_before  # `row` for a tick, and for the parts of a long tick
 
@@ -195,7 +199,9 @@ class AugmentedEkf:
         belief = belief._replace(cov=mirror_upper(belief.cov))  # the generated code reads one triangle
         row = filter_row(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
-        prediction = predict_row(self, belief, effort, row)
+        variance = disturbance_variance(self, belief.mean, effort)
+        prediction = predict_row(self, belief, effort, row, variance)
+        variance = unmeasured_variance_after(self, belief.unmeasured_variance, variance, row.dt_s)
         x = Gaussian(prediction.mean, prediction.cov)
         quiet_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.quiet_s + row.dt_s)
         at_rest = (quiet_s >= MIN_REST_S) & np.all(np.abs(x.mean[3:6]) < MAX_REST_NU)
@@ -212,7 +218,11 @@ class AugmentedEkf:
             return correct_tick(self, x, belief.memory, effort, nu_dot, tick, E, at_rest, row.dt_s)
 
         x, innovations = branch(at_rest, lambda: correct(_rest_state(x), True), lambda: correct(x, False))
-        x, memory, nu_cov = self._widen(x, innovations, model_nu, belief.silent_s[1] > MAX_SILENT_S, row.dt_s)
+        is_exceeded = (x.mean[6:SCALE_INDEX] ** 2 > self.gate_sigma**2 * variance) | (
+            np.abs(belief.mean_disturbance) > self.gate_sigma * self.disturbance_std
+        )
+        replaces_gyro = belief.silent_s[1] > MAX_SILENT_S
+        x, memory, nu_cov = self._widen(x, innovations, model_nu, is_exceeded, replaces_gyro, row.dt_s)
         disagreement_s = np.where(innovations.rejected_count > 0.0, REJECTION_COST * row.dt_s, 0.0)
         is_corrected = states.corrected_by(innovations.weight >= 0.5)
         silent_s = np.where(is_corrected, 0.0, belief.silent_s + row.dt_s)
@@ -221,6 +231,7 @@ class AugmentedEkf:
             x.mean,
             x.cov,
             mean_disturbance_after(belief.mean_disturbance, x.mean[6:SCALE_INDEX], silent_s, row.dt_s),
+            variance,
             model_nu,
             memory,
             np.maximum(np.minimum(quiet_s, MAX_QUIET_S) - disagreement_s, 0.0),
@@ -238,11 +249,11 @@ class AugmentedEkf:
         return next_belief, self._estimate(next_belief, tick.t_ns, J, nu_cov, innovations), errors
 
     def _widen(
-        self, x: Gaussian, innovations: Innovations, model_nu: np.ndarray, replaces_gyro: Value, dt_s: Value
-    ) -> tuple[Gaussian, ReadingMemory, np.ndarray]:
+        self, x: Gaussian, innovations: Innovations, model_nu: np.ndarray, is_exceeded: np.ndarray,
+        replaces_gyro: Value, dt_s: Value,
+    ) -> tuple[Gaussian, ReadingMemory, np.ndarray]:  # fmt: skip
         """Return the state with a wider pose during a disagreement, the memory, and what var ν gains (3, 3)."""
         memory, from_model = innovations.memory, x.mean[[3, 5]] - model_nu[[0, 2]]
-        is_exceeded = np.abs(x.mean[6:SCALE_INDEX]) > self.gate_sigma * self.disturbance_std
         update = update_inconsistency(
             (memory.inconsistency, memory.mean_checks), layout(self), innovations, from_model, is_exceeded,
             replaces_gyro, x.mean[:6], dt_s, self.gate_sigma,

@@ -44,12 +44,11 @@ BEND_STD = 0.5 * 1.96**2 / np.sqrt(CHI_SQUARE_95 - 1.96**2)  # λ of (4)
 
 
 def predict_row(
-    estimator: "AugmentedEkf", belief: "AugmentedBelief", effort: Effort, row: FilterRow
+    estimator: "AugmentedEkf", belief: "AugmentedBelief", effort: Effort, row: FilterRow, variance: np.ndarray
 ) -> StatePrediction:
-    """Return mean, covariance and G of the state one row later.  (2)-(4)"""
+    """Return mean, covariance and G of the state one row later; `variance` is σ_d² (2,) in this row.  (2)-(4)"""
     x, n = Gaussian(belief.mean, belief.cov), len(belief.mean)
     noise_level = NoiseLevels.from_row(belief.memory.noise_levels).motion
-    variance = disturbance_variance(estimator, x.mean, effort)
     walks = [
         np.array([bias.value_at(estimator.sensors, bias.walk) ** 2 * row.dt_s])
         for bias in layout(estimator).biases
@@ -125,6 +124,13 @@ def disturbance_variance(estimator: "AugmentedEkf", mean: np.ndarray, effort: Ef
     change = estimator.motor_lag_std_s * effort.mean_rate
     f = [vehicle.nu_dot(nu, effort.last + side * change, psi)[2] for side in (0.5, -0.5)]
     return estimator.disturbance_std**2 + np.array([0.0, (f[0] - f[1]) ** 2])
+
+
+def unmeasured_variance_after(
+    estimator: "AugmentedEkf", previous: np.ndarray, variance: np.ndarray, dt_s: Value
+) -> np.ndarray:
+    """Return the variance (2,) of d one row later, without any measurement; `variance` is σ_d² of the row.  (3)"""
+    return variance + (previous - variance) * np.exp(-2.0 * dt_s / estimator.disturbance_fade_s)
 
 
 def has_motor_lag(vehicle: DynamicVehicle) -> bool:

@@ -1,8 +1,8 @@
 """Widen the covariance during a lasting disagreement; the correction of the state does not change.
 
 Speed ν_x and yaw rate ν_ψ have an inconsistency a: |y / h'| while a channel with innovation y and derivative h' is
-rejected; |Δ|, Δ = ν − ν of the model, while the filter follows a channel: |d| > gate_sigma σ_d. After
-MIN_INCONSISTENT_S, with the rotation J, the axis g of the velocity, the row δ, and the duration t of the inconsistency:
+rejected; |Δ|, Δ = ν − ν of the model, while d² > gate_sigma² v or |d̄| > gate_sigma σ_d, v = var d without readings.
+After MIN_INCONSISTENT_S, with the rotation J, the axis g of ν, the row δ, and the duration t of the inconsistency:
 
     var ν ← var ν + a²  in the estimate only,   P_ηη ← P_ηη + J g (2 a² t δ) gᵀ Jᵀ                         (1)
     wheels contradict a gyro:  e² > gate_sigma² (p wᵀ S w + σ² ν_x²)   for e = wᵀ y and for its mean        (2)
