@@ -5,13 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.estimators.augmented.motion import SIDESLIP_ERROR_S
+from baqueano.estimators.augmented.state import SIDESLIP_INDEX
 from baqueano.identify.noise.filter_noise import SIDEWAYS_NOISE, _free_noise
 from baqueano.runs.run import Channel
+from baqueano.signals import Tick, silent
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, robot_file, run_of_vehicle
 from baqueano.study.identification.trials import draw_robot, quantised_commands
 from baqueano.symbolic import compile_block
-from baqueano.vehicle_file import parse
+from baqueano.vehicle_file import load, parse
 
 CAMERA = '\n[sensors.camera]\nkind = "pose"\nrate_hz = 20.0\nnoise_std = [0.002, 0.002, 0.01]\n'
 NOISE = np.array([0.002, 0.002, 0.01])
@@ -53,3 +56,14 @@ def test_the_walk_of_the_sideways_velocity_is_free_if_a_sensor_shows_it(use, is_
     file = parse(robot_file(draw_robot(0)).text + CAMERA, "robot.toml").with_values({"estimator.use": use})
     free = _free_noise(file.estimator(), {"imu"}, {}, {"imu": 4000, "camera": 400})
     assert (SIDEWAYS_NOISE[0] in [parameter.path for parameter in free]) is is_shown
+
+
+def test_a_known_sideslip_error_becomes_as_uncertain_as_before():
+    """σ² = σ₀² (1 − e^(−2t/T)) of a variable that decays with T, after 4 s."""
+    estimator = compile_block(load("small").estimator())
+    belief, is_other = estimator.init(), 1.0 - np.eye(len(estimator.init().mean))[SIDESLIP_INDEX]
+    belief = belief._replace(cov=belief.cov * np.outer(is_other, is_other))
+    for k in range(401):
+        belief, _ = estimator.step(belief, Tick((k + 1) * 10_000_000, np.zeros(3), silent({"imu": 3})))
+    expected = 1.0 - np.exp(-2.0 * 4.01 / SIDESLIP_ERROR_S)
+    assert np.asarray(belief.cov)[SIDESLIP_INDEX, SIDESLIP_INDEX] == pytest.approx(expected, rel=0.01)

@@ -12,11 +12,19 @@ import numpy as np
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Tree, Value
 from baqueano.estimators.augmented.motion import (
+    SIDESLIP_ERROR_S,
     disturbance_acceleration,
     disturbance_variance,
     velocity_error,
 )
-from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, SCALE_INDEX, layout, start_std
+from baqueano.estimators.augmented.state import (
+    BEND_INDEX,
+    BIAS_INDEX,
+    SCALE_INDEX,
+    SIDESLIP_INDEX,
+    layout,
+    start_std,
+)
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.pauses import rows_of_ticks
 from baqueano.estimators.readings.sensor_numbers import slip_statistics
@@ -49,7 +57,7 @@ class DrawnTick(NamedTuple):
 
     u: np.ndarray  # (commands,)
     walk: np.ndarray  # (TICK_PARTS, 2, 3) standard normal, like all fields below
-    d: np.ndarray  # (2,)
+    d: np.ndarray  # (3,) of the disturbance, and of the sideslip's error γ
     bias: np.ndarray  # (nb,)
     slip: Value
     reading: tuple[np.ndarray, ...]  # (m,) of each sensor
@@ -72,14 +80,14 @@ def simulated_errors(ekf: AugmentedEkf, run: Run, filter_kernel: Scan) -> tuple[
         return np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6))
     state, n = _start(ekf, np.zeros(filter_layout.size)), len(u)
     sizes, bias_count = [sensor.size for sensor in ekf.sensors], len(filter_layout.biases)
-    no_noise = np.zeros((TICK_PARTS, 2, 3)), np.zeros(2), np.zeros(bias_count), 0.0
+    no_noise = np.zeros((TICK_PARTS, 2, 3)), np.zeros(3), np.zeros(bias_count), 0.0
     example = DrawnTick(u[0], *no_noise, tuple(map(np.zeros, sizes)))
     drive = scan(lambda x, draws: _tick(ekf, x, draws, dt_s), state, example, backend=filter_kernel.backend)
     t_ns: Any = np.round(np.arange(1, n + 1) * dt_s * NANOSECONDS).astype(np.int64)
     errors, covs = [], []
     for _ in range(DRIVES):
         begin = _start(ekf, start_std(ekf) * rng.standard_normal(filter_layout.size))
-        shapes = (n, TICK_PARTS, 2, 3), (n, 2), (n, bias_count), (n,)
+        shapes = (n, TICK_PARTS, 2, 3), (n, 3), (n, bias_count), (n,)
         walk, d, bias, slip = map(rng.standard_normal, shapes)
         draws = DrawnTick(u, walk, d, bias, slip, tuple(rng.standard_normal((n, m)) for m in sizes))
         _, (truth, slots) = drive.run(draws, carry=begin)
@@ -111,16 +119,18 @@ def _tick(
         eta, nu = _step_part(ekf, x, eta, nu, effort, k, draws.walk[k], dt_s)
         motions.append(_motion(ekf, x, eta, nu, _effort_at(effort, (k + 1) / TICK_PARTS)))
     current_motion = _motion(ekf, x, eta, nu, effort.last)
-    decay = np.exp(-dt_s / ekf.disturbance_fade_s)
-    std = np.sqrt(disturbance_variance(ekf, x, effort) * (1.0 - decay**2))
-    d = decay * x[6:SCALE_INDEX] + std * draws.d
+    variances = (disturbance_variance(ekf, x, effort), np.array([ekf.sideslip_error_std**2]))
+    decay = np.exp(-dt_s / np.concatenate([ekf.disturbance_fade_s, np.array([SIDESLIP_ERROR_S])]))
+    std = np.sqrt(np.concatenate(variances) * (1.0 - decay**2))
+    *d, gamma = decay * x[[6, 7, SIDESLIP_INDEX]] + std * draws.d
     walks = [entry.value_at(ekf.sensors, entry.walk) * np.sqrt(dt_s) for entry in filter_layout.biases]
     bias = x[BIAS_INDEX:] + np.array(walks) * draws.bias if walks else x[BIAS_INDEX:]
     entries = dict(zip(filter_layout.names, filter_layout.entries, strict=True))
     variance, fade_s, _ = slip_statistics(ekf.sensors, entries)
     slip_decay = np.exp(-dt_s / fade_s)
     slip = slip_decay * state.slip + np.sqrt(variance * (1.0 - slip_decay**2)) * draws.slip
-    next_x = np.concatenate([eta, nu, d, x[SCALE_INDEX:BIAS_INDEX], bias])
+    scales = (x[SCALE_INDEX:SIDESLIP_INDEX], np.array([gamma]), x[BEND_INDEX:BIAS_INDEX])
+    next_x = np.concatenate([eta, nu, np.array(d), *scales, bias])
     truth = current_motion._replace(tick=(state.motion, motions[TICK_PARTS // 2 - 1], motions[-1]))
     sensors, slots = _read_sensors(ekf, state, bias, slip, truth, draws, dt_s)
     state_read = np.concatenate([eta, nu + velocity_error(ekf, x[SCALE_INDEX:BIAS_INDEX], nu)])

@@ -3,7 +3,7 @@
     x = (η, ν, d, κ, β, γ, w, b):  pose, velocity, disturbance, scales, course, sideslip, bend, biases        (1)
     ν̇ = f(ν, e) + D,  D = (d_x, l d_ψ, d_ψ),  or  ν = V e + D,  D = (d_x, 0, d_ψ);   η̇ = J(ψ) (1 + K) ν     (2)
     K ν = (κ_v ν_x, κ_v ν_y + β ν_x + γ (ν_y − l ν_ψ), κ_ψ ν_ψ)
-    ḋ = −(d − d̄)/T + noise  (Ornstein-Uhlenbeck, σ_d² about d̄),  d̄˙ = (d − d̄)/2 s;  κ, β, γ, w constant  (3)
+    ḋ = −(d − d̄)/T + noise  (Ornstein-Uhlenbeck, σ_d² about d̄),  d̄˙ = (d − d̄)/2 s;   γ̇ = −γ/T_γ + noise  (3)
     displacement += −w λ s / (1 + s/2) J(ψ) ν δ,   s the variance of the heading, w ~ N(0, 1)              (4)
     P_xx, P_yy += 2 T_s (σ_s ν_x)² δ,   var ν_x += (σ_s ν_x)² as reported:   slip, σ_s, T_s of a wheel    (5)
     var ν_x += (ν̇_x τ)²/3   as reported, τ the time between two readings of a wheel                       (6)
@@ -12,7 +12,7 @@
     half of D before f and half after:   ν⁺ = δ D/2 + F(ν + δ D/2),   ∫ν −= δ² (f(ν⁺, e) − f(ν⁺ − δ D/2, e))/6   (9)
 
 e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance; l: the origin ahead of the centre of turning. d̄ prevents
-that a model with an error in a whole bend turns the heading. docs/derivations/kalman.md derives (4) to (7) and (9).
+that a model with an error in a whole bend turns the heading. κ, β, w: constant. docs/derivations: (4)-(7), (9).
 """
 
 from functools import lru_cache
@@ -24,7 +24,14 @@ from baqueano.contracts import optional
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.noise_levels import NoiseLevels
-from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, MAX_SILENT_S, SCALE_INDEX, layout
+from baqueano.estimators.augmented.state import (
+    BEND_INDEX,
+    BIAS_INDEX,
+    MAX_SILENT_S,
+    SCALE_INDEX,
+    SIDESLIP_INDEX,
+    layout,
+)
 from baqueano.estimators.covariance import CHI_SQUARE_95, block_diagonal
 from baqueano.estimators.kalman import Gaussian, StatePrediction, predict
 from baqueano.estimators.pauses import FilterRow, limit_covariance, limiting_factors, unmoved_cov
@@ -39,6 +46,7 @@ if TYPE_CHECKING:
 
 
 MEAN_DISTURBANCE_S = 2.0  # time constant with which d̄ follows d: about one bend of the path
+SIDESLIP_ERROR_S = 20.0  # T_γ: the next bends have about the same error of the sideslip
 MIN_SPEED_M_S = 0.02  # below it, the error of the speed fades to 0
 BEND_STD = 0.5 * 1.96**2 / np.sqrt(CHI_SQUARE_95 - 1.96**2)  # λ of (4)
 
@@ -53,12 +61,14 @@ def predict_row(
         np.array([bias.value_at(estimator.sensors, bias.walk) ** 2 * row.dt_s])
         for bias in layout(estimator).biases
     ]
-    constant = np.diag(np.concatenate([np.zeros(BIAS_INDEX - SCALE_INDEX), *walks]))
+    gamma = estimator.sideslip_error_std**2 * (1.0 - np.exp(-2.0 * row.moved_s / SIDESLIP_ERROR_S))
+    scales = [np.zeros(SIDESLIP_INDEX - SCALE_INDEX), np.array([gamma]), np.zeros(BIAS_INDEX - BEND_INDEX)]
+    lasting = np.diag(np.concatenate([*scales, *walks]))
 
     def R(mean: np.ndarray, G: np.ndarray) -> np.ndarray:
         rest_cov = unmoved_cov(row, mean, x.cov) + slip_covariance(estimator, mean, row.dt_s)
         return block_diagonal(
-            [process_noise_cov(estimator, mean[2], row, G[4, 4], noise_level, variance), constant]
+            [process_noise_cov(estimator, mean[2], row, G[4, 4], noise_level, variance), lasting]
         ) + block_diagonal([rest_cov, np.zeros((n - 3, n - 3))])
 
     motion = predict(
@@ -99,7 +109,9 @@ def advance_mean(
     next_disturbance = mean_disturbance + (d - mean_disturbance) * np.exp(
         -dt_s / estimator.disturbance_fade_s
     )
-    return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, next_disturbance, mean[SCALE_INDEX:]])
+    gamma = mean[SIDESLIP_INDEX] * np.exp(-dt_s / SIDESLIP_ERROR_S)
+    lasting = (mean[SCALE_INDEX:SIDESLIP_INDEX], np.array([gamma]), mean[BEND_INDEX:])
+    return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, next_disturbance, *lasting])
 
 
 def mean_disturbance_after(

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
 SCALE_INDEX, BIAS_INDEX = 8, 13  # index of the first of κ, β, γ, w, and of the first bias
+SIDESLIP_INDEX = 11  # index of γ
 # index of w, the bend of the position's region at a large heading variance; w is not estimated
 BEND_INDEX = 12
 POSITION_STATES, TURNING_STATES, FORWARD_STATES = (0, 1), (2, 4, 5, 7), (3, 4, 6)  # entries of x
