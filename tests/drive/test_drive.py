@@ -12,14 +12,18 @@ from baqueano.controllers.schedule import script_commands
 from baqueano.diagnostics import Severity, StopReason
 from baqueano.drive import experiment, repeat, replay, stop_reason_of, teach
 from baqueano.drive.observers import Progress
+from baqueano.drive.safety.final_pose import MAX_DISTANCE_M
+from baqueano.drive.tasks import drive_with_driver
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Ekf
 from baqueano.geometry import wrap
-from baqueano.guides import Repeat, SinuousCircle
+from baqueano.guides import Repeat, RepeatByProgress, SinuousCircle
+from baqueano.guides.repeat_by_progress import END_WAIT_S
 from baqueano.guides.route import move_route
 from baqueano.guides.shapes import circle
 from baqueano.loop import Blocks
 from baqueano.runs import Channel, read_run
+from baqueano.runs.run_path import route_of
 from baqueano.sensors import Mark
 from baqueano.signals import sensor_slots
 from baqueano.supervisor import Supervisor
@@ -355,3 +359,33 @@ def test_a_vehicle_ends_a_drawn_route_slowly_at_its_last_pose(name, speed, end_m
     assert abs(run.truth.nu[-1, 0]) < 0.3 * speed
     cruise = slice(run.begin_index + round(2.0 * file.rate_hz), -round(2.5 * file.rate_hz))
     assert run.truth.nu[cruise, 0].min() > 0.7 * speed  # it does not brake between two laps
+
+
+def late_drive(driver, **values):
+    """Return a drive of the vehicle `small` if these values of its model are wrong."""
+    file = load("small")
+    return drive_with_driver(file, driver, truth=file.with_values(values), seed=3)
+
+
+def test_a_lesson_of_a_vehicle_that_lags_behind_returns_to_its_start():
+    """Before, the lesson ended at its planned time, 0.39 m and 91° before the end of the circle."""
+    run = late_drive(circle(0.3, 0.4), **{"model.friction.linear": [13.2, 40.0, 0.046]})
+    assert np.hypot(*run.estimate.eta[-1, :2]) < 0.1
+    assert route_of(run, True).closed
+    assert run.estimate.nu[-1, 0] > 0.1  # a closed lesson ends in motion
+
+
+def test_a_late_vehicle_is_at_rest_at_the_end_of_its_route():
+    """Before, the motors were switched off at 0.38 m/s, 14 cm before the end."""
+    route = circle(0.4, 0.4)
+    guide = RepeatByProgress.along(route, acceleration_m_s2=2.0)
+    run = late_drive(guide, **{"model.friction.linear": [9.9, 40.0, 0.0345]})
+    assert np.hypot(*(run.estimate.eta[-1] - route.eta[-1])[:2]) < MAX_DISTANCE_M
+    assert abs(run.estimate.nu[-1, 0]) <= 0.05
+
+
+def test_a_lesson_of_a_vehicle_that_hardly_moves_lasts_at_most_twice_as_long():
+    lesson = circle(0.3, 0.2)
+    run = late_drive(lesson, **{"model.drivetrain.gain": [0.05, 0.05]})
+    rest_s, start_s = 2.0, 1.0
+    assert run.duration_s < rest_s + start_s + 2.0 * (lesson.t_s[-1] + END_WAIT_S)

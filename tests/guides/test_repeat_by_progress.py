@@ -5,6 +5,7 @@ import pytest
 
 from baqueano.block_checks import check_guide
 from baqueano.guides import RepeatByProgress
+from baqueano.guides.repeat_by_progress import END_WAIT_S
 from baqueano.guides.route import Route
 from baqueano.guides.shapes import circle, eight, rectangle
 from baqueano.signals import Estimate
@@ -177,7 +178,9 @@ def test_a_reference_that_waits_follows_an_even_motion_evenly(sign):
     poses = np.diag([sign * 2.0, 0.0, 0.0])[[1, 0]]
     guide = RepeatByProgress(np.array([0.0, 8.0]), poses, np.tile([sign * 0.25, 0.0, 0.0], (2, 1)))
     ways_m = np.arange(0.6, 1.0, 0.001)
-    paces, aside_m = zip(*(guide._pace(4.0, estimate_at([sign * x, 0.05, 0.0])) for x in ways_m), strict=True)
+    paces, aside_m, _ = zip(
+        *(guide._pace(4.0, estimate_at([sign * x, 0.05, 0.0])) for x in ways_m), strict=True
+    )
     assert np.abs(np.diff(paces)).max() < 1.01 * 0.001 / guide.wait_m
     assert (paces[0], paces[-1]) == (-1.0, 1.0)
     assert np.array(aside_m) == pytest.approx(0.05, abs=1e-9)
@@ -198,3 +201,18 @@ def test_the_reference_advances_along_a_route_of_two_poses():
     x = np.array([reference.eta[0] for reference in references])
     assert np.all(np.diff(x) >= 0.0)
     assert x[-1] == 2.0
+
+
+def test_a_vehicle_blocked_before_the_end_is_awaited_for_a_bounded_time():
+    route = Route(
+        np.array([0.0, 8.0]), np.diag([2.0, 0.0, 0.0])[[1, 0]], np.tile([0.25, 0.0, 0.0], (2, 1)), False
+    )
+
+    def place(k, reference):
+        return np.array([min(on_it(k, reference)[0], 1.9), 0.0, 0.0])
+
+    references = drive_guide(RepeatByProgress.along(route), place, 1400)
+    end = next(k for k, reference in enumerate(references) if reference.eta[0] == 2.0)
+    done = next(k for k, reference in enumerate(references) if reference.at_end > 0.0)
+    assert (done - end) * DT == pytest.approx(END_WAIT_S, abs=3.0 * DT)
+    assert references[done].nu.tolist() == [0.0, 0.0, 0.0]

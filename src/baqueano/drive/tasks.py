@@ -21,8 +21,8 @@ from baqueano.drive.safety.route_check import warnings_of
 from baqueano.drive.session import Conditions, drive
 from baqueano.drive.smoothing import smooth_run
 from baqueano.errors import FileError, UsageError
-from baqueano.guides import Idle, Playback
-from baqueano.guides.repeat import Repeat, with_laps
+from baqueano.guides import Idle, Playback, RepeatByProgress
+from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
 from baqueano.loop import Blocks
 from baqueano.runs import Run
@@ -37,6 +37,7 @@ from baqueano.worlds.replayed import ReplayedWorld, supervisor_of
 if TYPE_CHECKING:
     from baqueano.drive.closure import Closure
 
+LESSON_PACE = 0.5  # a lesson lasts at most twice its planned time, and 2 END_WAIT_S
 ENDS = {"duration_s", "tick_times_ns", "world", "path"}  # conditions of a drive without a last lap
 
 
@@ -184,7 +185,8 @@ def drive_with_driver(
     """Drive as `driver` directs, see `teach`, and return the run; its metadata contain `kind`."""
     n, rate_hz, hand = vehicle_file.vehicle.commands, vehicle_file.rate_hz, None
     if isinstance(driver, Route):
-        guide = Repeat.along(driver, ends_in_motion=driver.closed)  # a closed lesson is one of many laps
+        # a closed lesson is one of many laps
+        guide = RepeatByProgress.along(driver, 1, driver.closed, slowest=LESSON_PACE)
     elif isinstance(driver, type):
         guide = vehicle_file.guide(kind=driver)
     elif callable(driver):

@@ -3,16 +3,16 @@
     s*(η) = s_k + (p − p_k) · t_k,   k: the point nearest to the vehicle, |s_k − s(τ)| ≤ reach_m          (1)
     d = s(τ) − s*(η)                                          distance of the vehicle behind              (2)
     τ̇ = 1                                                     while |d| ≤ slack
-      = max(1 − (d − slack) / wait_m, −1)                     behind: slower, stop, move back
+      = max(1 − (d − slack) / wait_m, slowest)                behind: slower, stop, move back
       = min(1 − (d + slack) / wait_m, fastest)                in front: faster                            (3)
-    η_r = route(τ),   ν_r = max(τ̇, min(e / wait_m, 1)) ν(τ),   lap = ⌊τ / T⌋,   done when lap ≥ laps      (4)
+    η_r = route(τ),   ν_r = max(τ̇, min(e / wait_m, 1)) ν(τ)                                               (4)
     τ̇ ≤ σ̇ at the start,   τ̇ ≤ √(2 (laps T − τ) / D) at the end           of (2) and (3) of repeat.py     (5)
+    done when τ ≥ laps T and the vehicle is there: at rest, d ≤ slack_m; or END_WAIT_S later              (6)
 
-τ: time of the teacher; s: distance; T: duration of a lap; η: pose, p: its position; t_k: direction of motion at k. τ is
-continuous, and (1) searches only near τ and between two changes of direction: neither a crossing nor a cusp is a short
-cut. slack = slack_m + slack_s |v| allows for delay and lag. A blocked vehicle stops the reference wait_m + slack ahead
-of it. e is the distance beside k. Beside the route ν_r does not become 0, because most laws cannot steer at rest. In
-(1) and e, a radian has the weight of HEADING_WEIGHT_M. Source: the virtual target of Aicardi et al., 1995.
+τ: time of the teacher; s: distance; T: duration of a lap; p: position of the pose η; t_k: direction at k. τ is
+continuous, and (1) searches only near τ and between two changes of direction: no crossing or cusp is a short cut.
+slack = slack_m + slack_s |v|. e is the distance beside k, where ν_r > 0, because most laws cannot steer at rest. A
+closed route that ends in motion goes on until (6). Source: the virtual target of Aicardi et al., 1995.
 """
 
 from dataclasses import dataclass
@@ -22,14 +22,15 @@ import numpy as np
 
 from baqueano.contracts.values import Tree, Value
 from baqueano.geometry import wrap
-from baqueano.guides.repeat import TINY, Repeat, RepeatState
+from baqueano.guides.repeat import REST_M_S, TINY, Repeat, RepeatState
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference, seconds
 
-HEADING_WEIGHT_M = 0.1
+HEADING_WEIGHT_M = 0.1  # of a radian, in (1) and e
 FAR_AWAY = 1e9
 MIN_SPEED_M_S = 0.02  # a slower pose belongs to the piece before it
 MIN_PACE = 0.05  # of (5), so that the reference reaches the end
+END_WAIT_S = 3.0  # of (6): the vehicle is at most wait_m + slack behind
 MIN_SPACING_M, MAX_SPACING_M = 0.04, 0.05  # of the points of (1)
 
 
@@ -48,7 +49,7 @@ class RepeatByProgress(Repeat):
 
     Notes
     -----
-    Equations (1)-(4) of the module; the virtual target of Aicardi et al., IEEE Robotics and Automation Magazine, 1995.
+    Equations (1)-(6) of the module; the virtual target of Aicardi et al., IEEE Robotics and Automation Magazine, 1995.
 
     Examples
     --------
@@ -68,6 +69,13 @@ class RepeatByProgress(Repeat):
         "m", "distance beyond the slack at which the route stops", low=0.01, default=0.1
     )
     reach_m: float = parameter("m", "length of route in which the vehicle is searched", low=0.05, default=0.5)
+    slowest: float = parameter(
+        "1",
+        "smallest pace τ̇; below 0 the route goes back, above 0 its duration is bounded",
+        low=-1.0,
+        high=1.0,
+        default=-1.0,
+    )
     fastest: float = parameter("1", "largest pace τ̇, to catch up", low=1.0, high=10.0, default=1.5)
 
     def init(self) -> Tree:
@@ -80,23 +88,55 @@ class RepeatByProgress(Repeat):
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference at the teacher's time τ.  (4)"""
-        period, end = self.t_s[-1], self.end_s
+        end = self.end_s
         entry = self._joined(state.entry, estimate)
-        phase = state.tau_s - period * np.floor(state.tau_s / period)
+        phase = self._phase(state.tau_s)
         dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 0.0)
-        pace, aside_m = self._pace(phase, estimate)
+        pace, aside_m, behind_m = self._pace(phase, estimate)
         largest_pace = np.minimum(
             self._starting_pace(entry, estimate.t_ns), self._braking_pace(end - state.tau_s)
         )
-        tau_s = np.clip(state.tau_s + np.minimum(pace, largest_pace) * dt_s, 0.0, end)
-        is_over: Value = np.where(tau_s >= end, 1.0, 0.0)
-        phase = np.where(is_over > 0.0, period, tau_s - period * np.floor(tau_s / period))
+        clock_pace = np.minimum(pace, largest_pace)
+        if not self._goes_on:  # the reference rests at the end, and τ counts the time
+            clock_pace = np.where(state.tau_s >= end, 1.0, clock_pace)
+        tau_s = np.clip(state.tau_s + clock_pace * dt_s, 0.0, end + END_WAIT_S)
+        phase = self._phase(tau_s)
         eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
+        nu = np.array([np.interp(phase, self.t_s, self.nu[:, i]) for i in range(3)])
+        is_over = self._is_over(state.tau_s, tau_s, behind_m, estimate)
         forward_pace = np.minimum(np.maximum(pace, np.minimum(aside_m / self.wait_m, 1.0)), largest_pace)
         forward_pace = np.where(is_over > 0.0, 0.0, forward_pace)
-        nu = forward_pace * np.array([np.interp(phase, self.t_s, self.nu[:, i]) for i in range(3)])
-        reference = Reference(estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), nu, is_over)
-        return ProgressState(estimate.t_ns, tau_s, entry), reference
+        pose = np.array([eta[0], eta[1], wrap(eta[2])])
+        return ProgressState(estimate.t_ns, tau_s, entry), Reference(
+            estimate.t_ns, pose, forward_pace * nu, is_over
+        )
+
+    @property
+    def _goes_on(self) -> bool:
+        """Return True if the reference continues on the next lap until the vehicle is at the end.  (6)"""
+        return self.closed and self.ends_in_motion
+
+    def _phase(self, tau_s: Value) -> Value:
+        """Return the time [s] of the lap; the end of the route after the last lap, unless the reference goes on."""
+        period = self.t_s[-1]
+        phase = tau_s - period * np.floor(tau_s / period)
+        return phase if self._goes_on else np.where(tau_s >= self.end_s, period, phase)
+
+    def _is_over(self, former_tau_s: Value, tau_s: Value, behind_m: Value, estimate: Estimate) -> Value:
+        """Return 1 if the drive is done, else 0; the vehicle is `behind_m` behind the former reference.  (6)"""
+        is_at_rest = 1.0
+        if self._goes_on:
+            behind_m = behind_m - self._distance_after(former_tau_s - self.end_s)
+        elif not self.ends_in_motion:
+            is_at_rest = np.where(np.abs(estimate.nu[0]) < REST_M_S, 1.0, 0.0)
+        is_there = np.where(behind_m <= self.slack_m, is_at_rest, 0.0)
+        is_there = np.where(tau_s >= self.end_s + END_WAIT_S, 1.0, is_there)
+        return np.where(tau_s >= self.end_s, is_there, 0.0)
+
+    def _distance_after(self, t: Value) -> Value:
+        """Return the length [m] of the route in its first `t` seconds; 0 before its start."""
+        steps_m = np.hypot(np.diff(self.eta[:, 0]), np.diff(self.eta[:, 1]))
+        return np.interp(t, self.t_s, np.append(0.0, np.cumsum(steps_m)))
 
     def _starting_pace(self, entry: RepeatState, t_ns: Value) -> Value:
         """Return the largest pace τ̇ at the time `t_ns`, while the vehicle starts.  (5)"""
@@ -105,11 +145,13 @@ class RepeatByProgress(Repeat):
 
     def _braking_pace(self, left_s: Value) -> Value:
         """Return the largest pace τ̇ if `left_s` [s] of the teacher's time are left.  (5)"""
+        if self.ends_in_motion:
+            return self.fastest
         rest = np.maximum(left_s, 0.0) / np.maximum(self.braking_s, TINY)
         return np.where(rest < 0.5, np.maximum(np.sqrt(2.0 * rest + 1e-12), MIN_PACE), self.fastest)
 
-    def _pace(self, phase: Value, estimate: Estimate) -> tuple[Value, Value]:
-        """Return τ̇ at the time `phase` [s] of a lap, and the distance [m] of the vehicle from the route.  (1)-(3)"""
+    def _pace(self, phase: Value, estimate: Estimate) -> tuple[Value, Value, Value]:
+        """Return τ̇ at the time `phase` [s] of a lap, and the distances e and d [m] of the vehicle.  (1)-(3)"""
         t_s, eta, s = self._points()
         pieces = np.interp(t_s, self.t_s, self._pieces())
         piece, has_cusps = np.interp(phase, t_s, pieces), bool(np.any(pieces > 0.0))
@@ -146,7 +188,7 @@ class RepeatByProgress(Repeat):
         catching_pace = np.maximum(-d - tolerance_m, 0.0) / self.wait_m
         turn_m = HEADING_WEIGHT_M * wrap(psi - estimate.eta[2])
         aside_m = np.sqrt(np.maximum(dx**2 + dy**2 + turn_m**2 - ahead_m**2, 0.0))
-        return np.clip(waiting_pace + catching_pace, -1.0, self.fastest), aside_m
+        return np.clip(waiting_pace + catching_pace, self.slowest, self.fastest), aside_m, d
 
     def _points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the times (m,), the poses (m, 3) and the distances s (m,) of the points of (1).
