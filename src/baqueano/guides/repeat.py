@@ -22,7 +22,7 @@ from baqueano.contracts.blocks import Guide
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid, UsageError
-from baqueano.geometry import map_from_body, wrap
+from baqueano.geometry import wrap
 from baqueano.guides.route import Route
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference, seconds
@@ -30,7 +30,6 @@ from baqueano.vehicles.bounds import check_bounds
 
 BEFORE_START = -1
 ENDLESS_S = 1e9  # 32 years
-MAX_OVERRUN = 0.25  # of a lap: so long a guide that ends in motion waits for the vehicle
 REST_M_S = 0.05  # a drive starts and ends slower: a taught route begins one tick before its vehicle moves
 TINY = 1e-12
 
@@ -55,8 +54,7 @@ class Repeat:
     closed : bool
         True if the last pose equals the first one.
     ends_in_motion : bool
-        True if the last lap of a closed route ends when the vehicle passes its end at the speed of the route. A lap
-        taught in this way can be repeated.
+        True if the last lap ends at the speed of the route, so that a lap taught in this way can be repeated.
 
     References
     ----------
@@ -125,7 +123,7 @@ class Repeat:
         """Return the state, and the reference: pose and velocity of the route at this time of the lap.  (1)"""
         state = self._joined(state, estimate)
         sigma_s, starting_pace = self._start(state, estimate.t_ns)
-        tau_s, ending_pace, is_over = self._end(sigma_s, estimate)
+        tau_s, ending_pace, is_over = self._end(sigma_s)
         period, pace = self.t_s[-1], starting_pace * ending_pace
         phase = np.where(is_over > 0.0, period, tau_s - period * np.floor(tau_s / period))
         eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
@@ -184,16 +182,8 @@ class Repeat:
         sigma_s = state.tau_s + x * (state.pace + 0.5 * rise) + (t - x)
         return sigma_s, np.where(t < starting_s, state.pace + rise, 1.0)
 
-    def _end(self, sigma_s: Value, estimate: Estimate) -> tuple[Value, Value, Value]:
-        """Return τ [s] for σ, its slope dτ/dσ, and 1 after the end, else 0.  (3)
-
-        A guide that ends in motion leads on, until the vehicle has also passed the end of the route.
-        """
-        if self.ends_in_motion:
-            course = map_from_body(self.eta[-1, 2])[:2, :2] @ self.nu[-1, :2]
-            is_passed = course @ (estimate.eta[:2] - self.eta[-1, :2]) >= 0.0
-            is_late = sigma_s >= self.end_s + MAX_OVERRUN * self.t_s[-1]
-            return sigma_s, 1.0, np.where((sigma_s >= self.end_s) & (is_passed | is_late), 1.0, 0.0)
+    def _end(self, sigma_s: Value) -> tuple[Value, Value, Value]:
+        """Return τ [s] for σ, its slope dτ/dσ, and 1 after the end, else 0.  (3)"""
         D = self.braking_s
         begin_s = self.end_s - 0.5 * D
         x = np.clip(sigma_s - begin_s, 0.0, D)

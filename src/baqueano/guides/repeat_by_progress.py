@@ -7,7 +7,7 @@
       = min(1 − (d + slack) / wait_m, fastest)                in front: faster                            (3)
     η_r = route(τ),   ν_r = max(τ̇, min(e / wait_m, 1)) ν(τ)                                               (4)
     τ̇ ≤ σ̇ at the start,   τ̇ ≤ √(2 (laps T − τ) / D) at the end           of (2) and (3) of repeat.py     (5)
-    done when τ ≥ laps T and the vehicle is there: at rest, d ≤ slack_m; or END_WAIT_S later              (6)
+    done when τ ≥ laps T and the vehicle is there: at rest, d ≤ slack_m, in motion d ≤ 0; or END_WAIT_S later   (6)
 
 τ: time of the teacher; s: distance; T: duration of a lap; p: position of the pose η; t_k: direction at k. τ is
 continuous, and (1) searches only near τ and between two changes of direction: no crossing or cusp is a short cut.
@@ -124,12 +124,12 @@ class RepeatByProgress(Repeat):
 
     def _is_over(self, former_tau_s: Value, tau_s: Value, behind_m: Value, estimate: Estimate) -> Value:
         """Return 1 if the drive is done, else 0; the vehicle is `behind_m` behind the former reference.  (6)"""
-        is_at_rest = 1.0
-        if self._goes_on:
-            behind_m = behind_m - self._distance_after(former_tau_s - self.end_s)
+        is_at_rest, slack_m = 1.0, self.slack_m
+        if self._goes_on:  # and the vehicle passes the end
+            behind_m, slack_m = behind_m - self._distance_after(former_tau_s - self.end_s), 0.0
         elif not self.ends_in_motion:
             is_at_rest = np.where(np.abs(estimate.nu[0]) < REST_M_S, 1.0, 0.0)
-        is_there = np.where(behind_m <= self.slack_m, is_at_rest, 0.0)
+        is_there = np.where(behind_m <= slack_m, is_at_rest, 0.0)
         is_there = np.where(tau_s >= self.end_s + END_WAIT_S, 1.0, is_there)
         return np.where(tau_s >= self.end_s, is_there, 0.0)
 
