@@ -1,6 +1,5 @@
 """Define the program of a traced step: the contract between the tracer and the back ends."""
 
-import hashlib
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol, TypeAlias
 
@@ -39,6 +38,8 @@ class Program(NamedTuple):
     @property
     def fingerprint(self) -> bytes:
         """Return a digest of all that determines the code of `copy()`: equal programs have equal digests."""
+        import hashlib  # no vehicle needs it before its first drive
+
         numbers = {x: (role, k) for role, nodes in enumerate(self.symbols) for k, x in enumerate(nodes)}
         roots = (*self.initial, *self.next_carry, *self.outputs)
         nodes, tables = nodes_below(roots), set()
