@@ -42,8 +42,8 @@ def benches(smallest: bool) -> list[Bench] | list[LeftOut]:
     u = paper.signal(1.0 if smallest else 60.0, sideways=5.0)
     text = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
     libraries = {
-        name: compile.load_library(text, operations, find_vectors)
-        for name, (find_vectors, operations) in HANDS.items()
+        name: compile.load_library((text, n), lambda n=n: (text, n), find_vectors)
+        for name, (find_vectors, n) in HANDS.items()
     }
     return [bench(libraries, u) for bench in (trajectory, filtering, fitting, fleet)]
 

@@ -1,5 +1,6 @@
 """The cache of libraries: a loaded library is always complete. A missing compiler is reported."""
 
+import ctypes
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +17,7 @@ EXPORT = "#ifdef _WIN32\n__declspec(dllexport)\n#endif\n"
 SCRIPT = """
 import sys
 from baqueano.symbolic.c_code import compile
-library = compile.load_library(open(sys.argv[1], encoding="utf-8").read())
+library = compile.load_library((), lambda: (open(sys.argv[1], encoding="utf-8").read(), 0))
 print(library.answer())
 """
 
@@ -36,34 +37,46 @@ def answer(number: int) -> str:
     return f"{EXPORT}int answer(void) {{ return {number}; }}\n"
 
 
+def load(source: str, operation_count: int = 0) -> ctypes.CDLL:
+    return compile.load_library((source,), lambda: (source, operation_count))
+
+
 def libraries(cache: Path) -> list[Path]:
     return sorted(cache.rglob("*" + compile.LIBRARY_SUFFIX))
 
 
 def test_a_library_is_cached_in_a_folder_with_spaces_and_accents(cache):
-    assert compile.load_library(answer(41)).answer() == 41
+    assert load(answer(41)).answer() == 41
     assert len(libraries(cache)) == 1
     before = libraries(cache)[0].stat().st_mtime_ns
     compile._libraries.clear()
-    assert compile.load_library(answer(41)).answer() == 41
+    assert load(answer(41)).answer() == 41
     assert libraries(cache)[0].stat().st_mtime_ns == before
 
 
 def test_a_different_source_gives_a_different_library(cache):
-    assert compile.load_library(answer(1)).answer() == 1
-    assert compile.load_library(answer(2)).answer() == 2
+    assert load(answer(1)).answer() == 1
+    assert load(answer(2)).answer() == 2
+    assert len(libraries(cache)) == 2
+
+
+def test_a_different_optimisation_gives_a_different_library(cache, monkeypatch):
+    """The tests compile without optimisation: a program of the user must not load such a library."""
+    for level in ("-O0", "-O1"):
+        monkeypatch.setattr(compile, "LONG_LEVEL", level)
+        assert load(answer(1), operation_count=10**6).answer() == 1
     assert len(libraries(cache)) == 2
 
 
 @pytest.mark.parametrize("damage", [b"", b"not a library", None])
 def test_a_damaged_library_is_built_again(cache, damage):
-    compile.load_library(answer(42))
+    load(answer(42))
     path = libraries(cache)[0]
     data = path.read_bytes()
     path.unlink()  # the old one stays mapped
     path.write_bytes(data[: len(data) // 2] if damage is None else damage)
     compile._libraries.clear()
-    assert compile.load_library(answer(42)).answer() == 42
+    assert load(answer(42)).answer() == 42
     assert [p.stat().st_size > 1000 for p in libraries(cache)] == [True]
 
 
@@ -84,12 +97,12 @@ def test_two_processes_can_build_the_same_library_at_once(cache, tmp_path):
 def test_compilation_works_without_a_writable_cache(cache):
     cache.parent.mkdir(parents=True)
     cache.write_text("a file where the folder should be")
-    assert compile.load_library(answer(44)).answer() == 44
+    assert load(answer(44)).answer() == 44
 
 
 def test_invalid_c_source_is_an_error_that_quotes_the_compiler(cache):
     with refused("compiler.refuses", compile.CompileError):
-        compile.load_library("int answer(void) { return nonsense; }\n")
+        load("int answer(void) { return nonsense; }\n")
 
 
 def test_a_missing_compiler_is_reported_with_the_install_command(monkeypatch):
@@ -101,7 +114,7 @@ def test_a_missing_compiler_is_reported_with_the_install_command(monkeypatch):
     assert search.compiler is None
     assert search.reason == fault("compiler.absent", "pip install ziglang")
     with refused("compiler.absent", compile.CompileError):
-        compile.load_library(answer(45))
+        load(answer(45))
     compile._find.cache_clear()
 
 
@@ -131,7 +144,7 @@ def test_a_library_that_cannot_be_loaded_is_a_compile_error(monkeypatch, cache):
     compile.find_compiler()
     monkeypatch.setattr(compile, "_build", fail_build)
     with refused("compiler.no-library", compile.CompileError):
-        compile.load_library(answer(48))
+        load(answer(48))
 
 
 def test_flags_that_a_compiler_refuses_are_omitted(monkeypatch, cache):
@@ -142,7 +155,7 @@ def test_flags_that_a_compiler_refuses_are_omitted(monkeypatch, cache):
         return [(*first, "-march=no-such-processor"), *remaining]
 
     monkeypatch.setattr(compile, "_flag_sets", with_refused_flags)
-    assert compile.load_library(answer(46)).answer() == 46
+    assert load(answer(46)).answer() == 46
 
 
 @pytest.mark.parametrize(("machine", "is_whole"), [("x86_64", True), ("AMD64", True), ("aarch64", False)])
@@ -164,5 +177,5 @@ def test_fast_math_is_never_enabled():
 
 
 def test_loading_a_library_does_not_disable_subnormal_numbers(cache):
-    compile.load_library(answer(47))
+    load(answer(47))
     assert 1e-310 * 0.5 == 5e-311

@@ -34,7 +34,7 @@ SPECIAL = np.array([0.0, -0.0, 1.0, -1.0, math.inf, -math.inf, math.nan, 5e-324]
 def library() -> ctypes.CDLL:
     pairs = [(name, "x") for name in ONE] + [(name, "x, z") for name in TWO]
     body = "".join(LOOP.format(name=n, width=w, arguments=a) for n, a in pairs for w in WIDTHS)
-    return compile.load_library(header(body, []) + body)
+    return compile.load_library((body,), lambda: (header(body, []) + body, 0))
 
 
 def evaluate(library: ctypes.CDLL, name: str, width: int, a: np.ndarray, b: np.ndarray | None = None):

@@ -41,9 +41,7 @@ MAX_CURVATURE_ERROR_1_M = 1.0  # of a straight drive, for ω_i
 MAX_ALONG_ERROR_M = 0.3  # limit of e_x: a larger error does not increase the requested speed
 MAX_CATCH_UP_M_S = 0.3  # v_c, however large the gains are
 MAX_ARC_M = 0.5  # of (2a): farther away, the path has another curvature
-MIN_RADIUS_RATIO = (
-    0.5  # of (2a): distance of the vehicle from the centre of the circle, as a share of its radius
-)
+MIN_RADIUS_RATIO = 0.5  # of (2a): of the vehicle, relative to that of the circle
 MAX_APPROACH_RAD = 1.0  # largest angle between course and path when a law approaches from far
 DELAY_RATIO = 1.25  # smallest further delay that a loop of the course tolerates, as a share of T
 MIN_COURSE_SPEED_M_S = 0.02  # below this speed the course is the heading

@@ -16,7 +16,7 @@ A call passes through the modules from top to bottom; each module imports only m
 
 from baqueano.symbolic.arrays.array import interp, where
 from baqueano.symbolic.branch import branch, tree_where
-from baqueano.symbolic.derivatives.dual import jacobian
+from baqueano.symbolic.derivatives.dual import chain_rule, jacobian
 from baqueano.symbolic.errors import TraceError
 from baqueano.symbolic.function import compile_block, function
 from baqueano.symbolic.graph.program import NormalEquations

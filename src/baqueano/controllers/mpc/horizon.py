@@ -191,9 +191,8 @@ class Horizon:
             [3, 3, rest_state.past_commands.size, rest_state.steps_s.size, rest_state.lag_state.size, 3, 3]
         )
 
-        turn = np.array(
-            [0.0, optional.turning_arm_m(self._linear_vehicle), 1.0]
-        )  # about the centre of turning
+        # about the centre of turning
+        turn = np.array([0.0, optional.turning_arm_m(self._linear_vehicle), 1.0])
 
         def step(theta: np.ndarray, x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             eta, nu, *motor_parts, eta_r, nu_r, turn_error = np.split(x, offsets)

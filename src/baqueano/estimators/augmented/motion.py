@@ -37,7 +37,7 @@ from baqueano.estimators.kalman import Gaussian, StatePrediction, predict
 from baqueano.estimators.pauses import FilterRow, limit_covariance, limiting_factors, unmoved_cov
 from baqueano.estimators.readings.sensor_numbers import slip_statistics
 from baqueano.geometry import map_from_body, wrap
-from baqueano.symbolic.derivatives.dual import chain_rule
+from baqueano.symbolic import chain_rule
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.state import DynamicVehicle
 

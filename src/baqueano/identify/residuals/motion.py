@@ -155,7 +155,7 @@ def open_loop(
 def cached_kernel(
     blocks: FittedBlocks, shape: ThetaShape, backend: str, trace: Callable[..., K], *arguments: Any
 ) -> K:
-    """Return `traced(blocks, shape, backend, *more)`, cached for fits with the same structure and fixed numbers."""
+    """Return `trace(blocks, shape, backend, *arguments)`, cached for fits with the same structure and fixed numbers."""
     shape_blocks = blocks
     for path in shape.paths:
         shape_blocks = with_value(shape_blocks, path, 0.0)

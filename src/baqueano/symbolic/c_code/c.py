@@ -61,19 +61,13 @@ class CKernel:
         self._function("values")(len(inputs), *addresses, 0.0, *_addresses(outputs, final), None)
 
     def bind(
-        self,
-        theta: Array,
-        start: Array,
-        inputs: Array,
-        outputs: Array,
-        rows_filled: Array,
-        method: str = "run",
+        self, theta: Array, start: Array, inputs: Array, outputs: Array, result: Array, method: str = "run"
     ) -> Callable[[], object]:
         """Return `run` or `sensitivities` bound to these arrays, whose addresses are read once.
 
         The call holds the interpreter's lock, because a tick takes only microseconds and must not wait for the lock.
         """
-        arrays = theta, start, inputs, outputs, rows_filled
+        arrays = theta, start, inputs, outputs, result
         addresses = np.array([len(inputs), *_addresses(*arrays)], dtype=np.int64)
         name = "values" if method == "run" else method
         self._function(name, is_hasty=True)  # for one tick, the call costs more than the arithmetic
@@ -173,7 +167,7 @@ class CKernel:
             body = self._text(name, *options)
             return header(body, self.program.tables) + body, body.count(" = ")
 
-        library = self.libraries[key] = compile.load_code(
+        library = self.libraries[key] = compile.load_library(
             (self.fingerprint, name, options),
             code,
             find_vectors=name == "batch",  # only then √ and ⌊ ⌋ of eight lanes become vectors

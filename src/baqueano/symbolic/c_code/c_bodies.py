@@ -236,7 +236,7 @@ def batch(program: Program, shared_flags: Sequence[bool], with_outputs: bool) ->
 def _start_vectors(
     text: CText, program: Program, order: EmitPlan, strides: dict[str, Value], fixed_terms: Sequence[Term]
 ) -> None:
-    """Add the code that fills each vector before the first tick: addresses, `fixed_terms` terms, and the carry."""
+    """Add the code that fills each vector before the first tick: addresses, `fixed_terms`, and the carry."""
     text.open_brace(EACH_VECTOR)
     text.open_brace(f"for (int lane = 0; lane < {LANE_COUNT}; ++lane) {{")
     text.add(f"int64_t vehicle = first + {LANE_COUNT} * (vector - turns) + lane;")

@@ -1,9 +1,9 @@
 """Compile C code to a loaded library: find a compiler, choose its flags, store the result.
 
-A library is stored in the user's cache folder under the hash of all that it depends on (program, modules that generate
-code, compiler, processor). So the code of a stored library is not generated again. The file name is the hash of its
-content, and is checked before loading: a damaged file is removed and built again. Two processes can build the same
-kernel at the same time.
+A library is stored in the user's cache folder under the hash of all that it depends on: program, modules that generate
+code, optimisation, compiler, processor. So the code of a stored library is not generated again. The file name is the
+hash of its content, and is checked before loading: a damaged file is removed and built again. Two processes can build
+the same kernel at the same time.
 
 Never use -ffast-math: a library that was linked with it sets subnormal numbers to zero in the whole process.
 -fno-math-errno, -fno-trapping-math and -ffp-contract=fast make the code equally fast. Modules needed only for a build
@@ -67,23 +67,16 @@ class FoundCompiler(NamedTuple):
 
 
 def load_library(
-    source: str, operation_count: int = 0, find_vectors: bool = True, is_hasty: bool = False
+    identity: tuple[object, ...],
+    code: Callable[[], tuple[str, int]],
+    find_vectors: bool = True,
+    is_hasty: bool = False,
 ) -> "ctypes.CDLL":
     """Return the library of C code, from the cache if possible. Raise CompileError without a working compiler.
 
-    The flags depend on `operation_count`, the number of operations in the loop. `find_vectors` lets the compiler
-    vectorise; `is_hasty` makes the compilation faster and the code slower.
-    """
-    identity = source, operation_count
-    return load_code(identity, lambda: (source, operation_count), find_vectors, is_hasty)
-
-
-def load_code(
-    identity: tuple[object, ...], code: Callable[[], tuple[str, int]], find_vectors: bool, is_hasty: bool
-) -> "ctypes.CDLL":
-    """Return the library of the C code that `code` generates, with its number of operations.
-
-    `identity` determines the code, which is only generated if no library is in the cache.
+    `code` returns the code and the number of operations in its loop, on which the flags depend. `identity` determines
+    both, and `code` is only called if the library is not in the cache. `find_vectors` lets the compiler vectorise;
+    `is_hasty` makes the compilation faster and the code slower.
     """
     compiler = find_compiler()
     if compiler.compiler is None:
@@ -183,7 +176,8 @@ def _load(
     find_vectors: bool,
     is_hasty: bool,
 ) -> "ctypes.CDLL":
-    parts = identity, find_vectors, is_hasty, compiler.identity, _processor(), _generator()
+    levels = MAX_SCHEDULED_OPERATIONS, MAX_THOROUGH_OPERATIONS, MIN_HASTY_OPERATIONS, HASTY_LEVEL, LONG_LEVEL
+    parts = identity, find_vectors, is_hasty, levels, compiler.identity, _processor(), _generator()
     key = hashlib.sha256(repr(parts).encode()).hexdigest()
     with _lock:
         if key not in _libraries:

@@ -97,13 +97,7 @@ class Kernel(Protocol):
         ...
 
     def bind(
-        self,
-        theta: Array,
-        start: Array,
-        inputs: Array,
-        outputs: Array,
-        rows_filled: Array,
-        method: str = "run",
+        self, theta: Array, start: Array, inputs: Array, outputs: Array, result: Array, method: str = "run"
     ) -> Callable[[], object]:
         """Return `run` or `sensitivities` bound to these arrays, for repeated calls.
 

@@ -77,17 +77,11 @@ class PythonKernel:
         final[:] = last
 
     def bind(
-        self,
-        theta: Array,
-        start: Array,
-        inputs: Array,
-        outputs: Array,
-        rows_filled: Array,
-        method: str = "run",
+        self, theta: Array, start: Array, inputs: Array, outputs: Array, result: Array, method: str = "run"
     ) -> Callable[[], object]:
         """Return `run` or `sensitivities` bound to these arrays."""
         if len(inputs) != 1 or self.program.carry or self.program.theta or self.program.start:
-            return partial(getattr(self, method), theta, start, inputs, outputs, rows_filled)
+            return partial(getattr(self, method), theta, start, inputs, outputs, result)
         return self._tick(inputs[0], outputs[0])
 
     def sensitivities(
