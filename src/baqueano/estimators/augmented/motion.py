@@ -61,11 +61,11 @@ def predict_row(
         np.array([bias.value_at(estimator.sensors, bias.walk) ** 2 * row.dt_s])
         for bias in layout(estimator).biases
     ]
-    gamma = estimator.sideslip_error_std**2 * (1.0 - np.exp(-2.0 * row.moved_s / SIDESLIP_ERROR_S))
-    scales = [np.zeros(SIDESLIP_INDEX - SCALE_INDEX), np.array([gamma]), np.zeros(BIAS_INDEX - BEND_INDEX)]
-    lasting = np.diag(np.concatenate([*scales, *walks]))
 
     def R(mean: np.ndarray, G: np.ndarray) -> np.ndarray:
+        gamma = estimator.sideslip_error_std**2 * (1.0 - G[SIDESLIP_INDEX, SIDESLIP_INDEX] ** 2)
+        before, after = np.zeros(SIDESLIP_INDEX - SCALE_INDEX), np.zeros(BIAS_INDEX - BEND_INDEX)
+        lasting = np.diag(np.concatenate([before, np.array([gamma]), after, *walks]))
         rest_cov = unmoved_cov(row, mean, x.cov) + slip_covariance(estimator, mean, row.dt_s)
         return block_diagonal(
             [process_noise_cov(estimator, mean[2], row, G[4, 4], noise_level, variance), lasting]
@@ -109,7 +109,8 @@ def advance_mean(
     next_disturbance = mean_disturbance + (d - mean_disturbance) * np.exp(
         -dt_s / estimator.disturbance_fade_s
     )
-    gamma = mean[SIDESLIP_INDEX] * np.exp(-dt_s / SIDESLIP_ERROR_S)
+    # an exponential would take a fifth of the row
+    gamma = mean[SIDESLIP_INDEX] / (1.0 + dt_s / SIDESLIP_ERROR_S)
     lasting = (mean[SCALE_INDEX:SIDESLIP_INDEX], np.array([gamma]), mean[BEND_INDEX:])
     return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, next_disturbance, *lasting])
 
