@@ -15,6 +15,7 @@ from baqueano.study.laps.result import FullDrive, LapCase, LapStudy, laps_of
 from baqueano.study.laps.returns import ends_of_laps, refused_share
 from baqueano.study.truth import FloorLines, Gate, PassingFaults, TagReaders, TruthWorld, draw_robots
 from baqueano.symbolic import function
+from baqueano.vehicle_file import Provenance
 from tests.codes import refused
 
 TWO = np.array([[1.0, 0.0], [2.0, 1.0]])
@@ -93,7 +94,9 @@ def test_a_gate_measures_the_pose_relative_to_the_gate_it_reports():
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_vehicle_file_declares_the_sensors_of_each_kind_of_mark(fix, shape):
     route, sizes = SHAPES[shape](0.3), FIXES[fix].sizes
-    file = with_fix(with_fix(initial_file(), "tags", route), fix, route)
+    origins = {key: Provenance("laps") for key in ("model.mass_kg", "sensors.tags.measurement_noise_cov")}
+    file = initial_file().with_values({}, {"model.mass_kg": origins["model.mass_kg"]})
+    file = with_fix(with_fix(file, "tags", route).with_values({}, origins), fix, route)
     assert {name: sensor.size for name, sensor in file.sensors._asdict().items()} == {"imu": 3, **sizes}
     assert list(file.estimator().use) == ["imu", *sizes]
     reader = FIXES[fix].reader(route, [0], route.eta[:1, :2], PassingFaults())

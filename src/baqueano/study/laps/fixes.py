@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import tomlkit
 
 from baqueano.guides.route import Route
 from baqueano.messages.language import mark as N_
@@ -44,12 +45,14 @@ def poses_at_fractions(route: Route, lap_fractions: Sequence[float]) -> np.ndarr
 
 
 def with_fix(vehicle_file: VehicleFile, fix: str, route: Route) -> VehicleFile:
-    """Return the file with the sensors of a fix on a route; its estimator uses them."""
+    """Return the file with the sensors of a fix on a route, in place of other fixes; its estimator uses them."""
     sizes, tables, _ = FIXES[fix]
-    text = vehicle_file.with_values({"estimator.use": ["imu"]}).text
+    document = tomlkit.parse(vehicle_file.with_values({"estimator.use": ["imu"]}).text)
     for name in [name for sensors in FIXES.values() for name in sensors.sizes]:
-        text = text.partition(f"\n[sensors.{name}]")[0]
-    return parse(f"{text}\n{tables(route)}", vehicle_file.name).with_values(
+        document["sensors"].pop(name, None)
+        for key in [key for key in document.get("provenance", {}) if key.startswith(f"sensors.{name}.")]:
+            del document["provenance"][key]
+    return parse(f"{tomlkit.dumps(document)}\n{tables(route)}", vehicle_file.name).with_values(
         {"estimator.use": ["imu", *sizes]}
     )
 
