@@ -12,6 +12,7 @@ import baqueano as bq
 from baqueano.calibration.at_rest import RestMeasurement
 from baqueano.calibration.result import Calibration
 from baqueano.contracts.result import pandas
+from baqueano.drive import drive
 from baqueano.errors import AnswerNo, FileError, Misuse, NoAttribute
 from baqueano.identify.noise.covariances import Noise
 from baqueano.identify.result.fit_result import Fit
@@ -24,9 +25,9 @@ ROBOT = bq.load("small")
 ROUTE = bq.guides.shapes.circle(0.5, 0.2)
 RUN = bq.simulate(ROBOT, np.tile([0.5, 0.0, 0.0], (5, 1)))
 SOURCE = Path(bq.__file__).parent
-ADVICE = re.compile(r"^@checked_call\(['\"](.*)['\"]\)$", re.MULTILINE)
+ADVICE = re.compile(r"^@checked_call\(\s*(['\"])(.*?)\1[,)]", re.MULTILINE)
 EXAMPLES = sorted(
-    {call for path in SOURCE.rglob("*.py") for call in ADVICE.findall(path.read_text(encoding="utf-8"))}
+    {call for path in SOURCE.rglob("*.py") for _, call in ADVICE.findall(path.read_text(encoding="utf-8"))}
 )
 
 
@@ -186,8 +187,17 @@ def test_correct_calls_are_not_changed():
 def test_an_advised_call_matches_its_function(call):
     """The call is evaluated with a function that only binds the arguments."""
     name = call.partition("(")[0]
-    function = eval(name, {"bq": bq})
-    values = {"robot": ROBOT, "route": ROUTE, "run": RUN, "path": ROUTE, "u": 1, "fit": 1, "MyController": 1}
+    function = eval(name, {"bq": bq, "drive": drive})
+    values = {
+        "robot": ROBOT,
+        "route": ROUTE,
+        "run": RUN,
+        "path": ROUTE,
+        "u": 1,
+        "fit": 1,
+        "MyController": 1,
+        "blocks": 1,
+    }
     signature = inspect.signature(function)
     assert eval(
         f"bind{call.removeprefix(name)}",

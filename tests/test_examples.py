@@ -31,7 +31,8 @@ HAVE_ONE = """
     drive.mission: Mission pack perform
     drive.tasks: experiment repeat replay teach
     design.plan: design_plan
-    design.room: contain_in_room room_of
+    design.containment: contain_in_room
+    routes.room: vehicle_room
     identify.fit: identify
     calibration.at_rest: allan_deviation measure_at_rest
     identify.noise.covariances: measure_noise

@@ -45,6 +45,7 @@ sweep = bq.sweep(cart, bq.guides.shapes.circle(0.4, 0.2), controllers=["kanayama
 estimates = {name: fit.value(name) for name in ("push", "drag")}
 estimates | {"drives": len(sweep.drives), "text": cart_run.metadata["vehicle.text"]}
 """
+MISSPELT = 'def reader():\n    return bq.load("smal")\n\nreader()'
 LINE = '\nmine = bq.repeat(robot, route, controller=MyController, duration_s=0.5, path="mine.mcap")\n'
 
 
@@ -54,7 +55,8 @@ def executed_notebooks(tmp_path_factory):
     folder = new(tmp_path_factory.mktemp("notebook") / "mi lab")
     notebook = nbformat.read(folder / "first_evening.ipynb", as_version=4)
     nbformat.validate(notebook)
-    notebook.cells += map(nbformat.v4.new_code_cell, [LINE, MODEL, BROKEN])
+    misspelt = nbformat.v4.new_code_cell(MISSPELT, metadata={"tags": ["raises-exception"]})
+    notebook.cells += [misspelt, *map(nbformat.v4.new_code_cell, [LINE, MODEL, BROKEN])]
     client = NotebookClient(
         notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
     )
@@ -73,7 +75,8 @@ def outputs_of(notebook, kind):
 
 def test_the_notebook_of_a_new_project_runs_without_warnings(executed_notebooks):
     _, notebook = executed_notebooks
-    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    cells = [cell for cell in notebook.cells if cell.source != MISSPELT]
+    outputs = [output for cell in cells for output in cell.get("outputs", [])]
     assert {output.output_type for output in outputs} <= {"execute_result", "display_data"}
 
 
@@ -88,6 +91,16 @@ def test_notebook_results_are_cards_with_short_texts_and_figures_are_images(exec
     assert all(text.count("\n") < 12 for text in outputs_of(notebook, "text/plain"))
     assert len(outputs_of(notebook, "image/png")) == 3
     assert (folder / "errors.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_an_error_in_a_notebook_shows_the_lines_of_its_cells_and_one_paragraph(executed_notebooks):
+    _, notebook = executed_notebooks
+    (cell,) = [cell for cell in notebook.cells if cell.source == MISSPELT]
+    *lines, message = cell.outputs[0].traceback
+    name = f"In[{cell.execution_count}]"
+    assert lines == [f"{name} line 4: reader()", f'{name} line 2: return bq.load("smal")']
+    assert message.startswith("FileError: ")
+    assert '"smal"' in message
 
 
 def test_a_run_stores_the_source_of_a_block_from_a_cell(executed_notebooks):

@@ -66,6 +66,20 @@ def test_an_unknown_name_of_a_package_raises_an_attribute_error():
         get("fnid")
 
 
+@pytest.mark.parametrize(
+    ("name", "nearest_name"),
+    [("controllers.Lqrr", "Lqr"), ("estimators.Ekff", "Ekf"), ("guides.Repet", "Repeat"), ("routes.examin", "examine"),
+     ("guides.shapes.circl", "circle"), ("sensors.Imuu", "Imu"), ("vehicles.Carr", "Car")],
+)  # fmt: skip
+def test_a_misspelt_block_is_answered_with_the_nearest_name_and_only_public_names(name, nearest_name):
+    package, _, member = name.rpartition(".")
+    with pytest.raises(AttributeError) as error_info:
+        getattr(import_module(f"baqueano.{package}"), member)
+    question, _, names = str(error_info.value).partition("?")
+    assert question.endswith(f" {nearest_name}")
+    assert "__" not in names
+
+
 def fresh(code: str) -> str:
     """Return the output of a new Python process."""
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -4,15 +4,18 @@ Each error has an exit code of the command line: 1 the answer is no, 2 usage, 3 
 stop, 130 Ctrl-C.
 """
 
+import linecache
 import sys
 import traceback
 from opcode import opmap
 from pathlib import Path
+from typing import cast
 
 from baqueano.diagnostics import Diagnostic, Severity
 from baqueano.messages import text
 from baqueano.messages.language import translate as _
 
+HIDDEN_MODULES = {"baqueano", "IPython", "ipykernel", "numpy", *sys.stdlib_module_names}  # not of the user
 INTERRUPTED = 130  # Ctrl-C, as shells have it
 USER_MODULE_PREFIX = "baqueano_user_"  # beginning of the name of a module with the user's blocks
 
@@ -27,6 +30,19 @@ class DiagnosticError(Exception):
         super().__init__(text(message))
         self.message = message
         self._diagnostic = diagnostic or (message if isinstance(message, Diagnostic) else None)
+
+    def _render_traceback_(self) -> list[str]:
+        """Return the lines that a notebook shows: the lines of the user's code, and the message."""
+        frames, error = [], cast("BaseException | None", self)
+        while error is not None:
+            for frame, line in traceback.walk_tb(error.__traceback__):
+                if str(frame.f_globals.get("__name__", "")).partition(".")[0] not in HIDDEN_MODULES:
+                    file = frame.f_code.co_filename
+                    name = cell_name(file) or Path(file).name
+                    place = _("{file} line {line}", file=name, line=str(line))
+                    frames.append(f"{place}: {linecache.getline(file, line).strip()}")
+            error = error.__cause__
+        return [*frames, f"{type(self).__name__}: {self}"]
 
     @property
     def diagnostic(self) -> Diagnostic:

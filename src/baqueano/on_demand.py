@@ -44,10 +44,13 @@ def on_demand(
 
 
 def unknown_names(package: str) -> "Callable[[str], object]":
-    """Return the `__getattr__` of a package that imports all its names: it suggests a name, or an import to type."""
+    """Return the `__getattr__` of a module that imports all its names: it suggests a name, or an import to type."""
 
     def get(name: str) -> object:
-        raise AttributeError(_no_such_name(package, name) + _suggestion(name, dir(sys.modules[package])))
+        module = sys.modules[package]
+        submodules = [n for n, x in vars(module).items() if getattr(x, "__name__", "") == f"{package}.{n}"]
+        names = [*module.__all__, *sorted({*submodules} - {*module.__all__})]
+        raise AttributeError(_no_such_name(package, name) + _suggestion(name, names))
 
     return get
 

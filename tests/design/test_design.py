@@ -11,19 +11,18 @@ from baqueano.design.compose import (
     gentler_primitive,
     poses_in_map,
 )
-from baqueano.design.information import DriveInformation, mean_error
-from baqueano.design.plan import design_plan
-from baqueano.design.room import (
-    MAX_LATERAL_M_S2,
-    Room,
-    body_radius,
+from baqueano.design.containment import (
     chunk_alternatives,
     contain_in_room,
-    room_of,
+    respects_speed_limits,
+    wall_margin,
 )
+from baqueano.design.information import DriveInformation, mean_error
+from baqueano.design.plan import design_plan
 from baqueano.design.vehicle_cloud import VehicleCloud, VehicleDistribution, possible_vehicles
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.identify import excitation
+from baqueano.routes.room import MAX_LATERAL_M_S2, Room, body_radius, vehicle_room
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.provenance import ParameterCov
 from tests.codes import of_code
@@ -33,11 +32,11 @@ SECONDS = 15.0
 
 @pytest.fixture(scope="module")
 def plan(small):
-    return design_plan(small, room_of(small, "2x2"), SECONDS)
+    return design_plan(small, vehicle_room(small, "2x2"), SECONDS)
 
 
 def test_a_designed_experiment_is_more_informative_than_other_signals_in_its_room(small, plan):
-    room, drive_information = room_of(small, "2x2"), DriveInformation(small)
+    room, drive_information = vehicle_room(small, "2x2"), DriveInformation(small)
     cloud = VehicleCloud(small, possible_vehicles(small))
     for kind, options in (("random_steps", {}), ("multisine", {"low_hz": 0.2}), ("prbs", {}), ("ramps", {})):
         signal = excitation(kind, small.command.limit, SECONDS, small.rate_hz, 3, **options)
@@ -64,7 +63,7 @@ def test_a_designed_experiment_respects_limits_room_and_duration(small, plan):
 def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
     for name, number in (("FIRST_PRIMITIVES", 40), ("ROUNDS", 1), ("PRIMITIVES_PER_ROUND", 10)):
         monkeypatch.setattr(planning, name, number)
-    room = room_of(small, "2x2")
+    room = vehicle_room(small, "2x2")
     first, repetition, other_seed = (design_plan(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))
     assert np.array_equal(first, repetition)
     assert not np.array_equal(first, other_seed)
@@ -73,7 +72,9 @@ def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
 def test_a_stopped_search_returns_its_best_plan_so_far(small, monkeypatch):
     monkeypatch.setattr(planning, "FIRST_PRIMITIVES", 40)
     texts = []
-    plan = design_plan(small, room_of(small, "2x2"), 5.0, progress=lambda text: texts.append(text) or True)
+    plan = design_plan(
+        small, vehicle_room(small, "2x2"), 5.0, progress=lambda text: texts.append(text) or True
+    )
     assert len(texts) == 1
     assert f"0 of {planning.ROUNDS} rounds: standard errors of " in texts[0]
     assert np.any(plan.u != 0.0)
@@ -89,7 +90,7 @@ def test_a_motion_in_which_the_derivatives_diverge_is_not_used(small, monkeypatc
         return F if theta is None or np.max(u[:, 0]) < fast else np.full_like(F, np.inf)
 
     monkeypatch.setattr(DriveInformation, "information", diverging)
-    plan = design_plan(small, room_of(small, "2x2"), 4.0)
+    plan = design_plan(small, vehicle_room(small, "2x2"), 4.0)
     assert np.max(plan.u[:, 0]) < fast
     assert np.isfinite(plan.relative_std).all()
 
@@ -104,12 +105,12 @@ def test_vehicles_outside_the_planned_set_stay_inside_the_room(small, plan):
 @pytest.mark.parametrize(("name", "size"), [("small", "1.2x1.2"), ("case-study-1", "2x3"), ("car", "3x3")])
 def test_a_signal_that_leaves_the_room_is_changed_without_stopping_the_vehicle(name, size):
     file = load(name)
-    room = room_of(file, size)
+    room = vehicle_room(file, size)
     signal = excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 1)
     cloud = VehicleCloud(file, possible_vehicles(file))
     _, free = cloud.drive(cloud.state_at(room.start), signal)
     contained_drive = contain_in_room(signal, file, room, cloud=cloud)
-    assert room.margin(free) < 0.0 <= contained_drive.margin_m
+    assert wall_margin(room, free) < 0.0 <= contained_drive.margin_m
     assert 0.0 < contained_drive.replaced_fraction < 1.0
     assert np.mean(np.any(contained_drive.u != 0.0, axis=1)) > 0.7
     assert np.all(np.abs(contained_drive.u) <= file.command.limit)
@@ -117,7 +118,7 @@ def test_a_signal_that_leaves_the_room_is_changed_without_stopping_the_vehicle(n
 
 def test_a_signal_that_stays_inside_is_not_changed(small):
     signal = 0.4 * excitation("multisine", small.command.limit, SECONDS, small.rate_hz, 1, low_hz=0.3)
-    contained_drive = contain_in_room(signal, small, room_of(small, "4x4"))
+    contained_drive = contain_in_room(signal, small, vehicle_room(small, "4x4"))
     assert contained_drive.replaced_fraction == 0.0
     assert np.array_equal(contained_drive.u, signal)
 
@@ -213,12 +214,12 @@ def test_the_body_radius_covers_the_whole_vehicle():
 @pytest.mark.parametrize("size", ["2", "axb", "2x", "2x2x2", "..x1"])
 def test_an_unreadable_room_is_refused_with_an_example(small, size):
     with pytest.raises(UsageError, check=of_code("room.unreadable")):
-        room_of(small, size)
+        vehicle_room(small, size)
 
 
 def test_a_room_smaller_than_the_body_is_refused(small):
     with pytest.raises(UsageError, check=of_code("room.small", radius_m=0.07)):
-        room_of(small, "0.1x2")
+        vehicle_room(small, "0.1x2")
 
 
 def test_the_room_margin_includes_the_furthest_vehicle():
@@ -226,18 +227,18 @@ def test_the_room_margin_includes_the_furthest_vehicle():
     m."""
     ways = np.zeros((10, 2, 3))
     ways[0, 1, 1] = 0.5
-    assert Room(2.0, 2.0).margin(ways) == pytest.approx(1.0 - (0.05 + 1.5 * 0.45))
+    assert wall_margin(Room(2.0, 2.0), ways) == pytest.approx(1.0 - (0.05 + 1.5 * 0.45))
 
 
 @pytest.mark.parametrize(("speed_m_s", "slides"), [(1.6, False), (1.9, True)])
 def test_a_curve_beyond_tyre_grip_is_too_fast(speed_m_s, slides):
     """On a circle of 1 m: 2.6 and 3.6 m/s²."""
-    room = room_of(load("car"), "4x4")
+    room = vehicle_room(load("car"), "4x4")
     distance = speed_m_s * np.arange(100) / 50.0
     eta = np.stack([np.sin(distance), 1.0 - np.cos(distance), distance], axis=1)
     assert room.lateral_m_s2 == MAX_LATERAL_M_S2
-    assert bool(room.respects_speed_limits(eta[None], 50.0)) == (not slides)
-    assert bool(Room(4.0, 4.0).respects_speed_limits(eta[None], 50.0))
+    assert bool(respects_speed_limits(room, eta[None], 50.0)) == (not slides)
+    assert bool(respects_speed_limits(Room(4.0, 4.0), eta[None], 50.0))
 
 
 def test_a_gentler_segment_has_smaller_turns_at_the_same_speed():
@@ -267,17 +268,17 @@ def test_a_start_from_which_vehicles_leave_the_room_is_reported(car_like):
 def car_like(small):
     """Return the small vehicle on a steep slope, where it rolls out of the room with any command, and the room."""
     data = {"model.slope_rad": 0.5, "model.friction.coulomb": [0.0, 0.0, 0.0]}
-    return small.with_values(data), room_of(small, "1x1")
+    return small.with_values(data), vehicle_room(small, "1x1")
 
 
 def test_an_experiment_too_short_to_move_is_refused(small):
     with pytest.raises(UsageError, check=of_code("design.short")):
-        design_plan(small, room_of(small, "2x2"), 1.5)
+        design_plan(small, vehicle_room(small, "2x2"), 1.5)
 
 
 def test_a_signal_of_the_wrong_shape_is_refused(small):
     with pytest.raises(UsageError, check=of_code("signal.shape", commands=3)):
-        contain_in_room(np.zeros((100, 2)), small, room_of(small, "2x2"))
+        contain_in_room(np.zeros((100, 2)), small, vehicle_room(small, "2x2"))
 
 
 def test_a_draw_that_diverges_only_in_fast_straight_motion_is_replaced(small):

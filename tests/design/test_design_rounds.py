@@ -8,11 +8,11 @@ from baqueano.cli.driving.iterate import drive_in_rounds
 from baqueano.cli.driving.targets import LocalTarget
 from baqueano.design import plan as planning
 from baqueano.design.plan import design_plan
-from baqueano.design.room import room_of
 from baqueano.drive import first_drive, with_rough_gains
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.result import assemble as summary
+from baqueano.routes.room import vehicle_room
 
 SURE = ("model.friction.linear[0]", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]")
 
@@ -46,12 +46,12 @@ def rounds_of_design(small, truth, careful_drive, tmp_path_factory):
         ):
             patch.setattr(planning, name, number)
         file, runs = careful_drive[1].vehicle_file, [careful_drive[0]]
-        design = lambda now, seed: design_plan(now, room_of(now, size), 10.0, seed=seed).u  # noqa: E731
+        design = lambda now, seed: design_plan(now, vehicle_room(now, size), 10.0, seed=seed).u  # noqa: E731
         place = LocalTarget(lambda: {"truth": truth})
         rounds = drive_in_rounds(
             file, place, runs, 2, design, 0, "auto", lambda label: folder / f"{label}.mcap"
         )
-    return rounds, runs, room_of(small, size)
+    return rounds, runs, vehicle_room(small, size)
 
 
 def test_error_bars_shrink_from_round_to_round(rounds_of_design, small, truth):

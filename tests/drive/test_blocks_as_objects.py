@@ -23,6 +23,7 @@ from baqueano.messages.language import use_language
 from baqueano.runs import read_run
 from baqueano.signals import Command, Reference
 from baqueano.vehicle_file import load
+from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
 
 SMALL, ROUTE = load("small"), circle(0.3, 0.2)
@@ -237,17 +238,25 @@ def test_a_replay_of_a_run_without_a_vehicle_file_is_refused():
 @pytest.mark.parametrize(
     ("code", "options"),
     [
-        ("sweep.setting", {"controler": Push}),
-        ("drive.duration", {"duration_s": "3"}),
+        ("call.unknown", {"controler": Push}),
+        ("call.kind", {"duration_s": "3"}),
+        ("call.kind", {"truth": "small"}),
+        ("call.kind", {"eta": "start"}),
+        ("call.kind", {"path": 3}),
+        ("call.kind", {"check": "no"}),
+        ("call.kind", {"patience_s": "long"}),
+        ("world.incomplete", {"world": 3}),
+        ("world.incomplete", {"world": 0}),
+        ("world.is-class", {"world": SimulatedWorld}),
         ("drive.duration", {"duration_s": -1.0}),
         ("drive.duration", {"duration_s": np.nan}),
-        ("drive.seed", {"seed": 1.5}),
+        ("call.kind", {"seed": 1.5}),
         ("drive.seed", {"seed": -1}),
         ("simulate.pose", {"eta": [1.0, 2.0]}),
     ],
 )
 def test_an_invalid_option_of_a_drive_is_refused_by_its_name(code, options):
-    with refused(code, UsageError):
+    with refused(code):
         repeat(SMALL, ROUTE, **options)
 
 

@@ -10,14 +10,17 @@ from baqueano.drive import repeat, stop_reason_of
 from baqueano.drive.mission import Mission, perform
 from baqueano.drive.safety.caution import SLOW, STAND_S, WAIT_S, Caution
 from baqueano.drive.safety.patience import Patience
-from baqueano.drive.safety.precautions import PlainRoom, Precautions, drive_to_limits
+from baqueano.drive.safety.precautions import Precautions, drive_to_limits
 from baqueano.drive.safety.room_watch import RoomWatch, stopping_distance
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.guides import Idle
 from baqueano.guides.shapes import circle, line
 from baqueano.loop import Blocks, Record
+from baqueano.messages.notation import current_notation
 from baqueano.monitor.findings import AWAY, MODEL, SENSOR, UNKNOWN, Finding
+from baqueano.routes import examine
+from baqueano.routes.room import Room, vehicle_room
 from baqueano.signals import Command, Estimate, Reference, Tick, silent
 from baqueano.vehicle_file import load, parse
 from baqueano.worlds import SimulatedWorld
@@ -54,10 +57,22 @@ def test_an_impossible_route_is_refused_by_repeat_and_by_a_mission():
             drive(fitted_file, fast)
 
 
-@pytest.mark.parametrize("room", ["2x2", (2.0, 2.0)])
-def test_a_room_that_is_not_an_object_is_a_usage_error(room):
-    with refused("drive.room-object", UsageError):
-        repeat(SMALL, LAP, room=room)
+@pytest.mark.parametrize(
+    ("room", "code"), [(2, "room.kind"), ((2.0, 2.0), "room.kind"), ("2", "room.unreadable")]
+)
+def test_a_room_without_width_and_height_as_text_is_a_usage_error(room, code):
+    for call in (lambda: repeat(SMALL, LAP, room=room), lambda: examine(LAP, SMALL, room)):
+        with refused(code, UsageError) as error:
+            call()
+        assert current_notation().command(error.value.diagnostic.fix) == 'room="2x2"'
+
+
+def test_a_room_as_text_is_the_room_of_the_vehicle():
+    with refused("route.through-wall", AnswerNo):
+        repeat(SMALL, LAP, room="0.3x0.3")
+    room = vehicle_room(SMALL, "2x3")
+    assert (room.radius_m, vehicle_room(None, "2x3").radius_m) == (0.07, 0.0)
+    assert examine(LAP, SMALL, "2x3").clearance_m == examine(LAP, SMALL, room).clearance_m
 
 
 def test_the_anyway_option_permits_high_speed_but_not_nan():
@@ -196,7 +211,7 @@ def test_a_stuck_vehicle_ends_the_drive_and_a_waiting_vehicle_does_not():
 
 
 def test_position_uncertainty_stops_the_vehicle_before_the_wall():
-    room, origin = PlainRoom((1.0, 2.0), (0.5, 0.0, np.pi / 2)), np.array([3.0, 0.0, 0.0])
+    room, origin = Room(2.0, 4.0, start=(0.5, 0.0, np.pi / 2)), np.array([3.0, 0.0, 0.0])
     std = 0.1
     for y, stops in ((0.0, False), (1.5 - np.sqrt(CHI_SQUARE_95) * std + 0.01, True)):
         watch = RoomWatch(room, origin, lambda v: 0.3 * v)  # the map's y is the room's −x
@@ -214,7 +229,7 @@ def test_a_car_that_coasts_is_stopped_before_the_wall(speed_m_s):
     car, wall_m, x = load("car"), 5.0, 3.0
     stopping_m = stopping_distance(car.vehicle, 2.0)
     while True:
-        watch = RoomWatch(PlainRoom((wall_m, 9.0), (0.0, 0.0, 0.0)), np.zeros(3), stopping_m)
+        watch = RoomWatch(Room(2.0 * wall_m, 18.0), np.zeros(3), stopping_m)
         watch.on_record(record(0.0, eta=(x, 0.0, 0.0), nu=(speed_m_s, 0.0, 0.0), cov=np.zeros((6, 6))))
         if watch.stop_reason(0) is not None:
             break
@@ -237,14 +252,14 @@ def test_the_stopping_distance_is_that_of_the_direction_with_less_friction(weak_
 
 
 def test_endless_laps_by_imu_stop_before_a_wall():
-    room = PlainRoom((0.93, 0.93), (0.0, -0.4, 0.0))
+    room = vehicle_room(SMALL, "2x2", start=(0.0, -0.4, 0.0))
     run = repeat(SMALL, LAP, laps=0, room=room, duration_s=120.0)
     assert stop_reason_of(run).code == StopReason.ROOM
     assert np.all(np.abs(run.truth.eta[:, :2] + [0.0, -0.4]) < room.free_half_width_m)
 
 
 def test_a_mission_contains_its_precautions_and_the_start_pose():
-    care = Precautions(room=PlainRoom((1.0, 2.0), (0.0, 0.5, 0.1)), lead_in=False, patience_s=7.0)
+    care = Precautions(room=Room(2.0, 4.0, start=(0.0, 0.5, 0.1)), lead_in=False, patience_s=7.0)
     mission = Mission("repeat", route=LAP, start=(0.0, 0.2, 0.5), precautions=care.to_json())
     mission_received = Mission.from_json(mission.to_json())
     assert mission_received.start == (0.0, 0.2, 0.5)

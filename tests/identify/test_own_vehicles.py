@@ -12,13 +12,13 @@ import pytest
 
 from baqueano.block_checks import check
 from baqueano.design.plan import design_plan
-from baqueano.design.room import room_of
 from baqueano.drive.first_drive import careful_drive
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.messages import texts
+from baqueano.routes.room import vehicle_room
 from baqueano.runs.run import Channel, Run
 from baqueano.selection.choose import choose
 from baqueano.selection.terms import terms_of
@@ -117,7 +117,7 @@ def test_unmeasured_parameters_are_free_by_default_and_estimated_within_their_in
 @pytest.mark.parametrize("name", CASES)
 def test_a_drive_is_designed_for_the_parameters_of_a_custom_vehicle(files, name):
     file, truth, room = files[name], *CASES[name][1:]
-    plan = design_plan(file, room_of(file, room), 2.0, progress=lambda text: True)
+    plan = design_plan(file, vehicle_room(file, room), 2.0, progress=lambda text: True)
     assert plan.names == tuple(f"model.{key}" for key in truth)
     assert np.max(plan.relative_std) < 0.2
     assert plan.margin_m > 0.0

@@ -143,21 +143,21 @@ def test_a_jump_is_reported_with_its_place():
 
 
 def test_the_route_is_checked_against_the_walls_of_the_room():
-    from baqueano.design.room import room_of
+    from baqueano.routes.room import vehicle_room
 
     small = load("small")
     lap = circle(0.5, 0.2)  # 1 m wide and to the left of its start
-    assert examine(lap, small, room_of(small, "1.5x3")).clearance_m == pytest.approx(
+    assert examine(lap, small, vehicle_room(small, "1.5x3")).clearance_m == pytest.approx(
         0.75 - 0.07 - 0.5, abs=1e-3
     )
-    (finding,) = examine(lap, small, room_of(small, "2x2")).findings
+    (finding,) = examine(lap, small, vehicle_room(small, "2x2")).findings
     assert finding.code == "route.through-wall"
-    assert " -0." not in examine(lap, small, room_of(small, "2x2")).table()
+    assert " -0." not in examine(lap, small, vehicle_room(small, "2x2")).table()
     assert finding.figures["excess_m"] == pytest.approx(1.0 - 0.93, abs=1e-3)
     factor = float(finding.fix.split()[-1])
-    assert not examine(scale(lap, factor), small, room_of(small, "2x2")).findings
-    assert examine(scale(lap, factor + 0.02), small, room_of(small, "2x2")).findings
-    assert not examine(lap, small, room_of(small, "2x2", start=(0.0, -0.5, 0.0))).findings
+    assert not examine(scale(lap, factor), small, vehicle_room(small, "2x2")).findings
+    assert examine(scale(lap, factor + 0.02), small, vehicle_room(small, "2x2")).findings
+    assert not examine(lap, small, vehicle_room(small, "2x2", start=(0.0, -0.5, 0.0))).findings
 
 
 def test_limits_out_of_range_are_refused():

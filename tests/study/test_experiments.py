@@ -5,9 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from baqueano.design.room import contain_in_room, room_of
+from baqueano.design.containment import contain_in_room
 from baqueano.design.vehicle_cloud import possible_vehicles
 from baqueano.identify import excitation
+from baqueano.routes.room import vehicle_room
 from baqueano.signals import Command
 from baqueano.study.counterpart import LoopWorld, robot_values, world_of
 from baqueano.study.experiments.drives import DRIVES, SPREAD, PlannedDrive, signal_outcome, vehicles_around
@@ -94,7 +95,7 @@ def test_study_vehicles_differ_from_their_file_within_the_stated_spread(name):
 @pytest.mark.long
 def test_a_stronger_signal_is_more_informative_and_long_driving_leaves_the_room():
     file = load("small")
-    vehicles, room = vehicles_around(file, 2, 0), room_of(file, "2x2")
+    vehicles, room = vehicles_around(file, 2, 0), vehicle_room(file, "2x2")
     steps = excitation("random_steps", file.command.limit, 8.0, file.rate_hz, 0, rest_s=1.0)
     forward = np.tile([1.0, 0.0, 0.0], (len(steps), 1))
 
@@ -113,7 +114,7 @@ def test_a_stronger_signal_is_more_informative_and_long_driving_leaves_the_room(
 def test_a_car_on_tyres_that_slide_stays_in_its_room():
     """Its planner does not model tyres. With curves of up to 12 m/s² the car was 37 cm inside the wall."""
     file = load("car")
-    vehicles, room = vehicles_around(file, 2, 1), room_of(file, "4x4")
+    vehicles, room = vehicles_around(file, 2, 1), vehicle_room(file, "4x4")
     signal = excitation("prbs", file.command.limit, 12.0, file.rate_hz, 1, rest_s=1.0)
     u, world = contain_in_room(signal, file, room).u, world_of(vehicles, [0, 1])
     for now in u:
@@ -125,7 +126,7 @@ def test_an_unobservable_parameter_retains_its_prior_uncertainty():
     file = load("small")
     resting = PlannedDrive(np.zeros((100, 1, 3)), 0.0)
     _, result = signal_outcome(
-        ("still", resting), vehicles_around(file, 1, 0), "small", room_of(file, "2x2"), 0
+        ("still", resting), vehicles_around(file, 1, 0), "small", vehicle_room(file, "2x2"), 0
     )
     assert result.errors == pytest.approx(1.0, rel=1e-3)
 

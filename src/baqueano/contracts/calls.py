@@ -7,7 +7,7 @@ annotation, such as the one of a block, is left to the function. Missing and unk
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import is_dataclass
 from datetime import date
 from functools import wraps
@@ -88,10 +88,13 @@ KINDS = {  # part of an annotation → the kind
 }
 
 
-def checked_call(example: str, options_of: Callable[..., Tree] | None = None) -> Callable[[F], F]:
+def checked_call(
+    example: str, *option_makers: Callable[..., Tree], checked: Sequence[Callable[..., Tree]] = ()
+) -> Callable[[F], F]:
     """Return a decorator for a public function; `example` is a call of it that a reader can type.
 
-    The keywords of `options_of`, which receives the **options of the function, become part of its signature.
+    `option_makers` and `checked` receive the **options of the function. Their keywords are checked too, and those of
+    `option_makers` become part of the signature.
 
     The decorated function raises Misuse for a missing or unknown argument, for an argument of another kind, and for
     arguments in another order.
@@ -109,7 +112,8 @@ def checked_call(example: str, options_of: Callable[..., Tree] | None = None) ->
             owner: Tree = function
             owner.__init__ = decorate(owner.__init__)
             return owner
-        signature = _with_options(inspect.signature(function), options_of)
+        shown_signature = _with_options(inspect.signature(function), option_makers)
+        signature = _with_options(shown_signature, checked)
         kinds = {
             name: kinds_of_argument
             for name, parameter in signature.parameters.items()
@@ -133,7 +137,7 @@ def checked_call(example: str, options_of: Callable[..., Tree] | None = None) ->
                 _refuse_kind(kinds, wrong_names, values, example)
             return function(*args, **options)
 
-        vars(call)["__signature__"] = signature
+        vars(call)["__signature__"] = shown_signature
         return cast(F, call)
 
     return decorate
@@ -157,13 +161,16 @@ def _is_container(value: Tree) -> bool:
     return isinstance(value, Iterable) and not isinstance(value, str) and not is_record
 
 
-def _with_options(signature: inspect.Signature, options_of: Callable[..., Tree] | None) -> inspect.Signature:
-    """Return a signature with the keywords of `options_of` in place of **options."""
-    if options_of is None:
+def _with_options(signature: inspect.Signature, makers: Sequence[Callable[..., Tree]]) -> inspect.Signature:
+    """Return a signature with the keywords of functions, and the fields of classes, in place of **options."""
+    if not makers:
         return signature
-    own_parameters = [p for p in signature.parameters.values() if p.kind != p.VAR_KEYWORD]
-    options = [p for p in inspect.signature(options_of).parameters.values() if p.kind == p.KEYWORD_ONLY]
-    return signature.replace(parameters=[*own_parameters, *options])
+    parameters = {name: p for name, p in signature.parameters.items() if p.kind != p.VAR_KEYWORD}
+    for maker in makers:
+        for name, parameter in inspect.signature(maker).parameters.items():
+            if isinstance(maker, type) or parameter.kind == parameter.KEYWORD_ONLY:
+                parameters.setdefault(name, parameter.replace(kind=parameter.KEYWORD_ONLY))
+    return signature.replace(parameters=list(parameters.values()))
 
 
 def _kinds_of(annotation: object) -> tuple[ArgumentKind, ...]:

@@ -19,6 +19,7 @@ from baqueano.controllers.pd_feedforward import PdFeedforward
 from baqueano.controllers.pure_pursuit import PurePursuit
 from baqueano.controllers.schedule import DelayedController, Schedule
 from baqueano.controllers.stanley import Stanley
+from baqueano.on_demand import unknown_names
 
 __all__ = [
     "Controller",
@@ -37,3 +38,5 @@ __all__ = [
     "Stanley",
     "Tracking",
 ]
+
+__getattr__ = unknown_names(__name__)

@@ -5,5 +5,5 @@ compose         motion primitives, and their order in the room
 information     Fisher information of a drive, exactly, before the drive
 live            the same during a drive, and the motion to drive next
 vehicle_cloud   the vehicles that a file with its errors considers possible
-room            walls and limits, and signals that stay inside
+containment     signals with which the vehicle stays in a room
 """

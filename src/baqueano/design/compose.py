@@ -18,7 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.design.room import CORRIDOR_SIGMA, Room, reach
+from baqueano.design.containment import CORRIDOR_SIGMA, reach
+from baqueano.routes.room import Room
 
 LEVELS = (1, 2, 3, 5, 8, 13)
 RETURN_KINDS = 4  # kinds of return; the last kind is without a return

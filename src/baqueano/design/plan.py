@@ -26,14 +26,23 @@ from baqueano.design.compose import (
     mutated_primitives,
     random_primitives,
 )
+from baqueano.design.containment import (
+    COAST_S,
+    SAMPLE_S,
+    VEHICLES,
+    contain_in_room,
+    first_allowed_option,
+    respects_speed_limits,
+    wall_margin,
+)
 from baqueano.design.information import DriveInformation, mean_error
-from baqueano.design.room import COAST_S, SAMPLE_S, VEHICLES, Room, contain_in_room, first_allowed_option
 from baqueano.design.vehicle_cloud import VehicleCloud, VehicleDistribution, possible_vehicles
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.numerics.parallel import parallel_map
+from baqueano.routes.room import Room
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import random_stream
 
@@ -111,10 +120,10 @@ def design_plan(
     Raise UsageError if a [command] limit is not finite or all limits are 0, or for less than 1 s of motion. Raise
     AnswerNo if the vehicle cannot be kept in the room.
 
-    >>> from baqueano.design.room import room_of
+    >>> from baqueano.routes.room import vehicle_room
     >>> from baqueano.vehicle_file import load
     >>> small = load("small")
-    >>> plan = design_plan(small, room_of(small, "2x2"), 2.0, progress=lambda text: True)  # True: the first one
+    >>> plan = design_plan(small, vehicle_room(small, "2x2"), 2.0, progress=lambda text: True)  # True: the first one
     >>> plan.u.shape, plan.margin_m > 0.0
     ((200, 3), True)
     """
@@ -129,11 +138,13 @@ def design_plan(
     search = PlanSearch(vehicle_file, room, vehicles, place_count, seed, backend)
     search.fill((ticks - rest_ticks) // place_count / rate, limit, progress or (lambda text: False))
     u, eta = search.rollout(ticks, rest_ticks)
-    if room.margin(eta) < 0.0:
+    if wall_margin(room, eta) < 0.0:
         signal = contain_in_room(u, vehicle_file, room, cloud=search.validation_cloud)
         u, eta = signal.u, signal.eta
     relative_std = search.drive_information.relative_std(search.drive_information.information(u))
-    return Plan(u, room, float(room.margin(eta)), search.drive_information.unknowns.names, relative_std, eta)
+    return Plan(
+        u, room, float(wall_margin(room, eta)), search.drive_information.unknowns.names, relative_std, eta
+    )
 
 
 class PlanSearch:
@@ -260,7 +271,7 @@ class PlanSearch:
         commands = np.concatenate([u, self.rest_commands])
         final_state, eta = cloud.drive(cloud.state_at(np.zeros(3)), commands, tick)
         samples = eta[:, stride - 1 : ticks : stride]
-        is_allowed = bool(self.room.respects_speed_limits(samples, cloud.rate_hz / stride))
+        is_allowed = bool(respects_speed_limits(self.room, samples, cloud.rate_hz / stride))
         poses = samples[:, count - 1 :: count], samples[:, -1:], final_state.eta[:, None]
         return is_allowed, np.concatenate(poses, axis=1)
 

@@ -189,7 +189,7 @@ def perform(
             if driver is None:
                 raise UsageError(fault("mission.no-driver"))
             options = {"rest_s": mission.rest_s} | options
-            return drive_with_driver(vehicle_file, driver, mission.hold, mission.kind, **options)
+            return drive_with_driver(vehicle_file, driver, hold=mission.hold, kind=mission.kind, **options)
     assert mission.route is not None
     precautions = Precautions.from_json(mission.precautions)
     arguments = {field.name: getattr(precautions, field.name) for field in fields(precautions)}

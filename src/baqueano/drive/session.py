@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +12,16 @@ from baqueano import loop
 from baqueano.block_checks.source_text import is_ours, source_text
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Estimator, World
+from baqueano.contracts.calls import checked_call
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import Diagnostic, StopReason, fault, nearest, note, stop
+from baqueano.diagnostics import Diagnostic, StopReason, fault, note, stop
 from baqueano.drive.budget import PREPARE_S, BudgetedBlock, may_hang, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import interruptible_ticks
 from baqueano.drive.observers import Observer, Watchdog
 from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, diagnostics_of_blocks
 from baqueano.drive.safety.sensor_notes import notes_about_sensors
-from baqueano.errors import Misuse, SafetyStop, UsageError, error_text, from_outside
+from baqueano.errors import SafetyStop, UsageError, error_text, from_outside
 from baqueano.loop import Blocks
 from baqueano.monitor import SensorMonitor
 from baqueano.runs import Run, RunWriter, read_run
@@ -34,7 +35,7 @@ from baqueano.vehicle_file import VehicleFile
 from baqueano.vehicle_file.units import channel_units
 from baqueano.worlds import FaultyWorld, SimulatedWorld, clock
 from baqueano.worlds.faults.fault import FaultLike
-from baqueano.worlds.own_world import with_checked_ticks
+from baqueano.worlds.own_world import check_world, with_checked_ticks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,14 +63,6 @@ class Conditions:
     notes: Sequence[Diagnostic] = ()
 
     def __post_init__(self) -> None:
-        if isinstance(self.truth, str):
-            figures = {
-                "call": "drive",
-                "name": "truth",
-                "value": f'"{self.truth}"',
-                "expected": "a vehicle file",
-            }
-            raise Misuse(fault("call.kind", f'truth=bq.load("{self.truth}")', **figures))
         _check_duration("rest_s", self.rest_s, "≥ 0")
         if self.duration_s is not None:
             _check_duration("duration_s", self.duration_s, "> 0")
@@ -86,9 +79,10 @@ class Conditions:
 
         Raise UsageError if file and world have different numbers of commands, or if `world` and `shake` are both given.
         """
-        world = self.world or self._simulated_world(vehicle_file)
+        world = self._simulated_world(vehicle_file) if self.world is None else self.world
         if self.world is not None and self.shake is not None:
             raise UsageError(fault("shake.of-another-world", world=type(self.world).__name__))
+        check_world(world)
         _check_command_count(vehicle_file, world)
         return world if is_ours(type(world)) else with_checked_ticks(world, example_tick(vehicle_file))
 
@@ -118,9 +112,6 @@ def _check_duration(name: str, duration_s: object, bound: str) -> None:
     is_number = isinstance(duration_s, int | float | np.number)
     if not (is_number and 0.0 <= duration_s < np.inf) or (duration_s == 0.0 and bound == "> 0"):
         raise UsageError(fault("drive.duration", name=name, value=repr(duration_s), range=bound))
-
-
-CONDITION_NAMES = tuple(field.name for field in fields(Conditions))
 
 
 def user_block_metadata(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, str], list[Diagnostic]]:
@@ -154,10 +145,12 @@ def parameters_text(block: object) -> str:
     return f"{type(block).__name__}({parameters})"
 
 
+@checked_call('drive(blocks, robot, "experiment")', checked=(Conditions,))
 def drive(
     blocks: Blocks,
     vehicle_file: VehicleFile,
     kind: str,
+    *,
     path: Path | str | None = None,
     live: bool = False,
     observers: Sequence[Observer] = (),
@@ -208,10 +201,6 @@ def drive(
     >>> run.duration_s
     0.5
     """
-    for name in conditions:
-        if name not in CONDITION_NAMES:
-            suggestion = nearest(name, [*Blocks._fields[:3], "laps", "path", *CONDITION_NAMES])
-            raise UsageError(fault("sweep.setting", call=kind, value=name, suggestion=suggestion))
     settings = Conditions(**conditions)
     world = settings.make_world(vehicle_file)
     own_texts, text_notes = user_block_metadata(blocks, vehicle_file)

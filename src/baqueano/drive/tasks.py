@@ -41,7 +41,10 @@ LESSON_PACE = 0.5  # a lesson lasts at most twice its planned time, and 2 END_WA
 ENDS = {"duration_s", "tick_times_ns", "world", "path"}  # conditions of a drive without a last lap
 
 
-@checked_call('bq.experiment(robot, bq.excitation("random_steps", robot.command.limit, 60.0, robot.rate_hz))')
+@checked_call(
+    'bq.experiment(robot, bq.excitation("random_steps", robot.command.limit, 60.0, robot.rate_hz))',
+    checked=(drive, Conditions),
+)
 def experiment(
     vehicle_file: VehicleFile, u: np.ndarray, *, estimator: OwnBlock | None = None, **options: Any
 ) -> Run:
@@ -140,8 +143,35 @@ class TeachResult(NamedTuple):
     to_pandas = Result.to_pandas
 
 
-@checked_call("bq.teach(robot, path, closed=True)")
-def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **options: Any) -> TeachResult:
+def drive_with_driver(
+    vehicle_file: VehicleFile, driver: Driver, *, hold: bool = False, kind: str = "teach",
+    estimator: OwnBlock | None = None, controller: OwnBlock | None = None, **options: Any,
+) -> Run:  # fmt: skip
+    """Drive as `driver` directs, see `teach`, and return the run; its metadata contain `kind`."""
+    n, rate_hz, hand = vehicle_file.vehicle.commands, vehicle_file.rate_hz, None
+    if isinstance(driver, Route):
+        # a closed lesson is one of many laps
+        guide = RepeatByProgress.along(driver, 1, driver.closed, slowest=LESSON_PACE)
+    elif isinstance(driver, type):
+        guide = vehicle_file.guide(kind=driver)
+    elif callable(driver):
+        guide, hand = Idle(float("inf")), ManualController(driver)
+        hand = with_heading_hold(hand, vehicle_file) if hold else hand
+    elif isinstance(driver, list | tuple):
+        u = script_commands(driver, n, rate_hz)
+        guide, hand = Idle(len(u) / rate_hz), Schedule.at_rate(u, rate_hz)
+    elif isinstance(driver, Guide):
+        guide = driver
+    else:
+        raise UsageError(fault("drive.driver-type", kind=type(driver).__name__))
+    follower = vehicle_file.controller(controller) if hand is None else hand
+    options = with_usual_rest(options, vehicle_file.sensors) if hand is None else options
+    blocks = Blocks(vehicle_file.estimator(estimator), guide, follower, vehicle_file.supervisor())
+    return drive(blocks, vehicle_file, kind, **options)
+
+
+@checked_call("bq.teach(robot, path, closed=True)", checked=(drive_with_driver, drive, Conditions))
+def teach(vehicle_file: VehicleFile, driver: Driver, *, closed: bool = False, **options: Any) -> TeachResult:
     """Drive as `driver` directs, and return the run with the estimated path as a route.
 
     Parameters
@@ -178,34 +208,7 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
     return TeachResult(run := drive_with_driver(vehicle_file, driver, **options), route_of(run, closed))
 
 
-def drive_with_driver(
-    vehicle_file: VehicleFile, driver: Driver, hold: bool = False, kind: str = "teach", *,
-    estimator: OwnBlock | None = None, controller: OwnBlock | None = None, **options: Any,
-) -> Run:  # fmt: skip
-    """Drive as `driver` directs, see `teach`, and return the run; its metadata contain `kind`."""
-    n, rate_hz, hand = vehicle_file.vehicle.commands, vehicle_file.rate_hz, None
-    if isinstance(driver, Route):
-        # a closed lesson is one of many laps
-        guide = RepeatByProgress.along(driver, 1, driver.closed, slowest=LESSON_PACE)
-    elif isinstance(driver, type):
-        guide = vehicle_file.guide(kind=driver)
-    elif callable(driver):
-        guide, hand = Idle(float("inf")), ManualController(driver)
-        hand = with_heading_hold(hand, vehicle_file) if hold else hand
-    elif isinstance(driver, list | tuple):
-        u = script_commands(driver, n, rate_hz)
-        guide, hand = Idle(len(u) / rate_hz), Schedule.at_rate(u, rate_hz)
-    elif isinstance(driver, Guide):
-        guide = driver
-    else:
-        raise UsageError(fault("drive.driver-type", kind=type(driver).__name__))
-    follower = vehicle_file.controller(controller) if hand is None else hand
-    options = with_usual_rest(options, vehicle_file.sensors) if hand is None else options
-    blocks = Blocks(vehicle_file.estimator(estimator), guide, follower, vehicle_file.supervisor())
-    return drive(blocks, vehicle_file, kind, **options)
-
-
-@checked_call("bq.repeat(robot, route)")
+@checked_call("bq.repeat(robot, route)", checked=(Precautions, drive, Conditions))
 def repeat(
     vehicle_file: VehicleFile, route: Route, laps: int = 1, *, estimator: OwnBlock | None = None,
     guide: OwnBlock | None = None, controller: OwnBlock | None = None, **options: Any,
@@ -227,11 +230,12 @@ def repeat(
         A block in place of the file's: a built-in kind, "file.py:Class", a class, which is built with the values of the
         file, or a finished block. The run records the text of each block that is not built in.
     **options : object
-        `check`: False to skip the check of the route; `anyway`: drive even a route that is too fast or has gaps;
-        `room`: stop before the vehicle might leave it; `lead_in`: False to begin with the route at any pose;
-        `way_back`: drive back to the start afterwards; `caution`: False to continue with a doubtful estimate;
-        `patience_s`: the time after which the drive of a stuck vehicle ends; `rest_s`: the time at rest before the
-        drive, which measures the bias of the gyro; by default 2 s for a vehicle with a gyro.
+        `check`: False to skip the check of the route. `anyway`: drive even a route that is too fast or has gaps.
+        `room`: width and height, such as "2x2.5" [m], or a Room; the drive stops before the vehicle might leave it.
+        `lead_in`: False to begin with the route at any pose. `way_back`: drive back to the start afterwards.
+        `caution`: False to continue with a doubtful estimate. `patience_s`: the time after which the drive of a stuck
+        vehicle ends. `rest_s`: the time at rest before the drive, which measures the bias of the gyro; by default 2 s
+        for a vehicle with a gyro.
         Also the options of `experiment`: `path`, `seed`, `eta`, `truth`, `world`, …
 
     Returns
@@ -256,7 +260,7 @@ def repeat(
     """
     if laps < 0 or (laps == 0 and not ENDS & options.keys()):
         raise UsageError(fault("drive.laps", value=laps))
-    precautions, options = Precautions.split_options(options)
+    precautions, options = Precautions.split_options(options, vehicle_file)
     options = {"backend": "auto", "notes": ()} | options
     if precautions.check:
         is_of_garage = vehicle_file.path is None and options.get("world") is None
@@ -276,7 +280,7 @@ def repeat(
     return drive(blocks._replace(guide=full_guide), vehicle_file, "repeat", **options)
 
 
-@checked_call("bq.replay(run)")
+@checked_call("bq.replay(run)", checked=(drive, Conditions))
 def replay(
     run: Run, vehicle_file: VehicleFile | None = None, blocks: Blocks | None = None, *,
     estimator: OwnBlock | None = None, guide: OwnBlock | None = None, controller: OwnBlock | None = None,

@@ -16,6 +16,7 @@ from baqueano.estimators.ekf import Belief, Ekf
 from baqueano.estimators.inertial import Inertial
 from baqueano.estimators.known_state import KnownState, TrueState
 from baqueano.estimators.unscented import Unscented
+from baqueano.on_demand import unknown_names
 
 __all__ = [
     "AugmentedEkf",
@@ -28,3 +29,5 @@ __all__ = [
     "TrueState",
     "Unscented",
 ]
+
+__getattr__ = unknown_names(__name__)

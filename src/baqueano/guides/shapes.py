@@ -21,11 +21,13 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.guides.repeat import Repeat, RepeatState
 from baqueano.guides.route import Route, from_start, route_of_curve
+from baqueano.on_demand import unknown_names
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference
 from baqueano.vehicles.bounds import check_bounds
 
 __all__ = ["SinuousCircle", "circle", "clothoid", "eight", "line", "rectangle", "sinuous_circle", "slalom"]
+__getattr__ = unknown_names(__name__)
 
 POINT_COUNT = 1441  # poses of a drawn route, four per degree of a circle
 SHAPE_NAMES = ("sinuous-circle", "circle", "eight", "rectangle", "line", "slalom", "clothoid")  # of `shape`

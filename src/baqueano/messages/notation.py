@@ -77,6 +77,7 @@ CALLS = {  # words of a line → call; {0} is the first argument, and {name} the
     "--draft": "path={draft}",
     "--json": "from baqueano.runs import show; show(run).events()",
     "--report": "bq.report(fit, {report})",
+    "--room": "room={room}",
     "--animation": "animation={animation}",
     "--table": "table={table}",
 }

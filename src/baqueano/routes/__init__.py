@@ -7,6 +7,7 @@
 The functions do not change a route but return a new one. The type is `guides.Route`.
 """
 
+from baqueano.on_demand import unknown_names
 from baqueano.routes.edit import cut, join, reverse, scale
 from baqueano.routes.examine import RouteReport, examine
 from baqueano.routes.points import through_points
@@ -25,3 +26,5 @@ __all__ = [
     "smooth",
     "through_points",
 ]
+
+__getattr__ = unknown_names(__name__)

@@ -14,7 +14,7 @@ velocities of a route. So along the heading, the velocity must agree with the ch
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from baqueano.routes.capability import MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S, Capabi
 from baqueano.routes.gaps import route_gaps
 from baqueano.routes.noise import position_noise
 from baqueano.routes.path import NAME_PLACEHOLDER, distances_along
+from baqueano.routes.room import Room, vehicle_room
 from baqueano.vehicle_file.head import reach_m
 
 if TYPE_CHECKING:
@@ -49,22 +50,6 @@ MIN_SPEED_M_S = 1e-3  # below it a curvature is not defined
 MIN_SIDEWAYS_M_S, MIN_SIDEWAYS_S = 0.05, 1.0
 MAX_NOISE_M = 0.002  # most controllers leave a route without noise by this distance, or less
 MAX_REACH_M = 1.0  # R of a vehicle without dimensions
-
-
-class Walls(Protocol):
-    """Protocol of a room: the `free_half_width_m` distances from the middle of the room, and the pose `start` in the
-    room.
-    """
-
-    @property
-    def free_half_width_m(self) -> np.ndarray:
-        """Return the largest distance (2,) [m] of the body's origin from the middle of the room, along x and y."""
-        ...
-
-    @property
-    def start(self) -> tuple[float, float, float]:
-        """Return the pose at the start of the route, relative to the middle of the room: x, y [m], ψ [rad]."""
-        ...
 
 
 class Demand(NamedTuple):
@@ -102,7 +87,7 @@ class RouteReport(Result):
         Codes, figures and commands to type.
     capability : Capability, optional
         Limits of the vehicle, for the figure; None without a vehicle, or if samples are missing.
-    room : Walls, optional
+    room : Room, optional
         The room, for the figure.
 
     Examples
@@ -124,7 +109,7 @@ class RouteReport(Result):
     clearance_m: float
     findings: tuple[Diagnostic, ...]
     capability: Capability | None = None
-    room: Walls | None = None
+    room: Room | None = None
 
     @property
     def placed_route(self) -> Route:
@@ -201,7 +186,7 @@ class RouteReport(Result):
 def examine(
     route: Route,
     vehicle_file: "VehicleFile | None" = None,
-    room: Walls | None = None,
+    room: Room | str | None = None,
     *,
     backend: str = "auto",
 ) -> RouteReport:
@@ -213,8 +198,8 @@ def examine(
         The route.
     vehicle_file : VehicleFile, optional
         The vehicle that will drive it.
-    room : Room, optional
-        Walls, as `design.room.room_of` returns them; the route begins at the start of the room.
+    room : str or Room, optional
+        Width and height, such as "2x2.5" [m], or the result of `vehicle_room`; the route begins at its start.
     backend : str
         "auto", "c", "python", or "numpy".
 
@@ -227,7 +212,7 @@ def examine(
     Raises
     ------
     UsageError
-        For a route with fewer than two poses.
+        For a route with fewer than two poses, or an invalid room.
 
     Notes
     -----
@@ -241,6 +226,7 @@ def examine(
     if len(route.t_s) < 2:
         shapes = {name: str(np.shape(getattr(route, name))) for name in ("t_s", "eta", "nu")}
         raise UsageError(fault("route.shapes", **shapes))
+    walls = None if room is None else vehicle_room(vehicle_file, room)
     s = distances_along(route.eta[:, :2])
     speed, turn = np.abs(route.nu[:, 0]), np.abs(route.nu[:, 2])
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -254,16 +240,16 @@ def examine(
             findings = [*_motion_findings(route, s, reach), *findings]
     findings = [*findings, *_noise_findings(route)]
     clearance_m = float("nan")
-    if room is not None and np.isfinite(s[-1]):
-        xy = _in_room(route, room).eta[:, :2]
-        distances = np.min(room.free_half_width_m - np.abs(xy), axis=1)
+    if walls is not None and np.isfinite(s[-1]):
+        xy = _in_room(route, walls).eta[:, :2]
+        distances = np.min(walls.free_half_width_m - np.abs(xy), axis=1)
         clearance_m, index = float(np.min(distances)), int(np.argmin(distances))
         if clearance_m < 0.0:
             findings = [
                 *findings,
                 fault(
                     "route.through-wall",
-                    baqueano_command("route", "scale", NAME_PLACEHOLDER, f"{_scale_into(xy, room):.2f}"),
+                    baqueano_command("route", "scale", NAME_PLACEHOLDER, f"{_scale_into(xy, walls):.2f}"),
                     position_m=float(s[index]),
                     excess_m=-clearance_m,
                 ),
@@ -271,11 +257,11 @@ def examine(
     return RouteReport(
         route, float(s[-1]), float(route.t_s[-1]), float(np.max(speed)), float(np.max(turn)),
         float(np.max(speed * turn)), float(np.min(radius)), share, clearance_m, tuple(findings), capability,
-        room,
+        walls,
     )  # fmt: skip
 
 
-def _scale_into(xy: np.ndarray, room: Walls) -> float:
+def _scale_into(xy: np.ndarray, room: Room) -> float:
     """Return the largest factor of hundredths, at least MIN_SCALE, with which the path (m, 2) stays in the room."""
     offset = xy - xy[0]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -283,7 +269,7 @@ def _scale_into(xy: np.ndarray, room: Walls) -> float:
     return max(float(np.floor(100.0 * np.nanmin(factors) - 1e-6)) / 100.0, MIN_SCALE)
 
 
-def _in_room(route: Route, room: Walls) -> Route:
+def _in_room(route: Route, room: Room) -> Route:
     return move_route(route._replace(eta=from_start(route.eta)), np.array(room.start))
 
 

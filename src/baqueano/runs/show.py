@@ -32,9 +32,11 @@ COMMAND_TITLES = {
 MAX_SHOWN_EVENTS = 20
 INDENT_OF_EVENT = 10  # letters before the second line of an event in the table
 SHOWN_KEYS = {  # of the metadata, as they are shown
-    "kind": N_("kind"), "seed": N_("seed"), "backend": N_("backend"), "verdict": N_("verdict"), "laps": N_("laps"),
-    "recovered_from": N_("recovered from"), "map": N_("map"), "commands": N_("commands"), "files": N_("files"),
-    "signal": N_("signal"), "route": N_("route"), "start": N_("start"), "note": N_("note"), "created": N_("created"),
+    "kind": N_("recorded by"), "seed": N_("seed"), "backend": N_("back end"),
+    "verdict": N_("verdict"), "laps": N_("laps"), "recovered_from": N_("recovered from"), "map": N_("map"),
+    "commands": N_("commands"), "files": N_("files"),
+    "signal": N_("signal"), "route": N_("route"), "start": N_("start [m, rad]"),
+    "note": N_("note"), "created": N_("created"),
     "machine": N_("machine"), "rate_hz": N_("rate [Hz]"), "noise": N_("noise"),
     "rest_s": N_("rest before the drive [s]"),
 }  # fmt: skip
@@ -87,7 +89,7 @@ class ShownRun:
             run.events, key=lambda event: (*LEVELS, event.level).index(event.level), reverse=True
         )
         counts = " ".join(
-            f"{_(SHOWN_KEYS.get(key, key))} {_with_few_digits(value) if key in NUMBERS else _(value)};"
+            f"{_(SHOWN_KEYS.get(key, key))}: {_with_few_digits(value) if key in NUMBERS else _(value)};"
             for key, value in run.metadata.items()
             if "\n" not in value and value
         )

@@ -7,6 +7,7 @@ possible mistake (see `Tags`).
 """
 
 from baqueano.contracts.blocks import Sensor
+from baqueano.on_demand import unknown_names
 from baqueano.sensors.beacon import Beacon
 from baqueano.sensors.compass import Compass
 from baqueano.sensors.encoders import Encoders
@@ -33,3 +34,5 @@ __all__ = [
     "Truth",
     "Wheels",
 ]
+
+__getattr__ = unknown_names(__name__)

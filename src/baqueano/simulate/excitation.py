@@ -8,7 +8,7 @@
 All return (N, n), one row per tick, with |u| ≤ limit in each channel; a channel with limit 0 stays 0. Random steps
 show friction and forces at the same time; the paper's case study uses them. A multisine spreads its power evenly and
 suits the frequency domain. A PRBS is best for lags. Ramps show dry friction and dead zones. These signals do not
-depend on the vehicle or the room. design/plan.py designs a signal for both, and design/room.py keeps any signal
+depend on the vehicle or the room. design/plan.py designs a signal for both, and design/containment.py keeps any signal
 inside a room. The channels of a signal are independent, so that the columns of T can be separated. Source: Ljung,
 System Identification, 1999, 13.3.
 """

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.blocks import World
-from baqueano.design.room import room_of
 from baqueano.diagnostics import Verdict
 from baqueano.drive import first_drive
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
+from baqueano.routes.room import vehicle_room
 from baqueano.signals import Command, Motion, Tick
 from baqueano.study.counterpart import LoopWorld, robot_values
 from baqueano.study.truth import Robots, draw_robots
@@ -160,7 +160,7 @@ def drive_one(seed: int, backend: str = "auto") -> FirstDriveFigures:
     robot = draw_unknown_robot(seed)
     world = MiswiredLink(LoopWorld(robot, seed, vehicle_file.rate_hz), wiring)
     drive = first_drive(vehicle_file, world=world, seed=seed, backend=backend)
-    truth, room = drive.run.truth, room_of(vehicle_file, ROOM_SIZE)
+    truth, room = drive.run.truth, vehicle_room(vehicle_file, ROOM_SIZE)
     assert truth is not None
     margin = float(np.min(room.free_half_width_m - np.abs(truth.eta[:, :2])))
     expected_codes = {

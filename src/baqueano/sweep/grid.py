@@ -166,7 +166,10 @@ def _vehicle_jobs(
     Raise UsageError without a vehicle, route or seed, or for an object of another type.
     """
     if not files or not routes or not seeds:
-        raise UsageError(fault("sweep.nothing", vehicles=len(files), routes=len(routes), seeds=len(seeds)))
+        call, route_count = "bq.sweep(robot, route)", len(routes)
+        raise UsageError(
+            fault("sweep.nothing", call, vehicles=len(files), routes=route_count, seeds=len(seeds))
+        )
     if unsupported_files := [
         vehicle_file for vehicle_file in files if not isinstance(vehicle_file, VehicleFile)
     ]:

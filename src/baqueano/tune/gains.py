@@ -35,7 +35,7 @@ SEED_OFFSET = 1000  # offset between the seeds of the search and those of the te
 MAX_WIDENED_SEARCHES = 3  # largest number of repeated searches with wider bounds
 
 
-@checked_call("bq.tune(robot, route)", options_of=tuning_objective)
+@checked_call("bq.tune(robot, route)", tuning_objective)
 def tune(
     vehicle_file: "VehicleFile",
     route: Route | Guide | Sequence[Route | Guide],

@@ -1,5 +1,6 @@
 """Vehicles turn a command into a motion. To add one, write a frozen dataclass with the methods of `Vehicle`."""
 
+from baqueano.on_demand import unknown_names
 from baqueano.vehicles.car import Car
 from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState
 from baqueano.vehicles.effort import Effort, constant_effort
@@ -20,3 +21,5 @@ __all__ = [
     "Vehicle",
     "VehicleState",
 ]
+
+__getattr__ = unknown_names(__name__)

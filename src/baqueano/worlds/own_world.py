@@ -1,4 +1,4 @@
-"""Check the ticks of a user's world, so that an error names the world and not a block of the loop."""
+"""Check the world of a user and its ticks, so that an error names the world and not a block of the loop."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -11,6 +11,17 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import UsageError
 from baqueano.signals import Tick
+
+MEMBERS = ("commands", "read", "write")  # of each world
+
+
+def check_world(world: object) -> None:
+    """Raise UsageError for a class, or for an object without MEMBERS."""
+    name = world.__name__ if isinstance(world, type) else type(world).__name__
+    if isinstance(world, type):
+        raise UsageError(fault("world.is-class", f"world={name}()", world=name))
+    if missing_names := [member for member in MEMBERS if member not in dir(world)]:
+        raise UsageError(fault("world.incomplete", "help(bq.worlds.World)", world=name, names=missing_names))
 
 
 def with_checked_ticks(world: World, example: Tick) -> World:

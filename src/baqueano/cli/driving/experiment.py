@@ -76,9 +76,9 @@ def command(
     vehicle_file = options.load_vehicle(vehicle, settings)
     kind, run_names = signal.replace("-", "_"), []
     if room is not None:
-        from baqueano.design.room import room_of
+        from baqueano.routes.room import vehicle_room
 
-        room_of(vehicle_file, room)  # before anything moves
+        vehicle_room(vehicle_file, room)  # before anything moves
 
     def path_of(label: str) -> Path:
         labelled_path = out.with_name(f"{out.stem}-{label}{out.suffix}") if out is not None and label else out
@@ -156,12 +156,13 @@ def signal_of(
 
     The vehicle stays in the room `size`, if given. A designed signal always has a room, by default "2x2".
     """
+    from baqueano.design.containment import contain_in_room
     from baqueano.design.plan import design_plan
-    from baqueano.design.room import contain_in_room, room_of
+    from baqueano.routes.room import vehicle_room
     from baqueano.simulate.excitation import excitation
 
     if kind == "designed":
-        room = room_of(vehicle_file, size or "2x2")
+        room = vehicle_room(vehicle_file, size or "2x2")
         with show_activity(note("cli.designing")) as say:
             plan = design_plan(vehicle_file, room, seconds, seed=seed, backend=backend, progress=say)
         print_message(plan.table())
@@ -169,7 +170,7 @@ def signal_of(
     u = excitation(kind, vehicle_file.command.limit, seconds, vehicle_file.rate_hz, seed)
     if size is None:
         return u
-    room = room_of(vehicle_file, size)
+    room = vehicle_room(vehicle_file, size)
     with show_activity(note("cli.planning-in-room", size=size)):
         containment = contain_in_room(u, vehicle_file, room, seed=seed, backend=backend)
     print_message(

@@ -8,7 +8,7 @@ from baqueano.cli import numbers, options
 from baqueano.cli.driving.route import (
     check_drivable,
     fastest_route,
-    room_of_options,
+    room_from_options,
     room_option,
     start_option,
     start_pose_of,
@@ -103,7 +103,7 @@ def command(
     taught_route = options.find_route(route)
     if faster:
         taught_route = fastest_route(taught_route, route, vehicle_file, backend=backend)
-    walled_room = room_of_options(vehicle_file, room, start)
+    walled_room = room_from_options(vehicle_file, room, start)
     check_drivable(taught_route, route, vehicle_file, walled_room, robot, anyway, backend)
     precautions = Precautions(True, anyway, walled_room, lead_in, way_back, caution, patience_s)
     own_kinds = {"estimator": estimator, "controller": controller, "guide": guide}

@@ -20,8 +20,8 @@ from baqueano.messages.printable import baqueano_command, shell_command
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
-    from baqueano.design.room import Room
     from baqueano.guides.route import Route
+    from baqueano.routes.room import Room
     from baqueano.vehicle_file import VehicleFile
 
 NAME = "NAME"  # of routes.path, which loads numpy
@@ -93,7 +93,7 @@ def check(
 
     vehicle_file = options.load_vehicle(vehicle, settings)
     result = examine(
-        options.find_route(route), vehicle_file, room_of_options(vehicle_file, room, start), backend=backend
+        options.find_route(route), vehicle_file, room_from_options(vehicle_file, room, start), backend=backend
     )
     result = replace(result, findings=tuple(with_route_name(finding, route) for finding in result.findings))
     print_answer(result, as_json)
@@ -354,7 +354,7 @@ def store_route(route: "Route", name: str, as_json: bool) -> None:
     )
 
 
-def room_of_options(vehicle_file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":
+def room_from_options(vehicle_file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":
     """Return the room of `--room` and `--start`; None without `--room`. Raise UsageError for an invalid room."""
     if room is None:
         if start is not None:
@@ -362,10 +362,10 @@ def room_of_options(vehicle_file: "VehicleFile", room: str | None, start: str | 
         return None
     import numpy as np
 
-    from baqueano.design.room import room_of
+    from baqueano.routes.room import vehicle_room
 
     x, y, degrees = pose_of(start or "0,0,0", "cli.start-unreadable")
-    return room_of(vehicle_file, room, start=(x, y, float(np.radians(degrees))))
+    return vehicle_room(vehicle_file, room, start=(x, y, float(np.radians(degrees))))
 
 
 def route_through_points(path: Path, speed_m_s: float, closed: bool | None) -> "Route":

@@ -2,12 +2,12 @@
 
 from dataclasses import asdict, dataclass, fields
 from inspect import signature
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.contracts.blocks import Estimator, Guide
-from baqueano.contracts.values import JsonObject, Value
+from baqueano.contracts.values import JsonObject
 from baqueano.controllers.model_following import SMOOTHING_S
 from baqueano.diagnostics import fault
 from baqueano.drive.observers import Observer
@@ -21,10 +21,10 @@ from baqueano.guides import GuideSequence
 from baqueano.guides.drive_to import MAX_GOAL_ANGLE_RAD, MAX_GOAL_DISTANCE_M
 from baqueano.guides.route import Route
 from baqueano.routes.capability import Capability
+from baqueano.routes.room import Room, vehicle_room
 from baqueano.symbolic import TraceError
 
 if TYPE_CHECKING:
-    from baqueano.routes.examine import Walls
     from baqueano.vehicle_file import VehicleFile
 
 MIN_SPEED_M_S = 0.01  # a slower sample is treated as rest
@@ -33,13 +33,6 @@ RADIUS_MARGIN = 1.3  # margin of the radius, for the controller
 MAX_RAMP_S = 2.0
 MIN_RAMP_S = 3.0 * SMOOTHING_S  # the controllers follow a ramp of their reference with this lag
 PATIENCE_S = 20.0
-
-
-class PlainRoom(NamedTuple):
-    """A room as plain values, as a mission contains it: see `routes.examine.Walls`."""
-
-    free_half_width_m: Value
-    start: tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +47,22 @@ class Precautions:
 
     check: bool = True
     anyway: bool = False
-    room: "Walls | None" = None
+    room: Room | None = None
     lead_in: bool = True
     way_back: bool = False
     caution: bool = True
     patience_s: float = PATIENCE_S
 
     @classmethod
-    def split_options(cls, options: JsonObject) -> "tuple[Precautions, JsonObject]":
-        """Split `options` into precautions and other options, and return both. Raise UsageError for a room as text."""
-        if type(room := options.get("room")) in (str, tuple, list, int, float):
-            raise UsageError(fault("drive.room-object", value=repr(room)))
+    def split_options(
+        cls, options: JsonObject, vehicle_file: "VehicleFile"
+    ) -> "tuple[Precautions, JsonObject]":
+        """Split `options` into precautions and other options, and return both. Raise UsageError for an invalid room.
+
+        A room as text, such as "2x2.5", becomes the room of the vehicle.
+        """
+        if options.get("room") is not None:
+            options = options | {"room": vehicle_room(vehicle_file, options["room"])}
         field_names = {field.name for field in fields(cls)}
         own_options = {name: value for name, value in options.items() if name in field_names}
         return cls(**own_options), {name: value for name, value in options.items() if name not in field_names}
@@ -89,9 +87,8 @@ class Precautions:
             room = row.pop("room", None)
             if room is not None:
                 half_widths, start_pose = (tuple(map(float, room[name])) for name in ("free", "start"))
-                room = PlainRoom(
-                    (half_widths[0], half_widths[1]), (start_pose[0], start_pose[1], start_pose[2])
-                )
+                start = (start_pose[0], start_pose[1], start_pose[2])
+                room = Room(2.0 * half_widths[0], 2.0 * half_widths[1], start=start)
             if "patience_s" in row and row["patience_s"] is None:
                 row["patience_s"] = float("inf")
             for name, value in row.items():

@@ -5,7 +5,7 @@
   s(v) = v (delay + lag) + ∫₀ᵛ w dw / a(w),   a(w) = min(−ν̇_x(w), ν̇_x(−w))         coasting without command  (3)
 
 s(v) is at least STOPPING_S v. a is the smaller deceleration, of a forward and a backward motion. free is half the width
-of the space in which the body's origin can be (design/room.py). With only commands and an IMU, Σ grows from
+of the space in which the body's origin can be (routes/room.py). With only commands and an IMU, Σ grows from
 lap to lap. The drive therefore ends when the vehicle might touch a wall, before it touches one.
 """
 
@@ -25,7 +25,7 @@ from baqueano.loop import Record
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
-    from baqueano.routes.examine import Walls
+    from baqueano.routes.room import Room
 
 STOPPING_S = 0.3
 MIN_DECELERATION_M_S2 = 0.01  # of a model without friction
@@ -57,15 +57,15 @@ class RoomWatch(Observer):
     `stopping_m` is the function s of (3).
     """
 
-    def __init__(self, room: "Walls", origin: np.ndarray, stopping_m: Callable[[float], float]) -> None:
+    def __init__(self, room: "Room", origin: np.ndarray, stopping_m: Callable[[float], float]) -> None:
         self._stopping_m = stopping_m
-        self._free, self._start = np.asarray(room.free_half_width_m), np.asarray(room.start)
+        self._free, self._start = room.free_half_width_m, np.asarray(room.start)
         self._origin = origin
         self._turn = map_from_body(self._start[2] - origin[2])[:2, :2]
         self._reason: Diagnostic | None = None
 
     @classmethod
-    def along(cls, route: Route, room: "Walls", vehicle: Tree) -> "RoomWatch":
+    def along(cls, route: Route, room: "Room", vehicle: Tree) -> "RoomWatch":
         """Return the watch of a vehicle on this route, up to twice the largest speed of the route."""
         top_speed_m_s = max(float(np.max(np.abs(route.nu[:, 0]))), MIN_SPEED_M_S)
         return cls(room, route.eta[0], stopping_distance(vehicle, 2.0 * top_speed_m_s))

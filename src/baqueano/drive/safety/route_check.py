@@ -9,7 +9,7 @@ from baqueano.routes import examine
 from baqueano.symbolic import TraceError
 
 if TYPE_CHECKING:
-    from baqueano.routes.examine import Walls
+    from baqueano.routes.room import Room
     from baqueano.vehicle_file import VehicleFile
 
 LIMIT_CODES = ("route.speed-too-high", "route.turns-too-fast", "route.curve-too-tight")  # limits of the model
@@ -19,7 +19,7 @@ ACCEPTABLE_CODES = (*LIMIT_CODES, "route.gap")  # findings that the user can acc
 def warnings_of(
     route: Route,
     vehicle_file: "VehicleFile",
-    room: "Walls | None" = None,
+    room: "Room | None" = None,
     *,
     measured: bool = True,
     anyway: bool = False,

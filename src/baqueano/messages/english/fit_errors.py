@@ -124,6 +124,7 @@ TEMPLATES: dict[str, str] = {
         "{path} is not a parameter of this vehicle ({kind}). {suggestion}. Name it as in the vehicle file, for example "
         "{example}."
     ),
+    "room.kind": "room = {value}: expected a text with width and height in metres. Type: {fix}",
     "room.small": (
         "A room of {width_m:g} × {height_m:g} m is too small for a body of radius {radius_m:g} m: expected "
         "more than {min_m:g} m on each side. Type: {fix}"
@@ -145,7 +146,7 @@ TEMPLATES: dict[str, str] = {
     "runs.no-sensor": (
         "{run} does not have sensor {sensor}: it has {valid}. Name those that all runs have with {arg[use]}."
     ),
-    "runs.none": "identify needs at least one run.",
+    "runs.none": "identify needs at least one run. Type: {fix}",
     "runs.other-size": (
         "{run}: a measurement of {sensor} has {entries} entries, but {kind} of the vehicle file has "
         "{size}. Is it another sensor?"

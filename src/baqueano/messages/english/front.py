@@ -69,10 +69,6 @@ TEMPLATES: dict[str, str] = {
     ),
     "front.width-unknown": "The width {value} is not valid. Expected millimetres, or a name. {suggestion}.",
     "front.width-mm": "The width {value:g} mm is out of range. Expected 20 to 2000 mm.",
-    "drive.room-object": (
-        'room = {value}: expected a room. Write room_of(vehicle_file, "2x2"), with room_of from '
-        "baqueano.design.room."
-    ),
     "drive.text-unknown": (
         "This run does not contain the code of {role} {block}, because Python cannot find it. Write the "
         "class in a file or in a notebook cell."

@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "name.near": "Did you mean {match}? The names are {valid}",
-    "name.none": "Names of this kind do not exist yet",
+    "name.none": "The list of valid names is empty",
     "name.unknown": "The names are {valid}",
     "messages.list": "{first}, {second}",
     "messages.number": "{value:.4g}",

@@ -224,7 +224,7 @@ TEMPLATES: dict[str, str] = {
     "block.unknown": (
         '{role:word} "{value}" does not exist. {suggestion}. Write one of your own as "file.py:Class".'
     ),
-    "block.file-absent": "File {absent_path} does not exist. A block of the vehicle is defined in it. {suggestion}.",
+    "block.file-absent": "File {absent_path} does not exist, but it should define a block. {suggestion}.",
     "block.outside-folder": (
         "{kind} is Python code outside the folder of its vehicle file: {path}. Code runs with "
         "all your permissions, so read it first."

@@ -15,8 +15,8 @@ within the file's limits, and the same function `contain` keeps them in the room
 from functools import partial
 from typing import Any
 
-from baqueano.design.room import room_of
 from baqueano.messages.language import translate as _
+from baqueano.routes.room import vehicle_room
 from baqueano.study.experiments.drives import plan_signals, signal_outcome, vehicles_around
 from baqueano.study.experiments.result import Experiments, SignalErrors, merge, rows_of
 from baqueano.sweep.workers import run_in_processes
@@ -46,7 +46,7 @@ def errors_around_file(
 ) -> dict[str, SignalErrors]:
     """Return signal → errors and margins on `count` vehicles around the file."""
     vehicle_file = load(name)
-    room, vehicles = room_of(vehicle_file, size), vehicles_around(vehicle_file, count, seed)
+    room, vehicles = vehicle_room(vehicle_file, size), vehicles_around(vehicle_file, count, seed)
     signal_plans = plan_signals(vehicle_file, room, count, seed, duration_s, backend)
     work = partial(signal_outcome, vehicles=vehicles, name=name, room=room, seed=seed)
     draws = dict(run_in_processes(work, list(signal_plans.items()), processes))

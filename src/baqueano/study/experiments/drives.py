@@ -5,11 +5,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.design.containment import VEHICLES, contain_in_room
 from baqueano.design.information import NUISANCE_STD, mean_error, unknowns
 from baqueano.design.plan import design_plan
-from baqueano.design.room import VEHICLES, Room, contain_in_room
 from baqueano.design.vehicle_cloud import VehicleCloud, possible_vehicles
 from baqueano.identify import KINDS, excitation
+from baqueano.routes.room import Room
 from baqueano.study.counterpart import world_of
 from baqueano.study.experiments.result import DESIGNED, SignalErrors
 from baqueano.study.identification.bound import (

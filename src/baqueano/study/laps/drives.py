@@ -14,12 +14,12 @@ import numpy as np
 
 from baqueano.compare.errors import cross_track
 from baqueano.contracts.values import Tree
-from baqueano.design.room import Room, body_radius
 from baqueano.drive.safety.room_watch import RoomWatch
 from baqueano.geometry import wrap
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
 from baqueano.loop import Record
+from baqueano.routes.room import Room, body_radius
 from baqueano.runs import Run
 from baqueano.runs.run import Channel
 from baqueano.signals import NANOSECONDS, Command, Estimate, Reference, Slot, Tick

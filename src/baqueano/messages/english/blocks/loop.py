@@ -57,6 +57,8 @@ TEMPLATES: dict[str, str] = {
         "{file} has {value} commands but the vehicle of the world accepts {expected}: they are not the "
         "same kind of vehicle."
     ),
+    "world.is-class": "world = class {world}: expected an object of this class. Type: {fix}",
+    "world.incomplete": "world={world} is not a simulator: it does not have {names}. Type: {fix}",
     "world.ticks": "{world}.read returned {value}: expected a list of baqueano.signals.Tick.",
     "world.times": (
         "{world}.read returned ticks with the times {value} ns: expected increasing times, the last {expected}."

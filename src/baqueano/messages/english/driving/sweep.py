@@ -26,7 +26,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "sweep.nothing": (
         "The sweep is empty. Vehicles: {vehicles}, routes: {routes}, seeds: {seeds}. Expected one or more of "
-        "each."
+        "each. Type: {fix}"
     ),
     "sweep.mixed": "A sweep accepts vehicles or runs, not both. The list of vehicles contains a {value}.",
     "sweep.route": "A sweep drives routes, such as guides.shapes.eight(1.0, 0.25). Found: {value}.",

@@ -14,16 +14,15 @@ signs of the other channels. The next alternatives are the chunk and these three
 last one is a zero command, which (4) of the previous chunk has tested.
 """
 
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.design.vehicle_cloud import VehicleCloud, possible_vehicles
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
+from baqueano.routes.room import Room
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
@@ -31,9 +30,6 @@ if TYPE_CHECKING:
 
 CORRIDOR_SIGMA = 3.0  # k of (1): one position in 370 of a normal distribution is further out
 TAIL_FACTOR = 1.5  # c of (3)
-# half of the grip of rubber on a smooth floor, 0.6 g: below it tyres almost do not slip
-MAX_LATERAL_M_S2 = 3.0
-SIDES = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*[x×]\s*(\d+\.?\d*|\.\d+)\s*m?\s*")  # "2x2.5"
 CHUNK_S = 0.5
 COAST_S = 2.0  # without command, in which a small vehicle comes to rest
 MIN_WALL_DISTANCE_M = 0.01  # that a chunk leaves for process noise at rest, and for the path between samples
@@ -43,90 +39,31 @@ VEHICLES = 128  # possible vehicles: the error of the standard deviation of thei
 SIMULATED_OPTIONS = 2  # alternatives that are simulated to their end together: mostly the first is allowed
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Room:
-    """Walls and limits of a room, and the pose at which the drive begins."""
-
-    width_m: float
-    height_m: float
-    radius_m: float = 0.0  # of the body about the origin of its frame
-    start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y [m], ψ [rad] from the middle of the room
-    speed_m_s: float = float("inf")
-    turn_rad_s: float = float("inf")
-    lateral_m_s2: float = float("inf")
-
-    def __post_init__(self) -> None:
-        free_m = 0.5 * min(self.width_m, self.height_m) - self.radius_m
-        if not (np.isfinite(self.width_m + self.height_m) and free_m > 0.0):
-            w, h, r = self.width_m, self.height_m, self.radius_m
-            size_fault = fault("room.small", "--room 2x2", width_m=w, height_m=h, radius_m=r, min_m=2.0 * r)
-            raise UsageError(size_fault)
-        if np.any(np.abs(self.start[:2]) > self.free_half_width_m):
-            (x_m, y_m, _), (along_m, across_m) = self.start, self.free_half_width_m
-            raise UsageError(fault("room.start", x_m=x_m, y_m=y_m, max_x_m=along_m, max_y_m=across_m))
-
-    @property
-    def free_half_width_m(self) -> np.ndarray:
-        """Return the largest distance (2,) [m] from the middle that is allowed for the origin of the body."""
-        return 0.5 * np.array([self.width_m, self.height_m]) - self.radius_m
-
-    def margin(self, eta: np.ndarray) -> np.ndarray:
-        """Return the least distance (…,) [m] over time between a wall and the poses (…, L, T, 3) of possible vehicles.
-        It is negative if they leave the room. The corridor and the outermost vehicle are tested. (1), (3)"""
-        xy = eta[..., :2]
-        mean, std = xy.mean(axis=-3), xy.std(axis=-3)
-        corridor = np.abs(mean) + CORRIDOR_SIGMA * std
-        furthest = np.maximum(corridor, reach(xy.min(axis=-3), mean, xy.max(axis=-3)))
-        return np.min(self.free_half_width_m - furthest, axis=(-2, -1))
-
-    def respects_speed_limits(self, eta: np.ndarray, rate_hz: float) -> np.ndarray:
-        """Return a mask (…,), True for poses (…, L, T, 3) of possible vehicles that respect the speed limits.  (2)"""
-        if not np.isfinite(min(self.speed_m_s, self.turn_rad_s, self.lateral_m_s2)):
-            return np.ones(eta.shape[:-3], bool)
-        step = np.diff(eta, axis=-2) * rate_hz
-        speed = np.hypot(step[..., 0], step[..., 1])
-        half_turn_rad_s = np.pi * rate_hz
-        turn = np.abs((step[..., 2] + half_turn_rad_s) % (2.0 * half_turn_rad_s) - half_turn_rad_s)
-        is_within = (_upper_limit(speed) <= self.speed_m_s) & (_upper_limit(turn) <= self.turn_rad_s)
-        return is_within & (_upper_limit(speed * turn) <= self.lateral_m_s2)
-
-
 def reach(low: np.ndarray, mean: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return the largest distance (…,) of a vehicle from the middle, from extremes and mean of the positions.  (3)"""
     return np.maximum(np.abs(mean + TAIL_FACTOR * (low - mean)), np.abs(mean + TAIL_FACTOR * (high - mean)))
 
 
-def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
-    """Return the room "2x2.5", width and height in metres, for the vehicle of the file.
-
-    The room has the radius of the vehicle, the limits of its supervisor, and MAX_LATERAL_M_S2. `options` replaces
-    these or sets other fields of Room. Raise UsageError for an invalid size, or if the room is too small.
-
-    >>> from baqueano.vehicle_file import load
-    >>> room = room_of(load("small"), "2x2.5", start=(0.5, 0.0, 0.0))
-    >>> print(room.height_m, room.radius_m, room.free_half_width_m)
-    2.5 0.07 [0.93 1.18]
-    """
-    if not (match := SIDES.fullmatch(size)):
-        with_points = size.replace(",", ".")
-        remedy = with_points if SIDES.fullmatch(with_points) else "2x2"
-        raise UsageError(fault("room.unreadable", f"--room {remedy}", size=size))
-    sides = [float(side) for side in match.groups()]
-    supervisor = vehicle_file.supervisor()
-    limits = {
-        "radius_m": body_radius(vehicle_file),
-        "speed_m_s": getattr(supervisor, "max_speed_m_s", float("inf")),
-        "turn_rad_s": getattr(supervisor, "max_yaw_rate_rad_s", float("inf")),
-        "lateral_m_s2": MAX_LATERAL_M_S2,
-    }
-    return Room(sides[0], sides[1], **(limits | options))
+def wall_margin(room: Room, eta: np.ndarray) -> np.ndarray:
+    """Return the least distance (…,) [m] over time between a wall and the poses (…, L, T, 3) of possible vehicles.
+    It is negative if they leave the room. The corridor and the outermost vehicle are tested. (1), (3)"""
+    xy = eta[..., :2]
+    mean, std = xy.mean(axis=-3), xy.std(axis=-3)
+    corridor = np.abs(mean) + CORRIDOR_SIGMA * std
+    furthest = np.maximum(corridor, reach(xy.min(axis=-3), mean, xy.max(axis=-3)))
+    return np.min(room.free_half_width_m - furthest, axis=(-2, -1))
 
 
-def body_radius(vehicle_file: "VehicleFile") -> float:
-    """Return the radius [m] of the circle about the origin that contains the body, or 0 without a size in the file."""
-    g = vehicle_file.geometry
-    half_diagonal_m = float(np.hypot(g.length_m or 0.0, g.width_m or 0.0)) / 2.0
-    return max(g.radius_m or 0.0, half_diagonal_m, (g.track_m or 0.0) / 2.0)
+def respects_speed_limits(room: Room, eta: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Return a mask (…,), True for poses (…, L, T, 3) of possible vehicles that respect the speed limits.  (2)"""
+    if not np.isfinite(min(room.speed_m_s, room.turn_rad_s, room.lateral_m_s2)):
+        return np.ones(eta.shape[:-3], bool)
+    step = np.diff(eta, axis=-2) * rate_hz
+    speed = np.hypot(step[..., 0], step[..., 1])
+    half_turn_rad_s = np.pi * rate_hz
+    turn = np.abs((step[..., 2] + half_turn_rad_s) % (2.0 * half_turn_rad_s) - half_turn_rad_s)
+    is_within = (_upper_limit(speed) <= room.speed_m_s) & (_upper_limit(turn) <= room.turn_rad_s)
+    return is_within & (_upper_limit(speed * turn) <= room.lateral_m_s2)
 
 
 def _upper_limit(x: np.ndarray) -> np.ndarray:
@@ -138,7 +75,7 @@ class ContainedSignal(NamedTuple):
     """A signal that stays in a room."""
 
     u: np.ndarray  # (N, n)
-    margin_m: float  # least distance between the corridor and the walls, (1) of room.py
+    margin_m: float  # least distance between the corridor and the walls, (1)
     replaced_fraction: float  # fraction of the chunks that were replaced
     eta: np.ndarray  # (L, N, 3) poses of the possible vehicles
 
@@ -146,7 +83,7 @@ class ContainedSignal(NamedTuple):
 def contain_in_room(
     u: np.ndarray,
     vehicle_file: "VehicleFile",
-    room: "Room",
+    room: Room,
     *,
     cloud: VehicleCloud | None = None,
     seed: int = 0,
@@ -157,10 +94,10 @@ def contain_in_room(
     `cloud` contains the possible vehicles; default: possible vehicles of `vehicle_file`, drawn with `seed`. Raise
     UsageError if `u` has another shape. Raise AnswerNo if these vehicles leave the room in spite of the replacements.
 
-    >>> from baqueano.design.room import room_of
+    >>> from baqueano.routes.room import vehicle_room
     >>> from baqueano.vehicle_file import load
     >>> small = load("small")
-    >>> safe = contain_in_room(np.tile([1.0, 0.0, 0.0], (200, 1)), small, room_of(small, "2x2"))  # 1 m ahead, and on
+    >>> safe = contain_in_room(np.tile([1.0, 0.0, 0.0], (200, 1)), small, vehicle_room(small, "2x2"))  # 1 m ahead
     >>> print(safe.u.shape, f"{100 * safe.replaced_fraction:.0f} % replaced, {safe.margin_m > 0.0}")
     (200, 3) 50 % replaced, True
     """
@@ -181,7 +118,7 @@ def contain_in_room(
         poses.append(path)
         change_count += not np.array_equal(options[index], chunk_u)
     eta = np.concatenate(poses, axis=1)
-    margin = float(room.margin(eta))
+    margin = float(wall_margin(room, eta))
     if margin < 0.0:
         width_m, height_m = room.width_m, room.height_m
         raise AnswerNo(fault("room.too-small", width_m=width_m, height_m=height_m, excess_m=-margin))
@@ -198,7 +135,7 @@ def chunk_alternatives(u: np.ndarray) -> np.ndarray:
 
 
 def first_allowed_option(
-    cloud: VehicleCloud, room: "Room", state: "VehicleState", options: Sequence[np.ndarray], tick: int
+    cloud: VehicleCloud, room: Room, state: "VehicleState", options: Sequence[np.ndarray], tick: int
 ) -> tuple[int, "VehicleState", np.ndarray] | None:  # fmt: skip
     """Return the index of the first allowed option (T, n), the vehicle states after it, and its poses (L, T, 3), or
     None. (4)"""
@@ -206,21 +143,21 @@ def first_allowed_option(
     rate_hz, ticks = cloud.rate_hz / stride, len(options[0])
     drives = cloud.drive_each([state] * len(options), options, tick)
     paths = [eta[:, ticks % stride :: stride] for _, eta in drives]
-    allowed_indices = [k for k, eta in enumerate(paths) if room.margin(eta) >= MIN_WALL_DISTANCE_M]
+    allowed_indices = [k for k, eta in enumerate(paths) if wall_margin(room, eta) >= MIN_WALL_DISTANCE_M]
     no_command = np.zeros((round(COAST_S * cloud.rate_hz), options[0].shape[1]))
     for offset in range(0, len(allowed_indices), SIMULATED_OPTIONS):
         indices = allowed_indices[offset : offset + SIMULATED_OPTIONS]
         coasts = cloud.drive_each([drives[k][0] for k in indices], [no_command] * len(indices), tick + ticks)
         for k, (_, eta) in zip(indices, coasts, strict=True):
             full_path = np.concatenate([paths[k], eta[:, ::stride]], axis=1)
-            is_inside = room.margin(full_path) >= MIN_WALL_DISTANCE_M
-            if is_inside and room.respects_speed_limits(full_path, rate_hz):
+            is_inside = wall_margin(room, full_path) >= MIN_WALL_DISTANCE_M
+            if is_inside and respects_speed_limits(room, full_path, rate_hz):
                 return k, *drives[k]
     return None
 
 
 def _first_allowed_or_last(
-    cloud: VehicleCloud, room: "Room", state: "VehicleState", options: np.ndarray, tick: int
+    cloud: VehicleCloud, room: Room, state: "VehicleState", options: np.ndarray, tick: int
 ) -> tuple[int, "VehicleState", np.ndarray]:
     """Return the index of the first allowed option of (C, T, n), the vehicle states after it, and its poses (L, T, 3).
     If none is allowed, return those of the last option."""
