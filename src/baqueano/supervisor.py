@@ -184,7 +184,9 @@ class GuardedBlock:
         text = _as_written(self.block)
         if any(type(part) is not GuardedBlock for part in _parts(text).values()):
             command_count = len(self.zeros.get("u", ()))
-            replace(self, block=with_guarded_parts(self.role, text, command_count, True)).step(state, *inputs)
+            replace(self, block=with_guarded_parts(self.role, text, command_count, compiled_too=True)).step(
+                state, *inputs
+            )
 
     def _return_fault(self, result_text: str, expected: Diagnostic | str) -> BlockFault:
         figures = {"value": result_text, "expected": expected}

@@ -66,7 +66,7 @@ def test_rt15_a_stop_has_priority_over_five_flooding_clients(door, connect, turn
         assert message == {"type": "received", "request": "stop"}
         index = next(k for k in range(before, len(turns)) if turns[k].startswith(b'{"type": "stop"'))
         assert index - before <= 8 * MAX_LINES  # of millions of messages sent meanwhile
-        door.operator.discard_requests(door.operator.stop_reason(False))
+        door.operator.discard_requests(door.operator.stop_reason(attended=False))
     for flood in floods:
         flood.end()
 
@@ -82,17 +82,17 @@ def test_a_message_of_the_loop_has_priority_over_the_waiting_lines(door, connect
 def test_a_stop_has_priority_over_earlier_lines_of_its_client(door, connect, turns):
     person = connect()
     person.line.sendall(RUNS * 200 + STOP + RUNS * 20)
-    wait_for(lambda: door.operator.stop_reason(False) is not None)
+    wait_for(lambda: door.operator.stop_reason(attended=False) is not None)
     index = next(k for k, line in enumerate(turns) if line.startswith(b'{"type": "stop"'))
     assert index <= MAX_LINES
-    assert door.operator.stop_reason(False).code == StopReason.STOPPED_BY
+    assert door.operator.stop_reason(attended=False).code == StopReason.STOPPED_BY
 
 
 def test_a_stop_nested_in_another_message_does_not_stop_the_vehicle(door, connect):
     person = connect()
     person.send(type="ping", token={"type": "stop"})
     assert person.receive()["token"] == {"type": "stop"}
-    assert door.operator.stop_reason(False) is None
+    assert door.operator.stop_reason(attended=False) is None
 
 
 def test_a_client_that_sends_too_fast_receives_the_number_of_dropped_lines(door, connect):

@@ -90,8 +90,10 @@ def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, con
     assert second.receive()["diagnostic"]["code"] == "door.other-driver"
     second.send(type="hand", u=[1.0, 0.0, 0.0])
     second.send(type="stop", reason="it nears the stairs")
-    wait_for(lambda: door.operator.stop_reason(False) is not None)
-    assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
+    wait_for(lambda: door.operator.stop_reason(attended=False) is not None)
+    assert door.operator.stop_reason(attended=False) == stop(
+        StopReason.STOPPED_BY, words="it nears the stairs"
+    )
     assert not door.operator.command(3).any()
 
 
@@ -198,13 +200,17 @@ def test_a_long_line_that_is_not_a_mission_is_refused_at_rest(door, person, monk
 def test_a_stop_of_an_earlier_version_stops_the_vehicle(door, person):
     person.send(do="stop", reason="it nears the stairs")
     assert person.receive() == {"type": "received", "request": "stop"}
-    assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
+    assert door.operator.stop_reason(attended=False) == stop(
+        StopReason.STOPPED_BY, words="it nears the stairs"
+    )
 
 
 def test_a_stop_is_acknowledged_after_the_operator_received_the_stop(door, person):
     person.send(type="stop", reason="it nears the stairs")
     assert person.receive() == {"type": "received", "request": "stop"}
-    assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
+    assert door.operator.stop_reason(attended=False) == stop(
+        StopReason.STOPPED_BY, words="it nears the stairs"
+    )
 
 
 def test_rt15_a_stop_halts_the_motors_before_it_is_acknowledged(tmp_path):
@@ -232,13 +238,13 @@ def test_a_mission_of_another_version_is_refused_with_a_readable_reason(door, pe
 def test_a_stop_is_accepted_with_any_reason(door, person, reason):
     person.send(type="stop", reason=reason)
     assert person.receive() == {"type": "received", "request": "stop"}
-    assert door.operator.stop_reason(False).code == StopReason.STOPPED_BY
+    assert door.operator.stop_reason(attended=False).code == StopReason.STOPPED_BY
 
 
 def test_the_reason_of_a_stop_is_received_as_data(door, person):
     person.send(type="stop", reason=stop(StopReason.TERMINAL_SILENT, silent_ms=355.5).to_json())
     person.receive()
-    assert door.operator.stop_reason(False) == stop(StopReason.TERMINAL_SILENT, silent_ms=355.5)
+    assert door.operator.stop_reason(attended=False) == stop(StopReason.TERMINAL_SILENT, silent_ms=355.5)
 
 
 def test_a_run_is_fetched_byte_for_byte(door, person, tmp_path):

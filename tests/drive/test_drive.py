@@ -371,7 +371,7 @@ def test_a_lesson_of_a_vehicle_that_lags_behind_returns_to_its_start():
     """Before, the lesson ended at its planned time, 0.39 m and 91° before the end of the circle."""
     run = late_drive(circle(0.3, 0.4), **{"model.friction.linear": [13.2, 40.0, 0.046]})
     assert np.hypot(*run.estimate.eta[-1, :2]) < 0.1
-    assert route_of(run, True).closed
+    assert route_of(run, closed=True).closed
     assert run.estimate.nu[-1, 0] > 0.1  # a closed lesson ends in motion
 
 

@@ -46,7 +46,7 @@ def spin(seconds: float = 1.0, turn: float = 0.6, file: Any = None) -> Mission:
 
 def drive(service: Any, mission: Mission | str, attended: bool = False) -> tuple[dict[str, Any], Any]:
     """Perform the mission; return its end message and its run."""
-    service.execute_request(mission, attended)
+    service.execute_request(mission, attended=attended)
     end = [m for m in service.messages if m["type"] == "done"][-1]
     return end, None if end["run"] is None else read_run(service.folder / end["run"])
 

@@ -60,7 +60,7 @@ def test_an_unwritable_run_folder_ends_the_mission_and_not_the_service(service, 
     look_around(service, robot, 3)
     service.folder = tmp_path / "a file" / "runs"
     service.folder.parent.write_text("no folder")
-    service.execute_request(spin(), True, "mine")
+    service.execute_request(spin(), attended=True, name="mine")
     look_around(service, robot, 3)
     end = [message for message in service.messages if message["type"] == "done"][-1]
     assert (end["id"], end["run"], end["code"]) == ("mine", None, 3)

@@ -62,7 +62,7 @@ class Driver:
         self.service.operator.set_holder(self)
         self.service.notify_watchdog = self.each_tick
         with self.cockpit:
-            self.service.execute_request(pack(Mission("teach"), vehicle_file.load("small")), True)
+            self.service.execute_request(pack(Mission("teach"), vehicle_file.load("small")), attended=True)
         end = [m for m in self.service.messages if m["type"] == "done"][-1]
         return end, read_run(self.service.folder / end["run"])
 

@@ -329,7 +329,7 @@ def test_rt16_a_full_disk_ends_the_log_and_not_the_drive(robot, service, with_st
 
     during(service, robot, 2.0, fills_up)
     try:
-        service.execute_request(spin(7.0), False)
+        service.execute_request(spin(7.0), attended=False)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     end = service.messages[-1]

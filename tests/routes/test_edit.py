@@ -80,7 +80,7 @@ def test_a_scaled_route_has_the_same_speed_and_shape():
 def test_a_route_through_points_is_drivable_and_passes_near_the_points():
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     for is_closed in (False, True):
-        route = through_points(corners, 0.2, is_closed)
+        route = through_points(corners, 0.2, closed=is_closed)
         distance = np.min(np.hypot(*(route.eta[:, None, :2] - corners).transpose(2, 0, 1)), axis=0)
         assert np.max(distance) < 0.05
         assert route.closed == is_closed
@@ -106,7 +106,7 @@ def test_a_log_of_points_with_stops_gives_the_route_without_stops(is_closed):
         points[[0, 0, 1, 1, 1, 2, 2] + [0, 0] * is_closed]
         + 1e-5 * np.arange(7 + 2 * is_closed)[:, None] % 2e-5
     )
-    expected, route = (through_points(xy, 0.2, is_closed) for xy in (points, log))
+    expected, route = (through_points(xy, 0.2, closed=is_closed) for xy in (points, log))
     assert route.eta == pytest.approx(expected.eta, abs=1e-3)
     assert route.closed is is_closed
 

@@ -115,13 +115,13 @@ def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLin
     yield "", [duration, TableLine(_("the estimate diverged at"), "s", lambda j: j.divergence_s)]
     drift, turn = _("drift {over} (RPE)", over=over), _("drift of the heading {over}", over=over)
     lines = [
-        TableLine(_("position (ATE)"), "m", lambda j: j.ate_m, True),
-        TableLine(_("position, at the end"), "m", lambda j: j.end_error_m, True),
-        TableLine(_("heading"), "°", lambda j: j.ate_heading_rad * DEGREES_PER_RAD, True),
-        TableLine(drift, "m", lambda j: j.rpe_m, True),
-        TableLine(turn, "°", lambda j: j.rpe_heading_rad * DEGREES_PER_RAD, True),
-        TableLine(_("speed"), "m/s", lambda j: j.speed_error_m_s, True),
-        TableLine(_("yaw rate"), "rad/s", lambda j: j.yaw_rate_error_rad_s, True),
+        TableLine(_("position (ATE)"), "m", lambda j: j.ate_m, is_error=True),
+        TableLine(_("position, at the end"), "m", lambda j: j.end_error_m, is_error=True),
+        TableLine(_("heading"), "°", lambda j: j.ate_heading_rad * DEGREES_PER_RAD, is_error=True),
+        TableLine(drift, "m", lambda j: j.rpe_m, is_error=True),
+        TableLine(turn, "°", lambda j: j.rpe_heading_rad * DEGREES_PER_RAD, is_error=True),
+        TableLine(_("speed"), "m/s", lambda j: j.speed_error_m_s, is_error=True),
+        TableLine(_("yaw rate"), "rad/s", lambda j: j.yaw_rate_error_rad_s, is_error=True),
     ]
     yield _(ALIGNMENT_TITLES[comparison.alignment]), lines
     if comparison.of_drives:
@@ -144,17 +144,19 @@ def _vehicle_sections() -> Iterator[tuple[str, Sequence[TableLine]]]:
 
 def _distances(name: str) -> list[TableLine]:
     return [
-        TableLine(_("distance, rms"), "m", lambda j: getattr(j, name).rms_m, True),
-        TableLine(_("distance, 95 %"), "m", lambda j: getattr(j, name).p95_m, True),
-        TableLine(_("distance, largest"), "m", lambda j: getattr(j, name).max_m, True),
+        TableLine(_("distance, rms"), "m", lambda j: getattr(j, name).rms_m, is_error=True),
+        TableLine(_("distance, 95 %"), "m", lambda j: getattr(j, name).p95_m, is_error=True),
+        TableLine(_("distance, largest"), "m", lambda j: getattr(j, name).max_m, is_error=True),
     ]
 
 
 def _paces(name: str) -> list[TableLine]:
     return [
-        TableLine(_("speed error, rms"), "m/s", lambda j: getattr(j, name).error_m_s, True),
-        TableLine(_("speed error, relative"), "%", lambda j: 100.0 * getattr(j, name).error, True),
-        TableLine(_("speed about its 1 s mean"), "%", lambda j: 100.0 * getattr(j, name).unevenness, True),
+        TableLine(_("speed error, rms"), "m/s", lambda j: getattr(j, name).error_m_s, is_error=True),
+        TableLine(_("speed error, relative"), "%", lambda j: 100.0 * getattr(j, name).error, is_error=True),
+        TableLine(
+            _("speed about its 1 s mean"), "%", lambda j: 100.0 * getattr(j, name).unevenness, is_error=True
+        ),
     ]
 
 

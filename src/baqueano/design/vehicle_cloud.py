@@ -192,7 +192,9 @@ class VehicleCloud:
     ) -> None:
         self.distribution, self.seed, self.rate_hz = distribution, seed, vehicle_file.rate_hz
         system = System(vehicle_file.vehicle, vehicle_file.sensors)
-        self.kernel = batch_kernel(system, distribution.paths, self.rate_hz, True, backend)
+        self.kernel = batch_kernel(
+            system, distribution.paths, self.rate_hz, process_noise=True, backend=backend
+        )
         self.rest_state = system.model.init()
         self.size = len(distribution.theta)
         self.has_noise = bool(np.any(getattr(vehicle_file.vehicle, "process_noise_std", 1.0)))

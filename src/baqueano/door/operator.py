@@ -87,7 +87,7 @@ class Operator:
                 raise SafetyStop(note("door.mission", Severity.ERROR, STOP_COMMAND))
             self._check_only_holder(client)
 
-    def queue_mission(self, client: object, mission: str, attended: bool = True, name: str = "") -> None:
+    def queue_mission(self, client: object, mission: str, *, attended: bool = True, name: str = "") -> None:
         """Make `client` the holder, and queue its mission in JSON. Raise SafetyStop as `check_admission` does.
 
         The client recognises the messages about its mission by `name`. `attended` is True if the silence of the holder
@@ -147,7 +147,7 @@ class Operator:
         """Remove and return the waiting mission: (JSON, attended, name), or None without one."""
         return self._missions.popleft() if self._missions else None
 
-    def stop_reason(self, attended: bool = True) -> Diagnostic | None:
+    def stop_reason(self, *, attended: bool = True) -> Diagnostic | None:
         """Return the reason to stop the vehicle, or None.  (1)"""
         if self._stop is not None:
             return self._stop

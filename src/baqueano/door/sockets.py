@@ -277,7 +277,7 @@ class Door:
             raise UsageError(note("door.version", Severity.ERROR, "baqueano robot setup HOST", **versions))
         name, is_attended = str(request.get("id", ""))[:LONGEST_ID], bool(request.get("attended", True))
         mission = str(request["mission"]) if "mission" in request else json.dumps(request)
-        self.operator.queue_mission(client, mission, is_attended, name)
+        self.operator.queue_mission(client, mission, attended=is_attended, name=name)
 
     def _set_gain(self, client: DoorClient, request: "JsonObject") -> None:
         self.operator.set_gain(client, str(request["path"]), request["value"])
@@ -317,7 +317,7 @@ class Door:
                     message = message | {name: [message[name][c] for c in client.columns]}
             client.enqueue(message)
 
-    def _send_new_rows(self, at_once: bool = False) -> None:
+    def _send_new_rows(self, *, at_once: bool = False) -> None:
         """Send new rows to the clients for which they are due, or to all if `at_once`; equal rows are encoded once."""
         watching = [client for client in self._clients if client.hz > 0.0]
         (drive, _), frames_by_columns, self._is_behind = self.frames.drive(), {}, False

@@ -205,7 +205,9 @@ def teach(vehicle_file: VehicleFile, driver: Driver, *, closed: bool = False, **
     >>> run.duration_s, route.eta.shape, route.closed
     (2.0, (41, 3), False)
     """
-    return TeachResult(run := drive_with_driver(vehicle_file, driver, **options), route_of(run, closed))
+    return TeachResult(
+        run := drive_with_driver(vehicle_file, driver, **options), route_of(run, closed=closed)
+    )
 
 
 @checked_call("bq.repeat(robot, route)", checked=(Precautions, drive, Conditions))
@@ -327,7 +329,9 @@ def replay(
     >>> np.array_equal(replay(run, small).estimate.eta, run.estimate.eta)
     True
     """
-    vehicle_file = recorded_vehicle_file(run, allow_blocks) if vehicle_file is None else vehicle_file
+    vehicle_file = (
+        recorded_vehicle_file(run, allow_blocks=allow_blocks) if vehicle_file is None else vehicle_file
+    )
     world, path = ReplayedWorld(run, vehicle_file.sensors), options.pop("path", None) if smooth else None
     backend = run.metadata.get("backend", "auto")
     options = {"backend": backend, "eta": initial_pose(run), "rest_s": run.rest_s} | options
@@ -339,7 +343,7 @@ def replay(
     return smooth_run(replayed_run, vehicle_file, blocks.estimator, options["eta"], options["backend"], path)
 
 
-def recorded_vehicle_file(run: Run, allow_blocks: bool = False) -> VehicleFile:
+def recorded_vehicle_file(run: Run, *, allow_blocks: bool = False) -> VehicleFile:
     """Return the vehicle file that a run contains. Raise UsageError for a run without a vehicle file.
     Raise FileError for a user's block that vehicle.toml of this folder does not name, except with `allow_blocks`."""
     if not run.vehicle_text:
@@ -361,7 +365,7 @@ def replay_blocks(
     leader = Playback(*ref) if ref is not None else Idle(
         float(seconds(end_ns[0], run.t_ns[begin])) if len(end_ns) else float("inf"))  # fmt: skip
     if guide is not None:
-        route = None if ref is None else Route(seconds(ref.t_ns, ref.t_ns[0]), ref.eta, ref.nu, False)
+        route = None if ref is None else Route(seconds(ref.t_ns, ref.t_ns[0]), ref.eta, ref.nu, closed=False)
         leader = vehicle_file.guide(route, guide)
     follower = None if controller is None else vehicle_file.controller(controller)
     if follower is None and run.metadata.get("kind") == "repeat":

@@ -195,7 +195,7 @@ def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float
     rows.append(np.array([[length_so_far_m, x, y, psi, 0.0]]))
     table = np.concatenate(rows)
     nu = np.column_stack([np.full(len(table), speed_m_s), np.zeros(len(table)), table[:, 4] * speed_m_s])
-    return Route(table[:, 0] / speed_m_s, from_start(table[:, 1:4]), nu, True)
+    return Route(table[:, 0] / speed_m_s, from_start(table[:, 1:4]), nu, closed=True)
 
 
 @checked_call("bq.guides.shapes.line(2.0, 0.2)")
@@ -317,7 +317,7 @@ def _route_of_curvature(kappa: np.ndarray, length_m: float, speed_m_s: float) ->
     step = np.diff(s)[:, None] * np.column_stack([np.cos(mean_heading), np.sin(mean_heading)])
     xy = np.vstack([np.zeros((1, 2)), np.cumsum(step, axis=0)])
     nu = np.column_stack([np.full_like(s, speed_m_s), np.zeros_like(s), kappa * speed_m_s])
-    return Route(s / speed_m_s, np.column_stack([xy, psi]), nu, False)
+    return Route(s / speed_m_s, np.column_stack([xy, psi]), nu, closed=False)
 
 
 def shape(name: str, size_m: float, speed_m_s: float) -> Route:

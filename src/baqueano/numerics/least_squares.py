@@ -120,7 +120,14 @@ def minimise(
     current = evaluate(theta) if evaluation is None else evaluation
     count, growth, idle_count = 1 if evaluation is None else 0, 2.0, 0
     if not _is_finite(current):
-        return Solution(theta, current, False, np.inf, count, _bound(theta, low, high))
+        return Solution(
+            theta,
+            current,
+            converged=False,
+            decrement=np.inf,
+            evaluations=count,
+            bound=_bound(theta, low, high),
+        )
     scale, kinks_tested = np.zeros(len(theta)), False
     while True:
         scale = np.maximum(scale, current.hessian.diagonal())

@@ -48,7 +48,9 @@ def cut(route: Route, from_m: float = 0.0, to_m: float | None = None) -> Route:
     first = max(int(np.searchsorted(s, from_m, side="right")) - 1, 0)
     last = min(int(np.searchsorted(s, to_m)), len(s) - 1)
     kept_slice = slice(first, max(last, first + 1) + 1)
-    return Route(route.t_s[kept_slice] - route.t_s[first], route.eta[kept_slice], route.nu[kept_slice], False)
+    return Route(
+        route.t_s[kept_slice] - route.t_s[first], route.eta[kept_slice], route.nu[kept_slice], closed=False
+    )
 
 
 @checked_call("bq.routes.join(first, second)")
@@ -89,7 +91,7 @@ def join(first: Route, second: Route) -> Route:
     eta = np.concatenate([first.eta, shifted_route.eta[1:]])
     t_s = np.concatenate([first.t_s, first.t_s[-1] + second.t_s[1:]])
     nu = np.concatenate([first.nu, second.nu[1:]])
-    route = Route(t_s, eta, nu, False)
+    route = Route(t_s, eta, nu, closed=False)
     return route._replace(closed=ends_meet(route))
 
 

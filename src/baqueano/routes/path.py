@@ -101,7 +101,7 @@ def cut_command(s: np.ndarray, k: int) -> str:
     return baqueano_command("route", "cut", NAME_PLACEHOLDER, "--from", f"{after_m:.2f}")
 
 
-def route_along(path: RoutePath, speed: np.ndarray, forward_sign: float, closed: bool) -> Route:
+def route_along(path: RoutePath, speed: np.ndarray, forward_sign: float, *, closed: bool) -> Route:
     """Return the route along a path with the speeds (m,) > 0 [m/s]; `forward_sign` −1 drives it backward.  (2)"""
     rate = 0.5 * (speed[1:] + speed[:-1])
     t_s = np.append(0.0, np.cumsum(np.diff(path.s) / rate))

@@ -15,7 +15,7 @@ MIN_CORNER_COUNT, CORNER_STEP_M = 40, 1e-3  # steps of a parabola: a tenth of GR
 
 
 @checked_call("bq.routes.through_points([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], 0.2)")
-def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corner_m: float = 0.1) -> Route:
+def through_points(xy: np.ndarray, speed_m_s: float, *, closed: bool = False, corner_m: float = 0.1) -> Route:
     """Return a route along straight lines between points, with round corners.
 
     Parameters
@@ -54,7 +54,7 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
         raise UsageError(fault("route.point-not-finite", number=int(np.argmax(is_wrong)) + 1))
     if not (np.isfinite(speed_m_s) and speed_m_s > 0.0):
         raise UsageError(fault("route.speed", value=speed_m_s))
-    numbers = np.array(_different_points(points, closed))
+    numbers = np.array(_different_points(points, closed=closed))
     if len(numbers) < 2:
         raise UsageError(fault("route.no-way", length_m=float(distances_along(points)[-1])))
     numbers = np.append(numbers, 0) if closed else numbers
@@ -64,7 +64,7 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
         k = int(np.argmax(is_wrong))
         first, second = (int(number) + 1 for number in numbers[k : k + 2])
         raise UsageError(fault("route.points-far", first=first, second=second, distance_m=float(legs[k])))
-    rounded_points = np.concatenate(list(_round_corners(corners, legs, closed, corner_m)))
+    rounded_points = np.concatenate(list(_round_corners(corners, legs, closed=closed, corner_m=corner_m)))
     s = distances_along(rounded_points)
     kept_mask = np.append(True, np.diff(s) > 1e-9)
     s, rounded_points = s[kept_mask], rounded_points[kept_mask]
@@ -79,10 +79,10 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
         midpoints = np.concatenate([[midpoints[-1] - s[-1]], midpoints, [midpoints[0] + s[-1]]])
     course = np.interp(grid, midpoints, heading)
     path = RoutePath(grid, line, course, np.gradient(course, grid))
-    return route_along(path, np.full(len(grid), float(speed_m_s)), 1.0, closed)
+    return route_along(path, np.full(len(grid), float(speed_m_s)), 1.0, closed=closed)
 
 
-def _different_points(points: np.ndarray, closed: bool) -> list[int]:
+def _different_points(points: np.ndarray, *, closed: bool) -> list[int]:
     """Return the indices of points (m, 2) that are STEP_M or more from the last one, and of the first if closed."""
     indices = [0]
     for k in range(1, len(points)):
@@ -94,7 +94,7 @@ def _different_points(points: np.ndarray, closed: bool) -> list[int]:
 
 
 def _round_corners(
-    corners: np.ndarray, legs: np.ndarray, closed: bool, corner_m: float
+    corners: np.ndarray, legs: np.ndarray, *, closed: bool, corner_m: float
 ) -> Iterator[np.ndarray]:
     """Yield the first point (1, 2), the parabola (k, 2) of each corner, and the last point (1, 2).
     A closed line begins at the end of its last parabola, and its last point is not yielded separately.

@@ -61,7 +61,7 @@ def at_speed(route: Route, speed_m_s: float) -> Route:
     if not (np.isfinite(speed_m_s) and speed_m_s > 0.0):
         raise UsageError(fault("route.speed", value=speed_m_s))
     path = path_of(route)
-    return route_along(path, np.full(len(path.s), float(speed_m_s)), direction(route), route.closed)
+    return route_along(path, np.full(len(path.s), float(speed_m_s)), direction(route), closed=route.closed)
 
 
 @checked_call("bq.routes.fastest(route, robot)")
@@ -139,7 +139,7 @@ def fastest(
         path,
         _sweep(path, max_speed, acceleration, deceleration, not route.closed),
         forward_sign,
-        route.closed,
+        closed=route.closed,
     )
 
 

@@ -95,7 +95,7 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
     slip_spectrum = _spectrum(np.column_stack([slip, np.zeros(len(s))]), s, is_closed)
     path = _path(spectrum, slip_spectrum, cut_rad_m)
     speed = np.maximum(speed, MIN_SPEED_SHARE * median_speed)
-    return route_along(path, np.interp(path.s / path.s[-1], s / s[-1], speed), forward_sign, is_closed)
+    return route_along(path, np.interp(path.s / path.s[-1], s / s[-1], speed), forward_sign, closed=is_closed)
 
 
 def _spectrum(xy: np.ndarray, s: np.ndarray, is_closed: bool) -> Spectrum:

@@ -13,7 +13,7 @@ STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower motion at both ends of a drive is 
 CLOSE_M, CLOSE_RAD, MIN_LOOP_M = 0.3, 0.6, 1.2  # of a closed drive: ends apart at most, length at least
 
 
-def route_of(run: Run, closed: bool | None = False) -> Route:
+def route_of(run: Run, *, closed: bool | None = False) -> Route:
     """Return the estimated path of a run at ROUTE_RATE_HZ, without the rest at both ends.
 
     If `closed` is None, the route is closed if the drive returned to its start. Raise AnswerNo for a run without
@@ -32,7 +32,7 @@ def route_of(run: Run, closed: bool | None = False) -> Route:
     rows = np.unique(np.searchsorted(t_s, np.append(np.arange(0.0, t_s[-1], 1.0 / ROUTE_RATE_HZ), t_s[-1])))
     eta = log.eta[first : last + 1][rows].copy()
     eta[:, 2] = np.unwrap(eta[:, 2])
-    route = Route(t_s[rows], eta, log.nu[first : last + 1][rows], False)
+    route = Route(t_s[rows], eta, log.nu[first : last + 1][rows], closed=False)
     gap_m, gap_rad = end_gap(route)
     is_at_start = gap_m <= CLOSE_M and gap_rad <= CLOSE_RAD
     if closed and not is_at_start:

@@ -82,7 +82,7 @@ class ShownRun:
                 rows.append(_row(name, log.t_ns, log.eta, start))
         return rows
 
-    def table(self, is_by_severity: bool = False) -> str:
+    def table(self, *, is_by_severity: bool = False) -> str:
         """Return the topics, the events by time or the most severe first, and the notes on the file, as text."""
         run, lines = self.run, []
         by_severity = sorted(

@@ -69,14 +69,22 @@ class DrivingCase(NamedTuple):
 
 
 CASES = {
-    N_("imu"): DrivingCase(lambda q: q, False, SPEEDS),
-    N_("pose"): DrivingCase(lambda q: q, True, SPEEDS),
-    N_("breakaway"): DrivingCase(lambda q: q.with_parameters(breakaway=1.3 * q.breakaway), True, SPEEDS),
-    N_("late"): DrivingCase(lambda q: q.with_parameters(delay_s=q.delay_s + 0.1), True, SINGLE_SPEED),
-    "dead_zone": DrivingCase(
-        lambda q: q.with_parameters(forward=1.1 * q.forward, backward=1.1 * q.backward), False, SINGLE_SPEED
+    N_("imu"): DrivingCase(lambda q: q, perfect=False, speeds=SPEEDS),
+    N_("pose"): DrivingCase(lambda q: q, perfect=True, speeds=SPEEDS),
+    N_("breakaway"): DrivingCase(
+        lambda q: q.with_parameters(breakaway=1.3 * q.breakaway), perfect=True, speeds=SPEEDS
     ),
-    "battery": DrivingCase(lambda q: q.with_parameters(supply=0.93 * q.supply), False, SINGLE_SPEED),
+    N_("late"): DrivingCase(
+        lambda q: q.with_parameters(delay_s=q.delay_s + 0.1), perfect=True, speeds=SINGLE_SPEED
+    ),
+    "dead_zone": DrivingCase(
+        lambda q: q.with_parameters(forward=1.1 * q.forward, backward=1.1 * q.backward),
+        perfect=False,
+        speeds=SINGLE_SPEED,
+    ),
+    "battery": DrivingCase(
+        lambda q: q.with_parameters(supply=0.93 * q.supply), perfect=False, speeds=SINGLE_SPEED
+    ),
 }
 
 

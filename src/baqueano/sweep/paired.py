@@ -56,7 +56,7 @@ class PairedDifference(NamedTuple):
         return bool(self.low > 1.0 or self.high < 1.0)
 
 
-UNKNOWN = PairedDifference(NAN, NAN, NAN, 0, False)
+UNKNOWN = PairedDifference(NAN, NAN, NAN, 0, is_by_drives=False)
 
 
 def paired_difference(cell: Sequence[ErrorSegments], base: Sequence[ErrorSegments]) -> PairedDifference:

@@ -110,7 +110,7 @@ def tune(
     if len(rehearsal.vehicles) > 1:
         seed, nominal_gains = options.get("seed", 0), descents[0].gains
         rehearsal = replace(rehearsal, space=nominal.space, cases=nominal.cases)
-        rehearsal, robust = search_gains(rehearsal, [nominal_gains, *initial_gains], 1, False)
+        rehearsal, robust = search_gains(rehearsal, [nominal_gains, *initial_gains], 1, polish=False)
         worst, descents = rank_by_worst_case(vehicle_file, rehearsal, robust, nominal_gains, seed)
     else:
         rehearsal = nominal

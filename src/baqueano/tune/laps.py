@@ -137,7 +137,7 @@ def simulated_laps(
     """
     space = search_space(vehicle_file, controller=kind)
     weights = checked_weights(vehicle_file, None, HUBER_M, JERK_M2)
-    system = tuning_system(loop_system(vehicle_file, route, 1, True, space.block))
+    system = tuning_system(loop_system(vehicle_file, route, 1, perfect=True, controller=space.block))
     rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
     full_tick_count = tick_count_of(system, rate)
     tick_count = min(full_tick_count, round(MAX_LAP_S * rate))

@@ -231,7 +231,7 @@ def _straight_loop(vehicle_file: "VehicleFile", controller: Controller, speed_m_
     t_s = np.array([0.0, 2.0 * EXTRA_S])
     eta, nu = np.zeros((2, 3)), np.zeros((2, 3))
     eta[:, 0], nu[:, 0] = speed_m_s * t_s, speed_m_s
-    guide = Repeat.along(Route(t_s, eta, nu, False), acceleration_m_s2=np.inf)
+    guide = Repeat.along(Route(t_s, eta, nu, closed=False), acceleration_m_s2=np.inf)
     return System(
         vehicle_file.vehicle, truth_sensor(), KnownState(), guide, controller, vehicle_file.supervisor()
     )

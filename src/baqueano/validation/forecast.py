@@ -169,7 +169,8 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     covs = _covariances(fit, entries, fixed_paths)
     segments = [segment for run in runs for segment in check_timestamps(run, fit.file.rate_hz)[0]]
     records = [
-        with_voltage([record_of(segment, {})], [segment], fit.blocks, False)[0] for segment in segments
+        with_voltage([record_of(segment, {})], [segment], fit.blocks, is_needed=False)[0]
+        for segment in segments
     ]
     volts = [record.sensors[VOLTAGE_KEY].z for record in records if VOLTAGE_KEY in record.sensors]
     kernel, theta = open_loop(

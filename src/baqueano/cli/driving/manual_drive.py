@@ -98,7 +98,9 @@ def drive_from_page(folder: str, pace: float) -> Callable[..., "Run"]:
 
         kind, command_count = robot.partition(":")[0], len(vehicle_file.command.names)
         with (
-            live_page(True, robot, vehicle_file, folder, pace, by_hand=True) as page,
+            live_page(
+                show_page=True, robot=robot, file=vehicle_file, folder=folder, pace=pace, by_hand=True
+            ) as page,
             open_target(robot, vehicle_file, seed, backend, page=page) as target,
         ):
             assert page is not None

@@ -105,7 +105,15 @@ def command(
         taught_route = fastest_route(taught_route, route, vehicle_file, backend=backend)
     walled_room = room_from_options(vehicle_file, room, start)
     check_drivable(taught_route, route, vehicle_file, walled_room, robot, anyway, backend)
-    precautions = Precautions(True, anyway, walled_room, lead_in, way_back, caution, patience_s)
+    precautions = Precautions(
+        check=True,
+        anyway=anyway,
+        room=walled_room,
+        lead_in=lead_in,
+        way_back=way_back,
+        caution=caution,
+        patience_s=patience_s,
+    )
     own_kinds = {"estimator": estimator, "controller": controller, "guide": guide}
     own_kinds = {role: options.block_kind(vehicle_file, role, kind) for role, kind in own_kinds.items()}
     mission = Mission(

@@ -135,7 +135,7 @@ def import_(
     source: str, name: str, speed_m_s: float, closed: bool | None, folder: str, as_json: bool
 ) -> None:
     if source.lower().endswith(".csv"):
-        route = route_through_points(Path(source), speed_m_s, closed)
+        route = route_through_points(Path(source), speed_m_s, closed=closed)
     else:
         from baqueano.drive import route_of
         from baqueano.routes.edit import ends_meet
@@ -144,7 +144,7 @@ def import_(
 
         (run,) = options.find_runs((source,), folder)
         route = route_of(run)
-        route = route_of(run, True) if closed or (closed is None and ends_meet(route)) else route
+        route = route_of(run, closed=True) if closed or (closed is None and ends_meet(route)) else route
     store_route(route, name, as_json)
 
 
@@ -368,7 +368,7 @@ def room_from_options(vehicle_file: "VehicleFile", room: str | None, start: str 
     return vehicle_room(vehicle_file, room, start=(x, y, float(np.radians(degrees))))
 
 
-def route_through_points(path: Path, speed_m_s: float, closed: bool | None) -> "Route":
+def route_through_points(path: Path, speed_m_s: float, *, closed: bool | None) -> "Route":
     """Return the route through the points of a file, and print the unused columns. Raise FileError without x or y."""
     import numpy as np
 
@@ -390,4 +390,4 @@ def route_through_points(path: Path, speed_m_s: float, closed: bool | None) -> "
         print_message(note("route.columns-unused", names=", ".join(unused_columns), **figures))
     ends_m = float(np.hypot(*(xy[-1] - xy[0])))
     is_closed = closed if closed is not None else len(xy) > 3 and ends_m < MAX_END_GAP_M
-    return through_points(xy, speed_m_s, is_closed)
+    return through_points(xy, speed_m_s, closed=is_closed)

@@ -103,7 +103,7 @@ def command(
         run = replay(run, vehicle_file.with_values(values)) if closed and values else run
     vehicle_options = options.vehicle_and_runs_options(vehicle_file)
     try:
-        taught_route = route_of(run, is_closed)
+        taught_route = route_of(run, closed=is_closed)
     except AnswerNo as error:
         if driver not in SHAPES:
             raise

@@ -140,7 +140,7 @@ class DriveDoor:
             replies += [{"type": "mark"}] * self.operator.pop_mark_count()
             if self.operator.is_end_requested:
                 raise KeyboardInterrupt
-            stop_reason = self.operator.stop_reason(self.by_hand)
+            stop_reason = self.operator.stop_reason(attended=self.by_hand)
             if stop_reason is not None and not is_stopped:
                 is_stopped = True
                 replies.append({"type": "stop", "reason": stop_reason})
@@ -149,7 +149,7 @@ class DriveDoor:
 
         return {"words": words}
 
-    def publish(self, at_once: bool = False) -> None:
+    def publish(self, *, at_once: bool = False) -> None:
         """Send the state to the page, if `at_once` or if the last state was sent at least SEND_PERIOD_S ago."""
         now_s = time.monotonic()
         if not at_once and now_s - self._published_s < SEND_PERIOD_S:
@@ -183,7 +183,7 @@ class DriveDoor:
             # the last: Ctrl-C was pressed
             return (
                 operator.is_end_requested
-                or operator.stop_reason(self.by_hand) is not None
+                or operator.stop_reason(attended=self.by_hand) is not None
                 or is_default_handler()
             )
 
@@ -258,7 +258,7 @@ class _PageObserver(Observer):
         return blocks
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        return self._door.operator.stop_reason(self._door.by_hand)
+        return self._door.operator.stop_reason(attended=self._door.by_hand)
 
     def pop_mark_count(self) -> int:
         return self._door.operator.pop_mark_count()

@@ -97,7 +97,7 @@ class FaultRequests:
         if not self._operator.is_holder(client) and self._operator.is_busy:
             return
         try:
-            self._operator.queue_mission(client, json.dumps(mission), is_attended, "again")
+            self._operator.queue_mission(client, json.dumps(mission), attended=is_attended, name="again")
         except SafetyStop as error:
             self._broadcast({"type": "event", "level": str(Severity.ERROR), "message": error.diagnostic})
 

@@ -92,7 +92,8 @@ class SimulatedService:
             self.idle()
             next_mission = self.operator.pop_mission()
             if next_mission is not None:
-                self.execute_request(*next_mission)
+                mission, attended, name = next_mission
+                self.execute_request(mission, attended=attended, name=name)
             else:
                 time.sleep(IDLE_S)
 
@@ -109,18 +110,18 @@ class SimulatedService:
             machine.transition("ready")
         self.send_state()
 
-    def execute_request(self, mission_json: str, attended: bool, name: str = "") -> None:
+    def execute_request(self, mission_json: str, *, attended: bool, name: str = "") -> None:
         """Execute a mission in JSON, and report its end under this name; its errors do not end the service."""
         self._drives += 1
         outcome: JsonObject = {"type": "done", "id": name, "run": None}
-        reason, code = mission_outcome(lambda: self._drive_mission(mission_json, attended, outcome))
+        reason, code = mission_outcome(lambda: self._drive_mission(mission_json, outcome, attended=attended))
         self._plan = self._record = self._run = None
         self.send_state(at_once=True)
         self.operator.record_mission_end()
         self.broadcast({"reason": reason, "code": code} | outcome)
         self.shaken.queue_repetition()
 
-    def _drive_mission(self, mission_json: str, attended: bool, outcome: JsonObject) -> None:
+    def _drive_mission(self, mission_json: str, outcome: JsonObject, *, attended: bool) -> None:
         """Execute a mission until it ends or is stopped, and write the result into `outcome`."""
         self.vehicle_file = reload_if_changed(self.vehicle_file)
         with mission_plan(mission_json, self.vehicle_file, self.routes, self.seed + self._drives - 1) as plan:
@@ -129,7 +130,9 @@ class SimulatedService:
                 self.machine.transition("manual" if plan.mission.is_manual else "mission")
                 self._plan, self._run = plan, path.name
                 self.send_state(at_once=True)
-                reason, code = mission_outcome(lambda: self._drive(plan, mission_json, attended, path))
+                reason, code = mission_outcome(
+                    lambda: self._drive(plan, mission_json, path, attended=attended)
+                )
                 stop_reason = self.machine.finish_mission(self.operator, reason, code)
                 outcome |= {"run": path.name if path.exists() else None, "reason": reason, "code": code}
                 if plan.route_name and stop_reason is None and not code and path.exists():
@@ -137,7 +140,9 @@ class SimulatedService:
             finally:
                 release_path(path)
 
-    def _drive(self, plan: MissionPlan, mission_json: str, attended: bool, path: Path) -> Diagnostic | None:
+    def _drive(
+        self, plan: MissionPlan, mission_json: str, path: Path, *, attended: bool
+    ) -> Diagnostic | None:
         """Execute a plan, and return the reason of the stop, or None if the vehicle was not stopped."""
         truth, start_pose = self.truth, plan.start
         seed = self.seed if plan.seed is None else plan.seed
@@ -146,7 +151,7 @@ class SimulatedService:
             channel_units(truth),
         )  # fmt: skip
         self.operator.pop_mark_count()  # drop marks from before this drive
-        watching = _DriveObserver(self, plan, world, attended)
+        watching = _DriveObserver(self, plan, world, attended=attended)
         observers = (
             watching,
             ChangeObserver(self.operator, self.broadcast, plan.mission.blocks),
@@ -155,8 +160,8 @@ class SimulatedService:
         try:
             perform(
                 plan.mission, plan.vehicle_file, hand=lambda: self.operator.command(world.commands), world=world,
-                live=True, path=path, tick_times_ns=self._ticks(plan, attended), observers=observers, eta=start_pose,
-                seed=seed, backend=self.backend,
+                live=True, path=path, tick_times_ns=self._ticks(plan, attended=attended), observers=observers,
+                eta=start_pose, seed=seed, backend=self.backend,
             )  # fmt: skip
         except FileError as error:
             if not watching.over:  # the drive has not begun
@@ -164,10 +169,10 @@ class SimulatedService:
             self.send_event("error", error.diagnostic)
         return watching.stopped
 
-    def _ticks(self, plan: MissionPlan, attended: bool) -> Iterator[int]:
+    def _ticks(self, plan: MissionPlan, *, attended: bool) -> Iterator[int]:
         def is_interrupted() -> bool:
             self.send_state()
-            return self.operator.is_end_requested or self.operator.stop_reason(attended) is not None
+            return self.operator.is_end_requested or self.operator.stop_reason(attended=attended) is not None
 
         for t_ns in self.pace.ticks(plan.vehicle_file.rate_hz, is_interrupted, plan.fast_until_s):
             if self.operator.is_end_requested:
@@ -178,7 +183,7 @@ class SimulatedService:
     def _store_taught_route(self, plan: MissionPlan, path: Path) -> JsonObject:
         """Store the route of a mission of kind "teach"; return {route}, its name, or {reason, code} after a failure."""
         try:
-            write_route(route_of(read_run(path), plan.closed), self.routes.path(plan.route_name))
+            write_route(route_of(read_run(path), closed=plan.closed), self.routes.path(plan.route_name))
         except BaqueanoError as error:
             return {"reason": error.diagnostic, "code": error.exit_code}
         return {"route": plan.route_name}
@@ -187,7 +192,7 @@ class SimulatedService:
         """Send an event to all clients."""
         self.broadcast({"type": "event", "level": level, "message": event})
 
-    def send_state(self, at_once: bool = False) -> None:
+    def send_state(self, *, at_once: bool = False) -> None:
         """Send the state to all clients, if `at_once` or if the last state was sent at least TELL_S ago."""
         now_s = time.monotonic()
         if not at_once and now_s - self._published_s < TELL_S:
@@ -223,7 +228,7 @@ class _DriveObserver(Observer):
     """An observer that passes a drive to the service: its ticks, its stop requests, and its end."""
 
     def __init__(
-        self, service: SimulatedService, plan: MissionPlan, world: FaultyWorld, attended: bool
+        self, service: SimulatedService, plan: MissionPlan, world: FaultyWorld, *, attended: bool
     ) -> None:
         self._service, self._plan, self._world, self._attended = service, plan, world, attended
         self.over = False
@@ -235,7 +240,7 @@ class _DriveObserver(Observer):
         return blocks
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        return self._service.operator.stop_reason(self._attended)
+        return self._service.operator.stop_reason(attended=self._attended)
 
     def pop_mark_count(self) -> int:
         return self._service.operator.pop_mark_count()

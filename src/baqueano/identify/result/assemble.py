@@ -168,7 +168,7 @@ def _evidence(
         tuple(parameter.path for parameter in end.parameters.requested_parameters),
         _in_order(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
         _in_order(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
-        _in_order(end, end.identifiability.poorly_identified[:s], False).astype(bool),
+        _in_order(end, end.identifiability.poorly_identified[:s], frozen_value=False).astype(bool),
         len(end.parameters.frozen_indices),
         unobservable_terms,
         channels,

@@ -108,17 +108,17 @@ def recover_bus(path: str) -> RecoveryOutcome:
             pins.restore()
             sda, scl = pins.read_pins()
         if not scl.is_high:
-            return RecoveryOutcome(False, note("bus.scl-held", Severity.WARNING))
+            return RecoveryOutcome(is_free=False, message=note("bus.scl-held", Severity.WARNING))
         if sda.is_high and foreign_mode:
-            return RecoveryOutcome(True, note("bus.pins-restored", Severity.WARNING))
+            return RecoveryOutcome(is_free=True, message=note("bus.pins-restored", Severity.WARNING))
         if sda.is_high:
-            return RecoveryOutcome(False, note("bus.free", Severity.WARNING))
+            return RecoveryOutcome(is_free=False, message=note("bus.free", Severity.WARNING))
         try:
             return _send_clocks(pins)
         finally:
             pins.restore()
     except RobotUnreachable as error:
-        return RecoveryOutcome(False, error.diagnostic)
+        return RecoveryOutcome(is_free=False, message=error.diagnostic)
 
 
 def check_bus_recovery(path: str, model: Path) -> tuple[str, str, str]:
@@ -247,11 +247,13 @@ def _send_clocks(pins: _Pins) -> RecoveryOutcome:
         pins.set(SCL, *LET_GO)
         sda, scl = pins.read_pins()
         if not scl.is_high:
-            return RecoveryOutcome(False, note("bus.scl-held-later", Severity.WARNING, clocks=clock))
+            return RecoveryOutcome(
+                is_free=False, message=note("bus.scl-held-later", Severity.WARNING, clocks=clock)
+            )
         if sda.is_high and _send_stop(pins):
             code = "bus.freed-at-once" if clock == 1 else "bus.freed"
-            return RecoveryOutcome(True, note(code, Severity.WARNING, clocks=clock))
-    return RecoveryOutcome(False, note("bus.sda-held", Severity.WARNING, clocks=CLOCK_PULSES))
+            return RecoveryOutcome(is_free=True, message=note(code, Severity.WARNING, clocks=clock))
+    return RecoveryOutcome(is_free=False, message=note("bus.sda-held", Severity.WARNING, clocks=CLOCK_PULSES))
 
 
 def _send_stop(pins: _Pins) -> bool:

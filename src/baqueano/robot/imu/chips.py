@@ -45,15 +45,21 @@ class Chip(NamedTuple):
 
 
 def _family_6500(name: str) -> Chip:
-    return Chip(name, True, 512, 1e6 / 2995.178, 7011 * 2995.178e-6)
+    return Chip(
+        name, has_own_accel_filter=True, fifo_bytes=512, lsb_per_c=1e6 / 2995.178, offset_c=7011 * 2995.178e-6
+    )
 
 
 def _family_20600(name: str) -> Chip:
-    return Chip(name, True, 512, 1e6 / 3059.976, 8170 * 3059.976e-6)
+    return Chip(
+        name, has_own_accel_filter=True, fifo_bytes=512, lsb_per_c=1e6 / 3059.976, offset_c=8170 * 3059.976e-6
+    )
 
 
 CHIPS = {
-    0x68: Chip("MPU-6050, 6000 or 9150", False, 1024, 340.0, 36.53),
+    0x68: Chip(
+        "MPU-6050, 6000 or 9150", has_own_accel_filter=False, fifo_bytes=1024, lsb_per_c=340.0, offset_c=36.53
+    ),
     0x70: _family_6500("MPU-6500"),
     0x71: _family_6500("MPU-9250"),
     0x73: _family_6500("MPU-9255"),
@@ -62,14 +68,21 @@ CHIPS = {
     0x98: _family_20600("ICM-20689"),
     0xAE: _family_20600("ICM-20608-D"),
     0xAF: _family_20600("ICM-20608-G"),
-    0x72: Chip("clone 0x72", True, 512, None, 0.0),
-    0x75: Chip("clone 0x75", True, 512, None, 0.0),
+    0x72: Chip("clone 0x72", has_own_accel_filter=True, fifo_bytes=512, lsb_per_c=None, offset_c=0.0),
+    0x75: Chip("clone 0x75", has_own_accel_filter=True, fifo_bytes=512, lsb_per_c=None, offset_c=0.0),
 }
 
 
 def chip_of(who_am_i: int) -> Chip:
     """Return the chip with this answer in WHO_AM_I; for an unlisted answer a 6500 with `is_listed` False."""
-    unknown_chip = Chip(f"unknown chip 0x{who_am_i:02X}", True, 512, None, 0.0, is_listed=False)
+    unknown_chip = Chip(
+        f"unknown chip 0x{who_am_i:02X}",
+        has_own_accel_filter=True,
+        fifo_bytes=512,
+        lsb_per_c=None,
+        offset_c=0.0,
+        is_listed=False,
+    )
     return CHIPS.get(who_am_i, unknown_chip)
 
 

@@ -38,7 +38,7 @@ def line_losses(previous: Statistics, current: Statistics, stop_cause: Diagnosti
     counts = current.since(previous, *LINE_COUNTS)
     n: dict[str, int] = dict(zip(LINE_COUNTS, counts, strict=True))
     if stop_cause is not None:
-        return _event_line("drive.line-stopped", True, **n, cause=stop_cause)
+        return _event_line("drive.line-stopped", is_harmed=True, **n, cause=stop_cause)
     return _event_line("drive.line", any(n[name] for name in HARMFUL_COUNTS), **n)
 
 

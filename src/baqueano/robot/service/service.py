@@ -99,7 +99,8 @@ class Service:
             self.idle()
             next_mission = self.operator.pop_mission()
             if next_mission is not None:
-                self.execute_request(*next_mission)
+                mission, attended, name = next_mission
+                self.execute_request(mission, attended=attended, name=name)
             self.sleep(1.0 / IDLE_HZ)
         self.uno.disarm()
 
@@ -185,7 +186,7 @@ class Service:
         elif not self.imu.is_silent and self._bus is not None and not self._bus.is_free:
             self._bus = None
 
-    def execute_request(self, request: Mission | str, attended: bool, name: str = "") -> None:
+    def execute_request(self, request: Mission | str, *, attended: bool, name: str = "") -> None:
         """Execute a mission, given as an object or in JSON, and report the outcome under the name of the request.
 
         A faulty mission does not end the service.
@@ -204,7 +205,7 @@ class Service:
         self._run = path.name
         self._publish(at_once=True)  # the next state is published only after the preparation
         try:
-            reason, code = mission_outcome(lambda: self._drive_with_journal(mission, attended, path))
+            reason, code = mission_outcome(lambda: self._drive_with_journal(mission, path, attended=attended))
         finally:
             self.uno.disarm()
             self.journal.end()
@@ -217,12 +218,12 @@ class Service:
         run = path.name if path.exists() else None
         self.broadcast({"type": "done", "id": name, "run": run, "reason": reason, "code": code})
 
-    def _drive_with_journal(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
+    def _drive_with_journal(self, mission: Mission, path: Path, *, attended: bool) -> Diagnostic | None:
         """Write the journal file, and execute a mission as `drive` does; the caller deletes the file."""
         self.journal.begin(mission, path.name)
-        return self.drive(mission, attended, path)
+        return self.drive(mission, path, attended=attended)
 
-    def drive(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
+    def drive(self, mission: Mission, path: Path, *, attended: bool) -> Diagnostic | None:
         """Execute a mission, record it at `path`, and return why the vehicle was stopped, None if it was not stopped.
 
         If the disk is full, the missing rest of the run is reported, and the drive continues.
@@ -236,7 +237,7 @@ class Service:
             self._record, self._bus, _ = None, None, self.operator.pop_mark_count()  # marks before the drive
             self.health.limits = vehicle_file.robot
             world.notes = () if self.imu is None else self.imu.notes
-            watching = _ServiceObserver(self, world, lateness, attended, mission, vehicle_file)
+            watching = _ServiceObserver(self, world, lateness, mission, vehicle_file, attended=attended)
             self._counts_before = None
             observers = (watching, ChangeObserver(self.operator, self.broadcast, mission.blocks))
             try:
@@ -297,7 +298,7 @@ class Service:
             return stop(StopReason.IMU_BUS_HELD)
         return stop(StopReason.IMU_BUS_STILL_HELD, cause=self._bus.message)
 
-    def _publish(self, world: Robot | None = None, at_once: bool = False) -> None:
+    def _publish(self, world: Robot | None = None, *, at_once: bool = False) -> None:
         now_ns = self.now_ns()
         if not at_once and now_ns - self._published_ns < NANOSECONDS / TELL_HZ:
             return
@@ -344,9 +345,10 @@ class _ServiceObserver(Observer):
         service: Service,
         world: Robot,
         lateness: TickDelays,
-        attended: bool,
         mission: Mission,
         vehicle_file: VehicleFile,
+        *,
+        attended: bool,
     ) -> None:
         self._service, self._world, self._lateness, self._attended = service, world, lateness, attended
         self._mission, self._file = mission, vehicle_file
@@ -364,7 +366,7 @@ class _ServiceObserver(Observer):
         if (request := s.operator.stop_reason(attended=False)) is not None:
             return request  # it latches the Uno, so the telemetry reports a latch
         reason = s.uno.standstill_reason() or world.stop_reason(t_ns) or s.health.stop_reason(world)
-        return reason or s.operator.stop_reason(self._attended)
+        return reason or s.operator.stop_reason(attended=self._attended)
 
     def pop_mark_count(self) -> int:
         return self._service.operator.pop_mark_count()

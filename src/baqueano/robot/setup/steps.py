@@ -83,7 +83,7 @@ def boot_block_step(pi: Pi) -> Step:
         return head + rest.partition(END + "\n")[2] if begin else text
 
     def do() -> None:
-        pi.record_state("boot", True)
+        pi.record_state("boot", value=True)
         text = text_without_block()
         write_atomically(pi.config, text + ("" if not text or text.endswith("\n") else "\n") + CONFIG_BLOCK)
 
@@ -149,7 +149,7 @@ def account_step(pi: Pi) -> Step:
         )
 
     def do() -> None:
-        pi.record_state("account", True)
+        pi.record_state("account", value=True)
         shell, home = "/usr/sbin/nologin", f"/{HOME}"
         words = ("--system", "--user-group", "--no-create-home", "--home-dir", home, "--shell", shell)
         pi.run("useradd", *words, ACCOUNT)
@@ -196,7 +196,7 @@ def environment_step(pi: Pi) -> Step:
     stamp, former_venv = pi.venv / "bundle.txt", pi.venv.with_name("baqueano.before")
 
     def do() -> None:
-        pi.record_state("environment", True)
+        pi.record_state("environment", value=True)
         if stamp.exists():  # the present venv is complete
             shutil.rmtree(former_venv, ignore_errors=True)
             os.rename(pi.venv, former_venv)
@@ -287,7 +287,7 @@ def home_step(pi: Pi) -> Step:
         return entry is not None and place.exists() and place.stat().st_uid == int(entry[2])
 
     def do() -> None:
-        pi.record_state("home", True)
+        pi.record_state("home", value=True)
         place.mkdir(parents=True, exist_ok=True)
         pi.run("chown", "-R", f"{ACCOUNT}:{ACCOUNT}", str(place))
         pi.run("chmod", "2775", str(place))
@@ -302,7 +302,7 @@ def service_step(pi: Pi) -> Step:
     """Return the step that starts the service now, and whenever the machine starts."""
 
     def do() -> None:
-        pi.record_state("service", True)
+        pi.record_state("service", value=True)
         pi.run("udevadm", "control", "--reload")
         pi.run("systemctl", "daemon-reload")
         pi.run("systemctl", "enable", "baqueano.service")

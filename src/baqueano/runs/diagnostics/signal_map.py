@@ -150,7 +150,7 @@ def _hypothesis(prediction_index: int, r: ChannelRegression, channel: MappedChan
     if (np.isnan(ratio) or is_attenuated) and not r.is_clear(MIN_SCALE_GAIN):
         return as_read._replace(is_clear=False)
     code = "inverted" if r.slope < 0.0 else "scale" if np.isnan(ratio) else "unit"
-    return Hypothesis(code, prediction_index, r, True, ratio, meanings.get(ratio))
+    return Hypothesis(code, prediction_index, r, is_clear=True, ratio=ratio, meaning=meanings.get(ratio))
 
 
 def _swap_gain(table: Sequence[Sequence[ChannelRegression]], i: int, j: int) -> float:

@@ -38,7 +38,7 @@ def drive_batch(seeds: range, backend: str) -> tuple[list[CorridorDrive], list[i
     names = [seeds[k] for k in usable]
     vehicle_files = [vehicle_file for vehicle_file in files if vehicle_file is not None]
     restarted_robots = switch_on_again(robots.subset(usable), names, vehicle_files)
-    loops = [Loop(vehicle_file, False, backend) for vehicle_file in vehicle_files]
+    loops = [Loop(vehicle_file, perfect=False, backend=backend) for vehicle_file in vehicle_files]
     return simulate_drives(loops, restarted_robots, names), [s for s in seeds if s not in names]
 
 

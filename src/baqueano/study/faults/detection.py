@@ -100,9 +100,23 @@ def _outcome(job: FaultJob, inputs: FaultInputs, reference: "Fit | None") -> Fau
     try:
         fit = identify(inputs.run, inputs.vehicle_file, inputs.free, options=FitOptions(backend=job.backend))
     except BaqueanoError as error:
-        return FaultOutcome(job, "ERROR", False, np.nan, np.nan, (error.diagnostic.code,))
+        return FaultOutcome(
+            job,
+            "ERROR",
+            is_wrong=False,
+            error_rms=np.nan,
+            undamaged_error_rms=np.nan,
+            reasons=(error.diagnostic.code,),
+        )
     except (ArithmeticError, ValueError, LookupError) as error:  # a fault of the program
-        return FaultOutcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
+        return FaultOutcome(
+            job,
+            "CRASH",
+            is_wrong=False,
+            error_rms=np.nan,
+            undamaged_error_rms=np.nan,
+            reasons=(f"{type(error).__name__}: {error}",),
+        )
     is_wrong = bool(np.any(wrong_mask(fit.estimate, fit.std, _true_values(fit, inputs.truth))))
     outcome = FaultOutcome(
         job, fit.verdict, is_wrong, np.nan, np.nan, tuple(reason.code for reason in fit.reasons)

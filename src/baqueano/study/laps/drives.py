@@ -155,7 +155,7 @@ def _drivers(route: Route, parts: Sequence[TeamWithFix], backend: str) -> list[_
     for part in parts:
         for vehicle_file in part.team.vehicle_files:
             if (key := (id(vehicle_file), part.fix)) not in loops:
-                loops[key] = Loop(with_fix(vehicle_file, part.fix, route), False, backend)
+                loops[key] = Loop(with_fix(vehicle_file, part.fix, route), perfect=False, backend=backend)
     return [
         _Driver(loops[id(vehicle_file), part.fix], part.fix, route)
         for part in parts

@@ -149,7 +149,7 @@ def simulate_taught_laps(
         [[MARK_M, MARK_M, MARK_RAD] * random_generator(seed, 62).standard_normal(3) for seed in seeds]
     )
     errors = errors if ends is None else errors - ends
-    loops = [Loop(vehicle_file, True, "auto") for vehicle_file in files]
+    loops = [Loop(vehicle_file, perfect=True, backend="auto") for vehicle_file in files]
     guide = Repeat.along(route)
     states, progress = [loop.start(route.eta[0]) for loop in loops], guide.init()
     begin_s, end_s = STANDING_S, STANDING_S + guide.duration_s + SETTLE_S

@@ -134,7 +134,14 @@ def edit_text(
     for key in origins:
         if ".".join(split_key(key)[0]) not in paths:
             raise no_such_key(vehicle_file.name, key, paths)
-    return _text_with(vehicle_file, rounded_values, True, origins, parameter_cov, envelope)
+    return _text_with(
+        vehicle_file,
+        rounded_values,
+        keep_comments=True,
+        origins=origins,
+        parameter_cov=parameter_cov,
+        envelope=envelope,
+    )
 
 
 def write_file_text(vehicle_file: VehicleFile, path: str | Path | None = None) -> Path:

@@ -194,7 +194,7 @@ def route_of_run(request: "JsonObject") -> "Route | None":
     if is_finite.sum() < 2 or not np.ptp(ref.eta[is_finite, :2], axis=0).any():
         return None
     t_ns = ref.t_ns[is_finite]
-    return Route(seconds(t_ns, t_ns[0]), ref.eta[is_finite], ref.nu[is_finite], False)
+    return Route(seconds(t_ns, t_ns[0]), ref.eta[is_finite], ref.nu[is_finite], closed=False)
 
 
 def _path_of(route: "Route") -> "JsonObject":
