@@ -31,7 +31,7 @@ from baqueano.study.counterpart import (
     drive_group,
     robot_file,
     robot_values,
-    run_of_vehicle,
+    vehicle_run,
 )
 from baqueano.study.identification.trials import draw_car, draw_robot, quantised_commands
 from baqueano.study.truth import merge
@@ -105,7 +105,7 @@ def _drive_cars(
     group, t_ns = merge(vehicles), tick_times(len(inputs[0]), files[0].rate_hz)
     motion = drive_group(group, np.stack(inputs, axis=1), seeds, t_ns)
     return [
-        (run_of_vehicle(motion, k, u, file, f"seed {seed}", seed), file)
+        (vehicle_run(motion, k, u, file, f"seed {seed}", seed), file)
         for k, (u, file, seed) in enumerate(zip(inputs, files, seeds, strict=True))
     ]
 

@@ -318,7 +318,7 @@ HARMLESS = {
     "initial_pose",
     "replay_blocks",
     "replay",
-    "stop_reason_of",
+    "drive_stop_reason",
     "first_drive",
     "check_compilable",
     "repeat",
@@ -326,7 +326,7 @@ HARMLESS = {
     "lap_closure",
     "LapEnd",
     "lap_end",
-    "closure_of_end",
+    "end_closure",
     "MARK_SOURCE",
     "RoomWatch",
 }

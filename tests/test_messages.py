@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
-from baqueano.errors import BaqueanoError, SafetyStop, UsageError, error_of_exit_code
+from baqueano.errors import BaqueanoError, SafetyStop, UsageError, exit_code_error
 from baqueano.messages import ROOMS, templates, text
 
 SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
@@ -291,7 +291,7 @@ INNER = stop(StopReason.IMU_ABSENT, cause=UsageError("no bus").diagnostic)
     ],
 )  # fmt: skip
 def test_a_diagnostic_is_the_same_after_transmission_and_in_a_run(note):
-    assert Diagnostic.of_json(json.loads(json.dumps(note.to_json()))) == note
+    assert Diagnostic.from_json(json.loads(json.dumps(note.to_json()))) == note
     assert text(note)
 
 
@@ -306,7 +306,7 @@ def test_a_diagnostic_is_the_same_after_transmission_and_in_a_run(note):
 )  # fmt: skip
 def test_invalid_diagnostic_data_are_refused(data):
     with pytest.raises(ValueError, match=r"diagnostic|figure|Severity"):
-        Diagnostic.of_json(data)
+        Diagnostic.from_json(data)
 
 
 @pytest.mark.parametrize(
@@ -322,7 +322,7 @@ def test_invalid_diagnostic_data_are_refused(data):
 def test_the_code_of_an_old_message_is_replaced_by_its_new_code(former_code, now):
     outer = {"code": "run.event", "severity": "warning", "subject": "", "fix": "", "figures": {}}
     words = outer | {"figures": {"cause": outer | {"code": former_code}}}
-    assert Diagnostic.of_json(words).figures["cause"].code == now
+    assert Diagnostic.from_json(words).figures["cause"].code == now
     assert now in templates()
     assert former_code not in templates()
 
@@ -335,14 +335,14 @@ def test_the_role_in_an_old_message_was_called_room():
         "fix": "",
         "figures": {"room": "guide", "kind": "x"},
     }
-    assert Diagnostic.of_json(old).figures == {"role": "guide", "kind": "x"}
+    assert Diagnostic.from_json(old).figures == {"role": "guide", "kind": "x"}
     wall = old | {"code": "study.wall", "figures": {"room": "2x2"}}
-    assert Diagnostic.of_json(wall).figures == {"room": "2x2"}
+    assert Diagnostic.from_json(wall).figures == {"room": "2x2"}
 
 
 def test_a_figure_of_an_old_message_has_its_present_name():
     data = note("block.returned", block="E.step()", found="None", expected="Command").to_json()
-    assert Diagnostic.of_json(data).figures == {"block": "E.step()", "value": "None", "expected": "Command"}
+    assert Diagnostic.from_json(data).figures == {"block": "E.step()", "value": "None", "expected": "Command"}
 
 
 @pytest.mark.parametrize(
@@ -364,7 +364,7 @@ def test_a_figure_of_an_old_message_has_its_present_name():
     ],
 )
 def test_a_figure_of_an_event_in_an_old_run_has_its_present_name(code, figures, present):
-    message = Diagnostic.of_json(note(code, **figures).to_json())
+    message = Diagnostic.from_json(note(code, **figures).to_json())
     assert set(message.figures) == present
     required_names = {name for _, name, _, _ in string.Formatter().parse(templates()[code]) if name}
     assert present - {"number", "duration_s", "start_s", "target"} <= required_names
@@ -383,5 +383,5 @@ def test_an_unknown_code_is_printed_with_its_figures():
 
 def test_an_error_has_its_diagnostic_after_transmission():
     reason = stop(StopReason.TILT, tilt_deg=40.0, max_tilt_rad=0.6)
-    error = error_of_exit_code(SafetyStop.exit_code, reason)
+    error = exit_code_error(SafetyStop.exit_code, reason)
     assert (type(error), error.diagnostic, str(error)) == (SafetyStop, reason, text(reason))

@@ -136,7 +136,7 @@ def resolve(role: str, kind: str, folder: Path | str | None = None) -> type:
     """
     names = kinds(role)
     if kind in names:
-        return _class_of_target(BLOCK_TARGETS[role][kind])
+        return _target_class(BLOCK_TARGETS[role][kind])
     file_name, colon, name = kind.rpartition(":")
     if file_name == PROGRAM:
         return _class_in(sys.modules[PROGRAM], PROGRAM, name)
@@ -147,7 +147,7 @@ def resolve(role: str, kind: str, folder: Path | str | None = None) -> type:
     raise FileError(fault("block.unknown", role=role, value=kind, suggestion=nearest(kind, names)))
 
 
-def _class_of_target(target: str) -> type:
+def _target_class(target: str) -> type:
     module, name = target.split(":")
     return getattr(importlib.import_module(module), name)
 

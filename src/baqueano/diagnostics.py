@@ -207,10 +207,10 @@ FORMER_FIGURES = {  # beginning of a code â†’ figure in older runs and robots â†
 }  # fmt: skip
 
 
-def code_of_today(code: str) -> str:
+def current_code(code: str) -> str:
     """Return the present code of a message whose code in an older run is `code`.
 
-    >>> code_of_today("seen.tied"), code_of_today("sensor.agrees-again")
+    >>> current_code("seen.tied"), current_code("sensor.agrees-again")
     ('identifiability.collinear', 'sensor.agrees-again')
     """
     for old_prefix, new_prefix in FORMER_CODES:
@@ -221,7 +221,7 @@ def code_of_today(code: str) -> str:
     return f"{room}.{RENAMED_CODES.get(room, {}).get(name, name)}" if name else code
 
 
-def _figures_of_today(code: str, figures: Mapping[str, object]) -> dict[str, object]:
+def _current_figures(code: str, figures: Mapping[str, object]) -> dict[str, object]:
     """Return the figures of a message in an older run under their present names."""
     names: dict[str, str] = {}
     for beginning, former_names in FORMER_FIGURES.items():
@@ -254,7 +254,7 @@ class Diagnostic:
         }  # fmt: skip
 
     @classmethod
-    def of_json(cls, values: Any, causes: int = MAX_CAUSES) -> "Diagnostic":
+    def from_json(cls, values: Any, causes: int = MAX_CAUSES) -> "Diagnostic":
         """Return the diagnostic from a dict of `to_json`: the inverse. Raise ValueError for any other value.
 
         Diagnostics within each other have at most `causes` levels: thousands would exhaust the stack of their reader.
@@ -264,7 +264,7 @@ class Diagnostic:
         try:
             texts = values["code"], values["subject"], values["fix"]
             figures = {
-                k: cls.of_json(v, causes - 1) if isinstance(v, dict) else v
+                k: cls.from_json(v, causes - 1) if isinstance(v, dict) else v
                 for k, v in values["figures"].items()
             }
             are_figures_plain = all(
@@ -273,8 +273,8 @@ class Diagnostic:
             if not (are_figures_plain and all(isinstance(text, str) for text in (*texts, *figures))):
                 raise ValueError("a figure or text of another type")
             code, subject, fix = texts
-            figures = _figures_of_today(code, figures)
-            return cls(code_of_today(code), Severity(values["severity"]), subject, figures, fix)
+            figures = _current_figures(code, figures)
+            return cls(current_code(code), Severity(values["severity"]), subject, figures, fix)
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"no diagnostic ({type(error).__name__}: {error})") from error
 

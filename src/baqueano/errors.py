@@ -178,7 +178,7 @@ def user_code_place(error: BaseException) -> str:
     return _("{file} line {line}", file=Path(file).name, line=str(line))
 
 
-def error_of_exit_code(
+def exit_code_error(
     code: int, reason: Diagnostic | str, default_class: type[BaqueanoError] = BaqueanoError
 ) -> BaqueanoError:
     """Return the error for the exit code of a remote command; a `default_class` for an unknown code."""

@@ -18,7 +18,7 @@ from baqueano.diagnostics import StopReason, note
 from baqueano.drive import teach
 from baqueano.drive.by_hand.terminal_heartbeat import MAX_FIRST_ANSWER_S, MAX_SILENCE_S
 from baqueano.drive.closure import closure, lap_closure
-from baqueano.drive.session import mark_times_ns, stop_reason_of
+from baqueano.drive.session import drive_stop_reason, mark_times_ns
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import circle, eight
 from baqueano.messages import text
@@ -146,7 +146,7 @@ def test_a_drive_by_keys_writes_a_run_and_restores_the_terminal(terminal, tmp_pa
     screen.type(b"\x1b[113;1:1u")
     assert screen.ends() == 0
     run = read_run(tmp_path / "run.mcap")
-    assert stop_reason_of(run).code == StopReason.INTERRUPTED
+    assert drive_stop_reason(run).code == StopReason.INTERRUPTED
     assert len(mark_times_ns(run)) == 1
     assert np.max(run.applied_commands[:, 0]) == pytest.approx(0.5)
     assert run.applied_commands[-1, 0] == 0.0
@@ -176,7 +176,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, i
     screen.present = False
     assert screen.ends() == 5
     run = read_run(tmp_path / "run.mcap")
-    assert stop_reason_of(run).code == StopReason.TERMINAL_SILENT
+    assert drive_stop_reason(run).code == StopReason.TERMINAL_SILENT
     assert run.applied_commands[-1, 0] == 0.0  # when: tests/emulated/test_driving.py
     assert len(moving(run)) > 50
     assert b"\x1b[?25h" in screen.output
@@ -188,7 +188,7 @@ def test_rt12_a_closed_terminal_stops_the_vehicle_and_the_run_is_complete(termin
     screen.hang_up()
     screen.ends()
     run = read_run(tmp_path / "run.mcap")
-    assert stop_reason_of(run).code == StopReason.TERMINAL_CLOSED
+    assert drive_stop_reason(run).code == StopReason.TERMINAL_CLOSED
     assert run.applied_commands[-1, 0] == 0.0
     assert len(moving(run)) > 0
 
@@ -215,7 +215,7 @@ def test_the_space_bar_stops_the_vehicle(terminal, tmp_path):
     screen.drive_ahead()
     screen.type(b"\x1b[32u")
     assert screen.ends() == 5
-    assert stop_reason_of(read_run(tmp_path / "run.mcap")).code == StopReason.DRIVER
+    assert drive_stop_reason(read_run(tmp_path / "run.mcap")).code == StopReason.DRIVER
 
 
 def test_teaching_with_keys_writes_a_route(terminal, tmp_path):

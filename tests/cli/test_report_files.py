@@ -69,7 +69,7 @@ def test_a_study_writes_its_page_and_its_figures(baqueano, tmp_path, monkeypatch
     result = SimpleNamespace(fits=[None], rows=list, verdict="USABLE", is_interrupted=False)
     values = {
         "paper.case_study.case_study": result, "paper.case_study.simulate_seed": (None, None),
-        "paper.dynamic_vs_kinematic.compare_models": (), "paper.page.page_of_paper": page,
+        "paper.dynamic_vs_kinematic.compare_models": (), "paper.page.paper_page": page,
         "recordings.recordings": result, "recordings_page.page_of_recordings": page,
     }  # fmt: skip
     for name, value in values.items():

@@ -16,7 +16,7 @@ from baqueano.geometry import compose, map_from_body
 from baqueano.guides.shapes import circle, eight, rectangle, sinuous_circle
 from baqueano.signals import Estimate, Reference
 from baqueano.simulate import simulate_loop
-from baqueano.simulate.closed_loop import as_run, closed_loop, loop_system, tick_count_of
+from baqueano.simulate.closed_loop import as_run, closed_loop, drive_tick_count, loop_system
 from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import compile_block, function
@@ -147,7 +147,7 @@ def test_each_law_tolerates_an_unmodelled_delay_of_100_ms():
     for delay_s in (0.01, 0.11):
         delayed_file = SMALL.with_values({"model.drivetrain.delay_s": delay_s})
         system = loop_system(delayed_file, route, perfect=True, controller=SMALL.controller())
-        t_ns = tick_times(tick_count_of(system, SMALL.rate_hz) - 1, SMALL.rate_hz)
+        t_ns = tick_times(drive_tick_count(system, SMALL.rate_hz) - 1, SMALL.rate_hz)
         kernel = closed_loop(system, SMALL.rate_hz, noise=False)
         run = as_run("late", t_ns, kernel.run(Input(t_ns, None), carry=begin(system, route.eta[0]))[1], {})
         distances.append(rms(cross_track(t_ns, run.truth.eta[:, :2], t_ns, run.reference.eta[:, :2])))

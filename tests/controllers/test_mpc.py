@@ -11,7 +11,7 @@ import pytest
 import baqueano as bq
 from baqueano.controllers import Mpc
 from baqueano.controllers.mpc.program import BoundedProgram
-from baqueano.drive import repeat, stop_reason_of
+from baqueano.drive import drive_stop_reason, repeat
 from baqueano.errors import Invalid, UsageError
 from baqueano.geometry import compose
 from baqueano.guides.shapes import circle, line, sinuous_circle
@@ -161,7 +161,7 @@ def test_a_solver_failure_is_logged_in_the_run(monkeypatch):
     events = [event for event in run.events if event.source == "controller"]
     assert [(event.diagnostic.code, event.level) for event in events] == [("mpc.old-plan", "warning")] * 2
     assert np.diff([event.t_ns for event in events]) == pytest.approx(20e9 / SMALL.rate_hz)
-    assert stop_reason_of(run) is None
+    assert drive_stop_reason(run) is None
 
 
 AS_WRITTEN = ("simulate.as-written", {"role": "controller", "block": "Mpc"})

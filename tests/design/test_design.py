@@ -9,7 +9,7 @@ from baqueano.design.compose import (
     MotionPrimitive,
     PrimitiveShape,
     gentler_primitive,
-    poses_in_map,
+    map_poses,
 )
 from baqueano.design.containment import (
     chunk_alternatives,
@@ -168,7 +168,7 @@ def test_a_segment_and_its_return_path_end_at_the_start(small):
 
 
 def test_a_pose_relative_to_the_vehicle_is_transformed_to_the_map():
-    pose = poses_in_map(np.array([1.0, 2.0, np.pi / 2]), np.array([0.5, 0.0, 0.1]))
+    pose = map_poses(np.array([1.0, 2.0, np.pi / 2]), np.array([0.5, 0.0, 0.1]))
     np.testing.assert_allclose(pose, [1.0, 2.5, np.pi / 2 + 0.1])
 
 

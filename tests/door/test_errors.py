@@ -13,7 +13,7 @@ from baqueano.errors import (
     RobotUnreachable,
     SafetyStop,
     UsageError,
-    error_of_exit_code,
+    exit_code_error,
 )
 from baqueano.guides.shapes import shape
 
@@ -27,7 +27,7 @@ def vehicle(**message):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_exit_code_is_converted_back_to_its_error_type(kind):
-    error = error_of_exit_code(kind.exit_code, "reason")
+    error = exit_code_error(kind.exit_code, "reason")
     assert (type(error), str(error)) == (kind, "reason")
 
 

@@ -12,7 +12,7 @@ from baqueano.blocks import resolve
 from baqueano.controllers import PdFeedforward
 from baqueano.diagnostics import StopReason, note
 from baqueano.drive import experiment, repeat, replay, teach
-from baqueano.drive.session import stop_reason_of
+from baqueano.drive.session import drive_stop_reason
 from baqueano.errors import UsageError
 from baqueano.estimators import DeadReckoning
 from baqueano.guides import Repeat
@@ -169,7 +169,7 @@ def test_an_error_in_a_wrapped_guide_is_located_and_its_source_stored(
     run = repeat(
         SMALL, ROUTE, guide=resolve("guide", f"{own_file}:Mine")(), eta=ROUTE.eta[0] + eta, **options
     )
-    reason = stop_reason_of(run)
+    reason = drive_stop_reason(run)
     assert (reason.code, reason.figures[figure[0]]) == (code, figure[1])
     assert reason.figures["block"] == f"guide Mine ({own_file}:{line})"
     with use_language("es"):

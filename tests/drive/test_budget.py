@@ -11,7 +11,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.controllers import Schedule
 from baqueano.diagnostics import StopReason, stop
-from baqueano.drive import budget, drive, stop_reason_of
+from baqueano.drive import budget, drive, drive_stop_reason
 from baqueano.drive.budget import within
 from baqueano.drive.observers import Observer
 from baqueano.guides import Idle
@@ -54,7 +54,7 @@ def test_a_hanging_block_is_stopped_and_its_line_is_named():
         blocks_of(file, Hangs()), file, kind="repeat", world=world_of(file),
         tick_times_ns=simulated_ticks(file.rate_hz, 1.0), live=True,
     )  # fmt: skip
-    reason = stop_reason_of(run)
+    reason = drive_stop_reason(run)
     assert reason.code == StopReason.BLOCK_RAISED
     assert reason.figures["block"].startswith("controller Hangs (")
     assert "test_budget.py:" in reason.figures["block"]
@@ -76,7 +76,7 @@ def test_an_external_stop_reason_is_latched_and_logged():
         blocks_of(file, Schedule.at_rate(np.full((100, 3), 0.2), file.rate_hz)), file, kind="experiment",
         world=world_of(file), tick_times_ns=simulated_ticks(file.rate_hz, 1.0), live=True, observers=[LiftWatch()],
     )  # fmt: skip
-    assert stop_reason_of(run) == lift_stop
+    assert drive_stop_reason(run) == lift_stop
     assert np.any(run.applied_commands[:20] != 0.0)
     assert np.all(run.applied_commands[25:] == 0.0)
 

@@ -10,7 +10,7 @@ from baqueano.compare.laps import laps_of
 from baqueano.controllers import Pd
 from baqueano.controllers.schedule import script_commands
 from baqueano.diagnostics import Severity, StopReason
-from baqueano.drive import experiment, repeat, replay, stop_reason_of, teach
+from baqueano.drive import drive_stop_reason, experiment, repeat, replay, teach
 from baqueano.drive.observers import Progress
 from baqueano.drive.safety.final_pose import MAX_DISTANCE_M
 from baqueano.drive.tasks import drive_with_driver
@@ -70,7 +70,7 @@ def test_an_experiment_applies_its_signal_one_tick_later():
     assert run.metadata["seed"] == "1"
     assert run.sensors["imu"].z.shape == (101, 3)
     assert run.truth.eta.shape == (101, 3)
-    assert stop_reason_of(run) is None
+    assert drive_stop_reason(run) is None
 
 
 def test_a_clipped_signal_is_logged_before_and_after_the_supervisor():
@@ -134,7 +134,7 @@ def test_teaching_by_hand_ends_with_the_last_manual_command():
 
     run, route = teach(FILE, hand, seed=2)
     assert len(run.t_ns) == 150
-    assert stop_reason_of(run).code == StopReason.INTERRUPTED
+    assert drive_stop_reason(run).code == StopReason.INTERRUPTED
     assert route.eta[-1, 0] > 0.2
 
 
@@ -297,7 +297,7 @@ def test_a_sensor_absent_from_the_run_is_silent_in_its_replay():
     first = replayed_run.events[0].diagnostic
     assert (first.code, first.figures) == ("replay.without-sensor", {"sensor": "mark"})
     assert len(replayed_run.sensors["mark"].t_ns) == 0
-    assert stop_reason_of(replayed_run) is None
+    assert drive_stop_reason(replayed_run) is None
     np.testing.assert_allclose(replayed_run.estimate.eta, run.estimate.eta, atol=1e-9)
     np.testing.assert_allclose(replayed_run.estimate.cov, run.estimate.cov, atol=1e-9)
     assert np.isnan(replayed_run.estimate.innovation[:, 3]).all()

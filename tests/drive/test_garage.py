@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baqueano.drive import experiment, repeat, replay, stop_reason_of, teach
+from baqueano.drive import drive_stop_reason, experiment, repeat, replay, teach
 from baqueano.drive.session import example_tick
 from baqueano.guides.shapes import circle
 from baqueano.symbolic import compile_block, value_at_path, with_value
@@ -18,9 +18,9 @@ from baqueano.vehicle_file import load
 def test_a_circle_is_taught_repeated_and_replayed(name, radius_m, speed_m_s):
     file = load(name)
     lesson = teach(file, circle(radius_m, speed_m_s), seed=1)
-    assert stop_reason_of(lesson.run) is None
+    assert drive_stop_reason(lesson.run) is None
     run = repeat(file, lesson.route, seed=2)
-    assert stop_reason_of(run) is None
+    assert drive_stop_reason(run) is None
     assert run.reference.at_end[-1] == 1.0
     # the lap was completed, although the gains are untuned
     assert np.ptp(run.truth.eta[:, 1]) > 0.5 * radius_m
@@ -43,7 +43,7 @@ def test_the_filter_is_better_than_a_model_with_10_percent_error(name, speed_fro
     file, rng = load(name), np.random.default_rng(5)
     steps = rng.uniform(-1, 1, (40, file.vehicle.commands)) * file.command.limit * 0.8
     run = experiment(file, np.repeat(steps, round(file.rate_hz / 2), axis=0), seed=6)
-    assert stop_reason_of(run) is None
+    assert drive_stop_reason(run) is None
     vehicle = file.vehicle
     for path, factor in WRONG[name].items():
         vehicle = with_value(vehicle, path, value_at_path(vehicle, path) * factor)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import StopReason
-from baqueano.drive import repeat, stop_reason_of
+from baqueano.drive import drive_stop_reason, repeat
 from baqueano.drive.mission import Mission, perform
 from baqueano.drive.safety.caution import SLOW, STAND_S, WAIT_S, Caution
 from baqueano.drive.safety.patience import Patience
@@ -122,7 +122,7 @@ def test_a_vehicle_returns_to_its_route_after_a_push():
     after = run.truth.t_ns[::5] > 6e9
     assert np.max(distance[~after]) > np.max(distance[after])
     assert np.max(distance[after]) < 0.03
-    assert stop_reason_of(run) is None
+    assert drive_stop_reason(run) is None
 
 
 def doubtful(error):
@@ -254,7 +254,7 @@ def test_the_stopping_distance_is_that_of_the_direction_with_less_friction(weak_
 def test_endless_laps_by_imu_stop_before_a_wall():
     room = vehicle_room(SMALL, "2x2", start=(0.0, -0.4, 0.0))
     run = repeat(SMALL, LAP, laps=0, room=room, duration_s=120.0)
-    assert stop_reason_of(run).code == StopReason.ROOM
+    assert drive_stop_reason(run).code == StopReason.ROOM
     assert np.all(np.abs(run.truth.eta[:, :2] + [0.0, -0.4]) < room.free_half_width_m)
 
 
@@ -290,7 +290,7 @@ def test_the_way_back_has_no_jump_and_ends_at_rest(name, route):
     assert np.max(np.abs(np.diff(nu[:, 2]))) < 0.25 * largest_rate
     assert abs(run.truth.nu[-1, 0]) < 0.03  # it was 0.056 m/s and 0.33 rad/s
     assert abs(run.truth.nu[-1, 2]) < 0.1
-    assert stop_reason_of(run) is None
+    assert drive_stop_reason(run) is None
 
 
 CAMERA = '[sensors.pose]\nkind = "pose"\nnoise_std = [0.003, 0.003, 0.006]\n\n[estimator]'
@@ -319,7 +319,7 @@ def test_a_drive_reports_that_it_ended_beside_the_end_of_its_route(shake, codes)
 def test_a_vehicle_that_loses_a_sensor_slows_down_and_stops_and_names_it(sensor):
     lap = circle(0.8, 0.5)
     run = repeat(WITH_CAMERA, lap, laps=3, duration_s=20.0, shake=[f"10 s: cut {sensor}"])
-    reason = stop_reason_of(run)
+    reason = drive_stop_reason(run)
     assert reason.code == StopReason.ESTIMATE_DOUBTFUL
     cause = reason.figures["cause"].figures["cause"]
     assert (cause.code, cause.subject) == ("sensor.lost", sensor)
@@ -338,5 +338,5 @@ def test_a_camera_that_sees_the_vehicle_only_at_a_gate_does_not_stop_it():
 
     gate = Gate(WITH_CAMERA.vehicle, WITH_CAMERA.sensors, WITH_CAMERA.rate_hz)
     run = repeat(WITH_CAMERA, circle(0.8, 0.5), laps=2, world=gate)
-    assert stop_reason_of(run) is None
+    assert drive_stop_reason(run) is None
     assert [event for event in run.events if event.source in ("caution", "sensors")] == []

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from baqueano.blocks import resolve
-from baqueano.drive import drive, experiment, replay, stop_reason_of
+from baqueano.drive import drive, drive_stop_reason, experiment, replay
 from baqueano.drive.tasks import replay_blocks
 from baqueano.guides import SinuousCircle
 from baqueano.loop import Blocks
@@ -67,7 +67,7 @@ def test_a_user_block_is_compiled_like_a_built_in_block(tmp_path):
 
 def test_a_block_that_branches_on_data_runs_uncompiled_with_a_note(tmp_path):
     run = run_of(blocks_with(tmp_path, BRANCH))
-    assert stop_reason_of(run) is None
+    assert drive_stop_reason(run) is None
     assert len(run.t_ns) == 30
     (note,) = [e for e in run.events if e.source != REJECTIONS_SOURCE]
     assert note.level == "info"
@@ -105,7 +105,7 @@ def test_a_block_that_keeps_memory_in_itself_runs_as_written(tmp_path):
 @pytest.mark.parametrize("backend", ["auto", "numpy"])
 def test_a_failing_block_is_named_with_its_file_and_line(tmp_path, body, words, backend):
     run = run_of(blocks_with(tmp_path, body), backend=backend)
-    reason = stop_reason_of(run)
+    reason = drive_stop_reason(run)
     assert reason.figures["block"].startswith("controller Mine (")
     assert "mi contról.py:" in reason.figures["block"]
     assert reason.figures["kind"].endswith("mi contról.py:Mine")
@@ -148,7 +148,7 @@ def test_an_estimator_without_a_start_pose_drives_with_a_note(tmp_path):
     )
     assert run_of(blocks).events == ()
     run = run_of(blocks, eta=np.array([1.0, 0.0, 0.0]))
-    assert stop_reason_of(run) is None
+    assert drive_stop_reason(run) is None
     (note,) = run.events
     assert note.diagnostic.code == "drive.own-origin"
     assert note.diagnostic.figures["start"] == "[1.0, 0.0, 0.0]"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from baqueano.door.remote import connect
-from baqueano.drive import stop_reason_of
+from baqueano.drive import drive_stop_reason
 from baqueano.drive.mission import Mission, pack
 from baqueano.drive.recording import CLOCK_SOURCE
 from tests.emulated import aarch64
@@ -50,7 +50,7 @@ def test_the_service_is_ready_and_drives_with_its_ekf_compiled(firmware, tmp_pat
             mission = pack(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (200, 1))), service.file)
             for attempt in range(ATTEMPTS):  # a slow emulated Pi may receive the Uno too late
                 run = remote.perform(mission, tmp_path / f"{attempt}.mcap")
-                if not stop_reason_of(run):
+                if not drive_stop_reason(run):
                     break
                 remote.send(type="clear")
                 ready(remote)
@@ -58,7 +58,7 @@ def test_the_service_is_ready_and_drives_with_its_ekf_compiled(firmware, tmp_pat
             f"READY after {service.start_s:.1f} s, {service.cpu_s:.1f} s of a processor; resident without qemu's "
             f"own at most {guest_mb:.0f} MB, after a drive {service.guest_mb('qemu-aarch64'):.0f} MB"
         )
-    assert stop_reason_of(run) is None
+    assert drive_stop_reason(run) is None
     assert run.metadata["machine"] == "Linux aarch64"
     assert run.metadata["backend"] == backend
     assert run.duration_s >= 2.0

@@ -11,7 +11,7 @@ import pytest
 
 from baqueano.diagnostics import Severity, StopReason, note, stop
 from baqueano.door.states import DoorState
-from baqueano.drive import stop_reason_of
+from baqueano.drive import drive_stop_reason
 from baqueano.drive.recording import HARDWARE_SOURCE
 from baqueano.messages import text
 from baqueano.robot.imu import bus_recovery
@@ -64,7 +64,7 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
     end, run = drive(service, spin(3.0))
     service.notify_watchdog = lambda: None
     assert end["reason"].code == StopReason.SENSOR_SILENT
-    assert stop_reason_of(run) == end["reason"]
+    assert drive_stop_reason(run) == end["reason"]
     assert any("low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
     assert events == [], "no pin may change during a drive"
 

@@ -13,7 +13,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door.states import DoorState
-from baqueano.drive import route_of, stop_reason_of
+from baqueano.drive import drive_stop_reason, route_of
 from baqueano.drive.mission import Mission, pack
 from baqueano.drive.recording import CLOCK_SOURCE, HARDWARE_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
 from baqueano.guides import shapes
@@ -87,7 +87,7 @@ def test_a_disconnected_cable_stops_the_drive_and_driving_resumes_afterwards(rob
     during(service, robot, 1.0, pull)
     end, run = drive(service, spin(3.0))
     assert end["reason"].code == StopReason.UNO_SILENT
-    assert stop_reason_of(run) == end["reason"]
+    assert drive_stop_reason(run) == end["reason"]
     assert 0.25 < robot.board.off_since() - cut[0] <= 0.320
     assert run.notes == ()
     assert run.duration_s == pytest.approx(2.1, abs=0.05), "a second of it after the stop"
@@ -183,7 +183,7 @@ def test_a_mission_that_the_uno_never_receives_fails(robot, service):
     service.uno.arm = deaf
     end, run = drive(service, spin())
     assert end["reason"].code == StopReason.UNO_DEAF
-    assert stop_reason_of(run) == end["reason"]
+    assert drive_stop_reason(run) == end["reason"]
     assert robot.board.first_time(lambda out: any(out.pwm)) is None
 
 
@@ -223,7 +223,7 @@ def test_fw7_a_restarted_uno_stops_the_drive_and_can_be_cleared(robot, service, 
     during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), act(robot.board)))
     end, run = drive(service, spin(3.0))
     assert end["reason"].code in (StopReason.UNO_RESET, StopReason.UNO_SILENT)
-    assert stop_reason_of(run) == end["reason"]
+    assert drive_stop_reason(run) == end["reason"]
     assert run.duration_s < 1.7
     assert robot.board.off_since() - at_s[0] <= within_s
     figures = last(run, LINE_SOURCE).diagnostic.figures
@@ -251,7 +251,7 @@ def test_fw8_a_battery_that_stays_low_stops_the_drive_after_two_seconds(robot, s
     during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), robot.board.set_battery(6.2)))
     end, run = drive(service, low)
     assert end["reason"].code in (StopReason.UNO_BATTERY, StopReason.BATTERY)
-    assert stop_reason_of(run) == end["reason"]
+    assert drive_stop_reason(run) == end["reason"]
     assert 1.9 <= robot.board.off_since() - at_s[0] <= 2.2
     assert run.sensors["battery"].z[-1, 0] == pytest.approx(6.2, abs=0.05)
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import StopReason
-from baqueano.drive.session import mark_times_ns, stop_reason_of
+from baqueano.drive.session import drive_stop_reason, mark_times_ns
 from baqueano.runs import read_run
 from tests.emulated.test_imu_process import SYSTEM_PYTHON, _installed, lacking  # noqa: F401
 
@@ -100,7 +100,7 @@ def test_a_pad_drives_marks_and_stops_the_vehicle_when_it_is_unplugged(drive, tm
     machine.order("unplug", 2)
     assert screen.ends() == 5
     run = read_run(tmp_path / "run.mcap")
-    assert stop_reason_of(run).code == StopReason.PAD_UNPLUGGED
+    assert drive_stop_reason(run).code == StopReason.PAD_UNPLUGGED
     assert len(mark_times_ns(run)) == 1
     assert np.max(run.applied_commands[:, 0]) == pytest.approx(0.5)
     assert run.applied_commands[-1, 0] == 0.0

@@ -19,7 +19,7 @@ from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door import VERSION
 from baqueano.door.remote import connect
-from baqueano.drive import stop_reason_of
+from baqueano.drive import drive_stop_reason
 from baqueano.drive.mission import Mission, pack
 from baqueano.drive.recording import CLOCK_SOURCE
 from baqueano.errors import RobotUnreachable, SafetyStop
@@ -136,7 +136,7 @@ def drive_whole(remote, mission, live, folder):
     while True:
         loss_s, path = live.loss_s, folder / f"{time.monotonic_ns()}.mcap"
         run = perform_mission(remote, mission, path)
-        if not stop_reason_of(run) or time.monotonic() > end or not stalled(run, live.loss_s - loss_s):
+        if not drive_stop_reason(run) or time.monotonic() > end or not stalled(run, live.loss_s - loss_s):
             return run
 
 
@@ -181,7 +181,7 @@ def test_a_mission_through_the_door_returns_its_run(service, vehicle, live, tmp_
     _, door = service
     with connect(str(door)) as remote:
         run = drive_whole(remote, spin(vehicle, 1.0), live, tmp_path / "here")
-    assert stop_reason_of(run) is None
+    assert drive_stop_reason(run) is None
     (event_of_clock,) = [e for e in run.events if e.source == CLOCK_SOURCE]
     left_out = int(re.search(r"(\d+) were skipped", event_of_clock.text)[1])
     assert left_out == np.sum(np.diff(run.t_ns) // 20_000_000 - 1)

@@ -9,7 +9,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door.states import DoorState
-from baqueano.drive import stop_reason_of
+from baqueano.drive import drive_stop_reason
 from tests.emulated.drives import drive, look_around, serve, spin
 
 BUFFER = 4095  # bytes that the kernel stores of an unread line
@@ -80,7 +80,7 @@ def test_rt2_a_freeze_longer_than_the_command_timeout_ends_the_drive(robot, tmp_
     assert robot.board.first_time(lambda out: any(out.pwm)) is None, "no motor has moved since it woke"
     assert end["reason"].code == StopReason.STANDSTILL
     assert end["reason"].figures["dead_man_s"] == 0.3
-    assert stop_reason_of(run) == end["reason"]
+    assert drive_stop_reason(run) == end["reason"]
     assert end["reason"].figures["silent_s"] == pytest.approx(seconds, abs=0.02)
     assert service.machine.state is DoorState.STOPPED
     look_around(service, robot, 5)

@@ -11,7 +11,7 @@ from baqueano.identify.noise.filter_noise import SIDEWAYS_NOISE, _free_noise
 from baqueano.runs.run import Channel
 from baqueano.signals import Tick, silent
 from baqueano.simulate.open_loop import tick_times
-from baqueano.study.counterpart import drive_group, robot_file, run_of_vehicle
+from baqueano.study.counterpart import drive_group, robot_file, vehicle_run
 from baqueano.study.identification.trials import draw_robot, quantised_commands
 from baqueano.symbolic import compile_block
 from baqueano.vehicle_file import load, parse
@@ -28,7 +28,7 @@ def estimated(use):
     file = parse(robot_file(robot).text + CAMERA, "robot.toml").with_values(WALKS | {"estimator.use": use})
     grippy = robot.with_parameters(viscous=robot.viscous * np.array([1.0, 6.0, 1.0]))
     motion = drive_group(grippy, u[:, None], [1], tick_times(len(u), file.rate_hz), 5e-3)
-    run = run_of_vehicle(motion, 0, u, file, "grippy", 1)
+    run = vehicle_run(motion, 0, u, file, "grippy", 1)
     k, white = np.arange(0, len(u), 5), np.random.default_rng(1).standard_normal((400, 3))
     camera = Channel(run.t_ns[k], run.t_ns[k], motion.truth[k, 0, :3] + NOISE * white)
     run, estimator = replace(run, sensors=run.sensors | {"camera": camera}), compile_block(file.estimator())

@@ -111,7 +111,7 @@ def test_an_imu_3_cm_off_centre_is_not_reported_as_swapped():
         excitation("random_steps", file.command.limit, 15.0, file.rate_hz, seed, rest_s=2.0)
     )
     motion = counterpart.drive_group(q, u[:, None], [seed], tick_times(len(u), file.rate_hz))
-    run = counterpart.run_of_vehicle(motion, 0, u, file, "off centre", seed)
+    run = counterpart.vehicle_run(motion, 0, u, file, "off centre", seed)
     fit = identify(run, file, ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"])
     k = fit.names.index("sensors.imu.heading_rad")
     assert abs(fit.estimate[k] - q.imu.turn_rad[0]) < 3.0 * fit.std[k]

@@ -22,7 +22,7 @@ from baqueano.study.counterpart import (
     car_values,
     drive_group,
     robot_values,
-    run_of_vehicle,
+    vehicle_run,
 )
 from baqueano.study.identification import trials
 from baqueano.study.identification.trials import draw_robot, initial_file, quantised_commands
@@ -218,7 +218,7 @@ def soft_tyres():
     file = car_file(car)
     u = trials._car_steps(703, file.rate_hz, SECONDS, trials.STEERING_AMPLITUDE["understeer"])
     motion = drive_group(car, u[:, None], [703], tick_times(len(u), file.rate_hz))
-    return car, file, run_of_vehicle(motion, 0, u, file, "soft tyres", 703)
+    return car, file, vehicle_run(motion, 0, u, file, "soft tyres", 703)
 
 
 def test_unmodelled_tyre_slip_drag_widens_the_errors(soft_tyres):

@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.identify import FitOptions, excitation, identify
 from baqueano.simulate.open_loop import tick_times
-from baqueano.study.counterpart import drive_group, robot_file, robot_values, run_of_vehicle
+from baqueano.study.counterpart import drive_group, robot_file, robot_values, vehicle_run
 from baqueano.study.identification.trials import draw_robot, quantised_commands
 from baqueano.study.truth import merge
 
@@ -36,7 +36,7 @@ def logs():
         merge([robot, filtered_robot, chip]), commands, [SEED] * 3, tick_times(len(sent_u), file.rate_hz)
     )
     kinds = {"counts": (0, sent_u), "asked": (0, signal), "filtered": (1, sent_u), "chip": (2, sent_u)}
-    runs = {name: run_of_vehicle(motion, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
+    runs = {name: vehicle_run(motion, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
     return robot, file, runs
 
 

@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baqueano.calibration.tolerances import scale_stds, std_of_gyro_bias, std_of_tolerance, with_tolerance
+from baqueano.calibration.tolerances import scale_stds, std_of_gyro_bias, tolerance_std, with_tolerance
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, Residuals, identify
 from baqueano.identify.covariance.clusters import with_jackknife
 from baqueano.identify.covariance.information import Information
 from baqueano.identify.imu_only import is_imu_only
-from baqueano.identify.residuals.noise_level import profile_with_slow_noise
+from baqueano.identify.residuals.noise_level import slow_noise_profile
 from baqueano.numerics.slow_part import slow_part
 from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
-from baqueano.study.counterpart import car_file, car_values, drive_group, run_of_vehicle
+from baqueano.study.counterpart import car_file, car_values, drive_group, vehicle_run
 from baqueano.study.identification.trials import draw_car
 from baqueano.vehicle_file import load
 from tests.codes import of_code
@@ -79,7 +79,7 @@ def test_an_unmeasured_scale_widens_the_errors_by_its_effect(imu_fit):
         run, file, LONGITUDINAL + YAW, tolerance={**EXACT, "sensors.imu.gyro_scale": 0.1}
     )
     np.testing.assert_allclose(exact.estimate, fit.estimate, rtol=1e-6)
-    part = np.sqrt(np.maximum(fit_with_tolerance.std**2 - exact.std**2, 0.0)) / std_of_tolerance(0.1)
+    part = np.sqrt(np.maximum(fit_with_tolerance.std**2 - exact.std**2, 0.0)) / tolerance_std(0.1)
     changes_by_scale = []
     for factor in (1.02, 0.98):
         scale = file.sensors.imu.gyro_scale * factor
@@ -191,7 +191,7 @@ def test_the_lag_of_the_motor_of_a_car_does_not_bias_its_gain_and_drag():
     u = np.stack([steps(rng, 0.1, 0.55, 2.0, 30.0, 50.0), steps(rng, -0.3, 0.3, 1.2, 30.0, 50.0)], axis=1)
     u[:150] = 0.0
     motion = drive_group(car, u[:, None], [1], tick_times(len(u), 50.0))
-    fit = identify(run_of_vehicle(motion, 0, u, file, "car", 1), file, use=("imu",))
+    fit = identify(vehicle_run(motion, 0, u, file, "car", 1), file, use=("imu",))
     truth = {**car_values(car), "model.drivetrain.lag_s": car.lag_s}
     names = ("model.throttle_gain", "model.linear_drag", "model.drivetrain.lag_s")
     errors = [(fit.value(n) - float(truth[n][0])) / fit.std[fit.names.index(n)] for n in names]
@@ -206,7 +206,7 @@ def test_the_delay_of_a_car_with_soft_tyres_and_a_slow_servo_is_within_its_error
     u = np.stack([steps(rng, 0.1, 0.55, 2.0, 30.0, 50.0), steps(rng, -0.3, 0.3, 1.2, 30.0, 50.0)], axis=1)
     u[:150] = 0.0
     motion = drive_group(car, u[:, None], [seed], tick_times(len(u), 50.0))
-    fit = identify(run_of_vehicle(motion, 0, u, file, "car", 1), file, use=("imu",))
+    fit = identify(vehicle_run(motion, 0, u, file, "car", 1), file, use=("imu",))
     error = fit.value("model.drivetrain.delay_s") - car.delay_s[0]
     assert abs(error) < 3.0 * fit.std[fit.names.index("model.drivetrain.delay_s")] < 0.04
     assert "delay.sum" in [message.code for message in fit.notes]
@@ -222,7 +222,7 @@ def test_understeer_is_not_taken_for_drag_of_a_car_with_soft_tyres(seed):
     u = np.stack([steps(rng, 0.1, 0.55, 2.0, 60.0, 50.0), steps(rng, -0.6, 0.6, 1.2, 60.0, 50.0)], axis=1)
     u[:150] = 0.0
     motion = drive_group(car, u[:, None], [seed], tick_times(len(u), 50.0))
-    fit = identify(run_of_vehicle(motion, 0, u, file, "car", 1), file, use=("imu",))
+    fit = identify(vehicle_run(motion, 0, u, file, "car", 1), file, use=("imu",))
     truth = car_values(car)
     z, std = {}, {}
     for path in ("model.linear_drag", "model.quadratic_drag"):
@@ -290,7 +290,7 @@ def test_autocorrelated_residuals_weigh_less_than_white_residuals():
     slow = np.convolve(rng.normal(size=n + 49), np.ones(50) / np.sqrt(50.0), "valid")
     residuals = [np.stack([white[:, 0], 0.6 * white[:, 1] + 0.8 * slow], axis=1)]
     masks, v, dt = [np.ones((n, 2))], [np.full(n, 1.0)], [np.full(n, 0.02)]
-    sigma, profile = profile_with_slow_noise(residuals, masks, v, dt, np.zeros(2))
+    sigma, profile = slow_noise_profile(residuals, masks, v, dt, np.zeros(2))
     assert sigma[0] == pytest.approx(1.0, abs=0.12)
     expected = np.sqrt(0.6**2 + 0.8**2 * (50 - (50**2 - 1) / (3 * 50)))  # of sums over their correlation time
     assert sigma[1] == pytest.approx(expected, rel=0.15)
@@ -301,9 +301,7 @@ def test_samples_are_weighted_by_speed_if_noise_grows_with_speed():
     rng, n = np.random.default_rng(2), 8000
     v = np.repeat(rng.uniform(0.1, 2.0, n // 100), 100)
     residuals = [(v * rng.normal(size=n))[:, None]]
-    sigma, profile = profile_with_slow_noise(
-        residuals, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1)
-    )
+    sigma, profile = slow_noise_profile(residuals, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1))
     ratio = (sigma[0] * profile[0][:, 0] / v)[v > 0.5]
     assert np.all((ratio > 0.8) & (ratio < 1.3))
     assert np.sqrt(np.mean(profile[0] ** 2)) == pytest.approx(1.0)
@@ -384,7 +382,7 @@ def test_error_bars_contain_an_effect_that_all_parts_of_the_run_share():
         u = np.stack([steps(rng, *kind, 60.0, 50.0) for kind in ((0.1, 0.55, 2.0), (-0.6, 0.6, 1.2))], axis=1)
         u[:150] = 0.0
         motion = drive_group(car, u[:, None], [seed], tick_times(len(u), 50.0))
-        run = run_of_vehicle(motion, 0, u, file, "car", seed)
+        run = vehicle_run(motion, 0, u, file, "car", seed)
         fit = fit_imu_only(run, file, LONGITUDINAL + YAW, EXACT, ("imu",))
         k = fit.names.index("model.steering_gain")
         z.append((fit.estimate[k] - car_values(car)[fit.names[k]][0]) / fit.std[k])

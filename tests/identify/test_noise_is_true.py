@@ -12,7 +12,7 @@ from baqueano.identify.noise import filter_noise
 from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import identify_vehicles, vehicles
-from baqueano.study.counterpart import drive_group, robot_file, run_of_vehicle
+from baqueano.study.counterpart import drive_group, robot_file, vehicle_run
 from baqueano.study.counterpart.cars import ODOMETER_M_S
 from baqueano.study.estimation.simulated import ODOMETER
 from baqueano.study.identification.trials import FLOOR_NOISE, draw_robot, quantised_commands
@@ -38,7 +38,7 @@ def noise_case(request):
         excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, seed, rest_s=0.0)
     )
     motion = drive_group(q, u[:, None], [seed], tick_times(len(u), file.rate_hz))
-    run = replace(run_of_vehicle(motion, 0, u, file, "floor", seed), truth=None)
+    run = replace(vehicle_run(motion, 0, u, file, "floor", seed), truth=None)
     return q, file, measure_noise(identify(run, file, ["model.friction.linear"]), run)
 
 
@@ -100,5 +100,5 @@ def test_a_motor_with_another_lag_does_not_make_the_gyro_too_cautious_in_a_calm_
     file = identify_vehicles(robots, [4], "auto")[0]
     u = np.stack([0.6 + 0.2 * np.sin(0.9 * t_s), 0.0 * t_s, 0.15 * np.sin(0.5 * t_s)], axis=1)
     motion = drive_group(robots, u[:, None], [5], tick_times(len(u), file.rate_hz))
-    replayed_run = replay(run_of_vehicle(motion, 0, u, file, "calm", 5), file)
+    replayed_run = replay(vehicle_run(motion, 0, u, file, "calm", 5), file)
     assert 0.85 < filter_consistency(replayed_run).channels["imu[2]"].mean < 1.15  # 0.69 with one disturbance

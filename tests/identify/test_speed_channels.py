@@ -12,7 +12,7 @@ from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise.held_out import speed_channels
 from baqueano.identify.noise.speed_error import MIN_SHARE, accelerometer_share
 from baqueano.identify.result.fit_result import ChannelFit
-from baqueano.numerics.statistics import ratio_of_blocks
+from baqueano.numerics.statistics import block_ratio
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
 
@@ -88,7 +88,7 @@ def test_too_few_segments_do_not_change_the_choice_in_the_file():
 def test_the_error_ratio_over_blocks_is_computed_from_their_sums():
     rng = np.random.default_rng(0)
     block_sums, reference = rng.uniform(1.0, 2.0, 40), rng.uniform(4.0, 8.0, 40)
-    ratio, low, high = ratio_of_blocks(block_sums, reference)
+    ratio, low, high = block_ratio(block_sums, reference)
     assert ratio == pytest.approx(np.sqrt(block_sums.sum() / reference.sum()), rel=1e-12)
     assert low < ratio < high < 1.0
 

@@ -20,7 +20,7 @@ from baqueano.study.counterpart import (
     drive_group,
     robot_file,
     robot_values,
-    run_of_vehicle,
+    vehicle_run,
 )
 from baqueano.study.counterpart.world import ROBOT_STEP_S
 from baqueano.study.identification.trials import FLOOR_NOISE, draw_car, draw_robot, quantised_commands
@@ -64,7 +64,7 @@ def group_runs(
     group, t_ns = merge(vehicles), tick_times(len(signals[0]), file.rate_hz)
     motion = drive_group(group, np.stack(signals, axis=1), seeds, t_ns, step_s)
     return [
-        run_of_vehicle(motion, k, u, file, f"run {seed}", seed)
+        vehicle_run(motion, k, u, file, f"run {seed}", seed)
         for k, (u, seed) in enumerate(zip(signals, seeds, strict=True))
     ]
 

@@ -12,7 +12,7 @@ from baqueano.drive.session import sensor_monitor
 from baqueano.monitor import Finding, SensorMonitor
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate.open_loop import tick_times
-from baqueano.study.counterpart import drive_group, run_of_vehicle
+from baqueano.study.counterpart import drive_group, vehicle_run
 from baqueano.study.counterpart.recorded import GroupDrive
 from baqueano.study.faults.subject import subject
 from baqueano.symbolic import compile_block
@@ -54,7 +54,7 @@ def drives(kind: str, count: int) -> tuple[Run, ...]:
     """Return drives of one vehicle of the independent truth, each with its own commands and noise."""
     file, (u, motion), runs = kind_of(kind).file, _motion("robot" if kind == "wheels" else kind, count), []
     for k in range(count):
-        run = run_of_vehicle(motion, k, u[k], file, f"{kind} {k}", k)
+        run = vehicle_run(motion, k, u[k], file, f"{kind} {k}", k)
         runs.append(
             replace(run, sensors=run.sensors | {"wheels": _wheels(run, k)}) if kind == "wheels" else run
         )

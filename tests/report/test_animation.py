@@ -18,7 +18,7 @@ from baqueano.report.animation.partial_fits import PartialFit
 from baqueano.report.animation.picture import animation
 from baqueano.report.animation.scene import scene
 from baqueano.report.estimate_report import paths
-from baqueano.report.run_report import page_of_run
+from baqueano.report.run_report import run_page
 from baqueano.runs import TruthLog, write_run
 from tests.codes import refused
 
@@ -126,8 +126,8 @@ def test_a_truth_without_heading_is_drawn_on_the_map_and_the_estimate_is_animate
 
 def test_a_run_that_was_cut_before_the_first_pose_of_its_camera_has_a_report(run):
     cut_run = replace(run, truth=TruthLog(*(column[:0] for column in run.truth)))
-    assert page_of_run(cut_run).title
-    assert page_of_run(run.cut(0.0, 0.001)).title  # one tick
+    assert run_page(cut_run).title
+    assert run_page(run.cut(0.0, 0.001)).title  # one tick
     with pytest.raises(AnswerNo):
         scene(run.cut(0.0, 0.001))
 

@@ -5,7 +5,7 @@ import re
 
 from baqueano.messages.language import use_language
 from baqueano.report.libraries import panel
-from baqueano.report.run_report import page_of_run
+from baqueano.report.run_report import run_page
 from tests.report.test_page import a_run
 
 POINT = re.compile(r"(?<![\w./#=-])\d+\.\d+(?![\w./])")
@@ -21,7 +21,7 @@ def shown_text(page: str) -> str:
 
 def test_the_numbers_of_a_spanish_report_have_a_decimal_comma():
     with use_language("es"):
-        text = shown_text(page_of_run(a_run()).html())
+        text = shown_text(run_page(a_run()).html())
     assert POINT.findall(text) == []
     assert len(re.findall(r"\d,\d", text)) > 20
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import identify
-from baqueano.report.fit_report import MAX_DRAWN_RUNS, page_of_fit
+from baqueano.report.fit_report import MAX_DRAWN_RUNS, fit_page
 from baqueano.report.page import Drawing, Table
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
@@ -36,7 +36,7 @@ def test_the_table_has_a_line_per_channel_and_names_the_worst_run(fits):
 
 
 def test_the_page_draws_the_least_explained_runs(fits):
-    page = page_of_fit(fits)
+    page = fit_page(fits)
     titles = [s.title for s in page.sections if s.title.startswith("Data and model")]
     assert titles == [f"Data and model: run-{k:02d}" for k in range(12 - MAX_DRAWN_RUNS, 12)]
     assert page.subtitle.startswith("12 runs, run-00 to run-11")
@@ -46,7 +46,7 @@ def test_the_page_draws_the_least_explained_runs(fits):
 
 
 def test_the_headlines_show_the_least_explained_run(fits):
-    page = page_of_fit(fits)
+    page = fit_page(fits)
     assert [h.label for h in page.headlines] == [
         "noise of odometer [m/s], run-11", "noise of ω_z [rad/s], run-11",
     ]  # fmt: skip
@@ -70,14 +70,14 @@ def test_the_four_least_explained_channels_are_in_the_headlines(fits):
         first._replace(sensor=name, entry=entry, explained_fraction=part)
         for (name, entry), part in zip(names, shares, strict=True)
     )
-    page = page_of_fit(replace(fits, runs=fits.runs[:1], channels=channels))
+    page = fit_page(replace(fits, runs=fits.runs[:1], channels=channels))
     assert [h.label for h in page.headlines] == [
         "noise of a_y [m/s²]", "noise of wheels[1]", "noise of pose[1]", "noise of pose[2]",
     ]  # fmt: skip
 
 
 def test_a_table_has_noise_and_explained_share_of_every_run(fits):
-    table = next(s for s in page_of_fit(fits).sections if s.title == "Runs").parts[0]
+    table = next(s for s in fit_page(fits).sections if s.title == "Runs").parts[0]
     assert isinstance(table, Table)
     assert [row["run"] for row in table.rows] == list(fits.runs)
     assert list(table.headings.values()) == ["run", "odometer [m/s]", "ω_z [rad/s]"]
@@ -89,8 +89,8 @@ def test_a_table_has_noise_and_explained_share_of_every_run(fits):
 
 def test_a_fit_to_one_run_has_no_table_of_runs(fits):
     single = replace(fits, runs=fits.runs[:1], channels=tuple(c for c in fits.channels if c.run == "run-00"))
-    assert all(s.title != "Runs" for s in page_of_fit(single).sections)
-    assert [h.label for h in page_of_fit(single).headlines] == [
+    assert all(s.title != "Runs" for s in fit_page(single).sections)
+    assert [h.label for h in fit_page(single).headlines] == [
         "noise of odometer [m/s]",
         "noise of ω_z [rad/s]",
     ]
@@ -105,7 +105,7 @@ def test_data_and_model_are_drawn_for_the_period_of_most_motion(fits):
         (channels, "20 s from 40 s, with most motion"),
         (fits.channels[:2], "all 3 s"),
     ):
-        page = page_of_fit(replace(fits, runs=fits.runs[:1], channels=shown_channels))
+        page = fit_page(replace(fits, runs=fits.runs[:1], channels=shown_channels))
         drawing = next(s for s in page.sections if s.title.startswith("Data and model")).parts[0]
         assert isinstance(drawing, Drawing)
         assert drawing.caption.startswith(f"Sensors and model, {period}.")

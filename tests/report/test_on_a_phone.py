@@ -13,7 +13,7 @@ from baqueano.messages import text as sentence_of
 from baqueano.report import figures
 from baqueano.report.canvas import with_narrow_legends
 from baqueano.report.page import NARROW_IN, Page, Section, Table, draw
-from baqueano.report.run_report import page_of_run
+from baqueano.report.run_report import run_page
 from baqueano.vehicle_file import load
 
 # the width inside a card of 390 px; size of the smallest letters
@@ -71,7 +71,7 @@ def test_a_table_of_many_columns_becomes_cards_that_name_each_value():
 def test_a_run_without_ticks_has_a_page(drive):
     empty = drive.cut(1e6)
     for run in (empty, replace(empty, sensors=drive.sensors, events=drive.events, estimate=drive.estimate)):
-        assert "</html>" in page_of_run(run).html()
+        assert "</html>" in run_page(run).html()
 
 
 def test_only_the_last_lap_has_a_corridor(drive):
@@ -88,7 +88,7 @@ def test_the_report_of_two_estimators_draws_and_judges_both(drive):
     log = drive.estimate
     shifted_log = log._replace(eta=log.eta + np.array([0.1, 0.0, 0.0]))
     second = replace(drive, name="other", estimate=shifted_log, metadata=drive.metadata | {"kind": "replay"})
-    text = page_of_run(second, second=drive).html()
+    text = run_page(second, second=drive).html()
     assert "Two estimators, one drive" in text
     assert len(re.findall(f">{drive.name}</text>", text)) >= 4  # the path and the errors, both shapes
     assert "at a limit" not in text
@@ -98,11 +98,11 @@ def test_a_diverged_estimate_is_drawn_until_its_divergence(drive):
     log = drive.estimate
     eta = log.eta.copy()
     eta[500:, 0] = 1e16
-    text = page_of_run(replace(drive, estimate=log._replace(eta=eta))).html()
+    text = run_page(replace(drive, estimate=log._replace(eta=eta))).html()
     assert sentence_of(note("compare.diverged", t_s=5.0)) in text
     assert "1e16" not in text
     assert not re.search(r">\d+(\.\d+)?e1\d<|>1e1\d<", text)
 
 
 def test_residuals_and_innovations_are_drawn_over_time(drive):
-    assert "Innovations over time" in page_of_run(drive).html()
+    assert "Innovations over time" in run_page(drive).html()

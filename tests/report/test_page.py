@@ -15,8 +15,8 @@ from baqueano.compare import compare
 from baqueano.compare.filter_consistency import STATE_NAMES, filter_consistency
 from baqueano.monitor import REJECTIONS_SOURCE, Rejections, rejection_event
 from baqueano.report import Headline, Page, Section, Table, draw, figures
-from baqueano.report.fit_report import page_of_fit
-from baqueano.report.run_report import page_of_run
+from baqueano.report.fit_report import fit_page
+from baqueano.report.run_report import run_page
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.vehicle_file import load
 
@@ -51,7 +51,7 @@ def a_run(name: str = "0001-test", N: int = 400) -> Run:
 
 @cache
 def whole_page() -> Page:
-    return page_of_run(a_run())
+    return run_page(a_run())
 
 
 def parts_of(page: Page) -> dict[str, list[Any]]:
@@ -79,13 +79,13 @@ def test_the_verdict_of_a_page_is_the_verdict_of_the_comparison():
 def test_rejected_readings_have_a_table_only_if_they_were_counted():
     counts = Event(0, "info", REJECTIONS_SOURCE, "", rejection_event([Rejections("imu[2]", 12, 400)]))
     run = replace(a_run(), events=(counts,))
-    (table,) = parts_of(page_of_run(run))["Refused readings"]
+    (table,) = parts_of(run_page(run))["Refused readings"]
     assert table.rows == [{"number": "imu[2]", "refused": 12, "arrived": 400, "rejected [%]": 3.0}]
     assert "Refused readings" not in parts_of(whole_page())
 
 
 def test_names_and_events_are_escaped():
-    text = page_of_run(a_run(EVIL)).html()
+    text = run_page(a_run(EVIL)).html()
     assert_stands_alone(text)
     assert "&lt;script&gt;" in text
 
@@ -116,21 +116,21 @@ def test_a_page_can_show_every_verdict(verdict):
 
 @pytest.mark.parametrize("without", ["truth", "estimate", "reference", "requested_commands"])
 def test_a_page_can_show_an_incomplete_run(without):
-    assert_stands_alone(page_of_run(replace(a_run(), **{without: None})).html())
+    assert_stands_alone(run_page(replace(a_run(), **{without: None})).html())
 
 
 def test_a_page_can_show_a_run_with_only_commands():
     run = replace(
         a_run(), truth=None, estimate=None, reference=None, requested_commands=None, sensors={}, events=()
     )
-    assert_stands_alone(page_of_run(run).html())
+    assert_stands_alone(run_page(run).html())
     assert "Path" in [section.title for section in whole_page().sections]
-    assert "Path" not in [section.title for section in page_of_run(run).sections], "an empty card"
+    assert "Path" not in [section.title for section in run_page(run).sections], "an empty card"
 
 
 def test_a_drive_shows_its_speed_and_its_commands_with_their_limits():
     run = replace(a_run(), vehicle_text=load("small").text)
-    page = page_of_run(run)
+    page = run_page(run)
     parts = parts_of(page)
     labels = {headline.label: headline.value for headline in page.headlines}
     assert labels["error of the speed from its reference"] == "0 %"
@@ -161,7 +161,7 @@ def test_an_unused_command_entry_is_not_drawn():
     run = a_run()
     applied_commands = run.applied_commands.copy()
     applied_commands[:, 1] = 0.0
-    page = page_of_run(
+    page = run_page(
         replace(
             run, applied_commands=applied_commands, requested_commands=None, vehicle_text=load("small").text
         )
@@ -183,13 +183,13 @@ def test_a_page_can_show_a_run_with_gaps_and_missing_truth():
     z[50:80] = np.nan
     imu = Channel(run.sensors["imu"].t_ns, run.sensors["imu"].arrival_ns, z)
     none = Channel(imu.t_ns[:0], imu.t_ns[:0], z[:0])
-    text = page_of_run(replace(run, truth=lost_truth, sensors={"imu": imu, "silent": none})).html()
+    text = run_page(replace(run, truth=lost_truth, sensors={"imu": imu, "silent": none})).html()
     assert_stands_alone(text)
 
 
 @pytest.mark.parametrize("alignment", ["start", "rigid"])
 def test_a_page_can_use_another_alignment(alignment):
-    assert_stands_alone(page_of_run(a_run(), alignment).html())
+    assert_stands_alone(run_page(a_run(), alignment).html())
 
 
 def test_a_page_is_written_completely_or_not_at_all(tmp_path, monkeypatch):
@@ -208,7 +208,7 @@ def test_a_page_is_written_completely_or_not_at_all(tmp_path, monkeypatch):
 
 
 def test_the_same_run_gives_the_same_bytes():
-    assert page_of_run(a_run()).html() == whole_page().html()
+    assert run_page(a_run()).html() == whole_page().html()
 
 
 def test_thinning_retains_every_peak():
@@ -275,8 +275,8 @@ def test_the_page_of_a_fit_is_self_contained():
     fit = identify(
         simulate(vehicle, u, 0), vehicle, ["model.actuator_matrix[0,0]", "model.actuator_matrix[0,1]"]
     )
-    assert_stands_alone(page_of_fit(fit).html())
-    assert_stands_alone(page_of_fit(fit, np.array([3.38, 0.0])).html())
+    assert_stands_alone(fit_page(fit).html())
+    assert_stands_alone(fit_page(fit, np.array([3.38, 0.0])).html())
 
 
 def test_the_page_reports_the_consistency_of_the_filter():
@@ -284,7 +284,7 @@ def test_the_page_reports_the_consistency_of_the_filter():
     run, title = a_run(), "Consistency of the filter"
     nu = run.estimate.nu + 0.01 * np.random.default_rng(1).normal(size=(400, 3))
     run = replace(run, estimate=run.estimate._replace(nu=nu))
-    sections = {section.title: section for section in page_of_run(run).sections}
+    sections = {section.title: section for section in run_page(run).sections}
     assert sections[title].text == filter_consistency(run).sentence
     assert filter_consistency(run).messages[0].code == "consistency.consistent"
     (table,) = sections[title].parts
@@ -294,7 +294,7 @@ def test_the_page_reports_the_consistency_of_the_filter():
         *(f"nees_{name}" for name in STATE_NAMES),
     ]
     log = run.estimate._replace(cov=0.25 * run.estimate.cov)
-    doubtful = {section.title: section for section in page_of_run(replace(run, estimate=log)).sections}
+    doubtful = {section.title: section for section in run_page(replace(run, estimate=log)).sections}
     (table,) = doubtful[title].parts
     assert {row["figure"]: row["verdict"] for row in table.rows}.items() >= {
         "nees_pose": "too sure",
@@ -307,4 +307,4 @@ def test_the_page_reports_the_consistency_of_the_filter():
         "the pose",
     )
     assert consistency.messages[0].figures["mean"] == pytest.approx(3.95, abs=0.05)
-    assert title not in [section.title for section in page_of_run(replace(run, estimate=None)).sections]
+    assert title not in [section.title for section in run_page(replace(run, estimate=None)).sections]

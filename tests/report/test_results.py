@@ -24,7 +24,7 @@ from baqueano.guides.shapes import circle
 from baqueano.messages import language
 from baqueano.report import card, figures
 from baqueano.report.canvas import Canvas, at_width, with_width
-from baqueano.report.fit_report import page_of_fit, sections_of_fit
+from baqueano.report.fit_report import fit_page, fit_sections
 from baqueano.report.page import Drawing, Page, Section, Table
 from baqueano.report.pages.result_page import page_of
 from baqueano.report.plots import drawings_of
@@ -346,7 +346,7 @@ def test_each_result_is_printed_in_the_language_of_the_user(results):
 
 
 def test_the_residuals_of_a_fit_are_drawn_over_time(results):
-    html = page_of_fit(results["fit"]).html()
+    html = fit_page(results["fit"]).html()
     assert "Residuals over time" in html
     assert html.count("autocorrelation") >= 1
 
@@ -356,7 +356,7 @@ def test_messages_on_a_page_are_ordered_by_severity(results):
         note("fit.duty-step", steps=255),
         note("fit.most-poor", Severity.WARNING, total=9, weak_count=5, reason=""),
     )
-    section = sections_of_fit(replace(results["fit"], notes=notes), reasons=False)[0]
+    section = fit_sections(replace(results["fit"], notes=notes), reasons=False)[0]
     assert section.text.index("poorly identified") < section.text.index("duty_step was added")
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from baqueano.diagnostics import Severity, StopReason, note, stop
-from baqueano.drive import stop_reason_of
+from baqueano.drive import drive_stop_reason
 from baqueano.errors import FileError, UsageError
 from baqueano.messages import text
 from baqueano.runs import Channel, EstimateLog, Event, Run, RunWriter, read_run, write_run
@@ -137,8 +137,8 @@ def test_diagnostics_of_events_are_read_back_unchanged(run, tmp_path):
     read_back = read_run(tmp_path / "x.mcap")
     assert [event.diagnostic for event in read_back.events] == [message, cause]
     assert [event.text for event in read_back.events] == [text(message), text(cause)]
-    assert stop_reason_of(read_back) == cause
-    assert stop_reason_of(replace(read_back, events=(Event(6, "error", "loop", "in words"),))) == stop(
+    assert drive_stop_reason(read_back) == cause
+    assert drive_stop_reason(replace(read_back, events=(Event(6, "error", "loop", "in words"),))) == stop(
         StopReason.RECORDED, words="in words"
     )
 

@@ -9,7 +9,7 @@ from baqueano.compare.corridor import MAX_HEADING_STD_RAD
 from baqueano.identify import identify
 from baqueano.study import corridor, driving
 from baqueano.study.corridor import drives
-from baqueano.study.corridor.result import Instant, corridors_of
+from baqueano.study.corridor.result import Instant, drive_corridors
 from baqueano.study.corridor.vehicles import BIAS_WALK, SCALE_TOLERANCE, vehicles
 from baqueano.study.truth import TruthWorld
 
@@ -22,7 +22,7 @@ def cases(n, claim_m, rng, heading=0.1):
 
 @pytest.mark.parametrize(("claim_m", "ok"), [(1.0, True), (0.8, False), (1.3, False)])
 def test_the_study_passes_only_if_the_region_has_the_correct_size(claim_m, ok):
-    study = corridors_of(cases(500, claim_m, np.random.default_rng(0)), 500, ())
+    study = drive_corridors(cases(500, claim_m, np.random.default_rng(0)), 500, ())
     assert [row["ok"] for row in study.rows()] == [ok, ok]
     assert (study.verdict == "USABLE") is ok
     assert all("at 10 s: coverage" in reason for reason in study.reasons)
@@ -31,7 +31,7 @@ def test_the_study_passes_only_if_the_region_has_the_correct_size(claim_m, ok):
 def test_a_study_of_few_vehicles_seldom_fails_by_chance():
     misses = 0
     for seed in range(100):
-        study = corridors_of(cases(20, 1.0, np.random.default_rng(seed)), 20, ())
+        study = drive_corridors(cases(20, 1.0, np.random.default_rng(seed)), 20, ())
         misses += any(row["ok"] is False for row in study.rows())
     assert misses <= 10  # two rows of 5 % at most each
 
@@ -42,7 +42,7 @@ def test_a_lost_vehicle_is_counted_and_not_judged():
         (name, case._replace(cov=np.eye(3) * MAX_HEADING_STD_RAD**2 * 1.01))
         for name, case in cases(5, 1.0, rng)
     ]
-    (row, _) = corridors_of([*cases(12, 1.0, rng), *lost_cases], 17, ()).rows()
+    (row, _) = drive_corridors([*cases(12, 1.0, rng), *lost_cases], 17, ()).rows()
     assert (row["cases"], row["lost_cases"]) == (12, 5)
 
 

@@ -26,7 +26,7 @@ from baqueano.study.counterpart import (
 from baqueano.study.counterpart.cars import SPEED
 from baqueano.study.identification import Identification, identification, result, trials
 from baqueano.study.identification.bound import cramer_rao_bound, difference_steps, perturbed_copies
-from baqueano.study.identification.page import page_of_identification
+from baqueano.study.identification.page import identification_page
 from baqueano.study.identification.trials import CASES, TrialOutcome
 from baqueano.study.truth import TruthWorld, draw_cars
 from baqueano.sweep.workers import run_in_processes
@@ -171,7 +171,7 @@ def test_a_poorly_identified_parameter_does_not_change_the_study_verdict():
 
 
 def test_the_study_page_contains_table_and_figures():
-    text = page_of_identification(study_of(8)).html()
+    text = identification_page(study_of(8)).html()
     assert text.count('<svg class="wide"') == 3
     assert "--seeds 8" in text
 

@@ -12,7 +12,7 @@ from baqueano.study.laps import all_cases, laps_over_fixes, team
 from baqueano.study.laps.drives import STEP_S, Laps
 from baqueano.study.laps.fixes import FIXES, THREE_FRACTIONS, poses_at_fractions, with_fix
 from baqueano.study.laps.result import FullDrive, LapCase, LapStudy, laps_of
-from baqueano.study.laps.returns import ends_of_laps, refused_share
+from baqueano.study.laps.returns import lap_ends, refused_share
 from baqueano.study.truth import FloorLines, Gate, PassingFaults, TagReaders, TruthWorld, draw_robots
 from baqueano.symbolic import function
 from baqueano.vehicle_file import Provenance
@@ -133,7 +133,7 @@ def test_a_lap_of_an_independent_robot_is_refused_if_it_ends_away_from_its_mark(
     """Estimated ends are moved by 20 cm or turned by 20°, and laps of the simulator end 20 cm away."""
     seeds = range(10, 12)
     files = identify_vehicles(vehicles(seeds), seeds, "auto")
-    ends = ends_of_laps(seeds, files, "rectangle")
+    ends = lap_ends(seeds, files, "rectangle")
     assert refused_share(ends) == 0.0
     assert refused_share(ends, distance_m=0.05) < refused_share(ends, distance_m=0.1) <= 1.0
     assert refused_share(ends, distance_m=0.2) == refused_share(ends, turn_rad=np.radians(20.0)) == 1.0

@@ -16,7 +16,7 @@ from baqueano.study.paper.case_study import (
     case_study,
     simulate_seed,
 )
-from baqueano.study.paper.page import page_of_paper
+from baqueano.study.paper.page import paper_page
 
 NAMES = [f"d_{a}{b}" for a in "lc" for b in ("x", "y", "psi")] + [
     f"T_{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)
@@ -86,7 +86,7 @@ def test_the_dynamic_model_predicts_accelerations_better_than_the_kinematic_mode
     dynamic, kinematic = dynamic_vs_kinematic.rows(models)
     assert dynamic["R: ν̇_x [m/s²]"] < kinematic["R: ν̇_x [m/s²]"]
     assert "kinematic" in dynamic_vs_kinematic.table(models)
-    page = page_of_paper(study, models)
+    page = paper_page(study, models)
     assert [type(h) for h in page.headlines] == [Headline, Headline]
     text = page.html()
     assert "http-equiv" not in text

@@ -19,7 +19,7 @@ from baqueano.guides.shapes import eight
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.parameters.free import value
 from baqueano.numerics.normal_equations import mean_square_error
-from baqueano.report.fit_report import page_of_fit
+from baqueano.report.fit_report import fit_page
 from baqueano.runs import write_run
 from baqueano.simulate import simulate
 from baqueano.simulate.many import simulate_many
@@ -300,5 +300,5 @@ def test_terminal_json_and_report_show_the_forecast(small, tmp_path, monkeypatch
     rows = json.loads(capsys.readouterr().out)["forecast"]
     assert [row["drive"] for row in rows] == ["driven like these runs", "one lap of circle"]
     assert 0.0 < rows[0]["position_m"] < 0.5
-    page = page_of_fit(fit, drive_forecast=forecast(fit, run))
+    page = fit_page(fit, drive_forecast=forecast(fit, run))
     assert [section for section in page.sections if section.title == "Consequences for a drive"]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import baqueano as bq
-from baqueano.drive.session import stop_reason_of
+from baqueano.drive.session import drive_stop_reason
 from baqueano.errors import FileError, UsageError
 from tests.codes import refused
 
@@ -101,4 +101,4 @@ def test_a_drive_whose_model_becomes_nan_ends_with_a_run_and_a_reason(with_body)
     )
     run = bq.experiment(vehicle, np.full((1000, 1), 5.0))
     assert len(run.t_ns) > 1000
-    assert stop_reason_of(run).code == "block.returned"
+    assert drive_stop_reason(run).code == "block.returned"

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import StopReason
-from baqueano.drive.session import stop_reason_of
+from baqueano.drive.session import drive_stop_reason
 from baqueano.guides.shapes import circle
 from baqueano.runs import read_run
 from baqueano.runs.route_file import read_route, write_route
@@ -140,7 +140,7 @@ async def test_a_stop_on_the_page_ends_the_command_like_any_stop(tmp_path):
             await visitor.send("stop")
             await visitor.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
         assert exit_code_of(verb) == 5
-    reason = stop_reason_of(read_run(tmp_path / "run.mcap"))
+    reason = drive_stop_reason(read_run(tmp_path / "run.mcap"))
     assert reason.code == StopReason.STOPPED_ON_PAGE
     assert reason.figures["name"] == "eva"
 
@@ -225,8 +225,8 @@ async def test_rt13_a_killed_page_of_the_drive_command_stops_the_drive(tmp_path,
         assert exit_code_of(verb) == 5
         assert all_gone(children)
     run = read_run(tmp_path / "run.mcap")
-    assert stop_reason_of(run).code == StopReason.HOLDER_SILENT
-    assert stop_reason_of(run).figures["silent_ms"] <= 500.0
+    assert drive_stop_reason(run).code == StopReason.HOLDER_SILENT
+    assert drive_stop_reason(run).figures["silent_ms"] <= 500.0
     assert not run.applied_commands[-1].any()
 
 
@@ -248,7 +248,7 @@ async def test_a_robot_is_shown_paused_and_stopped_on_the_page_of_a_command(tmp_
                 assert came - start_s < 2.0  # the machine may be busy
             assert exit_code_of(verb) == 5
         watcher.close()
-    assert stop_reason_of(read_run(tmp_path / "run.mcap")).code == StopReason.STOPPED_ON_PAGE
+    assert drive_stop_reason(read_run(tmp_path / "run.mcap")).code == StopReason.STOPPED_ON_PAGE
 
 
 async def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):
@@ -264,7 +264,7 @@ async def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):
         await at_the_wheel(port, silent)
         assert exit_code_of(verb) == 5
     run = read_run(tmp_path / "run.mcap")
-    assert stop_reason_of(run).code == StopReason.HOLDER_SILENT
+    assert drive_stop_reason(run).code == StopReason.HOLDER_SILENT
     assert run.truth.eta[-1, 0] > 0.2
 
 

@@ -11,7 +11,7 @@ import sys
 
 import pytest
 
-from baqueano.drive import stop_reason_of
+from baqueano.drive import drive_stop_reason
 from baqueano.runs import read_run
 from benchmarks.processes import before_others
 from tests.web.page_client import browser
@@ -102,7 +102,7 @@ async def test_the_page_of_a_host_shows_stops_and_copies_a_drive_over_ssh(tmp_pa
                 )
             last = max(laptop_folder.glob("*.mcap"))
             run = read_run(last)
-            assert stop_reason_of(run).figures["name"] == "ana"
+            assert drive_stop_reason(run).figures["name"] == "ana"
             assert run.applied_commands[:, 0].max() > 0.4
             assert not run.applied_commands[-1].any()
             assert last.read_bytes() == (robot_folder / last.name).read_bytes()

@@ -14,7 +14,7 @@ from contextlib import AsyncExitStack, contextmanager
 import pytest
 
 from baqueano.diagnostics import StopReason
-from baqueano.drive import stop_reason_of
+from baqueano.drive import drive_stop_reason
 from baqueano.runs import read_run
 from baqueano.web.feed import HEAD_LAYOUT
 from benchmarks.page import MOST_MB, VIEWERS
@@ -172,7 +172,7 @@ async def test_rt13_a_browser_without_network_loses_the_vehicle_within_half_a_se
             drives.cancel()
             await asyncio.gather(drives, return_exceptions=True)
     run = read_run(max(tmp_path.glob("*.mcap")))
-    assert stop_reason_of(run).code == StopReason.HOLDER_SILENT
+    assert drive_stop_reason(run).code == StopReason.HOLDER_SILENT
     assert run.applied_commands[:, 0].max() > 0.4
     assert not run.applied_commands[-1].any()
 
@@ -230,7 +230,7 @@ async def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path)
                     break
                 except StoppedItself:  # the machine stalled for longer than the lease
                     last = max((tmp_path / "runs").glob("*.mcap"), key=lambda path: path.name)
-                    assert stop_reason_of(read_run(last)).code == StopReason.HOLDER_SILENT
+                    assert drive_stop_reason(read_run(last)).code == StopReason.HOLDER_SILENT
                     assert tries_left, "the lease was lost at each try"
                     await ready_again(visitor)
             await visitor.send("stop")

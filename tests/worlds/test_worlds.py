@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.diagnostics import StopReason
 from baqueano.drive import experiment, replay
-from baqueano.drive.session import stop_reason_of
+from baqueano.drive.session import drive_stop_reason
 from baqueano.errors import UsageError
 from baqueano.runs import Channel, Run, TruthLog
 from baqueano.sensors import Imu, Odometer
@@ -165,11 +165,11 @@ def test_no_limit_of_the_file_ends_the_replay_of_an_imported_recording():
     limited_file = small.with_values({"supervisor.max_speed_m_s": 0.05})
     recorded_run = simulate(small, np.tile([0.8, 0.0, 0.0], (60, 1)))
     imported_run = replace(recorded_run, metadata={**recorded_run.metadata, "kind": "import"})
-    stop = stop_reason_of(replay(recorded_run, limited_file))
+    stop = drive_stop_reason(replay(recorded_run, limited_file))
     assert stop is not None
     assert stop.code == StopReason.SPEED
     full_replay = replay(imported_run, limited_file)
-    assert stop_reason_of(full_replay) is None
+    assert drive_stop_reason(full_replay) is None
     assert full_replay.t_ns[-1] == recorded_run.t_ns[-1]
 
 

@@ -21,7 +21,7 @@ from baqueano.calibration.result import (
     MAX_OFFSET_S,
     CalibratedNumber,
     Calibration,
-    axis_warnings_of,
+    sensor_axis_warnings,
 )
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault
@@ -91,7 +91,7 @@ def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
         calibrated_sensors += _clock_offset(fit) if offset is None else []
         calibrated_sensors += _odometer(fit, name, vehicle_file)
         residuals["distance_m"] = fit.rms
-    warnings = axis_warnings_of(run)
+    warnings = sensor_axis_warnings(run)
     return Calibration(run.name, tuple(calibrated_sensors), residuals, axis_warnings=warnings)
 
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.calibration.against_truth import GAP_S, channel_of
-from baqueano.calibration.result import CalibratedNumber, Calibration, axis_warnings_of
+from baqueano.calibration.result import CalibratedNumber, Calibration, sensor_axis_warnings
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
@@ -91,7 +91,7 @@ def calibrate_by_hand_turns(run: Run, vehicle_file: "VehicleFile", turns: float 
         ),
         {"heading_rad": float(np.std(angle[rests_used] / scale - TAU * whole_turns))},
         N_("the turns determine everything"),
-        axis_warnings_of(run),
+        sensor_axis_warnings(run),
     )  # fmt: skip
 
 

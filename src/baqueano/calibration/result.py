@@ -54,7 +54,7 @@ class CalibratedNumber(NamedTuple):
         return bool(self.half_width < MAX_UNKNOWN * abs(self.value))
 
 
-def axis_warnings_of(run: "Run") -> tuple[Diagnostic, ...]:
+def sensor_axis_warnings(run: "Run") -> tuple[Diagnostic, ...]:
     """Return the warnings of the import that gravity shows other axes than the map. A scale does not show them,
     because turns on a mark do not show a direction. A gyro of the wrong sign turns the wrong way.
     """

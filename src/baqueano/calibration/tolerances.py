@@ -26,7 +26,7 @@ ZERO_RATE_RAD_S = np.radians(20.0)  # ±, the zero-rate output of the MPU-6050's
 CHANNELS = (("accel_scale", 0), ("accel_scale", 1), ("gyro_scale", 0))
 
 
-def std_of_tolerance(tolerance: float) -> float:
+def tolerance_std(tolerance: float) -> float:
     """Return the standard deviation of a value that lies within ± `tolerance`."""
     return tolerance / np.sqrt(3.0)
 
@@ -94,7 +94,7 @@ def _declared_std(vehicle_file: "VehicleFile", tree: Tree, path: str, entry: int
     ):
         return float(measured_std)
     if is_imu(block) and p.role == "scale" and (not p.std or p.std not in _table(vehicle_file, owner)):
-        return size * std_of_tolerance(SCALE_TOLERANCE)
+        return size * tolerance_std(SCALE_TOLERANCE)
     return size * float(_entry(getattr(block, p.std), entry)) if p.std and not p.walk else 0.0
 
 
@@ -132,7 +132,7 @@ def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) 
         if not 0.0 <= relative_tolerance < 1.0:
             raise UsageError(fault("tolerance.no-part", path=path, part=relative_tolerance))
         value = np.asarray(value_at_path(vehicle_file, path), float)
-        std = np.abs(value) * std_of_tolerance(relative_tolerance)
+        std = np.abs(value) * tolerance_std(relative_tolerance)
         values[path] = value.tolist()
         origins[path] = Provenance(f"stated, ± {100.0 * relative_tolerance:g} %", date.today(), std.tolist())
     return vehicle_file.with_values(values, origins) if values else vehicle_file
@@ -141,7 +141,7 @@ def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) 
 def std_of_gyro_bias(vehicle_file: "VehicleFile", imu: str) -> float:
     """Return the standard deviation of a gyro's zero [rad/s], from the file if measured, else from a data sheet."""
     std_rad_s = measured_std_of_gyro_bias(vehicle_file, imu)
-    return std_of_tolerance(ZERO_RATE_RAD_S) if std_rad_s is None else std_rad_s
+    return tolerance_std(ZERO_RATE_RAD_S) if std_rad_s is None else std_rad_s
 
 
 def measured_std_of_gyro_bias(vehicle_file: "VehicleFile", imu: str) -> float | None:

@@ -350,12 +350,12 @@ def raise_stop(run: "Run", path: Path, are_warnings_printed: bool = False) -> No
     """
     from baqueano.cli.errors import Interruption
     from baqueano.diagnostics import StopReason
-    from baqueano.drive import stop_reason_of
+    from baqueano.drive import drive_stop_reason
     from baqueano.errors import SafetyStop
 
     if not are_warnings_printed:
         print_warnings(run)
-    stop_reason = stop_reason_of(run)
+    stop_reason = drive_stop_reason(run)
     if stop_reason is None:
         return
     if stop_reason.code == StopReason.INTERRUPTED:

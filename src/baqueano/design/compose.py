@@ -108,7 +108,7 @@ def gentler_primitive(primitive: MotionPrimitive, shape: PrimitiveShape) -> Moti
     return MotionPrimitive(outbound, primitive.return_kind)
 
 
-def poses_in_map(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
+def map_poses(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
     """Return the poses `path` (…, 3) in the map. They are given relative to `pose` (…, 3)."""
     c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     x, y = path[..., 0], path[..., 1]
@@ -264,7 +264,7 @@ class Composer:
             k = 0 if first_inside is None else first_inside[0]
             self.chosen.append(k)
             total = total + self.F[k]
-            pose = poses_in_map(pose, self.path[k, :, -1])
+            pose = map_poses(pose, self.path[k, :, -1])
 
     def _sort_by_cost(self) -> None:
         """Sort the chosen primitives by cost, the highest last, if that order stays inside. After primitives with a
@@ -279,7 +279,7 @@ class Composer:
         earlier_primitives, later_primitives = self.chosen[:place], self.chosen[place + 1 :]
         pose, other_pieces = self._start(), [*earlier_primitives, *later_primitives]
         for k in earlier_primitives:
-            pose = poses_in_map(pose, self.path[k, :, -1])
+            pose = map_poses(pose, self.path[k, :, -1])
         cost = float(self.cost[other_pieces].sum())
         first_inside = self._first_inside(
             self.F[other_pieces].sum(axis=0), pose, later_primitives, best_score + cost + 1e-6
@@ -328,13 +328,13 @@ class Composer:
         """Return a mask (C,), True for each primitive whose corridor stays in the room, with all `later_primitives`.
         The primitives begin at the poses (L, 3). (3)"""
         is_inside = self._margin(pose[None], primitives) >= 0.0
-        poses = poses_in_map(pose, self.path[primitives][:, :, -1])
+        poses = map_poses(pose, self.path[primitives][:, :, -1])
         for k in later_primitives:
             candidates = np.flatnonzero(is_inside)
             if not len(candidates):
                 break
             is_inside[candidates] = self._margin(poses[candidates], np.array([k])) >= 0.0
-            poses[candidates] = poses_in_map(poses[candidates], self.path[k, :, -1])
+            poses[candidates] = map_poses(poses[candidates], self.path[k, :, -1])
         return is_inside
 
     def _margin(self, pose: np.ndarray, primitives: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ from baqueano.door import SOCKET, VERSION
 from baqueano.door.ssh import host_args, ssh_line
 from baqueano.door.states import DoorState
 from baqueano.door.wire import decode, encode
-from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, error_of_exit_code
+from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, exit_code_error
 from baqueano.messages import text
 from baqueano.messages.printable import baqueano_command, printable
 from baqueano.runs import Run, read_run
@@ -100,7 +100,7 @@ class Remote:
             if message["type"] in kinds:
                 return message
             if message["type"] == "refused" and getattr(message.get("diagnostic"), "code", "") != LATE_CHANGE:
-                raise error_of_exit_code(
+                raise exit_code_error(
                     int(message.get("code", 1)), message.get("diagnostic") or message["reason"]
                 )
 
@@ -143,7 +143,7 @@ class Remote:
             self.fetch(outcome["run"], path)
         reason, code = outcome["reason"], int(outcome.get("code", 0))
         if outcome["run"] is None or code:
-            raise error_of_exit_code(code or SafetyStop.exit_code, reason or "")
+            raise exit_code_error(code or SafetyStop.exit_code, reason or "")
         return read_run(path)
 
     def _await_end(

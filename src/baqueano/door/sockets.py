@@ -395,6 +395,6 @@ def _listening_socket(path: Path) -> socket.socket:
 def _stop_reason(cause: object) -> Diagnostic:
     """Return the reason in a stop request as a diagnostic, even if the reason is malformed."""
     with suppress(ValueError):
-        return Diagnostic.of_json(cause)
+        return Diagnostic.from_json(cause)
     words = cause[:200] if cause and isinstance(cause, str) else "stopped from outside"
     return stop(StopReason.STOPPED_BY, words=words)

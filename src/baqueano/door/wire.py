@@ -38,7 +38,7 @@ def decode(line: bytes, host: str = "HOST") -> "JsonObject | None":
     try:
         message = {FORMER_FIELDS.get(str(k), str(k)): v for k, v in printable_json(json.loads(line)).items()}
         message |= {
-            k: _with_host(Diagnostic.of_json(message[k]), host)
+            k: _with_host(Diagnostic.from_json(message[k]), host)
             for k in DIAGNOSTIC_FIELDS
             if isinstance(message.get(k), dict)
         }

@@ -197,7 +197,7 @@ def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) 
     FileError
         If the file lacks the noise of its estimator: `identify` finds it.
     """
-    return closure_of_end(lap_end(run, vehicle_file, place_std_m), vehicle_file, run.name)
+    return end_closure(lap_end(run, vehicle_file, place_std_m), vehicle_file, run.name)
 
 
 def lap_end(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) -> LapEnd:
@@ -234,7 +234,7 @@ def lap_end(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) -> L
     return lap_end._replace(e=end(kappa)[0] - J * kappa)
 
 
-def closure_of_end(end: LapEnd, vehicle_file: VehicleFile, run_name: str) -> Closure:
+def end_closure(end: LapEnd, vehicle_file: VehicleFile, run_name: str) -> Closure:
     """Return the gyro scale that the end of a lap determines. Raise AnswerNo by (6) or (7)."""
     sensor = getattr(vehicle_file.sensors, end.gyro)
     kappa, std, file_std = end.kappa, end.std, sensor.gyro_scale_std

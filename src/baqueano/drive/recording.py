@@ -110,7 +110,7 @@ class Recording:
                 observer.progress(seconds(record.tick.t_ns, self.start_ns))
 
 
-def diagnostics_of_blocks(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnostic | None]]:
+def block_diagnostics(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnostic | None]]:
     """Return, for each role whose block has diagnostics, a function from the block's state to a diagnostic or None."""
     functions = {role: tuple(_diagnostic_functions(block)) for role, block in blocks._asdict().items()}
     return {role: partial(_first_diagnostic, diagnose) for role, diagnose in functions.items() if diagnose}

@@ -19,7 +19,7 @@ from baqueano.drive.budget import PREPARE_S, BudgetedBlock, may_hang, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import interruptible_ticks
 from baqueano.drive.observers import Observer, Watchdog
-from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, diagnostics_of_blocks
+from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, block_diagnostics
 from baqueano.drive.safety.sensor_notes import notes_about_sensors
 from baqueano.errors import SafetyStop, UsageError, error_text, from_outside
 from baqueano.loop import Blocks
@@ -185,7 +185,7 @@ def drive(
     UsageError
         If file and world have different numbers of commands.
     SafetyStop
-        If the drive is stopped before its first tick. A later stop returns the run, and `stop_reason_of` returns the
+        If the drive is stopped before its first tick. A later stop returns the run, and `drive_stop_reason` returns the
         reason.
     FileError
         At the end of a drive, if the disk was full; the file at `path` contains the run up to that time.
@@ -217,7 +217,7 @@ def drive(
 
     def perform(sink: RunRecorder) -> None:
         recording = Recording(
-            sink, world, health, observers, _first_ns(tick_times_ns), diagnostics_of_blocks(blocks)
+            sink, world, health, observers, _first_ns(tick_times_ns), block_diagnostics(blocks)
         )
         start, origin_note = initial_pose_for(blocks.estimator, settings.start)
         recording.begin([*world.notes, *text_notes, *notes, *([] if origin_note is None else [origin_note])])
@@ -254,7 +254,7 @@ def _prepare(
     return blocks, sensors, [*settings.notes, *notes, *sensor_notes, *own_notes]
 
 
-def stop_reason_of(run: Run) -> Diagnostic | None:
+def drive_stop_reason(run: Run) -> Diagnostic | None:
     """Return the reason why the motors were stopped in this run, None if they were not stopped."""
     event = next((e for e in run.events if e.source == STOP_SOURCE and e.level == "error"), None)
     if event is None or event.diagnostic is not None:

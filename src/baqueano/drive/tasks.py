@@ -17,7 +17,7 @@ from baqueano.diagnostics import Severity, fault
 from baqueano.drive.by_hand.heading_gains import with_heading_hold
 from baqueano.drive.safety.command_notes import clipping_notes, lap_notes
 from baqueano.drive.safety.precautions import Precautions
-from baqueano.drive.safety.route_check import warnings_of
+from baqueano.drive.safety.route_check import route_warnings
 from baqueano.drive.session import Conditions, drive
 from baqueano.drive.smoothing import smooth_run
 from baqueano.errors import FileError, UsageError
@@ -267,7 +267,9 @@ def repeat(
     if precautions.check:
         is_of_garage = vehicle_file.path is None and options.get("world") is None
         conditions = {"measured": is_of_garage or not vehicle_file.is_guess, "backend": options["backend"]}
-        warnings = warnings_of(route, vehicle_file, precautions.room, anyway=precautions.anyway, **conditions)
+        warnings = route_warnings(
+            route, vehicle_file, precautions.room, anyway=precautions.anyway, **conditions
+        )
         options["notes"] = [
             *(replace(warning, severity=Severity.WARNING) for warning in warnings),
             *options["notes"],

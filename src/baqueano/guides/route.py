@@ -73,7 +73,7 @@ class Route(NamedTuple):
     to_pandas = Result.to_pandas
 
 
-def route_of_curve(
+def curve_route(
     p: np.ndarray,
     p1: np.ndarray,
     p2: np.ndarray,

@@ -20,7 +20,7 @@ from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.guides.repeat import Repeat, RepeatState
-from baqueano.guides.route import Route, from_start, route_of_curve
+from baqueano.guides.route import Route, curve_route, from_start
 from baqueano.on_demand import unknown_names
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference
@@ -70,7 +70,7 @@ def sinuous_circle(radius_m: float, amplitude_m: float, waves: int, speed_m_s: f
     r1, r2 = amplitude_m * waves * np.cos(waves * th), -amplitude_m * waves**2 * np.sin(waves * th)
     outward, tangent = np.column_stack([np.sin(th), -np.cos(th)]), np.column_stack([np.cos(th), np.sin(th)])
     r, r1, r2 = r[:, None], r1[:, None], r2[:, None]
-    return route_of_curve(
+    return curve_route(
         r * outward, r1 * outward + r * tangent, (r2 - r) * outward + 2.0 * r1 * tangent, th, speed_m_s
     )
 
@@ -129,7 +129,7 @@ def eight(half_length_m: float, speed_m_s: float) -> Route:
     s, c = np.sin(th), np.cos(th)
     p, p1 = np.column_stack([s, s * c]), np.column_stack([c, c**2 - s**2])
     p2 = np.column_stack([-s, -4.0 * s * c])
-    return route_of_curve(half_length_m * p, half_length_m * p1, half_length_m * p2, th, speed_m_s)
+    return curve_route(half_length_m * p, half_length_m * p1, half_length_m * p2, th, speed_m_s)
 
 
 @checked_call("bq.guides.shapes.rectangle(1.2, 0.8, 0.2, 0.2)")
@@ -259,7 +259,7 @@ def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Rou
     p = np.column_stack([x, a * (1.0 - np.cos(k * x))])
     p1 = np.column_stack([unit, a * k * np.sin(k * x)])
     p2 = np.column_stack([no_turn, a * k**2 * np.cos(k * x)])
-    return route_of_curve(p, p1, p2, x, speed_m_s, closed=False)
+    return curve_route(p, p1, p2, x, speed_m_s, closed=False)
 
 
 @checked_call("bq.guides.shapes.clothoid(1.0, 1.57, 0.2)")

@@ -16,7 +16,7 @@ from baqueano.identify.data.added_channels import TRUTH, with_hand_measurements,
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import free_parameters, has_offset
-from baqueano.identify.parameters.theta import Parameters, parameters_for_fit
+from baqueano.identify.parameters.theta import Parameters, fit_parameters
 from baqueano.identify.residuals.gyro_aided import gyro_aided_paths
 from baqueano.runs.diagnostics.cleaning import clean
 from baqueano.runs.run import Run
@@ -160,7 +160,7 @@ def parameters_of(
         free = gyro_aided_paths(data.blocks, free, data.vehicle_file.name)
     fixed_paths = (*options.fixed, *options.per_run)
     parameters = free_parameters(data.blocks, free, fixed_paths, options.bounds, data.channels)
-    return parameters_for_fit(
+    return fit_parameters(
         data.blocks, parameters, data.runs, data.channels, data.vehicle_file.rate_hz, options
     )
 

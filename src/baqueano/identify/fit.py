@@ -234,7 +234,7 @@ def conclude(
         score_test=options.diagnose,
     )  # fmt: skip
     if options.gyro_leads:
-        return imu_only.fit_of_imu(end)
+        return imu_only.fit_from_imu(end)
     return fit_by_innovations(end) if options.cost == "innovations" else fit_by_simulation(end)
 
 

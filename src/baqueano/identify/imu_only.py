@@ -82,7 +82,7 @@ def imu_of(vehicle_file: "VehicleFile", use: Sequence[str] | None) -> list[str]:
     raise UsageError(fault("imu-only.which-imu", vehicle=vehicle_file.name, valid=names))
 
 
-def fit_of_imu(end: FinishedFit) -> Fit:
+def fit_from_imu(end: FinishedFit) -> Fit:
     """Return the fit of a finished gyro-aided search."""
     problem, imu = end.task.problem, end.task.problem.names[0]
     scales = scale_stds(end.vehicle_file, imu)

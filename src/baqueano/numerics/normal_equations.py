@@ -199,7 +199,7 @@ def pseudo_inverse(A: np.ndarray, rcond: float = 1e-12) -> np.ndarray:
     return np.linalg.pinv(A / np.outer(root, root), rcond=rcond, hermitian=True) / np.outer(root, root)
 
 
-def sum_of_segments(
+def segment_sum(
     parts: Sequence[Evaluation],
     indices: Sequence[np.ndarray],
     x: np.ndarray,

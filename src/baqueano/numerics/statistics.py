@@ -85,7 +85,7 @@ def expected_variance(estimate: float, std_error: float) -> float:
     return std_error * (z + exp(-0.5 * z**2) * sqrt(2.0 / pi) / erfc(-z / sqrt(2.0)))
 
 
-def covariance_of_changes(changes: np.ndarray, parameter_count: int | None = None) -> np.ndarray:
+def change_covariance(changes: np.ndarray, parameter_count: int | None = None) -> np.ndarray:
     """Return the covariance (p, p) of an estimate from its `changes` (n, p), one for each independent block. A move is
     A⁻¹ s_b if the number of `parameter_count` parameters is given (2), else the change without the block (3)."""
     n = len(changes)
@@ -111,7 +111,7 @@ def batch_covariance(
     scores = np.zeros((len(numbers), p))
     np.add.at(scores, index, (weights * residuals)[:, None] * J)
     changes = (vectors / values) @ vectors.T @ scores.T
-    return covariance_of_changes(changes.T, p) / np.outer(scale, scale)
+    return change_covariance(changes.T, p) / np.outer(scale, scale)
 
 
 def explained_variance(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
@@ -150,7 +150,7 @@ def huber_regression(
     return x, weights
 
 
-def ratio_of_blocks(sums: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:
+def block_ratio(sums: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:
     """Return the ratio of two root mean square errors, and its 95 % interval. `sums` and `reference` (B,) are sums of
     squares in B blocks, which are drawn with replacement. The interval is NaN with fewer than MIN_BLOCKS blocks. (4)"""
     ratio = float(np.sqrt(sums.sum() / reference.sum()))

@@ -36,7 +36,7 @@ def comparison_section(comparison: Comparison) -> list[Section]:
     ]
 
 
-def sentence_of_path(comparison: RunComparison, alignment: str) -> str:
+def path_sentence(comparison: RunComparison, alignment: str) -> str:
     """Return the text above the drawing of a path: its divergence, or its corridor, and its alignment."""
     sentence = f"{comparison.sentences[0]} " if np.isfinite(comparison.divergence_s) else ""
     corridor = comparison.corridor

@@ -28,7 +28,7 @@ MAX_HEADLINES = 4  # channels: more do not fit into one row
 MAX_SPAN_S = 20.0  # of the data, in the figure: the span with most motion
 
 
-def page_of_fit(
+def fit_page(
     fit: Fit,
     truth: np.ndarray | None = None,
     held_out: "Validation | None" = None,
@@ -63,14 +63,14 @@ def page_of_fit(
                 if drive_forecast
                 else []
             ),
-            *sections_of_fit(fit, truth, reasons=False),
+            *fit_sections(fit, truth, reasons=False),
             *_held_out_section(held_out),
         ],
         reproduce=baqueano_command("identify", *(fit.runs if len(fit.runs) <= MAX_DRAWN_RUNS else ["RUNS"])),
     )
 
 
-def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True) -> list[Section]:
+def fit_sections(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True) -> list[Section]:
     """Return the sections on parameters, data and model, residuals, and correlation.
 
     `truth` (p,) is drawn beside the estimates. With `reasons`, the reasons of the verdict are also listed.

@@ -18,8 +18,8 @@ from baqueano.report.estimate_report import (
     comparison_section,
     consistency_sections,
     errors,
+    path_sentence,
     paths,
-    sentence_of_path,
 )
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.runs import Run
@@ -32,7 +32,7 @@ NOT_CONSISTENT = (*ADVICE_CODES, NOT_DEFINITE, DIVERGED, FAILED)
 VERDICTS = {"consistent": Verdict.CONSISTENT} | dict.fromkeys(NOT_CONSISTENT, Verdict.INCONSISTENT)
 
 
-def page_of_run(run: Run, alignment: str = "none", second: Run | None = None) -> Page:
+def run_page(run: Run, alignment: str = "none", second: Run | None = None) -> Page:
     """Return the page of a run: path, errors, innovations, commands, events. `alignment` is as in `compare`.
 
     The run `second` is of another estimator on the same drive: its estimate is also drawn and assessed.
@@ -42,7 +42,7 @@ def page_of_run(run: Run, alignment: str = "none", second: Run | None = None) ->
     row, drove = run_figures.row(), comparison.of_drives and len(run.t_ns) > 0
     run = cut_at_divergence(run)
     drawings = paths(run, alignment, second)
-    sections = [Section(_("Path"), sentence_of_path(run_figures, alignment), drawings)] if drawings else []
+    sections = [Section(_("Path"), path_sentence(run_figures, alignment), drawings)] if drawings else []
     sections += comparison_section(comparison) if second is not None else []
     sections += driving_sections(run, row) if drove else []
     sections += errors(run, alignment, second)

@@ -41,7 +41,7 @@ class Capability:
 
     def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
         is_active = vehicle_file.command.limit > 0.0
-        B = _motion_by_effort_at_rest(vehicle_file.vehicle)[:, is_active]
+        B = _rest_motion_by_effort(vehicle_file.vehicle)[:, is_active]
         self.moves_sideways = bool(np.linalg.matrix_rank(B) > np.linalg.matrix_rank(B[::2]))
         self._can_turn = _can_turn(vehicle_file.vehicle)
         self._share = scan(
@@ -103,14 +103,14 @@ def _motion(vehicle: Tree, nu: np.ndarray, effort: np.ndarray) -> np.ndarray:
     return motion
 
 
-def _motion_by_effort_at_rest(vehicle: Tree) -> np.ndarray:
+def _rest_motion_by_effort(vehicle: Tree) -> np.ndarray:
     """Return the derivatives (3, n) of the motion by the effort, for a vehicle at rest without effort."""
     return jacobian(lambda effort: _motion(vehicle, np.zeros(3), effort))(np.zeros(vehicle.commands))
 
 
 def _can_turn(vehicle: Tree) -> bool:
     """Return True for a vehicle that can turn at rest."""
-    return bool(np.any(np.abs(_motion_by_effort_at_rest(vehicle)[2]) > MIN_EFFECT))
+    return bool(np.any(np.abs(_rest_motion_by_effort(vehicle)[2]) > MIN_EFFECT))
 
 
 def _share_step(vehicle: Tree, limit: np.ndarray) -> Callable[[float, np.ndarray], tuple[float, Value]]:

@@ -57,7 +57,7 @@ def new_path(folder: Path | str, label: str) -> Path:
         raise FileError(
             fault("runs.folder-not-made", folder=folder, error=error.strerror or error)
         ) from error
-    number = max((number_of(path) or 0 for path in folder.iterdir()), default=0) + 1
+    number = max((run_number(path) or 0 for path in folder.iterdir()), default=0) + 1
     return folder / f"{number:04d}-{plain_label(label)}.mcap"
 
 
@@ -78,14 +78,14 @@ def is_run_name(name: object) -> TypeGuard[str]:
     return bool(RUN_NAME.fullmatch(name)) and not DEVICE_NAME.match(name) and name[-6] not in ". "
 
 
-def number_of(path: Path) -> int | None:
+def run_number(path: Path) -> int | None:
     """Return the number in the file name of a run, or None without a number."""
     match = NUMBERED_NAME.fullmatch(path.name.removesuffix(".part"))
     return int(match[1]) if match else None
 
 
 def _number_and_name(path: Path) -> tuple[int, str]:
-    return number_of(path) or 0, path.name
+    return run_number(path) or 0, path.name
 
 
 def find(name: str, folder: Path | str = "runs") -> Path:
@@ -97,13 +97,13 @@ def find(name: str, folder: Path | str = "runs") -> Path:
     if path.exists():
         return path
     runs = sorted(folder.glob("*.mcap")) if folder.is_dir() else []
-    numbered_runs = [run for run in _without_recovered_originals(runs) if number_of(run) is not None]
+    numbered_runs = [run for run in _without_recovered_originals(runs) if run_number(run) is not None]
     if name == "last" and numbered_runs:
-        return max(numbered_runs, key=lambda run: number_of(run) or 0)
+        return max(numbered_runs, key=lambda run: run_number(run) or 0)
     matches = [run for run in runs if run.stem == name]
     if path.suffix and not matches:
         return path
-    matches = matches or [run for run in numbered_runs if name.isdecimal() and number_of(run) == int(name)]
+    matches = matches or [run for run in numbered_runs if name.isdecimal() and run_number(run) == int(name)]
     if len(matches) == 1:
         return matches[0]
     if matches:
@@ -141,7 +141,7 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
     elif span := NUMBER_RANGE.fullmatch(name):
         first, last, step = int(span[1]), int(span[2]), int(span[3] or 1)
         numbers = range(first, last + 1, max(step, 1))
-        runs = [run for run in Path(folder).glob("*.mcap") if number_of(run) in numbers]
+        runs = [run for run in Path(folder).glob("*.mcap") if run_number(run) in numbers]
         runs.sort(key=_number_and_name)
     else:
         return [find(name, folder)]
@@ -168,7 +168,7 @@ def _listed_run(path: Path) -> ListedRun:
         run = read_run(path)
     except BaqueanoError as error:
         reason = replace(error.diagnostic, figures={**error.diagnostic.figures, "path": path.name})
-        return ListedRun(number_of(path), path.stem, "?", None, "", "UNREADABLE", text(reason))
+        return ListedRun(run_number(path), path.stem, "?", None, "", "UNREADABLE", text(reason))
     verdict = run.metadata.get("verdict", "")
     notes = [run.metadata["note"]] if run.metadata.get("note") else []  # of older versions
     if source := run.metadata.get("recovered_from"):
@@ -179,7 +179,7 @@ def _listed_run(path: Path) -> ListedRun:
     if run.notes:
         verdict, notes = verdict or "RECOVERED", [*notes, text(run.notes[0])]
     return ListedRun(
-        number_of(path), run.name, run.metadata.get("kind", ""), run.duration_s,
+        run_number(path), run.name, run.metadata.get("kind", ""), run.duration_s,
         vehicle_name(run.vehicle_text), verdict, "; ".join(notes),
     )  # fmt: skip
 

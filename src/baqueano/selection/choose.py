@@ -33,7 +33,7 @@ from baqueano.identify.parameters.free import (
     free_parameters,
     has_offset,
 )
-from baqueano.identify.parameters.theta import parameters_for_fit
+from baqueano.identify.parameters.theta import fit_parameters
 from baqueano.identify.residuals.noise_level import min_sigma
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import text
@@ -159,7 +159,7 @@ class _ModelSelection:
         paths = list(dict.fromkeys([*least_paths, *(path for term in terms for path in term.paths)]))
         bounds = {path: limits for path, limits in options.bounds.items() if path in paths}
         candidates, flags = free_parameters(blocks, paths, (), bounds), FitOptions(at_rest=options.at_rest)
-        parameters = parameters_for_fit(blocks, candidates, runs, channels, base_file.rate_hz, flags)
+        parameters = fit_parameters(blocks, candidates, runs, channels, base_file.rate_hz, flags)
         blocks, shape = parameters.blocks, parameters.shape
         self.paths = list(shape.shared_paths)
         at_rest = [begins_at_rest(run, blocks.sensors) for run in runs]

@@ -26,7 +26,7 @@ from baqueano.identify.parameters.theta import ThetaShape
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.least_squares import Solution, minimise
 from baqueano.numerics.parallel import parallel_map
-from baqueano.numerics.statistics import HUBER, covariance_of_changes, student_quantile
+from baqueano.numerics.statistics import HUBER, change_covariance, student_quantile
 from baqueano.runs.run import Run
 
 FOLDS = 5
@@ -207,7 +207,7 @@ def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
     residuals, and NaN with a single fold."""
     if len(score.estimates) < 2:
         return np.full(len(entries), np.nan)
-    return np.sqrt(np.diagonal(covariance_of_changes(score.estimates[:, list(entries)])))
+    return np.sqrt(np.diagonal(change_covariance(score.estimates[:, list(entries)])))
 
 
 def _blocks(records: Sequence[FitRecord], whole_runs: bool) -> tuple[float, list[np.ndarray], int]:

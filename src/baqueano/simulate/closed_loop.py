@@ -148,7 +148,7 @@ def simulate_loops(
     ticks = (
         max(1, round(duration_s * rate))
         if duration_s is not None
-        else rest_ticks + tick_count_of(system, rate)
+        else rest_ticks + drive_tick_count(system, rate)
     )
     check_compilable(backend, **system.blocks._asdict())
     blocks = with_rest(system.blocks, rest_s, system.model.commands)
@@ -276,7 +276,7 @@ def reference_duration(system: System) -> float:
     return seconds(high)
 
 
-def tick_count_of(system: System, rate_hz: float) -> int:
+def drive_tick_count(system: System, rate_hz: float) -> int:
     """Return the number of ticks until the guide is done, including that tick."""
     return int(np.ceil(reference_duration(system) * rate_hz - 1e-6)) + 1
 

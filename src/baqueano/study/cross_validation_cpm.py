@@ -19,7 +19,7 @@ import numpy as np
 
 from baqueano.compare import compare
 from baqueano.diagnostics import Verdict
-from baqueano.drive import replay, stop_reason_of
+from baqueano.drive import drive_stop_reason, replay
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.data.record import FitRecord, record_of
 from baqueano.identify.noise.covariances import Noise, measure_noise
@@ -102,7 +102,7 @@ class RunEvaluation:
         replay stopped.
         """
         return not self.figures["ate_m"] < MAX_POSITION_ERROR * self.distance_m or bool(
-            stop_reason_of(self.replay_run)
+            drive_stop_reason(self.replay_run)
         )
 
     def row(self) -> "JsonObject":

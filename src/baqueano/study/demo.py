@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.compare import Comparison, compare
 from baqueano.diagnostics import Diagnostic, Verdict, fault, merge_diagnostics, note
-from baqueano.drive import experiment, repeat, stop_reason_of, teach
+from baqueano.drive import drive_stop_reason, experiment, repeat, teach
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify import Fit, FitOptions, excitation, identify
@@ -29,7 +29,7 @@ from baqueano.report.animation.partial_fits import partial_fits
 from baqueano.report.animation.picture import animation
 from baqueano.report.animation.scene import scene
 from baqueano.report.estimate_report import errors, paths
-from baqueano.report.fit_report import sections_of_fit
+from baqueano.report.fit_report import fit_sections
 from baqueano.report.run_report import driving_sections, headlines
 from baqueano.runs import read_run
 from baqueano.runs.route_file import write_route
@@ -98,7 +98,7 @@ class Demo:
     @property
     def verdict(self) -> Verdict:
         """Return STOPPED if the vehicle was stopped, else the verdict of the fit."""
-        return Verdict.STOPPED if stop_reason_of(self.repeat_run) else self.fit.verdict
+        return Verdict.STOPPED if drive_stop_reason(self.repeat_run) else self.fit.verdict
 
     def table(self) -> str:
         """Return the parameters and a summary as a text table."""
@@ -195,7 +195,7 @@ class Demo:
             sections=[
                 Section(_("Teach and repeat"), text, paths(self.repeat_run)),
                 *driving_sections(self.repeat_run, figures),
-                *sections_of_fit(self.fit, self.true_values),
+                *fit_sections(self.fit, self.true_values),
                 Section(_("Noise"), _("Measured in the same run."), [Table(self.noise.rows())]),
                 Section(
                     _("Gains"),

@@ -73,7 +73,7 @@ def recordings(
     rows, left_out = [], []
     for name in names:
         module = import_module(f"baqueano.study.recorded.{name}")
-        missing = missing_paths(getattr(module, "files", lambda: files_of_maps(CPM_MAPS))())
+        missing = missing_paths(getattr(module, "files", lambda: map_files(CPM_MAPS))())
         if missing:
             left_out.append(
                 _(
@@ -97,7 +97,7 @@ def recordings(
     return RecordingStudy(tuple(rows), tuple(left_out))
 
 
-def files_of_maps(maps: Sequence[str]) -> list[str]:
+def map_files(maps: Sequence[str]) -> list[str]:
     """Return the files that the maps require."""
     return sorted({spec.path for name in maps for spec in load_map(name).files.values() if spec.path})
 
@@ -110,7 +110,7 @@ def missing_paths(paths: Sequence[str]) -> list[str]:
 
 def check_cpm_present() -> None:
     """Raise FileError with the names of the missing files of the CPM µCar, if any."""
-    missing = missing_paths(files_of_maps(CPM_MAPS))
+    missing = missing_paths(map_files(CPM_MAPS))
     if missing:
         raise FileError(
             fault(

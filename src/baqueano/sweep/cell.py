@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.drive import repeat, replay, stop_reason_of
+from baqueano.drive import drive_stop_reason, repeat, replay
 from baqueano.errors import SafetyStop
 from baqueano.geometry import compose
 from baqueano.sweep.error_segments import ErrorSegments
@@ -70,7 +70,7 @@ def do_job(job: SweepJob) -> SweepDrive:
         run = _replay(job) if job.run is not None else _drive(job)
     except SafetyStop as error:  # before its first tick
         return SweepDrive(job.cell, job.drive, {}, {}, error.diagnostic.code)
-    s, reason = job.settings, stop_reason_of(run)
+    s, reason = job.settings, drive_stop_reason(run)
     figures, pieces = drive_figures(run, s.laps, s.alignment, s.interval_s)
     return SweepDrive(job.cell, job.drive, figures, pieces, "" if reason is None else reason.code)
 
@@ -93,7 +93,7 @@ def _replay(job: SweepJob) -> "Run":
     )
 
 
-def row_of_drive(drive: SweepDrive) -> dict[str, object]:
+def drive_row(drive: SweepDrive) -> dict[str, object]:
     """Return a drive as a dict for JSON, without rounding."""
     return {
         "figures": drive.figures, "stopped": drive.stop_code,
@@ -101,7 +101,7 @@ def row_of_drive(drive: SweepDrive) -> dict[str, object]:
     }  # fmt: skip
 
 
-def drive_of_row(job: SweepJob, row: dict) -> SweepDrive:
+def drive_from_row(job: SweepJob, row: dict) -> SweepDrive:
     """Return the drive of a job from its stored row."""
     pieces = {
         name: ErrorSegments(tuple(squares), tuple(samples), *durations)

@@ -32,7 +32,7 @@ def register() -> None:
         lambda result: {"drives": lambda: draw_spread(result), "differences": lambda: draw_ratios(result)},
     )
     card_of.register(SweepResult, _card)
-    page_of.register(SweepResult, lambda result, alignment="none": page_of_sweep(result))
+    page_of.register(SweepResult, lambda result, alignment="none": sweep_page(result))
 
 
 def _card(result: Result) -> Card:
@@ -46,7 +46,7 @@ def _card(result: Result) -> Card:
     return Card(title, result.verdict, rows, [text(reason) for reason in result.reasons])
 
 
-def page_of_sweep(result: SweepResult) -> Page:
+def sweep_page(result: SweepResult) -> Page:
     """Return a page with the table, the spread over the drives and the differences."""
     main, rows = result.main_figure(), result.cells()
     finite = [row for row in rows if np.isfinite(row[main])]

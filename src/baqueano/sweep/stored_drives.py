@@ -24,7 +24,7 @@ from baqueano.contracts import optional
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.runs.initial_pose import initial_pose
-from baqueano.sweep.cell import FileText, SweepJob, do_job, drive_of_row, row_of_drive
+from baqueano.sweep.cell import FileText, SweepJob, do_job, drive_from_row, drive_row
 from baqueano.sweep.error_segments import ErrorSegments
 from baqueano.sweep.workers import run_in_processes
 
@@ -73,7 +73,7 @@ def run_jobs(
             task, remaining_jobs, resources.processes if _can_be_sent(remaining_jobs) else 1, advance
         )
     rows |= dict(results)
-    return [drive_of_row(jobs[k], rows[k]) for k in sorted(rows)]
+    return [drive_from_row(jobs[k], rows[k]) for k in sorted(rows)]
 
 
 class NumberedJob(NamedTuple):
@@ -85,7 +85,7 @@ class NumberedJob(NamedTuple):
 
 def _run_and_store(job: NumberedJob, drives_folder: Path | None, names: dict[int, str]) -> tuple[int, dict]:
     """Run a job, write its row to `drives_folder`, and return its number and row."""
-    row = row_of_drive(do_job(job.job))
+    row = drive_row(do_job(job.job))
     if drives_folder is not None:
         replace_file(drives_folder / f"{names[job.number]}.json", json.dumps(row))
     return job.number, row

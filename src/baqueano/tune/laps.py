@@ -16,10 +16,10 @@ from baqueano.geometry import compose
 from baqueano.guides.route import Route
 from baqueano.simulate.closed_loop import (
     closed_loop,
+    drive_tick_count,
     loop_system,
     start_by_parameters,
     start_pose,
-    tick_count_of,
 )
 from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, begin
@@ -139,7 +139,7 @@ def simulated_laps(
     weights = checked_weights(vehicle_file, None, HUBER_M, JERK_M2)
     system = tuning_system(loop_system(vehicle_file, route, 1, perfect=True, controller=space.block))
     rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
-    full_tick_count = tick_count_of(system, rate)
+    full_tick_count = drive_tick_count(system, rate)
     tick_count = min(full_tick_count, round(MAX_LAP_S * rate))
 
     def output(loop_output: Tree) -> _LapTick:

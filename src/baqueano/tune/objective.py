@@ -31,11 +31,11 @@ from baqueano.parameter import parameters
 from baqueano.routes.capability import Capability
 from baqueano.simulate.closed_loop import (
     closed_loop,
+    drive_tick_count,
     loop_system,
     sample_references,
     start_by_parameters,
     start_pose,
-    tick_count_of,
 )
 from baqueano.simulate.many import draw_parameters
 from baqueano.simulate.open_loop import draw_noise, tick_times
@@ -308,7 +308,7 @@ def _case(
     aside_m: float, noise: bool, backend: str,
 ) -> ObjectiveCase:  # fmt: skip
     rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
-    tick_count = tick_count_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
+    tick_count = drive_tick_count(system, rate) if duration_s is None else max(1, round(duration_s * rate))
     state = begin(system, compose(start_pose(system), np.array([-aside_m, aside_m, 0.0])))
     start = start_by_parameters(system, paths, state)
 

@@ -39,7 +39,7 @@ from baqueano.runs.diagnostics.timestamps import check_timestamps
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import is_imu
 from baqueano.signals import NANOSECONDS, seconds
-from baqueano.simulate.closed_loop import closed_loop, loop_system, start_pose, tick_count_of
+from baqueano.simulate.closed_loop import closed_loop, drive_tick_count, loop_system, start_pose
 from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, begin
 
@@ -362,7 +362,7 @@ def _lap(
             system, vehicle_file.rate_hz, noise=False, backend=fit.backend, output=_command_and_pose,
             paths=(*paths, *of_controller),
         )  # fmt: skip
-        t_ns = tick_times(tick_count_of(system, vehicle_file.rate_hz), vehicle_file.rate_hz)
+        t_ns = tick_times(drive_tick_count(system, vehicle_file.rate_hz), vehicle_file.rate_hz)
         start = begin(system, start_pose(system))
     except (BaqueanoError, ValueError, AttributeError, TypeError) as error:  # a custom vehicle
         return None, note("forecast.no-controller", error=str(error))

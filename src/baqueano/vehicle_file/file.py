@@ -31,7 +31,7 @@ from baqueano.vehicle_file.head import (
     read_head,
     read_top,
 )  # fmt: skip
-from baqueano.vehicle_file.paths import raise_missing_attribute, refuse_change, value_in_force
+from baqueano.vehicle_file.paths import current_value, raise_missing_attribute, refuse_change
 from baqueano.vehicle_file.plausibility import check_body, check_drive, check_sensors
 from baqueano.vehicle_file.provenance import ParameterCov, Provenance, is_measured, model_values, read_history
 from baqueano.vehicle_file.tables import ReadReport, report_unknown_key
@@ -159,7 +159,7 @@ class VehicleFile:
 
     def value(self, key: str) -> Any:
         """Return the value or the default of a key: "model.friction.linear". Raise UsageError for an unknown key."""
-        return value_in_force(self, key)
+        return current_value(self, key)
 
     @checked_call('robot.with_values({"model.mass_kg": 1.0})')
     def with_values(

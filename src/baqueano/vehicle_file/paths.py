@@ -64,7 +64,7 @@ def is_table(data: "JsonObject", path_text: str, folder: Path | str | None = Non
     return any(path.startswith(f"{path_text}.") for path in known_paths(data, folder))
 
 
-def value_in_force(vehicle_file: "VehicleFile", path_text: str) -> Any:
+def current_value(vehicle_file: "VehicleFile", path_text: str) -> Any:
     """Return the value, or default, of a key in the block that was built. Raise UsageError for an unknown key."""
     path, entry = split_key(path_text)
     paths = known_paths(vehicle_file.data, vehicle_file.folder)
@@ -103,7 +103,7 @@ def raise_missing_attribute(vehicle_file: "VehicleFile", name: str) -> Any:
     """Raise the error for an attribute that a vehicle file lacks: it names a key that begins so."""
     if name.startswith("_") or name in type(vehicle_file).__slots__:  # of a copy that is incomplete
         raise AttributeError(name)
-    if key := _key_of_attribute(vehicle_file, name):
+    if key := _attribute_key(vehicle_file, name):
         figures = {"file": vehicle_file.name, "value": name, "key": key}
         raise NoAttribute(fault("vehicle.attribute-is-key", f'robot.value("{key}")', **figures))
     raise no_attribute(vehicle_file, name, vehicle_file.name)
@@ -111,12 +111,12 @@ def raise_missing_attribute(vehicle_file: "VehicleFile", name: str) -> Any:
 
 def refuse_change(vehicle_file: "VehicleFile", name: str, value: object) -> NoReturn:
     """Raise the error for `robot.name = value`: a vehicle file is never changed, and a copy has other values."""
-    key = _key_of_attribute(vehicle_file, name) or f"model.{name}"
+    key = _attribute_key(vehicle_file, name) or f"model.{name}"
     fix = f'robot = robot.with_values({{"{key}": {value!r}}})'
     raise NoAttribute(fault("vehicle.no-change", fix, file=vehicle_file.name, value=name))
 
 
-def _key_of_attribute(vehicle_file: "VehicleFile", name: str) -> str:
+def _attribute_key(vehicle_file: "VehicleFile", name: str) -> str:
     """Return the first key whose last name begins with `name`, or the first value of the table `name`; else ""."""
     keys = [k for k in known_paths(vehicle_file.data, vehicle_file.folder) if not k.endswith(".kind")]
     last_names = [key for key in keys if key.rpartition(".")[2].startswith(name)]

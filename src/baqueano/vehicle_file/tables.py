@@ -88,7 +88,7 @@ class Key(NamedTuple):
 def keys_of(block_class: type, hidden_names: typing.Collection[str] = ()) -> dict[str, Key]:
     """Return the keys of a block's table, in the order of its fields."""
     if not dataclasses.is_dataclass(block_class):
-        return _keys_of_plain_class(block_class, hidden_names)
+        return _plain_class_keys(block_class, hidden_names)
     hints = _type_hints(block_class)
     keys = {}
     for f in dataclasses.fields(block_class):
@@ -98,7 +98,7 @@ def keys_of(block_class: type, hidden_names: typing.Collection[str] = ()) -> dic
     return keys
 
 
-def _keys_of_plain_class(block_class: type, hidden_names: typing.Collection[str]) -> dict[str, Key]:
+def _plain_class_keys(block_class: type, hidden_names: typing.Collection[str]) -> dict[str, Key]:
     keys = {}
     for p in inspect.signature(block_class).parameters.values():
         if p.name not in hidden_names and p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY):

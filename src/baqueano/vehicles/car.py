@@ -28,7 +28,7 @@ from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.friction import NO_FRICTION
 from baqueano.vehicles.rk4 import rk4
-from baqueano.vehicles.state import VehicleState, end_of_tick
+from baqueano.vehicles.state import VehicleState, tick_end
 
 MIN_DRIVEN_EFFORT = 0.01  # effort above which a motor is driven during the whole tick
 MIN_STEERED_SPEED_M_S = 0.1  # ε of (2'): slower, ν_ψ does not determine κ
@@ -199,7 +199,7 @@ class Car:
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         kick = self.process_noise_std * np.sqrt(dt_s) * noise
         nu = self._nu(nu[0] + kick[0], nu[2] + kick[2])
-        return end_of_tick(self, state, eta, nu, drivetrain, effort, dt_s)
+        return tick_end(self, state, eta, nu, drivetrain, effort, dt_s)
 
     def _duty(self, effort: float) -> float:
         """Return w, the share of the time in which the motor is driven.  (5)"""

@@ -21,7 +21,7 @@ from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.friction import NO_FRICTION
 from baqueano.vehicles.rk4 import rk4
-from baqueano.vehicles.state import VehicleState, end_of_tick
+from baqueano.vehicles.state import VehicleState, tick_end
 
 
 @document
@@ -110,7 +110,7 @@ class AccelerationModel:
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         nu = self._mask_axes(nu + self.process_noise_std * np.sqrt(dt_s) * noise)
-        return end_of_tick(self, state, eta, nu, drivetrain, effort, dt_s)
+        return tick_end(self, state, eta, nu, drivetrain, effort, dt_s)
 
     def _mask_axes(self, x: np.ndarray) -> np.ndarray:
         """Return x (3,) with zeros along the axes that are not in `axes`."""

@@ -86,7 +86,7 @@ class DynamicVehicle(Vehicle, Protocol):
         ...
 
 
-def end_of_tick(
+def tick_end(
     model: DynamicVehicle,
     previous: VehicleState,
     eta: np.ndarray,

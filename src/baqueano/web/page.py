@@ -327,7 +327,7 @@ def with_sentence(event: "JsonObject", language: str) -> "JsonObject":
     with use_language(language):
         return event | {
             "severity": severity,
-            "text": text(Diagnostic.of_json(message) if isinstance(message, dict) else message),
+            "text": text(Diagnostic.from_json(message) if isinstance(message, dict) else message),
         }
 
 

@@ -115,5 +115,5 @@ def ledger_rows(rows: "list[JsonObject]") -> "list[JsonObject]":
 
 def _text(message: object) -> str | None:
     with suppress(ValueError):
-        return text(Diagnostic.of_json(message)) if message is not None else None
+        return text(Diagnostic.from_json(message)) if message is not None else None
     return None

@@ -164,9 +164,9 @@ def stop_on_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
 def finish_manual_drive(run: "Run", path: Path, robot: str) -> None:
     """Raise the error of a stopped drive, except if its driver ended it."""
     from baqueano.diagnostics import StopReason
-    from baqueano.drive import stop_reason_of
+    from baqueano.drive import drive_stop_reason
 
-    stop_reason = stop_reason_of(run)
+    stop_reason = drive_stop_reason(run)
     if stop_reason is not None and stop_reason.code == StopReason.INTERRUPTED:
         return
     if stop_reason is not None and robot.partition(":")[0] != "simulated":

@@ -8,10 +8,10 @@ from baqueano.cli import numbers, options
 from baqueano.cli.driving.route import (
     check_drivable,
     fastest_route,
+    repetition_start,
     room_from_options,
     room_option,
     start_option,
-    start_pose_of,
 )
 from baqueano.cli.driving.targets import announce_rest, open_target, print_fault_detections
 from baqueano.cli.next_command import advise_to_fit
@@ -118,7 +118,7 @@ def command(
     own_kinds = {role: options.block_kind(vehicle_file, role, kind) for role, kind in own_kinds.items()}
     mission = Mission(
         "repeat", route=taught_route, laps=laps, blocks={role: k for role, k in own_kinds.items() if k is not None},
-        start=start_pose_of(taught_route, stand), rest_s=rest_s, precautions=precautions.to_json(),
+        start=repetition_start(taught_route, stand), rest_s=rest_s, precautions=precautions.to_json(),
     )  # fmt: skip
     with (
         live.live_page(show_page, robot, vehicle_file, folder, pace) as watching,
@@ -137,7 +137,7 @@ def command(
     print_answer(comparison, as_json, laps=comparison.laps())
     advise_to_fit(comparison, [run], folder, options.vehicle_and_runs_options(vehicle_file, folder))
     if report:
-        from baqueano.report.run_report import page_of_run
+        from baqueano.report.run_report import run_page
 
-        report.write(lambda: page_of_run(run))
+        report.write(lambda: run_page(run))
     options.raise_stop(run, path)

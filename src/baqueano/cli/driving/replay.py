@@ -37,7 +37,7 @@ def command(
     backend: str, folder: str, out: Path | None, report: ReportFiles, show_page: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare
-    from baqueano.drive import replay, stop_reason_of
+    from baqueano.drive import drive_stop_reason, replay
     from baqueano.drive.observers import Progress
     from baqueano.drive.tasks import recorded_vehicle_file
     from baqueano.vehicle_file import override
@@ -45,7 +45,7 @@ def command(
     recorded_run = options.find_runs((run,), folder)[0]
     vehicle_options = None
     if vehicle is None and recorded_run.vehicle_text:
-        differs = options.DEFAULT_FILE.is_file() and _text_of_default_file() != recorded_run.vehicle_text
+        differs = options.DEFAULT_FILE.is_file() and _default_file_text() != recorded_run.vehicle_text
         print_message(note("cli.vehicle-of-run-differs" if differs else "cli.vehicle-of-run"))
         vehicle_file = recorded_vehicle_file(recorded_run)
         vehicle_file = override(vehicle_file, settings) if settings else vehicle_file
@@ -71,20 +71,20 @@ def command(
     print_answer(comparison, as_json)
     advise_to_fit(comparison, [recorded_run] * len(drawn_runs), folder, vehicle_options)
     if report:
-        from baqueano.report.run_report import page_of_run
+        from baqueano.report.run_report import run_page
 
         original = recorded_run if recorded_run.estimate is not None else None
-        report.write(lambda: page_of_run(replayed_run, align, original))
+        report.write(lambda: run_page(replayed_run, align, original))
     if show_page:
         live.show_both(path, recorded_run.path, folder)
     # a stop that was recorded is replayed with the rest
-    if not _stops_are_equal(stop_reason_of(replayed_run), stop_reason_of(recorded_run)):
+    if not _stops_are_equal(drive_stop_reason(replayed_run), drive_stop_reason(recorded_run)):
         options.raise_stop(replayed_run, path)
     else:
         options.print_warnings(replayed_run)
 
 
-def _text_of_default_file() -> str:
+def _default_file_text() -> str:
     return options.DEFAULT_FILE.read_text(encoding="utf-8", errors="replace")
 
 

@@ -263,11 +263,11 @@ def check_drivable(
     route: "Route", name: str, vehicle_file: "VehicleFile", room: "Room | None", robot: str, anyway: bool, backend: str,
 ) -> None:  # fmt: skip
     """Print the warnings about a route. Raise AnswerNo with the route's name if it may not be driven."""
-    from baqueano.drive.safety.route_check import warnings_of
+    from baqueano.drive.safety.route_check import route_warnings
 
     conditions = {"measured": options.is_measured(vehicle_file, robot), "anyway": anyway, "backend": backend}
     try:
-        warnings = warnings_of(route, vehicle_file, room, **conditions)
+        warnings = route_warnings(route, vehicle_file, room, **conditions)
     except AnswerNo as error:
         raise AnswerNo(with_route_name(error.diagnostic, name)) from error
     for warning in warnings:
@@ -284,7 +284,7 @@ def fastest_route(route: "Route", name: str, vehicle_file: "VehicleFile", **choi
         raise UsageError(with_route_name(error.diagnostic, name)) from error
 
 
-def start_pose_of(route: "Route", stand: str | None) -> tuple[float, ...]:
+def repetition_start(route: "Route", stand: str | None) -> tuple[float, ...]:
     """Return the start pose in the map of a vehicle at "x,y,degrees" from the start of the route; () without `stand`.
 
     Raise UsageError for an invalid pose.

@@ -164,17 +164,17 @@ def command(
         print_result(result_part.table())
     _save_table(fit, vehicle_file, table, f"{vehicle_file.name}, from {', '.join(fit.runs)}")
     if report:
-        from baqueano.report.fit_report import page_of_fit
+        from baqueano.report.fit_report import fit_page
 
         report.write(
-            lambda: page_of_fit(fit, held_out=validation, drive_forecast=drive_forecast), reproducible=True
+            lambda: fit_page(fit, held_out=validation, drive_forecast=drive_forecast), reproducible=True
         )
     if progress_line.stopped:
         raise Interruption(fault("cli.fit-interrupted"))
     _check_verdicts(fit, validation, update, report.page)
     output = fit.vehicle_file
     if not no_noise:
-        noise = _noise_of_fit(fit, fit_runs, validation_runs, backend)
+        noise = _measured_noise(fit, fit_runs, validation_runs, backend)
         output = noise.updated_file(output, ", ".join(fit.runs))
     options.save_update(output, update, "tune", "--update")
 
@@ -344,7 +344,7 @@ def _validate_fit(
         return with_cost_advice(fit, validation_runs, validation, refit), validation
 
 
-def _noise_of_fit(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", backend: str) -> Any:
+def _measured_noise(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", backend: str) -> Any:
     """Return Q and R. If the truth is known, held-out runs select R: from the truth, or from the innovations."""
     from baqueano.errors import UsageError
     from baqueano.identify.noise.covariances import measure_noise

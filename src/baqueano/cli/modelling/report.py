@@ -29,13 +29,13 @@ def command(
     from baqueano.report.animation.picture import animation as moving_picture
     from baqueano.report.animation.scene import scene
     from baqueano.report.page import save_text
-    from baqueano.report.run_report import page_of_run
+    from baqueano.report.run_report import run_page
 
     picture_path = None if animation is None else picture_file(animation)
 
     loaded_run = options.find_runs((run,), folder)[0]
     with show_activity(note("cli.drawing")):
-        files = report.save(page_of_run(loaded_run, align), out or Path(f"{loaded_run.name}.html"))
+        files = report.save(run_page(loaded_run, align), out or Path(f"{loaded_run.name}.html"))
         if picture_path is not None:
             files.append(save_text(picture_path, moving_picture(scene(loaded_run))))
     for saved_path in files:

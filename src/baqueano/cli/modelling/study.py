@@ -43,7 +43,7 @@ def _check_complete(completed_count: int, requested_count: int) -> None:
 def paper(seed: int, seed_count: int, backend: str, report: ReportFiles, as_json: bool) -> None:
     from baqueano.study.paper import dynamic_vs_kinematic
     from baqueano.study.paper.case_study import ImpliedParameters, case_study, simulate_seed
-    from baqueano.study.paper.page import page_of_paper
+    from baqueano.study.paper.page import paper_page
 
     with show_progress(note("cli.study-paper", seeds=seed_count), seed_count) as advance:
         result = case_study(seed, seed_count, backend, advance)
@@ -53,7 +53,7 @@ def paper(seed: int, seed_count: int, backend: str, report: ReportFiles, as_json
         models = dynamic_vs_kinematic.compare_models(result.fits[0], run, validation_run, backend)
     if not as_json:
         print_result(f"\n{dynamic_vs_kinematic.table(models)}\n\n{ImpliedParameters().table()}")
-    report.write(lambda: page_of_paper(result, models, backend), Path("study-paper.html"))
+    report.write(lambda: paper_page(result, models, backend), Path("study-paper.html"))
 
 
 @command.command(
@@ -78,7 +78,7 @@ def identification(
     as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.study.identification import identification
-    from baqueano.study.identification.page import page_of_identification
+    from baqueano.study.identification.page import identification_page
     from baqueano.study.identification.trials import CASES
     from baqueano.sweep.workers import processor_count
 
@@ -94,7 +94,7 @@ def identification(
             drives_folder=drives_folder,
         )
     print_answer(result, as_json)
-    report.write(lambda: page_of_identification(result), Path("study-identification.html"), reproducible=True)
+    report.write(lambda: identification_page(result), Path("study-identification.html"), reproducible=True)
     _check_complete(result.seeds, seed_count)
 
 
@@ -221,7 +221,7 @@ def laps(
 @options.as_json
 def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
     from baqueano.study.cross_validation_cpm import cross_validate
-    from baqueano.study.recordings import CPM_MAPS, files_of_maps, missing_paths, recordings
+    from baqueano.study.recordings import CPM_MAPS, map_files, missing_paths, recordings
     from baqueano.study.recordings_page import page_of_recordings
 
     with show_steps() as begin:
@@ -232,7 +232,7 @@ def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
 
         raise Interruption(fault("cli.recordings-interrupted"))
     with show_steps() as begin:
-        study = None if missing_paths(files_of_maps(CPM_MAPS)) else cross_validate(backend, begin)
+        study = None if missing_paths(map_files(CPM_MAPS)) else cross_validate(backend, begin)
     report.write(lambda: page_of_recordings(result, study), Path("study-recordings.html"))
 
 

@@ -209,7 +209,7 @@ class DriveDoor:
             self.visited.set()
 
     def _on_stop(self, client: object, message: "JsonObject") -> "JsonObject":
-        reason = Diagnostic.of_json(message["reason"])
+        reason = Diagnostic.from_json(message["reason"])
         if self._robot is not None:  # at once, from this thread
             self._robot.send(type="stop", reason=reason)
         else:

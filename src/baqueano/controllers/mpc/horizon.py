@@ -159,7 +159,7 @@ class Horizon:
         # linear interpolation between the steps
         E = np.maximum(1.0 - np.abs(k[:, None] - np.arange(STEPS)), 0.0) @ E
         E = np.where(np.abs(E) < MIN_EFFORT, MIN_EFFORT * np.arange(1.0, self._k + 1.0), E)
-        eta_r, nu_r = self._reference_of_vehicle(eta_r, nu_r, nu)
+        eta_r, nu_r = self._vehicle_reference(eta_r, nu_r, nu)
         entries = (
             eta,
             nu - np.array([0.0, 0.0, turn_error]),
@@ -172,7 +172,7 @@ class Horizon:
         )
         return E, drivetrain, model_nu, turn_error, np.concatenate(entries)
 
-    def _reference_of_vehicle(self, eta_r: Value, nu_r: Value, nu: Value) -> tuple[Value, Value]:
+    def _vehicle_reference(self, eta_r: Value, nu_r: Value, nu: Value) -> tuple[Value, Value]:
         """Return the reference (3,), (3,) with the slip that the vehicle has at the yaw rate of the reference.  (5)
         A vehicle with three commands can choose its slip.
         """

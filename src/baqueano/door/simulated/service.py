@@ -92,8 +92,8 @@ class SimulatedService:
             self.idle()
             next_mission = self.operator.pop_mission()
             if next_mission is not None:
-                mission, attended, name = next_mission
-                self.execute_request(mission, attended=attended, name=name)
+                mission, is_attended, name = next_mission
+                self.execute_request(mission, attended=is_attended, name=name)
             else:
                 time.sleep(IDLE_S)
 

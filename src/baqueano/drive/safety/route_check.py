@@ -16,7 +16,7 @@ LIMIT_CODES = ("route.speed-too-high", "route.turns-too-fast", "route.curve-too-
 ACCEPTABLE_CODES = (*LIMIT_CODES, "route.gap")  # findings that the user can accept
 
 
-def warnings_of(
+def route_warnings(
     route: Route,
     vehicle_file: "VehicleFile",
     room: "Room | None" = None,

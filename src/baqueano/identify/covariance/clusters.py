@@ -19,7 +19,7 @@ from baqueano.identify.data.record import FitRecord
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.normal_equations import derivatives_without_start
 from baqueano.numerics.parallel import gram, parallel_map
-from baqueano.numerics.statistics import HUBER, covariance_of_changes
+from baqueano.numerics.statistics import HUBER, change_covariance
 
 if TYPE_CHECKING:
     from baqueano.identify.covariance.information import Information
@@ -87,7 +87,7 @@ def jackknife(
     all_changes = np.concatenate(changes)
     if len(all_changes) < min_count or not np.isfinite(all_changes).all():
         return None
-    return covariance_of_changes(all_changes)
+    return change_covariance(all_changes)
 
 
 def _scaled_inverse(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.calibration.tolerances import ZERO_RATE_RAD_S, declared_covariance, std_of_tolerance
+from baqueano.calibration.tolerances import ZERO_RATE_RAD_S, declared_covariance, tolerance_std
 from baqueano.identify.covariance.clusters import are_finite, inflation_factors
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import value
@@ -27,7 +27,7 @@ from baqueano.numerics.autocorrelation import WHITE_LIMIT, autocorrelated_scores
 from baqueano.numerics.least_squares import Solution
 from baqueano.numerics.normal_equations import eliminate, mean_square_error, pseudo_inverse
 from baqueano.numerics.parallel import gram, parallel_map
-from baqueano.numerics.statistics import HUBER, covariance_of_changes
+from baqueano.numerics.statistics import HUBER, change_covariance
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -115,7 +115,7 @@ def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
     if info.scores is not None:
         moves = np.linalg.solve(A, (info.scores[:, identifiable] / scale).T).T
         factors = inflation_factors(
-            np.diagonal(cov), np.diagonal(covariance_of_changes(moves, info.shared_count))
+            np.diagonal(cov), np.diagonal(change_covariance(moves, info.shared_count))
         )
         cov = cov * np.outer(factors, factors)
     return cov / np.outer(scale, scale)
@@ -184,7 +184,7 @@ def fixed_parameters(
         [x.endswith(".gyro_bias") or (problem.has_fixed_scales and "_scale" in x) for x in paths]
     )
     # a zero that was measured at rest is known better than by a model, which may lack some effects
-    is_updated = ~(in_cov & (std < std_of_tolerance(ZERO_RATE_RAD_S))) & (not problem.has_fixed_scales)
+    is_updated = ~(in_cov & (std < tolerance_std(ZERO_RATE_RAD_S))) & (not problem.has_fixed_scales)
     cov, k = prior / np.outer(std, std), np.ix_(is_updated, is_updated)
     N, M = eliminate(A, B, K, [slice(K, len(A))])
     g = np.hstack([np.eye(K), S]) @ (unit * gradient[index])

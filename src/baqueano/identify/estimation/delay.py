@@ -122,7 +122,7 @@ def _search_delay_grid(
         return middle
     best_solution, lighter_task = middle.solution, task._replace(problem=middle.problem)
     for side in (grid[first + 1 :], grid[:first][::-1]):
-        best_solution = _best_of_delays(lighter_task, middle.solution, best_solution, i, side)
+        best_solution = _best_delay(lighter_task, middle.solution, best_solution, i, side)
     if best_solution is middle.solution:
         return middle
     return _search_at_fixed_delay(
@@ -148,11 +148,11 @@ def _refine(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> Se
     for side in (fine_s, -fine_s):
         delays_s = centre_s + np.arange(1, 1 + round(step_s / fine_s)) * side
         is_inside = (task.low[i] <= delays_s) & (delays_s <= task.high[i])
-        solution = _best_of_delays(task, middle, solution, i, delays_s[is_inside])
+        solution = _best_delay(task, middle, solution, i, delays_s[is_inside])
     return best._replace(solution=_search_both_sides(task, solution, i, fine_s, tick_s))
 
 
-def _best_of_delays(task: Task, begin: Solution, best: Solution, i: int, delays_s: np.ndarray) -> Solution:
+def _best_delay(task: Task, begin: Solution, best: Solution, i: int, delays_s: np.ndarray) -> Solution:
     """Return `best`, or a solution at one of the `delays_s` that is expected to cost less. The search at each delay
     starts at the end of the previous one, the first at `begin`."""
     last = begin

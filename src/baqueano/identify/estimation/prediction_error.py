@@ -27,7 +27,7 @@ from baqueano.identify.residuals.simulation import Residuals
 from baqueano.messages.language import translate as _
 from baqueano.numerics.autocorrelation import WHITE_LIMIT, autocorrelated_scores, autocorrelation_sums
 from baqueano.numerics.least_squares import DAMPING, Solution, minimise
-from baqueano.numerics.normal_equations import Evaluation, sum_of_segments
+from baqueano.numerics.normal_equations import Evaluation, segment_sum
 from baqueano.numerics.parallel import gram, parallel_map
 from baqueano.numerics.statistics import chi_square_tail
 
@@ -102,7 +102,7 @@ class Prediction:
         """Return J, its gradient and its Hessian with respect to x.  (1), (2)"""
         parts, no_prior = self._map_segments(x, _segment_cost), np.zeros(len(x))
         places = arrow_layout(self.simulation.layout, len(x) - self.size)
-        total = sum_of_segments(parts, self._indices, x, no_prior, places)
+        total = segment_sum(parts, self._indices, x, no_prior, places)
         return total if np.isfinite(total.cost) else total._replace(cost=np.inf)
 
     def derivatives(self, x: np.ndarray) -> list[InnovationDerivatives]:

@@ -321,8 +321,8 @@ def _residuals(
         return np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
     is_drifting = bool(np.any([c.autocorrelation > WHITE_LIMIT for c in fit.channels if c.sensor == name]))
     sigma, in_motion, at_rest, size = fit.sigma[name][columns], [], [], np.zeros(len(columns))
-    for channels_of_run, run in zip(fit.channels_by_run, runs, strict=True):
-        by_entry = {c.entry: c for c in channels_of_run if c.sensor == name}
+    for run_channels, run in zip(fit.channels_by_run, runs, strict=True):
+        by_entry = {c.entry: c for c in run_channels if c.sensor == name}
         channels = [by_entry[i] for i in columns]
         r = np.stack([c.residuals for c in channels], axis=1)
         h = np.stack([c.predictions for c in channels], axis=1)

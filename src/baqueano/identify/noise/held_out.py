@@ -24,7 +24,7 @@ from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.velocity_readings import velocity_readings
 from baqueano.identify.noise.filter_noise import ROBUST_SIGMA
 from baqueano.messages.language import mark as N_
-from baqueano.numerics.statistics import MIN_BLOCKS, ratio_of_blocks
+from baqueano.numerics.statistics import MIN_BLOCKS, block_ratio
 from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
 from baqueano.runs.interpolation import true_speed
 from baqueano.runs.run import Run
@@ -83,7 +83,7 @@ def speed_channels(
     for names in dict.fromkeys([*((channel,) for channel in channels), channels]):
         errors = _errors(filters(names), with_speed, backend)
         if np.isfinite(errors).all():
-            ratios[names] = ratio_of_blocks(errors, errors_without)
+            ratios[names] = block_ratio(errors, errors_without)
     if not ratios:
         return None  # every filter diverges
     best_names = min(ratios, key=lambda names: ratios[names][0])
@@ -271,7 +271,7 @@ def _normalised_square(
 ) -> NormalisedSquare:
     mask, (mean, low, high) = count > 0.0, (float("nan"),) * 3
     if mask.any():
-        mean, low, high = ratio_of_blocks(square[mask], count[mask])
+        mean, low, high = block_ratio(square[mask], count[mask])
     return NormalisedSquare(name, mean**2, low**2, high**2, close_factor)
 
 

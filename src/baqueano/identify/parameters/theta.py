@@ -174,7 +174,7 @@ class Parameters:
         return [self.requested_parameters[k] for k in self.in_theta]
 
 
-def parameters_for_fit(
+def fit_parameters(
     blocks: FittedBlocks,
     requested_parameters: Sequence[FreeParameter],
     runs: Sequence[Run],

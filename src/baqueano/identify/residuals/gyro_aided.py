@@ -24,7 +24,7 @@ from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH, has_offset
 from baqueano.identify.parameters.theta import ThetaShape
 from baqueano.identify.residuals.motion import blocks_in_row, cached_kernel, example, initial_state
-from baqueano.identify.residuals.noise_level import profile_with_slow_noise
+from baqueano.identify.residuals.noise_level import slow_noise_profile
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.slow_part import slow_part
 from baqueano.sensors.sampling import Signal, low_pass_s, step_signal
@@ -98,7 +98,7 @@ class GyroAidedResiduals(Residuals):
         """Return σ (m,) and, for each segment, its profile (N, m) over the speed. Both are computed from the residuals
         `misfits` at θ, and weight the channels."""
         dt_s = [record.dt_s for record in self.records]
-        return profile_with_slow_noise(misfits, self.masks, self.speeds(theta), dt_s, floor)
+        return slow_noise_profile(misfits, self.masks, self.speeds(theta), dt_s, floor)
 
 
 def _unknown_s(record: FitRecord, blocks: FittedBlocks, is_delay_free: bool) -> float:

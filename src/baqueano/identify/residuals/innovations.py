@@ -31,7 +31,7 @@ from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, scan, with_value
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles import Effort, VehicleState
-from baqueano.vehicles.state import end_of_tick
+from baqueano.vehicles.state import tick_end
 
 GATE = 4.0  # G of (3): the gate of the other filters, made smooth
 MIN_DERIVATIVE = 1e-9  # derivative below which a sensor does not depend on the pose
@@ -59,9 +59,9 @@ class PredictedState(NamedTuple):
     def motion(self, x: np.ndarray) -> Motion:
         """Return the motion at the state x (n,), as the sensors measure it."""
         eta, nu = (self.eta, x) if len(x) == 3 else (x[:3], x[3:])
-        return end_of_tick(
-            self.model, self.previous, eta, nu, self.previous.drivetrain, self.effort, self.dt_s
-        )[1]
+        return tick_end(self.model, self.previous, eta, nu, self.previous.drivetrain, self.effort, self.dt_s)[
+            1
+        ]
 
 
 def axes_of(model: Tree) -> tuple[int, ...]:

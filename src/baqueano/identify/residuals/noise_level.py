@@ -132,7 +132,7 @@ def _fit_growth_by_speed(r: np.ndarray, v: np.ndarray, typical: float, floor: fl
     return float(SPEED_RATIOS[best_index]) if costs[0] - costs[best_index] > MIN_LOG_GAIN else 0.0
 
 
-def profile_with_slow_noise(
+def slow_noise_profile(
     residuals: Sequence[np.ndarray],
     masks: Sequence[np.ndarray],
     speeds: Sequence[np.ndarray],

@@ -36,7 +36,7 @@ from baqueano.identify.residuals.motion import (
     read_sensors,
 )
 from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed
-from baqueano.numerics.normal_equations import Evaluation, sum_of_segments
+from baqueano.numerics.normal_equations import Evaluation, segment_sum
 from baqueano.numerics.parallel import parallel_map
 from baqueano.numerics.statistics import HUBER, huber_cost
 from baqueano.sensors.sampling import difference
@@ -188,7 +188,7 @@ class Residuals:
         parts = self._map_segments(
             lambda rows, index: Evaluation(*self.scan.normal_equations(rows, theta[index], HUBER))
         )
-        return sum_of_segments(parts, self._index, theta, self._prior, self._places)
+        return segment_sum(parts, self._index, theta, self._prior, self._places)
 
     def at_estimate(self, theta: np.ndarray) -> Self:
         """Return the residuals with all that they take from a fit, taken from the fit θ (p,)."""

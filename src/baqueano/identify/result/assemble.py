@@ -122,7 +122,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         runs=_runs(problem),
         backend=problem.scan.backend,
         file=end.vehicle_file,
-        blocks=_blocks_of_fit(end),
+        blocks=_fitted_blocks(end),
         envelope=envelope_of(problem.records, evidence.channels, end.blocks.sensors, commands),
     )
     messages = [prior.message for prior in kept_priors(fit) if prior.contradicted or not prior.at_rest]
@@ -239,7 +239,7 @@ def _channels(
     labels = [(name, i) for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     segments = list(zip(problem.records, problem.predictions(theta), problem.z, problem.masks, strict=True))
 
-    def channels_of_run(run: int, run_name: str) -> list[ChannelFit]:
+    def run_channels(run: int, run_name: str) -> list[ChannelFit]:
         of_run = [(r.lead, (r.t_s, h, z, mask > 0.0)) for r, h, z, mask in segments if r.run == run]
         rows = [[column[lead:] for column in columns] for lead, columns in of_run]
         t_s, h, z, mask = (np.concatenate(column) for column in zip(*rows, strict=True))
@@ -252,7 +252,7 @@ def _channels(
         ]
 
     names = list(_runs(problem))
-    channels = parallel_map(channels_of_run, range(len(names)), names, rows=sum(map(len, problem.z)))
+    channels = parallel_map(run_channels, range(len(names)), names, rows=sum(map(len, problem.z)))
     return tuple(channel for of_run in channels for channel in of_run)
 
 
@@ -351,7 +351,7 @@ def _mount_notes(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     return [note("truth.mount", subject=TRUTH, keys=values)] if values else []
 
 
-def _blocks_of_fit(end: FinishedFit) -> FittedBlocks:
+def _fitted_blocks(end: FinishedFit) -> FittedBlocks:
     """Return the blocks with the estimates; biases are the mean over the runs."""
     problem, theta = end.task.problem, end.search.solution.theta
     shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared_paths)

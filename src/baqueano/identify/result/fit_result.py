@@ -220,9 +220,9 @@ class Fit(Result):
         """Return the file with the estimates, dated `on`, by default today."""
         if self.verdict == Verdict.REFUSED:
             return self.file
-        from baqueano.identify.result.to_vehicle_file import file_of_fit
+        from baqueano.identify.result.to_vehicle_file import fit_file
 
-        return file_of_fit(self, on)
+        return fit_file(self, on)
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per parameter, with None for unknown values."""

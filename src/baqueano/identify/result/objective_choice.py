@@ -42,7 +42,7 @@ from baqueano.identify.result.verdict import MAX_NOISE_RATIO
 from baqueano.messages.language import number
 from baqueano.numerics.normal_equations import derivatives_without_start
 from baqueano.numerics.parallel import gram
-from baqueano.numerics.statistics import HUBER, covariance_of_changes, huber_cost, student_quantile
+from baqueano.numerics.statistics import HUBER, change_covariance, huber_cost, student_quantile
 
 FLOOR_P_VALUE = 1e-3  # probability below which process noise is significant
 UNITS = ("m/s", "m/s", "rad/s")
@@ -181,7 +181,7 @@ def leave_one_out(
     common = np.intersect1d(identifiable, free)
     common = common[common < len(names)]
     delta = changes[0][:, common] - changes[1][:, common]
-    std = np.sqrt(np.diagonal(covariance_of_changes(delta)))
+    std = np.sqrt(np.diagonal(change_covariance(delta)))
     difference = np.abs(theta[common] - x[common]) / np.maximum(std, 1e-300)
     return LeaveOneOutComparison(
         np.subtract(other_cost, cost), float(np.sum(cost)), difference, [names[k] for k in common]

@@ -56,7 +56,7 @@ class Prior(NamedTuple):
         return note(code, subject=self.path, **figures, unit=self.unit, std=self.std)
 
 
-def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
+def fit_file(fit: "Fit", on: date | None = None) -> "VehicleFile":
     """Return the file with the estimates of `fit`; entries that were not identifiable are unchanged."""
     from baqueano.vehicle_file import ParameterCov
 

@@ -56,7 +56,7 @@ class Evidence(NamedTuple):
     frozen_count: int  # parameters whose command never moved
     unobservable: tuple[Diagnostic, ...]
     channels: Any  # ChannelFit, run by run, the channels in one order
-    runs_of_channel: "dict[str, list[ChannelOfRun]]"  # see by_channel
+    channel_runs: "dict[str, list[ChannelOfRun]]"  # see by_channel
     converged: bool
     autocorrelation: np.ndarray  # (m,)
     prior_sigma: np.ndarray | None  # (m,) noise in the file, 0 without one; None: σ was given
@@ -74,7 +74,7 @@ def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
 def remarks(e: Evidence) -> list[Diagnostic]:
     """Return notes that do not change the verdict. `e.bound` marks parameters that can be at a bound by chance."""
     notes = _findings_of(e, Severity.INFO)
-    notes += unlike_runs(e.runs_of_channel, small=True)
+    notes += unlike_runs(e.channel_runs, small=True)
     notes += [_at_bound(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
     for label, (n, highs, lows) in zip(_labels(e), _outlier_counts(e), strict=True):
         outlier_share = (highs + lows) / max(n, 1)
@@ -102,7 +102,7 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
     elif not e.converged:
         refusals.append(note("fit.not-converged", ERROR, "--fix KEY"))
     shares = [c.explained_fraction for c in e.channels if np.isfinite(c.explained_fraction)]
-    over_all = {label: sum_of_runs(runs) for label, runs in e.runs_of_channel.items()}
+    over_all = {label: run_sum(runs) for label, runs in e.channel_runs.items()}
     max_explained = max([0.0, *shares, *(channel.explained_variance for channel in over_all.values())])
     error_ratios = {
         label: np.sqrt(channel.squares / max(channel.signal_squares, 1e-300))
@@ -131,11 +131,11 @@ def _identifiability(e: Evidence) -> list[Diagnostic]:
     if missing_count + weak_count > MAX_UNOBSERVABLE_SHARE * free_count:
         code = "fit.most-not-identified" if missing_count else "fit.most-poor"
         counts: JsonObject = {"total": free_count, "missing_count": missing_count, "weak_count": weak_count}
-        return [note(code, ERROR, **counts, reason=_cause_of_wide_errors(e))]
+        return [note(code, ERROR, **counts, reason=_wide_error_cause(e))]
     return []
 
 
-def _cause_of_wide_errors(e: Evidence) -> Diagnostic:
+def _wide_error_cause(e: Evidence) -> Diagnostic:
     """Return the model as the cause if large residuals are autocorrelated, else too little motion."""
     lacking = _lacking_channels(e)
     if lacking:
@@ -160,7 +160,7 @@ def _warnings(e: Evidence) -> list[Diagnostic]:
         names = ", ".join(e.names[k].removeprefix("model.") for k in np.flatnonzero(e.poorly_identified))
         warnings.append(note("fit.poor", WARNING, names=names))
         warnings += e.weak_reasons
-    warnings += unlike_runs(e.runs_of_channel, small=False)
+    warnings += unlike_runs(e.channel_runs, small=False)
     if e.unobservable:
         warnings.append(note("fit.unidentifiable", WARNING, count=len(e.unobservable)))
     subjects = {message.subject for message in e.messages if message.code == "residual.autocorrelated"}
@@ -253,7 +253,7 @@ def by_channel(
 ) -> dict[str, list[ChannelOfRun]]:
     """Return for each channel its runs. `one_mean` (m,), in the order of the first run, marks channels with one
     mean over all runs."""
-    runs_of_channel: dict[str, list[ChannelOfRun]] = {}
+    channel_runs: dict[str, list[ChannelOfRun]] = {}
     labels = list(dict.fromkeys(c.label for c in channels))
     means = np.zeros(len(labels)) if one_mean is None else one_mean
     for label, mean_of_runs in zip(labels, means, strict=True):
@@ -270,11 +270,11 @@ def by_channel(
             signal = signal - (np.mean(signal) if mean is None else mean)
             squares, signal_squares = (dot(x, x) / c.sigma**2 for x in (residuals, signal))
             of_run = ChannelOfRun(c.run, squares, signal_squares, len(measurements))
-            runs_of_channel.setdefault(label, []).append(of_run)
-    return runs_of_channel
+            channel_runs.setdefault(label, []).append(of_run)
+    return channel_runs
 
 
-def sum_of_runs(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
+def run_sum(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
     """Return the sums over all runs of a channel."""
     squares, moved2, samples = (
         sum(getattr(channel, name) for channel in runs) for name in ("squares", "signal_squares", "samples")
@@ -291,7 +291,7 @@ def unlike_runs(channels: dict[str, list[ChannelOfRun]], small: bool) -> list[Di
         like_runs = [channel for channel in runs if not channel.contradicts_model]
         if not like_runs:
             continue
-        total, outliers = sum_of_runs(like_runs), []
+        total, outliers = run_sum(like_runs), []
         for channel in (channel for channel in runs if channel.contradicts_model):
             is_quiet = channel.signal_squares * total.samples <= total.squares * channel.samples
             if is_quiet == small and (small or _is_significantly_larger(channel, like_runs, len(runs))):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 COLOURS = ("#3b6fb6", "#238b45", "#c2410c", "#7c3aed", "#a16207", "#0e7490")
 
 
-def page_of_rest(result: RestMeasurement) -> Page:
+def rest_page(result: RestMeasurement) -> Page:
     """Return the page of `at_rest`."""
     sections = [Section(_("Figures"), "\n".join(texts(result.findings)), [Table(result.rows())])]
     for sensor, channels in channels_by_sensor(result).items():

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from baqueano.validation.parameter_drift import ParameterHistory
 
 
-def page_of_drift(history: "ParameterHistory") -> Page:
+def drift_page(history: "ParameterHistory") -> Page:
     """Return the page about a `ParameterHistory`."""
     sentences = "\n".join(text(change.message) for change in history.changes) or _(
         "No parameter changed beyond its error bars."

@@ -19,13 +19,13 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.report.card import card_of
-from baqueano.report.fit_report import page_of_fit
+from baqueano.report.fit_report import fit_page
 from baqueano.report.page import Headline, Page, Section, Table, check_format, draw
-from baqueano.report.pages.at_rest import page_of_rest
-from baqueano.report.pages.parameter_drift import page_of_drift
-from baqueano.report.pages.route import page_of_route
+from baqueano.report.pages.at_rest import rest_page
+from baqueano.report.pages.parameter_drift import drift_page
+from baqueano.report.pages.route import route_page
 from baqueano.report.plots import plot_comparison
-from baqueano.report.run_report import page_of_run
+from baqueano.report.run_report import run_page
 from baqueano.routes import RouteReport
 from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun
@@ -97,12 +97,12 @@ def page_of(result: Tabular, alignment: str = "none") -> Page:
 @page_of.register(TeachResult)
 @page_of.register(ImportedRun)
 @page_of.register(FirstDrive)
-def _page_of_its_run(result: TeachResult | ImportedRun | FirstDrive, alignment: str = "none") -> Page:
-    return page_of_run(result.run, alignment)
+def _page_about_run(result: TeachResult | ImportedRun | FirstDrive, alignment: str = "none") -> Page:
+    return run_page(result.run, alignment)
 
 
 @page_of.register(Comparison)
-def page_of_comparison(result: Comparison, alignment: str = "none") -> Page:
+def comparison_page(result: Comparison, alignment: str = "none") -> Page:
     """Return the page about a comparison: the errors of each run, and the consistency of its estimator."""
     card = card_of(result)
     caption = _("Errors of each run; the bar is the range of a consistent filter in 95 % of runs.")
@@ -128,9 +128,9 @@ def page_of_comparison(result: Comparison, alignment: str = "none") -> Page:
     )
 
 
-page_of.register(Run, page_of_run)
-page_of.register(CorridorForecast, lambda result, alignment="none": page_of_run(result.run))
-page_of.register(Fit, lambda result, alignment="none": page_of_fit(result))
-page_of.register(RestMeasurement, lambda result, alignment="none": page_of_rest(result))
-page_of.register(ParameterHistory, lambda result, alignment="none": page_of_drift(result))
-page_of.register(RouteReport, lambda result, alignment="none": page_of_route(result))
+page_of.register(Run, run_page)
+page_of.register(CorridorForecast, lambda result, alignment="none": run_page(result.run))
+page_of.register(Fit, lambda result, alignment="none": fit_page(result))
+page_of.register(RestMeasurement, lambda result, alignment="none": rest_page(result))
+page_of.register(ParameterHistory, lambda result, alignment="none": drift_page(result))
+page_of.register(RouteReport, lambda result, alignment="none": route_page(result))

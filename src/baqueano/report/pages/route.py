@@ -24,7 +24,7 @@ ARROWS = 12  # along the path, so that its direction is visible
 HEADING_SHARE = 0.06  # length of the heading at the start, as a share of the route's extent
 
 
-def page_of_route(result: RouteReport) -> Page:
+def route_page(result: RouteReport) -> Page:
     """Return the page of `route check`."""
     caption = _("Arrows: direction of travel. Crosses: places of the findings.")
     limits = _("Dashed: the largest values that the identified vehicle can drive.")

@@ -30,7 +30,7 @@ MAX_FRAME_BYTES = 1 + 2 + MAX_PAYLOAD + 2
 """Bytes of the longest frame between its two zeros."""
 
 
-def crc_of_byte(byte: int) -> int:
+def byte_crc(byte: int) -> int:
     """Return the CRC of one byte with the polynomial of the seal."""
     crc = byte << 8
     for _ in range(8):
@@ -38,7 +38,7 @@ def crc_of_byte(byte: int) -> int:
     return crc
 
 
-CRC_TABLE = [crc_of_byte(byte) for byte in range(256)]
+CRC_TABLE = [byte_crc(byte) for byte in range(256)]
 
 
 class ReceivedFrame(NamedTuple):

@@ -18,7 +18,7 @@ from baqueano.errors import (
     BaqueanoError,
     RobotUnreachable,
     UsageError,
-    error_of_exit_code,
+    exit_code_error,
 )
 from baqueano.messages.language import LANGUAGE_VARIABLE, current_language
 from baqueano.messages.language import translate as _
@@ -123,7 +123,7 @@ def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
         127: fault("ssh.no-baqueano", baqueano_command("robot", "setup", host), host=host),
         255: fault("ssh.not-reached", ssh_line(host), host=host),
     }.get(code, fault("ssh.ended", host=host, verb=" ".join(verb)))
-    raise error_of_exit_code(code, reason_of_error, default_class=RobotUnreachable)
+    raise exit_code_error(code, reason_of_error, default_class=RobotUnreachable)
 
 
 def result_from_host(make_result: "Callable[[list[TableRow]], Result]", host: str, *verb: str) -> Result:

@@ -395,6 +395,6 @@ def _joined_column(columns: tuple[Any, ...], positions: np.ndarray) -> np.ndarra
 def _diagnostic(data: str) -> Diagnostic | None:
     """Return the diagnostic of an event; None if the event has only text, or data of another version."""
     try:
-        return Diagnostic.of_json(json.loads(data)) if data else None
+        return Diagnostic.from_json(json.loads(data)) if data else None
     except (ValueError, RecursionError):
         return None

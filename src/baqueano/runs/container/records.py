@@ -193,9 +193,9 @@ class _RecordReader:
             except DamageError as damage:
                 cause = damage.diagnostic
         self.report_damage(offset, end, cause)
-        return self.end_of_damage(offset, end)
+        return self.damage_end(offset, end)
 
-    def end_of_damage(self, offset: int, end: int) -> int:
+    def damage_end(self, offset: int, end: int) -> int:
         """Return the position after a damaged record: the first chunk inside the record, else the end of the record."""
         chunk = self.next_chunk(offset + 1)
         if chunk >= end or self.walked_twice + end - offset > SEARCH_FACTOR * len(self.data):

@@ -31,7 +31,7 @@ def without_full_scale(
     signal: ColumnSignal, source: Source, values: np.ndarray, findings: list[ImportFinding]
 ) -> np.ndarray:
     """Return `values` (rows, entries) with NaN at full scale; only an IMU is tested. Findings report the gaps."""
-    for k, at_end in _ends_of_entries(signal, source):
+    for k, at_end in _entry_ends(signal, source):
         entry, first_ns = signal.entries[k], int(source.t_ns[np.argmax(at_end.mask)])
         figures = {"rows": len(values), "share": at_end.lost / len(values), "full_scale_count": at_end.at_end}
         ends = [int(end) if end == int(end) else end for end in at_end.ends]
@@ -43,7 +43,7 @@ def without_full_scale(
     return values
 
 
-def _ends_of_entries(signal: ColumnSignal, source: Source) -> Iterator[tuple[int, EndSamples]]:
+def _entry_ends(signal: ColumnSignal, source: Source) -> Iterator[tuple[int, EndSamples]]:
     """Yield each entry that has readings at full scale."""
     for k, (entry, measures) in enumerate(zip(signal.entries, KINDS["imu"], strict=False)):
         if signal.kind == "imu" and entry.column is not None and not entry.derivative:

@@ -281,7 +281,7 @@ def _check_steps(
             )
         )
     if spec.name == m.ticks and not MIN_USUAL_STEP_S <= median_step_s <= MAX_USUAL_STEP_S:
-        findings.append(_rate_of_ticks(table, median_step_s, spec))
+        findings.append(_tick_rate(table, median_step_s, spec))
     gaps = np.flatnonzero(step_s > GAP_STEPS * median_step_s)
     gaps = gaps[np.argsort(-step_s[gaps], kind="stable")]  # the longest first
     for i in gaps[:20]:
@@ -299,7 +299,7 @@ def _check_steps(
         findings.append(ImportFinding("gap", "warning", int(t_ns[gaps[20]]), reason))
 
 
-def _rate_of_ticks(table: LogTable, median_step_s: float, spec: "FileSpec") -> ImportFinding:
+def _tick_rate(table: LogTable, median_step_s: float, spec: "FileSpec") -> ImportFinding:
     """Return the finding about an unusual tick rate: an error if the ticks are too fast, a warning if they are slow."""
     reason = note(
         "recording.tick-lasts",

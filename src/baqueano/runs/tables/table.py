@@ -96,10 +96,10 @@ class LogTable(NamedTuple):
                 values[rows] = list(map(float, block.split(b"\0")))
             except ValueError:
                 for i, cell in enumerate(block.decode().split("\0"), rows.start):
-                    values[i] = self._number_of_cell(cell, column, i)
+                    values[i] = self._cell_number(cell, column, i)
         return values
 
-    def _number_of_cell(self, cell: str, column: str, row: int) -> float:
+    def _cell_number(self, cell: str, column: str, row: int) -> float:
         """Return the number in a cell: NaN for one of MISSING_TEXTS, 1 for true, 0 for false.
         Raise FileError for any other text.
         """

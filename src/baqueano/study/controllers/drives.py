@@ -10,7 +10,7 @@ import numpy as np
 from baqueano.blocks import resolve
 from baqueano.contracts.optional import attribute
 from baqueano.diagnostics import Verdict
-from baqueano.drive import repeat, stop_reason_of
+from baqueano.drive import drive_stop_reason, repeat
 from baqueano.estimators import TrueState
 from baqueano.geometry import pose_error
 from baqueano.guides.shapes import rectangle, sinuous_circle
@@ -151,5 +151,5 @@ def _drive(
 
 def _figures_of(run: "Run", cell: SweepCell, label: str) -> SweepDrive:
     figures, pieces = drive_figures(run)
-    reason = stop_reason_of(run)
+    reason = drive_stop_reason(run)
     return SweepDrive(cell, label, figures, pieces, "" if reason is None else reason.code)

@@ -12,7 +12,7 @@ from functools import partial
 from baqueano.messages.language import translate as _
 from baqueano.study.corridor.drives import CorridorDrive, drive_batch
 from baqueano.study.corridor.recorded import recording_instants
-from baqueano.study.corridor.result import INSTANTS_S, Corridors, Instant, corridors_of
+from baqueano.study.corridor.result import INSTANTS_S, Corridors, Instant, drive_corridors
 from baqueano.sweep.workers import run_in_batches
 
 VEHICLES_AT_ONCE = 10  # vehicles that are simulated together
@@ -39,7 +39,7 @@ def with_recordings(
 ) -> Corridors:
     """Return the corridors of the vehicles with the corridors of windows of recordings added."""
     ends, notes = recording_instants(backend, progress)
-    windows = corridors_of(ends, 0, ())
+    windows = drive_corridors(ends, 0, ())
     lost_cases = corridors.lost | windows.lost
     return replace(corridors, windows=windows.instants, lost=lost_cases, notes=(*corridors.notes, *notes))
 
@@ -54,7 +54,7 @@ def evaluate_corridors(drives: list[CorridorDrive], refused_seeds: list[int]) ->
         for d in drives
         if d.t_s[-1] >= k * d.lap_s
     ]
-    return corridors_of(labelled_instants, len(drives), refused_seeds)
+    return drive_corridors(labelled_instants, len(drives), refused_seeds)
 
 
 def _instant(drive: CorridorDrive, t_s: float) -> Instant:

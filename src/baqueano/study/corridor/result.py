@@ -141,7 +141,7 @@ def has_heading(instant: Instant) -> bool:
     return bool(instant.cov[2, 2] <= MAX_HEADING_STD_RAD**2)
 
 
-def corridors_of(
+def drive_corridors(
     named_instants: Sequence[tuple[str, Instant]], vehicles: int, refused_numbers: Sequence[int]
 ) -> Corridors:
     """Return the corridors of named instants; the names keep the order of their first occurrence."""

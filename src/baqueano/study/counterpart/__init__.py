@@ -5,7 +5,7 @@ from baqueano.study.counterpart.recorded import (
     GroupDrive,
     drive_group,
     readings_without_noise,
-    run_of_vehicle,
+    vehicle_run,
 )
 from baqueano.study.counterpart.robots import FREE_ROBOT, robot_file, robot_values, with_values
 from baqueano.study.counterpart.world import LoopWorld, world_of

@@ -50,7 +50,7 @@ def readings_without_noise(
     return noiseless
 
 
-def run_of_vehicle(
+def vehicle_run(
     group_drive: GroupDrive, k: int, u: np.ndarray, vehicle_file: VehicleFile, name: str, seed: int
 ) -> Run:
     """Return the run of vehicle `k` under u (N, m); with an odometer if the file has one."""

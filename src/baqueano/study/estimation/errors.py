@@ -15,7 +15,7 @@ import numpy as np
 
 from baqueano.compare.errors import absolute_pose_errors, align_trajectory
 from baqueano.messages.language import mark as N_
-from baqueano.numerics.statistics import ratio_of_blocks
+from baqueano.numerics.statistics import block_ratio
 from baqueano.runs.interpolation import interpolate_poses, true_speed
 from baqueano.runs.run import TruthLog
 from baqueano.signals import seconds
@@ -43,7 +43,7 @@ class BlockSums(NamedTuple):
     @property
     def ratio(self) -> tuple[float, float, float]:
         """Return the ratio of the rms errors and its 95 % interval, which is NaN for few blocks.  (1)"""
-        return ratio_of_blocks(self.estimate, self.reference)
+        return block_ratio(self.estimate, self.reference)
 
 
 def merge(block_sums: Sequence[BlockSums]) -> BlockSums:

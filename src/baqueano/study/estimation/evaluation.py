@@ -7,7 +7,7 @@ import numpy as np
 
 from baqueano.compare.consistency import Band, band
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
-from baqueano.drive import replay, stop_reason_of
+from baqueano.drive import drive_stop_reason, replay
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.messages import text
@@ -55,7 +55,10 @@ def evaluate(
         errors = block_errors(run.t_ns, estimate, reference, run.truth)
         speed = (estimate.speed - true_speed(run.t_ns, run.truth)) / np.sqrt(log.cov[rows, 3, 3])
         consistency = filter_consistency(replay_run), band(speed[:, None])
-        names, stop_reason = (f"{subject.name}, {sensors}", sensors, kind), text(stop_reason_of(replay_run))
+        names, stop_reason = (
+            (f"{subject.name}, {sensors}", sensors, kind),
+            text(drive_stop_reason(replay_run)),
+        )
         judgements.append(EstimateEvaluation(*names, errors, *consistency, fit.verdict, stop_reason))
     return judgements
 

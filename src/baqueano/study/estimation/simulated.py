@@ -22,7 +22,7 @@ from baqueano.errors import BaqueanoError
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
 from baqueano.simulate.open_loop import tick_times
-from baqueano.study.counterpart import drive_group, run_of_vehicle
+from baqueano.study.counterpart import drive_group, vehicle_run
 from baqueano.study.estimation.errors import QUANTITIES
 from baqueano.study.estimation.evaluation import EstimateEvaluation, evaluate
 from baqueano.study.estimation.subjects import SENSOR_SETS, Subject
@@ -212,7 +212,7 @@ def subjects_of(job: EstimationJob) -> list[Subject]:
     free, subjects = subject(job.vehicle, job.seeds[0]).free, []
     for k, (seed, vehicle_file) in enumerate(zip(job.seeds, files, strict=True)):
         first, second = (
-            run_of_vehicle(drive, j, signals[j], vehicle_file, f"seed {seeds[j]}", seeds[j])
+            vehicle_run(drive, j, signals[j], vehicle_file, f"seed {seeds[j]}", seeds[j])
             for j in (2 * k, 2 * k + 1)
         )
         first = replace(first, truth=None)  # a real fit does not have a truth

@@ -16,7 +16,7 @@ from baqueano.study.counterpart import (
     drive_group,
     robot_file,
     robot_values,
-    run_of_vehicle,
+    vehicle_run,
 )  # fmt: skip
 from baqueano.study.identification.trials import draw_car, draw_robot, quantised_commands
 from baqueano.study.truth import Cars, Robots, merge
@@ -60,7 +60,7 @@ class FaultSubject(NamedTuple):
         t_ns = tick_times(len(effective[0]), self.vehicle_file.rate_hz)
         drive = drive_group(merge(vehicles), np.stack(effective, axis=1), [self.seed] * len(vehicles), t_ns)
         return [
-            run_of_vehicle(drive, k, u, self.vehicle_file, f"seed {self.seed}", self.seed)
+            vehicle_run(drive, k, u, self.vehicle_file, f"seed {self.seed}", self.seed)
             for k, u in enumerate(logged_commands)
         ]
 

@@ -43,7 +43,7 @@ BARS_TEXT = N_(
 )
 
 
-def page_of_identification(study: Identification) -> Page:
+def identification_page(study: Identification) -> Page:
     """Return the page with table, verdicts and figures of the study."""
     rows = study.rows()
     seeds_text = _("{seeds:,} seeds", seeds=study.seeds)

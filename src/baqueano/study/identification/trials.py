@@ -32,7 +32,7 @@ from baqueano.study.counterpart import (
     readings_without_noise,
     robot_file,
     robot_values,
-    run_of_vehicle,
+    vehicle_run,
 )  # fmt: skip
 from baqueano.study.counterpart.cars import SPEED, speed_at
 from baqueano.study.demo import GUESSED_VALUES
@@ -163,7 +163,7 @@ def _robot_outcomes(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
         clean: Fit | None = None
         for case in cases:
             q = robots[k] if case != "rough" else _with_coarse_readings(robots[k])
-            run = run_of_vehicle(
+            run = vehicle_run(
                 drives[case], k, signals[k], initial_file(q), f"robot {job.seeds[k]}", job.seeds[k]
             )
             fit = _fit(run, q, case, job.seeds[k], job.backend)
@@ -251,7 +251,7 @@ def _car_outcomes(job: TrialJob, case: str) -> list[TrialOutcome]:
     )
     outcomes = []
     for k, seed in enumerate(job.seeds):
-        run = run_of_vehicle(drive, k, signals[k], files[k], f"car {seed}", seed)
+        run = vehicle_run(drive, k, signals[k], files[k], f"car {seed}", seed)
         fit = identify(run, files[k], FREE_CAR_ON_TYRES, options=FitOptions(backend=job.backend))
         outcomes.append(_outcome(case, seed, fit, car_values(cars[k]), {}, None))
     return outcomes

@@ -101,17 +101,17 @@ class LapStudy:
 
     def _row(self, case: LapCase) -> "TableRow":
         full_drives = [w for w in self.full_drives if w.case == case]
-        laps_of_case = [d for d in self.drives if d.case == case]
-        first, last = ([d for d in laps_of_case if d.lap == lap] for lap in (1, self.laps))
-        later_laps = [d for d in laps_of_case if d.lap > SETTLING_LAPS]
+        case_laps = [d for d in self.drives if d.case == case]
+        first, last = ([d for d in case_laps if d.lap == lap] for lap in (1, self.laps))
+        later_laps = [d for d in case_laps if d.lap > SETTLING_LAPS]
         stops = [
-            max(d.lap for d in laps_of_case if d.seed == w.seed)
+            max(d.lap for d in case_laps if d.seed == w.seed)
             for w in full_drives
-            if not self._is_whole(laps_of_case, w.seed)
+            if not self._is_whole(case_laps, w.seed)
         ]
         keeps = [
-            self._is_whole(laps_of_case, w.seed)
-            and max(d.across_m for d in laps_of_case if d.seed == w.seed) <= MAX_DISTANCE_M
+            self._is_whole(case_laps, w.seed)
+            and max(d.across_m for d in case_laps if d.seed == w.seed) <= MAX_DISTANCE_M
             for w in full_drives
         ]
         return case._asdict() | {
@@ -120,17 +120,17 @@ class LapStudy:
             "forecast": float(np.mean([w.forecast for w in full_drives])),
             "first_across_p95_m": _quantile([d.across_m for d in first], 0.95),
             "last_across_p95_m": _quantile([d.across_m for d in last], 0.95),
-            "across_worst_m": _quantile([d.across_m for d in laps_of_case], 1.0),
+            "across_worst_m": _quantile([d.across_m for d in case_laps], 1.0),
             "position_worst_m": _quantile([d.position_m for d in later_laps], 1.0),
-            "region_share": _mean([d.region_share for d in laps_of_case]),
-            "nees": _mean([d.nees for d in laps_of_case]),
+            "region_share": _mean([d.region_share for d in case_laps]),
+            "nees": _mean([d.nees for d in case_laps]),
             "stopped": len(stops),
             "stop_lap_median": _quantile([float(lap) for lap in stops], 0.5),
             "wall_contacts": sum(w.touches for w in full_drives),
         }
 
-    def _is_whole(self, laps_of_case: list[Lap], seed: int) -> bool:
-        return sum(d.is_complete for d in laps_of_case if d.seed == seed) == self.laps
+    def _is_whole(self, case_laps: list[Lap], seed: int) -> bool:
+        return sum(d.is_complete for d in case_laps if d.seed == seed) == self.laps
 
     @property
     def reasons(self) -> tuple[str, ...]:

@@ -1,10 +1,10 @@
 """Measure how often `lap_closure` refuses a taught lap of an independent robot that ends away from its mark.
 
     from baqueano.study.corridor.vehicles import identify_vehicles, vehicles
-    from baqueano.study.laps.returns import ends_of_laps, refused_share
+    from baqueano.study.laps.returns import lap_ends, refused_share
 
     seeds = range(10, 60)
-    ends = ends_of_laps(seeds, identify_vehicles(vehicles(seeds), seeds, "auto"), "rectangle")
+    ends = lap_ends(seeds, identify_vehicles(vehicles(seeds), seeds, "auto"), "rectangle")
     refused_share(ends, distance_m=0.1)
 
 The estimated end is moved, so one lap of a robot gives all distances.
@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from baqueano.drive.closure import LapEnd, closure_of_end, lap_end
+from baqueano.drive.closure import LapEnd, end_closure, lap_end
 from baqueano.errors import AnswerNo
 from baqueano.study.corridor.vehicles import vehicles
 from baqueano.study.laps.team import MARK_M, simulate_taught_laps
@@ -23,7 +23,7 @@ from baqueano.vehicle_file import VehicleFile
 DIRECTIONS = 24
 
 
-def ends_of_laps(
+def lap_ends(
     seeds: Sequence[int], files: Sequence[VehicleFile | None], shape: str
 ) -> list[tuple[LapEnd, VehicleFile]]:
     """Return the end of a lap of each robot, with its file. A robot without a file does not drive."""
@@ -46,7 +46,7 @@ def refused_share(
 
 def _is_refused(end: LapEnd, vehicle_file: VehicleFile) -> bool:
     try:
-        closure_of_end(end, vehicle_file, "lap")
+        end_closure(end, vehicle_file, "lap")
     except AnswerNo:
         return True
     return False

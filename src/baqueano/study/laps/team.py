@@ -120,12 +120,12 @@ def calibrate_by_lap(
     ]
     laps = simulate_taught_laps(robots, seeds, files)
     return [
-        initial_file() if fit.verdict == Verdict.REFUSED else _with_scale_of_lap(lap, vehicle_file)
+        initial_file() if fit.verdict == Verdict.REFUSED else _with_lap_scale(lap, vehicle_file)
         for fit, lap, vehicle_file in zip(fits, laps, files, strict=True)
     ]
 
 
-def _with_scale_of_lap(lap: Run, vehicle_file: VehicleFile) -> VehicleFile:
+def _with_lap_scale(lap: Run, vehicle_file: VehicleFile) -> VehicleFile:
     try:
         return initial_file().with_values(lap_closure(lap, vehicle_file, MARK_M).values)
     except AnswerNo:

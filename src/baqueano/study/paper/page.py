@@ -23,7 +23,7 @@ PATH_CAPTION = N_(
 )
 
 
-def page_of_paper(study: CaseStudy, models: tuple[ModelEvaluation, ...], backend: str = "auto") -> Page:
+def paper_page(study: CaseStudy, models: tuple[ModelEvaluation, ...], backend: str = "auto") -> Page:
     """Return the page with the tables and figures of the case studies."""
     fit = study.fits[0]
     labels = [label(c) for c in fit.channels]

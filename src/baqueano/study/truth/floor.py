@@ -46,10 +46,10 @@ class TagReaders:
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported positions (n, 2) [m] at `t_s`; NaN without a report."""
         return self._reports.readings_at(
-            t_s, [(i, self._measure_of_tag(k, eta[i])) for i, k in self._detector.passages(eta[:, :2])]
+            t_s, [(i, self._tag_measure(k, eta[i])) for i, k in self._detector.passages(eta[:, :2])]
         )
 
-    def _measure_of_tag(self, k: int, eta: np.ndarray) -> Measure:
+    def _tag_measure(self, k: int, eta: np.ndarray) -> Measure:
         def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
             z = eta[:2] + self._noise_m * draw.standard_normal((2, 2))
             if mistaken:
@@ -73,10 +73,10 @@ class Gate:
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported poses (n, 3) [m, m, rad] at `t_s`; NaN without a report."""
         return self._reports.readings_at(
-            t_s, [(i, self._measure_of_pose(eta[i])) for i, _ in self._detector.passages(eta[:, :2])]
+            t_s, [(i, self._pose_measure(eta[i])) for i, _ in self._detector.passages(eta[:, :2])]
         )
 
-    def _measure_of_pose(self, eta: np.ndarray) -> Measure:
+    def _pose_measure(self, eta: np.ndarray) -> Measure:
         def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
             z = eta + self._noise * draw.standard_normal((2, 3))
             if mistaken:
@@ -106,10 +106,10 @@ class FloorLines:
         )
         passages = np.argwhere(is_passage).tolist()
         return self._reports.readings_at(
-            t_s, [(i, self._measure_of_line(k, self._beyond_m[i, k])) for i, k in passages]
+            t_s, [(i, self._line_measure(k, self._beyond_m[i, k])) for i, k in passages]
         )
 
-    def _measure_of_line(self, k: int, beyond_m: float) -> Measure:
+    def _line_measure(self, k: int, beyond_m: float) -> Measure:
         def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
             z, n = np.full((2, len(self._poses)), np.nan), len(self._poses)
             z[:, draw.choice(_other_indices(n, k)) if mistaken else k] = beyond_m

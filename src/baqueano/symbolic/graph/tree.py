@@ -184,13 +184,13 @@ def kind_finder(symbols: dict[Node, str]) -> Callable[[Tree], str]:
             )
             stack += unknown_parts
             if not unknown_parts:
-                kinds.setdefault(stack.pop(), _kind_of_node(pending, kinds))
+                kinds.setdefault(stack.pop(), _node_kind(pending, kinds))
         return kinds[node]
 
     return kind_of
 
 
-def _kind_of_node(node: Node, kinds_of: dict[Node, str]) -> str:
+def _node_kind(node: Node, kinds_of: dict[Node, str]) -> str:
     if node.op not in _INTEGER_OPERATORS:
         return "b" if node.op in LOGICAL else "f"
     args = node.args[1:] if node.op == "where" else node.args

@@ -19,7 +19,7 @@ from baqueano.blocks import LOOP_ROLES, check_role, kind_of, read_module
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.file import VehicleFile, parse
-from baqueano.vehicle_file.paths import known_paths, no_such_key, split_key, value_in_force
+from baqueano.vehicle_file.paths import current_value, known_paths, no_such_key, split_key
 from baqueano.vehicle_file.provenance import ParameterCov, Provenance
 from baqueano.vehicle_file.text.dump import dump
 from baqueano.vehicle_file.text.toml_text import read_text
@@ -256,7 +256,7 @@ def _array_with_entry(
 ) -> np.ndarray:
     """Return the whole array of a key with one entry replaced. Raise UsageError if the array lacks this entry."""
     array = np.array(
-        value_in_force(vehicle_file, ".".join(path)) if array_value is None else array_value, dtype=float
+        current_value(vehicle_file, ".".join(path)) if array_value is None else array_value, dtype=float
     )
     if len(entry) != array.ndim or any(i >= n for i, n in zip(entry, array.shape, strict=True)):
         raise UsageError(

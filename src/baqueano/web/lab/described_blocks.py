@@ -175,10 +175,10 @@ def _class_text(cls: type) -> "JsonObject":
     text = source_text(cls)
     module = cls.__module__.removeprefix("baqueano.").replace(".", "/")
     return {"file": f"{module}.py" if _is_own(cls) else f"{cls.__name__}", "text": text[:MAX_TEXT_LETTERS],
-            "line": _line_of_class(text, cls.__name__)}  # fmt: skip
+            "line": _class_line(text, cls.__name__)}  # fmt: skip
 
 
-def _line_of_class(text: str, name: str) -> int:
+def _class_line(text: str, name: str) -> int:
     """Return the line number, from 0 on, at which the class begins; 0 if it is not found."""
     return next((k for k, line in enumerate(text.splitlines()) if line.startswith(f"class {name}")), 0)
 

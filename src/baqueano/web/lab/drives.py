@@ -51,7 +51,7 @@ class DriveIdentifications:
             run = read_run(path)
             packed_run, drive = pack_run(run), DriveIdentification(recorded_vehicle_file(run))
             drive.add_rows([field["name"] for field in packed_run.fields], packed_run.columns.tolist())
-            self._answers[key] = drive.state_of_run(run)
+            self._answers[key] = drive.run_state(run)
             drive.close()
             while len(self._answers) > MAX_ANSWERS:
                 del self._answers[next(iter(self._answers))]

@@ -155,7 +155,7 @@ class DriveIdentification:
             self._job = self._thread.submit(self._fit, self.run())
         return self._description()
 
-    def state_of_run(self, run: Run) -> "JsonObject":
+    def run_state(self, run: Run) -> "JsonObject":
         """Return the state for a finished run, with fits of growing parts of it; all its rows must have been added."""
         end_times_s = np.geomspace(
             FIRST_FIT_S, max(FIRST_FIT_S, run.duration_s), FIT_COUNT if self.compiled else 1

@@ -157,7 +157,7 @@ def with_sentences(reply: "JsonObject", language: str) -> "JsonObject":
 def _as_sentences(value: Value, name: str) -> Value:
     if isinstance(value, dict):
         if "code" in value and "severity" in value:
-            return text(Diagnostic.of_json(value))
+            return text(Diagnostic.from_json(value))
         return {key: _as_sentences(item, key) for key, item in value.items()}
     if isinstance(value, list) and value and isinstance(value[0], dict):
         return [_as_sentences(item, "") for item in value]

@@ -77,7 +77,7 @@ class LocalFiles:
             return
         message = note("web.taught", route=route) if route else note("web.fetched", run=reply["run"])
         if reply["no_route"] is not None:
-            reason = Diagnostic.of_json(reply["no_route"])
+            reason = Diagnostic.from_json(reply["no_route"])
             message = note("web.not-taught", Severity.ERROR, run=reply["run"], route=route, reason=reason)
         report(message, reply["routes"])
 

@@ -181,7 +181,7 @@ class RunPlayer:
     def _send_event(self, event: "JsonObject") -> None:
         if isinstance(event["text"], dict):
             self._on_message(
-                {"type": "event", "level": event["severity"], "message": Diagnostic.of_json(event["text"])}
+                {"type": "event", "level": event["severity"], "message": Diagnostic.from_json(event["text"])}
             )
 
     def _send_state(self) -> None:
@@ -252,9 +252,9 @@ def read_entries(source: BinaryIO, write: "Callable[[Entry], object]") -> None:
             if "tuned" in entry:
                 write(dict(entry["tuned"]))
             elif "step" in entry:
-                write(WorkStep(Diagnostic.of_json(entry["step"])))
+                write(WorkStep(Diagnostic.from_json(entry["step"])))
             else:
-                write(Path(entry["play"]) if "play" in entry else Diagnostic.of_json(entry["say"]))
+                write(Path(entry["play"]) if "play" in entry else Diagnostic.from_json(entry["say"]))
         except (ValueError, KeyError, TypeError):
             continue
     write(None)

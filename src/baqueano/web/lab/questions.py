@@ -151,7 +151,7 @@ class Questions:
             reply, _ = await self.slow.request(
                 "lap closure", **(self.subject_of({}) | {"run": lap, "route": route})
             )
-            return Diagnostic.of_json(reply["message"])
+            return Diagnostic.from_json(reply["message"])
         arguments = {"gains": message["gains"]} | self._tuning_request({"route": message.get("route")})
         reply, _ = await self._bench.request("write", visitor, **arguments)
         return note("web.tuned", file=reply["file"])
@@ -164,7 +164,7 @@ class Questions:
     async def _check(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         reply, _ = await self.slow.request("check", visitor, **self._block_request(message))
         with use_language(visitor.language):
-            return {"findings": [text(Diagnostic.of_json(finding)) for finding in reply["findings"]]}
+            return {"findings": [text(Diagnostic.from_json(finding)) for finding in reply["findings"]]}
 
     def _block_request(self, message: "JsonObject") -> "JsonObject":
         role = str(message["room"])[:MAX_NAME_LETTERS]

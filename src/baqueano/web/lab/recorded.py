@@ -150,7 +150,7 @@ def _field_description(name: str, commands: list[str], unit: str) -> "JsonObject
     if prefix in ("u", "requested"):
         return {"unit": unit, "group": commands[int(remainder)]}
     if prefix in ("z", "model", "innov", "S"):
-        return {"unit": _unit_of_reading(remainder), "group": remainder.partition("[")[0]}
+        return {"unit": _reading_unit(remainder), "group": remainder.partition("[")[0]}
     similar_name = name.replace("truth.", "eta.").replace("ref.", "eta.") if name != "ref.u" else name
     units = {"progress": "m", "cross": "m"}
     return {
@@ -159,7 +159,7 @@ def _field_description(name: str, commands: list[str], unit: str) -> "JsonObject
     }
 
 
-def _unit_of_reading(channel: str) -> str:
+def _reading_unit(channel: str) -> str:
     """Return the unit of an IMU channel, or "" for the channels of other sensors."""
     return {"imu[0]": "m/s²", "imu[1]": "m/s²", "imu[2]": "rad/s"}.get(channel, "")
 

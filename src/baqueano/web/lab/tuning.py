@@ -158,7 +158,7 @@ def route_names(request: "JsonObject") -> list[str]:
     """Return the names of the possible routes: the run's route, the stored routes, and the shapes."""
     names = sorted(_route_files(request))
     return [
-        *([ROUTE_OF_RUN] if "path" in request and route_of_run(request) is not None else []),
+        *([ROUTE_OF_RUN] if "path" in request and stored_run_route(request) is not None else []),
         *names,
         *SHAPE_NAMES,
     ]
@@ -173,7 +173,7 @@ def _route(request: "JsonObject") -> "Route":
     name = request["route"]
     if name in SHAPE_NAMES:
         return shape(name, SIZE_M, SPEED_M_S)
-    if name == ROUTE_OF_RUN and "path" in request and (route := route_of_run(request)) is not None:
+    if name == ROUTE_OF_RUN and "path" in request and (route := stored_run_route(request)) is not None:
         return route
     route_files = _route_files(request)
     if name not in route_files:
@@ -181,7 +181,7 @@ def _route(request: "JsonObject") -> "Route":
     return read_route(route_files[name])
 
 
-def route_of_run(request: "JsonObject") -> "Route | None":
+def stored_run_route(request: "JsonObject") -> "Route | None":
     """Return the references of a run as a route; None if they are missing or do not move."""
     from baqueano.guides.route import Route
     from baqueano.runs import read_run

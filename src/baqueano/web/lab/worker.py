@@ -250,12 +250,12 @@ def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.runs import read_run
     from baqueano.runs.route_file import write_route
     from baqueano.vehicle_file.provenance import Provenance
-    from baqueano.web.lab.tuning import requested_vehicle_file, route_of_run
+    from baqueano.web.lab.tuning import requested_vehicle_file, stored_run_route
 
     vehicle_file, run = requested_vehicle_file(request), read_run(Path(request["run"]))
     if vehicle_file.path is None:
         raise UsageError(fault("web.tune-garage", "baqueano new mylab", vehicle=vehicle_file.name))
-    by_hand = run.metadata.get("kind") == "teach" and route_of_run({"path": request["run"]}) is None
+    by_hand = run.metadata.get("kind") == "teach" and stored_run_route({"path": request["run"]}) is None
     if vehicle_file.is_guess or not by_hand or recorded_vehicle_file(run).name != vehicle_file.name:
         raise AnswerNo(fault("web.no-lesson", run=run.name, vehicle=vehicle_file.name))
     lap_runs = [

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 from baqueano.diagnostics import Diagnostic, fault
-from baqueano.errors import error_of_exit_code
+from baqueano.errors import exit_code_error
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -44,7 +44,7 @@ class WorkerClient:
             self._task.add_done_callback(lambda _: self._turn.release())
             reply, payload = await asyncio.shield(self._task)
         if "refusal" in reply:
-            raise error_of_exit_code(reply["code"], Diagnostic.of_json(reply["refusal"]))
+            raise exit_code_error(reply["code"], Diagnostic.from_json(reply["refusal"]))
         return reply, payload
 
     async def _exchange(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
