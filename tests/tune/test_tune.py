@@ -328,7 +328,7 @@ def test_a_start_beside_the_route_makes_feedback_gains_identifiable():
     feedforward = load("small")
     gains = tune(feedforward, ROUTE, starts=3, polish=False)
     assert gains.verdict == "USABLE"
-    assert all(g.bound_side == 0 and g.cost_less > 1.0 for g in gains.gains if g.name != "k_i")
+    assert all(g.bound_side == 0 and g.cost_at_lower_gain > 1.0 for g in gains.gains if g.name != "k_i")
     assert gains.drive.saturated_fraction < 0.1
     flat = tuning_objective(feedforward, ROUTE, aside_m=0.0)
     assert flat.cost(np.array([0.1, 0.5, 2.0, 0.5])) == pytest.approx(

@@ -144,8 +144,8 @@ class NextMotion(NamedTuple):
 
     words: Diagnostic
     parameter: int  # index among those of interest
-    before: float  # relative standard error
-    after: float
+    error_before: float  # relative standard error
+    error_after: float
 
 
 def named_motions(limit: np.ndarray, rate_hz: float) -> list[SuggestedMotion]:

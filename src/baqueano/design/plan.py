@@ -292,7 +292,7 @@ def feasible_primitives(
 ) -> list[int]:
     """Return the indices of primitives that the vehicles of `cloud` can drive one after the other, in place of `order`.
     The drive begins after `rest_ticks` ticks at rest. `commands` returns the commands (T, n) of a primitive. The test
-    is (4) of room.py."""
+    is (4) of containment.py."""
     state, tick, order_kept = cloud.state_at(room.start), rest_ticks, list(order)
     if rest_ticks:
         state, _ = cloud.drive(state, np.zeros((rest_ticks, commands(0).shape[1])))

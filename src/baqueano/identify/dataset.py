@@ -182,7 +182,7 @@ def sensors_of(
     truth, the truth becomes a sensor. Raise UsageError without runs, for an unknown sensor or channel, or if no sensor
     has readings in all runs."""
     if not runs:
-        raise UsageError(fault("runs.none", "baqueano identify RUN"))
+        raise UsageError(fault("runs.none", "bq.identify(run, robot)"))
     names_of_file = vehicle_file.sensors._fields
     if use is None:
         use = [

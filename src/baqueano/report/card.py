@@ -151,7 +151,8 @@ def _comparison_card(result: Comparison) -> Card:
 def _tune_card(result: TuneResult) -> Card:
     rows = [
         {"gain": gain.name, "value": gain.value, "unit": shown_unit(gain.unit), "in the file": gain.file_value,
-         "cost at × 0.8 [%]": 100.0 * (gain.cost_less - 1.0), "at × 1.25 [%]": 100.0 * (gain.cost_more - 1.0)}
+         "cost at × 0.8 [%]": 100.0 * (gain.cost_at_lower_gain - 1.0),
+         "at × 1.25 [%]": 100.0 * (gain.cost_at_higher_gain - 1.0)}
         for gain in result.gains
     ]  # fmt: skip
     title = text(note("front.card-tuned", vehicle=result.vehicle_file.name))

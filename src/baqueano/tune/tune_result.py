@@ -43,8 +43,8 @@ class Gain(NamedTuple):
     low: float
     high: float
     bound_side: int  # −1 at the lower bound, +1 at the upper, else 0
-    cost_less: float  # cost with 0.8 times the gain, relative to the least cost
-    cost_more: float  # cost with 1.25 times the gain, relative to the least cost
+    cost_at_lower_gain: float  # cost with 0.8 times the gain, relative to the least cost
+    cost_at_higher_gain: float  # cost with 1.25 times the gain, relative to the least cost
 
 
 class WorstCase(NamedTuple):
@@ -212,7 +212,9 @@ class TuneResult(Result):
             row: TableRow = {"name": g.name, "value": g.value, "unit": g.unit, "file_value": g.file_value}
             row |= {"low": g.low, "high": g.high, "bound": {-1: "low", 1: "high"}.get(g.bound_side)}
             table_rows.append(
-                row | {"cost_at_0.8": g.cost_less, "cost_at_1.25": g.cost_more} | shared_columns
+                row
+                | {"cost_at_0.8": g.cost_at_lower_gain, "cost_at_1.25": g.cost_at_higher_gain}
+                | shared_columns
             )
         return table_rows
 
@@ -222,7 +224,7 @@ class TuneResult(Result):
         rows = (
             [g.name, f"{number(g.value):.4g}", shown_unit(g.unit),
              f"{number(g.file_value):.4g}" if np.isfinite(g.file_value) else "-",
-             *(f"{number(100 * (cost - 1)):+.1f} %" for cost in (g.cost_less, g.cost_more))]
+             *(f"{number(100 * (cost - 1)):+.1f} %" for cost in (g.cost_at_lower_gain, g.cost_at_higher_gain))]
             for g in self.gains
         )  # fmt: skip
         lines = text_table("<><>>>", head, *rows)

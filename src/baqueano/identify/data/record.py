@@ -74,7 +74,7 @@ class FitRecord(NamedTuple):
         sensors = {name: s._replace(mask=s.mask * mask[:, None]) for name, s in self.sensors.items()}
         return self._replace(sensors=sensors)
 
-    def after(self, unknown_s: float) -> "FitRecord":
+    def without_start(self, unknown_s: float) -> "FitRecord":
         """Return the record without the measurements of the first `unknown_s` [s]. In this time the vehicle moves by
         commands before the record, which are unknown."""
         return self.with_mask(np.cumsum(self.dt_s) > unknown_s)

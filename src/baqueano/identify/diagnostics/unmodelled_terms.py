@@ -165,18 +165,18 @@ def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -
 
 
 def term_columns(
-    blocks: FittedBlocks, problem: Residuals, fitted_motion: FittedMotion
+    blocks: FittedBlocks, problem: Residuals, fit_motion: FittedMotion
 ) -> Callable[[], list[TermColumns]]:
     """Return a function that computes the columns of a fitted motion; their slow part already runs on another core."""
-    force_columns = _force_columns(blocks, problem, fitted_motion)
-    return lambda: [force_columns(), _reading_columns(blocks, problem, fitted_motion)]
+    force_columns = _force_columns(blocks, problem, fit_motion)
+    return lambda: [force_columns(), _reading_columns(blocks, problem, fit_motion)]
 
 
-def _reading_columns(blocks: FittedBlocks, problem: Residuals, fitted_motion: FittedMotion) -> TermColumns:
+def _reading_columns(blocks: FittedBlocks, problem: Residuals, fit_motion: FittedMotion) -> TermColumns:
     """Return the terms that change only the readings.  (6)"""
     labels: list[LabelledTerm] = []
     columns = []
-    for record, motion, weight in zip(problem.records, fitted_motion.motions, problem.weights, strict=True):
+    for record, motion, weight in zip(problem.records, fit_motion.motions, problem.weights, strict=True):
         readings = _reading_terms(blocks, problem, record, motion)
         labels = [(code, term_note) for code, term_note, _ in readings]
         columns.append(np.stack([(D * weight).ravel() for _, _, D in readings]))
@@ -184,17 +184,17 @@ def _reading_columns(blocks: FittedBlocks, problem: Residuals, fitted_motion: Fi
 
 
 def _force_columns(
-    blocks: FittedBlocks, problem: Residuals, fitted_motion: FittedMotion
+    blocks: FittedBlocks, problem: Residuals, fit_motion: FittedMotion
 ) -> Callable[[], TermColumns]:
     """Return a function that computes the columns of the forces.  (1)"""
     channels = [driven_channels(blocks.model, record.u) for record in problem.records]
     largest = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
-    kernel, scale = fitted_motion.push, np.where(largest > 0.0, largest, 1.0)
+    kernel, scale = fit_motion.push, np.where(largest > 0.0, largest, 1.0)
     candidates = [force for axis in FORCE_AXES for force in force_terms(axis, len(largest))]
     speeds = dry_friction_speeds(blocks.model)
 
     def rows_of(k: int) -> np.ndarray:
-        record, nu = problem.records[k], fitted_motion.motions[k].nu
+        record, nu = problem.records[k], fit_motion.motions[k].nu
         phi = [
             command_features(channels[k] / scale, record),
             *(motion_features(axis, nu, record, speeds[axis]) for axis in FORCE_AXES),
@@ -202,7 +202,7 @@ def _force_columns(
         return motion_rows(record, problem.weights[k], *phi, *mean_columns(record, problem.shape.means))
 
     def derivatives(k: int, rows: np.ndarray) -> np.ndarray:
-        return np.asarray(kernel.sensitivities(rows, np.zeros(len(candidates)), fitted_motion.starts[k])[1])
+        return np.asarray(kernel.sensitivities(rows, np.zeros(len(candidates)), fit_motion.starts[k])[1])
 
     work_rows = sum(map(len, channels)) if problem.scan.backend == "c" else 0
     if len(channels) == 1:

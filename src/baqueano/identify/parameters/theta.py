@@ -267,7 +267,7 @@ def records_of(
         intervals_s = [longest_interval_s(s.mean_weights, record.dt_s) for s in record.sensors.values()]
         lead_s = max(delay_s, settled_s, past_s, *intervals_s)
         if not options.at_rest:
-            record = record.after(_unknown_s(record, float(getattr(drivetrain, "delay_s", 0.0))))
+            record = record.without_start(_unknown_s(record, float(getattr(drivetrain, "delay_s", 0.0))))
         segments += [record] if options.segment_s is None else split_record(record, options.segment_s, lead_s)
     return segments
 

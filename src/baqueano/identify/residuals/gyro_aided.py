@@ -57,7 +57,7 @@ class GyroAidedResiduals(Residuals):
         self, blocks: FittedBlocks, shape: ThetaShape, records: Sequence[FitRecord], backend: str = "auto"
     ) -> None:
         is_delay_free = DELAY_PATH in shape.shared_paths
-        records = [record.after(_unknown_s(record, blocks, is_delay_free)) for record in records]
+        records = [record.without_start(_unknown_s(record, blocks, is_delay_free)) for record in records]
         super().__init__(blocks, shape, records, backend)
         imu = self.names[0]
         self.rows = [

@@ -314,7 +314,12 @@ class DriveIdentification:
         if advice is None:
             return None
         label = label_of(self._free[advice.parameter]).to_json()
-        return {"motion": advice.words.to_json(), "label": label, "from": advice.before, "to": advice.after}
+        return {
+            "motion": advice.words.to_json(),
+            "label": label,
+            "from": advice.error_before,
+            "to": advice.error_after,
+        }
 
 
 def label_of(parameter: FreeParameter) -> Diagnostic:
