@@ -129,7 +129,7 @@ def test_show_counts_rates_gaps_and_events():
     assert (odometer["count"], odometer["nan_rows"], odometer["delay_ms"]) == (3, 1, pytest.approx(3.0))
     assert listing.verdict == "USABLE"
     text = listing.table()
-    assert "0007-x: 6 ticks, 0.07 s. seed 7" in text
+    assert "0007-x: 6 ticks, 0.07 s. seed: 7" in text
     assert "71.43 Hz" in text
     assert "0.010 s  warning  supervisor: slow 1" in text
     assert "and 5 more events" in text
@@ -151,7 +151,7 @@ def test_show_lists_topics_and_the_notes_of_the_reader(run):
 def test_show_rounds_the_start_of_a_run(run):
     start = "0.0001351260208695354 -3.551184036010849e-06 0.0"
     shown_text = show(replace(run, metadata=run.metadata | {"start": start})).table()
-    assert "start 0.0001 0 0" in shown_text
+    assert "start [m, rad]: 0.0001 0 0" in shown_text
 
 
 def test_the_logs_of_a_run_print_the_shapes_of_their_arrays(run):
@@ -164,7 +164,7 @@ def test_show_translates_the_names_and_numbers_of_the_metadata(run):
     metadata = {"machine": "Linux x86_64", "rest_s": "2.5"}
     with use_language("es"):
         shown_text = " ".join(show(replace(run, metadata=metadata)).table().split())
-    assert "reposo antes del recorrido [s] 2,5" in shown_text
+    assert "reposo antes del recorrido [s]: 2,5" in shown_text
     assert "machine" not in shown_text
 
 
