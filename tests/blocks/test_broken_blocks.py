@@ -105,6 +105,12 @@ BROKEN = {
         "np.sqrt(-1.0 - e[0] ** 2)",
         [("check.not-finite", {"field": "Command.u"})],
     ),
+    "divides by the speed of its reference": (
+        "controller",
+        "self.gain * e[0]",
+        "self.gain * e[0] / reference.nu[0]",
+        [("check.not-finite", {"field": "Command.u", "situation": "when.rest"})],
+    ),
     "no stamp": (
         "controller",
         "Command(estimate.t_ns",

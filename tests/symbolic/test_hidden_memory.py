@@ -44,8 +44,11 @@ class WithMemory:
     def draw(self, x):
         return x + np.random.default_rng().normal()
 
+    def draw_array(self, x):  # NumPy's compiled code calls np.empty, and writes floats into the memory of the array
+        return x + np.random.default_rng().normal(size=3)
 
-@pytest.mark.parametrize("name", ["add", "append", "integrate_to", "draw"])
+
+@pytest.mark.parametrize("name", ["add", "append", "integrate_to", "draw", "draw_array"])
 def test_a_step_with_memory_or_noise_of_its_own_is_refused_and_its_block_is_unchanged(name):
     block = WithMemory()
     with refused("trace.not-pure"):

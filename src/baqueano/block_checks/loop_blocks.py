@@ -110,7 +110,7 @@ def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
     """Return the faults of a controller.
 
     In the check, the controller follows a circle across ψ = π. Then it follows the same circle in a map that is moved
-    and turned, and with headings that are one full turn larger.
+    and turned, and with headings that are one full turn larger. At last it rests at a reference at rest.
 
     Parameters
     ----------
@@ -139,8 +139,17 @@ def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
             trial.add_fault("check.full-turn", "step")
         elif np.max(np.abs(u_rotated - u_plain)) > scale:
             trial.add_fault("check.world-moved", "step")
+        _check_command_at_rest(trial, commands)
         _check_clock_start(trial, "controller", default_sensors(), commands)
     return trial.reported_faults()
+
+
+def _check_command_at_rest(trial: Trial, n: int) -> None:
+    rest, context, pose = np.zeros(3), note("when.rest"), np.zeros(3)
+    reference, estimate = Reference(TICK_NS, pose, rest, 0.0), Estimate(TICK_NS, pose, rest, 1e-6 * np.eye(6))
+    _, command = trial.step(context, trial.checked_call("init", AT_START), reference, estimate)
+    trial.expect_record(command, Command, "(state, Command(t_ns, u))")
+    trial.expect("Command.u", command.u, (n,), context)
 
 
 def _circle_commands(trial: Trial, n: int, offset: np.ndarray, turn: float) -> np.ndarray:

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 import numpy as np
 
@@ -60,12 +61,20 @@ def tracing() -> Iterator[int]:
 
 def _while_traced(original: Callable[..., Value], make: Callable[..., Value]) -> Callable[..., Value]:
     def call(*args: Value, **kwargs: Value) -> Value:
-        if not _context.depth or sys._getframe(1).f_globals.get("__name__", "").startswith(_OWN_MODULES):
-            return original(*args, **kwargs)
-        return make(original, *args, **kwargs)
+        if _context.depth and _is_called_by(sys._getframe(1), original.__name__):
+            return make(original, *args, **kwargs)
+        return original(*args, **kwargs)
 
     call.__name__, call.__doc__ = original.__name__, original.__doc__
     return call
+
+
+def _is_called_by(frame: FrameType, name: str) -> bool:
+    """Return True if the code of this frame calls the function of this name and can receive scalars. Compiled code,
+    such as that of `numpy.random`, has no frame, and writes floats into the memory of the array.
+    """
+    is_own = frame.f_globals.get("__name__", "").startswith(_OWN_MODULES)
+    return name in frame.f_code.co_names and not is_own
 
 
 def _array(original: Callable[..., Value], obj: Value, dtype: Value = None, **kwargs: Value) -> Value:
