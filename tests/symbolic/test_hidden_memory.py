@@ -8,7 +8,7 @@ import pytest
 from baqueano.symbolic import compile_block, function
 from tests.codes import refused
 
-FACTOR = 1.0
+FACTOR, TOTAL = 1.0, 0.0
 
 
 @dataclass
@@ -33,6 +33,11 @@ class WithMemory:
         self.sum = self.sum + x
         return self.sum
 
+    def add_to_global(self, x):
+        global TOTAL
+        TOTAL = TOTAL + x
+        return TOTAL
+
     def append(self, x):
         self.history.append(x)
         return float(len(self.history)) * x
@@ -48,9 +53,9 @@ class WithMemory:
         return x + np.random.default_rng().normal(size=3)
 
 
-@pytest.mark.parametrize("name", ["add", "append", "integrate_to", "draw", "draw_array"])
+@pytest.mark.parametrize("name", ["add", "add_to_global", "append", "integrate_to", "draw", "draw_array"])
 def test_a_step_with_memory_or_noise_of_its_own_is_refused_and_its_block_is_unchanged(name):
     block = WithMemory()
     with refused("trace.not-pure"):
         function(getattr(block, name), 1.0, backend="python")
-    assert vars(block) == {"sum": 0.0, "time": 0.0, "history": []}
+    assert (TOTAL, vars(block)) == (0.0, {"sum": 0.0, "time": 0.0, "history": []})

@@ -7,7 +7,8 @@ are in the carry. Otherwise, the step is traced again without that assumption.
 
 import copy
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from itertools import islice
 from types import FunctionType, MethodType, ModuleType
 from typing import NamedTuple, cast
@@ -60,7 +61,7 @@ def trace_function(f: Callable[..., Tree], shapes: Iterable[Shape]) -> Trace:
     graph = Graph()
     kinds: dict[Node, str] = {}
     g = _on_copy(f) if isinstance(f, MethodType) and not _is_ours(type(f.__self__)) else f
-    with tracing(), locate_errors():
+    with tracing(), locate_errors(), _restored_globals(g):
         symbols = [(shape, _symbols(graph, shape, kinds)) for shape in shapes]
         results = [g(*(_argument(*pair) for pair in symbols)) for _ in range(1 if g is f else 2)]
     shape, outputs = _flat_nodes(graph, results[0], "output", kinds)
@@ -246,6 +247,17 @@ def _on_copy(method: MethodType) -> Callable[..., Tree]:
     except Exception:  # a block of the user can contain any object
         block = method.__self__
     return MethodType(method.__func__, block)
+
+
+@contextmanager
+def _restored_globals(f: Callable[..., Tree]) -> Iterator[None]:
+    """Restore, after the context, each global of the function's module that contains a node."""
+    names = getattr(f, "__globals__", {})
+    before = dict(names)
+    try:
+        yield
+    finally:
+        names.update({name: value for name, value in before.items() if has_scalars(names.get(name))})
 
 
 def _has_scalars_inside(x: Tree, visited_ids: set[int]) -> bool:
