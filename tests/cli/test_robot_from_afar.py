@@ -34,6 +34,9 @@ def test_a_confirmed_stop_is_reported_as_stopped(baqueano, door):
     door.broadcast({"type": "state", "state": "MISSION", "reason": None})
     end = baqueano("robot", "stop", str(door.path))
     assert (end.code, end.out) == (0, f"{door.path}: STOPPED\n")
+    assert end.err.endswith(f"baqueano robot clear {door.path}\n")
+    status = baqueano("robot", "status", str(door.path))
+    assert status.err.endswith(f"baqueano robot clear {door.path}\n")
 
 
 @pytest.mark.parametrize(

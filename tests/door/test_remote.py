@@ -13,7 +13,7 @@ from baqueano.door.remote import STOP_REQUEST, connect
 from baqueano.door.sockets import Door
 from baqueano.door.wire import decode, encode
 from baqueano.drive.mission import Mission, pack
-from baqueano.errors import UsageError
+from baqueano.errors import SafetyStop, UsageError
 from baqueano.runs import Run, write_run
 from baqueano.worlds.silent_encoders import FIX
 
@@ -71,6 +71,14 @@ def test_a_pause_that_arrives_after_the_drive_does_not_hide_its_end(vehicle, mis
     ]  # fmt: skip
     with connect(str(vehicle.door.path)) as remote:
         assert len(remote.perform(mission, tmp_path / "run.mcap").t_ns) == 5
+
+
+def test_a_command_advised_by_a_service_at_a_socket_contains_its_path(vehicle, mission, tmp_path):
+    message = note("door.other-driver", Severity.ERROR, "baqueano robot stop")
+    vehicle.drives = lambda name: [{"type": "refused", "reason": "", "diagnostic": message, "code": 5}]
+    with connect(str(vehicle.door.path)) as remote, pytest.raises(SafetyStop) as error_info:
+        remote.perform(mission, tmp_path / "run.mcap")
+    assert error_info.value.diagnostic.fix == f"baqueano robot stop {vehicle.door.path}"
 
 
 def test_a_client_ignores_the_end_of_another_clients_drive(vehicle, mission, tmp_path):

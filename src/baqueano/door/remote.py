@@ -271,7 +271,7 @@ class Remote:
         return self.receive(("runs",), 10.0)["runs"]
 
     def _read_messages(self) -> None:
-        address = "" if "/" in self.name else self.name  # a command at the vehicle itself needs no address
+        address = "" if self.name == str(SOCKET) else self.name  # the default of the commands
         with suppress(OSError, ValueError):
             while (line := self._source.readline(MAX_LINE_BYTES)).endswith(b"\n"):
                 if (message := decode(line, address)) is None:

@@ -55,7 +55,7 @@ class StateMachine:
             values = {"state": self.state, "advice": self.advice}
             if self.reason is None:
                 raise SafetyStop(fault("door.state", **values))
-            raise SafetyStop(fault("door.state-because", **values, cause=self.reason), self.reason)
+            raise SafetyStop(fault("door.state-because", **values, cause=self.reason))
         if self.state is not DoorState.STOPPED or event != "stop":
             self.reason = reason
         self.state = target

@@ -65,9 +65,12 @@ def attach(door: Path) -> None:
 @options.as_json
 def status(host: str, as_json: bool) -> None:
     from baqueano.cli.terminal import print_answer
+    from baqueano.door.states import DoorState
 
     with _connection(host) as remote:
         print_answer(RobotStatus(remote.state), as_json)
+        if remote.state.get("state") == DoorState.STOPPED:
+            _advise_to_clear(host)
 
 
 @command.command(help="Stop the vehicle at HOST at once; the stop lasts until it is cleared.")
@@ -78,6 +81,7 @@ def stop(host: str) -> None:
     from baqueano.door.remote import stop
 
     print_result(f"{host}: {stop(host, because(StopReason.STOPPED_BY_COMMAND))['state']}")
+    _advise_to_clear(host)
 
 
 @command.command(help="Clear a stop of the vehicle at HOST, after you have checked the vehicle.")
@@ -133,6 +137,14 @@ for verb in (
     workshop.doctor, workshop.flash, workshop.calibrate, settings.settings,
 ):  # fmt: skip
     command.add_command(verb)
+
+
+def _advise_to_clear(host: str) -> None:
+    from baqueano.cli.terminal import print_message
+    from baqueano.diagnostics import note
+    from baqueano.messages.printable import baqueano_command
+
+    print_message(note("door.clear", fix=baqueano_command("robot", "clear", host)))
 
 
 class RobotStatus:
