@@ -286,7 +286,7 @@ INNER = stop(StopReason.IMU_ABSENT, cause=UsageError("no bus").diagnostic)
 @pytest.mark.parametrize(
     "note",
     [
-        stop(StopReason.UNO_SILENT, silent_ms=320.5), stop(StopReason.UNO_LATCHED, "baqueano robot clear"), INNER,
+        stop(StopReason.UNO_SILENT, silent_ms=320.5), stop(StopReason.UNO_LATCHED, "baqueano robot clear HOST"), INNER,
         note("bus.freed", Severity.WARNING, clocks=9),
     ],
 )  # fmt: skip

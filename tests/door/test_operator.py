@@ -79,7 +79,7 @@ def test_the_busy_message_distinguishes_a_drive_from_a_rest_between_drives():
     with pytest.raises(SafetyStop) as error_info:
         operator.queue_mission("another", "a mission")
     about = error_info.value.diagnostic
-    assert (about.code, about.fix) == ("door.other-driver", "baqueano robot stop")
+    assert (about.code, about.fix) == ("door.other-driver", "baqueano robot stop HOST")
     operator.pop_mission()
     operator.record_mission_end()
     with refused("door.other-reservation", SafetyStop):

@@ -129,7 +129,7 @@ def test_silence_of_a_page_stops_the_vehicle_until_cleared(child):
     assert 300.0 < end["reason"]["figures"]["silent_ms"] < 10_000.0
     refusal, _ = child.drive(kind="drive")
     assert (refusal["run"], refusal["code"]) == (None, 5)
-    assert refusal["reason"]["figures"]["advice"]["fix"] == "baqueano robot clear"
+    assert refusal["reason"]["figures"]["advice"]["fix"] == "baqueano robot clear HOST"
     child.send(type="clear")
     child.until(lambda m: m["type"] == "state" and m["state"] == "READY")
 

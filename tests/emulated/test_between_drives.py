@@ -96,7 +96,7 @@ def test_a_latch_from_before_the_service_start_can_be_cleared(service, robot):
     robot.uno.stop()
     look_around(service, robot, 2)
     assert service.machine.state is DoorState.DISARMED
-    assert service.machine.reason == stop(StopReason.UNO_LATCHED, "baqueano robot clear")
+    assert service.machine.reason == stop(StopReason.UNO_LATCHED, "baqueano robot clear HOST")
     look_around(service, robot, 5)
     assert latched(robot), "only a person may clear the latch"
     clear_after(service, robot, 3)

@@ -19,7 +19,7 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.errors import SafetyStop
 
-STOP_COMMAND = "baqueano robot stop"
+STOP_COMMAND = "baqueano robot stop HOST"
 MAX_CHANGES = 64  # maximum number of changes of gains that wait for the next tick
 SILENCE_S = 0.3  # 0.5 s is guaranteed; the loop and the firmware need the rest
 

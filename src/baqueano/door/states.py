@@ -11,7 +11,7 @@ A stop is latched with its reason. Only a person can clear it, by `clear`; then 
 from enum import StrEnum
 
 from baqueano.diagnostics import Diagnostic, StopReason, fault, note, stop
-from baqueano.door.operator import Operator
+from baqueano.door.operator import STOP_COMMAND, Operator
 from baqueano.errors import SafetyStop
 
 
@@ -77,5 +77,5 @@ class StateMachine:
         if self.state is DoorState.DISARMED:
             return note("door.correct-and-wait")
         if self.state is DoorState.STOPPED:
-            return note("door.clear", fix="baqueano robot clear")
-        return note("door.wait", fix="baqueano robot stop")
+            return note("door.clear", fix="baqueano robot clear HOST")
+        return note("door.wait", fix=STOP_COMMAND)

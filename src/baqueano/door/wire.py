@@ -54,7 +54,9 @@ def decode(line: bytes, host: str = "HOST") -> "JsonObject | None":
 
 def _with_host(diagnostic: Diagnostic, host: str) -> Diagnostic:
     words = [host if word == "HOST" else word for word in diagnostic.fix.split()]
-    return replace(diagnostic, fix=shell_command(*filter(None, words))) if host in words else diagnostic
+    fix = shell_command(*filter(None, words)) if host in words else diagnostic.fix
+    causes = {k: _with_host(v, host) for k, v in diagnostic.figures.items() if isinstance(v, Diagnostic)}
+    return replace(diagnostic, fix=fix, figures={**diagnostic.figures, **causes})
 
 
 def _plain_data(value: object) -> object:

@@ -366,7 +366,7 @@ class Uno:
     def _update_stop_cause(self, state: State, t_ns: int) -> None:
         """Set `stop_cause` from the flags of the telemetry."""
         if state.flags & StateFlag.STOPPED:
-            self.stop_cause = stop(StopReason.UNO_LATCHED, "baqueano robot clear")
+            self.stop_cause = stop(StopReason.UNO_LATCHED, "baqueano robot clear HOST")
         elif state.flags & StateFlag.BATTERY_LOW:
             self.stop_cause = stop(StopReason.UNO_BATTERY, battery_v=1e-3 * state.battery_mv)
         elif self._armed and state.flags & StateFlag.ARMED:
