@@ -302,3 +302,27 @@ def test_terminal_json_and_report_show_the_forecast(small, tmp_path, monkeypatch
     assert 0.0 < rows[0]["position_m"] < 0.5
     page = fit_page(fit, drive_forecast=forecast(fit, run))
     assert [section for section in page.sections if section.title == "Consequences for a drive"]
+
+
+def test_wheels_that_agree_with_the_model_do_not_hide_an_error_of_the_yaw_rate():
+    """The model lacks a yaw rate a sin(2π t/T), T = 20 s, which a gyro measures; wheels that slip do not."""
+    with_wheels = f'[sensors.wheels]\nkind = "wheels"\ntrack_m = {TRACK_M}\nnoise_std = 0.01\n\n[estimator]'
+    text = (files("baqueano") / "garage" / "small.toml").read_text(encoding="utf-8")
+    file = parse(text.replace("[estimator]", with_wheels, 1), "wheels.toml")
+    run = simulate(file, random_steps(LIMIT["small"], 60.0, file.rate_hz, 1), 1)
+    free = ["model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]"]
+    fit = identify(run, file, free, use=["wheels", "imu[2]"], options=FitOptions(diagnose=False))
+    amplitude, period_s = 0.1, 20.0
+    channels = tuple(
+        c._replace(
+            predictions=c.predictions - amplitude * np.sin(2.0 * np.pi / period_s * c.t_s),
+            sigma=amplitude / np.sqrt(2.0),
+        )
+        if c.label == "imu[2]"
+        else c
+        for c in fit.channels
+    )
+    prediction = forecast(replace(fit, channels=channels, autocorrelated=True), run).drives[0]
+    assert prediction.duration_s == period_s / 2.0
+    # after half a period the heading has changed by (a T / π) cos φ
+    assert prediction.heading_rad == pytest.approx(amplitude * period_s / np.pi / np.sqrt(2.0), rel=0.1)

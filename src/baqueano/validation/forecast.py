@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 
 NU = slice(3, 6)  # of (η, ν, ν̇)
 MIN_SINGULAR = 1e-3  # of H: a direction of ν below it is not measured, and its error counts as 0
+GYRO_WEIGHT = 100.0  # wheels also slip, so the gyro determines the error of the yaw rate
 HORIZON_S = 10.0
 STEP_S = 1.0  # between the beginnings of windows
 MIN_DRIVEN_SHARE = 0.5  # least part of the ticks of a window with a command
@@ -266,15 +267,19 @@ def _measured_paths(
     show; () if the residuals are white, or if no channel measures a velocity.  (4)"""
     H, residuals = [], []
     for c in channels:
-        row = measurement_jacobian(getattr(fit.blocks.sensors, c.sensor))[c.entry] / c.sigma
+        sensor = getattr(fit.blocks.sensors, c.sensor)
+        weight = (GYRO_WEIGHT if is_imu(sensor) else 1.0) / c.sigma
+        row = weight * measurement_jacobian(sensor)[c.entry]
         finite = np.flatnonzero(np.isfinite(c.residuals))
         if np.any(row[NU]) and not np.any(np.delete(row, NU)) and len(finite) > 1:
             halves = (finite[half::2] for half in (0, 1))
-            residuals.append([np.interp(record.t_s, c.t_s[k], c.residuals[k] / c.sigma) for k in halves])
+            residuals.append([np.interp(record.t_s, c.t_s[k], weight * c.residuals[k]) for k in halves])
             H.append(row[NU])
     if not (fit.autocorrelated and H):
         return ()
-    errors = np.einsum("ic,chk->hki", np.linalg.pinv(np.array(H), rcond=MIN_SINGULAR), np.array(residuals))
+    errors = np.einsum(
+        "ic,chk->hki", np.linalg.pinv(np.array(H), rcond=MIN_SINGULAR / GYRO_WEIGHT), np.array(residuals)
+    )
     errors = errors * record.dt_s[:, None]
     heading, xy = np.unwrap(eta[:, 2]), eta[:, 0] + 1j * eta[:, 1]
     step = np.diff(xy, prepend=xy[:1]) * np.exp(-1j * heading) + errors[..., 0] + 1j * errors[..., 1]
