@@ -183,15 +183,18 @@ def test_a_draft_reads_an_omnidirectional_robot_in_north_east_down(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("columns", "unit"), [(("u_left_V", "u_right_V"), "V"), (("left_mv", "right_mv"), "mV")]
+    ("columns", "unit", "speeds"),
+    [
+        (("u_left_V", "u_right_V"), "V", ("left_m_s", "right_m_s")),
+        (("left_mv", "right_mv"), "mV", ("left_m_s", "right_m_s")),
+        (("left_pct", "right_pct"), "%", ("v_left_m_s", "v_right_m_s")),
+        (("port_pct", "starboard_pct"), "%", ("v_left_m_s", "v_right_m_s")),
+    ],
 )
-def test_a_draft_reads_the_unit_at_the_end_of_a_name_of_a_side(tmp_path, columns, unit):
+def test_a_draft_reads_the_unit_at_the_end_of_a_name_of_a_side(tmp_path, columns, unit, speeds):
     rows = [f"{0.01 * k},{k % 9 - 4},{k % 7 - 3},0.0{k % 9},0.0{k % 7}" for k in range(99)]
-    text = f"t_s,{','.join(columns)},left_m_s,right_m_s\n" + "\n".join(rows)
+    text = f"t_s,{','.join((*columns, *speeds))}\n" + "\n".join(rows)
     (tmp_path / "log.csv").write_text(text, encoding="utf-8")
     tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
     assert tables["command"]["wheels"] == [{"column": column, "unit": unit} for column in columns]
-    assert tables["sensors"]["wheels"]["z"] == [
-        {"column": "left_m_s", "unit": "m/s"},
-        {"column": "right_m_s", "unit": "m/s"},
-    ]
+    assert tables["sensors"]["wheels"]["z"] == [{"column": speed, "unit": "m/s"} for speed in speeds]

@@ -9,7 +9,7 @@ RIGHT_PATTERN = r"(^|_)(right|der(ech[ao])?|r|stbd|starboard|estribor)(_|$)"
 COMMAND_PATTERN, SPEED_PATTERN = (
     r"pwm|duty|ciclo|cmd|command|comando|throttle|acelerador|traccion|potencia|steer|servo|volante|direccion|^u_"
     r"|thrust|empuje|(^|_)(thr|esc|propeller|helice)(_|$)",
-    r"rpm|speed|vel|encoder|wheel|rps",
+    r"rpm|speed|vel|encoder|wheel|rps|^v_",
 )
 SPEED_ENDING = r"_([cm]?m_s|mps|km_?h)$"  # left_m_s: the unit alone states that it is a speed
 # commands of a left and a right wheel; a single voltage is that of the battery
@@ -18,8 +18,11 @@ VOLTAGE_PATTERN = r"(^|_)(volts?|voltage|tension)(_|$)"
 PIN_PATTERN = r"(^|_)(dir(ec(tion|cion))?|sentido|sign)(_|$)"  # of the direction of a motor: 0 and 1
 STEERING_PATTERN = r"steer|servo|volante|direccion"
 BARE_SIDES = tuple(  # two columns that are named only by their side
-    rf"^((motor|rueda|wheel|u)?_?({side})|(motor|rueda|wheel|u)_?{letter})(_(percent|m?v))?$"
-    for side, letter in (("left|izq(uierd[ao])?", "l"), ("right|der(ech[ao])?", "r"))
+    rf"^((motor|rueda|wheel|u)?_?({side})|(motor|rueda|wheel|u)_?{letter})(_(percent|pct|m?v))?$"
+    for side, letter in (
+        ("left|izq(uierd[ao])?|port|babor", "l"),
+        ("right|der(ech[ao])?|stbd|starboard|estribor", "r"),
+    )
 )
 FORWARD_PATTERN = r"^(?!.*(ang|acc|gyr|gir|omega|imu)).*(^|_)((speed|vel(ocity|ocidad)?(_x)?)(_|$)|linear_x$)"
 ENCODER_NAMES = r"enc|encoder|hall|pulses?|pulsos?"

@@ -25,7 +25,7 @@ UNIT_OF_ENDING = {  # ends of names → unit
     "grados": "deg", "gps": "deg/s", "grados_s": "deg/s",
     "rad": "rad", "dps": "deg/s", "deg_s": "deg/s", "rad_s": "rad/s", "rads": "rad/s", "rps": "turn/s", "rpm": "rpm",
     "g": "g", "mg": "mg", "m_s2": "m/s^2", "mps2": "m/s^2", "ms2": "m/s^2", "m_s": "m/s", "mps": "m/s",
-    "mm_s": "mm/s", "cm_s": "cm/s", "km_h": "km/h", "kmh": "km/h", "percent": "%", "v": "V", "mv": "mV",
+    "mm_s": "mm/s", "cm_s": "cm/s", "km_h": "km/h", "kmh": "km/h", "percent": "%", "pct": "%", "v": "V", "mv": "mV",
 }  # fmt: skip
 MAX_BATTERY_V = 200.0  # a larger number is in mV
 KINDS = {"imu": ("acceleration", "acceleration", "angular rate"), "eta": ("length", "length", "angle")}
