@@ -166,6 +166,25 @@ def test_an_unused_channel_without_stated_noise_uses_its_noise_at_rest(noise_at_
     assert ("noise.of-its-rest", "imu[0]") in [(note.code, note.subject) for note in noise.notes]
 
 
+def test_the_source_of_the_noise_of_an_unused_channel_is_stated(noise_at_rest, small):
+    run = noise_at_rest[0]
+    file = small.with_values({"sensors.imu.accel_noise_std": [0.0, 0.0]})
+    always_driven = replace(
+        run, applied_commands=np.where(run.t_ns[:, None] >= 0, 1e-6, 0.0) + run.applied_commands
+    )
+    z = run.sensors["imu"].z.copy()
+    z[:, 1] = np.nan
+    imu = run.sensors["imu"]._replace(z=z)
+    noise = measure_noise(
+        identify(run, file, ["model.mass_kg"], use=["imu[2]"]),
+        replace(always_driven, sensors={**run.sensors, "imu": imu}),
+        source="truth",
+    )
+    notes = [(note.code, note.subject) for note in noise.notes]
+    assert ("noise.of-its-readings", "imu[0]") in notes
+    assert ("noise.without-readings", "imu[1]") in notes
+
+
 def test_the_noise_of_an_unfitted_sensor_is_never_zero(noise_at_rest, small):
     run, rng = noise_at_rest[0], np.random.default_rng(0)
     t_ns, v = run.sensors["imu"].t_ns, rng.normal(0.0, 0.02, (len(run.sensors["imu"].t_ns), 1))

@@ -52,6 +52,7 @@ MIN_EIGENVALUE = 1e-6  # least eigenvalue of a correlation matrix
 MIN_STD = 1e-9  # least standard deviation, in its unit
 CLIP_SIGMA = 4.0  # standard deviations
 MIN_SAMPLES = 30  # samples for a variance or covariance
+CODES = "noise.of-its-rest", "noise.of-its-readings", "noise.without-readings"
 STATES = ("nu_x", "nu_y", "nu_psi", "nu_dot_x", "nu_dot_y", "nu_dot_psi")
 STATE_UNITS = ("m/s", "m/s", "rad/s", "m/s²", "m/s²", "rad/s²")
 
@@ -373,9 +374,10 @@ def unfitted_covariance(
         return None
     variance = np.where(file_variance > 0.0, file_variance, fitted_variance)
     for i in np.flatnonzero(variance <= 0.0):
-        variance[i] = next((v for v in _variance_candidates(name, int(i), runs) if v > 0.0), 1.0)
+        candidates = zip(CODES, (*_variance_candidates(name, int(i), runs), 1.0), strict=True)
+        code, variance[i] = next(x for x in candidates if x[1] > 0.0)
         sigma = float(np.sqrt(variance[i]))
-        notes.append(note("noise.of-its-rest", Severity.WARNING, subject=f"{name}[{i}]", sigma=sigma))
+        notes.append(note(code, Severity.WARNING, subject=f"{name}[{i}]", sigma=sigma))
     return np.diag(variance)
 
 

@@ -75,6 +75,11 @@ TEMPLATES: dict[str, str] = {
     "noise.of-its-rest": (
         "Q of {subject} is the noise at rest, σ = {sigma:.3g}: the sensor was not part of the fit"
     ),
+    "noise.of-its-readings": (
+        "Q of {subject} is the fast part of all its readings, σ = {sigma:.3g}: the sensor was not part of the fit, and "
+        "no run contains a rest of 2 s. The true noise can be smaller"
+    ),
+    "noise.without-readings": "Q of {subject} is a guess, σ = {sigma:.3g}: no run contains its readings",
     "speed.by-the-file": f"speed: corrected by {{channels}}, as in the file. {HELD_OUT}",
     "speed.by-the-model": f"speed: {{origin}}. {HELD_OUT}",
     "speed.of-the-model": "obtained only from the model",
