@@ -66,3 +66,16 @@ def test_an_empty_run_file_does_not_stop_the_fetch(baqueano, door, tmp_path):
     door.broadcast({"type": "state", "state": "READY", "reason": None, "run": None})
     assert baqueano("robot", "runs", str(door.path), "--fetch", "--runs", str(folder)).code == 0
     assert (folder / "3.mcap").read_bytes() == b"half, and the other half"
+
+
+def test_a_run_of_another_vehicle_with_the_same_name_is_kept_and_named(baqueano, door, tmp_path):
+    folder = tmp_path / "here"
+    folder.mkdir()
+    (folder / "1.mcap").write_bytes(b"of another vehicle")
+    (tmp_path / "1.mcap").write_bytes(b"of this vehicle")
+    door.broadcast({"type": "state", "state": "READY", "reason": None, "run": None})
+    for _ in range(2):
+        end = baqueano("robot", "runs", str(door.path), "--fetch", "--runs", str(folder))
+        assert (end.code, end.out) == (0, f"1.mcap  {folder / '1-2.mcap'}\n")
+    contents = {p.name: p.read_bytes() for p in folder.iterdir()}
+    assert contents == {"1.mcap": b"of another vehicle", "1-2.mcap": b"of this vehicle"}

@@ -49,7 +49,9 @@ class WithMemory:
     def draw(self, x):
         return x + np.random.default_rng().normal()
 
-    def draw_array(self, x):  # NumPy's compiled code calls np.empty, and writes floats into the memory of the array
+    def draw_array(
+        self, x
+    ):  # NumPy's compiled code calls np.empty, and writes floats into the memory of the array
         return x + np.random.default_rng().normal(size=3)
 
 
