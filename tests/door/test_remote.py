@@ -75,12 +75,12 @@ def test_a_pause_that_arrives_after_the_drive_does_not_hide_its_end(vehicle, mis
 
 def test_a_command_advised_by_a_service_at_a_socket_contains_its_path(vehicle, mission, tmp_path):
     busy = note("door.other-driver", Severity.ERROR, "baqueano robot stop HOST")
-    because = note("door.state", Severity.ERROR, state="STOPPED", advice=busy)
-    vehicle.drives = lambda name: [{"type": "refused", "reason": "", "diagnostic": because, "code": 5}]
+    refusal = note("door.state", Severity.ERROR, state="STOPPED", advice=busy)
+    vehicle.drives = lambda name: [{"type": "refused", "reason": "", "diagnostic": refusal, "code": 5}]
     with connect(str(vehicle.door.path)) as remote, pytest.raises(SafetyStop) as error_info:
         remote.perform(mission, tmp_path / "run.mcap")
-    named = note("door.other-driver", Severity.ERROR, f"baqueano robot stop {vehicle.door.path}")
-    assert error_info.value.diagnostic.figures["advice"] == named
+    advice = note("door.other-driver", Severity.ERROR, f"baqueano robot stop {vehicle.door.path}")
+    assert error_info.value.diagnostic.figures["advice"] == advice
 
 
 def test_a_client_ignores_the_end_of_another_clients_drive(vehicle, mission, tmp_path):

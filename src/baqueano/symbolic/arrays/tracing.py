@@ -71,7 +71,7 @@ def _while_traced(original: Callable[..., Value], make: Callable[..., Value]) ->
 
 def _is_called_by(frame: FrameType, name: str) -> bool:
     """Return True if the code of this frame calls the function of this name and can receive scalars. Compiled code,
-    such as that of `numpy.random`, has no frame, and writes floats into the memory of the array.
+    such as that of `numpy.random`, does not have a frame. It writes floats into the array.
     """
     is_own = frame.f_globals.get("__name__", "").startswith(_OWN_MODULES)
     return name in frame.f_code.co_names and not is_own
