@@ -138,7 +138,7 @@ def normal_equations(derivatives: DerivativeProgram) -> str:
     )
     for k, r in enumerate(program.outputs):
         text.add(
-            f"const double size{k} = fabs({text.value(r)});",
+            f"const double size{k} = __builtin_fabs({text.value(r)});",
             f"const double w{k} = size{k} <= setting ? 1.0 : setting / size{k};",
             f"sum += size{k} <= setting ? 0.5 * size{k} * size{k} : setting * (size{k} - 0.5 * setting);",
         )

@@ -20,14 +20,15 @@ MAX_INLINED_CALLS = 100  # largest number of inlined calls: with more calls the 
 TABLE_OPERATORS = ("interp", "interp_slope")
 NAN = '__builtin_nan("")'
 ROW_OPERATORS = ("row", "choose", "unit", "drift")
-CALL = re.compile(r"\b(\w+)_(\d+)\(")
+CALL = re.compile(r"\b(\w++)(?<=\d)\(")
 FUNCTION = re.compile(r"^(?:LOCAL|LONG) \w+ FN\((\w+)\)(?:.*\}.*\n|(?:.*\n)+?\}\n)", re.MULTILINE)
 SCALAR_FUNCTION = re.compile(r"^SCALAR\w*\((\w+)\)\n", re.MULTILINE)
 
 
 def header(body: str, tables: Sequence) -> str:
     """Return the declarations for the body: elementary functions of its widths, and the tables of `interp`."""
-    calls = {(name, max(int(width), 2)) for name, width in CALL.findall(body)}
+    names_and_widths = (call.rpartition("_")[::2] for call in set(CALL.findall(body)))
+    calls = {(name, max(int(width), 2)) for name, width in names_and_widths}
     has_many_calls = sum(map(body.count, LONG_FUNCTIONS)) > MAX_INLINED_CALLS
     widths = sorted({2, *map(int, re.findall(r"v_(\d+)", body))} - {1})
     texts = ["#define CALLED\n"] if has_many_calls else []

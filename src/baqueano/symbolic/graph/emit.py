@@ -224,12 +224,6 @@ class _Region:
     depth: int = 0
     terms: list[Term] = field(default_factory=list)  # including the terms of the inner regions
 
-    def outwards(self) -> Iterator["_Region"]:
-        region: _Region | None = self
-        while region is not None:
-            yield region
-            region = region.parent
-
     def meet(self, other: "_Region") -> "_Region":
         """Return the innermost region that contains this region and the other."""
         a, b = self, other
@@ -306,7 +300,9 @@ class _Branches:
                 group.choices.insert(0, term)
                 regions = [own_region, *group.arms]
             for a, region in zip(term.args, regions, strict=True):
-                regions_of_terms[a] = regions_of_terms[a].meet(region) if a in regions_of_terms else region
+                first_region = regions_of_terms.setdefault(a, region)
+                if first_region is not region:
+                    regions_of_terms[a] = first_region.meet(region)
         _assign_regions(self.order, regions_of_terms, list(groups.values()))
         return group_of
 
@@ -326,10 +322,12 @@ class _Branches:
 def _assign_regions(
     order: list[Term], regions_of_terms: dict[Term, _Region], groups: list[_BranchGroup]
 ) -> None:
-    """Set the terms of each region, and the terms outside each branch that the branch needs."""
+    """Set the terms of each arm, and the terms outside each branch that the branch needs."""
     for term in order:
-        for region in regions_of_terms[term].outwards():
+        region = regions_of_terms[term]
+        while region.parent is not None:
             region.terms.append(term)
+            region = region.parent
     for group in groups:
         inner_terms = {*group.arms[0].terms, *group.arms[1].terms}
         used_terms = [a for arm in group.arms for term in arm.terms for a in term.args]

@@ -58,6 +58,7 @@ class Graph:
         self.lock = RLock()
         self.nodes: dict[Hashable, Node] = {}
         self.truths: set[Node] = set()  # symbols of truth values
+        self.signed: set[Node] = set()  # signs, and products with a sign among their factors
         self.tables: list[tuple[np.ndarray, np.ndarray]] = []
 
     def node(self, value: Value) -> Node:
@@ -87,7 +88,9 @@ class Graph:
             table = () if value is None else (self.tables[value],)
             return self.const(ieee.OPERATORS[op](*[a.value for a in args], *table))
         if op in ieee.COMMUTATIVE:
-            args = _order(*args)
+            a, b = args  # a constant first, else the older node
+            if b.op == "const" or (a.op != "const" and b.index < a.index):
+                args = b, a
         rule = RULES.get(op)
         simple = rule(self, *args) if rule else None
         if simple is not None:
@@ -126,12 +129,9 @@ class Graph:
         node = self.nodes.get(key)
         if node is None:
             node = self.nodes[key] = Node(self, op, args, value, len(self.nodes))
+            if op == "sign" or (op == "mul" and not self.signed.isdisjoint(args)):
+                self.signed.add(node)
         return node
-
-
-def _order(a: Node, b: Node) -> tuple[Node, Node]:
-    """Return both nodes in a fixed order: a constant first, else the older node first."""
-    return (b, a) if (b.op == "const", -b.index) > (a.op == "const", -a.index) else (a, b)
 
 
 def nodes_below(roots: Iterable[Node]) -> list[Node]:

@@ -27,7 +27,7 @@ def _add(g: "Graph", a: "Node", b: "Node") -> "Node | None":
         return b
     if a is b:
         return g.make("mul", g.const(2.0), a)
-    if {a.op, b.op} == {"min", "max"} and _have_same_args(a, b):  # gains equal forward and backward
+    if (a.op, b.op) in (("min", "max"), ("max", "min")) and _have_same_args(a, b):  # equal gains both ways
         return g.make("add", *a.args)
     if b.op == "neg":
         return g.make("sub", a, b.args[0])
@@ -84,7 +84,7 @@ def _mul(g: "Graph", a: "Node", b: "Node") -> "Node | None":
     for x, y in ((a, b), (b, a)):
         if x.op == "neg":
             return g.make("neg", g.make("mul", x.args[0], y))
-        size = _with_magnitude(g, x, y)
+        size = _with_magnitude(g, x, y) if y in g.signed else None
         if size is not None:
             return size
     return None
@@ -95,7 +95,7 @@ def _with_magnitude(g: "Graph", x: "Node", y: "Node") -> "Node | None":
     if y.op == "sign" and y.args[0] is x:
         return g.make("abs", x)
     for a, b in (y.args, y.args[::-1]) if y.op == "mul" else ():
-        magnitude = _with_magnitude(g, x, a)
+        magnitude = _with_magnitude(g, x, a) if a in g.signed else None
         if magnitude is not None:
             return g.make("mul", b, magnitude)
     return None
