@@ -12,6 +12,7 @@ opposite sign on all three axes. The size of the mean shows the unit.
 import re
 import unicodedata
 from collections.abc import Collection
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -104,6 +105,7 @@ def axis_findings(signal: ColumnSignal, table: LogTable) -> list[ImportFinding]:
     return [ImportFinding("axes", "warning", None, reason, line)]
 
 
+@lru_cache(1_000)
 def plain_name(name: str) -> str:
     """Return a column's name in lower case and without accents, with its words separated by _."""
     words = unicodedata.normalize("NFKD", name.translate(SIGNS))
