@@ -19,6 +19,8 @@ import builtins
 import gc
 import os
 import re
+import shlex
+import shutil
 import signal
 import sys
 import threading
@@ -31,7 +33,6 @@ from typing import TypeVar
 import pytest
 from hypothesis import HealthCheck, settings
 
-from baqueano.symbolic.c_code import compile
 from tests.turns import lock_files, turn
 
 HERE = Path(__file__).parent
@@ -90,8 +91,9 @@ MAY_LACK = re.compile(  # reasons of skips in CI
 Report = TypeVar("Report", pytest.TestReport, pytest.CollectReport)
 ALONE = pytest.StashKey[Callable[[], None]]()  # of a test: from its call on, the other processes wait
 
-FLAGS = "MAX_THOROUGH_OPERATIONS", "MAX_SCHEDULED_OPERATIONS", "HASTY_LEVEL", "LONG_LEVEL"
-OPTIMISATIONS = tuple(getattr(compile, name) for name in FLAGS)
+COMPILERS = () if os.name == "nt" or os.environ.get("BAQUEANO_CC") else ("cc", "gcc", "clang")
+QUICK = "-fno-schedule-insns --param=ira-max-conflict-table-size=0 -DCALLED -Wno-psabi"
+COMPILER = next(filter(None, map(shutil.which, COMPILERS)), "")
 
 os.environ["BAQUEANO_LANG"] = "en"  # whatever the locale of this machine
 # of the processes of a run: threads of one would wait for those of another
@@ -195,13 +197,22 @@ def not_skipped(report: Report) -> Report:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Compile the many short kernels quickly; the tests of the engine use the compiler flags of the package."""
+    """Compile the many short kernels quickly, also in the programs that a test starts.
+
+    Tests of the engine, and limits in milliseconds, use the compiler flags of the package.
+    """
     level = "-Og" if is_in(item.path, LONG_RUNS) and not is_in(item.path, SHORT_RUNS) else "-O0"
-    flags = OPTIMISATIONS if is_in(item.path, {"symbolic"}) else (0, 0, level, level)
-    for name, value in zip(FLAGS, flags, strict=True):
-        setattr(compile, name, value)
+    if COMPILER:
+        is_quick = not (is_in(item.path, {"symbolic"}) or item.get_closest_marker("alone"))
+        os.environ["BAQUEANO_CC"] = quick_compiler(level) if is_quick else ""
     if getattr(item, "execution_count", 1) > 1:  # of pytest-rerunfailures
         item.stash[ALONE]()
+
+
+def quick_compiler(level: str) -> str:
+    """Return the command of the compiler with this level and QUICK, which replace options of the package."""
+    script = f'exec "$0" "$@" {level} {QUICK}'
+    return shlex.join(("sh", "-c", script, COMPILER))
 
 
 @pytest.fixture
