@@ -40,12 +40,17 @@ def benches(smallest: bool) -> list[Bench] | list[LeftOut]:
     if compile.find_compiler().compiler is None:
         return [LeftOut("kernels by hand", "sudo apt-get install gcc")]
     u = paper.signal(1.0 if smallest else 60.0, sideways=5.0)
-    text = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
-    libraries = {
-        name: compile.load_library((text, n), lambda n=n: (text, n), find_vectors)
-        for name, (find_vectors, n) in HANDS.items()
-    }
+    libraries = libraries_of("kernels.c")
     return [bench(libraries, u) for bench in (trajectory, filtering, fitting, fleet)]
+
+
+def libraries_of(name: str) -> Libraries:
+    """Return the library of a C file of this folder, for each set of flags."""
+    text = Path(__file__).with_name(name).read_text(encoding="utf-8")
+    return {
+        title: compile.load_library((text, n), lambda n=n: (text, n), find_vectors)
+        for title, (find_vectors, n) in HANDS.items()
+    }
 
 
 def runge_kutta(theta, x, u):
