@@ -156,18 +156,18 @@ static inline __attribute__((always_inline)) void follow(memory *s, const double
 #define LOCAL static inline __attribute__((always_inline)) void
 
 LOCAL pd_feedforward_law(memory *s, const errors *e, double *v, double *w) {
-    double L = fmax(0.25, 1.5 * fabs(e->v) / 4);
-    *v = e->v + e->e_x, *w = e->w + 4 * (e->e_chi + e->forward * atan(e->e_y / L));
+    double needed = 1.44 * fabs(e->v) / 0.25, k = fmax(4, needed * share(needed, 1.5)), L = fmax(0.25, 1.44 * fabs(e->v) / k);
+    *v = e->v + e->e_x, *w = e->w + k * (e->e_chi + e->forward * atan(e->e_y / L));
 }
 
 LOCAL kanayama_law(memory *s, const errors *e, double *v, double *w) {
-    double part = share(9 * e->v, 1.25), k = part * 9, most = k * 0.8414709848078965;
+    double part = share(9 * e->v, 1.35), k = part * 9, most = k * 0.8414709848078965;
     *v = e->v * cos(e->e_chi) + e->e_x;
-    *w = e->w + e->v * clip(part * part * 36 * e->e_y, most) + fabs(e->v) * k * sin(e->e_chi);
+    *w = e->w + e->v * clip(fmin(part * part * (0.5625 / 0.4225), 1) * 36 * e->e_y, most) + fabs(e->v) * k * sin(e->e_chi);
 }
 
 LOCAL pure_pursuit_law(memory *s, const errors *e, double *v, double *w) {
-    double L = fmax(0.1, 0.45 * fabs(e->v)), x, y;
+    double L = fmax(0.1, 2.6 * T * fabs(e->v)), x, y;
     point_ahead(-sin(e->e_chi) * e->e_y, e->e_y, e->e_chi, e->kappa, e->forward * L, &x, &y);
     *v = e->v + e->e_x, *w = e->w + e->v * (2 * y / fmax(x * x + y * y, 0.25 * L * L) - e->kappa);
 }

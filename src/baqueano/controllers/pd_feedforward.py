@@ -1,11 +1,13 @@
 """PD control with feed-forward from the vehicle's model: the recommended controller, with smooth motion.
 
-    v = v_f + k_x e_x,    ω = ω_f + k_χ (e_χ ± atan(e_y / L)),    L = max(join_m, 1.5 |v_f| / k_χ)         (1)
+    v = v_f + k_x e_x,    ω = ω_f + k (e_χ ± atan(e_y / L)),    L = max(join_m, 1.44 |v_f| / k)            (1)
+    k = max(k_χ, min(1.44 |v_f| / join_m, 1 / (1.5 T)))                                                   (2)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
 The vehicle steers towards a point of the path that is L ahead of it (line of sight); + forward, − backward. The
-damping ratio √(k_χ L / |v_f|) / 2 is at least 0.6. model_following.py predicts the pose and computes the command. The
-controller works at any speed and in turns on the spot.
+damping ratio √(k L / |v_f|) / 2 is at least 0.6. At a high speed, (2) increases k as far as the delay T permits, for a
+short L. model_following.py predicts the pose and computes the command. The controller works at any speed and in turns
+on the spot.
 
 Source: Fossen, Handbook of Marine Craft, 2011, ch. 12. Derivation: docs/derivations/pd_feedforward.md.
 """
@@ -17,6 +19,9 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import ModelFollower, Tracking
 from baqueano.parameter import document, parameter
+
+DAMPING_RATIO = 1.44  # of k L and |v_f|, for a damping ratio of 0.6
+DELAY_RATIO = 1.5  # of (2)
 
 
 @document
@@ -39,13 +44,16 @@ class PdFeedforward(ModelFollower):
     """
 
     k_x: float = parameter("1/s", "speed per along-track error e_x", low=0.0, high=10.0, default=1.0)
-    k_chi: float = parameter("1/s", "yaw rate per course error e_χ", low=0.0, high=20.0, default=4.0)
+    k_chi: float = parameter("1/s", "smallest yaw rate per course error e_χ", low=0.0, high=20.0, default=4.0)
     join_m: float = parameter(
         "m", "smallest distance L within which the vehicle joins the path", low=0.01, high=10.0, default=0.25
     )
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
-        L = np.maximum(self.join_m, 1.5 * np.abs(tracking.nu_f[0]) / np.maximum(self.k_chi, 1e-3))
+        v_f = np.abs(tracking.nu_f[0])
+        needed_k = DAMPING_RATIO * v_f / self.join_m
+        k = np.maximum(self.k_chi, needed_k * self.gain_share(needed_k, DELAY_RATIO))  # (2)
+        L = np.maximum(self.join_m, DAMPING_RATIO * v_f / np.maximum(k, 1e-3))
         turn = tracking.e_chi + tracking.forward_sign * np.arctan(tracking.e[1] / L)
-        return memory, (tracking.nu_f[0] + self.k_x * tracking.e[0], tracking.nu_f[2] + self.k_chi * turn)
+        return memory, (tracking.nu_f[0] + self.k_x * tracking.e[0], tracking.nu_f[2] + k * turn)

@@ -1,11 +1,12 @@
 """Pure pursuit: drive on the arc that ends at a point of the path ahead.
 
-    L = max(look_ahead_m, look_ahead_s |v_f|),    (x, y): point of the path L ahead, in the body frame
+    L = max(look_ahead_m, look_ahead_s |v_f|, 2.6 T |v_f|),    (x, y): point of the path L ahead
     v = v_f + k_x e_x,    ω = v_f 2 y / (x² + y²)                                                         (1)
 
-v_f is the speed of the reference without jumps, e_x the along-track error. (1) is the curvature of the arc that leaves
-the vehicle along its course and ends at (x, y). With a longer L the motion is smoother, but cuts corners. The law
-cannot turn on the spot, and it does not correct at rest.
+(x, y) is in the body frame, v_f the speed of the reference without jumps, e_x the along-track error. (1) is the
+curvature of the arc that leaves the vehicle along its course and ends at (x, y). With a longer L the motion is
+smoother, but cuts corners. A loop that is faster than the delay T of the vehicle weaves, so T limits L. The law cannot
+turn on the spot, and it does not correct at rest.
 
 Sources: Coulter, CMU-RI-TR-92-01, 1992; L as in Macenski et al., Autonomous Robots, 2023. model_following.py predicts
 the pose and computes the command.
@@ -18,6 +19,8 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import ModelFollower, Tracking, point_ahead
 from baqueano.parameter import document, parameter
+
+DELAY_RATIO = 2.6  # of L / |v_f| and T: the loop tolerates a further delay of 1.25 T
 
 
 @document
@@ -43,16 +46,17 @@ class PurePursuit(ModelFollower):
     look_ahead_m: float = parameter("m", "smallest look-ahead distance L", low=0.001, high=10.0, default=0.1)
     look_ahead_s: float = parameter(
         "s",
-        "look-ahead distance L per m/s, if it is more than look_ahead_m",
+        "look-ahead distance L per m/s, if it is more than look_ahead_m; at least 2.6 T",
         low=0.0,
         high=10.0,
-        default=0.45,
+        default=0.3,
     )
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         v_f = tracking.nu_f[0]
-        L = np.maximum(self.look_ahead_m, self.look_ahead_s * np.abs(v_f))
+        L = np.maximum(self.look_ahead_s, DELAY_RATIO * self.response_delay_s) * np.abs(v_f)
+        L = np.maximum(self.look_ahead_m, L)
         e_y, e_chi = tracking.e[1], tracking.e_chi
         offset_m = np.array([-np.sin(e_chi) * e_y, e_y])
         x, y = point_ahead(offset_m, e_chi, tracking.kappa, tracking.forward_sign * L)
