@@ -166,6 +166,10 @@ EQUAL = [
         lambda x, y: apply("min", apply("max", apply("min", apply("max", x, -1.0), 1.0), -2.0), 1.0),
         lambda x, y: apply("min", apply("max", x, -1.0), 1.0),
     ),
+    (
+        lambda x, y: abs(apply("min", apply("max", x, -1.0), 1.0)) < INF,
+        lambda x, y: apply("not", apply("isnan", apply("min", apply("max", x, -1.0), 1.0))),
+    ),
 ]
 
 

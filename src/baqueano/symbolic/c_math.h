@@ -109,8 +109,20 @@ LOCAL REAL FN(sign)(REAL x) {
     REAL one = FN(copysign)(FN(splat)(1.0), x);
     return FN(select)((x < 0.0) | (x > 0.0), one, x + 0.0);
 }
-LOCAL REAL FN(min)(REAL a, REAL b) { return FN(select)((a < b) | (a != a), a, b); } /* NaN of either stays */
+/* NaN of either stays. The instructions return b if one is NaN; gcc would not find them. */
+#if LANES == 8 && defined(__AVX512F__) && !defined(__clang__)
+#define INSTRUCTION(name, a, b) __builtin_ia32_##name##pd512_mask(a, b, a, -1, 4)
+#elif LANES == 2 && defined(__SSE2__)
+#define INSTRUCTION(name, a, b) __builtin_ia32_##name##pd(a, b)
+#endif
+#ifdef INSTRUCTION
+LOCAL REAL FN(min)(REAL a, REAL b) { return FN(select)(a != a, a, INSTRUCTION(min, a, b)); }
+LOCAL REAL FN(max)(REAL a, REAL b) { return FN(select)(a != a, a, INSTRUCTION(max, a, b)); }
+#undef INSTRUCTION
+#else
+LOCAL REAL FN(min)(REAL a, REAL b) { return FN(select)((a < b) | (a != a), a, b); }
 LOCAL REAL FN(max)(REAL a, REAL b) { return FN(select)((a > b) | (a != a), a, b); }
+#endif
 LOCAL REAL FN(sqrt)(REAL x) {
     REAL y;
     EACH_LANE y[lane] = __builtin_sqrt(x[lane]);
@@ -142,29 +154,32 @@ LONG REAL FN(hypot)(REAL a, REAL b) {
 }
 
 /* sin and cos of x: x = n π/2 + r, |r| <= π/4; the last two bits of n choose series and sign. The error is some
-   1e-16 max(1, |x|), as is that of x itself; r = 0 where x is so large that nothing is left of its angle. */
+   1e-16 max(1, |x|), as is that of x itself; r = ±1 where x is so large that nothing is left of its angle. */
 LOCAL MASK FN(quadrant)(REAL x, REAL *sine, REAL *cosine) {
     REAL shifted = x * 0.6366197723675814 + ROUND, n = shifted - ROUND;
-    REAL r = LESS_QUARTERS(x, n);
-    r = (REAL)((MASK)r & ~(FN(abs)(r) > 1.0)); /* NaN stays */
+    REAL r = FN(min)(FN(splat)(1.0), FN(max)(FN(splat)(-1.0), LESS_QUARTERS(x, n)));
     REAL z = r * r;
     REAL s = -2.5051131688000297e-08 + z * 1.5918117983848815e-10;
     s = 0.008333333333330948 + z * (-0.0001984126983675712 + z * (2.755731610179909e-06 + z * s));
     *sine = r + r * z * (-0.16666666666666666 + z * s);
     REAL c = 2.0876146170183976e-09 + z * -1.1382625349447592e-11;
     c = -0.0013888888888887398 + z * (2.4801587298764778e-05 + z * (-2.7557317271258515e-07 + z * c));
-    *cosine = 1.0 - (0.5 * z - z * z * (0.041666666666666664 + z * c));
+    *cosine = 1.0 + z * (-0.5 + z * (0.041666666666666664 + z * c));
     return (MASK)shifted;
+}
+/* The bits in which sin differs from its series s: those of the other series if n is odd, and the sign. */
+LOCAL MASK FN(turned)(MASK n, REAL s, REAL c) {
+    return (((MASK)s ^ (MASK)c) & ((n << 63) < 0)) ^ (n << 62 & SIGN);
 }
 LONG REAL FN(sin)(REAL x) {
     REAL s, c;
-    MASK q = FN(quadrant)(x, &s, &c);
-    return (REAL)((MASK)FN(select)((q & 1) == 0, s, c) ^ ((q & 2) << 62));
+    MASK n = FN(quadrant)(x, &s, &c);
+    return (REAL)((MASK)s ^ FN(turned)(n, s, c));
 }
 LONG REAL FN(cos)(REAL x) {
     REAL s, c;
-    MASK q = FN(quadrant)(x, &s, &c);
-    return (REAL)((MASK)FN(select)((q & 1) == 0, c, s) ^ (((q + 1) & 2) << 62));
+    MASK n = FN(quadrant)(x, &s, &c);
+    return (REAL)((MASK)c ^ FN(turned)(n, s, c) ^ (n << 63));
 }
 LONG REAL FN(tan)(REAL x) {
     REAL s, c;

@@ -6,6 +6,7 @@ would not stay sparse. So finiteness is tested as |x| < inf, never as x − x = 
 """
 
 import math
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -180,6 +181,8 @@ def _lt(g: "Graph", a: "Node", b: "Node") -> "Node | None":
         return g.const(0.0)
     if b.op in LOGICAL and a.op == "const" and 0.0 <= a.value < 1.0:
         return b  # 0 < truth
+    if a.op == "abs" and _is(b, math.inf) and _is_clipped(a.args[0]):
+        return g.make("not", g.make("isnan", *a.args))  # |x| < inf
     return None
 
 
@@ -197,6 +200,11 @@ def _min(g: "Graph", a: "Node", b: "Node") -> "Node | None":
 
 def _max(g: "Graph", a: "Node", b: "Node") -> "Node | None":
     return b if a is b or (a.op == "const" and _is_bounded(b, "max", a.value)) else None
+
+
+def _is_clipped(x: "Node") -> bool:
+    largest = sys.float_info.max
+    return _is_bounded(x, "min", largest) and _is_bounded(x, "max", -largest)
 
 
 def _is_bounded(x: "Node", op: str, bound: float, depth: int = CLIP_DEPTH) -> bool:
