@@ -27,6 +27,11 @@ def _ceil(a: Value) -> Value:
     return -apply("floor", -a)
 
 
+def _copysign(a: Value, b: Value) -> Value:
+    is_below = apply("or", apply("lt", b, 0.0), apply("lt", apply("div", 1.0, b), 0.0))  # 1/−0 is −∞
+    return apply("abs", a) * apply("where", is_below, -1.0, 1.0)
+
+
 def _trunc(a: Value) -> Value:
     return apply("sign", a) * apply("floor", apply("abs", a))
 
@@ -85,7 +90,7 @@ TRACED_UFUNCS: dict[np.ufunc, np.ufunc] = {
     np.maximum: elementwise("max", identity=None),
     np.fmin: elementwise(_fmin, identity=None),
     np.fmax: elementwise(_fmax, identity=None),
-    np.copysign: elementwise(lambda a, b: apply("abs", a) * apply("where", apply("lt", b, 0.0), -1.0, 1.0)),
+    np.copysign: elementwise(_copysign),
     np.less: elementwise("lt"),
     np.less_equal: elementwise("le"),
     np.greater: elementwise(lambda a, b: apply("lt", b, a)),
