@@ -180,9 +180,9 @@ def test_compiled_code_gives_the_numpy_results(backend):
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_copysign_takes_the_sign_of_every_number(backend):
     signs = np.array([0.0, -0.0, 1e-320, -1e-320, 2.0, -2.0, np.inf, -np.inf])
-    copied = function(lambda sign: np.copysign(np.full(len(signs), -3.0), sign), signs, backend=backend)
-    np.testing.assert_array_equal(copied(signs), np.copysign(3.0, signs))
-    np.testing.assert_array_equal(copied(-signs), -np.copysign(3.0, signs))
+    kernel = function(lambda sign: np.copysign(np.full(len(signs), -3.0), sign), signs, backend=backend)
+    np.testing.assert_array_equal(kernel(signs), np.copysign(3.0, signs))
+    np.testing.assert_array_equal(kernel(-signs), -np.copysign(3.0, signs))
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from baqueano.errors import UsageError
 from baqueano.tune.gains import search_gains
+from baqueano.tune.quasi_newton import minimise
 from baqueano.tune.search import (
     DIVERGED_COST,
     at_limit,
@@ -130,6 +132,21 @@ def test_a_descent_in_a_narrow_valley_ends_with_a_small_slope():
 
     for start in np.array([[20.0, 3.0, 5.0], [1.0, 9.0, 45.0]]):
         assert descend(valley, start, LOW, HIGH).slope < 1e-3
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_descent_ends_at_the_minimum_that_scipy_finds_on_the_bounds(seed):
+    random = np.random.default_rng(seed)
+    root, centre = random.normal(size=(5, 5)), random.uniform(-0.5, 1.5, 5)
+
+    def f(x):
+        d = root @ (x - centre)
+        return 1.0 + float(d @ d), 2.0 * root.T @ d
+
+    end = minimise(f, np.full(5, 0.4), 200, lambda x: False)
+    exact = minimize(f, np.full(5, 0.4), jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * 5, tol=1e-14)
+    assert end.value == pytest.approx(exact.fun, rel=1e-9)
+    assert np.any((end.x == 0.0) | (end.x == 1.0))
 
 
 def test_the_start_points_of_the_search_cover_the_space_evenly():

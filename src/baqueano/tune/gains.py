@@ -13,6 +13,7 @@ real vehicle. With `draws` the cost is about the largest cost of vehicles drawn 
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -127,8 +128,9 @@ def search_gains(
 ) -> tuple[Objective, list[Descent]]:
     """Return the rehearsal with the final bounds, and the descents, the least cost first.
 
-    If a gain ends on a bound, the search is repeated from there near the first of the `initial` gains (search.py,
-    equation 2). If that also ends on a bound, and the bound is soft, the search continues with a wider bound.
+    If a gain ends on a bound, a descent that ends inside at nearly the same cost is preferred. If there is none, the
+    search is repeated near the first of the `initial` gains (search.py, equation 2). If that also ends on a bound, and
+    the bound is soft, the search continues with a wider bound.
     """
     descents: list[Descent] = []
     preferred_gains = initial[0] if initial else rehearsal.space.middle
@@ -140,8 +142,8 @@ def search_gains(
         descents.sort(key=lambda d: d.cost)
         best_gains = descents[0].gains
         ends = at_limit(best_gains, space.low, space.high)
-        if np.any(ends) and (interior := _within_bounds(rehearsal, descents[0], preferred_gains)):
-            return rehearsal, [interior, *descents]
+        if np.any(ends) and (interior := _within_bounds(rehearsal, descents, preferred_gains)):
+            return rehearsal, [interior, *(end for end in descents if end is not interior)]
         wider = space.widen(ends)
         if np.array_equal(wider.low, space.low) and np.array_equal(wider.high, space.high):
             break
@@ -149,19 +151,22 @@ def search_gains(
     return rehearsal, descents
 
 
-def _within_bounds(rehearsal: Objective, best: Descent, preferred_x: np.ndarray) -> Descent | None:
+def _within_bounds(rehearsal: Objective, descents: list[Descent], preferred_x: np.ndarray) -> Descent | None:
     """Return a descent to gains within their bounds, if it costs nearly the same as the best end; else None.
 
-    Where the cost is rough, no descent leaves a bound: a second one starts at the preferred values of these gains.
+    Other descents are made only if none of `descents` ends there. Where the cost is rough, none leaves a bound: a
+    second one starts at the preferred values of these gains.
     """
-    low, high = rehearsal.space.low, rehearsal.space.high
+    low, high, best = rehearsal.space.low, rehearsal.space.high, descents[0]
+    max_cost = (1.0 + TIE_WEIGHT * len(preferred_x)) * best.cost
+
+    def is_inside(end: Descent) -> bool:
+        return end.cost <= max_cost and not np.any(at_limit(end.gains, low, high))
+
     is_at_limit = at_limit(best.gains, low, high) != 0
-    for start in (best.gains, np.where(is_at_limit, np.clip(preferred_x, low, high), best.gains)):
-        end = descend(rehearsal.cost_and_gradient, start, low, high, preferred_x)
-        is_near = end.cost <= (1.0 + TIE_WEIGHT * len(preferred_x)) * best.cost
-        if is_near and not np.any(at_limit(end.gains, low, high)):
-            return end
-    return None
+    starts = best.gains, np.where(is_at_limit, np.clip(preferred_x, low, high), best.gains)
+    others = (descend(rehearsal.cost_and_gradient, start, low, high, preferred_x) for start in starts)
+    return next(filter(is_inside, chain(descents, others)), None)
 
 
 def rank_by_worst_case(

@@ -4,9 +4,9 @@
 
 g is a gain, x its coordinate in the search. In x, small gains have the same share of the interval as large gains. The
 slope of (1) at 0 is above 0, so that a gain can leave its bound. The cost is evaluated at a fixed set of points of
-the unit cube (Halton 1960). L-BFGS-B (Byrd et al. 1995) descends from the best of them. If the gradient at the end is
-still large, the cost is not smooth (for example, motors that switch direction). Then the simplex of Nelder and Mead
-continues from there. The search is deterministic: the same input yields the same result.
+the unit cube (Halton 1960). A quasi-Newton method (quasi_newton.py) descends from the best of them. If the gradient
+at the end is still large, the cost is not smooth (for example, motors that switch direction). Then the simplex of
+Nelder and Mead continues from there. The search is deterministic: the same input yields the same result.
 
 Two gains can have the same effect, or one gain none; then a descent can end at a bound for a negligible advantage. With
 `preferred_x` gains x_0, a descent stays near them, and minimises, for the cost C,
@@ -15,12 +15,13 @@ Two gains can have the same effect, or one gain none; then a descent can end at 
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
+from baqueano.tune.quasi_newton import minimise
 
 STRETCH_EXPONENT = 7.0  # c: the middle of the range is 3 % of its upper end
 SAMPLED_POINTS = 24  # points of the cube that are evaluated before the descents
@@ -37,8 +38,6 @@ TIE_WEIGHT = 2e-3  # w: the share of the cost that is given up for a gain that m
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 LIMIT_TOLERANCE = 1e-3  # of the range in x
 MAX_SLOPE = 1e12  # ∂C/∂x relative to C above which rounding decides its sign: the drive is chaotic
-# of C in a step, relative to the start; at larger values the slope in a narrow valley stays large
-MIN_DECREASE = 1e-12
 DIVERGED_COST = 1e30  # the cost of gains for which the simulation diverges
 
 Cost = Callable[[np.ndarray], float]
@@ -52,7 +51,7 @@ class Descent(NamedTuple):
     gains: np.ndarray  # (p,) gains at the end
     cost: float
     costs: np.ndarray  # (e,) of each evaluation, the start first
-    slope: float  # gradient at the end of L-BFGS-B, relative to the cost; 0 at the minimum of a smooth cost
+    slope: float  # gradient at the end, relative to the cost; 0 at the minimum of a smooth cost
     path: tuple[np.ndarray, ...] = ()  # gains (p,) after each step, the start first
 
 
@@ -91,59 +90,40 @@ def descend(
     preferred_x: np.ndarray | None = None,
 ) -> Descent:
     """Return the descent from the gains `start` (p,), which must be within the bounds; `preferred_x` (p,): see (2)."""
-    minimize = _minimize()
     costs: list[float] = []
     values: list[float] = []  # of (2)
-    initial_cost = _finite(cost_and_gradient(start)[0])
     x0 = coordinates(start, low, high)
     weight, x_preferred = (
         (0.0, x0)
         if preferred_x is None
         else (TIE_WEIGHT, coordinates(np.clip(preferred_x, low, high), low, high))
     )
-    scale = 1.0 / max(initial_cost, 1e-300)  # the stopping rule is relative to the cost at the start
 
     def f(x: np.ndarray) -> tuple[float, np.ndarray]:
         value, gradient = cost_and_gradient(gains(x, low, high))
         costs.append(_finite(value))
         values.append(DIVERGED_COST)
         if costs[-1] == DIVERGED_COST or not np.all(np.isfinite(gradient)):
-            return DIVERGED_COST * scale, np.zeros(len(x))
+            return DIVERGED_COST, np.zeros(len(x))
         deviation = x - x_preferred
         share = 1.0 + weight * float(deviation @ deviation)  # (2)
         slope = share * gradient * gain_derivative(x, low, high) + 2.0 * weight * value * deviation
         if np.max(np.abs(slope)) > MAX_SLOPE * value:
             slope = np.zeros(len(x))
         values[-1] = share * costs[-1]
-        return values[-1] * scale, slope * scale
+        return values[-1], slope
 
     path = [np.array(start, dtype=float)]
 
-    def after_step(x: np.ndarray) -> None:
+    def is_end(x: np.ndarray) -> bool:
         path.append(gains(x, low, high))
-        if min(values) > (1.0 - MIN_PROGRESS) * min(values[:-PATIENCE], default=np.inf):
-            raise StopIteration
+        return min(values) > (1.0 - MIN_PROGRESS) * min(values[:-PATIENCE], default=np.inf)
 
-    options = {"maxfun": MAX_EVALUATIONS, "ftol": MIN_DECREASE, "gtol": 1e-8}
-    optimum = minimize(
-        f, x0, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(x0), options=options,
-        callback=after_step,
-    )  # fmt: skip
-    deviation = optimum.x - x_preferred
-    x, min_cost = optimum.x, float(optimum.fun / scale) / (1.0 + weight * float(deviation @ deviation))
-    if preferred_x is None and not min_cost <= initial_cost:
-        x, min_cost = x0, initial_cost
-    return Descent(
-        start, gains(x, low, high), min_cost, np.array(costs), _largest_slope(optimum, x), tuple(path)
-    )
-
-
-def _largest_slope(optimum: Any, x: np.ndarray) -> float:
-    """Return the largest component of the gradient that the bounds do not block, relative to the cost."""
-    g = np.where(
-        x <= 0.0, np.minimum(optimum.jac, 0.0), np.where(x >= 1.0, np.maximum(optimum.jac, 0.0), optimum.jac)
-    )
-    return float(np.max(np.abs(g)) / max(abs(optimum.fun), 1e-300))
+    end = minimise(f, x0, MAX_EVALUATIONS, is_end)
+    deviation = end.x - x_preferred
+    min_cost = end.value / (1.0 + weight * float(deviation @ deviation))
+    slope = end.largest_slope() / max(abs(end.value), 1e-300)
+    return Descent(start, gains(end.x, low, high), min_cost, np.array(costs), slope, tuple(path))
 
 
 def _refine_with_simplex(

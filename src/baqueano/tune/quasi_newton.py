@@ -1,0 +1,132 @@
+"""Minimise a function with its gradient within the unit cube, by a quasi-Newton method.
+
+    B d = −g,    x⁺ = x + t d,    B⁺ = τ (B − B s sᵀ B / sᵀ B s) + y yᵀ / sᵀ y                             (1)
+    s = x⁺ − x,    y = g⁺ − g,    τ = min(1, sᵀ y / sᵀ B s)
+
+(1) is the update of Broyden, Fletcher, Goldfarb and Shanno, scaled as by Al-Baali (1998). A coordinate at its bound
+does not move if the gradient presses it there; all others are clipped (Bertsekas 1982). SciPy's L-BFGS-B needs as many
+evaluations. But its matrices of a few rows keep all threads of the linear algebra busy.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+FIRST_STEP, MAX_STEP = 0.1, 0.3  # of the cube: largest moves of a coordinate, before and after B is known
+MIN_SHARE, MAX_SHARE = 1e-4, 0.9  # of the slope at the start: least mean descent, largest slope at the end
+EXTENSION, MAX_EXTENSION = 4.0, 64.0  # of a step after which the function still descends steeply
+MIN_STEP = 1e-8  # t below which the line search gives up
+MIN_FORECAST = 1e-10  # decrease that (1) predicts, relative to the value, below which the search ends
+MIN_SLOPE = 1e-8  # relative to the first value
+MIN_COSINE = 1e-10  # between s and y, for an update
+
+
+class Point(NamedTuple):
+    """A point with the value of the function and its gradient."""
+
+    x: np.ndarray  # (p,)
+    value: float
+    gradient: np.ndarray  # (p,)
+
+    def movable(self) -> np.ndarray:
+        """Return True for each coordinate that no bound blocks."""
+        return ~(((self.x <= 0.0) & (self.gradient > 0.0)) | ((self.x >= 1.0) & (self.gradient < 0.0)))
+
+    def largest_slope(self) -> float:
+        """Return the largest component of the gradient that no bound blocks."""
+        return float(np.max(np.abs(self.gradient) * self.movable()))
+
+
+def minimise(
+    f: Callable[[np.ndarray], tuple[float, np.ndarray]],
+    x: np.ndarray,
+    max_evaluations: int,
+    is_end: Callable[[np.ndarray], bool],
+) -> Point:
+    """Return the end of the descent of f(x) → (value, gradient) from x (p,) in the unit cube.
+
+    `is_end` receives each new point and returns True to stop.
+    """
+    count = 0
+
+    def evaluate(x: np.ndarray) -> Point | None:
+        nonlocal count
+        count += 1
+        return Point(x, *f(x)) if count <= max_evaluations else None
+
+    point = Point(x, *f(x))
+    count, updates, curvature = 1, 0, None  # B
+    min_slope = MIN_SLOPE * abs(point.value)
+    while count < max_evaluations and point.largest_slope() > min_slope:
+        step = _step(point, curvature)
+        descent = -float(step @ point.gradient)
+        is_known = updates >= np.count_nonzero(step)
+        if is_known and 0.0 <= 0.5 * descent <= MIN_FORECAST * abs(point.value):
+            break
+        limit = MAX_STEP if updates else FIRST_STEP
+        step *= min(1.0, limit / np.max(np.abs(step)))
+        end = _line_search(evaluate, point, step) if descent > 0.0 else None
+        if end is None:
+            if curvature is None:
+                break
+            updates, curvature = 0, None
+            continue
+        s, y = end.x - point.x, end.gradient - point.gradient
+        product = float(s @ y)
+        if product > MIN_COSINE * np.sqrt((s @ s) * (y @ y)):
+            curvature = _updated(curvature, s, y, product)
+            updates += 1
+        point = end
+        if is_end(point.x):
+            break
+    return point
+
+
+def _step(point: Point, curvature: np.ndarray | None) -> np.ndarray:
+    """Return d; along the gradient if B is None.  (1)"""
+    free, step = point.movable(), np.zeros(len(point.x))
+    if curvature is None:
+        step[free] = -point.gradient[free] * (FIRST_STEP / point.largest_slope())
+    else:
+        step[free] = -np.linalg.solve(curvature[np.ix_(free, free)], point.gradient[free])
+    return step
+
+
+def _line_search(
+    evaluate: Callable[[np.ndarray], Point | None], start: Point, step: np.ndarray
+) -> Point | None:
+    """Return a point with a sufficient decrease along the step, or None."""
+    t, best, is_shortened = 1.0, None, False
+    first_slope = float(step @ start.gradient)
+    while MIN_STEP <= t <= MAX_EXTENSION:
+        x = start.x + t * step
+        is_inside = x.min() >= 0.0 and x.max() <= 1.0
+        x = x if is_inside else np.clip(x, 0.0, 1.0)
+        change = float(start.gradient @ (x - start.x))
+        end = evaluate(x) if change < 0.0 else None
+        if end is None:
+            return best
+        if end.value <= (start.value + MIN_SHARE * change if best is None else best.value):
+            best = end
+            is_steep = float(step @ end.gradient) < MAX_SHARE * first_slope
+            if is_shortened or not is_inside or not is_steep:
+                return best
+            t *= EXTENSION
+        elif best is not None:
+            return best
+        else:
+            excess = end.value - start.value - change  # of the value over its tangent
+            t *= min(max(-0.5 * change / excess, 0.1), 0.5)
+            is_shortened = True
+    return best
+
+
+def _updated(curvature: np.ndarray | None, s: np.ndarray, y: np.ndarray, product: float) -> np.ndarray:
+    """Return B⁺; without B, from a multiple of the unit matrix.  (1)"""
+    if curvature is None:
+        curvature = np.eye(len(s)) * (y @ y / product)
+    forecast = curvature @ s
+    size = float(s @ forecast)
+    scale = min(1.0, product / size)
+    return scale * (curvature - np.outer(forecast, forecast) / size) + np.outer(y, y) / product
