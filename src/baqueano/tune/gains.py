@@ -128,7 +128,7 @@ def search_gains(
 ) -> tuple[Objective, list[Descent]]:
     """Return the rehearsal with the final bounds, and the descents, the least cost first.
 
-    If a gain ends on a bound, a descent that ends inside at nearly the same cost is preferred. If there is none, the
+    If a gain ends on a bound, a descent that ends inside at nearly the same cost is preferred. Otherwise the
     search is repeated near the first of the `initial` gains (search.py, equation 2). If that also ends on a bound, and
     the bound is soft, the search continues with a wider bound.
     """
