@@ -16,7 +16,7 @@ from typing import Any
 
 from websockets.sync.client import connect
 
-SIZES = {"phone": (390, 844), "laptop": (1280, 800), "projector": (1920, 1080)}
+SIZES = {"phone": (390, 844), "tablet": (1024, 768), "laptop": (1280, 800), "projector": (1920, 1080)}
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run", "--mute-audio",

@@ -1,4 +1,4 @@
-"""Every screen in three sizes, two themes and two languages: no text is cut, hidden, faint or without a name."""
+"""Every screen in four sizes, two themes and two languages: no text is cut, hidden, faint or without a name."""
 
 import json
 import os
@@ -22,8 +22,8 @@ from tests.web.screens import (
 
 # sizes and themes of each language; every pair of size and theme, and of size and language, and all in `make test-all`
 LOOKS = {
-    "en": [("phone", "light"), ("laptop", "dark"), ("projector", "light")],
-    "es": [("phone", "dark"), ("laptop", "light"), ("projector", "dark")],
+    "en": [("phone", "light"), ("tablet", "dark"), ("laptop", "dark"), ("projector", "light")],
+    "es": [("phone", "dark"), ("tablet", "light"), ("laptop", "light"), ("projector", "dark")],
 }
 LOOKS_OF_AXE = {  # which judges names and contrast: each size, each theme, each language
     "en": [("phone", "light"), ("laptop", "dark")],

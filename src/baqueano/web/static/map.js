@@ -94,7 +94,7 @@ export class Map2D {
     const { left, right, top, bottom } = this.pad, known = boxes.filter((one) => Number.isFinite(one[0]));
     const [x0, y0, x1, y1] = known.length ? known.reduce(union) : [-1, -1, 1, 1];
     this.middle = [(left + w - right) / 2, (top + h - bottom) / 2];
-    const scale = max(min((w - left - right) / max(x1 - x0, 0.3), (h - top - bottom) / max(y1 - y0, 0.3)), 1) * 0.94;
+    const scale = max(min((w - left - right) / max(x1 - x0, 0.8), (h - top - bottom) / max(y1 - y0, 0.8)), 1) * 0.94;
     const { mode, view } = this, fit = { x: (x0 + x1) / 2, y: (y0 + y1) / 2, scale }, size = `${w}|${h}`, part = this.size !== size || calm() ? 1 : 0.16, now = view ?? fit;
     if (mode === "fit") this.wish = null;
     const want = mode === "fit" ? fit : mode === "follow" && at ? { x: at[0], y: at[1], scale: this.wish ?? scale * 1.8 } : now;

@@ -6,7 +6,7 @@ import { Map2D } from "./map.js";
 import { boxOf } from "./record.js";
 import { length, num, t, three, wordFor } from "./strings.js";
 
-const { abs, expm1, floor, max } = Math;
+const { abs, expm1, floor, max, round } = Math;
 const CURVE = 7; // of tune/search.py: g = low + (high − low) (e^{cx} − 1) / (e^c − 1)
 const SIDES = [10, 20]; // of the landscape: coarse at once, then fine
 const SETTLED_MS = 250, LAP_MS = 60; // between two laps: a browser may say 50 words a second
@@ -157,7 +157,7 @@ export class Tune {
     put(this, { here: length(lap?.rms), ofFile: length(fileLap?.rms), full: num(100 * lap?.full, 0) });
     if (lap) write(this.note, t(about.whole ? "tune.note" : "tune.note-part", { s: num(about.seconds, 0), ms: num(lap.ms), way: num(this.lap_ms, 0) }));
     this.began_ms ??= now_ms;
-    const { x = [], y } = lap ?? {}, n = x.length, k = calm() ? n - 2 : floor(((now_ms - this.began_ms) / 250 / about.seconds) * n) % max(n - 1, 1); // four times as fast
+    const { x = [], y } = lap ?? {}, n = x.length, k = calm() ? n - 2 : floor(((now_ms - this.began_ms) / 250 / about.seconds) * n) % max(n - 1, 1); // 4 ×
     const pose = n > 1 ? [x[k], y[k], Math.atan2(y[k + 1] - y[k], x[k + 1] - x[k])] : null;
     const trails = [[fileLap, "ghost"], [lap, "estimate"]].filter(([one]) => one).map(([one, style]) => ({ trail: (one.trail ??= trailOf(one)), style }));
     this.map.draw({ route: about.path, trails, vehicles: [{ pose, vehicle: this.page.shown.about.vehicle }] });
@@ -178,16 +178,16 @@ export class Tune {
     box(c, left, top, right - left, bottom - top, 0);
     stroke(c, "line");
     for (const x of [0, 0.25, 0.5, 0.75, 1]) {
-      const [across, up] = two.map((one) => { const g = gainOf(one, x); return g ? three(g) : "0"; });
-      text(across, X(x), bottom + 0.9 * rem, x === 1 ? "right" : x ? "center" : "left");
-      text(up, left - 0.4 * rem, max(Y(x), top + 0.4 * rem), "right");
+      const [[p, a], [q, b]] = two.map((one) => [one, +gainOf(one, x).toPrecision(x % 1 ? 1 : 3)]).map(([one, g]) => [placeOf(one, g), num(g, `${g}.`.split(".")[1].length)]);
+      text(a, X(p), bottom + 0.9 * rem, ["left", "right"][x] ?? "center");
+      text(b, left - 0.4 * rem, max(Y(q), top + 0.4 * rem), "right");
     }
-    const [across, up] = two.map(({ name, unit }) => (unit ? `${name} [${unit}]` : name));
-    text(across, X(0.5), bottom + 2.2 * rem, "center", "ink");
+    const [a, b] = two.map(({ name, unit }) => (unit ? `${name} [${unit}]` : name));
+    text(a, X(0.5), bottom + 2.2 * rem, "center", "ink");
     c.save();
     c.translate(0.7 * rem, Y(0.5));
     c.rotate(-Math.PI / 2);
-    text(up, 0, 0, "center", "ink");
+    text(b, 0, 0, "center", "ink");
     c.restore();
     line(c, (this.path?.places ?? []).map(at), "ink", 2, [5, 4]);
     const placesOf = (values) => this.gains.map((one, k) => placeOf(one, values[k]));
@@ -217,7 +217,7 @@ export class Tune {
       const row = Array.from({ length: side }, (_, i) => mix(at(j * side + i), at((j + 1) * side + i), v));
       for (const [i, u] of places) {
         const depth = clamp((high - mix(row[i], row[i + 1], u)) / (high - low || 1), 0, 1) ** 1.5;
-        image.data.set(shades[Math.round(depth * BANDS) || 0], pixel);
+        image.data.set(shades[round(depth * BANDS) || 0], pixel);
         pixel += 4;
       }
     }
@@ -236,7 +236,7 @@ function slider(one, file, onmove) {
   track.style.setProperty("--at", placeOf(one, file ?? 0));
   const set = (g) => {
     const x = placeOf(one, g);
-    input.value = Math.round(1000 * x);
+    input.value = round(1000 * x);
     slide(input, x, `${three(g)} ${unit}`);
     write(value, three(g));
   };
