@@ -11,6 +11,7 @@ from types import ModuleType
 import pytest
 
 from docs.site.reference import ROOMS
+from tests.web.chromium import CHROMIUM, SIZES, Chromium
 
 ROOT = Path(__file__).parents[1]
 DOCS, SPANISH = ROOT / "docs", ROOT / "docs" / "es"
@@ -29,6 +30,11 @@ TWINS = {"the README": (ROOT / "README.md", ROOT / "README.es.md")} | {
 OTHER_SPANISH_WORDS = (  # for sintonizar, valores verdaderos, cambio brusco, joystick
     r"\bajust\w+ (las |sus |los )?ganancias", r"\b(la|una) verdad\b", r"\bsacudidas\b", r"con un mando\b",
 )  # fmt: skip
+UNREACHABLE = """[...document.querySelectorAll(".equation")].filter((one) => {
+  const left = one.getBoundingClientRect().left - one.scrollLeft;
+  const ends = [...one.querySelectorAll("*")].map((part) => part.getBoundingClientRect().right);
+  return Math.max(...ends) - left > one.scrollWidth + 16;
+}).map((one) => one.textContent.trim().slice(0, 40))"""  # equations whose end no scrolling shows
 needs_sphinx = pytest.mark.skipif(
     any(find_spec(name) is None for name in ("sphinx", "myst_parser", "furo")),
     reason="the site needs the extra docs: pip install '.[docs]'",
@@ -177,12 +183,20 @@ def test_the_site_needs_no_network_and_has_no_dead_link(site):
 
 
 @needs_sphinx
-def test_each_section_that_the_style_sheet_lays_out_exists(site):
-    sheet = (ROOT / "docs" / "site" / "static" / "site.css").read_text(encoding="utf-8")
-    sections = set(re.findall(r"#([a-z][a-z-]+)(?=[,) ])", sheet)) - {"baqueano"}
-    assert {"glossary-glosario", "glosario-glossary"} <= sections
-    text = "".join(page.read_text(encoding="utf-8") for page in site.rglob("*.html"))
-    assert not [name for name in sections if f'id="{name}"' not in text]
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
+def test_on_a_phone_every_equation_can_be_scrolled_to_its_end(site):
+    """No page is wider than a phone; what is wider scrolls by itself; a table of sentences names its columns."""
+    pages = [site / "es" / "glossary.html", *sorted((site / "derivations").glob("*.html"))]
+    with Chromium() as browser:
+        tab = browser.tab()
+        tab.size(*SIZES["phone"])
+        for page in pages:
+            tab.goto(page.as_uri())
+            assert tab.js("document.documentElement.scrollWidth") == SIZES["phone"][0], page
+            assert tab.js(UNREACHABLE) == [], page
+        tab.goto(pages[0].as_uri())
+        heading_js = "getComputedStyle(document.querySelector('.cards td:nth-child(2)'), '::before').content"
+        assert "English" in tab.js(heading_js)
 
 
 @needs_sphinx

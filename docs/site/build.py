@@ -4,6 +4,7 @@ import os
 import re
 import shutil
 import tempfile
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from docs.site.pages import ROOT, Edition
 from docs.site.reference import COMMON, reference
 
 HERE = Path(__file__).parent
+MAX_NARROW_LETTERS = 40  # of a cell for which a phone has room beside two others
 NAMES = {"en": "English", "es": "Español"}
 THEME_TEXTS = {  # texts of the theme, which exists only in English
     "es": {
@@ -73,7 +75,7 @@ def _sphinx(source: Path, out: Path, language: str) -> bool:
             source, None, out, source.with_name(f"{language}-trees"), "html", settings(language),
             status=None, freshenv=True, parallel=1,
         )  # fmt: skip
-        app.connect("html-page-context", _languages)
+        app.connect("html-page-context", _complete_body)
         app.build(force_all=True)
     return app.statuscode == 0 and not app._warncount
 
@@ -126,8 +128,10 @@ def settings(language: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _languages(app: Any, page: str, _template: str, context: dict[str, Any], _tree: Any) -> None:
-    """Add a link to the other language above each page: to the same page, or to the first page if it is missing."""
+def _complete_body(app: Any, page: str, _template: str, context: dict[str, Any], _tree: Any) -> None:
+    """Add a link to the other language above each page, and headings for a phone. The link leads to the same page, or
+    to the first page if it is missing.
+    """
     language = app.config.language
     second = "es" if language == "en" else "en"
     target_page = page if page in {*Edition(second).sources, *COMMON, "search", "genindex"} else "index"
@@ -137,7 +141,37 @@ def _languages(app: Any, page: str, _template: str, context: dict[str, Any], _tr
         f'<p class="languages"><span lang="{language}">{NAMES[language]}</span> · '
         f'<a href="{target}" lang="{second}" hreflang="{second}">{NAMES[second]}</a></p>'
     )
-    context["body"] = switch + context.get("body", "")
+    context["body"] = switch + with_headings_in_cells(context.get("body", ""))
+
+
+def with_headings_in_cells(page: str) -> str:
+    """Return HTML in which the cells of each table of sentences name their column, for a phone without room for it.
+
+    >>> with_headings_in_cells("<table><th>a</th><th>b</th><th>c</th><td>short</td></table>")
+    '<table><th>a</th><th>b</th><th>c</th><td>short</td></table>'
+    """
+
+    def table(match: re.Match[str]) -> str:
+        headings = [_plain(head) for head in re.findall(r"<th\b[^>]*>(.*?)</th>", match[0], re.DOTALL)]
+        cells = re.findall(r"<td\b[^>]*>(.*?)</td>", match[0], re.DOTALL)
+        if len(headings) < 3 or max(map(len, map(_plain, cells)), default=0) <= MAX_NARROW_LETTERS:
+            return match[0]
+        columns = cycle(headings)
+
+        def cell(match: re.Match[str]) -> str:
+            heading = next(columns)
+            content = match[1]
+            return f'<td data-heading="{heading}">{content}' if _plain(content) else '<td class="empty">'
+
+        text = re.sub(r"<td\b[^>]*>(.*?)(?=</td>)", cell, match[0], flags=re.DOTALL)
+        return text.replace('<table class="', '<table class="cards ', 1)
+
+    return re.sub(r"<table\b.*?</table>", table, page, flags=re.DOTALL)
+
+
+def _plain(text: str) -> str:
+    """Return HTML without its tags."""
+    return re.sub(r"<[^>]*>", "", text).strip()
 
 
 __all__ = ["ROOT", "build", "settings"]
