@@ -150,6 +150,15 @@ def test_the_columns_of_a_table_are_as_wide_as_their_widest_cell():
         text_table("<>", ["fault", "wrong"], ["slip"])
 
 
+def test_a_heading_is_divided_only_in_a_table_that_is_wider_than_80_columns():
+    name = "drivetrain.dead_zone_backward[0] of the rear axle"
+    head, row = ["parámetro", "valor verdadero", "veredicto"], [name, "0,3401", "inconsistente"]
+    first, second, *lines = text_table("<><", head, row)
+    assert (first.split(), second.split()) == (["valor"], ["parámetro", "verdadero", "veredicto"])
+    assert max(map(len, (first, second, *lines))) <= 80
+    assert len(text_table("<><", head, ["a short name", *row[1:]])) == 2
+
+
 @pytest.mark.parametrize(
     "first_column", ["ok", "a name of sixty letters that leaves no place for a second column"]
 )

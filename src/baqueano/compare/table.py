@@ -42,7 +42,7 @@ def table(comparison: "Comparison") -> str:
     """Return the table as text, in blocks of columns. A block contains the rows that at least one of its runs has."""
     sections = sections_of(comparison)
     rows = [row for section in sections for row in section["rows"]]
-    width = max((len(row["label"]) + len(row["unit"]) for row in rows), default=0) + 3  # of "  label unit"
+    width = max((len(row["label"]) + len(row["unit"]) for row in rows), default=0) + 4  # of "  label  unit"
     heads = [wrap(run.name, COLUMN_LETTERS) or [""] for run in comparison.runs]
     column_widths = [
         max(MIN_COLUMN_LETTERS, *map(len, head), *(len(row["cells"][k]) for row in rows))

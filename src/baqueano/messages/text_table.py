@@ -13,9 +13,11 @@ NO_BREAK = "\N{NO-BREAK SPACE}"
 
 def text_table(sides: str, *lines: Sequence[str]) -> list[str]:
     """Return the lines of a table, the head first, each given as its cells. `sides` contains "<" for each column of
-    words and ">" for each column of numbers. Words of the last column beyond LINE_LETTERS are wrapped. Raise
-    ValueError if a line has another number of cells.
+    words and ">" for each column of numbers. Words of the last column beyond LINE_LETTERS are wrapped, and so are
+    headings without a number in a table that is wider. Raise ValueError if a line has another number of cells.
     """
+    if sum(max(map(len, column)) + 2 for column in zip(*lines, strict=True)) > LINE_LETTERS + 2:
+        lines = *_heads(sides, lines), *lines[1:]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     start = sum(widths[:-1]) + 2 * (len(widths) - 1)
     indent = start if start <= LINE_LETTERS - MIN_LAST_LETTERS else INDENT
@@ -31,6 +33,19 @@ def text_table(sides: str, *lines: Sequence[str]) -> list[str]:
         wrapped_lines += [f"{first_cells}  {words.pop(0)}"] if indent == start else [first_cells.rstrip()]
         wrapped_lines += [f"{'':{indent}}{part}" for part in words]
     return wrapped_lines
+
+
+def _heads(sides: str, lines: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Return the first line of a table as several lines, in which no heading of numbers is wider than necessary."""
+    columns = []
+    for side, head, *cells in zip(sides, *lines, strict=True):
+        is_heading = side == ">" and not any(map(str.isdigit, head))
+        width = max(map(len, [*cells, *head.split(), " "]))
+        columns.append((wrap(head, width) or [""]) if is_heading else [head])
+    height = max(map(len, columns))
+    return [
+        list(row) for row in zip(*([""] * (height - len(column)) + column for column in columns), strict=True)
+    ]
 
 
 def with_remark(line: str, remark: str) -> list[str]:

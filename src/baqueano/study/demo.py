@@ -109,7 +109,7 @@ class Demo:
             value = f"{number(row['estimate']):.4g}" if identifiable else "–"
             name = row["name"].removeprefix("model.")
             rows.append([name, value, std, f"{number(row['truth']):.4g}", _(row["verdict"])])
-        head = [_("parameter"), _("estimate"), _("std. error"), _("truth"), _("verdict")]
+        head = [_("parameter"), _("fit"), _("std. error"), _("true"), _("verdict")]
         lines = text_table("<>>><", head, *rows)
         lines += ["", *self._summary()]
         if any(row["verdict"] == "inconsistent" for row in self.rows()):
@@ -153,8 +153,7 @@ class Demo:
             ),
             _("verdict"): verdict_line(self.verdict, self.fit.reasons[:1]),
         }  # fmt: skip
-        width = max(16, *map(len, lines))
-        return [f"{label:{width}} {line}" for label, line in lines.items()]
+        return text_table("<<", *lines.items())
 
     def animation(self, backend: str = "auto") -> str:
         """Return the animation: the intervals narrow as data arrive, and the taught path is driven again."""
