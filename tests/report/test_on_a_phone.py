@@ -10,6 +10,7 @@ from baqueano.diagnostics import note
 from baqueano.drive import repeat
 from baqueano.guides.shapes import circle
 from baqueano.messages import text as sentence_of
+from baqueano.messages import unbroken
 from baqueano.report import figures
 from baqueano.report.canvas import with_narrow_legends
 from baqueano.report.page import NARROW_IN, Page, Section, Table, draw
@@ -99,7 +100,7 @@ def test_a_diverged_estimate_is_drawn_until_its_divergence(drive):
     eta = log.eta.copy()
     eta[500:, 0] = 1e16
     text = run_page(replace(drive, estimate=log._replace(eta=eta))).html()
-    assert sentence_of(note("compare.diverged", t_s=5.0)) in text
+    assert unbroken(sentence_of(note("compare.diverged", t_s=5.0))) in text
     assert "1e16" not in text
     assert not re.search(r">\d+(\.\d+)?e1\d<|>1e1\d<", text)
 

@@ -19,6 +19,7 @@ from baqueano.report.fit_report import fit_page
 from baqueano.report.run_report import run_page
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.vehicle_file import load
+from tests.catalogues import read_catalogue
 
 mpl.use("svg")
 ADDRESS = re.compile(r"""(?:src|href|xlink:href|action)\s*=\s*["'](?!#|data:)|url\((?!\s*["']?#)|@import""")
@@ -79,9 +80,19 @@ def test_the_verdict_of_a_page_is_the_verdict_of_the_comparison():
 def test_rejected_readings_have_a_table_only_if_they_were_counted():
     counts = Event(0, "info", REJECTIONS_SOURCE, "", rejection_event([Rejections("imu[2]", 12, 400)]))
     run = replace(a_run(), events=(counts,))
-    (table,) = parts_of(run_page(run))["Refused readings"]
-    assert table.rows == [{"number": "imu[2]", "refused": 12, "arrived": 400, "rejected [%]": 3.0}]
-    assert "Refused readings" not in parts_of(whole_page())
+    (table,) = parts_of(run_page(run))["Rejected readings"]
+    assert table.rows == [{"channel": "imu[2]", "readings": 400, "rejected": 12, "rejected [%]": 3.0}]
+    assert "Rejected readings" not in parts_of(whole_page())
+
+
+def test_each_heading_of_a_page_is_in_the_catalogue():
+    counts = Event(0, "info", REJECTIONS_SOURCE, "", rejection_event([Rejections("imu[2]", 12, 400)]))
+    parts = [
+        part for section in run_page(replace(a_run(), events=(counts,))).sections for part in section.parts
+    ]
+    rows = [part.rows[0] for part in parts if isinstance(part, Table) and part.columns is None]
+    headings = {key.replace("_", " ") for row in rows for key in row if "[" not in key}
+    assert {"rejected", "independent samples"} <= headings <= {entry.id for entry in read_catalogue("es")}
 
 
 def test_names_and_events_are_escaped():
@@ -289,16 +300,16 @@ def test_the_page_reports_the_consistency_of_the_filter():
     assert filter_consistency(run).messages[0].code == "consistency.consistent"
     (table,) = sections[title].parts
     assert [row["figure"] for row in table.rows] == [
-        "nees_pose",
-        "nees_velocity",
-        *(f"nees_{name}" for name in STATE_NAMES),
+        "NEES: pose",
+        "NEES: velocity",
+        *(f"NEES: {name}" for name in STATE_NAMES.values()),
     ]
     log = run.estimate._replace(cov=0.25 * run.estimate.cov)
     doubtful = {section.title: section for section in run_page(replace(run, estimate=log)).sections}
     (table,) = doubtful[title].parts
     assert {row["figure"]: row["verdict"] for row in table.rows}.items() >= {
-        "nees_pose": "too sure",
-        "nees_velocity": "too sure",
+        "NEES: pose": "too sure",
+        "NEES: velocity": "too sure",
     }.items()
     consistency = filter_consistency(replace(run, estimate=log))
     assert doubtful[title].text == consistency.sentence

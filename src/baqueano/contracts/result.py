@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import NoAttribute, UsageError
-from baqueano.messages import text
+from baqueano.messages import text, unbroken
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate
 from baqueano.messages.printable import in_lines
@@ -161,10 +161,10 @@ def wrap_sentences(lines: Iterable[str], width: int = MAX_SENTENCE) -> list[str]
         re.sub(r"baqueano [a-z].*", lambda command: command[0].replace(" ", "\0"), line) for line in lines
     ]
     return [
-        part.replace("\0", " ")
+        part.replace("\0", " ").replace("\u00a0", " ")
         for line in unsplit_lines
         for part in textwrap.wrap(
-            line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+            unbroken(line), width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
         )
     ]
 

@@ -8,6 +8,7 @@ a value whose words are also translated. A message of another version can lack i
 its code is shown.
 """
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from importlib import import_module
@@ -24,6 +25,7 @@ ROOMS = (
     "recordings.damage", "recordings.data", "recordings.imports", "recordings.runs", "vehicle.door",
     "vehicle.hardware", "vehicle.robot",
 )  # fmt: skip
+_IN_A_QUANTITY = re.compile(r"(?<=±) | (?=%)|(?<=\d) (?=[^\W\d_]{1,3}\b)")
 MAX_LISTED_NAMES = 5  # subjects that are named after the first, of messages that are alike
 
 
@@ -111,6 +113,15 @@ def with_full_stop(sentence: str) -> str:
     ('was it touched?', 'the run is short.')
     """
     return sentence if sentence.endswith((".", "?", "!")) else f"{sentence}."
+
+
+def unbroken(sentence: str) -> str:
+    """Return a sentence in which a line does not end between a number and its unit, or after ±.
+
+    >>> unbroken("the errors of the fit are ± 33 cm (95 %)").split(" ")
+    ['the', 'errors', 'of', 'the', 'fit', 'are', '±\xa033\xa0cm', '(95\xa0%)']
+    """
+    return _IN_A_QUANTITY.sub("\u00a0", sentence)
 
 
 def list_item(sentence: str) -> str:

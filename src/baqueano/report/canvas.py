@@ -17,10 +17,11 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.ticker import LogFormatterSciNotation, ScalarFormatter
 
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import UsageError
+from baqueano.messages.language import number
 from baqueano.report.figures import LEGEND_ABOVE
 
 WIDTHS_MM = {"column": 88.0, "page": 181.0}  # of a journal of two columns
@@ -41,6 +42,14 @@ class CommaFormatter(ScalarFormatter):
     def get_offset(self) -> str:
         """Return the factor at the end of the axis as text, with a decimal comma."""
         return super().get_offset().replace(".", ",")
+
+
+class DecimalLogFormatter(LogFormatterSciNotation):
+    """A formatter that writes the numbers of a logarithmic axis as 0.2, not as 2 × 10⁻¹."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        words = super().__call__(x, pos)
+        return f"{number(x):.3g}" if words and 1e-4 < x < 1e5 else words
 
 
 class Canvas(Figure):

@@ -6,7 +6,7 @@ from baqueano.compare import Comparison, RunComparison
 from baqueano.compare.corridor import Corridor, corridor_of
 from baqueano.compare.divergence import cut_at_divergence
 from baqueano.compare.errors import align_trajectory
-from baqueano.compare.filter_consistency import FilterConsistency
+from baqueano.compare.filter_consistency import STATE_NAMES, FilterConsistency
 from baqueano.geometry import map_from_body, wrap
 from baqueano.messages.language import translate as _
 from baqueano.report import figures
@@ -163,7 +163,17 @@ def _errors_against_truth(run: Run, truth_of: Run, alignment: str) -> tuple[np.n
 
 def consistency_sections(corridor: FilterConsistency, run: Run) -> list[Section]:
     """Return the section on the consistency of the filter: sentence, values and innovations; [] without data."""
-    rows, log = corridor.figures(), run.estimate
+    quantities = {"pose": _("pose"), "velocity": _("velocity")} | {
+        k: _(title) for k, title in STATE_NAMES.items()
+    }
+    names = {f"nees_{key}": f"NEES: {title}" for key, title in quantities.items()}
+    names |= {"nis": _("NIS: all innovations")}
+    names |= {f"nis[{k}]": f"NIS: {name}" for k, name in enumerate(corridor.channels)}
+    columns = ("figure", "value", "verdict", "from", "to", "independent samples")
+    rows = [
+        {key: row[key] for key in columns} | {"figure": names[row["figure"]]} for row in corridor.figures()
+    ]
+    log = run.estimate
     caption = _(
         "1 if the filter is consistent; a correct covariance gives a value between the "
         "two limits in 95 % of runs."

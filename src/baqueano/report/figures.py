@@ -10,7 +10,7 @@ import numpy as np
 
 from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.messages.language import translate as _
-from baqueano.report.libraries import panel, panels, with_style
+from baqueano.report.libraries import panel, panels, set_log_scale, with_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -98,7 +98,10 @@ def residuals(residual: np.ndarray, names: Sequence[str], lags: int = 60) -> "Fi
     grid = np.linspace(-4.5, 4.5, 200)
     for k, (left, right) in enumerate(axes):
         r = residual[np.isfinite(residual[:, k]), k]
-        left.set_ylabel(names[k])
+        name = names[k].partition(" [")[0]
+        left.set_title(_("{name}: residual / σ", name=name))
+        right.set_title(_("{name}: autocorrelation", name=name))
+        left.set_ylabel(_("density"))
         if len(r) < 2:
             continue
         left.hist(np.clip(r, -4.5, 4.5), bins=60, density=True, color=MEASUREMENT, alpha=0.6)
@@ -108,8 +111,7 @@ def residuals(residual: np.ndarray, names: Sequence[str], lags: int = 60) -> "Fi
         right.axhspan(-1.96 / np.sqrt(len(r)), 1.96 / np.sqrt(len(r)), color=REFERENCE, alpha=0.35)
         axis_limit = 1.0 if np.abs(rho).max(initial=0.0) > 0.5 else 0.5
         right.set_ylim(-axis_limit, axis_limit)
-    axes[0, 0].set_title(_("residual / σ"))
-    axes[0, 1].set_title(_("autocorrelation"))
+    axes[-1, 1].set_xlabel(_("lag (samples)"))
     return figure
 
 
@@ -124,15 +126,26 @@ def autocorrelation(r: np.ndarray, lags: int) -> np.ndarray:
 def estimates(
     names: Sequence[str], value: np.ndarray, std: np.ndarray, truth: np.ndarray | None = None
 ) -> "Figure":
-    """Draw each estimate with its 95 % interval, relative to the truth [%]; without a truth relative to the
-    estimate. An entry that is not finite, or relative to 0, is not drawn."""
+    """Draw each estimate with its 95 % interval relative to the truth [%]; without a truth, the half-width of the
+    interval relative to the estimate. An entry that is not finite, or relative to 0, is not drawn."""
     base = value if truth is None else truth
     scale = np.where(np.abs(base) > 0, np.abs(base), np.nan)
     centre, half_width = 100 * (value - base) / scale, 100 * 1.96 * std / scale
-    finite = np.isfinite(centre) & np.isfinite(half_width)
+    finite = np.isfinite(centre) & (half_width > 0.0) & np.isfinite(half_width)
     labels = [name for name, k in zip(names, finite, strict=True) if k]
     figure, axis = panel((9.2, 0.32 * len(labels) + 1.1))
     rows = np.arange(len(labels))[::-1]
+    axis.set_yticks(rows, labels)
+    if truth is None:
+        widths = half_width[finite]
+        set_log_scale(axis.xaxis)
+        axis.set_xlim(
+            10.0 ** np.floor(np.log10(widths.min(initial=1.0))), max(200.0, 1.2 * widths.max(initial=0.0))
+        )
+        axis.barh(rows, widths, height=0.55, color=np.where(widths > MAX_PERCENT, ALARM, MODEL))
+        axis.axvline(MAX_PERCENT, color=TRUTH, lw=1)
+        axis.set_xlabel(_("± 95 % [% of the estimate]"), loc="right")
+        return figure
     axis.errorbar(centre[finite], rows, xerr=half_width[finite], fmt="o", ms=4, color=MODEL, capsize=3)
     axis.axvline(0, color=TRUTH, lw=1)
     reach = np.abs(centre[finite]) + half_width[finite]
@@ -141,10 +154,7 @@ def estimates(
         axis.set_xlim(-axis_limit, axis_limit)
         for row in rows[reach > axis_limit]:
             axis.annotate(_("beyond"), (axis_limit, row), ha="right", va="bottom", fontsize=7, color=ALARM)
-    axis.set_yticks(rows, labels)
-    axis.set_xlabel(
-        _("interval [% of the estimate]") if truth is None else _("estimate − truth [%]"), loc="right"
-    )
+    axis.set_xlabel(_("estimate − truth [%]"), loc="right")
     return figure
 
 
@@ -266,6 +276,8 @@ def _curve(axis: Any, name: str, t: np.ndarray, y: np.ndarray) -> None:
     t, y = decimate(t, y)
     if name == "±2σ":
         axis.fill_between(t, -y, y, color=MODEL, alpha=0.15, lw=0, label=name)
+        for edge in (-y, y):  # before a dense curve
+            axis.plot(t, edge, color=MODEL, lw=1.0, zorder=3)
     else:
         axis.plot(
             t, y, color=CURVE_COLOURS.get(name, SECOND_COLOUR), lw=LINE_WIDTHS.get(name, 1.1), label=_(name)

@@ -76,7 +76,7 @@ def fit_sections(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True
     `truth` (p,) is drawn beside the estimates. With `reasons`, the reasons of the verdict are also listed.
     """
     messages = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.always_unobservable, *fit.notes)
-    messages = "\n".join(f"• {message}" for message in texts(most_severe_first(messages)))
+    items = [list_item(message) for message in texts(most_severe_first(messages))]
     rows = [row_of(row) for row in fit.rows()]
     if truth is not None:
         rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
@@ -90,11 +90,11 @@ def fit_sections(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True
             draw(
                 drawing,
                 _(
-                    "Each estimate with its 95 % interval; an interval that extends beyond the figure may include 0."
+                    "Half-width of the 95 % interval of each estimate; above 100 % of the estimate, it includes 0."
                 ),
             )
         )
-    sections = [Section(_("Parameters"), messages, parts), *_runs_section(fit)]
+    sections = [Section(_("Parameters"), "", parts, items), *_runs_section(fit)]
     sections += [_run_section(fit, run) for run in _runs_to_draw(fit.channels)]
     if identifiable.sum() > 1:
         matrix = fit.correlation[np.ix_(identifiable, identifiable)]
@@ -120,8 +120,8 @@ def row_of(row: "TableRow") -> "JsonObject":
 
 def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
     """Return a section with the meaning of the verdict for the reader, and the next step."""
-    sentences = [list_item(reason) for reason in texts(most_severe_first(fit.reasons))]
-    sentences = [f"• {reason}" for reason in sentences] if len(sentences) > 1 else sentences
+    reasons = [list_item(reason) for reason in texts(most_severe_first(fit.reasons))]
+    sentences, items = ([], reasons) if len(reasons) > 1 else (reasons, [])
     if held_out is not None:
         sentences += [
             _("On held-out runs: {sentence}", sentence=with_full_stop(held_out.sentence)),
@@ -138,7 +138,7 @@ def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
         sentences.append(_("Next: test it with a run that the fit does not use: add --held-out RUN."))
     else:
         sentences.append(_("Next: baqueano tune, then teach and repeat."))
-    return Section(_("Verdict and next step"), "\n".join(sentences), [])
+    return Section(_("Verdict and next step"), "\n".join(sentences), [], items)
 
 
 def _held_out_section(held_out: "Validation | None") -> list[Section]:

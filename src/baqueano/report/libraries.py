@@ -17,6 +17,7 @@ from baqueano.messages.language import mark as N_
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure, SubFigure
 
     Target: TypeAlias = Axes | Figure | SubFigure | None
@@ -36,6 +37,7 @@ STYLE: dict[Any, Any] = {
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
     "axes.grid": True,
+    "axes.axisbelow": True,
     "grid.color": "#e4e7eb",
     "grid.linewidth": 0.8,
     "xtick.color": "#5c636e",
@@ -107,6 +109,15 @@ def _use_decimal_comma(axes: np.ndarray) -> None:
 
     for axis in (axis for axes_pair in axes.flat for axis in (axes_pair.xaxis, axes_pair.yaxis)):
         axis.set_major_formatter(CommaFormatter())
+
+
+def set_log_scale(axis: "Axis") -> None:
+    """Make an axis logarithmic, with decimal numbers."""
+    from baqueano.report.canvas import DecimalLogFormatter
+
+    (axis.axes.set_xscale if axis is axis.axes.xaxis else axis.axes.set_yscale)("log")
+    axis.set_major_formatter(DecimalLogFormatter())
+    axis.set_minor_formatter(DecimalLogFormatter(labelOnlyBase=False, minor_thresholds=(1.0, 0.4)))
 
 
 def panel(size_in: tuple[float, float]) -> tuple["Figure", "Axes"]:

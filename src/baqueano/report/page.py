@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from baqueano.atomic_file import replace_file
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import UsageError
-from baqueano.messages import text
+from baqueano.messages import text, unbroken
 from baqueano.messages.language import current_language, number
 from baqueano.messages.language import translate as _
 
@@ -86,11 +86,12 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, a paragraph, and tables and drawings in their order."""
+    """A heading, a list of sentences, paragraphs, and tables and drawings in their order."""
 
     title: str
     text: str = ""
     parts: list[Table | Drawing] = field(default_factory=list)
+    items: list[str] = field(default_factory=list)  # before the text
 
 
 @dataclass(frozen=True, repr=False)
@@ -130,7 +131,7 @@ class Page:
         from baqueano.report.libraries import jinja2
 
         environment = jinja2().Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-        environment.filters |= {"cell": cell, "word": _}
+        environment.filters |= {"cell": cell, "word": _, "unbroken": unbroken}
         template = files("baqueano.report").joinpath("page.html.jinja").read_text(encoding="utf-8")
         tone = TONES.get(self.verdict, "plain")
         return environment.from_string(template).render(page=self, tone=tone, language=current_language())
@@ -248,7 +249,7 @@ def _svg(figure: "Figure", shape: str, caption: str) -> str:
 
     buffer = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": f"baqueano {shape}"}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     svg = buffer.getvalue()
     attributes = f'class="{shape}" role="img" aria-label="{html.escape(caption)}"'
     return svg[svg.index("<svg") :].replace("<svg", f"<svg {attributes}", 1)

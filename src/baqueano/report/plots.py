@@ -24,7 +24,7 @@ from baqueano.messages.language import translate as _
 from baqueano.report import figures
 from baqueano.report.figures import MEASUREMENT, MODEL, REFERENCE, TRUTH
 from baqueano.report.fit_report import draw_most_motion, label
-from baqueano.report.libraries import draw_onto, panel, panels, with_style
+from baqueano.report.libraries import draw_onto, panel, panels, set_log_scale, with_style
 from baqueano.report.page import Drawing, Table
 from baqueano.report.pages.at_rest import allan_curves, channels_by_sensor
 from baqueano.report.pages.parameter_drift import curves, parameters_with_curves
@@ -216,7 +216,7 @@ def plot_comparison(result: Comparison) -> "Figure | None":
         )
         lower.plot([b.mean for b in bands], heights, "o", ms=5, color=colour, label=values)
     lower.axvline(1.0, color=TRUTH, lw=1)
-    lower.set_xscale("log")
+    set_log_scale(lower.xaxis)
     lower.set_xlabel(_("error² / claimed variance"))
     for ax in (upper, lower):
         ax.set_yticks(rows, [run.name for run in runs])
@@ -242,7 +242,7 @@ def plot_search(result: TuneResult) -> "Figure":
         axes.plot(np.arange(1, len(costs) + 1), costs, label=_("best start") if k == 0 else "", **style)
     if np.isfinite(result.cost_before):
         axes.axhline(result.cost_before, color=MEASUREMENT, lw=1, ls="--", label=_("gains of the file"))
-    axes.set_yscale("log")
+    set_log_scale(axes.yaxis)
     axes.set_xlabel(_("evaluations"))
     axes.set_ylabel(_("cost [m²]"))
     axes.legend()
@@ -294,7 +294,7 @@ def plot_noise(result: Noise) -> "Figure":
             axes.plot(values, heights, marker, ms=5, color=colour, label=name)
     units = [shown_unit(row["unit"]) for row in rows]
     axes.set_yticks(heights, [f"{row['name']} [{unit}]" for row, unit in zip(rows, units, strict=True)])
-    axes.set_xscale("log")
+    set_log_scale(axes.xaxis)
     axes.set_xlabel(_("standard deviation"))
     axes.legend(**figures.LEGEND_ABOVE)
     return figure

@@ -49,8 +49,7 @@ def run_page(run: Run, alignment: str = "none", second: Run | None = None) -> Pa
     sections += consistency_sections(run_figures.consistency, run)
     sections += refused_section(run_figures.refusals)
     sections += [Section(_("Measurements"), "", [sensors_of(run)])] if run.sensors else []
-    contents = show(run)
-    sections.append(Section(_("Content of the run"), "", [Table(contents.rows()), *_events_table(run)]))
+    sections.append(Section(_("Content of the run"), "", [contents_table(run), *_events_table(run)]))
     kind = run.metadata.get("kind", "run")
     return Page(
         title=run.name,
@@ -106,18 +105,29 @@ def headlines(row: dict, with_vehicle: bool = True) -> list[Headline]:
     ]
 
 
+def contents_table(run: Run) -> Table:
+    """Return the table of the topics of a run; without the columns that all topics leave empty."""
+    headings = {
+        "topic": _("topic"), "count": _("count"), "rate_hz": f"{_('rate')} [Hz]", "gaps": _("gaps"),
+        "first_gap_s": _("first gap [s]"), "longest_step_s": f"{_('longest step')} [s]", "nan_rows": "NaN",
+        "delay_ms": f"{_('delay')} [ms]", "size": _("size"),
+    }  # fmt: skip
+    rows = show(run).rows()
+    columns = [key for key in headings if any(row.get(key) is not None for row in rows)]
+    return Table(
+        [{key: row.get(key) for key in columns} for row in rows], "", {key: headings[key] for key in columns}
+    )
+
+
 def refused_section(counts: tuple[Rejections, ...]) -> list[Section]:
     """Return the section with the rejected readings of each channel; [] if the estimator does not count them."""
     rows = [
-        {"number": count.name, "refused": count.rejected_count, "arrived": count.reading_count,
+        {"channel": count.name, "readings": count.reading_count, _("rejected"): count.rejected_count,
          _("rejected [%]"): 100.0 * count.rejected_count / max(count.reading_count, 1)}
         for count in counts
     ]  # fmt: skip
-    caption = _(
-        "A measurement far from its prediction gets a smaller weight. Sensors that disagreed for a long "
-        "time are listed below."
-    )
-    return [Section(_("Refused readings"), caption, [Table(rows)])] if rows else []
+    caption = _("A reading far from its prediction is rejected, or gets a smaller weight.")
+    return [Section(_("Rejected readings"), caption, [Table(rows)])] if rows else []
 
 
 def sensors_of(run: Run) -> Drawing:

@@ -12,11 +12,11 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.report.card import Card, card_of
 from baqueano.report.figures import MEASUREMENT, MODEL, REFERENCE
-from baqueano.report.libraries import panel, with_style
+from baqueano.report.libraries import panel, set_log_scale, with_style
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.pages.result_page import page_of
 from baqueano.report.plots import drawings_of
-from baqueano.sweep.result import ALL_FIGURES, RMS_FIGURES, SweepResult
+from baqueano.sweep.result import ALL_FIGURES, BLOCKS, RMS_FIGURES, SweepResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -58,21 +58,34 @@ def sweep_page(result: SweepResult) -> Page:
     page_parts: list[Table | Drawing] = [draw(draw_spread(result), text(note("sweep.spread")))]
     if len(rows) > 1:
         page_parts.append(draw(draw_ratios(result), text(note("sweep.ratios", reference=result.reference))))
-    names = result.figure_names()
-    medians = [{"cell": row["cell"],
-    **{_head(name): _plain_text(row[name] * ALL_FIGURES[name].scale) for name in names}}
-               for row in rows]  # fmt: skip
+    figure_names, differences = result.figure_names(), _differences(result, rows)
+    blocks = [[name for name in block if name in figure_names] for block in BLOCKS]
+    tables: list[Table | Drawing] = [_medians(rows, names) for names in blocks if names]
+    tables.append(Table([{"figure": heading, "meaning": meaning} for heading, meaning in result.meanings()]))
     return Page(
         _("Sweep"),
         text(note("sweep.head", drives=max((row["drives"] for row in rows), default=0))),
         result.verdict,
         headlines,
         [
-            Section(_("Cells"), "; ".join(text(reason) for reason in result.reasons), [Table(medians)]),
+            Section(_("Cells"), "; ".join(text(reason) for reason in result.reasons), tables),
             Section(_("Figures"), "", page_parts),
-            Section(_("Differences"), text(note("sweep.interval")), [Table(_differences(result, rows))]),
+            *(
+                [Section(_("Differences"), text(note("sweep.interval")), [Table(differences)])]
+                if differences
+                else []
+            ),
         ],
     )
+
+
+def _medians(rows: "list[TableRow]", names: list[str]) -> Table:
+    """Return a table with the median of some results for each cell."""
+    return Table([
+        {"cell": row["cell"]}
+        | {_head(name): _plain_text(row[name] * ALL_FIGURES[name].scale) for name in names}
+        for row in rows
+    ])  # fmt: skip
 
 
 def _differences(result: SweepResult, rows: "list[TableRow]") -> "list[TableRow]":
@@ -85,7 +98,7 @@ def _differences(result: SweepResult, rows: "list[TableRow]") -> "list[TableRow]
                     "cell": row["cell"], "figure": _(RMS_FIGURES[name].heading),
                     "ratio": difference.ratio,
                     "from": _plain_text(difference.low), "to": _plain_text(difference.high),
-                    "blocks": difference.blocks,
+                    _("blocks"): difference.blocks,
                 })  # fmt: skip
     return drawings
 
@@ -113,7 +126,8 @@ def draw_spread(result: SweepResult) -> "Figure":
         axes.plot(x, np.full(len(x), k), "o", ms=4, color=MEASUREMENT, alpha=0.4)
         axes.plot([row[main] * ALL_FIGURES[main].scale], [k], "|", ms=16, mew=2.5, color=MODEL)
     axes.set_yticks(range(len(rows)), [row["cell"] for row in reversed(rows)])
-    axes.set_xscale("log")
+    axes.set_ylim(-0.6, max(len(rows), 1) - 0.4)
+    set_log_scale(axes.xaxis)
     axes.set_xlabel(_head(main))
     return figure
 
@@ -129,6 +143,7 @@ def draw_ratios(result: SweepResult) -> "Figure":
         axes.plot([difference.ratio], [k], "o", ms=5, color=MODEL)
     axes.axvline(1.0, color=MEASUREMENT, lw=1)
     axes.set_yticks(range(len(rows)), [row["cell"] for row in reversed(rows)])
-    axes.set_xscale("log")
+    axes.set_ylim(-0.6, max(len(rows), 1) - 0.4)
+    set_log_scale(axes.xaxis)
     axes.set_xlabel(f"{_(ALL_FIGURES[main].heading)} / {result.reference}")
     return figure

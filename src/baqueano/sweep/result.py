@@ -187,14 +187,18 @@ class SweepResult(Result):
     def table(self) -> str:
         """Return the medians of each cell, and the ratio to the reference, as a text table."""
         head, *lines = self._lines(BLOCKS)
-        headings: dict[str, dict[str, None]] = {}  # of each meaning
-        for figure in (ALL_FIGURES[name] for block in BLOCKS for name in block if self._has(name)):
-            headings.setdefault(figure.meaning, {})[_(figure.heading)] = None
-        meanings = [(", ".join(words), _(meaning)) for meaning, words in headings.items()]
+        meanings = self.meanings()
         if any("[-]" in line for line in lines):
             meanings.append(("[-]", _("too few drives for an interval")))
         lines = [*wrap_sentences([head], LINE_LETTERS), *lines, "", *text_table("<<", *meanings)]
         return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons)])
+
+    def meanings(self) -> list[tuple[str, str]]:
+        """Return the headings of the known results that have the same meaning, and this meaning."""
+        headings: dict[str, dict[str, None]] = {}
+        for figure in (ALL_FIGURES[name] for name in self.figure_names()):
+            headings.setdefault(figure.meaning, {})[_(figure.heading)] = None
+        return [(", ".join(words), _(meaning)) for meaning, words in headings.items()]
 
     def _by_cell(self) -> dict[str, list[SweepDrive]]:
         drives: dict[str, list[SweepDrive]] = {}

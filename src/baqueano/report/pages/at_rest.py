@@ -10,7 +10,7 @@ from baqueano.messages import texts
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
-from baqueano.report.libraries import panel, with_style
+from baqueano.report.libraries import panel, set_log_scale, with_style
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
 if TYPE_CHECKING:
@@ -61,10 +61,12 @@ def allan_curves(channels: Sequence[ChannelAtRest]) -> "Figure":
     for c, colour in zip(channels, COLOURS * len(channels), strict=False):
         tau = c.curve.tau_s
         axis.fill_between(tau, c.curve.low, c.curve.high, color=colour, alpha=0.15, lw=0)
-        axis.loglog(tau, c.curve.deviation, "o-", ms=3, color=colour, label=f"{c.sensor}[{c.entry}]")
+        axis.plot(tau, c.curve.deviation, "o-", ms=3, color=colour, label=f"{c.sensor}[{c.entry}]")
         W, B, K = c.coefficients.value
         model = np.sqrt(W**2 / tau + 2.0 * np.log(2.0) / np.pi * B**2 + K**2 * tau / 3.0)
-        axis.loglog(tau, model, "--", lw=1.0, color=colour)
+        axis.plot(tau, model, "--", lw=1.0, color=colour)
+    set_log_scale(axis.xaxis)
+    set_log_scale(axis.yaxis)
     axis.set_xlabel(_("averaging time τ [s]"))
     axis.set_ylabel(_("Allan deviation [unit of the sensor]"))
     axis.legend()
