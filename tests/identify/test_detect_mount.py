@@ -17,7 +17,7 @@ from baqueano.signals import sensor_slots
 from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study import counterpart
-from baqueano.study.identification.trials import draw_robot, initial_file, quantised_commands
+from baqueano.study.identification.trials import draw_car, draw_robot, initial_file, quantised_commands
 from baqueano.symbolic import with_value
 from baqueano.vehicle_file import load
 
@@ -116,6 +116,21 @@ def test_an_imu_3_cm_off_centre_is_not_reported_as_swapped():
     k = fit.names.index("sensors.imu.heading_rad")
     assert abs(fit.estimate[k] - q.imu.turn_rad[0]) < 3.0 * fit.std[k]
     assert fit.verdict == "WARN"
+    assert not {code for code in codes(fit.reasons) if "swapped" in code or code.startswith("mount.")}
+
+
+@pytest.mark.parametrize("column", [0, 1])
+def test_an_accelerometer_without_readings_is_not_reported_as_swapped(column):
+    """A car of the independent truth whose log lacks one accelerometer."""
+    seed = 1
+    q = draw_car(seed, "understeer")
+    file, rng = counterpart.car_file(q), np.random.default_rng([seed, 9])
+    throttle, steering = np.repeat(rng.uniform(0.1, 0.5, 15), 100), rng.uniform(-0.4, 0.4, 25)
+    u = np.stack([throttle, np.repeat(steering, 60)], axis=1)
+    motion = counterpart.drive_group(q, u[:, None], [seed], tick_times(len(u), file.rate_hz))
+    run = counterpart.run_of_vehicle(motion, 0, u, file, "one accelerometer", seed)
+    fit = identify(with_imu(run, lambda z: np.where(np.arange(3) == column, np.nan, z)), file)
+    assert fit.verdict != "REFUSED"
     assert not {code for code in codes(fit.reasons) if "swapped" in code or code.startswith("mount.")}
 
 

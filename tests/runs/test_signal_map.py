@@ -31,6 +31,14 @@ def test_swapped_or_inverted_channels_and_their_units_are_identified(is_swapped,
         assert channel.ratio == ratio
 
 
+@pytest.mark.parametrize("silent", [np.nan, 0.0])
+def test_a_channel_is_not_swapped_with_a_silent_channel(silent):
+    """A turned mount shows a part of the sideways acceleration; only the other channel could confirm a swap."""
+    h = slow(np.random.default_rng(1), 300, 2)
+    z = np.stack([h[:, 1] + 0.1 * np.random.default_rng(2).normal(size=300), np.full(300, silent)], axis=1)
+    assert [channel.code for channel in signal_map(z, h, [MappedChannel()] * 2)] == ["", ""]
+
+
 def test_at_most_one_percent_of_unrelated_slow_signals_are_called_related():
     """Of 400 unrelated pairs, one of seven correlates beyond 0.3; only two are called related."""
     channel_regressions = [

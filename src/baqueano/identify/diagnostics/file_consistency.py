@@ -206,8 +206,8 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
         (_search_from(task, blocks, records, start) for start in starts),
         key=lambda result: result.log_sigma_sum(n, channels),
     )
-    trials = []
-    for mount in MOUNTS:
+    trials, is_silent = [], n == 0.0
+    for mount in (mount for mount in MOUNTS if not np.any(is_silent & (mount.order != np.arange(3)))):
         turned_records = [_with_remounted_imu(record, name, mount) for record in records]
         result = _search_from(task, blocks, turned_records, task.start)
         log_sigma = result.log_sigma_sum(n[list(mount.order)], channels)  # (1)

@@ -154,13 +154,13 @@ def _hypothesis(prediction_index: int, r: ChannelRegression, channel: MappedChan
 
 
 def _swap_gain(table: Sequence[Sequence[ChannelRegression]], i: int, j: int) -> float:
-    """Return the gain of log L if the channels i and j swap their predictions. Return 0 if the gain is small, or if one
-    of the two channels fits its own prediction.
+    """Return the gain of log L if the channels i and j swap their predictions. Return 0 if the gain is small, if one of
+    the two channels fits its own prediction, or if one is silent: its readings cannot confirm the swap.
     """
     pairs = [(table[a][a], table[a][b]) for a, b in _pairs(table, i, j)]
     total_gain = sum(candidate.n * (candidate.gain - present.gain) for present, candidate in pairs)
     gain = sum(candidate.gain - present.gain for present, candidate in pairs) / len(pairs)
-    is_possible = not any(present.is_clear() for present, _ in pairs)
+    is_possible = all(candidate.gain > 0.0 and not present.is_clear() for present, candidate in pairs)
     return total_gain if is_possible and is_clear(total_gain, gain) else 0.0
 
 
