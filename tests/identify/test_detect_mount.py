@@ -128,7 +128,7 @@ def test_an_accelerometer_without_readings_is_not_reported_as_swapped(column):
     throttle, steering = np.repeat(rng.uniform(0.1, 0.5, 15), 100), rng.uniform(-0.4, 0.4, 25)
     u = np.stack([throttle, np.repeat(steering, 60)], axis=1)
     motion = counterpart.drive_group(q, u[:, None], [seed], tick_times(len(u), file.rate_hz))
-    run = counterpart.run_of_vehicle(motion, 0, u, file, "one accelerometer", seed)
+    run = counterpart.vehicle_run(motion, 0, u, file, "one accelerometer", seed)
     fit = identify(with_imu(run, lambda z: np.where(np.arange(3) == column, np.nan, z)), file)
     assert fit.verdict != "REFUSED"
     assert not {code for code in codes(fit.reasons) if "swapped" in code or code.startswith("mount.")}

@@ -45,9 +45,6 @@ def test_imu_only_intervals_cover_the_odometer_fit_and_are_narrow(study):
             assert rows[f"widest of {name}, ± parts"]["value"] <= bar, name
 
 
-@pytest.mark.xfail(
-    strict=True, reason="errors by reported effects of turning widen the steady speed to ± 22 %"
-)
 def test_the_imu_only_interval_of_the_steady_speed_is_narrow(study):
     rows = {row["quantity"]: row for row in study.rows()}
     assert rows[f"widest of {QUANTITY_NAMES[-1]}, ± parts"]["value"] <= MAX_WIDTHS[-1]

@@ -4,8 +4,8 @@ The gyro gives the yaw rate of the simulation (gyro_aided.py), and each channel 
 motion (noise_level.py). The position l of the IMU along the vehicle is also free; it changes a_x by −l ν_ψ² and a_y by
 l ν̇_ψ. For a car, delay and understeer are free by default. The IMU itself does not show the scales of gyro and
 accelerometers: twice the gyro's scale and half the speed fit equally well. So the scales are fixed, and so is the
-zero of a car's gyro, which acts like a small steering offset. The error bars contain their possible errors
-(information.py), and the scatter between parts of the run (clusters.py).
+zero of a car's gyro, which acts like a small steering offset. The error bars contain their possible errors and that of
+a fixed understeer (information.py), and the scatter between parts of the run (clusters.py).
 
 Results: `baqueano study without-encoders` for a real car, benchmarks/coverage_without_encoders.py for simulated cars.
 The method does not help a vehicle with two wheels. A recording at 10 Hz whose a_y scatters by 2 m/s² is not sufficient.
@@ -32,6 +32,7 @@ from baqueano.identify.result.assemble import fit_of, verdict_basis
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import is_imu
+from baqueano.vehicles.freedoms import tyre_paths
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -89,10 +90,12 @@ def fit_from_imu(end: FinishedFit) -> Fit:
     sigma = robust_sigma(problem.misfits(end.search.solution.theta), problem.masks, end.task.floor)
     end = end._replace(info=_with_jackknife(end), search=end.search._replace(sigma=sigma))
     basis = verdict_basis(end)
-    # the jackknife does not contain effects that shift all parts alike, such as understeer, or times by a short lag
+    # the jackknife does not contain effects that shift all parts alike: fixed tyres, or times by a short lag
     is_time = np.array([parameter.unit == "s" for parameter in end.parameters.free], bool)
     lag_errors = np.where(is_time, basis.diagnosis.lag_errors, 0.0)
-    cov = basis.diagnosis.reported_cov + np.outer(lag_errors, lag_errors)
+    fields, s = tyre_paths(end.blocks.model), len(is_time)
+    is_tyre = np.array([path.partition("[")[0] in fields for path in end.fixed.paths], bool)
+    cov = np.outer(lag_errors, lag_errors) + end.fixed.cov_by(is_tyre)[:s, :s]
     diagnosis = basis.diagnosis._replace(unmodelled_cov=cov)
     evidence = basis.evidence._replace(messages=tuple(map(_without_advice, basis.evidence.messages)))
     return _with_notes(fit_of(end, basis._replace(diagnosis=diagnosis, evidence=evidence)), imu, scales)

@@ -12,7 +12,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
-from baqueano.parameter import all_parameters
+from baqueano.parameter import TERM_ROLES, all_parameters
 from baqueano.project.notebook import notebook
 from baqueano.vehicle_file import VehicleFile, load, parse
 from baqueano.vehicle_file.garage import names
@@ -23,7 +23,7 @@ NOTEBOOK = "first_evening.ipynb"
 GUESS_FOLDER = Path(__file__).parent / "guesses"
 TRUTH_FILE = "simulated.toml"
 GUESS_ERROR_STD = 0.15  # standard deviation of ln(true value / guess) in a simulation
-FITTED_ROLES = ("fitted", "gain", "term", "rolling")  # roles of parameters
+FITTED_ROLES = ("fitted", "gain", *TERM_ROLES)  # roles of parameters
 # the docstrings and the comments of a block, which are written in the current language
 BLOCK_TEXT = re.compile(r'(?<=""")(?=\S)[^"]+(?=""")|(?<=# ).+')
 GUESS_TEMPLATE = """{text}

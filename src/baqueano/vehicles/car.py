@@ -123,7 +123,7 @@ class Car:
     )  # fmt: skip
     understeer: float = parameter(
         "rad s²/m", "understeer U: additional steering angle per lateral acceleration in a curve", low=0.0, high=1.0,
-        default=0.0, role="term", term="understeer", shown_by="the same curve both slowly and fast", symbol="U",
+        default=0.0, role="tyre", term="understeer", shown_by="the same curve both slowly and fast", symbol="U",
     )  # fmt: skip
     yaw_lag_s: float = parameter(
         "s", "lag of servo and tyres λ", low=MIN_LAG_S, high=10.0, default=0.05,

@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
-from baqueano.contracts.values import Value
+from baqueano.contracts.values import Tree, Value
 from baqueano.messages.language import mark as N_
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import value_at_path, with_value
@@ -103,6 +103,11 @@ def sign_speed_paths(vehicle: DynamicVehicle) -> dict[str, str]:
     """Return, for each parameter of dry friction, the path of the speed over which it changes its sign."""
     entries = all_parameters(vehicle, "model")
     return {path: f"{path.rpartition('.')[0]}.{p.sign_speed}" for path, p in entries if p.sign_speed}
+
+
+def tyre_paths(vehicle: Tree) -> list[str]:
+    """Return the paths of the parameters with the role "tyre"."""
+    return [path for path, p in all_parameters(vehicle, "model") if p.role == "tyre"]
 
 
 def dry_friction_speeds(vehicle: DynamicVehicle) -> np.ndarray:

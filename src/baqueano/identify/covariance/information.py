@@ -9,7 +9,8 @@
 than MIN_MEASUREMENTS, ψ² is set to 1. docs/derivations/robust_covariance.md derives (1) to (3). κ are the fixed scales,
 mounts and lengths with the covariance Σ of the file. Runs show a part of κ: wheels and a gyro measure the same turns.
 Given the runs, κ has the mean error δ and the covariance P: (4) of numerics/normal_equations.py. The fit does not use
-δ, so the mean square is P + δ δᵀ.
+δ, so the mean square is P + δ δᵀ. In a gyro-aided fit κ also includes fixed parameters of tyres, of unknown size: δ is
+the step of Gauss-Newton within their bounds.
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -19,7 +20,7 @@ import numpy as np
 from baqueano.calibration.tolerances import ZERO_RATE_RAD_S, declared_covariance, tolerance_std
 from baqueano.identify.covariance.clusters import are_finite, inflation_factors
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.parameters.free import value
+from baqueano.identify.parameters.free import entries, free_parameter, value
 from baqueano.identify.parameters.theta import eliminate_starts
 from baqueano.identify.residuals.noise_level import MIN_MEASUREMENTS
 from baqueano.identify.residuals.simulation import Residuals
@@ -28,6 +29,7 @@ from baqueano.numerics.least_squares import Solution
 from baqueano.numerics.normal_equations import eliminate, mean_square_error, pseudo_inverse
 from baqueano.numerics.parallel import gram, parallel_map
 from baqueano.numerics.statistics import HUBER, change_covariance
+from baqueano.vehicles.freedoms import tyre_paths
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -143,7 +145,11 @@ class FixedParameters(NamedTuple):
     @property
     def estimate_cov(self) -> np.ndarray:
         """Return the part (p, p) of the covariance of the estimates that is `in_cov`."""
-        S = self.shifts * self.in_cov[:, None]
+        return self.cov_by(self.in_cov)
+
+    def cov_by(self, mask: np.ndarray) -> np.ndarray:
+        """Return the part (p, p) of the covariance of the estimates by the parameters with the `mask` (K,)."""
+        S = self.shifts * mask[:, None]
         return S.T @ self.cov @ S
 
     def gyro_shift(self) -> np.ndarray:
@@ -164,6 +170,9 @@ def fixed_parameters(
     exact_paths = {path for path, is_free in zip(shared_paths, mask, strict=False) if is_free}
     exact_paths |= {*problem.shape.per_run}
     paths, prior = declared_covariance(vehicle_file, blocks, exact_paths, with_zero)
+    tyres = [path for field in tyre_paths(blocks.model) for path in entries(blocks, field)]
+    tyres = [x for x in tyres if problem.has_fixed_scales and x not in (*shared_paths, *paths)]
+    paths, prior = [*paths, *tyres], np.pad(prior, (0, len(tyres)))
     free, K = np.flatnonzero(mask & (solution.bound[: len(mask)] == 0)), len(paths)
     if not (K and len(free) and np.isfinite(theta).all()):
         return FixedParameters((), np.zeros((0, 0)), np.zeros((0, len(mask))), np.zeros(0, bool))
@@ -174,7 +183,8 @@ def fixed_parameters(
     A, B = info.bread, info.meat
     if joint.layout.has_split_runs:
         A, B = eliminate_starts(A, B, joint.layout)
-    std, shifts = np.sqrt(np.diagonal(prior)), np.zeros((K, len(mask)))
+    is_tyre, shifts = np.array([path in tyres for path in paths]), np.zeros((K, len(mask)))
+    std = np.where(is_tyre, 1.0, np.sqrt(np.diagonal(prior)))
     index = np.r_[[joint.shape.shared_paths.index(path) for path in paths], free + (free >= s) * len(new)]
     unit = np.r_[std, np.ones(len(free))]
     A, B = (x[np.ix_(index, index)] * np.outer(unit, unit) for x in (A, B))
@@ -189,4 +199,7 @@ def fixed_parameters(
     N, M = eliminate(A, B, K, [slice(K, len(A))])
     g = np.hstack([np.eye(K), S]) @ (unit * gradient[index])
     cov[k] = mean_square_error(cov[k], N[k], M[k], g[is_updated])
+    for i in np.flatnonzero(is_tyre & (np.diagonal(N) > 0.0)).tolist():
+        tyre, now = free_parameter(blocks, paths[i], {}), value(blocks, paths[i])
+        cov[i, i] = np.clip(-g[i] / N[i, i], tyre.low - now, tyre.high - now) ** 2
     return FixedParameters(tuple(paths), cov * np.outer(std, std), shifts, in_cov)

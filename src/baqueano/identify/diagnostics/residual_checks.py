@@ -20,7 +20,6 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics.unmodelled_terms import (
@@ -42,7 +41,7 @@ from baqueano.numerics.score_test import (
     score_test_parts,
 )
 from baqueano.numerics.statistics import MAD, student_quantile, white_std
-from baqueano.vehicles.freedoms import sign_speed_paths
+from baqueano.vehicles.freedoms import sign_speed_paths, tyre_paths
 from baqueano.vehicles.state import DynamicVehicle
 
 P_VALUE = 2.5e-5  # p-value below which a result is significant
@@ -60,9 +59,8 @@ KEYS_OF_TERMS = {  # code of an effect → key of the file that models it
     "term.imu-ahead": "sensors.{sensor}.lever_arm_m",
     "term.imu-beside": "sensors.{sensor}.lever_arm_m",
 }
-UNDERSTEER_PATH = "model.understeer"
 # the yaw rate of a car follows its curvature, so a drag about ψ is a curvature that falls with the speed
-UNDERSTEER_TERMS = {f"{code}, psi" for code in ("drag", "steep drag", "cornering", "turning", "slip")}
+TYRE_TERMS = {f"{code}, psi" for code in ("drag", "steep drag", "cornering", "turning", "slip")}
 TermTests: TypeAlias = Sequence[tuple[LabelledTerm, ScoreTest]]
 MAX_REPORTED = 2  # results that are reported, the most significant first
 MAX_COMPARED_RUNS = 8  # up to this number, each run is compared with the others
@@ -97,12 +95,8 @@ def check_residuals(
     speed_errors = _errors_by("term.friction-speed", -1, fit_evidence, tests)  # nobody measures it
     messages += [result.message for result in missing_terms[:MAX_REPORTED] + differences[:MAX_REPORTED]]
     diagnosis, entries = Diagnosis.of(messages, s), np.ix_(index, index)
-    shifts = [result.errors for result in missing_terms]
-    errors = np.array(
-        [np.zeros(len(index)), *shifts, *speed_errors, *(result.errors for result in differences)]
-    )
-    diagnosis.reported_cov[entries] = _largest_errors_cov(errors[: 1 + len(shifts[:MAX_REPORTED])])
-    diagnosis.unmodelled_cov[entries] = _largest_errors_cov(errors)
+    errors = [np.zeros(len(index)), *speed_errors, *(result.errors for result in missing_terms + differences)]
+    diagnosis.unmodelled_cov[entries] = _largest_errors_cov(np.array(errors))
     diagnosis.lag_errors[index] = sum(_errors_by("term.low-pass", 1, fit_evidence, tests))
     return diagnosis
 
@@ -151,13 +145,12 @@ class Diagnosis(NamedTuple):
 
     messages: list[Diagnostic]
     unmodelled_cov: np.ndarray  # (s, s) covariance by effects that the model lacks  (4)
-    reported_cov: np.ndarray  # (s, s) the same, by the missing terms that are reported
     lag_errors: np.ndarray  # (s,) errors of θ by a short lag that the file lacks
 
     @classmethod
     def of(cls, messages: list[Diagnostic], s: int) -> "Diagnosis":
         """Return findings without consequences."""
-        return cls(messages, np.zeros((s, s)), np.zeros((s, s)), np.zeros(s))
+        return cls(messages, np.zeros((s, s)), np.zeros(s))
 
 
 class _SignificantResult(NamedTuple):
@@ -199,9 +192,9 @@ def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -
             continue
         test = test._replace(shift=bounded_shift(fit.residuals, test, fit.low, fit.high))
         k, fix = fit.most_biased(test), _fix(term_note, fit.paths, model)
-        can_understeer = has_field(model, "understeer") and UNDERSTEER_PATH not in fit.paths
-        if can_understeer and test.z < 0.0 and code in UNDERSTEER_TERMS:
-            fix = f"--free +{UNDERSTEER_PATH}"
+        tyre = next((path for path in tyre_paths(model) if path not in fit.paths), "")
+        if tyre and test.z < 0.0 and code in TYRE_TERMS:
+            fix = f"--free +{tyre}"
         if code == "delay" and not fix:
             continue  # the delay is already in the model, so this effect is not a delay
         if k is not None:

@@ -11,7 +11,7 @@ model ("regression calibration"). If the model's rate is correct, its error is w
 weighted by (4) of noise_level.py. Source: Carroll, Ruppert, Stefanski and Crainiceanu 2006.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -31,6 +31,7 @@ from baqueano.sensors.sampling import Signal, low_pass_s, step_signal
 from baqueano.signals import Motion
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
+from baqueano.vehicles.freedoms import tyre_paths
 
 LEVER_ARM = "lever_arm_m[0]"
 GYRO_CHANNEL = 2  # channel of an IMU
@@ -133,7 +134,7 @@ def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBloc
 def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, rates: bool = False) -> Scan:
     """Return the scan from rows and θ to the residuals (3,). If `rates`, its outputs (3,) are ν_x of the gyro-aided
     simulation, the gyro reading by the commands, and its derivative."""
-    aided_step, n = _aided_step(blocks), blocks.model.commands
+    n = blocks.model.commands
     at_start, sample_fraction = initial_state(blocks, shape), shape.sample_fraction[0]
 
     def start(theta: np.ndarray) -> GyroAidedState:
@@ -148,7 +149,7 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, rates: bool = 
         free, motion = blocks_at.model.step(
             state.free._replace(nu=nu_with_speed), row[1 : 1 + n], row[0], np.zeros(3)
         )
-        aided_state, readings = aided_step(blocks_at, state.gyro_aided, row)
+        aided_state, readings = _aided_step(blocks_at, state.gyro_aided, row)
         if rates:
             reading = imu.h(motion)[2]
             slope = imu.h(motion._replace(nu=motion.nu + motion.nu_dot))[2] - reading
@@ -166,29 +167,22 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, rates: bool = 
     return scan(step, start, np.zeros(width), example(blocks, shape), backend=backend)
 
 
-def _aided_step(blocks: FittedBlocks) -> Callable[[FittedBlocks, Any, np.ndarray], tuple[Tree, Motion]]:
-    """Return the function that advances the gyro-aided simulation by one row.  (1)"""
-    n = blocks.model.commands
+def _aided_step(blocks_at: FittedBlocks, state: Tree, row: np.ndarray) -> tuple[Tree, Motion]:
+    """Return the state of the gyro-aided simulation after a row, and its motion.  (1)"""
+    model, imu, dt_s = blocks_at.model, blocks_at.sensors[0], row[0]
     at_standstill = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
-    turning = at_standstill._replace(nu=np.array([0.0, 0.0, 1.0]))
-
-    def move(blocks_at: FittedBlocks, state: Tree, row: np.ndarray) -> tuple[Tree, Motion]:
-        model, imu, dt_s, u = blocks_at.model, blocks_at.sensors[0], row[0], row[1 : 1 + n]
-        at_rest = imu.h(at_standstill)[2]
-        gain = imu.h(turning)[2] - at_rest
-        r, r_dot = (row[-2] - at_rest) / gain, row[-1] / gain
-        _, effort = model.drivetrain.step(state.drivetrain, u, dt_s)
-        r_before = state.nu[2]
-        state, motion = model.step(state, u, dt_s, np.zeros(3))
-        efforts, rates = (effort.start, effort.mean, effort.end), (r_before, 0.5 * (r_before + r), r)
-        tick = tuple(
-            with_yaw_rate(model, *motion_k, r_dot)
-            for motion_k in zip(motion.tick, efforts, rates, strict=True)
-        )
-        readings = with_yaw_rate(model, motion, effort.last, r, r_dot)
-        return state._replace(nu=readings.nu, nu_dot=readings.nu_dot), readings._replace(tick=tick)
-
-    return move
+    at_rest = imu.h(at_standstill)[2]
+    gain = imu.h(at_standstill._replace(nu=np.array([0.0, 0.0, 1.0])))[2] - at_rest
+    r, r_dot, u = (row[-2] - at_rest) / gain, row[-1] / gain, row[1 : 1 + model.commands]
+    _, effort = model.drivetrain.step(state.drivetrain, u, dt_s)
+    r_before = state.nu[2]
+    state, motion = model.step(state, u, dt_s, np.zeros(3))
+    efforts, rates = (effort.start, effort.mean, effort.end), (r_before, 0.5 * (r_before + r), r)
+    tick = tuple(
+        with_yaw_rate(model, *motion_k, r_dot) for motion_k in zip(motion.tick, efforts, rates, strict=True)
+    )
+    readings = with_yaw_rate(model, motion, effort.last, r, r_dot)
+    return state._replace(nu=readings.nu, nu_dot=readings.nu_dot), readings._replace(tick=tick)
 
 
 def with_yaw_rate(model: Tree, motion: Motion, effort: np.ndarray, r: Any, r_dot: Any) -> Motion:
@@ -201,14 +195,13 @@ def with_yaw_rate(model: Tree, motion: Motion, effort: np.ndarray, r: Any, r_dot
 
 def gyro_aided_paths(blocks: FittedBlocks, free: Sequence[str] | None, vehicle: str) -> list[str]:
     """Return the requested paths `free`, and the position of the IMU along the vehicle. If `free` contains the default
-    parameters, also return the delay of a car's commands, and its understeer, which would otherwise act like drag.
+    parameters, also return the delay of a car's commands, and the slip of its tyres, which would act like drag.
     Raise UsageError if the velocity is not a state."""
-    model, defaults = blocks.model, []
+    model = blocks.model
     if optional.attribute(model, "turning_arm_m") is None:
         raise UsageError(fault("imu-only.no-dynamics", vehicle=vehicle, kind=type(model).__name__))
     lever, names = f"sensors.{blocks.sensors._fields[0]}.{LEVER_ARM}", ["+"] if free is None else list(free)
     if not all(path.startswith("+") for path in names):
         return [*names, lever]
-    defaults += [f"+{DELAY_PATH}"] if has_offset(model) else []
-    defaults += ["+model.understeer"] if optional.has_field(model, "understeer") else []
-    return [*defaults, *names, f"+{lever}"]
+    defaults = [f"+{DELAY_PATH}"] if has_offset(model) else []
+    return [*defaults, *(f"+{path}" for path in tyre_paths(model)), *names, f"+{lever}"]
