@@ -63,8 +63,7 @@ def is_imu_only(
 ) -> bool:
     """Return True for a car with an IMU as its only sensor, and no requested parameter of a sensor."""
     sensors = vehicle_file.sensors._asdict()
-    recorded_names = [name for name in sensors if all(name in run.sensors for run in runs)]
-    names = recorded_names if use is None else list(use)
+    names = [n for n in sensors if all(n in run.sensors for run in runs)] if use is None else list(use)
     has_one_imu = len(names) == 1 and is_imu(sensors.get(names[0]))
     has_free_sensor = any(path.lstrip("+").startswith("sensors.") for path in free or ())
     return has_one_imu and has_offset(vehicle_file.vehicle) and not has_free_sensor
@@ -86,7 +85,6 @@ def imu_of(vehicle_file: "VehicleFile", use: Sequence[str] | None) -> list[str]:
 def fit_from_imu(end: FinishedFit) -> Fit:
     """Return the fit of a finished gyro-aided search."""
     problem, imu = end.task.problem, end.task.problem.names[0]
-    scales = scale_stds(end.vehicle_file, imu)
     sigma = robust_sigma(problem.misfits(end.search.solution.theta), problem.masks, end.task.floor)
     end = end._replace(info=_with_jackknife(end), search=end.search._replace(sigma=sigma))
     basis = verdict_basis(end)
@@ -96,9 +94,9 @@ def fit_from_imu(end: FinishedFit) -> Fit:
     fields, s = tyre_paths(end.blocks.model), len(is_time)
     is_tyre = np.array([path.partition("[")[0] in fields for path in end.fixed.paths], bool)
     cov = np.outer(lag_errors, lag_errors) + end.fixed.cov_by(is_tyre)[:s, :s]
-    diagnosis = basis.diagnosis._replace(unmodelled_cov=cov)
     evidence = basis.evidence._replace(messages=tuple(map(_without_advice, basis.evidence.messages)))
-    return _with_notes(fit_of(end, basis._replace(diagnosis=diagnosis, evidence=evidence)), imu, scales)
+    basis = basis._replace(diagnosis=basis.diagnosis._replace(unmodelled_cov=cov), evidence=evidence)
+    return _with_notes(fit_of(end, basis), imu, scale_stds(end.vehicle_file, imu))
 
 
 def _without_advice(message: Diagnostic) -> Diagnostic:

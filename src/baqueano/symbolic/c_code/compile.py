@@ -152,8 +152,8 @@ def _flag_sets(
         common_flags += CALLS if compiler.is_clang else (*CALLS, SIMPLE_REGISTERS)
     if sys.platform != "win32":
         common_flags += ("-fPIC",)
-    if sys.platform == "linux" and not compiler.is_clang:
-        common_flags += ("-nostdlib",)  # without start-up code and libgcc: 12 ms less
+    if sys.platform == "linux" and sys.maxsize > 2**32 and not compiler.is_clang:
+        common_flags += ("-nostdlib",)  # without start-up code: 12 ms less; 32 bits divide int64 with libgcc
     if not find_vectors:  # in straight-line code, vectors cost more than they save
         common_flags += ("-fno-tree-vectorize", "-fno-tree-slp-vectorize")
     native: tuple[str, ...] = ("-march=native",)
