@@ -49,10 +49,11 @@ class WithMemory:
     def draw(self, x):
         return x + np.random.default_rng().normal()
 
-    def draw_array(
-        self, x
-    ):  # NumPy's compiled code calls np.empty, and writes floats into the memory of the array
-        return x + np.random.default_rng().normal(size=3)
+    def draw_array(self, x):
+        """NumPy's compiled code also calls np.empty, and writes floats into the memory of the array."""
+        scale, normal = np.empty(3), np.random.default_rng().normal
+        scale[:] = x
+        return scale * normal(size=3)
 
 
 @pytest.mark.parametrize("name", ["add", "add_to_global", "append", "integrate_to", "draw", "draw_array"])

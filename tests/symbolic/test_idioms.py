@@ -129,6 +129,7 @@ IDIOMS = {
         np.roll(x, 1) + np.tile(y[:1], 3) + np.repeat(x[1:2], 3) + x[0].reshape(1)
     ),
     "filled zeros": lambda x, y, A: fill(x, lambda: np.zeros((3, 3))),
+    "a constructor as an argument": lambda x, y, A: fill(x, lambda make=np.zeros: make((3, 3))),
     "filled identity": lambda x, y, A: fill(x, lambda: np.eye(3)),
     "filled copies": lambda x, y, A: (
         fill(x, lambda: np.zeros_like(T)) + fill(x, lambda: np.full((3, 3), 2.0))

@@ -9,7 +9,9 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FrameType
+from dis import get_instructions
+from functools import lru_cache
+from types import CodeType, FrameType
 
 import numpy as np
 
@@ -73,8 +75,20 @@ def _is_called_by(frame: FrameType, name: str) -> bool:
     """Return True if the code of this frame calls the function of this name and can receive scalars. Compiled code,
     such as that of `numpy.random`, does not have a frame. It writes floats into the array.
     """
-    is_own = frame.f_globals.get("__name__", "").startswith(_OWN_MODULES)
-    return name in frame.f_code.co_names and not is_own
+    if frame.f_globals.get("__name__", "").startswith(_OWN_MODULES):
+        return False
+    names = _called_names(frame.f_code, frame.f_lasti)
+    values = (frame.f_locals.get(x, frame.f_globals.get(x)) for x in names)
+    return name in names or any(getattr(value, "__name__", None) == name for value in values)
+
+
+@lru_cache
+def _called_names(code: CodeType, offset: int) -> frozenset[str]:
+    """Return the names in the expression of the function that the code calls at this offset."""
+    starts = [position[::2] for position in code.co_positions()]  # line and column
+    call_start = starts[offset // 2]
+    instructions = (x for x in get_instructions(code) if starts[x.offset // 2] == call_start)
+    return frozenset(x.argval for x in instructions if isinstance(x.argval, str))
 
 
 def _array(original: Callable[..., Value], obj: Value, dtype: Value = None, **kwargs: Value) -> Value:
