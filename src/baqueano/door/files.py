@@ -5,12 +5,16 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import fault
 from baqueano.door.clients import DoorClient
 from baqueano.door.wire import encode
 from baqueano.errors import Invalid
 from baqueano.runs.folder import is_run_name
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
 
 CHUNK_BYTES = 48 << 10  # bytes of a run in one message
 LIST_LIFETIME_S = 0.2  # the list of runs is not read again within this time
@@ -40,15 +44,20 @@ class RunFiles:
             self._list, self._last_check_s = encode({"type": "runs", "runs": names}), time.monotonic()
         return self._list
 
+    def head(self, name: str) -> "JsonObject":
+        """Return the first chunk of a run as a message. Raise Invalid if the run does not exist."""
+        path = self._path(name)
+        with path.open("rb") as run_file:
+            data = run_file.read(CHUNK_BYTES)
+            return _chunk(name, data, path.stat().st_size - len(data))
+
     def fetch(self, client: DoorClient, name: str, is_connected: Callable[[DoorClient], bool]) -> None:
         """Send a run in chunks to a client while `is_connected` returns True for it; the last chunk has `left` 0.
 
         A thread sends each chunk once few bytes wait for the client. Raise Invalid if the run does not exist, or if too
         many transfers are under way. Raise OSError if the file cannot be opened.
         """
-        path = self.folder / name
-        if not is_run_name(name) or path.is_symlink() or not path.is_file():
-            raise Invalid(fault("door.no-run", run=repr(name)))
+        path = self._path(name)
         if not self._fetches.acquire(blocking=False):
             raise Invalid(fault("door.many-fetches", maximum=MAX_FETCHES))
         try:
@@ -67,14 +76,7 @@ class RunFiles:
                     data = run_file.read(min(CHUNK_BYTES, remaining))
                     remaining = remaining - len(data) if data else 0
                     is_last = remaining == 0
-                    client.enqueue(
-                        {
-                            "type": "file",
-                            "run": name,
-                            "data": base64.b64encode(data).decode(),
-                            "left": remaining,
-                        }
-                    )
+                    client.enqueue(_chunk(name, data, remaining))
                     self._ring()
 
         def work() -> None:
@@ -84,3 +86,14 @@ class RunFiles:
                 self._fetches.release()
 
         threading.Thread(target=work, name="fetch", daemon=True).start()
+
+    def _path(self, name: str) -> Path:
+        """Return the path of a run. Raise Invalid if the run does not exist."""
+        path = self.folder / name
+        if not is_run_name(name) or path.is_symlink() or not path.is_file():
+            raise Invalid(fault("door.no-run", run=repr(name)))
+        return path
+
+
+def _chunk(name: str, data: bytes, remaining: int) -> "JsonObject":
+    return {"type": "file", "run": name, "data": base64.b64encode(data).decode(), "left": remaining}

@@ -1,7 +1,7 @@
 """Serve up to MAX_CLIENTS clients of the service at a socket, with one line of JSON for each message.
 
-  to the vehicle     mission {mission, attended, id, door}, hand {u}, beat, mark, end, stop {reason}, clear,
-                     runs, fetch {run}, ping {token}, watch {hz, fields}, set {path, value}, and the service's own
+  to the vehicle     mission {mission, attended, id, door}, hand {u}, beat, mark, end, stop {reason}, clear, runs,
+                     head {run}, fetch {run}, ping {token}, watch {hz, fields}, set {path, value}, and the service's own
   from the vehicle   state {door}, event {message}, done {id, run, reason}, runs, file {run, data, left}, vehicle,
                      fields, refused {reason, diagnostic}, pong {token}, received {request}, route, frame {t_ns, n, x}
 
@@ -147,11 +147,11 @@ class Door:
         outbox_size = len(self._outbox)
         while self._outbox:
             message = self._outbox.popleft()
-            if message["type"] in ("state", "done"):
-                self._files.invalidate(message.get("run") if message["type"] == "state" else None)
             if message["type"] == "done":
+                self._files.invalidate(None)
                 self._send_new_rows(at_once=True)  # the last ticks are sent before the end
-            if message["type"] == "state":
+            elif message["type"] == "state":
+                self._files.invalidate(message.get("run"))
                 self._state = message = message | {"door": VERSION}
             line = encode(message)
             for client in self._clients:
@@ -218,8 +218,7 @@ class Door:
         queue = deque(sorted((peer for peer in self._clients if peer.lines), key=lambda peer: peer.answered))
         while queue and self._busy < MAX_LINES and (time.monotonic() < end_s or not self._busy):
             client = queue.popleft()
-            self._busy, client.answered = self._busy + 1, self._number
-            self._number += 1
+            client.answered, self._busy, self._number = self._number, self._busy + 1, self._number + 1
             self._answer(client, client.pop_line())
             if client.lines:
                 queue.append(client)
@@ -258,6 +257,7 @@ class Door:
             "stop": lambda: self._stop(client, _stop_reason(request.get("reason"))),
             "clear": lambda: setattr(self.operator, "clear_requested", True),
             "runs": lambda: client.send_line(self._files.list()),
+            "head": lambda: client.enqueue(self._files.head(str(request["run"]))),
             "fetch": lambda: self._files.fetch(client, str(request["run"]), self._is_connected),
             "watch": lambda: self._subscribe(client, request),
             "set": lambda: self._set_gain(client, request),

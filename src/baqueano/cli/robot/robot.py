@@ -15,8 +15,9 @@ from baqueano.messages.language import number
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
+    from baqueano.door.remote import Remote
 
-FIRST_PIECE_S = 10.0  # timeout of the first bytes of a run
+ANSWER_S = 10.0  # timeout of the first bytes of a run
 host = click.argument("host", default="here")
 
 
@@ -119,7 +120,7 @@ def runs(host: str, fetch: bool, folder: str) -> None:
             if not fetch:
                 print_result(name)
                 continue
-            if not lexists(local_path := _local_path(host, name, Path(folder))):
+            if not lexists(local_path := _local_path(remote, name, Path(folder))):
                 remote.fetch(name, local_path)
             print_result(f"{name}  {local_path}")
     if invalid_names := [name for name in names if not is_run_name(name)]:
@@ -142,23 +143,23 @@ for verb in (
     command.add_command(verb)
 
 
-def _local_path(host: str, name: str, folder: Path) -> Path:
+def _local_path(remote: "Remote", name: str, folder: Path) -> Path:
     """Return the copy of a run of the vehicle, or else a new path. A run of another vehicle can have the same name."""
     from itertools import count
     from os.path import lexists
 
     paths = (folder / (name if k == 1 else f"{Path(name).stem}-{k}.mcap") for k in count(1))
-    return next(path for path in paths if not lexists(path) or _begins_alike(host, name, path))
+    return next(path for path in paths if not lexists(path) or _is_copy(remote, name, path))
 
 
-def _begins_alike(host: str, name: str, path: Path) -> bool:
+def _is_copy(remote: "Remote", name: str, path: Path) -> bool:
     """Return True if a file has the length and the first bytes of a run of the vehicle, which contain its times."""
     import base64
     from contextlib import suppress
 
-    with _connection(host) as remote, suppress(OSError, ValueError):  # its end stops the transfer of the rest
-        remote.send(type="fetch", run=name)
-        message = remote.receive(("file",), FIRST_PIECE_S)
+    remote.send(type="head", run=name)
+    message = remote.receive(("file",), ANSWER_S)
+    with suppress(OSError, ValueError):
         first = base64.b64decode(message["data"], validate=True)
         content = path.read_bytes()
         return len(content) == len(first) + message["left"] and content.startswith(first)
