@@ -171,10 +171,10 @@ def run_options(folder: str, run: "Run", is_in_run: bool = False) -> list[str]:
     A command that can use the vehicle file in the run (`is_in_run`) does not need a vehicle option then.
     """
     is_known = options.DEFAULT_FILE.exists() or (is_in_run and run.vehicle_text)
-    return ([] if is_known else _vehicle_option_text(run)) + options.runs_option(folder)
+    return ([] if is_known else _vehicle_option(run)) + options.runs_option(folder)
 
 
-def _vehicle_option_text(run: "Run") -> list[str]:
+def _vehicle_option(run: "Run") -> list[str]:
     """Return the option for the vehicle file of this folder, or of the garage, that belongs to a run; FILE if none or
     several do. A run without a vehicle file belongs to a vehicle with as many commands.
     """

@@ -203,7 +203,7 @@ def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
     """Return the gains, dead zones and wiring of a first drive, estimated from commands and IMU."""
     commands = directions(vehicle_file)
     pulses = pulses_of(run)
-    onset_levels = np.array([_onset_level_text(pulses, command) for command in commands])
+    onset_levels = np.array([_onset_level(pulses, command) for command in commands])
     standstill = tuple(
         _no_motion_reason(_command_text(command, vehicle_file), max(_levels(pulses, command), default=0.0))
         for command, level in zip(commands, onset_levels, strict=True)
@@ -348,7 +348,7 @@ def _wiring_faults(pulses: tuple[Pulse, ...], commands: np.ndarray) -> tuple[Dia
     return (*swap, *(fault(f"wiring.backwards-{name}") for name in backwards))
 
 
-def _onset_level_text(pulses: tuple[Pulse, ...], command: np.ndarray) -> float:
+def _onset_level(pulses: tuple[Pulse, ...], command: np.ndarray) -> float:
     """Return the smallest part of `command` (n,) that moved the vehicle, NaN if it never moved."""
     return min(_levels([p for p in pulses if p.turn_significance > MIN_SIGMA], command), default=float("nan"))
 

@@ -59,9 +59,8 @@ class PredictedState(NamedTuple):
     def motion(self, x: np.ndarray) -> Motion:
         """Return the motion at the state x (n,), as the sensors measure it."""
         eta, nu = (self.eta, x) if len(x) == 3 else (x[:3], x[3:])
-        return tick_end(self.model, self.previous, eta, nu, self.previous.drivetrain, self.effort, self.dt_s)[
-            1
-        ]
+        drivetrain = self.previous.drivetrain
+        return tick_end(self.model, self.previous, eta, nu, drivetrain, self.effort, self.dt_s)[1]
 
 
 def axes_of(model: Tree) -> tuple[int, ...]:

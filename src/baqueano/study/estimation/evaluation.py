@@ -55,10 +55,8 @@ def evaluate(
         errors = block_errors(run.t_ns, estimate, reference, run.truth)
         speed = (estimate.speed - true_speed(run.t_ns, run.truth)) / np.sqrt(log.cov[rows, 3, 3])
         consistency = filter_consistency(replay_run), band(speed[:, None])
-        names, stop_reason = (
-            (f"{subject.name}, {sensors}", sensors, kind),
-            text(drive_stop_reason(replay_run)),
-        )
+        names = f"{subject.name}, {sensors}", sensors, kind
+        stop_reason = text(drive_stop_reason(replay_run))
         judgements.append(EstimateEvaluation(*names, errors, *consistency, fit.verdict, stop_reason))
     return judgements
 
