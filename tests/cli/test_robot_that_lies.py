@@ -118,7 +118,9 @@ def test_existing_local_files_and_links_are_not_changed(baqueano, liar, tmp_path
         (folder / "1.mcap.part").symlink_to(target)
     else:
         (folder / "1.mcap").write_bytes(b"mine")
-    host = liar(runs=[{"type": "runs", "runs": ["1.mcap"]}], head=[piece(b"ev", 2)], fetch=[piece(b"evil", 0)])
+    host = liar(
+        runs=[{"type": "runs", "runs": ["1.mcap"]}], head=[piece(b"ev", 2)], fetch=[piece(b"evil", 0)]
+    )
     assert baqueano("robot", "runs", host, "--fetch", "--runs", str(folder)).code == 0
     assert not target.exists() if link == "dangling" else (folder / "1.mcap").read_bytes() == b"mine"
     assert (folder / "1.mcap").is_symlink() == bool(link)

@@ -111,7 +111,7 @@ def test_nan_costs_of_unstable_gains_do_not_disturb_other_descents():
     assert descents[-1].cost == DIVERGED_COST
 
 
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("sign", [-1.0, 1.0, np.inf, np.nan])
 def test_the_gradient_of_a_chaotic_drive_does_not_stop_a_descent(sign):
     _, result = bowl(np.array([7.0, 1.0, 20.0]))
 
@@ -122,6 +122,8 @@ def test_the_gradient_of_a_chaotic_drive_does_not_stop_a_descent(sign):
         )
 
     assert descend(chaotic, np.array([20.0, 3.0, 5.0]), LOW, HIGH).cost == pytest.approx(1.0, abs=1e-6)
+    start = np.array([60.0, 5.0, 5.0])
+    assert descend(chaotic, start, LOW, HIGH).cost == pytest.approx(chaotic(start)[0]), "not worse"
 
 
 def test_a_descent_in_a_narrow_valley_ends_with_a_small_slope():

@@ -4,8 +4,8 @@
     s = x⁺ − x,    y = g⁺ − g,    τ = min(1, sᵀ y / sᵀ B s)
 
 (1) is the update of Broyden, Fletcher, Goldfarb and Shanno, scaled as by Al-Baali (1998). A coordinate at its bound
-does not move if the gradient presses it there; all others are clipped (Bertsekas 1982). SciPy's L-BFGS-B needs as many
-evaluations. But its matrices of a few rows keep all threads of the linear algebra busy.
+does not move if the gradient presses it there; all others are clipped (Bertsekas 1982). The value never increases. The
+L-BFGS-B of SciPy needs as many evaluations, but its linear algebra keeps all threads busy even for a few coordinates.
 """
 
 from collections.abc import Callable

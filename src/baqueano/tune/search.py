@@ -103,12 +103,12 @@ def descend(
         value, gradient = cost_and_gradient(gains(x, low, high))
         costs.append(_finite(value))
         values.append(DIVERGED_COST)
-        if costs[-1] == DIVERGED_COST or not np.all(np.isfinite(gradient)):
+        if costs[-1] == DIVERGED_COST:
             return DIVERGED_COST, np.zeros(len(x))
         deviation = x - x_preferred
         share = 1.0 + weight * float(deviation @ deviation)  # (2)
         slope = share * gradient * gain_derivative(x, low, high) + 2.0 * weight * value * deviation
-        if np.max(np.abs(slope)) > MAX_SLOPE * value:
+        if not np.max(np.abs(slope)) <= MAX_SLOPE * value:  # also if it is not finite
             slope = np.zeros(len(x))
         values[-1] = share * costs[-1]
         return values[-1], slope
