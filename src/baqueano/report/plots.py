@@ -144,7 +144,7 @@ def _validation_drawings(result: Validation) -> dict[str, Draw]:
 @drawings_of.register(TeachResult)
 @drawings_of.register(ImportedRun)
 @drawings_of.register(FirstDrive)
-def _run_figures(result: TeachResult | ImportedRun | FirstDrive) -> dict[str, Draw]:
+def _drawings_about_run(result: TeachResult | ImportedRun | FirstDrive) -> dict[str, Draw]:
     return _run_drawings(result.run)
 
 

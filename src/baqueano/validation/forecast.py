@@ -265,22 +265,22 @@ def _measured_paths(
 ) -> tuple[np.ndarray, ...]:
     """Return the path `eta` (N, 3) with the velocity errors that every second residual shows, and that the others
     show; () if the residuals are white, or if no channel measures a velocity.  (4)"""
-    H, residuals = [], []
+    H, residuals, weights = [], [], []
     for c in channels:
         sensor = getattr(fit.blocks.sensors, c.sensor)
-        weight = (GYRO_WEIGHT if is_imu(sensor) else 1.0) / c.sigma
-        row = weight * measurement_jacobian(sensor)[c.entry]
+        weight = GYRO_WEIGHT if is_imu(sensor) else 1.0
+        row = weight / c.sigma * measurement_jacobian(sensor)[c.entry]
         finite = np.flatnonzero(np.isfinite(c.residuals))
         if np.any(row[NU]) and not np.any(np.delete(row, NU)) and len(finite) > 1:
             halves = (finite[half::2] for half in (0, 1))
-            residuals.append([np.interp(record.t_s, c.t_s[k], weight * c.residuals[k]) for k in halves])
+            scaled_residuals = weight / c.sigma * c.residuals
+            residuals.append([np.interp(record.t_s, c.t_s[k], scaled_residuals[k]) for k in halves])
             H.append(row[NU])
+            weights.append(weight)
     if not (fit.autocorrelated and H):
         return ()
-    errors = np.einsum(
-        "ic,chk->hki", np.linalg.pinv(np.array(H), rcond=MIN_SINGULAR / GYRO_WEIGHT), np.array(residuals)
-    )
-    errors = errors * record.dt_s[:, None]
+    inverse = np.linalg.pinv(np.array(H), rcond=MIN_SINGULAR / max(weights))
+    errors = np.einsum("ic,chk->hki", inverse, np.array(residuals)) * record.dt_s[:, None]
     heading, xy = np.unwrap(eta[:, 2]), eta[:, 0] + 1j * eta[:, 1]
     step = np.diff(xy, prepend=xy[:1]) * np.exp(-1j * heading) + errors[..., 0] + 1j * errors[..., 1]
     headings = heading + np.cumsum(errors[..., 2], axis=1)
