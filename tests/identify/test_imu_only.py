@@ -51,6 +51,16 @@ def drive_seed(seed, seconds=60.0, changes=None):
     return file, replace(run, sensors={"imu": noisy})
 
 
+def drive_separate_car(car, seed, seconds, steering, values=None):
+    """Return the file of a car of the separate simulator, and its run."""
+    file, rng = car_file(car).with_values(values or {}), np.random.default_rng([seed, 50])
+    kinds = (0.1, 0.55, 2.0), (-steering, steering, 1.2)
+    u = np.stack([steps(rng, *kind, seconds, 50.0) for kind in kinds], axis=1)
+    u[:150] = 0.0
+    motion = drive_group(car, u[:, None], [seed], tick_times(len(u), 50.0))
+    return file, vehicle_run(motion, 0, u, file, "car", seed)
+
+
 @pytest.fixture(scope="module")
 def imu_fit():
     """Return one car, its run and its fit."""
@@ -186,12 +196,9 @@ def test_a_car_with_only_an_imu_uses_the_gyro_fit_by_default(imu_fit):
 
 def test_the_lag_of_the_motor_of_a_car_does_not_bias_its_gain_and_drag():
     car = draw_car(1, "matched").with_parameters(lag_s=np.full(1, 0.1))
-    rng, changes = np.random.default_rng([1, 50]), {"lag_s": 0.05, "delay_s": 0.05}
-    file = car_file(car).with_values({f"model.drivetrain.{name}": x for name, x in changes.items()})
-    u = np.stack([steps(rng, 0.1, 0.55, 2.0, 30.0, 50.0), steps(rng, -0.3, 0.3, 1.2, 30.0, 50.0)], axis=1)
-    u[:150] = 0.0
-    motion = drive_group(car, u[:, None], [1], tick_times(len(u), 50.0))
-    fit = identify(vehicle_run(motion, 0, u, file, "car", 1), file, use=("imu",))
+    values = {"model.drivetrain.lag_s": 0.05, "model.drivetrain.delay_s": 0.05}
+    file, run = drive_separate_car(car, 1, 30.0, 0.3, values)
+    fit = identify(run, file, use=("imu",))
     truth = {**car_values(car), "model.drivetrain.lag_s": car.lag_s}
     names = ("model.throttle_gain", "model.linear_drag", "model.drivetrain.lag_s")
     errors = [(fit.value(n) - float(truth[n][0])) / fit.std[fit.names.index(n)] for n in names]
@@ -202,11 +209,8 @@ def test_the_lag_of_the_motor_of_a_car_does_not_bias_its_gain_and_drag():
 def test_the_delay_of_a_car_with_soft_tyres_and_a_slow_servo_is_within_its_error(seed):
     """Tyres and servo are two lags; the model has one, and its delay contains a part of the other."""
     car = draw_car(seed, "understeer").with_parameters(servo_lag_s=np.full(1, 0.12))
-    rng, file = np.random.default_rng([seed, 50]), car_file(car)
-    u = np.stack([steps(rng, 0.1, 0.55, 2.0, 30.0, 50.0), steps(rng, -0.3, 0.3, 1.2, 30.0, 50.0)], axis=1)
-    u[:150] = 0.0
-    motion = drive_group(car, u[:, None], [seed], tick_times(len(u), 50.0))
-    fit = identify(vehicle_run(motion, 0, u, file, "car", 1), file, use=("imu",))
+    file, run = drive_separate_car(car, seed, 30.0, 0.3)
+    fit = identify(run, file, use=("imu",))
     error = fit.value("model.drivetrain.delay_s") - car.delay_s[0]
     assert abs(error) < 3.0 * fit.std[fit.names.index("model.drivetrain.delay_s")] < 0.04
     assert "delay.sum" in [message.code for message in fit.notes]
@@ -218,11 +222,8 @@ def test_understeer_is_not_taken_for_drag_of_a_car_with_soft_tyres(seed):
     """A yaw rate that grows less than the speed looks like a speed that grows less. Without the understeer, the drags
     of two of these cars are wrong by 4 to 5 standard errors. The error of the third is 11 %."""
     car = draw_car(seed, "understeer")
-    rng, file = np.random.default_rng([seed, 50]), car_file(car)
-    u = np.stack([steps(rng, 0.1, 0.55, 2.0, 60.0, 50.0), steps(rng, -0.6, 0.6, 1.2, 60.0, 50.0)], axis=1)
-    u[:150] = 0.0
-    motion = drive_group(car, u[:, None], [seed], tick_times(len(u), 50.0))
-    fit = identify(vehicle_run(motion, 0, u, file, "car", 1), file, use=("imu",))
+    file, run = drive_separate_car(car, seed, 60.0, 0.6)
+    fit = identify(run, file, use=("imu",))
     truth = car_values(car)
     z, std = {}, {}
     for path in ("model.linear_drag", "model.quadratic_drag"):
@@ -378,11 +379,7 @@ def test_error_bars_contain_an_effect_that_all_parts_of_the_run_share():
     z = []
     for seed in (100, 103):
         car = draw_car(seed, "understeer")
-        rng, file = np.random.default_rng([seed, 50]), car_file(car)
-        u = np.stack([steps(rng, *kind, 60.0, 50.0) for kind in ((0.1, 0.55, 2.0), (-0.6, 0.6, 1.2))], axis=1)
-        u[:150] = 0.0
-        motion = drive_group(car, u[:, None], [seed], tick_times(len(u), 50.0))
-        run = vehicle_run(motion, 0, u, file, "car", seed)
+        file, run = drive_separate_car(car, seed, 60.0, 0.6)
         fit = fit_imu_only(run, file, LONGITUDINAL + YAW, EXACT, ("imu",))
         k = fit.names.index("model.steering_gain")
         z.append((fit.estimate[k] - car_values(car)[fit.names[k]][0]) / fit.std[k])
