@@ -5,6 +5,7 @@ import json
 import os
 import socket
 import threading
+from itertools import product
 
 import pytest
 
@@ -98,9 +99,10 @@ def test_ne6_a_door_lists_and_serves_only_names_of_runs(baqueano, tmp_path):
     try:
         door.broadcast(READY)
         assert baqueano("robot", "runs", str(door.path)).out == "ok.mcap\n"
-        for name in ("link.mcap", ".hidden.mcap", "../" + tmp_path.name + "/ok.mcap"):
+        names = "link.mcap", ".hidden.mcap", "../" + tmp_path.name + "/ok.mcap"
+        for name, request in product(names, ("fetch", "head")):
             with remote.connect(str(door.path)) as client:
-                client.send(type="fetch", run=name)
+                client.send(type=request, run=name)
                 with refused("door.no-run", Exception):
                     client.receive(("file",), 10.0)
     finally:

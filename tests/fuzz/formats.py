@@ -280,7 +280,8 @@ WORDS = (
     {"type": "runs"},
     {"type": "stop",
      "reason": {"code": "operator.stopped", "severity": "error", "subject": "", "figures": {}, "fix": ""}},
-    {"type": "fetch", "run": "0001-experiment.mcap"}, {"type": "ping", "token": "x"},
+    {"type": "fetch", "run": "0001-experiment.mcap"}, {"type": "head", "run": "0001-experiment.mcap"},
+    {"type": "ping", "token": "x"},
     {"type": "mission", "mission": "{}", "attended": True, "id": "x", "door": 1},
 )  # fmt: skip
 SAID = (
