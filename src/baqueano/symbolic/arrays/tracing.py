@@ -7,6 +7,7 @@ For other threads, and for NumPy's code, the functions work as usual.
 
 import sys
 import threading
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dis import get_instructions
@@ -77,18 +78,25 @@ def _is_called_by(frame: FrameType, name: str) -> bool:
     """
     if frame.f_globals.get("__name__", "").startswith(_OWN_MODULES):
         return False
-    names = _called_names(frame.f_code, frame.f_lasti)
+    names = _called_names(frame)
     values = (frame.f_locals.get(x, frame.f_globals.get(x)) for x in names)
     return name in names or any(getattr(value, "__name__", None) == name for value in values)
 
 
-@lru_cache
-def _called_names(code: CodeType, offset: int) -> frozenset[str]:
-    """Return the names in the expression of the function that the code calls at this offset."""
-    starts = [position[::2] for position in code.co_positions()]  # line and column
-    call_start = starts[offset // 2]
-    instructions = (x for x in get_instructions(code) if starts[x.offset // 2] == call_start)
-    return frozenset(x.argval for x in instructions if isinstance(x.argval, str))
+def _called_names(frame: FrameType) -> set[str]:
+    """Return the names in the expression of the function that the code of this frame calls."""
+    starts, names = _names_by_start(frame.f_code)
+    return names[starts[frame.f_lasti // 2]]
+
+
+@lru_cache(1_000)
+def _names_by_start(code: CodeType) -> tuple[list[tuple], dict[tuple, set[str]]]:
+    """Return the start (line, column) of the expression of each instruction, and the names that begin there."""
+    starts, names = [position[::2] for position in code.co_positions()], defaultdict(set)
+    for instruction in get_instructions(code):
+        if isinstance(instruction.argval, str):
+            names[starts[instruction.offset // 2]].add(instruction.argval)
+    return starts, names
 
 
 def _array(original: Callable[..., Value], obj: Value, dtype: Value = None, **kwargs: Value) -> Value:
