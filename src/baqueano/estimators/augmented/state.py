@@ -12,7 +12,7 @@ than the sensors, and the estimate was worse than the model. So each measured qu
     other inertial channel  its bias at rest; if in `speed_from` its bias, position, ν_x, ν_y, d_x at any time (2)
 
 After MAX_SILENT_S without a gyro, the wheels also correct the turning states (3). A channel whose bias walks is
-inertial. A model error looks like a bias, so other biases are only estimated at rest; with a pose sensor, at any time.
+inertial. A model error looks like a bias, so in motion no inertial reading corrects another bias; a pose sensor does.
 """
 
 from collections.abc import Sequence
@@ -208,8 +208,6 @@ def _moving_mask(
             mask[k, bias_states[k]] = 1.0
         if channel.yaw_rate and not (has_gyro and channel.speed):
             mask[k, [*TURNING_STATES]] = 1.0
-    if any(d.pose for d in dependencies):
-        mask[:, BIAS_INDEX:] = 1.0
     mask[:, BEND_INDEX] = 0.0
     return mask
 
