@@ -112,7 +112,7 @@ def test_the_commands_of_the_demo_run_without_posix_modules(laptop):
     assert second["ate_m"] == first["ate_m"], "replay on the same back end is exact"
     laptop("report", "last", "-o", "página.html")
     assert "página" in next(laptop.home.glob("*.html")).name
-    assert b"backend python" in laptop("runs", "show", "last").stdout
+    assert b"back end: python" in laptop("runs", "show", "last").stdout
 
 
 @pytest.mark.long

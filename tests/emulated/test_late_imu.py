@@ -52,7 +52,7 @@ def test_rt19_a_vehicle_without_its_imu_refuses_to_drive(service, robot):
     assert service.texts == [text(service.machine.reason)], "the missing IMU is reported only once"
     for mission in (spin(), pack(Mission("teach"), vehicle_file.load("small"))):
         end, run = drive(service, mission)
-        assert end["reason"].code == StopReason.IMU_ABSENT
+        assert end["reason"].figures["cause"].code == StopReason.IMU_ABSENT
         assert run is None
     robot.bus.devices[0x68] = chip
 

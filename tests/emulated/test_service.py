@@ -32,7 +32,7 @@ def test_rt15_a_stop_by_anyone_is_latched_until_cleared(service, robot):
     assert service.machine.state is DoorState.STOPPED
     assert run.duration_s < 1.7
     second, _ = drive(service, spin())
-    assert second["reason"] == TEACHER
+    assert second["reason"].figures["cause"] == TEACHER
     assert second["run"] is None
     service.operator.clear_requested = True
     for _ in range(3):
