@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType
 
 from baqueano.block_checks.source import place as place_of
+from baqueano.contracts.blocks import STEP_INPUTS
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import (
     USER_MODULE_PREFIX,
@@ -72,7 +73,7 @@ BLOCK_TARGETS: dict[str, dict[str, str]] = {
     "supervisor": {"supervisor": "baqueano.supervisor:Supervisor"},
 }
 
-LOOP_ROLES = ("estimator", "guide", "controller", "supervisor")  # the roles of the blocks in a drive
+LOOP_ROLES = tuple(STEP_INPUTS)  # the roles of the blocks in a drive
 WORKING_FILE = "vehicle.toml"  # vehicle file of the project in the working directory
 _trusted_files: set[Path] = set()  # files of blocks that the user named or allowed in this process
 ALLOW = "BAQUEANO_ALLOW_BLOCKS"  # set to 1 if the user allows code that files of other people name
@@ -225,14 +226,9 @@ def role_of(block_class: type) -> str:
     if hasattr(block_class, "h"):
         return "sensor"
     names = [name.lstrip("_") for name in list(inspect.signature(step).parameters)[2:]]
-    roles = {
-        ("tick",): "estimator",
-        ("estimate",): "guide",
-        ("reference", "estimate"): "controller",
-        ("command", "tick", "estimate"): "supervisor",
-    }
-    if tuple(names) in roles:
-        return roles[tuple(names)]
+    for role, inputs in STEP_INPUTS.items():
+        if tuple(names) == inputs:
+            return role
     raise FileError(
         fault("block.no-role", place=place_of(block_class), block=block_class.__name__, names=names)
     )
@@ -254,16 +250,32 @@ def check_role(role: str, block: object) -> None:
 
 
 def check_step(role: str, block_class: type, remedy: Callable[[str], str]) -> None:
-    """Raise UsageError if `step` of a class fits another role of the loop; `remedy` gives the fix for that role."""
+    """Raise UsageError if `step` of a class does not accept the inputs of `role`, or has those of another role.
+
+    `remedy` gives the fix for that role.
+    """
+    step, inputs = getattr(block_class, "step", None), STEP_INPUTS.get(role, ())
+    if not inputs or step is None:
+        return
     try:
         fitting_role = role_of(block_class)
-    except FileError:  # without a step, or its inputs have other names
-        return
-    if role in LOOP_ROLES and fitting_role != role and fitting_role in LOOP_ROLES:
+    except FileError:  # its inputs have other names
+        fitting_role = role
+    signature = inspect.signature(step)
+    figures = {
+        "place": place_of(step),
+        "block": block_class.__name__,
+        "names": ", ".join(list(signature.parameters)[1:]),
+        "role": role,
+        "expected": ", ".join(("state", *inputs)),
+    }
+    if fitting_role != role and fitting_role in LOOP_ROLES:
         fix = remedy(fitting_role)
-        raise UsageError(
-            fault("block.of-other-role", fix, role=role, block=block_class.__name__, actual_role=fitting_role)
-        )
+        raise UsageError(fault("block.of-other-role", fix, actual_role=fitting_role, **figures))
+    try:
+        signature.bind(block_class, role, *inputs)
+    except TypeError:
+        raise UsageError(fault("block.step-arguments", **figures)) from None
 
 
 def _find(file: str, folder: Path | str | None) -> Path:

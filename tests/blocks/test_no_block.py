@@ -1,9 +1,14 @@
 """An object that is not a block is refused, and so is an unknown name."""
 
+import pytest
+
 from baqueano.block_checks import check
-from baqueano.blocks import resolve, role_of
+from baqueano.blocks import check_role, resolve, role_of
+from baqueano.contracts.blocks import STEP_INPUTS
 from baqueano.errors import FileError, UsageError
 from tests.codes import refused
+
+from .students import GUIDE, findings_about
 
 
 def test_a_class_with_unknown_step_arguments_is_not_a_block(tmp_path):
@@ -36,4 +41,29 @@ def test_a_function_is_not_a_block():
 
     assert ("check.no-method", "step") in [
         (finding.code, finding.figures.get("name")) for finding in check("guide", step)
+    ]
+
+
+@pytest.mark.parametrize("role", STEP_INPUTS)
+@pytest.mark.parametrize("change", [-1, 1])
+def test_a_step_with_one_input_too_few_or_too_many_is_refused_with_its_line(tmp_path, role, change):
+    """Before, a controller without the reference was advised to be a guide, and the others failed in the drive."""
+    inputs = (*STEP_INPUTS[role], "more")[: len(STEP_INPUTS[role]) + change]
+    names = ", ".join(("state", *inputs))
+    text = f"class Block:\n    def init(self):\n        pass\n\n    def step(self, {names}):\n        pass\n"
+    (tmp_path / "mine.py").write_text(text, encoding="utf-8")
+    block_class = resolve(role, "mine.py:Block", tmp_path)
+    is_guide = inputs == STEP_INPUTS["guide"]
+    code = "block.of-other-role" if is_guide else "block.step-arguments"
+    expected = ", ".join(("state", *STEP_INPUTS[role]))
+    with refused(code, UsageError, place="mine.py line 5", names=names, expected=expected):
+        check_role(role, block_class)
+
+
+def test_a_controller_without_the_reference_is_told_the_inputs_of_a_controller(tmp_path):
+    output = "Reference(estimate.t_ns, np.array([0.0, 0.0, psi]), np.zeros(3), 0.0)"
+    text = GUIDE.replace(output, "Command(estimate.t_ns, np.zeros(3))")
+    findings = findings_about(tmp_path, "guide", text)
+    assert [(x.code, x.figures.get("role"), x.figures.get("expected")) for x in findings][1:] == [
+        ("check.returns-of", "controller", "reference, estimate")
     ]

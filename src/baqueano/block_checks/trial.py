@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.block_checks.source import outside_accesses, place
+from baqueano.contracts.blocks import STEP_INPUTS
 from baqueano.contracts.values import array_text
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import error_text, from_outside
@@ -103,7 +104,13 @@ class Trial:
     def expect_record(self, value: object, kind: type, expected: str) -> None:
         """Raise CheckAborted if the output of a step does not belong to a class; `expected` is the correct result."""
         if not isinstance(value, kind):
-            self.add_fault("check.returns", "step", value=type(value).__name__, expected=expected)
+            value_class = type(value).__name__
+            self.add_fault("check.returns", "step", value=value_class, expected=expected)
+            role = {"Estimate": "estimator", "Reference": "guide", "Command": "controller"}.get(
+                value_class, ""
+            )
+            if role:
+                self.add_fault("check.returns-of", "step", role=role, expected=", ".join(STEP_INPUTS[role]))
             raise CheckAborted
 
     def expect(

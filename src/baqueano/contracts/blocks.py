@@ -40,6 +40,12 @@ class Block(Protocol):
         ...
 
 
+STEP_INPUTS = {  # role in the loop → inputs of its step, after the state
+    "estimator": ("tick",),
+    "guide": ("estimate",),
+    "controller": ("reference", "estimate"),
+    "supervisor": ("command", "tick", "estimate"),
+}
 OwnBlock: TypeAlias = str | type | Block  # a kind or "file.py:Class", a class, or the block itself
 
 

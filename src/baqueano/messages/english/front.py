@@ -7,8 +7,11 @@ TEMPLATES: dict[str, str] = {
     ),
     "block.lacks-method": "{role}={block} does not have the method {method}(). A block needs init() and step().",
     "block.of-other-role": (
-        "{block} was given as {role:word}, but its step() belongs to another type of block ({actual_role:word}). "
-        "Type: {fix}"
+        "{place} {block}.step({names}) was given as {role:word}, whose step takes ({expected}). "
+        "If it is the {actual_role:word}, type: {fix}"
+    ),
+    "block.step-arguments": (
+        "{place} {block}.step({names}) was given as {role:word}, whose step takes ({expected})."
     ),
     "call.missing": "{call}() needs more arguments: {names}. Type: {fix}",
     "call.positions": "Too many arguments of {call}() without names: at most {maximum}. Type: {fix}",

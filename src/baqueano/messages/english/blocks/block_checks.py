@@ -41,6 +41,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "check.block-changed": "{place}: {subject} changes the block itself ({situation}). Keep memory in the state.",
     "check.returns": "{place}: {subject} returns {value}: expected {expected}.",
+    "check.returns-of": "{place}: if it is the {role:word}, its step takes (state, {expected}).",
     "check.values": (
         "{place}: {subject} returns {count} values ({situation}): expected two values, (state, output)."
     ),
