@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baqueano.identify import FitOptions, excitation, identify, random_steps
+from baqueano.identify import FitOptions, excitation, identifiability, identify, random_steps
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
@@ -167,3 +167,12 @@ def test_a_wrong_dry_friction_that_cannot_be_separated_does_not_bias_the_gain():
     error = [fit.value(f"model.{name}") - car.value(f"model.{name}") for name in names[:3]]
     assert np.all(np.abs(error) < 3.5 * fit.std[:3])
     assert np.isnan(fit.value(f"model.{names[3]}"))
+
+
+@pytest.mark.parametrize("energy", [1e10, 1e32])
+def test_a_channel_without_noise_does_not_overflow_at_a_parameter_without_effect(energy):
+    """Before, the fit of wheels without noise printed a RuntimeWarning: energy / 1e-300 is beyond a float."""
+    with np.errstate(all="raise"):
+        scale = identifiability._signal_scale(np.array([[0.0, 4.0]]), np.array([energy]))
+    assert scale[0] > 1e100
+    assert scale[1] == pytest.approx(np.sqrt(energy / 4.0))

@@ -140,8 +140,8 @@ def _unobservable_direction(A: np.ndarray, identifiable: np.ndarray) -> np.ndarr
 def _signal_scale(by_channel: np.ndarray, signal_energy: np.ndarray) -> np.ndarray:
     """Return s (p,), the change of each parameter that is as large as a signal.  (2)"""
     strongest = np.argmax(by_channel, axis=0)
-    info = by_channel[strongest, np.arange(by_channel.shape[1])]
-    return np.sqrt(np.maximum(signal_energy[strongest] - NOISE_ENERGY, 0.0) / np.maximum(info, 1e-300))
+    info = np.maximum(by_channel[strongest, np.arange(by_channel.shape[1])], 1e-300)
+    return np.sqrt(np.maximum(signal_energy[strongest] - NOISE_ENERGY, 0.0)) / np.sqrt(info)
 
 
 def fix_unidentifiable(
