@@ -10,6 +10,7 @@ import pytest
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from baqueano.messages.language import LANGUAGE_VARIABLE
 from baqueano.web import SUBPROTOCOL
 from baqueano.web import guard as guarding
 from baqueano.web import run as running
@@ -79,7 +80,7 @@ async def test_ne3_a_shared_page_prints_a_qr_code_and_an_address_for_each_role(f
     async def visit():
         for code in ("web.address", "web.to-stop", "web.to-view"):
             (address,) = (note.figures["url"] for note in notes[1:] if note.code == code)
-            host, token = re.fullmatch(r"http://(127\.0\.0\.2:\d+)/#token=(\S+)", address).groups()
+            host, token = re.fullmatch(r"http://(127\.0\.0\.2:\d+)/\?lang=en#token=(\S+)", address).groups()
             async with connect(
                 f"ws://{host}/ws", origin=f"http://{host}", subprotocols=[SUBPROTOCOL]
             ) as line:
@@ -102,7 +103,7 @@ def test_ne1_the_printed_address_contains_its_token_in_the_url_fragment():
     assert len(set(tokens.values())) == 3
     assert all(len(token) >= 22 for token in tokens.values())  # 128 bits, six per letter
     address = url("192.168.4.1", 8000, tokens, Role.VIEW)
-    assert address == f"http://192.168.4.1:8000/#token={tokens[Role.VIEW]}"
+    assert address == f"http://192.168.4.1:8000/?lang=en#token={tokens[Role.VIEW]}"
     assert "#" not in url("127.0.0.1", 8000, tokens)
     assert len(qr_code(address).splitlines()) > 10
     assert own_names()[0].endswith(".local")
@@ -338,3 +339,14 @@ async def test_a_port_in_use_is_refused(folder):
             async with recorded_page(folder, port=port):
                 pass
         assert error.value.diagnostic.code == "web.port-taken"
+
+
+@pytest.mark.parametrize(
+    ("variable", "option", "query"), [("es", "", "?lang=es"), ("en", "es", "?lang=es"), ("", "", "")]
+)
+def test_the_page_opens_in_the_language_of_the_command(variable, option, query, monkeypatch):
+    """Before, the page of `baqueano --lang es view` opened in the language of the browser."""
+    monkeypatch.setenv(LANGUAGE_VARIABLE, variable)
+    monkeypatch.setattr("baqueano.messages.language._language", option)
+    assert url("127.0.0.1", 8000, {}) == f"http://127.0.0.1:8000/{query}"
+    assert url("127.0.0.1", 8000, {Role.VIEW: "s"}, Role.VIEW) == f"http://127.0.0.1:8000/{query}#token=s"

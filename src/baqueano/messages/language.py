@@ -55,9 +55,17 @@ def current_language() -> str:
     >>> current_language()
     'en'
     """
-    tag = _reader.get() or _language or os.environ.get(LANGUAGE_VARIABLE) or _system_locale()
+    return _language_of(_reader.get() or chosen_language() or _system_locale()) or "en"
+
+
+def chosen_language() -> str:
+    """Return the language of `--lang` or BAQUEANO_LANG, a key of LANGUAGES; "" without this choice."""
+    return _language_of(_language or os.environ.get(LANGUAGE_VARIABLE, ""))
+
+
+def _language_of(tag: str) -> str:
     language = tag.partition("_")[0].partition(".")[0].lower()
-    return language if language in LANGUAGES else "en"
+    return language if language in LANGUAGES else ""
 
 
 def translate(words: str, context: str = "", /, **figures: object) -> str:

@@ -8,6 +8,7 @@ from contextlib import suppress
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
+from baqueano.messages.language import chosen_language
 from baqueano.web.guard import Role, url_host
 
 OUTSIDE_ADDRESS = "192.0.2.1"  # reserved for documentation: nothing is sent, only the local address is found
@@ -33,8 +34,13 @@ def own_names() -> tuple[str, ...]:
 
 
 def url(address: str, port: int, tokens: dict[Role, str], role: Role | None = None) -> str:
-    """Return the URL of the page, with the token of a role after #: browsers do not send this part to the server."""
-    return f"http://{url_host(address)}:{port}/" + (f"#token={tokens[role]}" if role else "")
+    """Return the URL of the page, in the language of the command if it was chosen.
+
+    The token of a role is after #: browsers do not send this part to the server.
+    """
+    language = chosen_language()
+    page = f"http://{url_host(address)}:{port}/" + (f"?lang={language}" if language else "")
+    return page + (f"#token={tokens[role]}" if role else "")
 
 
 def qr_code(address: str) -> str:
