@@ -45,7 +45,7 @@ def judge_gains(file, gains, count, **options):
     vehicles = draw_vehicles(file, drives.cases[0].system, count, OTHER)[1][1:]
     drives = replace(drives, vehicles=vehicles)
     case = drives.cases[0]
-    costs = [case.shown.run(case.inputs[0], np.concatenate([gains, v]))[1][0] for v in vehicles]
+    costs = [case.figures_kernel.run(case.inputs[0], np.concatenate([gains, v]))[1][0] for v in vehicles]
     return drives.vehicle_costs(gains[None])[0], np.array([1e3 * rms(d) for d in costs])
 
 
