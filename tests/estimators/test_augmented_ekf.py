@@ -213,7 +213,7 @@ def test_a_pose_sensor_corrects_the_whole_state():
     slots = layout(AugmentedEkf(SMALL, sensors, use=("imu", "pose")))
     # the curvature of the region is considered
     assert np.all(np.delete(slots.moving_mask[3:], BEND_INDEX, axis=1) == 1.0)
-    assert not np.any(slots.moving_mask[2, BIAS_INDEX:]), "an error of the model is no bias of the gyro"
+    assert not np.any(slots.moving_mask[2, BIAS_INDEX:]), "an error of the model is not a bias of the gyro"
     assert not np.any(layout(AugmentedEkf(SMALL, sensors)).moving_mask[:, SCALE_INDEX:])
 
 
