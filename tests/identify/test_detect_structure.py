@@ -29,6 +29,8 @@ from baqueano.study.identification.trials import draw_robot, initial_file, quant
 from baqueano.vehicle_file import load
 from tests.identify.true_drives import group_runs, robot_on_floor
 
+PLAIN = FitOptions(diagnose=False)
+
 
 def driven_as(file, u, effective, seed=0):
     limit = np.asarray(file.command.limit)
@@ -98,7 +100,9 @@ def test_a_wrong_speed_of_the_dry_friction_is_reported_with_its_key(case, u):
     fit = identify(run, in_file)
     fixes = {reason.fix for reason in fit.reasons if reason.code == "residual.missing-free"}
     assert f"--free +{speed}" in fixes
-    assert identify(run, in_file, [f"+{speed}"]).value(f"{speed}[0]") == pytest.approx(0.2, rel=0.2)
+    assert identify(run, in_file, [f"+{speed}"], options=PLAIN).value(f"{speed}[0]") == pytest.approx(
+        0.2, rel=0.2
+    )
 
 
 def test_error_bars_contain_a_wrong_speed_of_the_dry_friction():
@@ -124,7 +128,7 @@ def test_an_imu_that_is_turned_on_its_mount_is_reported_with_its_key():
     pushes = [f"+model.actuator_matrix[1,{j}]" for j in (0, 2)]
     fit = identify(run, small, pushes, options=FitOptions(fixed=(key,)))
     assert f"--free +{key}" in {reason.fix for reason in fit.reasons}
-    assert abs(identify(run, small).value(key) - 0.06) < 0.02
+    assert abs(identify(run, small, options=PLAIN).value(key) - 0.06) < 0.02
 
 
 def test_a_wrong_inertia_is_named_as_its_ratio_to_the_centre_of_mass():
@@ -236,7 +240,7 @@ def test_unmodelled_tyre_slip_drag_widens_the_errors(soft_tyres):
 
 def test_understeer_explains_a_steering_gain_that_falls_with_the_speed(soft_tyres):
     car, run, fit = soft_tyres
-    understeering_fit = identify(run, car_file(car), (*FREE_CAR, "+model.understeer"))
+    understeering_fit = identify(run, car_file(car), (*FREE_CAR, "+model.understeer"), options=PLAIN)
     true_gain = float(car.servo_rad[0])
     error, error_before = (
         abs(x.value("model.steering_gain") / true_gain - 1.0) for x in (understeering_fit, fit)

@@ -251,7 +251,13 @@ def test_a_camera_identifies_gyro_and_odometer_of_a_car():
     values = [f"{GYRO}=1", "sensors.odometer.scale=1", "model.cornering_drag=0", "model.yaw_lag_s=0.2"]
     for seed in (1, 2):
         run = seen_by_camera(simulate(car, of_car(60.0, seed), seed), seed)
-        fit = identify(run, override(car, values), free, use=("imu", "odometer", "truth"))
+        fit = identify(
+            run,
+            override(car, values),
+            free,
+            use=("imu", "odometer", "truth"),
+            options=FitOptions(diagnose=False),
+        )
         worst, errors = error_of(car, fit)
         assert worst < SIGMAS, errors
 

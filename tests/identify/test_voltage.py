@@ -18,6 +18,7 @@ from tests.codes import of_code
 EFFECT = "model.drivetrain.battery_effect"
 FREE = ("model.friction.linear[0]", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]", EFFECT)
 NOMINAL_V = 7.4
+PLAIN = FitOptions(diagnose=False)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +57,7 @@ def test_a_constant_voltage_does_not_identify_its_effect(small):
 
 def test_a_fit_with_voltage_is_written_and_used_in_the_next_fit(small):
     """The file contains battery = "logged"."""
-    fit = identify(emptied(small, 0.4, 1), small, FREE)
+    fit = identify(emptied(small, 0.4, 1), small, FREE, options=PLAIN)
     assert fit.vehicle_file.vehicle.drivetrain.battery == "logged"
     second = identify(emptied(small, 0.4, 2), fit.vehicle_file, FREE[:2])
     assert second.verdict == "USABLE"
@@ -94,13 +95,16 @@ def test_a_default_fit_uses_a_logged_voltage_whose_effect_is_visible(file_withou
 
 
 def test_a_default_fit_states_that_the_motion_does_not_follow_a_logged_voltage(file_without_effect):
-    fit = identify(emptied(file_without_effect, 0.0, 3, 7.4, 6.6), file_without_effect)
+    fit = identify(emptied(file_without_effect, 0.0, 3, 7.4, 6.6), file_without_effect, options=PLAIN)
     assert EFFECT not in fit.names
     assert "battery.not-shown" in codes(fit)
     assert fit.vehicle_file.vehicle.drivetrain.battery == "steady"
 
 
-@pytest.mark.parametrize("options", [{"free": FREE[:3]}, {"options": FitOptions(fixed=(EFFECT,))}])
+@pytest.mark.parametrize(
+    "options",
+    [{"free": FREE[:3], "options": PLAIN}, {"options": FitOptions(fixed=(EFFECT,), diagnose=False)}],
+)
 def test_requested_parameters_and_a_fixed_effect_are_kept(file_without_effect, options):
     fit = identify(emptied(file_without_effect, 1.0, 3, 7.4, 6.6), file_without_effect, **options)
     assert EFFECT not in fit.names
@@ -108,7 +112,7 @@ def test_requested_parameters_and_a_fixed_effect_are_kept(file_without_effect, o
 
 
 def test_a_constant_voltage_costs_no_second_fit(file_without_effect):
-    fit = identify(emptied(file_without_effect, 1.0, 3, 7.3, 7.25), file_without_effect)
+    fit = identify(emptied(file_without_effect, 1.0, 3, 7.3, 7.25), file_without_effect, options=PLAIN)
     assert not any(code.startswith("battery.") for code in codes(fit))
 
 
