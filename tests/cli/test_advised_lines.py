@@ -208,14 +208,6 @@ def test_a_name_error_reports_an_empty_list_of_names():
     assert "–" not in text(suggestion)
 
 
-def test_the_width_option_is_refused_without_the_figures_option(baqueano, lab):
-    run = str(next((lab / "runs").glob("0001*")))
-    assert baqueano("report", run, "--width", "nine").reason.code == "front.width-unknown"
-    end = baqueano("report", run, "--width", "column")
-    assert (end.code, end.reason.code) == (2, "cli.figures-absent")
-    assert parse_line(shlex.split(end.fix)[1:]).params["figures"] == Path("figures")
-
-
 def test_the_update_option_adds_noise_and_an_estimator_to_a_file(baqueano, lab, tmp_path):
     run = str(next((lab / "runs").glob("0001*")))
     small = (SOURCE / "garage" / "small.toml").read_text(encoding="utf-8")

@@ -13,6 +13,7 @@ from baqueano.runs import import_run, read_run
 from baqueano.runs.importing.draft import draft_map
 from baqueano.runs.maps.column_map import load_map, maps_folder
 from tests.codes import refused
+from tests.runs.test_draft import drafted
 
 
 def test_the_map_in_the_help_is_valid(tmp_path):
@@ -53,12 +54,8 @@ def test_the_draft_gives_each_duty_its_direction_pin(tmp_path):
     """Without the pins each backward command was a forward command; the rarer level is backward."""
     rows = ["t_ms,pwm_l,dir_l,pwm_r,dir_r", "0,0,0,0,0"]
     rows += [f"{10 * k},{90 + k},{int(k < 9)},{80 + k},{int(k > 7)}" for k in range(1, 12)]
-    (tmp_path / "log.csv").write_text("\n".join(rows), encoding="utf-8")
-    text = draft_map(tmp_path / "log.csv")
-    assert [entry["backward"] for entry in tomllib.loads(text)["command"]["wheels"]] == [
-        {"dir_l": 0},
-        {"dir_r": 1},
-    ]
+    wheels = drafted(tmp_path, "\n".join(rows))["command"]["wheels"]
+    assert [entry["backward"] for entry in wheels] == [{"dir_l": 0}, {"dir_r": 1}]
 
 
 def test_a_map_is_recognised_by_its_content(baqueano, tmp_path):
@@ -178,8 +175,7 @@ def test_a_draft_takes_columns_with_the_package_names_of_commands_as_commands(ba
 def test_a_draft_reads_the_counts_of_encoders_and_the_velocities_of_ros(tmp_path):
     head = "millis,linear_x,angular_z,enc_left,enc_right\n"
     rows = "".join(f"{20 * k},0.2,0.1,{7 * k},{8 * k}\n" for k in range(9))
-    (tmp_path / "log.csv").write_text(head + rows, encoding="utf-8")
-    tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
+    tables = drafted(tmp_path, head + rows)
     assert [entry.get("unit") for entry in tables["command"]["u"]] == ["m/s", None, "rad/s"]
     assert "truth" not in tables
     for entry in tables["sensors"]["wheels"]["z"]:
@@ -197,8 +193,7 @@ def test_a_draft_reads_the_counts_of_encoders_and_the_velocities_of_ros(tmp_path
 )
 def test_a_draft_reads_the_unit_of_the_time_from_its_steps(tmp_path, times, unit):
     rows = "".join(f"{t};0,5;200\n" for t in times)
-    (tmp_path / "log.csv").write_text("tiempo;pwm izquierda;pwm derecha\n" + rows, encoding="utf-8")
-    tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
+    tables = drafted(tmp_path, "tiempo;pwm izquierda;pwm derecha\n" + rows)
     assert tables["files"]["log"] == {"time": "tiempo", "time_unit": unit}
     scales = [entry["scale"] for entry in tables["command"]["wheels"]]
     assert scales == [pytest.approx(1 / 255, rel=1e-5)] * 2
@@ -206,8 +201,7 @@ def test_a_draft_reads_the_unit_of_the_time_from_its_steps(tmp_path, times, unit
 
 def test_a_draft_reads_the_steering_of_a_car_and_the_counter_of_its_axle(tmp_path):
     rows = "".join(f"{20 * k},{0.01 * k},0.3,0.1,{7 * k}\n" for k in range(9))
-    (tmp_path / "log.csv").write_text("t_ms,servo,throttle,gyro_z_dps,hall\n" + rows, encoding="utf-8")
-    tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
+    tables = drafted(tmp_path, "t_ms,servo,throttle,gyro_z_dps,hall\n" + rows)
     assert tables["command"]["names"] == ["throttle", "servo"]  # the order of the model
     assert [entry["column"] for entry in tables["command"]["u"]] == ["throttle", "servo"]
     (counter,) = tables["sensors"]["odometer"]["z"]
@@ -220,11 +214,8 @@ def test_a_draft_reads_the_steering_of_a_car_and_the_counter_of_its_axle(tmp_pat
 )
 def test_a_draft_reads_voltages_and_set_points_of_two_wheels_as_commands(tmp_path, names, unit, radius_m):
     """The voltage of a battery, in one column, is not a command."""
-    log = tmp_path / "log.csv"
-    log.write_text(
-        f"t_ms,{names[0]},{names[1]},battery_volts,cnt_l,cnt_r\n0,3.5,4.0,7.9,1,2\n", encoding="utf-8"
-    )
-    tables = tomllib.loads(draft_map(log))
+    text = f"t_ms,{names[0]},{names[1]},battery_volts,cnt_l,cnt_r\n0,3.5,4.0,7.9,1,2\n"
+    tables = drafted(tmp_path, text)
     entry = {"unit": unit} | ({} if radius_m is None else {"radius_m": radius_m})
     assert tables["command"]["wheels"] == [{"column": name} | entry for name in names]
     assert [entry["unit"] for entry in tables["sensors"]["wheels"]["z"]] == ["counts", "counts"]
@@ -232,8 +223,7 @@ def test_a_draft_reads_voltages_and_set_points_of_two_wheels_as_commands(tmp_pat
 
 def test_a_draft_reads_the_abbreviations_of_spanish_columns(tmp_path):
     head = "tiempo_s;pwm_izq;pwm_der;giro_gps;vel_m_s"
-    (tmp_path / "log.csv").write_text(head + "\n" + "0,02;1;2;3;0,5\n" * 9, encoding="utf-8")
-    tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
+    tables = drafted(tmp_path, head + "\n" + "0,02;1;2;3;0,5\n" * 9)
     assert [entry["column"] for entry in tables["command"]["wheels"]] == ["pwm_izq", "pwm_der"]
     assert tables["sensors"]["imu"]["z"][2]["unit"] == "deg/s"
     assert tables["sensors"]["odometer"]["z"] == [{"column": "vel_m_s", "unit": "m/s"}]
@@ -248,10 +238,7 @@ def test_a_draft_reads_the_abbreviations_of_spanish_columns(tmp_path):
 )  # fmt: skip
 def test_a_draft_finds_the_axes_of_an_imu(tmp_path, columns):
     names = ("gyro_x", "giro_y", "mag_x", "mag_y", "mag_z", "acel_z")
-    (tmp_path / "log.csv").write_text(
-        f"t,{','.join([*names, *columns])}\n" + ("0.1" + ",2" * 9 + "\n") * 3, encoding="utf-8"
-    )
-    tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
+    tables = drafted(tmp_path, f"t,{','.join([*names, *columns])}\n" + ("0.1" + ",2" * 9 + "\n") * 3)
     assert tuple(entry["column"] for entry in tables["sensors"]["imu"]["z"]) == columns
     assert "truth" not in tables
 
@@ -260,8 +247,7 @@ def test_a_draft_finds_the_axes_of_an_imu(tmp_path, columns):
 def test_a_draft_is_valid_toml_with_any_column_name(tmp_path, name):
     head = "t,{0} rpm,right rpm,{0} pwm".format(name.replace('"', '""'))
     head = ",".join(f'"{cell}"' for cell in head.split(","))
-    (tmp_path / "log.csv").write_text(f"{head}\n" + "0.1,1,2,3\n" * 3, encoding="utf-8")
-    tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
+    tables = drafted(tmp_path, f"{head}\n" + "0.1,1,2,3\n" * 3)
     assert tables["sensors"]["wheels"]["z"][0]["column"] == f"{name} rpm"
     assert tables["command"]["names"] == [f"{name} pwm"]
 

@@ -55,18 +55,6 @@ def project(baqueano, lab, tmp_path):
     return baqueano
 
 
-PLAIN_GUIDE = """from baqueano.guides import Repeat
-
-class Mine:
-    def __init__(self, route, laps=1):
-        self.route, self.laps = route, laps
-
-    def init(self):
-        return Repeat.along(self.route, self.laps).init()
-
-    def step(self, state, estimate):
-        return Repeat.along(self.route, self.laps).step(state, estimate)
-"""
 TUNABLE = """from dataclasses import dataclass
 import numpy as np
 from baqueano.parameter import parameter
@@ -84,16 +72,6 @@ class Mine:
         e = pose_error(reference.eta, estimate.eta)
         return state, Command(estimate.t_ns, np.array([0.4 + self.k * e[0], 0.0, e[2] + 5.0 * e[1]]))
 """
-
-
-def test_a_guide_of_a_plain_class_drives_the_requested_laps(project, tmp_path):
-    (tmp_path / "mine.py").write_text(PLAIN_GUIDE)
-    end = project("repeat", "lab", *SMALL, "--guide", "mine.py:Mine", "--laps", "3", "--json")
-    assert end.code == 0, end.err
-    assert [lap["lap"] for lap in end.reply["laps"]] == [1, 2, 3]
-    duration_s = project("repeat", "lab", *SMALL, "--json").reply["rows"][0]["duration_s"]
-    lap_s = end.reply["laps"][1]["duration_s"]  # the first lap also accelerates, the last one brakes
-    assert end.reply["rows"][0]["duration_s"] == pytest.approx(duration_s + 2.0 * lap_s, rel=1e-2)
 
 
 def own_controller(folder, k):

@@ -44,12 +44,6 @@ def test_a_run_at_rest_gives_the_noise_and_updates_the_file(baqueano, folder, tm
     assert width_mm(tmp_path / "f" / "01-allan-deviation-imu.pdf") == pytest.approx(88.0, abs=0.1)
 
 
-def test_a_run_that_never_rests_is_refused(baqueano, folder):
-    end = baqueano("runs", "noise", str(folder / "drive0.mcap"))
-    assert end.code == 2
-    assert (end.reason.code, end.reason.figures) == ("at-rest.driven", {"run": "drive0"})
-
-
 def test_the_wear_command_lists_changed_parameters(baqueano, folder, tmp_path):
     runs = [str(folder / f"drive{k}.mcap") for k in range(3)]
     end = baqueano("runs", "wear", *runs, "--vehicle", "small", "--json", "--report", "wear.html", *FIGURES)
@@ -58,9 +52,3 @@ def test_the_wear_command_lists_changed_parameters(baqueano, folder, tmp_path):
     assert len(end.reply["rows"]) <= 1
     assert "Run by run" in (tmp_path / "wear.html").read_text(encoding="utf-8")
     assert width_mm(tmp_path / "f" / "01-run-by-run.pdf") == pytest.approx(88.0, abs=0.1)
-
-
-def test_the_wear_command_refuses_a_single_run(baqueano, folder):
-    end = baqueano("runs", "wear", str(folder / "drive0.mcap"), "--vehicle", "small")
-    assert end.code == 2
-    assert (end.reason.code, end.reason.figures["count"]) == ("over-time.few-runs", 1)

@@ -59,13 +59,6 @@ def test_a_simulation_writes_a_run_without_a_control_loop(baqueano):
     assert {row["topic"] for row in end.reply["rows"]} == {"command applied", "sensor imu", "truth"}
 
 
-def test_simulating_many_vehicles_needs_a_parameter_covariance(baqueano):
-    end = baqueano("simulate", "--vehicle", "small", "--seconds", "1", "--vehicles", "1000")
-    assert end.code == 2
-    assert (end.reason.code, end.reason.figures["name"]) == ("simulate.no-covariance", "small")
-    assert "baqueano identify" in end.paragraph
-
-
 def test_a_fit_is_written_to_the_vehicle_file_only_with_update(project, tmp_path):
     project("simulate", "--vehicle", "small", "--seconds", "20", "-o", "long.mcap")
     arguments = ("identify", "long.mcap", "--free", "model.actuator_matrix[0,0]", "--no-noise", "--json")
@@ -129,14 +122,6 @@ def test_a_smoothed_replay_has_a_smaller_error(project, tmp_path):
     assert len(replayed_run.estimate.t_ns) == len(replayed_run.t_ns)
 
 
-def test_an_estimator_that_is_not_a_kalman_filter_cannot_be_smoothed(project, tmp_path):
-    end = project("replay", "1", "--smooth", "--estimator", "dead_reckoning")
-    assert end.code == 2
-    assert (end.reason.code, end.reason.figures["estimator"]) == ("smooth.not-kalman", "DeadReckoning")
-    assert "--estimator augmented_ekf" in end.paragraph
-    assert not list((tmp_path / "runs").glob("0003*"))
-
-
 def test_runs_are_listed_shown_cut_and_exported(project, tmp_path):
     assert [row["number"] for row in project("runs", "ls", "--json").reply["rows"]] == [1, 2]
     assert "2.50" not in project("runs", "show", "last").out
@@ -156,17 +141,6 @@ def test_runs_are_listed_shown_cut_and_exported(project, tmp_path):
 def test_blocks_are_listed_with_their_package_and_kind(baqueano):
     rows = baqueano("blocks", "ls", "--json").reply["rows"]
     assert {"role": "controller", "kind": "pd"} in rows
-
-
-def test_an_unknown_run_is_reported_with_the_newest_runs(project):
-    end = project("compare", "77")
-    assert end.code == 3
-    assert end.reason.code == "runs.unknown"
-    assert dict(end.reason.figures) == {
-        "value": "77",
-        "folder": "runs",
-        "valid": "0001-experiment, 0002-teach",
-    }
 
 
 @pytest.mark.parametrize(

@@ -218,18 +218,6 @@ def test_a_pad_on_another_system_than_linux_is_refused(monkeypatch):
         find_pad()
 
 
-def test_unplugging_a_driving_pad_stops_the_vehicle(plug):
-    kernel = pad()
-    with cockpit(Terminal(), share=1.0, pad=open_pad(plug(kernel))) as (_, hand):
-        kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
-        kernel.change((KEY, SOUTH, 1))
-        assert hand().tolist() == [1.0, 0.0, 0.0]
-        assert hand.pop_mark_count() == 1
-        kernel.unplug()
-        assert hand().tolist() == [0.0, 0.0, 0.0]
-        assert hand.stop_reason(0).code == StopReason.PAD_UNPLUGGED
-
-
 def test_a_button_of_the_pad_stops_the_vehicle(plug):
     kernel = pad()
     with cockpit(Terminal(), share=1.0, pad=open_pad(plug(kernel))) as (_, hand):

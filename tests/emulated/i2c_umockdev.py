@@ -3,9 +3,8 @@
 Runs in the Python of the system, which has the bindings (python3-gi), so it does not use the package. It prints the
 root of the test bed as one line of JSON. Then it executes lines of its input, each a JSON list of a verb and arguments:
 
-    ["brown_out"]  ["freeze", true]  ["saturate", 5]  ["fail", errno, times]  ["hold", true]  ["quit"]
-    ["feel", [force, 3], [rate, 3]]
-    ["reg", number]  ["timeout"]  ["taken"]     asked; the answer is a line of JSON
+    ["fail", errno, times]  ["hold", true]  ["feel", [force, 3], [rate, 3]]  ["quit"]
+    ["timeout"]  ["taken"]     asked; the answer is a line of JSON
 
 A client sees the device when it is started with UMOCKDEV_DIR=<root> and LD_PRELOAD=libumockdev-preload.so.0.
 """
@@ -120,16 +119,14 @@ def obey(loop, bus: EmulatedBus, chip: MpuEmulator, line: str) -> None:
         bus.fail(*values)
     elif verb == "hold":
         bus.sda_low = values[0]
-    elif verb == "reg":
-        answer = chip.regs[values[0]]
     elif verb == "timeout":
         answer = bus.timeout_ns
     elif verb == "taken":
         chip.run_until(time.monotonic_ns())
         answer = chip.taken
-    else:
+    elif verb == "feel":
         chip.run_until(time.monotonic_ns())
-        getattr(chip, verb)(*values)
+        chip.feel(*values)
     print(json.dumps(answer), flush=True)
 
 

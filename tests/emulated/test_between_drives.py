@@ -6,7 +6,6 @@ On the real firmware and the real drivers in lock-step.
 import tracemalloc
 from itertools import groupby, pairwise
 
-import numpy as np
 import pytest
 
 from baqueano import vehicle_file
@@ -141,14 +140,6 @@ def test_a_stop_during_closing_of_the_run_is_latched(service, robot, closing):
     assert service.machine.state is DoorState.STOPPED
     clear_after(service, robot, 3)
     assert service.machine.state is DoorState.READY
-
-
-def test_a_stop_during_preparation_is_latched_and_nothing_moves(service, robot, preparing):
-    preparing(lambda: service.operator.stop(TEACHER))
-    end, run = drive(service, spin())
-    assert end["reason"] == TEACHER
-    assert not np.any(run.applied_commands)
-    assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
 
 
 def test_a_stop_during_a_failing_preparation_is_latched(service, robot, preparing):

@@ -48,7 +48,7 @@ def repetition(folder, place, text, file):
         *((place, "raise KeyboardInterrupt", "KeyboardInterrupt") for place in PLACES),
         ("top", "sys.exit()", "SystemExit"), ("made", "raise Odd", "Odd"), ("begun", "sys.exit()", "SystemExit"),
         ("line", "sys.exit('bye')", "SystemExit"), ("line", "raise Odd", "Odd"),
-        ("line", "raise GeneratorExit", "GeneratorExit"),
+        ("line", "raise GeneratorExit", "GeneratorExit"), ("line", "1 / 0", "ZeroDivisionError"),
     ],
 )  # fmt: skip
 def test_a_block_that_ends_the_program_ends_only_its_mission(service, robot, tmp_path, place, end, message):

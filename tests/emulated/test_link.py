@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.diagnostics import StopReason
 from baqueano.drive import experiment
 from baqueano.robot.uno.frames import EncoderKind, ResetCause, Settings
 from tests.emulated.robot import EmulatedWorld
@@ -32,15 +31,6 @@ def test_the_next_command_after_lost_commands_moves_the_motors(robot, first_lost
     hold(robot, 0.4, 0.4, 0.5)
     assert robot.board.moving
     assert robot.board.info().old_sequence == 0
-
-
-def test_an_uno_that_receives_no_arming_frame_is_a_fault(robot):
-    robot.write = lambda data: None
-    robot.uno.arm()
-    hold(robot, 0.4, 0.4, 0.2)
-    assert robot.uno.stop_cause is None
-    hold(robot, 0.4, 0.4, 0.05)
-    assert robot.uno.stop_cause.code == StopReason.UNO_DEAF
 
 
 def drive_robot(robot, file, u, act, path=None):

@@ -8,7 +8,6 @@ from baqueano.diagnostics import StopReason
 from baqueano.door.states import DoorState
 from baqueano.drive.mission import Mission, pack
 from baqueano.drive.recording import LINE_SOURCE, UNO_SOURCE
-from baqueano.guides import shapes
 from tests.emulated.drives import TEACHER, drive, during, spin
 
 
@@ -82,21 +81,6 @@ def test_rt6_a_silent_imu_ends_the_drive_and_is_logged(service, robot):
     assert end["reason"].code == StopReason.SENSOR_SILENT
     assert not robot.board.moving
     assert any(e.source == "hardware" for e in run.events)
-
-
-def test_rt3_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.py").write_text(
-        "class Mine:\n    def init(self):\n        return 0\n\n"
-        "    def step(self, state, reference, estimate):\n        return 1 / 0\n"
-    )
-    mission = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "mine.py:Mine"})
-    mission = pack(mission, vehicle_file.load("small"))
-    end, _ = drive(service, mission)
-    assert end["reason"].code == StopReason.BLOCK_RAISED
-    assert end["reason"].figures["block"].startswith("controller Mine (")
-    assert "mine.py:6" in end["reason"].figures["block"]
-    assert end["reason"].figures["error"].startswith("ZeroDivisionError")
 
 
 def test_manual_commands_drive_only_while_they_are_fresh(service, robot):

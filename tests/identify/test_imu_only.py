@@ -17,8 +17,9 @@ from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import car_file, car_values, drive_group, vehicle_run
 from baqueano.study.identification.trials import draw_car
-from baqueano.vehicle_file import load
+from baqueano.vehicle_file import load, parse
 from tests.codes import of_code
+from tests.validation.test_validation import KINEMATIC
 
 LONGITUDINAL = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
 YAW = ("model.steering_gain", "model.steering_offset_rad", "model.yaw_lag_s")
@@ -351,24 +352,8 @@ def test_gyro_noise_does_not_bias_lever_arm_or_speed_towards_zero():
     assert np.all(np.abs(np.mean(errors, axis=0)) < 3.0 / np.sqrt(4.0)), errors
 
 
-def test_a_kinematic_vehicle_cannot_use_the_gyro_fit(tmp_path):
-    text = """format = 1
-name = "cart"
-rate_hz = 50.0
-[command]
-names = ["u_x", "u_y", "u_psi"]
-limit = [1.0, 0.0, 1.0]
-[model]
-kind = "kinematic"
-velocity_matrix = [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 2.0]]
-[sensors.imu]
-kind = "imu"
-rate_hz = 50.0
-accel_noise_std = [0.1, 0.1]
-gyro_noise_std = 0.01
-"""
-    (tmp_path / "cart.toml").write_text(text, encoding="utf-8")
-    file = load(tmp_path / "cart.toml")
+def test_a_kinematic_vehicle_cannot_use_the_gyro_fit():
+    file = parse(KINEMATIC.partition("[sensors")[0] + '[sensors.imu]\nkind = "imu"\n', "cart")
     u = np.tile([0.5, 0.0, 0.3], (200, 1))
     with pytest.raises(UsageError, check=of_code("imu-only.no-dynamics")):
         fit_imu_only(simulate(file, u, 0), file)

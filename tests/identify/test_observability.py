@@ -75,13 +75,6 @@ def test_id0_a_vehicle_at_rest_gives_no_fit(case):
     assert len(fit.channels) == 3  # the measured data are shown nevertheless
 
 
-def test_an_inverted_gyro_is_refused_or_gives_a_warning(case, case_run):
-    run = case_run(0, 20.0)
-    z = run.sensors["imu"].z * [1.0, 1.0, -1.0]
-    fit = identify(replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)}), case)
-    assert fit.verdict != "USABLE"
-
-
 def test_one_channel_far_from_the_model_is_refused_by_name():
     """Wheel counts were wrapped before they were scaled: a sawtooth of ± 26 mm/s instead of ± 2 m/s."""
     car = load("car")

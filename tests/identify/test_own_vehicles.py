@@ -12,8 +12,6 @@ import pytest
 
 from baqueano.block_checks import check
 from baqueano.design.plan import design_plan
-from baqueano.drive.first_drive import careful_drive
-from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.noise.covariances import measure_noise
@@ -24,7 +22,6 @@ from baqueano.selection.choose import choose
 from baqueano.selection.terms import terms_of
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
-from tests.codes import refused
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 AXIS = {"gain": 1.3, "damping": 14.0, "rail": 2.2}
@@ -181,8 +178,3 @@ def test_the_noise_covariance_is_positive_definite_on_axes_without_motion(files,
         R = measure_noise(fits["servo_axis"], recording).process
         assert np.all(np.linalg.eigvalsh(R) > 0.0)
         assert R[0, 0] > 100.0 * R[1, 1]
-
-
-def test_a_careful_drive_without_an_imu_is_refused_with_advice(files):
-    with refused("first-drive.no-imu", UsageError):
-        careful_drive(files["servo_axis"])

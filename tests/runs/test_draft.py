@@ -10,6 +10,12 @@ from baqueano.runs import import_run
 from baqueano.runs.importing.draft import draft_map
 
 
+def drafted(folder, text):
+    """Return the tables of the draft for a recording with this text."""
+    (folder / "log.csv").write_text(text, encoding="utf-8")
+    return tomllib.loads(draft_map(folder / "log.csv"))
+
+
 @pytest.mark.parametrize(
     ("gravity", "columns", "signs"),
     [
@@ -46,10 +52,7 @@ def test_a_draft_reads_the_axes_of_an_imu_from_gravity(tmp_path, gravity, column
 
 def test_a_draft_reads_the_names_of_a_boat(tmp_path):
     rows = [f"{20 * k},{1500 + 9 * (k % 40)},{1500 - 9 * (k % 40)},{k % 90}" for k in range(100)]
-    (tmp_path / "log.csv").write_text(
-        "millis,thr_port,thr_stbd,heading_deg\n" + "\n".join(rows), encoding="utf-8"
-    )
-    tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
+    tables = drafted(tmp_path, "millis,thr_port,thr_stbd,heading_deg\n" + "\n".join(rows))
     pulses = [(entry["column"], entry["scale"], entry["offset"]) for entry in tables["command"]["wheels"]]
     assert pulses == [("thr_port", 0.002, -3.0), ("thr_stbd", 0.002, -3.0)]
     assert tables["sensors"]["compass"]["z"] == [{"column": "heading_deg", "unit": "deg"}]
@@ -59,8 +62,7 @@ def test_a_draft_reads_the_names_of_a_boat(tmp_path):
 def test_a_draft_of_a_car_has_two_commands_and_a_measured_angle_is_not_one(tmp_path):
     rows = [f"{0.02 * k},{k},{k % 30},{k % 31},{0.1 * k},{k % 5},{k % 7}" for k in range(100)]
     header = "t_s,drive_pwm,steer_deg,steer_angle_deg,compass_deg,x_m,y_m\n"
-    (tmp_path / "log.csv").write_text(header + "\n".join(rows), encoding="utf-8")
-    tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
+    tables = drafted(tmp_path, header + "\n".join(rows))
     assert tables["command"]["names"] == ["drive_pwm", "steer_deg"]
     assert tables["command"]["u"][1]["unit"] == "deg"
     assert tables["sensors"]["compass"]["z"][0]["column"] == "compass_deg"
@@ -75,8 +77,7 @@ def test_a_draft_reads_the_unit_of_an_accelerometer_from_gravity(tmp_path, g, ke
     rows = [
         f"{0.02 * k},{g / 50 * (k % 3 - 1)},{g / 60 * (k % 5 - 2)},{g + g / 99 * (k % 4)}" for k in range(100)
     ]
-    (tmp_path / "log.csv").write_text("t_s,ax,ay,az\n" + "\n".join(rows), encoding="utf-8")
-    x = tomllib.loads(draft_map(tmp_path / "log.csv"))["sensors"]["imu"]["z"][0]
+    x = drafted(tmp_path, "t_s,ax,ay,az\n" + "\n".join(rows))["sensors"]["imu"]["z"][0]
     assert x == {"column": "ax"} | keys
 
 
@@ -86,8 +87,7 @@ def test_a_draft_reads_a_robot_with_short_names_and_counters_of_16_bits(tmp_path
         for k in range(99)
     ]
     text = "timestamp,motor_l,motor_r,enc_l,enc_r,gyr_z,vbat\n" + "\n".join(rows)
-    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
-    tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
+    tables = drafted(tmp_path, text)
     assert [entry["column"] for entry in tables["command"]["wheels"]] == ["motor_l", "motor_r"]
     assert [entry.get("wraps") for entry in tables["sensors"]["wheels"]["z"]] == [65536, None]
     assert tables["sensors"]["battery"]["z"] == [{"column": "vbat", "unit": "V"}]
@@ -104,8 +104,7 @@ def test_a_draft_reads_merged_topics_of_ros_in_si_units(tmp_path):
         ",".join([f"{1.7e9 + 0.02 * k:.2f}", *(str(k % (5 + n)) for n in range(len(names) - 1))])
         for k in range(60)
     ]
-    (tmp_path / "log.csv").write_text("\n".join([",".join(names), *rows]), encoding="utf-8")
-    tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
+    tables = drafted(tmp_path, "\n".join([",".join(names), *rows]))
     entries = [*tables["command"]["u"], *tables["sensors"]["odometer"]["z"], *tables["sensors"]["imu"]["z"]]
     assert [entry.get("column") for entry in entries] == [names[1], None, names[2], odometry[1], *imu]
     units = ["m/s", None, "rad/s", "m/s", "m/s^2", "m/s^2", "rad/s"]
@@ -119,8 +118,7 @@ def test_a_draft_reads_setpoints_a_clock_since_boot_and_a_quaternion(tmp_path):
     rows = [
         ",".join([str(51234 + 40 * k), *(str(k % (5 + n)) for n in range(len(names) - 1))]) for k in range(60)
     ]
-    (tmp_path / "log.csv").write_text("\n".join([",".join(names), *rows]), encoding="utf-8")
-    tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
+    tables = drafted(tmp_path, "\n".join([",".join(names), *rows]))
     log, u = tables["files"]["log"], tables["command"]["u"]
     assert (log["time"], log["time_unit"]) == ("boot_ms", "ms")
     assert [(entry.get("column"), entry.get("unit")) for entry in (u[0], u[2])] == [
@@ -144,8 +142,7 @@ def test_a_draft_converts_latitude_and_longitude_into_metres(tmp_path, per_degre
         f"{0.2 * k:.1f},{k % 3},{lat * per_degree:.9f},{lon * per_degree:.9f}"
         for k, (lat, lon) in enumerate(point for point in [(0.0, 0.0), *points] for _ in range(10))
     ]
-    (tmp_path / "log.csv").write_text("t_s,duty,lat,lon\n" + "\n".join(rows), encoding="utf-8")
-    eta = tomllib.loads(draft_map(tmp_path / "log.csv"))["truth"]["eta"]
+    eta = drafted(tmp_path, "t_s,duty,lat,lon\n" + "\n".join(rows))["truth"]["eta"]
     assert [entry.get("column") for entry in eta] == ["lon", "lat", None]
     east, north = (
         [point[1 - i] * per_degree * entry["scale"] + entry["offset"] for point in points]
@@ -168,8 +165,7 @@ def test_a_draft_reads_an_omnidirectional_robot_in_north_east_down(tmp_path):
     ]
     rows = [",".join([f"{0.04 * k:.2f}", *(str(k % (5 + n)) for n in range(9))]) for k in range(60)]
     head = ",".join([*names, "N (m)", "E (m)", "Yaw (deg)"])
-    (tmp_path / "log.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
-    tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
+    tables = drafted(tmp_path, "\n".join([head, *rows]))
     assert [entry["column"] for entry in tables["command"]["u"]] == names[1:4]
     assert [entry["unit"] for entry in tables["sensors"]["imu"]["z"]] == ["m/s^2", "m/s^2", "deg/s"]
     x, y, heading = tables["truth"]["eta"]
@@ -194,7 +190,6 @@ def test_a_draft_reads_an_omnidirectional_robot_in_north_east_down(tmp_path):
 def test_a_draft_reads_the_unit_at_the_end_of_a_name_of_a_side(tmp_path, columns, unit, speeds):
     rows = [f"{0.01 * k},{k % 9 - 4},{k % 7 - 3},0.0{k % 9},0.0{k % 7}" for k in range(99)]
     text = f"t_s,{','.join((*columns, *speeds))}\n" + "\n".join(rows)
-    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
-    tables = tomllib.loads(draft_map(tmp_path / "log.csv"))
+    tables = drafted(tmp_path, text)
     assert tables["command"]["wheels"] == [{"column": column, "unit": unit} for column in columns]
     assert tables["sensors"]["wheels"]["z"] == [{"column": speed, "unit": "m/s"} for speed in speeds]

@@ -273,29 +273,6 @@ def test_a_route_from_a_spreadsheet_is_read(route, tmp_path):
     assert np.array_equal(read_route(path).eta, route.eta)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        (
-            "# closed = true\n",
-            "",
-            "route.closed-missing",
-        ),
-        ("psi_rad,", "psi,", "route.no-column"),
-        ("\n0.1,", "\n-0.1,", "route.times"),
-        ("\n0.0,", "\n0.05,", "route.times"),
-        ("\n0.1,", "\nnan,", "route.not-number"),
-    ],
-)
-def test_an_invalid_route_file_is_named(route, tmp_path, old, new, message):
-    path = write_route(route, tmp_path / "lap.csv")
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new, 1), encoding="utf-8")
-    with refused(message, FileError):
-        read_route(path)
-
-
 def test_a_route_of_one_row_is_refused(route, tmp_path):
     path = write_route(Route(*(a[:1] for a in route[:3]), False), tmp_path / "lap.csv")
     with refused("route.too-short", FileError, count=1):

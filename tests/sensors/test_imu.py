@@ -192,15 +192,6 @@ def test_the_covariance_q_is_the_squared_noise_or_the_fitted_matrix():
     assert Imu(measurement_noise_cov=Q).cov is Q
 
 
-def test_a_step_never_changes_its_arguments():
-    imu = Imu(delay_s=0.01, delay_slots=2, gyro_bias_walk=0.1)
-    state, motion_, noise = imu.init(), motion(nu=[1.0, 0.0, 2.0]), np.ones(6)
-    imu.step(state, motion_, 0.01, noise)
-    assert not state.signal.past_values.any()
-    assert not state.bias.any()
-    assert np.array_equal(noise, np.ones(6))
-
-
 ERRORS = [
     ("imu.model", {"value": "'exact'", "valid": "physical, paper"}, lambda: Imu(measurement_model="exact")),
     (

@@ -4,6 +4,8 @@ dead zones).
 These tests prove consistency, not physics; test_pencil tests the physics.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from baqueano.symbolic import function, jacobian, value_at_path, with_value
-from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar, constant_effort
+from baqueano.vehicles import Car, Friction, Kinematic, Planar, constant_effort
+from tests.vehicles.test_back_ends import MOTORS
 
 QUICK = settings(max_examples=30)
 
@@ -144,18 +147,7 @@ def test_every_parameter_of_a_vehicle_has_a_derivative(name):
 
 def test_every_parameter_of_a_drivetrain_has_a_derivative():
     """Two ticks at full command with each effect active, off the kinks."""
-    d = Drivetrain(
-        mixing="two_wheels",
-        limit=np.array([0.9, 1.5]),
-        dead_zone_forward=np.array([0.1, 0.2]),
-        dead_zone_backward=np.array([0.15, 0.1]),
-        gain=np.array([0.9, 1.1]),
-        delay_s=0.013,
-        delay_slots=2,
-        lag_s=0.05,
-        battery_v=5.5,
-        sag=0.1,
-    )
+    d = replace(MOTORS, limit=np.array([0.9, 1.5]))
     paths = ["limit[0]", "dead_zone_forward[1]", "dead_zone_backward[0]", "gain[1]", "delay_s", "lag_s"]
     paths += ["battery_v", "battery_nominal_v", "battery_effect", "sag"]
 

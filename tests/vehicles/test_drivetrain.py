@@ -154,15 +154,6 @@ def test_a_tick_of_zero_duration_does_not_change_the_lag():
     assert np.all(np.isfinite(effort))
 
 
-def test_a_step_never_changes_its_arguments():
-    d = Drivetrain(mixing="two_wheels", lag_s=0.05, delay_s=0.01, delay_slots=2, limit=np.array([0.5, 0.5]))
-    state, u = d.init(), np.array([0.9, 0.0, 0.4])
-    d.step(state, u, 0.01)
-    assert np.array_equal(u, [0.9, 0.0, 0.4])
-    assert not state.past_commands.any()
-    assert not state.lag_state.any()
-
-
 ERRORS = [
     (
         "drivetrain.battery",

@@ -186,7 +186,7 @@ def tap(tab, selector):
     tab.touch("touchEnd")
 
 
-def test_a_phone_teaches_a_route_by_touch_repeats_stops_and_scrubs_it(browser, tmp_path):
+def test_a_phone_teaches_a_route_by_touch_repeats_and_stops_it(browser, tmp_path):
     action = ".drive .actions button:nth-of-type({})".format
     teach, repeat, finish = action(1), action(2), action(6)
     with program(
@@ -221,23 +221,7 @@ def test_a_phone_teaches_a_route_by_touch_repeats_stops_and_scrubs_it(browser, t
         tap(tab, repeat)
         show_text(tab, "REPEATING")
         show_text(tab, "from its route")
-        tab.close()  # the tab is lost while it drives
-        tab = phone(browser, port)
-        show_text(tab, "STOPPED")
-        assert tab.js("baqueano.page.record.length") > 10  # the last minute is available
-        take(tab)
-        tab.js("document.getElementById('clear').click()")
-        tab.wait("baqueano.page.state.state === 'READY'", START_S)
-        tap(tab, repeat)
-        tab.wait("baqueano.page.state.state === 'MISSION'", START_S)
         tap(tab, "#stop")
         show_text(tab, "STOPPED")
-        tab.wait("baqueano.page.runs.filter((one) => one.seconds).length >= 2", START_S)
-        tab.js("baqueano.page.openRun(baqueano.page.runs.find((one) => one.kind === 'teach').id)")
-        tab.wait("baqueano.page.opened", START_S)
-        tab.press("End")
-        at_end = tab.js("baqueano.page.screens.replay.now_s")
-        tab.press("Home")
-        assert tab.js("baqueano.page.screens.replay.now_s") < at_end
         assert not tab.errors
         tab.close()

@@ -89,19 +89,6 @@ def test_sequence_numbers_continue_from_the_last_executed_command(line, uno):
     assert [seq for frame, seq in line.sent if isinstance(frame, Drive)] == [201, 202]
 
 
-@pytest.mark.parametrize("count_refused", [65, 200, 255])
-def test_sequence_numbers_continue_from_the_last_executed_command_after_refusals(line, uno, count_refused):
-    uno.arm()
-    line.send(state(10, flags=StateFlag.ARMED, seq=1))
-    uno.pump()
-    for _ in range(count_refused):
-        uno.drive(0.1, 0.1)
-    line.send(state(20, flags=StateFlag.ARMED, seq=1))
-    uno.pump()
-    uno.drive(0.1, 0.1)
-    assert line.sent[-1][1] == 2
-
-
 def test_sequence_numbers_of_commands_in_transit_are_not_reused(line, uno):
     uno.arm()
     for _ in range(30):  # 0.3 s of a loop, telemetry as rare as it can be set
