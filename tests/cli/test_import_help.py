@@ -285,6 +285,7 @@ def test_an_unknown_unit_must_be_stated_by_the_user(baqueano, tmp_path):
     baqueano("runs", "import", "log.csv", "--draft", "log.toml")
     end = baqueano("runs", "import", "log.toml", "log.csv")
     assert (end.reason.code, end.reason.figures["value"]) == ("map.wrong", "'?'")
+    assert not list(tmp_path.rglob("*.mcap*"))
 
 
 def test_a_recording_at_rest_needs_no_command(baqueano, tmp_path):

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from baqueano.block_checks import check_vehicle
 from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar, constant_effort
 from baqueano.vehicles.rk4 import rk4
 from tests.codes import refused
@@ -30,6 +31,16 @@ def end(vehicle, effort, steps, duration_s=0.8):
     for _ in range(steps):
         eta, nu, _ = vehicle.advance(eta, nu, constant_effort(effort), duration_s / steps)
     return np.concatenate([eta, nu])
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_integration_error_is_of_fourth_order(name):
+    vehicle, effort = CASES[name]
+    exact = end(vehicle, effort, 640)
+    steps = np.array([10, 20, 40])
+    errors = [np.linalg.norm(end(vehicle, effort, n) - exact) for n in steps]
+    slope = np.polyfit(np.log(1.0 / steps), np.log(errors), 1)[0]
+    assert 3.8 < slope < 4.4
 
 
 def test_rk4_is_exact_for_a_polynomial_of_the_third_degree():
@@ -76,6 +87,11 @@ def test_process_noise_is_added_to_the_velocity_once_per_tick(name, dt_s):
     assert noisy_state.nu - exact_state.nu == pytest.approx(kick)
     assert np.array_equal(motion.nu, noisy_state.nu)
     assert np.array_equal(motion.nu_dot, noisy_state.nu_dot)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_vehicle_passes_the_vehicle_check(name):
+    assert check_vehicle(CASES[name][0]) == []
 
 
 SMALL_MOTORS = Planar(  # 0.61 kg on two geared motors: the stiffest friction that a ready vehicle has
