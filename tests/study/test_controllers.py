@@ -14,7 +14,7 @@ from baqueano.study.controllers.result import EVALUATIONS, Controllers
 from baqueano.study.counterpart import LoopWorld
 from baqueano.study.truth import draw_robots
 from baqueano.sweep.error_segments import ErrorSegments
-from baqueano.sweep.result import SweepCell, SweepDrive, SweepResult
+from baqueano.sweep.result import SweepCombination, SweepDrive, SweepResult
 from baqueano.vehicle_file import load
 
 
@@ -47,7 +47,11 @@ def result(best: float, bound: tuple[str, ...] = (), stop_code: str = "", drives
             pieces = {"across_rms_m": ErrorSegments((1000.0 * e * e,), (1000.0,))}
             drive_results.append(
                 SweepDrive(
-                    SweepCell(label, "", label, ""), f"robot {k}", {"across_rms_m": e}, pieces, stop_code
+                    SweepCombination(label, "", label, ""),
+                    f"robot {k}",
+                    {"across_rms_m": e},
+                    pieces,
+                    stop_code,
                 )
             )
     result_of = SweepResult(tuple(drive_results), 0, "pd")

@@ -22,8 +22,8 @@ def lasting(rng, time_s: float, length_s: float) -> tuple[np.ndarray, np.ndarray
 @pytest.mark.parametrize("spread", [0.3, 1.0])
 @pytest.mark.parametrize("drives", [5, 8, 10])
 def test_an_interval_of_few_drives_has_its_nominal_coverage(drives, spread):
-    """The drives differ by e^± `spread`, and two cells are equally good on them. Bootstrap percentiles covered 85 %
-    with 5 drives."""
+    """The drives differ by e^± `spread`, and two combinations are equally good on them. Bootstrap percentiles
+    covered 85 % with 5 drives."""
     rng, count = np.random.default_rng(drives), 0
     for _ in range(2000):
         level = np.exp(spread * rng.standard_normal(drives))

@@ -13,10 +13,10 @@ from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.messages.language import use_language
 from baqueano.runs.run import EstimateLog, Run, TruthLog
-from baqueano.sweep.cell import FileText, SweepBlocks, SweepJob, SweepSettings
+from baqueano.sweep.combination import FileText, SweepBlocks, SweepJob, SweepSettings
 from baqueano.sweep.figures import drive_figures, joining_distance
 from baqueano.sweep.grid import sweep as one_process
-from baqueano.sweep.result import SweepCell, SweepResult
+from baqueano.sweep.result import SweepCombination, SweepResult
 from baqueano.sweep.stored_drives import job_digest
 from tests.codes import refused
 from tests.compare.test_errors_of_paths import trajectories
@@ -47,7 +47,7 @@ def small():
 
 
 @pytest.fixture(scope="module")
-def cells(small):
+def combinations(small):
     return {
         "subjects": small, "routes": {"circle": ROUTE}, "controllers": ["kanayama", "lqr"], "seeds": (3, 4),
         "start": (0.0, 0.08, 0.3), "backend": "python",  # conftest.py compiles otherwise here than in other processes
@@ -55,8 +55,8 @@ def cells(small):
 
 
 @pytest.fixture(scope="module")
-def result(cells):
-    return one_process(**cells, processes=1)
+def result(combinations):
+    return one_process(**combinations, processes=1)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_ate_and_rpe_of_a_replay_equal_the_results_of_evo(alignment, figures):
 
 def test_each_sweep_drive_starts_beside_its_route_and_joins_it(result):
     rows = result.rows()
-    assert [(row["cell"], row["drive"]) for row in rows[:3]] == [
+    assert [(row["combination"], row["drive"]) for row in rows[:3]] == [
         ("kanayama", "circle, seed 3"), ("kanayama", "circle, seed 4"), ("lqr", "circle, seed 3"),
     ]  # fmt: skip
     assert all(0.05 < row["joining_m"] < 1.0 for row in rows)
@@ -95,7 +95,7 @@ def test_each_sweep_drive_starts_beside_its_route_and_joins_it(result):
     assert np.isnan(joining_distance(np.array([1.0, 2.0]), np.array([0.0, 0.5])))
 
 
-def test_an_interrupted_sweep_resumes_and_equals_two_processes(cells, result, tmp_path):
+def test_an_interrupted_sweep_resumes_and_equals_two_processes(combinations, result, tmp_path):
     counts = []
 
     def until_two(n: int) -> None:
@@ -103,7 +103,7 @@ def test_an_interrupted_sweep_resumes_and_equals_two_processes(cells, result, tm
         if len(counts) == 2:
             raise KeyboardInterrupt
 
-    part = one_process(**cells, processes=1, drives_folder=tmp_path, advance=until_two)
+    part = one_process(**combinations, processes=1, drives_folder=tmp_path, advance=until_two)
     assert (len(part.drives), part.requested_drives, [reason.code for reason in part.reasons]) == (
         2,
         4,
@@ -113,11 +113,11 @@ def test_an_interrupted_sweep_resumes_and_equals_two_processes(cells, result, tm
     assert len(files) == 2
     # an incomplete file is not from this program, so the drive is repeated
     files[0].write_text(files[0].read_text()[:40])
-    second = one_process(**cells, processes=2, drives_folder=tmp_path)
+    second = one_process(**combinations, processes=2, drives_folder=tmp_path)
     assert rows_of(second) == rows_of(result)
     assert len(list(tmp_path.iterdir())) == 4
     before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    assert rows_of(one_process(**cells, processes=1, drives_folder=tmp_path)) == rows_of(result)
+    assert rows_of(one_process(**combinations, processes=1, drives_folder=tmp_path)) == rows_of(result)
     assert {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
@@ -130,7 +130,8 @@ def test_the_name_of_a_stored_drive_depends_on_block_source_and_seed(tmp_path, m
         file = FileText(small.text, small.label, small.path, small.on_disk)
         names.add(
             job_digest(
-                SweepJob(SweepCell("m", "", "", ""), "d", file, blocks, SweepSettings(), ROUTE, seed), {}
+                SweepJob(SweepCombination("m", "", "", ""), "d", file, blocks, SweepSettings(), ROUTE, seed),
+                {},
             )
         )
     assert len(names) == 3
@@ -166,9 +167,9 @@ def test_the_name_of_a_stored_drive_contains_each_entry_of_an_array(small):
     file = FileText(small.text, small.label, small.path, small.on_disk)
     law = small.controller("lqr")
     laws = [law, replace(law, e_max=law.e_max * (1.0 + 1e-12))]
-    cell, settings = SweepCell("m", "", "", ""), SweepSettings()
+    combination, settings = SweepCombination("m", "", "", ""), SweepSettings()
     names = {
-        job_digest(SweepJob(cell, "d", file, SweepBlocks(controller=law), settings, ROUTE, 0), {})
+        job_digest(SweepJob(combination, "d", file, SweepBlocks(controller=law), settings, ROUTE, 0), {})
         for law in laws
     }
     assert len(names) == 2
@@ -177,8 +178,11 @@ def test_the_name_of_a_stored_drive_contains_each_entry_of_an_array(small):
 def test_the_name_of_a_stored_drive_contains_the_ends_of_a_route_and_the_start_of_a_run(small):
     run = bq.simulate(small, np.zeros((10, 3)))
     moved_run = replace(run, metadata=run.metadata | {"start": "1.0 0.0 0.0"})
-    file, cell = FileText(small.text, small.label, small.path, small.on_disk), SweepCell("m", "", "", "")
-    job = SweepJob(cell, "d", file, SweepBlocks(), SweepSettings(), ROUTE)
+    file, combination = (
+        FileText(small.text, small.label, small.path, small.on_disk),
+        SweepCombination("m", "", "", ""),
+    )
+    job = SweepJob(combination, "d", file, SweepBlocks(), SweepSettings(), ROUTE)
     jobs = (
         job,
         job._replace(route=ROUTE._replace(closed=False)),
@@ -198,8 +202,8 @@ def test_two_sweeps_can_store_the_same_drive_at_once(tmp_path):
 def test_a_dict_gives_the_names_of_blocks_and_the_routes_need_no_keyword(small):
     controllers = {"base": "kanayama", "other": bq.controllers.Kanayama}
     result = bq.sweep(small, ROUTE, controllers=controllers, processes=1)
-    base, second = result.cells()
-    assert (base["cell"], second["cell"]) == ("base", "other")
+    base, second = result.combinations()
+    assert (base["combination"], second["combination"]) == ("base", "other")
     assert base["across_rms_m"] == second["across_rms_m"] > 0.0
 
 
@@ -210,7 +214,7 @@ def test_recorded_runs_are_replayed_only_through_estimators(small):
     )
     assert [row["estimator"] for row in result.rows()] == ["augmented_ekf", "dead_reckoning"]
     assert all(np.isnan(row["across_rms_m"]) and row["ate_m"] > 0.0 for row in result.rows())
-    assert result.cells()[1]["ate_m_ratio"] == 1.0
+    assert result.combinations()[1]["ate_m_ratio"] == 1.0
     replay_row = bq.compare(bq.replay(run)).rows()[0]
     assert result.rows()[0]["rpe_m"] == pytest.approx(replay_row["rpe_m"], rel=1e-12)
     with refused("sweep.of-runs", UsageError, factor="controllers"):
@@ -245,7 +249,10 @@ def test_a_sweep_over_vehicles_and_runs_together_is_refused(small):
 @pytest.mark.parametrize("language", ["en", "es"])
 def test_a_sweep_of_long_labels_is_at_most_80_wide_and_shows_each_label(result, language):
     names = {"kanayama": "augmented_ekf · my_own_controllers.py:MyFirstController", "lqr": "unscented · lqr"}
-    drives = [d._replace(cell=d.cell._replace(label=names[d.cell.label])) for d in result.drives]
+    drives = [
+        d._replace(combination=d.combination._replace(label=names[d.combination.label]))
+        for d in result.drives
+    ]
     with use_language(language):
         table = SweepResult(tuple(drives), result.requested_drives, names["kanayama"]).table()
     lines = table.splitlines()
@@ -257,7 +264,7 @@ def test_a_sweep_is_printed_briefly_and_as_data_frame_and_page(result, tmp_path)
     assert len(repr(result).splitlines()) <= 12
     assert "lqr" in repr(result)
     frame = result.to_pandas()
-    assert (len(frame), set(frame["cell"])) == (4, {"kanayama", "lqr"})
+    assert (len(frame), set(frame["combination"])) == (4, {"kanayama", "lqr"})
     assert "lqr" in result._repr_html_()
     assert result.plot("differences").axes
     bq.report(result, tmp_path / "sweep.html", figures=tmp_path, file_format="pdf", width="column")
@@ -277,5 +284,5 @@ def test_the_sweep_command_prints_one_json_object_with_drives_and_cells(capsys, 
         main([*line.split(), "--controller", "kanayama"])
     assert exit_info.value.code in (None, 0)
     output = json.loads(capsys.readouterr().out)
-    assert [row["cell"] for row in output["cells"]] == ["lqr", "kanayama"]
+    assert [row["combination"] for row in output["combinations"]] == ["lqr", "kanayama"]
     assert len(output["rows"]) == len(list((tmp_path / "k").iterdir())) == 2

@@ -111,7 +111,7 @@ def number(value: Shown) -> Shown:
 
 N_ = mark
 PLACEHOLDERS = (  # names of values in the help: of options and of arguments
-    N_("ADDRESS"), N_("ANGLE"), N_("BLOCK"), N_("CELL"), N_("CLASS"), N_("DEG"), N_("DEVICE"), N_("FACTOR"),
+    N_("ADDRESS"), N_("ANGLE"), N_("BLOCK"), N_("BLOCKS"), N_("CLASS"), N_("DEG"), N_("DEVICE"), N_("FACTOR"),
     N_("FILE"), N_("FILES"), N_("FOLDER"), N_("HEIGHT"), N_("HIGH"), N_("KEY"), N_("KIND"), N_("LENGTH"),
     N_("LOW"), N_("MAP"), N_("NAME"), N_("OTHER"), N_("FRACTION"), N_("RATIO"), N_("ROUTE"), N_("RUN"),
     N_("RUNS"), N_("SECONDS"), N_("SHAPE"), N_("SOURCE"), N_("TIME"), N_("VALUE"), N_("DIRECTION"),

@@ -49,7 +49,7 @@ class DecimalLogFormatter(LogFormatterSciNotation):
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         words = super().__call__(x, pos)
-        return f"{number(x):.3g}" if words and 1e-4 < x < 1e5 else words
+        return f"{number(x):.6g}" if words and 1e-4 < x < 1e5 else words
 
 
 class Canvas(Figure):

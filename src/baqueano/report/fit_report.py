@@ -91,6 +91,10 @@ def fit_sections(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True
                 drawing,
                 _(
                     "Half-width of the 95 % interval of each estimate; above 100 % of the estimate, it includes 0."
+                )
+                if truth is None
+                else _(
+                    "The error of each estimate, with its 95 % interval; an interval that includes 0 is correct."
                 ),
             )
         )

@@ -19,9 +19,9 @@ from baqueano.drive.tasks import recorded_vehicle_file
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.runs import Run
-from baqueano.sweep.cell import FileText, SweepBlocks, SweepJob, SweepSettings
+from baqueano.sweep.combination import FileText, SweepBlocks, SweepJob, SweepSettings
 from baqueano.sweep.drawing import register
-from baqueano.sweep.result import SweepCell, SweepResult
+from baqueano.sweep.result import SweepCombination, SweepResult
 from baqueano.sweep.stored_drives import Resources, run_jobs
 from baqueano.sweep.workers import processor_count
 from baqueano.vehicle_file import VehicleFile, load
@@ -62,9 +62,9 @@ def sweep(
         A kind of the package, "file.py:Class", a class or a block; a dict gives their names. Empty: the block of the
         vehicle file.
     seeds : iterable of int
-        Seeds of the noise, the same for each cell.
+        Seeds of the noise, the same for each combination.
     reference : str, optional
-        Label of the cell with which the other cells are compared; by default the first cell.
+        Label of the combination with which the others are compared; by default the first.
     vehicle : VehicleFile, optional
         For runs: the vehicle file of the estimators; by default the file in the run.
     drives_folder : path, optional
@@ -83,7 +83,7 @@ def sweep(
     Returns
     -------
     SweepResult
-        The results of each drive and each cell, and their differences.
+        The results of each drive and each combination, and their differences.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def sweep(
     --------
     >>> from baqueano.guides.shapes import circle
     >>> result = sweep(bq.load("small"), routes=circle(0.3, 0.2), controllers=["kanayama", "lqr"], processes=1)
-    >>> [row["cell"] for row in result.cells()], len(result.drives)
+    >>> [row["combination"] for row in result.combinations()], len(result.drives)
     (['kanayama', 'lqr'], 2)
     """
     subjects = [load(subject) if isinstance(subject, str) else subject for subject in _as_list(subjects)]
@@ -110,7 +110,7 @@ def sweep(
         jobs = _run_jobs(runs, blocks_by_role, vehicle, sweep_settings, _as_list(routes))
     else:
         jobs = _vehicle_jobs(subjects, blocks_by_role, _by_name(routes), list(seeds), sweep_settings)
-    labels = list(dict.fromkeys(job.cell.label for job in jobs))
+    labels = list(dict.fromkeys(job.combination.label for job in jobs))
     if reference is not None and reference not in labels:
         raise UsageError(fault("sweep.reference", value=reference, suggestion=nearest(reference, labels)))
     count = processor_count() if processes is None else processes
@@ -162,7 +162,7 @@ def _vehicle_jobs(
     seeds: list[int],
     settings: SweepSettings,
 ) -> list[SweepJob]:
-    """Return the jobs, cell by cell. Each block is built once, so that a wrong block fails before the first drive.
+    """Return the jobs of each combination; each block is built once, so a wrong one fails before the first drive.
     Raise UsageError without a vehicle, route or seed, or for an object of another type.
     """
     if not files or not routes or not seeds:
@@ -177,7 +177,7 @@ def _vehicle_jobs(
     if unsupported_files := [route for route in routes.values() if not isinstance(route, Route)]:
         raise UsageError(fault("sweep.route", value=type(unsupported_files[0]).__name__))
     jobs, names = [], _labels([vehicle_file.label for vehicle_file in files])
-    for cell, blocks in _cells(blocks_by_role, files[0]):
+    for combination, blocks in _combinations(blocks_by_role, files[0]):
         for name, vehicle_file in zip(names, files, strict=True):
             vehicle_file.estimator(blocks.estimator)
             vehicle_file.controller(blocks.controller)
@@ -187,7 +187,7 @@ def _vehicle_jobs(
                     name_parts = [name if len(files) > 1 else "", route_name, f"seed {seed}"]
                     drive = ", ".join(name_part for name_part in name_parts if name_part)
                     jobs.append(
-                        SweepJob(cell, drive, _file_text(vehicle_file), blocks, settings, route, seed)
+                        SweepJob(combination, drive, _file_text(vehicle_file), blocks, settings, route, seed)
                     )
     return jobs
 
@@ -211,16 +211,16 @@ def _run_jobs(
             raise UsageError(fault("sweep.of-runs", factor=name))
     files = [vehicle or recorded_vehicle_file(run) for run in runs]
     names, jobs = _labels([run.name for run in runs]), []
-    for cell, blocks in _cells(blocks_by_role, files[0]):
+    for combination, blocks in _combinations(blocks_by_role, files[0]):
         for name, run, vehicle_file in zip(names, runs, files, strict=True):
             vehicle_file.estimator(blocks.estimator)
-            jobs.append(SweepJob(cell, name, _file_text(vehicle_file), blocks, settings, run=run))
+            jobs.append(SweepJob(combination, name, _file_text(vehicle_file), blocks, settings, run=run))
     return jobs
 
 
-def _cells(
+def _combinations(
     blocks_by_role: dict[str, list | dict], vehicle_file: VehicleFile
-) -> list[tuple[SweepCell, SweepBlocks]]:
+) -> list[tuple[SweepCombination, SweepBlocks]]:
     """Return every combination of blocks, each with a label from the names of the blocks that vary."""
     choices = {}
     for role in LOOP_ROLES:
@@ -232,12 +232,12 @@ def _cells(
         )
         choices[role] = list(labelled_blocks.items())
     varied_roles = [role for role in LOOP_ROLES if len(choices[role]) > 1] or ["controller"]
-    cells = []
+    combinations = []
     for combination in product(*choices.values()):
         names, blocks = zip(*combination, strict=True)
         label = " · ".join(name for role, name in zip(LOOP_ROLES, names, strict=True) if role in varied_roles)
-        cells.append((SweepCell(label, *names), SweepBlocks(*blocks)))
-    return cells
+        combinations.append((SweepCombination(label, *names), SweepBlocks(*blocks)))
+    return combinations
 
 
 def _name(block: object) -> str:

@@ -1,4 +1,4 @@
-"""Compute the ratio of two cells on the same drives, with an interval that accounts for dependent errors.
+"""Compute the ratio of two combinations on the same drives, with an interval that accounts for dependent errors.
 
     θ = mean over drives d of ½ ln(E_d / Ẽ_d),   E_d = Σ_b S_b / Σ_b n_b,   ratio = exp θ                  (1)
     s² = Σ_d (n_d − 1) / n_d Σ_b (θ_{−b} − mean_b θ_{−b})²,   θ_{−b}: (1) without the block b of n_d         (2)
@@ -24,12 +24,12 @@ NAN = float("nan")
 
 
 class PairedDifference(NamedTuple):
-    """A result of a cell divided by the same result of another cell.
+    """A result of a combination divided by the same result of another combination.
 
     Attributes
     ----------
     ratio : float
-        Geometric mean over the drives; below 1 if the result of the first cell is smaller.
+        Geometric mean over the drives; below 1 if the result of the first combination is smaller.
     low, high : float
         The 95 % interval of the ratio; NaN if there are too few blocks.
     blocks : int
@@ -59,9 +59,11 @@ class PairedDifference(NamedTuple):
 UNKNOWN = PairedDifference(NAN, NAN, NAN, 0, is_by_drives=False)
 
 
-def paired_difference(cell: Sequence[ErrorSegments], base: Sequence[ErrorSegments]) -> PairedDifference:
-    """Return the ratio of two cells; drive k of `cell` and of `base` is the same drive.  (1)"""
-    block_pairs = [_blocks(a, b) for a, b in zip(cell, base, strict=True)]
+def paired_difference(
+    combination: Sequence[ErrorSegments], base: Sequence[ErrorSegments]
+) -> PairedDifference:
+    """Return the ratio of two combinations; drive k of `combination` and of `base` is the same drive.  (1)"""
+    block_pairs = [_blocks(a, b) for a, b in zip(combination, base, strict=True)]
     block_pairs = [blocks for blocks in block_pairs if np.all(np.sum(blocks, axis=0) > 0.0)]
     if not block_pairs:
         return UNKNOWN

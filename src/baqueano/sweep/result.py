@@ -1,4 +1,4 @@
-"""Result of a sweep: the values of each drive, the medians of each cell, and the differences from a reference cell."""
+"""Result of a sweep: values of each drive, medians of each combination of blocks, differences from a reference."""
 
 import re
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ MAIN_FIGURES = ("across_rms_m", "ate_m")  # the table shows the difference of th
 MAX_LABEL_LETTERS = 32  # characters of a label
 
 
-class SweepCell(NamedTuple):
+class SweepCombination(NamedTuple):
     """A combination of blocks.
 
     Attributes
@@ -52,7 +52,7 @@ class SweepCell(NamedTuple):
 
     Examples
     --------
-    >>> SweepCell("pd", "ekf", "pd", "repeat").label
+    >>> SweepCombination("pd", "ekf", "pd", "repeat").label
     'pd'
     """
 
@@ -63,14 +63,14 @@ class SweepCell(NamedTuple):
 
 
 class SweepDrive(NamedTuple):
-    """The results of a drive of a cell.
+    """The results of a drive of a combination.
 
     Attributes
     ----------
-    cell : SweepCell
+    combination : SweepCombination
         The blocks.
     name : str
-        Vehicle, route and seed; the same in each cell.
+        Vehicle, route and seed; the same in each combination.
     figures : dict of float
         Results by their names, which contain their units [unit of each]; NaN if not known.
     pieces : dict of ErrorSegments
@@ -80,11 +80,11 @@ class SweepDrive(NamedTuple):
 
     Examples
     --------
-    >>> SweepDrive(SweepCell("pd", "ekf", "pd", "repeat"), "seed 1", {"nis": 1.0}, {}, "").figures["nis"]
+    >>> SweepDrive(SweepCombination("pd", "ekf", "pd", "repeat"), "seed 1", {"nis": 1.0}, {}, "").figures["nis"]
     1.0
     """
 
-    cell: SweepCell
+    combination: SweepCombination
     name: str
     figures: dict[str, float]
     pieces: dict[str, ErrorSegments]
@@ -93,16 +93,16 @@ class SweepDrive(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SweepResult(Result):
-    """The drives of several cells under the same conditions.
+    """The drives of several combinations under the same conditions.
 
     Attributes
     ----------
     drives : tuple of SweepDrive
-        The drives, cell by cell.
+        The drives, combination by combination.
     requested_drives : int
         Number of drives of the call. After Ctrl-C, `drives` contains fewer drives.
     reference : str
-        Label of the cell with which the other cells are compared.
+        Label of the combination with which the others are compared.
 
     Examples
     --------
@@ -121,22 +121,23 @@ class SweepResult(Result):
         return shorten(lines[:3], lines[3:], [verdict_line(self.verdict, self.reasons)])
 
     def rows(self) -> list["TableRow"]:
-        """Return a flat row for each cell and drive."""
+        """Return a flat row for each combination and drive."""
         return [
             {
-                "cell": drive.cell.label, "estimator": drive.cell.estimator, "controller": drive.cell.controller,
-                "guide": drive.cell.guide, "drive": drive.name,
+                "combination": drive.combination.label, "estimator": drive.combination.estimator,
+                "controller": drive.combination.controller,
+                "guide": drive.combination.guide, "drive": drive.name,
                 **{name: drive.figures.get(name, float("nan")) for name in ALL_FIGURES}, "stopped": drive.stop_code,
             }
             for drive in self.drives
         ]  # fmt: skip
 
-    def cells(self) -> list["TableRow"]:
-        """Return a flat row per cell: the median of each result over its drives, and the ratios of the rms values."""
+    def combinations(self) -> list["TableRow"]:
+        """Return a row per combination: the median of each result over its drives, and the ratios of the rms values."""
         rows = []
-        for label, drives in self._by_cell().items():
+        for label, drives in self._by_combination().items():
             row: TableRow = {
-                "cell": label,
+                "combination": label,
                 "drives": len(drives),
                 "stopped": sum(bool(d.stop_code) for d in drives),
             }
@@ -155,9 +156,9 @@ class SweepResult(Result):
         return rows
 
     def difference(self, label: str, figure: str) -> PairedDifference:
-        """Return the ratio of a result of the cell `label` to that of the reference, over the drives of both cells."""
-        cells = self._by_cell()
-        drives, references = ({d.name: d for d in cells.get(cell, ())} for cell in (label, self.reference))
+        """Return the ratio of a result of the combination `label` to the reference, over the drives that both have."""
+        by_label = self._by_combination()
+        drives, references = ({d.name: d for d in by_label.get(name, ())} for name in (label, self.reference))
         drive_pairs = [(drives[name], references[name]) for name in drives if name in references]
         pairs = [
             (a.pieces[figure], b.pieces[figure])
@@ -173,19 +174,19 @@ class SweepResult(Result):
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
-        """Return a warning for each cell with stopped drives, and a warning if drives are missing."""
+        """Return a warning for each combination with stopped drives, and a warning if drives are missing."""
         reasons = []
-        for row in self.cells():
+        for row in self.combinations():
             if row["stopped"]:
                 counts = {"count": row["stopped"], "drives": row["drives"]}
-                reasons.append(note("sweep.stopped", Severity.WARNING, subject=row["cell"], **counts))
+                reasons.append(note("sweep.stopped", Severity.WARNING, subject=row["combination"], **counts))
         if len(self.drives) < self.requested_drives:
             count, total = len(self.drives), self.requested_drives
             reasons.append(note("sweep.part", Severity.WARNING, count=count, total=total))
         return tuple(reasons)
 
     def table(self) -> str:
-        """Return the medians of each cell, and the ratio to the reference, as a text table."""
+        """Return the medians of each combination, and the ratio to the reference, as a text table."""
         head, *lines = self._lines(BLOCKS)
         meanings = self.meanings()
         if any("[-]" in line for line in lines):
@@ -200,14 +201,14 @@ class SweepResult(Result):
             headings.setdefault(figure.meaning, {})[_(figure.heading)] = None
         return [(", ".join(words), _(meaning)) for meaning, words in headings.items()]
 
-    def _by_cell(self) -> dict[str, list[SweepDrive]]:
+    def _by_combination(self) -> dict[str, list[SweepDrive]]:
         drives: dict[str, list[SweepDrive]] = {}
         for drive in self.drives:
-            drives.setdefault(drive.cell.label, []).append(drive)
+            drives.setdefault(drive.combination.label, []).append(drive)
         return drives
 
     def main_figure(self) -> str:
-        """Return the name of the result by which cells are compared first."""
+        """Return the name of the result by which combinations are compared first."""
         available = [
             name
             for name in MAIN_FIGURES
@@ -224,8 +225,8 @@ class SweepResult(Result):
 
     def _lines(self, blocks: Sequence[Sequence[str]]) -> list[str]:
         """Return a line on the drives, and the lines of one or more tables for each block of known results."""
-        rows, main = self.cells(), self.main_figure()
-        labels = [_short_label(row["cell"]) for row in rows]
+        rows, main = self.combinations(), self.main_figure()
+        labels = [_short_label(row["combination"]) for row in rows]
         table_lines: list[str] = []
         for block in blocks:
             columns = [_column(name, rows) for name in block if self._has(name)]
@@ -240,8 +241,8 @@ class SweepResult(Result):
 
     def _ratio(self, row: "TableRow") -> str:
         main = self.main_figure()
-        if row["cell"] == self.reference or not np.isfinite(row[f"{main}_ratio"]):
-            return "1" if row["cell"] == self.reference else "-"
+        if row["combination"] == self.reference or not np.isfinite(row[f"{main}_ratio"]):
+            return "1" if row["combination"] == self.reference else "-"
         if not np.isfinite(row[f"{main}_low"]):
             return f"{number(row[f'{main}_ratio']):.2f} [-]"
         return _(
@@ -251,7 +252,7 @@ class SweepResult(Result):
 
 
 def _short_label(label: str) -> str:
-    """Return the label of a cell with the class alone in place of file.py:Class."""
+    """Return the label of a combination with the class alone in place of file.py:Class."""
     return re.sub(r"[^ ]*[/\\.][^ :]*:(?=\w)", "", label)
 
 

@@ -24,7 +24,7 @@ from baqueano.contracts import optional
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.runs.initial_pose import initial_pose
-from baqueano.sweep.cell import FileText, SweepJob, do_job, drive_from_row, drive_row
+from baqueano.sweep.combination import FileText, SweepJob, do_job, drive_from_row, drive_row
 from baqueano.sweep.error_segments import ErrorSegments
 from baqueano.sweep.workers import run_in_processes
 

@@ -52,7 +52,7 @@ BLOCK_OPTIONS = [
 @options.align
 @click.option(
     "--reference",
-    metavar="CELL",
+    metavar="BLOCKS",
     help="Combination of blocks with which the others are compared; default: the first.",
 )
 @options.drives_folder
@@ -106,7 +106,7 @@ def command(
     count = drive_count * max(len(estimators), 1) * max(len(controllers), 1) * max(len(guides), 1)
     with show_progress(note("cli.sweep", drives=count), count) as advance:
         result = run_sweep(advance=advance)
-    print_answer(result, as_json, cells=result.cells())
+    print_answer(result, as_json, combinations=result.combinations())
     report.write_about(result)
     if len(result.drives) < result.requested_drives:
         raise Interruption(

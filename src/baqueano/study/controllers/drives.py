@@ -19,7 +19,7 @@ from baqueano.study.counterpart import LoopWorld
 from baqueano.study.driving import FREE, initial_file, simulate_experiments
 from baqueano.study.truth import draw_robots
 from baqueano.sweep.figures import drive_figures
-from baqueano.sweep.result import SweepCell, SweepDrive
+from baqueano.sweep.result import SweepCombination, SweepDrive
 from baqueano.tune import tune
 from baqueano.tune.objective import ASIDE_M
 from baqueano.tune.search_space import with_gains
@@ -123,7 +123,7 @@ def drive_robot(seed: int, controllers: tuple[ComparedController, ...], backend:
     vehicle_file, drives = fit.vehicle_file, DrivenRobot(seed, {"pose": [], "estimate": [], "truth": []})
     for controller in controllers:
         block = controller.controller(vehicle_file)
-        cell = SweepCell(controller.label, "", controller.label, "repeat")
+        combination = SweepCombination(controller.label, "", controller.label, "repeat")
         for name, make in SHAPES.items():
             route, label = relative_to_start(make()), f"robot {seed}, {name}"
             for pose_known in (True, False):
@@ -131,7 +131,7 @@ def drive_robot(seed: int, controllers: tuple[ComparedController, ...], backend:
                 run = _drive(vehicle_file, route, block, world, pose_known, backend)
                 views = {"pose": run} if pose_known else {"estimate": replace(run, truth=None), "truth": run}
                 for view_name, view in views.items():
-                    drives.drives[view_name].append(_figures_of(view, cell, label))
+                    drives.drives[view_name].append(_figures_of(view, combination, label))
     return drives
 
 
@@ -149,7 +149,7 @@ def _drive(
     return repeat(vehicle_file, route, controller=block, estimator=estimator, world=world, backend=backend)
 
 
-def _figures_of(run: "Run", cell: SweepCell, label: str) -> SweepDrive:
+def _figures_of(run: "Run", combination: SweepCombination, label: str) -> SweepDrive:
     figures, pieces = drive_figures(run)
     reason = drive_stop_reason(run)
-    return SweepDrive(cell, label, figures, pieces, "" if reason is None else reason.code)
+    return SweepDrive(combination, label, figures, pieces, "" if reason is None else reason.code)

@@ -56,7 +56,7 @@ class Controllers(Result):
                 "at_bound": ", ".join(controller.at_bound),
             }
             for view, drives in self.drives.items():
-                own_drives = [d for d in drives.drives if d.cell.label == controller.label]
+                own_drives = [d for d in drives.drives if d.combination.label == controller.label]
                 x = np.array([d.figures.get(FIGURE, np.nan) for d in own_drives])
                 x = x[np.isfinite(x)]
                 ratio = drives.difference(controller.label, FIGURE)

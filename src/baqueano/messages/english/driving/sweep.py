@@ -7,9 +7,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "sweep.stopped": "{subject}: {count} of {drives} drives were stopped",
     "sweep.part": "{count} of {total} drives are done; type the same command again to continue",
-    "sweep.spread": "Each dot is a drive, each bar the median of a cell.",
+    "sweep.spread": "Each dot is a drive, each bar the median of a combination.",
     "sweep.ratios": (
-        "The error of each cell divided by that of {reference} on the same drives, with its 95 % interval."
+        "The error of each combination divided by that of {reference} on the same drives, with its 95 % interval."
     ),
     "sweep.interval": (
         "A ratio below 1 is better than the reference. Its 95 % interval is Student's t, from a jackknife "
@@ -17,7 +17,7 @@ TEMPLATES: dict[str, str] = {
         "of 10 s, or of 4 correlation times if that is longer. With fewer than 5 blocks, no decision is "
         "possible."
     ),
-    "sweep.reference": "No cell is called {value}. {suggestion}.",
+    "sweep.reference": "No combination has the label {value}. {suggestion}.",
     "sweep.setting": "{call}() does not accept {value}. {suggestion}.",
     "sweep.seeds": "seeds = {value}: expected several whole numbers, such as range(10).",
     "sweep.numbers": (

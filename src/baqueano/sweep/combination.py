@@ -1,4 +1,4 @@
-"""Do one drive of one cell: simulate the file's vehicle with the blocks, or replay a recorded run with them."""
+"""Do one drive with one combination of blocks: simulate the vehicle of the file, or replay a recorded run."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -10,7 +10,7 @@ from baqueano.errors import SafetyStop
 from baqueano.geometry import compose
 from baqueano.sweep.error_segments import ErrorSegments
 from baqueano.sweep.figures import drive_figures
-from baqueano.sweep.result import SweepCell, SweepDrive
+from baqueano.sweep.result import SweepCombination, SweepDrive
 from baqueano.vehicle_file import VehicleFile, parse
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class SweepSettings(NamedTuple):
 class SweepJob(NamedTuple):
     """A drive or replay to be done."""
 
-    cell: SweepCell
+    combination: SweepCombination
     drive: str  # its name: vehicle, route and seed, or the run
     file_text: FileText
     blocks: SweepBlocks
@@ -69,10 +69,10 @@ def do_job(job: SweepJob) -> SweepDrive:
     try:
         run = _replay(job) if job.run is not None else _drive(job)
     except SafetyStop as error:  # before its first tick
-        return SweepDrive(job.cell, job.drive, {}, {}, error.diagnostic.code)
+        return SweepDrive(job.combination, job.drive, {}, {}, error.diagnostic.code)
     s, reason = job.settings, drive_stop_reason(run)
     figures, pieces = drive_figures(run, s.laps, s.alignment, s.interval_s)
-    return SweepDrive(job.cell, job.drive, figures, pieces, "" if reason is None else reason.code)
+    return SweepDrive(job.combination, job.drive, figures, pieces, "" if reason is None else reason.code)
 
 
 def _drive(job: SweepJob) -> "Run":
@@ -107,4 +107,4 @@ def drive_from_row(job: SweepJob, row: dict) -> SweepDrive:
         name: ErrorSegments(tuple(squares), tuple(samples), *durations)
         for name, (squares, samples, *durations) in row["pieces"].items()
     }
-    return SweepDrive(job.cell, job.drive, row["figures"], pieces, row["stopped"])
+    return SweepDrive(job.combination, job.drive, row["figures"], pieces, row["stopped"])
