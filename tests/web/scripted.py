@@ -243,7 +243,6 @@ class ScriptedServer:
             "you": "guest 1",
             "state": self._state(language),
             "route": route(),
-            "room": None,
             "routes": ["lab", "oval"],
             "runs": RUNS,
             "shared": self.shared,

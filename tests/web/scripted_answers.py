@@ -42,6 +42,9 @@ RUNS = [
 ]
 
 
+LIMIT = {"x": [1.2, -1.2, -1.2, 1.2, 1.2], "y": [2.3, 2.3, -0.2, -0.2, 2.3]}  # of the vehicle in its room
+
+
 def route() -> dict[str, Any]:
     angles = [2 * math.pi * k / 120 for k in range(120)]
     return {
@@ -49,6 +52,7 @@ def route() -> dict[str, Any]:
         "closed": True,
         "x": [math.sin(a) for a in angles],
         "y": [1 - math.cos(a) for a in angles],
+        "room": LIMIT,
     }
 
 

@@ -6,7 +6,7 @@ import pytest
 from tests.web.chromium import CHROMIUM, SIZES
 from tests.web.screens import PAGE, check_trace, only, open_page, painted, still_page
 from tests.web.scripted import RADIUS
-from tests.web.scripted_answers import route
+from tests.web.scripted_answers import LIMIT, route
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
@@ -29,6 +29,8 @@ def test_the_map_shows_route_path_corridor_ellipses_and_truth(tab, live):
     route = places(only(marks, kind="line", colour="route"))
     np.testing.assert_allclose(np.hypot(route[:, 0], route[:, 1] - RADIUS), RADIUS, atol=1e-6)
     np.testing.assert_allclose(route[0], route[-1], atol=1e-6)  # closed
+    limit = places(only(marks, kind="line", colour="alarm", dash=[6, 4]))
+    np.testing.assert_allclose(limit, np.column_stack([LIMIT["x"], LIMIT["y"]]), atol=1e-5)
     for track, look in (
         (estimate, {"colour": "model", "width": 2.6, "dash": []}),
         (truth, {"colour": "ink", "dash": [5, 4]}),

@@ -15,7 +15,7 @@ from uuid import uuid4
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.door import VERSION
 from baqueano.errors import BaqueanoError, SafetyStop, UsageError
-from baqueano.messages import text
+from baqueano.messages import list_item, text
 from baqueano.messages.language import use_language
 from baqueano.messages.printable import one_line
 from baqueano.web.feed import Feed, field_rows
@@ -396,5 +396,5 @@ class Live:
 
     def _send_event(self, visitor: Visitor, t_s: float, message: Diagnostic) -> None:
         with use_language(visitor.language):
-            event = {"t": t_s, "severity": str(message.severity), "text": text(message)}
+            event = {"t": t_s, "severity": str(message.severity), "text": list_item(text(message))}
             visitor.send({"type": "event"} | event)

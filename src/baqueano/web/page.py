@@ -177,7 +177,7 @@ class BrowserPage:
         hello = {
             "type": "hello", "protocol": PROTOCOL, "role": visitor.role.protocol_name if visitor.role else "",
             "mode": "live" if self.live else "replay", "vehicle": None, "blocks": {}, "fields": [], "driver": None,
-            "you": visitor.name, "state": None, "route": None, "room": None, "routes": [],
+            "you": visitor.name, "state": None, "route": None, "routes": [],
             "runs": self._shelf.entries(), "open": self._start_run_keys(), "shared": self._guard().shared,
         } | description  # fmt: skip
         visitor.send(hello | {"fields": label_fields(hello["fields"], visitor.language)})

@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.messages import text, with_full_stop
+from baqueano.messages import list_item, text, with_full_stop
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -51,7 +51,7 @@ def state_message(
         "lap": lap if is_driving else None, "laps": laps, "left_s": state.get("left_s"), "t_s": state.get("t_s"),
         "paused": state.get("paused") if is_driving else None, "pace": state.get("pace"), "title": text(note(title)),
         "sentence": " ".join(with_full_stop(text(part)) for part in parts), "severity": str(severity),
-        "warnings": [text(message) for message in warnings], "battery_v": state.get("battery_v"),
+        "warnings": [list_item(text(message)) for message in warnings], "battery_v": state.get("battery_v"),
         "scene": state.get("scene"),
     }  # fmt: skip
 

@@ -10,9 +10,12 @@ from baqueano.blocks import resolve
 from baqueano.contracts.values import JsonObject
 from baqueano.drive.health import degraded_note
 from baqueano.errors import BaqueanoError
+from baqueano.geometry import map_from_body
 from baqueano.signals import seconds
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from baqueano.drive.mission import Mission
     from baqueano.guides.route import Route
     from baqueano.loop import Record
@@ -80,16 +83,29 @@ def adjustable_names(block: object) -> list[str]:
     return [n for n in names if n != "rate_hz" and np.asarray(getattr(block, n)).dtype.kind in "fi"]
 
 
-def route_description(route: "Route | None", name: str = "", laps: int = 1) -> JsonObject:
-    """Return the message of a drive's route; its lists of points are empty if `route` is None."""
+def route_description(
+    route: "Route | None", name: str = "", laps: int = 1, room: JsonObject | None = None
+) -> JsonObject:
+    """Return the message of a drive's route; its lists of points are empty if `route` is None.
+
+    `room` is that of the precautions: the message contains the closed line that the vehicle's centre does not cross.
+    """
     if route is None:
         return {"type": "route", "x": [], "y": []}
     x, y = route.eta[:, 0], route.eta[:, 1]
+    limit = {} if room is None else {"room": _limit(room["free"], room["start"], route.eta[0])}
     return {
         "type": "route", "name": name, "closed": bool(route.closed), "laps": laps, "seconds": float(route.t_s[-1]),
         "length_m": float(np.sum(np.hypot(np.diff(x), np.diff(y)))),
-        "x": np.round(x, 4).tolist(), "y": np.round(y, 4).tolist(),
+        "x": np.round(x, 4).tolist(), "y": np.round(y, 4).tolist(), **limit,
     }  # fmt: skip
+
+
+def _limit(free_m: "Sequence[float]", start: "Sequence[float]", origin: np.ndarray) -> JsonObject:
+    """Return the corners of the area ± `free_m` in the map, as a closed line: `start` in the room is at `origin`."""
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * np.asarray(free_m)
+    points = origin[:2] + (corners - start[:2]) @ map_from_body(float(origin[2] - start[2]))[:2, :2].T
+    return {"x": points[:, 0].tolist(), "y": points[:, 1].tolist()}
 
 
 def drive_description(mission: "Mission | None", record: "Record | None") -> JsonObject:

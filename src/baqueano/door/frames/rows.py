@@ -217,9 +217,9 @@ class Frames:
             "type": "fields", "names": [c.name for c in drive.columns], "units": [c.unit for c in drive.columns],
             "kinds": [c.kind for c in drive.columns], "step_ns": round(NANOSECONDS / vehicle_file.rate_hz),
         }  # fmt: skip
-        blocks = {} if mission is None else mission.blocks
+        blocks, room = ({}, None) if mission is None else (mission.blocks, mission.precautions.get("room"))
         vehicle = {"type": "vehicle", **vehicle_description(vehicle_file, world, seed, blocks)}
-        descriptions = [vehicle, fields, route_description(route, name, laps)]
+        descriptions = [vehicle, fields, route_description(route, name, laps, room)]
         with self._lock:
             self._drive, self._words = drive, descriptions
 

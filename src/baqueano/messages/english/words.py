@@ -20,8 +20,9 @@ CURVES = (
 )  # fmt: skip
 COLUMNS = (
     N_("actuator"), N_("arrived"), N_("at limit"), N_("before"), N_("bound"), N_("by"), N_("channel"), N_("code"),
+    N_("combination"),
     N_("command"), N_("cost at × 0.8 [%]"), N_("at × 1.25 [%]"), N_("count"), N_("covariance"), N_("delay ms"),
-    N_("combination"), N_("duration s"), N_("error"), N_("estimate"), N_("explained"), N_("figure"), N_("first gap s"), N_("from"),
+    N_("duration s"), N_("error"), N_("estimate"), N_("explained"), N_("figure"), N_("first gap s"), N_("from"),
     N_("gain"), N_("gaps"), N_("high"), N_("in the file"), N_("independent samples"), N_("kind"),
     N_("largest"), N_("level"), N_("longest step s"), N_("low"), N_("name"), N_("nan rows"), N_("note"),
     N_("number"), N_("identifiable"), N_("on own runs"), N_("parameter"), N_("rate [Hz]"), N_("rate hz"), N_("refused"),

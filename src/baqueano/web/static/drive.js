@@ -95,6 +95,7 @@ export class Drive {
 
   draw() {
     const { record, route } = this.page, i = record.last, to = record.end;
+    show(this.limitKey, route?.room);
     drawMap(this, route, this.drawn, i);
     for (const one of this.strips) one.draw(to - this.span, to, i);
     this.nis.draw(i);

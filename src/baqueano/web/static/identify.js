@@ -79,12 +79,12 @@ export class Identify {
       show(row.own, own !== null);
       row.node.dataset.kind = `${x === null ? "hollow" : "filled"} ${std > POOR ? "poor" : "good"}`;
       show(row.needs, one.needs && std > POOR);
-      put(row, { value: x === null ? precise(one.guess, 0.1) : precise(x, std), error: trusted && x === null ? t("identify.unknown") : `± ${relative(std)}`, needs: one.needs });
+      put(row, { value: x === null ? precise(one.guess, 0.1) : precise(x, std), error: trusted && x === null ? t("identify.unknown") : relative(std), needs: one.needs });
     });
     show(this.verdict, fit);
     this.verdict.dataset.verdict = fit?.verdict_id ?? "";
     put(this, {
-      bits: num(bits, 0), verdict: fit?.verdict, next: next ? `${next.motion}.` : "–", gain: next ? `${next.label}: ± ${relative(next.from)} → ± ${relative(next.to)}` : "",
+      bits: num(bits, 0), verdict: fit?.verdict, next: next ? `${next.motion}.` : "–", gain: next ? `${next.label}: ${relative(next.from)} → ${relative(next.to)}` : "",
       about: fit ? [t("identify.fit", { s: num(fit.t), took: num(fit.took_s) }), fit.reason].filter(Boolean).join(" ") : reason ?? t(compiled ? "identify.hollow" : "identify.slow", { s: first }),
     });
     if (fit?.t !== this.order) {
@@ -146,4 +146,4 @@ const share = (std) => clamp(100 * (1 - log10(std) / log10(LEAST)), 1, 100);
 
 const precise = (x, std) => (x === 0 ? "0" : num(x, clamp((std > POOR) - floor(log10(Math.abs(x) * min(std, 1))), 0, 7)));
 
-const relative = (std) => percent(min(std, 1), std < 0.01 ? 2 : std < 0.1 ? 1 : 0);
+const relative = (std) => "±\u00a0" + percent(min(std, 1), std < 0.01 ? 2 : std < 0.1 ? 1 : 0);

@@ -2,7 +2,6 @@
 
 const HEAD = 16; // bytes: uint32 stream and number, uint32 rows, float64 time of the first row
 const OVER = 1000; // the drives have ended as they should
-const WAITS_MS = [500, 1000, 2000];
 
 export class Link {
   /** `on`: {rows, down, over, <word>…}, each called with what came. */
@@ -29,7 +28,7 @@ export class Link {
       this.up = false;
       if (code === OVER) { this.on.over(); return; }
       this.on.down();
-      this.timer = setTimeout(() => this.connect(), WAITS_MS[this.tries++] ?? 4000);
+      this.timer = setTimeout(() => this.connect(), Math.min(500 * 2 ** this.tries++, 4000));
     };
   }
 

@@ -108,7 +108,7 @@ export class Map2D {
     const [c, w, h] = begin(this.canvas);
     if (!c) return;
     const boxes = trails.map((one) => one.trail.update().box), shown = vehicles.filter((one) => one.pose);
-    if (route) boxes.push(route.box ??= boxOf(route));
+    if (route) boxes.push(route.box ??= union(boxOf(route), boxOf(route.room ?? route)));
     for (const { pose: [x, y], vehicle } of shown) { const r = size(vehicle) * 0.6; boxes.push([x - r, y - r, x + r, y + r]); }
     const pose = vehicles[0]?.pose;
     this.#look(w, h, boxes, pose);
@@ -139,10 +139,11 @@ export class Map2D {
     line(c, ways, "grid");
   }
 
-  #route(c, { x, y, closed }) {
-    const way = x.map((one, k) => this.at([one, y[k]]));
+  #route(c, route) {
+    const wayOf = ({ x, y }) => x.map((one, k) => this.at([one, y[k]])), way = wayOf(route);
+    if (route.room) line(c, wayOf(route.room), "alarm", 1.5, [6, 4]);
     c.lineCap = "round";
-    line(c, closed ? [...way, way[0]] : way, "route", max(5, colours.rem * 0.42));
+    line(c, route.closed ? [...way, way[0]] : way, "route", max(5, colours.rem * 0.42));
     dot(c, ...way[0], 4.5, "card", "muted");
   }
 

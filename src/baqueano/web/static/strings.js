@@ -35,7 +35,7 @@ export function three(value) {
   return num(value, size >= 99.95 ? 0 : size >= 9.995 ? 1 : size >= 0.9995 ? 2 : !size || size >= 0.001 ? 3 : 4);
 }
 
-export const percent = (part, decimals = 0) => `${num(100 * part, decimals)} %`;
+export const percent = (part, decimals = 0) => `${num(100 * part, decimals)}\u00a0%`;
 
 /** Return a length [m] as [number, unit]: centimetres below a metre. */
 export function length(metres) {

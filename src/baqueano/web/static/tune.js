@@ -9,7 +9,7 @@ import { length, num, t, three, wordFor } from "./strings.js";
 const { abs, expm1, floor, max, round } = Math;
 const CURVE = 7; // of tune/search.py: g = low + (high − low) (e^{cx} − 1) / (e^c − 1)
 const SIDES = [10, 20]; // of the landscape: coarse at once, then fine
-const SETTLED_MS = 250, LAP_MS = 60; // between two laps: a browser may say 50 words a second
+const SETTLED_MS = 250, LAP_MS = 50; // between two laps: a browser may say 50 words a second
 const FINE = 160, BANDS = 16; // pixels and steps of the landscape
 const gainOf = ({ low, high }, x) => low + ((high - low) * expm1(CURVE * x)) / expm1(CURVE);
 const placeOf = ({ low, high }, g) => clamp(Math.log1p(((g - low) / (high - low)) * expm1(CURVE)) / CURVE, 0, 1);
@@ -87,13 +87,11 @@ export class Tune {
 
   #simulate() {
     if (this.busy || !this.want) return;
-    const began = performance.now();
     this.want = false;
     this.busy = true;
     this.#ask("lap", {}, (word) => {
-      this.lap_ms = performance.now() - began;
       if (word.x) [this.lap, this.began_ms] = [word, null];
-      setTimeout(() => { this.busy = false; this.#simulate(); }, max(0, LAP_MS - this.lap_ms));
+      setTimeout(() => { this.busy = false; this.#simulate(); }, LAP_MS);
     });
   }
 
@@ -115,16 +113,11 @@ export class Tune {
     this.#ask("downhill", { price }, (word) => {
       downhill.disabled = false;
       page.say(word.refusal ?? t("tune.down", { n: word.laps, s: num(word.seconds), part: num(100 * (1 - word.cost / word.start_cost), 0) }));
-      if (word.path) this.#roll(word, calm() ? word.path.length - 1 : 0);
+      if (!word.path) return;
+      this.values = word.path.at(-1).slice();
+      this.moved(true);
+      this.path = word;
     });
-  }
-
-  #roll(found, k) {
-    if (this.about?.gains !== this.gains) return;
-    this.values = found.path[k].slice();
-    this.moved(true);
-    this.path = found;
-    if (k + 1 < found.path.length) setTimeout(() => this.#roll(found, k + 1), 90);
   }
 
   /** The gains of the vehicle as it drives; null where they are of another controller. */
@@ -155,7 +148,7 @@ export class Tune {
     const { about, lap, fileLap } = this;
     if (!about) return;
     put(this, { here: length(lap?.rms), ofFile: length(fileLap?.rms), full: num(100 * lap?.full, 0) });
-    if (lap) write(this.note, t(about.whole ? "tune.note" : "tune.note-part", { s: num(about.seconds, 0), ms: num(lap.ms), way: num(this.lap_ms, 0) }));
+    if (lap) write(this.note, t(about.whole ? "tune.note" : "tune.note-part", { s: num(about.seconds, 0), ms: num(lap.ms) }));
     this.began_ms ??= now_ms;
     const { x = [], y } = lap ?? {}, n = x.length, k = calm() ? n - 2 : floor(((now_ms - this.began_ms) / 250 / about.seconds) * n) % max(n - 1, 1); // 4 ×
     const pose = n > 1 ? [x[k], y[k], Math.atan2(y[k + 1] - y[k], x[k + 1] - x[k])] : null;
