@@ -96,6 +96,12 @@ def is_alive(pid):
         return False
 
 
+def test_the_page_of_a_command_opens_in_the_language_of_the_command(tmp_path):
+    words = "--lang", "es", "drive", "--vehicle", "small", "--page"
+    with program("baqueano", *words, cwd=tmp_path, env=PLAIN) as verb:
+        assert next(line for line in verb.stderr if "http" in line).partition("/?")[2].startswith("lang=es")
+
+
 async def test_the_run_of_a_drive_is_the_same_with_a_page(tmp_path):
     for folder in ("with", "without"):
         (tmp_path / folder).mkdir()

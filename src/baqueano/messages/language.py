@@ -63,6 +63,11 @@ def chosen_language() -> str:
     return _language_of(_language or os.environ.get(LANGUAGE_VARIABLE, ""))
 
 
+def process_environment() -> dict[str, str]:
+    """Return the environment of a process of this program, which then has the chosen language, too."""
+    return os.environ | {LANGUAGE_VARIABLE: chosen_language()}
+
+
 def _language_of(tag: str) -> str:
     language = tag.partition("_")[0].partition(".")[0].lower()
     return language if language in LANGUAGES else ""

@@ -17,6 +17,7 @@ from baqueano.cli import numbers, options
 from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
+from baqueano.messages.language import process_environment
 
 if TYPE_CHECKING:
     from baqueano.cli.page.drive_door import DriveDoor
@@ -76,6 +77,7 @@ def live_page(
     program = subprocess.Popen(
         [sys.executable, "-m", "baqueano.cli.page.attached", folder], stdin=subprocess.PIPE,
         stdout=subprocess.PIPE, start_new_session=True,  # Ctrl-C is for the verb
+        env=process_environment(),
     )  # fmt: skip
     try:
         _join(door, program)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import Diagnostic, note
+from baqueano.messages.language import process_environment
 
 if TYPE_CHECKING:
     from baqueano.tune import TuneResult
@@ -76,7 +77,9 @@ def run_with_page(folder: Path, show_page: bool | None, pace: float) -> Iterator
         return
     folder.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "baqueano.web.lab.playback", str(folder), "--pace", str(pace)]
-    program = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    program = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=process_environment()
+    )
     try:
         yield PlaybackPage(program)
         assert program.stdin is not None
