@@ -222,9 +222,9 @@ def test_a_watch_with_a_wrong_rate_does_not_end_the_connection(connect, hz):
 def test_the_limit_of_a_room_surrounds_the_pose_at_which_the_route_begins():
     """The room is 2 m × 4 m for the centre; the vehicle starts 0.5 m in front of its middle, and looks along y."""
     route = shapes.circle(0.5, 0.3)
-    moved = route._replace(eta=route.eta - route.eta[0] + np.array([10.0, 0.0, np.pi / 2]))
+    along_y = route._replace(eta=route.eta - route.eta[0] + np.array([10.0, 0.0, np.pi / 2]))
     room = {"free": [1.0, 2.0], "start": [0.5, 0.0, 0.0]}
-    limit = route_description(moved, room=room)["room"]
+    limit = route_description(along_y, room=room)["room"]
     assert np.allclose(limit["x"], [8.0, 8.0, 12.0, 12.0, 8.0])
     assert np.allclose(limit["y"], [0.5, -1.5, -1.5, 0.5, 0.5])
     assert "room" not in route_description(route)
