@@ -4,6 +4,8 @@ import re
 from collections.abc import Sequence
 from textwrap import wrap
 
+from baqueano.messages import unbroken
+
 LINE_LETTERS = 80  # characters of a line
 MIN_LAST_LETTERS = 24  # of a cell that is wrapped, and of the place in which it is wrapped
 INDENT = 4  # of words that are written below their line
@@ -55,7 +57,7 @@ def with_remark(line: str, remark: str) -> list[str]:
 
 
 def _wrapped(words: str, letters: int) -> list[str]:
-    """Return the lines of a text, in which a key with its value and a command are not divided."""
+    """Return the lines of a text, in which a key with its value, a quantity and a command are not divided."""
     whole_commands = CODE.sub(lambda match: match[0].replace(" ", NO_BREAK), words)
-    lines = wrap(whole_commands, letters, break_long_words=False, break_on_hyphens=False) or [""]
+    lines = wrap(unbroken(whole_commands), letters, break_long_words=False, break_on_hyphens=False) or [""]
     return [line.replace(NO_BREAK, " ") for line in lines]

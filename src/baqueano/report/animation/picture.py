@@ -250,7 +250,7 @@ def _legend(scene: Scene, y: float) -> list[str]:
              ("true", _("true path"), scene.true_poses is not None)]  # fmt: skip
     elements, x = [], MAP_SIZE_PX + 50
     for k, (kind, label, _visible) in enumerate([entry for entry in entries if entry[2]]):
-        at_x, at_y = x + 160 * (k % 2), y + 24 * (k // 2) + 14
+        at_x, at_y = x + 178 * (k % 2), y + 24 * (k // 2) + 14
         mark = (
             f'<rect class="band" x="{at_x}" y="{at_y - 12}" width="22" height="14"/>'
             if kind == "band"
@@ -262,7 +262,7 @@ def _legend(scene: Scene, y: float) -> list[str]:
 
 def _fit_parts(partial_fits: Sequence[PartialFit], labels: Sequence[str], clock: _Clock) -> list[str]:
     """Return the intervals, which narrow from stage to stage, and the duration and verdict of each stage."""
-    x, zero, top = MAP_SIZE_PX + 50, WIDTH_PX - MARGIN - AXIS - 24, 98.0
+    x, zero, top = MAP_SIZE_PX + 50, WIDTH_PX - MARGIN - AXIS - 8, 98.0
     each_s = (clock.begin_s - 0.4) / len(partial_fits)
     title, subtitle = _("Learning during a drive"), _("error bars of the fit, 95 %; dotted: the truth")
     elements = [f'<text class="title" x="{x}" y="46">{escape(title)}</text>']
