@@ -118,6 +118,7 @@ def settings(language: str) -> dict[str, Any]:
         "html_show_sphinx": False,
         "html_show_copyright": False,
         "html_search_language": language,
+        "html_search_scorer": str(HERE / "search_order.js"),
         "html_show_search_summary": False,  # a page that is opened as a file cannot read other files
         "html_theme_options": {"light_css_variables": {"color-brand-primary": "#1f5f8b",
                                                        "color-brand-content": "#1f5f8b"},
