@@ -256,7 +256,9 @@ def test_the_search_index_of_each_language_contains_its_words(site):
     assert "first-evening" in (site / "searchindex.js").read_text(encoding="utf-8")
     spanish = (site / "es/searchindex.js").read_text(encoding="utf-8")
     assert "corrid" in spanish
-    assert "glossary: 4" in (site / "es/_static/searchtools.js").read_text(encoding="utf-8")  # its order of pages
+    assert "glossary: 4" in (site / "es/_static/language_data.js").read_text(
+        encoding="utf-8"
+    )  # its order of pages
 
 
 @needs_sphinx

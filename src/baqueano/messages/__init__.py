@@ -127,11 +127,12 @@ def unbroken(sentence: str) -> str:
 def list_item(sentence: str) -> str:
     """Return a sentence for a list of a report: with a capital letter and a full stop. A name keeps its letters.
 
-    >>> list_item("the run is short"), list_item("imu[2] is silent"), list_item("mass_kg is fixed.")
-    ('The run is short.', 'imu[2] is silent.', 'mass_kg is fixed.')
+    >>> list_item("the run is short"), list_item("imu[2] is silent"), list_item("small (a.toml): planar")
+    ('The run is short.', 'imu[2] is silent.', 'small (a.toml): planar.')
     """
-    first_word = sentence.partition(" ")[0].rstrip(",")
-    return with_full_stop(sentence[:1].upper() + sentence[1:] if first_word.isalpha() else sentence)
+    first_word, _, rest = sentence.partition(" ")
+    is_word = first_word.rstrip(",").isalpha() and not rest.startswith("(")
+    return with_full_stop(sentence[:1].upper() + sentence[1:] if is_word else sentence)
 
 
 def json_row(message: Diagnostic) -> dict[str, Any]:

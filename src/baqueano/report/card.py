@@ -70,7 +70,7 @@ def html_of(result: Tabular) -> str:
     card, details = card_of(result), html.escape(result.table())
     colour = COLOURS[TONES.get(card.verdict, "plain")]
     badge = f'<span class="verdict" style="background: {colour}">{html.escape(_(card.verdict))}</span>'
-    paragraphs = "".join(f"<p>{html.escape(list_item(line))}</p>" for line in card.lines)
+    paragraphs = "".join(f"<p>{html.escape(list_item(line.removeprefix('- ')))}</p>" for line in card.lines)
     open_tag = "" if card.rows or card.lines else " open"
     details_html = (
         f"<details{open_tag}><summary>{text(DETAILS_LABEL)}</summary><pre>{details}</pre></details>"

@@ -10,6 +10,10 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import NamedTuple
 
+from baqueano.diagnostics import note
+from baqueano.messages import text
+from baqueano.messages.language import LANGUAGES, use_language
+
 MAX_HEAD_BYTES = 16 << 10  # bytes
 MAX_HEADERS = 64
 WRITE_BYTES = 64 << 10
@@ -120,9 +124,14 @@ def static_files(folder: Path) -> dict[str, Content]:
 
 
 async def refuse(writer: asyncio.StreamWriter, reason: RefusedRequest) -> None:
-    """Answer a refused request with its status code and status phrase."""
-    kind, text = CONTENT_TYPES[".txt"], f"{reason.status.value} {reason.status.phrase}\n".encode()
-    await _send(writer, _response_head(reason.status, kind, len(text), PAGE_POLICY, reason.headers) + text)
+    """Answer a refused request with its status code and status phrase, and an unknown address with what to do."""
+    sentences = [f"{reason.status.value} {reason.status.phrase}"]
+    if reason.status == HTTPStatus.NOT_FOUND:
+        for language in LANGUAGES:
+            with use_language(language):
+                sentences.append(text(note("web.no-address")))
+    kind, body = CONTENT_TYPES[".txt"], "\n".join([*sentences, ""]).encode()
+    await _send(writer, _response_head(reason.status, kind, len(body), PAGE_POLICY, reason.headers) + body)
 
 
 def accepts_gzip(head: RequestHead) -> bool:

@@ -62,6 +62,7 @@ TEMPLATES: dict[str, str] = {
     "web.stopped": "Cause: {cause}. Clear the stop to continue",
     "web.disarmed": "Cause: {cause}",
     "web.identifying": "The drive is being identified",
+    "web.no-address": "Nothing is at this address; a run can have been removed. The page itself is at /",
     "web.ready": "The vehicle is at rest. Take control to teach a route, repeat one, or drive manually",
     "web.begins": "The drive begins",
     "web.rest": "The vehicle is at rest for {rest_s:g} s, to measure the bias of its gyro",

@@ -14,6 +14,7 @@ RUNS = (
     N_("run"), N_("demo"), N_("drive"), N_("experiment"), N_("first drive"), N_("repeat"), N_("replay"), N_("simulate"),
     N_("teach"), N_("import"), N_("manual"), N_("forecast"),
 )  # fmt: skip
+SOURCES = N_("a guess"), N_("a kitchen scale"), N_("a protractor")  # of values in a vehicle file
 CURVES = (
     N_("measured"), N_("model"), N_("truth"), N_("estimate"), N_("reference"), N_("requested"), N_("applied"),
     N_("sent"), N_("residual"), N_("pose"), N_("velocity"), N_("limit"), N_("at its limit"),
