@@ -160,14 +160,17 @@ def estimates(
 
 @with_style
 def correlation(names: Sequence[str], matrix: np.ndarray) -> "Figure":
-    """Draw the correlation matrix (n, n) of the estimates."""
+    """Draw the correlation matrix (n, n) of the estimates; a minus marks values below −0.5, for a print in grey."""
     n = len(names)
-    figure, axis = panel((min(9.2, 0.42 * n + 2.6), min(8.2, 0.38 * n + 1.8)))
-    image = axis.imshow(matrix, vmin=-1, vmax=1, cmap="RdBu_r")
-    axis.set_xticks(range(n), names, rotation=60, ha="right")
-    axis.set_yticks(range(n), names)
+    figure, axis = panel((min(8.2, 0.38 * n + 3.2), min(6.6, 0.3 * n + 1.4)))
+    image = axis.imshow(matrix, vmin=-1, vmax=1, cmap="RdBu_r", aspect="auto")
+    ticks = range(0, n, 1 + n // 13)
+    axis.set_xticks(ticks, [str(k + 1) for k in ticks], fontsize=8)
+    axis.set_yticks(range(n), [f"{name}  {k + 1}" for k, name in enumerate(names)], fontsize=8)
     axis.grid(False)
-    figure.colorbar(image, ax=axis, shrink=0.8)
+    for row, column in np.argwhere(matrix < -0.5):
+        axis.text(column, row, "−", color="white", ha="center", va="center", fontsize=8)
+    figure.colorbar(image, ax=axis, orientation="horizontal", shrink=0.6, aspect=40, ticks=[-1, 0, 1])
     return figure
 
 

@@ -102,8 +102,10 @@ def fit_sections(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True
     sections += [_run_section(fit, run) for run in _runs_to_draw(fit.channels)]
     if identifiable.sum() > 1:
         matrix = fit.correlation[np.ix_(identifiable, identifiable)]
-        messages = _("Red or blue off the diagonal: only the combination of these parameters is known.")
-        drawing = draw(figures.correlation(names, matrix), messages, narrow=False)
+        messages = _(
+            "Red, or blue with a minus, off the diagonal: only the combination of these parameters is known."
+        )
+        drawing = draw(figures.correlation(names, matrix), messages)
         sections.append(Section(_("Correlation of the estimates"), "", [drawing]))
     return sections
 

@@ -68,14 +68,13 @@ class Drawing:
 
     figure: "Figure"
     caption: str
-    narrow: bool = True  # drawn again for a phone
 
     @cached_property
     def svg(self) -> str:
-        """Return the figure as SVG text for the page, in full width and, if `narrow`, again in the width of a phone."""
+        """Return the figure as SVG text in full width and, if it is wide, again in the width of a phone."""
         svg = _svg(self.figure, "wide", self.caption)
         wide_in, high_in = self.figure.get_size_inches()
-        if self.narrow and wide_in > NARROW_IN:
+        if wide_in > NARROW_IN:
             scale = 1.0 if wide_in > WIDE_IN else NARROW_IN / wide_in  # panels over time keep their height
             self.figure.set_size_inches(NARROW_IN, max(high_in * scale, MIN_IN))
             with import_module("baqueano.report.canvas").with_narrow_legends(self.figure):
@@ -235,9 +234,9 @@ def cell(value: object, key: str = "") -> str:
     return str(value) if key in UNTRANSLATED_COLUMNS else _(str(value))
 
 
-def draw(figure: "Figure", caption: str, narrow: bool = True) -> Drawing:
-    """Return the figure as a part of a page; with `narrow` False it scrolls sideways on a phone."""
-    return Drawing(figure, caption, narrow)
+def draw(figure: "Figure", caption: str) -> Drawing:
+    """Return the figure as a part of a page."""
+    return Drawing(figure, caption)
 
 
 def _svg(figure: "Figure", shape: str, caption: str) -> str:
