@@ -5,6 +5,7 @@ dash.
 import re
 from dataclasses import replace
 from functools import cache
+from importlib.resources import files
 from typing import Any
 
 import matplotlib as mpl
@@ -319,3 +320,37 @@ def test_the_page_reports_the_consistency_of_the_filter():
     )
     assert consistency.messages[0].figures["mean"] == pytest.approx(3.95, abs=0.05)
     assert title not in [section.title for section in run_page(replace(run, estimate=None)).sections]
+
+
+def luminance(rgb):
+    """Return the relative luminance of a colour (3,) in [0, 1], as WCAG 2 defines it."""
+    c = np.clip(rgb, 0.0, 1.0)
+    return np.array([0.2126, 0.7152, 0.0722]) @ np.where(
+        c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4
+    )
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_words_and_lines_of_a_page_stand_out_in_both_themes(theme):
+    """The contrast is at least 4.5 for words and 3 for lines, after the filter of the dark figures."""
+    style = files("baqueano.report").joinpath("page.html.jinja").read_text(encoding="utf-8")
+    light, dark = (dict(re.findall(r"--(\w+): (#\w{6});", part)) for part in style.split("@media screen", 1))
+    colours = light if theme == "light" else light | dark
+    rgb = {name: np.array([int(c[k : k + 2], 16) / 255 for k in (1, 3, 5)]) for name, c in colours.items()}
+
+    def contrast(first, second):
+        low, high = sorted((luminance(first), luminance(second)))
+        return (high + 0.05) / (low + 0.05)
+
+    for ground in ("paper", "ground", "code"):
+        assert contrast(rgb["ink"], rgb[ground]) > 7.0
+        assert contrast(rgb["soft"], rgb[ground]) > 4.5
+    share = float(re.search(r"invert\(([.\d]+)\) hue-rotate\(180deg\)", style)[1])
+    grey = np.array([0.213, 0.715, 0.072])  # of the filters, which turn a hue about grey
+    for colour, minimum in (
+        (figures.MEASUREMENT, 3.0), (figures.MODEL, 3.0), (figures.ALARM, 3.0), (figures.TRUTH, 7.0), ("#5c636e", 4.5),
+    ):  # fmt: skip
+        c = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
+        inverse = (1.0 - share) * c + share * (1.0 - c)
+        shown = c if theme == "light" else 2.0 * grey @ inverse - inverse
+        assert contrast(shown, rgb["paper"]) > minimum, colour

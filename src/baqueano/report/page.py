@@ -58,8 +58,11 @@ class Table:
 
     @property
     def headings(self) -> dict[str, str]:
-        """Return the heading of each column by its key."""
-        return self.columns or {key: _(key.replace("_", " ")) for key in (self.rows[0] if self.rows else {})}
+        """Return the heading of each column by its key, except of columns without a value."""
+        columns = self.columns or {
+            key: _(key.replace("_", " ")) for key in (self.rows[0] if self.rows else {})
+        }
+        return {key: columns[key] for key in columns if any(row[key] not in (None, "") for row in self.rows)}
 
 
 @dataclass(frozen=True)
