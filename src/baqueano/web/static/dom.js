@@ -61,7 +61,6 @@ export function choices(group, picked, onpick) {
 export function fill(list, options, picked, onpick) {
   list.replaceChildren(...options.map((one) => { const [value, text = value] = [one].flat(); return el("option", { value, selected: value === picked }, text); }));
   if (onpick) list.onchange = () => onpick(list.value);
-  return list;
 }
 
 export function slide(input, part, text) {

@@ -258,7 +258,6 @@ function ping() {
   else if (link.up) page.ask("ping", {}, () => { page.link_ms = performance.now() - sent; });
 }
 
-const costs = []; // ms
 function draw(now_ms) {
   requestAnimationFrame(draw);
   if (!page.screen) return;
@@ -271,8 +270,6 @@ function draw(now_ms) {
   const old = !page.recorded && ((waits && age_ms > OLD_MS) || !link.up) && state.state !== "OVER" && link.came_ms > 0;
   show(ui.age, old);
   if (old) put(ui, { age: t("age", { s: num(age_ms / 1000) }) });
-  costs.push(performance.now() - began);
-  if (costs.length > 240) costs.shift();
 }
 
 async function begin() {
@@ -305,5 +302,5 @@ async function begin() {
   requestAnimationFrame(draw);
 }
 
-globalThis.baqueano = { page, costs }; // for the console and the tests
+globalThis.baqueano = { page }; // for the console and the tests
 begin();
