@@ -352,5 +352,5 @@ def test_words_and_lines_of_a_page_stand_out_in_both_themes(theme):
     ):  # fmt: skip
         c = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
         inverse = (1.0 - share) * c + share * (1.0 - c)
-        shown = c if theme == "light" else 2.0 * grey @ inverse - inverse
-        assert contrast(shown, rgb["paper"]) > minimum, colour
+        page_rgb = c if theme == "light" else 2.0 * grey @ inverse - inverse
+        assert contrast(page_rgb, rgb["paper"]) > minimum, colour
