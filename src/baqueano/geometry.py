@@ -3,6 +3,8 @@
 J(ψ) = [cos ψ  −sin ψ  0;  sin ψ  cos ψ  0;  0  0  1]      body → map, Grotz et al. `equ:J`      (1)
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from baqueano.contracts.values import Value
@@ -140,3 +142,28 @@ def align(xy_from: np.ndarray, xy_to: np.ndarray) -> tuple[float, np.ndarray]:
     a, b = xy_from - xy_from.mean(axis=0), xy_to - xy_to.mean(axis=0)
     psi = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))
     return float(psi), xy_to.mean(axis=0) - map_from_body(psi)[:2, :2] @ xy_from.mean(axis=0)
+
+
+def axes_rotation(names: Sequence[str]) -> np.ndarray | None:
+    """Return the rotation (3, 3) to axes that are named in the old frame; None for names without a rotation.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The old axes that point along the new x, y and z, such as ("-y", "x", "z").
+
+    Returns
+    -------
+    ndarray (3, 3) or None [no unit]
+        The rotation; None if an axis is missing or unknown, or if the new axes are left-handed.
+
+    Examples
+    --------
+    >>> axes_rotation(("x", "-y", "-z")) @ np.array([1.0, 2.0, 3.0])
+    array([ 1., -2., -3.])
+    """
+    rows = {f"{'-' * (sign < 0)}{'xyz'[k]}": sign * np.eye(3)[k] for k in range(3) for sign in (1.0, -1.0)}
+    if len(names) != 3 or not rows.keys() >= set(names):
+        return None
+    rotation = np.array([rows[name] for name in names])
+    return rotation if round(np.linalg.det(rotation)) == 1 else None

@@ -1,12 +1,17 @@
 """The filter setting of the chip determines the low-pass of h, in the file and in the simulated vehicle."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
+from baqueano.errors import FileError
+from baqueano.geometry import axes_rotation
 from baqueano.robot.imu.chips import CHIPS
 from baqueano.sensors.imu_filter import low_pass_hz
 from baqueano.simulate.open_loop import simulate
 from baqueano.vehicle_file import load, parse
+from tests.codes import refused
 
 SETTING, KEY = "robot.imu_filter", "sensors.imu.low_pass_hz"
 
@@ -41,3 +46,34 @@ def test_a_simulation_applies_the_imu_filter_of_the_file(truth_name, tmp_path):
     slow = simulate(file.truth, u).sensors["imu"].z
     np.testing.assert_array_equal(slow, simulate(load("small").with_values({SETTING: 5}), u).sensors["imu"].z)
     assert slow[60, 2] < 0.9 * simulate(load("small"), u).sensors["imu"].z[60, 2]
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "code"),
+    [
+        ("imu_filter", "3.5", "vehicle.no-choice"),
+        ("imu_accel_range_g", "3", "vehicle.no-choice"),
+        ("imu_gyro_range_dps", "300", "vehicle.no-choice"),
+        ("imu_axes", '["x", "y", "-z"]', "vehicle.imu-axes"),
+        ("imu_axes", '["x", "x", "z"]', "vehicle.imu-axes"),
+        ("imu_axes", '["x", "y"]', "vehicle.imu-axes"),
+        ("imu_axes", '["x", "-w", "z"]', "vehicle.imu-axes"),
+    ],
+)
+def test_imu_settings_that_no_chip_supports_are_refused_when_the_file_is_read(key, value, code):
+    with refused(code, FileError) as error:
+        parse(f"{load('small').text}\n[robot]\n{key} = {value}\n", "mine.toml")
+    assert f"[robot] {key}" in str(error.value)
+
+
+def test_all_24_mounts_of_an_imu_are_accepted():
+    axes = ("x", "-x", "y", "-y", "z", "-z")
+    mounts = [names for names in product(axes, repeat=3) if axes_rotation(names) is not None]
+    assert len(mounts) == 24
+    for names in mounts:
+        rotation = axes_rotation(names)
+        np.testing.assert_array_equal(rotation @ rotation.T, np.eye(3))
+        assert (
+            parse(f"{load('small').text}\n[robot]\nimu_axes = {list(names)}\n", "mine.toml").robot.imu_axes
+            == names
+        )

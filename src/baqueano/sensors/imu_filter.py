@@ -1,4 +1,4 @@
-"""The low-pass filter in a small IMU: bandwidths and delays of its settings (data sheet), and the filter of h.
+"""The settings of a small IMU: its ranges, the bandwidths and delays of its low-pass filter, and the filter of h.
 
     low_pass_hz = 1 / (2π d),  d the delay of the gyro                                                    (1)
 
@@ -12,6 +12,9 @@ An earlier map has 11.80 ms instead of 4.88 ms (at 44.8 Hz), which is too long f
 from typing import NamedTuple
 
 import numpy as np
+
+ACCEL_RANGES_G = (2, 4, 8, 16)
+GYRO_RANGES_DPS = (250, 500, 1000, 2000)
 
 
 class FilterBand(NamedTuple):

@@ -5,10 +5,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.geometry import axes_rotation
 from baqueano.parameter import INF, parameter
+from baqueano.sensors.imu_filter import ACCEL_RANGES_G, GYRO_RANGES_DPS, MPU6050_BANDS
 from baqueano.vehicle_file.tables import ReadReport, arguments, keys_of, missing_keys
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicles.state import DynamicVehicle
 
@@ -97,6 +101,11 @@ class Hardware:
     least_disk_mb: float = parameter(
         "MB", "free space on the disk below which a drive does not begin", low=1.0, high=1e6, default=200.0
     )
+
+
+IMU_CHOICES: "dict[str, Collection[int]]" = {
+    "imu_accel_range_g": ACCEL_RANGES_G, "imu_gyro_range_dps": GYRO_RANGES_DPS, "imu_filter": MPU6050_BANDS,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,7 +208,19 @@ def read_head(report: ReadReport, data: "JsonObject") -> tuple[Channels, Geometr
         report, ("simulation",), keys_of(Simulation), data.get("simulation", {}), other_keys=()
     )
     report.raise_problems()
-    return Channels(**values), Geometry(**geometry), Hardware(**hardware), Simulation(**simulation)
+    robot = Hardware(**hardware)
+    _check_imu(report, robot)
+    report.raise_problems()
+    return Channels(**values), Geometry(**geometry), robot, Simulation(**simulation)
+
+
+def _check_imu(report: ReadReport, hardware: Hardware) -> None:
+    """Check that the chip has these settings, and that its axes are those of a rotation."""
+    for key, choices in IMU_CHOICES.items():
+        if (value := getattr(hardware, key)) not in choices:
+            report.add_problem(("robot", key), "vehicle.no-choice", value=value, valid=list(choices))
+    if axes_rotation(hardware.imu_axes) is None:
+        report.add_problem(("robot", "imu_axes"), "vehicle.imu-axes", value=list(hardware.imu_axes))
 
 
 def read_command(report: ReadReport, channels: Channels, vehicle: "DynamicVehicle") -> CommandSpec:

@@ -62,7 +62,8 @@ PLAIN_MEANINGS = {  # keys without a unit: what they mean
     ),
     "port": N_('`"auto"`, or the serial line of the Uno: `"/dev/serial/by-id/..."`'),
     "imu_axes": N_(
-        'axes of the chip that point forward, left and up: `["-y", "x", "z"]` if it is turned to the left'
+        'axes of the chip that point forward, left and up: `["-y", "x", "z"]` if it is turned to the left, '
+        '`["x", "-y", "-z"]` if it is upside down'
     ),
     "rate_hz": N_("commands per second"),
     "laps": N_("number of laps; 0 means without end"),

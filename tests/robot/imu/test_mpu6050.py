@@ -11,7 +11,6 @@ pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
 
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.robot.imu import driver as imu
-from baqueano.robot.imu.settings import ImuSettings
 from tests.codes import refused
 from tests.emulated.i2c_ioctl import loop, start
 from tests.emulated.mpu import REST, STANDARD_GRAVITY
@@ -129,24 +128,6 @@ def test_close_puts_the_chip_to_sleep(start_imu):
     assert b.chip.regs[0x6B] == 0x40
     assert loop(b, device, 1.0) == [], "no transfer may wake the chip"
     assert b.chip.regs[0x6B] == 0x40
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"rate_hz": 150}, "rate_hz = 150: expected one of 4, 5, 8, 10"),
-        ({"filter": 0}, "filter = 0: expected one of 1, 2, 3, 4, 5, 6"),
-        ({"accel_range_g": 3}, "accel_range_g = 3: expected one of 2, 4, 8, 16"),
-        ({"gyro_range_dps": 300}, "gyro_range_dps = 300: expected one of 250, 500, 1000, 2000"),
-        ({"axes": ("x", "y", "-z")}, "the axes are right-handed"),
-        ({"axes": ("x", "x", "z")}, "Each letter appears once"),
-        ({"axes": ("x", "y")}, "forward, left and up"),
-    ],
-)
-def test_settings_that_no_chip_supports_are_refused(values, message):
-    with pytest.raises(UsageError, match="IMU") as error:
-        ImuSettings(**values)
-    assert message in str(error.value)
 
 
 def test_the_driver_reports_that_i2c_needs_linux(monkeypatch):

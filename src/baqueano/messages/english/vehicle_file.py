@@ -8,10 +8,13 @@ TEMPLATES: dict[str, str] = {
     "vehicle.no-route": "{guide} repeats a route, but a route is missing: teach one, or name its file.",
     "vehicle.no-tomlkit": "Writing a vehicle file back needs tomlkit, which keeps its comments. Type: {fix}",
     "vehicle.of-garage": '"{name}" is from the garage: name a file for it, save("{name}.toml").',
-    "vehicle.changed-since": "{file} was changed by another program after it was read. Load it again, then save.",
+    "vehicle.changed-since": (
+        "{file} was changed by another program after it was read, so it stays as it is. Read it again before you "
+        "write it."
+    ),
     "vehicle.no-entry": "{key} has the shape {shape}: entry {entry} does not exist.",
     "vehicle.setting": "--set {setting}: expected key=value, for example --set model.mass_kg=0.7.",
-    "vehicle.not-written": "{path}: cannot be written: {error}.",
+    "vehicle.not-written": "{path}: cannot be written: {error}. Make room, or choose another place.",
     "vehicle.set": "--set {setting}: {cause}.",
     "toml.too-large": "{file} has {size:,} bytes: a vehicle file has at most {largest:,}. Is it another file?",
     "toml.utf-16": "{file} is written in UTF-16: expected UTF-8. Save it again: Notepad, Save as, Encoding: UTF-8.",
@@ -105,6 +108,11 @@ TEMPLATES: dict[str, str] = {
     "vehicle.between": "{low:g} to {high:g}",
     "vehicle.not-covariance": "{place} is not a covariance: {error}",
     "vehicle.not-text": '{place} = {value}: expected text in quotes, "…".',
+    "vehicle.no-choice": "{place} = {value:g}: expected one of {valid}.",
+    "vehicle.imu-axes": (
+        "{place} = {value}: expected the chip's axes that point forward, left and up. Each letter appears once, and "
+        'the axes are right-handed: ["x", "y", "z"], or ["x", "-y", "-z"] for a chip upside down.'
+    ),
     "vehicle.not-flag": "{place} = {value}: expected true or false.",
     "vehicle.not-whole": "{place} = {value}: expected a whole number.",
     "vehicle.not-one-finite": "{place} = {value}: expected one finite number.",

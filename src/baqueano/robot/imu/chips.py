@@ -16,11 +16,9 @@ are used as a 6500, without a temperature, like all chips with an unknown id.
 import math
 from typing import NamedTuple
 
-from baqueano.sensors.imu_filter import MPU6050_BANDS, MPU6500_BANDS, FilterBand
+from baqueano.sensors.imu_filter import GYRO_RANGES_DPS, MPU6050_BANDS, MPU6500_BANDS, FilterBand
 from baqueano.signals import STANDARD_GRAVITY
 
-ACCEL_RANGES_G = (2, 4, 8, 16)
-GYRO_RANGES_DPS = (250, 500, 1000, 2000)
 GYRO_LSB_PER_DPS = (131.0, 65.5, 32.8, 16.4)
 
 

@@ -5,14 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, fault
-from baqueano.errors import UsageError
+from baqueano.diagnostics import Diagnostic
+from baqueano.geometry import axes_rotation
 from baqueano.messages import text
-from baqueano.robot.imu.chips import ACCEL_RANGES_G, GYRO_RANGES_DPS
-from baqueano.sensors.imu_filter import MPU6050_BANDS
+from baqueano.sensors.imu_filter import ACCEL_RANGES_G, GYRO_RANGES_DPS
 
 MILLISECOND, SECOND = 1_000_000, 1_000_000_000
-AXIS_LETTERS = ("x", "y", "z")
 BURST_BITS = 156  # bit times of 14 bytes on the bus
 
 
@@ -63,7 +61,7 @@ class OpenedImu:
 
 @dataclass(frozen=True, slots=True)
 class ImuSettings:
-    """The settings of the chip. The constructor raises UsageError for an impossible value.
+    """The settings of the chip. The vehicle file is checked for impossible values when it is read.
 
     `rate_hz` is 1000 divided by an integer, from 4 to 1000 samples per second. `filter` is 1 (widest) to 6. The ranges
     are ±2, 4, 8, 16 g and ±250, 500, 1000, 2000 °/s. The default is ±4 g because motors shake: clipped vibration looks
@@ -77,13 +75,6 @@ class ImuSettings:
     accel_range_g: int = 4
     gyro_range_dps: int = 1000
     axes: tuple[str, ...] = ("x", "y", "z")
-
-    def __post_init__(self) -> None:
-        _check_choice("rate_hz", self.rate_hz, [n for n in range(4, 1001) if 1000 % n == 0])
-        _check_choice("filter", self.filter, list(MPU6050_BANDS))
-        _check_choice("accel_range_g", self.accel_range_g, ACCEL_RANGES_G)
-        _check_choice("gyro_range_dps", self.gyro_range_dps, GYRO_RANGES_DPS)
-        self.body_from_chip()
 
     @property
     def divider(self) -> int:
@@ -101,19 +92,7 @@ class ImuSettings:
         return GYRO_RANGES_DPS.index(self.gyro_range_dps) << 3
 
     def body_from_chip(self) -> np.ndarray:
-        """Return the rotation (3, 3) from the chip's axes to the body's. Raise UsageError for impossible `axes`."""
-        matrix = np.zeros((3, 3))
-        for row, name in enumerate(self.axes[:3]):
-            if name.removeprefix("-") in AXIS_LETTERS:
-                matrix[row, AXIS_LETTERS.index(name.removeprefix("-"))] = (
-                    -1.0 if name.startswith("-") else 1.0
-                )
-        if len(self.axes) != 3 or round(np.linalg.det(matrix)) != 1:
-            raise UsageError(fault("imu.axes", axes=list(self.axes)))
-        return matrix
-
-
-def _check_choice(name: str, value: object, choices: object) -> None:
-    if value not in choices:  # type: ignore[operator]
-        texts = ", ".join(str(v) for v in choices)  # type: ignore[attr-defined]
-        raise UsageError(fault("imu.setting", name=name, value=repr(value), words=texts))
+        """Return the rotation (3, 3) from the chip's axes to the body's."""
+        rotation = axes_rotation(self.axes)
+        assert rotation is not None, self.axes
+        return rotation

@@ -60,12 +60,6 @@ TEMPLATES: dict[str, str] = {
         "The vehicle moved during the self-test: {axis:word} varied by {scatter:.3g} {unit_name}; expected "
         "less than {limit:g}. Put it down with the motors off, and repeat."
     ),
-    "imu.axes": (
-        "IMU axes = {axes}: expected the chip's axes that point forward, left and up. Each letter "
-        'appears once, and the axes are right-handed: ("x", "y", "z"), or ("x", "-y", "-z") for a chip '
-        "upside down."
-    ),
-    "imu.setting": "IMU {name} = {value}: expected one of {words}.",
     "service.no-run-there": "A run cannot be written into {folder}: {error}. Type: {fix}",
     "service.hundred-runs": "{folder} already contains a hundred runs that began in this second.",
     "card.cards": (
