@@ -26,6 +26,7 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
+from baqueano.messages import list_item
 
 __all__ = ["Parameter", "document", "parameter", "parameters"]
 
@@ -290,7 +291,7 @@ def _entry(field: "dataclasses.Field[object]") -> str:
     bounds += [f"at most {p.high:g}"] if p.high < SHOWN_BOUND else []
     limits = f"; {', '.join(bounds)}" if bounds else ""
     default_text = "" if default is dataclasses.MISSING else f" Default {_default_text(default)}."
-    return f"{field.name} : {type_text} [{p.unit}]\n    {p.meaning[:1].upper()}{p.meaning[1:]}{limits}.{default_text}"
+    return f"{field.name} : {type_text} [{p.unit}]\n    {list_item(p.meaning + limits)}{default_text}"
 
 
 def _default_text(default: object) -> str:

@@ -1,9 +1,9 @@
-"""After an error, a helpful command is printed as it must be typed; the failed command is never advised unchanged."""
+"""After an error, a helpful command is printed as it must be typed: the failed one only if its cause is elsewhere."""
 
 import pytest
 
 from baqueano.cli.modelling.identify import command
-from baqueano.cli.next_command import next_command
+from baqueano.cli.next_command import UNWRITTEN_CODES, next_command
 from baqueano.diagnostics import fault
 from baqueano.messages import language, templates
 from baqueano.messages.notation import OPTIONS, Argument, Option
@@ -133,3 +133,10 @@ def test_an_advised_command_ends_its_line_so_that_it_can_be_copied(name, code):
     with language.use_language(name):
         lines = language.translate(templates()[code], code).split("\n")
     assert [line for line in lines if "{" in line and not line.endswith("}")] == []
+
+
+@pytest.mark.parametrize("code", UNWRITTEN_CODES)
+def test_a_result_that_could_not_be_written_is_advised_to_be_computed_again(code):
+    args = ["identify", "2", "--update"]
+    cause = fault("cli.text", words=fault(code, path="vehicle.toml", file="vehicle.toml", error="read-only"))
+    assert next_command(cause, 3, args).fix == "baqueano identify 2 --update"

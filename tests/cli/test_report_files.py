@@ -1,5 +1,6 @@
 """The files of a report: a page, and each figure as SVG, PDF or PNG, by the same options of every command."""
 
+import csv
 import shutil
 from types import SimpleNamespace
 
@@ -60,6 +61,16 @@ def test_a_command_writes_its_figures_without_a_page(baqueano, lab, tmp_path, li
     assert [width_mm(path) for path in files] == pytest.approx([mm] * len(files), abs=0.1)
     assert f"figures: {len(files)} in f" in end.err
     assert not list(tmp_path.glob("*.html"))
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_a_command_writes_the_rows_of_its_result_as_a_table(baqueano, lab, tmp_path, line):
+    for name in ("runs", "routes"):
+        shutil.copytree(lab / name, tmp_path / name)
+    end = baqueano(*line.split(), "--table", "t.csv", "--decimal", ",")
+    assert "table: t.csv" in end.err
+    head, first, *_ = (tmp_path / "t.csv").read_text(encoding="utf-8-sig").splitlines()
+    assert len(next(csv.reader([first], delimiter=";"))) == len(head.split(";")) >= 3
 
 
 @pytest.mark.parametrize("study", ["paper", "recordings"])

@@ -10,6 +10,7 @@ from baqueano.door.frames.descriptions import drive_description
 from baqueano.drive.mission import Mission, perform
 from baqueano.guides.shapes import circle, eight
 from baqueano.loop import Record
+from baqueano.runs import export_tum
 from baqueano.signals import Command, Estimate, Reference, Tick
 from baqueano.standstill import REST_S, usual_rest_s
 from baqueano.web.feed import Feed
@@ -130,3 +131,13 @@ def test_the_page_states_that_the_vehicle_rests():
     sentences = [state_message(common | state, Feed(), None, [])["sentence"] for state in (resting, driving)]
     assert "2 s" in sentences[0]
     assert sentences[0] != sentences[1]
+
+
+def test_the_exported_trajectories_give_the_error_of_a_comparison(run, tmp_path):
+    """The formula of `evo_ape tum truth.tum estimate.tum` on both files: neither contains the rest."""
+    true_path, estimated_path = (
+        np.loadtxt(export_tum(run, tmp_path / which, which)) for which in ("truth", "estimate")
+    )
+    np.testing.assert_array_equal(true_path[:, 0], estimated_path[:, 0])
+    ate_m = np.sqrt(np.mean(np.sum((true_path - estimated_path)[:, 1:3] ** 2, axis=1)))
+    assert ate_m == pytest.approx(bq.compare(run).rows()[0]["ate_m"], rel=1e-9)

@@ -225,8 +225,8 @@ def test_a_result_is_converted_to_a_data_frame(results, name):
 def test_the_data_frame_of_a_run_has_a_row_per_tick(results):
     run, frame = results["run"], results["run"].to_pandas()
     assert frame.index.name == "t_s"
-    np.testing.assert_array_equal(frame["estimate_x_m"], run.estimate.eta[:, 0])
-    np.testing.assert_allclose(frame["imu_2"].dropna(), run.sensors["imu"].z[:, 2])
+    np.testing.assert_array_equal(frame["estimate.x_m"], run.estimate.eta[:, 0])
+    np.testing.assert_allclose(frame["imu.z3"].dropna(), run.sensors["imu"].z[:, 2])
 
 
 def test_a_missing_pandas_is_reported_with_the_install_command(results, monkeypatch):

@@ -4,18 +4,25 @@ import csv
 import io
 
 import numpy as np
+import pandas
 import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.parameter import all_parameters
 from baqueano.report.tables import csv_text, latex_text, save_table, symbol, with_error
+from baqueano.runs import export_csv
 from baqueano.sensors import Imu
 from baqueano.signals import sensor_slots
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Kinematic
 from tests.codes import refused
+from tests.report import test_results
 
+results = test_results.results
+NAMES = [
+    name for name in test_results.NAMES if name not in ("check", "first drive")
+]  # these two have no rows here
 IMU = sensor_slots(("imu",))(Imu())
 VEHICLES = {"planar": load("small").vehicle, "kinematic": Kinematic(np.eye(3)), "car": load("car").vehicle}
 KNOWN = {kind: FittedBlocks(vehicle, IMU) for kind, vehicle in VEHICLES.items()}
@@ -40,6 +47,26 @@ def test_a_csv_table_is_read_back_unchanged():
     assert float(rows[0]["estimate"]) == 7.0012
     assert rows[2]["estimate"] == ""
     assert rows[3]["std"] == ""
+
+
+def test_a_csv_table_for_a_spreadsheet_has_decimal_commas_and_accents():
+    data = csv_text([{"v": 0.5, "unit": "m/s²"}, {"v": float("nan"), "unit": "°", "n": 3}], ",").encode()
+    assert data.decode("utf-8-sig").splitlines() == ["v;unit;n", "0,5;m/s²;", ";°;3"]
+    assert data.startswith(b"\xef\xbb\xbf"), "without it a spreadsheet guesses another encoding"
+
+
+def test_a_latex_table_with_more_columns_than_rows_is_transposed():
+    rows = [
+        {"run": "a_1", "ate_m": 0.5, "nis": 1.0, "loss_s": None},
+        {"run": "b", "ate_m": 1e-9, "nis": None},
+    ]
+    lines = latex_text(rows).splitlines()
+    assert r"    run & a\_1 & b \\" in lines
+    assert r"    ate\_m & $0.5$ & $1 \cdot 10^{-9}$ \\" in lines
+    assert r"    nis & $1$ & -- \\" in lines
+    assert not any("loss" in line for line in lines), "no run has this value"
+    tall = latex_text([{"lap": k, "across_m": 0.1} for k in range(4)]).splitlines()
+    assert r"    lap & across\_m \\" in tall
 
 
 def test_latex_uses_the_symbols_of_the_paper_and_significant_digits():
@@ -101,6 +128,8 @@ def test_the_file_format_follows_the_file_extension(tmp_path):
     assert r"\toprule" in save_table(ROWS, tmp_path / "deep" / "t.tex").read_text(encoding="utf-8")
     with refused("report.table-ending", UsageError):
         save_table(ROWS, tmp_path / "t.xlsx")
+    with refused("runs.decimal", UsageError):
+        save_table(ROWS, tmp_path / "t.csv", decimal=";")
 
 
 @pytest.mark.parametrize("kind", KNOWN)
@@ -119,3 +148,19 @@ def test_each_parameter_free_by_default_has_a_unique_symbol(kind):
     assert len(letters) > 5
     assert not any("texttt" in letter for letter in letters)
     assert len(set(letters)) == len(letters)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_result_is_saved_as_a_table_for_a_spreadsheet(results, name, tmp_path):
+    result, path = results[name], tmp_path / "t.csv"
+    table = pandas.read_csv(result.save_table(path, decimal=","), sep=";", decimal=",").select_dtypes(
+        "number"
+    )
+    expected = pandas.DataFrame(result.rows())[table.columns].apply(pandas.to_numeric, errors="coerce")
+    pandas.testing.assert_frame_equal(table.astype(float), expected.astype(float), check_exact=True)
+    assert r"\toprule" in result.save_table(tmp_path / "t.tex").read_text(encoding="utf-8")
+
+
+def test_the_data_frame_of_a_run_is_the_table_of_its_csv_file(results, tmp_path):
+    read_back = pandas.read_csv(export_csv(results["run"], tmp_path / "run.csv"), index_col="t_s")
+    pandas.testing.assert_frame_equal(results["run"].to_pandas(), read_back, check_exact=True)

@@ -31,6 +31,7 @@ DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 BARE_LIST = re.compile(r"=([-+\d.e]+(?:,[-+\d.e]+){2,})$")  # KEY=1,2,3
 NOT_BY_COMMA = ("cli.no-such-option", "cli.whole-number", "room.unreadable")
 ALLOWABLE_CODES = ("block.outside-folder", "block.in-run")
+UNWRITTEN_CODES = ("vehicle.changed-since", "vehicle.not-written", "runs.not-written")  # of a right command
 NAMES_CODES = ("name.near", "name.unknown")
 MAX_LISTED_FILES = 5  # files of a folder that are named
 
@@ -48,6 +49,8 @@ def next_command(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnost
             return fault("next.put-right", baqueano_command(*corrected_args))
     if any(cause.code == "cli.figures-absent" for cause in causes):
         return fault("next.put-right", baqueano_command(*args, "--figures", "figures"))
+    if any(cause.code in UNWRITTEN_CODES for cause in causes):
+        return fault("next.put-right", baqueano_command(*args))
     if any(cause.code in ALLOWABLE_CODES for cause in causes):
         return fault("next.allow-blocks", baqueano_command(*args, "--allow-blocks"))
     if code == USAGE and (corrected_args := [BARE_LIST.sub(r"=[\1]", arg) for arg in args]) != args:

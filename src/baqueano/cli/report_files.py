@@ -30,6 +30,8 @@ class ReportFiles:
     figures: Path | None
     file_format: str
     width: str | float | None  # of the figures: "column", "page" or millimetres
+    table: Path | None = None
+    decimal: str = "."  # of the table
 
     def __bool__(self) -> bool:
         return self.page is not None or self.figures is not None
@@ -59,8 +61,17 @@ class ReportFiles:
         if self.figures is not None:
             print_message(note("cli.figures", count=len(files), folder=self.figures))
 
+    def write_table(self, result: "Tabular", caption: str = "", blocks: object = None) -> None:
+        """Write the rows of a result as the requested table, if any; `caption` and `blocks` are for LaTeX."""
+        if self.table is not None:
+            from baqueano.report.tables import save_table
+
+            path = save_table(result.rows(), self.table, self.decimal, caption, blocks)
+            print_message(note("cli.table", path=path))
+
     def write_about(self, result: "Tabular") -> None:
-        """Write the requested files, if any, of the page about a result, with the command line of the user."""
+        """Write the requested files, if any, of a result: its table, and its page with the command line of the user."""
+        self.write_table(result)
         if self:
             from baqueano.report.pages.result_page import page_of
 
@@ -78,10 +89,13 @@ def _collect(*page_options: Callable[[Command], Command]) -> Callable[[Command],
             file_format: str,
             width: str | None,
             page: Path | None = None,
+            table: Path | None = None,
+            decimal: str = ".",
             **arguments: object,
         ) -> object:
-            report = ReportFiles(page, figures, file_format, _width(width))
+            report = ReportFiles(page, figures, file_format, _width(width), table, decimal)
             _check_folder(report, width)
+            _check_table(report)
             return command(*args, report=report, **arguments)
 
         return options.combine_options(*page_options, *_FIGURES)(wrapper)
@@ -89,6 +103,12 @@ def _collect(*page_options: Callable[[Command], Command]) -> Callable[[Command],
     return decorate
 
 
+decimal = click.option(
+    "--decimal",
+    type=click.Choice([".", ","]),
+    default=".",
+    help="Decimal sign of the CSV file; with ',' the columns are separated by ';'.",
+)
 _FIGURES = (
     click.option(
         "--figures",
@@ -105,7 +125,9 @@ _FIGURES = (
 )  # fmt: skip
 figure_options = _collect()
 report_options = _collect(
-    click.option("--report", "page", type=click.Path(path_type=Path), help="Also write an HTML report.")
+    click.option("--report", "page", type=click.Path(path_type=Path), help="Also write an HTML report."),
+    click.option("--table", type=click.Path(path_type=Path), help="Also write the rows, as .csv or .tex."),
+    decimal,
 )
 
 
@@ -121,6 +143,14 @@ def _width(argument: str | None) -> str | float | None:
         width = argument
     check_format("svg", width)
     return width
+
+
+def _check_table(report: ReportFiles) -> None:
+    """Raise UsageError, before the command computes, if --table has an unknown file extension."""
+    if report.table is not None:
+        from baqueano.report.tables import suffix_of
+
+        suffix_of(report.table)
 
 
 def _check_folder(report: ReportFiles, width: str | None) -> None:

@@ -20,6 +20,8 @@ from baqueano.messages.language import translate
 from baqueano.messages.printable import in_lines
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
@@ -97,6 +99,15 @@ class Result:
         known kinds.
         """
         return import_module("baqueano.report.plots").plot(self, kind, ax or figure, width)
+
+    @checked_call('result.save_table("table.csv")')
+    def save_table(self: Tabular, path: "str | Path", decimal: str = ".") -> "Path":
+        """Write the rows as a table, .csv or .tex, and return the path.
+
+        `decimal=","` writes a .csv file for a spreadsheet with decimal commas. Raise UsageError for another file
+        extension.
+        """
+        return import_module("baqueano.report.tables").save_table(self.rows(), path, decimal)
 
     def to_pandas(self: Tabular) -> Any:
         """Return the rows as a pandas DataFrame. Raise UsageError with the command to type if pandas is missing."""

@@ -1,11 +1,13 @@
-"""Write the table of a result for other programs: CSV, and LaTeX with booktabs.
+"""Write the rows of a result for other programs: CSV, and LaTeX with booktabs.
 
-LaTeX needs \\usepackage{booktabs}; numbers are in math mode with as many digits as their error allows.
+LaTeX needs \\usepackage{booktabs}; numbers are in math mode. A parameter has as many digits as its error allows, any
+other number has five. A LaTeX table with more columns than rows is transposed, so that it fits a page.
 """
 
 import csv
 import io
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,36 +22,80 @@ from baqueano.symbolic import value_at_path
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
+PARAMETER_KEYS = {"name", "estimate", "std", "unit"}  # of the rows of a fit
 AXIS_SYMBOLS = ("x", "y", r"\psi")
 
 
-def csv_text(rows: list["TableRow"]) -> str:
-    """Return rows as CSV (RFC 4180); the cell of an unknown value is empty."""
+def csv_text(rows: list["TableRow"], decimal: str = ".") -> str:
+    """Return rows as CSV (RFC 4180); the cell of an unknown value is empty. Rows can have different keys.
+
+    With the decimal sign "," columns are separated by ";", and the text begins with a byte order mark: a spreadsheet of
+    a country with decimal commas then reads numbers and accents correctly.
+    """
     buffer = io.StringIO()
-    writer = csv.DictWriter(buffer, list(rows[0]) if rows else [], lineterminator="\n")
+    is_local = decimal == ","
+    writer = csv.DictWriter(buffer, _keys(rows), delimiter=";" if is_local else ",", lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        writer.writerow({key: "" if _is_nan(value) else value for key, value in row.items()})
-    return buffer.getvalue()
+        cells = {key: "" if _is_nan(value) else value for key, value in row.items()}
+        numbers = {
+            key: repr(value).replace(".", decimal) for key, value in cells.items() if type(value) is float
+        }
+        writer.writerow(cells | numbers)
+    return "\ufeff" * is_local + buffer.getvalue()
 
 
 def latex_text(rows: list["TableRow"], caption: str = "", blocks: object = None) -> str:
-    """Return the parameters of a fit (`Fit.rows()`) as a LaTeX table, with the symbols of its `blocks`."""
+    """Return rows as a LaTeX table; the parameters of a fit have the symbols of its `blocks`."""
+    if rows and rows[0].keys() >= PARAMETER_KEYS:
+        head = ["parameter", "estimate", "standard error", "unit"]
+        body = [_parameter_cells(row, blocks) for row in rows]
+        comments = [f"% {symbol(row['name'], blocks)}: {row['name']}" for row in rows]
+        return _booktabs("lrrl", head, body, caption, comments)
+    keys = [key for key in _keys(rows) if not all(_is_nan(row.get(key)) for row in rows)]
+    cells = [keys, *([_cell(row.get(key)) for key in keys] for row in rows)]
+    if len(keys) > len(rows):
+        cells = [list(column) for column in zip(*cells, strict=True)]
+        cells = [[_escape(row[0]), *row[1:]] for row in cells]
+        return _booktabs("l" + "r" * len(rows), cells[0], cells[1:], caption)
+    return _booktabs("r" * len(keys), [_escape(key) for key in keys], cells[1:], caption)
+
+
+def _booktabs(
+    columns: str, head: list[str], body: list[list[str]], caption: str, comments: Sequence[str] = ()
+) -> str:
     lines = [
         r"\begin{table}",
         r"  \centering",
         *([rf"  \caption{{{_escape(caption)}}}"] if caption else []),
-        r"  \begin{tabular}{lrrl}",
+        rf"  \begin{{tabular}}{{{columns}}}",
         r"    \toprule",
-        r"    parameter & estimate & standard error & unit \\",
+        rf"    {' & '.join(head)} \\",
         r"    \midrule",
+        *(rf"    {' & '.join(cells)} \\" for cells in body),
+        r"    \bottomrule",
+        r"  \end{tabular}",
+        r"\end{table}",
     ]
-    for row in rows:
-        value, std = row["estimate"], row["std"]
-        cells = (r"\multicolumn{2}{c}{not identifiable}",) if value is None else with_error(value, std)
-        lines.append(f"    {symbol(row['name'], blocks)} & {' & '.join(cells)} & {_unit(row['unit'])} \\\\")
-    comments = [f"% {symbol(row['name'], blocks)}: {row['name']}" for row in rows]
-    return "\n".join([*lines, r"    \bottomrule", r"  \end{tabular}", r"\end{table}", *comments, ""])
+    return "\n".join([*lines, *comments, ""])
+
+
+def _parameter_cells(row: "TableRow", blocks: object) -> list[str]:
+    value, std = row["estimate"], row["std"]
+    cells = (r"\multicolumn{2}{c}{not identifiable}",) if value is None else with_error(value, std)
+    return [symbol(row["name"], blocks), *cells, _unit(row["unit"])]
+
+
+def _keys(rows: list["TableRow"]) -> list[str]:
+    return list(dict.fromkeys(key for row in rows for key in row))
+
+
+def _cell(value: object) -> str:
+    """Return a value of a row in LaTeX: a number in math mode, any other value as text."""
+    if _is_nan(value):
+        return "--"
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return _power(f"{value:.5g}") if is_number else _escape(str(value))
 
 
 def symbol(path: str, blocks: object = None) -> str:
@@ -85,20 +131,24 @@ def with_error(value: float, std: float | None) -> tuple[str, str]:
     return f"${value:.{digits}f}$", f"${std:.{digits}f}$"
 
 
-def suffix_of(path: Path) -> str:
-    """Return ".csv" or ".tex". Raise UsageError for another file extension."""
+def suffix_of(path: Path, decimal: str = ".") -> str:
+    """Return ".csv" or ".tex". Raise UsageError for another file extension or another decimal sign."""
     if path.suffix not in (".csv", ".tex"):
         raise UsageError(fault("report.table-ending", f"--table {path.stem}.csv", value=path))
+    if decimal not in (".", ","):
+        raise UsageError(fault("runs.decimal", value=decimal))
     return path.suffix
 
 
-def save_table(rows: list["TableRow"], path: str | Path, caption: str = "", blocks: object = None) -> Path:
+def save_table(
+    rows: list["TableRow"], path: str | Path, decimal: str = ".", caption: str = "", blocks: object = None
+) -> Path:
     """Write rows as .csv or .tex, by the file extension, and return the path. The file is replaced only when it is
-    complete. Raise UsageError for another file extension.
+    complete. Raise UsageError for another file extension or another decimal sign.
     """
     path = Path(path)
-    text = csv_text(rows) if suffix_of(path) == ".csv" else latex_text(rows, caption, blocks)
-    return replace_file(path, text)
+    is_csv = suffix_of(path, decimal) == ".csv"
+    return replace_file(path, csv_text(rows, decimal) if is_csv else latex_text(rows, caption, blocks))
 
 
 def _is_nan(value: object) -> bool:

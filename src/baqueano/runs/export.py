@@ -56,7 +56,7 @@ def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
     """
     if decimal not in (".", ","):
         raise UsageError(fault("runs.decimal", value=decimal))
-    names, columns = zip(*_columns(run), strict=True)
+    names, columns = zip(*columns_of(run), strict=True)
     rows = np.column_stack(columns)
 
     def cell(x: float) -> str:
@@ -70,7 +70,8 @@ def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
     return path
 
 
-def _columns(run: Run) -> Iterator[tuple[str, np.ndarray]]:
+def columns_of(run: Run) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the name and the values (N,) of each column of the table of a run."""
     t_ns, n = run.t_ns, run.applied_commands.shape[1]
     names = [name.strip() for name in run.metadata.get("commands", "").split(",")]
     names = names if len(names) == n and all(names) else [f"u{i + 1}" for i in range(n)]
@@ -112,7 +113,7 @@ def newest_at_ticks(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) -> 
 def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
     """Write a trajectory for evo and similar tools: time [s], x and y [m], heading as a quaternion.
 
-    A heading that is not finite becomes a quaternion of NaN.
+    The rest before the drive is excluded, as in `compare`. A heading that is not finite becomes a quaternion of NaN.
 
     Parameters
     ----------
@@ -141,7 +142,7 @@ def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
     >>> print(export_tum(run, "truth.tum", "truth").read_text().splitlines()[0])
     # t_s x y z qx qy qz qw
     """
-    log = getattr(run, which) if which in PATH_NAMES else None
+    log = getattr(run.without_rest, which) if which in PATH_NAMES else None
     if log is None:
         available = ", ".join(name for name in PATH_NAMES if getattr(run, name) is not None) or "none"
         raise UsageError(fault("runs.no-trajectory", run=run.name, value=which, trajectories=available))

@@ -36,7 +36,6 @@ from baqueano.signals import NANOSECONDS, TICK_TOLERANCE_NS, Slot, Tick, seconds
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
-AXES = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
 MEANS_KEY = "means"  # in the metadata: the names of the channels whose readings are means over an interval
 REST_KEY = "rest_s"  # of the metadata
 MAX_AGE_S = 0.25  # an older measurement has the timestamp of another clock
@@ -158,28 +157,12 @@ class Run(Result):
         return show(self).table()
 
     def to_pandas(self) -> Any:
-        """Return a pandas DataFrame with a row per tick, indexed by time [s]. Its columns are applied commands,
-        estimate, reference, truth, and each channel of each sensor; NaN if no reading arrived since the previous tick.
+        """Return a pandas DataFrame with a row per tick, indexed by time [s]. Its columns are those of the CSV file of
+        `baqueano runs export`; NaN if no value arrived since the previous tick.
         """
-        from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
+        from baqueano.runs.export import columns_of
 
-        columns = {f"applied_{k}": u for k, u in enumerate(self.applied_commands.T)}
-        for name in ("estimate", "reference", "truth"):
-            log = getattr(self, name)
-            if log is not None and len(log.t_ns):
-                eta = interpolate_poses(self.t_ns, log.t_ns, log.eta)
-                nu = interpolate_rows(self.t_ns, log.t_ns, log.nu)
-                columns |= {f"{name}_{axis}": x for axis, x in zip(AXES, (*eta.T, *nu.T), strict=True)}
-        for name, channel in self.sensors.items():
-            z = np.array(
-                [
-                    slot.z if slot.is_new else np.full(len(slot.z), np.nan)
-                    for slot in _slots(channel, self.t_ns)
-                ]
-            )
-            columns |= {f"{name}_{k}": column for k, column in enumerate(z.T)}
-        frame = pandas()
-        return frame.DataFrame(columns, index=frame.Index(self.t_s, name="t_s"))
+        return pandas().DataFrame(dict(columns_of(self))).set_index("t_s")
 
     @property
     def commands(self) -> dict[str, np.ndarray]:

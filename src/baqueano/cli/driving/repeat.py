@@ -136,6 +136,7 @@ def command(
     comparison = compare(run)
     print_answer(comparison, as_json, laps=comparison.laps())
     advise_to_fit(comparison, [run], folder, options.vehicle_and_runs_options(vehicle_file, folder))
+    report.write_table(comparison)
     if report:
         from baqueano.report.run_report import run_page
 

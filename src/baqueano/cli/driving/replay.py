@@ -70,6 +70,7 @@ def command(
     comparison = compare(drawn_runs, alignment=align)
     print_answer(comparison, as_json)
     advise_to_fit(comparison, [recorded_run] * len(drawn_runs), folder, vehicle_options)
+    report.write_table(comparison)
     if report:
         from baqueano.report.run_report import run_page
 

@@ -109,7 +109,6 @@ GROUPS = {
     help="Route of the forecast; default: a sinuous circle at the speed of the runs.",
 )
 @click.option("--no-noise", is_flag=True, help="Keep the noise covariances of the file.")
-@click.option("--table", type=click.Path(path_type=Path), help="Write the table, .csv or .tex.")
 @options.backend
 @options.runs_folder
 @options.update
@@ -117,7 +116,7 @@ GROUPS = {
 @options.as_json
 def command(
     runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], choose: bool,
-    parameter_history: bool, held_out: tuple[str, ...], no_noise: bool, table: Path | None, folder: str, update: bool,
+    parameter_history: bool, held_out: tuple[str, ...], no_noise: bool, folder: str, update: bool,
     report: ReportFiles, as_json: bool, backend: str, **arguments: Any,
 ) -> None:  # fmt: skip
     from baqueano.cli.errors import Interruption
@@ -125,7 +124,6 @@ def command(
     from baqueano.runs.diagnostics.cleaning import unused_sensors
 
     _check_options(parameter_history, choose, with_validation=bool(held_out))
-    _check_table(table)
     lap = _forecast_route(arguments["route"])
     fit_runs, validation_runs = (options.find_runs(names, folder) for names in (runs, held_out))
     settings_of_fit: JsonObject = _fit_arguments(arguments, backend)
@@ -136,7 +134,7 @@ def command(
         for diagnostic in unused_sensors(fit_runs, vehicle_file):
             print_message(diagnostic)
     if parameter_history:
-        return _fit_over_time(fit_runs, vehicle_file, settings_of_fit, table, report, update, as_json)
+        return _fit_over_time(fit_runs, vehicle_file, settings_of_fit, report, update, as_json)
     span_s = sum(r.duration_s for r in fit_runs)
     with show_steps() as begin:
         progress_line = begin(note("cli.fitting-span", runs=len(fit_runs), span_s=span_s))
@@ -162,7 +160,7 @@ def command(
         print_result(result.table(reported=True))
     for result_part in filter(None, (validation, drive_forecast) if not as_json else ()):
         print_result(result_part.table())
-    _save_table(fit, vehicle_file, table, f"{vehicle_file.name}, from {', '.join(fit.runs)}")
+    _write_table(report, fit, vehicle_file, f"{vehicle_file.name}, from {', '.join(fit.runs)}")
     if report:
         from baqueano.report.fit_report import fit_page
 
@@ -206,14 +204,6 @@ def _refusal(code: str, reasons: Sequence[Diagnostic], page: Path | None) -> Dia
 
     data = note("cli.data-advice", fix="--report fit.html") if page is None else note("cli.data-in-report")
     return fault(code, reasons="; ".join(group_sentences(reasons)[:2]), data=data)
-
-
-def _check_table(table: Path | None) -> None:
-    """Raise UsageError, before the fit, if --table has an unknown file extension."""
-    if table is not None:
-        from baqueano.report.tables import suffix_of
-
-        suffix_of(table)
 
 
 def _forecast_route(route: str | None) -> "Route | None":
@@ -368,23 +358,20 @@ def _measured_noise(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]",
 
 
 def _fit_over_time(
-    runs: "list[Run]", vehicle_file: "VehicleFile", arguments: "JsonObject", table: Path | None,
-    report: ReportFiles, update: bool, as_json: bool,
+    runs: "list[Run]", vehicle_file: "VehicleFile", arguments: "JsonObject", report: ReportFiles,
+    update: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.validation.parameter_drift import parameter_history
 
     with show_steps() as begin:
         drift = parameter_history(runs, vehicle_file, progress=begin, **arguments)
     print_answer(drift, as_json)
-    _save_table(drift, vehicle_file, table, f"{vehicle_file.name} over {len(runs)} runs")
-    report.write_about(drift)
+    _write_table(report, drift, vehicle_file, f"{vehicle_file.name} over {len(runs)} runs")
+    replace(report, table=None).write_about(drift)
     options.save_update(drift.vehicle_file, update)
 
 
-def _save_table(result: Any, vehicle_file: "VehicleFile", table: Path | None, caption: str) -> None:
-    if table is not None:
-        from baqueano.identify.data.record import FittedBlocks
-        from baqueano.report.tables import save_table
+def _write_table(report: ReportFiles, result: Any, vehicle_file: "VehicleFile", caption: str) -> None:
+    from baqueano.identify.data.record import FittedBlocks
 
-        blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
-        print_message(note("cli.table", path=save_table(result.rows(), table, caption, blocks)))
+    report.write_table(result, caption, FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors))

@@ -8,7 +8,7 @@ import click
 from baqueano.cli import SubcommandGroup, numbers, options
 from baqueano.cli.blocks import RowsResult
 from baqueano.cli.next_command import advise_after_import
-from baqueano.cli.report_files import ReportFiles, report_options
+from baqueano.cli.report_files import ReportFiles, decimal, report_options
 from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, show_steps
 from baqueano.diagnostics import Verdict, fault, note
 from baqueano.errors import AnswerNo, UsageError
@@ -308,12 +308,7 @@ def calibrate(
     show_default=True,
     help=("Trajectory to write as TUM: estimate, truth or reference."),
 )
-@click.option(
-    "--decimal",
-    type=click.Choice([".", ","]),
-    default=".",
-    help=("Decimal sign of the CSV file; with ',' the columns are separated by ';'."),
-)
+@decimal
 @options.runs_folder
 @click.option(
     "-o",

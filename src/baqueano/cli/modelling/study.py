@@ -53,6 +53,7 @@ def paper(seed: int, seed_count: int, backend: str, report: ReportFiles, as_json
         models = dynamic_vs_kinematic.compare_models(result.fits[0], run, validation_run, backend)
     if not as_json:
         print_result(f"\n{dynamic_vs_kinematic.table(models)}\n\n{ImpliedParameters().table()}")
+    report.write_table(result)
     report.write(lambda: paper_page(result, models, backend), Path("study-paper.html"))
 
 
@@ -94,6 +95,7 @@ def identification(
             drives_folder=drives_folder,
         )
     print_answer(result, as_json)
+    report.write_table(result)
     report.write(lambda: identification_page(result), Path("study-identification.html"), reproducible=True)
     _check_complete(result.seeds, seed_count)
 
@@ -233,6 +235,7 @@ def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
         raise Interruption(fault("cli.recordings-interrupted"))
     with show_steps() as begin:
         study = None if missing_paths(map_files(CPM_MAPS)) else cross_validate(backend, begin)
+    report.write_table(result)
     report.write(lambda: page_of_recordings(result, study), Path("study-recordings.html"))
 
 

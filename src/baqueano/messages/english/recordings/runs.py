@@ -35,7 +35,7 @@ TEMPLATES: dict[str, str] = {
         "Run {run}: {t_ns} ns is not between 1970 and 2038. The times of a run begin at 1970 or at its "
         "own start; shift them."
     ),
-    "runs.not-written": "{path}: the run could not be written ({error}).",
+    "runs.not-written": "{path}: the run could not be written ({error}). Make room, or choose another place.",
     "runs.decimal": 'decimal = {value!r}: write decimal "." or ","',
     "runs.no-trajectory": "Run {run} does not have trajectory {value!r}; it has: {trajectories}.",
     "runs.file-exists": "{path} exists already. Give another name, or remove it.",
