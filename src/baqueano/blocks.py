@@ -145,6 +145,8 @@ def resolve(role: str, kind: str, folder: Path | str | None = None) -> type:
         return _class_of(_find(file_name, folder), name)
     if kind.endswith(".py") and _path_of(kind, folder) is not None:
         raise FileError(fault("block.without-class", value=kind, classes=classes_in(kind, folder)))
+    if colon and _path_of(f"{file_name}.py", folder) is not None:
+        names = (f"{file_name}.py:{name}", *names)
     raise FileError(fault("block.unknown", role=role, value=kind, suggestion=nearest(kind, names)))
 
 

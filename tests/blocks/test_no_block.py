@@ -6,7 +6,7 @@ from baqueano.block_checks import check
 from baqueano.blocks import check_role, resolve, role_of
 from baqueano.contracts.blocks import STEP_INPUTS
 from baqueano.errors import FileError, UsageError
-from tests.codes import refused
+from tests.codes import includes, refused
 
 from .students import GUIDE, findings_about
 
@@ -33,6 +33,13 @@ def test_an_unknown_kind_of_block_is_refused():
 def test_a_block_file_without_a_class_is_refused_with_advice():
     with refused("block.unknown", FileError):
         resolve("guide", "mine.py")
+
+
+def test_a_block_without_the_ending_of_its_file_is_answered_with_it(tmp_path):
+    (tmp_path / "mine.py").write_text("class Block:\n    pass\n", encoding="utf-8")
+    with refused("block.unknown", FileError) as error:
+        resolve("guide", "mine:Block", tmp_path)
+    assert includes(error.value.diagnostic, "name.near", match="mine.py:Block")
 
 
 def test_a_function_is_not_a_block():

@@ -58,6 +58,8 @@ from baqueano.diagnostics import fault
         ("tune --size 0", "cli.number", "[m]"),
         ("teach r --vehicle small --driver circle --size -1", "cli.number", "[m]"),
         ("experiment --vehicle small --robot emulatd", "cli.robot-mistyped", "--robot emulated"),
+        ("experiment --vehicle small --robot emulado", "cli.robot-mistyped", "--robot emulated"),
+        ("experiment --vehicle small --robot simulado", "cli.robot-mistyped", "--robot simulated"),
         ("experiment --vehicle small --robot simulate:car", "cli.robot-mistyped", "--robot simulated:car"),
         ("teach r --vehicle small --driver cirle", "cli.driver-unknown", "--driver circle"),
         ("teach r --vehicle small --driver loop", "cli.driver-unknown", "sinuous-circle, circle, eight"),

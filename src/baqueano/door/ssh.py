@@ -16,7 +16,7 @@ from typing import IO, TextIO
 
 from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable, UsageError
-from baqueano.messages.printable import one_line, printable, shell_command
+from baqueano.messages.printable import baqueano_command, one_line, printable, shell_command
 
 MAX_ANSWER_BYTES = 16 << 20  # maximum number of bytes of an answer
 LAST_OUTPUT_S = 1.0  # time to show the last output of a program that has ended
@@ -58,7 +58,7 @@ def ssh_line(host: str, *words: str) -> str:
 def ssh_command(host: str, command: str, *options: str) -> list[str]:
     """Return the command line that runs `command` at `host`. Raise UsageError if `host` is not a computer."""
     if host in ("emulated", "simulated"):
-        raise UsageError(fault("ssh.no-hardware", host=host))
+        raise UsageError(fault("ssh.no-hardware", baqueano_command("experiment", "--robot", host), host=host))
     if re.match(r"/|COM\d+$", host):
         raise UsageError(fault("ssh.not-a-host", host=host))
     return [

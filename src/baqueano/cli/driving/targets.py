@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 LOCAL_TARGETS = ("simulated", "emulated")
-MIN_SIMILARITY = 0.85  # share of letters that a mistyped target has in common with the right name
+MIN_SIMILARITY = 0.8  # share of letters that a mistyped target has in common with the right name
 
 
 class Target(Protocol):

@@ -89,8 +89,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "ssh.no-hardware": (
         "{host} does not have hardware: expected a vehicle by ssh, such as pilot@rover.local, or no HOST "
-        "for the hardware of this computer. With {host}, only drives are possible: baqueano experiment "
-        "--robot {host}"
+        "for the hardware of this computer. With {host}, only drives are possible. Type: {fix}"
     ),
     "ssh.not-a-host": (
         "{host} is not a vehicle by ssh, such as pilot@rover.local. For an Uno at this computer, write its "
