@@ -141,3 +141,8 @@ def test_the_exported_trajectories_give_the_error_of_a_comparison(run, tmp_path)
     np.testing.assert_array_equal(true_path[:, 0], estimated_path[:, 0])
     ate_m = np.sqrt(np.mean(np.sum((true_path - estimated_path)[:, 1:3] ** 2, axis=1)))
     assert ate_m == pytest.approx(bq.compare(run).rows()[0]["ate_m"], rel=1e-9)
+
+
+def test_drives_that_are_written_into_a_folder_are_numbered(tmp_path):
+    runs = [bq.experiment(SMALL, np.zeros((5, 3)), path=tmp_path) for _ in range(2)]
+    assert [run.path.name for run in runs] == ["0001-experiment.mcap", "0002-experiment.mcap"]

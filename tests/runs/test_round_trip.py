@@ -207,6 +207,20 @@ def test_existing_runs_are_never_overwritten(run, tmp_path):
         RunWriter(tmp_path / "x.mcap")
 
 
+def test_a_run_that_is_saved_into_a_folder_receives_the_next_number(run, tmp_path):
+    """So a cell of a notebook can be executed again."""
+    paths = [run.save(tmp_path / "runs") for _ in range(2)]
+    assert [path.name[:5] for path in paths] == ["0001-", "0002-"]
+    assert all(read_run(path) == run for path in paths)
+
+
+def test_a_run_is_not_saved_under_the_ending_of_another_format(run, tmp_path):
+    """Before, run.csv received the bytes of an MCAP file."""
+    with refused("runs.ending", UsageError, name="run.mcap"):
+        run.save(tmp_path / "run.csv")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_run_before_1970_is_refused(run, tmp_path):
     with refused("runs.times", UsageError):
         write_run(replace(run, t_ns=run.t_ns - 2 * run.t_ns[0]), tmp_path / "x.mcap")

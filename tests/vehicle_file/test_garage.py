@@ -8,7 +8,7 @@ import pytest
 from baqueano.block_checks import check
 from baqueano.errors import FileError
 from baqueano.vehicle_file import garage_names, load
-from tests.codes import refused
+from tests.codes import includes, refused
 
 DT_S = 0.01
 
@@ -95,6 +95,14 @@ def test_the_car_reaches_a_speed_and_turns_left_with_a_positive_servo():
 def test_an_unknown_vehicle_is_refused_with_the_garage_names():
     with refused("vehicle.unknown", FileError, value="smal", absent_path="smal"):
         load("smal")
+
+
+def test_a_name_without_its_ending_is_answered_with_the_file_in_the_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "vehicle.toml").write_text(load("small").text, encoding="utf-8")
+    with refused("vehicle.unknown", FileError) as error:
+        load("vehicle")
+    assert includes(error.value.diagnostic, "name.near", match="vehicle.toml")
 
 
 def test_a_missing_file_is_reported_with_a_similar_name(tmp_path):

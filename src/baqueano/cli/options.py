@@ -256,12 +256,12 @@ def run_path(out: Path | None, folder: str, label: str) -> Path:
     if `out` exists.
     """
     from baqueano.errors import FileError
-    from baqueano.runs.folder import release_path, reserve_path
+    from baqueano.runs.folder import path_of_run, release_path, reserve_path
 
     if out is not None:
-        if out.exists():
+        if out.is_file():
             raise FileError(fault("cli.file-exists", "-o FILE", path=out))
-        return out
+        return path_of_run(out, label)
     path = reserve_path(folder, label)
     click.get_current_context().call_on_close(lambda: release_path(path))
     return path

@@ -25,6 +25,7 @@ from baqueano.errors import SafetyStop, UsageError, error_text, from_outside
 from baqueano.loop import Blocks
 from baqueano.monitor import SensorMonitor
 from baqueano.runs import Run, RunWriter, read_run
+from baqueano.runs.folder import path_of_run
 from baqueano.runs.recorder import MemoryRecorder, RunRecorder
 from baqueano.runs.run import REST_KEY
 from baqueano.signals import Command, Reference, Tick, silent
@@ -167,7 +168,7 @@ def drive(
     kind : str
         The kind of drive in the metadata of the run.
     path : path, optional
-        File to which the run is written during the drive.
+        File to which the run is written during the drive, or a folder with numbered runs.
     live : bool
         True for a real vehicle: the loop does not wait for the disk or for a block that hangs.
     observers : sequence of Observer
@@ -223,19 +224,21 @@ def drive(
         recording.begin([*world.notes, *text_notes, *notes, *([] if origin_note is None else [origin_note])])
         _run(blocks, tick_times_ns, start, recording)
 
+    label = kind.replace(" ", "-")
     if path is None:
         memory = MemoryRecorder(vehicle_file.text, metadata)
         perform(memory)
-        return memory.run(kind.replace(" ", "-"))
+        return memory.run(label)
+    path = path_of_run(path, label)
     try:
         with RunWriter(path, vehicle_file.text, metadata, live=live) as writer:
             perform(writer)
     except SafetyStop:  # before the first tick
-        Path(path).unlink()
+        path.unlink()
         raise
     if live:
         no_commands = np.zeros((0, world.commands))
-        return Run(vehicle_file.name, Path(path), np.zeros(0, dtype=np.int64), no_commands, metadata=metadata)
+        return Run(vehicle_file.name, path, np.zeros(0, dtype=np.int64), no_commands, metadata=metadata)
     return read_run(path)
 
 

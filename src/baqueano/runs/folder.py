@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
 from baqueano.diagnostics import fault
-from baqueano.errors import BaqueanoError, FileError
+from baqueano.errors import BaqueanoError, FileError, UsageError
 from baqueano.messages import text
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -59,6 +59,18 @@ def new_path(folder: Path | str, label: str) -> Path:
         ) from error
     number = max((run_number(path) or 0 for path in folder.iterdir()), default=0) + 1
     return folder / f"{number:04d}-{plain_label(label)}.mcap"
+
+
+def path_of_run(path: Path | str, label: str) -> Path:
+    """Return the file of a new run at `path`: a file, or a folder, in which the run receives the next number.
+    A name without an ending is a folder. Raise UsageError for another ending than .mcap.
+    """
+    path = Path(path)
+    if path.is_dir() or not path.suffix:
+        return new_path(path, label)
+    if path.suffix.lower() != ".mcap":
+        raise UsageError(fault("runs.ending", path=path, name=path.with_suffix(".mcap").name))
+    return path
 
 
 def plain_label(label: str) -> str:

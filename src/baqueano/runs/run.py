@@ -139,10 +139,14 @@ class Run(Result):
 
     @checked_call('run.save("runs/0001-mine.mcap")')
     def save(self, path: Path | str) -> Path:
-        """Write the run to a new file and return its path; see `write_run`."""
-        from baqueano.runs.container.writer import write_run
+        """Write the run to a new file and return its path; in a folder, the file receives the next number.
 
-        return write_run(self, path)
+        Raise FileError if the file exists or cannot be written, and UsageError if its name does not end in .mcap.
+        """
+        from baqueano.runs.container.writer import write_run
+        from baqueano.runs.folder import path_of_run
+
+        return write_run(self, path_of_run(path, self.name))
 
     def rows(self) -> list["TableRow"]:
         """Return one flat dict per topic; an unknown value is None."""

@@ -42,14 +42,14 @@ def path_of(source: str | Path) -> Path:
         if not file_names:
             raise FileError(fault("vehicle.folder-empty", "baqueano new mylab", path=path))
         raise FileError(fault("vehicle.folder", path=path, files=file_names))
+    neighbours = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
     if is_run_name:
-        suggestion = nearest(str(source), names())
+        suggestion = nearest(str(source), [*neighbours, *names()])
         raise FileError(
             fault(
                 "vehicle.unknown", "baqueano new mylab", absent_path=path, value=source, suggestion=suggestion
             )
         )
-    neighbours = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
     raise FileError(
         fault(
             "vehicle.absent", "baqueano new mylab", absent_path=path, value=path.name,

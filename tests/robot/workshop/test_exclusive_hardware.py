@@ -111,7 +111,9 @@ def test_an_interruption_at_a_host_interrupts_the_local_command(programs):
 def test_an_invalid_host_is_refused_before_ssh_starts(host, match):
     with refused(match[0], UsageError, **match[1]) as error:
         exclusive_hardware.rows_from_host(host, "robot", "doctor")
-    assert error.value.diagnostic.fix == ("baqueano experiment --robot emulated" if host == "emulated" else "")
+    assert error.value.diagnostic.fix == (
+        "baqueano experiment --robot emulated" if host == "emulated" else ""
+    )
 
 
 def test_a_port_is_passed_to_ssh_as_an_option(programs):

@@ -14,7 +14,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "vehicle.no-entry": "{key} has the shape {shape}: entry {entry} does not exist.",
     "vehicle.setting": "--set {setting}: expected key=value, for example --set model.mass_kg=0.7.",
-    "vehicle.not-written": "{path}: cannot be written: {error}. Make room, or choose another place.",
+    "vehicle.not-written": (
+        "{path}: cannot be written: {error}. Choose another place, or free space if the disk is full."
+    ),
     "vehicle.set": "--set {setting}: {cause}.",
     "toml.too-large": "{file} has {size:,} bytes: a vehicle file has at most {largest:,}. Is it another file?",
     "toml.utf-16": "{file} is written in UTF-16: expected UTF-8. Save it again: Notepad, Save as, Encoding: UTF-8.",

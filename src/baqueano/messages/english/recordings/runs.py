@@ -24,7 +24,11 @@ TEMPLATES: dict[str, str] = {
         "{path} is an MCAP file, but not a run of baqueano: topic /command/applied is missing. It contains "
         "{topics}. Import it with: {fix}"
     ),
-    "runs.run-there": "{path} exists already, and a run never replaces a file. Give another name.",
+    "runs.run-there": (
+        "{path} exists already, and a run never replaces a file. Give another name, or a folder: in a folder the run "
+        "receives the next number."
+    ),
+    "runs.ending": "{path}: the name of a run ends in .mcap, such as {name}. Other formats are written by an export.",
     "runs.no-place": "{path}: a run cannot be written there ({error}). Choose another folder.",
     "runs.metadata": ("{path}: metadata {key!r} = {value} of a run must be text; write str({value})."),
     "runs.disk-full": (
@@ -35,7 +39,9 @@ TEMPLATES: dict[str, str] = {
         "Run {run}: {t_ns} ns is not between 1970 and 2038. The times of a run begin at 1970 or at its "
         "own start; shift them."
     ),
-    "runs.not-written": "{path}: the run could not be written ({error}). Make room, or choose another place.",
+    "runs.not-written": (
+        "{path}: the run could not be written ({error}). Choose another place, or free space if the disk is full."
+    ),
     "runs.decimal": 'decimal = {value!r}: write decimal "." or ","',
     "runs.no-trajectory": "Run {run} does not have trajectory {value!r}; it has: {trajectories}.",
     "runs.file-exists": "{path} exists already. Give another name, or remove it.",
