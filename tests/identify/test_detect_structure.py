@@ -135,9 +135,65 @@ def test_a_wrong_inertia_is_named_as_its_ratio_to_the_centre_of_mass():
     drive = robot_on_floor(3, 40.0)
     inertia = 1.5 * drive.file.value("model.inertia_kg_m2")
     fit = identify(drive.run, drive.file.with_values({"model.inertia_kg_m2": inertia}))
-    missing = [reason.figures["effect"].code for reason in fit.reasons if reason.code == "residual.missing"]
-    assert "term.turning-about" in missing
-    assert "term.turning" not in missing
+    missing = [
+        reason for reason in fit.reasons if reason.code in ("residual.missing", "residual.missing-free")
+    ]
+    assert missing[0].figures["effect"].code == "term.turning-about"
+    assert missing[0].fix == "--free +model.centre_of_mass_x_m"
+    assert "term.turning" not in [reason.figures["effect"].code for reason in missing]
+
+
+def test_a_wrong_centre_of_mass_is_named_first_and_the_advice_ends_the_warnings():
+    """The file has 3 mm less than the robot. Drag of cornering is a smaller part of the residuals."""
+    key = "model.centre_of_mass_x_m"
+    small = load("small")
+    run = simulate(small, random_steps(small.command.limit, 40.0, 100.0, 3, hold_s=0.5), 3)
+    in_file = small.with_values({key: small.value(key) - 0.003})
+    fit = identify(run, in_file)
+    fixes = [reason.fix for reason in fit.reasons if reason.code.startswith("residual.missing")]
+    assert fixes[0] == f"--free +{key}"
+    second_fit = identify(run, in_file, [f"+{key}"])
+    assert not any(reason.code.startswith("residual.") for reason in second_fit.reasons)
+    k = second_fit.names.index(key)
+    assert abs(second_fit.estimate[k] - small.value(key)) < 3.0 * second_fit.std[k]
+
+
+def test_wheels_of_unequal_size_are_named_first():
+    """The radii differ by 4 %. A smaller wheel is stronger and its motor brakes more, which pulls to its side."""
+    robot = draw_robot(5)
+    wheels = replace(robot, wheel=np.array([[1.02, 0.98]]))
+    u = quantised_commands(random_steps([1.0, 0.0, 1.0], 40.0, 100.0, 5))
+    fit = identify(group_runs([wheels], [u], [5], initial_file(robot))[0], initial_file(robot), FREE_ROBOT)
+    missing = [reason for reason in fit.reasons if reason.code == "residual.missing"]
+    assert fit.verdict == "WARN"
+    assert missing[0].figures["effect"].code == "term.unequal-drag"
+
+
+def test_the_free_forward_dead_zone_of_a_car_leads_to_the_backward_one():
+    car = load("car")
+    run = simulate(
+        car.with_values({"model.drivetrain.dead_zone_backward": [0.15, 0.0]}),
+        random_steps([0.4, 0.5], 40.0, 50.0, 3, hold_s=0.7),
+        3,
+    )
+    fit = identify(run, car)
+    assert "--free +model.drivetrain.dead_zone_backward" in [reason.fix for reason in fit.reasons]
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_uneven_timestamps_are_not_a_clock_offset_or_a_filter(seed):
+    """The stamps of all rows are late by 1 ms (rms)."""
+    small = load("small").with_values({"sensors.wheels.kind": "wheels", "sensors.wheels.noise_std": 0.01})
+    run = simulate(small, random_steps(small.command.limit, 40.0, 100.0, seed, hold_s=0.5), seed)
+    late_ns = np.abs(np.random.default_rng(seed).normal(0.0, 1e6, len(run.t_ns))).astype(np.int64)
+    sensors = {
+        name: channel._replace(t_ns=channel.t_ns + late_ns, arrival_ns=channel.arrival_ns + late_ns)
+        for name, channel in run.sensors.items()
+    }
+    run = replace(run, t_ns=run.t_ns + late_ns, sensors=sensors, truth=None)
+    fit = identify(run, small, ["+model.drivetrain.delay_s"])
+    effects = [reason.figures["effect"].code for reason in fit.reasons if "effect" in reason.figures]
+    assert not {"term.delay-of-sensor", "term.low-pass"} & {*effects}
 
 
 def test_the_errors_by_a_missing_effect_are_correlated(case, u):

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.optional import has_field
-from baqueano.contracts.values import JsonObject, Tree
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.estimation.search import Search, Task, search
@@ -310,7 +310,9 @@ def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, flo
     path = next(iter(gains), None)
     if path is None:
         return []
-    file_gains, scale, findings = np.asarray(value_at_path(blocks, path), float), _mass_and_inertia(model), []
+    file_gains, scale, findings = np.asarray(value_at_path(blocks, path), float), np.ones(3), []
+    if has_field(model, "mass_kg"):
+        scale = np.array([model.mass_kg, model.mass_kg, model.inertia_kg_m2])
     for j in range(file_gains.shape[1]):
         paths = [f"{path}[{i},{j}]" for i in range(3)]
         main_axis = int(np.argmax(np.abs(file_gains[:, j]) / scale))
@@ -359,10 +361,3 @@ def _comparable_magnitudes(estimate: np.ndarray, file_gains: np.ndarray, scale: 
     linear = max(gains[0], gains[1])
     ratio = linear / gains[2] if gains[2] > 0.0 and linear > 0.0 else 1.0
     return np.abs(estimate) * np.array([1.0, 1.0, ratio])
-
-
-def _mass_and_inertia(model: Tree) -> np.ndarray:
-    """Return (m, m, I) (3,), or ones for a kinematic model."""
-    if has_field(model, "mass_kg"):
-        return np.array([model.mass_kg, model.mass_kg, model.inertia_kg_m2])
-    return np.ones(3)

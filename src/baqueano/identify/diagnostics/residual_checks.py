@@ -41,6 +41,7 @@ from baqueano.numerics.score_test import (
     score_test_parts,
 )
 from baqueano.numerics.statistics import MAD, student_quantile, white_std
+from baqueano.parameter import all_parameters
 from baqueano.vehicles.freedoms import sign_speed_paths, tyre_paths
 from baqueano.vehicles.state import DynamicVehicle
 
@@ -52,10 +53,14 @@ MIN_RELATIVE_DIFFERENCE = 0.05  # relative to the parameter
 MIN_SHARE, MIN_EXCESS = 0.05, 1.3  # (1), (2)
 MIN_MEASUREMENTS = 20  # measurements of a channel
 OUTLIER_SIGMA, MIN_OUTLIERS, LATE_Z = 4.0, 8, 5.0  # (3): standard deviations, readings, standard errors
-KEYS_OF_TERMS = {  # code of an effect → key of the file that models it
+DEAD_ZONES = "model.drivetrain.dead_zone_forward model.drivetrain.dead_zone_backward"
+KEYS_OF_TERMS = {  # code of an effect → keys of the file that model it
     "term.delay": DELAY_PATH,
     "term.low-pass": "sensors.{sensor}.low_pass_hz",
     "term.imu-turned": "sensors.{sensor}.heading_rad",
+    "term.turning-about": "model.centre_of_mass_x_m",
+    "term.dead-zone": DEAD_ZONES,
+    "term.asymmetry": DEAD_ZONES,
     "term.imu-ahead": "sensors.{sensor}.lever_arm_m",
     "term.imu-beside": "sensors.{sensor}.lever_arm_m",
 }
@@ -93,7 +98,10 @@ def check_residuals(
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
     missing_terms = _missing_terms(fit_evidence, tests, blocks.model)
     speed_errors = _errors_by("term.friction-speed", -1, fit_evidence, tests)  # nobody measures it
-    messages += [result.message for result in missing_terms[:MAX_REPORTED] + differences[:MAX_REPORTED]]
+    by_fix: dict[str, Diagnostic] = {}  # one message of those with the same remedy
+    for _, message, _ in missing_terms:
+        by_fix.setdefault(message.fix or message.figures["effect"].code, message)
+    messages += [*by_fix.values()][:MAX_REPORTED] + [result.message for result in differences[:MAX_REPORTED]]
     diagnosis, entries = Diagnosis.of(messages, s), np.ix_(index, index)
     errors = [np.zeros(len(index)), *speed_errors, *(result.errors for result in missing_terms + differences)]
     diagnosis.unmodelled_cov[entries] = _largest_errors_cov(np.array(errors))
@@ -186,7 +194,7 @@ class _FitEvidence(NamedTuple):
 
 def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -> list[_SignificantResult]:
     results = []
-    for (code, term_note), test in sorted(tests, key=lambda pair: -abs(pair[1].z)):
+    for (code, term_note), test in sorted(tests, key=lambda pair: -pair[1].gain):
         is_filter = term_note.code == "term.low-pass"
         if not (abs(test.z) > LOW_PASS_Z if is_filter else fit.is_significant(test)):
             continue
@@ -213,10 +221,13 @@ def _fix(term_note: Diagnostic, paths: Sequence[str], model: DynamicVehicle) -> 
     free_keys = {path.partition("[")[0] for path in paths}
     if term_note.code == "term.delay-of-sensor":
         return f"{'' if DELAY_PATH in free_keys else f'--free +{DELAY_PATH} '}--clock {term_note.subject}"
-    key = KEYS_OF_TERMS.get(term_note.code, "").format(sensor=term_note.subject)
+    keys = KEYS_OF_TERMS.get(term_note.code, "").format(sensor=term_note.subject).split()
+    keys = keys if len(keys) < 2 or free_keys & {*keys} else []  # else other effects look like it
     if term_note.code in ("term.dry-friction", "term.friction-speed"):  # its magnitude is free
-        key = next((speed for path, speed in sign_speed_paths(model).items() if path in free_keys), "")
-    return f"--free +{key}" if key and key not in free_keys else ""
+        keys = [speed for path, speed in sign_speed_paths(model).items() if path in free_keys][:1]
+    known_keys = dict(all_parameters(model, "model"))
+    new = [key for key in keys if key not in free_keys and (key in known_keys or key.startswith("sensors."))]
+    return " ".join(f"--free +{key}" for key in new)
 
 
 def _place(code: str) -> Diagnostic | str:

@@ -6,8 +6,8 @@ drivetrain, ν is the velocity of the model, both relative to their largest valu
     ν ← ν + ε φ δ e_a,   ν̇ ← ν̇ + ε φ e_a,   D = ∂h/∂ε at ε = 0                                             (1)
     φ = tanh 10 w    w |w|    |w|    w (t/T − ½)    sign w e^(−s/0.2 s)      dead zone … backlash           (2)
         tanh 10 ν    ν |ν|    ν³     |ν|    sign ν e^(−s/0.2 s)    ∂ tanh(ν/ν_k)/∂ log ν_k       dry friction … (3)
-        ν_x |ν_ψ|   ν_ψ²      ν_x |ν_x| ν_ψ²   ν_x ν_ψ (sideways)            along x, in corners            (4)
-        ν_ψ |ν_x|   ν_x ν_ψ   ν_ψ ν_x²         ν_ψ |ν_ψ| (sideways)          about ψ                        (5)
+        ν_ψ   ν_x |ν_ψ|   ν_ψ²      ν_x |ν_x| ν_ψ²   ν_x ν_ψ (sideways)      along x, in corners            (4)
+        ν_x   ν_ψ |ν_x|   ν_x ν_ψ   ν_ψ ν_x²         ν_ψ |ν_ψ| (sideways)    about ψ                        (5)
     D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (6)
     D = −τ ḣ + τ² ḧ   (the IMU, if the delay of the commands is free)
 
@@ -48,7 +48,8 @@ DECAY_S = 0.2  # duration of an effect that begins when a sign changes
 SIGN_WIDTH = 0.1  # of the largest value: width of the tanh at a change of sign
 COMMAND_TERMS = ("dead zone", "saturation", "asymmetry", "fading", "backlash")
 MOTION_TERMS = (
-    "dry friction", "drag", "steep drag", "one-sided drag", "caster", "friction speed", "cornering", "turning", "slip",
+    "dry friction", "drag", "steep drag", "one-sided drag", "caster", "friction speed", "unequal drag", "cornering",
+    "turning", "slip",
 )  # fmt: skip
 # −(m c/I) ν_x ν_ψ about ψ shows the centre of mass c and the inertia I only as their ratio; c ν_ψ² along x shows c
 TURNING_TERMS = {0: note("term.turning"), 2: note("term.turning-about")}
@@ -95,11 +96,11 @@ def command_features(w: np.ndarray, record: FitRecord) -> np.ndarray:
 
 
 def motion_features(axis: int, nu: np.ndarray, record: FitRecord, dry_speed: float) -> np.ndarray:
-    """Return φ (N, 10) of one segment with motion ν (N, 3) and the speed ν_k of dry friction: (3), then (4) or (5)."""
+    """Return φ (N, 11) of one segment with motion ν (N, 3) and the speed ν_k of dry friction: (3), then (4) or (5)."""
     u, s = nu[:, axis : axis + 1], nu[:, axis : axis + 1] / dry_speed
     v = u / max(float(np.max(np.abs(u))), 1e-9)
     x, w, magnitude = nu[:, :1], nu[:, 2:], np.abs(v)
-    force, torque = (x * np.abs(w), w * w, x * np.abs(x) * w * w), (w * np.abs(x), x * w, w * x * x)
+    force, torque = (w, x * np.abs(w), w * w, x * np.abs(x) * w * w), (x, w * np.abs(x), x * w, w * x * x)
     corners = (*force, x * w) if axis == 0 else (*torque, w * np.abs(w))
     flips = _decay_since_sign_change(v, np.cumsum(record.dt_s))
     dry, width = np.tanh(v / SIGN_WIDTH), s * (1.0 - np.tanh(s) ** 2)
@@ -259,7 +260,8 @@ def _reading_terms(
 ) -> list[tuple[str, Diagnostic, np.ndarray]]:
     """Return code, message and column (N, m) of each term that changes only the readings.  (6)"""
     h = motions.h
-    h_dot = -np.gradient(h, axis=0) / np.maximum(record.dt_s, 1e-6)[:, None]
+    dt_s = np.maximum(record.dt_s, 1e-6)
+    h_dot = -np.gradient(h, np.cumsum(dt_s), axis=0)  # rows can be uneven
     terms = [("delay", note("term.delay"), h_dot)]
     for (name, span), block in zip(problem.spans.items(), blocks.sensors, strict=True):
         if (mean_weights := record.sensors[name].mean_weights) is not None:
@@ -273,8 +275,8 @@ def _reading_terms(
         if not getattr(block, "has_low_pass", True) and DELAY_PATH in problem.shape.shared_paths:
             filtered_readings = np.zeros_like(h)
             filtered_readings[:, span] = LOW_PASS_S * h_dot[:, span]
-            curvature = np.diff(h[:, span], 2, axis=0) / np.maximum(record.dt_s[1:-1], 1e-6)[:, None] ** 2
-            filtered_readings[1:-1, span] += LOW_PASS_S**2 * curvature
+            slopes, steps = np.diff(h[:, span], axis=0) / dt_s[1:, None], 0.5 * (dt_s[1:-1] + dt_s[2:])
+            filtered_readings[1:-1, span] += LOW_PASS_S**2 * np.diff(slopes, axis=0) / steps[:, None]
             terms.append((f"low-pass of {name}", note("term.low-pass", subject=name), filtered_readings))
     return terms
 

@@ -158,7 +158,9 @@ def _best_delay(task: Task, begin: Solution, best: Solution, i: int, delays_s: n
     last = begin
     for delay_s in delays_s:
         last = _solution_at_delay(task, last.theta, i, delay_s, COST_TOLERANCE * best.evaluation.cost)
-        best = min(best, last, key=_expected_cost)
+        best = min(
+            best, last, key=lambda end: end.evaluation.cost - 0.5 * end.decrement
+        )  # at its parabola's end
     return best
 
 
@@ -184,11 +186,6 @@ def _solution_at_delay(
     """Return the solution of least cost at this delay, with the present σ. `tolerance` is the tolerance of the
     decrement."""
     return _fit(task, _with_value(theta, i, delay_s), np.arange(len(theta)) == i, tolerance)
-
-
-def _expected_cost(end: Solution) -> float:
-    """Return the expected final cost of the search, by a parabola through its end."""
-    return end.evaluation.cost - 0.5 * end.decrement
 
 
 def _fit(

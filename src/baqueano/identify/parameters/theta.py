@@ -184,7 +184,10 @@ def fit_parameters(
 ) -> Parameters:
     """Return the requested parameters of `blocks` for all rows of `runs`; `channels` is a field of `Dataset`. Raise
     UsageError if no command moved, or if bounds or start values belong to no free parameter."""
-    _check_bounds(options.bounds, [*(parameter.path for parameter in requested_parameters), *options.per_run])
+    names = [*(parameter.path for parameter in requested_parameters), *options.per_run]
+    for path in options.bounds:
+        if not any(name == path or name.startswith(f"{path}[") for name in names):
+            raise UsageError(fault("parameter.bounds-unused", f"--free {path}", path=path))
     options = with_pose_segments(options, blocks)
     for run in runs:
         if len(run.applied_commands) and not np.any(np.isfinite(run.applied_commands)):
@@ -278,13 +281,6 @@ def _unknown_s(record: FitRecord, delay_s: float) -> float:
     without a command (not driven before), or is shorter than twice `delay_s`."""
     is_driven_before = np.any(record.u[0]) and np.cumsum(record.dt_s)[-1] >= 2.0 * delay_s
     return delay_s * (1.0 + 1e-9) if is_driven_before else 0.0
-
-
-def _check_bounds(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) -> None:
-    """Raise UsageError if a parameter has bounds and is not fitted."""
-    for path in bounds:
-        if not any(name == path or name.startswith(f"{path}[") for name in free):
-            raise UsageError(fault("parameter.bounds-unused", f"--free {path}", path=path))
 
 
 def shape_of(

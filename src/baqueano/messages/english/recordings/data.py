@@ -181,8 +181,8 @@ TEMPLATES: dict[str, str] = {
     ),
     "residual.fast": (
         "{readings} readings of {subject} are beyond {limit:g} standard deviations when the signal "
-        "changes fast ({z:.0f} standard errors). The delay is estimated, so the model is too simple for fast "
-        "changes"
+        "changes fast ({z:.0f} standard errors). The delay is estimated, so the timestamps are uneven, or the model "
+        "is too simple for fast changes"
     ),
     "residual.incomplete-model": (
         "the residuals of {subject} are autocorrelated and large: the model is incomplete there"
@@ -222,6 +222,7 @@ TEMPLATES: dict[str, str] = {
     "term.along-y": " in sideways motion",
     "term.along-psi": " in turning",
     "term.caster": "a caster that flips when the direction of motion reverses",
+    "term.unequal-drag": "unequal drag on the left and on the right, or wheels of unequal size",
     "term.cornering": "drag of cornering, or tyres that slip",
     "term.turning": "a centre of mass or an IMU away from the axle",
     "term.turning-about": (
