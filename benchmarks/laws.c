@@ -83,7 +83,10 @@ typedef void law(memory *, const errors *, double *, double *);
 
 static inline double slip(double x, double y) { return atan(y * x / (x * x + 0.02 * 0.02)); }
 static inline double low_pass(double x, double to, double time, double dt) { return x + dt / fmax(time, dt) * (to - x); }
-static inline double share(double k, double ratio) { return 1 / fmax(ratio * T * fabs(k), 1); }
+static inline void limit_gains(double *k_chi, double *k_y, double v) {
+    double share = 1 / fmax(*k_chi * (1.35 * T), 1);
+    *k_chi *= share, *k_y = fmin(*k_y, fmax(share * share * *k_y, *k_chi * *k_chi / fmax(1.69 * v, 1e-12)));
+}
 
 static inline __attribute__((always_inline)) void point_ahead(double x, double y, double chi, double kappa, double s,
                                                               double *px, double *py) {
@@ -156,27 +159,31 @@ static inline __attribute__((always_inline)) void follow(memory *s, const double
 #define LOCAL static inline __attribute__((always_inline)) void
 
 LOCAL pd_feedforward_law(memory *s, const errors *e, double *v, double *w) {
-    double needed = 1.44 * fabs(e->v) / 0.25, k = fmax(4, needed * share(needed, 1.5)), L = fmax(0.25, 1.44 * fabs(e->v) / k);
+    double needed = 1.44 * fabs(e->v) / 0.25, k = fmax(4, fmin(needed, 0.9 / (1.35 * T))), L = fmax(0.25, 1.44 * fabs(e->v) / k);
     *v = e->v + e->e_x, *w = e->w + k * (e->e_chi + e->forward * atan(e->e_y / L));
 }
 
 LOCAL kanayama_law(memory *s, const errors *e, double *v, double *w) {
-    double part = share(9 * e->v, 1.35), k = part * 9, most = k * 0.8414709848078965;
+    double speed = fabs(e->v), k = 9 * speed, k_y = 36 * speed;
+    limit_gains(&k, &k_y, speed);
     *v = e->v * cos(e->e_chi) + e->e_x;
-    *w = e->w + e->v * clip(fmin(part * part * (0.5625 / 0.4225), 1) * 36 * e->e_y, most) + fabs(e->v) * k * sin(e->e_chi);
+    *w = e->w + copysign(1, e->v) * clip(k_y * e->e_y, k * 0.5646424733950354) + k * sin(e->e_chi);
 }
 
 LOCAL pure_pursuit_law(memory *s, const errors *e, double *v, double *w) {
-    double L = fmax(0.1, 2.6 * T * fabs(e->v)), x, y;
-    point_ahead(-sin(e->e_chi) * e->e_y, e->e_y, e->e_chi, e->kappa, e->forward * L, &x, &y);
-    *v = e->v + e->e_x, *w = e->w + e->v * (2 * y / fmax(x * x + y * y, 0.25 * L * L) - e->kappa);
+    double L = fmax(0.1, 2.45 * T * fabs(e->v)), far = e->e_y / 0.6841368083416923, x, y;
+    double ahead = sqrt(fmax(L * L - e->e_y * e->e_y, far * far)), kappa = clip(e->kappa, 1 / ahead);
+    point_ahead(-sin(e->e_chi) * e->e_y, e->e_y, e->e_chi, kappa, e->forward * ahead, &x, &y);
+    *v = e->v + e->e_x, *w = e->w + e->v * (2 * y / fmax(x * x + y * y, 0.25 * L * L) - kappa);
 }
 
 LOCAL stanley_law(memory *s, const errors *e, double *v, double *w) {
-    double l = fmax(0.1, 0.25 * fabs(e->v)), y = e->e_y + e->forward * l * sin(e->e_chi);
-    double steering = 6 / (0.05 + fabs(e->v)), part = share((1 + steering * l) * e->v / l, 0.9);
-    double delta = clip(e->e_chi + e->forward * atan(part * steering * y), 1.2);
-    *v = e->v + e->e_x, *w = e->w + part * fabs(e->v) * sin(delta) / l;
+    double speed = fabs(e->v), l = fmax(fmax(0.1, 0.25 * speed), 1.35 * T * speed), rate = 6 * speed / (0.05 + speed);
+    double k = speed / l + rate, k_y = rate / l;
+    limit_gains(&k, &k_y, speed);
+    double y = k_y * e->e_y + e->forward * (k - speed / l) * sin(e->e_chi);
+    double delta = clip(e->e_chi + e->forward * clip(atan(y * l / fmax(speed, 1e-12)), 0.6), 1.2);
+    *v = e->v + e->e_x, *w = e->w + speed * sin(delta) / l;
 }
 
 /* P has the entries xx, yy, yχ, χχ: along and across do not mix. */
@@ -190,8 +197,9 @@ LOCAL lqr_law(memory *s, const errors *e, double *v, double *w) {
     double r0 = P[1] * c00 + P[2] * c10, r1 = P[1] * c01 + P[2] * c11, s0 = P[2] * c00 + P[3] * c10;
     double s1 = P[2] * c01 + P[3] * c11, off = 0.5 * (r1 + a * r0 + s0);
     P[1] = 1600 + r0, P[2] = off, P[3] = 9.765625 + a * r1 + s1;
-    double part = share(k_c, 1.25), chi = part * k_c, lateral = clip(part * part * k_y * e->e_y, fabs(chi));
-    *v = e->v - k_x * e->e_x, *w = e->w - fabs(e->v / speed) * lateral - chi * e->e_chi;
+    k_c = -k_c, k_y = fabs(k_y);
+    limit_gains(&k_c, &k_y, fabs(speed));
+    *v = e->v - k_x * e->e_x, *w = e->w + fabs(e->v) / speed * clip(k_y * e->e_y, 0.6 * k_c) + k_c * e->e_chi;
 }
 
 #define DRIVE(name)                                                                                                    \

@@ -210,7 +210,7 @@ def test_a_vehicle_behind_its_reference_steers_along_the_path(law, behind_m):
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("speed", "bar_m"), [(0.5, 0.85), (-0.3, 0.9), (-0.5, 0.95)])
+@pytest.mark.parametrize(("speed", "bar_m"), [(0.5, 0.85), (1.0, 1.0), (-0.3, 0.9), (-0.5, 0.95)])
 def test_a_car_joins_its_route_within_a_metre(law, speed, bar_m):
     """The car is 20 cm beside a circle of 3 m and 30° off, or behind or in front, at rest or in motion.
 
@@ -221,7 +221,7 @@ def test_a_car_joins_its_route_within_a_metre(law, speed, bar_m):
     if speed < 0.0:
         places, route = BESIDE, route._replace(eta=route.eta[::-1], nu=-route.nu[::-1])
     cases = itertools.product(places, (0.0, speed))
-    for case, eta, way_m in drives(car, route, law, 2.5 / abs(speed), cases):
+    for case, eta, way_m in drives(car, route, law, 1.5 + 2.5 / abs(speed), cases):
         x, y = eta[:, 0], eta[:, 1] - radius_m
         along_m = radius_m * np.abs(np.unwrap(np.arctan2(y, x)) + 0.5 * np.pi) if speed < 0.0 else way_m
         assert along_m[-1] > 1.5
@@ -286,6 +286,14 @@ def test_a_late_tick_does_not_disturb_the_prediction(name):
     for tick in (*range(10), 210, *range(211, 215)):
         state, _ = controller.step(state, reference(np.zeros(3), nu, tick), estimate(np.zeros(3), nu, tick))
     assert np.abs(state.pipeline[0] - nu).max() < 0.3
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_each_law_follows_bends_tighter_than_its_look_ahead(law):
+    """The smallest radius is 3 cm. Before, pure_pursuit was 41 mm rms beside this eight, as its arc ended early."""
+    run = simulate_loop(SMALL, eight(0.15, 0.2), perfect=True, controller=SMALL.controller(law))
+    distance = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
+    assert rms(distance) < 0.004
 
 
 @pytest.mark.parametrize("law", LAWS)

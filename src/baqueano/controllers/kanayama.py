@@ -1,11 +1,10 @@
 """Kanayama's tracking law: a Lyapunov function proves its stability for each error and each speed except 0.
 
-    v = v_f cos e_χ + k_x e_x,    ω = ω_f + v_f (g k_y e_y + f k_θ sin e_χ)                               (1)
-    f = min(1, 1 / (1.35 T k_θ |v_f|)),    g = min(1, f² max(1, (ζ / 0.65)²)),    ζ = k_θ / (2 √k_y)       (2)
+    v = v_f cos e_χ + k_x e_x,    ω = ω_f + v_f k_y e_y + |v_f| k_θ sin e_χ                               (1)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
-e_y decays over a distance, not over a time, with the damping ratio ζ: by default 0.75 over 0.22 m. So the loop would be
-too fast for the delay T at a high speed; f then makes the distance longer, and g reduces the damping ratio to 0.65.
+e_y decays over a distance, not over a time, with the damping ratio k_θ / (2 √k_y): by default 0.75 over 0.22 m. So the
+loop would be too fast for the delay at a high speed. The gains are then limited by (6) of model_following.py.
 The law approaches a far path at an angle of at most MAX_APPROACH_RAD. At rest it does not correct e_y. The error after
 a turn on the spot remains until the vehicle moves on.
 
@@ -18,10 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.controllers.model_following import MAX_APPROACH_RAD, TINY, ModelFollower, Tracking
+from baqueano.controllers.model_following import MAX_APPROACH_RAD, ModelFollower, Tracking
 from baqueano.parameter import document, parameter
-
-DELAY_RATIO, MIN_DAMPING = 1.35, 0.65  # of (2)
 
 
 @document
@@ -50,12 +47,10 @@ class Kanayama(ModelFollower):
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = tracking.e, tracking.nu_f
-        share = self.gain_share(self.k_theta * v_f, DELAY_RATIO)  # (2)
-        squared_damping = self.k_theta**2 / np.maximum(4.0 * self.k_y, TINY)
-        position_share = share**2 * np.maximum(squared_damping / MIN_DAMPING**2, 1.0)
-        k_y, k_theta = np.minimum(position_share, 1.0) * self.k_y, share * self.k_theta
+        speed = np.abs(v_f)
+        k_theta, k_y = self.limited_gains(self.k_theta * speed, self.k_y * speed, speed)
         max_correction = k_theta * np.sin(MAX_APPROACH_RAD)
         lateral = np.clip(k_y * e_y, -max_correction, max_correction)
-        # v_f is negative backward, but the damping of the course must keep its sign.
-        turn = v_f * lateral + np.abs(v_f) * k_theta * np.sin(tracking.e_chi)
+        # the correction of e_y changes its sign backward, the damping of the course does not
+        turn = np.sign(v_f) * lateral + k_theta * np.sin(tracking.e_chi)
         return memory, (v_f * np.cos(tracking.e_chi) + self.k_x * e_x, omega_f + turn)

@@ -7,12 +7,13 @@
     λ ν̇_f = ν_r − ν_f                                       a reference without jumps                     (3)
     v_w = v + v_i,   |v| ≤ |v_f| + v_c,   v̇_i = k_i e_x,   ω_w = ω + ω_i,   4 T ω̇_i = −(d_ψ + ω_i)        (4)
     u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f; within the limits of u              (5)
+    k_χ ← f k_χ,   f = min(1, 1/(1.35 T k_χ)),   k_y ← min(k_y, max(f² k_y, k_χ²/(4 ζ² v)))               (6)
 
 η, ν: pose and velocity; r: reference; v, ω: the law at e, e_χ and ν_f; β = atan(ν_y / ν_x); ν_w = (v_w, ω_w). A vehicle
 is D = delay + lag behind its command, T = D + λ behind its reference. (1) is a filtered Smith predictor, d its model
-error. (2) is the error of the centre of turning, b behind the origin. c(s): from the reference to the point beside the
-vehicle, along a circle of curvature κ. (5) inverts friction, actuator matrix, unequal wheels and dead zone, in one
-Newton step per tick; v_i and ω_i remove steady errors. docs/derivations/pd_feedforward.md derives this page.
+error. (2) is the error of the centre of turning, b behind the origin. c(s): along a circle of curvature κ. (5) inverts
+friction, actuator matrix, wheels and dead zone, in one Newton step per tick; v_i and ω_i remove steady errors. In (6)
+a delay limits the gains of a law, and its damping falls to ζ = 0.65. Derivation: docs/derivations/pd_feedforward.md.
 """
 
 from dataclasses import dataclass
@@ -42,8 +43,9 @@ MAX_ALONG_ERROR_M = 0.3  # limit of e_x: a larger error does not increase the re
 MAX_CATCH_UP_M_S = 0.3  # v_c, however large the gains are
 MAX_ARC_M = 0.5  # of (2a): farther away, the path has another curvature
 MIN_RADIUS_RATIO = 0.5  # of (2a): of the vehicle, relative to that of the circle
-MAX_APPROACH_RAD = 1.0  # largest angle between course and path when a law approaches from far
-DELAY_RATIO = 1.25  # smallest further delay that a loop of the course tolerates, as a share of T
+MAX_APPROACH_RAD = 0.6  # largest angle between course and path when a law approaches from far
+DELAY_RATIO = 1.35  # smallest further delay that a loop of the course tolerates, as a share of T
+MIN_DAMPING = 0.65  # of a loop of position and course whose gains are limited by T
 MIN_COURSE_SPEED_M_S = 0.02  # below this speed the course is the heading
 MIN_EFFECT = np.array([0.1, 1.0])  # m/s², rad/s²; a command with less effect, as a servo at rest, stays
 TINY = 1e-12  # keeps a model without throttle finite
@@ -124,7 +126,7 @@ class ModelFollower:
 
     Notes
     -----
-    Equations (1)-(5) of the module; computed torque, Slotine and Li, Applied Nonlinear Control, 1991, ch. 9.
+    Equations (1)-(6) of the module; computed torque, Slotine and Li, Applied Nonlinear Control, 1991, ch. 9.
     docs/derivations/pd_feedforward.md derives them.
 
     Examples
@@ -231,12 +233,23 @@ class ModelFollower:
         limit = np.array([MAX_INTEGRAL_SHARE * np.abs(nu_f[0]), max_turn_error(nu_f)])
         return np.clip(np.array([v_i, omega_i]), -limit, limit)
 
-    def gain_share(self, k_chi: Value, delay_ratio: float = DELAY_RATIO) -> Value:
-        """Return min(1, 1 / (ratio T k_χ)) for the yaw rate per course error k_χ [1/s], with ratio = `delay_ratio`.
+    @property
+    def max_course_gain(self) -> float:
+        """Return k_T [1/s], the largest yaw rate per course error.  (6)
 
-        Such a loop of the predicted course tolerates a further delay of ratio T, by the small-gain theorem.
+        A loop of the predicted course with this gain tolerates a further delay of 1.35 T, by the small-gain theorem.
         """
-        return 1.0 / np.maximum(delay_ratio * self.response_delay_s * np.abs(k_chi), 1.0)
+        return 1.0 / (DELAY_RATIO * self.response_delay_s)
+
+    def limited_gains(self, k_chi: Value, k_y: Value, speed_m_s: Value) -> tuple[Value, Value]:
+        """Return yaw rates per course error k_χ [1/s] and per cross-track error k_y [rad/(m s)], limited by T.  (6)
+
+        If f limits k_χ, the damping ratio k_χ / (2 √(k_y v)) falls to MIN_DAMPING, if it was larger.
+        """
+        share = 1.0 / np.maximum(k_chi / self.max_course_gain, 1.0)
+        k_chi = share * k_chi
+        damped_k_y = k_chi**2 / np.maximum(4.0 * MIN_DAMPING**2 * speed_m_s, TINY)
+        return k_chi, np.minimum(k_y, np.maximum(share**2 * k_y, damped_k_y))
 
     def _checked_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Value, Value]:
         result = self.velocity_law(memory, tracking)

@@ -21,7 +21,7 @@ from baqueano.controllers.model_following import ModelFollower, Tracking
 from baqueano.parameter import document, parameter
 
 DAMPING_RATIO = 1.44  # of k L and |v_f|, for a damping ratio of 0.6
-DELAY_RATIO = 1.5  # of (2)
+MAX_GAIN_SHARE = 0.9  # of k_T of model_following.py, which is 1 / (1.5 T)
 
 
 @document
@@ -53,7 +53,7 @@ class PdFeedforward(ModelFollower):
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         v_f = np.abs(tracking.nu_f[0])
         needed_k = DAMPING_RATIO * v_f / self.join_m
-        k = np.maximum(self.k_chi, needed_k * self.gain_share(needed_k, DELAY_RATIO))  # (2)
+        k = np.maximum(self.k_chi, np.minimum(needed_k, MAX_GAIN_SHARE * self.max_course_gain))  # (2)
         L = np.maximum(self.join_m, DAMPING_RATIO * v_f / np.maximum(k, 1e-3))
         turn = tracking.e_chi + tracking.forward_sign * np.arctan(tracking.e[1] / L)
         return memory, (tracking.nu_f[0] + self.k_x * tracking.e[0], tracking.nu_f[2] + k * turn)

@@ -1,12 +1,13 @@
 """Pure pursuit: drive on the arc that ends at a point of the path ahead.
 
-    L = max(look_ahead_m, look_ahead_s |v_f|, 2.6 T |v_f|),    (x, y): point of the path L ahead
+    L = max(look_ahead_m, look_ahead_s |v_f|, 2.45 T |v_f|),    l = max(√(L² − e_y²), |e_y| / tan χ_max)
     v = v_f + k_x e_x,    ω = v_f 2 y / (x² + y²)                                                         (1)
 
-(x, y) is in the body frame, v_f the speed of the reference without jumps, e_x the along-track error. (1) is the
-curvature of the arc that leaves the vehicle along its course and ends at (x, y). With a longer L the motion is
-smoother, but cuts corners. A loop that is faster than the delay T of the vehicle weaves, so T limits L. The law cannot
-turn on the spot, and it does not correct at rest.
+(x, y): point of the path at the distance L from the vehicle, in the body frame; l: its distance along the path from the
+point beside the vehicle. v_f: speed of the reference without jumps; e_x, e_y: along-track and cross-track errors. (1)
+is the curvature of the arc that leaves the vehicle along its course and ends at (x, y). With a longer L the motion is
+smoother, but cuts corners. A loop that is faster than the delay T of the vehicle weaves, so T limits L. From far, the
+chord to (x, y) has the angle χ_max to the path. The law cannot turn on the spot, and does not correct at rest.
 
 Sources: Coulter, CMU-RI-TR-92-01, 1992; L as in Macenski et al., Autonomous Robots, 2023. model_following.py predicts
 the pose and computes the command.
@@ -17,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.controllers.model_following import ModelFollower, Tracking, point_ahead
+from baqueano.controllers.model_following import MAX_APPROACH_RAD, ModelFollower, Tracking, point_ahead
 from baqueano.parameter import document, parameter
 
-DELAY_RATIO = 2.6  # of L / |v_f| and T: the loop tolerates a further delay of 1.25 T
+DELAY_RATIO = 2.45  # of L / |v_f| and T
 
 
 @document
@@ -46,7 +47,7 @@ class PurePursuit(ModelFollower):
     look_ahead_m: float = parameter("m", "smallest look-ahead distance L", low=0.001, high=10.0, default=0.1)
     look_ahead_s: float = parameter(
         "s",
-        "look-ahead distance L per m/s, if it is more than look_ahead_m; at least 2.6 T",
+        "look-ahead distance L per m/s, if it is more than look_ahead_m; at least 2.45 T",
         low=0.0,
         high=10.0,
         default=0.3,
@@ -59,6 +60,8 @@ class PurePursuit(ModelFollower):
         L = np.maximum(self.look_ahead_m, L)
         e_y, e_chi = tracking.e[1], tracking.e_chi
         offset_m = np.array([-np.sin(e_chi) * e_y, e_y])
-        x, y = point_ahead(offset_m, e_chi, tracking.kappa, tracking.forward_sign * L)
-        curvature = 2.0 * y / np.maximum(x * x + y * y, 0.25 * L * L) - tracking.kappa
+        ahead_m = np.sqrt(np.maximum(L**2 - e_y**2, (e_y / np.tan(MAX_APPROACH_RAD)) ** 2))
+        kappa = np.clip(tracking.kappa, -1.0 / ahead_m, 1.0 / ahead_m)  # the arc bends by at most 1 rad
+        x, y = point_ahead(offset_m, e_chi, kappa, tracking.forward_sign * ahead_m)
+        curvature = 2.0 * y / np.maximum(x * x + y * y, 0.25 * L * L) - kappa  # 0 on a bend without errors
         return memory, (v_f + self.k_x * tracking.e[0], tracking.nu_f[2] + v_f * curvature)

@@ -1,15 +1,15 @@
 """Stanley's law: steer a front axle onto the path, as a driver who watches the front wheels.
 
-    l = max(axle_m, axle_s |v_f|),    y_f = e_y ± l sin e_χ
-    δ = e_χ ± atan(s k y_f / (v_soft + |v_f|)),    |δ| ≤ max_steering_rad
-    v = v_f + k_x e_x,    ω = ω_f + s |v_f| sin(δ) / l                                                    (1)
-    k_χ = (1 + k l / (v_soft + |v_f|)) |v_f| / l,    s = min(1, 1 / (0.9 T k_χ))                          (2)
+    l = max(axle_m, axle_s |v_f|, 1.35 T |v_f|),    δ = e_χ ± atan(k_f (e_y ± l_f sin e_χ))
+    v = v_f + k_x e_x,    ω = ω_f + |v_f| sin(δ) / l,    |δ| ≤ max_steering_rad                           (1)
+    k_f = k_y l / |v_f|,    l_f = (k_χ − |v_f| / l) / k_y        for l_f = l:  k_f = k / (v_soft + |v_f|)  (2)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
-y_f is the cross-track error of an axle l ahead of the origin; − is for backward motion. y_f decays at the rate k. k_χ
-is the yaw rate per course error. s limits it, because a loop that is faster than its delay T weaves. The axle is
-compared with the axle of the reference, so a bend does not cause an error. The vehicle does not need a real axle. The
-law does not correct errors at rest or in a turn on the spot.
+l: from the origin to an axle in front of it, which the vehicle does not need to have; − is for backward motion. The
+cross-track error of this axle decays at the rate k. A loop that is faster than the delay T weaves. So (6) of
+model_following.py limits the gains k_χ and k_y of this law; its error is then measured at l_f ≤ l. The axle is compared
+with the axle of the reference, so a bend does not cause an error. MAX_APPROACH_RAD limits the arctangent. The law does
+not correct errors at rest or in a turn on the spot.
 
 Source: Hoffmann, Tomlin, Montemerlo and Thrun, ACC 2007. model_following.py predicts the pose and computes the
 command.
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.controllers.model_following import ModelFollower, Tracking
+from baqueano.controllers.model_following import MAX_APPROACH_RAD, TINY, ModelFollower, Tracking
 from baqueano.parameter import document, parameter
 
 
@@ -61,10 +61,13 @@ class Stanley(ModelFollower):
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = tracking.e, tracking.nu_f
-        axle_m = np.maximum(self.axle_m, self.axle_s * np.abs(v_f))
-        y_f = e_y + tracking.forward_sign * axle_m * np.sin(tracking.e_chi)
-        steering = self.k / (self.softening_speed_m_s + np.abs(v_f))
-        share = self.gain_share((1.0 + steering * axle_m) * v_f / axle_m, 0.9)  # (2)
-        delta = tracking.e_chi + tracking.forward_sign * np.arctan(share * steering * y_f)
+        speed = np.abs(v_f)
+        axle_m = np.maximum(np.maximum(self.axle_m, self.axle_s * speed), speed / self.max_course_gain)
+        rate = self.k * speed / (self.softening_speed_m_s + speed)
+        k_chi, k_y = self.limited_gains(speed / axle_m + rate, rate / axle_m, speed)
+        correction = k_y * e_y + tracking.forward_sign * (k_chi - speed / axle_m) * np.sin(tracking.e_chi)
+        approach = np.arctan(correction * axle_m / np.maximum(speed, TINY))  # (2)
+        approach = np.clip(approach, -MAX_APPROACH_RAD, MAX_APPROACH_RAD)
+        delta = tracking.e_chi + tracking.forward_sign * approach
         delta = np.clip(delta, -self.max_steering_rad, self.max_steering_rad)
-        return memory, (v_f + self.k_x * e_x, omega_f + share * np.abs(v_f) * np.sin(delta) / axle_m)
+        return memory, (v_f + self.k_x * e_x, omega_f + speed * np.sin(delta) / axle_m)
