@@ -167,11 +167,11 @@ LOCAL kanayama_law(memory *s, const errors *e, double *v, double *w) {
     double speed = fabs(e->v), k = 9 * speed, k_y = 36 * speed;
     limit_gains(&k, &k_y, speed);
     *v = e->v * cos(e->e_chi) + e->e_x;
-    *w = e->w + copysign(1, e->v) * clip(k_y * e->e_y, k * 0.5646424733950354) + k * sin(e->e_chi);
+    *w = e->w + copysign(1, e->v) * clip(k_y * e->e_y, k * 0.6051864057360395) + k * sin(e->e_chi);
 }
 
 LOCAL pure_pursuit_law(memory *s, const errors *e, double *v, double *w) {
-    double L = fmax(0.1, 2.45 * T * fabs(e->v)), far = e->e_y / 0.6841368083416923, x, y;
+    double L = fmax(0.1, 2.45 * T * fabs(e->v)), far = e->e_y / 0.7602043991336763, x, y;
     double ahead = sqrt(fmax(L * L - e->e_y * e->e_y, far * far)), kappa = clip(e->kappa, 1 / ahead);
     point_ahead(-sin(e->e_chi) * e->e_y, e->e_y, e->e_chi, kappa, e->forward * ahead, &x, &y);
     *v = e->v + e->e_x, *w = e->w + e->v * (2 * y / fmax(x * x + y * y, 0.25 * L * L) - kappa);
@@ -182,7 +182,7 @@ LOCAL stanley_law(memory *s, const errors *e, double *v, double *w) {
     double k = speed / l + rate, k_y = rate / l;
     limit_gains(&k, &k_y, speed);
     double y = k_y * e->e_y + e->forward * (k - speed / l) * sin(e->e_chi);
-    double delta = clip(e->e_chi + e->forward * clip(atan(y * l / fmax(speed, 1e-12)), 0.6), 1.2);
+    double delta = clip(e->e_chi + e->forward * clip(atan(y * l / fmax(speed, 1e-12)), 0.65), 1.2);
     *v = e->v + e->e_x, *w = e->w + speed * sin(delta) / l;
 }
 
@@ -199,7 +199,7 @@ LOCAL lqr_law(memory *s, const errors *e, double *v, double *w) {
     P[1] = 1600 + r0, P[2] = off, P[3] = 9.765625 + a * r1 + s1;
     k_c = -k_c, k_y = fabs(k_y);
     limit_gains(&k_c, &k_y, fabs(speed));
-    *v = e->v - k_x * e->e_x, *w = e->w + fabs(e->v) / speed * clip(k_y * e->e_y, 0.6 * k_c) + k_c * e->e_chi;
+    *v = e->v - k_x * e->e_x, *w = e->w + fabs(e->v) / speed * clip(k_y * e->e_y, 0.65 * k_c) + k_c * e->e_chi;
 }
 
 #define DRIVE(name)                                                                                                    \

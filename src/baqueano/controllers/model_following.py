@@ -10,10 +10,9 @@
     k_χ ← f k_χ,   f = min(1, 1/(1.35 T k_χ)),   k_y ← min(k_y, max(f² k_y, k_χ²/(4 ζ² v)))               (6)
 
 η, ν: pose and velocity; r: reference; v, ω: the law at e, e_χ and ν_f; β = atan(ν_y / ν_x); ν_w = (v_w, ω_w). A vehicle
-is D = delay + lag behind its command, T = D + λ behind its reference. (1) is a filtered Smith predictor, d its model
-error. (2) is the error of the centre of turning, b behind the origin. c(s): along a circle of curvature κ. (5) inverts
-friction, actuator matrix, wheels and dead zone, in one Newton step per tick; v_i and ω_i remove steady errors. In (6)
-a delay limits the gains of a law, and its damping falls to ζ = 0.65. Derivation: docs/derivations/pd_feedforward.md.
+is D = delay + lag behind its command, T = D + λ behind its reference; d: model error; b: from the centre of turning to
+the origin; c(s): along a circle of curvature κ. (5) inverts friction, actuator matrix and dead zone in one Newton step
+per tick; v_i and ω_i remove steady errors. (6): T limits the gains, ζ = 0.65. docs/derivations/pd_feedforward.md
 """
 
 from dataclasses import dataclass
@@ -43,7 +42,7 @@ MAX_ALONG_ERROR_M = 0.3  # limit of e_x: a larger error does not increase the re
 MAX_CATCH_UP_M_S = 0.3  # v_c, however large the gains are
 MAX_ARC_M = 0.5  # of (2a): farther away, the path has another curvature
 MIN_RADIUS_RATIO = 0.5  # of (2a): of the vehicle, relative to that of the circle
-MAX_APPROACH_RAD = 0.6  # largest angle between course and path when a law approaches from far
+MAX_APPROACH_RAD = 0.65  # largest angle between course and path when a law approaches from far
 DELAY_RATIO = 1.35  # smallest further delay that a loop of the course tolerates, as a share of T
 MIN_DAMPING = 0.65  # of a loop of position and course whose gains are limited by T
 MIN_COURSE_SPEED_M_S = 0.02  # below this speed the course is the heading
