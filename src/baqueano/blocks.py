@@ -18,6 +18,7 @@ from types import ModuleType
 
 from baqueano.block_checks.source import place as place_of
 from baqueano.contracts.blocks import STEP_INPUTS
+from baqueano.contracts.time_limit import PREPARE_S, within
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import (
     USER_MODULE_PREFIX,
@@ -376,7 +377,7 @@ def _module(path: Path) -> ModuleType:
     sys.modules[name] = module
     sys.path.append(str(path.parent))  # so that the file can import the modules beside it
     try:
-        exec(compile(content, str(path), "exec"), module.__dict__)
+        within(PREPARE_S, exec, compile(content, str(path), "exec"), module.__dict__)
     except SyntaxError as error:
         del sys.modules[name]
         _check_encoding(path.name, content)

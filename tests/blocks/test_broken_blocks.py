@@ -200,6 +200,12 @@ BROKEN = {
         "        1 / max(0, 2 * 10**12 - estimate.t_ns)\n        psi =",
         [("check.raises-on-line", {"situation": "when.later"})],
     ),
+    "reference jumps by 2 m after 6 s": (
+        "guide",
+        "np.array([0.0, 0.0, psi])",
+        "np.array([2.0 * (estimate.t_ns - state > 6_000_000_000), 0.0, psi])",
+        [("check.jump", {"step_m": 2.0})],
+    ),
     "guide returns a pose": ("guide", "return state, Reference(", "return state, (", [("check.returns", {})]),
     "lets a nan through": (
         "supervisor",

@@ -51,3 +51,12 @@ def test_the_end_of_each_lap_is_detected_after_a_lead_in():
     route = eight(0.6, 0.2)
     shifted_poses = route.eta[200:] + np.where(np.arange(1241)[:, None] < 100, [0.0, 0.1, 0.0], 0.0)
     assert _end_passages(np.concatenate([shifted_poses, route.eta[1:]]), True) == [1240, 2680]
+
+
+@pytest.mark.parametrize("ticks", [1, 50])
+@pytest.mark.parametrize("start", [5, 300, 1000])
+def test_a_jump_of_the_reference_is_not_a_lap(start, ticks):
+    """Before, a jump of 2 m made every pose within 4 m of the end a passage, and one lap was reported as two."""
+    eta = circle(0.5, 0.2).eta.copy()
+    eta[start : start + ticks, 0] += 2.0
+    assert _end_passages(eta, True) == [0, len(eta) - 1]

@@ -1,31 +1,39 @@
-"""A block that hangs on a live vehicle is stopped and named with its line, and the vehicle stops."""
+"""A block that hangs is stopped and named with its line, in a check and in a drive, and the vehicle stops."""
 
+import bdb
 import itertools
 import signal
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.block_checks import check
+from baqueano.blocks import read_module
+from baqueano.contracts import time_limit
+from baqueano.contracts.time_limit import within
 from baqueano.controllers import Schedule
 from baqueano.diagnostics import StopReason, stop
-from baqueano.drive import budget, drive, drive_stop_reason
-from baqueano.drive.budget import within
+from baqueano.drive import drive, drive_stop_reason
 from baqueano.drive.observers import Observer
+from baqueano.errors import FileError
 from baqueano.guides import Idle
 from baqueano.loop import Blocks
 from baqueano.runs import read_run
 from baqueano.signals import Command
+from baqueano.symbolic import function
 from baqueano.worlds import SimulatedWorld
 from baqueano.worlds.clock import simulated_ticks
+from tests.codes import refused
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no interval timer")
 
 
 class Hangs:
-    """A controller that never returns from its tenth step, and catches every exception that it can."""
+    """A controller that never returns from its tenth step, and catches every exception."""
 
     def init(self):
         return 0
@@ -35,7 +43,7 @@ class Hangs:
         while state == 10:
             try:
                 time.sleep(0.001)
-            except Exception:
+            except BaseException:
                 continue
         return state + 1, Command(estimate.t_ns, u)
 
@@ -48,18 +56,64 @@ def world_of(file):
     return SimulatedWorld(file.vehicle, file.sensors, file.rate_hz)
 
 
-def test_a_hanging_block_is_stopped_and_its_line_is_named():
+@pytest.mark.parametrize(("live", "limit_ms"), [(True, 100), (False, 300)])
+def test_a_hanging_block_is_stopped_and_its_line_is_named(live, limit_ms, monkeypatch):
+    """Before, a drive in a simulation did not end."""
+    monkeypatch.setattr("baqueano.drive.session.HANG_S", 0.3)
     file = vehicle_file.load("small")
     run = drive(
         blocks_of(file, Hangs()), file, kind="repeat", world=world_of(file),
-        tick_times_ns=simulated_ticks(file.rate_hz, 1.0), live=True,
+        tick_times_ns=simulated_ticks(file.rate_hz, 1.0), live=live,
     )  # fmt: skip
     reason = drive_stop_reason(run)
     assert reason.code == StopReason.BLOCK_RAISED
     assert reason.figures["block"].startswith("controller Hangs (")
     assert "test_budget.py:" in reason.figures["block"]
-    assert "longer than 100 ms" in reason.figures["error"]
+    assert f"longer than {limit_ms} ms" in reason.figures["error"]
     assert np.all(run.applied_commands[-20:] == 0.0)
+
+
+def test_a_block_check_ends_and_names_the_line_that_hangs(monkeypatch):
+    """Before, the check did not end."""
+    monkeypatch.setattr("baqueano.block_checks.trial.HANG_S", 0.3)
+    (finding,) = [x for x in check("controller", Hangs()) if x.code == "check.raises-on-line"]
+    lines = Path(__file__).read_text(encoding="utf-8").splitlines()
+    loop = lines.index("        while state == 10:") + 1
+    assert "longer than 300 ms" in finding.figures["error"]
+    assert loop <= finding.figures["line"] < loop + 5
+
+
+def test_a_block_file_that_does_not_end_is_refused_with_its_line(tmp_path, monkeypatch):
+    monkeypatch.setattr("baqueano.blocks.PREPARE_S", 0.3)
+    (tmp_path / "mine.py").write_text("x = 1\nwhile x:\n    x += 1\n")
+    with refused("block.raised-while-read", FileError) as error_info:
+        read_module("mine.py", tmp_path)
+    assert error_info.value.diagnostic.figures["place"] in ("mine.py line 2", "mine.py line 3")
+
+
+def test_a_function_that_hangs_while_it_is_traced_raises(monkeypatch):
+    monkeypatch.setattr("baqueano.symbolic.graph.trace.PREPARE_S", 0.3)
+
+    def hang(x):
+        while True:
+            x = 2.0 * x
+
+    with pytest.raises(TimeoutError, match="300 ms"):
+        function(hang, 1.0)(1.0)
+
+
+def test_a_call_inside_does_not_end_the_limit_of_the_outer_call():
+    def hang():
+        assert within(0.2, lambda: 7) == 7
+        while True:
+            pass
+
+    with pytest.raises(TimeoutError, match="300 ms"):
+        within(0.3, hang)
+
+
+def test_a_debugger_can_wait_inside_a_limited_call():
+    assert within(0.1, lambda: bdb.Bdb().runcall(lambda: time.sleep(0.3))) is None
 
 
 def test_an_external_stop_reason_is_latched_and_logged():
@@ -97,7 +151,7 @@ class AlarmAtInstruction:
         self.left = tick
 
     def __call__(self, frame, event, arg):
-        if frame.f_code.co_filename not in (budget.__file__, __file__):
+        if frame.f_code.co_filename not in (time_limit.__file__, __file__):
             return None
         frame.f_trace_opcodes = True
         if event == "opcode" and signal.getitimer(signal.ITIMER_REAL)[0] > 0.0:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.drive import experiment
+from baqueano.drive.budget import BudgetedBlock
 from baqueano.drive.session import initial_pose_for
 from baqueano.runs import Run, TruthLog
 from baqueano.runs.initial_pose import initial_pose
@@ -92,6 +93,9 @@ def test_an_estimator_receives_the_start_arguments_that_it_accepts():
     start = np.arange(6.0)
     assert initial_pose_for(FromPose(), start)[0].tolist() == [0.0, 1.0, 2.0]
     assert initial_pose_for(Moving(), start)[0].tolist() == start.tolist()
+    limited_block = BudgetedBlock(FromPose())  # its init takes any arguments
+    assert initial_pose_for(limited_block, start)[0].tolist() == [0.0, 1.0, 2.0]
+    assert initial_pose_for(BudgetedBlock(Moving()), start)[0].tolist() == start.tolist()
 
 
 @pytest.mark.parametrize("shake", [None, []])

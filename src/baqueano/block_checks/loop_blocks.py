@@ -8,7 +8,7 @@ import numpy as np
 from baqueano.block_checks.trial import AT_START, CheckAborted, Trial
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import Diagnostic, note
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.geometry import map_from_body, wrap
 from baqueano.sensors import Imu
 from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, sensor_slots, silent
@@ -17,7 +17,9 @@ DT_S = 0.02
 TICK_NS = 20_000_000
 YAW_RATE_RAD_S = 2.5  # rad/s: crosses π after 1.26 s
 EPOCH_NS = 1_700_000_000_000_000_000  # the clock of a computer, which counts from 1970
-ON_CIRCLE, REPEATED_TICK = note("when.circle"), note("when.repeated")
+ON_CIRCLE, REPEATED_TICK, FOLLOWED = note("when.circle"), note("when.repeated"), note("when.followed")
+FOLLOWED_NS = 2500 * TICK_NS  # 50 s: a lap of the route of the check, and more
+JUMP_TICKS = 10  # ticks of motion in one tick are a jump: 0.2 s
 OUTPUT_TOLERANCE = 1e-3  # of the magnitude of an output; times converted to floats cause an error of 1e-5
 
 
@@ -183,6 +185,7 @@ def _moved_pose(eta: np.ndarray, offset: np.ndarray, turn: float) -> np.ndarray:
 
 def check_guide(block: object) -> list[Diagnostic]:
     """Return the faults of a guide. In the check, it returns references for 3 s, at a repeated tick, and an hour later.
+    Then a vehicle follows it without error, and its reference must move without jumps.
 
     Parameters
     ----------
@@ -213,8 +216,26 @@ def check_guide(block: object) -> list[Diagnostic]:
             eta = np.array([0.003 * k, 0.0, wrap(0.05 * k)])
             state, reference = trial.step(context, state, Estimate(t_ns, eta, np.zeros(3), 1e-4 * np.eye(6)))
             _check_reference(trial, reference, t_ns, context)
+        _check_jumps(trial)
         _check_clock_start(trial, "guide", default_sensors(), 3)
     return trial.reported_faults()
+
+
+def _check_jumps(trial: Trial) -> None:
+    """Check that the reference moves with its velocity: a step is not longer than the motion of JUMP_TICKS ticks."""
+    state, travel_m = trial.checked_call("init", AT_START), 0.0
+    estimate = Estimate(0, np.zeros(3), np.zeros(3), 1e-4 * np.eye(6))
+    for t_ns in range(TICK_NS, FOLLOWED_NS, TICK_NS):
+        state, reference = trial.step(FOLLOWED, state, estimate._replace(t_ns=t_ns))
+        _check_reference(trial, reference, t_ns, FOLLOWED)
+        eta, nu = np.asarray(reference.eta, dtype=float), np.asarray(reference.nu, dtype=float)
+        step_m, travel_m = np.hypot(*(eta - estimate.eta)[:2]), max(travel_m, DT_S * np.hypot(*nu[:2]))
+        if t_ns > TICK_NS and step_m > JUMP_TICKS * travel_m:
+            figures = {"step_m": float(step_m), "travel_m": float(travel_m), "t_s": t_ns * 1e-9}
+            trial.add_fault("check.jump", "step", Severity.WARNING, **figures)
+        if reference.at_end:
+            return
+        estimate = estimate._replace(eta=eta, nu=nu)
 
 
 def _check_reference(trial: Trial, reference: Reference, t_ns: int, context: Diagnostic) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from baqueano.block_checks.source import outside_accesses, place
 from baqueano.contracts.blocks import STEP_INPUTS
+from baqueano.contracts.time_limit import HANG_S, within
 from baqueano.contracts.values import array_text
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import error_text, from_outside
@@ -178,7 +179,7 @@ class Trial:
         try:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")
-                return getattr(self.block, method_name)(*arguments)
+                return within(HANG_S, getattr(self.block, method_name), *arguments)
         except BaseException as error:
             if from_outside(error):
                 raise

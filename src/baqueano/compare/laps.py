@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
 
 MAX_END_DISTANCE_M, MAX_END_ANGLE_RAD = 0.02, 0.3
+WINDOW = 5  # steps of the reference, whose median has no jumps
 MIN_LAP_M = 0.3  # smallest length of a lap
 
 
@@ -87,9 +88,14 @@ def laps_of(run: "Run") -> tuple[DriveLap, ...]:
 def _end_passages(eta: np.ndarray, is_complete: bool) -> list[int]:
     """Return the indices at which the reference poses (N, 3) pass the end of the route.  (1)"""
     end = eta[-1] if is_complete else eta[0]
+    moves = np.flatnonzero(np.append(True, np.any(np.diff(eta[:, :2], axis=0), axis=1)))
+    if len(moves) < 2:
+        return []
+    eta = eta[moves]
     distances = np.hypot(eta[:, 0] - end[0], eta[:, 1] - end[1])
-    step = np.hypot(*np.diff(eta[:, :2], axis=0).T)
-    is_near = (distances < max(MAX_END_DISTANCE_M, 2.0 * float(np.max(step)))) & (
+    padded_step = np.pad(np.hypot(*np.diff(eta[:, :2], axis=0).T), WINDOW // 2, mode="edge")
+    step = np.median(np.lib.stride_tricks.sliding_window_view(padded_step, WINDOW), axis=1)  # without jumps
+    is_near = (distances < np.maximum(MAX_END_DISTANCE_M, 2.0 * np.append(step, step[-1]))) & (
         np.abs(wrap(eta[:, 2] - end[2])) < MAX_END_ANGLE_RAD
     )
     s = np.append(0.0, np.cumsum(step))
@@ -99,4 +105,4 @@ def _end_passages(eta: np.ndarray, is_complete: bool) -> list[int]:
         k = int(a + np.argmin(distances[a:b]))
         if not passages or s[k] - s[passages[-1]] > MIN_LAP_M:
             passages.append(k)
-    return passages
+    return moves[passages].tolist()

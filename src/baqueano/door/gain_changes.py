@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts import optional
+from baqueano.contracts.time_limit import within
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.door.frames.descriptions import adjustable_names
-from baqueano.drive.budget import BudgetedBlock, within
+from baqueano.drive.budget import BudgetedBlock
 from baqueano.drive.observers import EventLine, Observer
 from baqueano.errors import DiagnosticError, Invalid, error_text
 

@@ -13,9 +13,10 @@ from baqueano.block_checks.source_text import is_ours, source_text
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Estimator, World
 from baqueano.contracts.calls import checked_call
+from baqueano.contracts.time_limit import HANG_S, within
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, StopReason, fault, note, stop
-from baqueano.drive.budget import PREPARE_S, BudgetedBlock, may_hang, within
+from baqueano.drive.budget import BUDGET_S, BudgetedBlock, may_hang
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import interruptible_ticks
 from baqueano.drive.observers import Observer, Watchdog
@@ -247,11 +248,11 @@ def _prepare(
 ) -> tuple[Blocks, SensorMonitor | None, list[Diagnostic]]:
     """Return the compiled blocks, the monitor of the sensors or None, and the messages about both."""
     inputs = blocks, example_tick(vehicle_file), settings.backend
-    own_notes = within(PREPARE_S, notes_about_sensors, vehicle_file, blocks.estimator)
-    sensors, sensor_notes = within(PREPARE_S, sensor_monitor, vehicle_file, blocks.estimator)
-    blocks, notes = within(PREPARE_S, compile_blocks, *inputs) if live else compile_blocks(*inputs)
-    if live:
-        blocks = Blocks._make(BudgetedBlock(b) if may_hang(b) else b for b in blocks)
+    own_notes = notes_about_sensors(vehicle_file, blocks.estimator)
+    sensors, sensor_notes = sensor_monitor(vehicle_file, blocks.estimator)
+    blocks, notes = compile_blocks(*inputs)
+    budget_s = BUDGET_S if live else HANG_S
+    blocks = Blocks._make(BudgetedBlock(b, budget_s) if may_hang(b) else b for b in blocks)
     if sensors is not None:
         sensors.begin(*(settings.start[k : k + 3] for k in range(0, len(settings.start), 3)))
     return blocks, sensors, [*settings.notes, *notes, *sensor_notes, *own_notes]
@@ -279,8 +280,8 @@ def compile_blocks(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, li
     if backend == "numpy":
         return blocks, []
     try:
-        states = loop.init(blocks)
-        _, estimate = blocks.estimator.step(states.estimator, tick)
+        states = within(HANG_S, loop.init, blocks)
+        _, estimate = within(HANG_S, blocks.estimator.step, states.estimator, tick)
     except BaseException as error:  # the loop raises it again, stops, and names the block
         if from_outside(error):
             raise
@@ -308,7 +309,7 @@ def sensor_monitor(
     tick = example_tick(vehicle_file)
     try:
         model = vehicle_file.estimator("augmented_ekf", use=(), speed_from=())
-        _, estimate = estimator.step(estimator.init(), tick)
+        _, estimate = within(HANG_S, lambda: estimator.step(estimator.init(), tick))
         return SensorMonitor(model, estimator, tick, estimate), []
     except BaseException as error:  # of the user's vehicle or estimator; the loop raises it again
         if from_outside(error):
@@ -331,6 +332,7 @@ def compiled_or_unchanged(
             block, reasons = replace(block, **{name: part}), [reason, *reasons]
         return block, next(filter(None, reasons), None)
     try:
+        within(HANG_S, block.step, state, *inputs)
         quick = compile_block(block, backend)
         quick.step(state, *inputs)
     except TraceError as error:
@@ -349,9 +351,11 @@ def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarra
 
     The part is None if init() does not accept a start; the diagnostic reports this if the start is not zero.
     """
+    while isinstance(estimator, BudgetedBlock | CompiledBlock):
+        estimator = estimator.block
     if argument_count := len(inspect.signature(estimator.init).parameters):
         return start if argument_count > 1 else start[:3], None
-    block_name = type(estimator.block if isinstance(estimator, CompiledBlock) else estimator).__name__
+    block_name = type(estimator).__name__
     position = str(np.round(start, 3).tolist())
     return None, note("drive.own-origin", block=block_name, start=position) if np.any(start != 0.0) else None
 

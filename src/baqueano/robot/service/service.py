@@ -18,6 +18,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from baqueano.contracts.time_limit import PREPARE_S, within
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.door.frames.descriptions import drive_description
@@ -26,7 +27,6 @@ from baqueano.door.gain_changes import ChangeObserver
 from baqueano.door.operator import Operator
 from baqueano.door.outcome import mission_outcome
 from baqueano.door.states import DoorState, StateMachine
-from baqueano.drive.budget import PREPARE_S, within
 from baqueano.drive.mission import Mission, perform, unpack
 from baqueano.drive.observers import EventLine, Observer
 from baqueano.drive.recording import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE

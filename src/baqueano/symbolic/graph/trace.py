@@ -15,6 +15,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from baqueano.contracts.time_limit import PREPARE_S, within
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import USER_MODULE_PREFIX, Invalid
@@ -63,7 +64,9 @@ def trace_function(f: Callable[..., Tree], shapes: Iterable[Shape]) -> Trace:
     g = _on_copy(f) if isinstance(f, MethodType) and not _is_ours(type(f.__self__)) else f
     with tracing(), locate_errors(), _restored_globals(g):
         symbols = [(shape, _symbols(graph, shape, kinds)) for shape in shapes]
-        results = [g(*(_argument(*pair) for pair in symbols)) for _ in range(1 if g is f else 2)]
+        results = [
+            within(PREPARE_S, g, *(_argument(*pair) for pair in symbols)) for _ in range(1 if g is f else 2)
+        ]
     shape, outputs = _flat_nodes(graph, results[0], "output", kinds)
     for result in results[1:]:
         other_shape, other_nodes = _flat_nodes(graph, result, "output", kinds)
@@ -118,7 +121,8 @@ def _traced_step(
             initial = _matching_nodes(graph, carry(*theta_of), carry_shape, "carry(theta)")
         symbols = _symbols(graph, carry_shape, kinds, symmetric)
         entering = _symbols(graph, inputs, kinds)
-        result = step(*theta_of, _argument(carry_shape, symbols), _argument(inputs, entering))
+        arguments = _argument(carry_shape, symbols), _argument(inputs, entering)
+        result = within(PREPARE_S, step, *theta_of, *arguments)
         if type(result) is not tuple or len(result) != 2:
             raise TraceError(fault("trace.pair", function=_name(step), kind=type(result).__name__))
     next_carry = _matching_nodes(graph, result[0], carry_shape, "the step")

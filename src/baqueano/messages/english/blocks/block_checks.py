@@ -13,6 +13,7 @@ TEMPLATES: dict[str, str] = {
     "when.repeated": "at a repeated tick",
     "when.gap": "after a gap of 0.3 s",
     "when.within": "within 3 s",
+    "when.followed": "with a vehicle that follows it without error",
     "when.later": "an hour later",
     "when.around-nan": "around a NaN in {signal}",
     "when.large-command": "at a command of 1e9",
@@ -92,6 +93,11 @@ TEMPLATES: dict[str, str] = {
         "geometry.pose_error, the error in the frame of the vehicle."
     ),
     "check.at-end": "{place}: {subject} gives at_end = {value}: expected 1.0 at the end of the route, else 0.0.",
+    "check.jump": (
+        "{place}: {subject} moves its reference by {step_m:.2g} m within one tick, {t_s:.2f} s after the start. "
+        "At its largest velocity it moves by {travel_m:.2g} m per tick. Move the pose with the velocity: eta and nu of "
+        "one motion."
+    ),
     "check.nan-output": "{place}: {subject} outputs {u} after a NaN in {signal}: expected zeros.",
     "check.stop-not-latched": (
         "{place}: {subject} lets the vehicle drive again by itself after a NaN in {signal}: a stop is final."

@@ -1,0 +1,85 @@
+"""Limit the time of a call. A call that hangs raises an error that names its line.
+
+An alarm of the operating system interrupts Python code between two instructions. A call that is stuck inside C (a
+call of a library, a huge matrix) is therefore named only when it returns. The time is not limited outside the main
+thread, nor on a system without alarms, such as Windows. Another thread cannot raise the exception instead: Python 3.11
+hangs in the next function that a debugger traces, if such an exception was withdrawn.
+"""
+
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from types import FrameType
+from typing import Any, TypeVar
+
+from baqueano.errors import ExternalError
+from baqueano.messages.language import translate as _
+
+HANG_S = 10.0  # of a call of a block for which no vehicle waits; a first step can compile or load a library
+PREPARE_S = 60.0  # to import, trace or compile blocks
+ALARM_PERIOD_S = 0.02  # between further alarms, for a block that swallows the first one
+DEBUGGERS = ("bdb", "pydevd")
+Value = TypeVar("Value")
+
+
+class BudgetExceeded(ExternalError):
+    """The exception that the alarm raises. An `except Exception` in a block does not catch it."""
+
+
+def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value:
+    """Return the result of `call`. Raise TimeoutError, at the line that runs, if the call takes longer than `seconds`.
+
+    The time of a limited call inside does not count. The time starts again while a debugger waits for its user.
+    """
+    if not (hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()):
+        return call(*inputs)
+    running, outer_timer = True, (0.0, 0.0)
+    tracers: list[Any] = []  # one for each alarm
+
+    def ring(number: int, frame: FrameType | None) -> None:
+        if running and _is_debugged(frame):
+            signal.setitimer(signal.ITIMER_REAL, seconds, ALARM_PERIOD_S)
+        elif running:
+            tracers.append(sys.gettrace())
+            if len(tracers) > 1:  # the block swallows them: raise also inside its `except`
+                _trace_lines(frame)
+            raise BudgetExceeded
+
+    outer_handler = signal.signal(signal.SIGALRM, ring)
+    try:
+        try:
+            outer_timer = signal.setitimer(signal.ITIMER_REAL, seconds, ALARM_PERIOD_S)
+            return call(*inputs)
+        finally:
+            running = False  # a later alarm has no effect; an earlier one is handled below
+            if len(tracers) > 1:
+                sys.settrace(tracers[0])
+    except BudgetExceeded as alarm:
+        text = _("it took longer than {ms:.0f} ms", ms=1e3 * seconds)
+        raise TimeoutError(text).with_traceback(alarm.__traceback__) from None
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, outer_handler)
+        if outer_timer[0] > 0.0:
+            signal.setitimer(signal.ITIMER_REAL, *outer_timer)
+
+
+def _trace_lines(frame: FrameType | None) -> None:
+    """Raise BudgetExceeded at the next line of the limited call."""
+    sys.settrace(_raise_at_line)
+    while frame is not None and frame.f_code is not within.__code__:
+        frame.f_trace = _raise_at_line
+        frame = frame.f_back
+
+
+def _raise_at_line(frame: FrameType, event: str, value: object) -> Any:
+    if event == "line":
+        raise BudgetExceeded
+    return _raise_at_line
+
+
+def _is_debugged(frame: FrameType | None) -> bool:
+    while frame is not None and frame.f_globals.get("__name__") not in DEBUGGERS:
+        frame = frame.f_back
+    return frame is not None
