@@ -340,6 +340,17 @@ def test_a_camera_clock_offset_beyond_the_first_range_is_found(lab):
     assert float(clock.line.figures["shift_s"]) == pytest.approx(0.4, abs=0.011)
 
 
+def test_wheels_that_slip_are_not_taken_for_a_clock_offset(lab):
+    """Slipping wheels lead the body. Before, a shift of the truth was advised that the gyro contradicts."""
+    v = 1.0 + 0.6 * np.sin(0.5 * lab.board["t"])
+    lab.board["speed"] = lab.board["speed"] + 0.15 * np.gradient(v, 0.02)
+    assert "clock" not in lab.codes()
+    lab.map = lab.map[: lab.map.index("[sensors.imu]")] + lab.map[lab.map.index("[sensors.odometer]") :]
+    (clock,) = (d for d in lab.run().findings if d.code == "clock")
+    assert clock.line.code == "recording.write-shift-without-slip"
+    assert clock.reason.figures["key"] == SPEED
+
+
 def test_positive_steering_that_turns_right_is_reported(lab):
     lab.board["steer"] = -lab.board["steer"]
     (sign,) = (d for d in lab.run().findings if d.reason.code == "recording.turns-right")

@@ -12,7 +12,7 @@ then also contradicts the gyro, the gyro is inverted. Otherwise swapped wheels a
 """
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -59,10 +59,16 @@ def motion_findings(run: Run, m: "ColumnMap") -> list[ImportFinding]:
         findings += _wheel_findings(motion, imu)
     is_opposed = run.truth is None and any(d.code == "inverted" for d in findings)
     speed = entries[motion.speed_name][0] if motion.speed_name else None
-    findings += (
-        _truth_findings(motion, imu[2], motion.imu[:, 2], motion.true_rate, "angular rate") if imu else []
-    )
-    findings += _truth_findings(motion, speed, motion.speed, motion.true_speed, "speed") if speed else []
+    gyro_clock = _clock_of(motion.imu[:, 2], motion.true_rate) if imu else None
+    speed_clock = _clock_of(motion.speed, motion.true_speed) if speed else None
+    if imu and gyro_clock is not None:
+        findings += _clock_findings(motion, imu[2], gyro_clock, "recording.write-shift")
+    elif speed and speed_clock is not None:
+        findings += _clock_findings(motion, speed, speed_clock, "recording.write-shift-without-slip")
+    if imu:
+        findings += _truth_findings(imu[2], motion.imu[:, 2], motion.true_rate, gyro_clock, "angular rate")
+    if speed:
+        findings += _truth_findings(speed, motion.speed, motion.true_speed, speed_clock, "speed")
     findings += _accelerometer_findings(motion, imu, speed, is_opposed) if imu else []
     compasses = [(name, s[0]) for name, s in entries.items() if m.sensors[name].kind == "compass"]
     findings += [
@@ -99,14 +105,65 @@ def _lines_by_ratio(measures: str, entry: "Entry", *codes: str) -> dict[float, D
     }
 
 
-def _truth_findings(
-    motion: LoggedMotion, entry: "Entry", z: np.ndarray, true_of: Truth, measures: str
+class Clock(NamedTuple):
+    """The shift of the truth in time that agrees best with a sensor, and both correlations."""
+
+    shift_s: float
+    correlation: float  # without the shift
+    shifted_correlation: float
+
+
+def _clock_of(z: np.ndarray, true_of: Truth) -> Clock | None:
+    """Return the best shift of the truth, or None if the sensor does not show it."""
+    if not _is_comparable(z, true_of):
+        return None
+    search_s = SEARCH_S
+    while search_s <= MAX_SEARCH_S:
+        lags = 0.01 * np.arange(-round(100 * search_s), round(100 * search_s) + 1)
+        regressions = [channel_regression(z, true_of(float(lag))) for lag in lags]
+        r = np.array([regression.correlation for regression in regressions])
+        k = int(np.argmax(np.abs(r) - 1e-4 * np.abs(lags)))
+        if 0 < k < len(lags) - 1:
+            clock = Clock(float(lags[k]), float(r[len(lags) // 2]), float(r[k]))
+            return clock if regressions[k].is_clear() else None
+        search_s *= 2.0
+    return None  # the end of the range is not a maximum
+
+
+def _is_comparable(z: np.ndarray, true_of: Truth) -> bool:
+    return bool(np.std(true_of(0.0)) > MIN_SPEED_STD and np.isfinite(z).all())
+
+
+def _clock_findings(
+    motion: LoggedMotion, entry: "Entry", clock: Clock, line_code: str
 ) -> list[ImportFinding]:
-    """Return the findings about a sensor compared with the truth of the same quantity: clock, sign, unit,
-    scale.  (1)"""
-    if not np.std(true_of(0.0)) > MIN_SPEED_STD or not np.isfinite(z).all():
+    """Return a finding if the shift is at least MIN_OFFSET_S and halves the variance of the residual.
+
+    All sensors have one clock, and the gyro shows it best: the speed of wheels leads by the lag of their slip.
+    """
+    is_better = 1.0 - clock.shifted_correlation**2 < 0.5 * (1.0 - clock.correlation**2)
+    if motion.m.truth is None or abs(clock.shift_s) < MIN_OFFSET_S or not is_better:
         return []
-    truth, findings = _shifted_truth(motion, entry, z, true_of)
+    code = "recording.clock-later" if clock.shift_s > 0.0 else "recording.clock-earlier"
+    correlations: JsonObject = {
+        "correlation": clock.correlation,
+        "shifted_correlation": clock.shifted_correlation,
+    }
+    reason = note(code, key=entry.key, shift_ms=1e3 * abs(clock.shift_s), **correlations)
+    line = note(line_code, shift_s=f"{motion.m.truth.mount.shift_s + clock.shift_s:.3g}")
+    return [ImportFinding("clock", "info", None, reason, line)]
+
+
+def _truth_findings(
+    entry: "Entry", z: np.ndarray, true_of: Truth, clock: Clock | None, measures: str
+) -> list[ImportFinding]:
+    """Return the findings about a sensor compared with the truth of the same quantity: sign, unit, scale.  (1)
+
+    The truth is shifted in time, because a clock offset makes the estimated slope too small.
+    """
+    if not _is_comparable(z, true_of):
+        return []
+    truth = true_of(0.0 if clock is None else clock.shift_s)
     units = _lines_by_ratio(measures, entry)
     double_units = {
         1.0 / r: note("recording.unit-ratio", unit_name=entry.unit, ratio=r) for r in units if r > 1.0
@@ -116,48 +173,13 @@ def _truth_findings(
     )
     r, reason = hypothesis.regression, _finding_reason(hypothesis, entry, "recording.against-truth")
     if hypothesis.code:
-        findings.append(
-            _finding(hypothesis, entry, "recording.against-truth", note("recording.check-unit-and-scale"))
-        )
-    elif hypothesis.is_clear:
-        findings += [ImportFinding("scale", "info", None, reason)] if abs(r.slope - 1.0) > 0.02 else []
-    elif np.all(z >= 0.0) and channel_regression(z, np.abs(truth)).is_clear():
-        findings.append(ImportFinding("no sign", "info", None, note("recording.no-sign", key=entry.key)))
-    elif r.gain < MIN_GAIN:
-        findings.append(ImportFinding("unrelated", "warning", None, reason))
-    return findings
-
-
-def _shifted_truth(
-    motion: LoggedMotion, entry: "Entry", z: np.ndarray, true_of: Truth
-) -> tuple[np.ndarray, list[ImportFinding]]:
-    """Return the truth (W,), shifted in time to agree best with the sensor, because a clock offset makes the estimated
-    slope too small. Also return a finding if the shift is at least MIN_OFFSET_S and halves the variance of the
-    residual.
-    """
-    search_s = SEARCH_S
-    while True:
-        lags = 0.01 * np.arange(-round(100 * search_s), round(100 * search_s) + 1)
-        regressions = [channel_regression(z, true_of(float(lag))) for lag in lags]
-        r = np.array([regression.correlation for regression in regressions])
-        k = int(np.argmax(np.abs(r) - 1e-4 * np.abs(lags)))
-        if 0 < k < len(lags) - 1:
-            break
-        if search_s >= MAX_SEARCH_S:
-            return true_of(0.0), []  # the end of the range is not a maximum
-        search_s *= 2.0
-    zero_lag, truth = len(lags) // 2, motion.m.truth
-    if not regressions[k].is_clear():
-        return true_of(0.0), []
-    late_s, true_values = float(lags[k]), true_of(float(lags[k]))
-    if truth is None or abs(late_s) < MIN_OFFSET_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[zero_lag] ** 2):
-        return true_values, []
-    code = "recording.clock-later" if late_s > 0.0 else "recording.clock-earlier"
-    reason = note(
-        code, key=entry.key, shift_ms=1e3 * abs(late_s), correlation=r[zero_lag], shifted_correlation=r[k]
-    )
-    line = note("recording.write-shift", shift_s=f"{truth.mount.shift_s + late_s:.3g}")
-    return true_values, [ImportFinding("clock", "info", None, reason, line)]
+        check = note("recording.check-unit-and-scale")
+        return [_finding(hypothesis, entry, "recording.against-truth", check)]
+    if hypothesis.is_clear:
+        return [ImportFinding("scale", "info", None, reason)] if abs(r.slope - 1.0) > 0.02 else []
+    if np.all(z >= 0.0) and channel_regression(z, np.abs(truth)).is_clear():
+        return [ImportFinding("no sign", "info", None, note("recording.no-sign", key=entry.key))]
+    return [ImportFinding("unrelated", "warning", None, reason)] if r.gain < MIN_GAIN else []
 
 
 def _wheel_findings(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:

@@ -20,6 +20,7 @@ TEMPLATES = {
     "recording.write-scale": "write scale = {scale} for this channel",
     "recording.write-unit": 'write unit = "{column_unit}" for {key}',
     "recording.write-shift": "write shift_s = {shift_s} in [truth]",
+    "recording.write-shift-without-slip": "if the wheels do not slip, write shift_s = {shift_s} in [truth]",
     "recording.write-pulses": "write {line}, for pulses of 1000 to 2000 µs with 1500 in the middle",
     "recording.write-largest": (
         "write {line}, where {maximum} is the largest value: a set-point in a physical unit does not have a "
