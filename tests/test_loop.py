@@ -178,6 +178,8 @@ class Failing:
             "shape": Command(estimate.t_ns, np.zeros(2)),
             "nan": Command(estimate.t_ns, np.array([np.nan, 0.0, 0.0])),
             "text": Command(estimate.t_ns, np.array(["a", "b", "c"])),
+            "complex": Command(estimate.t_ns, 1j * np.ones(3)),
+            "stamp": Command("now", np.zeros(3)),
             "kind": command.u,
         }
         if self.failure in ("nothing", "three"):
@@ -200,6 +202,8 @@ FAILING_LINE = next(
         ("shape", {"value": "Command.u.shape = (2,)", "expected": "(3,)"}),
         ("nan", {"value": "Command.u = [nan, 0., 0.]", "expected": note("block.finite")}),
         ("text", {"value": "Command.u = ['a', 'b', 'c']", "expected": note("block.finite")}),
+        ("complex", {"value": "Command.u = [0.+1.j, 0.+1.j, 0.+1.j]", "expected": note("block.finite")}),
+        ("stamp", {"value": "Command.t_ns = 'now'", "expected": note("block.finite")}),
         ("kind", {"value": "(state, ndarray)", "expected": "(state, Command(t_ns, u))"}),
         ("one", {"value": "Command", "expected": "(state, output)"}),
         ("nothing", {"value": "None", "expected": "(state, output)"}),

@@ -153,3 +153,51 @@ def test_a_fault_names_the_block_inside_a_wrapper(role, block, inputs, name, par
     with pytest.raises(BlockFault) as error_info:
         guard.step(state, *inputs)
     assert error_info.value.reason.figures["block"].startswith(name)
+
+
+class Returns:
+    """A block that returns one output."""
+
+    def __init__(self, output):
+        self.output = output
+
+    def init(self):
+        return None
+
+    def step(self, state, *inputs):
+        return state, self.output
+
+
+def test_an_estimate_of_lists_becomes_one_of_arrays():
+    lists = HERE._replace(eta=[1, 2, 3], cov=np.eye(6).tolist())
+    _, output = guard_block("estimator", Returns(lists)).step(None, tick())
+    assert output.eta.dtype == float
+    assert output.eta.tolist() == [1.0, 2.0, 3.0]
+    assert np.array_equal(output.cov, np.eye(6))
+    assert output.nu is HERE.nu
+
+
+@pytest.mark.parametrize(
+    ("at_end", "value"),
+    [
+        ("yes", " = 'yes'"),
+        (None, " = None"),
+        (np.ones(2), ".shape = (2,)"),
+        (np.inf, " = inf"),
+        (1j, " = 0.+1.j"),
+    ],
+)
+def test_a_guide_whose_end_is_not_a_number_is_named(at_end, value):
+    """Before, the drive ended with an unexpected error."""
+    with pytest.raises(BlockFault) as error_info:
+        guard_block("guide", Returns(STILL._replace(at_end=at_end))).step(None, HERE)
+    assert error_info.value.reason.code == StopReason.BLOCK_RETURNED
+    assert error_info.value.reason.figures["value"] == f"Reference.at_end{value}"
+
+
+@pytest.mark.parametrize(
+    "at_end", [1, True, 1.0, np.float64(1.0), np.bool_(True), np.array(1.0), np.int32(0)]
+)
+def test_every_kind_of_number_is_an_end(at_end):
+    _, output = guard_block("guide", Returns(STILL._replace(at_end=at_end))).step(None, HERE)
+    assert output.at_end is at_end

@@ -11,6 +11,7 @@ import inspect
 import traceback
 from collections.abc import Container
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
 from baqueano.vehicles.bounds import check_bounds
 
+PLAIN_NUMBERS = (int, float, bool, np.float64, np.int64, np.bool_)
 MAX_SQUARABLE_M_S = 1e150  # the square of a larger estimated speed overflows
 REASONS = (
     None,
@@ -148,7 +150,7 @@ class GuardedBlock:
     role: str  # "controller"
     block: Block
     output_class: type  # of its output
-    zeros: dict[str, np.ndarray]  # its fields that must be finite, in their shapes
+    zeros: dict[str, np.ndarray]  # its fields that must be finite, in their shapes; () of a number
 
     def init(self, *start: np.ndarray) -> Tree:
         """Return the start state of the block. Raise BlockFault if `init` of the block raises."""
@@ -171,10 +173,12 @@ class GuardedBlock:
             raise reason from error
         if type(result) is not tuple or len(result) != 2:  # a NamedTuple is an output, not a pair
             raise self._return_fault(_text_of(result), "(state, output)")
-        if problem := _output_problem(result[1], self.output_class, self.zeros):
+        try:
+            output = _checked_output(result[1], self.output_class, self.zeros)
+        except _WrongOutput as problem:
             self._ask_parts(state, inputs)
-            raise self._return_fault(*problem)
-        return result
+            raise self._return_fault(*problem.args) from None
+        return result if output is result[1] else (result[0], output)
 
     def __getattr__(self, name: str) -> Tree:
         return getattr(object.__getattribute__(self, "block"), name)
@@ -201,11 +205,11 @@ class GuardedBlock:
 
 def guard_block(role: str, block: Block, command_count: int = 0) -> GuardedBlock:
     """Return a guard around `block` of `role` and around its parts, for a vehicle with `command_count` channels."""
-    pose = {"eta": np.zeros(3), "nu": np.zeros(3)}
-    command = {"u": np.zeros(command_count)}
+    pose = {"t_ns": np.zeros(()), "eta": np.zeros(3), "nu": np.zeros(3)}
+    command = {"t_ns": np.zeros(()), "u": np.zeros(command_count)}
     contract: dict[str, tuple[type, dict[str, np.ndarray]]] = {
         "estimator": (Estimate, pose | {"cov": np.zeros((6, 6))}),
-        "guide": (Reference, pose),
+        "guide": (Reference, pose | {"at_end": np.zeros(())}),
         "controller": (Command, command),
         "supervisor": (Command, command),
     }
@@ -251,30 +255,38 @@ class FallbackBlock:
         return None, Command(t_ns, np.zeros(self.command_count))
 
 
-def _output_problem(
-    output: Tree, output_class: type, zeros: dict[str, np.ndarray]
-) -> tuple[str, Diagnostic | str] | None:
-    """Return a description of the fault of `output` and the expected value; None without a fault."""
+class _WrongOutput(Exception):
+    """The exception of an output that violates its contract: a text about the output, and what was expected."""
+
+
+def _checked_output(output: Tree, output_class: type, zeros: dict[str, np.ndarray]) -> Tree:
+    """Return the output, with arrays in place of lists. Raise _WrongOutput if it is not of this class, these shapes and
+    finite."""
     if not isinstance(output, output_class):
         fields = ", ".join(
             f for f in output_class.__annotations__ if not f.startswith(("innovation", "weight"))
         )
-        return f"(state, {_text_of(output)})", f"(state, {output_class.__name__}({fields}))"
-    for field, zero in zeros.items():
-        value, shape = getattr(output, field), zero.shape
+        raise _WrongOutput(f"(state, {_text_of(output)})", f"(state, {output_class.__name__}({fields}))")
+    checked_output: Tree = output
+    for (field, zero), value in zip(zeros.items(), attrgetter(*zeros)(output), strict=True):
+        shape = zero.shape
         is_plain = type(value) is np.ndarray and value.shape == shape and value.dtype is zero.dtype
         if is_plain and np.vdot(value, zero) == 0.0:  # NaN · 0 and ∞ · 0 are NaN: all entries are finite
             continue
+        if type(value) in PLAIN_NUMBERS and not shape and -INF < value < INF:
+            continue
         if np.shape(value) != shape:
-            return f"{output_class.__name__}.{field}.shape = {np.shape(value)}", str(shape)
+            raise _WrongOutput(f"{output_class.__name__}.{field}.shape = {np.shape(value)}", str(shape))
         if not _is_finite(value):
-            return f"{output_class.__name__}.{field} = {array_text(value)}", note("block.finite")
-    return None
+            raise _WrongOutput(f"{output_class.__name__}.{field} = {array_text(value)}", note("block.finite"))
+        if shape and type(value) is not np.ndarray:
+            checked_output = checked_output._replace(**{field: np.asarray(value, dtype=float)})
+    return checked_output
 
 
 def _is_finite(value: Value) -> bool:
     try:
-        return bool(np.isfinite(value).all())
+        return bool(np.isrealobj(value) and np.isfinite(value).all())
     except TypeError:
         return False
 

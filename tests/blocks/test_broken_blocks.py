@@ -117,6 +117,36 @@ BROKEN = {
         "Command(0",
         [("check.stamp", {"value": 0, "signal": "estimate"})],
     ),
+    "complex numbers": (
+        "controller",
+        "self.gain * e[0]",
+        "1j * e[0]",
+        [("check.no-numbers", {"field": "Command.u"})],
+    ),
+    "digits in quotes": (
+        "controller",
+        "Command(estimate.t_ns, u)",
+        'Command(estimate.t_ns, ["1", "2", "3"])',
+        [("check.no-numbers", {"value": "list"})],
+    ),
+    "a number that is too large": (
+        "controller",
+        "[self.gain * e[0], 0.0, e[2]]",
+        "[10**400, 0.0, e[2]]",
+        [("check.no-numbers", {"field": "Command.u"})],
+    ),
+    "a word as stamp": (
+        "controller",
+        "Command(estimate.t_ns",
+        'Command("now"',
+        [("check.stamp", {"value": "now"}), ("check.stamp", {"value": "now"})],
+    ),
+    "a word as end": (
+        "guide",
+        "return state, Reference(",
+        'return state, Reference(estimate.t_ns, np.zeros(3), np.zeros(3), "yes") if True else (',
+        [("check.no-numbers", {"field": "Reference.at_end", "value": "str"})],
+    ),
     "map frame": (
         "controller",
         "pose_error(reference.eta, estimate.eta)",

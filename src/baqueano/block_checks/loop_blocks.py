@@ -96,8 +96,8 @@ def _checked_estimate(trial: Trial, belief: Tree, tick: Tick, context: Diagnosti
     eta = trial.expect("Estimate.eta", estimate.eta, (3,), context)
     trial.expect("Estimate.nu", estimate.nu, (3,), context)
     trial.check_wrapped("Estimate.eta[2]", float(eta[2]), context)
-    trial.expect_covariance("Estimate.cov", estimate.cov, 6, context)
-    return belief, estimate
+    cov = trial.expect_covariance("Estimate.cov", estimate.cov, 6, context)
+    return belief, estimate._replace(cov=cov)
 
 
 def slots_at(sensors: SensorBlocks, k: int) -> Any:
@@ -244,7 +244,7 @@ def _check_reference(trial: Trial, reference: Reference, t_ns: int, context: Dia
     eta = trial.expect("Reference.eta", reference.eta, (3,), context)
     trial.expect("Reference.nu", reference.nu, (3,), context)
     trial.check_wrapped("Reference.eta[2]", float(eta[2]), context)
-    if float(reference.at_end) not in (0.0, 1.0):
+    if trial.expect("Reference.at_end", reference.at_end, (), context) not in (0.0, 1.0):
         trial.add_fault("check.at-end", "step", value=str(reference.at_end))
 
 

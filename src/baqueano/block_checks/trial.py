@@ -124,12 +124,16 @@ class Trial:
     ) -> np.ndarray:
         """Return the value as a finite array of this shape. Raise CheckAborted for another value."""
         try:
-            array = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
+            array = np.asarray(value)
+            shown_value = array_text(array) if array.dtype.kind == "c" else type(value).__name__
+            array = array.astype(float) if array.dtype.kind in "biufO" else None
+        except (TypeError, ValueError, OverflowError):
+            array, shown_value = None, type(value).__name__
+        if array is None:
             self.add_fault(
-                "check.no-numbers", method_name, field=quantity, value=type(value).__name__, shape=str(shape)
+                "check.no-numbers", method_name, field=quantity, value=shown_value, shape=str(shape)
             )
-            raise CheckAborted from None
+            raise CheckAborted
         if array.shape != shape:
             self.add_fault(
                 "check.shape", method_name, field=quantity, value=str(array.shape), shape=str(shape)
@@ -144,9 +148,12 @@ class Trial:
 
     def check_stamp(self, output: object, t_ns: int, quantity: str, context: Diagnostic) -> None:
         """Check that the output has the timestamp of its input."""
-        stamp = getattr(output, "t_ns", None)
-        if stamp is None or int(stamp) != t_ns:
-            self.add_fault("check.stamp", "step", value=stamp, signal=quantity, t_ns=t_ns, situation=context)
+        stamp = np.asarray(getattr(output, "t_ns", None))
+        is_number = not stamp.shape and stamp.dtype.kind in "iuf"
+        if not is_number or stamp != t_ns:
+            shown_stamp = stamp.item() if is_number else str(stamp.tolist())
+            figures = {"value": shown_stamp, "signal": quantity, "t_ns": t_ns, "situation": context}
+            self.add_fault("check.stamp", "step", **figures)
 
     def check_wrapped(self, quantity: str, psi: float, context: Diagnostic) -> None:
         """Check that an angle in an output is within [−π, π]."""

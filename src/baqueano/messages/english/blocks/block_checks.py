@@ -49,7 +49,7 @@ TEMPLATES: dict[str, str] = {
     "check.two-values": (
         "{place}: {subject} returns only {value} ({situation}): expected two values, (state, output)."
     ),
-    "check.no-numbers": "{place}: {subject} gives {field} = {value}: expected numbers of shape {shape}.",
+    "check.no-numbers": "{place}: {subject} gives {field} = {value}: expected real numbers of shape {shape}.",
     "check.shape": "{place}: {subject} gives {field} with shape {value}: expected {shape}.",
     "check.not-finite": "{place}: {subject} gives {field} = {value} ({situation}): expected finite numbers.",
     "check.stamp": "{place}: {subject} stamps its output with {value} instead of {signal}.t_ns = {t_ns} ({situation}).",
