@@ -222,7 +222,7 @@ def _is_in_working_file(kind: str) -> bool:
 def role_of(block_class: type) -> str:
     """Return the role of a class of the user, from the arguments of its `step`. Raise FileError if none matches."""
     step = getattr(block_class, "step", None)
-    if step is None:
+    if not callable(step):
         raise FileError(fault("block.no-step", place=place_of(block_class), block=block_class.__name__))
     if hasattr(block_class, "advance"):
         return "vehicle"
@@ -383,7 +383,7 @@ def _module(path: Path) -> ModuleType:
         _check_encoding(path.name, content)
         line = (error.text or "").strip()
         raise FileError(
-            fault("block.not-python", file=path.name, line=error.lineno, error=error.msg, text=line)
+            fault("block.not-python", file=path.name, line=error.lineno or 1, error=error.msg, text=line)
         ) from error
     except BaseException as error:
         del sys.modules[name]

@@ -75,6 +75,18 @@ BROKEN = {
         "return Command",
         [("check.two-values", {"value": "Command", "situation": "when.circle", "subject": "Block.step()"})],
     ),
+    "yield in place of return": (
+        "controller",
+        "return state + 1.0, Command",
+        "yield state + 1.0, Command",
+        [("check.no-function", {"value": "generator", "subject": "Block.step()"})],
+    ),
+    "async": (
+        "controller",
+        "def step",
+        "async def step",
+        [("check.no-function", {"value": "coroutine"})],
+    ),
     "one value": (
         "controller",
         "return state + 1.0, Command(estimate.t_ns, u)",

@@ -192,6 +192,7 @@ def test_a_block_whose_init_raises_writes_no_run(project, tmp_path):
     [
         ("import nothere\n", "Mine", ("block.raised-while-read", "place", "mine.py line 1")),
         ("class Mine:\n    def step step(self):\n", "Mine", ("block.not-python", "line", 2)),
+        ("x = 1\0\n", "Mine", ("block.not-python", "line", 1)),
         ("class Mine: ...\n", "Myne", ("block.class-unknown", "value", "Myne")),
         ("Mine = 3\n", "Mine", ("block.not-class", "kind", "int")),
         (None, "Mine", ("block.file-absent", "value", "mine.py")),
@@ -252,6 +253,22 @@ def test_the_block_check_reports_each_fault_with_a_code(project, tmp_path):
     end = project("blocks", "check", "mine.py:Mine", "--json")
     assert (end.code, end.reply["verdict"]) == (0, "WARN")
     assert [row["code"] for row in end.reply["rows"]] == ["check.not-frozen"]
+
+
+def test_a_class_whose_step_is_no_method_is_refused(project, tmp_path):
+    (tmp_path / "mine.py").write_text("class Mine:\n    init = None\n    step = property(id)\n")
+    end = project("blocks", "check", "mine.py:Mine")
+    assert (end.code, end.reason.code) == (3, "block.no-step")
+
+
+def test_a_constructor_that_hangs_is_named_with_its_line(project, tmp_path, monkeypatch):
+    monkeypatch.setattr("baqueano.vehicle_file.build.PREPARE_S", 0.3)
+    hang = "    def __init__(self):\n        while True: pass\n"
+    block = CONTROLLER.format(line="pass", u="np.zeros(3)").replace("    def init", hang + "    def init")
+    (tmp_path / "mine.py").write_text(block, encoding="utf-8")
+    end = project("repeat", "lab", "--controller", "mine.py:Mine", *SMALL)
+    assert end.code == 3
+    assert "Mine (mine.py line 6) raised TimeoutError: it took longer than 300 ms" in end.paragraph
 
 
 @pytest.mark.parametrize("line", ["sys.exit(0)", "raise GeneratorExit", "raise KeyboardInterrupt"])

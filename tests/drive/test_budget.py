@@ -116,6 +116,28 @@ def test_a_debugger_can_wait_inside_a_limited_call():
     assert within(0.1, lambda: bdb.Bdb().runcall(lambda: time.sleep(0.3))) is None
 
 
+class Changes:
+    """A controller that changes its input."""
+
+    def init(self):
+        return 0
+
+    def step(self, state, reference, estimate):
+        if state == 10:
+            estimate.eta[0] = 3.0
+        return state + 1, Command(estimate.t_ns, np.zeros(3))
+
+
+def test_a_block_that_changes_its_input_is_stopped_and_the_record_is_unchanged():
+    """Before, the changed estimate was recorded without a message."""
+    file = vehicle_file.load("small")
+    run = drive(blocks_of(file, Changes()), file, kind="repeat", duration_s=1.0)
+    reason = drive_stop_reason(run)
+    assert reason.code == StopReason.BLOCK_RAISED
+    assert "read-only" in reason.figures["error"]
+    assert np.all(np.abs(run.estimate.eta[:, 0]) < 0.1)
+
+
 def test_an_external_stop_reason_is_latched_and_logged():
     file = vehicle_file.load("small")
     lift_stop = stop(StopReason.STOPPED_BY, words="the vehicle was lifted")

@@ -9,6 +9,7 @@ import dataclasses
 import traceback
 import warnings
 from collections import deque
+from collections.abc import Coroutine, Generator
 from types import ModuleType
 from typing import Any
 
@@ -186,7 +187,7 @@ class Trial:
         try:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")
-                return within(HANG_S, getattr(self.block, method_name), *arguments)
+                result = within(HANG_S, getattr(self.block, method_name), *arguments)
         except BaseException as error:
             if from_outside(error):
                 raise
@@ -203,6 +204,11 @@ class Trial:
             else:
                 self.add_fault("check.raises", named_method, error=error_text(error), situation=context)
             raise CheckAborted from error
+        if isinstance(result, Coroutine | Generator):
+            result.close()
+            self.add_fault("check.no-function", method_name, value=type(result).__name__)
+            raise CheckAborted
+        return result
 
 
 def _line(block_class: type, error: BaseException) -> int:

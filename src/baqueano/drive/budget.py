@@ -7,6 +7,8 @@ is stuck inside C, no command is sent, and the firmware's dead man stops the mot
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
 from baqueano.contracts import optional
 from baqueano.contracts.time_limit import within
 from baqueano.contracts.values import Tree
@@ -29,8 +31,19 @@ class BudgetedBlock:
         return within(self.budget_s, self.block.init, *start)
 
     def step(self, state: Tree, *inputs: object) -> Any:
-        """Return the result of the wrapped block's step, within the budget."""
-        return within(self.budget_s, self.block.step, state, *inputs)
+        """Return the result of the wrapped block's step, within the budget. It cannot change its inputs."""
+        return within(self.budget_s, self.block.step, state, *map(_read_only, inputs))
+
+
+def _read_only(value: Any) -> Any:
+    """Return a signal whose arrays cannot be changed: they also belong to the record and to other blocks."""
+    if isinstance(value, np.ndarray):
+        value = value.view()
+        value.flags.writeable = False
+    elif isinstance(value, tuple):
+        value_class: Any = type(value)
+        return (tuple if value_class is tuple else value_class._make)(map(_read_only, value))
+    return value
 
 
 def may_hang(block: Tree) -> bool:

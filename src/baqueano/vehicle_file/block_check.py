@@ -9,6 +9,7 @@ from baqueano.blocks import BLOCK_TARGETS, classes_in, kinds, resolve, role_of
 from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
+from baqueano.contracts.time_limit import PREPARE_S, within
 from baqueano.diagnostics import Diagnostic, Verdict, fault, nearest
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import circle
@@ -138,6 +139,6 @@ def _build(role: str, block: OwnBlock, vehicle_file: VehicleFile) -> object:
         if type(built_block) is block_class:
             return built_block
     try:
-        return block_class()
+        return within(PREPARE_S, block_class)
     except (TypeError, ValueError) as error:
         raise FileError(fault("cli.block-needs-arguments", kind=block_class.__name__, error=error)) from error

@@ -5,6 +5,7 @@ A block receives `vehicle`, `sensors` and the route if it has fields of these na
 """
 
 from dataclasses import replace
+from functools import partial
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,6 +15,7 @@ import numpy as np
 from baqueano.blocks import check_step, kinds, place_of, resolve, resolve_named
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import OwnBlock
+from baqueano.contracts.time_limit import PREPARE_S, within
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import FileError, UsageError, error_text, from_outside, user_code_place
@@ -253,7 +255,7 @@ def construct(
     if "tick_rate_hz" in names:
         values["tick_rate_hz"] = context.rate_hz
     try:
-        return block_class(**values)
+        return within(PREPARE_S, partial(block_class, **values))
     except (ValueError, TypeError) as error:
         report.add_table_problem(path, "vehicle.refused", block=_block_name(block_class), error=str(error))
     except BaseException as error:

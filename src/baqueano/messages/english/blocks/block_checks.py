@@ -49,6 +49,9 @@ TEMPLATES: dict[str, str] = {
     "check.two-values": (
         "{place}: {subject} returns only {value} ({situation}): expected two values, (state, output)."
     ),
+    "check.no-function": (
+        "{place}: {subject} returns a {value}: write `return` in place of `yield`, and `def` without `async`."
+    ),
     "check.no-numbers": "{place}: {subject} gives {field} = {value}: expected real numbers of shape {shape}.",
     "check.shape": "{place}: {subject} gives {field} with shape {value}: expected {shape}.",
     "check.not-finite": "{place}: {subject} gives {field} = {value} ({situation}): expected finite numbers.",
