@@ -327,6 +327,12 @@ BROKEN = {
         [("check.returns", {"expected": "(state, Slot(is_new, z))"})],
     ),
     "half a measurement": ("sensor", "Slot(1.0, ", "Slot(0.5, ", [("check.is-new", {"value": "0.5"})]),
+    "a word as novelty": (
+        "sensor",
+        "Slot(1.0, ",
+        'Slot("yes", ',
+        [("check.no-numbers", {"field": "Slot.is_new"})],
+    ),
     "silent but speaking": ("sensor", "Slot(1.0, ", "Slot(0.0, ", [("check.not-new", {})]),
     "late": (
         "sensor",

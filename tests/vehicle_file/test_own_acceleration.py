@@ -35,10 +35,13 @@ def with_body(tmp_path):
         ("return [effort[0] - nu[0], 0.0, 0.0]", "vehicle.acceleration"),
         ("return effort[0] - nu[0]", "vehicle.acceleration"),
         ("return np.array([effort[0] - nu[0], 0.0])", "vehicle.acceleration"),
+        ("return np.array([effort[0] - 1j * nu[0], 0.0, 0.0])", "vehicle.acceleration"),
         ("return {}['drag']", "vehicle.not-built"),
+        ("while True: pass", "vehicle.not-built"),
     ],
 )
-def test_an_acceleration_that_is_not_an_array_of_three_is_refused(with_body, body, code):
+def test_an_acceleration_that_is_not_a_real_array_of_three_is_refused(with_body, body, code, monkeypatch):
+    monkeypatch.setattr("baqueano.vehicle_file.plausibility.HANG_S", 0.3)
     with refused(code, FileError):
         bq.load(with_body(body), allow_blocks=True)
 

@@ -135,11 +135,12 @@ def _check_measurements(trial: Trial, block: Any) -> None:
         state, slot = trial.step(IN_CURVE, state, circle_motion(k), DT_S, np.zeros(int(block.noise_size)))
         trial.expect_record(slot, Slot, "(state, Slot(is_new, z))")
         z = trial.expect("Slot.z", slot.z, sensor_h.shape, IN_CURVE)
-        if slot.is_new not in (0.0, 1.0):
+        is_new = trial.expect("Slot.is_new", slot.is_new, (), IN_CURVE)
+        if is_new not in (0.0, 1.0):
             trial.add_fault("check.is-new", "step", value=str(slot.is_new))
-        if slot.is_new == 0.0 and np.any(z):
+        if is_new == 0.0 and np.any(z):
             trial.add_fault("check.not-new", "step")
-        answers += int(slot.is_new > 0.0)
+        answers += int(is_new > 0.0)
     _check_rate(trial, block, answers)
 
 

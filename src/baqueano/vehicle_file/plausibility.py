@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.contracts.optional import has_field, is_dynamic
+from baqueano.contracts.time_limit import HANG_S, within
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import error_text, from_outside, user_code_place
 from baqueano.parameter import all_parameters
@@ -110,16 +111,16 @@ def check_drive(report: ReadReport, vehicle: "DynamicVehicle", channels: Channel
 
 
 def _has_acceleration(report: ReadReport, vehicle: "DynamicVehicle") -> bool:
-    """Return True if nu_dot returns an array (3,) at rest; otherwise add a problem."""
+    """Return True if nu_dot returns a real array (3,) at rest; otherwise add a problem."""
     try:
-        acceleration = vehicle.nu_dot(np.zeros(3), np.zeros(vehicle.commands), 0.0)
+        acceleration = within(HANG_S, vehicle.nu_dot, np.zeros(3), np.zeros(vehicle.commands), 0.0)
     except BaseException as error:
         if from_outside(error):
             raise
         name = f"{type(vehicle).__name__} ({user_code_place(error)})"
         report.add_table_problem(("model",), "vehicle.not-built", block=name, error=error_text(error))
         return False
-    if isinstance(acceleration, np.ndarray) and acceleration.shape == (3,):
+    if isinstance(acceleration, np.ndarray) and acceleration.shape == (3,) and np.isrealobj(acceleration):
         return True
     figures = {"vehicle": type(vehicle).__name__, "value": repr(acceleration)}
     report.add_problem(("model", "kind"), "vehicle.acceleration", **figures)
