@@ -137,7 +137,8 @@ def correct_tick(
     latest_innovations = np.where(mask > 0.0, update.e * np.sqrt(update.s), last_innovations)
     S = mirror_upper(H @ x.cov @ H.T + Q)
     is_within_gate = last_innovations**2 <= estimator.gate_sigma**2 * np.diag(S)
-    squares = InnovationSquares(y, S, Q, np.where((w >= 0.5) & is_within_gate, mask, 0.0))
+    counts = np.where((w >= 0.5) & is_within_gate, mask, 0.0)
+    squares = InnovationSquares(y, last_innovations, S, Q, counts)
     file_S = file_innovation_cov(levels, squares, states)
     if not at_rest:
         levels = levels_after(levels, squares, states, estimator.noise_gain)

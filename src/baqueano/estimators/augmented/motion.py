@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 
 MEAN_DISTURBANCE_S = 2.0  # time constant with which d̄ follows d: about one bend of the path
 SIDESLIP_ERROR_S = 20.0  # T_γ: the next bends have about the same error of the sideslip
+MIN_VARIANCE = 1e-12  # (m/s²)², (rad/s²)²: of no disturbance
 MIN_SPEED_M_S = 0.02  # below it, the error of the speed fades to 0
 BEND_STD = 0.5 * 1.96**2 / np.sqrt(CHI_SQUARE_95 - 1.96**2)  # λ of (4)
 
@@ -56,7 +57,9 @@ def predict_row(
 ) -> StatePrediction:
     """Return mean, covariance and G of the state one row later; `variance` is σ_d² (2,) in this row.  (2)-(4)"""
     x, n = Gaussian(belief.mean, belief.cov), len(belief.mean)
-    noise_level = NoiseLevels.from_row(belief.memory.noise_levels).motion
+    # a calm drive lowers the level, but a lasting d̄ shows at least the variance d̄²
+    lasting_level = np.minimum(belief.mean_disturbance**2 / np.maximum(variance, MIN_VARIANCE), 1.0)
+    noise_level = np.maximum(NoiseLevels.from_row(belief.memory.noise_levels).motion, lasting_level)
     walks = [
         np.array([bias.value_at(estimator.sensors, bias.walk) ** 2 * row.dt_s])
         for bias in layout(estimator).biases

@@ -1,14 +1,15 @@
 """Adapt the noise of the filter to the run: a floor or a speed can shake a vehicle more than the run of the fit.
 
     Q' = Λ^½ Q Λ^½,   Λ = diag(λ);   σ_d'² = κ σ_d²,   σ_ν'² = κ σ_ν²   for the speed and for the yaw rate   (1)
-    ρ = Q'_cc / S_cc,   a = y_c² / S_cc − 1                                                               (2)
-    λ_c ← λ_c (1 + g ρ a),   κ_j ← κ_j (1 + g mean of (1 − ρ) a over the channels that correct j)         (3)
+    ρ = Q'_cc / S_cc,   a = y_c² / S_cc − 1,   b = y_c y_c⁻ / S_cc                                        (2)
+    r_c = 2ρ (a − (1 − ρ) b)/(1 + ρ) for a gyro,   r_c = ρ a for other channels                           (3)
+    λ_c ← λ_c (1 + g r_c),   κ_j ← κ_j (1 + g mean of a − r_c over the channels that correct j)           (4)
 
-y, S: innovation and its covariance; Q, σ_d, σ_ν: noise of the sensors, the disturbance and the walk. A step of (3)
-follows the gradient of log N(y; 0, S) by log λ and log κ; it ends where y²/S has the mean 1. The gain g is the share
-of one reading. A reading counts only if it and the one before are within the gate: so a broken sensor cannot widen
-it. At rest nothing is adapted, since a vehicle at rest does not shake. Sensors of the pose keep their noise:
-place_gate.py decides about them.
+y, y⁻, S: innovation, the one before, and its covariance; Q, σ_d, σ_ν: noise of the sensors, the disturbance and the
+walk. A step of (4) follows the gradient of the likelihood (docs/derivations/kalman.md); it ends where y²/S has the mean
+1 and y of a gyro is white. Slip of a wheel lasts, so b of wheels does not show the motion. The gain g is the share of
+one reading. A reading counts only if it and the one before are within the gate: a broken sensor cannot widen it. At
+rest nothing is adapted. Sensors of the pose keep their noise: place_gate.py decides about them.
 
 Sources: Mehra 1972 for noise from innovations; Särkkä and Nummenmaa 2009 for one factor per channel.
 """
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from baqueano.estimators.augmented.state import Layout
 
 MAX_LEVEL = 16.0  # of a variance: a standard deviation of the file is wrong by at most 4 times
-MIN_MOTION_LEVEL = 0.5  # a calm drive does not show that the next turn is calm, too
 
 
 class NoiseLevels(NamedTuple):
@@ -47,6 +47,7 @@ class InnovationSquares(NamedTuple):
     """The innovations of a tick that change the levels."""
 
     y: np.ndarray  # (m,)
+    previous: np.ndarray  # (m,) y⁻
     S: np.ndarray  # (m, m)
     noise_cov: np.ndarray  # Q' (m, m)
     counts: np.ndarray  # (m,) 1 for a reading that changes the levels, else 0
@@ -55,25 +56,30 @@ class InnovationSquares(NamedTuple):
 def levels_after(
     levels: NoiseLevels, squares: InnovationSquares, states: "Layout", gain: Value
 ) -> NoiseLevels:
-    """Return the levels after the innovations of a tick of a moving vehicle; `gain` is g.  (3)"""
-    noise_share, excess = _noise_share(squares), squares.counts * (squares.y**2 / np.diag(squares.S) - 1.0)
+    """Return the levels after the innovations of a tick of a moving vehicle; `gain` is g.  (3), (4)"""
+    share, S = _noise_share(squares), np.diag(squares.S)
+    excess = squares.counts * (squares.y**2 / S - 1.0)
+    product = squares.counts * squares.y * squares.previous / S
     pose_channels = {c for group in states.pose_groups for c in group}
     adapts = np.array([0.0 if c in pose_channels else 1.0 for c in range(len(squares.y))])
     corrects = _corrects(states) * adapts[:, None]
-    mean_excess = ((1.0 - noise_share) * excess) @ (corrects / np.maximum(np.sum(corrects, axis=0), 1.0))
+    of_gyro = 2.0 * share * (excess - (1.0 - share) * product) / (1.0 + share)
+    of_sensor = np.where(corrects[:, 1] > corrects[:, 0], of_gyro, share * excess)
+    of_motion = (excess - of_sensor) @ (corrects / np.maximum(np.sum(corrects, axis=0), 1.0))
     return NoiseLevels(
-        _bounded(levels.sensors * (1.0 + gain * adapts * noise_share * excess), 1.0 / MAX_LEVEL),
-        _bounded(levels.motion * (1.0 + gain * mean_excess), MIN_MOTION_LEVEL),
+        _bounded(levels.sensors * (1.0 + gain * adapts * of_sensor)),
+        _bounded(levels.motion * (1.0 + gain * of_motion)),
     )
 
 
 def file_innovation_cov(levels: NoiseLevels, squares: InnovationSquares, states: "Layout") -> np.ndarray:
-    """Return S (m, m) with the noise of the vehicle file; the part of S beside Q' is taken as proportional to κ."""
+    """Return S (m, m) with the noise of the vehicle file. The part p of S beside Q' is taken as proportional to κ, or
+    to √κ if κ < 1: in steady state p²/S is proportional to κ, and with little motion S depends less on it."""
     corrects = _corrects(states)
     count = np.sum(corrects, axis=1)
     motion = np.where(count > 0.0, corrects @ levels.motion / np.maximum(count, 1.0), 1.0)
     noise_share = _noise_share(squares)
-    std = np.sqrt(noise_share / levels.sensors + (1.0 - noise_share) / motion)
+    std = np.sqrt(noise_share / levels.sensors + (1.0 - noise_share) / np.maximum(motion, np.sqrt(motion)))
     return squares.S * np.outer(std, std)
 
 
@@ -87,5 +93,5 @@ def _noise_share(squares: InnovationSquares) -> np.ndarray:
     return np.diag(squares.noise_cov) / np.diag(squares.S)
 
 
-def _bounded(level: np.ndarray, low: float) -> np.ndarray:
-    return np.minimum(np.maximum(level, low), MAX_LEVEL)
+def _bounded(level: np.ndarray) -> np.ndarray:
+    return np.minimum(np.maximum(level, 1.0 / MAX_LEVEL), MAX_LEVEL)
