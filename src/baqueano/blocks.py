@@ -382,9 +382,8 @@ def _module(path: Path) -> ModuleType:
         del sys.modules[name]
         _check_encoding(path.name, content)
         line = (error.text or "").strip()
-        raise FileError(
-            fault("block.not-python", file=path.name, line=error.lineno or 1, error=error.msg, text=line)
-        ) from error
+        where = {"file": path.name, "line": error.lineno or 1}
+        raise FileError(fault("block.not-python", **where, error=error.msg, text=line)) from error
     except BaseException as error:
         del sys.modules[name]
         if from_outside(error):
