@@ -108,7 +108,7 @@ def accuracy(case: Case, simulated_drives: matched.Drives) -> Accuracy:
         rows = slice(first, first + TOGETHER)
         truth = np.swapaxes(simulated_drives.x[:, rows], 0, 1)
         each_run = [
-            kernel.run(ticks_of(simulated_drives, first + k, case.block.use))[1] for k in range(len(truth))
+            kernel.run(make_ticks(simulated_drives, first + k, case.block.use))[1] for k in range(len(truth))
         ]
         eta, nu, cov, y, S = (np.stack(outputs) for outputs in zip(*each_run, strict=True))
         pose_error, e = (
@@ -215,7 +215,7 @@ def kernel_of(block: Any) -> Any:
     return scan(step, block.init(), example)
 
 
-def ticks_of(simulated_drives: matched.Drives, k: int, use: tuple[str, ...]) -> Any:
+def make_ticks(simulated_drives: matched.Drives, k: int, use: tuple[str, ...]) -> Any:
     """Return the ticks of drive `k` for a filter."""
     n, z = len(simulated_drives.u), simulated_drives.z[:, k]
     columns = (np.ascontiguousarray(z[:, :3]), np.ascontiguousarray(z[:, 3:]))[: len(use)]
@@ -230,10 +230,10 @@ def _square(cov: np.ndarray, e: np.ndarray) -> np.ndarray:
 
 
 def _drawing(all_found: list[Accuracy]) -> Any:
-    from baqueano.report.figures import over_time
+    from baqueano.report.figures import draw_time_series
 
     names = list(all_found[0].ratios)[:3]
-    figure = over_time(
+    figure = draw_time_series(
         [(result.name, {name: (result.t_s, result.ratios[name]) for name in names}) for result in all_found]
     )
     for axis, result in zip(figure.axes, all_found, strict=True):

@@ -18,7 +18,7 @@ from baqueano.runs import Channel
 from baqueano.runs.interpolation import interpolate_poses, true_speed
 from baqueano.signals import NANOSECONDS
 from baqueano.study.estimation.evaluation import fit_subject
-from baqueano.study.estimation.simulated import EstimationJob, subjects_of
+from baqueano.study.estimation.simulated import EstimationJob, make_subjects
 from baqueano.study.estimation.subjects import BOTH, IMU
 from baqueano.vehicle_file import parse
 
@@ -57,7 +57,7 @@ def main():
     arguments.add_argument("--smallest", action="store_true", help="one vehicle, one draw")
     options = arguments.parse_args()
     draws, sensor_sets = (1, SENSORS[:1]) if options.smallest else (options.draws, SENSORS)
-    subjects = subjects_of(EstimationJob("robot", tuple(range(len(sensor_sets))), (), "auto"))
+    subjects = make_subjects(EstimationJob("robot", tuple(range(len(sensor_sets))), (), "auto"))
     for subject, sensors in zip(subjects, sensor_sets, strict=True):
         file = fit_subject(subject, sensors)[1]
         use = [*file.data["estimator"]["use"], "camera"]

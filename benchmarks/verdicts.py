@@ -43,7 +43,7 @@ def logged(
     kernel: object, simulated_drives: matched.Drives, k: int, use: tuple[str, ...], ticks: int, truth: bool
 ) -> Run:
     """Return the first `ticks` of drive `k` as a run with an estimate, and with its truth if `truth`."""
-    ticks_of_run = limit.ticks_of(simulated_drives, k, use)
+    ticks_of_run = limit.make_ticks(simulated_drives, k, use)
     eta, nu, cov, y, S = (np.asarray(output)[:ticks] for output in kernel.run(ticks_of_run)[1])  # type: ignore[attr-defined]
     x, t_ns = simulated_drives.x[:ticks, k], np.asarray(ticks_of_run.t_ns)[:ticks]
     velocity = x[:, matched.NU] * (1.0 + x[:, [8, 8, 9]])

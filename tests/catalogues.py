@@ -21,7 +21,7 @@ from babel.messages.extract import extract_from_file
 from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po, write_po
 
-from baqueano.cli import SUBCOMMANDS, baqueano, command_of
+from baqueano.cli import SUBCOMMANDS, baqueano, load_command
 from baqueano.identify.parameters.free import AXIS_NAMES, ORDINALS
 from baqueano.messages import templates
 from baqueano.messages.language import CATALOGUES, DOMAIN, LANGUAGES
@@ -113,7 +113,7 @@ def help_of(command: click.Command) -> Iterator[str]:
     )
     yield from (param.help for param in command.params if isinstance(param, click.Option) and param.help)
     commands = [*getattr(command, "commands", {}).values()]
-    for verb in map(command_of, SUBCOMMANDS) if command is baqueano else commands:
+    for verb in map(load_command, SUBCOMMANDS) if command is baqueano else commands:
         yield from help_of(verb)
 
 

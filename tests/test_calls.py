@@ -31,7 +31,7 @@ EXAMPLES = sorted(
 )
 
 
-def code_of(call) -> str:
+def method_code(call) -> str:
     with pytest.raises(Misuse) as error:
         call()
     return error.value.diagnostic.code
@@ -80,7 +80,7 @@ def code_of(call) -> str:
     ],
 )
 def test_a_wrong_call_is_a_message(code, call):
-    assert code_of(call) == code
+    assert method_code(call) == code
 
 
 def test_a_method_with_too_many_arguments_is_answered_with_their_number_without_self():

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import baqueano as bq
-from baqueano.cli import SUBCOMMANDS, baqueano, command_of
+from baqueano.cli import SUBCOMMANDS, baqueano, load_command
 from baqueano.messages.language import use_language
 from baqueano.vehicle_file.reference import reference_table
 
@@ -42,7 +42,7 @@ def test_the_ten_lines_of_the_readme_run_and_print_the_fit(tmp_path, monkeypatch
     assert "across the path" in output
 
 
-def code_of(page):
+def method_code(page):
     """The code of a page, in order."""
     return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
 
@@ -50,7 +50,7 @@ def code_of(page):
 def test_the_code_of_the_page_on_python_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = "docs/python.md"
-    exec(compile("\n".join(code_of(page)), page, "exec"), {"__name__": "page"})
+    exec(compile("\n".join(method_code(page)), page, "exec"), {"__name__": "page"})
     output = capsys.readouterr().out
     assert "USABLE" in output
     assert "dead reckoning, " in output
@@ -68,7 +68,7 @@ def test_the_page_on_sweeps_names_every_figure(page):
 def test_the_code_of_the_page_on_sweeps_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names = {"__name__": "page"}
-    exec(compile(code_of("docs/sweep.md")[0], "docs/sweep.md", "exec"), names)
+    exec(compile(method_code("docs/sweep.md")[0], "docs/sweep.md", "exec"), names)
     assert len(names["frame"]) == 12
     assert "kanayama" in capsys.readouterr().out
 
@@ -96,7 +96,7 @@ PAGES = (
 
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_names_only_existing_commands_and_options(page):
-    verbs = {name: command_of(name) for name in SUBCOMMANDS}
+    verbs = {name: load_command(name) for name in SUBCOMMANDS}
     options = options_of(baqueano).union(*map(options_of, verbs.values()))
     text = (ROOT / page).read_text(encoding="utf-8")
     assert {

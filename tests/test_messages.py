@@ -32,7 +32,7 @@ NAMES = {  # with a space: cases of studies, verdicts on a filter
 LISTS_OF_NAMES = {
     "SOUND_DATA",
     "REPAIRS",
-    "NOT_FOR_CARS",
+    "ROBOT_FAULTS",
     "UNCOMPARED_PARAMETERS",
     "BATTERY_TERM",
     "KINDS",

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from baqueano.drive.by_hand import screen
-from baqueano.messages.printable import in_lines, one_line, printable, printable_json
+from baqueano.messages.printable import join_rows, one_line, printable, printable_json
 
 DANGEROUS = "\x1b\x07\r\b\x7f\x9b\x85\u200e\u202e\u2066\u2028\u2029\ufeff\ud800\x00"
 
@@ -24,7 +24,7 @@ def test_letters_signs_and_tables_are_printed_unchanged():
 
 
 def test_a_table_has_one_line_for_each_row():
-    assert in_lines(["READY\nbaqueano: forged", "a"]) == "READY baqueano: forged\na"
+    assert join_rows(["READY\nbaqueano: forged", "a"]) == "READY baqueano: forged\na"
 
 
 @given(st.text())

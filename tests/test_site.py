@@ -52,7 +52,7 @@ def without_comments(text):
     return [line for line in (re.sub(r"(^|\s+)#.*", "", line).rstrip() for line in text.splitlines()) if line]
 
 
-def code_of(page):
+def method_code(page):
     """Return the blocks without output of programs, whose words tests/test_printed_output.py compares."""
     return [block for block in blocks(page) if block[0] != "text"]
 
@@ -81,7 +81,7 @@ def test_every_page_exists_in_both_languages():
 @pytest.mark.parametrize("name", TWINS)
 def test_a_page_has_the_same_structure_in_both_languages(name):
     english, spanish = TWINS[name]
-    assert code_of(spanish) == code_of(english)
+    assert method_code(spanish) == method_code(english)
     assert headings(spanish) == headings(english)
     assert equations(spanish) == equations(english)
     assert table_rows(spanish) == table_rows(english)

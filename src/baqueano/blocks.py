@@ -25,7 +25,7 @@ from baqueano.errors import (
     FileError,
     UsageError,
     error_text,
-    from_outside,
+    is_interruption,
     user_code_place,
 )
 
@@ -141,12 +141,12 @@ def resolve(role: str, kind: str, folder: Path | str | None = None) -> type:
         return _target_class(BLOCK_TARGETS[role][kind])
     file_name, colon, name = kind.rpartition(":")
     if file_name == PROGRAM:
-        return _class_in(sys.modules[PROGRAM], PROGRAM, name)
+        return _module_class(sys.modules[PROGRAM], PROGRAM, name)
     if colon and file_name.endswith(".py"):
-        return _class_of(_find(file_name, folder), name)
-    if kind.endswith(".py") and _path_of(kind, folder) is not None:
-        raise FileError(fault("block.without-class", value=kind, classes=classes_in(kind, folder)))
-    if colon and _path_of(f"{file_name}.py", folder) is not None:
+        return _load_class(_find(file_name, folder), name)
+    if kind.endswith(".py") and _find_file(kind, folder) is not None:
+        raise FileError(fault("block.without-class", value=kind, classes=describe_classes(kind, folder)))
+    if colon and _find_file(f"{file_name}.py", folder) is not None:
         names = (f"{file_name}.py:{name}", *names)
     raise FileError(fault("block.unknown", role=role, value=kind, suggestion=nearest(kind, names)))
 
@@ -183,7 +183,7 @@ def resolve_named(role: str, kind: str, folder: Path | str | None = None) -> typ
     FileError.
     """
     file_name = kind if kind.endswith(".py") else kind.rpartition(":")[0]
-    path = _path_of(file_name, folder) if file_name.endswith(".py") else None
+    path = _find_file(file_name, folder) if file_name.endswith(".py") else None
     if path is None:
         is_outside = folder is None and file_name.endswith(".py") and _is_outside_folder(Path(file_name))
         if is_outside:
@@ -219,7 +219,7 @@ def _is_in_working_file(kind: str) -> bool:
     return any(isinstance(table, dict) and table.get("kind") == kind for table in tables)
 
 
-def role_of(block_class: type) -> str:
+def infer_role(block_class: type) -> str:
     """Return the role of a class of the user, from the arguments of its `step`. Raise FileError if none matches."""
     step = getattr(block_class, "step", None)
     if not callable(step):
@@ -261,7 +261,7 @@ def check_step(role: str, block_class: type, remedy: Callable[[str], str]) -> No
     if not inputs or step is None:
         return
     try:
-        fitting_role = role_of(block_class)
+        fitting_role = infer_role(block_class)
     except FileError:  # its inputs have other names
         fitting_role = role
     signature = inspect.signature(step)
@@ -282,7 +282,7 @@ def check_step(role: str, block_class: type, remedy: Callable[[str], str]) -> No
 
 
 def _find(file: str, folder: Path | str | None) -> Path:
-    path, user_path = Path(file).expanduser(), _path_of(file, folder)
+    path, user_path = Path(file).expanduser(), _find_file(file, folder)
     if user_path is not None:
         return user_path
     candidates = _candidate_paths(path, folder)
@@ -295,7 +295,7 @@ def _find(file: str, folder: Path | str | None) -> Path:
     )
 
 
-def _path_of(file: str, folder: Path | str | None) -> Path | None:
+def _find_file(file: str, folder: Path | str | None) -> Path | None:
     """Return the path of the file in the first searched folder that contains it; None if no folder contains it."""
     candidates = _candidate_paths(Path(file).expanduser(), folder)
     return next((candidate.resolve() for candidate in candidates if candidate.is_file()), None)
@@ -314,7 +314,7 @@ def read_module(file: str, folder: Path | str | None = None) -> ModuleType:
     return _module(_find(file, folder))
 
 
-def classes_in(file: str, folder: Path | str | None = None) -> Diagnostic:
+def describe_classes(file: str, folder: Path | str | None = None) -> Diagnostic:
     """Return a message with the blocks "file.py:Class" of a file. Raise FileError if the file cannot be read."""
     class_names = [f"{file}:{name}" for name in _class_names(read_module(file, folder))]
     if class_names:
@@ -322,11 +322,11 @@ def classes_in(file: str, folder: Path | str | None = None) -> Diagnostic:
     return note("block.no-classes", file=file)
 
 
-def kind_of(block_class: type) -> str:
+def block_kind(block_class: type) -> str:
     """Return the `kind` of a class, for a vehicle file: the inverse of `resolve`.
 
     >>> from baqueano.vehicles import Planar
-    >>> kind_of(Planar)
+    >>> block_kind(Planar)
     'planar'
     """
     targets = {target: kind for role in BLOCK_TARGETS.values() for kind, target in role.items()}
@@ -337,11 +337,11 @@ def kind_of(block_class: type) -> str:
     return f"{inspect.getfile(block_class)}:{block_class.__name__}"
 
 
-def _class_of(path: Path, name: str) -> type:
-    return _class_in(_module(path), path.name, name)
+def _load_class(path: Path, name: str) -> type:
+    return _module_class(_module(path), path.name, name)
 
 
-def _class_in(module: ModuleType, file: str, name: str) -> type:
+def _module_class(module: ModuleType, file: str, name: str) -> type:
     member = getattr(module, name, None)
     if member is None and file == PROGRAM:
         raise FileError(fault("block.cell-class-unknown", value=name))
@@ -386,7 +386,7 @@ def _module(path: Path) -> ModuleType:
         raise FileError(fault("block.not-python", **where, error=error.msg, text=line)) from error
     except BaseException as error:
         del sys.modules[name]
-        if from_outside(error):
+        if is_interruption(error):
             raise
         suffix = "" if isinstance(error, Exception) else "-and-ends"
         place = user_code_place(error) or path.name

@@ -108,7 +108,7 @@ class ExternalError(BaseException):
     """An exception inside a block that is not a fault of the block: an alarm, the end of a manual drive."""
 
 
-def from_outside(error: BaseException) -> bool:
+def is_interruption(error: BaseException) -> bool:
     """Return True for an interruption from outside: ExternalError, or Ctrl-C.
 
     Ctrl-C arrives between two instructions. A KeyboardInterrupt from a `raise` in the code is an error of the code, as
@@ -125,7 +125,7 @@ def from_outside(error: BaseException) -> bool:
     return isinstance(error, ExternalError) or not is_raised_in_code
 
 
-def cause_of(error: BaseException) -> Diagnostic | str:
+def error_cause(error: BaseException) -> Diagnostic | str:
     """Return an error as a figure of another diagnostic: its diagnostic, or its text."""
     return (
         error.diagnostic

@@ -73,7 +73,7 @@ class Outcome(NamedTuple):
     ticks: int
 
 
-AFTER_STOP_S = 1.0  # a stopped vehicle is recorded for this time, because it still rolls
+ROLL_OUT_S = 1.0  # a stopped vehicle is recorded for this time, because it still rolls
 
 
 def run(
@@ -87,7 +87,7 @@ def run(
     """Run the clocked loop over a world. The last command is always zero.
 
     After a fault of a block or a stop by the supervisor the command stays zero; the reason names a faulty block. The
-    loop then records for AFTER_STOP_S and ends. `eta` (3,) is the pose at the start, in the map.
+    loop then records for ROLL_OUT_S and ends. `eta` (3,) is the pose at the start, in the map.
     """
     n = world.commands
     blocks = Blocks(*(guard_block(role, b, n) for role, b in zip(Blocks._fields, blocks, strict=True)))
@@ -101,7 +101,7 @@ def run(
                 end_reason, since_ns = reason, t_ns
                 on_event(t_ns, reason)
             at_end = bool(record.reference.at_end > 0.0)
-            if at_end or (end_reason is not None and seconds(t_ns, since_ns) >= AFTER_STOP_S):
+            if at_end or (end_reason is not None and seconds(t_ns, since_ns) >= ROLL_OUT_S):
                 break
     except BlockFault as fault:  # in init, before any motion
         end_reason = fault.reason

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 SIGNALS = ("Command", "Estimate", "Reference", "Tick")
 SHAPES = ("circle", "clothoid", "eight", "line", "rectangle", "sinuous_circle", "slalom")
-MODULE_OF = dict.fromkeys(SIGNALS, "baqueano.signals") | dict.fromkeys(SHAPES, "baqueano.guides.shapes")
+NAME_MODULES = dict.fromkeys(SIGNALS, "baqueano.signals") | dict.fromkeys(SHAPES, "baqueano.guides.shapes")
 
 
 def on_demand(
@@ -72,8 +72,8 @@ def _suggestion(name: str, names: "list[str]") -> str:
     from baqueano.diagnostics import nearest, note
     from baqueano.messages import text
 
-    if name in MODULE_OF:
-        return f". {text(note('front.advice', fix=f'from {MODULE_OF[name]} import {name}'))}"
+    if name in NAME_MODULES:
+        return f". {text(note('front.advice', fix=f'from {NAME_MODULES[name]} import {name}'))}"
     return f". {text(nearest(name, names))}."
 
 

@@ -191,11 +191,11 @@ def parameters(block: Tree) -> Iterator[tuple[str, Parameter]]:
     >>> [name for name, _ in parameters(bq.controllers.Pd)]
     ['alpha', 'beta', 'gamma', 'limit']
     """
-    yield from _parameters_of(block if isinstance(block, type) else type(block))
+    yield from _block_parameters(block if isinstance(block, type) else type(block))
 
 
 @lru_cache(maxsize=1000)
-def _parameters_of(block_class: type) -> tuple[tuple[str, Parameter], ...]:
+def _block_parameters(block_class: type) -> tuple[tuple[str, Parameter], ...]:
     fields = dataclasses.fields(block_class) if dataclasses.is_dataclass(block_class) else ()
     return tuple(
         (field.name, field.metadata["parameter"]) for field in fields if "parameter" in field.metadata

@@ -231,11 +231,11 @@ def sensor_slots(names: tuple[str, ...]) -> Callable[..., ByName[Tree]]:
     """Return the NamedTuple class with one Slot per sensor name; equal names return the same class."""
     slots_class: Tree = namedtuple("Sensors", names)
     # pickle cannot import the class
-    slots_class.__reduce__ = lambda slots: (_slots_of, (names, tuple(slots)))
+    slots_class.__reduce__ = lambda slots: (_make_slots, (names, tuple(slots)))
     return slots_class
 
 
-def _slots_of(names: tuple[str, ...], values: tuple[Tree, ...]) -> ByName[Tree]:
+def _make_slots(names: tuple[str, ...], values: tuple[Tree, ...]) -> ByName[Tree]:
     return sensor_slots(names)(*values)
 
 

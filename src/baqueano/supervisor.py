@@ -20,7 +20,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.blocks import Block
 from baqueano.contracts.values import Tree, Value, array_text
 from baqueano.diagnostics import Diagnostic, StopReason, note, stop
-from baqueano.errors import cell_name, error_text, from_outside
+from baqueano.errors import cell_name, error_text, is_interruption
 from baqueano.messages.language import translate as _
 from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
@@ -121,10 +121,10 @@ def stop_reason(state: Tree) -> Diagnostic | None:
         return reason
     if isinstance(reason, str):
         return stop(StopReason.OWN_REASON, words=reason)
-    return diagnostic_of(int(reason)) if getattr(state, "stopped", 0.0) > 0.0 else None
+    return reason_diagnostic(int(reason)) if getattr(state, "stopped", 0.0) > 0.0 else None
 
 
-def diagnostic_of(reason: int) -> Diagnostic:
+def reason_diagnostic(reason: int) -> Diagnostic:
     """Return the diagnostic of an index into REASONS; a general diagnostic for an index of a user's supervisor."""
     stop_code = REASONS[reason] if 0 < reason < len(REASONS) else None
     if stop_code is None:
@@ -172,7 +172,7 @@ class GuardedBlock:
             self._ask_parts(state, inputs)
             raise reason from error
         if type(result) is not tuple or len(result) != 2:  # a NamedTuple is an output, not a pair
-            raise self._return_fault(_text_of(result), "(state, output)")
+            raise self._return_fault(_value_text(result), "(state, output)")
         try:
             output = _checked_output(result[1], self.output_class, self.zeros)
         except _WrongOutput as problem:
@@ -185,7 +185,7 @@ class GuardedBlock:
 
     def _ask_parts(self, state: Tree, inputs: tuple[Tree, ...]) -> None:
         """Raise the fault of the part that caused it, if any: repeat the step with a guard around every part."""
-        text = _as_written(self.block)
+        text = _innermost_block(self.block)
         if any(type(part) is not GuardedBlock for part in _parts(text).values()):
             command_count = len(self.zeros.get("u", ()))
             replace(self, block=with_guarded_parts(self.role, text, command_count, compiled_too=True)).step(
@@ -198,7 +198,7 @@ class GuardedBlock:
 
     def _fault(self, error: BaseException, reason: StopReason = StopReason.BLOCK_RAISED) -> BlockFault:
         """Return the fault of an exception of the block, even of sys.exit(). Re-raise an interruption from outside."""
-        if from_outside(error):
+        if is_interruption(error):
             raise error
         return BlockFault(self.role, stop(reason, **_block_figures(self, error), error=error_text(error)))
 
@@ -266,7 +266,7 @@ def _checked_output(output: Tree, output_class: type, zeros: dict[str, np.ndarra
         fields = ", ".join(
             f for f in output_class.__annotations__ if not f.startswith(("innovation", "weight"))
         )
-        raise _WrongOutput(f"(state, {_text_of(output)})", f"(state, {output_class.__name__}({fields}))")
+        raise _WrongOutput(f"(state, {_value_text(output)})", f"(state, {output_class.__name__}({fields}))")
     checked_output: Tree = output
     for (field, zero), value in zip(zeros.items(), attrgetter(*zeros)(output), strict=True):
         shape = zero.shape
@@ -291,7 +291,7 @@ def _is_finite(value: Value) -> bool:
         return False
 
 
-def _text_of(value: object) -> str:
+def _value_text(value: object) -> str:
     if type(value) is tuple:
         return f"({', '.join('…' for _part in value)})"
     return "None" if value is None else type(value).__name__
@@ -305,7 +305,7 @@ def _block_figures(guard: GuardedBlock, error: BaseException | None = None) -> d
     frames = traceback.extract_tb(error.__traceback__) if error is not None else []
     block = _faulty_part(guard.block, {frame.filename for frame in frames})
     block_class: Tree = type(block)
-    class_name, file_name = block_class.__name__, _file_of(block)
+    class_name, file_name = block_class.__name__, _step_file(block)
     block_text = f"{guard.role} {class_name}"
     if file_name is None:
         return {"role": guard.role, "kind": class_name, "block": block_text}
@@ -318,7 +318,7 @@ def _block_figures(guard: GuardedBlock, error: BaseException | None = None) -> d
     return {"role": guard.role, "kind": f"{shown_name}:{class_name}", "block": f"{block_text} ({place})"}
 
 
-def _as_written(block: Tree) -> Tree:
+def _innermost_block(block: Tree) -> Tree:
     """Return the block inside a timed, limited or compiled block, which contains it as `block`."""
     while (inner := getattr(block, "block", None)) is not None:
         block = inner
@@ -327,12 +327,12 @@ def _as_written(block: Tree) -> Tree:
 
 def _faulty_part(block: Tree, files: Container[str | None]) -> Tree:
     """Return the innermost part of a block that is written in one of `files`; the block if no part is."""
-    block = _as_written(block)
+    block = _innermost_block(block)
     parts = [_faulty_part(getattr(block, name), files) for name in optional.attribute(block, "inner_blocks")]
-    return next((part for part in parts if _file_of(part) in files), block)
+    return next((part for part in parts if _step_file(part) in files), block)
 
 
-def _file_of(block: Tree) -> str | None:
+def _step_file(block: Tree) -> str | None:
     """Return the path of the file with the block's `step`; None if `step` is not Python code."""
     try:
         step: Tree = type(block).step

@@ -4,7 +4,7 @@ compiled."""
 import pytest
 
 from baqueano.block_checks import compilation_notes
-from baqueano.blocks import resolve, role_of
+from baqueano.blocks import infer_role, resolve
 
 from .students import CONTROLLER, GOOD, findings_about
 
@@ -17,7 +17,7 @@ def test_a_good_block_passes_the_check_without_findings(tmp_path, room):
 @pytest.mark.parametrize("room", GOOD)
 def test_the_kind_of_a_block_is_detected_from_its_class(tmp_path, room):
     (tmp_path / "mine.py").write_text(GOOD[room], encoding="utf-8")
-    assert role_of(resolve(room, "mine.py:Block", tmp_path)) == room
+    assert infer_role(resolve(room, "mine.py:Block", tmp_path)) == room
 
 
 @pytest.mark.parametrize("room", GOOD)

@@ -3,7 +3,7 @@
 import pytest
 
 from baqueano.block_checks import check
-from baqueano.blocks import check_role, resolve, role_of
+from baqueano.blocks import check_role, infer_role, resolve
 from baqueano.contracts.blocks import STEP_INPUTS
 from baqueano.errors import FileError, UsageError
 from tests.codes import includes, refused
@@ -16,13 +16,13 @@ def test_a_class_with_unknown_step_arguments_is_not_a_block(tmp_path):
         "class Block:\n    def step(self, state, world):\n        pass\n", encoding="utf-8"
     )
     with refused("block.no-role", FileError, block="Block", names="world"):
-        role_of(resolve("guide", "mine.py:Block", tmp_path))
+        infer_role(resolve("guide", "mine.py:Block", tmp_path))
 
 
 def test_a_class_without_step_is_not_a_block(tmp_path):
     (tmp_path / "mine.py").write_text("class Block:\n    pass\n", encoding="utf-8")
     with refused("block.no-step", FileError, block="Block"):
-        role_of(resolve("guide", "mine.py:Block", tmp_path))
+        infer_role(resolve("guide", "mine.py:Block", tmp_path))
 
 
 def test_an_unknown_kind_of_block_is_refused():

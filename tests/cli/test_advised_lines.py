@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import baqueano as package
-from baqueano.cli import SUBCOMMANDS, command_of
+from baqueano.cli import SUBCOMMANDS, load_command
 from baqueano.cli.next_command import run_options
 from baqueano.diagnostics import nearest
 from baqueano.messages import templates, text
@@ -67,7 +67,7 @@ def advised():
 def parse_line(words):
     """Return the context of a command, or None if it shows a help; raise click's error or KeyError for a wrong one."""
     words = [OPEN if word.startswith("{") else word for word in words]
-    command, rest = command_of(words[0]), words[1:]
+    command, rest = load_command(words[0]), words[1:]
     while isinstance(command, click.Group):
         if not rest:
             return None

@@ -11,8 +11,8 @@ import click
 import pytest
 
 from baqueano.cli import SUBCOMMANDS as ALL
-from baqueano.cli import baqueano, command_of, in_language, main
-from baqueano.messages import in_english, language
+from baqueano.cli import baqueano, load_command, main, translate_command
+from baqueano.messages import english_text, language
 from baqueano.runs import read_run
 
 ENGLISH = (
@@ -153,7 +153,7 @@ def test_help_is_translated_after_an_earlier_english_call(in_strange_letters, ca
 
 def helps():
     """Yield each command that has a help, with the text of this help."""
-    commands = [("baqueano", baqueano), *((name, command_of(name)) for name in ALL)]
+    commands = [("baqueano", baqueano), *((name, load_command(name)) for name in ALL)]
     for name, command in commands:
         yield name, command
         for x, verb in getattr(command, "commands", {}).items():
@@ -164,7 +164,7 @@ def helps():
 def test_each_help_fits_80_columns_and_names_its_defaults_as_they_are_typed(name):
     language.choose_language(name)
     pages = [
-        in_language(command).get_help(click.Context(command, terminal_width=80, max_content_width=80))
+        translate_command(command).get_help(click.Context(command, terminal_width=80, max_content_width=80))
         for _, command in helps()
     ]
     lines = [line for page in pages for line in page.split("\n")]
@@ -184,7 +184,9 @@ def test_each_option_has_a_help_text():
 
 def test_spanish_help_uses_the_third_person_and_one_default_wording():
     language.choose_language("es")
-    wordings = [(name, wording) for name, command in helps() for wording in words_of(in_language(command))]
+    wordings = [
+        (name, wording) for name, command in helps() for wording in words_of(translate_command(command))
+    ]
     assert len(wordings) > 250
     assert [wording for wording in wordings if INFINITIVE.match(wording[1])] == [], "Guarda, not Guardar"
     assert [wording for wording in wordings if OTHER_DEFAULT.search(wording[1])] == [], "predeterminado"
@@ -241,10 +243,10 @@ def test_files_and_json_retain_decimal_points_and_english(in_lab, capsys):
 
 
 def test_steps_on_the_vehicle_use_the_language_of_the_laptop(in_strange_letters):
-    from baqueano.robot.setup.install import steps_in_this_language
+    from baqueano.robot.setup.install import translated_steps
 
     with language.use_language("es"):
-        text = steps_in_this_language()
+        text = translated_steps()
     scope: dict = {"__name__": "steps"}
     exec(compile(text, "steps.py", "exec"), scope)
     assert scope["_"]("{user} is in {groups}", user="ana", groups="i2c") == f"ana {strange('is in')} i2c"
@@ -257,7 +259,7 @@ def test_import_warnings_are_stored_as_data_in_english(in_lab, capsys):
     assert warnings
     for warning in warnings:
         assert warning.diagnostic.figures["cause"].code.startswith("recording.")
-        assert warning.text == in_english(warning.diagnostic)
+        assert warning.text == english_text(warning.diagnostic)
         with language.use_language("es"):
             assert warning.sentence != warning.text
 
@@ -277,7 +279,7 @@ def test_files_of_a_new_project_have_spanish_comments(in_lab, capsys):
 def test_one_placeholder_has_one_name_in_all_helps():
     """FOLDER beside CARPETA in one help looks like two different things."""
     language.choose_language("es")
-    commands = [in_language(command) for _, command in helps()]
+    commands = [translate_command(command) for _, command in helps()]
     metavars = [p.make_metavar(click.Context(command)) for command in commands for p in command.params]
     words = {word for metavar in metavars for word in re.findall(r"[A-Z]{3,}", metavar)}
     assert {"ARCHIVO", "CARPETA", "CLAVE", "CORRIDA", "CORRIDAS", "MAPA", "NOMBRE", "RUTA"} <= words

@@ -8,7 +8,7 @@ import click
 import numpy as np
 import pytest
 
-from baqueano.cli import SUBCOMMANDS, command_of
+from baqueano.cli import SUBCOMMANDS, load_command
 from baqueano.report import Page, Section, draw, figures
 from tests.figure_files import width_mm
 
@@ -38,7 +38,7 @@ def commands(name: str, command: click.Command):
 
 def test_every_command_with_a_report_has_the_same_options_for_its_figures():
     of_report = {}
-    for name, command in (pair for verb in SUBCOMMANDS for pair in commands(verb, command_of(verb))):
+    for name, command in (pair for verb in SUBCOMMANDS for pair in commands(verb, load_command(verb))):
         options = [param for param in command.params if isinstance(param, click.Option)]
         helps = {name: option.help for option in options for name in option.opts}
         if "--report" in helps or name in ("report", "demo"):
@@ -81,7 +81,7 @@ def test_a_study_writes_its_page_and_its_figures(baqueano, tmp_path, monkeypatch
     values = {
         "paper.case_study.case_study": result, "paper.case_study.simulate_seed": (None, None),
         "paper.dynamic_vs_kinematic.compare_models": (), "paper.page.paper_page": page,
-        "recordings.recordings": result, "recordings_page.page_of_recordings": page,
+        "recordings.recordings": result, "recordings_page.make_recordings_page": page,
     }  # fmt: skip
     for name, value in values.items():
         monkeypatch.setattr(f"baqueano.study.{name}", lambda *arguments, value=value: value)

@@ -77,7 +77,7 @@ def test_a_run_is_converted_to_a_route(lab):
     assert lab("route", "import", "last", "again", "--json").reply["rows"][0]["closed"]
 
 
-def cause_of(reason):
+def error_cause(reason):
     """Return the code of a refusal; the table of `route check` contains it, and its error refers to the table."""
     return reason.figures["cause"].code if reason.code == "cli.route-refused" else reason.code
 
@@ -89,11 +89,11 @@ def test_an_excessive_speed_is_refused_with_a_command(lab, verb):
         "repeat", "lab-speed", "--vehicle", "small"
     )  # fmt: skip
     assert end.code == AnswerNo.exit_code
-    assert cause_of(end.reason) == "route.speed-too-high"
+    assert error_cause(end.reason) == "route.speed-too-high"
     assert end.fix == "baqueano route faster lab-speed"
     line = (verb,) if verb == "repeat" else ("route", "check")
     end = lab(*line, "lab", "--vehicle", "small", "--room", "1x1")
-    assert cause_of(end.reason) == "route.through-wall"
+    assert error_cause(end.reason) == "route.through-wall"
     assert end.fix == "baqueano route scale lab 0.78"
     with use_notation(COMMAND_LINE):
         sentence = text(end.reason.figures.get("cause", end.reason))
@@ -187,7 +187,7 @@ def test_the_headings_of_a_sideways_route_are_taken_from_its_path(lab, tmp_path,
     side = tmp_path / "routes" / "my side.csv"
     side.write_text("\n".join(["# closed = false", head, *turned_lines]), encoding="utf-8")
     end = lab("route", "check", route, "--vehicle", "small")
-    assert cause_of(end.reason) == "route.sideways"
+    assert error_cause(end.reason) == "route.sideways"
     assert lab(*shlex.split(end.fix)[1:]).code == 0
     assert lab("route", "check", "my side-turned", "--vehicle", "small").code == 0
 

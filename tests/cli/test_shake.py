@@ -3,7 +3,7 @@
 import pytest
 
 from baqueano.runs import read_run
-from baqueano.worlds.faults.fault import faults_in
+from baqueano.worlds.faults.fault import find_faults
 
 
 def test_a_fault_given_on_the_command_line_is_logged_and_detected(baqueano):
@@ -13,7 +13,7 @@ def test_a_fault_given_on_the_command_line_is_logged_and_detected(baqueano):
     assert result.code == 0
     assert "NIS detected it" in result.err
     run = read_run("run.mcap")
-    faults = faults_in((e.t_ns, e.source, e.diagnostic) for e in run.events)
+    faults = find_faults((e.t_ns, e.source, e.diagnostic) for e in run.events)
     assert [(fault.kind, fault.start_s) for fault in faults] == [("push", 2.0), ("sag", 3.0)]
 
 

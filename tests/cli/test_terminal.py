@@ -106,7 +106,7 @@ def test_an_endless_simulation_waits_for_the_clock(monkeypatch):
     monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(terminal.time, "sleep", lambda wait_s: now.append(now.pop() + wait_s))
     paces: list[float] = []
-    show = terminal.in_real_time(paces.append)
+    show = terminal.real_time_display(paces.append)
     for t_s in (0.5, 2.0, 1.0):
         show(t_s)
     assert (paces, now) == ([0.5, 2.0, 1.0], [102.0])

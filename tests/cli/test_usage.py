@@ -10,7 +10,7 @@ import click
 import pytest
 
 from baqueano import __version__
-from baqueano.cli import SUBCOMMANDS, command_of, main
+from baqueano.cli import SUBCOMMANDS, load_command, main
 from baqueano.diagnostics import fault
 
 
@@ -131,8 +131,8 @@ def test_help_imports_no_command_module_and_no_numpy():
     code = (
         "import sys\nfrom baqueano.cli import main\n"
         "try: main(['--help'])\nexcept SystemExit: pass\n"
-        "from baqueano.cli import SUBCOMMANDS_BY_SUBPACKAGE\n"
-        "rooms = ('numpy', 'scipy', 'mcap', *(f'baqueano.cli.{room}' for room in SUBCOMMANDS_BY_SUBPACKAGE))\n"
+        "from baqueano.cli import SUBPACKAGE_VERBS\n"
+        "rooms = ('numpy', 'scipy', 'mcap', *(f'baqueano.cli.{room}' for room in SUBPACKAGE_VERBS))\n"
         "print([m for m in sys.modules if m.startswith(rooms)])"
     )
     process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -274,7 +274,7 @@ def test_the_command_line_computes_small_matrices_without_threads(environment, e
 
 def test_the_help_of_a_folder_names_a_folder():
     """`-o FILE  Folder to write` states two things."""
-    commands = [command_of(verb) for verb in SUBCOMMANDS]
+    commands = [load_command(verb) for verb in SUBCOMMANDS]
     commands += [child for command in commands for child in getattr(command, "commands", {}).values()]
     options = [p for command in commands for p in command.params if isinstance(p, click.Option) and p.help]
     folders = [p for p in options if p.help.startswith("Folder")]

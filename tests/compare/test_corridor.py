@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano.compare import compare
-from baqueano.compare.corridor import corridor, corridor_of, corridor_row
+from baqueano.compare.corridor import corridor, corridor_row, run_corridor
 from baqueano.compare.corridor_forecast import forecast_corridor
 from baqueano.guides.shapes import circle, eight, sinuous_circle
 from baqueano.simulate import simulate_loop
@@ -64,7 +64,7 @@ def test_ellipse_and_half_width_cover_95_percent_of_a_normal_distribution():
 
 def test_run_and_comparison_report_the_corridor_after_each_lap():
     run = simulate_loop(load("small").with_values(SHARP), circle(0.3, 0.2), laps=2)
-    corridor = corridor_of(run)
+    corridor = run_corridor(run)
     assert corridor.lap_s == pytest.approx(0.5 * run.duration_s, abs=0.05)
     assert (corridor.message.code, corridor.message.figures["laps"]) == ("corridor.after-laps", 2)
     comparison = compare(run)
@@ -74,14 +74,14 @@ def test_run_and_comparison_report_the_corridor_after_each_lap():
 
 def test_a_figure_eight_is_one_lap_although_its_path_crosses_the_start():
     run = simulate_loop(load("small").with_values(SHARP), eight(0.5, 0.2), laps=2)
-    assert corridor_of(run).lap_s == pytest.approx(0.5 * run.duration_s, abs=0.05)
+    assert run_corridor(run).lap_s == pytest.approx(0.5 * run.duration_s, abs=0.05)
 
 
 def test_the_forecast_agrees_with_the_corridor_computed_after_the_drive():
     file, route = load("small"), sinuous_circle(0.6, 0.06, 5, 0.2)
     prediction = forecast_corridor(file, route, 2)
     for seed in (1, 2):
-        driven_corridor = corridor_of(simulate_loop(file, route, seed, laps=2))
+        driven_corridor = run_corridor(simulate_loop(file, route, seed, laps=2))
         for row in prediction.rows():
             k = int(np.searchsorted(driven_corridor.t_s, row["t_s"])) - 1
             for name in ("across_m", "area_m2", "heading_rad"):

@@ -140,7 +140,7 @@ def test_a_nan_command_is_not_counted_in_the_limit_share():
 @pytest.mark.parametrize("name", ["small", "car", "case-study-1"])
 def test_limits_are_read_from_the_vehicle_text(name):
     file = load(name)
-    limits = evenness.limits_of(file.text)
+    limits = evenness.read_limits(file.text)
     assert limits is not None
     assert np.array_equal(limits.command, file.command.limit)
     assert limits.mixing == file.vehicle.drivetrain.mixing
@@ -155,7 +155,7 @@ def test_limits_are_read_from_the_vehicle_text(name):
      '[command]\nnames = ["a"]\n[model.drivetrain]\nmixing = "two_wheels"'],
 )  # fmt: skip
 def test_a_vehicle_text_without_limits_returns_none(text):
-    assert evenness.limits_of(text) is None
+    assert evenness.read_limits(text) is None
 
 
 def a_run(times, u, vehicle_text, **extra):

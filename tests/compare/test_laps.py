@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.compare.laps import _end_passages, laps_of
+from baqueano.compare.laps import _end_passages, run_laps
 from baqueano.guides.shapes import circle, eight, line
 from baqueano.simulate import simulate_loop
 from baqueano.vehicle_file import load
@@ -14,7 +14,7 @@ SMALL = load("small")
 @pytest.mark.parametrize("route", [circle(0.5, 0.2), eight(0.6, 0.2)], ids=["circle", "eight"])
 def test_each_lap_has_a_duration_and_a_distance(route):
     run = simulate_loop(SMALL, route, laps=3, perfect=True)
-    laps = laps_of(run)
+    laps = run_laps(run)
     assert [lap.number for lap in laps] == [1, 2, 3]
     for lap in laps:
         ramp_s = 0.0 if lap is laps[1] else 0.5 * 0.2 / 0.3
@@ -37,7 +37,7 @@ def test_the_largest_distance_is_taken_over_the_whole_drive():
 
 
 def test_an_open_route_has_no_laps():
-    assert laps_of(simulate_loop(SMALL, line(1.0, 0.2), perfect=True)) == ()
+    assert run_laps(simulate_loop(SMALL, line(1.0, 0.2), perfect=True)) == ()
 
 
 def test_a_reference_that_returns_at_the_lap_end_counts_once():

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from baqueano.block_checks import check_controller
 from baqueano.compare.errors import cross_track, rms
-from baqueano.compare.evenness import is_driving, limits_of, share_at_limit, sign_changes, speed_errors
+from baqueano.compare.evenness import is_driving, read_limits, share_at_limit, sign_changes, speed_errors
 from baqueano.controllers import ModelFollower, PdFeedforward
 from baqueano.geometry import compose, map_from_body
 from baqueano.guides.shapes import circle, eight, rectangle, sinuous_circle
@@ -136,7 +136,7 @@ def test_the_garage_vehicle_drives_evenly(shape, law, perfect):
     evenness = speed_errors(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0])
     assert evenness.error < 0.05
     assert evenness.unevenness < 0.03
-    assert share_at_limit(run.sent_commands, limits_of(SMALL.text)) == 0.0
+    assert share_at_limit(run.sent_commands, read_limits(SMALL.text)) == 0.0
     drives = is_driving(run.t_ns, run.reference.nu[:, 0], 0.0)
     assert sign_changes(run.t_ns[drives], run.sent_commands[drives, 0]) == 0.0
     assert sign_changes(run.t_ns, run.sent_commands[:, 0]) * run.duration_s < 1.5  # at most one, to brake
@@ -241,7 +241,7 @@ def test_a_car_follows_a_circle_without_servo_saturation(law):
     run = simulate_loop(car, circle(3.0, 0.8), perfect=True, controller=car.controller(law))
     distance = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
     assert rms(distance) < 0.01
-    assert share_at_limit(run.sent_commands, limits_of(car.text)) < 0.01  # the first tick
+    assert share_at_limit(run.sent_commands, read_limits(car.text)) < 0.01  # the first tick
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -52,7 +52,7 @@ def blocks_of(file, controller, duration_s=1.0):
     return Blocks(file.estimator(), Idle(duration_s), controller, file.supervisor())
 
 
-def world_of(file):
+def make_world(file):
     return SimulatedWorld(file.vehicle, file.sensors, file.rate_hz)
 
 
@@ -62,7 +62,7 @@ def test_a_hanging_block_is_stopped_and_its_line_is_named(live, limit_ms, monkey
     monkeypatch.setattr("baqueano.drive.session.HANG_S", 0.3)
     file = vehicle_file.load("small")
     run = drive(
-        blocks_of(file, Hangs()), file, kind="repeat", world=world_of(file),
+        blocks_of(file, Hangs()), file, kind="repeat", world=make_world(file),
         tick_times_ns=simulated_ticks(file.rate_hz, 1.0), live=live,
     )  # fmt: skip
     reason = drive_stop_reason(run)
@@ -150,7 +150,7 @@ def test_an_external_stop_reason_is_latched_and_logged():
 
     run = drive(
         blocks_of(file, Schedule.at_rate(np.full((100, 3), 0.2), file.rate_hz)), file, kind="experiment",
-        world=world_of(file), tick_times_ns=simulated_ticks(file.rate_hz, 1.0), live=True, observers=[LiftWatch()],
+        world=make_world(file), tick_times_ns=simulated_ticks(file.rate_hz, 1.0), live=True, observers=[LiftWatch()],
     )  # fmt: skip
     assert drive_stop_reason(run) == lift_stop
     assert np.any(run.applied_commands[:20] != 0.0)
@@ -211,7 +211,7 @@ def test_a_live_drive_does_not_read_its_run_file(tmp_path):
     file = vehicle_file.load("small")
     run = drive(
         blocks_of(file, Schedule.at_rate(np.full((100, 3), 0.2), file.rate_hz)), file, kind="experiment",
-        world=world_of(file), tick_times_ns=simulated_ticks(file.rate_hz, 1.0), live=True, path=tmp_path / "run.mcap",
+        world=make_world(file), tick_times_ns=simulated_ticks(file.rate_hz, 1.0), live=True, path=tmp_path / "run.mcap",
     )  # fmt: skip
     assert len(run.t_ns) == 0
     assert len(read_run(tmp_path / "run.mcap").t_ns) == 100

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.compare.laps import laps_of
+from baqueano.compare.laps import run_laps
 from baqueano.controllers import Pd
 from baqueano.controllers.schedule import script_commands
 from baqueano.diagnostics import Severity, StopReason
@@ -23,7 +23,7 @@ from baqueano.guides.route import move_route
 from baqueano.guides.shapes import circle
 from baqueano.loop import Blocks
 from baqueano.runs import Channel, read_run
-from baqueano.runs.run_path import route_of
+from baqueano.runs.run_path import run_route
 from baqueano.sensors import Mark
 from baqueano.signals import sensor_slots
 from baqueano.supervisor import Supervisor
@@ -259,7 +259,7 @@ def test_a_replayed_drive_without_a_route_has_no_laps():
     assert np.array_equal(replayed_run.reference.at_end, turning.reference.at_end)
     for run in (replayed_run, replay(turning, estimator=ekf, smooth=True)):
         assert run.guide_reference is None
-        assert not laps_of(run)
+        assert not run_laps(run)
 
 
 def test_a_replay_over_a_gap_has_growing_uncertainty_and_is_reproducible():
@@ -371,7 +371,7 @@ def test_a_lesson_of_a_vehicle_that_lags_behind_returns_to_its_start():
     """Before, the lesson ended at its planned time, 0.39 m and 91° before the end of the circle."""
     run = late_drive(circle(0.3, 0.4), **{"model.friction.linear": [13.2, 40.0, 0.046]})
     assert np.hypot(*run.estimate.eta[-1, :2]) < 0.1
-    assert route_of(run, closed=True).closed
+    assert run_route(run, closed=True).closed
     assert run.estimate.nu[-1, 0] > 0.1  # a closed lesson ends in motion
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.drive import first_drive, first_drive_pulses, with_rough_gains
-from baqueano.drive.first_drive import directions, estimate_first_drive, pulses_of
+from baqueano.drive.first_drive import directions, estimate_first_drive, find_pulses
 from baqueano.drive.first_drive_pulses import MIN_SIGMA, PAUSE_S, PULSE_S, STEP, PulsePlanner
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Inertial
@@ -146,7 +146,7 @@ def test_a_run_without_estimates_is_refused_as_a_first_drive(first):
     from dataclasses import replace
 
     with refused("first-drive.no-estimates", UsageError):
-        pulses_of(replace(first.run, estimate=None))
+        find_pulses(replace(first.run, estimate=None))
 
 
 def estimate(t_s, v=0.0, omega=0.0, std=1e-3):

@@ -210,4 +210,4 @@ def test_the_gyro_is_the_one_that_the_run_contains(file, lap, tmp_path):
     text = file.text.replace("[sensors.imu]", '[sensors.front]\nkind = "imu"\n\n[sensors.imu]', 1)
     path = tmp_path / "two.toml"
     path.write_text(text, encoding="utf-8")
-    assert module._gyro_of(lap, vehicle_file.load(path)) == "imu"
+    assert module._gyro_name(lap, vehicle_file.load(path)) == "imu"

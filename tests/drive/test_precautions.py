@@ -10,7 +10,7 @@ from baqueano.drive import drive_stop_reason, repeat
 from baqueano.drive.mission import Mission, perform
 from baqueano.drive.safety.caution import SLOW, STAND_S, WAIT_S, Caution
 from baqueano.drive.safety.patience import Patience
-from baqueano.drive.safety.precautions import Precautions, drive_to_limits
+from baqueano.drive.safety.precautions import Precautions, approach_limits
 from baqueano.drive.safety.room_watch import RoomWatch, stopping_distance
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators.covariance import CHI_SQUARE_95
@@ -111,7 +111,7 @@ def test_the_lead_in_radius_is_possible_for_the_vehicle(name):
     from baqueano.routes.capability import Capability
 
     file, route = load(name), circle(2.0, 0.4)
-    limits = drive_to_limits(route, file)
+    limits = approach_limits(route, file)
     assert limits["speed_m_s"] == pytest.approx(0.4)
     assert Capability(file).share(0.4, 0.4 / limits["radius_m"]) < 1.0
 
@@ -285,7 +285,7 @@ def test_the_return_path_ends_at_the_start():
 def test_the_way_back_has_no_jump_and_ends_at_rest(name, route):
     file = load(name)
     run = repeat(file, route, way_back=True)
-    nu, limits = run.reference.nu, drive_to_limits(route, file)
+    nu, limits = run.reference.nu, approach_limits(route, file)
     largest_rate = limits["speed_m_s"] / limits["radius_m"]
     assert np.max(np.abs(np.diff(nu[:, 2]))) < 0.25 * largest_rate
     assert abs(run.truth.nu[-1, 0]) < 0.03  # it was 0.056 m/s and 0.33 rad/s

@@ -3,7 +3,7 @@
 import pytest
 
 import baqueano as bq
-from baqueano.drive.safety.sensor_notes import notes_about_sensors
+from baqueano.drive.safety.sensor_notes import sensor_warnings
 from baqueano.guides.shapes import circle
 from baqueano.vehicle_file import parse
 
@@ -25,7 +25,7 @@ def with_sensor(kind, use=None):
 
 def ignored_sensors(file):
     """Return the figures and the remedy of each warning about ignored sensors."""
-    warnings = notes_about_sensors(file, file.estimator())
+    warnings = sensor_warnings(file, file.estimator())
     return [(w.figures["sensors"], w.fix) for w in warnings if w.code == "drive.sensor-ignored"]
 
 

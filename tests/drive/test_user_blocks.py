@@ -43,7 +43,7 @@ def blocks_with(tmp_path, body):
     return Blocks(FILE.estimator(), SinuousCircle(laps=0), controller, FILE.supervisor())
 
 
-def run_of(blocks, **options):
+def load_run(blocks, **options):
     return drive(blocks, FILE, kind="repeat", duration_s=0.3, **options)
 
 
@@ -60,13 +60,13 @@ return state, Command(estimate.t_ns, np.zeros(3))
 
 def test_a_user_block_is_compiled_like_a_built_in_block(tmp_path):
     blocks = blocks_with(tmp_path, GOOD)
-    run, numpy_run = run_of(blocks), run_of(blocks, backend="numpy")
+    run, numpy_run = load_run(blocks), load_run(blocks, backend="numpy")
     assert [e for e in run.events if e.source != REJECTIONS_SOURCE] == []
     np.testing.assert_allclose(run.requested_commands, numpy_run.requested_commands, atol=1e-9)
 
 
 def test_a_block_that_branches_on_data_runs_uncompiled_with_a_note(tmp_path):
-    run = run_of(blocks_with(tmp_path, BRANCH))
+    run = load_run(blocks_with(tmp_path, BRANCH))
     assert drive_stop_reason(run) is None
     assert len(run.t_ns) == 30
     (note,) = [e for e in run.events if e.source != REJECTIONS_SOURCE]
@@ -83,7 +83,7 @@ return state, Command(estimate.t_ns, np.array([self.gain - 2.0, 0.0, 0.0]))
 
 
 def test_a_block_that_keeps_memory_in_itself_runs_as_written(tmp_path):
-    run = run_of(blocks_with(tmp_path, MEMORY))
+    run = load_run(blocks_with(tmp_path, MEMORY))
     (note,) = [e for e in run.events if e.source != REJECTIONS_SOURCE]
     assert note.diagnostic.figures["error"].code == "trace.not-pure"
     np.testing.assert_allclose(np.diff(run.requested_commands[:, 0]), 0.01)
@@ -104,7 +104,7 @@ def test_a_block_that_keeps_memory_in_itself_runs_as_written(tmp_path):
 )
 @pytest.mark.parametrize("backend", ["auto", "numpy"])
 def test_a_failing_block_is_named_with_its_file_and_line(tmp_path, body, words, backend):
-    run = run_of(blocks_with(tmp_path, body), backend=backend)
+    run = load_run(blocks_with(tmp_path, body), backend=backend)
     reason = drive_stop_reason(run)
     assert reason.figures["block"].startswith("controller Mine (")
     assert "mi contról.py:" in reason.figures["block"]
@@ -146,8 +146,8 @@ def test_an_estimator_without_a_start_pose_drives_with_a_note(tmp_path):
         FILE.controller(),
         FILE.supervisor(),
     )
-    assert run_of(blocks).events == ()
-    run = run_of(blocks, eta=np.array([1.0, 0.0, 0.0]))
+    assert load_run(blocks).events == ()
+    run = load_run(blocks, eta=np.array([1.0, 0.0, 0.0]))
     assert drive_stop_reason(run) is None
     (note,) = run.events
     assert note.diagnostic.code == "drive.own-origin"

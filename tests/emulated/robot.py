@@ -149,7 +149,7 @@ class EmulatedWorld(Robot):
         return self.robot.new_truths()
 
 
-def world_of(
+def make_world(
     build: Built, file: Any, truth: Any = None, seed: int = 0
 ) -> tuple[EmulatedWorld, Iterator[int]]:
     """Return world and clock for `drive`, with the vehicle `truth`."""

@@ -7,7 +7,7 @@ from baqueano import vehicle_file
 from baqueano.errors import AnswerNo
 from baqueano.robot.imu.settings import ImuSettings
 from baqueano.robot.workshop import calibrate_imu
-from baqueano.robot.workshop.calibrate_imu import ImuReader, axes_from_lift, biases, up_axis_of
+from baqueano.robot.workshop.calibrate_imu import ImuReader, biases, find_up_axis, lift_axes
 from tests.codes import refused
 from tests.emulated.hand import Hand, OnBus
 
@@ -89,12 +89,12 @@ def test_an_imu_without_samples_is_reported(robot):
 
 def test_an_imu_without_a_nearly_vertical_axis_is_refused():
     with refused("calibrate.not-upright", AnswerNo, x_m_s2=5.0, y_m_s2=0.0, z_m_s2=8.4):
-        up_axis_of(np.array([5.0, 0.0, 8.4]))
+        find_up_axis(np.array([5.0, 0.0, 8.4]))
 
 
 def test_a_lift_over_a_corner_does_not_give_the_forward_direction():
     with refused("calibrate.lifted-over-corner", AnswerNo, first_m_s2=2.0, second_m_s2=1.5):
-        axes_from_lift(np.array([2.0, -1.5, 0.1]), np.array([0.0, 0.0, 1.0]))
+        lift_axes(np.array([2.0, -1.5, 0.1]), np.array([0.0, 0.0, 1.0]))
 
 
 @pytest.mark.parametrize("turn", [1.7, 3.0, 4.2])

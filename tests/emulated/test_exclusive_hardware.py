@@ -65,7 +65,7 @@ def test_service_calibration_and_doctor_open_the_same_imu(tmp_path, monkeypatch)
     with pytest.raises(RobotUnreachable):
         open_hardware(hardware, print, motors=False).__enter__()
     with pytest.raises(RobotUnreachable):
-        imu.imu_of(hardware, print)
+        imu.start_imu(hardware, print)
     settings = ImuSettings(filter=5, accel_range_g=16, gyro_range_dps=500, axes=("-y", "x", "z"))
     assert calls == [(7, 105, settings)] * 3
 

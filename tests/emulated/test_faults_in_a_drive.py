@@ -13,7 +13,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door.states import DoorState
-from baqueano.drive import drive_stop_reason, route_of
+from baqueano.drive import drive_stop_reason, run_route
 from baqueano.drive.mission import Mission, pack
 from baqueano.drive.recording import CLOCK_SOURCE, HARDWARE_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
 from baqueano.guides import shapes
@@ -299,7 +299,7 @@ def test_a_clone_imu_with_a_slow_clock_teaches_and_repeats_a_route(vehicle):
     assert last["reason"] is None
     assert "IMU: ICM-20689 (WHO_AM_I 0x98)" in [e.text for e in lesson.events]
     robot.put_back()
-    last, run = drive(service, pack(Mission("repeat", route=route_of(lesson, closed=True)), file))
+    last, run = drive(service, pack(Mission("repeat", route=run_route(lesson, closed=True)), file))
     assert last["reason"] is None
     assert position_rms(run) < 0.1
     assert end(robot, run) < 0.1

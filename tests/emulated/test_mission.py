@@ -7,12 +7,12 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.compare import compare
-from baqueano.compare.evenness import is_driving, limits_of, share_at_limit, sign_changes, speed_errors
+from baqueano.compare.evenness import is_driving, read_limits, share_at_limit, sign_changes, speed_errors
 from baqueano.drive import experiment, repeat, teach
 from baqueano.guides import shapes
 from baqueano.identify import identify
 from baqueano.simulate.excitation import excitation
-from tests.emulated.robot import world_of
+from tests.emulated.robot import make_world
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def world(firmware):
     worlds = []
 
     def make(seed=0):
-        worlds.append(world_of(firmware, vehicle_file.load("small"), seed=seed))
+        worlds.append(make_world(firmware, vehicle_file.load("small"), seed=seed))
         return dict(zip(("world", "tick_times_ns"), worlds[-1], strict=True))
 
     yield make
@@ -38,7 +38,7 @@ def fit(firmware):
         "model.actuator_matrix": [[5.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.3]],
     }
     file = truth.with_values(values)
-    world, tick_times_ns = world_of(firmware, truth)
+    world, tick_times_ns = make_world(firmware, truth)
     u = excitation("random_steps", file.command.limit, 40.0, file.rate_hz, 3)
     run = experiment(file, u, world=world, tick_times_ns=tick_times_ns)
     world.robot.close()
@@ -66,7 +66,7 @@ def test_the_emulated_robot_drives_at_an_even_speed(world, fit, route):
     evenness = speed_errors(run.reference.t_ns[going], truth, run.reference.nu[going, 0])
     assert evenness.error < 0.05
     assert evenness.unevenness < 0.03
-    assert share_at_limit(run.sent_commands[going], limits_of(file.text)) == 0.0
+    assert share_at_limit(run.sent_commands[going], read_limits(file.text)) == 0.0
     # at most one, to brake
     assert sign_changes(run.t_ns[going], run.sent_commands[going, 0]) * run.duration_s < 1.5
     going &= is_driving(run.t_ns, run.reference.nu[:, 0], 0.0)

@@ -51,7 +51,7 @@ def store(uno, settings=OURS):
 
 def unchecked(frame, seq=1):
     """Return the bytes of a frame whose numbers the codec would refuse."""
-    return codec.encode_frame(frames.KIND_OF_LAYOUT[type(frame)], seq, frames.pack(frame))
+    return codec.encode_frame(frames.LAYOUT_KINDS[type(frame)], seq, frames.pack(frame))
 
 
 def test_r15_an_uno_without_settings_uses_factory_settings_and_sets_a_flag(uno):
@@ -135,7 +135,7 @@ def test_r19_configurations_at_their_limits_are_accepted(uno):
     for is_least in (True, False):
         numbers = [
             field.value_range.low if is_least else field.value_range.high
-            for field in frames.FIELDS_OF_LAYOUT[Config]
+            for field in frames.LAYOUT_FIELDS[Config]
         ]
         config = Config(*numbers)._replace(pwm_hz=50 if is_least else 20_000)
         uno.send(config)
@@ -146,7 +146,7 @@ def test_r19_configurations_at_their_limits_are_accepted(uno):
     ("name", "value"),
     [
         (f.path, v)
-        for f in frames.FIELDS_OF_LAYOUT[Config]
+        for f in frames.LAYOUT_FIELDS[Config]
         for v in (f.value_range.low - 1, f.value_range.high + 1)
         if 0 <= v <= 255
     ]
@@ -167,7 +167,7 @@ def test_r19_a_configuration_out_of_range_is_refused_as_a_whole(uno, name, value
 def test_r19_settings_out_of_range_are_refused_as_a_whole(uno):
     flat = frames.flat_values(OURS)
     errors = 0
-    for place, field in enumerate(frames.FIELDS_OF_LAYOUT[Settings]):
+    for place, field in enumerate(frames.LAYOUT_FIELDS[Settings]):
         for value in (field.value_range.low - 1, field.value_range.high + 1):
             if frames.integer_range(field.code).low <= value <= frames.integer_range(field.code).high:
                 uno.write(unchecked(frames.unflatten(Settings, [*flat[:place], value, *flat[place + 1 :]])))

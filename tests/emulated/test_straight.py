@@ -8,7 +8,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.drive.mission import Mission, perform
 from tests.drive.straight import as_fitted, body, hand_for, measured
-from tests.emulated.robot import world_of
+from tests.emulated.robot import make_world
 
 WAY_M = 5.0
 
@@ -26,7 +26,7 @@ def test_heading_control_drives_five_metres_straight(firmware, yaw_gain):
 
 
 def drive(firmware, file, truth, hold):
-    world, tick_times_ns = world_of(firmware, file, truth)
+    world, tick_times_ns = make_world(firmware, file, truth)
     hand = hand_for(14.0, [0.9, 0.0, 0.0], file.rate_hz)
     try:
         return measured(

@@ -56,7 +56,7 @@ def drive_truth(n, t_s):
     return np.column_stack([v, 0.0 * v, w])[::10], eta[::10]
 
 
-def ticks_of(reckon, readings, u=None):
+def make_ticks(reckon, readings, u=None):
     """Return ticks (N,) with readings {name: z (N, m)}, one of each sensor per tick; NaN means no reading."""
     slots = []
     for name in reckon.sensors._fields:
@@ -100,7 +100,7 @@ def test_the_covariance_matches_a_monte_carlo_simulation(speed):
         z = np.column_stack([np.zeros((n, 2)), gyro + 0.005 * rng.standard_normal(n)])
         scale = 1.0 + speed_std * rng.standard_normal()
         readings = {"imu": z, name: scale * ideal + 0.02 * rng.standard_normal(ideal.shape)}
-        belief, _ = kernel.run(ticks_of(reckon, readings))
+        belief, _ = kernel.run(make_ticks(reckon, readings))
         start_eta = start_std * rng.standard_normal(3)
         truth = compose(start_eta, eta[-1])
         errors.append([*(truth - belief.mean[:3])[:2], wrap(truth[2] - belief.mean[2])])
@@ -134,7 +134,7 @@ def test_without_wheel_speeds_the_model_predicts_speed_and_uncertainty():
     u = np.column_stack([0.4 + 0.3 * np.sin(0.02 * np.arange(n)), np.zeros(n), np.zeros(n)])
     level = np.column_stack([np.zeros((n, 2)), np.full(n, 0.02)])  # the vehicle never turns
     kernel, errors = kernel_of(reckon), []
-    belief, _ = kernel.run(ticks_of(reckon, {"imu": level}, u))
+    belief, _ = kernel.run(make_ticks(reckon, {"imu": level}, u))
     for _ in range(runs):
         gain, nu, x = 1.0 + std * rng.standard_normal(), 0.0, 0.0
         for k in range(n):
@@ -174,7 +174,7 @@ def test_pose_nees_lies_in_its_band_on_the_independent_truth():
     v = v * speed_scale[:, None, None] + 0.01 * rng.standard_normal(v.shape)
     kernel, nees, truth = kernel_of(reckon), 0.0, world.truth.eta
     for i in range(n):
-        belief, _ = kernel.run(ticks_of(reckon, {"imu": z[i], "wheels": v[i]}, u))
+        belief, _ = kernel.run(make_ticks(reckon, {"imu": z[i], "wheels": v[i]}, u))
         e = truth[i] - belief.mean[:3]
         e[2] = wrap(e[2])
         nees += e @ np.linalg.solve(belief.cov[:3, :3], e)
@@ -201,7 +201,7 @@ def test_a_delayed_gyro_causes_no_heading_error_in_a_curve(delay):
         [np.zeros((n, 2)), 1.03 * np.append(delayed_signal[10::10], delayed_signal[-1]) + 0.02]
     )
     readings, driving = {"imu": z, "odometer": 1.02 * nu[1:, :1]}, np.full((n, 3), [0.1, 0.0, 0.0])
-    _, estimates = kernel_of(reckon).run(ticks_of(reckon, readings, driving))
+    _, estimates = kernel_of(reckon).run(make_ticks(reckon, readings, driving))
     assert np.max(np.abs(wrap(estimates.eta[:, 2] - eta[1:, 2]))) < 3e-3
     assert np.max(np.hypot(*(estimates.eta[:, :2] - eta[1:, :2]).T)) < 3e-3
 
@@ -214,13 +214,13 @@ def test_slow_readings_correct_the_model_error_between_two_readings():
     z, v = np.full((n, 3), np.nan), np.full((n, 1), np.nan)
     z[9::10] = np.column_stack([np.zeros((n // 10, 2)), 1.03 * nu[10::10, 2] + 0.02])
     v[9::10] = 1.02 * nu[10::10, :1]
-    belief, _ = kernel_of(reckon).run(ticks_of(reckon, {"imu": z, "odometer": v}))
+    belief, _ = kernel_of(reckon).run(make_ticks(reckon, {"imu": z, "odometer": v}))
     assert abs(wrap(belief.mean[2] - eta[-1, 2])) < 0.15
 
 
 def test_a_gyro_without_accelerometers_turns_the_heading():
     reckon = reckoning(MODEL, imu=IMU)
-    ticks = ticks_of(reckon, {"imu": np.tile([0.0, 0.0, 1.03 * 0.5], (200, 1))})
+    ticks = make_ticks(reckon, {"imu": np.tile([0.0, 0.0, 1.03 * 0.5], (200, 1))})
     missing = ticks.sensors.imu._replace(z=ticks.sensors.imu.z + np.array([np.nan, np.nan, 0.0]))
     heading = [
         kernel_of(reckon).run(t)[0].mean[2]
@@ -252,7 +252,7 @@ def test_wheel_speeds_without_a_gyro_determine_the_heading():
     nu, eta = drive_truth(n, 1e9)
     z = WHEELS.radius_scale * np.stack([nu[1:, 0] - 0.06 * nu[1:, 2], nu[1:, 0] + 0.06 * nu[1:, 2]], 1)
     reckon = reckoning(MODEL, wheels=WHEELS)
-    belief, _ = kernel_of(reckon).run(ticks_of(reckon, {"wheels": z}))
+    belief, _ = kernel_of(reckon).run(make_ticks(reckon, {"wheels": z}))
     np.testing.assert_allclose(belief.mean[:2], eta[-1, :2], atol=1e-3)
     assert abs(wrap(belief.mean[2] - eta[-1, 2])) < 1e-3
 
@@ -309,7 +309,7 @@ def test_a_gyro_measures_its_bias_at_rest_before_the_drive():
     nu, eta = drive_truth(n, 2.0)
     nu, eta = (np.concatenate([np.zeros((rest, 3)), x]) for x in (nu, eta))
     z = np.column_stack([np.zeros((rest + n, 2)), 1.03 * nu[1:, 2] + 0.03])
-    belief, estimates = kernel_of(reckon).run(ticks_of(reckon, {"imu": z, "odometer": 1.02 * nu[1:, :1]}))
+    belief, estimates = kernel_of(reckon).run(make_ticks(reckon, {"imu": z, "odometer": 1.02 * nu[1:, :1]}))
     assert np.max(np.abs(wrap(estimates.eta[rest:, 2] - eta[rest + 1 :, 2]))) < 5e-3
     assert belief.cov[6, 6] < 0.2 * IMU.gyro_bias_std**2
     assert abs(belief.mean[6] - 0.01) < 4.0 * np.sqrt(belief.cov[6, 6])

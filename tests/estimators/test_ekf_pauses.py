@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.estimators.pauses import rows_of_ticks, silent_times
+from baqueano.estimators.pauses import silent_times, split_ticks
 from baqueano.runs.filter_ticks import example_filter_tick
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import compile_block, scan
@@ -74,7 +74,7 @@ def random_ticks(name, n, seed, shortest_s=0.0, longest_s=10.0):
     return Tick(t_ns, u, sensor_slots(tuple(slots))(**slots))
 
 
-def ticks_of(ticks):
+def make_ticks(ticks):
     kind = type(ticks.sensors)
     for k, t_ns in enumerate(ticks.t_ns):
         slots = (Slot(float(s.is_new[k]), s.z[k], float(s.age_s[k])) for s in ticks.sensors)
@@ -173,7 +173,7 @@ def test_a_million_ticks_of_ten_seconds_cause_no_overflow(name):
 def test_es11_random_ticks_leave_every_back_end_finite_and_positive_definite(name, backend):
     belief = ekf(name).init()
     count, longest_s = {"numpy": (25, 0.5), "python": (150, 10.0), "c": (1000, 10.0)}[backend]
-    for each_tick in ticks_of(random_ticks(name, count, 3, longest_s=longest_s)):
+    for each_tick in make_ticks(random_ticks(name, count, 3, longest_s=longest_s)):
         belief, estimate = ekf(name, backend).step(belief, each_tick)
         assert sound(belief.mean, belief.cov)
         assert sound(estimate.nu, estimate.cov)
@@ -182,7 +182,7 @@ def test_es11_random_ticks_leave_every_back_end_finite_and_positive_definite(nam
 @pytest.mark.parametrize("name", GARAGE)
 def test_all_back_ends_give_the_same_estimate_over_pauses(name):
     belief = ekf(name).init()
-    for each_tick in ticks_of(random_ticks(name, 12, 5, 1e-3, 1.5)):
+    for each_tick in make_ticks(random_ticks(name, 12, 5, 1e-3, 1.5)):
         belief, *beliefs = (
             ekf(name, backend).step(belief, each_tick)[0] for backend in ("c", "numpy", "python")
         )
@@ -196,12 +196,12 @@ def test_all_back_ends_give_the_same_estimate_over_pauses(name):
 @pytest.mark.parametrize("name", BOTH)
 def test_a_scan_over_split_ticks_equals_single_steps(name):
     ticks = random_ticks(name, 300, 7)
-    rows, indices = rows_of_ticks(ticks, load(name).rate_hz)
+    rows, indices = split_ticks(ticks, load(name).rate_hz)
     _, (mean, cov) = kernel(name).run(rows)
     assert np.array_equal(rows.t_ns[indices], ticks.t_ns)
     # 9: the paper's state
     belief, rtol = ekf(name).init(), 1e-12 if len(ekf(name).init().mean) == 9 else 1e-11
-    for k, each_tick in zip(indices, ticks_of(ticks), strict=True):
+    for k, each_tick in zip(indices, make_ticks(ticks), strict=True):
         belief, _ = ekf(name).step(belief, each_tick)
         np.testing.assert_allclose(mean[k], belief.mean, rtol=rtol, atol=rtol)
         np.testing.assert_allclose(np.diag(cov[k]), np.diag(belief.cov), rtol=rtol)

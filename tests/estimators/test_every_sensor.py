@@ -8,7 +8,7 @@ import pytest
 from baqueano.block_checks import check_estimator, compilation_notes
 from baqueano.compare.errors import wrap
 from baqueano.geometry import compose, map_from_body
-from baqueano.runs.filter_ticks import ticks_of
+from baqueano.runs.filter_ticks import make_ticks
 from baqueano.simulate import simulate
 from baqueano.symbolic import scan
 from baqueano.vehicle_file import load, parse
@@ -45,7 +45,7 @@ def drive_of(kind: str, estimator: str, use):
     file, run = drive_with(kind)
     options = {"process_noise_cov": R} if estimator != "augmented_ekf" else {}
     block = file.estimator(estimator, use=use, **options)
-    ticks = ticks_of(run, block, len(run.t_ns))
+    ticks = make_ticks(run, block, len(run.t_ns))
     first = type(ticks)(*(leaf if leaf is None else _first(leaf) for leaf in ticks))
     return run, scan(block.row, block.init(), first).run(ticks)[1]
 
@@ -88,7 +88,7 @@ def test_a_position_sensor_reduces_the_position_uncertainty(kind):
 def test_shifting_and_rotating_the_map_moves_the_estimate_equally(kind, keys, atol):
     file, run = drive_with("odometer")
     block = file.estimator(kind, **keys)
-    ticks = ticks_of(run, block, len(run.t_ns))
+    ticks = make_ticks(run, block, len(run.t_ns))
     kernel = scan(block.row, block.init(), type(ticks)(*(x if x is None else _first(x) for x in ticks)))
     original = kernel.run(ticks, carry=block.init(eta=np.zeros(3)))[1]
     for turn in (3.1, -1.3):  # the drive turns left: from 3.1 rad across π

@@ -9,7 +9,7 @@ import pytest
 from baqueano.estimators.readings.inconsistency import (
     MIN_INCONSISTENT_S,
     added_covariances,
-    inconsistency_after,
+    track_inconsistency,
 )
 from baqueano.geometry import wrap
 from baqueano.runs import Run
@@ -177,7 +177,7 @@ def test_a_single_nan_reading_has_no_effect(value):
 def test_position_uncertainty_grows_by_velocity_uncertainty_times_time():
     doubt, pose = np.zeros((2, 2)), np.zeros((3, 3))
     for _ in range(300):
-        now = inconsistency_after(doubt, np.array([0.2, 0.0]), np.zeros(2), np.array([True, True]), 0.01)
+        now = track_inconsistency(doubt, np.array([0.2, 0.0]), np.zeros(2), np.array([True, True]), 0.01)
         of_pose, of_nu = added_covariances(now[0], doubt[1], now[1], 0.5 * np.pi, 0.01)
         doubt, pose = now, pose + of_pose
     assert np.sqrt(pose[1, 1]) == pytest.approx(0.2 * 3.0)
@@ -190,7 +190,7 @@ def test_one_rejected_reading_in_ten_does_not_widen_the_region():
     doubt = np.zeros((2, 2))
     for k in range(1000):
         error = np.full(2, 1.0 if k % 10 == 0 else 0.0)
-        doubt = inconsistency_after(doubt, error, np.zeros(2), np.array([True, True]), 0.01)
+        doubt = track_inconsistency(doubt, error, np.zeros(2), np.array([True, True]), 0.01)
         assert np.all(doubt[1] < MIN_INCONSISTENT_S)
 
 

@@ -15,7 +15,7 @@ from baqueano.estimators.augmented.noise_levels import (
     InnovationSquares,
     NoiseLevels,
     file_innovation_cov,
-    levels_after,
+    next_levels,
 )
 from baqueano.estimators.augmented.state import layout
 from baqueano.estimators.pauses import FilterRow
@@ -165,7 +165,7 @@ def test_a_level_follows_the_gradient_of_the_likelihood(previous):
         return -0.5 * (np.log(variance) + innovation**2 / variance)
 
     squares = InnovationSquares(y, last, np.diag(q + p), np.diag(q), np.ones(3))
-    after = levels_after(NoiseLevels(np.ones(3), np.ones(2)), squares, states, 1e-3)
+    after = next_levels(NoiseLevels(np.ones(3), np.ones(2)), squares, states, 1e-3)
     slopes = [(log_likelihood(c, h, 0.0) - log_likelihood(c, -h, 0.0)) / (2.0 * h) for c in range(3)]
     np.testing.assert_allclose(after.sensors, 1.0 + 2e-3 * np.array(slopes), rtol=1e-9)
     slope = (log_likelihood(2, 0.0, h) - log_likelihood(2, 0.0, -h)) / (2.0 * h)
@@ -186,7 +186,7 @@ def test_the_levels_of_a_gyro_separate_its_noise_from_the_motion(noise, walk):
             *(np.array([0.0, 0.0, value]) for value in (y, previous)),
             np.diag([1.0, 1.0, S]), np.diag([1.0, 1.0, levels.sensors[2]]), np.array([0.0, 0.0, 1.0]),
         )  # fmt: skip
-        levels = levels_after(levels, squares, states, 0.01)
+        levels = next_levels(levels, squares, states, 0.01)
         mean, variance, previous = mean + variance / S * y, variance * (1.0 - variance / S), y
         history.append((levels.sensors[2], levels.motion[1]))
     np.testing.assert_allclose(np.mean(history[n // 4 :], axis=0), [noise, walk], rtol=0.15)
@@ -221,7 +221,7 @@ def test_noise_levels_stay_bounded(y):
         squares = InnovationSquares(
             y * np.sqrt(np.diag(S)), np.zeros(3), S, np.diag(levels.sensors), np.ones(3)
         )
-        levels = levels_after(levels, squares, states, 0.01)
+        levels = next_levels(levels, squares, states, 0.01)
     bound = MAX_LEVEL if y else 1.0 / MAX_LEVEL
     np.testing.assert_allclose(levels.sensors, bound)
 

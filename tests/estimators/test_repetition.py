@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.estimators.readings.repetition import MIN_REVERSALS, no_repetition, repetition_after
+from baqueano.estimators.readings.repetition import MIN_REVERSALS, next_repetition, no_repetition
 from baqueano.geometry import wrap
 from tests.monitor.driven import FROM_S, damaged_run, drives, kind_of
 
@@ -43,7 +43,7 @@ def test_a_sound_gyro_is_used_although_its_readings_repeat(copies):
     z = np.repeat(step * np.round(noise / step), copies)
     state, omission_count, stuck_count = no_repetition(1), 0, 0
     for reading in z:
-        state = repetition_after(state, np.array([reading]), np.array([True]))
+        state = next_repetition(state, np.array([reading]), np.array([True]))
         omission_count += bool(state.is_longest[0])
         stuck_count += bool(state.is_stuck[0])
     assert state.reversal_count[0] > MIN_REVERSALS
@@ -58,7 +58,7 @@ def test_a_reading_without_noise_may_stay_constant():
     z[1200:1400] += 1e-16 * np.resize([0.0, 3.0], 200)
     state = no_repetition(1)
     for reading in z:
-        state = repetition_after(state, np.array([reading]), np.array([True]))
+        state = next_repetition(state, np.array([reading]), np.array([True]))
         assert not state.is_longest[0]
     assert state.repeat_count[0] > 500.0
 

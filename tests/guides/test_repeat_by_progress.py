@@ -13,7 +13,7 @@ from baqueano.simulate import simulate_loop
 from baqueano.symbolic import function
 from baqueano.symbolic.graph.node import nodes_below
 from baqueano.symbolic.graph.trace import trace_function
-from baqueano.symbolic.graph.tree import shape_of
+from baqueano.symbolic.graph.tree import tree_shape
 from baqueano.vehicle_file import load
 
 SMALL = load("small")
@@ -163,7 +163,7 @@ def test_the_compiled_program_grows_neither_with_the_route_nor_with_its_density(
     for route in (circle(0.1, 0.2), *(rectangle(length_m, 3.0, 0.2, 0.2) for length_m in (4.0, 16.0, 64.0))):
         guide, now = RepeatByProgress.along(route), estimate_at([0.1, 0.2, 0.7], 3)
         state = guide.entry_state(20_000_000, 3.0, 0.1)
-        trace = trace_function(guide.step, [shape_of(state, "state"), shape_of(now, "estimate")])
+        trace = trace_function(guide.step, [tree_shape(state, "state"), tree_shape(now, "estimate")])
         sizes.append((len(guide.t_s), len(nodes_below(trace.outputs))))
     (_, dense_nodes), *sizes = sizes
     points, nodes = zip(*sizes, strict=True)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.guides.route import Route, run_through
+from baqueano.guides.route import Route, with_flying_start
 
 T_S = np.linspace(0.0, 10.0, 201)
 START = Route(T_S, np.zeros((201, 3)), np.zeros((201, 3)), True)
@@ -19,7 +19,7 @@ def with_speed(v, psi):
 def test_the_lap_starts_at_its_end_speed_instead_of_rest():
     v = np.minimum(T_S, 1.0) * 0.2  # one second of acceleration
     path_m = np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(T_S)))
-    route = run_through(with_speed(v, 2.0 * np.pi * path_m / path_m[-1]))
+    route = with_flying_start(with_speed(v, 2.0 * np.pi * path_m / path_m[-1]))
     assert route.nu[:, 0] == pytest.approx(0.2)
     assert route.nu[1:-1, 2] == pytest.approx(0.2 * 2.0 * np.pi / path_m[-1], rel=0.02)
     assert np.diff(path_m) / np.diff(route.t_s) == pytest.approx(0.2)
@@ -30,18 +30,18 @@ def test_a_route_that_ends_at_rest_is_unchanged():
     v = np.full(201, 0.2)
     v[[0, -1]] = 0.0
     route = with_speed(v, 0.1 * T_S)
-    assert run_through(route) is route
+    assert with_flying_start(route) is route
 
 
 def test_a_route_that_starts_turning_in_place_is_unchanged():
     route = with_speed(np.where(T_S < 1.0, 0.0, 0.2), np.minimum(T_S, 1.0) * 3.0)
-    assert run_through(route) is route
+    assert with_flying_start(route) is route
 
 
 def test_a_faster_last_part_does_not_change_the_duration_of_the_lap():
     v = np.where(T_S < 8.0, 0.2, 0.4)
     v[0] = 0.0
-    route = run_through(with_speed(v, 0.1 * T_S))
+    route = with_flying_start(with_speed(v, 0.1 * T_S))
     assert route.t_s[-1] == pytest.approx(10.0, abs=0.1)
 
 
@@ -50,6 +50,6 @@ def test_a_start_in_a_curve_and_a_speed_that_fluctuates_are_driven_through():
     v = np.minimum(T_S / 3.0, 1.0) * 0.3 - 0.002 * (T_S > 3.0) * np.cos(T_S) ** 2
     v[-1] = 0.3
     path_m = np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(T_S)))
-    route = run_through(with_speed(v, path_m / 0.3))
+    route = with_flying_start(with_speed(v, path_m / 0.3))
     assert route.nu[:, 0] == pytest.approx(0.3, abs=0.003)
     assert np.diff(path_m) / np.diff(route.t_s) == pytest.approx(0.3, abs=0.003)

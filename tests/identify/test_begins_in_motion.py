@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.parameters.theta import records_of
+from baqueano.identify.parameters.theta import make_records
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
@@ -29,7 +29,9 @@ def moving_run():
 
 def rows_of(file, run, at_rest=False):
     options, names = FitOptions(biases=False, at_rest=at_rest), file.sensors
-    return records_of([run], FittedBlocks(file.vehicle, names), {}, options)[0].sensors["odometer"].mask[:, 0]
+    return (
+        make_records([run], FittedBlocks(file.vehicle, names), {}, options)[0].sensors["odometer"].mask[:, 0]
+    )
 
 
 def test_rows_before_the_first_command_are_ignored_if_a_run_begins_in_motion(moving_run):

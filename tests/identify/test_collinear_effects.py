@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from baqueano.numerics.score_test import bounded_shift, residuals_for_tests, score_test
+from baqueano.numerics.score_test import bounded_shift, score_test, score_test_residuals
 
 ROWS = 1200
 
@@ -20,7 +20,7 @@ def residuals_and_effect(own_fraction):
     misfit = 0.3 * signal + 0.5 * rng.standard_normal(ROWS)  # motion outside the model, below its noise
     mask, run, is_free = np.ones(ROWS, bool), np.zeros(ROWS, int), np.ones(1, bool)
     segments = [(misfit[:, None], -d[:, None, None])]
-    fit = residuals_for_tests(segments, mask, run, is_free, [], float(np.sum(d**2)))
+    fit = score_test_residuals(segments, mask, run, is_free, [], float(np.sum(d**2)))
     return fit, (np.sqrt(1.0 - own_fraction) * d + np.sqrt(own_fraction) * signal)[None, :]
 
 

@@ -243,12 +243,12 @@ def test_a_probe_estimates_an_unmodelled_term_and_its_parameter_shift(case, u):
 
     from baqueano.identify import prediction_error_fit as module
 
-    function = module.fit_of
+    function = module.assemble_fit
     try:
-        module.fit_of = lambda end, *args: (look(end), function(end, *args))[1]
+        module.assemble_fit = lambda end, *args: (look(end), function(end, *args))[1]
         identify(run, case)
     finally:
-        module.fit_of = function
+        module.assemble_fit = function
     answer = scores["dry friction, x"]
     assert answer.z < -5.0  # a push against the motion
     k = scores["names"].index("model.friction.linear[0]")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baqueano.calibration.tolerances import scale_stds, std_of_gyro_bias, tolerance_std, with_tolerance
+from baqueano.calibration.tolerances import assumed_gyro_bias_std, scale_stds, tolerance_std, with_tolerance
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, Residuals, identify
 from baqueano.identify.covariance.clusters import with_jackknife
@@ -142,9 +142,9 @@ def test_the_error_of_the_gyro_bias_equals_its_measurement_error():
 
     file, path = load("car"), "sensors.imu.gyro_bias"
     # the value of a data sheet
-    assert std_of_gyro_bias(file, "imu") == pytest.approx(np.radians(20.0) / np.sqrt(3.0))
+    assert assumed_gyro_bias_std(file, "imu") == pytest.approx(np.radians(20.0) / np.sqrt(3.0))
     measured_file = file.with_values({path: 0.002}, {path: Provenance("rest", None, 0.001, "USABLE")})
-    assert std_of_gyro_bias(measured_file, "imu") == pytest.approx(0.001)
+    assert assumed_gyro_bias_std(measured_file, "imu") == pytest.approx(0.001)
 
 
 def test_a_fit_started_at_its_estimate_returns_the_same_estimate():

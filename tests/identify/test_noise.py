@@ -24,7 +24,7 @@ from baqueano.identify.noise.filter_noise import (
     _rms_forward_command,
     _rounding,
     _straight_drive,
-    _with_misfit_from_accelerometer,
+    _with_accelerometer_misfit,
     _with_noise,
 )
 from baqueano.identify.result.fit_result import ChannelFit
@@ -292,7 +292,7 @@ def push_std_of(r, dt_s, decay_rate, predictions=(0.0,)):
     t_s, h = dt_s * np.arange(len(r)), [x + np.zeros(len(r)) for x in predictions]
     channels = [ChannelFit("a", "imu", i, t_s, x + r * (i == 0), x, 1.0, 0.0, 0.0) for i, x in enumerate(h)]
     ekf, fit = load("small").estimator(use=("imu",)), SimpleNamespace(channels_by_run=[channels])
-    return _with_misfit_from_accelerometer(ekf, fit, {"imu"}, decay_rate).disturbance_std[0]
+    return _with_accelerometer_misfit(ekf, fit, {"imu"}, decay_rate).disturbance_std[0]
 
 
 def test_white_noise_of_an_accelerometer_leaves_a_push_of_the_size_of_its_error():

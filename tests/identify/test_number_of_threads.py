@@ -7,9 +7,9 @@ import sys
 SUMS = """
 import numpy as np
 from baqueano.numerics.autocorrelation import _first_lag_products
-from baqueano.numerics.score_test import _product, _sums_by_part
+from baqueano.numerics.score_test import _product, _part_sums
 from baqueano.identify.result.fit_result import ChannelFit
-from baqueano.identify.result.verdict import by_channel
+from baqueano.identify.result.verdict import group_channels
 from baqueano.runs.diagnostics.signal_map import channel_regression
 
 n, rng = 60_000, np.random.default_rng(0)
@@ -18,11 +18,11 @@ x = rng.normal(size=(n, 3, 5))
 channel = ChannelFit("long", "odometer", 0, z, z, h, 0.05, 1.0, 0.0)
 parts = np.arange(n)[None] < [[n // 2], [n]]
 for sums in (
-    *by_channel([channel], None)["odometer[0]"][0][1:3],
+    *group_channels([channel], None)["odometer[0]"][0][1:3],
     channel_regression(z, h),
     _first_lag_products(z[:, None], np.ones((n, 1))).tolist(),
     _product(x.reshape(n, 15).T, z).tolist(),
-    _sums_by_part(x, x, parts.sum(0), parts).tolist(),
+    _part_sums(x, x, parts.sum(0), parts).tolist(),
 ):
     print(repr(sums))
 """

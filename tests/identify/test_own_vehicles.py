@@ -19,7 +19,7 @@ from baqueano.messages import texts
 from baqueano.routes.room import vehicle_room
 from baqueano.runs.run import Channel, Run
 from baqueano.selection.choose import choose
-from baqueano.selection.terms import terms_of
+from baqueano.selection.terms import vehicle_terms
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
@@ -29,7 +29,7 @@ OMNI = {"inertia_kg_m2": 0.031, "push": 4.2, "drag": 7.0, "rollers": 0.35}
 FINE = 5  # integration steps of the truth per tick
 
 
-def run_of(file, u, z):
+def load_run(file, u, z):
     """Return a run of the commands u (N, n) and of the readings of the only sensor (N, m) at the end of each tick."""
     t_ns = np.round(np.arange(1, len(u) + 1) * 1e9 / file.rate_hz).astype(np.int64)
     (name,) = file.sensors._fields
@@ -73,12 +73,12 @@ def omni(duties, rate_hz, rng, m=2.0, R=0.14):
 
 def of_axis(file, seed=0, seconds=8.0, u=None):
     u = random_steps([12.0], seconds, file.rate_hz, seed) if u is None else u
-    return run_of(file, u, carriage(u[:, 0], file.rate_hz, np.random.default_rng(seed)))
+    return load_run(file, u, carriage(u[:, 0], file.rate_hz, np.random.default_rng(seed)))
 
 
 def of_omni(file, seed=0, seconds=16.0, u=None):
     u = random_steps([0.7, 0.7, 0.7], seconds, file.rate_hz, seed) if u is None else u
-    return run_of(file, u, omni(u, file.rate_hz, np.random.default_rng(seed)))
+    return load_run(file, u, omni(u, file.rate_hz, np.random.default_rng(seed)))
 
 
 CASES = {"servo_axis": (of_axis, AXIS, "2x2"), "omni_robot": (of_omni, OMNI, "3x3")}
@@ -134,7 +134,8 @@ def test_a_dead_zone_of_two_volts_hides_no_model_term(files):
     zones = {f"model.drivetrain.dead_zone_{sign}": [2.0] for sign in ("forward", "backward")}
     file = files["servo_axis"].with_values(zones)
     names = [
-        term.name for term in terms_of(FittedBlocks(file.vehicle, file.sensors), np.array([[1.0], [-1.0]]))
+        term.name
+        for term in vehicle_terms(FittedBlocks(file.vehicle, file.sensors), np.array([[1.0], [-1.0]]))
     ]
     assert names[:2] == ["dry friction of the rail", "dead zone"]
 

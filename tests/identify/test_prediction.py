@@ -9,12 +9,12 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.data.record import FittedBlocks, record_of
+from baqueano.identify.data.record import FittedBlocks, make_record
 from baqueano.identify.estimation import prediction_error as prediction
 from baqueano.identify.estimation.prediction_error import FilterNoise, Prediction, maximum_likelihood
 from baqueano.identify.parameters.theta import ThetaShape
 from baqueano.identify.residuals import innovations as prediction_kernel
-from baqueano.identify.residuals.innovations import axes_of, filter_kernel
+from baqueano.identify.residuals.innovations import filter_kernel, noise_axes
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.statistics import chi_square_tail
 from baqueano.simulate import simulate
@@ -68,7 +68,7 @@ def of_cart(file, *runs, start=(0,)):
     """Return a Prediction of the cart with a newly traced kernel, so that no cached kernel hides a patch."""
     blocks = FittedBlocks(file.vehicle, file.sensors)
     shape = ThetaShape(FREE, (), start, (False,))
-    records = [record_of(run, file.sensors._asdict())._replace(run=k) for k, run in enumerate(runs)]
+    records = [make_record(run, file.sensors._asdict())._replace(run=k) for k, run in enumerate(runs)]
     problem = Residuals(blocks, shape, records)
     problem = problem.weight(np.array([0.1]))
     prediction = Prediction(problem, blocks)
@@ -228,11 +228,13 @@ def test_pose_covariance_grows_with_distance_and_innovations_are_white():
     file = parse(CART[: CART.index("[sensors")] + camera, "camera.toml")
     blocks = FittedBlocks(file.vehicle, file.sensors)
     run = simulate(file, random_steps(file.command.limit, 60.0, 20.0, 3), 3)
-    sample_fraction = (record_of(run, file.sensors._asdict()).sensors["camera"].sample_fraction is not None,)
+    sample_fraction = (
+        make_record(run, file.sensors._asdict()).sensors["camera"].sample_fraction is not None,
+    )
     problem = Residuals(
         blocks,
         ThetaShape(FREE, (), (0,), sample_fraction),
-        [record_of(run, file.sensors._asdict())],
+        [make_record(run, file.sensors._asdict())],
         "python",
     )
     problem = problem.weight(np.full(3, 0.01))
@@ -253,8 +255,8 @@ def test_a_kinematic_vehicle_cannot_use_the_innovations_cost():
         "kinematic.toml",
     )
     with pytest.raises(UsageError, check=of_code("cost.no-velocity")):
-        axes_of(kinematic.vehicle)
-    assert axes_of(load("car").vehicle) == (0, 2)
+        noise_axes(kinematic.vehicle)
+    assert noise_axes(load("car").vehicle) == (0, 2)
 
 
 def test_the_tail_probability_equals_the_chi_square_tables():

@@ -6,7 +6,7 @@ from datetime import date
 import numpy as np
 import pytest
 
-from baqueano.calibration.rest import with_gyro_bias_at_rest
+from baqueano.calibration.rest import with_rest_gyro_bias
 from baqueano.identify import FitOptions, excitation, identify, random_steps
 from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
@@ -48,7 +48,7 @@ def test_each_rest_is_tested_alone_by_its_duration(period):
     short = channel._replace(
         t_ns=channel.t_ns[::period], arrival_ns=channel.arrival_ns[::period], z=z[::period]
     )
-    file, _ = with_gyro_bias_at_rest(car, [replace(run, sensors={**run.sensors, "imu": short})])
+    file, _ = with_rest_gyro_bias(car, [replace(run, sensors={**run.sensors, "imu": short})])
     std = file.provenance["sensors.imu.gyro_bias"].std
     assert abs(file.value("sensors.imu.gyro_bias") - BIAS) < 4.5 * std
 

@@ -9,7 +9,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.data.record import record_of
+from baqueano.identify.data.record import make_record
 from baqueano.messages import text
 from baqueano.messages.language import use_language
 from baqueano.runs.diagnostics.cleaning import unused_sensors
@@ -214,7 +214,7 @@ def test_changes_that_a_fit_makes_to_the_data_are_reported(case, case_run):
     )
     notes = {note.code: note.figures for note in identify(gappy, case).notes}
     assert notes["data.gaps"] == {"gaps": 1, "longest_s": pytest.approx(0.31)}
-    dt_s = record_of(gappy, {}).dt_s  # the bounds of a friction are those of a row of one tick
+    dt_s = make_record(gappy, {}).dt_s  # the bounds of a friction are those of a row of one tick
     assert dt_s.max() < 1.5 * np.median(dt_s)
     assert notes["data.repeats"] == {"count": 10, "percent": pytest.approx(0.5, abs=0.05), "longest": 10}
     assert notes["data.command-unknown"] == {"ticks": 1}

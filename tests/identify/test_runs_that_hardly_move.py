@@ -6,7 +6,7 @@ import pytest
 from baqueano.identify import identify
 from baqueano.identify.result import verdict as verdicts
 from baqueano.identify.result.fit_result import ChannelFit
-from baqueano.identify.result.verdict import Evidence, by_channel, remarks, verdict_of
+from baqueano.identify.result.verdict import Evidence, fit_verdict, group_channels, remarks
 from baqueano.numerics.statistics import explained_variance
 from baqueano.runs.run import Channel, Run
 from baqueano.vehicle_file import parse
@@ -39,7 +39,7 @@ def step(k, speed, speed_model):
 
 
 def evidence(channels):
-    unit, runs = np.ones(1), by_channel(channels, None)
+    unit, runs = np.ones(1), group_channels(channels, None)
     return Evidence(("gain",), unit, 0 * unit, 0 * unit, 0, (), channels, runs, True, np.zeros(1), None)
 
 
@@ -48,14 +48,14 @@ def test_runs_inside_the_dead_zone_are_named_but_the_fit_is_usable():
     runs += [step(26, 0.0, 0.08), step(27, 0.0, 0.08)]
     assert np.mean([c.explained_fraction for c in runs]) < -1.0
     e = evidence(runs)
-    assert verdict_of(e)[0] == "USABLE"
+    assert fit_verdict(e)[0] == "USABLE"
     (message,) = [reason for reason in remarks(e) if reason.code == "runs.little-motion"]
     assert message.figures == {"count": 2, "total": 28, "runs": "step 26, step 27"}
 
 
 def test_a_moving_run_that_contradicts_the_model_gives_a_warning():
     e = evidence([step(k, 0.5, 0.5) for k in range(6)] + [step(6, 0.5, -0.5)])
-    verdict, reasons = verdict_of(e)
+    verdict, reasons = fit_verdict(e)
     assert verdict == "WARN"
     (message,) = [reason for reason in reasons if reason.code == "runs.unlike-model"]
     assert message.figures == {"count": 1, "total": 7, "runs": "step 6"}
@@ -67,7 +67,7 @@ def test_a_moving_run_that_contradicts_the_model_gives_a_warning():
 def test_a_fit_with_wide_errors_names_motion_or_model_as_the_cause(autocorrelation, cause):
     e = evidence([step(k, 0.5, 0.4) for k in range(3)])
     e = e._replace(poorly_identified=np.ones(1), autocorrelation=np.full(1, autocorrelation))
-    verdict, reasons = verdict_of(e)
+    verdict, reasons = fit_verdict(e)
     assert verdict == "REFUSED"
     (weak,) = [reason for reason in reasons if reason.code == "fit.most-poor"]
     assert weak.figures["reason"].code == cause
@@ -75,21 +75,21 @@ def test_a_fit_with_wide_errors_names_motion_or_model_as_the_cause(autocorrelati
 
 def test_verdict_and_remarks_use_the_sums_of_the_evidence(monkeypatch):
     e = evidence([step(k, 0.5, 0.5) for k in range(6)] + [step(6, 0.5, -0.5)])
-    expected = verdict_of(e), remarks(e)
-    monkeypatch.setattr(verdicts, "by_channel", None)  # it reads every row of a fit
-    assert (verdict_of(e), remarks(e)) == expected
+    expected = fit_verdict(e), remarks(e)
+    monkeypatch.setattr(verdicts, "group_channels", None)  # it reads every row of a fit
+    assert (fit_verdict(e), remarks(e)) == expected
 
 
 def test_the_squares_of_a_channel_are_in_units_of_its_noise():
     residuals, signal = np.full(20_000, 0.1), np.tile([-1.0, 1.0], 10_000)
     channel = ChannelFit("long", "odometer", 0, signal, signal, signal - residuals, 0.05, 1.0, 0.0)
-    (of_run,) = by_channel([channel], None)["odometer[0]"]
+    (of_run,) = group_channels([channel], None)["odometer[0]"]
     assert of_run.squares == pytest.approx(20_000 * (0.1 / 0.05) ** 2, rel=1e-12)
     assert of_run.signal_squares == pytest.approx(20_000 * (1.0 / 0.05) ** 2, rel=1e-12)
 
 
 def test_a_channel_that_contradicts_the_model_in_most_runs_is_refused():
-    verdict, reasons = verdict_of(evidence([step(k, 0.5, -0.5) for k in range(6)] + [step(6, 0.5, 0.5)]))
+    verdict, reasons = fit_verdict(evidence([step(k, 0.5, -0.5) for k in range(6)] + [step(6, 0.5, 0.5)]))
     assert verdict == "REFUSED"
     assert reasons[0].code == "fit.channel-far-from-model"
 

@@ -10,9 +10,9 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.data.record import record_of, split_record
+from baqueano.identify.data.record import make_record, split_record
 from baqueano.identify.parameters.theta import ThetaLayout, eliminate_starts
-from baqueano.numerics.normal_equations import derivatives_without_start, pseudo_inverse
+from baqueano.numerics.normal_equations import projected_derivatives, pseudo_inverse
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
 from tests.codes import of_code
@@ -21,7 +21,7 @@ FREE = ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_
 
 
 def test_segments_contain_every_measurement_once(case, case_run):
-    record = record_of(case_run(0, 12.0), case.sensors._asdict())
+    record = make_record(case_run(0, 12.0), case.sensors._asdict())
     pieces = split_record(record, 2.5, 0.3)
     assert len(pieces) == 5
     assert [p.lead for p in pieces] == [0, 30, 30, 30, 30]
@@ -31,7 +31,7 @@ def test_segments_contain_every_measurement_once(case, case_run):
 
 
 def test_a_segment_begins_before_its_first_measurement(case, case_run):
-    record = record_of(case_run(0, 12.0), case.sensors._asdict())
+    record = make_record(case_run(0, 12.0), case.sensors._asdict())
     pieces = split_record(record, 2.5, 0.0)
     assert [p.lead for p in pieces] == [0, 1, 1, 1, 1]
     assert all(not p.sensors["imu"].mask[: p.lead].any() for p in pieces)
@@ -42,7 +42,7 @@ def test_measurements_before_the_first_tick_are_ignored(case, case_run):
     imu = run.sensors["imu"]
     t_ns = imu.t_ns - 2_000_000
     early_run = replace(run, sensors={"imu": imu._replace(t_ns=t_ns)})
-    mask = record_of(early_run, case.sensors._asdict()).sensors["imu"].mask
+    mask = make_record(early_run, case.sensors._asdict()).sensors["imu"].mask
     assert not mask[0].any()
     assert mask[1:].all()
 
@@ -60,7 +60,7 @@ def test_a_reading_within_a_long_tick_belongs_to_the_row_of_its_time(case, case_
         sensors={"imu": readings},
         truth=None,
     )
-    record = record_of(slow, case.sensors._asdict())
+    record = make_record(slow, case.sensors._asdict())
     _, mask, part, *_ = record.sensors["imu"]
     rows = np.flatnonzero(mask[:, 0])
     assert np.all(rows % 3 == 1)
@@ -69,7 +69,7 @@ def test_a_reading_within_a_long_tick_belongs_to_the_row_of_its_time(case, case_
 
 
 def test_a_segment_longer_than_the_run_is_the_whole_run(case, case_run):
-    record = record_of(case_run(0, 4.0), case.sensors._asdict())
+    record = make_record(case_run(0, 4.0), case.sensors._asdict())
     (piece,) = split_record(record, 60.0, 0.5)
     assert piece.lead == 0
     np.testing.assert_array_equal(piece.u, record.u)
@@ -97,7 +97,7 @@ def test_derivatives_with_initial_states_eliminated_give_the_reduced_information
         d, w = rng.normal(size=(20, 2, len(index))), (rng.random((20, 2)) < 0.8).astype(float)
         A[np.ix_(index, index)] += np.einsum("tm,tmp,tmq->pq", w, d, d)
         start = index >= layout.first_start
-        slopes = derivatives_without_start(d, w, start)
+        slopes = projected_derivatives(d, w, start)
         np.testing.assert_allclose(np.einsum("tm,tmp,tmq->pq", w, slopes, d[..., start]), 0.0, atol=1e-12)
         without_start[np.ix_(index[~start], index[~start])] += np.einsum("tm,tmp,tmq->pq", w, slopes, slopes)
     np.testing.assert_allclose(without_start, eliminate_starts(A, A, layout)[0], rtol=1e-9, atol=1e-12)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions
-from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed, robust_sigma
+from baqueano.identify.residuals.noise_level import informative_rows, robust_sigma, speed_profile
 
 
 def test_rows_with_an_encoder_at_rest_do_not_reduce_the_noise_estimate():
@@ -43,7 +43,7 @@ def draw(kappa, seed, n=4000):
 def test_growth_of_the_noise_with_speed_is_estimated_despite_outliers():
     r, v, truth = draw(1.5, 0)
     r[::20] += 30.0
-    sigma, (profile,) = profile_by_speed([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
+    sigma, (profile,) = speed_profile([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
     np.testing.assert_allclose(sigma[0] * profile[:, 0], truth, rtol=0.25)
     np.testing.assert_allclose(np.mean(profile**2), 1.0)
 
@@ -52,7 +52,7 @@ def test_constant_noise_is_recognised_in_19_of_20_runs():
     steady = 0
     for seed in range(20):
         r, v, _ = draw(0.0, seed)
-        _, (profile,) = profile_by_speed([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
+        _, (profile,) = speed_profile([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
         steady += np.ptp(profile) == 0.0
     assert steady >= 19
 

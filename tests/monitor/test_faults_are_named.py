@@ -11,12 +11,12 @@ import pytest
 
 from baqueano.monitor import DEGRADED_S, EVENT_S
 from baqueano.monitor.findings import (
-    AT_ITS_END,
     AWAY,
     FROZEN,
     LOST,
     MODEL,
     NO_NUMBER,
+    SATURATED,
     SCALED,
     SENSOR,
     SLIPS,
@@ -30,12 +30,12 @@ REPORT_S = 5.0
 LARGE_DISTURBANCE = {"estimator.disturbance_std[0]": 20.0, "estimator.disturbance_std[1]": 20.0}
 CASES = [  # kind of vehicle, channel, fault, similar faults
     ("robot", "imu[2]", "frozen", (FROZEN, ZERO)),
-    ("robot", "imu[2]", "full scale", (AT_ITS_END,)),
+    ("robot", "imu[2]", "full scale", (SATURATED,)),
     ("robot", "imu[2]", "half", (SCALED, AWAY)),
     ("robot", "imu[2]", "zeroes itself", (ZERO, AWAY)),
     ("robot", "imu[2]", "not a number", (NO_NUMBER,)),
     ("robot", "imu[0]", "frozen", (FROZEN, ZERO)),
-    ("robot", "imu[0]", "full scale", (AT_ITS_END,)),
+    ("robot", "imu[0]", "full scale", (SATURATED,)),
     ("robot", "imu[1]", "frozen", (FROZEN, ZERO)),
     ("wheels", "imu[2]", "half", (SCALED, AWAY)),
     ("wheels", "imu[2]", "15 % less", (SCALED, AWAY)),

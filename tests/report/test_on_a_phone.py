@@ -32,7 +32,7 @@ def lines_of(svg):
 
 def test_the_narrow_version_of_a_figure_has_the_same_texts():
     t = np.linspace(0.0, 10.0, 50)
-    drawing = draw(figures.over_time([("a [m]", {"truth": (t, t), "estimate": (t, -t)})]), "c").svg
+    drawing = draw(figures.draw_time_series([("a [m]", {"truth": (t, t), "estimate": (t, -t)})]), "c").svg
     large, narrow = drawing.split("<svg")[1:]
     width = float(re.search(r'width="([\d.]+)pt"', narrow)[1])
     assert width == pytest.approx(NARROW_IN * POINTS_PER_IN, rel=0.01)
@@ -42,7 +42,7 @@ def test_the_narrow_version_of_a_figure_has_the_same_texts():
 
 def test_the_legend_of_the_narrow_figure_ends_inside_the_figure():
     t, names = np.linspace(0.0, 10.0, 50), ("valor verdadero", "estimación", "referencia", "límite")
-    figure = figures.over_time([("a [m]", dict.fromkeys(names, (t, t)))])
+    figure = figures.draw_time_series([("a [m]", dict.fromkeys(names, (t, t)))])
     wide_columns = figure.axes[0].get_legend()._ncols
     figure.set_size_inches(NARROW_IN, 2.4)
     with with_narrow_legends(figure):
@@ -56,7 +56,7 @@ def test_the_wide_and_narrow_figures_share_no_id():
     t = np.linspace(0.0, 10.0, 50)
     large, narrow = (
         set(re.findall(r'id="([mp][0-9a-f]{8,})"', figure))
-        for figure in draw(figures.over_time([("a", {"truth": (t, t)})]), "c").svg.split("<svg")[1:]
+        for figure in draw(figures.draw_time_series([("a", {"truth": (t, t)})]), "c").svg.split("<svg")[1:]
     )
     assert large
     assert not large & narrow

@@ -23,11 +23,11 @@ from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.messages import language
 from baqueano.report import card, figures
-from baqueano.report.canvas import Canvas, at_width, with_width
+from baqueano.report.canvas import Canvas, resize_figure, with_width
 from baqueano.report.fit_report import fit_page, fit_sections
 from baqueano.report.page import Drawing, Page, Section, Table
-from baqueano.report.pages.result_page import page_of
-from baqueano.report.plots import drawings_of
+from baqueano.report.pages.result_page import build_page
+from baqueano.report.plots import make_drawings
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import simulate_many
 from baqueano.validation import forecast
@@ -262,13 +262,17 @@ def test_the_figures_of_every_report_have_the_requested_format_and_width(results
 
 
 def test_the_report_of_an_import_or_a_first_drive_is_the_report_of_its_run():
-    assert page_of.dispatch(ImportedRun) is page_of.dispatch(FirstDrive) is page_of.dispatch(TeachResult)
+    assert (
+        build_page.dispatch(ImportedRun)
+        is build_page.dispatch(FirstDrive)
+        is build_page.dispatch(TeachResult)
+    )
 
 
 @pytest.mark.parametrize("page", ["docs/python.md", "docs/es/python.md"])
 def test_the_page_on_python_names_each_drawing(results, page):
     text = (ROOT / page).read_text(encoding="utf-8")
-    kinds = {kind for result in results.values() for kind in drawings_of(result)}
+    kinds = {kind for result in results.values() for kind in make_drawings(result)}
     assert {kind for kind in kinds if f"`{kind}`" not in text} == set()
 
 
@@ -278,12 +282,12 @@ NAMES_OF_CURVES = ("estimate", "truth", "0002-replay-0001-experiment")
 @pytest.fixture
 def figure_over_time():
     t = np.arange(5.0)
-    return figures.over_time([("a [m]", dict.fromkeys(NAMES_OF_CURVES, (t, t)))])
+    return figures.draw_time_series([("a [m]", dict.fromkeys(NAMES_OF_CURVES, (t, t)))])
 
 
 @pytest.mark.parametrize("width", ["column", 60])
 def test_the_legend_of_a_narrow_figure_is_inside_the_figure(figure_over_time, width):
-    figure = at_width(figure_over_time, width)
+    figure = resize_figure(figure_over_time, width)
     figure.draw_without_rendering()
     legend = figure.axes[0].get_legend()
     assert [text.get_text() for text in legend.get_texts()] == [*NAMES_OF_CURVES]

@@ -10,7 +10,7 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.parameter import all_parameters
-from baqueano.report.tables import csv_text, latex_text, save_table, symbol, with_error
+from baqueano.report.tables import csv_text, format_estimate, latex_text, save_table, symbol
 from baqueano.runs import export_csv
 from baqueano.sensors import Imu
 from baqueano.signals import sensor_slots
@@ -120,7 +120,7 @@ def test_parameters_have_the_symbols_of_fossen(path, letter):
     ],
 )
 def test_the_number_of_printed_digits_depends_on_the_standard_error(value, std, cells):
-    assert with_error(value, std) == cells
+    assert format_estimate(value, std) == cells
 
 
 def test_the_file_format_follows_the_file_extension(tmp_path):

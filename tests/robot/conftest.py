@@ -80,6 +80,6 @@ def wheels(tmp_path):
         (folder / f"{'pip' if name == 'pip' else 'packages'}.lock").write_text(line)
     for name in ("files/baqueano.service", "files/60-baqueano.rules"):
         shutil.copy(str(files("baqueano.robot") / name), folder)
-    (folder / "steps.py").write_text(install.steps_in_this_language())
+    (folder / "steps.py").write_text(install.translated_steps())
     (folder / "vehicle.toml").write_text("# mine\n")
     return folder

@@ -56,7 +56,7 @@ def run_line(line):
     assert exit_info.value.code in (0, None)
 
 
-def record_of(tick, **parts):
+def make_record(tick, **parts):
     """Return the record of a tick of the loop, which lacks all parts that are not given."""
     none = dict.fromkeys(("requested_command", "sent_command", "estimate", "reference"))
     return SimpleNamespace(tick=tick, **none | parts)

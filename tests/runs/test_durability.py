@@ -23,7 +23,7 @@ from baqueano.runs.container import writer
 from baqueano.runs.container.run_file import RunFile
 from baqueano.signals import Estimate, Slot, Tick, sensor_slots
 from tests.codes import refused
-from tests.runs.conftest import record_of
+from tests.runs.conftest import make_record
 
 WRITING = """
     import sys, time
@@ -243,7 +243,7 @@ def test_runs_rewritten_by_other_programs_are_read(run, tmp_path, compression):
 
 def record_one(run_writer, t_ns):
     tick = Tick(t_ns, np.zeros(1), sensor_slots(("a",))(Slot(1.0, np.zeros(1))))
-    run_writer.record(record_of(tick))
+    run_writer.record(make_record(tick))
 
 
 def test_rt16_a_full_disk_is_reported_only_at_the_end(tmp_path, monkeypatch):
@@ -296,7 +296,7 @@ def test_lg3_a_stalled_disk_drops_estimates_first_and_is_reported(tmp_path, monk
         for k in range(50):
             tick = Tick(k, np.zeros(1), sensor_slots(("a",))(Slot(1.0, np.zeros(1))))
             estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6))
-            run_writer.record(record_of(tick, estimate=estimate))
+            run_writer.record(make_record(tick, estimate=estimate))
     run = read_run(path)
     assert len(run.t_ns) == 50
     assert len(run.sensors["a"].t_ns) == 50

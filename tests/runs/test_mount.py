@@ -131,10 +131,10 @@ def test_two_successive_mounts_equal_their_composition():
     eta = np.random.default_rng(2).normal(size=(20, 3))
     unknown = np.full((20, 3), np.nan)
     by_two = second.body_motion(first.body_motion(eta, unknown)[0], unknown)[0]
-    by_one = first.composed_with(second).body_motion(eta, unknown)[0]
+    by_one = first.compose(second).body_motion(eta, unknown)[0]
     np.testing.assert_allclose(by_one[:, :2], by_two[:, :2], atol=1e-12)
     np.testing.assert_allclose(wrap(by_one[:, 2] - by_two[:, 2]), 0.0, atol=1e-12)
-    assert first.composed_with(second).shift_s == pytest.approx(0.03)
+    assert first.compose(second).shift_s == pytest.approx(0.03)
 
 
 def test_a_lever_arm_without_a_heading_is_refused(recording, tmp_path):

@@ -33,7 +33,7 @@ def path(run, tmp_path):
     return write_run(run, tmp_path / "0001-test.mcap")
 
 
-def messages_of(path, topics=None):
+def row_messages(path, topics=None):
     """Return (topic, time of arrival, message) as mcap-ros2-support decodes them."""
     with path.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
@@ -94,7 +94,7 @@ def test_the_mcap_reader_lists_every_topic_and_the_vehicle_file(run, path):
 
 def test_mcap_ros2_support_decodes_every_message(run, path):
     messages_by_topic = {}
-    for topic, t_ns, message in messages_of(path):
+    for topic, t_ns, message in row_messages(path):
         messages_by_topic.setdefault(topic, []).append((t_ns, message))
     assert set(messages_by_topic) == set(TOPICS)
     for topic, messages in messages_by_topic.items():
@@ -117,7 +117,7 @@ def test_rosbags_decodes_every_message(run, path):
 def test_an_estimate_without_innovation_is_decoded(run, tmp_path):
     variant = replace(run, estimate=run.estimate._replace(innovation=None, innovation_cov=None))
     path = write_run(variant, tmp_path / "x.mcap")
-    _, _, first = next(messages_of(path, ["/estimate"]))
+    _, _, first = next(row_messages(path, ["/estimate"]))
     assert (first.innovation_size, list(first.innovation), list(first.innovation_cov)) == (0, [], [])
     with AnyReader([path]) as reader:
         connections = [c for c in reader.connections if c.topic == "/estimate"]

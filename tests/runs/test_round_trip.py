@@ -16,7 +16,7 @@ from baqueano.runs import Channel, EstimateLog, Event, Run, RunWriter, read_run,
 from baqueano.runs.container.writer import versions
 from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, sensor_slots
 from tests.codes import refused
-from tests.runs.conftest import record_of
+from tests.runs.conftest import make_record
 
 doubles = st.floats(width=64, allow_nan=True, allow_infinity=True, allow_subnormal=True)
 
@@ -108,7 +108,7 @@ def records(run, sensors):
         requested_command = Command(t_ns, run.requested_commands[k])
         sent_command = Command(t_ns, run.sent_commands[k])
         commands = {"requested_command": requested_command, "sent_command": sent_command}
-        yield record_of(tick, **commands, estimate=estimate, reference=reference)
+        yield make_record(tick, **commands, estimate=estimate, reference=reference)
 
 
 def test_a_run_recorded_by_ticks_equals_a_run_written_at_once(run, tmp_path):
@@ -151,9 +151,9 @@ def test_ticks_without_controller_or_estimate_are_recorded(tmp_path):
     path = tmp_path / "x.mcap"
     with RunWriter(path) as writer:
         for t_ns in (0, 10):
-            writer.record(record_of(silent_tick(t_ns)))
+            writer.record(make_record(silent_tick(t_ns)))
         command = Command(20, np.array([0.1, 0.2]))
-        writer.record(record_of(silent_tick(20), requested_command=command))
+        writer.record(make_record(silent_tick(20), requested_command=command))
     run = read_run(path)
     assert run.sensors["imu"].z.shape == (0, 3)
     assert np.isnan(run.requested_commands[:2]).all()
@@ -166,7 +166,7 @@ def test_data_of_a_wrong_shape_do_not_stop_the_recording(tmp_path):
     with RunWriter(path) as writer:
         for t_ns in range(0, 50, 10):
             estimate = Estimate(t_ns, np.zeros(2), np.zeros(3), np.eye(6))
-            writer.record(record_of(silent_tick(t_ns), estimate=estimate))
+            writer.record(make_record(silent_tick(t_ns), estimate=estimate))
     run = read_run(path)
     assert len(run.t_ns) == 5
     assert run.estimate is None or len(run.estimate.t_ns) == 0
@@ -178,7 +178,7 @@ def test_missing_early_innovations_are_filled_with_nan(tmp_path):
     with RunWriter(path) as writer:
         for t_ns, extra in ((0, ()), (10, (np.ones(3), np.eye(3)))):
             estimate = Estimate(t_ns, np.zeros(3), np.zeros(3), np.eye(6), *extra)
-            writer.record(record_of(silent_tick(t_ns), estimate=estimate))
+            writer.record(make_record(silent_tick(t_ns), estimate=estimate))
     innovation = read_run(path).estimate.innovation
     assert np.isnan(innovation[0]).all()
     assert innovation[1].tolist() == [1.0, 1.0, 1.0]
@@ -189,7 +189,7 @@ def test_an_exception_is_logged_in_the_run_and_raised_again(tmp_path):
 
     def drive():
         with RunWriter(path) as writer:
-            writer.record(record_of(silent_tick(5)))
+            writer.record(make_record(silent_tick(5)))
             raise ZeroDivisionError("a block's")
 
     with pytest.raises(ZeroDivisionError):

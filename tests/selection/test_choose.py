@@ -25,7 +25,7 @@ from baqueano.selection.choose import choose
 from baqueano.selection.cross_validation import Score, paired_comparison
 from baqueano.selection.terms import (
     Term,
-    terms_of,
+    vehicle_terms,
     without_terms,
 )
 from baqueano.simulate import simulate
@@ -59,7 +59,7 @@ def core(file):
     """Return the same car without any terms."""
     return without_terms(
         file,
-        terms_of(FittedBlocks(file.vehicle, file.sensors), np.concatenate([np.eye(2), -np.eye(2)])),
+        vehicle_terms(FittedBlocks(file.vehicle, file.sensors), np.concatenate([np.eye(2), -np.eye(2)])),
     )
 
 

@@ -9,7 +9,7 @@ from baqueano.estimators import TrueState
 from baqueano.guides.shapes import rectangle
 from baqueano.signals import Tick
 from baqueano.study.controllers import controllers
-from baqueano.study.controllers.drives import ComparedController, relative_to_start
+from baqueano.study.controllers.drives import ComparedController, start_at_origin
 from baqueano.study.controllers.result import EVALUATIONS, Controllers
 from baqueano.study.counterpart import LoopWorld
 from baqueano.study.truth import draw_robots
@@ -31,7 +31,7 @@ def test_the_ideal_estimator_returns_the_pose_of_the_world():
 
 def test_moving_a_route_to_the_origin_preserves_its_shape():
     route = rectangle(1.2, 0.8, 0.2, 0.2)
-    moved_route = relative_to_start(route)
+    moved_route = start_at_origin(route)
     np.testing.assert_allclose(moved_route.eta[0], 0.0, atol=1e-12)
     lengths = [np.hypot(*np.diff(path.eta[:, :2], axis=0).T).sum() for path in (route, moved_route)]
     assert lengths[0] == pytest.approx(lengths[1])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from baqueano.runs.importing import import_run
-from baqueano.study.cross_validation_cpm import CrossValidation, evaluate_on_run, fit_to
+from baqueano.study.cross_validation_cpm import CrossValidation, evaluate_on_run, fit_car
 from baqueano.study.recordings import CPM_MAPS
-from baqueano.study.recordings_page import page_of_recordings
+from baqueano.study.recordings_page import make_recordings_page
 
 pytestmark = pytest.mark.long
 
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.long
 def study(cpm_recordings):
     """Return both fits, each judged on the unseen run."""
     runs = {name[-1]: import_run(name).run for name in CPM_MAPS}
-    fits = {name: fit_to(run) for name, run in runs.items()}
+    fits = {name: fit_car(run) for name, run in runs.items()}
     ways = (("a", "b"), ("b", "a"))
     return CrossValidation(fits, tuple(evaluate_on_run(fits[a].vehicle_file, a, runs[b], b) for a, b in ways))
 
@@ -57,6 +57,6 @@ def test_rows_table_and_page_report_the_cross_validation(study):
     table = study.table()
     assert "a → b" in table
     assert "throttle from -0.41 to 0.57 leaves the range of the fit" in table
-    page = page_of_recordings(None, study).html()
+    page = make_recordings_page(None, study).html()
     assert page.count('<svg class="wide"') == 6
     assert "Fitted on b, tested on a: the path" in page

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.project.folder import guess_of
+from baqueano.project.folder import first_guess
 from baqueano.study.demo import GUESSED_VALUES, Demo
 from baqueano.vehicle_file import load
 
@@ -32,7 +32,7 @@ def demo_of(names, estimate, std) -> Demo:
 def test_the_guessed_vehicle_differs_from_the_true_vehicle():
     truth = load("small")
     guess = truth.with_values(GUESSED_VALUES)
-    project = guess_of("small")
+    project = first_guess("small")
     for key in GUESSED_VALUES:
         np.testing.assert_array_equal(project.value(key), guess.value(key), err_msg=f"{key} of a new project")
         assert not np.array_equal(guess.value(key), truth.value(key)), (

@@ -208,7 +208,7 @@ def vehicles():
     """Return a robot on a slope and one with a slow motor, 10 s each."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulated, "DURATION_S", 10.0)
-        return simulated.subjects_of(simulated.EstimationJob("robot", (2, 3), (), "auto"))
+        return simulated.make_subjects(simulated.EstimationJob("robot", (2, 3), (), "auto"))
 
 
 def test_simulated_vehicles_have_a_fit_run_and_a_validation_run(vehicles):

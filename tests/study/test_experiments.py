@@ -10,9 +10,9 @@ from baqueano.design.vehicle_cloud import possible_vehicles
 from baqueano.identify import excitation
 from baqueano.routes.room import vehicle_room
 from baqueano.signals import Command
-from baqueano.study.counterpart import LoopWorld, robot_values, world_of
+from baqueano.study.counterpart import LoopWorld, make_world, robot_values
 from baqueano.study.experiments.drives import DRIVES, SPREAD, PlannedDrive, signal_outcome, vehicles_around
-from baqueano.study.experiments.result import Experiments, SignalErrors, rows_of
+from baqueano.study.experiments.result import Experiments, SignalErrors, experiment_rows
 from baqueano.study.first_drives import (
     DEAD_ZONE,
     MAX_GAIN_RATIO,
@@ -38,7 +38,7 @@ def test_a_row_contains_the_ratio_to_the_best_alternative_signal():
         "random_steps": draw_robots(0.02, 0.04),
         "prbs": draw_robots(0.03, 0.01),
     }
-    rows = {row.signal: row for row in rows_of("all", "", robots)}
+    rows = {row.signal: row for row in experiment_rows("all", "", robots)}
     assert rows["designed"].ratio == pytest.approx(2.0)
     assert rows["designed"].above_best == 1
     table = Experiments(tuple(rows.values()), 60.0)
@@ -57,15 +57,17 @@ def test_a_row_contains_the_ratio_to_the_best_alternative_signal():
     ],
 )
 def test_a_designed_experiment_below_its_requirement_is_reported(errors_of_design, message):
-    rows = rows_of("all", "", {"designed": errors_of_design, "random_steps": draw_robots(0.02)})
+    rows = experiment_rows("all", "", {"designed": errors_of_design, "random_steps": draw_robots(0.02)})
     assert message in Experiments(tuple(rows), 60.0).reasons[0]
 
 
 @pytest.mark.parametrize("signal", ["designed", "random_steps", "prbs"])
 def test_a_vehicle_that_left_the_room_is_counted_for_every_signal(signal):
     robots = {"designed": draw_robots(0.01), "random_steps": draw_robots(0.02), "prbs": draw_robots(0.03)}
-    total = rows_of("all", "", robots)
-    rows = rows_of("small", "2x2", {**robots, signal: robots[signal]._replace(margins=np.full(20, -0.01))})
+    total = experiment_rows("all", "", robots)
+    rows = experiment_rows(
+        "small", "2x2", {**robots, signal: robots[signal]._replace(margins=np.full(20, -0.01))}
+    )
     assert {row.signal: row.left for row in rows} == {**dict.fromkeys(robots, 0), signal: 20}
     assert "in 20 drives the body left the room" in Experiments((*rows, *total), 60.0).reasons
 
@@ -116,7 +118,7 @@ def test_a_car_on_tyres_that_slide_stays_in_its_room():
     file = load("car")
     vehicles, room = vehicles_around(file, 2, 1), vehicle_room(file, "4x4")
     signal = excitation("prbs", file.command.limit, 12.0, file.rate_hz, 1, rest_s=1.0)
-    u, world = contain_in_room(signal, file, room).u, world_of(vehicles, [0, 1])
+    u, world = contain_in_room(signal, file, room).u, make_world(vehicles, [0, 1])
     for now in u:
         world.tick(np.tile(now, (2, 1)), 1.0 / file.rate_hz)
         assert np.all(np.abs(world.truth.eta[:, :2]) < room.free_half_width_m)

@@ -262,7 +262,7 @@ def test_a_duplicated_half_and_a_second_imu_have_the_expected_samples(sound):
 def test_structural_faults_do_not_change_the_original_data(vehicle):
     from types import SimpleNamespace
 
-    from baqueano.study.faults.detection import NOT_FOR_CARS
+    from baqueano.study.faults.detection import ROBOT_FAULTS
     from baqueano.study.faults.structures import STRUCTURES
     from baqueano.study.faults.subject import subject
 
@@ -270,7 +270,7 @@ def test_structural_faults_do_not_change_the_original_data(vehicle):
     u = q.signal(12.0)
     nu = np.sin(np.arange(len(u)) / 100.0)[:, None] * np.ones(3)
     sound = SimpleNamespace(truth=SimpleNamespace(nu=nu))
-    for name in STRUCTURES.keys() - (NOT_FOR_CARS if vehicle == "car" else ()):
+    for name in STRUCTURES.keys() - (ROBOT_FAULTS if vehicle == "car" else ()):
         plan = STRUCTURES[name](q, u, sound, np.random.default_rng(0))
         has_changed = plan.vehicle is not q.vehicle or not np.array_equal(plan.effective, u)
         assert has_changed or plan.vehicle_file is not q.vehicle_file or plan.second_vehicle, name

@@ -8,10 +8,10 @@ from baqueano.errors import AnswerNo
 from baqueano.study import driving
 from baqueano.study.corridor.vehicles import identify_vehicles, vehicles
 from baqueano.study.driving import SHAPES, initial_file
-from baqueano.study.laps import all_cases, laps_over_fixes, team
+from baqueano.study.laps import all_cases, study_fix_laps, team
 from baqueano.study.laps.drives import STEP_S, Laps
-from baqueano.study.laps.fixes import FIXES, THREE_FRACTIONS, poses_at_fractions, with_fix
-from baqueano.study.laps.result import FullDrive, LapCase, LapStudy, laps_of
+from baqueano.study.laps.fixes import FIXES, THREE_FRACTIONS, lap_poses, with_fix
+from baqueano.study.laps.result import FullDrive, LapCase, LapStudy, robot_laps
 from baqueano.study.laps.returns import lap_ends, refused_share
 from baqueano.study.truth import FloorLines, Gate, PassingFaults, TagReaders, TruthWorld, draw_robots
 from baqueano.symbolic import function
@@ -111,7 +111,7 @@ def test_the_vehicle_file_declares_the_sensors_of_each_kind_of_mark(fix, shape):
 def test_three_lines_determine_the_pose_on_every_route(shape):
     route = SHAPES[shape](0.3)
     middle = 0.5 * (route.eta[:, :2].min(axis=0) + route.eta[:, :2].max(axis=0))
-    x, y, psi = (poses_at_fractions(route, THREE_FRACTIONS) - np.append(middle, 0.0)).T
+    x, y, psi = (lap_poses(route, THREE_FRACTIONS) - np.append(middle, 0.0)).T
     H = np.column_stack([np.cos(psi), np.sin(psi), x * np.sin(psi) - y * np.cos(psi)])
     assert np.linalg.svd(H, compute_uv=False)[-1] > 0.7
 
@@ -178,7 +178,7 @@ def test_tags_limit_the_errors_and_a_drive_without_tags_stops(monkeypatch):
     monkeypatch.setattr(driving, "EXPERIMENT_S", 40.0)
     monkeypatch.setattr(team, "LEARNING_LAPS", 3)
     cases = [LapCase("rectangle", fix, "calibrated", "no reading lost") for fix in ("none", "tags")]
-    study = laps_over_fixes(1, 40, 4, cases=cases)
+    study = study_fix_laps(1, 40, 4, cases=cases)
     assert study.refused_robots == ()
     imu_only, tags = study.rows()
     assert imu_only["wall_contacts"] == 0
@@ -198,7 +198,7 @@ def study_of(error_m, std_m, laps=5, across_m=0.02, stops=False, case=TAGS, fore
     drives[15 if stops else 10 * laps :, 0] = False
     driven_laps = Laps(error, cov, distance, drives, np.zeros(2, bool), ())
     wholes = tuple(FullDrive(case, seed, False, forecast) for seed in (3, 4))
-    return LapStudy(tuple(laps_of(driven_laps, case, [3, 4], laps, 10)), wholes, 2, laps, ())
+    return LapStudy(tuple(robot_laps(driven_laps, case, [3, 4], laps, 10)), wholes, 2, laps, ())
 
 
 def test_a_stop_or_a_large_distance_fails_the_study_despite_faults():

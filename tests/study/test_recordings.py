@@ -9,7 +9,7 @@ from baqueano.errors import FileError
 from baqueano.study import recordings as collected
 from baqueano.study.recorded import dart, micromouse, warthog
 from baqueano.study.recordings import RecordingStudy, check_cpm_present, missing_paths, recordings
-from baqueano.study.recordings_page import page_of_recordings
+from baqueano.study.recordings_page import make_recordings_page
 from tests.codes import refused
 
 FILES = ("run_a_truth_ips", "run_a_vehicle", "run_b_truth_ips", "run_b_vehicle")
@@ -38,7 +38,7 @@ def test_a_skid_steered_vehicle_is_predicted_from_its_wheels():
     """The test uses a fifth of the windows; `baqueano study recordings` uses all of them."""
     if missing_paths(warthog.files()):
         pytest.skip("recordings drive_warthog_husky: set BAQUEANO_DATA to their folder")
-    runs = warthog.runs_of("warthog")
+    runs = warthog.load_runs("warthog")
     half = len(runs) // 2
     fit = warthog.fit_windows(runs[:half:5], "warthog")
     far_m, far_rad = warthog.median_errors(fit.vehicle_file, runs[half::5])
@@ -58,7 +58,7 @@ def test_rows_table_and_page_report_the_met_requirements():
     assert json.dumps(study.rows())
     assert "0.07123" in study.table()
     assert study.table().endswith("USABLE: 2 of 2 requirements are met")
-    assert "All recordings" in page_of_recordings(study, None).html()
+    assert "All recordings" in make_recordings_page(study, None).html()
 
 
 def test_a_missed_requirement_is_a_reason_of_the_verdict():

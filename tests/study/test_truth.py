@@ -206,7 +206,7 @@ def test_the_integration_step_is_fine_enough_for_any_delay(make, signals):
         world.tick(u[None], dt_s)
     edges = [0.0, *(t for t, _ in sends if t < world.t_s), world.t_s]
     for start, end, u in zip(edges, edges[1:], [0.0 * sends[0][1], *(u for _, u in sends)], strict=False):
-        rate = lambda t, x, u=u: vehicles.rate_under(u[None])(x[None])[0]  # noqa: E731
+        rate = lambda t, x, u=u: vehicles.state_derivative(u[None])(x[None])[0]  # noqa: E731
         x = solve_ivp(rate, (start, end), x, rtol=1e-9, atol=1e-11).y[:, -1]
     np.testing.assert_allclose(world._x[0], x, atol=2e-7)
 

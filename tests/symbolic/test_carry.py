@@ -52,7 +52,7 @@ def traced(step, carry, inputs, theta=None) -> TracedScan:
 
 
 def program(kernel, keep_all=True):
-    return kernel._runner(keep_all)[0].program
+    return kernel._runner(keep_all=keep_all)[0].program
 
 
 START = Belief(np.array([0.1, 0.5, 1.0]), np.eye(3))

@@ -15,7 +15,7 @@ from baqueano.validation.held_out import (
     ChannelMetrics,
     Validation,
     _ChannelError,
-    _evidence_against,
+    _misfit_evidence,
     validate,
 )
 from baqueano.vehicle_file import parse
@@ -132,7 +132,7 @@ def alarms_of(blocks, own, noise=None):
     noise = np.sqrt(np.exp(own).mean()) if noise is None else noise
     figure = ChannelMetrics("run 2", "imu[2]", np.sqrt(square), 0.0, 0.9, "rad/s", noise)
     error = _ChannelError(square, 0.0, blocks, 5.0 * np.arange(len(blocks)))
-    return _evidence_against(figure, error, own, Path("my runs/run 2.mcap"))
+    return _misfit_evidence(figure, error, own, Path("my runs/run 2.mcap"))
 
 
 @pytest.mark.parametrize(("count", "own"), [(1, 2), (2, 2), (6, 2), (2, 6), (3, 3), (4, 4), (12, 12)])

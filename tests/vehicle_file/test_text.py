@@ -10,7 +10,7 @@ import pytest
 from baqueano.errors import FileError
 from baqueano.vehicle_file import load, parse
 from baqueano.vehicle_file.text.dump import dump
-from baqueano.vehicle_file.text.toml_text import line_of, tables
+from baqueano.vehicle_file.text.toml_text import key_line, tables
 from tests.codes import refused
 
 SMALL = load("small").text
@@ -119,9 +119,9 @@ def test_the_line_number_of_every_key_is_determined():
         ("model", "drivetrain", "lag_s"),
         ("sensors", "imu", "gyro_bias"),
     ]:
-        assert lines[line_of(SMALL, path) - 1].startswith(path[-1])
-    assert line_of(SMALL, ("model", "nothing")) is None
-    assert line_of('[provenance."a.b"]\nrun = ""', ("provenance", "a.b")) == 1
+        assert lines[key_line(SMALL, path) - 1].startswith(path[-1])
+    assert key_line(SMALL, ("model", "nothing")) is None
+    assert key_line('[provenance."a.b"]\nrun = ""', ("provenance", "a.b")) == 1
 
 
 def test_data_written_as_toml_are_read_back_unchanged():

@@ -107,7 +107,7 @@ def answer_to(word: dict[str, Any]) -> dict[str, Any]:
             "seconds": 0.2,
         }
     if word["question"] == "block":
-        return block_of(word["room"])
+        return make_block(word["room"])
     if word["question"] == "check":
         return {"findings": []}
     if word["question"] == "compare":
@@ -119,7 +119,7 @@ def answer_to(word: dict[str, Any]) -> dict[str, Any]:
     return {}
 
 
-def block_of(room: str) -> dict[str, Any]:
+def make_block(room: str) -> dict[str, Any]:
     """Return the answer of a worker about a block."""
     kinds = {
         "estimator": ["ekf", "augmented_ekf", "my_blocks.py:MyEkf"],

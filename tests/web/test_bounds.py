@@ -143,7 +143,7 @@ async def test_ne5_one_machine_of_the_network_leaves_places_for_the_others(folde
         return reader, writer
 
     async with recorded_page(folder, "circle", shared_at="127.0.0.2") as server:
-        silent = [await answer(server, "127.0.0.3") for _ in range(serving.MAX_CONNECTIONS_OF_ADDRESS)]
+        silent = [await answer(server, "127.0.0.3") for _ in range(serving.MAX_ADDRESS_CONNECTIONS)]
         head = f"GET / HTTP/1.1\r\nHost: 127.0.0.2:{server.port}\r\n\r\n".encode()
         reader, one_more = await answer(server, "127.0.0.3")
         assert await asyncio.wait_for(reader.read(), WAIT_S) == b""

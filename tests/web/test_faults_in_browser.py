@@ -7,7 +7,7 @@ import os
 import pytest
 
 from baqueano.runs import read_run
-from baqueano.worlds.faults.fault import faults_in
+from baqueano.worlds.faults.fault import find_faults
 from tests.web.chromium import CHROMIUM
 from tests.web.scripted import ScriptedServer
 from tests.web.test_serve import port_of, program
@@ -60,7 +60,7 @@ def test_faults_in_the_browser_are_logged_and_can_be_omitted_later(browser, tmp_
                 assert not tab.errors
                 tab.close()
     first, twin = (read_run(path) for path in sorted((folder / "runs").glob("*.mcap"))[-2:])
-    faults = [faults_in((e.t_ns, e.source, e.diagnostic) for e in run.events) for run in (first, twin)]
+    faults = [find_faults((e.t_ns, e.source, e.diagnostic) for e in run.events) for run in (first, twin)]
     assert [fault.kind for fault in faults[0]] == ["push", "cut"]
     assert faults[1] == faults[0][:1]
     n = round(faults[0][1].start_s * 100)

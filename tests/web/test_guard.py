@@ -202,13 +202,13 @@ def test_ne4_after_five_wrong_tokens_every_token_is_refused_for_a_minute():
     guard = Guard((), 1, shared=True, now=lambda: now)
     right = guard.tokens[Role.DRIVE]
     for _ in range(MAX_FAILURES):
-        assert guard.role_of_browser("10.0.0.1", "wrong", True) is None
-    assert guard.role_of_browser("10.0.0.1", right, True) is None
-    assert guard.role_of_browser("10.0.0.2", right, True) is Role.DRIVE
+        assert guard.browser_role("10.0.0.1", "wrong", True) is None
+    assert guard.browser_role("10.0.0.1", right, True) is None
+    assert guard.browser_role("10.0.0.2", right, True) is Role.DRIVE
     now = 60.1
-    assert guard.role_of_browser("10.0.0.1", right, True) is Role.DRIVE
+    assert guard.browser_role("10.0.0.1", right, True) is Role.DRIVE
     now = TOKEN_LIFETIME_S + 1.0
-    assert guard.role_of_browser("10.0.0.2", right, True) is None
+    assert guard.browser_role("10.0.0.2", right, True) is None
 
 
 def test_ne4_every_token_is_compared_in_constant_time(monkeypatch):
@@ -217,14 +217,14 @@ def test_ne4_every_token_is_compared_in_constant_time(monkeypatch):
     guard = Guard((), 1, shared=True)
     for token in guard.tokens.values():
         comparisons.clear()
-        assert guard.role_of_browser("10.0.0.1", token, True)
+        assert guard.browser_role("10.0.0.1", token, True)
         assert len(comparisons) == len(Role)
 
 
 def test_ne4_many_addresses_with_wrong_tokens_use_little_memory():
     guard = Guard((), 1, shared=True)
     for k in range(5000):
-        guard.role_of_browser(f"10.0.{k // 256}.{k % 256}", "wrong", True)
+        guard.browser_role(f"10.0.{k // 256}.{k % 256}", "wrong", True)
     assert len(guard._failures) <= guarding.MAX_ADDRESSES + 1
 
 

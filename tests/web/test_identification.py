@@ -26,7 +26,7 @@ from baqueano.vehicles import AccelerationModel
 from baqueano.web.lab import identification as module
 from baqueano.web.lab import live_identification
 from baqueano.web.lab.drives import DriveIdentifications
-from baqueano.web.lab.identification import DriveIdentification, label_of
+from baqueano.web.lab.identification import DriveIdentification, parameter_label
 from baqueano.web.lab.live_identification import LiveIdentification
 from baqueano.web.lab.recorded import pack_run
 from tests.web.fake_vehicle import live_page, until
@@ -209,7 +209,7 @@ def test_missing_ticks_are_simulated_without_measurements(driven_runs):
 def test_every_parameter_of_the_garage_has_a_readable_label():
     for name in ("small", "car", "case-study-1"):
         drive = DriveIdentification(load(name), "numpy")
-        labels = [label_of(parameter) for parameter in drive._free]
+        labels = [parameter_label(parameter) for parameter in drive._free]
         drive.close()
         assert labels
         assert len(set(map(str, labels))) == len(labels)
@@ -223,7 +223,7 @@ class Sledge(AccelerationModel):
 
 def test_a_user_parameter_is_labelled_by_its_metadata():
     blocks = FittedBlocks(Sledge(), load("small").sensors)
-    names = {key: label_of(free_parameter(blocks, f"model.{key}", {})) for key in ("pull", "glide")}
+    names = {key: parameter_label(free_parameter(blocks, f"model.{key}", {})) for key in ("pull", "glide")}
     assert {key: note.figures["meaning"] for key, note in names.items()} == {
         "pull": "rope",
         "glide": "drag on snow",

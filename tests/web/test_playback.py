@@ -127,7 +127,7 @@ def test_a_closed_page_does_not_end_the_work():
 async def test_a_playback_shows_the_vehicle_the_identification_and_the_gains(tmp_path, monkeypatch):
     from baqueano.web.lab import playback as module
 
-    for name, seconds in (("PAUSE_BEFORE_FIT_S", 0.1), ("FIT_DISPLAY_S", 0.2), ("GAINS_DISPLAY_S", 0.2)):
+    for name, seconds in (("FIT_PAUSE_S", 0.1), ("FIT_DISPLAY_S", 0.2), ("GAINS_DISPLAY_S", 0.2)):
         monkeypatch.setattr(module, name, seconds)
     taught_run = replace(drive(), metadata={"kind": "experiment"})
     folder = folder_of(tmp_path / "runs", experiment=taught_run, repeat=drive())

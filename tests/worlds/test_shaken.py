@@ -14,7 +14,7 @@ from baqueano.signals import STANDARD_GRAVITY, Command
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.file import parse
 from baqueano.worlds import Fault, FaultyWorld, SimulatedWorld, fault_ledger
-from baqueano.worlds.faults.fault import PUSH_S, faults_in
+from baqueano.worlds.faults.fault import PUSH_S, find_faults
 from tests.codes import refused
 
 FILE = load("small")
@@ -109,7 +109,7 @@ def test_slipping_wheels_measure_a_higher_speed_and_drive_with_less_force():
 def test_a_faulty_run_stores_its_faults_and_is_exactly_reproducible(tmp_path):
     path = tmp_path / "run.mcap"
     run = repeat(FILE, circle(0.3, 0.2), shake=ALL, seed=4, duration_s=3.0, path=path)
-    faults_of_run = faults_in((e.t_ns, e.source, e.diagnostic) for e in read_run(path).events)
+    faults_of_run = find_faults((e.t_ns, e.source, e.diagnostic) for e in read_run(path).events)
     assert sorted(faults_of_run, key=str) == sorted(map(Fault.parse, ALL), key=str)
     second = repeat(FILE, circle(0.3, 0.2), shake=faults_of_run, seed=4, duration_s=3.0)
     for series in (
@@ -130,7 +130,7 @@ def test_faults_added_during_a_run_are_exactly_reproducible():
     }
     rows = drive_world(lively, faults_at=faults_at)
     events = [(t_ns, SHAKE_SOURCE, event) for t_ns, event in lively.new_events()]
-    faults_of_run = faults_in(events)
+    faults_of_run = find_faults(events)
     assert [fault.kind for fault in faults_of_run] == ["drift", "tilt", "tilt", "push"]
     over = next(event for _, _, event in events if event.code == "shake.end")
     assert over.figures["fault"].figures["unit"] == "rad/s"

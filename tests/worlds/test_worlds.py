@@ -32,7 +32,7 @@ SENSORS = sensor_slots(("imu",))(IMU)
 U = np.array([0.6, 0.0, 0.2])
 
 
-def ticks_of(sensors, n=600, seed=3, bundle=1, backend="numpy"):
+def make_ticks(sensors, n=600, seed=3, bundle=1, backend="numpy"):
     world, ticks = SimulatedWorld(VEHICLE, sensors, rate_hz=100.0, seed=seed, backend=backend), []
     world.write(Command(0, U))
     for k in range(bundle, n + 1, bundle):
@@ -41,7 +41,7 @@ def ticks_of(sensors, n=600, seed=3, bundle=1, backend="numpy"):
 
 
 def test_the_world_equals_the_pure_step_with_the_same_noise():
-    ticks, world = ticks_of(SENSORS)
+    ticks, world = make_ticks(SENSORS)
     process, imu = unit_normals(3, PROCESS_STREAM, 600, 3), unit_normals(3, sensor_stream("imu"), 600, 6)
     state = world_init(VEHICLE, SENSORS)
     for k, tick in enumerate(ticks):
@@ -53,16 +53,16 @@ def test_the_world_equals_the_pure_step_with_the_same_noise():
 
 
 def test_an_additional_sensor_does_not_change_the_noise_of_others():
-    without, _ = ticks_of(SENSORS)
-    both_slots, _ = ticks_of(sensor_slots(("odometer", "imu"))(Odometer(noise_std=0.01), IMU))
+    without, _ = make_ticks(SENSORS)
+    both_slots, _ = make_ticks(sensor_slots(("odometer", "imu"))(Odometer(noise_std=0.01), IMU))
     assert all(
         np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(without, both_slots, strict=True)
     )
 
 
 def test_reading_seven_ticks_at_a_time_gives_the_same_ticks():
-    first, _ = ticks_of(SENSORS)
-    seven, _ = ticks_of(SENSORS, n=602, bundle=7)
+    first, _ = make_ticks(SENSORS)
+    seven, _ = make_ticks(SENSORS, n=602, bundle=7)
     assert all(
         a.t_ns == b.t_ns and np.array_equal(a.sensors.imu.z, b.sensors.imu.z)
         for a, b in zip(first, seven, strict=False)
@@ -70,7 +70,7 @@ def test_reading_seven_ticks_at_a_time_gives_the_same_ticks():
 
 
 def test_the_seed_determines_the_noise():
-    a, b, c = (ticks_of(SENSORS, n=5, seed=s)[0][-1].sensors.imu.z for s in (1, 1, 2))
+    a, b, c = (make_ticks(SENSORS, n=5, seed=s)[0][-1].sensors.imu.z for s in (1, 1, 2))
     assert np.array_equal(a, b)
     assert not np.array_equal(a, c)
 
@@ -100,7 +100,7 @@ def test_without_noise_a_resting_vehicle_stays_and_its_imu_measures_zero():
     assert np.array_equal(slots.imu.z, np.zeros(3))
 
 
-def run_of(ticks, truth=None):
+def load_run(ticks, truth=None):
     t_ns = np.array([t.t_ns for t in ticks])
     z = np.array([t.sensors.imu.z for t in ticks])
     u = np.array([t.u for t in ticks]).reshape(len(ticks), 3)
@@ -109,14 +109,14 @@ def run_of(ticks, truth=None):
 
 
 def test_a_replayed_world_repeats_its_ticks_for_any_command():
-    ticks, simulated_run = ticks_of(SENSORS, n=50)
+    ticks, simulated_run = make_ticks(SENSORS, n=50)
     motions = simulated_run.new_truths()
     assert [t for t, _ in motions] == [t.t_ns for t in ticks]
     assert simulated_run.new_truths() == []
     truth = TruthLog(
         np.array([t for t, _ in motions]), *(np.array([m[i] for _, m in motions]) for i in (0, 1, 2))
     )
-    world, ticks_read, truths = ReplayedWorld(run_of(ticks, truth)), [], []
+    world, ticks_read, truths = ReplayedWorld(load_run(ticks, truth)), [], []
     assert world.new_truths() == []
     for t_ns in world.times:
         ticks_read += world.read(t_ns)
@@ -133,20 +133,20 @@ def test_a_replayed_world_repeats_its_ticks_for_any_command():
 
 def test_an_empty_run_is_refused_with_a_reason():
     with refused("replay.empty", ValueError, run="test"):
-        ReplayedWorld(run_of([]))
+        ReplayedWorld(load_run([]))
 
 
 def test_a_recording_without_gaps_is_replayed_unchanged():
-    ticks, _ = ticks_of(SENSORS, n=50)
+    ticks, _ = make_ticks(SENSORS, n=50)
     jittered_ticks = [t._replace(t_ns=t.t_ns + 3_000_000 * (k % 2)) for k, t in enumerate(ticks)]
-    world = ReplayedWorld(run_of(jittered_ticks))
+    world = ReplayedWorld(load_run(jittered_ticks))
     assert world.times == [t.t_ns for t in jittered_ticks]
     assert world.notes == ()
 
 
 def test_a_gap_is_filled_with_ticks_without_readings():
-    ticks, _ = ticks_of(SENSORS, n=200)
-    world = ReplayedWorld(run_of(ticks[:50] + ticks[150:]))
+    ticks, _ = make_ticks(SENSORS, n=200)
+    world = ReplayedWorld(load_run(ticks[:50] + ticks[150:]))
     assert world.times == [t.t_ns for t in ticks]
     assert [(note.code, note.figures["count"]) for note in world.notes] == [("replay.holes", 100)]
     hole = world.read(world.times[-1])[50:150]
@@ -154,9 +154,9 @@ def test_a_gap_is_filled_with_ticks_without_readings():
 
 
 def test_a_gap_of_a_day_is_filled_only_partly():
-    ticks, _ = ticks_of(SENSORS, n=20)
+    ticks, _ = make_ticks(SENSORS, n=20)
     later_ticks = [t._replace(t_ns=t.t_ns + 86_400 * 1_000_000_000) for t in ticks[10:]]
-    assert len(ReplayedWorld(run_of(ticks[:10] + later_ticks)).times) < 6100
+    assert len(ReplayedWorld(load_run(ticks[:10] + later_ticks)).times) < 6100
 
 
 def test_no_limit_of_the_file_ends_the_replay_of_an_imported_recording():

@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.block_checks.loop_blocks import TICK_NS, default_sensors, slots_at
+from baqueano.block_checks.loop_blocks import TICK_NS, circle_readings, default_sensors
 from baqueano.block_checks.motion import DT_S, circle_motion
 from baqueano.block_checks.source import place
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.errors import error_text, from_outside
+from baqueano.errors import error_text, is_interruption
 from baqueano.signals import Command, Estimate, Reference, Tick
 from baqueano.symbolic import TraceError, function
 
@@ -55,7 +55,7 @@ def compilation_notes(
             note("check.slow", Severity.WARNING, subject=subject, place=place_text, cause=error.diagnostic)
         ]
     except BaseException as error:
-        if from_outside(error):
+        if is_interruption(error):
             raise
         return [
             note(
@@ -75,7 +75,7 @@ def _step_arguments(role: str, block: Any, sensors: SensorBlocks, n: int) -> tup
     """Return the arguments of a step of the block, at a tick in the middle of a circle."""
     estimate = Estimate(5 * TICK_NS, np.array([0.1, 0.2, 0.3]), np.array([0.3, 0.0, 0.5]), 1e-4 * np.eye(6))
     reference = Reference(5 * TICK_NS, np.array([0.12, 0.21, 0.35]), estimate.nu, 0.0)
-    tick = Tick(5 * TICK_NS, np.full(n, 0.3), slots_at(sensors, 4))
+    tick = Tick(5 * TICK_NS, np.full(n, 0.3), circle_readings(sensors, 4))
     state = block.init()
     return {
         "vehicle": (state, np.full(getattr(block, "commands", n), 0.3), DT_S, np.zeros(3)),

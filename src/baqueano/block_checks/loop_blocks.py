@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.block_checks.trial import AT_START, CheckAborted, Trial
+from baqueano.block_checks.trial import START_NOTE, CheckAborted, Trial
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
@@ -17,7 +17,7 @@ DT_S = 0.02
 TICK_NS = 20_000_000
 YAW_RATE_RAD_S = 2.5  # rad/s: crosses π after 1.26 s
 EPOCH_NS = 1_700_000_000_000_000_000  # the clock of a computer, which counts from 1970
-ON_CIRCLE, REPEATED_TICK, FOLLOWED = note("when.circle"), note("when.repeated"), note("when.followed")
+CIRCLE_NOTE, REPEATED_TICK, FOLLOWED = note("when.circle"), note("when.repeated"), note("when.followed")
 FOLLOWED_NS = 2500 * TICK_NS  # 50 s: a lap of the route of the check, and more
 JUMP_TICKS = 10  # ticks of motion in one tick are a jump: 0.2 s
 OUTPUT_TOLERANCE = 1e-3  # of the magnitude of an output; times converted to floats cause an error of 1e-5
@@ -65,12 +65,14 @@ def check_estimator(
 
 
 def _check_estimates(trial: Trial, sensors: SensorBlocks, n: int) -> None:
-    belief, t_ns = trial.checked_call("init", AT_START), 0
+    belief, t_ns = trial.checked_call("init", START_NOTE), 0
     u = np.array([0.3, 0.0, 0.3])[:n] if n <= 3 else np.full(n, 0.2)
     estimate = None
     for k in range(70):
         t_ns += TICK_NS
-        belief, estimate = _checked_estimate(trial, belief, Tick(t_ns, u, slots_at(sensors, k)), ON_CIRCLE)
+        belief, estimate = _checked_estimate(
+            trial, belief, Tick(t_ns, u, circle_readings(sensors, k)), CIRCLE_NOTE
+        )
     assert estimate is not None
     cov_before = np.trace(estimate.cov[:2, :2])
     silent_slots = silent({name: s.size for name, s in sensors._asdict().items()})
@@ -86,7 +88,7 @@ def _check_estimates(trial: Trial, sensors: SensorBlocks, n: int) -> None:
         belief, estimate = _checked_estimate(trial, belief, Tick(t_ns, u, slots), context)
     belief, _ = _checked_estimate(trial, belief, Tick(t_ns, u, silent_slots), REPEATED_TICK)
     t_ns += 15 * TICK_NS  # after a longer gap the firmware would have stopped the motors
-    _checked_estimate(trial, belief, Tick(t_ns, u, slots_at(sensors, 0)), note("when.gap"))
+    _checked_estimate(trial, belief, Tick(t_ns, u, circle_readings(sensors, 0)), note("when.gap"))
 
 
 def _checked_estimate(trial: Trial, belief: Tree, tick: Tick, context: Diagnostic) -> tuple[Tree, Estimate]:
@@ -100,7 +102,7 @@ def _checked_estimate(trial: Trial, belief: Tree, tick: Tick, context: Diagnosti
     return belief, estimate._replace(cov=cov)
 
 
-def slots_at(sensors: SensorBlocks, k: int) -> Any:
+def circle_readings(sensors: SensorBlocks, k: int) -> Any:
     """Return the readings of the sensors at tick `k` on a circle at 0.3 m/s."""
     psi = wrap(YAW_RATE_RAD_S * DT_S * (k + 1))
     motion = Motion(np.array([0.0, 0.0, psi]), np.array([0.3, 0.0, YAW_RATE_RAD_S]), np.zeros(3), np.zeros(2))
@@ -141,15 +143,15 @@ def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
             trial.add_fault("check.full-turn", "step")
         elif np.max(np.abs(u_rotated - u_plain)) > scale:
             trial.add_fault("check.world-moved", "step")
-        _check_command_at_rest(trial, commands)
+        _check_rest_command(trial, commands)
         _check_clock_start(trial, "controller", default_sensors(), commands)
     return trial.reported_faults()
 
 
-def _check_command_at_rest(trial: Trial, n: int) -> None:
+def _check_rest_command(trial: Trial, n: int) -> None:
     rest, context, pose = np.zeros(3), note("when.rest"), np.zeros(3)
     reference, estimate = Reference(TICK_NS, pose, rest, 0.0), Estimate(TICK_NS, pose, rest, 1e-6 * np.eye(6))
-    _, command = trial.step(context, trial.checked_call("init", AT_START), reference, estimate)
+    _, command = trial.step(context, trial.checked_call("init", START_NOTE), reference, estimate)
     trial.expect_record(command, Command, "(state, Command(t_ns, u))")
     trial.expect("Command.u", command.u, (n,), context)
 
@@ -159,7 +161,7 @@ def _circle_commands(trial: Trial, n: int, offset: np.ndarray, turn: float) -> n
 
     The last tick is repeated once.
     """
-    state, command_rows = trial.checked_call("init", AT_START), []
+    state, command_rows = trial.checked_call("init", START_NOTE), []
     for k in [*range(80), 79]:
         t_ns, psi = (k + 1) * TICK_NS, YAW_RATE_RAD_S * DT_S * k
         position = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi])
@@ -170,7 +172,7 @@ def _circle_commands(trial: Trial, n: int, offset: np.ndarray, turn: float) -> n
         reference = Reference(
             t_ns, _moved_pose(goal, offset, turn), np.array([0.25, 0.0, YAW_RATE_RAD_S]), 0.0
         )
-        context = ON_CIRCLE if k < 79 or len(command_rows) < 80 else REPEATED_TICK
+        context = CIRCLE_NOTE if k < 79 or len(command_rows) < 80 else REPEATED_TICK
         state, command = trial.step(context, state, reference, estimate)
         trial.expect_record(command, Command, "(state, Command(t_ns, u))")
         trial.check_stamp(command, t_ns, "estimate", context)
@@ -205,7 +207,7 @@ def check_guide(block: object) -> list[Diagnostic]:
     """
     trial = Trial(block)
     with suppress(CheckAborted):
-        state = trial.checked_call("init", AT_START)
+        state = trial.checked_call("init", START_NOTE)
         times_ns = [
             *((k + 1) * TICK_NS for k in range(150)),
             150 * TICK_NS,
@@ -223,7 +225,7 @@ def check_guide(block: object) -> list[Diagnostic]:
 
 def _check_jumps(trial: Trial) -> None:
     """Check that the reference moves with its velocity: a step is not longer than the motion of JUMP_TICKS ticks."""
-    state, travel_m = trial.checked_call("init", AT_START), 0.0
+    state, travel_m = trial.checked_call("init", START_NOTE), 0.0
     estimate = Estimate(0, np.zeros(3), np.zeros(3), 1e-4 * np.eye(6))
     for t_ns in range(TICK_NS, FOLLOWED_NS, TICK_NS):
         state, reference = trial.step(FOLLOWED, state, estimate._replace(t_ns=t_ns))
@@ -287,7 +289,7 @@ def _check_stop(
     trial: Trial, sensors: SensorBlocks, n: int, subject: str, bad_command: float, bad_position: float
 ) -> None:
     """Run ten good ticks, one bad tick, and ten good ticks. From the bad tick on, the commands must be zero."""
-    state = trial.checked_call("init", AT_START)
+    state = trial.checked_call("init", START_NOTE)
     for k in range(21):
         is_bad = k == 10
         u_given = np.full(n, bad_command if is_bad else 0.1)
@@ -307,7 +309,7 @@ def _check_stop(
 
 
 def _check_limits(trial: Trial, sensors: SensorBlocks, n: int) -> None:
-    state = trial.checked_call("init", AT_START)
+    state = trial.checked_call("init", START_NOTE)
     limit = np.asarray(getattr(trial.block, "limit", np.full(n, np.inf)), dtype=float)
     for sign in (1.0, -1.0):
         _, u_out = _supervised_command(
@@ -327,7 +329,7 @@ def _supervised_command(
     context: Diagnostic,
 ) -> tuple[Tree, np.ndarray]:
     t_ns = (k + 1) * TICK_NS
-    tick = Tick(t_ns, np.zeros(len(u)), slots_at(sensors, k))
+    tick = Tick(t_ns, np.zeros(len(u)), circle_readings(sensors, k))
     estimate = Estimate(t_ns, np.array([position, 0.0, 0.0]), np.zeros(3), 1e-6 * np.eye(6))
     state, command = trial.step(context, state, Command(t_ns, u), tick, estimate)
     trial.expect_record(command, Command, "(state, Command(t_ns, u))")
@@ -337,8 +339,8 @@ def _supervised_command(
 
 def _check_clock_start(trial: Trial, role: str, sensors: SensorBlocks, n: int) -> None:
     """Check that a clock that begins at the epoch 1970 gives the same results as a clock that begins at 0."""
-    outputs_at_zero = _outputs_on_circle(trial, role, sensors, n, 0)
-    outputs_at_epoch = _outputs_on_circle(trial, role, sensors, n, EPOCH_NS)
+    outputs_at_zero = _circle_outputs(trial, role, sensors, n, 0)
+    outputs_at_epoch = _circle_outputs(trial, role, sensors, n, EPOCH_NS)
     for name, at_zero in outputs_at_zero.items():
         difference = (
             wrap(outputs_at_epoch[name] - at_zero) if name == "psi" else outputs_at_epoch[name] - at_zero
@@ -356,11 +358,11 @@ def _check_clock_start(trial: Trial, role: str, sensors: SensorBlocks, n: int) -
             return
 
 
-def _outputs_on_circle(
+def _circle_outputs(
     trial: Trial, role: str, sensors: SensorBlocks, n: int, begin_ns: int
 ) -> dict[str, np.ndarray]:
     """Return the outputs of the block over 20 ticks of a circle, name → (20, m)."""
-    state = trial.checked_call("init", AT_START)
+    state = trial.checked_call("init", START_NOTE)
     rows = []
     context = note("when.clock", begin_ns=float(begin_ns))
     for k in range(20):
@@ -369,7 +371,7 @@ def _outputs_on_circle(
         nu = np.array([0.25, 0.0, YAW_RATE_RAD_S])
         estimate = Estimate(t_ns, eta, nu, 1e-6 * np.eye(6))
         reference = Reference(t_ns, eta + np.array([0.02, 0.01, 0.15]), nu, 0.0)
-        tick = Tick(t_ns, np.full(n, 0.2), slots_at(sensors, k))
+        tick = Tick(t_ns, np.full(n, 0.2), circle_readings(sensors, k))
         inputs = {
             "estimator": (tick,), "guide": (estimate,), "controller": (reference, estimate),
             "supervisor": (Command(t_ns, np.full(n, 0.2)), tick, estimate),

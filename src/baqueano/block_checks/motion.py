@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.block_checks.trial import AT_START, CheckAborted, Trial
+from baqueano.block_checks.trial import START_NOTE, CheckAborted, Trial
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.sensors.sampling import detects
@@ -17,7 +17,7 @@ TICK_COUNT = 100
 ETA = np.array([0.5, -0.25, 3.0])  # close to π
 NU = np.array([0.4, 0.0, 2.5])
 LEVEL_GRAVITY = np.zeros(2)
-IN_CURVE, WHILE_ROLLING, AFTER_TURN = note("when.curve"), note("when.rolling"), note("when.psi-one")
+CURVE_NOTE, ROLLING_NOTE, TURN_NOTE = note("when.curve"), note("when.rolling"), note("when.psi-one")
 
 
 def check_vehicle(block: object) -> list[Diagnostic]:
@@ -51,16 +51,16 @@ def check_vehicle(block: object) -> list[Diagnostic]:
 
 
 def _check_drive(trial: Trial, n: int) -> None:
-    state = trial.checked_call("init", AT_START, ETA, NU)
+    state = trial.checked_call("init", START_NOTE, ETA, NU)
     for quantity, shape in (("eta", (3,)), ("nu", (3,)), ("nu_dot", (3,))):
-        trial.expect(f"state.{quantity}", getattr(state, quantity, None), shape, AT_START, "init")
+        trial.expect(f"state.{quantity}", getattr(state, quantity, None), shape, START_NOTE, "init")
     gravity = trial.expect(
-        "gravity", trial.checked_call("gravity", AFTER_TURN, 1.0), (2,), AFTER_TURN, "gravity"
+        "gravity", trial.checked_call("gravity", TURN_NOTE, 1.0), (2,), TURN_NOTE, "gravity"
     )
     motion = None
     for k in range(TICK_COUNT):
         u = np.array([0.5, 0.0, 0.4])[:n] if n <= 3 else np.full(n, 0.3)
-        state, motion = trial.step(IN_CURVE, state, u, DT_S, np.zeros(3))
+        state, motion = trial.step(CURVE_NOTE, state, u, DT_S, np.zeros(3))
         _check_motion(trial, motion, note("when.tick-of-curve", tick=k + 1))
     start = trial.checked_call("init", note("when.rest"))
     rest_state = start
@@ -69,13 +69,13 @@ def _check_drive(trial: Trial, n: int) -> None:
     if motion is not None and not np.any(gravity) and np.max(np.abs(motion.eta - start.eta)) > 1e-6:
         trial.add_fault("check.moves-by-itself", "step", distance=str(motion.eta - start.eta))
     effort = constant_effort(np.zeros(n))
-    next_state = trial.checked_call("advance", WHILE_ROLLING, ETA, NU, effort, DT_S)
+    next_state = trial.checked_call("advance", ROLLING_NOTE, ETA, NU, effort, DT_S)
     if not (isinstance(next_state, tuple) and len(next_state) == 3):
         trial.add_fault("check.returns", "advance", value=type(next_state).__name__, expected="(η, ν, ν̇)")
         raise CheckAborted
     for name, value in zip(("η", "ν", "ν̇"), next_state, strict=True):
-        trial.expect(name, value, (3,), WHILE_ROLLING, "advance")
-    trial.check_wrapped("ψ", float(next_state[0][2]), WHILE_ROLLING)
+        trial.expect(name, value, (3,), ROLLING_NOTE, "advance")
+    trial.check_wrapped("ψ", float(next_state[0][2]), ROLLING_NOTE)
     if not np.any(gravity) and (
         abs(next_state[1][0]) > abs(NU[0]) + 1e-9 or abs(next_state[1][2]) > abs(NU[2]) + 1e-9
     ):
@@ -126,16 +126,16 @@ def check_sensor(block: object) -> list[Diagnostic]:
 
 def _check_measurements(trial: Trial, block: Any) -> None:
     m = int(block.size)
-    Q = trial.expect_covariance("cov", block.cov, m, AT_START, "h")
+    Q = trial.expect_covariance("cov", block.cov, m, START_NOTE, "h")
     if np.any(np.diag(Q) <= 0.0):
         trial.add_fault("check.no-noise")
-    sensor_h = trial.expect("h", trial.checked_call("h", IN_CURVE, circle_motion(0)), (m,), IN_CURVE, "h")
-    state, answers = trial.checked_call("init", AT_START), 0
+    sensor_h = trial.expect("h", trial.checked_call("h", CURVE_NOTE, circle_motion(0)), (m,), CURVE_NOTE, "h")
+    state, answers = trial.checked_call("init", START_NOTE), 0
     for k in range(TICK_COUNT):
-        state, slot = trial.step(IN_CURVE, state, circle_motion(k), DT_S, np.zeros(int(block.noise_size)))
+        state, slot = trial.step(CURVE_NOTE, state, circle_motion(k), DT_S, np.zeros(int(block.noise_size)))
         trial.expect_record(slot, Slot, "(state, Slot(is_new, z))")
-        z = trial.expect("Slot.z", slot.z, sensor_h.shape, IN_CURVE)
-        is_new = trial.expect("Slot.is_new", slot.is_new, (), IN_CURVE)
+        z = trial.expect("Slot.z", slot.z, sensor_h.shape, CURVE_NOTE)
+        is_new = trial.expect("Slot.is_new", slot.is_new, (), CURVE_NOTE)
         if is_new not in (0.0, 1.0):
             trial.add_fault("check.is-new", "step", value=str(slot.is_new))
         if is_new == 0.0 and np.any(z):

@@ -5,7 +5,7 @@ import inspect
 from pathlib import Path
 from typing import Any
 
-from baqueano.block_checks.source_text import code_of
+from baqueano.block_checks.source_text import method_code
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import cell_name
 from baqueano.messages.language import translate as _
@@ -26,15 +26,15 @@ OUTSIDE_CALLS = {
 def place(code_object: Any) -> str:
     """Return the file or the cell and the line of a class or function, as "my_controller.py line 12"."""
     try:
-        return line_of(inspect.getfile(code_object), inspect.getsourcelines(code_object)[1])
+        return location_text(inspect.getfile(code_object), inspect.getsourcelines(code_object)[1])
     except (OSError, TypeError):
-        code = code_of(code_object)
+        code = method_code(code_object)
         if code is not None and cell_name(code.co_filename):
-            return line_of(code.co_filename, code.co_firstlineno)
+            return location_text(code.co_filename, code.co_firstlineno)
         return getattr(code_object, "__name__", str(code_object))
 
 
-def line_of(file: Path | str, line: int) -> str:
+def location_text(file: Path | str, line: int) -> str:
     """Return a line of a file, or of a cell of a notebook, as text in the current language."""
     return _("{file} line {line}", file=cell_name(str(file)) or Path(file).name, line=str(line))
 
@@ -56,17 +56,17 @@ def outside_accesses(block_class: type) -> list[Diagnostic]:
         fault(
             f"outside.{door}",
             subject=block_class.__name__,
-            place=line_of(file, line),
+            place=location_text(file, line),
             name=name,
             advice=advice,
         )
         for node in ast.walk(tree)
-        for line, door, name, advice in _accesses_in(node)
+        for line, door, name, advice in _forbidden_accesses(node)
     ]
     return list(dict.fromkeys(faults))
 
 
-def _accesses_in(node: ast.AST) -> list[tuple[int, str, str, Diagnostic]]:
+def _forbidden_accesses(node: ast.AST) -> list[tuple[int, str, str, Diagnostic]]:
     """Return line, kind of access, name and replacement for each forbidden access in a node."""
     if isinstance(node, ast.Import):
         names = [alias.name.split(".")[0] for alias in node.names]

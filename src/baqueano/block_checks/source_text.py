@@ -15,24 +15,24 @@ def source_text(block_class: type) -> str:
 
     Return "" if Python does not store the text, for example if the class was typed in a terminal.
     """
-    file = _file_of(block_class)
+    file = _source_file(block_class)
     linecache.checkcache(file)  # a file can have changed; the cells of a notebook are stored
     return "".join(linecache.getlines(file))
 
 
-def _file_of(block_class: type) -> str:
+def _source_file(block_class: type) -> str:
     """Return the file name under which Python stores the text of a class; "" if Python does not store the text.
 
     This is the file name of a method of the class, because a cell of a notebook is not in a file.
     """
-    code = code_of(block_class)
+    code = method_code(block_class)
     try:
         return code.co_filename if code else inspect.getsourcefile(block_class) or ""
     except (OSError, TypeError):
         return ""
 
 
-def code_of(block_class: object) -> CodeType | None:
+def method_code(block_class: object) -> CodeType | None:
     """Return the code of the first method that is written in a class, or None; a dataclass also has generated ones."""
     methods = [m for m in getattr(block_class, "__dict__", {}).values() if isinstance(m, FunctionType)]
     module = getattr(block_class, "__module__", "")

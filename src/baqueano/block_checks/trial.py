@@ -20,10 +20,10 @@ from baqueano.contracts.blocks import STEP_INPUTS
 from baqueano.contracts.time_limit import HANG_S, within
 from baqueano.contracts.values import array_text
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.errors import error_text, from_outside
+from baqueano.errors import error_text, is_interruption
 
 MAX_REPORTED = 12  # diagnostics that are reported at most
-AT_START = note("when.start")
+START_NOTE = note("when.start")
 INCOMPLETE_CODES = ("check.no-method", "check.no-attribute", "check.no-commands", "check.no-drivetrain")
 
 
@@ -189,7 +189,7 @@ class Trial:
                 warnings.simplefilter("ignore")
                 result = within(HANG_S, getattr(self.block, method_name), *arguments)
         except BaseException as error:
-            if from_outside(error):
+            if is_interruption(error):
                 raise
             line = _line(self.block_class, error)
             named_method = method_name if hasattr(self.block_class, method_name) else ""

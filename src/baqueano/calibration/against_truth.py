@@ -49,7 +49,7 @@ class Windows(NamedTuple):
     b: np.ndarray  # (N,)
     batch: np.ndarray  # (N,)
 
-    def change_of(self, x: np.ndarray) -> np.ndarray:
+    def window_change(self, x: np.ndarray) -> np.ndarray:
         """Return the change x(b) − x(a) (N, …) of a quantity x (K, …) per frame."""
         return x[self.b] - x[self.a]
 
@@ -71,8 +71,8 @@ def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
     """Return scale and bias of the gyro, scale of the odometer, position of the mark, and clock offset of the truth.
     `vehicle_file` names the sensors. Raise UsageError if the run is too short, lacks a pose of a truth, or lacks both
     sensors."""
-    gyro = channel_of(run, vehicle_file, "gyro_scale", -1)
-    odometer = channel_of(run, vehicle_file, "scale", 0)
+    gyro = find_channel(run, vehicle_file, "gyro_scale", -1)
+    odometer = find_channel(run, vehicle_file, "scale", 0)
     if gyro is None and odometer is None:
         raise UsageError(fault("truth.no-sensor", "--vehicle FILE", run=run.name, vehicle=vehicle_file.name))
     frames = _frames(run)
@@ -95,7 +95,7 @@ def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
     return Calibration(run.name, tuple(calibrated_sensors), residuals, axis_warnings=warnings)
 
 
-def channel_of(
+def find_channel(
     run: "Run", vehicle_file: "VehicleFile", field: str, entry: int
 ) -> tuple[str, TimeSeries] | None:
     """Return the first sensor of the run whose block has `field`, and its channel `entry`, or None. Samples of an
@@ -164,11 +164,11 @@ def _gaps(t_s: np.ndarray, wider_s: float) -> list[tuple[float, float]]:
 def _turn_equations(w: Windows, gyro: TimeSeries, offset_s: float) -> Equations:
     """Return (1): y (N,), derivatives (N, 2) by (a, −c), and their change per second of offset (N, 2)."""
     t = w.t_s + offset_s
-    jacobian = np.stack([w.change_of(gyro.integral_until(t)), w.change_of(w.t_s)], axis=1)
+    jacobian = np.stack([w.window_change(gyro.integral_until(t)), w.window_change(w.t_s)], axis=1)
     return (
-        w.change_of(w.eta[:, 2]),
+        w.window_change(w.eta[:, 2]),
         jacobian,
-        np.stack([w.change_of(gyro.interpolate(t)), np.zeros(len(w.a))], axis=1),
+        np.stack([w.window_change(gyro.interpolate(t)), np.zeros(len(w.a))], axis=1),
     )
 
 
@@ -179,7 +179,7 @@ def _motion_equations(w: Windows, odometer: TimeSeries, offset_s: float) -> Equa
     def displacement(v: np.ndarray) -> np.ndarray:
         rate = np.stack([v * c, v * s], axis=1)  # R e_x v
         steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(w.t_s)[:, None]
-        return w.change_of(np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]))  # (N, 2)
+        return w.window_change(np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]))  # (N, 2)
 
     def with_sideways(path: np.ndarray) -> np.ndarray:
         return np.stack([path, np.stack([-path[:, 1], path[:, 0]], axis=1)], axis=2)
@@ -187,8 +187,8 @@ def _motion_equations(w: Windows, odometer: TimeSeries, offset_s: float) -> Equa
     t = w.t_s + offset_s
     lever = np.stack(
         [
-            np.stack([w.change_of(c), w.change_of(s)], axis=1),
-            np.stack([-w.change_of(s), w.change_of(c)], axis=1),
+            np.stack([w.window_change(c), w.window_change(s)], axis=1),
+            np.stack([-w.window_change(s), w.window_change(c)], axis=1),
         ],
         axis=2,
     )
@@ -198,7 +198,7 @@ def _motion_equations(w: Windows, odometer: TimeSeries, offset_s: float) -> Equa
         2.0 * h
     )
     change = np.concatenate([with_sideways(velocity), np.zeros((len(w.a), 2, 2))], axis=2)
-    return w.change_of(w.eta[:, :2]).ravel(), jacobian.reshape(-1, 4), change.reshape(-1, 4)
+    return w.window_change(w.eta[:, :2]).ravel(), jacobian.reshape(-1, 4), change.reshape(-1, 4)
 
 
 def _best_regression(

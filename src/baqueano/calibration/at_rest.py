@@ -149,7 +149,7 @@ def _fit_terms(
     return squares, np.sqrt(np.diagonal(cov)), cost
 
 
-class ChannelAtRest(NamedTuple):
+class RestChannel(NamedTuple):
     """One channel of one sensor at rest, in the sensor's unit."""
 
     sensor: str
@@ -173,7 +173,7 @@ class RestMeasurement(Result):
 
     run: str
     duration_s: float
-    channels: tuple[ChannelAtRest, ...]
+    channels: tuple[RestChannel, ...]
     findings: tuple[Diagnostic, ...]
 
     @property
@@ -290,22 +290,22 @@ def _rest_span(run: "Run") -> tuple[int, int]:
 
 def _rest_channel(
     name: str, entry: int, t_ns: np.ndarray, y: np.ndarray, rate_hz: float, temperature: "Channel | None"
-) -> ChannelAtRest:
+) -> RestChannel:
     curve = allan_deviation(y, rate_hz)
     changes = np.abs(np.diff(np.unique(y)))
-    slope, slope_std = _over_temperature(t_ns, y, temperature)
+    slope, slope_std = _temperature_slope(t_ns, y, temperature)
     ticks_per_s = max(1, round(rate_hz))
     over_1s = None
     if 2 * ticks_per_s <= len(y):
         over_1s = float(allan_deviation(y, rate_hz, np.array([ticks_per_s])).deviation[0])
-    return ChannelAtRest(
+    return RestChannel(
         name, entry, len(y), rate_hz, float(np.mean(y)), float(curve.deviation[-1]), float(np.std(y, ddof=1)),
         float(changes.min()) if len(changes) else 0.0, curve, coefficients(curve), over_1s,
         slope, slope_std,
     )  # fmt: skip
 
 
-def _over_temperature(
+def _temperature_slope(
     t_ns: np.ndarray, y: np.ndarray, temperature: "Channel | None"
 ) -> tuple[float | None, float | None]:
     """Return the slope per °C and its standard error, from block means. Return (None, None) without a change of
@@ -347,7 +347,7 @@ def _findings(name: str, t_ns: np.ndarray, z: np.ndarray, rate_hz: float) -> lis
     return findings
 
 
-def _imu_values(path: str, channels: dict[int, ChannelAtRest]) -> "JsonObject":
+def _imu_values(path: str, channels: dict[int, RestChannel]) -> "JsonObject":
     """Return the values of an IMU from its three channels: standard deviation of one sample, bias, and bias random
     walk. The walk is 0 if it cannot be measured. Both accelerometers get the larger one."""
     walks = [channels[k].coefficients for k in range(3)]

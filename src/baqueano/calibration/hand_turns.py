@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.calibration.against_truth import GAP_S, channel_of
+from baqueano.calibration.against_truth import GAP_S, find_channel
 from baqueano.calibration.result import CalibratedNumber, Calibration, sensor_axis_warnings
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
@@ -61,7 +61,7 @@ def calibrate_by_hand_turns(run: Run, vehicle_file: "VehicleFile", turns: float 
     """Return the calibration of the gyro of `run`, in which the vehicle was turned by hand between rests on a mark.
     `turns` is the number of whole turns between two rests, in either direction; None: the nearest whole number. Raise
     UsageError if the run lacks a gyro, two rests or whole turns, or if the gyro has a gap or was saturated."""
-    channel = channel_of(run, vehicle_file, "gyro_scale", -1)
+    channel = find_channel(run, vehicle_file, "gyro_scale", -1)
     if channel is None:
         raise UsageError(fault("turns.no-gyro", "--vehicle FILE", run=run.name, vehicle=vehicle_file.name))
     name, gyro = channel

@@ -33,7 +33,7 @@ FIRST_READINGS = 5  # readings of a speed; 0 s to 0.05 s at 100 Hz
 REST_NOISE_FACTOR = 2.0  # times w, or the noise in the file: a gyro with more scatter is being turned by hand
 
 
-def with_gyro_bias_at_rest(
+def with_rest_gyro_bias(
     vehicle_file: "VehicleFile", runs: Sequence[Run]
 ) -> tuple["VehicleFile", Diagnostic | None]:
     """Return the file with the bias of the first gyro that was at rest in the runs, and a message. If the vehicle was
@@ -41,7 +41,7 @@ def with_gyro_bias_at_rest(
     for name, sensor in vehicle_file.sensors._asdict().items():
         if not has_field(sensor, "gyro_bias"):
             continue
-        residuals = {run.name: _residuals_at_rest(run, name, sensor) for run in runs}
+        residuals = {run.name: _rest_residuals(run, name, sensor) for run in runs}
         runs_at_rest = [name for name, x in residuals.items() if len(x)]
         x = np.concatenate([np.zeros(0), *residuals.values()])
         if not len(x):
@@ -50,7 +50,7 @@ def with_gyro_bias_at_rest(
         message = note(
             "bias.at-rest", subject=name, bias_rad_s=bias, std_rad_s=std, runs=", ".join(runs_at_rest)
         )
-        return _file_with_gyro_bias(vehicle_file, name, bias, std, runs_at_rest), message
+        return _set_gyro_bias(vehicle_file, name, bias, std, runs_at_rest), message
     return vehicle_file, None
 
 
@@ -99,7 +99,7 @@ def is_at_rest(run: "Run", t_ns: np.ndarray) -> np.ndarray:
     return ~driven_ticks[tick] & (t_ns - last_driven_ns[tick] > REST_S * NANOSECONDS)
 
 
-def _residuals_at_rest(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
+def _rest_residuals(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
     """Return gyro readings minus model (K,) [rad/s] while the vehicle was at rest. A rest is left out if it is
     too short, or if the vehicle coasted or was turned by hand."""
     channel = run.sensors.get(name)
@@ -123,7 +123,7 @@ def _is_still(t_ns: np.ndarray, residuals: np.ndarray, sensor: "Tree") -> bool:
     return not np.std(residuals) > REST_NOISE_FACTOR * noise_std > 0.0
 
 
-def _file_with_gyro_bias(
+def _set_gyro_bias(
     vehicle_file: "VehicleFile", name: str, bias: float, std: float, run_names: list[str]
 ) -> "VehicleFile":
     from baqueano.vehicle_file import Provenance

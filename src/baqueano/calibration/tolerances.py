@@ -60,7 +60,7 @@ def declared_covariance(
             for entry, path in enumerate(names if p.role != "noise" and not p.walk else ()):
                 stds[path] = _declared_std(vehicle_file, blocks, field, entry)
         if with_zero and has_field(block, "gyro_bias"):
-            stds[f"{owner}.gyro_bias"] = std_of_gyro_bias(vehicle_file, owner.removeprefix("sensors."))
+            stds[f"{owner}.gyro_bias"] = assumed_gyro_bias_std(vehicle_file, owner.removeprefix("sensors."))
     stds = {path: std for path, std in stds.items() if std > 0.0 and path not in exact}
     correlation, paths = np.eye(len(stds)), list(stds)
     if vehicle_file.parameter_cov is not None:
@@ -138,13 +138,13 @@ def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) 
     return vehicle_file.with_values(values, origins) if values else vehicle_file
 
 
-def std_of_gyro_bias(vehicle_file: "VehicleFile", imu: str) -> float:
+def assumed_gyro_bias_std(vehicle_file: "VehicleFile", imu: str) -> float:
     """Return the standard deviation of a gyro's zero [rad/s], from the file if measured, else from a data sheet."""
-    std_rad_s = measured_std_of_gyro_bias(vehicle_file, imu)
+    std_rad_s = measured_gyro_bias_std(vehicle_file, imu)
     return tolerance_std(ZERO_RATE_RAD_S) if std_rad_s is None else std_rad_s
 
 
-def measured_std_of_gyro_bias(vehicle_file: "VehicleFile", imu: str) -> float | None:
+def measured_gyro_bias_std(vehicle_file: "VehicleFile", imu: str) -> float | None:
     """Return the standard error of a gyro's zero [rad/s] in the file, or None if it was not measured."""
     origin = vehicle_file.provenance.get(f"sensors.{imu}.gyro_bias")
     std_rad_s = np.nan if origin is None or origin.std is None else float(np.ravel(origin.std)[0])

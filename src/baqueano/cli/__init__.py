@@ -40,7 +40,7 @@ SUBCOMMANDS = {
     "blocks": "List the blocks; check one of your own.",
 }
 
-SUBCOMMANDS_BY_SUBPACKAGE = {  # subpackage → verbs; the other verbs are modules of this package
+SUBPACKAGE_VERBS = {  # subpackage → verbs; the other verbs are modules of this package
     "driving": ("drive", "experiment", "repeat", "replay", "route", "teach"),
     "modelling": ("compare", "forecast", "identify", "report", "runs", "simulate", "study", "sweep", "tune"),
     "page": ("serve", "view"),
@@ -89,17 +89,17 @@ class SubcommandGroup(click.Group):
         return self.commands[name].get_short_help_str(MAX_HELP_LETTERS)
 
 
-def command_of(verb: str) -> click.Command:
+def load_command(verb: str) -> click.Command:
     """Import a subcommand of SUBCOMMANDS, and return its command with help in the current language."""
     subpackage = next(
-        (f"{subpackage}." for subpackage, verbs in SUBCOMMANDS_BY_SUBPACKAGE.items() if verb in verbs), ""
+        (f"{subpackage}." for subpackage, verbs in SUBPACKAGE_VERBS.items() if verb in verbs), ""
     )
     command = importlib.import_module(f"baqueano.cli.{subpackage}{verb}").command
     command._help_option = None  # click caches the help option of the first call
-    return in_language(command)
+    return translate_command(command)
 
 
-def in_language(command: click.Command) -> click.Command:
+def translate_command(command: click.Command) -> click.Command:
     """Return a copy of a command, or of a group, with help in the current language."""
     if language.current_language() == "en":
         return command
@@ -117,7 +117,7 @@ def in_language(command: click.Command) -> click.Command:
     command.options_metavar = language.translate(command.options_metavar or "") or None
     if isinstance(command, click.Group):
         command.subcommand_metavar = language.translate(command.subcommand_metavar)
-        command.commands = {name: in_language(verb) for name, verb in command.commands.items()}
+        command.commands = {name: translate_command(verb) for name, verb in command.commands.items()}
     return command
 
 
@@ -138,7 +138,7 @@ class _LazySubcommandGroup(SubcommandGroup):
         return list(SUBCOMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        return command_of(cmd_name) if cmd_name in SUBCOMMANDS else None
+        return load_command(cmd_name) if cmd_name in SUBCOMMANDS else None
 
     def first_sentence(self, name: str) -> str:
         return _(SUBCOMMANDS[name])
@@ -196,7 +196,7 @@ def main(args: list[str] | None = None) -> None:
     debug = "--debug" in args
     global_flags = [flag for flag in ("--debug", "--allow-blocks") if flag in args]
     args = [arg for arg in args if arg not in global_flags]
-    args, tag = _without_language(args)
+    args, tag = _split_language(args)
     language.choose_language(tag if tag in language.LANGUAGES else "")
     with warnings.catch_warnings(), use_notation(COMMAND_LINE):
         if not debug and not sys.warnoptions:  # an overflow during a search does not concern the user
@@ -204,7 +204,7 @@ def main(args: list[str] | None = None) -> None:
         sys.exit(_exit_code(args, global_flags + ["--lang", tag] * bool(tag)))
 
 
-def _without_language(args: list[str]) -> tuple[list[str], str]:
+def _split_language(args: list[str]) -> tuple[list[str], str]:
     """Return the arguments without `--lang`, and its value. The option can be at any position before `--`."""
     end = args.index("--") if "--" in args else len(args)
     for k, arg in enumerate(args[:end]):
@@ -223,7 +223,9 @@ def _exit_code(args: list[str], leading_args: list[str]) -> int:
 
     printed_objects.clear()
     try:
-        code = in_language(baqueano).main(leading_args + args, prog_name="baqueano", standalone_mode=False)
+        code = translate_command(baqueano).main(
+            leading_args + args, prog_name="baqueano", standalone_mode=False
+        )
         return code if isinstance(code, int) else 0
     except NoArgsIsHelpError as error:
         error.show()

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import click
 
-from baqueano.cli import SUBCOMMANDS, command_of
+from baqueano.cli import SUBCOMMANDS, load_command
 from baqueano.cli.next_command import GROUPS, next_command
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import (
@@ -16,9 +16,9 @@ from baqueano.errors import (
     BaqueanoError,
     DiagnosticError,
     MissingMethod,
-    cause_of,
+    error_cause,
     error_text,
-    from_outside,
+    is_interruption,
     user_code_place,
 )
 from baqueano.messages import text
@@ -79,7 +79,7 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
             code = "cli.usage"
             if isinstance(error, click.NoSuchOption):
                 code = "cli.no-such-option"
-                vars(error)["possibilities"] = error.possibilities or _described_by(error)
+                vars(error)["possibilities"] = error.possibilities or _options_by_help(error)
             verb = args[: 2 if args[:1] in GROUPS else 1]
             path = error.ctx.command_path if error.ctx else " ".join(["baqueano", *verb])
             return fault(
@@ -87,14 +87,14 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
             ), USAGE
         case click.ClickException():
             return fault("cli.text", words=error.format_message()), error.exit_code
-        case KeyboardInterrupt() | click.Abort() if from_outside(error) or not user_code_place(error):
+        case KeyboardInterrupt() | click.Abort() if is_interruption(error) or not user_code_place(error):
             return fault("cli.interrupted"), INTERRUPTED
         case MissingMethod():
             return error.diagnostic, BAD_FILE
         case MemoryError():
             return fault("cli.memory", error=str(error)), NEGATIVE_ANSWER
         case _ if type(error).__name__ == "CompileError":  # of the engine, which is not imported here
-            return fault("cli.not-compiled", "--backend python", error=cause_of(error)), USAGE
+            return fault("cli.not-compiled", "--backend python", error=error_cause(error)), USAGE
         case OSError():
             location = fault("cli.output") if error.filename is None else error.filename
             return fault(
@@ -111,7 +111,7 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
     ), NEGATIVE_ANSWER
 
 
-def _described_by(error: click.NoSuchOption) -> list[str]:
+def _options_by_help(error: click.NoSuchOption) -> list[str]:
     """Return the options of this command whose help begins with the unknown name: --duration is --seconds."""
     _, verb, *verbs = [*(error.ctx.command_path.split() if error.ctx else []), "", ""]
     if verb not in SUBCOMMANDS:
@@ -120,7 +120,7 @@ def _described_by(error: click.NoSuchOption) -> list[str]:
     commands = []
     for language in {"en", current_language()}:
         with use_language(language):
-            command = command_of(verb)
+            command = load_command(verb)
             commands.append(
                 command.commands[verbs[0]]
                 if isinstance(command, click.Group) and verbs[0] in command.commands

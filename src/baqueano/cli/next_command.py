@@ -29,7 +29,7 @@ GROUPS = (["runs"], ["route"], ["study"], ["blocks"], ["robot"])
 MIN_SIMILARITY = 0.75  # share of characters that two similar file names have in common
 DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 BARE_LIST = re.compile(r"=([-+\d.e]+(?:,[-+\d.e]+){2,})$")  # KEY=1,2,3
-NOT_BY_COMMA = ("cli.no-such-option", "cli.whole-number", "room.unreadable")
+COMMA_INDEPENDENT = ("cli.no-such-option", "cli.whole-number", "room.unreadable")
 ALLOWABLE_CODES = ("block.outside-folder", "block.in-run")
 UNWRITTEN_CODES = ("vehicle.changed-since", "vehicle.not-written", "runs.not-written")  # of a right command
 NAMES_CODES = ("name.near", "name.unknown")
@@ -65,7 +65,7 @@ def next_command(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnost
     codes = {cause.code for cause in causes}
     if (
         code == USAGE
-        and codes.isdisjoint(NOT_BY_COMMA)
+        and codes.isdisjoint(COMMA_INDEPENDENT)
         and (corrected_args := _with_decimal_points(args)) != args
     ):
         return fault("next.decimal-comma", baqueano_command(*corrected_args))
@@ -76,7 +76,7 @@ def next_command(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnost
     if any(cause.code in NAMES_CODES for cause in causes):  # the message lists the files already
         return None
     if missing_paths:
-        return _alternatives_to(missing_paths[0])
+        return _sibling_files(missing_paths[0])
     rooms = {cause.code.partition(".")[0] for cause in causes}
     if "map" in rooms:
         return fault("next.map", baqueano_command("runs", "import", "--help"))
@@ -124,7 +124,7 @@ def _nearest_file(missing_path: Path) -> Path | None:
     return missing_path.parent / close_names[0] if close_names else None
 
 
-def _alternatives_to(path: Path) -> Diagnostic:
+def _sibling_files(path: Path) -> Diagnostic:
     """Return a message with the files of the same type in the folder of a missing path."""
     same_kind_names = [name for name in _file_names(path.parent) if Path(name).suffix == path.suffix]
     folder = path.parent.resolve().name
@@ -184,16 +184,16 @@ def _vehicle_option(run: "Run") -> list[str]:
     from baqueano.vehicle_file.garage import names
     from baqueano.vehicle_file.text.toml_text import parse_toml
 
-    def head_of(toml: str) -> tuple[object, int]:
+    def read_head(toml: str) -> tuple[object, int]:
         with suppress(ValueError):
             data = parse_toml(toml, "")
             return data.get("name"), len(data.get("command", {}).get("names", ()))
         return None, 0
 
-    recorded_name, commands = head_of(run.vehicle_text)[0], run.applied_commands.shape[1]
+    recorded_name, commands = read_head(run.vehicle_text)[0], run.applied_commands.shape[1]
     matching_files = []
     for path in sorted(Path().glob("*.toml")):
-        name, n = head_of(path.read_text(encoding="utf-8", errors="replace"))
+        name, n = read_head(path.read_text(encoding="utf-8", errors="replace"))
         if n == commands and recorded_name in (None, name):
             matching_files.append(str(path))
     if len(matching_files) == 1:

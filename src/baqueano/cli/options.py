@@ -133,7 +133,7 @@ def _vehicle_file_options(help: str) -> Decorator:
 vehicle = _vehicle_file_options(
     help="A vehicle file, or a name of the garage (case-study-1, small, car). Default: vehicle.toml, else small."
 )
-vehicle_of_run = _vehicle_file_options(
+run_vehicle_option = _vehicle_file_options(
     help="A vehicle file, or a name of the garage (case-study-1, small, car). Default: the file stored in the run."
 )
 speed_and_size = combine_options(

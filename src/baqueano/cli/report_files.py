@@ -69,13 +69,13 @@ class ReportFiles:
             path = save_table(result.rows(), self.table, self.decimal, caption, blocks)
             print_message(note("cli.table", path=path))
 
-    def write_about(self, result: "Tabular") -> None:
+    def write_page(self, result: "Tabular") -> None:
         """Write the requested files, if any, of a result: its table, and its page with the command line of the user."""
         self.write_table(result)
         if self:
-            from baqueano.report.pages.result_page import page_of
+            from baqueano.report.pages.result_page import build_page
 
-            self.write(lambda: page_of(result), reproducible=True)
+            self.write(lambda: build_page(result), reproducible=True)
 
 
 def _collect(*page_options: Callable[[Command], Command]) -> Callable[[Command], Command]:
@@ -148,9 +148,9 @@ def _width(argument: str | None) -> str | float | None:
 def _check_table(report: ReportFiles) -> None:
     """Raise UsageError, before the command computes, if --table has an unknown file extension."""
     if report.table is not None:
-        from baqueano.report.tables import suffix_of
+        from baqueano.report.tables import table_suffix
 
-        suffix_of(report.table)
+        table_suffix(report.table)
 
 
 def _check_folder(report: ReportFiles, width: str | None) -> None:

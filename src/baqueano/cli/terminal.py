@@ -66,7 +66,7 @@ def print_result(message: Diagnostic | str) -> None:
 
 def _print(line: str, stream: TextIO) -> None:
     try:
-        click.echo(_wrapped_for(stream, printable(line)), file=stream)
+        click.echo(_wrap_lines(stream, printable(line)), file=stream)
         if stream is not None:
             stream.flush()
     except OSError as error:
@@ -78,7 +78,7 @@ def _print(line: str, stream: TextIO) -> None:
         os.close(null_file)
 
 
-def _wrapped_for(stream: TextIO, lines: str) -> str:
+def _wrap_lines(stream: TextIO, lines: str) -> str:
     """Return sentences wrapped at words for the width of a terminal. Tables, commands and JSON stay unchanged."""
     if stream is None or not stream.isatty() or lines.startswith("{"):
         return lines
@@ -176,7 +176,7 @@ def show_time_progress(label: Diagnostic | str, duration_s: float) -> Iterator[C
         show(duration_s)
 
 
-def in_real_time(show: Callable[[float], None]) -> Callable[[float], None]:
+def real_time_display(show: Callable[[float], None]) -> Callable[[float], None]:
     """Return a function that shows the time of a run [s] and then waits until as much time has passed on the clock."""
     start_s = time.monotonic()
 

@@ -118,7 +118,7 @@ def degrees_of_freedom(w: np.ndarray) -> float:
     bias = (np.sum(x, axis=0) / count) ** 2
     variance_deficit = 1.0 - np.sum(x**2, axis=0) / count + bias
     is_bias_significant = (variance_deficit > 1.0 - 1.0 / ACCEPTED_RATIO) & (
-        bias > _chi2_of_one(FALSE_ALARM) * variance_deficit
+        bias > _one_degree_quantile(FALSE_ALARM) * variance_deficit
     )
     share, d = count / n, float(np.sum(count)) / n
     lasting_bias = np.maximum(
@@ -155,7 +155,7 @@ def _bootstrap(sums: np.ndarray, entries: np.ndarray, length: int, false_alarm: 
     return float(low), float(high)
 
 
-def _chi2_of_one(probability: float) -> float:
+def _one_degree_quantile(probability: float) -> float:
     """Return the quantile of χ² with one degree of freedom at `probability`."""
     return NormalDist().inv_cdf(0.5 + 0.5 * probability) ** 2
 

@@ -47,16 +47,16 @@ class Corridor(NamedTuple):
                 return note("corridor.lost", t_s=self.loss_s)
             return note("corridor.lost-in-lap", t_s=self.loss_s, lap=int(self.loss_s / self.lap_s) + 1)
         laps = round(float(self.t_s[-1]) / self.lap_s) if np.isfinite(self.lap_s) else 0
-        bound = self._text_at(len(self.t_s) - 1)
+        bound = self._width_message(len(self.t_s) - 1)
         if laps:
             return note("corridor.after-laps" if laps > 1 else "corridor.after-lap", laps=laps, bound=bound)
         return note("corridor.after-time", t_s=float(self.t_s[-1]), bound=bound)
 
     def region_text(self, k: int) -> str:
         """Return the half-widths at one tick, such as "± 8 cm across, ± 4°"."""
-        return text(self._text_at(k))
+        return text(self._width_message(k))
 
-    def _text_at(self, k: int) -> Diagnostic:
+    def _width_message(self, k: int) -> Diagnostic:
         across_m, heading_deg = float(self.across_m[k]), float(np.degrees(self.heading_rad[k]))
         if across_m < 0.995:
             return note("corridor.cm", across_cm=100.0 * across_m, heading_deg=heading_deg)
@@ -78,7 +78,7 @@ def corridor(t_s: np.ndarray, eta: np.ndarray, cov: np.ndarray, lap_s: float = f
     return Corridor(t_s[:m], eta[:m], QUANTILE_95 * across_std, area, QUANTILE_95 * std[:m], loss_s, lap_s)
 
 
-def corridor_of(run: Run) -> Corridor | None:
+def run_corridor(run: Run) -> Corridor | None:
     """Return the corridor of a run; None if its filter does not report a covariance of the pose."""
     log = run.estimate
     if log is None or not len(log.t_ns) or not np.any(log.cov[:, :3, :3]):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.compare.corridor import Corridor, corridor_of
+from baqueano.compare.corridor import Corridor, run_corridor
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import fault
@@ -125,7 +125,7 @@ def forecast_corridor(
     rest_s = usual_rest_s(vehicle_file.sensors) if rest_s is None else rest_s
     options = {"laps": laps, "noise": False, "rest_s": rest_s, "backend": backend}
     run = simulate_loop(vehicle_file, route, name="forecast", **options).without_rest
-    corridor = corridor_of(run)
+    corridor = run_corridor(run)
     if corridor is None:
         kind = vehicle_file.data["estimator"].get("kind", N_("of this vehicle"))
         raise AnswerNo(fault("forecast.no-covariance", "--set estimator.kind=augmented_ekf", estimator=kind))

@@ -84,7 +84,7 @@ def is_driving(t_ns: np.ndarray, speed_ref: np.ndarray, after_s: float = START_S
     return (seconds(t_ns, t_ns[:1]) >= after_s) & has_started & (np.arange(len(magnitude)) <= last)
 
 
-def until_done(t_ns: np.ndarray, ref: "ReferenceLog") -> np.ndarray:
+def active_mask(t_ns: np.ndarray, ref: "ReferenceLog") -> np.ndarray:
     """Return a mask (N,): True until the guide finished, or until the last reference if it did not finish."""
     done_ns = ref.t_ns[ref.at_end > 0.0]
     return t_ns <= (done_ns[0] if done_ns.size else ref.t_ns[-1])
@@ -136,7 +136,7 @@ def share_at_limit(u: np.ndarray, limits: Limits | None) -> float:
     return float(np.mean(finite_values)) if finite_values.size else float("nan")
 
 
-def limits_of(vehicle_text: str) -> Limits | None:
+def read_limits(vehicle_text: str) -> Limits | None:
     """Return the limits from the text of a vehicle file; None if the text does not contain limits.
     Only two tables are read and blocks are not built, so the comparison of a run does not execute code from its file.
     """

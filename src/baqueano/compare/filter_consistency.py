@@ -88,7 +88,7 @@ class FilterConsistency:
     def row(self) -> "JsonObject":
         """Return a flat row for programs."""
         row: TableRow = {}
-        for name, band in self._bands_by_name().items():
+        for name, band in self._named_bands().items():
             row |= {name: band.mean, f"{name}_low": band.low, f"{name}_high": band.high}
             row |= {f"{name}_verdict": band.verdict}
         row |= {
@@ -104,10 +104,10 @@ class FilterConsistency:
         return [
             {"figure": name, "value": band.mean, "from": band.low, "to": band.high,
              "independent samples": band.samples, "verdict": band.verdict}
-            for name, band in self._bands_by_name().items() if np.isfinite(band.mean)
+            for name, band in self._named_bands().items() if np.isfinite(band.mean)
         ]  # fmt: skip
 
-    def _bands_by_name(self) -> dict[str, Band]:
+    def _named_bands(self) -> dict[str, Band]:
         bands = {name: getattr(self, name) for name in JOINT_FIGURES}
         bands |= {f"nees_{name}": band for name, band in self.states.items()}
         return bands | {f"nis[{k}]": band for k, band in enumerate(self.channels.values())}

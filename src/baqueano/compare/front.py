@@ -11,13 +11,13 @@ import numpy as np
 
 from baqueano.compare import errors, evenness
 from baqueano.compare.comparison import Comparison, PathDistances, RunComparison
-from baqueano.compare.corridor import corridor_of
+from baqueano.compare.corridor import run_corridor
 from baqueano.compare.divergence import cut_at_divergence, divergence_s, estimator_failure, invalid_covariance
 from baqueano.compare.filter_consistency import filter_consistency
-from baqueano.compare.laps import laps_of
-from baqueano.contracts.calls import checked_call, items_of
+from baqueano.compare.laps import run_laps
+from baqueano.contracts.calls import checked_call, flatten_arguments
 from baqueano.diagnostics import fault
-from baqueano.errors import Misuse, UsageError, cause_of
+from baqueano.errors import Misuse, UsageError, error_cause
 from baqueano.monitor import rejections_in
 from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 from baqueano.runs.run import Run
@@ -90,7 +90,7 @@ def compare(
     >>> print(f"{100 * errors.across_true.rms_m:.0f} cm rms across its route, NIS {errors.consistency.nis.mean:.1f}")
     0 cm rms across its route, NIS 0.3
     """
-    items = items_of(runs)
+    items = flatten_arguments(runs)
     if not items:
         raise UsageError(fault("compare.no-runs"))
     labels = [name for part in runs if isinstance(part, Mapping) for name in part] if names is None else names
@@ -141,18 +141,18 @@ def _run_comparison(run: Run, name: str, first: Run, alignment: str, interval_s:
         ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
          "end_error_m"), float("nan"))  # fmt: skip
     if run.estimate is not None and run.truth is not None and len(run.truth.t_ns) > 1:
-        figures = _against_truth(run, alignment, interval_s)
+        figures = _truth_errors(run, alignment, interval_s)
     return RunComparison(
         name, run.duration_s, **figures,
         across_true=_path_distances(run.truth, run), across_estimate=_path_distances(run.estimate, run),
-        across_first=_distances_between_runs(run, first), pace_true=_speed_errors(run.truth, run),
+        across_first=_run_distances(run, first), pace_true=_speed_errors(run.truth, run),
         pace_estimate=_speed_errors(run.estimate, run),
         **_command_figures(run), consistency=filter_consistency(run, alignment),
-        refusals=rejections_in(run.events), laps=laps_of(run), corridor=corridor_of(run), divergence_s=end_s,
+        refusals=rejections_in(run.events), laps=run_laps(run), corridor=run_corridor(run), divergence_s=end_s,
         invalid_covariance=invalid_covariance(run), failure=failure)  # fmt: skip
 
 
-def _against_truth(run: Run, alignment: str, interval_s: float) -> dict[str, float]:
+def _truth_errors(run: Run, alignment: str, interval_s: float) -> dict[str, float]:
     est, truth = run.estimate, run.truth
     assert est is not None
     assert truth is not None
@@ -161,7 +161,7 @@ def _against_truth(run: Run, alignment: str, interval_s: float) -> dict[str, flo
     try:
         eta = errors.align_trajectory(est.eta, eta_true, alignment)
     except UsageError as error:
-        raise UsageError(fault("compare.of-run", run=run.name, cause=cause_of(error))) from error
+        raise UsageError(fault("compare.of-run", run=run.name, cause=error_cause(error))) from error
     pose_errors = errors.absolute_pose_errors(eta, eta_true)
     drift = errors.relative_pose_errors(est.t_ns, eta, eta_true, interval_s)
     known_errors = pose_errors.position_m[np.isfinite(pose_errors.position_m)]
@@ -184,7 +184,7 @@ def _path_distances(log: Any, run: Run) -> PathDistances:
         return UNKNOWN_DISTANCES
     if not np.ptp(ref.eta[:, :2], axis=0).any():  # open loop, without a reference path
         return UNKNOWN_DISTANCES
-    rows = evenness.until_done(log.t_ns, ref)
+    rows = evenness.active_mask(log.t_ns, ref)
     return _distance_statistics(
         errors.cross_track(log.t_ns[rows], log.eta[rows, :2], ref.t_ns, ref.eta[:, :2])
     )
@@ -195,7 +195,7 @@ def _speed_errors(log: Any, run: Run) -> "SpeedErrors":
     ref = run.guide_reference
     if log is None or ref is None or not len(ref.t_ns):
         return evenness.UNKNOWN_SPEED_ERRORS
-    k = evenness.until_done(log.t_ns, ref)
+    k = evenness.active_mask(log.t_ns, ref)
     reference_speed = interpolate_rows(log.t_ns[k], ref.t_ns, ref.nu[:, :1])[:, 0]
     return evenness.speed_errors(log.t_ns[k], log.nu[k, 0], reference_speed)
 
@@ -205,18 +205,18 @@ def _command_figures(run: Run) -> dict[str, float]:
 
     If the sent command was not recorded, use the applied command.
     """
-    ref, limits = run.guide_reference, evenness.limits_of(run.vehicle_text)
+    ref, limits = run.guide_reference, evenness.read_limits(run.vehicle_text)
     t_ns, u = run.t_ns, run.applied_commands if run.sent_commands is None else run.sent_commands
     drives = slice(None)
     if ref is not None and len(ref.t_ns):
-        k = evenness.until_done(t_ns, ref)
+        k = evenness.active_mask(t_ns, ref)
         t_ns, u = t_ns[k], u[k]
         drives = evenness.is_driving(t_ns, interpolate_rows(t_ns, ref.t_ns, ref.nu[:, :1])[:, 0], 0.0)
     changes = evenness.sign_changes(t_ns[drives], u[drives, 0]) if u.size else float("nan")
     return {"sign_changes_per_s": changes, "saturated_fraction": evenness.share_at_limit(u, limits)}
 
 
-def _distances_between_runs(run: Run, first: Run) -> PathDistances:
+def _run_distances(run: Run, first: Run) -> PathDistances:
     """Return the distances of the vehicle from the path of another run; times begin with each run."""
     if run is first:
         return UNKNOWN_DISTANCES

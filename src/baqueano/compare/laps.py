@@ -55,13 +55,13 @@ class DriveLap(NamedTuple):
         return {names.get(name, name): value for name, value in self._asdict().items()}
 
 
-def laps_of(run: "Run") -> tuple[DriveLap, ...]:
+def run_laps(run: "Run") -> tuple[DriveLap, ...]:
     """Return the laps of a run; an empty tuple if its reference does not return to the beginning.
 
     Examples
     --------
     >>> run = bq.repeat(bq.load("small"), bq.guides.shapes.circle(0.3, 0.2), laps=2)
-    >>> [f"{lap.duration_s:.1f} s" for lap in laps_of(run)]
+    >>> [f"{lap.duration_s:.1f} s" for lap in run_laps(run)]
     ['9.8 s', '9.8 s']
     """
     ref, log = run.guide_reference, run.truth if run.truth is not None else run.estimate

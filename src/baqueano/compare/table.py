@@ -34,13 +34,13 @@ class TableLine(NamedTuple):
 
     label: str
     unit: str
-    value_of: "Callable[[RunComparison], Any]"
+    get_value: "Callable[[RunComparison], Any]"
     is_error: bool = False  # True if a smaller value is better
 
 
 def table(comparison: "Comparison") -> str:
     """Return the table as text, in blocks of columns. A block contains the rows that at least one of its runs has."""
-    sections = sections_of(comparison)
+    sections = table_sections(comparison)
     rows = [row for section in sections for row in section["rows"]]
     width = max((len(row["label"]) + len(row["unit"]) for row in rows), default=0) + 4  # of "  label  unit"
     heads = [wrap(run.name, COLUMN_LETTERS) or [""] for run in comparison.runs]
@@ -72,7 +72,7 @@ def table(comparison: "Comparison") -> str:
     return "\n\n".join(blocks)
 
 
-def sections_of(comparison: "Comparison") -> "list[JsonObject]":
+def table_sections(comparison: "Comparison") -> "list[JsonObject]":
     """Return the rows that at least one run has, for a page: [{title, rows: [{label, unit, cells, best}]}].
     `best` is the column of the smallest error; None if the row is not an error or the smallest error is not unique.
     """
@@ -80,7 +80,7 @@ def sections_of(comparison: "Comparison") -> "list[JsonObject]":
     for title, lines in _sections(comparison):
         rows: list[JsonObject] = []
         for line in lines:
-            values = [line.value_of(run) for run in comparison.runs]
+            values = [line.get_value(run) for run in comparison.runs]
             cells, best = [_cell(value) for value in values], _best_column(line, values)
             if any(cell != "-" for cell in cells):
                 rows.append({"label": line.label, "unit": line.unit, "cells": cells, "best": best})

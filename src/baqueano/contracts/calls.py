@@ -118,7 +118,7 @@ def checked_call(
             name: kinds_of_argument
             for name, parameter in signature.parameters.items()
             if parameter.kind != parameter.VAR_KEYWORD
-            and (kinds_of_argument := _kinds_of(parameter.annotation))
+            and (kinds_of_argument := _annotation_kinds(parameter.annotation))
         }
         variadic_names = [p.name for p in signature.parameters.values() if p.kind == p.VAR_POSITIONAL]
 
@@ -129,7 +129,9 @@ def checked_call(
             except TypeError:
                 _refuse_arguments(signature, example, args, options)
             for name in variadic_names:
-                values[name] = args[0] if len(args) == 1 and not _is_container(args[0]) else items_of(args)
+                values[name] = (
+                    args[0] if len(args) == 1 and not _is_container(args[0]) else flatten_arguments(args)
+                )
             wrong_names = [
                 n for n in kinds if n in values and not any(k.accepts(values[n]) for k in kinds[n])
             ]
@@ -143,10 +145,10 @@ def checked_call(
     return decorate
 
 
-def items_of(arguments: Iterable[Tree]) -> list[Tree]:
+def flatten_arguments(arguments: Iterable[Tree]) -> list[Tree]:
     """Return the arguments of a function(*arguments), with the items of each list, dict or generator in its place.
 
-    >>> items_of([1, [2, 3], {"name": 4}])
+    >>> flatten_arguments([1, [2, 3], {"name": 4}])
     [1, 2, 3, 4]
     """
     items: list[Tree] = []
@@ -173,21 +175,21 @@ def _with_options(signature: inspect.Signature, makers: Sequence[Callable[..., T
     return signature.replace(parameters=list(parameters.values()))
 
 
-def _kinds_of(annotation: object) -> tuple[ArgumentKind, ...]:
+def _annotation_kinds(annotation: object) -> tuple[ArgumentKind, ...]:
     """Return the kinds of an annotation, or () if one of its parts is not in KINDS."""
     text = annotation.__name__ if isinstance(annotation, type) else str(annotation)
     if "_SupportsArray" in text:  # numpy's ArrayLike
         return (KINDS["ndarray"],)
     parts = re.split(r" \| (?![^\[]*\])", re.sub(r"\w+\.", "", text))
-    kinds = [_kind_of(part) for part in parts]
+    kinds = [_part_kind(part) for part in parts]
     return tuple(kind for kind in kinds if kind) if all(kinds) else ()
 
 
-def _kind_of(part: str) -> ArgumentKind | None:
+def _part_kind(part: str) -> ArgumentKind | None:
     items = re.fullmatch(r"(?:Sequence|Mapping)\[(?:str, )?(.*)\]", part)
     if not items:
         return KINDS.get(part)
-    kinds = _kinds_of(items[1])
+    kinds = _annotation_kinds(items[1])
     if not kinds:
         return None
 

@@ -17,7 +17,7 @@ from baqueano.errors import NoAttribute, UsageError
 from baqueano.messages import text, unbroken
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate
-from baqueano.messages.printable import in_lines
+from baqueano.messages.printable import join_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -81,7 +81,7 @@ class Result:
 
     def _repr_html_(self: Tabular) -> str:
         """Return the HTML summary that a notebook shows."""
-        return import_module("baqueano.report.card").html_of(self)
+        return import_module("baqueano.report.card").card_html(self)
 
     @checked_call('result.plot("path", width="column")')
     def plot(
@@ -144,12 +144,12 @@ def shorten(
     first, middle, last = ([_parts(line) for line in lines] for lines in (head, rows, tail))
     free_count = line_count - _count(first)
     if free_count >= _count([*middle, *last]):
-        return in_lines(chain(*first, *middle, *last))
+        return join_rows(chain(*first, *middle, *last))
     least_count = _count(middle[: min(MIN_ROWS, max(1, free_count - len(last[:1]) - 1))])
     tail_count = _fitting(last, free_count - 1 - min(least_count, free_count - 1), minimum=1)
     row_count = _fitting(middle, free_count - 1 - _count(last[:tail_count]), minimum=1)
     omission_note = text(note("front.more", lines=len(middle) - row_count + len(last[tail_count:])))
-    return in_lines(chain(*first, *middle[:row_count], [omission_note], *last[:tail_count]))
+    return join_rows(chain(*first, *middle[:row_count], [omission_note], *last[:tail_count]))
 
 
 def _count(lines: Sequence[Sequence[str]]) -> int:

@@ -263,12 +263,12 @@ class ModelFollower:
         """Return ε (n,): the model at (v_w, ν_y, ω_w) then has the acceleration `nu_dot` (2,) over one tick.  (5)"""
         dt_s = 1.0 / self.rate_hz
 
-        def velocity_after(effort: np.ndarray) -> np.ndarray:
+        def next_velocity(effort: np.ndarray) -> np.ndarray:
             return self._advance(nu, effort)[::2]
 
         full = np.where(np.isfinite(self.limit), self.limit, 1.0)
-        b_v, b_r = jacobian(velocity_after)(effort) * full
-        remainder_v, remainder_r = nu[::2] + nu_dot * dt_s - velocity_after(effort)
+        b_v, b_r = jacobian(next_velocity)(effort) * full
+        remainder_v, remainder_r = nu[::2] + nu_dot * dt_s - next_velocity(effort)
         min_v, min_r = (MIN_EFFECT * dt_s) ** 2
         step = b_v * remainder_v / (b_v @ b_v + min_v)
         b_turn = b_r - b_v * (b_r @ b_v) / (b_v @ b_v + TINY)  # a turn must not change the speed

@@ -29,7 +29,7 @@ from baqueano.identify.parameters.free import (
 )
 from baqueano.symbolic import scan
 from baqueano.vehicles.freedoms import coasting_axes
-from baqueano.worlds.simulated import rows_of_tick, step_vehicle
+from baqueano.worlds.simulated import step_vehicle, tick_row_count
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import Tree
@@ -78,7 +78,7 @@ class DriveInformation:
         self.unknowns = unknowns(vehicle_file)
         free_parameters, rate_hz = self.unknowns, vehicle_file.rate_hz
         blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
-        n, no_noise = blocks.model.commands, np.zeros((rows_of_tick(1.0 / rate_hz), 3))
+        n, no_noise = blocks.model.commands, np.zeros((tick_row_count(1.0 / rate_hz), 3))
         var = np.concatenate([np.diag(s.cov) for s in blocks.sensors])
         weight = 1.0 / np.sqrt(np.where(var > 0.0, var, 1.0))
 

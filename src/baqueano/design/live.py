@@ -22,7 +22,7 @@ from baqueano.design.compose import RETURN_KINDS, MotionPrimitive
 from baqueano.design.information import DriveInformation
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.symbolic import jacobian, scan
-from baqueano.symbolic.graph.tree import Shape, build, leaves, shape_of, values
+from baqueano.symbolic.graph.tree import Shape, build, leaves, tree_shape, values
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import Tree
@@ -46,7 +46,7 @@ class RecursiveInformation:
         self.unknowns, self.nominal = drive_information.unknowns, drive_information.nominal
         begin, tick = drive_information.start, drive_information.tick
         example = begin(self.nominal)
-        shape = shape_of(example, "x")
+        shape = tree_shape(example, "x")
         names = [name for leaf in leaves(shape) for name in leaf.names]
         unused_carry = drive_information.kernel.unused_carry
         self._live_indices = [
@@ -54,7 +54,7 @@ class RecursiveInformation:
         ]
         initial_values, q = _flatten(shape, example), len(self.nominal)
 
-        def state_of(numbers: np.ndarray) -> "Tree":
+        def state_tree(numbers: np.ndarray) -> "Tree":
             flat = list(initial_values)
             for k, index in enumerate(self._live_indices):
                 flat[index] = numbers[q + k]
@@ -67,7 +67,7 @@ class RecursiveInformation:
 
         numbers = np.array([*self.nominal, *(initial_values[k] for k in self._live_indices)], dtype=float)
         commands, backend = np.zeros(drive_information.commands), drive_information.kernel.backend
-        self._kernel = scan(step, state_of, commands, numbers, backend=backend)
+        self._kernel = scan(step, state_tree, commands, numbers, backend=backend)
         self._begin = lambda theta: np.array([_flatten(shape, begin(theta))[k] for k in self._live_indices])
         self._derivative = jacobian(self._begin)
 
@@ -129,7 +129,7 @@ MOTION_S = 4.0
 LEVELS = (1.0, 0.6, 0.35)  # of the limit
 GOAL_STD = 0.01  # relative standard error that is good enough
 STEP_S = 0.4  # between sudden changes
-RETURN_REVERSED, WITHOUT_RETURN = 0, RETURN_KINDS - 1
+RETURN_REVERSED, NO_RETURN = 0, RETURN_KINDS - 1
 
 
 class SuggestedMotion(NamedTuple):
@@ -158,7 +158,7 @@ def named_motions(limit: np.ndarray, rate_hz: float) -> list[SuggestedMotion]:
     kinds = [("straight", (forward,), RETURN_REVERSED)]
     if turning != forward:
         kinds += [("turn", (turning,), RETURN_REVERSED), ("curve", (forward, turning), RETURN_REVERSED)]
-        kinds += [("circle", (forward, turning), WITHOUT_RETURN)]
+        kinds += [("circle", (forward, turning), NO_RETURN)]
     t = np.arange(ticks) / rate_hz
     shapes = {
         "steady": np.ones(ticks), "steps": np.where(np.floor(t / STEP_S) % 2 == 0.0, 1.0, 0.0),

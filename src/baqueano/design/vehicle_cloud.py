@@ -31,7 +31,7 @@ from baqueano.vehicle_file.provenance import ParameterCov
 from baqueano.vehicles import VehicleState
 from baqueano.vehicles.freedoms import damping_derivatives
 from baqueano.worlds.noise import random_stream, unit_normals
-from baqueano.worlds.simulated import rows_of_tick
+from baqueano.worlds.simulated import tick_row_count
 
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
@@ -198,7 +198,7 @@ class VehicleCloud:
         self.rest_state = system.model.init()
         self.size = len(distribution.theta)
         self.has_noise = bool(np.any(getattr(vehicle_file.vehicle, "process_noise_std", 1.0)))
-        self._draw = np.zeros((self.size, 0, rows_of_tick(1.0 / self.rate_hz), 3))
+        self._draw = np.zeros((self.size, 0, tick_row_count(1.0 / self.rate_hz), 3))
         self._windows: dict[tuple[int, int], np.ndarray] = {}
         self._reduce_stiffness(np.asarray(vehicle_file.command.limit, dtype=float))
 

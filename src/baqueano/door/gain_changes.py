@@ -71,7 +71,7 @@ class AdjustableController:
             new_value = new_value.astype(old_value.dtype)
         number = new_value.item() if new_value.ndim == 0 else new_value
         try:
-            self.block = self._block_with(inner_block, {name: number})
+            self.block = self._replace_gains(inner_block, {name: number})
         except DiagnosticError as error:
             raise Invalid(error.diagnostic) from error
         except Exception as error:  # code of the user, which must not end the drive
@@ -85,7 +85,7 @@ class AdjustableController:
             "door.set", path=path, former_value=str(old_value.tolist()), value=str(new_value.tolist())
         )
 
-    def _block_with(self, inner_block: Tree, values: dict[str, object]) -> Tree:
+    def _replace_gains(self, inner_block: Tree, values: dict[str, object]) -> Tree:
         """Return the controller with new values; a block of the user is made within its budget of time."""
         if not isinstance(self.block, BudgetedBlock):
             return replace(inner_block, **values)

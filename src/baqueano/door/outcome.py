@@ -8,7 +8,7 @@ from baqueano.errors import (
     DiagnosticError,
     UsageError,
     error_text,
-    from_outside,
+    is_interruption,
     user_code_place,
 )
 
@@ -23,7 +23,7 @@ def mission_outcome(drive: Callable[[], Diagnostic | None]) -> tuple[Diagnostic 
     except BaqueanoError as error:
         return error.diagnostic, error.exit_code
     except BaseException as error:
-        if from_outside(error):
+        if is_interruption(error):
             raise
         if location := user_code_place(error):
             return note("block.raised-outside", Severity.ERROR, place=location, error=error_text(error)), 1

@@ -2,6 +2,6 @@
 
 from baqueano.drive.first_drive import FirstDrive, estimate_first_drive, first_drive, with_rough_gains
 from baqueano.drive.session import drive, drive_stop_reason
-from baqueano.drive.tasks import TeachResult, experiment, repeat, replay, route_of, teach
+from baqueano.drive.tasks import TeachResult, experiment, repeat, replay, run_route, teach
 
 __all__ = ["FirstDrive", "TeachResult", "drive", "experiment", "first_drive", "repeat", "replay", "teach"]

@@ -139,9 +139,9 @@ def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) 
     marks = mark_times_ns(run)
     if len(marks) < 2:
         raise AnswerNo(fault("marks.too-few", name=run.name, marks=len(marks)))
-    name = _gyro_of(run, vehicle_file)
+    name = _gyro_name(run, vehicle_file)
     sensor, channel = getattr(vehicle_file.sensors, name), run.sensors[name]
-    bias, bias_std = _bias_at_rest(run, channel)
+    bias, bias_std = _rest_bias(run, channel)
     cosine = _gain(sensor) / sensor.gyro_scale
     raw = [_integral(channel, -1, bias, a, b) / cosine for a, b in pairwise(marks)]
     turns = sum(_turn_count(x / sensor.gyro_scale, run.name) for x in raw)
@@ -204,7 +204,7 @@ def lap_end(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) -> L
     """Return the estimated end of a lap, near its best scale; parameters and errors as for `lap_closure`."""
     if not (0.0 < place_std_m < np.inf):
         raise Invalid(fault("marks.place-std", value=place_std_m))
-    name = _gyro_of(run, vehicle_file)
+    name = _gyro_name(run, vehicle_file)
     sensor = getattr(vehicle_file.sensors, name)
     lap, from_ns, start = _marked_lap(run)
 
@@ -289,7 +289,7 @@ def _marked_lap(run: Run) -> tuple[Run, int, dict[str, Any]]:
     return lap, from_ns, {"eta": np.zeros(3)}
 
 
-def _gyro_of(run: Run, vehicle_file: VehicleFile) -> str:
+def _gyro_name(run: Run, vehicle_file: VehicleFile) -> str:
     """Return the name of the sensor with a gyro. Raise AnswerNo if the file or the run does not have one."""
     sensors = vehicle_file.sensors._asdict().items()
     name = next((n for n, s in sensors if is_imu(s) and n in run.sensors), None)
@@ -331,7 +331,7 @@ def _turn_count(turned_rad: float, name: str) -> int:
     return turns
 
 
-def _bias_at_rest(run: Run, channel: Channel) -> tuple[float, float]:
+def _rest_bias(run: Run, channel: Channel) -> tuple[float, float]:
     """Return the gyro's zero while the vehicle was at rest, and its standard deviation [rad/s].
 
     Raise AnswerNo if the rest was too short.

@@ -202,7 +202,7 @@ def is_two_wheeled(vehicle_file: VehicleFile) -> bool:
 def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
     """Return the gains, dead zones and wiring of a first drive, estimated from commands and IMU."""
     commands = directions(vehicle_file)
-    pulses = pulses_of(run)
+    pulses = find_pulses(run)
     onset_levels = np.array([_onset_level(pulses, command) for command in commands])
     standstill = tuple(
         _no_motion_reason(_command_text(command, vehicle_file), max(_levels(pulses, command), default=0.0))
@@ -219,7 +219,7 @@ def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
     return FirstDrive(run, pulses, wiring, standstill, forward_gain, turn_gain, onset_levels, is_late)
 
 
-def pulses_of(run: Run) -> tuple[Pulse, ...]:
+def find_pulses(run: Run) -> tuple[Pulse, ...]:
     """Return the pulses of a first drive and their motion, in order. Raise UsageError for a run without estimates."""
     is_on = np.any(run.applied_commands != 0.0, axis=1).astype(int)
     begins = np.flatnonzero(np.diff(is_on, prepend=0) == 1)

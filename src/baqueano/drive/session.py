@@ -21,8 +21,8 @@ from baqueano.drive.health import Health
 from baqueano.drive.interrupt import interruptible_ticks
 from baqueano.drive.observers import Observer, Watchdog
 from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, block_diagnostics
-from baqueano.drive.safety.sensor_notes import notes_about_sensors
-from baqueano.errors import SafetyStop, UsageError, error_text, from_outside
+from baqueano.drive.safety.sensor_notes import sensor_warnings
+from baqueano.errors import SafetyStop, UsageError, error_text, is_interruption
 from baqueano.loop import Blocks
 from baqueano.monitor import SensorMonitor
 from baqueano.runs import Run, RunWriter, read_run
@@ -95,7 +95,7 @@ class Conditions:
             return SimulatedWorld(*arguments)
         return FaultyWorld(*arguments, self.shake, channel_units(file))
 
-    def tick_times_of(self, vehicle_file: VehicleFile) -> Iterable[int]:
+    def tick_times(self, vehicle_file: VehicleFile) -> Iterable[int]:
         """Return the times of the ticks [ns]."""
         if self.tick_times_ns is not None:
             return self.tick_times_ns
@@ -215,7 +215,7 @@ def drive(
     blocks = blocks._replace(supervisor=Watchdog(blocks.supervisor, observers)) if observers else blocks
     metadata = settings.metadata(kind, blocks) | own_texts
     health = Health(vehicle_file.envelope, sensors)
-    tick_times_ns = settings.tick_times_of(vehicle_file)
+    tick_times_ns = settings.tick_times(vehicle_file)
 
     def perform(sink: RunRecorder) -> None:
         recording = Recording(
@@ -248,7 +248,7 @@ def _prepare(
 ) -> tuple[Blocks, SensorMonitor | None, list[Diagnostic]]:
     """Return the compiled blocks, the monitor of the sensors or None, and the messages about both."""
     inputs = blocks, example_tick(vehicle_file), settings.backend
-    own_notes = notes_about_sensors(vehicle_file, blocks.estimator)
+    own_notes = sensor_warnings(vehicle_file, blocks.estimator)
     sensors, sensor_notes = sensor_monitor(vehicle_file, blocks.estimator)
     blocks, notes = compile_blocks(*inputs)
     budget_s = BUDGET_S if live else HANG_S
@@ -283,7 +283,7 @@ def compile_blocks(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, li
         states = within(HANG_S, loop.init, blocks)
         _, estimate = within(HANG_S, blocks.estimator.step, states.estimator, tick)
     except BaseException as error:  # the loop raises it again, stops, and names the block
-        if from_outside(error):
+        if is_interruption(error):
             raise
         return blocks, []
     reference = Reference(0, np.zeros(3), np.zeros(3), 0.0)
@@ -312,7 +312,7 @@ def sensor_monitor(
         _, estimate = within(HANG_S, lambda: estimator.step(estimator.init(), tick))
         return SensorMonitor(model, estimator, tick, estimate), []
     except BaseException as error:  # of the user's vehicle or estimator; the loop raises it again
-        if from_outside(error):
+        if is_interruption(error):
             raise
         return None, [note("drive.not-watched", error=error_text(error))]
 
@@ -340,7 +340,7 @@ def compiled_or_unchanged(
             "drive.not-compiled", role=role, block=type(block).__name__, error=error.diagnostic
         )
     except BaseException as error:  # the loop raises it again, stops, and names the block
-        if from_outside(error):
+        if is_interruption(error):
             raise
         return block, None
     return quick, None

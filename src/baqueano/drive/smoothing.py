@@ -10,9 +10,9 @@ from baqueano.contracts.blocks import Estimator
 from baqueano.diagnostics import fault, note
 from baqueano.drive.session import initial_pose_for
 from baqueano.errors import UsageError
-from baqueano.estimators.pauses import rows_of_ticks
+from baqueano.estimators.pauses import split_ticks
 from baqueano.estimators.smoother import can_be_smoothed, smooth
-from baqueano.messages import in_english
+from baqueano.messages import english_text
 from baqueano.runs import EstimateLog, Event, Run, write_run
 from baqueano.signals import Slot, Tick, sensor_slots, silent
 from baqueano.symbolic import TraceError
@@ -41,7 +41,7 @@ def smooth_run(
     block_name = type(estimator).__name__
     if not can_be_smoothed(estimator, belief, silent_tick):
         raise UsageError(fault("smooth.not-kalman", estimator=block_name))
-    rows, tick_rows = rows_of_ticks(_ticks(run, sizes), vehicle_file.rate_hz)
+    rows, tick_rows = split_ticks(_ticks(run, sizes), vehicle_file.rate_hz)
     try:
         estimate = smooth(estimator, belief, rows, backend)
     except TraceError as error:
@@ -50,7 +50,7 @@ def smooth_run(
         ) from error
     log = EstimateLog(run.t_ns, *(column[tick_rows] for column in estimate[1:4]))
     message = note("smooth.smoothed", estimator=block_name)
-    event = Event(int(run.t_ns[0]), "info", "estimator", in_english(message), message)
+    event = Event(int(run.t_ns[0]), "info", "estimator", english_text(message), message)
     run = replace(run, estimate=log, reference=run.guide_reference, events=(event, *run.events))
     if path is None:
         return run

@@ -27,12 +27,12 @@ from baqueano.guides.route import Route
 from baqueano.loop import Blocks
 from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose
-from baqueano.runs.run_path import route_of
+from baqueano.runs.run_path import run_route
 from baqueano.runs.show import short_text
 from baqueano.signals import seconds
 from baqueano.standstill import with_usual_rest
 from baqueano.vehicle_file.file import VehicleFile, parse
-from baqueano.worlds.replayed import ReplayedWorld, supervisor_of
+from baqueano.worlds.replayed import ReplayedWorld, replay_supervisor
 
 if TYPE_CHECKING:
     from baqueano.drive.closure import Closure
@@ -206,7 +206,7 @@ def teach(vehicle_file: VehicleFile, driver: Driver, *, closed: bool = False, **
     (2.0, (41, 3), False)
     """
     return TeachResult(
-        run := drive_with_driver(vehicle_file, driver, **options), route_of(run, closed=closed)
+        run := drive_with_driver(vehicle_file, driver, **options), run_route(run, closed=closed)
     )
 
 
@@ -371,15 +371,15 @@ def replay_blocks(
         leader = vehicle_file.guide(route, guide)
     follower = None if controller is None else vehicle_file.controller(controller)
     if follower is None and run.metadata.get("kind") == "repeat":
-        follower = _controller_with_gains(vehicle_file)
+        follower = _file_controller(vehicle_file)
     if follower is None:
         u = run.requested_commands
         u = run.applied_commands if u is None else np.where(np.isfinite(u), u, 0.0)
         follower = Schedule(run.t_ns[begin:] - run.t_ns[begin], u[begin:])
-    return Blocks(vehicle_file.estimator(estimator), leader, follower, supervisor_of(run, vehicle_file))
+    return Blocks(vehicle_file.estimator(estimator), leader, follower, replay_supervisor(run, vehicle_file))
 
 
-def _controller_with_gains(vehicle_file: VehicleFile) -> Controller | None:
+def _file_controller(vehicle_file: VehicleFile) -> Controller | None:
     """Return the controller of the file, None if the file lacks its gains."""
     try:
         return vehicle_file.controller()

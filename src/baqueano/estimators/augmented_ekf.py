@@ -31,9 +31,9 @@ from baqueano.estimators.augmented.correction import (
 )
 from baqueano.estimators.augmented.motion import (
     disturbance_variance,
-    mean_disturbance_after,
+    next_mean_disturbance,
+    next_unmeasured_variance,
     predict_row,
-    unmeasured_variance_after,
     velocity_error,
     wheel_velocity_cov,
 )
@@ -47,10 +47,10 @@ from baqueano.estimators.augmented.state import (
 )
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian
-from baqueano.estimators.pauses import filter_row, row_effort, rows_before, step_in_rows
+from baqueano.estimators.pauses import filter_row, row_effort, rows_before, step_rows
 from baqueano.estimators.readings.inconsistency import update_inconsistency
 from baqueano.estimators.readings.sensor_numbers import check_use
-from baqueano.estimators.smoother import RowErrors, row_errors_of
+from baqueano.estimators.smoother import RowErrors, make_row_errors
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Tick
 from baqueano.symbolic import branch, jacobian, tree_where
@@ -187,7 +187,7 @@ class AugmentedEkf:
         variance = self.disturbance_std**2
         return AugmentedBelief(-1, mean, cov, np.zeros(2), variance, nu, memory, 0.0, np.zeros(2), drivetrain)
 
-    step, rows_before = step_in_rows, rows_before  # `row` for a tick, and for the parts of a long tick
+    step, rows_before = step_rows, rows_before  # `row` for a tick, and for the parts of a long tick
 
     def row(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
         """Return the belief and the estimate after a row of any duration; they are finite and positive definite."""
@@ -201,7 +201,7 @@ class AugmentedEkf:
         drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
         variance = disturbance_variance(self, belief.mean, effort)
         prediction = predict_row(self, belief, effort, row, variance)
-        variance = unmeasured_variance_after(self, belief.unmeasured_variance, variance, row.dt_s)
+        variance = next_unmeasured_variance(self, belief.unmeasured_variance, variance, row.dt_s)
         x = Gaussian(prediction.mean, prediction.cov)
         quiet_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.quiet_s + row.dt_s)
         at_rest = (quiet_s >= MIN_REST_S) & np.all(np.abs(x.mean[3:6]) < MAX_REST_NU)
@@ -211,26 +211,28 @@ class AugmentedEkf:
         if not is_dynamic(self.vehicle):
             nu_dot = self.vehicle.advance(belief.mean[:3], belief.mean[3:6], effort, row.moved_s)[2]
 
-        def correct(x: Gaussian, at_rest: bool) -> Value:
+        def correct(x: Gaussian, *, at_rest: bool) -> Value:
             if not states.corrects(FORWARD_STATES[0]).any():
                 x = x._replace(mean=np.concatenate([x.mean[:3], model_nu[:1], x.mean[4:]]))
             E = states.resting_mask if at_rest else driving_mask
             return correct_tick(self, x, belief.memory, effort, nu_dot, tick, E, at_rest, row.dt_s)
 
-        x, innovations = branch(at_rest, lambda: correct(_rest_state(x), True), lambda: correct(x, False))
+        x, innovations = branch(
+            at_rest, lambda: correct(_rest_state(x), at_rest=True), lambda: correct(x, at_rest=False)
+        )
         is_exceeded = (x.mean[6:SCALE_INDEX] ** 2 > self.gate_sigma**2 * variance) | (
             np.abs(belief.mean_disturbance) > self.gate_sigma * self.disturbance_std
         )
         replaces_gyro = belief.silent_s[1] > MAX_SILENT_S
         x, memory, nu_cov = self._widen(x, innovations, model_nu, is_exceeded, replaces_gyro, row.dt_s)
         disagreement_s = np.where(innovations.rejected_count > 0.0, REJECTION_COST * row.dt_s, 0.0)
-        is_corrected = states.corrected_by(innovations.weight >= 0.5)
+        is_corrected = states.corrected_rates(innovations.weight >= 0.5)
         silent_s = np.where(is_corrected, 0.0, belief.silent_s + row.dt_s)
         next_belief = AugmentedBelief(
             tick.t_ns,
             x.mean,
             x.cov,
-            mean_disturbance_after(belief.mean_disturbance, x.mean[6:SCALE_INDEX], silent_s, row.dt_s),
+            next_mean_disturbance(belief.mean_disturbance, x.mean[6:SCALE_INDEX], silent_s, row.dt_s),
             variance,
             model_nu,
             memory,
@@ -245,7 +247,7 @@ class AugmentedEkf:
         G = np.where(row.is_new, D[:, None] * prediction.G, np.eye(len(D)))
         E = np.where(at_rest, states.resting_mask, driving_mask)
         J = jacobian(self._pose_and_velocity)(next_belief.mean)
-        errors = row_errors_of(innovations.update, G, E, J, row.is_new)
+        errors = make_row_errors(innovations.update, G, E, J, row.is_new)
         return next_belief, self._estimate(next_belief, tick.t_ns, J, nu_cov, innovations), errors
 
     def _widen(

@@ -22,7 +22,7 @@ from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.dead_reckoning import MAX_REST_NU, MIN_REST_S
 from baqueano.estimators.kalman import boxplus
-from baqueano.estimators.pauses import filter_row, rows_before, step_in_rows
+from baqueano.estimators.pauses import filter_row, rows_before, step_rows
 from baqueano.estimators.readings.velocity_readings import (
     TURNING_INDEX,
     Reading,
@@ -99,7 +99,7 @@ class Complementary:
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         return ComplementaryBelief(-1, eta, nu, 1e-6 * np.eye(3), 0.0, 0.0, self.vehicle.init(eta, nu))
 
-    step, rows_before = step_in_rows, rows_before  # `row` for a tick, and for the parts of a long tick
+    step, rows_before = step_rows, rows_before  # `row` for a tick, and for the parts of a long tick
 
     def row(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
         """Return the belief and the estimate after one row.  (1)-(4)"""

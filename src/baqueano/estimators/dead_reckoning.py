@@ -24,7 +24,7 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirror_upper
 from baqueano.estimators.kalman import boxplus, correct
-from baqueano.estimators.pauses import filter_row, row_effort, rows_before, step_in_rows, unmoved_cov
+from baqueano.estimators.pauses import filter_row, row_effort, rows_before, step_rows, unmoved_cov
 from baqueano.estimators.readings.sensor_numbers import (
     UncertainParameter,
     age_s,
@@ -140,7 +140,7 @@ class DeadReckoning:
             -1, np.concatenate([*start, np.zeros(3)]), cov, np.zeros(3), 0.0, self.vehicle.drivetrain.init()
         )
 
-    step, rows_before = step_in_rows, rows_before  # `row` for a tick, and for the parts of a long tick
+    step, rows_before = step_rows, rows_before  # `row` for a tick, and for the parts of a long tick
 
     def row(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
         """Return the belief and the estimate after a row. Beyond the longest row only the covariance is predicted."""
@@ -157,12 +157,12 @@ class DeadReckoning:
         added_cov = block_diagonal([unmoved_cov(row, belief.mean, belief.cov), np.zeros((3, 3)), walk])
         cov = mirror_upper(F @ block_diagonal([belief.cov, *noise]) @ F.T + added_cov)
         rest_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.rest_s + row.dt_s)
-        mean, cov = self._with_bias_at_rest(mean, cov, rest_s, tick)
+        mean, cov = self._with_rest_bias(mean, cov, rest_s, tick)
         next_belief = DeadReckoningBelief(tick.t_ns, mean, cov, since_s, rest_s, drivetrain)
         belief = tree_where(row.is_new, next_belief, belief)
         return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6])
 
-    def _with_bias_at_rest(
+    def _with_rest_bias(
         self, mean: np.ndarray, cov: np.ndarray, rest_s: Value, tick: Tick
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the state and its covariance after the gyro has measured its bias; unchanged if not at rest."""

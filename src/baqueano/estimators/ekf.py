@@ -32,11 +32,11 @@ from baqueano.estimators.pauses import (
     limit_covariance,
     row_effort,
     rows_before,
-    step_in_rows,
+    step_rows,
     unmoved_cov,
 )
 from baqueano.estimators.readings.gate import is_within_gate
-from baqueano.estimators.readings.sensor_numbers import age_s, check_use, measured_channels, motion_at_age
+from baqueano.estimators.readings.sensor_numbers import age_s, check_use, measured_channels, past_motion
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import INF, document, parameter
 from baqueano.sensors.sampling import difference
@@ -155,7 +155,7 @@ class Ekf:
         mean = np.concatenate([*start, nu_dot])
         return Belief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
-    step, rows_before = step_in_rows, rows_before  # `row` for a tick, and for the parts of a long tick
+    step, rows_before = step_rows, rows_before  # `row` for a tick, and for the parts of a long tick
 
     def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """Return the belief and the estimate after a row of any duration; they are finite and positive definite.
@@ -217,7 +217,7 @@ class Ekf:
 
     def _h(self, mean: np.ndarray, sensor: Sensor, old_s: Value) -> np.ndarray:
         """Return the predicted measurement (m,) for a reading of the age `old_s`.  (7)"""
-        return sensor.h(motion_at_age(self.vehicle, mean[:3], mean[3:6], mean[6:], old_s))
+        return sensor.h(past_motion(self.vehicle, mean[:3], mean[3:6], mean[6:], old_s))
 
 
 def move_by_model(

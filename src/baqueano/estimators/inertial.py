@@ -72,7 +72,7 @@ class RestBias(NamedTuple):
         count = earlier_count + self.readings
         return (earlier_count * self.earlier_bias + self.readings * self.mean) / count, count
 
-    def end_of_rest(self) -> "RestBias":
+    def close_rest(self) -> "RestBias":
         """Return the bias with which a drive begins."""
         if self.readings == 0.0:
             return self
@@ -143,7 +143,7 @@ class Inertial:
             or (s.moving_count == 0.0 and not np.any(tick.u))
         )
         z = np.asarray(slot.z, dtype=float)
-        rest = s.rest.add(z) if is_at_rest else s.rest.end_of_rest()
+        rest = s.rest.add(z) if is_at_rest else s.rest.close_rest()
         bias, _ = rest.level()
         omega = float(z[2] - bias[2])
         v = 0.0 if is_at_rest else s.v + float(z[0] - bias[0]) * dt_s

@@ -83,7 +83,7 @@ def limiting_factors(cov: np.ndarray) -> np.ndarray:
     return np.concatenate([np.where(is_too_large, 0.5, 1.0), np.ones(cov.shape[0] - 3)])
 
 
-def rows_of_ticks(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
+def split_ticks(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
     """Return the rows of N ticks, and the index (N,) of the row of each tick. Leaves begin with an axis N.  (1)-(3)"""
     t_ns = np.asarray(ticks.t_ns)
     since_ns = np.concatenate([[-1], t_ns[:-1]])
@@ -150,7 +150,7 @@ def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray
     return np.diag(np.minimum(variances, MAX_POSE_VARIANCE))
 
 
-def step_in_rows(block: Tree, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
+def step_rows(block: Tree, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
     """Return the belief and the estimate after a tick: predict, then correct with the measurements that arrived.
 
     A tick that is not newer than the last tick is ignored. A tick after a pause is split into rows.

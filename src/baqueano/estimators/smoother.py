@@ -44,7 +44,7 @@ class RowErrors(NamedTuple):
     output: np.ndarray  # (6, n) derivative of the estimated η and ν
 
 
-def row_errors_of(
+def make_row_errors(
     correction: Correction, G: np.ndarray, corrected_mask: np.ndarray, output: np.ndarray, is_new: Value
 ) -> RowErrors:
     """Return the RowErrors of a row with this correction; the numbers of a row that is not new are not used."""

@@ -27,11 +27,11 @@ from baqueano.estimators.pauses import (
     filter_row,
     row_effort,
     rows_before,
-    step_in_rows,
+    step_rows,
     unmoved_cov,
 )
 from baqueano.estimators.readings.gate import is_within_gate
-from baqueano.estimators.readings.sensor_numbers import age_s, check_use, measured_channels, motion_at_age
+from baqueano.estimators.readings.sensor_numbers import age_s, check_use, measured_channels, past_motion
 from baqueano.estimators.sigma_points import propagate
 from baqueano.geometry import wrap
 from baqueano.parameter import document, parameter
@@ -106,7 +106,7 @@ class Unscented:
         mean = np.concatenate([eta, nu, self.vehicle.nu_dot(nu, effort, eta[2])])
         return Belief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
-    step, rows_before = step_in_rows, rows_before  # `row` for a tick, and for the parts of a long tick
+    step, rows_before = step_rows, rows_before  # `row` for a tick, and for the parts of a long tick
 
     def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """Return the belief and the estimate after a row. Beyond the longest row only the covariance is predicted."""
@@ -145,7 +145,7 @@ class Unscented:
         old_s = age_s(sensor, slot)
 
         def h(x: np.ndarray) -> np.ndarray:
-            return sensor.h(motion_at_age(self.vehicle, x[:3], x[3:6], x[6:], old_s))
+            return sensor.h(past_motion(self.vehicle, x[:3], x[3:6], x[6:], old_s))
 
         centre = h(x.mean)
         spread_points = propagate(lambda x: difference(sensor, h(x), centre), x)

@@ -95,7 +95,7 @@ def shortest_path(
             np.clip(SHARE * np.sqrt(np.maximum(k * theta + 0.5 * c * c, 0.0)), floor, 1.0 / radius_m)
             for theta, c in ((theta_1, s_1 * kappa_1_0), (theta_2, s_2 * kappa_g))
         )
-    return _path_of(start, *best), int(lanes[2][best_lane])
+    return _join_pieces(start, *best), int(lanes[2][best_lane])
 
 
 def pose_at(path: ClothoidPath, sigma_m: float) -> tuple[np.ndarray, float]:
@@ -108,7 +108,7 @@ def pose_at(path: ClothoidPath, sigma_m: float) -> tuple[np.ndarray, float]:
     return _moved(path.eta[:, i], _displacement(done_m, a, kappa)), float(kappa)
 
 
-def _path_of(
+def _join_pieces(
     start: np.ndarray, piece_m: np.ndarray, first_curvature: np.ndarray, last_curvature: np.ndarray
 ) -> ClothoidPath:
     """Return the path of pieces with these lengths, and curvatures at their starts and ends, each (9,)."""

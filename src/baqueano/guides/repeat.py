@@ -28,7 +28,7 @@ from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
 
-BEFORE_START = -1
+NOT_STARTED = -1
 ENDLESS_S = 1e9  # 32 years
 REST_M_S = 0.05  # a drive starts and ends slower: a taught route begins one tick before its vehicle moves
 TINY = 1e-12
@@ -37,7 +37,7 @@ TINY = 1e-12
 class RepeatState(NamedTuple):
     """State of a repeated route: when, where and at which pace the vehicle joined it."""
 
-    start_ns: int  # BEFORE_START until the first tick
+    start_ns: int  # NOT_STARTED until the first tick
     tau_s: float  # τ_0
     pace: float  # p, from 0 to 1
 
@@ -112,7 +112,7 @@ class Repeat:
 
     def init(self) -> RepeatState:
         """Return the state before the first tick."""
-        return RepeatState(BEFORE_START, 0.0, 0.0)
+        return RepeatState(NOT_STARTED, 0.0, 0.0)
 
     def entry_state(self, t_ns: Value, tau_s: Value, speed_m_s: Value) -> Tree:
         """Return the state of a vehicle that joins the route with this speed, at the time `tau_s` of the route."""
@@ -164,7 +164,7 @@ class Repeat:
         direction = self.nu[0, :2] / max(float(self._speed()[0]), TINY)
         speed_m_s = np.maximum(direction[0] * estimate.nu[0] + direction[1] * estimate.nu[1], 0.0)
         at_start = Repeat.entry_state(self, estimate.t_ns, 0.0, speed_m_s)
-        is_first = state.start_ns == BEFORE_START
+        is_first = state.start_ns == NOT_STARTED
         start_ns, tau_s, pace = (np.where(is_first, a, b) for a, b in zip(at_start, state, strict=True))
         return state._replace(start_ns=start_ns, tau_s=tau_s, pace=pace)
 

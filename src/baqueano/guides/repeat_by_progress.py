@@ -97,7 +97,7 @@ class RepeatByProgress(Repeat):
             self._starting_pace(entry, estimate.t_ns), self._braking_pace(end - state.tau_s)
         )
         clock_pace = np.minimum(pace, largest_pace)
-        if not self._goes_on:  # the reference rests at the end, and τ counts the time
+        if not self._continues:  # the reference rests at the end, and τ counts the time
             clock_pace = np.where(state.tau_s >= end, 1.0, clock_pace)
         tau_s = np.clip(state.tau_s + clock_pace * dt_s, 0.0, end + END_WAIT_S)
         phase = self._phase(tau_s)
@@ -112,7 +112,7 @@ class RepeatByProgress(Repeat):
         )
 
     @property
-    def _goes_on(self) -> bool:
+    def _continues(self) -> bool:
         """Return True if the reference continues on the next lap until the vehicle is at the end.  (6)"""
         return self.closed and self.ends_in_motion
 
@@ -120,20 +120,20 @@ class RepeatByProgress(Repeat):
         """Return the time [s] of the lap; the end of the route after the last lap, unless the reference goes on."""
         period = self.t_s[-1]
         phase = tau_s - period * np.floor(tau_s / period)
-        return phase if self._goes_on else np.where(tau_s >= self.end_s, period, phase)
+        return phase if self._continues else np.where(tau_s >= self.end_s, period, phase)
 
     def _is_over(self, former_tau_s: Value, tau_s: Value, behind_m: Value, estimate: Estimate) -> Value:
         """Return 1 if the drive is done, else 0; the vehicle is `behind_m` behind the former reference.  (6)"""
         is_at_rest, slack_m = 1.0, self.slack_m
-        if self._goes_on:  # and the vehicle passes the end
-            behind_m, slack_m = behind_m - self._distance_after(former_tau_s - self.end_s), 0.0
+        if self._continues:  # and the vehicle passes the end
+            behind_m, slack_m = behind_m - self._route_distance(former_tau_s - self.end_s), 0.0
         elif not self.ends_in_motion:
             is_at_rest = np.where(np.abs(estimate.nu[0]) < REST_M_S, 1.0, 0.0)
         is_there = np.where(behind_m <= slack_m, is_at_rest, 0.0)
         is_there = np.where(tau_s >= self.end_s + END_WAIT_S, 1.0, is_there)
         return np.where(tau_s >= self.end_s, is_there, 0.0)
 
-    def _distance_after(self, t: Value) -> Value:
+    def _route_distance(self, t: Value) -> Value:
         """Return the length [m] of the route in its first `t` seconds; 0 before its start."""
         steps_m = np.hypot(np.diff(self.eta[:, 0]), np.diff(self.eta[:, 1]))
         return np.interp(t, self.t_s, np.append(0.0, np.cumsum(steps_m)))

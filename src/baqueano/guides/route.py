@@ -92,10 +92,10 @@ def curve_route(
     kappa = (p1[:, 0] * p2[:, 1] - p1[:, 1] * p2[:, 0]) / stretch**3
     eta = np.column_stack([p, psi])
     nu = np.column_stack([np.full_like(s, speed_m_s), np.zeros_like(s), kappa * speed_m_s])
-    return Route(s / speed_m_s, from_start(eta), nu, closed)
+    return Route(s / speed_m_s, relative_poses(eta), nu, closed)
 
 
-def from_start(eta: np.ndarray) -> np.ndarray:
+def relative_poses(eta: np.ndarray) -> np.ndarray:
     """Return the poses `eta` (m, 3) in the frame of the first pose: the route then starts at the origin, along x."""
     start_from_map = map_from_body(eta[0, 2])[:2, :2]
     return np.column_stack([(eta[:, :2] - eta[0, :2]) @ start_from_map, eta[:, 2] - eta[0, 2]])
@@ -119,7 +119,7 @@ def with_closed_gap(route: Route) -> Route:
     return route._replace(eta=route.eta - np.outer(share, gap), closed=True)
 
 
-def run_through(route: Route) -> Route:
+def with_flying_start(route: Route) -> Route:
     """Return a closed route that does not start from rest, so that laps follow one another without a stop.
 
     v is the speed at the end of the route, or the median speed if it is less. The start lasts until the teacher

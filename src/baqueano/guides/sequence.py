@@ -19,7 +19,10 @@ from baqueano.guides.route import Route
 from baqueano.signals import NANOSECONDS, Estimate, Reference
 from baqueano.symbolic import branch
 
-AT_START = {"tolerance_m": 0.05, "tolerance_rad": np.radians(10.0)}  # the controllers end a route within this
+START_TOLERANCES = {
+    "tolerance_m": 0.05,
+    "tolerance_rad": np.radians(10.0),
+}  # the controllers end a route within this
 
 
 class GuideSequenceState(NamedTuple):
@@ -74,7 +77,7 @@ class GuideSequence:
 
         A vehicle at the start, as after a lap, stays there: only a loop would bring it nearer.
         """
-        return cls(guide, DriveTo(route.eta[:1], **AT_START | limits))
+        return cls(guide, DriveTo(route.eta[:1], **START_TOLERANCES | limits))
 
     @property
     def is_interpreted(self) -> bool:
@@ -98,13 +101,13 @@ class GuideSequence:
             lambda: self.first.step(state.first, estimate),
         )
 
-        def step_of_second() -> Tree:
+        def step_second() -> Tree:
             entry = branch(was_first_over, lambda: state.second, lambda: self._entry(first, estimate))
             return (*self.second.step(entry, estimate), 1.0)
 
         second, reference, is_first_over = branch(
             reference.at_end > 0.0,
-            step_of_second,
+            step_second,
             lambda: (state.second, reference._replace(at_end=0.0), 0.0),
         )
         return GuideSequenceState(first, second, is_first_over), reference

@@ -20,7 +20,7 @@ from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.guides.repeat import Repeat, RepeatState
-from baqueano.guides.route import Route, curve_route, from_start
+from baqueano.guides.route import Route, curve_route, relative_poses
 from baqueano.on_demand import unknown_names
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference
@@ -195,7 +195,7 @@ def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float
     rows.append(np.array([[length_so_far_m, x, y, psi, 0.0]]))
     table = np.concatenate(rows)
     nu = np.column_stack([np.full(len(table), speed_m_s), np.zeros(len(table)), table[:, 4] * speed_m_s])
-    return Route(table[:, 0] / speed_m_s, from_start(table[:, 1:4]), nu, closed=True)
+    return Route(table[:, 0] / speed_m_s, relative_poses(table[:, 1:4]), nu, closed=True)
 
 
 @checked_call("bq.guides.shapes.line(2.0, 0.2)")
@@ -220,7 +220,7 @@ def line(length_m: float, speed_m_s: float) -> Route:
     Route(201 poses, 10.0 s, 2.00 m, open)
     """
     _check(length_m, speed_m_s)
-    return _route_of_curvature(np.zeros(_points(length_m)), length_m, speed_m_s)
+    return _curvature_route(np.zeros(_points(length_m)), length_m, speed_m_s)
 
 
 @checked_call("bq.guides.shapes.slalom(2.0, 0.3, 3, 0.2)")
@@ -292,7 +292,7 @@ def clothoid(length_m: float, turn_rad: float, speed_m_s: float) -> Route:
     """
     _check(length_m, speed_m_s)
     fraction = np.linspace(0.0, 1.0, _points(length_m))
-    return _route_of_curvature(
+    return _curvature_route(
         2.0 * turn_rad / length_m * (1.0 - np.abs(2.0 * fraction - 1.0)), length_m, speed_m_s
     )
 
@@ -309,7 +309,7 @@ def _points(length_m: float) -> int:
     return max(3, round(100.0 * length_m) + 1)
 
 
-def _route_of_curvature(kappa: np.ndarray, length_m: float, speed_m_s: float) -> Route:
+def _curvature_route(kappa: np.ndarray, length_m: float, speed_m_s: float) -> Route:
     """Return the open route with the curvatures (m,) [1/m] at even distances along it, by the midpoint rule."""
     s = np.linspace(0.0, length_m, len(kappa))
     psi = np.append(0.0, np.cumsum(0.5 * (kappa[1:] + kappa[:-1]) * np.diff(s)))

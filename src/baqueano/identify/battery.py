@@ -51,7 +51,7 @@ def with_shown_battery(
     `fixed` contains the paths to keep. `refit` returns the fit of another file with a further free path.
     """
     drivetrain = getattr(file.vehicle, "drivetrain", None)
-    volts = _voltage_in_motion(runs)
+    volts = _drive_voltages(runs)
     if (
         not len(volts) or fit.verdict == Verdict.REFUSED
         or drivetrain is None or not has_field(drivetrain, "battery_effect")
@@ -81,7 +81,7 @@ def with_shown_battery(
     return replace(fit, notes=(reason_unused, *fit.notes))
 
 
-def _voltage_in_motion(runs: Sequence[Run]) -> np.ndarray:
+def _drive_voltages(runs: Sequence[Run]) -> np.ndarray:
     """Return all logged voltages (K,) [V] while a command is sent."""
     volts = [np.zeros(0)]
     for run in (run for run in runs if BATTERY_CHANNEL in run.sensors):

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.calibration.rest import MIN_REST_S, REST_S, with_gyro_bias_at_rest
-from baqueano.calibration.tolerances import measured_std_of_gyro_bias
+from baqueano.calibration.rest import MIN_REST_S, REST_S, with_rest_gyro_bias
+from baqueano.calibration.tolerances import measured_gyro_bias_std
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
@@ -103,9 +103,9 @@ def dataset(
     runs, bias_note = list(runs), None
     check_command_count(vehicle_file, runs)
     if options.biases:
-        vehicle_file, bias_note = with_gyro_bias_at_rest(vehicle_file, runs)
+        vehicle_file, bias_note = with_rest_gyro_bias(vehicle_file, runs)
         bias_note = bias_note or _unmeasured_bias(vehicle_file, runs)
-    blocks, runs, channels = sensors_of(vehicle_file, runs, use)
+    blocks, runs, channels = select_sensors(vehicle_file, runs, use)
     runs, blocks = with_hand_measurements(runs, blocks, options.measured)
     runs, findings = clean(runs, vehicle_file, blocks.sensors._asdict())
     return Dataset(vehicle_file, blocks, tuple(runs), channels, findings, bias_note)
@@ -118,7 +118,7 @@ def _unmeasured_bias(vehicle_file: "VehicleFile", runs: Sequence[Run]) -> Diagno
         is_in_runs = any(np.isfinite(z).any() for z in channels)
         if not (has_field(sensor, "gyro_bias") and is_in_runs and has_offset(vehicle_file.vehicle)):
             continue
-        if measured_std_of_gyro_bias(vehicle_file, name) is None:
+        if measured_gyro_bias_std(vehicle_file, name) is None:
             return note("bias.no-rest", subject=name, rest_s=REST_S + MIN_REST_S)
     return None
 
@@ -175,7 +175,7 @@ def check_command_count(vehicle_file: "VehicleFile", runs: Sequence[Run]) -> Non
             raise UsageError(fault("runs.other-vehicle", "--vehicle FILE", **names, **counts))
 
 
-def sensors_of(
+def select_sensors(
     vehicle_file: "VehicleFile", runs: list[Run], use: Sequence[str] | None
 ) -> tuple[FittedBlocks, list[Run], dict[str, list[int]]]:
     """Return the blocks with the sensors in use, the runs, and the channels of partly used sensors. If `use` names the
@@ -190,7 +190,7 @@ def sensors_of(
         ]
         if not use:
             raise _no_common_sensor(names_of_file, runs)
-    sensors, channels = vehicle_file.sensors, _channels_by_sensor(use)
+    sensors, channels = vehicle_file.sensors, _sensor_channels(use)
     names = list(dict.fromkeys(channel.partition("[")[0] for channel in use))
     if TRUTH in names:
         runs, sensors = with_truth(runs, sensors)
@@ -217,7 +217,7 @@ def _no_common_sensor(names: Sequence[str], runs: list[Run]) -> UsageError:
     return UsageError(fault("use.nothing-common", sensors=sorted(set().union(*sensors_read)), valid=names))
 
 
-def _channels_by_sensor(use: Sequence[str]) -> dict[str, list[int]]:
+def _sensor_channels(use: Sequence[str]) -> dict[str, list[int]]:
     """Return, for each sensor, the channels named by entries such as "imu[2]". A sensor that `use` also names without
     brackets is omitted. Raise UsageError for an entry that cannot be parsed."""
     channels: dict[str, list[int]] = {}

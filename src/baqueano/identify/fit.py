@@ -27,18 +27,18 @@ from baqueano.identify.covariance.information import fixed_parameters
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.estimation.delay import (
     DUTY_STEP_PATH,
+    complete_search,
     duty_step_count,
-    search_to_the_end,
     with_bound_flags,
 )
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.identifiability import FinishedFit, fix_unidentifiable
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import adds_to_default, has_offset
-from baqueano.identify.parameters.theta import Parameters, sigma_from_option
+from baqueano.identify.parameters.theta import Parameters, parse_sigma
 from baqueano.identify.prediction_error_fit import fit_by_innovations, fit_by_simulation
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals
-from baqueano.identify.residuals.noise_level import min_sigma, sigma_of_rare_channels
+from baqueano.identify.residuals.noise_level import min_sigma, rare_channel_sigma
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import Fit
 from baqueano.numerics.least_squares import Minimiser, minimise
@@ -111,7 +111,7 @@ def identify(
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if imu_only.gyro_leads(vehicle_file, runs, use, free, options, residuals):
         residuals, options = GyroAidedResiduals, replace(options, gyro_leads=True)
-        use = imu_only.imu_of(vehicle_file, use)
+        use = imu_only.select_imu(vehicle_file, use)
     data = dataset(runs, vehicle_file, use, options)
     parameters = parameters_of(data, free, options)
     problem = residuals.from_parameters(parameters, options.backend)
@@ -178,11 +178,11 @@ def solve(
     sensors = parameters.blocks.sensors
     task = Task(
         problem, parameters.start, parameters.low, parameters.high, min_sigma(sensors, problem.z, problem.masks),
-        None if options.sigma is None else sigma_from_option(options.sigma, sensors),
+        None if options.sigma is None else parse_sigma(options.sigma, sensors),
         options.speed_noise or problem.has_speed_noise, progress,
-        sigma_of_rare_channels(sensors, problem.masks), retry, solver,
+        rare_channel_sigma(sensors, problem.masks), retry, solver,
     )  # fmt: skip
-    return search_to_the_end(task, _start_theta(task, parameters))
+    return complete_search(task, _start_theta(task, parameters))
 
 
 def conclude(
@@ -234,7 +234,7 @@ def conclude(
         score_test=options.diagnose,
     )  # fmt: skip
     if options.gyro_leads:
-        return imu_only.fit_from_imu(end)
+        return imu_only.make_imu_fit(end)
     return fit_by_innovations(end) if options.cost == "innovations" else fit_by_simulation(end)
 
 

@@ -21,7 +21,12 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.covariance.information import FixedParameters, Information, covariance_of, information
+from baqueano.identify.covariance.information import (
+    FixedParameters,
+    Information,
+    information,
+    parameter_covariance,
+)
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter
@@ -54,7 +59,7 @@ class Identifiability(NamedTuple):
     correlated: dict[int, tuple[int, ...]] = {}  # noqa: RUF012  a weak or fixed entry → the entries with which it is confused
 
 
-def identifiability_of(
+def assess_identifiability(
     info: Information,
     signal_energy: np.ndarray,
     theta: np.ndarray,
@@ -66,14 +71,17 @@ def identifiability_of(
     `signal_energy` (m,) belongs to the channels. `is_fixed` (p,) is a mask of entries that are already fixed;
     `span` (p,) is the distance between the bounds."""
 
-    def mask_of(test: Callable[[FreeParameter], bool]) -> np.ndarray:
+    def entry_mask(test: Callable[[FreeParameter], bool]) -> np.ndarray:
         mask = np.zeros(len(theta), bool)
         mask[: len(shared_parameters)] = [test(parameter) for parameter in shared_parameters]
         return mask
 
-    is_of_vehicle, is_by_hand = (mask_of(lambda p: True), mask_of(lambda p: p.definition.measured_by != ""))
+    is_of_vehicle, is_by_hand = (
+        entry_mask(lambda p: True),
+        entry_mask(lambda p: p.definition.measured_by != ""),
+    )
     is_identifiable, collinear, partners = ~is_fixed & (np.diagonal(info.bread) > 0.0), {}, {}
-    signal = _signal_scale(info.information_by_channel, signal_energy)
+    signal = _signal_scale(info.channel_information, signal_energy)
     while is_identifiable.any():
         direction = _unobservable_direction(info.bread, is_identifiable)
         if direction is None:
@@ -87,16 +95,16 @@ def identifiability_of(
         collinear[entry] = tuple(i for i in main_entries if i != entry)
         is_identifiable[entry] = False
     # a bound of the integrator does not limit the effect that the equations can have
-    weak_signal = np.where(mask_of(lambda p: p.is_numerical_bound), signal, np.minimum(signal, span))
+    weak_signal = np.where(entry_mask(lambda p: p.is_numerical_bound), signal, np.minimum(signal, span))
     signal = np.minimum(signal, span)
-    is_scale = mask_of(lambda p: p.definition.role == "scale")
+    is_scale = entry_mask(lambda p: p.definition.role == "scale")
     signal, weak_signal = (
         np.where(is_scale, np.minimum(x, SCALE_STD / BLIND_RATIO), x) for x in (signal, weak_signal)
     )
     is_weak = np.zeros(len(theta), bool)
     while is_identifiable.any():
         index = np.flatnonzero(is_identifiable)
-        std = np.sqrt(np.diagonal(covariance_of(info, index)))
+        std = np.sqrt(np.diagonal(parameter_covariance(info, index)))
         excess = np.where(is_of_vehicle[index], std - BLIND_RATIO * signal[index], -1.0)
         if not np.any(excess > 0.0):
             is_large = (std > WEAK_VALUE * np.abs(theta[index])) & (std > WEAK_SIGNAL * weak_signal[index])
@@ -166,13 +174,13 @@ def fix_unidentifiable(
         if is_split:
             A, B = eliminate_starts(info.bread, info.meat, problem.layout)
             info = info._replace(bread=A, meat=B)
-        by_channel = info.information_by_channel[:, :count]
+        by_channel = info.channel_information[:, :count]
         if task.prior_sigma is not None:  # a hand measurement does not have a signal to compare with
             by_channel = by_channel * (task.prior_sigma == 0.0)[:, None]
-        info = info._replace(information_by_channel=by_channel)
+        info = info._replace(channel_information=by_channel)
         span = (task.high - task.low)[:count]
         span[[k for k, parameter in enumerate(free) if parameter.path == DELAY_PATH]] = np.inf
-        identifiability = identifiability_of(
+        identifiability = assess_identifiability(
             info, signal_energy(problem, theta), theta[:count], free, is_fixed, span
         )
         collinear |= identifiability.collinear
@@ -181,7 +189,7 @@ def fix_unidentifiable(
             return first_result
         if np.array_equal(~identifiability.mask, is_fixed):
             result = end, identifiability._replace(collinear=collinear), info
-            pair = None if first_result else _pair_with_bound(task, theta, is_fixed, partners, free)
+            pair = None if first_result else _bounded_pair(task, theta, is_fixed, partners, free)
             if pair is None:
                 return result
             first_result, (released_entry, at_bound) = result, pair
@@ -193,7 +201,7 @@ def fix_unidentifiable(
         end = second_search._replace(evaluations=end.evaluations + second_search.evaluations)
 
 
-def _pair_with_bound(
+def _bounded_pair(
     task: Task, theta: np.ndarray, is_fixed: np.ndarray, partners: Mapping[int, Sequence[int]],
     free: Sequence[FreeParameter],
 ) -> tuple[int, int] | None:  # fmt: skip
@@ -256,7 +264,7 @@ class FinishedFit(NamedTuple):
         """Return the model and the sensors, with the values of the file."""
         return self.parameters.blocks
 
-    def confused_with(self, partners: Mapping[int, tuple[int, ...]], i: int) -> list[FreeParameter]:
+    def confused_parameters(self, partners: Mapping[int, tuple[int, ...]], i: int) -> list[FreeParameter]:
         """Return the shared parameters that are confused with entry i of θ, according to `partners`, a field of
         `identifiability`."""
         free = self.parameters.free

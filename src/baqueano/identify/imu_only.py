@@ -28,7 +28,7 @@ from baqueano.identify.parameters.free import has_offset
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals
 from baqueano.identify.residuals.noise_level import robust_sigma
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.identify.result.assemble import fit_of, verdict_basis
+from baqueano.identify.result.assemble import assemble_fit, verdict_basis
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import is_imu
@@ -69,7 +69,7 @@ def is_imu_only(
     return has_one_imu and has_offset(vehicle_file.vehicle) and not has_free_sensor
 
 
-def imu_of(vehicle_file: "VehicleFile", use: Sequence[str] | None) -> list[str]:
+def select_imu(vehicle_file: "VehicleFile", use: Sequence[str] | None) -> list[str]:
     """Return the name of the IMU, as `use` of a fit. Raise UsageError if `use` names another sensor, or if the IMU is
     ambiguous or missing."""
     sensors = vehicle_file.sensors._asdict().items()
@@ -82,7 +82,7 @@ def imu_of(vehicle_file: "VehicleFile", use: Sequence[str] | None) -> list[str]:
     raise UsageError(fault("imu-only.which-imu", vehicle=vehicle_file.name, valid=names))
 
 
-def fit_from_imu(end: FinishedFit) -> Fit:
+def make_imu_fit(end: FinishedFit) -> Fit:
     """Return the fit of a finished gyro-aided search."""
     problem, imu = end.task.problem, end.task.problem.names[0]
     sigma = robust_sigma(problem.misfits(end.search.solution.theta), problem.masks, end.task.floor)
@@ -93,10 +93,10 @@ def fit_from_imu(end: FinishedFit) -> Fit:
     lag_errors = np.where(is_time, basis.diagnosis.lag_errors, 0.0)
     fields, s = tyre_paths(end.blocks.model), len(is_time)
     is_tyre = np.array([path.partition("[")[0] in fields for path in end.fixed.paths], bool)
-    cov = np.outer(lag_errors, lag_errors) + end.fixed.cov_by(is_tyre)[:s, :s]
+    cov = np.outer(lag_errors, lag_errors) + end.fixed.cov_part(is_tyre)[:s, :s]
     evidence = basis.evidence._replace(messages=tuple(map(_without_advice, basis.evidence.messages)))
     basis = basis._replace(diagnosis=basis.diagnosis._replace(unmodelled_cov=cov), evidence=evidence)
-    return _with_notes(fit_of(end, basis), imu, scale_stds(end.vehicle_file, imu))
+    return _with_notes(assemble_fit(end, basis), imu, scale_stds(end.vehicle_file, imu))
 
 
 def _without_advice(message: Diagnostic) -> Diagnostic:

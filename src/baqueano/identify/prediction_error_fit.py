@@ -15,12 +15,12 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.covariance.information import Information, covariance_of
+from baqueano.identify.covariance.information import Information, parameter_covariance
 from baqueano.identify.estimation.prediction_error import MaximumLikelihood, Prediction, maximum_likelihood
 from baqueano.identify.identifiability import FinishedFit
 from baqueano.identify.parameters.free import PROCESS_NOISE_PATH, free_parameter, value
-from baqueano.identify.residuals.noise_level import sigma_of_file
-from baqueano.identify.result.assemble import fit_of, is_only_autocorrelated, verdict_basis
+from baqueano.identify.residuals.noise_level import sensor_sigma
+from baqueano.identify.result.assemble import assemble_fit, is_only_autocorrelated, verdict_basis
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.result.objective_choice import (
     LeaveOneOutComparison,
@@ -51,11 +51,11 @@ def fit_by_simulation(first: FinishedFit) -> Fit:
         is_dynamic(model) and has_field(model, "process_noise_std") and not first.task.problem.shape.clocks
     )
     if first.search.stopped or not can_have_floor or not is_only_autocorrelated(basis):
-        return fit_of(first, basis)
+        return assemble_fit(first, basis)
     second = search_prediction_error(first)
     if not second.end.search.solution.converged:
-        return fit_of(first, basis)
-    fit = fit_of(first._replace(is_explained_by_floor=second.choice.explains), basis)
+        return assemble_fit(first, basis)
+    fit = assemble_fit(first._replace(is_explained_by_floor=second.choice.explains), basis)
     reason = second.choice.reason
     if second.choice.cost == "innovations":
         reason = note("cost.try-innovations", fix="--cost innovations", cause=reason)
@@ -66,9 +66,9 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
     """Return the fit with the cost of the innovations, with the process noise among its parameters. If the first search
     was stopped, return its fit."""
     if first.search.stopped:
-        return fit_of(first)
+        return assemble_fit(first)
     second = search_prediction_error(first)
-    fit, floor = fit_of(second.end), second.likelihood_fit.noise.floor
+    fit, floor = assemble_fit(second.end), second.likelihood_fit.noise.floor
     paths = [f"{PROCESS_NOISE_PATH}[{axis}]" for axis in second.axes]
     free = [free_parameter(first.blocks, path, {}) for path in paths]
     std, cov = np.sqrt(floor), _covariance(second, fit)
@@ -97,7 +97,7 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     is_free = np.r_[second.end.identifiability.mask, floor > 0.0, np.ones(len(bread) - count - k, bool)]
     entries = np.flatnonzero(is_free & (np.diagonal(bread) > 0.0))
     full_cov, cov = np.full(bread.shape, np.nan), np.full((p + k, p + k), np.nan)
-    full_cov[np.ix_(entries, entries)] = covariance_of(second.info, entries)
+    full_cov[np.ix_(entries, entries)] = parameter_covariance(second.info, entries)
     scale = np.r_[np.ones(count), 0.5 / np.sqrt(np.where(floor > 0.0, floor, np.nan))]  # v → √v
     rows = np.r_[: len(in_theta), count : count + k]
     places = np.r_[np.array(in_theta, int), p : p + k]
@@ -167,15 +167,13 @@ def _information_matrices(likely: MaximumLikelihood, first: FinishedFit) -> tupl
     with_noise = info._replace(bread=A, meat=B)
     free = np.r_[np.arange(count), count + np.flatnonzero(_is_inside_bounds(likely))]
     A, B = eliminate(A[np.ix_(free, free)], B[np.ix_(free, free)], count, [slice(count, len(free))])
-    return with_noise, info._replace(
-        bread=A, meat=B, information_by_channel=info.information_by_channel[:, :count]
-    )
+    return with_noise, info._replace(bread=A, meat=B, channel_information=info.channel_information[:, :count])
 
 
 def _noise_ratios(first: FinishedFit, likely: MaximumLikelihood) -> np.ndarray:
     """Return the sensor noise (m,) without the process noise, relative to the noise in the file, or 0 if the file does
     not contain it."""
-    file_sigma = sigma_of_file(first.blocks.sensors)
+    file_sigma = sensor_sigma(first.blocks.sensors)
     estimate = first.task.problem.sigma * np.exp(likely.noise.sensors)
     return np.where(file_sigma > 0.0, estimate / np.where(file_sigma > 0.0, file_sigma, 1.0), 0.0)
 

@@ -25,7 +25,7 @@ ROOMS = (
     "recordings.damage", "recordings.data", "recordings.imports", "recordings.runs", "vehicle.door",
     "vehicle.hardware", "vehicle.robot",
 )  # fmt: skip
-_IN_A_QUANTITY = re.compile(r"(?<=±) | (?=%)|(?<=\d) (?=[^\W\d_]{1,3}\b)")
+_QUANTITY_SPACE = re.compile(r"(?<=±) | (?=%)|(?<=\d) (?=[^\W\d_]{1,3}\b)")
 MAX_LISTED_NAMES = 5  # subjects that are named after the first, of messages that are alike
 
 
@@ -95,7 +95,7 @@ def _shown_command(line: str) -> str:
     return language.shown_command(current_notation().command(line))
 
 
-def in_english(message: "Diagnostic | str | None") -> str:
+def english_text(message: "Diagnostic | str | None") -> str:
     """Return the English sentence of a diagnostic, for files."""
     with language.use_language("en"):
         return text(message)
@@ -121,7 +121,7 @@ def unbroken(sentence: str) -> str:
     >>> unbroken("the errors of the fit are ± 33 cm (95 %)").split(" ")
     ['the', 'errors', 'of', 'the', 'fit', 'are', '±\xa033\xa0cm', '(95\xa0%)']
     """
-    return _IN_A_QUANTITY.sub("\u00a0", sentence)
+    return _QUANTITY_SPACE.sub("\u00a0", sentence)
 
 
 def list_item(sentence: str) -> str:

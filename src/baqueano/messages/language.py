@@ -55,12 +55,12 @@ def current_language() -> str:
     >>> current_language()
     'en'
     """
-    return _language_of(_reader.get() or chosen_language() or _system_locale()) or "en"
+    return _parse_language(_reader.get() or chosen_language() or _system_locale()) or "en"
 
 
 def chosen_language() -> str:
     """Return the language of `--lang` or BAQUEANO_LANG, a key of LANGUAGES; "" without this choice."""
-    return _language_of(_language or os.environ.get(LANGUAGE_VARIABLE, ""))
+    return _parse_language(_language or os.environ.get(LANGUAGE_VARIABLE, ""))
 
 
 def process_environment() -> dict[str, str]:
@@ -68,7 +68,7 @@ def process_environment() -> dict[str, str]:
     return os.environ | {LANGUAGE_VARIABLE: chosen_language()}
 
 
-def _language_of(tag: str) -> str:
+def _parse_language(tag: str) -> str:
     language = tag.partition("_")[0].partition(".")[0].lower()
     return language if language in LANGUAGES else ""
 
@@ -124,7 +124,7 @@ PLACEHOLDERS = (  # names of values in the help: of options and of arguments
 )  # fmt: skip
 _PLACEHOLDER = re.compile(rf"(?<![A-Z_])(?:{'|'.join(PLACEHOLDERS)})(?![A-Z_])")
 _MISSING_VALUE = re.compile(r"(?<=[ =])(?:FILE|FOLDER|KEY|NAME|ROUTE|RUN|VALUE)(?![\w.])")
-_OF_UNITS = (N_("unit of u"), N_(" per "))
+_UNIT_WORDS = (N_("unit of u"), N_(" per "))
 
 
 def shown_unit(words: str) -> str:
@@ -134,7 +134,7 @@ def shown_unit(words: str) -> str:
     ...     print(shown_unit("N per unit of u"))
     N por unidad de u
     """
-    for unit_word in _OF_UNITS:
+    for unit_word in _UNIT_WORDS:
         words = words.replace(unit_word, translate(unit_word))
     return words
 

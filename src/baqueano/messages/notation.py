@@ -123,7 +123,7 @@ def python_call(line: str) -> str:
         return line
     if len(options) > 1 and not is_command and {*options} <= {*CALLS}:
         return ", ".join(python_call(f"{name} {shlex.quote(value)}") for name, value in options.items())
-    keys = [key for key in CALLS if _is_for(key.split(), arguments, options)]
+    keys = [key for key in CALLS if _matches_call(key.split(), arguments, options)]
     if not keys:
         return line
     key = max(keys, key=lambda key: len(key.split()))
@@ -150,7 +150,7 @@ def _split(words: list[str]) -> tuple[list[str], dict[str, str]]:
     return arguments, options
 
 
-def _is_for(key: list[str], arguments: list[str], options: dict[str, str]) -> bool:
+def _matches_call(key: list[str], arguments: list[str], options: dict[str, str]) -> bool:
     """Return True if a key of CALLS begins as these arguments do, and all its options were given."""
     verbs = [word for word in key if not word.startswith("--")]
     has_verbs = arguments[: len(verbs)] == verbs and bool(verbs) == bool(arguments)

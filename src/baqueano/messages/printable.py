@@ -28,10 +28,10 @@ def shell_command(*words: object) -> str:
     "cd 'my lab'"
     """
     line = list(map(str, words))
-    return " ".join(map(_for_powershell, line)) if os.name == "nt" else shlex.join(line)
+    return " ".join(map(_quote_powershell, line)) if os.name == "nt" else shlex.join(line)
 
 
-def _for_powershell(word: str) -> str:
+def _quote_powershell(word: str) -> str:
     """Return a word quoted for PowerShell, with quotes that cmd.exe also accepts if possible."""
     if re.fullmatch(r"[\w./\\:=+-]+", word):
         return word
@@ -62,7 +62,7 @@ def one_line(text: str) -> str:
     return printable(text).replace("\n", " ").replace("\t", " ")
 
 
-def in_lines(rows: Iterable[str]) -> str:
+def join_rows(rows: Iterable[str]) -> str:
     """Return the rows of a table as text, each in exactly one line."""
     return "\n".join(map(one_line, rows))
 

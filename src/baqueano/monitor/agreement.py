@@ -27,8 +27,8 @@ from baqueano.estimators.augmented.state import SCALE_INDEX
 from baqueano.estimators.augmented_ekf import MAX_REST_NU, MIN_REST_S, AugmentedBelief, AugmentedEkf
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.pauses import filter_row
-from baqueano.estimators.readings.repetition import repetition_after
-from baqueano.monitor.channel_properties import ChannelProperties, channels_of, sensor_of
+from baqueano.estimators.readings.repetition import next_repetition
+from baqueano.monitor.channel_properties import ChannelProperties, describe_channels, sensor_name
 from baqueano.monitor.log_odds import MIN_LOG_ODDS, verdicts
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, REGULAR_S, Memory, MonitorState, is_missing
 from baqueano.sensors.sampling import difference
@@ -57,7 +57,7 @@ class AgreementMonitor:
     @property
     def channels(self) -> ChannelProperties:
         """Return the properties of the channels of all sensors."""
-        return channels_of(self.model)
+        return describe_channels(self.model)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> MonitorState:
         """Return the initial state at the pose `eta` (3,) with the velocity `nu` (3,). Every doubt is 0."""
@@ -145,7 +145,7 @@ class AgreementMonitor:
     ) -> tuple[Memory, np.ndarray]:
         """Return the memory with its durations after a row of `dt_s`, and the time (m,) of each reading."""
         silent_s, is_arrived = memory.silent_s + dt_s, reading.is_arrived
-        repetition = repetition_after(memory.repetition, reading.z, is_arrived)
+        repetition = next_repetition(memory.repetition, reading.z, is_arrived)
         constant_s = np.where(repetition.repeat_count > 0.0, memory.unchanged_s + silent_s, 0.0)
         was_missing = is_missing(memory, self.channels.period_s)
         regular_s = memory.regular_s + np.where(was_missing | ~is_moving, 0.0, dt_s)
@@ -163,7 +163,7 @@ class AgreementMonitor:
         channels = self.channels
         motion_entries = np.flatnonzero(~channels.is_pose).tolist()
         indices = motion_entries if self.entries is None else list(self.entries)
-        first_index = {sensor_of(channels.names[c]): c for c in sorted(indices, reverse=True)}
+        first_index = {sensor_name(channels.names[c]): c for c in sorted(indices, reverse=True)}
         is_first = np.isin(np.arange(len(channels.names)), list(first_index.values()))
         is_regular = ~channels.is_pose | (memory.regular_s >= REGULAR_S)
         return is_first & is_regular & is_missing(memory, channels.period_s)

@@ -37,13 +37,13 @@ class ChannelProperties(NamedTuple):
     period_s: np.ndarray  # (m,) time between two readings; inf for a sensor that measures only at some places
 
 
-def sensor_of(channel_name: str) -> str:
+def sensor_name(channel_name: str) -> str:
     """Return the name of the sensor of a channel: "imu" of "imu[2]"."""
     return channel_name.partition("[")[0]
 
 
 @lru_cache(maxsize=64)
-def channels_of(model: AugmentedEkf) -> ChannelProperties:
+def describe_channels(model: AugmentedEkf) -> ChannelProperties:
     """Return the properties of all channels of the sensors of a `model`."""
     sensors = model.sensors
     channels = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]

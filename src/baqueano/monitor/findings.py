@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.monitor.channel_properties import ChannelProperties, sensor_of
+from baqueano.monitor.channel_properties import ChannelProperties, sensor_name
 from baqueano.monitor.log_odds import MIN_LOG_ODDS
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, is_missing
 
-LOST, NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY, CONTRADICTED = (
+LOST, NO_NUMBER, SATURATED, FROZEN, ZERO, SLIPS, SCALED, AWAY, CONTRADICTED = (
     "lost", "no-number", "at-its-end", "frozen", "zero", "slips", "scaled", "away", "contradicted",
 )  # fmt: skip
 SENSOR, MODEL, UNKNOWN = "sensor", "model", "unknown"
@@ -30,7 +30,7 @@ class Finding:
     disagreement_s : float
         Duration of the disagreement, minus the weighted duration of later agreement.
     symptom : str
-        Symptom: one of LOST, NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY,
+        Symptom: one of LOST, NO_NUMBER, SATURATED, FROZEN, ZERO, SLIPS, SCALED, AWAY,
         CONTRADICTED.
     faulty_part : str
         The wrong part: SENSOR, MODEL or UNKNOWN.
@@ -80,7 +80,7 @@ class Finding:
         return symptom
 
 
-def finding_of(
+def make_finding(
     channels: ChannelProperties, c: int, memory: Memory, t_ns: int, disagreement_s: float
 ) -> Finding:
     """Return the finding for channel `c` from the memory of the monitor."""
@@ -91,11 +91,10 @@ def finding_of(
         float(x[c]) for x in (memory.expected_squares, memory.cross_products, memory.measured_squares)
     )
     ratio = sz / ss if ss > 0.0 else float("nan")
-    symptom = _symptom_of(channels, c, memory, ratio, ss, sz, zz)
+    symptom = _find_symptom(channels, c, memory, ratio, ss, sz, zz)
     evidence = float(memory.evidence[c])
     is_certain = bool(
-        symptom in (LOST, NO_NUMBER, AT_ITS_END)
-        or (channels.is_inertial[c] and memory.repetition.is_stuck[c])
+        symptom in (LOST, NO_NUMBER, SATURATED) or (channels.is_inertial[c] and memory.repetition.is_stuck[c])
     )
     faulty_part = (
         SENSOR if is_certain or evidence > MIN_LOG_ODDS else MODEL if evidence < -MIN_LOG_ODDS else UNKNOWN
@@ -107,18 +106,18 @@ def finding_of(
         and abs(z - rest_reading) > abs(h - rest_reading)
     ):
         symptom = SLIPS
-    name = sensor_of(channels.names[c]) if symptom == LOST else channels.names[c]
+    name = sensor_name(channels.names[c]) if symptom == LOST else channels.names[c]
     return Finding(name, t_ns, disagreement_s, symptom, faulty_part, z, h, ratio)
 
 
-def _symptom_of(
+def _find_symptom(
     n: ChannelProperties, c: int, memory: Memory, ratio: float, ss: float, sz: float, zz: float
 ) -> str:
     """Return the symptom of channel `c`, one of those of a Finding except SLIPS."""
     if is_missing(memory, n.period_s)[c]:
         return LOST
     if memory.is_broken[c] > 0.0:
-        return AT_ITS_END if np.abs(memory.last_reading[c]) > 0.0 and np.isfinite(n.limit[c]) else NO_NUMBER
+        return SATURATED if np.abs(memory.last_reading[c]) > 0.0 and np.isfinite(n.limit[c]) else NO_NUMBER
     is_constant = memory.unchanged_s[c] >= FROZEN_S
     near_zero = (
         abs(memory.last_reading[c]) <= n.noise_std[c]

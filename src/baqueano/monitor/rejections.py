@@ -7,7 +7,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 
 REJECTIONS_SOURCE = "refused"  # source of the event
-OF_REFUSED, OF_ARRIVED = ".refused", ".arrived"  # endings of the names of the counts of a channel
+REFUSED_SUFFIX, ARRIVED_SUFFIX = ".refused", ".arrived"  # endings of the names of the counts of a channel
 
 
 class Rejections(NamedTuple):
@@ -35,8 +35,8 @@ class Rejections(NamedTuple):
 
 def rejection_event(counts: Sequence[Rejections]) -> Diagnostic:
     """Return the message with the counts of the channels that correct the estimate."""
-    values: dict[str, Any] = {count.name + OF_REFUSED: count.rejected_count for count in counts}
-    values |= {count.name + OF_ARRIVED: count.reading_count for count in counts}
+    values: dict[str, Any] = {count.name + REFUSED_SUFFIX: count.rejected_count for count in counts}
+    values |= {count.name + ARRIVED_SUFFIX: count.reading_count for count in counts}
     active_counts = [count for count in counts if count.reading_count] or counts
     texts = [f"{count.name}: {count.rejected_count}/{count.reading_count}" for count in active_counts]
     return note("estimator.refused", reasons=texts, **values)
@@ -64,12 +64,12 @@ def rejections_in(events: Iterable[Tree]) -> tuple[Rejections, ...]:
         e.diagnostic.figures for e in events if e.source == REJECTIONS_SOURCE and e.diagnostic is not None
     ]
     entries = [
-        (values, key.removesuffix(OF_REFUSED))
+        (values, key.removesuffix(REFUSED_SUFFIX))
         for values in refusals
         for key in values
-        if key.endswith(OF_REFUSED)
+        if key.endswith(REFUSED_SUFFIX)
     ]
     return tuple(
-        Rejections(name, values_of_event[name + OF_REFUSED], values_of_event[name + OF_ARRIVED])
+        Rejections(name, values_of_event[name + REFUSED_SUFFIX], values_of_event[name + ARRIVED_SUFFIX])
         for values_of_event, name in entries
     )

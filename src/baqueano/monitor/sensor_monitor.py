@@ -8,12 +8,12 @@ import numpy as np
 from baqueano.contracts.blocks import Estimator, SensorBlocks
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.errors import error_text, from_outside
+from baqueano.errors import error_text, is_interruption
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import channel_indices, split_use
 from baqueano.monitor.agreement import AgreementMonitor
-from baqueano.monitor.channel_properties import sensor_of
-from baqueano.monitor.findings import LOST, MODEL, Finding, finding_of
+from baqueano.monitor.channel_properties import sensor_name
+from baqueano.monitor.findings import LOST, MODEL, Finding, make_finding
 from baqueano.monitor.memory import DEGRADED_S, EVENT_S, Memory
 from baqueano.monitor.rejections import Rejections
 from baqueano.signals import Estimate, Tick, seconds
@@ -105,7 +105,7 @@ class SensorMonitor:
                 self._state, _ = self._block.step(self._state, silent, unknown, S)
             self._state, doubt = self._block.step(self._state, tick, y, S)
         except BaseException as error:  # a drive continues without its monitor
-            if from_outside(error):
+            if is_interruption(error):
                 raise
             self._has_failed, self._findings = True, {}
             return [Notice(note("monitor.raised", Severity.WARNING, error=error_text(error)))]
@@ -116,8 +116,8 @@ class SensorMonitor:
 
     def _is_absent(self, c: int, memory: Memory) -> bool:
         """Return True for a channel that has given no number yet, while others of its sensor have: a gyro alone."""
-        sensor = sensor_of(self.channels.names[c])
-        indices = [k for k, name in enumerate(self.channels.names) if sensor_of(name) == sensor]
+        sensor = sensor_name(self.channels.names[c])
+        indices = [k for k, name in enumerate(self.channels.names) if sensor_name(name) == sensor]
         is_silent = memory.last_change[c] == 0.0 and memory.last_reading[c] == 0.0
         return bool(is_silent and np.any(memory.last_change[indices] != 0.0))
 
@@ -128,10 +128,10 @@ class SensorMonitor:
                 if not d >= EVENT_S or self._is_absent(c, memory):  # also a NaN of the vehicle model
                     continue
                 self._since_ns[c] = t_ns - round(1e9 * d)
-                self._findings[c] = finding_of(self.channels, c, memory, t_ns, d)
+                self._findings[c] = make_finding(self.channels, c, memory, t_ns, d)
                 notices.append(Notice(self._findings[c].diagnostic, self._findings[c]))
             elif d >= DEGRADED_S and not self._findings[c].is_degraded:
-                self._findings[c] = finding_of(self.channels, c, memory, t_ns, d)
+                self._findings[c] = make_finding(self.channels, c, memory, t_ns, d)
                 notices.append(Notice(self._findings[c].diagnostic, self._findings[c]))
             elif d <= 0.0:
                 lasted_s = seconds(t_ns, self._since_ns.pop(c))

@@ -77,12 +77,12 @@ def lag_sums(signals: Sequence[np.ndarray], lags: np.ndarray) -> tuple[np.ndarra
     return products, count
 
 
-def without_regression(signals: Sequence[np.ndarray], columns: Sequence[np.ndarray]) -> list[np.ndarray]:
+def regression_residuals(signals: Sequence[np.ndarray], columns: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Return `signals` (N,) without their regression on `columns` (N, p), over all signals; NaN is a missing value.
     With too few rows, they are unchanged.
 
     >>> t = np.arange(20.0)
-    >>> without_regression([3.0 * t], [t[:, None]])[0].round(6)[:2] + 0.0
+    >>> regression_residuals([3.0 * t], [t[:, None]])[0].round(6)[:2] + 0.0
     array([0., 0.])
     """
     x, X = np.concatenate([np.zeros(0), *signals]), np.concatenate(columns) if columns else np.zeros((0, 1))

@@ -27,7 +27,7 @@ class ArrowLayout:
     shared_entries: np.ndarray  # (s,) entries of x
     segment_entries: np.ndarray  # (K, q) entries of y_k
     is_segment_entry: np.ndarray  # (p,) bool
-    index_in_part: np.ndarray  # (p,) index of an entry in x, or in its y_k
+    local_index: np.ndarray  # (p,) index of an entry in x, or in its y_k
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +50,7 @@ class BlockArrow:
         """Add the matrices `parts` (K, n, n) of the segments at the rows `indices` (K, n)."""
         # in the same order in each segment
         is_segment_entry = self.layout.is_segment_entry[indices[0]]
-        part_index = self.layout.index_in_part[indices]
+        part_index = self.layout.local_index[indices]
         shared_index, segment_index = part_index[:, ~is_segment_entry], part_index[:, is_segment_entry]
         k = np.arange(len(parts))[:, None, None]
         row_parts, column_parts = parts[:, ~is_segment_entry], parts[:, is_segment_entry]
@@ -102,7 +102,7 @@ class BlockArrow:
     def dense(self) -> np.ndarray:
         """Return the matrix as a dense array (p, p)."""
         rows = self.layout.shared_entries
-        H = np.zeros((len(self.layout.index_in_part), len(self.layout.index_in_part)))
+        H = np.zeros((len(self.layout.local_index), len(self.layout.local_index)))
         H[np.ix_(rows, rows)] = self.corner
         for k, index in enumerate(self.layout.segment_entries):
             H[np.ix_(rows, index)], H[np.ix_(index, rows)] = self.border[k], self.border[k].T
@@ -113,7 +113,7 @@ class BlockArrow:
         return v[self.layout.shared_entries], v[self.layout.segment_entries]
 
     def _join(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        vector = np.zeros(len(self.layout.index_in_part))
+        vector = np.zeros(len(self.layout.local_index))
         vector[self.layout.shared_entries], vector[self.layout.segment_entries] = x, y
         return vector
 
@@ -164,7 +164,7 @@ def eliminate(
     return 0.5 * (A + A.T), 0.5 * (B + B.T)
 
 
-def derivatives_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -> np.ndarray:
+def projected_derivatives(d: np.ndarray, w: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Return d⊥ (N, m, q) from the derivatives d (N, m, p) of a segment with weights w (N, m). `start` (p,) is a mask
     of the entries of its start. (3)"""
     start_derivatives, other_derivatives = d[..., start], d[..., ~start]

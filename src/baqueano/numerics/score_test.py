@@ -26,7 +26,7 @@ from baqueano.numerics.statistics import HUBER
 MAX_BLOCKS = 60
 MIN_BLOCK_ROWS = 20  # rows
 PROMISING_Z = 3.0  # standard errors of white noise
-EFFECTS_AT_ONCE = 16  # effects
+EFFECT_BATCH = 16  # effects
 # an effect with a smaller part that θ cannot explain is not tested: a variance inflation factor above 10,000
 MIN_OWN_FRACTION = 1e-4
 
@@ -85,7 +85,7 @@ class _ScoreSums(NamedTuple):
     nuisances: list[np.ndarray]  # (K, q) D w dᵀ with each nuisance
 
 
-def residuals_for_tests(
+def score_test_residuals(
     segments: Sequence[tuple[np.ndarray, np.ndarray]],
     mask: np.ndarray,
     run: np.ndarray,
@@ -207,15 +207,13 @@ def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[lis
     rows = fit.weighted_rows[:-1].T.reshape(n, m, k)
     code = 2 ** np.arange(len(part_masks)) @ part_masks
     pattern = (np.cumsum(np.bincount(code) > 0) - 1)[code]
-    A = _sums_by_part(rows, rows, pattern, part_masks)  # w is 0 or 1
+    A = _part_sums(rows, rows, pattern, part_masks)  # w is 0 or 1
     scores = np.einsum("nmk,nm->nk", fit.d.T.reshape(n, m, k), fit.clipped_residuals.reshape(n, m))
     of_nuisances = []
     for nuisance in fit.nuisances:
         weighted_rows = nuisance.weighted_slopes.T.reshape(-1, m, len(nuisance.d))
         of_rows = part_masks[:, nuisance.rows]
-        of_nuisances.append(
-            _sums_by_part(rows[nuisance.rows], weighted_rows, pattern[nuisance.rows], of_rows)
-        )
+        of_nuisances.append(_part_sums(rows[nuisance.rows], weighted_rows, pattern[nuisance.rows], of_rows))
     energy, total = np.einsum("pkk->pk", A).ravel(), _product(part_masks.astype(float), scores).ravel()
     of_nuisances = [products.reshape(len(part_masks) * k, -1) for products in of_nuisances]
     sums = _ScoreSums(energy, total, A.reshape(-1, k), of_nuisances)
@@ -227,7 +225,7 @@ def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[lis
     return [tests[i : i + k] for i in range(0, len(tests), k)]
 
 
-def _sums_by_part(x: np.ndarray, y: np.ndarray, pattern: np.ndarray, part_masks: np.ndarray) -> np.ndarray:
+def _part_sums(x: np.ndarray, y: np.ndarray, pattern: np.ndarray, part_masks: np.ndarray) -> np.ndarray:
     """Return Σ xᵀ y (P, k, q) of the rows x (n, m, k), y (n, m, q) of each part (P, n). Rows with the same number in
     `pattern` (n,) are in the same parts, so that each row is multiplied once."""
     small_pattern = pattern.astype(np.min_scalar_type(pattern.max()))  # a small type sorts faster
@@ -266,8 +264,8 @@ def _score_tests(
     gain = size**2 * power
     rows = zip(size.tolist(), shift, gain.tolist(), strict=True)
     tests = [ScoreTest(d, 0.0, 1.0, move, rho) for d, move, rho in rows]
-    for first in range(0, len(candidates), EFFECTS_AT_ONCE):
-        indices = candidates[first : first + EFFECTS_AT_ONCE]
+    for first in range(0, len(candidates), EFFECT_BATCH):
+        indices = candidates[first : first + EFFECT_BATCH]
         D = column(indices)
         _subtract(D, ties[indices], fit.d)
         for nuisance, tie in zip(fit.nuisances, nuisance_ties, strict=True):

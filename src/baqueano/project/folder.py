@@ -70,7 +70,7 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
         candidates = (base, *(Path(f"{base}-{k}") for k in range(2, 1000)))
         command = baqueano_command("new", str(next(path for path in candidates if not path.exists())))
         raise UsageError(fault("cli.folder-not-empty", command, folder=folder))
-    vehicle_file = guess_of(vehicle)
+    vehicle_file = first_guess(vehicle)
     folder.mkdir(parents=True, exist_ok=True)
     if vehicle_file.is_guess and vehicle_file.simulation.truth not in names():
         with_other_truth(vehicle_file).save(folder / TRUTH_FILE)
@@ -123,13 +123,13 @@ def localise(vehicle_file: VehicleFile) -> VehicleFile:
     return parse(text, vehicle_file.label, vehicle_file.path, vehicle_file.layers, vehicle_file.on_disk)
 
 
-def guess_of(vehicle: str | Path = "small") -> VehicleFile:
+def first_guess(vehicle: str | Path = "small") -> VehicleFile:
     """Return the first vehicle file of a project.
 
     For a vehicle of the garage, it contains guesses. Another file keeps its values; if a fit did not measure them, they
     are marked as guesses.
 
-    >>> guess = guess_of("small")
+    >>> guess = first_guess("small")
     >>> guess.is_guess, guess.truth.path is None, guess.value("model.drivetrain.gain").tolist()
     (True, True, [1.0, 1.0])
     """

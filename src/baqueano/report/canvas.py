@@ -82,7 +82,7 @@ class Canvas(Figure):
         return buffer.getvalue()
 
 
-def at_width(figure: Figure, width: str | float | None) -> Figure:
+def resize_figure(figure: Figure, width: str | float | None) -> Figure:
     """Resize a figure to `width`, "column", "page" or millimetres, with legible text, and return it.
 
     Raise UsageError for another width.
@@ -100,15 +100,15 @@ def at_width(figure: Figure, width: str | float | None) -> Figure:
 
 @contextmanager
 def with_width(figure: Figure, width: str | float | None) -> Iterator[Figure]:
-    """Resize a figure as `at_width` does, and restore its size, text and lines afterwards."""
+    """Resize a figure as `resize_figure` does, and restore its size, text and lines afterwards."""
     wide_in, high_in = figure.get_size_inches()
     artists = figure.findobj()
     texts = [(text, text.get_text(), text.get_fontsize()) for text in artists if isinstance(text, Text)]
     lines = [(line, line.get_linewidth()) for line in artists if isinstance(line, Line2D)]
-    legends = [(place, _legend_of(place)) for place in (figure, *figure.axes)]
+    legends = [(place, _find_legend(place)) for place in (figure, *figure.axes)]
     ticks = [(axis, _tick_size(axis)) for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
     try:
-        yield at_width(figure, width)
+        yield resize_figure(figure, width)
     finally:
         figure.set_size_inches(wide_in, high_in)
         for place, legend in legends:
@@ -126,7 +126,7 @@ def with_width(figure: Figure, width: str | float | None) -> Iterator[Figure]:
 def with_narrow_legends(figure: Figure) -> Iterator[None]:
     """Give each legend that is wider than the figure fewer columns, and restore the legends afterwards."""
     places = figure, *figure.axes
-    legends = [(place, _legend_of(place)) for place in places]
+    legends = [(place, _find_legend(place)) for place in places]
     try:
         for place in places:
             _fit_legend(place, MAX_LEGEND_SHARE * figure.get_figwidth() * figure.dpi)
@@ -168,7 +168,7 @@ def _shrink_text(figure: Figure, scale: float) -> None:
 
 def _fit_legend(place: Figure | Axes, room: float) -> None:
     """Replace a legend that is wider than `room` [pixels] by a legend with fewer columns."""
-    legend = _legend_of(place)
+    legend = _find_legend(place)
     if legend is None or legend.get_window_extent().width <= room:
         return
     entries = zip(legend.legend_handles, legend.get_texts(), strict=True)
@@ -184,7 +184,7 @@ def _fit_legend(place: Figure | Axes, room: float) -> None:
             return
 
 
-def _legend_of(place: Figure | Axes) -> Legend | None:
+def _find_legend(place: Figure | Axes) -> Legend | None:
     """Return the legend of a figure or of axes; None without one."""
     if isinstance(place, Figure):
         return next(iter(place.legends), None)

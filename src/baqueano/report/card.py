@@ -19,7 +19,7 @@ from baqueano.messages import list_item, text, texts
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import percent_text, shown_unit
 from baqueano.messages.language import translate as _
-from baqueano.report.fit_report import row_of
+from baqueano.report.fit_report import parameter_row
 from baqueano.report.page import TONES, cell
 from baqueano.routes.examine import RouteReport
 from baqueano.runs import Run
@@ -65,9 +65,9 @@ class Card:
     lines: "Sequence[str]" = field(default=())
 
 
-def html_of(result: Tabular) -> str:
+def card_html(result: Tabular) -> str:
     """Return the card of a result as HTML without a script."""
-    card, details = card_of(result), html.escape(result.table())
+    card, details = make_card(result), html.escape(result.table())
     colour = COLOURS[TONES.get(card.verdict, "plain")]
     badge = f'<span class="verdict" style="background: {colour}">{html.escape(_(card.verdict))}</span>'
     paragraphs = "".join(f"<p>{html.escape(list_item(line.removeprefix('- ')))}</p>" for line in card.lines)
@@ -101,7 +101,7 @@ def _table(rows: "Sequence[TableRow]") -> str:
 
 
 @singledispatch
-def card_of(result: Tabular) -> Card:
+def make_card(result: Tabular) -> Card:
     """Return the card of a result: its name, its verdict and its main rows. By default the name is the result's type.
     The default rows are `rows()`, if they do not have too many columns.
     """
@@ -110,15 +110,18 @@ def card_of(result: Tabular) -> Card:
     return Card(type(result).__name__, str(getattr(result, "verdict", "")), table_rows)
 
 
-@card_of.register(Fit)
+@make_card.register(Fit)
 def _fit_card(result: Fit) -> Card:
     title = text(note("front.card-fit", vehicle=result.file.name, runs=result.runs))
     return Card(
-        title, result.verdict, [row_of(row) for row in result.rows()], verdict_lines(result)[:MAX_SENTENCES]
+        title,
+        result.verdict,
+        [parameter_row(row) for row in result.rows()],
+        verdict_lines(result)[:MAX_SENTENCES],
     )
 
 
-@card_of.register(Run)
+@make_card.register(Run)
 def _run_card(result: Run) -> Card:
     kind = result.metadata.get("kind", "run")
     title = text(note("front.card-run", run=result.name, kind=_(kind), duration_s=result.duration_s))
@@ -128,7 +131,7 @@ def _run_card(result: Run) -> Card:
     return Card(title, "", rows, events[:MAX_SENTENCES])
 
 
-@card_of.register(Comparison)
+@make_card.register(Comparison)
 def _comparison_card(result: Comparison) -> Card:
     rows = [
         {
@@ -147,7 +150,7 @@ def _comparison_card(result: Comparison) -> Card:
     )
 
 
-@card_of.register(TuneResult)
+@make_card.register(TuneResult)
 def _tune_card(result: TuneResult) -> Card:
     rows = [
         {"gain": gain.name, "value": gain.value, "unit": shown_unit(gain.unit), "in the file": gain.file_value,
@@ -159,7 +162,7 @@ def _tune_card(result: TuneResult) -> Card:
     return Card(title, result.verdict, rows, texts(result.reasons))
 
 
-@card_of.register(BlockCheck)
+@make_card.register(BlockCheck)
 def _check_card(result: BlockCheck) -> Card:
     title = text(note("front.card-check", block=result.block, role=_(result.role)))
     return Card(
@@ -170,40 +173,40 @@ def _check_card(result: BlockCheck) -> Card:
     )
 
 
-@card_of.register(Forecast)
+@make_card.register(Forecast)
 def _forecast_card(result: Forecast) -> Card:
     return Card(text(note("front.card-forecast")), "", (), result.sentences)
 
 
-@card_of.register(CorridorForecast)
+@make_card.register(CorridorForecast)
 def _corridor_card(result: CorridorForecast) -> Card:
     return Card(text(note("front.card-forecast")), result.verdict, (), result.table().splitlines())
 
 
-@card_of.register(Route)
+@make_card.register(Route)
 def _route_card(result: Route) -> Card:
     return Card(text(note("front.card-route")), "", (), (repr(result),))
 
 
-@card_of.register(RouteReport)
+@make_card.register(RouteReport)
 def _examined_route_card(result: RouteReport) -> Card:
     return Card(text(note("front.card-route")), result.verdict, (), result.table().splitlines())
 
 
-@card_of.register(TeachResult)
+@make_card.register(TeachResult)
 def _teach_card(result: TeachResult) -> Card:
-    run = card_of(result.run)
+    run = make_card(result.run)
     return Card(text(note("front.card-route")), "", run.rows, (repr(result.route), *run.lines))
 
 
-@card_of.register(VehicleFile)
+@make_card.register(VehicleFile)
 def _vehicle_card(result: VehicleFile) -> Card:
     return Card(text(note("front.card-vehicle", vehicle=result.name)), "", result.rows(), (repr(result),))
 
 
-@card_of.register(ImportedRun)
+@make_card.register(ImportedRun)
 def _import_card(result: ImportedRun) -> Card:
-    run = card_of(result.run)
+    run = make_card(result.run)
     return Card(
         run.title,
         result.verdict,
@@ -212,14 +215,14 @@ def _import_card(result: ImportedRun) -> Card:
     )
 
 
-@card_of.register(FirstDrive)
+@make_card.register(FirstDrive)
 def _first_drive_card(result: FirstDrive) -> Card:
     return Card(
         text(note("front.card-first-drive", run=result.run.name)), "", (), result.table().splitlines()
     )
 
 
-@card_of.register(Closure)
+@make_card.register(Closure)
 def _closure_card(result: Closure) -> Card:
     rows = [row for row in result.rows() if row["std"] == row["std"]]
     return Card(
@@ -227,7 +230,7 @@ def _closure_card(result: Closure) -> Card:
     )
 
 
-@card_of.register(Calibration)
+@make_card.register(Calibration)
 def _calibration_card(result: Calibration) -> Card:
     rows = [
         {"name": value.name, "value": value.value, "± 95 %": value.half_width, "unit": value.unit}
@@ -238,7 +241,7 @@ def _calibration_card(result: Calibration) -> Card:
     )
 
 
-@card_of.register(Validation)
+@make_card.register(Validation)
 def _validation_card(result: Validation) -> Card:
     rows = [
         {"run": figure.run, "channel": figure.channel, "error": figure.error, "unit": shown_unit(figure.unit),
@@ -248,7 +251,7 @@ def _validation_card(result: Validation) -> Card:
     return Card(text(note("front.card-validation")), result.verdict, rows, [result.sentence])
 
 
-@card_of.register(ParameterHistory)
+@make_card.register(ParameterHistory)
 def _history_card(result: ParameterHistory) -> Card:
     title = text(note("front.card-history", vehicle=result.last.file.name, runs=len(result.runs)))
     rows = [

@@ -3,7 +3,7 @@
 import numpy as np
 
 from baqueano.compare import Comparison, RunComparison
-from baqueano.compare.corridor import Corridor, corridor_of
+from baqueano.compare.corridor import Corridor, run_corridor
 from baqueano.compare.divergence import cut_at_divergence
 from baqueano.compare.errors import align_trajectory
 from baqueano.compare.filter_consistency import STATE_NAMES, FilterConsistency
@@ -77,7 +77,7 @@ def paths(run: Run, alignment: str = "none", second: Run | None = None) -> list[
     if run.truth is not None:
         lines["truth"] = run.truth.eta[np.isfinite(run.truth.eta[:, :2]).all(axis=1), :2]
     if run.estimate is not None:
-        eta, corridor = _aligned_path(run, alignment), corridor_of(run)
+        eta, corridor = _aligned_path(run, alignment), run_corridor(run)
         lines["estimate"] = eta[:, :2]
         if corridor is not None and len(corridor.t_s) > 1:
             last_index = len(corridor.t_s) - 1
@@ -123,11 +123,11 @@ def errors(run: Run, alignment: str = "none", second: Run | None = None) -> list
     """
     if run.estimate is None or run.truth is None or len(run.truth.t_ns) < 2:
         return []
-    t, error = _errors_against_truth(run, run, alignment)
+    t, error = _truth_errors(run, run, alignment)
     band = 2.0 * np.sqrt(np.maximum(np.einsum("kii->ki", run.estimate.cov[:, :4, :4]), 0.0))
     second_errors = {}
     if second is not None and second.estimate is not None:
-        second_errors[second.name] = _errors_against_truth(cut_at_divergence(second), run, alignment)
+        second_errors[second.name] = _truth_errors(cut_at_divergence(second), run, alignment)
     panels = []
     for k, label in enumerate(
         (_("x error [m]"), _("y error [m]"), _("heading error [°]"), _("ν_x error [m/s]"))
@@ -144,13 +144,13 @@ def errors(run: Run, alignment: str = "none", second: Run | None = None) -> list
     if not panels:
         return []
     drawing = draw(
-        figures.over_time(panels),
+        figures.draw_time_series(panels),
         _("Estimate minus truth; the band is the uncertainty that the filter reports."),
     )
     return [Section(_("Errors against the truth"), "", [drawing])]
 
 
-def _errors_against_truth(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarray]:
+def _truth_errors(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarray]:
     """Return times [s], and the errors (N, 4) of x, y, ψ, ν_x: estimate minus truth, with the heading wrapped."""
     log, truth = run.estimate, truth_of.truth
     assert log is not None
@@ -189,5 +189,5 @@ def consistency_sections(corridor: FilterConsistency, run: Run) -> list[Section]
         remark = _(
             "Innovations over time, in standard deviations: with a correct covariance 95 % are in the band."
         )
-        parts += [draw(figures.over_time(panels, height_in=1.4), remark)] if panels else []
+        parts += [draw(figures.draw_time_series(panels, height_in=1.4), remark)] if panels else []
     return [Section(_("Consistency of the filter"), corridor.sentence, parts)] if rows else []

@@ -233,7 +233,7 @@ def ellipse(centre: np.ndarray, cov: np.ndarray) -> np.ndarray:
 
 
 @with_style
-def over_time(
+def draw_time_series(
     curves: Sequence[tuple[str, dict[str, tuple[np.ndarray, np.ndarray]]]], height_in: float = 1.75
 ) -> "Figure":
     """Draw curves over time, a panel of `height_in` each: (label of the axis, {name of the curve: (t_s, y)}).

@@ -77,7 +77,7 @@ def fit_sections(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True
     """
     messages = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.always_unobservable, *fit.notes)
     items = [list_item(message) for message in texts(most_severe_first(messages))]
-    rows = [row_of(row) for row in fit.rows()]
+    rows = [parameter_row(row) for row in fit.rows()]
     if truth is not None:
         rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
     identifiable = np.isfinite(fit.std) & np.isfinite(fit.estimate)
@@ -99,7 +99,7 @@ def fit_sections(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True
             )
         )
     sections = [Section(_("Parameters"), "", parts, items), *_runs_section(fit)]
-    sections += [_run_section(fit, run) for run in _runs_to_draw(fit.channels)]
+    sections += [_run_section(fit, run) for run in _drawn_runs(fit.channels)]
     if identifiable.sum() > 1:
         matrix = fit.correlation[np.ix_(identifiable, identifiable)]
         messages = _(
@@ -110,7 +110,7 @@ def fit_sections(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True
     return sections
 
 
-def row_of(row: "TableRow") -> "JsonObject":
+def parameter_row(row: "TableRow") -> "JsonObject":
     """Return a parameter as a table row with its notes; the digits below its error are omitted."""
     std = row["std"]
     value = None if row["estimate"] is None else round_to_error(row["estimate"], std)
@@ -153,13 +153,13 @@ def _held_out_section(held_out: "Validation | None") -> list[Section]:
         return []
     caption = _("Sensors and model of a held-out run; the model uses only its commands.")
     drawings = []
-    for run in _runs_to_draw(held_out.channels):
-        drawing, channels_shown = draw_most_motion(_channels_of(held_out.channels, run))
+    for run in _drawn_runs(held_out.channels):
+        drawing, channels_shown = draw_most_motion(_run_channels(held_out.channels, run))
         drawings.append(draw(drawing, f"{run}, {channels_shown}. {caption}"))
     return [Section(_("Held-out runs"), held_out.sentence, [Table(held_out.rows()), *drawings])]
 
 
-def _channels_of(channels: Any, run: str) -> list[Any]:
+def _run_channels(channels: Any, run: str) -> list[Any]:
     """Return the channels of one run whose explained part is finite."""
     return [c for c in channels if c.run == run and np.isfinite(c.explained_fraction)]
 
@@ -176,7 +176,7 @@ def _lowest_explained(channels: Any) -> dict[str, float]:
 def _worst_channels(channels: object) -> list[Any]:
     """Return the channels of the run that the model explains worst; [] without runs."""
     lowest = _lowest_explained(channels)
-    return _channels_of(channels, min(lowest, key=lambda run: lowest[run])) if lowest else []
+    return _run_channels(channels, min(lowest, key=lambda run: lowest[run])) if lowest else []
 
 
 def _headline_channels(channels: list[Any]) -> list[Any]:
@@ -185,7 +185,7 @@ def _headline_channels(channels: list[Any]) -> list[Any]:
     return [channels[k] for k in sorted(worst_indices)]
 
 
-def _runs_to_draw(channels: object) -> list[str]:
+def _drawn_runs(channels: object) -> list[str]:
     """Return the runs to draw in their order: at most MAX_DRAWN_RUNS runs, those that the model explains worst."""
     lowest = _lowest_explained(channels)
     worst = sorted(lowest, key=lambda run: lowest[run])[:MAX_DRAWN_RUNS]
@@ -201,7 +201,7 @@ def _runs_section(fit: Fit) -> list[Section]:
     if len(fit.runs) < 2 or not worst:
         return []
     caption = _("The model explains {run} least of all runs.", run=worst[0].run)
-    run_names = _runs_to_draw(fit.channels)
+    run_names = _drawn_runs(fit.channels)
     if len(run_names) < len(fit.runs):
         caption += "\n" + _(
             "Of {runs} runs, the plot shows the {drawn} that the model explains least.",
@@ -212,7 +212,7 @@ def _runs_section(fit: Fit) -> list[Section]:
     for run in fit.runs:
         rows_ = {
             label(c): f"{number(c.sigma):.3g}, {percent_text(c.explained_fraction)}"
-            for c in _channels_of(fit.channels, run)
+            for c in _run_channels(fit.channels, run)
         }
         rows.append({"run": run} | {name: rows_.get(name) for name in names})
     headings = {name: name for name in ("run", *names)}
@@ -229,10 +229,10 @@ def _run_names(runs: Any) -> str:
 
 
 def _run_section(fit: Fit, run: str) -> Section:
-    channels = _channels_of(fit.channels, run)
+    channels = _run_channels(fit.channels, run)
     data_drawing, channels_shown = draw_most_motion(channels)
     residual = np.stack([c.residuals / c.sigma for c in channels], axis=1)
-    over_time = figures.over_time([
+    over_time = figures.draw_time_series([
         (label(c), {"±2σ": (c.t_s, np.full(len(c.t_s), 2.0)), "residual": (c.t_s, r)})
         for c, r in zip(channels, residual.T, strict=True)
     ], height_in=1.4)  # fmt: skip

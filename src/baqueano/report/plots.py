@@ -26,10 +26,10 @@ from baqueano.report.figures import MEASUREMENT, MODEL, REFERENCE, TRUTH
 from baqueano.report.fit_report import draw_most_motion, label
 from baqueano.report.libraries import draw_onto, panel, panels, set_log_scale, with_style
 from baqueano.report.page import Drawing, Table
-from baqueano.report.pages.at_rest import allan_curves, channels_by_sensor
-from baqueano.report.pages.parameter_drift import curves, parameters_with_curves
+from baqueano.report.pages.at_rest import allan_curves, sensor_channels
+from baqueano.report.pages.parameter_drift import curve_parameters, curves
 from baqueano.report.pages.route import plot_demand, plot_examined_route, plot_route
-from baqueano.report.run_report import commands_section, errors, paths, sensors_of, speed_drawing
+from baqueano.report.run_report import commands_section, errors, paths, sensor_drawing, speed_drawing
 from baqueano.routes.examine import RouteReport
 from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun
@@ -56,7 +56,7 @@ def plot(
 
     Raise UsageError for an unknown kind, or if the result does not contain the data.
     """
-    drawings = drawings_of(result)
+    drawings = make_drawings(result)
     name = type(result).__name__.lower()
     if kind and kind not in drawings:
         raise UsageError(
@@ -66,28 +66,28 @@ def plot(
         for draw in [drawings[kind]] if kind else drawings.values():
             figure = draw()
             if figure is not None:
-                from baqueano.report.canvas import at_width
+                from baqueano.report.canvas import resize_figure
 
-                return at_width(figure, width)
+                return resize_figure(figure, width)
     if kind:
         raise UsageError(fault("front.no-data", result=name, value=kind, kinds=[*drawings]))
     raise UsageError(fault("front.nothing-to-draw", result=name))
 
 
 @singledispatch
-def drawings_of(result: Tabular) -> dict[str, Draw]:
+def make_drawings(result: Tabular) -> dict[str, Draw]:
     """Return the drawings of a result by name, the most informative drawing first."""
     return {}
 
 
-@drawings_of.register(Run)
+@make_drawings.register(Run)
 def _run_drawings(result: Run) -> dict[str, Draw]:
     makers: dict[str, Callable[[], Sequence[Table | Drawing | None]]] = {
         "path": lambda: paths(result),
         "errors": lambda: [part for section in errors(result) for part in section.parts],
         "speed": lambda: [speed_drawing(result)],
         "commands": lambda: commands_section(result).parts,
-        "sensors": lambda: [sensors_of(result)] if result.sensors else [],
+        "sensors": lambda: [sensor_drawing(result)] if result.sensors else [],
     }
     return {name: partial(_first_figure, draw) for name, draw in makers.items()}
 
@@ -96,7 +96,7 @@ def _first_figure(draw: Callable[[], Sequence[Table | Drawing | None]]) -> "Figu
     return next((part.figure for part in draw() if isinstance(part, Drawing)), None)
 
 
-@drawings_of.register(Fit)
+@make_drawings.register(Fit)
 def _fit_drawings(result: Fit) -> dict[str, Draw]:
     identifiable = np.isfinite(result.std) & np.isfinite(result.estimate)
     names = [
@@ -133,7 +133,7 @@ def _channel_drawings(channels: "Sequence[ChannelFit]") -> dict[str, Draw]:
     }
 
 
-@drawings_of.register(Validation)
+@make_drawings.register(Validation)
 def _validation_drawings(result: Validation) -> dict[str, Draw]:
     finite = [channel for channel in result.channels if np.isfinite(channel.explained_fraction)]
     return (
@@ -141,21 +141,19 @@ def _validation_drawings(result: Validation) -> dict[str, Draw]:
     )
 
 
-@drawings_of.register(TeachResult)
-@drawings_of.register(ImportedRun)
-@drawings_of.register(FirstDrive)
-def _drawings_about_run(result: TeachResult | ImportedRun | FirstDrive) -> dict[str, Draw]:
+@make_drawings.register(TeachResult)
+@make_drawings.register(ImportedRun)
+@make_drawings.register(FirstDrive)
+def _replay_drawings(result: TeachResult | ImportedRun | FirstDrive) -> dict[str, Draw]:
     return _run_drawings(result.run)
 
 
-@drawings_of.register(RestMeasurement)
+@make_drawings.register(RestMeasurement)
 def _rest_drawings(result: RestMeasurement) -> dict[str, Draw]:
-    return {
-        sensor: partial(allan_curves, channels) for sensor, channels in channels_by_sensor(result).items()
-    }
+    return {sensor: partial(allan_curves, channels) for sensor, channels in sensor_channels(result).items()}
 
 
-@drawings_of.register(Calibration)
+@make_drawings.register(Calibration)
 def _calibration_drawings(result: Calibration) -> dict[str, Draw]:
     finite = [value for value in result.numbers if np.isfinite(value.half_width) and value.value != 0.0]
     values, half_width = (
@@ -165,19 +163,19 @@ def _calibration_drawings(result: Calibration) -> dict[str, Draw]:
     return {"estimates": lambda: figures.estimates(names, values, half_width / 1.96)} if finite else {}
 
 
-@drawings_of.register(Closure)
+@make_drawings.register(Closure)
 def _closure_drawings(result: Closure) -> dict[str, Draw]:
     names, scale, std = [f"{result.gyro}.gyro_scale"], np.array([result.scale]), np.array([result.std])
     return {"estimates": lambda: figures.estimates(names, scale, std)}
 
 
-@drawings_of.register(ParameterHistory)
+@make_drawings.register(ParameterHistory)
 def _history_drawings(result: ParameterHistory) -> dict[str, Draw]:
-    entries = parameters_with_curves(result)
+    entries = curve_parameters(result)
     return {"parameters": lambda: curves(result, entries)} if entries else {}
 
 
-@drawings_of.register(CorridorForecast)
+@make_drawings.register(CorridorForecast)
 def _corridor_drawings(result: CorridorForecast) -> dict[str, Draw]:
     return {
         "path": partial(_first_figure, lambda: paths(result.run)),
@@ -192,7 +190,7 @@ def plot_comparison(result: Comparison) -> "Figure | None":
     Return None without any of these figures.
     """
     runs = result.runs
-    if not np.isfinite([_errors_of(run) for run in runs]).any():
+    if not np.isfinite([_run_errors(run) for run in runs]).any():
         return None
     figure, axes = panels(2, 1, (7.2, 0.7 * len(runs) + 2.6))
     upper, lower = axes[:, 0]
@@ -226,7 +224,7 @@ def plot_comparison(result: Comparison) -> "Figure | None":
     return figure
 
 
-def _errors_of(run: RunComparison) -> list[float]:
+def _run_errors(run: RunComparison) -> list[float]:
     """Return the figures of a run that `plot_comparison` draws."""
     means = [run.consistency.nees_velocity.mean, run.consistency.nis.mean]
     return [run.across_true.rms_m, run.across_estimate.rms_m, run.ate_m, *means]
@@ -345,6 +343,6 @@ PLOTS: dict[type, dict[str, Callable[..., "Figure | None"]]] = {  # of results t
     Ensemble: {"path": plot_ensemble},
 }
 for _kind, _plots in PLOTS.items():
-    drawings_of.register(
+    make_drawings.register(
         _kind, lambda result, plots=_plots: {name: partial(plot, result) for name, plot in plots.items()}
     )

@@ -48,7 +48,7 @@ def run_page(run: Run, alignment: str = "none", second: Run | None = None) -> Pa
     sections += errors(run, alignment, second)
     sections += consistency_sections(run_figures.consistency, run)
     sections += refused_section(run_figures.refusals)
-    sections += [Section(_("Measurements"), "", [sensors_of(run)])] if run.sensors else []
+    sections += [Section(_("Measurements"), "", [sensor_drawing(run)])] if run.sensors else []
     sections.append(Section(_("Content of the run"), "", [contents_table(run), *_events_table(run)]))
     kind = run.metadata.get("kind", "run")
     return Page(
@@ -130,7 +130,7 @@ def refused_section(counts: tuple[Rejections, ...]) -> list[Section]:
     return [Section(_("Rejected readings"), caption, [Table(rows)])] if rows else []
 
 
-def sensors_of(run: Run) -> Drawing:
+def sensor_drawing(run: Run) -> Drawing:
     """Return the drawing of the readings of the sensors, a panel per channel."""
     panels = []
     for name, channel in run.sensors.items():
@@ -138,7 +138,7 @@ def sensors_of(run: Run) -> Drawing:
         for k in range(channel.z.shape[1]):
             label = IMU[k] if name == "imu" and channel.z.shape[1] == 3 else f"{name}[{k}]"
             panels.append((label, {"measured": (t, channel.z[:, k])}))
-    return draw(figures.over_time(panels), _("Measurements of the sensors."))
+    return draw(figures.draw_time_series(panels), _("Measurements of the sensors."))
 
 
 def driving_sections(run: Run, row: dict) -> list[Section]:
@@ -157,7 +157,8 @@ def speed_drawing(run: Run) -> Drawing | None:
     if not curves:
         return None
     return draw(
-        figures.over_time([(_("forward speed [m/s]"), curves)], height_in=2.6), _("Speed during the run.")
+        figures.draw_time_series([(_("forward speed [m/s]"), curves)], height_in=2.6),
+        _("Speed during the run."),
     )
 
 
@@ -211,7 +212,7 @@ def commands_section(run: Run) -> Section:
             _("at its limit [% of ticks]"): 100.0 * float(np.mean(is_at_limit)) if np.isfinite(limit) else None,
         })  # fmt: skip
     drawing = draw(
-        figures.over_time(panels),
+        figures.draw_time_series(panels),
         _("The command as requested, as applied, and as sent to each wheel; red: at its limit or beyond."),
     )
     return Section(_("Commands"), "", [drawing, Table(rows)])
@@ -219,7 +220,7 @@ def commands_section(run: Run) -> Section:
 
 def _command_curves(run: Run) -> list[_CommandCurve]:
     """Return the curves of the commands that this vehicle uses, then the curves of its two wheels."""
-    limits, (names, unit) = evenness.limits_of(run.vehicle_text), _command_names(run)
+    limits, (names, unit) = evenness.read_limits(run.vehicle_text), _command_names(run)
     commands_sent = run.applied_commands if run.sent_commands is None else run.sent_commands
     n = commands_sent.shape[1]
     if limits is None or len(limits.command) != n:

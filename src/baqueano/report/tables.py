@@ -82,7 +82,7 @@ def _booktabs(
 
 def _parameter_cells(row: "TableRow", blocks: object) -> list[str]:
     value, std = row["estimate"], row["std"]
-    cells = (r"\multicolumn{2}{c}{not identifiable}",) if value is None else with_error(value, std)
+    cells = (r"\multicolumn{2}{c}{not identifiable}",) if value is None else format_estimate(value, std)
     return [symbol(row["name"], blocks), *cells, _unit(row["unit"])]
 
 
@@ -112,16 +112,16 @@ def symbol(path: str, blocks: object = None) -> str:
     if not isinstance(p.symbol, str):
         return f"${p.symbol[index[0] if index else 0]}$"
     if p.axes and len(index) == 1:
-        return _under(p.symbol, AXIS_SYMBOLS[index[0]])
-    return _under(p.symbol, "".join(str(i + 1) for i in index)) if index else f"${p.symbol}$"
+        return _subscript(p.symbol, AXIS_SYMBOLS[index[0]])
+    return _subscript(p.symbol, "".join(str(i + 1) for i in index)) if index else f"${p.symbol}$"
 
 
-def _under(letter: str, index: str) -> str:
+def _subscript(letter: str, index: str) -> str:
     """Return the symbol `letter` with `index` added to its subscript."""
     return f"${letter[:-1]},{index}}}$" if letter.endswith("}") else f"${letter}_{{{index}}}$"
 
 
-def with_error(value: float, std: float | None) -> tuple[str, str]:
+def format_estimate(value: float, std: float | None) -> tuple[str, str]:
     """Return a value and its standard error, to two digits of the error."""
     if std is None or not np.isfinite(std) or std <= 0.0:
         return f"${value:.5g}$", "--"
@@ -131,7 +131,7 @@ def with_error(value: float, std: float | None) -> tuple[str, str]:
     return f"${value:.{digits}f}$", f"${std:.{digits}f}$"
 
 
-def suffix_of(path: Path, decimal: str = ".") -> str:
+def table_suffix(path: Path, decimal: str = ".") -> str:
     """Return ".csv" or ".tex". Raise UsageError for another file extension or another decimal sign."""
     if path.suffix not in (".csv", ".tex"):
         raise UsageError(fault("report.table-ending", f"--table {path.stem}.csv", value=path))
@@ -147,7 +147,7 @@ def save_table(
     complete. Raise UsageError for another file extension or another decimal sign.
     """
     path = Path(path)
-    is_csv = suffix_of(path, decimal) == ".csv"
+    is_csv = table_suffix(path, decimal) == ".csv"
     return replace_file(path, csv_text(rows, decimal) if is_csv else latex_text(rows, caption, blocks))
 
 

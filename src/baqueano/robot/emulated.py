@@ -47,7 +47,7 @@ def emulate_vehicle(
     if lacking := rig.missing():
         raise UsageError(fault("emulated.no-packages", f"sudo apt-get install {' '.join(lacking)}"))
     robot = importlib.import_module("tests.emulated.robot")
-    world, _ = robot.world_of(rig.build(user_cache() / "emulated"), vehicle_file, truth, seed)
+    world, _ = robot.make_world(rig.build(user_cache() / "emulated"), vehicle_file, truth, seed)
     try:
         yield lambda: {"world": world, "tick_times_ns": world.ticks(vehicle_file.rate_hz)}
     finally:

@@ -41,7 +41,7 @@ class Capability:
 
     def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
         is_active = vehicle_file.command.limit > 0.0
-        B = _rest_motion_by_effort(vehicle_file.vehicle)[:, is_active]
+        B = _rest_effort_gain(vehicle_file.vehicle)[:, is_active]
         self.moves_sideways = bool(np.linalg.matrix_rank(B) > np.linalg.matrix_rank(B[::2]))
         self._can_turn = _can_turn(vehicle_file.vehicle)
         self._share = scan(
@@ -50,9 +50,9 @@ class Capability:
 
     def share(self, v: Value, r: Value, v_dot: Value = 0.0, r_dot: Value = 0.0) -> np.ndarray:
         """Return the share (…,) of the command for each motion: v [m/s], r [rad/s], v̇ [m/s²], ṙ [rad/s²]."""
-        return self._share_with_turn(v, r, v_dot, r_dot if self._can_turn else 0.0)
+        return self._turning_share(v, r, v_dot, r_dot if self._can_turn else 0.0)
 
-    def _share_with_turn(self, v: Value, r: Value, v_dot: Value, r_dot: Value) -> np.ndarray:
+    def _turning_share(self, v: Value, r: Value, v_dot: Value, r_dot: Value) -> np.ndarray:
         """Return the share (…,) of the command, with ṙ also for a vehicle that cannot turn at rest."""
         rows = np.stack(np.broadcast_arrays(v, r, v_dot, r_dot), axis=-1).astype(float)
         _, share = self._share.run(rows.reshape(-1, 4))
@@ -66,7 +66,7 @@ class Capability:
     def fastest_turn_change(self, v: np.ndarray, r: np.ndarray) -> np.ndarray:
         """Return the largest ṙ (m,) [rad/s²], at most MAX_TURN_CHANGE_RAD_S2, at the motions `v`, `r` (m,)."""
         high = np.full(np.shape(v), MAX_TURN_CHANGE_RAD_S2)
-        return largest_allowed(lambda r_dot: self._share_with_turn(v, r, 0.0, r_dot) <= 1.0, high)
+        return largest_allowed(lambda r_dot: self._turning_share(v, r, 0.0, r_dot) <= 1.0, high)
 
     def largest_curvature(self, high: np.ndarray) -> np.ndarray:
         """Return the largest curvature (m,) [1/m], at most `high` (m,), that the vehicle can drive at SLOW_M_S.
@@ -103,14 +103,14 @@ def _motion(vehicle: Tree, nu: np.ndarray, effort: np.ndarray) -> np.ndarray:
     return motion
 
 
-def _rest_motion_by_effort(vehicle: Tree) -> np.ndarray:
+def _rest_effort_gain(vehicle: Tree) -> np.ndarray:
     """Return the derivatives (3, n) of the motion by the effort, for a vehicle at rest without effort."""
     return jacobian(lambda effort: _motion(vehicle, np.zeros(3), effort))(np.zeros(vehicle.commands))
 
 
 def _can_turn(vehicle: Tree) -> bool:
     """Return True for a vehicle that can turn at rest."""
-    return bool(np.any(np.abs(_rest_motion_by_effort(vehicle)[2]) > MIN_EFFECT))
+    return bool(np.any(np.abs(_rest_effort_gain(vehicle)[2]) > MIN_EFFECT))
 
 
 def _share_step(vehicle: Tree, limit: np.ndarray) -> Callable[[float, np.ndarray], tuple[float, Value]]:
@@ -118,7 +118,7 @@ def _share_step(vehicle: Tree, limit: np.ndarray) -> Callable[[float, np.ndarray
     commands, drivetrain = vehicle.commands, vehicle.drivetrain
     is_dynamic = optional.is_dynamic(vehicle)
 
-    def motion_of(nu: np.ndarray, effort: np.ndarray) -> np.ndarray:
+    def acceleration(nu: np.ndarray, effort: np.ndarray) -> np.ndarray:
         return _motion(vehicle, nu, effort)[::2]
 
     is_active, wheels = limit > 0.0, np.broadcast_to(drivetrain.limit, (drivetrain.channels,))
@@ -129,8 +129,8 @@ def _share_step(vehicle: Tree, limit: np.ndarray) -> Callable[[float, np.ndarray
         target = np.array([v_dot, r_dot]) if is_dynamic else np.array([v, r])
         effort, B = np.zeros(commands), np.zeros((2, commands))
         for _ in range(NEWTON_STEPS):
-            B = jacobian(lambda effort: motion_of(nu, effort))(effort) * is_active
-            remainder = target - motion_of(nu, effort)
+            B = jacobian(lambda effort: acceleration(nu, effort))(effort) * is_active
+            remainder = target - acceleration(nu, effort)
             effort = effort + B.T @ np.linalg.solve(B @ B.T + NEWTON_DAMPING * np.eye(2), remainder)
         u = drivetrain.inverse(effort)
         share = np.max(np.abs(u[is_active]) / limit[is_active]) if np.any(is_active) else 0.0

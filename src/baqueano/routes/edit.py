@@ -10,7 +10,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
-from baqueano.guides.route import Route, from_start, move_route
+from baqueano.guides.route import Route, move_route, relative_poses
 from baqueano.messages.printable import baqueano_command
 from baqueano.routes.path import MAX_END_GAP_M, MAX_END_GAP_RAD, NAME_PLACEHOLDER, distances_along
 
@@ -87,7 +87,7 @@ def join(first: Route, second: Route) -> Route:
                 second_m_s=float(second.nu[0, 0]),
             )
         )
-    shifted_route = move_route(second._replace(eta=from_start(second.eta)), first.eta[-1])
+    shifted_route = move_route(second._replace(eta=relative_poses(second.eta)), first.eta[-1])
     eta = np.concatenate([first.eta, shifted_route.eta[1:]])
     t_s = np.concatenate([first.t_s, first.t_s[-1] + second.t_s[1:]])
     nu = np.concatenate([first.nu, second.nu[1:]])

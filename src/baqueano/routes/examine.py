@@ -23,11 +23,11 @@ from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
-from baqueano.guides.route import Route, from_start, move_route
+from baqueano.guides.route import Route, move_route, relative_poses
 from baqueano.messages import verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
-from baqueano.messages.printable import baqueano_command, in_lines
+from baqueano.messages.printable import baqueano_command, join_rows
 from baqueano.routes.capability import MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S, Capability
 from baqueano.routes.gaps import route_gaps
 from baqueano.routes.noise import position_noise
@@ -114,7 +114,7 @@ class RouteReport(Result):
     @property
     def placed_route(self) -> Route:
         """Return the route from the middle of the room, or at its place in the map without a room."""
-        return self.route if self.room is None else _in_room(self.route, self.room)
+        return self.route if self.room is None else _place_route(self.route, self.room)
 
     @property
     def verdict(self) -> Verdict:
@@ -157,7 +157,7 @@ class RouteReport(Result):
             )
         if self.clearance_m >= 0.0:  # beyond a wall, a finding states the place
             lines.append(_("stays {m:.2f} m from the walls", m=self.clearance_m))
-        return in_lines([*lines, verdict_line(self.verdict, self.findings)])
+        return join_rows([*lines, verdict_line(self.verdict, self.findings)])
 
     def demand(self) -> Demand:
         """Return the motion along the route, and the part of the command that it needs."""
@@ -241,7 +241,7 @@ def examine(
     findings = [*findings, *_noise_findings(route)]
     clearance_m = float("nan")
     if walls is not None and np.isfinite(s[-1]):
-        xy = _in_room(route, walls).eta[:, :2]
+        xy = _place_route(route, walls).eta[:, :2]
         distances = np.min(walls.free_half_width_m - np.abs(xy), axis=1)
         clearance_m, index = float(np.min(distances)), int(np.argmin(distances))
         if clearance_m < 0.0:
@@ -249,7 +249,7 @@ def examine(
                 *findings,
                 fault(
                     "route.through-wall",
-                    baqueano_command("route", "scale", NAME_PLACEHOLDER, f"{_scale_into(xy, walls):.2f}"),
+                    baqueano_command("route", "scale", NAME_PLACEHOLDER, f"{_room_scale(xy, walls):.2f}"),
                     position_m=float(s[index]),
                     excess_m=-clearance_m,
                 ),
@@ -261,7 +261,7 @@ def examine(
     )  # fmt: skip
 
 
-def _scale_into(xy: np.ndarray, room: Room) -> float:
+def _room_scale(xy: np.ndarray, room: Room) -> float:
     """Return the largest factor of hundredths, at least MIN_SCALE, with which the path (m, 2) stays in the room."""
     offset = xy - xy[0]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -269,8 +269,8 @@ def _scale_into(xy: np.ndarray, room: Room) -> float:
     return max(float(np.floor(100.0 * np.nanmin(factors) - 1e-6)) / 100.0, MIN_SCALE)
 
 
-def _in_room(route: Route, room: Room) -> Route:
-    return move_route(route._replace(eta=from_start(route.eta)), np.array(room.start))
+def _place_route(route: Route, room: Room) -> Route:
+    return move_route(route._replace(eta=relative_poses(route.eta)), np.array(room.start))
 
 
 def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tuple[float, list[Diagnostic]]:
@@ -278,7 +278,7 @@ def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tupl
     at_m, v, r, steady_share, lasting_share = _demand(route, s, capability)
     t_s = _times(route)
     share, advice = float(np.max(lasting_share)), baqueano_command("route", "faster", NAME_PLACEHOLDER)
-    is_too_fast = bool(np.any(_least_over(steady_share, t_s) > MAX_SHARE))
+    is_too_fast = bool(np.any(_sliding_minimum(steady_share, t_s) > MAX_SHARE))
     if not is_too_fast and share <= MAX_SHARE:
         return share, []
     k = int(np.argmax(steady_share if is_too_fast else lasting_share))
@@ -328,7 +328,7 @@ def _motion_findings(route: Route, s: np.ndarray, reach: float) -> list[Diagnost
         ("route.sideways", sideways, nu_y, ("import", file, name)),
         ("route.otherwise", speed_excess, nu_x, ("faster", NAME_PLACEHOLDER, "--speed", usual_speed)),
     ):
-        least_excess = _least_over(excess, t_s, MIN_SIDEWAYS_S)
+        least_excess = _sliding_minimum(excess, t_s, MIN_SIDEWAYS_S)
         k = int(np.argmax(least_excess))
         if least_excess[k] > MIN_SIDEWAYS_M_S:
             at_m, fix = float(np.interp(t_s[k], route.t_s, s)), baqueano_command("route", *advice)
@@ -343,7 +343,9 @@ def _demand(route: Route, s: np.ndarray, capability: Capability | None) -> Deman
     steady_share = lasting_share = np.full(len(t_s), np.nan)
     if capability is not None:
         steady_share = capability.share(v, r)
-        lasting_share = _least_over(capability.share(v, r, np.gradient(v, t_s), np.gradient(r, t_s)), t_s)
+        lasting_share = _sliding_minimum(
+            capability.share(v, r, np.gradient(v, t_s), np.gradient(r, t_s)), t_s
+        )
     return Demand(np.interp(t_s, route.t_s, s), v, r, steady_share, lasting_share)
 
 
@@ -355,17 +357,17 @@ def _times(route: Route) -> np.ndarray:
 
 def _moving_mean(t_s: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return the moving mean (m,) of x (m,) over MEAN_WINDOW_S."""
-    n = _count_in(MEAN_WINDOW_S, t_s)
+    n = _span_count(MEAN_WINDOW_S, t_s)
     return np.convolve(np.pad(x, (n // 2, n - 1 - n // 2), mode="edge"), np.ones(n) / n, mode="valid")
 
 
-def _least_over(x: np.ndarray, t_s: np.ndarray, span_s: float = MIN_LACK_S) -> np.ndarray:
+def _sliding_minimum(x: np.ndarray, t_s: np.ndarray, span_s: float = MIN_LACK_S) -> np.ndarray:
     """Return the least x (m,) in the `span_s` after each time: the value that lasts at least `span_s`."""
-    n = _count_in(span_s, t_s)
+    n = _span_count(span_s, t_s)
     padded_x = np.pad(x, (0, n - 1), mode="edge")
     return np.min(np.lib.stride_tricks.sliding_window_view(padded_x, n), axis=1)
 
 
-def _count_in(span_s: float, t_s: np.ndarray) -> int:
+def _span_count(span_s: float, t_s: np.ndarray) -> int:
     """Return the number of the equidistant times (m,) in a span, from 1 to m."""
     return max(1, round(min(span_s / (t_s[1] - t_s[0]), len(t_s))))

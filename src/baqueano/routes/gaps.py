@@ -50,12 +50,12 @@ def route_gaps(route: Route, s: np.ndarray) -> list[Diagnostic]:
     speed = np.maximum(np.abs(route.nu[1:, 0]), np.abs(route.nu[:-1, 0]))
     is_jump = step > MAX_JUMP_M + 2.0 * speed * dt_s  # (1)
     if is_jump.any():
-        return [_finding_at("route.jump", route, s, is_jump)]
+        return [_gap_finding("route.jump", route, s, is_jump)]
     turn = np.abs(wrap(np.diff(route.eta[:, 2])))
     yaw_rate = np.maximum(np.abs(route.nu[1:, 2]), np.abs(route.nu[:-1, 2]))
     is_sudden = turn > MAX_TURN_RAD + 2.0 * yaw_rate * dt_s  # (3)
     if is_sudden.any():
-        return [_finding_at("route.sudden-turn", route, s, is_sudden)]
+        return [_gap_finding("route.sudden-turn", route, s, is_sudden)]
     is_moving = step > 0.1 * STEP_M
     if not is_moving.any():
         return []
@@ -63,10 +63,10 @@ def route_gaps(route: Route, s: np.ndarray) -> list[Diagnostic]:
     long_m = max(GAP_FACTOR * np.median(step[is_moving]), MIN_GAP_M)
     is_gap = (dt_s > long_s) & (step > long_m)  # (2)
     is_gap |= 0.5 * step * np.tan(0.25 * turn) > MAX_CORNER_OFFSET_M  # (4)
-    return [_finding_at("route.gap", route, s, is_gap)] if is_gap.any() else []
+    return [_gap_finding("route.gap", route, s, is_gap)] if is_gap.any() else []
 
 
-def _finding_at(code: str, route: Route, s: np.ndarray, mask: np.ndarray) -> Diagnostic:
+def _gap_finding(code: str, route: Route, s: np.ndarray, mask: np.ndarray) -> Diagnostic:
     """Return a finding with the place of the first True entry of the mask (m − 1,), and the number of such entries."""
     k = int(np.argmax(mask))
     figures = {"count": int(mask.sum()), "position_m": float(s[k]), "t_s": float(route.t_s[k])}

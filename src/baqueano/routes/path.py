@@ -114,7 +114,7 @@ def route_along(path: RoutePath, speed: np.ndarray, forward_sign: float, *, clos
     return Route(t_s, np.column_stack([path.xy, psi]), nu, closed)
 
 
-def path_of(route: Route) -> RoutePath:
+def route_path(route: Route) -> RoutePath:
     """Return the path of a route as it was taught; the curvature is computed from the headings.  (1)"""
     indices = moving_indices(route)
     xy = route.eta[indices, :2]

@@ -20,7 +20,7 @@ from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.messages.printable import baqueano_command
 from baqueano.routes.capability import MAX_SPEED_M_S, Capability, largest_allowed
-from baqueano.routes.path import GRID_M, NAME_PLACEHOLDER, RoutePath, direction, path_of, route_along
+from baqueano.routes.path import GRID_M, NAME_PLACEHOLDER, RoutePath, direction, route_along, route_path
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -60,7 +60,7 @@ def at_speed(route: Route, speed_m_s: float) -> Route:
     """
     if not (np.isfinite(speed_m_s) and speed_m_s > 0.0):
         raise UsageError(fault("route.speed", value=speed_m_s))
-    path = path_of(route)
+    path = route_path(route)
     return route_along(path, np.full(len(path.s), float(speed_m_s)), direction(route), closed=route.closed)
 
 
@@ -118,7 +118,7 @@ def fastest(
             raise UsageError(fault("route.limit", name=name, value=value))
     if not speed_m_s > MIN_SPEED_M_S:
         raise UsageError(fault("route.speed", value=speed_m_s))
-    path, forward_sign = _resample(path_of(route)), direction(route)
+    path, forward_sign = _resample(route_path(route)), direction(route)
     capability = Capability(vehicle_file, backend)
     curvature = np.abs(path.kappa)
     high = np.minimum(speed_m_s, np.sqrt(lateral_m_s2 / np.maximum(curvature, 1e-9)))

@@ -25,8 +25,8 @@ from baqueano.routes.path import (
     direction,
     distances_along,
     moving_indices,
-    path_of,
     route_along,
+    route_path,
 )
 
 MIN_TOLERANCE_M, MAX_TOLERANCE_M = 1e-4, 0.5  # range of a tolerance
@@ -91,7 +91,7 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
     is_closed = route.closed or ends_meet(route)
     s = distances_along(route.eta[indices, :2])
     spectrum, cut_rad_m, s = _spectrum_and_cutoff(route.eta[indices, :2], s, is_closed, tolerance_m, kind)
-    slip = np.broadcast_to(path_of(route).slip, s.shape)
+    slip = np.broadcast_to(route_path(route).slip, s.shape)
     slip_spectrum = _spectrum(np.column_stack([slip, np.zeros(len(s))]), s, is_closed)
     path = _path(spectrum, slip_spectrum, cut_rad_m)
     speed = np.maximum(speed, MIN_SPEED_SHARE * median_speed)

@@ -79,7 +79,7 @@ def columns_of(run: Run) -> Iterator[tuple[str, np.ndarray]]:
     for stage, values in run.commands.items():
         yield from ((f"{stage}.{name}", values[:, i]) for i, name in enumerate(names))
     for name, channel in run.sensors.items():
-        rows = newest_at_ticks(
+        rows = newest_tick_rows(
             t_ns, channel.arrival_ns, np.column_stack([channel.z, seconds(channel.t_ns, run.start_ns)])
         )
         for i in range(channel.z.shape[1]):
@@ -92,16 +92,16 @@ def columns_of(run: Run) -> Iterator[tuple[str, np.ndarray]]:
         log = getattr(run, stage)
         if log is not None:
             for column_kind, values in zip(kinds, log[1:], strict=False):
-                rows = newest_at_ticks(t_ns, log.t_ns, values)
+                rows = newest_tick_rows(t_ns, log.t_ns, values)
                 yield from ((f"{stage}.{name}", rows[:, i]) for i, name in enumerate(column_kind))
     if run.estimate is not None:
-        rows = newest_at_ticks(t_ns, run.estimate.t_ns, run.estimate.cov.reshape(-1, 36))
+        rows = newest_tick_rows(t_ns, run.estimate.t_ns, run.estimate.cov.reshape(-1, 36))
         for i, name in enumerate(POSE_COLUMNS + VELOCITY_COLUMNS):
             variance = rows[:, 7 * i]
             yield f"estimate.std_{name}", np.sqrt(np.where(variance >= 0.0, variance, np.nan))
 
 
-def newest_at_ticks(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
+def newest_tick_rows(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return, for each tick, the newest row of `values` (M, m) since the previous tick: (N, m), NaN without a row."""
     newest_rows = np.searchsorted(times, t_ns, side="right") - 1
     is_new = np.diff(newest_rows, prepend=-1) > 0

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.estimators.pauses import rows_of_ticks
+from baqueano.estimators.pauses import split_ticks
 from baqueano.runs.run import Run, age_s
 from baqueano.signals import Slot, Tick, sensor_slots
 
@@ -16,7 +16,7 @@ def example_filter_tick(ekf: Tree) -> Tick:
     return Tick(1, np.zeros(ekf.vehicle.commands), sensor_slots(tuple(slots))(**slots))
 
 
-def ticks_of(run: Run, ekf: Tree, max_ticks: int) -> Any:
+def make_ticks(run: Run, ekf: Tree, max_ticks: int) -> Any:
     """Return the first `max_ticks` ticks of the run as one tree with a leading axis. Pauses are split into rows without
     measurements."""
     t_ns = run.t_ns[:max_ticks]
@@ -33,4 +33,4 @@ def ticks_of(run: Run, ekf: Tree, max_ticks: int) -> Any:
     u = np.where(np.isfinite(run.applied_commands[:max_ticks]), run.applied_commands[:max_ticks], 0.0)
     rows: Any = {name: Slot(*slot) for name, slot in slots.items()}
     columns: Tree = (t_ns, u, sensor_slots(tuple(rows))(**rows))
-    return rows_of_ticks(Tick(*columns), ekf.rate_hz)[0]
+    return split_ticks(Tick(*columns), ekf.rate_hz)[0]

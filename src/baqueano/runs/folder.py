@@ -17,7 +17,7 @@ from baqueano.errors import BaqueanoError, FileError, UsageError
 from baqueano.messages import text
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
-from baqueano.messages.printable import baqueano_command, in_lines
+from baqueano.messages.printable import baqueano_command, join_rows
 from baqueano.messages.text_table import text_table
 from baqueano.runs.container.reader import read_run
 
@@ -218,7 +218,7 @@ def listing_table(rows: list[ListedRun]) -> str:
     ]
     last = max((k for line in lines for k, entry in enumerate(line) if entry), default=len(head) - 1) + 1
     # no empty last column
-    return in_lines(text_table("<" * last, head[:last], *(line[:last] for line in lines)))
+    return join_rows(text_table("<" * last, head[:last], *(line[:last] for line in lines)))
 
 
 def listing_rows(rows: list[ListedRun]) -> list["TableRow"]:

@@ -38,7 +38,7 @@ def initial_pose(run: Run) -> np.ndarray:
         return np.zeros(3)
     eta = _pose(first, truth)
     if np.isfinite(truth.nu).all():
-        nu = _interpolate_rows_at_time(first, truth.t_ns, truth.nu)
+        nu = _interpolate_instant(first, truth.t_ns, truth.nu)
         first_nu = truth.nu[(truth.t_ns >= first) & (truth.t_ns <= first + START_SPAN_S * NANOSECONDS)]
         is_starting = np.abs(nu) < START_SPEED_SHARE * np.max(np.abs(first_nu), axis=0, initial=0.0)
         return np.concatenate([eta, np.where(np.all(is_starting | (nu == 0.0)), 0.0, nu)])  # (2)
@@ -72,11 +72,11 @@ def _pose(t_ns: int, truth: TruthLog) -> np.ndarray:
     """Return the pose η (3,) of the truth at one time, interpolated between two samples."""
     unwrapped_eta = truth.eta.copy()
     unwrapped_eta[:, 2] = np.unwrap(unwrapped_eta[:, 2])
-    x, y, psi = _interpolate_rows_at_time(t_ns, truth.t_ns, unwrapped_eta)
+    x, y, psi = _interpolate_instant(t_ns, truth.t_ns, unwrapped_eta)
     return np.array([x, y, wrap(psi)])
 
 
-def _interpolate_rows_at_time(t_ns: int, sample_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def _interpolate_instant(t_ns: int, sample_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Return `rows` (K, 3), sampled at the times `sample_ns` (K,), interpolated at one time: (3,)."""
     since_first_ns = sample_ns - sample_ns[0]  # small enough for a float to hold it exactly
     return np.array([np.interp(t_ns - sample_ns[0], since_first_ns, column) for column in rows.T])

@@ -7,7 +7,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic
 from baqueano.loop import Record
-from baqueano.messages import in_english
+from baqueano.messages import english_text
 from baqueano.runs.run import Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.signals import Motion, measured_ns
 
@@ -64,7 +64,7 @@ class MemoryRecorder:
     def event(self, t_ns: int, level: str, source: str, message: Diagnostic | str) -> None:
         """Record an event: a message for the user."""
         data = message if isinstance(message, Diagnostic) else None
-        self.events.append(Event(t_ns, level, source, in_english(message), data))
+        self.events.append(Event(t_ns, level, source, english_text(message), data))
 
     def run(self, name: str) -> Run:
         """Return the recorded data as a run."""

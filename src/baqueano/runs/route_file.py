@@ -89,7 +89,7 @@ def check_ending(path: Path | str) -> None:
 
 
 @contextmanager
-def advice_without_map(names: Sequence[str]) -> Iterator[None]:
+def column_advice(names: Sequence[str]) -> Iterator[None]:
     """Replace the advice to write a map in an error of a table, which must have the columns `names`."""
     try:
         yield
@@ -124,14 +124,14 @@ def read_route(path: Path | str) -> Route:
     >>> read_route(write_route(bq.guides.shapes.circle(0.5, 0.2), "circle.csv"))
     Route(1441 poses, 15.7 s, 3.14 m, closed)
     """
-    with advice_without_map(COLUMNS):
+    with column_advice(COLUMNS):
         return _read_route(Path(path))
 
 
 def _read_route(path: Path) -> Route:
     table = read_table(path, {})
     if set(DISTANCE_COLUMNS) <= set(table.columns) and COLUMNS[0] not in table.columns:
-        return _route_by_distance(table, path)
+        return _distance_route(table, path)
     t_s, *columns = (table.numbers(column) for column in COLUMNS)
     values = np.column_stack(columns)
     is_not_finite = ~np.isfinite(np.column_stack([t_s, values])).all(axis=1)
@@ -149,7 +149,7 @@ def _read_route(path: Path) -> Route:
     return Route(t_s, values[:, :3], values[:, 3:], _is_closed(path))
 
 
-def _route_by_distance(table: LogTable, path: Path) -> Route:
+def _distance_route(table: LogTable, path: Path) -> Route:
     """Return the route from poses over path length. Raise FileError for fewer than two poses, or a wrong value.  (1)"""
     values = np.column_stack([table.numbers(column) for column in DISTANCE_COLUMNS])
     wait_s = table.numbers(WAIT_COLUMN) if WAIT_COLUMN in table.columns else np.zeros(len(values))

@@ -4,7 +4,7 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
-from baqueano.guides.route import Route, end_gap, run_through, with_closed_gap
+from baqueano.guides.route import Route, end_gap, with_closed_gap, with_flying_start
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 
@@ -13,7 +13,7 @@ STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower motion at both ends of a drive is 
 CLOSE_M, CLOSE_RAD, MIN_LOOP_M = 0.3, 0.6, 1.2  # of a closed drive: ends apart at most, length at least
 
 
-def route_of(run: Run, *, closed: bool | None = False) -> Route:
+def run_route(run: Run, *, closed: bool | None = False) -> Route:
     """Return the estimated path of a run at ROUTE_RATE_HZ, without the rest at both ends.
 
     If `closed` is None, the route is closed if the drive returned to its start. Raise AnswerNo for a run without
@@ -40,4 +40,4 @@ def route_of(run: Run, *, closed: bool | None = False) -> Route:
         raise AnswerNo(fault("route.open", name=run.name, **gap, tolerance_m=CLOSE_M, tolerance_deg=close))
     length_m = float(np.sum(np.hypot(*np.diff(eta[:, :2], axis=0).T)))
     is_loop = is_at_start and length_m > MIN_LOOP_M if closed is None else closed
-    return run_through(with_closed_gap(route)) if is_loop else route
+    return with_flying_start(with_closed_gap(route)) if is_loop else route

@@ -15,7 +15,7 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.notation import current_notation
-from baqueano.messages.printable import in_lines
+from baqueano.messages.printable import join_rows
 from baqueano.messages.text_table import text_table
 from baqueano.runs.logs import LEVELS
 from baqueano.signals import NANOSECONDS
@@ -30,7 +30,7 @@ COMMAND_TITLES = {
     "applied": N_("command applied"), "requested": N_("command requested"), "sent": N_("command sent"),
 }  # fmt: skip
 MAX_SHOWN_EVENTS = 20
-INDENT_OF_EVENT = 10  # letters before the second line of an event in the table
+EVENT_INDENT = 10  # letters before the second line of an event in the table
 SHOWN_KEYS = {  # of the metadata, as they are shown
     "kind": N_("recorded by"), "seed": N_("seed"), "backend": N_("back end"),
     "verdict": N_("verdict"), "laps": N_("laps"), "recovered_from": N_("recovered from"), "map": N_("map"),
@@ -132,7 +132,7 @@ class ShownRun:
                     command=current_notation().command("--json"),
                 )
             )
-        return in_lines([*lines, *(_("note: {note}", note=line) for line in texts(run.notes))])
+        return join_rows([*lines, *(_("note: {note}", note=line) for line in texts(run.notes))])
 
     def events(self) -> list["TableRow"]:
         """Return all events as flat dicts, times in seconds since the first tick."""
@@ -166,7 +166,7 @@ def short_text(run: "Run", *head: str) -> str:
     topics = len(run.rows()) + 2  # the name, the head of the columns
     events, count = lines[topics:], 0
     if any(event.level == "error" for event in run.events):
-        is_further = [line[:INDENT_OF_EVENT].isspace() for line in events[1:]]
+        is_further = [line[:EVENT_INDENT].isspace() for line in events[1:]]
         count = 1 + (is_further.index(False) if False in is_further else len(is_further))
     return shorten([*head, lines[0], *events[:count]], [*lines[1:topics], *events[count:]], [])
 

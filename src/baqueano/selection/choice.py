@@ -34,7 +34,7 @@ class ChannelLabel(NamedTuple):
     unit: str
 
 
-def channels_of(blocks: "FittedBlocks") -> list[ChannelLabel]:
+def channel_labels(blocks: "FittedBlocks") -> list[ChannelLabel]:
     """Return the labels of the entries of all sensors, in order."""
     labels = []
     for name, sensor in blocks.sensors._asdict().items():

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.calibration.rest import begins_at_rest, with_gyro_bias_at_rest
+from baqueano.calibration.rest import begins_at_rest, with_rest_gyro_bias
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.battery import separation_problem
 from baqueano.identify.data.added_channels import BATTERY_CHANNEL
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.dataset import sensors_of
+from baqueano.identify.dataset import select_sensors
 from baqueano.identify.estimation.search import Task, search
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
@@ -41,7 +41,7 @@ from baqueano.messages.language import translate as _
 from baqueano.numerics.least_squares import Solution
 from baqueano.numerics.normal_equations import dense, marginal_information, marginal_std
 from baqueano.runs.run import Run
-from baqueano.selection.choice import Choice, Decision, TermResult, channels_of
+from baqueano.selection.choice import Choice, Decision, TermResult, channel_labels
 from baqueano.selection.cross_validation import (
     GAP_S,
     HeldOutFolds,
@@ -121,7 +121,7 @@ def choose(
     growing = _ModelSelection(setup, core, base, minimal, terms, report)
     model, results = growing.grow()
     report(_("fitting the model that was chosen"))
-    return Choice(tuple(results), growing.fit_of(model, core), growing.rule)
+    return Choice(tuple(results), growing.fit_model(model, core), growing.rule)
 
 
 class FitSetup(NamedTuple):
@@ -151,8 +151,8 @@ class _ModelSelection:
         runs, use, options, validation_runs = setup
         self.how, self.least_paths, self.terms, self.progress = setup, least_paths, terms, progress
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # the result of the last trial of each term
-        base_file = with_gyro_bias_at_rest(core, runs)[0] if has_offset(core.vehicle) else core
-        blocks, runs, channels = sensors_of(base_file, [*runs, *validation_runs], use)
+        base_file = with_rest_gyro_bias(core, runs)[0] if has_offset(core.vehicle) else core
+        blocks, runs, channels = select_sensors(base_file, [*runs, *validation_runs], use)
         if any(measures_pose(sensor) for sensor in blocks.sensors):
             raise UsageError(fault("choose.pose"))
         blocks = with_term_slots(blocks, terms)
@@ -172,7 +172,7 @@ class _ModelSelection:
         if LAG_PATH in self.paths:
             lag = self.paths.index(LAG_PATH)
             held_out.low[lag], self.small[lag] = MIN_LAG_S, MIN_LAG / base_file.rate_hz
-        self.held_out, self.channels, self.blocks = held_out, channels_of(blocks), blocks
+        self.held_out, self.channels, self.blocks = held_out, channel_labels(blocks), blocks
         for path, x in zip(base.names, base.estimate, strict=True):
             theta[self.paths.index(path)] = x if np.isfinite(x) else theta[self.paths.index(path)]
         for term in terms:
@@ -228,7 +228,7 @@ class _ModelSelection:
         other_terms = [term for term in self.terms if not have.intersection(term.paths)]
         return model, [results[term.name] for term in (*model.terms, *other_terms) if term.name in results]
 
-    def fit_of(self, model: Model, core: "VehicleFile") -> Fit:
+    def fit_model(self, model: Model, core: "VehicleFile") -> Fit:
         """Return the fit of a model with its error bars, from its θ."""
         values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
         paths = [path for term in model.terms for path in term.paths]
@@ -255,7 +255,7 @@ class _ModelSelection:
             accepted_trials = [trial for trial in tries if trial.result.verdict == Decision.TAKEN]
             if not accepted_trials:
                 return model
-            best_trial = _simplest_of_the_best(accepted_trials)
+            best_trial = _select_simplest(accepted_trials)
             for trial in accepted_trials:
                 if trial is not best_trial:
                     last_results.pop(trial.result.term.name)
@@ -266,7 +266,7 @@ class _ModelSelection:
         """Return the trial of a term in a model: fitted to all data, then without the held-out data."""
         index, mask = self._entries(term), self._mask((*model.terms, term))
         cost_before = self.held_out.all_data.weight(model.sigma).evaluate(model.theta).cost
-        end = self._from_the_best_start(model, term, mask)
+        end = self._best_start_fit(model, term, mask)
         if ban := self._exclusion(term, end.theta, end.bound, dense(end.evaluation.hessian), mask):
             return TermTrial(self._result(term, ban[0], ban[1], model, None, end.theta, 0.0), end.theta, None)
         if not cost_before - end.evaluation.cost > MIN_COST_FALL * len(index):
@@ -288,7 +288,7 @@ class _ModelSelection:
         result = self._result(term, verdict, reason, model, (score, test), end.theta, limit)
         return TermTrial(result, end.theta, score)
 
-    def _from_the_best_start(self, model: Model, term: Term, is_free: np.ndarray) -> Solution:
+    def _best_start_fit(self, model: Model, term: Term, is_free: np.ndarray) -> Solution:
         """Return the best fit with a term. A few steps from each start, and from the last result, select the start."""
         ends = []
         for start in self.ended.get(term.name, term.starts):
@@ -374,7 +374,7 @@ class _ModelSelection:
         return is_free
 
 
-def _simplest_of_the_best(trials: list[TermTrial]) -> TermTrial:
+def _select_simplest(trials: list[TermTrial]) -> TermTrial:
     """Return the trial of the first term that is not significantly worse than the best."""
     best_trial = max(trials, key=lambda trial: trial.result.gain)
     for trial in trials:

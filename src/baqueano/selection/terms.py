@@ -69,7 +69,7 @@ def minimal_free(vehicle_file: "VehicleFile", free: Sequence[str] | None, u: np.
     """Return the paths, with entries, that the least model fits. `free` contains the paths that the user requested,
     u (N, n) all commands."""
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
-    optional = {path for term in terms_of(blocks, u) for path in term.paths}
+    optional = {path for term in vehicle_terms(blocks, u) for path in term.paths}
     fields = requested_paths(free, lambda: default_free(blocks))
     paths = [path for field in fields for path in entries(blocks, field)]
     candidates = [free_parameter(blocks, p, {}) for p in paths if p not in optional]
@@ -114,7 +114,7 @@ def with_term_slots(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks
     return with_value(blocks, "model.drivetrain", replace(drivetrain, **changes)) if changes else blocks
 
 
-def terms_of(blocks: FittedBlocks, u: np.ndarray, battery: bool = False) -> list[Term]:
+def vehicle_terms(blocks: FittedBlocks, u: np.ndarray, battery: bool = False) -> list[Term]:
     """Return all terms of a vehicle with the commands u (N, n); `battery` is True if its voltage was logged."""
     blocks = blocks._replace(model=with_ideal_drivetrain(blocks.model))
     motions = _motions(blocks.model, u)
@@ -127,7 +127,7 @@ def candidate_terms(
 ) -> list[Term]:
     """Return the candidates: all terms of the kind, or the terms with the given names or paths of the vehicle file.
     Raise UsageError for an unknown name."""
-    terms = terms_of(blocks, u, battery)
+    terms = vehicle_terms(blocks, u, battery)
     if candidates is None:
         return terms
     by_name, chosen_terms = {term.name: term for term in terms}, []

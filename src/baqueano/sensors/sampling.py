@@ -213,7 +213,7 @@ def low_pass_s(sensor: Tree) -> Value:
     return 0.5 / (np.pi * sensor.low_pass_hz) if optional.attribute(sensor, "has_low_pass") else 0.0
 
 
-def gain_after_low_pass(sensor: Tree, dt_s: Value) -> Value:
+def low_pass_gain(sensor: Tree, dt_s: Value) -> Value:
     """Return the fraction of a change that passes the low-pass by the end of a tick. The change is linear over the
     tick."""
     tau_s = low_pass_s(sensor)

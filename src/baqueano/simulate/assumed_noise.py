@@ -26,7 +26,7 @@ from baqueano.estimators.augmented.state import (
     start_std,
 )
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.pauses import rows_of_ticks
+from baqueano.estimators.pauses import split_ticks
 from baqueano.estimators.readings.sensor_numbers import slip_statistics
 from baqueano.geometry import map_from_body, wrap
 from baqueano.runs.run import Run
@@ -91,7 +91,7 @@ def simulated_errors(ekf: AugmentedEkf, run: Run, filter_kernel: Scan) -> tuple[
         walk, d, bias, slip = map(rng.standard_normal, shapes)
         draws = DrawnTick(u, walk, d, bias, slip, tuple(rng.standard_normal((n, m)) for m in sizes))
         _, (truth, slots) = drive.run(draws, carry=begin)
-        rows, tick_rows = rows_of_ticks(Tick(t_ns, u, slots), ekf.rate_hz)
+        rows, tick_rows = split_ticks(Tick(t_ns, u, slots), ekf.rate_hz)
         eta, nu, cov = (rows_of_output[tick_rows] for rows_of_output in filter_kernel.run(rows)[1][-3:])
         e = np.concatenate([eta, nu], axis=1) - truth
         e[:, 2] = wrap(e[:, 2])

@@ -22,7 +22,7 @@ from baqueano.errors import UsageError
 from baqueano.estimators import KnownState
 from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
-from baqueano.messages import in_english
+from baqueano.messages import english_text
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.run import REST_KEY, EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
@@ -38,11 +38,11 @@ from baqueano.simulate.system import (
     with_parameters,
 )
 from baqueano.standstill import with_rest
-from baqueano.supervisor import REASONS, diagnostic_of
+from baqueano.supervisor import REASONS, reason_diagnostic
 from baqueano.symbolic import scan
 from baqueano.symbolic.backends import resolve_backend
 from baqueano.symbolic.scan import Scan
-from baqueano.worlds.simulated import no_noise, rows_of_tick
+from baqueano.worlds.simulated import no_noise, tick_row_count
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -158,7 +158,7 @@ def simulate_loops(
     kernel = closed_loop(system, rate, noise=noise, backend=backend)
     for seed in seeds:
         inputs = Input(
-            t_ns, draw_noise(system.sensors, seed, len(t_ns), rows_of_tick(1.0 / rate)) if noise else None
+            t_ns, draw_noise(system.sensors, seed, len(t_ns), tick_row_count(1.0 / rate)) if noise else None
         )
         last_state, outputs = kernel.run(inputs, carry=start)
         run_metadata = metadata("simulate loop", seed, rate, kernel.backend, noise, eta0)
@@ -202,22 +202,22 @@ def closed_loop(
     """
     check_compilable(backend, **system.blocks._asdict())
     dt_s = 1.0 / rate_hz
-    example = Input(1, no_noise(system.sensors, rows_of_tick(dt_s)) if noise else None)
+    example = Input(1, no_noise(system.sensors, tick_row_count(dt_s)) if noise else None)
 
-    def step_of(system: System, state: SystemState, x: Input) -> tuple[SystemState, Tree]:
+    def step_system(system: System, state: SystemState, x: Input) -> tuple[SystemState, Tree]:
         state, record = advance(system, dt_s, state, x)
         return state, record if output is None else output(record)
 
     if not paths:
-        return scan(lambda state, x: step_of(system, state, x), begin(system), example, backend=backend)
+        return scan(lambda state, x: step_system(system, state, x), begin(system), example, backend=backend)
 
     def step(theta: Tree, state: SystemState, x: Input) -> tuple[SystemState, Tree]:
-        return step_of(with_parameters(system, paths, theta), state, x)
+        return step_system(with_parameters(system, paths, theta), state, x)
 
     return scan(step, start or begin(system), example, parameter_vector(system, paths), backend=backend)
 
 
-def start_by_parameters(
+def parameter_start(
     system: System, paths: tuple[str, ...], state: SystemState
 ) -> Callable[[Tree], SystemState]:
     """Return `state` as a function of the parameters θ at `paths`, from which the controller may start."""
@@ -305,5 +305,5 @@ def _stop_event(supervisor: Supervision, t_ns: int) -> tuple[Event, ...]:
     code = round(float(getattr(supervisor, "reason", 0.0)))
     if not 0 < code < len(REASONS):
         return ()
-    diagnostic = diagnostic_of(code)
-    return (Event(t_ns, "error", "supervisor", in_english(diagnostic), diagnostic),)
+    diagnostic = reason_diagnostic(code)
+    return (Event(t_ns, "error", "supervisor", english_text(diagnostic), diagnostic),)

@@ -31,7 +31,7 @@ from baqueano.symbolic.scan import Scan
 from baqueano.vehicle_file.envelope import EnvelopeMonitor
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import random_stream
-from baqueano.worlds.simulated import rows_of_tick, step_vehicle
+from baqueano.worlds.simulated import step_vehicle, tick_row_count
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -201,7 +201,7 @@ def simulate_many(
     """
     u = command_signal(vehicle_file, u)
     rate = vehicle_file.rate_hz
-    rows_per_tick = rows_of_tick(1.0 / rate)
+    rows_per_tick = tick_row_count(1.0 / rate)
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
     if vary is None:
         paths, theta, clips = draw_parameters(vehicle_file, system, vehicles, seed)
@@ -242,7 +242,7 @@ def batch_kernel(
     system: System, paths: tuple[str, ...], rate_hz: float, process_noise: bool, backend: str
 ) -> Scan:
     """Return the scan (1): from θ, VehicleState and (u, noise) to the next VehicleState, in the rows of a tick."""
-    no_noise = np.zeros((rows_of_tick(1.0 / rate_hz), 3))
+    no_noise = np.zeros((tick_row_count(1.0 / rate_hz), 3))
 
     def step(theta: Tree, state: VehicleState, x: Tree) -> tuple[VehicleState, Tree]:
         u, noise = x

@@ -18,7 +18,7 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.messages import in_english
+from baqueano.messages import english_text
 from baqueano.runs.container.writer import versions
 from baqueano.runs.run import Channel, Event, Run, TruthLog
 from baqueano.signals import NANOSECONDS, ByName, Motion, Slot
@@ -28,7 +28,7 @@ from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
 from baqueano.worlds.noise import PROCESS_STREAM, sensor_stream, unit_normals
-from baqueano.worlds.simulated import DrawnNoise, WorldState, no_noise, rows_of_tick
+from baqueano.worlds.simulated import DrawnNoise, WorldState, no_noise, tick_row_count
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -108,7 +108,7 @@ def simulate(
     rate = vehicle_file.rate_hz if rate_hz is None else rate_hz
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
     u = command_signal(vehicle_file, u)
-    draws = draw_noise(system.sensors, seed, len(u), rows_of_tick(1.0 / rate)) if noise else None
+    draws = draw_noise(system.sensors, seed, len(u), tick_row_count(1.0 / rate)) if noise else None
     kernel = open_loop(system.model, system.sensors, rate, noise, backend)
     world = world_init(system.model, system.sensors)
     start = system.model.init(_checked_pose(eta0, "eta0"), _checked_pose(nu0, "nu0"))
@@ -133,7 +133,7 @@ def simulate(
 def envelope_events(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
     """Return an event for each warning of the envelope: a command or measurement outside the data of the fit."""
     flags = vehicle_file.envelope.range_warnings(run) if vehicle_file.envelope else ()
-    return tuple(Event(int(run.t_ns[-1]), "warning", "model", in_english(flag), flag) for flag in flags)
+    return tuple(Event(int(run.t_ns[-1]), "warning", "model", english_text(flag), flag) for flag in flags)
 
 
 @lru_cache(maxsize=32)
@@ -142,7 +142,7 @@ def open_loop(
 ) -> Scan:
     """Return the compiled open loop (1): a `scan` from OpenLoopInput and WorldState to Readings."""
     dt_s = 1.0 / rate_hz
-    silence = no_noise(sensors, rows_of_tick(dt_s))
+    silence = no_noise(sensors, tick_row_count(dt_s))
 
     def step(state: WorldState, x: OpenLoopInput) -> tuple[WorldState, Readings]:
         unit = silence if x.noise is None else x.noise

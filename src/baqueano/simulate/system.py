@@ -14,12 +14,12 @@ from baqueano import loop
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
-from baqueano.errors import UsageError, cause_of
+from baqueano.errors import UsageError, error_cause
 from baqueano.signals import Motion, Tick
 from baqueano.symbolic import value_at_path, with_value
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
-from baqueano.worlds.simulated import DrawnNoise, WorldState, no_noise, rows_of_tick
+from baqueano.worlds.simulated import DrawnNoise, WorldState, no_noise, tick_row_count
 
 
 class System(NamedTuple):
@@ -68,7 +68,7 @@ def begin(system: System, eta0: np.ndarray | None = None) -> SystemState:
 
 def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[SystemState, LoopOutput]:
     """Return the state and the output after a tick: the world moves under the command in force, then the loop runs."""
-    noise = no_noise(system.sensors, rows_of_tick(dt_s)) if x.noise is None else x.noise
+    noise = no_noise(system.sensors, tick_row_count(dt_s)) if x.noise is None else x.noise
     world, truth, slots = world_step(system.model, system.sensors, state.world, state.u, dt_s, noise)
     states, record = loop.step(system.blocks, state.blocks, Tick(x.t_ns, state.u, slots))
     return SystemState(world, states, record.sent_command.u), LoopOutput(record, truth)
@@ -79,7 +79,7 @@ def value_at(system: System, path: str) -> np.ndarray:
     try:
         array = np.asarray(value_at_path(system, path), dtype=float)
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
-        raise UsageError(fault("simulate.no-number", path=path, cause=cause_of(error))) from error
+        raise UsageError(fault("simulate.no-number", path=path, cause=error_cause(error))) from error
     return array
 
 

@@ -21,7 +21,7 @@ from baqueano.compare import compare
 from baqueano.diagnostics import Verdict
 from baqueano.drive import drive_stop_reason, replay
 from baqueano.identify import Fit, FitOptions, identify
-from baqueano.identify.data.record import FitRecord, record_of
+from baqueano.identify.data.record import FitRecord, make_record
 from baqueano.identify.noise.covariances import Noise, measure_noise
 from baqueano.messages import verdict_line
 from baqueano.messages.language import mark as N_
@@ -29,7 +29,7 @@ from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.runs.importing import import_run
-from baqueano.study.recorded.simulated import outputs_under
+from baqueano.study.recorded.simulated import simulate_outputs
 from baqueano.study.recordings import CPM_MAPS, check_cpm_present
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -272,7 +272,7 @@ def cross_validate(
     fits = {}
     for name, run in runs.items():
         progress(_("fitting run {name}, {duration_s:.0f} s", name=name, duration_s=run.duration_s))
-        fits[name] = fit_to(run, backend)
+        fits[name] = fit_car(run, backend)
     judgements = []
     for name, run_fit in fits.items():
         for test_name, run in runs.items():
@@ -281,7 +281,7 @@ def cross_validate(
     return CrossValidation(fits, tuple(sorted(judgements, key=lambda judgement: not judgement.is_held_out)))
 
 
-def fit_to(run: "Run", backend: str = "auto") -> RunFit:
+def fit_car(run: "Run", backend: str = "auto") -> RunFit:
     """Return the garage's car fitted to a run by odometer and gyro, with the noise measured in the run."""
     fit = identify(run, load("car"), use=SENSORS_USED, options=FitOptions(backend=backend))
     noise = measure_noise(fit, run, backend=backend)
@@ -308,7 +308,7 @@ def predict_run(vehicle_file: VehicleFile, run: "Run", backend: str = "auto") ->
     velocity.
     """
     odometer, imu, vehicle = vehicle_file.sensors.odometer, vehicle_file.sensors.imu, vehicle_file.vehicle
-    record = record_of(run, {"odometer": odometer, "imu": imu})
+    record = make_record(run, {"odometer": odometer, "imu": imu})
     v = _first_measurement(record, "odometer", 0) / odometer.scale
     r = (_first_measurement(record, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
     start = vehicle.init(nu=np.array([v, vehicle.rear_axle_m * r, r]))
@@ -319,7 +319,7 @@ def predict_run(vehicle_file: VehicleFile, run: "Run", backend: str = "auto") ->
     def speed_and_rate(motion: "Motion") -> np.ndarray:
         return np.array([odometer.h(motion)[0], imu.h(motion)[2]])
 
-    model = outputs_under(vehicle, start, record.dt_s, record.u, speed_and_rate, backend)
+    model = simulate_outputs(vehicle, start, record.dt_s, record.u, speed_and_rate, backend)
     readings = [(record.sensors[name], entry) for name, entry in (("odometer", 0), ("imu", 2))]
     measured_values = np.stack([np.where(s.mask[:, k] > 0.0, s.z[:, k], np.nan) for s, k in readings], axis=1)
     return RunPrediction(record.t_s, measured_values, model)

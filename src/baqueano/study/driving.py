@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.compare.errors import cross_track, rms
-from baqueano.compare.evenness import is_driving, limits_of, share_at_limit, sign_changes, speed_errors
+from baqueano.compare.evenness import is_driving, read_limits, share_at_limit, sign_changes, speed_errors
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.guides.repeat import Repeat
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 EXPERIMENT_S = 60.0
 # a fit without them reports that they are wrong
 FREE = ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"]
-ROBOTS_AT_ONCE = 10  # robots that are simulated together
+ROBOT_BATCH = 10  # robots that are simulated together
 SHAPES: dict[str, Callable[[float], "Route"]] = {
     N_("sinuous"): lambda v: sinuous_circle(0.6, 0.06, 5, v),
     N_("eight"): lambda v: eight(1.0, v),
@@ -131,7 +131,7 @@ class Driving:
     robot_count: int  # robots, fewer than requested if it was interrupted
     refused_robots: tuple[int, ...]  # robots whose fit was refused: they did not drive
 
-    def laps_of(self, case: str, shape: str, speed: float) -> list[LapErrors]:
+    def select_laps(self, case: str, shape: str, speed: float) -> list[LapErrors]:
         """Return the laps of one case, shape and speed."""
         return [d for d in self.drives if d[:3] == (case, shape, speed)]
 
@@ -141,7 +141,7 @@ class Driving:
         for case, (_low, _high, speeds) in CASES.items():
             for shape in SHAPES:
                 for speed in speeds:
-                    if laps := self.laps_of(case, shape, speed):
+                    if laps := self.select_laps(case, shape, speed):
                         row = {"case": case, "shape": shape, "requested_m_s": speed, "laps": len(laps)}
                         rows.append(row | _figures(laps))
         return rows
@@ -229,7 +229,7 @@ def driving(
     """
     check_compilable(backend, controller=initial_file().controller(controller))  # before the first drive
     work = partial(drive_batch, backend=backend, cases=cases, speeds=speeds, controller=controller)
-    results = run_in_batches(work, range(first, first + seeds), ROBOTS_AT_ONCE, processes, advance)
+    results = run_in_batches(work, range(first, first + seeds), ROBOT_BATCH, processes, advance)
     drives = tuple(sorted(d for _, laps, _ in results for d in laps))
     refusals = tuple(sorted(k for _, _, seeds_refused in results for k in seeds_refused))
     return Driving(drives, sum(count for count, _, _ in results), refusals)
@@ -294,7 +294,7 @@ def simulate_lap(
     guide = Repeat.along(route, 0)  # the lap does not end in braking
     drives = simulate_drives(loops, robots, guide, float(route.t_s[-1]), seeds)
     nu, eta = (np.stack([getattr(r, name) for r in drives.references]) for name in ("nu", "eta"))
-    limits = limits_of(loops[0].file.text)
+    limits = read_limits(loops[0].file.text)
     return [
         _lap_errors(drives.t_ns, drives.truth[:, i], drives.commands[:, i], eta, nu[:, 0], limits, supervisor)
         for i, supervisor in enumerate(drives.supervisors)

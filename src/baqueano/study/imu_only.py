@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
 DRIVE_PARAMETERS = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
 GYRO_BIAS_PATH, GYRO_SCALE_PATH = "sensors.imu.gyro_bias", "sensors.imu.gyro_scale"
-ZERO_RAD_S, ZERO_STD_RAD_S, RECORDED_ON = 0.0024, 0.0013, date(2019, 5, 13)
+ZERO_RAD_S, ZERO_STD_RAD_S, RECORDING_DATE = 0.0024, 0.0013, date(2019, 5, 13)
 FREE = (*DRIVE_PARAMETERS, "model.steering_gain", "model.steering_offset_rad", "model.yaw_lag_s")
 BARE_VALUES = {"model.quadratic_drag": 0.0, GYRO_BIAS_PATH: ZERO_RAD_S}
 MAX_SPEED_ERROR_RATIO = 1.5  # limit of the speed error on the other run, relative to the odometer's fit
@@ -82,7 +82,7 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
     runs = {name: import_run(path).run for name, path in MAPS.items()}
     car = load("car").with_values(
         BARE_VALUES,
-        {GYRO_BIAS_PATH: Provenance("standing, run a", RECORDED_ON, ZERO_STD_RAD_S, Verdict.USABLE)},
+        {GYRO_BIAS_PATH: Provenance("standing, run a", RECORDING_DATE, ZERO_STD_RAD_S, Verdict.USABLE)},
     )
     reference = {}
     for name, run in runs.items():

@@ -13,7 +13,7 @@ CHANNELS = (N_("speed, odometer [m/s]"), N_("yaw rate, gyro [rad/s]"))
 SHOWN_S = 30.0
 
 
-def page_of_recordings(recordings: RecordingStudy | None, study: CrossValidation | None) -> Page:
+def make_recordings_page(recordings: RecordingStudy | None, study: CrossValidation | None) -> Page:
     """Return the page: the table of all recordings, then the tables of the car that was driven twice.
     For each held-out run the page shows the model, the path and the errors.
     """
@@ -39,7 +39,7 @@ def page_of_recordings(recordings: RecordingStudy | None, study: CrossValidation
         )
         sections.append(Section(_("Parameters"), _("Fitted to one run each."), [Table(study.parameters())]))
         for judgement in held_out:
-            sections += sections_of(judgement)
+            sections += evaluation_sections(judgement)
             headlines += _headlines(judgement)
     result = recordings or study
     assert result is not None
@@ -53,7 +53,7 @@ def page_of_recordings(recordings: RecordingStudy | None, study: CrossValidation
     )
 
 
-def sections_of(judgement: RunEvaluation) -> list[Section]:
+def evaluation_sections(judgement: RunEvaluation) -> list[Section]:
     """Return the sections of the page on the evaluation of a model on a run."""
     title = _(
         "Fitted on {fit_run}, tested on {test_run}",

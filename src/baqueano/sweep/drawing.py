@@ -10,12 +10,12 @@ from baqueano.diagnostics import note
 from baqueano.messages import text
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
-from baqueano.report.card import Card, card_of
+from baqueano.report.card import Card, make_card
 from baqueano.report.figures import MEASUREMENT, MODEL, REFERENCE
 from baqueano.report.libraries import panel, set_log_scale, with_style
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
-from baqueano.report.pages.result_page import page_of
-from baqueano.report.plots import drawings_of
+from baqueano.report.pages.result_page import build_page
+from baqueano.report.plots import make_drawings
 from baqueano.sweep.result import ALL_FIGURES, BLOCKS, RMS_FIGURES, SweepResult
 
 if TYPE_CHECKING:
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 @cache
 def register() -> None:
     """Register `.plot()`, a notebook card and a page for the results of sweeps."""
-    drawings_of.register(
+    make_drawings.register(
         SweepResult,
         lambda result: {"drives": lambda: draw_spread(result), "differences": lambda: draw_ratios(result)},
     )
-    card_of.register(SweepResult, _card)
-    page_of.register(SweepResult, lambda result, alignment="none": sweep_page(result))
+    make_card.register(SweepResult, _card)
+    build_page.register(SweepResult, lambda result, alignment="none": sweep_page(result))
 
 
 def _card(result: Result) -> Card:

@@ -108,7 +108,7 @@ def _drive_errors(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np
     ref = run.guide_reference
     if log is None or ref is None or len(ref.t_ns) < 2 or not np.ptp(ref.eta[:, :2], axis=0).any():
         return {}, {}
-    k = evenness.until_done(log.t_ns, ref)
+    k = evenness.active_mask(log.t_ns, ref)
     t_ns, eta, speed = log.t_ns[k], log.eta[k], log.nu[k, 0]
     cross_track = errors.cross_track(t_ns, eta[:, :2], ref.t_ns, ref.eta[:, :2])
     speed_reference = interpolate_rows(t_ns, ref.t_ns, ref.nu[:, :1])[:, 0]
@@ -156,7 +156,7 @@ def _command_series(run: "Run", k: np.ndarray) -> dict[str, tuple[np.ndarray, np
     """Return the effort and the roughness of the sent command, with their times; {} without limits.  (1), (2)
     If no sent command was logged, the applied command is used.
     """
-    limits = evenness.limits_of(run.vehicle_text)
+    limits = evenness.read_limits(run.vehicle_text)
     u = (run.applied_commands if run.sent_commands is None else run.sent_commands)[k]
     if limits is None or u.shape[1] != len(limits.command):
         return {}

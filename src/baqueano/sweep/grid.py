@@ -109,7 +109,7 @@ def sweep(
     if runs and len(runs) == len(subjects):
         jobs = _run_jobs(runs, blocks_by_role, vehicle, sweep_settings, _as_list(routes))
     else:
-        jobs = _vehicle_jobs(subjects, blocks_by_role, _by_name(routes), list(seeds), sweep_settings)
+        jobs = _vehicle_jobs(subjects, blocks_by_role, _name_routes(routes), list(seeds), sweep_settings)
     labels = list(dict.fromkeys(job.combination.label for job in jobs))
     if reference is not None and reference not in labels:
         raise UsageError(fault("sweep.reference", value=reference, suggestion=nearest(reference, labels)))
@@ -148,7 +148,7 @@ def _checked_settings(settings: dict) -> SweepSettings:
     return conditions._replace(start=tuple(map(float, start)))
 
 
-def _by_name(routes: Tree) -> dict[str, Route]:
+def _name_routes(routes: Tree) -> dict[str, Route]:
     if isinstance(routes, dict):
         return routes
     route_list = _as_list(routes)

@@ -50,7 +50,7 @@ def run_jobs(
         resources.drives_folder.mkdir(parents=True, exist_ok=True)
     names = [""] * len(jobs)
     if resources.drives_folder is not None:
-        texts = {file_text: _texts_in_file(file_text) for file_text in {job.file_text for job in jobs}}
+        texts = {file_text: _named_block_texts(file_text) for file_text in {job.file_text for job in jobs}}
         names = [job_digest(job, texts[job.file_text]) for job in jobs]
     advance, rows = advance or (lambda n: None), {}
     for k, name in enumerate(names):
@@ -115,7 +115,7 @@ def _can_be_sent(jobs: Sequence[NumberedJob]) -> bool:
 
 
 def job_digest(job: SweepJob, texts_in_file: dict[str, str]) -> str:
-    """Return the digest under which the drive of a job is stored; the texts are those of `_texts_in_file`."""
+    """Return the digest under which the drive of a job is stored; the texts are those of `_named_block_texts`."""
     import hashlib
 
     parts = [
@@ -158,7 +158,7 @@ def _block_text(role: str, block: object, job: SweepJob) -> str:
     return numbers if is_ours(kind) else f"{numbers}\n{source_text(kind)}"
 
 
-def _texts_in_file(file_text: FileText) -> dict[str, str]:
+def _named_block_texts(file_text: FileText) -> dict[str, str]:
     """Return, by role, the source text of each block of the user that the vehicle file itself names."""
     vehicle_file = file_text.parse()
     classes = {role: vehicle_file.kind(role) for role in LOOP_ROLES}

@@ -26,8 +26,8 @@ from baqueano.symbolic.backends import Runner, resolve_backend
 from baqueano.symbolic.graph.assemble import assemble, remaining_zeros
 from baqueano.symbolic.graph.program import Program
 from baqueano.symbolic.graph.trace import is_stable, trace_function
-from baqueano.symbolic.graph.tree import Shape, flat_row, shape_of
-from baqueano.symbolic.packing import ShapeMismatch, state_of, tree_function
+from baqueano.symbolic.graph.tree import Shape, flat_row, tree_shape
+from baqueano.symbolic.packing import ShapeMismatch, tree_function, updatable_state
 
 MAX_CACHED = 24  # largest number of functions whose graph and kernel are cached
 
@@ -92,7 +92,7 @@ class Function:
     def __init__(self, f: Callable[..., Tree], examples: tuple[Tree, ...], backend: str) -> None:
         self.f = f
         self._names = _argument_names(f, len(examples))
-        self._shapes = [shape_of(x, name) for x, name in zip(examples, self._names, strict=True)]
+        self._shapes = [tree_shape(x, name) for x, name in zip(examples, self._names, strict=True)]
         backend = resolve_backend(backend)
         self.call = f  # the call without checks, for as many arguments as examples
         self._runner = None if backend == "numpy" else self._compile(backend, examples)
@@ -212,7 +212,7 @@ def _simplified_for_zeros(
     program: Program, shapes: list[Shape], shape: Shape, examples: tuple[Tree, ...]
 ) -> Program:
     """Return the program simplified for states that are 0 in the example and stay 0."""
-    if state_of(shapes, shape) is None:
+    if updatable_state(shapes, shape) is None:
         return program
     zero = set(np.flatnonzero(flat_row(shapes[0], examples[0]) == 0.0).tolist())
     graph, inputs = program.graph, program.inputs
@@ -254,7 +254,7 @@ class CompiledBlock:
             return self._last(*args)
         except (ShapeMismatch, TypeError):  # other shapes, or another number of arguments
             pass
-        key = tuple(shape_of(x, f"argument {k}") for k, x in enumerate(args))
+        key = tuple(tree_shape(x, f"argument {k}") for k, x in enumerate(args))
         if key not in self._steps:
             self._steps[key] = Function(self._text, args, self._requested_backend)
         step = self._steps[key]

@@ -13,7 +13,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
-from baqueano.errors import Invalid, cause_of
+from baqueano.errors import Invalid, error_cause
 from baqueano.symbolic.graph.tree import (
     Branch,
     ConstantLeaf,
@@ -58,7 +58,7 @@ def tree_function(
         lines: list[str] = []
         offset = _pack(input_shape, f"a{k}", offset, lines, space)
         packs.append(lines)
-    state, count = state_of(shapes, shape), size(shapes[0]) if shapes else 0
+    state, count = updatable_state(shapes, shape), size(shapes[0]) if shapes else 0
     if state is not None:
         space |= {"last": [(object(), None)], "front": row[:count]}
         constants = [
@@ -80,7 +80,7 @@ def tree_function(
     return space["call"]
 
 
-def state_of(shapes: Sequence[Shape], shape: Shape) -> Shape | None:
+def updatable_state(shapes: Sequence[Shape], shape: Shape) -> Shape | None:
     """Return the first output if it has the shape of the first argument and only its values can change; else None."""
     if not shapes or not isinstance(shape, Branch) or shape.kind is not tuple or not shape.children:
         return None
@@ -201,7 +201,7 @@ def _array(leaf: Leaf, value: Tree) -> np.ndarray:
     try:
         return as_floats(leaf, value)
     except (ValueError, TypeError) as error:
-        raise ShapeMismatch(cause_of(error)) from None
+        raise ShapeMismatch(error_cause(error)) from None
 
 
 def _check_shape(shape: Shape, tree: Tree) -> None:
@@ -209,6 +209,6 @@ def _check_shape(shape: Shape, tree: Tree) -> None:
     try:
         entries = values(shape, tree)
     except ValueError as error:
-        raise ShapeMismatch(cause_of(error)) from None
+        raise ShapeMismatch(error_cause(error)) from None
     if len(entries) != sum(1 for _ in leaves(shape)):
         raise ShapeMismatch(fault("tree.another", path=shape.path))

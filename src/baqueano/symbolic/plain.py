@@ -14,21 +14,21 @@ from baqueano.errors import Invalid
 from baqueano.symbolic.arrays.array import TracedArray, as_array
 from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.batch import Batch
-from baqueano.symbolic.derivatives.dual import Dual, rows_of, seed_array
+from baqueano.symbolic.derivatives.dual import Dual, derivative_rows, seed_array
 from baqueano.symbolic.derivatives.residuals import normal_equations
 from baqueano.symbolic.errors import locate_errors
 from baqueano.symbolic.graph.program import NormalEquations
 from baqueano.symbolic.graph.tree import (
     Shape,
     as_floats,
+    as_tree,
     build,
     count_ticks,
     flat_row,
     leaves,
     restore,
-    shape_of,
     size,
-    tree_of,
+    tree_shape,
     values,
     with_kinds,
 )
@@ -53,17 +53,17 @@ class PlainScan(Scan):
 
     def run(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> tuple[Tree, Tree]:
         last, outputs = self._loop(inputs, self._theta(theta), carry)
-        shape = _shape_of_all(outputs)
+        shape = _common_shape(outputs)
         rows = np.array([flat_row(shape, output) for output in outputs])
         end = flat_row(self.carry_shape, last)
-        return tree_of(shape_of(last, "carry"), end), tree_of(shape, rows)
+        return as_tree(tree_shape(last, "carry"), end), as_tree(shape, rows)
 
     def sensitivities(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[np.ndarray, np.ndarray]:
         self._need_theta()
         theta = self._theta(theta)
         with tracing() as level, locate_errors():
             _, outputs = self._loop(inputs, seed_array(theta, level), carry)
-            shape = shape_of(outputs[0], "output")
+            shape = tree_shape(outputs[0], "output")
             flat_rows = [
                 np.concatenate([as_array(v).ravel() for v in (0.0, *values(shape, output))])[1:]
                 for output in outputs
@@ -71,7 +71,7 @@ class PlainScan(Scan):
         rows = np.array(
             [[x.value if isinstance(x, Dual) else x for x in row] for row in flat_rows], dtype=float
         )
-        jacobians = np.array([rows_of(row, len(theta), level) for row in flat_rows], dtype=float)
+        jacobians = np.array([derivative_rows(row, len(theta), level) for row in flat_rows], dtype=float)
         return rows, jacobians
 
     def bind_sensitivities(self, inputs: Tree) -> Callable[[np.ndarray, np.ndarray], Tree]:
@@ -79,7 +79,7 @@ class PlainScan(Scan):
 
     def cost(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> float:
         _, outputs = self._loop(inputs, self._theta(theta), carry)
-        shape = shape_of(outputs[0], "output")
+        shape = tree_shape(outputs[0], "output")
         _check_scalar(size(shape))
         return float(sum(flat_row(shape, output)[0] for output in outputs))
 
@@ -102,17 +102,17 @@ class PlainScan(Scan):
         carry_shape = self.carry_shape
         for member in self._members(batch):
             last, outputs_of = self.run(*member)
-            carry_shape = shape_of(last, "carry")
+            carry_shape = tree_shape(last, "carry")
             final_carries.append(flat_row(carry_shape, last))
             all_outputs.append(outputs_of)
         if not with_outputs:
-            return tree_of(carry_shape, np.array(final_carries)), None
-        shape = shape_of(all_outputs[0], "output")
+            return as_tree(carry_shape, np.array(final_carries)), None
+        shape = tree_shape(all_outputs[0], "output")
         stacks = [
             np.stack(column)
             for column in zip(*(values(shape, outputs_of) for outputs_of in all_outputs), strict=True)
         ]
-        return tree_of(carry_shape, np.array(final_carries)), build(shape, iter(stacks))
+        return as_tree(carry_shape, np.array(final_carries)), build(shape, iter(stacks))
 
     def batch_sums(
         self, inputs: Tree, theta: Tree, derivative_count: int = 0, carry: Tree = None
@@ -131,9 +131,9 @@ class PlainScan(Scan):
         rows[:, mask] = shared_rows
         for k in range(batch.size):
             rows[:, ~mask] = own_inputs[k]
-            start = None if batch.start is None else tree_of(self.carry_shape, batch.start[k])
+            start = None if batch.start is None else as_tree(self.carry_shape, batch.start[k])
             yield (
-                tree_of(self.input_shape, rows),
+                as_tree(self.input_shape, rows),
                 None if self.parameters is None else batch.theta[k],
                 start,
             )
@@ -158,10 +158,10 @@ class PlainScan(Scan):
             yield build(self.input_shape, iter([restore(leaf, column[k]) for leaf, column in columns]))
 
 
-def _shape_of_all(outputs: list[Tree]) -> Shape:
+def _common_shape(outputs: list[Tree]) -> Shape:
     """Return the common shape of all outputs; a value that is an integer only at some ticks is a float."""
-    shape = shape_of(outputs[0], "output")
-    kinds = zip(*([leaf.kind for leaf in leaves(shape_of(y, "output"))] for y in outputs), strict=True)
+    shape = tree_shape(outputs[0], "output")
+    kinds = zip(*([leaf.kind for leaf in leaves(tree_shape(y, "output"))] for y in outputs), strict=True)
     return with_kinds(shape, iter([min(set(kinds_of_entry), key="fib".index) for kinds_of_entry in kinds]))
 
 

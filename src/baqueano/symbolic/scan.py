@@ -21,8 +21,8 @@ from baqueano.symbolic.backends import Runner, resolve_backend
 from baqueano.symbolic.graph.assemble import Assembly, assemble
 from baqueano.symbolic.graph.node import nodes_below
 from baqueano.symbolic.graph.program import NormalEquations
-from baqueano.symbolic.graph.trace import field_of_output, trace_step
-from baqueano.symbolic.graph.tree import flat_row, input_rows, leaves, shape_of, symmetric_leaves, tree_of
+from baqueano.symbolic.graph.trace import select_output, trace_step
+from baqueano.symbolic.graph.tree import as_tree, flat_row, input_rows, leaves, symmetric_leaves, tree_shape
 
 if TYPE_CHECKING:
     from baqueano.symbolic.batch import BatchSums
@@ -112,8 +112,8 @@ class Scan(ABC):
         if self.carry_function is not None:
             carry = carry(theta) if theta is not None else carry()
         self.example = carry
-        self.carry_shape = shape_of(carry, "carry")
-        self.input_shape = shape_of(inputs, "inputs")
+        self.carry_shape = tree_shape(carry, "carry")
+        self.input_shape = tree_shape(inputs, "inputs")
 
     @property
     @abstractmethod
@@ -230,7 +230,7 @@ class TracedScan(Scan):
         self.trace, self.symmetric = self._trace_once(candidates)
         self.runners: dict[tuple[bool, ...], tuple[Assembly, Runner]] = {}
         self.sums: dict[tuple, BatchSums] = {}
-        self.begun: dict[bool, tuple[tuple[Assembly, Runner], np.ndarray]] = {}
+        self.default_starts: dict[bool, tuple[tuple[Assembly, Runner], np.ndarray]] = {}
 
     @property
     def backend(self) -> str:
@@ -252,24 +252,24 @@ class TracedScan(Scan):
 
     def part(self, name: str) -> "TracedScan":
         part = copy(self)
-        part.fields, part.trace = (*self.fields, name), field_of_output(self.trace, name)
-        part.runners, part.sums, part.begun = {}, {}, {}
+        part.fields, part.trace = (*self.fields, name), select_output(self.trace, name)
+        part.runners, part.sums, part.default_starts = {}, {}, {}
         return part
 
     def run(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> tuple[Tree, Tree]:
         theta, rows = self._theta(theta), input_rows(self.input_shape, inputs)
-        (assembly, runner), start = self._prepare(True, carry)
+        (assembly, runner), start = self._prepare(carry, keep_all=True)
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
         final = np.empty(len(assembly.program.carry))
         runner.call("run", theta, start, rows, outputs, final)
-        return tree_of(self.trace.carry_shape, assembly.whole_carry(final, start)), tree_of(
+        return as_tree(self.trace.carry_shape, assembly.whole_carry(final, start)), as_tree(
             self.trace.output_shape, outputs
         )
 
     def sensitivities(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[np.ndarray, np.ndarray]:
         self._need_theta()
         theta, rows = self._theta(theta), input_rows(self.input_shape, inputs)
-        (assembly, runner), start = self._prepare(False, carry)
+        (assembly, runner), start = self._prepare(carry, keep_all=False)
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
         jacobians = np.empty((*outputs.shape, len(theta)))
         runner.call("sensitivities", theta, start, rows, outputs, jacobians)
@@ -303,7 +303,7 @@ class TracedScan(Scan):
     ) -> NormalEquations:
         self._need_theta()
         theta, rows = self._theta(theta), input_rows(self.input_shape, inputs)
-        (_, runner), start = self._prepare(False, carry)
+        (_, runner), start = self._prepare(carry, keep_all=False)
         sums = runner.call("normal_equations", theta, start, rows, huber)
         return NormalEquations(*sums)
 
@@ -313,14 +313,14 @@ class TracedScan(Scan):
         from baqueano.symbolic.batch import Batch
 
         batch = Batch.from_trees(self, inputs, self._theta(theta, is_batch=True), carry)
-        (assembly, runner), start = self._prepare(True, carry, batch.start)
+        (assembly, runner), start = self._prepare(carry, batch.start, keep_all=True)
         program, count, n = assembly.program, batch.size, batch.ticks
         start = np.broadcast_to(start, (count, start.shape[-1]))
         all_outputs = np.empty((count, n, len(program.outputs))) if with_outputs else None
         final = np.empty((count, len(program.carry)))
         runner.call("batch", batch.theta, start, *batch.inputs, all_outputs, final)
-        last = tree_of(self.trace.carry_shape, assembly.whole_carry(final, start))
-        return last, None if all_outputs is None else tree_of(self.trace.output_shape, all_outputs)
+        last = as_tree(self.trace.carry_shape, assembly.whole_carry(final, start))
+        return last, None if all_outputs is None else as_tree(self.trace.output_shape, all_outputs)
 
     def batch_sums(
         self, inputs: Tree, theta: Tree, derivative_count: int = 0, carry: Tree = None
@@ -329,7 +329,7 @@ class TracedScan(Scan):
 
         self._need_theta()
         batch = Batch.from_trees(self, inputs, self._theta(theta, is_batch=True), carry)
-        (assembly, _), start = self._prepare(False, carry, batch.start)
+        (assembly, _), start = self._prepare(carry, batch.start, keep_all=False)
         key = id(assembly), derivative_count, batch.inputs[2], batch.shared_start
         with self.trace.graph.lock:
             if key not in self.sums:
@@ -338,7 +338,7 @@ class TracedScan(Scan):
 
     def _run_total(self, inputs: Tree, theta: Tree, carry: Tree, with_gradient: bool) -> Tree:
         theta, rows = self._theta(theta), input_rows(self.input_shape, inputs)
-        (assembly, runner), start = self._prepare(False, carry)
+        (assembly, runner), start = self._prepare(carry, keep_all=False)
         if len(assembly.program.outputs) != 1:
             raise Invalid(fault("engine.cost", numbers=len(assembly.program.outputs)))
         return runner.call("total", theta, start, rows, with_gradient)
@@ -346,10 +346,11 @@ class TracedScan(Scan):
     def _trace_once(self, symmetric: set[str]) -> Tree:
         shapes = self.carry_shape, self.input_shape
         trace, symmetric = trace_step(self.step, self.carry_function, *shapes, self.parameters, symmetric)
-        return reduce(field_of_output, self.fields, trace), symmetric
+        return reduce(select_output, self.fields, trace), symmetric
 
     def _runner(
         self,
+        *,
         keep_all: bool,
         given_start: bool | None = None,
         is_symmetric: bool = True,
@@ -366,29 +367,31 @@ class TracedScan(Scan):
                     self.runners[key] = assembly, Runner(assembly.program, self.requested_backend)
         return self.runners[key]
 
-    def _prepare(self, keep_all: bool, carry: Tree, flat_start: np.ndarray | None = None) -> Tree:
+    def _prepare(self, carry: Tree, flat_start: np.ndarray | None = None, *, keep_all: bool) -> Tree:
         """Return the kernel to run, and its start values (…, s): from `carry`, or from the start of the scan."""
         if carry is None and flat_start is None:
-            if keep_all not in self.begun:
-                self.begun[keep_all] = self._begin(keep_all)
-            return self.begun[keep_all]
-        return self._check(keep_all, self._flat_start(carry) if flat_start is None else flat_start)
+            if keep_all not in self.default_starts:
+                self.default_starts[keep_all] = self._begin(keep_all=keep_all)
+            return self.default_starts[keep_all]
+        return self._check(self._flat_start(carry) if flat_start is None else flat_start, keep_all=keep_all)
 
-    def _begin(self, keep_all: bool) -> Tree:
+    def _begin(self, *, keep_all: bool) -> Tree:
         """Return the kernel to run, and its start values for the carry that was given to `scan`."""
         if self.carry_function is not None:
-            return self._runner(keep_all, given_start=False), np.zeros(0)
-        return self._check(keep_all, self._flat_start(None))
+            return self._runner(keep_all=keep_all, given_start=False), np.zeros(0)
+        return self._check(self._flat_start(None), keep_all=keep_all)
 
-    def _check(self, keep_all: bool, flat_start: np.ndarray) -> Tree:
-        pair = self._runner(keep_all, given_start=True)
+    def _check(self, flat_start: np.ndarray, *, keep_all: bool) -> Tree:
+        pair = self._runner(keep_all=keep_all, given_start=True)
         mirrored_entries, mirror = pair[0].mirrored_entries, pair[0].mirror
         is_symmetric = not len(mirrored_entries) or np.array_equal(
             flat_start[..., mirrored_entries], flat_start[..., mirror], equal_nan=True
         )
         has_zeros = is_symmetric and not flat_start[..., pair[0].zeros].any()
         if not has_zeros:  # the start of the scan had more zeros, or a matrix that was symmetric
-            pair = self._runner(keep_all, True, is_symmetric, has_zeros=False)
+            pair = self._runner(
+                keep_all=keep_all, given_start=True, is_symmetric=is_symmetric, has_zeros=False
+            )
         return pair, np.ascontiguousarray(flat_start[..., pair[0].first])
 
     def _flat_start(self, carry: Tree) -> np.ndarray:

@@ -117,7 +117,7 @@ def tune(
         rehearsal = nominal
     fresh_seeds = None
     if options.get("estimator"):
-        fresh_seeds = _cost_on_new_seeds(rehearsal, descents[0].gains, options.get("seed", 0))
+        fresh_seeds = _fresh_seed_cost(rehearsal, descents[0].gains, options.get("seed", 0))
     return _tune_result(
         vehicle_file, rehearsal, descents, initial_gains, worst, fresh_seeds, options.get("controller")
     )
@@ -142,7 +142,7 @@ def search_gains(
         descents.sort(key=lambda d: d.cost)
         best_gains = descents[0].gains
         ends = at_limit(best_gains, space.low, space.high)
-        if np.any(ends) and (interior := _within_bounds(rehearsal, descents, preferred_gains)):
+        if np.any(ends) and (interior := _bounded_descent(rehearsal, descents, preferred_gains)):
             return rehearsal, [interior, *(end for end in descents if end is not interior)]
         wider = space.widen(ends)
         if np.array_equal(wider.low, space.low) and np.array_equal(wider.high, space.high):
@@ -151,7 +151,9 @@ def search_gains(
     return rehearsal, descents
 
 
-def _within_bounds(rehearsal: Objective, descents: list[Descent], preferred_x: np.ndarray) -> Descent | None:
+def _bounded_descent(
+    rehearsal: Objective, descents: list[Descent], preferred_x: np.ndarray
+) -> Descent | None:
     """Return a descent to gains within their bounds, if it costs nearly the same as the best end; else None.
 
     Other descents are made only if none of `descents` ends there. Where the cost is rough, none leaves a bound: a
@@ -194,7 +196,7 @@ def rank_by_worst_case(
     return worst_case, [ends[k] for k in order]
 
 
-def _cost_on_new_seeds(rehearsal: Objective, gains: np.ndarray, seed: int) -> FreshSeeds:
+def _fresh_seed_cost(rehearsal: Objective, gains: np.ndarray, seed: int) -> FreshSeeds:
     """Return the cost with noise of new seeds, which the search did not use, and the cost of the search."""
     test_objective = rehearsal.nominal().with_seeds(seed + SEED_OFFSET, VALIDATION_SEEDS)
     return FreshSeeds(VALIDATION_SEEDS, test_objective.cost(gains), rehearsal.nominal().cost(gains))

@@ -18,7 +18,7 @@ from baqueano.simulate.closed_loop import (
     closed_loop,
     drive_tick_count,
     loop_system,
-    start_by_parameters,
+    parameter_start,
     start_pose,
 )
 from baqueano.simulate.open_loop import tick_times
@@ -149,7 +149,7 @@ def simulated_laps(
 
     paths = tuple(f"controller.{name}" for name in space.names)
     state = begin(system, compose(start_pose(system), np.array([-ASIDE_M, ASIDE_M, 0.0])))
-    start = start_by_parameters(system, paths, state)
+    start = parameter_start(system, paths, state)
     kernel = closed_loop(system, rate, noise=False, backend=backend, paths=paths, start=start, output=output)
     is_whole = tick_count == full_tick_count
     return SimulatedLaps(

@@ -25,7 +25,7 @@ from baqueano.signals import NANOSECONDS
 from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, System, SystemState, advance, begin
 from baqueano.symbolic import jacobian
-from baqueano.symbolic.graph.tree import build, leaves, shape_of, values
+from baqueano.symbolic.graph.tree import build, leaves, tree_shape, values
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -199,7 +199,7 @@ class _NumberRow:
     """Conversion between a state and the row of its non-integer numbers, with the command at the end."""
 
     def __init__(self, example: SystemState) -> None:
-        self.shape = shape_of(_parts(example), "state")
+        self.shape = tree_shape(_parts(example), "state")
         self.leaves = list(leaves(self.shape))
         self.example = [np.asarray(value, dtype=float) for value in values(self.shape, _parts(example))]
         self.free = [k for k, leaf in enumerate(self.leaves) if leaf.kind == "f"]

@@ -33,8 +33,8 @@ from baqueano.simulate.closed_loop import (
     closed_loop,
     drive_tick_count,
     loop_system,
+    parameter_start,
     sample_references,
-    start_by_parameters,
     start_pose,
 )
 from baqueano.simulate.many import draw_parameters
@@ -45,7 +45,7 @@ from baqueano.tune.cost import TickErrors, Weights, tick_cost, tick_errors
 from baqueano.tune.search_space import SearchSpace, search_space
 from baqueano.vehicles.rk4 import row_rate_hz
 from baqueano.worlds.noise import random_stream
-from baqueano.worlds.simulated import rows_of_tick
+from baqueano.worlds.simulated import tick_row_count
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -99,7 +99,7 @@ class ObjectiveCase(NamedTuple):
     def with_seeds(self, seeds: Sequence[int | None]) -> "ObjectiveCase":
         """Return the same case with the noise of these seeds; the seed None gives a drive without noise."""
         t_ns, sensors = tick_times(self.ticks, self.rate_hz), self.system.sensors
-        rows = rows_of_tick(1.0 / self.rate_hz)
+        rows = tick_row_count(1.0 / self.rate_hz)
         noise = [None if seed is None else draw_noise(sensors, seed, self.ticks, rows) for seed in seeds]
         return self._replace(inputs=tuple(Input(t_ns, x) for x in noise))
 
@@ -179,9 +179,7 @@ class Objective:
         total, steep = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
         for case in self.cases:
             mean_cost = (
-                _mean_in_batch
-                if self._batch_pays_off(case, len(theta), derivative_count)
-                else _mean_one_by_one
+                _batch_mean if self._batch_pays_off(case, len(theta), derivative_count) else _sequential_mean
             )
             cost, gradient = mean_cost(case, theta, derivative_count)
             total, steep = total + cost, steep + gradient
@@ -202,7 +200,7 @@ def soft_maximum(costs: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(worst[:, 0]), mean, np.inf)
 
 
-def _mean_one_by_one(
+def _sequential_mean(
     case: ObjectiveCase, theta: np.ndarray, derivative_count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean cost (r,) over seeds for each row of θ, and the gradients (r, slopes).
@@ -221,7 +219,7 @@ def _mean_one_by_one(
     return total / len(case.inputs), steep / len(case.inputs)
 
 
-def _mean_in_batch(
+def _batch_mean(
     case: ObjectiveCase, theta: np.ndarray, derivative_count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean cost (r,) over seeds for each row of θ, and the gradients (r, slopes), as one batch.
@@ -310,7 +308,7 @@ def _case(
     rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
     tick_count = drive_tick_count(system, rate) if duration_s is None else max(1, round(duration_s * rate))
     state = begin(system, compose(start_pose(system), np.array([-aside_m, aside_m, 0.0])))
-    start = start_by_parameters(system, paths, state)
+    start = parameter_start(system, paths, state)
 
     def output(loop_output: Tree) -> _TickOutput:
         return _TickOutput(tick_cost(weights, limit, loop_output), tick_errors(limit, loop_output))

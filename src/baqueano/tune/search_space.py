@@ -112,7 +112,7 @@ def search_space(
     Raise UsageError for an unknown gain, wrong bounds, or a controller without gains or without a compiled step.
     """
     bounds = bounds or {}
-    block, complete = _controller_of(vehicle_file, gains, controller)
+    block, complete = _find_controller(vehicle_file, gains, controller)
     if optional.attribute(block, "is_interpreted"):
         raise UsageError(fault("tune.as-written", controller=type(block).__name__))
     entries = _entries(block)
@@ -147,7 +147,7 @@ def search_space(
     return SearchSpace(names, units, low, high, hard_low, hard_high, file_gains, block)
 
 
-def _controller_of(
+def _find_controller(
     vehicle_file: "VehicleFile", gains: Sequence[str] | None, controller: OwnBlock | None
 ) -> tuple[Controller, bool]:
     """Return the controller, and True if the file contains its gains; False if the search must find all gains."""

@@ -27,7 +27,7 @@ from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
 from baqueano.geometry import map_from_body, wrap
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_voltage
-from baqueano.identify.data.record import FitRecord, record_of
+from baqueano.identify.data.record import FitRecord, make_record
 from baqueano.identify.parameters.free import free_parameter, value
 from baqueano.identify.residuals.motion import motion_rows, open_loop
 from baqueano.identify.result.fit_result import ChannelFit, Fit
@@ -170,7 +170,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     covs = _covariances(fit, entries, fixed_paths)
     segments = [segment for run in runs for segment in check_timestamps(run, fit.file.rate_hz)[0]]
     records = [
-        with_voltage([record_of(segment, {})], [segment], fit.blocks, is_needed=False)[0]
+        with_voltage([make_record(segment, {})], [segment], fit.blocks, is_needed=False)[0]
         for segment in segments
     ]
     volts = [record.sensors[VOLTAGE_KEY].z for record in records if VOLTAGE_KEY in record.sensors]
@@ -185,7 +185,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     notes: list[Diagnostic | str] = _fixed_notes(fit, drives, covs, forecasts[0])
     if not volts:
         notes += _battery_notes(fit, drives[0], motion_rows(records[0]))
-    lap, reason = _lap(fit, paths, theta, _route_of(drives) if route is None else route)
+    lap, reason = _lap(fit, paths, theta, _forecast_route(drives) if route is None else route)
     if lap is None:
         notes.append(reason)
     else:
@@ -341,7 +341,7 @@ def _variances(drive: _ModelDrive, i: int, j: int, covs: np.ndarray) -> np.ndarr
     return np.array([total, of_fit + np.array([x + y, psi])])
 
 
-def _route_of(drives: Sequence[_ModelDrive]) -> Any:
+def _forecast_route(drives: Sequence[_ModelDrive]) -> Any:
     """Return a lap at the median speed of the runs while they move."""
     steps = [(np.hypot(*np.diff(drive.eta[:, :2], axis=0).T), np.diff(drive.t_s)) for drive in drives]
     speeds_m_s = np.concatenate([step_m / np.maximum(step_s, 1e-9) for step_m, step_s in steps])

@@ -297,7 +297,7 @@ def _channel_metrics(
     if worse_finding := _worse_than_mean(metrics, c, noise**2 if explains else errors.white):
         return metrics, [worse_finding]
     own_squares = np.concatenate([error.g for error in own_errors])
-    return metrics, _evidence_against(metrics, errors, own_squares, file)
+    return metrics, _misfit_evidence(metrics, errors, own_squares, file)
 
 
 def _worse_than_mean(metrics: ChannelMetrics, c: ChannelFit, noise2: float) -> Diagnostic | None:
@@ -325,7 +325,7 @@ def _channel_finding(
     return note(code, severity, subject=metrics.channel, **details)
 
 
-def _evidence_against(
+def _misfit_evidence(
     metrics: ChannelMetrics, errors: _ChannelError, own_squares: np.ndarray, file: Path | str
 ) -> list[Diagnostic]:
     """Return the evidence against the model in one channel of a run, at most one finding.  (3), (4)"""

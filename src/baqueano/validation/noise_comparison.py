@@ -20,13 +20,13 @@ from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify.noise.covariances import Noise
-from baqueano.identify.noise.process_noise import ROBUST_SIGMA, filter_of, terms_by_sensor
+from baqueano.identify.noise.process_noise import ROBUST_SIGMA, fitted_filter, sensor_terms
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.numerics.statistics import QUANTILE_95
-from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
+from baqueano.runs.filter_ticks import example_filter_tick, make_ticks
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import scan, with_value
@@ -112,11 +112,11 @@ def compare_noise(
         raise UsageError(fault("noise.fitted-to", run=runs_of_fit[0]))
     if fit.file.kind("estimator") is not Ekf:
         raise UsageError(fault("noise.not-ekf", vehicle=fit.file.name))
-    ekf = filter_of(fit, _sensor_covariances(fit, next(iter(noises.values()))))
+    ekf = fitted_filter(fit, _sensor_covariances(fit, next(iter(noises.values()))))
     size = 36 + sum(getattr(ekf.sensors, name).size ** 2 for name in ekf.use)  # entries of R and of each Q
     kernel = scan(_innovations(ekf), ekf.init(), example_filter_tick(ekf), np.zeros(size), backend=backend)
     max_ticks = TICKS.get(kernel.backend, 500) // len(runs)
-    ticks = [ticks_of(run, ekf, max_ticks) for run in runs]
+    ticks = [make_ticks(run, ekf, max_ticks) for run in runs]
     per_block = max(1, round(BLOCK_S * fit.file.rate_hz))
     trials = []
     for name, noise in noises.items():
@@ -161,7 +161,7 @@ def _innovations(ekf: Ekf) -> Callable[..., Tree]:
             offset = offset + m * m
         belief, estimate = trial_filter.row(belief, tick)
         square, log_det, count = 0.0, 0.0, 0.0
-        for sensor_log_det, sensor_square, m in terms_by_sensor(ekf, estimate):
+        for sensor_log_det, sensor_square, m in sensor_terms(ekf, estimate):
             square = square + np.minimum(sensor_square, ROBUST_SIGMA**2 * m)
             log_det, count = log_det + sensor_log_det, count + m
         return belief, np.array([square, log_det, count])

@@ -141,9 +141,9 @@ class ParameterHistory(Result):
         rows = (
             [
                 name.removeprefix("model."),
-                _with_error(self.single[0, i], self.single_std[0, i]),
-                _with_error(self.single[-1, i], self.single_std[-1, i]),
-                _with_error(self.filtered_values[-1, i], self.filtered_std[-1, i]),
+                _estimate_text(self.single[0, i], self.single_std[0, i]),
+                _estimate_text(self.single[-1, i], self.single_std[-1, i]),
+                _estimate_text(self.filtered_values[-1, i], self.filtered_std[-1, i]),
                 self.units[i],
             ]
             for i, name in enumerate(self.names)
@@ -215,7 +215,7 @@ def parameter_history(
     if len(accepted_fits) < 2:
         fix = baqueano_command("identify", refused_fits[0])
         raise UsageError(fault("over-time.few-fits", fix, accepted_count=len(accepted_fits), count=len(fits)))
-    return track_parameters(fits, [_date_of(run) for run in runs])
+    return track_parameters(fits, [_run_date(run) for run in runs])
 
 
 def compare_fits(fits: Sequence["Fit"], names: Sequence[str] = ()) -> ParameterHistory:
@@ -383,11 +383,11 @@ def _scatter(y: np.ndarray, variance: np.ndarray) -> float:
     return float(np.sqrt(max(0.5 * excess, 0.0)))
 
 
-def _date_of(run: "Run") -> str:
+def _run_date(run: "Run") -> str:
     if not len(run.t_ns) or run.t_ns[0] < EPOCH_NS:
         return ""
     return datetime.fromtimestamp(float(run.t_ns[0]) * 1e-9, UTC).strftime("%Y-%m-%d %H:%M")
 
 
-def _with_error(value: float, std: float) -> str:
+def _estimate_text(value: float, std: float) -> str:
     return _("not identifiable") if not np.isfinite(value) else f"{number(value):.4g} ± {number(std):.1g}"

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from baqueano import block_checks
 from baqueano.block_checks import CHECKS
-from baqueano.blocks import BLOCK_TARGETS, classes_in, kinds, resolve, role_of
+from baqueano.blocks import BLOCK_TARGETS, describe_classes, infer_role, kinds, resolve
 from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
@@ -83,9 +83,9 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
     block_or_class = resolve("estimator", block) if isinstance(block, str) and ".py:" in block else block
     if role is None:
         role = (
-            _role_with_kind(block_or_class)
+            _kind_role(block_or_class)
             if isinstance(block_or_class, str)
-            else role_of(block_or_class if isinstance(block_or_class, type) else type(block_or_class))
+            else infer_role(block_or_class if isinstance(block_or_class, type) else type(block_or_class))
         )
     if role not in CHECKS:
         raise UsageError(fault("cli.block-role", value=role, suggestion=nearest(role, CHECKS)))
@@ -111,13 +111,13 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
     return BlockCheck(name, role, tuple(diagnostics))
 
 
-def _role_with_kind(kind: str) -> str:
+def _kind_role(kind: str) -> str:
     """Return the role of the built-in block with this short name. Raise UsageError if the name is unknown."""
     for role in BLOCK_TARGETS:
         if kind in kinds(role):
             return role
     if kind.endswith(".py"):
-        raise UsageError(fault("cli.block-without-class", classes=classes_in(kind)))
+        raise UsageError(fault("cli.block-without-class", classes=describe_classes(kind)))
     all_kinds = [k for role in BLOCK_TARGETS for k in kinds(role)]
     raise UsageError(
         fault("cli.block-unknown", "baqueano blocks ls", value=kind, suggestion=nearest(kind, all_kinds))

@@ -18,7 +18,7 @@ from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.time_limit import PREPARE_S, within
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault, nearest
-from baqueano.errors import FileError, UsageError, error_text, from_outside, user_code_place
+from baqueano.errors import FileError, UsageError, error_text, is_interruption, user_code_place
 from baqueano.estimators.readings.velocity_readings import velocity_rows
 from baqueano.messages.printable import baqueano_command
 from baqueano.signals import ByName, sensor_slots
@@ -29,8 +29,8 @@ from baqueano.vehicle_file.tables import (
     ReadReport,
     argument_names,
     arguments,
-    keys_of,
     missing_keys,
+    table_keys,
 )
 from baqueano.vehicle_file.units import NON_MOTION_CHANNELS
 from baqueano.vehicles.rk4 import row_rate_hz
@@ -73,7 +73,7 @@ def vehicle(report: ReadReport, table: Any, context: BuildContext) -> Any:
     block_class = _named_class(report, ("model",), "vehicle", table, None, context)
     if block_class is None:
         return None
-    keys = keys_of(block_class, DERIVED_KEYS)
+    keys = table_keys(block_class, DERIVED_KEYS)
     values = arguments(report, ("model",), keys, table)
     if "inertia_kg_m2" in keys and "inertia_kg_m2" not in table and "mass_kg" in values:
         inertia = solid_inertia(values["mass_kg"], context.geometry)
@@ -153,7 +153,7 @@ def _with_usual_std(sensor: Tree) -> Tree:
 
 
 def _sensor(report: ReadReport, path: KeyPath, block_class: type, table: Any, context: BuildContext) -> Any:
-    keys = keys_of(block_class, DERIVED_KEYS)
+    keys = table_keys(block_class, DERIVED_KEYS)
     values = arguments(report, path, keys, table)
     if "track_m" in keys and "track_m" not in table and context.geometry.track_m is not None:
         values["track_m"] = context.geometry.track_m
@@ -195,7 +195,7 @@ def role_table(
     )
     if block_class is None:
         return None
-    keys = keys_of(block_class, {*DERIVED_KEYS, *role_values, *(ROUTE_FIELDS if name == "guide" else ())})
+    keys = table_keys(block_class, {*DERIVED_KEYS, *role_values, *(ROUTE_FIELDS if name == "guide" else ())})
     if kind is not None and kind != own_kind:
         table = {k: v for k, v in table.items() if k in keys}
     values = arguments(report, path, keys, table)
@@ -241,7 +241,7 @@ def construct(
     """Return an object of the class. If its constructor raises, add a problem of the table and return None."""
     names = argument_names(block_class)
     values = dict(values)
-    for name, key in keys_of(block_class).items():
+    for name, key in table_keys(block_class).items():
         if isinstance(values.get(name), dict):
             values[name] = construct(report, (*path, name), key.type, values[name], context, commands)
             if values[name] is None:
@@ -259,7 +259,7 @@ def construct(
     except (ValueError, TypeError) as error:
         report.add_table_problem(path, "vehicle.refused", block=_block_name(block_class), error=str(error))
     except BaseException as error:
-        if from_outside(error):
+        if is_interruption(error):
             raise
         code_place = user_code_place(error)
         block_name = f"{block_class.__name__} ({code_place})" if code_place else _block_name(block_class)

@@ -220,9 +220,9 @@ class VehicleFile:
 
     def simulation_truth(self, truth: "VehicleFile") -> "VehicleFile":
         """Return `truth` with the IMU filter of this file, and with the sensors that only this file describes."""
-        from baqueano.vehicle_file.text.edit import truth_with_sensors
+        from baqueano.vehicle_file.text.edit import equip_truth
 
-        return truth_with_sensors(truth, self)
+        return equip_truth(truth, self)
 
     @property
     def sensors_without_noise(self) -> tuple[str, ...]:
@@ -300,7 +300,7 @@ def load(source: str | Path, allow_blocks: bool = False) -> VehicleFile:
     >>> print(small.value("model.mass_kg"), "kg")
     0.61 kg
     """
-    path = garage.path_of(source)
+    path = garage.resolve_path(source)
     text = read_text(path)
     is_users_file = not garage.is_in_garage(path)
     layers = (path.name if is_users_file else f"garage: {path.stem}",)

@@ -29,7 +29,7 @@ def is_in_garage(path: Path) -> bool:
     return path.parent == GARAGE_FOLDER
 
 
-def path_of(source: str | Path) -> Path:
+def resolve_path(source: str | Path) -> Path:
     """Return the path of `source`: a path, or a name of the garage. Raise FileError if the file does not exist."""
     path = Path(source).expanduser()
     if path.is_file():

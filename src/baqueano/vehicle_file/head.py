@@ -8,7 +8,7 @@ import numpy as np
 from baqueano.geometry import axes_rotation
 from baqueano.parameter import INF, parameter
 from baqueano.sensors.imu_filter import ACCEL_RANGES_G, GYRO_RANGES_DPS, MPU6050_BANDS
-from baqueano.vehicle_file.tables import ReadReport, arguments, keys_of, missing_keys
+from baqueano.vehicle_file.tables import ReadReport, arguments, missing_keys, table_keys
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -171,7 +171,7 @@ class CommandSpec(NamedTuple):
 
 def read_top(report: ReadReport, data: "JsonObject") -> TopLevelKeys:
     """Return the keys above the first table. Raise FileError for a missing key, or for another format version."""
-    keys = keys_of(TopLevelKeys)
+    keys = table_keys(TopLevelKeys)
     if "format" not in data:
         report.add_problem(("format",), "vehicle.no-format", expected=FORMAT_VERSION)
         report.raise_problems()
@@ -199,13 +199,13 @@ def _example(name: str) -> str:
 
 def read_head(report: ReadReport, data: "JsonObject") -> tuple[Channels, Geometry, Hardware, Simulation]:
     """Return the tables [command], [geometry], [robot] and [simulation]. Raise FileError for a wrong value."""
-    values = arguments(report, ("command",), keys_of(Channels), data["command"], other_keys=())
+    values = arguments(report, ("command",), table_keys(Channels), data["command"], other_keys=())
     if "names" not in values and "names" not in data["command"]:
         report.add_problem(("command", "names"), "vehicle.no-command-names")
-    geometry = arguments(report, ("geometry",), keys_of(Geometry), data.get("geometry", {}), other_keys=())
-    hardware = arguments(report, ("robot",), keys_of(Hardware), data.get("robot", {}), other_keys=())
+    geometry = arguments(report, ("geometry",), table_keys(Geometry), data.get("geometry", {}), other_keys=())
+    hardware = arguments(report, ("robot",), table_keys(Hardware), data.get("robot", {}), other_keys=())
     simulation = arguments(
-        report, ("simulation",), keys_of(Simulation), data.get("simulation", {}), other_keys=()
+        report, ("simulation",), table_keys(Simulation), data.get("simulation", {}), other_keys=()
     )
     report.raise_problems()
     robot = Hardware(**hardware)

@@ -13,7 +13,7 @@ from baqueano.contracts.result import no_attribute
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import FileError, NoAttribute, UsageError
 from baqueano.vehicle_file.head import Geometry, Hardware, Simulation
-from baqueano.vehicle_file.tables import DERIVED_KEYS, keys_of
+from baqueano.vehicle_file.tables import DERIVED_KEYS, table_keys
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -41,9 +41,9 @@ def known_paths(data: "JsonObject", folder: Path | str | None = None) -> list[st
     paths = [
         "rate_hz",
         *(f"command.{k}" for k in data.get("command", {})),
-        *(f"geometry.{k}" for k in keys_of(Geometry)),
-        *(f"robot.{k}" for k in keys_of(Hardware)),
-        *(f"simulation.{k}" for k in keys_of(Simulation)),
+        *(f"geometry.{k}" for k in table_keys(Geometry)),
+        *(f"robot.{k}" for k in table_keys(Hardware)),
+        *(f"simulation.{k}" for k in table_keys(Simulation)),
     ]
     tables = {("model",): "vehicle"}
     tables |= {("sensors", name): "sensor" for name in data.get("sensors", {})}
@@ -134,16 +134,16 @@ def _keys(
         table = table.get(name, {}) if isinstance(table, dict) else {}
     kind = table.get("kind", DEFAULT_KINDS.get(role, path[-1])) if isinstance(table, dict) else None
     try:
-        return _keys_of(resolve_named(role, kind, folder)) if isinstance(kind, str) else []
+        return _block_keys(resolve_named(role, kind, folder)) if isinstance(kind, str) else []
     except FileError:
         return _leaf_paths(table)
 
 
-def _keys_of(block_class: type) -> list[tuple[str, ...]]:
+def _block_keys(block_class: type) -> list[tuple[str, ...]]:
     keys: list[tuple[str, ...]] = []
-    for name, key in keys_of(block_class, {*DERIVED_KEYS, "vehicle", "sensors"}).items():
+    for name, key in table_keys(block_class, {*DERIVED_KEYS, "vehicle", "sensors"}).items():
         is_table = is_dataclass(key.type)
-        keys += [(name, *inner_path) for inner_path in _keys_of(key.type)] if is_table else [(name,)]
+        keys += [(name, *inner_path) for inner_path in _block_keys(key.type)] if is_table else [(name,)]
     return keys
 
 

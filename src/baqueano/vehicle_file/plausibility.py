@@ -14,7 +14,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.contracts.time_limit import HANG_S, within
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.errors import error_text, from_outside, user_code_place
+from baqueano.errors import error_text, is_interruption, user_code_place
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import value_at_path, with_value
 from baqueano.vehicle_file.head import Channels, Geometry, reach_m, solid_inertia
@@ -115,7 +115,7 @@ def _has_acceleration(report: ReadReport, vehicle: "DynamicVehicle") -> bool:
     try:
         acceleration = within(HANG_S, vehicle.nu_dot, np.zeros(3), np.zeros(vehicle.commands), 0.0)
     except BaseException as error:
-        if from_outside(error):
+        if is_interruption(error):
             raise
         name = f"{type(vehicle).__name__} ({user_code_place(error)})"
         report.add_table_problem(("model",), "vehicle.not-built", block=name, error=error_text(error))

@@ -18,12 +18,12 @@ from baqueano.parameter import INF
 from baqueano.vehicle_file.build import ROUTE_FIELDS
 from baqueano.vehicle_file.head import Channels, Geometry, Hardware, Simulation, TopLevelKeys
 from baqueano.vehicle_file.provenance import Provenance
-from baqueano.vehicle_file.tables import DERIVED_KEYS, NO_DEFAULT, Key, allowed_range, keys_of
+from baqueano.vehicle_file.tables import DERIVED_KEYS, NO_DEFAULT, Key, allowed_range, table_keys
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
-TABLE_OF_ROLE = {
+ROLE_TABLES = {
     "vehicle": "model",
     "sensor": "sensors.NAME",
     "estimator": "estimator",
@@ -76,7 +76,7 @@ PLAIN_MEANINGS = {  # keys without a unit: what they mean
     "high": N_("largest value of each name in the data of the last fit"),
     "correlation": N_("of the parameters of the last fit, lower triangle"),
 }
-DEFAULTS_FROM_FILE = {  # keys whose default is elsewhere in the file
+FILE_DEFAULTS = {  # keys whose default is elsewhere in the file
     ("model", "inertia_kg_m2"): N_("½ m R², from radius_m"),
     ("sensors.NAME", "track_m"): N_("the value in [geometry]"),
     ("model.friction", "track_m"): N_("the value in [geometry], else 0"),
@@ -85,7 +85,7 @@ DEFAULTS_FROM_FILE = {  # keys whose default is elsewhere in the file
     ("controller", "rate_hz"): N_("the rate of the file"),
     ("supervisor", "limit"): N_("the limit in [command]"),
 }
-FIELDS_FROM_FILE = {"vehicle", "sensors"}
+FILE_FIELDS = {"vehicle", "sensors"}
 INTRODUCTION = N_(
     "A key that is not required may be missing. Its default is written here as in the file, with a decimal "
     "point."
@@ -98,7 +98,7 @@ def rows() -> list["TableRow"]:
     all_rows += _rows("robot", "", Hardware) + _rows("simulation", "", Simulation)
     for role, kinds in BLOCK_TARGETS.items():
         for kind in kinds:
-            all_rows += _rows(TABLE_OF_ROLE[role], kind, resolve(role, kind))
+            all_rows += _rows(ROLE_TABLES[role], kind, resolve(role, kind))
     for name in Provenance._fields:
         all_rows.append(_row('provenance."KEY"', "", Key(name, None, Any, None)))
     for name in ("run", "date", "names", "std", "correlation"):
@@ -139,8 +139,8 @@ def _rows(table: str, kind: str, block: type) -> list["TableRow"]:
     own_rows, nested_rows = [], []
     if kind and "." not in table.replace("sensors.NAME", ""):
         own_rows.append(_row(table, kind, Key("kind", None, str, NO_DEFAULT)))
-    for name, key in keys_of(
-        block, {*DERIVED_KEYS, *FIELDS_FROM_FILE, *(ROUTE_FIELDS if table == "guide" else ())}
+    for name, key in table_keys(
+        block, {*DERIVED_KEYS, *FILE_FIELDS, *(ROUTE_FIELDS if table == "guide" else ())}
     ).items():
         if isinstance(key.type, type) and is_dataclass(key.type):
             nested_rows += _rows(f"{table}.{name}", "", key.type)
@@ -151,7 +151,7 @@ def _rows(table: str, kind: str, block: type) -> list["TableRow"]:
 
 def _row(table: str, kind: str, key: Key) -> "JsonObject":
     p = key.parameter
-    file_default = DEFAULTS_FROM_FILE.get((table, key.name))
+    file_default = FILE_DEFAULTS.get((table, key.name))
     return {
         "table": table,
         "kind": kind,

@@ -15,7 +15,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, fault, nearest, note
 from baqueano.errors import FileError
-from baqueano.vehicle_file.text.toml_text import line_of
+from baqueano.vehicle_file.text.toml_text import key_line
 from baqueano.vehicle_file.units import wrong_unit
 
 if typing.TYPE_CHECKING:
@@ -46,10 +46,10 @@ class ReadReport:
     def location(self, path: KeyPath) -> Diagnostic:
         """Return file, line and key: "small.toml line 12, [model] mass_kg"."""
         *table, key = path
-        return self._location_in_text(path, f"[{'.'.join(table)}] {key}" if table else key)
+        return self._text_location(path, f"[{'.'.join(table)}] {key}" if table else key)
 
-    def _location_in_text(self, path: KeyPath, key: str) -> Diagnostic:
-        line = line_of(self.text, path)
+    def _text_location(self, path: KeyPath, key: str) -> Diagnostic:
+        line = key_line(self.text, path)
         if line is None:
             return note("vehicle.place", file=self.name, key=key)
         return note("vehicle.line", file=self.name, line=line, key=key)
@@ -60,9 +60,7 @@ class ReadReport:
 
     def add_table_problem(self, path: KeyPath, code: str, **figures: Any) -> None:
         """Add a problem of a whole table."""
-        self.problems.append(
-            fault(code, place=self._location_in_text(path, f"[{'.'.join(path)}]"), **figures)
-        )
+        self.problems.append(fault(code, place=self._text_location(path, f"[{'.'.join(path)}]"), **figures))
 
     def add_notice(self, path: KeyPath, code: str, **figures: Any) -> None:
         """Add a remark about a key, which does not prevent the use of the file."""
@@ -85,7 +83,7 @@ class Key(NamedTuple):
     default: Any  # NO_DEFAULT if the block cannot be built without it
 
 
-def keys_of(block_class: type, hidden_names: typing.Collection[str] = ()) -> dict[str, Key]:
+def table_keys(block_class: type, hidden_names: typing.Collection[str] = ()) -> dict[str, Key]:
     """Return the keys of a block's table, in the order of its fields."""
     if not dataclasses.is_dataclass(block_class):
         return _plain_class_keys(block_class, hidden_names)
@@ -131,7 +129,7 @@ def arguments(
 ) -> "JsonObject":
     """Return keyword arguments from a table. A value that does not fit is omitted, and added to `report`."""
     if not isinstance(table, dict):
-        report.add_problem(path, "vehicle.not-table", value=_text_of(table), table=".".join(path))
+        report.add_problem(path, "vehicle.not-table", value=_short_text(table), table=".".join(path))
         return {}
     values = {}
     for name, value in table.items():
@@ -187,7 +185,7 @@ def _convert(report: ReadReport, path: KeyPath, key: Key, value: object) -> Any:
 
 def _nested_table(report: ReadReport, path: KeyPath, block_class: type, value: object) -> Any:
     """Return the arguments of a block inside a block as a dict; the inner block is built later."""
-    return arguments(report, path, keys_of(block_class, DERIVED_KEYS), value, other_keys=())
+    return arguments(report, path, table_keys(block_class, DERIVED_KEYS), value, other_keys=())
 
 
 def _is_number(text: str) -> bool:
@@ -205,7 +203,7 @@ def _read_number(report: ReadReport, path: KeyPath, key: Key, value: object) -> 
         if isinstance(value, bool) or not isinstance(value, int | float):
             is_quoted = isinstance(value, str) and _is_number(value)
             code = "vehicle.number-in-quotes" if is_quoted else "vehicle.not-number"
-            report.add_problem(path, code, value=_text_of(value), unit_name=p.unit, meaning=p.meaning)
+            report.add_problem(path, code, value=_short_text(value), unit_name=p.unit, meaning=p.meaning)
             return None
         number = _float_or_nan(value)
         if np.isfinite(number) and p.low <= number <= p.high:
@@ -218,7 +216,7 @@ def _read_number(report: ReadReport, path: KeyPath, key: Key, value: object) -> 
             report.add_problem(
                 path,
                 "vehicle.not-numbers",
-                value=_text_of(value),
+                value=_short_text(value),
                 size=_size(p.shape),
                 unit_name=p.unit,
                 meaning=p.meaning,
@@ -287,7 +285,7 @@ def _read_plain_value(report: ReadReport, path: KeyPath, value_type: object, val
         return int(value)
     if origin in (str, bool, int) and type(value) is not origin:
         code = {str: "vehicle.not-text", bool: "vehicle.not-flag", int: "vehicle.not-whole"}[origin]
-        report.add_problem(path, code, value=_text_of(value))
+        report.add_problem(path, code, value=_short_text(value))
         return None
     if origin is float or (isinstance(value, float | int) and not isinstance(value, bool) and origin is Any):
         if (
@@ -295,17 +293,17 @@ def _read_plain_value(report: ReadReport, path: KeyPath, value_type: object, val
             or not isinstance(value, int | float)
             or not np.isfinite(_float_or_nan(value))
         ):
-            report.add_problem(path, "vehicle.not-one-finite", value=_text_of(value))
+            report.add_problem(path, "vehicle.not-one-finite", value=_short_text(value))
             return None
         return _float_or_nan(value) if origin is float or isinstance(value, float) else value
     if origin is tuple:
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            report.add_problem(path, "vehicle.not-names", value=_text_of(value))
+            report.add_problem(path, "vehicle.not-names", value=_short_text(value))
             return None
         return tuple(value)
     array = number_array(value) if isinstance(value, list) else None
     if origin is np.ndarray and (array is None or not np.all(np.isfinite(array))):
-        report.add_problem(path, "vehicle.not-list", value=_text_of(value))
+        report.add_problem(path, "vehicle.not-list", value=_short_text(value))
         return None
     return value if array is None else array
 
@@ -358,6 +356,6 @@ def allowed_range(p: "Parameter") -> Diagnostic:
     return note("vehicle.between", low=p.low, high=p.high)
 
 
-def _text_of(value: object) -> str:
+def _short_text(value: object) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -84,7 +84,13 @@ UNITS: dict[str, Unit] = {
     "mv": Unit("voltage", 1e-3, "mV"),
     "c": Unit("temperature", 1.0, "°C"),
 }
-_OF_PARAMETER = {"m/s²": "acceleration", "rad/s": "turning", "m/s": "speed", "m": "length", "s": "time"}
+_PARAMETER_QUANTITIES = {
+    "m/s²": "acceleration",
+    "rad/s": "turning",
+    "m/s": "speed",
+    "m": "length",
+    "s": "time",
+}
 
 
 def split_unit(key: str) -> tuple[str, str]:
@@ -110,7 +116,9 @@ def wrong_unit(key: str, value: object, unit_of: dict[str, str]) -> Diagnostic |
             unit_words = UNITS[right_unit].words
             return note("vehicle.unit-missing", key=known_key, value=_unit_text(value), unit_name=unit_words)
         dimension = (
-            UNITS[right_unit].dimension if right_unit else _OF_PARAMETER.get(its_unit.split(",")[0], "")
+            UNITS[right_unit].dimension
+            if right_unit
+            else _PARAMETER_QUANTITIES.get(its_unit.split(",")[0], "")
         )
         source_unit = UNITS["g0"] if unit == "g" and dimension == "acceleration" else UNITS[unit]
         if source_unit.dimension != dimension:

@@ -20,7 +20,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.vehicles.delay import MIN_TICK_S, CommandSegment
 
-END_OF_TICK = 1.0 - 1e-9  # of a tick: a segment that begins later does not act at the end of the tick
+TICK_END = 1.0 - 1e-9  # of a tick: a segment that begins later does not act at the end of the tick
 
 
 class Effort(NamedTuple):
@@ -72,7 +72,7 @@ def direct_effort(pieces: Sequence[CommandSegment], dt_s: Value) -> Effort:
     for w, a, h in pieces:
         integral = integral + w * (h / dt_s)
         moment = moment + w * (h * (2.0 * a + h) / dt_s**2)
-        last = np.where(a < END_OF_TICK * dt_s, w, last)
+        last = np.where(a < TICK_END * dt_s, w, last)
     return _without_rates(*_line(integral, moment), last)
 
 

@@ -49,7 +49,7 @@ def damping_derivatives(
     `freedoms` is the result of `coasting_axes`, if it is already known.
     """
     freedoms = coasting_axes(vehicle) if freedoms is None else freedoms
-    for path, rates_at in _rates_by_entry(vehicle, fields, freedoms, SMALL_SPEED):
+    for path, rates_at in _entry_rates(vehicle, fields, freedoms, SMALL_SPEED):
         first_step, second_step = rates_at[1] - rates_at[0], rates_at[2] - rates_at[1]
         if np.any(first_step > 1e-6) and np.allclose(first_step, second_step, rtol=1e-3):
             yield path, np.where(first_step > 1e-6, first_step, 0.0)
@@ -62,14 +62,14 @@ def quadratic_damping(
     square of the speed.  (4)  `freedoms` is the result of `coasting_axes`, if it is already known.
     """
     freedoms = coasting_axes(vehicle) if freedoms is None else freedoms
-    at_double_speed = dict(_rates_by_entry(vehicle, fields, freedoms, 2.0))
-    for path, rates_at in _rates_by_entry(vehicle, fields, freedoms, 1.0):
+    at_double_speed = dict(_entry_rates(vehicle, fields, freedoms, 2.0))
+    for path, rates_at in _entry_rates(vehicle, fields, freedoms, 1.0):
         k, at_two = rates_at[1] - rates_at[0], at_double_speed[path][1] - at_double_speed[path][0]
         if np.any(k > 1e-6) and np.allclose(2.0 * k, at_two, rtol=1e-3):
             yield path, np.where(k > 1e-6, k, 0.0)
 
 
-def _rates_by_entry(
+def _entry_rates(
     vehicle: DynamicVehicle, fields: Collection[str], freedoms: tuple[int, ...], speed: float
 ) -> Iterator[tuple[str, list[np.ndarray]]]:
     """Yield (path with its entry, rates (3,) for its values 0, 1 and 2) of each parameter that changes a rate."""

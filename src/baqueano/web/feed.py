@@ -126,12 +126,16 @@ class Feed:
 def field_rows(names: list[object], units: list[object], commands: list[str]) -> "list[JsonObject]":
     """Return name, unit and group of each column; `commands` are the names of the commands."""
     return [
-        {"name": str(name), "unit": "" if unit == "1" else str(unit), "group": group_of(str(name), commands)}
+        {
+            "name": str(name),
+            "unit": "" if unit == "1" else str(unit),
+            "group": column_group(str(name), commands),
+        }
         for name, unit in zip(names, units, strict=False)
     ]
 
 
-def group_of(name: str, commands: list[str]) -> str:
+def column_group(name: str, commands: list[str]) -> str:
     """Return the group of a column: the name of a sensor or command, or the first part of the column's name."""
     prefix, _, remainder = name.partition(".")
     if prefix in ("u", "requested"):

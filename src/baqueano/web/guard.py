@@ -76,7 +76,7 @@ class Guard:
         """Return True if an upgrade is from a page of this server, or does not have an Origin header.  (2)"""
         return not origins or (len(origins) == 1 and origins[0].lower() in self._origins)
 
-    def role_of_browser(self, address: str, token: str, from_page: bool) -> Role | None:
+    def browser_role(self, address: str, token: str, from_page: bool) -> Role | None:
         """Return the role of a browser, None if the browser is refused.  (2), (3)
 
         Without an Origin the role is at most VIEW. Tokens are valid for TOKEN_LIFETIME_S after the start of the page.

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 ROWS_PER_FRAME = 4096  # maximum number of rows in a frame of a run
-RUN_OF_STREAM = {1: "run", 2: "ghost"}  # streams of the opened runs
+STREAM_RUNS = {1: "run", 2: "ghost"}  # streams of the opened runs
 STREAM_SHIFT_BITS = 24  # bits of the number of a frame, below its stream: 0 live, 1 the run, 2 its ghost
 IMU_LABELS = {"imu[0]": "web.imu-ahead", "imu[1]": "web.imu-left", "imu[2]": "web.imu-turning"}
 LABELS = {
@@ -156,16 +156,14 @@ class BrowserPage:
             raise UsageError(fault("web.hello-repeated"))
         if message.get("lang") in LANGUAGES:
             visitor.language = message["lang"]
-        role = self._guard().role_of_browser(
-            visitor.address, str(message.get("token") or ""), visitor.from_page
-        )
+        role = self._guard().browser_role(visitor.address, str(message.get("token") or ""), visitor.from_page)
         if role is None:
             raise UsageError(fault("web.token"))
         self._count += 1
         visitor_name = one_line(str(message.get("name") or ""))[:MAX_NAME_LETTERS].strip()
         with use_language(visitor.language):
             visitor.name = visitor_name or text(note("web.visitor", number=self._count))
-        description = await self._about_run() if self.live is None else self.live.hello(visitor)
+        description = await self._replayed_description() if self.live is None else self.live.hello(visitor)
         visitor.role = role
         self.send_hello(visitor, description)
         if self.live is not None:
@@ -189,10 +187,10 @@ class BrowserPage:
 
     def _start_run_keys(self) -> "JsonObject | None":
         """Return the keys of the runs with which the page was started, None without such runs."""
-        words = [self._shelf.key_of(path) for path in self._start_paths]
+        words = [self._shelf.run_key(path) for path in self._start_paths]
         return {"run": words[0], "ghost": words[1] if len(words) > 1 else None} if words else None
 
-    async def _about_run(self) -> "JsonObject":
+    async def _replayed_description(self) -> "JsonObject":
         if not self._start_paths:
             return {}
         description, _ = await self._lab.request("open", path=str(self._start_paths[0]))
@@ -203,11 +201,11 @@ class BrowserPage:
         if message["question"] == "ping":
             visitor.send({"type": "answer", "to": "ask", "id": message.get("id")})
         elif message["question"] == "identify":
-            await self._within_limit(visitor, self._identify_run(visitor, message))
+            await self._limit_questions(visitor, self._identify_run(visitor, message))
         else:
-            await self._within_limit(visitor, self.questions.answer(visitor, message))
+            await self._limit_questions(visitor, self.questions.answer(visitor, message))
 
-    async def _within_limit(self, visitor: Visitor, job: Coroutine[None, None, None]) -> None:
+    async def _limit_questions(self, visitor: Visitor, job: Coroutine[None, None, None]) -> None:
         """Wait for an answer to a browser; disconnect the browser instead if MAX_QUESTIONS of its questions wait."""
         if not visitor.is_open or len(self._waiting.setdefault(visitor, set())) >= MAX_QUESTIONS:
             job.close()
@@ -258,7 +256,7 @@ class BrowserPage:
         visitor.send_pieces(self._run_pieces(visitor, selection))
 
     async def _runs(self, visitor: Visitor, message: "JsonObject") -> None:
-        self._start_task(self._within_limit(visitor, self._send_list(visitor)))
+        self._start_task(self._limit_questions(visitor, self._send_list(visitor)))
 
     async def _send_list(self, visitor: Visitor) -> None:
         """Let the worker read the list of runs, and send it to a browser."""
@@ -276,7 +274,7 @@ class BrowserPage:
             request = {"path": str(path), "filter": through}
             try:
                 description, _ = await lab.request("open", **request)
-                start = {"type": "answer", "to": "open", "stream": stream, "of": RUN_OF_STREAM[stream]}
+                start = {"type": "answer", "to": "open", "stream": stream, "of": STREAM_RUNS[stream]}
                 yield (
                     start
                     | self._run_description(visitor, path, description)
@@ -309,7 +307,7 @@ class BrowserPage:
             sentence = text(note("web.recorded", events=len(metadata["events"]), **figures))
         brief = {name: metadata[name] for name in ("name", "kind", "seconds")}
         return description | {
-            "id": self._shelf.key_of(path), "name": metadata["name"], "run": self._shelf.entry_of(path) | brief,
+            "id": self._shelf.run_key(path), "name": metadata["name"], "run": self._shelf.list_entry(path) | brief,
             "fields": label_fields(metadata["fields"], visitor.language), "sentence": sentence,
             "events": [with_sentence(event, visitor.language) for event in metadata["events"]],
         }  # fmt: skip

@@ -62,7 +62,7 @@ async def show_runs(
         try:
             async with server:
                 show_addresses(server, options, notify)
-                await (wait_for_end() if lasting else _until_first_done(wait_for_end(), _until_empty(server)))
+                await (wait_for_end() if lasting else _wait_first(wait_for_end(), _wait_empty(server)))
         finally:
             await page.close()
             await shelf.close()
@@ -178,7 +178,7 @@ def foxglove_url(server: Server, tokens: dict[Role, str]) -> str:
     return f"ws://{host}:{server.port}/foxglove/{tokens[Role.VIEW]}"
 
 
-async def _until_first_done(*jobs: Coroutine[None, None, None]) -> None:
+async def _wait_first(*jobs: Coroutine[None, None, None]) -> None:
     """Wait until one of several jobs has finished, and cancel the others."""
     tasks = [asyncio.create_task(job) for job in jobs]
     await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -187,7 +187,7 @@ async def _until_first_done(*jobs: Coroutine[None, None, None]) -> None:
     await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def _until_empty(server: Server) -> None:
+async def _wait_empty(server: Server) -> None:
     """Wait until all browsers have left.
 
     Wait COMES_S for the first browser, and later GONE_S, so that a browser can reload the page.

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 STATIC = Path(__file__).with_name("static")
 MAX_VISITORS = 32
 MAX_CONNECTIONS = 96  # maximum number of connections, including those that fetch files
-MAX_CONNECTIONS_OF_ADDRESS = 24  # of one machine of the network, so that it leaves places for the others
+MAX_ADDRESS_CONNECTIONS = 24  # of one machine of the network, so that it leaves places for the others
 HANDSHAKE_TIMEOUT_S = 5.0
 DONE, GOODBYE_S = 1000, 1.0
 LOOPBACK = "127.0.0.1"
@@ -121,7 +121,7 @@ class Server:
         address = peer[0] if peer else ""  # "": it has left
         self._connections[address] += 1
         self._tasks.add(task)
-        own_places = MAX_CONNECTIONS if address in LOOPBACK_ADDRESSES else MAX_CONNECTIONS_OF_ADDRESS
+        own_places = MAX_CONNECTIONS if address in LOOPBACK_ADDRESSES else MAX_ADDRESS_CONNECTIONS
         try:
             if self._connections[address] <= own_places and self._connections.total() <= MAX_CONNECTIONS:
                 await self._answer(reader, writer)
@@ -190,7 +190,7 @@ class Server:
             and not self.guard.shared
             and address in LOOPBACK_ADDRESSES
         )
-        if not is_local and self.guard.role_of_browser(address, token, from_page=False) is None:
+        if not is_local and self.guard.browser_role(address, token, from_page=False) is None:
             raise RefusedRequest(HTTPStatus.FORBIDDEN)
         protocol = self._protocol(head, data, SUBPROTOCOLS)
         if protocol.subprotocol is None:

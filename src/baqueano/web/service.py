@@ -92,7 +92,7 @@ async def start_simulated(vehicle: str, folder: Path, *options: str) -> ServiceL
     )
 
 
-async def link_over_pipes(source: BinaryIO, sink: BinaryIO) -> ServiceLink:
+async def pipe_link(source: BinaryIO, sink: BinaryIO) -> ServiceLink:
     """Return a link to the process that started this process, over these pipes."""
     near_end, far_end = socket.socketpair()
     threading.Thread(target=forward_bytes, args=(far_end, source, sink), name="pipes", daemon=True).start()

@@ -147,12 +147,12 @@ class Visitor:
             self._protocol.receive_data(data)
             self._flush()
             for frame in self._protocol.events_received():
-                for message in self._messages_in(frame):
+                for message in self._parse_frame(frame):
                     self.has_sent_message = True
                     await on_message(self, message)
                     await asyncio.sleep(0)  # let the answer be sent before the next message is read
 
-    def _messages_in(self, frame: object) -> "list[JsonObject]":
+    def _parse_frame(self, frame: object) -> "list[JsonObject]":
         """Return the message that this frame completes, [] without one.
 
         Close the connection if the message is binary or malformed, or if the frames exceed the rate. Each frame counts:

@@ -33,8 +33,8 @@ from baqueano.worlds.simulated import (
     DrawnNoise,
     SimulatedWorld,
     WorldState,
+    advance_rows,
     no_noise,
-    step_in_rows,
 )
 
 MAX_FAULTS = 500  # of one drive
@@ -129,7 +129,7 @@ class _FaultyVehicle(NamedTuple):
     def step(
         self, state: WorldState, u: np.ndarray, dt_s: float, noise: DrawnNoise, shake: Disturbance
     ) -> tuple[WorldState, Motion, Tree]:
-        return step_in_rows(
+        return advance_rows(
             lambda state, row_s, unit: disturbed_step(self.vehicle, self.sensors, state, u, row_s, unit, shake),
             state, dt_s, noise,
         )  # fmt: skip

@@ -43,13 +43,13 @@ class _CheckedWorld:
     def read(self, t_ns: int) -> list[Tick]:
         """Return the ticks of the user's world. Raise UsageError for other values than a list of such ticks."""
         ticks = self._world.read(t_ns)
-        reason = self._reason_against(ticks, t_ns)
+        reason = self._tick_fault(ticks, t_ns)
         if reason is not None:
             raise UsageError(reason)
         self._last_ns = t_ns
         return ticks
 
-    def _reason_against(self, ticks: Sequence[Tick], t_ns: int) -> Diagnostic | None:
+    def _tick_fault(self, ticks: Sequence[Tick], t_ns: int) -> Diagnostic | None:
         figures: dict[str, Any] = {"world": type(self._world).__name__}
         if not isinstance(ticks, list | tuple) or not all(isinstance(tick, Tick) for tick in ticks):
             return fault("world.ticks", **figures, value=type(ticks).__name__)

@@ -91,7 +91,7 @@ class ReplayedWorld(World):
         return [(int(log.t_ns[k]), Motion(log.eta[k], log.nu[k], log.nu_dot[k], level)) for k in rows]
 
 
-def supervisor_of(run: Run, vehicle_file: "VehicleFile") -> Supervision:
+def replay_supervisor(run: Run, vehicle_file: "VehicleFile") -> Supervision:
     """Return the supervisor of a replay: that of the file, or for an imported recording one without limits of motion.
 
     The supervisor of the file took part in a drive of ours, so its replay repeats its stop. A recording of others was

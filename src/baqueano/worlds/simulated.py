@@ -59,7 +59,7 @@ def world_step(
     noise: DrawnNoise,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
     """Return the state, the true motion and the readings after a tick with the command `u` (n,).  (1)"""
-    return step_in_rows(
+    return advance_rows(
         lambda state, row_s, unit: _advance_row(vehicle, sensors, state, u, row_s, unit), state, dt_s, noise
     )
 
@@ -84,7 +84,7 @@ def _advance_row(
 Advance = Callable[[WorldState, float, DrawnNoise], tuple[WorldState, Motion, ByName[Slot]]]
 
 
-def step_in_rows(
+def advance_rows(
     advance: Advance, state: WorldState, dt_s: float, noise: DrawnNoise
 ) -> tuple[WorldState, Motion, Tree]:
     """Return the state, the true motion and the last readings after a tick, with one row per row of `noise`."""
@@ -118,7 +118,7 @@ def _last_reading(previous: Slot, slot: Slot, row_s: float) -> Slot:
     return Slot(is_new, np.where(has_reading, slot.z, previous.z), age_s)
 
 
-def rows_of_tick(dt_s: float) -> int:
+def tick_row_count(dt_s: float) -> int:
     """Return the number of rows into which a tick of `dt_s` [s] is divided."""
     return int(row_counts(np.array(dt_s)))
 
@@ -131,7 +131,7 @@ def no_noise(sensors: SensorBlocks, row_count: int = 1) -> DrawnNoise:
     )
 
 
-class _VehicleWithSensors(NamedTuple):
+class _EquippedVehicle(NamedTuple):
     """A vehicle and its sensors as one block, for the engine."""
 
     vehicle: Vehicle
@@ -189,7 +189,7 @@ class SimulatedWorld(World):
         # at the last tick
         self.truth = Motion(start.eta, start.nu, start.nu_dot, vehicle.gravity(start.eta[2]))
         self._truths: deque[tuple[int, Motion]] = deque(maxlen=MAX_KEPT_TRUTHS)
-        self._rate_hz, self._rows = rate_hz, rows_of_tick(1.0 / rate_hz)
+        self._rate_hz, self._rows = rate_hz, tick_row_count(1.0 / rate_hz)
         self._u = np.zeros(vehicle.commands)
         self._tick = 0
         self._sizes = [3, *(s.noise_size for s in sensors)]
@@ -199,7 +199,7 @@ class SimulatedWorld(World):
         ]
         self._draws: list[np.ndarray] = []
 
-        step = _VehicleWithSensors(vehicle, sensors).step
+        step = _EquippedVehicle(vehicle, sensors).step
         example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors, self._rows))
         self._step = step if backend == "numpy" else function(step, *example, backend=backend)
 

@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
 
 from baqueano.errors import AnswerNo, RobotUnreachable
-from baqueano.robot.imu.chips import CHIPS, chip_of
+from baqueano.robot.imu.chips import CHIPS, lookup_chip
 from baqueano.robot.imu.self_test import factory_trims, self_test
 from tests.codes import refused
 from tests.emulated.i2c_ioctl import loop, start
@@ -71,15 +71,15 @@ def test_a_bus_without_a_chip_is_not_an_unknown_chip(bench, who_am_i):
 
 def test_every_chip_has_six_filters_and_a_plausible_temperature_scale():
     for who_am_i, chip in CHIPS.items():
-        assert chip_of(who_am_i) is chip
+        assert lookup_chip(who_am_i) is chip
         assert sorted(chip.filter_bands) == [1, 2, 3, 4, 5, 6]
         widths = [chip.filter_bands[n].accel_hz for n in range(1, 7)]
         delays = [chip.filter_bands[n].gyro_delay_s for n in range(1, 7)]
         assert widths == sorted(widths, reverse=True)
         assert delays == sorted(delays)
-    assert chip_of(0x68).celsius(-521) == pytest.approx(35.0, abs=0.01), "data sheet: -521 at 35 °C"
-    assert chip_of(0x70).celsius(0) == pytest.approx(21.0, abs=0.01), "data sheet: 0 at 21 °C"
-    assert chip_of(0x98).celsius(0) == pytest.approx(25.0, abs=0.01), "data sheet: 0 at 25 °C"
+    assert lookup_chip(0x68).celsius(-521) == pytest.approx(35.0, abs=0.01), "data sheet: -521 at 35 °C"
+    assert lookup_chip(0x70).celsius(0) == pytest.approx(21.0, abs=0.01), "data sheet: 0 at 21 °C"
+    assert lookup_chip(0x98).celsius(0) == pytest.approx(25.0, abs=0.01), "data sheet: 0 at 25 °C"
 
 
 @pytest.mark.parametrize("who_am_i", [0x68, 0x98])

@@ -175,7 +175,7 @@ def test_setup_without_a_vehicle_file_does_not_change_the_robots_file(
     if own:
         SMALL.save("vehicle.toml")
     monkeypatch.setattr(install, "make_bundle", lambda *options: wheels)
-    monkeypatch.setattr(install, "machine_at", lambda host: PI)
+    monkeypatch.setattr(install, "host_machine", lambda host: PI)
     monkeypatch.setattr(install, "setup", partial(setup, root=str(pi)))
     with pytest.raises(SystemExit) as exit_info:
         main(["robot", "setup", "r1"])

@@ -10,7 +10,7 @@ import pytest
 
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.setup import install, steps
-from baqueano.robot.setup.install import TargetMachine, machine_at, make_bundle, remove, setup
+from baqueano.robot.setup.install import TargetMachine, host_machine, make_bundle, remove, setup
 from baqueano.robot.setup.steps import Pi, boot_block_step
 from tests.codes import refused
 
@@ -194,11 +194,11 @@ def test_root_programs_run_from_a_new_private_folder(programs, pi, tmp_path):
 def test_an_unsuitable_machine_is_refused_with_a_reason(programs, answer, kind, match):
     programs(ssh=answer)
     with refused(match[0], kind, **match[1]):
-        machine_at("r1")
+        host_machine("r1")
 
 
 def test_the_probe_reports_python_version_and_user_of_the_machine(programs):
-    target = machine_at("r1")
+    target = host_machine("r1")
     assert target.python >= (3, 11)
     assert target.user
 

@@ -26,8 +26,8 @@ OPTIONS = [
 def test_a_host_that_would_be_an_option_is_refused(programs, host):
     calls = programs(ssh="exit 0")
     for go in (
-        lambda: exclusive_hardware.rows_from_host(host, "robot", "doctor"),
-        lambda: install.machine_at(host),
+        lambda: exclusive_hardware.fetch_rows(host, "robot", "doctor"),
+        lambda: install.host_machine(host),
     ):
         with refused("ssh.host", UsageError):
             go()
@@ -56,15 +56,15 @@ def test_ssh_commands_have_a_double_dash_before_the_host(host, words):
 def test_an_advised_ssh_command_has_its_port_as_an_option(programs):
     programs(ssh="exit 255")
     with refused("setup.no-answer", RobotUnreachable) as error_info:
-        install.machine_at("me@r1:2222")
+        install.host_machine("me@r1:2222")
     assert error_info.value.diagnostic.fix == "ssh -p 2222 me@r1"
 
 
 @pytest.mark.parametrize(
     "go",
     [
-        lambda: exclusive_hardware.rows_from_host("r1", "robot", "doctor"),
-        lambda: install.machine_at("r1"),
+        lambda: exclusive_hardware.fetch_rows("r1", "robot", "doctor"),
+        lambda: install.host_machine("r1"),
         lambda: install.remove("r1", install.TargetMachine((3, 11), "aarch64", "pi")),
         lambda: deployed_vehicle_file.renew_file("r1", None),
     ],
@@ -88,8 +88,8 @@ def test_an_endless_ssh_answer_is_refused(programs, monkeypatch):
     monkeypatch.setattr(ssh, "MAX_ANSWER_BYTES", 1 << 20)
     programs(ssh="yes")
     for go in (
-        lambda: exclusive_hardware.rows_from_host("r1", "robot", "doctor"),
-        lambda: install.machine_at("r1"),
+        lambda: exclusive_hardware.fetch_rows("r1", "robot", "doctor"),
+        lambda: install.host_machine("r1"),
     ):
         with refused("ssh.too-much", RobotUnreachable, max_mb=1):
             go()

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from baqueano.robot.uno import frames
 from baqueano.robot.uno.c_header import c_header, snake_case
 from baqueano.robot.uno.frames import (
-    FIELDS_OF_LAYOUT,
-    KIND_OF_LAYOUT,
-    LAYOUT_OF_KIND,
+    KIND_LAYOUTS,
+    LAYOUT_FIELDS,
+    LAYOUT_KINDS,
+    LAYOUT_STRUCTS,
     LAYOUTS,
     MAX_PAYLOAD,
-    STRUCT_OF_LAYOUT,
     Field,
     ValueRange,
 )
@@ -34,11 +34,11 @@ def any_frame() -> st.SearchStrategy[frames.Frame]:
     """Return frames of each kind with numbers in their ranges."""
 
     def of(layout):
-        return st.tuples(*map(any_number, FIELDS_OF_LAYOUT[layout])).map(
+        return st.tuples(*map(any_number, LAYOUT_FIELDS[layout])).map(
             lambda n: frames.unflatten(layout, list(n))
         )
 
-    return st.one_of(*map(of, KIND_OF_LAYOUT))
+    return st.one_of(*map(of, LAYOUT_KINDS))
 
 
 @given(any_frame())
@@ -56,8 +56,8 @@ def test_every_payload_fits_the_buffer_of_the_firmware():
 
 
 def test_frame_kinds_sent_by_the_firmware_have_bit_7_set():
-    assert {kind for kind in LAYOUT_OF_KIND if kind & 0x80} == {0x81, 0x83, 0x85, 0x86}
-    assert KIND_OF_LAYOUT[frames.Settings] == 0x06
+    assert {kind for kind in KIND_LAYOUTS if kind & 0x80} == {0x81, 0x83, 0x85, 0x86}
+    assert LAYOUT_KINDS[frames.Settings] == 0x06
 
 
 def test_default_settings_are_within_their_ranges():
@@ -81,10 +81,10 @@ def test_each_frame_has_the_same_layout_in_c_and_python(tmp_path):
     lines = []
     for layout in LAYOUTS:
         name = snake_case(layout.__name__)
-        if not FIELDS_OF_LAYOUT[layout]:
+        if not LAYOUT_FIELDS[layout]:
             continue
         lines.append(f'printf("{name} %zu\\n", sizeof({name}_t));')
-        for field in FIELDS_OF_LAYOUT[layout]:
+        for field in LAYOUT_FIELDS[layout]:
             lines.append(f'printf("{name}.{field.path} %zu\\n", offsetof({name}_t, {field.path}));')
     source = tmp_path / "layout.c"
     body = "\n".join(lines)
@@ -96,8 +96,8 @@ def test_each_frame_has_the_same_layout_in_c_and_python(tmp_path):
     places = dict(line.split() for line in output.splitlines())
     for layout in LAYOUTS:
         name, place = snake_case(layout.__name__), 0
-        for field in FIELDS_OF_LAYOUT[layout]:
+        for field in LAYOUT_FIELDS[layout]:
             assert int(places[f"{name}.{field.path}"]) == place
             place += struct.calcsize(field.code)
-        if FIELDS_OF_LAYOUT[layout]:
-            assert int(places[name]) == place == STRUCT_OF_LAYOUT[layout].size
+        if LAYOUT_FIELDS[layout]:
+            assert int(places[name]) == place == LAYOUT_STRUCTS[layout].size

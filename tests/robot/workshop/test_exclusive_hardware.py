@@ -95,13 +95,13 @@ def test_a_user_without_rights_to_stop_the_service_is_refused(programs):
 def test_an_error_at_a_host_raises_the_same_error_type_locally(programs, code, kind, reason):
     programs(ssh=f"exit {code}")
     with refused(reason, kind, host="r1"):
-        exclusive_hardware.rows_from_host("r1", "robot", "doctor")
+        exclusive_hardware.fetch_rows("r1", "robot", "doctor")
 
 
 def test_an_interruption_at_a_host_interrupts_the_local_command(programs):
     programs(ssh="exit 130")
     with pytest.raises(KeyboardInterrupt):
-        exclusive_hardware.rows_from_host("r1", "robot", "doctor")
+        exclusive_hardware.fetch_rows("r1", "robot", "doctor")
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_an_interruption_at_a_host_interrupts_the_local_command(programs):
 )
 def test_an_invalid_host_is_refused_before_ssh_starts(host, match):
     with refused(match[0], UsageError, **match[1]) as error:
-        exclusive_hardware.rows_from_host(host, "robot", "doctor")
+        exclusive_hardware.fetch_rows(host, "robot", "doctor")
     assert error.value.diagnostic.fix == (
         "baqueano experiment --robot emulated" if host == "emulated" else ""
     )
@@ -118,14 +118,14 @@ def test_an_invalid_host_is_refused_before_ssh_starts(host, match):
 
 def test_a_port_is_passed_to_ssh_as_an_option(programs):
     calls = programs(ssh='echo \'{"rows": [], "verdict": ""}\'')
-    assert exclusive_hardware.rows_from_host("me@r1:2222", "robot", "doctor") == []
+    assert exclusive_hardware.fetch_rows("me@r1:2222", "robot", "doctor") == []
     assert "-p 2222 -- me@r1 baqueano robot doctor --json" in calls.read_text()
 
 
 def test_heartbeats_are_sent_to_the_host_and_its_result_is_returned(programs, monkeypatch):
     monkeypatch.setattr(remote_session, "HEARTBEAT_PERIOD_S", 0.01)
     programs(ssh='read sign; read sign; echo \'{"rows": [{"a": 1}], "verdict": ""}\'')
-    assert exclusive_hardware.rows_from_host("r1", "robot", "doctor") == [{"a": 1}]
+    assert exclusive_hardware.fetch_rows("r1", "robot", "doctor") == [{"a": 1}]
 
 
 DOCTOR = (

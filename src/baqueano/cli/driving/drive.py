@@ -10,11 +10,11 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.manual_drive import (
     drive_by_hand,
-    drive_from_page,
     finish_manual_drive,
     hold_option,
+    mark_scales,
     pad_option,
-    scales_from_marks,
+    page_driver,
 )
 from baqueano.cli.page import live
 from baqueano.cli.terminal import print_answer, print_message
@@ -58,11 +58,11 @@ def command(
     options.advise_to_measure(vehicle_file, robot)
     path = options.run_path(out, folder, "drive")
     at_terminal = partial(drive_by_hand, pad=pad, share=share, latched=latched)
-    drive = drive_from_page(folder, pace) if show_page else at_terminal
+    drive = page_driver(folder, pace) if show_page else at_terminal
     run = drive("drive", vehicle_file, robot, seed, backend, path, hold=hold)
     print_message(note("cli.run", path=path))
     finish_manual_drive(run, path, robot)
-    text, values = scales_from_marks(run, vehicle_file, length_m)
+    text, values = mark_scales(run, vehicle_file, length_m)
     print_answer(DriveResult(run, path, values), as_json)
     print_message(text)
     if values and update:

@@ -80,7 +80,7 @@ def command(
 
         vehicle_room(vehicle_file, room)  # before anything moves
 
-    def path_of(label: str) -> Path:
+    def round_path(label: str) -> Path:
         labelled_path = out.with_name(f"{out.stem}-{label}{out.suffix}") if out is not None and label else out
         path = options.run_path(labelled_path, folder, label if label == "first-drive" else "experiment")
         run_names.append(path.stem if out is None else str(path))
@@ -92,17 +92,19 @@ def command(
     ):
         runs: list[Run] = []
         if signal == "designed" and not trust_file and vehicle_file.is_guess:
-            vehicle_file, first_result = make_first_drive(vehicle_file, target, backend, path_of)
+            vehicle_file, first_result = make_first_drive(vehicle_file, target, backend, round_path)
             runs.append(first_result)
             target.return_to_middle()
         if rounds is not None:
-            make_signal = lambda now, draw: signal_of(now, kind, room, seconds, draw, backend)  # noqa: E731
-            result = drive_in_rounds(vehicle_file, target, runs, rounds, make_signal, seed, backend, path_of)
+            make_signal = lambda now, draw: build_signal(now, kind, room, seconds, draw, backend)  # noqa: E731
+            result = drive_in_rounds(
+                vehicle_file, target, runs, rounds, make_signal, seed, backend, round_path
+            )
             print_answer(result, as_json)
             options.save_update(result.rounds[-1].fit.vehicle_file, update)
         else:
-            u = signal_of(vehicle_file, kind, room, seconds, seed, backend)
-            run_experiment(vehicle_file, target, u, path_of(""), as_json, shake)
+            u = build_signal(vehicle_file, kind, room, seconds, seed, backend)
+            run_experiment(vehicle_file, target, u, round_path(""), as_json, shake)
     print_message(
         note(
             "cli.next-command",
@@ -149,7 +151,7 @@ def _check_options(signal: str, rounds: int | None, update: bool) -> None:
         raise UsageError(fault("cli.update-without-rounds", "--signal designed --rounds 3 --update"))
 
 
-def signal_of(
+def build_signal(
     vehicle_file: "VehicleFile", kind: str, size: str | None, seconds: float, seed: int, backend: str
 ) -> np.ndarray:
     """Return the commands (N, n) of this kind of signal.
@@ -185,7 +187,7 @@ def signal_of(
 
 
 def make_first_drive(
-    vehicle_file: "VehicleFile", target: Target, backend: str, path_of: Callable[[str], Path]
+    vehicle_file: "VehicleFile", target: Target, backend: str, round_path: Callable[[str], Path]
 ) -> tuple[Any, Any]:
     """Return the file fitted to a careful first drive, and the run of that drive.
 
@@ -197,7 +199,7 @@ def make_first_drive(
     from baqueano.drive.mission import Mission
     from baqueano.identify import FitOptions, identify
 
-    path = path_of("first-drive")
+    path = round_path("first-drive")
     print_message(note("cli.first-drive", name=vehicle_file.name))
     with show_time_progress(note("cli.driving-first"), 0.0) as progress:
         first_result = estimate_first_drive(

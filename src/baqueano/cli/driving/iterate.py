@@ -77,7 +77,7 @@ class Rounds:
 
 def drive_in_rounds(
     vehicle_file: "VehicleFile", target: "Target", runs: "list[Run]", rounds: int,
-    signal: Callable[[Any, int], np.ndarray], seed: int, backend: str, path_of: Callable[[str], Path],
+    signal: Callable[[Any, int], np.ndarray], seed: int, backend: str, round_path: Callable[[str], Path],
 ) -> Rounds:  # fmt: skip
     """Drive `rounds` times with `signal(vehicle_file, seed)`. After each drive fit all `runs` so far.
 
@@ -90,7 +90,7 @@ def drive_in_rounds(
     results: list[Round] = []
     for k in range(rounds):
         u = signal(vehicle_file, seed + k)
-        path = path_of(f"{k + 1}")
+        path = round_path(f"{k + 1}")
         if k:
             target.return_to_middle()
         with show_time_progress(note("cli.round", number=k + 1), len(u) / vehicle_file.rate_hz) as progress:

@@ -86,7 +86,7 @@ def drive_by_hand(
     return read_run(path) if kind == "simulated" else run  # a live drive holds no run of its own
 
 
-def drive_from_page(folder: str, pace: float) -> Callable[..., "Run"]:
+def page_driver(folder: str, pace: float) -> Callable[..., "Run"]:
     """Return a function like `drive_by_hand`, which drives manually from the page instead of this terminal."""
 
     def drive(
@@ -126,12 +126,12 @@ def simulation_options(
     world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed, backend=backend)
     hand.status.state = "simulated"
     return {
-        "world": world, "tick_times_ns": clock_from_zero(wall(vehicle_file.rate_hz)), "live": True,
+        "world": world, "tick_times_ns": relative_ticks(wall(vehicle_file.rate_hz)), "live": True,
         "observers": (hand,),
     }  # fmt: skip
 
 
-def clock_from_zero(clock: Iterable[int]) -> Iterator[int]:
+def relative_ticks(clock: Iterable[int]) -> Iterator[int]:
     """Yield the ticks of `clock` minus the first one, because the time of a simulated world begins at 0."""
     start_ns = None
     for t_ns in clock:
@@ -174,7 +174,7 @@ def finish_manual_drive(run: "Run", path: Path, robot: str) -> None:
     options.raise_stop(run, path)
 
 
-def scales_from_marks(
+def mark_scales(
     run: "Run", vehicle_file: "VehicleFile", length_m: float | None = None
 ) -> tuple[Diagnostic | str, dict[str, object]]:
     """Return the scales of the sensors that the marks of a run determine, as text and as values of the vehicle file.
@@ -194,7 +194,7 @@ def scales_from_marks(
     return result.table(), result.values
 
 
-def scale_from_lap(run: "Run", vehicle_file: "VehicleFile") -> tuple[Diagnostic | str, dict[str, object]]:
+def lap_scale(run: "Run", vehicle_file: "VehicleFile") -> tuple[Diagnostic | str, dict[str, object]]:
     """Return the gyro scale that a lap back to its start determines, as text and as values of the vehicle file.
 
     A file without an identified model cannot compute the end of the lap; then only the marks count.
@@ -203,7 +203,7 @@ def scale_from_lap(run: "Run", vehicle_file: "VehicleFile") -> tuple[Diagnostic 
     from baqueano.errors import AnswerNo
 
     if vehicle_file.is_guess:
-        return scales_from_marks(run, vehicle_file)
+        return mark_scales(run, vehicle_file)
     try:
         result = lap_closure(run, vehicle_file)
     except AnswerNo as error:

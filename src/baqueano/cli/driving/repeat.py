@@ -8,8 +8,8 @@ from baqueano.cli import numbers, options
 from baqueano.cli.driving.route import (
     check_drivable,
     fastest_route,
+    parse_room,
     repetition_start,
-    room_from_options,
     room_option,
     start_option,
 )
@@ -17,7 +17,7 @@ from baqueano.cli.driving.targets import announce_rest, open_target, print_fault
 from baqueano.cli.next_command import advise_to_fit
 from baqueano.cli.page import live
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import in_real_time, print_answer, print_message, show_time_progress
+from baqueano.cli.terminal import print_answer, print_message, real_time_display, show_time_progress
 from baqueano.diagnostics import note
 
 
@@ -103,7 +103,7 @@ def command(
     taught_route = options.find_route(route)
     if faster:
         taught_route = fastest_route(taught_route, route, vehicle_file, backend=backend)
-    walled_room = room_from_options(vehicle_file, room, start)
+    walled_room = parse_room(vehicle_file, room, start)
     check_drivable(taught_route, route, vehicle_file, walled_room, robot, anyway, backend)
     precautions = Precautions(
         check=True,
@@ -130,7 +130,9 @@ def command(
             print_message(note("cli.until-ctrl-c"))
         with show_time_progress(note("cli.repeat"), laps and duration_s) as progress:
             is_paced = laps == 0 and robot.startswith("simulated") and not show_page
-            run = target.drive(mission, vehicle_file, path, in_real_time(progress) if is_paced else progress)
+            run = target.drive(
+                mission, vehicle_file, path, real_time_display(progress) if is_paced else progress
+            )
     print_message(note("cli.run", path=path))
     print_fault_detections(run, vehicle_file, shake)
     comparison = compare(run)

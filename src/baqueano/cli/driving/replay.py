@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @click.command(help="Process RUN again with the same blocks, or with others, and compare.")
 @click.argument("run")
-@options.vehicle_of_run
+@options.run_vehicle_option
 @options.estimator
 @options.align
 @click.option(

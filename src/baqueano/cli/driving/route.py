@@ -93,11 +93,11 @@ def check(
 
     vehicle_file = options.load_vehicle(vehicle, settings)
     result = examine(
-        options.find_route(route), vehicle_file, room_from_options(vehicle_file, room, start), backend=backend
+        options.find_route(route), vehicle_file, parse_room(vehicle_file, room, start), backend=backend
     )
     result = replace(result, findings=tuple(with_route_name(finding, route) for finding in result.findings))
     print_answer(result, as_json)
-    report.write_about(result)
+    report.write_page(result)
     for finding in result.findings:
         if finding.severity == Severity.ERROR:
             details = {"route": route, "cause": finding}
@@ -135,16 +135,16 @@ def import_(
     source: str, name: str, speed_m_s: float, closed: bool | None, folder: str, as_json: bool
 ) -> None:
     if source.lower().endswith(".csv"):
-        route = route_through_points(Path(source), speed_m_s, closed=closed)
+        route = read_point_route(Path(source), speed_m_s, closed=closed)
     else:
-        from baqueano.drive import route_of
+        from baqueano.drive import run_route
         from baqueano.routes.edit import ends_meet
 
         options.refuse_together(source, "speed_m_s")
 
         (run,) = options.find_runs((source,), folder)
-        route = route_of(run)
-        route = route_of(run, closed=True) if closed or (closed is None and ends_meet(route)) else route
+        route = run_route(run)
+        route = run_route(run, closed=True) if closed or (closed is None and ends_meet(route)) else route
     store_route(route, name, as_json)
 
 
@@ -295,13 +295,13 @@ def repetition_start(route: "Route", stand: str | None) -> tuple[float, ...]:
 
     if stand is None:
         return ()
-    x, y, degrees = pose_of(stand, "cli.pose-unreadable")
+    x, y, degrees = parse_pose(stand, "cli.pose-unreadable")
     start_pose = route.eta[0]
     xy = start_pose[:2] + map_from_body(start_pose[2])[:2, :2] @ np.array([x, y])
     return (float(xy[0]), float(xy[1]), float(start_pose[2] + np.radians(degrees)))
 
 
-def pose_of(text: str, code: str) -> tuple[float, float, float]:
+def parse_pose(text: str, code: str) -> tuple[float, float, float]:
     """Return x, y [m] and degrees from the text of an option. Raise UsageError with this code for an invalid pose."""
     try:
         x, y, degrees = (float(value) for value in text.split(","))
@@ -354,7 +354,7 @@ def store_route(route: "Route", name: str, as_json: bool) -> None:
     )
 
 
-def room_from_options(vehicle_file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":
+def parse_room(vehicle_file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":
     """Return the room of `--room` and `--start`; None without `--room`. Raise UsageError for an invalid room."""
     if room is None:
         if start is not None:
@@ -364,22 +364,22 @@ def room_from_options(vehicle_file: "VehicleFile", room: str | None, start: str 
 
     from baqueano.routes.room import vehicle_room
 
-    x, y, degrees = pose_of(start or "0,0,0", "cli.start-unreadable")
+    x, y, degrees = parse_pose(start or "0,0,0", "cli.start-unreadable")
     return vehicle_room(vehicle_file, room, start=(x, y, float(np.radians(degrees))))
 
 
-def route_through_points(path: Path, speed_m_s: float, *, closed: bool | None) -> "Route":
+def read_point_route(path: Path, speed_m_s: float, *, closed: bool | None) -> "Route":
     """Return the route through the points of a file, and print the unused columns. Raise FileError without x or y."""
     import numpy as np
 
     from baqueano.routes import through_points
     from baqueano.routes.path import MAX_END_GAP_M
-    from baqueano.runs.route_file import advice_without_map
+    from baqueano.runs.route_file import column_advice
     from baqueano.runs.tables.table import read_table
 
     if not path.is_file():
         raise FileError(fault("cli.points-absent", path=path))
-    with advice_without_map(XY[0]):
+    with column_advice(XY[0]):
         table = read_table(path, {})
         names = next((xy for xy in XY if set(xy) <= set(table.columns)), None)
         if names is None:

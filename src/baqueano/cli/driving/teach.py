@@ -10,12 +10,12 @@ import click
 from baqueano.cli import options
 from baqueano.cli.driving.manual_drive import (
     drive_by_hand,
-    drive_from_page,
     finish_manual_drive,
     hold_option,
+    lap_scale,
+    mark_scales,
     pad_option,
-    scale_from_lap,
-    scales_from_marks,
+    page_driver,
 )
 from baqueano.cli.driving.targets import announce_rest, open_target
 from baqueano.cli.page import live
@@ -69,7 +69,7 @@ def command(
     hold: bool, speed_m_s: float, size_m: float, closed: bool, update: bool, rest_s: float | None, seed: int,
     backend: str, folder: str, out: Path | None, show_page: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.drive import replay, route_of
+    from baqueano.drive import replay, run_route
     from baqueano.drive.mission import Mission
     from baqueano.runs.route_file import check_ending, write_route
 
@@ -81,7 +81,7 @@ def command(
     options.advise_to_measure(vehicle_file, robot)
     if driver == "keys":
         path = options.run_path(out, folder, "teach")
-        drive = drive_from_page(folder, pace) if show_page else partial(drive_by_hand, pad=pad)
+        drive = page_driver(folder, pace) if show_page else partial(drive_by_hand, pad=pad)
         run, is_closed = drive("teach", vehicle_file, robot, seed, backend, path, hold=hold), closed
     else:
         target_route = shape_or_route(driver, speed_m_s, size_m, valid_names=("keys",))
@@ -99,11 +99,11 @@ def command(
     finish_manual_drive(run, path, robot) if driver == "keys" else options.raise_stop(run, path)
     text, values = "", {}
     if driver == "keys":
-        text, values = (scale_from_lap if closed else scales_from_marks)(run, vehicle_file)
+        text, values = (lap_scale if closed else mark_scales)(run, vehicle_file)
         run = replay(run, vehicle_file.with_values(values)) if closed and values else run
     vehicle_options = options.vehicle_and_runs_options(vehicle_file)
     try:
-        taught_route = route_of(run, closed=is_closed)
+        taught_route = run_route(run, closed=is_closed)
     except AnswerNo as error:
         if driver not in SHAPES:
             raise

@@ -38,4 +38,4 @@ def command(
                 run=unestimated_runs[0].name,
             )
         )
-    report.write_about(comparison)
+    report.write_page(comparison)

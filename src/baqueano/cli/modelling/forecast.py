@@ -30,4 +30,4 @@ def command(
     with show_activity(note("cli.driving-ahead", laps=laps)):
         corridor = forecast_corridor(vehicle_file, taught_route, laps, backend, rest_s)
     print_answer(corridor, as_json)
-    report.write_about(corridor)
+    report.write_page(corridor)

@@ -134,7 +134,7 @@ def command(
         for diagnostic in unused_sensors(fit_runs, vehicle_file):
             print_message(diagnostic)
     if parameter_history:
-        return _fit_over_time(fit_runs, vehicle_file, settings_of_fit, report, update, as_json)
+        return _fit_drift(fit_runs, vehicle_file, settings_of_fit, report, update, as_json)
     span_s = sum(r.duration_s for r in fit_runs)
     with show_steps() as begin:
         progress_line = begin(note("cli.fitting-span", runs=len(fit_runs), span_s=span_s))
@@ -357,7 +357,7 @@ def _measured_noise(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]",
     return noise
 
 
-def _fit_over_time(
+def _fit_drift(
     runs: "list[Run]", vehicle_file: "VehicleFile", arguments: "JsonObject", report: ReportFiles,
     update: bool, as_json: bool,
 ) -> None:  # fmt: skip
@@ -367,7 +367,7 @@ def _fit_over_time(
         drift = parameter_history(runs, vehicle_file, progress=begin, **arguments)
     print_answer(drift, as_json)
     _write_table(report, drift, vehicle_file, f"{vehicle_file.name} over {len(runs)} runs")
-    replace(report, table=None).write_about(drift)
+    replace(report, table=None).write_page(drift)
     options.save_update(drift.vehicle_file, update)
 
 

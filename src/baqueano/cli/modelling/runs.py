@@ -175,13 +175,13 @@ def import_(
         output_path = (
             options.run_path(out, folder, Path(map).stem)
             if single_file
-            else _path_in(out, folder, imports[0].run.name)
+            else _output_path(out, folder, imports[0].run.name)
         )
         path = write_run(imports[0].run, output_path)
         print_answer(WrittenRun(path, imports[0]), as_json)
         advise_after_import([imports[0].run], [path], out, vehicle_file, folder)
         return
-    paths = [write_run(item.run, _path_in(out, folder, item.run.name)) for item in imports]
+    paths = [write_run(item.run, _output_path(out, folder, item.run.name)) for item in imports]
     duration_s = sum(item.run.duration_s for item in imports)
     print_message(
         note("cli.imported", count=len(paths), first=paths[0], last=paths[-1], duration_s=duration_s)
@@ -240,7 +240,7 @@ class WrittenRun(NamedTuple):
         )  # fmt: skip
 
 
-def _path_in(out: Path | None, folder: str, name: str) -> Path:
+def _output_path(out: Path | None, folder: str, name: str) -> Path:
     """Return the file for a run of that name in the folder `out`. If `out` is None, return a numbered file in
     `folder`. Raise UsageError if `out` is a file."""
     if out is not None and out.suffix:
@@ -347,7 +347,7 @@ def noise(
     with show_activity(note("cli.averaging")):
         rest_result = measure_at_rest(recorded_run, from_s, float("inf") if to_s is None else to_s)
     print_answer(rest_result, as_json)
-    report.write_about(rest_result)
+    report.write_page(rest_result)
     if vehicle or update:
         options.save_update(rest_result.updated_file(options.load_vehicle(vehicle, settings)), update)
 
@@ -378,4 +378,4 @@ def wear(
             recorded_runs, options.load_vehicle(vehicle, settings), options=fit_options, progress=begin
         )
     print_answer(Drift(history), as_json)
-    report.write_about(history)
+    report.write_page(history)

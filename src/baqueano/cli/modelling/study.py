@@ -197,7 +197,7 @@ def controllers(seed: int, seed_count: int, own_kinds: tuple[str, ...], backend:
 def laps(
     seed: int, seed_count: int, laps: int, case_filters: tuple[str, ...], backend: str, as_json: bool
 ) -> None:
-    from baqueano.study.laps import all_cases, laps_over_fixes
+    from baqueano.study.laps import all_cases, study_fix_laps
     from baqueano.sweep.workers import processor_count
 
     words = [[word.strip() for word in name.split(",")] for name in case_filters]
@@ -209,7 +209,7 @@ def laps(
         if not words or any(set(filter_words) <= set(case) for filter_words in words)
     ]
     with show_progress(note("cli.study-laps", seeds=seed_count, laps=laps), seed_count) as advance:
-        result = laps_over_fixes(seed_count, seed, laps, processor_count(), backend, cases, advance)
+        result = study_fix_laps(seed_count, seed, laps, processor_count(), backend, cases, advance)
     print_answer(result, as_json)
     _check_complete(result.robots, seed_count)
 
@@ -224,7 +224,7 @@ def laps(
 def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
     from baqueano.study.cross_validation_cpm import cross_validate
     from baqueano.study.recordings import CPM_MAPS, map_files, missing_paths, recordings
-    from baqueano.study.recordings_page import page_of_recordings
+    from baqueano.study.recordings_page import make_recordings_page
 
     with show_steps() as begin:
         result = recordings(backend, begin)
@@ -236,7 +236,7 @@ def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
     with show_steps() as begin:
         study = None if missing_paths(map_files(CPM_MAPS)) else cross_validate(backend, begin)
     report.write_table(result)
-    report.write(lambda: page_of_recordings(result, study), Path("study-recordings.html"))
+    report.write(lambda: make_recordings_page(result, study), Path("study-recordings.html"))
 
 
 @command.command(

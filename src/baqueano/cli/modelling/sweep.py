@@ -107,7 +107,7 @@ def command(
     with show_progress(note("cli.sweep", drives=count), count) as advance:
         result = run_sweep(advance=advance)
     print_answer(result, as_json, combinations=result.combinations())
-    report.write_about(result)
+    report.write_page(result)
     if len(result.drives) < result.requested_drives:
         raise Interruption(
             fault("cli.study-interrupted", count=len(result.drives), total=result.requested_drives)

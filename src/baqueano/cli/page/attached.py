@@ -12,7 +12,7 @@ from baqueano.errors import BaqueanoError
 from baqueano.messages import text
 from baqueano.messages.notation import COMMAND_LINE, use_notation
 from baqueano.web.run import PageOptions, show_vehicle
-from baqueano.web.service import ServiceLink, link_over_pipes
+from baqueano.web.service import ServiceLink, pipe_link
 
 POLL_S = 0.05  # between two counts of the viewers
 
@@ -24,7 +24,7 @@ async def serve(options: PageOptions) -> None:
     counting: list[asyncio.Task[None]] = []
 
     async def start() -> ServiceLink:
-        link.append(await link_over_pipes(sys.stdin.buffer, sys.stdout.buffer))
+        link.append(await pipe_link(sys.stdin.buffer, sys.stdout.buffer))
         return link[0]
 
     def print_message(message: Diagnostic | str) -> None:

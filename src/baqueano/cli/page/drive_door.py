@@ -45,7 +45,7 @@ TIME_FIELDS = ("pace", "paused")  # of a simulation: the page of a subcommand do
 MANUAL_MISSIONS = ("drive", "teach")
 
 
-class WorldWithBody(World, Protocol):
+class BodyWorld(World, Protocol):
     """A simulated or emulated world with a body."""
 
     @property
@@ -114,7 +114,7 @@ class DriveDoor:
             mission_options["world"] = Conditions(
                 **{k: mission_options[k] for k in world_options if k in mission_options}
             ).make_world(file)
-        watching = _PageObserver(self, mission, file, cast(WorldWithBody, mission_options["world"]))
+        watching = _PageObserver(self, mission, file, cast(BodyWorld, mission_options["world"]))
         mission_options["observers"] = (
             *mission_options.get("observers", ()),
             watching,
@@ -246,9 +246,7 @@ class DriveDoor:
 class _PageObserver(Observer):
     """The observer that sends a drive to the page."""
 
-    def __init__(
-        self, door: DriveDoor, mission: "Mission", file: "VehicleFile", world: WorldWithBody
-    ) -> None:
+    def __init__(self, door: DriveDoor, mission: "Mission", file: "VehicleFile", world: BodyWorld) -> None:
         self._door, self._mission, self._file, self._world = door, mission, file, world
 
     def begin(self, blocks: Blocks) -> Blocks:

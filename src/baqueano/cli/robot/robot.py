@@ -193,14 +193,14 @@ class RobotStatus:
 
     def table(self) -> str:
         """Return a line of text for each known value."""
-        from baqueano.messages.printable import in_lines
+        from baqueano.messages.printable import join_rows
 
         (row,) = self.rows()
         name_width = max(len(name) for name in self.reply)
         shown_values = {
             k: f"{number(row[k]):.4g}" if isinstance(row[k], float) else row[k] for k in self.reply
         }
-        return in_lines(f"{k:{name_width}}  {v}" for k, v in shown_values.items() if v not in (None, ""))
+        return join_rows(f"{k:{name_width}}  {v}" for k, v in shown_values.items() if v not in (None, ""))
 
 
 def _connection(host: str) -> Any:

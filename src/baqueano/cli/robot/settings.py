@@ -63,7 +63,7 @@ def settings(
     from baqueano.robot.uno import settings as uno_settings
     from baqueano.robot.uno.frames import Settings
     from baqueano.robot.uno.serial_port import open_uno
-    from baqueano.robot.workshop.exclusive_hardware import result_from_host, stopped_service
+    from baqueano.robot.workshop.exclusive_hardware import fetch_result, stopped_service
 
     changes = option_values(new_values)
     uno_settings.apply_changes(Settings(), changes)  # a wrong value is reported before the hardware is opened
@@ -83,7 +83,7 @@ def settings(
         arguments += ["--defaults"] if defaults else []
         arguments += [] if watch_s is None else [f"--watch={watch_s:g}"]
         verb = ("robot", "settings", *arguments)
-        stored_settings = result_from_host(uno_settings.StoredSettings.from_rows, host, *verb)
+        stored_settings = fetch_result(uno_settings.StoredSettings.from_rows, host, *verb)
     print_answer(stored_settings, as_json)
 
 

@@ -84,12 +84,12 @@ def card(
               help="Folder of the robot's packages; default: the cache.")  # fmt: skip
 def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, folder: Path | None) -> None:
     from baqueano.door.ssh import ssh_line
-    from baqueano.robot.setup.install import machine_at, make_bundle
+    from baqueano.robot.setup.install import host_machine, make_bundle
     from baqueano.robot.setup.install import setup as install
     from baqueano.symbolic.c_code.compile import user_cache
 
     vehicle_file = options.load_vehicle(vehicle, settings)
-    machine = machine_at(host)
+    machine = host_machine(host)
     python = f"{machine.python[0]}.{machine.python[1]}"
     folder = make_bundle(
         folder or user_cache() / "robot" / f"{python}-{machine.kind}", machine, print_message
@@ -114,7 +114,7 @@ def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, 
 @click.command(help="Remove everything that setup installed at HOST, except the runs.")
 @host
 def remove(host: str) -> None:
-    from baqueano.robot.setup.install import machine_at
+    from baqueano.robot.setup.install import host_machine
     from baqueano.robot.setup.install import remove as undo
 
-    undo(host, machine_at(host))
+    undo(host, host_machine(host))

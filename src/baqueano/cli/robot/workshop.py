@@ -26,7 +26,7 @@ def doctor(
 ) -> None:
     from baqueano.robot import HOME
     from baqueano.robot.workshop.doctor import Check, Report, examine
-    from baqueano.robot.workshop.exclusive_hardware import result_from_host, stopped_service
+    from baqueano.robot.workshop.exclusive_hardware import fetch_result, stopped_service
 
     if host == "here":
         vehicle_file = options.load_vehicle(vehicle, settings)
@@ -34,7 +34,7 @@ def doctor(
             report = examine(vehicle_file.robot, Path("/"), Path(folder), jitter_s, print_message)
     else:
         jitter_option = [f"--jitter={jitter_s:g}"] if jitter_s else []
-        report = result_from_host(
+        report = fetch_result(
             lambda rows: Report([Check(**row) for row in rows]), host,
             "robot", "doctor", "--runs", f"{HOME}/runs", *jitter_option,
         )  # fmt: skip
@@ -59,7 +59,7 @@ def flash(
     from baqueano.errors import UsageError
     from baqueano.robot.uno.flash import FlashResult
     from baqueano.robot.uno.flash import flash as write
-    from baqueano.robot.workshop.exclusive_hardware import result_from_host, stopped_service
+    from baqueano.robot.workshop.exclusive_hardware import fetch_result, stopped_service
 
     if host == "here":
         vehicle_file = options.load_vehicle(vehicle, settings)
@@ -68,7 +68,7 @@ def flash(
     elif hex_file is not None:
         raise UsageError(fault("cli.hex-at-host", host=host))
     else:
-        result = result_from_host(lambda rows: FlashResult(**rows[0]), host, "robot", "flash")
+        result = fetch_result(lambda rows: FlashResult(**rows[0]), host, "robot", "flash")
     print_answer(result, as_json)
 
 
@@ -92,7 +92,7 @@ def calibrate() -> None:
 def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool, as_json: bool) -> None:
     from baqueano.robot.workshop.calibrate_imu import ImuCalibration, ImuReader
     from baqueano.robot.workshop.calibrate_imu import calibrate as find
-    from baqueano.robot.workshop.exclusive_hardware import open_hardware, result_from_host
+    from baqueano.robot.workshop.exclusive_hardware import fetch_result, open_hardware
 
     vehicle_file = options.load_vehicle(vehicle, settings)
     if host == "here":
@@ -101,7 +101,7 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
     else:  # its service uses its own vehicle file, so that file is written there
         update_option = ["--update"] if update else []
         verb = ("robot", "calibrate", "imu", *update_option)
-        mounted_imu = result_from_host(lambda rows: ImuCalibration.from_row(rows[0]), host, *verb)
+        mounted_imu = fetch_result(lambda rows: ImuCalibration.from_row(rows[0]), host, *verb)
     print_answer(mounted_imu, as_json)
     values = mounted_imu.values(vehicle_file)
     options.save_update(
@@ -122,7 +122,7 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
     from baqueano.robot.service.configuration import firmware_config
     from baqueano.robot.workshop.calibrate_motors import MotorCalibration
     from baqueano.robot.workshop.calibrate_motors import calibrate as find
-    from baqueano.robot.workshop.exclusive_hardware import open_hardware, result_from_host
+    from baqueano.robot.workshop.exclusive_hardware import fetch_result, open_hardware
 
     motors: Any
     if host == "here":
@@ -131,5 +131,5 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
             floor_tests.uno.configure(firmware_config(vehicle_file.robot, floor_tests.uno.info))
             motors = find(floor_tests, print_message)
     else:
-        motors = result_from_host(MotorCalibration.from_rows, host, "robot", "calibrate", "motors")
+        motors = fetch_result(MotorCalibration.from_rows, host, "robot", "calibrate", "motors")
     print_answer(motors, as_json)

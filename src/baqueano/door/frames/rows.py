@@ -46,7 +46,7 @@ ESTIMATE_COLUMNS = (
     ("ref.x", "m"), ("ref.y", "m"), ("ref.psi", "rad"), ("ref.u", "m/s"),
     ("truth.x", "m"), ("truth.y", "m"), ("truth.psi", "rad"),
 )  # fmt: skip
-KIND_BY_PREFIX = {
+PREFIX_KINDS = {
     "eta": "estimate",
     "P": "covariance",
     "nu": "velocity",
@@ -76,10 +76,10 @@ class RecordedTick(NamedTuple):
     late_ms: float
 
 
-def columns_of(vehicle_file: "VehicleFile") -> list[Column]:
+def row_columns(vehicle_file: "VehicleFile") -> list[Column]:
     """Return the columns of the rows of this vehicle, in order."""
     columns = [Column("t", "s", "time")]
-    columns += [Column(name, unit, KIND_BY_PREFIX[name.partition(".")[0]]) for name, unit in ESTIMATE_COLUMNS]
+    columns += [Column(name, unit, PREFIX_KINDS[name.partition(".")[0]]) for name, unit in ESTIMATE_COLUMNS]
     for name, kind in (("u", "command"), ("requested", "requested")):
         columns += [
             Column(f"{name}.{k}", vehicle_file.command.unit, kind)
@@ -110,7 +110,7 @@ class DriveRows:
 
     def __post_init__(self) -> None:
         self.number = next(DRIVE_NUMBERS)
-        self.columns = columns_of(self.vehicle_file)
+        self.columns = row_columns(self.vehicle_file)
         self.rows: deque[tuple[int, list[str]]] = deque(maxlen=MAX_STORED_TICKS)  # t_ns, the values as text
         self.row_count = 0  # rows since the beginning of the drive, including rows that were skipped
         sensors = self.vehicle_file.sensors

@@ -85,7 +85,7 @@ def mission_plan(
     faults = tuple(Fault.parse(request_of_fault) for request_of_fault in shake)
     if not is_complete:
         yield replace(
-            _plan_by_name(kind, request, vehicle_file, routes, seed), faults=faults, fast_until_s=fast_until_s
+            _named_plan(kind, request, vehicle_file, routes, seed), faults=faults, fast_until_s=fast_until_s
         )
         return
     extra_keys = ("seed", "shake", "fast_until_s")
@@ -147,7 +147,7 @@ class StoredRoutes:
         return rows
 
 
-def _plan_by_name(
+def _named_plan(
     kind: str, request: JsonObject, vehicle_file: "VehicleFile", routes: StoredRoutes, seed: int
 ) -> MissionPlan:
     match kind:

@@ -27,7 +27,7 @@ from baqueano.door.simulated.pace import PacedClock
 from baqueano.door.states import DoorState, StateMachine
 from baqueano.drive.mission import perform
 from baqueano.drive.observers import EventLine, Observer
-from baqueano.drive.tasks import route_of
+from baqueano.drive.tasks import run_route
 from baqueano.errors import BaqueanoError, FileError, SafetyStop
 from baqueano.loop import Blocks, Record
 from baqueano.messages import templates
@@ -183,7 +183,7 @@ class SimulatedService:
     def _store_taught_route(self, plan: MissionPlan, path: Path) -> JsonObject:
         """Store the route of a mission of kind "teach"; return {route}, its name, or {reason, code} after a failure."""
         try:
-            write_route(route_of(read_run(path), closed=plan.closed), self.routes.path(plan.route_name))
+            write_route(run_route(read_run(path), closed=plan.closed), self.routes.path(plan.route_name))
         except BaqueanoError as error:
             return {"reason": error.diagnostic, "code": error.exit_code}
         return {"route": plan.route_name}

@@ -72,7 +72,7 @@ class InputDevice:
 
     def pressed_codes(self) -> set[int]:
         """Return the codes of the keys that are pressed now."""
-        return _indices_of_ones(self._read_ioctl(0x18, KEYS // 8))
+        return _one_bits(self._read_ioctl(0x18, KEYS // 8))
 
     def read(self) -> list[InputEvent]:
         """Return the events since the last call."""
@@ -91,7 +91,7 @@ class InputDevice:
         os.close(self._fd)
 
     def _supported_codes(self, event_type: int, max_code: int) -> set[int]:
-        return _indices_of_ones(self._read_ioctl(0x20 + event_type, max_code // 8))
+        return _one_bits(self._read_ioctl(0x20 + event_type, max_code // 8))
 
     def _read_ioctl(self, number: int, size: int) -> bytes:
         call: Callable[..., Any] = self._ioctl
@@ -100,5 +100,5 @@ class InputDevice:
         return bytes(answer)
 
 
-def _indices_of_ones(bits: bytes) -> set[int]:
+def _one_bits(bits: bytes) -> set[int]:
     return {8 * k + bit for k, byte in enumerate(bits) for bit in range(8) if byte >> bit & 1}

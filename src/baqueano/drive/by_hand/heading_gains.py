@@ -37,10 +37,10 @@ def with_heading_hold(hand: Controller, vehicle_file: VehicleFile) -> Controller
         return hand
     limit = float(_command_limit(vehicle_file)[-1])
     wheels = getattr(vehicle_file.vehicle.drivetrain, "mixing", "none") == "two_wheels"
-    return HeadingHold(hand, gains, limit, MAX_SPEED_SHARE if wheels else inf, _gyro_of(vehicle_file))
+    return HeadingHold(hand, gains, limit, MAX_SPEED_SHARE if wheels else inf, _find_gyro(vehicle_file))
 
 
-def _gyro_of(vehicle_file: VehicleFile) -> Gyro | None:
+def _find_gyro(vehicle_file: VehicleFile) -> Gyro | None:
     estimator, sensors = vehicle_file.estimator(), vehicle_file.sensors
     if not optional.attribute(estimator, "stacks_innovations") or "imu" not in estimator.use:
         return None

@@ -127,7 +127,7 @@ def find_pad(pad_path: Path | None = None, folder: Path = DEVICE_FOLDER) -> Pad:
     if sys.platform != "linux":
         raise UsageError(fault("pad.not-linux"))
     if pad_path is not None:
-        return _pad_at(pad_path)
+        return _open_pad(pad_path)
     pads, descriptions, closed_names = [], [], []
     for path in sorted(folder.glob("event*"), key=lambda p: int(re.sub(r"\D", "", p.name) or 0)):
         try:
@@ -168,7 +168,7 @@ def _no_pad_reason(folder: Path, descriptions: list[str], closed_names: list[str
     )
 
 
-def _pad_at(path: Path) -> Pad:
+def _open_pad(path: Path) -> Pad:
     try:
         device = InputDevice(path)
     except PermissionError as error:

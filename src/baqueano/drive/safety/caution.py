@@ -45,7 +45,7 @@ class Caution(Observer):
         """Set the pace of the guide from the next tick on.  (2)"""
         assert self._guide is not None
         t_ns = record.tick.t_ns
-        reason, is_grave = self._reason_of(record)
+        reason, is_grave = self._unreliability(record)
         if is_grave != self._is_grave:
             self._since_ns = t_ns
         if (reason is None) != (self._reason is None):
@@ -67,7 +67,7 @@ class Caution(Observer):
         lines, self._lines = self._lines, []
         return lines
 
-    def _reason_of(self, record: Record) -> tuple[Diagnostic | None, bool]:
+    def _unreliability(self, record: Record) -> tuple[Diagnostic | None, bool]:
         """Return why the estimate is unreliable, or None, and True in a severe case.  (1)"""
         if not self._is_watching:
             return None, False

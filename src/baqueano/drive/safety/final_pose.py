@@ -11,10 +11,10 @@ from math import degrees, hypot
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.drive.observers import EventLine, Observer
 from baqueano.geometry import wrap
-from baqueano.guides.sequence import AT_START
+from baqueano.guides.sequence import START_TOLERANCES
 from baqueano.loop import Record
 
-MAX_DISTANCE_M, MAX_TURN_RAD = AT_START["tolerance_m"], AT_START["tolerance_rad"]
+MAX_DISTANCE_M, MAX_TURN_RAD = START_TOLERANCES["tolerance_m"], START_TOLERANCES["tolerance_rad"]
 
 
 class FinalPose(Observer):

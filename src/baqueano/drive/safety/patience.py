@@ -32,10 +32,10 @@ class Patience(Observer):
         """Restart the waiting time if the vehicle has moved, or is at its reference."""
         pose, reference = (np.asarray(x.eta).tolist() for x in (record.estimate, record.reference))
         self._away_m = dist(pose[:2], reference[:2])
-        if self._away_m <= AWAY_M or self._has_moved_to(pose):
+        if self._away_m <= AWAY_M or self._has_moved(pose):
             self._origin, self._since_ns = pose, record.tick.t_ns
 
-    def _has_moved_to(self, pose: list[float]) -> bool:
+    def _has_moved(self, pose: list[float]) -> bool:
         is_near = dist(pose[:2], self._origin[:2]) < STILL_M
         return not (is_near and abs(wrap(pose[2] - self._origin[2])) < STILL_RAD)
 

@@ -114,7 +114,7 @@ class Precautions:
         with_lead_in = self.lead_in and (is_away or not signature(estimator.init).parameters)
         if not (with_lead_in or self.way_back):
             return guide
-        limits = drive_to_limits(route, vehicle_file)
+        limits = approach_limits(route, vehicle_file)
         if with_lead_in:
             guide = GuideSequence.with_lead_in(guide, route, **limits)
         return GuideSequence.with_way_back(guide, route, **limits) if self.way_back else guide
@@ -130,7 +130,7 @@ class Precautions:
         return tuple(watch)
 
 
-def drive_to_limits(route: Route, vehicle_file: "VehicleFile") -> dict[str, float]:
+def approach_limits(route: Route, vehicle_file: "VehicleFile") -> dict[str, float]:
     """Return the median speed of a route [m/s], a turning radius [m], and the length [m] on which such a turn begins.
 
     The radius and the length are for this speed, with a margin.

@@ -9,12 +9,12 @@ from baqueano.vehicle_file import VehicleFile
 FORWARD = 0  # the entry of ν
 
 
-def notes_about_sensors(vehicle_file: VehicleFile, estimator: Estimator) -> list[Diagnostic]:
+def sensor_warnings(vehicle_file: VehicleFile, estimator: Estimator) -> list[Diagnostic]:
     """Return warnings about sensors without noise, and about sensors of pose and speed that this estimator ignores.
 
     >>> import baqueano as bq
     >>> small = bq.load("small")
-    >>> notes_about_sensors(small, small.estimator())
+    >>> sensor_warnings(small, small.estimator())
     []
     """
     warnings = []

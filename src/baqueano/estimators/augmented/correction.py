@@ -21,7 +21,7 @@ from baqueano.estimators.augmented.noise_levels import (
     InnovationSquares,
     NoiseLevels,
     file_innovation_cov,
-    levels_after,
+    next_levels,
 )
 from baqueano.estimators.augmented.state import BIAS_INDEX, SCALE_INDEX, Layout, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
@@ -34,8 +34,8 @@ from baqueano.estimators.readings.place_gate import (
     gate_decision,
     growth_factors,
 )
-from baqueano.estimators.readings.repetition import RepeatedReadings, no_repetition, repetition_after
-from baqueano.estimators.readings.sensor_numbers import age_s, motion_at_age
+from baqueano.estimators.readings.repetition import RepeatedReadings, next_repetition, no_repetition
+from baqueano.estimators.readings.sensor_numbers import age_s, past_motion
 from baqueano.parameter import INF
 from baqueano.sensors.sampling import difference, mistake_corrections
 from baqueano.signals import Slot, Tick
@@ -110,7 +110,7 @@ def correct_tick(
     y, H, file_cov, mask, corrections, z, arrived_mask = _compared_channels(
         estimator, x, effort, nu_dot, tick
     )
-    repetition = repetition_after(RepeatedReadings(*memory.repetition), z, mask > 0.0)
+    repetition = next_repetition(RepeatedReadings(*memory.repetition), z, mask > 0.0)
     repeated_mask = np.where(repetition.is_longest & states.is_inertial & (not at_rest), 1.0, 0.0)
     Q = levels.sensor_cov(file_cov)
     H_of_present = H * mask[:, None]
@@ -141,7 +141,7 @@ def correct_tick(
     squares = InnovationSquares(y, last_innovations, S, Q, counts)
     file_S = file_innovation_cov(levels, squares, states)
     if not at_rest:
-        levels = levels_after(levels, squares, states, estimator.noise_gain)
+        levels = next_levels(levels, squares, states, estimator.noise_gain)
     x = Gaussian(boxplus(x.mean, update.move), update.cov)
     y, w = (np.where(mask > 0.0, values, np.nan) for values in (y, w))
     memory = memory._replace(
@@ -203,7 +203,7 @@ def predict_measurement(
         nu_dot = estimator.vehicle.nu_dot(nu, effort.last, eta[2]) + disturbance_acceleration(
             estimator.vehicle, d
         )
-    return sensor.h(motion_at_age(estimator.vehicle, eta, nu, nu_dot, age_s(sensor, slot)))
+    return sensor.h(past_motion(estimator.vehicle, eta, nu, nu_dot, age_s(sensor, slot)))
 
 
 def _max_std(estimator: "AugmentedEkf") -> np.ndarray:

@@ -118,7 +118,7 @@ def advance_mean(
     return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, next_disturbance, *lasting])
 
 
-def mean_disturbance_after(
+def next_mean_disturbance(
     previous: np.ndarray, d: np.ndarray, silent_s: np.ndarray, dt_s: Value
 ) -> np.ndarray:
     """Return d̄ (2,) one row later; `silent_s` (2,) is the time since a reading corrected d.  (3)"""
@@ -142,7 +142,7 @@ def disturbance_variance(estimator: "AugmentedEkf", mean: np.ndarray, effort: Ef
     return estimator.disturbance_std**2 + np.array([0.0, (f[0] - f[1]) ** 2])
 
 
-def unmeasured_variance_after(
+def next_unmeasured_variance(
     estimator: "AugmentedEkf", previous: np.ndarray, variance: np.ndarray, dt_s: Value
 ) -> np.ndarray:
     """Return the variance (2,) of d one row later, without any measurement; `variance` is σ_d² of the row.  (3)"""

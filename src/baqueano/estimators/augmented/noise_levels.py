@@ -53,7 +53,7 @@ class InnovationSquares(NamedTuple):
     counts: np.ndarray  # (m,) 1 for a reading that changes the levels, else 0
 
 
-def levels_after(
+def next_levels(
     levels: NoiseLevels, squares: InnovationSquares, states: "Layout", gain: Value
 ) -> NoiseLevels:
     """Return the levels after the innovations of a tick of a moving vehicle; `gain` is g.  (3), (4)"""

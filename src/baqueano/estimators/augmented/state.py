@@ -89,7 +89,7 @@ class Layout(NamedTuple):
         """Return a mask (m,) of the channels that correct one entry of x while the vehicle drives."""
         return self.moving_mask[:, state] > 0.0
 
-    def corrected_by(self, is_used: np.ndarray) -> np.ndarray:
+    def corrected_rates(self, is_used: np.ndarray) -> np.ndarray:
         """Return a mask (2,): True for speed and yaw rate if a used channel corrects it; `is_used` is (m,)."""
         if not self.channels:
             return np.zeros(2) > 0.0

@@ -89,7 +89,7 @@ def update_inconsistency(
         has_reading[1] = has_reading[1] | replaces_gyro
         mean_checks.append(mean)
     model_error = np.where(np.array([follows_speed, is_followed[1]]), np.abs(from_model), 0.0)
-    next_inconsistency = inconsistency_after(
+    next_inconsistency = track_inconsistency(
         inconsistency, np.array([speed_size, yaw_size]), model_error, np.array(has_reading), dt_s
     )
     size, durations_s = (
@@ -126,7 +126,7 @@ def _wheel_check(
     return mean, size, wheels_are_wrong
 
 
-def inconsistency_after(
+def track_inconsistency(
     inconsistency: np.ndarray,
     rejected: np.ndarray,
     model_error: np.ndarray,

@@ -47,7 +47,7 @@ def no_repetition(m: int) -> RepeatedReadings:
     return RepeatedReadings(*np.zeros((5, m)))
 
 
-def repetition_after(before: RepeatedReadings, z: np.ndarray, is_arrived: np.ndarray) -> RepeatedReadings:
+def next_repetition(before: RepeatedReadings, z: np.ndarray, is_arrived: np.ndarray) -> RepeatedReadings:
     """Return the repeats after the readings z (m,); `is_arrived` (m,) is False for a channel without a reading."""
     is_changed = is_arrived & ~(z == before.last_reading)
     is_repeated, change = is_arrived & ~is_changed, z - before.last_reading

@@ -82,7 +82,7 @@ def age_s(sensor: Sensor, slot: Slot) -> Value:
     return slot.age_s + delay_s + low_pass_s(sensor)
 
 
-def motion_at_age(
+def past_motion(
     vehicle: Vehicle, eta: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray, old_s: Value
 ) -> Motion:
     """Return the motion `old_s` before the tick, extrapolated to first order from η, ν and ν̇ (3,) at the tick.  (3)"""

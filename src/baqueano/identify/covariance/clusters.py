@@ -17,7 +17,7 @@ import numpy as np
 
 from baqueano.identify.data.record import FitRecord
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.numerics.normal_equations import derivatives_without_start
+from baqueano.numerics.normal_equations import projected_derivatives
 from baqueano.numerics.parallel import gram, parallel_map
 from baqueano.numerics.statistics import HUBER, change_covariance
 
@@ -124,7 +124,7 @@ def segment_derivatives(
             continue
         start = index >= problem.layout.first_start
         if are_finite(d):
-            yield r, derivatives_without_start(d, np.abs(r) < HUBER, start), index[~start]
+            yield r, projected_derivatives(d, np.abs(r) < HUBER, start), index[~start]
         else:
             yield r, np.full_like(d[..., ~start], np.nan), index[~start]
 

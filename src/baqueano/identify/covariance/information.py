@@ -43,7 +43,7 @@ class Information(NamedTuple):
 
     bread: np.ndarray  # A (p, p)
     meat: np.ndarray  # B (p, p)
-    information_by_channel: np.ndarray  # (m, p) diagonal of Σ ∂r ∂rᵀ, channel by channel
+    channel_information: np.ndarray  # (m, p) diagonal of Σ ∂r ∂rᵀ, channel by channel
     autocorrelated: bool  # True if B is that of (2)
     autocorrelation: np.ndarray  # (m,) sum of the autocorrelation of the residuals over LAGS ticks
     sample_count: int
@@ -78,14 +78,14 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
         by_channel[:, index] += of_channels
         A[np.ix_(index, index)] += bread
         B[np.ix_(index, index)] += meat
-    scores = _scores_by_segment(problem, segments) if is_autocorrelated else None
+    scores = _segment_scores(problem, segments) if is_autocorrelated else None
     samples = int(sum(mask.sum() for mask in masks))
     return Information(
         A, B, by_channel, is_autocorrelated, autocorrelation, samples, scores, problem.layout.first_start
     )
 
 
-def _scores_by_segment(problem: Residuals, segments: list[Any]) -> np.ndarray | None:
+def _segment_scores(problem: Residuals, segments: list[Any]) -> np.ndarray | None:
     """Return s_k (K, p) of (3), or None if the runs are not split or have too few segments."""
     layout, count = problem.layout, len(segments)
     if not layout.has_split_runs or count < MIN_SEGMENTS_PER_PARAMETER * layout.first_start:
@@ -104,7 +104,7 @@ def _white_sums(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return gram(d) - gram(d[magnitude >= HUBER]), gram(d, np.minimum(magnitude, HUBER) ** 2)
 
 
-def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
+def parameter_covariance(info: Information, identifiable: np.ndarray) -> np.ndarray:
     """Return the covariance (k, k) of the entries `identifiable` of θ, if the others are fixed.  (1), (3)"""
     index = np.ix_(identifiable, identifiable)
     information = np.diagonal(info.bread)[identifiable]
@@ -145,9 +145,9 @@ class FixedParameters(NamedTuple):
     @property
     def estimate_cov(self) -> np.ndarray:
         """Return the part (p, p) of the covariance of the estimates that is `in_cov`."""
-        return self.cov_by(self.in_cov)
+        return self.cov_part(self.in_cov)
 
-    def cov_by(self, mask: np.ndarray) -> np.ndarray:
+    def cov_part(self, mask: np.ndarray) -> np.ndarray:
         """Return the part (p, p) of the covariance of the estimates by the parameters with the `mask` (K,)."""
         S = self.shifts * mask[:, None]
         return S.T @ self.cov @ S

@@ -87,7 +87,7 @@ def with_voltage(
         raise UsageError(fault("battery.no-voltage", channel=BATTERY_CHANNEL))
     records_with_voltage = []
     for record in records:
-        volts = _voltage_at_rows(record, runs[record.run], drivetrain)
+        volts = _row_voltage(record, runs[record.run], drivetrain)
         readings = Measurements(volts[:, None], np.zeros((len(volts), 1)), None)
         records_with_voltage.append(record._replace(sensors={**record.sensors, VOLTAGE_KEY: readings}))
     return records_with_voltage
@@ -97,7 +97,7 @@ def _has_voltage(run: Run) -> bool:
     return BATTERY_CHANNEL in run.sensors and bool(np.isfinite(run.sensors[BATTERY_CHANNEL].z[:, 0]).any())
 
 
-def _voltage_at_rows(record: FitRecord, run: Run, drivetrain: Tree) -> np.ndarray:
+def _row_voltage(record: FitRecord, run: Run, drivetrain: Tree) -> np.ndarray:
     """Return the voltage (N,) [V] at the rows of the record, or `battery_v` for a run without a measured voltage."""
     if not _has_voltage(run):
         return np.full(len(record.dt_s), float(drivetrain.battery_v))

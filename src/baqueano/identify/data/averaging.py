@@ -23,7 +23,7 @@ from baqueano.signals import Motion, seconds
 from baqueano.vehicles.delay import delayed_value
 
 SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0
-AT_END = np.array([0.0, 0.0, 1.0])
+END_WEIGHT = np.array([0.0, 0.0, 1.0])
 WEIGHT_COLUMNS = 7  # w_c, w_n and a of (3)
 ROW_MEAN = np.append(SIMPSON, np.zeros(WEIGHT_COLUMNS - 3))  # the weights of the mean over a whole row
 INTERVAL_TOLERANCE_S = 1e-7  # rounding of timestamps to whole nanoseconds
@@ -75,7 +75,7 @@ def averaged_readings(
     is_last = np.append(np.diff(rows) > 0, True)[: len(rows)]
     used_rows, rows = used_rows[is_last], rows[is_last]
     weights = np.zeros((len(dt_s), WEIGHT_COLUMNS))
-    weights[:, :3] = AT_END
+    weights[:, :3] = END_WEIGHT
     if not len(used_rows):
         return used_rows, rows, weights
     b, e = b[used_rows], e[used_rows]

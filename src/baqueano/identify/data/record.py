@@ -80,7 +80,7 @@ class FitRecord(NamedTuple):
         return self.with_mask(np.cumsum(self.dt_s) > unknown_s)
 
 
-def record_of(
+def make_record(
     run: Run,
     sensors: dict[str, Tree],
     used_channels: Mapping[str, list[int]] | None = None,
@@ -118,7 +118,7 @@ def record_of(
     return FitRecord(run.name, t_s, dt_s, u, readings, tuple(notes))
 
 
-def past_rows_of(runs: Sequence[Run]) -> Callable[[float], int]:
+def past_row_counter(runs: Sequence[Run]) -> Callable[[float], int]:
     """Return a function that returns the number of past rows that a delay [s] needs, in the rows of `runs`."""
     ticks = [seconds(np.diff(run.t_ns)) for run in runs if len(run.t_ns) > 1]
     rows = [np.repeat(dt_s / row_counts(dt_s), row_counts(dt_s)) for dt_s in ticks]

@@ -36,9 +36,9 @@ from baqueano.numerics.score_test import (
     Nuisance,
     ScoreTest,
     bounded_shift,
-    residuals_for_tests,
     score_test,
     score_test_parts,
+    score_test_residuals,
 )
 from baqueano.numerics.statistics import MAD, student_quantile, white_std
 from baqueano.parameter import all_parameters
@@ -54,7 +54,7 @@ MIN_SHARE, MIN_EXCESS = 0.05, 1.3  # (1), (2)
 MIN_MEASUREMENTS = 20  # measurements of a channel
 OUTLIER_SIGMA, MIN_OUTLIERS, LATE_Z = 4.0, 8, 5.0  # (3): standard deviations, readings, standard errors
 DEAD_ZONES = "model.drivetrain.dead_zone_forward model.drivetrain.dead_zone_backward"
-KEYS_OF_TERMS = {  # code of an effect → keys of the file that model it
+TERM_KEYS = {  # code of an effect → keys of the file that model it
     "term.delay": DELAY_PATH,
     "term.low-pass": "sensors.{sensor}.low_pass_hz",
     "term.imu-turned": "sensors.{sensor}.heading_rad",
@@ -97,7 +97,7 @@ def check_residuals(
     messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(fit_evidence, motion)
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
     missing_terms = _missing_terms(fit_evidence, tests, blocks.model)
-    speed_errors = _errors_by("term.friction-speed", -1, fit_evidence, tests)  # nobody measures it
+    speed_errors = _effect_errors("term.friction-speed", -1, fit_evidence, tests)  # nobody measures it
     by_fix: dict[str, Diagnostic] = {}  # one message of those with the same remedy
     for _, message, _ in missing_terms:
         by_fix.setdefault(message.fix or message.figures["effect"].code, message)
@@ -105,11 +105,11 @@ def check_residuals(
     diagnosis, entries = Diagnosis.of(messages, s), np.ix_(index, index)
     errors = [np.zeros(len(index)), *speed_errors, *(result.errors for result in missing_terms + differences)]
     diagnosis.unmodelled_cov[entries] = _largest_errors_cov(np.array(errors))
-    diagnosis.lag_errors[index] = sum(_errors_by("term.low-pass", 1, fit_evidence, tests))
+    diagnosis.lag_errors[index] = sum(_effect_errors("term.low-pass", 1, fit_evidence, tests))
     return diagnosis
 
 
-def _errors_by(code: str, sign: int, fit: "_FitEvidence", tests: TermTests) -> list[np.ndarray]:
+def _effect_errors(code: str, sign: int, fit: "_FitEvidence", tests: TermTests) -> list[np.ndarray]:
     """Return the errors (k,) of the parameters by each effect `code`, also if its test is not significant. It is the
     shift Δθ by the effect times √(1 ± 1/z²), with the variance of Δθ added (`sign` 1) or subtracted (−1)."""
     effects = [test for (_, term_note), test in tests if term_note.code == code and test.gain > 0.0]
@@ -135,7 +135,7 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
     signal_std = problem.signal_std()
     signal = float(sum(np.sum((weight * signal_std) ** 2) for weight in problem.weights))
     mask = np.concatenate(problem.masks).ravel() > 0.0
-    return residuals_for_tests(
+    return score_test_residuals(
         [segment[:2] for segment in segments], mask, run, identifiable[:s], nuisances, signal
     )
 
@@ -221,7 +221,7 @@ def _fix(term_note: Diagnostic, paths: Sequence[str], model: DynamicVehicle) -> 
     free_keys = {path.partition("[")[0] for path in paths}
     if term_note.code == "term.delay-of-sensor":
         return f"{'' if DELAY_PATH in free_keys else f'--free +{DELAY_PATH} '}--clock {term_note.subject}"
-    keys = KEYS_OF_TERMS.get(term_note.code, "").format(sensor=term_note.subject).split()
+    keys = TERM_KEYS.get(term_note.code, "").format(sensor=term_note.subject).split()
     keys = keys if len(keys) < 2 or free_keys & {*keys} else []  # else other effects look like it
     if term_note.code in ("term.dry-friction", "term.friction-speed"):  # its magnitude is free
         keys = [speed for path, speed in sign_speed_paths(model).items() if path in free_keys][:1]

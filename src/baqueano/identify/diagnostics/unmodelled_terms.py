@@ -30,10 +30,10 @@ from baqueano.identify.parameters.free import DELAY_PATH
 from baqueano.identify.parameters.theta import ThetaShape
 from baqueano.identify.residuals.motion import (
     Motions,
-    blocks_in_row,
     cached_kernel,
     example,
     initial_state,
+    make_row_blocks,
     mean_columns,
     motion_rows,
     read_sensors,
@@ -194,7 +194,7 @@ def _force_columns(
     candidates = [force for axis in FORCE_AXES for force in force_terms(axis, len(largest))]
     speeds = dry_friction_speeds(blocks.model)
 
-    def rows_of(k: int) -> np.ndarray:
+    def segment_rows(k: int) -> np.ndarray:
         record, nu = problem.records[k], fit_motion.motions[k].nu
         phi = [
             command_features(channels[k] / scale, record),
@@ -207,9 +207,11 @@ def _force_columns(
 
     work_rows = sum(map(len, channels)) if problem.scan.backend == "c" else 0
     if len(channels) == 1:
-        all_columns = prefetch(partial(derivatives, 0, rows_of(0)), rows=work_rows)
+        all_columns = prefetch(partial(derivatives, 0, segment_rows(0)), rows=work_rows)
     else:
-        segments = parallel_map(lambda k: derivatives(k, rows_of(k)), range(len(channels)), rows=work_rows)
+        segments = parallel_map(
+            lambda k: derivatives(k, segment_rows(k)), range(len(channels)), rows=work_rows
+        )
         all_columns = partial(np.concatenate, segments)
     index = [k for k, force in enumerate(candidates) if force.channel is None or largest[force.channel] > 0.0]
 
@@ -238,7 +240,7 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
             yield push * np.eye(3)[axis] + e[-1] * of_motion[count - c - 1] * SIDEWAYS_AXIS
 
     def step(epsilon: np.ndarray, state: PushedState, row: np.ndarray) -> tuple[PushedState, np.ndarray]:
-        blocks_at = blocks_in_row(blocks, shape, state.theta, row)
+        blocks_at = make_row_blocks(blocks, shape, state.theta, row)
         dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
         push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + column_count]))
         mean_weights = shape.mean_weights(blocks.sensors._fields, row[1 + n + m + column_count :])

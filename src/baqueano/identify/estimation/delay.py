@@ -43,7 +43,7 @@ MAX_UPDATES = 8  # updates of residuals that depend on the fit, at most
 SETTLED_SIGMA = 0.1
 
 
-def search_to_the_end(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
+def complete_search(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
     """Return the task and the search of `search_with_free_delay`. Residuals that depend on the fit are updated, and
     searched again, until θ is constant. Each update changes the best delay, so both are searched in turn."""
     bounded_task, end = search_with_free_delay(task, begin)
@@ -125,7 +125,7 @@ def _search_delay_grid(
         best_solution = _best_delay(lighter_task, middle.solution, best_solution, i, side)
     if best_solution is middle.solution:
         return middle
-    return _search_at_fixed_delay(
+    return _fixed_delay_search(
         task, middle._replace(solution=best_solution), i, float(best_solution.theta[i])
     )
 
@@ -138,11 +138,11 @@ def _refine(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> Se
         step_s, middle = 0.5 * step_s, best
         for delay_s in middle.solution.theta[i] + np.array([-step_s, step_s]):
             if task.low[i] <= delay_s <= task.high[i]:
-                end = _search_at_fixed_delay(task, middle, i, delay_s)
+                end = _fixed_delay_search(task, middle, i, delay_s)
                 best = min(best, end, key=lambda search: search.log_sigma_sum(counts))
     centre_s, fine_s = best.solution.theta[i], FINE_TICKS * tick_s
     task = task._replace(problem=best.problem)
-    middle = solution = _solution_at_delay(task, best.solution.theta, i, centre_s)
+    middle = solution = _delay_solution(task, best.solution.theta, i, centre_s)
     if best.stopped:
         return best._replace(solution=middle)
     for side in (fine_s, -fine_s):
@@ -157,7 +157,7 @@ def _best_delay(task: Task, begin: Solution, best: Solution, i: int, delays_s: n
     starts at the end of the previous one, the first at `begin`."""
     last = begin
     for delay_s in delays_s:
-        last = _solution_at_delay(task, last.theta, i, delay_s, COST_TOLERANCE * best.evaluation.cost)
+        last = _delay_solution(task, last.theta, i, delay_s, COST_TOLERANCE * best.evaluation.cost)
         best = min(
             best, last, key=lambda end: end.evaluation.cost - 0.5 * end.decrement
         )  # at its parabola's end
@@ -180,7 +180,7 @@ def _search_both_sides(task: Task, nearest: Solution, i: int, fine_s: float, tic
     return best_solution
 
 
-def _solution_at_delay(
+def _delay_solution(
     task: Task, theta: np.ndarray, i: int, delay_s: float, tolerance: float = ROUGH_DECREMENT
 ) -> Solution:
     """Return the solution of least cost at this delay, with the present σ. `tolerance` is the tolerance of the
@@ -197,7 +197,7 @@ def _fit(
     )  # fmt: skip
 
 
-def _search_at_fixed_delay(task: Task, nearest: Search, i: int, delay_s: float) -> Search:
+def _fixed_delay_search(task: Task, nearest: Search, i: int, delay_s: float) -> Search:
     """Return the search with this fixed delay, started at the end of `nearest`."""
     is_fixed = np.arange(len(task.start)) == i
     return search(task, _with_value(nearest.solution.theta, i, delay_s), is_fixed, nearest, rough=True)

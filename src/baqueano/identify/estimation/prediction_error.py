@@ -18,10 +18,10 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from baqueano.identify.covariance.information import Information, covariance_of
+from baqueano.identify.covariance.information import Information, parameter_covariance
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.theta import arrow_layout
-from baqueano.identify.residuals.innovations import axes_of, filter_kernel
+from baqueano.identify.residuals.innovations import filter_kernel, noise_axes
 from baqueano.identify.residuals.motion import cached_kernel
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.messages.language import translate as _
@@ -38,7 +38,7 @@ TAU = 0.9025241522034412  # E ψ²/E ψ' of a normal e
 MAX_LOG_NOISE = 7.0  # of ½ log q: e⁷ is a thousand times the noise
 TOLERANCE = 1e-7  # decrement at the end
 # number of evaluations, in total and between two progress messages
-MAX_EVALUATIONS, EVALUATIONS_AT_ONCE = 60, 15
+MAX_EVALUATIONS, EVALUATION_BATCH = 60, 15
 R = TypeVar("R")
 
 
@@ -82,7 +82,7 @@ class Prediction:
 
     def __init__(self, simulation: Residuals, blocks: FittedBlocks) -> None:
         self.simulation, self.size = simulation, simulation.size
-        self.axes, self.channels = axes_of(blocks.model), sum(simulation.sizes)
+        self.axes, self.channels = noise_axes(blocks.model), sum(simulation.sizes)
         self.kernel = cached_kernel(blocks, simulation.shape, simulation.scan.backend, filter_kernel)
         noise = self.size + np.arange(len(self.axes) + self.channels)
         # per segment the indices in x of its θ and of the noise
@@ -109,16 +109,16 @@ class Prediction:
         """Return for each segment the innovations and their derivatives."""
         return self._map_segments(x, lambda slopes: slopes)
 
-    def _map_segments(self, x: np.ndarray, of_segment: Callable[[InnovationDerivatives], R]) -> list[R]:
-        """Return `of_segment(derivatives)` for each segment, computed on all cores."""
+    def _map_segments(self, x: np.ndarray, map_segment: Callable[[InnovationDerivatives], R]) -> list[R]:
+        """Return `map_segment(derivatives)` for each segment, computed on all cores."""
         m, rows = self.channels, self.simulation.rows
 
-        def of_rows(rows: np.ndarray, indices: np.ndarray) -> R:
+        def map_rows(rows: np.ndarray, indices: np.ndarray) -> R:
             v, d = self.kernel.sensitivities(rows, x[indices])
-            return of_segment(InnovationDerivatives(v[:, :m], v[:, m:], d[:, :m], d[:, m:], indices))
+            return map_segment(InnovationDerivatives(v[:, :m], v[:, m:], d[:, :m], d[:, m:], indices))
 
         work_rows = sum(map(len, rows)) if self.kernel.backend == "c" else 0
-        return parallel_map(of_rows, rows, self._indices, rows=work_rows)
+        return parallel_map(map_rows, rows, self._indices, rows=work_rows)
 
     def information(self, x: np.ndarray) -> Information:
         """Return A and B with respect to x.  (3)"""
@@ -164,7 +164,7 @@ def maximum_likelihood(
     is_positive = is_floor & (solution.theta > 0.0)
     std = np.full(len(x), np.nan)
     entries = np.flatnonzero((is_positive | (~is_fixed & ~is_floor)) & (np.diagonal(info.bread) > 0.0))
-    std[entries] = np.sqrt(np.diagonal(covariance_of(info, entries)))
+    std[entries] = np.sqrt(np.diagonal(parameter_covariance(info, entries)))
     evaluations = without_floor.evaluations + solution.evaluations
     return MaximumLikelihood(solution, theta, noise, std[is_floor], info, ratio, evaluations)
 
@@ -179,7 +179,7 @@ def _search(
     while True:
         solution = minimise(
             prediction.evaluate, x, low, high, is_fixed=is_fixed, tolerance=TOLERANCE,
-            max_evaluations=EVALUATIONS_AT_ONCE, damping=damping, evaluation=evaluation,
+            max_evaluations=EVALUATION_BATCH, damping=damping, evaluation=evaluation,
         )  # fmt: skip
         evaluation_count += solution.evaluations
         cost = solution.evaluation.cost

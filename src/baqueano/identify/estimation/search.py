@@ -41,7 +41,7 @@ class Task(NamedTuple):
     high: np.ndarray  # (p,)
     floor: np.ndarray  # (m,) least σ
     fixed_sigma: np.ndarray | None  # (m,) σ, if it is known
-    by_speed: bool = False  # True if the noise can grow with speed: noise_level.py
+    has_speed_noise: bool = False  # True if the noise can grow with speed: noise_level.py
     # receives the progress; if it returns True, the search ends
     progress: Callable[[str], object] | None = None
     # (m,) σ of channels with too few measurements to estimate it, else 0
@@ -153,7 +153,7 @@ def sigma_at(task: Task, problem: Residuals, theta: np.ndarray) -> tuple[np.ndar
     residuals, profile = problem.misfits(theta), None
     if not all(np.isfinite(r).all() for r in residuals):
         sigma = robust_sigma(problem.z, problem.masks, task.floor)
-    elif task.by_speed:
+    elif task.has_speed_noise:
         sigma, profile = problem.sigma_and_profile(residuals, theta, task.floor)
     else:
         sigma = robust_sigma(residuals, informative_rows(residuals, problem.masks, problem.z), task.floor)

@@ -36,15 +36,15 @@ from baqueano.identify.noise.speed_error import (
     accelerometer_share,
     disturbance_residuals,
     forward_accelerometer,
-    with_misfit_from_truth,
     with_speed_error,
+    with_truth_misfit,
 )
 from baqueano.numerics.autocorrelation import lag_sums, residual_autocorrelation
 from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.numerics.gaussian_likelihood import log_det_and_square, robust_square
 from baqueano.numerics.statistics import expected_variance, white_std
 from baqueano.runs.diagnostics.samples import ROUNDING
-from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
+from baqueano.runs.filter_ticks import example_filter_tick, make_ticks
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import scan, value_at_path, with_value
@@ -124,7 +124,7 @@ def filter_noise(
     free = _free_noise(ekf, inertial, rounding, readings)
     example = example_filter_tick(ekf)
     kernel = scan(_likelihood(ekf, free), ekf.init(), example, np.zeros(len(free)), backend=backend)
-    ticks = [ticks_of(run, ekf, TICKS.get(kernel.backend, 600) // len(runs)) for run in runs]
+    ticks = [make_ticks(run, ekf, TICKS.get(kernel.backend, 600) // len(runs)) for run in runs]
     low, high = (np.log([getattr(entry, side) for entry in free]) for side in ("low", "high"))
     start = np.clip([_start(ekf, entry) for entry in free], low, high)
     x = coordinate_search(total_cost(kernel, ticks), start, low, high) if free else start
@@ -135,9 +135,9 @@ def filter_noise(
             ekf = _without_wheel_slip(ekf, fit, inertial)
         else:
             rate = _straight_drive(fit, _rms_forward_command(runs))[1]
-            ekf = _with_misfit_from_accelerometer(ekf, fit, inertial, rate)
+            ekf = _with_accelerometer_misfit(ekf, fit, inertial, rate)
     elif not speed_is_measured:
-        ekf = with_misfit_from_truth(ekf, fit, runs)
+        ekf = with_truth_misfit(ekf, fit, runs)
     ekf = with_speed_error(ekf, fit, runs)
     return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_angle_rad(fit, runs))))
 
@@ -180,7 +180,7 @@ def _without_wheel_slip(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Au
     return ekf
 
 
-def _with_misfit_from_accelerometer(
+def _with_accelerometer_misfit(
     ekf: AugmentedEkf, fit: "Fit", inertial: set[str], decay_rate: float
 ) -> AugmentedEkf:
     """Return the filter with the disturbance from the residuals of the forward accelerometer. With too few residuals

@@ -25,7 +25,7 @@ from baqueano.estimators.readings.velocity_readings import velocity_readings
 from baqueano.identify.noise.filter_noise import ROBUST_SIGMA
 from baqueano.messages.language import mark as N_
 from baqueano.numerics.statistics import MIN_BLOCKS, block_ratio
-from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
+from baqueano.runs.filter_ticks import example_filter_tick, make_ticks
 from baqueano.runs.interpolation import true_speed
 from baqueano.runs.run import Run
 from baqueano.signals import Tick, seconds
@@ -38,7 +38,7 @@ FORWARD = 0  # the entry of ν
 BLOCK_S = 2.0  # longer than innovations are correlated
 CLOSE_FACTOR = 1.2  # factor on a variance: a smaller error does not degrade a filter
 # factor on the variance of a state: larger, because consider scales and slips are partly nonlinear
-CLOSE_FACTOR_ON_DRIVES = 1.5
+DRIVE_CLOSE_FACTOR = 1.5
 STATES = ("x", "y", N_("heading"), "v_x", "v_y", N_("yaw rate"))
 
 
@@ -138,7 +138,7 @@ def _errors(ekf: AugmentedEkf, runs: Sequence[tuple[Run, np.ndarray, str]], back
     square_sums = []
     for run, speed, _ in runs:
         start = float(speed[0]) if np.isfinite(speed[0]) else 0.0
-        ticks = ticks_of(run, ekf, len(run.t_ns))
+        ticks = make_ticks(run, ekf, len(run.t_ns))
         belief = ekf.init(nu=np.array([start, 0.0, 0.0]))
         kernel = scan(step, belief, example_filter_tick(ekf), backend=backend)
         nu_x = np.asarray(kernel.run(ticks)[1])[np.searchsorted(ticks.t_ns, run.t_ns)]
@@ -196,9 +196,9 @@ def accept_or_refit(
     """Return the filter whose noise is written, and the verdict. The filter is `ekf` if the `validation_runs` agree
     with it or are too short for a test, else `refit()`, with the noise over all runs: the runs of the fit then do not
     show the noise of this vehicle. A channel agrees if its interval contains a value from 1/CLOSE_FACTOR to
-    CLOSE_FACTOR, a state within CLOSE_FACTOR_ON_DRIVES. Channels that still disagree are reported."""
+    CLOSE_FACTOR, a state within DRIVE_CLOSE_FACTOR. Channels that still disagree are reported."""
     runs, kernel = ", ".join(run.name for run in validation_runs), _filter_scan(ekf, backend)
-    squares = nis_of(ekf, validation_runs, kernel)
+    squares = channel_nis(ekf, validation_runs, kernel)
     decisive = [square for square in squares if square.verdict != NoiseVerdict.CANNOT_TELL]
     if not decisive:
         return ekf, Acceptance(note("noise.too-short", runs=runs), False)
@@ -207,28 +207,28 @@ def accept_or_refit(
     if disagreeing:
         ekf, code = refit(), "noise.estimated-again"
         kernel, names = _filter_scan(ekf, backend), {square.name for square in disagreeing}
-        squares = nis_of(ekf, validation_runs, kernel)
+        squares = channel_nis(ekf, validation_runs, kernel)
         rejected_squares = [square for square in squares if square.name in names or square.disagrees]
         figures |= {"nis": _figures(disagreeing), "new_nis": _figures(rejected_squares)}
         if remaining := [square for square in rejected_squares if square.disagrees]:
-            figures |= {"states": _by_consistency(remaining)}
+            figures |= {"states": _consistency_notes(remaining)}
             return ekf, Acceptance(note("noise.still-inconsistent", Severity.WARNING, **figures), True)
-    nees = nees_of(ekf, validation_runs[0], kernel)
+    nees = state_nees(ekf, validation_runs[0], kernel)
     if disagreeing_states := [square for square in nees if square.disagrees]:
-        figures = {"nees": _figures(nees), "states": _by_consistency(disagreeing_states)}
+        figures = {"nees": _figures(nees), "states": _consistency_notes(disagreeing_states)}
         return ekf, Acceptance(note("noise.nees-inconsistent", Severity.WARNING, **figures), True)
     if nees and not disagreeing:
         code, figures = "noise.consistent-in-simulation", figures | {"nees": _figures(nees)}
     return ekf, Acceptance(note(code, **figures), False)
 
 
-def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], kernel: Scan) -> list[NormalisedSquare]:
+def channel_nis(ekf: AugmentedEkf, runs: Sequence[Run], kernel: Scan) -> list[NormalisedSquare]:
     """Return the NIS of each channel that corrects the motion, in the order of the layout.  (2)"""
     filter_layout = layout(ekf)
     names = [f"{name}[{i}]" for name, i in filter_layout.channel_entries]
     squares, counts = [], []
     for run in runs:
-        ticks = ticks_of(run, ekf, len(run.t_ns))
+        ticks = make_ticks(run, ekf, len(run.t_ns))
         square = np.asarray(kernel.run(ticks)[1][0])
         is_present = np.isfinite(square)
         block = (seconds(ticks.t_ns, int(ticks.t_ns[0])) // BLOCK_S).astype(int)
@@ -242,13 +242,13 @@ def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], kernel: Scan) -> list[Normali
     ]
 
 
-def nees_of(ekf: AugmentedEkf, run: Run, kernel: Scan) -> list[NormalisedSquare]:
+def state_nees(ekf: AugmentedEkf, run: Run, kernel: Scan) -> list[NormalisedSquare]:
     """Return the NEES of each state on drives like `run`, or an empty list if they cannot be simulated.  (3)"""
     e, P = simulated_errors(ekf, run, kernel)
     square = e**2 / np.diagonal(P, axis1=2, axis2=3)
     count = np.full(len(square), float(square.shape[1]))
     return [
-        _normalised_square(name, square[:, :, k].sum(axis=1), count, CLOSE_FACTOR_ON_DRIVES)
+        _normalised_square(name, square[:, :, k].sum(axis=1), count, DRIVE_CLOSE_FACTOR)
         for k, name in enumerate(STATES if len(square) else ())
     ]
 
@@ -275,7 +275,7 @@ def _normalised_square(
     return NormalisedSquare(name, mean**2, low**2, high**2, close_factor)
 
 
-def _by_consistency(squares: Sequence[NormalisedSquare]) -> list[Diagnostic]:
+def _consistency_notes(squares: Sequence[NormalisedSquare]) -> list[Diagnostic]:
     """Return the channels or states for which the filter is overconfident, and those for which it is conservative."""
     codes = {NoiseVerdict.TOO_SURE: "noise.too-small-for", NoiseVerdict.TOO_CAREFUL: "noise.too-large-for"}
     return [

@@ -17,11 +17,11 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
 from baqueano.estimators import Ekf
-from baqueano.identify.data.record import record_of
+from baqueano.identify.data.record import make_record
 from baqueano.identify.residuals.motion import motion_rows, open_loop
 from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.numerics.gaussian_likelihood import log_det_and_square, robust_square
-from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
+from baqueano.runs.filter_ticks import example_filter_tick, make_ticks
 from baqueano.runs.run import Run
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.symbolic import scan, with_value
@@ -39,10 +39,10 @@ def process_covariance(
     fit: "Fit", runs: Sequence[Run], measurement: dict[str, np.ndarray], backend: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the diagonal R (6, 6) for the given Q of each sensor, and the root mean square (6,) of (ν, ν̇)."""
-    ekf = filter_of(fit, measurement)
+    ekf = fitted_filter(fit, measurement)
     kernel = scan(_likelihood(ekf), ekf.init(), example_filter_tick(ekf), np.zeros(6), backend=backend)
     max_ticks = TICKS.get(kernel.backend, 600) // len(runs)
-    ticks = [ticks_of(run, ekf, max_ticks) for run in runs]
+    ticks = [make_ticks(run, ekf, max_ticks) for run in runs]
     size = np.max([_motion_rms(fit, run) for run in runs], axis=0)
     low, high = np.log(MIN_RELATIVE_STD * size), np.log(size)
 
@@ -60,7 +60,7 @@ def total_cost(kernel: Scan, ticks: Sequence[Any]) -> Callable[[np.ndarray], flo
     return cost
 
 
-def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
+def fitted_filter(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
     """Return the filter of the file with the fitted vehicle and the measured Q, or an `Ekf` if the file has another
     kind of filter."""
     sensors = fit.file.sensors
@@ -76,7 +76,7 @@ def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
     return Ekf(fit.blocks.model, sensors, np.eye(6), fit.file.rate_hz, use=use)
 
 
-def terms_by_sensor(ekf: Ekf, estimate: Estimate) -> Iterator[tuple[Tree, Tree, Tree]]:
+def sensor_terms(ekf: Ekf, estimate: Estimate) -> Iterator[tuple[Tree, Tree, Tree]]:
     """Yield for each sensor log |S| and yᵀ S⁻¹ y of its measured channels, and their number; 0 without any."""
     innovation, cov, offset = estimate.innovation, estimate.innovation_cov, 0
     assert innovation is not None
@@ -92,7 +92,7 @@ def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
     def step(q: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         belief, estimate = with_value(ekf, "process_noise_cov", np.diag(np.exp(2.0 * q))).row(belief, tick)
         total = 0.0
-        for log_det, square, count in terms_by_sensor(ekf, estimate):
+        for log_det, square, count in sensor_terms(ekf, estimate):
             rho = robust_square(square, ROBUST_SIGMA * np.sqrt(np.maximum(count, 1.0)))
             total = total + np.where(count > 0.0, 0.5 * (log_det + rho), 0.0)
         return belief, total
@@ -103,7 +103,7 @@ def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
 def _motion_rms(fit: "Fit", run: Run) -> np.ndarray:
     """Return the root mean square (6,) of (ν, ν̇) of the model under the run's commands."""
     kernel, theta = open_loop(fit.blocks.model, (), lambda motion: np.concatenate([motion.nu, motion.nu_dot]))
-    _, mu = kernel.run(motion_rows(record_of(run, {})), theta)
+    _, mu = kernel.run(motion_rows(make_record(run, {})), theta)
     return np.maximum(np.sqrt(np.mean(np.asarray(mu) ** 2, axis=0)), 1e-6)
 
 
@@ -117,7 +117,7 @@ class PredictionState(NamedTuple):
 def process_errors(fit: "Fit", runs: Sequence[Run], backend: str) -> tuple[np.ndarray, np.ndarray]:
     """Return errors (N, 6) of the filter's prediction of (ν, ν̇) over a tick, and the root mean square (6,) of
     (ν, ν̇)."""
-    ekf = filter_of(fit, {})
+    ekf = fitted_filter(fit, {})
     drivetrain, n = ekf.vehicle.drivetrain, ekf.vehicle.commands
 
     def step(previous: PredictionState, row: np.ndarray) -> tuple[PredictionState, np.ndarray]:

@@ -24,9 +24,9 @@ from baqueano.estimators.augmented_ekf import SCALE_INDEX, AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
 from baqueano.estimators.readings.velocity_readings import velocity_readings
 from baqueano.identify.data.added_channels import TRUTH
-from baqueano.identify.data.record import record_of
+from baqueano.identify.data.record import make_record
 from baqueano.identify.residuals.motion import motion_rows, open_loop
-from baqueano.numerics.autocorrelation import lag_sums, without_regression
+from baqueano.numerics.autocorrelation import lag_sums, regression_residuals
 from baqueano.numerics.statistics import white_std
 from baqueano.runs.interpolation import HALF_WINDOW_S, TimeSeries, true_speed
 from baqueano.runs.run import Run
@@ -79,7 +79,7 @@ def disturbance_residuals(ekf: AugmentedEkf, fit: "Fit", channel: tuple[str, int
             X += [np.ones(len(w)), w**2, w_dot, np.abs(w) * a_x, w * w_dot, np.sign(w) * w_dot]
             columns.append(np.stack([*h.values(), *X], axis=1))
             residuals.append(np.clip(c.residuals, -CLIP_SIGMA * c.sigma, CLIP_SIGMA * c.sigma) / slope)
-    return without_regression(residuals, columns)
+    return regression_residuals(residuals, columns)
 
 
 def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> float:
@@ -171,7 +171,7 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
         return ekf
     paths, P = tuple(fit.names[k] for k in entries), fit.cov[np.ix_(entries, entries)]
     kernel, theta = open_loop(fit.blocks.model, paths, lambda motion: motion.nu[:1], fit.backend)
-    outputs = [kernel.sensitivities(motion_rows(record_of(run, {})), theta) for run in runs]
+    outputs = [kernel.sensitivities(motion_rows(make_record(run, {})), theta) for run in runs]
     nu_x, derivatives = (np.concatenate(columns)[:, 0] for columns in zip(*outputs, strict=True))
     moving = np.abs(nu_x) > MIN_SPEED_M_S
     C, c, modelled_sum, total = np.zeros((2, 2)), 0.0, 0.0, 0.0
@@ -200,7 +200,7 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
     return replace(ekf, speed_error_std=std, least_error_speed_m_s=least_error_speed, speed_per_gyro_scale=c)
 
 
-def with_misfit_from_truth(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> AugmentedEkf:
+def with_truth_misfit(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> AugmentedEkf:
     """Return the filter of a kinematic model with σ_d and T of the speed, or unchanged without a truth in the runs.
 
         e(t) = ν_x(t) − ν̂_x(t),   ν_x by the truth of a run, ν̂_x by the fitted model                       (5)
@@ -231,7 +231,7 @@ def _speed_errors(fit: "Fit", run: Run, number: int, step_s: float) -> np.ndarra
     clock, late_s = f"clock.{TRUTH}", 0.0
     if clock in fit.run_entry_names:
         late_s = float(fit.run_entries[number, fit.run_entry_names.index(clock)])
-    record = record_of(run, {})
+    record = make_record(run, {})
     kernel, theta = open_loop(fit.blocks.model, (), lambda motion: motion.nu[:1], fit.backend)
     speed = np.asarray(kernel.run(motion_rows(record), theta)[1])[:, FORWARD]
     t_s = np.arange(0.0, record.t_s[-1], step_s)

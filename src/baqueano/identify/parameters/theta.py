@@ -23,10 +23,10 @@ from baqueano.identify.data.record import (
     MAX_CLOCK_OFFSET_S,
     FitRecord,
     FittedBlocks,
+    make_record,
     offset_rows,
     offset_s,
-    past_rows_of,
-    record_of,
+    past_row_counter,
     split_record,
 )
 from baqueano.identify.options import FitOptions
@@ -197,13 +197,13 @@ def fit_parameters(
     if (requested_parameters and len(frozen_numbers) == len(requested_parameters)) or not np.any(u):
         raise UsageError(fault("runs.all-still", baqueano_command("runs", "calibrate", runs[0].name)))
     blocks, requested_parameters = enable_parameters(
-        blocks, list(requested_parameters), rate_hz, u, past_rows_of(runs)
+        blocks, list(requested_parameters), rate_hz, u, past_row_counter(runs)
     )
     free = [parameter for k, parameter in enumerate(requested_parameters) if k not in frozen_numbers]
     has_effect = any(parameter.path == BATTERY_EFFECT for parameter in free)
-    records = with_voltage(records_of(runs, blocks, channels, options), runs, blocks, has_effect)
-    shape = shape_of(blocks, free, records, options)
-    layout = layout_of(shape, records)
+    records = with_voltage(make_records(runs, blocks, channels, options), runs, blocks, has_effect)
+    shape = theta_shape(blocks, free, records, options)
+    layout = theta_layout(shape, records)
     begin = start_theta(blocks, free, shape, records, options)
     return Parameters(
         blocks, tuple(requested_parameters), tuple(frozen_numbers), tuple(records), shape, layout, *begin
@@ -221,7 +221,7 @@ def with_pose_segments(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
     return replace(options, segment_s=POSE_SEGMENT_S) if has_pose and options.segment_s is None else options
 
 
-def layout_of(shape: ThetaShape, records: Sequence[FitRecord]) -> ThetaLayout:
+def theta_layout(shape: ThetaShape, records: Sequence[FitRecord]) -> ThetaLayout:
     """Return the indices in θ of the entries of each segment."""
     runs = tuple(record.run for record in records)
     return ThetaLayout(len(shape.shared_paths), len(shape.by_run), len(shape.start), runs)
@@ -255,12 +255,12 @@ def arrow_layout(layout: ThetaLayout, extra_count: int = 0) -> ArrowLayout | Non
     return ArrowLayout(shared_entries, segment_entries, is_segment_entry, index_in_part)
 
 
-def records_of(
+def make_records(
     runs: Sequence[Run], blocks: FittedBlocks, channels: Mapping[str, list[int]], options: FitOptions
 ) -> list[FitRecord]:
     """Return the rows of all runs, segment by segment."""
     segments, sensors, rows = [], blocks.sensors._asdict(), sum(len(run.t_ns) for run in runs)
-    records = parallel_map(lambda run: record_of(run, sensors, channels, options.clocks), runs, rows=rows)
+    records = parallel_map(lambda run: make_record(run, sensors, channels, options.clocks), runs, rows=rows)
     drivetrain = getattr(blocks.model, "drivetrain", None)
     for k, record in enumerate(records):
         record = record._replace(run=k)
@@ -283,7 +283,7 @@ def _unknown_s(record: FitRecord, delay_s: float) -> float:
     return delay_s * (1.0 + 1e-9) if is_driven_before else 0.0
 
 
-def shape_of(
+def theta_shape(
     blocks: FittedBlocks,
     shared_parameters: Sequence[FreeParameter],
     records: Sequence[FitRecord],
@@ -325,7 +325,7 @@ def start_theta(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return θ (p,) at the start, and its bounds (p,), (p,). Raise UsageError for a start of a parameter that is not
     free."""
-    layout = layout_of(shape, records)
+    layout = theta_layout(shape, records)
     by_path: dict[str, float] = {}
     for path, numbers in options.start.items():
         paths = entries(blocks, path)
@@ -367,7 +367,7 @@ def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
     return np.zeros(3)
 
 
-def sigma_from_option(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray:
+def parse_sigma(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray:
     """Return σ (m,) of all channels from {sensor: (m_s,)}. Raise UsageError for a missing sensor, a wrong size, or a
     value that is not positive and finite."""
     by_sensor = []

@@ -23,7 +23,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH, has_offset
 from baqueano.identify.parameters.theta import ThetaShape
-from baqueano.identify.residuals.motion import blocks_in_row, cached_kernel, example, initial_state
+from baqueano.identify.residuals.motion import cached_kernel, example, initial_state, make_row_blocks
 from baqueano.identify.residuals.noise_level import slow_noise_profile
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.slow_part import slow_part
@@ -142,7 +142,7 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, rates: bool = 
         return GyroAidedState(vehicle, vehicle, (signal, signal), np.zeros(3 if sample_fraction else 0))
 
     def step(theta: np.ndarray, state: GyroAidedState, row: np.ndarray) -> tuple[GyroAidedState, np.ndarray]:
-        blocks_at = blocks_in_row(blocks, shape, theta, row[:-EXTRA_COLUMNS])
+        blocks_at = make_row_blocks(blocks, shape, theta, row[:-EXTRA_COLUMNS])
         imu = blocks_at.sensors[0]
         nu = np.array([state.gyro_aided.nu[0], state.free.nu[1], state.free.nu[2]])
         nu_with_speed = blocks_at.model.init(nu=nu).nu

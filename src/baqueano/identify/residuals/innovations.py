@@ -25,8 +25,8 @@ from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.theta import ThetaShape
-from baqueano.identify.residuals.motion import blocks_in_row, example, initial_state, read_sensor
-from baqueano.sensors.sampling import difference, gain_after_low_pass
+from baqueano.identify.residuals.motion import example, initial_state, make_row_blocks, read_sensor
+from baqueano.sensors.sampling import difference, low_pass_gain
 from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, scan, with_value
 from baqueano.symbolic.scan import Scan
@@ -63,7 +63,7 @@ class PredictedState(NamedTuple):
         return tick_end(self.model, self.previous, eta, nu, drivetrain, self.effort, self.dt_s)[1]
 
 
-def axes_of(model: Tree) -> tuple[int, ...]:
+def noise_axes(model: Tree) -> tuple[int, ...]:
     """Return the indices of the entries of `process_noise_std` that change ν. Raise UsageError for a kinematic vehicle,
     or one without this field."""
     if not is_dynamic(model) or not has_field(model, "process_noise_std"):
@@ -82,7 +82,7 @@ def filter_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
     """Return a scan over rows (dt, u, z, 1/σ, early) with outputs e (m,) and log s (m,), 0 without a measurement. θ =
     (θ of the simulation, v of each axis, ½ log q of each channel)."""
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
-    m, axes = sum(sizes), axes_of(blocks.model)
+    m, axes = sum(sizes), noise_axes(blocks.model)
     size, q = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + shape.extra_columns
 
     start_of = initial_state(blocks, shape)
@@ -93,7 +93,7 @@ def filter_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
         return FilterState(vehicle, np.zeros((size, size)), signals, previous_h)
 
     def step(theta: np.ndarray, state: FilterState, row: np.ndarray) -> tuple[FilterState, np.ndarray]:
-        blocks_at = blocks_in_row(blocks, shape, theta, row)
+        blocks_at = make_row_blocks(blocks, shape, theta, row)
         noise = theta[shape.size :]
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
         drivetrain, effort = blocks_at.model.drivetrain.step(state.vehicle.drivetrain, row[1 : 1 + n], row[0])
@@ -160,7 +160,7 @@ def _innovation(
             shown_h = shown_h + fractions[k] * difference(sensor, state.previous_h[k], shown_h)
         innovations.append(difference(sensor, z[offset : offset + sensor.size], shown_h))
         jacobian_of_h = jacobian(lambda x, s=sensor: s.h(prediction.motion(x)))(prediction.mean)
-        jacobians.append(gain_after_low_pass(sensor, dt_s) * jacobian_of_h)
+        jacobians.append(low_pass_gain(sensor, dt_s) * jacobian_of_h)
         lines.append((signal, h))
         offset += sensor.size
     return innovations, jacobians, lines

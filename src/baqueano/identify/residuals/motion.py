@@ -23,7 +23,7 @@ _kernels: "OrderedDict[Any, Any]" = OrderedDict()
 K = TypeVar("K")
 
 
-def blocks_in_row(
+def make_row_blocks(
     blocks: FittedBlocks, shape: ThetaShape, theta: np.ndarray, row: np.ndarray
 ) -> FittedBlocks:
     """Return the blocks with the parameters of θ, and with the voltage at the end of the row if it was logged."""
@@ -123,7 +123,7 @@ def motion_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
         return MotionState(*begin(theta))
 
     def step(theta: np.ndarray, state: MotionState, row: np.ndarray) -> tuple[MotionState, Motions]:
-        blocks_at = blocks_in_row(blocks, shape, theta, row)
+        blocks_at = make_row_blocks(blocks, shape, theta, row)
         vehicle, motion = blocks_at.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
         readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, row[0], at_end)
         return MotionState(vehicle, signals), Motions(np.concatenate(readings), motion.nu, motion.nu_dot)

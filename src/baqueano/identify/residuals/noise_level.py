@@ -27,7 +27,7 @@ STILL_FRACTION = 1e-3  # of the largest measurement of a channel
 MIN_MEASUREMENTS = 30  # measurements, below which σ is the value in the file
 SPEED_RATIOS = np.array([0.0, *np.geomspace(0.125, 32.0, 17)])  # κ times the root mean square of the speed
 ROBUST_SIGMA = 3.0  # standard deviations
-MIN_FOR_SPEED = 50  # measurements of a channel, below which its noise is taken as constant
+MIN_SPEED_SAMPLES = 50  # measurements of a channel, below which its noise is taken as constant
 MIN_LOG_GAIN = 5.0  # least gain of the log-likelihood for a noise that grows with speed
 BLOCK_S = 1.0  # longer than a servo's or motor's lag, shorter than a manoeuvre
 SLOW_CLIP_SIGMA = 4.0
@@ -81,13 +81,13 @@ def min_sigma(blocks: "ByName[Tree]", z: Sequence[np.ndarray], masks: Sequence[n
     return np.maximum(steps / np.sqrt(12.0), np.maximum(MIN_RELATIVE_SIGMA * largest, 1e-12))
 
 
-def sigma_of_rare_channels(blocks: "ByName[Tree]", masks: Sequence[np.ndarray]) -> np.ndarray:
+def rare_channel_sigma(blocks: "ByName[Tree]", masks: Sequence[np.ndarray]) -> np.ndarray:
     """Return σ (m,) from the covariance of the sensor blocks for channels with fewer than MIN_MEASUREMENTS, else 0."""
     count = np.sum([presence.sum(axis=0) for presence in masks], axis=0)
-    return np.where(count < MIN_MEASUREMENTS, sigma_of_file(blocks), 0.0)
+    return np.where(count < MIN_MEASUREMENTS, sensor_sigma(blocks), 0.0)
 
 
-def sigma_of_file(blocks: "ByName[Tree]") -> np.ndarray:
+def sensor_sigma(blocks: "ByName[Tree]") -> np.ndarray:
     """Return σ (m,) from the covariance of the sensor blocks, 0 for a sensor without one."""
     covariances = [
         np.zeros((b.size, b.size)) if (Q := optional.attribute(b, "cov")) is None else Q for b in blocks
@@ -95,7 +95,7 @@ def sigma_of_file(blocks: "ByName[Tree]") -> np.ndarray:
     return np.concatenate([np.sqrt(np.maximum(np.diagonal(Q), 0.0)) for Q in covariances])
 
 
-def profile_by_speed(
+def speed_profile(
     residuals: Sequence[np.ndarray],
     masks: Sequence[np.ndarray],
     speeds: Sequence[np.ndarray],
@@ -110,8 +110,8 @@ def profile_by_speed(
         is_present = [w[:, c] > 0.0 for w in masks]
         r = np.concatenate([x[t, c] for x, t in zip(residuals, is_present, strict=True)])
         speed = np.concatenate([x[t] for x, t in zip(speeds, is_present, strict=True)])
-        can_grow = len(r) >= MIN_FOR_SPEED
-        kappa = _fit_growth_by_speed(r, speed, typical, floor[c]) / typical if can_grow else 0.0
+        can_grow = len(r) >= MIN_SPEED_SAMPLES
+        kappa = _fit_speed_growth(r, speed, typical, floor[c]) / typical if can_grow else 0.0
         mean = np.sqrt(1.0 + kappa**2 * np.mean(speed**2)) if len(speed) else 1.0
         for k, x in enumerate(speeds):
             profile[k][:, c] = np.sqrt(1.0 + (kappa * x) ** 2) / mean
@@ -120,7 +120,7 @@ def profile_by_speed(
     return sigma, profile
 
 
-def _fit_growth_by_speed(r: np.ndarray, v: np.ndarray, typical: float, floor: float) -> float:
+def _fit_speed_growth(r: np.ndarray, v: np.ndarray, typical: float, floor: float) -> float:
     """Return κ times `typical`, or 0 if the growth is not significant.  (2)"""
     costs = []
     for ratio in SPEED_RATIOS:
@@ -140,7 +140,7 @@ def slow_noise_profile(
     floor: np.ndarray,
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return σ (m,) and its profile (N, m) of mean square 1 per segment, of residuals (N, m) at speeds (N,).  (4)"""
-    sigma, profile = profile_by_speed(residuals, masks, speeds, floor)
+    sigma, profile = speed_profile(residuals, masks, speeds, floor)
     sigma_with_slow, typical = sigma.copy(), float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
     for c in range(len(sigma)):
         variances = [(sigma[c] * p[:, c]) ** 2 for p in profile]

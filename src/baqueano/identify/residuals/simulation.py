@@ -23,19 +23,19 @@ from baqueano.contracts.values import Tree
 from baqueano.identify.data.added_channels import VOLTAGE_KEY
 from baqueano.identify.data.averaging import WEIGHT_COLUMNS, delayed_average
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.parameters.theta import ThetaShape, arrow_layout, layout_of
+from baqueano.identify.parameters.theta import ThetaShape, arrow_layout, theta_layout
 from baqueano.identify.residuals.motion import (
     Motions,
-    blocks_in_row,
     cached_kernel,
     example,
     initial_state,
+    make_row_blocks,
     mean_columns,
     motion_kernel,
     motion_rows,
     read_sensors,
 )
-from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed
+from baqueano.identify.residuals.noise_level import informative_rows, speed_profile
 from baqueano.numerics.normal_equations import Evaluation, segment_sum
 from baqueano.numerics.parallel import parallel_map
 from baqueano.numerics.statistics import HUBER, huber_cost
@@ -115,7 +115,7 @@ class Residuals:
     def _set_shape(self, shape: ThetaShape, backend: str) -> None:
         """Set the meaning of θ, and all that depends on it."""
         self.shape, self.scan = shape, self._kernel(shape, backend)
-        self.layout = layout_of(shape, self.records)
+        self.layout = theta_layout(shape, self.records)
         self._index, self._places = self.layout.indices, arrow_layout(self.layout)
         self.size = self.layout.size
         self._prior = self._start_prior()
@@ -246,7 +246,7 @@ class Residuals:
     ) -> tuple[np.ndarray, list[np.ndarray]]:
         """Return σ (m,) and its profile (N, m) per segment from `misfits` at θ, for noise that grows with speed."""
         mask = informative_rows(misfits, self.masks, self.z)
-        return profile_by_speed(misfits, mask, self.speeds(theta), floor)
+        return speed_profile(misfits, mask, self.speeds(theta), floor)
 
     def sensitivities(
         self, theta: np.ndarray, last: bool = False
@@ -334,7 +334,7 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Call
     def step(
         theta: np.ndarray, state: SimulationState, row: np.ndarray
     ) -> tuple[SimulationState, np.ndarray]:
-        blocks_at = blocks_in_row(blocks, shape, theta, row)
+        blocks_at = make_row_blocks(blocks, shape, theta, row)
         dt_s, u = row[0], row[1 : 1 + n]
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
         mean_weights = shape.mean_weights(names, row[1 + n + 2 * m :])

@@ -8,7 +8,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.identify.covariance.clusters import jackknife, with_larger_errors
-from baqueano.identify.covariance.information import covariance_of
+from baqueano.identify.covariance.information import parameter_covariance
 from baqueano.identify.data.added_channels import MOUNT_PREFIX, TRUTH
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import diagnose
@@ -22,11 +22,11 @@ from baqueano.identify.identifiability import (
 )
 from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter, substitute, value
 from baqueano.identify.parameters.theta import START_NAMES
-from baqueano.identify.residuals.noise_level import sigma_of_file
+from baqueano.identify.residuals.noise_level import sensor_sigma
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
-from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
-from baqueano.identify.result.verdict import Evidence, by_channel, remarks, verdict_of
+from baqueano.identify.result.to_vehicle_file import fit_envelope, kept_priors
+from baqueano.identify.result.verdict import Evidence, fit_verdict, group_channels, remarks
 from baqueano.messages.language import translate as _
 from baqueano.numerics.autocorrelation import WHITE_LIMIT
 from baqueano.numerics.normal_equations import pseudo_inverse
@@ -55,7 +55,7 @@ def verdict_basis(end: FinishedFit) -> VerdictBasis:
     unobservable_terms, never_shown = _unobservable(end)
     diagnosis = _diagnosis(end, std)
     evidence = _evidence(end, tuple(diagnosis.messages), unobservable_terms)
-    is_held_back = _in_order(end, _bound_excess(end, std), 0.0) > MAX_BOUND_EXCESS_SIGMA
+    is_held_back = _requested_order(end, _bound_excess(end, std), 0.0) > MAX_BOUND_EXCESS_SIGMA
     return VerdictBasis(cov, diagnosis, evidence, np.where(is_held_back, evidence.bound, 0), never_shown)
 
 
@@ -63,8 +63,8 @@ def is_only_autocorrelated(basis: VerdictBasis) -> bool:
     """Return True if autocorrelation and size of the residuals are the only findings about a fit."""
     with_prior = basis.evidence._replace(bound=basis.bound_excess)
     return (
-        verdict_of(with_prior)[0] == Verdict.WARN
-        and verdict_of(_without_autocorrelation(with_prior))[0] == Verdict.USABLE
+        fit_verdict(with_prior)[0] == Verdict.WARN
+        and fit_verdict(_without_autocorrelation(with_prior))[0] == Verdict.USABLE
     )
 
 
@@ -76,12 +76,12 @@ def _without_autocorrelation(evidence: Evidence) -> Evidence:
     )
 
 
-def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
+def assemble_fit(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     """Return the Fit of a finished search; a given `basis` is not computed again."""
     basis = verdict_basis(end) if basis is None else basis
     problem, solution = end.task.problem, end.search.solution
     evidence = _without_autocorrelation(basis.evidence) if end.is_explained_by_floor else basis.evidence
-    verdict, reasons = verdict_of(evidence._replace(bound=basis.bound_excess))
+    verdict, reasons = fit_verdict(evidence._replace(bound=basis.bound_excess))
     s = len(problem.shape.shared_paths)
     requested_parameters, in_theta = end.parameters.requested_parameters, end.parameters.in_theta
     shared_cov, unmodelled_cov = np.full((2, len(requested_parameters), len(requested_parameters)), np.nan)
@@ -123,7 +123,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         backend=problem.scan.backend,
         file=end.vehicle_file,
         blocks=_fitted_blocks(end),
-        envelope=envelope_of(problem.records, evidence.channels, end.blocks.sensors, commands),
+        envelope=fit_envelope(problem.records, evidence.channels, end.blocks.sensors, commands),
     )
     messages = [prior.message for prior in kept_priors(fit) if prior.contradicted or not prior.at_rest]
     return replace(fit, notes=(*fit.notes, *messages))
@@ -139,7 +139,7 @@ def _diagnosis(end: FinishedFit, std: np.ndarray) -> Diagnosis:
     sensors, origins = end.blocks.sensors, end.vehicle_file.provenance
     measured = [is_measured(origins, f"sensors.{name}.measurement_noise_cov") for name in sensors._fields]
     is_known = np.repeat(measured, [sensor.size for sensor in sensors])
-    return diagnose(end, std, np.where(is_known, sigma_of_file(sensors), 0.0))
+    return diagnose(end, std, np.where(is_known, sensor_sigma(sensors), 0.0))
 
 
 def _bound_excess(end: FinishedFit, std: np.ndarray) -> np.ndarray:
@@ -166,19 +166,19 @@ def _evidence(
     channels = _channels(end.task.problem, solution.theta, end.search.sigma, end.info.autocorrelation)
     return Evidence(
         tuple(parameter.path for parameter in end.parameters.requested_parameters),
-        _in_order(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
-        _in_order(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
-        _in_order(end, end.identifiability.poorly_identified[:s], frozen_value=False).astype(bool),
+        _requested_order(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
+        _requested_order(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
+        _requested_order(end, end.identifiability.poorly_identified[:s], frozen_value=False).astype(bool),
         len(end.parameters.frozen_indices),
         unobservable_terms,
         channels,
-        by_channel(channels, has_one_mean(end.task.problem)),
+        group_channels(channels, has_one_mean(end.task.problem)),
         solution.converged,
         end.info.autocorrelation,
-        None if end.task.fixed_sigma is not None else sigma_of_file(end.blocks.sensors),
+        None if end.task.fixed_sigma is not None else sensor_sigma(end.blocks.sensors),
         findings,
         tuple(
-            weak_reason(parameter, end.confused_with(end.identifiability.correlated, i))
+            weak_reason(parameter, end.confused_parameters(end.identifiability.correlated, i))
             for i, parameter in enumerate(end.parameters.free)
             if end.identifiability.poorly_identified[i]
         ),
@@ -192,7 +192,7 @@ def _covariance(end: FinishedFit) -> np.ndarray:
     identifiable, full_cov = np.flatnonzero(mask), np.full((len(mask), len(mask)), np.nan)
     if not len(identifiable):
         return full_cov
-    index, cov = np.ix_(identifiable, identifiable), covariance_of(end.info, identifiable)
+    index, cov = np.ix_(identifiable, identifiable), parameter_covariance(end.info, identifiable)
     k = int(np.sum(identifiable < problem.layout.shared_count))
     for by_segment in () if end.is_filtered else (False, True):  # the innovations of a filter are white
         scatter = jackknife(
@@ -224,7 +224,7 @@ def _runs(problem: Residuals) -> tuple[str, ...]:
     return tuple({record.run: record.name for record in problem.records}.values())
 
 
-def _in_order(end: FinishedFit, values: np.ndarray, frozen_value: float) -> np.ndarray:
+def _requested_order(end: FinishedFit, values: np.ndarray, frozen_value: float) -> np.ndarray:
     """Return the values of the shared entries of θ in the order of `requested_parameters`, with `frozen_value` for the
     frozen parameters."""
     ordered_values = np.full(len(end.parameters.requested_parameters), frozen_value, dtype=float)
@@ -271,7 +271,7 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
         (never_shown if is_impossible else unobservable_terms).append(message)
     for i in np.flatnonzero(~end.identifiability.mask[: len(end.parameters.free)]).tolist():
         pairs = end.identifiability.collinear, end.identifiability.correlated
-        collinear, partners = (end.confused_with(pair, i) for pair in pairs)
+        collinear, partners = (end.confused_parameters(pair, i) for pair in pairs)
         reason = unobservable_reason(end.parameters.free[i], collinear, float(end.task.start[i]), partners)
         unobservable_terms.append(reason)
     return tuple(unobservable_terms), tuple(never_shown)

@@ -40,7 +40,7 @@ from baqueano.identify.estimation.prediction_error import (
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.verdict import MAX_NOISE_RATIO
 from baqueano.messages.language import number
-from baqueano.numerics.normal_equations import derivatives_without_start
+from baqueano.numerics.normal_equations import projected_derivatives
 from baqueano.numerics.parallel import gram
 from baqueano.numerics.statistics import HUBER, change_covariance, huber_cost, student_quantile
 
@@ -224,7 +224,7 @@ def _eliminate_start(derivatives: InnovationDerivatives, problem: Residuals) -> 
     start = (derivatives.indices >= problem.layout.first_start) & (derivatives.indices < problem.size)
     w = np.maximum(psi_derivative(derivatives.e), 0.0)
     return derivatives._replace(
-        e_derivatives=derivatives_without_start(derivatives.e_derivatives, w, start),
+        e_derivatives=projected_derivatives(derivatives.e_derivatives, w, start),
         s_derivatives=derivatives.s_derivatives[..., ~start],
         indices=derivatives.indices[~start],
     )

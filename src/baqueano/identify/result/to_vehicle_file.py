@@ -140,7 +140,7 @@ def _fields(fit: "Fit", prior_paths: Sequence[str]) -> "JsonObject":
     return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in std_of_field.items()}
 
 
-def envelope_of(
+def fit_envelope(
     records: Sequence[FitRecord],
     channels: Sequence[ChannelFit],
     sensors: ByName[Tree],

@@ -56,7 +56,7 @@ class Evidence(NamedTuple):
     frozen_count: int  # parameters whose command never moved
     unobservable: tuple[Diagnostic, ...]
     channels: Any  # ChannelFit, run by run, the channels in one order
-    channel_runs: "dict[str, list[ChannelOfRun]]"  # see by_channel
+    channel_runs: "dict[str, list[RunChannel]]"  # see group_channels
     converged: bool
     autocorrelation: np.ndarray  # (m,)
     prior_sigma: np.ndarray | None  # (m,) noise in the file, 0 without one; None: σ was given
@@ -65,7 +65,7 @@ class Evidence(NamedTuple):
     most_moving: str = ""  # the parameter that a search without convergence would still move most
 
 
-def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
+def fit_verdict(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
     """Return the verdict and its reasons."""
     reasons = _refusals(e) or _warnings(e) or [note("fit.converged")]
     return Verdict.of(reasons), tuple(reasons)
@@ -73,9 +73,9 @@ def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
 
 def remarks(e: Evidence) -> list[Diagnostic]:
     """Return notes that do not change the verdict. `e.bound` marks parameters that can be at a bound by chance."""
-    notes = _findings_of(e, Severity.INFO)
+    notes = _select_findings(e, Severity.INFO)
     notes += unlike_runs(e.channel_runs, small=True)
-    notes += [_at_bound(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
+    notes += [_bound_note(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
     for label, (n, highs, lows) in zip(_labels(e), _outlier_counts(e), strict=True):
         outlier_share = (highs + lows) / max(n, 1)
         if OUTLIER_CHANCE < outlier_share <= MAX_OUTLIER_SHARE and not _is_one_sided(highs, lows):
@@ -85,18 +85,18 @@ def remarks(e: Evidence) -> list[Diagnostic]:
     return notes
 
 
-def _findings_of(e: Evidence, severity: Severity) -> list[Diagnostic]:
+def _select_findings(e: Evidence, severity: Severity) -> list[Diagnostic]:
     """Return the findings of the detectors with this severity."""
     return [message for message in e.messages if message.severity == severity]
 
 
-def _at_bound(e: Evidence, k: int, kind: str, severity: Severity) -> Diagnostic:
+def _bound_note(e: Evidence, k: int, kind: str, severity: Severity) -> Diagnostic:
     side = "low" if e.bound[k] < 0 else "high"
     return note(f"bound.{side}-{kind}", severity, subject=e.names[k], bound=float(e.estimate[k]))
 
 
 def _refusals(e: Evidence) -> list[Diagnostic]:
-    refusals = _findings_of(e, ERROR)
+    refusals = _select_findings(e, ERROR)
     if not e.converged and (key := e.most_moving):
         refusals.append(note("fit.not-converged-moving", ERROR, f"--fix {key}", key, key=key))
     elif not e.converged:
@@ -116,7 +116,7 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
             note("fit.channel-far-from-model", ERROR, "--use SENSOR", label, ratio=float(times))
             for label, times in error_ratios.items()
         ]
-        refusals += _findings_of(e, WARNING)  # one of them can be the reason
+        refusals += _select_findings(e, WARNING)  # one of them can be the reason
     return refusals + _identifiability(e)
 
 
@@ -154,8 +154,8 @@ def _lacking_channels(e: Evidence) -> list[str]:
 
 
 def _warnings(e: Evidence) -> list[Diagnostic]:
-    warnings = _findings_of(e, WARNING)
-    warnings += [_at_bound(e, int(k), "held", WARNING) for k in np.flatnonzero(e.bound)]
+    warnings = _select_findings(e, WARNING)
+    warnings += [_bound_note(e, int(k), "held", WARNING) for k in np.flatnonzero(e.bound)]
     if e.poorly_identified.any():
         names = ", ".join(e.names[k].removeprefix("model.") for k in np.flatnonzero(e.poorly_identified))
         warnings.append(note("fit.poor", WARNING, names=names))
@@ -228,7 +228,7 @@ def _labels(e: Evidence) -> list[str]:
     return [c.label for c in e.channels[: len(e.autocorrelation)]]
 
 
-class ChannelOfRun(NamedTuple):
+class RunChannel(NamedTuple):
     """One channel in one run, in units of its noise."""
 
     run: str
@@ -248,12 +248,12 @@ class ChannelOfRun(NamedTuple):
         return 1.0 - self.squares / self.signal_squares if self.signal_squares > 0.0 else 0.0
 
 
-def by_channel(
+def group_channels(
     channels: "Sequence[ChannelFit]", one_mean: np.ndarray | None
-) -> dict[str, list[ChannelOfRun]]:
+) -> dict[str, list[RunChannel]]:
     """Return for each channel its runs. `one_mean` (m,), in the order of the first run, marks channels with one
     mean over all runs."""
-    channel_runs: dict[str, list[ChannelOfRun]] = {}
+    channel_runs: dict[str, list[RunChannel]] = {}
     labels = list(dict.fromkeys(c.label for c in channels))
     means = np.zeros(len(labels)) if one_mean is None else one_mean
     for label, mean_of_runs in zip(labels, means, strict=True):
@@ -269,20 +269,20 @@ def by_channel(
             signal = c.predictions[finite_rows] + residuals
             signal = signal - (np.mean(signal) if mean is None else mean)
             squares, signal_squares = (dot(x, x) / c.sigma**2 for x in (residuals, signal))
-            of_run = ChannelOfRun(c.run, squares, signal_squares, len(measurements))
+            of_run = RunChannel(c.run, squares, signal_squares, len(measurements))
             channel_runs.setdefault(label, []).append(of_run)
     return channel_runs
 
 
-def run_sum(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
+def run_sum(runs: Sequence[RunChannel]) -> RunChannel:
     """Return the sums over all runs of a channel."""
     squares, moved2, samples = (
         sum(getattr(channel, name) for channel in runs) for name in ("squares", "signal_squares", "samples")
     )
-    return ChannelOfRun("", squares, moved2, samples)
+    return RunChannel("", squares, moved2, samples)
 
 
-def unlike_runs(channels: dict[str, list[ChannelOfRun]], small: bool) -> list[Diagnostic]:
+def unlike_runs(channels: dict[str, list[RunChannel]], small: bool) -> list[Diagnostic]:
     """Return findings on runs that are unlike the model in a channel that other runs support. If `small`, these are
     runs that moved by less than the model's error in the other runs. Otherwise they are runs that moved more and
     differ significantly."""
@@ -307,7 +307,7 @@ def unlike_runs(channels: dict[str, list[ChannelOfRun]], small: bool) -> list[Di
     return findings
 
 
-def _is_significantly_larger(channel: ChannelOfRun, like_runs: list[ChannelOfRun], count: int) -> bool:
+def _is_significantly_larger(channel: RunChannel, like_runs: list[RunChannel], count: int) -> bool:
     """Return True if the residuals of a run are significantly larger than in the `like_runs`, one of `count` runs. (1)
     Also return True if `like_runs` contains fewer than two runs, because their scatter is then unknown."""
     g = np.log([max(r.squares / r.samples, 1e-300) for r in (channel, *like_runs)])

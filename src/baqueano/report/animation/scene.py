@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baqueano.compare.corridor import corridor_of
+from baqueano.compare.corridor import run_corridor
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
 from baqueano.messages.printable import baqueano_command
@@ -47,7 +47,7 @@ def scene(run: Run) -> Scene:
     run = run.without_rest
     if len(run.t_ns) < 2:
         raise no_motion
-    corridor = corridor_of(run) if run.estimate is not None else None
+    corridor = run_corridor(run) if run.estimate is not None else None
     end_s = float(seconds(run.t_ns[-1], run.t_ns[0]))
     lap_s = corridor.lap_s if corridor is not None and np.isfinite(corridor.lap_s) else end_s
     laps = max(1, round(end_s / lap_s))

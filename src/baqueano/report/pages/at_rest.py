@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.calibration.at_rest import ChannelAtRest, RestMeasurement
+from baqueano.calibration.at_rest import RestChannel, RestMeasurement
 from baqueano.messages import texts
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -22,7 +22,7 @@ COLOURS = ("#3b6fb6", "#238b45", "#c2410c", "#7c3aed", "#a16207", "#0e7490")
 def rest_page(result: RestMeasurement) -> Page:
     """Return the page of `at_rest`."""
     sections = [Section(_("Figures"), "\n".join(texts(result.findings)), [Table(result.rows())])]
-    for sensor, channels in channels_by_sensor(result).items():
+    for sensor, channels in sensor_channels(result).items():
         caption = _(
             "Overlapping Allan deviation with its 95 % interval; dashed: the coefficients that explain it."
         )
@@ -48,14 +48,14 @@ def rest_page(result: RestMeasurement) -> Page:
     )
 
 
-def channels_by_sensor(rest: RestMeasurement) -> dict[str, list[ChannelAtRest]]:
+def sensor_channels(rest: RestMeasurement) -> dict[str, list[RestChannel]]:
     """Return the channels of each sensor."""
     sensors = dict.fromkeys(c.sensor for c in rest.channels)
     return {sensor: [c for c in rest.channels if c.sensor == sensor] for sensor in sensors}
 
 
 @with_style
-def allan_curves(channels: Sequence[ChannelAtRest]) -> "Figure":
+def allan_curves(channels: Sequence[RestChannel]) -> "Figure":
     """Draw the Allan deviation of each channel, and the coefficients that explain it."""
     figure, axis = panel((9.2, 4.2))
     for c, colour in zip(channels, COLOURS * len(channels), strict=False):

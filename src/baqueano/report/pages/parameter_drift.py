@@ -23,7 +23,7 @@ def drift_page(history: "ParameterHistory") -> Page:
     sentences = "\n".join(text(change.message) for change in history.changes) or _(
         "No parameter changed beyond its error bars."
     )
-    entries = parameters_with_curves(history)
+    entries = curve_parameters(history)
     caption = _("Each run by itself with its 95 % interval (blue), and the estimate from all runs (green).")
     return Page(
         title=_("{vehicle} over {runs} runs", vehicle=history.last.file.name, runs=len(history.runs)),
@@ -50,7 +50,7 @@ def drift_page(history: "ParameterHistory") -> Page:
     )
 
 
-def parameters_with_curves(history: "ParameterHistory") -> list[int]:
+def curve_parameters(history: "ParameterHistory") -> list[int]:
     """Return the indices of the parameters with estimates from at least two runs."""
     return [i for i in range(len(history.names)) if np.isfinite(history.single[:, i]).sum() > 1]
 

@@ -1,4 +1,4 @@
-"""Write the page about a result, and its figures as files, with `report` and `page_of`."""
+"""Write the page about a result, and its figures as files, with `report` and `build_page`."""
 
 from functools import singledispatch
 from pathlib import Path
@@ -18,7 +18,7 @@ from baqueano.messages import texts
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
-from baqueano.report.card import card_of
+from baqueano.report.card import make_card
 from baqueano.report.fit_report import fit_page
 from baqueano.report.page import Headline, Page, Section, Table, check_format, draw
 from baqueano.report.pages.at_rest import rest_page
@@ -80,7 +80,7 @@ def report(
     ['Path', 'Speed', 'Commands', 'Measurements', 'Content of the run']
     """
     check_format(file_format, width)
-    page = page_of(result, alignment)
+    page = build_page(result, alignment)
     if path is not None:
         page.save(path)
     if figures is not None:
@@ -89,22 +89,22 @@ def report(
 
 
 @singledispatch
-def page_of(result: Tabular, alignment: str = "none") -> Page:
+def build_page(result: Tabular, alignment: str = "none") -> Page:
     """Return the page about a result. Raise UsageError for a type of result without a page."""
     raise UsageError(fault("front.no-page", value=type(result).__name__))
 
 
-@page_of.register(TeachResult)
-@page_of.register(ImportedRun)
-@page_of.register(FirstDrive)
-def _page_about_run(result: TeachResult | ImportedRun | FirstDrive, alignment: str = "none") -> Page:
+@build_page.register(TeachResult)
+@build_page.register(ImportedRun)
+@build_page.register(FirstDrive)
+def _replay_page(result: TeachResult | ImportedRun | FirstDrive, alignment: str = "none") -> Page:
     return run_page(result.run, alignment)
 
 
-@page_of.register(Comparison)
+@build_page.register(Comparison)
 def comparison_page(result: Comparison, alignment: str = "none") -> Page:
     """Return the page about a comparison: the errors of each run, and the consistency of its estimator."""
-    card = card_of(result)
+    card = make_card(result)
     caption = _("Errors of each run; the bar is the range of a consistent filter in 95 % of runs.")
     sentences = [f"{run.name}: {sentence}" for run in result.runs for sentence in run.sentences]
     figure = plot_comparison(result)
@@ -128,9 +128,9 @@ def comparison_page(result: Comparison, alignment: str = "none") -> Page:
     )
 
 
-page_of.register(Run, run_page)
-page_of.register(CorridorForecast, lambda result, alignment="none": run_page(result.run))
-page_of.register(Fit, lambda result, alignment="none": fit_page(result))
-page_of.register(RestMeasurement, lambda result, alignment="none": rest_page(result))
-page_of.register(ParameterHistory, lambda result, alignment="none": drift_page(result))
-page_of.register(RouteReport, lambda result, alignment="none": route_page(result))
+build_page.register(Run, run_page)
+build_page.register(CorridorForecast, lambda result, alignment="none": run_page(result.run))
+build_page.register(Fit, lambda result, alignment="none": fit_page(result))
+build_page.register(RestMeasurement, lambda result, alignment="none": rest_page(result))
+build_page.register(ParameterHistory, lambda result, alignment="none": drift_page(result))
+build_page.register(RouteReport, lambda result, alignment="none": route_page(result))

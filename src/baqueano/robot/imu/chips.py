@@ -71,7 +71,7 @@ CHIPS = {
 }
 
 
-def chip_of(who_am_i: int) -> Chip:
+def lookup_chip(who_am_i: int) -> Chip:
     """Return the chip with this answer in WHO_AM_I; for an unlisted answer a 6500 with `is_listed` False."""
     unknown_chip = Chip(
         f"unknown chip 0x{who_am_i:02X}",

@@ -22,7 +22,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
-from baqueano.robot.imu.mpu6050 import Mpu6050, chip_at, find_chip
+from baqueano.robot.imu.mpu6050 import Mpu6050, detect_chip, find_chip
 from baqueano.robot.imu.settings import SECOND, ImuSettings, OpenedImu
 from baqueano.signals import STANDARD_GRAVITY
 
@@ -61,9 +61,9 @@ def open_imu(
     path = bus if isinstance(bus, str) else f"/dev/i2c-{bus}"
     device, who_am_i, warnings = find_chip(path, ADDRESSES if address is None else (address,))
     try:
-        chip = chip_at(device, who_am_i)
+        chip = detect_chip(device, who_am_i)
         imu = Mpu6050(device, chip, settings or ImuSettings(), now_ns)
-        identity = _identity_at_rest(imu, who_am_i, now_ns, sleep)
+        identity = _identify_chip(imu, who_am_i, now_ns, sleep)
         identity = replace(identity, warnings=(*warnings, *identity.warnings))
     except BaseException:
         device.close()
@@ -74,7 +74,7 @@ def open_imu(
     return imu
 
 
-def imu_of(
+def start_imu(
     hardware: "Hardware", notify: Callable[[str], object] | None, in_chip_axes: bool = False
 ) -> Mpu6050:
     """Return the running IMU, with the settings in [robot] of the vehicle file.
@@ -149,7 +149,7 @@ def description_lines(imu: Mpu6050, identity: OpenedImu) -> list[str]:
     return lines + ["  " + _("warning: {text}", text=text) for text in identity.warnings]
 
 
-def _identity_at_rest(
+def _identify_chip(
     imu: Mpu6050, who_am_i: int, now_ns: Callable[[], int], sleep: Callable[[float], object]
 ) -> OpenedImu:
     """Start the chip, and return its identity, the means of its first samples, the burst time, and warnings.

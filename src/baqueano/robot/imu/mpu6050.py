@@ -24,7 +24,7 @@ from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import BaqueanoError, RobotUnreachable
 from baqueano.messages.language import mark as N_
 from baqueano.robot.imu.bus_recovery import BusRecovery, RecoveryOutcome, recover_bus
-from baqueano.robot.imu.chips import Chip, accel_scale, chip_of, gyro_scale
+from baqueano.robot.imu.chips import Chip, accel_scale, gyro_scale, lookup_chip
 from baqueano.robot.imu.i2c import I2cDevice, is_stuck_low
 from baqueano.robot.imu.sample_clock import SampleClock
 from baqueano.robot.imu.settings import MILLISECOND, SECOND, Counts, ImuEvent, ImuSettings, OpenedImu
@@ -362,7 +362,7 @@ def _first_answer(path: str, addresses: tuple[int, ...]) -> tuple[tuple[I2cDevic
     return None, is_bus_stuck
 
 
-def chip_at(device: I2cDevice, who_am_i: int) -> Chip:
+def detect_chip(device: I2cDevice, who_am_i: int) -> Chip:
     """Return the chip with this answer in WHO_AM_I.
 
     Raise RobotUnreachable for 0x00 and 0xFF, which mean a bus without a chip.
@@ -371,4 +371,4 @@ def chip_at(device: I2cDevice, who_am_i: int) -> Chip:
         raise RobotUnreachable(
             fault("imu.no-chip", address=device.address, path=device.path, who_am_i=who_am_i)
         )
-    return chip_of(who_am_i)
+    return lookup_chip(who_am_i)

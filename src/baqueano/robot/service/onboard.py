@@ -50,7 +50,7 @@ def serve(
         loading.start()
 
         def find_imu() -> Any:
-            imu = imu_driver.imu_of(vehicle_file.robot, log)
+            imu = imu_driver.start_imu(vehicle_file.robot, log)
             hardware.callback(imu.close)
             return imu
 

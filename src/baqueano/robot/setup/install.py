@@ -61,7 +61,7 @@ class TargetMachine(NamedTuple):
     user: str
 
 
-def machine_at(host: str) -> TargetMachine:
+def host_machine(host: str) -> TargetMachine:
     """Return the machine at a host.
 
     Raise RobotUnreachable if ssh fails. Raise UsageError for a 32-bit system, or a Python that is too old.
@@ -128,11 +128,11 @@ def make_bundle(folder: Path, machine: TargetMachine, notify: Notify = lambda te
     _write_locks(folder, packages)
     for name in ("baqueano.service", "60-baqueano.rules"):
         shutil.copyfile(str(files("baqueano.robot") / "files" / name), folder / name)
-    (folder / "steps.py").write_text(steps_in_this_language(), encoding="utf-8")
+    (folder / "steps.py").write_text(translated_steps(), encoding="utf-8")
     return folder
 
 
-def steps_in_this_language() -> str:
+def translated_steps() -> str:
     """Return the joined text of machine.py and steps.py, with their messages in the current language.
 
     The text runs without this package.
@@ -213,7 +213,7 @@ def setup(
 
 def remove(host: str, machine: TargetMachine, *, root: str = "/") -> None:
     """Undo the changes of `setup` at HOST. Raise RobotUnreachable if the steps cannot be sent, or fail."""
-    text = steps_in_this_language()
+    text = translated_steps()
     command = f"rm -rf {TARGET_FOLDER} && mkdir -m 700 {TARGET_FOLDER} && cat >{TARGET_FOLDER}/steps.py"
     if run_command(ssh_command(host, command), text.encode())[1]:
         raise RobotUnreachable(fault("setup.nothing-sent", host=host))

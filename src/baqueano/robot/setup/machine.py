@@ -38,7 +38,7 @@ class Pi:
     def __init__(self, root: Path, bundle: Path, user: str, run: Callable[..., str] | None = None) -> None:
         self.root, self.bundle, self.user = root, bundle, user
         self.run = run or command_output
-        self.kept = self.path_on_target("etc/baqueano/setup.json")
+        self.kept = self.target_path("etc/baqueano/setup.json")
         try:
             self.noted: JsonObject = json.loads(read_text(self.kept) or "{}")
         except ValueError as error:
@@ -49,7 +49,7 @@ class Pi:
             )  # fmt: skip
             sys.exit(message)
 
-    def path_on_target(self, path: str) -> Path:
+    def target_path(self, path: str) -> Path:
         """Return the path `path` of the machine, below `root`."""
         return self.root / path.lstrip("/")
 
@@ -75,26 +75,26 @@ class Pi:
     @property
     def config(self) -> Path:
         """Return the path of config.txt, which is in boot/firmware or, on old images, in boot."""
-        old = self.path_on_target("boot/config.txt")
-        if old.exists() and not self.path_on_target("boot/firmware/config.txt").exists():
+        old = self.target_path("boot/config.txt")
+        if old.exists() and not self.target_path("boot/firmware/config.txt").exists():
             return old
-        return self.path_on_target("boot/firmware/config.txt")
+        return self.target_path("boot/firmware/config.txt")
 
     def group_members(self, *names: str) -> dict[str, list[str]]:
         """Return the members of each group in `names`, without groups that do not exist on the machine."""
-        fields = [line.split(":") for line in read_text(self.path_on_target("etc/group")).splitlines()]
+        fields = [line.split(":") for line in read_text(self.target_path("etc/group")).splitlines()]
         members = {f[0]: f[3].split(",") for f in fields if len(f) == 4}
         return {group: members[group] for group in names if group in members}
 
     def account_fields(self) -> list[str] | None:
         """Return the fields of the service's account in /etc/passwd; None if the account does not exist."""
-        lines = [line.split(":") for line in read_text(self.path_on_target("etc/passwd")).splitlines()]
+        lines = [line.split(":") for line in read_text(self.target_path("etc/passwd")).splitlines()]
         return next((fields for fields in lines if fields[0] == ACCOUNT and len(fields) == 7), None)
 
     @property
     def venv(self) -> Path:
         """Return the path of the Python environment of the service."""
-        return self.path_on_target("opt/baqueano")
+        return self.target_path("opt/baqueano")
 
 
 def read_text(path: Path) -> str:

@@ -98,7 +98,7 @@ def boot_block_step(pi: Pi) -> Step:
 
 def file_step(pi: Pi, path: str, text: str) -> Step:
     """Return the step that writes a whole file; its `undo` restores the former file."""
-    target, key = pi.path_on_target(path), f"file {path}"
+    target, key = pi.target_path(path), f"file {path}"
 
     def do() -> None:
         pi.record_state(key, {"before": target.read_text(encoding="utf-8") if target.exists() else None})
@@ -118,7 +118,7 @@ def file_step(pi: Pi, path: str, text: str) -> Step:
 
 def link_step(pi: Pi, path: str, to: str) -> Step:
     """Return the step that makes the link `path` to the command `to`, for all users."""
-    link, key = pi.path_on_target(path), f"link {path}"
+    link, key = pi.target_path(path), f"link {path}"
 
     def do() -> None:
         pi.record_state(key, {"before": os.readlink(link) if link.is_symlink() else None})
@@ -249,7 +249,7 @@ def vehicle_step(pi: Pi) -> Step:
     one was made. If another program has changed it since then, raise SystemExit. An empty file, as a power cut can
     leave, counts as absent. The folder belongs to the service, whose blocks could put links into it.
     """
-    target, bundle_file = pi.path_on_target(f"{HOME}/vehicle.toml"), pi.bundle / "vehicle.toml"
+    target, bundle_file = pi.target_path(f"{HOME}/vehicle.toml"), pi.bundle / "vehicle.toml"
     former_file, base = target.with_name("vehicle.toml.before"), pi.bundle / "vehicle.toml.seen"
 
     def content(path: Path) -> bytes:
@@ -280,7 +280,7 @@ def vehicle_step(pi: Pi) -> Step:
 
 def home_step(pi: Pi) -> Step:
     """Return the step that gives runs and vehicle file to the service's account; its group can change both."""
-    place = pi.path_on_target(HOME)
+    place = pi.target_path(HOME)
 
     def is_done() -> bool:
         entry = pi.account_fields()

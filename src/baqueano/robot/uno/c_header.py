@@ -3,7 +3,7 @@
 from typing import Any, get_type_hints
 
 from baqueano.robot.uno import frames
-from baqueano.robot.uno.frames import LAYOUT_OF_KIND, LAYOUTS, STRUCT_OF_LAYOUT, Config, Frame, Settings
+from baqueano.robot.uno.frames import KIND_LAYOUTS, LAYOUT_STRUCTS, LAYOUTS, Config, Frame, Settings
 
 C_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "h": "int16_t", "i": "int32_t"}
 
@@ -28,7 +28,7 @@ def c_struct(layout: type[Any]) -> list[str]:
                 f"#define {name.upper()}_{field.upper()}_{bound} {value}"
                 for bound, value in zip(("LEAST", "MOST"), annotations[0], strict=True)
             ]
-    length = f"#define {name.upper()}_LENGTH {STRUCT_OF_LAYOUT[layout].size}"
+    length = f"#define {name.upper()}_LENGTH {LAYOUT_STRUCTS[layout].size}"
     c_lines = ["typedef struct __attribute__((packed)) {", *lines, f"}} {name}_t;"] if lines else []
     return ["", *c_lines, length, *ranges]
 
@@ -45,13 +45,13 @@ def c_header() -> str:
         f"#define MAX_PAYLOAD {frames.MAX_PAYLOAD}",
         f"#define NO_AGE {frames.NO_AGE}",
         f"#define SEAL_POLYNOMIAL 0x{frames.CRC_POLYNOMIAL:04x}",
-        f"#define SEALED_KINDS 0x{sum(1 << kind for kind in frames.KINDS_WITH_CRC):02x} /* a bit for each */",
+        f"#define SEALED_KINDS 0x{sum(1 << kind for kind in frames.CRC_KINDS):02x} /* a bit for each */",
         *(
             f"#define VERSION_{part} {n}"
             for part, n in zip(("MAJOR", "MINOR", "PATCH"), frames.VERSION, strict=True)
         ),
     ]
-    for kind, layout in LAYOUT_OF_KIND.items():
+    for kind, layout in KIND_LAYOUTS.items():
         suffix = "_NOW" if layout is Settings and kind & 0x80 else ""
         lines.append(f"#define KIND_{snake_case(layout.__name__).upper()}{suffix} 0x{kind:02x}")
     for group in (

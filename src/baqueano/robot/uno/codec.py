@@ -13,10 +13,10 @@ from typing import NamedTuple
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.robot.uno.frames import (
+    CRC_KINDS,
     CRC_POLYNOMIAL,
-    KIND_OF_LAYOUT,
-    KINDS_WITH_CRC,
-    LAYOUT_OF_KIND,
+    KIND_LAYOUTS,
+    LAYOUT_KINDS,
     MAX_PAYLOAD,
     PAYLOAD_LENGTHS,
     Frame,
@@ -78,7 +78,7 @@ def crc16(body: bytes) -> int:
 def encode_frame(kind: int, seq: int, payload: bytes) -> bytes:
     """Return the bytes of a frame with this payload on the wire, with a zero at both ends."""
     body = bytes([kind, seq & 0xFF]) + payload
-    if kind in KINDS_WITH_CRC:
+    if kind in CRC_KINDS:
         body += crc16(body).to_bytes(2, "big")
     return b"\0" + cobs_encode(body + crc_hqx(body, CRC_START).to_bytes(2, "big")) + b"\0"
 
@@ -102,7 +102,7 @@ def encode(frame: Frame, seq: int, kind: int | None = None) -> bytes:
                 maximum=high,
             )
         )
-    return encode_frame(KIND_OF_LAYOUT[type(frame)] if kind is None else kind, seq, pack(frame))
+    return encode_frame(LAYOUT_KINDS[type(frame)] if kind is None else kind, seq, pack(frame))
 
 
 class Decoder:
@@ -132,10 +132,10 @@ class Decoder:
             self.bad_crc += 1
         elif PAYLOAD_LENGTHS.get(kind := body[0]) != len(body) - 4:
             self.bad_shape += 1
-        elif kind not in KINDS_WITH_CRC:
-            return ReceivedFrame(body[1], unpack(LAYOUT_OF_KIND[kind], body[2:-2]))
+        elif kind not in CRC_KINDS:
+            return ReceivedFrame(body[1], unpack(KIND_LAYOUTS[kind], body[2:-2]))
         elif crc16(body[:-2]) == 0:
-            return ReceivedFrame(body[1], unpack(LAYOUT_OF_KIND[kind], body[2:-4]))
+            return ReceivedFrame(body[1], unpack(KIND_LAYOUTS[kind], body[2:-4]))
         else:
             self.bad_crc += 1
         return None

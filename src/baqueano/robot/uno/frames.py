@@ -244,7 +244,7 @@ class Info(NamedTuple):
 
 Frame = Drive | Config | Ping | Stop | AskInfo | Settings | AskSettings | State | Pong | Info
 
-LAYOUT_OF_KIND: dict[int, type[Frame]] = {
+KIND_LAYOUTS: dict[int, type[Frame]] = {
     0x01: Drive,
     0x02: Config,
     0x03: Ping,
@@ -292,17 +292,16 @@ def fields(layout: type[tuple[Any, ...]], path: str = "") -> list[Field]:
     return layout_fields
 
 
-LAYOUTS: tuple[type[Any], ...] = (WheelCurve, *dict.fromkeys(LAYOUT_OF_KIND.values()))
-FIELDS_OF_LAYOUT = {layout: fields(layout) for layout in LAYOUTS}
-STRUCT_OF_LAYOUT = {
-    layout: struct.Struct("<" + "".join(f.code for f in rows)) for layout, rows in FIELDS_OF_LAYOUT.items()
+LAYOUTS: tuple[type[Any], ...] = (WheelCurve, *dict.fromkeys(KIND_LAYOUTS.values()))
+LAYOUT_FIELDS = {layout: fields(layout) for layout in LAYOUTS}
+LAYOUT_STRUCTS = {
+    layout: struct.Struct("<" + "".join(f.code for f in rows)) for layout, rows in LAYOUT_FIELDS.items()
 }
-KIND_OF_LAYOUT = {layout: kind for kind, layout in reversed(LAYOUT_OF_KIND.items())}
+LAYOUT_KINDS = {layout: kind for kind, layout in reversed(KIND_LAYOUTS.items())}
 NESTED_LAYOUTS = {Settings, Info}
-KINDS_WITH_CRC = {0x01, 0x02, 0x06}
+CRC_KINDS = {0x01, 0x02, 0x06}
 PAYLOAD_LENGTHS = {
-    kind: STRUCT_OF_LAYOUT[layout].size + 2 * (kind in KINDS_WITH_CRC)
-    for kind, layout in LAYOUT_OF_KIND.items()
+    kind: LAYOUT_STRUCTS[layout].size + 2 * (kind in CRC_KINDS) for kind, layout in KIND_LAYOUTS.items()
 }
 
 
@@ -333,21 +332,19 @@ def unflatten(layout: type[Any], numbers: list[int]) -> Any:
 
 def pack(frame: Frame) -> bytes:
     """Return the payload of a frame. Raise struct.error if a value does not fit its integer type."""
-    return STRUCT_OF_LAYOUT[type(frame)].pack(
-        *(flat_values(frame) if type(frame) in NESTED_LAYOUTS else frame)
-    )
+    return LAYOUT_STRUCTS[type(frame)].pack(*(flat_values(frame) if type(frame) in NESTED_LAYOUTS else frame))
 
 
 def unpack(layout: type[Frame], payload: bytes) -> Frame:
     """Return the frame of a payload, which must have the length of the layout."""
-    numbers = STRUCT_OF_LAYOUT[layout].unpack(payload)
+    numbers = LAYOUT_STRUCTS[layout].unpack(payload)
     return unflatten(layout, list(numbers)) if layout in NESTED_LAYOUTS else layout(*numbers)
 
 
 def first_out_of_range(frame: Frame) -> tuple[str, int, ValueRange] | None:
     """Return the first value out of its range as (name, value, range); None if all values are in range."""
     values: list[Any] = flat_values(frame) if type(frame) in NESTED_LAYOUTS else list(frame)
-    for field, value in zip(FIELDS_OF_LAYOUT[type(frame)], values, strict=True):
+    for field, value in zip(LAYOUT_FIELDS[type(frame)], values, strict=True):
         if not field.value_range.low <= value <= field.value_range.high:
             return field.path, value, field.value_range
     return None

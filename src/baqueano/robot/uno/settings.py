@@ -19,7 +19,7 @@ from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.robot.uno.frames import (
-    FIELDS_OF_LAYOUT,
+    LAYOUT_FIELDS,
     Driver,
     EncoderKind,
     Settings,
@@ -182,7 +182,7 @@ def _checked_word(name: str, text: str, known_words: list[str]) -> str:
 
 def _checked_number(name: str, text: str, number_text: str, layout: type, field: str, unit: int) -> int:
     """Return a typed number in encoded units. Raise UsageError if it is outside the range of the firmware."""
-    (low, high), *_rest = (f.value_range for f in FIELDS_OF_LAYOUT[layout] if f.path == field)
+    (low, high), *_rest = (f.value_range for f in LAYOUT_FIELDS[layout] if f.path == field)
     try:
         value = float(number_text)
     except ValueError:

@@ -174,14 +174,14 @@ def calibrate(reader: ImuReader, notify: Notify) -> ImuCalibration:
         )
     )
     first_force, gyro_1 = reader.wait_for_rest(REST_S, N_("at rest"))
-    up_axis, reader.bias = up_axis_of(first_force), gyro_1
+    up_axis, reader.bias = find_up_axis(first_force), gyro_1
     notify(_("now lift its front by about 10 cm, straight up, and hold it there"))
     min_lift = MIN_LIFT * STANDARD_GRAVITY
 
     def is_tilted(accel: np.ndarray) -> bool:
         return bool(np.abs(_horizontal_part(accel - first_force, up_axis)).max() > min_lift)
 
-    axes, lift = axes_from_lift(
+    axes, lift = lift_axes(
         reader.wait_for_force(N_("the lift of the front"), is_tilted) - first_force, up_axis
     )
     notify(_("put it down and turn it on the floor by about half a turn to the left; then do not touch it"))
@@ -210,7 +210,7 @@ def _is_turned_left(reader: ImuReader, turned_before: np.ndarray, up_axis: np.nd
     return turn > MIN_TURN_RAD
 
 
-def up_axis_of(force: np.ndarray) -> np.ndarray:
+def find_up_axis(force: np.ndarray) -> np.ndarray:
     """Return the chip's axis (3,), with its sign, that points up. Raise AnswerNo if none points nearly up.  (1)"""
     axis = int(np.argmax(np.abs(force)))
     if abs(force[axis]) < MIN_UPRIGHT_COS * np.linalg.norm(force):
@@ -221,7 +221,7 @@ def up_axis_of(force: np.ndarray) -> np.ndarray:
     return up_axis
 
 
-def axes_from_lift(change: np.ndarray, up_axis: np.ndarray) -> tuple[np.ndarray, float]:
+def lift_axes(change: np.ndarray, up_axis: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the axes (3, 3), with the rows forward, left, up in the chip's axes, and the lift [rad].  (2)
 
     Raise AnswerNo if the vehicle was lifted over a corner.

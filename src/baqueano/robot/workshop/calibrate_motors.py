@@ -209,7 +209,7 @@ def _wheel_duties(wheel: int, duty: float, other_duty: float = 0.0) -> tuple[flo
 def _ramp(floor: "FloorTests", wheel: int, direction: float) -> tuple[float, float]:
     """Increase the duty of one motor until the vehicle turns; return that duty and the sign of the turn.  (1) Raise
     AnswerNo if the vehicle does not turn."""
-    bias = floor.samples_at_rest(0.3).gyro[:, 2].mean()
+    bias = floor.rest_samples(0.3).gyro[:, 2].mean()
     levels: list[float] = []
 
     def duties(t_s: float) -> tuple[float, float]:
@@ -266,7 +266,7 @@ def _wiring(floor: "FloorTests", notify: Notify) -> Wiring:
 
 def _forward_speed_change(floor: "FloorTests", duties: list[float]) -> float:
     """Run both motors with `duties`; return the integral of the forward acceleration [m/s] without its bias.  (2)"""
-    bias = floor.samples_at_rest(0.3).accel[:, 0].mean()
+    bias = floor.rest_samples(0.3).accel[:, 0].mean()
     samples = floor.hold_duties(duties[0], duties[1], PUSH_S)
     floor.hold_duties(0.0, 0.0, PAUSE_S)
     return float(np.mean(samples.accel[:, 0] - bias) * PUSH_S)
@@ -288,7 +288,7 @@ def _sweeps(floor: "FloorTests", notify: Notify) -> Sweeps:
 def _sweep(
     floor: "FloorTests", wheel: int, sign: float, start_duty: float, other_duty: float, name: str
 ) -> Sweep:
-    bias = floor.samples_at_rest(0.3).gyro[:, 2].mean()
+    bias = floor.rest_samples(0.3).gyro[:, 2].mean()
     turn = sign * TURN_SIGNS[wheel]
     duties = [*np.linspace(min(1.0, start_duty + 0.4), max(0.02, start_duty - 0.1), LEVEL_COUNT), 0.0]
     turn_rates = []
@@ -361,7 +361,7 @@ def _equalise(floor: "FloorTests", settings: Settings, sweeps: Sweeps, notify: N
 
 def _wheel_difference(floor: "FloorTests", sign: float, reach: float) -> tuple[float, float]:
     """Return ε of (5), positive if the right wheel is faster, and the turn [rad/s]."""
-    bias, request = floor.samples_at_rest(0.3).gyro[:, 2].mean(), sign * STRAIGHT_REQUEST
+    bias, request = floor.rest_samples(0.3).gyro[:, 2].mean(), sign * STRAIGHT_REQUEST
     samples: ImuSamples = floor.hold_duties(request, request, STRAIGHT_S).after(SETTLE_S)
     turn = float(np.mean(samples.gyro[:, 2] - bias))
     floor.hold_duties(0.0, 0.0, PAUSE_S)
@@ -370,7 +370,7 @@ def _wheel_difference(floor: "FloorTests", sign: float, reach: float) -> tuple[f
 
 def _heading_error(floor: "FloorTests", sign: float, reach: float) -> float:
     """Return the heading error [rad] after a straight drive with the heading held.  (6)"""
-    bias = floor.samples_at_rest(0.3).gyro[:, 2].mean()
+    bias = floor.rest_samples(0.3).gyro[:, 2].mean()
     hand = ManualController(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))
     law = HeadingHold(hand, pole_placement_gains(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, MAX_SPEED_SHARE)
     state, psi, r, imu_ns = law.init(), 0.0, 0.0, -1

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.messages.language import translate as _
-from baqueano.messages.printable import in_lines
+from baqueano.messages.printable import join_rows
 from baqueano.messages.text_table import text_table
 
 if TYPE_CHECKING:
@@ -49,4 +49,6 @@ class Report:
             lines.append((_(check.verdict), _(check.name), check.figure))
             if check.remedy and check.verdict != "ok":
                 lines.append(("", "", f"→ {check.remedy}"))
-        return in_lines([*text_table("<<<", *lines), _("overall result: {verdict}", verdict=_(self.verdict))])
+        return join_rows(
+            [*text_table("<<<", *lines), _("overall result: {verdict}", verdict=_(self.verdict))]
+        )

@@ -82,7 +82,7 @@ def check_imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
         )
         return
     try:
-        chip = imu_driver.imu_of(hardware, None)
+        chip = imu_driver.start_imu(hardware, None)
     except BaqueanoError as error:
         yield Check("IMU", "bad", _("none answers"), str(error))
         return

@@ -84,7 +84,7 @@ def open_hardware(
         resources.enter_context(stopped_service(notify))
         resources.enter_context(interrupt_on_hangup(notify))
         uno = resources.enter_context(open_uno(hardware.port)) if motors else None
-        imu = imu_driver.imu_of(hardware, notify, in_chip_axes)
+        imu = imu_driver.start_imu(hardware, notify, in_chip_axes)
         resources.callback(imu.close)
         yield FloorTests(uno, imu)
 
@@ -102,7 +102,7 @@ def _check_not_driving() -> None:
             raise AnswerNo(fault("hardware.drives", state=state))
 
 
-def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
+def fetch_rows(host: str, *verb: str) -> list["TableRow"]:
     """Return the rows of `baqueano VERB --json` at HOST; messages to the operator are shown as they arrive.
 
     Raise the error that was raised at HOST, KeyboardInterrupt if the command was interrupted, or RobotUnreachable
@@ -126,13 +126,13 @@ def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
     raise exit_code_error(code, reason_of_error, default_class=RobotUnreachable)
 
 
-def result_from_host(make_result: "Callable[[list[TableRow]], Result]", host: str, *verb: str) -> Result:
+def fetch_result(make_result: "Callable[[list[TableRow]], Result]", host: str, *verb: str) -> Result:
     """Return `make_result` of the rows of `baqueano VERB --json` at HOST, for the vehicle file of its service.
 
-    Raise UsageError for rows in another form, as of another version of baqueano; other errors as in `rows_from_host`.
+    Raise UsageError for rows in another form, as of another version of baqueano; other errors as in `fetch_rows`.
     """
     verb = (*verb, "--vehicle", VEHICLE)
-    rows = rows_from_host(host, *verb)
+    rows = fetch_rows(host, *verb)
     try:
         return make_result(rows)
     except (LookupError, TypeError, ValueError, BaqueanoError) as error:

@@ -83,7 +83,7 @@ class FloorTests:
             np.array([s.gyro for s in samples]).reshape(-1, 3),
         )
 
-    def samples_at_rest(self, seconds: float) -> ImuSamples:
+    def rest_samples(self, seconds: float) -> ImuSamples:
         """Return the IMU's samples at rest, with the motors at zero.
 
         Raise AnswerNo if the vehicle moves in each of ten attempts.
@@ -99,7 +99,7 @@ class FloorTests:
 
     def check_upright(self) -> None:
         """Raise AnswerNo if the IMU's up axis deviates from the vertical by more than 26°, or if the vehicle moves."""
-        accel = self.samples_at_rest(0.3).accel.mean(axis=0)
+        accel = self.rest_samples(0.3).accel.mean(axis=0)
         if accel[2] < MIN_TILT_COS * STANDARD_GRAVITY:
             x, y, z = accel
             raise AnswerNo(

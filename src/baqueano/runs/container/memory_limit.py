@@ -13,7 +13,7 @@ def limit_bytes(size: int) -> int:
     return min(max(MIN_BYTES, BYTES_PER_FILE_BYTE * size), MAX_EXTRA_BYTES)
 
 
-def text_of_size(size: int) -> str:
+def format_size(size: int) -> str:
     """Return a number of bytes as text for a message: 135 kB, 2.1 GB."""
     for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if size >= scale:

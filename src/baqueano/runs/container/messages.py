@@ -198,14 +198,14 @@ def estimate_layout(size: int | None, with_cov: bool = True) -> MessageLayout:
     return MessageLayout("map", (*head, MessageField("innovation_size", "uint32"), *tail))
 
 
-def _arrays_in_map(**counts: int) -> MessageLayout:
+def _map_arrays(**counts: int) -> MessageLayout:
     return MessageLayout("map", tuple(MessageField(name, "array", count) for name, count in counts.items()))
 
 
-REFERENCE = _arrays_in_map(eta=3, nu=3, done=1)  # baqueano_msgs/msg/Reference
-MOTION = _arrays_in_map(eta=3, nu=3, nu_dot=3)  # baqueano_msgs/msg/Motion
+REFERENCE = _map_arrays(eta=3, nu=3, done=1)  # baqueano_msgs/msg/Reference
+MOTION = _map_arrays(eta=3, nu=3, nu_dot=3)  # baqueano_msgs/msg/Motion
 # geometry_msgs/msg/PoseStamped, of `pose_values`, for viewers
-POSE = _arrays_in_map(position=3, orientation=4)
+POSE = _map_arrays(position=3, orientation=4)
 
 
 def pose_values(eta: list[float]) -> tuple[float, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
-from baqueano.errors import FileError, Invalid, cause_of
+from baqueano.errors import FileError, Invalid, error_cause
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.container import memory_limit, messages
 from baqueano.runs.container.records import MAGIC, Contents, FileTooLarge, McapChannel, McapMessages, scan
@@ -88,8 +88,8 @@ def read_bytes(path: Path) -> bytes:
                     "runs.too-large",
                     f"mcap filter {path.name} -o part.mcap",
                     path=path,
-                    size=memory_limit.text_of_size(path.stat().st_size),
-                    largest=memory_limit.text_of_size(memory_limit.MAX_EXTRA_BYTES // 2),
+                    size=memory_limit.format_size(path.stat().st_size),
+                    largest=memory_limit.format_size(memory_limit.MAX_EXTRA_BYTES // 2),
                 )
             )
         data = path.read_bytes()
@@ -144,7 +144,7 @@ class _RunAssembly:
             path=self.path,
             t_ns=ticks.t_ns,
             applied_commands=ticks.z,
-            requested_commands=self.commands_on_ticks("/command/requested", ticks),
+            requested_commands=self.tick_commands("/command/requested", ticks),
             sensors=self.sensors(),
             estimate=self.estimate(),
             reference=self.reference(),
@@ -152,7 +152,7 @@ class _RunAssembly:
             events=tuple(self.events()),
             vehicle_text=self.vehicle_text(),
             metadata=self.metadata(),
-            sent_commands=self.commands_on_ticks("/command/sent", ticks),
+            sent_commands=self.tick_commands("/command/sent", ticks),
         )
         object.__setattr__(run, "notes", (*self.losses(run), *self.notes))
         return run
@@ -190,7 +190,7 @@ class _RunAssembly:
             topic.removeprefix("/sensors/"): channel for topic, channel in read.items() if channel is not None
         }
 
-    def commands_on_ticks(self, topic: str, ticks: Channel) -> np.ndarray | None:
+    def tick_commands(self, topic: str, ticks: Channel) -> np.ndarray | None:
         commands = self.read(topic, "u", self.fixed_size_layout(messages.command_layout))
         if commands is None:
             return None
@@ -244,7 +244,7 @@ class _RunAssembly:
                 try:
                     level, source, text, data = messages.unpack_log(message)
                 except ValueError as error:
-                    unread, cause = unread + 1, cause or cause_of(error)
+                    unread, cause = unread + 1, cause or error_cause(error)
                     continue
                 yield Event(t_ns, LEVELS[min(max(level // 10 - 1, 0), 4)], source, text, _diagnostic(data))
         if unread:
@@ -310,7 +310,7 @@ class _RunAssembly:
             if max(t_ns.max(initial=0), arrival_ns.max(initial=0)) >= 2**63:
                 raise Invalid(fault("damage.times"))
         except ValueError as error:
-            raise self.damage_error(topic, cause_of(error)) from None
+            raise self.damage_error(topic, error_cause(error)) from None
         return t_ns.astype(np.int64), arrival_ns.astype(np.int64), fields
 
     def number_count(self, topic: str, text: str) -> int:
@@ -330,7 +330,7 @@ class _RunAssembly:
         self.reserved_bytes += size
         if self.reserved_bytes > memory_limit.limit_bytes(self.contents.size) // 2:
             raise self.damage_error(
-                topic, note("damage.memory", size=memory_limit.text_of_size(self.reserved_bytes))
+                topic, note("damage.memory", size=memory_limit.format_size(self.reserved_bytes))
             )
 
     def damage_error(self, topic: str, cause: Diagnostic | str) -> FileError:

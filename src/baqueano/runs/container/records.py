@@ -34,7 +34,7 @@ MAX_REPORTED_DAMAGES = 8  # damaged places that are described
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _RECORD_HEAD = struct.Struct("<BQ")
-_SIGNATURE, _SIGNATURE_AT = b"\x04\0\0\0zstd", 37  # 37 bytes after the start of each chunk of baqueano
+_SIGNATURE, _SIGNATURE_OFFSET = b"\x04\0\0\0zstd", 37  # 37 bytes after the start of each chunk of baqueano
 _NOT_ZERO = re.compile(rb"[^\0]")
 
 
@@ -218,8 +218,8 @@ class _RecordReader:
         Return the size of the file if no chunk follows.
         """
         if offset > self.sign:
-            sign = self.data.find(_SIGNATURE, offset + _SIGNATURE_AT)
-            self.sign = len(self.data) if sign < 0 else sign - _SIGNATURE_AT
+            sign = self.data.find(_SIGNATURE, offset + _SIGNATURE_OFFSET)
+            self.sign = len(self.data) if sign < 0 else sign - _SIGNATURE_OFFSET
         return self.sign
 
     def read_content(self, opcode: int, offset: int, end: int) -> None:
@@ -330,9 +330,9 @@ class _RecordReader:
             raise FileTooLarge(
                 fault(
                     "damage.too-large",
-                    size=memory_limit.text_of_size(len(self.data)),
-                    memory=memory_limit.text_of_size(need),
-                    maximum=memory_limit.text_of_size(memory_limit.limit_bytes(len(self.data))),
+                    size=memory_limit.format_size(len(self.data)),
+                    memory=memory_limit.format_size(need),
+                    maximum=memory_limit.format_size(memory_limit.limit_bytes(len(self.data))),
                 )
             )
 

@@ -104,7 +104,7 @@ class RunFile:
             self.topic(key[0], schema, size, layout.pack)
         return self._topics[key], imu
 
-    def estimate(self, size: int | None, with_cov: bool) -> Topic:
+    def estimate(self, size: int | None, *, with_cov: bool) -> Topic:
         """Return the topic /estimate with an innovation of this size, None for an estimate without innovation."""
         size_text = "none" if size is None else f"{size}" if with_cov else f"{size} without covariance"
         key = ("/estimate", size_text)

@@ -23,7 +23,7 @@ import numpy as np
 from baqueano.atomic_file import give_new_name, temporary_file
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError, Invalid, UsageError
-from baqueano.messages import in_english
+from baqueano.messages import english_text
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.container.messages import MAX_STAMP_NS
 from baqueano.runs.container.packing import Packing
@@ -125,7 +125,7 @@ class RunWriter:
         data = message if isinstance(message, Diagnostic) else None
         level = level if level in LEVELS else "warning"
         self._pack_and_append(
-            "event", self._packing.event, Event(t_ns, level, source, in_english(message), data)
+            "event", self._packing.event, Event(t_ns, level, source, english_text(message), data)
         )
 
     def close(self) -> None:
@@ -270,7 +270,7 @@ def _messages(run: Run, run_file: RunFile) -> Iterator[Message]:
             raise UsageError(fault("runs.times", run=run.name, t_ns=min(arrival_ns, t_ns)))
         messages_.append((topic, arrival_ns, data, t_ns))
 
-    def messages_of(arrival_ns: np.ndarray, pack: Callable[[int], None]) -> Iterator[Message]:
+    def row_messages(arrival_ns: np.ndarray, pack: Callable[[int], None]) -> Iterator[Message]:
         for k in np.argsort(arrival_ns, kind="stable"):
             pack(int(k))
             row_message = messages_.copy()
@@ -278,7 +278,7 @@ def _messages(run: Run, run_file: RunFile) -> Iterator[Message]:
             yield from row_message
 
     _name_topics(run, run_file)
-    signal_messages = [messages_of(*signal) for signal in _signals(run, Packing(run_file, collect))]
+    signal_messages = [row_messages(*signal) for signal in _signals(run, Packing(run_file, collect))]
     return heapq.merge(*signal_messages, key=lambda message: message[1])
 
 
@@ -315,7 +315,8 @@ def _name_topics(run: Run, run_file: RunFile) -> None:
     if run.estimate is not None:
         innovation, cov = run.estimate.innovation, run.estimate.innovation_cov
         run_file.estimate(
-            None if innovation is None else innovation.shape[1], innovation is None or cov is not None
+            None if innovation is None else innovation.shape[1],
+            with_cov=innovation is None or cov is not None,
         )
     for name, log in (("/reference", run.reference), ("/truth", run.truth)):
         if log is not None:

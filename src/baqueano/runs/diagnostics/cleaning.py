@@ -15,7 +15,7 @@ from baqueano.vehicle_file.units import NON_MOTION_CHANNELS
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-KIND_BY_SIZE = {1: "odometer", 2: "wheels", 3: "imu"}
+SIZE_KINDS = {1: "odometer", 2: "wheels", 3: "imu"}
 
 
 def clean(
@@ -57,6 +57,6 @@ def unused_sensors(runs: Sequence[Run], vehicle_file: "VehicleFile") -> list[Dia
     notes = []
     for name, channel in channels.items():
         if name not in vehicle_file.sensors._fields and name not in NON_MOTION_CHANNELS:
-            kind = name if name in KINDS else KIND_BY_SIZE.get(channel.z.shape[1], "…")
+            kind = name if name in KINDS else SIZE_KINDS.get(channel.z.shape[1], "…")
             notes.append(note("use.not-in-file", sensor=name, vehicle=vehicle_file.name, kind=kind))
     return notes

@@ -95,7 +95,7 @@ def _finding_reason(hypothesis: Hypothesis, entry: "Entry", code: str) -> Diagno
     return note(code, key=entry.key, slope=r.slope, correlation=r.correlation)
 
 
-def _lines_by_ratio(measures: str, entry: "Entry", *codes: str) -> dict[float, Diagnostic]:
+def _ratio_lines(measures: str, entry: "Entry", *codes: str) -> dict[float, Diagnostic]:
     """Return ratio → map line for each other unit that `entry` can have."""
     units = unit_ratios(measures, entry.unit).items()
     return {
@@ -164,7 +164,7 @@ def _truth_findings(
     if not _is_comparable(z, true_of):
         return []
     truth = true_of(0.0 if clock is None else clock.shift_s)
-    units = _lines_by_ratio(measures, entry)
+    units = _ratio_lines(measures, entry)
     double_units = {
         1.0 / r: note("recording.unit-ratio", unit_name=entry.unit, ratio=r) for r in units if r > 1.0
     }
@@ -262,14 +262,14 @@ def _accelerometer_findings(
     a, centripetal, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
     if not max(np.std(centripetal), np.std(a[:, 1])) > MIN_ACCELERATION_STD_M_S2 or not np.isfinite(a).all():
         return []
-    speed_lines = {1.0 / r: line for r, line in _lines_by_ratio("speed", speed).items()} if speed else {}
+    speed_lines = {1.0 / r: line for r, line in _ratio_lines("speed", speed).items()} if speed else {}
     lines_by_axis = [
-        _lines_by_ratio("acceleration", x) | speed_lines,
-        _lines_by_ratio("acceleration", y) | speed_lines,
+        _ratio_lines("acceleration", x) | speed_lines,
+        _ratio_lines("acceleration", y) | speed_lines,
     ]
     if motion.run.truth is None:
-        in_g = _lines_by_ratio("acceleration", y, "g")
-        for r, line in _lines_by_ratio("angular rate", gyro, "rad/s", "deg/s").items():
+        in_g = _ratio_lines("acceleration", y, "g")
+        for r, line in _ratio_lines("angular rate", gyro, "rad/s", "deg/s").items():
             lines_by_axis[1] |= {1.0 / r: line} | {
                 unit_value / r: note("recording.list", first=line, second=further_findings)
                 for unit_value, further_findings in in_g.items()

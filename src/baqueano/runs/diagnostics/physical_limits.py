@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from baqueano.runs.maps.columns import ColumnMap, ColumnSignal
 
 MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S = 60.0, 35.0  # of the vehicles that baqueano is for; 35 rad/s is 2000 deg/s
-LIMIT_OF_KIND = {
+KIND_LIMITS = {
     "acceleration": (300.0, "m/s²", N_("counts?")),
     "angular rate": (MAX_YAW_RATE_RAD_S, "rad/s", 'unit = "deg/s"'),
     "speed": (MAX_SPEED_M_S, "m/s", 'unit = "mm/s"'),
@@ -45,7 +45,7 @@ MAX_GRIP_M_S2, WINDOW_S = 20.0, 0.3
 MIN_REST_S, MAX_BIAS_RAD_S, MAX_REST_STD_RAD_S = 1.0, 0.35, 0.02
 LEAST_REST_STD_M_S2 = 0.004
 MAX_QUIET_PEAK = 4.0  # largest acceleration of a small vehicle in g, and so of values that are in g
-MIN_BITS_PER_G, STEP_TOLERANCE, MIN_SHARE_OF_STEPS = 5, 0.01, 0.98
+MIN_BITS_PER_G, STEP_TOLERANCE, MIN_STEP_SHARE = 5, 0.01, 0.98
 MAX_CURVE_SPEED_M_S, MIN_WINDOWS = 20.0, 50
 FULL_COMMANDS = (100.0, 255.0, 400.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)  # usual full commands
 PULSE_RANGE_US = (500.0, 2500.0)  # of a servo
@@ -58,7 +58,7 @@ def limit_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
     peak = [_peak(z) for z in channel.z.T]
     is_beyond, measurement_kind = False, signal.kind or ""
     for value, measures, entry in zip(peak, KINDS.get(measurement_kind, ()), signal.entries, strict=False):
-        limit, limit_text, guess = LIMIT_OF_KIND.get(measurement_kind) or LIMIT_OF_KIND.get(
+        limit, limit_text, guess = KIND_LIMITS.get(measurement_kind) or KIND_LIMITS.get(
             measures, (np.inf, "", "")
         )
         if value > limit:
@@ -172,7 +172,7 @@ def _power_of_two(values: np.ndarray) -> int:
     steps_apart, k = np.diff(np.unique(values)) / step, -np.log2(step)
     is_multiple = np.abs(steps_apart - np.round(steps_apart)) < STEP_TOLERANCE * np.maximum(steps_apart, 1.0)
     is_power = abs(k - round(k)) < STEP_TOLERANCE and k > MIN_BITS_PER_G
-    return 2 ** round(k) if is_power and is_multiple.mean() > MIN_SHARE_OF_STEPS else 0
+    return 2 ** round(k) if is_power and is_multiple.mean() > MIN_STEP_SHARE else 0
 
 
 def _peak(x: np.ndarray) -> float:

@@ -19,7 +19,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.runs.diagnostics.physical_limits import LIMIT_OF_KIND, MAX_YAW_RATE_RAD_S
+from baqueano.runs.diagnostics.physical_limits import KIND_LIMITS, MAX_YAW_RATE_RAD_S
 from baqueano.runs.diagnostics.signal_map import MIN_WINDOWS, MappedChannel, clip, signal_map
 from baqueano.runs.interpolation import window_means
 from baqueano.runs.run import Channel as Log
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 CURVE_CODE = "gyro.or-accelerometer"  # the code of a message that names two possible causes
 MAX_UNIT_RATIO = 2.0  # either way: the tolerances of data sheet and scale together
 WINDOW_S, WINDOW_SAMPLES = 0.2, 4.0
-UNIT_BY_RATIO = {np.degrees(1.0): "deg/s", np.radians(1.0): "rad/s"}  # r → unit of the gyro
+RATIO_UNITS = {np.degrees(1.0): "deg/s", np.radians(1.0): "rad/s"}  # r → unit of the gyro
 TILT_M_S2 = 3.0  # component of gravity in the plane: the mount is tilted by 18°
 LIMIT_TOLERANCE = 1.2  # times the limit: rounding and trims are less
 MIN_REST_TICKS = 20  # ticks at rest
@@ -82,11 +82,11 @@ def compare_gyro(
 ) -> GyroComparison:
     """Return the signal map from h (N,) to z (N,). Their ratio is r for a `power` of 1, or 1/r for −1."""
     z, h = (clip(x[:, None]) for x in (z, h))
-    units = {r**power: unit for r, unit in UNIT_BY_RATIO.items()}
+    units = {r**power: unit for r, unit in RATIO_UNITS.items()}
     (channel,) = signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)])
     slope, message = abs(channel.regression.slope), None
     if channel.meaning:
-        read_as = next(unit for unit in UNIT_BY_RATIO.values() if unit != channel.meaning)
+        read_as = next(unit for unit in RATIO_UNITS.values() if unit != channel.meaning)
         figures: JsonObject = {
             "ratio": slope**power,
             "source": source,
@@ -135,7 +135,7 @@ def _command_messages(run: Run, vehicle_file: "VehicleFile") -> list[Diagnostic]
 
 def _imu_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     z, messages = run.sensors[name].z, []
-    magnitudes, most_m_s2 = np.abs(z[np.isfinite(z).all(axis=1)]), LIMIT_OF_KIND["acceleration"][0]
+    magnitudes, most_m_s2 = np.abs(z[np.isfinite(z).all(axis=1)]), KIND_LIMITS["acceleration"][0]
     if not len(magnitudes):
         return []
     is_implausible = np.any(magnitudes > [most_m_s2, most_m_s2, MAX_YAW_RATE_RAD_S])

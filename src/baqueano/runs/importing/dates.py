@@ -28,18 +28,18 @@ _TIME = re.compile(
 )
 
 
-def times_of_dates(cells: Iterable[str]) -> np.ndarray:
+def parse_dates(cells: Iterable[str]) -> np.ndarray:
     """Return the times (rows,) int64 [ns] of dates or times of day, NO_TIME_NS for an empty cell.
     Raise ValueError for another text.
 
-    >>> times_of_dates(["23:59:59.5", "", "00:00:00.25"]).tolist()[::2]
+    >>> parse_dates(["23:59:59.5", "", "00:00:00.25"]).tolist()[::2]
     [86399500000000, 86400250000000]
     """
     matches = [None if cell.lower() in MISSING_TEXTS else _match(cell) for cell in cells]
     parts = [match for match in matches if match]
     is_day_first = _is_day_first(parts)
     t_ns = np.array(
-        [_ns_of(match, is_day_first) if match else NO_TIME_NS for match in matches], dtype=np.int64
+        [_match_ns(match, is_day_first) if match else NO_TIME_NS for match in matches], dtype=np.int64
     )
     if parts and all(_has_no_date(match) for match in parts):
         rows = np.flatnonzero(t_ns != NO_TIME_NS)
@@ -66,7 +66,7 @@ def _is_day_first(matches: "Sequence[re.Match[str]]") -> bool:
     return not any(int(match["second"]) > 12 or match["half"] for match in ambiguous)
 
 
-def _ns_of(match: "re.Match[str]", is_day_first: bool) -> int:
+def _match_ns(match: "re.Match[str]", is_day_first: bool) -> int:
     """Return the nanoseconds since 1970. Raise ValueError for a day or an hour that does not exist."""
     day = FIRST_DAY
     if match["year"]:

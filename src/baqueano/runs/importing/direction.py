@@ -23,7 +23,7 @@ from baqueano.runs.run import Channel, Run
 if TYPE_CHECKING:
     from baqueano.runs.maps.columns import ColumnMap
 
-NO_SIGN, WITHOUT_SIGN, EXCLUDED = "no sign", "recording.no-sign", "recording.no-sign-excluded"
+NO_SIGN, SIGN_MISSING, EXCLUDED = "no sign", "recording.no-sign", "recording.no-sign-excluded"
 REST_SHARE, RISE_SHARE = 0.02, 0.1
 MIN_COMMAND_SHARE = 0.02  # of the largest command: a smaller one does not move the vehicle
 
@@ -55,13 +55,13 @@ def without_unknown_direction(
 
 def _key(finding: ImportFinding) -> str:
     """Return the key of the map whose speed lacks its sign by a finding, "" for another finding."""
-    return str(finding.reason.figures["key"]) if finding.reason.code in (WITHOUT_SIGN, EXCLUDED) else ""
+    return str(finding.reason.figures["key"]) if finding.reason.code in (SIGN_MISSING, EXCLUDED) else ""
 
 
 def unsigned_speeds(findings: list[ImportFinding]) -> list[ImportFinding]:
     """Return a finding for each speed that lacks the sign in one of several runs: it is the same sensor in all runs."""
     keys = {_key(finding) for finding in findings if finding.reason.code == EXCLUDED}
-    return [ImportFinding(NO_SIGN, "info", None, note(WITHOUT_SIGN, key=key)) for key in sorted(keys)]
+    return [ImportFinding(NO_SIGN, "info", None, note(SIGN_MISSING, key=key)) for key in sorted(keys)]
 
 
 def forward_readings(t_ns: np.ndarray, z: np.ndarray, u_ns: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from baqueano.runs.maps.units import unit
 from baqueano.runs.tables.table import LogTable, read_table
 
 UNKNOWN = "?"
-UNIT_OF_ENDING = {  # ends of names → unit
+SUFFIX_UNITS = {  # ends of names → unit
     "ms": "ms", "us": "us", "ns": "ns", "s": "s", "sec": "s", "mm": "mm", "cm": "cm", "m": "m", "deg": "deg",
     "grados": "deg", "gps": "deg/s", "grados_s": "deg/s",
     "rad": "rad", "dps": "deg/s", "deg_s": "deg/s", "rad_s": "rad/s", "rads": "rad/s", "rps": "turn/s", "rpm": "rpm",
@@ -299,9 +299,9 @@ def _unit(name: str, measures: str) -> str:
     if re.search(headers.ROS_PATTERN, plain_name(name)) and measures in headers.ROS_UNITS:
         return headers.ROS_UNITS[measures]
     for ending in ("_".join(parts[-2:]), parts[-1]):
-        unit_ = unit(UNIT_OF_ENDING.get(ending, UNKNOWN))
+        unit_ = unit(SUFFIX_UNITS.get(ending, UNKNOWN))
         if len(parts) > 1 and unit_ is not None and unit_.measures == measures:
-            return UNIT_OF_ENDING[ending]
+            return SUFFIX_UNITS[ending]
     return UNKNOWN
 
 

@@ -17,7 +17,7 @@ from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
-from baqueano.messages import in_english
+from baqueano.messages import english_text
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.messages.text_table import text_table
@@ -29,7 +29,7 @@ from baqueano.runs.importing.full_scale import without_full_scale
 from baqueano.runs.importing.imu_axes import axis_findings
 from baqueano.runs.importing.joined_rows import is_slower_topic
 from baqueano.runs.importing.rates import counter_findings, rates, times_ns, wraps_each_turn
-from baqueano.runs.importing.sources import MIN_TICKS, RecordingSources, Source, quaternion_of, recordings_of
+from baqueano.runs.importing.sources import MIN_TICKS, RecordingSources, Source, find_sources, xyzw_columns
 from baqueano.runs.maps.column_map import load_map
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry
 from baqueano.runs.maps.units import unit
@@ -180,7 +180,7 @@ def import_runs(
     `import_run` does, and if all parts are too short."""
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
     runs, failures, source = [], [], None
-    for recording in recordings_of(m, [files] if isinstance(files, str | Path) else files or {}):
+    for recording in find_sources(m, [files] if isinstance(files, str | Path) else files or {}):
         if len(recording.sources[m.ticks].t_ns) < MIN_TICKS:
             failures.append(recording.name)
             source = recording.sources[m.ticks]
@@ -237,7 +237,7 @@ def _with_findings(run: Run, m: ColumnMap, findings: list[ImportFinding]) -> Imp
     findings = list(dict.fromkeys(findings))  # two parts of one file have the same gaps
     result = cross_checks.accept_errors(findings, m)
     events = tuple(
-        Event(d.t_ns or int(run.t_ns[0]), d.level, "import", in_english(d.diagnostic), d.diagnostic)
+        Event(d.t_ns or int(run.t_ns[0]), d.level, "import", english_text(d.diagnostic), d.diagnostic)
         for d in result
     )
     object.__setattr__(run, "events", tuple(sorted(events, key=lambda e: e.t_ns)))
@@ -251,7 +251,7 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
     for entry in signal.entries:
         unit_of_entry = unit(entry.unit)
         if entry.quaternion is not None:
-            x, y, z, w = (source.table.numbers(name) for name in quaternion_of(entry))
+            x, y, z, w = (source.table.numbers(name) for name in xyzw_columns(entry))
             column = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         elif entry.constant is not None:
             column = np.full(len(source.t_ns), entry.constant * entry.si_factor)

@@ -57,16 +57,16 @@ class SourcePart(NamedTuple):
     table: LogTable
 
 
-def recordings_of(m: ColumnMap, files: object) -> Iterator[RecordingSources]:
+def find_sources(m: ColumnMap, files: object) -> Iterator[RecordingSources]:
     """Yield the parts of each set of files: the given files, or the files that the map finds."""
     for paths in _file_sets(m, files):
         findings: list[ImportFinding] = []
         tables = {name: _read_rows(m, spec, paths[name], findings) for name, spec in m.files.items()}
         names = tuple(sorted({path.name for path in paths.values()}))
-        yield from _sources_of_set(m, _run_name(m, paths), names, tables, findings)
+        yield from _set_sources(m, _run_name(m, paths), names, tables, findings)
 
 
-def _sources_of_set(
+def _set_sources(
     m: ColumnMap,
     name: str,
     files: tuple[str, ...],
@@ -91,7 +91,7 @@ def _sources_of_set(
         own_rows: list[ImportFinding] = list(own_findings) if k == 0 else []
         sources_of_part = {f: _source(m, m.files[f], table, own_rows) for f, table in by_file.items()}
         t_ns = sources_of_part[m.ticks].t_ns
-        row_masks = {f: _rows_within(source, t_ns) for f, source in undivided_sources.items()}
+        row_masks = {f: _cut_rows(source, t_ns) for f, source in undivided_sources.items()}
         yield RecordingSources(
             f"{name}-{label}", {f: (sources_of_part | row_masks)[f] for f in tables}, files, tuple(own_rows)
         )
@@ -140,7 +140,7 @@ def _match_parts(
             by_file[name][part.value].append(part)
     common_values = [value for value in by_file[m.ticks] if all(value in p for p in by_file.values())]
     if not common_values:
-        text = "; ".join(f"[files.{name}] {_values_of(m, name, p)}" for name, p in by_file.items())
+        text = "; ".join(f"[files.{name}] {_split_values_text(m, name, p)}" for name, p in by_file.items())
         raise FileError(fault("import.split-no-value", map=m.path.name, value=text))
     findings += _missing_values(m, by_file)
     labelled_parts = []
@@ -166,12 +166,12 @@ def _missing_values(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePart]]
         for file, file_values in by_file.items():
             unmatched_values = [value for value in file_values if value not in signals]
             if unmatched_values:
-                values, m_name = _values_of(m, file, unmatched_values), m.path.name
+                values, m_name = _split_values_text(m, file, unmatched_values), m.path.name
                 reason = note("recording.not-in-all", map=m_name, values=values, file=file, second_file=name)
                 yield ImportFinding("not in all files", "warning", None, reason)
 
 
-def _values_of(m: ColumnMap, name: str, values: Iterable[str]) -> str:
+def _split_values_text(m: ColumnMap, name: str, values: Iterable[str]) -> str:
     """Return the column by which a file is split, with these values, as text for a message."""
     texts = list(values)
     rest_text = f", … (+ {len(texts) - 5})" if len(texts) > 5 else ""
@@ -184,7 +184,7 @@ def _plain_label(label: str) -> str:
     return integer_text.zfill(3) if integer_text.isdecimal() else label
 
 
-def _rows_within(source: Source, t_ns: np.ndarray) -> Source:
+def _cut_rows(source: Source, t_ns: np.ndarray) -> Source:
     """Return the rows of `source` from the first to the last tick of a part, `t_ns`, and the previous row."""
     if len(t_ns) < 2:
         return source
@@ -258,10 +258,10 @@ def _expand(path: Path) -> list[Path]:
 
 
 def _with_default_paths(m: ColumnMap, by_name: dict[str, Path]) -> dict[str, Path]:
-    return {name: by_name[name] if name in by_name else _path_of(m, spec) for name, spec in m.files.items()}
+    return {name: by_name[name] if name in by_name else _log_path(m, spec) for name, spec in m.files.items()}
 
 
-def _path_of(m: ColumnMap, spec: FileSpec) -> Path:
+def _log_path(m: ColumnMap, spec: FileSpec) -> Path:
     if spec.path is None:
         open_names = [name for name, s in m.files.items() if s.path is None]
         values = ["FILE"] if len(open_names) == 1 else [f"{name}=FILE" for name in open_names]
@@ -361,14 +361,14 @@ def _columns(m: ColumnMap, spec: FileSpec) -> set[str]:
         if signal.file == spec.name:
             for entry in signal.entries:
                 column_names |= {
-                    *quaternion_of(entry),
+                    *xyzw_columns(entry),
                     *entry.backward,
                     *(c for c in (entry.column, entry.times) if c),
                 }
     return column_names
 
 
-def quaternion_of(entry: Entry) -> Sequence[str]:
+def xyzw_columns(entry: Entry) -> Sequence[str]:
     """Return the columns x, y, z, w of a quaternion entry, () for any other entry."""
     if entry.quaternion is None:
         return ()

@@ -11,7 +11,7 @@ import numpy as np
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.finding import ImportFinding
-from baqueano.runs.importing.dates import NO_TIME_NS, times_of_dates
+from baqueano.runs.importing.dates import NO_TIME_NS, parse_dates
 from baqueano.runs.maps.units import unit
 from baqueano.runs.tables.table import LogTable
 from baqueano.signals import NANOSECONDS
@@ -115,7 +115,7 @@ def _without_overflows(
 def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:
     cells = table.text(spec.time)
     try:
-        return times_of_dates(cells)
+        return parse_dates(cells)
     except (ValueError, AttributeError):
         raise FileError(
             fault("import.iso8601", table=table.label, column=spec.time, value=cells[0])
@@ -152,12 +152,12 @@ def increasing_rows(
     is_kept[1:] &= (t_ns[1:] > latest[:-1]) | (t_ns[1:] == t_ns[:-1])
     is_kept = _without_repeats(table, t_ns, is_kept, spec, columns_used, m, findings)
     step_s = np.diff(t_ns[is_kept]) / NANOSECONDS
-    if len(step_s) and not _is_log_of_changes(table.rows_where(is_kept), step_s, spec, columns_used, m):
+    if len(step_s) and not _is_change_log(table.rows_where(is_kept), step_s, spec, columns_used, m):
         _check_steps(table.rows_where(is_kept), t_ns[is_kept], step_s, spec, m, findings)
     return is_kept
 
 
-def _is_log_of_changes(
+def _is_change_log(
     table: LogTable, step_s: np.ndarray, spec: "FileSpec", columns_used: set[str], m: "ColumnMap"
 ) -> bool:
     """Return True for a file of commands alone that were logged only when they changed: at irregular times, and almost
@@ -221,7 +221,7 @@ def _without_repeats(
     reason = note("recording.repeats", table=table.label, count=len(repeated_rows), line=line)
     if not is_equal.all() and spec.repeats is None:
         line = table.lines[second[~is_equal][0]]
-        if rate_hz := _rate_within_steps(t_ns[kept_rows]):
+        if rate_hz := _coarse_rate(t_ns[kept_rows]):
             count = len(kept_rows) - len(repeated_rows)
             figures = {"table": table.label, "column": spec.time, "count": count, "rows": len(kept_rows)}
             raise FileError(
@@ -243,7 +243,7 @@ def _without_repeats(
     return is_kept
 
 
-def _rate_within_steps(t_ns: np.ndarray) -> float:
+def _coarse_rate(t_ns: np.ndarray) -> float:
     """Return the rows per second of times that are too coarse, such as whole seconds; 0 for other repeated times.
     Then each time but the first and the last has about the same number of rows, at least three.
     """

@@ -21,15 +21,15 @@ from pathlib import Path
 from typing import Any
 
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
-from baqueano.errors import FileError, cause_of
+from baqueano.errors import FileError, error_cause
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry, FileSpec
-from baqueano.runs.maps.mount import KEY_TYPES, mount_of
-from baqueano.runs.maps.units import all_units, canonical, near_units, unit, units_of
+from baqueano.runs.maps.mount import KEY_TYPES, parse_mount
+from baqueano.runs.maps.units import all_units, canonical, near_units, unit, unit_list
 from baqueano.vehicle_file.text.toml_text import parse_toml
 
 ETA_MEASURES, NU_MEASURES = ("length", "length", "angle"), ("speed", "speed", "angular rate")
-RATE_OF = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # quantity → its derivative
+RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # quantity → its derivative
 ROLLED_MEASURE = {"angle": "length", "angular rate": "speed"}  # quantity of a wheel → quantity at its rim
 MAX_INTEGER = 2**63  # limit of an integer; integers of Python are unlimited
 MAX_MAP_LETTERS = 1_000_000  # maximum number of characters of a map; a recording can have more
@@ -110,11 +110,11 @@ def _expectation(value: str, measures: str, is_derivative: bool) -> Diagnostic:
     """Return the correction for an entry that measures the quantity `value` but must measure `measures`.
     The correction is other units, or another key.
     """
-    rate = "" if is_derivative else RATE_OF.get(value, "")
+    rate = "" if is_derivative else RATES.get(value, "")
     measure_of = ROLLED_MEASURE.get
     ending_of = {measure_of(value): "rolls", rate: "rate", measure_of(rate): "rate-of-rolling"}
     ending = f"-or-{ending_of[measures]}" if measures in ending_of else ""
-    return note(f"expect.measures{ending}", measures=measures, valid=units_of(measures))
+    return note(f"expect.measures{ending}", measures=measures, valid=unit_list(measures))
 
 
 class _Parser:
@@ -148,7 +148,7 @@ class _Parser:
         )
         return ColumnMap(
             str(top.get("name", self.path.stem)), self.path, self.text, top.get("start_ns", 0),
-            frozenset(map(str, top.get("accept", []))), files, self.file_of("ticks", ticks), names,
+            frozenset(map(str, top.get("accept", []))), files, self.find_file("ticks", ticks), names,
             in_force, signal, sensors, self.truth(top["truth"]) if "truth" in top else None, has_wheel_commands
         )  # fmt: skip
 
@@ -217,7 +217,7 @@ class _Parser:
         unit_of_clock = unit(time_unit) if time_unit else None
         if time_unit != "iso8601" and (unit_of_clock is None or unit_of_clock.measures != "time"):
             raise self.error(
-                f"[{key}] time_unit", time_unit, note("expect.time-unit", valid=units_of("time"))
+                f"[{key}] time_unit", time_unit, note("expect.time-unit", valid=unit_list("time"))
             )
         return time, str(time_unit)
 
@@ -280,14 +280,14 @@ class _Parser:
         try:
             return ColumnSignal(
                 key,
-                self.file_of(key, spec),
+                self.find_file(key, spec),
                 sensor_kind,
                 sample,
                 signal_entries,
-                mount_of(spec, not signal_entries[-1].is_absent),
+                parse_mount(spec, not signal_entries[-1].is_absent),
             )
         except ValueError as error:
-            raise self.error(f"[{key}] lever_arm_m", spec.get("lever_arm_m"), cause_of(error)) from error
+            raise self.error(f"[{key}] lever_arm_m", spec.get("lever_arm_m"), error_cause(error)) from error
 
     def entry(self, key: str, spec: object, measures: str | None) -> Entry:
         """Parse an entry of a signal. Raise FileError if a key is wrong or missing."""
@@ -320,7 +320,7 @@ class _Parser:
         """Return the unit of an entry. Raise FileError if it does not measure `measures`."""
         name = "rad" if entry.quaternion is not None else spec.get("unit")
         if name is None:
-            advice = note("expect.unit-of", valid=units_of(measures)) if measures else note("expect.unit")
+            advice = note("expect.unit-of", valid=unit_list(measures)) if measures else note("expect.unit")
             raise self.error(f"{key} unit", None, advice)
         unit_ = unit(name)
         if unit_ is None:
@@ -328,13 +328,13 @@ class _Parser:
             advice = note("expect.listed-unit", suggestion=near_names or all_units())
             if measures:
                 code = "expect.listed-unit-of" if near_names else "expect.measures"
-                advice = note(code, suggestion=near_names, measures=measures, valid=units_of(measures))
+                advice = note(code, suggestion=near_names, measures=measures, valid=unit_list(measures))
             raise self.error(f"{key} unit", name, advice)
         if unit_.measures == "raw" and "scale" not in spec:
             raise self.error(f"{key} scale", None, note("expect.scale"))
         self.counts(key, unit_.measures, entry)
         dimension = "angle" if unit_.measures == "counts" else unit_.measures
-        quantity = RATE_OF.get(dimension) if entry.derivative else dimension
+        quantity = RATES.get(dimension) if entry.derivative else dimension
         if "radius_m" in spec and dimension != "raw":
             quantity = ROLLED_MEASURE.get(quantity or "")
             if quantity is None:
@@ -353,7 +353,7 @@ class _Parser:
         if measures != "counts" and per_turn is not None:
             raise self.error(f"{key} counts_per_turn", per_turn, note("expect.no-counts"))
 
-    def file_of(self, key: str, spec: dict[str, Any]) -> str:
+    def find_file(self, key: str, spec: dict[str, Any]) -> str:
         """Return the file that a table names, or the only file. Raise FileError for an unknown or missing name."""
         name = spec.get("file", self.file_names[0] if len(self.file_names) == 1 else None)
         if not isinstance(name, str) or name not in self.file_names:

@@ -47,7 +47,7 @@ class Mount(NamedTuple):
         body_nu = nu @ map_from_body(self.heading_rad).T
         return eta, body_nu - nu[:, 2:] * np.array([-left, forward, 0.0])
 
-    def composed_with(self, offset: "Mount") -> "Mount":
+    def compose(self, offset: "Mount") -> "Mount":
         """Return this mount plus the `offset` that was estimated from a run imported with this mount.  (3)"""
         first = map_from_body(offset.heading_rad)[:2, :2] @ np.array(self.lever_arm_m)
         forward, left = np.array(offset.lever_arm_m) + first
@@ -58,7 +58,7 @@ class Mount(NamedTuple):
         )
 
 
-def mount_of(spec: "JsonObject", heading_is_known: bool = True) -> Mount:
+def parse_mount(spec: "JsonObject", heading_is_known: bool = True) -> Mount:
     """Return the mount of a table [truth]. Raise Invalid if its lever arm is not two finite numbers, or if the mount
     needs a heading that is not known.
     """
@@ -87,8 +87,8 @@ def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halve
     except ImportError as error:
         raise UsageError(fault("map.no-tomlkit", "pip install tomlkit")) from error
     text = path.read_text(encoding="utf-8-sig")
-    old_table = _truth_of(text, path.name)
-    if _truth_of(run.metadata.get("map_text", ""), run.name) != old_table or not old_table:
+    old_table = _truth_table(text, path.name)
+    if _truth_table(run.metadata.get("map_text", ""), run.name) != old_table or not old_table:
         raise UsageError(
             fault(
                 "map.other-truth",
@@ -99,7 +99,7 @@ def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halve
         )
     lever = own_mount.get("lever_arm_m[0]", 0.0), own_mount.get("lever_arm_m[1]", 0.0)
     new_mount = Mount(own_mount.get("shift_s", 0.0), lever, own_mount.get("heading_rad", 0.0))
-    mount, document = mount_of(old_table).composed_with(new_mount), tomlkit.parse(text)
+    mount, document = parse_mount(old_table).compose(new_mount), tomlkit.parse(text)
     for key in (key for key in KEY_TYPES if any(name.startswith(key) for name in own_mount)):
         errors = ", ".join(f"{half_width:.2g}" for name, half_width in halves.items() if name.startswith(key))
         _set_value(
@@ -116,7 +116,7 @@ def _set_value(table: Any, key: str, value: Any, text: str) -> None:
         table[key].comment(text)
 
 
-def _truth_of(text: str, name: str) -> "JsonObject":
+def _truth_table(text: str, name: str) -> "JsonObject":
     try:
         return tomllib.loads(text).get("truth", {})
     except tomllib.TOMLDecodeError as error:

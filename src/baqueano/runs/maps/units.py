@@ -77,7 +77,9 @@ _ALIASES = {
     "metres": "m",
     "meters": "m",
 }
-_BY_LOWER = {name.lower(): name for name in UNITS} | {name.lower(): unit for name, unit in _ALIASES.items()}
+_LOWER_CASE_UNITS = {name.lower(): name for name in UNITS} | {
+    name.lower(): unit for name, unit in _ALIASES.items()
+}
 
 
 def unit(name: str) -> ColumnUnit | None:
@@ -90,7 +92,7 @@ def canonical(name: str) -> str:
     name = name.strip()
     full_name = _ALIASES.get(name, name)
     # MV is not mV
-    return full_name if full_name in UNITS or len(name) < 3 else _BY_LOWER.get(name.lower(), name)
+    return full_name if full_name in UNITS or len(name) < 3 else _LOWER_CASE_UNITS.get(name.lower(), name)
 
 
 def near_units(name: str) -> str:
@@ -104,6 +106,6 @@ def all_units() -> str:
     return ", ".join(UNITS)
 
 
-def units_of(measures: str) -> str:
+def unit_list(measures: str) -> str:
     """Return the units of a quantity, for a message."""
     return ", ".join(_TABLE[measures])

@@ -64,7 +64,7 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
                 message = reader.deserialize(raw, connection.msgtype)
                 series["bag"].append(t_ns)
                 for column in columns - {"bag"}:
-                    series[column].append(_number_in_message(message, column, label, topic or ""))
+                    series[column].append(_message_number(message, column, label, topic or ""))
     except (AnyReaderError, SerdeError, *BROKEN_BAG_ERRORS) as error:
         raise FileError(fault("bag.not-read", file=label, error=error)) from error
     columns_of_numbers = {column: np.array(values) for column, values in series.items()}
@@ -83,8 +83,8 @@ def _check_chunks(path: Path, label: str) -> None:
                         fault(
                             "bag.chunk",
                             file=label,
-                            size=memory_limit.text_of_size(len(payload)),
-                            largest=memory_limit.text_of_size(MAX_CHUNK_BYTES),
+                            size=memory_limit.format_size(len(payload)),
+                            largest=memory_limit.format_size(MAX_CHUNK_BYTES),
                         )
                     )
     except (DamageError, KeyError, *BROKEN_BAG_ERRORS):
@@ -124,7 +124,7 @@ def _ros1_chunks(stream: BinaryIO) -> Iterator[tuple[str, bytes]]:
             stream.seek(data, 1)
 
 
-def _number_in_message(message: object, path: str, label: str, topic: str) -> int | float:
+def _message_number(message: object, path: str, label: str, topic: str) -> int | float:
     """Return the number in a field of a message; for header.stamp, the nanoseconds since 1970.
     Raise FileError for any other content.
     """

@@ -48,7 +48,7 @@ class Lines:
         if self.taken > self.allowed:
             code, fix = ("too-large", f"gunzip -k {self.path.name}") if self.packed else ("too-long", "")
             on_disk, size_text, limit_text = map(
-                memory_limit.text_of_size, (self.path.stat().st_size, self.taken, self.allowed)
+                memory_limit.format_size, (self.path.stat().st_size, self.taken, self.allowed)
             )
             raise FileError(
                 fault(

@@ -170,7 +170,7 @@ def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
     """
     label = label or str(path)
     lines = Lines(path, options.get("encoding"), label)
-    with_data = _lines_with_data(lines, options.get("comment", "#"))
+    with_data = _data_lines(lines, options.get("comment", "#"))
     start = [line for _, line in zip(range(200), with_data, strict=False)]
     if start and is_json_line(start[0][1]):
         data, numbers, excluded_lines = json_columns(lines, chain(start, with_data), MAX_COLUMNS)
@@ -198,7 +198,7 @@ def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
     return LogTable(label, columns, np.array(line_numbers, dtype=np.int64), decimal, excluded_lines)
 
 
-def _lines_with_data(lines: Lines, comment: str) -> Iterator[tuple[int, str]]:
+def _data_lines(lines: Lines, comment: str) -> Iterator[tuple[int, str]]:
     """Yield the lines with data and their numbers, without empty lines and comments."""
     for line in lines:
         if line.strip() and not (comment and line.lstrip().startswith(comment)):

@@ -8,10 +8,10 @@ import numpy as np
 from baqueano.contracts.values import TableRow
 from baqueano.messages import texts
 from baqueano.messages.language import translate as _
-from baqueano.report.card import MAX_SENTENCES, Card, card_of
+from baqueano.report.card import MAX_SENTENCES, Card, make_card
 from baqueano.report.figures import MEASUREMENT, MODEL, REFERENCE
 from baqueano.report.libraries import panels, with_style
-from baqueano.report.plots import Draw, drawings_of
+from baqueano.report.plots import Draw, make_drawings
 from baqueano.study.controllers.result import Controllers
 
 if TYPE_CHECKING:
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 SCALES = {"errors": 1e3, "ratios": 1.0}  # of the drawn values
 
 
-@drawings_of.register(Controllers)
+@make_drawings.register(Controllers)
 def _drawings(result: Controllers) -> dict[str, Draw]:
-    return {kind: partial(by_view, result, kind) for kind in SCALES}
+    return {kind: partial(draw_evaluations, result, kind) for kind in SCALES}
 
 
-@card_of.register(Controllers)
+@make_card.register(Controllers)
 def _card(result: Controllers) -> Card:
     heads = {view: (f"{_(view)}, {_('median [mm]')}", f"{_(view)}, {_('ratio')}") for view in result.drives}
     rows = []
@@ -39,7 +39,7 @@ def _card(result: Controllers) -> Card:
 
 
 @with_style
-def by_view(result: Controllers, kind: str = "errors") -> "Figure":
+def draw_evaluations(result: Controllers, kind: str = "errors") -> "Figure":
     """Draw a panel for each evaluation, with a row for each controller.
 
     "errors": median and 95 % quantile of the distance from the path. "ratios": ratio to the reference, with its 95 %

@@ -125,17 +125,17 @@ def drive_robot(seed: int, controllers: tuple[ComparedController, ...], backend:
         block = controller.controller(vehicle_file)
         combination = SweepCombination(controller.label, "", controller.label, "repeat")
         for name, make in SHAPES.items():
-            route, label = relative_to_start(make()), f"robot {seed}, {name}"
+            route, label = start_at_origin(make()), f"robot {seed}, {name}"
             for pose_known in (True, False):
                 world = LoopWorld(robot, seed + 1, vehicle_file.rate_hz)
                 run = _drive(vehicle_file, route, block, world, pose_known, backend)
                 views = {"pose": run} if pose_known else {"estimate": replace(run, truth=None), "truth": run}
                 for view_name, view in views.items():
-                    drives.drives[view_name].append(_figures_of(view, combination, label))
+                    drives.drives[view_name].append(_drive_figures(view, combination, label))
     return drives
 
 
-def relative_to_start(route: "Route") -> "Route":
+def start_at_origin(route: "Route") -> "Route":
     """Return the route relative to its first pose, because a robot of the truth begins at the origin."""
     eta = np.array([pose_error(eta, route.eta[0]) for eta in route.eta])
     eta[:, 2] = route.eta[:, 2] - route.eta[0, 2]  # the heading is unwrapped
@@ -149,7 +149,7 @@ def _drive(
     return repeat(vehicle_file, route, controller=block, estimator=estimator, world=world, backend=backend)
 
 
-def _figures_of(run: "Run", combination: SweepCombination, label: str) -> SweepDrive:
+def _drive_figures(run: "Run", combination: SweepCombination, label: str) -> SweepDrive:
     figures, pieces = drive_figures(run)
     reason = drive_stop_reason(run)
     return SweepDrive(combination, label, figures, pieces, "" if reason is None else reason.code)

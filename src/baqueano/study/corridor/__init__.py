@@ -15,7 +15,7 @@ from baqueano.study.corridor.recorded import recording_instants
 from baqueano.study.corridor.result import INSTANTS_S, Corridors, Instant, drive_corridors
 from baqueano.sweep.workers import run_in_batches
 
-VEHICLES_AT_ONCE = 10  # vehicles that are simulated together
+VEHICLE_BATCH = 10  # vehicles that are simulated together
 
 
 def corridor(
@@ -29,7 +29,7 @@ def corridor(
     vehicles that have just finished.
     """
     work, seeds = partial(drive_batch, backend=backend), range(first, first + vehicles)
-    results = run_in_batches(work, seeds, VEHICLES_AT_ONCE, processes, advance)
+    results = run_in_batches(work, seeds, VEHICLE_BATCH, processes, advance)
     drives = sorted((d for batch_drives, _ in results for d in batch_drives), key=lambda d: d.seed)
     return evaluate_corridors(drives, sorted(seed for _, refusals in results for seed in refusals))
 

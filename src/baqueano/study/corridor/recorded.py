@@ -18,7 +18,7 @@ from baqueano.calibration.against_truth import calibrate
 from baqueano.diagnostics import Verdict
 from baqueano.geometry import wrap
 from baqueano.messages.language import translate as _
-from baqueano.runs.filter_ticks import example_filter_tick, ticks_of
+from baqueano.runs.filter_ticks import example_filter_tick, make_ticks
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolation import interpolate_poses
 from baqueano.study.corridor.result import Instant
@@ -76,7 +76,7 @@ def window_instants(
     ends."""
     ekf, truth = vehicle_file.estimator(), run.truth
     assert truth is not None
-    ticks = ticks_of(run, ekf, MAX_TICKS)
+    ticks = make_ticks(run, ekf, MAX_TICKS)
     start = initial_pose(run)
     carry = ekf.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
 

@@ -4,8 +4,8 @@ from baqueano.study.counterpart.cars import FREE_CAR, car_file, car_unknowns, ca
 from baqueano.study.counterpart.recorded import (
     GroupDrive,
     drive_group,
-    readings_without_noise,
+    simulate_readings,
     vehicle_run,
 )
 from baqueano.study.counterpart.robots import FREE_ROBOT, robot_file, robot_values, with_values
-from baqueano.study.counterpart.world import LoopWorld, world_of
+from baqueano.study.counterpart.world import LoopWorld, make_world

@@ -16,7 +16,7 @@ FREE_CAR = ("+model.drivetrain.delay_s", "+model.drivetrain.lag_s", "+model.quad
 SPEED, TEST_THROTTLE = "speed", 0.35  # a straight drive at this throttle
 
 
-FIELDS_PER_MASS: dict[str, tuple[str, int]] = {  # path → field of Cars, column
+MASS_SPECIFIC_FIELDS: dict[str, tuple[str, int]] = {  # path → field of Cars, column
     "model.throttle_gain": ("stall_n", NO_COLUMN),
     "model.linear_drag": ("rolling", NO_COLUMN),
     "model.quadratic_drag": ("air", NO_COLUMN),
@@ -37,11 +37,12 @@ FIELDS_OUTSIDE_FILE: dict[str, tuple[str, int]] = {  # parameters that are not i
 def car_values(cars: Cars) -> dict[str, np.ndarray]:
     """Return path → true value (n,) of the parameters that have one, and the steady speed at TEST_THROTTLE."""
     values = {
-        path: column(getattr(cars, name), k) / cars.mass_kg for path, (name, k) in FIELDS_PER_MASS.items()
+        path: column(getattr(cars, name), k) / cars.mass_kg
+        for path, (name, k) in MASS_SPECIFIC_FIELDS.items()
     }
     values |= {path: column(getattr(cars, name), k) for path, (name, k) in CAR_FIELDS.items()}
     zone = values["model.drivetrain.dead_zone_forward[0]"]
-    return values | {SPEED: speed_at(np.stack([*(values[path] for path in FIELDS_PER_MASS), zone]))}
+    return values | {SPEED: speed_at(np.stack([*(values[path] for path in MASS_SPECIFIC_FIELDS), zone]))}
 
 
 def car_unknowns(cars: Cars) -> dict[str, np.ndarray]:
@@ -62,8 +63,8 @@ def with_car_unknowns(cars: Cars, values: Mapping[str, np.ndarray]) -> Cars:
         change = new - current[path]
         if path in BIASES:
             add_change(imu_changes, cars.imu, BIASES[path], change)
-        elif path in FIELDS_PER_MASS:
-            add_change(car_changes, cars, FIELDS_PER_MASS[path], change * cars.mass_kg)
+        elif path in MASS_SPECIFIC_FIELDS:
+            add_change(car_changes, cars, MASS_SPECIFIC_FIELDS[path], change * cars.mass_kg)
         else:
             add_change(car_changes, cars, (CAR_FIELDS | FIELDS_OUTSIDE_FILE)[path], change)
     return cars.with_parameters(imu=cars.imu.with_parameters(**imu_changes), **car_changes)

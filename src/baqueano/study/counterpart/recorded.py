@@ -7,7 +7,7 @@ import numpy as np
 
 from baqueano.runs.run import Channel, Run, TruthLog
 from baqueano.study.counterpart.cars import ODOMETER_M_S
-from baqueano.study.counterpart.world import world_of
+from baqueano.study.counterpart.world import make_world
 from baqueano.study.truth import Cars, Robots
 from baqueano.study.truth.integrate import STEP_S
 from baqueano.vehicle_file import VehicleFile
@@ -28,7 +28,7 @@ def drive_group(
     vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: np.ndarray, step_s: float = STEP_S
 ) -> GroupDrive:
     """Return the drives of the vehicles under the commands u (N, n, m). Each command is applied until its tick."""
-    world, n = world_of(vehicles, seeds, step_s), len(seeds)
+    world, n = make_world(vehicles, seeds, step_s), len(seeds)
     z, noiseless, truth = (np.zeros((len(u), n, size)) for size in (3, 3, 9))
     drift, wheel_travel = np.zeros((n, 3)), np.zeros((len(u), n))
     for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
@@ -39,11 +39,9 @@ def drive_group(
     return GroupDrive(t_ns, z, noiseless, truth, wheel_travel, drift)
 
 
-def readings_without_noise(
-    vehicles: Robots | Cars, u: np.ndarray, t_ns: np.ndarray, step_s: float
-) -> np.ndarray:
+def simulate_readings(vehicles: Robots | Cars, u: np.ndarray, t_ns: np.ndarray, step_s: float) -> np.ndarray:
     """Return the readings (N, n, 3) of IMUs without noise, integrated in steps of `step_s`."""
-    world, noiseless = world_of(vehicles, range(u.shape[1]), step_s), np.zeros((*u.shape[:2], 3))
+    world, noiseless = make_world(vehicles, range(u.shape[1]), step_s), np.zeros((*u.shape[:2], 3))
     for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
         world.move(u[k], float(dt_s))
         noiseless[k] = world.noiseless_readings

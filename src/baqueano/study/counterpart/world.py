@@ -16,17 +16,17 @@ ROBOT_STEP_S, CAR_STEP_S = 5e-3, 1e-3
 MAX_COMPILED_VEHICLES = 3
 
 
-def world_of(vehicles: Robots | Cars, seeds: Sequence[int], step_s: float | None = None) -> TruthWorld:
+def make_world(vehicles: Robots | Cars, seeds: Sequence[int], step_s: float | None = None) -> TruthWorld:
     """Return a world of the `vehicles`, at rest at the origin; the default `step_s` is short enough to be exact."""
     if step_s is None:
         step_s = ROBOT_STEP_S if isinstance(vehicles, Robots) else CAR_STEP_S
     compiler = (
-        function if len(seeds) <= MAX_COMPILED_VEHICLES and vehicles.transmission.is_ideal else _as_written
+        function if len(seeds) <= MAX_COMPILED_VEHICLES and vehicles.transmission.is_ideal else _interpreted
     )
     return TruthWorld(vehicles, seeds, step_s=step_s, fast=compiler)
 
 
-def _as_written(f: Callable[..., Any], *examples: np.ndarray) -> Callable[..., Any]:
+def _interpreted(f: Callable[..., Any], *examples: np.ndarray) -> Callable[..., Any]:
     return f
 
 
@@ -38,7 +38,7 @@ class LoopWorld(protocols.World):
 
     def __init__(self, vehicle: Robots | Cars, seed: int, rate_hz: float) -> None:
         self.commands: int = vehicle.commands
-        self._world, self._rate_hz = world_of(vehicle, [seed]), rate_hz
+        self._world, self._rate_hz = make_world(vehicle, [seed]), rate_hz
         self._slots = sensor_slots(("imu",))
         self._u, self._count = np.zeros(vehicle.commands), 0
         self._truths: list[tuple[int, Motion]] = []

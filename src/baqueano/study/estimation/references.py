@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.identify.data.record import record_of
+from baqueano.identify.data.record import make_record
 from baqueano.signals import seconds
-from baqueano.study.recorded.simulated import outputs_under
+from baqueano.study.recorded.simulated import simulate_outputs
 
 if TYPE_CHECKING:
     from baqueano.runs.run import Run
@@ -28,11 +28,11 @@ def open_loop(
 ) -> np.ndarray:
     """Return ν (N, 3) at the ticks by the model of `vehicle_file`; `start` is a pose (3,), or pose and velocity (6,).
     (1)"""
-    vehicle, record = vehicle_file.vehicle, record_of(run, {})
+    vehicle, record = vehicle_file.vehicle, make_record(run, {})
     begin = vehicle.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
     if np.any(start[3:] != 0.0):  # a moving vehicle has had a command before
         begin = begin._replace(drivetrain=vehicle.drivetrain.steady_state(record.u[0]))
-    nu = outputs_under(vehicle, begin, record.dt_s, record.u, lambda motion: motion.nu, backend)
+    nu = simulate_outputs(vehicle, begin, record.dt_s, record.u, lambda motion: motion.nu, backend)
     return nu[np.searchsorted(record.t_s, run.t_s - 1e-9)]
 
 

@@ -124,7 +124,7 @@ def simulate_outcomes(
 def evaluate_job(job: EstimationJob) -> list[SimulatedOutcome]:
     """Return the evaluations of the vehicles of a job."""
     evaluations = []
-    for seed, test_subject in zip(job.seeds, subjects_of(job), strict=True):
+    for seed, test_subject in zip(job.seeds, make_subjects(job), strict=True):
         estimates, failure = [], ""
         for sensors in SENSOR_SETS:
             try:
@@ -190,7 +190,7 @@ def count_sentence(outcomes: Sequence[SimulatedOutcome]) -> str:
     )
 
 
-def subjects_of(job: EstimationJob) -> list[Subject]:
+def make_subjects(job: EstimationJob) -> list[Subject]:
     """Return the vehicles of a job with both runs; all vehicles are simulated together."""
     vehicles, signals, files = [], [], []
     for seed in job.seeds:

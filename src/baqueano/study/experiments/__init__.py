@@ -18,7 +18,7 @@ from typing import Any
 from baqueano.messages.language import translate as _
 from baqueano.routes.room import vehicle_room
 from baqueano.study.experiments.drives import plan_signals, signal_outcome, vehicles_around
-from baqueano.study.experiments.result import Experiments, SignalErrors, merge, rows_of
+from baqueano.study.experiments.result import Experiments, SignalErrors, experiment_rows, merge
 from baqueano.sweep.workers import run_in_processes
 from baqueano.vehicle_file import load
 
@@ -34,11 +34,11 @@ def experiments(
     for name, size, count in ROOMS:
         progress(_("{name}: {count} vehicles in {size} m", name=name, count=count, size=size))
         draws = errors_around_file(name, size, count, seed, duration_s, processes, backend)
-        rows += rows_of(name, size, draws)
+        rows += experiment_rows(name, size, draws)
         for signal, part in draws.items():
             all_figures.setdefault(signal, []).append(part)
     merged_figures = {signal: merge(parts) for signal, parts in all_figures.items()}
-    return Experiments((*rows, *rows_of("all", "", merged_figures)), duration_s)
+    return Experiments((*rows, *experiment_rows("all", "", merged_figures)), duration_s)
 
 
 def errors_around_file(

@@ -11,7 +11,7 @@ from baqueano.design.plan import design_plan
 from baqueano.design.vehicle_cloud import VehicleCloud, possible_vehicles
 from baqueano.identify import KINDS, excitation
 from baqueano.routes.room import Room
-from baqueano.study.counterpart import world_of
+from baqueano.study.counterpart import make_world
 from baqueano.study.experiments.result import DESIGNED, SignalErrors
 from baqueano.study.identification.bound import (
     cramer_rao_bound,
@@ -93,7 +93,7 @@ def signal_outcome(
     errors = [_error(readings, q, paths) for readings, q in zip(noiseless, robots, strict=True)]
     repeats = vehicles.subset(np.repeat(np.arange(len(robots)), DRIVES).tolist())
     seeds = [seed + 1000 + k for k in range(len(robots) * DRIVES)]
-    world, u = world_of(repeats, seeds), np.repeat(plan.u, DRIVES, axis=1)
+    world, u = make_world(repeats, seeds), np.repeat(plan.u, DRIVES, axis=1)
     margins = np.full(len(seeds), np.inf)
     for command in u:
         world.tick(command, 1.0 / vehicle_file.rate_hz)
@@ -103,7 +103,7 @@ def signal_outcome(
 
 def ideal_readings(vehicles: Robots | Cars, u: np.ndarray, rate_hz: float) -> np.ndarray:
     """Return the noise-free readings (N, n, m) of IMUs, and odometers of cars, under commands u (N, n, k)."""
-    world, readings = world_of(vehicles, [0] * u.shape[1]), []
+    world, readings = make_world(vehicles, [0] * u.shape[1]), []
     for command in u:
         world.tick(command, 1.0 / rate_hz)
         wheel_travel = [world.rolling_speed[:, None]] if isinstance(vehicles, Cars) else []

@@ -100,7 +100,7 @@ class SignalErrors(NamedTuple):
     seconds: float
 
 
-def rows_of(vehicle: str, size: str, draws: dict[str, SignalErrors]) -> list[ExperimentRow]:
+def experiment_rows(vehicle: str, size: str, draws: dict[str, SignalErrors]) -> list[ExperimentRow]:
     """Return a row for each signal on the vehicles of one file and room."""
     base = mean_error(draws[BASELINE].errors)
     rows = []

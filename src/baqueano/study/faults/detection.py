@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 RATIO_KEYS = ("error_ratio_clean", "error_ratio_reduced")
 DRIVE_S = 30.0
-FAULTS_AT_ONCE = 16  # faults of a vehicle and seed that share their simulations
+FAULT_BATCH = 16  # faults of a vehicle and seed that share their simulations
 SOUND_DATA = (
     N_("clean"), N_("clean, 10 % outliers"), N_("clean, multisine"), N_("clean, 60 s"), N_("clean, other start"),
 )  # fmt: skip
@@ -225,13 +225,13 @@ class Faults:
 
     def rows(self) -> list["TableRow"]:
         """Return a row per fault, the undamaged runs first."""
-        return [self._row(fault) for fault in dict.fromkeys(FAULTS) if self._outcomes_of(fault)]
+        return [self._row(fault) for fault in dict.fromkeys(FAULTS) if self._fault_outcomes(fault)]
 
-    def _outcomes_of(self, fault: str) -> list[FaultOutcome]:
+    def _fault_outcomes(self, fault: str) -> list[FaultOutcome]:
         return [o for o in self.outcomes if o.job.fault == fault]
 
     def _row(self, fault: str) -> "JsonObject":
-        own_outcomes = self._outcomes_of(fault)
+        own_outcomes = self._fault_outcomes(fault)
         is_undamaged = fault in SOUND_DATA
         losses = [o.lost_share for o in own_outcomes if np.isfinite(o.lost_share)]
         return {
@@ -329,17 +329,17 @@ def faults(
     """Return the outcomes of `seeds` fits of each fault, from seed `first` on, with the vehicles in turn."""
     jobs: dict[tuple[str, int], list[FaultJob]] = {}
     for fault in names or FAULTS:
-        vehicles_of_fault = [v for v in vehicles if v != "car" or fault not in NOT_FOR_CARS]
+        vehicles_of_fault = [v for v in vehicles if v != "car" or fault not in ROBOT_FAULTS]
         for s in range(seeds if vehicles_of_fault else 0):
             name = vehicles_of_fault[s % len(vehicles_of_fault)]
             jobs.setdefault((name, first + s), []).append(FaultJob(fault, name, first + s, backend))
     batches = [
-        tuple(group[k : k + FAULTS_AT_ONCE])
+        tuple(group[k : k + FAULT_BATCH])
         for _, group in sorted(jobs.items())
-        for k in range(0, len(group), FAULTS_AT_ONCE)
+        for k in range(0, len(group), FAULT_BATCH)
     ]
     report = advance or (lambda n: None)
-    batches_done = run_in_processes(run_fault_jobs, batches, processes, lambda n: report(n * FAULTS_AT_ONCE))
+    batches_done = run_in_processes(run_fault_jobs, batches, processes, lambda n: report(n * FAULT_BATCH))
     outcomes = tuple(o for batch in batches_done for o in batch)
     fit_count = sum(map(len, batches))
     return Faults(outcomes, fit_count, min(fit_count, sum(map(len, batches[: len(batches_done)]))))
@@ -347,4 +347,4 @@ def faults(
 
 # a run shows only the sum of both, and a note reports it
 UNCOMPARED_PARAMETERS = {("late sensors", "model.drivetrain.delay_s")}
-NOT_FOR_CARS = ("motors swapped", "motor inverted", "caster flips", "centre of mass", "tilted floor")
+ROBOT_FAULTS = ("motors swapped", "motor inverted", "caster flips", "centre of mass", "tilted floor")

@@ -36,19 +36,19 @@ def with_free_values(vehicles: Robots | Cars, values: Mapping[str, np.ndarray]) 
 
 def difference_steps(vehicle: Robots | Cars) -> dict[str, float]:
     """Return path → step s of (1), for one vehicle."""
-    step_of = {}
+    step_sizes = {}
     for path, value in free_values(vehicle).items():
         min_steps = [size for part, size in MIN_STEPS.items() if part in path]
-        step_of[path] = RELATIVE_STEP * abs(float(value[0])) or min_steps[-1]
-    return step_of
+        step_sizes[path] = RELATIVE_STEP * abs(float(value[0])) or min_steps[-1]
+    return step_sizes
 
 
 def perturbed_copies(vehicle: Robots | Cars) -> Robots | Cars:
     """Return 2p copies of the vehicle: for each of p parameters θ a copy with θ + s, then a copy with θ − s.  (1)"""
-    step_of = difference_steps(vehicle)
-    group = vehicle.subset([0] * (2 * len(step_of)))
+    step_sizes = difference_steps(vehicle)
+    group = vehicle.subset([0] * (2 * len(step_sizes)))
     values = {}
-    for k, (path, step) in enumerate(step_of.items()):
+    for k, (path, step) in enumerate(step_sizes.items()):
         values[path] = free_values(group)[path].copy()
         values[path][2 * k] += step
         values[path][2 * k + 1] -= step
@@ -62,13 +62,13 @@ def cramer_rao_bound(
 
     `prior_sigma`: path → prior standard deviation, √P₀ of (1).
     """
-    step_of = difference_steps(vehicle)
+    step_sizes = difference_steps(vehicle)
     noise = np.append(vehicle.imu.noise[0], ODOMETER_M_S)[: noiseless.shape[2]]
-    jacobian = (noiseless[:, 0::2] - noiseless[:, 1::2]) / (2.0 * np.array([*step_of.values()])[:, None])
-    G = np.moveaxis(jacobian / noise, 1, 2).reshape(-1, len(step_of))
-    prior_std = np.array([(prior_sigma or {}).get(path, np.inf) for path in step_of])
+    jacobian = (noiseless[:, 0::2] - noiseless[:, 1::2]) / (2.0 * np.array([*step_sizes.values()])[:, None])
+    G = np.moveaxis(jacobian / noise, 1, 2).reshape(-1, len(step_sizes))
+    prior_std = np.array([(prior_sigma or {}).get(path, np.inf) for path in step_sizes])
     G = np.concatenate([G, np.diag(1.0 / prior_std)])
     scale = np.linalg.norm(G, axis=0)
     R = np.linalg.qr(G / scale, mode="r")
     stds = np.linalg.norm(np.linalg.solve(R, np.eye(len(R))), axis=1) / scale  # (GᵀG)⁻¹ = R⁻¹ R⁻ᵀ
-    return dict(zip(step_of, stds.tolist(), strict=True))
+    return dict(zip(step_sizes, stds.tolist(), strict=True))

@@ -75,18 +75,18 @@ class Identification:
         """Return the number of seeds that have outcomes."""
         return len({o.seed for o in self.outcomes})
 
-    def outcomes_of(self, case: str) -> list[TrialOutcome]:
+    def case_outcomes(self, case: str) -> list[TrialOutcome]:
         """Return the outcomes of a case."""
         return [o for o in self.outcomes if o.case == case]
 
     def normalised_errors(self) -> np.ndarray:
         """Return all errors (K,) of the case "clean", each divided by its standard error."""
-        return np.concatenate([np.zeros(0), *(_outcome_z(o) for o in self.outcomes_of("clean"))])
+        return np.concatenate([np.zeros(0), *(_outcome_z(o) for o in self.case_outcomes("clean"))])
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row for each case and parameter, and a pooled row for each case."""
         return [
-            row for case in CASES if self.outcomes_of(case) for row in _rows(case, self.outcomes_of(case))
+            row for case in CASES if self.case_outcomes(case) for row in _rows(case, self.case_outcomes(case))
         ]
 
     @property

@@ -29,9 +29,9 @@ from baqueano.study.counterpart import (
     car_file,
     car_values,
     drive_group,
-    readings_without_noise,
     robot_file,
     robot_values,
+    simulate_readings,
     vehicle_run,
 )  # fmt: skip
 from baqueano.study.counterpart.cars import SPEED, speed_at
@@ -55,7 +55,7 @@ DRIVE_S, REST_S = 60.0, 2.0
 FLOOR_NOISE = (0.02, 0.01, 0.05)  # [m/s^1.5, m/s^1.5, rad/s^1.5]
 JITTER_S = 1e-3
 # the cases that are compared with the bound of clean readings
-CASES_WITH_BOUND = ("clean", "rough", "wrong start")
+BOUND_CASES = ("clean", "rough", "wrong start")
 LOW_PASS_HZ = 44.0
 BOUND_STEP_S = 5e-3  # of Runge-Kutta: the bound equals that of 1 ms steps within 1e-4
 PWM_COUNTS = 255
@@ -142,7 +142,7 @@ def _robot_outcomes(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
     t_ns, n = tick_times(len(signals[0]), 100.0), len(robots)
     drives: dict[str, GroupDrive] = {}
     bounds: list[dict[str, float]] = [{}] * n
-    if set(cases) & set(CASES_WITH_BOUND):
+    if set(cases) & set(BOUND_CASES):
         bounds = _bounds(robots, signals, t_ns)
     if "clean" in cases or "wrong start" in cases:
         drives = dict.fromkeys(
@@ -168,7 +168,7 @@ def _robot_outcomes(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
             )
             fit = _fit(run, q, case, job.seeds[k], job.backend)
             clean = fit if case == "clean" else clean
-            bound = bounds[k] if case in CASES_WITH_BOUND else {}
+            bound = bounds[k] if case in BOUND_CASES else {}
             reference_fits = clean if case == "wrong start" else None
             true_values = robot_values(
                 q.with_parameters(imu=q.imu.with_parameters(bias=q.imu.bias + drives[case].bias_drift[k]))
@@ -191,7 +191,7 @@ def _bounds(robots: list[Robots], signals: list[np.ndarray], t_ns: np.ndarray) -
     """Return the Cramér-Rao bounds of each robot, by parameter."""
     copies = [perturbed_copies(q) for q in robots]
     u = np.repeat(_columns(signals), len(copies[0].mass_kg), axis=1)
-    noiseless = readings_without_noise(merge(copies), u, t_ns, BOUND_STEP_S)
+    noiseless = simulate_readings(merge(copies), u, t_ns, BOUND_STEP_S)
     readings_by_robot = np.split(noiseless, len(robots), axis=1)
     return [cramer_rao_bound(readings, q) for readings, q in zip(readings_by_robot, robots, strict=True)]
 

@@ -18,7 +18,7 @@ from baqueano.compare.corridor_forecast import forecast_corridor
 from baqueano.guides.route import Route
 from baqueano.messages.language import mark as N_
 from baqueano.study.driving import SHAPES
-from baqueano.study.laps.drives import RATE_HZ, SAMPLE_TICKS, Team, TeamWithFix, simulate_laps
+from baqueano.study.laps.drives import RATE_HZ, SAMPLE_TICKS, FixTeam, Team, simulate_laps
 from baqueano.study.laps.fixes import FIXES, with_fix
 from baqueano.study.laps.result import (
     MAX_DISTANCE_M,
@@ -27,7 +27,7 @@ from baqueano.study.laps.result import (
     Lap,
     LapCase,
     LapStudy,
-    laps_of,
+    robot_laps,
 )
 from baqueano.study.laps.team import GYROS, SPEED_M_S, identify_teams
 from baqueano.study.truth import PassingFaults
@@ -39,10 +39,10 @@ READ_FAULTS = {
     N_("no reading lost"): PassingFaults(),
     N_("faults"): PassingFaults(missed_rate=0.2, double_rate=0.1, mistaken_rate=0.05),
 }
-ROBOTS_AT_ONCE = 4  # robots in parallel
+ROBOT_BATCH = 4  # robots in parallel
 
 
-def laps_over_fixes(
+def study_fix_laps(
     seeds: int = 20, first: int = 0, count: int = 50, processes: int = 1, backend: str = "auto",
     cases: Sequence[LapCase] | None = None, advance: Callable[[int], None] = lambda k: None,
 ) -> LapStudy:  # fmt: skip
@@ -50,7 +50,7 @@ def laps_over_fixes(
     have just finished.
     """
     work = partial(run_cases, count=count, backend=backend, cases=all_cases() if cases is None else cases)
-    results = run_in_batches(work, range(first, first + seeds), ROBOTS_AT_ONCE, processes, advance)
+    results = run_in_batches(work, range(first, first + seeds), ROBOT_BATCH, processes, advance)
     drives = tuple(lap for _, batch_drives, _, _ in results for lap in batch_drives)
     full_drives = tuple(drive for _, _, batch_wholes, _ in results for drive in batch_wholes)
     refusals = {seed for *_, refused_seeds in results for seed in refused_seeds}
@@ -101,13 +101,13 @@ def drive_cases(
         return [], []
     route, drives, wholes = SHAPES[cases[0].route](SPEED_M_S), [], []
     teams_with_fix = [
-        TeamWithFix(team, case.fix, READ_FAULTS[case.read]) for case, team in zip(cases, teams, strict=True)
+        FixTeam(team, case.fix, READ_FAULTS[case.read]) for case, team in zip(cases, teams, strict=True)
     ]
     per_lap = round(route.t_s[-1] * RATE_HZ / SAMPLE_TICKS)
     for case, team, team_result in zip(
         cases, teams, simulate_laps(route, count, teams_with_fix, backend), strict=True
     ):
-        drives += laps_of(team_result, case, team.seeds, count, per_lap)
+        drives += robot_laps(team_result, case, team.seeds, count, per_lap)
         is_forecast = (case.fix, case.gyro) == ("tags", "uncalibrated")
         for k, seed in enumerate(team.seeds):
             chance = forecast(team.vehicle_files[k], case.fix, route, count, backend) if is_forecast else nan

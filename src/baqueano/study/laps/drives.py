@@ -45,7 +45,7 @@ class Team(NamedTuple):
     seeds: list[int]
 
 
-class TeamWithFix(NamedTuple):
+class FixTeam(NamedTuple):
     """A group of robots, its position sensor (tags, lines, gate or none), and the fault rates of that sensor."""
 
     team: Team
@@ -105,7 +105,7 @@ class _Driver:
 
 
 def simulate_laps(
-    route: Route, laps: int, parts: Sequence[TeamWithFix], backend: str, log: bool = False
+    route: Route, laps: int, parts: Sequence[FixTeam], backend: str, log: bool = False
 ) -> list[Laps]:
     """Return the drives of each part: a rest at the start of the route, then `laps` laps, or until all robots
     have stopped. If `log`, also return the runs."""
@@ -149,7 +149,7 @@ def simulate_laps(
     return _laps(samples, touches, spans, runs)
 
 
-def _drivers(route: Route, parts: Sequence[TeamWithFix], backend: str) -> list[_Driver]:
+def _drivers(route: Route, parts: Sequence[FixTeam], backend: str) -> list[_Driver]:
     """Return a driver for each robot; robots with the same file and fix share the compiled blocks."""
     loops: dict[tuple[int, str], Loop] = {}
     for part in parts:
@@ -163,7 +163,7 @@ def _drivers(route: Route, parts: Sequence[TeamWithFix], backend: str) -> list[_
     ]
 
 
-def _truth(route: Route, parts: Sequence[TeamWithFix], backend: str) -> tuple[TruthWorld, list[Reader]]:
+def _truth(route: Route, parts: Sequence[FixTeam], backend: str) -> tuple[TruthWorld, list[Reader]]:
     """Return the world of all robots, and the readers of each part of the robots."""
     teams = [part.team for part in parts]
     robots = merge([team.robots for team in teams])
@@ -203,7 +203,7 @@ def _error(estimates: list[Estimate], eta: np.ndarray) -> tuple[np.ndarray, np.n
     return np.column_stack([pose_error[:, :2], wrap(pose_error[:, 2])]), claims
 
 
-def _runs(part: TeamWithFix, t_ns: np.ndarray, rows: list[Tree], first: int) -> tuple[Run, ...]:
+def _runs(part: FixTeam, t_ns: np.ndarray, rows: list[Tree], first: int) -> tuple[Run, ...]:
     """Return the logs of a part; its first robot has the index `first` in `rows`."""
     metadata, runs_of_part = {"kind": "repeat", "rate_hz": f"{RATE_HZ:g}"}, []
     ticks, sizes = t_ns[: len(rows)], FIXES[part.fix].sizes

@@ -37,7 +37,7 @@ class Fix(NamedTuple):
     reader: MakeReader  # of route, seeds, initial positions (n, 2), faults
 
 
-def poses_at_fractions(route: Route, lap_fractions: Sequence[float]) -> np.ndarray:
+def lap_poses(route: Route, lap_fractions: Sequence[float]) -> np.ndarray:
     """Return the poses (m, 3) of a route after the fractions `lap_fractions` of its lap."""
     return route.eta[
         [int(np.searchsorted(route.t_s, fraction * route.t_s[-1])) for fraction in lap_fractions]
@@ -58,7 +58,7 @@ def with_fix(vehicle_file: VehicleFile, fix: str, route: Route) -> VehicleFile:
 
 
 def _tag_tables(route: Route) -> str:
-    points = poses_at_fractions(route, TWO_FRACTIONS)[:, :2].tolist()
+    points = lap_poses(route, TWO_FRACTIONS)[:, :2].tolist()
     return (
         f'[sensors.tags]\nkind = "tags"\npoints_m = {points}\nradius_m = {RADIUS_M}\nnoise_std = {NOISE_M}\n'
     )
@@ -68,9 +68,7 @@ def _line_tables(route: Route) -> str:
     return "\n".join(
         f'[sensors.{name}]\nkind = "mark"\npoint_m = [{x}, {y}]\nheading_rad = {heading}\n'
         f"half_width_m = {RADIUS_M}\nnoise_std = {NOISE_M}\n"
-        for name, (x, y, heading) in zip(
-            LINES, poses_at_fractions(route, THREE_FRACTIONS).tolist(), strict=True
-        )
+        for name, (x, y, heading) in zip(LINES, lap_poses(route, THREE_FRACTIONS).tolist(), strict=True)
     )
 
 
@@ -79,15 +77,15 @@ def _gate_tables(route: Route) -> str:
 
 
 def _tags(route: Route, seeds: Sequence[int], xy: np.ndarray, faults: PassingFaults) -> Reader:
-    return TagReaders(poses_at_fractions(route, TWO_FRACTIONS)[:, :2], RADIUS_M, NOISE_M, seeds, xy, faults)
+    return TagReaders(lap_poses(route, TWO_FRACTIONS)[:, :2], RADIUS_M, NOISE_M, seeds, xy, faults)
 
 
 def _lines(route: Route, seeds: Sequence[int], xy: np.ndarray, faults: PassingFaults) -> Reader:
-    return FloorLines(poses_at_fractions(route, THREE_FRACTIONS), RADIUS_M, NOISE_M, seeds, xy, faults)
+    return FloorLines(lap_poses(route, THREE_FRACTIONS), RADIUS_M, NOISE_M, seeds, xy, faults)
 
 
 def _gate(route: Route, seeds: Sequence[int], xy: np.ndarray, faults: PassingFaults) -> Reader:
-    poses = poses_at_fractions(route, (*ONE_FRACTION, *np.linspace(0.0, 1.0, MISTAKEN_POSE_COUNT)))
+    poses = lap_poses(route, (*ONE_FRACTION, *np.linspace(0.0, 1.0, MISTAKEN_POSE_COUNT)))
     return Gate(poses, RADIUS_M, np.array([NOISE_M, NOISE_M, NOISE_RAD]), seeds, xy, faults)
 
 

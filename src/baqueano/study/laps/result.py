@@ -61,7 +61,7 @@ class FullDrive(NamedTuple):
     forecast: float  # probability to stay on the route, computed before the drive; NaN without a forecast
 
 
-def laps_of(drives: "Laps", case: LapCase, seeds: Sequence[int], laps: int, per_lap: int) -> list[Lap]:
+def robot_laps(drives: "Laps", case: LapCase, seeds: Sequence[int], laps: int, per_lap: int) -> list[Lap]:
     """Return the laps of all robots of a drive, `per_lap` samples each."""
     e, P = drives.error, drives.cov
     square = np.einsum("tni,tnij,tnj->tn", e, np.linalg.inv(P), e)

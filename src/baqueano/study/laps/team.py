@@ -28,7 +28,7 @@ from baqueano.signals import NANOSECONDS, Reference, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import switch_on_again, vehicles
 from baqueano.study.driving import FREE, SHAPES, initial_file, simulate_experiments
-from baqueano.study.laps.drives import RATE_HZ, STEP_S, Team, TeamWithFix, simulate_laps
+from baqueano.study.laps.drives import RATE_HZ, STEP_S, FixTeam, Team, simulate_laps
 from baqueano.study.laps.fixes import with_fix
 from baqueano.study.truth import PassingFaults, Robots, TruthWorld
 from baqueano.study.truth_drives import Loop, estimate_at
@@ -83,9 +83,7 @@ def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -
 def _identify_with_laps(team: Team, runs: list[Run], backend: str) -> dict[int, VehicleFile]:
     """Return seed → file identified from an experiment and laps over tags; a refused fit does not have an entry."""
     route, vehicle_file_of = SHAPES["rectangle"](SPEED_M_S), {}
-    (laps,) = simulate_laps(
-        route, LEARNING_LAPS, [TeamWithFix(team, "tags", PassingFaults())], backend, log=True
-    )
+    (laps,) = simulate_laps(route, LEARNING_LAPS, [FixTeam(team, "tags", PassingFaults())], backend, log=True)
     for vehicle_file, seed, run, laps_run in zip(
         team.vehicle_files, team.seeds, runs, laps.runs, strict=True
     ):

@@ -52,7 +52,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
     study_rows = []
     for floor, pattern in FLOORS.items():
-        runs = runs_of(pattern)
+        runs = load_runs(pattern)
         progress(
             _(
                 "DART, {floor}: fitting {steps} throttle steps, testing on {others} others",
@@ -71,7 +71,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     return study_rows
 
 
-def runs_of(pattern: str) -> list["Run"]:
+def load_runs(pattern: str) -> list["Run"]:
     """Return the throttle steps of a floor, in the order of the drives."""
     folder = next(f for f in data_folders() if (f / MAP).is_dir())
     paths: list[Path | str] = [str(folder / MAP / f"{pattern}.csv.gz")]

@@ -49,7 +49,7 @@ def files() -> list[str]:
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
     progress(_("micromouse: fitting a sweep of the duty, testing on another sweep"))
-    run, test_run = run_of(FITTED_SWEEP), run_of(OTHER_SWEEP)
+    run, test_run = load_run(FITTED_SWEEP), load_run(OTHER_SWEEP)
     fit = fit_sweep(run, backend)
     band, threshold = dead_band(fit), starting_duty(test_run)
     wheel_asymmetry = asymmetry(fit, run, backend)
@@ -65,7 +65,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     ]
 
 
-def run_of(file: str) -> "Run":
+def load_run(file: str) -> "Run":
     """Return the run of a sweep."""
     path = next(p for f in data_folders() if (p := f / "micromouse_pwm" / file).exists())
     return import_run("micromouse_ms", [path]).run

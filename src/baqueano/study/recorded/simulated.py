@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.identify.data.record import record_of
+from baqueano.identify.data.record import make_record
 from baqueano.signals import seconds
 from baqueano.symbolic import scan
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     Output = Callable[[Motion], np.ndarray]
 
 
-def outputs_under(
+def simulate_outputs(
     vehicle: "Vehicle", start: "Tree", dt_s: np.ndarray, u: np.ndarray, output: "Output", backend: str
 ) -> np.ndarray:
     """Return `output` (N, m) of the motion from the state `start`, under commands u (N, n) that last dt_s (N,)."""
@@ -38,8 +38,8 @@ def measured_and_simulated(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the measurements (K, m) of a sensor, and the readings of the model at the same times, from rest."""
     block, vehicle = getattr(vehicle_file.sensors, sensor), vehicle_file.vehicle
-    record = record_of(run, {sensor: block})
-    simulated_values = outputs_under(vehicle, vehicle.init(), record.dt_s, record.u, block.h, backend)
+    record = make_record(run, {sensor: block})
+    simulated_values = simulate_outputs(vehicle, vehicle.init(), record.dt_s, record.u, block.h, backend)
     sensor_log = record.sensors[sensor]
     present = sensor_log.mask.all(axis=1)
     return sensor_log.z[present], simulated_values[present]
@@ -56,4 +56,4 @@ def final_poses(
     u = run.applied_commands[np.searchsorted(run.t_ns, ends)]
     dt_s = np.diff(seconds(ends, truth.t_ns[0]), prepend=0.0)
     start = vehicle.init(eta=truth.eta[0])
-    return truth.eta[-1], outputs_under(vehicle, start, dt_s, u, lambda motion: motion.eta, backend)[-1]
+    return truth.eta[-1], simulate_outputs(vehicle, start, dt_s, u, lambda motion: motion.eta, backend)[-1]

@@ -45,7 +45,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
     study_rows = []
     for name in FILES:
-        runs = runs_of(name)
+        runs = load_runs(name)
         half_count = len(runs) // 2
         progress(
             _(
@@ -64,7 +64,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     return study_rows
 
 
-def runs_of(name: str) -> list["Run"]:
+def load_runs(name: str) -> list["Run"]:
     """Return the windows of a vehicle as runs, in the order of the file."""
     path = next(p for f in data_folders() if (p := f / FILES[name]).exists())
     return [imported_run.run for imported_run in import_runs(MAP, [path])]

@@ -20,7 +20,7 @@ from typing import ClassVar
 import numpy as np
 
 from baqueano.study.truth.group import Group
-from baqueano.study.truth.imu import Imus, gravity_on
+from baqueano.study.truth.imu import Imus, body_gravity
 from baqueano.study.truth.transmission import Transmission
 
 MIN_SLIP_SPEED_M_S = 0.1  # ε: below it a tyre is a damper
@@ -64,7 +64,7 @@ class Cars(Group):
         """Return the rolling speed (n,) of the rear wheels."""
         return x[:, 3] + self.transmission.slip(x[:, 8:])
 
-    def rate_under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    def state_derivative(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return dx/dt (n, k) as a function of the states (n, k), under the commands in effect (n, 2).  (1)-(5)"""
         m, (a, b) = self.mass_kg, self.axle_m.T
         zone = np.where(u[:, 0] > 0.0, self.zone[:, 0], self.zone[:, 1])
@@ -100,7 +100,7 @@ class Cars(Group):
 
     def gravity(self, heading_rad: np.ndarray) -> np.ndarray:
         """Return gravity along body x and y (n, 2)."""
-        return gravity_on(self.slope_rad, self.slope_heading_rad - heading_rad)
+        return body_gravity(self.slope_rad, self.slope_heading_rad - heading_rad)
 
     @property
     def understeer(self) -> np.ndarray:

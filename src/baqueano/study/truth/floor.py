@@ -96,11 +96,11 @@ class FloorLines:
     ) -> None:  # fmt: skip
         self._poses, self._half_width_m, self._noise_m = poses, half_width_m, noise_m
         self._reports = _Reports((len(xy), len(poses)), seeds, faults)
-        self._beyond_m, _ = self._distances_from_lines(xy)
+        self._beyond_m, _ = self._line_distances(xy)
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported distances (n, m) beyond each line [m] at `t_s`; NaN without a report."""
-        previous_beyond, (self._beyond_m, lateral_m) = self._beyond_m, self._distances_from_lines(eta[:, :2])
+        previous_beyond, (self._beyond_m, lateral_m) = self._beyond_m, self._line_distances(eta[:, :2])
         is_passage = (
             (previous_beyond < 0.0) & (self._beyond_m >= 0.0) & (np.abs(lateral_m) <= self._half_width_m)
         )
@@ -117,7 +117,7 @@ class FloorLines:
 
         return measure
 
-    def _distances_from_lines(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _line_distances(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the distances (n, m) [m] of vehicles at `xy` (n, 2), beyond the lines and to the left of
         their points."""
         offset = xy[:, None, :] - self._poses[:, :2]
@@ -130,18 +130,18 @@ class _PassageDetector:
 
     def __init__(self, points_m: np.ndarray, radius_m: float, xy: np.ndarray) -> None:
         self._points, self._radius_m = points_m, radius_m
-        self._distance = self._distances_from_points(xy)
+        self._distance = self._point_distances(xy)
         self._shrinks = np.zeros_like(self._distance, dtype=bool)
 
     def passages(self, xy: np.ndarray) -> list[tuple[int, int]]:
         """Return the pairs (vehicle, point) nearest at this call, within the radius: at most one point per vehicle."""
-        distance = self._distances_from_points(xy)
+        distance = self._point_distances(xy)
         shrinks = distance < self._distance
         nearest = self._shrinks & ~shrinks & (self._distance <= self._radius_m)
         self._distance, self._shrinks = distance, shrinks
         return [(int(i), int(np.argmax(nearest[i]))) for i in np.flatnonzero(nearest.any(axis=1))]
 
-    def _distances_from_points(self, xy: np.ndarray) -> np.ndarray:
+    def _point_distances(self, xy: np.ndarray) -> np.ndarray:
         """Return the distances (n, m) [m] from vehicles at `xy` (n, 2) to the points."""
         return np.hypot(*np.moveaxis(xy[:, None, :] - self._points, -1, 0))
 

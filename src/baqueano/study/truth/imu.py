@@ -19,7 +19,7 @@ from baqueano.study.truth.group import Group, TruthGroup
 GRAVITY = 9.80665
 
 
-def gravity_on(slope_rad: np.ndarray, uphill_rad: np.ndarray) -> np.ndarray:
+def body_gravity(slope_rad: np.ndarray, uphill_rad: np.ndarray) -> np.ndarray:
     """Return gravity along body x and y (n, 2) on floors of slope `slope_rad` (n,), uphill at `uphill_rad` from x."""
     if not np.any(slope_rad):
         return np.zeros((len(slope_rad), 2))

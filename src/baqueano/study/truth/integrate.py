@@ -31,7 +31,7 @@ class CommandDelayLine:
         """Return the commands (n, m) in effect at `t_s` (n,)."""
         return self._commands[self._sent_s.searchsorted(t_s - self._delay_s, side="right") - 1, self._all]
 
-    def until_next(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def current_commands(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the commands (n, m) from `t_s` (n,) on, and the time (n,) [s] when others take effect, or infinity."""
         coming = self._sent_s.searchsorted(t_s + MIN_STEP_S - self._delay_s, side="right")
         return self._commands[coming - 1, self._all], self._sent_s[coming] + self._delay_s
@@ -53,7 +53,7 @@ def integrate(
     """
     t_s, end = np.full(len(x), span_s[0]), span_s[1]
     while (t_s < end).any():
-        u, next_s = line.until_next(t_s)
+        u, next_s = line.current_commands(t_s)
         stop = np.minimum(t_s + step_s, next_s)
         stop = np.where(stop > end - MIN_STEP_S, end, stop)
         h = stop - t_s

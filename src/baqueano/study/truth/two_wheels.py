@@ -23,7 +23,7 @@ from typing import ClassVar
 import numpy as np
 
 from baqueano.study.truth.group import Group
-from baqueano.study.truth.imu import Imus, gravity_on
+from baqueano.study.truth.imu import Imus, body_gravity
 from baqueano.study.truth.transmission import Transmission
 
 DRY_SPEED_M_S = 0.05  # v₀; ten times that in rad/s about z
@@ -75,7 +75,7 @@ class Robots(Group):
         """Return the mean rolling speed (n,) of the wheels."""
         return x[:, 3] + self.transmission.slip(x[:, 8:])
 
-    def rate_under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    def state_derivative(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return dx/dt (n, k) as a function of the states (n, k), under the commands in effect (n, 3).  (1)-(5)"""
         m, c, I, lag_s = self.mass_kg, self.ahead_m, self.inertia_kg_m2, self.lag_s[:, None]
         (left, right), (cos_toe, sin_toe), target_at = self.arm_m.T, self._toe, self._force_target(u)
@@ -113,7 +113,7 @@ class Robots(Group):
 
     def gravity(self, heading_rad: np.ndarray) -> np.ndarray:
         """Return gravity along body x and y (n, 2)."""
-        return gravity_on(self.slope_rad, self.slope_heading_rad - heading_rad)
+        return body_gravity(self.slope_rad, self.slope_heading_rad - heading_rad)
 
     def _unequal_radii_friction(self, v: np.ndarray) -> np.ndarray | float:
         """Return the additional friction (n, 3) of wheels with unequal radii, at the velocities (n, 3).  (6)"""

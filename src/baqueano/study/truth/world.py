@@ -42,9 +42,9 @@ class TruthWorld:
         self._present: tuple[TruthGroup, np.ndarray] | None = None  # motion and readings at t_s
         u = np.zeros((n, physics.commands))
         self._runge_kutta_step = fast(
-            lambda x, u, h: runge_kutta(physics.rate_under(u), x, h), self._x, u, np.ones((n, 1))
+            lambda x, u, h: runge_kutta(physics.state_derivative(u), x, h), self._x, u, np.ones((n, 1))
         )
-        self._nu_dot = fast(lambda x, u: physics.rate_under(u)(x)[:, 3:6], self._x, u)
+        self._nu_dot = fast(lambda x, u: physics.state_derivative(u)(x)[:, 3:6], self._x, u)
 
     def tick(self, u: np.ndarray, dt_s: float) -> np.ndarray:
         """Send the commands u (n, m), move for `dt_s`, and return the readings (n, 3) of the IMUs."""

@@ -22,12 +22,12 @@ class TracedArray(np.ndarray):
     origin: linalg.Origin | None = None  # the factors of a product, if known
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Value, **kwargs: Value) -> Value:
-        return ufunc_on(ufunc, method, inputs, kwargs)
+        return apply_ufunc(ufunc, method, inputs, kwargs)
 
     def __array_function__(
         self, function: Callable[..., Value], types: Iterable[type], args: Value, kwargs: Value
     ) -> Value:
-        return function_on(function, args, kwargs)
+        return apply_function(function, args, kwargs)
 
     def __getitem__(self, key: Value) -> Value:
         return super().__getitem__(_key(key))
@@ -119,7 +119,7 @@ def as_fillable(x: Value) -> Value:
     return x
 
 
-def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: dict[str, Value]) -> Value:
+def apply_ufunc(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: dict[str, Value]) -> Value:
     """Return the result of an operator or elementwise function of NumPy. Raise TraceError for an unknown function."""
     if not kwargs and method == "__call__" and ufunc in TRACED_UFUNCS and any(map(has_scalars, inputs)):
         result = as_traced(TRACED_UFUNCS[ufunc](*map(as_array, inputs)))
@@ -149,7 +149,7 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: di
     return target
 
 
-def function_on(function: Callable[..., Value], args: Sequence[Value], kwargs: dict[str, Value]) -> Value:
+def apply_function(function: Callable[..., Value], args: Sequence[Value], kwargs: dict[str, Value]) -> Value:
     """Return the result of a NumPy function that is not elementwise. Raise TraceError if it does not accept scalars."""
     if function in _IN_PLACE:
         return _original(function)(*args, **kwargs)
@@ -249,14 +249,14 @@ def _interp(
     )
 
     def read(x: Value) -> Value:
-        y = _interp_by_ramps(x, xp, fp) if table is None else apply("interp", x, value=table)
+        y = _ramp_interpolation(x, xp, fp) if table is None else apply("interp", x, value=table)
         y = y if left is None else apply("where", apply("lt", x, xp[0]), left, y)
         return y if right is None else apply("where", apply("lt", xp[-1], x), right, y)
 
     return as_traced(elementwise(read)(as_array(x)))
 
 
-def _interp_by_ramps(x: Value, xp: Value, fp: Value) -> Value:
+def _ramp_interpolation(x: Value, xp: Value, fp: Value) -> Value:
     """Return the interpolation in a table known only at run time, as a sum of ramps.
 
     Raise TraceError for a table of more than 100 points.

@@ -42,7 +42,7 @@ def matmul(a: Value, b: Value) -> Value:
     if x.shape[-1] != y.shape[0]:
         raise untraceable("trace.product-shapes", left=str(x.shape), right=str(y.shape))
     rows, columns = np.atleast_2d(x), y if y.ndim == 2 else y[:, None]
-    product = _product(rows, columns, origin_of(a), origin_of(b))
+    product = _product(rows, columns, array_origin(a), array_origin(b))
     result = as_traced(product.reshape(x.shape[:-1] + y.shape[1:]))
     if x.ndim == y.ndim == 2:
         result.origin = Origin(rows.copy(), columns.copy(), False, product.copy())
@@ -57,7 +57,7 @@ def dot(a: Value, b: Value) -> Value:
     return matmul(a, b) if max(x.ndim, y.ndim) < 3 else as_traced(np.dot(x, y))
 
 
-def origin_of(x: Value) -> Origin | None:
+def array_origin(x: Value) -> Origin | None:
     """Return the origin of an array; None if it is unknown, or if the array was changed since then."""
     origin = getattr(x, "origin", None)
     return origin if origin is not None and are_same_arrays(origin.cells, x) else None
@@ -65,7 +65,7 @@ def origin_of(x: Value) -> Origin | None:
 
 def remember_complement(result: Value, a: Value, b: Value) -> None:
     """Store the origin of `result` = a − b in it, if it is I − K H."""
-    origin = origin_of(b)
+    origin = array_origin(b)
     if origin is None or origin.is_complement or not isinstance(a, np.ndarray) or a.shape != b.shape:
         return
     if len(a) == a.shape[1] > origin.left.shape[1] and are_same_arrays(a, np.eye(len(a))):

@@ -155,16 +155,16 @@ class Scalar:
             a, b = inputs
             if type(a) is np.float64 or type(b) is np.float64:
                 return infix(*[x.item() if type(x) is np.float64 else x for x in inputs])
-        from baqueano.symbolic.arrays.array import ufunc_on
+        from baqueano.symbolic.arrays.array import apply_ufunc
 
-        return ufunc_on(ufunc, method, inputs, kwargs)
+        return apply_ufunc(ufunc, method, inputs, kwargs)
 
     def __array_function__(
         self, function: Callable[..., Value], types: Iterable[type], args: Value, kwargs: Value
     ) -> Value:
-        from baqueano.symbolic.arrays.array import function_on
+        from baqueano.symbolic.arrays.array import apply_function
 
-        return function_on(function, args, kwargs)
+        return apply_function(function, args, kwargs)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} at run time>"

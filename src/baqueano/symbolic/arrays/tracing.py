@@ -85,12 +85,12 @@ def _is_called_by(frame: FrameType, name: str) -> bool:
 
 def _called_names(frame: FrameType) -> set[str]:
     """Return the names in the expression of the function that the code of this frame calls."""
-    starts, names = _names_by_start(frame.f_code)
+    starts, names = _expression_names(frame.f_code)
     return names[starts[frame.f_lasti // 2]]
 
 
 @lru_cache(1_000)
-def _names_by_start(code: CodeType) -> tuple[list[tuple], dict[tuple, set[str]]]:
+def _expression_names(code: CodeType) -> tuple[list[tuple], dict[tuple, set[str]]]:
     """Return the start (line, column) of the expression of each instruction, and the names that begin there."""
     starts, names = [position[::2] for position in code.co_positions()], defaultdict(set)
     for instruction in get_instructions(code):

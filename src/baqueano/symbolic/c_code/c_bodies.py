@@ -188,7 +188,10 @@ def batch(program: Program, shared_flags: Sequence[bool], with_outputs: bool) ->
     text.lines.append(BATCH_SIGNATURE)
     outputs_of_tick = program.outputs if with_outputs else ()
     order = plan_statements(
-        program.initial, (*outputs_of_tick, *program.next_carry), {*program.carry, *program.inputs}, False
+        program.initial,
+        (*outputs_of_tick, *program.next_carry),
+        {*program.carry, *program.inputs},
+        branches=False,
     )
     sizes = {"theta": len(program.theta), "start": len(program.start), "final": len(program.carry)}
     strides = {

@@ -81,7 +81,7 @@ def load_library(
     compiler = find_compiler()
     if compiler.compiler is None:
         raise CompileError(compiler.reason or "")
-    return _load(identity, code, compiler.compiler, find_vectors, is_hasty)
+    return _load(identity, code, compiler.compiler, find_vectors=find_vectors, is_hasty=is_hasty)
 
 
 def find_compiler() -> FoundCompiler:
@@ -94,7 +94,7 @@ def _find(compiler_name: str, path: str) -> FoundCompiler:
     reasons: list[Diagnostic] = []
     for compiler in _candidates(compiler_name, path):
         try:
-            _load((PROBE_TEXT,), lambda: (PROBE_TEXT, 0), compiler, True, False)
+            _load((PROBE_TEXT,), lambda: (PROBE_TEXT, 0), compiler, find_vectors=True, is_hasty=False)
         except CompileError as error:
             reasons.append(error.diagnostic)
         else:
@@ -175,6 +175,7 @@ def _load(
     identity: tuple[object, ...],
     code: Callable[[], tuple[str, int]],
     compiler: Compiler,
+    *,
     find_vectors: bool,
     is_hasty: bool,
 ) -> "ctypes.CDLL":

@@ -97,7 +97,7 @@ def seed_array(values: np.ndarray, level: int) -> TracedArray:
     return seeds.view(TracedArray)
 
 
-def rows_of(values: np.ndarray, count: int, level: int) -> np.ndarray:
+def derivative_rows(values: np.ndarray, count: int, level: int) -> np.ndarray:
     """Return the derivatives (size, count) of the entries with respect to `count` seeds, as objects."""
     rows = np.full((values.size, count), 0.0, dtype=object)
     for i, x in enumerate(values.ravel().tolist()):
@@ -136,7 +136,7 @@ def jacobian(f: Callable[..., Value], argument: int = 0) -> Callable[..., Value]
             if isinstance(seeds, TracedArray):
                 seeds.flags.writeable = False
             y = as_array(f(*args[:argument], seeds, *args[argument + 1 :]))
-            result = rows_of(y, x.size, level).reshape(y.shape + x.shape)
+            result = derivative_rows(y, x.size, level).reshape(y.shape + x.shape)
         if has_scalars(result):
             return result.view(TracedArray) if result.ndim else result.item()
         result = result.astype(float)

@@ -20,7 +20,7 @@ class Assembly(NamedTuple):
 
     program: Program
     first: np.ndarray  # (s,) index of each start value in the whole carry
-    whole_from_kept: np.ndarray  # index of each entry of the whole carry in (final carry, start values)
+    carry_indices: np.ndarray  # index of each entry of the whole carry in (final carry, start values)
     mirrored_entries: np.ndarray  # index of each mirrored entry of the whole carry
     mirror: np.ndarray  # index of the entry that it must equal at the start
     zeros: np.ndarray  # index of each entry of the whole carry that must be 0 at the start
@@ -28,7 +28,7 @@ class Assembly(NamedTuple):
 
     def whole_carry(self, final: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Return the whole carry (…, c) after a run, from the final carry (…, k) and the start values (…, s)."""
-        return np.concatenate([final, start], axis=-1)[..., self.whole_from_kept]
+        return np.concatenate([final, start], axis=-1)[..., self.carry_indices]
 
 
 def assemble(trace: Trace, keep_all: bool, given_start: bool, zero_entries: Container[int] = ()) -> Assembly:

@@ -56,7 +56,7 @@ class EmitPlan(NamedTuple):
 
 
 def plan_statements(
-    initial: Iterable[Term], roots: Iterable[Term], changing_terms: Container[Term], branches: bool = True
+    initial: Iterable[Term], roots: Iterable[Term], changing_terms: Container[Term], *, branches: bool = True
 ) -> EmitPlan:
     """Return the statements for `initial` before the loop, and for `roots` at every tick.
 

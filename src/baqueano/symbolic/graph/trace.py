@@ -32,8 +32,8 @@ from baqueano.symbolic.graph.tree import (
     build,
     kind_finder,
     leaves,
-    shape_of,
     size,
+    tree_shape,
     values,
     with_kinds,
 )
@@ -61,7 +61,7 @@ def trace_function(f: Callable[..., Tree], shapes: Iterable[Shape]) -> Trace:
     """
     graph = Graph()
     kinds: dict[Node, str] = {}
-    g = _on_copy(f) if isinstance(f, MethodType) and not _is_ours(type(f.__self__)) else f
+    g = _copy_method(f) if isinstance(f, MethodType) and not _is_ours(type(f.__self__)) else f
     with tracing(), locate_errors(), _restored_globals(g):
         symbols = [(shape, _symbols(graph, shape, kinds)) for shape in shapes]
         results = [
@@ -93,7 +93,7 @@ def trace_step(
         symmetric = remaining
 
 
-def field_of_output(trace: Trace, name: str) -> Trace:
+def select_output(trace: Trace, name: str) -> Trace:
     """Return the trace with only the field `name` of the output, which must be a container."""
     branch = cast(Branch, trace.output_shape)
     k = branch.keys.index(name)
@@ -191,7 +191,7 @@ def _freeze(array: TracedArray) -> TracedArray:
 
 
 def _flat_nodes(graph: Graph, tree: Tree, path: str, kinds: dict[Node, str]) -> tuple[Shape, list[Node]]:
-    shape = shape_of(tree, path, kind_finder(kinds))
+    shape = tree_shape(tree, path, kind_finder(kinds))
     return shape, [graph.node(x) for v in values(shape, tree) for x in as_array(v).ravel().tolist()]
 
 
@@ -204,7 +204,7 @@ def _matching_nodes(graph: Graph, tree: Tree, shape: Shape, owner: str) -> list[
         raise TraceError(reason) from None
     nodes = []
     for leaf, value in zip(leaves(shape), entries, strict=True):
-        if not isinstance(value, np.ndarray) and shape_of(value, leaf.path).__class__ is not Leaf:
+        if not isinstance(value, np.ndarray) and tree_shape(value, leaf.path).__class__ is not Leaf:
             raise TraceError(
                 fault("trace.value", function=owner, value=repr(value), path=leaf.path, shape=str(leaf.shape))
             )
@@ -244,7 +244,7 @@ def _is_ours(block_class: type) -> bool:
     return block_class.__module__.partition(".")[0] == __name__.partition(".")[0]
 
 
-def _on_copy(method: MethodType) -> Callable[..., Tree]:
+def _copy_method(method: MethodType) -> Callable[..., Tree]:
     """Return the method of a copy of its block; of the block itself if it cannot be copied."""
     try:
         block = copy.deepcopy(method.__self__)

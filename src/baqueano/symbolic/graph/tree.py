@@ -60,12 +60,12 @@ _INTEGER_OPERATORS = ("add", "sub", "mul", "neg", "abs", "min", "max", "where") 
 Shape: TypeAlias = Leaf | Branch | ConstantLeaf
 
 
-def shape_of(tree: Tree, path: str, kind_of: Callable[[Tree], str] = lambda _: "f") -> Shape:
-    """Return the shape of a tree; `kind_of` returns the kind of a scalar: "f", "i" or "b"."""
+def tree_shape(tree: Tree, path: str, leaf_kind: Callable[[Tree], str] = lambda _: "f") -> Shape:
+    """Return the shape of a tree; `leaf_kind` returns the kind of a scalar: "f", "i" or "b"."""
     if isinstance(tree, np.ndarray):
-        return _array_leaf(tree, path, kind_of)
+        return _array_leaf(tree, path, leaf_kind)
     if isinstance(tree, Scalar):
-        return Leaf(path, (), kind_of(tree), False)
+        return Leaf(path, (), leaf_kind(tree), False)
     if isinstance(tree, NUMBER_TYPES):
         return Leaf(path, (), np.asarray(tree).dtype.kind.replace("u", "i"), False)
     items = _items(tree)
@@ -73,7 +73,7 @@ def shape_of(tree: Tree, path: str, kind_of: Callable[[Tree], str] = lambda _: "
         return ConstantLeaf(path, tree)
     has_names = dataclasses.is_dataclass(tree) or hasattr(tree, "_fields")
     mark = "{}.{}" if has_names else "{}[{!r}]"
-    children = [shape_of(x, mark.format(path, key), kind_of) for key, x in items]
+    children = [tree_shape(x, mark.format(path, key), leaf_kind) for key, x in items]
     return Branch(path, type(tree), tuple(key for key, _ in items), tuple(children))
 
 
@@ -173,7 +173,7 @@ def kind_finder(symbols: dict[Node, str]) -> Callable[[Tree], str]:
     """
     kinds = dict(symbols)
 
-    def kind_of(node: Tree) -> str:
+    def leaf_kind(node: Tree) -> str:
         if not isinstance(node, Node):
             return "f"
         stack = [node]
@@ -187,7 +187,7 @@ def kind_finder(symbols: dict[Node, str]) -> Callable[[Tree], str]:
                 kinds.setdefault(stack.pop(), _node_kind(pending, kinds))
         return kinds[node]
 
-    return kind_of
+    return leaf_kind
 
 
 def _node_kind(node: Node, kinds_of: dict[Node, str]) -> str:
@@ -201,10 +201,11 @@ def _node_kind(node: Node, kinds_of: dict[Node, str]) -> str:
     return "i" if kinds == {"i"} and all(c == np.floor(c) for c in constants) else "f"
 
 
-def _array_leaf(array: np.ndarray, path: str, kind_of: Callable[[Tree], str]) -> Leaf:
+def _array_leaf(array: np.ndarray, path: str, leaf_kind: Callable[[Tree], str]) -> Leaf:
     if array.dtype == object:
         kinds = {
-            kind_of(e) if isinstance(e, Scalar) else np.asarray(e).dtype.kind for e in array.ravel().tolist()
+            leaf_kind(e) if isinstance(e, Scalar) else np.asarray(e).dtype.kind
+            for e in array.ravel().tolist()
         }
         return Leaf(path, array.shape, kinds.pop() if len(kinds) == 1 else "f", True)
     if array.dtype.kind not in "fiub":
@@ -248,7 +249,7 @@ def flat_row(shape: Shape, tree: Tree) -> np.ndarray:
     return np.concatenate([np.zeros(0), *(as_floats(leaf, value).ravel() for leaf, value in pairs)])
 
 
-def tree_of(shape: Shape, rows: np.ndarray) -> Tree:
+def as_tree(shape: Shape, rows: np.ndarray) -> Tree:
     """Return the tree of rows (…, size); its leaves begin with the same axes (…) as the rows."""
     return build(shape, _columns(shape, rows))
 

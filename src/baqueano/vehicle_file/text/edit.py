@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.atomic_file import replace_file
-from baqueano.blocks import LOOP_ROLES, check_role, kind_of, read_module
+from baqueano.blocks import LOOP_ROLES, block_kind, check_role, read_module
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.file import VehicleFile, parse
@@ -88,7 +88,7 @@ def _with_settings(vehicle_file: VehicleFile, settings: list[str]) -> VehicleFil
         for value in values.values():
             if isinstance(value, str) and ".py:" in value:  # the user names it here, not the file
                 read_module(value.rpartition(":")[0], vehicle_file.folder)
-        text = _text_with(vehicle_file, values, keep_comments=_has_tomlkit())
+        text = _edit_text(vehicle_file, values, keep_comments=_has_tomlkit())
         layers = (*vehicle_file.layers, *(f"--set {setting}" for setting in settings))
         return parse(text, vehicle_file.label, vehicle_file.path, layers, vehicle_file.on_disk)
     except FileError as error:
@@ -96,7 +96,7 @@ def _with_settings(vehicle_file: VehicleFile, settings: list[str]) -> VehicleFil
         raise UsageError(fault("vehicle.set", setting=joined_settings, cause=error.diagnostic)) from error
 
 
-def truth_with_sensors(truth: VehicleFile, vehicle_file: VehicleFile) -> VehicleFile:
+def equip_truth(truth: VehicleFile, vehicle_file: VehicleFile) -> VehicleFile:
     """Return the file `truth` with the IMU filter of `vehicle_file`, and with the sensors that only it describes.
     A block of the user keeps its file."""
     setting = vehicle_file.data.get("robot", {}).get("imu_filter")
@@ -109,7 +109,7 @@ def truth_with_sensors(truth: VehicleFile, vehicle_file: VehicleFile) -> Vehicle
             values |= {f"sensors.{name}.{key}": value for key, value in table.items()}
     if not values:
         return truth
-    text = _text_with(truth, values, keep_comments=_has_tomlkit())
+    text = _edit_text(truth, values, keep_comments=_has_tomlkit())
     return parse(text, truth.label, truth.path, truth.layers, truth.on_disk)
 
 
@@ -127,14 +127,14 @@ def edit_text(
         raise UsageError(fault("vehicle.no-tomlkit", "pip install tomlkit"))
     for key in [k for k in values if KIND_KEY.fullmatch(k) and isinstance(values[k], type)]:
         check_role(key.split(".")[0].removesuffix("s"), values[key])
-        values = {**values, key: kind_of(values[key])}
+        values = {**values, key: block_kind(values[key])}
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
     rounded_values = {k: _round(v, origins[k].std if k in origins else None) for k, v in values.items()}
-    paths = known_paths(_data_with_kinds(vehicle_file.data, values), vehicle_file.folder)
+    paths = known_paths(_set_kinds(vehicle_file.data, values), vehicle_file.folder)
     for key in origins:
         if ".".join(split_key(key)[0]) not in paths:
             raise no_such_key(vehicle_file.name, key, paths)
-    return _text_with(
+    return _edit_text(
         vehicle_file,
         rounded_values,
         keep_comments=True,
@@ -176,7 +176,7 @@ def _has_tomlkit() -> bool:
     return True
 
 
-def _text_with(
+def _edit_text(
     vehicle_file: VehicleFile,
     values: Mapping[str, object],
     keep_comments: bool,
@@ -187,7 +187,7 @@ def _text_with(
     """Return the text with the new values: edited by tomlkit with its comments, or written again without comments.
     Raise UsageError for an unknown key.
     """
-    paths = known_paths(_data_with_kinds(vehicle_file.data, values), vehicle_file.folder)
+    paths = known_paths(_set_kinds(vehicle_file.data, values), vehicle_file.folder)
     if keep_comments:
         import tomlkit
 
@@ -200,7 +200,7 @@ def _text_with(
         if ".".join(path) not in paths:
             raise no_such_key(vehicle_file.name, dotted_key, paths)
         new_values[path] = (
-            _array_with_entry(vehicle_file, path, new_values.get(path), entry, value) if entry else value
+            _replace_entry(vehicle_file, path, new_values.get(path), entry, value) if entry else value
         )
     for path, value in new_values.items():
         _set_value(document, path, value)
@@ -217,7 +217,7 @@ def _text_with(
     return dump(document)
 
 
-def _data_with_kinds(data: "JsonObject", values: Mapping[str, object]) -> "JsonObject":
+def _set_kinds(data: "JsonObject", values: Mapping[str, object]) -> "JsonObject":
     """Return the tables in which roles and sensors have the kinds that `values` contain; a new sensor has a table."""
     data = {**data, "sensors": {**data.get("sensors", {})}}
     for key in filter(KIND_KEY.fullmatch, values):
@@ -234,20 +234,20 @@ def _drop_unknown(document: Any, changed_paths: Iterable[tuple[str, ...]], paths
             table = document
             for name in path[:-1]:
                 table = table[name]
-            _drop_unknown_of(document, table, ".".join(path[:-1]), paths)
+            _drop_unknown_keys(document, table, ".".join(path[:-1]), paths)
 
 
-def _drop_unknown_of(document: Any, table: Any, name: str, paths: list[str]) -> None:
+def _drop_unknown_keys(document: Any, table: Any, name: str, paths: list[str]) -> None:
     for key in [*table]:
         dotted_key = f"{name}.{key}"
         if any(path.startswith(f"{dotted_key}.") for path in paths):
-            _drop_unknown_of(document, table[key], dotted_key, paths)
+            _drop_unknown_keys(document, table[key], dotted_key, paths)
         elif dotted_key not in paths:
             del table[key]
             _delete_origin(document, dotted_key)
 
 
-def _array_with_entry(
+def _replace_entry(
     vehicle_file: VehicleFile,
     path: tuple[str, ...],
     array_value: object,

@@ -104,7 +104,7 @@ def parse_toml(text: str, name: str) -> "JsonObject":
     return data
 
 
-def line_of(text: str, path: tuple[str, ...]) -> int | None:
+def key_line(text: str, path: tuple[str, ...]) -> int | None:
     """Return the line number, from 1, of the key or table `path`; None if it is not found."""
     table: tuple[str, ...] = ()
     for line_number, line in enumerate(text.splitlines(), 1):

@@ -30,7 +30,7 @@ SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")  # names of the subp
 MESSAGE_LAYOUT = struct.Struct("<BIQ")  # opcode 1, subscription, time [ns]
 DATA, ERROR, SECOND = 1, 2, 10**9
 MAX_SUBSCRIPTIONS = 256  # maximum number of subscriptions of a client
-TOPIC_OF_PREFIX = {  # first part of a column's name → topic
+PREFIX_TOPICS = {  # first part of a column's name → topic
     "eta": "/estimate/pose", "P": "/estimate/covariance", "nu": "/estimate/velocity", "ref": "/guide/reference",
     "truth": "/world/truth", "u": "/command/applied", "requested": "/controller/command", "z": "/sensors",
     "model": "/estimate/measurement", "innov": "/estimate/innovation", "S": "/estimate/innovation_std",
@@ -155,9 +155,9 @@ class FoxgloveServer:
     def _channels(self) -> "list[JsonObject]":
         fields = self._about()["fields"]
         families = [
-            TOPIC_OF_PREFIX[family]
+            PREFIX_TOPICS[family]
             for family in dict.fromkeys(_topic_prefix(f["name"]) for f in fields)
-            if family in TOPIC_OF_PREFIX
+            if family in PREFIX_TOPICS
         ]
         self._topics = [*families, DRIVE, EVENTS, ROUTE]
         kinds = {EVENTS: "foxglove.Log", ROUTE: "foxglove.PosesInFrame"}
@@ -243,7 +243,7 @@ def _topic_prefix(name: str) -> str:
 
 
 def _topic(name: str) -> str:
-    return TOPIC_OF_PREFIX.get(_topic_prefix(name), DRIVE)
+    return PREFIX_TOPICS.get(_topic_prefix(name), DRIVE)
 
 
 def _key(name: str) -> str:

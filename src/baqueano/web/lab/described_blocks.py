@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
-ROLES_BY_INPUTS = {
+INPUT_ROLES = {
     ("tick",): "estimator", ("estimate",): "guide", ("reference", "estimate"): "controller",
     ("command", "tick", "estimate"): "supervisor",
 }  # fmt: skip
@@ -38,11 +38,11 @@ def block_description(request: "JsonObject", vehicle_file: "VehicleFile") -> "Js
     Raise UsageError if the kind is not in the list of the role.
     """
     role, kind = request["room"], request["kind"]
-    of_file = _kind_in_file(role, vehicle_file)
+    of_file = _file_kind(role, vehicle_file)
     alternatives = available_kinds(role, vehicle_file) if role in SWAPPABLE_ROLES else []
     if kind and kind not in alternatives and kind != of_file:
         raise UsageError(fault("web.no-kind", role=role, value=repr(kind), valid=alternatives))
-    block = block_of(role, kind or of_file, vehicle_file)
+    block = make_block(role, kind or of_file, vehicle_file)
     cls = type(block)
     return {
         "room": role, "kind": kind or of_file, "of_file": of_file, "kinds": alternatives, "name": cls.__name__,
@@ -60,7 +60,7 @@ def check_block(request: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObje
     block_description(request | {"kind": request["kind"]}, vehicle_file)
     role = request["room"]
     report = check(
-        block_of(role, request["kind"] or _kind_in_file(role, vehicle_file), vehicle_file), vehicle_file, role
+        make_block(role, request["kind"] or _file_kind(role, vehicle_file), vehicle_file), vehicle_file, role
     )
     return {"findings": [finding.to_json() for finding in report.findings]}
 
@@ -84,17 +84,17 @@ def user_block_kinds(role: str, vehicle_file: "VehicleFile") -> list[str]:
         except (OSError, ValueError, SyntaxError):
             continue
         classes = [class_ for class_ in tree.body if isinstance(class_, ast.ClassDef)]
-        kinds += [f"{path.name}:{class_.name}" for class_ in classes if _role_of(class_) == role]
+        kinds += [f"{path.name}:{class_.name}" for class_ in classes if _class_role(class_) == role]
     return kinds
 
 
-def _role_of(cls: ast.ClassDef) -> str:
+def _class_role(cls: ast.ClassDef) -> str:
     """Return the role of a class, from the inputs of its `step` or its base class; "" if neither shows a role."""
     steps = [
         function for function in cls.body if isinstance(function, ast.FunctionDef) and function.name == "step"
     ]
     if steps:
-        return ROLES_BY_INPUTS.get(tuple(a.arg.lstrip("_") for a in steps[0].args.args[2:]), "")
+        return INPUT_ROLES.get(tuple(a.arg.lstrip("_") for a in steps[0].args.args[2:]), "")
     bases = {getattr(base, "attr", getattr(base, "id", "")) for base in cls.bases}
     role_of_base = {
         target.partition(":")[2]: role for role in LOOP_ROLES for target in BLOCK_TARGETS[role].values()
@@ -102,7 +102,7 @@ def _role_of(cls: ast.ClassDef) -> str:
     return next((role for name, role in role_of_base.items() if name in bases), "")
 
 
-def block_of(role: str, kind: str, vehicle_file: "VehicleFile") -> Tree:
+def make_block(role: str, kind: str, vehicle_file: "VehicleFile") -> Tree:
     """Return the block of this kind for a role, built with the values of the vehicle file."""
     from baqueano.guides.shapes import circle
 
@@ -110,7 +110,7 @@ def block_of(role: str, kind: str, vehicle_file: "VehicleFile") -> Tree:
         return vehicle_file.vehicle
     if role == "sensors":
         return next(iter(vehicle_file.sensors), None)
-    own_kind = None if kind == _kind_in_file(role, vehicle_file) else kind
+    own_kind = None if kind == _file_kind(role, vehicle_file) else kind
     if own_kind is not None:  # selected in a browser; the file's block needs the user's permission
         resolve(role, own_kind, vehicle_file.folder)
     if role == "guide":
@@ -118,7 +118,7 @@ def block_of(role: str, kind: str, vehicle_file: "VehicleFile") -> Tree:
     return getattr(vehicle_file, role)(own_kind)
 
 
-def _kind_in_file(role: str, vehicle_file: "VehicleFile") -> str:
+def _file_kind(role: str, vehicle_file: "VehicleFile") -> str:
     from baqueano.vehicle_file.build import DEFAULT_KINDS
 
     table = vehicle_file.data.get({"vehicle": "model"}.get(role, role), {})
@@ -136,7 +136,7 @@ def step_time_us(role: str, kind: str, vehicle_file: "VehicleFile") -> float | N
 
     try:
         blocks_by_role = {
-            part: block_of(part, kind if part == role else _kind_in_file(part, vehicle_file), vehicle_file)
+            part: make_block(part, kind if part == role else _file_kind(part, vehicle_file), vehicle_file)
             for part in LOOP_ROLES
         }
     except FileError:

@@ -46,7 +46,7 @@ MIN_SIZE_SHARE = 0.05
 MAX_GAP_S = 5.0
 
 
-class FitOfDrive(NamedTuple):
+class DriveFit(NamedTuple):
     """A fit of the first `t_s` seconds of a drive, and its computing time `computing_s`."""
 
     fit: "Fit"
@@ -75,10 +75,10 @@ class DriveIdentification:
 
     def restart(self) -> None:
         """Reset the identification for another drive of the same vehicle."""
-        self._job: Future[FitOfDrive | Diagnostic] | None = None
+        self._job: Future[DriveFit | Diagnostic] | None = None
         self._next_s = 0.0
         self._reason: Diagnostic | None = None  # why the last fit failed
-        self._last_fit: FitOfDrive | None = None
+        self._last_fit: DriveFit | None = None
         self._fit_ticks = 0  # number of ticks of the last fit
         self._theta, self._size = self._drive_information.nominal, self._drive_information.unknowns.size
         self._wider = np.ones(len(self._free))  # errors of the last fit, relative to the expected errors
@@ -160,7 +160,7 @@ class DriveIdentification:
         end_times_s = np.geomspace(
             FIRST_FIT_S, max(FIRST_FIT_S, run.duration_s), FIT_COUNT if self.compiled else 1
         )
-        fits: list[FitOfDrive] = []
+        fits: list[DriveFit] = []
         for t_s in [*end_times_s[:-1].tolist(), run.duration_s]:
             result = self._fit(run.cut(0.0, t_s) if t_s < run.duration_s else run)
             if isinstance(result, Diagnostic):
@@ -196,14 +196,14 @@ class DriveIdentification:
     def _window_s(self) -> float:
         return WINDOW_TICKS / self.vehicle_file.rate_hz
 
-    def _fit(self, run: Run) -> FitOfDrive | Diagnostic:
+    def _fit(self, run: Run) -> DriveFit | Diagnostic:
         """Return a fit of a run, or the diagnostic of its failure."""
         began_s = time.monotonic()
         try:
             fit = identify(run, self.vehicle_file)
         except BaqueanoError as error:
             return error.diagnostic
-        return FitOfDrive(fit, len(run.t_ns) / self.vehicle_file.rate_hz, time.monotonic() - began_s)
+        return DriveFit(fit, len(run.t_ns) / self.vehicle_file.rate_hz, time.monotonic() - began_s)
 
     def _use_finished_fit(self) -> None:
         """Use a fit that has finished for the expected errors, and plan the time of the next fit."""
@@ -218,7 +218,7 @@ class DriveIdentification:
         elapsed_s = result.computing_s + time.monotonic() - began_s
         self._next_s = max(self._next_s, time.monotonic() + elapsed_s * (1.0 / MAX_FIT_SHARE - 1.0))
 
-    def _use_fit(self, drive_fit: FitOfDrive) -> None:
+    def _use_fit(self, drive_fit: DriveFit) -> None:
         """Compute the expected errors at the values of this fit; a refused fit does not change them."""
         self._last_fit = drive_fit
         if drive_fit.fit.verdict == Verdict.REFUSED:
@@ -280,13 +280,13 @@ class DriveIdentification:
             std > MAX_RELATIVE_STD or (self._last_fit is not None and value is None)
         )
         return {
-            "path": free.short, "label": label_of(free).to_json(),
+            "path": free.short, "label": parameter_label(free).to_json(),
             "unit": "" if free.unit == "1" else free.unit.replace(" per unit of u", "/u").replace("unit of u", "u"),
             "guess": float(self._drive_information.nominal[self._drive_information.unknowns.names.index(free.path)]),
             "needs": note("parameter.needs", motion=free.shown_by).to_json() if is_missing else None,
         }  # fmt: skip
 
-    def _fit_json(self, drive_fit: FitOfDrive) -> "JsonObject":
+    def _fit_json(self, drive_fit: DriveFit) -> "JsonObject":
         """Return a fit as data for JSON: values, relative standard errors up to 10 (None: unknown), and verdict."""
         fit, value, std = drive_fit.fit, [], []
         for path in self._drive_information.unknowns.names:
@@ -313,7 +313,7 @@ class DriveIdentification:
         advice = self._advisor.next_motion(self._information.F, self._theta, self._size, self._wider)
         if advice is None:
             return None
-        label = label_of(self._free[advice.parameter]).to_json()
+        label = parameter_label(self._free[advice.parameter]).to_json()
         return {
             "motion": advice.words.to_json(),
             "label": label,
@@ -322,7 +322,7 @@ class DriveIdentification:
         }
 
 
-def label_of(parameter: FreeParameter) -> Diagnostic:
+def parameter_label(parameter: FreeParameter) -> Diagnostic:
     """Return the name of a parameter as a diagnostic to show to people."""
     if parameter.label:
         return note("parameter.label", meaning=parameter.label, entry="")

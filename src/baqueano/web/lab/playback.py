@@ -35,7 +35,7 @@ FRAME_PERIOD_S = 0.05  # between frames
 STATE_PERIOD_S = 0.2
 ROWS_PER_REQUEST = 4096  # rows requested at once
 CONNECT_TIMEOUT_S = 10.0  # time for an opened browser to connect
-PAUSE_BEFORE_FIT_S = 4.0  # time of an experiment before its parameters are shown
+FIT_PAUSE_S = 4.0  # time of an experiment before its parameters are shown
 FIT_DISPLAY_S = 4.0  # time to show the parameters after an experiment
 GAINS_DISPLAY_S = 7.0  # time to show the gains
 
@@ -128,7 +128,7 @@ class RunPlayer:
                     "frame", path=str(path), number=0, first=first_row, count=ROWS_PER_REQUEST
                 )
             )[1]
-            rows = list(rows_of(frame, len(names)))
+            rows = list(frame_rows(frame, len(names)))
             row_index = 0
             while row_index < len(rows):
                 await asyncio.sleep(FRAME_PERIOD_S)
@@ -146,7 +146,7 @@ class RunPlayer:
                 row_index = due
                 while events and events[0]["t"] <= done_s:
                     self._send_event(events.pop(0))
-                if is_experiment and now_s - begun_s > PAUSE_BEFORE_FIT_S:
+                if is_experiment and now_s - begun_s > FIT_PAUSE_S:
                     is_experiment = False
                     await self._show({"screen": "identify"})
                 if now_s - published_s >= STATE_PERIOD_S:
@@ -200,7 +200,7 @@ class RunPlayer:
         )
 
 
-def rows_of(frame: bytes, columns: int) -> Iterator[list[float]]:
+def frame_rows(frame: bytes, columns: int) -> Iterator[list[float]]:
     """Yield the rows of a frame as lists of values."""
     values = array("f", frame[HEAD_LAYOUT.size :])
     if sys.byteorder == "big":

@@ -86,7 +86,7 @@ class Questions:
     def _is_newest(self, visitor: Visitor, message: "JsonObject") -> bool:
         return visitor.is_open and self._newest.get((visitor, message["question"])) == message.get("id")
 
-    def subject_of(self, message: "JsonObject") -> "JsonObject":
+    def find_subject(self, message: "JsonObject") -> "JsonObject":
         """Return the subject of a question: a run of the list, or the page's vehicle.
 
         Raise UsageError if the run does not exist, or if the page does not have a vehicle file.
@@ -103,7 +103,7 @@ class Questions:
 
     def _tuning_request(self, message: "JsonObject") -> "JsonObject":
         kind = "" if message.get("run") else self.blocks.get("controller", "")
-        return self.subject_of(message) | {
+        return self.find_subject(message) | {
             "route": str(message.get("route") or "")[:MAX_NAME_LETTERS],
             "kind": kind,
         }
@@ -147,9 +147,9 @@ class Questions:
     async def write_gains(self, visitor: Visitor, message: "JsonObject") -> Diagnostic:
         """Write gains, or the gyro scale of a `lap`, into the vehicle file, and return the message that confirms it."""
         if lap := message.get("lap"):
-            lap, route = str(self.path_of(lap)), str(message.get("route") or "")[:MAX_NAME_LETTERS]
+            lap, route = str(self.find_run(lap)), str(message.get("route") or "")[:MAX_NAME_LETTERS]
             reply, _ = await self.slow.request(
-                "lap closure", **(self.subject_of({}) | {"run": lap, "route": route})
+                "lap closure", **(self.find_subject({}) | {"run": lap, "route": route})
             )
             return Diagnostic.from_json(reply["message"])
         arguments = {"gains": message["gains"]} | self._tuning_request({"route": message.get("route")})
@@ -169,7 +169,7 @@ class Questions:
     def _block_request(self, message: "JsonObject") -> "JsonObject":
         role = str(message["room"])[:MAX_NAME_LETTERS]
         own_kind = "" if message.get("run") else self.blocks.get(role, "")
-        return self.subject_of(message) | {
+        return self.find_subject(message) | {
             "room": role,
             "kind": str(message.get("kind") or own_kind)[:MAX_NAME_LETTERS],
         }
@@ -190,7 +190,7 @@ class Questions:
         Raise UsageError if a block of this role cannot be swapped, or if the kind is not in the list of the role.
         """
         reply, _ = await self.slow.request(
-            "block", **self.subject_of({}), room=role[:MAX_NAME_LETTERS], kind=kind[:MAX_NAME_LETTERS]
+            "block", **self.find_subject({}), room=role[:MAX_NAME_LETTERS], kind=kind[:MAX_NAME_LETTERS]
         )
         if not reply["kinds"]:
             raise UsageError(fault("web.no-swap", role=one_line(role)[:MAX_NAME_LETTERS]))
@@ -200,9 +200,9 @@ class Questions:
             self.blocks[role] = reply["kind"]
         return reply["kind"]
 
-    def path_of(self, message: str) -> Path:
+    def find_run(self, message: str) -> Path:
         """Return the path of the run with this key in the list. Raise UsageError if the run does not exist."""
-        return Path(self.subject_of({"run": message})["path"])
+        return Path(self.find_subject({"run": message})["path"])
 
 
 def _with_meanings(rows: "list[JsonObject]", language: str) -> "list[JsonObject]":

@@ -80,18 +80,18 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
     silent = np.full(n, np.nan)
     columns: dict[str, np.ndarray] = {"t": run.t_s}
     log = run.estimate
-    eta, nu, cov = _poses_at_ticks(log, t), _velocities_at_ticks(log, t), None
+    eta, nu, cov = _tick_poses(log, t), _tick_velocities(log, t), None
     if log is not None and len(log.t_ns):
         cov = interpolate_rows(t, log.t_ns, log.cov.reshape(len(log.t_ns), -1)).reshape(n, 6, 6)
     columns |= {f"eta.{a}": eta[:, k] for k, a in enumerate(ETA)}
     columns |= {f"P.{a}": silent if cov is None else cov[:, i, j] for a, (i, j) in P.items()}
     columns |= {f"nu.{a}": nu[:, k] for k, a in enumerate(NU)}
     target = run.guide_reference
-    ref = _poses_at_ticks(target, t)
+    ref = _tick_poses(target, t)
     columns |= {f"ref.{a}": ref[:, k] for k, a in enumerate(ETA)} | {
-        "ref.u": _velocities_at_ticks(target, t)[:, 0]
+        "ref.u": _tick_velocities(target, t)[:, 0]
     }
-    truth = _poses_at_ticks(run.truth, t)
+    truth = _tick_poses(run.truth, t)
     columns |= {f"truth.{a}": truth[:, k] for k, a in enumerate(ETA)}
     for k in range(run.applied_commands.shape[1]):
         columns[f"u.{k}"] = run.applied_commands[:, k]
@@ -104,14 +104,14 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
     return columns
 
 
-def _poses_at_ticks(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
+def _tick_poses(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
     """Return the poses (N, 3) of a log at the ticks, all NaN without a log."""
     if log is None or not len(log.t_ns):
         return np.full((len(t_ns), 3), np.nan)
     return interpolate_poses(t_ns, log.t_ns, log.eta)
 
 
-def _velocities_at_ticks(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
+def _tick_velocities(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
     if log is None or not len(log.t_ns):
         return np.full((len(t_ns), 3), np.nan)
     return interpolate_rows(t_ns, log.t_ns, log.nu)

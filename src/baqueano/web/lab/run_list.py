@@ -31,7 +31,7 @@ class RunList:
         self._lines: dict[str, JsonObject] = {}  # list entries by key
         self._press, self._pages = WorkerClient(), TemporaryDirectory(prefix="baqueano-page-")
 
-    def key_of(self, path: Path) -> str:
+    def run_key(self, path: Path) -> str:
         """Return the key of a run."""
         return hashlib.blake2b(
             str(path).encode("utf-8", "surrogateescape"), key=self._key, digest_size=12
@@ -46,16 +46,16 @@ class RunList:
         candidates = [p.resolve() for p in candidates if not p.name.startswith(".")]
         candidates.sort(key=lambda path: path.stat().st_mtime, reverse=True)
         files = dict.fromkeys([*self._extra_runs, *candidates[:MAX_LISTED_RUNS]])
-        return {self.key_of(path): path for path in files if path.is_file()}
+        return {self.run_key(path): path for path in files if path.is_file()}
 
     def entries(self) -> "list[JsonObject]":
         """Return the list entry of each run, with None for fields not yet read."""
-        return [self.entry_of(path) for path in self.paths().values()]
+        return [self.list_entry(path) for path in self.paths().values()]
 
-    def entry_of(self, path: Path) -> "JsonObject":
+    def list_entry(self, path: Path) -> "JsonObject":
         """Return the list entry of a run, with None for fields not yet read."""
         unread = {"kind": None, "when": None, "seconds": None, "laps": None, "report": True}
-        name = self.key_of(path)
+        name = self.run_key(path)
         return {"id": name, "name": path.stem} | unread | self._lines.get(name, {})
 
     async def read_entries(self) -> "list[JsonObject]":
@@ -63,7 +63,7 @@ class RunList:
         paths = self.paths()
         reply, _ = await self._press.request("runs", paths=[str(path) for path in paths.values()])
         self._lines = dict(zip(paths, reply["runs"], strict=True))
-        return [self.entry_of(path) for path in paths.values()]  # a run written in the meantime is unread
+        return [self.list_entry(path) for path in paths.values()]  # a run written in the meantime is unread
 
     async def content_at(self, path: str) -> Content | None:
         """Return the content of /run/KEY or /report/KEY; None if the run does not exist or its report fails."""

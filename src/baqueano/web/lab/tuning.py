@@ -30,7 +30,7 @@ SIZE_M, SPEED_M_S = 1.0, 0.25  # defaults of a shape, as in a service
 MAX_POINTS, MAX_ROUTE_POINTS = 500, 1500  # maximum number of points of a drawn path and route
 MAX_KERNELS = 4  # stored kernels
 MAX_LAPS = 200  # maximum number of laps of one question
-ROUTE_OF_RUN = "run"
+RUN_ROUTE = "run"
 
 
 class TuningWorker:
@@ -63,13 +63,13 @@ class TuningWorker:
         return {
             "gains": rows, "controller": type(block).__name__, "routes": names, "route": name, "price": JERK_M2,
             "seconds": laps.seconds, "whole": laps.is_whole_route, "ticks": round(laps.seconds * vehicle_file.rate_hz),
-            "path": _path_of(route),
+            "path": _path_document(route),
             "file": None if vehicle_file.path is None else vehicle_file.path.name,
         }  # fmt: skip
 
     def route(self, request: "JsonObject") -> "JsonObject":
         """Return the path of a route by its name, for the request {vehicle | path, routes, route}."""
-        return {"name": request["route"]} | _path_of(_route(request))
+        return {"name": request["route"]} | _path_document(_route(request))
 
     def lap(self, request: "JsonObject") -> "JsonObject":
         """Return path, cost and other results of a simulated lap with `gains`, and its computing time."""
@@ -158,7 +158,7 @@ def route_names(request: "JsonObject") -> list[str]:
     """Return the names of the possible routes: the run's route, the stored routes, and the shapes."""
     names = sorted(_route_files(request))
     return [
-        *([ROUTE_OF_RUN] if "path" in request and stored_run_route(request) is not None else []),
+        *([RUN_ROUTE] if "path" in request and stored_run_route(request) is not None else []),
         *names,
         *SHAPE_NAMES,
     ]
@@ -173,7 +173,7 @@ def _route(request: "JsonObject") -> "Route":
     name = request["route"]
     if name in SHAPE_NAMES:
         return shape(name, SIZE_M, SPEED_M_S)
-    if name == ROUTE_OF_RUN and "path" in request and (route := stored_run_route(request)) is not None:
+    if name == RUN_ROUTE and "path" in request and (route := stored_run_route(request)) is not None:
         return route
     route_files = _route_files(request)
     if name not in route_files:
@@ -197,7 +197,7 @@ def stored_run_route(request: "JsonObject") -> "Route | None":
     return Route(seconds(t_ns, t_ns[0]), ref.eta[is_finite], ref.nu[is_finite], closed=False)
 
 
-def _path_of(route: "Route") -> "JsonObject":
+def _path_document(route: "Route") -> "JsonObject":
     x, y = np.round(route.eta[:: 1 + len(route.eta) // MAX_ROUTE_POINTS, :2].T, 4).tolist()
     return {"x": x, "y": y, "closed": bool(route.closed)}
 

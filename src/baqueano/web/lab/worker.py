@@ -157,7 +157,7 @@ def _block(request: "JsonObject") -> tuple["JsonObject", bytes]:
 def _compare(request: "JsonObject") -> tuple["JsonObject", bytes]:
     """Return the comparison of these runs, with sentences in the requested language."""
     from baqueano.compare import compare
-    from baqueano.compare.table import sections_of
+    from baqueano.compare.table import table_sections
     from baqueano.messages import text
     from baqueano.messages.language import use_language
     from baqueano.runs import read_run
@@ -165,7 +165,7 @@ def _compare(request: "JsonObject") -> tuple["JsonObject", bytes]:
     comparison = compare([read_run(Path(path)) for path in request["paths"]])
     with use_language(request["language"]):
         return {
-            "names": [run.name for run in comparison.runs], "sections": sections_of(comparison),
+            "names": [run.name for run in comparison.runs], "sections": table_sections(comparison),
             "sentences": [list(run.sentences) for run in comparison.runs],
             "reasons": [text(reason) for reason in comparison.reasons],
         }, b""  # fmt: skip
@@ -215,7 +215,7 @@ def _fetch(request: "JsonObject") -> tuple["JsonObject", bytes]:
     If the run is copied but its route cannot be made, `no_route` is the reason as JSON, otherwise None.
     """
     from baqueano.door.remote import connect
-    from baqueano.drive.tasks import route_of
+    from baqueano.drive.tasks import run_route
     from baqueano.runs import read_run
     from baqueano.runs.folder import release_path, reserve_path
     from baqueano.runs.route_file import write_route
@@ -229,7 +229,7 @@ def _fetch(request: "JsonObject") -> tuple["JsonObject", bytes]:
     routes, no_route = _routes(request), None
     if request["route"]:
         try:
-            write_route(route_of(read_run(path), closed=None), routes.path(request["route"]))
+            write_route(run_route(read_run(path), closed=None), routes.path(request["route"]))
         except BaqueanoError as error:
             no_route = error.diagnostic.to_json()
         except Exception as error:  # the run must be listed
@@ -246,7 +246,7 @@ def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.diagnostics import Verdict
     from baqueano.drive import replay
     from baqueano.drive.closure import lap_closure
-    from baqueano.drive.tasks import recorded_vehicle_file, route_of
+    from baqueano.drive.tasks import recorded_vehicle_file, run_route
     from baqueano.runs import read_run
     from baqueano.runs.route_file import write_route
     from baqueano.vehicle_file.provenance import Provenance
@@ -268,7 +268,7 @@ def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
     new_file = vehicle_file.with_values(result.values, dict.fromkeys(result.values, origin))
     path = _routes(request).path(request["route"]) if request["route"] else None
     is_taught = path is not None and path.is_file()
-    route = route_of(replay(run, new_file), closed=True) if is_taught else None
+    route = run_route(replay(run, new_file), closed=True) if is_taught else None
     new_file.save()
     if path is not None and route is not None:
         write_route(route, path)

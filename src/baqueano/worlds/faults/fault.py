@@ -167,7 +167,7 @@ class Fault:
         return cls(**values)
 
 
-def faults_in(events: Iterable[tuple[int, str, Diagnostic | None]]) -> list[Fault]:
+def find_faults(events: Iterable[tuple[int, str, Diagnostic | None]]) -> list[Fault]:
     """Return the faults in the events of a run, in order; an event is (time [ns], source, message).
 
     If a person ended a fault, its duration lasts until that time.

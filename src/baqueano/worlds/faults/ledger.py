@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 WITNESSES = ("monitor", "model", "supervisor", "gate", "nis")
-WITNESS_OF_SOURCE = {"sensors": "monitor", "model": "model", "loop": "supervisor"}
+SOURCE_WITNESSES = {"sensors": "monitor", "model": "model", "loop": "supervisor"}
 COVER_AFTER_S, WINDOW_S, KEEP_BEFORE_S = 2.0, 1.0, 5.0
 MIN_REFUSALS, Z, MIN_NIS_RATIO = 3, 3.72, 1.3
 MIN_INNOVATIONS = 6  # innovations in a window
@@ -111,7 +111,7 @@ class Ledger:
         t_s = seconds(t_ns)
         if source == SOURCE:
             self._add_fault(event)
-        elif (witness := WITNESS_OF_SOURCE.get(source)) is not None and event.code != "sensor.agrees-again":
+        elif (witness := SOURCE_WITNESSES.get(source)) is not None and event.code != "sensor.agrees-again":
             self._add_notice(witness, t_s, event)
 
     def record_tick(
