@@ -30,6 +30,7 @@ from baqueano.report.pages.result_page import build_page
 from baqueano.report.plots import make_drawings
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import simulate_many
+from baqueano.study.demo import GAIN_HEADINGS
 from baqueano.validation import forecast
 from baqueano.validation.held_out import validate
 from baqueano.validation.parameter_drift import ParameterChange, ParameterHistory
@@ -366,6 +367,7 @@ def test_messages_on_a_page_are_ordered_by_severity(results):
 
 
 def test_a_wide_table_of_gains_scrolls_inside_its_card(results):
+    assert set(GAIN_HEADINGS) <= set(results["tuning"].rows()[0])
     html = Page("t", "", "", [], [Section("s", "", [Table(results["tuning"].rows())])]).html()
     assert '<div class="scroll"><table class="cards">' in html
     assert ".scroll { overflow-x: auto;" in html

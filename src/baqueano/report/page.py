@@ -62,7 +62,9 @@ class Table:
         columns = self.columns or {
             key: _(key.replace("_", " ")) for key in (self.rows[0] if self.rows else {})
         }
-        return {key: columns[key] for key in columns if any(row[key] not in (None, "") for row in self.rows)}
+        return {
+            key: columns[key] for key in columns if any(row.get(key) not in (None, "") for row in self.rows)
+        }
 
 
 @dataclass(frozen=True)

@@ -55,9 +55,10 @@ GUESSED_VALUES = {  # the guess of a user with a scale and a tape measure, witho
     "sensors.imu.accel_bias": [0.0, 0.0],
     "sensors.imu.gyro_bias": 0.0,
 }
-INITIAL_GAINS = {
-    name: name.replace("_", " ") for name in ("name", "value", "unit", "before", "low", "high", "bound")
-}
+GAIN_HEADINGS = {
+    "name": "name", "value": "value", "unit": "unit", "file_value": "before",
+    "low": "low", "high": "high", "bound": "bound",
+}  # fmt: skip
 STAGES_S = 15.0, 30.0  # durations of the experiment for the fits of the animation before the complete fit
 # true value of the gyro: the sensors on board do not show it, and the data sheet allows twice that deviation
 TRUE_GYRO_SCALE = 1.015
@@ -209,7 +210,7 @@ class Demo:
                         Table(
                             self.tuning.rows(),
                             "",
-                            {key: _(heading) for key, heading in INITIAL_GAINS.items()},
+                            {key: _(heading) for key, heading in GAIN_HEADINGS.items()},
                         )
                     ],
                 ),
