@@ -77,6 +77,30 @@ def test_a_loop_becomes_unstable_at_its_margins(plant, channel):
     assert closed_with(loop, 1.0, ticks - 1) < 1.0 + 1e-6 < closed_with(loop, 1.0, ticks + 2)
 
 
+@pytest.mark.parametrize("zone", [0.0, 0.05])
+@pytest.mark.parametrize("kind", ["pd_feedforward", "lqr", "stanley"])
+def test_a_servo_in_the_middle_has_the_margins_of_a_servo_beside_it(zone, kind):
+    straight = load("car").with_values(
+        {
+            "model.steering_offset_rad": 0.0,
+            "model.cornering_drag": 0.0,
+            "model.drivetrain.dead_zone_forward": [0.03, zone],
+            "model.drivetrain.dead_zone_backward": [0.03, zone],
+            "controller.kind": kind,
+        }
+    )
+    oblique = straight.with_values({"model.steering_offset_rad": 0.02})
+    servo, other_servo = (loop_margins(f, f.controller(), 0.3)[1] for f in (straight, oblique))
+    assert servo.stable
+    np.testing.assert_allclose(servo[1:5], other_servo[1:5], rtol=5e-3)
+    loop = loop_transfer(linearise(straight, straight.controller(), 0.3)[0], 1)
+    omega = np.geomspace(0.05, np.pi / loop.dt_s, 4000)
+    reference = control.StateSpace(loop.A, loop.B, loop.C, loop.D, loop.dt_s)
+    response = control.frd(reference(np.exp(1j * omega * loop.dt_s)), omega, smooth=True)
+    _, phase, _, _, crossover, _ = control.stability_margins(response)
+    assert servo.delay_s == pytest.approx(np.radians(phase) / crossover, rel=1e-3)
+
+
 # the channels are independent
 EVEN = {
     "model.drivetrain.gain": [1.0, 1.0],

@@ -6,12 +6,14 @@
 
 x is the state, u the command, y the next command, δ the tick, ω the frequency. (1) contains the Jacobians of one tick
 of the loop, from the engine. A includes the past commands of the delay of the model, z⁻ᵏ. The pose is exact; an
-estimator would add a delay. Source: Åström and Murray, Feedback Systems, 2008, section 9.3.
+estimator would add a delay. A channel that is inside its dead zone, such as a servo in the middle, would have L = 0:
+it is linearised without this zone. Source: Åström and Murray, Feedback Systems, 2008, section 9.3.
 """
 
 from collections.abc import Callable
+from dataclasses import is_dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -140,8 +142,19 @@ def linearise(
     Newton's method finds the state x in which a tick f changes only the position: f(x) = x + v δ ∂x/∂position.
     """
     system = _straight_loop(vehicle_file, controller, speed_m_s)
-    rate_hz = vehicle_file.rate_hz
-    dt_s = 1.0 / vehicle_file.rate_hz
+    plant, steady, u = _linearise_system(system, speed_m_s, vehicle_file.rate_hz)
+    model = _without_idle_zones(system.model, u)
+    if model is not system.model:
+        system = system._replace(model=model, controller=_without_idle_zones(controller, u))
+        plant, steady, _ = _linearise_system(system, speed_m_s, vehicle_file.rate_hz)
+    return plant, steady
+
+
+def _linearise_system(
+    system: System, speed_m_s: float, rate_hz: float
+) -> tuple[LinearSystem, bool, np.ndarray]:
+    """Return the linear system, True if its drive is steady, and the command u (m,) of this drive."""
+    dt_s = 1.0 / rate_hz
     state = begin(system)
     flat = _NumberRow(state)
     direction = flat.row(begin(system, np.array([1.0, 0.0, 0.0]))) - flat.row(state)
@@ -166,7 +179,21 @@ def linearise(
                 np.max(np.ptp(commands[-round(CALM_WINDOW_S * rate_hz) :], axis=0)) < CALM_TOLERANCE
             )
     n = len(x) - system.model.commands
-    return LinearSystem(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:], dt_s), steady
+    return LinearSystem(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:], dt_s), steady, x[n:]
+
+
+def _without_idle_zones(block: Tree, u: np.ndarray) -> Tree:
+    """Return a vehicle, or a controller with a vehicle, without the dead zones that contain the command u (m,)."""
+    if not is_dataclass(block):
+        return block
+    vehicle = getattr(block, "vehicle", None)
+    if vehicle is not None:
+        return replace(cast(Tree, block), vehicle=_without_idle_zones(vehicle, u))
+    drivetrain = getattr(block, "drivetrain", None)
+    without_zones = getattr(drivetrain, "without_idle_zones", None)
+    if without_zones is None or (new_drivetrain := without_zones(u)) is drivetrain:
+        return block
+    return replace(cast(Tree, block), drivetrain=new_drivetrain)
 
 
 def _steady_state(

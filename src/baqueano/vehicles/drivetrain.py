@@ -14,7 +14,7 @@ connection to the robot uses them too. V is the voltage: with battery = "logged"
 [V]. κ is `battery_effect`, V₀ `battery_nominal_v`. Derivation: docs/derivations/vehicles.md.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -253,7 +253,8 @@ class Drivetrain:
         w = np.clip(quantise(w, self.duty_step), -self.limit, self.limit)
         w = w * self._supply(1.0 - self.sag * np.mean(np.abs(w[self._motors])))
         duty = np.maximum(np.abs(w), MIN_DUTY)
-        w = np.maximum(w - self.dead_zone_forward, 0.0) + np.minimum(w + self.dead_zone_backward, 0.0)
+        # in this order the derivative at 0 is 1 without a dead zone
+        w = w - np.minimum(self.dead_zone_forward, np.maximum(-self.dead_zone_backward, w))
         return self.gain * w / (1.0 - self.coast + self.coast * duty)
 
     def inverse(self, effort: np.ndarray) -> np.ndarray:
@@ -263,14 +264,23 @@ class Drivetrain:
         """
         w = self.mix(effort)
         magnitude, zone = np.abs(w), np.where(w > 0.0, self.dead_zone_forward, self.dead_zone_backward)
-        zone = zone * np.minimum(magnitude / (DEAD_ZONE_RAMP * self.gain), 1.0)
-        duty = (magnitude * (1.0 - self.coast) + self.gain * zone) / np.maximum(
-            self.gain - self.coast * magnitude, MIN_DUTY
-        )
+        zone = zone / np.maximum(magnitude / self.gain, DEAD_ZONE_RAMP)
+        duty = w * (1.0 - self.coast + zone) / np.maximum(self.gain - self.coast * magnitude, MIN_DUTY)
         # mean|w| before the sag solves sag · x² − x + mean_effort = 0
-        mean_effort = np.mean((duty / self._supply(1.0))[self._motors])
+        mean_effort = np.mean(np.abs(duty / self._supply(1.0))[self._motors])
         sag_factor = 0.5 + 0.5 * np.sqrt(np.maximum(1.0 - 4.0 * self.sag * mean_effort, 0.0))
-        return self.unmix(np.sign(w) * duty / self._supply(sag_factor))
+        return self.unmix(duty / self._supply(sag_factor))
+
+    def without_idle_zones(self, u: np.ndarray) -> "Drivetrain":
+        """Return a drivetrain without the dead zones that contain the channels of `u` (n,), or self if none does."""
+        w = self.mix(u)
+        is_idle = (w < self.dead_zone_forward) & (w > -self.dead_zone_backward)
+        if not np.any(is_idle):
+            return self
+        forward, backward = (
+            np.where(is_idle, 0.0, z) for z in (self.dead_zone_forward, self.dead_zone_backward)
+        )
+        return replace(self, dead_zone_forward=forward, dead_zone_backward=backward)
 
     def prioritise_turn(self, u: np.ndarray) -> np.ndarray:
         """Return the command (n,) with its speed reduced so that no wheel reaches its limit; u_ψ is not reduced.
