@@ -16,8 +16,10 @@ from baqueano.project.my_controller import MyController
 from baqueano.routes import examine
 from baqueano.simulate import simulate_loop
 from baqueano.tune import TuneResult, tune
+from baqueano.tune import gains as gains_module
 from baqueano.tune.margins import LoopMargins
 from baqueano.tune.objective import Objective, tuning_objective
+from baqueano.tune.search import Descent
 from baqueano.vehicle_file import ParameterCov, load, override
 from tests.codes import refused
 from tests.papers_pd import with_papers_pd
@@ -94,7 +96,21 @@ def test_tuned_gains_have_a_lower_cost_than_the_gains_of_the_file(tuning):
     assert tuning.cost <= tuning.cost_before
     assert tuning.cost < tuning.cost_uncontrolled
     assert tuning.drive.distance_rms_m < 0.1
-    assert tuning.verdict in (Verdict.USABLE, Verdict.WARN)
+
+
+def test_gains_whose_loop_oscillates_on_a_straight_drive_are_refused(tuning):
+    # with the cost of the paper, u_x changes between -0.35 and 1 after 8 s of straight driving
+    assert [reason.code for reason in tuning.reasons] == ["tune.unstable"]
+    assert tuning.verdict is Verdict.REFUSED
+
+
+def test_of_several_descents_the_best_one_with_a_stable_loop_is_selected(small):
+    wild, stable = np.array([49.25, 3.754, 0.4987]), np.array([4.0, 1.0, 0.5])
+    objective = tuning_objective(small, ROUTE, **PAPERS)
+    ends = [
+        Descent(gains, gains, cost, np.array([cost]), 0.0) for gains, cost in ((wild, 0.2), (stable, 0.4))
+    ]
+    assert gains_module._stable_first(small, objective, ends) == ends[::-1]
 
 
 def test_the_tuning_result_has_gain_rows_and_search_history(tuning):

@@ -23,6 +23,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
+from baqueano.tune.margins import loop_margins
 from baqueano.tune.objective import Objective, draw_vehicles, tuning_objective
 from baqueano.tune.search import DIVERGED_COST, START_COUNT, TIE_WEIGHT, Descent, at_limit, descend, search
 from baqueano.tune.tune_result import FACTORS, FreshSeeds, Gain, TuneResult, WorstCase
@@ -115,6 +116,7 @@ def tune(
         worst, descents = rank_by_worst_case(vehicle_file, rehearsal, robust, nominal_gains, seed)
     else:
         rehearsal = nominal
+    descents = _stable_first(vehicle_file, rehearsal, descents)
     fresh_seeds = None
     if options.get("estimator"):
         fresh_seeds = _fresh_seed_cost(rehearsal, descents[0].gains, options.get("seed", 0))
@@ -171,6 +173,21 @@ def _bounded_descent(
     return next(filter(is_inside, chain(descents, others)), None)
 
 
+def _stable_first(
+    vehicle_file: "VehicleFile", rehearsal: Objective, descents: list[Descent]
+) -> list[Descent]:
+    """Return the descents, with the first one whose loop is stable in front. The cost of a short route can miss a slow
+    growth of errors.
+    """
+
+    def is_stable(end: Descent) -> bool:
+        controller = rehearsal.space.with_gains(end.gains)
+        return all(m.stable for m in loop_margins(vehicle_file, controller, rehearsal.speed_m_s))
+
+    best = next(filter(is_stable, descents), descents[0])
+    return [best, *(end for end in descents if end is not best)]
+
+
 def rank_by_worst_case(
     vehicle_file: "VehicleFile",
     rehearsal: Objective,
@@ -211,7 +228,6 @@ def _tune_result(
     limits = at_limit(best_descent.gains, space.low, space.high)
     block = space.with_gains(best_descent.gains)
     history = [(k, c) for k, descent in enumerate(descents) for c in descent.costs]
-    speed_m_s = float(np.mean([leg.speed_m_s for leg in rehearsal.cases]))
     return TuneResult(
         vehicle_file,
         tuple(_gain(rehearsal, k, best_descent, int(limits[k]), ratios) for k in range(len(space.names))),
@@ -227,7 +243,7 @@ def _tune_result(
         block,
         controller,
         ratios,
-        speed_m_s,
+        rehearsal.speed_m_s,
         worst,
         fresh_seeds,
     )

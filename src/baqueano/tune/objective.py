@@ -121,6 +121,11 @@ class Objective:
         return self.cases[0].cost.backend
 
     @property
+    def speed_m_s(self) -> float:
+        """Return the mean speed of the routes."""
+        return float(np.mean([case.speed_m_s for case in self.cases]))
+
+    @property
     def drive_count(self) -> int:
         """Return the number of simulated drives for one value of the cost."""
         return len(self.cases) * self.seed_count * len(self.vehicles)

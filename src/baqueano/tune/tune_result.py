@@ -157,6 +157,11 @@ class TuneResult(Result):
         if not self.cost < 0.5 * self.cost_uncontrolled:
             distance_rms_m = self.drive.distance_rms_m
             return (note("tune.uncontrolled", Severity.ERROR, distance_m=distance_rms_m),)
+        margins = self.margins
+        jerk_m2 = SMOOTHER * self.weights.jerk_m2 or SMOOTHER * SMALL_JERK_M2
+        smoother = f"--jerk {jerk_m2:g}"
+        if not all(m.stable for m in margins):
+            return (note("tune.unstable", Severity.ERROR, smoother, speed_m_s=margins[0].speed_m_s),)
         messages = []
         for gain in (g for g in self.gains if g.bound_side and g.high > g.low):
             code, end = (
@@ -167,21 +172,15 @@ class TuneResult(Result):
             messages.append(note(code, Severity.WARNING, subject=gain.name, limit=end, unit=gain.unit))
         if len(self.descents) > 1 and self.agreeing_descents == 1:
             messages.append(note("tune.one-start", Severity.WARNING, starts=len(self.descents)))
-        margins = self.margins
         narrow = next(filter(_is_narrow, sorted(margins, key=lambda m: m.gain_up)), None)
-        if not all(m.stable for m in margins):
-            messages.append(note("tune.unstable", Severity.WARNING, speed_m_s=margins[0].speed_m_s))
-        elif narrow is not None:
-            jerk_m2 = SMOOTHER * self.weights.jerk_m2 or SMOOTHER * SMALL_JERK_M2
+        if narrow is not None:
             figures: JsonObject = {
                 "gain": narrow.gain_up,
                 "phase_deg": np.degrees(abs(narrow.phase_rad)),
                 "delay_ms": 1e3 * narrow.delay_s,
                 "jerk_m2": jerk_m2,
             }
-            messages.append(
-                note("tune.narrow-margin", Severity.WARNING, f"--jerk {jerk_m2:g}", narrow.channel, **figures)
-            )
+            messages.append(note("tune.narrow-margin", Severity.WARNING, smoother, narrow.channel, **figures))
         if self.drive.saturated_fraction > 0.2:
             messages.append(
                 note("tune.saturated", Severity.WARNING, percent=100 * self.drive.saturated_fraction)

@@ -4,7 +4,9 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import print_answer, print_message, show_activity
-from baqueano.diagnostics import note
+from baqueano.diagnostics import Verdict, fault, note
+from baqueano.errors import AnswerNo
+from baqueano.messages import texts
 from baqueano.messages.printable import baqueano_command
 
 
@@ -110,6 +112,8 @@ def command(
             backend=backend,
         )
     print_answer(result, as_json)
+    if result.verdict == Verdict.REFUSED:
+        raise AnswerNo(fault("cli.tuning-refused", reasons="; ".join(texts(result.reasons))))
     options.save_update(result.updated_file(), update)
     if routes[0] in SHAPES and (stored_names := options.stored_routes()):
         print_message(

@@ -84,6 +84,7 @@ TEMPLATES: dict[str, str] = {
     "cli.calibration-refused": (
         "The calibration is refused, and the vehicle file and the map stay as they are: {reasons}"
     ),
+    "cli.tuning-refused": "The gains are refused, and the vehicle file stays as it is: {reasons}",
     "cli.fit-mirrored": "The vehicle file stays as it is, because it contradicts the fit: {reasons}. {data}",
     "cli.fit-refused-held-out": (
         "The fit is refused on the held-out runs, and the vehicle file stays as it is: {reasons}. {data}"

@@ -18,8 +18,8 @@ TEMPLATES: dict[str, str] = {
         "delay, the vehicle would oscillate. Raise the weight of changes of the command (jerk_m2): {fix}"
     ),
     "tune.unstable": (
-        "with these gains a small error grows on a straight drive at {speed_m_s:.2g} m/s: tune over a longer route, "
-        "or narrow the bounds"
+        "with these gains a small error grows on a straight drive at {speed_m_s:.2g} m/s. Raise the weight of changes "
+        "of the command (jerk_m2): {fix}"
     ),
     "simulate.lost": "{count} of {vehicles} vehicles diverged and were excluded",
     "simulate.clipped": "in {count} of {vehicles} draws a parameter was moved to its bound",
