@@ -10,7 +10,7 @@ import pytest
 from baqueano.identify import FitOptions, identify
 from baqueano.identify import fit as module
 from baqueano.identify.covariance.clusters import BLOCK_S, MIN_REMAINDER, jackknife, with_larger_errors
-from baqueano.identify.covariance.information import Information, information, parameter_covariance
+from baqueano.identify.covariance.information import Information, information, parameter_cov
 from baqueano.identify.result.assemble import assemble_fit
 from baqueano.numerics.statistics import HUBER
 from baqueano.runs.run import Run, TruthLog
@@ -91,7 +91,7 @@ def test_block_errors_have_coverage_with_floor_disturbance_and_outliers(drives):
             search = identify(replace(drive.run, sensors=channels), drive.file)
         info = information(search.task.problem, search.search.solution.theta)
         identifiable = np.flatnonzero(search.identifiability.mask)
-        white = np.sqrt(np.diagonal(parameter_covariance(info, identifiable)))[
+        white = np.sqrt(np.diagonal(parameter_cov(info, identifiable)))[
             identifiable < search.task.problem.layout.shared_count
         ]
         fit = assemble_fit(search)
@@ -110,7 +110,7 @@ def test_a_score_matrix_with_a_negative_eigenvalue_gives_a_valid_covariance():
     rotation = np.linalg.qr(rng.normal(size=(5, 5)))[0]
     meat = rotation @ np.diag([-1e-5, 1e-4, 1.0, 20.0, 2e5]) @ rotation.T
     info = Information(np.eye(5), 0.5 * (meat + meat.T), np.ones((1, 5)), False, np.zeros(1), 1000)
-    cov = parameter_covariance(info, np.arange(5))
+    cov = parameter_cov(info, np.arange(5))
     assert np.isfinite(cov).all()
     assert np.min(np.linalg.eigvalsh(cov)) > -1e-9 * np.max(np.diagonal(cov))
     np.testing.assert_allclose(np.diagonal(cov), np.diagonal(meat) * 1000 / 995, rtol=1e-3)
@@ -120,7 +120,7 @@ def test_information_without_a_sound_row_causes_no_warning():
     """If all rows of an entry are outliers, A is the difference of equal sums: rounding can make it negative."""
     info = Information(np.diag([-1e-12, 1.0]), np.eye(2), np.ones((1, 2)), False, np.zeros(1), 1000)
     with np.errstate(invalid="raise"):
-        assert np.isfinite(parameter_covariance(info, np.arange(2))).all()
+        assert np.isfinite(parameter_cov(info, np.arange(2))).all()
 
 
 def coverage(drives, segment_s, with_camera):

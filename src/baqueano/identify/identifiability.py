@@ -21,12 +21,7 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.covariance.information import (
-    FixedParameters,
-    Information,
-    information,
-    parameter_covariance,
-)
+from baqueano.identify.covariance.information import FixedParameters, Information, information, parameter_cov
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter
@@ -76,10 +71,8 @@ def assess_identifiability(
         mask[: len(shared_parameters)] = [test(parameter) for parameter in shared_parameters]
         return mask
 
-    is_of_vehicle, is_by_hand = (
-        entry_mask(lambda p: True),
-        entry_mask(lambda p: p.definition.measured_by != ""),
-    )
+    is_of_vehicle = entry_mask(lambda p: True)
+    is_by_hand = entry_mask(lambda p: p.definition.measured_by != "")
     is_identifiable, collinear, partners = ~is_fixed & (np.diagonal(info.bread) > 0.0), {}, {}
     signal = _signal_scale(info.channel_information, signal_energy)
     while is_identifiable.any():
@@ -104,7 +97,7 @@ def assess_identifiability(
     is_weak = np.zeros(len(theta), bool)
     while is_identifiable.any():
         index = np.flatnonzero(is_identifiable)
-        std = np.sqrt(np.diagonal(parameter_covariance(info, index)))
+        std = np.sqrt(np.diagonal(parameter_cov(info, index)))
         excess = np.where(is_of_vehicle[index], std - BLIND_RATIO * signal[index], -1.0)
         if not np.any(excess > 0.0):
             is_large = (std > WEAK_VALUE * np.abs(theta[index])) & (std > WEAK_SIGNAL * weak_signal[index])

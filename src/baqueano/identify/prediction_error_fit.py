@@ -15,7 +15,7 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.covariance.information import Information, parameter_covariance
+from baqueano.identify.covariance.information import Information, parameter_cov
 from baqueano.identify.estimation.prediction_error import MaximumLikelihood, Prediction, maximum_likelihood
 from baqueano.identify.identifiability import FinishedFit
 from baqueano.identify.parameters.free import PROCESS_NOISE_PATH, free_parameter, value
@@ -97,7 +97,7 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     is_free = np.r_[second.end.identifiability.mask, floor > 0.0, np.ones(len(bread) - count - k, bool)]
     entries = np.flatnonzero(is_free & (np.diagonal(bread) > 0.0))
     full_cov, cov = np.full(bread.shape, np.nan), np.full((p + k, p + k), np.nan)
-    full_cov[np.ix_(entries, entries)] = parameter_covariance(second.info, entries)
+    full_cov[np.ix_(entries, entries)] = parameter_cov(second.info, entries)
     scale = np.r_[np.ones(count), 0.5 / np.sqrt(np.where(floor > 0.0, floor, np.nan))]  # v → √v
     rows = np.r_[: len(in_theta), count : count + k]
     places = np.r_[np.array(in_theta, int), p : p + k]

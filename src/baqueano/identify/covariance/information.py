@@ -104,7 +104,7 @@ def _white_sums(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return gram(d) - gram(d[magnitude >= HUBER]), gram(d, np.minimum(magnitude, HUBER) ** 2)
 
 
-def parameter_covariance(info: Information, identifiable: np.ndarray) -> np.ndarray:
+def parameter_cov(info: Information, identifiable: np.ndarray) -> np.ndarray:
     """Return the covariance (k, k) of the entries `identifiable` of θ, if the others are fixed.  (1), (3)"""
     index = np.ix_(identifiable, identifiable)
     information = np.diagonal(info.bread)[identifiable]

@@ -209,9 +209,8 @@ def _force_columns(
     if len(channels) == 1:
         all_columns = prefetch(partial(derivatives, 0, segment_rows(0)), rows=work_rows)
     else:
-        segments = parallel_map(
-            lambda k: derivatives(k, segment_rows(k)), range(len(channels)), rows=work_rows
-        )
+        count = range(len(channels))
+        segments = parallel_map(lambda k: derivatives(k, segment_rows(k)), count, rows=work_rows)
         all_columns = partial(np.concatenate, segments)
     index = [k for k, force in enumerate(candidates) if force.channel is None or largest[force.channel] > 0.0]
 

@@ -62,7 +62,7 @@ def sliding_findings(end: "FinishedFit", gyro: np.ndarray) -> list[Diagnostic]:
     """Return a finding if the wheels slide by a guess of the sideways friction that the fit could not estimate.  (2)"""
     model, paths = end.blocks.model, [parameter.path for parameter in end.parameters.free]
     is_guess = SIDEWAYS_PATH in paths and not end.identifiability.mask[paths.index(SIDEWAYS_PATH)]
-    if not is_guess or 1 in model.drivetrain.driven_axes:
+    if not is_guess or 1 in model.drivetrain.driven_axes or np.isnan(gyro).all():
         return []
     slope = float(model.friction.linear[1] + model.friction.coulomb[1] / model.friction.coulomb_speed[1])
     side_force = float(model.mass_kg * np.sqrt(np.nanmean(clip(gyro[:, None]) ** 2)))  # N per m/s forward

@@ -18,7 +18,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from baqueano.identify.covariance.information import Information, parameter_covariance
+from baqueano.identify.covariance.information import Information, parameter_cov
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.theta import arrow_layout
 from baqueano.identify.residuals.innovations import filter_kernel, noise_axes
@@ -164,7 +164,7 @@ def maximum_likelihood(
     is_positive = is_floor & (solution.theta > 0.0)
     std = np.full(len(x), np.nan)
     entries = np.flatnonzero((is_positive | (~is_fixed & ~is_floor)) & (np.diagonal(info.bread) > 0.0))
-    std[entries] = np.sqrt(np.diagonal(parameter_covariance(info, entries)))
+    std[entries] = np.sqrt(np.diagonal(parameter_cov(info, entries)))
     evaluations = without_floor.evaluations + solution.evaluations
     return MaximumLikelihood(solution, theta, noise, std[is_floor], info, ratio, evaluations)
 

@@ -8,7 +8,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.identify.covariance.clusters import jackknife, with_larger_errors
-from baqueano.identify.covariance.information import parameter_covariance
+from baqueano.identify.covariance.information import parameter_cov
 from baqueano.identify.data.added_channels import MOUNT_PREFIX, TRUTH
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import diagnose
@@ -192,7 +192,7 @@ def _covariance(end: FinishedFit) -> np.ndarray:
     identifiable, full_cov = np.flatnonzero(mask), np.full((len(mask), len(mask)), np.nan)
     if not len(identifiable):
         return full_cov
-    index, cov = np.ix_(identifiable, identifiable), parameter_covariance(end.info, identifiable)
+    index, cov = np.ix_(identifiable, identifiable), parameter_cov(end.info, identifiable)
     k = int(np.sum(identifiable < problem.layout.shared_count))
     for by_segment in () if end.is_filtered else (False, True):  # the innovations of a filter are white
         scatter = jackknife(
