@@ -20,9 +20,7 @@ from tests.codes import refused
 from tests.report import test_results
 
 results = test_results.results
-NAMES = [
-    name for name in test_results.NAMES if name not in ("check", "first drive")
-]  # these two have no rows here
+NAMES = [name for name in test_results.NAMES if name not in ("check", "first drive")]  # these two lack rows
 IMU = sensor_slots(("imu",))(Imu())
 VEHICLES = {"planar": load("small").vehicle, "kinematic": Kinematic(np.eye(3)), "car": load("car").vehicle}
 KNOWN = {kind: FittedBlocks(vehicle, IMU) for kind, vehicle in VEHICLES.items()}

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
 
 MAX_END_DISTANCE_M, MAX_END_ANGLE_RAD = 0.02, 0.3
-WINDOW = 5  # steps of the reference, whose median has no jumps
+WINDOW = 5  # steps of the reference; their median ignores a jump
 MIN_LAP_M = 0.3  # smallest length of a lap
 
 
