@@ -152,8 +152,8 @@ def error_text(error: BaseException) -> str:
 def cell_name(file: str) -> str:
     """Return the name of the notebook's cell whose code has this file name, such as "In[3]"; "" for any other file."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
-    name_of = getattr(getattr(shell, "compile", None), "format_code_name", lambda name: None)
-    return (name_of(file) or ("", ""))[1]
+    format_name = getattr(getattr(shell, "compile", None), "format_code_name", lambda name: None)
+    return (format_name(file) or ("", ""))[1]
 
 
 def user_code_place(error: BaseException) -> str:

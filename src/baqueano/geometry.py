@@ -111,14 +111,14 @@ def compose(eta_a: np.ndarray, eta_b: np.ndarray) -> np.ndarray:
     return np.array([eta_a[0] + d[0], eta_a[1] + d[1], wrap(eta_a[2] + eta_b[2])])
 
 
-def align(xy_from: np.ndarray, xy_to: np.ndarray) -> tuple[float, np.ndarray]:
+def align(source_xy: np.ndarray, target_xy: np.ndarray) -> tuple[float, np.ndarray]:
     """Return the rotation and the shift, without scale, that fit points to other points by least squares.
 
     Parameters
     ----------
-    xy_from : ndarray (n, 2) [m]
+    source_xy : ndarray (n, 2) [m]
         Points to move, in the first frame.
-    xy_to : ndarray (n, 2) [m]
+    target_xy : ndarray (n, 2) [m]
         Corresponding points in the second frame, in the same order.
 
     Returns
@@ -139,9 +139,9 @@ def align(xy_from: np.ndarray, xy_to: np.ndarray) -> tuple[float, np.ndarray]:
     >>> print(f"{angle:.2f}", shift)
     -0.00 [0.5 0. ]
     """
-    a, b = xy_from - xy_from.mean(axis=0), xy_to - xy_to.mean(axis=0)
+    a, b = source_xy - source_xy.mean(axis=0), target_xy - target_xy.mean(axis=0)
     psi = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))
-    return float(psi), xy_to.mean(axis=0) - map_from_body(psi)[:2, :2] @ xy_from.mean(axis=0)
+    return float(psi), target_xy.mean(axis=0) - map_from_body(psi)[:2, :2] @ source_xy.mean(axis=0)
 
 
 def axes_rotation(names: Sequence[str]) -> np.ndarray | None:

@@ -24,9 +24,9 @@ def on_demand(
 
     "name as other" exports `name` under the name `other`. The function raises AttributeError for an unknown name.
     """
-    module_of = {name: f"{package}.{module}" for module, exports in names.items() for name in exports}
+    module_by_name = {name: f"{package}.{module}" for module, exports in names.items() for name in exports}
     module_and_name = {
-        name.partition(" as ")[2] or name: (module, name) for name, module in module_of.items()
+        name.partition(" as ")[2] or name: (module, name) for name, module in module_by_name.items()
     }
 
     def get(name: str) -> object:

@@ -142,7 +142,7 @@ async def test_ne5_one_machine_of_the_network_leaves_places_for_the_others(folde
         writer.write(head)
         return reader, writer
 
-    async with recorded_page(folder, "circle", shared_at="127.0.0.2") as server:
+    async with recorded_page(folder, "circle", shared_address="127.0.0.2") as server:
         silent = [await answer(server, "127.0.0.3") for _ in range(serving.MAX_ADDRESS_CONNECTIONS)]
         head = f"GET / HTTP/1.1\r\nHost: 127.0.0.2:{server.port}\r\n\r\n".encode()
         reader, one_more = await answer(server, "127.0.0.3")

@@ -197,7 +197,7 @@ async def test_ne2_ne3_a_foxglove_program_needs_a_token_like_a_browser(tmp_path)
             await next_word(line, "serverInfo")
         with pytest.raises(InvalidStatus):
             await connect(address_of(server)).__aenter__()  # of an unknown protocol
-    async with live_page(tmp_path, shared_at="127.0.0.2") as (server, _, _):
+    async with live_page(tmp_path, shared_address="127.0.0.2") as (server, _, _):
         assert await status_of(address_of(server)) == 403
 
 

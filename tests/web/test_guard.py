@@ -65,7 +65,7 @@ async def test_ne1_the_page_listens_on_loopback_and_on_its_shared_address(folder
         ] == ["127.0.0.1"]
         with pytest.raises(OSError, match="failed"):
             await asyncio.open_connection("127.0.0.2", server.port)
-    async with recorded_page(folder, shared_at="127.0.0.2") as server:
+    async with recorded_page(folder, shared_address="127.0.0.2") as server:
         listening = {
             listening_socket.getsockname()
             for listener in server._servers
@@ -121,7 +121,7 @@ async def test_ne2_a_host_that_is_not_served_is_refused_on_every_request(folder,
 
 
 async def test_ne2_a_shared_page_accepts_the_local_name_of_its_machine_and_no_other(folder):
-    async with recorded_page(folder, "circle", shared_at="127.0.0.2", names=("ana.local",)) as server:
+    async with recorded_page(folder, "circle", shared_address="127.0.0.2", names=("ana.local",)) as server:
         for host, status in (
             ("ana.local", 200),
             ("Ana.Local", 200),
@@ -187,7 +187,7 @@ async def test_ne2_a_request_with_a_body_is_refused(folder):
 
 
 async def test_ne3_shared_pages_need_a_token_and_each_token_has_its_role(folder):
-    async with recorded_page(folder, "circle", shared_at="127.0.0.2") as server:
+    async with recorded_page(folder, "circle", shared_address="127.0.0.2") as server:
         for role, token in server.guard.tokens.items():
             async with browser(server, token=token) as visitor:
                 assert visitor.hello["role"] == role.protocol_name
@@ -300,7 +300,7 @@ async def test_ne7_every_response_has_the_security_policy_headers(folder):
 
 
 async def test_ne7_only_the_printed_addresses_contain_a_token(folder, caplog, capfd):
-    async with recorded_page(folder, "circle", shared_at="127.0.0.2") as server:
+    async with recorded_page(folder, "circle", shared_address="127.0.0.2") as server:
         tokens = list(server.guard.tokens.values())
         async with browser(server, token=tokens[0]):
             pass

@@ -103,7 +103,7 @@ def test_a_vehicle_without_its_own_file_or_fit_is_refused(words, tmp_path):
 
 
 async def test_the_driver_closes_a_lap_and_a_viewer_does_not(words, tmp_path):
-    async with live_page(tmp_path, shared_at="127.0.0.2") as (server, _, _live):
+    async with live_page(tmp_path, shared_address="127.0.0.2") as (server, _, _live):
         page, tokens = server._on_message.__self__, server.guard.tokens
         page.source = lambda: {"vehicle": words["vehicle"], "routes": words["routes"]}
         async with (

@@ -111,7 +111,7 @@ async def test_a_heartbeat_with_an_invalid_command_is_refused(tmp_path, u):
 
 
 async def test_anyone_stops_the_vehicle_without_the_lease(tmp_path):
-    async with live_page(tmp_path, shared_at="127.0.0.2") as (server, link, _):
+    async with live_page(tmp_path, shared_address="127.0.0.2") as (server, link, _):
         tokens = server.guard.tokens
         async with (
             browser(server, token=tokens[Role.DRIVE]) as driver,

@@ -74,12 +74,12 @@ def _check_estimates(trial: Trial, sensors: SensorBlocks, n: int) -> None:
             trial, belief, Tick(t_ns, u, circle_readings(sensors, k)), CIRCLE_NOTE
         )
     assert estimate is not None
-    cov_before = np.trace(estimate.cov[:2, :2])
+    start_trace = np.trace(estimate.cov[:2, :2])
     silent_slots = silent({name: s.size for name, s in sensors._asdict().items()})
     for _ in range(50):
         t_ns += 2 * TICK_NS
         belief, estimate = _checked_estimate(trial, belief, Tick(t_ns, u, silent_slots), note("when.silent"))
-    if not np.trace(estimate.cov[:2, :2]) > cov_before:
+    if not np.trace(estimate.cov[:2, :2]) > start_trace:
         trial.add_fault("check.constant-covariance", "step")
     for value in (np.nan, np.inf):
         t_ns += TICK_NS
@@ -291,18 +291,18 @@ def _check_stop(
     """Run ten good ticks, one bad tick, and ten good ticks. From the bad tick on, the commands must be zero."""
     state = trial.checked_call("init", START_NOTE)
     for k in range(21):
-        is_bad = k == 10
-        u_given = np.full(n, bad_command if is_bad else 0.1)
+        is_invalid = k == 10
+        sent_command = np.full(n, bad_command if is_invalid else 0.1)
         state, u_out = _supervised_command(
             trial,
             sensors,
             state,
             k,
-            u_given,
-            bad_position if is_bad else 0.0,
+            sent_command,
+            bad_position if is_invalid else 0.0,
             note("when.around-nan", signal=subject),
         )
-        if is_bad and np.any(u_out):
+        if is_invalid and np.any(u_out):
             trial.add_fault("check.nan-output", "step", u=str(u_out.tolist()), signal=subject)
         elif k > 10 and np.any(u_out):
             trial.add_fault("check.stop-not-latched", "step", signal=subject)
@@ -341,19 +341,17 @@ def _check_clock_start(trial: Trial, role: str, sensors: SensorBlocks, n: int) -
     """Check that a clock that begins at the epoch 1970 gives the same results as a clock that begins at 0."""
     outputs_at_zero = _circle_outputs(trial, role, sensors, n, 0)
     outputs_at_epoch = _circle_outputs(trial, role, sensors, n, EPOCH_NS)
-    for name, at_zero in outputs_at_zero.items():
-        difference = (
-            wrap(outputs_at_epoch[name] - at_zero) if name == "psi" else outputs_at_epoch[name] - at_zero
-        )
-        if not np.all(np.abs(difference) <= OUTPUT_TOLERANCE * (1.0 + np.max(np.abs(at_zero)))):
+    for name, zeros in outputs_at_zero.items():
+        difference = wrap(outputs_at_epoch[name] - zeros) if name == "psi" else outputs_at_epoch[name] - zeros
+        if not np.all(np.abs(difference) <= OUTPUT_TOLERANCE * (1.0 + np.max(np.abs(zeros)))):
             tick = int(
                 np.argmax(
-                    ~np.all(np.abs(difference) <= OUTPUT_TOLERANCE * (1.0 + np.max(np.abs(at_zero))), axis=1)
+                    ~np.all(np.abs(difference) <= OUTPUT_TOLERANCE * (1.0 + np.max(np.abs(zeros))), axis=1)
                 )
             )
             trial.add_fault(
                 "check.clock", "step", name=name, begin_ns=float(EPOCH_NS), tick=tick + 1,
-                value=_short_text(outputs_at_epoch[name][tick]), expected=_short_text(at_zero[tick]),
+                value=_short_text(outputs_at_epoch[name][tick]), expected=_short_text(zeros[tick]),
             )  # fmt: skip
             return
 

@@ -148,8 +148,10 @@ def _check_rate(trial: Trial, block: Any, answer_count: int) -> None:
     if block.rate_hz == float("inf"):
         return  # this sensor measures when something happens
     delay_s = float(getattr(block, "delay_s", 0.0))
-    in_sight = np.mean([bool(detects(block, circle_motion(k))) for k in range(TICK_COUNT)])
-    expected_count = min(1.0 / DT_S, float(block.rate_hz)) * max(TICK_COUNT * DT_S - delay_s, 0.0) * in_sight
+    sight_share = np.mean([bool(detects(block, circle_motion(k))) for k in range(TICK_COUNT)])
+    expected_count = (
+        min(1.0 / DT_S, float(block.rate_hz)) * max(TICK_COUNT * DT_S - delay_s, 0.0) * sight_share
+    )
     if abs(answer_count - expected_count) > 2.0 + 0.05 * expected_count:
         lasted_s, rate_hz = TICK_COUNT * DT_S, block.rate_hz
         trial.add_fault(

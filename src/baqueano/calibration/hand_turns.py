@@ -71,13 +71,13 @@ def calibrate_by_hand_turns(run: Run, vehicle_file: "VehicleFile", turns: float 
         raise UsageError(fault("turns.few-rests", run=run.name, rests=len(rests), rest_s=MIN_REST_S))
     _check_complete_record(run.name, gyro, sensor_range(block))
     angle, variance = _angles(gyro, rests)
-    whole_turns, rests_used = _whole_turns(run.name, rests, angle / float(block.gyro_scale), turns)
-    scale, std, freedom = _regression(angle[rests_used], whole_turns, _covariance(rests_used, variance))
+    whole_turns, used_rests = _whole_turns(run.name, rests, angle / float(block.gyro_scale), turns)
+    scale, std, freedom = _regression(angle[used_rests], whole_turns, _covariance(used_rests, variance))
     half_width = std * (QUANTILE_95 if freedom is None else student_quantile(0.975, freedom))
     sentence = _(
         "{turns:g} turns by hand, between {rests} rests on a mark",
         turns=float(np.abs(np.diff(whole_turns)).sum()),
-        rests=len(rests_used),
+        rests=len(used_rests),
     )
     path, window_means = f"sensors.{name}.gyro", np.array([rest.mean for rest in rests])
     spread = float(np.ptp(window_means)) / np.sqrt(12.0)
@@ -89,7 +89,7 @@ def calibrate_by_hand_turns(run: Run, vehicle_file: "VehicleFile", turns: float 
             CalibratedNumber(f"{path}_bias", float(window_means.mean()), bias_std, QUANTILE_95 * bias_std, "rad/s",
                   float(block.gyro_bias), _("at rest, {times} times", times=len(rests))),
         ),
-        {"heading_rad": float(np.std(angle[rests_used] / scale - TAU * whole_turns))},
+        {"heading_rad": float(np.std(angle[used_rests] / scale - TAU * whole_turns))},
         N_("the turns determine everything"),
         sensor_axis_warnings(run),
     )  # fmt: skip
@@ -99,18 +99,18 @@ def _check_complete_record(name: str, gyro: TimeSeries, limit: np.ndarray | None
     """Raise UsageError if the record of a turn has a gap or is saturated."""
     steps_s = np.diff(gyro.t_s)
     if steps_s.max() > GAP_S:
-        at_s = float(gyro.t_s[np.argmax(steps_s)])
-        fix = baqueano_command("runs", "cut", name, "--to", f"{at_s:.1f}")
-        raise UsageError(fault("turns.silent", fix, run=name, gap_s=steps_s.max(), t_s=at_s))
+        gap_time_s = float(gyro.t_s[np.argmax(steps_s)])
+        fix = baqueano_command("runs", "cut", name, "--to", f"{gap_time_s:.1f}")
+        raise UsageError(fault("turns.silent", fix, run=name, gap_s=steps_s.max(), t_s=gap_time_s))
     if limit is not None and np.any(np.abs(gyro.x) >= limit[-1]):
-        at_s = gyro.t_s[np.argmax(np.abs(gyro.x))]
-        raise UsageError(fault("turns.end-of-range", run=name, limit_rad_s=limit[-1], t_s=at_s))
+        gap_time_s = gyro.t_s[np.argmax(np.abs(gyro.x))]
+        raise UsageError(fault("turns.end-of-range", run=name, limit_rad_s=limit[-1], t_s=gap_time_s))
 
 
 def is_turned_by_hand(run: Run) -> bool:
     """Return True if all commands are 0 and a pose was not measured: only a hand can have turned the vehicle."""
-    without_truth = run.truth is None or not np.isfinite(run.truth.eta).any()
-    return without_truth and not np.any(np.nan_to_num(run.applied_commands))
+    lacks_truth = run.truth is None or not np.isfinite(run.truth.eta).any()
+    return lacks_truth and not np.any(np.nan_to_num(run.applied_commands))
 
 
 def _rests(gyro: TimeSeries) -> list[Rest]:
@@ -143,9 +143,9 @@ def _angles(gyro: TimeSeries, rests: list[Rest]) -> tuple[np.ndarray, np.ndarray
     """Return G (K,) of (1) from middle to middle of the rests, the first 0, and q (K − 1,) of (2)."""
     middles_s, rates = np.array([rest.middle_s for rest in rests]), np.array([rest.mean for rest in rests])
     T = np.diff(middles_s)
-    turns_between = np.diff(gyro.integral_until(middles_s)) - 0.5 * (rates[1:] + rates[:-1]) * T
+    interval_turns = np.diff(gyro.integral_until(middles_s)) - 0.5 * (rates[1:] + rates[:-1]) * T
     var = 0.25 * np.array([x.std**2 + y.std**2 for x, y in pairwise(rests)])
-    return np.concatenate([[0.0], np.cumsum(turns_between)]), T**2 * (var + np.diff(rates) ** 2 / 12.0)
+    return np.concatenate([[0.0], np.cumsum(interval_turns)]), T**2 * (var + np.diff(rates) ** 2 / 12.0)
 
 
 def _whole_turns(
@@ -153,31 +153,31 @@ def _whole_turns(
 ) -> tuple[np.ndarray, list[int]]:
     """Return the whole turns N of the rests on the mark, from the first on, and the indices of these rests. Raise
     UsageError without a whole turn, or if the number of turns is ambiguous."""
-    turns_at_marks, rests_used, problem = [0.0], [0], fault("turns.not-turned", run=name)
+    marked_turns, used_rests, problem = [0.0], [0], fault("turns.not-turned", run=name)
     mark_turns = MARK_SIGMA * np.sqrt(2.0) * ANGLE_STD_RAD / TAU
     for k in range(1, len(rests)):
-        turn_count = (angle[k] - angle[rests_used[-1]]) / TAU
+        turn_count = (angle[k] - angle[used_rests[-1]]) / TAU
         n = float(np.round(turn_count))
         if turns is not None and abs(turn_count) >= 0.5:
             n = float(np.copysign(abs(turns), turn_count))
         tolerance = SCALE_TOLERANCE * max(abs(turn_count), abs(n)) + mark_turns
-        start_s, end_s = (rests[i].middle_s for i in (rests_used[-1], k))
+        start_s, end_s = (rests[i].middle_s for i in (used_rests[-1], k))
         details: JsonObject = {"run": name, "start_s": start_s, "end_s": end_s}
         if turns is None and abs(turn_count) > 0.5 and tolerance > 0.5:
             raise UsageError(fault("turns.ambiguous", f"--turns {abs(n):.0f}", turns=turn_count, **details))
         if abs(turn_count - n) < tolerance:
-            turns_at_marks.append(turns_at_marks[-1] + n)
-            rests_used.append(k)
+            marked_turns.append(marked_turns[-1] + n)
+            used_rests.append(k)
         else:
             problem = fault("turns.not-whole", turns=turn_count, expected=abs(n), **details)
-    if not np.ptp(turns_at_marks) > 0.0:
+    if not np.ptp(marked_turns) > 0.0:
         raise UsageError(problem)
-    return np.array(turns_at_marks), rests_used
+    return np.array(marked_turns), used_rests
 
 
-def _covariance(rests_used: list[int], variance: np.ndarray) -> np.ndarray:
-    """Return the covariance (K, K) that the bias adds to G at `rests_used`.  (2)"""
-    L = np.tril(np.ones((len(variance) + 1, len(variance))), -1)[rests_used]
+def _covariance(used_rests: list[int], variance: np.ndarray) -> np.ndarray:
+    """Return the covariance (K, K) that the bias adds to G at `used_rests`.  (2)"""
+    L = np.tril(np.ones((len(variance) + 1, len(variance))), -1)[used_rests]
     return (L * variance) @ L.T
 
 

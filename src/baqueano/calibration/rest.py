@@ -72,11 +72,11 @@ def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
             return not np.any(
                 first_speeds > ZERO_SPEED_FACTOR * white_std[speed_channels(sensor)] + TOLERANCE
             )
-        readings_before = np.where(finite, channel.z, 0.0)[channel.t_ns <= first_ns]
+        first_readings = np.where(finite, channel.z, 0.0)[channel.t_ns <= first_ns]
         is_quiet = (
             is_quiet
-            and len(readings_before) >= FIRST_READINGS
-            and bool(np.all(np.std(readings_before, axis=0) <= REST_NOISE_FACTOR * white_std + TOLERANCE))
+            and len(first_readings) >= FIRST_READINGS
+            and bool(np.all(np.std(first_readings, axis=0) <= REST_NOISE_FACTOR * white_std + TOLERANCE))
         )
     return is_quiet
 
@@ -108,8 +108,8 @@ def _rest_residuals(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
     finite = np.isfinite(channel.z[:, -1])
     t_ns, z = channel.t_ns[finite], channel.z[finite, -1]
     at_rest = is_at_rest(run, t_ns)
-    at_standstill = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
-    residuals = z - sensor.h(at_standstill)[-1]
+    rest_motion = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
+    residuals = z - sensor.h(rest_motion)[-1]
     parts = np.split(np.arange(len(z)), np.flatnonzero(np.diff(at_rest)) + 1)
     rests = [k for k in parts if at_rest[k].all() and _is_still(t_ns[k], residuals[k], sensor)]
     return np.concatenate([np.zeros(0), *(residuals[k] for k in rests)])

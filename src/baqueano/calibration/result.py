@@ -169,5 +169,5 @@ class Calibration(Result):
 def scale_std_path(vehicle_file: "VehicleFile", path: str) -> str | None:
     """Return the key of a scale's standard deviation ("sensors.imu.gyro_scale_std"), or None without one."""
     owner, _, field = path.rpartition(".")
-    field_of_block = dict(parameters(value_at_path(vehicle_file, owner)))[field]
-    return f"{owner}.{field_of_block.std}" if field_of_block.std and not field_of_block.walk else None
+    block_field = dict(parameters(value_at_path(vehicle_file, owner)))[field]
+    return f"{owner}.{block_field.std}" if block_field.std and not block_field.walk else None

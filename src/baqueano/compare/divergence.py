@@ -66,10 +66,10 @@ def estimator_failure(run: Run) -> Diagnostic | None:
 
 def cut_at_divergence(run: Run) -> Run:
     """Return the run with its estimate cut at the time of divergence."""
-    log, at_s = run.estimate, divergence_s(run)
-    if log is None or not at_s > 0.0:
+    log, end_s = run.estimate, divergence_s(run)
+    if log is None or not end_s > 0.0:
         return run
-    is_before = seconds(log.t_ns, run.start_ns) < at_s
+    is_before = seconds(log.t_ns, run.start_ns) < end_s
     return replace(run, estimate=log._make(None if x is None else x[is_before] for x in log))
 
 

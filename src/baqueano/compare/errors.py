@@ -117,8 +117,8 @@ def _signed_distance(xy: np.ndarray, corners: np.ndarray) -> np.ndarray:
     side = np.sign(d_x * r_y - d_y * r_x)
     distance = np.sqrt(squared_distance[rows, nearest_segment])
     # distance to the point, if the reference does not move in the window
-    to_point = np.hypot(*(xy - corners[:, 0]).T)
-    return np.where(np.isinf(distance), to_point, distance * np.where(side == 0.0, 1.0, side))
+    corner_distance = np.hypot(*(xy - corners[:, 0]).T)
+    return np.where(np.isinf(distance), corner_distance, distance * np.where(side == 0.0, 1.0, side))
 
 
 def _rotate(xy: np.ndarray, angle: float) -> np.ndarray:

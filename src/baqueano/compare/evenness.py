@@ -131,8 +131,8 @@ def share_at_limit(u: np.ndarray, limits: Limits | None) -> float:
     """Return the share of ticks at which a command u (N, n) reaches a limit; NaN without limits for n entries.  (4)"""
     if limits is None or u.shape[1] != len(limits.command):
         return float("nan")
-    at_limit_values = at_limit(u, limits)
-    finite_values = at_limit_values[np.isfinite(at_limit_values)]
+    limit_values = at_limit(u, limits)
+    finite_values = limit_values[np.isfinite(limit_values)]
     return float(np.mean(finite_values)) if finite_values.size else float("nan")
 
 

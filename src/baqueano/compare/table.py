@@ -62,12 +62,12 @@ def table(comparison: "Comparison") -> str:
         for section in sections:
             title, indent = section["title"], "  " * bool(section["title"])
             cells = [[row["cells"][k] for k in columns_shown] for row in section["rows"]]
-            lines_of = [
-                line(indent + row["label"], row["unit"], cells_of_row, columns_shown)
-                for row, cells_of_row in zip(section["rows"], cells, strict=True)
-                if any(cell != "-" for cell in cells_of_row)
+            group_lines = [
+                line(indent + row["label"], row["unit"], row_cells, columns_shown)
+                for row, row_cells in zip(section["rows"], cells, strict=True)
+                if any(cell != "-" for cell in row_cells)
             ]
-            lines += [title] * bool(title and lines_of) + lines_of
+            lines += [title] * bool(title and group_lines) + group_lines
         blocks.append("\n".join(lines))
     return "\n\n".join(blocks)
 
@@ -92,10 +92,10 @@ def table_sections(comparison: "Comparison") -> "list[JsonObject]":
 def _best_column(line: TableLine, values: Sequence[Any]) -> int | None:
     """Return the column of the smallest error; None if `line` is not an error or several errors are the smallest."""
     known_values = [value if isinstance(value, float) and np.isfinite(value) else None for value in values]
-    by_value = sorted((value, k) for k, value in enumerate(known_values) if value is not None)
-    if not line.is_error or len(by_value) < 2 or by_value[0][0] == by_value[1][0]:
+    sorted_values = sorted((value, k) for k, value in enumerate(known_values) if value is not None)
+    if not line.is_error or len(sorted_values) < 2 or sorted_values[0][0] == sorted_values[1][0]:
         return None
-    return by_value[0][1]
+    return sorted_values[0][1]
 
 
 def _column_ranges(column_widths: Sequence[int], width: int) -> Iterator[range]:

@@ -48,8 +48,8 @@ def _has_class(name: str) -> Callable[[object], bool]:
     """
 
     def accepts(value: object) -> bool:
-        is_of_library = type(value).__module__.partition(".")[0] in LIBRARIES
-        return not is_of_library or any(base.__name__ == name for base in type(value).__mro__)
+        is_library_type = type(value).__module__.partition(".")[0] in LIBRARIES
+        return not is_library_type or any(base.__name__ == name for base in type(value).__mro__)
 
     return accepts
 
@@ -115,10 +115,10 @@ def checked_call(
         shown_signature = _with_options(inspect.signature(function), option_makers)
         signature = _with_options(shown_signature, checked)
         kinds = {
-            name: kinds_of_argument
+            name: argument_kinds
             for name, parameter in signature.parameters.items()
             if parameter.kind != parameter.VAR_KEYWORD
-            and (kinds_of_argument := _annotation_kinds(parameter.annotation))
+            and (argument_kinds := _annotation_kinds(parameter.annotation))
         }
         variadic_names = [p.name for p in signature.parameters.values() if p.kind == p.VAR_POSITIONAL]
 

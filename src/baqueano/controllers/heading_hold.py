@@ -57,7 +57,7 @@ class HeadingHoldState(NamedTuple):
     t_ns: int  # of the last tick, -1 before the first
     rejected_s: float  # duration for which the IMU has been rejected
     forward_sign: float = 0.0  # sign of the requested speed, 0 without a reference heading
-    straight_since_ns: int = 0  # time of the first request of this speed without a turn
+    straight_start_ns: int = 0  # time of the first request of this speed without a turn
     psi: float = nan  # ψ_r [rad], NaN until it is set
     integral: float = 0.0  # ∫e dt [rad s]
     missing_angle: float = 0.0  # integral of the rejected innovations [rad]
@@ -125,13 +125,13 @@ class HeadingHold:
             state = HeadingHoldState(controller, t_ns, rejected_s, forward_sign, t_ns)
         missing_angle = state.missing_angle + missing_rate * dt_s
         psi, psi_r = float(estimate.eta[2]) + missing_angle, state.psi
-        is_quiet = abs(r) < MAX_QUIET_RAD_S or seconds(t_ns, state.straight_since_ns) >= self.gains.wait_s
+        is_quiet = abs(r) < MAX_QUIET_RAD_S or seconds(t_ns, state.straight_start_ns) >= self.gains.wait_s
         psi_r = psi if isnan(psi_r) and is_quiet else psi_r
         e = 0.0 if isnan(psi_r) else float(wrap(psi_r - psi))
         u = u.copy()
         u[-1], sum_e = self._turn(e, state.integral, r, dt_s, v, abs(float(u[0])))
         next_state = HeadingHoldState(
-            controller, t_ns, rejected_s, forward_sign, state.straight_since_ns, psi_r, sum_e, missing_angle
+            controller, t_ns, rejected_s, forward_sign, state.straight_start_ns, psi_r, sum_e, missing_angle
         )
         return next_state, command._replace(u=u)
 

@@ -77,9 +77,9 @@ def random_primitives(shape: PrimitiveShape, count: int, rng: np.random.Generato
     primitives = [MotionPrimitive(np.zeros((length, len(shape.limit))), RETURN_KINDS - 1)]
     while len(primitives) < count:
         outbound, return_kind = np.zeros((length, len(shape.limit))), int(rng.integers(RETURN_KINDS))
-        ticks_used = length if return_kind == RETURN_KINDS - 1 else length // 2
+        used_ticks = length if return_kind == RETURN_KINDS - 1 else length // 2
         for j in shape.moving_channels:
-            outbound[:ticks_used, j] = _levels(rng, ticks_used)
+            outbound[:used_ticks, j] = _levels(rng, used_ticks)
         if rng.random() < 0.25:  # only one channel moves
             outbound[:, rng.permutation(shape.moving_channels)[1:]] = 0.0
         primitives.append(MotionPrimitive(outbound, return_kind))
@@ -122,10 +122,10 @@ def _mutation(
     outbound = primitive.outbound.copy()
     mode = int(rng.integers(8))
     j = int(rng.choice(shape.moving_channels))
-    ticks_used = len(outbound) if primitive.return_kind == RETURN_KINDS - 1 else len(outbound) // 2
-    a, b = np.sort(rng.integers(0, ticks_used + 1, 2))
+    used_ticks = len(outbound) if primitive.return_kind == RETURN_KINDS - 1 else len(outbound) // 2
+    a, b = np.sort(rng.integers(0, used_ticks + 1, 2))
     if mode < 4:  # another level for some ticks
-        b = min(ticks_used, a + 1 + int(rng.integers(1, max(2, ticks_used // 3))))
+        b = min(used_ticks, a + 1 + int(rng.integers(1, max(2, used_ticks // 3))))
         outbound[a:b, j] = _level(rng)
     elif mode == 4:
         outbound[:, j] = np.clip(outbound[:, j] * rng.uniform(0.5, 1.5), -1.0, 1.0)
@@ -239,10 +239,10 @@ class Composer:
         candidates = np.argsort(-self._upper_bound(other_information) + self.cost)[:MAX_TRIED_PRIMITIVES]
         candidates = candidates[self._margin(pose[None], candidates) >= 0.0]
         score = self.score(other_information + self.F[candidates])
-        by_cost = [
+        cost_orders = [
             candidates[np.argsort(times * self.reach[candidates] - score)][:count] for times in reach_costs
         ]
-        return list(dict.fromkeys(np.concatenate(by_cost).tolist()))
+        return list(dict.fromkeys(np.concatenate(cost_orders).tolist()))
 
     def keep_best(self, count: int) -> np.ndarray:
         """Keep only the `count` primitives with the highest bounds, and some others. Return the indices of all

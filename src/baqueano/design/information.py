@@ -89,9 +89,9 @@ class DriveInformation:
             return substitute(blocks, free_parameters.paths, theta).model.init(nu=nu)
 
         def step(theta: np.ndarray, state: "Tree", u: np.ndarray) -> tuple["Tree", np.ndarray]:
-            blocks_at = substitute(blocks, free_parameters.paths, theta)
-            state, motion = step_vehicle(blocks_at.model, state, u, 1.0 / rate_hz, no_noise)
-            return state, weight * np.concatenate([s.h(motion) for s in blocks_at.sensors])
+            tick_blocks = substitute(blocks, free_parameters.paths, theta)
+            state, motion = step_vehicle(tick_blocks.model, state, u, 1.0 / rate_hz, no_noise)
+            return state, weight * np.concatenate([s.h(motion) for s in tick_blocks.sensors])
 
         self.start, self.tick, self.commands = start, step, n
         self.nominal = np.array(
@@ -129,7 +129,7 @@ def _parameter_scale(blocks: FittedBlocks, path: str, candidates: Sequence[FreeP
     parameter = free_parameter(blocks, path, {})
     is_gain = parameter.definition.role == "gain"
     same_axis = [entry for entry in candidates if parameter.axis is not None and entry.axis == parameter.axis]
-    of_kind = [entry for entry in same_axis if (entry.definition.role == "gain") == is_gain]
-    row_sizes = [abs(value(blocks, entry.path)) for entry in of_kind]
+    kind_entries = [entry for entry in same_axis if (entry.definition.role == "gain") == is_gain]
+    row_sizes = [abs(value(blocks, entry.path)) for entry in kind_entries]
     matrix_sizes = [abs(value(blocks, p)) for p in entries(blocks, path.partition("[")[0])]
     return max(row_sizes, default=0.0) or max(matrix_sizes) or 1.0

@@ -191,12 +191,12 @@ class MotionAdvisor:
         if not self._motions:
             return None
         if not np.array_equal(theta, self._theta):
-            of_drive, scale = self._drive_information, self._drive_information.unknowns.size
-            informations = [of_drive.information(motion.u, theta) for motion in self._motions]
+            drive_info, scale = self._drive_information, self._drive_information.unknowns.size
+            informations = [drive_info.information(motion.u, theta) for motion in self._motions]
             self._F, self._theta = np.stack(informations) / np.outer(scale, scale), theta
         D, relative_std = np.outer(size, size), self._drive_information.relative_std
-        std_before = np.minimum(widening * relative_std(F * D), 1.0)
-        std_after = np.minimum([widening * relative_std((F + gain) * D) for gain in self._F], 1.0)
-        gain = np.log(std_before**2 + GOAL_STD**2) - np.log(std_after**2 + GOAL_STD**2)
+        present_std = np.minimum(widening * relative_std(F * D), 1.0)
+        expected_std = np.minimum([widening * relative_std((F + gain) * D) for gain in self._F], 1.0)
+        gain = np.log(present_std**2 + GOAL_STD**2) - np.log(expected_std**2 + GOAL_STD**2)
         k, i = np.unravel_index(np.argmax(gain), gain.shape)
-        return NextMotion(self._motions[k].words, int(i), float(std_before[i]), float(std_after[k, i]))
+        return NextMotion(self._motions[k].words, int(i), float(present_std[i]), float(expected_std[k, i]))

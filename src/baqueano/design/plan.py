@@ -217,9 +217,12 @@ class PlanSearch:
             return float(self.composer.score(F)), u
 
         primitives, reach = self.composer.chosen, self.composer.reach
-        by_reach = sorted(primitives, key=lambda k: reach[k])
+        sorted_primitives = sorted(primitives, key=lambda k: reach[k])
         with ThreadPoolExecutor() as threads:  # own threads: a drive uses those of `parallel_map`
-            u = max(threads.map(trial, [primitives, by_reach, by_reach[::-1]]), key=lambda paths: paths[0])[1]
+            u = max(
+                threads.map(trial, [primitives, sorted_primitives, sorted_primitives[::-1]]),
+                key=lambda paths: paths[0],
+            )[1]
         _, eta = self.validation_cloud.drive(self.validation_cloud.state_at(self.room.start), u)
         return u, eta
 
@@ -293,23 +296,23 @@ def feasible_primitives(
     """Return the indices of primitives that the vehicles of `cloud` can drive one after the other, in place of `order`.
     The drive begins after `rest_ticks` ticks at rest. `commands` returns the commands (T, n) of a primitive. The test
     is (4) of containment.py."""
-    state, tick, order_kept = cloud.state_at(room.start), rest_ticks, list(order)
+    state, tick, kept_order = cloud.state_at(room.start), rest_ticks, list(order)
     if rest_ticks:
         state, _ = cloud.drive(state, np.zeros((rest_ticks, commands(0).shape[1])))
-    for place in range(len(order_kept)):
+    for place in range(len(kept_order)):
         arguments = commands, cloud, room, state, tick
-        remaining = list(dict.fromkeys(order_kept[place:]))
+        remaining = list(dict.fromkeys(kept_order[place:]))
         options = _first_allowed_primitive(remaining[:1], *arguments)
         options = options or _first_allowed_primitive(remaining[1:], *arguments)
         if options:
-            order_kept.insert(place, order_kept.pop(order_kept.index(options[0], place)))
+            kept_order.insert(place, kept_order.pop(kept_order.index(options[0], place)))
         else:
             pose = state.eta[: composer.path.shape[1]]
-            substitutes = composer.substitutes(order_kept, place, pose, REACH_COSTS, TRIED_PRIMITIVES)
+            substitutes = composer.substitutes(kept_order, place, pose, REACH_COSTS, TRIED_PRIMITIVES)
             options = _first_allowed_primitive([*substitutes, 0], *arguments)
-        order_kept[place], state = options or (0, cloud.drive(state, commands(0), tick)[0])
+        kept_order[place], state = options or (0, cloud.drive(state, commands(0), tick)[0])
         tick += len(commands(0))
-    return order_kept
+    return kept_order
 
 
 def _first_allowed_primitive(

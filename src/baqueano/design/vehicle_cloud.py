@@ -100,10 +100,10 @@ def _draw_parameters(
     """Return θ (L, p) from standard normal draws (L, p), between bounds (p,).  (2), (4)"""
     std = np.sqrt(np.maximum(np.diagonal(cov), 1e-300))
     P, ratio = cov / np.outer(std, std), MAX_RELATIVE_STD * np.abs(mean) / std
-    is_wide = ratio < 1.0
-    prior_cov = np.diag(ratio[is_wide] ** 2 / (1.0 - ratio[is_wide] ** 2))
-    gain = np.linalg.pinv(P[np.ix_(is_wide, is_wide)] + prior_cov, hermitian=True)
-    P = P - P[:, is_wide] @ gain @ P[is_wide]
+    is_reduced = ratio < 1.0
+    prior_cov = np.diag(ratio[is_reduced] ** 2 / (1.0 - ratio[is_reduced] ** 2))
+    gain = np.linalg.pinv(P[np.ix_(is_reduced, is_reduced)] + prior_cov, hermitian=True)
+    P = P - P[:, is_reduced] @ gain @ P[is_reduced]
     eigenvalues, axes = np.linalg.eigh(P)
     draws, low = (unit * np.sqrt(np.maximum(eigenvalues, 0.0))) @ axes.T, (low - mean) / std
     high = (high - mean) / std
@@ -113,8 +113,8 @@ def _draw_parameters(
 def _move_inside(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Return a draw x (p,) with covariance P (p, p), moved between its bounds.  (4)"""
     draw, is_fixed = x, np.zeros(len(x), bool)
-    while (is_beyond := ~is_fixed & ((draw < low) | (draw > high))).any():
-        is_fixed |= is_beyond
+    while (is_outside := ~is_fixed & ((draw < low) | (draw > high))).any():
+        is_fixed |= is_outside
         correction = np.clip(x, low, high)[is_fixed] - x[is_fixed]
         draw = x + P[:, is_fixed] @ np.linalg.pinv(P[np.ix_(is_fixed, is_fixed)], hermitian=True) @ correction
     return draw

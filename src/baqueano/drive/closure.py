@@ -357,8 +357,8 @@ def _integral(channel: Channel, column: int, bias: float, from_ns: int, to_ns: i
     t_s = seconds(channel.t_ns[finite], channel.t_ns[0])
     end_times_s = [seconds(t, channel.t_ns[0]) for t in (from_ns, to_ns)]
     z = channel.z[finite, column] - bias
-    is_between = (t_s > end_times_s[0]) & (t_s < end_times_s[1])
-    t = np.concatenate([end_times_s[:1], t_s[is_between], end_times_s[1:]])
+    is_inner = (t_s > end_times_s[0]) & (t_s < end_times_s[1])
+    t = np.concatenate([end_times_s[:1], t_s[is_inner], end_times_s[1:]])
     heights = np.interp(t, t_s, z)
     return float(np.sum(0.5 * (heights[1:] + heights[:-1]) * np.diff(t)))
 

@@ -221,9 +221,9 @@ def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
 
 def find_pulses(run: Run) -> tuple[Pulse, ...]:
     """Return the pulses of a first drive and their motion, in order. Raise UsageError for a run without estimates."""
-    is_on = np.any(run.applied_commands != 0.0, axis=1).astype(int)
-    begins = np.flatnonzero(np.diff(is_on, prepend=0) == 1)
-    ends = np.flatnonzero(np.diff(is_on, append=0) == -1)
+    is_commanded = np.any(run.applied_commands != 0.0, axis=1).astype(int)
+    begins = np.flatnonzero(np.diff(is_commanded, prepend=0) == 1)
+    ends = np.flatnonzero(np.diff(is_commanded, append=0) == -1)
     log, pulses = run.estimate, []
     if log is None or log.cov is None:
         raise UsageError(fault("first-drive.no-estimates", name=run.name))
@@ -298,9 +298,9 @@ def _model_gains(
     )
     truth = model.truth
     assert truth is not None
-    is_on = np.any(run.applied_commands != 0.0, axis=1).astype(int)
-    begins = np.flatnonzero(np.diff(is_on, prepend=0) == 1)
-    ends = np.flatnonzero(np.diff(is_on, append=0) == -1)
+    is_commanded = np.any(run.applied_commands != 0.0, axis=1).astype(int)
+    begins = np.flatnonzero(np.diff(is_commanded, prepend=0) == 1)
+    ends = np.flatnonzero(np.diff(is_commanded, append=0) == -1)
     psi = np.unwrap(truth.eta[:, 2])
     simulated_peaks = []
     for a, b in zip(begins, ends, strict=True):

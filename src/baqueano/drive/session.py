@@ -374,9 +374,9 @@ def _run(
     blocks: Blocks, tick_times_ns: Iterable[int], start: np.ndarray | None, recording: Recording
 ) -> None:
     """Run the loop. Raise SafetyStop if the drive was stopped before its first tick."""
-    with interruptible_ticks(tick_times_ns) as until_interrupted:
+    with interruptible_ticks(tick_times_ns) as drive_ticks_ns:
         outcome = loop.run(
-            blocks, recording.world, until_interrupted, recording.tick, recording.record_stop, start
+            blocks, recording.world, drive_ticks_ns, recording.tick, recording.record_stop, start
         )
     if outcome.stop_reason is not None and not outcome.ticks:
         raise SafetyStop(fault("drive.not-started", cause=outcome.stop_reason), outcome.stop_reason)

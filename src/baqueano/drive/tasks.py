@@ -265,8 +265,11 @@ def repeat(
     precautions, options = Precautions.split_options(options, vehicle_file)
     options = {"backend": "auto", "notes": ()} | options
     if precautions.check:
-        is_of_garage = vehicle_file.path is None and options.get("world") is None
-        conditions = {"measured": is_of_garage or not vehicle_file.is_guess, "backend": options["backend"]}
+        is_garage_vehicle = vehicle_file.path is None and options.get("world") is None
+        conditions = {
+            "measured": is_garage_vehicle or not vehicle_file.is_guess,
+            "backend": options["backend"],
+        }
         warnings = route_warnings(
             route, vehicle_file, precautions.room, anyway=precautions.anyway, **conditions
         )

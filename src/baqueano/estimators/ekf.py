@@ -221,15 +221,15 @@ class Ekf:
 
 
 def move_by_model(
-    filter_of: "Ekf | Unscented", mean: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: Value
+    kalman_filter: "Ekf | Unscented", mean: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: Value
 ) -> np.ndarray:
     """Return g(u, μ) (9,) of a filter with a dynamic model; `previous` (n,) is the effort before the tick.  (5)"""
-    vehicle, eta, nu = filter_of.vehicle, mean[:3], mean[3:6]
+    vehicle, eta, nu = kalman_filter.vehicle, mean[:3], mean[3:6]
     a_d = mean[6:] - vehicle.nu_dot(nu, previous, eta[2])
     eta, nu, _ = vehicle.advance(eta, nu, effort, dt_s)
     eta, nu = eta + map_from_body(eta[2]) @ (0.5 * dt_s**2 * a_d), nu + a_d * dt_s
     f = vehicle.nu_dot(nu, effort.last, eta[2])
-    return _state(eta, nu, f + np.exp(-dt_s / filter_of.disturbance_time_s) * a_d)
+    return _state(eta, nu, f + np.exp(-dt_s / kalman_filter.disturbance_time_s) * a_d)
 
 
 def _state(eta: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:

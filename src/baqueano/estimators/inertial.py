@@ -57,8 +57,8 @@ class RestBias(NamedTuple):
         """Return the sum (3,) of the changes of (0), this rest included, and their number."""
         if not (self.readings and np.all(self.earlier_count)):
             return self.change_sum, self.changes
-        by_chance = self.var * (1.0 / self.readings + 1.0 / self.earlier_count)
-        change = (self.mean - self.earlier_bias) ** 2 - by_chance
+        chance_variance = self.var * (1.0 / self.readings + 1.0 / self.earlier_count)
+        change = (self.mean - self.earlier_bias) ** 2 - chance_variance
         return self.change_sum + change, self.changes + 1.0
 
     def level(self) -> tuple[np.ndarray, np.ndarray]:

@@ -145,8 +145,8 @@ def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray
     `mean` (n,) and `cov` (n, n) are those of the state (η, ν, …); they give the velocity in that part.
     """
     squared_displacement = (row.dt_s - row.moved_s) ** 2 * (mean[3:6] ** 2 + np.diag(cov)[3:6])
-    of_position = squared_displacement[0] + squared_displacement[1]
-    variances = np.array([of_position, of_position, squared_displacement[2]])
+    square_distance = squared_displacement[0] + squared_displacement[1]
+    variances = np.array([square_distance, square_distance, squared_displacement[2]])
     return np.diag(np.minimum(variances, MAX_POSE_VARIANCE))
 
 

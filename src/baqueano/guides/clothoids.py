@@ -100,10 +100,10 @@ def shortest_path(
 
 def pose_at(path: ClothoidPath, sigma_m: float) -> tuple[np.ndarray, float]:
     """Return the pose (3,) and the curvature [1/m] after `sigma_m` of a path; the heading is continuous."""
-    before_m = np.cumsum(path.piece_m) - path.piece_m
-    i = int(np.searchsorted(before_m, sigma_m, side="right")) - 1
+    start_m = np.cumsum(path.piece_m) - path.piece_m
+    i = int(np.searchsorted(start_m, sigma_m, side="right")) - 1
     length_m, (a, b) = path.piece_m[i], path.kappa[:, i]
-    done_m = min(max(sigma_m - before_m[i], 0.0), length_m)
+    done_m = min(max(sigma_m - start_m[i], 0.0), length_m)
     kappa = a + (b - a) * (done_m / length_m if length_m > 0.0 else 1.0)
     return _moved(path.eta[:, i], _displacement(done_m, a, kappa)), float(kappa)
 
@@ -148,8 +148,8 @@ def _turn(
     x, y, phi = _displacement(np.abs(s * kappa - kappa_0) / k, kappa_0, s * kappa)
     centre = np.stack([x - s / kappa * np.sin(phi), y + s / kappa * np.cos(phi)])
     end_x, end_y, angle = _displacement(kappa / k, s * kappa, 0.0 * kappa)
-    from_centre = np.stack([end_x, end_y - s / kappa, 0.0 * s])
-    q = _moved(np.stack([0.0 * s, 0.0 * s, -angle]), from_centre)
+    radius_vector = np.stack([end_x, end_y - s / kappa, 0.0 * s])
+    q = _moved(np.stack([0.0 * s, 0.0 * s, -angle]), radius_vector)
     return centre, q[:2], phi, s * angle
 
 

@@ -203,8 +203,8 @@ def with_laps(guide: Guide, laps: int) -> Guide:
     try:
         if is_dataclass(type(guide)):
             return replace(guide, laps=laps)  # pyright: ignore[reportArgumentType, reportCallIssue]
-        guide_of_laps: Tree = copy(guide)
-        guide_of_laps.laps = laps
+        lap_guide: Tree = copy(guide)
+        lap_guide.laps = laps
     except Invalid:
         raise
     except (AttributeError, TypeError, ValueError) as error:
@@ -212,4 +212,4 @@ def with_laps(guide: Guide, laps: int) -> Guide:
         raise UsageError(
             fault("route.laps-kept", kind=class_name, former_laps=present_laps, laps=laps, cause=error)
         ) from error
-    return guide_of_laps
+    return lap_guide

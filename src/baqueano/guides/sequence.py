@@ -117,8 +117,8 @@ class GuideSequence:
         if not self.starts_at_entry:
             return self.second.init()
         tau_s = first.goal[0]
-        entry_at = optional.attribute(self.second, "entry_state")
-        if entry_at is not None:
-            return entry_at(estimate.t_ns, tau_s, first.v_m_s)
+        entry_state = optional.attribute(self.second, "entry_state")
+        if entry_state is not None:
+            return entry_state(estimate.t_ns, tau_s, first.v_m_s)
         shifted_estimate = estimate._replace(t_ns=estimate.t_ns - np.rint(tau_s * NANOSECONDS))
         return self.second.step(self.second.init(), shifted_estimate)[0]

@@ -68,14 +68,14 @@ def with_shown_battery(
     if not VOLTAGE_RATIO_RANGE[0] < median / nominal_v < VOLTAGE_RATIO_RANGE[1]:
         voltage_note = note("battery.other-voltage", run=runs[0].name, voltage_v=median, nominal_v=nominal_v)
         return replace(fit, notes=(voltage_note, *fit.notes))
-    with_effect = refit(file, BATTERY_EFFECT)
-    k = with_effect.names.index(BATTERY_EFFECT)
-    value, std = float(with_effect.estimate[k]), float(with_effect.std[k])
+    extended_fit = refit(file, BATTERY_EFFECT)
+    k = extended_fit.names.index(BATTERY_EFFECT)
+    value, std = float(extended_fit.estimate[k]), float(extended_fit.std[k])
     figures = {"low_v": low, "high_v": high, "value": value, "half_width": QUANTILE_95 * std}
     if not value > MIN_SIGMA * std:
         reason_unused = note("battery.not-shown", **figures)
     elif (reason := separation_problem(value, std, nominal_v)) is None:
-        return replace(with_effect, notes=(note("battery.shown", **figures), *with_effect.notes))
+        return replace(extended_fit, notes=(note("battery.shown", **figures), *extended_fit.notes))
     else:
         reason_unused = note("battery.not-used", **figures, reason=reason)
     return replace(fit, notes=(reason_unused, *fit.notes))

@@ -183,20 +183,20 @@ def select_sensors(
     has readings in all runs."""
     if not runs:
         raise UsageError(fault("runs.none", "bq.identify(run, robot)"))
-    names_of_file = vehicle_file.sensors._fields
+    file_sensors = vehicle_file.sensors._fields
     if use is None:
         use = [
-            name for name in names_of_file if all(name in r.sensors and len(r.sensors[name].z) for r in runs)
+            name for name in file_sensors if all(name in r.sensors and len(r.sensors[name].z) for r in runs)
         ]
         if not use:
-            raise _no_common_sensor(names_of_file, runs)
+            raise _no_common_sensor(file_sensors, runs)
     sensors, channels = vehicle_file.sensors, _sensor_channels(use)
     names = list(dict.fromkeys(channel.partition("[")[0] for channel in use))
     if TRUTH in names:
         runs, sensors = with_truth(runs, sensors)
     for name in names:
         if name not in sensors._fields:
-            raise UsageError(fault("use.unknown", sensor=name, valid=names_of_file))
+            raise UsageError(fault("use.unknown", sensor=name, valid=file_sensors))
         size = getattr(sensors, name).size
         if name in channels and max(channels[name]) >= size:
             raise UsageError(fault("use.no-channel", sensor=name, entry=max(channels[name]), last=size - 1))
@@ -206,15 +206,15 @@ def select_sensors(
 
 def _no_common_sensor(names: Sequence[str], runs: list[Run]) -> UsageError:
     """Return the error for runs without a common sensor. `names` are the sensors of the file."""
-    sensors_read = [{name for name, channel in run.sensors.items() if len(channel.z)} for run in runs]
-    name = max(names, key=lambda name: sum(name in sensors for sensors in sensors_read), default="")
-    runs_without = [run.name for run, sensors in zip(runs, sensors_read, strict=True) if name not in sensors]
-    if len(runs_without) < len(runs):
+    sensor_sets = [{name for name, channel in run.sensors.items() if len(channel.z)} for run in runs]
+    name = max(names, key=lambda name: sum(name in sensors for sensors in sensor_sets), default="")
+    other_runs = [run.name for run, sensors in zip(runs, sensor_sets, strict=True) if name not in sensors]
+    if len(other_runs) < len(runs):
         # the channel is recorded, but a run lacks its readings
         is_recorded = all(name in run.sensors for run in runs)
         code = "use.read-in-some" if is_recorded else "use.not-in-all"
-        return UsageError(fault(code, runs=runs_without, sensor=name))
-    return UsageError(fault("use.nothing-common", sensors=sorted(set().union(*sensors_read)), valid=names))
+        return UsageError(fault(code, runs=other_runs, sensor=name))
+    return UsageError(fault("use.nothing-common", sensors=sorted(set().union(*sensor_sets)), valid=names))
 
 
 def _sensor_channels(use: Sequence[str]) -> dict[str, list[int]]:

@@ -224,9 +224,9 @@ def conclude(
     best, identifiability, info = fix_unidentifiable(task, result, parameters.free)
     # the bounds of the search are those of one tick if the delay is free
     task = task._replace(low=parameters.low, high=parameters.high, problem=best.problem)
-    best, with_zero = with_bound_flags(task, best), options.biases and has_offset(data.vehicle_file.vehicle)
+    best, has_zero = with_bound_flags(task, best), options.biases and has_offset(data.vehicle_file.vehicle)
     fixed = fixed_parameters(
-        data.vehicle_file, parameters.blocks, best.problem, best.solution, identifiability.mask, with_zero
+        data.vehicle_file, parameters.blocks, best.problem, best.solution, identifiability.mask, has_zero
     )
     best = best._replace(evaluations=best.evaluations + bool(fixed.paths))
     end = FinishedFit(

@@ -71,8 +71,8 @@ def assess_identifiability(
         mask[: len(shared_parameters)] = [test(parameter) for parameter in shared_parameters]
         return mask
 
-    is_of_vehicle = entry_mask(lambda p: True)
-    is_by_hand = entry_mask(lambda p: p.definition.measured_by != "")
+    is_vehicle_entry = entry_mask(lambda p: True)
+    is_hand_measured = entry_mask(lambda p: p.definition.measured_by != "")
     is_identifiable, collinear, partners = ~is_fixed & (np.diagonal(info.bread) > 0.0), {}, {}
     signal = _signal_scale(info.channel_information, signal_energy)
     while is_identifiable.any():
@@ -82,8 +82,8 @@ def assess_identifiability(
         loading = np.abs(direction) / np.max(np.abs(direction))
         main_entries = np.flatnonzero(loading >= MEMBER_LOADING).tolist()
         members, diagonal = np.flatnonzero(loading >= MIN_LOADING), np.diagonal(info.bread)
-        start_rank = np.where(is_of_vehicle, 0.0, -diagonal)
-        rank = {int(i): (is_by_hand[i], round(loading[i], 1), start_rank[i]) for i in members}
+        start_rank = np.where(is_vehicle_entry, 0.0, -diagonal)
+        rank = {int(i): (is_hand_measured[i], round(loading[i], 1), start_rank[i]) for i in members}
         entry = max(rank, key=rank.__getitem__)
         collinear[entry] = tuple(i for i in main_entries if i != entry)
         is_identifiable[entry] = False
@@ -98,16 +98,16 @@ def assess_identifiability(
     while is_identifiable.any():
         index = np.flatnonzero(is_identifiable)
         std = np.sqrt(np.diagonal(parameter_cov(info, index)))
-        excess = np.where(is_of_vehicle[index], std - BLIND_RATIO * signal[index], -1.0)
+        excess = np.where(is_vehicle_entry[index], std - BLIND_RATIO * signal[index], -1.0)
         if not np.any(excess > 0.0):
             is_large = (std > WEAK_VALUE * np.abs(theta[index])) & (std > WEAK_SIGNAL * weak_signal[index])
-            is_weak[index] = is_large & is_of_vehicle[index]
+            is_weak[index] = is_large & is_vehicle_entry[index]
             for k in np.flatnonzero(is_weak).tolist():
-                partners[k] = _correlated_entries(info.bread, is_identifiable & is_of_vehicle, k)
+                partners[k] = _correlated_entries(info.bread, is_identifiable & is_vehicle_entry, k)
             break
         relative = std / np.maximum(signal[index], 1e-9 * std)
         entry = int(index[np.argmax(np.where(excess > 0.0, relative, -1.0))])
-        partners[entry] = _correlated_entries(info.bread, is_identifiable & is_of_vehicle, entry)
+        partners[entry] = _correlated_entries(info.bread, is_identifiable & is_vehicle_entry, entry)
         is_identifiable[entry] = False
     return Identifiability(is_identifiable, is_weak, collinear, partners)
 
@@ -324,8 +324,8 @@ def _motion_note(parameters: Sequence[FreeParameter]) -> Diagnostic | str:
     axes = {parameter.axis for parameter in parameters if parameter.axis is not None}
     if axes == {1}:
         return note("identifiability.little-sideways")
-    of_axes = [p for p in parameters if p.axis is not None and p.definition.role != "gain"]
-    frictions = {parameter.path.partition("[")[0] for parameter in of_axes}
+    axis_terms = [p for p in parameters if p.axis is not None and p.definition.role != "gain"]
+    frictions = {parameter.path.partition("[")[0] for parameter in axis_terms}
     if len(axes) == 1 and len(frictions) > 1:
         return note("identifiability.few-speeds") if axes == {0} else note("identifiability.few-turn-rates")
     return ""

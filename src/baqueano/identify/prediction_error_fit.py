@@ -116,7 +116,7 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     choice = choose_objective(
         likely, prediction.axes, _compare_objectives(first, prediction, likely), _noise_ratios(first, likely)
     )
-    with_noise, info = _information_matrices(likely, first)
+    noise_info, info = _information_matrices(likely, first)
     evaluation, p = likely.solution.evaluation, problem.size
     evaluation = Evaluation(evaluation.cost, evaluation.gradient[:p], dense(evaluation.hessian)[:p, :p])
     solution = likely.solution._replace(
@@ -132,7 +132,7 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
         findings = (*findings, replace(choice.reason, severity=Severity.WARNING))
     second = first._replace(parameters=parameters, search=search, info=info, findings=findings)
     second = second._replace(is_explained_by_floor=choice.explains, is_filtered=True)
-    return PredictionErrorFit(second, likely, choice, prediction.axes, with_noise)
+    return PredictionErrorFit(second, likely, choice, prediction.axes, noise_info)
 
 
 def _compare_objectives(
@@ -164,10 +164,10 @@ def _information_matrices(likely: MaximumLikelihood, first: FinishedFit) -> tupl
     A, B = info.bread[np.ix_(order, order)], info.meat[np.ix_(order, order)]
     starts = [layout.start_slice(k) for k in range(len(layout.runs))] if count < layout.size else []
     A, B = eliminate(A, B, count + n, [slice(span.start + n, span.stop + n) for span in starts])
-    with_noise = info._replace(bread=A, meat=B)
+    noise_info = info._replace(bread=A, meat=B)
     free = np.r_[np.arange(count), count + np.flatnonzero(_is_inside_bounds(likely))]
     A, B = eliminate(A[np.ix_(free, free)], B[np.ix_(free, free)], count, [slice(count, len(free))])
-    return with_noise, info._replace(bread=A, meat=B, channel_information=info.channel_information[:, :count])
+    return noise_info, info._replace(bread=A, meat=B, channel_information=info.channel_information[:, :count])
 
 
 def _noise_ratios(first: FinishedFit, likely: MaximumLikelihood) -> np.ndarray:

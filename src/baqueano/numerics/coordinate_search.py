@@ -27,7 +27,7 @@ def coordinate_search(
             improves = False
             for direction in directions if step > EXCHANGE_STEP else directions + exchanges:
                 trial = np.clip(q + step * direction, low, high)
-                cost_of_trial = cost(trial) if np.any(trial != q) else np.inf
-                if cost_of_trial < min_cost - 1e-3:
-                    q, min_cost, improves = trial, cost_of_trial, True
+                trial_cost = cost(trial) if np.any(trial != q) else np.inf
+                if trial_cost < min_cost - 1e-3:
+                    q, min_cost, improves = trial, trial_cost, True
     return q

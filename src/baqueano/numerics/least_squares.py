@@ -139,9 +139,9 @@ def minimise(
             and count < max_evaluations
             and not kinks_tested
         ):
-            at_kinks, trial_count = _kink_mask(evaluate, current, theta, scale, movable)
-            may_move, count, kinks_tested = may_move & ~at_kinks, count + trial_count, True
-            if at_kinks.any():
+            kink_mask, trial_count = _kink_mask(evaluate, current, theta, scale, movable)
+            may_move, count, kinks_tested = may_move & ~kink_mask, count + trial_count, True
+            if kink_mask.any():
                 damping, growth, idle_count = DAMPING, 2.0, 0
                 continue
         if decrement < tolerance or idle_count >= 3 or count >= max_evaluations:
@@ -175,13 +175,13 @@ def _kink_mask(
 ) -> tuple[np.ndarray, int]:
     """Return the mask (p,) of parameters at a kink, and the number of evaluations. (5) At a kink the cost rises in both
     directions although the gradient is not zero."""
-    at_kink, slope = np.zeros(len(theta), bool), current.gradient / np.sqrt(np.maximum(scale, 1e-300))
+    kink_mask, slope = np.zeros(len(theta), bool), current.gradient / np.sqrt(np.maximum(scale, 1e-300))
     steep_entries = np.flatnonzero(movable & (np.abs(slope) > MIN_KINK_SLOPE))
     for i in steep_entries:
         shifted_theta = theta.copy()
         shifted_theta[i] -= KINK_STEP * np.sign(slope[i]) / np.sqrt(scale[i])
-        at_kink[i] = evaluate(shifted_theta).cost > current.cost
-    return at_kink, len(steep_entries)
+        kink_mask[i] = evaluate(shifted_theta).cost > current.cost
+    return kink_mask, len(steep_entries)
 
 
 def _is_finite(evaluation: Evaluation) -> bool:

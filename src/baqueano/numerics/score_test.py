@@ -166,8 +166,8 @@ def score_test(fit: FitResiduals, D: np.ndarray) -> list[ScoreTest]:
     column that diverged is treated as 0."""
     sums = _sums(fit, D)
     is_infinite = ~np.isfinite(sums.energy)
-    for sums_of_effect in (sums.energy, sums.total, sums.cross, *sums.nuisances) if is_infinite.any() else ():
-        sums_of_effect[is_infinite] = 0.0
+    for effect_sums in (sums.energy, sums.total, sums.cross, *sums.nuisances) if is_infinite.any() else ():
+        effect_sums[is_infinite] = 0.0
     return _score_tests(fit, sums, lambda k: D[k])
 
 
@@ -179,10 +179,10 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _ScoreSums:
             columns = D.T[rows]
             energy += np.einsum("n,nk->k", fit.w[rows], columns * columns)
             products += fit.weighted_rows[:, rows] @ columns
-        of_nuisances = [
+        summed_nuisances = [
             _product(D[:, nuisance.columns], nuisance.weighted_slopes.T) for nuisance in fit.nuisances
         ]
-    return _ScoreSums(energy, products[-1], products[:-1].T, of_nuisances)
+    return _ScoreSums(energy, products[-1], products[:-1].T, summed_nuisances)
 
 
 def bounded_shift(fit: FitResiduals, test: ScoreTest, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -209,14 +209,16 @@ def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[lis
     pattern = (np.cumsum(np.bincount(code) > 0) - 1)[code]
     A = _part_sums(rows, rows, pattern, part_masks)  # w is 0 or 1
     scores = np.einsum("nmk,nm->nk", fit.d.T.reshape(n, m, k), fit.clipped_residuals.reshape(n, m))
-    of_nuisances = []
+    summed_nuisances = []
     for nuisance in fit.nuisances:
         weighted_rows = nuisance.weighted_slopes.T.reshape(-1, m, len(nuisance.d))
-        of_rows = part_masks[:, nuisance.rows]
-        of_nuisances.append(_part_sums(rows[nuisance.rows], weighted_rows, pattern[nuisance.rows], of_rows))
+        row_masks = part_masks[:, nuisance.rows]
+        summed_nuisances.append(
+            _part_sums(rows[nuisance.rows], weighted_rows, pattern[nuisance.rows], row_masks)
+        )
     energy, total = np.einsum("pkk->pk", A).ravel(), _product(part_masks.astype(float), scores).ravel()
-    of_nuisances = [products.reshape(len(part_masks) * k, -1) for products in of_nuisances]
-    sums = _ScoreSums(energy, total, A.reshape(-1, k), of_nuisances)
+    summed_nuisances = [products.reshape(len(part_masks) * k, -1) for products in summed_nuisances]
+    sums = _ScoreSums(energy, total, A.reshape(-1, k), summed_nuisances)
 
     def column(index: np.ndarray) -> np.ndarray:
         return fit.d[index % k] * np.repeat(part_masks[index // k], m, axis=1)

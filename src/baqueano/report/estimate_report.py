@@ -89,8 +89,8 @@ def paths(run: Run, alignment: str = "none", second: Run | None = None) -> list[
             indices = np.linspace(
                 begin_index, last_index, min(MAX_CORRIDOR_POINTS, last_index + 1 - begin_index)
             ).astype(int)
-            to_left = np.stack([-np.sin(eta[indices, 2]), np.cos(eta[indices, 2])], axis=1)
-            edge_offset = corridor.across_m[indices, None] * to_left
+            left_normal = np.stack([-np.sin(eta[indices, 2]), np.cos(eta[indices, 2])], axis=1)
+            edge_offset = corridor.across_m[indices, None] * left_normal
             band = np.stack([eta[indices, :2] + edge_offset, eta[indices, :2] - edge_offset], axis=1)
             turn = map_from_body(eta[last_index, 2] - corridor.eta[last_index, 2])[:2, :2]
             end = figures.ellipse(eta[last_index, :2], turn @ run.estimate.cov[last_index, :2, :2] @ turn.T)
@@ -150,9 +150,9 @@ def errors(run: Run, alignment: str = "none", second: Run | None = None) -> list
     return [Section(_("Errors against the truth"), "", [drawing])]
 
 
-def _truth_errors(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarray]:
+def _truth_errors(run: Run, truth_run: Run, alignment: str) -> tuple[np.ndarray, np.ndarray]:
     """Return times [s], and the errors (N, 4) of x, y, ψ, ν_x: estimate minus truth, with the heading wrapped."""
-    log, truth = run.estimate, truth_of.truth
+    log, truth = run.estimate, truth_run.truth
     assert log is not None
     assert truth is not None
     error = _aligned_path(run, alignment) - interpolate_poses(log.t_ns, truth.t_ns, truth.eta)

@@ -39,10 +39,10 @@ def decimate(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     is_missing = np.isnan(spans)
     minima = span_starts + np.argmin(np.where(is_missing, np.inf, spans), axis=1)
     maxima = span_starts + np.argmax(np.where(is_missing, -np.inf, spans), axis=1)
-    rows_kept = np.unique(
+    kept_rows = np.unique(
         np.concatenate([minima, maxima, span_starts[is_missing.all(axis=1)], np.arange(rows, len(t))])
     )
-    return t[rows_kept], y[rows_kept]
+    return t[kept_rows], y[kept_rows]
 
 
 def most_motion(t_s: np.ndarray, y: np.ndarray, span_s: float) -> slice:

@@ -74,7 +74,7 @@ def headlines(row: dict, with_vehicle: bool = True) -> list[Headline]:
     prefix, source = ("pace_true", _("true"))
     if not np.isfinite(row["pace_true_error"]):
         prefix, source = ("pace_estimate", _("by the estimate"))
-    of_vehicle = (
+    vehicle_rows = (
         ("across_true_rms_m", _("across the path, true value"), _("rms"), 100, "cm"),
         (
             f"{prefix}_error",
@@ -86,7 +86,7 @@ def headlines(row: dict, with_vehicle: bool = True) -> list[Headline]:
         ("saturated_fraction", _("at a limit"), _("of the ticks, command or wheel"), 100, "%"),
         ("sign_changes_per_s", _("changes of sign"), _("of the forward command"), 1, _("per s")),
     )
-    of_estimate = (
+    estimate_rows = (
         ("ate_m", _("error of the estimated position"), _("rms against truth"), 100, "cm"),
         ("speed_error_m_s", _("error of the estimated speed"), _("rms against truth"), 1000, "mm/s"),
         (
@@ -100,7 +100,7 @@ def headlines(row: dict, with_vehicle: bool = True) -> list[Headline]:
     )
     return [
         Headline(label, f"{number(row[key] * scale):.3g} {unit}".strip(), note)
-        for key, label, note, scale, unit in (*(of_vehicle if with_vehicle else ()), *of_estimate)
+        for key, label, note, scale, unit in (*(vehicle_rows if with_vehicle else ()), *estimate_rows)
         if row.get(key) is not None and np.isfinite(row[key])
     ]
 

@@ -275,14 +275,14 @@ def _place_route(route: Route, room: Room) -> Route:
 
 def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tuple[float, list[Diagnostic]]:
     """Return the largest share of the command, and a finding if the vehicle cannot follow the route.  (1), (2)"""
-    at_m, v, r, steady_share, lasting_share = _demand(route, s, capability)
+    place_m, v, r, steady_share, lasting_share = _demand(route, s, capability)
     t_s = _times(route)
     share, advice = float(np.max(lasting_share)), baqueano_command("route", "faster", NAME_PLACEHOLDER)
     is_too_fast = bool(np.any(_sliding_minimum(steady_share, t_s) > MAX_SHARE))
     if not is_too_fast and share <= MAX_SHARE:
         return share, []
     k = int(np.argmax(steady_share if is_too_fast else lasting_share))
-    figures: JsonObject = {"position_m": float(at_m[k]), "share": share}
+    figures: JsonObject = {"position_m": float(place_m[k]), "share": share}
     if not is_too_fast:
         return share, [note("route.accelerates-too-fast", Severity.WARNING, advice, **figures)]
     max_speed = float(capability.fastest_speed(np.zeros(1), np.full(1, MAX_SPEED_M_S))[0])
@@ -331,8 +331,8 @@ def _motion_findings(route: Route, s: np.ndarray, reach: float) -> list[Diagnost
         least_excess = _sliding_minimum(excess, t_s, MIN_SIDEWAYS_S)
         k = int(np.argmax(least_excess))
         if least_excess[k] > MIN_SIDEWAYS_M_S:
-            at_m, fix = float(np.interp(t_s[k], route.t_s, s)), baqueano_command("route", *advice)
-            return [fault(code, fix, position_m=at_m, speed_m_s=float(speed[k]), velocity_m_s=float(v[k]))]
+            place_m, fix = float(np.interp(t_s[k], route.t_s, s)), baqueano_command("route", *advice)
+            return [fault(code, fix, position_m=place_m, speed_m_s=float(speed[k]), velocity_m_s=float(v[k]))]
     return []
 
 

@@ -78,12 +78,12 @@ def direction(route: Route) -> float:
     if np.any(is_backward) and np.any(is_forward):
         changes = np.flatnonzero(np.diff(np.sign(speed[is_backward | is_forward])))
         first = np.flatnonzero(is_backward | is_forward)[changes[0] + 1]
-        at_m = float(distances_along(route.eta[:, :2])[first])
+        place_m = float(distances_along(route.eta[:, :2])[first])
         raise UsageError(
             fault(
                 "route.both-ways",
                 cut_command(distances_along(route.eta[:, :2]), int(first) - 1),
-                position_m=at_m,
+                position_m=place_m,
                 count=len(changes),
             )
         )
@@ -95,10 +95,10 @@ def cut_command(s: np.ndarray, k: int) -> str:
 
     If this part is shorter than a centimetre, the command keeps the rest, from the sample k + 1 on.
     """
-    before_m, after_m = np.floor(100.0 * s[k] - 1e-6) / 100.0, np.ceil(100.0 * s[k + 1] + 1e-6) / 100.0
-    if before_m > 0.0:
-        return baqueano_command("route", "cut", NAME_PLACEHOLDER, "--to", f"{before_m:.2f}")
-    return baqueano_command("route", "cut", NAME_PLACEHOLDER, "--from", f"{after_m:.2f}")
+    begin_m, end_m = np.floor(100.0 * s[k] - 1e-6) / 100.0, np.ceil(100.0 * s[k + 1] + 1e-6) / 100.0
+    if begin_m > 0.0:
+        return baqueano_command("route", "cut", NAME_PLACEHOLDER, "--to", f"{begin_m:.2f}")
+    return baqueano_command("route", "cut", NAME_PLACEHOLDER, "--from", f"{end_m:.2f}")
 
 
 def route_along(path: RoutePath, speed: np.ndarray, forward_sign: float, *, closed: bool) -> Route:

@@ -86,8 +86,8 @@ def vehicle_room(vehicle_file: "VehicleFile | None", room: Room | str, **options
     if not isinstance(room, str):
         raise UsageError(fault("room.kind", "--room 2x2", value=repr(room)))
     if not (match := SIDES.fullmatch(room)):
-        with_points = room.replace(",", ".")
-        remedy = with_points if SIDES.fullmatch(with_points) else "2x2"
+        room_text = room.replace(",", ".")
+        remedy = room_text if SIDES.fullmatch(room_text) else "2x2"
         raise UsageError(fault("room.unreadable", f"--room {remedy}", size=room))
     sides = [float(side) for side in match.groups()]
     if vehicle_file is None:

@@ -82,10 +82,10 @@ class ShownRun:
                 rows.append(_row(name, log.t_ns, log.eta, start))
         return rows
 
-    def table(self, *, is_by_severity: bool = False) -> str:
+    def table(self, *, is_sorted: bool = False) -> str:
         """Return the topics, the events by time or the most severe first, and the notes on the file, as text."""
         run, lines = self.run, []
-        by_severity = sorted(
+        sorted_events = sorted(
             run.events, key=lambda event: (*LEVELS, event.level).index(event.level), reverse=True
         )
         counts = " ".join(
@@ -104,8 +104,8 @@ class ShownRun:
             rate = "" if r["rate_hz"] is None else f"{number(r['rate_hz']):.2f} Hz"
             longest_text = "" if r["longest_step_s"] is None else f"{number(r['longest_step_s']):.4f} s"
             delay = "" if r.get("delay_ms") is None else f"{number(r['delay_ms']):.1f} ms"
-            counts_of_row = str(r["count"]), rate, str(r["gaps"]), longest_text, str(r["nan_rows"]), delay
-            cells.append([_topic(r["topic"]), *counts_of_row, str(r["size"])])
+            row_counts = str(r["count"]), rate, str(r["gaps"]), longest_text, str(r["nan_rows"]), delay
+            cells.append([_topic(r["topic"]), *row_counts, str(r["size"])])
         head_cells = [
             _("topic"),
             _("count"),
@@ -121,7 +121,7 @@ class ShownRun:
         events = [
             [_event_time((event.t_ns - start) / NANOSECONDS), _(event.level),
              f"{_(SHOWN_SOURCES.get(event.source, event.source))}: {event.sentence}"]
-            for event in (by_severity if is_by_severity else run.events)[:MAX_SHOWN_EVENTS]
+            for event in (sorted_events if is_sorted else run.events)[:MAX_SHOWN_EVENTS]
         ]  # fmt: skip
         lines += text_table("><<", *events)
         if len(run.events) > MAX_SHOWN_EVENTS:
@@ -162,7 +162,7 @@ def _topic(name: str) -> str:
 
 def short_text(run: "Run", *head: str) -> str:
     """Return the text that `print` shows: `head`, the topics, and the events, errors first."""
-    lines = show(run).table(is_by_severity=True).splitlines()
+    lines = show(run).table(is_sorted=True).splitlines()
     topics = len(run.rows()) + 2  # the name, the head of the columns
     events, count = lines[topics:], 0
     if any(event.level == "error" for event in run.events):

@@ -277,8 +277,8 @@ class _ModelSelection:
         score = self._score(end.theta, mask, model.sigma)
         test = paired_comparison(model.score, score)
         verdict = Decision.TAKEN if test.errors > test.critical_value(alpha) else Decision.LEFT_OUT
-        of_hessian = marginal_std(dense(end.evaluation.hessian), index, mask)
-        std = np.fmax(jackknife(score, index.tolist()), of_hessian)
+        hessian_std = marginal_std(dense(end.evaluation.hessian), index, mask)
+        std = np.fmax(jackknife(score, index.tolist()), hessian_std)
         reason = None
         if verdict == Decision.TAKEN and term.paths == (BATTERY_EFFECT,):
             nominal_v = self.blocks.model.drivetrain.battery_nominal_v

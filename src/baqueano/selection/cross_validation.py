@@ -166,8 +166,8 @@ class HeldOutFolds:
             theta_ = self.fit(
                 theta_, is_free & ~self.is_shared & ~self.is_resting_start, sigma, fold.test
             ).theta
-        by_segment = zip(fold.test.weight(sigma).residuals(theta_), fold.test.masks, self.blocks, strict=True)
-        for r, mask, block in by_segment:
+        segments = zip(fold.test.weight(sigma).residuals(theta_), fold.test.masks, self.blocks, strict=True)
+        for r, mask, block in segments:
             a = np.abs(r)
             np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))
             np.add.at(samples, block, mask)
@@ -189,16 +189,16 @@ def check_only_held_out(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
 def paired_comparison(base: Score, other_model: Score) -> PairedComparison:
     """Return the comparison of two models, block by block.  (2), (3)"""
     has_samples = base.samples.sum(axis=1) > 0.0
-    loss_before, loss_after = base.loss[has_samples], other_model.loss[has_samples]
+    base_loss, other_loss = base.loss[has_samples], other_model.loss[has_samples]
     floor = MIN_NOISE_SHARE * base.samples[has_samples].sum(axis=1)
-    if not (np.isfinite(loss_before).all() and np.isfinite(loss_after).all()):
+    if not (np.isfinite(base_loss).all() and np.isfinite(other_loss).all()):
         return PairedComparison(-np.inf, np.inf, -np.inf, 0, len(floor))
-    g = 0.5 * np.log((loss_before.sum(axis=1) + floor) / (loss_after.sum(axis=1) + floor))
+    g = 0.5 * np.log((base_loss.sum(axis=1) + floor) / (other_loss.sum(axis=1) + floor))
     mean, se = float(g.mean()), float(g.std(ddof=1) / np.sqrt(len(g)))
     errors = mean / se if se > 1e-12 else 0.0
-    if not loss_after.sum() < loss_before.sum():
+    if not other_loss.sum() < base_loss.sum():
         errors = min(errors, 0.0)
-    channel = int(np.argmax(np.abs((loss_before - loss_after).sum(axis=0))))
+    channel = int(np.argmax(np.abs((base_loss - other_loss).sum(axis=0))))
     return PairedComparison(mean, se, errors, channel, len(g))
 
 

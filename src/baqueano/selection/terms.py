@@ -203,10 +203,10 @@ def _search_starts(
     changed_model, base = (with_value(blocks, path, neutral + x).model for x in (UNIT_STEP, 0.0))
     sensitivity = 0.0
     for m in motions:
-        nu_dot_with, nu_dot_without = (
+        extended_nu_dot, base_nu_dot = (
             x.step(m.state, m.u, SHORT_STEP_S, np.zeros(3))[1].nu_dot for x in (changed_model, base)
         )
-        change = np.abs(nu_dot_with - nu_dot_without) / UNIT_STEP / max_nu
+        change = np.abs(extended_nu_dot - base_nu_dot) / UNIT_STEP / max_nu
         sensitivity = max(sensitivity, float(np.max(change)) if np.all(np.isfinite(change)) else 0.0)
     fractions = SPEED_FRACTIONS if sensitivity > 1e-9 else ()
     return tuple(neutral + fraction / sensitivity for fraction in fractions)

@@ -92,7 +92,7 @@ def simulated_errors(ekf: AugmentedEkf, run: Run, filter_kernel: Scan) -> tuple[
         draws = DrawnTick(u, walk, d, bias, slip, tuple(rng.standard_normal((n, m)) for m in sizes))
         _, (truth, slots) = drive.run(draws, carry=begin)
         rows, tick_rows = split_ticks(Tick(t_ns, u, slots), ekf.rate_hz)
-        eta, nu, cov = (rows_of_output[tick_rows] for rows_of_output in filter_kernel.run(rows)[1][-3:])
+        eta, nu, cov = (output_rows[tick_rows] for output_rows in filter_kernel.run(rows)[1][-3:])
         e = np.concatenate([eta, nu], axis=1) - truth
         e[:, 2] = wrap(e[:, 2])
         errors.append(e)
@@ -133,8 +133,8 @@ def _tick(
     next_x = np.concatenate([eta, nu, np.array(d), *scales, bias])
     truth = current_motion._replace(tick=(state.motion, motions[TICK_PARTS // 2 - 1], motions[-1]))
     sensors, slots = _read_sensors(ekf, state, bias, slip, truth, draws, dt_s)
-    state_read = np.concatenate([eta, nu + velocity_error(ekf, x[SCALE_INDEX:BIAS_INDEX], nu)])
-    return SimulatedState(next_x, slip, current_motion, drivetrain, sensors), (state_read, slots)
+    measured_state = np.concatenate([eta, nu + velocity_error(ekf, x[SCALE_INDEX:BIAS_INDEX], nu)])
+    return SimulatedState(next_x, slip, current_motion, drivetrain, sensors), (measured_state, slots)
 
 
 def _step_part(

@@ -255,9 +255,9 @@ def drive_batch(
     }
     for case in cases:
         change, perfect, overrides = CASES[case]
-        for shape, route_at in SHAPES.items():
+        for shape, make_route in SHAPES.items():
             for speed in [v for v in overrides if v in speeds]:
-                laps = simulate_lap(loops[perfect], change(robots), route_at(speed), [s + 1 for s in names])
+                laps = simulate_lap(loops[perfect], change(robots), make_route(speed), [s + 1 for s in names])
                 drives += [
                     LapErrors(case, shape, speed, seed, *lap) for seed, lap in zip(names, laps, strict=True)
                 ]

@@ -142,8 +142,10 @@ def first_drives(
     drives = run_in_processes(
         partial(drive_one, backend=backend), range(first, first + seeds), processes, advance
     )
-    by_wiring = {wiring: [drive for drive in drives if drive.wiring == wiring] for wiring in WIRINGS}
-    return FirstDrives(tuple(_row(wiring, figures) for wiring, figures in by_wiring.items() if figures))
+    drives_by_wiring = {wiring: [drive for drive in drives if drive.wiring == wiring] for wiring in WIRINGS}
+    return FirstDrives(
+        tuple(_row(wiring, figures) for wiring, figures in drives_by_wiring.items() if figures)
+    )
 
 
 def _row(wiring: str, figures: list[FirstDriveFigures]) -> FirstDriveRow:

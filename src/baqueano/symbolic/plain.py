@@ -101,16 +101,16 @@ class PlainScan(Scan):
         all_outputs: list[Tree] = []
         carry_shape = self.carry_shape
         for member in self._members(batch):
-            last, outputs_of = self.run(*member)
+            last, member_outputs = self.run(*member)
             carry_shape = tree_shape(last, "carry")
             final_carries.append(flat_row(carry_shape, last))
-            all_outputs.append(outputs_of)
+            all_outputs.append(member_outputs)
         if not with_outputs:
             return as_tree(carry_shape, np.array(final_carries)), None
         shape = tree_shape(all_outputs[0], "output")
         stacks = [
             np.stack(column)
-            for column in zip(*(values(shape, outputs_of) for outputs_of in all_outputs), strict=True)
+            for column in zip(*(values(shape, member_outputs) for member_outputs in all_outputs), strict=True)
         ]
         return as_tree(carry_shape, np.array(final_carries)), build(shape, iter(stacks))
 
@@ -139,12 +139,12 @@ class PlainScan(Scan):
             )
 
     def _loop(self, inputs: Tree, theta: np.ndarray | TracedArray, carry: Tree) -> tuple[Tree, list[Tree]]:
-        theta_of = () if self.parameters is None else (theta,)
+        theta_arguments = () if self.parameters is None else (theta,)
         if carry is None:
-            carry = self.carry_function(*theta_of) if self.carry_function else self.example
+            carry = self.carry_function(*theta_arguments) if self.carry_function else self.example
         outputs = []
         for x in self._ticks(inputs):
-            carry, output = self.step(*theta_of, carry, x)
+            carry, output = self.step(*theta_arguments, carry, x)
             outputs.append(output)
         if not outputs:
             raise Invalid(fault("engine.no-ticks"))
@@ -162,7 +162,7 @@ def _common_shape(outputs: list[Tree]) -> Shape:
     """Return the common shape of all outputs; a value that is an integer only at some ticks is a float."""
     shape = tree_shape(outputs[0], "output")
     kinds = zip(*([leaf.kind for leaf in leaves(tree_shape(y, "output"))] for y in outputs), strict=True)
-    return with_kinds(shape, iter([min(set(kinds_of_entry), key="fib".index) for kinds_of_entry in kinds]))
+    return with_kinds(shape, iter([min(set(entry_kinds), key="fib".index) for entry_kinds in kinds]))
 
 
 def _check_scalar(numbers: int) -> None:

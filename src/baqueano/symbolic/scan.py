@@ -284,8 +284,8 @@ class TracedScan(Scan):
         jacobians = np.empty((*outputs.shape, len(theta)))
         run = runner.call("bind", theta, start, rows, outputs, jacobians, "sensitivities")
 
-        def call(theta_now: np.ndarray, carry: np.ndarray) -> Tree:
-            theta[...], start[...] = theta_now, carry[assembly.first]
+        def call(current_theta: np.ndarray, carry: np.ndarray) -> Tree:
+            theta[...], start[...] = current_theta, carry[assembly.first]
             run()
             return outputs, jacobians
 

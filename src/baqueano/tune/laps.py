@@ -98,7 +98,7 @@ class SimulatedLaps:
     def costs(self, gains: np.ndarray) -> np.ndarray:
         """Return C_path and C_jerk (L, 2) of the laps with gains (L, p)."""
         if len(gains) * len(self._inputs.t_ns) < MIN_BATCH_TICKS:
-            laps = [self.lap(gains_of_lap) for gains_of_lap in gains]
+            laps = [self.lap(lap_gains) for lap_gains in gains]
             return np.array([(lap.path_cost, lap.jerk_cost) for lap in laps]).reshape(-1, 2)
         return self._cost_kernel.batch_sums(self._inputs, gains)[0]
 

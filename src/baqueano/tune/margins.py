@@ -128,10 +128,10 @@ def loop_transfer(plant: LinearSystem, channel: int) -> LinearSystem:
     )
     B_closed = np.vstack([B[:, [channel]], D[np.ix_(closed_channels, [channel])]])
     row = np.hstack([C[[channel]], D[np.ix_([channel], closed_channels)]])
-    A_late = np.block([[A_closed, np.zeros((n + m, 1))], [row, np.zeros((1, 1))]])
-    B_late = np.vstack([B_closed, D[[channel]][:, [channel]]])
-    C_late = np.hstack([np.zeros((1, n + m)), -np.ones((1, 1))])
-    return LinearSystem(A_late, B_late, C_late, np.zeros((1, 1)), dt_s)
+    A_delayed = np.block([[A_closed, np.zeros((n + m, 1))], [row, np.zeros((1, 1))]])
+    B_delayed = np.vstack([B_closed, D[[channel]][:, [channel]]])
+    C_delayed = np.hstack([np.zeros((1, n + m)), -np.ones((1, 1))])
+    return LinearSystem(A_delayed, B_delayed, C_delayed, np.zeros((1, 1)), dt_s)
 
 
 def linearise(
@@ -190,8 +190,8 @@ def _without_idle_zones(block: Tree, u: np.ndarray) -> Tree:
     if vehicle is not None:
         return replace(cast(Tree, block), vehicle=_without_idle_zones(vehicle, u))
     drivetrain = getattr(block, "drivetrain", None)
-    without_zones = getattr(drivetrain, "without_idle_zones", None)
-    if without_zones is None or (new_drivetrain := without_zones(u)) is drivetrain:
+    remove_zones = getattr(drivetrain, "without_idle_zones", None)
+    if remove_zones is None or (new_drivetrain := remove_zones(u)) is drivetrain:
         return block
     return replace(cast(Tree, block), drivetrain=new_drivetrain)
 
@@ -270,6 +270,6 @@ def _crossing_frequency(loop: LinearSystem, ends: np.ndarray, function: Callable
     sign = np.sign(function(loop.frequency_response(low)[0]))
     for _ in range(BISECTION_STEPS):
         midpoint = float(np.sqrt(low * high))
-        is_below = np.sign(function(loop.frequency_response(midpoint)[0])) == sign
-        low, high = (midpoint, high) if is_below else (low, midpoint)
+        has_same_sign = np.sign(function(loop.frequency_response(midpoint)[0])) == sign
+        low, high = (midpoint, high) if has_same_sign else (low, midpoint)
     return float(np.sqrt(low * high))

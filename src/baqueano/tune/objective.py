@@ -159,12 +159,12 @@ class Objective:
     def drive_errors(self, gains: np.ndarray) -> DriveErrors:
         """Return the errors over all drives with the gains (p,)."""
         thetas = [np.concatenate([gains, v]) for v in self.vehicles]
-        errors_of_drives = [
+        errors_by_drive = [
             case.figures_kernel.run(inputs, theta)[1]
             for case in self.cases for inputs in case.inputs for theta in thetas
         ]  # fmt: skip
-        d, psi, at_limit = (np.concatenate(x) for x in zip(*errors_of_drives, strict=True))
-        start_m = max(float(distances[0]) for distances, *_ in errors_of_drives)
+        d, psi, at_limit = (np.concatenate(x) for x in zip(*errors_by_drive, strict=True))
+        start_m = max(float(distances[0]) for distances, *_ in errors_by_drive)
         return DriveErrors(start_m, rms(d), float(np.max(d)), rms(psi), float(np.mean(at_limit)))
 
     def nominal(self) -> "Objective":

@@ -71,8 +71,8 @@ def search(
     """
     minimize = _minimize()
     points = [gains(x, low, high) for x in halton(SAMPLED_POINTS, len(low))]
-    by_cost = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
-    begin = [np.clip(g, low, high) for g in initial] + [points[k] for _, k in by_cost[:start_count]]
+    costs_and_points = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
+    begin = [np.clip(g, low, high) for g in initial] + [points[k] for _, k in costs_and_points[:start_count]]
     ends = [descend(cost_and_gradient, g, low, high) for g in begin]
     ends.sort(key=lambda d: d.cost)
     if polish and ends[0].cost < DIVERGED_COST and ends[0].slope > MAX_RELATIVE_SLOPE:

@@ -231,7 +231,7 @@ class TuneResult(Result):
 
     def _notes(self) -> list[str]:
         d, w = self.drive, self.weights
-        cost_before_text = f"{number(self.cost_before):.4g} → " if np.isfinite(self.cost_before) else ""
+        previous_cost = f"{number(self.cost_before):.4g} → " if np.isfinite(self.cost_before) else ""
         worst_case_text = (
             _(", as for the worst of {vehicles} vehicles", vehicles=self.worst_case.draws)
             if self.worst_case
@@ -241,7 +241,7 @@ class TuneResult(Result):
             _(
                 "cost {file_cost_text}{cost:.4g} m²{over}, {standing:.4g} m² without control; tuned with: {loop}; "
                 "a heading error of 1 rad counts as {radian_m:.3g} m",
-                file_cost_text=cost_before_text, cost=self.cost, over=worst_case_text, standing=self.cost_uncontrolled,
+                file_cost_text=previous_cost, cost=self.cost, over=worst_case_text, standing=self.cost_uncontrolled,
                 radian_m=w.radian_m,
                 loop=_(self.loop),
             ),

@@ -213,8 +213,8 @@ def _covariances(fit: "Fit", entries: list[int], fixed_paths: list[str]) -> np.n
     )
     S = np.hstack([fit.fixed.shifts[:, entries], direct])
     covs = np.zeros((1 + len(paths), S.shape[1], S.shape[1]))
-    of_data = fit.cov - fit.unmodelled_cov - fit.fixed.estimate_cov
-    covs[0, : len(entries), : len(entries)] = of_data[np.ix_(entries, entries)]
+    data_cov = fit.cov - fit.unmodelled_cov - fit.fixed.estimate_cov
+    covs[0, : len(entries), : len(entries)] = data_cov[np.ix_(entries, entries)]
     cross = S[:, :, None] * (C @ S)[:, None, :]
     covs[1:] = 0.5 * (cross + cross.transpose(0, 2, 1))
     return covs
@@ -305,11 +305,11 @@ def _forecast_windows(
                 variances.append(_variances(drive, i, j, covs))
                 distances_m.append(distance_m[j] - distance_m[i])
     longest_drive = max(drives, key=lambda drive: len(drive.u))
-    of_fit, misfit = np.mean(variances or [_variances(longest_drive, 0, -1, covs)], axis=0)
+    fit_variance, misfit = np.mean(variances or [_variances(longest_drive, 0, -1, covs)], axis=0)
     misfit = np.maximum(misfit, 0.0)
     if not variances:  # almost without commands: use the whole longest run
-        return _forecast_drive(note("forecast.repeat-longest"), longest_drive, of_fit + misfit), misfit
-    position_m, heading_rad = np.sqrt(np.maximum(of_fit + misfit, 0.0)).tolist()
+        return _forecast_drive(note("forecast.repeat-longest"), longest_drive, fit_variance + misfit), misfit
+    position_m, heading_rad = np.sqrt(np.maximum(fit_variance + misfit, 0.0)).tolist()
     title, distance = note("forecast.as-the-runs"), float(np.mean(distances_m))
     return DriveForecast(title, ahead_s, distance, position_m, heading_rad), misfit
 
@@ -330,15 +330,15 @@ def _variances(drive: _ModelDrive, i: int, j: int, covs: np.ndarray) -> np.ndarr
     rotation = np.outer(np.array([displacement[1], -displacement[0], 0.0]), drive.derivatives[i, 2])
     jacobian = J.T @ (derivative_change + rotation)
     x, y, psi = np.einsum("ip,cpq,iq->ic", jacobian, covs, jacobian)
-    of_errors = np.array([x + y, psi])
-    of_fit, total = of_errors[:, 0], of_errors.sum(axis=1)
+    error_variances = np.array([x + y, psi])
+    fit_variance, total = error_variances[:, 0], error_variances.sum(axis=1)
     if not drive.measured:
-        return np.array([total, 0.0 * of_fit])
+        return np.array([total, 0.0 * fit_variance])
     errors = [
         map_from_body(path[i, 2]).T @ (path[j] - path[i]) - J.T @ displacement for path in drive.measured
     ]
     x, y, psi = np.prod([[*error[:2], wrap(error[2])] for error in errors], axis=0)
-    return np.array([total, of_fit + np.array([x + y, psi])])
+    return np.array([total, fit_variance + np.array([x + y, psi])])
 
 
 def _forecast_route(drives: Sequence[_ModelDrive]) -> Any:
@@ -358,14 +358,14 @@ def _lap(
 ) -> tuple[tuple[np.ndarray, np.ndarray] | None, Diagnostic | str]:
     """Return steps (N,) and commands (N, n) of a lap that the model drives, or None and the reason."""
     vehicle_file = fit.vehicle_file
-    of_controller = (f"controller.vehicle.{path.removeprefix('model.')}" for path in paths)
+    gain_paths = (f"controller.vehicle.{path.removeprefix('model.')}" for path in paths)
     try:
         system = loop_system(
             vehicle_file, route, perfect=True, controller=vehicle_file.controller("pd_feedforward")
         )
         kernel = closed_loop(
             system, vehicle_file.rate_hz, noise=False, backend=fit.backend, output=_command_and_pose,
-            paths=(*paths, *of_controller),
+            paths=(*paths, *gain_paths),
         )  # fmt: skip
         t_ns = tick_times(drive_tick_count(system, vehicle_file.rate_hz), vehicle_file.rate_hz)
         start = begin(system, start_pose(system))

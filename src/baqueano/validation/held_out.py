@@ -187,10 +187,10 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if fit.verdict == Verdict.REFUSED:
         raise UsageError(fault("validation.refused-fit"))
-    runs_of_fit = [run.name for run in runs if fit.includes(run)]
-    if runs_of_fit:
-        raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=runs_of_fit[0]))
-    use = _channels_used(fit)
+    fit_runs = [run.name for run in runs if fit.includes(run)]
+    if fit_runs:
+        raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=fit_runs[0]))
+    use = _used_channels(fit)
     sigma = {name: noise for name, noise in fit.sigma.items() if any(u.split("[")[0] == name for u in use)}
     run_parameters = [name for name in fit.run_entry_names if is_requested(name)]
     clocks = [name.removeprefix("clock.") for name in run_parameters if name.startswith("clock.")]
@@ -256,18 +256,18 @@ def _basis(fit: Fit, runs: Sequence[Run], at_rest: Sequence[bool]) -> Diagnostic
     return note("validation.basis", span_s=span, start=start_note, pieces=count)
 
 
-def _channels_used(fit: Fit) -> tuple[str, ...]:
+def _used_channels(fit: Fit) -> tuple[str, ...]:
     """Return the sensors of the fit, in the form of `use`, without hand measurements."""
-    entries_used = dict.fromkeys(
+    used_entries = dict.fromkeys(
         (c.sensor, c.entry) for c in fit.channels if np.isfinite(c.explained_fraction)
     )
     sensors = [name for name in fit.sigma if name not in HAND_SENSORS]
     whole_sensors = [
-        name for name in sensors if all((name, k) in entries_used for k in range(len(fit.sigma[name])))
+        name for name in sensors if all((name, k) in used_entries for k in range(len(fit.sigma[name])))
     ]
     return (
         *whole_sensors,
-        *(f"{name}[{k}]" for name, k in entries_used if name in sensors and name not in whole_sensors),
+        *(f"{name}[{k}]" for name, k in used_entries if name in sensors and name not in whole_sensors),
     )
 
 

@@ -107,9 +107,9 @@ def compare_noise(
     runs = [held_out] if isinstance(held_out, Run) else list(held_out)
     if not noises or not runs:
         raise UsageError(fault("noise.nothing-to-compare"))
-    runs_of_fit = [run.name for run in runs if fit.includes(run)]
-    if runs_of_fit:
-        raise UsageError(fault("noise.fitted-to", run=runs_of_fit[0]))
+    fit_runs = [run.name for run in runs if fit.includes(run)]
+    if fit_runs:
+        raise UsageError(fault("noise.fitted-to", run=fit_runs[0]))
     if fit.file.kind("estimator") is not Ekf:
         raise UsageError(fault("noise.not-ekf", vehicle=fit.file.name))
     ekf = fitted_filter(fit, _sensor_covariances(fit, next(iter(noises.values()))))
@@ -140,11 +140,11 @@ def _trial(name: str, logs: list[np.ndarray], per_block: int) -> NoiseTrial:
     for run_logs in logs:
         rows = len(run_logs) // per_block * per_block
         blocks.append(run_logs[:rows, [0, 2]].reshape(-1, per_block, 2).sum(axis=1))
-    count_of_entries = max(1.0, float(count.sum()))
-    nis = float(square.sum() / count_of_entries)
+    entry_count = max(1.0, float(count.sum()))
+    nis = float(square.sum() / entry_count)
     total, weight = np.concatenate(blocks).T
     std = float(np.sqrt(np.sum((total - nis * weight) ** 2)) / max(1.0, float(weight.sum())))
-    likelihood = float(-0.5 * np.sum(log_det + square) / count_of_entries)
+    likelihood = float(-0.5 * np.sum(log_det + square) / entry_count)
     return NoiseTrial(name, nis, nis - QUANTILE_95 * std, nis + QUANTILE_95 * std, likelihood)
 
 

@@ -341,10 +341,12 @@ def _change(
         first_mean, last_mean = (
             np.sum(weight[s] * y[s]) / np.sum(weight[s]) for s in (slice(k), slice(k, None))
         )
-        v_before, v_after = 1.0 / weight[:k].sum(), 1.0 / weight[k:].sum()
-        z = (last_mean - first_mean) / np.sqrt(v_before + v_after)
+        first_variance, last_variance = 1.0 / weight[:k].sum(), 1.0 / weight[k:].sum()
+        z = (last_mean - first_mean) / np.sqrt(first_variance + last_variance)
         residuals = np.concatenate([y[:k] - first_mean, y[k:] - last_mean])
-        steps.append((z, first_mean, v_before, last_mean, v_after, float(np.sum(weight * residuals**2)), k))
+        steps.append(
+            (z, first_mean, first_variance, last_mean, last_variance, float(np.sum(weight * residuals**2)), k)
+        )
     best_step = max(steps, key=lambda step: abs(step[0]))
     if not abs(best_step[0]) > NormalDist().inv_cdf(1.0 - 0.5 * ALPHA / (test_count * len(steps))):
         return None
@@ -356,11 +358,11 @@ def _change(
         std_first, std_last = float(np.sqrt(variance[0])), float(np.sqrt(variance[-1]))
         values = float(ends[0]), std_first, float(ends[1]), std_last
         return ParameterChange(name, unit, "drift", (first, last), *values, z)
-    z, first_mean, v_before, last_mean, v_after, _, k = best_step
+    z, first_mean, first_variance, last_mean, last_variance, _, k = best_step
     run_pair = (runs[measured_runs[k - 1]], runs[measured_runs[k]])
     return ParameterChange(
-        name, unit, "step", run_pair, float(first_mean), float(np.sqrt(v_before)), float(last_mean),
-        float(np.sqrt(v_after)), float(z),
+        name, unit, "step", run_pair, float(first_mean), float(np.sqrt(first_variance)), float(last_mean),
+        float(np.sqrt(last_variance)), float(z),
     )  # fmt: skip
 
 

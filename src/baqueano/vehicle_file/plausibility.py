@@ -159,15 +159,15 @@ def _check_steps(report: ReadReport, vehicle: "DynamicVehicle", rate_hz: float) 
 
 def _fastest_path(vehicle: "DynamicVehicle", i: int) -> str:
     """Return the path of the friction that damps motion along axis i most, or of a time constant without friction."""
-    model, fields_of_model = {"model": vehicle}, dict(all_parameters(vehicle, "model"))
+    model, model_fields = {"model": vehicle}, dict(all_parameters(vehicle, "model"))
     rate_by_path = {
         path: derivative[i] * float(value_at_path(model, path))
-        for path, derivative in damping_derivatives(vehicle, fields_of_model)
+        for path, derivative in damping_derivatives(vehicle, model_fields)
     }
     if any(x > 0.0 for x in rate_by_path.values()):
         return max(rate_by_path, key=lambda path: rate_by_path[path])
-    candidates = [k for k, p in fields_of_model.items() if p.shape == ()]
-    fitted_keys = [k for k in candidates if fields_of_model[k].role == "fitted"]
+    candidates = [k for k, p in model_fields.items() if p.shape == ()]
+    fitted_keys = [k for k in candidates if model_fields[k].role == "fitted"]
     return min(
         fitted_keys or candidates,
         key=lambda k: decay_rates(with_value(model, k, 1.01 * value_at_path(model, k))["model"])[i],

@@ -148,7 +148,7 @@ def report_unknown_key(
     report: ReadReport,
     path: KeyPath,
     value: object,
-    unit_of: dict[str, str],
+    unit_by_key: dict[str, str],
     other_keys: typing.Collection[str] = (),
 ) -> None:
     """Add a problem for an unknown key, with a suggestion."""
@@ -156,8 +156,8 @@ def report_unknown_key(
     if name in DERIVED_KEYS:
         report.add_problem(path, "vehicle.derived-key")
         return
-    names = [*unit_of, *other_keys]
-    near_unit = wrong_unit(name, value, unit_of)
+    names = [*unit_by_key, *other_keys]
+    near_unit = wrong_unit(name, value, unit_by_key)
     code = "vehicle.key-unknown" if len(path) > 1 else "vehicle.table-unknown"
     report.add_problem(path, code, value=name, suggestion=near_unit or nearest(name, names))
 

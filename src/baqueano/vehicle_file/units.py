@@ -103,10 +103,10 @@ def split_unit(key: str) -> tuple[str, str]:
     return key, ""
 
 
-def wrong_unit(key: str, value: object, unit_of: dict[str, str]) -> Diagnostic | None:
-    """Return a suggestion if `key` is a key of `unit_of` (key → unit) with another unit or without unit; else None."""
+def wrong_unit(key: str, value: object, unit_by_key: dict[str, str]) -> Diagnostic | None:
+    """Return a suggestion if `key` is a key of `unit_by_key` with another unit or without unit; else None."""
     stem, unit = split_unit(key)
-    for known_key, its_unit in unit_of.items():
+    for known_key, its_unit in unit_by_key.items():
         right_stem, right_unit = split_unit(known_key)
         same_stem = right_stem == stem and unit != right_unit
         is_unit_extra = known_key == stem and unit != ""  # accel_bias_mg for accel_bias

@@ -53,11 +53,11 @@ def command_segments(
         begins_s.append(begins_s[-1] - step_s)
     selection = values[-1], values[-2], values[-3], begins_s[-1], begins_s[-2]
     for k in range(slots - 1, -1, -1):
-        is_in_force = begins_s[k + 2] <= 0.0
+        is_active = begins_s[k + 2] <= 0.0
         next_selection = values[k + 2], values[k + 1], values[k], begins_s[k + 1], begins_s[k]
-        selection = tuple(np.where(is_in_force, a, b) for a, b in zip(next_selection, selection, strict=True))
-    first, second, third, to_second, to_third = selection
-    end_first, end_second = np.clip(to_second, 0.0, dt_s), np.clip(to_third, 0.0, dt_s)
+        selection = tuple(np.where(is_active, a, b) for a, b in zip(next_selection, selection, strict=True))
+    first, second, third, second_begin_s, third_begin_s = selection
+    end_first, end_second = np.clip(second_begin_s, 0.0, dt_s), np.clip(third_begin_s, 0.0, dt_s)
     pieces = [
         CommandSegment(first, 0.0, end_first),
         CommandSegment(second, end_first, end_second - end_first),

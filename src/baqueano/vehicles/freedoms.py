@@ -49,8 +49,8 @@ def damping_derivatives(
     `freedoms` is the result of `coasting_axes`, if it is already known.
     """
     freedoms = coasting_axes(vehicle) if freedoms is None else freedoms
-    for path, rates_at in _entry_rates(vehicle, fields, freedoms, SMALL_SPEED):
-        first_step, second_step = rates_at[1] - rates_at[0], rates_at[2] - rates_at[1]
+    for path, entry_rates in _entry_rates(vehicle, fields, freedoms, SMALL_SPEED):
+        first_step, second_step = entry_rates[1] - entry_rates[0], entry_rates[2] - entry_rates[1]
         if np.any(first_step > 1e-6) and np.allclose(first_step, second_step, rtol=1e-3):
             yield path, np.where(first_step > 1e-6, first_step, 0.0)
 
@@ -62,10 +62,10 @@ def quadratic_damping(
     square of the speed.  (4)  `freedoms` is the result of `coasting_axes`, if it is already known.
     """
     freedoms = coasting_axes(vehicle) if freedoms is None else freedoms
-    at_double_speed = dict(_entry_rates(vehicle, fields, freedoms, 2.0))
-    for path, rates_at in _entry_rates(vehicle, fields, freedoms, 1.0):
-        k, at_two = rates_at[1] - rates_at[0], at_double_speed[path][1] - at_double_speed[path][0]
-        if np.any(k > 1e-6) and np.allclose(2.0 * k, at_two, rtol=1e-3):
+    double_rates = dict(_entry_rates(vehicle, fields, freedoms, 2.0))
+    for path, entry_rates in _entry_rates(vehicle, fields, freedoms, 1.0):
+        k, double_step = entry_rates[1] - entry_rates[0], double_rates[path][1] - double_rates[path][0]
+        if np.any(k > 1e-6) and np.allclose(2.0 * k, double_step, rtol=1e-3):
             yield path, np.where(k > 1e-6, k, 0.0)
 
 
@@ -115,10 +115,14 @@ def dry_friction_speeds(vehicle: DynamicVehicle) -> np.ndarray:
 
     A parameter of friction without an entry for each axis acts along the first one.
     """
-    model, speeds, of_axes = {"model": vehicle}, np.full(3, np.inf), dict(all_parameters(vehicle, "model"))
+    model, speeds, definitions = (
+        {"model": vehicle},
+        np.full(3, np.inf),
+        dict(all_parameters(vehicle, "model")),
+    )
     for path, speed_path in sign_speed_paths(vehicle).items():
         is_dry, speed = value_at_path(model, path) > 0.0, value_at_path(model, speed_path)
-        axes = is_dry if of_axes[path].axes else np.any(is_dry) & (np.arange(3) == 0)
+        axes = is_dry if definitions[path].axes else np.any(is_dry) & (np.arange(3) == 0)
         speeds = np.where(axes, speed, speeds)
     return speeds
 

@@ -247,12 +247,12 @@ class BrowserPage:
         """Send the run with this key, and its ghost: a second run, or this run replayed through another estimator."""
         paths, filter_name = self._shelf.paths(), str(message.get("filter") or "")[:MAX_FILTER_LETTERS]
         selection: list[tuple[Path, str]] = []
-        for word_of_run in filter(
+        for run_name in filter(
             None, (message["run"], message["run"] if filter_name else message.get("ghost"))
         ):
-            if word_of_run not in paths:
+            if run_name not in paths:
                 raise UsageError(fault("web.no-run"))
-            selection.append((paths[word_of_run], filter_name if selection else ""))
+            selection.append((paths[run_name], filter_name if selection else ""))
         visitor.send_pieces(self._run_pieces(visitor, selection))
 
     async def _runs(self, visitor: Visitor, message: "JsonObject") -> None:

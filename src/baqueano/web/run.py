@@ -139,14 +139,14 @@ def question_subject(vehicle: str, routes: Path) -> "JsonObject | None":
 
 
 def _server(page: BrowserPage, shelf: RunList, options: PageOptions) -> Server:
-    shared_at = (options.address or own_address()) if options.share else ""
+    shared_address = (options.address or own_address()) if options.share else ""
     names = own_names() if options.share else ()
     return Server(
         page.receive,
         page.on_disconnect,
         shelf.content_at,
         port=options.port,
-        shared_at=shared_at,
+        shared_address=shared_address,
         names=names,
     )
 
@@ -159,7 +159,7 @@ def show_addresses(
     if not options.share:
         own_url = url(LOOPBACK, server.port, tokens)
     else:
-        address = server.shared_at
+        address = server.shared_address
         own_url = url(address, server.port, tokens, Role.DRIVE)
         notify(qr_code(own_url))
         notify(note("web.to-stop", url=url(address, server.port, tokens, Role.STOP)))
@@ -174,7 +174,7 @@ def show_addresses(
 
 def foxglove_url(server: Server, tokens: dict[Role, str]) -> str:
     """Return the address for programs that use Foxglove's protocol, with the token to view."""
-    host = url_host(server.shared_at or LOOPBACK)
+    host = url_host(server.shared_address or LOOPBACK)
     return f"ws://{host}:{server.port}/foxglove/{tokens[Role.VIEW]}"
 
 

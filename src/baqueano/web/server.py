@@ -52,15 +52,15 @@ class Server:
         self,
         on_message: "Callable[[Visitor, JsonObject], Awaitable[None]]",
         on_leave: Callable[[Visitor], None],
-        content_of: Callable[[str], Awaitable[Content | None]],
+        read_content: Callable[[str], Awaitable[Content | None]],
         *,
         port: int = 0,
-        shared_at: str = "",
+        shared_address: str = "",
         names: tuple[str, ...] = (),
     ) -> None:
-        self._on_message, self._on_leave, self._content_of = on_message, on_leave, content_of
-        self._addresses = tuple(filter(None, (LOOPBACK, shared_at)))
-        self._names, self.shared_at, self.port = names, shared_at, port
+        self._on_message, self._on_leave, self._content_of = on_message, on_leave, read_content
+        self._addresses = tuple(filter(None, (LOOPBACK, shared_address)))
+        self._names, self.shared_address, self.port = names, shared_address, port
         self._files = static_files(STATIC)
         self._servers: list[asyncio.Server] = []
         self._connections = Counter[str]()  # by address
@@ -83,7 +83,9 @@ class Server:
                 ) from error
             self._servers.append(server)
             self.port = server.sockets[0].getsockname()[1]
-        self.guard = Guard((*self._addresses, "localhost", *self._names), self.port, bool(self.shared_at))
+        self.guard = Guard(
+            (*self._addresses, "localhost", *self._names), self.port, bool(self.shared_address)
+        )
         for server in self._servers:
             await server.start_serving()
         return self

@@ -57,8 +57,8 @@ def command(
     vehicle_file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(vehicle_file, robot)
     path = options.run_path(out, folder, "drive")
-    at_terminal = partial(drive_by_hand, pad=pad, share=share, latched=latched)
-    drive = page_driver(folder, pace) if show_page else at_terminal
+    terminal_drive = partial(drive_by_hand, pad=pad, share=share, latched=latched)
+    drive = page_driver(folder, pace) if show_page else terminal_drive
     run = drive("drive", vehicle_file, robot, seed, backend, path, hold=hold)
     print_message(note("cli.run", path=path))
     finish_manual_drive(run, path, robot)

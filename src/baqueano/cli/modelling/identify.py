@@ -126,28 +126,28 @@ def command(
     _check_options(parameter_history, choose, with_validation=bool(held_out))
     lap = _forecast_route(arguments["route"])
     fit_runs, validation_runs = (options.find_runs(names, folder) for names in (runs, held_out))
-    settings_of_fit: JsonObject = _fit_arguments(arguments, backend)
+    fit_settings: JsonObject = _fit_arguments(arguments, backend)
     vehicle_file = _with_tolerances(
-        options.load_vehicle(vehicle, settings), arguments["tolerance"], fit_runs, settings_of_fit
+        options.load_vehicle(vehicle, settings), arguments["tolerance"], fit_runs, fit_settings
     )
-    if not settings_of_fit["use"]:
+    if not fit_settings["use"]:
         for diagnostic in unused_sensors(fit_runs, vehicle_file):
             print_message(diagnostic)
     if parameter_history:
-        return _fit_drift(fit_runs, vehicle_file, settings_of_fit, report, update, as_json)
+        return _fit_drift(fit_runs, vehicle_file, fit_settings, report, update, as_json)
     span_s = sum(r.duration_s for r in fit_runs)
     with show_steps() as begin:
         progress_line = begin(note("cli.fitting-span", runs=len(fit_runs), span_s=span_s))
         progress_line.text = text(note("cli.translating"))
         result: Any = (
-            _select_terms(fit_runs, vehicle_file, settings_of_fit, validation_runs, begin)
+            _select_terms(fit_runs, vehicle_file, fit_settings, validation_runs, begin)
             if choose
-            else identify(fit_runs, vehicle_file, progress=progress_line, **settings_of_fit)
+            else identify(fit_runs, vehicle_file, progress=progress_line, **fit_settings)
         )
     fit, validation = result.fit if choose else result, None
     if validation_runs and fit.verdict != Verdict.REFUSED:
         start_file, changes = (fit.vehicle_file, result.refit_arguments) if choose else (vehicle_file, {})
-        changed_settings = settings_of_fit | changes
+        changed_settings = fit_settings | changes
         fit, validation = _validate_fit(fit, fit_runs, validation_runs, start_file, changed_settings)
         result = replace(result, fit=fit) if choose else fit
     drive_forecast = _forecast_drive(fit, fit_runs, lap, arguments["route"])
@@ -345,14 +345,14 @@ def _measured_noise(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]",
     if validation_runs and noise.source == "truth":
         with show_activity(note("cli.trying-noise")):
             innovation_noise = measure_noise(fit, runs, source="innovations", backend=backend)
-            by_source = {noise.source: noise, innovation_noise.source: innovation_noise}
+            noise_by_source = {noise.source: noise, innovation_noise.source: innovation_noise}
             try:
-                comparison = compare_noise(fit, by_source, validation_runs, backend)
+                comparison = compare_noise(fit, noise_by_source, validation_runs, backend)
             except UsageError as error:
                 print_message(error.diagnostic)
             else:
                 print_message(comparison.table())
-                noise = by_source[comparison.best]
+                noise = noise_by_source[comparison.best]
     print_message(noise.table())
     return noise
 

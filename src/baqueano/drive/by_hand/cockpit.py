@@ -197,13 +197,13 @@ class Cockpit(Observer):
 
         Return "" if the vehicle can move, or during the slow motion of a tap, which is too short to read a reason.
         """
-        by_pad = self._pad is not None and self._pad.is_held
+        is_pad_held = self._pad is not None and self._pad.is_held
         violation = None
-        if by_pad or not self._key_hold.is_nudge:
+        if is_pad_held or not self._key_hold.is_nudge:
             violation = dead_zone_violation(self._drivetrain, self.status.driver_command)
         if violation is None:
             return ""
-        advice = _("push further, or press +") if by_pad else _(INCREASE_HINTS[self._key_hold.mode])
+        advice = _("push further, or press +") if is_pad_held else _(INCREASE_HINTS[self._key_hold.mode])
         return _(
             "{channel:.2f} is below the dead zone of {dead_zone:.2f}: nothing moves; {more}",
             channel=violation.channel, dead_zone=violation.dead_zone, more=advice,

@@ -111,11 +111,11 @@ class Precautions:
         is_away = (
             np.hypot(offset[0], offset[1]) > MAX_GOAL_DISTANCE_M or abs(wrap(offset[2])) > MAX_GOAL_ANGLE_RAD
         )
-        with_lead_in = self.lead_in and (is_away or not signature(estimator.init).parameters)
-        if not (with_lead_in or self.way_back):
+        has_lead_in = self.lead_in and (is_away or not signature(estimator.init).parameters)
+        if not (has_lead_in or self.way_back):
             return guide
         limits = approach_limits(route, vehicle_file)
-        if with_lead_in:
+        if has_lead_in:
             guide = GuideSequence.with_lead_in(guide, route, **limits)
         return GuideSequence.with_way_back(guide, route, **limits) if self.way_back else guide
 

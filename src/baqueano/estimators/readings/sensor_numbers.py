@@ -109,8 +109,8 @@ def uncertain_parameters(
             name,
             path,
             *(
-                _entry_path(sensor, path_of_std, path[len(path.partition("[")[0]) :])
-                for path_of_std in (derivative.std, derivative.walk)
+                _entry_path(sensor, std_path, path[len(path.partition("[")[0]) :])
+                for std_path in (derivative.std, derivative.walk)
             ),
         )
         for path, derivative in _acting_parameters(sensor, rows, nu)
@@ -158,8 +158,8 @@ def scale_std(
     accelerometer.
     """
     turning_std = min(_scale_stds(sensors, turning, TURNING_NU), default=0.0)
-    of_model = np.hypot(turning_std, ACCEL_SCALE_STD)
-    return np.array([min(_scale_stds(sensors, forward, FORWARD_NU), default=of_model), turning_std])
+    model_std = np.hypot(turning_std, ACCEL_SCALE_STD)
+    return np.array([min(_scale_stds(sensors, forward, FORWARD_NU), default=model_std), turning_std])
 
 
 def has_speed_scale(sensors: SensorBlocks, used_channels: dict[str, tuple[int, ...]]) -> bool:

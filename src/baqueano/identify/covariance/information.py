@@ -68,14 +68,14 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
             r, d = np.zeros_like(r), np.zeros_like(d)  # a model that diverges gives no information
         bread, meat = _white_sums(np.where(is_sparse & (mask > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
         if is_autocorrelated:
-            scores_of_few = np.where(is_sparse, 0.0, np.clip(r, -HUBER, HUBER))
-            meat = autocorrelated_scores(scores_of_few, mask, d, record.dt_s)
+            sparse_scores = np.where(is_sparse, 0.0, np.clip(r, -HUBER, HUBER))
+            meat = autocorrelated_scores(sparse_scores, mask, d, record.dt_s)
             meat += np.einsum("tmp,tmq->pq", d[:, is_sparse], d[:, is_sparse])
         return np.einsum("tmp,tmp->mp", d, d), bread, meat
 
     sums = parallel_map(segment_sums, segments, problem.records, masks, rows=sum(map(len, masks)))
-    for (_, _, index), (of_channels, bread, meat) in zip(segments, sums, strict=True):
-        by_channel[:, index] += of_channels
+    for (_, _, index), (energy, bread, meat) in zip(segments, sums, strict=True):
+        by_channel[:, index] += energy
         A[np.ix_(index, index)] += bread
         B[np.ix_(index, index)] += meat
     scores = _segment_scores(problem, segments) if is_autocorrelated else None

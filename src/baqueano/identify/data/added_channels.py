@@ -85,12 +85,12 @@ def with_voltage(
         return list(records)
     if is_needed and not any(_has_voltage(run) for run in runs):
         raise UsageError(fault("battery.no-voltage", channel=BATTERY_CHANNEL))
-    records_with_voltage = []
+    voltage_records = []
     for record in records:
         volts = _row_voltage(record, runs[record.run], drivetrain)
         readings = Measurements(volts[:, None], np.zeros((len(volts), 1)), None)
-        records_with_voltage.append(record._replace(sensors={**record.sensors, VOLTAGE_KEY: readings}))
-    return records_with_voltage
+        voltage_records.append(record._replace(sensors={**record.sensors, VOLTAGE_KEY: readings}))
+    return voltage_records
 
 
 def _has_voltage(run: Run) -> bool:

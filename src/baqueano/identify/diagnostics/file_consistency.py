@@ -105,15 +105,15 @@ def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool
     file. The start of the search is not evidence, so it is not used. (2)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     unbounded_parameters = [free._replace(low=-np.inf, high=np.inf) for free in end.parameters.free]
-    by_file = start_theta(end.blocks, unbounded_parameters, problem.shape, problem.records, FitOptions())[0]
-    z, h = measurements(problem), predictions(problem, by_file)
+    theta = start_theta(end.blocks, unbounded_parameters, problem.shape, problem.records, FitOptions())[0]
+    z, h = measurements(problem), predictions(problem, theta)
     wheel_rates = [
         np.diff(z[:, span])[:, 0] / sensors[name].track_m
         for name, span in problem.spans.items()
         if has_field(sensors[name], "track_m")
     ]
     fitted_thetas = [end.search.solution.theta] if _keeps_turning_gains(end) else []
-    fitted_predictions = [predictions(problem, theta) for theta in fitted_thetas]
+    fitted_predictions = [predictions(problem, fitted_theta) for fitted_theta in fitted_thetas]
     messages, is_cleared, source = [], True, note("gyro.as-commands")
     for name in (name for name in problem.names if is_imu(sensors[name])):
         i = problem.spans[name].start + GYRO_CHANNEL
@@ -202,7 +202,7 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
     n = np.sum([r.sensors[name].mask.sum(axis=0) for r in records], axis=0)
     theta = end.search.solution.theta
     starts = task.start, np.where(np.isfinite(theta), theta, task.start)
-    as_in_file = min(
+    file_solution = min(
         (_search_from(task, blocks, records, start) for start in starts),
         key=lambda result: result.log_sigma_sum(n, channels),
     )
@@ -211,22 +211,22 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagn
         turned_records = [_with_remounted_imu(record, name, mount) for record in records]
         result = _search_from(task, blocks, turned_records, task.start)
         log_sigma = result.log_sigma_sum(n[list(mount.order)], channels)  # (1)
-        gain = as_in_file.log_sigma_sum(n, channels) - log_sigma
+        gain = file_solution.log_sigma_sum(n, channels) - log_sigma
         trials.append((gain, mount, result))
     max_gain = max(gain for gain, _, _ in trials)
     for gain, mount, result in trials if is_clear(max_gain, max_gain / n.sum()) else ():
         if gain > SIMILAR_GAIN_FRACTION * max_gain and _agrees_with_file(task, blocks, result):
             # another minimum, not the mount, can explain a gain: the same start must not help the unchanged readings
-            as_in_file = min(
-                (as_in_file, _search_from(task, blocks, records, result.solution.theta)),
+            file_solution = min(
+                (file_solution, _search_from(task, blocks, records, result.solution.theta)),
                 key=lambda end: end.log_sigma_sum(n, channels),
             )
             log_sigma = result.log_sigma_sum(n[list(mount.order)], channels)
-            gain = as_in_file.log_sigma_sum(n, channels) - log_sigma
+            gain = file_solution.log_sigma_sum(n, channels) - log_sigma
             if not is_clear(gain, gain / n.sum()):
                 continue
             sigma = result.sigma[channels][np.argsort(mount.order)]  # in the column order of the run
-            pairs = zip(as_in_file.sigma[channels], sigma, strict=True)
+            pairs = zip(file_solution.sigma[channels], sigma, strict=True)
             reductions = [note("residual.from-to", first_value=a, last_value=b) for a, b in pairs]
             return mount, note(mount.code, Severity.ERROR, subject=name, change=reductions)
     return None
@@ -333,16 +333,16 @@ def _matrix_findings(blocks: FittedBlocks, estimates: dict[str, tuple[float, flo
         if is_second_larger and main_axis == TURNING_AXIS and offset:
             axis, fix = note(AXIS_CODES[second_axis]), f"--free +{offset}"
             findings.append(note("file.lever-arm", Severity.WARNING, fix, f"u[{j}]", axis=axis))
-        of_gain = _comparison(paths[main_axis], file_gains[main_axis, j], *estimates[paths[main_axis]])
+        notes = _comparison(paths[main_axis], file_gains[main_axis, j], *estimates[paths[main_axis]])
         imus = [name for name, block in blocks.sensors._asdict().items() if is_imu(block)]
         if main_axis == TURNING_AXIS and imus:
-            of_gain = [
+            notes = [
                 replace(finding, code="file.mirrored", figures={**finding.figures, "imu": imus[0]})
                 if finding.code == "file.inverted"
                 else finding
-                for finding in of_gain
+                for finding in notes
             ]
-        findings += of_gain
+        findings += notes
     return findings
 
 

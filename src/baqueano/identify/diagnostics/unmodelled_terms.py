@@ -239,17 +239,17 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
             yield push * np.eye(3)[axis] + e[-1] * of_motion[count - c - 1] * SIDEWAYS_AXIS
 
     def step(epsilon: np.ndarray, state: PushedState, row: np.ndarray) -> tuple[PushedState, np.ndarray]:
-        blocks_at = make_row_blocks(blocks, shape, state.theta, row)
+        tick_blocks = make_row_blocks(blocks, shape, state.theta, row)
         dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
         push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + column_count]))
         mean_weights = shape.mean_weights(blocks.sensors._fields, row[1 + n + m + column_count :])
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)
-        vehicle, motion = blocks_at.model.step(vehicle, u, dt_s, np.zeros(3))
+        vehicle, motion = tick_blocks.model.step(vehicle, u, dt_s, np.zeros(3))
         tick = motion.tick and tuple(
             motion_k._replace(nu_dot=motion_k.nu_dot + push) for motion_k in motion.tick
         )
         motion = motion._replace(nu_dot=motion.nu_dot + push, tick=tick)
-        readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, dt_s, mean_weights)
+        readings, signals = read_sensors(tick_blocks.sensors, state.signals, motion, dt_s, mean_weights)
         return state._replace(vehicle=vehicle, signals=signals), weight * np.concatenate(readings)
 
     rows = np.zeros(1 + n + m + column_count + WEIGHT_COLUMNS * len(shape.means) + shape.has_voltage)

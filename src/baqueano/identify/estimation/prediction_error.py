@@ -156,16 +156,16 @@ def maximum_likelihood(
     is_floor = np.zeros(len(x), bool)
     is_floor[len(theta) : len(theta) + k] = True
     is_fixed = np.concatenate([is_fixed, np.zeros(k + m, bool)])
-    without_floor = _search(prediction, x, low, high, is_fixed | is_floor, DAMPING, progress)
-    solution = _search(prediction, without_floor.theta, low, high, is_fixed, 1e-6, progress)
-    ratio = 2.0 * (without_floor.evaluation.cost - solution.evaluation.cost) / TAU
+    first_solution = _search(prediction, x, low, high, is_fixed | is_floor, DAMPING, progress)
+    solution = _search(prediction, first_solution.theta, low, high, is_fixed, 1e-6, progress)
+    ratio = 2.0 * (first_solution.evaluation.cost - solution.evaluation.cost) / TAU
     theta, noise = prediction.split_vector(solution.theta)
     info = prediction.information(solution.theta)
     is_positive = is_floor & (solution.theta > 0.0)
     std = np.full(len(x), np.nan)
     entries = np.flatnonzero((is_positive | (~is_fixed & ~is_floor)) & (np.diagonal(info.bread) > 0.0))
     std[entries] = np.sqrt(np.diagonal(parameter_cov(info, entries)))
-    evaluations = without_floor.evaluations + solution.evaluations
+    evaluations = first_solution.evaluations + solution.evaluations
     return MaximumLikelihood(solution, theta, noise, std[is_floor], info, ratio, evaluations)
 
 

@@ -78,27 +78,27 @@ class Search(NamedTuple):
 
 def best_search(task: Task, begin: np.ndarray) -> Search:
     """Return the search from `begin` (p,). If its result is not plausible, return the best of several searches."""
-    best_end = search(task, begin)
+    best_fit = search(task, begin)
     signal, counts = task.problem.signal_std(), task.problem.counts
     fields = [path.partition("[")[0] for path in task.problem.shape.shared_paths]
     is_gain = np.array([field.endswith(GAIN_NAMES) for field in fields], dtype=bool)
     for factor in RESTART_FACTORS if is_gain.any() and task.retry else ():
-        if best_end.stopped or best_end.is_sound(signal):
+        if best_fit.stopped or best_fit.is_sound(signal):
             break
         theta = task.start.copy()
         theta[: len(is_gain)] = np.where(is_gain, 0.0, factor * theta[: len(is_gain)])
-        second_end = search(task, np.clip(theta, task.low, task.high), rough=True)
-        excess = (second_end.log_sigma_sum(counts) - best_end.log_sigma_sum(counts)) / counts.sum()
-        if not second_end.stopped and excess < DROPPED_LOG_SIGMA:
-            refined_end = search(task, second_end.solution.theta, None, second_end)
-            second_end = refined_end._replace(evaluations=refined_end.evaluations + second_end.evaluations)
-        gain = (best_end.log_sigma_sum(counts) - second_end.log_sigma_sum(counts)) / counts.sum()
-        evaluations = best_end.evaluations + second_end.evaluations
-        best_end = second_end if gain > EQUAL_LOG_SIGMA else best_end
-        best_end = best_end._replace(evaluations=evaluations, stopped=second_end.stopped)
+        second_fit = search(task, np.clip(theta, task.low, task.high), rough=True)
+        excess = (second_fit.log_sigma_sum(counts) - best_fit.log_sigma_sum(counts)) / counts.sum()
+        if not second_fit.stopped and excess < DROPPED_LOG_SIGMA:
+            refined_fit = search(task, second_fit.solution.theta, None, second_fit)
+            second_fit = refined_fit._replace(evaluations=refined_fit.evaluations + second_fit.evaluations)
+        gain = (best_fit.log_sigma_sum(counts) - second_fit.log_sigma_sum(counts)) / counts.sum()
+        evaluations = best_fit.evaluations + second_fit.evaluations
+        best_fit = second_fit if gain > EQUAL_LOG_SIGMA else best_fit
+        best_fit = best_fit._replace(evaluations=evaluations, stopped=second_fit.stopped)
         if abs(gain) <= EQUAL_LOG_SIGMA:
             break  # two searches ended at the same place
-    return best_end
+    return best_fit
 
 
 def search(

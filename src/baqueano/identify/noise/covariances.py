@@ -120,9 +120,9 @@ class Noise(Result):
                 std_at_rest = None if rest is None else float(np.sqrt(rest[i, i]))
                 std, unit = float(np.sqrt(q[i, i])), self.units.get(f"{name}[{i}]", "")
                 rows.append({"name": f"{name}[{i}]", "std": std, "std_at_rest": std_at_rest, "unit": unit})
-        fields_of_filter = dict(parameters(AugmentedEkf))
+        filter_fields = dict(parameters(AugmentedEkf))
         for name, values in self.fields.items():
-            units = fields_of_filter[name].unit.partition(" (")[0].split(", ")
+            units = filter_fields[name].unit.partition(" (")[0].split(", ")
             for i, value in enumerate(np.atleast_1d(values)):
                 label = f"{name}[{i}]" if np.ndim(values) else name
                 row = {"name": label, "std": float(value), "std_at_rest": None}
@@ -307,9 +307,9 @@ def _measurement(
             variances = np.zeros(block.size)
             if len(residuals) >= MIN_SAMPLES:
                 variances[columns] = np.maximum(np.diagonal(_cov(residuals)), floor)
-            q_of_file = unfitted_covariance(name, block, variances, runs, notes)
-            if q_of_file is not None:
-                in_motion[name], at_rest[name] = q_of_file, None
+            file_q = unfitted_covariance(name, block, variances, runs, notes)
+            if file_q is not None:
+                in_motion[name], at_rest[name] = file_q, None
     return in_motion, at_rest
 
 

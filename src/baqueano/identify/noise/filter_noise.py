@@ -107,11 +107,11 @@ def filter_noise(
     correcting = [
         c for c, E in zip(filter_layout.channel_entries, filter_layout.corrects_motion, strict=True) if E
     ]
-    sensors, sensors_of_fit, rounding = estimator.sensors, fit.vehicle_file.sensors, {}
-    runs_of = {name: [run for run in runs if name in run.sensors] for name in filter_layout.names}
-    readings = {name: sum(len(run.sensors[name].z) for run in runs_of[name]) for name in runs_of}
+    sensors, fit_sensors, rounding = estimator.sensors, fit.vehicle_file.sensors, {}
+    sensor_runs = {name: [run for run in runs if name in run.sensors] for name in filter_layout.names}
+    readings = {name: sum(len(run.sensors[name].z) for run in sensor_runs[name]) for name in sensor_runs}
     for name in filter_layout.names:
-        sensor = getattr(sensors_of_fit, name)
+        sensor = getattr(fit_sensors, name)
         Q = q.get(name, sensor.cov) if readings[name] >= MIN_RESIDUALS else sensor.cov
         variance = np.array(np.diagonal(Q), dtype=float)
         for _, i in [c for c in correcting if c[0] == name and name in inertial]:

@@ -62,28 +62,28 @@ def speed_channels(
     are too short. Each channel, and all together, are tested. The channel with the least r is used if its whole
     interval is below 1. The reference is the truth of the run, or else a sensor of speed that the estimator does not
     use."""
-    without_speed = filters(())
-    channels = tuple(_undecided_channels(without_speed))
+    wheel_filter = filters(())
+    channels = tuple(_undecided_channels(wheel_filter))
     if not channels:
         return None
-    references = [(run, *_reference_speed(run, without_speed)) for run in validation_runs]
-    with_speed = [(run, speed, source) for run, speed, source in references if speed is not None]
-    if not with_speed:
+    references = [(run, *_reference_speed(run, wheel_filter)) for run in validation_runs]
+    speed_runs = [(run, speed, source) for run, speed, source in references if speed is not None]
+    if not speed_runs:
         code = "speed.by-the-file" if file_names else "speed.by-the-model"
-        message = note(code, fix="--held-out RUN", channels=file_names, origin=_origin(without_speed))
+        message = note(code, fix="--held-out RUN", channels=file_names, origin=_origin(wheel_filter))
         return SpeedChannels(file_names, message, is_from_held_out=False)
-    errors_without, ratios = _errors(without_speed, with_speed, backend), {}
-    if not np.isfinite(errors_without).all():
+    wheel_errors, ratios = _errors(wheel_filter, speed_runs, backend), {}
+    if not np.isfinite(wheel_errors).all():
         return None  # the model itself diverges
-    source = ", ".join(sorted({source for *_, source in with_speed}))
-    runs = ", ".join(run.name for run, *_ in with_speed)
-    if len(errors_without) < MIN_BLOCKS:
-        pieces = {"pieces": len(errors_without), "minimum": MIN_BLOCKS, "block_s": SPEED_BLOCK_S}
+    source = ", ".join(sorted({source for *_, source in speed_runs}))
+    runs = ", ".join(run.name for run, *_ in speed_runs)
+    if len(wheel_errors) < MIN_BLOCKS:
+        pieces = {"pieces": len(wheel_errors), "minimum": MIN_BLOCKS, "block_s": SPEED_BLOCK_S}
         return SpeedChannels(file_names, note("speed.too-short", runs=runs, **pieces), is_from_held_out=False)
     for names in dict.fromkeys([*((channel,) for channel in channels), channels]):
-        errors = _errors(filters(names), with_speed, backend)
+        errors = _errors(filters(names), speed_runs, backend)
         if np.isfinite(errors).all():
-            ratios[names] = block_ratio(errors, errors_without)
+            ratios[names] = block_ratio(errors, wheel_errors)
     if not ratios:
         return None  # every filter diverges
     best_names = min(ratios, key=lambda names: ratios[names][0])
@@ -92,7 +92,7 @@ def speed_channels(
     details |= {"reference": source, "runs": runs}
     if high < 1.0:
         return SpeedChannels(best_names, note("speed.corrected", **details))
-    return SpeedChannels((), note("speed.left", **details, origin=_origin(without_speed)))
+    return SpeedChannels((), note("speed.left", **details, origin=_origin(wheel_filter)))
 
 
 def _origin(ekf: AugmentedEkf) -> Diagnostic:
@@ -115,11 +115,11 @@ def _reference_speed(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, st
     """Return the speed (N,) at the ticks from a source that the estimator does not use, and its name, or (None, "")."""
     if run.truth is not None and np.isfinite(speed := true_speed(run.t_ns, run.truth)).any():
         return speed, N_("the truth")
-    names_used = set(layout(ekf).names)
+    used_names = set(layout(ekf).names)
     for name in getattr(ekf.sensors, "_fields", ()):
         readings = [r for r in velocity_readings(ekf.sensors, (name,)) if FORWARD in r.entries]
         channel = run.sensors.get(name)
-        if name in names_used or channel is None or not readings or len(channel.t_ns) < 2:
+        if name in used_names or channel is None or not readings or len(channel.t_ns) < 2:
             continue
         z = channel.z[:, list(readings[0].rows)]
         finite = np.isfinite(z).all(axis=1)

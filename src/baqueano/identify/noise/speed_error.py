@@ -88,8 +88,8 @@ def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> fl
     if len(sums) < MIN_BLOCKS or not np.sum(sums[:, 1]) > 0.0:
         return 1.0
     pick = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
-    products, by_wheels = np.moveaxis(sums[pick].sum(axis=1), 1, 0)
-    share = np.where(by_wheels > 0.0, products / np.where(by_wheels > 0.0, by_wheels, 1.0), 1.0)
+    products, squares = np.moveaxis(sums[pick].sum(axis=1), 1, 0)
+    share = np.where(squares > 0.0, products / np.where(squares > 0.0, squares, 1.0), 1.0)
     return float(np.clip(np.quantile(share, UPPER_QUANTILE), MIN_SHARE, 1.0))
 
 
@@ -106,11 +106,11 @@ def block_sums(speed: TimeSeries, acceleration: TimeSeries, rate: TimeSeries) ->
     sums = np.zeros((int((end - begin) / BLOCK_S), 2))
     for tau in (window_s for window_s in WINDOWS_S if len(sums) and window_s >= min_window_s):
         t_s = np.arange(begin, end, 0.5 * tau)
-        A, B, *of_floor = (
+        A, B, *nuisances = (
             (x[4:] - 2.0 * x[2:-2] + x[:-4]) / tau
             for x in (signal.interpolate(t_s) for signal in (velocity, speed, *regressors))
         )
-        X = np.stack(of_floor, axis=1)
+        X = np.stack(nuisances, axis=1)
         B = B - X @ np.linalg.lstsq(X, B, rcond=None)[0]
         block = np.minimum(((t_s[2:-2] - begin) / BLOCK_S).astype(int), len(sums) - 1)
         terms = np.stack([A * B, B**2 - 6.0 * white_variance / tau**2]) / np.mean(A**2)
@@ -132,20 +132,20 @@ def _series(
     if accelerometer is None or wheels is None or gyro is None:
         return
     for channels in fit.channels_by_run:
-        channel_of = {(c.sensor, c.entry): c for c in channels}
+        channel_map = {(c.sensor, c.entry): c for c in channels}
         if (
             not {accelerometer[:2], *((reading.name, k) for reading in (wheels, gyro) for k in reading.rows)}
-            <= channel_of.keys()
+            <= channel_map.keys()
         ):
             continue
-        acceleration, slope = channel_of[accelerometer[:2]], accelerometer[2]
-        of_gyro, of_wheels = ([channel_of[sensor.name, k] for k in sensor.rows] for sensor in (gyro, wheels))
-        z = np.stack([c.measurements for c in of_gyro], axis=1) - gyro.at_rest
-        r = np.stack([c.residuals for c in of_wheels], axis=1)
+        acceleration, slope = channel_map[accelerometer[:2]], accelerometer[2]
+        gyro_channels, wheel_channels = ([channel_map[s.name, k] for k in s.rows] for s in (gyro, wheels))
+        z = np.stack([c.measurements for c in gyro_channels], axis=1) - gyro.at_rest
+        r = np.stack([c.residuals for c in wheel_channels], axis=1)
         pairs = (
-            (of_wheels[0].t_s, r @ wheels.inverse[FORWARD]),
+            (wheel_channels[0].t_s, r @ wheels.inverse[FORWARD]),
             (acceleration.t_s, acceleration.residuals / slope),
-            (of_gyro[0].t_s, z @ gyro.inverse[YAW]),
+            (gyro_channels[0].t_s, z @ gyro.inverse[YAW]),
         )
         series = [TimeSeries(t_s[np.isfinite(x)], x[np.isfinite(x)]) for t_s, x in pairs]
         if min(len(signal.t_s) for signal in series) >= 2 * MIN_WINDOW_SAMPLES:

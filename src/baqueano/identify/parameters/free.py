@@ -290,9 +290,9 @@ def _friction_bounds(
     slopes = damping_derivatives(blocks.model, fields, axes)
     free_slopes = {path: slope for path, slope in slopes if path in paths}
     for i in range(3):
-        paths_of_axis = [path for path, slope in free_slopes.items() if slope[i] > 0.0]
-        for path in paths_of_axis:
-            bound = value(blocks, path) + float(slack[i] / (free_slopes[path][i] * len(paths_of_axis)))
+        axis_paths = [path for path, slope in free_slopes.items() if slope[i] > 0.0]
+        for path in axis_paths:
+            bound = value(blocks, path) + float(slack[i] / (free_slopes[path][i] * len(axis_paths)))
             bounds[path] = min(bound, bounds.get(path, np.inf))
     return bounds
 
@@ -305,8 +305,8 @@ def _quadratic_bounds(
     A friction k θ ν² decays as fast as the speed ν permits. The inertial acceleration a sets ν: (r + k θ ν) ν = a, so
     the rate r + 2 k θ ν is √(r² + 4 k θ a), with the rate r at rest. With the largest r it is at most √2 the limit.
     """
-    axes_with_command = driven_axes(blocks)
-    if not (axes := tuple(i for i in axes if i not in axes_with_command)):
+    commanded_axes = driven_axes(blocks)
+    if not (axes := tuple(i for i in axes if i not in commanded_axes)):
         return {}
     bounds: dict[str, float] = {}
     limit, rates = MAX_DECAY_PER_ROW * row_rate_hz(rate_hz), decay_rates(blocks.model, axes)

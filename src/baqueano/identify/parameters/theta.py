@@ -140,8 +140,8 @@ class ThetaLayout(NamedTuple):
     def indices(self) -> list[np.ndarray]:
         """Return for each segment the indices of its entries in θ."""
         s, o = self.shared_count, self.run_entry_count
-        of_runs = [slice(s + run * o, s + (run + 1) * o) for run in self.runs]
-        return [np.r_[:s, of_run, self.start_slice(k)] for k, of_run in enumerate(of_runs)]
+        run_slices = [slice(s + run * o, s + (run + 1) * o) for run in self.runs]
+        return [np.r_[:s, run_slice, self.start_slice(k)] for k, run_slice in enumerate(run_slices)]
 
     def start_slice(self, k: int) -> slice:
         """Return the slice of θ with the start of segment k."""
@@ -279,8 +279,8 @@ def _unknown_s(record: FitRecord, delay_s: float) -> float:
     """Return the time [s] until the first command of the record takes effect: `delay_s`, the delay in the file, even if
     the delay is free, because a run from rest shows a delay by its first command. Return 0 for a record that begins
     without a command (not driven before), or is shorter than twice `delay_s`."""
-    is_driven_before = np.any(record.u[0]) and np.cumsum(record.dt_s)[-1] >= 2.0 * delay_s
-    return delay_s * (1.0 + 1e-9) if is_driven_before else 0.0
+    is_command_old = np.any(record.u[0]) and np.cumsum(record.dt_s)[-1] >= 2.0 * delay_s
+    return delay_s * (1.0 + 1e-9) if is_command_old else 0.0
 
 
 def theta_shape(
@@ -326,23 +326,23 @@ def start_theta(
     """Return θ (p,) at the start, and its bounds (p,), (p,). Raise UsageError for a start of a parameter that is not
     free."""
     layout = theta_layout(shape, records)
-    by_path: dict[str, float] = {}
+    known_values: dict[str, float] = {}
     for path, numbers in options.start.items():
         paths = entries(blocks, path)
         for p, x in zip(paths, np.broadcast_to(np.asarray(numbers, float).ravel(), len(paths)), strict=True):
-            by_path[p] = float(x)
-    missing = [p for p in by_path if p not in shape.shared_paths and p not in shape.per_run]
+            known_values[p] = float(x)
+    missing = [p for p in known_values if p not in shape.shared_paths and p not in shape.per_run]
     if missing:
         raise UsageError(fault("start.not-free", path=missing[0]))
     theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
     for k, parameter in enumerate(free):
-        theta[k] = by_path.get(parameter.path, value(blocks, parameter.path))
+        theta[k] = known_values.get(parameter.path, value(blocks, parameter.path))
         low[k], high[k] = parameter.low, parameter.high
     for run in range(layout.run_count):
         for k, path in enumerate(shape.by_run, layout.shared_count + run * layout.run_entry_count):
             if path in shape.per_run:
                 parameter = free_parameter(blocks, path, options.bounds)
-                theta[k] = by_path.get(path, value(blocks, path))
+                theta[k] = known_values.get(path, value(blocks, path))
                 low[k], high[k] = parameter.low, parameter.high
             else:
                 low[k], high[k] = -MAX_CLOCK_OFFSET_S, MAX_CLOCK_OFFSET_S

@@ -126,9 +126,9 @@ def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBloc
     )
     omega = np.interp(record.t_s, t_s[is_measured], z[is_measured, 2])
     slope = np.gradient(omega, np.cumsum(record.dt_s))
-    rows_with_gyro = np.ascontiguousarray(np.concatenate([rows, omega[:, None], slope[:, None]], axis=1))
-    rows_with_gyro.flags.writeable = False
-    return rows_with_gyro
+    gyro_rows = np.ascontiguousarray(np.concatenate([rows, omega[:, None], slope[:, None]], axis=1))
+    gyro_rows.flags.writeable = False
+    return gyro_rows
 
 
 def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, rates: bool = False) -> Scan:
@@ -142,14 +142,14 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, rates: bool = 
         return GyroAidedState(vehicle, vehicle, (signal, signal), np.zeros(3 if sample_fraction else 0))
 
     def step(theta: np.ndarray, state: GyroAidedState, row: np.ndarray) -> tuple[GyroAidedState, np.ndarray]:
-        blocks_at = make_row_blocks(blocks, shape, theta, row[:-EXTRA_COLUMNS])
-        imu = blocks_at.sensors[0]
+        tick_blocks = make_row_blocks(blocks, shape, theta, row[:-EXTRA_COLUMNS])
+        imu = tick_blocks.sensors[0]
         nu = np.array([state.gyro_aided.nu[0], state.free.nu[1], state.free.nu[2]])
-        nu_with_speed = blocks_at.model.init(nu=nu).nu
-        free, motion = blocks_at.model.step(
-            state.free._replace(nu=nu_with_speed), row[1 : 1 + n], row[0], np.zeros(3)
+        aided_nu = tick_blocks.model.init(nu=nu).nu
+        free, motion = tick_blocks.model.step(
+            state.free._replace(nu=aided_nu), row[1 : 1 + n], row[0], np.zeros(3)
         )
-        aided_state, readings = _aided_step(blocks_at, state.gyro_aided, row)
+        aided_state, readings = _aided_step(tick_blocks, state.gyro_aided, row)
         if rates:
             reading = imu.h(motion)[2]
             slope = imu.h(motion._replace(nu=motion.nu + motion.nu_dot))[2] - reading
@@ -158,26 +158,26 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, rates: bool = 
         aided_signal, accel = step_signal(imu, state.signals[0], readings, row[0])
         free_signal, gyro = step_signal(imu, state.signals[1], motion, row[0])
         h = np.concatenate([accel[:2], gyro[2:]])
-        h_at_sample = h + row[7 + n] * (state.previous_h - h) if sample_fraction else h
+        sample_h = h + row[7 + n] * (state.previous_h - h) if sample_fraction else h
         previous_h = h if sample_fraction else state.previous_h
         next_state = GyroAidedState(aided_state, free, (aided_signal, free_signal), previous_h)
-        return next_state, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - h_at_sample)
+        return next_state, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - sample_h)
 
     width = 7 + n + sum(shape.sample_fraction) + shape.has_voltage + EXTRA_COLUMNS
     return scan(step, start, np.zeros(width), example(blocks, shape), backend=backend)
 
 
-def _aided_step(blocks_at: FittedBlocks, state: Tree, row: np.ndarray) -> tuple[Tree, Motion]:
+def _aided_step(tick_blocks: FittedBlocks, state: Tree, row: np.ndarray) -> tuple[Tree, Motion]:
     """Return the state of the gyro-aided simulation after a row, and its motion.  (1)"""
-    model, imu, dt_s = blocks_at.model, blocks_at.sensors[0], row[0]
-    at_standstill = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
-    at_rest = imu.h(at_standstill)[2]
-    gain = imu.h(at_standstill._replace(nu=np.array([0.0, 0.0, 1.0])))[2] - at_rest
+    model, imu, dt_s = tick_blocks.model, tick_blocks.sensors[0], row[0]
+    rest_motion = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
+    at_rest = imu.h(rest_motion)[2]
+    gain = imu.h(rest_motion._replace(nu=np.array([0.0, 0.0, 1.0])))[2] - at_rest
     r, r_dot, u = (row[-2] - at_rest) / gain, row[-1] / gain, row[1 : 1 + model.commands]
     _, effort = model.drivetrain.step(state.drivetrain, u, dt_s)
-    r_before = state.nu[2]
+    previous_r = state.nu[2]
     state, motion = model.step(state, u, dt_s, np.zeros(3))
-    efforts, rates = (effort.start, effort.mean, effort.end), (r_before, 0.5 * (r_before + r), r)
+    efforts, rates = (effort.start, effort.mean, effort.end), (previous_r, 0.5 * (previous_r + r), r)
     tick = tuple(
         with_yaw_rate(model, *motion_k, r_dot) for motion_k in zip(motion.tick, efforts, rates, strict=True)
     )

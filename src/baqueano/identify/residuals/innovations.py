@@ -83,30 +83,30 @@ def filter_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
     (θ of the simulation, v of each axis, ½ log q of each channel)."""
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
     m, axes = sum(sizes), noise_axes(blocks.model)
-    size, q = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + shape.extra_columns
+    size, columns = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + shape.extra_columns
 
-    start_of = initial_state(blocks, shape)
+    begin = initial_state(blocks, shape)
 
     def start(theta: np.ndarray) -> FilterState:
-        vehicle, signals = start_of(theta[: shape.size])
+        vehicle, signals = begin(theta[: shape.size])
         previous_h = tuple(np.zeros(k if e else 0) for k, e in zip(sizes, shape.sample_fraction, strict=True))
         return FilterState(vehicle, np.zeros((size, size)), signals, previous_h)
 
     def step(theta: np.ndarray, state: FilterState, row: np.ndarray) -> tuple[FilterState, np.ndarray]:
-        blocks_at = make_row_blocks(blocks, shape, theta, row)
+        tick_blocks = make_row_blocks(blocks, shape, theta, row)
         noise = theta[shape.size :]
-        z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
-        drivetrain, effort = blocks_at.model.drivetrain.step(state.vehicle.drivetrain, row[1 : 1 + n], row[0])
+        u, z, weight = row[1 : 1 + n], row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
+        drivetrain, effort = tick_blocks.model.drivetrain.step(state.vehicle.drivetrain, u, row[0])
         predicted_mean, P = _prediction(
-            blocks_at.model, state, effort, row[0], {i: noise[k] for k, i in enumerate(axes)}
+            tick_blocks.model, state, effort, row[0], {i: noise[k] for k, i in enumerate(axes)}
         )
         innovations, jacobians, lines = _innovation(
-            blocks_at.sensors, predicted_mean, state, z, row[1 + n + 2 * m :], row[0], shape
+            tick_blocks.sensors, predicted_mean, state, z, row[1 + n + 2 * m :], row[0], shape
         )
         y, H = weight * np.concatenate(innovations), weight[:, None] * np.concatenate(jacobians)
         is_present = np.where(weight > 0.0, 1.0, 0.0)
-        q_now = np.exp(2.0 * noise[len(axes) :])
-        correction = correct(P, y, H, q_now, weight=lambda _c, e, _s: 1.0 / (1.0 + (e / GATE) ** 8))  # (3)
+        Q = np.exp(2.0 * noise[len(axes) :])
+        correction = correct(P, y, H, Q, weight=lambda _c, e, _s: 1.0 / (1.0 + (e / GATE) ** 8))  # (3)
         signals, previous_h = _corrected_signals(lines, jacobians, correction.move, shape.sample_fraction)
         eta, nu = _corrected_state(predicted_mean, correction.move)
         vehicle = state.vehicle._replace(eta=eta, nu=nu, drivetrain=drivetrain)
@@ -115,7 +115,7 @@ def filter_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
         )
 
     theta = np.array([*example(blocks, shape), *np.ones(len(axes)), *np.zeros(m)])
-    return scan(step, start, np.zeros(q), theta, backend=backend)
+    return scan(step, start, np.zeros(columns), theta, backend=backend)
 
 
 def _prediction(
@@ -159,8 +159,8 @@ def _innovation(
         if fractions[k] is not None:
             shown_h = shown_h + fractions[k] * difference(sensor, state.previous_h[k], shown_h)
         innovations.append(difference(sensor, z[offset : offset + sensor.size], shown_h))
-        jacobian_of_h = jacobian(lambda x, s=sensor: s.h(prediction.motion(x)))(prediction.mean)
-        jacobians.append(low_pass_gain(sensor, dt_s) * jacobian_of_h)
+        h_jacobian = jacobian(lambda x, s=sensor: s.h(prediction.motion(x)))(prediction.mean)
+        jacobians.append(low_pass_gain(sensor, dt_s) * h_jacobian)
         lines.append((signal, h))
         offset += sensor.size
     return innovations, jacobians, lines
@@ -186,8 +186,8 @@ def _corrected_signals(
 ) -> Any:
     """Return the signals and h of this row after the correction."""
     signals, previous_h = [], []
-    for (signal, h), jacobian_of_h, is_needed in zip(lines, jacobians, sample_fraction, strict=True):
-        correction, past = jacobian_of_h @ move, signal.past_values
+    for (signal, h), h_jacobian, is_needed in zip(lines, jacobians, sample_fraction, strict=True):
+        correction, past = h_jacobian @ move, signal.past_values
         if past.shape[0]:
             past = np.concatenate([(past[0] + correction)[None, :], past[1:]])
         low_passed = signal.low_passed + correction if len(signal.low_passed) else signal.low_passed

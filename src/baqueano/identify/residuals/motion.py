@@ -43,15 +43,15 @@ def initial_state(
     """Return the function θ → (vehicle at the start of a segment, constant signal of each sensor before it)."""
 
     def start(theta: np.ndarray) -> tuple[Any, tuple[Tree, ...]]:
-        blocks_at, at_start = substitute(blocks, shape.paths, theta), np.zeros(len(START_NAMES))
+        tick_blocks, at_start = substitute(blocks, shape.paths, theta), np.zeros(len(START_NAMES))
         for k, i in enumerate(shape.start):
             at_start = at_start + theta[shape.size - len(shape.start) + k] * np.eye(len(START_NAMES))[i]
         nu = at_start[:3] if any(i < 3 for i in shape.start) else None
         eta = at_start[3:] if any(i >= 3 for i in shape.start) else None
-        vehicle = blocks_at.model.init(eta, nu)
-        motion = Motion(vehicle.eta, vehicle.nu, vehicle.nu_dot, blocks_at.model.gravity(vehicle.eta[2]))
+        vehicle = tick_blocks.model.init(eta, nu)
+        motion = Motion(vehicle.eta, vehicle.nu, vehicle.nu_dot, tick_blocks.model.gravity(vehicle.eta[2]))
         signals: list[Tree] = []
-        for name, sensor in zip(blocks.sensors._fields, blocks_at.sensors, strict=True):
+        for name, sensor in zip(blocks.sensors._fields, tick_blocks.sensors, strict=True):
             h = sensor.h(motion)
             signal = constant_signal(sensor, h)
             is_mean = name in shape.means or name in shape.clock_means
@@ -123,9 +123,9 @@ def motion_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
         return MotionState(*begin(theta))
 
     def step(theta: np.ndarray, state: MotionState, row: np.ndarray) -> tuple[MotionState, Motions]:
-        blocks_at = make_row_blocks(blocks, shape, theta, row)
-        vehicle, motion = blocks_at.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
-        readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, row[0], at_end)
+        tick_blocks = make_row_blocks(blocks, shape, theta, row)
+        vehicle, motion = tick_blocks.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
+        readings, signals = read_sensors(tick_blocks.sensors, state.signals, motion, row[0], at_end)
         return MotionState(vehicle, signals), Motions(np.concatenate(readings), motion.nu, motion.nu_dot)
 
     return scan(step, start, np.zeros(1 + n + shape.has_voltage), example(blocks, shape), backend=backend)

@@ -141,7 +141,7 @@ def slow_noise_profile(
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return σ (m,) and its profile (N, m) of mean square 1 per segment, of residuals (N, m) at speeds (N,).  (4)"""
     sigma, profile = speed_profile(residuals, masks, speeds, floor)
-    sigma_with_slow, typical = sigma.copy(), float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
+    extended_sigma, typical = sigma.copy(), float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
     for c in range(len(sigma)):
         variances = [(sigma[c] * p[:, c]) ** 2 for p in profile]
         limits = [SLOW_CLIP_SIGMA * np.sqrt(variance) for variance in variances]
@@ -155,10 +155,10 @@ def slow_noise_profile(
             for s, v in zip(variances, speeds, strict=True)
         ]
         samples = np.concatenate([b[w[:, c] > 0.0] for b, w in zip(stds, masks, strict=True)])
-        sigma_with_slow[c] = np.sqrt(np.mean(samples**2))
+        extended_sigma[c] = np.sqrt(np.mean(samples**2))
         for p, b in zip(profile, stds, strict=True):
-            p[:, c] = b / sigma_with_slow[c]
-    return sigma_with_slow, profile
+            p[:, c] = b / extended_sigma[c]
+    return extended_sigma, profile
 
 
 def _block_squares(

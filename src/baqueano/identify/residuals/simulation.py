@@ -194,11 +194,11 @@ class Residuals:
         """Return the residuals with all that they take from a fit, taken from the fit θ (p,)."""
         return self
 
-    def cost(self, theta: np.ndarray, rows_of: Callable[[np.ndarray], np.ndarray]) -> float:
-        """Return the Huber cost at θ, with the rows of each segment replaced by `rows_of(rows)`."""
+    def cost(self, theta: np.ndarray, replace_rows: Callable[[np.ndarray], np.ndarray]) -> float:
+        """Return the Huber cost at θ, with the rows of each segment replaced by `replace_rows(rows)`."""
 
         def segment_cost(rows: np.ndarray, index: np.ndarray) -> float:
-            return huber_cost(self.scan.run(np.ascontiguousarray(rows_of(rows)), theta[index])[1])
+            return huber_cost(self.scan.run(np.ascontiguousarray(replace_rows(rows)), theta[index])[1])
 
         return sum(self._map_segments(segment_cost))
 
@@ -334,17 +334,17 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Call
     def step(
         theta: np.ndarray, state: SimulationState, row: np.ndarray
     ) -> tuple[SimulationState, np.ndarray]:
-        blocks_at = make_row_blocks(blocks, shape, theta, row)
+        tick_blocks = make_row_blocks(blocks, shape, theta, row)
         dt_s, u = row[0], row[1 : 1 + n]
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
         mean_weights = shape.mean_weights(names, row[1 + n + 2 * m :])
         fractions = shape.sample_fractions(row[1 + n + 2 * m :])
         durations = row[first_duration:]
-        vehicle, motion = blocks_at.model.step(state.vehicle, u, dt_s, np.zeros(3))
-        readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, dt_s, mean_weights)
+        vehicle, motion = tick_blocks.model.step(state.vehicle, u, dt_s, np.zeros(3))
+        readings, signals = read_sensors(tick_blocks.sensors, state.signals, motion, dt_s, mean_weights)
         steps_s = with_newest(state.steps_s, dt_s)
         residuals, past_h, lines, offset = [], [], [], 0
-        for k, sensor in enumerate(blocks_at.sensors):
+        for k, sensor in enumerate(tick_blocks.sensors):
             h = newest = readings[k]
             if free_clock[k]:
                 offset_s = theta[len(shape.paths) + shape.clocks.index(names[k])]

@@ -195,10 +195,10 @@ class Fit(Result):
         can be omitted. Raise UsageError if it was not fitted."""
         path = f"model.{name}" if f"model.{name}" in self.names else name
         if path not in self.names:
-            raise UsageError(self._not_fitted(name))
+            raise UsageError(self._missing_parameter(name))
         return float(self.estimate[self.names.index(path)])
 
-    def _not_fitted(self, name: str) -> Diagnostic:
+    def _missing_parameter(self, name: str) -> Diagnostic:
         """Return the message for a name that was not fitted: the option that frees this parameter, or a similar
         name."""
         try:
@@ -337,15 +337,15 @@ class Fit(Result):
         lines, finite_channels = [], [c for c in self.channels if np.isfinite(c.explained_fraction)]
         for label in dict.fromkeys(c.label for c in finite_channels):
             channel_fits = [c for c in finite_channels if c.label == label]
-            by_explained = sorted(channel_fits, key=lambda c: c.explained_fraction)
-            median, lowest = by_explained[len(by_explained) // 2], by_explained[0]
+            sorted_fits = sorted(channel_fits, key=lambda c: c.explained_fraction)
+            median, lowest = sorted_fits[len(sorted_fits) // 2], sorted_fits[0]
             unit = channel_unit(self.file, median.sensor, median.entry)
             noise = f"{number(median.sigma):.3g} {unit}".rstrip()
             middle, lowest_text = (percent_text(c.explained_fraction) for c in (median, lowest))
             text_ = _(
                 "{channel} of {runs} runs: noise {noise}; the model explains {middle} of the median "
                 "run and {least} of {run}",
-                channel=label, runs=len(by_explained), noise=noise, middle=middle, least=lowest_text, run=lowest.run,
+                channel=label, runs=len(sorted_fits), noise=noise, middle=middle, least=lowest_text, run=lowest.run,
             )  # fmt: skip
             lines.append(text_)
         return lines

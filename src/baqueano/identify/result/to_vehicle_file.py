@@ -122,22 +122,22 @@ def _index(path: str) -> tuple[int, ...]:
 
 def _fields(fit: "Fit", prior_paths: Sequence[str]) -> "JsonObject":
     """Return field → standard errors in its shape, NaN for entries without an estimate and for `prior_paths`."""
-    std_of = dict(zip(fit.names, fit.std, strict=True))
+    std_by_name = dict(zip(fit.names, fit.std, strict=True))
     fitted_names = [n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)]
     for name, std in zip(fit.run_entry_names, np.sqrt(np.mean(fit.run_entry_std**2, axis=0)), strict=True):
         if name.startswith("sensors.") and np.isfinite(std) and name not in prior_paths:
-            std_of[name] = std
+            std_by_name[name] = std
             fitted_names.append(name)
-    std_of_field: dict[str, Tree] = {}
+    field_std: dict[str, Tree] = {}
     for path in (path for path in fitted_names if not path.startswith(MOUNT_PREFIX)):
         field, bracket, _ = path.partition("[")
         if not bracket:
-            std_of_field[field] = float(std_of[path])
+            field_std[field] = float(std_by_name[path])
             continue
-        if field not in std_of_field:
-            std_of_field[field] = np.full(np.shape(value_at_path(fit.blocks, field)), np.nan)
-        std_of_field[field][_index(path)] = std_of[path]
-    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in std_of_field.items()}
+        if field not in field_std:
+            field_std[field] = np.full(np.shape(value_at_path(fit.blocks, field)), np.nan)
+        field_std[field][_index(path)] = std_by_name[path]
+    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in field_std.items()}
 
 
 def fit_envelope(

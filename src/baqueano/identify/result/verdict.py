@@ -256,21 +256,21 @@ def group_channels(
     channel_runs: dict[str, list[RunChannel]] = {}
     labels = list(dict.fromkeys(c.label for c in channels))
     means = np.zeros(len(labels)) if one_mean is None else one_mean
-    for label, mean_of_runs in zip(labels, means, strict=True):
-        min_count = 1 if mean_of_runs else 2
+    for label, is_mean in zip(labels, means, strict=True):
+        min_count = 1 if is_mean else 2
         channel_fits = [c for c in channels if c.label == label]
         channel_fits = [c for c in channel_fits if np.isfinite(c.measurements).sum() >= min_count]
         is_finite = [np.isfinite(c.measurements) for c in channel_fits]
         z = [c.measurements[finite_rows] for c, finite_rows in zip(channel_fits, is_finite, strict=True)]
-        mean = float(np.mean(np.concatenate(z))) if mean_of_runs and z else None
+        mean = float(np.mean(np.concatenate(z))) if is_mean and z else None
         for c, finite_rows, measurements in zip(channel_fits, is_finite, z, strict=True):
             limit = CLIP_SIGMA * max(c.sigma, float(np.std(measurements)))
             residuals = np.clip(measurements - c.predictions[finite_rows], -limit, limit)
             signal = c.predictions[finite_rows] + residuals
             signal = signal - (np.mean(signal) if mean is None else mean)
             squares, signal_squares = (dot(x, x) / c.sigma**2 for x in (residuals, signal))
-            of_run = RunChannel(c.run, squares, signal_squares, len(measurements))
-            channel_runs.setdefault(label, []).append(of_run)
+            run_channel = RunChannel(c.run, squares, signal_squares, len(measurements))
+            channel_runs.setdefault(label, []).append(run_channel)
     return channel_runs
 
 

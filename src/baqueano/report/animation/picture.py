@@ -58,8 +58,8 @@ def animation(scene: Scene, partial_fits: Sequence[PartialFit] = (), labels: Seq
 class _Clock:
     """The time axis of the animation: fit and teaching, the laps, a pause. Then the animation repeats."""
 
-    def __init__(self, scene: Scene, teaches: bool) -> None:
-        self.begin_s = FIT_S if teaches else 0.6
+    def __init__(self, scene: Scene, has_lesson: bool) -> None:
+        self.begin_s = FIT_S if has_lesson else 0.6
         self.laps_s = min(LAP_S * scene.laps, MAX_LAPS_S)
         self.period_s = self.begin_s + self.laps_s + REST_S
         self.frames: dict[str, str] = {}
@@ -202,8 +202,8 @@ def _quad(scene: Scene, to_picture: _Map, k: int) -> str:
     assert scene.estimated_poses is not None
     assert scene.half_m is not None
     eta, half_width = scene.estimated_poses[k : k + 2], scene.half_m[k : k + 2, None]
-    to_left = half_width * np.stack([-np.sin(eta[:, 2]), np.cos(eta[:, 2])], axis=1)
-    corners = to_picture(np.concatenate([eta[:, :2] + to_left, (eta[:, :2] - to_left)[::-1]]))
+    left_normal = half_width * np.stack([-np.sin(eta[:, 2]), np.cos(eta[:, 2])], axis=1)
+    corners = to_picture(np.concatenate([eta[:, :2] + left_normal, (eta[:, :2] - left_normal)[::-1]]))
     return '<path class="band" d="M' + "L".join(f"{x:.1f} {y:.1f}" for x, y in corners) + 'z"/>'
 
 
@@ -250,13 +250,13 @@ def _legend(scene: Scene, y: float) -> list[str]:
              ("true", _("true path"), scene.true_poses is not None)]  # fmt: skip
     elements, x = [], MAP_SIZE_PX + 50
     for k, (kind, label, _visible) in enumerate([entry for entry in entries if entry[2]]):
-        at_x, at_y = x + 178 * (k % 2), y + 24 * (k // 2) + 14
+        text_x, text_y = x + 178 * (k % 2), y + 24 * (k // 2) + 14
         mark = (
-            f'<rect class="band" x="{at_x}" y="{at_y - 12}" width="22" height="14"/>'
+            f'<rect class="band" x="{text_x}" y="{text_y - 12}" width="22" height="14"/>'
             if kind == "band"
-            else f'<path class="{kind}" d="M{at_x} {at_y - 5}h22"/>'
+            else f'<path class="{kind}" d="M{text_x} {text_y - 5}h22"/>'
         )
-        elements.append(f'{mark}<text class="soft" x="{at_x + 30}" y="{at_y}">{escape(label)}</text>')
+        elements.append(f'{mark}<text class="soft" x="{text_x + 30}" y="{text_y}">{escape(label)}</text>')
     return elements
 
 

@@ -83,8 +83,8 @@ def _draw_path(axes: "Axes", route: Route) -> None:
     xy = route.eta[:, :2]
     axes.plot(xy[:, 0], xy[:, 1], color=REFERENCE, lw=1.6)
     s = distances_along(xy)
-    for at_m in s[-1] * (np.arange(ARROWS) + 0.5) / ARROWS:
-        k = min(int(np.searchsorted(s, at_m)), len(s) - 1)
+    for place_m in s[-1] * (np.arange(ARROWS) + 0.5) / ARROWS:
+        k = min(int(np.searchsorted(s, place_m)), len(s) - 1)
         direction = np.sign(route.nu[k, 0]) * map_from_body(route.eta[k, 2])[:2, 0]
         axes.annotate(
             "", xy[k] + 1e-3 * direction, xy[k], arrowprops={"arrowstyle": "-|>", "color": REFERENCE}

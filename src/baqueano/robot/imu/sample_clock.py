@@ -161,7 +161,7 @@ def period_bounds(
     spans = (upper_t[:, None] - lower_t[None, :]).astype(float)
     if np.any((steps == 0) & (spans < 0.0)):
         return 1.0, 0.0
-    is_after, is_before = steps > 0, steps < 0
-    high = np.min(spans[is_after] / steps[is_after], initial=prior[1])
-    low = np.max(spans[is_before] / steps[is_before], initial=prior[0])
+    is_later, is_earlier = steps > 0, steps < 0
+    high = np.min(spans[is_later] / steps[is_later], initial=prior[1])
+    low = np.max(spans[is_earlier] / steps[is_earlier], initial=prior[0])
     return float(low), float(high)

@@ -87,7 +87,7 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
     accel_bits = 0x00 if own_accel_filter else 0x10
     try:
         mean_at_rest = _mean(imu, 0x00, accel_bits, sleep)
-        in_test = _mean(imu, TEST_BITS, TEST_BITS | accel_bits, sleep)
+        test_mean = _mean(imu, TEST_BITS, TEST_BITS | accel_bits, sleep)
         codes = _codes(imu)
     except OSError as error:
         raise AnswerNo(fault("imu.self-test-broke-off", error=error)) from None
@@ -96,7 +96,11 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
     trims = factory_trims(codes, own_accel_filter)
     axes = (
         AxisResponse(
-            AXES[n], UNITS[n], float(in_test[n] - mean_at_rest[n]), trims[n], None if codes[n] == 0 else True
+            AXES[n],
+            UNITS[n],
+            float(test_mean[n] - mean_at_rest[n]),
+            trims[n],
+            None if codes[n] == 0 else True,
         )
         for n in range(6)
     )

@@ -84,11 +84,11 @@ def public_key(path: Path | None) -> str:
         if path
         else [Path.home() / ".ssh" / f"id_{key_type}.pub" for key_type in ("ed25519", "ecdsa", "rsa")]
     )
-    for path_of_key in candidates:
-        if path_of_key.is_file():
-            text = path_of_key.read_text(encoding="utf-8", errors="replace").strip()
+    for key_path in candidates:
+        if key_path.is_file():
+            text = key_path.read_text(encoding="utf-8", errors="replace").strip()
             if not re.fullmatch(r"(ssh|ecdsa|sk)-\S+ [A-Za-z0-9+/=]+( [^\n]*)?", text):
-                raise FileError(fault("card.no-public-key", place=path_of_key))
+                raise FileError(fault("card.no-public-key", place=key_path))
             return text
     raise FileError(fault("card.no-key", valid=candidates))
 

@@ -166,8 +166,8 @@ def groups_step(pi: Pi) -> Step:
     """Return the step that adds the user to the groups for the serial line, the bus, a game pad and the service."""
 
     def missing() -> list[str]:
-        members_of = {**pi.group_members(*GROUPS), ACCOUNT: pi.group_members(ACCOUNT).get(ACCOUNT, [])}
-        return [group for group, members in members_of.items() if pi.user not in members]
+        members_by_group = {**pi.group_members(*GROUPS), ACCOUNT: pi.group_members(ACCOUNT).get(ACCOUNT, [])}
+        return [group for group, members in members_by_group.items() if pi.user not in members]
 
     def do() -> None:
         pi.record_state("groups", missing())

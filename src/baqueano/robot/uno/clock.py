@@ -63,12 +63,12 @@ class UnoClock:
         self._answers.append(answer)
         while received_ns - self._answers[0].middle_ns > WINDOW_S * 1e9:
             self._answers.popleft()
-        best_of_section: dict[int, PongTimes] = {}
+        best_pong: dict[int, PongTimes] = {}
         for answer in self._answers:
             section = answer.middle_ns // round(SECTION_S * 1e9)
-            if section not in best_of_section or answer.trip_ns < best_of_section[section].trip_ns:
-                best_of_section[section] = answer
-        quick = sorted(best_of_section.values(), key=lambda a: a.trip_ns)
+            if section not in best_pong or answer.trip_ns < best_pong[section].trip_ns:
+                best_pong[section] = answer
+        quick = sorted(best_pong.values(), key=lambda a: a.trip_ns)
         self._reference, self.synchronised = (quick[0].device_us, quick[0].middle_ns), True
         if len(quick) > 2:
             device_ns = np.array([a.device_us - self._reference[0] for a in quick], dtype=float) * NS_PER_US

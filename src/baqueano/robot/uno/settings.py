@@ -212,9 +212,9 @@ def store(uno: "Uno", change: Callable[[Settings], Settings], wait: Wait = time.
 def _check_at_rest(uno: "Uno", wait: Wait) -> None:
     uno.receive()
     wait(TELEMETRY_TIMEOUT_S)
-    telemetry_read = uno.receive()
-    if any(duty for telemetry in telemetry_read[-1:] for duty in telemetry.applied_duty):
-        left, right = telemetry_read[-1].applied_duty
+    telemetry_frames = uno.receive()
+    if any(duty for telemetry in telemetry_frames[-1:] for duty in telemetry.applied_duty):
+        left, right = telemetry_frames[-1].applied_duty
         raise AnswerNo(fault("settings.motor-runs", left=left, right=right))
 
 

@@ -185,13 +185,13 @@ def calibrate(reader: ImuReader, notify: Notify) -> ImuCalibration:
         reader.wait_for_force(N_("the lift of the front"), is_tilted) - first_force, up_axis
     )
     notify(_("put it down and turn it on the floor by about half a turn to the left; then do not touch it"))
-    turned_before = reader.turned
+    start_angles = reader.turned
     reader.wait_for_force(
-        N_("the turn"), lambda accel: _is_turned_left(reader, turned_before, up_axis) and not is_tilted(accel)
+        N_("the turn"), lambda accel: _is_turned_left(reader, start_angles, up_axis) and not is_tilted(accel)
     )
     second_force, gyro_2 = reader.wait_for_rest(REST_S, N_("after the turn"))
     gyro = float(0.5 * up_axis @ (gyro_1 + gyro_2))
-    turn = float(up_axis @ (reader.turned - turned_before))
+    turn = float(up_axis @ (reader.turned - start_angles))
     bias, slope_xy = biases((axes @ first_force)[:2], (axes @ second_force)[:2], turn)
     oblique = float(np.arccos(np.clip(axes[2] @ first_force / np.linalg.norm(first_force), -1.0, 1.0)))
     return ImuCalibration(
@@ -199,12 +199,12 @@ def calibrate(reader: ImuReader, notify: Notify) -> ImuCalibration:
     )
 
 
-def _is_turned_left(reader: ImuReader, turned_before: np.ndarray, up_axis: np.ndarray) -> bool:
+def _is_turned_left(reader: ImuReader, start_angles: np.ndarray, up_axis: np.ndarray) -> bool:
     """Return True if the vehicle was turned to the left. Raise AnswerNo if it was turned to the right.  (3)
 
     Return False for a turn of at most 90° in either direction.
     """
-    turn = float(up_axis @ (reader.turned - turned_before))
+    turn = float(up_axis @ (reader.turned - start_angles))
     if turn < -MIN_TURN_RAD:
         raise AnswerNo(fault("calibrate.turned-right", turn_deg=-np.degrees(turn)))
     return turn > MIN_TURN_RAD

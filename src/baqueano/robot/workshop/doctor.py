@@ -49,7 +49,7 @@ def examine(
 ) -> Report:
     """Run all checks, hardware first, and return the report. A missing or faulty device is reported, not raised."""
     report = Report()
-    for checks_of_part in (
+    for part_checks in (
         lambda: check_uno(hardware.port, hardware.least_battery_v),
         lambda: check_imu(hardware, root),
         lambda: [
@@ -67,7 +67,7 @@ def examine(
         lambda: check_realtime(),
         lambda: check_jitter(jitter_s, notify) if jitter_s > 0.0 else iter(()),
     ):
-        report.checks += checks_of_part()
+        report.checks += part_checks()
     return report
 
 

@@ -119,11 +119,11 @@ def fetch_rows(host: str, *verb: str) -> list["TableRow"]:
         pass
     if code == INTERRUPTED:
         raise KeyboardInterrupt
-    reason_of_error = {
+    error_reason = {
         127: fault("ssh.no-baqueano", baqueano_command("robot", "setup", host), host=host),
         255: fault("ssh.not-reached", ssh_line(host), host=host),
     }.get(code, fault("ssh.ended", host=host, verb=" ".join(verb)))
-    raise exit_code_error(code, reason_of_error, default_class=RobotUnreachable)
+    raise exit_code_error(code, error_reason, default_class=RobotUnreachable)
 
 
 def fetch_result(make_result: "Callable[[list[TableRow]], Result]", host: str, *verb: str) -> Result:

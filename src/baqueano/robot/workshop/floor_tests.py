@@ -30,8 +30,8 @@ class ImuSamples(NamedTuple):
 
     def after(self, t_s: float) -> "ImuSamples":
         """Return the samples from the time `t_s` [s] on."""
-        is_after = self.t_s >= t_s
-        return ImuSamples(self.t_s[is_after], self.accel[is_after], self.gyro[is_after])
+        is_later = self.t_s >= t_s
+        return ImuSamples(self.t_s[is_later], self.accel[is_later], self.gyro[is_later])
 
     @property
     def is_still(self) -> bool:

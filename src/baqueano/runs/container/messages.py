@@ -185,7 +185,7 @@ def imu_z(fields: dict[str, np.ndarray]) -> np.ndarray:
     return np.column_stack([fields["accel"][:, 0], fields["accel"][:, 1], fields["omega"][:, 2]])
 
 
-def estimate_layout(size: int | None, with_cov: bool = True) -> MessageLayout:
+def estimate_layout(size: int | None, has_cov: bool = True) -> MessageLayout:
     """Return the layout of baqueano_msgs/msg/Estimate with innovations of `size` entries; without innovations if `size`
     is None.
     """
@@ -193,7 +193,7 @@ def estimate_layout(size: int | None, with_cov: bool = True) -> MessageLayout:
     head = MessageField("eta", "array", 3), MessageField("nu", "array", 3), MessageField("cov", "array", 36)
     tail = (
         MessageField("innovation", "sequence", m),
-        MessageField("innovation_cov", "sequence", m * m if with_cov else 0),
+        MessageField("innovation_cov", "sequence", m * m if has_cov else 0),
     )
     return MessageLayout("map", (*head, MessageField("innovation_size", "uint32"), *tail))
 

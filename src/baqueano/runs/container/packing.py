@@ -54,12 +54,12 @@ class Packing:
         pose = np.asarray(eta, dtype=float).tolist()
         values = [*pose, *np.asarray(nu, dtype=float).tolist(), *np.asarray(cov).ravel().tolist()]
         if innovation is None:
-            topic = self.file.estimate(None, with_cov=True)
+            topic = self.file.estimate(None, has_cov=True)
             data = topic.pack(t_ns, *values, 0, 0, 0)
         else:
             z = np.asarray(innovation, dtype=float).tolist()
             S = [] if innovation_cov is None else np.asarray(innovation_cov).ravel().tolist()
-            topic = self.file.estimate(len(z), with_cov=innovation_cov is not None)
+            topic = self.file.estimate(len(z), has_cov=innovation_cov is not None)
             data = topic.pack(t_ns, *values, len(z), len(z), *z, len(S), *S)
         self.put(topic.id, t_ns, data, t_ns, True)
         self._pose("/estimate/pose", t_ns, pose)

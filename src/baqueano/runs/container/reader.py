@@ -217,10 +217,10 @@ class _RunAssembly:
         if not segments:
             return None
         sizes = [size for size, *_ in segments if size is not None]
-        m, with_cov = (max(sizes) if sizes else None), all(cov for size, cov, *_ in segments)
+        m, has_cov = (max(sizes) if sizes else None), all(cov for size, cov, *_ in segments)
         missing_count = sum(len(t_ns) for size, _, t_ns, _ in segments if size != m)
-        self.reserve_missing_rows("/estimate", missing_count, (m or 0) * (1 + (m or 0) * with_cov))
-        return _concatenate([_estimate_columns(m, with_cov, *segment) for segment in segments], EstimateLog)
+        self.reserve_missing_rows("/estimate", missing_count, (m or 0) * (1 + (m or 0) * has_cov))
+        return _concatenate([_estimate_columns(m, has_cov, *segment) for segment in segments], EstimateLog)
 
     def reference(self) -> ReferenceLog | None:
         rows = self.read_fixed("/reference", messages.REFERENCE)
@@ -303,10 +303,10 @@ class _RunAssembly:
         """Return times and arrival times (N,) [ns] of a channel's messages, and their fields.
         Remove the messages from `contents`. Raise FileError for malformed messages.
         """
-        messages_of_key = self.contents.messages.pop(key, NO_MESSAGES)
+        key_messages = self.contents.messages.pop(key, NO_MESSAGES)
         try:
-            fields = layout.unpack(messages_of_key.data, messages_of_key.sizes)
-            t_ns, arrival_ns = np.array(messages_of_key.t_ns), np.array(messages_of_key.arrival_ns)
+            fields = layout.unpack(key_messages.data, key_messages.sizes)
+            t_ns, arrival_ns = np.array(key_messages.t_ns), np.array(key_messages.arrival_ns)
             if max(t_ns.max(initial=0), arrival_ns.max(initial=0)) >= 2**63:
                 raise Invalid(fault("damage.times"))
         except ValueError as error:
@@ -358,7 +358,7 @@ def _join_causes(causes: list[Diagnostic | str]) -> Diagnostic | str | None:
 
 
 def _estimate_columns(
-    m: int | None, with_cov: bool, size: int | None, _: bool, t_ns: np.ndarray, f: dict[str, np.ndarray]
+    m: int | None, has_cov: bool, size: int | None, _: bool, t_ns: np.ndarray, f: dict[str, np.ndarray]
 ) -> tuple[np.ndarray | None, ...]:
     """Return the columns of an EstimateLog from one channel. Innovations of another size than `m` become NaN."""
     k = len(t_ns)
@@ -366,7 +366,7 @@ def _estimate_columns(
     if m is not None:
         is_missing = size != m
         innovation = np.full((k, m), np.nan) if is_missing else f["innovation"]
-        if with_cov:
+        if has_cov:
             empty_cov = np.full((k, m, m), np.nan)
             innovation_cov = empty_cov if is_missing else f["innovation_cov"].reshape(k, m, m)
     return t_ns, f["eta"], f["nu"], f["cov"].reshape(k, 6, 6), innovation, innovation_cov

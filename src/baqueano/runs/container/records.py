@@ -282,12 +282,12 @@ class _RecordReader:
             offset += size
         self.contents.kept_bytes += (len(records) - skipped_bytes) * 9 // 8  # growing arrays reserve more
 
-    def read_footer(self, cursor: Cursor, crc_at: int) -> None:
+    def read_footer(self, cursor: Cursor, crc_offset: int) -> None:
         if self.closed:
             raise DamageError(fault("damage.second-end"))
         self.closed = True
         start, _, checksum = (cursor.integer(size) for size in (8, 8, 4))
-        if start and checksum and checksum != zlib.crc32(self.view[start:crc_at]):
+        if start and checksum and checksum != zlib.crc32(self.view[start:crc_offset]):
             raise DamageError(fault("damage.summary-checksum"))
         self.contents.channels = self.repeated | self.contents.channels
 
@@ -368,10 +368,10 @@ def _check_size(compression: str, payload: memoryview, size: int) -> None:
         import zstandard
 
         try:
-            size_in_frame = zstandard.frame_content_size(payload)
+            frame_size = zstandard.frame_content_size(payload)
         except zstandard.ZstdError as error:
             raise DamageError(fault("damage.chunk-not-unpacked", error=error)) from error
-        if size_in_frame not in (-1, size):
+        if frame_size not in (-1, size):
             raise DamageError(fault("damage.chunk-other-size"))
 
 

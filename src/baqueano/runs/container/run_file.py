@@ -104,12 +104,12 @@ class RunFile:
             self.topic(key[0], schema, size, layout.pack)
         return self._topics[key], imu
 
-    def estimate(self, size: int | None, *, with_cov: bool) -> Topic:
+    def estimate(self, size: int | None, *, has_cov: bool) -> Topic:
         """Return the topic /estimate with an innovation of this size, None for an estimate without innovation."""
-        size_text = "none" if size is None else f"{size}" if with_cov else f"{size} without covariance"
+        size_text = "none" if size is None else f"{size}" if has_cov else f"{size} without covariance"
         key = ("/estimate", size_text)
         return self._topics.get(key) or self.topic(
-            key[0], "baqueano_msgs/msg/Estimate", size_text, messages.estimate_layout(size, with_cov).pack
+            key[0], "baqueano_msgs/msg/Estimate", size_text, messages.estimate_layout(size, has_cov).pack
         )
 
     def fixed_topic(self, name: str) -> Topic:

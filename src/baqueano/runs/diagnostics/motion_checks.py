@@ -113,14 +113,14 @@ class Clock(NamedTuple):
     shifted_correlation: float
 
 
-def _clock_of(z: np.ndarray, true_of: Truth) -> Clock | None:
+def _clock_of(z: np.ndarray, true_motion: Truth) -> Clock | None:
     """Return the best shift of the truth, or None if the sensor does not show it."""
-    if not _is_comparable(z, true_of):
+    if not _is_comparable(z, true_motion):
         return None
     search_s = SEARCH_S
     while search_s <= MAX_SEARCH_S:
         lags = 0.01 * np.arange(-round(100 * search_s), round(100 * search_s) + 1)
-        regressions = [channel_regression(z, true_of(float(lag))) for lag in lags]
+        regressions = [channel_regression(z, true_motion(float(lag))) for lag in lags]
         r = np.array([regression.correlation for regression in regressions])
         k = int(np.argmax(np.abs(r) - 1e-4 * np.abs(lags)))
         if 0 < k < len(lags) - 1:
@@ -130,8 +130,8 @@ def _clock_of(z: np.ndarray, true_of: Truth) -> Clock | None:
     return None  # the end of the range is not a maximum
 
 
-def _is_comparable(z: np.ndarray, true_of: Truth) -> bool:
-    return bool(np.std(true_of(0.0)) > MIN_SPEED_STD and np.isfinite(z).all())
+def _is_comparable(z: np.ndarray, true_motion: Truth) -> bool:
+    return bool(np.std(true_motion(0.0)) > MIN_SPEED_STD and np.isfinite(z).all())
 
 
 def _clock_findings(
@@ -155,15 +155,15 @@ def _clock_findings(
 
 
 def _truth_findings(
-    entry: "Entry", z: np.ndarray, true_of: Truth, clock: Clock | None, measures: str
+    entry: "Entry", z: np.ndarray, true_motion: Truth, clock: Clock | None, measures: str
 ) -> list[ImportFinding]:
     """Return the findings about a sensor compared with the truth of the same quantity: sign, unit, scale.  (1)
 
     The truth is shifted in time, because a clock offset makes the estimated slope too small.
     """
-    if not _is_comparable(z, true_of):
+    if not _is_comparable(z, true_motion):
         return []
-    truth = true_of(0.0 if clock is None else clock.shift_s)
+    truth = true_motion(0.0 if clock is None else clock.shift_s)
     units = _ratio_lines(measures, entry)
     double_units = {
         1.0 / r: note("recording.unit-ratio", unit_name=entry.unit, ratio=r) for r in units if r > 1.0
@@ -268,11 +268,11 @@ def _accelerometer_findings(
         _ratio_lines("acceleration", y) | speed_lines,
     ]
     if motion.run.truth is None:
-        in_g = _ratio_lines("acceleration", y, "g")
+        g_lines = _ratio_lines("acceleration", y, "g")
         for r, line in _ratio_lines("angular rate", gyro, "rad/s", "deg/s").items():
             lines_by_axis[1] |= {1.0 / r: line} | {
                 unit_value / r: note("recording.list", first=line, second=further_findings)
-                for unit_value, further_findings in in_g.items()
+                for unit_value, further_findings in g_lines.items()
                 if r > 1.0
             }
     channels = [MappedChannel(1.0 / MAX_ACCEL_SCALE, MAX_ACCEL_SCALE, lines) for lines in lines_by_axis]

@@ -56,18 +56,18 @@ MIN_COMMAND = 0.03  # a command too small to move a motor
 def limit_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
     """Yield the findings about the unit of a sensor, from this sensor only."""
     peak = [_peak(z) for z in channel.z.T]
-    is_beyond, measurement_kind = False, signal.kind or ""
+    is_outside, measurement_kind = False, signal.kind or ""
     for value, measures, entry in zip(peak, KINDS.get(measurement_kind, ()), signal.entries, strict=False):
         limit, limit_text, guess = KIND_LIMITS.get(measurement_kind) or KIND_LIMITS.get(
             measures, (np.inf, "", "")
         )
         if value > limit:
-            is_beyond = True
+            is_outside = True
             reason = note(
                 "recording.too-much", key=entry.key, unit_name=entry.unit, value=value, quantity=limit_text
             )
             yield ImportFinding("unit", "error", None, reason, note("recording.possible-line", line=guess))
-    if signal.kind == "imu" and not is_beyond:
+    if signal.kind == "imu" and not is_outside:
         yield from _grip_findings(signal, channel)
         yield from _gyro_findings(signal, channel, run)
         yield from _accelerometer_findings(signal, channel, run)
@@ -211,13 +211,13 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
             yield ImportFinding(
                 "constant", "warning", None, note("recording.constant-command", name=name, value=u[0])
             )
-        largest, unit_of_entry, remedy = _largest_magnitude([u]), unit(entry.unit), None
+        largest, entry_unit, remedy = _largest_magnitude([u]), unit(entry.unit), None
         if largest > MAX_COMMAND_RATIO and entry.unit == "1":
             remedy = _full_command_line(counts)
         elif 0.0 < largest < MIN_COMMAND and entry.unit == "%":
             remedy = _percent_line(u / 0.01, percents)
-        elif 0.0 < largest < MIN_COMMAND and unit_of_entry is not None and unit_of_entry.measures == "time":
-            remedy = _full_command_line([c / unit_of_entry.si_factor for c in columns.T], 'unit = "raw", ')
+        elif 0.0 < largest < MIN_COMMAND and entry_unit is not None and entry_unit.measures == "time":
+            remedy = _full_command_line([c / entry_unit.si_factor for c in columns.T], 'unit = "raw", ')
         if remedy:
             reason = note(
                 "recording.command-range", key=entry.key, name=name, maximum=largest, unit_name=entry.unit
@@ -239,17 +239,17 @@ def _largest_magnitude(columns: list[np.ndarray]) -> float:
     return max(float(np.max(np.abs(u))) for u in columns)
 
 
-def _full_command_line(counts: list[np.ndarray], unit_of_it: str = "") -> Diagnostic:
+def _full_command_line(counts: list[np.ndarray], unit_setting: str = "") -> Diagnostic:
     """Return the map line for commands in counts.
     All commands of a vehicle share one full scale. It is named only if the commands are not too small for it.
     """
     smallest, largest = min(float(np.min(u)) for u in counts), _largest_magnitude(counts)
     if PULSE_RANGE_US[0] <= smallest and largest <= PULSE_RANGE_US[1]:
-        return note("recording.write-pulses", line=f"{unit_of_it}scale = 0.002, offset = -3.0")
+        return note("recording.write-pulses", line=f"{unit_setting}scale = 0.002, offset = -3.0")
     if largest < MIN_COMMAND * FULL_COMMANDS[0]:
         return note(
             "recording.write-largest",
-            line=f"{unit_of_it}scale = {1.0 / largest:.6g}",
+            line=f"{unit_setting}scale = {1.0 / largest:.6g}",
             maximum=f"{largest:.6g}",
         )
     percent = largest <= FULL_COMMANDS[0]
@@ -257,7 +257,7 @@ def _full_command_line(counts: list[np.ndarray], unit_of_it: str = "") -> Diagno
         (full_command for full_command in FULL_COMMANDS[percent:] if largest <= full_command), largest
     )
     scale: JsonObject = {
-        "line": f"{unit_of_it}scale = {1.0 / full_command:.6g}",
+        "line": f"{unit_setting}scale = {1.0 / full_command:.6g}",
         "full_command": f"{full_command:g}",
     }
     if not percent:

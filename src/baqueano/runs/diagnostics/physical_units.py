@@ -44,7 +44,7 @@ def check_gyro_unit(run: Run, vehicle_file: "VehicleFile", name: str) -> list[Di
     """Return a list with at most one message: the gyro is in another unit than the wheels, or than speed and sideways
     acceleration. The list is empty if the wheels of a sensor show the same yaw rate as the gyro. If only (4) shows the
     fault, the message names gyro or accelerometer. (3), (4)"""
-    sensors, by_wheels, by_curves = vehicle_file.sensors._asdict(), [], []
+    sensors, wheel_comparisons, curve_comparisons = vehicle_file.sensors._asdict(), [], []
     for sensor_name, channel in run.sensors.items():
         block: Tree = sensors.get(sensor_name)
         is_wheels = has_field(block, "track_m")
@@ -56,13 +56,13 @@ def check_gyro_unit(run: Run, vehicle_file: "VehicleFile", name: str) -> list[Di
         if is_wheels:
             rate = (speed[:, 1] - speed[:, 0]) / block.track_m
             source = note("gyro.as-wheels", subject=sensor_name)
-            by_wheels.append(compare_gyro(name, imu[:, 2], rate, source))
+            wheel_comparisons.append(compare_gyro(name, imu[:, 2], rate, source))
         source = note("gyro.as-curve", subject=f"{name}[1]", speed=sensor_name)
-        by_curves.append(compare_gyro(name, imu[:, 1], speed.mean(axis=1) * imu[:, 2], source, -1))
-    if any(comparison.is_near for comparison in by_wheels):
+        curve_comparisons.append(compare_gyro(name, imu[:, 1], speed.mean(axis=1) * imu[:, 2], source, -1))
+    if any(comparison.is_near for comparison in wheel_comparisons):
         return []
-    messages = [comparison.message for comparison in by_wheels if comparison.message]
-    for comparison in by_curves:
+    messages = [comparison.message for comparison in wheel_comparisons if comparison.message]
+    for comparison in curve_comparisons:
         if comparison.message:  # the test cannot separate a wrong gyro from a wrong accelerometer
             figures: JsonObject = {"gyro": comparison.message, "ratio": comparison.slope}
             messages.append(note(CURVE_CODE, Severity.ERROR, subject=f"{name}[1]", **figures))
@@ -86,12 +86,12 @@ def compare_gyro(
     (channel,) = signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)])
     slope, message = abs(channel.regression.slope), None
     if channel.meaning:
-        read_as = next(unit for unit in RATIO_UNITS.values() if unit != channel.meaning)
+        unit_name = next(unit for unit in RATIO_UNITS.values() if unit != channel.meaning)
         figures: JsonObject = {
             "ratio": slope**power,
             "source": source,
             "true_unit": channel.meaning,
-            "assumed_unit": read_as,
+            "assumed_unit": unit_name,
         }
         message = note("gyro.unit", Severity.ERROR, subject=f"{name}[2]", **figures)
     return GyroComparison(channel.is_clear and channel.ratio == 1.0, slope, message)

@@ -35,7 +35,7 @@ MIN_SAMPLES = 20  # samples for a test
 MIN_END_SAMPLES, MIN_VISITS = 5, 3  # (2)
 MIN_END_RATIO = 0.5  # of the largest magnitude
 MAX_LOST_FRACTION = 0.1  # part of the samples of a channel that can be lost without a warning
-MEDIAN_SAMPLES, MIN_CONSECUTIVE = 9, 3  # samples, (3)
+MEDIAN_SAMPLES, MIN_SPIKE_TICKS = 9, 3  # samples, (3)
 ROUNDING = 1e-12  # of the largest value: rounding difference between two ways to compute a reading
 ISOLATED_ZERO_SIGMA = 10.0  # standard deviations between an isolated zero and its neighbours
 FULL_SCALE_TOLERANCE = 1.5e-3  # 32767 of 32768 words, and rounded sensitivities such as 131 words per deg/s
@@ -170,8 +170,8 @@ def _repeated_samples(
     """Return the mask (M,) of samples that repeat the previous one, and a list with at most one message."""
     is_repeated = np.concatenate([[False], x[1:] == x[:-1]])
     chance = len(x) * resolution.step / (2.0 * np.sqrt(np.pi) * resolution.sigma)
-    is_by_chance = is_repeated.sum() <= CHANCE_FACTOR * chance + EXTRA_SAMPLES
-    if is_by_chance if is_imu else not is_read_too_fast(find_repeats(x).hold_counts):
+    is_chance = is_repeated.sum() <= CHANCE_FACTOR * chance + EXTRA_SAMPLES
+    if is_chance if is_imu else not is_read_too_fast(find_repeats(x).hold_counts):
         return np.zeros(len(x), bool), []
     edges = np.flatnonzero(~is_repeated)
     longest = int(np.max(np.diff(np.concatenate([edges, [len(x)]])))) - 1
@@ -227,9 +227,9 @@ def _is_beyond_end(y: np.ndarray, index: np.ndarray, end: float, sigma: float) -
     """Return the mask (M,) of samples whose signal, apart from noise, is at the end `end` of the range.  (3)"""
     padded_signal = np.pad(y, MEDIAN_SAMPLES // 2, mode="edge")
     median = np.median(np.lib.stride_tricks.sliding_window_view(padded_signal, MEDIAN_SAMPLES), axis=1)
-    is_beyond = median > end - 2.0 * sigma
+    is_outside = median > end - 2.0 * sigma
     edges = np.flatnonzero(np.diff(np.concatenate([[0], index.astype(int), [0]])))
     for first, last in zip(edges[::2], edges[1::2], strict=True):
-        if last - first >= MIN_CONSECUTIVE:
-            is_beyond[first:last] = True
-    return is_beyond
+        if last - first >= MIN_SPIKE_TICKS:
+            is_outside[first:last] = True
+    return is_outside

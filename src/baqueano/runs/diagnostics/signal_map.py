@@ -76,10 +76,10 @@ class Hypothesis(NamedTuple):
     meaning: "Diagnostic | str | None" = None  # of that ratio
 
 
-def unit_ratios(measures: str, read_as: str) -> dict[float, str]:
-    """Return ratio → unit for all units of a column other than `read_as`; the ratio is read value / true value."""
-    unit_read = unit(read_as)
-    si = unit_read.si_factor if unit_read and unit_read.measures == measures else 1.0
+def unit_ratios(measures: str, unit_name: str) -> dict[float, str]:
+    """Return ratio → unit for all units of a column other than `unit_name`; the ratio is read value / true value."""
+    assumed_unit = unit(unit_name)
+    si = assumed_unit.si_factor if assumed_unit and assumed_unit.measures == measures else 1.0
     return {
         si / unit_.si_factor: name
         for name, unit_ in UNITS.items()
@@ -142,13 +142,13 @@ def nearest_ratio(magnitude: float, low: float, high: float, known_ratios: Colle
 def _hypothesis(prediction_index: int, r: ChannelRegression, channel: MappedChannel) -> Hypothesis:
     """Return the hypothesis for a channel that shows prediction `prediction_index` with the regression `r`."""
     low, high, meanings = channel.low, channel.high, {1.0: None} | dict(channel.ratios)
-    as_read = Hypothesis("", prediction_index, r, r.is_clear())
-    if not as_read.is_clear or low <= r.slope <= high:
-        return as_read
+    gyro_column = Hypothesis("", prediction_index, r, r.is_clear())
+    if not gyro_column.is_clear or low <= r.slope <= high:
+        return gyro_column
     ratio = nearest_ratio(abs(r.slope), low, high, meanings)
     is_attenuated = abs(r.slope) < low <= abs(r.slope) / r.correlation**2  # possible if h has all the noise
     if (np.isnan(ratio) or is_attenuated) and not r.is_clear(MIN_SCALE_GAIN):
-        return as_read._replace(is_clear=False)
+        return gyro_column._replace(is_clear=False)
     code = "inverted" if r.slope < 0.0 else "scale" if np.isnan(ratio) else "unit"
     return Hypothesis(code, prediction_index, r, is_clear=True, ratio=ratio, meaning=meanings.get(ratio))
 

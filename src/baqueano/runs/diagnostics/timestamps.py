@@ -39,10 +39,10 @@ def check_timestamps(run: Run, rate_hz: float) -> tuple[list[Run], list[Diagnost
         return [run], []
     run, unit_messages = _check_unit(run, rate_hz)
     run, burst_messages = _spread_all_bursts(run)
-    with_stamps = {name: _check_stamps(name, channel) for name, channel in run.sensors.items()}
-    messages = [message for _, messages in with_stamps.values() for message in messages]
+    checked_channels = {name: _check_stamps(name, channel) for name, channel in run.sensors.items()}
+    messages = [message for _, messages in checked_channels.values() for message in messages]
     if messages:
-        run = replace(run, sensors={name: channel for name, (channel, _) in with_stamps.items()})
+        run = replace(run, sensors={name: channel for name, (channel, _) in checked_channels.items()})
     segments, cut_messages = _segments(run)
     return segments, unit_messages + burst_messages + messages + cut_messages
 

@@ -34,19 +34,19 @@ def without_unknown_direction(
     """Return the run, and the findings. If a finding states that an odometer lacks the sign, its readings in an unknown
     direction are excluded and counted. A map that accepts "no sign" keeps all readings.
     """
-    name_of_key = {s.entries[0].key: name for name, s in m.sensors.items() if s.kind == "odometer"}
+    key_name = {s.entries[0].key: name for name, s in m.sensors.items() if s.kind == "odometer"}
     if NO_SIGN in m.accept:
         return run, findings
     excluded_keys = {_key(finding) for finding in findings if finding.reason.code == EXCLUDED}
     sensors, results = dict(run.sensors), []
     for finding in findings:
-        if (key := _key(finding)) not in name_of_key or finding.reason.code == EXCLUDED:
+        if (key := _key(finding)) not in key_name or finding.reason.code == EXCLUDED:
             results.append(finding)
         elif key not in excluded_keys:
             excluded_keys.add(key)
-            channel = sensors[name_of_key[key]]
+            channel = sensors[key_name[key]]
             is_forward = forward_readings(channel.t_ns, channel.z[:, 0], run.t_ns, _forward_command(run, m))
-            sensors[name_of_key[key]] = Channel(*(column[is_forward] for column in channel))
+            sensors[key_name[key]] = Channel(*(column[is_forward] for column in channel))
             reason = note(EXCLUDED, key=key, count=np.count_nonzero(~is_forward), rows=len(is_forward))
             exclusion = ImportFinding(NO_SIGN, "warning", None, reason, note("recording.log-sign"))
             results.append(finding if is_forward.all() else exclusion)
@@ -74,9 +74,9 @@ def forward_readings(t_ns: np.ndarray, z: np.ndarray, u_ns: np.ndarray, u: np.nd
     ends = np.minimum(np.searchsorted(u_ns, t_ns, side="left"), len(u) - 1)
     is_forward, is_known, slowest, begin = np.zeros(len(z), dtype=bool), True, np.inf, 0
     for i, (speed, end) in enumerate(zip(z.tolist(), ends.tolist(), strict=True)):
-        since_last = u[begin : end + 1]
+        interval_commands = u[begin : end + 1]
         begin = end
-        if np.any(since_last < -least_u):
+        if np.any(interval_commands < -least_u):
             is_known, slowest = False, np.inf
         elif not is_known:
             slowest = min(slowest, speed) if u[end] > least_u else np.inf

@@ -144,8 +144,8 @@ def _wheel_commands(table: LogTable, free_columns: list[str], pair: list[str], r
         _with_pin(_wheel_command(table, column, span), table, column, pin)
         for column, pin in zip(pair, pins, strict=True)
     )
-    until_comment = _('"until": a row ends its command')
-    title = f'\n[command]{remark}\nin_force = "from"                    # {until_comment}'
+    comment = _('"until": a row ends its command')
+    title = f'\n[command]{remark}\nin_force = "from"                    # {comment}'
     return f"{title}\nwheels = [\n{_list_lines(entries)}\n]"
 
 
@@ -190,8 +190,8 @@ def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
         compass, poses = poses[2].name, []
     battery = _take_column(free_columns, headers.BATTERY_PATTERN)
     if battery:
-        unit_of_size = "mV" if _span(table, battery)[1] > MAX_BATTERY_V else "V"
-        yield f"\n[sensors.battery]\nz = [\n  {_entry(battery, 'voltage', unit_of_size)},\n]"
+        size_unit = "mV" if _span(table, battery)[1] > MAX_BATTERY_V else "V"
+        yield f"\n[sensors.battery]\nz = [\n  {_entry(battery, 'voltage', size_unit)},\n]"
     if compass:
         remark = _("left is positive: a compass that counts clockwise needs scale = -1.0")
         yield f"\n[sensors.compass]                    # {remark}\nz = [\n  {_entry(compass, 'angle')},\n]"

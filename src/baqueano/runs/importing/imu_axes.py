@@ -96,8 +96,8 @@ def axis_findings(signal: ColumnSignal, table: LogTable) -> list[ImportFinding]:
     if signal.kind != "imu" or signal.entries[2].column is None:
         return []
     columns, gyro = imu_columns(table, table.columns), signal.entries[2]
-    as_read = SignedColumn(gyro.column or "", -1 if gyro.scale < 0.0 else 1)
-    if not columns.vertical or not columns.entries[2].name or as_read == columns.entries[2]:
+    gyro_column = SignedColumn(gyro.column or "", -1 if gyro.scale < 0.0 else 1)
+    if not columns.vertical or not columns.entries[2].name or gyro_column == columns.entries[2]:
         return []
     figures = {"key": gyro.key, "column": columns.vertical, "mean": columns.mean}
     reason = note("recording.not-level", **figures, gyro=str(columns.entries[2]))

@@ -37,9 +37,9 @@ def joined_rows(
     firsts = rows[np.flatnonzero(np.diff(groups, prepend=-1))]
     times = {spec.time, spec.time_rest and spec.time_rest[0]}
     names = sorted(name for name in {*columns} - times if table.columns[name] is not None)
-    rows_of_groups, changed_cells, joined_columns = table.select(rows), 0, {}
+    group_rows, changed_cells, joined_columns = table.select(rows), 0, {}
     for name in names:
-        values = _common_values(rows_of_groups.columns[name], groups)
+        values = _common_values(group_rows.columns[name], groups)
         if values is None:
             return table, t_ns
         joined_columns[name], count = _with_values(table.columns[name], firsts, values)

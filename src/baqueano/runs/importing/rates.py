@@ -33,8 +33,8 @@ def rates(step: np.ndarray, dt_s: np.ndarray, are_means: bool) -> np.ndarray:
     mean = step / dt_s
     if are_means:
         return np.concatenate([[np.nan], mean])
-    at_row = (mean[:-1] * dt_s[1:] + mean[1:] * dt_s[:-1]) / (dt_s[:-1] + dt_s[1:])
-    return np.concatenate([[np.nan], at_row, [np.nan]])[: len(step) + 1]
+    row_rates = (mean[:-1] * dt_s[1:] + mean[1:] * dt_s[:-1]) / (dt_s[:-1] + dt_s[1:])
+    return np.concatenate([[np.nan], row_rates, [np.nan]])[: len(step) + 1]
 
 
 def times_ns(signal: "ColumnSignal", source: "Source") -> tuple[np.ndarray, np.ndarray]:

@@ -83,10 +83,10 @@ class ImportedRun(NamedTuple):
     def table(self) -> str:
         """Return one line per finding. Of a kind with more than MAX_SIMILAR_LINES findings, return only the first
         finding and the number of findings."""
-        count_of_kind = Counter((d.level, d.code) for d in self.findings)
+        finding_counts = Counter((d.level, d.code) for d in self.findings)
         lines: dict[object, list[str]] = {}
         for k, d in enumerate(self.findings):
-            n = count_of_kind[d.level, d.code]
+            n = finding_counts[d.level, d.code]
             tail = f" ({_('and {more} more such', more=n - 1)})" if n > MAX_SIMILAR_LINES else ""
             line = [_(d.level), _(d.code), f"{d.advice}{tail}"]
             lines.setdefault((d.level, d.code) if tail else k, line)
@@ -249,7 +249,7 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
     """Return the values (rows, entries) in SI, by (1) of column_map."""
     columns = []
     for entry in signal.entries:
-        unit_of_entry = unit(entry.unit)
+        entry_unit = unit(entry.unit)
         if entry.quaternion is not None:
             x, y, z, w = (source.table.numbers(name) for name in xyzw_columns(entry))
             column = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
@@ -263,7 +263,7 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
             if entry.wraps is not None:
                 turn = entry.wraps * entry.si_factor
                 step = step - turn * np.rint(step / turn)  # the shorter way round
-            elif unit_of_entry and unit_of_entry.measures == "angle" and wraps_each_turn(column):
+            elif entry_unit and entry_unit.measures == "angle" and wraps_each_turn(column):
                 step = wrap(step)
             column = rates(step, np.diff(source.t_ns) / NANOSECONDS, signal.is_rate)
         column = entry.scale * entry.radius_m * column + entry.offset
@@ -276,17 +276,17 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
 
 def _check_header(entry: Entry) -> None:
     """Raise FileError if the column name states another unit than the map: `speed [km/h]` with m/s in the map."""
-    in_header = re.search(r"[\[(]([^\[()\]]+)[\])]\s*$", entry.column or "")
-    by_header, by_map = unit(in_header[1]) if in_header else None, unit(entry.unit)
-    has_unit = by_header is not None and by_header.measures not in ("ratio", "raw", "counts")
-    if has_unit and by_map is not None and by_header != by_map and by_map.measures != "raw":
+    header_match = re.search(r"[\[(]([^\[()\]]+)[\])]\s*$", entry.column or "")
+    header_unit, map_unit = unit(header_match[1]) if header_match else None, unit(entry.unit)
+    has_unit = header_unit is not None and header_unit.measures not in ("ratio", "raw", "counts")
+    if has_unit and map_unit is not None and header_unit != map_unit and map_unit.measures != "raw":
         raise FileError(
             fault(
                 "import.unit-of-name",
                 key=entry.key,
                 value=entry.unit,
                 column=entry.column,
-                unit_name=in_header[1] if in_header else "",
+                unit_name=header_match[1] if header_match else "",
             )
         )
 

@@ -89,11 +89,11 @@ def _set_sources(
     }
     for k, (label, by_file) in enumerate(matches):
         own_rows: list[ImportFinding] = list(own_findings) if k == 0 else []
-        sources_of_part = {f: _source(m, m.files[f], table, own_rows) for f, table in by_file.items()}
-        t_ns = sources_of_part[m.ticks].t_ns
+        part_sources = {f: _source(m, m.files[f], table, own_rows) for f, table in by_file.items()}
+        t_ns = part_sources[m.ticks].t_ns
         row_masks = {f: _cut_rows(source, t_ns) for f, source in undivided_sources.items()}
         yield RecordingSources(
-            f"{name}-{label}", {f: (sources_of_part | row_masks)[f] for f in tables}, files, tuple(own_rows)
+            f"{name}-{label}", {f: (part_sources | row_masks)[f] for f in tables}, files, tuple(own_rows)
         )
 
 
@@ -114,14 +114,14 @@ def _parts(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePart]:
             zip(values, np.split(np.argsort(group_numbers, kind="stable"), group_ends[:-1]), strict=True)
         )
     if spec.split_gap_s is None:
-        return [SourcePart(value, value, table.select(rows_of_group)) for value, rows_of_group in groups]
+        return [SourcePart(value, value, table.select(group_rows)) for value, group_rows in groups]
     t_ns, is_known = row_times(table, spec, m.start_ns, m.path.name, [])
     parts = []
-    for value, rows_of_group in groups:
-        timed_rows = np.flatnonzero(is_known[rows_of_group])  # a row without a time does not split a run
-        step = np.diff(t_ns[rows_of_group][timed_rows])
+    for value, group_rows in groups:
+        timed_rows = np.flatnonzero(is_known[group_rows])  # a row without a time does not split a run
+        step = np.diff(t_ns[group_rows][timed_rows])
         edges = timed_rows[1:][(step < 0) | (step > spec.split_gap_s * NANOSECONDS)]
-        for k, part in enumerate(np.split(rows_of_group, edges), 1):
+        for k, part in enumerate(np.split(group_rows, edges), 1):
             parts.append(SourcePart(value, f"{value}-{k}".lstrip("-"), table.select(part)))
     return parts
 
@@ -145,15 +145,15 @@ def _match_parts(
     findings += _missing_values(m, by_file)
     labelled_parts = []
     for value in common_values:
-        pieces_of_value = {name: piece_of[value] for name, piece_of in by_file.items()}
-        if len({len(rows) for rows in pieces_of_value.values()}) > 1:
-            text = ", ".join(f"[files.{name}] {len(rows)}" for name, rows in pieces_of_value.items())
+        pieces_by_field = {name: piece_by_value[value] for name, piece_by_value in by_file.items()}
+        if len({len(rows) for rows in pieces_by_field.values()}) > 1:
+            text = ", ".join(f"[files.{name}] {len(rows)}" for name, rows in pieces_by_field.items())
             split = m.files[m.ticks].split
             raise FileError(
                 fault("import.parts-differ", map=m.path.name, split=split, value=value, counts=text)
             )
-        for combination in zip(*pieces_of_value.values(), strict=True):
-            recording = dict(zip(pieces_of_value, combination, strict=True))
+        for combination in zip(*pieces_by_field.values(), strict=True):
+            recording = dict(zip(pieces_by_field, combination, strict=True))
             labelled_parts.append(
                 (recording[m.ticks].label, {name: part.table for name, part in recording.items()})
             )
@@ -206,12 +206,12 @@ def _file_sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
     """Return the path of each [files.NAME], one dict per set of files.
     Raise FileError if the given files do not match the files of the map.
     """
-    by_name: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     pairs = [str(path).partition("=") for path in files]
     if not isinstance(files, dict) and files and all(name in m.files for name, *_ in pairs):  # NAME=PATH
         files = {name: path for name, _, path in pairs}
     if isinstance(files, dict):
-        by_name = {name: Path(path) for name, path in files.items()}
+        paths = {name: Path(path) for name, path in files.items()}
     elif files:
         open_names = [name for name, spec in m.files.items() if spec.path is None]
         if not open_names and len({spec.path for spec in m.files.values()}) == 1:
@@ -226,23 +226,23 @@ def _file_sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
                 )
             )
         return [_with_default_paths(m, dict.fromkeys(open_names, path)) for path in all_paths]
-    for name in by_name:
+    for name in paths:
         if name not in m.files:
             raise FileError(fault("import.file-unknown", map=m.path.name, value=name, valid=m.files))
-    patterns = {spec.path for name, spec in m.files.items() if name not in by_name and spec.path}
+    patterns = {spec.path for name, spec in m.files.items() if name not in paths and spec.path}
     magic_patterns = [pattern for pattern in patterns if glob.has_magic(pattern)]
     if not magic_patterns:
-        return [_with_default_paths(m, by_name)]
+        return [_with_default_paths(m, paths)]
     if len(magic_patterns) > 1:
         raise FileError(
             fault("import.stars", map=m.path.name, paths=" and ".join(map(repr, sorted(magic_patterns))))
         )
     matching_names = [
-        name for name, spec in m.files.items() if spec.path == magic_patterns[0] and name not in by_name
+        name for name, spec in m.files.items() if spec.path == magic_patterns[0] and name not in paths
     ]
     spec = m.files[matching_names[0]]
     return [
-        _with_default_paths(m, by_name | dict.fromkeys(matching_names, path))
+        _with_default_paths(m, paths | dict.fromkeys(matching_names, path))
         for path in _matching_paths(m, spec)
     ]
 
@@ -257,8 +257,8 @@ def _expand(path: Path) -> list[Path]:
     return [Path(match_) for match_ in matches]
 
 
-def _with_default_paths(m: ColumnMap, by_name: dict[str, Path]) -> dict[str, Path]:
-    return {name: by_name[name] if name in by_name else _log_path(m, spec) for name, spec in m.files.items()}
+def _with_default_paths(m: ColumnMap, paths: dict[str, Path]) -> dict[str, Path]:
+    return {name: paths[name] if name in paths else _log_path(m, spec) for name, spec in m.files.items()}
 
 
 def _log_path(m: ColumnMap, spec: FileSpec) -> Path:

@@ -126,7 +126,7 @@ def increasing_rows(
     table: LogTable,
     t_ns: np.ndarray,
     spec: "FileSpec",
-    columns_used: set[str],
+    used_columns: set[str],
     m: "ColumnMap",
     findings: list[ImportFinding],
 ) -> np.ndarray:
@@ -143,22 +143,22 @@ def increasing_rows(
             "count": len(backward_rows), "rows": lost_rows,
         }  # fmt: skip
         if spec.backwards != "drop":
-            code = "import.clock-back" if _is_clock_back(table, t_ns, columns_used) else "import.steps-back"
+            code = "import.clock-back" if _is_clock_back(table, t_ns, used_columns) else "import.steps-back"
             raise FileError(fault(code, **figures, file=spec.name, map=m.path.name))
         findings.append(
             ImportFinding("time steps back", "warning", int(t_ns[i]), note("recording.steps-back", **figures))
         )
     is_kept = t_ns >= latest
     is_kept[1:] &= (t_ns[1:] > latest[:-1]) | (t_ns[1:] == t_ns[:-1])
-    is_kept = _without_repeats(table, t_ns, is_kept, spec, columns_used, m, findings)
+    is_kept = _without_repeats(table, t_ns, is_kept, spec, used_columns, m, findings)
     step_s = np.diff(t_ns[is_kept]) / NANOSECONDS
-    if len(step_s) and not _is_change_log(table.rows_where(is_kept), step_s, spec, columns_used, m):
+    if len(step_s) and not _is_change_log(table.rows_where(is_kept), step_s, spec, used_columns, m):
         _check_steps(table.rows_where(is_kept), t_ns[is_kept], step_s, spec, m, findings)
     return is_kept
 
 
 def _is_change_log(
-    table: LogTable, step_s: np.ndarray, spec: "FileSpec", columns_used: set[str], m: "ColumnMap"
+    table: LogTable, step_s: np.ndarray, spec: "FileSpec", used_columns: set[str], m: "ColumnMap"
 ) -> bool:
     """Return True for a file of commands alone that were logged only when they changed: at irregular times, and almost
     never twice. The steps of such a file do not show gaps.
@@ -166,13 +166,13 @@ def _is_change_log(
     other_files = [signal.file for signal in (*m.sensors.values(), *([m.truth] if m.truth else []))]
     if spec.name in (m.ticks, *other_files):
         return False
-    rows, columns = np.arange(len(step_s)), columns_used - {spec.time}
+    rows, columns = np.arange(len(step_s)), used_columns - {spec.time}
     is_repeat = _equal_rows(table, rows, rows + 1, columns) if columns else np.ones(len(rows), dtype=bool)
     is_usual = np.abs(step_s / np.median(step_s) - 1.0) < USUAL_STEP_TOLERANCE
     return float(np.mean(is_repeat)) < MAX_REPEAT_SHARE and float(np.mean(is_usual)) < 0.5
 
 
-def _is_clock_back(table: LogTable, t_ns: np.ndarray, columns_used: set[str]) -> bool:
+def _is_clock_back(table: LogTable, t_ns: np.ndarray, used_columns: set[str]) -> bool:
     """Return True if most rows that are not later than the rows before them are measurements after a step of the clock.
     After such a step time continues evenly. After late rows it jumps forward. Rows that were written twice are equal
     to earlier rows.
@@ -186,10 +186,10 @@ def _is_clock_back(table: LogTable, t_ns: np.ndarray, columns_used: set[str]) ->
         is_even = end == len(t_ns) or t_ns[end] - t_ns[end - 1] < GAP_STEPS * usual_ns
         rows = np.arange(first, end)
         earlier_index = np.minimum(np.searchsorted(latest[:first], t_ns[rows]), first - 1)
-        is_again = bool(np.all(t_ns[earlier_index] == t_ns[rows])) and bool(
-            _equal_rows(table, earlier_index, rows, columns_used).all()
+        is_repeated = bool(np.all(t_ns[earlier_index] == t_ns[rows])) and bool(
+            _equal_rows(table, earlier_index, rows, used_columns).all()
         )
-        clock_rows += len(rows) if is_even and len(rows) >= MIN_CLOCK_ROWS and not is_again else 0
+        clock_rows += len(rows) if is_even and len(rows) >= MIN_CLOCK_ROWS and not is_repeated else 0
     return bool(2 * clock_rows > lost_rows)
 
 

@@ -48,8 +48,8 @@ def data_folders() -> list[Path]:
     """Return the folders to search for recordings: BAQUEANO_DATA if it is set, else ../shared/data next to the current
     folder or the repository.
     """
-    if from_environment := os.environ.get("BAQUEANO_DATA"):
-        return [Path(from_environment)]
+    if data_folder := os.environ.get("BAQUEANO_DATA"):
+        return [Path(data_folder)]
     return [start.parent / "shared" / "data" for start in (Path.cwd(), Path(__file__).parents[4])]
 
 
@@ -111,9 +111,9 @@ def _expectation(value: str, measures: str, is_derivative: bool) -> Diagnostic:
     The correction is other units, or another key.
     """
     rate = "" if is_derivative else RATES.get(value, "")
-    measure_of = ROLLED_MEASURE.get
-    ending_of = {measure_of(value): "rolls", rate: "rate", measure_of(rate): "rate-of-rolling"}
-    ending = f"-or-{ending_of[measures]}" if measures in ending_of else ""
+    find_measure = ROLLED_MEASURE.get
+    ending_by_measure = {find_measure(value): "rolls", rate: "rate", find_measure(rate): "rate-of-rolling"}
+    ending = f"-or-{ending_by_measure[measures]}" if measures in ending_by_measure else ""
     return note(f"expect.measures{ending}", measures=measures, valid=unit_list(measures))
 
 
@@ -206,16 +206,16 @@ class _Parser:
 
     def clock(self, key: str, spec: dict[str, Any]) -> tuple[str, str]:
         """Return the time column and its unit; ("", "s") if the rows have a constant rate."""
-        in_bag, time = "topic" in spec, spec.get("time")
-        if "rate_hz" in spec and time is None and not in_bag:
+        is_bag, time = "topic" in spec, spec.get("time")
+        if "rate_hz" in spec and time is None and not is_bag:
             if not spec["rate_hz"] > 0.0:
                 raise self.error(f"[{key}] rate_hz", spec["rate_hz"], note("expect.rate"))
             return "", "s"
         if not time or "rate_hz" in spec:
-            raise self.error(f"[{key}] time", time, note("expect.time-of-bag" if in_bag else "expect.time"))
-        time_unit = spec.get("time_unit", "ns" if in_bag and time in ("bag", "header.stamp") else None)
-        unit_of_clock = unit(time_unit) if time_unit else None
-        if time_unit != "iso8601" and (unit_of_clock is None or unit_of_clock.measures != "time"):
+            raise self.error(f"[{key}] time", time, note("expect.time-of-bag" if is_bag else "expect.time"))
+        time_unit = spec.get("time_unit", "ns" if is_bag and time in ("bag", "header.stamp") else None)
+        clock_unit = unit(time_unit) if time_unit else None
+        if time_unit != "iso8601" and (clock_unit is None or clock_unit.measures != "time"):
             raise self.error(
                 f"[{key}] time_unit", time_unit, note("expect.time-unit", valid=unit_list("time"))
             )
@@ -226,11 +226,11 @@ class _Parser:
         second_part = spec.get("time_rest")
         if second_part is None:
             return None
-        unit_of_rest = unit(str(second_part.get("unit")))
+        second_unit = unit(str(second_part.get("unit")))
         if (
             set(second_part) != {"column", "unit"}
-            or unit_of_rest is None
-            or unit_of_rest.measures != "time"
+            or second_unit is None
+            or second_unit.measures != "time"
             or "time" not in spec
         ):
             raise self.error(f"[{key}] time_rest", second_part, note("expect.time-rest"))

@@ -70,8 +70,8 @@ class Entry(NamedTuple):
         """Return the factor from the column's unit to SI; for an encoder the angle of one count."""
         if self.counts_per_turn is not None:
             return 2.0 * math.pi / self.counts_per_turn
-        unit_of_entry = unit(self.unit)
-        return unit_of_entry.si_factor if unit_of_entry else 1.0
+        entry_unit = unit(self.unit)
+        return entry_unit.si_factor if entry_unit else 1.0
 
     @property
     def is_absent(self) -> bool:

@@ -58,7 +58,7 @@ class Mount(NamedTuple):
         )
 
 
-def parse_mount(spec: "JsonObject", heading_is_known: bool = True) -> Mount:
+def parse_mount(spec: "JsonObject", is_heading_known: bool = True) -> Mount:
     """Return the mount of a table [truth]. Raise Invalid if its lever arm is not two finite numbers, or if the mount
     needs a heading that is not known.
     """
@@ -68,7 +68,7 @@ def parse_mount(spec: "JsonObject", heading_is_known: bool = True) -> Mount:
         raise Invalid(fault("expect.lever-arm"))
     shift_s, heading_rad = (float(spec.get(key, 0.0)) for key in ("shift_s", "heading_rad"))
     mount = Mount(shift_s, (float(lever[0]), float(lever[1])), heading_rad)
-    if not heading_is_known and mount != Mount(shift_s):
+    if not is_heading_known and mount != Mount(shift_s):
         raise Invalid(fault("expect.no-mount"))
     return mount
 

@@ -49,8 +49,8 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise UsageError(fault("bag.no-rosbags", "pip install rosbags", file=label)) from None
-    for path_of_file in sorted(path.rglob("*.mcap")) if path.is_dir() else [path]:
-        _check_chunks(path_of_file, label)
+    for file_path in sorted(path.rglob("*.mcap")) if path.is_dir() else [path]:
+        _check_chunks(file_path, label)
     bag = path.parent if path.suffix == ".db3" and (path.parent / "metadata.yaml").exists() else path
     try:
         with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
@@ -67,8 +67,8 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
                     series[column].append(_message_number(message, column, label, topic or ""))
     except (AnyReaderError, SerdeError, *BROKEN_BAG_ERRORS) as error:
         raise FileError(fault("bag.not-read", file=label, error=error)) from error
-    columns_of_numbers = {column: np.array(values) for column, values in series.items()}
-    return LogTable(label, columns_of_numbers, np.arange(1, len(series["bag"]) + 1))
+    numeric_columns = {column: np.array(values) for column, values in series.items()}
+    return LogTable(label, numeric_columns, np.arange(1, len(series["bag"]) + 1))
 
 
 def _check_chunks(path: Path, label: str) -> None:

@@ -170,12 +170,12 @@ def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
     """
     label = label or str(path)
     lines = Lines(path, options.get("encoding"), label)
-    with_data = _data_lines(lines, options.get("comment", "#"))
-    start = [line for _, line in zip(range(200), with_data, strict=False)]
+    data_lines = _data_lines(lines, options.get("comment", "#"))
+    start = [line for _, line in zip(range(200), data_lines, strict=False)]
     if start and is_json_line(start[0][1]):
-        data, numbers, excluded_lines = json_columns(lines, chain(start, with_data), MAX_COLUMNS)
-        cells_of = {name: Cells(bytes(cells)) for name, cells in data.items()}
-        return LogTable(label, cells_of, np.array(numbers, dtype=np.int64), ".", excluded_lines)
+        data, numbers, excluded_lines = json_columns(lines, chain(start, data_lines), MAX_COLUMNS)
+        cells_by_name = {name: Cells(bytes(cells)) for name, cells in data.items()}
+        return LogTable(label, cells_by_name, np.array(numbers, dtype=np.int64), ".", excluded_lines)
     declaration = _DECLARATION.fullmatch(start[0][1].rstrip("\r")) if start else None
     if declaration:
         start = start[1:]
@@ -184,7 +184,7 @@ def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
     delimiter = options.get("delimiter") or (
         declaration[1] if declaration else _separator([line for _, line in start], label)
     )
-    rows = _rows(label, chain(start, with_data), delimiter)
+    rows = _rows(label, chain(start, data_lines), delimiter)
     line_number, first = next(rows)
     names = _header([cell.strip() for cell in first], options, label)
     if not options.get("header", True):
@@ -207,23 +207,23 @@ def _data_lines(lines: Lines, comment: str) -> Iterator[tuple[int, str]]:
 
 def _rows(label: str, texts: Iterator[tuple[int, str]], delimiter: str) -> Iterator[tuple[int, list[str]]]:
     """Yield the number of the last line of each row, and the cells of the row."""
-    line_number = first_line = lines_of_row = 0
+    line_number = first_line = row_lines = 0
     is_at_end = False
 
     def each() -> Iterator[str]:
-        nonlocal line_number, first_line, lines_of_row, is_at_end
+        nonlocal line_number, first_line, row_lines, is_at_end
         for line_number, line in texts:
-            lines_of_row += 1
-            first_line = line_number if lines_of_row == 1 else first_line
+            row_lines += 1
+            first_line = line_number if row_lines == 1 else first_line
             yield line if delimiter == " " else line.rstrip(" ")
         is_at_end = True
 
     try:
         for row in csv.reader(each(), delimiter=delimiter, strict=True):  # an open quote is an error
             yield line_number, row
-            lines_of_row = 0
+            row_lines = 0
     except csv.Error as error:
-        if is_at_end and lines_of_row == 1:
+        if is_at_end and row_lines == 1:
             yield line_number, []  # the last line is cut inside a quoted cell
             return
         is_too_long = "field limit" in str(error)
@@ -239,7 +239,7 @@ def _columns(
     Raise FileError for rows of another width; only an incomplete last row is excluded.
     """
     columns, line_numbers, block = [bytearray() for _ in range(width)], array("q"), []
-    uneven_count, first_uneven, line_number, put_at = 0, (0, 0), 0, 0
+    uneven_count, first_uneven, line_number, stored_lines = 0, (0, 0), 0, 0
     for line_number, row in rows:
         if len(row) == width + 1 and not row[-1].strip():
             row.pop()  # a separator ends each row, but not the header
@@ -249,9 +249,9 @@ def _columns(
             continue
         line_numbers.append(line_number)
         block.append(row)
-        if len(block) * width >= BLOCK_CELLS or lines.taken >= put_at + 16 * BLOCK_CELLS:
+        if len(block) * width >= BLOCK_CELLS or lines.taken >= stored_lines + 16 * BLOCK_CELLS:
             _append(lines, block, columns)
-            put_at = lines.taken
+            stored_lines = lines.taken
     _append(lines, block, columns)
     if uneven_count == 1 and first_uneven[0] == line_number and first_uneven[1] < width:
         return columns, line_numbers, (line_number,)

@@ -42,8 +42,8 @@ def controllers(
         (controller.label for controller in controllers if controller.over_draws), controllers[0].label
     )
     work = partial(drive_robot, controllers=controllers, backend=backend)
-    drives_of_robots = run_in_processes(work, range(first, first + seeds), processes, advance)
-    robots = sorted(drives_of_robots, key=lambda robot: robot.seed)
+    robot_drives = run_in_processes(work, range(first, first + seeds), processes, advance)
+    robots = sorted(robot_drives, key=lambda robot: robot.seed)
     drives = [robot for robot in robots if robot.drives]
     results = {
         figure: SweepResult(tuple(d for robot in drives for d in robot.drives[figure]), 0, reference)

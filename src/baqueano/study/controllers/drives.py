@@ -126,10 +126,12 @@ def drive_robot(seed: int, controllers: tuple[ComparedController, ...], backend:
         combination = SweepCombination(controller.label, "", controller.label, "repeat")
         for name, make in SHAPES.items():
             route, label = start_at_origin(make()), f"robot {seed}, {name}"
-            for pose_known in (True, False):
+            for is_pose_known in (True, False):
                 world = LoopWorld(robot, seed + 1, vehicle_file.rate_hz)
-                run = _drive(vehicle_file, route, block, world, pose_known, backend)
-                views = {"pose": run} if pose_known else {"estimate": replace(run, truth=None), "truth": run}
+                run = _drive(vehicle_file, route, block, world, is_pose_known, backend)
+                views = (
+                    {"pose": run} if is_pose_known else {"estimate": replace(run, truth=None), "truth": run}
+                )
                 for view_name, view in views.items():
                     drives.drives[view_name].append(_drive_figures(view, combination, label))
     return drives
@@ -143,9 +145,9 @@ def start_at_origin(route: "Route") -> "Route":
 
 
 def _drive(
-    vehicle_file: VehicleFile, route: "Route", block: "Controller", world: LoopWorld, pose_known: bool, backend: str
+    vehicle_file: VehicleFile, route: "Route", block: "Controller", world: LoopWorld, is_pose_known: bool, backend: str
 ) -> "Run":  # fmt: skip
-    estimator = TrueState(lambda: world.motion) if pose_known else None
+    estimator = TrueState(lambda: world.motion) if is_pose_known else None
     return repeat(vehicle_file, route, controller=block, estimator=estimator, world=world, backend=backend)
 
 

@@ -23,7 +23,7 @@ def estimation(
 ) -> EstimationStudy:
     """Evaluate estimators on the recordings among `cases`, and on `seeds` simulated vehicles. `kinds` are kinds of
     estimator, else the file's. Raise FileError with the names of the files if nothing can be evaluated."""
-    outcomes_of_cases, left_out = [], []
+    case_outcomes, left_out = [], []
     for name in (name for name in cases if name in SUBJECTS):
         if files := missing_files(name):
             left_out.append(
@@ -44,16 +44,16 @@ def estimation(
                         duration_s=subject.fit_run.duration_s,
                     )
                 )
-                outcomes_of_cases += evaluate(subject, sensors, kinds, backend)
+                case_outcomes += evaluate(subject, sensors, kinds, backend)
     if not (seeds and SIMULATED in cases):
-        if not outcomes_of_cases:
+        if not case_outcomes:
             check_cpm_present()
-        return EstimationStudy(tuple(outcomes_of_cases), notes=tuple(left_out))
+        return EstimationStudy(tuple(case_outcomes), notes=tuple(left_out))
     progress(_("simulating, fitting and testing {seeds} vehicles", seeds=seeds))
     outcomes = independent.simulate_outcomes(seeds, kinds, backend, processes)
     rows, vehicle_rows = independent.rows(outcomes), independent.vehicle_rows(outcomes)
     return EstimationStudy(
-        tuple(outcomes_of_cases),
+        tuple(case_outcomes),
         tuple(rows),
         tuple(vehicle_rows),
         (*left_out, independent.count_sentence(outcomes)),

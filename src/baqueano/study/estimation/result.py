@@ -101,7 +101,7 @@ class EstimationStudy:
         names = [_("recording"), _("estimator"), _("quantity")]
         head = [*names, _("value"), _("ref."), _("ratio"), "95 %", ""]
         refused_recordings = dict.fromkeys(e.recording for e in self.estimates if e.fit == REFUSED)
-        not_counted = N_("{recording}: its fit is {verdict}, so it is shown but not counted.")
+        refusal_text = N_("{recording}: its fit is {verdict}, so it is shown but not counted.")
         checks = [r["ok"] for r in rows if r["ok"] is not None]
         figures = {"verdict": _(self.verdict), "met": sum(checks), "all": len(checks)}
         return "\n".join(
@@ -110,7 +110,7 @@ class EstimationStudy:
                 *_legend(),
                 *(f"{e.recording}, {e.estimator}: {e.consistency.sentence}" for e in self.estimates),
                 *self.notes,
-                *(_(not_counted, recording=name, verdict=_(REFUSED)) for name in refused_recordings),
+                *(_(refusal_text, recording=name, verdict=_(REFUSED)) for name in refused_recordings),
                 _("{verdict}: {met} of {all} requirements are met", **figures),
             ]
         )

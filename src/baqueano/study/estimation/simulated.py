@@ -113,10 +113,10 @@ def simulate_outcomes(
     """Return the evaluations of vehicles with seeds 0 … `seeds` − 1."""
     jobs = []
     for vehicle in VEHICLES:
-        seeds_of_vehicle = [seed for seed in range(seeds) if unmodelled_effect(seed)[1] == vehicle]
+        vehicle_seeds = [seed for seed in range(seeds) if unmodelled_effect(seed)[1] == vehicle]
         jobs += [
-            EstimationJob(vehicle, tuple(seeds_of_vehicle[k : k + BATCH_SIZE]), tuple(kinds), backend)
-            for k in range(0, len(seeds_of_vehicle), BATCH_SIZE)
+            EstimationJob(vehicle, tuple(vehicle_seeds[k : k + BATCH_SIZE]), tuple(kinds), backend)
+            for k in range(0, len(vehicle_seeds), BATCH_SIZE)
         ]
     return [outcome for batch in run_in_processes(evaluate_job, jobs, processes) for outcome in batch]
 
@@ -149,12 +149,12 @@ def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
             (name, j) for name, j in named_estimates if (j.sensors, j.estimator) == (sensors, estimator)
         ]
         for name in (*UNMODELLED_EFFECTS, N_("all")):
-            rows_of_name = [j for lack, j in estimator_rows if name in (lack, "all")]
-            for quantity in QUANTITIES if rows_of_name else ():
-                ratios = np.array([j.errors[quantity].ratio[0] for j in rows_of_name])
+            cell_outcomes = [j for lack, j in estimator_rows if name in (lack, "all")]
+            for quantity in QUANTITIES if cell_outcomes else ():
+                ratios = np.array([j.errors[quantity].ratio[0] for j in cell_outcomes])
                 share = float(np.mean(ratios <= ALONE))
                 share_rows.append({
-                    "recording": _("simulated, {name} ({count}), {sensors}", name=_(name), count=len(rows_of_name),
+                    "recording": _("simulated, {name} ({count}), {sensors}", name=_(name), count=len(cell_outcomes),
                                    sensors=sensors),
                     "estimator": estimator, "value": share, "reference": SHARE,
                     "quantity": _("{quantity}, not worse", quantity=_(quantity).partition(" [")[0]),

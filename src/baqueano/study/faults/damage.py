@@ -116,17 +116,17 @@ def _time_jump(run: Run, by_ns: int, rng: np.random.Generator) -> Run:
 def sensor_clock_goes_back(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set the IMU's clock back by an hour during the drive."""
     c = run.sensors["imu"]
-    is_after = np.arange(len(c.t_ns)) > rng.uniform(0.3, 0.7) * len(c.t_ns)
-    t_ns = c.t_ns - is_after * 3600 * NANOSECONDS
+    is_later = np.arange(len(c.t_ns)) > rng.uniform(0.3, 0.7) * len(c.t_ns)
+    t_ns = c.t_ns - is_later * 3600 * NANOSECONDS
     return replace(run, sensors={**run.sensors, "imu": c._replace(t_ns=t_ns)})
 
 
 def bursts(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Timestamp the IMU's samples in bursts of 4 to 10 samples, 20 µs apart."""
     c, burst_size = run.sensors["imu"], int(rng.integers(4, 11))
-    last_of_burst = np.minimum((np.arange(len(c.t_ns)) // burst_size + 1) * burst_size - 1, len(c.t_ns) - 1)
-    t_ns = c.t_ns[last_of_burst] - (last_of_burst - np.arange(len(last_of_burst))) * 20_000
-    return replace(run, sensors={**run.sensors, "imu": Channel(t_ns, c.arrival_ns[last_of_burst], c.z)})
+    burst_end = np.minimum((np.arange(len(c.t_ns)) // burst_size + 1) * burst_size - 1, len(c.t_ns) - 1)
+    t_ns = c.t_ns[burst_end] - (burst_end - np.arange(len(burst_end))) * 20_000
+    return replace(run, sensors={**run.sensors, "imu": Channel(t_ns, c.arrival_ns[burst_end], c.z)})
 
 
 def hold_samples(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -198,8 +198,8 @@ def motors_swapped(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator
 def motor_inverted(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Swap the commands forward and turning, as if one motor were reversed."""
     forward, _, turning = vehicle_file.command.limit
-    to_other_limit = [forward / turning, 1.0, turning / forward]
-    return replace(run, applied_commands=run.applied_commands[:, [2, 1, 0]] * to_other_limit)
+    limit_ratios = [forward / turning, 1.0, turning / forward]
+    return replace(run, applied_commands=run.applied_commands[:, [2, 1, 0]] * limit_ratios)
 
 
 def too_short(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:

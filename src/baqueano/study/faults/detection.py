@@ -90,10 +90,10 @@ class FaultInputs(NamedTuple):
 def run_fault_jobs(jobs: tuple[FaultJob, ...]) -> list[FaultOutcome]:
     """Return the outcomes of faults on one vehicle and seed."""
     fault_subject = subject(jobs[0].vehicle, jobs[0].seed)
-    inputs_of_jobs, backend = _inputs(fault_subject, jobs), jobs[0].backend
-    fits = (_fit(x, x.undamaged_run, backend) for _, x in inputs_of_jobs if x.undamaged_run)
+    job_inputs, backend = _inputs(fault_subject, jobs), jobs[0].backend
+    fits = (_fit(x, x.undamaged_run, backend) for _, x in job_inputs if x.undamaged_run)
     fit = next(fits, None)  # the same run for all jobs
-    return [_outcome(job, inputs, fit) for job, inputs in inputs_of_jobs]
+    return [_outcome(job, inputs, fit) for job, inputs in job_inputs]
 
 
 def _outcome(job: FaultJob, inputs: FaultInputs, reference: "Fit | None") -> FaultOutcome:
@@ -155,7 +155,7 @@ def _inputs(subject: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[Fault
     """Return the inputs of each job; the vehicles of all structures are simulated together."""
     u = subject.signal(DRIVE_S)
     (undamaged_drive,) = subject.runs([subject.vehicle], [u], [u])
-    inputs_of_jobs, plans, multisine = [], [], subject.signal(DRIVE_S, "multisine")
+    job_inputs, plans, multisine = [], [], subject.signal(DRIVE_S, "multisine")
     for job in jobs:
         rng = np.random.default_rng([job.seed, *job.fault.encode()])
         if job.fault in STRUCTURES:
@@ -163,14 +163,14 @@ def _inputs(subject: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[Fault
         elif job.fault == "clean, multisine":
             plans.append((job, FaultPlan(subject.vehicle, multisine, subject.vehicle_file), multisine))
         elif job.fault in SOUND_DATA:
-            inputs_of_jobs.append((job, _undamaged_inputs(subject, job, undamaged_drive, rng)))
+            job_inputs.append((job, _undamaged_inputs(subject, job, undamaged_drive, rng)))
         else:
             damaged_run = RUN_FAULTS[job.fault](undamaged_drive, subject.vehicle_file, rng)
             undamaged_run = undamaged_drive if job.fault in REPAIRS else None
             truth = {k: x for k, x in subject.truth.items() if (job.fault, k) not in UNCOMPARED_PARAMETERS}
             inputs = FaultInputs(subject.vehicle_file, damaged_run, subject.free, truth, undamaged_run)
-            inputs_of_jobs.append((job, inputs))
-    return inputs_of_jobs + _planned_inputs(subject, plans)
+            job_inputs.append((job, inputs))
+    return job_inputs + _planned_inputs(subject, plans)
 
 
 def _undamaged_inputs(
@@ -195,14 +195,14 @@ def _planned_inputs(
     first_drives = [(plan.vehicle, plan.effective, u) for _, plan, u in plans]
     second = [(plan.second_vehicle, plan.effective, u) for _, plan, u in plans if plan.second_vehicle]
     runs = subject.runs(*zip(*first_drives, *second, strict=True))
-    second_runs, inputs_of_plans = iter(runs[len(plans) :]), []
+    second_runs, plan_inputs = iter(runs[len(plans) :]), []
     for (job, plan, _u), run in zip(plans, runs, strict=False):
         second_run = next(second_runs) if plan.second_vehicle else run
         run = plan.change(run, second_run) if plan.change else run
         free = tuple(p for p in subject.free if p.removeprefix("+") not in plan.excluded_parameters)
         truth = subject._replace(vehicle=plan.vehicle).truth
-        inputs_of_plans.append((job, FaultInputs(plan.vehicle_file, run, free, truth)))
-    return inputs_of_plans
+        plan_inputs.append((job, FaultInputs(plan.vehicle_file, run, free, truth)))
+    return plan_inputs
 
 
 def _with_other_friction(vehicle_file: "VehicleFile", rng: np.random.Generator) -> "VehicleFile":
@@ -329,9 +329,9 @@ def faults(
     """Return the outcomes of `seeds` fits of each fault, from seed `first` on, with the vehicles in turn."""
     jobs: dict[tuple[str, int], list[FaultJob]] = {}
     for fault in names or FAULTS:
-        vehicles_of_fault = [v for v in vehicles if v != "car" or fault not in ROBOT_FAULTS]
-        for s in range(seeds if vehicles_of_fault else 0):
-            name = vehicles_of_fault[s % len(vehicles_of_fault)]
+        fault_vehicles = [v for v in vehicles if v != "car" or fault not in ROBOT_FAULTS]
+        for s in range(seeds if fault_vehicles else 0):
+            name = fault_vehicles[s % len(fault_vehicles)]
             jobs.setdefault((name, first + s), []).append(FaultJob(fault, name, first + s, backend))
     batches = [
         tuple(group[k : k + FAULT_BATCH])
@@ -339,10 +339,10 @@ def faults(
         for k in range(0, len(group), FAULT_BATCH)
     ]
     report = advance or (lambda n: None)
-    batches_done = run_in_processes(run_fault_jobs, batches, processes, lambda n: report(n * FAULT_BATCH))
-    outcomes = tuple(o for batch in batches_done for o in batch)
+    finished_batches = run_in_processes(run_fault_jobs, batches, processes, lambda n: report(n * FAULT_BATCH))
+    outcomes = tuple(o for batch in finished_batches for o in batch)
     fit_count = sum(map(len, batches))
-    return Faults(outcomes, fit_count, min(fit_count, sum(map(len, batches[: len(batches_done)]))))
+    return Faults(outcomes, fit_count, min(fit_count, sum(map(len, batches[: len(finished_batches)]))))
 
 
 # a run shows only the sum of both, and a note reports it

@@ -62,7 +62,7 @@ def gyro_zeroes_itself(run: Run, vehicle_file: VehicleFile, rng: np.random.Gener
     return with_readings(run, z)
 
 
-def sign_lost(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
+def lose_sign(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Replace the first command or an IMU channel by its magnitude in the second half of the run."""
     second_half = slice(len(run.t_ns) // 2, None)
     if rng.random() < 0.5:
@@ -146,7 +146,7 @@ LOGGING = {
     N_("resampled"): resample,
     N_("low-passed"): apply_low_pass,
     N_("gyro zeroes itself"): gyro_zeroes_itself,
-    N_("sign lost"): sign_lost,
+    N_("sign lost"): lose_sign,
     N_("epoch in ms"): epoch_in_milliseconds,
     N_("half duplicated"): half_duplicated,
     N_("two IMUs"): two_imus,

@@ -52,13 +52,13 @@ def identification_page(study: Identification) -> Page:
         if study.seeds < study.requested_seeds
         else ""
     )
-    rows_without_faults = [row for row in rows if row["case"] == rows[0]["case"] and row["name"] != POOL]
-    page_parts: list[Table | Drawing] = [draw(coverage(rows_without_faults), _(COVERAGE_TEXT))]
+    undamaged_rows = [row for row in rows if row["case"] == rows[0]["case"] and row["name"] != POOL]
+    page_parts: list[Table | Drawing] = [draw(coverage(undamaged_rows), _(COVERAGE_TEXT))]
     if len(z := study.normalised_errors()):
         page_parts = [
             draw(histogram(z), _(Z_TEXT).format(z.size)),
             *page_parts,
-            draw(efficiency(rows_without_faults), _(BARS_TEXT)),
+            draw(efficiency(undamaged_rows), _(BARS_TEXT)),
         ]
     pool = [row for row in rows if row["name"] == POOL]
     parameter_rows = [row for row in rows if row["name"] != POOL]

@@ -164,14 +164,14 @@ def _reasons(row: "TableRow") -> list[str]:
     """Return a sentence for each limit that a row exceeds by more than chance explains for its number of seeds."""
     limit, is_pool, n = LIMITS[row["case"]], row["name"] == POOL, max(row["fits"], 1)
     tolerance = LIMIT_SIGMA * np.sqrt(0.95 * 0.05 / max(row["intervals"], 1))
-    by_chance = 1.0 + LIMIT_SIGMA / np.sqrt(2.0 * max(row["intervals"], 1))
+    chance_rmse = 1.0 + LIMIT_SIGMA / np.sqrt(2.0 * max(row["intervals"], 1))
     min_coverage, rmse = (limit.coverage, limit.rmse) if is_pool else (limit.coverage_each, limit.rmse_each)
     reasons = []
     if row["coverage"] < min(min_coverage, 0.95 - tolerance) or (
         is_pool and row["coverage"] > max(limit.max_coverage, 0.95 + tolerance)
     ):
         reasons.append(_("{holds:.1f} % of the intervals contain the truth", holds=100 * row["coverage"]))
-    if row["rmse"] is not None and row["rmse"] > max(rmse, by_chance):
+    if row["rmse"] is not None and row["rmse"] > max(rmse, chance_rmse):
         reasons.append(_("rmse {rmse:.3f} bounds", rmse=row["rmse"]))
     if is_pool:
         if row["std"] is not None and row["std"] > limit.width:
@@ -229,11 +229,11 @@ def identification(
         duration_s=duration_s,
         drives_folder=drives_folder,
     )
-    batches_done = run_in_batches(work, range(first, first + seeds), BATCH, processes, advance)
-    if not batches_done:
+    finished_batches = run_in_batches(work, range(first, first + seeds), BATCH, processes, advance)
+    if not finished_batches:
         raise KeyboardInterrupt
     outcomes = sorted(
-        (o for batch in batches_done for o in batch), key=lambda o: (CASES.index(o.case), o.seed)
+        (o for batch in finished_batches for o in batch), key=lambda o: (CASES.index(o.case), o.seed)
     )
     return Identification(tuple(outcomes), seeds)
 

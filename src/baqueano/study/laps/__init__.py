@@ -79,13 +79,13 @@ def run_cases(
     wholes: list[FullDrive] = []
     refusals: list[int] = []
     for gyro in dict.fromkeys(case.gyro for case in cases):
-        cases_of_gyro = [case for case in cases if case.gyro == gyro]
-        robots = identify_teams(seeds, gyro, backend, any(case.fix != "none" for case in cases_of_gyro))
+        gyro_cases = [case for case in cases if case.gyro == gyro]
+        robots = identify_teams(seeds, gyro, backend, any(case.fix != "none" for case in gyro_cases))
         refusals += robots.refused_robots
-        for route in dict.fromkeys(case.route for case in cases_of_gyro):
-            route_cases = [case for case in cases_of_gyro if case.route == route]
+        for route in dict.fromkeys(case.route for case in gyro_cases):
+            route_cases = [case for case in gyro_cases if case.route == route]
             teams = [
-                robots.experiment_only if case.fix == "none" else robots.with_laps for case in route_cases
+                robots.experiment_only if case.fix == "none" else robots.lap_team for case in route_cases
             ]
             new_drives, new_wholes = drive_cases(route_cases, teams, count, backend)
             drives += new_drives
@@ -100,12 +100,12 @@ def drive_cases(
     if not teams[0].seeds:
         return [], []
     route, drives, wholes = SHAPES[cases[0].route](SPEED_M_S), [], []
-    teams_with_fix = [
+    teams_and_measures = [
         FixTeam(team, case.fix, READ_FAULTS[case.read]) for case, team in zip(cases, teams, strict=True)
     ]
     per_lap = round(route.t_s[-1] * RATE_HZ / SAMPLE_TICKS)
     for case, team, team_result in zip(
-        cases, teams, simulate_laps(route, count, teams_with_fix, backend), strict=True
+        cases, teams, simulate_laps(route, count, teams_and_measures, backend), strict=True
     ):
         drives += robot_laps(team_result, case, team.seeds, count, per_lap)
         is_forecast = (case.fix, case.gyro) == ("tags", "uncalibrated")

@@ -179,14 +179,12 @@ def _truth(route: Route, parts: Sequence[FixTeam], backend: str) -> tuple[TruthW
 def _laps(
     samples: list[Tree], touches: np.ndarray, spans: list[slice], runs: list[tuple[Run, ...]]
 ) -> list[Laps]:
-    error, cov, eta_at_sample, drives, reference_xy = (
-        np.array(values) for values in zip(*samples, strict=True)
-    )
+    error, cov, sample_eta, drives, reference_xy = (np.array(values) for values in zip(*samples, strict=True))
     sample_ns = np.arange(len(reference_xy)) * round(SAMPLE_TICKS / RATE_HZ * NANOSECONDS)
     cross_track_m = np.stack(
         [
-            cross_track(sample_ns, eta_at_sample[:, i], sample_ns, reference_xy)
-            for i in range(eta_at_sample.shape[1])
+            cross_track(sample_ns, sample_eta[:, i], sample_ns, reference_xy)
+            for i in range(sample_eta.shape[1])
         ],
         axis=1,
     )
@@ -205,7 +203,7 @@ def _error(estimates: list[Estimate], eta: np.ndarray) -> tuple[np.ndarray, np.n
 
 def _runs(part: FixTeam, t_ns: np.ndarray, rows: list[Tree], first: int) -> tuple[Run, ...]:
     """Return the logs of a part; its first robot has the index `first` in `rows`."""
-    metadata, runs_of_part = {"kind": "repeat", "rate_hz": f"{RATE_HZ:g}"}, []
+    metadata, part_runs = {"kind": "repeat", "rate_hz": f"{RATE_HZ:g}"}, []
     ticks, sizes = t_ns[: len(rows)], FIXES[part.fix].sizes
     for i, (vehicle_file, seed) in enumerate(
         zip(part.team.vehicle_files, part.team.seeds, strict=True), first
@@ -219,5 +217,5 @@ def _runs(part: FixTeam, t_ns: np.ndarray, rows: list[Tree], first: int) -> tupl
         run = Run(
             f"laps {seed}", None, ticks, u, sensors=sensors, vehicle_text=vehicle_file.text, metadata=metadata
         )
-        runs_of_part.append(run)
-    return tuple(runs_of_part)
+        part_runs.append(run)
+    return tuple(part_runs)

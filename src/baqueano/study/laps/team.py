@@ -46,12 +46,12 @@ class Teams(NamedTuple):
     """Robots whose fits were not refused, after they were switched on again."""
 
     experiment_only: Team  # with files from the experiment only
-    with_laps: Team  # with files that also use laps over tags
+    lap_team: Team  # with files that also use laps over tags
     refused_robots: list[int]  # seeds whose fit was refused
 
 
 def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -> Teams:
-    """Return the robots of the seeds with their files; without `learns`, the group `with_laps` is empty."""
+    """Return the robots of the seeds with their files; without `learns`, the group `lap_team` is empty."""
     robots, options = vehicles(seeds), FitOptions(backend=backend)
     starts = calibrate_by_turns(robots, seeds) if gyro == "calibrated" else [initial_file()] * len(seeds)
     runs = simulate_experiments(robots, seeds)
@@ -82,17 +82,17 @@ def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -
 
 def _identify_with_laps(team: Team, runs: list[Run], backend: str) -> dict[int, VehicleFile]:
     """Return seed → file identified from an experiment and laps over tags; a refused fit does not have an entry."""
-    route, vehicle_file_of = SHAPES["rectangle"](SPEED_M_S), {}
+    route, file_by_name = SHAPES["rectangle"](SPEED_M_S), {}
     (laps,) = simulate_laps(route, LEARNING_LAPS, [FixTeam(team, "tags", PassingFaults())], backend, log=True)
     for vehicle_file, seed, run, laps_run in zip(
         team.vehicle_files, team.seeds, runs, laps.runs, strict=True
     ):
-        runs_of_robot, start = [run, laps_run], with_fix(vehicle_file, "tags", route)
-        fit = identify(runs_of_robot, start, FREE, use=("imu",), options=FitOptions(backend=backend))
+        robot_runs, start = [run, laps_run], with_fix(vehicle_file, "tags", route)
+        fit = identify(robot_runs, start, FREE, use=("imu",), options=FitOptions(backend=backend))
         if fit.verdict != Verdict.REFUSED:
-            noise = measure_noise(fit, runs_of_robot, backend=backend)
-            vehicle_file_of[seed] = noise.updated_file(fit.vehicle_file, vehicle_file.name)
-    return vehicle_file_of
+            noise = measure_noise(fit, robot_runs, backend=backend)
+            file_by_name[seed] = noise.updated_file(fit.vehicle_file, vehicle_file.name)
+    return file_by_name
 
 
 def calibrate_by_turns(robots: Robots, seeds: Sequence[int]) -> list[VehicleFile]:

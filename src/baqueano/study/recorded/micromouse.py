@@ -94,9 +94,9 @@ def starting_duty(run: "Run") -> float:
     thresholds = []
     for wheel in speed.T:
         for direction in (1.0, -1.0):
-            is_of_direction = direction * duty > 0.0
-            duty_magnitude = direction * duty[is_of_direction]
-            is_turning = direction * wheel[is_of_direction] > MIN_TURNING_M_S
+            has_direction = direction * duty > 0.0
+            duty_magnitude = direction * duty[has_direction]
+            is_turning = direction * wheel[has_direction] > MIN_TURNING_M_S
             thresholds.append(0.5 * (duty_magnitude[~is_turning].max() + duty_magnitude[is_turning].min()))
     return float(np.mean(thresholds))
 

@@ -100,9 +100,9 @@ class FloorLines:
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported distances (n, m) beyond each line [m] at `t_s`; NaN without a report."""
-        previous_beyond, (self._beyond_m, lateral_m) = self._beyond_m, self._line_distances(eta[:, :2])
+        previous_beyond_m, (self._beyond_m, lateral_m) = self._beyond_m, self._line_distances(eta[:, :2])
         is_passage = (
-            (previous_beyond < 0.0) & (self._beyond_m >= 0.0) & (np.abs(lateral_m) <= self._half_width_m)
+            (previous_beyond_m < 0.0) & (self._beyond_m >= 0.0) & (np.abs(lateral_m) <= self._half_width_m)
         )
         passages = np.argwhere(is_passage).tolist()
         return self._reports.readings_at(

@@ -62,12 +62,12 @@ class Transmission(Group):
         q, gamma, s = np.split(inner, WHEEL_STATES, axis=1)
         lag_s, half_play_m, slips = self.second_lag_s[:, None], 0.5 * self.play_m[:, None], self._has_slip
         T = force - emf * (rim + s)
-        in_mesh = (half_play_m == 0.0) | (gamma * np.sign(T) >= half_play_m)
-        thrust = np.where(in_mesh, T, 0.0)
+        is_in_mesh = (half_play_m == 0.0) | (gamma * np.sign(T) >= half_play_m)
+        thrust = np.where(is_in_mesh, T, 0.0)
         G = np.where(slips, self._grip * np.tanh(CREEP_N_S_M * s / self._grip), thrust)
         second = lag_s > 0.0
         q_dot = np.where(second, (steady - q) / np.where(second, lag_s, 1.0), 0.0)
-        gamma_dot, s_dot = np.where(in_mesh, 0.0, T / emf), np.where(slips, (thrust - G) / WHEEL_KG, 0.0)
+        gamma_dot, s_dot = np.where(is_in_mesh, 0.0, T / emf), np.where(slips, (thrust - G) / WHEEL_KG, 0.0)
         rate = np.concatenate([q_dot, gamma_dot, s_dot], axis=1)
         return WheelForces(np.where(second, q, steady), G + emf * rim, rate)
 

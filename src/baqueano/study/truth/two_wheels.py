@@ -78,12 +78,12 @@ class Robots(Group):
     def state_derivative(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return dx/dt (n, k) as a function of the states (n, k), under the commands in effect (n, 3).  (1)-(5)"""
         m, c, I, lag_s = self.mass_kg, self.ahead_m, self.inertia_kg_m2, self.lag_s[:, None]
-        (left, right), (cos_toe, sin_toe), target_at = self.arm_m.T, self._toe, self._force_target(u)
+        (left, right), (cos_toe, sin_toe), force_target = self.arm_m.T, self._toe, self._force_target(u)
 
         def rate(x: np.ndarray) -> np.ndarray:
             psi, vx, vy, w = x[:, 2], x[:, 3], x[:, 4], x[:, 5]
             target, force, cos, sin, x_dot = (
-                target_at(x),
+                force_target(x),
                 x[:, 6:8],
                 np.cos(psi),
                 np.sin(psi),

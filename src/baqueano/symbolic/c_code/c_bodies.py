@@ -186,22 +186,22 @@ def batch(program: Program, shared_flags: Sequence[bool], with_outputs: bool) ->
     """
     text = CText(width=LANE_COUNT)
     text.lines.append(BATCH_SIGNATURE)
-    outputs_of_tick = program.outputs if with_outputs else ()
+    tick_outputs = program.outputs if with_outputs else ()
     order = plan_statements(
         program.initial,
-        (*outputs_of_tick, *program.next_carry),
+        (*tick_outputs, *program.next_carry),
         {*program.carry, *program.inputs},
         branches=False,
     )
     sizes = {"theta": len(program.theta), "start": len(program.start), "final": len(program.carry)}
     strides = {
         "own": f"n * {len(shared_flags) - sum(shared_flags)}",
-        "outputs": f"n * {len(outputs_of_tick)}",
+        "outputs": f"n * {len(tick_outputs)}",
     } | sizes
     for name in ("theta", "start", "carry", "inputs"):
         text.symbols(getattr(program, name), {"carry": "x", "inputs": "u"}.get(name, name) + "{}")
     text.name_cells(order, "vector->cell{}")
-    loop_terms = {*arguments(order.loop_statements), *outputs_of_tick, *program.next_carry}
+    loop_terms = {*arguments(order.loop_statements), *tick_outputs, *program.next_carry}
     fixed_terms = [
         term for term in (*program.theta, *program.start, *order.statements_before) if term in loop_terms
     ]
@@ -222,8 +222,8 @@ def batch(program: Program, shared_flags: Sequence[bool], with_outputs: bool) ->
         *(f"const {type_} {name} = vector->{name};" for type_, name in variables), *_load_inputs(shared_flags)
     )
     text.statements(order.loop_statements)
-    for k, y in enumerate(outputs_of_tick):
-        to = f"outputs + tick * {len(outputs_of_tick)} + {k}"
+    for k, y in enumerate(tick_outputs):
+        to = f"outputs + tick * {len(tick_outputs)} + {k}"
         text.add(f"scatter_{LANE_COUNT}({to}, vector->at_outputs, {text.vector_code(y)});")
     text.add(*(f"vector->x{k} = {text.vector_code(x)};" for k, x in enumerate(program.next_carry)))
     text.close_brace()

@@ -92,9 +92,9 @@ def _hypot(r: Value, a: Value, b: Value) -> tuple[Value, Value]:
 
 
 def _pow(r: Value, a: Value, b: Value) -> tuple[Value, Value]:
-    by_base = b * power(a, b - 1.0)
+    base_derivative = b * power(a, b - 1.0)
     is_positive = apply("lt", 0.0, a)
-    return by_base, apply("where", is_positive, r * apply("log", a), 0.0)
+    return base_derivative, apply("where", is_positive, r * apply("log", a), 0.0)
 
 
 def _asin(a: Value) -> Value:

@@ -13,9 +13,9 @@ def normal_equations(
     """Return cost, gradient (p,) and hessian (p, p); `huber` is k, or None for ρ = ½ r² everywhere.  (1), (2)"""
     k = np.inf if huber is None else huber
     size = np.abs(r)
-    in_tail = size > k
-    rho = np.where(in_tail, k * size - 0.5 * k * k if huber is not None else 0.0, 0.5 * r * r)
-    w = np.where(in_tail, k / np.where(in_tail, size, 1.0), 1.0).ravel()
+    is_in_tail = size > k
+    rho = np.where(is_in_tail, k * size - 0.5 * k * k if huber is not None else 0.0, 0.5 * r * r)
+    w = np.where(is_in_tail, k / np.where(is_in_tail, size, 1.0), 1.0).ravel()
     d = jacobian.reshape(len(w), -1)
     weighted_d = w[:, None] * d
     return float(rho.sum()), weighted_d.T @ r.ravel(), weighted_d.T @ d

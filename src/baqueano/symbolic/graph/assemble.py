@@ -38,26 +38,26 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool, zero_entries: Cont
     run time, even if the trace contains them as functions of θ; those of `zero_entries` are 0.
     """
     graph = trace.graph
-    first_of: dict[Node, int] = {}
+    first_index: dict[Node, int] = {}
     for k, x in enumerate(trace.carry):
-        first_of.setdefault(x, k)
-    symbols, first = list(first_of), list(first_of.values())
-    next_of = {x: trace.next_carry[k] for x, k in zip(symbols, first, strict=True)}
-    from_start = given_start or trace.initial is None
-    start = [graph.symbol(f"start {x.value}") for x in symbols] if from_start else []
+        first_index.setdefault(x, k)
+    symbols, first = list(first_index), list(first_index.values())
+    next_node = {x: trace.next_carry[k] for x, k in zip(symbols, first, strict=True)}
+    has_start = given_start or trace.initial is None
+    start = [graph.symbol(f"start {x.value}") for x in symbols] if has_start else []
     begin = dict(zip(symbols, start or [(trace.initial or [])[k] for k in first], strict=True))
 
-    constant = {x: begin[x] for x in symbols if next_of[x] is x and (from_start or not keep_all)}
+    constant = {x: begin[x] for x in symbols if next_node[x] is x and (has_start or not keep_all)}
     zeros = {
-        k for k, x in enumerate(symbols) if (first[k] in zero_entries if from_start else _is_zero(begin[x]))
+        k for k, x in enumerate(symbols) if (first[k] in zero_entries if has_start else _is_zero(begin[x]))
     }
     zeros = (
-        remaining_zeros(graph, symbols, list(next_of.values()), zeros)
-        if from_start or not keep_all
+        remaining_zeros(graph, symbols, list(next_node.values()), zeros)
+        if has_start or not keep_all
         else set()
     )
     constant |= {symbols[k]: graph.const(0.0) for k in zeros}
-    roots = graph.substitute([*trace.outputs, *next_of.values()], constant)
+    roots = graph.substitute([*trace.outputs, *next_node.values()], constant)
     outputs = roots[: len(trace.outputs)]
     next_values = dict(zip(symbols, roots[len(trace.outputs) :], strict=True))
     moving_entries = [x for x in symbols if x not in constant]
@@ -71,20 +71,20 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool, zero_entries: Cont
     )  # fmt: skip
     kept_index = {x: k for k, x in enumerate(carry)}
     kept_index |= {x: len(carry) + k for k, x in enumerate(symbols) if x in constant}
-    used_nodes = set(nodes_below([*trace.outputs, *(next_of[x] for x in carry)]))
+    used_nodes = set(nodes_below([*trace.outputs, *(next_node[x] for x in carry)]))
     unused_carry = [
         k
         for k, x in enumerate(trace.carry)
         if x not in used_entries and not (x in constant and x in used_nodes)
     ]
-    mirrored_entries = [k for k, x in enumerate(trace.carry) if first_of[x] != k]
+    mirrored_entries = [k for k, x in enumerate(trace.carry) if first_index[x] != k]
     return Assembly(
         program,
-        np.array(first if from_start else [], dtype=int),
+        np.array(first if has_start else [], dtype=int),
         np.array([kept_index.get(x, 0) for x in trace.carry], dtype=int),
         np.array(mirrored_entries, dtype=int),
-        np.array([first_of[trace.carry[k]] for k in mirrored_entries], dtype=int),
-        np.array([first[k] for k in sorted(zeros)] if from_start else [], dtype=int),
+        np.array([first_index[trace.carry[k]] for k in mirrored_entries], dtype=int),
+        np.array([first[k] for k in sorted(zeros)] if has_start else [], dtype=int),
         tuple(unused_carry),
     )
 
@@ -108,13 +108,13 @@ def _is_zero(node: Node) -> bool:
     return node.op == "const" and node.value == 0.0
 
 
-def _used_entries(outputs: Sequence[Node], next_of: dict[Node, Node], carry: set[Node]) -> set[Node]:
+def _used_entries(outputs: Sequence[Node], next_node: dict[Node, Node], carry: set[Node]) -> set[Node]:
     """Return the entries of the carry that the outputs of this or a later tick depend on."""
     used_nodes: set[Node] = set()
     new_entries = {node for node in nodes_below(outputs) if node in carry}
     while new_entries:
         used_nodes |= new_entries
         new_entries = {
-            node for node in nodes_below([next_of[x] for x in new_entries]) if node in carry
+            node for node in nodes_below([next_node[x] for x in new_entries]) if node in carry
         } - used_nodes
     return used_nodes

@@ -15,23 +15,23 @@ MIN_CARRIED_OPERATIONS = 20.0  # of f, as for a sine: cheaper functions are not 
 def with_carried_functions(program: Program) -> Program:
     """Return the program whose carry ends with the costly functions c of (1)."""
     graph = program.graph
-    next_of, initial_of = (
+    next_node, initial_node = (
         dict(zip(program.carry, x, strict=True)) for x in (program.next_carry, program.initial)
     )
     roots = (*program.next_carry, *program.outputs)
     order = nodes_below(roots)
-    end_of: dict[Node, Node] = {}
+    end_node: dict[Node, Node] = {}
     for f in order:
-        if OPERATOR_COSTS.get(f.op, 0.0) >= MIN_CARRIED_OPERATIONS and {*f.args} <= next_of.keys():
-            end_of[f] = graph.make(f.op, *(next_of[x] for x in f.args), value=f.value)
+        if OPERATOR_COSTS.get(f.op, 0.0) >= MIN_CARRIED_OPERATIONS and {*f.args} <= next_node.keys():
+            end_node[f] = graph.make(f.op, *(next_node[x] for x in f.args), value=f.value)
     present = {*order}
-    end_of = {f: end for f, end in end_of.items() if end is not f and end in present}
-    if not end_of:
+    end_node = {f: end for f, end in end_node.items() if end is not f and end in present}
+    if not end_node:
         return program
 
-    begin = [graph.make(f.op, *(initial_of[x] for x in f.args), value=f.value) for f in end_of]
-    symbols = [graph.symbol("carried") for _ in end_of]
-    roots = graph.substitute((*roots, *end_of.values()), dict(zip(end_of, symbols, strict=True)))
+    begin = [graph.make(f.op, *(initial_node[x] for x in f.args), value=f.value) for f in end_node]
+    symbols = [graph.symbol("carried") for _ in end_node]
+    roots = graph.substitute((*roots, *end_node.values()), dict(zip(end_node, symbols, strict=True)))
     count, m = len(program.carry), len(program.outputs)
     return program._replace(
         initial=(*program.initial, *begin),

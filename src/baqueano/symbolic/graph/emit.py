@@ -109,8 +109,8 @@ def _step_divisors(order: Sequence[Node]) -> set[Node]:
     """Return the nodes on which floor and comparisons depend, through sums and choices: rounding changes the result."""
     nodes: set[Node] = set()
     for node in reversed(order):
-        passed_on = node in nodes and node.op in ("add", "sub", "neg", "min", "max", "where")
-        if passed_on or node.op in ("floor", "lt", "le", "eq", "ne"):
+        is_pass_through = node in nodes and node.op in ("add", "sub", "neg", "min", "max", "where")
+        if is_pass_through or node.op in ("floor", "lt", "le", "eq", "ne"):
             nodes.update(node.args)
     return nodes
 
@@ -267,8 +267,8 @@ class _Branches:
         """Return the group of each choice in a branch; groups with fewer than `pays` operations are removed."""
         while True:
             groups = self.groups()
-            group_of_key = {group.key: group for group in groups.values()}  # several choices share a group
-            costs = {key: group.cost() for key, group in group_of_key.items()}
+            group_by_key = {group.key: group for group in groups.values()}  # several choices share a group
+            costs = {key: group.cost() for key, group in group_by_key.items()}
             total_cost: defaultdict[tuple[Term, int], float] = defaultdict(float)
             for key, operations in costs.items():
                 total_cost[key.condition, key.level] += operations
@@ -284,11 +284,11 @@ class _Branches:
     def groups(self) -> dict[Term, _BranchGroup]:
         """Return the group of each choice, with each term in the innermost region that contains all its uses."""
         loop = _Region()
-        regions_of_terms: dict[Term, _Region] = dict.fromkeys(self.roots, loop)
+        term_regions: dict[Term, _Region] = dict.fromkeys(self.roots, loop)
         groups: dict[_BranchKey, _BranchGroup] = {}
-        group_of: dict[Term, _BranchGroup] = {}
+        term_group: dict[Term, _BranchGroup] = {}
         for term in reversed(self.order):
-            own_region = regions_of_terms[term]
+            own_region = term_regions[term]
             regions = [own_region] * len(term.args)
             key = self.key(term, own_region) if term.op in CHOICE_OPERATORS else None
             if key is not None:
@@ -296,15 +296,15 @@ class _Branches:
                     groups[key] = _BranchGroup(
                         key, (self.arm(key, 0, own_region), self.arm(key, 1, own_region))
                     )
-                group = group_of[term] = groups[key]
+                group = term_group[term] = groups[key]
                 group.choices.insert(0, term)
                 regions = [own_region, *group.arms]
             for a, region in zip(term.args, regions, strict=True):
-                first_region = regions_of_terms.setdefault(a, region)
+                first_region = term_regions.setdefault(a, region)
                 if first_region is not region:
-                    regions_of_terms[a] = first_region.meet(region)
-        _assign_regions(self.order, regions_of_terms, list(groups.values()))
-        return group_of
+                    term_regions[a] = first_region.meet(region)
+        _assign_regions(self.order, term_regions, list(groups.values()))
+        return term_group
 
     def key(self, term: Term, region: _Region) -> _BranchKey | None:
         if region.depth == MAX_BRANCH_DEPTH:
@@ -319,12 +319,10 @@ class _Branches:
         )
 
 
-def _assign_regions(
-    order: list[Term], regions_of_terms: dict[Term, _Region], groups: list[_BranchGroup]
-) -> None:
+def _assign_regions(order: list[Term], term_regions: dict[Term, _Region], groups: list[_BranchGroup]) -> None:
     """Set the terms of each arm, and the terms outside each branch that the branch needs."""
     for term in order:
-        region = regions_of_terms[term]
+        region = term_regions[term]
         while region.parent is not None:
             region.terms.append(term)
             region = region.parent
@@ -344,17 +342,17 @@ def _levels(order: list[Term], conditions: set[Term]) -> dict[Term, int]:
     levels: dict[Term, int] = {}
     for condition, choices in places.items():
         # only the levels that are not 0, from the first choice to the last
-        levels_below: dict[Term, int] = {}
+        lower_levels: dict[Term, int] = {}
         for term in order[choices[0] : choices[-1] + 1] if choices else ():
             level = 0
             for a in term.args:
-                if a in levels_below and levels_below[a] > level:
-                    level = levels_below[a]
+                if a in lower_levels and lower_levels[a] > level:
+                    level = lower_levels[a]
             if term.op in CHOICE_OPERATORS and term.args[0] is condition:
                 levels[term] = level
                 level += 1
             if level:
-                levels_below[term] = level
+                lower_levels[term] = level
     return levels
 
 

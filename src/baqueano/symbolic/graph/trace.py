@@ -116,13 +116,15 @@ def _traced_step(
     initial = None
     with tracing(), locate_errors():
         theta = [graph.symbol(f"theta[{k}]") for k in range(parameters or 0)]
-        theta_of = () if parameters is None else (_freeze(np.array(theta, dtype=object).view(TracedArray)),)
+        theta_arguments = (
+            () if parameters is None else (_freeze(np.array(theta, dtype=object).view(TracedArray)),)
+        )
         if carry is not None:
-            initial = _matching_nodes(graph, carry(*theta_of), carry_shape, "carry(theta)")
+            initial = _matching_nodes(graph, carry(*theta_arguments), carry_shape, "carry(theta)")
         symbols = _symbols(graph, carry_shape, kinds, symmetric)
         entering = _symbols(graph, inputs, kinds)
         arguments = _argument(carry_shape, symbols), _argument(inputs, entering)
-        result = within(PREPARE_S, step, *theta_of, *arguments)
+        result = within(PREPARE_S, step, *theta_arguments, *arguments)
         if type(result) is not tuple or len(result) != 2:
             raise TraceError(fault("trace.pair", function=_name(step), kind=type(result).__name__))
     next_carry = _matching_nodes(graph, result[0], carry_shape, "the step")
@@ -138,15 +140,15 @@ def _stable_kinds(shape: Shape, symbols: list[Node], next_carry: list[Node], kin
     """
     changed_symbols = symbols
     while changed_symbols:
-        kind_of = kind_finder(kinds)
+        find_kind = kind_finder(kinds)
         pairs = [(x, y) for x, y in zip(symbols, next_carry, strict=True) if kinds.get(x, "f") != "f"]
-        changed_symbols = [x for x, y in pairs if kinds[x] != (_const_kind(y, kinds[x]) or kind_of(y))]
+        changed_symbols = [x for x, y in pairs if kinds[x] != (_const_kind(y, kinds[x]) or find_kind(y))]
         for x in changed_symbols:
             del kinds[x]
     own_kinds, offset = [], 0
     for leaf in leaves(shape):
-        kinds_of_leaf = {kinds.get(x, "f") for x in symbols[offset : offset + leaf.size]}
-        own_kinds.append(kinds_of_leaf.pop() if len(kinds_of_leaf) == 1 else "f")
+        leaf_kinds = {kinds.get(x, "f") for x in symbols[offset : offset + leaf.size]}
+        own_kinds.append(leaf_kinds.pop() if len(leaf_kinds) == 1 else "f")
         offset += leaf.size
     return with_kinds(shape, iter(own_kinds))
 

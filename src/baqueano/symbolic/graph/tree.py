@@ -190,11 +190,11 @@ def kind_finder(symbols: dict[Node, str]) -> Callable[[Tree], str]:
     return leaf_kind
 
 
-def _node_kind(node: Node, kinds_of: dict[Node, str]) -> str:
+def _node_kind(node: Node, node_kinds: dict[Node, str]) -> str:
     if node.op not in _INTEGER_OPERATORS:
         return "b" if node.op in LOGICAL else "f"
     args = node.args[1:] if node.op == "where" else node.args
-    kinds = {kinds_of[a] for a in args if a.op != "const"}
+    kinds = {node_kinds[a] for a in args if a.op != "const"}
     constants = [a.value for a in args if a.op == "const"]
     if kinds == {"b"} and node.op == "where" and all(c in (0.0, 1.0) for c in constants):
         return "b"

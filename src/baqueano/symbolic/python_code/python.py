@@ -147,15 +147,15 @@ class PythonKernel:
 
     def _tick(self, inputs: Array, outputs: Array) -> Callable[[], object]:
         """Return a function that runs a tick: it converts only the inputs in use, and writes each output once."""
-        program, index_of = self.program, {node: k for k, node in enumerate(self.program.inputs)}
+        program, value_index = self.program, {node: k for k, node in enumerate(self.program.inputs)}
         nodes = list(dict.fromkeys(program.outputs))
-        used_inputs = sorted(index_of[node] for node in nodes_below(nodes) if node in index_of)
+        used_inputs = sorted(value_index[node] for node in nodes_below(nodes) if node in value_index)
         zeros, nonzero = (
-            np.array(x, dtype=np.intp) for x in ([index_of[node] for node in program.zeros], used_inputs)
+            np.array(x, dtype=np.intp) for x in ([value_index[node] for node in program.zeros], used_inputs)
         )
         zero_bytes, outputs_ = bytes(8 * len(zeros)), np.empty(len(nodes))
-        index_of_node = {node: k for k, node in enumerate(nodes)}
-        output_indices = np.array([index_of_node[node] for node in program.outputs], dtype=np.intp)
+        node_index = {node: k for k, node in enumerate(nodes)}
+        output_indices = np.array([node_index[node] for node in program.outputs], dtype=np.intp)
         write, to = struct.Struct(f"={len(nodes)}d").pack_into, outputs_.data.cast("B")
 
         def make_tick(formats: Formats, operators: dict[str, Callable[..., Value]]) -> Callable[..., Value]:

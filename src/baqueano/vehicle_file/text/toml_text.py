@@ -148,8 +148,8 @@ def _syntax_error(cause: str, text: str, name: str) -> Diagnostic:
     problem = re.sub(r"\s*\(at .*\)$", "", cause)
     figures: dict[str, Any] = {"file": name, "line": line_number, "value": repr(line[:80])}
     if re.search(r"=\s*[-+]?\d+,\d", line):
-        with_point = re.sub(r"(\d),(\d)", r"\1.\2", line)
-        return fault("toml.decimal-comma", decimal_reading=with_point, **figures)
+        corrected_line = re.sub(r"(\d),(\d)", r"\1.\2", line)
+        return fault("toml.decimal-comma", decimal_reading=corrected_line, **figures)
     if re.search(r"=\s*\[.*\d,\d", line):
         return fault("toml.decimal-commas", error=problem[:1].lower() + problem[1:], **figures)
     if "overwrite" in problem or "twice" in problem or "mutate" in problem or "already" in problem:

@@ -183,17 +183,17 @@ class FoxgloveServer:
 
     def _parameters(self, names: list[str], request_id: object) -> "JsonObject":
         vehicle = self._about().get("vehicle") or {}
-        values_of: dict[str, Value] = {
+        shown_values: dict[str, Value] = {
             f"vehicle.{k}": vehicle[k] for k in ("name", "world", "rate_hz") if k in vehicle
         }
-        values_of |= {
+        shown_values |= {
             f"block.{role}": str(kind) for role, kind in (self._about().get("blocks") or {}).items()
         }
-        values_of |= dict(vehicle.get("gains") or {})
+        shown_values |= dict(vehicle.get("gains") or {})
         for command in vehicle.get("command", []):
-            values_of[f"limit.{command['name']}"] = [command["low"], command["high"]]
-        selection = [name for name in values_of if not names or name in names]
-        values = [{"name": name, "value": values_of[name]} for name in selection]
+            shown_values[f"limit.{command['name']}"] = [command["low"], command["high"]]
+        selection = [name for name in shown_values if not names or name in names]
+        values = [{"name": name, "value": shown_values[name]} for name in selection]
         return {"op": "parameterValues", "parameters": values} | (
             {} if request_id is None else {"id": str(request_id)}
         )

@@ -38,16 +38,16 @@ def block_description(request: "JsonObject", vehicle_file: "VehicleFile") -> "Js
     Raise UsageError if the kind is not in the list of the role.
     """
     role, kind = request["room"], request["kind"]
-    of_file = _file_kind(role, vehicle_file)
+    file_kind = _file_kind(role, vehicle_file)
     alternatives = available_kinds(role, vehicle_file) if role in SWAPPABLE_ROLES else []
-    if kind and kind not in alternatives and kind != of_file:
+    if kind and kind not in alternatives and kind != file_kind:
         raise UsageError(fault("web.no-kind", role=role, value=repr(kind), valid=alternatives))
-    block = make_block(role, kind or of_file, vehicle_file)
+    block = make_block(role, kind or file_kind, vehicle_file)
     cls = type(block)
     return {
-        "room": role, "kind": kind or of_file, "of_file": of_file, "kinds": alternatives, "name": cls.__name__,
+        "room": role, "kind": kind or file_kind, "of_file": file_kind, "kinds": alternatives, "name": cls.__name__,
         "ours": _is_own(cls), "parameters": _parameter_rows(role, block), **_class_text(cls),
-        "step_us": step_time_us(role, kind or of_file, vehicle_file) if role in LOOP_ROLES else None,
+        "step_us": step_time_us(role, kind or file_kind, vehicle_file) if role in LOOP_ROLES else None,
         "tick_us": 1e6 / vehicle_file.rate_hz,
     }  # fmt: skip
 
@@ -96,10 +96,10 @@ def _class_role(cls: ast.ClassDef) -> str:
     if steps:
         return INPUT_ROLES.get(tuple(a.arg.lstrip("_") for a in steps[0].args.args[2:]), "")
     bases = {getattr(base, "attr", getattr(base, "id", "")) for base in cls.bases}
-    role_of_base = {
+    role_by_base = {
         target.partition(":")[2]: role for role in LOOP_ROLES for target in BLOCK_TARGETS[role].values()
     }
-    return next((role for name, role in role_of_base.items() if name in bases), "")
+    return next((role for name, role in role_by_base.items() if name in bases), "")
 
 
 def make_block(role: str, kind: str, vehicle_file: "VehicleFile") -> Tree:

@@ -119,7 +119,7 @@ class RunPlayer:
         if not await self._await_browser():
             return
         events, first_row, done_s, published_s = description["events"], 0, 0.0, float("-inf")
-        before_s = begun_s = time.monotonic()
+        previous_s = begun_s = time.monotonic()
         is_experiment = description["kind"] == "experiment"
         await self._show({"screen": "drive"})
         while first_row < description["rows"]:
@@ -136,8 +136,8 @@ class RunPlayer:
                     return
                 now_s = time.monotonic()
                 is_paused = self._paused or self._stop_reason is not None
-                done_s += 0.0 if is_paused else (now_s - before_s) * self._pace
-                before_s = now_s
+                done_s += 0.0 if is_paused else (now_s - previous_s) * self._pace
+                previous_s = now_s
                 due = row_index
                 while due < len(rows) and rows[due][0] <= done_s:
                     due += 1

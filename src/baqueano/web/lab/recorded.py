@@ -217,8 +217,8 @@ def _number(value: object) -> float:
 
 def _blocks(data: "JsonObject", kinds: dict[str, str]) -> "JsonObject":
     """Return role → kind of the blocks, including the model."""
-    kind_of = {role: _table(data, role).get("kind", kind) for role, kind in kinds.items()}
-    return {role: str(kind) for role, kind in kind_of.items()} | {
+    kind_by_role = {role: _table(data, role).get("kind", kind) for role, kind in kinds.items()}
+    return {role: str(kind) for role, kind in kind_by_role.items()} | {
         "model": str(_table(data, "model").get("kind", ""))
     }
 

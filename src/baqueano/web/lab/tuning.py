@@ -87,10 +87,10 @@ class TuningWorker:
         search, base = laps.space, _values(request["gains"], laps)
         a, b = (search.names.index(request[axis]) for axis in "ab")
         positions = np.clip(np.array(request["positions"], dtype=float).reshape(-1, 2)[:MAX_LAPS], 0.0, 1.0)
-        gains_of_lap = np.tile(base, (len(positions), 1))
+        lap_gains = np.tile(base, (len(positions), 1))
         for axis, k in ((0, a), (1, b)):
-            gains_of_lap[:, k] = gains(positions[:, axis], search.low[k], search.high[k])
-        return {"costs": _finite_or_none(laps.costs(gains_of_lap))}
+            lap_gains[:, k] = gains(positions[:, axis], search.low[k], search.high[k])
+        return {"costs": _finite_or_none(laps.costs(lap_gains))}
 
     def descent(self, request: "JsonObject") -> "JsonObject":
         """Return the steps of a descent of the cost from `gains`: gains, positions in [0, 1], and costs.

@@ -255,8 +255,8 @@ def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
     vehicle_file, run = requested_vehicle_file(request), read_run(Path(request["run"]))
     if vehicle_file.path is None:
         raise UsageError(fault("web.tune-garage", "baqueano new mylab", vehicle=vehicle_file.name))
-    by_hand = run.metadata.get("kind") == "teach" and stored_run_route({"path": request["run"]}) is None
-    if vehicle_file.is_guess or not by_hand or recorded_vehicle_file(run).name != vehicle_file.name:
+    is_hand_drive = run.metadata.get("kind") == "teach" and stored_run_route({"path": request["run"]}) is None
+    if vehicle_file.is_guess or not is_hand_drive or recorded_vehicle_file(run).name != vehicle_file.name:
         raise AnswerNo(fault("web.no-lesson", run=run.name, vehicle=vehicle_file.name))
     lap_runs = [
         origin.run for path, origin in vehicle_file.provenance.items() if path.endswith(".gyro_scale")

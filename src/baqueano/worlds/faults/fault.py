@@ -172,15 +172,17 @@ def find_faults(events: Iterable[tuple[int, str, Diagnostic | None]]) -> list[Fa
 
     If a person ended a fault, its duration lasts until that time.
     """
-    by_number: dict[int, Fault] = {}
+    fault_by_number: dict[int, Fault] = {}
     for _, source, message in events:
         if source != SOURCE or message is None:
             continue
         number = int(message.figures["number"])
         if message.code == "shake.end":
-            start_s = by_number[number].start_s
-            by_number[number] = replace(by_number[number], duration_s=float(message.figures["duration_s"]))
-            assert by_number[number].start_s == start_s
+            start_s = fault_by_number[number].start_s
+            fault_by_number[number] = replace(
+                fault_by_number[number], duration_s=float(message.figures["duration_s"])
+            )
+            assert fault_by_number[number].start_s == start_s
         else:
-            by_number[number] = Fault.from_diagnostic(message)
-    return list(by_number.values())
+            fault_by_number[number] = Fault.from_diagnostic(message)
+    return list(fault_by_number.values())

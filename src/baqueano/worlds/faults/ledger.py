@@ -231,8 +231,8 @@ class Ledger:
         for row in [row for row in self.rows if row.covers(t_s)][-1:]:
             row.worst_nis = mean if not isfinite(row.worst_nis) else max(mean, row.worst_nis)
             earlier_means = [nis for window_s, nis in self._window_means if window_s < row.fault.start_s]
-            by_chance = (1.0 - 2.0 / (9.0 * k) + Z * sqrt(2.0 / (9.0 * k))) ** 3
-            limit = max(by_chance, MIN_NIS_RATIO * float(np.mean(earlier_means)) if earlier_means else 0.0)
+            chance_ratio = (1.0 - 2.0 / (9.0 * k) + Z * sqrt(2.0 / (9.0 * k))) ** 3
+            limit = max(chance_ratio, MIN_NIS_RATIO * float(np.mean(earlier_means)) if earlier_means else 0.0)
             if mean > limit:
                 self._add_notice("nis", t_s, note("ledger.nis", nis=mean, maximum=limit, window_s=WINDOW_S))
 
