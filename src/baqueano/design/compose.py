@@ -6,7 +6,7 @@
     pose_l ← pose_l ∘ end_{i,l}                                                                           (3)
 
 Each primitive begins and ends at rest, so its information (information.py) adds up over a sequence. The search is first
-greedy, one primitive after the other. Then primitives are exchanged (Fedorov): each place in turn receives the most
+greedy, one primitive after the other. Then primitives are exchanged (Fedorov): place after place receives the most
 informative primitive with which the whole sequence stays inside. (2) is an upper bound, because J is concave except for
 its nuisance part. It selects the primitives to evaluate exactly. END_COST reduces J for the distance between beginning
 and end of a primitive. The corridor contains the possible vehicles (vehicle_cloud.py). Their paths through a sequence

@@ -211,7 +211,7 @@ class Door:
             self._disconnect_after_sending(client)
 
     def _answer_all(self) -> None:
-        """Answer lines of all clients in turn: one, and more until MAX_LINES, MAX_ROUND_S or a message of the loop."""
+        """Answer one line of each client, and then more, until MAX_LINES, MAX_ROUND_S or a message of the loop."""
         for client in [peer for peer in self._ends_s if peer.lines]:
             self._refuse_client(client)
         self._busy, end_s = 0, time.monotonic() + MAX_ROUND_S

@@ -1,4 +1,4 @@
-"""Two guides in turn: a path onto a route and then the route, or a route and then the path back to its start.
+"""Two guides, one after the other: the path onto a route and the route, or a route and the path back to its start.
 
     first  until it is done,  then second                                                                 (1)
     if `first` drives to a route: second begins at the time τ and the speed at which `first` arrived       (2)

@@ -2,7 +2,7 @@
 
 The robots of truth/ have independent physics; the planner uses the unchanged file garage/small. Both gains of a robot
 are 0.3 to 3 times the file's gains (log-uniform, equal within ± 25 %). The four dead zones are 0 to 0.4, and friction
-at rest is 1 to 1.3 times the friction in motion. The wiring is in turn correct, with the left or the right motor
+at rest is 1 to 1.3 times the friction in motion. The wirings alternate: correct, with the left or the right motor
 inverted, or with both motors swapped. The criteria are contact of a body with a wall, the smallest distance to a
 wall, and the correct diagnosis of the wiring.
 """

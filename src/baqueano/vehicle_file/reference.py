@@ -70,7 +70,7 @@ PLAIN_MEANINGS = {  # keys without a unit: what they mean
     "waves": N_("waves of the radius in a lap"),
     "run": N_("the run from which the value was estimated"),
     "date": N_("the day on which the value was estimated"),
-    "std": N_("standard deviation; `nan` where not known"),
+    "std": N_("standard deviation; `nan` if unknown"),
     "verdict": N_("USABLE, WARN or REFUSED; GUESS if it was not measured"),
     "low": N_("smallest value of each name in the data of the last fit"),
     "high": N_("largest value of each name in the data of the last fit"),

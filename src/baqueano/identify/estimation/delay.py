@@ -45,7 +45,7 @@ SETTLED_SIGMA = 0.1
 
 def complete_search(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
     """Return the task and the search of `search_with_free_delay`. Residuals that depend on the fit are updated, and
-    searched again, until θ is constant. Each update changes the best delay, so both are searched in turn."""
+    searched again, until θ is constant. Each update changes the best delay, so the delay is searched again, too."""
     bounded_task, end = search_with_free_delay(task, begin)
     for _ in range(MAX_UPDATES if task.problem.depends_on_fit else 0):
         end = _search_updated(bounded_task, end)

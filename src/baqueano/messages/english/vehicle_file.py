@@ -69,7 +69,8 @@ TEMPLATES: dict[str, str] = {
     "vehicle.line": "{file} line {line}, {key}",
     "vehicle.problems": "{first}.\n{rest}.",
     "vehicle.no-format": (
-        "{place}: this key is missing. The first line of a vehicle file is format = {expected}. Is this another file?"
+        "{place}: this key is missing. The first line of a vehicle file is format = {expected}. "
+        "Is it another kind of file?"
     ),
     "vehicle.newer-format": "{place} = {value}: this baqueano reads format {expected}. Update it: {fix}",
     "vehicle.other-format": "{place} = {value}: this baqueano reads format {expected}. Write format = {expected}.",

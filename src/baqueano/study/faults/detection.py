@@ -326,7 +326,7 @@ def faults(
     backend: str = "auto",
     advance: Callable[[int], None] | None = None,
 ) -> Faults:
-    """Return the outcomes of `seeds` fits of each fault, from seed `first` on, with the vehicles in turn."""
+    """Return the outcomes of `seeds` fits of each fault, from seed `first` on, with one vehicle after the other."""
     jobs: dict[tuple[str, int], list[FaultJob]] = {}
     for fault in names or FAULTS:
         fault_vehicles = [v for v in vehicles if v != "car" or fault not in ROBOT_FAULTS]
