@@ -242,18 +242,18 @@ def check_role(role: str, block: object) -> None:
     It does not fit without `init` or `step`, or if its `step` has the arguments of another role of the loop.
     """
     block_class = block if isinstance(block, type) else type(block)
-    missing = [name for name in ("init", "step") if not callable(getattr(block_class, name, None))]
-    if len(missing) == 1:
+    missing_methods = [name for name in ("init", "step") if not callable(getattr(block_class, name, None))]
+    if len(missing_methods) == 1:
         raise UsageError(
-            fault("block.lacks-method", role=role, block=block_class.__name__, method=missing[0])
+            fault("block.lacks-method", role=role, block=block_class.__name__, method=missing_methods[0])
         )
-    if missing:
+    if missing_methods:
         raise UsageError(fault("block.not-a-block", role=role, value=block_class.__name__))
     check_step(role, block_class, lambda fitting_role: f"{fitting_role}={block_class.__name__}")
 
 
 def check_step(role: str, block_class: type, remedy: Callable[[str], str]) -> None:
-    """Raise UsageError if `step` of a class does not accept the inputs of `role`, or has those of another role.
+    """Raise UsageError if `step` of a class does not accept the inputs of `role`, or has the inputs of another role.
 
     `remedy` gives the fix for that role.
     """

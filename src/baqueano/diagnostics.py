@@ -312,8 +312,8 @@ def fault(code: str, fix: str = "", subject: str = "", **figures: object) -> Dia
 
 def merge_diagnostics(diagnostics: Iterable[Diagnostic]) -> Diagnostic | None:
     """Return several messages as one diagnostic; None for an empty list."""
-    first, *remaining = (*diagnostics, None)
-    for diagnostic in remaining[:-1]:
+    first, *other_diagnostics = (*diagnostics, None)
+    for diagnostic in other_diagnostics[:-1]:
         first = fault("messages.then", first=first, second=diagnostic)
     return first
 
@@ -347,10 +347,10 @@ def _list_figure(values: list[Any]) -> "str | Diagnostic":
     """Return several values as one figure: names as a text with commas, diagnostics and fractions as a diagnostic."""
     if not any(isinstance(value, Diagnostic | float) for value in values):
         return ", ".join(map(str, values)) or "–"
-    first, *remaining = (
+    first, *other_diagnostics = (
         value if isinstance(value, Diagnostic) else note("messages.number", value=value) for value in values
     )
-    for diagnostic in remaining:
+    for diagnostic in other_diagnostics:
         first = note("messages.list", first=first, second=diagnostic)
     return first
 

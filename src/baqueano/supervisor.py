@@ -300,7 +300,7 @@ def _value_text(value: object) -> str:
 def _block_figures(guard: GuardedBlock, error: BaseException | None = None) -> dict[str, str]:
     """Return the role of a block, its kind as in a vehicle file, and as `block` a text with its file and line.
 
-    The line is that of the error or, without an error, that where `step` begins.
+    The line is the line of the error or, without an error, the first line of `step`.
     """
     frames = traceback.extract_tb(error.__traceback__) if error is not None else []
     block = _faulty_part(guard.block, {frame.filename for frame in frames})
@@ -320,8 +320,8 @@ def _block_figures(guard: GuardedBlock, error: BaseException | None = None) -> d
 
 def _innermost_block(block: Tree) -> Tree:
     """Return the block inside a timed, limited or compiled block, which contains it as `block`."""
-    while (inner := getattr(block, "block", None)) is not None:
-        block = inner
+    while (inner_block := getattr(block, "block", None)) is not None:
+        block = inner_block
     return block
 
 

@@ -136,15 +136,15 @@ def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TimeSeri
     begin, end = max(t_s[0], signal.t_s[0] + MAX_OFFSET_S), min(t_s[-1], signal.t_s[-1] - MAX_OFFSET_S)
     if not end - begin >= BATCHES * WINDOW_S:
         overlap_s, needed_s = max(0.0, end - begin), BATCHES * WINDOW_S
-        short = fault(
+        short_span = fault(
             "truth.short-overlap", run=run.name, overlap_s=overlap_s, min_s=needed_s, windows=BATCHES
         )
-        raise UsageError(short)
+        raise UsageError(short_span)
     a = np.unique(np.searchsorted(t_s, np.arange(begin, end - WINDOW_S, STEP_S)))
     b = np.minimum(np.searchsorted(t_s, t_s[a] + WINDOW_S), len(t_s) - 1)
-    silent = _gaps(t_s, 0.0) + _gaps(signal.t_s, MAX_OFFSET_S)
+    silent_spans = _gaps(t_s, 0.0) + _gaps(signal.t_s, MAX_OFFSET_S)
     is_valid = (t_s[b] - t_s[a] < 1.5 * WINDOW_S) & (t_s[b] <= end)
-    for first, last in silent:
+    for first, last in silent_spans:
         is_valid &= (t_s[b] <= first) | (t_s[a] >= last)
     a, b = a[is_valid], b[is_valid]
     batch_s = min(BATCH_S, (end - begin) / BATCHES)
@@ -236,7 +236,7 @@ def _number(
     name: str,
     f: Callable[[np.ndarray], float],
     unit: str,
-    in_file: float | None,
+    file_value: float | None,
     remark: str,
 ) -> CalibratedNumber:
     """Return a calibrated number with its error bar: `f` is its function of coefficients and offset (p + 1,)."""
@@ -247,7 +247,7 @@ def _number(
         value, variance = float(f(x)), float(gradient @ fit.cov @ gradient)
     std = variance**0.5 if np.isfinite(variance) and np.isfinite(value) else np.inf
     half_width = student_quantile(0.975, fit.freedom) * std
-    return CalibratedNumber(name, value, std, half_width, unit, in_file, remark)
+    return CalibratedNumber(name, value, std, half_width, unit, file_value, remark)
 
 
 def _clock_offset(regression: WindowRegression) -> list[CalibratedNumber]:

@@ -106,8 +106,8 @@ def allan_deviation(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) 
     x = np.concatenate([[0.0], np.cumsum(y - y.mean())]) / rate_hz
     variance = np.empty(len(n))
     for k, count in enumerate(n.tolist()):
-        second = x[2 * count :] - 2.0 * x[count:-count] + x[: -2 * count]
-        variance[k] = np.mean(second**2) / (2.0 * (count / rate_hz) ** 2)
+        differences = x[2 * count :] - 2.0 * x[count:-count] + x[: -2 * count]
+        variance[k] = np.mean(differences**2) / (2.0 * (count / rate_hz) ** 2)
     nu = np.maximum(degrees_of_freedom(len(y), n), MIN_FREEDOM)
     high = variance * nu / chi_square(nu, -QUANTILE_95)
     low = variance * nu / chi_square(nu, QUANTILE_95)

@@ -7,9 +7,9 @@
 s and one constant are estimated by generalised least squares. a_k is the error of the hand on the mark. Its σ_a is
 ANGLE_STD_RAD, or the scatter of the rests if that is significantly larger (p-value below 1/100). L computes the
 cumulative sum, and T_j is the duration of a turn. A bias that changed from rest to rest has a uniform distribution
-between the two. A rest is a time of MIN_REST_S or more in which the scatter of the gyro is close to that of its
-quietest time. N_k is the nearest whole number, if a scale error of SCALE_TOLERANCE cannot change it; otherwise the
-user must give the number of turns. A rest in the middle of a turn is off the mark and is not used.
+between the two. A rest is a time of MIN_REST_S or more in which the gyro scatters about as little as in its quietest
+time. N_k is the nearest whole number, if a scale error of SCALE_TOLERANCE cannot change it; otherwise the user must
+give the number of turns. A rest in the middle of a turn is off the mark and is not used.
 """
 
 from itertools import pairwise

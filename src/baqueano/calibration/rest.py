@@ -63,8 +63,8 @@ def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
         channel = run.sensors.get(name)
         if channel is None or len(channel.z) <= FIRST_READINGS:
             continue
-        finite = np.isfinite(channel.z)
-        step = np.diff(np.where(finite, channel.z, 0.0), axis=0) * (finite[1:] & finite[:-1])
+        is_finite = np.isfinite(channel.z)
+        step = np.diff(np.where(is_finite, channel.z, 0.0), axis=0) * (is_finite[1:] & is_finite[:-1])
         white_std = np.sqrt(0.5 * np.mean(step**2, axis=0))
         if not has_field(sensor, "gyro_bias") and speed_channels(sensor).any():
             first_speeds = np.abs(channel.z[:FIRST_READINGS, speed_channels(sensor)])
@@ -72,7 +72,7 @@ def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
             return not np.any(
                 first_speeds > ZERO_SPEED_FACTOR * white_std[speed_channels(sensor)] + TOLERANCE
             )
-        first_readings = np.where(finite, channel.z, 0.0)[channel.t_ns <= first_ns]
+        first_readings = np.where(is_finite, channel.z, 0.0)[channel.t_ns <= first_ns]
         is_quiet = (
             is_quiet
             and len(first_readings) >= FIRST_READINGS
@@ -105,8 +105,8 @@ def _rest_residuals(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
     channel = run.sensors.get(name)
     if channel is None or channel.z.shape[1] != sensor.size or not len(run.t_ns):
         return np.zeros(0)
-    finite = np.isfinite(channel.z[:, -1])
-    t_ns, z = channel.t_ns[finite], channel.z[finite, -1]
+    is_finite = np.isfinite(channel.z[:, -1])
+    t_ns, z = channel.t_ns[is_finite], channel.z[is_finite, -1]
     at_rest = is_at_rest(run, t_ns)
     rest_motion = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
     residuals = z - sensor.h(rest_motion)[-1]

@@ -40,7 +40,7 @@ class CalibratedNumber(NamedTuple):
     std: float
     half_width: float  # of the 95 % interval
     unit: str
-    in_file: float | None  # value in the vehicle file
+    file_value: float | None  # value in the vehicle file
     words: str  # description
 
     @property
@@ -118,7 +118,7 @@ class Calibration(Result):
         """Return one flat row per number."""
         return [{
             "name": entry.name, "value": entry.value, "std": entry.std, "low": entry.value - entry.half_width,
-            "high": entry.value + entry.half_width, "unit": entry.unit, "file_value": entry.in_file,
+            "high": entry.value + entry.half_width, "unit": entry.unit, "file_value": entry.file_value,
             "text": entry.words,
         } for entry in self.numbers]  # fmt: skip
 
@@ -126,7 +126,7 @@ class Calibration(Result):
         """Return the table as text."""
         rows = (
             [entry.name, f"{number(round(entry.value, 4) + 0.0):.4f}", f"± {number(entry.half_width):.2g}",
-             "" if entry.in_file is None else f"{number(entry.in_file):.4g}", entry.unit, entry.words]
+             "" if entry.file_value is None else f"{number(entry.file_value):.4g}", entry.unit, entry.words]
             for entry in self.numbers
         )  # fmt: skip
         lines = text_table("<>>><<", ["", _("value"), "± 95 %", _("file"), _("unit"), ""], *rows)

@@ -34,7 +34,7 @@ def tolerance_std(tolerance: float) -> float:
 def scale_stds(vehicle_file: "VehicleFile", imu: str) -> np.ndarray:
     """Return the relative standard deviations (3,) of the scales of an IMU.
 
-    They are those of the file if they were measured or stated, else those of a data sheet.
+    They come from the file if they were measured or stated, else from a data sheet.
     """
     sensor = getattr(vehicle_file.sensors, imu)
     scales = [(f"sensors.{imu}.{field}", entry) for field, entry in CHANNELS]
@@ -44,12 +44,12 @@ def scale_stds(vehicle_file: "VehicleFile", imu: str) -> np.ndarray:
 
 
 def declared_covariance(
-    vehicle_file: "VehicleFile", blocks: Tree, exact: set[str], with_zero: bool
+    vehicle_file: "VehicleFile", blocks: Tree, exact_names: set[str], with_zero: bool
 ) -> tuple[list[str], np.ndarray]:
     """Return the paths (K,) of the uncertain parameters of the model and the sensors, and their covariance (K, K).
 
-    Their standard deviations are in the file, or in a data sheet. Parameters in `exact` are excluded, and so are
-    biases, except the zeros of gyros if `with_zero`. The correlations are those of an earlier fit.
+    Their standard deviations are in the file, or in a data sheet. Parameters in `exact_names` are excluded, and so are
+    biases, except the zeros of gyros if `with_zero`. The correlations come from an earlier fit.
     """
     blocks_by_name = {"model": blocks.model}
     blocks_by_name |= {f"sensors.{name}": sensor for name, sensor in blocks.sensors._asdict().items()}
@@ -61,7 +61,7 @@ def declared_covariance(
                 stds[path] = _declared_std(vehicle_file, blocks, field, entry)
         if with_zero and has_field(block, "gyro_bias"):
             stds[f"{owner}.gyro_bias"] = assumed_gyro_bias_std(vehicle_file, owner.removeprefix("sensors."))
-    stds = {path: std for path, std in stds.items() if std > 0.0 and path not in exact}
+    stds = {path: std for path, std in stds.items() if std > 0.0 and path not in exact_names}
     correlation, paths = np.eye(len(stds)), list(stds)
     if vehicle_file.parameter_cov is not None:
         names, cov = vehicle_file.parameter_cov[:2]
@@ -81,7 +81,7 @@ def entry_paths(path: str, shape: tuple[int, ...]) -> list[str]:
 def _declared_std(vehicle_file: "VehicleFile", tree: Tree, path: str, entry: int) -> float:
     """Return the standard deviation of entry `entry` of a parameter of `tree`, 0 if it is unknown.
 
-    It is that of a measurement, else that of the key of the sensor, else that of a data sheet.
+    It comes from a measurement, else from the key of the sensor, else from a data sheet.
     """
     owner, _, field = path.rpartition(".")
     block = value_at_path(tree, owner)
@@ -100,8 +100,8 @@ def _declared_std(vehicle_file: "VehicleFile", tree: Tree, path: str, entry: int
 
 def _entry(values: Tree, entry: int) -> float:
     """Return one entry of an array; the last one if it has fewer entries."""
-    flat = np.ravel(np.asarray(values, float))
-    return float(flat[min(entry, len(flat) - 1)])
+    values_1d = np.ravel(np.asarray(values, float))
+    return float(values_1d[min(entry, len(values_1d) - 1)])
 
 
 def _table(vehicle_file: "VehicleFile", path: str) -> JsonObject:

@@ -54,12 +54,12 @@ def recommend_estimator(vehicle_file: "VehicleFile") -> Diagnostic:
     else:
         case = "gyro" if names else "nothing"
     use = ", ".join(f'"{name}"' for name in names)
-    usual = DEFAULT_KINDS["estimator"]
+    default_kind = DEFAULT_KINDS["estimator"]
     return note(
         f"cli.estimator-{case}",
         vehicle=vehicle_file.name,
         sensors=names,
-        estimator=usual,
+        estimator=default_kind,
         use=use,
         place=pose_sensor_names,
     )

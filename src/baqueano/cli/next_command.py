@@ -155,13 +155,13 @@ def advise_after_import(
         return print_message(note("cli.next-without-command", fix=noise, calibrate=calibrate))
     runs_and_options = [first, *(["--held-out", *last] if last else [])]
     is_new = vehicle_file is None and not options.DEFAULT_FILE.exists()
-    usual = ["--vehicle", "mylab/vehicle.toml"] if is_new else []
-    usual += (
+    usual_options = ["--vehicle", "mylab/vehicle.toml"] if is_new else []
+    usual_options += (
         options.vehicle_and_runs_options(vehicle_file, folder)
         if vehicle_file
         else options.runs_option(folder)
     )
-    fit = baqueano_command("identify", *runs_and_options, *usual, "--update")
+    fit = baqueano_command("identify", *runs_and_options, *usual_options, "--update")
     if not is_new:
         return print_message(note("cli.next-command", fix=fit))
     kind = ["--vehicle", "car"] if runs[0].applied_commands.shape[1] == CAR_COMMANDS else []
@@ -206,7 +206,7 @@ def advise_to_fit(
     run_comparison: "Comparison", runs: "list[Run]", folder: str, run_names: list[str] | None = None
 ) -> None:
     """Print the command to type if the errors of an estimator in these runs are larger than its covariance states.
-    `run_names` are the options of its vehicle, by default those of `run_options`.
+    `run_names` are the options of its vehicle, by default `run_options`.
     """
     for comparison, run in zip(run_comparison.runs, runs, strict=True):
         if comparison.is_overconfident:

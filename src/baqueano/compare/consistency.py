@@ -110,8 +110,8 @@ def degrees_of_freedom(w: np.ndarray) -> float:
     spectra = np.fft.rfft(x, length, axis=0).T
     squares = np.zeros(n)
     for first in spectra:
-        for second in spectra:
-            squares += (np.fft.irfft(np.conj(first) * second, length)[:n] / n) ** 2
+        for second_spectrum in spectra:
+            squares += (np.fft.irfft(np.conj(first) * second_spectrum, length)[:n] / n) ** 2
     rho, overlap = squares / squares[0], 1.0 - np.arange(n) / n
     end = int(np.argmax(rho < MIN_CORRELATION)) if np.any(rho < MIN_CORRELATION) else n
     correlated_share = squares[0] * (1.0 + 2.0 * float(np.sum(rho[1:end] / overlap[1:end]))) / (n * power**2)

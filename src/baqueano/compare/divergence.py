@@ -54,7 +54,8 @@ def divergence_s(run: Run) -> float:
 
 
 def estimator_failure(run: Run) -> Diagnostic | None:
-    """Return the error that ended the estimator of a run, where, and the command that tests it; None without one."""
+    """Return the error that ended the estimator of a run, its place, and the command that tests it; None without
+    one."""
     for event in run.events:
         cause = event.diagnostic
         if cause is not None and cause.code in FAULTS and cause.figures.get("role") == "estimator":
@@ -69,8 +70,8 @@ def cut_at_divergence(run: Run) -> Run:
     log, end_s = run.estimate, divergence_s(run)
     if log is None or not end_s > 0.0:
         return run
-    is_before = seconds(log.t_ns, run.start_ns) < end_s
-    return replace(run, estimate=log._make(None if x is None else x[is_before] for x in log))
+    is_valid = seconds(log.t_ns, run.start_ns) < end_s
+    return replace(run, estimate=log._make(None if x is None else x[is_valid] for x in log))
 
 
 def invalid_covariance(run: Run) -> InvalidCovariance | None:

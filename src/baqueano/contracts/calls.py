@@ -93,8 +93,8 @@ def checked_call(
 ) -> Callable[[F], F]:
     """Return a decorator for a public function; `example` is a call of it that a reader can type.
 
-    `option_makers` and `checked` receive the **options of the function. Their keywords are checked too, and those of
-    `option_makers` become part of the signature.
+    `option_makers` and `checked` receive the **options of the function. Their keywords are checked too, and the
+    keywords of `option_makers` become part of the signature.
 
     The decorated function raises Misuse for a missing or unknown argument, for an argument of another kind, and for
     arguments in another order.
@@ -227,9 +227,11 @@ def _refuse_arguments(
             fault("call.unknown", example, call=_call_name(example), value=unknown[0], suggestion=suggestion)
         )
     positional = [p for p in parameters.values() if p.kind == p.POSITIONAL_OR_KEYWORD]
-    missing = [p.name for p in positional[len(args) :] if p.default is p.empty and p.name not in options]
-    if missing:
-        raise Misuse(fault("call.missing", example, call=_call_name(example), names=missing))
+    missing_names = [
+        p.name for p in positional[len(args) :] if p.default is p.empty and p.name not in options
+    ]
+    if missing_names:
+        raise Misuse(fault("call.missing", example, call=_call_name(example), names=missing_names))
     max_count = len(positional) - ("self" in parameters)
     raise Misuse(fault("call.positions", example, call=_call_name(example), maximum=max_count))
 

@@ -34,13 +34,13 @@ def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value
     """
     if not (hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()):
         return call(*inputs)
-    running, outer_timer = True, (0.0, 0.0)
+    is_running, outer_timer = True, (0.0, 0.0)
     tracers: list[Any] = []  # one for each alarm
 
     def ring(number: int, frame: FrameType | None) -> None:
-        if running and _is_debugged(frame):
+        if is_running and _is_debugged(frame):
             signal.setitimer(signal.ITIMER_REAL, seconds, ALARM_PERIOD_S)
-        elif running:
+        elif is_running:
             tracers.append(sys.gettrace())
             if len(tracers) > 1:  # the block swallows them: raise also inside its `except`
                 _trace_lines(frame)
@@ -52,7 +52,7 @@ def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value
             outer_timer = signal.setitimer(signal.ITIMER_REAL, seconds, ALARM_PERIOD_S)
             return call(*inputs)
         finally:
-            running = False  # a later alarm has no effect; an earlier one is handled below
+            is_running = False  # a later alarm has no effect; an earlier one is handled below
             if len(tracers) > 1:
                 sys.settrace(tracers[0])
     except BudgetExceeded as alarm:

@@ -50,7 +50,7 @@ class Kanayama(ModelFollower):
         speed = np.abs(v_f)
         k_theta, k_y = self.limited_gains(self.k_theta * speed, self.k_y * speed, speed)
         max_correction = k_theta * np.sin(MAX_APPROACH_RAD)
-        lateral = np.clip(k_y * e_y, -max_correction, max_correction)
+        lateral_term = np.clip(k_y * e_y, -max_correction, max_correction)
         # the correction of e_y changes its sign backward, the damping of the course does not
-        turn = np.sign(v_f) * lateral + k_theta * np.sin(tracking.e_chi)
+        turn = np.sign(v_f) * lateral_term + k_theta * np.sin(tracking.e_chi)
         return memory, (v_f * np.cos(tracking.e_chi) + self.k_x * e_x, omega_f + turn)

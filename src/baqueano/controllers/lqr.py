@@ -81,8 +81,8 @@ class Lqr(ModelFollower):
         P, K = self.riccati(memory, *_linear(v, tracking.dt_s))
         k_chi, k_y = self.limited_gains(-K[1, 2], np.abs(K[1, 1]), np.abs(v))
         max_correction = k_chi * MAX_APPROACH_RAD
-        lateral = np.abs(v_f) / v * np.clip(k_y * tracking.e[1], -max_correction, max_correction)
-        omega = omega_f + lateral + k_chi * tracking.e_chi
+        lateral_term = np.abs(v_f) / v * np.clip(k_y * tracking.e[1], -max_correction, max_correction)
+        omega = omega_f + lateral_term + k_chi * tracking.e_chi
         return P, (v_f - K[0] @ np.array([tracking.e[0], tracking.e[1], tracking.e_chi]), omega)
 
     def riccati(self, P: np.ndarray, A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

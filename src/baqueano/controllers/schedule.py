@@ -117,12 +117,12 @@ class DelayedController:
         """Return the state, and the command (n,)."""
         start_ns = branch(state.t_ns < 0, lambda: estimate.t_ns, lambda: state.t_ns)
         is_resting = estimate.t_ns - start_ns + TICK_TOLERANCE_NS < self.rest_s * NANOSECONDS
-        inner, command = branch(
+        inner_state, command = branch(
             is_resting,
             lambda: (state.controller, Command(estimate.t_ns, np.zeros(self.commands))),
             lambda: self.controller.step(state.controller, reference, estimate),
         )
-        return DelayedControllerState(start_ns, inner), command
+        return DelayedControllerState(start_ns, inner_state), command
 
 
 def script_commands(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz: float) -> np.ndarray:

@@ -41,8 +41,10 @@ class MotionPrimitive(NamedTuple):
             u[: len(self.outbound)] = self.outbound
         else:
             signs = -np.ones(n), np.where(is_first, -1.0, 1.0), np.where(is_first, 1.0, -1.0)
-            half = self.outbound[: len(self.outbound) // 2]
-            u[: 2 * len(half)] = np.concatenate([half, half * signs[self.return_kind]])
+            half_outbound = self.outbound[: len(self.outbound) // 2]
+            u[: 2 * len(half_outbound)] = np.concatenate(
+                [half_outbound, half_outbound * signs[self.return_kind]]
+            )
         return u * limit
 
 
@@ -117,7 +119,10 @@ def map_poses(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
 
 
 def _mutation(
-    primitive: MotionPrimitive, second: MotionPrimitive, shape: PrimitiveShape, rng: np.random.Generator
+    primitive: MotionPrimitive,
+    second_primitive: MotionPrimitive,
+    shape: PrimitiveShape,
+    rng: np.random.Generator,
 ) -> MotionPrimitive:
     outbound = primitive.outbound.copy()
     mode = int(rng.integers(8))
@@ -130,9 +135,9 @@ def _mutation(
     elif mode == 4:
         outbound[:, j] = np.clip(outbound[:, j] * rng.uniform(0.5, 1.5), -1.0, 1.0)
     elif mode == 5:
-        outbound[a:] = second.outbound[a:]
+        outbound[a:] = second_primitive.outbound[a:]
     elif mode == 6:
-        outbound[:, j] = second.outbound[:, j] * rng.choice([-1.0, 1.0])
+        outbound[:, j] = second_primitive.outbound[:, j] * rng.choice([-1.0, 1.0])
     else:
         return MotionPrimitive(outbound, int(rng.integers(RETURN_KINDS)))
     return MotionPrimitive(outbound, primitive.return_kind)

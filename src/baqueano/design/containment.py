@@ -160,7 +160,7 @@ def _first_allowed_or_last(
     cloud: VehicleCloud, room: Room, state: "VehicleState", options: np.ndarray, tick: int
 ) -> tuple[int, "VehicleState", np.ndarray]:
     """Return the index of the first allowed option of (C, T, n), the vehicle states after it, and its poses (L, T, 3).
-    If none is allowed, return those of the last option."""
+    If none is allowed, return the values of the last option."""
     for begin, end in ((0, 1), (1, len(options))):  # mostly the requested chunk is allowed
         allowed_option = first_allowed_option(cloud, room, state, list(options[begin:end]), tick)
         if allowed_option is not None:

@@ -55,15 +55,15 @@ class RecursiveInformation:
         initial_values, q = _flatten(shape, example), len(self.nominal)
 
         def state_tree(numbers: np.ndarray) -> "Tree":
-            flat = list(initial_values)
+            flat_values = list(initial_values)
             for k, index in enumerate(self._live_indices):
-                flat[index] = numbers[q + k]
-            return _unflatten(shape, flat)
+                flat_values[index] = numbers[q + k]
+            return _unflatten(shape, flat_values)
 
         def step(numbers: np.ndarray, state: "Tree", u: np.ndarray) -> tuple["Tree", np.ndarray]:
             state, outputs = tick(numbers[:q], state, u)
-            flat = _flatten(shape, state)
-            return state, np.concatenate([outputs, np.array([flat[k] for k in self._live_indices])])
+            flat_values = _flatten(shape, state)
+            return state, np.concatenate([outputs, np.array([flat_values[k] for k in self._live_indices])])
 
         numbers = np.array([*self.nominal, *(initial_values[k] for k in self._live_indices)], dtype=float)
         commands, backend = np.zeros(drive_information.commands), drive_information.kernel.backend
@@ -151,14 +151,17 @@ class NextMotion(NamedTuple):
 def named_motions(limit: np.ndarray, rate_hz: float) -> list[SuggestedMotion]:
     """Return motions within the limits. The first usable channel moves forward, the last one turns. Return [] without a
     usable channel."""
-    moving, ticks = np.flatnonzero(limit > 0.0), round(MOTION_S * rate_hz)
-    if not len(moving):
+    moving_axes, ticks = np.flatnonzero(limit > 0.0), round(MOTION_S * rate_hz)
+    if not len(moving_axes):
         return []
-    forward, turning = moving[0], moving[-1]
-    kinds = [("straight", (forward,), RETURN_REVERSED)]
-    if turning != forward:
-        kinds += [("turn", (turning,), RETURN_REVERSED), ("curve", (forward, turning), RETURN_REVERSED)]
-        kinds += [("circle", (forward, turning), NO_RETURN)]
+    forward_axis, turning_axis = moving_axes[0], moving_axes[-1]
+    kinds = [("straight", (forward_axis,), RETURN_REVERSED)]
+    if turning_axis != forward_axis:
+        kinds += [
+            ("turn", (turning_axis,), RETURN_REVERSED),
+            ("curve", (forward_axis, turning_axis), RETURN_REVERSED),
+        ]
+        kinds += [("circle", (forward_axis, turning_axis), NO_RETURN)]
     t = np.arange(ticks) / rate_hz
     shapes = {
         "steady": np.ones(ticks), "steps": np.where(np.floor(t / STEP_S) % 2 == 0.0, 1.0, 0.0),

@@ -269,7 +269,7 @@ class PlanSearch:
 
     def _path(self, cloud: VehicleCloud, tick: int, u: np.ndarray, count: int) -> tuple[bool, np.ndarray]:
         """Return True if the vehicles of `cloud` respect the speed limits in the primitive (T, n), and their poses (L,
-        S, 3). The poses are those of every `count`-th sample. The last pose is the pose at rest."""
+        S, 3). The poses belong to every `count`-th sample. The last pose is the pose at rest."""
         stride, ticks = max(1, round(SAMPLE_S * cloud.rate_hz)), len(u)
         commands = np.concatenate([u, self.rest_commands])
         final_state, eta = cloud.drive(cloud.state_at(np.zeros(3)), commands, tick)
@@ -301,9 +301,9 @@ def feasible_primitives(
         state, _ = cloud.drive(state, np.zeros((rest_ticks, commands(0).shape[1])))
     for place in range(len(kept_order)):
         arguments = commands, cloud, room, state, tick
-        remaining = list(dict.fromkeys(kept_order[place:]))
-        options = _first_allowed_primitive(remaining[:1], *arguments)
-        options = options or _first_allowed_primitive(remaining[1:], *arguments)
+        other_primitives = list(dict.fromkeys(kept_order[place:]))
+        options = _first_allowed_primitive(other_primitives[:1], *arguments)
+        options = options or _first_allowed_primitive(other_primitives[1:], *arguments)
         if options:
             kept_order.insert(place, kept_order.pop(kept_order.index(options[0], place)))
         else:

@@ -124,7 +124,7 @@ def planning_file(fit: "Fit", rough_file: "VehicleFile") -> "VehicleFile":
     """Return the file for the plan after a first drive: the file of its `fit`. If the fit is refused, return the
     `rough_file` of `with_rough_gains`. If the fit does not show how the vehicle stops, a plan with it would expect
     vehicles that never stop: return the rough file with the standard errors of its gains. If the fit does not show how
-    the vehicle stops sideways, only the sideways friction is that of the rough file."""
+    the vehicle stops sideways, only the sideways friction comes from the rough file."""
     if undetermined_damping(fit):
         return with_uncertain_gains(rough_file)
     return rough_file if fit.verdict == Verdict.REFUSED else _with_sideways_friction(fit, rough_file)
@@ -232,8 +232,8 @@ class VehicleCloud:
         Such draws have a very high friction: a fit with little information on friction does not limit the friction.
         Each combination of full commands and zero is tested, because the stiffness depends on the motion.
         """
-        active = [(-x, 0.0, x) if x > 0.0 else (0.0,) for x in np.where(np.isfinite(limit), limit, 1.0)]
-        commands = np.repeat(list(product(*active)), round(STIFFNESS_TEST_S * self.rate_hz), axis=0)
+        levels = [(-x, 0.0, x) if x > 0.0 else (0.0,) for x in np.where(np.isfinite(limit), limit, 1.0)]
+        commands = np.repeat(list(product(*levels)), round(STIFFNESS_TEST_S * self.rate_hz), axis=0)
         max_distance_m = MAX_SPEED_M_S * len(commands) / self.rate_hz
         for _ in range(8):
             with np.errstate(all="ignore"):

@@ -68,15 +68,15 @@ class RunFiles:
 
         def pieces() -> None:
             with run_file:
-                remaining, is_last = path.stat().st_size, False
+                remaining_bytes, is_last = path.stat().st_size, False
                 while not is_last and is_connected(client):
                     if client.pending_bytes > 4 * CHUNK_BYTES:
                         time.sleep(FULL_QUEUE_PAUSE_S)
                         continue
-                    data = run_file.read(min(CHUNK_BYTES, remaining))
-                    remaining = remaining - len(data) if data else 0
-                    is_last = remaining == 0
-                    client.enqueue(_chunk(name, data, remaining))
+                    data = run_file.read(min(CHUNK_BYTES, remaining_bytes))
+                    remaining_bytes = remaining_bytes - len(data) if data else 0
+                    is_last = remaining_bytes == 0
+                    client.enqueue(_chunk(name, data, remaining_bytes))
                     self._ring()
 
         def work() -> None:
@@ -95,5 +95,5 @@ class RunFiles:
         return path
 
 
-def _chunk(name: str, data: bytes, remaining: int) -> "JsonObject":
-    return {"type": "file", "run": name, "data": base64.b64encode(data).decode(), "left": remaining}
+def _chunk(name: str, data: bytes, remaining_bytes: int) -> "JsonObject":
+    return {"type": "file", "run": name, "data": base64.b64encode(data).decode(), "left": remaining_bytes}

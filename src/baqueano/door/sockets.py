@@ -109,10 +109,10 @@ class Door:
 
     def _serve(self) -> None:
         while not self._end_event.is_set():
-            ready = self._selector.select(self._max_wait_s())
+            ready_sockets = self._selector.select(self._max_wait_s())
             if self._queue_broadcasts():
                 self._send_all()
-            for key, _ in ready:
+            for key, _ in ready_sockets:
                 if key.fileobj is self._listener:
                     self._accept()
                 elif key.fileobj is self._ear:
@@ -136,11 +136,11 @@ class Door:
             time.sleep(ROUND_PAUSE_S)
         if self._is_behind or self._coming or self._outbox or any(client.lines for client in self._clients):
             return 0.0
-        fastest = max((client.hz for client in self._clients), default=0.0)
-        if fastest <= 0.0:
+        max_hz = max((client.hz for client in self._clients), default=0.0)
+        if max_hz <= 0.0:
             return SHORT_S if self._ends_s else LOOK_S
         now_s = time.monotonic()
-        return max(0.0, (int(now_s * fastest) + 1) / fastest - now_s)
+        return max(0.0, (int(now_s * max_hz) + 1) / max_hz - now_s)
 
     def _queue_broadcasts(self) -> bool:
         """Queue the outgoing messages for all clients; return True if there were any."""

@@ -143,11 +143,11 @@ def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) 
     sensor, channel = getattr(vehicle_file.sensors, name), run.sensors[name]
     bias, bias_std = _rest_bias(run, channel)
     cosine = _gain(sensor) / sensor.gyro_scale
-    raw = [_integral(channel, -1, bias, a, b) / cosine for a, b in pairwise(marks)]
-    turns = sum(_turn_count(x / sensor.gyro_scale, run.name) for x in raw)
+    raw_turns = [_integral(channel, -1, bias, a, b) / cosine for a, b in pairwise(marks)]
+    turns = sum(_turn_count(x / sensor.gyro_scale, run.name) for x in raw_turns)
     if turns == 0:
         raise AnswerNo(fault("marks.no-turn", name=run.name))
-    scale = sum(raw) / (2.0 * np.pi * turns)  # (1)
+    scale = sum(raw_turns) / (2.0 * np.pi * turns)  # (1)
     # (2)
     std = _turn_std(sensor, bias_std, seconds(marks[-1], marks[0])) / (2.0 * np.pi * cosine * abs(turns))
     values = _gyro_values(vehicle_file, name, scale, std)
@@ -160,7 +160,7 @@ def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) 
             if new_scale.ndim == 0
             else [_round_to_five_digits(x) for x in new_scale.tolist()]
         )
-    turn_rad = sum(raw) / sensor.gyro_scale
+    turn_rad = sum(raw_turns) / sensor.gyro_scale
     return Closure(name, turns, float(turn_rad), float(scale), std, values, distances, length_m)
 
 
@@ -272,8 +272,8 @@ def _require_agreement(run_name: str, gyro: str, sensor: Tree, kappa: float, std
 def _marked_lap(run: Run) -> tuple[Run, int, dict[str, Any]]:
     """Return the run until its last mark, the time of its first mark [ns], and the first pose as a keyword of `replay`.
 
-    The run begins at rest on the first mark, so that the covariance at its end is that of the motion since this mark.
-    Raise AnswerNo for fewer than two ticks between the marks.
+    The run begins at rest on the first mark, so that the covariance at its end contains only the motion since this
+    mark. Raise AnswerNo for fewer than two ticks between the marks.
     """
     marks = mark_times_ns(run)
     from_ns, to_ns = (marks[0], marks[-1]) if len(marks) > 1 else (run.t_ns[:1], run.t_ns[-1:])
@@ -353,10 +353,10 @@ def _rest_bias(run: Run, channel: Channel) -> tuple[float, float]:
 
 def _integral(channel: Channel, column: int, bias: float, from_ns: int, to_ns: int) -> float:
     """Return ∫ (z − b) dt of a column of `channel` between two times [ns], by the trapezoidal rule."""
-    finite = np.isfinite(channel.z[:, column])
-    t_s = seconds(channel.t_ns[finite], channel.t_ns[0])
+    is_finite = np.isfinite(channel.z[:, column])
+    t_s = seconds(channel.t_ns[is_finite], channel.t_ns[0])
     end_times_s = [seconds(t, channel.t_ns[0]) for t in (from_ns, to_ns)]
-    z = channel.z[finite, column] - bias
+    z = channel.z[is_finite, column] - bias
     is_inner = (t_s > end_times_s[0]) & (t_s < end_times_s[1])
     t = np.concatenate([end_times_s[:1], t_s[is_inner], end_times_s[1:]])
     heights = np.interp(t, t_s, z)

@@ -119,12 +119,12 @@ def normalised_innovation_squared(y: list[float], S: list[list[float]]) -> float
 
     `y` (list of n) and `S` (n rows of n) are overwritten. For three values NumPy would take five times as long.
     """
-    finite, total = [k for k, value in enumerate(y) if isfinite(value)], 0.0
-    for row, k in enumerate(finite, 1):
+    finite_indices, total = [k for k, value in enumerate(y) if isfinite(value)], 0.0
+    for row, k in enumerate(finite_indices, 1):
         total += y[k] * y[k] / S[k][k]
-        for i in finite[row:]:
+        for i in finite_indices[row:]:
             factor = S[i][k] / S[k][k]
             y[i] -= factor * y[k]
-            for j in finite[row:]:
+            for j in finite_indices[row:]:
                 S[i][j] -= factor * S[k][j]
-    return total / len(finite) if finite else None
+    return total / len(finite_indices) if finite_indices else None

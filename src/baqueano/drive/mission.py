@@ -84,13 +84,13 @@ class Mission:
     def to_json(self) -> str:
         """Return the mission as one line of JSON."""
         route = None if self.route is None else {k: _with_lists(v) for k, v in self.route._asdict().items()}
-        unusual = {"start": list(self.start), "rest_s": self.rest_s, "precautions": self.precautions}
+        other_fields = {"start": list(self.start), "rest_s": self.rest_s, "precautions": self.precautions}
         return json.dumps(
             {
                 "format": FORMAT_VERSION, "kind": self.kind, "vehicle": self.vehicle, "u": _with_lists(self.u),
                 "route": route,
                 "laps": self.laps, "hold": self.hold, "blocks": self.blocks, "texts": self.texts,
-                **{name: value for name, value in unusual.items() if value not in ([], None, {})},
+                **{name: value for name, value in other_fields.items() if value not in ([], None, {})},
             },
             allow_nan=False,
         )  # fmt: skip

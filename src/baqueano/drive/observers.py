@@ -92,12 +92,12 @@ class Watchdog:
         self, state: WatchdogState, command: Command, tick: Tick, estimate: Estimate
     ) -> tuple[WatchdogState, Command]:
         """Return the new state, and the command (n,) for the motors, which is zero once a stop is latched."""
-        inner, safe_command = self.supervisor.step(state.supervisor, command, tick, estimate)
+        inner_state, safe_command = self.supervisor.step(state.supervisor, command, tick, estimate)
         # the first cause has priority over its consequences
-        reason = state.reason or self._reason(tick.t_ns) or stop_reason(inner)
+        reason = state.reason or self._reason(tick.t_ns) or stop_reason(inner_state)
         if reason is not None:
             safe_command = safe_command._replace(u=np.zeros(len(tick.u)))
-        return WatchdogState(inner, reason), safe_command
+        return WatchdogState(inner_state, reason), safe_command
 
     def _reason(self, t_ns: int) -> Diagnostic | None:
         reasons = [observer.stop_reason(t_ns) for observer in self.observers]

@@ -119,8 +119,8 @@ def block_diagnostics(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnostic |
 def _diagnostic_functions(block: Tree) -> Iterator[Callable[[Tree], Diagnostic | None]]:
     """Yield the `diagnostic` functions of a block and of the blocks inside it, as functions of the outer state."""
     # a budgeted or compiled block has the state of the inner block
-    if (inner := getattr(block, "block", None)) is not None:
-        yield from _diagnostic_functions(inner)
+    if (inner_block := getattr(block, "block", None)) is not None:
+        yield from _diagnostic_functions(inner_block)
         return
     if (diagnostic := optional.attribute(block, "diagnostic")) is not None:
         yield diagnostic

@@ -333,8 +333,8 @@ def compiled_or_unchanged(
         return block, next(filter(None, reasons), None)
     try:
         within(HANG_S, block.step, state, *inputs)
-        quick = compile_block(block, backend)
-        quick.step(state, *inputs)
+        quick_block = compile_block(block, backend)
+        quick_block.step(state, *inputs)
     except TraceError as error:
         return block, note(
             "drive.not-compiled", role=role, block=type(block).__name__, error=error.diagnostic
@@ -343,7 +343,7 @@ def compiled_or_unchanged(
         if is_interruption(error):
             raise
         return block, None
-    return quick, None
+    return quick_block, None
 
 
 def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarray | None, Diagnostic | None]:

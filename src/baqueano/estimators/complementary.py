@@ -52,7 +52,7 @@ class ComplementaryBelief(NamedTuple):
 @document
 @dataclass(frozen=True, slots=True, eq=False)
 class Complementary:
-    """Complementary filter of wheels and model, with an integrated gyro: short code for a first course.
+    """Complementary filter of wheels and model, with an integrated gyro: its code is short, for a first course.
 
     `AugmentedEkf` is usually better.
 

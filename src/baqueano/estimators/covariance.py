@@ -34,12 +34,12 @@ def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
         i, j = np.unravel_index(np.argmax(np.triu(asymmetry)), P.shape)
         entries = {"i": i, "j": j, "first": P[i, j], "second": P[j, i]}
         raise Invalid(fault("cov.not-symmetric", name=name, **entries, offer=_nearest_valid_text(P)))
-    smallest = np.linalg.eigvalsh(P)[0]
-    if smallest < -1e-12 * scale:
+    min_eigenvalue = np.linalg.eigvalsh(P)[0]
+    if min_eigenvalue < -1e-12 * scale:
         i, j = _worst_pair(P)
         entries = {"i": i, "j": j, "entry": P[i, j], "first": P[i, i], "second": P[j, j]}
         offer = _nearest_valid_text(P)
-        raise Invalid(fault("cov.eigenvalue", name=name, smallest=smallest, **entries, offer=offer))
+        raise Invalid(fault("cov.eigenvalue", name=name, smallest=min_eigenvalue, **entries, offer=offer))
     return mirror_upper(P)
 
 

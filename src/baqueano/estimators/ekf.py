@@ -137,9 +137,11 @@ class Ekf:
         if self.mode not in MODES:
             raise Invalid(fault("ekf.mode", value=self.mode, valid=MODES))
         check_use(self.sensors, self.use)
-        positive = {name: getattr(self, name) for name in ("rate_hz", "gate_sigma", "disturbance_time_s")}
-        if not all(value > 0.0 for value in positive.values()):
-            raise Invalid(fault("ekf.positive", **positive))
+        positive_fields = {
+            name: getattr(self, name) for name in ("rate_hz", "gate_sigma", "disturbance_time_s")
+        }
+        if not all(value > 0.0 for value in positive_fields.values()):
+            raise Invalid(fault("ekf.positive", **positive_fields))
         object.__setattr__(
             self, "process_noise_cov", covariance(self.process_noise_cov, 6, "process_noise_cov")
         )

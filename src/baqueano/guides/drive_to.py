@@ -151,7 +151,7 @@ class DriveTo:
             np.hypot(offset[0], offset[1]) < self.tolerance_m and abs(wrap(offset[2])) < self.tolerance_rad
         )
         kappa_0 = float(np.clip(r / v, -max_curvature, max_curvature)) if abs(v) > MIN_SPEED_M_S else 0.0
-        shortest, nearest = NO_PATH._replace(eta=np.tile(eta[:, None], 9)), 0
+        best_path, nearest_index = NO_PATH._replace(eta=np.tile(eta[:, None], 9)), 0
         for sign in (1.0, -1.0):
             index = np.flatnonzero((self.v_m_s >= 0.0) == (sign > 0.0))
             if is_at_goal or not len(index):
@@ -162,7 +162,7 @@ class DriveTo:
             )
             kappa_g = sign * np.clip(self.kappa_1_m[index], -max_curvature, max_curvature)
             path, k = shortest_path(start, sign * kappa_0, goals, kappa_g, self.radius_m, self.ramp_m)
-            if shortest.length_m == 0.0 or path.length_m < shortest.length_m:
-                shortest, nearest = path, int(index[k])
-        forward_sign = -1.0 if self.v_m_s[nearest] < 0.0 else 1.0
-        return shortest, np.array([self.tau_s[nearest], abs(self.v_m_s[nearest]), forward_sign])
+            if best_path.length_m == 0.0 or path.length_m < best_path.length_m:
+                best_path, nearest_index = path, int(index[k])
+        forward_sign = -1.0 if self.v_m_s[nearest_index] < 0.0 else 1.0
+        return best_path, np.array([self.tau_s[nearest_index], abs(self.v_m_s[nearest_index]), forward_sign])

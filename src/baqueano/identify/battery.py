@@ -3,9 +3,9 @@
     V_95 − V_5 > 0.03 V_50,   percentiles of V while a command is sent                                    (1)
     κ > 3 σ_κ,   2 · 1.96 σ_κ ≤ 1,   0 ≤ κ ≤ V₀/(V₀ − V_d) within its error                               (2)
 
-If (1) holds, a second fit with a free κ is the test. If (2) holds too, it replaces the fit without κ, where a battery
-that becomes empty looks like friction. Motors at V − V_d behind a bridge have κ = V₀/(V₀ − V_d) > 1; (2) has the
-largest V_d of a data sheet, at most V₀/2. If the file does not state a voltage, V_50 becomes its voltage and its
+If (1) holds, a second fit with a free κ is the test. If (2) holds too, it replaces the fit without κ, in which a
+battery that becomes empty looks like friction. Motors at V − V_d behind a bridge have κ = V₀/(V₀ − V_d) > 1; (2) has
+the largest V_d of a data sheet, at most V₀/2. If the file does not state a voltage, V_50 becomes its voltage and its
 nominal voltage: then the gains are valid for the mean battery of the runs, as without κ.
 """
 

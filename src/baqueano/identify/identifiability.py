@@ -105,8 +105,8 @@ def assess_identifiability(
             for k in np.flatnonzero(is_weak).tolist():
                 partners[k] = _correlated_entries(info.bread, is_identifiable & is_vehicle_entry, k)
             break
-        relative = std / np.maximum(signal[index], 1e-9 * std)
-        entry = int(index[np.argmax(np.where(excess > 0.0, relative, -1.0))])
+        ratio = std / np.maximum(signal[index], 1e-9 * std)
+        entry = int(index[np.argmax(np.where(excess > 0.0, ratio, -1.0))])
         partners[entry] = _correlated_entries(info.bread, is_identifiable & is_vehicle_entry, entry)
         is_identifiable[entry] = False
     return Identifiability(is_identifiable, is_weak, collinear, partners)
@@ -140,9 +140,9 @@ def _unobservable_direction(A: np.ndarray, identifiable: np.ndarray) -> np.ndarr
 
 def _signal_scale(by_channel: np.ndarray, signal_energy: np.ndarray) -> np.ndarray:
     """Return s (p,), the change of each parameter that is as large as a signal.  (2)"""
-    strongest = np.argmax(by_channel, axis=0)
-    info = np.maximum(by_channel[strongest, np.arange(by_channel.shape[1])], 1e-300)
-    return np.sqrt(np.maximum(signal_energy[strongest] - NOISE_ENERGY, 0.0)) / np.sqrt(info)
+    best_channel = np.argmax(by_channel, axis=0)
+    info = np.maximum(by_channel[best_channel, np.arange(by_channel.shape[1])], 1e-300)
+    return np.sqrt(np.maximum(signal_energy[best_channel] - NOISE_ENERGY, 0.0)) / np.sqrt(info)
 
 
 def fix_unidentifiable(
@@ -200,7 +200,7 @@ def _bounded_pair(
 ) -> tuple[int, int] | None:  # fmt: skip
     """Return a fixed entry of θ and one of its `partners` that is at a bound, or None. Both belong to `free`.
 
-    The bounds of a delay are those of its grid, so a delay does not count.
+    The grid sets the bounds of a delay, so a delay does not count.
     """
     is_at_bound = (theta <= task.low) | (theta >= task.high)
     for i in np.flatnonzero(is_fixed[: len(free)]).tolist():

@@ -64,7 +64,7 @@ def chosen_language() -> str:
 
 
 def process_environment() -> dict[str, str]:
-    """Return the environment of a process of this program, which then has the chosen language, too."""
+    """Return the environment of a child process, so that it has the chosen language."""
     return os.environ | {LANGUAGE_VARIABLE: chosen_language()}
 
 

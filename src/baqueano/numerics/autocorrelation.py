@@ -52,7 +52,7 @@ def fourier_length(n: int) -> int:
 
 def lag_products(x: np.ndarray, length: int) -> np.ndarray:
     """Return Σ_t x_t x_{t+l} (length,) of x (N,) for the lags l = 0, 1, …, and the lags −1, −2, … from the end;
-    `length` ≥ 2 N is that of the Fourier transform.
+    `length` ≥ 2 N is the length of the Fourier transform.
 
     >>> lag_products(np.array([1.0, 2.0, 3.0]), 8)[:3].round(6)
     array([14.,  8.,  3.])

@@ -88,8 +88,8 @@ class BlockArrow:
         """
         root = np.where(is_free, 1.0 / np.sqrt(np.where(is_free, scale, 1.0)), 0.0)
         (r, r_k), (h, h_k) = self._split(root), self._split(root * g)
-        extra, extra_k = self._split(np.where(is_free, damping, 1.0))
-        S = self.corner * (r[:, None] * r) + np.diag(extra)
+        damped_D, extra_k = self._split(np.where(is_free, damping, 1.0))
+        S = self.corner * (r[:, None] * r) + np.diag(damped_D)
         B = self.border * (r[None, :, None] * r_k[:, None, :])
         W = self.blocks * (r_k[:, :, None] * r_k[:, None, :])
         np.einsum("kii->ki", W)[:] += extra_k
@@ -226,8 +226,8 @@ def marginal_information(A: np.ndarray, index: np.ndarray, nuisance_indices: np.
     root = np.sqrt(np.diagonal(A)[indices])
     C = A[np.ix_(indices, indices)] / np.outer(root, root)
     n = len(index)
-    remaining = C[:n, :n] - C[:n, n:] @ pseudo_inverse(C[n:, n:]) @ C[n:, :n]
-    return float(np.linalg.eigvalsh(0.5 * (remaining + remaining.T))[0])
+    schur = C[:n, :n] - C[:n, n:] @ pseudo_inverse(C[n:, n:]) @ C[n:, :n]
+    return float(np.linalg.eigvalsh(0.5 * (schur + schur.T))[0])
 
 
 def marginal_std(A: np.ndarray, index: np.ndarray, is_free: np.ndarray) -> np.ndarray:

@@ -101,15 +101,15 @@ def score_test_residuals(
     r = np.concatenate([r.ravel() for r, _ in segments])
     psi, w = np.where(mask, np.clip(r, -HUBER, HUBER), 0.0), (mask & (np.abs(r) < HUBER)).astype(float)
     slopes = [d.reshape(-1, d.shape[2]) for _, d in segments]
-    flat = (np.concatenate(slopes) if len(slopes) > 1 else slopes[0]).T  # (q, N m); rows stay together
-    np.negative(flat, out=flat)
+    flat_slopes = (np.concatenate(slopes) if len(slopes) > 1 else slopes[0]).T  # (q, N m); rows stay together
+    np.negative(flat_slopes, out=flat_slopes)
     count = int(np.clip(len(run) // MIN_BLOCK_ROWS, 2, MAX_BLOCKS))
     blocks = np.rint(np.linspace(0, len(run), count + 1)).astype(int)[:-1]
     nuisance_derivatives = [
-        _eliminate(flat, w, m, nuisance) for nuisance in nuisances if nuisance.identifiable.any()
+        _eliminate(flat_slopes, w, m, nuisance) for nuisance in nuisances if nuisance.identifiable.any()
     ]
-    is_complete = identifiable.all() and len(flat) == s
-    d = flat if is_complete else np.ascontiguousarray(flat[:s][identifiable].T).T
+    is_complete = identifiable.all() and len(flat_slopes) == s
+    d = flat_slopes if is_complete else np.ascontiguousarray(flat_slopes[:s][identifiable].T).T
     weighted_rows = np.empty((len(w), len(d) + 1)).T
     np.multiply(d, w, out=weighted_rows[:-1])
     weighted_rows[-1] = psi
@@ -142,15 +142,15 @@ def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return product
 
 
-def _eliminate(flat: np.ndarray, w: np.ndarray, m: int, nuisance: Nuisance) -> NuisanceDerivatives:
+def _eliminate(flat_slopes: np.ndarray, w: np.ndarray, m: int, nuisance: Nuisance) -> NuisanceDerivatives:
     """Return the derivatives of the identifiable parameters of `nuisance`, and eliminate them from the columns of ∂r
-    before theirs, the first rows of `flat` (q, N m), in place."""
+    before theirs, the first rows of `flat_slopes` (q, N m), in place."""
     rows, first, identifiable = nuisance
     columns = slice(rows.start * m, rows.stop * m)
-    d = flat[first + np.flatnonzero(identifiable), columns].copy()
+    d = flat_slopes[first + np.flatnonzero(identifiable), columns].copy()
     weighted_slopes = d * w[columns]
     inverse = pseudo_inverse(_product(weighted_slopes, d.T))
-    other_rows = flat[:first, columns]
+    other_rows = flat_slopes[:first, columns]
     _subtract(other_rows, _product(other_rows, weighted_slopes.T) @ inverse, d)
     return NuisanceDerivatives(rows, columns, d, weighted_slopes, inverse)
 

@@ -38,9 +38,9 @@ def _most_likely_ratio(periodogram: np.ndarray, n: int) -> tuple[float, float] |
     white_cost = len(periodogram) * np.log(max(float(np.mean(periodogram)), 1e-300))
     best_cost, best_pair = white_cost - MIN_LOG_GAIN, None
     for time_constant in TIME_CONSTANTS:
-        relative = 1.0 + RATIOS[:, None] * _spectrum(float(time_constant), n)[None, 1:]
-        costs = np.sum(np.log(relative), axis=1)
-        noise = np.mean(periodogram / relative, axis=1)
+        relative_gain = 1.0 + RATIOS[:, None] * _spectrum(float(time_constant), n)[None, 1:]
+        costs = np.sum(np.log(relative_gain), axis=1)
+        noise = np.mean(periodogram / relative_gain, axis=1)
         costs = costs + len(periodogram) * np.log(np.maximum(noise, 1e-300))
         k = int(np.argmin(costs))
         if costs[k] < best_cost:

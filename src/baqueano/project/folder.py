@@ -106,12 +106,12 @@ def with_other_truth(vehicle_file: VehicleFile) -> VehicleFile:
     >>> bool(np.all(other.value("model.friction.linear") != mine.value("model.friction.linear")))
     True
     """
-    random, truth = np.random.default_rng(zlib.crc32(vehicle_file.name.encode())), vehicle_file.truth
+    rng, truth = np.random.default_rng(zlib.crc32(vehicle_file.name.encode())), vehicle_file.truth
     values: dict[str, object] = {}
     for key, p in all_parameters(truth.vehicle, "model"):
         if p.role in FITTED_ROLES:
             guess = np.asarray(truth.value(key), float)
-            value = (guess * np.exp(GUESS_ERROR_STD * random.standard_normal(guess.shape))).round(6)
+            value = (guess * np.exp(GUESS_ERROR_STD * rng.standard_normal(guess.shape))).round(6)
             values[key] = np.clip(value, p.low, p.high).tolist()
     return truth.with_values(values)
 

@@ -58,16 +58,16 @@ def most_motion(t_s: np.ndarray, y: np.ndarray, span_s: float) -> slice:
         return slice(0, len(t_s))
     starts = t_s[0] + np.arange(int(over_s) + 1)
     begin_rows, end_rows = np.searchsorted(t_s, starts), np.searchsorted(t_s, starts + span_s, side="right")
-    finite = np.isfinite(y)
+    is_finite = np.isfinite(y)
     y = np.clip(y, *np.nanpercentile(y, (1.0, 99.0), axis=0))
-    y = np.where(finite, y - np.nanmean(y, axis=0), 0.0)
+    y = np.where(is_finite, y - np.nanmean(y, axis=0), 0.0)
 
     def total(x: np.ndarray) -> np.ndarray:
         upto = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)])
         return upto[end_rows] - upto[begin_rows]
 
     total_power = np.sum(y**2, axis=0)
-    span_power = total(y**2) - total(y) ** 2 / np.maximum(total(finite), 1)
+    span_power = total(y**2) - total(y) ** 2 / np.maximum(total(is_finite), 1)
     best_span = int(np.argmax(np.sum(span_power / np.where(total_power > 0.0, total_power, 1.0), axis=1)))
     return slice(int(begin_rows[best_span]), int(end_rows[best_span]))
 
@@ -131,13 +131,13 @@ def estimates(
     base = value if truth is None else truth
     scale = np.where(np.abs(base) > 0, np.abs(base), np.nan)
     centre, half_width = 100 * (value - base) / scale, 100 * 1.96 * std / scale
-    finite = np.isfinite(centre) & (half_width > 0.0) & np.isfinite(half_width)
-    labels = [name for name, k in zip(names, finite, strict=True) if k]
+    is_finite = np.isfinite(centre) & (half_width > 0.0) & np.isfinite(half_width)
+    labels = [name for name, k in zip(names, is_finite, strict=True) if k]
     figure, axis = panel((9.2, 0.32 * len(labels) + 1.1))
     rows = np.arange(len(labels))[::-1]
     axis.set_yticks(rows, labels)
     if truth is None:
-        widths = half_width[finite]
+        widths = half_width[is_finite]
         set_log_scale(axis.xaxis)
         axis.set_xlim(
             10.0 ** np.floor(np.log10(widths.min(initial=1.0))), max(200.0, 1.2 * widths.max(initial=0.0))
@@ -146,9 +146,9 @@ def estimates(
         axis.axvline(MAX_PERCENT, color=TRUTH, lw=1)
         axis.set_xlabel(_("± 95 % [% of the estimate]"), loc="right")
         return figure
-    axis.errorbar(centre[finite], rows, xerr=half_width[finite], fmt="o", ms=4, color=MODEL, capsize=3)
+    axis.errorbar(centre[is_finite], rows, xerr=half_width[is_finite], fmt="o", ms=4, color=MODEL, capsize=3)
     axis.axvline(0, color=TRUTH, lw=1)
-    reach = np.abs(centre[finite]) + half_width[finite]
+    reach = np.abs(centre[is_finite]) + half_width[is_finite]
     if np.any(reach > MAX_PERCENT):  # a very wide interval would hide the widths of the others
         axis_limit = 1.05 * max(float(np.max(reach[reach <= MAX_PERCENT], initial=0.0)), 10.0)
         axis.set_xlim(-axis_limit, axis_limit)

@@ -188,8 +188,8 @@ def _headline_channels(channels: list[Any]) -> list[Any]:
 def _drawn_runs(channels: object) -> list[str]:
     """Return the runs to draw in their order: at most MAX_DRAWN_RUNS runs, those that the model explains worst."""
     lowest = _lowest_explained(channels)
-    worst = sorted(lowest, key=lambda run: lowest[run])[:MAX_DRAWN_RUNS]
-    return [run for run in lowest if run in worst]
+    worst_runs = sorted(lowest, key=lambda run: lowest[run])[:MAX_DRAWN_RUNS]
+    return [run for run in lowest if run in worst_runs]
 
 
 def _runs_section(fit: Fit) -> list[Section]:
@@ -197,10 +197,10 @@ def _runs_section(fit: Fit) -> list[Section]:
 
     The caption names the run that the model explains worst.
     """
-    worst = _worst_channels(fit.channels)
-    if len(fit.runs) < 2 or not worst:
+    worst_runs = _worst_channels(fit.channels)
+    if len(fit.runs) < 2 or not worst_runs:
         return []
-    caption = _("The model explains {run} least of all runs.", run=worst[0].run)
+    caption = _("The model explains {run} least of all runs.", run=worst_runs[0].run)
     run_names = _drawn_runs(fit.channels)
     if len(run_names) < len(fit.runs):
         caption += "\n" + _(

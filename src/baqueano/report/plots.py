@@ -135,9 +135,11 @@ def _channel_drawings(channels: "Sequence[ChannelFit]") -> dict[str, Draw]:
 
 @make_drawings.register(Validation)
 def _validation_drawings(result: Validation) -> dict[str, Draw]:
-    finite = [channel for channel in result.channels if np.isfinite(channel.explained_fraction)]
+    finite_channels = [channel for channel in result.channels if np.isfinite(channel.explained_fraction)]
     return (
-        _channel_drawings([channel for channel in finite if channel.run == finite[0].run]) if finite else {}
+        _channel_drawings([channel for channel in finite_channels if channel.run == finite_channels[0].run])
+        if finite_channels
+        else {}
     )
 
 
@@ -155,12 +157,16 @@ def _rest_drawings(result: RestMeasurement) -> dict[str, Draw]:
 
 @make_drawings.register(Calibration)
 def _calibration_drawings(result: Calibration) -> dict[str, Draw]:
-    finite = [value for value in result.numbers if np.isfinite(value.half_width) and value.value != 0.0]
+    finite_channels = [
+        value for value in result.numbers if np.isfinite(value.half_width) and value.value != 0.0
+    ]
     values, half_width = (
-        np.array([getattr(value, name) for value in finite]) for name in ("value", "half_width")
+        np.array([getattr(value, name) for value in finite_channels]) for name in ("value", "half_width")
     )
-    names = [value.name for value in finite]
-    return {"estimates": lambda: figures.estimates(names, values, half_width / 1.96)} if finite else {}
+    names = [value.name for value in finite_channels]
+    return (
+        {"estimates": lambda: figures.estimates(names, values, half_width / 1.96)} if finite_channels else {}
+    )
 
 
 @make_drawings.register(Closure)

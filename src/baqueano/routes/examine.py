@@ -315,9 +315,9 @@ def _motion_findings(route: Route, s: np.ndarray, reach: float) -> list[Diagnost
     t_s, dt_s, middle_s = _times(route), np.diff(route.t_s), 0.5 * (route.t_s[1:] + route.t_s[:-1])
     step, turn = np.diff(route.eta[:, :2], axis=0), wrap(np.diff(route.eta[:, 2]))
     psi = route.eta[:-1, 2] + 0.5 * turn
-    forward, lateral = np.cos(psi) * step.T + np.sin(psi) * np.array([step[:, 1], -step[:, 0]])
+    forward_m, lateral_m = np.cos(psi) * step.T + np.sin(psi) * np.array([step[:, 1], -step[:, 0]])
     nu_x, nu_y, r = (
-        _moving_mean(t_s, np.interp(t_s, middle_s, change / dt_s)) for change in (forward, lateral, turn)
+        _moving_mean(t_s, np.interp(t_s, middle_s, change / dt_s)) for change in (forward_m, lateral_m, turn)
     )
     sideways = np.abs(nu_y) - reach * np.abs(r) - np.abs(nu_x)
     file, name = f"routes/{NAME_PLACEHOLDER}.csv", f"{NAME_PLACEHOLDER}-turned"

@@ -99,10 +99,10 @@ def _round_corners(
     """Yield the first point (1, 2), the parabola (k, 2) of each corner, and the last point (1, 2).
     A closed line begins at the end of its last parabola, and its last point is not yielded separately.
     """
-    inner = range(1, len(corners) - (0 if closed else 1))
+    inner_corners = range(1, len(corners) - (0 if closed else 1))
     first, last = corners[0], corners[-1]
     pieces = []
-    for k in inner:
+    for k in inner_corners:
         next_corner = corners[1] if k == len(corners) - 1 else corners[k + 1]
         next_leg = legs[0] if k == len(corners) - 1 else legs[k]
         distance = min(corner_m, 0.45 * legs[k - 1], 0.45 * next_leg)

@@ -57,11 +57,11 @@ def interpolate_rows(t_ns: np.ndarray, sample_ns: np.ndarray, rows: np.ndarray) 
         return np.full((len(t_ns), rows.shape[1]), np.nan)
     values = np.column_stack([np.interp(t_ns, sample_ns, column, np.nan, np.nan) for column in rows.T])
     next_rows = np.clip(np.searchsorted(sample_ns, t_ns, side="left"), 1, max(len(sample_ns) - 1, 1))
-    exact = np.isin(t_ns, sample_ns)
+    is_exact = np.isin(t_ns, sample_ns)
     is_in_gap = (
         sample_ns[np.minimum(next_rows, len(sample_ns) - 1)] - sample_ns[next_rows - 1]
     ) / NANOSECONDS > MAX_GAP_S
-    values[is_in_gap & ~exact] = np.nan
+    values[is_in_gap & ~is_exact] = np.nan
     return values
 
 

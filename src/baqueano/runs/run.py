@@ -161,7 +161,7 @@ class Run(Result):
         return show(self).table()
 
     def to_pandas(self) -> Any:
-        """Return a pandas DataFrame with a row per tick, indexed by time [s]. Its columns are those of the CSV file of
+        """Return a pandas DataFrame with a row per tick, indexed by time [s]. It has the columns of the CSV file of
         `baqueano runs export`; NaN if no value arrived since the previous tick.
         """
         from baqueano.runs.export import columns_of

@@ -304,7 +304,7 @@ class _ModelSelection:
 
     def superfluous(self, model: Model, last_results: dict[str, TermResult]) -> TermTrial | None:
         """Return the trial of the least needed of several terms if the model does not need it, else None.  (3)"""
-        weakest: TermTrial | None = None
+        weakest_trial: TermTrial | None = None
         for term in model.terms if len(model.terms) > 1 else ():
             self.progress(_("testing if {term} is still needed", term=_(term.name)))
             remaining_terms = tuple(model_term for model_term in model.terms if model_term is not term)
@@ -317,11 +317,13 @@ class _ModelSelection:
             verdict = Decision.TAKEN if test.errors > limit else Decision.DROPPED
             smaller_model = model._replace(score=score)
             result = self._result(term, verdict, None, smaller_model, (model.score, test), model.theta, limit)
-            if verdict == Decision.DROPPED and (weakest is None or test.errors < weakest.result.errors):
-                weakest = TermTrial(result, end.theta, score)
+            if verdict == Decision.DROPPED and (
+                weakest_trial is None or test.errors < weakest_trial.result.errors
+            ):
+                weakest_trial = TermTrial(result, end.theta, score)
             elif verdict == Decision.TAKEN:
                 last_results[term.name] = result
-        return weakest
+        return weakest_trial
 
     def _exclusion(
         self, term: Term, theta: np.ndarray, bound: np.ndarray, A: np.ndarray, is_free: np.ndarray

@@ -172,7 +172,7 @@ class HeldOutFolds:
             np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))
             np.add.at(samples, block, mask)
             for c, steps in enumerate(
-                np.diff(x[finite]) for x, finite in zip(r.T, mask.T > 0.0, strict=True)
+                np.diff(x[is_finite]) for x, is_finite in zip(r.T, mask.T > 0.0, strict=True)
             ):
                 one_step_errors[c] += np.sum(np.clip(steps, -1e6, 1e6) ** 2)
                 pairs[c] += len(steps)

@@ -163,8 +163,8 @@ def _motions(model: "Tree", u: np.ndarray) -> list[_TermMotion]:
     axes = np.eye(len(high))
     commands = [w for w in (*(axes * high), *(axes * low)) if np.any(w)]
     commands += [w for w in (high, low) if np.count_nonzero(w) > 1]
-    quick = compile_block(model)
-    return [_drive(quick, w, drivetrain.unmix(w)) for w in commands]
+    quick_model = compile_block(model)
+    return [_drive(quick_model, w, drivetrain.unmix(w)) for w in commands]
 
 
 def _drive(model: "Tree", w: np.ndarray, u: np.ndarray) -> _TermMotion:

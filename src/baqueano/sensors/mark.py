@@ -5,7 +5,7 @@
 h is the distance of the body, at (x, y), beyond the line through p. The line is crossed in the direction χ. All
 positions and angles are in the map. The sensor measures only in the tick of a crossing, from h < 0 to h ≥ 0, at most
 `half_width_m` to the side of p. The reading is the distance beyond the line at the end of the tick, or 0 if the
-timestamp is that of the crossing. Without a sensor of the pose, a run begins at the origin of the map, so a mark at the
+timestamp states the crossing. Without a sensor of the pose, a run begins at the origin of the map, so a mark at the
 start has p = 0, χ = 0.
 
 A fit uses `noise_std` unchanged. On a floor that disturbs the vehicle, set it to the error of a simulation at the mark,
@@ -88,7 +88,7 @@ class Mark:
         """
         h = self.h(motion)
         x, y = motion.eta[0] - self.point_m[0], motion.eta[1] - self.point_m[1]
-        lateral = np.abs(y * np.cos(self.heading_rad) - x * np.sin(self.heading_rad))
-        is_passed = (state.previous_h < 0.0) & (h[0] >= 0.0) & (lateral <= self.half_width_m)
+        lateral_m = np.abs(y * np.cos(self.heading_rad) - x * np.sin(self.heading_rad))
+        is_passed = (state.previous_h < 0.0) & (h[0] >= 0.0) & (lateral_m <= self.half_width_m)
         is_new: Value = np.where(is_passed, 1.0, 0.0)
         return MarkState(h[0]), Slot(is_new, np.where(is_new > 0.0, h + self.noise_std * noise, 0.0))

@@ -77,8 +77,8 @@ class Rangefinder(SampledSensor):
             + r * np.array([np.cos(beam_heading), np.sin(beam_heading)])
             - self.wall_point_m
         )
-        lateral = np.abs(y * np.cos(normal_heading) - x * np.sin(normal_heading))
-        is_within_reach = (perpendicular > 0.0) & (r <= self.max_range_m) & (lateral <= self.half_width_m)
+        lateral_m = np.abs(y * np.cos(normal_heading) - x * np.sin(normal_heading))
+        is_within_reach = (perpendicular > 0.0) & (r <= self.max_range_m) & (lateral_m <= self.half_width_m)
         return is_within_reach & (np.abs(alpha) <= self.incidence_rad)
 
     def _facing(self, motion: Motion) -> tuple[Value, Value]:

@@ -75,10 +75,10 @@ def _multisine(
     limit, n_ticks = _validate(limit, duration_s, rate_hz)
     if not 0.0 < low_hz < high_hz < 0.5 * rate_hz:
         raise UsageError(fault("signal.band", low_hz=low_hz, high_hz=high_hz, max_hz=0.5 * rate_hz))
-    moving = np.flatnonzero(limit > 0.0)
+    moving_axes = np.flatnonzero(limit > 0.0)
     t_s = np.arange(n_ticks) / rate_hz
     bins = np.arange(np.ceil(low_hz * duration_s), np.floor(high_hz * duration_s) + 1)
-    if len(bins) < 2 * max(1, len(moving)):
+    if len(bins) < 2 * max(1, len(moving_axes)):
         raise UsageError(
             fault(
                 "signal.few-sines",
@@ -86,13 +86,13 @@ def _multisine(
                 sines=len(bins),
                 low_hz=low_hz,
                 high_hz=high_hz,
-                minimum=2 * len(moving),
+                minimum=2 * len(moving_axes),
             )
         )
     rng = np.random.default_rng(seed)
     u = np.zeros((n_ticks, len(limit)))
-    for order, j in enumerate(moving):
-        f_hz = bins[order :: len(moving)] / duration_s
+    for order, j in enumerate(moving_axes):
+        f_hz = bins[order :: len(moving_axes)] / duration_s
         phase = rng.uniform(0.0, 2.0 * np.pi, len(f_hz))
         wave = np.zeros(n_ticks)
         for f, phi in zip(f_hz, phase, strict=True):

@@ -313,8 +313,8 @@ def predict_run(vehicle_file: VehicleFile, run: "Run", backend: str = "auto") ->
     r = (_first_measurement(record, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
     start = vehicle.init(nu=np.array([v, vehicle.rear_axle_m * r, r]))
     # a moving car has had a command before
-    past = np.tile(record.u[0], (len(start.drivetrain.past_commands), 1))
-    start = start._replace(drivetrain=start.drivetrain._replace(past_commands=past))
+    past_u = np.tile(record.u[0], (len(start.drivetrain.past_commands), 1))
+    start = start._replace(drivetrain=start.drivetrain._replace(past_commands=past_u))
 
     def speed_and_rate(motion: "Motion") -> np.ndarray:
         return np.array([odometer.h(motion)[0], imu.h(motion)[2]])

@@ -257,8 +257,10 @@ def demo(
     vehicle_file = noise.updated_file(vehicle_file, run.name)
     progress(note("demo.tune"))
     shape = sinuous_circle(0.6, 0.08, 5, 0.2)
-    quick = resolve_backend(backend) == "c"  # without a compiler an evaluation takes fifty times as long
-    tune_options = {} if quick else {"starts": 1, "polish": False, "duration_s": 10.0}
+    is_compiled = (
+        resolve_backend(backend) == "c"
+    )  # without a compiler an evaluation takes fifty times as long
+    tune_options = {} if is_compiled else {"starts": 1, "polish": False, "duration_s": 10.0}
     tune_result = tune(vehicle_file, shape, backend=backend, **tune_options)
     show_gains(tune_result)
     vehicle_file = tune_result.updated_file()

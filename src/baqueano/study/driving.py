@@ -170,8 +170,8 @@ class Driving:
                         )
                     )
             for figure in ("at_limit", "sign_changes", "stopped"):
-                if (worst := row[f"{figure}_worst"]) > 0.0:
-                    figures = {"where": case_text, "figure": figure, "value": worst}
+                if (worst_value := row[f"{figure}_worst"]) > 0.0:
+                    figures = {"where": case_text, "figure": figure, "value": worst_value}
                     reasons.append(_("{where}: {figure} {value:.3g}, expected 0", **figures))
         return tuple(reasons)
 

@@ -73,13 +73,13 @@ def recordings(
     rows, left_out = [], []
     for name in names:
         module = import_module(f"baqueano.study.recorded.{name}")
-        missing = missing_paths(getattr(module, "files", lambda: map_files(CPM_MAPS))())
-        if missing:
+        missing_files = missing_paths(getattr(module, "files", lambda: map_files(CPM_MAPS))())
+        if missing_files:
             left_out.append(
                 _(
                     "{name} is excluded: {missing} is missing; set BAQUEANO_DATA to its folder",
                     name=name,
-                    missing=missing[0],
+                    missing=missing_files[0],
                 )
             )
         else:
@@ -110,14 +110,14 @@ def missing_paths(paths: Sequence[str]) -> list[str]:
 
 def check_cpm_present() -> None:
     """Raise FileError with the names of the missing files of the CPM µCar, if any."""
-    missing = missing_paths(map_files(CPM_MAPS))
-    if missing:
+    missing_files = missing_paths(map_files(CPM_MAPS))
+    if missing_files:
         raise FileError(
             fault(
                 "study.recordings-missing",
-                recordings=missing,
+                recordings=missing_files,
                 folders=" or ".join(map(str, data_folders())),
-                first=missing[0].partition("/")[0],
+                first=missing_files[0].partition("/")[0],
             )
         )
 

@@ -106,11 +106,11 @@ class BatchSums:
             self.tick_runner.call("run", *arrays)
             shared_inputs = np.concatenate([shared_inputs, terms], axis=1)
             is_shared += (True,) * terms.shape[1]
-        final = np.empty((batch.size, len(self.program.carry)))
+        final_carry = np.empty((batch.size, len(self.program.carry)))
         inputs = shared_inputs, own_inputs, is_shared
-        self.runner.call("batch", batch.theta, start, *inputs, None, final)
+        self.runner.call("batch", batch.theta, start, *inputs, None, final_carry)
         m, d = len(self.assembly.program.outputs), self.derivative_count
-        sums = final[:, final.shape[1] - m * (1 + d) :]
+        sums = final_carry[:, final_carry.shape[1] - m * (1 + d) :]
         return sums[:, :m], np.moveaxis(sums[:, m:].reshape(batch.size, d, m), 1, 2)
 
 

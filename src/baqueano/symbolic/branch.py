@@ -1,4 +1,4 @@
-"""Choose between two results in a step that runs as Python code and that is traced, too."""
+"""Choose between two results in a step that runs as Python code and can also be traced."""
 
 from collections.abc import Callable
 

@@ -260,9 +260,9 @@ class TracedScan(Scan):
         theta, rows = self._theta(theta), input_rows(self.input_shape, inputs)
         (assembly, runner), start = self._prepare(carry, keep_all=True)
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
-        final = np.empty(len(assembly.program.carry))
-        runner.call("run", theta, start, rows, outputs, final)
-        return as_tree(self.trace.carry_shape, assembly.whole_carry(final, start)), as_tree(
+        final_carry = np.empty(len(assembly.program.carry))
+        runner.call("run", theta, start, rows, outputs, final_carry)
+        return as_tree(self.trace.carry_shape, assembly.whole_carry(final_carry, start)), as_tree(
             self.trace.output_shape, outputs
         )
 
@@ -317,9 +317,9 @@ class TracedScan(Scan):
         program, count, n = assembly.program, batch.size, batch.ticks
         start = np.broadcast_to(start, (count, start.shape[-1]))
         all_outputs = np.empty((count, n, len(program.outputs))) if with_outputs else None
-        final = np.empty((count, len(program.carry)))
-        runner.call("batch", batch.theta, start, *batch.inputs, all_outputs, final)
-        last = as_tree(self.trace.carry_shape, assembly.whole_carry(final, start))
+        final_carry = np.empty((count, len(program.carry)))
+        runner.call("batch", batch.theta, start, *batch.inputs, all_outputs, final_carry)
+        last = as_tree(self.trace.carry_shape, assembly.whole_carry(final_carry, start))
         return last, None if all_outputs is None else as_tree(self.trace.output_shape, all_outputs)
 
     def batch_sums(

@@ -108,12 +108,12 @@ def tune(
     nominal, descents = search_gains(rehearsal.nominal(), initial_gains, starts, polish)
     if descents[0].cost >= DIVERGED_COST:
         raise UsageError(fault("tune.all-run-away", vehicle=vehicle_file.name))
-    worst = None
+    worst_cost = None
     if len(rehearsal.vehicles) > 1:
         seed, nominal_gains = options.get("seed", 0), descents[0].gains
         rehearsal = replace(rehearsal, space=nominal.space, cases=nominal.cases)
         rehearsal, robust = search_gains(rehearsal, [nominal_gains, *initial_gains], 1, polish=False)
-        worst, descents = rank_by_worst_case(vehicle_file, rehearsal, robust, nominal_gains, seed)
+        worst_cost, descents = rank_by_worst_case(vehicle_file, rehearsal, robust, nominal_gains, seed)
     else:
         rehearsal = nominal
     descents = _stable_first(vehicle_file, rehearsal, descents)
@@ -121,7 +121,7 @@ def tune(
     if options.get("estimator"):
         fresh_seeds = _fresh_seed_cost(rehearsal, descents[0].gains, options.get("seed", 0))
     return _tune_result(
-        vehicle_file, rehearsal, descents, initial_gains, worst, fresh_seeds, options.get("controller")
+        vehicle_file, rehearsal, descents, initial_gains, worst_cost, fresh_seeds, options.get("controller")
     )
 
 
@@ -206,10 +206,12 @@ def rank_by_worst_case(
     cost = rehearsal.cost(nominal_gains)
     ends = [Descent(nominal_gains, nominal_gains, cost, np.array([cost]), 0.0), *robust]
     vehicle_costs = test_objective.vehicle_costs(np.array([end.gains for end in ends]))
-    worst = np.where(np.isfinite(vehicle_costs).all(axis=1), np.max(vehicle_costs, axis=1), DIVERGED_COST)
-    order = np.argsort(worst, kind="stable")
+    worst_cost = np.where(
+        np.isfinite(vehicle_costs).all(axis=1), np.max(vehicle_costs, axis=1), DIVERGED_COST
+    )
+    order = np.argsort(worst_cost, kind="stable")
     draws = len(rehearsal.vehicles) - 1
-    worst_case = WorstCase(draws, VALIDATION_VEHICLES, float(worst[order[0]]), float(worst[0]))
+    worst_case = WorstCase(draws, VALIDATION_VEHICLES, float(worst_cost[order[0]]), float(worst_cost[0]))
     return worst_case, [ends[k] for k in order]
 
 
@@ -221,7 +223,7 @@ def _fresh_seed_cost(rehearsal: Objective, gains: np.ndarray, seed: int) -> Fres
 
 def _tune_result(
     vehicle_file: "VehicleFile", rehearsal: Objective, descents: list[Descent], initial: list[np.ndarray],
-    worst: WorstCase | None, fresh_seeds: FreshSeeds | None, controller: Any,
+    worst_cost: WorstCase | None, fresh_seeds: FreshSeeds | None, controller: Any,
 ) -> TuneResult:  # fmt: skip
     space, best_descent = rehearsal.space, descents[0]
     ratios = _relative_costs(rehearsal, best_descent)
@@ -244,7 +246,7 @@ def _tune_result(
         controller,
         ratios,
         rehearsal.speed_m_s,
-        worst,
+        worst_cost,
         fresh_seeds,
     )
 

@@ -156,22 +156,22 @@ def _linearise_system(
     """Return the linear system, True if its drive is steady, and the command u (m,) of this drive."""
     dt_s = 1.0 / rate_hz
     state = begin(system)
-    flat = _NumberRow(state)
-    direction = flat.row(begin(system, np.array([1.0, 0.0, 0.0]))) - flat.row(state)
-    moving = state.world.vehicle._replace(nu=np.array([speed_m_s, 0.0, 0.0]))
-    state = state._replace(world=state.world._replace(vehicle=moving))
+    flat_state = _NumberRow(state)
+    direction = flat_state.row(begin(system, np.array([1.0, 0.0, 0.0]))) - flat_state.row(state)
+    moving_vehicle = state.world.vehicle._replace(nu=np.array([speed_m_s, 0.0, 0.0]))
+    state = state._replace(world=state.world._replace(vehicle=moving_vehicle))
     state, _ = _drive_system(system, state, tick_times(round(SETTLE_S * rate_hz), rate_hz))
 
     def tick_at(state: SystemState, t_ns: int) -> Callable[[Tree], Tree]:
-        flat = _NumberRow(state)
-        return lambda row: flat.row(advance(system, dt_s, flat.state(row), Input(t_ns, None))[0])
+        flat_state = _NumberRow(state)
+        return lambda row: flat_state.row(advance(system, dt_s, flat_state.state(row), Input(t_ns, None))[0])
 
     tick = tick_at(state, round((SETTLE_S * rate_hz + 1) * NANOSECONDS / rate_hz))
-    x, J, steady = _steady_state(tick, flat.row(state), speed_m_s * dt_s * direction)
+    x, J, steady = _steady_state(tick, flat_state.row(state), speed_m_s * dt_s * direction)
     if not steady:  # Newton's method began too far away
         t_ns = tick_times(round(EXTRA_S * rate_hz) + 1, rate_hz)
         state, commands = _drive_system(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
-        tick, x = tick_at(state, int(t_ns[-1])), flat.row(state)
+        tick, x = tick_at(state, int(t_ns[-1])), flat_state.row(state)
         _, J, steady = _steady_state(tick, x, speed_m_s * dt_s * direction)
         if not steady:  # for example, the controller does not correct the cross-track error
             J = np.asarray(jacobian(tick)(x), dtype=float)
@@ -203,12 +203,12 @@ def _steady_state(
     J = np.zeros((len(x), len(x)))
     for _ in range(MAX_NEWTON_STEPS):
         with np.errstate(over="ignore", invalid="ignore"):  # a step may end where the model diverges
-            J, missing = np.asarray(jacobian(tick)(x), dtype=float), x + shift - tick(x)
-        if not np.isfinite(J).all() or not np.isfinite(missing).all():
+            J, gap = np.asarray(jacobian(tick)(x), dtype=float), x + shift - tick(x)
+        if not np.isfinite(J).all() or not np.isfinite(gap).all():
             break
-        if np.max(np.abs(missing) / (1.0 + np.abs(x))) < STEADY_TOLERANCE:
+        if np.max(np.abs(gap) / (1.0 + np.abs(x))) < STEADY_TOLERANCE:
             return x, J, True
-        step = np.linalg.lstsq(J - np.eye(len(x)), missing, rcond=1e-9)[0]
+        step = np.linalg.lstsq(J - np.eye(len(x)), gap, rcond=1e-9)[0]
         x = x + np.where(np.abs(step) < ROUNDING * (1.0 + np.abs(x)), 0.0, step)
     return x, J, False
 

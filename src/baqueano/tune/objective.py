@@ -199,10 +199,10 @@ class Objective:
 
 def soft_maximum(costs: np.ndarray) -> np.ndarray:
     """Return the combined cost (k,) of costs (k, v).  (1)"""
-    worst = np.max(costs, axis=1, keepdims=True)
-    safe = np.where((worst > 0.0) & np.isfinite(worst), worst, 1.0)
+    worst_case = np.max(costs, axis=1, keepdims=True)
+    safe = np.where((worst_case > 0.0) & np.isfinite(worst_case), worst_case, 1.0)
     mean = safe[:, 0] * np.mean((costs / safe) ** SOFT_MAXIMUM_POWER, axis=1) ** (1.0 / SOFT_MAXIMUM_POWER)
-    return np.where(np.isfinite(worst[:, 0]), mean, np.inf)
+    return np.where(np.isfinite(worst_case[:, 0]), mean, np.inf)
 
 
 def _sequential_mean(

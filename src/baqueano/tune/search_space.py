@@ -57,8 +57,8 @@ class SearchSpace(NamedTuple):
         return gains_at(np.full(len(self.low), 0.5), self.low, self.high)
 
     def widen(self, ends: np.ndarray) -> "SearchSpace":
-        """Return the space with wider soft bounds where the entry of `ends` (p,) is −1 (at the lower bound) or +1 (at
-        the upper). Hard bounds are not exceeded.
+        """Return the space with a wider soft bound for each entry of `ends` (p,) that is −1 (lower bound) or +1 (upper
+        bound). Hard bounds are not exceeded.
         """
         high = np.where(ends > 0, np.minimum(WIDENING_FACTOR * self.high, self.hard_high), self.high)
         low = np.where(ends < 0, np.maximum(self.low / WIDENING_FACTOR, self.hard_low), self.low)

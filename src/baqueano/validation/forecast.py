@@ -270,9 +270,9 @@ def _measured_paths(
         sensor = getattr(fit.blocks.sensors, c.sensor)
         weight = GYRO_WEIGHT if is_imu(sensor) else 1.0
         row = weight / c.sigma * measurement_jacobian(sensor)[c.entry]
-        finite = np.flatnonzero(np.isfinite(c.residuals))
-        if np.any(row[NU]) and not np.any(np.delete(row, NU)) and len(finite) > 1:
-            halves = (finite[half::2] for half in (0, 1))
+        finite_indices = np.flatnonzero(np.isfinite(c.residuals))
+        if np.any(row[NU]) and not np.any(np.delete(row, NU)) and len(finite_indices) > 1:
+            halves = (finite_indices[half::2] for half in (0, 1))
             scaled_residuals = weight / c.sigma * c.residuals
             residuals.append([np.interp(record.t_s, c.t_s[k], scaled_residuals[k]) for k in halves])
             H.append(row[NU])

@@ -244,7 +244,7 @@ def _basis(fit: Fit, runs: Sequence[Run], at_rest: Sequence[bool]) -> Diagnostic
     # then runs are split into segments
     has_pose = any(measures_pose(sensor) for sensor in fit.blocks.sensors)
     spans = [min(run.duration_s, POSE_SEGMENT_S) if has_pose else run.duration_s for run in runs]
-    shortest, longest = f"{number(min(spans)):.3g}", f"{number(max(spans)):.3g}"
+    shortest_text, longest_text = f"{number(min(spans)):.3g}", f"{number(max(spans)):.3g}"
     if has_pose or not any(at_rest):
         start_note = note("validation.from-velocity")
     elif all(at_rest):
@@ -252,7 +252,7 @@ def _basis(fit: Fit, runs: Sequence[Run], at_rest: Sequence[bool]) -> Diagnostic
     else:
         start_note = note("validation.some-from-velocity", count=at_rest.count(False), total=len(at_rest))
     count = min((independent_motion_count(runs, k) for k in fit.envelope.moved_commands), default=0.0)
-    span = shortest if shortest == longest else f"{shortest} … {longest}"
+    span = shortest_text if shortest_text == longest_text else f"{shortest_text} … {longest_text}"
     return note("validation.basis", span_s=span, start=start_note, pieces=count)
 
 
@@ -302,9 +302,9 @@ def _channel_metrics(
 
 def _worse_than_mean(metrics: ChannelMetrics, c: ChannelFit, noise2: float) -> Diagnostic | None:
     """Return a finding on a channel whose error significantly exceeds its motion, or None.  (5)"""
-    finite = np.isfinite(c.residuals)
-    blocks = max(1.0, float(np.ptp(c.t_s[finite])) / SHORT_BLOCK_S)
-    total = float(np.var(c.measurements[finite]))
+    is_finite = np.isfinite(c.residuals)
+    blocks = max(1.0, float(np.ptp(c.t_s[is_finite])) / SHORT_BLOCK_S)
+    total = float(np.var(c.measurements[is_finite]))
     excess = metrics.error**2 - total
     chance = student_quantile(1.0 - 0.5 * FALSE_ALARM_RATE, np.inf) ** 2 * min(noise2, total) / blocks
     if not excess > chance:
@@ -376,8 +376,8 @@ def _channel_errors(
 
 def _channel_error(c: ChannelFit, spread: float, block_s: float) -> _ChannelError:
     """Return the residuals of a channel in blocks of `block_s`, clipped at CLIP_RATIO times `spread`."""
-    e, finite = c.residuals, np.isfinite(c.residuals)
-    e, t = np.clip(e[finite], -CLIP_RATIO * spread, CLIP_RATIO * spread), c.t_s[finite]
+    e, is_finite = c.residuals, np.isfinite(c.residuals)
+    e, t = np.clip(e[is_finite], -CLIP_RATIO * spread, CLIP_RATIO * spread), c.t_s[is_finite]
     block = ((t - t[0]) // block_s).astype(int) if len(t) else np.zeros(0, int)
     block_numbers, counts = np.unique(block, return_counts=True)
     blocks = [b for b, n in zip(block_numbers, counts, strict=True) if n >= MIN_BLOCK_READINGS]

@@ -259,7 +259,7 @@ def track_parameters(
 
 
 def _labels(fits: Sequence["Fit"]) -> list[str]:
-    """Return the names of the runs of each fit, with its number where two fits have the same runs."""
+    """Return the names of the runs of each fit, with its number if two fits have the same runs."""
     labels = [" + ".join(fit.runs) for fit in fits]
     return [f"{k}: {x}" if labels.count(x) > 1 else x for k, x in enumerate(labels, 1)]
 
@@ -271,8 +271,8 @@ def _smooth(
     errors are (K, p) each, NaN before the first estimate of a parameter."""
     K, p = single.shape
     measured_std = [std[np.isfinite(std)] for std in np.sqrt(np.einsum("kii->ik", covs))]
-    typical = np.array([np.median(std) if len(std) else 0.0 for std in measured_std])
-    prior_std = 1e6 * np.where(typical > 0.0, typical, 1.0)
+    typical_std = np.array([np.median(std) if len(std) else 0.0 for std in measured_std])
+    prior_std = 1e6 * np.where(typical_std > 0.0, typical_std, 1.0)
     x, P = np.zeros(p), np.diag(prior_std**2)
     Q = np.diag(np.where(np.isfinite(walk), walk, 0.0) ** 2)
     states = []
@@ -312,18 +312,20 @@ def _most_likely_walk(estimate: np.ndarray, std: np.ndarray) -> float:
     y, s = estimate[is_measured], std[is_measured]
     if len(y) < 2:
         return 0.0
-    typical = float(np.median(s))
+    typical_std = float(np.median(s))
     costs = []
     for ratio in WALKS:
         x, P, cost = y[0], s[0] ** 2, 0.0
         for z, r in zip(y[1:], s[1:], strict=True):
-            P += (ratio * typical) ** 2
+            P += (ratio * typical_std) ** 2
             S = P + r**2
             cost += 0.5 * (np.log(S) + (z - x) ** 2 / S)
             x, P = x + P / S * (z - x), P * r**2 / S
         costs.append(cost)
     best_index = int(np.argmin(costs))
-    return float(WALKS[best_index] * typical) if costs[0] - costs[best_index] > 0.5 * QUANTILE_95**2 else 0.0
+    return (
+        float(WALKS[best_index] * typical_std) if costs[0] - costs[best_index] > 0.5 * QUANTILE_95**2 else 0.0
+    )
 
 
 def _change(

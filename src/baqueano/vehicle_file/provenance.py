@@ -169,9 +169,9 @@ def _covariance(
     if std is None or correlation is None or not is_valid_std:
         report.add_table_problem(path, "vehicle.cov-size", expected=size)
         return None
-    smallest = float(np.linalg.eigvalsh(correlation)[0]) if size else 0.0
-    if smallest < -1e-6:
-        report.add_problem((*path, "correlation"), "vehicle.correlation", eigenvalue=smallest)
+    min_eigenvalue = float(np.linalg.eigvalsh(correlation)[0]) if size else 0.0
+    if min_eigenvalue < -1e-6:
+        report.add_problem((*path, "correlation"), "vehicle.correlation", eigenvalue=min_eigenvalue)
         return None
     return correlation * np.outer(std, std)
 

@@ -109,8 +109,8 @@ def wrong_unit(key: str, value: object, unit_by_key: dict[str, str]) -> Diagnost
     for known_key, its_unit in unit_by_key.items():
         right_stem, right_unit = split_unit(known_key)
         same_stem = right_stem == stem and unit != right_unit
-        is_unit_extra = known_key == stem and unit != ""  # accel_bias_mg for accel_bias
-        if not (same_stem or is_unit_extra):
+        is_other_unit = known_key == stem and unit != ""  # accel_bias_mg for accel_bias
+        if not (same_stem or is_other_unit):
             continue
         if not unit:
             unit_words = UNITS[right_unit].words

@@ -40,7 +40,7 @@ class DrivetrainState(NamedTuple):
 
     Attributes
     ----------
-    past : ndarray (delay_slots, n) [unit of u]
+    past_rows : ndarray (delay_slots, n) [unit of u]
         Commands of the previous ticks, newest first.
     steps_s : ndarray (delay_slots,)
         Duration of each of the previous ticks.
@@ -216,8 +216,8 @@ class Drivetrain:
 
     def init(self) -> DrivetrainState:
         """Return the state of motors that have been off for a long time."""
-        past = np.zeros((self.delay_slots, self.commands))
-        return DrivetrainState(past, INITIAL_STEP_S * np.ones(self.delay_slots), np.zeros(self.channels))
+        past_rows = np.zeros((self.delay_slots, self.commands))
+        return DrivetrainState(past_rows, INITIAL_STEP_S * np.ones(self.delay_slots), np.zeros(self.channels))
 
     def steady_state(self, u: np.ndarray) -> DrivetrainState:
         """Return the state of motors that have had the command `u` (n,) for a long time."""

@@ -100,8 +100,8 @@ class Friction:
         """Return f(ν) (3,) [N, N, N m], the force and torque to be subtracted from the driving force.  (1)"""
         d = (self.linear + self.quadratic * np.abs(nu)) * nu
         dry_friction = self.coulomb * np.tanh(nu / self.coulomb_speed)
-        turning = np.array([self.cornering * nu[0] * np.abs(nu[2]), 0.0, 0.0])
-        return d + dry_friction + turning + self._wheel_friction(nu)
+        turning_force = np.array([self.cornering * nu[0] * np.abs(nu[2]), 0.0, 0.0])
+        return d + dry_friction + turning_force + self._wheel_friction(nu)
 
     def _wheel_friction(self, nu: np.ndarray) -> np.ndarray:
         """Return the dry friction (3,) [N, N, N m] of the two wheels.  (2)"""

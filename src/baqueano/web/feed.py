@@ -77,15 +77,15 @@ class Feed:
         of the ring and not copies, so that many waiting browsers share them.
         """
         frames = [frame for frame in self._ring if frame[0] >= from_s]
-        longest = len(frames)
+        frame_count = len(frames)
         while frames:
             number = self.number
             head = HEAD_LAYOUT.pack(number, sum(rows for _, rows, _ in frames), frames[0][0])
             yield (head, *(data for _, _, data in frames))
             missed_frames = min((self.number - number) % FRAME_NUMBER_COUNT, len(self._ring))
-            if missed_frames >= longest:
+            if missed_frames >= frame_count:
                 return
-            longest, frames = missed_frames, list(self._ring)[len(self._ring) - missed_frames :]
+            frame_count, frames = missed_frames, list(self._ring)[len(self._ring) - missed_frames :]
 
     def value(self, name: str) -> float:
         """Return the newest value of a column, or NaN if the column does not exist or is empty."""

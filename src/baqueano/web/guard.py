@@ -89,15 +89,15 @@ class Guard:
             return Role.DRIVE if needs_no_token else None
         if len(failures) >= MAX_FAILURES:
             return None
-        candidate, matching = token.encode(), None
+        candidate, matching_name = token.encode(), None
         # all of them, so that the duration does not reveal the match
         for role, own_token in self.tokens.items():
             if hmac.compare_digest(candidate, own_token.encode()):
-                matching = role
-        if matching is None or self._now() - self._begun_s > TOKEN_LIFETIME_S:
+                matching_name = role
+        if matching_name is None or self._now() - self._begun_s > TOKEN_LIFETIME_S:
             self._record_failure(address)
             return None
-        return matching if from_page else Role.VIEW
+        return matching_name if from_page else Role.VIEW
 
     def _record_failure(self, address: str) -> None:
         if len(self._failures) > MAX_ADDRESSES:

@@ -91,8 +91,8 @@ class Visitor:
 
         The picture is a message encoded by `binary_frame`.
         """
-        following = (self._picture, self._history, self._pieces, self._ending)
-        waits = self._messages or any(item is not None for item in following)
+        next_parts = (self._picture, self._history, self._pieces, self._ending)
+        waits = self._messages or any(item is not None for item in next_parts)
         if self.is_open and not waits and not self._writer.transport.get_write_buffer_size():
             self._writer.write(picture)
             return
@@ -110,7 +110,7 @@ class Visitor:
         self._waiting.set()
 
     def disconnect(self, code: int = 1000) -> None:
-        """Close the connection with this code, and drop all that waits to be sent."""
+        """Close the connection with this code, and drop the unsent messages."""
         if self._protocol.state is State.OPEN:
             self._protocol.send_close(code)
             self._flush()

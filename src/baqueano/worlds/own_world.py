@@ -31,7 +31,7 @@ def with_checked_ticks(world: World, example: Tick) -> World:
 
 
 class _CheckedWorld:
-    """The world of a user with checks of its ticks; everything else is that of the user's world."""
+    """The world of a user with checks of its ticks; everything else comes from the user's world."""
 
     def __init__(self, world: World, example: Tick) -> None:
         self._world, self._example, self._last_ns = world, example, -1

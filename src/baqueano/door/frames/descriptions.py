@@ -88,7 +88,7 @@ def route_description(
 ) -> JsonObject:
     """Return the message of a drive's route; its lists of points are empty if `route` is None.
 
-    `room` is that of the precautions: the message contains the closed line that the vehicle's centre does not cross.
+    `room` comes from the precautions: the message contains the closed line that the vehicle's centre does not cross.
     """
     if route is None:
         return {"type": "route", "x": [], "y": []}

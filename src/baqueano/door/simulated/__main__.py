@@ -55,13 +55,13 @@ def _serve(options: argparse.Namespace) -> int:
 
 def _serve_pipes(door: Door, service: SimulatedService) -> None:
     """Join stdin and stdout to the door, and redirect the output of blocks to stderr."""
-    coming, going = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    input_stream, output_stream = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     near_end, far_end = socket.socketpair()
     door.add_client(far_end)
 
     def forward() -> None:
-        forward_bytes(near_end, coming, going)
+        forward_bytes(near_end, input_stream, output_stream)
         service.end()
 
     threading.Thread(target=forward, name="pipes", daemon=True).start()

@@ -187,9 +187,9 @@ class Cockpit(Observer):
         """Update the turn command of the heading hold on the display. It is NaN unless the driver drives straight."""
         s, turn = self.status, float(requested_u[-1])
         if s.hold_command is not None:
-            straight = s.driver_command[0] != 0.0 and s.driver_command[-1] == 0.0
+            is_straight = s.driver_command[0] != 0.0 and s.driver_command[-1] == 0.0
             s.hold_command = (
-                turn if straight and abs(turn) <= MAX_TURN_SHARE * self._limit[-1] else float("nan")
+                turn if is_straight and abs(turn) <= MAX_TURN_SHARE * self._limit[-1] else float("nan")
             )
 
     def _standstill_reason(self) -> str:

@@ -35,5 +35,5 @@ def dead_zone_violation(drivetrain: Drivetrain | None, u: np.ndarray) -> BelowDe
     is_commanded = w != 0.0
     if not np.any(is_commanded) or np.any(np.abs(w)[is_commanded] > zone[is_commanded]):  # (1)
         return None
-    nearest = np.flatnonzero(is_commanded)[np.argmin((zone - np.abs(w))[is_commanded])]
-    return BelowDeadZone(float(np.abs(w)[nearest]), float(zone[nearest]))
+    nearest_level = np.flatnonzero(is_commanded)[np.argmin((zone - np.abs(w))[is_commanded])]
+    return BelowDeadZone(float(np.abs(w)[nearest_level]), float(zone[nearest_level]))

@@ -95,9 +95,9 @@ def _turn_response(
     u, du, dt_s = np.zeros(len(limit)), np.zeros(len(limit)), 1.0 / rate_hz
     u[0], du[-1] = share * limit[0], STEP * limit[-1]
     state, drivetrain, inputs = vehicle.init(), vehicle.drivetrain, (u, dt_s, np.zeros(3))
-    quick, _ = compiled_or_unchanged("vehicle", vehicle, state, inputs, "python")  # hundreds of steps
+    quick_vehicle, _ = compiled_or_unchanged("vehicle", vehicle, state, inputs, "python")  # hundreds of steps
     for _ in range(round(SETTLING_S * rate_hz)):
-        state, _ = quick.step(state, *inputs)
+        state, _ = quick_vehicle.step(state, *inputs)
     v = float(state.nu[0])
 
     def next_yaw_rate(r: float, u: np.ndarray) -> float:

@@ -50,8 +50,10 @@ class KeyDecoder:
             if match := _SEQUENCE.match(text, position):
                 events += _sequence_events(*(part or "" for part in match.groups()))
                 position = match.end()
-            elif (partial := _PREFIX.match(text, position)) and len(partial[0]) < MAX_SEQUENCE_BYTES:
-                self._incomplete = partial[0]
+            elif (partial_match := _PREFIX.match(text, position)) and len(
+                partial_match[0]
+            ) < MAX_SEQUENCE_BYTES:
+                self._incomplete = partial_match[0]
                 break
             else:
                 events += _key_events(text[position])
@@ -59,23 +61,25 @@ class KeyDecoder:
         return events
 
 
-def _sequence_events(private: str, numbers: str, final: str, application: str) -> list[KeyEvent]:
+def _sequence_events(
+    private_letter: str, numbers: str, final_letter: str, application: str
+) -> list[KeyEvent]:
     if application:
         return [KeyEvent(PRESS, ARROW_KEYS[application])]
-    if private == "?":
-        return [KeyEvent(KITTY)] if final == "u" else []
-    if final == "n":
+    if private_letter == "?":
+        return [KeyEvent(KITTY)] if final_letter == "u" else []
+    if final_letter == "n":
         return [KeyEvent(ALIVE)] if numbers == "0" else []
-    if final == "O" and not numbers:
+    if final_letter == "O" and not numbers:
         return [KeyEvent(LEFT_WINDOW)]
     code, _, modifier_field = numbers.partition(";")
     modifiers, _, kind = modifier_field.partition(";")[0].partition(":")
-    if private or kind not in EVENT_KINDS:
+    if private_letter or kind not in EVENT_KINDS:
         return []
-    if final in ARROW_KEYS:
-        return [KeyEvent(EVENT_KINDS[kind], ARROW_KEYS[final])]
+    if final_letter in ARROW_KEYS:
+        return [KeyEvent(EVENT_KINDS[kind], ARROW_KEYS[final_letter])]
     letter = code.partition(":")[0]
-    if final != "u" or not letter or int(letter) > 0x10FFFF:
+    if final_letter != "u" or not letter or int(letter) > 0x10FFFF:
         return []
     key = KEYPAD.get(int(letter)) or chr(int(letter)).lower()
     modifier_bits = int(modifiers or 1) - 1

@@ -56,7 +56,7 @@ def status_lines(s: Status, columns: int = 80) -> list[str]:
         f"{_(name)} {decimal_text(value, 0)} ms"
         for name, value in ((N_("vehicle"), s.link_ms), (N_("terminal"), s.terminal_ms))
     )
-    active = [k for k in range(len(s.limit)) if s.limit[k] > 0.0]
+    active_axes = [k for k in range(len(s.limit)) if s.limit[k] > 0.0]
     rows = [
         f"== baqueano drive: {s.name} " + "=" * columns,
         f"   {s.state or '...':10} {number(s.t_s):7.1f} s    "
@@ -76,7 +76,7 @@ def status_lines(s: Status, columns: int = 80) -> list[str]:
             f"   {s.names[k]:6} {_duty_bar(s.motor_command[k])} {number(float(s.motor_command[k])):+5.2f}   "
             + _("wanted {expected:+5.2f}", expected=float(s.driver_command[k]))
             + (f"   {_hold_text(s.hold_command)}" if k == len(s.limit) - 1 else "")
-            for k in active
+            for k in active_axes
         ),
         "   "
         + _("round trip: {link}", link=link)

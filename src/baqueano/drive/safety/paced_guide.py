@@ -34,8 +34,8 @@ class PacedGuide:
             return
         replace(self.block, pace=pace)
         self._paces[source] = pace
-        if (slowest := min(self._paces.values())) != self.block.pace:
-            self.block = replace(self.block, pace=slowest)
+        if (min_pace := min(self._paces.values())) != self.block.pace:
+            self.block = replace(self.block, pace=min_pace)
 
     def init(self) -> Tree:
         """Return the initial state of the guide."""

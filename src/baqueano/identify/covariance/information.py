@@ -161,8 +161,8 @@ def fixed_parameters(
     vehicle_file: "VehicleFile", blocks: FittedBlocks, problem: Residuals, solution: Solution, mask: np.ndarray,
     with_zero: bool,
 ) -> FixedParameters:  # fmt: skip
-    """Return the uncertain parameters of `blocks` that were fixed in a search with the end `solution`. `mask` (p,) is
-    that of the identifiable entries of θ. `with_zero` includes the zero of the gyro.
+    """Return the uncertain parameters of `blocks` that were fixed in a search with the end `solution`. `mask` (p,)
+    selects the identifiable entries of θ. `with_zero` includes the zero of the gyro.
 
     The covariance of θ contains this zero and the scales of a gyro-aided fit, which are fixed in every run.
     """

@@ -80,9 +80,9 @@ def averaged_readings(
         return used_rows, rows, weights
     b, e = b[used_rows], e[used_rows]
     weights[rows, :3] = _row_weights(b, e, begin_s[rows], dt_s[rows])
-    following = np.searchsorted(rows, np.arange(len(dt_s)), side="right")
-    early_indices = np.flatnonzero(following < len(rows))
-    j = following[early_indices]
+    next_rows = np.searchsorted(rows, np.arange(len(dt_s)), side="right")
+    early_indices = np.flatnonzero(next_rows < len(rows))
+    j = next_rows[early_indices]
     weights[early_indices, 3:6] = _row_weights(b[j], e[j], begin_s[early_indices], dt_s[early_indices])
     weights[rows, 6] = 1.0
     return used_rows, rows, weights
@@ -118,11 +118,11 @@ def averages(weights: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return the means (N, m) of a signal x (N, m) that is given at the end of each row.  (3)"""
     previous_x = np.concatenate([x[:1], x[:-1]])
     nodes = np.stack([previous_x, 0.5 * (previous_x + x), x], axis=1)  # (N, 3, m)
-    part, following = (np.einsum("ni,nim->nm", weights[:, k : k + 3], nodes) for k in (0, 3))
-    sums = np.cumsum(following, axis=0)
+    part, next_rows = (np.einsum("ni,nim->nm", weights[:, k : k + 3], nodes) for k in (0, 3))
+    sums = np.cumsum(next_rows, axis=0)
     starts = np.maximum.accumulate(np.where(weights[:, 6] > 0.0, np.arange(len(x)), 0))
     total = np.zeros_like(x)
-    total[1:] = sums[:-1] - (sums - following)[starts[:-1]]
+    total[1:] = sums[:-1] - (sums - next_rows)[starts[:-1]]
     return weights[:, 6:] * total + part
 
 

@@ -139,14 +139,14 @@ def past_row_counter(runs: Sequence[Run]) -> Callable[[float], int]:
 def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
     """Return u (N, n) and a note on unknown commands. An unknown command is replaced by the last finite command, or by
     0 before the first finite command. Raise UsageError if all commands are unknown."""
-    finite = np.asarray(np.isfinite(run.applied_commands).all(axis=1))
-    if finite.all():
+    is_finite = np.asarray(np.isfinite(run.applied_commands).all(axis=1))
+    if is_finite.all():
         return run.applied_commands, []
-    if not finite.any():
+    if not is_finite.any():
         raise UsageError(fault("runs.no-command", run=run.name))
-    last_finite = np.maximum.accumulate(np.where(finite, np.arange(len(finite)), 0))
-    u = np.where(finite[last_finite][:, None], run.applied_commands[last_finite], 0.0)
-    return u, [note("data.command-unknown", ticks=int((~finite).sum()))]
+    last_finite = np.maximum.accumulate(np.where(is_finite, np.arange(len(is_finite)), 0))
+    u = np.where(is_finite[last_finite][:, None], run.applied_commands[last_finite], 0.0)
+    return u, [note("data.command-unknown", ticks=int((~is_finite).sum()))]
 
 
 def _measurements(

@@ -94,7 +94,7 @@ def measurements(problem: Residuals) -> np.ndarray:
 
 
 def predictions(problem: Residuals, theta: np.ndarray) -> np.ndarray:
-    """Return the predictions of all segments (N, m), NaN where the model diverged."""
+    """Return the predictions of all segments (N, m); a diverged prediction is NaN."""
     h = np.concatenate(problem.predictions(theta))
     return np.where(np.abs(h) < DIVERGED_PREDICTION, h, np.nan)
 

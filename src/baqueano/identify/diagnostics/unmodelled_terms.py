@@ -73,7 +73,7 @@ class Force(NamedTuple):
 
 
 def force_terms(axis: int, channel_count: int) -> list[Force]:
-    """Return the forces along `axis` (0 or 2) and then a sideways force. The order is that of `command_features` and
+    """Return the forces along `axis` (0 or 2) and then a sideways force. The order follows `command_features` and
     `motion_features`."""
     channels = [(code, j) for code in COMMAND_TERMS for j in range(channel_count)]
     forces = [Force(f"{code} of channel {j}", _term(code), axis, j) for code, j in channels]
@@ -103,8 +103,8 @@ def motion_features(axis: int, nu: np.ndarray, record: FitRecord, dry_speed: flo
     force, torque = (w, x * np.abs(w), w * w, x * np.abs(x) * w * w), (x, w * np.abs(x), x * w, w * x * x)
     corners = (*force, x * w) if axis == 0 else (*torque, w * np.abs(w))
     flips = _decay_since_sign_change(v, np.cumsum(record.dt_s))
-    dry, width = np.tanh(v / SIGN_WIDTH), s * (1.0 - np.tanh(s) ** 2)
-    return np.concatenate([dry, v * magnitude, v * v * v, magnitude, flips, width, *corners], axis=1)
+    dry_force, width = np.tanh(v / SIGN_WIDTH), s * (1.0 - np.tanh(s) ** 2)
+    return np.concatenate([dry_force, v * magnitude, v * v * v, magnitude, flips, width, *corners], axis=1)
 
 
 def driven_channels(model: Tree, u: np.ndarray) -> np.ndarray:

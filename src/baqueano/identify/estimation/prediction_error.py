@@ -89,7 +89,7 @@ class Prediction:
         self._indices = [np.concatenate([index, noise]) for index in simulation.layout.indices]
 
     def x(self, theta: np.ndarray, noise: FilterNoise | None = None) -> np.ndarray:
-        """Return x = (θ, v, ½ log q). Without `noise`, v is 0 and σ is that of the simulation."""
+        """Return x = (θ, v, ½ log q). Without `noise`, v is 0 and σ comes from the simulation."""
         noise = noise or FilterNoise(np.zeros(len(self.axes)), np.zeros(self.channels))
         return np.concatenate([theta, *noise])
 

@@ -84,7 +84,7 @@ class Noise(Result):
     acceptance : Acceptance, optional
         Verdict of held-out runs on the recommended filter.
     sideways_is_shown : bool
-        False if no sensor in use shows the sideways velocity; its walk is then that of the file.
+        False if no sensor in use shows the sideways velocity; its walk then comes from the file.
 
     Examples
     --------
@@ -386,9 +386,9 @@ def _variance_candidates(name: str, i: int, runs: Sequence[Run]) -> Iterator[flo
     deviations_at_rest, steps = [np.zeros(0)], [np.zeros(0)]
     for run in runs:
         channel = run.sensors[name]
-        z, finite = channel.z[:, i], np.isfinite(channel.z[:, i])
-        at_rest = z[finite & is_at_rest(run, channel.t_ns)]
+        z, is_finite = channel.z[:, i], np.isfinite(channel.z[:, i])
+        at_rest = z[is_finite & is_at_rest(run, channel.t_ns)]
         deviations_at_rest.append(at_rest - at_rest.mean() if len(at_rest) else at_rest)
-        steps.append(np.diff(z[finite]))
+        steps.append(np.diff(z[is_finite]))
     for x, factor in ((np.concatenate(deviations_at_rest), 1.0), (np.concatenate(steps), 0.5)):
         yield factor * float(np.mean(x**2)) if len(x) >= MIN_SAMPLES else 0.0

@@ -122,9 +122,9 @@ def _reference_speed(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, st
         if name in used_names or channel is None or not readings or len(channel.t_ns) < 2:
             continue
         z = channel.z[:, list(readings[0].rows)]
-        finite = np.isfinite(z).all(axis=1)
-        speed = (z[finite] - readings[0].at_rest) @ readings[0].inverse[FORWARD]
-        return np.interp(run.t_s, seconds(channel.t_ns[finite], run.t_ns[0]), speed, np.nan, np.nan), name
+        is_finite = np.isfinite(z).all(axis=1)
+        speed = (z[is_finite] - readings[0].at_rest) @ readings[0].inverse[FORWARD]
+        return np.interp(run.t_s, seconds(channel.t_ns[is_finite], run.t_ns[0]), speed, np.nan, np.nan), name
     return None, ""
 
 
@@ -142,10 +142,10 @@ def _errors(ekf: AugmentedEkf, runs: Sequence[tuple[Run, np.ndarray, str]], back
         belief = ekf.init(nu=np.array([start, 0.0, 0.0]))
         kernel = scan(step, belief, example_filter_tick(ekf), backend=backend)
         nu_x = np.asarray(kernel.run(ticks)[1])[np.searchsorted(ticks.t_ns, run.t_ns)]
-        finite = np.isfinite(speed)
+        is_finite = np.isfinite(speed)
         square = np.where(np.isfinite(nu_x), (nu_x - speed) ** 2, np.inf)  # a filter that diverges
         block = (run.t_s // SPEED_BLOCK_S).astype(int)
-        sums, count = (np.bincount(block[finite], x[finite]) for x in (square, np.ones(len(square))))
+        sums, count = (np.bincount(block[is_finite], x[is_finite]) for x in (square, np.ones(len(square))))
         square_sums.append(sums[count > 0])
     return np.concatenate(square_sums)
 
@@ -210,8 +210,8 @@ def accept_or_refit(
         squares = channel_nis(ekf, validation_runs, kernel)
         rejected_squares = [square for square in squares if square.name in names or square.disagrees]
         figures |= {"nis": _figures(disagreeing), "new_nis": _figures(rejected_squares)}
-        if remaining := [square for square in rejected_squares if square.disagrees]:
-            figures |= {"states": _consistency_notes(remaining)}
+        if other_squares := [square for square in rejected_squares if square.disagrees]:
+            figures |= {"states": _consistency_notes(other_squares)}
             return ekf, Acceptance(note("noise.still-inconsistent", Severity.WARNING, **figures), True)
     nees = state_nees(ekf, validation_runs[0], kernel)
     if disagreeing_states := [square for square in nees if square.disagrees]:

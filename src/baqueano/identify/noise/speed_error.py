@@ -173,16 +173,16 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
     kernel, theta = open_loop(fit.blocks.model, paths, lambda motion: motion.nu[:1], fit.backend)
     outputs = [kernel.sensitivities(motion_rows(make_record(run, {})), theta) for run in runs]
     nu_x, derivatives = (np.concatenate(columns)[:, 0] for columns in zip(*outputs, strict=True))
-    moving = np.abs(nu_x) > MIN_SPEED_M_S
+    is_moving = np.abs(nu_x) > MIN_SPEED_M_S
     C, c, modelled_sum, total = np.zeros((2, 2)), 0.0, 0.0, 0.0
     gyro_shift = fit.fixed.gyro_shift()
     for direction in (1.0, -1.0):
-        rows = moving & (np.sign(nu_x) == direction) & np.isfinite(derivatives).all(axis=1)
+        rows = is_moving & (np.sign(nu_x) == direction) & np.isfinite(derivatives).all(axis=1)
         if rows.any():
             X = np.stack([np.abs(nu_x[rows]), np.ones(rows.sum())], axis=1)
             D = direction * derivatives[rows]
             B = np.linalg.lstsq(X, D, rcond=None)[0]
-            weight = rows.sum() / moving.sum()
+            weight = rows.sum() / is_moving.sum()
             C += weight * (B @ P @ B.T)
             c -= weight * float(B[0] @ gyro_shift[entries])
             modelled_sum += np.einsum("ni,ij,nj->", X @ B, P, X @ B)
@@ -206,7 +206,7 @@ def with_truth_misfit(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Aug
         e(t) = ν_x(t) − ν̂_x(t),   ν_x by the truth of a run, ν̂_x by the fitted model                       (5)
         (σ_d, T) = arg min Σ_τ (c(τ) − σ_d² e^(−τ/T))²,   c the autocovariance of e                        (6)
 
-    The disturbance of a kinematic model is a velocity, so its statistics are those of e. No reading on board shows
+    The disturbance of a kinematic model is a velocity, so it has the statistics of e. No reading on board shows
     them. The lags begin beyond the window over which a speed is computed from positions.
     """
     lags = np.arange(round(TRUTH_LAGS_S[0] * ekf.rate_hz), round(TRUTH_LAGS_S[1] * ekf.rate_hz) + 1)

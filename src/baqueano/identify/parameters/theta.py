@@ -82,7 +82,7 @@ class ThetaShape(NamedTuple):
 
     def mean_weights(self, names: Sequence[str], columns: np.ndarray) -> list[np.ndarray | None]:
         """Return for each sensor its weights (7,) of a mean, from the beginning of `columns`; None for an instant. A
-        sensor of means with a free clock has those of a whole row.
+        sensor of means with a free clock has the weights of a whole row.
         """
         first = {name: WEIGHT_COLUMNS * k for k, name in enumerate(self.means)}
         whole_row = {name: ROW_MEAN for name in self.clock_means}
@@ -331,9 +331,9 @@ def start_theta(
         paths = entries(blocks, path)
         for p, x in zip(paths, np.broadcast_to(np.asarray(numbers, float).ravel(), len(paths)), strict=True):
             known_values[p] = float(x)
-    missing = [p for p in known_values if p not in shape.shared_paths and p not in shape.per_run]
-    if missing:
-        raise UsageError(fault("start.not-free", path=missing[0]))
+    missing_paths = [p for p in known_values if p not in shape.shared_paths and p not in shape.per_run]
+    if missing_paths:
+        raise UsageError(fault("start.not-free", path=missing_paths[0]))
     theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
     for k, parameter in enumerate(free):
         theta[k] = known_values.get(parameter.path, value(blocks, parameter.path))

@@ -79,8 +79,8 @@ class GyroAidedResiduals(Residuals):
         (4)"""
         yaw_rates = []
         for omega, outputs, record in zip(self._gyro, self._outputs(theta), self.records, strict=True):
-            slow = slow_part(omega - outputs[:, 1])
-            slow_change = np.column_stack([slow, np.gradient(slow, np.cumsum(record.dt_s))])
+            slow_rate = slow_part(omega - outputs[:, 1])
+            slow_change = np.column_stack([slow_rate, np.gradient(slow_rate, np.cumsum(record.dt_s))])
             yaw_rates.append(outputs[:, 1:] + slow_change)
         return self.with_columns([-2, -1], yaw_rates)
 

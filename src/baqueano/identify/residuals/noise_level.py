@@ -103,7 +103,7 @@ def speed_profile(
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return σ (m,), and its profile (N, m) per segment, of residuals (N, m) at speeds (N,)."""
     v = np.concatenate(speeds)
-    typical = max(float(np.sqrt(np.mean(v**2))), 1e-9)
+    typical_v = max(float(np.sqrt(np.mean(v**2))), 1e-9)
     profile = [np.ones_like(r) for r in residuals]
     sigma = np.zeros(len(floor))
     for c in range(len(floor)):
@@ -111,7 +111,7 @@ def speed_profile(
         r = np.concatenate([x[t, c] for x, t in zip(residuals, is_present, strict=True)])
         speed = np.concatenate([x[t] for x, t in zip(speeds, is_present, strict=True)])
         can_grow = len(r) >= MIN_SPEED_SAMPLES
-        kappa = _fit_speed_growth(r, speed, typical, floor[c]) / typical if can_grow else 0.0
+        kappa = _fit_speed_growth(r, speed, typical_v, floor[c]) / typical_v if can_grow else 0.0
         mean = np.sqrt(1.0 + kappa**2 * np.mean(speed**2)) if len(speed) else 1.0
         for k, x in enumerate(speeds):
             profile[k][:, c] = np.sqrt(1.0 + (kappa * x) ** 2) / mean
@@ -120,11 +120,11 @@ def speed_profile(
     return sigma, profile
 
 
-def _fit_speed_growth(r: np.ndarray, v: np.ndarray, typical: float, floor: float) -> float:
-    """Return κ times `typical`, or 0 if the growth is not significant.  (2)"""
+def _fit_speed_growth(r: np.ndarray, v: np.ndarray, typical_v: float, floor: float) -> float:
+    """Return κ times `typical_v`, or 0 if the growth is not significant.  (2)"""
     costs = []
     for ratio in SPEED_RATIOS:
-        g = np.sqrt(1.0 + (ratio * v / typical) ** 2)
+        g = np.sqrt(1.0 + (ratio * v / typical_v) ** 2)
         sigma = robust_sigma([(r / g)[:, None]], [np.ones((len(r), 1))], np.array([floor]))[0]
         squares = np.minimum((r / (sigma * g)) ** 2, ROBUST_SIGMA**2)
         costs.append(float(np.sum(np.log(g)) + 0.5 * np.sum(squares)) + len(r) * np.log(sigma))
@@ -141,7 +141,7 @@ def slow_noise_profile(
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return σ (m,) and its profile (N, m) of mean square 1 per segment, of residuals (N, m) at speeds (N,).  (4)"""
     sigma, profile = speed_profile(residuals, masks, speeds, floor)
-    extended_sigma, typical = sigma.copy(), float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
+    extended_sigma, typical_v = sigma.copy(), float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
     for c in range(len(sigma)):
         variances = [(sigma[c] * p[:, c]) ** 2 for p in profile]
         limits = [SLOW_CLIP_SIGMA * np.sqrt(variance) for variance in variances]
@@ -149,7 +149,7 @@ def slow_noise_profile(
         sums, squares = _block_squares(clipped_residuals, [w[:, c] for w in masks], speeds, dt_s)
         if len(sums) < MIN_BLOCKS:
             continue
-        s_0, kappa = _fit_slow_noise(sums, squares, max(typical, 1e-9))
+        s_0, kappa = _fit_slow_noise(sums, squares, max(typical_v, 1e-9))
         stds = [
             np.sqrt(np.maximum(s, s_0 * (1.0 + (kappa * v) ** 2)))
             for s, v in zip(variances, speeds, strict=True)
@@ -178,11 +178,11 @@ def _block_squares(
     return np.concatenate(sums), np.concatenate(squares)
 
 
-def _fit_slow_noise(y: np.ndarray, v_squared: np.ndarray, typical: float) -> tuple[float, float]:
+def _fit_slow_noise(y: np.ndarray, v_squared: np.ndarray, typical_v: float) -> tuple[float, float]:
     """Return S₀ and κ.  (3)"""
     best_fit = (np.inf, float(np.mean(y)), 0.0)
     for ratio in SLOW_RATIOS:
-        kappa = ratio / typical
+        kappa = ratio / typical_v
         g = 1.0 + kappa**2 * v_squared
         s_0 = float(np.mean(y / g))
         best_fit = min(best_fit, (float(np.sum(np.log(g))) + len(y) * np.log(max(s_0, 1e-300)), s_0, kappa))

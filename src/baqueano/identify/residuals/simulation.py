@@ -113,7 +113,7 @@ class Residuals:
         self._set_shape(shape, backend)
 
     def _set_shape(self, shape: ThetaShape, backend: str) -> None:
-        """Set the meaning of θ, and all that depends on it."""
+        """Set the meaning of θ, and every value that depends on it."""
         self.shape, self.scan = shape, self._kernel(shape, backend)
         self.layout = theta_layout(shape, self.records)
         self._index, self._places = self.layout.indices, arrow_layout(self.layout)
@@ -145,7 +145,7 @@ class Residuals:
 
     @property
     def spans(self) -> dict[str, slice]:
-        """Return for each sensor its channels among all m."""
+        """Return the channels of each sensor, as positions among all m channels."""
         ends = np.cumsum(self.sizes).tolist()
         return {name: slice(end - m, end) for name, m, end in zip(self.names, self.sizes, ends, strict=True)}
 
@@ -191,7 +191,7 @@ class Residuals:
         return segment_sum(parts, self._index, theta, self._prior, self._places)
 
     def at_estimate(self, theta: np.ndarray) -> Self:
-        """Return the residuals with all that they take from a fit, taken from the fit θ (p,)."""
+        """Return the residuals with every value that depends on a fit, computed at θ (p,)."""
         return self
 
     def cost(self, theta: np.ndarray, replace_rows: Callable[[np.ndarray], np.ndarray]) -> float:

@@ -341,11 +341,11 @@ class Fit(Result):
             median, lowest = sorted_fits[len(sorted_fits) // 2], sorted_fits[0]
             unit = channel_unit(self.file, median.sensor, median.entry)
             noise = f"{number(median.sigma):.3g} {unit}".rstrip()
-            middle, lowest_text = (percent_text(c.explained_fraction) for c in (median, lowest))
+            middle_text, low_text = (percent_text(c.explained_fraction) for c in (median, lowest))
             text_ = _(
                 "{channel} of {runs} runs: noise {noise}; the model explains {middle} of the median "
                 "run and {least} of {run}",
-                channel=label, runs=len(sorted_fits), noise=noise, middle=middle, least=lowest_text, run=lowest.run,
+                channel=label, runs=len(sorted_fits), noise=noise, middle=middle_text, least=low_text, run=lowest.run,
             )  # fmt: skip
             lines.append(text_)
         return lines

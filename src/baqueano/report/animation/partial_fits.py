@@ -31,8 +31,10 @@ def partial_fits(
         rows = {row["name"]: row for row in fit.rows()}
         pairs = [(rows[name]["estimate"], rows[name]["std"]) for name in names]
         value, std = np.array([[np.nan if x is None else x for x in pair] for pair in pairs]).T
-        exact = np.asarray(truth)
+        true_values = np.asarray(truth)
         partial_fits.append(
-            PartialFit(seconds, fit.verdict, value / exact - 1.0, QUANTILE_95 * std / np.abs(exact))
+            PartialFit(
+                seconds, fit.verdict, value / true_values - 1.0, QUANTILE_95 * std / np.abs(true_values)
+            )
         )
     return partial_fits

@@ -73,11 +73,11 @@ def _without_gaps(poses: np.ndarray) -> np.ndarray | None:
     """Return the poses; each gap contains the previous pose, and a gap at the start the first pose.
     Return None without a complete pose.
     """
-    finite = np.flatnonzero(np.isfinite(poses).all(axis=1))
-    if not len(finite):
+    finite_rows = np.flatnonzero(np.isfinite(poses).all(axis=1))
+    if not len(finite_rows):
         return None
-    last_finite = np.clip(np.searchsorted(finite, np.arange(len(poses)), side="right") - 1, 0, None)
-    return poses[finite[last_finite]]
+    last_finite = np.clip(np.searchsorted(finite_rows, np.arange(len(poses)), side="right") - 1, 0, None)
+    return poses[finite_rows[last_finite]]
 
 
 def _radius_m(run: Run) -> float:

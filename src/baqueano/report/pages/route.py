@@ -101,9 +101,9 @@ def _draw_path(axes: "Axes", route: Route) -> None:
 @with_style
 def plot_demand(result: RouteReport) -> "Figure":
     """Draw speed, yaw rate and command along a route; dashed: the largest values that the vehicle can drive."""
-    motion, (fastest, turn) = result.demand(), result.limits()
+    motion, (max_speed, turn) = result.demand(), result.limits()
     curves = [
-        (_("speed [m/s]"), motion.speed_m_s, (fastest,)),
+        (_("speed [m/s]"), motion.speed_m_s, (max_speed,)),
         (_("yaw rate [rad/s]"), motion.yaw_rate_rad_s, (turn, -turn)),
     ]
     if result.capability is not None:

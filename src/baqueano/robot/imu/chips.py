@@ -37,9 +37,9 @@ class Chip(NamedTuple):
         """Return filter setting → bandwidth and delay, for the settings that leave the gyro at 1 kHz."""
         return MPU6500_BANDS if self.has_own_accel_filter else MPU6050_BANDS
 
-    def celsius(self, raw: int) -> float:
+    def celsius(self, raw_value: int) -> float:
         """Return the temperature [°C]; NaN if the scale is unknown.  (3)"""
-        return math.nan if self.lsb_per_c is None else raw / self.lsb_per_c + self.offset_c
+        return math.nan if self.lsb_per_c is None else raw_value / self.lsb_per_c + self.offset_c
 
 
 def _family_6500(name: str) -> Chip:

@@ -174,8 +174,8 @@ class Mpu6050:
         """Convert the raw words of the rows that `is_kept` selects, and return samples in SI units and body axes."""
         if not rows:
             return []
-        raw = np.array(rows, dtype=float)
-        accel, gyro = raw[:, :3] @ self._accel, raw[:, 4:] @ self._gyro
+        raw_rows = np.array(rows, dtype=float)
+        accel, gyro = raw_rows[:, :3] @ self._accel, raw_rows[:, 4:] @ self._gyro
         celsius = self.chip.celsius
         return [
             Sample(times[i], accel[i], gyro[i], celsius(row[3])) for i, row in enumerate(rows) if is_kept[i]

@@ -135,15 +135,15 @@ class SampleClock:
                 self._buckets.append(self._last_reading.copy())
         self._low, self._high = low, high
         periods = np.linspace(low, high, GRID_POINTS)[:, None]
-        latest = np.min(upper_t - periods * upper_k, axis=1)
+        latest_ns = np.min(upper_t - periods * upper_k, axis=1)
         earliest = np.max(lower_t - periods * lower_k, axis=1)
-        weight = np.maximum(latest - earliest, 0.0) + 1e-9
+        weight = np.maximum(latest_ns - earliest, 0.0) + 1e-9
         deviation = (periods[:, 0] / self.nominal_ns - 1.0) / PERIOD_STD
         weight *= np.exp(-deviation * deviation / 2.0)
         weight /= weight.sum()
         self.period_ns = float(weight @ periods[:, 0])
-        self._phase = self._bucket_ns + float(weight @ (latest + earliest)) / 2.0
-        self.phase_error_ns = float(np.max(latest) - np.min(earliest)) / 2.0
+        self._phase = self._bucket_ns + float(weight @ (latest_ns + earliest)) / 2.0
+        self.phase_error_ns = float(np.max(latest_ns) - np.min(earliest)) / 2.0
 
 
 def period_bounds(

@@ -156,14 +156,14 @@ def _mean(imu: Mpu6050, gyro_bits: int, accel_bits: int, sleep: Callable[[float]
     values = np.array(rows) / np.array([accel_lsb] * 3 + [GYRO_LSB_PER_DPS[0]] * 3)
     scatter = values.std(axis=0)
     if np.any(scatter > MAX_REST_SPREAD):
-        worst = int(np.argmax(scatter / MAX_REST_SPREAD))
+        worst_axis = int(np.argmax(scatter / MAX_REST_SPREAD))
         raise AnswerNo(
             fault(
                 "imu.self-test-moved",
-                axis=AXES[worst],
-                scatter=scatter[worst],
-                unit_name=UNITS[worst],
-                limit=MAX_REST_SPREAD[worst],
+                axis=AXES[worst_axis],
+                scatter=scatter[worst_axis],
+                unit_name=UNITS[worst_axis],
+                limit=MAX_REST_SPREAD[worst_axis],
             )
         )
     return values.mean(axis=0)

@@ -32,11 +32,11 @@ def configure_body(vehicle_file: "VehicleFile", uno: "Uno", wait: Callable[[floa
 
 def firmware_config(hardware: "Hardware", info: Info | None) -> Config:
     """Return the firmware's configuration that [robot] requires; `info` contains the bridge, which limits the PWM."""
-    fastest = MAX_PWM_HZ[Driver(info.driver)] if info is not None else min(MAX_PWM_HZ.values())
+    max_hz = MAX_PWM_HZ[Driver(info.driver)] if info is not None else min(MAX_PWM_HZ.values())
     return Config(
         dead_man_ms=round(1e3 * hardware.dead_man_s),
         telemetry_ms=max(5, round(1e3 / hardware.telemetry_hz)),
         slew_permille_per_ms=min(1000, max(1, round(hardware.slew_per_s))),
-        pwm_hz=round(min(hardware.pwm_hz, fastest)),
+        pwm_hz=round(min(hardware.pwm_hz, max_hz)),
         least_battery_mv=round(1e3 * hardware.least_battery_v),
     )

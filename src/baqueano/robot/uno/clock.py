@@ -68,12 +68,14 @@ class UnoClock:
             section = answer.middle_ns // round(SECTION_S * 1e9)
             if section not in best_pong or answer.trip_ns < best_pong[section].trip_ns:
                 best_pong[section] = answer
-        quick = sorted(best_pong.values(), key=lambda a: a.trip_ns)
-        self._reference, self.synchronised = (quick[0].device_us, quick[0].middle_ns), True
-        if len(quick) > 2:
-            device_ns = np.array([a.device_us - self._reference[0] for a in quick], dtype=float) * NS_PER_US
-            host_ns = np.array([a.middle_ns - self._reference[1] for a in quick], dtype=float)
-            weights = [1.0 / (FRAME_NS + a.trip_ns) for a in quick]  # (1)
+        quick_pongs = sorted(best_pong.values(), key=lambda a: a.trip_ns)
+        self._reference, self.synchronised = (quick_pongs[0].device_us, quick_pongs[0].middle_ns), True
+        if len(quick_pongs) > 2:
+            device_ns = (
+                np.array([a.device_us - self._reference[0] for a in quick_pongs], dtype=float) * NS_PER_US
+            )
+            host_ns = np.array([a.middle_ns - self._reference[1] for a in quick_pongs], dtype=float)
+            weights = [1.0 / (FRAME_NS + a.trip_ns) for a in quick_pongs]  # (1)
             slope, offset = np.polyfit(device_ns, host_ns, 1, w=weights)
             self.skew, self._reference = (
                 float(slope) - 1.0,

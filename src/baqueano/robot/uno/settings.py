@@ -223,15 +223,15 @@ def show_counts(uno: "Uno", seconds: float, notify: Callable[[str], object], wai
     previous = None
     for _poll in range(round(seconds / POLL_PERIOD_S)):
         wait(POLL_PERIOD_S)
-        for newest in uno.receive()[-1:]:
-            if (newest.counts, newest.marks) != previous:
-                previous = (newest.counts, newest.marks)
+        for newest_telemetry in uno.receive()[-1:]:
+            if (newest_telemetry.counts, newest_telemetry.marks) != previous:
+                previous = (newest_telemetry.counts, newest_telemetry.marks)
                 notify(
                     _(
                         "battery {battery_v:.2f} V, counts left {left}, right {right}, marks {marks}",
-                        battery_v=newest.battery_v,
-                        left=newest.counts[0],
-                        right=newest.counts[1],
-                        marks=newest.marks,
+                        battery_v=newest_telemetry.battery_v,
+                        left=newest_telemetry.counts[0],
+                        right=newest_telemetry.counts[1],
+                        marks=newest_telemetry.marks,
                     )
                 )

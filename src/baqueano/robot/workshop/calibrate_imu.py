@@ -227,20 +227,20 @@ def lift_axes(change: np.ndarray, up_axis: np.ndarray) -> tuple[np.ndarray, floa
     Raise AnswerNo if the vehicle was lifted over a corner.
     """
     gains = _horizontal_part(change, up_axis)
-    largest, next_largest = np.argsort(-np.abs(gains))[:2]
-    if abs(gains[next_largest]) > MAX_OBLIQUE_TAN * abs(gains[largest]):
+    largest_axis, second_axis = np.argsort(-np.abs(gains))[:2]
+    if abs(gains[second_axis]) > MAX_OBLIQUE_TAN * abs(gains[largest_axis]):
         raise AnswerNo(
             fault(
                 "calibrate.lifted-over-corner",
-                first_m_s2=abs(gains[largest]),
-                second_m_s2=abs(gains[next_largest]),
+                first_m_s2=abs(gains[largest_axis]),
+                second_m_s2=abs(gains[second_axis]),
                 max_ratio=MAX_OBLIQUE_TAN,
             )
         )
     front = np.zeros(3)
-    front[largest] = np.sign(gains[largest])
+    front[largest_axis] = np.sign(gains[largest_axis])
     return np.stack([front, np.cross(up_axis, front), up_axis]), float(
-        np.arcsin(min(1.0, abs(gains[largest]) / STANDARD_GRAVITY))
+        np.arcsin(min(1.0, abs(gains[largest_axis]) / STANDARD_GRAVITY))
     )
 
 

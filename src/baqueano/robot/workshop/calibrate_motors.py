@@ -181,14 +181,14 @@ def _restore_settings(floor: "FloorTests", previous: Settings, notify: Notify) -
     first.
     """
     try:
-        for remaining in reversed(range(MAX_TRIES)):
+        for remaining_tries in reversed(range(MAX_TRIES)):
             floor.uno.disarm()
             floor.wait(0.05)
             try:
                 floor.uno.store_settings(previous, floor.wait)
                 break
             except RobotUnreachable:
-                if not remaining:
+                if not remaining_tries:
                     raise
         notify(_("the Uno keeps its old settings"))
     except (RobotUnreachable, KeyboardInterrupt):

@@ -173,11 +173,11 @@ def self_test_check(chip: Any, wait: Callable[[float], object]) -> Check:
         for a in axes
         if a.has_passed is False
     ]
-    silent = sum(a.has_passed is None for a in axes)
+    silent_count = sum(a.has_passed is None for a in axes)
     ratios = _(
         "{good} of 6 axes respond as in the factory, which did not store a code for {silent}",
-        good=6 - silent - len(failed_axes),
-        silent=silent,
+        good=6 - silent_count - len(failed_axes),
+        silent=silent_count,
     )
     return Check(
         N_("IMU self-test"),
@@ -370,7 +370,7 @@ def check_jitter(seconds: float, notify: Notify = lambda text: None) -> Iterator
     finally:
         if is_granted and previous is not None:
             os.sched_setscheduler(0, *previous)
-    p50, p99, worst = (float(x) for x in np.percentile(late_us, [50, 99, 100]))
+    p50, p99, max_us = (float(x) for x in np.percentile(late_us, [50, 99, 100]))
     yield Check(
         N_("jitter"),
         "ok" if p99 < 1000.0 else "warn" if p99 < 5000.0 else "bad",
@@ -379,7 +379,7 @@ def check_jitter(seconds: float, notify: Notify = lambda text: None) -> Iterator
             ": p50 {p50:.0f} µs, p99 {p99:.0f} µs, at most {worst:.0f} µs of {ticks} ticks",
             p50=p50,
             p99=p99,
-            worst=worst,
+            worst=max_us,
             ticks=len(late_us),
         ),
         _(

@@ -105,11 +105,16 @@ def check_link(link: "Uno", previous: "Statistics") -> Iterator[Check]:
     """Yield the checks of the line's round-trip time, and of lost and damaged frames since `previous`."""
     trips = sorted(link.statistics.trips_ms)
     if trips:
-        middle, last = trips[len(trips) // 2], trips[-1]
+        median_trip, max_trip = trips[len(trips) // 2], trips[-1]
         yield Check(
             N_("link round trip"),
-            "ok" if last < 20.0 else "warn",
-            _("{middle:.1f} ms, at most {last:.1f} of {trips}", middle=middle, last=last, trips=len(trips)),
+            "ok" if max_trip < 20.0 else "warn",
+            _(
+                "{middle:.1f} ms, at most {last:.1f} of {trips}",
+                middle=median_trip,
+                last=max_trip,
+                trips=len(trips),
+            ),
             _("Use a short USB cable without a hub, and look for another program that loads the processor"),
         )
     else:

@@ -143,7 +143,7 @@ def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
 
 
 def _accelerometer_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
-    """Yield a finding for each accelerometer that is read in m/s², but whose steps or noise are those of g.  (3)"""
+    """Yield a finding for each accelerometer that is read in m/s², but whose steps or noise are typical of g.  (3)"""
     at_rest = _rest_mask(run, channel)
     for k, entry in enumerate(signal.entries[:2]):
         is_present = np.isfinite(channel.z[:, k])
@@ -211,16 +211,16 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
             yield ImportFinding(
                 "constant", "warning", None, note("recording.constant-command", name=name, value=u[0])
             )
-        largest, entry_unit, remedy = _largest_magnitude([u]), unit(entry.unit), None
-        if largest > MAX_COMMAND_RATIO and entry.unit == "1":
+        max_count, entry_unit, remedy = _largest_magnitude([u]), unit(entry.unit), None
+        if max_count > MAX_COMMAND_RATIO and entry.unit == "1":
             remedy = _full_command_line(counts)
-        elif 0.0 < largest < MIN_COMMAND and entry.unit == "%":
+        elif 0.0 < max_count < MIN_COMMAND and entry.unit == "%":
             remedy = _percent_line(u / 0.01, percents)
-        elif 0.0 < largest < MIN_COMMAND and entry_unit is not None and entry_unit.measures == "time":
+        elif 0.0 < max_count < MIN_COMMAND and entry_unit is not None and entry_unit.measures == "time":
             remedy = _full_command_line([c / entry_unit.si_factor for c in columns.T], 'unit = "raw", ')
         if remedy:
             reason = note(
-                "recording.command-range", key=entry.key, name=name, maximum=largest, unit_name=entry.unit
+                "recording.command-range", key=entry.key, name=name, maximum=max_count, unit_name=entry.unit
             )
             yield ImportFinding("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), reason, remedy)
 
@@ -243,18 +243,18 @@ def _full_command_line(counts: list[np.ndarray], unit_setting: str = "") -> Diag
     """Return the map line for commands in counts.
     All commands of a vehicle share one full scale. It is named only if the commands are not too small for it.
     """
-    smallest, largest = min(float(np.min(u)) for u in counts), _largest_magnitude(counts)
-    if PULSE_RANGE_US[0] <= smallest and largest <= PULSE_RANGE_US[1]:
+    min_count, max_count = min(float(np.min(u)) for u in counts), _largest_magnitude(counts)
+    if PULSE_RANGE_US[0] <= min_count and max_count <= PULSE_RANGE_US[1]:
         return note("recording.write-pulses", line=f"{unit_setting}scale = 0.002, offset = -3.0")
-    if largest < MIN_COMMAND * FULL_COMMANDS[0]:
+    if max_count < MIN_COMMAND * FULL_COMMANDS[0]:
         return note(
             "recording.write-largest",
-            line=f"{unit_setting}scale = {1.0 / largest:.6g}",
-            maximum=f"{largest:.6g}",
+            line=f"{unit_setting}scale = {1.0 / max_count:.6g}",
+            maximum=f"{max_count:.6g}",
         )
-    percent = largest <= FULL_COMMANDS[0]
+    percent = max_count <= FULL_COMMANDS[0]
     full_command = next(
-        (full_command for full_command in FULL_COMMANDS[percent:] if largest <= full_command), largest
+        (full_command for full_command in FULL_COMMANDS[percent:] if max_count <= full_command), max_count
     )
     scale: JsonObject = {
         "line": f"{unit_setting}scale = {1.0 / full_command:.6g}",
@@ -262,6 +262,6 @@ def _full_command_line(counts: list[np.ndarray], unit_setting: str = "") -> Diag
     }
     if not percent:
         return note("recording.write-full", **scale)
-    if largest < MIN_COMMAND * full_command:
+    if max_count < MIN_COMMAND * full_command:
         return note("recording.write", line='unit = "%"')
     return note("recording.write-percent-or-full", **scale)

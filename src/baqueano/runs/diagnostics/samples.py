@@ -174,11 +174,11 @@ def _repeated_samples(
     if is_chance if is_imu else not is_read_too_fast(find_repeats(x).hold_counts):
         return np.zeros(len(x), bool), []
     edges = np.flatnonzero(~is_repeated)
-    longest = int(np.max(np.diff(np.concatenate([edges, [len(x)]])))) - 1
+    longest_hold = int(np.max(np.diff(np.concatenate([edges, [len(x)]])))) - 1
     is_repeated &= is_imu | (x != 0.0)
     percent, repeat_count = _percentage(is_repeated, np.isfinite(x)), int(is_repeated.sum())
     return is_repeated, [
-        note("data.repeats", subject=label, count=repeat_count, percent=percent, longest=longest)
+        note("data.repeats", subject=label, count=repeat_count, percent=percent, longest=longest_hold)
     ]
 
 
@@ -186,15 +186,15 @@ def end_samples(
     x: np.ndarray, resolution: ChannelResolution, limit: float = INF, full_scales: Collection[float] = ()
 ) -> EndSamples:
     """Return the samples of x (M,) at the end of a range. `limit` is a known end on both sides, and `full_scales` are
-    those of chips in use.  (2), (3)"""
+    the ranges of chips in use.  (2), (3)"""
     finite, is_invalid, ends, at_end = np.isfinite(x), np.zeros(len(x), bool), [], 0
     is_fine = 0.0 < resolution.step <= resolution.sigma  # otherwise every level has many samples
     width = max(2.0 * resolution.step, 0.2 * resolution.sigma)
     magnitude = float(np.max(np.abs(x[finite]), initial=0.0))
     for sign in (1.0, -1.0):
         y = np.where(finite, sign * x, -np.inf)
-        largest = float(np.max(y))
-        end = min(largest, limit)
+        max_value = float(np.max(y))
+        end = min(max_value, limit)
         is_end = y >= end
         count, visits = int(is_end.sum()), int(np.sum(is_end[1:] & ~is_end[:-1])) + int(is_end[0])
         inner_count = int(np.sum((y < end) & (y >= end - width)))
@@ -204,7 +204,7 @@ def end_samples(
         if end >= limit or (is_fine and (is_often or is_full_scale)):
             is_invalid |= _is_beyond_end(y, is_end, end, resolution.sigma)
             is_invalid |= is_end & (end >= limit)
-            ends.append(sign * largest)
+            ends.append(sign * max_value)
             at_end += count
     return EndSamples(is_invalid & finite, ends, at_end)
 

@@ -135,8 +135,8 @@ def nearest_ratio(magnitude: float, low: float, high: float, known_ratios: Colle
     57.3
     """
     close_ratios = [r for r in known_ratios if r * low <= magnitude <= r * high]
-    typical = np.sqrt(low * high) if len(close_ratios) > 1 else 1.0
-    return min(close_ratios, key=lambda r: abs(np.log(magnitude / r / typical)), default=np.nan)
+    typical_ratio = np.sqrt(low * high) if len(close_ratios) > 1 else 1.0
+    return min(close_ratios, key=lambda r: abs(np.log(magnitude / r / typical_ratio)), default=np.nan)
 
 
 def _hypothesis(prediction_index: int, r: ChannelRegression, channel: MappedChannel) -> Hypothesis:
@@ -173,10 +173,10 @@ def clip(x: np.ndarray) -> np.ndarray:
     """Return the columns of x (n, m), clipped at CLIP_SIGMA robust standard deviations about the median."""
     x = x.copy()
     for column in x.T:
-        if len(finite := column[np.isfinite(column)]):
-            median = float(np.median(finite))
+        if len(finite_values := column[np.isfinite(column)]):
+            median = float(np.median(finite_values))
             limit = CLIP_SIGMA * max(
-                MAD * float(np.median(np.abs(finite - median))), 0.1 * float(np.std(finite))
+                MAD * float(np.median(np.abs(finite_values - median))), 0.1 * float(np.std(finite_values))
             )
             np.clip(column, median - limit, median + limit, out=column)
     return x

@@ -145,8 +145,8 @@ def _check_stamps(name: str, c: Channel) -> tuple[Channel, list[Diagnostic]]:
     late_s = (c.arrival_ns - c.t_ns) / NANOSECONDS
     is_far = np.abs(late_s - np.median(late_s)) > MAX_LATENESS_S
     is_backward = np.zeros(len(is_far), bool)
-    latest = np.maximum.accumulate(np.where(is_far, np.iinfo(np.int64).min, c.t_ns))
-    is_backward[1:] = (c.t_ns[1:] <= latest[:-1]) & ~is_far[1:]
+    latest_ns = np.maximum.accumulate(np.where(is_far, np.iinfo(np.int64).min, c.t_ns))
+    is_backward[1:] = (c.t_ns[1:] <= latest_ns[:-1]) & ~is_far[1:]
     figures = {"time.stamps-far": {"limit_s": MAX_LATENESS_S}, "time.stamps-back": {}}
     messages = [
         note(code, _severity(is_lost), subject=name, count=int(is_lost.sum()), **details)

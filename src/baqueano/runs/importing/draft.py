@@ -64,9 +64,9 @@ def draft_map(recording: Path | str, *others: Path | str, path: Path | str | Non
     table, encoding = _read_in_any_encoding(recording := Path(recording))
     for file in map(Path, others):
         columns = _read_in_any_encoding(file)[0].columns
-        if missing := [name for name in table.columns if name not in columns]:
+        if missing_names := [name for name in table.columns if name not in columns]:
             fix = baqueano_command("runs", "import", file, "--draft", file.with_suffix(".toml").name)
-            figures = {"table": file.name, "first": recording.name, "columns": missing}
+            figures = {"table": file.name, "first": recording.name, "columns": missing_names}
             raise UsageError(fault("import.draft-columns", fix, **figures))
     free_columns = list(table.columns)
     lines = [
@@ -150,7 +150,7 @@ def _wheel_commands(table: LogTable, free_columns: list[str], pair: list[str], r
 
 
 def _named_commands(table: LogTable, free_columns: list[str], columns: list[str]) -> str:
-    """Return the table of commands that are not those of two wheels. Remove their columns from `free_columns`."""
+    """Return the table of commands of a vehicle without two driven wheels. Remove their columns from `free_columns`."""
     is_steering = [bool(re.search(headers.STEERING_PATTERN, plain_name(column))) for column in columns]
     if 0 < sum(is_steering) < len(is_steering):  # a car; a further angle is measured
         columns = [columns[is_steering.index(kind)] for kind in (False, True)]
@@ -276,11 +276,11 @@ def _take_clock(table: LogTable, free_columns: list[str]) -> str:
 
 def _take_all(free_columns: list[str], patterns: Sequence[str]) -> list[str]:
     """Return one column for each pattern, and remove them from `free_columns`. Return [] if one is missing."""
-    remaining = list(free_columns)
-    columns = [_take_column(remaining, pattern) for pattern in patterns]
+    other_columns = list(free_columns)
+    columns = [_take_column(other_columns, pattern) for pattern in patterns]
     if not all(columns):
         return []
-    free_columns[:] = remaining
+    free_columns[:] = other_columns
     return columns
 
 
@@ -328,17 +328,17 @@ def _span(table: LogTable, *columns: str) -> tuple[float, float]:
 
 
 def _command(column: str, span: tuple[float, float]) -> str:
-    smallest, largest = span
+    min_value, max_value = span
     for measures in ("ratio", "angle"):
         if (unit_name := _unit(column, measures)) != UNKNOWN:
             return f'{{ column = {_quoted(column)}, unit = "{unit_name}" }}'
-    if largest <= 1.0:
+    if max_value <= 1.0:
         return f'{{ column = {_quoted(column)}, unit = "1" }}'
-    if PULSE_RANGE_US[0] <= smallest and largest <= PULSE_RANGE_US[1]:
+    if PULSE_RANGE_US[0] <= min_value and max_value <= PULSE_RANGE_US[1]:
         keys = "scale = 0.002, offset = -3.0"
         remark = _("pulses of 1000 to 2000 µs, with 1500 in the middle?")
     else:
-        full_count = next((full for full in FULL_COMMANDS[1:] if largest <= full), largest)
+        full_count = next((full for full in FULL_COMMANDS[1:] if max_value <= full), max_value)
         keys = f"scale = {1.0 / full_count:.6g}"
         remark = _("{value:g} becomes 1: is that the full command?", value=full_count)
     return f'{{ column = {_quoted(column)}, unit = "raw", {keys} }},   # {remark}'

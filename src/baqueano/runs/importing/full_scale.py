@@ -54,11 +54,13 @@ def _entry_ends(signal: ColumnSignal, source: Source) -> Iterator[tuple[int, End
 
 def _column_ends(words: np.ndarray, entry: Entry, measures: str) -> EndSamples:
     """Return the samples at full scale of a column, in its own numbers."""
-    finite = words[np.isfinite(words)]
-    if len(finite) < MIN_SAMPLES or np.max(np.abs(finite)) > LARGEST_NUMBER:
+    finite_words = words[np.isfinite(words)]
+    if len(finite_words) < MIN_SAMPLES or np.max(np.abs(finite_words)) > LARGEST_NUMBER:
         return EndSamples(np.zeros(len(words), bool), [], 0)
-    is_integer = bool(np.all(finite == np.round(finite))) and float(np.ptp(finite)) > WORD_SCALES[0]
-    is_16_bit = is_integer and float(np.max(np.abs(finite))) <= LARGEST_WORD + 1.0
+    is_integer = (
+        bool(np.all(finite_words == np.round(finite_words))) and float(np.ptp(finite_words)) > WORD_SCALES[0]
+    )
+    is_16_bit = is_integer and float(np.max(np.abs(finite_words))) <= LARGEST_WORD + 1.0
     factor = abs(entry.scale * entry.si_factor)
     scales = WORD_SCALES if is_integer else FULL_SCALES[measures] / max(factor, 1e-300)
-    return end_samples(words, channel_resolution(finite), LARGEST_WORD if is_16_bit else INF, scales)
+    return end_samples(words, channel_resolution(finite_words), LARGEST_WORD if is_16_bit else INF, scales)

@@ -1,6 +1,6 @@
 """Find the axes of an IMU from gravity in the columns of a recording.
 
-Over a drive the mean of a horizontal accelerometer is small, and that of the vertical one is ±g: above twice the
+Over a drive the mean of a horizontal accelerometer is small, and the mean of the vertical one is ±g: above twice the
 others and three times its own deviation. With the axis v upward (s = 1) or downward (s = −1) a right-handed IMU has
 
     forward = n(v),   left = s n(n(v)),   turning left = s ω_v,      n: x → y → z → x                     (1)

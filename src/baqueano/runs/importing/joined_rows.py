@@ -58,7 +58,7 @@ def joined_rows(
 
 
 def is_slower_topic(rows: np.ndarray) -> bool:
-    """Return True if these rows of a file are those of a slower topic: at most every second row, and evenly.
+    """Return True if these rows of a file belong to a slower topic: at most every second row, and evenly.
 
     >>> is_slower_topic(np.array([0, 5, 10, 14])), is_slower_topic(np.array([0, 1, 2, 40]))
     (True, False)

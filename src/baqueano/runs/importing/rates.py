@@ -53,19 +53,19 @@ def counter_period(counts: np.ndarray) -> int:
     >>> counter_period(np.arange(65000, 67000, 10) % 65536), counter_period(np.arange(0, 70000, 10))
     (65536, 0)
     """
-    finite = counts[np.isfinite(counts)]
-    if len(finite) < MIN_ROWS or not np.all(finite == np.round(finite)):
+    finite_counts = counts[np.isfinite(counts)]
+    if len(finite_counts) < MIN_ROWS or not np.all(finite_counts == np.round(finite_counts)):
         return 0
-    step = np.diff(finite)
+    step = np.diff(finite_counts)
     for period in COUNTER_PERIODS:
         is_jump = np.abs(step) > 0.5 * period
-        usual = float(np.max(np.abs(step[~is_jump]), initial=1.0))
+        max_step = float(np.max(np.abs(step[~is_jump]), initial=1.0))
         rest = step[is_jump] - period * np.sign(step[is_jump])
         if (
             is_jump.any()
-            and np.ptp(finite) < period
-            and usual < 0.25 * period
-            and np.all(np.abs(rest) <= 2.0 * usual)
+            and np.ptp(finite_counts) < period
+            and max_step < 0.25 * period
+            and np.all(np.abs(rest) <= 2.0 * max_step)
         ):
             return period
     return 0

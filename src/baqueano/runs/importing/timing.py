@@ -133,11 +133,11 @@ def increasing_rows(
     """Return the mask (rows,) of the rows to keep, so that time increases.
     Raise FileError if time steps back, unless the map drops such rows, and if times are repeated or not plausible.
     """
-    latest = np.maximum.accumulate(t_ns)
+    latest_ns = np.maximum.accumulate(t_ns)
     backward_rows = np.flatnonzero(np.diff(t_ns) < 0)
     if len(backward_rows):
         i = int(backward_rows[0])
-        lost_rows = np.count_nonzero(t_ns < latest)
+        lost_rows = np.count_nonzero(t_ns < latest_ns)
         figures: JsonObject = {
             "table": table.label, "step_s": (t_ns[i] - t_ns[i + 1]) / NANOSECONDS, "line": table.lines[i + 1],
             "count": len(backward_rows), "rows": lost_rows,
@@ -148,8 +148,8 @@ def increasing_rows(
         findings.append(
             ImportFinding("time steps back", "warning", int(t_ns[i]), note("recording.steps-back", **figures))
         )
-    is_kept = t_ns >= latest
-    is_kept[1:] &= (t_ns[1:] > latest[:-1]) | (t_ns[1:] == t_ns[:-1])
+    is_kept = t_ns >= latest_ns
+    is_kept[1:] &= (t_ns[1:] > latest_ns[:-1]) | (t_ns[1:] == t_ns[:-1])
     is_kept = _without_repeats(table, t_ns, is_kept, spec, used_columns, m, findings)
     step_s = np.diff(t_ns[is_kept]) / NANOSECONDS
     if len(step_s) and not _is_change_log(table.rows_where(is_kept), step_s, spec, used_columns, m):
@@ -177,15 +177,15 @@ def _is_clock_back(table: LogTable, t_ns: np.ndarray, used_columns: set[str]) ->
     After such a step time continues evenly. After late rows it jumps forward. Rows that were written twice are equal
     to earlier rows.
     """
-    latest, step = np.maximum.accumulate(t_ns), np.diff(t_ns)
+    latest_ns, step = np.maximum.accumulate(t_ns), np.diff(t_ns)
     usual_ns = float(np.median(step[step > 0])) if np.any(step > 0) else 0.0
-    is_back = t_ns < latest
+    is_back = t_ns < latest_ns
     edges = np.flatnonzero(np.diff(np.concatenate([[0], is_back.astype(int), [0]])))
     clock_rows, lost_rows = 0, np.count_nonzero(is_back)
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         is_even = end == len(t_ns) or t_ns[end] - t_ns[end - 1] < GAP_STEPS * usual_ns
         rows = np.arange(first, end)
-        earlier_index = np.minimum(np.searchsorted(latest[:first], t_ns[rows]), first - 1)
+        earlier_index = np.minimum(np.searchsorted(latest_ns[:first], t_ns[rows]), first - 1)
         is_repeated = bool(np.all(t_ns[earlier_index] == t_ns[rows])) and bool(
             _equal_rows(table, earlier_index, rows, used_columns).all()
         )
@@ -194,7 +194,7 @@ def _is_clock_back(table: LogTable, t_ns: np.ndarray, used_columns: set[str]) ->
 
 
 def _equal_rows(table: LogTable, first: np.ndarray, second: np.ndarray, names: set[str]) -> np.ndarray:
-    """Return a mask (n,), True where the rows `first` and `second` (n,) agree in the columns `names`."""
+    """Return a mask (n,), True if the rows `first` and `second` (n,) agree in the columns `names`."""
     first_rows, second_rows = table.select(first), table.select(second)
     rows = zip(
         *(zip(first_rows.text(c), second_rows.text(c), strict=True) for c in sorted(names)), strict=True
@@ -248,10 +248,13 @@ def _coarse_rate(t_ns: np.ndarray) -> float:
     Then each time but the first and the last has about the same number of rows, at least three.
     """
     times_ns, counts = np.unique(t_ns, return_counts=True)
-    inner = counts[1:-1]
-    usual = float(np.median(inner)) if len(inner) else 0.0
-    is_even = usual >= 3.0 and float(np.mean(np.abs(inner - usual) <= 1.0 + 0.1 * usual)) > 0.9
-    return NANOSECONDS * usual / float(np.median(np.diff(times_ns))) if is_even else 0.0
+    inner_counts = counts[1:-1]
+    usual_count = float(np.median(inner_counts)) if len(inner_counts) else 0.0
+    is_even = (
+        usual_count >= 3.0
+        and float(np.mean(np.abs(inner_counts - usual_count) <= 1.0 + 0.1 * usual_count)) > 0.9
+    )
+    return NANOSECONDS * usual_count / float(np.median(np.diff(times_ns))) if is_even else 0.0
 
 
 def _check_steps(
@@ -319,10 +322,10 @@ def _tick_rate(table: LogTable, median_step_s: float, spec: "FileSpec") -> Impor
     )
 
 
-def _units_that_fit(usual: float, row_count: int, spec: "FileSpec") -> list[str]:
+def _units_that_fit(usual_count: float, row_count: int, spec: "FileSpec") -> list[str]:
     """Return the other time units with a plausible step and length, the most likely unit first."""
     file_unit = unit(spec.time_unit)
-    median_step_s = usual / (file_unit.si_factor if file_unit else 1.0)
+    median_step_s = usual_count / (file_unit.si_factor if file_unit else 1.0)
     steps = {
         name: median_step_s * unit_.si_factor for name in ("s", "ms", "us", "ns") if (unit_ := unit(name))
     }

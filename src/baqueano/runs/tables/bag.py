@@ -60,8 +60,8 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
                 code = "bag.topic-unsaid" if topic is None else "bag.no-topic"
                 raise FileError(fault(code, file=label, value=topic, valid=types.values()))
             series = {column: array("q" if column in TIME_COLUMNS else "d") for column in {*columns, "bag"}}
-            for connection, t_ns, raw in reader.messages(connections=connections):
-                message = reader.deserialize(raw, connection.msgtype)
+            for connection, t_ns, raw_message in reader.messages(connections=connections):
+                message = reader.deserialize(raw_message, connection.msgtype)
                 series["bag"].append(t_ns)
                 for column in columns - {"bag"}:
                     series[column].append(_message_number(message, column, label, topic or ""))

@@ -46,7 +46,7 @@ class ComparedController(NamedTuple):
     label: str
     kind: "OwnBlock"
     gains: dict[str, float]  # the tuned ones; empty: the defaults
-    at_bound: tuple[str, ...]  # gains that ended at a bound of the search
+    bound_gains: tuple[str, ...]  # gains that ended at a bound of the search
     over_draws: bool = False  # tuned over draws of the errors of a fit
 
     def controller(self, vehicle_file: VehicleFile) -> "Controller":
@@ -104,9 +104,9 @@ def _compared_controller(
         draws=draws,
         backend=backend,
     )
-    at_bound = tuple(gain.name for gain in tune_result.gains if gain.bound_side)
+    bound_gains = tuple(gain.name for gain in tune_result.gains if gain.bound_side)
     label = f"{label}, draws" if draws else label
-    return ComparedController(label, kind, tune_result.values, at_bound, draws > 0)
+    return ComparedController(label, kind, tune_result.values, bound_gains, draws > 0)
 
 
 def _identified(seed: int) -> "Fit":

@@ -53,7 +53,7 @@ class Controllers(Result):
             row: TableRow = {
                 "controller": controller.label,
                 "tuned": ", ".join(controller.gains),
-                "at_bound": ", ".join(controller.at_bound),
+                "at_bound": ", ".join(controller.bound_gains),
             }
             for view, drives in self.drives.items():
                 own_drives = [d for d in drives.drives if d.combination.label == controller.label]

@@ -96,7 +96,7 @@ def robot_file(robot: Robots) -> VehicleFile:
         if entry and name not in arrays:
             arrays[name] = [v for k, v in value.items() if k.startswith(f"{name}[")]
     scalar_values = {path: v for path, v in value.items() if "[" not in path}
-    exact = {
+    exact_paths = {
         "model.mass_kg": float(robot.mass_kg[0]), "model.inertia_kg_m2": float(robot.inertia_kg_m2[0]),
         ACTUATOR_MATRIX_PATH: matrix,
         "model.drivetrain.gain": [1.0, 1.0], "sensors.imu.tilt_rad": robot.imu.tilt_rad[0].tolist(),
@@ -104,4 +104,4 @@ def robot_file(robot: Robots) -> VehicleFile:
         "sensors.imu.accel_noise_std": robot.imu.noise[0, :2].tolist(),
         "sensors.imu.accel_step": float(robot.imu.step[0, 0]), "sensors.imu.gyro_step": float(robot.imu.step[0, 2]),
     }  # fmt: skip
-    return load("small").with_values(scalar_values | arrays | exact)
+    return load("small").with_values(scalar_values | arrays | exact_paths)

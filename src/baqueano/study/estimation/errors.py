@@ -99,9 +99,9 @@ def _windows(t_s: np.ndarray, window_s: float) -> list[np.ndarray]:
 
 
 def _sums(estimate: np.ndarray, reference: np.ndarray, block: np.ndarray) -> BlockSums:
-    finite, block_count = np.isfinite(estimate) & np.isfinite(reference), int(block[-1]) + 1
+    is_finite, block_count = np.isfinite(estimate) & np.isfinite(reference), int(block[-1]) + 1
     sums = [
-        np.bincount(block[finite], x[finite], block_count)
+        np.bincount(block[is_finite], x[is_finite], block_count)
         for x in (estimate, reference, np.ones(len(estimate)))
     ]
     has_samples = sums[2] > 0

@@ -43,10 +43,10 @@ def dead_reckoning(vehicle_file: "VehicleFile", run: "Run", nu: np.ndarray, star
     r = (_readings(run, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
     v = nu[:, 0] if odometer is None else _readings(run, "odometer", 0) / odometer.scale
     arm_m = float(vehicle_file.data["model"].get("rear_axle_m", np.nan))
-    lateral = arm_m * r if np.isfinite(arm_m) else nu[:, 1]
+    lateral_speed = arm_m * r if np.isfinite(arm_m) else nu[:, 1]
     dt_s = np.diff(run.t_s)
     psi = start[2] + np.concatenate([[0.0], np.cumsum(_midpoints(r) * dt_s)])
-    displacement = np.stack([_midpoints(v), _midpoints(lateral)], axis=1) * dt_s[:, None]
+    displacement = np.stack([_midpoints(v), _midpoints(lateral_speed)], axis=1) * dt_s[:, None]
     cos, sin = np.cos(_midpoints(psi)), np.sin(_midpoints(psi))
     steps = np.stack(
         [
@@ -62,8 +62,8 @@ def dead_reckoning(vehicle_file: "VehicleFile", run: "Run", nu: np.ndarray, star
 def _readings(run: "Run", sensor: str, entry: int) -> np.ndarray:
     """Return entry `entry` (N,) of a sensor at the ticks, interpolated between its readings."""
     channel = run.sensors[sensor]
-    finite = np.isfinite(channel.z[:, entry])
-    return np.interp(run.t_s, seconds(channel.t_ns[finite], run.t_ns[0]), channel.z[finite, entry])
+    is_finite = np.isfinite(channel.z[:, entry])
+    return np.interp(run.t_s, seconds(channel.t_ns[is_finite], run.t_ns[0]), channel.z[is_finite, entry])
 
 
 def _midpoints(x: np.ndarray) -> np.ndarray:

@@ -45,15 +45,15 @@ def plan_signals(
     plans = {DESIGNED: PlannedDrive(np.repeat(u[:, None], count, axis=1), time.perf_counter() - began_s)}
     cloud = VehicleCloud(vehicle_file, possible_vehicles(vehicle_file, vehicle_count=VEHICLES), seed, backend)
     for kind in KINDS:
-        commands, slowest = [], 0.0
+        commands, max_s = [], 0.0
         for k in range(count):
             began_s = time.perf_counter()
             command = excitation(
                 kind, vehicle_file.command.limit, duration_s, vehicle_file.rate_hz, seed + k, rest_s=1.0
             )
             commands.append(contain_in_room(command, vehicle_file, room, cloud=cloud).u)
-            slowest = max(slowest, time.perf_counter() - began_s)
-        plans[kind] = PlannedDrive(np.stack(commands, axis=1), slowest)
+            max_s = max(max_s, time.perf_counter() - began_s)
+        plans[kind] = PlannedDrive(np.stack(commands, axis=1), max_s)
     return plans
 
 

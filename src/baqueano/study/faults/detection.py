@@ -312,8 +312,8 @@ class Faults:
 
 def _ratio(pairs: list[tuple[float, float]]) -> float | None:
     """Return the ratio of the two medians over the finite pairs; None if all pairs contain NaN.  (1), (2)"""
-    finite = [pair for pair in pairs if np.isfinite(pair).all()]
-    return float(np.divide(*np.median(finite, axis=0))) if finite else None
+    finite_pairs = [pair for pair in pairs if np.isfinite(pair).all()]
+    return float(np.divide(*np.median(finite_pairs, axis=0))) if finite_pairs else None
 
 
 def faults(

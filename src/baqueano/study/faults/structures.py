@@ -229,9 +229,9 @@ def second_vehicle(
     )
     cut = int(rng.uniform(0.25, 0.75) * len(u))
 
-    def join_logs(run: Run, second: Run) -> Run:
+    def join_logs(run: Run, second_run: Run) -> Run:
         for name, channel in run.sensors.items():
-            channel.z[cut:] = second.sensors[name].z[cut:]
+            channel.z[cut:] = second_run.sensors[name].z[cut:]
         return run
 
     return FaultPlan(q, u, subject.vehicle_file, second_vehicle=changed_vehicle, change=join_logs)

@@ -3,8 +3,8 @@
 Robots of the independent truth (corridor/vehicles.py: gyro within ± 3 %, wheels that differ by 2 %) are identified
 (team.py) and switched on again. They follow three routes with each fix (fixes.py). In some cases all readings arrive.
 In the others 20 % are missed, 10 % arrive twice and 5 % are mistaken for another mark. With an uncalibrated gyro, the
-study compares the share of robots that stay on the route with the forecast. With only an IMU, it tests the coverage
-of the filter's region, and that the robot stops before a wall.
+study compares the share of robots that stay on the route with the forecast. With only an IMU, the study tests the
+coverage of the filter's region, and that the robot stops before a wall.
 """
 
 from collections.abc import Callable, Sequence

@@ -80,8 +80,8 @@ def robot_laps(drives: "Laps", case: LapCase, seeds: Sequence[int], laps: int, p
                 if len(squares)
                 else (np.nan,) * 2
             )
-            worst = float(distance_m[t, i][lap_rows].max()), float(cross_track_m[t, i][lap_rows].max())
-            laps_found.append(Lap(case, seed, lap + 1, bool(lap_rows.all()), *worst, *claims))
+            worst_errors = float(distance_m[t, i][lap_rows].max()), float(cross_track_m[t, i][lap_rows].max())
+            laps_found.append(Lap(case, seed, lap + 1, bool(lap_rows.all()), *worst_errors, *claims))
     return laps_found
 
 
@@ -213,8 +213,8 @@ def _quantile(values: list[float], q: float) -> float:
 
 
 def _mean(values: list[float]) -> float:
-    finite = [value for value in values if np.isfinite(value)]
-    return float(np.mean(finite)) if finite else float("nan")
+    finite_values = [value for value in values if np.isfinite(value)]
+    return float(np.mean(finite_values)) if finite_values else float("nan")
 
 
 def _cm_text(metres: float) -> str:

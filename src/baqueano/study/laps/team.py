@@ -136,8 +136,8 @@ def simulate_taught_laps(
 ) -> list[Run]:  # fmt: skip
     """Return a lap of each robot, driven by a person: a rest on the mark, a lap, and a rest on the mark.
 
-    The person sees the pose of the robot, with an error that grows to that of the final mark. With `ends` (n, 3) the
-    person stops at these poses relative to the mark.
+    The person sees the pose of the robot, with an error that grows up to the error of the final mark. With `ends` (n,
+    3) the person stops at these poses relative to the mark.
     """
     route, n = SHAPES[shape](SPEED_M_S), len(seeds)
     world = TruthWorld(

@@ -84,14 +84,14 @@ def choice_rows(choice: "Choice", other_run: "Run", name: str, other_name: str) 
     """Return the rows on the speed of the other run, the chosen terms and the battery."""
     figures = {figure.channel: figure for figure in validate(choice.fit, other_run).figures}
     share = figures["odometer[0]"].explained_fraction
-    dry = DRY_TERMS.intersection(choice.selected_terms)
+    dry_terms = DRY_TERMS.intersection(choice.selected_terms)
     battery = next(judgement for judgement in choice.term_results if judgement.term.name == BATTERY_TERM)
     criterion = _("{name} → {other}: speed explained", name=name, other=other_name)
     terms, names = _("{name}: terms added", name=name), ", ".join(map(_, choice.selected_terms))
     battery_term, is_added = f"{name}: {_(BATTERY_TERM)}", battery.verdict == Decision.TAKEN
     return [
         at_least(CAR, criterion, share, MIN_EXPLAINED[name]),
-        criterion_row(CAR, terms, names, _("dry friction or dead zone"), bool(dry)),
+        criterion_row(CAR, terms, names, _("dry friction or dead zone"), bool(dry_terms)),
         criterion_row(CAR, battery_term, text(battery.message), _("not added"), not is_added),
     ]
 

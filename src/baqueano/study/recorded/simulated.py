@@ -41,8 +41,8 @@ def measured_and_simulated(
     record = make_record(run, {sensor: block})
     simulated_values = simulate_outputs(vehicle, vehicle.init(), record.dt_s, record.u, block.h, backend)
     sensor_log = record.sensors[sensor]
-    present = sensor_log.mask.all(axis=1)
-    return sensor_log.z[present], simulated_values[present]
+    is_present = sensor_log.mask.all(axis=1)
+    return sensor_log.z[is_present], simulated_values[is_present]
 
 
 def final_poses(

@@ -137,9 +137,9 @@ class _PassageDetector:
         """Return the pairs (vehicle, point) nearest at this call, within the radius: at most one point per vehicle."""
         distance = self._point_distances(xy)
         shrinks = distance < self._distance
-        nearest = self._shrinks & ~shrinks & (self._distance <= self._radius_m)
+        is_nearest = self._shrinks & ~shrinks & (self._distance <= self._radius_m)
         self._distance, self._shrinks = distance, shrinks
-        return [(int(i), int(np.argmax(nearest[i]))) for i in np.flatnonzero(nearest.any(axis=1))]
+        return [(int(i), int(np.argmax(is_nearest[i]))) for i in np.flatnonzero(is_nearest.any(axis=1))]
 
     def _point_distances(self, xy: np.ndarray) -> np.ndarray:
         """Return the distances (n, m) [m] from vehicles at `xy` (n, 2) to the points."""

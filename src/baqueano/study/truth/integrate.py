@@ -33,8 +33,8 @@ class CommandDelayLine:
 
     def current_commands(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the commands (n, m) from `t_s` (n,) on, and the time (n,) [s] when others take effect, or infinity."""
-        coming = self._sent_s.searchsorted(t_s + MIN_STEP_S - self._delay_s, side="right")
-        return self._commands[coming - 1, self._all], self._sent_s[coming] + self._delay_s
+        next_index = self._sent_s.searchsorted(t_s + MIN_STEP_S - self._delay_s, side="right")
+        return self._commands[next_index - 1, self._all], self._sent_s[next_index] + self._delay_s
 
 
 def integrate(

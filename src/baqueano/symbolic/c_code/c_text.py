@@ -52,7 +52,7 @@ def _elementary_functions(names: set[str]) -> str:
     callees, new_names = set(), names | {"splat"}
     while new_names:
         callees |= new_names
-        new_names = {inner for name in new_names for inner in calls.get(name, ())} - callees
+        new_names = {callee for name in new_names for callee in calls.get(name, ())} - callees
     text = FUNCTION.sub(lambda function: function[0] if function[1] in callees else "", text)
     return SCALAR_FUNCTION.sub(lambda line: line[0] if line[1] in callees else "", text)
 

@@ -1,11 +1,11 @@
 """Compile C code to a loaded library: find a compiler, choose its flags, store the result.
 
-A library is stored in the user's cache folder under the hash of all that it depends on: program, modules that generate
-code, optimisation, compiler, processor. So the code of a stored library is not generated again. The file name is the
-hash of its content, and is checked before loading: a damaged file is removed and built again. Two processes can build
-the same kernel at the same time.
+A library is stored in the user's cache folder under the hash of everything that it depends on: program, modules that
+generate code, optimisation, compiler, processor. So the code of a stored library is not generated again. The file name
+is the hash of its content, and is checked before loading: a damaged file is removed and built again. Two processes can
+build the same kernel at the same time.
 
-Never use -ffast-math: a library that was linked with it sets subnormal numbers to zero in the whole process.
+Never use -ffast-math: a library that is linked with this option sets subnormal numbers to zero in the whole process.
 -fno-math-errno, -fno-trapping-math and -ffp-contract=fast make the code equally fast. Modules needed only for a build
 are imported during the build, so a kernel from the cache is loaded in a few milliseconds.
 """

@@ -157,9 +157,11 @@ def chain_rule(f: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], 
         parts = [
             (e.value, e.row) if isinstance(e, Dual) and e.level == level else (e, _NO_ROW) for e in entries
         ]
-        inner = np.array([value for value, _ in parts], dtype=object).view(TracedArray)
+        inner_values = np.array([value for value, _ in parts], dtype=object).view(TracedArray)
         rows, results = [row for _, row in parts], []
-        for y, slopes in zip(as_array(f(inner)).tolist(), as_array(jacobian(f)(inner)).tolist(), strict=True):
+        for y, slopes in zip(
+            as_array(f(inner_values)).tolist(), as_array(jacobian(f)(inner_values)).tolist(), strict=True
+        ):
             row = combine("add", (), rows, slopes)
             results.append(Dual(y, row, level) if row else y)
         return np.array(results, dtype=object).view(TracedArray)

@@ -124,8 +124,8 @@ class _Rows:
     def sum(self, combination: Combination) -> TangentRow:
         if not combination:
             return self.zero
-        (row, coefficient), *remaining = combination.items()
-        if not remaining and _is_one(coefficient):
+        (row, coefficient), *other_terms = combination.items()
+        if not other_terms and _is_one(coefficient):
             return row
         return TangentRow("row", self.lanes, tuple(x for row, k in combination.items() for x in (k, row)))
 

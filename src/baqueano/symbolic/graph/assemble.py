@@ -97,10 +97,10 @@ def remaining_zeros(
     while zero:
         order = sorted(zero)
         nodes = graph.substitute([next_carry[k] for k in order], {carry[k]: zero_node for k in order})
-        remaining = {k for k, node in zip(order, nodes, strict=True) if _is_zero(node)}
-        if remaining == zero:
+        zero_places = {k for k, node in zip(order, nodes, strict=True) if _is_zero(node)}
+        if zero_places == zero:
             break
-        zero = remaining
+        zero = zero_places
     return zero
 
 

@@ -24,8 +24,8 @@ def with_carried_functions(program: Program) -> Program:
     for f in order:
         if OPERATOR_COSTS.get(f.op, 0.0) >= MIN_CARRIED_OPERATIONS and {*f.args} <= next_node.keys():
             end_node[f] = graph.make(f.op, *(next_node[x] for x in f.args), value=f.value)
-    present = {*order}
-    end_node = {f: end for f, end in end_node.items() if end is not f and end in present}
+    present_nodes = {*order}
+    end_node = {f: end for f, end in end_node.items() if end is not f and end in present_nodes}
     if not end_node:
         return program
 

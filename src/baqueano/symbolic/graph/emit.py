@@ -162,16 +162,16 @@ def postorder(roots: Iterable[Term], is_given: Callable[[Term], bool]) -> list[T
         stack = [] if root in members or is_given(root) else [root]
         while stack:
             term = stack[-1]
-            pending = []
+            open_statements = []
             for a in term.args:
                 if a not in members:
                     if is_given(a):
                         members.add(a)
                     else:
-                        pending.append(a)
-            if pending:
-                pending.reverse()
-                stack += pending
+                        open_statements.append(a)
+            if open_statements:
+                open_statements.reverse()
+                stack += open_statements
                 continue
             stack.pop()
             if term not in members:
@@ -373,14 +373,14 @@ class _Scheduler:
                     continue
                 group = self.plan.get(term)
                 arguments = term.args if group is None else group.needs
-                pending = [a for a in arguments if a not in self.done and not self.is_given(a)]
-                if not pending:
+                open_statements = [a for a in arguments if a not in self.done and not self.is_given(a)]
+                if not open_statements:
                     statements.append(term if group is None else self.branch(group))
                     self.done.add(term)
                 elif group in open_groups:
                     raise _CyclicBranch(group.key)
                 else:
-                    stack += reversed(pending)
+                    stack += reversed(open_statements)
                     open_groups |= {group} if group else set()
         return statements
 

@@ -37,7 +37,7 @@ class Program(NamedTuple):
 
     @property
     def fingerprint(self) -> bytes:
-        """Return a digest of all that determines the code of `copy()`: equal programs have equal digests."""
+        """Return a digest of everything that determines the code of `copy()`: equal programs have equal digests."""
         import hashlib  # no vehicle needs it before its first drive
 
         numbers = {x: (role, k) for role, nodes in enumerate(self.symbols) for k, x in enumerate(nodes)}

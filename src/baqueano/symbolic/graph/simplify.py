@@ -203,8 +203,8 @@ def _max(g: "Graph", a: "Node", b: "Node") -> "Node | None":
 
 
 def _is_clipped(x: "Node") -> bool:
-    largest = sys.float_info.max
-    return _is_bounded(x, "min", largest) and _is_bounded(x, "max", -largest)
+    max_float = sys.float_info.max
+    return _is_bounded(x, "min", max_float) and _is_bounded(x, "max", -max_float)
 
 
 def _is_bounded(x: "Node", op: str, bound: float, depth: int = CLIP_DEPTH) -> bool:

@@ -57,7 +57,7 @@ def trace_function(f: Callable[..., Tree], shapes: Iterable[Shape]) -> Trace:
     """Return the trace of a function of trees of these shapes; its result is the output, without a carry.
 
     A method of the user is traced on a copy of its block, and twice. Raise TraceError if the second call gives other
-    nodes, or if the block then contains nodes: such a method has memory, noise or a clock of its own.
+    nodes, or if the block then contains nodes: such a method has its own memory, noise or clock.
     """
     graph = Graph()
     kinds: dict[Node, str] = {}
@@ -87,10 +87,10 @@ def trace_step(
     """Return the trace of a step, and the leaves of `symmetric` that stay symmetric; `carry` is f(θ) or None."""
     while True:
         trace = _traced_step(step, carry, carry_shape, inputs, parameters, symmetric)
-        remaining = {p for p in symmetric if _stays_symmetric(trace, carry_shape, p)}
-        if remaining == symmetric:
+        node_iterator = {p for p in symmetric if _stays_symmetric(trace, carry_shape, p)}
+        if node_iterator == symmetric:
             return trace, symmetric
-        symmetric = remaining
+        symmetric = node_iterator
 
 
 def select_output(trace: Trace, name: str) -> Trace:
@@ -175,13 +175,13 @@ def _symbols(graph: Graph, shape: Shape, kinds: dict[Node, str], symmetric: Iter
 
 def _argument(shape: Shape, nodes: list[Node]) -> Tree:
     """Return a new tree of this shape with these nodes; its arrays cannot be changed."""
-    remaining = iter(nodes)
+    node_iterator = iter(nodes)
 
     def value(leaf: Leaf) -> Tree:
         if not leaf.is_array:
-            return next(remaining)
+            return next(node_iterator)
         array = np.empty(leaf.size, dtype=object)
-        array[:] = list(islice(remaining, leaf.size))
+        array[:] = list(islice(node_iterator, leaf.size))
         return _freeze(array.reshape(leaf.shape).view(TracedArray))
 
     return build(shape, map(value, leaves(shape)))

@@ -178,13 +178,13 @@ def kind_finder(symbols: dict[Node, str]) -> Callable[[Tree], str]:
             return "f"
         stack = [node]
         while stack:
-            pending = stack[-1]
+            open_part = stack[-1]
             unknown_parts = (
-                [a for a in pending.args if a not in kinds] if pending.op in _INTEGER_OPERATORS else []
+                [a for a in open_part.args if a not in kinds] if open_part.op in _INTEGER_OPERATORS else []
             )
             stack += unknown_parts
             if not unknown_parts:
-                kinds.setdefault(stack.pop(), _node_kind(pending, kinds))
+                kinds.setdefault(stack.pop(), _node_kind(open_part, kinds))
         return kinds[node]
 
     return leaf_kind

@@ -15,10 +15,10 @@ def dump(document: Any) -> str:
 
 def _lines(table: Mapping[str, object], path: tuple[str, ...]) -> list[str]:
     own_values = {k: v for k, v in table.items() if not isinstance(v, Mapping)}
-    inner = {k: v for k, v in table.items() if isinstance(v, Mapping)}
-    lines = ["", f"[{'.'.join(map(_key, path))}]"] if path and (own_values or not inner) else []
+    subtables = {k: v for k, v in table.items() if isinstance(v, Mapping)}
+    lines = ["", f"[{'.'.join(map(_key, path))}]"] if path and (own_values or not subtables) else []
     lines += [f"{_key(k)} = {_value(v)}" for k, v in own_values.items()]
-    for name, value in inner.items():
+    for name, value in subtables.items():
         lines += _lines(value, (*path, name))
     return lines
 

@@ -280,8 +280,8 @@ def _set_value(document: Any, path: tuple[str, ...], value: Any) -> None:
     elif isinstance(old_value, dict) and isinstance(value, dict):
         for name in [n for n in old_value if n not in value]:
             del old_value[name]
-        for name, inner in value.items():
-            old_value[name] = inner
+        for name, subtable in value.items():
+            old_value[name] = subtable
     elif _plain_value(old_value) != value or old_value is None:
         table[path[-1]] = value
 

@@ -33,7 +33,7 @@ MAX_SHOWN_NUMBERS = 9  # maximum number of values of an array that are shown
 
 
 def block_description(request: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObject":
-    """Return all that the page shows about the block of a role, or about a block of another `kind` in its place.
+    """Return what the page shows about the block of a role, or about a block of another `kind` in its place.
 
     Raise UsageError if the kind is not in the list of the role.
     """
@@ -142,17 +142,17 @@ def step_time_us(role: str, kind: str, vehicle_file: "VehicleFile") -> float | N
     except FileError:
         return None
     tick = example_tick(vehicle_file)
-    quick, _ = compile_blocks(Blocks(**blocks_by_role), tick, "auto")
-    states = loop.init(quick)
+    quick_blocks, _ = compile_blocks(Blocks(**blocks_by_role), tick, "auto")
+    states = loop.init(quick_blocks)
     try:
-        _, estimate = quick.estimator.step(states.estimator, tick)
-        _, reference = quick.guide.step(states.guide, estimate)
-        _, command = quick.controller.step(states.controller, reference, estimate)
+        _, estimate = quick_blocks.estimator.step(states.estimator, tick)
+        _, reference = quick_blocks.guide.step(states.guide, estimate)
+        _, command = quick_blocks.controller.step(states.controller, reference, estimate)
     except Exception:  # an error in a user's block, which `blocks check` reports
         return None
     inputs = {"estimator": (tick,), "guide": (estimate,), "controller": (reference, estimate),
               "supervisor": (command, tick, estimate)}[role]  # fmt: skip
-    step, state = getattr(quick, role).step, getattr(states, role)
+    step, state = getattr(quick_blocks, role).step, getattr(states, role)
     rounds = []
     for _ in range(ROUNDS):
         start_s = time.perf_counter()

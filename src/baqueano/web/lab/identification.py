@@ -144,7 +144,7 @@ class DriveIdentification:
         self._u, self._z = np.concatenate([self._u, in_force]), np.concatenate([self._z, z_on_ticks])
 
     def state(self) -> "JsonObject":
-        """Return all that the page shows about the identification, and start a fit if one is due."""
+        """Return what the page shows about the identification, and start a fit if one is due."""
         self._use_finished_fit()
         self._advance(time.monotonic() + BUDGET_S)
         now_s = time.monotonic()

@@ -124,8 +124,8 @@ class LiveIdentification:
         drive, width = self._drive, len(self._names)
         rows: list[list[float]] = []
         while self._frames and len(rows) < ROWS_PER_REQUEST:
-            flat = self._frames.popleft().tolist()
-            rows += [flat[k : k + width] for k in range(0, len(flat), width)]
+            flat_row = self._frames.popleft().tolist()
+            rows += [flat_row[k : k + width] for k in range(0, len(flat_row), width)]
         if rows and self._reply is None:  # the first answer can take a compilation
             self._forward(
                 drive, {"parameters": [], "reason": note("web.identifying").to_json(), "busy": True}

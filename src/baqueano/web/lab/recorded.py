@@ -77,14 +77,14 @@ def pack_run(run: Run, kinds: dict[str, str] | None = None) -> PackedRun:
 def _columns(run: Run) -> dict[str, np.ndarray]:
     """Return the columns of a run by name, each (N,)."""
     t, n = run.t_ns, len(run.t_ns)
-    silent = np.full(n, np.nan)
+    silent_row = np.full(n, np.nan)
     columns: dict[str, np.ndarray] = {"t": run.t_s}
     log = run.estimate
     eta, nu, cov = _tick_poses(log, t), _tick_velocities(log, t), None
     if log is not None and len(log.t_ns):
         cov = interpolate_rows(t, log.t_ns, log.cov.reshape(len(log.t_ns), -1)).reshape(n, 6, 6)
     columns |= {f"eta.{a}": eta[:, k] for k, a in enumerate(ETA)}
-    columns |= {f"P.{a}": silent if cov is None else cov[:, i, j] for a, (i, j) in P.items()}
+    columns |= {f"P.{a}": silent_row if cov is None else cov[:, i, j] for a, (i, j) in P.items()}
     columns |= {f"nu.{a}": nu[:, k] for k, a in enumerate(NU)}
     target = run.guide_reference
     ref = _tick_poses(target, t)
@@ -95,7 +95,9 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
     columns |= {f"truth.{a}": truth[:, k] for k, a in enumerate(ETA)}
     for k in range(run.applied_commands.shape[1]):
         columns[f"u.{k}"] = run.applied_commands[:, k]
-        columns[f"requested.{k}"] = silent if run.requested_commands is None else run.requested_commands[:, k]
+        columns[f"requested.{k}"] = (
+            silent_row if run.requested_commands is None else run.requested_commands[:, k]
+        )
     columns |= _sensor_columns(run)
     offset = eta[:, :2] - ref[:, :2]
     columns["cross"] = -offset[:, 0] * np.sin(ref[:, 2]) + offset[:, 1] * np.cos(ref[:, 2])  # (1)
@@ -124,10 +126,10 @@ def _sensor_columns(run: Run) -> dict[str, np.ndarray]:
     z = np.full((n, len(names)), np.nan)
     offset = 0
     for channel in run.sensors.values():
-        newest = np.searchsorted(channel.arrival_ns, run.t_ns, side="right") - 1
-        is_new = np.diff(newest, prepend=-1) > 0
+        newest_index = np.searchsorted(channel.arrival_ns, run.t_ns, side="right") - 1
+        is_new = np.diff(newest_index, prepend=-1) > 0
         m = channel.z.shape[1]
-        z[is_new, offset : offset + m] = channel.z[newest[is_new]]
+        z[is_new, offset : offset + m] = channel.z[newest_index[is_new]]
         offset += m
     columns = {f"z.{name}": z[:, k] for k, name in enumerate(names)}
     log = run.estimate

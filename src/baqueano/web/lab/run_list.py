@@ -25,8 +25,8 @@ class RunList:
     A separate worker reads the list and writes the reports, so that a run can be opened at the same time.
     """
 
-    def __init__(self, folder: Path, extra: tuple[Path, ...] = ()) -> None:
-        self.folder, self._extra_runs = folder, extra
+    def __init__(self, folder: Path, extra_paths: tuple[Path, ...] = ()) -> None:
+        self.folder, self._extra_runs = folder, extra_paths
         self._key = secrets.token_bytes(32)
         self._lines: dict[str, JsonObject] = {}  # list entries by key
         self._press, self._pages = WorkerClient(), TemporaryDirectory(prefix="baqueano-page-")

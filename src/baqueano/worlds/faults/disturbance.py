@@ -104,12 +104,12 @@ class DisturbanceConverter:
     def disturbance_at(self, faults: Sequence[Fault], k: int) -> tuple[Disturbance, bool]:
         """Return the disturbance of tick k by `faults`, and True if the command of the previous tick arrives."""
         chance, spikes = self._random(k)
-        active = [fault_ for fault_ in faults if self.first_tick(fault_) <= k < self.end_tick(fault_)]
-        if not active:
+        active_faults = [fault_ for fault_ in faults if self.first_tick(fault_) <= k < self.end_tick(fault_)]
+        if not active_faults:
             return self.calm.disturbance(), True
         d = self.calm.disturbance()
         kept_readings, command_arrives, supply = [1.0] * len(self.names), True, 1.0
-        for fault_ in active:
+        for fault_ in active_faults:
             match fault_.kind:
                 case "push":
                     ticks = self.end_tick(fault_) - self.first_tick(fault_)

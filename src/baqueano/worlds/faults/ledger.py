@@ -211,14 +211,14 @@ class Ledger:
         """Add the innovations of a tick to the window, and test the sum over the window.  (1)"""
         if y is not None and self._used_channels is None and self._count == 0:
             self._used_channels = self._channels(len(y))
-        if y is not None and S is not None and (finite := np.isfinite(y)).any():
-            innovation = y[finite]
+        if y is not None and S is not None and (is_finite := np.isfinite(y)).any():
+            innovation = y[is_finite]
             try:
-                square = float(innovation @ np.linalg.solve(S[np.ix_(finite, finite)], innovation))
+                square = float(innovation @ np.linalg.solve(S[np.ix_(is_finite, is_finite)], innovation))
             except np.linalg.LinAlgError:
                 return
-            self._window.append((t_s, square, int(finite.sum())))
-            self._sum, self._count = self._sum + square, self._count + int(finite.sum())
+            self._window.append((t_s, square, int(is_finite.sum())))
+            self._sum, self._count = self._sum + square, self._count + int(is_finite.sum())
         while self._window and t_s - self._window[0][0] > WINDOW_S:
             _, square, m = self._window.popleft()
             self._sum, self._count = self._sum - square, self._count - m
