@@ -83,11 +83,11 @@ def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
 
 def speed_channels(sensor: "Tree") -> np.ndarray:
     """Return a mask (m,) of the channels that depend on ν and not on ν̇."""
-    zeros, no_force = np.zeros(3), np.zeros(2)
+    zeros, zero_force = np.zeros(3), np.zeros(2)
     z_at_rest, z_moving = (
-        sensor.h(Motion(zeros, nu, zeros, no_force)) for nu in (zeros, np.array([1.0, 0.0, 1.0]))
+        sensor.h(Motion(zeros, nu, zeros, zero_force)) for nu in (zeros, np.array([1.0, 0.0, 1.0]))
     )
-    z_accelerating = sensor.h(Motion(zeros, zeros, np.ones(3), no_force))
+    z_accelerating = sensor.h(Motion(zeros, zeros, np.ones(3), zero_force))
     return np.asarray((z_moving != z_at_rest) & (z_accelerating == z_at_rest))
 
 

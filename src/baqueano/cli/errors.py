@@ -113,7 +113,7 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
 
 def _options_by_help(error: click.NoSuchOption) -> list[str]:
     """Return the options of this command whose help begins with the unknown name: --duration is --seconds."""
-    _, verb, *verbs = [*(error.ctx.command_path.split() if error.ctx else []), "", ""]
+    _, verb, *subcommands = [*(error.ctx.command_path.split() if error.ctx else []), "", ""]
     if verb not in SUBCOMMANDS:
         return []
     name = error.option_name.lstrip("-").lower()
@@ -122,8 +122,8 @@ def _options_by_help(error: click.NoSuchOption) -> list[str]:
         with use_language(language):
             command = load_command(verb)
             commands.append(
-                command.commands[verbs[0]]
-                if isinstance(command, click.Group) and verbs[0] in command.commands
+                command.commands[subcommands[0]]
+                if isinstance(command, click.Group) and subcommands[0] in command.commands
                 else command
             )
     options = [p for command in commands for p in command.params if isinstance(p, click.Option)]

@@ -235,13 +235,13 @@ def show_activity(label: Diagnostic | str) -> Iterator[ProgressLine]:
             _rewrite(line) if person else print_message(line)
 
     _rewrite(label) if person else print_message(label)
-    counting = threading.Thread(target=count, daemon=True)
-    counting.start()
+    count_thread = threading.Thread(target=count, daemon=True)
+    count_thread.start()
     try:
         yield status
     finally:
         end_event.set()
-        counting.join()
+        count_thread.join()
         status.done()
         _rewrite(f"{label}  {number(time.monotonic() - start_s):.1f} s\n")
 

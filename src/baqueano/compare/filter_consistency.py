@@ -177,8 +177,8 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
         deviations = np.sqrt(np.diagonal(S, axis1=1, axis2=2))
         ratios = (y / deviations).T
         names = innovation_names(run, len(ratios))
-        correcting = _correcting_indices(run, len(ratios))
-        errors["nis"] = consistency.whiten(y[:, correcting], S[:, correcting][:, :, correcting])
+        accepted_rows = _correction_indices(run, len(ratios))
+        errors["nis"] = consistency.whiten(y[:, accepted_rows], S[:, accepted_rows][:, :, accepted_rows])
         channels = {name: consistency.band(ratio[:, None]) for name, ratio in zip(names, ratios, strict=True)}
         correlations = consistency.whiteness(y, S)
         samples = np.max(np.sum(np.isfinite(y), axis=0), initial=0)
@@ -198,7 +198,7 @@ def innovation_names(run: "Run", size: int) -> list[str]:
     return names if len(names) == size else [_("innovation {k}", k=k) for k in range(size)]
 
 
-def _correcting_indices(run: "Run", size: int) -> list[int]:
+def _correction_indices(run: "Run", size: int) -> list[int]:
     """Return the entries of an innovation that correct the estimate; all if the run does not contain their counts."""
     counts = [count.reading_count for count in rejections_in(run.events)]
     return [k for k in range(size) if len(counts) != size or counts[k] > 0]

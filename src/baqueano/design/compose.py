@@ -305,9 +305,11 @@ class Composer:
         for offset in range(0, min(len(order), MAX_TRIED_PRIMITIVES), EXACT_PRIMITIVES):
             candidates = order[offset : offset + EXACT_PRIMITIVES]
             scores = self.score(other_information + self.F[candidates]) - self.cost[candidates]
-            improving = np.flatnonzero(scores > min_score)
-            if len(improving):
-                feasible = improving[self._stays_inside(pose, candidates[improving], later_primitives)]
+            better_indices = np.flatnonzero(scores > min_score)
+            if len(better_indices):
+                feasible = better_indices[
+                    self._stays_inside(pose, candidates[better_indices], later_primitives)
+                ]
                 if len(feasible):
                     k = feasible[np.argmax(scores[feasible])]
                     return int(candidates[k]), float(scores[k])

@@ -144,10 +144,12 @@ def first_allowed_option(
     drives = cloud.drive_each([state] * len(options), options, tick)
     paths = [eta[:, ticks % stride :: stride] for _, eta in drives]
     allowed_indices = [k for k, eta in enumerate(paths) if wall_margin(room, eta) >= MIN_WALL_DISTANCE_M]
-    no_command = np.zeros((round(COAST_S * cloud.rate_hz), options[0].shape[1]))
+    coast_command = np.zeros((round(COAST_S * cloud.rate_hz), options[0].shape[1]))
     for offset in range(0, len(allowed_indices), SIMULATED_OPTIONS):
         indices = allowed_indices[offset : offset + SIMULATED_OPTIONS]
-        coasts = cloud.drive_each([drives[k][0] for k in indices], [no_command] * len(indices), tick + ticks)
+        coasts = cloud.drive_each(
+            [drives[k][0] for k in indices], [coast_command] * len(indices), tick + ticks
+        )
         for k, (_, eta) in zip(indices, coasts, strict=True):
             full_path = np.concatenate([paths[k], eta[:, ::stride]], axis=1)
             is_inside = wall_margin(room, full_path) >= MIN_WALL_DISTANCE_M

@@ -51,21 +51,21 @@ def command_output(command: list[str]) -> tuple[bytes, int]:
             while not is_over.wait(HEARTBEAT_PERIOD_S):
                 beats.write(b"\n")
 
-    beating = threading.Thread(target=beat, name="sign of life", daemon=True)
-    beating.start()
+    beat_thread = threading.Thread(target=beat, name="sign of life", daemon=True)
+    beat_thread.start()
     with program, print_streams((program.stderr, sys.stderr)):
         try:
             return read_limited(program.stdout), program.wait()
         except KeyboardInterrupt:
             is_over.set()
-            beating.join()
+            beat_thread.join()
             beats.close()
             with suppress(subprocess.TimeoutExpired):
                 program.wait(EXIT_TIMEOUT_S)
             raise
         finally:
             is_over.set()
-            beating.join()
+            beat_thread.join()
             program.kill()
             program.wait()
 

@@ -319,13 +319,13 @@ class Door:
 
     def _send_new_rows(self, *, at_once: bool = False) -> None:
         """Send new rows to the clients for which they are due, or to all if `at_once`; equal rows are encoded once."""
-        watching = [client for client in self._clients if client.hz > 0.0]
+        watchers = [client for client in self._clients if client.hz > 0.0]
         (drive, _), frames_by_columns, self._is_behind = self.frames.drive(), {}, False
-        if drive is None or not watching:
+        if drive is None or not watchers:
             return
         self._is_behind = drive.convert(MAX_STORED_TICKS if at_once else TICKS_PER_TURN)
         now_s = time.monotonic()
-        for client in watching:
+        for client in watchers:
             self._send_description(client)
             reads = client.pending_bytes <= SEND_BUFFER_BYTES if at_once else not client.has_output
             if not reads or (int(now_s * client.hz) == client.turn and not at_once):

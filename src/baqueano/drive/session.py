@@ -238,8 +238,8 @@ def drive(
         path.unlink()
         raise
     if live:
-        no_commands = np.zeros((0, world.commands))
-        return Run(vehicle_file.name, path, np.zeros(0, dtype=np.int64), no_commands, metadata=metadata)
+        zero_commands = np.zeros((0, world.commands))
+        return Run(vehicle_file.name, path, np.zeros(0, dtype=np.int64), zero_commands, metadata=metadata)
     return read_run(path)
 
 

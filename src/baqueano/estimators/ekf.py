@@ -206,8 +206,8 @@ class Ekf:
     def _correct(self, name: str, mean: np.ndarray, cov: np.ndarray, slot: Slot) -> tuple[Value, ...]:
         """Return the mean, the covariance, the innovation (m,), its covariance (m, m) and the weights (m,).  (2, 3)"""
         sensor = getattr(self.sensors, name)
-        old_s = 0.0 if self.mode == "paper" else age_s(sensor, slot)
-        z_bar, H, Q = self._h(mean, sensor, old_s), jacobian(self._h)(mean, sensor, old_s), sensor.cov
+        elapsed_s = 0.0 if self.mode == "paper" else age_s(sensor, slot)
+        z_bar, H, Q = self._h(mean, sensor, elapsed_s), jacobian(self._h)(mean, sensor, elapsed_s), sensor.cov
         mask = measured_channels(sensor, slot)
         y = difference(sensor, np.where(mask > 0.0, slot.z, z_bar), z_bar)
         update = correct(cov, y, H, Q, mask=mask)
@@ -217,9 +217,9 @@ class Ekf:
         y, w = (np.where(mask > 0.0, x, np.nan) for x in (y, np.where(is_accepted, 1.0, 0.0)))
         return mean, np.where(is_accepted, update.cov, cov), y, S, w
 
-    def _h(self, mean: np.ndarray, sensor: Sensor, old_s: Value) -> np.ndarray:
-        """Return the predicted measurement (m,) for a reading of the age `old_s`.  (7)"""
-        return sensor.h(past_motion(self.vehicle, mean[:3], mean[3:6], mean[6:], old_s))
+    def _h(self, mean: np.ndarray, sensor: Sensor, elapsed_s: Value) -> np.ndarray:
+        """Return the predicted measurement (m,) for a reading of the age `elapsed_s`.  (7)"""
+        return sensor.h(past_motion(self.vehicle, mean[:3], mean[3:6], mean[6:], elapsed_s))
 
 
 def move_by_model(

@@ -142,10 +142,10 @@ class Unscented:
     ) -> tuple[Gaussian, np.ndarray, np.ndarray, np.ndarray]:
         """Return the state, the innovation (m,), its covariance (m, m) and the weight of each channel (m,).  (2)"""
         sensor = getattr(self.sensors, name)
-        old_s = age_s(sensor, slot)
+        elapsed_s = age_s(sensor, slot)
 
         def h(x: np.ndarray) -> np.ndarray:
-            return sensor.h(past_motion(self.vehicle, x[:3], x[3:6], x[6:], old_s))
+            return sensor.h(past_motion(self.vehicle, x[:3], x[3:6], x[6:], elapsed_s))
 
         centre = h(x.mean)
         spread_points = propagate(lambda x: difference(sensor, h(x), centre), x)

@@ -46,20 +46,20 @@ def shortest_path(
     `kappa_0` and `kappa_g` (n,) [1/m] are the curvatures of start and goals, `radius_m` is R, and R k = 1 / `ramp_m`.
     """
     n, k = len(goals), 1.0 / (radius_m * ramp_m)
-    lanes = np.indices((len(FIRST_LINES), len(WORDS), n)).reshape(3, -1)
-    first_m = np.array(FIRST_LINES)[lanes[0]] * (radius_m + ramp_m)
-    s_1, s_2 = np.array(WORDS)[lanes[1]].T
-    kappa_g, psi_g = kappa_g[lanes[2]], goals[lanes[2], 2]
+    grid = np.indices((len(FIRST_LINES), len(WORDS), n)).reshape(3, -1)
+    first_m = np.array(FIRST_LINES)[grid[0]] * (radius_m + ramp_m)
+    s_1, s_2 = np.array(WORDS)[grid[1]].T
+    kappa_g, psi_g = kappa_g[grid[2]], goals[grid[2], 2]
     # the line before the first turn
     is_line = first_m > 0.0
     ramp_0_m, kappa_1_0 = np.where(is_line, abs(kappa_0) / k, 0.0), np.where(is_line, 0.0, kappa_0)
     line_start = _moved(start, _displacement(ramp_0_m, kappa_0 + 0.0 * s_1, kappa_1_0))
     turn_start = _moved(line_start, np.stack([first_m, 0.0 * first_m, 0.0 * first_m]))
-    end = goals[lanes[2]].T + np.array([[0.0], [0.0], [np.pi]])  # the last turn is computed from the goal
+    end = goals[grid[2]].T + np.array([[0.0], [0.0], [np.pi]])  # the last turn is computed from the goal
     floor = np.sqrt(0.5 * ROUNDING_RAD * k)
     kappa_1 = kappa_2 = np.full(len(s_1), 1.0 / radius_m)
     best_m, best = np.inf, np.zeros((3, 9))
-    best_lane = 0
+    best_index = 0
     for _ in range(ITERATION_COUNT):
         entry, exit_1, phi_1, out_1 = _turn(s_1, kappa_1, kappa_1_0, k)
         entry_2, exit_2, phi_2, out_2 = _turn(-s_2, kappa_2, -kappa_g, k)
@@ -82,20 +82,20 @@ def shortest_path(
             ]
         )  # fmt: skip
         length_m = np.where((root >= 0.0) & (p >= 0.0), np.sum(rows, axis=0), np.inf)
-        lane = int(np.argmin(length_m))
-        if length_m[lane] < best_m:
-            zero, a, b = 0.0, s_1[lane] * kappa_1[lane], s_2[lane] * kappa_2[lane]
-            first = kappa_1_0[lane]
-            ends = [first, first, a, a, zero, zero, b, b, kappa_g[lane]]
-            best_m, best_lane = float(length_m[lane]), lane
-            best = np.stack([rows[:, lane], [kappa_0, *ends[:-1]], ends])
+        i = int(np.argmin(length_m))
+        if length_m[i] < best_m:
+            zero, a, b = 0.0, s_1[i] * kappa_1[i], s_2[i] * kappa_2[i]
+            first = kappa_1_0[i]
+            ends = [first, first, a, a, zero, zero, b, b, kappa_g[i]]
+            best_m, best_index = float(length_m[i]), i
+            best = np.stack([rows[:, i], [kappa_0, *ends[:-1]], ends])
         theta_1 = _turn_angle(s_1 * (chi - turn_start[2]), s_1 * kappa_1_0, k)
         theta_2 = _turn_angle(s_2 * (psi_g - chi), s_2 * kappa_g, k)
         kappa_1, kappa_2 = (
             np.clip(SHARE * np.sqrt(np.maximum(k * theta + 0.5 * c * c, 0.0)), floor, 1.0 / radius_m)
             for theta, c in ((theta_1, s_1 * kappa_1_0), (theta_2, s_2 * kappa_g))
         )
-    return _join_pieces(start, *best), int(lanes[2][best_lane])
+    return _join_pieces(start, *best), int(grid[2][best_index])
 
 
 def pose_at(path: ClothoidPath, sigma_m: float) -> tuple[np.ndarray, float]:

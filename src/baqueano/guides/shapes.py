@@ -255,10 +255,10 @@ def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Rou
     _check(length_m, speed_m_s)
     x = np.linspace(0.0, length_m, POINT_COUNT)
     k, a = 2.0 * np.pi * waves / length_m, 0.5 * width_m
-    unit, no_turn = np.ones(POINT_COUNT), np.zeros(POINT_COUNT)
+    unit, zero_turn = np.ones(POINT_COUNT), np.zeros(POINT_COUNT)
     p = np.column_stack([x, a * (1.0 - np.cos(k * x))])
     p1 = np.column_stack([unit, a * k * np.sin(k * x)])
-    p2 = np.column_stack([no_turn, a * k**2 * np.cos(k * x)])
+    p2 = np.column_stack([zero_turn, a * k**2 * np.cos(k * x)])
     return curve_route(p, p1, p2, x, speed_m_s, closed=False)
 
 

@@ -79,11 +79,11 @@ def assess_identifiability(
         direction = _unobservable_direction(info.bread, is_identifiable)
         if direction is None:
             break
-        loading = np.abs(direction) / np.max(np.abs(direction))
-        main_entries = np.flatnonzero(loading >= MEMBER_LOADING).tolist()
-        members, diagonal = np.flatnonzero(loading >= MIN_LOADING), np.diagonal(info.bread)
+        loadings = np.abs(direction) / np.max(np.abs(direction))
+        main_entries = np.flatnonzero(loadings >= MEMBER_LOADING).tolist()
+        members, diagonal = np.flatnonzero(loadings >= MIN_LOADING), np.diagonal(info.bread)
         start_rank = np.where(is_vehicle_entry, 0.0, -diagonal)
-        rank = {int(i): (is_hand_measured[i], round(loading[i], 1), start_rank[i]) for i in members}
+        rank = {int(i): (is_hand_measured[i], round(loadings[i], 1), start_rank[i]) for i in members}
         entry = max(rank, key=rank.__getitem__)
         collinear[entry] = tuple(i for i in main_entries if i != entry)
         is_identifiable[entry] = False

@@ -127,13 +127,13 @@ def python_call(line: str) -> str:
     if not keys:
         return line
     key = max(keys, key=lambda key: len(key.split()))
-    verbs = sum(not word.startswith("--") for word in key.split())
+    word_count = sum(not word.startswith("--") for word in key.split())
     values = {name.removeprefix("--"): _literal(value) for name, value in options.items()}
     if "--set" in options:
         path, _, value = options["--set"].partition("=")
         values["set"] = f'"{path}": {_literal(value)}'
     return CALLS[key].format(
-        *map(_literal, [*arguments[verbs:], "FILE", "FILE"]), **({"runs": '"runs"'} | values)
+        *map(_literal, [*arguments[word_count:], "FILE", "FILE"]), **({"runs": '"runs"'} | values)
     )
 
 
@@ -141,10 +141,10 @@ def _split(words: list[str]) -> tuple[list[str], dict[str, str]]:
     """Return the arguments of a line, and the value of each option."""
     arguments: list[str] = []
     options: dict[str, str] = {}
-    remaining = iter(words)
-    for word in remaining:
+    rest_words = iter(words)
+    for word in rest_words:
         if word.startswith("--"):
-            options[word] = "" if word in FLAGS else next(remaining, "")
+            options[word] = "" if word in FLAGS else next(rest_words, "")
         else:
             arguments.append(word)
     return arguments, options
@@ -152,9 +152,9 @@ def _split(words: list[str]) -> tuple[list[str], dict[str, str]]:
 
 def _matches_call(key: list[str], arguments: list[str], options: dict[str, str]) -> bool:
     """Return True if a key of CALLS begins as these arguments do, and all its options were given."""
-    verbs = [word for word in key if not word.startswith("--")]
-    has_verbs = arguments[: len(verbs)] == verbs and bool(verbs) == bool(arguments)
-    return has_verbs and {*key} - {*verbs} <= {*options}
+    word_count = [word for word in key if not word.startswith("--")]
+    has_verbs = arguments[: len(word_count)] == word_count and bool(word_count) == bool(arguments)
+    return has_verbs and {*key} - {*word_count} <= {*options}
 
 
 def _literal(word: str) -> str:

@@ -31,14 +31,14 @@ def prefetch(work: Callable[[], R], *, rows: int) -> Callable[[], R]:
     """Start `work`, one long call, on another core if that is faster. Return a function that waits for its result."""
     if rows < MIN_ROWS:
         return work
-    running = Event()
+    run_event = Event()
 
     def begin() -> R:
-        running.set()
+        run_event.set()
         return work()
 
     end = _pool().submit(begin).result
-    running.wait()  # otherwise short calls here might delay it by holding the lock
+    run_event.wait()  # otherwise short calls here might delay it by holding the lock
     return end
 
 

@@ -271,11 +271,11 @@ class Run(Result):
 
 
 def _slots(channel: Channel, t_ns: np.ndarray) -> Iterator[Slot]:
-    no_reading = Slot(0.0, np.zeros(channel.z.shape[1]))
+    empty_slot = Slot(0.0, np.zeros(channel.z.shape[1]))
     newest_rows = np.searchsorted(channel.arrival_ns, t_ns, side="right") - 1
     last = -1
     for i, now_ns in zip(newest_rows.tolist(), t_ns.tolist(), strict=True):
-        yield Slot(1.0, channel.z[i], age_s(int(channel.t_ns[i]), now_ns)) if i > last else no_reading
+        yield Slot(1.0, channel.z[i], age_s(int(channel.t_ns[i]), now_ns)) if i > last else empty_slot
         last = i
 
 

@@ -118,10 +118,10 @@ def choose(
     base = setup.fit(core, minimal)
     terms = candidate_terms(base.blocks._replace(sensors=core.sensors), candidates, u, battery)
     terms = [t for t in terms if {path.partition("[")[0] for path in t.paths}.isdisjoint(options.fixed)]
-    growing = _ModelSelection(setup, core, base, minimal, terms, report)
-    model, results = growing.grow()
+    final_selection = _ModelSelection(setup, core, base, minimal, terms, report)
+    model, results = final_selection.grow()
     report(_("fitting the model that was chosen"))
-    return Choice(tuple(results), growing.fit_model(model, core), growing.rule)
+    return Choice(tuple(results), final_selection.fit_model(model, core), final_selection.rule)
 
 
 class FitSetup(NamedTuple):
@@ -265,12 +265,12 @@ class _ModelSelection:
     def try_term(self, model: Model, term: Term, alpha: float) -> TermTrial:
         """Return the trial of a term in a model: fitted to all data, then without the held-out data."""
         index, mask = self._entries(term), self._mask((*model.terms, term))
-        cost_before = self.held_out.all_data.weight(model.sigma).evaluate(model.theta).cost
+        base_cost = self.held_out.all_data.weight(model.sigma).evaluate(model.theta).cost
         end = self._best_start_fit(model, term, mask)
         if ban := self._exclusion(term, end.theta, end.bound, dense(end.evaluation.hessian), mask):
             return TermTrial(self._result(term, ban[0], ban[1], model, None, end.theta, 0.0), end.theta, None)
-        if not cost_before - end.evaluation.cost > MIN_COST_FALL * len(index):
-            gain = max(0.0, float((cost_before - end.evaluation.cost) / max(cost_before, 1e-300)))
+        if not base_cost - end.evaluation.cost > MIN_COST_FALL * len(index):
+            gain = max(0.0, float((base_cost - end.evaluation.cost) / max(base_cost, 1e-300)))
             reason = note("term.brings-little", percent=100 * gain)
             result = self._result(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0)
             return TermTrial(result, end.theta, None)

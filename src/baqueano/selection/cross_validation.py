@@ -98,10 +98,12 @@ class HeldOutFolds:
         self.low, self.high = np.zeros(0), np.zeros(0)
         fitted_runs = len(begins_at_rest) - held_out_count
         self.unseen, self.whole_runs = held_out_count, bool(held_out_count) or fitted_runs >= FOLDS
-        judging = [record for record in records if not held_out_count or record.run >= fitted_runs]
+        test_records = [record for record in records if not held_out_count or record.run >= fitted_runs]
         are_runs_blocks = (held_out_count or fitted_runs) >= MIN_RUN_BLOCKS
-        self.block_s, block_numbers, self.count = _blocks(judging, are_runs_blocks)
-        fitted_blocks = [np.zeros(len(record.dt_s), int) for record in records[: len(records) - len(judging)]]
+        self.block_s, block_numbers, self.count = _blocks(test_records, are_runs_blocks)
+        fitted_blocks = [
+            np.zeros(len(record.dt_s), int) for record in records[: len(records) - len(test_records)]
+        ]
         self.blocks = [*fitted_blocks, *block_numbers]
         run_numbers = [np.full(len(r.dt_s), r.run) for r in records]
         is_fitted = [run < fitted_runs if held_out_count else run >= 0 for run in run_numbers]
@@ -243,22 +245,22 @@ def independent_motion_count(runs: Sequence[Run], command: int) -> float:
     """Return the number of independent segments of motion of a command in all runs; 0 if it is always 0.  (4)"""
     u = [run.applied_commands[np.isfinite(run.applied_commands[:, command]), command] for run in runs]
     all_commands = np.concatenate([np.zeros(1), *u])
-    swing = MIN_SWING * float(np.ptp(all_commands))
+    min_swing = MIN_SWING * float(np.ptp(all_commands))
     piece_count = 0.0
     for run, x in zip(runs, u, strict=True):
         if np.any(x != 0.0):
             duration_s = run.duration_s * len(run.t_ns) / max(1, len(run.t_ns) - 1)  # with the first tick
-            piece_count += min(1.0 + turning_points(x, swing), max(1.0, duration_s / SHORT_BLOCK_S))
+            piece_count += min(1.0 + turning_points(x, min_swing), max(1.0, duration_s / SHORT_BLOCK_S))
     return piece_count
 
 
-def turning_points(x: np.ndarray, swing: float) -> int:
-    """Return the number of turning points of x (N,), without swings smaller than `swing`."""
+def turning_points(x: np.ndarray, min_swing: float) -> int:
+    """Return the number of turning points of x (N,), without swings smaller than `min_swing`."""
     count, direction, low, high = 0, 0, x[0], x[0]
     for value in x[np.flatnonzero(np.diff(x, prepend=np.nan) != 0.0)]:
         low, high = min(low, value), max(high, value)
-        if direction >= 0 and high - value > swing:
+        if direction >= 0 and high - value > min_swing:
             count, direction, low, high = count + (direction > 0), -1, value, value
-        elif direction <= 0 and value - low > swing:
+        elif direction <= 0 and value - low > min_swing:
             count, direction, low, high = count + (direction < 0), 1, value, value
     return count

@@ -65,12 +65,12 @@ class Rangefinder(SampledSensor):
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the range (1,) [m] without noise.  (1)"""
-        perpendicular, alpha = self._facing(motion)
+        perpendicular, alpha = self._wall_angles(motion)
         return np.array([perpendicular / np.maximum(np.cos(alpha), MIN_COS)])
 
     def detects(self, motion: Motion) -> Value:
         """Return True if the beam hits the wall within `max_range_m`, at an angle of at most `incidence_rad`."""
-        (perpendicular, alpha), r = self._facing(motion), self.h(motion)[0]
+        (perpendicular, alpha), r = self._wall_angles(motion), self.h(motion)[0]
         beam_heading, normal_heading = motion.eta[2] + self.heading_rad, self.wall_heading_rad
         x, y = (
             sensor_position(self.lever_arm_m, motion)
@@ -81,7 +81,7 @@ class Rangefinder(SampledSensor):
         is_within_reach = (perpendicular > 0.0) & (r <= self.max_range_m) & (lateral_m <= self.half_width_m)
         return is_within_reach & (np.abs(alpha) <= self.incidence_rad)
 
-    def _facing(self, motion: Motion) -> tuple[Value, Value]:
+    def _wall_angles(self, motion: Motion) -> tuple[Value, Value]:
         """Return the perpendicular distance to the wall [m], and the angle of incidence α [rad]."""
         x, y = self.wall_point_m - sensor_position(self.lever_arm_m, motion)
         n = self.wall_heading_rad

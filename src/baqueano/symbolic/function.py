@@ -114,11 +114,11 @@ class Function:
         return self.call(*args)
 
     def _compile(self, backend: str, examples: tuple[Tree, ...]) -> Runner:
-        compiled_parts, no_parameters = _compile_parts(self.f, self._shapes, examples, backend), np.zeros(0)
+        compiled_parts, empty_theta = _compile_parts(self.f, self._shapes, examples, backend), np.zeros(0)
         row, result = np.zeros((1, compiled_parts.inputs)), np.zeros((1, compiled_parts.outputs))
 
         def bind(runner: Runner) -> Callable[[], object]:
-            return runner.call("bind", no_parameters, no_parameters, row, result, no_parameters)
+            return runner.call("bind", empty_theta, empty_theta, row, result, empty_theta)
 
         general = cache(lambda: bind(compiled_parts.general()))
         run = bind(compiled_parts.with_zero_states)

@@ -80,11 +80,11 @@ class Live:
 
     async def run(self) -> None:
         """Process the messages of the service until it ends, then report the end to every browser."""
-        ticking = asyncio.create_task(self._send_states_periodically())
+        tick_task = asyncio.create_task(self._send_states_periodically())
         try:
             await self._link.receive(self._receive)
         finally:
-            ticking.cancel()
+            tick_task.cancel()
             if not self.over.is_set():
                 self._state = {"type": "state", "state": "STOPPED", "reason": fault("web.service-ended")}
             self._send_state()

@@ -99,26 +99,28 @@ async def show_vehicle(
         live.use_local_files(robot, await robot.describe())
     meet(lambda: len(server.visitors))
     live.begin()
-    hearing = asyncio.create_task(live.run())
+    hearing_task = asyncio.create_task(live.run())
     description, end_event = (asyncio.create_task(event.wait()) for event in (live.described, live.over))
     ending: asyncio.Task[None] | None = None
     try:
         # a robot sends its description only with its first drive
         greeting_s = options.greeting_s if robot is None else ROBOT_GREETING_TIMEOUT_S
-        await asyncio.wait({hearing, description}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
-        if hearing.done() and not description.done():
+        await asyncio.wait(
+            {hearing_task, description}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED
+        )
+        if hearing_task.done() and not description.done():
             raise RobotUnreachable(fault("web.service-ended"))
         async with server:
             show_addresses(server, options, notify)
             ending = asyncio.create_task(wait_for_end())
-            await asyncio.wait({ending, hearing, end_event}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({ending, hearing_task, end_event}, return_when=asyncio.FIRST_COMPLETED)
             if live.over.is_set():
                 await server.disconnect_all()
-            elif lasting and hearing.done():
+            elif lasting and hearing_task.done():
                 raise RobotUnreachable(fault("web.service-ended"))
     finally:
         await link.close()
-        for task in (hearing, description, end_event, *([ending] if ending else [])):
+        for task in (hearing_task, description, end_event, *([ending] if ending else [])):
             task.cancel()
         await live.identifying.close()
         if robot is not None:

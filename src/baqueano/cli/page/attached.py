@@ -21,7 +21,7 @@ async def serve(options: PageOptions) -> None:
     """Serve the drives of a subcommand until it closes its end of the pipes, and report the number of viewers."""
     link: list[ServiceLink] = []
     viewers: list[Callable[[], int]] = []
-    counting: list[asyncio.Task[None]] = []
+    count_tasks: list[asyncio.Task[None]] = []
 
     async def start() -> ServiceLink:
         link.append(await pipe_link(sys.stdin.buffer, sys.stdout.buffer))
@@ -30,7 +30,7 @@ async def serve(options: PageOptions) -> None:
     def print_message(message: Diagnostic | str) -> None:
         print(text(message), file=sys.stderr, flush=True)
         if isinstance(message, Diagnostic) and message.code == "web.address":
-            counting.append(asyncio.get_running_loop().create_task(count()))
+            count_tasks.append(asyncio.get_running_loop().create_task(count()))
 
     async def count() -> None:
         former_count = -1
@@ -44,7 +44,7 @@ async def serve(options: PageOptions) -> None:
     try:
         await show_vehicle(start, options, print_message, lasting=False, meet=viewers.append)
     finally:
-        for task in counting:
+        for task in count_tasks:
             task.cancel()
 
 

@@ -151,9 +151,9 @@ class SimulatedService:
             channel_units(truth),
         )  # fmt: skip
         self.operator.pop_mark_count()  # drop marks from before this drive
-        watching = _DriveObserver(self, plan, world, attended=attended)
+        observer = _DriveObserver(self, plan, world, attended=attended)
         observers = (
-            watching,
+            observer,
             ChangeObserver(self.operator, self.broadcast, plan.mission.blocks),
             self.shaken.begin(plan, world, mission_json, attended),
         )
@@ -164,10 +164,10 @@ class SimulatedService:
                 eta=start_pose, seed=seed, backend=self.backend,
             )  # fmt: skip
         except FileError as error:
-            if not watching.over:  # the drive has not begun
+            if not observer.over:  # the drive has not begun
                 raise
             self.send_event("error", error.diagnostic)
-        return watching.stopped
+        return observer.stopped
 
     def _ticks(self, plan: MissionPlan, *, attended: bool) -> Iterator[int]:
         def is_interrupted() -> bool:

@@ -83,14 +83,14 @@ def age_s(sensor: Sensor, slot: Slot) -> Value:
 
 
 def past_motion(
-    vehicle: Vehicle, eta: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray, old_s: Value
+    vehicle: Vehicle, eta: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray, elapsed_s: Value
 ) -> Motion:
-    """Return the motion `old_s` before the tick, extrapolated to first order from η, ν and ν̇ (3,) at the tick.  (3)"""
-    if not (isinstance(old_s, float) and old_s == 0.0):
-        turn = old_s * nu[2]
-        displacement = map_from_body(eta[2] - 0.5 * turn) @ (old_s * nu)
+    """Return the motion `elapsed_s` before the tick, extrapolated to first order from η, ν, ν̇ (3,) at the tick.  (3)"""
+    if not (isinstance(elapsed_s, float) and elapsed_s == 0.0):
+        turn = elapsed_s * nu[2]
+        displacement = map_from_body(eta[2] - 0.5 * turn) @ (elapsed_s * nu)
         eta = np.array([eta[0] - displacement[0], eta[1] - displacement[1], eta[2] - turn])
-        nu = nu - old_s * nu_dot
+        nu = nu - elapsed_s * nu_dot
     return Motion(eta, nu, nu_dot, vehicle.gravity(eta[2]))
 
 

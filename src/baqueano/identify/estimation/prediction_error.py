@@ -100,9 +100,9 @@ class Prediction:
 
     def evaluate(self, x: np.ndarray) -> Evaluation:
         """Return J, its gradient and its Hessian with respect to x.  (1), (2)"""
-        parts, no_prior = self._map_segments(x, _segment_cost), np.zeros(len(x))
+        parts, zeros = self._map_segments(x, _segment_cost), np.zeros(len(x))
         places = arrow_layout(self.simulation.layout, len(x) - self.size)
-        total = segment_sum(parts, self._indices, x, no_prior, places)
+        total = segment_sum(parts, self._indices, x, zeros, places)
         return total if np.isfinite(total.cost) else total._replace(cost=np.inf)
 
     def derivatives(self, x: np.ndarray) -> list[InnovationDerivatives]:

@@ -104,7 +104,7 @@ def filter_noise(
     estimator = replace(fit.file.estimator(), speed_from=speed_from, noise_gain=0.0)
     filter_layout = layout(estimator)
     inertial = {bias.sensor for bias in filter_layout.biases}
-    correcting = [
+    used_rows = [
         c for c, E in zip(filter_layout.channel_entries, filter_layout.corrects_motion, strict=True) if E
     ]
     sensors, fit_sensors, rounding = estimator.sensors, fit.vehicle_file.sensors, {}
@@ -114,7 +114,7 @@ def filter_noise(
         sensor = getattr(fit_sensors, name)
         Q = q.get(name, sensor.cov) if readings[name] >= MIN_RESIDUALS else sensor.cov
         variance = np.array(np.diagonal(Q), dtype=float)
-        for _, i in [c for c in correcting if c[0] == name and name in inertial]:
+        for _, i in [c for c in used_rows if c[0] == name and name in inertial]:
             rounding[name, i] = _variance_range(fit, name, i, rest.get(name), variance[i])
             variance[i] = rounding[name, i][1]
         Q = Q if _is_wheel_pair(sensor, filter_layout, name) else np.diag(variance)

@@ -202,14 +202,14 @@ def accept_or_refit(
     decisive = [square for square in squares if square.verdict != NoiseVerdict.CANNOT_TELL]
     if not decisive:
         return ekf, Acceptance(note("noise.too-short", runs=runs), False)
-    disagreeing, code = [square for square in decisive if square.disagrees], "noise.consistent"
+    contradictions, code = [square for square in decisive if square.disagrees], "noise.consistent"
     figures: JsonObject = {"runs": runs, "nis": _figures(decisive)}
-    if disagreeing:
+    if contradictions:
         ekf, code = refit(), "noise.estimated-again"
-        kernel, names = _filter_scan(ekf, backend), {square.name for square in disagreeing}
+        kernel, names = _filter_scan(ekf, backend), {square.name for square in contradictions}
         squares = channel_nis(ekf, validation_runs, kernel)
         rejected_squares = [square for square in squares if square.name in names or square.disagrees]
-        figures |= {"nis": _figures(disagreeing), "new_nis": _figures(rejected_squares)}
+        figures |= {"nis": _figures(contradictions), "new_nis": _figures(rejected_squares)}
         if other_squares := [square for square in rejected_squares if square.disagrees]:
             figures |= {"states": _consistency_notes(other_squares)}
             return ekf, Acceptance(note("noise.still-inconsistent", Severity.WARNING, **figures), True)
@@ -217,7 +217,7 @@ def accept_or_refit(
     if disagreeing_states := [square for square in nees if square.disagrees]:
         figures = {"nees": _figures(nees), "states": _consistency_notes(disagreeing_states)}
         return ekf, Acceptance(note("noise.nees-inconsistent", Severity.WARNING, **figures), True)
-    if nees and not disagreeing:
+    if nees and not contradictions:
         code, figures = "noise.consistent-in-simulation", figures | {"nees": _figures(nees)}
     return ekf, Acceptance(note(code, **figures), False)
 

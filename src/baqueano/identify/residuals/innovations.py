@@ -154,11 +154,11 @@ def _innovation(
     mean_weights, fractions = shape.mean_weights(sensors._fields, extra), shape.sample_fractions(extra)
     motion = prediction.motion(prediction.mean)
     for k, sensor in enumerate(sensors):
-        signal, shown_h = read_sensor(sensor, state.signals[k], motion, dt_s, mean_weights[k])
+        signal, newest_h = read_sensor(sensor, state.signals[k], motion, dt_s, mean_weights[k])
         h = signal.low_passed if mean_weights[k] is None and len(signal.low_passed) else sensor.h(motion)
         if fractions[k] is not None:
-            shown_h = shown_h + fractions[k] * difference(sensor, state.previous_h[k], shown_h)
-        innovations.append(difference(sensor, z[offset : offset + sensor.size], shown_h))
+            newest_h = newest_h + fractions[k] * difference(sensor, state.previous_h[k], newest_h)
+        innovations.append(difference(sensor, z[offset : offset + sensor.size], newest_h))
         h_jacobian = jacobian(lambda x, s=sensor: s.h(prediction.motion(x)))(prediction.mean)
         jacobians.append(low_pass_gain(sensor, dt_s) * h_jacobian)
         lines.append((signal, h))

@@ -137,9 +137,9 @@ def _identifiability(e: Evidence) -> list[Diagnostic]:
 
 def _wide_error_cause(e: Evidence) -> Diagnostic:
     """Return the model as the cause if large residuals are autocorrelated, else too little motion."""
-    lacking = _lacking_channels(e)
-    if lacking:
-        return note("fit.incomplete-model", ERROR, "--choose", ", ".join(lacking))
+    channels = _lacking_channels(e)
+    if channels:
+        return note("fit.incomplete-model", ERROR, "--choose", ", ".join(channels))
     return note("fit.little-motion")
 
 

@@ -44,10 +44,10 @@ def serve(
             give_back()
         if uno.info is not None:
             log(f"Uno: firmware {uno.info.version_major}.{uno.info.version_minor}, boot {uno.info.boots}")
-        loading = threading.Thread(
+        load_thread = threading.Thread(
             target=lambda: [importlib.import_module(name) for name in BACKGROUND_MODULES]
         )
-        loading.start()
+        load_thread.start()
 
         def find_imu() -> Any:
             imu = imu_driver.start_imu(vehicle_file.robot, log)
@@ -58,7 +58,7 @@ def serve(
         if has_imu:
             with suppress(BaqueanoError):  # the service searches for it again, and reports why it is missing
                 imu = find_imu()
-        loading.join()
+        load_thread.join()
         from baqueano.door.operator import Operator
         from baqueano.door.sockets import Door
         from baqueano.robot.service.service import Service

@@ -311,14 +311,14 @@ class Uno:
         self._seq_received = received_frame.seq
         return True
 
-    def _is_newer(self, frame: Frame, by_us: int = 0) -> bool:
-        """Return True if this telemetry is more than `by_us` newer than the last telemetry.
+    def _is_newer(self, frame: Frame, min_step_us: int = 0) -> bool:
+        """Return True if this telemetry is more than `min_step_us` newer than the last telemetry.
 
-        The first telemetry and an INFO are newer only if `by_us` is 0.
+        The first telemetry and an INFO are newer only if `min_step_us` is 0.
         """
         if not isinstance(frame, State) or self._previous is None:
-            return by_us == 0 and isinstance(frame, State | Info)
-        return by_us < (frame.t_us - self._previous.state.t_us) % WRAP_US < WRAP_US // 2
+            return min_step_us == 0 and isinstance(frame, State | Info)
+        return min_step_us < (frame.t_us - self._previous.state.t_us) % WRAP_US < WRAP_US // 2
 
     def _check_boot(self, frame: State | Info) -> None:
         """Detect a restart of the firmware by its nonce, even if the line was disconnected at that time."""

@@ -88,15 +88,15 @@ def _check_channel(
 ) -> tuple[np.ndarray, list[Diagnostic]]:
     """Return the mask (M,) of invalid samples of one channel, and messages about them. `limit` is the full scale of an
     IMU, and None for other sensors."""
-    is_finite, no_samples, is_imu = np.isfinite(x), np.zeros(len(x), bool), limit is not None
+    is_finite, zero_mask, is_imu = np.isfinite(x), np.zeros(len(x), bool), limit is not None
     if is_finite.sum() < MIN_SAMPLES:
-        return no_samples, []
+        return zero_mask, []
     if np.ptp(x[is_finite]) == 0.0:
-        return (~no_samples, [_dead_channel(label, x[is_finite])]) if noise > 0.0 else (no_samples, [])
+        return (~zero_mask, [_dead_channel(label, x[is_finite])]) if noise > 0.0 else (zero_mask, [])
     resolution = channel_resolution(x[is_finite])
     if resolution.sigma <= 0.0:
-        return no_samples, []
-    is_at_end, messages = (no_samples, []) if limit is None else _limit_samples(label, x, resolution, limit)
+        return zero_mask, []
+    is_at_end, messages = (zero_mask, []) if limit is None else _limit_samples(label, x, resolution, limit)
     x = np.where(is_at_end, np.nan, x)
     is_zero, zero_message = _lost_frames(label, x, resolution, is_imu)
     is_repeated, repeat_messages = _repeated_samples(label, x, resolution, is_imu)
@@ -142,14 +142,14 @@ def _lost_frames(
     label: str, x: np.ndarray, resolution: ChannelResolution, is_imu: bool
 ) -> tuple[np.ndarray, list[Diagnostic]]:
     """Return the mask (M,) of lost frames that were logged as zero, and a list with at most one message."""
-    is_zero, no_samples = x == 0.0, np.zeros(len(x), bool)
+    is_zero, zero_mask = x == 0.0, np.zeros(len(x), bool)
     chance = len(x) * resolution.step / (np.sqrt(2.0 * np.pi) * resolution.sigma)
     if is_zero.sum() <= CHANCE_FACTOR * chance + EXTRA_SAMPLES:
-        return no_samples, []
+        return zero_mask, []
     if not is_imu:
         nonzero = np.flatnonzero(np.isfinite(x) & ~is_zero)
         if len(nonzero) < 2:
-            return no_samples, []
+            return zero_mask, []
         row, last = np.arange(len(x)), len(nonzero) - 1
         k = np.searchsorted(nonzero, row)
         previous_rows, next_rows = nonzero[np.maximum(k - 1, 0)], nonzero[np.minimum(k, last)]
@@ -159,7 +159,7 @@ def _lost_frames(
             x[previous_rows] * x[next_rows] > 0.0
         )
         if is_zero.sum() <= EXTRA_SAMPLES:
-            return no_samples, []
+            return zero_mask, []
     percent = _percentage(is_zero, np.isfinite(x))
     return is_zero, [note("data.zeros", subject=label, count=int(is_zero.sum()), percent=percent)]
 

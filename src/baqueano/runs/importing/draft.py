@@ -98,10 +98,10 @@ def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator
     commands = _command_table(table, free_columns)
     signals = list(_signal_tables(table, free_columns))
     at_rest = _("no column looks like a command: without [command] the vehicle is at rest")
-    no_columns = _(
+    column_text = _(
         "no column looks like a command or a measurement: write [command], [sensors.NAME] or [truth]"
     )
-    yield commands or f"\n# {at_rest if signals else no_columns}"
+    yield commands or f"\n# {at_rest if signals else column_text}"
     yield from signals
 
 
@@ -110,8 +110,8 @@ def _file_table(table: LogTable, free_columns: list[str], encoding: str) -> str:
     title = "\n[files.log]" + (f'\nencoding = "{encoding}"' if encoding else "")
     if time := _take_column(free_columns, headers.TIME_PATTERN) or _take_clock(table, free_columns):
         return f'{title}\ntime = {_quoted(time)}\ntime_unit = "{_time_unit(table, time)}"'
-    no_time = _("no column looks like a time: write the rows per second")
-    return f"{title}\nrate_hz = 0.0                        # {no_time}"
+    time_text = _("no column looks like a time: write the rows per second")
+    return f"{title}\nrate_hz = 0.0                        # {time_text}"
 
 
 def _command_table(table: LogTable, free_columns: list[str]) -> str:

@@ -393,8 +393,8 @@ def _truth(
     signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, findings: list[ImportFinding]
 ) -> TruthLog:
     t_ns, _, values = _sample(signal, sources, ticks, findings)
-    no_rates = np.full((len(t_ns), 3), np.nan)
+    nan_rates = np.full((len(t_ns), 3), np.nan)
     eta = np.column_stack([values[:, :2], wrap(values[:, 2])])
     return TruthLog(
-        t_ns, *signal.mount.body_motion(eta, values[:, 3:] if values.shape[1] == 6 else no_rates), no_rates
+        t_ns, *signal.mount.body_motion(eta, values[:, 3:] if values.shape[1] == 6 else nan_rates), nan_rates
     )

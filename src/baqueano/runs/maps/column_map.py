@@ -245,8 +245,8 @@ class _Parser:
         if not name.isidentifier() or name.startswith("_"):
             raise self.error(f"[{key}]", name, note("expect.sensor-name"))
         sensor_kind = spec.get("kind", name if name in KINDS else None)
-        no_measures = (None,) * len(spec.get("z", []))
-        measures = KINDS.get(sensor_kind, no_measures) if sensor_kind else no_measures
+        empty_measures = (None,) * len(spec.get("z", []))
+        measures = KINDS.get(sensor_kind, empty_measures) if sensor_kind else empty_measures
         return self.signal(key, spec, "z", measures, sensor_kind)
 
     def truth(self, spec: Any) -> ColumnSignal:

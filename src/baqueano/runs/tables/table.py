@@ -276,23 +276,23 @@ def _append(lines: Lines, block: list[list[str]], columns: list[bytearray]) -> N
 
 
 def _separator(lines: list[str], label: str) -> str:
-    fitting, candidates = [], [s for s in SEPARATORS if s in lines[0]]
+    good_separators, candidates = [], [s for s in SEPARATORS if s in lines[0]]
     for separator in SEPARATORS:
         try:
             counts = {len(row) for row in csv.reader(lines, delimiter=separator)}
         except csv.Error:
             continue  # reading reports its line later
         if counts == {max(counts)} and max(counts) > 1:
-            fitting.append(separator)
-    if len(fitting) == 1:
-        return fitting[0]
-    if not fitting:
+            good_separators.append(separator)
+    if len(good_separators) == 1:
+        return good_separators[0]
+    if not good_separators:
         if len(candidates) == 1:
             return candidates[0]  # each uneven line is reported later
         if not candidates:
             return ","  # a single column
-    names = " or ".join(SEPARATORS[s] for s in fitting or candidates)
-    delimiter = (fitting or candidates)[0].replace("\t", "\\t")
+    names = " or ".join(SEPARATORS[s] for s in good_separators or candidates)
+    delimiter = (good_separators or candidates)[0].replace("\t", "\\t")
     raise FileError(fault("table.delimiter", file=label, delimiters=names, expected=delimiter))
 
 

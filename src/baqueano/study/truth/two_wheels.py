@@ -153,8 +153,8 @@ class Robots(Group):
         """Return the target forces (n, 2) of the motors as a function of the states.  (1), (2)"""
         duty, levels = u[:, :1] + u[:, 2:] * SIDES, self.levels[:, None]
         duty = np.round(levels * np.minimum(np.maximum(duty, -1.0), 1.0)) / levels
-        sagging = 1.0 - self.sag * 0.5 * (np.abs(duty[:, 0]) + np.abs(duty[:, 1]))
-        duty = (self.supply * sagging)[:, None] * duty
+        voltage_ratio = 1.0 - self.sag * 0.5 * (np.abs(duty[:, 0]) + np.abs(duty[:, 1]))
+        duty = (self.supply * voltage_ratio)[:, None] * duty
         zone = np.where(duty > 0.0, self.forward, self.backward)
         max_force_n = self.gain / self.wheel * self.stall_n[:, None]
         sign, magnitude = np.sign(duty), np.abs(duty)

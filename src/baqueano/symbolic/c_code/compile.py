@@ -243,7 +243,7 @@ def _run(command: list[str], folder: str) -> str:
     """
     import subprocess
 
-    no_window = getattr(subprocess, "CREATE_NO_WINDOW", 0)
+    creation_flags = getattr(subprocess, "CREATE_NO_WINDOW", 0)
     try:
         process = subprocess.run(
             command,
@@ -251,7 +251,7 @@ def _run(command: list[str], folder: str) -> str:
             stdin=subprocess.DEVNULL,
             capture_output=True,
             check=False,
-            creationflags=no_window,
+            creationflags=creation_flags,
         )
     except OSError as error:
         return str(error)

@@ -122,15 +122,15 @@ def _traced_step(
         if carry is not None:
             initial = _matching_nodes(graph, carry(*theta_arguments), carry_shape, "carry(theta)")
         symbols = _symbols(graph, carry_shape, kinds, symmetric)
-        entering = _symbols(graph, inputs, kinds)
-        arguments = _argument(carry_shape, symbols), _argument(inputs, entering)
+        input_symbols = _symbols(graph, inputs, kinds)
+        arguments = _argument(carry_shape, symbols), _argument(inputs, input_symbols)
         result = within(PREPARE_S, step, *theta_arguments, *arguments)
         if type(result) is not tuple or len(result) != 2:
             raise TraceError(fault("trace.pair", function=_name(step), kind=type(result).__name__))
     next_carry = _matching_nodes(graph, result[0], carry_shape, "the step")
     carry_kinds = _stable_kinds(carry_shape, symbols, next_carry, kinds)
     shape, outputs = _flat_nodes(graph, result[1], "output", kinds)
-    return Trace(graph, theta, entering, initial, symbols, next_carry, outputs, shape, carry_kinds)
+    return Trace(graph, theta, input_symbols, initial, symbols, next_carry, outputs, shape, carry_kinds)
 
 
 def _stable_kinds(shape: Shape, symbols: list[Node], next_carry: list[Node], kinds: dict[Node, str]) -> Shape:
