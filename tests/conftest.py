@@ -50,7 +50,7 @@ SLOW = {  # folders and files
     "runs/test_import_recordings.py", "runs/test_importing_page.py", "sensors/test_noise.py",
     "simulate/test_closed_loop.py", "symbolic/test_c_compile.py", "symbolic/test_c_emit.py",
     "symbolic/test_jacobian.py", "symbolic/test_scan.py", "test_any_laptop.py", "test_benchmarks.py",
-    "test_docs.py", "test_examples.py", "test_first_evening.py", "test_house.py", "test_notebooks.py",
+    "test_docs.py", "test_examples.py", "test_first_evening.py", "test_house.py", "test_layers.py", "test_notebooks.py",
     "test_site.py", "test_wheel.py", "vehicle_file/test_garage.py", "vehicles/test_continuous_time.py",
     "worlds/test_long_ticks.py", "worlds/test_shaken.py",
 }  # fmt: skip

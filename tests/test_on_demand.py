@@ -12,7 +12,7 @@ import baqueano
 from baqueano import guides
 from baqueano.cli import SUBCOMMANDS as COMMANDS
 from baqueano.messages.language import use_language
-from baqueano.on_demand import NAME_MODULES, on_demand
+from baqueano.on_demand import on_demand
 
 ROOT = Path(baqueano.__file__).parent
 # the top-level package is the first
@@ -113,7 +113,8 @@ def test_the_top_level_functions_match_the_command_line():
     assert names <= set(baqueano.__all__) == set(dir(baqueano)) - {"__version__"}
 
 
-@pytest.mark.parametrize("name", NAME_MODULES)
+@pytest.mark.parametrize("name", ["Command", "Estimate", "Reference", "Tick", "circle", "clothoid", "eight", "line",
+                                  "rectangle", "sinuous_circle", "slalom"])  # fmt: skip
 @pytest.mark.parametrize("package", [baqueano, guides])
 def test_a_name_of_another_module_is_reported_with_its_import(package, name):
     with pytest.raises(AttributeError) as error_info:

@@ -11,7 +11,7 @@ The functions have the names of the commands of the command line; each is import
 blocks are `vehicles`, `sensors`, `estimators`, `guides`, `controllers` and `worlds`; `routes` prepares routes.
 """
 
-from baqueano.on_demand import front_door
+from baqueano.on_demand import front_door, register
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -78,6 +78,16 @@ __getattr__ = front_door(
     },
     ("controllers", "estimators", "guides", "routes", "sensors", "vehicles", "worlds"),
 )
+
+register("baqueano.signals", "Command", "Estimate", "Reference", "Tick")
+register(
+    "baqueano.guides.shapes", "circle", "clothoid", "eight", "line", "rectangle", "sinuous_circle", "slalom"
+)
+# called by packages below: a result is drawn by `report`, and `compare` gives fits to `validation`
+register("baqueano.report.card", "card_html")
+register("baqueano.report.plots", "plot")
+register("baqueano.report.tables", "save_table")
+register("baqueano.validation.parameter_drift", "compare_fits")
 
 
 def __dir__() -> list[str]:

@@ -2,6 +2,7 @@
 
 A package imports a name at once if a submodule has the same name: otherwise the submodule would replace it. In the
 package baqueano some functions and subpackages have the same name; there `front_door` keeps the name for the function.
+A package calls a function of a higher package by `registered`: the package baqueano, above all, registers it.
 This module imports only `sys` at its start, so that `import baqueano` is fast.
 """
 
@@ -10,11 +11,21 @@ import sys
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import Any
+
+_modules: "dict[str, str]" = {}  # the module of each registered name
 
 
-SIGNALS = ("Command", "Estimate", "Reference", "Tick")
-SHAPES = ("circle", "clothoid", "eight", "line", "rectangle", "sinuous_circle", "slalom")
-NAME_MODULES = dict.fromkeys(SIGNALS, "baqueano.signals") | dict.fromkeys(SHAPES, "baqueano.guides.shapes")
+def register(module: str, *names: str) -> None:
+    """Let any package suggest `names` of `module`, and call them. The module is imported at the first call."""
+    _modules.update(dict.fromkeys(names, module))
+
+
+def registered(name: str) -> "Callable[..., Any]":
+    """Return the registered function `name`, of a package above the caller."""
+    from importlib import import_module
+
+    return getattr(import_module(_modules[name]), name)
 
 
 def on_demand(
@@ -64,16 +75,16 @@ def _no_such_name(package: str, name: str) -> str:
 
 
 def _suggestion(name: str, names: "list[str]") -> str:
-    """Return a sentence with the import of the name, or with the most similar name. Return "" for names that Python
-    itself looks up.
+    """Return a sentence with the import of a registered name, or with the most similar name. Return "" for names that
+    Python itself looks up.
     """
     if name.startswith("_"):
         return ""
     from baqueano.diagnostics import nearest, note
     from baqueano.messages import text
 
-    if name in NAME_MODULES:
-        return f". {text(note('front.advice', fix=f'from {NAME_MODULES[name]} import {name}'))}"
+    if name in _modules:
+        return f". {text(note('front.advice', fix=f'from {_modules[name]} import {name}'))}"
     return f". {text(nearest(name, names))}."
 
 

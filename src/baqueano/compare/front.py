@@ -4,7 +4,6 @@ Fits are compared by their parameters, with the test for a change of `validation
 """
 
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
@@ -19,6 +18,7 @@ from baqueano.contracts.calls import checked_call, flatten_arguments
 from baqueano.diagnostics import fault
 from baqueano.errors import Misuse, UsageError, error_cause
 from baqueano.monitor import rejections_in
+from baqueano.on_demand import registered
 from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 from baqueano.runs.run import Run
 
@@ -98,7 +98,7 @@ def compare(
         raise UsageError(fault("compare.names", names=len(labels), runs=len(items)))
     run_list = [item for item in items if isinstance(item, Run)]
     if not run_list:
-        return import_module("baqueano.validation.parameter_drift").compare_fits(items, labels)
+        return registered("compare_fits")(items, labels)
     if len(run_list) < len(items):
         raise Misuse(fault("compare.mixed", "bq.compare(run, other)"))
     return _compare_runs(

@@ -1,13 +1,12 @@
 """Define the presentation of every result: a short print, a summary in a notebook, a figure, and a data frame.
 
 A class that derives from `Result` has `table()`, the complete result as text, and `rows()`, flat dicts for programs.
-The code that draws is in `report`, a layer above all results, and is imported at its first use.
+The code that draws is in `report`, a layer above all results, which the package baqueano registers.
 """
 
 import re
 import textwrap
 from collections.abc import Iterable, Sequence
-from importlib import import_module
 from itertools import accumulate, chain
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -18,6 +17,7 @@ from baqueano.messages import text, unbroken
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate
 from baqueano.messages.printable import join_rows
+from baqueano.on_demand import registered
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -81,7 +81,7 @@ class Result:
 
     def _repr_html_(self: Tabular) -> str:
         """Return the HTML summary that a notebook shows."""
-        return import_module("baqueano.report.card").card_html(self)
+        return registered("card_html")(self)
 
     @checked_call('result.plot("path", width="column")')
     def plot(
@@ -98,7 +98,7 @@ class Result:
         or a number [mm]. Raise UsageError if matplotlib is not installed, or for an unknown kind, with a list of the
         known kinds.
         """
-        return import_module("baqueano.report.plots").plot(self, kind, ax or figure, width)
+        return registered("plot")(self, kind, ax or figure, width)
 
     @checked_call('result.save_table("table.csv")')
     def save_table(self: Tabular, path: "str | Path", decimal: str = ".") -> "Path":
@@ -107,7 +107,7 @@ class Result:
         `decimal=","` writes a .csv file for a spreadsheet with decimal commas. Raise UsageError for another file
         extension.
         """
-        return import_module("baqueano.report.tables").save_table(self.rows(), path, decimal)
+        return registered("save_table")(self.rows(), path, decimal)
 
     def to_pandas(self: Tabular) -> Any:
         """Return the rows as a pandas DataFrame. Raise UsageError with the command to type if pandas is missing."""
