@@ -13,6 +13,7 @@ from baqueano.messages.language import translate as _
 from baqueano.report.libraries import panel, panels, set_log_scale, with_style
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from baqueano.contracts.values import JsonObject
@@ -265,7 +266,7 @@ CURVE_COLOURS = {
 LINE_WIDTHS = {"requested": 2.6, "reference": 2.0, "truth": 1.8}
 
 
-def _curve(axis: Any, name: str, t: np.ndarray, y: np.ndarray) -> None:
+def _curve(axis: "Axes", name: str, t: np.ndarray, y: np.ndarray) -> None:
     """Draw a curve of a panel in the style of its name."""
     if name == "limit":
         for k, edge in enumerate((y, -y)):

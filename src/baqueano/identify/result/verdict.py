@@ -14,7 +14,7 @@ and if it is further from the model than from its mean, and moved by more than t
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -55,7 +55,7 @@ class Evidence(NamedTuple):
     poorly_identified: np.ndarray  # (p,)
     frozen_count: int  # parameters whose command never moved
     unobservable: tuple[Diagnostic, ...]
-    channels: Any  # ChannelFit, run by run, the channels in one order
+    channels: "tuple[ChannelFit, ...]"  # run by run, the channels in one order
     channel_runs: "dict[str, list[RunChannel]]"  # see group_channels
     converged: bool
     autocorrelation: np.ndarray  # (m,)
