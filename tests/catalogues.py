@@ -21,7 +21,8 @@ from babel.messages.extract import extract_from_file
 from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po, write_po
 
-from baqueano.cli import SUBCOMMANDS, baqueano, load_command
+from baqueano.cli import baqueano
+from baqueano.cli.subcommands import SUBCOMMANDS, load_command
 from baqueano.identify.parameters.free import AXIS_NAMES, ORDINALS
 from baqueano.messages import templates
 from baqueano.messages.language import CATALOGUES, DOMAIN, LANGUAGES

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 import baqueano as bq
-from baqueano.cli import SUBCOMMANDS, baqueano, load_command
+from baqueano.cli import baqueano
+from baqueano.cli.subcommands import SUBCOMMANDS, load_command
 from baqueano.messages.language import use_language
 from baqueano.vehicle_file.reference import reference_table
 

@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 import tomllib
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,31 @@ def module_name(path: Path) -> str:
 def layer_in(package: str, module: str) -> str:
     """Return the part of a module's name that follows `package`, or ""."""
     return module.removeprefix(f"{package}.").partition(".")[0] if module.startswith(f"{package}.") else ""
+
+
+def imports_at_run_time(path: Path) -> set[str]:
+    """Return the modules of this package that a file imports, also within its functions, except for types alone."""
+    nodes, types = nodes_of(path), set[ast.AST]()
+    for node in nodes:
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            types |= set(ast.walk(node))
+    imports = [node for node in nodes if isinstance(node, ast.ImportFrom) and node not in types]
+    return {f"{node.module}.{alias.name}" for node in imports for alias in node.names} | {
+        f"{node.module}" for node in imports
+    }
+
+
+# a scalar in an operation with an array is an array, and the array is made of scalars
+MUTUAL = {f"baqueano.symbolic.arrays.{name}" for name in ("array", "elementwise", "linalg", "scalar")}
+
+
+def test_no_module_imports_itself_through_other_modules():
+    paths = {module_name(path): path for path in SOURCE.rglob("*.py") if path.name != "__init__.py"}
+    imports = {
+        name: imports_at_run_time(path) & paths.keys() - (MUTUAL if name in MUTUAL else set())
+        for name, path in paths.items()
+    }
+    TopologicalSorter(imports).prepare()  # raises CycleError, which names the modules of the circle
 
 
 @pytest.mark.parametrize("room", BLOCK_ROOMS)

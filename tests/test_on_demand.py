@@ -10,7 +10,7 @@ import pytest
 
 import baqueano
 from baqueano import guides
-from baqueano.cli import SUBCOMMANDS as COMMANDS
+from baqueano.cli.subcommands import SUBCOMMANDS as COMMANDS
 from baqueano.messages.language import use_language
 from baqueano.on_demand import on_demand
 

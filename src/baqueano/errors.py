@@ -104,6 +104,12 @@ class SafetyStop(BaqueanoError):
     exit_code = 5
 
 
+class Interruption(BaqueanoError):
+    """The error of a task that Ctrl-C ended; its results are complete up to that time."""
+
+    exit_code = INTERRUPTED
+
+
 class ExternalError(BaseException):
     """An exception inside a block that is not a fault of the block: an alarm, the end of a manual drive."""
 

@@ -12,7 +12,7 @@ from baqueano import blocks
 from baqueano.cli import main
 from baqueano.cli.errors import command_error
 from baqueano.drive import experiment, replay
-from baqueano.drive.tasks import recorded_vehicle_file
+from baqueano.drive.replay import recorded_vehicle_file
 from baqueano.errors import FileError
 from baqueano.runs import read_run, write_run
 from baqueano.vehicle_file import load, override

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import baqueano as package
-from baqueano.cli import SUBCOMMANDS, load_command
 from baqueano.cli.next_command import run_options
+from baqueano.cli.subcommands import SUBCOMMANDS, load_command
 from baqueano.diagnostics import nearest
 from baqueano.messages import templates, text
 from baqueano.messages.printable import baqueano_command

@@ -8,7 +8,7 @@ import click
 import numpy as np
 import pytest
 
-from baqueano.cli import SUBCOMMANDS, load_command
+from baqueano.cli.subcommands import SUBCOMMANDS, load_command
 from baqueano.report import Page, Section, draw, figures
 from tests.figure_files import width_mm
 

@@ -10,7 +10,8 @@ import click
 import pytest
 
 from baqueano import __version__
-from baqueano.cli import SUBCOMMANDS, load_command, main
+from baqueano.cli import main
+from baqueano.cli.subcommands import SUBCOMMANDS, load_command
 from baqueano.diagnostics import fault
 
 
@@ -131,7 +132,7 @@ def test_help_imports_no_command_module_and_no_numpy():
     code = (
         "import sys\nfrom baqueano.cli import main\n"
         "try: main(['--help'])\nexcept SystemExit: pass\n"
-        "from baqueano.cli import SUBPACKAGE_VERBS\n"
+        "from baqueano.cli.subcommands import SUBPACKAGE_VERBS\n"
         "rooms = ('numpy', 'scipy', 'mcap', *(f'baqueano.cli.{room}' for room in SUBPACKAGE_VERBS))\n"
         "print([m for m in sys.modules if m.startswith(rooms)])"
     )
@@ -143,7 +144,7 @@ def test_an_unexpected_error_names_its_location(baqueano, monkeypatch):
     def break_listing(*args, **kwargs):
         raise RuntimeError("the moon")
 
-    monkeypatch.setattr("baqueano.runs.folder.listing", break_listing)
+    monkeypatch.setattr("baqueano.runs.folder_listing.listing", break_listing)
     end = baqueano("runs", "ls")
     assert end.code == 1
     assert (end.reason.code, end.reason.figures["error"]) == (
@@ -157,7 +158,7 @@ def test_a_full_disk_is_reported_with_the_command_to_repeat(baqueano, monkeypatc
     def full(*args, **kwargs):
         raise OSError(28, "No space left on device", "runs")
 
-    monkeypatch.setattr("baqueano.runs.folder.listing", full)
+    monkeypatch.setattr("baqueano.runs.folder_listing.listing", full)
     end = baqueano("runs", "ls")
     assert end.code == 3
     assert (end.reason.code, end.fix) == ("cli.system", "baqueano runs ls")
@@ -168,7 +169,7 @@ def test_too_little_memory_is_reported(baqueano, monkeypatch):
     def fail_allocation(*args, **kwargs):
         raise MemoryError("22 TiB")
 
-    monkeypatch.setattr("baqueano.runs.folder.listing", fail_allocation)
+    monkeypatch.setattr("baqueano.runs.folder_listing.listing", fail_allocation)
     reason = baqueano("runs", "ls").reason
     assert (reason.code, reason.figures["error"]) == ("cli.memory", "22 TiB")
 
@@ -177,7 +178,7 @@ def test_ctrl_c_ends_with_exit_code_130(baqueano, monkeypatch):
     def interrupted(*args, **kwargs):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("baqueano.runs.folder.listing", interrupted)
+    monkeypatch.setattr("baqueano.runs.folder_listing.listing", interrupted)
     end = baqueano("runs", "ls")
     assert end.code == 130
     assert end.reason.code == "cli.interrupted"

@@ -6,7 +6,7 @@ import pytest
 from baqueano.drive import experiment, replay
 from baqueano.drive.health import SENSORS_SOURCE, SOURCE, Health
 from baqueano.drive.observers import Observer
-from baqueano.drive.tasks import replay_blocks
+from baqueano.drive.replay import replay_blocks
 from baqueano.identify import excitation, random_steps
 from baqueano.monitor import rejections_in
 from baqueano.signals import Estimate

@@ -9,7 +9,7 @@ import pytest
 
 from baqueano.blocks import resolve
 from baqueano.drive import drive, drive_stop_reason, experiment, replay
-from baqueano.drive.tasks import replay_blocks
+from baqueano.drive.replay import replay_blocks
 from baqueano.guides import SinuousCircle
 from baqueano.loop import Blocks
 from baqueano.messages import text

@@ -24,7 +24,7 @@ from baqueano.drive.mission import Mission, pack
 from baqueano.drive.recording import CLOCK_SOURCE
 from baqueano.errors import RobotUnreachable, SafetyStop
 from baqueano.runs import read_run
-from baqueano.runs.recover import recover
+from baqueano.runs.container.recover import recover
 from tests.emulated.test_ends_of_blocks import PLACES, repetition
 
 PATIENCE_S = 60.0  # timeout of the test

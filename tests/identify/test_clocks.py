@@ -7,8 +7,7 @@ import pytest
 
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.simulate import simulate
-from baqueano.vehicle_file import load, parse
-from baqueano.vehicle_file.text.edit import override
+from baqueano.vehicle_file import load, override, parse
 
 STILL = "model.process_noise_std=[0, 0, 0]"
 USUAL = ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[0,0]")

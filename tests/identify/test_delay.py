@@ -8,8 +8,7 @@ import pytest
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.simulate import simulate
-from baqueano.vehicle_file import load
-from baqueano.vehicle_file.text.edit import override
+from baqueano.vehicle_file import load, override
 
 DELAY_PATH = "model.drivetrain.delay_s"
 FREE = ("model.friction.linear[0]", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]", DELAY_PATH)

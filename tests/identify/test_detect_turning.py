@@ -17,8 +17,7 @@ from baqueano.runs.run import Channel
 from baqueano.sensors import Wheels
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 from baqueano.simulate import simulate
-from baqueano.vehicle_file import load, parse
-from baqueano.vehicle_file.text.edit import override
+from baqueano.vehicle_file import load, override, parse
 
 DEGREES = 180.0 / np.pi
 car = load("car")

@@ -17,8 +17,7 @@ from baqueano.messages import text
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
 from baqueano.validation.held_out import validate
-from baqueano.vehicle_file import load, parse
-from baqueano.vehicle_file.text.edit import override
+from baqueano.vehicle_file import load, override, parse
 from tests.codes import of_code
 
 SIGMAS = 3.5

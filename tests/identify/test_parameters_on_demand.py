@@ -15,8 +15,7 @@ from baqueano.identify.estimation import search
 from baqueano.identify.parameters.free import default_free, enable_parameters, free_parameters
 from baqueano.messages import texts
 from baqueano.simulate import simulate
-from baqueano.vehicle_file import load
-from baqueano.vehicle_file.text.edit import override
+from baqueano.vehicle_file import load, override
 from baqueano.vehicles import Kinematic, constant_effort
 from tests.codes import of_code
 

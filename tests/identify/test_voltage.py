@@ -11,8 +11,7 @@ from baqueano.messages import texts
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
 from baqueano.validation.held_out import validate
-from baqueano.vehicle_file import load, parse
-from baqueano.vehicle_file.text.edit import override
+from baqueano.vehicle_file import load, override, parse
 from tests.codes import of_code
 
 EFFECT = "model.drivetrain.battery_effect"

@@ -25,7 +25,8 @@ from baqueano.runs import (
     write_route,
     write_run,
 )
-from baqueano.runs.folder import find_all, listing_rows, listing_table, new_path, reserve_path
+from baqueano.runs.folder import find_all, new_path, reserve_path
+from baqueano.runs.folder_listing import listing_rows, listing_table
 from tests.codes import refused
 
 

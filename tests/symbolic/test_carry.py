@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.symbolic import jacobian, scan
-from baqueano.symbolic.scan import TracedScan
+from baqueano.symbolic.traced import TracedScan
 
 H = np.array([[1.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
 Q = np.diag([0.1, 0.2])

@@ -10,7 +10,7 @@ import pytest
 
 from baqueano.diagnostics import Diagnostic
 from baqueano.runs import Run, write_run
-from baqueano.runs.folder import listing
+from baqueano.runs.folder_listing import listing
 from baqueano.web.lab import worker
 from baqueano.web.lab.local_files import MAX_EXPECTED, LocalFiles
 

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from baqueano.cli import SubcommandGroup, options
+from baqueano.cli import options
+from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_message
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.messages.language import mark as N_

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import click
 
-from baqueano.cli import SUBCOMMANDS, load_command
 from baqueano.cli.next_command import GROUPS, next_command
+from baqueano.cli.subcommands import SUBCOMMANDS, load_command
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import (
     INTERRUPTED,
@@ -26,12 +26,6 @@ from baqueano.messages.language import current_language, use_language
 from baqueano.messages.printable import baqueano_command
 
 NEGATIVE_ANSWER, USAGE, BAD_FILE = 1, 2, 3
-
-
-class Interruption(BaqueanoError):
-    """The error of a drive that Ctrl-C ended; the recording is complete up to that time."""
-
-    exit_code = INTERRUPTED
 
 
 class CommandError(NamedTuple):

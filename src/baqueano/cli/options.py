@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from baqueano.cli import BACKENDS, numbers
+from baqueano.cli import numbers
+from baqueano.cli.subcommands import BACKENDS
 from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
@@ -348,10 +349,9 @@ def raise_stop(run: "Run", path: Path, are_warnings_printed: bool = False) -> No
     """Raise SafetyStop, or Interruption after Ctrl-C, for a stopped drive, whose run is stored at `path`.
     Return if the drive was not stopped. Print the warnings of the run, if its table has not printed them.
     """
-    from baqueano.cli.errors import Interruption
     from baqueano.diagnostics import StopReason
     from baqueano.drive import drive_stop_reason
-    from baqueano.errors import SafetyStop
+    from baqueano.errors import Interruption, SafetyStop
 
     if not are_warnings_printed:
         print_warnings(run)

@@ -25,8 +25,8 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow, Tree, Value
 from baqueano.diagnostics import fault
+from baqueano.drive.replay import replay
 from baqueano.drive.session import mark_times_ns
-from baqueano.drive.tasks import replay
 from baqueano.errors import AnswerNo, Invalid
 from baqueano.geometry import wrap
 from baqueano.messages.language import translate as _

@@ -1,13 +1,12 @@
-"""Drive a vehicle to experiment, to teach a route or to repeat one, or replay a run. Each function returns a run."""
+"""Drive a vehicle to experiment, to teach a route or to repeat one. Each function returns a run."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from baqueano.blocks import permit_blocks
-from baqueano.contracts.blocks import Controller, Guide, OwnBlock
+from baqueano.contracts.blocks import Guide, OwnBlock
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
@@ -15,27 +14,21 @@ from baqueano.controllers import ManualController, Schedule
 from baqueano.controllers.schedule import script_commands
 from baqueano.diagnostics import Severity, fault
 from baqueano.drive.by_hand.heading_gains import with_heading_hold
+from baqueano.drive.closure import Closure, lap_closure
 from baqueano.drive.safety.command_notes import clipping_notes, lap_notes
 from baqueano.drive.safety.precautions import Precautions
 from baqueano.drive.safety.route_check import route_warnings
 from baqueano.drive.session import Conditions, drive
-from baqueano.drive.smoothing import smooth_run
-from baqueano.errors import FileError, UsageError
-from baqueano.guides import Idle, Playback, RepeatByProgress
+from baqueano.errors import UsageError
+from baqueano.guides import Idle, RepeatByProgress
 from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
 from baqueano.loop import Blocks
 from baqueano.runs import Run
-from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.run_path import run_route
 from baqueano.runs.show import short_text
-from baqueano.signals import seconds
 from baqueano.standstill import with_usual_rest
-from baqueano.vehicle_file.file import VehicleFile, parse
-from baqueano.worlds.replayed import ReplayedWorld, replay_supervisor
-
-if TYPE_CHECKING:
-    from baqueano.drive.closure import Closure
+from baqueano.vehicle_file.file import VehicleFile
 
 LESSON_PACE = 0.5  # a lesson lasts at most twice its planned time, and 2 END_WAIT_S
 ENDS = {"duration_s", "tick_times_ns", "world", "path"}  # conditions of a drive without a last lap
@@ -121,7 +114,7 @@ class TeachResult(NamedTuple):
         """Return the route and the content of the run as text."""
         return f"{self.route!r}\n{self.run.table()}"
 
-    def closure(self, vehicle_file: VehicleFile) -> "Closure":
+    def closure(self, vehicle_file: VehicleFile) -> Closure:
         """Return the gyro scale of a lap whose driver saw that it returned to its start; see `lap_closure`.
 
         A vehicle that follows a route closes it in its estimate only. The vehicle of the example has the scale 0.97.
@@ -134,8 +127,6 @@ class TeachResult(NamedTuple):
         >>> abs(closure.scale - 0.97) < 3.0 * closure.std < 0.02
         True
         """
-        from baqueano.drive.closure import lap_closure  # it replays the lap with this module
-
         return lap_closure(self.run, vehicle_file)
 
     _repr_html_ = Result._repr_html_
@@ -285,108 +276,3 @@ def repeat(
     full_guide = precautions.wrap_guide(blocks.guide, route, vehicle_file, start, blocks.estimator)
     options["observers"] = (*precautions.observers(vehicle_file, route), *options.get("observers", ()))
     return drive(blocks._replace(guide=full_guide), vehicle_file, "repeat", **options)
-
-
-@checked_call("bq.replay(run)", checked=(drive, Conditions))
-def replay(
-    run: Run, vehicle_file: VehicleFile | None = None, blocks: Blocks | None = None, *,
-    estimator: OwnBlock | None = None, guide: OwnBlock | None = None, controller: OwnBlock | None = None,
-    allow_blocks: bool = False, smooth: bool = False, **options: Any,
-) -> Run:  # fmt: skip
-    """Pass the ticks of a run through blocks again; no vehicle moves.
-
-    The same blocks and back end return the same results, bit for bit. The commands of a controller are recorded as
-    requested; they do not affect the motion.
-
-    Parameters
-    ----------
-    run : Run
-        A recorded run.
-    vehicle_file : VehicleFile, optional
-        The file that defines the blocks; by default the file in the run.
-    blocks : Blocks, optional
-        All blocks of the loop at once.
-    estimator, guide, controller : str, type or block, optional
-        A block in place of the file's, as in `repeat`.
-    allow_blocks : bool
-        True to execute the user's blocks that the run names.
-    smooth : bool
-        True to estimate each instant from the whole run, later measurements included.
-    **options : object
-        The options of `experiment`.
-
-    Returns
-    -------
-    Run
-        The same measurements with the estimates of these blocks.
-
-    Raises
-    ------
-    ValueError
-        For a run without ticks.
-    UsageError
-        For a run without a vehicle file, or an estimator that cannot be smoothed.
-
-    Examples
-    --------
-    >>> small = bq.load("small")
-    >>> run = experiment(small, np.tile([0.5, 0.0, 0.0], (100, 1)))
-    >>> np.array_equal(replay(run, small).estimate.eta, run.estimate.eta)
-    True
-    """
-    vehicle_file = (
-        recorded_vehicle_file(run, allow_blocks=allow_blocks) if vehicle_file is None else vehicle_file
-    )
-    world, path = ReplayedWorld(run, vehicle_file.sensors), options.pop("path", None) if smooth else None
-    backend = run.metadata.get("backend", "auto")
-    options = {"backend": backend, "eta": initial_pose(run), "rest_s": run.rest_s} | options
-    with permit_blocks(allow_blocks):
-        blocks = blocks or replay_blocks(run, vehicle_file, estimator, guide, controller)
-    replayed_run = drive(blocks, vehicle_file, "replay", world=world, tick_times_ns=world.times, **options)
-    if not smooth:
-        return replayed_run
-    return smooth_run(replayed_run, vehicle_file, blocks.estimator, options["eta"], options["backend"], path)
-
-
-def recorded_vehicle_file(run: Run, *, allow_blocks: bool = False) -> VehicleFile:
-    """Return the vehicle file that a run contains. Raise UsageError for a run without a vehicle file.
-    Raise FileError for a user's block that vehicle.toml of this folder does not name, except with `allow_blocks`."""
-    if not run.vehicle_text:
-        raise UsageError(fault("drive.no-vehicle-in-run", run=run.name))
-    with permit_blocks(allow_blocks):
-        return parse(run.vehicle_text, f"{run.name}: vehicle.toml")
-
-
-def replay_blocks(
-    run: Run, vehicle_file: VehicleFile, estimator: OwnBlock | None = None, guide: OwnBlock | None = None,
-    controller: OwnBlock | None = None,
-) -> Blocks:  # fmt: skip
-    """Return the blocks for a replay: the blocks of `vehicle_file` or the given ones, with the recorded references.
-
-    A `guide` receives them as a route. Without `controller` or gains of a repetition, the commands are repeated.
-    """
-    ref, log, begin = run.guide_reference, run.reference, min(run.begin_index, len(run.t_ns) - 1)
-    end_ns = np.zeros(0) if log is None else log.t_ns[log.at_end > 0.0]
-    leader = Playback(*ref) if ref is not None else Idle(
-        float(seconds(end_ns[0], run.t_ns[begin])) if len(end_ns) else float("inf"))  # fmt: skip
-    if guide is not None:
-        route = None if ref is None else Route(seconds(ref.t_ns, ref.t_ns[0]), ref.eta, ref.nu, closed=False)
-        leader = vehicle_file.guide(route, guide)
-    follower = None if controller is None else vehicle_file.controller(controller)
-    if follower is None and run.metadata.get("kind") == "repeat":
-        follower = _file_controller(vehicle_file)
-    if follower is None:
-        u = run.requested_commands
-        u = run.applied_commands if u is None else np.where(np.isfinite(u), u, 0.0)
-        follower = Schedule(run.t_ns[begin:] - run.t_ns[begin], u[begin:])
-    return Blocks(vehicle_file.estimator(estimator), leader, follower, replay_supervisor(run, vehicle_file))
-
-
-def _file_controller(vehicle_file: VehicleFile) -> Controller | None:
-    """Return the controller of the file, None if the file lacks its gains."""
-    try:
-        return vehicle_file.controller()
-    except FileError as error:
-        if error.diagnostic.code == "vehicle.lacks-estimates":
-            return None
-        raise

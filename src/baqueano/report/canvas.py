@@ -22,7 +22,7 @@ from matplotlib.ticker import LogFormatterSciNotation, ScalarFormatter
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import UsageError
 from baqueano.messages.language import number
-from baqueano.report.figures import LEGEND_ABOVE
+from baqueano.report.style import LEGEND_ABOVE
 
 WIDTHS_MM = {"column": 88.0, "page": 181.0}  # of a journal of two columns
 MM = 1.0 / 25.4

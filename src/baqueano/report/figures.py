@@ -11,23 +11,16 @@ import numpy as np
 from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.messages.language import translate as _
 from baqueano.report.libraries import panel, panels, set_log_scale, with_style
+from baqueano.report.style import LEGEND_ABOVE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from baqueano.contracts.values import JsonObject
-
 MEASUREMENT, MODEL, TRUTH, REFERENCE, ALARM = "#3b6fb6", "#238b45", "#1d2128", "#a3a9b2", "#c2410c"
 SECOND_COLOUR = "#7c3aed"  # the estimate of another run
 MAX_POINTS = 1600
 MAX_PERCENT = 100.0  # %: a longer interval is cut off in the figure of estimates
-LEGEND_ABOVE: "JsonObject" = {
-    "loc": "lower left",
-    "bbox_to_anchor": (0.0, 1.0),
-    "ncols": 4,
-    "borderaxespad": 0.2,
-}
 
 
 def decimate(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

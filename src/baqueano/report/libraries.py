@@ -6,7 +6,7 @@ from contextvars import ContextVar
 from functools import wraps
 from importlib import import_module
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.messages.language import current_language
 from baqueano.messages.language import mark as N_
+from baqueano.report.style import STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,32 +24,6 @@ if TYPE_CHECKING:
     Target: TypeAlias = Axes | Figure | SubFigure | None
 
 INSTALL_COMMAND = "pip install matplotlib jinja2"
-
-STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "baqueano",
-    "font.family": "sans-serif",
-    "font.size": 10,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#8a8f98",
-    "axes.labelcolor": "#3d434c",
-    "axes.titlesize": 10.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e4e7eb",
-    "grid.linewidth": 0.8,
-    "xtick.color": "#5c636e",
-    "ytick.color": "#5c636e",
-    "lines.linewidth": 1.3,
-    "legend.frameon": False,
-    "legend.fontsize": 9,
-    "figure.constrained_layout.use": True,
-    "path.simplify_threshold": 0.5,
-}
-
 
 _TARGET: "ContextVar[Target]" = ContextVar("target", default=None)  # an axes or a figure of the user's
 P = ParamSpec("P")

@@ -6,7 +6,6 @@ import io
 import re
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -77,12 +76,14 @@ class Drawing:
     @cached_property
     def svg(self) -> str:
         """Return the figure as SVG text in full width and, if it is wide, again in the width of a phone."""
+        from baqueano.report.canvas import with_narrow_legends
+
         svg = _svg(self.figure, "wide", self.caption)
         wide_in, high_in = self.figure.get_size_inches()
         if wide_in > NARROW_IN:
             scale = 1.0 if wide_in > WIDE_IN else NARROW_IN / wide_in  # panels over time keep their height
             self.figure.set_size_inches(NARROW_IN, max(high_in * scale, MIN_IN))
-            with import_module("baqueano.report.canvas").with_narrow_legends(self.figure):
+            with with_narrow_legends(self.figure):
                 svg += _svg(self.figure, "narrow", self.caption)
             self.figure.set_size_inches(wide_in, high_in)
         return svg

@@ -30,6 +30,7 @@ from baqueano.report.pages.at_rest import allan_curves, sensor_channels
 from baqueano.report.pages.parameter_drift import curve_parameters, curves
 from baqueano.report.pages.route import plot_demand, plot_examined_route, plot_route
 from baqueano.report.run_report import commands_section, errors, paths, sensor_drawing, speed_drawing
+from baqueano.report.style import LEGEND_ABOVE
 from baqueano.routes.examine import RouteReport
 from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun
@@ -226,7 +227,7 @@ def plot_comparison(result: Comparison) -> "Figure | None":
         ax.set_yticks(rows, [run.name for run in runs])
         ax.set_ylim(-0.6, len(runs) - 0.4)
         if ax.get_legend_handles_labels()[0]:
-            ax.legend(**(figures.LEGEND_ABOVE | {"ncols": 2}))
+            ax.legend(**(LEGEND_ABOVE | {"ncols": 2}))
     return figure
 
 
@@ -300,7 +301,7 @@ def plot_noise(result: Noise) -> "Figure":
     axes.set_yticks(heights, [f"{row['name']} [{unit}]" for row, unit in zip(rows, units, strict=True)])
     set_log_scale(axes.xaxis)
     axes.set_xlabel(_("standard deviation"))
-    axes.legend(**figures.LEGEND_ABOVE)
+    axes.legend(**LEGEND_ABOVE)
     return figure
 
 

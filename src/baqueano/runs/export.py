@@ -10,21 +10,24 @@ import io
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.atomic_file import write_then_appear
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
-from baqueano.runs.run import Run
 from baqueano.signals import seconds
+
+if TYPE_CHECKING:
+    from baqueano.runs.run import Run
 
 POSE_COLUMNS, VELOCITY_COLUMNS = ("x_m", "y_m", "psi_rad"), ("nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
 ACCELERATION_COLUMNS = ("nu_x_dot_m_s2", "nu_y_dot_m_s2", "nu_psi_dot_rad_s2")
 PATH_NAMES = ("estimate", "reference", "truth")
 
 
-def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
+def export_csv(run: "Run", path: Path | str, decimal: str = ".") -> Path:
     """Write a run as one table; a value that was measured between two ticks is in the row of the later tick.
 
     Parameters
@@ -70,7 +73,7 @@ def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
     return path
 
 
-def columns_of(run: Run) -> Iterator[tuple[str, np.ndarray]]:
+def columns_of(run: "Run") -> Iterator[tuple[str, np.ndarray]]:
     """Yield the name and the values (N,) of each column of the table of a run."""
     t_ns, n = run.t_ns, run.applied_commands.shape[1]
     names = [name.strip() for name in run.metadata.get("commands", "").split(",")]
@@ -110,7 +113,7 @@ def newest_tick_rows(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) ->
     return rows
 
 
-def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
+def export_tum(run: "Run", path: Path | str, which: str = "estimate") -> Path:
     """Write a trajectory for evo and similar tools: time [s], x and y [m], heading as a quaternion.
 
     The rest before the drive is excluded, as in `compare`. A heading that is not finite becomes a quaternion of NaN.

@@ -8,21 +8,12 @@ import os
 import re
 import unicodedata
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeGuard
+from typing import TypeGuard
 
 from baqueano.diagnostics import fault
-from baqueano.errors import BaqueanoError, FileError, UsageError
-from baqueano.messages import text
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
-from baqueano.messages.printable import baqueano_command, join_rows
-from baqueano.messages.text_table import text_table
-from baqueano.runs.container.reader import read_run
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
+from baqueano.errors import FileError, UsageError
+from baqueano.messages.printable import baqueano_command
 
 NUMBERED_NAME = re.compile(r"(\d{4,})-.*\.mcap")
 RECOVERED_SUFFIX = "-recovered"  # suffix of the name of a run that `runs recover` saved
@@ -32,18 +23,6 @@ MAX_NAME_LETTERS = 120  # maximum number of characters of a name
 DEVICE_NAME = re.compile(r"(CON|PRN|AUX|NUL|CON(IN|OUT)|(COM|LPT)[0-9¹²³])[ .]", re.IGNORECASE)
 GLOB_LETTERS = re.compile(r"[*?]|\[[^]]+\]")
 NUMBER_RANGE = re.compile(r"(\d+)-(\d+)(?::(\d+))?")
-
-
-class ListedRun(NamedTuple):
-    """A line of `runs ls`."""
-
-    number: int | None
-    name: str
-    kind: str
-    duration_s: float | None
-    vehicle: str
-    verdict: str
-    notes: str
 
 
 def new_path(folder: Path | str, label: str) -> Path:
@@ -96,7 +75,8 @@ def run_number(path: Path) -> int | None:
     return int(match[1]) if match else None
 
 
-def _number_and_name(path: Path) -> tuple[int, str]:
+def number_and_name(path: Path) -> tuple[int, str]:
+    """Return the number of a run, or 0, and its file name: the key by which runs are sorted."""
     return run_number(path) or 0, path.name
 
 
@@ -154,7 +134,7 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
         first, last, step = int(span[1]), int(span[2]), int(span[3] or 1)
         numbers = range(first, last + 1, max(step, 1))
         runs = [run for run in Path(folder).glob("*.mcap") if run_number(run) in numbers]
-        runs.sort(key=_number_and_name)
+        runs.sort(key=number_and_name)
     else:
         return [find(name, folder)]
     runs = _without_recovered_originals(runs)
@@ -162,68 +142,6 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
         code = "runs.folder-without-runs" if path.is_dir() else "runs.no-match"
         raise FileError(fault(code, _list_command(folder), value=name, folder=folder))
     return runs
-
-
-def listing(folder: Path | str = "runs") -> list[ListedRun]:
-    """Return all runs of a folder, sorted by number and name, with the fault of each file that is not a run.
-    Raise FileError if the folder does not exist.
-    """
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise FileError(fault("runs.no-folder", "baqueano experiment", folder=folder))
-    paths = sorted(folder.glob("*.mcap"), key=_number_and_name)
-    return [_listed_run(path) for path in paths]
-
-
-def _listed_run(path: Path) -> ListedRun:
-    try:
-        run = read_run(path)
-    except BaqueanoError as error:
-        reason = replace(error.diagnostic, figures={**error.diagnostic.figures, "path": path.name})
-        return ListedRun(run_number(path), path.stem, "?", None, "", "UNREADABLE", text(reason))
-    verdict = run.metadata.get("verdict", "")
-    notes = [run.metadata["note"]] if run.metadata.get("note") else []  # of older versions
-    if source := run.metadata.get("recovered_from"):
-        notes.append(_("recovered from {file}", file=source))
-    severe_events = [event for event in run.events if event.level in ("error", "fatal")]
-    if severe_events:
-        notes.append(severe_events[0].sentence)
-    if run.notes:
-        verdict, notes = verdict or "RECOVERED", [*notes, text(run.notes[0])]
-    return ListedRun(
-        run_number(path), run.name, run.metadata.get("kind", ""), run.duration_s,
-        vehicle_name(run.vehicle_text), verdict, "; ".join(notes),
-    )  # fmt: skip
-
-
-def vehicle_name(vehicle_text: str) -> str:
-    """Return the name in the text of a vehicle file, or "" without a name."""
-    match = re.search(r'^name\s*=\s*(?:"([^"]*)"|\'([^\']*)\')', vehicle_text, re.MULTILINE)
-    return (match[1] or match[2] or "") if match else ""
-
-
-def listing_table(rows: list[ListedRun]) -> str:
-    """Return the table of runs, one line per run."""
-    head = list(map(_, ("run", "kind", "duration", "vehicle", "verdict", "notes")))
-    lines = [
-        (
-            r.name,
-            _(r.kind),
-            "" if r.duration_s is None else f"{number(r.duration_s):.1f} s",
-            r.vehicle,
-            _(r.verdict),
-            r.notes,
-        )
-        for r in rows
-    ]
-    last = max((k for line in lines for k, entry in enumerate(line) if entry), default=len(head) - 1) + 1
-    # no empty last column
-    return join_rows(text_table("<" * last, head[:last], *(line[:last] for line in lines)))
-
-
-def listing_rows(rows: list[ListedRun]) -> list["TableRow"]:
-    """Return the runs as flat dicts for --json; an unknown value is None."""
-    return [{key: value if value != "" else None for key, value in row._asdict().items()} for row in rows]
 
 
 def reserve_path(folder: Path | str, label: str) -> Path:

@@ -15,7 +15,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault, nearest
-from baqueano.drive.tasks import recorded_vehicle_file
+from baqueano.drive.replay import recorded_vehicle_file
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.runs import Run

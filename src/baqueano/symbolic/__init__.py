@@ -5,8 +5,8 @@ functions that they receive are ordinary NumPy code: pure, without `if` on a val
 
 A call passes through the modules from top to bottom; each module imports only modules below it:
 
-    function, scan      the calls of the user; plain runs the step unchanged, batch many at once, packing and paths
-                        convert trees to rows and back
+    function, traced    the calls of the user; plain runs the step of a scan unchanged, batch many at once, packing and
+                        paths convert trees to rows and back
     backends            the choice: c_code/ or python_code/
     derivatives/        the rule of each operator, dual numbers, tangents of a program
     graph/              trace → node → simplify → assemble → program → emit (the order of the arithmetic)
@@ -21,7 +21,8 @@ from baqueano.symbolic.errors import TraceError
 from baqueano.symbolic.function import compile_block, function
 from baqueano.symbolic.graph.program import NormalEquations
 from baqueano.symbolic.paths import value_at_path, with_value
-from baqueano.symbolic.scan import Scan, scan
+from baqueano.symbolic.scan import Scan
+from baqueano.symbolic.traced import scan
 
 __all__ = [
     "Scan",

@@ -11,8 +11,8 @@ from baqueano.vehicle_file.garage import names as garage_names
 from baqueano.vehicle_file.provenance import ParameterCov, Provenance
 
 if TYPE_CHECKING:
-    from baqueano.vehicle_file.text.edit import override
+    from baqueano.vehicle_file.text.override import override
 
 __all__ = ["CommandSpec", "VehicleFile", "garage_names", "load", "override", "parse"]
 
-__getattr__ = on_demand(__name__, {"text.edit": ("override",)})
+__getattr__ = on_demand(__name__, {"text.override": ("override",)})

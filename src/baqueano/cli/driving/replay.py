@@ -39,7 +39,7 @@ def command(
     from baqueano.compare import compare
     from baqueano.drive import drive_stop_reason, replay
     from baqueano.drive.observers import Progress
-    from baqueano.drive.tasks import recorded_vehicle_file
+    from baqueano.drive.replay import recorded_vehicle_file
     from baqueano.vehicle_file import override
 
     recorded_run = options.find_runs((run,), folder)[0]

@@ -119,7 +119,7 @@ def command(
     parameter_history: bool, held_out: tuple[str, ...], no_noise: bool, folder: str, update: bool,
     report: ReportFiles, as_json: bool, backend: str, **arguments: Any,
 ) -> None:  # fmt: skip
-    from baqueano.cli.errors import Interruption
+    from baqueano.errors import Interruption
     from baqueano.identify import identify
     from baqueano.runs.diagnostics.cleaning import unused_sensors
 

@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from baqueano.cli import SubcommandGroup, numbers, options
+from baqueano.cli import numbers, options
 from baqueano.cli.blocks import RowsResult
 from baqueano.cli.next_command import advise_after_import
 from baqueano.cli.report_files import ReportFiles, decimal, report_options
+from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, show_steps
 from baqueano.diagnostics import Verdict, fault, note
 from baqueano.errors import AnswerNo, UsageError
@@ -40,7 +41,7 @@ part = options.combine_options(
 @options.runs_folder
 @options.as_json
 def ls(folder: str, as_json: bool) -> None:
-    from baqueano.runs.folder import listing, listing_rows, listing_table
+    from baqueano.runs.folder_listing import listing, listing_rows, listing_table
 
     folder_rows = listing(folder)
     if as_json:
@@ -94,8 +95,8 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
     help=("File to write; default: NAME-recovered.mcap in the folder of the run."),
 )
 def recover(run: str, folder: str, out: Path | None) -> None:
+    from baqueano.runs.container.recover import recover
     from baqueano.runs.folder import find
-    from baqueano.runs.recover import recover
 
     recovery = recover(find(run, folder), out)
     for diagnostic in recovery.notes:

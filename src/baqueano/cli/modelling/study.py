@@ -5,8 +5,9 @@ from pathlib import Path
 
 import click
 
-from baqueano.cli import SubcommandGroup, numbers, options
+from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
+from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_result, show_activity, show_progress, show_steps
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import UsageError
@@ -25,7 +26,7 @@ def _check_cases(cases: Iterable[str], known_cases: Collection[str]) -> None:
 
 def _check_complete(completed_count: int, requested_count: int) -> None:
     """Raise Interruption if Ctrl-C ended the study early."""
-    from baqueano.cli.errors import Interruption
+    from baqueano.errors import Interruption
 
     if completed_count < requested_count:
         raise Interruption(fault("cli.study-interrupted", count=completed_count, total=requested_count))
@@ -230,7 +231,7 @@ def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
         result = recordings(backend, begin)
     print_answer(result, as_json)
     if result.is_interrupted:
-        from baqueano.cli.errors import Interruption
+        from baqueano.errors import Interruption
 
         raise Interruption(fault("cli.recordings-interrupted"))
     with show_steps() as begin:

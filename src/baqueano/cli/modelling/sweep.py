@@ -68,7 +68,7 @@ def command(
     cluster: str | None, backend: str, folder: str, report: ReportFiles, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.driving.teach import shape_or_route
-    from baqueano.cli.errors import Interruption
+    from baqueano.errors import Interruption
     from baqueano.sweep import sweep
 
     block_kinds = {"estimators": estimators, "controllers": controllers, "guides": guides}

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from baqueano.cli import SUBCOMMANDS, SubcommandGroup, options
+from baqueano.cli import options
 from baqueano.cli.robot import settings, setup, workshop
+from baqueano.cli.subcommands import SUBCOMMANDS, SubcommandGroup
 from baqueano.cli.terminal import print_result
 from baqueano.diagnostics import fault
 from baqueano.door import SOCKET

@@ -21,7 +21,6 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.data.record import FitRecord
-from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.parameter import parameters
 from baqueano.signals import ByName
 from baqueano.symbolic import value_at_path, with_value
@@ -29,7 +28,7 @@ from baqueano.vehicle_file.envelope import Envelope
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
-    from baqueano.identify.result.fit_result import Fit
+    from baqueano.identify.result.fit_result import ChannelFit, Fit
     from baqueano.vehicle_file import VehicleFile
 
 CONTRADICTION_SIGMA = 4.0  # standard deviations, as in the gates of the filters
@@ -142,7 +141,7 @@ def _fields(fit: "Fit", prior_paths: Sequence[str]) -> "JsonObject":
 
 def fit_envelope(
     records: Sequence[FitRecord],
-    channels: Sequence[ChannelFit],
+    channels: "Sequence[ChannelFit]",
     sensors: ByName[Tree],
     commands: Sequence[str],
 ) -> Envelope:

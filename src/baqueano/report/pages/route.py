@@ -13,6 +13,7 @@ from baqueano.report import figures
 from baqueano.report.figures import MODEL, REFERENCE
 from baqueano.report.libraries import panel, panels, with_style
 from baqueano.report.page import Headline, Page, Section, draw
+from baqueano.report.style import LEGEND_ABOVE
 from baqueano.routes.examine import RouteReport
 from baqueano.routes.path import distances_along
 
@@ -55,7 +56,7 @@ def plot_route(result: Route) -> "Figure":
     """Draw the path of a route with its direction, and its start pose."""
     figure, axes = panel((7.2, 6.2))
     _draw_path(axes, result)
-    axes.legend(**figures.LEGEND_ABOVE)
+    axes.legend(**LEGEND_ABOVE)
     return figure
 
 
@@ -75,7 +76,7 @@ def plot_examined_route(result: RouteReport) -> "Figure":
         axes.plot(
             *corners.T, color=figures.ALARM, lw=0.9, ls=(0, (5, 4)), label=_("limit of the vehicle's origin")
         )
-    axes.legend(**figures.LEGEND_ABOVE | {"ncols": 2})
+    axes.legend(**LEGEND_ABOVE | {"ncols": 2})
     return figure
 
 
@@ -117,6 +118,6 @@ def plot_demand(result: RouteReport) -> "Figure":
         axis.set_ylabel(label_.replace(" [", "\n["))
         if len(limits) == 1:  # speed and command are not negative
             axis.set_ylim(bottom=0.0)
-    axes[0, 0].legend(**figures.LEGEND_ABOVE)
+    axes[0, 0].legend(**LEGEND_ABOVE)
     axes[-1, 0].set_xlabel(_("distance [m]"))
     return figure

@@ -29,11 +29,11 @@ from baqueano.runs.container.messages import MAX_STAMP_NS
 from baqueano.runs.container.packing import Packing
 from baqueano.runs.container.run_file import RunFile
 from baqueano.runs.logs import LEVELS, Event
-from baqueano.runs.run import Run
 from baqueano.signals import Motion, measured_ns
 
 if TYPE_CHECKING:
     from baqueano.loop import Record
+    from baqueano.runs.run import Run
 
 SYNC_PERIOD_S = 0.5  # time after which a chunk is closed and synced
 WRITE_PERIOD_S = 0.05  # time between two moves of the queue to the open chunk
@@ -211,7 +211,7 @@ class RunWriter:
             add(*queue.popleft())
 
 
-def write_run(run: Run, path: Path | str) -> Path:
+def write_run(run: "Run", path: Path | str) -> Path:
     """Write the whole run to a new file, which appears complete or not at all.
 
     Parameters
@@ -258,7 +258,7 @@ def write_run(run: Run, path: Path | str) -> Path:
     return path
 
 
-def _messages(run: Run, run_file: RunFile) -> Iterator[Message]:
+def _messages(run: "Run", run_file: RunFile) -> Iterator[Message]:
     """Return an iterator over all messages of a run by arrival, each packed when it is needed.
     Raise UsageError for times out of range.
     Every topic is declared, even one without messages.
@@ -282,7 +282,7 @@ def _messages(run: Run, run_file: RunFile) -> Iterator[Message]:
     return heapq.merge(*signal_messages, key=lambda message: message[1])
 
 
-def _signals(run: Run, packing: Packing) -> Iterator[tuple[np.ndarray, Callable[[int], None]]]:
+def _signals(run: "Run", packing: Packing) -> Iterator[tuple[np.ndarray, Callable[[int], None]]]:
     """Yield, for each signal, the arrival times of its rows [ns], and the function that packs a row."""
     for stage, rows in run.commands.items():
         yield run.t_ns, lambda k, w=stage, u=rows: packing.command(w, int(run.t_ns[k]), u[k])
@@ -307,7 +307,7 @@ def _signals(run: Run, packing: Packing) -> Iterator[tuple[np.ndarray, Callable[
     yield np.array([event.t_ns for event in run.events]), lambda k: packing.event(run.events[k])
 
 
-def _name_topics(run: Run, run_file: RunFile) -> None:
+def _name_topics(run: "Run", run_file: RunFile) -> None:
     for stage, rows in run.commands.items():
         run_file.command(stage, rows.shape[1])
     for name, channel in run.sensors.items():

@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.atomic_file import replace_file
-from baqueano.blocks import LOOP_ROLES, block_kind, check_role, read_module
+from baqueano.blocks import LOOP_ROLES, block_kind, check_role
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
-from baqueano.vehicle_file.file import VehicleFile, parse
 from baqueano.vehicle_file.paths import current_value, known_paths, no_such_key, split_key
 from baqueano.vehicle_file.provenance import ParameterCov, Provenance
 from baqueano.vehicle_file.text.dump import dump
@@ -27,77 +26,15 @@ from baqueano.vehicle_file.text.toml_text import read_text
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.envelope import Envelope
+    from baqueano.vehicle_file.file import VehicleFile
 
 RANGE_DIGITS = 4  # digits of an end of the envelope
 KIND_KEY = re.compile(rf"(model|sensors\.[^.]+|{'|'.join(LOOP_ROLES)})\.kind")
 STD_DIGITS = 3  # digits of a standard deviation; a value is rounded to a thousandth of its standard deviation
 
 
-def override(vehicle_file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
-    """Return the file with values from the command line, which override the values of the file.
-
-    Parameters
-    ----------
-    vehicle_file : VehicleFile
-        The file.
-    settings : iterable of str
-        Settings such as "model.mass_kg=0.7".
-
-    Returns
-    -------
-    VehicleFile
-        The new file, completely checked.
-
-    Raises
-    ------
-    UsageError
-        For a text other than key=value, or a value that is not allowed.
-
-    Examples
-    --------
-    >>> from baqueano.vehicle_file import load
-    >>> heavy = override(load("small"), ["model.mass_kg=0.7"])
-    >>> heavy.layers, heavy.vehicle.mass_kg
-    (('garage: small', '--set model.mass_kg=0.7'), 0.7)
-    """
-    settings, changed_file = [*settings], vehicle_file
-    try:
-        for setting in settings:
-            changed_file = _with_settings(changed_file, [setting])
-        return changed_file
-    except UsageError:
-        if len(settings) < 2:
-            raise
-    return _with_settings(vehicle_file, settings)  # each value might be valid only with the others
-
-
-def _with_settings(vehicle_file: VehicleFile, settings: list[str]) -> VehicleFile:
-    """Return the file with the values of all settings, checked together. Raise UsageError as `override`."""
-    values: JsonObject = {}
-    for setting in settings:
-        key, equals, value_text = setting.partition("=")
-        if not equals or not value_text.strip():
-            raise UsageError(fault("vehicle.setting", setting=setting))
-        try:
-            value = tomllib.loads(f"x = {value_text}")["x"]
-        except tomllib.TOMLDecodeError:
-            value = value_text.strip()  # a word needs no quotes on the command line
-        values.pop(key.strip(), None)  # a later setting replaces an earlier one
-        values[key.strip()] = value
-    try:
-        for value in values.values():
-            if isinstance(value, str) and ".py:" in value:  # the user names it here, not the file
-                read_module(value.rpartition(":")[0], vehicle_file.folder)
-        text = _edit_text(vehicle_file, values, keep_comments=_has_tomlkit())
-        layers = (*vehicle_file.layers, *(f"--set {setting}" for setting in settings))
-        return parse(text, vehicle_file.label, vehicle_file.path, layers, vehicle_file.on_disk)
-    except FileError as error:
-        joined_settings = " --set ".join(settings)
-        raise UsageError(fault("vehicle.set", setting=joined_settings, cause=error.diagnostic)) from error
-
-
-def equip_truth(truth: VehicleFile, vehicle_file: VehicleFile) -> VehicleFile:
-    """Return the file `truth` with the IMU filter of `vehicle_file`, and with the sensors that only it describes.
+def equipped_text(truth: "VehicleFile", vehicle_file: "VehicleFile") -> str:
+    """Return the text of `truth` with the IMU filter of `vehicle_file`, and with the sensors that only it describes.
     A block of the user keeps its file."""
     setting = vehicle_file.data.get("robot", {}).get("imu_filter")
     values: JsonObject = {} if setting is None else {"robot.imu_filter": setting}
@@ -107,14 +44,16 @@ def equip_truth(truth: VehicleFile, vehicle_file: VehicleFile) -> VehicleFile:
             if ".py:" in table["kind"]:
                 table["kind"] = str(Path(vehicle_file.folder or ".") / table["kind"])
             values |= {f"sensors.{name}.{key}": value for key, value in table.items()}
-    if not values:
-        return truth
-    text = _edit_text(truth, values, keep_comments=_has_tomlkit())
-    return parse(text, truth.label, truth.path, truth.layers, truth.on_disk)
+    return text_with_values(truth, values) if values else truth.text
+
+
+def text_with_values(vehicle_file: "VehicleFile", values: "JsonObject") -> str:
+    """Return the text with other values, and with its comments if tomlkit is installed."""
+    return _edit_text(vehicle_file, values, keep_comments=_has_tomlkit())
 
 
 def edit_text(
-    vehicle_file: VehicleFile,
+    vehicle_file: "VehicleFile",
     values: "JsonObject",
     provenance: Mapping[str, Any],
     parameter_cov: ParameterCov | None,
@@ -144,7 +83,7 @@ def edit_text(
     )
 
 
-def write_file_text(vehicle_file: VehicleFile, path: str | Path | None = None) -> Path:
+def write_file_text(vehicle_file: "VehicleFile", path: str | Path | None = None) -> Path:
     """Write the text to a new file, which then replaces the old file; return the path.
     After an interruption the old file is unchanged. Raise FileError if another program changed the old file, or if the
     new file cannot be written. Raise UsageError for a file of the garage without `path`.
@@ -177,7 +116,7 @@ def _has_tomlkit() -> bool:
 
 
 def _edit_text(
-    vehicle_file: VehicleFile,
+    vehicle_file: "VehicleFile",
     values: Mapping[str, object],
     keep_comments: bool,
     origins: Mapping[str, Provenance] | None = None,
@@ -248,7 +187,7 @@ def _drop_unknown_keys(document: Any, table: Any, name: str, paths: list[str]) -
 
 
 def _replace_entry(
-    vehicle_file: VehicleFile,
+    vehicle_file: "VehicleFile",
     path: tuple[str, ...],
     array_value: object,
     entry: tuple[int, ...],

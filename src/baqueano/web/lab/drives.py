@@ -40,7 +40,7 @@ class DriveIdentifications:
 
     def answer_run(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         """Return the identification of a run and b""."""
-        from baqueano.drive.tasks import recorded_vehicle_file
+        from baqueano.drive.replay import recorded_vehicle_file
         from baqueano.runs import read_run
         from baqueano.web.lab.identification import DriveIdentification
         from baqueano.web.lab.recorded import pack_run
@@ -67,7 +67,7 @@ def _version_key(source: str) -> tuple[str, int]:
 def _vehicle_file(source: str) -> "VehicleFile":
     """Return the vehicle file with a name, at a path, or in a run."""
     if source.endswith(".mcap"):
-        from baqueano.drive.tasks import recorded_vehicle_file
+        from baqueano.drive.replay import recorded_vehicle_file
         from baqueano.runs import read_run
 
         return recorded_vehicle_file(read_run(Path(source)))

@@ -145,7 +145,7 @@ class TuningWorker:
 
 def requested_vehicle_file(request: "JsonObject") -> "VehicleFile":
     """Return the vehicle file of a question: the file named `vehicle`, or the file in the run at `path`."""
-    from baqueano.drive.tasks import recorded_vehicle_file
+    from baqueano.drive.replay import recorded_vehicle_file
     from baqueano.runs import read_run
     from baqueano.vehicle_file import load
 

@@ -133,7 +133,7 @@ def _replay_with_estimator(run: "Run", estimator: str) -> "Run":
     from dataclasses import replace
 
     from baqueano.drive import replay
-    from baqueano.drive.tasks import recorded_vehicle_file
+    from baqueano.drive.replay import recorded_vehicle_file
     from baqueano.web.lab.described_blocks import available_kinds
 
     vehicle_file = recorded_vehicle_file(run)
@@ -246,7 +246,8 @@ def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.diagnostics import Verdict
     from baqueano.drive import replay
     from baqueano.drive.closure import lap_closure
-    from baqueano.drive.tasks import recorded_vehicle_file, run_route
+    from baqueano.drive.replay import recorded_vehicle_file
+    from baqueano.drive.tasks import run_route
     from baqueano.runs import read_run
     from baqueano.runs.route_file import write_route
     from baqueano.vehicle_file.provenance import Provenance
