@@ -23,15 +23,12 @@ import numpy as np
 from baqueano.contracts.values import Tree, Value
 from baqueano.geometry import wrap
 from baqueano.guides.repeat import REST_M_S, TINY, Repeat, RepeatState
+from baqueano.guides.route_points import HEADING_WEIGHT_M, MAX_SPACING_M, distances_m, route_points
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference, seconds
 
-HEADING_WEIGHT_M = 0.1  # of a radian, in (1) and e
-FAR_AWAY = 1e9
-MIN_SPEED_M_S = 0.02  # a slower pose belongs to the piece before it
 MIN_PACE = 0.05  # of (5), so that the reference reaches the end
 END_WAIT_S = 3.0  # of (6): the vehicle is at most wait_m + slack behind
-MIN_SPACING_M, MAX_SPACING_M = 0.04, 0.05  # of the points of (1)
 
 
 class ProgressState(NamedTuple):
@@ -88,28 +85,24 @@ class RepeatByProgress(Repeat):
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference at the teacher's time τ.  (4)"""
-        end = self.end_s
         entry = self._joined(state.entry, estimate)
-        phase = self._phase(state.tau_s)
-        dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 0.0)
-        pace, aside_m, behind_m = self._pace(phase, estimate)
+        pace, aside_m, behind_m = self._pace(self._phase(state.tau_s), estimate)
         largest_pace = np.minimum(
-            self._starting_pace(entry, estimate.t_ns), self._braking_pace(end - state.tau_s)
+            self._starting_pace(entry, estimate.t_ns), self._braking_pace(self.end_s - state.tau_s)
         )
         clock_pace = np.minimum(pace, largest_pace)
         if not self._continues:  # the reference rests at the end, and τ counts the time
-            clock_pace = np.where(state.tau_s >= end, 1.0, clock_pace)
-        tau_s = np.clip(state.tau_s + clock_pace * dt_s, 0.0, end + END_WAIT_S)
-        phase = self._phase(tau_s)
-        eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
-        nu = np.array([np.interp(phase, self.t_s, self.nu[:, i]) for i in range(3)])
+            clock_pace = np.where(state.tau_s >= self.end_s, 1.0, clock_pace)
+        dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 0.0)
+        tau_s = np.clip(state.tau_s + clock_pace * dt_s, 0.0, self.end_s + END_WAIT_S)
         is_over = self._is_over(state.tau_s, tau_s, behind_m, estimate)
         forward_pace = np.minimum(np.maximum(pace, np.minimum(aside_m / self.wait_m, 1.0)), largest_pace)
         forward_pace = np.where(is_over > 0.0, 0.0, forward_pace)
-        pose = np.array([eta[0], eta[1], wrap(eta[2])])
-        return ProgressState(estimate.t_ns, tau_s, entry), Reference(
-            estimate.t_ns, pose, forward_pace * nu, is_over
-        )
+        phase = self._phase(tau_s)
+        x, y, psi = (np.interp(phase, self.t_s, column) for column in self.eta.T)
+        nu = np.array([np.interp(phase, self.t_s, column) for column in self.nu.T])
+        reference = Reference(estimate.t_ns, np.array([x, y, wrap(psi)]), forward_pace * nu, is_over)
+        return ProgressState(estimate.t_ns, tau_s, entry), reference
 
     @property
     def _continues(self) -> bool:
@@ -135,8 +128,7 @@ class RepeatByProgress(Repeat):
 
     def _route_distance(self, t: Value) -> Value:
         """Return the length [m] of the route in its first `t` seconds; 0 before its start."""
-        steps_m = np.hypot(np.diff(self.eta[:, 0]), np.diff(self.eta[:, 1]))
-        return np.interp(t, self.t_s, np.append(0.0, np.cumsum(steps_m)))
+        return np.interp(t, self.t_s, distances_m(self.eta))
 
     def _starting_pace(self, entry: RepeatState, t_ns: Value) -> Value:
         """Return the largest pace τ̇ at the time `t_ns`, while the vehicle starts.  (5)"""
@@ -152,78 +144,16 @@ class RepeatByProgress(Repeat):
 
     def _pace(self, phase: Value, estimate: Estimate) -> tuple[Value, Value, Value]:
         """Return τ̇ at the time `phase` [s] of a lap, and the distances e and d [m] of the vehicle.  (1)-(3)"""
-        t_s, eta, s = self._points()
-        pieces = np.interp(t_s, self.t_s, self._pieces())
-        piece, has_cusps = np.interp(phase, t_s, pieces), bool(np.any(pieces > 0.0))
-        (behind_s, front), distances, is_on_route = self._window(s), s, 1.0
-        if behind_s + front + 2 < len(s):
-            indices = np.arange(len(s), dtype=float)
-            k = np.floor(np.interp(phase, t_s, indices)) + np.arange(-behind_s, front + 2)
-            if self.closed:
-                k = k - (len(s) - 1) * np.floor(k / (len(s) - 1))  # the last point equals the first one
-            is_on_route = np.where((k >= 0.0) & (k <= len(s) - 1.0), 1.0, 0.0)
-            eta = np.stack([np.interp(k, indices, column) for column in eta.T], axis=1)
-            distances, pieces = np.interp(k, indices, s), np.interp(k, indices, pieces)
-        lag_m = np.interp(phase, t_s, s) - distances  # (k,) d, if the vehicle is at each of these points
-        if self.closed and s[-1] > 0.0:
-            lag_m = lag_m - s[-1] * np.floor(lag_m / s[-1] + 0.5)
-        squared_distances = (eta[:, 0] - estimate.eta[0]) ** 2 + (eta[:, 1] - estimate.eta[1]) ** 2
-        squared_distances = squared_distances + (HEADING_WEIGHT_M * wrap(eta[:, 2] - estimate.eta[2])) ** 2
-        squared_distances = np.where(
-            (np.abs(lag_m) <= self.reach_m) & (is_on_route > 0.0), squared_distances, FAR_AWAY
-        )
-        if has_cusps:
-            squared_distances = np.where(np.abs(pieces - piece) < 1.0, squared_distances, FAR_AWAY)
-        min_squared_distance = np.min(squared_distances)
-        is_nearest = squared_distances <= min_squared_distance
-        count = np.sum(np.where(is_nearest, 1.0, 0.0))
-        x, y, psi, d = (np.sum(np.where(is_nearest, column, 0.0)) / count for column in (*eta.T, lag_m))
-        forward_sign = np.sign(np.interp(phase, self.t_s, self.nu[:, 0]))
+        points = route_points(self.t_s, self.eta, self.nu).near(phase, self.reach_m, self.closed)
+        (x, y, psi), lag_m = points.nearest(estimate.eta)
+        speed_m_s = np.interp(phase, self.t_s, self.nu[:, 0])
         dx, dy = estimate.eta[0] - x, estimate.eta[1] - y
-        ahead_m = forward_sign * (np.cos(psi) * dx + np.sin(psi) * dy)
-        ahead_m = np.clip(ahead_m, -0.5 * MAX_SPACING_M, 0.5 * MAX_SPACING_M)
-        d = d - ahead_m
-        tolerance_m = self.slack_m + self.slack_s * np.abs(np.interp(phase, self.t_s, self.nu[:, 0]))
-        waiting_pace = 1.0 - np.maximum(d - tolerance_m, 0.0) / self.wait_m
-        catching_pace = np.maximum(-d - tolerance_m, 0.0) / self.wait_m
         turn_m = HEADING_WEIGHT_M * wrap(psi - estimate.eta[2])
+        ahead_m = np.sign(speed_m_s) * (np.cos(psi) * dx + np.sin(psi) * dy)
+        ahead_m = np.clip(ahead_m, -0.5 * MAX_SPACING_M, 0.5 * MAX_SPACING_M)
         aside_m = np.sqrt(np.maximum(dx**2 + dy**2 + turn_m**2 - ahead_m**2, 0.0))
-        return np.clip(waiting_pace + catching_pace, self.slowest, self.fastest), aside_m, d
-
-    def _points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the times (m,), the poses (m, 3) and the distances s (m,) of the points of (1).
-
-        They are poses of the route about MIN_SPACING_M apart, and points between poses that are more than MAX_SPACING_M
-        apart.
-        """
-        steps_m = np.hypot(np.diff(self.eta[:, 0]), np.diff(self.eta[:, 1]))
-        counts = np.maximum(np.ceil(steps_m / MAX_SPACING_M), 1.0).astype(int)
-        first, segment = np.cumsum(counts) - counts, np.repeat(np.arange(len(counts)), counts)
-        fraction = (np.arange(len(segment)) - first[segment]) / counts[segment]
-        index = np.append(segment + fraction, len(counts))
-        t_s, *eta, s = (
-            np.interp(index, np.arange(len(self.t_s)), column)
-            for column in (self.t_s, *self.eta.T, np.append(0.0, np.cumsum(steps_m)))
-        )
-        turn_m = HEADING_WEIGHT_M * np.append(0.0, np.cumsum(np.abs(np.diff(eta[2]))))
-        cell = np.floor((s + turn_m) / MIN_SPACING_M)
-        is_kept = np.append(True, np.diff(cell) > 0.0)
-        is_kept[-1] = True
-        return t_s[is_kept], np.column_stack(eta)[is_kept], s[is_kept]
-
-    def _pieces(self) -> np.ndarray:
-        """Return the number (m,) of the piece of each pose; a piece ends where the route changes its direction."""
-        sign = np.where(np.abs(self.nu[:, 0]) < MIN_SPEED_M_S, 0.0, np.sign(self.nu[:, 0]))
-        last_moving = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(sign)), 0))
-        return np.append(0.0, np.cumsum(sign[last_moving][1:] * sign[last_moving][:-1] < 0.0))
-
-    def _window(self, s: np.ndarray) -> tuple[int, int]:
-        """Return the largest number of points within `reach_m` of a point: behind this point, and in front of it.
-        The compiled step searches only these points.
-        """
-        reach_m = self.reach_m + 1e-9
-        wrapped_distances = np.concatenate([s - s[-1], s[1:], s[1:] + s[-1]]) if self.closed else s
-        first = np.searchsorted(wrapped_distances, wrapped_distances - reach_m, side="left")
-        last = np.searchsorted(wrapped_distances, wrapped_distances + reach_m, side="right")
-        indices = np.arange(len(wrapped_distances))
-        return int(np.max(indices - first)), int(np.max(last - indices)) - 1
+        behind_m = lag_m - ahead_m
+        tolerance_m = self.slack_m + self.slack_s * np.abs(speed_m_s)
+        waiting_pace = 1.0 - np.maximum(behind_m - tolerance_m, 0.0) / self.wait_m
+        catching_pace = np.maximum(-behind_m - tolerance_m, 0.0) / self.wait_m
+        return np.clip(waiting_pace + catching_pace, self.slowest, self.fastest), aside_m, behind_m

@@ -15,6 +15,7 @@ the truth if either sensor or model is correct. The correction uses the unchange
 """
 
 from functools import reduce
+from operator import or_
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -27,13 +28,11 @@ if TYPE_CHECKING:
     from baqueano.estimators.augmented.state import Layout
 
 MIN_INCONSISTENT_S = 0.5
+MEAN_S = 0.5  # time constant of the mean of (2)
 SPEED_AND_YAW_RATE = (3, 5)  # of a state (η, ν, …)
 # when readings agree again, the duration of an inconsistency falls to MAX_HELD_S, then by FADING_RATE seconds per
 # second
 MAX_HELD_S, FADING_RATE = 1.0, 2.0
-
-
-MEAN_S = 0.5  # time constant of the mean of (2)
 
 
 class YawRateCheck(NamedTuple):
@@ -41,6 +40,21 @@ class YawRateCheck(NamedTuple):
 
     weights: np.ndarray  # w (m,) of the innovations
     relative_std: float  # σ: standard deviation due to slip and scale, relative to the speed [rad/m]
+
+
+class RejectedReadings(NamedTuple):
+    """The readings of a row that measure speed or yaw rate."""
+
+    size: Value  # largest |y / h'| of the rejected readings, 0 without one
+    has_reading: Value  # True if a reading arrived, rejected or not
+
+
+class WheelCheck(NamedTuple):
+    """The comparison of the wheels with the gyro in a row."""
+
+    mean: Value  # exponential mean of e [rad/s]
+    gyro_error: Value  # a_ψ [rad/s], 0 if the gyro is not wrong
+    wheels_are_wrong: Value  # True if the model agrees with the gyro
 
 
 class InconsistencyUpdate(NamedTuple):
@@ -71,37 +85,43 @@ def update_inconsistency(
     channel, `replaces_gyro` while the wheels determine the yaw rate. `previous` is the inconsistency and the means of
     the checks, `pose_nu` the state (η, ν).
     """
-    (inconsistency, means), mean_checks = previous, []
-    is_rejected = (innovations.weight < 0.5) & (innovations.repeated_mask < 0.5)
-    rejected_sizes, has_reading = [], []
-    for h in states.rest_jacobian.T:
-        channels = np.flatnonzero(h)
-        sizes = [np.where(is_rejected[c], np.abs(innovations.y[c]) / abs(h[c]), 0.0) for c in channels]
-        rejected_sizes.append(_largest(sizes))
-        has_reading.append(_largest([innovations.arrived_mask[c] for c in channels]) > 0.0)
-    (speed_size, yaw_size), follows_speed = rejected_sizes, is_followed[0]
-    for mean, check in zip(means, states.yaw_rate_checks, strict=True):
-        mean, size, wheels_are_wrong = _wheel_check(
-            check, mean, innovations, from_model[1], pose_nu[3], dt_s, gate_sigma
-        )
-        lasting_size = np.where(replaces_gyro, check.relative_std * np.abs(pose_nu[3]), 0.0)  # (4)
-        yaw_size, follows_speed = _largest([yaw_size, size, lasting_size]), follows_speed | wheels_are_wrong
-        has_reading[1] = has_reading[1] | replaces_gyro
-        mean_checks.append(mean)
+    inconsistency, means = previous
+    speed, yaw_rate = (_rejected_readings(h, innovations) for h in states.rest_jacobian.T)
+    checks = [
+        _check_wheels(check, mean, innovations, from_model[1], pose_nu[3], dt_s, gate_sigma)
+        for mean, check in zip(means, states.yaw_rate_checks, strict=True)
+    ]
+    replaced_gyro = [
+        np.where(replaces_gyro, check.relative_std * np.abs(pose_nu[3]), 0.0)  # (4)
+        for check in states.yaw_rate_checks
+    ]
+    yaw_size = reduce(np.maximum, [*(check.gyro_error for check in checks), *replaced_gyro], yaw_rate.size)
+    has_yaw_rate = yaw_rate.has_reading | replaces_gyro if checks else yaw_rate.has_reading
+    follows_speed = reduce(or_, [check.wheels_are_wrong for check in checks], is_followed[0])
     model_error = np.where(np.array([follows_speed, is_followed[1]]), np.abs(from_model), 0.0)
-    next_inconsistency = track_inconsistency(
-        inconsistency, np.array([speed_size, yaw_size]), model_error, np.array(has_reading), dt_s
+    current = track_inconsistency(
+        inconsistency,
+        np.array([speed.size, yaw_size]),
+        model_error,
+        np.array([speed.has_reading, has_yaw_rate]),
+        dt_s,
     )
-    size, durations_s = (
-        np.maximum(next_inconsistency[0], model_error),
-        (inconsistency[1], next_inconsistency[1]),
-    )
-    means = np.array(mean_checks) if mean_checks else means
-    covariances = added_covariances(size, *durations_s, pose_nu[2], dt_s)
-    return InconsistencyUpdate(next_inconsistency, means, *covariances)
+    size = np.maximum(current[0], model_error)
+    covariances = added_covariances(size, inconsistency[1], current[1], pose_nu[2], dt_s)
+    means = np.array([check.mean for check in checks]) if checks else means
+    return InconsistencyUpdate(current, means, *covariances)
 
 
-def _wheel_check(
+def _rejected_readings(h: np.ndarray, innovations: Value) -> RejectedReadings:
+    """Return the rejected readings of speed or yaw rate, of which the channels have the derivatives h' (m,)."""
+    channels = np.flatnonzero(h)
+    is_rejected = (innovations.weight < 0.5) & (innovations.repeated_mask < 0.5)
+    sizes = [np.where(is_rejected[c], np.abs(innovations.y[c]) / abs(h[c]), 0.0) for c in channels]
+    arrived = [innovations.arrived_mask[c] for c in channels]
+    return RejectedReadings(reduce(np.maximum, sizes, 0.0), reduce(np.maximum, arrived, 0.0) > 0.0)
+
+
+def _check_wheels(
     check: YawRateCheck,
     mean: Value,
     innovations: Value,
@@ -109,21 +129,21 @@ def _wheel_check(
     speed: Value,
     dt_s: Value,
     gate_sigma: float,
-) -> tuple[Value, Value, Value]:
-    """Return the mean of e, a_ψ (0 if the gyro is not wrong), and whether the wheels are wrong.  (2), (3)"""
+) -> WheelCheck:
+    """Compare the yaw rate of the wheels with that of the gyro.  (2), (3)"""
     channels, g = np.flatnonzero(check.weights), 1.0 - np.exp(-dt_s / MEAN_S)
     w = check.weights[channels]
     reading = np.sum(w * innovations.y[channels])
     reading = np.where(np.isfinite(reading), reading, mean)
     mean = mean + g * (reading - mean)
     variance = w @ innovations.file_S[channels][:, channels] @ w
-    size, wheels_are_wrong = 0.0, np.zeros(()) > 0.0
+    gyro_error, wheels_are_wrong = 0.0, np.zeros(()) > 0.0
     for e, part in ((reading, 1.0), (mean, g / (2.0 - g))):
         contradicts = e**2 > gate_sigma**2 * (part * variance + (check.relative_std * speed) ** 2)
         gyro_is_wrong = np.abs(e + turn_from_model) < np.abs(turn_from_model)
-        size = np.maximum(size, np.where(contradicts & gyro_is_wrong, np.abs(e), 0.0))
+        gyro_error = np.maximum(gyro_error, np.where(contradicts & gyro_is_wrong, np.abs(e), 0.0))
         wheels_are_wrong = wheels_are_wrong | (contradicts & ~gyro_is_wrong)
-    return mean, size, wheels_are_wrong
+    return WheelCheck(mean, gyro_error, wheels_are_wrong)
 
 
 def track_inconsistency(
@@ -151,17 +171,9 @@ def added_covariances(
     `before_s` and `now_s` (2,) are its durations before and after this row of `dt_s`.
     """
     is_lasting, directions = now_s >= MIN_INCONSISTENT_S, map_from_body(psi)[:, [0, 2]]
-    added_s2 = np.where(before_s >= MIN_INCONSISTENT_S, dt_s * (2.0 * before_s + dt_s), now_s**2)
     is_growing = is_lasting & (now_s > before_s)
-    pose_cov = (
-        directions
-        @ np.diag(np.where(is_growing, np.minimum(size**2 * added_s2, MAX_POSE_VARIANCE), 0.0))
-        @ directions.T
-    )
+    added_s2 = np.where(before_s >= MIN_INCONSISTENT_S, dt_s * (2.0 * before_s + dt_s), now_s**2)
+    added = np.where(is_growing, np.minimum(size**2 * added_s2, MAX_POSE_VARIANCE), 0.0)
+    pose_cov = directions @ np.diag(added) @ directions.T
     variances = np.where(is_lasting, size**2, 0.0)
     return pose_cov, np.diag(np.array([variances[0], 0.0, variances[1]]))
-
-
-def _largest(values: list[Value]) -> Value:
-    """Return the largest of scalars that are at least 0; 0 for an empty list."""
-    return reduce(np.maximum, values, 0.0)
