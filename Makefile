@@ -72,7 +72,7 @@ aarch64: $(VENV)/test.stamp debian
 	$(BIN)/python -m pytest -s tests/emulated/test_aarch64.py
 
 firmware: $(VENV)/run.stamp
-	$(BIN)/python -m baqueano.robot.uno.c_header > firmware/uno/frames.h
+	$(BIN)/python firmware/uno/c_header.py > firmware/uno/frames.h
 	$(MAKE) -C firmware/uno
 	cp build/firmware/uno.hex src/baqueano/robot/files/uno.hex
 

@@ -3,7 +3,7 @@
 import pytest
 
 from baqueano.runs import read_run
-from baqueano.worlds.faults.fault import find_faults
+from tests.faults_of_run import find_faults
 
 
 def test_a_fault_given_on_the_command_line_is_logged_and_detected(baqueano):

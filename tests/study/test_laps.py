@@ -12,10 +12,10 @@ from baqueano.study.laps import all_cases, study_fix_laps, team
 from baqueano.study.laps.drives import STEP_S, Laps
 from baqueano.study.laps.fixes import FIXES, THREE_FRACTIONS, lap_poses, with_fix
 from baqueano.study.laps.result import FullDrive, LapCase, LapStudy, robot_laps
-from baqueano.study.laps.returns import lap_ends, refused_share
 from baqueano.study.truth import FloorLines, Gate, PassingFaults, TagReaders, TruthWorld, draw_robots
 from baqueano.symbolic import function
 from baqueano.vehicle_file import Provenance
+from benchmarks.lap_returns import lap_ends, refused_share
 from tests.codes import refused
 
 TWO = np.array([[1.0, 0.0], [2.0, 1.0]])

@@ -7,7 +7,7 @@ import os
 import pytest
 
 from baqueano.runs import read_run
-from baqueano.worlds.faults.fault import find_faults
+from tests.faults_of_run import find_faults
 from tests.web.chromium import CHROMIUM
 from tests.web.scripted import ScriptedServer
 from tests.web.test_serve import port_of, program

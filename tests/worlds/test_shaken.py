@@ -14,8 +14,9 @@ from baqueano.signals import STANDARD_GRAVITY, Command
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.file import parse
 from baqueano.worlds import Fault, FaultyWorld, SimulatedWorld, fault_ledger
-from baqueano.worlds.faults.fault import PUSH_S, find_faults
+from baqueano.worlds.faults.fault import PUSH_S
 from tests.codes import refused
+from tests.faults_of_run import find_faults
 
 FILE = load("small")
 ALL = [

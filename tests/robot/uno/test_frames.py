@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from baqueano.robot.uno import frames
-from baqueano.robot.uno.c_header import c_header, snake_case
 from baqueano.robot.uno.frames import (
     KIND_LAYOUTS,
     LAYOUT_FIELDS,
@@ -21,6 +20,7 @@ from baqueano.robot.uno.frames import (
     Field,
     ValueRange,
 )
+from firmware.uno.c_header import c_header, snake_case
 
 ROOT = Path(__file__).parents[3]
 HEADER = ROOT / "firmware" / "uno" / "frames.h"

@@ -13,8 +13,8 @@
 A fault can also be written as text: "12 s: push 0.3 N s left" (text.py).
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
 from math import atan2, degrees, hypot, isfinite, pi
 from typing import Self, TypeAlias
 
@@ -165,24 +165,3 @@ class Fault:
         for name in ("kind", "target", "frame"):
             values[name] = str(description.get(name, "body" if name == "frame" else ""))
         return cls(**values)
-
-
-def find_faults(events: Iterable[tuple[int, str, Diagnostic | None]]) -> list[Fault]:
-    """Return the faults in the events of a run, in order; an event is (time [ns], source, message).
-
-    If a person ended a fault, its duration lasts until that time.
-    """
-    fault_by_number: dict[int, Fault] = {}
-    for _, source, message in events:
-        if source != SOURCE or message is None:
-            continue
-        number = int(message.figures["number"])
-        if message.code == "shake.end":
-            start_s = fault_by_number[number].start_s
-            fault_by_number[number] = replace(
-                fault_by_number[number], duration_s=float(message.figures["duration_s"])
-            )
-            assert fault_by_number[number].start_s == start_s
-        else:
-            fault_by_number[number] = Fault.from_diagnostic(message)
-    return list(fault_by_number.values())

@@ -1,4 +1,4 @@
-"""Generate firmware/uno/frames.h from frames.py: `python -m baqueano.robot.uno.c_header` prints it."""
+"""Generate frames.h from src/baqueano/robot/uno/frames.py: `python firmware/uno/c_header.py` prints it."""
 
 from typing import Any, get_type_hints
 

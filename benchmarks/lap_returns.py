@@ -1,7 +1,7 @@
 """Measure how often `lap_closure` refuses a taught lap of an independent robot that ends away from its mark.
 
     from baqueano.study.corridor.vehicles import identify_vehicles, vehicles
-    from baqueano.study.laps.returns import lap_ends, refused_share
+    from benchmarks.lap_returns import lap_ends, refused_share
 
     seeds = range(10, 60)
     ends = lap_ends(seeds, identify_vehicles(vehicles(seeds), seeds, "auto"), "rectangle")
