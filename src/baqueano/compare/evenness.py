@@ -90,9 +90,9 @@ def active_mask(t_ns: np.ndarray, ref: "ReferenceLog") -> np.ndarray:
     return t_ns <= (done_ns[0] if done_ns.size else ref.t_ns[-1])
 
 
-def minus_moving_mean(t_ns: np.ndarray, x: np.ndarray, window_s: float = MEAN_WINDOW_S) -> np.ndarray:
-    """Return x (N,) minus its centred mean over `window_s`; NaN if this span is not completely inside the data."""
-    half_ns = round(0.5 * window_s * NANOSECONDS)
+def minus_moving_mean(t_ns: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return x (N,) minus its centred mean over MEAN_WINDOW_S; NaN if this span is not completely inside the data."""
+    half_ns = round(0.5 * MEAN_WINDOW_S * NANOSECONDS)
     first, last = np.searchsorted(t_ns, t_ns - half_ns), np.searchsorted(t_ns, t_ns + half_ns, side="right")
     is_finite = np.isfinite(x)
     total = np.concatenate([[0.0], np.cumsum(np.where(is_finite, x, 0.0))])

@@ -6,7 +6,6 @@ network does not accept bytes and must not delay a vehicle: bytes that it does n
 
 import os
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Protocol
 
@@ -162,12 +161,12 @@ def _open_unix_terminal() -> UnixTerminal:
     return UnixTerminal(sys.stdin.fileno())
 
 
-def terminal_proxy(parents: Callable[[], list[str]] | None = None) -> str:
+def terminal_proxy() -> str:
     """Return the name of a parent program that answers in place of the terminal: tmux, screen, mosh-server or zellij.
 
     That program continues to run after the terminal is lost. Return "" if this program does not run inside one.
     """
-    for name in (parents or _ancestor_programs)():
+    for name in _ancestor_programs():
         for program in ("tmux", "screen", "mosh-server", "zellij"):
             if name.lower().startswith(program):
                 return program

@@ -218,14 +218,14 @@ def _check_at_rest(uno: "Uno", wait: Wait) -> None:
         raise AnswerNo(fault("settings.motor-runs", left=left, right=right))
 
 
-def show_counts(uno: "Uno", seconds: float, notify: Callable[[str], object], wait: Wait = time.sleep) -> None:
+def show_counts(uno: "Uno", seconds: float, notify: Callable[[str], object]) -> None:
     """Pass battery, encoder counts and marks to `notify` whenever counts or marks change, for `seconds` [s]."""
     previous = None
     for _poll in range(round(seconds / POLL_PERIOD_S)):
-        wait(POLL_PERIOD_S)
-        for newest_telemetry in uno.receive()[-1:]:
-            if (newest_telemetry.counts, newest_telemetry.marks) != previous:
-                previous = (newest_telemetry.counts, newest_telemetry.marks)
+        time.sleep(POLL_PERIOD_S)
+        for newest in uno.receive()[-1:]:
+            if (newest.counts, newest.marks) != previous:
+                previous = (newest.counts, newest.marks)
                 notify(
                     _(
                         "battery {battery_v:.2f} V, counts left {left}, right {right}, marks {marks}",

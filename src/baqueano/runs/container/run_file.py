@@ -125,12 +125,11 @@ class RunFile:
         with self._lock:
             self._mcap.add_message(topic, arrival_ns, data, t_ns)
 
-    def close_chunk(self, with_sync: bool = True) -> None:
-        """Close the chunk and, if `with_sync`, sync it to the disk."""
+    def close_chunk(self) -> None:
+        """Close the chunk, and sync it to the disk."""
         with self._lock:
             self._mcap.flush()
-        if with_sync:
-            getattr(os, "fdatasync", os.fsync)(self._stream.fileno())
+        getattr(os, "fdatasync", os.fsync)(self._stream.fileno())
 
     def finish(self) -> None:
         """Write the index and close the file."""

@@ -1,8 +1,15 @@
-"""Patterns of the names of columns, in English, Spanish and ROS, for the draft of a map.
+"""Find columns by their names in English, Spanish and ROS, for the draft of a map.
 
-They are searched in `plain_name` of a column: lower case, words separated by _.
+The patterns are searched in `plain_name` of a column: lower case, words separated by _.
 """
 
+import re
+import unicodedata
+from collections.abc import Sequence
+from functools import lru_cache
+
+# letters that a name keeps
+SIGNS = str.maketrans({"°": "deg", "º": "deg", "µ": "u", "μ": "u", "%": "percent", "^": ""})
 TIME_PATTERN = r"(^|_)(t|time|tiempo|timestamp|stamp|elapsed|millis|micros|fecha|hora)(_|$)"
 LEFT_PATTERN = r"(^|_)(left|izq(uierd[ao])?|l|port|babor)(_|$)"
 RIGHT_PATTERN = r"(^|_)(right|der(ech[ao])?|r|stbd|starboard|estribor)(_|$)"
@@ -56,3 +63,38 @@ POSE_PATTERNS = (
 )
 BATTERY_PATTERN = r"(^|_)(v?bat(t|tery|eria)?)(_|$)|^(volts?|voltage|tension)(_|$)"
 COMPASS_PATTERN = r"(^|_)(compass|brujula)(_|$)"
+
+
+@lru_cache(1_000)
+def plain_name(name: str) -> str:
+    """Return a column's name in lower case and without accents, with its words separated by _."""
+    words = unicodedata.normalize("NFKD", name.translate(SIGNS))
+    letters = "".join(c for c in words if not unicodedata.combining(c))
+    return re.sub(r"[^a-z0-9]+", "_", letters.lower()).strip("_")
+
+
+def take_column(free_columns: list[str], pattern: str) -> str:
+    """Return the first column whose name matches, and remove it from `free_columns`. Return "" if none matches."""
+    column = next((name for name in free_columns if re.search(pattern, plain_name(name))), "")
+    if column:
+        free_columns.remove(column)
+    return column
+
+
+def take_all(free_columns: list[str], patterns: Sequence[str]) -> list[str]:
+    """Return one column for each pattern, and remove them from `free_columns`. Return [] if one is missing."""
+    remaining = list(free_columns)
+    columns = [take_column(remaining, pattern) for pattern in patterns]
+    if not all(columns):
+        return []
+    free_columns[:] = remaining
+    return columns
+
+
+def take_pair(free_columns: list[str], pattern: str) -> list[str]:
+    """Return the columns of the left and right wheel whose names match, and remove them from `free_columns`.
+    Return [] if one of them is missing."""
+    return take_all(
+        free_columns,
+        [f"(?=.*({pattern})).*{side}" for side in (LEFT_PATTERN, RIGHT_PATTERN)],
+    )

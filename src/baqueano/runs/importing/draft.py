@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +13,9 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.diagnostics.physical_limits import FULL_COMMANDS, PULSE_RANGE_US
 from baqueano.runs.importing import column_names as headers
+from baqueano.runs.importing.column_names import plain_name
 from baqueano.runs.importing.geographic import east_north_entries
-from baqueano.runs.importing.imu_axes import ImuColumns, SignedColumn, imu_columns, plain_name
+from baqueano.runs.importing.imu_axes import ImuColumns, SignedColumn, imu_columns
 from baqueano.runs.importing.rates import counter_period
 from baqueano.runs.maps.units import unit
 from baqueano.runs.tables.table import LogTable, read_table
@@ -108,7 +109,7 @@ def _tables(table: LogTable, free_columns: list[str], encoding: str) -> Iterator
 def _file_table(table: LogTable, free_columns: list[str], encoding: str) -> str:
     """Return the table of the file, with its encoding and its column of time."""
     title = "\n[files.log]" + (f'\nencoding = "{encoding}"' if encoding else "")
-    if time := _take_column(free_columns, headers.TIME_PATTERN) or _take_clock(table, free_columns):
+    if time := headers.take_column(free_columns, headers.TIME_PATTERN) or _take_clock(table, free_columns):
         return f'{title}\ntime = {_quoted(time)}\ntime_unit = "{_time_unit(table, time)}"'
     time_text = _("no column looks like a time: write the rows per second")
     return f"{title}\nrate_hz = 0.0                        # {time_text}"
@@ -117,21 +118,21 @@ def _file_table(table: LogTable, free_columns: list[str], encoding: str) -> str:
 def _command_table(table: LogTable, free_columns: list[str]) -> str:
     """Return the table of the commands, or "" without one. Columns that are named as commands come before columns that
     can also be measurements: a left and a right one without further name, and a twist."""
-    if twist := _take_all(free_columns, headers.TWIST_COMMANDS) or _take_all(
+    if twist := headers.take_all(free_columns, headers.TWIST_COMMANDS) or headers.take_all(
         free_columns, headers.TWIST_COMMANDS[:2]
     ):
         return _twist_commands(twist)
     named_columns = [name for name in free_columns if re.search(headers.COMMAND_PATTERN, plain_name(name))]
-    if pair := _take_pair(free_columns, headers.COMMAND_PATTERN) or _take_pair(
+    if pair := headers.take_pair(free_columns, headers.COMMAND_PATTERN) or headers.take_pair(
         free_columns, headers.SETPOINT_PATTERN
     ):
         return _wheel_commands(table, free_columns, pair)
     if named_columns:
         return _named_commands(table, free_columns, named_columns)
-    if pair := _take_all(free_columns, headers.BARE_SIDES):
+    if pair := headers.take_all(free_columns, headers.BARE_SIDES):
         remark = _("if these columns are measurements, not commands: write them as z of [sensors.wheels]")
         return _wheel_commands(table, free_columns, pair, f"{'':28}# {remark}")
-    if twist := _take_all(free_columns, headers.TWIST_PATTERNS):
+    if twist := headers.take_all(free_columns, headers.TWIST_PATTERNS):
         remark = _("if it is measured, not a command: write it as z of [sensors.odometer]")
         return _twist_commands(twist, f"{'':28}# {remark}")
     return ""
@@ -139,7 +140,7 @@ def _command_table(table: LogTable, free_columns: list[str]) -> str:
 
 def _wheel_commands(table: LogTable, free_columns: list[str], pair: list[str], remark: str = "") -> str:
     """Return the table of the commands of two wheels. Remove their direction pins from `free_columns`."""
-    span, pins = _span(table, *pair), _take_pair(free_columns, headers.PIN_PATTERN) or ["", ""]
+    span, pins = _span(table, *pair), headers.take_pair(free_columns, headers.PIN_PATTERN) or ["", ""]
     entries = (  # both wheels share a full duty
         _with_pin(_wheel_command(table, column, span), table, column, pin)
         for column, pin in zip(pair, pins, strict=True)
@@ -172,50 +173,72 @@ def _command_list(remark: str, names: str, entries: Iterator[str]) -> str:
 
 def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
     """Yield the tables of the sensors and of the truth, and remove their columns from `free_columns`."""
-    if wheels := _take_pair(
-        free_columns, f"{headers.SPEED_PATTERN}|{headers.SPEED_ENDING}|{headers.COUNT_PATTERN}"
-    ):
-        yield f"\n[sensors.wheels]\nz = [\n{_list_lines(_wheel(table, column) for column in wheels)}\n]"
-    elif speed := _take_column(free_columns, headers.FORWARD_PATTERN):
-        yield f"\n[sensors.odometer]\nz = [\n  {_entry(speed, 'speed')},\n]"
-    elif encoder := _take_column(free_columns, rf"{headers.ENCODER_PATTERN}|(^|_)(rpm|rps)(_|$)"):
-        yield f"\n[sensors.odometer]\nz = [\n{_list_lines(iter([_wheel(table, encoder)]))}\n]"
+    yield from _wheel_tables(table, free_columns)
     imu = imu_columns(table, free_columns)
     free_columns[:] = [name for name in free_columns if name not in {column.name for column in imu.entries}]
-    compass = _take_column(free_columns, headers.COMPASS_PATTERN)
-    poses = [SignedColumn(_take_column(free_columns, name), 1) for name in headers.POSE_PATTERNS]
-    positions = [] if poses[0].name or poses[1].name else _east_north_entries(table, free_columns)
-    quaternion = [] if poses[2].name else _take_all(free_columns, headers.QUATERNION_PATTERNS)
-    if not compass and not positions and not poses[0].name and not poses[1].name:
-        compass, poses = poses[2].name, []
-    battery = _take_column(free_columns, headers.BATTERY_PATTERN)
-    if battery:
-        size_unit = "mV" if _span(table, battery)[1] > MAX_BATTERY_V else "V"
-        yield f"\n[sensors.battery]\nz = [\n  {_entry(battery, 'voltage', size_unit)},\n]"
-    if compass:
+    compass = headers.take_column(free_columns, headers.COMPASS_PATTERN)
+    truth, heading = _truth_entries(table, free_columns, is_heading_enough=bool(compass))
+    if battery := headers.take_column(free_columns, headers.BATTERY_PATTERN):
+        unit_of_size = "mV" if _span(table, battery)[1] > MAX_BATTERY_V else "V"
+        yield _table("[sensors.battery]", "z", [_entry(battery, "voltage", unit_of_size)])
+    if compass := compass or heading:
         remark = _("left is positive: a compass that counts clockwise needs scale = -1.0")
-        yield f"\n[sensors.compass]                    # {remark}\nz = [\n  {_entry(compass, 'angle')},\n]"
-    remark = "" if imu.is_level else _level_remark(imu)
-    for title, key, columns in ((f"[sensors.imu]{remark}", "z", imu.entries), ("[truth]", "eta", poses)):
-        if any(column.name for column in columns) or (key == "eta" and positions):
-            kinds = KINDS["imu" if key == "z" else key]
-            entries = [
-                _signed_entry(column, measures, imu.accel_unit)
-                for column, measures in zip(columns, kinds, strict=True)
-            ]
-            if key == "eta":
-                heading = _clockwise(entries[2]) if positions and poses[2].name else entries[2]
-                entries = [*(positions or entries[:2]), _quaternion_entry(quaternion) or heading]
-            yield f"\n{title}\n{key} = [\n{_list_lines(iter(entries))}\n]"
+        yield _table(f"[sensors.compass]                    # {remark}", "z", [_entry(compass, "angle")])
+    if any(column.name for column in imu.entries):
+        entries = [
+            _signed_entry(column, measures, imu.accel_unit)
+            for column, measures in zip(imu.entries, KINDS["imu"], strict=True)
+        ]
+        yield _table(f"[sensors.imu]{'' if imu.is_level else _level_remark(imu)}", "z", entries)
+    if truth:
+        yield _table("[truth]", "eta", truth)
+
+
+def _table(title: str, key: str, entries: Iterable[str]) -> str:
+    return f"\n{title}\n{key} = [\n{_list_lines(entries)}\n]"
+
+
+def _wheel_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
+    """Yield the table of two wheels, of a speed, or of one encoder: of the first of them that has columns."""
+    if wheels := headers.take_pair(
+        free_columns, f"{headers.SPEED_PATTERN}|{headers.SPEED_ENDING}|{headers.COUNT_PATTERN}"
+    ):
+        yield _table("[sensors.wheels]", "z", (_wheel(table, column) for column in wheels))
+    elif speed := headers.take_column(free_columns, headers.FORWARD_PATTERN):
+        yield _table("[sensors.odometer]", "z", [_entry(speed, "speed")])
+    elif encoder := headers.take_column(free_columns, rf"{headers.ENCODER_PATTERN}|(^|_)(rpm|rps)(_|$)"):
+        yield _table("[sensors.odometer]", "z", [_wheel(table, encoder)])
+
+
+def _truth_entries(
+    table: LogTable, free_columns: list[str], is_heading_enough: bool
+) -> tuple[list[str], str]:
+    """Return the entries of the true pose, and the column of a heading without a position, which is a compass.
+
+    `is_heading_enough` is True if there is another compass: then a heading alone is an entry of the truth.
+    """
+    x, y, psi = (headers.take_column(free_columns, name) for name in headers.POSE_PATTERNS)
+    positions = [] if x or y else _east_north_entries(table, free_columns)
+    quaternion = [] if psi else headers.take_all(free_columns, headers.QUATERNION_PATTERNS)
+    if not (x or y or positions or is_heading_enough):
+        return [], psi
+    if not (x or y or psi or positions):
+        return [], ""
+    entries = [
+        _signed_entry(SignedColumn(name, 1), measures, ("", 1.0))
+        for name, measures in zip((x, y, psi), KINDS["eta"], strict=True)
+    ]
+    heading = _clockwise(entries[2]) if positions and psi else entries[2]
+    return [*(positions or entries[:2]), _quaternion_entry(quaternion) or heading], ""
 
 
 def _east_north_entries(table: LogTable, free_columns: list[str]) -> list[str]:
     """Return the entries of x (east) and y (north) from such columns, or from longitude and latitude; [] without
     them. Remove the columns from `free_columns`.
     """
-    if columns := _take_all(free_columns, headers.EAST_NORTH_PATTERNS):
+    if columns := headers.take_all(free_columns, headers.EAST_NORTH_PATTERNS):
         return [_entry(column, "length") for column in columns]
-    columns = _take_all(free_columns, headers.GEOGRAPHIC_PATTERNS)
+    columns = headers.take_all(free_columns, headers.GEOGRAPHIC_PATTERNS)
     numbers = east_north_entries(*(table.numbers(column) for column in columns)) if columns else ()
     remark = _("metres to the east and to the north of the first position")
     return [
@@ -254,14 +277,6 @@ def _remaining_lines(free_columns: Sequence[str]) -> list[str]:
     return [f"\n# {_('columns that are not used:')} {', '.join(free_columns)}"] if free_columns else []
 
 
-def _take_column(free_columns: list[str], pattern: str) -> str:
-    """Return the first column whose name matches, and remove it from `free_columns`. Return "" if none matches."""
-    column = next((name for name in free_columns if re.search(pattern, plain_name(name))), "")
-    if column:
-        free_columns.remove(column)
-    return column
-
-
 def _take_clock(table: LogTable, free_columns: list[str]) -> str:
     """Return the first column with a unit of time whose numbers increase, and remove it from `free_columns`, or ""."""
     for column in free_columns:
@@ -272,25 +287,6 @@ def _take_clock(table: LogTable, free_columns: list[str]) -> str:
                 free_columns.remove(column)
                 return column
     return ""
-
-
-def _take_all(free_columns: list[str], patterns: Sequence[str]) -> list[str]:
-    """Return one column for each pattern, and remove them from `free_columns`. Return [] if one is missing."""
-    other_columns = list(free_columns)
-    columns = [_take_column(other_columns, pattern) for pattern in patterns]
-    if not all(columns):
-        return []
-    free_columns[:] = other_columns
-    return columns
-
-
-def _take_pair(free_columns: list[str], pattern: str) -> list[str]:
-    """Return the columns of the left and right wheel whose names match, and remove them from `free_columns`.
-    Return [] if one of them is missing."""
-    return _take_all(
-        free_columns,
-        [f"(?=.*({pattern})).*{side}" for side in (headers.LEFT_PATTERN, headers.RIGHT_PATTERN)],
-    )
 
 
 def _unit(name: str, measures: str) -> str:
@@ -391,7 +387,7 @@ def _entry(column: str, measures: str, usual_unit: str = UNKNOWN) -> str:
     return f'{{ column = {_quoted(column)}, unit = "{usual_unit if unit_name == UNKNOWN else unit_name}" }}'
 
 
-def _list_lines(entries: Iterator[str]) -> str:
+def _list_lines(entries: Iterable[str]) -> str:
     return "\n".join(f"  {entry}" if "},   #" in entry else f"  {entry}," for entry in entries)
 
 

@@ -10,9 +10,7 @@ opposite sign on all three axes. The size of the mean shows the unit.
 """
 
 import re
-import unicodedata
 from collections.abc import Collection
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -21,13 +19,12 @@ from baqueano.diagnostics import note
 from baqueano.errors import FileError
 from baqueano.numerics.statistics import MAD
 from baqueano.runs.diagnostics.finding import ImportFinding
+from baqueano.runs.importing.column_names import plain_name
 from baqueano.runs.maps.columns import ColumnSignal
 from baqueano.runs.maps.units import UNITS
 from baqueano.runs.tables.table import LogTable
 from baqueano.signals import STANDARD_GRAVITY
 
-# letters that a name keeps
-SIGNS = str.maketrans({"°": "deg", "º": "deg", "µ": "u", "μ": "u", "%": "percent", "^": ""})
 NEXT_AXIS = {"x": "y", "y": "z", "z": "x"}
 YAW_PATTERN = (  # also of a gyro with one axis
     r"(gyro?|giro?)(scop[a-z]*)?(?!_?[xy](_|$))_?z?(_|$)"
@@ -103,14 +100,6 @@ def axis_findings(signal: ColumnSignal, table: LogTable) -> list[ImportFinding]:
     reason = note("recording.not-level", **figures, gyro=str(columns.entries[2]))
     line = note("recording.write-axes", axes=", ".join(map(str, columns.entries)), column=columns.vertical)
     return [ImportFinding("axes", "warning", None, reason, line)]
-
-
-@lru_cache(1_000)
-def plain_name(name: str) -> str:
-    """Return a column's name in lower case and without accents, with its words separated by _."""
-    words = unicodedata.normalize("NFKD", name.translate(SIGNS))
-    letters = "".join(c for c in words if not unicodedata.combining(c))
-    return re.sub(r"[^a-z0-9]+", "_", letters.lower()).strip("_")
 
 
 def _first(names: Collection[str], pattern: str) -> str:

@@ -206,45 +206,40 @@ def _file_sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
     """Return the path of each [files.NAME], one dict per set of files.
     Raise FileError if the given files do not match the files of the map.
     """
-    paths: dict[str, Path] = {}
     pairs = [str(path).partition("=") for path in files]
     if not isinstance(files, dict) and files and all(name in m.files for name, *_ in pairs):  # NAME=PATH
         files = {name: path for name, _, path in pairs}
-    if isinstance(files, dict):
-        paths = {name: Path(path) for name, path in files.items()}
-    elif files:
-        open_names = [name for name, spec in m.files.items() if spec.path is None]
-        if not open_names and len({spec.path for spec in m.files.values()}) == 1:
-            open_names = list(m.files)
-        all_paths = [path for file in files for path in _expand(Path(file))]
-        shared_names = [name for name in m.files if name not in open_names]
-        if not open_names or (len(all_paths) > 1 and shared_names):
-            code = "import.file-shared" if open_names else "import.all-with-path"
-            raise FileError(
-                fault(
-                    code, map=m.path.name, files=m.files, option=shared_names[:1], first=next(iter(m.files))
-                )
-            )
-        return [_with_default_paths(m, dict.fromkeys(open_names, path)) for path in all_paths]
-    for name in paths:
+    if files and not isinstance(files, dict):
+        names = _names_for_paths(m, all_paths := [path for file in files for path in _expand(Path(file))])
+        return [_with_default_paths(m, dict.fromkeys(names, path)) for path in all_paths]
+    by_name = {name: Path(path) for name, path in dict(files).items()}
+    for name in by_name:
         if name not in m.files:
             raise FileError(fault("import.file-unknown", map=m.path.name, value=name, valid=m.files))
-    patterns = {spec.path for name, spec in m.files.items() if name not in paths and spec.path}
-    magic_patterns = [pattern for pattern in patterns if glob.has_magic(pattern)]
-    if not magic_patterns:
-        return [_with_default_paths(m, paths)]
-    if len(magic_patterns) > 1:
-        raise FileError(
-            fault("import.stars", map=m.path.name, paths=" and ".join(map(repr, sorted(magic_patterns))))
-        )
-    matching_names = [
-        name for name, spec in m.files.items() if spec.path == magic_patterns[0] and name not in paths
-    ]
-    spec = m.files[matching_names[0]]
-    return [
-        _with_default_paths(m, paths | dict.fromkeys(matching_names, path))
-        for path in _matching_paths(m, spec)
-    ]
+    return [_with_default_paths(m, by_name | starred) for starred in _starred_files(m, by_name)]
+
+
+def _names_for_paths(m: ColumnMap, paths: list[Path]) -> list[str]:
+    """Return the names in the map that receive paths given without a name: those without a path in the map."""
+    names = [name for name, spec in m.files.items() if spec.path is None]
+    if not names and len({spec.path for spec in m.files.values()}) == 1:
+        names = list(m.files)
+    other_names = [name for name in m.files if name not in names]
+    if names and (len(paths) == 1 or not other_names):
+        return names
+    code, first = "import.file-shared" if names else "import.all-with-path", next(iter(m.files))
+    raise FileError(fault(code, map=m.path.name, files=m.files, option=other_names[:1], first=first))
+
+
+def _starred_files(m: ColumnMap, by_name: dict[str, Path]) -> list[dict[str, Path]]:
+    """Return the files that match the only path with a * in the map, one dict each; one empty dict without a *."""
+    starred = {n: s for n, s in m.files.items() if n not in by_name and s.path and glob.has_magic(s.path)}
+    patterns = sorted({str(spec.path) for spec in starred.values()})
+    if len(patterns) > 1:
+        raise FileError(fault("import.stars", map=m.path.name, paths=" and ".join(map(repr, patterns))))
+    if not patterns:
+        return [{}]
+    return [dict.fromkeys(starred, path) for path in _matching_paths(m, next(iter(starred.values())))]
 
 
 def _expand(path: Path) -> list[Path]:
