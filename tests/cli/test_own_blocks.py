@@ -329,3 +329,53 @@ def test_a_wrong_law_is_no_fault_of_the_package_when_it_is_tuned(
     end = baqueano("tune", "--route", "eight", "--controller", "mine.py:Mine")
     assert (end.code, end.reason.code) == (3, code)
     assert end.reason.figures.get("place", "mine.py line 5") == "mine.py line 5"
+
+
+SENSOR = """from dataclasses import dataclass
+import numpy as np
+from baqueano.sensors.sampling import SampledSensor
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mine(SampledSensor):
+    rate_hz: float = 10.0
+    noise_std: float = 0.01
+    delay_s: float = 0.0
+    delay_slots: int = 0
+    measurement_noise_cov: object = None
+    size = 1
+
+    def h(self, motion):
+        return {h}
+
+    def detects(self, motion):
+        return {detects}
+"""
+FAULTY_SENSORS = {  # case → h, detects, code of the cause, the line that it names
+    "raises": ("1 / 0", "True", "check.raises-on-line", 15),
+    "is not an array": ("motion.nu[0]", "True", "check.shape", 14),
+    "is too long": ("motion.nu", "True", "check.shape", 14),
+    "returns nothing": ("None", "True", "check.no-numbers", 14),
+    "raises in a part of the step": ("motion.nu[:1]", "motion.speed > 0", "check.raises-on-line", 18),
+}
+
+
+@pytest.mark.parametrize("case", FAULTY_SENSORS)
+@pytest.mark.parametrize("command", [("experiment", "--seconds", "2"), ("repeat", "lab")])
+def test_a_faulty_sensor_is_named_with_its_line_before_the_drive(case, command, project, tmp_path):
+    h, detects, code, line = FAULTY_SENSORS[case]
+    (tmp_path / "mine.py").write_text(SENSOR.format(h=h, detects=detects))
+    file = load("small").text + '\n[sensors.lamp]\nkind = "mine.py:Mine"\n'
+    (tmp_path / "own.toml").write_text(file)
+    ended = project(*command, "--vehicle", "own.toml")
+    assert (ended.code, ended.reason.code, ended.cause.code) == (3, "vehicle.sensor-breaks", code)
+    assert ended.cause.figures.get("line", line) == line
+    assert str(ended.cause.figures["place"]).startswith("mine.py line ")
+    assert ended.fix == "baqueano blocks check mine.py:Mine"
+    assert not list((tmp_path / "runs").glob("*"))
+
+
+def test_a_sensor_with_a_limited_range_drives(project, tmp_path):
+    sensor = SENSOR.format(h="np.array([np.where(motion.nu[0] > 0.3, np.nan, motion.nu[0])])", detects="True")
+    (tmp_path / "mine.py").write_text(sensor)
+    (tmp_path / "own.toml").write_text(load("small").text + '\n[sensors.lamp]\nkind = "mine.py:Mine"\n')
+    assert project("experiment", "--seconds", "2", "--vehicle", "own.toml").code == 0

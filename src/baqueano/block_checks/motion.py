@@ -112,16 +112,35 @@ def check_sensor(block: object) -> list[Diagnostic]:
     >>> check_sensor(bq.load("small").sensors.imu)
     []
     """
+    trial, _ = _sensor_trial(block)
+    if not has_field(block, "measurement_noise_cov"):
+        trial.add_fault("check.no-noise-field")
+    return trial.reported_faults()
+
+
+def sensor_obstacle(block: object) -> Diagnostic | None:
+    """Return the fault that prevents each drive with a sensor; None if its check reaches its end.
+
+    The sensor lacks a method, raises an exception, or returns a value of another class or shape.
+    """
+    trial, is_complete = _sensor_trial(block)
+    faults = list(trial.faults)
+    return None if is_complete or faults[-1].code == "check.not-finite" else faults[-1]
+
+
+def _sensor_trial(block: object) -> tuple[Trial, bool]:
+    """Return the trial of a sensor, and True if it reached its end."""
     trial = Trial(block, ("init", "step", "h"))
     for name in ("size", "noise_size", "rate_hz", "cov"):
         if not hasattr(block, name):
             trial.add_fault("check.no-attribute", name=name)
-    with suppress(CheckAborted):
-        if not trial.is_incomplete:
-            _check_measurements(trial, block)
-    if not has_field(block, "measurement_noise_cov"):
-        trial.add_fault("check.no-noise-field")
-    return trial.reported_faults()
+    if trial.is_incomplete:
+        return trial, False
+    try:
+        _check_measurements(trial, block)
+    except CheckAborted:
+        return trial, False
+    return trial, True
 
 
 def _check_measurements(trial: Trial, block: Any) -> None:

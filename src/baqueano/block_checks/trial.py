@@ -60,11 +60,9 @@ class Trial:
         if key in self._fault_keys:
             return
         self._fault_keys.add(key)
-        place_text = (
-            place(getattr(self.block_class, method_name, self.block_class))
-            if method_name
-            else place(self.block_class)
-        )
+        method = getattr(self.block_class, method_name, self.block_class)
+        is_inherited = getattr(method, "__module__", "") != self.block_class.__module__
+        place_text = place(self.block_class if is_inherited else method)
         name = f"{self.block_class.__name__}.{method_name}()" if method_name else self.block_class.__name__
         self.faults[note(code, severity, subject=name, place=place_text, **figures)] = None
 
@@ -127,7 +125,8 @@ class Trial:
         try:
             array = np.asarray(value)
             shown_value = array_text(array) if array.dtype.kind == "c" else type(value).__name__
-            array = array.astype(float) if array.dtype.kind in "biufO" else None
+            is_number = value is not None and array.dtype.kind in "biufO"
+            array = array.astype(float) if is_number else None
         except (TypeError, ValueError, OverflowError):
             array, shown_value = None, type(value).__name__
         if array is None:
@@ -212,11 +211,13 @@ class Trial:
 
 
 def _line(block_class: type, error: BaseException) -> int:
-    """Return the last line number of the block's file in the traceback of the error; 0 without one."""
-    code = getattr(getattr(block_class, "step", None), "__code__", None)
-    frames = traceback.extract_tb(error.__traceback__)
-    line_numbers = [f.lineno for f in frames if code is not None and f.filename == code.co_filename]
-    return line_numbers[-1] or 0 if line_numbers else 0
+    """Return the last line number of the block's module in the traceback of the error; 0 without one."""
+    lines = [
+        n
+        for f, n in traceback.walk_tb(error.__traceback__)
+        if f.f_globals.get("__name__") == block_class.__module__
+    ]
+    return lines[-1] if lines else 0
 
 
 def _is_frozen_dataclass(block_class: type) -> bool:

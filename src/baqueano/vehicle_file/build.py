@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.blocks import check_step, kinds, place_of, resolve, resolve_named
+from baqueano.blocks import PROGRAM, check_step, kinds, place_of, resolve, resolve_named
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.time_limit import PREPARE_S, within
@@ -118,6 +118,7 @@ def sensors(report: ReadReport, tables: object, context: BuildContext) -> Any:
         block_class = _named_class(report, path, "sensor", table, default, context)
         if block_class is not None:
             blocks[name] = _sensor(report, path, block_class, table, context)
+            _check_own_sensor(report, path, blocks[name], table)
     if not isinstance(tables, dict):
         report.add_problem(("sensors",), "vehicle.sensors-not-table")
     return sensor_slots(tuple(blocks))(*blocks.values())
@@ -165,6 +166,22 @@ def _sensor(report: ReadReport, path: KeyPath, block_class: type, table: Any, co
     if missing_names or report.problems:
         return None
     return construct(report, path, block_class, values, context)
+
+
+def _check_own_sensor(report: ReadReport, path: KeyPath, block: Any, table: Any) -> None:
+    """Add a problem if a sensor of the user's own fails where each drive would fail."""
+    if block is None or type(block).__module__.startswith("baqueano."):
+        return
+    from baqueano.block_checks.motion import sensor_obstacle  # only for sensors of the user's own
+
+    if (obstacle := sensor_obstacle(block)) is not None:
+        is_in_cell = type(block).__module__ == PROGRAM
+        fix = (
+            f"bq.check({type(block).__name__})"
+            if is_in_cell
+            else baqueano_command("blocks", "check", table["kind"])
+        )
+        report.add_table_problem(path, "vehicle.sensor-breaks", fix, cause=obstacle)
 
 
 class RoleTable(NamedTuple):

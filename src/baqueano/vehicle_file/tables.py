@@ -58,9 +58,10 @@ class ReadReport:
         """Add a problem of a key."""
         self.problems.append(fault(code, fix, place=self.location(path), **figures))
 
-    def add_table_problem(self, path: KeyPath, code: str, **figures: Any) -> None:
-        """Add a problem of a whole table."""
-        self.problems.append(fault(code, place=self._text_location(path, f"[{'.'.join(path)}]"), **figures))
+    def add_table_problem(self, path: KeyPath, code: str, fix: str = "", **figures: Any) -> None:
+        """Add a problem of a whole table, with the command to type next if there is one."""
+        place = self._text_location(path, f"[{'.'.join(path)}]")
+        self.problems.append(fault(code, fix, place=place, **figures))
 
     def add_notice(self, path: KeyPath, code: str, **figures: Any) -> None:
         """Add a remark about a key, which does not prevent the use of the file."""

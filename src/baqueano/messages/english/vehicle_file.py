@@ -133,6 +133,7 @@ TEMPLATES: dict[str, str] = {
         "np.array([a, 0.0, 0.0])"
     ),
     "vehicle.refused": "{block} does not accept {place}: {error}",
+    "vehicle.sensor-breaks": "{place} cannot measure. {cause}. Correct that line, then type: {fix}",
     "vehicle.not-built": "{place} cannot be built: {block} raised {error}.",
     "vehicle.lacks-members": (
         "{place}: {block} lacks {names}, which a vehicle needs. Inherit from baqueano.vehicles.AccelerationModel, and "
