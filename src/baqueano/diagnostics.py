@@ -91,6 +91,7 @@ class StopReason(StrEnum):
     DISK_FULL = "computer.disk-full"
     TILT = "vehicle.tilt"
     STUCK = "vehicle.stuck"
+    TIME_LIMIT = "guide.time-limit"
     ROOM = "vehicle.may-leave-room"
     ESTIMATE_DOUBTFUL = "estimate.doubtful"
     BATTERY = "vehicle.battery-low"

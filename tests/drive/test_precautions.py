@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import StopReason
-from baqueano.drive import drive_stop_reason, repeat
+from baqueano.drive import drive_stop_reason, repeat, tasks
 from baqueano.drive.mission import Mission, perform
 from baqueano.drive.safety.caution import SLOW, STAND_S, WAIT_S, Caution
-from baqueano.drive.safety.patience import Patience
+from baqueano.drive.safety.patience import Patience, TimeLimit
 from baqueano.drive.safety.precautions import Precautions, approach_limits
 from baqueano.drive.safety.room_watch import RoomWatch, stopping_distance
+from baqueano.drive.tasks import drive_with_driver
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators.covariance import CHI_SQUARE_95
-from baqueano.guides import Idle
+from baqueano.guides import Idle, Repeat
 from baqueano.guides.shapes import circle, line
 from baqueano.loop import Blocks, Record
 from baqueano.messages.notation import current_notation
@@ -210,6 +211,42 @@ def test_a_stuck_vehicle_ends_the_drive_and_a_waiting_vehicle_does_not():
     assert goes.stop_reason(7_950_000_000) is None
 
 
+class EndlessGuide:
+    """A guide that forgets to end the drive."""
+
+    def init(self):
+        return None
+
+    def step(self, state, estimate):
+        return state, Reference(estimate.t_ns, estimate.eta, np.zeros(3), 0.0)
+
+
+def test_a_guide_without_an_end_is_stopped_after_a_multiple_of_the_planned_time():
+    short = line(0.5, 0.5)
+    run = repeat(SMALL, short, guide=EndlessGuide, rest_s=0.0)
+    planned_s = Repeat.along(short, 1).duration_s
+    reason = drive_stop_reason(run)
+    assert (reason.code, reason.figures["limit_s"]) == (StopReason.TIME_LIMIT, 10.0 * planned_s + 60.0)
+    assert reason.figures["limit_s"] <= run.duration_s < reason.figures["limit_s"] + 2.0
+
+
+def test_the_time_limit_of_a_drive_can_be_set_and_does_not_count_pauses():
+    run = repeat(SMALL, LAP, guide=EndlessGuide, time_limit_s=3.0, rest_s=0.0)
+    assert 3.0 <= run.duration_s < 5.0
+    limit, guide = TimeLimit(3.0), SimpleNamespace(pace=0.0)
+    limit.begin(SimpleNamespace(guide=guide))
+    for t_s in np.arange(0.0, 5.0, 0.1):
+        guide.pace = float(t_s > 4.0)
+        limit.on_record(record(t_s))
+    assert limit.stop_reason(0) is None
+    assert drive_stop_reason(repeat(SMALL, LAP, time_limit_s=1.0)).code == StopReason.TIME_LIMIT
+
+
+def test_a_lesson_by_a_guide_without_an_end_is_stopped(monkeypatch):
+    monkeypatch.setattr(tasks, "LESSON_LIMIT_S", 2.0)
+    assert drive_stop_reason(drive_with_driver(SMALL, EndlessGuide)).code == StopReason.TIME_LIMIT
+
+
 def test_position_uncertainty_stops_the_vehicle_before_the_wall():
     room, origin = Room(2.0, 4.0, start=(0.5, 0.0, np.pi / 2)), np.array([3.0, 0.0, 0.0])
     std = 0.1
@@ -259,7 +296,9 @@ def test_endless_laps_by_imu_stop_before_a_wall():
 
 
 def test_a_mission_contains_its_precautions_and_the_start_pose():
-    care = Precautions(room=Room(2.0, 4.0, start=(0.0, 0.5, 0.1)), lead_in=False, patience_s=7.0)
+    care = Precautions(
+        room=Room(2.0, 4.0, start=(0.0, 0.5, 0.1)), lead_in=False, patience_s=7.0, time_limit_s=9.0
+    )
     mission = Mission("repeat", route=LAP, start=(0.0, 0.2, 0.5), precautions=care.to_json())
     mission_received = Mission.from_json(mission.to_json())
     assert mission_received.start == (0.0, 0.2, 0.5)
@@ -268,7 +307,14 @@ def test_a_mission_contains_its_precautions_and_the_start_pose():
 
 
 @pytest.mark.parametrize(
-    "names", [{"anyway": 1}, {"nothing": True}, {"room": {"free": [1.0]}}, {"patience_s": "long"}]
+    "names",
+    [
+        {"anyway": 1},
+        {"time_limit_s": "long"},
+        {"nothing": True},
+        {"room": {"free": [1.0]}},
+        {"patience_s": "long"},
+    ],
 )
 def test_unknown_precautions_are_refused(names):
     with refused("mission.damaged", UsageError):

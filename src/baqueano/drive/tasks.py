@@ -14,14 +14,16 @@ from baqueano.controllers import ManualController, Schedule
 from baqueano.controllers.schedule import script_commands
 from baqueano.diagnostics import Severity, fault
 from baqueano.drive.by_hand.heading_gains import with_heading_hold
-from baqueano.drive.closure import Closure, lap_closure
+from baqueano.drive.safety.caution import Caution
 from baqueano.drive.safety.command_notes import clipping_notes, lap_notes
+from baqueano.drive.safety.patience import TimeLimit
 from baqueano.drive.safety.precautions import Precautions
 from baqueano.drive.safety.route_check import route_warnings
 from baqueano.drive.session import Conditions, drive
-from baqueano.errors import UsageError
-from baqueano.guides import Idle, RepeatByProgress
-from baqueano.guides.repeat import with_laps
+from baqueano.drive.smoothing import smooth_run
+from baqueano.errors import FileError, UsageError
+from baqueano.guides import Idle, Playback, RepeatByProgress
+from baqueano.guides.repeat import Repeat, with_laps
 from baqueano.guides.route import Route
 from baqueano.loop import Blocks
 from baqueano.runs import Run
@@ -30,6 +32,7 @@ from baqueano.runs.show import short_text
 from baqueano.standstill import with_usual_rest
 from baqueano.vehicle_file.file import VehicleFile
 
+LESSON_LIMIT_S = 600.0  # of a lesson whose guide does not have a route
 LESSON_PACE = 0.5  # a lesson lasts at most twice its planned time, and 2 END_WAIT_S
 ENDS = {"duration_s", "tick_times_ns", "world", "path"}  # conditions of a drive without a last lap
 
@@ -157,6 +160,9 @@ def drive_with_driver(
         raise UsageError(fault("drive.driver-type", kind=type(driver).__name__))
     follower = vehicle_file.controller(controller) if hand is None else hand
     options = with_usual_rest(options, vehicle_file.sensors) if hand is None else options
+    if hand is None and not isinstance(driver, Route):  # a guide of the user's own may never end
+        limit = Caution(is_watching=False), TimeLimit(LESSON_LIMIT_S)
+        options["observers"] = (*limit, *options.get("observers", ()))
     blocks = Blocks(vehicle_file.estimator(estimator), guide, follower, vehicle_file.supervisor())
     return drive(blocks, vehicle_file, kind, **options)
 
@@ -170,7 +176,7 @@ def teach(vehicle_file: VehicleFile, driver: Driver, *, closed: bool = False, **
     vehicle_file : VehicleFile
         The vehicle; it is simulated unless a `world` is given.
     driver : Route, guide, list or callable
-        A route, a guide or the class of a guide, which the vehicle's controller follows; a list of
+        A route, a guide or the class of a guide, which the vehicle's controller follows for 600 s at most; a list of
         (seconds, command (n,)); or a function without arguments that returns the present command (n,).
     closed : bool
         True if the drive returns to its start. Then `TeachResult.closure` gives the scale of the gyro.
@@ -227,8 +233,9 @@ def repeat(
         `room`: width and height, such as "2x2.5" [m], or a Room; the drive stops before the vehicle might leave it.
         `lead_in`: False to begin with the route at any pose. `way_back`: drive back to the start afterwards.
         `caution`: False to continue with a doubtful estimate. `patience_s`: the time after which the drive of a stuck
-        vehicle ends. `rest_s`: the time at rest before the drive, which measures the bias of the gyro; by default 2 s
-        for a vehicle with a gyro.
+        vehicle ends. `time_limit_s`: the time after which a drive ends if its guide does not end it; by default ten
+        times the planned time, and 60 s. `rest_s`: the time at rest before the drive, which measures the bias of the
+        gyro; by default 2 s for a vehicle with a gyro.
         Also the options of `experiment`: `path`, `seed`, `eta`, `truth`, `world`, …
 
     Returns
@@ -274,5 +281,9 @@ def repeat(
     blocks = Blocks(vehicle_file.estimator(estimator), leader, follower, vehicle_file.supervisor())
     start = Conditions(eta=options["eta"]).start
     full_guide = precautions.wrap_guide(blocks.guide, route, vehicle_file, start, blocks.estimator)
-    options["observers"] = (*precautions.observers(vehicle_file, route), *options.get("observers", ()))
+    planned_s = options["rest_s"] + Repeat.along(route, laps).duration_s
+    options["observers"] = (
+        *precautions.observers(vehicle_file, route, planned_s),
+        *options.get("observers", ()),
+    )
     return drive(blocks._replace(guide=full_guide), vehicle_file, "repeat", **options)

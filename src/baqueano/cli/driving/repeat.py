@@ -72,6 +72,14 @@ from baqueano.diagnostics import note
     show_default=True,
     help="Time after which the drive of a stuck vehicle is ended [s].",
 )
+@click.option(
+    "--time-limit",
+    "time_limit_s",
+    type=numbers.seconds,
+    help=(
+        "Time after which a drive ends if its guide does not end it [s]; default: ten times the planned time, and 60 s."
+    ),
+)
 @options.estimator
 @click.option(
     "--controller", metavar="FILE:CLASS", help="Controller that replaces the controller of the vehicle file."
@@ -89,9 +97,9 @@ from baqueano.diagnostics import note
 def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, laps: int, room: str | None,
     start: str | None, anyway: bool, faster: bool, stand: str | None, lead_in: bool, way_back: bool, caution: bool,
-    patience_s: float, estimator: str | None, controller: str | None, guide: str | None, rest_s: float | None,
-    seed: int, shake: tuple[str, ...], backend: str, folder: str, out: Path | None, report: ReportFiles,
-    show_page: bool, pace: float, as_json: bool,
+    patience_s: float, time_limit_s: float | None, estimator: str | None, controller: str | None, guide: str | None,
+    rest_s: float | None, seed: int, shake: tuple[str, ...], backend: str, folder: str, out: Path | None,
+    report: ReportFiles, show_page: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare
     from baqueano.drive.mission import Mission
@@ -113,6 +121,7 @@ def command(
         way_back=way_back,
         caution=caution,
         patience_s=patience_s,
+        time_limit_s=time_limit_s,
     )
     own_kinds = {"estimator": estimator, "controller": controller, "guide": guide}
     own_kinds = {role: options.block_kind(vehicle_file, role, kind) for role, kind in own_kinds.items()}

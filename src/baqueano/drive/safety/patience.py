@@ -1,23 +1,33 @@
-"""End the drive of a vehicle that is stuck.
+"""End the drive of a vehicle that is stuck, and of a guide that does not end.
 
   stuck while |p − p_0| < STILL_M, |ψ − ψ_0| < STILL_RAD and |p_r − p| > AWAY_M                         (1)
   stop  once (1) has been true for patience_s
 
 p_0, ψ_0 is the pose at the last motion, p_r the reference. During a stop in the route the vehicle is not stuck, because
 it is at its reference. During a pause it is not stuck either, because the reference then rests near the vehicle.
+
+  stop  once ∫ pace dt ≥ limit_s                                                                        (2)
+
+A drive of N laps is planned for T_N. Without another limit, limit_s = TIME_RATIO T_N + TIME_MARGIN_S. A pause does not
+count in (2).
 """
 
 from math import dist, nan
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.drive.observers import Observer
 from baqueano.geometry import wrap
-from baqueano.loop import Record
+from baqueano.loop import Blocks, Record
 from baqueano.signals import seconds
 
 STILL_M, STILL_RAD, AWAY_M = 0.02, 0.1, 0.05
+TIME_RATIO, TIME_MARGIN_S = (
+    10.0,
+    60.0,
+)  # a guide that waits is slower than its plan; the margin: ways to and from a route
 
 
 class Patience(Observer):
@@ -45,3 +55,34 @@ class Patience(Observer):
         if waited_s < self._patience_s:
             return None
         return stop(StopReason.STUCK, rest_s=waited_s, distance_m=self._away_m)
+
+
+class TimeLimit(Observer):
+    """Observer that ends a drive whose guide has not ended it after `limit_s`, without the pauses."""
+
+    def __init__(self, limit_s: float) -> None:
+        self._limit_s, self._driven_s = limit_s, 0.0
+        self._last_ns: int | None = None
+        self._guide: Tree = None
+
+    @classmethod
+    def after(cls, planned_s: float) -> "TimeLimit":
+        """Return the limit of a drive that is planned for `planned_s`."""
+        return cls(TIME_RATIO * planned_s + TIME_MARGIN_S)
+
+    def begin(self, blocks: Blocks) -> Blocks:
+        """Return the blocks unchanged. Their guide has a pace."""
+        self._guide = blocks.guide
+        return blocks
+
+    def on_record(self, record: Record) -> None:
+        """Add the time of a tick at the present pace."""
+        t_ns = record.tick.t_ns
+        self._driven_s += self._guide.pace * seconds(t_ns, t_ns if self._last_ns is None else self._last_ns)
+        self._last_ns = t_ns
+
+    def stop_reason(self, t_ns: int) -> Diagnostic | None:
+        """Return the reason to end the drive, or None to continue.  (2)"""
+        if self._driven_s < self._limit_s:
+            return None
+        return stop(StopReason.TIME_LIMIT, limit_s=self._limit_s)

@@ -13,7 +13,7 @@ from baqueano.diagnostics import fault
 from baqueano.drive.observers import Observer
 from baqueano.drive.safety.caution import Caution
 from baqueano.drive.safety.final_pose import FinalPose
-from baqueano.drive.safety.patience import Patience
+from baqueano.drive.safety.patience import Patience, TimeLimit
 from baqueano.drive.safety.room_watch import RoomWatch
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
@@ -33,6 +33,7 @@ RADIUS_MARGIN = 1.3  # margin of the radius, for the controller
 MAX_RAMP_S = 2.0
 MIN_RAMP_S = 3.0 * SMOOTHING_S  # the controllers follow a ramp of their reference with this lag
 PATIENCE_S = 20.0
+TIMES = ("patience_s", "time_limit_s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,8 @@ class Precautions:
     `check`: examine the route before the vehicle moves. `anyway`: drive even a route that is too fast or has gaps.
     `room`: stop before the vehicle might leave this room. `lead_in`: if the vehicle is not at the start of its route,
     drive there first. `way_back`: drive back to the start afterwards. `caution`: slow down and stop if the estimate is
-    doubtful. `patience_s`: end the drive of a vehicle that is stuck for this time.
+    doubtful. `patience_s`: end the drive of a vehicle that is stuck for this time. `time_limit_s`: end a drive that
+    takes longer; None: `TimeLimit.after` its planned time.
     """
 
     check: bool = True
@@ -52,6 +54,7 @@ class Precautions:
     way_back: bool = False
     caution: bool = True
     patience_s: float = PATIENCE_S
+    time_limit_s: float | None = None
 
     @classmethod
     def split_options(
@@ -72,8 +75,7 @@ class Precautions:
         defaults = Precautions()
         row = {f.name: getattr(self, f.name) for f in fields(self)}
         row = {name: value for name, value in row.items() if value != getattr(defaults, name)}
-        if row.get("patience_s") == float("inf"):
-            row["patience_s"] = None  # JSON does not have infinity
+        row = {name: None if value == float("inf") else value for name, value in row.items()}  # not in JSON
         if self.room is not None:
             half_widths = tuple(float(x) for x in self.room.free_half_width_m)
             row["room"] = {"free": list(half_widths), "start": list(self.room.start)}
@@ -89,10 +91,9 @@ class Precautions:
                 half_widths, start_pose = (tuple(map(float, room[name])) for name in ("free", "start"))
                 start = (start_pose[0], start_pose[1], start_pose[2])
                 room = Room(2.0 * half_widths[0], 2.0 * half_widths[1], start=start)
-            if "patience_s" in row and row["patience_s"] is None:
-                row["patience_s"] = float("inf")
+            row |= {name: float("inf") for name in TIMES if name in row and row[name] is None}
             for name, value in row.items():
-                is_valid = isinstance(value, int | float) if name == "patience_s" else isinstance(value, bool)
+                is_valid = isinstance(value, int | float) if name in TIMES else isinstance(value, bool)
                 if name not in defaults or not is_valid:
                     raise ValueError(f"{name} = {value!r:.80}")
             return cls(room=room, **row)
@@ -119,10 +120,12 @@ class Precautions:
             guide = GuideSequence.with_lead_in(guide, route, **limits)
         return GuideSequence.with_way_back(guide, route, **limits) if self.way_back else guide
 
-    def observers(self, vehicle_file: "VehicleFile", route: Route) -> tuple[Observer, ...]:
-        """Return the observers that slow down and stop the drive, and examine its end."""
+    def observers(self, vehicle_file: "VehicleFile", route: Route, planned_s: float) -> tuple[Observer, ...]:
+        """Return the observers that slow down and stop the drive of `planned_s`, and examine its end."""
         max_std_m = getattr(vehicle_file.supervisor(), "max_position_std_m", float("inf"))
         watch: list[Observer] = [Caution(max_std_m, self.caution), FinalPose()]
+        is_limited = self.time_limit_s is not None
+        watch.append(TimeLimit(self.time_limit_s) if is_limited else TimeLimit.after(planned_s))
         if np.isfinite(self.patience_s):
             watch.append(Patience(self.patience_s))
         if self.room is not None:

@@ -22,6 +22,10 @@ TEMPLATES: dict[str, str] = {
     S.PROGRAM_ENDED: "another process ended the program",
     S.RECORDED: "{words}",
     S.STUCK: "the vehicle has not moved for {rest_s:.0f} s, and its reference is {distance_m:.2f} m away",
+    S.TIME_LIMIT: (
+        "the guide did not end the drive within {limit_s:.0f} s. A guide ends it with at_end = 1.0. For a longer "
+        "drive, use --time-limit SECONDS, in Python time_limit_s=SECONDS"
+    ),
     S.ROOM: (
         "the vehicle might leave the room. The wall in direction {axis} is {wall_m:.2f} m from its body. Its position "
         "is uncertain by {region_m:.2f} m (95 %), and it needs {stop_m:.2f} m to stop. Use a smaller route or a larger "
