@@ -71,6 +71,9 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
                 fix = baqueano_command(*args[:k], "--vehicle", *args[k:])
                 return fault("cli.vehicle-argument", fix, value=vehicle), USAGE
             code = "cli.usage"
+            if isinstance(error, click.NoSuchOption) and (corrected_args := _with_option_after_verb(error, args)):
+                fix = baqueano_command(*corrected_args)
+                return fault("cli.option-before-verb", fix, option=error.option_name), USAGE
             if isinstance(error, click.NoSuchOption):
                 code = "cli.no-such-option"
                 vars(error)["possibilities"] = error.possibilities or _options_by_help(error)
@@ -103,6 +106,20 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
     return fault(
         "cli.unexpected-error", error=error_text(error), file=last_frame.filename, line=last_frame.lineno
     ), NEGATIVE_ANSWER
+
+
+def _with_option_after_verb(error: click.NoSuchOption, args: list[str]) -> list[str]:
+    """Return the command with the options before a verb moved to its end; [] if the verb lacks the unknown option."""
+    ctx = error.ctx
+    if ctx is None or not isinstance(group := ctx.command, click.Group):
+        return []
+    depth, verbs = len(ctx.command_path.split()) - 1, group.list_commands(ctx)
+    k = next((k for k, arg in enumerate(args) if k >= depth and arg in verbs), None)
+    command = None if k is None else group.get_command(ctx, args[k])
+    if k is not None and isinstance(command, click.Group) and args[k + 1 : k + 2]:
+        command = command.get_command(ctx, args[k + 1])
+    is_option = command is not None and any(error.option_name in param.opts for param in command.params)
+    return [*args[:depth], *args[k:], *args[depth:k]] if is_option else []
 
 
 def _options_by_help(error: click.NoSuchOption) -> list[str]:

@@ -7,6 +7,7 @@ TEMPLATES: dict[str, str] = {
     "cli.usage": "{words}. All options: {fix}",
     "cli.vehicle-argument": "{value} is a vehicle file, which is given with --vehicle. Type: {fix}",
     "cli.no-such-option": "{words}. All options: {fix}",
+    "cli.option-before-verb": "{option} belongs after the command. Type: {fix}",
     "cli.interrupted": "Stopped from the keyboard.",
     "cli.memory": (
         "There is not enough memory for this ({error}). Use a smaller number, and run the command "
