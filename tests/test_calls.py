@@ -17,6 +17,7 @@ from baqueano.errors import AnswerNo, FileError, Misuse, NoAttribute
 from baqueano.identify.noise.covariances import Noise
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.importing.recordings import ImportedRun
+from baqueano.runs.route_file import read_route, write_route
 from baqueano.runs.run import Run
 from baqueano.tune.tune_result import TuneResult
 from tests.codes import includes, refused
@@ -262,3 +263,23 @@ def test_the_name_of_a_shape_is_answered_with_its_route(name):
 def test_a_channel_without_a_limit_has_no_negative_zeros():
     u = bq.excitation("random_steps", ROBOT.command.limit, 5.0, ROBOT.rate_hz)
     assert not np.signbit(u[:, 1]).any()
+
+
+def test_the_name_of_a_stored_route_is_answered_with_the_line_that_reads_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("routes").mkdir()
+    write_route(ROUTE, Path("routes/lap.csv"))
+    with refused("call.kind", Misuse) as error:
+        bq.repeat(ROBOT, "lap")
+    assert error.value.diagnostic.fix == 'from baqueano.runs import read_route; route = read_route("lap")'
+    assert np.array_equal(read_route("lap").eta, ROUTE.eta)
+
+
+@pytest.mark.parametrize("name", ["last", "2", "0002-repeat"])
+def test_a_run_of_the_folder_is_read_by_its_number_or_name(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    for stem in ("0001-experiment", "0002-repeat"):
+        RUN.save(f"runs/{stem}.mcap")
+    assert bq.read_run(name).path == Path("runs/0002-repeat.mcap")
+    with refused("runs.unknown", FileError):
+        bq.read_run("3")

@@ -305,8 +305,12 @@ def _candidate_paths(path: Path, folder: Path | str | None) -> list[Path]:
     return [path] if path.is_absolute() or folder is None else [Path(folder) / path, path]
 
 
-def _class_names(module: ModuleType) -> list[str]:
-    return [n for n, x in vars(module).items() if inspect.isclass(x) and x.__module__ == module.__name__]
+def _block_names(module: ModuleType) -> list[str]:
+    """Return the names of the blocks that a module defines: its classes with `step`."""
+    own_classes = {
+        name: x for name, x in vars(module).items() if inspect.isclass(x) and x.__module__ == module.__name__
+    }
+    return [name for name, block_class in own_classes.items() if callable(getattr(block_class, "step", None))]
 
 
 def read_module(file: str, folder: Path | str | None = None) -> ModuleType:
@@ -316,7 +320,7 @@ def read_module(file: str, folder: Path | str | None = None) -> ModuleType:
 
 def describe_classes(file: str, folder: Path | str | None = None) -> Diagnostic:
     """Return a message with the blocks "file.py:Class" of a file. Raise FileError if the file cannot be read."""
-    class_names = [f"{file}:{name}" for name in _class_names(read_module(file, folder))]
+    class_names = [f"{file}:{name}" for name in _block_names(read_module(file, folder))]
     if class_names:
         return note("block.classes", file=file, classes=class_names)
     return note("block.no-classes", file=file)
@@ -346,7 +350,7 @@ def _module_class(module: ModuleType, file: str, name: str) -> type:
     if member is None and file == PROGRAM:
         raise FileError(fault("block.cell-class-unknown", value=name))
     if member is None:
-        suggestion = nearest(name, _class_names(module))
+        suggestion = nearest(name, _block_names(module))
         raise FileError(fault("block.class-unknown", file=file, value=name, suggestion=suggestion))
     if not inspect.isclass(member):
         raise FileError(fault("block.not-class", file=file, value=name, kind=type(member).__name__))

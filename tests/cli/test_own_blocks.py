@@ -331,6 +331,13 @@ def test_a_wrong_law_is_no_fault_of_the_package_when_it_is_tuned(
     assert end.reason.figures.get("place", "mine.py line 5") == "mine.py line 5"
 
 
+def test_the_classes_of_a_file_are_listed_without_those_that_are_no_blocks(project, tmp_path):
+    (tmp_path / "mine.py").write_text("class Belief:\n    pass\n" + CONTROLLER.format(line="pass", u="0"))
+    for command in ("blocks check mine.py", "repeat lab --controller mine.py", "blocks check mine.py:Other"):
+        assert "Belief" not in (paragraph := project(*command.split()).paragraph)
+        assert "Mine" in paragraph
+
+
 SENSOR = """from dataclasses import dataclass
 import numpy as np
 from baqueano.sensors.sampling import SampledSensor

@@ -25,8 +25,6 @@ from baqueano.diagnostics import fault
         ("blocks chek", "cli.unknown-verb", "baqueano blocks check"),
         ("experiment --secs 5", "cli.no-such-option", "--seconds"),
         ("simulate --duration 5", "cli.no-such-option", "--seconds"),
-        ("--json identify last", "cli.option-before-verb", "baqueano identify last --json"),
-        ("runs --json ls", "cli.option-before-verb", "baqueano runs ls --json"),
         ("--seconds 3 experiment --seed 1", "cli.option-before-verb", "experiment --seed 1 --seconds 3"),
         ("--jsn identify last", "cli.no-such-option", "baqueano --help"),
         ("experiment extra", "cli.usage", "baqueano experiment --help"),
@@ -260,6 +258,10 @@ def test_a_negative_answer_with_json_prints_only_the_answer(baqueano, tmp_path):
         ("runs import a.csv --draft", "baqueano runs import --help"),  # an option without its value
         ("robot estado", "baqueano robot --help"),  # resembles stop, which moves no one forward
         ("runs list", "baqueano runs ls"),
+        ("--json identify last", "baqueano identify last --json"),
+        ("runs --json ls", "baqueano runs ls --json"),
+        ("sweep 1 last --controller lqr --json", "baqueano sweep --controller lqr --json"),
+        ("sweep 1 --route eight", "baqueano sweep --route eight"),
     ],
 )
 def test_a_usage_error_advises_a_command_that_helps(baqueano, line, fix):

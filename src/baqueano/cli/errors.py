@@ -71,7 +71,9 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
                 fix = baqueano_command(*args[:k], "--vehicle", *args[k:])
                 return fault("cli.vehicle-argument", fix, value=vehicle), USAGE
             code = "cli.usage"
-            if isinstance(error, click.NoSuchOption) and (corrected_args := _with_option_after_verb(error, args)):
+            if isinstance(error, click.NoSuchOption) and (
+                corrected_args := _with_option_after_verb(error, args)
+            ):
                 fix = baqueano_command(*corrected_args)
                 return fault("cli.option-before-verb", fix, option=error.option_name), USAGE
             if isinstance(error, click.NoSuchOption):

@@ -47,6 +47,11 @@ def next_command(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnost
     for cause in causes:
         if (corrected_args := _corrected_args(cause, args)) is not None:
             return fault("next.put-right", baqueano_command(*corrected_args))
+    recorded_runs = {
+        run for cause in causes for run in str(cause.figures.get("recorded_runs", "")).split(", ")
+    }
+    if recorded_runs & {*args}:
+        return fault("next.put-right", baqueano_command(*(arg for arg in args if arg not in recorded_runs)))
     if any(cause.code == "cli.figures-absent" for cause in causes):
         return fault("next.put-right", baqueano_command(*args, "--figures", "figures"))
     if any(cause.code in UNWRITTEN_CODES for cause in causes):

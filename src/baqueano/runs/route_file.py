@@ -30,6 +30,7 @@ from baqueano.runs.tables.lines import Lines
 from baqueano.runs.tables.table import LogTable, read_table
 
 DISTANCE_COLUMNS, WAIT_COLUMN = ("s_m", "x_m", "y_m", "psi_rad", "v_m_s"), "wait_s"
+STORED_ROUTES = Path("routes")
 SPOT_TURN_RAD_S = 1.0  # yaw rate of a turn on the spot
 COLUMNS = ("t_s", "x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
 # the same faults of a table, with advice for a file without a map
@@ -106,7 +107,9 @@ def read_route(path: Path | str) -> Route:
 
     Parameters
     ----------
-    path : path A file from `write_route`, or poses over path length; semicolons and decimal commas are also accepted.
+    path : path
+        A file from `write_route`, or poses over path length; semicolons and decimal commas are also accepted. The name
+        "lab" is the file routes/lab.csv.
 
     Returns
     -------
@@ -123,8 +126,11 @@ def read_route(path: Path | str) -> Route:
     >>> read_route(write_route(bq.guides.shapes.circle(0.5, 0.2), "circle.csv"))
     Route(1441 poses, 15.7 s, 3.14 m, closed)
     """
+    path = Path(path)
+    stored_path = STORED_ROUTES / f"{path}.csv"
+    is_name = path.name == str(path) and not path.exists() and stored_path.is_file()
     with column_advice(COLUMNS):
-        return _read_route(Path(path))
+        return _read_route(stored_path if is_name else path)
 
 
 def _read_route(path: Path) -> Route:

@@ -9,6 +9,7 @@ from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, show_progress
 from baqueano.diagnostics import fault, note
+from baqueano.errors import UsageError
 
 cluster = click.option(
     "--cluster", metavar="ADDRESS", help=("Dask scheduler to use instead of the processors of this computer.")
@@ -82,6 +83,9 @@ def command(
         backend=backend,
     )
     if runs:
+        for factor, values in (("controllers", controllers), ("guides", guides), ("routes", routes)):
+            if values:
+                raise UsageError(fault("sweep.of-runs", factor=factor, recorded_runs=list(runs)))
         options.refuse_together("RUNS", "seed", "seeds", "laps", "aside_m")
         recorded_runs = options.find_runs(runs, folder)
         vehicle_file = options.load_vehicle(vehicle, settings) if vehicle or settings else None

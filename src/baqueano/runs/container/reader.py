@@ -44,7 +44,7 @@ def read_run(path: Path | str) -> Run:
     Parameters
     ----------
     path : path
-        An MCAP file.
+        An MCAP file, or the number or name of a run in the folder `runs`; "last" is the newest run.
 
     Returns
     -------
@@ -65,6 +65,10 @@ def read_run(path: Path | str) -> Run:
     ('still', (3, 1), ())
     """
     path = Path(path)
+    if path.name == str(path) and not path.suffix:
+        from baqueano.runs.folder import find  # it imports this module
+
+        path = find(str(path))
     try:
         contents = scan(read_bytes(path), VIEWER_SCHEMAS)
     except FileTooLarge as error:
