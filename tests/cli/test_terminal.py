@@ -16,6 +16,7 @@ import pytest
 
 from baqueano.cli import terminal
 from baqueano.cli.terminal import show_activity, show_steps
+from baqueano.compare import compare
 from baqueano.diagnostics import StopReason, note
 from baqueano.messages import text
 from baqueano.messages.language import use_language
@@ -238,3 +239,16 @@ def test_short_work_without_a_terminal_prints_one_line(capsys):
     with show_activity("reading"):
         pass
     assert capsys.readouterr().err == "reading\n"
+
+
+def test_the_comparison_of_a_long_run_shows_its_progress_and_that_of_a_short_run_does_not(
+    baqueano, monkeypatch
+):
+    assert baqueano("experiment", "--vehicle", "small", "--seconds", "1").code == 0
+    for command in ("compare last", "replay last"):
+        assert "comparison" not in baqueano(*command.split()).err
+    monkeypatch.setattr(terminal, "PROGRESS_PERIOD_S", 0.05)
+    module = sys.modules["baqueano.compare"]
+    monkeypatch.setattr(module, "compare", lambda *a, **o: time.sleep(0.5) or compare(*a, **o))
+    for command in ("compare last", "replay last"):
+        assert re.search(r"^comparison  0 s$", baqueano(*command.split()).err, re.MULTILINE)

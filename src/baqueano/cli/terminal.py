@@ -219,31 +219,36 @@ class ProgressLine:
 
 
 @contextmanager
-def show_activity(label: Diagnostic | str) -> Iterator[ProgressLine]:
+def show_activity(label: Diagnostic | str, is_often_quick: bool = False) -> Iterator[ProgressLine]:
     """Show a line on stderr for work of unknown duration. Yield a function that prints a text.
 
     On a terminal it counts the seconds, and shows the progress of the work. Otherwise a line is printed
-    every PROGRESS_PERIOD_S.
+    every PROGRESS_PERIOD_S. Nothing is shown about work that is often quick, until the first of these times.
     """
     status, person, label = ProgressLine(), is_terminal(), text(label)
     start_s, end_event = time.monotonic(), threading.Event()
 
     def count() -> None:
+        nonlocal is_shown
         while not end_event.wait(0.5 if person else PROGRESS_PERIOD_S):
             suffix = f"  {status.text}" if status.text else ""
             line = f"{label}  {time.monotonic() - start_s:.0f} s{suffix}"
             _rewrite(line) if person else print_message(line)
+            is_shown = True
 
-    _rewrite(label) if person else print_message(label)
-    count_thread = threading.Thread(target=count, daemon=True)
-    count_thread.start()
+    is_shown = not is_often_quick
+    if is_shown:
+        _rewrite(label) if person else print_message(label)
+    counting = threading.Thread(target=count, daemon=True)
+    counting.start()
     try:
         yield status
     finally:
         end_event.set()
         count_thread.join()
         status.done()
-        _rewrite(f"{label}  {number(time.monotonic() - start_s):.1f} s\n")
+        if is_shown:
+            _rewrite(f"{label}  {number(time.monotonic() - start_s):.1f} s\n")
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from baqueano.cli import options
 from baqueano.cli.next_command import advise_to_fit
 from baqueano.cli.page import live
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import print_answer, print_message, show_time_progress
+from baqueano.cli.terminal import print_answer, print_message, show_activity, show_time_progress
 from baqueano.diagnostics import note
 
 if TYPE_CHECKING:
@@ -42,7 +42,8 @@ def command(
     from baqueano.drive.replay import recorded_vehicle_file
     from baqueano.vehicle_file import override
 
-    recorded_run = options.find_runs((run,), folder)[0]
+    with show_activity(note("cli.read-run"), is_often_quick=True):
+        recorded_run = options.find_runs((run,), folder)[0]
     vehicle_options = None
     if vehicle is None and recorded_run.vehicle_text:
         differs = options.DEFAULT_FILE.is_file() and _default_file_text() != recorded_run.vehicle_text
@@ -67,7 +68,8 @@ def command(
         )
     print_message(note("cli.run", path=path))
     drawn_runs = [recorded_run, replayed_run] if recorded_run.estimate is not None else [replayed_run]
-    comparison = compare(drawn_runs, alignment=align)
+    with show_activity(note("cli.compare"), is_often_quick=True):
+        comparison = compare(drawn_runs, alignment=align)
     print_answer(comparison, as_json)
     advise_to_fit(comparison, [recorded_run] * len(drawn_runs), folder, vehicle_options)
     report.write_table(comparison)

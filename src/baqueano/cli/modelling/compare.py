@@ -5,7 +5,7 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.next_command import advise_to_fit, run_options
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import print_answer, print_message
+from baqueano.cli.terminal import print_answer, print_message, show_activity
 from baqueano.diagnostics import note
 from baqueano.messages.printable import baqueano_command
 
@@ -24,8 +24,9 @@ def command(
 ) -> None:
     from baqueano.compare import compare
 
-    loaded_runs = options.find_runs(runs, folder)
-    comparison = compare(loaded_runs, alignment=align, skip_s=skip_s)
+    with show_activity(note("cli.compare"), is_often_quick=True):
+        loaded_runs = options.find_runs(runs, folder)
+        comparison = compare(loaded_runs, alignment=align, skip_s=skip_s)
     print_answer(comparison, as_json, laps=comparison.laps())
     advise_to_fit(comparison, loaded_runs, folder)
     if (unestimated_runs := [run for run in loaded_runs if run.estimate is None]) and not as_json:

@@ -224,6 +224,8 @@ TEMPLATES: dict[str, str] = {
         "vehicle: the file stored in the run. vehicle.toml differs from it; to use it: --vehicle vehicle.toml"
     ),
     "cli.replay": "replay",
+    "cli.compare": "comparison",
+    "cli.read-run": "reading the run",
     "cli.start-in-middle": (
         "The vehicle begins again in the middle of the room, with its heading along the width of the room"
     ),
