@@ -306,11 +306,12 @@ def _candidate_paths(path: Path, folder: Path | str | None) -> list[Path]:
 
 
 def _block_names(module: ModuleType) -> list[str]:
-    """Return the names of the blocks that a module defines: its classes with `step`."""
+    """Return the names of the blocks that a module defines: its classes with `step`, or all if none has this method."""
     own_classes = {
         name: x for name, x in vars(module).items() if inspect.isclass(x) and x.__module__ == module.__name__
     }
-    return [name for name, block_class in own_classes.items() if callable(getattr(block_class, "step", None))]
+    blocks = [name for name, x in own_classes.items() if callable(getattr(x, "step", None))]
+    return blocks or list(own_classes)
 
 
 def read_module(file: str, folder: Path | str | None = None) -> ModuleType:

@@ -66,6 +66,10 @@ class Push:
         return state, Command(estimate.t_ns, np.clip(np.array([self.gain * e[0], 0.0, e[2]]), -1.0, 1.0))
 
 
+class Pull(Push):
+    """Another controller, whose gain has the same name."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Ahead:
     """A guide that returns the end of its route."""
@@ -119,6 +123,15 @@ def test_a_block_class_is_configured_by_the_vehicle_file():
     assert file.controller(Push).gain == 5.0
     assert type(SMALL.estimator(DeadReckoning)) is DeadReckoning
     assert SMALL.guide(ROUTE, Ahead).eta is ROUTE.eta
+
+
+def test_a_controller_receives_its_own_gains_and_not_those_of_another_kind():
+    of_another_kind = SMALL.with_values({"controller.kind": Pull, "controller.gain": 7.0})
+    assert of_another_kind.controller(Push).gain == Push().gain
+    of_this_kind = SMALL.with_values({"controller.kind": Push, "controller.gain": 7.0})
+    assert of_this_kind.controller(Push).gain == of_this_kind.controller().gain == 7.0
+    tuned_kanayama = SMALL.with_values({"controller.kind": "kanayama", "controller.k_x": 7.0})
+    assert tuned_kanayama.controller("stanley").k_x == SMALL.controller("stanley").k_x != 7.0
 
 
 def test_each_drive_function_accepts_classes_and_objects():

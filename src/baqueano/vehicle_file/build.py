@@ -4,6 +4,7 @@ A block receives `vehicle`, `sensors` and the route if it has fields of these na
 `limit`, it receives the values of the file.
 """
 
+import sys
 from dataclasses import replace
 from functools import partial
 from math import ceil
@@ -202,7 +203,8 @@ def role_table(
     kind: str | type | None = None,
 ) -> RoleTable | None:
     """Return the content of the table of a role, or None after a problem was added to `report`.
-    If `kind` replaces the kind of the table, keys that the new kind lacks are omitted.
+    If `kind` replaces the kind of the table, keys that the new kind lacks are omitted. The gains of a controller belong
+    to one kind, so another kind does not receive them, even under the same name.
     """
     path = (name,)
     own_kind = table.get("kind", DEFAULT_KINDS[name]) if isinstance(table, dict) else DEFAULT_KINDS[name]
@@ -214,7 +216,8 @@ def role_table(
         return None
     keys = table_keys(block_class, {*DERIVED_KEYS, *role_values, *(ROUTE_FIELDS if name == "guide" else ())})
     if kind is not None and kind != own_kind:
-        table = {k: v for k, v in table.items() if k in keys}
+        is_usable = name != "controller" or _has_kind(block_class, name, own_kind, context)
+        table = {k: v for k, v in table.items() if k in keys and is_usable}
     values = arguments(report, path, keys, table)
     values |= {k: v for k, v in fallback.items() if k in keys and k not in values}
     if "use" in keys and "use" not in values and keys["use"].default == ("imu",):
@@ -224,6 +227,21 @@ def role_table(
     missing_names = missing_keys(keys, values)
     values |= {k: v for k, v in role_values.items() if k in argument_names(block_class)}
     return RoleTable(block_class, values, [k for k in missing_names if k not in table])
+
+
+def _has_kind(block_class: type, role: str, kind: str, context: BuildContext) -> bool:
+    """Return True if a kind of the file names this class."""
+    try:
+        own_class = resolve_named(role, kind, context.folder)
+    except (FileError, UsageError):
+        return False
+    return _origin(own_class) == _origin(block_class)
+
+
+def _origin(block_class: type) -> tuple[str, str]:
+    """Return the file and the name of a class; a notebook cell that is executed again makes another class of both."""
+    module = block_class.__module__
+    return getattr(sys.modules.get(module), "__file__", None) or module, block_class.__qualname__
 
 
 def missing_values(

@@ -232,7 +232,7 @@ TEMPLATES: dict[str, str] = {
     "block.role-unknown": 'Block type "{value}" does not exist. {suggestion}.',
     "block.without-class": 'A block of your own is written "file.py:Class". {classes}.',
     "block.classes": "{file} contains {classes}",
-    "block.no-classes": "{file} does not define a class with step()",
+    "block.no-classes": "{file} does not define a class",
     "block.unknown": (
         '{role:word} "{value}" does not exist. {suggestion}. Write one of your own as "file.py:Class".'
     ),
