@@ -9,6 +9,8 @@ import pytest
 
 import baqueano as bq
 from baqueano.atomic_file import replace_file
+from baqueano.cli import main
+from baqueano.diagnostics import StopReason
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.messages.language import use_language
@@ -275,8 +277,6 @@ def test_a_sweep_is_printed_briefly_and_as_data_frame_and_page(result, tmp_path)
 
 
 def test_the_sweep_command_prints_one_json_object_with_drives_and_cells(capsys, tmp_path, monkeypatch):
-    from baqueano.cli import main
-
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", ["baqueano"])
     line = "sweep --vehicle small --route circle --size 0.3 --seeds 1 --controller lqr --json --keep k"
@@ -286,3 +286,54 @@ def test_the_sweep_command_prints_one_json_object_with_drives_and_cells(capsys, 
     output = json.loads(capsys.readouterr().out)
     assert [row["combination"] for row in output["combinations"]] == ["lqr", "kanayama"]
     assert len(output["rows"]) == len(list((tmp_path / "k").iterdir())) == 2
+
+
+STUDENT = """from dataclasses import dataclass
+import numpy as np
+from baqueano.signals import Command
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mine:
+    def init(self):
+        return None
+
+    def step(self, state, reference, estimate):
+        return state, Command(estimate.t_ns, np.array([{command}, 0.0, 0.0]))
+"""
+
+
+@pytest.fixture
+def students(tmp_path, monkeypatch):
+    """Two students with equal names of files and classes; the controller of the second raises."""
+    monkeypatch.chdir(tmp_path)
+    for name, command in (("ana", "0.5"), ("luis", "0.5 + [][0]")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "mine.py").write_text(STUDENT.format(command=command))
+    return tmp_path
+
+
+def test_equal_names_of_students_are_told_apart_and_a_stop_names_its_line(small, students, tmp_path):
+    kinds = ["kanayama", "ana/mine.py:Mine", "luis/mine.py:Mine"]
+    folder = tmp_path / "drives"
+    for _ in range(2):  # the second sweep reads the stored drives
+        result = one_process(small, routes=ROUTE, controllers=kinds, processes=1, drives_folder=folder)
+        names = [line.split()[0] for line in result.table().splitlines()[4:7]]
+        assert names == ["kanayama", "ana/mine", "luis/mine"]
+        (reason,) = result.reasons
+        assert (reason.subject, reason.figures["cause"].code) == (
+            "luis/mine.py:Mine",
+            StopReason.BLOCK_RAISED,
+        )
+        assert "luis/mine.py:11" in result.table()
+
+
+def test_a_pattern_selects_the_controllers_of_all_students(students, capsys):
+    line = "sweep --vehicle small --controller */mine.py:Mine --seeds 1 --json"
+    with pytest.raises(SystemExit):
+        main(line.split())
+    labels = [row["combination"] for row in json.loads(capsys.readouterr().out)["combinations"]]
+    assert labels == ["ana/mine.py:Mine", "luis/mine.py:Mine"]
+    with pytest.raises(SystemExit) as ended:
+        main(line.replace("mine.py", "other.py").split())
+    assert ended.value.code == 2
+    assert json.loads(capsys.readouterr().out)["code"] == "cli.no-match"

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic
 from baqueano.drive import drive_stop_reason, repeat, replay
 from baqueano.errors import SafetyStop
 from baqueano.geometry import compose
@@ -69,10 +70,12 @@ def do_job(job: SweepJob) -> SweepDrive:
     try:
         run = _replay(job) if job.run is not None else _drive(job)
     except SafetyStop as error:  # before its first tick
-        return SweepDrive(job.combination, job.drive, {}, {}, error.diagnostic.code)
+        return SweepDrive(job.combination, job.drive, {}, {}, error.diagnostic.code, error.diagnostic)
     s, reason = job.settings, drive_stop_reason(run)
     figures, pieces = drive_figures(run, s.laps, s.alignment, s.interval_s)
-    return SweepDrive(job.combination, job.drive, figures, pieces, "" if reason is None else reason.code)
+    return SweepDrive(
+        job.combination, job.drive, figures, pieces, "" if reason is None else reason.code, reason
+    )
 
 
 def _drive(job: SweepJob) -> "Run":
@@ -97,6 +100,7 @@ def drive_row(drive: SweepDrive) -> dict[str, object]:
     """Return a drive as a dict for JSON, without rounding."""
     return {
         "figures": drive.figures, "stopped": drive.stop_code,
+        "stop_reason": None if drive.stop_reason is None else drive.stop_reason.to_json(),
         "pieces": {name: list(pieces) for name, pieces in drive.pieces.items()},
     }  # fmt: skip
 
@@ -107,4 +111,5 @@ def drive_from_row(job: SweepJob, row: dict) -> SweepDrive:
         name: ErrorSegments(tuple(squares), tuple(samples), *durations)
         for name, (squares, samples, *durations) in row["pieces"].items()
     }
-    return SweepDrive(job.combination, job.drive, row["figures"], pieces, row["stopped"])
+    stop_reason = None if (reason := row.get("stop_reason")) is None else Diagnostic.from_json(reason)
+    return SweepDrive(job.combination, job.drive, row["figures"], pieces, row["stopped"], stop_reason)

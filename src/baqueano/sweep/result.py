@@ -37,6 +37,7 @@ SHORT_FIGURES = (
     "nis",
 )
 MAIN_FIGURES = ("across_rms_m", "ate_m")  # the table shows the difference of the first of these that is known
+FILE_CLASS = re.compile(r"(?P<file>[^ ]*[/\\.][^ :]*):(?P<name>\w+)")
 MAX_LABEL_LETTERS = 32  # characters of a label
 
 
@@ -77,6 +78,8 @@ class SweepDrive(NamedTuple):
         Segments of each rms value, by which drives are compared.
     stop_code : str
         Code of the reason why the drive was stopped, or "".
+    stop_reason : Diagnostic, optional
+        The reason, which names the line of a faulty block; None without a stop.
 
     Examples
     --------
@@ -89,6 +92,7 @@ class SweepDrive(NamedTuple):
     figures: dict[str, float]
     pieces: dict[str, ErrorSegments]
     stop_code: str
+    stop_reason: Diagnostic | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -176,10 +180,11 @@ class SweepResult(Result):
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return a warning for each combination with stopped drives, and a warning if drives are missing."""
         reasons = []
-        for row in self.combinations():
-            if row["stopped"]:
-                counts = {"count": row["stopped"], "drives": row["drives"]}
-                reasons.append(note("sweep.stopped", Severity.WARNING, subject=row["combination"], **counts))
+        for label, drives in self._by_combination().items():
+            if stopped_drives := [drive for drive in drives if drive.stop_code]:
+                cause = stopped_drives[0].stop_reason or stopped_drives[0].stop_code
+                figures = {"count": len(stopped_drives), "drives": len(drives), "cause": cause}
+                reasons.append(note("sweep.stopped", Severity.WARNING, subject=label, **figures))
         if len(self.drives) < self.requested_drives:
             count, total = len(self.drives), self.requested_drives
             reasons.append(note("sweep.part", Severity.WARNING, count=count, total=total))
@@ -226,7 +231,8 @@ class SweepResult(Result):
     def _lines(self, blocks: Sequence[Sequence[str]]) -> list[str]:
         """Return a line on the drives, and the lines of one or more tables for each block of known results."""
         rows, main = self.combinations(), self.main_figure()
-        labels = [_short_label(row["combination"]) for row in rows]
+        short_labels = _short_labels([row["combination"] for row in rows])
+        labels = list(short_labels.values())
         table_lines: list[str] = []
         for block in blocks:
             columns = [_column(name, rows) for name in block if self._has(name)]
@@ -236,7 +242,7 @@ class SweepResult(Result):
                 table_lines += ["", *lines] if table_lines else lines
         code = "sweep.head-ratio" if len(rows) > 1 else "sweep.head"
         drives = max((row["drives"] for row in rows), default=0)
-        heading, reference = _(ALL_FIGURES[main].heading), _short_label(self.reference)
+        heading, reference = _(ALL_FIGURES[main].heading), short_labels.get(self.reference, self.reference)
         return [text(note(code, drives=drives, figure=heading, reference=reference)), *table_lines]
 
     def _ratio(self, row: "TableRow") -> str:
@@ -251,9 +257,19 @@ class SweepResult(Result):
         )
 
 
-def _short_label(label: str) -> str:
-    """Return the label of a combination with the class alone in place of file.py:Class."""
-    return re.sub(r"[^ ]*[/\\.][^ :]*:(?=\w)", "", label)
+def _short_labels(labels: Sequence[str]) -> dict[str, str]:
+    """Return a short name of each label: with the class alone in place of file.py:Class, if this name is unique.
+
+    Otherwise the file replaces the class, such as ana/my_controller.
+    """
+    for part in ("name", "file"):
+        short_labels = {
+            label: FILE_CLASS.sub(lambda match, part=part: match[part].removesuffix(".py"), label)
+            for label in labels
+        }
+        if len(set(short_labels.values())) == len(short_labels):
+            return short_labels
+    return dict(zip(labels, labels, strict=True))
 
 
 def _column(name: str, rows: Sequence["TableRow"]) -> list[str]:

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-from baqueano.cli import numbers, options
+from baqueano.cli import SubcommandGroup, numbers, options
+from baqueano.cli.modelling.sweep import matching_kinds
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_result, show_activity, show_progress, show_steps
@@ -160,7 +161,11 @@ def driving(seed: int, seed_count: int, controller: str | None, backend: str, as
     "own_kinds",
     multiple=True,
     metavar="KIND",
-    help=('Your own block, compared with ours: "file.py:Class". Repeat the option for more.'),
+    callback=matching_kinds,
+    help=(
+        'Your own block, compared with ours: "file.py:Class", or "*/file.py:Class" for all such files. Repeat the '
+        "option for more."
+    ),
 )
 @options.backend
 @options.as_json

@@ -1,6 +1,7 @@
 """Define `baqueano sweep`: compare blocks on the same drives or runs."""
 
 from functools import partial
+from glob import glob
 from pathlib import Path
 
 import click
@@ -14,13 +15,36 @@ from baqueano.errors import UsageError
 cluster = click.option(
     "--cluster", metavar="ADDRESS", help=("Dask scheduler to use instead of the processors of this computer.")
 )
+
+
+def matching_kinds(
+    context: click.Context, option: click.Parameter, kinds: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Return the kinds, with a pattern such as */my_controller.py:MyController replaced by the matching files."""
+    all_kinds: list[str] = []
+    for kind in kinds:
+        pattern, colon, class_name = kind.rpartition(":")
+        if "*" not in pattern:
+            all_kinds.append(kind)
+            continue
+        paths = [Path(path) for path in sorted(glob(pattern))]
+        if not paths:
+            raise UsageError(fault("cli.no-match", value=pattern, folder=Path.cwd().name))
+        all_kinds += [f"{path.as_posix()}{colon}{class_name}" for path in paths]
+    return tuple(all_kinds)
+
+
 BLOCK_OPTIONS = [
     click.option(
         f"--{room}",
         f"{room}s",
         multiple=True,
         metavar="KIND",
-        help='Block to compare: a name, or "file.py:Class". Repeat the option for more.',
+        callback=matching_kinds,
+        help=(
+            'Block to compare: a name, "file.py:Class", or "*/file.py:Class" for all such files. Repeat the option for '
+            "more."
+        ),
     )
     for room in ("estimator", "controller", "guide")
 ]
@@ -104,6 +128,8 @@ def command(
             "start": (0.0, aside_m, 0.0),
         }
         run_sweep, drive_count = partial(run_sweep, vehicle_file, **arguments), len(named_routes) * seeds
+    if vehicle_file is not None:
+        options.advise_to_measure(vehicle_file, "simulated")
     for role, kinds in (("estimator", estimators), ("controller", controllers), ("guide", guides)):
         for kind in kinds:
             options.block_kind(vehicle_file, role, kind)

@@ -41,6 +41,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.block-breaks": "{block} fails {count} of the checks of a block; each is listed above.",
     "cli.block-role": "{arg[role]:{value}} does not exist. {suggestion}.",
+    "cli.no-match": "No file in {folder} matches {value}.",
     "cli.block-without-class": "Write a block as file.py:Class. {classes}.",
     "cli.block-unknown": (
         'Block "{value}" does not exist. {suggestion}. Write one of your own as file.py:Class. To list '

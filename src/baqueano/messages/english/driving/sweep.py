@@ -5,7 +5,7 @@ TEMPLATES: dict[str, str] = {
     "sweep.head-ratio": (
         "medians over the drives ({drives}); ratio: {figure} divided by that of {reference}, with its 95 % interval"
     ),
-    "sweep.stopped": "{subject}: {count} of {drives} drives were stopped",
+    "sweep.stopped": "{subject}: {count} of {drives} drives were stopped (the first: {cause})",
     "sweep.part": "{count} of {total} drives are done; type the same command again to continue",
     "sweep.spread": "Each dot is a drive, each bar the median of a combination.",
     "sweep.ratios": (
