@@ -239,8 +239,8 @@ def show_activity(label: Diagnostic | str, is_often_quick: bool = False) -> Iter
     is_shown = not is_often_quick
     if is_shown:
         _rewrite(label) if person else print_message(label)
-    counting = threading.Thread(target=count, daemon=True)
-    counting.start()
+    count_thread = threading.Thread(target=count, daemon=True)
+    count_thread.start()
     try:
         yield status
     finally:

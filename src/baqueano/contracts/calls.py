@@ -255,24 +255,37 @@ def _refuse_kind(
         for other in wrong_names[1:]
     ):
         raise Misuse(fault("call.order", example, call=call))
-    package_arguments = [
-        n for n in kinds if n not in values and type(value).__module__.startswith("baqueano")
-    ]
-    if package_arguments := [n for n in package_arguments if _is_accepted(value, kinds[n])]:
-        fix = f"{package_arguments[0]}={_short_repr(value)}"
-        raise Misuse(
-            fault("call.of-other-argument", fix, call=call, name=name, function=package_arguments[0])
-        )
-    label, is_item = name, False
-    if type(value) in (list, tuple) and _is_accepted([], kinds[name]):
-        wrong_items = (i for i, item in enumerate(value) if not _is_accepted([item], kinds[name]))
-        if (position := next(wrong_items, None)) is not None:
-            label, value = f"{name}[{position}]", value[position]
-            is_item = True
-    is_text = isinstance(value, str | PurePath)
-    is_stored = is_text and any(Path(kind.stored_path.format(value)).is_file() for kind in kinds[name])
-    is_file = is_stored or (is_text and bool(PurePath(value).suffix))
-    readers = ((kind.maker if kind.maker and not is_file else kind.reader) for kind in kinds[name])
+    if type(value).__module__.startswith("baqueano"):
+        for other in (n for n in kinds if n not in values and _is_accepted(value, kinds[n])):
+            fix = f"{other}={_short_repr(value)}"
+            raise Misuse(fault("call.of-other-argument", fix, call=call, name=name, function=other))
+    expected, label = KINDS["Path"] if KINDS["Path"] in own_kinds else own_kinds[0], name
+    if (position := _wrong_item(value, own_kinds)) is not None:
+        label, value = f"{name}[{position}]", value[position]
+        expected = KINDS["str"] if expected.name == LIST else expected
+    fix = _fix(name, value, own_kinds, example)
+    raise Misuse(fault("call.kind", fix, call=call, name=label, value=_shown(value), expected=expected.name))
+
+
+def _wrong_item(value: Tree, kinds: tuple[ArgumentKind, ...]) -> int | None:
+    """Return the index of the first item of a list that is not accepted; None if the list itself is not accepted."""
+    if type(value) not in (list, tuple) or not _is_accepted([], kinds):
+        return None
+    return next((i for i, item in enumerate(value) if not _is_accepted([item], kinds)), None)
+
+
+def _fix(name: str, value: Tree, kinds: tuple[ArgumentKind, ...], example: str) -> str:
+    """Return the code to type in place of an argument with the value `value`; usually the example of the call."""
+    for part_name in (name.removesuffix("s"), name):  # such as the route of the result of `teach`
+        if (part := getattr(value, part_name, None)) is not None and _is_accepted(part, kinds):
+            return re.sub(rf"\b{part_name}\b", f"result.{part_name}", example)
+    if type(value) is float and KINDS["int"] in kinds:
+        return f"{example[:-1]}, {name}={max(1, round(value))})"
+    if not isinstance(value, str | PurePath):
+        return example
+    is_stored = any(Path(kind.stored_path.format(value)).is_file() for kind in kinds)
+    is_file = is_stored or bool(PurePath(value).suffix)
+    readers = (kind.maker if kind.maker and not is_file else kind.reader for kind in kinds)
     reader = next(filter(None, readers), "")
     return reader.format(_shown(value), name=name) if reader else example
 

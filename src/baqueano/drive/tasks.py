@@ -14,15 +14,15 @@ from baqueano.controllers import ManualController, Schedule
 from baqueano.controllers.schedule import script_commands
 from baqueano.diagnostics import Severity, fault
 from baqueano.drive.by_hand.heading_gains import with_heading_hold
+from baqueano.drive.closure import Closure, lap_closure
 from baqueano.drive.safety.caution import Caution
 from baqueano.drive.safety.command_notes import clipping_notes, lap_notes
 from baqueano.drive.safety.patience import TimeLimit
 from baqueano.drive.safety.precautions import Precautions
 from baqueano.drive.safety.route_check import route_warnings
 from baqueano.drive.session import Conditions, drive
-from baqueano.drive.smoothing import smooth_run
-from baqueano.errors import FileError, UsageError
-from baqueano.guides import Idle, Playback, RepeatByProgress
+from baqueano.errors import UsageError
+from baqueano.guides import Idle, RepeatByProgress
 from baqueano.guides.repeat import Repeat, with_laps
 from baqueano.guides.route import Route
 from baqueano.loop import Blocks

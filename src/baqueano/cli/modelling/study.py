@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from baqueano.cli import SubcommandGroup, numbers, options
+from baqueano.cli import numbers, options
 from baqueano.cli.modelling.sweep import matching_kinds
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.subcommands import SubcommandGroup

@@ -124,8 +124,8 @@ class Precautions:
         """Return the observers that slow down and stop the drive of `planned_s`, and examine its end."""
         max_std_m = getattr(vehicle_file.supervisor(), "max_position_std_m", float("inf"))
         watch: list[Observer] = [Caution(max_std_m, self.caution), FinalPose()]
-        is_limited = self.time_limit_s is not None
-        watch.append(TimeLimit(self.time_limit_s) if is_limited else TimeLimit.after(planned_s))
+        limit_s = self.time_limit_s
+        watch.append(TimeLimit.after(planned_s) if limit_s is None else TimeLimit(limit_s))
         if np.isfinite(self.patience_s):
             watch.append(Patience(self.patience_s))
         if self.room is not None:

@@ -223,9 +223,9 @@ def show_counts(uno: "Uno", seconds: float, notify: Callable[[str], object]) -> 
     previous = None
     for _poll in range(round(seconds / POLL_PERIOD_S)):
         time.sleep(POLL_PERIOD_S)
-        for newest in uno.receive()[-1:]:
-            if (newest.counts, newest.marks) != previous:
-                previous = (newest.counts, newest.marks)
+        for newest_telemetry in uno.receive()[-1:]:
+            if (newest_telemetry.counts, newest_telemetry.marks) != previous:
+                previous = (newest_telemetry.counts, newest_telemetry.marks)
                 notify(
                     _(
                         "battery {battery_v:.2f} V, counts left {left}, right {right}, marks {marks}",
