@@ -307,11 +307,9 @@ def _candidate_paths(path: Path, folder: Path | str | None) -> list[Path]:
 
 def _block_names(module: ModuleType) -> list[str]:
     """Return the names of the blocks that a module defines: its classes with `step`, or all if none has this method."""
-    own_classes = {
-        name: x for name, x in vars(module).items() if inspect.isclass(x) and x.__module__ == module.__name__
-    }
-    blocks = [name for name, x in own_classes.items() if callable(getattr(x, "step", None))]
-    return blocks or list(own_classes)
+    classes = [x for x in vars(module).values() if inspect.isclass(x) and x.__module__ == module.__name__]
+    blocks = [x for x in classes if callable(getattr(x, "step", None))]
+    return [x.__name__ for x in blocks or classes]
 
 
 def read_module(file: str, folder: Path | str | None = None) -> ModuleType:
@@ -386,18 +384,15 @@ def _module(path: Path) -> ModuleType:
     except SyntaxError as error:
         del sys.modules[name]
         _check_encoding(path.name, content)
-        line = (error.text or "").strip()
-        where = {"file": path.name, "line": error.lineno or 1}
-        raise FileError(fault("block.not-python", **where, error=error.msg, text=line)) from error
+        where = {"file": path.name, "line": error.lineno or 1, "text": (error.text or "").strip()}
+        raise FileError(fault("block.not-python", **where, error=error.msg)) from error
     except BaseException as error:
         del sys.modules[name]
         if is_interruption(error):
             raise
         suffix = "" if isinstance(error, Exception) else "-and-ends"
-        place = user_code_place(error) or path.name
-        raise FileError(
-            fault(f"block.raised-while-read{suffix}", place=place, error=error_text(error))
-        ) from error
+        where = {"place": user_code_place(error) or path.name, "error": error_text(error)}
+        raise FileError(fault(f"block.raised-while-read{suffix}", **where)) from error
     finally:
         sys.path.remove(str(path.parent))
     _modules[key] = module

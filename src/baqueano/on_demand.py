@@ -2,7 +2,7 @@
 
 A package imports a name at once if a submodule has the same name: otherwise the submodule would replace it. In the
 package baqueano some functions and subpackages have the same name; there `front_door` keeps the name for the function.
-A package calls a function of a higher package by `registered`: the package baqueano, above all, registers it.
+A package calls a function of a higher package by `registered_function`: the package baqueano, above all, registers it.
 This module imports only `sys` at its start, so that `import baqueano` is fast.
 """
 
@@ -21,7 +21,7 @@ def register(module: str, *names: str) -> None:
     _modules.update(dict.fromkeys(names, module))
 
 
-def registered(name: str) -> "Callable[..., Any]":
+def registered_function(name: str) -> "Callable[..., Any]":
     """Return the registered function `name`, of a package above the caller."""
     from importlib import import_module
 

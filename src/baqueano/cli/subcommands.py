@@ -130,9 +130,11 @@ class LazySubcommandGroup(SubcommandGroup):
     """A group that imports a subcommand only when it is called, so that --help is fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of all commands."""
         return list(SUBCOMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command, None for an unknown name."""
         return load_command(cmd_name) if cmd_name in SUBCOMMANDS else None
 
     def first_sentence(self, name: str) -> str:

@@ -18,7 +18,7 @@ from baqueano.contracts.calls import checked_call, flatten_arguments
 from baqueano.diagnostics import fault
 from baqueano.errors import Misuse, UsageError, error_cause
 from baqueano.monitor import rejections_in
-from baqueano.on_demand import registered
+from baqueano.on_demand import registered_function
 from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 from baqueano.runs.run import Run
 
@@ -98,7 +98,7 @@ def compare(
         raise UsageError(fault("compare.names", names=len(labels), runs=len(items)))
     run_list = [item for item in items if isinstance(item, Run)]
     if not run_list:
-        return registered("compare_fits")(items, labels)
+        return registered_function("compare_fits")(items, labels)
     if len(run_list) < len(items):
         raise Misuse(fault("compare.mixed", "bq.compare(run, other)"))
     return _compare_runs(

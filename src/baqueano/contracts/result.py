@@ -17,7 +17,7 @@ from baqueano.messages import text, unbroken
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate
 from baqueano.messages.printable import join_rows
-from baqueano.on_demand import registered
+from baqueano.on_demand import registered_function
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -81,7 +81,7 @@ class Result:
 
     def _repr_html_(self: Tabular) -> str:
         """Return the HTML summary that a notebook shows."""
-        return registered("card_html")(self)
+        return registered_function("card_html")(self)
 
     @checked_call('result.plot("path", width="column")')
     def plot(
@@ -98,7 +98,7 @@ class Result:
         or a number [mm]. Raise UsageError if matplotlib is not installed, or for an unknown kind, with a list of the
         known kinds.
         """
-        return registered("plot")(self, kind, ax or figure, width)
+        return registered_function("plot")(self, kind, ax or figure, width)
 
     @checked_call('result.save_table("table.csv")')
     def save_table(self: Tabular, path: "str | Path", decimal: str = ".") -> "Path":
@@ -107,7 +107,7 @@ class Result:
         `decimal=","` writes a .csv file for a spreadsheet with decimal commas. Raise UsageError for another file
         extension.
         """
-        return registered("save_table")(self.rows(), path, decimal)
+        return registered_function("save_table")(self.rows(), path, decimal)
 
     def to_pandas(self: Tabular) -> Any:
         """Return the rows as a pandas DataFrame. Raise UsageError with the command to type if pandas is missing."""

@@ -117,8 +117,8 @@ def _rejected_readings(h: np.ndarray, innovations: Value) -> RejectedReadings:
     channels = np.flatnonzero(h)
     is_rejected = (innovations.weight < 0.5) & (innovations.repeated_mask < 0.5)
     sizes = [np.where(is_rejected[c], np.abs(innovations.y[c]) / abs(h[c]), 0.0) for c in channels]
-    arrived = [innovations.arrived_mask[c] for c in channels]
-    return RejectedReadings(reduce(np.maximum, sizes, 0.0), reduce(np.maximum, arrived, 0.0) > 0.0)
+    arrival_masks = [innovations.arrived_mask[c] for c in channels]
+    return RejectedReadings(reduce(np.maximum, sizes, 0.0), reduce(np.maximum, arrival_masks, 0.0) > 0.0)
 
 
 def _check_wheels(
@@ -173,7 +173,7 @@ def added_covariances(
     is_lasting, directions = now_s >= MIN_INCONSISTENT_S, map_from_body(psi)[:, [0, 2]]
     is_growing = is_lasting & (now_s > before_s)
     added_s2 = np.where(before_s >= MIN_INCONSISTENT_S, dt_s * (2.0 * before_s + dt_s), now_s**2)
-    added = np.where(is_growing, np.minimum(size**2 * added_s2, MAX_POSE_VARIANCE), 0.0)
-    pose_cov = directions @ np.diag(added) @ directions.T
+    added_variance = np.where(is_growing, np.minimum(size**2 * added_s2, MAX_POSE_VARIANCE), 0.0)
+    pose_cov = directions @ np.diag(added_variance) @ directions.T
     variances = np.where(is_lasting, size**2, 0.0)
     return pose_cov, np.diag(np.array([variances[0], 0.0, variances[1]]))

@@ -216,7 +216,7 @@ def _file_sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
     for name in by_name:
         if name not in m.files:
             raise FileError(fault("import.file-unknown", map=m.path.name, value=name, valid=m.files))
-    return [_with_default_paths(m, by_name | starred) for starred in _starred_files(m, by_name)]
+    return [_with_default_paths(m, by_name | pattern_specs) for pattern_specs in _starred_files(m, by_name)]
 
 
 def _names_for_paths(m: ColumnMap, paths: list[Path]) -> list[str]:
@@ -233,13 +233,13 @@ def _names_for_paths(m: ColumnMap, paths: list[Path]) -> list[str]:
 
 def _starred_files(m: ColumnMap, by_name: dict[str, Path]) -> list[dict[str, Path]]:
     """Return the files that match the only path with a * in the map, one dict each; one empty dict without a *."""
-    starred = {n: s for n, s in m.files.items() if n not in by_name and s.path and glob.has_magic(s.path)}
-    patterns = sorted({str(spec.path) for spec in starred.values()})
+    pattern_specs = {n: s for n, s in m.files.items() if n not in by_name and s.path and glob.has_magic(s.path)}
+    patterns = sorted({str(spec.path) for spec in pattern_specs.values()})
     if len(patterns) > 1:
         raise FileError(fault("import.stars", map=m.path.name, paths=" and ".join(map(repr, patterns))))
     if not patterns:
         return [{}]
-    return [dict.fromkeys(starred, path) for path in _matching_paths(m, next(iter(starred.values())))]
+    return [dict.fromkeys(pattern_specs, path) for path in _matching_paths(m, next(iter(pattern_specs.values())))]
 
 
 def _expand(path: Path) -> list[Path]:
