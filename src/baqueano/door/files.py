@@ -55,7 +55,7 @@ class RunFiles:
         """Send a run in chunks to a client while `is_connected` returns True for it; the last chunk has `left` 0.
 
         A thread sends each chunk once few bytes wait for the client. Raise Invalid if the run does not exist, or if too
-        many transfers are under way. Raise OSError if the file cannot be opened.
+        many transfers are in progress. Raise OSError if the file cannot be opened.
         """
         path = self._path(name)
         if not self._fetches.acquire(blocking=False):

@@ -59,7 +59,7 @@ class Operator:
     def revoke_holder(self, client: object) -> None:
         """Revoke the right of `client` to drive, if it is the holder.
 
-        If its mission is still under way, the mission ends by (1).
+        If its mission is still in progress, the mission ends by (1).
         """
         with self._lock:
             if self._holder is client:
@@ -71,13 +71,13 @@ class Operator:
 
     @property
     def is_busy(self) -> bool:
-        """Return True while a mission is under way or waits."""
+        """Return True while a mission is in progress or waits."""
         return self._busy
 
     def check_admission(self, client: object) -> None:
         """Raise SafetyStop if a mission of `client` would be refused now.
 
-        It is refused if a mission is under way or waits, or if another client is the holder.
+        It is refused if a mission is in progress or waits, or if another client is the holder.
         """
         with self._lock:
             if self._busy and client is self._holder:
@@ -114,7 +114,7 @@ class Operator:
     def set_gain(self, client: object, path: str, value: object) -> None:
         """Set a gain from the next tick on.
 
-        Raise SafetyStop if `client` is not the holder, or no mission is under way.
+        Raise SafetyStop if `client` is not the holder, or no mission is in progress.
         """
         if client is not self._holder or not self._busy:
             raise SafetyStop(note("door.not-holder", Severity.ERROR))

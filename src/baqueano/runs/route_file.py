@@ -108,8 +108,7 @@ def read_route(path: Path | str) -> Route:
     Parameters
     ----------
     path : path
-        A file from `write_route`, or poses over path length; semicolons and decimal commas are also accepted. The name
-        "lab" is the file routes/lab.csv.
+        A file from `write_route`, or poses over path length; semicolons and decimal commas are also accepted.
 
     Returns
     -------

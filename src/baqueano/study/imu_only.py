@@ -30,7 +30,7 @@ from baqueano.messages.language import translate as _
 from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.runs.importing import import_run
 from baqueano.study.cross_validation_cpm import predict_run
-from baqueano.study.recorded.bars import at_least, at_most, criterion_row, message_row
+from baqueano.study.recorded.criteria import at_least, at_most, criterion_row, message_row
 from baqueano.study.recordings import RecordingStudy, check_cpm_present
 from baqueano.vehicle_file import Provenance, VehicleFile, load
 
@@ -78,7 +78,7 @@ def imu_only_study(
 
 
 def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
+    """Return the rows of the study, with recording, quantity, value, criterion and ok."""
     runs = {name: import_run(path).run for name, path in MAPS.items()}
     car = load("car").with_values(
         BARE_VALUES,
@@ -127,11 +127,13 @@ def held_out_rows(fit: Fit, reference: Fit, run: "Run", label: str, backend: str
         {name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))}
     )
     error = [float(predict_run(model, run, backend).rmse[0]) for model in (fitted_car, car)]
-    bar = MAX_SPEED_ERROR_RATIO * error[1]
+    criterion = MAX_SPEED_ERROR_RATIO * error[1]
     ratio = _("speed error, divided by the error of the odometer's fit")
     return [
         at_most(label, ratio, error[0] / error[1], MAX_SPEED_ERROR_RATIO),
-        criterion_row(label, _("speed error [m/s rms]"), error[0], f"≤ {number(bar):.3f}", error[0] <= bar),
+        criterion_row(
+            label, _("speed error [m/s rms]"), error[0], f"≤ {number(criterion):.3f}", error[0] <= criterion
+        ),
     ]
 
 

@@ -1,4 +1,4 @@
-"""Evaluate fits on recordings of real vehicles by other authors, and compare the results with required limits (bars).
+"""Evaluate fits on recordings of real vehicles by other authors, and compare the results with criteria.
 
 Each module of `recorded` imports one recording by a map. It fits a vehicle file of guesses to one part, and evaluates
 the fit on another part. The package does not contain the recordings: they are read from the folder BAQUEANO_DATA, else
@@ -34,12 +34,12 @@ class RecordingStudy:
     is_interrupted: bool = False  # True after Ctrl-C, before all recordings were evaluated
 
     def rows(self) -> list["TableRow"]:
-        """Return the rows of all recordings, with recording, quantity, value, criterion (bar) and ok."""
+        """Return the rows of all recordings, with recording, quantity, value, criterion and ok."""
         return list(self.result_rows)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return a sentence for each bar that is missed."""
+        """Return a sentence for each criterion that is not met."""
         misses = (r | {"value": cell_text(r["value"])} for r in self.result_rows if not r["ok"])
         return tuple(_("{recording}: {quantity} is {value}", **r) for r in misses)
 
@@ -50,7 +50,7 @@ class RecordingStudy:
 
     def table(self) -> str:
         """Return the rows, the missing recordings and the verdict as a text table."""
-        head = [_("recording"), _("quantity"), _("ok"), _("bar"), _("value")]
+        head = [_("recording"), _("quantity"), _("ok"), _("criterion"), _("value")]
         rows = (
             [r["recording"], r["quantity"], _("yes") if r["ok"] else _("NO"), r["bar"], cell_text(r["value"])]
             for r in self.result_rows

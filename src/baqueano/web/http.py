@@ -124,7 +124,7 @@ def static_files(folder: Path) -> dict[str, Content]:
 
 
 async def refuse(writer: asyncio.StreamWriter, reason: RefusedRequest) -> None:
-    """Answer a refused request with its status code and status phrase, and an unknown address with what to do."""
+    """Answer a refused request with its status code and phrase; for an unknown address add the correct address."""
     sentences = [f"{reason.status.value} {reason.status.phrase}"]
     if reason.status == HTTPStatus.NOT_FOUND:
         for language in LANGUAGES:

@@ -57,7 +57,7 @@ class FaultRequests:
         self._world = None
 
     def handle(self, request: JsonObject) -> None:
-        """Begin or end a fault. Raise UsageError if no drive is under way, or for an invalid fault."""
+        """Begin or end a fault. Raise UsageError if no drive is in progress, or for an invalid fault."""
         if (world := self._world) is None:
             raise UsageError(fault("shake.no-drive"))
         if "end" in request:
@@ -90,7 +90,7 @@ class FaultRequests:
             self.queue_repetition()
 
     def queue_repetition(self) -> None:
-        """Queue the mission to repeat, if one is requested; call this when no mission is under way."""
+        """Queue the mission to repeat, if one is requested; call this when no mission is in progress."""
         if self._next_mission is None:
             return
         (client, mission, is_attended), self._next_mission = self._next_mission, None

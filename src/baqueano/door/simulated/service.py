@@ -214,7 +214,7 @@ class SimulatedService:
         self.done.set()
 
     def _call_for_holder(self, client: object, act: Callable[[], object]) -> None:
-        """Call `act` on request of the holder, or of any client while no mission is under way.
+        """Call `act` on request of the holder, or of any client while no mission is in progress.
 
         Raise SafetyStop otherwise.
         """

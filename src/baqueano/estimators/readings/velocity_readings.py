@@ -5,7 +5,7 @@ is a gyro, and is used first. Wheels and odometers follow, each for the entries 
 
     z = h(0) + H ν,    L H_u = I,   L = (H_uᵀ H_u)⁻¹ H_uᵀ                                                 (1)
 
-H is the derivative of h by ν, H_u its columns u. So ν + L (z − h(ν)) is the measured velocity, with the calibration of
+H is the derivative ∂h/∂ν, H_u its columns u. So ν + L (z − h(ν)) is the measured velocity, with the calibration of
 the sensor's block.
 """
 

@@ -140,7 +140,7 @@ TEMPLATES: dict[str, str] = {
         "No command changed, so there is nothing to fit. Is it the right run? If the vehicle was turned by "
         "hand between rests on a mark, the run gives the scale of its gyro. Type: {fix}"
     ),
-    "runs.few-ticks": "{run} has {ticks} ticks: expected at least 2 to fit a model to.",
+    "runs.few-ticks": "{run} has {ticks} ticks: expected at least 2, to fit a model.",
     "runs.fitted-to": "{run} was used in the fit, so it cannot test the fit. Give another run: {fix}",
     "runs.no-command": "{run} does not contain a command: a fit needs the command at the motors.",
     "runs.no-sensor": (

@@ -174,7 +174,7 @@ class Service:
     def _free_bus(self) -> None:
         """Clock a stuck bus of the IMU free in a second thread, and report the outcome.
 
-        The same failure is reported only once. The caller must ensure that no drive is under way.
+        The same failure is reported only once. The caller must ensure that no drive is in progress.
         """
         if self.imu is None:
             return

@@ -32,7 +32,7 @@ class Standstill:
         self.reason: Diagnostic | None = None
 
     def reset(self) -> None:
-        """Clear the reason and the time of the last command, because no drive is under way."""
+        """Clear the reason and the time of the last command, because no drive is in progress."""
         self._last_ns, self.reason = -1, None
 
     def record_command(self) -> None:

@@ -89,7 +89,8 @@ def axis_names(names: Collection[str]) -> set[str]:
 
 
 def axis_findings(signal: ColumnSignal, table: LogTable) -> list[ImportFinding]:
-    """Return a finding if the map reads the gyro of an IMU along another axis than gravity shows, at most one."""
+    """Return at most one finding, if the map reads the gyro along another axis than the vertical one that gravity
+    shows."""
     if signal.kind != "imu" or signal.entries[2].column is None:
         return []
     columns, gyro = imu_columns(table, table.columns), signal.entries[2]

@@ -63,7 +63,7 @@ class Corridors:
                 (COVERAGE, MAX_WIDENING) if source == "simulated" else (RECORDING_COVERAGE, np.inf)
             )
             for time_label, instants in source_instants.items():
-                for quantity, bar in CHI_SQUARE_LIMITS.items():
+                for quantity, limit in CHI_SQUARE_LIMITS.items():
                     row = {
                         "source": source,
                         "instant": time_label,
@@ -74,7 +74,7 @@ class Corridors:
                     rows.append(
                         row
                         | {"lost_cases": self.lost.get(time_label, 0)}
-                        | _coverage_row(d2, bar, coverage, wider)
+                        | _coverage_row(d2, limit, coverage, wider)
                     )
         return rows
 
@@ -157,18 +157,18 @@ def drive_corridors(
 
 
 def _coverage_row(
-    d2: np.ndarray, bar: float, coverage: tuple[float, float], max_coverage_ratio: float
+    d2: np.ndarray, limit: float, coverage: tuple[float, float], max_coverage_ratio: float
 ) -> "JsonObject":
-    share_inside, n = float(np.mean(d2 <= bar)), len(d2)
+    share_inside, n = float(np.mean(d2 <= limit)), len(d2)
     low, high = _wilson(share_inside, n)
     # coverage of a region that is `most` times narrower
-    narrow = _wilson(float(np.mean(d2 <= bar / max_coverage_ratio)), n)[0]
+    narrow = _wilson(float(np.mean(d2 <= limit / max_coverage_ratio)), n)[0]
     ok = (
         None
         if n < MIN_VEHICLES
         else bool(low <= coverage[1] and high >= coverage[0] and narrow <= CORRIDOR_PROBABILITY)
     )
-    wider = float(bar / np.quantile(d2, CORRIDOR_PROBABILITY))
+    wider = float(limit / np.quantile(d2, CORRIDOR_PROBABILITY))
     return {"coverage": share_inside, "low": low, "high": high, "width_ratio": wider, "ok": ok}
 
 

@@ -1,4 +1,4 @@
-"""Cars of the truth as the kinematic car with drags: the true values of the parameters in its file.
+"""Simulated cars whose truth is the kinematic car with drags: the true values of the parameters in its file.
 
 Longitudinal parameters are per kilogram. The steering gain and offset are those at low speed, without tyre slip. The
 true value of a parameter that a car on tyres lacks (lag of the yaw rate, drag of cornering) is not defined.

@@ -69,11 +69,11 @@ class EstimationStudy:
             for quantity in QUANTITIES:
                 errors = [estimate.errors[quantity] for estimate in estimates]
                 ratio, low, high = merge(errors).ratio
-                bar = SPEED_WITH_ODOMETER if (quantity, sensors) == (SPEED, BOTH) else MAX_POOLED_RATIO
+                limit = SPEED_WITH_ODOMETER if (quantity, sensors) == (SPEED, BOTH) else MAX_POOLED_RATIO
                 mean_ratio = float(np.exp(np.mean([np.log(error.ratio[0]) for error in errors])))
                 for name, value in ((N_("pooled"), ratio), (N_("typical"), mean_ratio)):
                     label = _("{quantity}, {name} ratio", quantity=_short_name(quantity), name=_(name))
-                    cells = row(recordings, estimator, label, value, bar)
+                    cells = row(recordings, estimator, label, value, limit)
                     ratio_rows.append(cells | {"ratio": value, "low": low, "high": high})
                 ratio_rows[-1] |= {"low": float("nan"), "high": float("nan")}
         return ratio_rows
@@ -148,11 +148,11 @@ def _legend() -> list[str]:
     ]
 
 
-def row(recording: str, estimator: str, quantity: str, value: float, bar: float) -> "JsonObject":
-    """Return a row with a value, its limit `bar`, and True if the value is at most the limit."""
+def row(recording: str, estimator: str, quantity: str, value: float, limit: float) -> "JsonObject":
+    """Return a row with a value, its limit `limit`, and True if the value is at most the limit."""
     return {
-        "recording": recording, "estimator": estimator, "quantity": quantity, "value": value, "reference": bar,
-        "ok": bool(value <= bar),
+        "recording": recording, "estimator": estimator, "quantity": quantity, "value": value, "reference": limit,
+        "ok": bool(value <= limit),
     }  # fmt: skip
 
 
@@ -176,8 +176,8 @@ def _consistency_rows(estimate: "EstimateEvaluation") -> list["TableRow"]:
     figures |= {
         _("NIS of {channel}", channel=name): (band, NIS_RANGE) for name, band in consistency.channels.items()
     }
-    for name, (band, bar) in figures.items():
-        ok = bool(bar[0] <= band.mean <= bar[1]) if bar and np.isfinite(band.mean) else None
+    for name, (band, limit) in figures.items():
+        ok = bool(limit[0] <= band.mean <= limit[1]) if limit and np.isfinite(band.mean) else None
         cells = row(estimate.recording, estimate.estimator, name, band.mean, 1.0)
         rows.append(cells | {"ok": ok, "verdict": band.verdict})
     for channel, value in zip(consistency.channels, consistency.correlations, strict=True):

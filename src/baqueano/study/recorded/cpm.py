@@ -22,7 +22,7 @@ from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import load_map
 from baqueano.selection.choice import Choice, Decision
 from baqueano.selection.choose import choose
-from baqueano.study.recorded.bars import at_least, criterion_row, within
+from baqueano.study.recorded.criteria import at_least, criterion_row, within
 from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import load
 
@@ -50,7 +50,7 @@ CAR = "cpm_mucar"
 
 
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok.
+    """Return the rows of the study, with recording, quantity, value, criterion and ok.
 
     Raise FileError without recordings.
     """

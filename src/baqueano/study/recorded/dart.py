@@ -19,7 +19,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
-from baqueano.study.recorded.bars import at_most, criterion_row
+from baqueano.study.recorded.criteria import at_most, criterion_row
 from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
 
@@ -49,7 +49,7 @@ def files() -> list[str]:
 
 
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
+    """Return the rows of the study, with recording, quantity, value, criterion and ok."""
     study_rows = []
     for floor, pattern in FLOORS.items():
         runs = load_runs(pattern)
@@ -64,10 +64,10 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
         fit, error = fit_and_validate(runs, backend)
         zone = float(fit.vehicle_file.vehicle.drivetrain.dead_zone_forward[0])
         name = f"dart, {_(floor)}"
-        bar = f"{number(MIN_DEAD_ZONE)} … {number(MAX_DEAD_ZONE)}"
+        criterion = f"{number(MIN_DEAD_ZONE)} … {number(MAX_DEAD_ZONE)}"
         is_within = MIN_DEAD_ZONE <= round(zone, 2) <= MAX_DEAD_ZONE
         study_rows.append(at_most(name, _("held-out speed error [m/s rms]"), error, RMSE_M_S))
-        study_rows.append(criterion_row(name, _("dead zone"), zone, bar, is_within))
+        study_rows.append(criterion_row(name, _("dead zone"), zone, criterion, is_within))
     return study_rows
 
 

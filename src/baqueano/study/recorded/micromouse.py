@@ -19,7 +19,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders
-from baqueano.study.recorded.bars import at_least, criterion_row, within
+from baqueano.study.recorded.criteria import at_least, criterion_row, within
 from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
 
@@ -47,7 +47,7 @@ def files() -> list[str]:
 
 
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
+    """Return the rows of the study, with recording, quantity, value, criterion and ok."""
     progress(_("micromouse: fitting a sweep of the duty, testing on another sweep"))
     run, test_run = load_run(FITTED_SWEEP), load_run(OTHER_SWEEP)
     fit = fit_sweep(run, backend)
@@ -56,10 +56,10 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     z, simulated_values = measured_and_simulated(fit.vehicle_file, test_run, "wheels", backend)
     share = 1.0 - float(np.sum((z - simulated_values) ** 2) / np.sum((z - z.mean(axis=0)) ** 2))
     is_near = abs(band - threshold) <= DEAD_BAND_TOLERANCE * threshold
-    name, bar = "micromouse", f"{number(threshold):.1f} ± {100 * DEAD_BAND_TOLERANCE:.0f} %"
+    name, criterion = "micromouse", f"{number(threshold):.1f} ± {100 * DEAD_BAND_TOLERANCE:.0f} %"
     percent = 100.0 * np.array([wheel_asymmetry, ASYMMETRY, ASYMMETRY_TOLERANCE])
     return [
-        criterion_row(name, _("dead band [of 255]"), band, bar, is_near),
+        criterion_row(name, _("dead band [of 255]"), band, criterion, is_near),
         within(name, _("right wheel faster by [%]"), *percent.tolist()),
         at_least(name, _("held-out speeds explained"), share, MIN_EXPLAINED),
     ]

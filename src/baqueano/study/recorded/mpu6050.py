@@ -18,7 +18,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders, load_map
 from baqueano.signals import STANDARD_GRAVITY
-from baqueano.study.recorded.bars import criterion_row, message_row
+from baqueano.study.recorded.criteria import criterion_row, message_row
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -33,7 +33,7 @@ AXES = "XYZ"
 
 
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
+    """Return the rows of the study, with recording, quantity, value, criterion and ok."""
     progress(_("MPU-6050 at rest, 11 min"))
     statistics = measure_at_rest(import_run(MAP).run)
     author = _published_statistics()
@@ -42,9 +42,9 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
         unit = "g" if c.sensor == "accelerometer" else "°/s"
         kind = "accelerometer" if c.sensor == "accelerometer" else "gyroscope"
         pair = author[kind, AXES[c.entry]]
-        for statistic, value, bar in ((N_("mean"), c.mean, pair[0]), (N_("deviation"), c.std, pair[1])):
+        for statistic, value, criterion in ((N_("mean"), c.mean, pair[0]), (N_("deviation"), c.std, pair[1])):
             quantity = f"{_(c.sensor)} {AXES[c.entry]}, {_(statistic)} [{unit}]"
-            study_rows.append(_row(quantity, value / SI_FACTORS[c.sensor], bar, ROUNDING))
+            study_rows.append(_row(quantity, value / SI_FACTORS[c.sensor], criterion, ROUNDING))
     for c in (c for c in statistics.channels if c.sensor == "gyro"):
         assert c.allan_1s is not None
         name = _("gyro {axis}, Allan deviation at 1 s [°/s]", axis=AXES[c.entry])
@@ -56,8 +56,8 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
 def _row(quantity: str, value: float, reference: float, tolerance: float) -> "JsonObject":
     """Return a row that requires `value` to be within a fraction `tolerance` of the author's value `reference`."""
     ok = bool(abs(value - reference) <= tolerance * abs(reference) + (5e-7 if tolerance == ROUNDING else 0.0))
-    bar = f"{number(reference):g} ± {number(100 * tolerance):g} %"
-    return criterion_row(MAP, quantity, value, bar, ok)
+    criterion = f"{number(reference):g} ± {number(100 * tolerance):g} %"
+    return criterion_row(MAP, quantity, value, criterion, ok)
 
 
 def _published_statistics() -> dict[tuple[str, str], tuple[float, float]]:

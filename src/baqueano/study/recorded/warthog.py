@@ -18,7 +18,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
-from baqueano.study.recorded.bars import at_most
+from baqueano.study.recorded.criteria import at_most
 from baqueano.study.recorded.simulated import final_poses
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -42,7 +42,7 @@ def files() -> list[str]:
 
 
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return the rows of the study, with recording, quantity, value, criterion (bar) and ok."""
+    """Return the rows of the study, with recording, quantity, value, criterion and ok."""
     study_rows = []
     for name in FILES:
         runs = load_runs(name)

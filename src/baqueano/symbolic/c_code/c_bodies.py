@@ -81,7 +81,8 @@ def values(program: Program) -> str:
 
 
 def sensitivities(derivatives: DerivativeProgram) -> str:
-    """Return the code that fills first (n, m), the outputs, and second (n, m, p), their derivatives by θ."""
+    """Return the code that fills first (n, m), the outputs, and second (n, m, p), their derivatives with respect to
+    θ."""
     text, program, rows = _tick_with_tangents(derivatives), derivatives.program, derivatives.rows
     p = len(program.theta)
     for k, y in enumerate(program.outputs):

@@ -1,4 +1,4 @@
-"""Extend the carry of a program by the sums of its outputs over the ticks, and their derivatives by some parameters.
+"""Add to the carry of a program the sums of its outputs over the ticks, and their derivatives with respect to θ.
 
     S⁺ = S + y,    ∂S⁺ = ∂S + ∂y,    ∂x⁺ = ∂f/∂x ∂x + ∂f/∂θ                                              (1)
 

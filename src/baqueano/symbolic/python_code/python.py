@@ -230,7 +230,7 @@ class PythonKernel:
 def _dependent(
     program: Program, begin: list[dict[Node, Node]], next_values: list[dict[Node, Node]]
 ) -> set[Node]:
-    """Return θ and the entries of the carry that depend on θ; derivatives by other entries are not needed."""
+    """Return θ and the entries of the carry that depend on θ; other derivatives are not needed."""
     dependent, size = set(program.theta), -1
     while size != len(dependent):
         size = len(dependent)
