@@ -339,10 +339,10 @@ def _supervised_command(
 
 def _check_clock_start(trial: Trial, role: str, sensors: SensorBlocks, n: int) -> None:
     """Check that a clock that begins at the epoch 1970 gives the same results as a clock that begins at 0."""
-    outputs_at_zero = _circle_outputs(trial, role, sensors, n, 0)
-    outputs_at_epoch = _circle_outputs(trial, role, sensors, n, EPOCH_NS)
-    for name, zeros in outputs_at_zero.items():
-        difference = wrap(outputs_at_epoch[name] - zeros) if name == "psi" else outputs_at_epoch[name] - zeros
+    zero_outputs = _circle_outputs(trial, role, sensors, n, 0)
+    epoch_outputs = _circle_outputs(trial, role, sensors, n, EPOCH_NS)
+    for name, zeros in zero_outputs.items():
+        difference = wrap(epoch_outputs[name] - zeros) if name == "psi" else epoch_outputs[name] - zeros
         if not np.all(np.abs(difference) <= OUTPUT_TOLERANCE * (1.0 + np.max(np.abs(zeros)))):
             tick = int(
                 np.argmax(
@@ -351,7 +351,7 @@ def _check_clock_start(trial: Trial, role: str, sensors: SensorBlocks, n: int) -
             )
             trial.add_fault(
                 "check.clock", "step", name=name, begin_ns=float(EPOCH_NS), tick=tick + 1,
-                value=_short_text(outputs_at_epoch[name][tick]), expected=_short_text(zeros[tick]),
+                value=_short_text(epoch_outputs[name][tick]), expected=_short_text(zeros[tick]),
             )  # fmt: skip
             return
 

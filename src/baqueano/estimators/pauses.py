@@ -42,14 +42,14 @@ def silent_times(since_ns: int, t_ns: int, rate_hz: float) -> list[int]:
 
     `since_ns` is negative before the first tick.
     """
-    longest_ns, held_ns = round(max_row_s(rate_hz) * NANOSECONDS), round(MAX_PREDICTION_S * NANOSECONDS)
+    max_time_ns, held_ns = round(max_row_s(rate_hz) * NANOSECONDS), round(MAX_PREDICTION_S * NANOSECONDS)
     since_ns = since_ns if since_ns >= 0 else t_ns - round(NANOSECONDS / rate_hz)
     pause_ns, rate_hz = t_ns - since_ns, row_rate_hz(rate_hz)
-    if pause_ns <= longest_ns:
+    if pause_ns <= max_time_ns:
         return []
     is_held = pause_ns > held_ns
-    span_ns = held_ns - longest_ns if is_held else pause_ns
-    count = max(int(span_ns * 1e-9 * rate_hz * (1.0 + 1e-6)), ceil(span_ns / longest_ns))
+    span_ns = held_ns - max_time_ns if is_held else pause_ns
+    count = max(int(span_ns * 1e-9 * rate_hz * (1.0 + 1e-6)), ceil(span_ns / max_time_ns))
     return [since_ns + span_ns * k // count for k in range(1, count + is_held)]
 
 

@@ -155,8 +155,8 @@ def _turn(
 
 def _turn_angle(angle: np.ndarray, c: np.ndarray, k: float) -> np.ndarray:
     """Return the angle θ of a turn, from −c²/2k, the smallest one with the curvature c at one end."""
-    smallest_angle = -0.5 * c * c / k
-    return _positive_angle(angle - smallest_angle) + smallest_angle
+    min_angle = -0.5 * c * c / k
+    return _positive_angle(angle - min_angle) + min_angle
 
 
 def _positive_angle(angle: np.ndarray) -> np.ndarray:

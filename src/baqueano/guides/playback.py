@@ -42,6 +42,7 @@ class Playback:
         """Return None: this guide does not have a state."""
 
     def step(self, state: None, estimate: Estimate) -> tuple[None, Reference]:
-        """Return the last reference recorded up to the time of the estimate; before the first time, the first one."""
+        """Return the last reference recorded up to the time of the estimate; before the first time it is the first
+        row."""
         k = max(int(np.searchsorted(self.t_ns, estimate.t_ns, side="right")) - 1, 0)
         return None, Reference(estimate.t_ns, self.eta[k], self.nu[k], float(self.at_end[k]))

@@ -101,13 +101,13 @@ class GuideSequence:
             lambda: self.first.step(state.first, estimate),
         )
 
-        def step_second() -> Tree:
+        def step_second_guide() -> Tree:
             entry = branch(was_first_over, lambda: state.second, lambda: self._entry(first, estimate))
             return (*self.second.step(entry, estimate), 1.0)
 
         second, reference, is_first_over = branch(
             reference.at_end > 0.0,
-            step_second,
+            step_second_guide,
             lambda: (state.second, reference._replace(at_end=0.0), 0.0),
         )
         return GuideSequenceState(first, second, is_first_over), reference

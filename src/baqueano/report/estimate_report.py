@@ -138,7 +138,7 @@ def errors(run: Run, alignment: str = "none", second: Run | None = None) -> list
             panels.append(
                 (
                     label,
-                    curves | {n: (t_second, scale * e[:, k]) for n, (t_second, e) in second_errors.items()},
+                    curves | {n: (second_t, scale * e[:, k]) for n, (second_t, e) in second_errors.items()},
                 )
             )
     if not panels:

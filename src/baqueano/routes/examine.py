@@ -113,7 +113,7 @@ class RouteReport(Result):
 
     @property
     def placed_route(self) -> Route:
-        """Return the route from the middle of the room, or at its place in the map without a room."""
+        """Return the route, moved to the middle of the room; without a room it stays at its place in the map."""
         return self.route if self.room is None else _place_route(self.route, self.room)
 
     @property
@@ -328,9 +328,9 @@ def _motion_findings(route: Route, s: np.ndarray, reach: float) -> list[Diagnost
         ("route.sideways", sideways, nu_y, ("import", file, name)),
         ("route.otherwise", speed_excess, nu_x, ("faster", NAME_PLACEHOLDER, "--speed", usual_speed)),
     ):
-        least_excess = _sliding_minimum(excess, t_s, MIN_SIDEWAYS_S)
-        k = int(np.argmax(least_excess))
-        if least_excess[k] > MIN_SIDEWAYS_M_S:
+        min_excess = _sliding_minimum(excess, t_s, MIN_SIDEWAYS_S)
+        k = int(np.argmax(min_excess))
+        if min_excess[k] > MIN_SIDEWAYS_M_S:
             place_m, fix = float(np.interp(t_s[k], route.t_s, s)), baqueano_command("route", *advice)
             return [fault(code, fix, position_m=place_m, speed_m_s=float(speed[k]), velocity_m_s=float(v[k]))]
     return []

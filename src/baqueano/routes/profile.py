@@ -125,10 +125,10 @@ def fastest(
     max_speed = capability.fastest_speed(forward_sign * path.kappa, np.minimum(high, MAX_SPEED_M_S), share)
     if np.any(is_too_slow := max_speed < MIN_SPEED_M_S):
         index, slow_turn = int(np.argmax(is_too_slow)), forward_sign * path.kappa * MIN_SPEED_M_S
-        least_share = float(np.max(capability.share(MIN_SPEED_M_S, slow_turn)))
-        larger_share = str(round(min(1.0, 1.05 * least_share), 2))
+        min_share = float(np.max(capability.share(MIN_SPEED_M_S, slow_turn)))
+        larger_share = str(round(min(1.0, 1.05 * min_share), 2))
         fix = baqueano_command("route", "smooth", NAME_PLACEHOLDER, "--rms", "0.05")
-        if least_share <= 1.0:
+        if min_share <= 1.0:
             fix = baqueano_command("route", "faster", NAME_PLACEHOLDER, "--share", larger_share)
         position_m, radius_m = float(path.s[index]), float(1.0 / curvature[index])
         raise UsageError(fault("route.too-tight", fix, position_m=position_m, radius_m=radius_m, share=share))

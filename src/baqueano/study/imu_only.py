@@ -30,7 +30,7 @@ from baqueano.messages.language import translate as _
 from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.runs.importing import import_run
 from baqueano.study.cross_validation_cpm import predict_run
-from baqueano.study.recorded.criteria import at_least, at_most, criterion_row, message_row
+from baqueano.study.recorded.criteria import criterion_row, maximum_row, message_row, minimum_row
 from baqueano.study.recordings import RecordingStudy, check_cpm_present
 from baqueano.vehicle_file import Provenance, VehicleFile, load
 
@@ -130,7 +130,7 @@ def held_out_rows(fit: Fit, reference: Fit, run: "Run", label: str, backend: str
     criterion = MAX_SPEED_ERROR_RATIO * error[1]
     ratio = _("speed error, divided by the error of the odometer's fit")
     return [
-        at_most(label, ratio, error[0] / error[1], MAX_SPEED_ERROR_RATIO),
+        maximum_row(label, ratio, error[0] / error[1], MAX_SPEED_ERROR_RATIO),
         criterion_row(
             label, _("speed error [m/s rms]"), error[0], f"≤ {number(criterion):.3f}", error[0] <= criterion
         ),
@@ -153,11 +153,11 @@ def fitted_drive(fit: Fit, vehicle_file: VehicleFile) -> FittedDrive:
 def interval_rows(is_covered: np.ndarray, width: np.ndarray) -> list["TableRow"]:
     """Return the rows on the coverage and the width of the intervals, from arrays (cases, 5)."""
     coverage = float(np.mean(is_covered))
-    table_rows = [at_least("cpm", _("intervals that contain the odometer's fit"), coverage, MIN_COVERAGE)]
+    table_rows = [minimum_row("cpm", _("intervals that contain the odometer's fit"), coverage, MIN_COVERAGE)]
     for k, name in enumerate(QUANTITY_NAMES):
         if np.isfinite(MAX_WIDTHS[k]):
             widest, quantity = float(np.max(width[:, k])), _("widest of {name}, ± parts", name=_(name))
-            table_rows.append(at_most("cpm", quantity, widest, MAX_WIDTHS[k]))
+            table_rows.append(maximum_row("cpm", quantity, widest, MAX_WIDTHS[k]))
     return table_rows
 
 

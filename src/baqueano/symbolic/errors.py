@@ -32,7 +32,7 @@ class TraceError(DiagnosticError, TypeError, ValueError):
     """
 
 
-def untraceable(code: str, **figures: Value) -> TraceError:
+def trace_error(code: str, **figures: Value) -> TraceError:
     """Return the error with this code, for the innermost running line of the user's code."""
     return TraceError(fault(code, place=running_line(), **figures))
 

@@ -357,8 +357,8 @@ def _change(
         ends = (line[0], line[0] + line[1] * (len(measured_runs) - 1))
         z = float(line[1] / line[2])
         first, last = runs[measured_runs[0]], runs[measured_runs[-1]]
-        std_first, std_last = float(np.sqrt(variance[0])), float(np.sqrt(variance[-1]))
-        values = float(ends[0]), std_first, float(ends[1]), std_last
+        first_std, last_std = float(np.sqrt(variance[0])), float(np.sqrt(variance[-1]))
+        values = float(ends[0]), first_std, float(ends[1]), last_std
         return ParameterChange(name, unit, "drift", (first, last), *values, z)
     z, first_mean, first_variance, last_mean, last_variance, _, k = best_step
     run_pair = (runs[measured_runs[k - 1]], runs[measured_runs[k]])

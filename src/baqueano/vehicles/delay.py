@@ -57,11 +57,11 @@ def command_segments(
         next_selection = values[k + 2], values[k + 1], values[k], begins_s[k + 1], begins_s[k]
         selection = tuple(np.where(is_active, a, b) for a, b in zip(next_selection, selection, strict=True))
     first, second, third, second_begin_s, third_begin_s = selection
-    end_first, end_second = np.clip(second_begin_s, 0.0, dt_s), np.clip(third_begin_s, 0.0, dt_s)
+    first_end_s, second_end_s = np.clip(second_begin_s, 0.0, dt_s), np.clip(third_begin_s, 0.0, dt_s)
     pieces = [
-        CommandSegment(first, 0.0, end_first),
-        CommandSegment(second, end_first, end_second - end_first),
-        CommandSegment(third, end_second, dt_s - end_second),
+        CommandSegment(first, 0.0, first_end_s),
+        CommandSegment(second, first_end_s, second_end_s - first_end_s),
+        CommandSegment(third, second_end_s, dt_s - second_end_s),
     ]
     return pieces[: slots + 1]
 

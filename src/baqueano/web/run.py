@@ -62,7 +62,7 @@ async def show_runs(
         try:
             async with server:
                 show_addresses(server, options, notify)
-                await (wait_for_end() if lasting else _wait_first(wait_for_end(), _wait_empty(server)))
+                await (wait_for_end() if lasting else _wait_for_first(wait_for_end(), _wait_empty(server)))
         finally:
             await page.close()
             await shelf.close()
@@ -180,7 +180,7 @@ def foxglove_url(server: Server, tokens: dict[Role, str]) -> str:
     return f"ws://{host}:{server.port}/foxglove/{tokens[Role.VIEW]}"
 
 
-async def _wait_first(*jobs: Coroutine[None, None, None]) -> None:
+async def _wait_for_first(*jobs: Coroutine[None, None, None]) -> None:
     """Wait until one of several jobs has finished, and cancel the others."""
     tasks = [asyncio.create_task(job) for job in jobs]
     await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

@@ -82,7 +82,7 @@ def mission_plan(
         raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
     if not isinstance(shake, list) or len(shake) > MAX_FAULTS:
         raise UsageError(fault("shake.too-many", maximum=MAX_FAULTS))
-    faults = tuple(Fault.parse(request_of_fault) for request_of_fault in shake)
+    faults = tuple(Fault.parse(fault_request) for fault_request in shake)
     if not is_complete:
         yield replace(
             _named_plan(kind, request, vehicle_file, routes, seed), faults=faults, fast_until_s=fast_until_s

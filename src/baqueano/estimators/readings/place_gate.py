@@ -101,14 +101,14 @@ def gate_decision(
         factor = np.maximum(factor, np.where(has_witness, np.sqrt(d2 / len(group)), 1.0))
         for k in group:
             innovations[k] = np.where(is_informative & ~is_confirmed, channels.y[k], innovations[k])
-        is_right = has_reading & (is_confirmed | ~is_rejected)
-        histories.append(_next_history(history, is_rejected & ~is_confirmed, is_mistake, is_right))
+        is_correct = has_reading & (is_confirmed | ~is_rejected)
+        histories.append(_next_history(history, is_rejected & ~is_confirmed, is_mistake, is_correct))
     history = GateHistory(*(np.array(column) for column in zip(*histories, strict=True)))
     return GateDecision(weights, factor, PoseMemory(np.array(innovations), history))
 
 
 def _next_history(
-    history: GateHistory, is_rejected: Value, is_mistake: Value, is_right: Value
+    history: GateHistory, is_rejected: Value, is_mistake: Value, is_correct: Value
 ) -> GateHistory:
     """Return the history of one sensor after the reading of this tick; reset it if the reading is right."""
     is_counted = is_rejected & (history.since_s >= REPEAT_S)
@@ -116,7 +116,7 @@ def _next_history(
     witness = np.where(is_counted & ~is_mistake, 1.0, history.confirmation)
     mistakes = history.mistakes + np.where(is_counted & is_mistake, 1.0, 0.0)
     pairs = zip((NO_REJECTION_S, 0.0, 0.0), (since_s, witness, mistakes), strict=True)
-    return GateHistory(*(np.where(is_right, a, b) for a, b in pairs))
+    return GateHistory(*(np.where(is_correct, a, b) for a, b in pairs))
 
 
 def _nearest_distance(S: np.ndarray, y: np.ndarray, corrections: list[np.ndarray]) -> Value:

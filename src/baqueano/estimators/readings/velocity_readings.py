@@ -52,9 +52,9 @@ def velocity_readings(sensors: SensorBlocks, use: tuple[str, ...] = ()) -> tuple
     readings: list[Reading] = []
     for name in [*gyros, *(name for name in jacobians if name not in gyros)]:
         rows = {k: row for k, row in jacobians[name].items() if name not in gyros or is_turning(row)}
-        taken_entries = {i for reading in readings for i in reading.entries}
+        measured_entries = {i for reading in readings for i in reading.entries}
         entries = [
-            i for i in range(3) if i not in taken_entries and any(row[i] != 0.0 for row in rows.values())
+            i for i in range(3) if i not in measured_entries and any(row[i] != 0.0 for row in rows.values())
         ]
         if len(entries) > len(rows):
             entries = [i for i in entries if i != SIDEWAYS_INDEX]  # ν_y follows from the model

@@ -237,9 +237,9 @@ def split_record(record: FitRecord, segment_s: float, lead_s: float) -> list[Fit
     not contain measurements. It is at least one row long, because a reading between ticks is interpolated between rows.
     Raise UsageError for segments of less than MIN_SEGMENT_ROWS."""
     ends = np.cumsum(record.dt_s)
-    shortest_s = MIN_SEGMENT_ROWS * float(np.median(record.dt_s))
-    if segment_s < shortest_s:
-        limits = {"rows": MIN_SEGMENT_ROWS, "shortest_s": shortest_s}
+    min_length_s = MIN_SEGMENT_ROWS * float(np.median(record.dt_s))
+    if segment_s < min_length_s:
+        limits = {"rows": MIN_SEGMENT_ROWS, "shortest_s": min_length_s}
         raise UsageError(fault("segment.short", length_s=segment_s, **limits))
     count = max(1, round(float(ends[-1]) / segment_s))
     edges = np.searchsorted(ends, ends[-1] * np.arange(1, count) / count)

@@ -51,9 +51,9 @@ def track_findings(end: "FinishedFit", z: np.ndarray, gyro: np.ndarray) -> list[
         r = channel_regression(*clip(np.column_stack([gyro, np.diff(z[:, span]) / track_m])).T)
         if r.slope <= 0.0 or not r.is_clear(MIN_SCALE_GAIN):
             continue
-        least_m, most_m = track_m * r.correlation**2 / r.slope, track_m / r.slope
-        if track_m < least_m / (1.0 + MAX_TRACK_ERROR) or track_m > most_m * (1.0 + MAX_TRACK_ERROR):
-            figures = {"track_m": most_m, "file_m": track_m}
+        min_m, max_m = track_m * r.correlation**2 / r.slope, track_m / r.slope
+        if track_m < min_m / (1.0 + MAX_TRACK_ERROR) or track_m > max_m * (1.0 + MAX_TRACK_ERROR):
+            figures = {"track_m": max_m, "file_m": track_m}
             findings.append(note("file.track", Severity.WARNING, f"--free +{path}", name, **figures))
     return findings
 

@@ -85,8 +85,8 @@ class GyroAidedResiduals(Residuals):
         return self.with_columns([-2, -1], yaw_rates)
 
     def _outputs(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Return for each segment (N, 3): ν_x of the gyro-aided simulation, the gyro reading by the commands, and its
-        derivative."""
+        """Return for each segment (N, 3): ν_x of the gyro-aided simulation, the gyro reading that the commands predict,
+        and its derivative."""
         kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, _trace, True)
         return [
             np.asarray(kernel.run(rows, theta[index])[1])
@@ -133,7 +133,7 @@ def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBloc
 
 def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, rates: bool = False) -> Scan:
     """Return the scan from rows and θ to the residuals (3,). If `rates`, its outputs (3,) are ν_x of the gyro-aided
-    simulation, the gyro reading by the commands, and its derivative."""
+    simulation, the gyro reading that the commands predict, and its derivative."""
     n = blocks.model.commands
     at_start, sample_fraction = initial_state(blocks, shape), shape.sample_fraction[0]
 

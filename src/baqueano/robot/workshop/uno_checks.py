@@ -199,19 +199,19 @@ def loss_verdict(lost_share: float) -> str:
     return "ok" if lost_share < LOSS_WARN else "warn" if lost_share < LOSS_BAD else "bad"
 
 
-def check_battery(volts: float, least_v: float) -> Check:
-    """Return the check of the voltage of the motors' battery. The verdict is "unknown" if `least_v` is 0."""
-    if least_v <= 0.0:
+def check_battery(volts: float, min_v: float) -> Check:
+    """Return the check of the voltage of the motors' battery. The verdict is "unknown" if `min_v` is 0."""
+    if min_v <= 0.0:
         return Check(
             N_("battery"),
             "unknown",
             _("{volts:.2f} V at A0, if it is wired there", volts=volts),
             _("Set [robot] least_battery_v"),
         )
-    low = "bad" if volts < least_v else "warn" if volts < 1.05 * least_v else "ok"
+    low = "bad" if volts < min_v else "warn" if volts < 1.05 * min_v else "ok"
     return Check(
         N_("battery"),
         low,
-        _("{volts:.2f} V, at least {least_v:g}", volts=volts, least_v=least_v),
+        _("{volts:.2f} V, at least {least_v:g}", volts=volts, least_v=min_v),
         _("Charge it"),
     )

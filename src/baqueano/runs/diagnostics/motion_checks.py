@@ -333,11 +333,11 @@ def _direction_findings(motion: LoggedMotion) -> list[ImportFinding]:
     if not motion.speed_name or not indices or not np.isfinite(motion.speed).any():
         return []
     u, speed = motion.mean(run.t_ns, run.applied_commands[:, indices[0]]), motion.speed
-    max_speed, least_u = float(np.nanmax(np.abs(speed))), BACKWARD_SHARE * np.max(np.abs(u), initial=0.0)
+    max_speed, min_u = float(np.nanmax(np.abs(speed))), BACKWARD_SHARE * np.max(np.abs(u), initial=0.0)
     if not (max_speed > MIN_SPEED_STD and float(np.nanmin(speed)) > -NOISE_SHARE * max_speed):
         return []
     is_rising = motion.v_dot > BACKWARD_SHARE * np.nanquantile(np.abs(motion.v_dot), 0.95)
-    if min(np.sum(is_rising & (u > least_u)), np.sum(is_rising & (u < -least_u))) < MIN_RISING:
+    if min(np.sum(is_rising & (u > min_u)), np.sum(is_rising & (u < -min_u))) < MIN_RISING:
         return []
     key = motion.m.sensors[motion.speed_name].entries[0].key
     return [

@@ -135,15 +135,15 @@ def _command_messages(run: Run, vehicle_file: "VehicleFile") -> list[Diagnostic]
 
 def _imu_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     z, messages = run.sensors[name].z, []
-    magnitudes, most_m_s2 = np.abs(z[np.isfinite(z).all(axis=1)]), KIND_LIMITS["acceleration"][0]
+    magnitudes, max_m_s2 = np.abs(z[np.isfinite(z).all(axis=1)]), KIND_LIMITS["acceleration"][0]
     if not len(magnitudes):
         return []
-    is_implausible = np.any(magnitudes > [most_m_s2, most_m_s2, MAX_YAW_RATE_RAD_S])
+    is_implausible = np.any(magnitudes > [max_m_s2, max_m_s2, MAX_YAW_RATE_RAD_S])
     peaks = np.quantile(magnitudes, 0.99, axis=0) if is_implausible else np.zeros(3)
     if peaks[2] > MAX_YAW_RATE_RAD_S:
         rates: JsonObject = {"max_rad_s": float(peaks[2]), "fastest_rad_s": MAX_YAW_RATE_RAD_S}
         messages.append(note("gyro.too-fast", Severity.ERROR, subject=f"{name}[2]", **rates))
-    for i in np.flatnonzero(peaks[:2] > most_m_s2):
+    for i in np.flatnonzero(peaks[:2] > max_m_s2):
         figures = {"subject": f"{name}[{i}]", "max_m_s2": float(peaks[i])}
         messages.append(note("accelerometer.unit", Severity.ERROR, **figures))
     return messages + _gravity_messages(run, name, block)

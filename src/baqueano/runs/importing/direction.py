@@ -70,16 +70,16 @@ def forward_readings(t_ns: np.ndarray, z: np.ndarray, u_ns: np.ndarray, u: np.nd
     u (N,) are the commands of the intervals that end at `u_ns`; positive is forward.
     """
     max_speed = float(np.nanmax(z, initial=0.0))
-    least_u = MIN_COMMAND_SHARE * float(np.max(np.abs(u), initial=0.0))
+    min_u = MIN_COMMAND_SHARE * float(np.max(np.abs(u), initial=0.0))
     ends = np.minimum(np.searchsorted(u_ns, t_ns, side="left"), len(u) - 1)
     is_forward, is_known, min_speed, begin = np.zeros(len(z), dtype=bool), True, np.inf, 0
     for i, (speed, end) in enumerate(zip(z.tolist(), ends.tolist(), strict=True)):
         interval_commands = u[begin : end + 1]
         begin = end
-        if np.any(interval_commands < -least_u):
+        if np.any(interval_commands < -min_u):
             is_known, min_speed = False, np.inf
         elif not is_known:
-            min_speed = min(min_speed, speed) if u[end] > least_u else np.inf
+            min_speed = min(min_speed, speed) if u[end] > min_u else np.inf
             is_known = speed < REST_SHARE * max_speed or speed > min_speed + RISE_SHARE * max_speed
         is_forward[i] = is_known
     return is_forward

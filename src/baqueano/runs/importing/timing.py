@@ -61,9 +61,9 @@ def row_times(
                 t = table.numbers(spec.time) * si_factor * NANOSECONDS
             is_known = np.abs(t) < MAX_TIME_NS
             if not is_known.any() and np.isfinite(t).any():
-                largest_s = float(np.nanmax(np.where(np.isfinite(t), t, np.nan))) / NANOSECONDS
+                latest_s = float(np.nanmax(np.where(np.isfinite(t), t, np.nan))) / NANOSECONDS
                 raise FileError(
-                    fault("import.beyond-2038", table=table.label, t_s=largest_s, unit_name=spec.time_unit)
+                    fault("import.beyond-2038", table=table.label, t_s=latest_s, unit_name=spec.time_unit)
                 )
             t_ns = np.rint(np.where(is_known, t, 0.0)).astype(np.int64)
         t_ns = _without_overflows(table, t_ns, is_known, shift, findings)

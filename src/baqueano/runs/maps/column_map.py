@@ -394,7 +394,5 @@ class _Parser:
     def error(self, place_text: str, value: object, advice: Diagnostic | str) -> FileError:
         """Return the error to raise, with the place, the value in the map, and the expected value."""
         code = "map.missing" if value is None else "map.wrong"
-        text_of_value = repr(value)[:200]
-        return FileError(
-            fault(code, map=self.path.name, place=place_text, value=text_of_value, expected=advice)
-        )
+        value_text = repr(value)[:200]
+        return FileError(fault(code, map=self.path.name, place=place_text, value=value_text, expected=advice))

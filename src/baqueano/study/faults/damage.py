@@ -42,27 +42,27 @@ def outliers(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> R
     return run
 
 
-def gyro_in_degrees(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
+def log_gyro_in_degrees(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged gyro to degrees per second."""
     return with_readings(run, imu_readings(run) * [1.0, 1.0, 180.0 / np.pi])
 
 
-def accelerometer_in_g(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
+def log_accel_in_g(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged accelerometers to multiples of 9.80665 m/s²."""
     return with_readings(run, imu_readings(run) / [STANDARD_GRAVITY, STANDARD_GRAVITY, 1.0])
 
 
-def time_in_milliseconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
+def log_time_in_ms(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Make all clocks run 1000 times as fast, and remove the truth."""
     return with_clocks(run, lambda t_ns: run.t_ns[0] + 1000 * (t_ns - run.t_ns[0]))
 
 
-def command_in_volts(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
+def log_command_in_volts(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged command to the voltage of a battery of 6 to 12 V."""
     return replace(run, applied_commands=_command_scale(run, vehicle_file) * rng.uniform(6.0, 12.0))
 
 
-def command_in_pwm(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
+def log_command_in_pwm(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged command to whole counts of 255."""
     return replace(run, applied_commands=np.rint(_command_scale(run, vehicle_file) * 255.0))
 
@@ -216,11 +216,11 @@ def half_driven(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -
 
 
 DAMAGES: dict[str, Damage] = {
-    N_("gyro in °/s"): gyro_in_degrees,
-    N_("accelerometer in g"): accelerometer_in_g,
-    N_("time in ms"): time_in_milliseconds,
-    N_("command in volts"): command_in_volts,
-    N_("command in PWM"): command_in_pwm,
+    N_("gyro in °/s"): log_gyro_in_degrees,
+    N_("accelerometer in g"): log_accel_in_g,
+    N_("time in ms"): log_time_in_ms,
+    N_("command in volts"): log_command_in_volts,
+    N_("command in PWM"): log_command_in_pwm,
     N_("clipped"): clip_imu,
     N_("late sensors"): late_sensor,
     N_("repeated time"): repeated_time,

@@ -74,7 +74,7 @@ def lose_sign(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> 
     return with_readings(run, z)
 
 
-def epoch_in_milliseconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
+def log_epoch_in_ms(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Replace the timestamps by milliseconds since 1970, which a reader takes for nanoseconds, and remove the truth."""
     return with_clocks(run, lambda t_ns: EPOCH_MS + t_ns // 1_000_000)
 
@@ -147,7 +147,7 @@ LOGGING = {
     N_("low-passed"): apply_low_pass,
     N_("gyro zeroes itself"): gyro_zeroes_itself,
     N_("sign lost"): lose_sign,
-    N_("epoch in ms"): epoch_in_milliseconds,
+    N_("epoch in ms"): log_epoch_in_ms,
     N_("half duplicated"): half_duplicated,
     N_("two IMUs"): two_imus,
     "10 Hz": ten_hertz,

@@ -22,7 +22,7 @@ from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import load_map
 from baqueano.selection.choice import Choice, Decision
 from baqueano.selection.choose import choose
-from baqueano.study.recorded.criteria import at_least, criterion_row, within
+from baqueano.study.recorded.criteria import criterion_row, minimum_row, within
 from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import load
 
@@ -90,7 +90,7 @@ def choice_rows(choice: "Choice", other_run: "Run", name: str, other_name: str) 
     terms, names = _("{name}: terms added", name=name), ", ".join(map(_, choice.selected_terms))
     battery_term, is_added = f"{name}: {_(BATTERY_TERM)}", battery.verdict == Decision.TAKEN
     return [
-        at_least(CAR, criterion, share, MIN_EXPLAINED[name]),
+        minimum_row(CAR, criterion, share, MIN_EXPLAINED[name]),
         criterion_row(CAR, terms, names, _("dry friction or dead zone"), bool(dry_terms)),
         criterion_row(CAR, battery_term, text(battery.message), _("not added"), not is_added),
     ]

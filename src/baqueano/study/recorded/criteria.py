@@ -14,12 +14,14 @@ def criterion_row(recording: str, quantity: str, value: object, criterion: str, 
     return {"recording": recording, "quantity": quantity, "value": value, "bar": criterion, "ok": bool(ok)}
 
 
-def at_least(recording: str, quantity: str, value: float, criterion: float) -> "JsonObject":
+def minimum_row(recording: str, quantity: str, value: float, criterion: float) -> "JsonObject":
     """Return the row of a value that must be at least `criterion`."""
     return criterion_row(recording, quantity, value, f"≥ {number(criterion):g}", value >= criterion)
 
 
-def at_most(recording: str, quantity: str, value: float, criterion: float, unit: str = "") -> "JsonObject":
+def maximum_row(
+    recording: str, quantity: str, value: float, criterion: float, unit: str = ""
+) -> "JsonObject":
     """Return the row of a value that must be at most `criterion`, which is shown with its `unit`."""
     return criterion_row(recording, quantity, value, f"≤ {number(criterion):g}{unit}", value <= criterion)
 

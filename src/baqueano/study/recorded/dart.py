@@ -19,7 +19,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
-from baqueano.study.recorded.criteria import at_most, criterion_row
+from baqueano.study.recorded.criteria import criterion_row, maximum_row
 from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
 
@@ -66,7 +66,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
         name = f"dart, {_(floor)}"
         criterion = f"{number(MIN_DEAD_ZONE)} … {number(MAX_DEAD_ZONE)}"
         is_within = MIN_DEAD_ZONE <= round(zone, 2) <= MAX_DEAD_ZONE
-        study_rows.append(at_most(name, _("held-out speed error [m/s rms]"), error, RMSE_M_S))
+        study_rows.append(maximum_row(name, _("held-out speed error [m/s rms]"), error, RMSE_M_S))
         study_rows.append(criterion_row(name, _("dead zone"), zone, criterion, is_within))
     return study_rows
 

@@ -19,7 +19,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders
-from baqueano.study.recorded.criteria import at_least, criterion_row, within
+from baqueano.study.recorded.criteria import criterion_row, minimum_row, within
 from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
 
@@ -61,7 +61,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     return [
         criterion_row(name, _("dead band [of 255]"), band, criterion, is_near),
         within(name, _("right wheel faster by [%]"), *percent.tolist()),
-        at_least(name, _("held-out speeds explained"), share, MIN_EXPLAINED),
+        minimum_row(name, _("held-out speeds explained"), share, MIN_EXPLAINED),
     ]
 
 

@@ -18,7 +18,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
-from baqueano.study.recorded.criteria import at_most
+from baqueano.study.recorded.criteria import maximum_row
 from baqueano.study.recorded.simulated import final_poses
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -58,8 +58,8 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
         fit = fit_windows(runs[:half_count], name, backend)
         error_m, error_rad = median_errors(fit.vehicle_file, runs[half_count:], backend)
         error_deg, max_deg = np.degrees([error_rad, MAX_ERROR_RAD]).tolist()
-        study_rows.append(at_most(name, "2 s ahead, position [m, median]", error_m, MAX_ERROR_M, " m"))
-        study_rows.append(at_most(name, "2 s ahead, heading [°, median]", error_deg, max_deg, "°"))
+        study_rows.append(maximum_row(name, "2 s ahead, position [m, median]", error_m, MAX_ERROR_M, " m"))
+        study_rows.append(maximum_row(name, "2 s ahead, heading [°, median]", error_deg, max_deg, "°"))
         progress(f"{name}: {fit_sentence(fit, name)}")
     return study_rows
 

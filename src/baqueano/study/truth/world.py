@@ -17,9 +17,9 @@ TIME_TOLERANCE_S = 1e-6  # tolerance to find the command of the step that ends n
 class TruthWorld:
     """Vehicles at rest at the poses `eta` (n, 3), each with the noise of its seed, which is the same in every group.
 
-    The integration step is 1 ms. A longer `step_s` is for hours of driving of robots whose IMU does not have a
-    low-pass. `fast` is also for long drives: it accepts a function of arrays and example arrays, and returns an
-    equal, faster function.
+    The integration step is 1 ms. A longer `step_s` simulates hours of driving, for robots whose IMU does not have a
+    low-pass. `fast` is also for long drives: it accepts a function of arrays and example arrays, and returns an equal,
+    faster function.
     """
 
     def __init__(

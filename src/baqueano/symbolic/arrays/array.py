@@ -13,7 +13,7 @@ from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays import linalg
 from baqueano.symbolic.arrays.elementwise import TRACED_UFUNCS, UFUNCS, WHERE, elementwise
 from baqueano.symbolic.arrays.scalar import Scalar, apply
-from baqueano.symbolic.errors import TraceError, untraceable
+from baqueano.symbolic.errors import TraceError, trace_error
 
 
 class TracedArray(np.ndarray):
@@ -34,7 +34,7 @@ class TracedArray(np.ndarray):
 
     def __setitem__(self, key: Value, value: Value) -> None:
         if not self.flags.writeable:
-            raise untraceable("trace.argument-changed")
+            raise trace_error("trace.argument-changed")
         if isinstance(key, TracedArray) and has_scalars(key):  # x[x < 0] = 0
             key, value = ..., np.where(key, value, self)
         super().__setitem__(_key(key), value)
@@ -63,7 +63,7 @@ class TracedArray(np.ndarray):
         if np.dtype(dtype).kind in "fO":
             return self.copy()
         if has_scalars(self):
-            raise untraceable("trace.not-convertible", dtype=np.dtype(dtype))
+            raise trace_error("trace.not-convertible", dtype=np.dtype(dtype))
         return as_plain_array(self).astype(dtype, *args, **kwargs)
 
 
@@ -133,7 +133,7 @@ def apply_ufunc(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs:
         result = linalg.matmul(*inputs)
     elif ufunc.__name__ not in UFUNCS:
         names = ", ".join(sorted(UFUNCS))
-        raise untraceable("trace.unknown-ufunc", function=ufunc.__name__, valid=names)
+        raise trace_error("trace.unknown-ufunc", function=ufunc.__name__, valid=names)
     else:
         options = {k: v for k, v in kwargs.items() if v is not None and k not in ("dtype", "casting")}
         if "axis" in kwargs:
@@ -144,7 +144,7 @@ def apply_ufunc(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs:
     if target is None:
         return result
     if not target.flags.writeable:
-        raise untraceable("trace.argument-changed")
+        raise trace_error("trace.argument-changed")
     target[...] = result
     return target
 
@@ -164,7 +164,7 @@ def apply_function(function: Callable[..., Value], args: Sequence[Value], kwargs
     except TraceError:
         raise
     except (TypeError, AttributeError, NotImplementedError) as error:
-        raise untraceable("trace.unsupported", function=function.__name__, error=error) from error
+        raise trace_error("trace.unsupported", function=function.__name__, error=error) from error
 
 
 def _original(function: Callable[..., Value]) -> Callable[..., Value]:
@@ -223,7 +223,7 @@ def interp(x: Value, xp: Value, fp: Value) -> Value:
 
 def _where(condition: Value, *arms: Value) -> Value:
     if len(arms) != 2:
-        raise untraceable("trace.where-arms")
+        raise trace_error("trace.where-arms")
     return where(condition, *arms)
 
 
@@ -243,7 +243,7 @@ def _interp(
     x: Value, xp: Value, fp: Value, left: Value = None, right: Value = None, period: None = None
 ) -> Value:
     if period is not None:
-        raise untraceable("trace.interp-period")
+        raise trace_error("trace.interp-period")
     table = (
         None if has_scalars([xp, fp]) else tuple(np.asarray(as_plain_array(t), dtype=float) for t in (xp, fp))
     )
@@ -262,7 +262,7 @@ def _ramp_interpolation(x: Value, xp: Value, fp: Value) -> Value:
     Raise TraceError for a table of more than 100 points.
     """
     if len(xp) > 100:
-        raise untraceable("trace.interp-points", points=len(xp))
+        raise trace_error("trace.interp-points", points=len(xp))
     y = fp[0]
     for j in range(len(xp) - 1):
         fraction = apply("div", x - xp[j], xp[j + 1] - xp[j])

@@ -11,7 +11,7 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays.scalar import Scalar, apply
-from baqueano.symbolic.errors import untraceable
+from baqueano.symbolic.errors import trace_error
 
 
 class Origin(NamedTuple):
@@ -40,7 +40,7 @@ def matmul(a: Value, b: Value) -> Value:
     if x.ndim > 2 or y.ndim > 2:
         return as_traced(np.matmul(x, y))
     if x.shape[-1] != y.shape[0]:
-        raise untraceable("trace.product-shapes", left=str(x.shape), right=str(y.shape))
+        raise trace_error("trace.product-shapes", left=str(x.shape), right=str(y.shape))
     rows, columns = np.atleast_2d(x), y if y.ndim == 2 else y[:, None]
     product = _product(rows, columns, array_origin(a), array_origin(b))
     result = as_traced(product.reshape(x.shape[:-1] + y.shape[1:]))
@@ -136,7 +136,7 @@ def solve(a: Value, b: Value) -> Value:
 
     A, x = as_array(a).copy(), as_array(b).copy()
     if A.ndim != 2 or A.shape[0] != A.shape[1] or x.ndim not in (1, 2) or len(x) != len(A):
-        raise untraceable("trace.solve-shapes", left=str(A.shape), right=str(x.shape))
+        raise trace_error("trace.solve-shapes", left=str(A.shape), right=str(x.shape))
     return as_traced(_solve(A, x if x.ndim == 2 else x[:, None]).reshape(x.shape))
 
 
@@ -160,7 +160,7 @@ def det(a: Value) -> Value:
 def norm(x: Value, ord: Value = None, axis: Value = None, keepdims: bool = False) -> Value:
     """Return the Euclidean norm over `axis`, √ of the sum of squares. Raise TraceError for another norm."""
     if ord not in (None, 2, "fro") or (ord == 2 and np.ndim(x) == 2 and axis is None):
-        raise untraceable("trace.norm")
+        raise trace_error("trace.norm")
     return np.sqrt(np.sum(x * x, axis=axis, keepdims=keepdims))
 
 
@@ -188,7 +188,7 @@ def _exchange_rows(A: np.ndarray, x: np.ndarray, k: int) -> Value:
     sizes = [np.finfo(float).tiny if isinstance(a, Scalar) else abs(a) for a in A[k:, k].tolist()]
     first = k + int(np.argmax(sizes))  # a known number before a scalar, a scalar before 0
     if _is_zero(A[first, k]):
-        raise untraceable("trace.singular", column=k)
+        raise trace_error("trace.singular", column=k)
     sign: Value = 1.0 if first == k else -1.0
     for M in (A, x):
         M[[k, first]] = M[[first, k]]

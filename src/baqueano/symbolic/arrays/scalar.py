@@ -13,7 +13,7 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.symbolic import ieee
-from baqueano.symbolic.errors import untraceable
+from baqueano.symbolic.errors import trace_error
 
 NUMBER_TYPES = (float, int, np.number, np.bool_)
 _INFIX_OPERATORS = {np.add: operator.add, np.subtract: operator.sub, np.multiply: operator.mul}
@@ -69,7 +69,7 @@ def truth(op: str, *args: Value) -> Value:
     """Return & | ^ ~ of truth values, by the operators and, or, ne, not. Raise TraceError for the bits of a number."""
     for a in args:
         if not (a.is_truth if isinstance(a, Scalar) else a in (0, 1)):
-            raise untraceable("trace.bits")
+            raise trace_error("trace.bits")
     return apply(op, *args)
 
 
@@ -139,15 +139,15 @@ class Scalar:
         return self
 
     def __bool__(self) -> bool:
-        raise untraceable("trace.decides")
+        raise trace_error("trace.decides")
 
     def _no_float(self) -> Value:
-        raise untraceable("trace.needs-float")
+        raise trace_error("trace.needs-float")
 
     __float__ = __int__ = __complex__ = _no_float
 
     def __index__(self) -> int:
-        raise untraceable("trace.needs-index")
+        raise trace_error("trace.needs-index")
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Value, **kwargs: Value) -> Value:
         infix = _INFIX_OPERATORS.get(ufunc)
@@ -196,7 +196,7 @@ class Scalar:
     def astype(self, dtype: Value) -> "Scalar":
         """Return the scalar as a float or a truth value. Raise TraceError for an integer type, which rounds."""
         if np.dtype(dtype).kind in "iu":
-            raise untraceable("trace.needs-int")  # fmt: skip
+            raise trace_error("trace.needs-int")  # fmt: skip
         return apply("ne", self, 0.0) if np.dtype(dtype).kind == "b" else self
 
 

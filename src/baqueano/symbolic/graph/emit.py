@@ -123,16 +123,16 @@ def scheduled_statements(
     roots: Iterable[Term],
     is_given: Callable[[Term], bool],
     branches: bool = True,
-    pays: float = MIN_BRANCH_OPERATIONS,
+    min_operations: float = MIN_BRANCH_OPERATIONS,
 ) -> list[Statement]:
     """Return statements that compute the roots from the given nodes: each term once, after its arguments.
 
-    A branch is made only for at least `pays` operations.
+    A branch is made only for at least `min_operations` operations.
     """
     roots = list(roots)
     if not branches:
         return postorder(roots, is_given)
-    search = _Branches(roots, is_given, pays)
+    search = _Branches(roots, is_given, min_operations)
     while True:
         try:
             return _Scheduler(is_given, search.select()).emit(roots)
@@ -256,15 +256,17 @@ class _CyclicBranch(Exception):
 class _Branches:
     """The choice of the branches of one schedule."""
 
-    def __init__(self, roots: Sequence[Term], is_given: Callable[[Term], bool], pays: float) -> None:
-        self.roots, self.order, self.pays = roots, postorder(roots, is_given), pays
+    def __init__(
+        self, roots: Sequence[Term], is_given: Callable[[Term], bool], min_operations: float
+    ) -> None:
+        self.roots, self.order, self.pays = roots, postorder(roots, is_given), min_operations
         self.numbers: dict[tuple[_BranchKey, int], int] = {}  # numbers of the two arms of each branch
         self.refused: set[_BranchKey] = set()
         self.refused_everywhere: set[tuple[Term, int]] = set()  # condition, level
         self.levels: dict[Term, int] = {}
 
     def select(self) -> dict[Term, _BranchGroup]:
-        """Return the group of each choice in a branch; groups with fewer than `pays` operations are removed."""
+        """Return the group of each choice in a branch; groups of fewer than `min_operations` are removed."""
         while True:
             groups = self.groups()
             group_by_key = {group.key: group for group in groups.values()}  # several choices share a group

@@ -13,7 +13,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.symbolic import ieee
 from baqueano.symbolic.arrays.scalar import Scalar
-from baqueano.symbolic.errors import untraceable
+from baqueano.symbolic.errors import trace_error
 from baqueano.symbolic.graph.simplify import RULES
 
 
@@ -66,7 +66,7 @@ class Graph:
         if not isinstance(value, Node):
             return self.const(value)
         if value.graph is not self:
-            raise untraceable("trace.another-trace")
+            raise trace_error("trace.another-trace")
         return value
 
     def const(self, value: float) -> Node:

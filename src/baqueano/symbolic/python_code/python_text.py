@@ -79,7 +79,9 @@ def tick_text(formats: Formats, inputs: Sequence[Node], nodes: Sequence[Node]) -
     text = _PythonText(formats, nodes)
     leaves = text.leaves("i", inputs)
     text.statements([node for node in nodes_below(nodes) if node.op == "const"], "")
-    loop = scheduled_statements(nodes, lambda node: node.op in LEAF_OPERATORS, pays=MIN_BRANCH_OPERATIONS)
+    loop = scheduled_statements(
+        nodes, lambda node: node.op in LEAF_OPERATORS, min_operations=MIN_BRANCH_OPERATIONS
+    )
     lines = text.statements(loop, "    ")
     return "\n".join([
         "def tick(row):",
