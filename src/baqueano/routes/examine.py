@@ -113,7 +113,7 @@ class RouteReport(Result):
 
     @property
     def placed_route(self) -> Route:
-        """Return the route, moved to the middle of the room; without a room it stays at its place in the map."""
+        """Return the route, moved to the start in the room; without a room it stays at its place in the map."""
         return self.route if self.room is None else _place_route(self.route, self.room)
 
     @property

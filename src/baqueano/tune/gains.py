@@ -262,7 +262,7 @@ def _relative_costs(rehearsal: Objective, best_descent: Descent) -> np.ndarray:
 
 def _gain(rehearsal: Objective, k: int, best: Descent, limit: int, ratios: np.ndarray) -> Gain:
     """Return gain `k` with its bounds, and the relative costs if only this gain is multiplied by 0.8 or 1.25."""
-    space, (smaller, larger) = rehearsal.space, (FACTORS.index(factor) for factor in (0.8, 1.25))
+    space, (low_index, high_index) = rehearsal.space, (FACTORS.index(factor) for factor in (0.8, 1.25))
     description = space.names[k], space.units[k], float(best.gains[k]), float(space.file_gains[k])
     ends = float(space.low[k]), float(space.high[k]), limit
-    return Gain(*description, *ends, float(ratios[k, smaller]), float(ratios[k, larger]))
+    return Gain(*description, *ends, float(ratios[k, low_index]), float(ratios[k, high_index]))

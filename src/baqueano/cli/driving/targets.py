@@ -127,7 +127,7 @@ def open_target(
 
 
 def announce_rest(mission: "Mission", vehicle_file: "VehicleFile") -> float:
-    """Print the rest before the drive, and return its duration [s]; 0 without a rest."""
+    """Print how long the vehicle rests before the drive, and return this time [s]; 0 without a rest."""
     rest_s = mission.with_durations(vehicle_file).rest_s or 0.0
     if rest_s:
         print_message(note("drive.rest", rest_s=rest_s))
