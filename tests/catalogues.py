@@ -30,6 +30,7 @@ from baqueano.project.folder import BLOCK_TEXT
 from docs.site.reference import catalogue_file, texts_to_translate
 
 SOURCE = CATALOGUES.parent
+KEYS_PAGE = SOURCE.parents[1] / "docs" / "vehicle_file_keys.py"
 OF_CLICK = {"_": None, "ngettext": (1, 2)}
 OF_PARAMETERS = {"shown_by", "measured_by", "label", "term"}
 COMMENT = re.compile(r'# (.*)|^about = "(.*)"', re.MULTILINE)
@@ -56,7 +57,7 @@ def required_catalogue() -> Catalog:
         catalogue.add(words)
     for words in SUBCOMMANDS.values():
         catalogue.add(words)
-    for path in sorted(SOURCE.rglob("*.py")):
+    for path in (*sorted(SOURCE.rglob("*.py")), KEYS_PAGE):
         for words in words_in(path):
             catalogue.add(words)
     for path in sorted((SOURCE / "project").glob("my_*.py")):

@@ -10,7 +10,7 @@ import baqueano as bq
 from baqueano.cli import baqueano
 from baqueano.cli.subcommands import SUBCOMMANDS, load_command
 from baqueano.messages.language import use_language
-from baqueano.vehicle_file.reference import reference_table
+from docs.vehicle_file_keys import reference_table
 
 ROOT = Path(__file__).parents[1]
 DRAWINGS = ("path", "errors", "speed", "commands", "sensors", "estimates", "data", "residuals", "correlation", "runs",

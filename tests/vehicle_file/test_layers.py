@@ -12,7 +12,7 @@ from baqueano.errors import FileError, UsageError
 from baqueano.messages.language import use_language
 from baqueano.signals import Command
 from baqueano.vehicle_file import load, override, parse
-from baqueano.vehicle_file.reference import reference_table, rows
+from docs.vehicle_file_keys import reference_table, rows
 from tests.codes import refused
 
 MINE = '''"""Mine."""

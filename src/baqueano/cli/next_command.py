@@ -44,6 +44,24 @@ def next_command(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnost
     if code not in (USAGE, BAD_FILE):
         return None
     causes = list(_causes(diagnostic))
+    correction = _correction(causes, args, is_usage=code == USAGE)
+    if correction is not None or any(cause.fix for cause in causes):
+        return correction
+    if code == USAGE:
+        return fault("next.options", baqueano_command(*args[: 2 if args[:1] in GROUPS else 1], "--help"))
+    if any(cause.code in NAMES_CODES for cause in causes):  # the message lists the files already
+        return None
+    if paths := _missing_paths(causes):
+        return _sibling_files(paths[0])
+    rooms = {cause.code.partition(".")[0] for cause in causes}
+    if "map" in rooms:
+        return fault("next.map", baqueano_command("runs", "import", "--help"))
+    return fault("next.runs", baqueano_command("runs", "ls")) if "runs" in rooms else None
+
+
+def _correction(causes: list[Diagnostic], args: list[str], is_usage: bool) -> Diagnostic | None:
+    """Return the command line in a form that avoids one of the causes; None if no such form is known."""
+    codes = {cause.code for cause in causes}
     for cause in causes:
         if (corrected_args := _corrected_args(cause, args)) is not None:
             return fault("next.put-right", baqueano_command(*corrected_args))
@@ -52,40 +70,29 @@ def next_command(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnost
     }
     if recorded_runs & {*args}:
         return fault("next.put-right", baqueano_command(*(arg for arg in args if arg not in recorded_runs)))
-    if any(cause.code == "cli.figures-absent" for cause in causes):
+    if "cli.figures-absent" in codes:
         return fault("next.put-right", baqueano_command(*args, "--figures", "figures"))
-    if any(cause.code in UNWRITTEN_CODES for cause in causes):
+    if codes.intersection(UNWRITTEN_CODES):
         return fault("next.put-right", baqueano_command(*args))
-    if any(cause.code in ALLOWABLE_CODES for cause in causes):
+    if codes.intersection(ALLOWABLE_CODES):
         return fault("next.allow-blocks", baqueano_command(*args, "--allow-blocks"))
-    if code == USAGE and (corrected_args := [BARE_LIST.sub(r"=[\1]", arg) for arg in args]) != args:
+    if is_usage and (corrected_args := [BARE_LIST.sub(r"=[\1]", arg) for arg in args]) != args:
         return fault("next.put-right", baqueano_command(*corrected_args))
-    missing_paths = [
-        Path(str(cause.figures["absent_path"])) for cause in causes if "absent_path" in cause.figures
-    ]
-    for path in missing_paths:
+    for path in _missing_paths(causes):
         if (near_path := _nearest_file(path)) is not None and str(path) in args:
             corrected_args = [str(near_path) if Path(arg) == path else arg for arg in args]
             return fault("next.near-file", baqueano_command(*corrected_args), match=near_path)
-    codes = {cause.code for cause in causes}
     if (
-        code == USAGE
+        is_usage
         and codes.isdisjoint(COMMA_INDEPENDENT)
         and (corrected_args := _with_decimal_points(args)) != args
     ):
         return fault("next.decimal-comma", baqueano_command(*corrected_args))
-    if any(cause.fix for cause in causes):
-        return None
-    if code == USAGE:
-        return fault("next.options", baqueano_command(*args[: 2 if args[:1] in GROUPS else 1], "--help"))
-    if any(cause.code in NAMES_CODES for cause in causes):  # the message lists the files already
-        return None
-    if missing_paths:
-        return _sibling_files(missing_paths[0])
-    rooms = {cause.code.partition(".")[0] for cause in causes}
-    if "map" in rooms:
-        return fault("next.map", baqueano_command("runs", "import", "--help"))
-    return fault("next.runs", baqueano_command("runs", "ls")) if "runs" in rooms else None
+    return None
+
+
+def _missing_paths(causes: list[Diagnostic]) -> list[Path]:
+    return [Path(str(cause.figures["absent_path"])) for cause in causes if "absent_path" in cause.figures]
 
 
 def _causes(diagnostic: Diagnostic) -> Iterator[Diagnostic]:

@@ -12,7 +12,7 @@ from baqueano.symbolic.derivatives.sums import with_sums
 from baqueano.symbolic.graph.assemble import Assembly
 from baqueano.symbolic.graph.carried import with_carried_functions
 from baqueano.symbolic.graph.shared import split_shared
-from baqueano.symbolic.graph.tree import Leaf, as_floats, leaves, values
+from baqueano.symbolic.graph.tree import Leaf, Shape, as_floats, leaves, values
 
 if TYPE_CHECKING:
     from baqueano.symbolic.scan import Scan
@@ -33,51 +33,23 @@ class Batch(NamedTuple):
         """Return the batch of these trees; a leaf has a batch axis in front if it has one axis more than usual.
         Raise Invalid if the leaves differ in their batch size or number of ticks.
         """
-        leaves_and_values = list(zip(leaves(scan.input_shape), values(scan.input_shape, inputs), strict=True))
-        is_own_input = [np.ndim(value) == len(leaf.shape) + 2 for leaf, value in leaves_and_values]
-        start = scan.example if carry is None else carry
-        begin = list(zip(leaves(scan.carry_shape), values(scan.carry_shape, start), strict=True))
-        has_many_starts = [np.ndim(value) == len(leaf.shape) + 1 for leaf, value in begin]
-        counts = {
-            len(value)
-            for (_, value), is_own in zip(
-                leaves_and_values + begin, is_own_input + has_many_starts, strict=True
-            )
-            if is_own
-        }
+        entries = _batch_leaves(scan.input_shape, inputs, axes=2)
+        begin = _batch_leaves(scan.carry_shape, scan.example if carry is None else carry, axes=1)
+        counts = {len(x.value) for x in entries + begin if x.is_own}
         counts |= {len(theta)} if theta.ndim == 2 else set()
-        ticks = {
-            np.shape(v)[is_own]
-            for (_, v), is_own in zip(leaves_and_values, is_own_input, strict=True)
-            if np.ndim(v) > is_own
-        }
+        ticks = {np.shape(x.value)[x.is_own] for x in entries if np.ndim(x.value) > x.is_own}
         if len(counts) != 1 or len(ticks) != 1:
             raise Invalid(fault("engine.batch-sizes", sizes=_list(counts), ticks=_list(ticks)))
         (count,), (n,) = counts, ticks
-        columns = [
-            _columns(leaf, v, (count, n) if o else (n,))
-            for (leaf, v), o in zip(leaves_and_values, is_own_input, strict=True)
-        ]
-        shared_inputs = np.concatenate([np.zeros((n, 0)), *(c for c in columns if c.ndim == 2)], axis=1)
-        own_columns = [c for c in columns if c.ndim == 3]  # a single column is used without a copy
-        own_columns = own_columns if len(own_columns) == 1 else [np.zeros((count, n, 0)), *own_columns]
-        own_inputs = (
-            np.ascontiguousarray(own_columns[0])
-            if len(own_columns) == 1
-            else np.concatenate(own_columns, axis=2)
-        )
-        is_shared = tuple(c.ndim == 2 for c in columns for _ in range(c.shape[-1]))
         rows = None
         if carry is not None or scan.carry_function is None:
-            rows = np.concatenate([np.zeros((count, 0)), *(
-                np.broadcast_to(_columns(leaf, v, (count,) if m else ()), (count, leaf.size))
-                for (leaf, v), m in zip(begin, has_many_starts, strict=True)
-            )], axis=1)  # fmt: skip
+            columns = (
+                np.broadcast_to(x.columns((count,) if x.is_own else ()), (count, x.leaf.size)) for x in begin
+            )
+            rows = np.concatenate([np.zeros((count, 0)), *columns], axis=1)
         theta = theta if theta.ndim == 2 else np.zeros((count, 0))
-        shared_start = tuple(
-            not m for (leaf, _), m in zip(begin, has_many_starts, strict=True) for _ in range(leaf.size)
-        )
-        return cls(count, n, theta, rows, (shared_inputs, own_inputs, is_shared), shared_start)
+        shared_start = tuple(not x.is_own for x in begin for _ in range(x.leaf.size))
+        return cls(count, n, theta, rows, _input_arrays(entries, count, n), shared_start)
 
 
 class BatchSums:
@@ -114,8 +86,35 @@ class BatchSums:
         return sums[:, :m], np.moveaxis(sums[:, m:].reshape(batch.size, d, m), 1, 2)
 
 
-def _columns(leaf: Leaf, value: Tree, leading_shape: tuple[int, ...]) -> np.ndarray:
-    return as_floats(leaf, value, leading_shape).reshape(*leading_shape, leaf.size)
+class _BatchLeaf(NamedTuple):
+    leaf: Leaf
+    value: Tree
+    is_own: bool  # each member has its own value: an axis of the batch is in front
+
+    def columns(self, leading_shape: tuple[int, ...]) -> np.ndarray:
+        """Return the value as columns (*leading_shape, size of the leaf)."""
+        rows = as_floats(self.leaf, self.value, leading_shape)
+        return rows.reshape(*leading_shape, self.leaf.size)
+
+
+def _batch_leaves(shape: Shape, tree: Tree, axes: int) -> list[_BatchLeaf]:
+    """Return the leaves of a tree; with `axes` axes in front of the shape of the leaf, each member has its own."""
+    pairs = zip(leaves(shape), values(shape, tree), strict=True)
+    return [_BatchLeaf(leaf, value, np.ndim(value) == len(leaf.shape) + axes) for leaf, value in pairs]
+
+
+def _input_arrays(
+    entries: list[_BatchLeaf], count: int, n: int
+) -> tuple[np.ndarray, np.ndarray, tuple[bool, ...]]:
+    """Return the shared inputs (n, ·), the inputs of each member (count, n, ·), and for each column True if shared."""
+    columns = [x.columns((count, n) if x.is_own else (n,)) for x in entries]
+    shared_inputs = np.concatenate([np.zeros((n, 0)), *(c for c in columns if c.ndim == 2)], axis=1)
+    own_columns = [c for c in columns if c.ndim == 3]
+    if len(own_columns) == 1:  # without a copy
+        own_inputs = np.ascontiguousarray(own_columns[0])
+    else:
+        own_inputs = np.concatenate([np.zeros((count, n, 0)), *own_columns], axis=2)
+    return shared_inputs, own_inputs, tuple(c.ndim == 2 for c in columns for _ in range(c.shape[-1]))
 
 
 def _list(list_lengths: set[int]) -> str:

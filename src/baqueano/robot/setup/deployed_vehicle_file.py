@@ -78,63 +78,47 @@ def differences(former_data: "JsonObject", new_data: "JsonObject") -> list[str]:
 def _with_calibration(
     host: str, vehicle_file: "VehicleFile", robot_data: "JsonObject"
 ) -> tuple["VehicleFile", list[str]]:
-    provenance, leaves = robot_data.get("provenance"), _flat_values(robot_data)
+    """Return the file with each calibration of the robot that it does not replace by a newer one, and lines of text."""
+    leaves = _flat_values(robot_data)
     values: JsonObject = {}
     origins: JsonObject = {}
     lines: list[str] = []
-    for key, origin in provenance.items() if isinstance(provenance, dict) else ():
-        if not isinstance(origin, dict) or origin.get("run") != CALIBRATION_RUN or key not in leaves:
+    for key, origin in _calibrations(robot_data).items():
+        if key not in leaves:
             continue
-        if not isinstance(origin.get("date"), date):
-            origin = {name: value for name, value in origin.items() if name != "date"}
+        value_text = _short_text(leaves[key])
         if not key_exists(vehicle_file.data, key, vehicle_file.folder):
-            raise UsageError(
-                fault(
-                    "setup.no-place-for-calibration",
-                    host=host,
-                    key=key,
-                    value=_short_text(leaves[key]),
-                    path=VEHICLE,
-                    ssh=ssh_line(host),
-                )
-            )
-        file_value, own_provenance = vehicle_file.value(key), vehicle_file.provenance.get(key)
-        if np.array_equal(np.asarray(file_value), np.asarray(leaves[key])):
-            origins |= {} if own_provenance is not None else {key: origin}
-            continue
-        calibration_date = origin.get("date")
-        is_newer = (
-            own_provenance is not None
-            and own_provenance.run == CALIBRATION_RUN
-            and _day(own_provenance.date) > _day(calibration_date)
-        )
-        if not is_newer:
+            figures = {"host": host, "key": key, "value": value_text, "path": VEHICLE, "ssh": ssh_line(host)}
+            raise UsageError(fault("setup.no-place-for-calibration", **figures))
+        own_origin, day = vehicle_file.provenance.get(key), origin.get("date")
+        if np.array_equal(np.asarray(vehicle_file.value(key)), np.asarray(leaves[key])):
+            origins |= {} if own_origin is not None else {key: origin}
+        elif own_origin is None or own_origin.run != CALIBRATION_RUN or _day(own_origin.date) <= _day(day):
             values[key], origins[key] = leaves[key], origin
             lines.append(
-                _(
-                    "{key}: {value} is kept, because it was calibrated there on {when}",
-                    key=key,
-                    value=_short_text(leaves[key]),
-                    when=calibration_date,
-                )
-                if calibration_date
-                else _(
-                    "{key}: {value} is kept, because it was calibrated there",
-                    key=key,
-                    value=_short_text(leaves[key]),
-                )
-            )
+                _("{key}: {value} is kept, because it was calibrated there on {when}",
+                  key=key, value=value_text, when=day)
+                if day
+                else _("{key}: {value} is kept, because it was calibrated there", key=key, value=value_text)
+            )  # fmt: skip
     if lines:
-        lines.append(
-            _(
-                "To write it into your file too: baqueano robot calibrate imu {host} --update. To use your "
-                "own values: {ssh} rm {file}, and type this line again",
-                host=host,
-                ssh=ssh_line(host),
-                file=VEHICLE,
-            )
-        )
+        advice = _(
+            "To write it into your file too: baqueano robot calibrate imu {host} --update. To use your "
+            "own values: {ssh} rm {file}, and type this line again",
+            host=host, ssh=ssh_line(host), file=VEHICLE,
+        )  # fmt: skip
+        lines.append(advice)
     return vehicle_file.with_values(values, origins) if origins else vehicle_file, lines
+
+
+def _calibrations(robot_data: "JsonObject") -> dict[str, "JsonObject"]:
+    """Return the provenance of each calibrated key of the robot's file, without a date that is not a date."""
+    provenance = robot_data.get("provenance")
+    return {
+        key: {k: v for k, v in origin.items() if k != "date" or isinstance(v, date)}
+        for key, origin in (provenance.items() if isinstance(provenance, dict) else ())
+        if isinstance(origin, dict) and origin.get("run") == CALIBRATION_RUN
+    }
 
 
 def _day(value: object) -> date:

@@ -1,4 +1,4 @@
-"""Write the keys of a vehicle file as a page of the documentation, from the metadata that the loader checks.
+"""Write the keys of a vehicle file as the page vehicle-file.md, from the metadata that the loader checks.
 
 Texts are translated by the catalogue, so the page exists in each language; numbers keep the notation of TOML.
 """
