@@ -37,56 +37,63 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool, zero_entries: Cont
     With `keep_all` the final carry is computed as well as the outputs. With `given_start` the start values are given at
     run time, even if the trace contains them as functions of θ; those of `zero_entries` are 0.
     """
-    graph = trace.graph
-    first_index: dict[Node, int] = {}
-    for k, x in enumerate(trace.carry):
-        first_index.setdefault(x, k)
-    symbols, first = list(first_index), list(first_index.values())
-    next_node = {x: trace.next_carry[k] for x, k in zip(symbols, first, strict=True)}
-    has_start = given_start or trace.initial is None
-    start = [graph.symbol(f"start {x.value}") for x in symbols] if has_start else []
-    begin = dict(zip(symbols, start or [(trace.initial or [])[k] for k in first], strict=True))
-
-    constant = {x: begin[x] for x in symbols if next_node[x] is x and (has_start or not keep_all)}
-    zeros = {
-        k for k, x in enumerate(symbols) if (first[k] in zero_entries if has_start else _is_zero(begin[x]))
+    graph, has_start = trace.graph, given_start or trace.initial is None
+    entries = _distinct_entries(trace, has_start)
+    symbols = [*entries.place]
+    constant = {
+        x: entries.begin[x] for x in symbols if entries.next_node[x] is x and (has_start or not keep_all)
     }
-    zeros = (
-        remaining_zeros(graph, symbols, list(next_node.values()), zeros)
-        if has_start or not keep_all
-        else set()
-    )
+    zeros: set[int] = set()  # indices of `symbols`
+    if has_start or not keep_all:
+        zeros = {
+            k for k, x in enumerate(symbols)
+            if (entries.place[x] in zero_entries if has_start else _is_zero(entries.begin[x]))
+        }  # fmt: skip
+        zeros = remaining_zeros(graph, symbols, list(entries.next_node.values()), zeros)
     constant |= {symbols[k]: graph.const(0.0) for k in zeros}
-    roots = graph.substitute([*trace.outputs, *next_node.values()], constant)
+    roots = graph.substitute([*trace.outputs, *entries.next_node.values()], constant)
     outputs = roots[: len(trace.outputs)]
     next_values = dict(zip(symbols, roots[len(trace.outputs) :], strict=True))
-    moving_entries = [x for x in symbols if x not in constant]
-    used_entries = (
-        set(moving_entries) if keep_all else _used_entries(outputs, next_values, set(moving_entries))
-    )
-    carry = [x for x in moving_entries if x in used_entries]
+    moving_entries = {x for x in symbols if x not in constant}
+    used_entries = moving_entries if keep_all else _used_entries(outputs, next_values, moving_entries)
+    carry = [x for x in symbols if x in used_entries]
     program = Program(
-        graph, tuple(trace.theta), tuple(start), tuple(begin[x] for x in carry), tuple(carry),
+        graph, tuple(trace.theta), entries.start, tuple(entries.begin[x] for x in carry), tuple(carry),
         tuple(trace.inputs), tuple(next_values[x] for x in carry), tuple(outputs),
     )  # fmt: skip
     kept_index = {x: k for k, x in enumerate(carry)}
     kept_index |= {x: len(carry) + k for k, x in enumerate(symbols) if x in constant}
-    used_nodes = set(nodes_below([*trace.outputs, *(next_node[x] for x in carry)]))
-    unused_carry = [
-        k
-        for k, x in enumerate(trace.carry)
-        if x not in used_entries and not (x in constant and x in used_nodes)
-    ]
-    mirrored_entries = [k for k, x in enumerate(trace.carry) if first_index[x] != k]
+    used_nodes = set(nodes_below([*trace.outputs, *(entries.next_node[x] for x in carry)]))
+    is_used = {x: x in used_entries or (x in constant and x in used_nodes) for x in symbols}
+    mirrored_places = [k for k, x in enumerate(trace.carry) if entries.place[x] != k]
     return Assembly(
         program,
-        np.array(first if has_start else [], dtype=int),
+        np.array([*entries.place.values()] if has_start else [], dtype=int),
         np.array([kept_index.get(x, 0) for x in trace.carry], dtype=int),
-        np.array(mirrored_entries, dtype=int),
-        np.array([first_index[trace.carry[k]] for k in mirrored_entries], dtype=int),
-        np.array([first[k] for k in sorted(zeros)] if has_start else [], dtype=int),
-        tuple(unused_carry),
+        np.array(mirrored_places, dtype=int),
+        np.array([entries.place[trace.carry[k]] for k in mirrored_places], dtype=int),
+        np.array([entries.place[symbols[k]] for k in sorted(zeros)] if has_start else [], dtype=int),
+        tuple(k for k, x in enumerate(trace.carry) if not is_used[x]),
     )
+
+
+class _DistinctEntries(NamedTuple):
+    """The entries of the carry, each once: a symmetric matrix has the same entry at two places."""
+
+    place: dict[Node, int]  # the first place of each entry in the carry
+    next_node: dict[Node, Node]  # the value after a tick
+    begin: dict[Node, Node]  # the value before the first tick
+    start: tuple[Node, ...]  # the symbols of `begin`, if they are given at run time
+
+
+def _distinct_entries(trace: Trace, has_start: bool) -> _DistinctEntries:
+    place: dict[Node, int] = {}
+    for k, x in enumerate(trace.carry):
+        place.setdefault(x, k)
+    next_node = {x: trace.next_carry[k] for x, k in place.items()}
+    start = tuple(trace.graph.symbol(f"start {x.value}") for x in place) if has_start else ()
+    begin = start or [(trace.initial or [])[k] for k in place.values()]
+    return _DistinctEntries(place, next_node, dict(zip(place, begin, strict=True)), start)
 
 
 def remaining_zeros(
