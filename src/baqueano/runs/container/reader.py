@@ -19,6 +19,7 @@ from baqueano.messages.printable import baqueano_command
 from baqueano.runs.container import memory_limit, messages
 from baqueano.runs.container.records import MAGIC, Contents, FileTooLarge, McapChannel, McapMessages, scan
 from baqueano.runs.container.run_file import ATTACHMENT_NAME, METADATA_NAME, verified_metadata
+from baqueano.runs.folder import find
 from baqueano.runs.logs import LEVELS, Channel, EstimateLog, Event, ReferenceLog, TruthLog
 from baqueano.runs.run import Run
 
@@ -66,8 +67,6 @@ def read_run(path: Path | str) -> Run:
     """
     path = Path(path)
     if path.name == str(path) and not path.suffix:
-        from baqueano.runs.folder import find  # it imports this module
-
         path = find(str(path))
     try:
         contents = scan(read_bytes(path), VIEWER_SCHEMAS)
@@ -338,15 +337,8 @@ class _RunAssembly:
             )
 
     def damage_error(self, topic: str, cause: Diagnostic | str) -> FileError:
-        return FileError(
-            fault(
-                "runs.foreign-topic",
-                _draft_command(self.path),
-                path=self.path,
-                topic=topic,
-                error=cause,
-            )
-        )
+        fix = _draft_command(self.path)
+        return FileError(fault("runs.foreign-topic", fix, path=self.path, topic=topic, error=cause))
 
 
 def _warning(code: str, **figures: Any) -> Diagnostic:

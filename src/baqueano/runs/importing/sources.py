@@ -233,13 +233,17 @@ def _names_for_paths(m: ColumnMap, paths: list[Path]) -> list[str]:
 
 def _starred_files(m: ColumnMap, by_name: dict[str, Path]) -> list[dict[str, Path]]:
     """Return the files that match the only path with a * in the map, one dict each; one empty dict without a *."""
-    pattern_specs = {n: s for n, s in m.files.items() if n not in by_name and s.path and glob.has_magic(s.path)}
+    pattern_specs = {
+        n: s for n, s in m.files.items() if n not in by_name and s.path and glob.has_magic(s.path)
+    }
     patterns = sorted({str(spec.path) for spec in pattern_specs.values()})
     if len(patterns) > 1:
         raise FileError(fault("import.stars", map=m.path.name, paths=" and ".join(map(repr, patterns))))
     if not patterns:
         return [{}]
-    return [dict.fromkeys(pattern_specs, path) for path in _matching_paths(m, next(iter(pattern_specs.values())))]
+    return [
+        dict.fromkeys(pattern_specs, path) for path in _matching_paths(m, next(iter(pattern_specs.values())))
+    ]
 
 
 def _expand(path: Path) -> list[Path]:
