@@ -37,7 +37,9 @@ def make_recordings_page(recordings: RecordingStudy | None, study: CrossValidati
                 [Table(study.figures(), " ".join(map(_, CAVEATS)))],
             )
         )
-        sections.append(Section(_("Parameters"), _("Each fit used a single run."), [Table(study.parameters())]))
+        sections.append(
+            Section(_("Parameters"), _("Each fit used a single run."), [Table(study.parameters())])
+        )
         for judgement in held_out:
             sections += evaluation_sections(judgement)
             headlines += _headlines(judgement)
