@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 
 import numpy as np
 import pandas
@@ -65,6 +66,18 @@ def test_a_latex_table_with_more_columns_than_rows_is_transposed():
     assert not any("loss" in line for line in lines), "no run has this value"
     tall = latex_text([{"lap": k, "across_m": 0.1} for k in range(4)]).splitlines()
     assert r"    lap & across\_m \\" in tall
+
+
+def test_the_latex_table_of_a_comparison_has_the_titles_and_units_of_its_printed_table(results, tmp_path):
+    comparison = results["comparison"]
+    text = comparison.save_table(tmp_path / "t.tex").read_text(encoding="utf-8")
+    names = [run.name for run in comparison.runs]
+    assert f"     &  & {' & '.join(names)} \\\\" in text
+    ate = " & ".join(f"${run.ate_m:.3g}$" for run in comparison.runs)
+    assert rf"\quad position (ATE) & m & {ate} \\" in text
+    assert r"\quad heading & $^\circ$ & " in text
+    assert not re.search(r"ate\\_m|not reported|[−°]", text)
+    assert text.count(r"\\") == len(comparison.table().partition("\n\n")[0].splitlines())
 
 
 def test_latex_uses_the_symbols_of_the_paper_and_significant_digits():

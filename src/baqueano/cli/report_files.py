@@ -64,9 +64,9 @@ class ReportFiles:
     def write_table(self, result: "Tabular", caption: str = "", blocks: object = None) -> None:
         """Write the rows of a result as the requested table, if any; `caption` and `blocks` are for LaTeX."""
         if self.table is not None:
-            from baqueano.report.tables import save_table
+            from baqueano.report.tables import save_result
 
-            path = save_table(result.rows(), self.table, self.decimal, caption, blocks)
+            path = save_result(result, self.table, self.decimal, caption, blocks)
             print_message(note("cli.table", path=path))
 
     def write_page(self, result: "Tabular") -> None:

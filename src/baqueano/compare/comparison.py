@@ -16,8 +16,8 @@ from baqueano.compare.corridor import Corridor, corridor_row
 from baqueano.compare.divergence import InvalidCovariance
 from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.compare.laps import DriveLap
-from baqueano.compare.table import table
-from baqueano.contracts.result import Result, shorten
+from baqueano.compare.table import table, table_sections
+from baqueano.contracts.result import PrintedTable, Result, shorten
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import text, verdict_line
 from baqueano.messages.language import mark as N_
@@ -100,13 +100,14 @@ class RunComparison:
         row |= {"verdict": self.verdict, "sentence": self.sentences[-1], "divergence_s": self.divergence_s}
         return row | corridor_row(self.corridor)
 
-    def errors_line(self) -> str:
-        """Return a line with the known errors of the run [cm rms]."""
+    def errors_line(self, of_drive: bool = True) -> str:
+        """Return a line with the known errors of the run [cm rms]; without `of_drive` only those of the estimate."""
         errors = (
             ("front.across-true", self.across_true.rms_m), ("front.across-estimate", self.across_estimate.rms_m),
             ("front.position-off", self.ate_m), ("front.across-first", self.across_first.rms_m),
         )  # fmt: skip
-        sentences = [text(note(code, cm=100.0 * m)) for code, m in errors if np.isfinite(m)]
+        shown_errors = errors if of_drive else errors[2:3]
+        sentences = [text(note(code, cm=100.0 * m)) for code, m in shown_errors if np.isfinite(m)]
         return f"{self.name}, {number(self.duration_s):.1f} s: {', '.join(sentences)}"
 
     @property
@@ -176,12 +177,16 @@ class Comparison(Result):
     of_drives: bool
 
     def __repr__(self) -> str:
-        rows = [*(run.errors_line() for run in self.runs), *self.sentences]
+        rows = [*(run.errors_line(self.of_drives) for run in self.runs), *self.sentences]
         return shorten([], rows, [verdict_line(self.verdict, self.reasons)])
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row for each run."""
         return [run.row() for run in self.runs]
+
+    def printed_table(self) -> PrintedTable:
+        """Return the printed table as data, with a column for each run."""
+        return PrintedTable(tuple(run.name for run in self.runs), table_sections(self))
 
     def laps(self) -> list["TableRow"]:
         """Return a flat row for each lap of each run. Only routes that return to their beginning have laps."""

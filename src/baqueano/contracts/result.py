@@ -8,7 +8,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Sequence
 from itertools import accumulate, chain
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import Verdict, fault, nearest, note
@@ -25,12 +25,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-    from baqueano.contracts.values import TableRow
+    from baqueano.contracts.values import JsonObject, TableRow
 
 MAX_LINES, MAX_LETTERS = 12, 110  # lines, and characters of a line, of a short print
 MIN_ROWS = 5  # rows that remain in a short print beside long sentences
 MIN_PREFIX = 3  # letters of a short name, such as cov of covariance
 MAX_SENTENCE = 80  # characters of a line of sentences below a table
+
+
+class PrintedTable(NamedTuple):
+    """A printed table as data: a head for each column, and sections [{title, rows: [{label, unit, cells}]}]."""
+
+    heads: tuple[str, ...]
+    sections: list["JsonObject"]
 
 
 class Tabular(Protocol):
@@ -64,6 +71,10 @@ class Result:
     def table(self) -> str:
         """Return the complete result as text."""
         raise NotImplementedError
+
+    def printed_table(self) -> PrintedTable | None:
+        """Return the printed table as data, for LaTeX; None if LaTeX shows the rows."""
+        return None
 
     def __repr__(self) -> str:
         lines = self.table().splitlines()
@@ -101,13 +112,13 @@ class Result:
         return registered_function("plot")(self, kind, ax or figure, width)
 
     @checked_call('result.save_table("table.csv")')
-    def save_table(self: Tabular, path: "str | Path", decimal: str = ".") -> "Path":
+    def save_table(self, path: "str | Path", decimal: str = ".") -> "Path":
         """Write the rows as a table, .csv or .tex, and return the path.
 
         `decimal=","` writes a .csv file for a spreadsheet with decimal commas. Raise UsageError for another file
         extension.
         """
-        return registered_function("save_table")(self.rows(), path, decimal)
+        return import_module("baqueano.report.tables").save_result(self, path, decimal)
 
     def to_pandas(self: Tabular) -> Any:
         """Return the rows as a pandas DataFrame. Raise UsageError with the command to type if pandas is missing."""

@@ -1,7 +1,8 @@
 """Write the rows of a result for other programs: CSV, and LaTeX with booktabs.
 
 LaTeX needs \\usepackage{booktabs}; numbers are in math mode. A parameter has as many digits as its error allows, any
-other number has five. A LaTeX table with more columns than rows is transposed, so that it fits a page.
+other number has five. A LaTeX table with more columns than rows is transposed, so that it fits a page. A comparison
+has the rows, titles and units of its printed table.
 """
 
 import csv
@@ -20,9 +21,11 @@ from baqueano.parameter import parameters
 from baqueano.symbolic import value_at_path
 
 if TYPE_CHECKING:
+    from baqueano.contracts.result import PrintedTable, Result
     from baqueano.contracts.values import TableRow
 
 PARAMETER_KEYS = {"name", "estimate", "std", "unit"}  # of the rows of a fit
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:[.,]\d+)?(?:e[-+]\d+)?(?![\w])")
 AXIS_SYMBOLS = ("x", "y", r"\psi")
 
 
@@ -59,6 +62,34 @@ def latex_text(rows: list["TableRow"], caption: str = "", blocks: object = None)
         cells = [[_escape(row[0]), *row[1:]] for row in cells]
         return _booktabs("l" + "r" * len(rows), cells[0], cells[1:], caption)
     return _booktabs("r" * len(keys), [_escape(key) for key in keys], cells[1:], caption)
+
+
+def printed_table_text(table: "PrintedTable", caption: str = "") -> str:
+    """Return a printed table as a LaTeX table: label, unit, and a column for each of its heads."""
+    heads = table.heads
+    body: list[list[str]] = []
+    for section in table.sections:
+        if section["title"]:
+            body.append([rf"\multicolumn{{{len(heads) + 2}}}{{l}}{{{_printed(section['title'])}}}"])
+        indent = r"\quad " * bool(section["title"])
+        for row in section["rows"]:
+            cells = ["--" if cell == "-" else _printed(cell) for cell in row["cells"]]
+            body.append([indent + _printed(row["label"]), _printed(row["unit"]), *cells])
+    return _booktabs("ll" + "r" * len(heads), ["", "", *map(_escape, heads)], body, caption)
+
+
+def _printed(text: str) -> str:
+    """Return printed text in LaTeX, with its numbers in math mode."""
+
+    def number(match: re.Match[str]) -> str:
+        return _power(match[0]).replace(",", "{,}")
+
+    return (
+        NUMBER.sub(number, _escape(text))
+        .replace("−", "$-$")
+        .replace("°", r"$^\circ$")
+        .replace("√", r"$\surd$")
+    )
 
 
 def _booktabs(
@@ -149,6 +180,16 @@ def save_table(
     path = Path(path)
     is_csv = table_suffix(path, decimal) == ".csv"
     return replace_file(path, csv_text(rows, decimal) if is_csv else latex_text(rows, caption, blocks))
+
+
+def save_result(
+    result: "Result", path: str | Path, decimal: str = ".", caption: str = "", blocks: object = None
+) -> Path:
+    """Write the table of a result as `save_table` does."""
+    path = Path(path)
+    if table_suffix(path, decimal) == ".tex" and (table := result.printed_table()) is not None:
+        return replace_file(path, printed_table_text(table, caption))
+    return save_table(result.rows(), path, decimal, caption, blocks)
 
 
 def _is_nan(value: object) -> bool:
