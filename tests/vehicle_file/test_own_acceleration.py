@@ -36,6 +36,7 @@ def with_body(tmp_path):
         ("return effort[0] - nu[0]", "vehicle.acceleration"),
         ("return np.array([effort[0] - nu[0], 0.0])", "vehicle.acceleration"),
         ("return np.array([effort[0] - 1j * nu[0], 0.0, 0.0])", "vehicle.acceleration"),
+        ("return np.array([effort[0] - nu[0] / nu[0], 0.0, 0.0])", "vehicle.acceleration"),
         ("return {}['drag']", "vehicle.not-built"),
         ("while True: pass", "vehicle.not-built"),
     ],

@@ -111,16 +111,18 @@ def check_drive(report: ReadReport, vehicle: "DynamicVehicle", channels: Channel
 
 
 def _has_acceleration(report: ReadReport, vehicle: "DynamicVehicle") -> bool:
-    """Return True if nu_dot returns a real array (3,) at rest; otherwise add a problem."""
+    """Return True if nu_dot returns a finite, real array (3,) at rest; otherwise add a problem."""
     try:
-        acceleration = within(HANG_S, vehicle.nu_dot, np.zeros(3), np.zeros(vehicle.commands), 0.0)
+        with np.errstate(all="ignore"):
+            acceleration = within(HANG_S, vehicle.nu_dot, np.zeros(3), np.zeros(vehicle.commands), 0.0)
     except BaseException as error:
         if is_interruption(error):
             raise
         name = f"{type(vehicle).__name__} ({user_code_place(error)})"
         report.add_table_problem(("model",), "vehicle.not-built", block=name, error=error_text(error))
         return False
-    if isinstance(acceleration, np.ndarray) and acceleration.shape == (3,) and np.isrealobj(acceleration):
+    is_real = isinstance(acceleration, np.ndarray) and acceleration.dtype.kind in "biuf"
+    if is_real and acceleration.shape == (3,) and np.all(np.isfinite(acceleration)):
         return True
     figures = {"vehicle": type(vehicle).__name__, "value": repr(acceleration)}
     report.add_problem(("model", "kind"), "vehicle.acceleration", **figures)

@@ -129,8 +129,8 @@ TEMPLATES: dict[str, str] = {
     "vehicle.sensors-not-table": "{place} is not a table: write [sensors.imu] and its keys below it.",
     "vehicle.table-lacks": "{place} needs {keys}.",
     "vehicle.acceleration": (
-        "{place}: {vehicle}.nu_dot() returns {value}: expected an array (3,), forward, sideways and turning. Write "
-        "np.array([a, 0.0, 0.0])"
+        "{place}: {vehicle}.nu_dot() returns {value} at rest: expected an array (3,) of finite numbers, forward, "
+        "sideways and turning. Write np.array([a, 0.0, 0.0])"
     ),
     "vehicle.refused": "{block} does not accept {place}: {error}",
     "vehicle.sensor-breaks": "{place} cannot measure. {cause}. Correct that line, then type: {fix}",
@@ -177,7 +177,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "vehicle.track": (
         "{place} = {value:g} m: this is wider than the platform, which measures {across_m:g} m across. "
-        "{unit_name}."
+        "{unit_name}. Otherwise correct the size of the platform in [geometry]."
     ),
     "vehicle.wheel": (
         "{place} = {value:g} m: the wheel is larger than the platform, {across_m:g} m. {unit_name}."
