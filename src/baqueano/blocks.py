@@ -177,8 +177,7 @@ def permit_blocks(allow: bool = True) -> Iterator[None]:
 def resolve_named(role: str, kind: str, folder: Path | str | None = None) -> type:
     """Return the class of a `kind` that a vehicle file in `folder` names; if `folder` is None, a run names it.
 
-    Raise
-    FileError for code outside `folder` that the user neither named nor allowed. Code in the working directory is
+    Raise FileError for code outside `folder` that the user neither named nor allowed. Code in the working directory is
     allowed if `folder` is also in that directory. A run with a path outside the working directory always raises
     FileError.
     """
@@ -286,10 +285,7 @@ def _find(file: str, folder: Path | str | None) -> Path:
     if user_path is not None:
         return user_path
     candidates = _candidate_paths(path, folder)
-    neighbours = (
-        sorted(p.name for p in candidates[0].parent.glob("*.py")) if candidates[0].parent.is_dir() else []
-    )
-    suggestion = nearest(path.name, neighbours)
+    suggestion = nearest(path.name, sorted(p.name for p in candidates[0].parent.glob("*.py")))
     raise FileError(
         fault("block.file-absent", absent_path=candidates[0], value=path.name, suggestion=suggestion)
     )
@@ -307,9 +303,10 @@ def _candidate_paths(path: Path, folder: Path | str | None) -> list[Path]:
 
 def _block_names(module: ModuleType) -> list[str]:
     """Return the names of the blocks that a module defines: its classes with `step`, or all if none has this method."""
-    classes = [x for x in vars(module).values() if inspect.isclass(x) and x.__module__ == module.__name__]
-    blocks = [x for x in classes if callable(getattr(x, "step", None))]
-    return [x.__name__ for x in blocks or classes]
+    classes = {
+        n: x for n, x in vars(module).items() if inspect.isclass(x) and x.__module__ == module.__name__
+    }
+    return [name for name, x in classes.items() if callable(getattr(x, "step", None))] or list(classes)
 
 
 def read_module(file: str, folder: Path | str | None = None) -> ModuleType:

@@ -373,11 +373,11 @@ def test_a_faulty_sensor_is_named_with_its_line_before_the_drive(case, command, 
     (tmp_path / "mine.py").write_text(SENSOR.format(h=h, detects=detects))
     file = load("small").text + '\n[sensors.lamp]\nkind = "mine.py:Mine"\n'
     (tmp_path / "own.toml").write_text(file)
-    result = project(*command, "--vehicle", "own.toml")
-    assert (result.code, result.reason.code, result.cause.code) == (3, "vehicle.sensor-breaks", code)
-    assert result.cause.figures.get("line", line) == line
-    assert str(result.cause.figures["place"]).startswith("mine.py line ")
-    assert result.fix == "baqueano blocks check mine.py:Mine"
+    end = project(*command, "--vehicle", "own.toml")
+    assert (end.code, end.reason.code, end.cause.code) == (3, "vehicle.sensor-breaks", code)
+    assert end.cause.figures.get("line", line) == line
+    assert str(end.cause.figures["place"]).startswith("mine.py line ")
+    assert end.fix == "baqueano blocks check mine.py:Mine"
     assert not list((tmp_path / "runs").glob("*"))
 
 

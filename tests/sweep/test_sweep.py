@@ -333,7 +333,7 @@ def test_a_pattern_selects_the_controllers_of_all_students(students, capsys):
         main(line.split())
     labels = [row["combination"] for row in json.loads(capsys.readouterr().out)["combinations"]]
     assert labels == ["ana/mine.py:Mine", "luis/mine.py:Mine"]
-    with pytest.raises(SystemExit) as end:
+    with pytest.raises(SystemExit) as exit_info:
         main(line.replace("mine.py", "other.py").split())
-    assert end.value.code == 2
+    assert exit_info.value.code == 2
     assert json.loads(capsys.readouterr().out)["code"] == "cli.no-match"

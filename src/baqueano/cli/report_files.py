@@ -16,7 +16,7 @@ from baqueano.diagnostics import fault, note
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
-    from baqueano.contracts.result import Tabular
+    from baqueano.contracts.result import Result
     from baqueano.report import Page
 
 Command = Callable[..., object]
@@ -61,7 +61,7 @@ class ReportFiles:
         if self.figures is not None:
             print_message(note("cli.figures", count=len(files), folder=self.figures))
 
-    def write_table(self, result: "Tabular", caption: str = "", blocks: object = None) -> None:
+    def write_table(self, result: "Result", caption: str = "", blocks: object = None) -> None:
         """Write the rows of a result as the requested table, if any; `caption` and `blocks` are for LaTeX."""
         if self.table is not None:
             from baqueano.report.tables import save_result
@@ -69,7 +69,7 @@ class ReportFiles:
             path = save_result(result, self.table, self.decimal, caption, blocks)
             print_message(note("cli.table", path=path))
 
-    def write_page(self, result: "Tabular") -> None:
+    def write_page(self, result: "Result") -> None:
         """Write the requested files, if any, of a result: its table, and its page with the command line of the user."""
         self.write_table(result)
         if self:

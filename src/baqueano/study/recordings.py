@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from baqueano.contracts.result import Result
 from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import FileError
 from baqueano.messages.language import number
@@ -26,7 +27,7 @@ STUDIES = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
 
 
 @dataclass(frozen=True, slots=True)
-class RecordingStudy:
+class RecordingStudy(Result):
     """The results of the fits on all recordings."""
 
     result_rows: tuple["JsonObject", ...]

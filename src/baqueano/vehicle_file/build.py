@@ -169,7 +169,7 @@ def _sensor(report: ReadReport, path: KeyPath, block_class: type, table: Any, co
     return construct(report, path, block_class, values, context)
 
 
-def _check_own_sensor(report: ReadReport, path: KeyPath, block: Any, table: Any) -> None:
+def _check_own_sensor(report: ReadReport, path: KeyPath, block: Tree, table: "JsonObject") -> None:
     """Add a problem if a sensor of the user's own fails where each drive would fail."""
     if block is None or type(block).__module__.startswith("baqueano."):
         return

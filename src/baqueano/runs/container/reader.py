@@ -7,6 +7,7 @@ For a foreign file, or a file without readable data, FileError is raised, which 
 import json
 from array import array
 from collections.abc import Iterable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -67,17 +68,14 @@ def read_run(path: Path | str) -> Run:
     """
     path = Path(path)
     if path.name == str(path) and not path.suffix:
-        path = find(str(path))
+        path = Path(import_module("baqueano.runs.folder").find(str(path)))  # it imports this module
     try:
         contents = scan(read_bytes(path), VIEWER_SCHEMAS)
     except FileTooLarge as error:
-        raise FileError(
-            fault(
-                "runs.unpacks-too-much", f"mcap decompress {path.name} -o whole.mcap", path=path, error=error
-            )
-        ) from None
-    is_foreign = METADATA_NAME not in contents.metadata and not contents.problems
-    if is_foreign and contents.is_complete and not contents.messages:
+        advice = f"mcap decompress {path.name} -o whole.mcap"
+        raise FileError(fault("runs.unpacks-too-much", advice, path=path, error=error)) from None
+    foreign = METADATA_NAME not in contents.metadata and not contents.problems
+    if foreign and contents.is_complete and not contents.messages:
         raise FileError(fault("runs.no-message", path=path))
     return _RunAssembly(path, contents).run()
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.atomic_file import replace_file
+from baqueano.contracts.result import Result
 from baqueano.diagnostics import Verdict
 from baqueano.messages import verdict_line
 from baqueano.messages.language import number
@@ -64,7 +65,7 @@ LIMITS = {
 
 
 @dataclass(frozen=True)
-class Identification:
+class Identification(Result):
     """The outcomes of all fits; fewer than requested after an interruption."""
 
     outcomes: tuple[TrialOutcome, ...]

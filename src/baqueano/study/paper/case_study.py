@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.result import Result
 from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.messages import texts
@@ -73,7 +74,7 @@ def fit_seed(seed: int, backend: str = "auto") -> Fit:
 
 
 @dataclass(frozen=True)
-class CaseStudy:
+class CaseStudy(Result):
     """Fits of case study I at one seed or several; the table shows the first fit."""
 
     fits: tuple[Fit, ...]
