@@ -4,7 +4,9 @@ import control
 import numpy as np
 import pytest
 
-from baqueano.symbolic import with_value
+from baqueano.controllers.mpc import program
+from baqueano.signals import Estimate, Reference
+from baqueano.symbolic import compile_block, with_value
 from baqueano.tune import margins as margins_module
 from baqueano.tune.margins import LinearSystem, linearise, loop_margins, loop_transfer, margins
 from baqueano.vehicle_file import load
@@ -99,6 +101,65 @@ def test_a_servo_in_the_middle_has_the_margins_of_a_servo_beside_it(zone, kind):
     response = control.frd(reference(np.exp(1j * omega * loop.dt_s)), omega, smooth=True)
     _, phase, _, _, crossover, _ = control.stability_margins(response)
     assert servo.delay_s == pytest.approx(np.radians(phase) / crossover, rel=1e-3)
+
+
+def test_finite_differences_give_the_margins_of_the_exact_jacobian(monkeypatch):
+    file = with_papers_pd()
+    calm = with_value(with_value(file.controller(), "alpha", 4.0), "beta", 1.0)
+    exact = [margins(loop_transfer(linearise(file, calm, 0.2)[0], k)) for k in (0, 2)]
+    monkeypatch.setattr(margins_module, "_engine_jacobian", margins_module._finite_differences)
+    differences = [margins(loop_transfer(linearise(file, calm, 0.2)[0], k)) for k in (0, 2)]
+    np.testing.assert_allclose(differences, exact, rtol=1e-3)
+
+
+@pytest.mark.parametrize(("name", "speed"), [("small", 0.2), ("car", 0.8)])
+def test_mpc_whose_step_calls_a_solver_has_the_margins_of_python_control(name, speed, monkeypatch):
+    """They do not change if the solver is exact."""
+    file = load(name)
+    channels, mpc = np.flatnonzero(file.command.limit > 0.0), file.controller("mpc")
+    usual = loop_margins(file, mpc, speed)
+    plant, steady = linearise(file, mpc, speed)
+    assert steady
+    for k, m in zip(channels, usual, strict=True):
+        loop = loop_transfer(plant, k)
+        omega = np.geomspace(0.05, np.pi / loop.dt_s, 4000)
+        reference = control.StateSpace(loop.A, loop.B, loop.C, loop.D, loop.dt_s)
+        response = control.frd(reference(np.exp(1j * omega * loop.dt_s)), omega, smooth=True)
+        gain, phase, _, _, crossover, _ = control.stability_margins(response)
+        assert m.stable
+        assert m.gain_up == pytest.approx(gain, rel=1e-3)
+        assert m.delay_s == pytest.approx(np.radians(phase) / crossover, rel=1e-3)
+    exact_settings = program.OSQP_SETTINGS | {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 4000}
+    monkeypatch.setattr(program, "OSQP_SETTINGS", exact_settings)
+    exact = loop_margins(file, file.controller("mpc"), speed)
+    np.testing.assert_allclose([m[1:5] for m in usual], [m[1:5] for m in exact], rtol=5e-3)
+
+
+@pytest.mark.parametrize(("name", "speed"), [("small", 0.2), ("car", 0.8)])
+def test_a_loop_with_mpc_keeps_to_its_line_with_less_delay_than_its_margin(name, speed):
+    """The drive is the judge: with 0.8 of the delay margin more, a disturbance decays; with 1.3 of it, it grows."""
+    file = load(name)
+    mpc, vehicle = file.controller("mpc"), compile_block(file.vehicle)
+    delay_s = loop_margins(file, mpc, speed)[-1].delay_s
+    rate = file.rate_hz
+    unstable_range_m, stable_range_m = (
+        _last_oscillation(mpc, vehicle, speed, rate, round(share * delay_s * rate)) for share in (1.3, 0.8)
+    )
+    assert stable_range_m < 0.002 < 0.01 < unstable_range_m
+
+
+def _last_oscillation(mpc, vehicle, speed, rate, ticks) -> float:
+    """Return the range of y [m] in the last 2 of 10 s along the x axis, with commands that are late by some ticks."""
+    state, motion = mpc.init(), vehicle.init(eta=np.array([0.0, 0.005, 0.0]), nu=np.array([speed, 0.0, 0.0]))
+    commands, y = [np.zeros(vehicle.commands)] * ticks, []
+    for k in range(round(10.0 * rate)):
+        t_ns = round(k * 1e9 / rate)
+        reference = Reference(t_ns, np.array([speed * k / rate, 0.0, 0.0]), np.array([speed, 0.0, 0.0]), 0.0)
+        state, command = mpc.step(state, reference, Estimate(t_ns, motion.eta, motion.nu, np.eye(6)))
+        commands.append(command.u)
+        motion, _ = vehicle.step(motion, commands[k], 1.0 / rate, np.zeros(3))
+        y.append(motion.eta[1])
+    return float(np.ptp(y[-round(2.0 * rate) :]))
 
 
 # the channels are independent

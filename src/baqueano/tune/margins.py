@@ -4,10 +4,11 @@
     L_i(z) = −z⁻¹ (C (zI − A)⁻¹ B + D)_ii,    z = exp(jω δ)        channel i opened, the others closed         (2)
     gain: 1/|L_i| where L_i < 0,    phase: φ = π + arg L_i where |L_i| = 1,    delay: φ/ω                      (3)
 
-x is the state, u the command, y the next command, δ the tick, ω the frequency. (1) contains the Jacobians of one tick
-of the loop, from the engine. A includes the past commands of the delay of the model, z⁻ᵏ. The pose is exact; an
-estimator would add a delay. A channel that is inside its dead zone, such as a servo in the middle, would have L = 0:
-it is linearised without this zone. Source: Åström and Murray, Feedback Systems, 2008, section 9.3.
+x: state, u: command, y: next command, δ: tick, ω: frequency. (1) contains the Jacobians of one tick of the loop: from
+the engine, or as finite differences if a block is not compiled, as mpc. A includes the past commands of the delay of
+the model, z⁻ᵏ. The pose is exact; an estimator would add a delay. A channel that is inside its dead zone, such as a
+servo in the middle, would have L = 0: it is linearised without this zone. Source: Åström and Murray, Feedback Systems,
+2008, section 9.3.
 """
 
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
+from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller
 from baqueano.contracts.values import Tree
 from baqueano.estimators import KnownState
@@ -37,6 +39,9 @@ MAX_NEWTON_STEPS, STEADY_TOLERANCE = 8, 1e-7  # steps and relative error at whic
 EXTRA_S, CALM_WINDOW_S, CALM_TOLERANCE = 4.0, 0.5, 0.05  # a drive is steady if its command then changes less
 MIN_SPEED_M_S = 0.01  # a steady drive is faster
 ROUNDING = 1e-12  # a smaller step of a flag, such as that of a stopped vehicle, is a rounding error
+DIFFERENCE = (
+    1e-3  # relative step of a finite difference: much larger than the relative error of a solver, 1e-4
+)
 FREQUENCY_COUNT = 2000
 MIN_FREQUENCY_RAD_S = 0.02
 # per tick, 0.1 % per second: an error that is not corrected has an eigenvalue of 1
@@ -166,15 +171,17 @@ def _linearise_system(
         flat_state = _NumberRow(state)
         return lambda row: flat_state.row(advance(system, dt_s, flat_state.state(row), Input(t_ns, None))[0])
 
+    is_interpreted = any(optional.attribute(block, "is_interpreted") for block in system.blocks)
+    derivative = _finite_differences if is_interpreted else _engine_jacobian
     tick = tick_at(state, round((SETTLE_S * rate_hz + 1) * NANOSECONDS / rate_hz))
-    x, J, steady = _steady_state(tick, flat_state.row(state), speed_m_s * dt_s * direction)
+    x, J, steady = _steady_state(tick, flat.row(state), speed_m_s * dt_s * direction, derivative)
     if not steady:  # Newton's method began too far away
         t_ns = tick_times(round(EXTRA_S * rate_hz) + 1, rate_hz)
         state, commands = _drive_system(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
-        tick, x = tick_at(state, int(t_ns[-1])), flat_state.row(state)
-        _, J, steady = _steady_state(tick, x, speed_m_s * dt_s * direction)
+        tick, x = tick_at(state, int(t_ns[-1])), flat.row(state)
+        _, J, steady = _steady_state(tick, x, speed_m_s * dt_s * direction, derivative)
         if not steady:  # for example, the controller does not correct the cross-track error
-            J = np.asarray(jacobian(tick)(x), dtype=float)
+            J = derivative(tick, x)
             steady = bool(
                 np.max(np.ptp(commands[-round(CALM_WINDOW_S * rate_hz) :], axis=0)) < CALM_TOLERANCE
             )
@@ -196,15 +203,28 @@ def _without_idle_zones(block: Tree, u: np.ndarray) -> Tree:
     return replace(cast(Tree, block), drivetrain=new_drivetrain)
 
 
+def _engine_jacobian(f: Callable[[Tree], Tree], x: np.ndarray) -> np.ndarray:
+    return np.asarray(jacobian(f)(x), dtype=float)
+
+
+def _finite_differences(f: Callable[[Tree], Tree], x: np.ndarray) -> np.ndarray:
+    """Return the Jacobian (n, n) of f at x (n,), by central differences."""
+    steps = np.diag(DIFFERENCE * (1.0 + np.abs(x)))
+    return np.column_stack([(f(x + h) - f(x - h)) / (2.0 * h.sum()) for h in steps])
+
+
 def _steady_state(
-    tick: Callable[[Tree], Tree], x: np.ndarray, shift: np.ndarray
+    tick: Callable[[Tree], Tree],
+    x: np.ndarray,
+    shift: np.ndarray,
+    derivative: Callable[[Callable[[Tree], Tree], np.ndarray], np.ndarray] = _engine_jacobian,
 ) -> tuple[np.ndarray, np.ndarray, bool]:
     """Return the row x with tick(x) = x + shift, the Jacobian at x, and True if Newton's method converged."""
     J = np.zeros((len(x), len(x)))
     for _ in range(MAX_NEWTON_STEPS):
         with np.errstate(over="ignore", invalid="ignore"):  # a step may end where the model diverges
-            J, gap = np.asarray(jacobian(tick)(x), dtype=float), x + shift - tick(x)
-        if not np.isfinite(J).all() or not np.isfinite(gap).all():
+            J, missing = derivative(tick, x), x + shift - tick(x)
+        if not np.isfinite(J).all() or not np.isfinite(missing).all():
             break
         if np.max(np.abs(gap) / (1.0 + np.abs(x))) < STEADY_TOLERANCE:
             return x, J, True
