@@ -97,7 +97,7 @@ def predictive(name: str, speed_m_s: float) -> Bench:
         begin_s = process_time()
         state, _ = law.step(state, reference, estimate)
         steps_s.append(process_time() - begin_s)
-        reports_s.append(solver._program._solver.info.run_time)
+        reports_s.append(solver._solver.info.run_time)
     medians_s = [median(times[WARM_UP:]) for times in (steps_s, calls_s, reports_s)]
     names, goal = ("a step", "its solver's call", "the time that OSQP reports"), {"its solver's call": HALF}
     rows = (row(name, time_s, medians_s[0], goal, {}) for name, time_s in zip(names, medians_s, strict=True))

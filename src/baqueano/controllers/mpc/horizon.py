@@ -9,6 +9,7 @@ computes the start state, and a call after it computes the command.
 """
 
 from dataclasses import replace
+from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -86,6 +87,9 @@ class Horizon:
         self._walls = np.tile(wall[:, self._with_wall], STEPS)  # (2, w)
         self._weights = np.repeat(np.eye(STEPS), self._substeps, axis=0)
         self._end_of_step = slice(self._substeps - 1, None, self._substeps)
+        self._r, self._J = np.empty((STEPS, RESIDUALS)), np.empty((STEPS, RESIDUALS, STEPS * self._k))
+        self._walls_program = *self._walls, np.empty((self._walls.shape[1], STEPS * self._k))
+        self._r_row, self._J_rows = self._r.ravel(), self._J.reshape(-1, STEPS * self._k)
         self._kernel = self._begin_compiled = self._command_compiled = None
 
     def rest_state(self) -> tuple[np.ndarray, np.ndarray, Tree]:
@@ -123,15 +127,20 @@ class Horizon:
         if self._kernel is None:
             self._kernel = self._scan(start).bind_sensitivities(self._weights)
         outputs, jacobians = self._kernel(z := E.ravel(), start)
-        outputs, jacobians = outputs[self._end_of_step], jacobians[self._end_of_step]
-        J = jacobians[:, :RESIDUALS].reshape(-1, len(z))
-        q = (outputs[:, :RESIDUALS].ravel() - J @ z) @ J
+        np.copyto(self._r, outputs[self._end_of_step, :RESIDUALS])
+        np.copyto(self._J, jacobians[self._end_of_step, :RESIDUALS])
+        r, J = self._r_row, self._J_rows
+        P = J.T.dot(J)
+        q = r.dot(J) - P.dot(z)
         q[: self._k] -= state.effort * self._change_weight
-        if not np.isfinite(q).all():
+        if not isfinite(q.dot(q)):
             return E, *model, None
-        p_E, p = jacobians[:, RESIDUALS:].reshape(-1, len(z)), outputs[:, RESIDUALS:].ravel()
-        low, high = self._walls - (p - p_E @ z) if len(p) else self._walls
-        return E, *model, QuadraticProgram(J.T @ J + self._P, q, p_E, low, high)
+        P += self._P
+        low, high, A = self._walls_program
+        if len(A):
+            A = jacobians[self._end_of_step, RESIDUALS:].reshape(-1, len(z))
+            low, high = self._walls - (outputs[self._end_of_step, RESIDUALS:].ravel() - A @ z)
+        return E, *model, QuadraticProgram(P, q, A, low, high)
 
     def command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the command (n,) for an effort (k,), within the limits, and the effort (k,) that it causes."""

@@ -6,6 +6,7 @@ P is dense; `rows`, `lower` and `upper` are the same at each call. Source: Stell
 Computation, 2020.
 """
 
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -27,26 +28,22 @@ class BoundedProgram:
 
     def __init__(self, rows: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
         self._rows, self._lower, self._upper = rows, lower, upper
-        self._program: Any = None  # an OSQP program, from the first call on
+        self._solver: Any = None  # OSQP without its Python interface, from the first call on
 
     def solve(self, matrices: Tree, start: np.ndarray) -> np.ndarray | None:
         """Return the solution z, in the shape of `start`, for P, q, A, low and high in `matrices`; None if it fails."""
         P, q, A, low, high = matrices
-        if self._program is None:
+        if self._solver is None:
             self._set_up(P, q, A, low, high)
-        elif len(low):
-            low, high = self._bounds(low, high)
-            all_rows = np.vstack([self._rows, A])
-            self._program.update(
-                q=q, l=low, u=high, Px=P.take(self._index_P), Ax=all_rows.T.take(self._index_A)
-            )
-        else:
-            self._program.update(q=q, Px=P.take(self._index_P))
-        program: Any = self._program
-        program.warm_start(x=start.ravel())
-        answer = program.solve(raise_error=False)
-        is_solved = answer.info.status_val in SOLVED_STATUS and np.isfinite(answer.x).all()
-        return np.reshape(answer.x, start.shape) if is_solved else None
+        solver: Any = self._solver
+        solver.update_data_vec(q, *(self._bounds(low, high) if len(low) else (None, None)))
+        A_values = np.vstack([self._rows, A]).T.take(self._index_A) if len(low) else None
+        solver.update_data_mat(P.take(self._index_P), None, A_values, None)
+        solver.warm_start(start.ravel(), None)
+        solver.solve()
+        x = solver.solution.x
+        is_solved = solver.info.status_val in SOLVED_STATUS and isfinite(x.dot(x))
+        return np.reshape(x, start.shape) if is_solved else None
 
     def _set_up(self, P: np.ndarray, q: np.ndarray, A: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
         """Set up the OSQP problem, with matrices in column order: upper triangle of P, sparse `rows`, dense A."""
@@ -60,7 +57,7 @@ class BoundedProgram:
         matrices[1].data = np.vstack([self._rows, A]).T.take(self._index_A)
         program = _osqp()
         program.setup(matrices[0], q, matrices[1], *self._bounds(low, high), **OSQP_SETTINGS)
-        self._program = program
+        self._solver = program._solver
 
     def _bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         low, high = np.clip(low, -NO_BOUND, NO_BOUND), np.clip(high, -NO_BOUND, NO_BOUND)
