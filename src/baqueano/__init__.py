@@ -86,7 +86,7 @@ register(
 # called by packages below: a result is drawn by `report`, and `compare` gives fits to `validation`
 register("baqueano.report.card", "card_html")
 register("baqueano.report.plots", "plot")
-register("baqueano.report.tables", "save_table")
+register("baqueano.report.tables", "save_result")
 register("baqueano.validation.parameter_drift", "compare_fits")
 
 

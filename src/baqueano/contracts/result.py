@@ -118,7 +118,7 @@ class Result:
         `decimal=","` writes a .csv file for a spreadsheet with decimal commas. Raise UsageError for another file
         extension.
         """
-        return import_module("baqueano.report.tables").save_result(self, path, decimal)
+        return registered_function("save_result")(self, path, decimal)
 
     def to_pandas(self: Tabular) -> Any:
         """Return the rows as a pandas DataFrame. Raise UsageError with the command to type if pandas is missing."""

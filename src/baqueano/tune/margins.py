@@ -174,11 +174,11 @@ def _linearise_system(
     is_interpreted = any(optional.attribute(block, "is_interpreted") for block in system.blocks)
     derivative = _finite_differences if is_interpreted else _engine_jacobian
     tick = tick_at(state, round((SETTLE_S * rate_hz + 1) * NANOSECONDS / rate_hz))
-    x, J, steady = _steady_state(tick, flat.row(state), speed_m_s * dt_s * direction, derivative)
+    x, J, steady = _steady_state(tick, flat_state.row(state), speed_m_s * dt_s * direction, derivative)
     if not steady:  # Newton's method began too far away
         t_ns = tick_times(round(EXTRA_S * rate_hz) + 1, rate_hz)
         state, commands = _drive_system(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
-        tick, x = tick_at(state, int(t_ns[-1])), flat.row(state)
+        tick, x = tick_at(state, int(t_ns[-1])), flat_state.row(state)
         _, J, steady = _steady_state(tick, x, speed_m_s * dt_s * direction, derivative)
         if not steady:  # for example, the controller does not correct the cross-track error
             J = derivative(tick, x)
@@ -223,8 +223,8 @@ def _steady_state(
     J = np.zeros((len(x), len(x)))
     for _ in range(MAX_NEWTON_STEPS):
         with np.errstate(over="ignore", invalid="ignore"):  # a step may end where the model diverges
-            J, missing = derivative(tick, x), x + shift - tick(x)
-        if not np.isfinite(J).all() or not np.isfinite(missing).all():
+            J, gap = derivative(tick, x), x + shift - tick(x)
+        if not np.isfinite(J).all() or not np.isfinite(gap).all():
             break
         if np.max(np.abs(gap) / (1.0 + np.abs(x))) < STEADY_TOLERANCE:
             return x, J, True

@@ -7,7 +7,6 @@ For a foreign file, or a file without readable data, FileError is raised, which 
 import json
 from array import array
 from collections.abc import Iterable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +67,7 @@ def read_run(path: Path | str) -> Run:
     """
     path = Path(path)
     if path.name == str(path) and not path.suffix:
-        path = Path(import_module("baqueano.runs.folder").find(str(path)))  # it imports this module
+        path = Path(find(str(path)))
     try:
         contents = scan(read_bytes(path), VIEWER_SCHEMAS)
     except FileTooLarge as error:
