@@ -218,8 +218,7 @@ def _no_common_sensor(names: Sequence[str], runs: list[Run]) -> UsageError:
 
 
 def _sensor_channels(use: Sequence[str]) -> dict[str, list[int]]:
-    """Return, for each sensor, the channels named by entries such as "imu[2]". A sensor that `use` also names without
-    brackets is omitted. Raise UsageError for an entry that cannot be parsed."""
+    """Return the channels of each sensor that `use` names only by entries such as "imu[2]", or raise UsageError."""
     channels: dict[str, list[int]] = {}
     for channel in use:
         name, bracket, entry = channel.partition("[")

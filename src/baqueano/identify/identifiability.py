@@ -198,10 +198,7 @@ def _bounded_pair(
     task: Task, theta: np.ndarray, is_fixed: np.ndarray, partners: Mapping[int, Sequence[int]],
     free: Sequence[FreeParameter],
 ) -> tuple[int, int] | None:  # fmt: skip
-    """Return a fixed entry of θ and one of its `partners` that is at a bound, or None. Both belong to `free`.
-
-    The grid sets the bounds of a delay, so a delay does not count.
-    """
+    """Return a fixed entry of θ and one of its `partners` at a bound, both of `free`, but not a delay; or None."""
     is_at_bound = (theta <= task.low) | (theta >= task.high)
     for i in np.flatnonzero(is_fixed[: len(free)]).tolist():
         for j in partners.get(i, ()):
@@ -258,8 +255,7 @@ class FinishedFit(NamedTuple):
         return self.parameters.blocks
 
     def confused_parameters(self, partners: Mapping[int, tuple[int, ...]], i: int) -> list[FreeParameter]:
-        """Return the shared parameters that are confused with entry i of θ, according to `partners`, a field of
-        `identifiability`."""
+        """Return the shared parameters among the `partners` of entry i of θ, a field of `identifiability`."""
         free = self.parameters.free
         return [free[j] for j in partners.get(i, ()) if j < len(free)]
 

@@ -70,8 +70,7 @@ def is_imu_only(
 
 
 def select_imu(vehicle_file: "VehicleFile", use: Sequence[str] | None) -> list[str]:
-    """Return the name of the IMU, as `use` of a fit. Raise UsageError if `use` names another sensor, or if the IMU is
-    ambiguous or missing."""
+    """Return the name of the IMU, as `use` of a fit. Raise UsageError unless it is the only candidate."""
     sensors = vehicle_file.sensors._asdict().items()
     names = [name for name, sensor in sensors if is_imu(sensor)]
     imus = names if use is None else list(use)

@@ -89,8 +89,7 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
 
 
 def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
-    """Return the covariance (p + k, p + k) of the parameters of `fit` and of the standard deviations of the process
-    noise. Unknown entries are NaN."""
+    """Return the covariance (p + k, p + k) of the parameters of `fit` and of the process noise; NaN if unknown."""
     p, k, count = len(fit.names), len(second.axes), len(second.end.identifiability.mask)
     floor, in_theta = second.likelihood_fit.noise.floor, second.end.parameters.in_theta
     bread = second.info.bread
@@ -171,8 +170,7 @@ def _information_matrices(likely: MaximumLikelihood, first: FinishedFit) -> tupl
 
 
 def _noise_ratios(first: FinishedFit, likely: MaximumLikelihood) -> np.ndarray:
-    """Return the sensor noise (m,) without the process noise, relative to the noise in the file, or 0 if the file does
-    not contain it."""
+    """Return the sensor noise (m,) without process noise, relative to that in the file, or 0 without one."""
     file_sigma = sensor_sigma(first.blocks.sensors)
     estimate = first.task.problem.sigma * np.exp(likely.noise.sensors)
     return np.where(file_sigma > 0.0, estimate / np.where(file_sigma > 0.0, file_sigma, 1.0), 0.0)

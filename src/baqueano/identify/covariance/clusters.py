@@ -181,8 +181,7 @@ def with_larger_errors(
 
 
 def with_jackknife(info: "Information", identifiable: np.ndarray, cov: np.ndarray) -> "Information":
-    """Return `info` with B replaced, so that no `identifiable` entry has a smaller standard error than in `cov` (k, k).
-    The correlations come from `cov`. (3)"""
+    """Return `info` with B replaced: no `identifiable` entry has a smaller error than in `cov` (k, k). (3)"""
     index = np.ix_(identifiable, identifiable)
     A, meat = info.bread[index], info.meat.copy()
     root, inverse = _scaled_inverse(A)

@@ -124,8 +124,7 @@ def parameter_cov(info: Information, identifiable: np.ndarray) -> np.ndarray:
 
 
 def _square_root(B: np.ndarray) -> np.ndarray:
-    """Return F (k, k) with F Fᵀ = B + ε I, where ε is small. If B has negative eigenvalues because of rounding, ε
-    replaces all eigenvalues below ε."""
+    """Return F (k, k) with F Fᵀ = B + ε I; a small ε replaces eigenvalues below ε, also negative ones by rounding."""
     jitter = 1e-13 * max(float(np.trace(B)), 1e-300)
     try:
         return np.linalg.cholesky(B + jitter * np.eye(len(B)))

@@ -214,8 +214,7 @@ def _row_and_part(
 
 
 def contains_readings(run: Run, sensor: str, entry: int, z: np.ndarray) -> bool:
-    """Return True if all finite values z (N,) are readings of this channel of the run. Values of a truth and of hand
-    measurements are not tested."""
+    """Return True if all finite values z (N,) are readings of this channel; truth and hand measurements pass."""
     is_sensor = sensor in run.sensors
     return not is_sensor or bool(np.isin(z[np.isfinite(z)], run.sensors[sensor].z[:, entry]).all())
 

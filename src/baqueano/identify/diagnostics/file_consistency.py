@@ -184,8 +184,7 @@ def with_mount_findings(end: "FinishedFit", messages: list[Diagnostic]) -> list[
 
 
 def _has_wrong_axes(task: Task, name: str) -> bool:
-    """Return True if a channel of the IMU does not follow its prediction, or follows the prediction of another
-    channel more closely."""
+    """Return True if a channel of the IMU follows the prediction of another channel more closely, or none."""
     table = channel_regressions(*sensor_samples(task.problem, task.start, name))
     is_related = any(r.is_clear() for row in table for r in row)
     return is_related and not all(

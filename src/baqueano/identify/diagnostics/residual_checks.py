@@ -56,6 +56,7 @@ OUTLIER_SIGMA, MIN_OUTLIERS, LATE_Z = 4.0, 8, 5.0  # (3): standard deviations, r
 DEAD_ZONES = "model.drivetrain.dead_zone_forward model.drivetrain.dead_zone_backward"
 TERM_KEYS = {  # code of an effect → keys of the file that model it
     "term.delay": DELAY_PATH,
+    "term.motor-lag": "model.drivetrain.lag_s",
     "term.low-pass": "sensors.{sensor}.low_pass_hz",
     "term.imu-turned": "sensors.{sensor}.heading_rad",
     "term.turning-about": "model.centre_of_mass_x_m",
@@ -66,6 +67,7 @@ TERM_KEYS = {  # code of an effect → keys of the file that model it
 }
 # the yaw rate of a car follows its curvature, so a drag about ψ is a curvature that falls with the speed
 TYRE_TERMS = {f"{code}, psi" for code in ("drag", "steep drag", "cornering", "turning", "slip")}
+HIDDEN_EFFECTS = ("term.friction-speed", "term.backlash")
 TermTests: TypeAlias = Sequence[tuple[LabelledTerm, ScoreTest]]
 MAX_REPORTED = 2  # results that are reported, the most significant first
 MAX_COMPARED_RUNS = 8  # up to this number, each run is compared with the others
@@ -81,8 +83,7 @@ def check_residuals(
 ) -> "Diagnosis":
     """Return findings at θ (p,), and their consequences for the s shared entries.
 
-    The `identifiable` (p,) entries have standard errors `std` (p,), and `bounds`, low (p,) and high (p,). The problem
-    is weighted with the estimated noise.
+    The `identifiable` (p,) entries have standard errors `std` (p,), and `bounds`, low (p,) and high (p,).
     """
     s = problem.layout.shared_count
     index = np.flatnonzero(identifiable[:s])
@@ -97,13 +98,18 @@ def check_residuals(
     messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(fit_evidence, motion)
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
     missing_terms = _missing_terms(fit_evidence, tests, blocks.model)
-    speed_errors = _effect_errors("term.friction-speed", -1, fit_evidence, tests)  # nobody measures it
+    # nobody measures them
+    hidden_errors = [e for code in HIDDEN_EFFECTS for e in _effect_errors(code, -1, fit_evidence, tests)]
     by_fix: dict[str, Diagnostic] = {}  # one message of those with the same remedy
     for _, message, _ in missing_terms:
         by_fix.setdefault(message.fix or message.figures["effect"].code, message)
     messages += [*by_fix.values()][:MAX_REPORTED] + [result.message for result in differences[:MAX_REPORTED]]
     diagnosis, entries = Diagnosis.of(messages, s), np.ix_(index, index)
-    errors = [np.zeros(len(index)), *speed_errors, *(result.errors for result in missing_terms + differences)]
+    errors = [
+        np.zeros(len(index)),
+        *hidden_errors,
+        *(result.errors for result in missing_terms + differences),
+    ]
     diagnosis.unmodelled_cov[entries] = _largest_errors_cov(np.array(errors))
     diagnosis.lag_errors[index] = sum(_effect_errors("term.low-pass", 1, fit_evidence, tests))
     return diagnosis
@@ -119,8 +125,7 @@ def _effect_errors(code: str, sign: int, fit: "_FitEvidence", tests: TermTests) 
 
 
 def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarray) -> FitResiduals:
-    """Return the residuals at θ for score tests, with the starts of segments and the entries of runs as nuisance
-    parameters. `identifiable` (p,) is a mask of the entries of θ that the data determine."""
+    """Return the residuals at θ for score tests. `identifiable` (p,) masks the entries that the data determine."""
     layout, segments = problem.layout, problem.sensitivities(theta, last=True)
     s, o = layout.shared_count, layout.run_entry_count
     ends = np.cumsum([0, *(len(r) for r, _, _ in segments)])
@@ -275,8 +280,7 @@ def _part_masks(
 def _channels(
     problem: Residuals, residuals: Sequence[np.ndarray]
 ) -> Iterator[tuple[str, list[np.ndarray], list[np.ndarray]]]:
-    """Yield for each channel its name, and for each segment r and h (n,). These are the residuals and predictions at
-    the measurements of the channel, in standard deviations."""
+    """Yield for each channel its name, and its residuals r and predictions h of each segment (n,), divided by σ."""
     for c, label in enumerate(problem.labels):
         is_present = [mask[:, c] > 0.0 for mask in problem.masks]
         r = [x[t, c] for x, t in zip(residuals, is_present, strict=True)]

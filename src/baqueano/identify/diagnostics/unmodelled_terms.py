@@ -4,29 +4,30 @@ A force outside the model pushes the vehicle along an axis a with an acceleratio
 drivetrain, ν is the velocity of the model, both relative to their largest value; s is the time since a sign changed.
 
     ν ← ν + ε φ δ e_a,   ν̇ ← ν̇ + ε φ e_a,   D = ∂h/∂ε at ε = 0                                             (1)
-    φ = tanh 10 w    w |w|    |w|    w (t/T − ½)    sign w e^(−s/0.2 s)      dead zone … backlash           (2)
+    φ = tanh 10 w    w |w|    |w|    w (t/T − ½)                             dead zone … battery            (2)
         tanh 10 ν    ν |ν|    ν³     |ν|    sign ν e^(−s/0.2 s)    ∂ tanh(ν/ν_k)/∂ log ν_k       dry friction … (3)
         ν_ψ   ν_x |ν_ψ|   ν_ψ²      ν_x |ν_x| ν_ψ²   ν_x ν_ψ (sideways)      along x, in corners            (4)
         ν_x   ν_ψ |ν_x|   ν_x ν_ψ   ν_ψ ν_x²         ν_ψ |ν_ψ| (sideways)    about ψ                        (5)
     D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (6)
     D = −τ ḣ + τ² ḧ   (the IMU, if the delay of the commands is free)
+    w ← w + ε (w̄ − w),   w̄ is w after a lag of 0.1 s;     w ← w − ε e^(−s/0.05 s) sign F,   F = w − E ν      (7)
 
-The derivatives are propagated for all φ in one pass. (6) changes only the readings: a delay, an IMU at another place
-or turned on its mount, its low-pass.
+(6) changes only the readings: delay, mount, low-pass. (7) is a lag of motors, and play in gears with the thrust F.
 """
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from baqueano.contracts.optional import has_field
+from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.averaging import WEIGHT_COLUMNS, averages
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.parameters.free import DELAY_PATH
+from baqueano.identify.parameters.free import DELAY_PATH, substitute
 from baqueano.identify.parameters.theta import ThetaShape
 from baqueano.identify.residuals.motion import (
     Motions,
@@ -46,7 +47,8 @@ from baqueano.vehicles.freedoms import dry_friction_speeds
 
 DECAY_S = 0.2  # duration of an effect that begins when a sign changes
 SIGN_WIDTH = 0.1  # of the largest value: width of the tanh at a change of sign
-COMMAND_TERMS = ("dead zone", "saturation", "asymmetry", "fading", "backlash")
+COMMAND_TERMS = ("dead zone", "saturation", "asymmetry", "fading")
+MOTOR_TERMS = ("motor lag", "backlash")
 MOTION_TERMS = (
     "dry friction", "drag", "steep drag", "one-sided drag", "caster", "friction speed", "unequal drag", "cornering",
     "turning", "slip",
@@ -55,7 +57,10 @@ MOTION_TERMS = (
 TURNING_TERMS = {0: note("term.turning"), 2: note("term.turning-about")}
 SIDEWAYS_TERMS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
 LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
+LAG_S, PAUSE_S = 0.1, 0.05  # of the motors, and of their thrust after it changed its sign
+DRAG_SPEEDS = (5.0, 10.0, 15.0)  # in units of the speed of the dry friction
 SIDEWAYS_AXIS = np.array([0.0, 1.0, 0.0])
+AXES = ("x", "y", "psi", "motors")
 FORCE_AXES = (0, 2)  # of all forces except the last one of each axis, which acts sideways
 
 LabelledTerm: TypeAlias = tuple[str, Diagnostic]  # code of a term, and its description
@@ -73,8 +78,7 @@ class Force(NamedTuple):
 
 
 def force_terms(axis: int, channel_count: int) -> list[Force]:
-    """Return the forces along `axis` (0 or 2) and then a sideways force. The order follows `command_features` and
-    `motion_features`."""
+    """Return the forces along `axis` (0 or 2) in the order of the features, and then a sideways force."""
     channels = [(code, j) for code in COMMAND_TERMS for j in range(channel_count)]
     forces = [Force(f"{code} of channel {j}", _term(code), axis, j) for code, j in channels]
     notes = {code: _term(code) for code in MOTION_TERMS} | {"turning": TURNING_TERMS[axis]}
@@ -87,12 +91,10 @@ def _term(code: str) -> Diagnostic:
 
 
 def command_features(w: np.ndarray, record: FitRecord) -> np.ndarray:
-    """Return φ (N, 5 c) of one segment with channels w (N, c), relative to their largest value.  (2)"""
+    """Return φ (N, 4 c) of one segment with channels w (N, c), relative to their largest value.  (2)"""
     t, magnitude = np.cumsum(record.dt_s), np.abs(w)
     fading = w * (t / t[-1] - 0.5)[:, None]
-    return np.concatenate(
-        [np.tanh(w / SIGN_WIDTH), w * magnitude, magnitude, fading, _decay_since_sign_change(w, t)], axis=1
-    )
+    return np.concatenate([np.tanh(w / SIGN_WIDTH), w * magnitude, magnitude, fading], axis=1)
 
 
 def motion_features(axis: int, nu: np.ndarray, record: FitRecord, dry_speed: float) -> np.ndarray:
@@ -107,25 +109,13 @@ def motion_features(axis: int, nu: np.ndarray, record: FitRecord, dry_speed: flo
     return np.concatenate([dry_force, v * magnitude, v * v * v, magnitude, flips, width, *corners], axis=1)
 
 
-def driven_channels(model: Tree, u: np.ndarray) -> np.ndarray:
-    """Return the channels (N, c) of the drivetrain for the commands u (N, n): the two wheels, or the commands."""
-    drivetrain = getattr(model, "drivetrain", None)
-    if getattr(drivetrain, "mixing", "none") == "two_wheels":
-        return np.column_stack([u[:, 0] - u[:, 2], u[:, 0] + u[:, 2]])
-    return u
-
-
 def _decay_since_sign_change(x: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return sign x e^(−s/0.2 s) (N, c), where s is the time since the last change of sign; it is 0 before the first
-    change."""
-    decay = np.zeros_like(x)
-    for c, sign in enumerate(np.sign(x).T):
-        moving_rows = np.flatnonzero(sign != 0.0)
-        reversals = moving_rows[1:][np.diff(sign[moving_rows]) != 0.0]
-        if len(reversals):
-            edges = np.append(reversals, len(t))
-            elapsed_s = t[reversals[0] :] - np.repeat(t[reversals], np.diff(edges))
-            decay[reversals[0] :, c] = np.exp(-elapsed_s / DECAY_S) * sign[reversals[0] :]
+    """Return sign x e^(−s/0.2 s) (N, 1) for x (N, 1); s is the time since the sign last changed, infinite before."""
+    decay, sign = np.zeros_like(x), np.sign(x[:, 0])
+    moving_rows = np.flatnonzero(sign)
+    reversals = moving_rows[1:][np.diff(sign[moving_rows]) != 0.0]
+    for begin, end in pairwise([*reversals, len(t)]):
+        decay[begin:end, 0] = np.exp((t[begin] - t[begin:end]) / DECAY_S) * sign[begin]
     return decay
 
 
@@ -135,6 +125,10 @@ class PushedState(NamedTuple):
     vehicle: Tree
     signals: tuple[Tree, ...]
     theta: np.ndarray
+    lagged: np.ndarray  # (k,) channels after a lag of LAG_S
+    thrust_sign: np.ndarray  # (k,)
+    pause: np.ndarray  # (k,) e^(−s/PAUSE_S), s the time since the thrust changed its sign
+    emf: np.ndarray  # (n, 3) E
 
 
 class FittedMotion(NamedTuple):
@@ -160,9 +154,27 @@ def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -
     if not has_field(blocks.model, "process_noise_std"):
         return None
     push = cached_kernel(blocks, problem.shape, problem.scan.backend, _push_scan)
-    begin, thetas = initial_state(blocks, problem.shape), [theta[index] for index in problem.layout.indices]
-    starts = [PushedState(*begin(segment_theta), segment_theta) for segment_theta in thetas]
+    starts = [_start(blocks, problem.shape, theta[index]) for index in problem.layout.indices]
     return FittedMotion(push, starts, problem.motions(theta))
+
+
+def _start(blocks: FittedBlocks, shape: ThetaShape, theta: np.ndarray) -> PushedState:
+    """Return the state at the start of a segment with θ (p,)."""
+    motors_off = np.zeros(blocks.model.drivetrain.channels)
+    emf = _back_emf(substitute(blocks, shape.paths, theta).model)
+    return PushedState(*initial_state(blocks, shape)(theta), theta, motors_off, motors_off, motors_off, emf)
+
+
+def _back_emf(model: Tree) -> np.ndarray:
+    """Return E (n, 3): E ν is the effort against the part of the drag that is linear in ν.  (7)"""
+    n = model.commands
+    if not is_dynamic(model):
+        return np.zeros((n, 3))
+    still, units = np.zeros(n), np.minimum(dry_friction_speeds(model), 1.0)
+    drag = [-np.diagonal([model.nu_dot(k * nu, still) for nu in np.diag(units)]) for k in DRAG_SPEEDS]
+    linear = np.array([-2.5, 4.0, -1.5]) @ drag / (DRAG_SPEEDS[0] * units)
+    gains = [model.nu_dot(np.zeros(3), u) - model.nu_dot(np.zeros(3), still) for u in np.eye(n)]
+    return np.linalg.pinv(np.array(gains).T) * linear
 
 
 def term_columns(
@@ -188,10 +200,11 @@ def _force_columns(
     blocks: FittedBlocks, problem: Residuals, fit_motion: FittedMotion
 ) -> Callable[[], TermColumns]:
     """Return a function that computes the columns of the forces.  (1)"""
-    channels = [driven_channels(blocks.model, record.u) for record in problem.records]
+    channels = [blocks.model.drivetrain.mix(record.u.T).T for record in problem.records]
     largest = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
     kernel, scale = fit_motion.push, np.where(largest > 0.0, largest, 1.0)
     candidates = [force for axis in FORCE_AXES for force in force_terms(axis, len(largest))]
+    candidates += [Force(code, _term(code), len(AXES) - 1) for code in MOTOR_TERMS]
     speeds = dry_friction_speeds(blocks.model)
 
     def segment_rows(k: int) -> np.ndarray:
@@ -216,8 +229,8 @@ def _force_columns(
 
     def columns() -> TermColumns:
         D = all_columns().reshape(-1, len(candidates)).T  # (K, N m)
-        axes, forces = ("x", "y", "psi"), [candidates[k] for k in index]
-        labels = [(f"{force.code}, {axes[force.axis]}", force.description) for force in forces]
+        forces = [candidates[k] for k in index]
+        labels = [(f"{force.code}, {AXES[force.axis]}", force.description) for force in forces]
         return labels, D if len(index) == len(candidates) else D[index]
 
     return columns
@@ -227,10 +240,10 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     """Return the scan from ε (K,) of all forces to the readings divided by σ. The forces are sorted by axis; the
     last force of each axis acts sideways.  (1)"""
     n, m = blocks.model.commands, sum(s.size for s in blocks.sensors)
-    channels = driven_channels(blocks.model, np.zeros((1, n))).shape[1]
+    channels = blocks.model.drivetrain.channels
     c, count = len(COMMAND_TERMS) * channels, len(force_terms(0, channels))
     theta, column_count = example(blocks, shape), c + len(FORCE_AXES) * (count - c)
-    start = PushedState(*initial_state(blocks, shape)(theta), theta)
+    is_motor = np.arange(channels) < channels - blocks.model.drivetrain.servos
 
     def pushes(epsilon: np.ndarray, phi: np.ndarray) -> Iterator[np.ndarray]:
         for k, axis in enumerate(FORCE_AXES):
@@ -243,17 +256,36 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
         push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + column_count]))
         mean_weights = shape.mean_weights(blocks.sensors._fields, row[1 + n + m + column_count :])
+        drivetrain = blocks_at.model.drivetrain
+        effort = drivetrain.step(state.vehicle.drivetrain, u, dt_s)[1].mean
+        w = drivetrain.mix(effort)
+        lagged = w + (state.lagged - w) * np.exp(-dt_s / LAG_S)
+        thrust = drivetrain.mix(effort - state.emf @ state.vehicle.nu)
+        sign = np.where(thrust > 0.0, 1.0, np.where(thrust < 0.0, -1.0, state.thrust_sign))
+        pause = np.where(sign * state.thrust_sign < 0.0, 1.0, state.pause * np.exp(-dt_s / PAUSE_S))
+        change = is_motor * (epsilon[-2] * (lagged - w) - epsilon[-1] * pause * sign)
+        if is_dynamic(blocks.model):
+            efforts = effort + drivetrain.unmix(change), effort
+            changed, unchanged = (blocks_at.model.nu_dot(state.vehicle.nu, e) for e in efforts)
+            push = push + changed - unchanged
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)
         vehicle, motion = tick_blocks.model.step(vehicle, u, dt_s, np.zeros(3))
         tick = motion.tick and tuple(
             motion_k._replace(nu_dot=motion_k.nu_dot + push) for motion_k in motion.tick
         )
         motion = motion._replace(nu_dot=motion.nu_dot + push, tick=tick)
-        readings, signals = read_sensors(tick_blocks.sensors, state.signals, motion, dt_s, mean_weights)
-        return state._replace(vehicle=vehicle, signals=signals), weight * np.concatenate(readings)
+        readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, dt_s, mean_weights)
+        next_state = PushedState(vehicle, signals, state.theta, lagged, sign, pause, state.emf)
+        return next_state, weight * np.concatenate(readings)
 
     rows = np.zeros(1 + n + m + column_count + WEIGHT_COLUMNS * len(shape.means) + shape.has_voltage)
-    return scan(step, start, rows, np.zeros(len(FORCE_AXES) * count), backend=backend)
+    return scan(
+        step,
+        _start(blocks, shape, theta),
+        rows,
+        np.zeros(len(FORCE_AXES) * count + len(MOTOR_TERMS)),
+        backend=backend,
+    )
 
 
 def _reading_terms(

@@ -78,8 +78,7 @@ def _is_settled(previous: Search, end: Search) -> bool:
 
 
 def search_with_free_delay(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
-    """Return the task whose bounds contain only one tick of delay, and the best search. Without a free delay, `task` is
-    returned unchanged."""
+    """Return the best search, and the task whose bounds contain one tick of delay, or `task` if it is not free."""
     shared_names, counts = task.problem.shape.shared_paths, []
     if DELAY_PATH not in shared_names:
         return task, best_search(task, begin)
@@ -102,8 +101,7 @@ def search_with_free_delay(task: Task, begin: np.ndarray) -> tuple[Task, Search]
 
 
 def with_bound_flags(task: Task, end: Search) -> Search:
-    """Return `end` with its `bound` computed from the bounds of `task`. So a delay at the edge of a tick is not
-    marked."""
+    """Return `end` with its `bound` from the bounds of `task`: a delay at the edge of a tick is not marked."""
     theta, tolerance = end.solution.theta, 1e-3 * (task.high - task.low)
     tolerance = np.where(np.isfinite(tolerance), np.minimum(tolerance, 1e-6), 0.0)
     bound = np.where(theta <= task.low + tolerance, -1, np.where(theta >= task.high - tolerance, 1, 0))
@@ -131,8 +129,7 @@ def _search_delay_grid(
 
 
 def _refine(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> Search:
-    """Return `end` with θ at the best delay of a finer grid, which extends one step of the first grid to both
-    sides.  (2)"""
+    """Return `end` with θ at the best delay of a finer grid, one step of the first grid to both sides.  (2)"""
     best, counts = end, task.problem.counts
     while 2.0 * step_s > MAX_FINE_TICKS * tick_s and not best.stopped:
         step_s, middle = 0.5 * step_s, best
@@ -183,8 +180,7 @@ def _search_both_sides(task: Task, nearest: Solution, i: int, fine_s: float, tic
 def _delay_solution(
     task: Task, theta: np.ndarray, i: int, delay_s: float, tolerance: float = ROUGH_DECREMENT
 ) -> Solution:
-    """Return the solution of least cost at this delay, with the present σ. `tolerance` is the tolerance of the
-    decrement."""
+    """Return the solution of least cost at this delay, with the present σ, up to `tolerance` of the decrement."""
     return _fit(task, _with_value(theta, i, delay_s), np.arange(len(theta)) == i, tolerance)
 
 

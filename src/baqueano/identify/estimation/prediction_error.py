@@ -77,8 +77,7 @@ class InnovationDerivatives(NamedTuple):
 
 
 class Prediction:
-    """Innovations of the runs of a `Residuals`, as a function of x = (θ, v, ½ log q). θ, rows, σ and weights are taken
-    from `simulation`."""
+    """Innovations of the runs of `simulation`, as a function of x = (θ, v, ½ log q)."""
 
     def __init__(self, simulation: Residuals, blocks: FittedBlocks) -> None:
         self.simulation, self.size = simulation, simulation.size
@@ -173,8 +172,7 @@ def _search(
     prediction: Prediction, x: np.ndarray, low: np.ndarray, high: np.ndarray, is_fixed: np.ndarray, damping: float,
     progress: Callable[[str], object] | None,
 ) -> Solution:  # fmt: skip
-    """Return the minimum of J, searched from `x`. `progress` is called with a text; if it returns True, the search
-    ends."""
+    """Return the minimum of J, searched from `x`, until `progress` returns True."""
     evaluation_count, evaluation = 0, None
     while True:
         solution = minimise(

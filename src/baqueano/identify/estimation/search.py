@@ -148,8 +148,7 @@ def search(
 
 
 def sigma_at(task: Task, problem: Residuals, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
-    """Return σ (m,) of the residuals at θ, and for each segment its profile (N, m), or None if σ is constant. If the
-    model diverges, σ is the spread of the measurements."""
+    """Return σ (m,) of the residuals at θ (of the measurements if the model diverges), and its profiles (N, m)."""
     residuals, profile = problem.misfits(theta), None
     if not all(np.isfinite(r).all() for r in residuals):
         sigma = robust_sigma(problem.z, problem.masks, task.floor)

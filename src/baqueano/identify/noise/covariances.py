@@ -316,8 +316,7 @@ def _measurement(
 def _residuals(
     fit: "Fit", runs: Sequence[Run], name: str, columns: list[int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rows (K, m) of the residuals of the channels `columns`, in motion and at rest, and their least
-    variances."""
+    """Return rows (K, m) of the residuals of `columns`, in motion and at rest, and their least variances."""
     if not columns:
         return np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
     is_drifting = bool(np.any([c.autocorrelation > WHITE_LIMIT for c in fit.channels if c.sensor == name]))

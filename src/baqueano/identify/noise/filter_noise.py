@@ -165,8 +165,7 @@ def _straight_drive(fit: "Fit", command: float) -> tuple[np.ndarray, float]:
 
 
 def _crab_angle_rad(fit: "Fit", runs: Sequence[Run]) -> float:
-    """Return the angle between course and heading of the fitted model, driving forward at half its largest command
-    [rad]. Return 0 if its speed is below MIN_SPEED_M_S."""
+    """Return the angle [rad] between course and heading at half the largest command; 0 below MIN_SPEED_M_S."""
     limit = fit.file.command.limit[0]
     nu = _straight_drive(fit, 0.5 * limit if np.isfinite(limit) else _rms_forward_command(runs))[0]
     return float(np.arctan2(abs(nu[1]), abs(nu[0]))) if abs(nu[0]) > MIN_SPEED_M_S else 0.0
@@ -303,8 +302,7 @@ def _counted_s(run: Run, name: str) -> np.ndarray:
 
 
 def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., Tree]:
-    """Return the step of a scan with the logarithms of the free noise as parameters. Its output is the term of J
-    from the channels that correct the motion.  (1)"""
+    """Return the scan step from the logarithms of the free noise to the term of J of the correcting channels.  (1)"""
     is_correcting = layout(ekf).corrects_motion
 
     def step(x: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
@@ -323,8 +321,7 @@ def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., T
 def _variance_range(
     fit: "Fit", name: str, entry: int, rest: np.ndarray | None, default: float
 ) -> tuple[float, float]:
-    """Return the least and the greatest variance of an inertial channel. With few residuals, the greatest is
-    `default`.  (2)"""
+    """Return the least and the greatest variance of an inertial channel, `default` with few residuals.  (2)"""
     residuals = [c.residuals for c in fit.channels if (c.sensor, c.entry) == (name, entry)]
     residuals = [r[np.isfinite(r)] for r in residuals]
     count = sum(max(0, len(r) - 2) for r in residuals)

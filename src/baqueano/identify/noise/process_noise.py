@@ -61,8 +61,7 @@ def total_cost(kernel: Scan, ticks: Sequence[Any]) -> Callable[[np.ndarray], flo
 
 
 def fitted_filter(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
-    """Return the filter of the file with the fitted vehicle and the measured Q, or an `Ekf` if the file has another
-    kind of filter."""
+    """Return the filter of the file, or an `Ekf` for other kinds, with the fitted vehicle and the measured Q."""
     sensors = fit.file.sensors
     for name, q in measurement.items():
         block = getattr(fit.blocks.sensors, name, getattr(sensors, name))
@@ -115,8 +114,7 @@ class PredictionState(NamedTuple):
 
 
 def process_errors(fit: "Fit", runs: Sequence[Run], backend: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return errors (N, 6) of the filter's prediction of (ν, ν̇) over a tick, and the root mean square (6,) of
-    (ν, ν̇)."""
+    """Return errors (N, 6) of the filter's prediction of (ν, ν̇) over a tick, and the rms (6,) of (ν, ν̇)."""
     ekf = fitted_filter(fit, {})
     drivetrain, n = ekf.vehicle.drivetrain, ekf.vehicle.commands
 

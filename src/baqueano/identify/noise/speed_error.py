@@ -121,8 +121,7 @@ def block_sums(speed: TimeSeries, acceleration: TimeSeries, rate: TimeSeries) ->
 def _series(
     ekf: AugmentedEkf, fit: "Fit", inertial: set[str]
 ) -> Iterator[tuple[TimeSeries, TimeSeries, TimeSeries]]:
-    """Yield for each run the residuals of the wheels' speed and of the forward accelerometer, and the gyro's yaw
-    rate."""
+    """Yield for each run the residuals of wheel speed and forward accelerometer, and the gyro's yaw rate."""
     accelerometer = forward_accelerometer(ekf, inertial)
     readings = velocity_readings(ekf.sensors, layout(ekf).names)
     wheels = next(

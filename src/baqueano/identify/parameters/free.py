@@ -197,8 +197,7 @@ def free_parameters(
     bounds: Mapping[str, tuple[float, float]],
     channels: Mapping[str, Sequence[int]] = NO_CHANNELS,
 ) -> list[FreeParameter]:
-    """Return the free parameters, in order and once each; an empty list if `free` is empty. `channels` are those of
-    partly used sensors. Raise UsageError if all are fixed."""
+    """Return the free parameters, once each, or raise UsageError; `channels` are those of partly used sensors."""
     field_paths = requested_paths(free, lambda: default_free(blocks, channels))
     paths = [p for path in field_paths for p in entries(blocks, path)]
     fixed_paths = {p for path in fixed_names for p in entries(blocks, path)}
@@ -321,8 +320,7 @@ def _quadratic_bounds(
 def _with_delay_lines(
     blocks: FittedBlocks, delay_s: float, past_rows: Callable[[float], int]
 ) -> FittedBlocks:
-    """Return the blocks with delay lines that are long enough for a command delay of `delay_s` [s] and for the delays
-    of the sensors."""
+    """Return the blocks with delay lines for a command delay of `delay_s` [s] and the delays of the sensors."""
     sensors = blocks.sensors
     for name, sensor in sensors._asdict().items():
         if optional.has_field(sensor, "delay_slots"):

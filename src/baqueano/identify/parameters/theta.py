@@ -150,8 +150,7 @@ class ThetaLayout(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Parameters:
-    """θ (p,): first the parameters that all runs share, then the parameters of each run, then the start of each
-    segment."""
+    """θ (p,): the parameters that all runs share, then those of each run, then the start of each segment."""
 
     blocks: FittedBlocks  # prepared for the free parameters
     requested_parameters: tuple[FreeParameter, ...]  # (q,) all requested parameters
@@ -211,8 +210,7 @@ def fit_parameters(
 
 
 def with_pose_segments(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
-    """Return the options, with segments if a pose is used. Raise UsageError for a clock of a sensor that is not
-    used."""
+    """Return the options, with segments if a pose is used. Raise UsageError for a clock of an unused sensor."""
     names = blocks.sensors._fields
     for name in options.clocks:
         if name not in names:
@@ -230,15 +228,13 @@ def theta_layout(shape: ThetaShape, records: Sequence[FitRecord]) -> ThetaLayout
 def eliminate_starts(
     bread: np.ndarray, meat: np.ndarray, layout: ThetaLayout
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return A and B (r, r) of the shared entries and of the entries by run, with the starts
-    eliminated: (2) of numerics/normal_equations.py."""
+    """Return A and B (r, r) with the starts eliminated: (2) of numerics/normal_equations.py."""
     starts = [layout.start_slice(k) for k in range(len(layout.runs))]
     return eliminate(bread, meat, layout.first_start, starts)
 
 
 def arrow_layout(layout: ThetaLayout, extra_count: int = 0) -> ArrowLayout | None:
-    """Return the parts of θ, and of `extra_count` shared entries after it, or None if few entries belong to
-    segments."""
+    """Return the parts of θ and of `extra_count` shared entries after it; None if few belong to segments."""
     count, o, q = len(layout.runs), layout.run_entry_count, layout.start_size
     segment_entries = layout.first_start + np.arange(count * q).reshape(count, q)
     if layout.runs == tuple(range(count)):  # runs of one segment: entries of the run belong to it
@@ -323,8 +319,7 @@ def start_theta(
     records: Sequence[FitRecord],
     options: FitOptions,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return θ (p,) at the start, and its bounds (p,), (p,). Raise UsageError for a start of a parameter that is not
-    free."""
+    """Return θ (p,) at the start, and its bounds (p,), (p,). Raise UsageError for a start of a fixed parameter."""
     layout = theta_layout(shape, records)
     known_values: dict[str, float] = {}
     for path, numbers in options.start.items():
@@ -353,8 +348,7 @@ def start_theta(
 
 
 def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
-    """Return the first measured pose (3,), or zeros without one. If the heading is not measured, it is the course of
-    the first half of the path."""
+    """Return the first measured pose (3,), or zeros; a missing heading is the course of the first half."""
     for name, sensor in blocks.sensors._asdict().items():
         readings = record.sensors[name]
         if measures_pose(sensor) and readings.mask.any():
@@ -368,8 +362,7 @@ def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
 
 
 def parse_sigma(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray:
-    """Return σ (m,) of all channels from {sensor: (m_s,)}. Raise UsageError for a missing sensor, a wrong size, or a
-    value that is not positive and finite."""
+    """Return σ (m,) of all channels from {sensor: (m_s,)}. Raise UsageError unless all are positive and finite."""
     by_sensor = []
     for name, sensor in zip(sensors._fields, sensors, strict=True):
         if name not in sigma or np.shape(np.atleast_1d(sigma[name])) not in ((1,), (sensor.size,)):

@@ -75,8 +75,7 @@ class GyroAidedResiduals(Residuals):
         return [np.abs(outputs[:, 0]) for outputs in self._outputs(theta)]
 
     def at_estimate(self, theta: np.ndarray) -> Self:
-        """Return the residuals with the expected yaw rate, given the gyro and the model at θ, in their simulation.
-        (4)"""
+        """Return the residuals with the expected yaw rate in their simulation, given gyro and model at θ.  (4)"""
         yaw_rates = []
         for omega, outputs, record in zip(self._gyro, self._outputs(theta), self.records, strict=True):
             slow_rate = slow_part(omega - outputs[:, 1])
@@ -85,8 +84,7 @@ class GyroAidedResiduals(Residuals):
         return self.with_columns([-2, -1], yaw_rates)
 
     def _outputs(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Return for each segment (N, 3): ν_x of the gyro-aided simulation, the gyro reading that the commands predict,
-        and its derivative."""
+        """Return for each segment (N, 3): ν_x with the gyro, the gyro reading by the commands, and its derivative."""
         kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, _trace, True)
         return [
             np.asarray(kernel.run(rows, theta[index])[1])
@@ -111,8 +109,7 @@ def _unknown_s(record: FitRecord, blocks: FittedBlocks, is_delay_free: bool) -> 
 
 
 def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) -> np.ndarray:
-    """Return the rows (N, q) with ω_z and its derivative added at the end of each row. Raise UsageError with fewer
-    than 2 gyro readings."""
+    """Return the rows (N, q) with ω_z and its derivative at the end. Raise UsageError with fewer than 2 readings."""
     z, mask, sample_fraction = record.sensors[imu][:3]
     is_measured = mask[:, 2] > 0.0
     if np.sum(is_measured) < 2:

@@ -64,8 +64,7 @@ class PredictedState(NamedTuple):
 
 
 def noise_axes(model: Tree) -> tuple[int, ...]:
-    """Return the indices of the entries of `process_noise_std` that change ν. Raise UsageError for a kinematic vehicle,
-    or one without this field."""
+    """Return the entries of `process_noise_std` that change ν. Raise UsageError for a vehicle without such entries."""
     if not is_dynamic(model) or not has_field(model, "process_noise_std"):
         raise UsageError(fault("cost.no-velocity", "--cost simulation", kind=type(model).__name__))
     kick = _noise_input_matrix(model, 1.0)

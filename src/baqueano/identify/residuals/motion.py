@@ -135,8 +135,7 @@ def open_loop(
     model: Tree, paths: Sequence[str], output: Callable[[Motion], np.ndarray], backend: str = "auto",
     volts: bool = False,
 ) -> tuple[Scan, np.ndarray]:  # fmt: skip
-    """Return the scan from rows (dt, u, and the voltage if `volts`) and θ to `output` of the motion from rest. Also
-    return θ (p,), the values of the model at `paths`."""
+    """Return the scan from rows (dt, u, voltage if `volts`) to `output` from rest, and θ (p,) at `paths`."""
     blocks, n = FittedBlocks(model, sensor_slots(())()), 1 + model.commands
 
     def start(theta: np.ndarray) -> Tree:

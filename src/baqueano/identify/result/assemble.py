@@ -225,8 +225,7 @@ def _runs(problem: Residuals) -> tuple[str, ...]:
 
 
 def _requested_order(end: FinishedFit, values: np.ndarray, frozen_value: float) -> np.ndarray:
-    """Return the values of the shared entries of θ in the order of `requested_parameters`, with `frozen_value` for the
-    frozen parameters."""
+    """Return the shared `values` in the order of `requested_parameters`, `frozen_value` for frozen ones."""
     ordered_values = np.full(len(end.parameters.requested_parameters), frozen_value, dtype=float)
     ordered_values[end.parameters.in_theta] = values
     return ordered_values
@@ -272,14 +271,16 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
     for i in np.flatnonzero(~end.identifiability.mask[: len(end.parameters.free)]).tolist():
         pairs = end.identifiability.collinear, end.identifiability.correlated
         collinear, partners = (end.confused_parameters(pair, i) for pair in pairs)
-        reason = unobservable_reason(end.parameters.free[i], collinear, float(end.task.start[i]), partners)
-        unobservable_terms.append(reason)
+        parameter, start = end.parameters.free[i], float(end.task.start[i])
+        is_needless = parameter.axis is not None and parameter.axis not in drivetrain.driven_axes
+        is_needless &= start == parameter.definition.neutral
+        reason = unobservable_reason(parameter, collinear, start, partners)
+        (never_shown if is_needless else unobservable_terms).append(reason)
     return tuple(unobservable_terms), tuple(never_shown)
 
 
 def _most_moving(end: FinishedFit) -> str:
-    """Return the path of the parameter that a search without convergence would still move most, in standard errors.
-    Return "" after convergence."""
+    """Return the path that a search without convergence would still move most in standard errors, else ""."""
     solution, s = end.search.solution, len(end.task.problem.shape.shared_paths)
     free_entries = np.flatnonzero(end.identifiability.mask[:s] & (solution.bound[:s] == 0))
     A, g = end.info.bread[np.ix_(free_entries, free_entries)], solution.evaluation.gradient[free_entries]

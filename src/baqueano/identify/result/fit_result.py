@@ -198,9 +198,8 @@ class Fit(Result):
             raise UsageError(self._missing_parameter(name))
         return float(self.estimate[self.names.index(path)])
 
-    def _missing_parameter(self, name: str) -> Diagnostic:
-        """Return the message for a name that was not fitted: the option that frees this parameter, or a similar
-        name."""
+    def _not_fitted(self, name: str) -> Diagnostic:
+        """Return the message for a name that was not fitted: the option that frees it, or a similar name."""
         try:
             entry_paths = [free_parameter(self.blocks, path, {}).path for path in entries(self.blocks, name)]
         except UsageError:

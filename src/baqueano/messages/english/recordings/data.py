@@ -212,6 +212,7 @@ TEMPLATES: dict[str, str] = {
     "term.saturation": "motors that lose force at full command, or wheels that slip",
     "term.asymmetry": "motors that are not equal forward and backward",
     "term.fading": "a battery that loses its charge",
+    "term.motor-lag": "a lag of the motors",
     "term.backlash": "backlash, or a pause after a command changes its sign",
     "term.dry-friction": "dry (Coulomb) friction",
     "term.friction-speed": "another speed at which dry friction changes its sign",

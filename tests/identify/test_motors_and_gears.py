@@ -1,0 +1,57 @@
+"""A lag of the motors and play in the gears look like a delay: a fit with a free delay shows them all the same."""
+
+import numpy as np
+import pytest
+
+from baqueano.identify import identify
+from baqueano.study.faults.subject import subject
+from baqueano.study.truth.transmission import Transmission
+
+DELAY = "model.drivetrain.delay_s"
+
+
+def fit_of(kind, seed, noise=1.0, play_m=0.0, seconds=30.0):
+    """Return the fit of a vehicle of the truth with play in its gears, and `noise` times the noise of its IMU."""
+    drawn = subject(kind, seed)
+    q, u = drawn.vehicle, drawn.signal(seconds)
+    gears = Transmission(np.zeros(1), np.full(1, play_m), np.full(1, np.inf))
+    q = q.with_parameters(transmission=gears, imu=q.imu.with_parameters(noise=noise * q.imu.noise))
+    (run,) = drawn.runs([q], [u], [u])
+    std = {
+        "accel_noise_std": (noise * q.imu.noise[0, :2]).tolist(),
+        "gyro_noise_std": noise * q.imu.noise[0, 2],
+    }
+    values = {f"sensors.imu.{key}": value for key, value in std.items()}
+    return identify(run, drawn.vehicle_file.with_values(values), drawn.free), drawn.truth
+
+
+def errors(fit, truth):
+    """Return the errors of the fit in standard errors, by path."""
+    pairs = zip(fit.names, fit.estimate, fit.std, strict=True)
+    return {path: (x - truth[path]) / std for path, x, std in pairs if path in truth and np.isfinite(std)}
+
+
+@pytest.mark.parametrize("lag_s", [0.08, 0.16])
+def test_a_lag_outside_the_model_is_named_though_the_delay_is_free(lag_s):
+    drawn = subject("car", 901)
+    free = [path for path in drawn.free if not path.endswith("lag_s")]
+    u = drawn.signal(30.0)
+    (run,) = drawn.runs([drawn.vehicle.with_parameters(lag_s=np.full(1, lag_s))], [u], [u])
+    fit = identify(run, drawn.vehicle_file.with_values({"model.drivetrain.lag_s": 0.0}), free)
+    assert fit.verdict == "WARN"
+    assert "--free +model.drivetrain.lag_s" in {reason.fix for reason in fit.reasons}
+    assert abs(errors(fit, drawn.truth)["model.throttle_gain"]) < 3.0
+
+
+@pytest.mark.parametrize(("play_m", "noise"), [(0.001, 3.0), (0.002, 8.0)])
+def test_error_bars_of_the_delay_include_play_in_the_gears(play_m, noise):
+    """Without the score of this play the delay was wrong by 9 standard errors."""
+    fit, truth = fit_of("robot", 501, noise, play_m)
+    assert abs(errors(fit, truth)[DELAY]) < 5.0
+
+
+def test_an_optional_drag_along_an_axis_without_a_command_does_not_lower_the_verdict():
+    fit, truth = fit_of("robot", 501, noise=6.0, seconds=15.0)
+    assert "model.friction.quadratic[1]" in {message.subject for message in fit.always_unobservable}
+    assert fit.verdict == "USABLE", fit.reasons
+    assert max(map(abs, errors(fit, truth).values())) < 5.0
