@@ -12,17 +12,17 @@ DELAY = "model.drivetrain.delay_s"
 
 def fit_of(kind, seed, noise=1.0, play_m=0.0, seconds=30.0):
     """Return the fit of a vehicle of the truth with play in its gears, and `noise` times the noise of its IMU."""
-    drawn = subject(kind, seed)
-    q, u = drawn.vehicle, drawn.signal(seconds)
+    case = subject(kind, seed)
+    q, u = case.vehicle, case.signal(seconds)
     gears = Transmission(np.zeros(1), np.full(1, play_m), np.full(1, np.inf))
     q = q.with_parameters(transmission=gears, imu=q.imu.with_parameters(noise=noise * q.imu.noise))
-    (run,) = drawn.runs([q], [u], [u])
+    (run,) = case.runs([q], [u], [u])
     std = {
         "accel_noise_std": (noise * q.imu.noise[0, :2]).tolist(),
         "gyro_noise_std": noise * q.imu.noise[0, 2],
     }
     values = {f"sensors.imu.{key}": value for key, value in std.items()}
-    return identify(run, drawn.vehicle_file.with_values(values), drawn.free), drawn.truth
+    return identify(run, case.vehicle_file.with_values(values), case.free), case.truth
 
 
 def errors(fit, truth):
@@ -33,14 +33,14 @@ def errors(fit, truth):
 
 @pytest.mark.parametrize("lag_s", [0.08, 0.16])
 def test_a_lag_outside_the_model_is_named_though_the_delay_is_free(lag_s):
-    drawn = subject("car", 901)
-    free = [path for path in drawn.free if not path.endswith("lag_s")]
-    u = drawn.signal(30.0)
-    (run,) = drawn.runs([drawn.vehicle.with_parameters(lag_s=np.full(1, lag_s))], [u], [u])
-    fit = identify(run, drawn.vehicle_file.with_values({"model.drivetrain.lag_s": 0.0}), free)
+    case = subject("car", 901)
+    free = [path for path in case.free if not path.endswith("lag_s")]
+    u = case.signal(30.0)
+    (run,) = case.runs([case.vehicle.with_parameters(lag_s=np.full(1, lag_s))], [u], [u])
+    fit = identify(run, case.vehicle_file.with_values({"model.drivetrain.lag_s": 0.0}), free)
     assert fit.verdict == "WARN"
     assert "--free +model.drivetrain.lag_s" in {reason.fix for reason in fit.reasons}
-    assert abs(errors(fit, drawn.truth)["model.throttle_gain"]) < 3.0
+    assert abs(errors(fit, case.truth)["model.throttle_gain"]) < 3.0
 
 
 @pytest.mark.parametrize(("play_m", "noise"), [(0.001, 3.0), (0.002, 8.0)])

@@ -125,7 +125,7 @@ class PushedState(NamedTuple):
     vehicle: Tree
     signals: tuple[Tree, ...]
     theta: np.ndarray
-    lagged: np.ndarray  # (k,) channels after a lag of LAG_S
+    w_lag: np.ndarray  # (k,) w̄, the channels after a lag of LAG_S
     thrust_sign: np.ndarray  # (k,)
     pause: np.ndarray  # (k,) e^(−s/PAUSE_S), s the time since the thrust changed its sign
     emf: np.ndarray  # (n, 3) E
@@ -259,15 +259,15 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         drivetrain = blocks_at.model.drivetrain
         effort = drivetrain.step(state.vehicle.drivetrain, u, dt_s)[1].mean
         w = drivetrain.mix(effort)
-        lagged = w + (state.lagged - w) * np.exp(-dt_s / LAG_S)
+        w_lag = w + (state.w_lag - w) * np.exp(-dt_s / LAG_S)
         thrust = drivetrain.mix(effort - state.emf @ state.vehicle.nu)
         sign = np.where(thrust > 0.0, 1.0, np.where(thrust < 0.0, -1.0, state.thrust_sign))
         pause = np.where(sign * state.thrust_sign < 0.0, 1.0, state.pause * np.exp(-dt_s / PAUSE_S))
-        change = is_motor * (epsilon[-2] * (lagged - w) - epsilon[-1] * pause * sign)
+        change = is_motor * (epsilon[-2] * (w_lag - w) - epsilon[-1] * pause * sign)
         if is_dynamic(blocks.model):
             efforts = effort + drivetrain.unmix(change), effort
-            changed, unchanged = (blocks_at.model.nu_dot(state.vehicle.nu, e) for e in efforts)
-            push = push + changed - unchanged
+            accelerations = [blocks_at.model.nu_dot(state.vehicle.nu, e) for e in efforts]
+            push = push + accelerations[0] - accelerations[1]
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)
         vehicle, motion = tick_blocks.model.step(vehicle, u, dt_s, np.zeros(3))
         tick = motion.tick and tuple(
@@ -275,7 +275,7 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         )
         motion = motion._replace(nu_dot=motion.nu_dot + push, tick=tick)
         readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, dt_s, mean_weights)
-        next_state = PushedState(vehicle, signals, state.theta, lagged, sign, pause, state.emf)
+        next_state = PushedState(vehicle, signals, state.theta, w_lag, sign, pause, state.emf)
         return next_state, weight * np.concatenate(readings)
 
     rows = np.zeros(1 + n + m + column_count + WEIGHT_COLUMNS * len(shape.means) + shape.has_voltage)
