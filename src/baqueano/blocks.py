@@ -12,7 +12,7 @@ import os
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
 
@@ -264,20 +264,19 @@ def check_step(role: str, block_class: type, remedy: Callable[[str], str]) -> No
     except FileError:  # its inputs have other names
         fitting_role = role
     signature = inspect.signature(step)
-    figures = {
-        "place": place_of(step),
-        "block": block_class.__name__,
-        "names": ", ".join(list(signature.parameters)[1:]),
-        "role": role,
-        "expected": ", ".join(("state", *inputs)),
-    }
-    if fitting_role != role and fitting_role in LOOP_ROLES:
+    is_of_other_role = fitting_role != role and fitting_role in LOOP_ROLES
+    with suppress(TypeError):
+        signature.bind(block_class, role, *inputs)
+        if not is_of_other_role:
+            return
+    figures = {  # the place needs the file of the class
+        "place": place_of(step), "block": block_class.__name__, "names": ", ".join(list(signature.parameters)[1:]),
+        "role": role, "expected": ", ".join(("state", *inputs)),
+    }  # fmt: skip
+    if is_of_other_role:
         fix = remedy(fitting_role)
         raise UsageError(fault("block.of-other-role", fix, actual_role=fitting_role, **figures))
-    try:
-        signature.bind(block_class, role, *inputs)
-    except TypeError:
-        raise UsageError(fault("block.step-arguments", **figures)) from None
+    raise UsageError(fault("block.step-arguments", **figures))
 
 
 def _find(file: str, folder: Path | str | None) -> Path:

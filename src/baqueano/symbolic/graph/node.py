@@ -58,7 +58,7 @@ class Graph:
         self.lock = RLock()
         self.nodes: dict[Hashable, Node] = {}
         self.truths: set[Node] = set()  # symbols of truth values
-        self.signed: set[Node] = set()  # signs, and products with a sign among their factors
+        self.signed: dict[Node, frozenset[Node]] = {}  # of signs and their products: arguments of these signs
         self.tables: list[tuple[np.ndarray, np.ndarray]] = []
 
     def node(self, value: Value) -> Node:
@@ -129,8 +129,10 @@ class Graph:
         node = self.nodes.get(key)
         if node is None:
             node = self.nodes[key] = Node(self, op, args, value, len(self.nodes))
-            if op == "sign" or (op == "mul" and not self.signed.isdisjoint(args)):
-                self.signed.add(node)
+            if op == "sign":
+                self.signed[node] = frozenset(args)
+            elif op == "mul" and (arguments := [self.signed[a] for a in args if a in self.signed]):
+                self.signed[node] = frozenset().union(*arguments)
         return node
 
 

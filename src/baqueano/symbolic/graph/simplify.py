@@ -85,21 +85,17 @@ def _mul(g: "Graph", a: "Node", b: "Node") -> "Node | None":
     for x, y in ((a, b), (b, a)):
         if x.op == "neg":
             return g.make("neg", g.make("mul", x.args[0], y))
-        size = _with_magnitude(g, x, y) if y in g.signed else None
-        if size is not None:
-            return size
+        if x in g.signed.get(y, ()):
+            return _with_magnitude(g, x, y)
     return None
 
 
-def _with_magnitude(g: "Graph", x: "Node", y: "Node") -> "Node | None":
-    """Return |x| for x · y if sign(x) is among the factors of y, as in the derivative of d |x| x; else None."""
-    if y.op == "sign" and y.args[0] is x:
+def _with_magnitude(g: "Graph", x: "Node", y: "Node") -> "Node":
+    """Return |x| for x · y, where sign(x) is among the factors of y, as in the derivative of d |x| x."""
+    if y.op == "sign":
         return g.make("abs", x)
-    for a, b in (y.args, y.args[::-1]) if y.op == "mul" else ():
-        magnitude = _with_magnitude(g, x, a) if a in g.signed else None
-        if magnitude is not None:
-            return g.make("mul", b, magnitude)
-    return None
+    a, b = y.args if x in g.signed.get(y.args[0], ()) else y.args[::-1]
+    return g.make("mul", b, _with_magnitude(g, x, a))
 
 
 def _div(g: "Graph", a: "Node", b: "Node") -> "Node | None":
