@@ -80,7 +80,7 @@ class RealTimeBody(threading.Thread):
         while not self._done.wait(PERIOD_S):
             with self._live.lock:
                 uno = self._live.uno
-                now_s, duties = uno.t_s, np.array([uno.duty(0), uno.duty(1)])
+                now_s, duties = uno.t_s, np.array(uno.duties())
             while before_s + STEP_S <= now_s:
                 self.body.step(duties)
                 before_s += STEP_S

@@ -98,7 +98,7 @@ class EmulatedRobot:
 
     def _at_wheels(self) -> np.ndarray:
         """Return the duties (2,) of the left and the right wheel."""
-        return np.array([self.board.duty(0), self.board.duty(1)])
+        return np.array(self.board.duties())
 
     def new_truths(self) -> list[tuple[int, Motion]]:
         """Return the pose of the body at each time that `keep_truth` stored since the last call."""

@@ -25,7 +25,8 @@ class MiswiredLink(EmulatedRobot):
     plugs = ((0, 1.0), (1, 1.0))
 
     def _at_wheels(self):
-        return np.array([sign * self.board.duty(channel) for channel, sign in self.plugs])
+        duties = self.board.duties()
+        return np.array([sign * duties[channel] for channel, sign in self.plugs])
 
 
 @pytest.fixture

@@ -168,8 +168,10 @@ class EmulatedUno:
 
     def read_stamped(self) -> list[tuple[float, int]]:
         """Return these bytes with the times at which they arrived."""
-        out, n = self.lib.rig_out(self.rig), self.lib.rig_outs(self.rig)
-        now, frames = self.t_s, []
+        n = self.lib.rig_outs(self.rig)
+        if not n:
+            return []
+        out, now, frames = self.lib.rig_out(self.rig), self.t_s, []
         while self._read < n:
             arrival_s = out[self._read].cycle / self.hz + BYTE_S
             if arrival_s > now:
@@ -282,12 +284,17 @@ class EmulatedUno:
         )
 
     def duty(self, channel: int) -> float:
-        """Return the present share of the supply at one motor, by the truth table of the driver."""
-        return self.output().terminal(channel, self.driver).duty
+        """Return the present share of the supply at one motor."""
+        return self.duties()[channel]
+
+    def duties(self) -> list[float]:
+        """Return the present shares of the supply at the two motors, by the truth table of the driver."""
+        output = self.output()
+        return [output.terminal(channel, self.driver).duty for channel in range(2)]
 
     @property
     def moving(self) -> bool:
-        return bool(self.duty(0) or self.duty(1))
+        return any(self.duties())
 
     def first_time(self, condition: Callable[[Output], bool], after_s: float = 0.0) -> float | None:
         """Return the first time at which the outputs satisfy the condition."""
