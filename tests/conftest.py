@@ -132,7 +132,10 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the slow tests and run them first: on several cores the short files then fill the gaps at the end."""
+    """Mark the slow tests and run them first: on several cores the short files then fill the gaps at the end.
+
+    Files of exclusive tests are the first of all: later each of these tests would wait for the other processes.
+    """
     for item in items if os.name == "nt" else ():
         if any(item.path.is_relative_to(HERE / room) for room in POSIX):
             item.add_marker(
@@ -145,7 +148,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.flaky(reruns=2))
         if item.get_closest_marker("long") and not os.environ.get("BAQUEANO_LONG"):
             item.add_marker(pytest.mark.skip(reason=f"{item.name} is long. Type: make test-all"))
-    items.sort(key=lambda item: (item.get_closest_marker("slow") is None, not is_in(item.path, LONGEST)))
+    exclusive_files = {item.path for item in items if item.get_closest_marker("alone")}
+    items.sort(
+        key=lambda item: (
+            item.path not in exclusive_files,
+            item.get_closest_marker("slow") is None,
+            not is_in(item.path, LONGEST),
+        )
+    )
 
 
 @pytest.hookimpl(wrapper=True)

@@ -12,10 +12,7 @@ import pytest
 from benchmarks import door as bench
 from benchmarks.processes import before_others, quantile
 
-pytestmark = [
-    pytest.mark.skipif(sys.platform != "linux", reason="/proc"),
-    pytest.mark.alone,
-]
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="/proc")
 ROUNDS = 5
 TICK_MS = 10.0  # a stop waits for the next one
 
@@ -32,12 +29,14 @@ def times(place):
     return bench.in_turn(guest, door, ROUNDS)
 
 
+@pytest.mark.alone
 def test_rt15_a_stop_gives_zero_command_within_50_ms_under_flooding(times):
     increase = median(b - a for a, b in zip(times.idle, times.flood_stops, strict=True))
     assert TICK_MS + increase <= bench.MOST_STOP_MS, times
     assert min(times.flood_stops) <= bench.MOST_STOP_MS, times
 
 
+@pytest.mark.alone
 def test_a_message_arrives_within_5_ms(times):
     assert min(quantile(delays, 0.95) for delays in times.messages) <= bench.MOST_TOLD_MS, times.messages
     assert median(times.late_ms()) <= bench.MOST_TOLD_MS, (times.messages, times.control)
