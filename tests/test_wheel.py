@@ -35,19 +35,8 @@ def test_su4_the_wheel_installs_offline_and_works_outside_the_repository(wheel, 
     scripts = tmp_path / "env" / ("Scripts" if sys.platform == "win32" else "bin")
     python = next(scripts.glob("python*"))
     target = tmp_path / "site"
-    install = [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "-q",
-        "--no-deps",
-        "--no-index",
-        "--target",
-        str(target),
-        str(wheel),
-    ]
-    subprocess.run(install, check=True, capture_output=True)
+    options = ["-q", "--no-deps", "--no-index", "--target", str(target), str(wheel)]
+    subprocess.run([sys.executable, "-m", "pip", "install", *options], check=True, capture_output=True)
     libraries = next(Path(p) for p in sys.path if p.endswith("site-packages"))
     code = (
         f"import sys; sys.path[:0] = [{str(target)!r}]; sys.path.append({str(libraries)!r}); import baqueano; "

@@ -199,16 +199,8 @@ def _entries(read: ColumnMap, document: dict[str, Any]) -> Iterator[tuple[Entry,
 def _differs(entry: Entry, spec: dict[str, Any]) -> bool:
     """Return True if an entry has another source or another number than its table."""
     names = (
-        "column",
-        "scale",
-        "offset",
-        "times",
-        "derivative",
-        "wraps",
-        "constant",
-        "radius_m",
-        "counts_per_turn",
-    )
+        "column", "scale", "offset", "times", "derivative", "wraps", "constant", "radius_m", "counts_per_turn",
+    )  # fmt: skip
     return any(spec[name] == spec[name] != getattr(entry, name) for name in names if name in spec)
 
 

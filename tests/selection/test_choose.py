@@ -124,10 +124,6 @@ def test_one_step_errors_are_shown_but_do_not_decide(choice):
     assert "Such scores prove nothing, and were not used." in choice.table()
 
 
-def test_the_same_runs_give_the_same_choice(dry, file, choice):
-    assert choose(drive(dry, 0), file, use=USE).table() == choice.table()
-
-
 def test_the_table_refers_to_the_report_for_omitted_notes(choice):
     long_choice = replace(
         choice, fit=replace(choice.fit, notes=tuple(note(f"any.{letter}") for letter in "abcdef"))
