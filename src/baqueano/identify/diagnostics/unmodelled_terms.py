@@ -256,7 +256,7 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
         push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + column_count]))
         mean_weights = shape.mean_weights(blocks.sensors._fields, row[1 + n + m + column_count :])
-        drivetrain = blocks_at.model.drivetrain
+        drivetrain = tick_blocks.model.drivetrain
         effort = drivetrain.step(state.vehicle.drivetrain, u, dt_s)[1].mean
         w = drivetrain.mix(effort)
         w_lag = w + (state.w_lag - w) * np.exp(-dt_s / LAG_S)
@@ -266,7 +266,7 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         change = is_motor * (epsilon[-2] * (w_lag - w) - epsilon[-1] * pause * sign)
         if is_dynamic(blocks.model):
             efforts = effort + drivetrain.unmix(change), effort
-            accelerations = [blocks_at.model.nu_dot(state.vehicle.nu, e) for e in efforts]
+            accelerations = [tick_blocks.model.nu_dot(state.vehicle.nu, e) for e in efforts]
             push = push + accelerations[0] - accelerations[1]
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)
         vehicle, motion = tick_blocks.model.step(vehicle, u, dt_s, np.zeros(3))
@@ -274,7 +274,7 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
             motion_k._replace(nu_dot=motion_k.nu_dot + push) for motion_k in motion.tick
         )
         motion = motion._replace(nu_dot=motion.nu_dot + push, tick=tick)
-        readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, dt_s, mean_weights)
+        readings, signals = read_sensors(tick_blocks.sensors, state.signals, motion, dt_s, mean_weights)
         next_state = PushedState(vehicle, signals, state.theta, w_lag, sign, pause, state.emf)
         return next_state, weight * np.concatenate(readings)
 
