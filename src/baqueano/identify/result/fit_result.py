@@ -198,7 +198,7 @@ class Fit(Result):
             raise UsageError(self._missing_parameter(name))
         return float(self.estimate[self.names.index(path)])
 
-    def _not_fitted(self, name: str) -> Diagnostic:
+    def _missing_parameter(self, name: str) -> Diagnostic:
         """Return the message for a name that was not fitted: the option that frees it, or a similar name."""
         try:
             entry_paths = [free_parameter(self.blocks, path, {}).path for path in entries(self.blocks, name)]
