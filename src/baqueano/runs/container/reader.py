@@ -105,17 +105,21 @@ def read_bytes(path: Path) -> bytes:
     if not data:
         raise FileError(fault("runs.empty", path=path))
     if data[: len(MAGIC)] != MAGIC:
-        names = (name for start, name in FOREIGN_SIGNATURES.items() if data.startswith(start))
-        format_name = next(names, None)
-        if format_name is None and len(data) < len(MAGIC) and MAGIC.startswith(data):
-            raise FileError(fault("runs.cut-at-once", path=path, size=len(data)))
-        unknown_text = "toml" if path.suffix == ".toml" else "text"
-        format_name = format_name or ("bytes" if b"\0" in data[:1000] else unknown_text)
-        fix = "" if format_name in ("zip", "bytes", "toml") else _draft_command(path)
-        line = data[:40].decode(errors="replace").strip().partition("\n")[0]
-        first = line if format_name == "text" else data[:8]
-        raise FileError(fault(f"runs.is-{format_name}", fix, path=path, value=repr(first)))
+        raise _foreign_file_error(path, data)
     return data
+
+
+def _foreign_file_error(path: Path, data: bytes) -> FileError:
+    """Return the error for a file that is not an MCAP file, with the format that its first bytes show."""
+    format_name = next((name for start, name in FOREIGN_SIGNATURES.items() if data.startswith(start)), None)
+    if format_name is None and len(data) < len(MAGIC) and MAGIC.startswith(data):
+        return FileError(fault("runs.cut-at-once", path=path, size=len(data)))
+    text_format = "toml" if path.suffix == ".toml" else "text"
+    format_name = format_name or ("bytes" if b"\0" in data[:1000] else text_format)
+    fix = "" if format_name in ("zip", "bytes", "toml") else _draft_command(path)
+    line = data[:40].decode(errors="replace").strip().partition("\n")[0]
+    first = line if format_name == "text" else data[:8]
+    return FileError(fault(f"runs.is-{format_name}", fix, path=path, value=repr(first)))
 
 
 def _draft_command(path: Path) -> str:
