@@ -116,17 +116,7 @@ def search_space(
     if optional.attribute(block, "is_interpreted"):
         raise UsageError(fault("tune.as-written", controller=type(block).__name__))
     entries = _entries(block)
-    fields = {name.partition("[")[0] for name in entries}
-    selection = entries if gains is None else gains
-    for name in [*selection, *bounds]:
-        if name not in entries and name not in fields:
-            kind = type(block).__name__
-            raise UsageError(
-                fault("tune.no-such-gain", kind=kind, value=name, suggestion=nearest(name, entries))
-            )
-    names = tuple(dict.fromkeys(e for name in selection for e in _entry_names(name, entries)))
-    if not names:
-        raise UsageError(fault("tune.no-gains", kind=type(block).__name__))
+    names = _gain_names(type(block).__name__, entries, gains, bounds)
     bounds = {e: bounds[name] for name in bounds for e in _entry_names(name, entries)}
     limit = vehicle_file.command.limit
     full_command = float(np.max(limit[np.isfinite(limit)], initial=0.0)) or 1.0
@@ -145,6 +135,22 @@ def search_space(
     units = tuple(entries[name].unit for name in names)
     block = with_gains(block, names, initial_gains)
     return SearchSpace(names, units, low, high, hard_low, hard_high, file_gains, block)
+
+
+def _gain_names(
+    kind: str, entries: dict[str, Parameter], gains: Sequence[str] | None, bounds: Iterable[str]
+) -> tuple[str, ...]:
+    """Return the names of the gains to search: those of `gains`, or all. Raise UsageError for an unknown name in
+    `gains` or `bounds`, or without a gain.
+    """
+    fields, selection = {name.partition("[")[0] for name in entries}, entries if gains is None else gains
+    for name in [*selection, *bounds]:
+        if name not in entries and name not in fields:
+            figures = {"kind": kind, "value": name, "suggestion": nearest(name, entries)}
+            raise UsageError(fault("tune.no-such-gain", **figures))
+    if names := tuple(dict.fromkeys(e for name in selection for e in _entry_names(name, entries))):
+        return names
+    raise UsageError(fault("tune.no-gains", kind=kind))
 
 
 def _find_controller(
