@@ -9,6 +9,7 @@ import pytest
 
 import baqueano as bq
 from baqueano.atomic_file import replace_file
+from baqueano.blocks import resolve
 from baqueano.cli import main
 from baqueano.diagnostics import StopReason
 from baqueano.errors import UsageError
@@ -325,6 +326,12 @@ def test_equal_names_of_students_are_told_apart_and_a_stop_names_its_line(small,
             StopReason.BLOCK_RAISED,
         )
         assert "luis/mine.py:11" in result.table()
+
+
+def test_a_class_that_was_read_from_a_file_is_driven_in_this_process(small, students):
+    mine = resolve("controller", "ana/mine.py:Mine")
+    drives = bq.sweep(small, routes=ROUTE, controllers=[mine(), "kanayama"], processes=2).drives
+    assert [drive.stop_code for drive in drives] == ["", ""]
 
 
 def test_a_pattern_selects_the_controllers_of_all_students(students, capsys):

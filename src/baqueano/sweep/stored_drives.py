@@ -22,7 +22,7 @@ from baqueano.block_checks.source_text import is_ours, source_text
 from baqueano.blocks import LOOP_ROLES, PROGRAM, resolve
 from baqueano.contracts import optional
 from baqueano.diagnostics import fault
-from baqueano.errors import UsageError
+from baqueano.errors import USER_MODULE_PREFIX, UsageError
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.sweep.combination import FileText, SweepJob, do_job, drive_from_row, drive_row
 from baqueano.sweep.error_segments import ErrorSegments
@@ -101,9 +101,11 @@ def _stored_row(path: Path) -> dict | None:
 
 
 def _can_be_sent(jobs: Sequence[NumberedJob]) -> bool:
-    """Return True if another process can import the blocks. A block of a notebook cell cannot be imported."""
+    """Return True if another process can import the blocks: not those of a notebook cell, or of a loaded user file."""
     blocks = {block for job in jobs for block in job.job.blocks if not isinstance(block, str | None)}
     classes = {b if isinstance(b, type) else type(b) for b in blocks}
+    if any(block_class.__module__.startswith(USER_MODULE_PREFIX) for block_class in classes):
+        return False
     classes |= {type(text.parse().vehicle) for text in {job.job.file_text for job in jobs}}
     if any(block_class.__module__ in (PROGRAM, "builtins") for block_class in classes):
         return False
