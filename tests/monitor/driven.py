@@ -20,7 +20,11 @@ from baqueano.vehicle_file import VehicleFile, parse
 
 SECONDS, FROM_S = 20.0, 6.0  # of a drive; when a fault begins
 TRACK_M = 0.12
-WHEELS = f'\n[sensors.wheels]\nkind = "wheels"\nrate_hz = 100.0\nnoise_std = 0.02\ntrack_m = {TRACK_M}\n'
+POSE_STD = [0.003, 0.003, 0.006]
+ADDED_SENSORS = {
+    "wheels": f'\n[sensors.wheels]\nkind = "wheels"\nrate_hz = 100.0\nnoise_std = 0.02\ntrack_m = {TRACK_M}\n',
+    "pose": f'\n[sensors.pose]\nkind = "pose"\nrate_hz = 100.0\nnoise_std = {POSE_STD}\n',
+}
 SCALES = {"half": 0.5, "15 % less": 0.85, "15 % more": 1.15}
 NOISE = {"estimator.disturbance_std": [0.2, 0.5], "estimator.velocity_walk_std": [0.02, 0.01, 0.05]}
 
@@ -35,11 +39,11 @@ class Kind(NamedTuple):
 
 @cache
 def kind_of(kind: str, errors: tuple[tuple[str, float], ...] = ()) -> Kind:
-    """Return "robot", "wheels" (a robot with encoders) or "car" (with an odometer). `errors` contains factors of
-    values of its file, which is then wrong."""
-    file = subject("robot" if kind == "wheels" else kind, 0).vehicle_file.with_values(NOISE)
-    if kind == "wheels":
-        file = parse(file.text + WHEELS, file.name).with_values({"estimator.use": ["imu", "wheels"]})
+    """Return "robot", "wheels" (a robot with encoders), "pose" (a robot below a camera) or "car" (with an odometer).
+    `errors` contains factors of values of its file, which is then wrong."""
+    file = subject(_vehicle(kind), 0).vehicle_file.with_values(NOISE)
+    if kind in ADDED_SENSORS:
+        file = parse(file.text + ADDED_SENSORS[kind], file.name).with_values({"estimator.use": ["imu", kind]})
     elif kind == "car":
         file = file.with_values({"estimator.use": ["imu", "odometer"]})
     file = file.with_values({path: factor * file.value(path) for path, factor in errors})
@@ -52,18 +56,21 @@ def kind_of(kind: str, errors: tuple[tuple[str, float], ...] = ()) -> Kind:
 @cache
 def drives(kind: str, count: int) -> tuple[Run, ...]:
     """Return drives of one vehicle of the independent truth, each with its own commands and noise."""
-    file, (u, motion), runs = kind_of(kind).file, _motion("robot" if kind == "wheels" else kind, count), []
+    file, (u, motion), runs = kind_of(kind).file, _motion(_vehicle(kind), count), []
     for k in range(count):
         run = vehicle_run(motion, k, u[k], file, f"{kind} {k}", k)
-        runs.append(
-            replace(run, sensors=run.sensors | {"wheels": _wheels(run, k)}) if kind == "wheels" else run
-        )
+        new_sensor = {kind: _readings(kind, run, k)} if kind in ADDED_SENSORS else {}
+        runs.append(replace(run, sensors=run.sensors | new_sensor))
     return tuple(runs)
+
+
+def _vehicle(kind: str) -> str:
+    return "robot" if kind in ADDED_SENSORS else kind
 
 
 @cache
 def _motion(vehicle: str, count: int) -> tuple[list[np.ndarray], GroupDrive]:
-    """Return the commands and the drives of a "robot" or a "car"; encoders do not change a drive."""
+    """Return the commands and the drives of a "robot" or a "car"; its sensors do not change a drive."""
     robot = subject(vehicle, 0)
     u = [robot._replace(seed=seed).signal(SECONDS) for seed in range(count)]
     t_ns = tick_times(len(u[0]), robot.vehicle_file.rate_hz)
@@ -104,6 +111,8 @@ def damaged_run(run: Run, sensor: str, numbers: Sequence[int], fault: str, limit
         mean = np.cumsum(z[:, k], axis=0)
         mean[40:] -= mean[:-40].copy()
         z[np.ix_(mask, k)] -= mean[mask] / 40.0
+    elif fault == "moved":
+        z[np.ix_(mask, k)] += 0.3
     elif fault == "zero":
         z[np.ix_(mask, k)] = 0.0
     elif fault == "not a number":
@@ -111,8 +120,9 @@ def damaged_run(run: Run, sensor: str, numbers: Sequence[int], fault: str, limit
     return replace(run, sensors=run.sensors | {sensor: run.sensors[sensor]._replace(z=z)})
 
 
-def _wheels(run: Run, seed: int) -> Channel:
+def _readings(kind: str, run: Run, seed: int) -> Channel:
     assert run.truth is not None
     v, side = run.truth.nu[:, 0], 0.5 * TRACK_M * run.truth.nu[:, 2]
-    noise = np.random.default_rng([seed, 23]).standard_normal((len(v), 2))
-    return Channel(run.t_ns, run.t_ns, np.stack([v - side, v + side], axis=1) + 0.02 * noise)
+    z, std = (np.stack([v - side, v + side], axis=1), 0.02) if kind == "wheels" else (run.truth.eta, POSE_STD)
+    noise = np.random.default_rng([seed, 23]).standard_normal(z.shape)
+    return Channel(run.t_ns, run.t_ns, z + std * noise)

@@ -22,7 +22,9 @@ from baqueano.monitor.findings import (
     SLIPS,
     UNKNOWN,
     ZERO,
+    make_finding,
 )
+from baqueano.monitor.memory import SUMS, Memory
 from tests.monitor.driven import FROM_S, damaged_run, drives, kind_of, watch
 
 DRIVES = 3
@@ -46,6 +48,7 @@ CASES = [  # kind of vehicle, channel, fault, similar faults
     ("wheels", "wheels[0]", "slip", (SLIPS, SCALED)),
     ("wheels", "wheels[1]", "frozen", (FROZEN, ZERO)),
     ("wheels", "wheels[1]", "slip", (SLIPS, SCALED)),
+    ("pose", "pose[0]", "moved", (AWAY,)),
     ("car", "imu[2]", "frozen", (FROZEN, ZERO)),
     ("car", "imu[2]", "full scale", (FROZEN,)),
     ("car", "odometer[0]", "zero", (ZERO,)),
@@ -138,6 +141,22 @@ def test_sound_sensors_are_not_reported_where_the_model_predicts_little():
     assert [
         finding for run in drives("wheels", DRIVES) for finding in watch("wheels", run, LARGE_DISTURBANCE)[0]
     ] == []
+
+
+@pytest.mark.parametrize(
+    ("factor", "constant", "symptom"),
+    [(1.5, 0.0, SCALED), (0.7, 0.0, SCALED), (1.0, 1.0, AWAY), (1.0, -0.6, AWAY), (0.1, 0.0, ZERO)],
+)
+def test_a_constant_error_is_not_called_a_wrong_scale_although_one_factor_almost_explains_it(
+    factor, constant, symptom
+):
+    channels, s = kind_of("robot").sensors.channels, np.linspace(1.5, 2.5, 100)
+    r = (factor - 1.0) * s + constant
+    zero = np.zeros(len(channels.names))
+    sums = [0.01 * np.sum(x) + zero for x in (np.ones(100), r, r * r, s * r, s * s)]
+    memory = Memory(*[zero] * len(Memory._fields))._replace(**dict(zip(SUMS, sums, strict=True)))
+    memory = memory._replace(last_reading=zero + s[-1] + r[-1], predicted_reading=zero + s[-1])
+    assert make_finding(channels, channels.names.index("imu[2]"), memory, 0, 1.0).symptom == symptom
 
 
 @pytest.mark.parametrize("gain", [0.85, 1.15])

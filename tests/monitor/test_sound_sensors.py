@@ -9,7 +9,7 @@ from baqueano.monitor import rejection_event
 from tests.monitor.driven import drives, watch
 
 
-@pytest.mark.parametrize("kind", ["robot", "wheels", "car"])
+@pytest.mark.parametrize("kind", ["robot", "wheels", "pose", "car"])
 def test_sound_sensors_give_no_fault_report(kind):
     for run in drives(kind, 10):
         findings, sensors = watch(kind, run)

@@ -2,12 +2,12 @@
 
 A reading z disagrees if it is not finite, at the end of its range, missing (memory.py), or if
 
-    |r| > GATE_SIGMA √(H P Hᵀ + Q + p),   r = z − h(x̂) − b                                                     (1)
-    |y| > GATE_SIGMA √S                                                                                        (2)
+    |r| > GATE_SIGMA √(H P Hᵀ + Q + p),   r = z − h(x̂) − b   for a sensor of the motion                        (1)
+    |y| > GATE_SIGMA √S                                      for a sensor of the pose                          (2)
 
 x̂, P: state and covariance of the model, from the commands only (an estimator follows a wrong sensor). h, H: measurement
-function and Jacobian. Q: noise. b, p: bias at rest, its variance. y, S: innovation and its covariance of the estimator.
-Readings change the doubt in [0, DEGRADED_S]; δ: time, s: expected signal, σ: root in (1):
+function and Jacobian. Q: noise. b, p: bias at rest, its variance. y, S: innovation and its covariance of the estimator;
+only it knows the pose. Readings change the doubt in [0, DEGRADED_S]; δ: time, s: expected signal, σ: root in (1):
 
     doubt ← doubt + δ if z disagrees,  doubt − δ (SLOW_RATE + (FAST_RATE − SLOW_RATE) i) if z agrees           (3)
     i = s²/(s² + (GATE_SIGMA σ)²),   s = h(x̂) − h(rest)                                                   (4)
@@ -30,7 +30,7 @@ from baqueano.estimators.pauses import filter_row
 from baqueano.estimators.readings.repetition import next_repetition
 from baqueano.monitor.channel_properties import ChannelProperties, describe_channels, sensor_name
 from baqueano.monitor.log_odds import MIN_LOG_ODDS, verdicts
-from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, REGULAR_S, Memory, MonitorState, is_missing
+from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, REGULAR_S, SUMS, Memory, MonitorState, is_missing
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Motion, Tick
 from baqueano.symbolic import jacobian, tree_where
@@ -44,7 +44,7 @@ MAX_EVIDENCE = 20.0  # limit of the evidence
 # rad: level floors (DIN 18202: 4 mm per m). A rest measures an accelerometer at one place
 FLOOR_SLOPE_STD = 0.005
 GRAVITY_M_S2 = 9.81
-MEMORY_S = 2.0  # time constant of the ratio and of the evidence
+MEMORY_S = 2.0  # time constant of the ratio and of the evidence, which both begin with the disagreement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,10 +99,8 @@ class AgreementMonitor:
         is_outlier = is_outlier | (verdict.is_contradicted & (is_wrong | _is_only_suspect(is_wrong)))
         is_constant = channels.is_inertial & memory_at_end.repetition.is_stuck & ~at_rest
         is_suspect = reading.is_unusable | is_outlier | is_constant
-        is_off = reading.is_arrived & (
-            is_suspect
-            | (self._is_rejected(y, S) & _is_only_suspect(is_suspect | (memory.disagreement_s > 0.0)))
-        )
+        is_wrong_pose = self._is_rejected(y, S) & _is_only_suspect(is_suspect | (memory.disagreement_s > 0.0))
+        is_off = reading.is_arrived & (is_suspect | is_wrong_pose)
         s = predicted_reading - channels.reading_at_rest
         signal_share = s**2 / (s**2 + GATE_SIGMA**2 * variance + MIN_VARIANCE)
         fading = np.where(is_frozen, 0.0, SLOW_RATE + (FAST_RATE - SLOW_RATE) * signal_share)
@@ -117,16 +115,18 @@ class AgreementMonitor:
         is_calibrating = at_rest & reading.is_good & ~is_off & (channels.bias_std > 0.0)
         gain = np.where(is_calibrating, p / (p + np.diag(N) + MIN_VARIANCE), 0.0)
         shown_s, is_arrived = np.where(reading.is_good, dt_s, 0.0), reading.is_arrived
+        begun = np.where(disagreement_s > 0.0, 1.0, 0.0)
         next_memory = memory_at_end._replace(
             disagreement_s=disagreement_s,
-            evidence=np.where(disagreement_s > 0.0, evidence, 0.0),
+            evidence=begun * evidence,
             is_broken=np.where(is_arrived, np.where(reading.is_unusable, 1.0, 0.0), memory.is_broken),
             bias=memory.bias + gain * r,
             bias_var=p * (1.0 - gain),
             predicted_reading=np.where(is_arrived, predicted_reading + memory.bias, memory.predicted_reading),
-            expected_squares=memory_factor * memory.expected_squares + shown_s * s * s,
-            cross_products=memory_factor * memory.cross_products + shown_s * s * (s + r),
-            measured_squares=memory_factor * memory.measured_squares + shown_s * (s + r) * (s + r),
+            **{
+                name: begun * (memory_factor * getattr(memory, name) + shown_s * term)
+                for name, term in zip(SUMS, (1.0, r, r * r, s * r, s * s), strict=True)
+            },
         )
         state = tree_where(row.is_new, MonitorState(model, np.stack(next_memory)), state)
         return state, state.memory[0]
@@ -221,12 +221,13 @@ class AgreementMonitor:
         return np.concatenate(differences)
 
     def _is_rejected(self, y: Value, S: Value) -> Value:
-        """Return a mask (m,): True if the innovation of the estimator is too large.  (2)"""
+        """Return a mask (m,): True for a pose whose innovation of the estimator is too large.  (2)"""
         is_outlier = [np.zeros(()) > 0.0] * len(self.channels.names)
         if self.entries is None or y is None or S is None:
             return np.array(is_outlier)
         for k, c in enumerate(self.entries):
-            is_outlier[c] = np.where(np.isfinite(y[k]), y[k], 0.0) ** 2 > GATE_SIGMA**2 * S[k, k]
+            if self.channels.is_pose[c]:
+                is_outlier[c] = np.where(np.isfinite(y[k]), y[k], 0.0) ** 2 > GATE_SIGMA**2 * S[k, k]
         return np.array(is_outlier)
 
 
@@ -246,7 +247,7 @@ class _Reading(NamedTuple):
 def _is_only_suspect(suspect: np.ndarray) -> np.ndarray:
     """Return a mask (m,): True if no other channel is suspect.
 
-    An estimator that follows a wrong channel rejects the correct channels, so (2) is used only without another suspect.
+    An estimator that follows a wrong channel rejects a correct pose, so (2) is used only without another suspect.
     """
     count = np.sum(np.where(suspect, 1.0, 0.0))
     return count - np.where(suspect, 1.0, 0.0) < 0.5

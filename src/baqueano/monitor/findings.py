@@ -1,4 +1,7 @@
-"""Describe a channel that disagrees with the model, and report if the sensor or the model is wrong."""
+"""Describe a channel that disagrees with the model, and report if the sensor or the model is wrong.
+
+A reading is SCALED if one factor explains most of it, and more of its residuals than one constant.
+"""
 
 from dataclasses import dataclass
 
@@ -87,11 +90,9 @@ def make_finding(
     z = float(memory.last_reading[c])
     h = float(memory.predicted_reading[c])
     rest_reading = float(channels.reading_at_rest[c])
-    ss, sz, zz = (
-        float(x[c]) for x in (memory.expected_squares, memory.cross_products, memory.measured_squares)
-    )
-    ratio = sz / ss if ss > 0.0 else float("nan")
-    symptom = _find_symptom(channels, c, memory, ratio, ss, sz, zz)
+    signal_squares = float(memory.signal_squares[c])
+    ratio = 1.0 + float(memory.cross_products[c]) / signal_squares if signal_squares > 0.0 else float("nan")
+    symptom = _find_symptom(channels, c, memory, ratio)
     evidence = float(memory.evidence[c])
     is_certain = bool(
         symptom in (LOST, NO_NUMBER, SATURATED) or (channels.is_inertial[c] and memory.repetition.is_stuck[c])
@@ -110,9 +111,7 @@ def make_finding(
     return Finding(name, t_ns, disagreement_s, symptom, faulty_part, z, h, ratio)
 
 
-def _find_symptom(
-    n: ChannelProperties, c: int, memory: Memory, ratio: float, ss: float, sz: float, zz: float
-) -> str:
+def _find_symptom(n: ChannelProperties, c: int, memory: Memory, ratio: float) -> str:
     """Return the symptom of channel `c`, one of those of a Finding except SLIPS."""
     if is_missing(memory, n.period_s)[c]:
         return LOST
@@ -125,11 +124,14 @@ def _find_symptom(
     )
     if is_constant:
         return ZERO if near_zero else FROZEN
-    if n.is_pose[c] or not ss > 0.0:
+    if n.is_pose[c] or not np.isfinite(ratio):
         return AWAY
-    if abs(ratio) < MIN_RATIO and near_zero:
+    signal, cross = memory.signal_squares[c], memory.cross_products[c]
+    measured = signal + 2.0 * cross + memory.residual_squares[c]
+    if abs(ratio) < MIN_RATIO and measured <= (1.0 - MIN_EXPLAINED) * signal:
         return ZERO
-    if sz * sz >= MIN_EXPLAINED * ss * zz and abs(ratio - 1.0) > MIN_RATIO:
+    is_factor = (signal + cross) ** 2 >= MIN_EXPLAINED * signal * measured and abs(ratio - 1.0) > MIN_RATIO
+    if is_factor and cross**2 / signal > memory.residuals[c] ** 2 / memory.duration_s[c]:  # no constant
         return SCALED
     as_predicted = abs(memory.last_reading[c] - memory.predicted_reading[c]) <= n.noise_std[c]
     return CONTRADICTED if as_predicted else AWAY

@@ -17,6 +17,7 @@ EVENT_S, DEGRADED_S = 0.5, 2.0  # of sustained disagreement
 FROZEN_S = 0.3  # duration of exactly the same value
 MISSING_INTERVALS, MIN_MISSING_S = 3.0, 0.1  # of silence
 REGULAR_S = 5.0
+SUMS = ("duration_s", "residuals", "residual_squares", "cross_products", "signal_squares")
 
 
 class Memory(NamedTuple):
@@ -38,10 +39,12 @@ class Memory(NamedTuple):
     bias: np.ndarray  # estimated at rest
     bias_var: np.ndarray
     predicted_reading: np.ndarray  # h(x̂) + b
-    # decaying sums of s², s s', s'²; s' is the measured signal, s the expected one
-    expected_squares: np.ndarray
+    # decaying sums of 1, r, r², s r, s² since the disagreement began; s is the expected signal, r the residual
+    duration_s: np.ndarray
+    residuals: np.ndarray
+    residual_squares: np.ndarray
     cross_products: np.ndarray
-    measured_squares: np.ndarray
+    signal_squares: np.ndarray
 
     @property
     def repetition(self) -> RepeatedReadings:
@@ -59,4 +62,4 @@ class MonitorState(NamedTuple):
     """The state of the monitor between two ticks."""
 
     model: AugmentedBelief  # belief of the model, from the commands only
-    memory: np.ndarray  # (18, m): a Memory
+    memory: np.ndarray  # (20, m): a Memory
