@@ -148,28 +148,30 @@ def test_noise_levels_do_not_change_at_rest():
 
 @pytest.mark.parametrize("previous", [0.0, 1.5])
 def test_a_level_follows_the_gradient_of_the_likelihood(previous):
-    """d log N(y; 0, λ q + κ p)/d log λ, and for the gyro of a filter in steady state, by a difference quotient.
+    """2 d log N(y; 0, λ q + κ p)/d log λ by a difference quotient, of a gyro divided by d log S/d log λ.
 
-    There p²/(p + λ r) = κ v, so its gain g = p/(p + λ r), which moved the prediction by g y⁻, depends on both levels.
+    There p²/(p + λ r) = κ v, so the gain g = p/(p + λ r), which moved the prediction by g y⁻, depends on both levels.
     """
     states, h = layout(SMALL.estimator()), 1e-6
     q, p, y = np.array([0.5, 2.0, 1.0]), np.array([1.0, 0.5, 3.0]), np.array([0.3, 2.5, -4.0])
     last = np.array([7.0, 7.0, previous])  # of an accelerometer that corrects nothing, y⁻ has no effect
 
-    def log_likelihood(c: int, sensor: float, motion: float) -> float:
+    def logarithms(c: int, sensor: float, motion: float) -> np.ndarray:
         r, v, innovation = np.exp(sensor) * q[c], np.exp(motion) * p[c] ** 2 / (p[c] + q[c]), y[c]
         variance = r + p[c]
         if c == 2:
             prior = 0.5 * (v + np.sqrt(v**2 + 4.0 * v * r))
             innovation, variance = y[c] - (prior / (prior + r) - p[c] / (p[c] + q[c])) * last[c], prior + r
-        return -0.5 * (np.log(variance) + innovation**2 / variance)
+        return np.array([-0.5 * (np.log(variance) + innovation**2 / variance), np.log(variance)])
+
+    def step(c: int, sensor: float, motion: float) -> float:
+        slope, share = (logarithms(c, sensor, motion) - logarithms(c, -sensor, -motion)) / (2.0 * h)
+        return 2e-3 * slope / (share if c == 2 else 1.0)
 
     squares = InnovationSquares(y, last, np.diag(q + p), np.diag(q), np.ones(3))
     after = next_levels(NoiseLevels(np.ones(3), np.ones(2)), squares, states, 1e-3)
-    slopes = [(log_likelihood(c, h, 0.0) - log_likelihood(c, -h, 0.0)) / (2.0 * h) for c in range(3)]
-    np.testing.assert_allclose(after.sensors, 1.0 + 2e-3 * np.array(slopes), rtol=1e-9)
-    slope = (log_likelihood(2, 0.0, h) - log_likelihood(2, 0.0, -h)) / (2.0 * h)
-    np.testing.assert_allclose(after.motion, [1.0, 1.0 + 2e-3 * slope], rtol=1e-9)
+    np.testing.assert_allclose(after.sensors, [1.0 + step(c, h, 0.0) for c in range(3)], rtol=1e-9)
+    np.testing.assert_allclose(after.motion, [1.0, 1.0 + step(2, 0.0, h)], rtol=1e-9)
 
 
 @pytest.mark.parametrize(("noise", "walk"), [(1.0, 0.25), (4.0, 0.5), (0.25, 2.0), (1.0, 1.0)])

@@ -94,10 +94,6 @@ def test_the_gyro_noise_is_at_least_its_noise_at_rest(rest, min_std):
     assert low == min_std if min_std else low < 1e-3 * high
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="0.836 since the levels follow the autocorrelation, and 0.89 to 0.95 on five other robots",
-)
 def test_a_motor_with_another_lag_does_not_make_the_gyro_too_cautious_in_a_calm_drive():
     """The current of the motors lags, not their voltage. Their commands change slowly, unlike those of the fit."""
     robots, t_s = vehicles([4]), np.arange(4000) * 0.01

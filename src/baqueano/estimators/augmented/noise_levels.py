@@ -2,14 +2,14 @@
 
     Q' = Λ^½ Q Λ^½,   Λ = diag(λ);   σ_d'² = κ σ_d²,   σ_ν'² = κ σ_ν²   for the speed and for the yaw rate   (1)
     ρ = Q'_cc / S_cc,   a = y_c² / S_cc − 1,   b = y_c y_c⁻ / S_cc                                        (2)
-    r_c = 2ρ (a − (1 − ρ) b)/(1 + ρ) for a gyro,   r_c = ρ a for other channels                           (3)
-    λ_c ← λ_c (1 + g r_c),   κ_j ← κ_j (1 + g mean of a − r_c over the channels that correct j)           (4)
+    gyro:      r_λ = a − (1 − ρ) b,   r_κ = a + 2ρ b;        other channels:   r_λ = ρ a,   r_κ = (1 − ρ) a   (3)
+    λ_c ← λ_c (1 + g r_λ),   κ_j ← κ_j (1 + g mean of r_κ over the channels that correct j)               (4)
 
 y, y⁻, S: innovation, the one before, and its covariance; Q, σ_d, σ_ν: noise of the sensors, the disturbance and the
-walk. A step of (4) follows the gradient of the likelihood (docs/derivations/kalman.md); it ends where y²/S has the mean
-1 and y of a gyro is white. Slip of a wheel lasts, so b of wheels does not show the motion. The gain g is the share of
-one reading. A reading counts only if it and the one before are within the gate: a broken sensor cannot widen it. At
-rest nothing is adapted. Sensors of the pose keep their noise: place_gate.py decides about them.
+walk. (3) is the gradient of the likelihood, for a gyro divided by the share of the level in S (docs/derivations/
+kalman.md). It ends where y²/S has the mean 1 and y of a gyro is white. Slip of a wheel lasts, so b of wheels does not
+show the motion. The gain g is the share of one reading. A reading counts only if it and the one before are within the
+gate. At rest nothing is adapted. Sensors of the pose keep their noise: place_gate.py decides about them.
 
 Sources: Mehra 1972 for noise from innovations; Särkkä and Nummenmaa 2009 for one factor per channel.
 """
@@ -57,18 +57,18 @@ def next_levels(
     levels: NoiseLevels, squares: InnovationSquares, states: "Layout", gain: Value
 ) -> NoiseLevels:
     """Return the levels after the innovations of a tick of a moving vehicle; `gain` is g.  (3), (4)"""
-    share, S = _noise_share(squares), np.diag(squares.S)
-    excess = squares.counts * (squares.y**2 / S - 1.0)
-    product = squares.counts * squares.y * squares.previous / S
-    pose_channels = {c for group in states.pose_groups for c in group}
-    adapts = np.array([0.0 if c in pose_channels else 1.0 for c in range(len(squares.y))])
+    y, S, rho = squares.y, np.diag(squares.S), _noise_share(squares)
+    a, b = squares.counts * (y**2 / S - 1.0), squares.counts * y * squares.previous / S
+    pose_channels = [c for group in states.pose_groups for c in group]
+    adapts = np.where(np.isin(np.arange(len(y)), pose_channels), 0.0, 1.0)
     corrects = _corrects(states) * adapts[:, None]
-    of_gyro = 2.0 * share * (excess - (1.0 - share) * product) / (1.0 + share)
-    of_sensor = np.where(corrects[:, 1] > corrects[:, 0], of_gyro, share * excess)
-    of_motion = (excess - of_sensor) @ (corrects / np.maximum(np.sum(corrects, axis=0), 1.0))
+    is_gyro = corrects[:, 1] > corrects[:, 0]
+    of_sensor = np.where(is_gyro, a - (1.0 - rho) * b, rho * a)
+    of_motion = np.where(is_gyro, a + 2.0 * rho * b, (1.0 - rho) * a)
+    mean = corrects / np.maximum(np.sum(corrects, axis=0), 1.0)
     return NoiseLevels(
         _bounded(levels.sensors * (1.0 + gain * adapts * of_sensor)),
-        _bounded(levels.motion * (1.0 + gain * of_motion)),
+        _bounded(levels.motion * (1.0 + gain * of_motion @ mean)),
     )
 
 
