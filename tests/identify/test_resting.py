@@ -110,13 +110,16 @@ PATH = "sensors.imu.gyro_bias"
 SECONDS = 40.0
 
 
-def fitted(bias=None, rest_s=0.0):
-    """Return the default fit of a robot on a rough floor; `bias` is that of its gyro."""
+STATED = {f"{PATH}_std": 0.002}
+
+
+def fitted(bias=None, rest_s=0.0, values=STATED):
+    """Return the default fit of a robot on a rough floor; `bias` is that of its gyro, `values` those of the file."""
     q = draw_robot(100)
     q = q.with_parameters(floor=np.array([FLOOR_NOISE]))
     if bias is not None:
         q = q.with_parameters(imu=q.imu.with_parameters(bias=np.array([[0.0, 0.0, bias]])))
-    file = initial_file(q)
+    file = initial_file(q).with_values(values)
     u = quantised_commands(
         excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 103, rest_s=rest_s)
     )
@@ -142,6 +145,24 @@ def test_a_more_certain_bias_in_the_file_is_not_replaced(fit):
     assert fitted_file.sensors.imu.gyro_bias_std == fit.file.sensors.imu.gyro_bias_std
     assert ("bias.file-better", PATH) in [(note.code, note.subject) for note in fit.notes]
     assert any(name in fitted_file.provenance for name in ("sensors.imu.accel_bias", "model.friction.linear"))
+
+
+def test_a_bias_that_the_file_does_not_state_is_written_with_the_error_of_the_drive():
+    fit = fitted(values={})
+    k = fit.run_entry_names.index(PATH)
+    assert fit.vehicle_file.value(PATH) == pytest.approx(fit.run_entries[0, k], rel=1e-4)
+    assert fit.vehicle_file.sensors.imu.gyro_bias_std == pytest.approx(fit.run_entry_std[0, k], rel=1e-2)
+
+
+def test_a_car_without_a_rest_keeps_its_bias_and_gets_the_error_of_the_fit():
+    car = override(load("car"), ["sensors.imu.gyro_bias=0.0"])
+    run = simulate(
+        override(car, ["sensors.imu.gyro_bias=0.03"]), random_steps([0.5, 0.6], 40.0, car.rate_hz, 5), 5
+    )
+    free = ["model.throttle_gain", "model.steering_gain", "model.steering_offset_rad"]
+    fit = identify(run, car, free, use=["odometer", "imu[2]"], options=FitOptions(diagnose=False))
+    assert fit.vehicle_file.value(PATH) == 0.0
+    assert 0.02 < fit.vehicle_file.sensors.imu.gyro_bias_std < 0.06
 
 
 def test_a_bias_that_contradicts_the_file_is_written_with_its_error():

@@ -139,8 +139,10 @@ def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) 
 
 
 def assumed_gyro_bias_std(vehicle_file: "VehicleFile", imu: str) -> float:
-    """Return the standard deviation of a gyro's zero [rad/s], from the file if measured, else from a data sheet."""
+    """Return the standard deviation of a gyro's zero [rad/s]: measured, else of the file, else of a data sheet."""
     std_rad_s = measured_gyro_bias_std(vehicle_file, imu)
+    if std_rad_s is None and "gyro_bias_std" in _table(vehicle_file, f"sensors.{imu}"):
+        return float(getattr(vehicle_file.sensors, imu).gyro_bias_std)
     return tolerance_std(ZERO_RATE_RAD_S) if std_rad_s is None else std_rad_s
 
 

@@ -61,6 +61,7 @@ from baqueano.vehicles.state import DynamicVehicle
 MIN_REST_S = 0.5  # without a command; by then a vehicle is at rest, if its predicted speed is also small
 MAX_QUIET_S, REJECTION_COST = MIN_REST_S + 0.1, 3.0
 MAX_REST_NU = np.array([0.01, 0.01, 0.03])  # m/s, m/s, rad/s
+MAX_REST_BIAS = np.array([0.0, 0.0, 2.0])  # added to it, in standard deviations of a gyro's bias
 AT_REST_STD = np.array([1e-3, 1e-3, 1e-3, 1e-2, 1e-2])  # of ν and d at rest
 
 
@@ -200,11 +201,12 @@ class AugmentedEkf:
         row = filter_row(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
         variance = disturbance_variance(self, belief.mean, effort)
-        prediction = predict_row(self, belief, effort, row, variance)
+        was_at_rest = self._is_at_rest(belief.quiet_s, Gaussian(belief.mean, belief.cov))
+        prediction = predict_row(self, belief, effort, row, variance, was_at_rest)
         variance = next_unmeasured_variance(self, belief.unmeasured_variance, variance, row.dt_s)
         x = Gaussian(prediction.mean, prediction.cov)
         quiet_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.quiet_s + row.dt_s)
-        at_rest = (quiet_s >= MIN_REST_S) & np.all(np.abs(x.mean[3:6]) < MAX_REST_NU)
+        at_rest = self._is_at_rest(quiet_s, x)
         model_nu = self.vehicle.advance(belief.mean[:3], belief.model_nu, effort, row.moved_s)[1]
         model_nu = np.where(at_rest, 0.0, model_nu)
         nu_dot = None  # for a dynamic model it follows from the state
@@ -247,8 +249,16 @@ class AugmentedEkf:
         G = np.where(row.is_new, D[:, None] * prediction.G, np.eye(len(D)))
         E = np.where(at_rest, states.resting_mask, driving_mask)
         J = jacobian(self._pose_and_velocity)(next_belief.mean)
+        by_bias = np.where(at_rest, 0.0, states.yaw_rate_by_bias)
+        J = np.concatenate([J[:5], J[5:] + by_bias[None, :]])
         errors = make_row_errors(innovations.update, G, E, J, row.is_new)
         return next_belief, self._estimate(next_belief, tick.t_ns, J, nu_cov, innovations), errors
+
+    def _is_at_rest(self, quiet_s: Value, x: Gaussian) -> Value:
+        """Return True for a vehicle at rest. The bias of a gyro looks like a yaw rate, so it widens the limit."""
+        by_bias = layout(self).yaw_rate_by_bias
+        max_rest_nu = MAX_REST_NU + MAX_REST_BIAS * np.sqrt(by_bias @ x.cov @ by_bias)
+        return (quiet_s >= MIN_REST_S) & np.all(np.abs(x.mean[3:6]) < max_rest_nu)
 
     def _widen(
         self, x: Gaussian, innovations: Innovations, model_nu: np.ndarray, is_exceeded: np.ndarray,

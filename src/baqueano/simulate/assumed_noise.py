@@ -132,9 +132,10 @@ def _tick(
     scales = (x[SCALE_INDEX:SIDESLIP_INDEX], np.array([gamma]), x[BEND_INDEX:BIAS_INDEX])
     next_x = np.concatenate([eta, nu, np.array(d), *scales, bias])
     truth = current_motion._replace(tick=(state.motion, motions[TICK_PARTS // 2 - 1], motions[-1]))
-    sensors, slots = _read_sensors(ekf, state, bias, slip, truth, draws, dt_s)
-    measured_state = np.concatenate([eta, nu + velocity_error(ekf, x[SCALE_INDEX:BIAS_INDEX], nu)])
-    return SimulatedState(next_x, slip, current_motion, drivetrain, sensors), (measured_state, slots)
+    shown_bias = np.min(filter_layout.moving_jacobian_factor, axis=0)[BIAS_INDEX:] * bias
+    sensors, slots = _read_sensors(ekf, state, shown_bias, slip, truth, draws, dt_s)
+    state_read = np.concatenate([eta, nu + _velocity_error(ekf, x, nu)])
+    return SimulatedState(next_x, slip, current_motion, drivetrain, sensors), (state_read, slots)
 
 
 def _step_part(
@@ -149,9 +150,15 @@ def _step_part(
     _, nu, _ = ekf.vehicle.advance(eta, kicked_nu, Effort(begin, end, end, *rates), h)
     nu = nu + h * disturbance_acceleration(ekf.vehicle, x[6:SCALE_INDEX])
     mean_nu = 0.5 * (kicked_nu + nu)
-    displacement = h * (mean_nu + velocity_error(ekf, x[SCALE_INDEX:BIAS_INDEX], mean_nu))
+    displacement = h * (mean_nu + _velocity_error(ekf, x, mean_nu))
     position = eta[:2] + (map_from_body(eta[2] + 0.5 * displacement[2]) @ displacement)[:2]
     return np.array([position[0], position[1], wrap(eta[2] + displacement[2])]), nu + kick * walk[1]
+
+
+def _velocity_error(ekf: AugmentedEkf, x: np.ndarray, nu: np.ndarray) -> np.ndarray:
+    """Return the errors (3,) of the velocity by scales, course and the bias of a gyro: no innovation shows them."""
+    by_bias = np.array([0.0, 0.0, layout(ekf).yaw_rate_by_bias @ x])
+    return velocity_error(ekf, x[SCALE_INDEX:BIAS_INDEX], nu) + by_bias
 
 
 def _effort_at(effort: Effort, fraction: float) -> np.ndarray:

@@ -112,6 +112,8 @@ def correct_tick(
     )
     repetition = next_repetition(RepeatedReadings(*memory.repetition), z, mask > 0.0)
     repeated_mask = np.where(repetition.is_longest & states.is_inertial & (not at_rest), 1.0, 0.0)
+    if not at_rest:
+        H = H * states.moving_jacobian_factor
     Q = levels.sensor_cov(file_cov)
     H_of_present = H * mask[:, None]
     channels = PoseChannels(y * mask, H_of_present @ x.cov @ H_of_present.T + Q, mask, corrections)

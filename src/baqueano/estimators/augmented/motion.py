@@ -2,7 +2,7 @@
 
     x = (η, ν, d, κ, β, γ, w, b):  pose, velocity, disturbance, scales, course, sideslip, bend, biases        (1)
     ν̇ = f(ν, e) + D,  D = (d_x, l d_ψ, d_ψ),  or  ν = V e + D,  D = (d_x, 0, d_ψ);   η̇ = J(ψ) (1 + K) ν     (2)
-    K ν = (κ_v ν_x, κ_v ν_y + β ν_x + γ (ν_y − l ν_ψ), κ_ψ ν_ψ)
+    K ν = (κ_v ν_x, κ_v ν_y + β ν_x + γ (ν_y − l ν_ψ), κ_ψ ν_ψ),   ∂ψ̇/∂b = −(1 − p)/h_ψ of a gyro, p of state.py  (10)
     ḋ = −(d − d̄)/T + noise  (Ornstein-Uhlenbeck, σ_d² about d̄),  d̄˙ = (d − d̄)/2 s;   γ̇ = −γ/T_γ + noise  (3)
     displacement += −w λ s / (1 + s/2) J(ψ) ν δ,   s the variance of the heading, w ~ N(0, 1)              (4)
     P_xx, P_yy += 2 T_s (σ_s ν_x)² δ,   var ν_x += (σ_s ν_x)² as reported:   slip, σ_s, T_s of a wheel    (5)
@@ -12,7 +12,7 @@
     half of D before f and half after:   ν⁺ = δ D/2 + F(ν + δ D/2),   ∫ν −= δ² (f(ν⁺, e) − f(ν⁺ − δ D/2, e))/6   (9)
 
 e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance; l: the origin ahead of the centre of turning. d̄ prevents
-that a model with an error in a whole bend turns the heading. κ, β, w: constant. docs/derivations: (4)-(7), (9).
+that an error in a whole bend turns the heading. κ, β, w: constant; h_ψ: a slope. docs/derivations: (4)-(7), (9), (10).
 """
 
 from functools import lru_cache
@@ -53,9 +53,11 @@ BEND_STD = 0.5 * 1.96**2 / np.sqrt(CHI_SQUARE_95 - 1.96**2)  # λ of (4)
 
 
 def predict_row(
-    estimator: "AugmentedEkf", belief: "AugmentedBelief", effort: Effort, row: FilterRow, variance: np.ndarray
-) -> StatePrediction:
-    """Return mean, covariance and G of the state one row later; `variance` is σ_d² (2,) in this row.  (2)-(4)"""
+    estimator: "AugmentedEkf", belief: "AugmentedBelief", effort: Effort, row: FilterRow, variance: np.ndarray,
+    at_rest: Value = False,
+) -> StatePrediction:  # fmt: skip
+    """Return mean, covariance and G of the state one row later; `variance` is σ_d² (2,) in this row. `at_rest` is
+    that of the row before.  (2)-(4), (10)"""
     x, n = Gaussian(belief.mean, belief.cov), len(belief.mean)
     # a calm drive lowers the level, but a lasting d̄ shows at least the variance d̄²
     lasting_level = np.minimum(belief.mean_disturbance**2 / np.maximum(variance, MIN_VARIANCE), 1.0)
@@ -74,11 +76,14 @@ def predict_row(
             [process_noise_cov(estimator, mean[2], row, G[4, 4], noise_level, variance), lasting]
         ) + block_diagonal([rest_cov, np.zeros((n - 3, n - 3))])
 
-    motion = predict(
-        x,
-        lambda mean: advance_mean(estimator, mean, belief.mean_disturbance, effort, row.moved_s, x.cov[2, 2]),
-        R,
-    )
+    turn_by_bias = np.where(at_rest, 0.0, row.dt_s) * layout(estimator).yaw_rate_by_bias
+
+    def g(mean: np.ndarray) -> np.ndarray:
+        after = advance_mean(estimator, mean, belief.mean_disturbance, effort, row.moved_s, x.cov[2, 2])
+        turn = turn_by_bias @ (mean - x.mean)  # 0, but its derivative is not  (10)
+        return np.concatenate([after[:2], np.array([after[2] + turn]), after[3:]])
+
+    motion = predict(x, g, R)
     D = limiting_factors(motion.cov)
     return StatePrediction(motion.mean, limit_covariance(motion.cov), D[:, None] * motion.G)
 

@@ -2,9 +2,8 @@
 
     x = (x, y, ψ | ν_x, ν_y, ν_ψ | d_x, d_ψ | κ_v, κ_ψ, β, γ, w | biases)                                  (1)
 
-A filter in which every channel corrects every state relies on the couplings of its model. Then a gyro that disagrees
-with the model changes the speed, and an odometer changes the heading. On real cars these couplings had larger errors
-than the sensors, and the estimate was worse than the model. So each measured quantity corrects only these states:
+If every channel corrects every state, a gyro that disagrees with the model changes the speed. On real cars these
+couplings had larger errors than the sensors. So each measured quantity corrects only these states:
 
     the pose                all states
     ν_x, not inertial       position, ν_x, ν_y, d_x; also the turning states if no channel measures only ν_ψ
@@ -13,9 +12,11 @@ than the sensors, and the estimate was worse than the model. So each measured qu
 
 After MAX_SILENT_S without a gyro, the wheels also correct the turning states (3). A channel whose bias walks is
 inertial. A model error looks like a bias, so in motion no inertial reading corrects another bias; a pose sensor does.
+A model that was fitted with a gyro has the error of its bias: an innovation shows a part p of it, see `_day_share` (4).
 """
 
 from collections.abc import Sequence
+from dataclasses import fields
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -60,6 +61,10 @@ class Layout(NamedTuple):
     replacement_mask: np.ndarray  # (m, n) the turning states, for the channels that replace a gyro  (3)
     is_inertial: np.ndarray  # (m,) bool: the channel has a bias that walks
     gate_factors: np.ndarray  # (m,) factor on the model's part of the gate of each channel
+    # (n,) derivative of the estimated yaw rate by each state: 0 except for the biases of gyros  (4)
+    yaw_rate_by_bias: np.ndarray
+    # (m, n) factor on H while the vehicle drives: p for the bias of a gyro in its own reading, else 1  (4)
+    moving_jacobian_factor: np.ndarray
     # (m, 2) derivative of each channel by speed and yaw rate; 0 if it must not correct them
     rest_jacobian: np.ndarray
     # (m,) bool: the channel corrects ν_y, and depends on ν_y or its integral
@@ -128,12 +133,17 @@ def layout(estimator: "AugmentedEkf") -> Layout:
     dependencies = [signals[name][i] for name, i in channels]
     reliable = {(split_use(use)[0], i) for use in estimator.speed_from for i in channel_indices(sensors, use)}
     moving_mask = _moving_mask(dependencies, bias_states, [c in reliable for c in channels], len(biases))
-    resting_mask = moving_mask.copy()
+    resting_mask, of_gyro = moving_mask.copy(), np.zeros(moving_mask.shape)
     for k, states in enumerate(bias_states):
         resting_mask[k, states] = 1.0
+        of_gyro[k, states] = float(dependencies[k].is_turn_only)
+    day_share = np.ones(BIAS_INDEX + len(biases))
+    day_share[BIAS_INDEX:] = [_day_share(sensors, bias) for bias in biases]
     at_rest = {name: measurement_jacobian(getattr(sensors, name), np.zeros(9)) for name in names}
     slopes = np.array([at_rest[name][i, SPEED_AND_YAW_RATE] for name, i in channels]).reshape(-1, 2)
     sideways = np.array([np.max(np.abs(at_rest[name][i, SIDEWAYS])) for name, i in channels])
+    # several gyros share the yaw rate
+    yaw_slopes = np.where(of_gyro.any(axis=1), slopes[:, 1], 1.0)[:, None] * max(1.0, np.sum(of_gyro))
     groups = (
         tuple(k for k, (of_channel, _) in enumerate(channels) if of_channel == name and dependencies[k].pose)
         for name in dict.fromkeys(names)
@@ -147,6 +157,8 @@ def layout(estimator: "AugmentedEkf") -> Layout:
         _turning_mask(dependencies, moving_mask),
         np.array([bool(states) for states in bias_states], dtype=bool),
         np.where([d.is_turn_only for d in dependencies], LEADING_GYRO_FACTOR, 1.0),
+        -(1.0 - day_share) * np.sum(of_gyro / yaw_slopes, axis=0),
+        1.0 - (1.0 - day_share) * of_gyro,
         slopes * moving_mask[:, SPEED_AND_YAW_RATE],
         (moving_mask[:, SIDEWAYS[2]] > 0.0) & (sideways > MIN_SIDEWAYS_SLOPE),
         tuple(group for group in groups if group),
@@ -223,6 +235,14 @@ def _turning_mask(dependencies: Sequence[_Dependencies], moving_mask: np.ndarray
 def _walking(sensors: SensorBlocks, name: str, rows: tuple[int, ...]) -> list[UncertainParameter]:
     """Return the biases of the channels `rows` of a sensor that are a random walk."""
     return [bias for bias in uncertain_parameters(sensors, name, rows, np.zeros(3)) if bias.walk]
+
+
+def _day_share(sensors: SensorBlocks, bias: UncertainParameter) -> float:
+    """Return p of a bias: 1 for a standard deviation up to the default, which is that of another day.  (4)"""
+    std = bias.value_at(sensors, bias.std)
+    defaults = {field.name: field.default for field in fields(type(getattr(sensors, bias.sensor)))}
+    default_std = defaults.get(bias.std)
+    return min(1.0, (default_std / std) ** 2) if isinstance(default_std, float) and std > 0.0 else 1.0
 
 
 def start_std(estimator: "AugmentedEkf") -> np.ndarray:

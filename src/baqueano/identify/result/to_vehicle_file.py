@@ -4,10 +4,10 @@ The bias b ± s of a run is not written if the bias b₀ ± s₀ of the file is 
 
     s > s₀   and   |b − b₀| ≤ K √(s² + s₀²),   K = CONTRADICTION_SIGMA                                    (1)
 
-With process noise, a drive determines the bias of a gyro only to a few hundredths of a rad/s. If the runs contain a
-rest, b₀ ± s₀ was measured there (calibration/rest.py). If the run contradicts the file, b is written, with s as s₀.
-The envelope is the range of each command and of each channel whose h depends on ν. It excludes readings beyond
-OUTLIER_SIGMA standard deviations from the model.
+A drive determines the bias of a gyro only to some hundredths of a rad/s. A rest in the runs gives b₀ ± s₀
+(calibration/rest.py). If the run contradicts the file, b is written, with s as s₀. An unmeasured gyro has the s₀ that
+the file states, or that of a data sheet; s is written. The envelope is the range of each command and of each
+channel whose h depends on ν. It excludes readings beyond OUTLIER_SIGMA standard deviations from the model.
 """
 
 from collections.abc import Sequence
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.calibration.rest import speed_channels
+from baqueano.calibration.tolerances import assumed_gyro_bias_std, measured_gyro_bias_std
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.added_channels import MOUNT_PREFIX
@@ -75,6 +76,11 @@ def fit_file(fit: "Fit", on: date | None = None) -> "VehicleFile":
         for prior in (prior for prior in priors if prior.contradicted and prior.std_path.startswith(field)):
             entries_[_index(prior.std_path)] = max(entries_[_index(prior.std_path)], prior.std)
         values[field] = entries_.tolist()
+    stds = dict(zip(fit.fixed.paths, np.sqrt(np.diagonal(fit.fixed.cov)).tolist(), strict=True))
+    stds |= {path: origin["std"] for path, origin in provenance.items()}
+    for name in (x for x in fit.file.sensors._fields if measured_gyro_bias_std(fit.file, x) is None):
+        path = f"sensors.{name}.gyro_bias"
+        values |= {f"{path}_std": stds[path]} if path in stds else {}
     if getattr(getattr(fit.blocks.model, "drivetrain", None), "battery", "steady") == "logged":
         values["model.drivetrain.battery"] = "logged"
     entries_ = [
@@ -87,12 +93,8 @@ def fit_file(fit: "Fit", on: date | None = None) -> "VehicleFile":
 def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
     """Return the biases that the file contains more accurately than the fit, even if the fit contradicts them.  (1)"""
     priors, rest_messages = [], [message for message in fit.notes if message.code == "bias.at-rest"]
-    for path, x, std in zip(
-        fit.run_entry_names,
-        np.mean(fit.run_entries, axis=0),
-        np.sqrt(np.mean(fit.run_entry_std**2, axis=0)),
-        strict=True,
-    ):
+    stds = np.sqrt(np.mean(fit.run_entry_std**2, axis=0))
+    for path, x, std in zip(fit.run_entry_names, np.mean(fit.run_entries, axis=0), stds, strict=True):
         sensor, _, field = path.removeprefix("sensors.").partition(".")
         if not path.startswith("sensors.") or sensor not in fit.file.sensors._fields:
             continue
@@ -103,14 +105,12 @@ def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
         std_path = f"sensors.{sensor}.{description.std}{field.removeprefix(name)}"
         prior, prior_std = float(value_at_path(fit.file, path)), float(value_at_path(fit.file, std_path))
         at_rest = path in (f"sensors.{message.subject}.gyro_bias" for message in rest_messages)
-        if at_rest:
-            prior_std = float(fit.file.provenance[path].std)
+        if name == "gyro_bias" and (at_rest or measured_gyro_bias_std(fit.file, sensor) is None):
+            prior_std = assumed_gyro_bias_std(fit.file, sensor)
         if std > prior_std:
             unit = description.unit.split(", ")[0]
-            is_contradicted = abs(x - prior) > CONTRADICTION_SIGMA * np.hypot(std, prior_std)
-            priors.append(
-                Prior(path, unit, prior, prior_std, std_path, float(std), bool(is_contradicted), at_rest)
-            )
+            contradicted = bool(abs(x - prior) > CONTRADICTION_SIGMA * np.hypot(std, prior_std))
+            priors.append(Prior(path, unit, prior, prior_std, std_path, float(std), contradicted, at_rest))
     return tuple(priors)
 
 

@@ -37,6 +37,7 @@ GYRO_SCALE_PATH = "sensors.imu.gyro_scale"
 SENSOR_SETS = {"calibrated": IMU, "raw": IMU, "odometer": BOTH}
 CASES = ("cpm", "dart")
 SCALE_STD = {"calibrated": 0.01, "raw": 0.03, "odometer": 0.01}  # deviation of the scale of the gyro
+BIAS_STD_PATH, BIAS_STD = "sensors.imu.gyro_bias_std", 0.002  # rad/s
 MAX_TICKS = 1_000_000
 
 
@@ -119,8 +120,15 @@ def _rows(ticks: Any, a: int, b: int) -> Any:
 
 
 def calibrated_file(subject: Subject, name: str) -> "VehicleFile":
-    """Return the initial file of the fit, with the sensor scales of the set `name` ("raw": the scale 1)."""
-    values: JsonObject = {GYRO_SCALE_PATH: 1.0, f"{GYRO_SCALE_PATH}_std": SCALE_STD[name]}
+    """Return the initial file of the fit, with the sensor scales of the set `name` ("raw": the scale 1).
+
+    It states BIAS_STD: the runs of cpm contain no rest, and by the camera the bias of the file is correct to 0.001.
+    """
+    values: JsonObject = {
+        GYRO_SCALE_PATH: 1.0,
+        f"{GYRO_SCALE_PATH}_std": SCALE_STD[name],
+        BIAS_STD_PATH: BIAS_STD,
+    }
     if name != "raw":
         scales = {
             figure.name: figure.value for figure in calibrate(subject.fit_run, subject.vehicle_file).numbers
