@@ -1,8 +1,9 @@
 """Kanayama's tracking law: a Lyapunov function proves its stability for each error and each speed except 0.
 
-    v = v_f cos e_χ + k_x e_x,    ω = ω_f + v_f k_y e_y + |v_f| k_θ sin e_χ                               (1)
+    v = v_f cos e_χ + k_x e_x,    ω = ω_f ± v k_y e_y + v k_θ sin e_χ                                    (1)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
+In ω, v is the larger of |v_f| and |v_f + k_x e_x|; + forward, − backward.
 e_y decays over a distance, not over a time, with the damping ratio k_θ / (2 √k_y): by default 0.75 over 0.22 m. So the
 loop would be too fast for the delay at a high speed. The gains are then limited by (6) of model_following.py.
 The law approaches a far path at an angle of at most MAX_APPROACH_RAD. At rest it does not correct e_y. The error after
@@ -47,7 +48,7 @@ class Kanayama(ModelFollower):
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = tracking.e, tracking.nu_f
-        speed = np.abs(v_f)
+        speed = tracking.max_speed(v_f + self.k_x * e_x)
         k_theta, k_y = self.limited_gains(self.k_theta * speed, self.k_y * speed, speed)
         max_correction = k_theta * np.sin(MAX_APPROACH_RAD)
         lateral_term = np.clip(k_y * e_y, -max_correction, max_correction)

@@ -110,6 +110,10 @@ class Tracking(NamedTuple):
     forward_sign: float
     dt_s: Value
 
+    def max_speed(self, v: Value) -> Value:
+        """Return the larger speed [m/s] of the reference and of a request `v`, for which the gains are chosen."""
+        return np.maximum(np.abs(self.nu_f[0]), np.abs(v))
+
 
 @document
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,35 +176,45 @@ class ModelFollower:
         self, state: FollowerState, reference: Reference, estimate: Estimate
     ) -> tuple[FollowerState, Command]:
         """Return the state and the command (n,) with which the model follows the reference."""
-        eta_r, nu_r, eta, nu = reference.eta, reference.nu, estimate.eta, estimate.nu
+        nu = estimate.nu
         dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 1.0 / self.rate_hz)
         nu_b = np.where(state.t_ns >= 0, state.nu, nu)  # ν_f starts at the velocity of the vehicle
-        nu_f_dot = np.clip((nu_r - nu_b) / SMOOTHING_S, -MAX_ACCELERATION, MAX_ACCELERATION)
+        nu_f_dot = np.clip((reference.nu - nu_b) / SMOOTHING_S, -MAX_ACCELERATION, MAX_ACCELERATION)
         nu_f = nu_b + nu_f_dot * np.minimum(dt_s, SMOOTHING_S)  # (3)
-        b = optional.turning_arm_m(self.vehicle)
         pipeline = self._pipeline(state, nu, dt_s)
         _, smooth_y, smooth_r = pipeline[2] + pipeline[3]  # ν without most of its noise
+        b = optional.turning_arm_m(self.vehicle)
         nu_f = np.array([nu_f[0], smooth_y + b * (nu_f[2] - smooth_r), nu_f[2]])
-        displacement = self._delay_s * (0.5 * (pipeline[1] + pipeline[2]) + pipeline[3]) + SMOOTHING_S * nu_f
-        eta_p = eta + map_from_body(eta[2] + 0.5 * displacement[2]) @ displacement  # (1)
-        e_chi = wrap(eta_r[2] + slip(nu_r) - eta_p[2] - slip(nu_f))  # (2)
-        e = pose_error(eta_r, eta_p) + b * np.array([1.0 - np.cos(e_chi), -np.sin(e_chi), 0.0])
-        kappa = nu_r[2] * nu_r[0] / (nu_r[0] ** 2 + MIN_COURSE_SPEED_M_S**2)
-        s = arc_to_vehicle(e, e_chi, kappa)
-        x, y = point_ahead(e, e_chi, kappa, s)  # (2a)
-        e_x = np.clip(x - s, -MAX_ALONG_ERROR_M, MAX_ALONG_ERROR_M)
-        integral = self._integral(state.integral, e_x, pipeline[3][2], nu_f, dt_s)
-        forward_sign = nu_f[0] / np.hypot(nu_f[0], MIN_COURSE_SPEED_M_S)
-        e = np.array([e_x, y, e[2] + kappa * s])
-        tracking = Tracking(e, e_chi + kappa * s, nu_f, kappa, forward_sign, dt_s)
+        tracking = self._tracking(reference, self._predicted_pose(estimate.eta, pipeline, nu_f), nu_f, dt_s)
+        integral = self._integral(state.integral, tracking.e[0], pipeline[3][2], nu_f, dt_s)
         law, v_w, omega_w = self._checked_law(state.law, tracking)
-        nu_w = np.array([v_w + integral[0], nu[1], omega_w + integral[1]])
+        nu_w = np.array([v_w + integral[0], nu[1], omega_w + integral[1]])  # (4)
         effort = self._effort(state.effort, nu_w, nu_f_dot[::2])
         drivetrain = self.vehicle.drivetrain
         u = drivetrain.prioritise_turn(np.clip(drivetrain.inverse(effort), -self.limit, self.limit))
         # that u causes within the limits: otherwise the integrals would wind up
         effort = drivetrain.unmix(drivetrain.static_response(drivetrain.mix(u)))
         return FollowerState(estimate.t_ns, nu_f, integral, effort, law, pipeline), Command(estimate.t_ns, u)
+
+    def _predicted_pose(self, eta: np.ndarray, pipeline: np.ndarray, nu_f: np.ndarray) -> np.ndarray:
+        """Return η_p (3,), the pose when a present command acts, of a vehicle at η (3,).  (1)"""
+        _, nu_1, nu_2, d = pipeline
+        displacement = self._delay_s * (0.5 * (nu_1 + nu_2) + d) + SMOOTHING_S * nu_f
+        return eta + map_from_body(eta[2] + 0.5 * displacement[2]) @ displacement
+
+    def _tracking(self, reference: Reference, eta_p: np.ndarray, nu_f: np.ndarray, dt_s: Value) -> Tracking:
+        """Return the errors of a vehicle at η_p (3,) with the velocity ν_f (3,), as the laws use them.  (2), (2a)"""
+        eta_r, nu_r = reference.eta, reference.nu
+        e_chi = wrap(eta_r[2] + slip(nu_r) - eta_p[2] - slip(nu_f))
+        e = pose_error(eta_r, eta_p)
+        e = e + optional.turning_arm_m(self.vehicle) * np.array([1.0 - np.cos(e_chi), -np.sin(e_chi), 0.0])
+        kappa = nu_r[2] * nu_r[0] / (nu_r[0] ** 2 + MIN_COURSE_SPEED_M_S**2)
+        s = arc_to_vehicle(e, e_chi, kappa)
+        x, y = point_ahead(e, e_chi, kappa, s)
+        e_x = np.clip(x - s, -MAX_ALONG_ERROR_M, MAX_ALONG_ERROR_M)
+        forward_sign = nu_f[0] / np.hypot(nu_f[0], MIN_COURSE_SPEED_M_S)
+        e = np.array([e_x, y, e[2] + kappa * s])
+        return Tracking(e, e_chi + kappa * s, nu_f, kappa, forward_sign, dt_s)
 
     @property
     def response_delay_s(self) -> float:

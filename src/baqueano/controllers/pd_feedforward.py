@@ -1,11 +1,11 @@
 """PD control with feed-forward from the vehicle's model: the recommended controller, with smooth motion.
 
-    v = v_f + k_x e_x,    ω = ω_f + k (e_χ ± atan(e_y / L)),    L = max(join_m, 1.44 |v_f| / k)            (1)
-    k = max(k_χ, min(1.44 |v_f| / join_m, 1 / (1.5 T)))                                                   (2)
+    v = v_f + k_x e_x,    ω = ω_f + k (e_χ ± atan(e_y / L)),    L = max(join_m, 1.44 V / k)                (1)
+    k = max(k_χ, min(1.44 V / join_m, 1 / (1.5 T))),    V = max(|v|, |v_f|)                               (2)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
 The vehicle steers towards a point of the path that is L ahead of it (line of sight); + forward, − backward. The
-damping ratio √(k L / |v_f|) / 2 is at least 0.6. At a high speed, (2) increases k as far as the delay T permits, for a
+damping ratio √(k L / V) / 2 is at least 0.6. At a high speed, (2) increases k as far as the delay T permits, for a
 short L. model_following.py predicts the pose and computes the command. The controller works at any speed and in turns
 on the spot.
 
@@ -20,7 +20,7 @@ from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import ModelFollower, Tracking
 from baqueano.parameter import document, parameter
 
-DAMPING_RATIO = 1.44  # of k L and |v_f|, for a damping ratio of 0.6
+DAMPING_RATIO = 1.44  # of k L and the speed, for a damping ratio of 0.6
 MAX_GAIN_SHARE = 0.9  # of k_T of model_following.py, which is 1 / (1.5 T)
 
 
@@ -51,9 +51,10 @@ class PdFeedforward(ModelFollower):
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
-        v_f = np.abs(tracking.nu_f[0])
-        needed_k = DAMPING_RATIO * v_f / self.join_m
+        v = tracking.nu_f[0] + self.k_x * tracking.e[0]
+        speed = tracking.max_speed(v)
+        needed_k = DAMPING_RATIO * speed / self.join_m
         k = np.maximum(self.k_chi, np.minimum(needed_k, MAX_GAIN_SHARE * self.max_course_gain))  # (2)
-        L = np.maximum(self.join_m, DAMPING_RATIO * v_f / np.maximum(k, 1e-3))
+        L = np.maximum(self.join_m, DAMPING_RATIO * speed / np.maximum(k, 1e-3))
         turn = tracking.e_chi + tracking.forward_sign * np.arctan(tracking.e[1] / L)
-        return memory, (tracking.nu_f[0] + self.k_x * tracking.e[0], tracking.nu_f[2] + k * turn)
+        return memory, (v, tracking.nu_f[2] + k * turn)

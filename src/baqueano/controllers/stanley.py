@@ -1,8 +1,8 @@
 """Stanley's law: steer a front axle onto the path, as a driver who watches the front wheels.
 
-    l = max(axle_m, axle_s |v_f|, 1.35 T |v_f|),    δ = e_χ ± atan(k_f (e_y ± l_f sin e_χ))
-    v = v_f + k_x e_x,    ω = ω_f + |v_f| sin(δ) / l,    |δ| ≤ max_steering_rad                           (1)
-    k_f = k_y l / |v_f|,    l_f = (k_χ − |v_f| / l) / k_y        for l_f = l:  k_f = k / (v_soft + |v_f|)  (2)
+    v = v_f + k_x e_x,    V = max(|v|, |v_f|),    l = max(axle_m, axle_s V, 1.35 T V)
+    δ = e_χ ± atan(k_f (e_y ± l_f sin e_χ)),    ω = ω_f + V sin(δ) / l,    |δ| ≤ max_steering_rad         (1)
+    k_f = k_y l / V,    l_f = (k_χ − V / l) / k_y                for l_f = l:  k_f = k / (v_soft + V)      (2)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
 l: from the origin to an axle in front of it, which the vehicle does not need to have; − is for backward motion. The
@@ -61,7 +61,7 @@ class Stanley(ModelFollower):
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = tracking.e, tracking.nu_f
-        speed = np.abs(v_f)
+        speed = tracking.max_speed(v_f + self.k_x * e_x)
         axle_m = np.maximum(np.maximum(self.axle_m, self.axle_s * speed), speed / self.max_course_gain)
         rate = self.k * speed / (self.softening_speed_m_s + speed)
         k_chi, k_y = self.limited_gains(speed / axle_m + rate, rate / axle_m, speed)
