@@ -115,8 +115,8 @@ def _with_option_after_verb(error: click.NoSuchOption, args: list[str]) -> list[
     ctx = error.ctx
     if ctx is None or not isinstance(group := ctx.command, click.Group):
         return []
-    depth, verbs = len(ctx.command_path.split()) - 1, group.list_commands(ctx)
-    k = next((k for k, arg in enumerate(args) if k >= depth and arg in verbs), None)
+    depth, subcommands = len(ctx.command_path.split()) - 1, group.list_commands(ctx)
+    k = next((k for k, arg in enumerate(args) if k >= depth and arg in subcommands), None)
     command = None if k is None else group.get_command(ctx, args[k])
     if k is not None and isinstance(command, click.Group) and args[k + 1 : k + 2]:
         command = command.get_command(ctx, args[k + 1])

@@ -84,7 +84,7 @@ class GyroAidedResiduals(Residuals):
         return self.with_columns([-2, -1], yaw_rates)
 
     def _outputs(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Return for each segment (N, 3): ν_x with the gyro, the gyro reading by the commands, and its derivative."""
+        """Return for each segment (N, 3): ν_x with the gyro, the predicted gyro reading, and its derivative."""
         kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, _trace, True)
         return [
             np.asarray(kernel.run(rows, theta[index])[1])

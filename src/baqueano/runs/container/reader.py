@@ -73,8 +73,8 @@ def read_run(path: Path | str) -> Run:
     except FileTooLarge as error:
         advice = f"mcap decompress {path.name} -o whole.mcap"
         raise FileError(fault("runs.unpacks-too-much", advice, path=path, error=error)) from None
-    foreign = METADATA_NAME not in contents.metadata and not contents.problems
-    if foreign and contents.is_complete and not contents.messages:
+    is_foreign = METADATA_NAME not in contents.metadata and not contents.problems
+    if is_foreign and contents.is_complete and not contents.messages:
         raise FileError(fault("runs.no-message", path=path))
     return _RunAssembly(path, contents).run()
 

@@ -179,8 +179,8 @@ def _signal_tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
     compass = headers.take_column(free_columns, headers.COMPASS_PATTERN)
     truth, heading = _truth_entries(table, free_columns, is_heading_enough=bool(compass))
     if battery := headers.take_column(free_columns, headers.BATTERY_PATTERN):
-        unit_of_size = "mV" if _span(table, battery)[1] > MAX_BATTERY_V else "V"
-        yield _table("[sensors.battery]", "z", [_entry(battery, "voltage", unit_of_size)])
+        size_unit = "mV" if _span(table, battery)[1] > MAX_BATTERY_V else "V"
+        yield _table("[sensors.battery]", "z", [_entry(battery, "voltage", size_unit)])
     if compass := compass or heading:
         remark = _("left is positive: a compass that counts clockwise needs scale = -1.0")
         yield _table(f"[sensors.compass]                    # {remark}", "z", [_entry(compass, "angle")])

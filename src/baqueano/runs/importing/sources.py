@@ -212,11 +212,11 @@ def _file_sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
     if files and not isinstance(files, dict):
         names = _names_for_paths(m, all_paths := [path for file in files for path in _expand(Path(file))])
         return [_with_default_paths(m, dict.fromkeys(names, path)) for path in all_paths]
-    by_name = {name: Path(path) for name, path in dict(files).items()}
-    for name in by_name:
+    paths = {name: Path(path) for name, path in dict(files).items()}
+    for name in paths:
         if name not in m.files:
             raise FileError(fault("import.file-unknown", map=m.path.name, value=name, valid=m.files))
-    return [_with_default_paths(m, by_name | pattern_specs) for pattern_specs in _starred_files(m, by_name)]
+    return [_with_default_paths(m, paths | pattern_specs) for pattern_specs in _starred_files(m, paths)]
 
 
 def _names_for_paths(m: ColumnMap, paths: list[Path]) -> list[str]:
@@ -231,11 +231,9 @@ def _names_for_paths(m: ColumnMap, paths: list[Path]) -> list[str]:
     raise FileError(fault(code, map=m.path.name, files=m.files, option=other_names[:1], first=first))
 
 
-def _starred_files(m: ColumnMap, by_name: dict[str, Path]) -> list[dict[str, Path]]:
+def _starred_files(m: ColumnMap, paths: dict[str, Path]) -> list[dict[str, Path]]:
     """Return the files that match the only path with a * in the map, one dict each; one empty dict without a *."""
-    pattern_specs = {
-        n: s for n, s in m.files.items() if n not in by_name and s.path and glob.has_magic(s.path)
-    }
+    pattern_specs = {n: s for n, s in m.files.items() if n not in paths and s.path and glob.has_magic(s.path)}
     patterns = sorted({str(spec.path) for spec in pattern_specs.values()})
     if len(patterns) > 1:
         raise FileError(fault("import.stars", map=m.path.name, paths=" and ".join(map(repr, patterns))))
