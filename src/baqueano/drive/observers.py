@@ -57,6 +57,12 @@ class Observer:
         return ()
 
 
+def select_observers(observers: Sequence[Observer], method: str) -> list[Observer]:
+    """Return the observers that override a method; in the others it does nothing."""
+    default = getattr(Observer, method)
+    return [x for x in observers if getattr(getattr(x, method), "__func__", None) is not default]
+
+
 @dataclass(frozen=True, eq=False)
 class Progress(Observer):
     """An observer that passes the duration of the drive so far to a function."""

@@ -8,7 +8,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.drive.health import Health
-from baqueano.drive.observers import Observer
+from baqueano.drive.observers import Observer, select_observers
 from baqueano.errors import error_text
 from baqueano.loop import Blocks, Record, World
 from baqueano.runs.recorder import RunRecorder
@@ -36,6 +36,8 @@ class Recording:
 
     def __post_init__(self) -> None:
         self.last_ns = self.start_ns
+        self.mark_observers = select_observers(self.observers, "pop_mark_count")
+        self.event_observers = select_observers(self.observers, "events")
 
     def begin(self, notes: Iterable[Diagnostic | str]) -> None:
         """Write the messages that are known before the first tick."""
@@ -58,9 +60,11 @@ class Recording:
             self._event(t_ns, level, source, cause)
         for role in tuple(self.diagnostics):
             self._write_diagnostic(role, record)
-        for _ in range(sum(observer.pop_mark_count() for observer in self.observers)):
+        for _ in range(sum(observer.pop_mark_count() for observer in self.mark_observers)):
             self._event(t_ns, "info", MARK_SOURCE, note("drive.on-mark"))
-        for source, level, message in [line for observer in self.observers for line in observer.events()]:
+        for source, level, message in [
+            line for observer in self.event_observers for line in observer.events()
+        ]:
             self._event(t_ns, level, source, message)
         self._show(record)
         self.tick_count, self.last_ns = self.tick_count + 1, t_ns

@@ -21,13 +21,11 @@ from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.drive.observers import Observer
 from baqueano.geometry import wrap
 from baqueano.loop import Blocks, Record
-from baqueano.signals import seconds
+from baqueano.signals import NANOSECONDS, seconds
 
 STILL_M, STILL_RAD, AWAY_M = 0.02, 0.1, 0.05
-TIME_RATIO, TIME_MARGIN_S = (
-    10.0,
-    60.0,
-)  # a guide that waits is slower than its plan; the margin: ways to and from a route
+TIME_RATIO = 10.0  # a guide that waits is slower than its plan
+TIME_MARGIN_S = 60.0  # for the ways to and from a route
 
 
 class Patience(Observer):
@@ -61,7 +59,7 @@ class TimeLimit(Observer):
     """Observer that ends a drive whose guide has not ended it after `limit_s`, without the pauses."""
 
     def __init__(self, limit_s: float) -> None:
-        self._limit_s, self._driven_s = limit_s, 0.0
+        self._limit_s, self._driven_ns = limit_s, 0.0
         self._last_ns: int | None = None
         self._guide: Tree = None
 
@@ -75,14 +73,11 @@ class TimeLimit(Observer):
         self._guide = blocks.guide
         return blocks
 
-    def on_record(self, record: Record) -> None:
-        """Add the time of a tick at the present pace."""
-        t_ns = record.tick.t_ns
-        self._driven_s += self._guide.pace * seconds(t_ns, t_ns if self._last_ns is None else self._last_ns)
-        self._last_ns = t_ns
-
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason to end the drive, or None to continue.  (2)"""
-        if self._driven_s < self._limit_s:
+        """Add the time since the last tick. Return the reason to end the drive, or None to continue.  (2)"""
+        if self._last_ns is not None:
+            self._driven_ns += self._guide.pace * (t_ns - self._last_ns)
+        self._last_ns = t_ns
+        if self._driven_ns < self._limit_s * NANOSECONDS:
             return None
         return stop(StopReason.TIME_LIMIT, limit_s=self._limit_s)
