@@ -123,7 +123,7 @@ def forecast_corridor(
     """
     laps = laps if route.closed else 1
     rest_s = usual_rest_s(vehicle_file.sensors) if rest_s is None else rest_s
-    options = {"laps": laps, "noise": False, "rest_s": rest_s, "backend": backend}
+    options = {"laps": laps, "noise": True, "rest_s": rest_s, "backend": backend}
     run = simulate_loop(vehicle_file, route, name="forecast", **options).without_rest
     corridor = run_corridor(run)
     if corridor is None:
