@@ -1,8 +1,8 @@
 """Predict the corridor of a route before it is driven.
 
-The vehicle of the file drives the route in simulation, without noise, with the file's controller and estimator. The
-covariance of the estimator along that drive is the forecast: it includes the noise, the biases and the scales of the
-file. A vehicle that differs from the file drives farther from its path; the forecast does not include this effect.
+The vehicle of the file drives the route in simulation, with its noise, its controller and its estimator. The covariance
+of the estimator along that drive is the forecast: it includes the noise, the biases and the scales of the file. A
+vehicle that differs from the file drives farther from its path; the forecast does not include this effect.
 """
 
 from dataclasses import dataclass
