@@ -171,9 +171,9 @@ def _back_emf(model: Tree) -> np.ndarray:
     if not is_dynamic(model):
         return np.zeros((n, 3))
     still, units = np.zeros(n), np.minimum(dry_friction_speeds(model), 1.0)
-    drag = [-np.diagonal([model.nu_dot(k * nu, still) for nu in np.diag(units)]) for k in DRAG_SPEEDS]
+    drag = [-np.diagonal([model.nu_dot(k * nu, still, 0.0) for nu in np.diag(units)]) for k in DRAG_SPEEDS]
     linear = np.array([-2.5, 4.0, -1.5]) @ drag / (DRAG_SPEEDS[0] * units)
-    gains = [model.nu_dot(np.zeros(3), u) - model.nu_dot(np.zeros(3), still) for u in np.eye(n)]
+    gains = [model.nu_dot(np.zeros(3), u, 0.0) - model.nu_dot(np.zeros(3), still, 0.0) for u in np.eye(n)]
     return np.linalg.pinv(np.array(gains).T) * linear
 
 
@@ -266,7 +266,8 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         change = is_motor * (epsilon[-2] * (w_lag - w) - epsilon[-1] * pause * sign)
         if is_dynamic(blocks.model):
             efforts = effort + drivetrain.unmix(change), effort
-            accelerations = [tick_blocks.model.nu_dot(state.vehicle.nu, e) for e in efforts]
+            nu, psi = state.vehicle.nu, state.vehicle.eta[2]
+            accelerations = [tick_blocks.model.nu_dot(nu, e, psi) for e in efforts]
             push = push + accelerations[0] - accelerations[1]
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)
         vehicle, motion = tick_blocks.model.step(vehicle, u, dt_s, np.zeros(3))
