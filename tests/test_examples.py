@@ -29,7 +29,8 @@ HAVE_ONE = """
     compare.front: compare
     drive.first_drive: first_drive
     drive.mission: Mission pack perform
-    drive.tasks: experiment repeat replay teach
+    drive.tasks: experiment repeat teach
+    drive.replay: replay
     design.plan: design_plan
     design.containment: contain_in_room
     routes.room: vehicle_room
@@ -54,7 +55,7 @@ HAVE_ONE = """
     simulate.open_loop: simulate
     tune.gains: tune
     guides.shapes: sinuous_circle
-    vehicle_file.text.edit: override
+    vehicle_file.text.override: override
     vehicle_file.file: load
     worlds.robot: Robot
 """

@@ -88,7 +88,7 @@ def compare(
     >>> from baqueano.vehicle_file import load
     >>> errors = compare(repeat(load("small"), circle(0.3, 0.2))).runs[0]
     >>> print(f"{100 * errors.across_true.rms_m:.0f} cm rms across its route, NIS {errors.consistency.nis.mean:.1f}")
-    0 cm rms across its route, NIS 0.7
+    0 cm rms across its route, NIS 0.8
     """
     items = flatten_arguments(runs)
     if not items:

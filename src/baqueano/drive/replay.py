@@ -70,7 +70,7 @@ def replay(
     Examples
     --------
     >>> small = bq.load("small")
-    >>> run = experiment(small, np.tile([0.5, 0.0, 0.0], (100, 1)))
+    >>> run = bq.experiment(small, np.tile([0.5, 0.0, 0.0], (100, 1)))
     >>> np.array_equal(replay(run, small).estimate.eta, run.estimate.eta)
     True
     """

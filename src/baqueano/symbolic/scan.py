@@ -28,6 +28,7 @@ class Scan(ABC):
 
     Examples
     --------
+    >>> from baqueano.symbolic import scan
     >>> kernel = scan(lambda p, v, u: (v + 0.1 * (u - p[0] * v), v), 0.0, 0.0, theta=[0.5])
     >>> y, slopes = kernel.sensitivities(np.ones(3), [0.5])
     >>> print(slopes[:, 0, 0])

@@ -235,6 +235,7 @@ def write_run(run: "Run", path: Path | str) -> Path:
 
     Examples
     --------
+    >>> from baqueano.runs.run import Run
     >>> write_run(Run("still", None, np.arange(3), np.zeros((3, 1))), "three_ticks.mcap").name
     'three_ticks.mcap'
     """
