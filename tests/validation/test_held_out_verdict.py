@@ -12,7 +12,7 @@ from baqueano.calibration.rest import begins_at_rest
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.messages import text
 from baqueano.runs.run import Channel, Run
-from baqueano.selection.cross_validation import independent_motion_count, turning_points
+from baqueano.selection.cross_validation import extremum_count, independent_motion_count
 from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import load, override
@@ -126,10 +126,10 @@ def test_a_run_that_coasts_does_not_begin_at_rest(file, logs):
 
 
 def test_turning_points_are_counted_despite_noise():
-    assert turning_points(np.linspace(0.0, 1.0, 50), 0.1) == 0
-    assert turning_points(np.repeat([0.0, 1.0, 0.0, -1.0, 0.5], 10), 0.1) == 2
+    assert extremum_count(np.linspace(0.0, 1.0, 50), 0.1) == 0
+    assert extremum_count(np.repeat([0.0, 1.0, 0.0, -1.0, 0.5], 10), 0.1) == 2
     noisy = np.repeat([0.0, 1.0], 50) + 0.04 * np.random.default_rng(0).uniform(-1.0, 1.0, 100)
-    assert turning_points(noisy, 0.1) == 0
+    assert extremum_count(noisy, 0.1) == 0
 
 
 def test_each_independent_step_counts_for_at_most_two_thirds_of_a_segment():

@@ -10,7 +10,7 @@ whole runs, whose biases and starts are estimated on them. Runs that the user ho
 5 s, or 2 s with few blocks: longer than the memory of a small vehicle, so that sums are independent. (3) is a paired
 t test on logarithms, because gains differ by orders of magnitude between blocks. c limits the effect of errors below
 a third of the noise. A term without effect fits noise, so that mean g < 0 and the error rate of the test is below α.
-(4) counts independent segments of motion by the turning points of a command, without swings below MIN_SWING
+(4) counts independent segments of motion by the extrema of a command; smaller changes than MIN_CHANGE_RATIO are noise
 (Bienaymé 1874). MIN_SIGNS is what the sign test requires.
 """
 
@@ -37,7 +37,7 @@ MIN_NOISE_SHARE = 0.1  # of the variance of the noise
 GAP_S = 1.0  # on both sides of a held-out block
 FINAL_DECREMENT = 1e-3  # decrement: every parameter moves by less than 3 % of its standard error
 MAX_EVALUATIONS = 25  # evaluations
-MIN_SWING = 0.1
+MIN_CHANGE_RATIO = 0.1
 FALSE_ALARM_RATE = 0.05
 MIN_SIGNS = int(np.ceil(-np.log2(FALSE_ALARM_RATE)))
 
@@ -245,22 +245,22 @@ def independent_motion_count(runs: Sequence[Run], command: int) -> float:
     """Return the number of independent segments of motion of a command in all runs; 0 if it is always 0.  (4)"""
     u = [run.applied_commands[np.isfinite(run.applied_commands[:, command]), command] for run in runs]
     all_commands = np.concatenate([np.zeros(1), *u])
-    min_swing = MIN_SWING * float(np.ptp(all_commands))
+    min_change = MIN_CHANGE_RATIO * float(np.ptp(all_commands))
     piece_count = 0.0
     for run, x in zip(runs, u, strict=True):
         if np.any(x != 0.0):
             duration_s = run.duration_s * len(run.t_ns) / max(1, len(run.t_ns) - 1)  # with the first tick
-            piece_count += min(1.0 + turning_points(x, min_swing), max(1.0, duration_s / SHORT_BLOCK_S))
+            piece_count += min(1.0 + extremum_count(x, min_change), max(1.0, duration_s / SHORT_BLOCK_S))
     return piece_count
 
 
-def turning_points(x: np.ndarray, min_swing: float) -> int:
-    """Return the number of turning points of x (N,), without swings smaller than `min_swing`."""
+def extremum_count(x: np.ndarray, min_change: float) -> int:
+    """Return the number of local extrema of x (N,) that differ by more than `min_change` from their neighbours."""
     count, direction, low, high = 0, 0, x[0], x[0]
     for value in x[np.flatnonzero(np.diff(x, prepend=np.nan) != 0.0)]:
         low, high = min(low, value), max(high, value)
-        if direction >= 0 and high - value > min_swing:
+        if direction >= 0 and high - value > min_change:
             count, direction, low, high = count + (direction > 0), -1, value, value
-        elif direction <= 0 and value - low > min_swing:
+        elif direction <= 0 and value - low > min_change:
             count, direction, low, high = count + (direction < 0), 1, value, value
     return count
