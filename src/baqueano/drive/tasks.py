@@ -234,7 +234,7 @@ def repeat(
         `lead_in`: False to begin with the route at any pose. `way_back`: drive back to the start afterwards.
         `caution`: False to continue with a doubtful estimate. `patience_s`: the time after which the drive of a stuck
         vehicle ends. `time_limit_s`: the time after which a drive ends if its guide does not end it; by default ten
-        times the planned time, and 60 s. `rest_s`: the time at rest before the drive, which measures the bias of the
+        times the planned time plus 60 s. `rest_s`: the time at rest before the drive, which measures the bias of the
         gyro; by default 2 s for a vehicle with a gyro.
         Also the options of `experiment`: `path`, `seed`, `eta`, `truth`, `world`, …
 

@@ -77,7 +77,7 @@ from baqueano.diagnostics import note
     "time_limit_s",
     type=numbers.seconds,
     help=(
-        "Time after which a drive ends if its guide does not end it [s]; default: ten times the planned time, and 60 s."
+        "Time after which a drive ends if its guide does not end it [s]; default: ten times the planned time plus 60 s."
     ),
 )
 @options.estimator
