@@ -20,7 +20,7 @@ def test_sequential_corrections_equal_one_joint_correction(seed):
     S = H @ P @ H.T + Q
     K = np.linalg.solve(S, H @ P).T
     correction = correct(P, y, H, Q)
-    assert correction.move == pytest.approx(K @ y, rel=1e-8, abs=1e-10)
+    assert correction.mean_change == pytest.approx(K @ y, rel=1e-8, abs=1e-10)
     assert correction.cov == pytest.approx(P - K @ H @ P, rel=1e-7, abs=1e-9)
     assert np.sum(correction.e**2) == pytest.approx(y @ np.linalg.solve(S, y), rel=1e-9)
     assert np.sum(np.log(correction.s)) == pytest.approx(np.linalg.slogdet(S)[1], rel=1e-9, abs=1e-9)
@@ -32,7 +32,7 @@ def test_es4_a_channel_that_is_nan_has_the_effect_of_a_sensor_without_this_chann
     mask = np.array(is_measured)
     partial = correct(P, np.where(mask, y, np.nan), H, Q, mask=np.where(mask, 1.0, 0.0))
     smaller = correct(P, y[mask], H[mask], Q[np.ix_(mask, mask)])
-    assert partial.move == pytest.approx(smaller.move, rel=1e-9, abs=1e-12)
+    assert partial.mean_change == pytest.approx(smaller.mean_change, rel=1e-9, abs=1e-12)
     assert partial.cov == pytest.approx(smaller.cov, rel=1e-9, abs=1e-12)
     assert partial.e[mask] == pytest.approx(smaller.e, rel=1e-9)
     assert not partial.e[~mask].any()
@@ -55,7 +55,7 @@ def test_prediction_and_correction_equal_filterpy():
     assert prediction.cov == pytest.approx(reference.P)
     reference.update(H @ reference.x + y)
     correction = correct(prediction.cov, y, H, Q)
-    assert prediction.mean + correction.move == pytest.approx(reference.x)
+    assert prediction.mean + correction.mean_change == pytest.approx(reference.x)
     assert correction.cov == pytest.approx(reference.P)
     log_likelihood = -0.5 * np.sum(correction.e**2 + np.log(2.0 * np.pi * correction.s))
     assert log_likelihood == pytest.approx(reference.log_likelihood)
@@ -75,12 +75,12 @@ def test_a_considered_state_is_not_corrected_but_its_uncertainty_counts():
     P, H, Q = np.diag([1.0, 0.25]), np.array([[1.0, 2.0]]), np.array([0.5])
     estimate_mask = np.array([1.0, 0.0])
     correction = correct(P, np.array([1.0]), H, Q, estimate_mask)
-    assert correction.move[1] == 0.0
+    assert correction.mean_change[1] == 0.0
     assert correction.cov[1, 1] == 0.25
     rng = np.random.default_rng(0)
     x = rng.normal(size=(200_000, 2)) * np.sqrt(np.diag(P))
     z = x @ H[0] + np.sqrt(Q[0]) * rng.normal(size=len(x))
-    gain = correct(P, np.array([1.0]), H, Q, estimate_mask).move
+    gain = correct(P, np.array([1.0]), H, Q, estimate_mask).mean_change
     errors = x - z[:, None] * gain
     assert correction.cov == pytest.approx(np.cov(errors.T), abs=0.01)
 
@@ -90,10 +90,10 @@ def test_a_smaller_weight_has_the_effect_of_more_noise():
     s = H[0] @ P @ H[0] + 0.3
     weighted_update = correct(P, y[:1], H[:1], np.array([0.3]), weight=lambda c, e, s: 0.25)
     noisier = correct(P, y[:1], H[:1], np.array([4.0 * s - H[0] @ P @ H[0]]))
-    assert weighted_update.move == pytest.approx(noisier.move)
+    assert weighted_update.mean_change == pytest.approx(noisier.mean_change)
     assert weighted_update.cov == pytest.approx(noisier.cov)
     without_weight = correct(P, y, H, np.full(3, 0.3), weight=lambda c, e, s: 0.0)
-    assert without_weight.move == pytest.approx(np.zeros(6))
+    assert without_weight.mean_change == pytest.approx(np.zeros(6))
     assert without_weight.cov == pytest.approx(P)
 
 
@@ -108,7 +108,7 @@ def test_decorrelation_preserves_the_information_of_measurements():
 def test_a_measurement_without_channels_changes_nothing(Q):
     P = _case(3)[0]
     correction = correct(P, np.zeros(0), np.zeros((0, 6)), Q)
-    assert not correction.move.any()
+    assert not correction.mean_change.any()
     assert np.array_equal(correction.cov, P)
     assert (correction.gain.shape, correction.H.shape, correction.e.shape) == ((0, 6), (0, 6), (0,))
 

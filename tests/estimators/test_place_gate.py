@@ -83,7 +83,7 @@ def test_a_confused_tag_read_twice_counts_once(driving):
     belief = driving
     for _ in range(2):
         belief = after(after(belief, LATER, OTHER), SOON, OTHER)
-    assert belief.memory.pose.history.mistakes == pytest.approx([2.0])
+    assert belief.memory.pose.history.mistake_count == pytest.approx([2.0])
     assert belief.memory.pose.history.confirmation == pytest.approx([0.0])
 
 

@@ -52,7 +52,7 @@ class Linear:
         x = predict(Gaussian(belief.mean, belief.cov), lambda x: A @ x + tick.u, R)
         slot = tick.sensors.both
         correction = correct(x.cov, slot.z - H @ x.mean, H, Q)
-        mean = np.where(slot.is_new > 0.0, boxplus(x.mean, correction.move), x.mean)
+        mean = np.where(slot.is_new > 0.0, boxplus(x.mean, correction.mean_change), x.mean)
         cov = np.where(slot.is_new > 0.0, correction.cov, x.cov)
         S = H @ x.cov @ H.T + Q
         return Belief(tick.t_ns, mean, cov), Estimate(

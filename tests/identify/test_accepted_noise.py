@@ -59,7 +59,7 @@ def test_noise_confirmed_by_an_unseen_run_is_written_unchanged(fit, imu_filter, 
     noise = measure_noise(*fit, held_out=[unseen_run])
     assert imu_filter.acceptance is None
     assert noise.acceptance is not None
-    assert not noise.acceptance.disagrees
+    assert not noise.acceptance.is_inconsistent
     assert noise.acceptance.message.code == "noise.consistent-in-simulation"
     assert "heading" in names_in(noise.acceptance.message.figures["nees"])
     with use_language("es"):
@@ -78,14 +78,14 @@ def test_noise_contradicted_by_an_unseen_run_is_estimated_again_over_all_runs(fi
     assert variance(noise) + np.sum(noise.fields["velocity_walk_std"][2] ** 2) > 2.0 * (
         variance(imu_filter) + np.sum(imu_filter.fields["velocity_walk_std"][2] ** 2)
     )
-    assert noise.verdict == ("WARN" if noise.acceptance.disagrees else "USABLE")
+    assert noise.verdict == ("WARN" if noise.acceptance.is_inconsistent else "USABLE")
 
 
 def test_a_validation_run_of_six_seconds_is_too_short_for_the_noise(fit):
     accepted_noise = measure_noise(*fit, held_out=[drive(6.0, 3)]).acceptance
     assert accepted_noise is not None
     assert accepted_noise.message.code == "noise.too-short"
-    assert not accepted_noise.disagrees
+    assert not accepted_noise.is_inconsistent
 
 
 def test_noise_is_rejected_if_the_filter_is_overconfident_in_simulation(fit, unseen_run, monkeypatch):
@@ -98,7 +98,7 @@ def test_noise_is_rejected_if_the_filter_is_overconfident_in_simulation(fit, uns
     monkeypatch.setattr(accepted_noise, "simulated_errors", surer)
     acceptance = measure_noise(*fit, held_out=[unseen_run]).acceptance
     assert acceptance is not None
-    assert acceptance.disagrees
+    assert acceptance.is_inconsistent
     assert acceptance.message.code == "noise.nees-inconsistent"
     state = acceptance.message.figures["states"]
     assert (state.code, state.figures["states"].figures["name"]) == ("noise.too-small-for", "heading")
@@ -112,4 +112,4 @@ def test_noise_is_rejected_if_the_filter_is_overconfident_in_simulation(fit, uns
 def test_a_normalised_square_disagrees_if_its_interval_is_far_from_one(low, high, verdict):
     square = NormalisedSquare("imu[2]", 1.0, low, high, 1.2)
     assert square.verdict == verdict
-    assert square.disagrees == verdict.startswith("too")
+    assert square.is_inconsistent == verdict.startswith("too")

@@ -29,14 +29,14 @@ def pair(*shifts, extra=-1.0, scatter=1.0, n=31):
 
 def test_the_simulation_cost_is_chosen_without_floor_noise():
     choice = choose_objective(likelihood_fit(3.0), (0, 2), pair(0.1, 0.2), QUIET)
-    assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, False)
+    assert (choice.cost, choice.is_explained, choice.is_contradicted) == ("simulation", False, False)
     assert choice.reason.code == "cost.floor-still"
     assert (choice.reason.figures["ratio"], choice.reason.figures["chance"]) == (3.0, "0.22")
 
 
 def test_innovations_are_chosen_if_consistent_and_better_on_unseen_segments():
     choice = choose_objective(likelihood_fit(400.0), (0, 2), pair(0.1, 1.5), QUIET)
-    assert (choice.cost, choice.explains, choice.contradicted) == ("innovations", True, False)
+    assert (choice.cost, choice.is_explained, choice.is_contradicted) == ("innovations", True, False)
     figures = choice.reason.figures
     assert (figures["floor"], figures["chance"], figures["difference"]) == ("0.2 ± 0.02 m/s", "< 1e-6", 1.5)
     assert figures["open_loop"].code == "cost.smaller"
@@ -45,24 +45,26 @@ def test_innovations_are_chosen_if_consistent_and_better_on_unseen_segments():
 
 def test_an_insignificantly_larger_error_does_not_change_the_choice():
     choice = choose_objective(likelihood_fit(400.0), (0, 2), pair(0.1, extra=0.05), QUIET)
-    assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", True, False)
+    assert (choice.cost, choice.is_explained, choice.is_contradicted) == ("simulation", True, False)
 
 
 @pytest.mark.parametrize("floor", [pair(0.1, extra=1.0), pair(0.1, 5.0), pair(0.1, extra=np.nan)])
 def test_a_larger_error_and_different_estimates_indicate_a_missing_model_term(floor):
     choice = choose_objective(likelihood_fit(400.0), (0, 2), floor, QUIET)
-    assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, True)
+    assert (choice.cost, choice.is_explained, choice.is_contradicted) == ("simulation", False, True)
     assert choice.reason.code == "cost.neither"
 
 
 def test_autocorrelation_or_excess_sensor_noise_is_not_attributed_to_the_floor():
-    assert not choose_objective(likelihood_fit(400.0, autocorrelated=True), (0, 2), pair(0.1), QUIET).explains
-    assert not choose_objective(likelihood_fit(400.0), (0, 2), pair(0.1), 4.0 * QUIET).explains
+    assert not choose_objective(
+        likelihood_fit(400.0, autocorrelated=True), (0, 2), pair(0.1), QUIET
+    ).is_explained
+    assert not choose_objective(likelihood_fit(400.0), (0, 2), pair(0.1), 4.0 * QUIET).is_explained
 
 
 def test_the_simulation_cost_is_chosen_for_a_short_run():
     choice = choose_objective(likelihood_fit(400.0), (0, 2), None, QUIET)
-    assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, False)
+    assert (choice.cost, choice.is_explained, choice.is_contradicted) == ("simulation", False, False)
 
 
 def test_the_allowed_difference_of_two_fits_grows_with_parameter_count():

@@ -100,13 +100,13 @@ class RunComparison:
         row |= {"verdict": self.verdict, "sentence": self.sentences[-1], "divergence_s": self.divergence_s}
         return row | corridor_row(self.corridor)
 
-    def errors_line(self, of_drive: bool = True) -> str:
-        """Return a line with the known errors of the run [cm rms]; without `of_drive` only those of the estimate."""
+    def errors_line(self, with_unit: bool = True) -> str:
+        """Return a line with the known errors of the run [cm rms]; without `with_unit` only those of the estimate."""
         errors = (
             ("front.across-true", self.across_true.rms_m), ("front.across-estimate", self.across_estimate.rms_m),
             ("front.position-off", self.ate_m), ("front.across-first", self.across_first.rms_m),
         )  # fmt: skip
-        shown_errors = errors if of_drive else errors[2:3]
+        shown_errors = errors if with_unit else errors[2:3]
         sentences = [text(note(code, cm=100.0 * m)) for code, m in shown_errors if np.isfinite(m)]
         return f"{self.name}, {number(self.duration_s):.1f} s: {', '.join(sentences)}"
 
@@ -161,7 +161,7 @@ class Comparison(Result):
         Alignment of the estimate with the truth: "none", "start" or "rigid".
     interval_s : float
         Time span of the relative error.
-    of_drives : bool
+    has_drives : bool
         False if a run is a replay, because its vehicle drove with another estimate.
 
     Examples
@@ -174,10 +174,10 @@ class Comparison(Result):
     runs: tuple[RunComparison, ...]
     alignment: str
     interval_s: float
-    of_drives: bool
+    has_drives: bool
 
     def __repr__(self) -> str:
-        rows = [*(run.errors_line(self.of_drives) for run in self.runs), *self.sentences]
+        rows = [*(run.errors_line(self.has_drives) for run in self.runs), *self.sentences]
         return shorten([], rows, [verdict_line(self.verdict, self.reasons)])
 
     def rows(self) -> list["TableRow"]:

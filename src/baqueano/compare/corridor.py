@@ -104,13 +104,13 @@ def _lap_s(run: Run) -> float:
     if ref is None or len(ref.t_ns) < 2:
         return float("nan")
     offsets = ref.eta - ref.eta[0]
-    is_away = (np.hypot(offsets[:, 0], offsets[:, 1]) > RETURN_DISTANCE_M) | (
+    is_outside = (np.hypot(offsets[:, 0], offsets[:, 1]) > RETURN_DISTANCE_M) | (
         np.abs(wrap(offsets[:, 2])) > RETURN_ANGLE_RAD
     )
-    return_indices = np.flatnonzero(is_away[:-1] & ~is_away[1:])
+    return_indices = np.flatnonzero(is_outside[:-1] & ~is_outside[1:])
     if not len(return_indices):
         return float("nan")
     begin = return_indices[-1] + 1
-    near_count = int(np.argmax(np.append(is_away[begin:], True)))
+    near_count = int(np.argmax(np.append(is_outside[begin:], True)))
     k = begin + int(np.argmin(np.hypot(*offsets[begin : begin + near_count, :2].T)))
     return float(seconds(ref.t_ns[k], ref.t_ns[0])) / len(return_indices)

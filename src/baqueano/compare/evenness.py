@@ -67,7 +67,7 @@ def speed_errors(
     if not np.any(speed_ref[is_known]):
         return UNKNOWN_SPEED_ERRORS
     scale = float(np.mean(np.abs(speed_ref[is_known])))
-    error, fluctuation = rms(e[is_counted]), rms(minus_moving_mean(t_ns, e)[is_counted])
+    error, fluctuation = rms(e[is_counted]), rms(without_moving_mean(t_ns, e)[is_counted])
     return SpeedErrors(error, error / scale, fluctuation / scale)
 
 
@@ -90,7 +90,7 @@ def active_mask(t_ns: np.ndarray, ref: "ReferenceLog") -> np.ndarray:
     return t_ns <= (done_ns[0] if done_ns.size else ref.t_ns[-1])
 
 
-def minus_moving_mean(t_ns: np.ndarray, x: np.ndarray) -> np.ndarray:
+def without_moving_mean(t_ns: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return x (N,) minus its centred mean over MEAN_WINDOW_S; NaN if this span is not completely inside the data."""
     half_ns = round(0.5 * MEAN_WINDOW_S * NANOSECONDS)
     first, last = np.searchsorted(t_ns, t_ns - half_ns), np.searchsorted(t_ns, t_ns + half_ns, side="right")

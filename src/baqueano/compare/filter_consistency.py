@@ -71,12 +71,12 @@ class FilterConsistency:
             return (note("consistency.not-reported"),)
         if verdict == "cannot tell":
             return (note("consistency.cannot-tell", quantity=JOINT_FIGURES[name], samples=band.samples),)
-        figures = {"mean": band.mean, "low": band.low, "high": band.high, "worst": self._worst(verdict)}
+        figures = {"mean": band.mean, "low": band.low, "high": band.high, "worst": self._worst_band(verdict)}
         figure = "NIS" if name == "nis" else "NEES"
         first = note(
             f"consistency.{verdict.replace(' ', '-')}", figure=figure, quantity=JOINT_FIGURES[name], **figures
         )
-        messages = (first, self._few_samples(verdict), self._correlation())
+        messages = (first, self._sample_warning(verdict), self._correlation())
         return tuple(message for message in messages if message is not None)
 
     @property
@@ -128,7 +128,7 @@ class FilterConsistency:
         name, band = max(consistent_bands or bands, key=lambda pair: pair[1].samples)
         return "consistent" if consistent_bands else "cannot tell", name, band
 
-    def _worst(self, verdict: str) -> Diagnostic | str:
+    def _worst_band(self, verdict: str) -> Diagnostic | str:
         """Return the state that deviates most in the direction of the verdict; "" if no state deviates."""
         deviating_means = {
             name: band.mean for name, band in self.states.items() if band.verdict == verdict != "consistent"
@@ -138,7 +138,7 @@ class FilterConsistency:
         name = max(deviating_means, key=lambda name: abs(np.log(deviating_means[name])))
         return note("consistency.worst", state=STATE_NAMES[name], nees=deviating_means[name])
 
-    def _few_samples(self, verdict: str) -> Diagnostic | None:
+    def _sample_warning(self, verdict: str) -> Diagnostic | None:
         """Return a note if the verdict is "consistent" but a joint NEES has too few samples, else None."""
         short_names = [n for n in ("nees_pose", "nees_velocity") if getattr(self, n).verdict == "cannot tell"]
         if short_names and verdict == "consistent":

@@ -49,10 +49,10 @@ def table(comparison: "Comparison") -> str:
         for k, head in enumerate(heads)
     ]
 
-    def line(label: str, its_unit: str, cells: Sequence[str], columns_shown: Sequence[int]) -> str:
+    def line(label: str, unit: str, cells: Sequence[str], columns_shown: Sequence[int]) -> str:
         pairs = zip(columns_shown, cells, strict=True)
         columns = "".join(f"  {cell:>{column_widths[k]}}" for k, cell in pairs)
-        return f"{label}{its_unit:>{width - len(label)}}{columns}".rstrip()
+        return f"{label}{unit:>{width - len(label)}}{columns}".rstrip()
 
     blocks = []
     for columns_shown in _column_ranges(column_widths, LINE_LETTERS - width):
@@ -124,7 +124,7 @@ def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLin
         TableLine(_("yaw rate"), "rad/s", lambda j: j.yaw_rate_error_rad_s, is_error=True),
     ]
     yield _(ALIGNMENT_TITLES[comparison.alignment]), lines
-    if comparison.of_drives:
+    if comparison.has_drives:
         yield from _vehicle_sections()
     yield from _filter_sections(comparison)
 
@@ -162,10 +162,11 @@ def _paces(name: str) -> list[TableLine]:
 
 def _filter_sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
     channels = dict.fromkeys(name for run in comparison.runs for name in run.consistency.channels)
-    joint = {k: _(k.removeprefix("nees_")) for k in JOINT_FIGURES if k != "nis"}
+    joint_labels = {k: _(k.removeprefix("nees_")) for k in JOINT_FIGURES if k != "nis"}
     states = {k: _(title) for k, title in STATE_NAMES.items()}
     lines = [
-        TableLine(title, "", lambda j, k=k: _band(getattr(j.consistency, k))) for k, title in joint.items()
+        TableLine(title, "", lambda j, k=k: _band(getattr(j.consistency, k)))
+        for k, title in joint_labels.items()
     ]
     lines += [
         TableLine(title, "", lambda j, k=k: _band(j.consistency.states[k])) for k, title in states.items()

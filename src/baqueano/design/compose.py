@@ -170,7 +170,7 @@ class Composer:
 
     def __init__(self, room: Room, place_count: int, interest_count: int) -> None:
         self.room, self.place_count, self.interest_count = room, place_count, interest_count
-        self.chosen: list[int] = []
+        self.selected_indices: list[int] = []
         self.F = np.zeros((0, 0, 0, 0))
         self.cost = np.zeros(0)
         self.reach = np.zeros(0)  # largest distance from the beginning of the primitive, in rooms
@@ -207,9 +207,11 @@ class Composer:
 
     def search(self) -> float:
         """Fill the places, or improve the primitives in them, and return J minus the cost of the primitives."""
-        if not self.chosen:
+        if not self.selected_indices:
             self._fill_greedily()
-        best_score = float(self.score(self.F[self.chosen].sum(axis=0)) - self.cost[self.chosen].sum())
+        best_score = float(
+            self.score(self.F[self.selected_indices].sum(axis=0)) - self.cost[self.selected_indices].sum()
+        )
         for _ in range(MAX_SWEEPS):
             previous_score = best_score
             self._sort_by_cost()
@@ -222,12 +224,12 @@ class Composer:
     def restart(self, path: np.ndarray, kept_primitives: np.ndarray) -> float:
         """Search again from the beginning, with only `kept_primitives` and with other vehicles. `path`
         (P, L, S, 3) contains the poses of these vehicles along all primitives."""
-        self.chosen, self.path = [], path
+        self.selected_indices, self.path = [], path
         self.xy = np.ascontiguousarray(path[..., :2].transpose(3, 0, 2, 1), np.float32)
-        self._keep(kept_primitives)
+        self._retain_primitives(kept_primitives)
         return self.search()
 
-    def _keep(self, primitives: np.ndarray) -> None:
+    def _retain_primitives(self, primitives: np.ndarray) -> None:
         """Keep only these primitives."""
         for name in ("F", "upper_triangles", "path", "cost", "reach"):
             setattr(self, name, getattr(self, name)[primitives])
@@ -253,13 +255,13 @@ class Composer:
         """Keep only the `count` primitives with the highest bounds, and some others. Return the indices of all
         primitives kept. The others are the chosen primitives, the first primitive, and `count` // 4 primitives that
         stay near."""
-        bound = self._upper_bound(self.F[self.chosen].sum(axis=0))
+        bound = self._upper_bound(self.F[self.selected_indices].sum(axis=0))
         near_primitives = np.argsort(REACH_COST * self.reach - bound)[: count // 4]
         used_indices = np.unique(
-            [0, *self.chosen, *near_primitives, *np.argsort(self.cost - bound)[:count].tolist()]
+            [0, *self.selected_indices, *near_primitives, *np.argsort(self.cost - bound)[:count].tolist()]
         )
-        self._keep(used_indices)
-        self.chosen = np.searchsorted(used_indices, self.chosen).tolist()
+        self._retain_primitives(used_indices)
+        self.selected_indices = np.searchsorted(used_indices, self.selected_indices).tolist()
         return used_indices
 
     def _fill_greedily(self) -> None:
@@ -267,21 +269,24 @@ class Composer:
         for _ in range(self.place_count):
             first_inside = self._first_inside(total, pose, [], -np.inf)
             k = 0 if first_inside is None else first_inside[0]
-            self.chosen.append(k)
+            self.selected_indices.append(k)
             total = total + self.F[k]
             pose = map_poses(pose, self.path[k, :, -1])
 
     def _sort_by_cost(self) -> None:
         """Sort the chosen primitives by cost, the highest last, if that order stays inside. After primitives with a
         high cost the position is uncertain. J does not change."""
-        order = sorted(self.chosen, key=lambda k: self.cost[k])
+        order = sorted(self.selected_indices, key=lambda k: self.cost[k])
         if self._stays_inside(self._start(), np.array(order[:1]), order[1:])[0]:
-            self.chosen = order
+            self.selected_indices = order
 
     def _improve_place(self, place: int, best_score: float) -> float:
         """Put a better primitive in the place if the search finds one. Return J of the sequence minus the cost of its
         primitives."""
-        earlier_primitives, later_primitives = self.chosen[:place], self.chosen[place + 1 :]
+        earlier_primitives, later_primitives = (
+            self.selected_indices[:place],
+            self.selected_indices[place + 1 :],
+        )
         pose, other_pieces = self._start(), [*earlier_primitives, *later_primitives]
         for k in earlier_primitives:
             pose = map_poses(pose, self.path[k, :, -1])
@@ -291,7 +296,7 @@ class Composer:
         )
         if first_inside is None:
             return best_score
-        self.chosen[place] = first_inside[0]
+        self.selected_indices[place] = first_inside[0]
         return first_inside[1] - cost
 
     def _first_inside(
@@ -307,11 +312,11 @@ class Composer:
             scores = self.score(other_information + self.F[candidates]) - self.cost[candidates]
             better_indices = np.flatnonzero(scores > min_score)
             if len(better_indices):
-                feasible = better_indices[
+                feasible_pairs = better_indices[
                     self._stays_inside(pose, candidates[better_indices], later_primitives)
                 ]
-                if len(feasible):
-                    k = feasible[np.argmax(scores[feasible])]
+                if len(feasible_pairs):
+                    k = feasible_pairs[np.argmax(scores[feasible_pairs])]
                     return int(candidates[k]), float(scores[k])
             elif offset:
                 return None
@@ -352,8 +357,10 @@ class Composer:
         for coordinates, limit in zip(xy, self.room.free_half_width_m, strict=True):
             mean = coordinates @ mean_weights
             std = np.sqrt(np.maximum((coordinates * coordinates) @ mean_weights - mean * mean, 0.0))
-            furthest = reach(coordinates.min(axis=-1), mean, coordinates.max(axis=-1))
-            margins.append(limit - np.max(np.maximum(furthest, np.abs(mean) + CORRIDOR_SIGMA * std), axis=-1))
+            max_distance = reach(coordinates.min(axis=-1), mean, coordinates.max(axis=-1))
+            margins.append(
+                limit - np.max(np.maximum(max_distance, np.abs(mean) + CORRIDOR_SIGMA * std), axis=-1)
+            )
         return np.minimum(*margins)
 
     def _positions(self, pose: np.ndarray, primitives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

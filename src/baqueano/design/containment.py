@@ -50,8 +50,8 @@ def wall_margin(room: Room, eta: np.ndarray) -> np.ndarray:
     xy = eta[..., :2]
     mean, std = xy.mean(axis=-3), xy.std(axis=-3)
     corridor = np.abs(mean) + CORRIDOR_SIGMA * std
-    furthest = np.maximum(corridor, reach(xy.min(axis=-3), mean, xy.max(axis=-3)))
-    return np.min(room.free_half_width_m - furthest, axis=(-2, -1))
+    max_distance = np.maximum(corridor, reach(xy.min(axis=-3), mean, xy.max(axis=-3)))
+    return np.min(room.free_half_width_m - max_distance, axis=(-2, -1))
 
 
 def respects_speed_limits(room: Room, eta: np.ndarray, rate_hz: float) -> np.ndarray:

@@ -22,8 +22,8 @@ from baqueano.identify.parameters.free import (
     FreeParameter,
     default_free,
     entries,
+    fixed_columns,
     free_parameter,
-    frozen_columns,
     substitute,
     value,
 )
@@ -57,7 +57,7 @@ def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
     """Return the parameters and the nuisance that a fit of this vehicle estimates."""
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     candidates = [free_parameter(blocks, p, {}) for p in default_free(blocks)]
-    constant = frozen_columns(candidates, np.asarray(vehicle_file.command.limit)[None])
+    constant = fixed_columns(candidates, np.asarray(vehicle_file.command.limit)[None])
     free_paths = [parameter.path for k, parameter in enumerate(candidates) if k not in constant]
     interest_paths = [p for p in free_paths if value(blocks, p) != 0.0]
     zero_paths = [p for p in free_paths if p not in interest_paths]

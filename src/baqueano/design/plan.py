@@ -158,9 +158,9 @@ class PlanSearch:
         self.drive_information = DriveInformation(vehicle_file, backend)
         with ThreadPoolExecutor(1) as thread:  # the two kernels compile at the same time
             rest_commands = np.zeros((2, vehicle_file.vehicle.commands))
-            future = thread.submit(self.drive_information.information, rest_commands)
+            future_information = thread.submit(self.drive_information.information, rest_commands)
             self.cloud = VehicleCloud(vehicle_file, distribution.subset(LIBRARY_VEHICLES), seed, backend)
-            future.result()
+            future_information.result()
         self.all_vehicles = VehicleCloud(vehicle_file, distribution, seed, backend)
         vehicle_files = possible_vehicles(vehicle_file, vehicle_count=VEHICLES, seed=seed + 1)
         self.validation_cloud = VehicleCloud(vehicle_file, vehicle_files, seed + 1, backend)
@@ -190,7 +190,7 @@ class PlanSearch:
             )  # fmt: skip
             if progress(text) is True:
                 break
-            parents = [self.primitives[k] for k in self.composer.chosen]
+            parents = [self.primitives[k] for k in self.composer.selected_indices]
             variations = mutated_primitives(parents, self.shape, PRIMITIVES_PER_ROUND, self.rng)
             self._add_feasible_primitives(variations)
             self.composer.search()
@@ -216,7 +216,7 @@ class PlanSearch:
             F = np.array([self.drive_information.information(u, theta) for theta in self.thetas])
             return float(self.composer.score(F)), u
 
-        primitives, reach = self.composer.chosen, self.composer.reach
+        primitives, reach = self.composer.selected_indices, self.composer.reach
         sorted_primitives = sorted(primitives, key=lambda k: reach[k])
         with ThreadPoolExecutor() as threads:  # own threads: a drive uses those of `parallel_map`
             u = max(
@@ -244,9 +244,9 @@ class PlanSearch:
         indices = [k for k, drive in enumerate(drives) if not drive[0]]
         variants = [gentler_primitive(primitives[k], self.shape) for k in indices]
         drives += self._map_primitives(self._evaluate, variants) if variants else []
-        feasible = [pair for pair in zip([*primitives, *variants], drives, strict=True) if pair[1][0]]
-        self.primitives += [primitive for primitive, _ in feasible]
-        F, path = (np.array([drive[k] for _, drive in feasible]) for k in (2, 1))
+        feasible_pairs = [pair for pair in zip([*primitives, *variants], drives, strict=True) if pair[1][0]]
+        self.primitives += [primitive for primitive, _ in feasible_pairs]
+        F, path = (np.array([drive[k] for _, drive in feasible_pairs]) for k in (2, 1))
         self.composer.add_primitives(F, path)
 
     def _map_primitives(
@@ -281,7 +281,7 @@ class PlanSearch:
     @property
     def expected_std(self) -> float:
         """Return the geometric mean of the expected relative standard errors of the present sequence."""
-        F = self.composer.F[self.composer.chosen].sum(axis=0)[0]
+        F = self.composer.F[self.composer.selected_indices].sum(axis=0)[0]
         return mean_error(self.drive_information.relative_std(F))
 
 

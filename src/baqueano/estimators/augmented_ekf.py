@@ -207,14 +207,14 @@ class AugmentedEkf:
         x = Gaussian(prediction.mean, prediction.cov)
         quiet_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.quiet_s + row.dt_s)
         at_rest = self._is_at_rest(quiet_s, x)
-        model_nu = self.vehicle.advance(belief.mean[:3], belief.model_nu, effort, row.moved_s)[1]
+        model_nu = self.vehicle.advance(belief.mean[:3], belief.model_nu, effort, row.predicted_s)[1]
         model_nu = np.where(at_rest, 0.0, model_nu)
         nu_dot = None  # for a dynamic model it follows from the state
         if not is_dynamic(self.vehicle):
-            nu_dot = self.vehicle.advance(belief.mean[:3], belief.mean[3:6], effort, row.moved_s)[2]
+            nu_dot = self.vehicle.advance(belief.mean[:3], belief.mean[3:6], effort, row.predicted_s)[2]
 
         def correct(x: Gaussian, *, at_rest: bool) -> Value:
-            if not states.corrects(FORWARD_STATES[0]).any():
+            if not states.correction_mask(FORWARD_STATES[0]).any():
                 x = x._replace(mean=np.concatenate([x.mean[:3], model_nu[:1], x.mean[4:]]))
             E = states.resting_mask if at_rest else driving_mask
             return correct_tick(self, x, belief.memory, effort, nu_dot, tick, E, at_rest, row.dt_s)
@@ -243,21 +243,21 @@ class AugmentedEkf:
             drivetrain,
         )
         next_belief = tree_where(row.is_new, next_belief, belief)
-        gain = (prediction.mean[3] - belief.mean[3]) / row.moved_s
+        gain = (prediction.mean[3] - belief.mean[3]) / row.predicted_s
         nu_cov = nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain)
-        D = innovations.growth_factors * np.where(at_rest, _moving_states(len(x.mean)), 1.0)
+        D = innovations.growth_factors * np.where(at_rest, _rest_mask(len(x.mean)), 1.0)
         G = np.where(row.is_new, D[:, None] * prediction.G, np.eye(len(D)))
         E = np.where(at_rest, states.resting_mask, driving_mask)
         J = jacobian(self._pose_and_velocity)(next_belief.mean)
-        by_bias = np.where(at_rest, 0.0, states.yaw_rate_by_bias)
-        J = np.concatenate([J[:5], J[5:] + by_bias[None, :]])
+        bias_derivative = np.where(at_rest, 0.0, states.yaw_rate_by_bias)
+        J = np.concatenate([J[:5], J[5:] + bias_derivative[None, :]])
         errors = make_row_errors(innovations.update, G, E, J, row.is_new)
         return next_belief, self._estimate(next_belief, tick.t_ns, J, nu_cov, innovations), errors
 
     def _is_at_rest(self, quiet_s: Value, x: Gaussian) -> Value:
         """Return True for a vehicle at rest. The bias of a gyro looks like a yaw rate, so it widens the limit."""
-        by_bias = layout(self).yaw_rate_by_bias
-        max_rest_nu = MAX_REST_NU + MAX_REST_BIAS * np.sqrt(by_bias @ x.cov @ by_bias)
+        bias_derivative = layout(self).yaw_rate_by_bias
+        max_rest_nu = MAX_REST_NU + MAX_REST_BIAS * np.sqrt(bias_derivative @ x.cov @ bias_derivative)
         return (quiet_s >= MIN_REST_S) & np.all(np.abs(x.mean[3:6]) < max_rest_nu)
 
     def _widen(
@@ -265,9 +265,9 @@ class AugmentedEkf:
         replaces_gyro: Value, dt_s: Value,
     ) -> tuple[Gaussian, ReadingMemory, np.ndarray]:  # fmt: skip
         """Return the state with a wider pose during a disagreement, the memory, and what var ν gains (3, 3)."""
-        memory, from_model = innovations.memory, x.mean[[3, 5]] - model_nu[[0, 2]]
+        memory, model_deviation = innovations.memory, x.mean[[3, 5]] - model_nu[[0, 2]]
         update = update_inconsistency(
-            (memory.inconsistency, memory.mean_checks), layout(self), innovations, from_model, is_exceeded,
+            (memory.inconsistency, memory.mean_checks), layout(self), innovations, model_deviation, is_exceeded,
             replaces_gyro, x.mean[:6], dt_s, self.gate_sigma,
         )  # fmt: skip
         cov = x.cov + block_diagonal([update.pose_cov, np.zeros((len(x.mean) - 3,) * 2)])
@@ -281,8 +281,10 @@ class AugmentedEkf:
         eta_nu = self._pose_and_velocity(belief.mean)
         cov = mirror_upper(J @ belief.cov @ J.T) + block_diagonal([np.zeros((3, 3)), nu_cov])
         weight = np.where(layout(self).corrects_motion, innovations.weight, np.nan)
-        latest = innovations.y, innovations.S, weight, innovations.file_S
-        return Estimate(t_ns, eta_nu[:3], eta_nu[3:], cov, *(latest if layout(self).channels else ()))
+        innovation_fields = innovations.y, innovations.S, weight, innovations.file_S
+        return Estimate(
+            t_ns, eta_nu[:3], eta_nu[3:], cov, *(innovation_fields if layout(self).channels else ())
+        )
 
     def _pose_and_velocity(self, x: np.ndarray) -> np.ndarray:
         """Return η and (1 + K) ν, (6,): the pose, and the velocity with the scale errors K."""
@@ -292,21 +294,21 @@ class AugmentedEkf:
     def process_noise_cov(self) -> np.ndarray:
         """Return R (6, 6) of (ν, ν̇) per tick: about the same disturbance as white noise, for filters such as `Ekf`."""
         dt_s, d = 1.0 / self.rate_hz, self.disturbance_std[[0, 0, 1]]
-        fading_share = 1.0 - np.exp(-2.0 * dt_s / self.disturbance_fade_s[[0, 0, 1]])
+        variance_share = 1.0 - np.exp(-2.0 * dt_s / self.disturbance_fade_s[[0, 0, 1]])
         return np.diag(
-            np.concatenate([self.velocity_walk_std**2 * dt_s, np.maximum(d**2 * fading_share, 1e-9)])
+            np.concatenate([self.velocity_walk_std**2 * dt_s, np.maximum(d**2 * variance_share, 1e-9)])
         )
 
 
 def _rest_state(x: Gaussian) -> Gaussian:
     """Return the state with ν = 0 and d = 0, each with the standard deviation AT_REST_STD."""
-    kept_mask, rest_variance = _moving_states(len(x.mean)), np.zeros(len(x.mean))
+    rest_mask, rest_variance = _rest_mask(len(x.mean)), np.zeros(len(x.mean))
     rest_variance[3:SCALE_INDEX] = AT_REST_STD**2
     return Gaussian(
-        x.mean * kept_mask, x.cov * kept_mask[:, None] * kept_mask[None, :] + np.diag(rest_variance)
+        x.mean * rest_mask, x.cov * rest_mask[:, None] * rest_mask[None, :] + np.diag(rest_variance)
     )
 
 
-def _moving_states(n: int) -> np.ndarray:
+def _rest_mask(n: int) -> np.ndarray:
     """Return a mask (n,): 0 for ν and d, which are 0 at rest; 1 for the other states."""
     return np.concatenate([np.ones(3), np.zeros(SCALE_INDEX - 3), np.ones(n - SCALE_INDEX)])

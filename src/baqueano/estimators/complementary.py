@@ -104,7 +104,7 @@ class Complementary:
     def row(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
         """Return the belief and the estimate after one row.  (1)-(4)"""
         row = filter_row(belief.t_ns, tick, self.rate_hz)
-        eta, dt_s = belief.eta, row.moved_s
+        eta, dt_s = belief.eta, row.predicted_s
         model, motion = self.vehicle.step(belief.model, row.u, dt_s, np.zeros(3))
         predicted_nu = belief.nu + (motion.nu - belief.model.nu) + np.array([0.0, 0.0, belief.bias])
         measured_nu = measured_velocity(self.readings, self.sensors, tick.sensors, predicted_nu)

@@ -24,7 +24,7 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirror_upper
 from baqueano.estimators.kalman import boxplus, correct
-from baqueano.estimators.pauses import filter_row, row_effort, rows_before, step_rows, unmoved_cov
+from baqueano.estimators.pauses import filter_row, row_effort, rows_before, step_rows, unpredicted_cov
 from baqueano.estimators.readings.sensor_numbers import (
     UncertainParameter,
     age_s,
@@ -129,12 +129,12 @@ class DeadReckoning:
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> DeadReckoningBelief:
         """Return the belief at `eta` (3,) in the map with `nu` (3,) in the body; by default at rest at the origin."""
         start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
-        forward, turning = (
+        speed_channels, turn_channels = (
             {r.name: r.rows for r in self.readings if k in r.entries} for k in (0, TURNING_INDEX)
         )
-        speed, turning = scale_std(self.sensors, forward, turning)
+        speed, turn_channels = scale_std(self.sensors, speed_channels, turn_channels)
         bias = [bias.value_at(self.sensors, bias.std) for bias in self.gyro_bias]
-        errors = np.array([*(bias or [0.0]), turning, speed])
+        errors = np.array([*(bias or [0.0]), turn_channels, speed])
         cov = np.diag(np.concatenate([self.initial_std, errors]) ** 2)
         return DeadReckoningBelief(
             -1, np.concatenate([*start, np.zeros(3)]), cov, np.zeros(3), 0.0, self.vehicle.drivetrain.init()
@@ -149,12 +149,15 @@ class DeadReckoning:
         noise = [self.process_noise_cov[:3, :3] * (row.dt_s * self.rate_hz)]
         noise += [getattr(self.sensors, r.name).cov[list(r.rows)][:, list(r.rows)] for r in self.readings]
         mean_and_noise = np.concatenate([belief.mean, np.zeros(sum(len(Q) for Q in noise))])
-        ages_s, since_s = self._reading_times(belief, tick, row.moved_s)
-        arguments = effort, row.moved_s, tick.sensors, ages_s, belief.since_s
-        F, mean = jacobian(self._travel)(mean_and_noise, *arguments), self._travel(mean_and_noise, *arguments)
+        ages_s, since_s = self._reading_times(belief, tick, row.predicted_s)
+        arguments = effort, row.predicted_s, tick.sensors, ages_s, belief.since_s
+        F, mean = (
+            jacobian(self._advance_state)(mean_and_noise, *arguments),
+            self._advance_state(mean_and_noise, *arguments),
+        )
         walk = sum((bias.value_at(self.sensors, bias.walk) ** 2 * row.dt_s for bias in self.gyro_bias), 0.0)
         walk = np.diag(np.array([walk, 0.0, 0.0]))
-        added_cov = block_diagonal([unmoved_cov(row, belief.mean, belief.cov), np.zeros((3, 3)), walk])
+        added_cov = block_diagonal([unpredicted_cov(row, belief.mean, belief.cov), np.zeros((3, 3)), walk])
         cov = mirror_upper(F @ block_diagonal([belief.cov, *noise]) @ F.T + added_cov)
         rest_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.rest_s + row.dt_s)
         mean, cov = self._with_rest_bias(mean, cov, rest_s, tick)
@@ -174,7 +177,7 @@ class DeadReckoning:
         is_measured = at_rest & has_reading(gyro, sensor, getattr(tick.sensors, gyro.name))
         H, q = np.eye(9)[BIAS_INDEX][None], np.array([sensor.cov[k, k]])
         update = correct(cov, mean[5:6], H, q, mask=np.where(is_measured, np.ones(1), 0.0))
-        return boxplus(mean, update.move), update.cov
+        return boxplus(mean, update.mean_change), update.cov
 
     def _reading_times(
         self, belief: DeadReckoningBelief, tick: Tick, dt_s: Value
@@ -188,7 +191,7 @@ class DeadReckoning:
                 since_s[i] = np.where(has_reading(reading, sensor, slot), 0.0, since_s[i])
         return np.array(ages_s), np.array(since_s)
 
-    def _travel(
+    def _advance_state(
         self,
         x: np.ndarray,
         effort: Effort,

@@ -33,7 +33,7 @@ from baqueano.estimators.pauses import (
     row_effort,
     rows_before,
     step_rows,
-    unmoved_cov,
+    unpredicted_cov,
 )
 from baqueano.estimators.readings.gate import is_within_gate
 from baqueano.estimators.readings.sensor_numbers import age_s, check_use, measured_channels, past_motion
@@ -185,22 +185,22 @@ class Ekf:
         """Return the mean (9,) and the covariance (9, 9) one row later.  (1, 8, 9)"""
         previous = Gaussian(belief.mean, belief.cov)
         prediction = predict(
-            previous, lambda x: self.move(x, belief.effort, effort, row.moved_s), np.zeros((9, 9))
+            previous, lambda x: self.advance_mean(x, belief.effort, effort, row.predicted_s), np.zeros((9, 9))
         )
         R = self.process_noise_cov * (row.dt_s * self.rate_hz)
         # (8)
-        rest_cov = unmoved_cov(row, prediction.mean, belief.cov + block_diagonal([np.zeros((3, 3)), R]))
+        rest_cov = unpredicted_cov(row, prediction.mean, belief.cov + block_diagonal([np.zeros((3, 3)), R]))
         return prediction.mean, limit_covariance(prediction.cov + block_diagonal([rest_cov, R]))  # (9)
 
-    def move(self, mean: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: Value) -> np.ndarray:
+    def advance_mean(self, mean: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: Value) -> np.ndarray:
         """Return g(u, μ) (9,), the mean after a tick; `previous` (n,) is the effort before it.  (4, 5, 6)"""
         if self.mode == "default" and self._is_dynamic:
             return move_by_model(self, mean, previous, effort, dt_s)
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
         if not self._is_dynamic:
             return _state(*self.vehicle.advance(eta, nu, effort, dt_s))
-        midway = map_from_body(eta[2] + 0.5 * dt_s * nu[2])
-        eta_next = eta + midway @ (nu * dt_s + 0.5 * dt_s**2 * nu_dot)
+        middle_rotation = map_from_body(eta[2] + 0.5 * dt_s * nu[2])
+        eta_next = eta + middle_rotation @ (nu * dt_s + 0.5 * dt_s**2 * nu_dot)
         return _state(eta_next, nu + nu_dot * dt_s, self.vehicle.nu_dot(nu, effort.last, eta[2]))
 
     def _correct(self, name: str, mean: np.ndarray, cov: np.ndarray, slot: Slot) -> tuple[Value, ...]:
@@ -212,7 +212,7 @@ class Ekf:
         y = difference(sensor, np.where(mask > 0.0, slot.z, z_bar), z_bar)
         update = correct(cov, y, H, Q, mask=mask)
         is_accepted = is_within_gate(update.e, mask, INF if self.mode == "paper" else self.gate_sigma)
-        mean = np.where(is_accepted, boxplus(mean, update.move), mean)
+        mean = np.where(is_accepted, boxplus(mean, update.mean_change), mean)
         S = mirror_upper(H @ cov @ H.T + Q)
         y, w = (np.where(mask > 0.0, x, np.nan) for x in (y, np.where(is_accepted, 1.0, 0.0)))
         return mean, np.where(is_accepted, update.cov, cov), y, S, w

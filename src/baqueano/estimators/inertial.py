@@ -33,8 +33,8 @@ class RestBias(NamedTuple):
     mean: np.ndarray = np.zeros(3)  # of this rest
     squared_deviations: np.ndarray = np.zeros(3)  # from the mean of their rest, over all rests
     degrees_of_freedom: float = -1.0  # of the squared deviations
-    earlier_bias: np.ndarray = np.zeros(3)  # b_0
-    earlier_count: np.ndarray = np.zeros(3)  # n_0
+    prior_bias: np.ndarray = np.zeros(3)  # b_0
+    prior_count: np.ndarray = np.zeros(3)  # n_0
     change_sum: np.ndarray = np.zeros(3)  # sum of the changes of (0) over the earlier rests
     changes: float = 0.0  # their number
 
@@ -55,22 +55,22 @@ class RestBias(NamedTuple):
 
     def _changes(self) -> tuple[np.ndarray, float]:
         """Return the sum (3,) of the changes of (0), this rest included, and their number."""
-        if not (self.readings and np.all(self.earlier_count)):
+        if not (self.readings and np.all(self.prior_count)):
             return self.change_sum, self.changes
-        chance_variance = self.var * (1.0 / self.readings + 1.0 / self.earlier_count)
-        change = (self.mean - self.earlier_bias) ** 2 - chance_variance
+        chance_variance = self.var * (1.0 / self.readings + 1.0 / self.prior_count)
+        change = (self.mean - self.prior_bias) ** 2 - chance_variance
         return self.change_sum + change, self.changes + 1.0
 
     def level(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the bias b (3,), and the number of readings (3,) with the same information.  (0)"""
-        if not np.all(self.earlier_count):
+        if not np.all(self.prior_count):
             return self.mean, np.full(3, self.readings)
         change_sum, changes = self._changes()
         w = np.maximum(change_sum / max(changes, 1.0), 0.0)
         var = self.var
-        earlier_count = self.earlier_count * var / (var + w * self.earlier_count)
-        count = earlier_count + self.readings
-        return (earlier_count * self.earlier_bias + self.readings * self.mean) / count, count
+        prior_count = self.prior_count * var / (var + w * self.prior_count)
+        count = prior_count + self.readings
+        return (prior_count * self.prior_bias + self.readings * self.mean) / count, count
 
     def close_rest(self) -> "RestBias":
         """Return the bias with which a drive begins."""
@@ -87,7 +87,7 @@ class InertialBelief(NamedTuple):
     """The state of `Inertial`: bias at rest, pose and speed."""
 
     t_ns: int  # of the last reading, -1 before the first
-    since_ns: int  # time at which the last command ended
+    command_end_ns: int  # time at which the last command ended
     rest: RestBias
     eta: np.ndarray  # (3,)
     v: float
@@ -132,13 +132,15 @@ class Inertial:
 
         The heading is not wrapped. A reading that is not finite, or not newer than the last one, is ignored.
         """
-        since_ns = tick.t_ns if state.since_ns < 0 or np.any(tick.u != 0.0) else state.since_ns
-        slot, s = getattr(tick.sensors, self.sensor), state._replace(since_ns=since_ns)
+        command_end_ns = (
+            tick.t_ns if state.command_end_ns < 0 or np.any(tick.u != 0.0) else state.command_end_ns
+        )
+        slot, s = getattr(tick.sensors, self.sensor), state._replace(command_end_ns=command_end_ns)
         if not (slot.is_new > 0.5 and np.all(np.isfinite(slot.z)) and tick.t_ns > s.t_ns):
             return s, _estimate(s, tick.t_ns)
         dt_s = 0.0 if s.t_ns < 0 else float(seconds(tick.t_ns, s.t_ns))
         is_at_rest = (
-            seconds(tick.t_ns, since_ns) >= MIN_REST_S
+            seconds(tick.t_ns, command_end_ns) >= MIN_REST_S
             or s.t_ns < 0
             or (s.moving_count == 0.0 and not np.any(tick.u))
         )
@@ -150,12 +152,14 @@ class Inertial:
         psi = s.eta[2] + (0.0 if is_at_rest else omega * dt_s)
         distance = -0.5 * s.v * s.moving_count * dt_s if is_at_rest else v * dt_s
         eta = np.array([s.eta[0] + distance * np.cos(psi), s.eta[1] + distance * np.sin(psi), psi])
-        moving_count, wander = (
+        moving_count, displacement_sum = (
             (0.0, s.displacement_sum + s.moving_count**3 / 12.0)
             if is_at_rest
             else (s.moving_count + 1.0, s.displacement_sum)
         )
-        state = InertialBelief(tick.t_ns, since_ns, rest, eta, v, omega, moving_count, wander, dt_s)
+        state = InertialBelief(
+            tick.t_ns, command_end_ns, rest, eta, v, omega, moving_count, displacement_sum, dt_s
+        )
         return state, _estimate(state, tick.t_ns)
 
 

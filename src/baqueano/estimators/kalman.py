@@ -46,7 +46,7 @@ class StatePrediction(NamedTuple):
 class Correction(NamedTuple):
     """The change of mean and covariance by a measurement, and the normalised innovations."""
 
-    move: np.ndarray  # Δ (n,), to be added to the mean
+    mean_change: np.ndarray  # Δ (n,), to be added to the mean
     cov: np.ndarray  # (n, n) afterwards
     e: np.ndarray  # (m,) whitened innovations: independent standard normals if the filter is consistent
     s: np.ndarray  # (m,) their variances before they were divided
@@ -70,14 +70,14 @@ def correct(
     y: np.ndarray,
     H: np.ndarray,
     Q: np.ndarray,
-    estimated: np.ndarray | None = None,
+    state_mask: np.ndarray | None = None,
     weight: Callable[[int, Value, Value], object] | None = None,
     mask: np.ndarray | None = None,
 ) -> Correction:
     """Return the change that the innovation y (m,) causes; the caller adds it to the mean.  (2)-(4)
 
     H (m, n) is ∂h/∂x̄. Q is the measurement noise: (m, m), or (m,) for independent channels; each variance is above 0.
-    `estimated` is E: (n,) for all channels, or (m, n) with a row for each channel; the default is ones. The function
+    `state_mask` is E: (n,) for all channels, or (m, n) with a row for each channel; the default is ones. The function
     `weight(c, e, s)` returns the weight w of channel c. `mask` (m,) is 1 for a channel with a measurement and 0 for one
     without: its y can be NaN, its e and w are 0. The default is ones.
     """
@@ -85,25 +85,25 @@ def correct(
         y = np.where(mask > 0.0, y, 0.0)
         Q = Q if Q.ndim == 1 else np.where(np.eye(len(y)) > 0.0, Q, Q * np.outer(mask, mask))
     y, H, q = independent(y, H, Q)
-    E = None if estimated is None else np.broadcast_to(estimated, H.shape)
-    P, move, e, s, weights, gains = cov, np.zeros(cov.shape[0]), [], [], [], []
+    E = None if state_mask is None else np.broadcast_to(state_mask, H.shape)
+    P, mean_change, e, s, weights, gains = cov, np.zeros(cov.shape[0]), [], [], [], []
     for c in range(H.shape[0]):
         PH = P @ H[c]
         cross = H[c] @ PH
         s.append(cross + q[c])
-        remainder = y[c] - H[c] @ move
+        remainder = y[c] - H[c] @ mean_change
         e.append(remainder / np.sqrt(s[c]) * (1.0 if mask is None else mask[c]))
         w = 1.0 if weight is None else weight(c, e[c], s[c])
         weights.append(w if mask is None else mask[c] * w)
         w = weights[c]
         gains.append(PH * (w / s[c]))
         K = gains[c] if E is None else E[c] * gains[c]
-        move = move + K * remainder
+        mean_change = mean_change + K * remainder
         D = P - K[:, None] * PH[None, :]
         noise = q[c] * K if weight is None else PH * (1.0 - cross * (w / s[c]))  # (q_c + s (1/w − 1)) K
         noise = noise if weight is None or E is None else E[c] * noise
         P = mirror_upper(D + (noise - D @ H[c])[:, None] * K[None, :])
-    return Correction(move, P, np.array(e), np.array(s), np.array(weights), _rows(gains, H), H)
+    return Correction(mean_change, P, np.array(e), np.array(s), np.array(weights), _rows(gains, H), H)
 
 
 def independent(y: np.ndarray, H: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -131,7 +131,7 @@ def _rows(rows: Sequence[np.ndarray], H: np.ndarray) -> np.ndarray:
     return np.stack(rows) if rows else H
 
 
-def boxplus(mean: np.ndarray, move: np.ndarray) -> np.ndarray:
+def boxplus(mean: np.ndarray, mean_change: np.ndarray) -> np.ndarray:
     """Return x ⊞ Δ: mean + move (n,) with the heading wrapped, for a state that begins with a pose."""
-    x = mean + move
+    x = mean + mean_change
     return np.concatenate([x[:HEADING_INDEX], np.array([wrap(x[HEADING_INDEX])]), x[HEADING_INDEX + 1 :]])

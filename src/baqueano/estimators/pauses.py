@@ -37,34 +37,34 @@ def max_row_s(rate_hz: float) -> float:
     return max(MAX_ROW_S, JITTER_PERIODS / row_rate_hz(rate_hz))
 
 
-def silent_times(since_ns: int, t_ns: int, rate_hz: float) -> list[int]:
+def silent_times(last_ns: int, t_ns: int, rate_hz: float) -> list[int]:
     """Return the times [ns] of the silent rows between two ticks; empty after a short pause.  (1)-(3)
 
-    `since_ns` is negative before the first tick.
+    `last_ns` is negative before the first tick.
     """
-    max_time_ns, held_ns = round(max_row_s(rate_hz) * NANOSECONDS), round(MAX_PREDICTION_S * NANOSECONDS)
-    since_ns = since_ns if since_ns >= 0 else t_ns - round(NANOSECONDS / rate_hz)
-    pause_ns, rate_hz = t_ns - since_ns, row_rate_hz(rate_hz)
+    max_time_ns, max_pause_ns = round(max_row_s(rate_hz) * NANOSECONDS), round(MAX_PREDICTION_S * NANOSECONDS)
+    last_ns = last_ns if last_ns >= 0 else t_ns - round(NANOSECONDS / rate_hz)
+    pause_ns, rate_hz = t_ns - last_ns, row_rate_hz(rate_hz)
     if pause_ns <= max_time_ns:
         return []
-    is_held = pause_ns > held_ns
-    span_ns = held_ns - max_time_ns if is_held else pause_ns
+    is_limited = pause_ns > max_pause_ns
+    span_ns = max_pause_ns - max_time_ns if is_limited else pause_ns
     count = max(int(span_ns * 1e-9 * rate_hz * (1.0 + 1e-6)), ceil(span_ns / max_time_ns))
-    return [since_ns + span_ns * k // count for k in range(1, count + is_held)]
+    return [last_ns + span_ns * k // count for k in range(1, count + is_limited)]
 
 
-def silent_rows(since_ns: Value, tick: Tick, rate_hz: float) -> list[Tick]:
-    """Return the silent rows between `since_ns` and a tick; each has the command of the tick.  (1)-(3)
+def silent_rows(last_ns: Value, tick: Tick, rate_hz: float) -> list[Tick]:
+    """Return the silent rows between `last_ns` and a tick; each has the command of the tick.  (1)-(3)
 
     While a step is traced, the times are not known, and a tick has as many rows as a period.
     """
     silent_slots = type(tick.sensors)(*(Slot(0.0, np.zeros(np.shape(slot.z))) for slot in tick.sensors))
-    if isinstance(tick.t_ns, INTEGER_TYPES) and isinstance(since_ns, INTEGER_TYPES):
-        times: Sequence[Value] = silent_times(int(since_ns), int(tick.t_ns), rate_hz)
+    if isinstance(tick.t_ns, INTEGER_TYPES) and isinstance(last_ns, INTEGER_TYPES):
+        times: Sequence[Value] = silent_times(int(last_ns), int(tick.t_ns), rate_hz)
     else:
         count = round(row_rate_hz(rate_hz) / rate_hz)
-        since_ns = np.where(since_ns >= 0, since_ns, tick.t_ns - round(NANOSECONDS / rate_hz))
-        times = [since_ns + np.floor((tick.t_ns - since_ns) * k / count) for k in range(1, count)]
+        last_ns = np.where(last_ns >= 0, last_ns, tick.t_ns - round(NANOSECONDS / rate_hz))
+        times = [last_ns + np.floor((tick.t_ns - last_ns) * k / count) for k in range(1, count)]
     return [Tick(t_ns, tick.u, silent_slots) for t_ns in times]
 
 
@@ -86,9 +86,9 @@ def limiting_factors(cov: np.ndarray) -> np.ndarray:
 def split_ticks(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
     """Return the rows of N ticks, and the index (N,) of the row of each tick. Leaves begin with an axis N.  (1)-(3)"""
     t_ns = np.asarray(ticks.t_ns)
-    since_ns = np.concatenate([[-1], t_ns[:-1]])
-    can_be_long = (since_ns < 0) | (t_ns - since_ns > round(max_row_s(rate_hz) * NANOSECONDS))
-    gaps = {k: silent_times(int(since_ns[k]), int(t_ns[k]), rate_hz) for k in np.flatnonzero(can_be_long)}
+    last_ns = np.concatenate([[-1], t_ns[:-1]])
+    can_be_long = (last_ns < 0) | (t_ns - last_ns > round(max_row_s(rate_hz) * NANOSECONDS))
+    gaps = {k: silent_times(int(last_ns[k]), int(t_ns[k]), rate_hz) for k in np.flatnonzero(can_be_long)}
     counts = np.ones(len(t_ns), dtype=np.int64)
     counts[list(gaps)] += [len(times) for times in gaps.values()]
     tick_indices = np.cumsum(counts) - 1
@@ -117,14 +117,14 @@ class FilterRow(NamedTuple):
 
     is_new: Value  # True if the row is newer than the last row; else it is ignored
     dt_s: Value  # duration of the row; a row period for the first row
-    moved_s: Value  # the predicted part of the duration: at most that of the longest row
+    predicted_s: Value  # the predicted part of the duration: at most that of the longest row
     u: np.ndarray  # (n,) the command; 0 for an entry that is not finite
 
 
-def filter_row(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
+def filter_row(last_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
     """Return the duration and the command of the row that ends with this tick."""
-    is_new = tick.t_ns > since_ns
-    dt_s = np.where(is_new & (since_ns >= 0), seconds(tick.t_ns, since_ns), 1.0 / row_rate_hz(rate_hz))
+    is_new = tick.t_ns > last_ns
+    dt_s = np.where(is_new & (last_ns >= 0), seconds(tick.t_ns, last_ns), 1.0 / row_rate_hz(rate_hz))
     u = np.where(np.isfinite(tick.u), tick.u, 0.0)
     return FilterRow(is_new, dt_s, np.minimum(dt_s, max_row_s(rate_hz)), u)
 
@@ -136,15 +136,15 @@ def row_effort(motors: Drivetrain, belief: Tree, row: FilterRow) -> tuple[Drivet
     """
     is_first_while_moving = (belief.t_ns < 0) & (np.sum(np.abs(belief.mean[3:6])) > 0.0)
     state = branch(is_first_while_moving, lambda: motors.steady_state(row.u), lambda: belief.drivetrain)
-    return motors.step(state, row.u, row.moved_s)
+    return motors.step(state, row.u, row.predicted_s)
 
 
-def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
+def unpredicted_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """Return the covariance (3, 3) that the pose gains in the part of a row that is not predicted.
 
     `mean` (n,) and `cov` (n, n) are those of the state (η, ν, …); they give the velocity in that part.
     """
-    squared_displacement = (row.dt_s - row.moved_s) ** 2 * (mean[3:6] ** 2 + np.diag(cov)[3:6])
+    squared_displacement = (row.dt_s - row.predicted_s) ** 2 * (mean[3:6] ** 2 + np.diag(cov)[3:6])
     square_distance = squared_displacement[0] + squared_displacement[1]
     variances = np.array([square_distance, square_distance, squared_displacement[2]])
     return np.diag(np.minimum(variances, MAX_POSE_VARIANCE))
@@ -162,7 +162,7 @@ def step_rows(block: Tree, belief: Belief, tick: Tick) -> tuple[Belief, Estimate
 
 def rows_before(block: Tree, belief: Tree, tick: Tick) -> Sequence[Tick]:
     """Return the rows without measurements that fill a pause before this tick; empty without a pause."""
-    since_ns, t_ns = belief.t_ns, tick.t_ns
-    if isinstance(t_ns, int) and isinstance(since_ns, int) and 0 <= t_ns - since_ns <= MAX_ROW_NS:
+    last_ns, t_ns = belief.t_ns, tick.t_ns
+    if isinstance(t_ns, int) and isinstance(last_ns, int) and 0 <= t_ns - last_ns <= MAX_ROW_NS:
         return ()  # at once, since each tick asks
-    return silent_rows(since_ns, tick, block.rate_hz)
+    return silent_rows(last_ns, tick, block.rate_hz)

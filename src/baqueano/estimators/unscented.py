@@ -28,7 +28,7 @@ from baqueano.estimators.pauses import (
     row_effort,
     rows_before,
     step_rows,
-    unmoved_cov,
+    unpredicted_cov,
 )
 from baqueano.estimators.readings.gate import is_within_gate
 from baqueano.estimators.readings.sensor_numbers import age_s, check_use, measured_channels, past_motion
@@ -125,12 +125,12 @@ class Unscented:
         """Return the mean and the covariance of the state one row later.  (1)"""
 
         def g(x: np.ndarray) -> np.ndarray:
-            return move_by_model(self, x, belief.effort, effort, row.moved_s)
+            return move_by_model(self, x, belief.effort, effort, row.predicted_s)
 
         centre = g(belief.mean)
         spread_points = propagate(lambda x: _difference(g(x), centre), Gaussian(belief.mean, belief.cov))
         R = self.process_noise_cov * (row.dt_s * self.rate_hz)
-        noise = [unmoved_cov(row, belief.mean, belief.cov), R]
+        noise = [unpredicted_cov(row, belief.mean, belief.cov), R]
         cov = mirror_upper(
             spread_points.odd_part @ spread_points.odd_part.T
             + spread_points.even_part @ spread_points.even_part.T
@@ -154,7 +154,7 @@ class Unscented:
         Q = mirror_upper(sensor.cov + spread_points.even_part @ spread_points.even_part.T)
         update = correct(np.eye(9), y, spread_points.odd_part, Q, mask=mask)
         is_accepted = is_within_gate(update.e, mask, self.gate_sigma)
-        mean = np.where(is_accepted, boxplus(x.mean, spread_points.root @ update.move), x.mean)
+        mean = np.where(is_accepted, boxplus(x.mean, spread_points.root @ update.mean_change), x.mean)
         cov = np.where(
             is_accepted, mirror_upper(spread_points.root @ update.cov @ spread_points.root.T), x.cov
         )

@@ -311,7 +311,7 @@ def missing_command(parameters: Sequence[FreeParameter], command: str, is_unused
 
 def _names(parameters: Sequence[FreeParameter]) -> str:
     """Return the short names as text, at most MAX_NAMES."""
-    names = [parameter.short for parameter in parameters[:MAX_NAMES]]
+    names = [parameter.short_name for parameter in parameters[:MAX_NAMES]]
     return ", ".join(names + ["…"] * (len(parameters) > MAX_NAMES))
 
 

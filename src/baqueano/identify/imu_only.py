@@ -115,10 +115,10 @@ def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
     sensor, fix = getattr(fit.blocks.sensors, imu), "baqueano runs calibrate last --update"
     gyro, accel = (100.0 * float(scales[k]) for k in (2, 1))
     gyro_scale, accel_scale = float(sensor.gyro_scale), float(sensor.accel_scale[1])
-    never_shown = (
+    unobservable_scales = (
         *fit.always_unobservable,
         note("identifiability.gyro-scale", fix=fix, subject=imu, value=gyro_scale, percent=gyro),
         note("identifiability.accelerometer-scale", subject=imu, value=accel_scale, percent=accel),
     )
     notes = (*fit.notes, note("fit.envelope", ranges=fit.envelope.ranges))
-    return replace(fit, always_unobservable=never_shown, notes=notes)
+    return replace(fit, always_unobservable=unobservable_scales, notes=notes)

@@ -55,7 +55,7 @@ def fit_by_simulation(first: FinishedFit) -> Fit:
     second = search_prediction_error(first)
     if not second.end.search.solution.converged:
         return assemble_fit(first, basis)
-    fit = assemble_fit(first._replace(is_explained_by_floor=second.choice.explains), basis)
+    fit = assemble_fit(first._replace(is_explained_by_floor=second.choice.is_explained), basis)
     reason = second.choice.reason
     if second.choice.cost == "innovations":
         reason = note("cost.try-innovations", fix="--cost innovations", cause=reason)
@@ -91,15 +91,15 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
 def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     """Return the covariance (p + k, p + k) of the parameters of `fit` and of the process noise; NaN if unknown."""
     p, k, count = len(fit.names), len(second.axes), len(second.end.identifiability.mask)
-    floor, in_theta = second.likelihood_fit.noise.floor, second.end.parameters.in_theta
+    floor, theta_indices = second.likelihood_fit.noise.floor, second.end.parameters.theta_indices
     bread = second.info.bread
     is_free = np.r_[second.end.identifiability.mask, floor > 0.0, np.ones(len(bread) - count - k, bool)]
     entries = np.flatnonzero(is_free & (np.diagonal(bread) > 0.0))
     full_cov, cov = np.full(bread.shape, np.nan), np.full((p + k, p + k), np.nan)
     full_cov[np.ix_(entries, entries)] = parameter_cov(second.info, entries)
     scale = np.r_[np.ones(count), 0.5 / np.sqrt(np.where(floor > 0.0, floor, np.nan))]  # v → √v
-    rows = np.r_[: len(in_theta), count : count + k]
-    places = np.r_[np.array(in_theta, int), p : p + k]
+    rows = np.r_[: len(theta_indices), count : count + k]
+    places = np.r_[np.array(theta_indices, int), p : p + k]
     cov[np.ix_(places, places)] = full_cov[np.ix_(rows, rows)] * np.outer(scale[rows], scale[rows])
     cov[:p, :p] = fit.cov
     return cov
@@ -127,10 +127,10 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     std[list(prediction.axes)] = np.sqrt(likely.noise.floor)
     parameters = replace(first.parameters, blocks=with_value(first.blocks, PROCESS_NOISE_PATH, std))
     findings = first.findings
-    if choice.contradicted:
+    if choice.is_contradicted:
         findings = (*findings, replace(choice.reason, severity=Severity.WARNING))
     second = first._replace(parameters=parameters, search=search, info=info, findings=findings)
-    second = second._replace(is_explained_by_floor=choice.explains, is_filtered=True)
+    second = second._replace(is_explained_by_floor=choice.is_explained, is_filtered=True)
     return PredictionErrorFit(second, likely, choice, prediction.axes, noise_info)
 
 

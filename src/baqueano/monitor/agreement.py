@@ -7,9 +7,9 @@ A reading z disagrees if it is not finite, at the end of its range, missing (mem
 
 x̂, P: state and covariance of the model, from the commands only (an estimator follows a wrong sensor). h, H: measurement
 function and Jacobian. Q: noise. b, p: bias at rest, its variance. y, S: innovation and its covariance of the estimator;
-only it knows the pose. Readings change the doubt in [0, DEGRADED_S]; δ: time, s: expected signal, σ: root in (1):
+only it knows the pose. D: disagreement in [0, DEGRADED_S]; δ: time, s: expected signal, σ: root in (1):
 
-    doubt ← doubt + δ if z disagrees,  doubt − δ (SLOW_RATE + (FAST_RATE − SLOW_RATE) i) if z agrees           (3)
+    D ← D + δ if z disagrees,  D − δ (SLOW_RATE + (FAST_RATE − SLOW_RATE) i) if z agrees                       (3)
     i = s²/(s² + (GATE_SIGMA σ)²),   s = h(x̂) − h(rest)                                                   (4)
 
 In motion, p of an accelerometer contains the floor's slope too. log_odds.py decides what is wrong. Gertler 1998.
@@ -49,7 +49,7 @@ MEMORY_S = 2.0  # time constant of the ratio and of the evidence, which both beg
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AgreementMonitor:
-    """A monitor of the doubt about each channel of `sensors`, in the order of a tick."""
+    """A monitor of the disagreement of each channel of `sensors`, in the order of a tick."""
 
     model: AugmentedEkf  # without sensors
     entries: tuple[int, ...] | None = None  # index of the channel of each innovation; None: not known
@@ -60,7 +60,7 @@ class AgreementMonitor:
         return describe_channels(self.model)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> MonitorState:
-        """Return the initial state at the pose `eta` (3,) with the velocity `nu` (3,). Every doubt is 0."""
+        """Return the initial state at the pose `eta` (3,) with the velocity `nu` (3,). Every disagreement is 0."""
         zero = np.zeros(len(self.channels.names))
         rows = Memory(*[zero] * len(Memory._fields))
         rows = rows._replace(bias_var=(FILE_BIAS_FACTOR * self.channels.bias_std) ** 2)
@@ -69,7 +69,7 @@ class AgreementMonitor:
     def step(
         self, state: MonitorState, tick: Tick, y: np.ndarray | None, S: np.ndarray | None
     ) -> tuple[MonitorState, np.ndarray]:
-        """Return the state and the doubt (m,) [s] after a tick; y, S are innovation and covariance of the estimator."""
+        """Return the state and the disagreement (m,) [s] after a tick; y, S: innovation and its covariance."""
         channels, previous, memory = self.channels, state.model, Memory(*state.memory)
         row = filter_row(previous.t_ns, tick, self.model.rate_hz)
         model, _ = self.model.row(previous, tick)
@@ -79,13 +79,13 @@ class AgreementMonitor:
         is_moving = np.any(np.abs(model.mean[3:6]) > MAX_REST_NU)
         memory_at_end, dt_s = self._with_durations(memory, reading, row.dt_s, is_moving)
         is_lost, was_lost = self._is_lost(memory_at_end), self._is_lost(memory)
-        is_frozen = channels.is_inertial & (memory_at_end.unchanged_s >= FROZEN_S)
+        is_frozen = channels.is_inertial & (memory_at_end.constant_s >= FROZEN_S)
 
         p = memory.bias_var + channels.bias_walk**2 * row.dt_s
         C, N = mirror_upper(H @ model.cov @ H.T), self._noise_cov(p, at_rest)
-        r = np.where(reading.is_good, self._difference(reading.z, predicted_reading) - memory.bias, 0.0)
+        r = np.where(reading.is_usable, self._difference(reading.z, predicted_reading) - memory.bias, 0.0)
         variance = np.diag(C) + np.diag(N)
-        is_evidence = reading.is_good & ~channels.is_pose & ~is_frozen
+        is_evidence = reading.is_usable & ~channels.is_pose & ~is_frozen
         verdict = verdicts(
             r,
             C + N,
@@ -94,32 +94,32 @@ class AgreementMonitor:
             channels.groups,
             GATE_SIGMA,
         )
-        is_outlier = reading.is_good & ~channels.is_pose & (r**2 > GATE_SIGMA**2 * variance)
+        is_outlier = reading.is_usable & ~channels.is_pose & (r**2 > GATE_SIGMA**2 * variance)
         is_wrong = (memory.evidence > MIN_LOG_ODDS) & (memory.disagreement_s > 0.0)
-        is_outlier = is_outlier | (verdict.is_contradicted & (is_wrong | _is_only_suspect(is_wrong)))
+        is_outlier = is_outlier | (verdict.is_contradicted & (is_wrong | _is_sole_suspect(is_wrong)))
         is_constant = channels.is_inertial & memory_at_end.repetition.is_stuck & ~at_rest
         is_suspect = reading.is_unusable | is_outlier | is_constant
-        is_wrong_pose = self._is_rejected(y, S) & _is_only_suspect(is_suspect | (memory.disagreement_s > 0.0))
-        is_off = reading.is_arrived & (is_suspect | is_wrong_pose)
+        is_wrong_pose = self._is_rejected(y, S) & _is_sole_suspect(is_suspect | (memory.disagreement_s > 0.0))
+        disagrees = reading.is_arrived & (is_suspect | is_wrong_pose)
         s = predicted_reading - channels.reading_at_rest
         signal_share = s**2 / (s**2 + GATE_SIGMA**2 * variance + MIN_VARIANCE)
         fading = np.where(is_frozen, 0.0, SLOW_RATE + (FAST_RATE - SLOW_RATE) * signal_share)
-        change_s = np.where(is_lost, row.dt_s, dt_s * np.where(is_off, 1.0, -fading))
-        change_s = np.where(was_lost & reading.is_arrived & ~is_off, -DEGRADED_S, change_s)  # it is back
+        change_s = np.where(is_lost, row.dt_s, dt_s * np.where(disagrees, 1.0, -fading))
+        change_s = np.where(was_lost & reading.is_arrived & ~disagrees, -DEGRADED_S, change_s)  # it is back
         disagreement_s = np.clip(memory.disagreement_s + change_s, 0.0, DEGRADED_S)
 
         odds = np.where(is_outlier, dt_s, 0.0) * verdict.log_odds
         memory_factor = np.exp(-dt_s / MEMORY_S)
         evidence = np.clip(memory.evidence * memory_factor + odds, -MAX_EVIDENCE, MAX_EVIDENCE)
 
-        is_calibrating = at_rest & reading.is_good & ~is_off & (channels.bias_std > 0.0)
+        is_calibrating = at_rest & reading.is_usable & ~disagrees & (channels.bias_std > 0.0)
         gain = np.where(is_calibrating, p / (p + np.diag(N) + MIN_VARIANCE), 0.0)
-        shown_s, is_arrived = np.where(reading.is_good, dt_s, 0.0), reading.is_arrived
+        shown_s, is_arrived = np.where(reading.is_usable, dt_s, 0.0), reading.is_arrived
         begun = np.where(disagreement_s > 0.0, 1.0, 0.0)
         next_memory = memory_at_end._replace(
             disagreement_s=disagreement_s,
             evidence=begun * evidence,
-            is_broken=np.where(is_arrived, np.where(reading.is_unusable, 1.0, 0.0), memory.is_broken),
+            is_unusable=np.where(is_arrived, np.where(reading.is_unusable, 1.0, 0.0), memory.is_unusable),
             bias=memory.bias + gain * r,
             bias_var=p * (1.0 - gain),
             predicted_reading=np.where(is_arrived, predicted_reading + memory.bias, memory.predicted_reading),
@@ -146,14 +146,14 @@ class AgreementMonitor:
         """Return the memory with its durations after a row of `dt_s`, and the time (m,) of each reading."""
         silent_s, is_arrived = memory.silent_s + dt_s, reading.is_arrived
         repetition = next_repetition(memory.repetition, reading.z, is_arrived)
-        constant_s = np.where(repetition.repeat_count > 0.0, memory.unchanged_s + silent_s, 0.0)
+        constant_s = np.where(repetition.repeat_count > 0.0, memory.constant_s + silent_s, 0.0)
         was_missing = is_missing(memory, self.channels.period_s)
-        regular_s = memory.regular_s + np.where(was_missing | ~is_moving, 0.0, dt_s)
+        motion_s = memory.motion_s + np.where(was_missing | ~is_moving, 0.0, dt_s)
         memory_at_end = memory._replace(
             silent_s=np.where(is_arrived, 0.0, silent_s),
             interval_s=np.where(is_arrived, silent_s, memory.interval_s),
-            regular_s=np.where(is_arrived & was_missing, 0.0, regular_s),
-            unchanged_s=np.where(is_arrived, constant_s, memory.unchanged_s),
+            motion_s=np.where(is_arrived & was_missing, 0.0, motion_s),
+            constant_s=np.where(is_arrived, constant_s, memory.constant_s),
             **repetition._asdict(),
         )
         return memory_at_end, np.where(is_arrived, np.minimum(silent_s, MAX_STEP_S), 0.0)
@@ -165,7 +165,7 @@ class AgreementMonitor:
         indices = motion_entries if self.entries is None else list(self.entries)
         first_index = {sensor_name(channels.names[c]): c for c in sorted(indices, reverse=True)}
         is_first = np.isin(np.arange(len(channels.names)), list(first_index.values()))
-        is_regular = ~channels.is_pose | (memory.regular_s >= REGULAR_S)
+        is_regular = ~channels.is_pose | (memory.motion_s >= REGULAR_S)
         return is_first & is_regular & is_missing(memory, channels.period_s)
 
     def _noise_cov(self, bias_var: np.ndarray, at_rest: Value) -> np.ndarray:
@@ -186,11 +186,11 @@ class AgreementMonitor:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return h (m,) of the model, ∂h/∂x (m, n), and ∂h/∂ν (m, 3) with constant ν̇."""
         vehicle = self.model.vehicle
-        _, effort = vehicle.drivetrain.step(previous.drivetrain, row.u, row.moved_s)
+        _, effort = vehicle.drivetrain.step(previous.drivetrain, row.u, row.predicted_s)
         eta, nu, nu_dot, constant_nu_dot = model.mean[:3], model.mean[3:6], None, np.zeros(3)
         if not is_dynamic(vehicle):
             nu_dot = constant_nu_dot = vehicle.advance(
-                previous.mean[:3], previous.mean[3:6], effort, row.moved_s
+                previous.mean[:3], previous.mean[3:6], effort, row.predicted_s
             )[2]
         values, jacobians, velocity_jacobians = [], [], []
         for name in self.channels.sensors:
@@ -239,15 +239,15 @@ class _Reading(NamedTuple):
     is_unusable: np.ndarray  # (m,)
 
     @property
-    def is_good(self) -> np.ndarray:
+    def is_usable(self) -> np.ndarray:
         """Return a mask (m,): True for a reading that arrived and is usable."""
         return self.is_arrived & ~self.is_unusable
 
 
-def _is_only_suspect(suspect: np.ndarray) -> np.ndarray:
+def _is_sole_suspect(suspect_mask: np.ndarray) -> np.ndarray:
     """Return a mask (m,): True if no other channel is suspect.
 
     An estimator that follows a wrong channel rejects a correct pose, so (2) is used only without another suspect.
     """
-    count = np.sum(np.where(suspect, 1.0, 0.0))
-    return count - np.where(suspect, 1.0, 0.0) < 0.5
+    count = np.sum(np.where(suspect_mask, 1.0, 0.0))
+    return count - np.where(suspect_mask, 1.0, 0.0) < 0.5

@@ -115,15 +115,15 @@ def _find_symptom(n: ChannelProperties, c: int, memory: Memory, ratio: float) ->
     """Return the symptom of channel `c`, one of those of a Finding except SLIPS."""
     if is_missing(memory, n.period_s)[c]:
         return LOST
-    if memory.is_broken[c] > 0.0:
+    if memory.is_unusable[c] > 0.0:
         return SATURATED if np.abs(memory.last_reading[c]) > 0.0 and np.isfinite(n.limit[c]) else NO_NUMBER
-    is_constant = memory.unchanged_s[c] >= FROZEN_S
-    near_zero = (
+    is_constant = memory.constant_s[c] >= FROZEN_S
+    is_near_zero = (
         abs(memory.last_reading[c]) <= n.noise_std[c]
         or abs(memory.last_reading[c] - n.reading_at_rest[c]) <= n.noise_std[c]
     )
     if is_constant:
-        return ZERO if near_zero else FROZEN
+        return ZERO if is_near_zero else FROZEN
     if n.is_pose[c] or not np.isfinite(ratio):
         return AWAY
     signal, cross = memory.signal_squares[c], memory.cross_products[c]
@@ -133,5 +133,5 @@ def _find_symptom(n: ChannelProperties, c: int, memory: Memory, ratio: float) ->
     is_factor = (signal + cross) ** 2 >= MIN_EXPLAINED * signal * measured and abs(ratio - 1.0) > MIN_RATIO
     if is_factor and cross**2 / signal > memory.residuals[c] ** 2 / memory.duration_s[c]:  # no constant
         return SCALED
-    as_predicted = abs(memory.last_reading[c] - memory.predicted_reading[c]) <= n.noise_std[c]
-    return CONTRADICTED if as_predicted else AWAY
+    is_as_predicted = abs(memory.last_reading[c] - memory.predicted_reading[c]) <= n.noise_std[c]
+    return CONTRADICTED if is_as_predicted else AWAY

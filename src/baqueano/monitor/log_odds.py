@@ -37,49 +37,49 @@ def verdicts(
     r: np.ndarray,
     S: np.ndarray,
     causes: Sequence[np.ndarray],
-    arrived: np.ndarray,
+    evidence_mask: np.ndarray,
     groups: tuple[tuple[int, ...], ...],
     sigma: float,
 ) -> Verdicts:
     """Return the verdicts on each channel; `sigma` is the gate of (4).
 
     r (m,) are readings minus predictions of the model, S (m, m) is their covariance. Each of the `causes` is a G (m, m)
-    of (3). `arrived` (m,) is 1 for a channel that can serve as evidence, 0 for any other. `groups` lists, for each
-    channel, the channels that fail with it.
+    of (3). `evidence_mask` (m,) is 1 for a channel that can serve as evidence, 0 for any other. `groups` lists, for
+    each channel, the channels that fail with it.
     """
     m = len(r)
-    pairs = arrived[:, None] * arrived[None, :]
-    W = np.linalg.solve(S * pairs + np.diag(1.0 - arrived), np.eye(m))
-    w = W @ (r * arrived)
-    q = np.sum(r * arrived * w)
-    E = {g: _quadratic(W[list(g)][:, list(g)], w[list(g)]) for g in _wrong_sets(groups)}
-    J_A = {g: q - E[g] + np.sum(arrived[list(g)]) for g in E if g}
-    likeliest = reduce(np.minimum, J_A.values())
+    pairs = evidence_mask[:, None] * evidence_mask[None, :]
+    W = np.linalg.solve(S * pairs + np.diag(1.0 - evidence_mask), np.eye(m))
+    w = W @ (r * evidence_mask)
+    q = np.sum(r * evidence_mask * w)
+    E = {g: _quadratic(W[list(g)][:, list(g)], w[list(g)]) for g in _faulty_sets(groups)}
+    J_A = {g: q - E[g] + np.sum(evidence_mask[list(g)]) for g in E if g}
+    J_min = reduce(np.minimum, J_A.values())
     odds, contradictions = [], []
     for c, group in enumerate(groups):
         J_M = []
         for G in causes:
-            cause = arrived[:, None] * G[:, list(group)]
+            cause = evidence_mask[:, None] * G[:, list(group)]
             J_M.append(q - _quadratic(np.eye(len(group)) + cause.T @ W @ cause, cause.T @ w))
-        of_channel = reduce(np.minimum, [J for g, J in J_A.items() if c in g])
-        of_others = reduce(np.minimum, [J for g, J in J_A.items() if c not in g], q)
-        difference = np.minimum(reduce(np.minimum, J_M) - of_channel, np.maximum(of_others - of_channel, 0.0))
+        J_channel = reduce(np.minimum, [J for g, J in J_A.items() if c in g])
+        J_others = reduce(np.minimum, [J for g, J in J_A.items() if c not in g], q)
+        difference = np.minimum(reduce(np.minimum, J_M) - J_channel, np.maximum(J_others - J_channel, 0.0))
         odds.append(INDEPENDENT_HZ * np.clip(0.5 * difference, -MAX_LOG_ODDS, MAX_LOG_ODDS))
         is_likely = [
-            (E[g] - E[tuple(k for k in g if k != c)] > sigma**2) & (likeliest + 2.0 * MIN_LOG_ODDS >= J)
+            (E[g] - E[tuple(k for k in g if k != c)] > sigma**2) & (J_min + 2.0 * MIN_LOG_ODDS >= J)
             for g, J in J_A.items()
             if c in g
         ]
-        contradictions.append((arrived[c] > 0.0) & reduce(np.logical_or, is_likely))
+        contradictions.append((evidence_mask[c] > 0.0) & reduce(np.logical_or, is_likely))
     return Verdicts(np.array(odds), np.array(contradictions))
 
 
-def _wrong_sets(groups: tuple[tuple[int, ...], ...]) -> list[tuple[int, ...]]:
+def _faulty_sets(groups: tuple[tuple[int, ...], ...]) -> list[tuple[int, ...]]:
     """Return the sets of channels that can be wrong together: none, each alone, each group, a group without one."""
-    sets = [(), *((c,) for c in range(len(groups)))]
+    channel_sets = [(), *((c,) for c in range(len(groups)))]
     for group in groups:
-        sets += [tuple(sorted(group)), *(tuple(k for k in sorted(group) if k != c) for c in group)]
-    return list(dict.fromkeys(sets))
+        channel_sets += [tuple(sorted(group)), *(tuple(k for k in sorted(group) if k != c) for c in group)]
+    return list(dict.fromkeys(channel_sets))
 
 
 def _quadratic(A: np.ndarray, b: np.ndarray) -> Value:

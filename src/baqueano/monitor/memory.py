@@ -27,15 +27,15 @@ class Memory(NamedTuple):
     evidence: np.ndarray  # log odds: above 0 the sensor is wrong, below 0 the model
     silent_s: np.ndarray  # since the last reading
     interval_s: np.ndarray  # between the last two readings; 0 before the first
-    regular_s: np.ndarray  # in motion, since the last missing reading
-    unchanged_s: np.ndarray  # since the reading changed
+    motion_s: np.ndarray  # in motion, since the last missing reading
+    constant_s: np.ndarray  # since the reading changed
     # a RepeatedReadings
     last_reading: np.ndarray
     repeat_count: np.ndarray
     longest_count: np.ndarray
     last_change: np.ndarray
     reversal_count: np.ndarray
-    is_broken: np.ndarray  # 1: the last reading was not finite or at the end of its range
+    is_unusable: np.ndarray  # 1: the last reading was not finite or at the end of its range
     bias: np.ndarray  # estimated at rest
     bias_var: np.ndarray
     predicted_reading: np.ndarray  # h(x̂) + b

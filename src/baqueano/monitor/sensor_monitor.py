@@ -103,16 +103,16 @@ class SensorMonitor:
             for silent in self._model.rows_before(self._state.model, tick):
                 unknown = None if y is None else np.full(len(y), np.nan)
                 self._state, _ = self._block.step(self._state, silent, unknown, S)
-            self._state, doubt = self._block.step(self._state, tick, y, S)
+            self._state, disagreement_s = self._block.step(self._state, tick, y, S)
         except BaseException as error:  # a drive continues without its monitor
             if is_interruption(error):
                 raise
             self._has_failed, self._findings = True, {}
             return [Notice(note("monitor.raised", Severity.WARNING, error=error_text(error)))]
-        doubts = doubt.tolist()
-        if not self._since_ns and max(doubts, default=0.0) < EVENT_S:
+        durations_s = disagreement_s.tolist()
+        if not self._since_ns and max(durations_s, default=0.0) < EVENT_S:
             return []
-        return self._changes(tick.t_ns, doubts)
+        return self._changes(tick.t_ns, durations_s)
 
     def _is_absent(self, c: int, memory: Memory) -> bool:
         """Return True for a channel that has given no number yet, while others of its sensor have: a gyro alone."""
@@ -121,9 +121,9 @@ class SensorMonitor:
         is_silent = memory.last_change[c] == 0.0 and memory.last_reading[c] == 0.0
         return bool(is_silent and np.any(memory.last_change[indices] != 0.0))
 
-    def _changes(self, t_ns: int, doubt: list[float]) -> list[Notice]:
+    def _changes(self, t_ns: int, disagreement_s: list[float]) -> list[Notice]:
         notices, memory = [], Memory(*self._state.memory)
-        for c, d in enumerate(doubt):
+        for c, d in enumerate(disagreement_s):
             if c not in self._since_ns:
                 if not d >= EVENT_S or self._is_absent(c, memory):  # also a NaN of the vehicle model
                     continue

@@ -22,12 +22,12 @@ def coordinate_search(
     directions = [sign * axis for axis in axes for sign in (1.0, -1.0)]
     exchanges = [a - b for i, a in enumerate(axes) for j, b in enumerate(axes) if i != j]
     for step in STEPS:
-        improves = True
-        while improves:
-            improves = False
+        is_improved = True
+        while is_improved:
+            is_improved = False
             for direction in directions if step > EXCHANGE_STEP else directions + exchanges:
                 trial = np.clip(q + step * direction, low, high)
                 trial_cost = cost(trial) if np.any(trial != q) else np.inf
                 if trial_cost < min_cost - 1e-3:
-                    q, min_cost, improves = trial, trial_cost, True
+                    q, min_cost, is_improved = trial, trial_cost, True
     return q

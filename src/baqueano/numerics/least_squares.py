@@ -116,9 +116,9 @@ def minimise(
     """Return the solution with the θ (p,) of least cost between `low` and `high` (p,), searched from `theta`.
     `is_fixed` (p,) masks entries that do not change. `evaluation` is the evaluation at `theta` if it is known."""
     theta = _clip(theta, low, high)
-    may_move = np.ones(len(theta), bool) if is_fixed is None else ~is_fixed
+    free_mask = np.ones(len(theta), bool) if is_fixed is None else ~is_fixed
     current = evaluate(theta) if evaluation is None else evaluation
-    count, growth, idle_count = 1 if evaluation is None else 0, 2.0, 0
+    count, growth, stalled_count = 1 if evaluation is None else 0, 2.0, 0
     if not _is_finite(current):
         return Solution(
             theta,
@@ -128,27 +128,27 @@ def minimise(
             evaluations=count,
             bound=_bound(theta, low, high),
         )
-    scale, kinks_tested = np.zeros(len(theta)), False
+    scale, are_kinks_tested = np.zeros(len(theta)), False
     while True:
         scale = np.maximum(scale, current.hessian.diagonal())
-        movable = may_move & (scale > 0.0) & ~_is_leaving(theta, current.gradient, low, high)
-        decrement = _decrement(current, scale, movable)
+        active_mask = free_mask & (scale > 0.0) & ~_is_leaving(theta, current.gradient, low, high)
+        decrement = _decrement(current, scale, active_mask)
         if (
-            (idle_count >= 3 or damping > STUCK_DAMPING)
+            (stalled_count >= 3 or damping > STUCK_DAMPING)
             and decrement >= STALLED_DECREMENT
             and count < max_evaluations
-            and not kinks_tested
+            and not are_kinks_tested
         ):
-            kink_mask, trial_count = _kink_mask(evaluate, current, theta, scale, movable)
-            may_move, count, kinks_tested = may_move & ~kink_mask, count + trial_count, True
+            kink_mask, trial_count = _kink_mask(evaluate, current, theta, scale, active_mask)
+            free_mask, count, are_kinks_tested = free_mask & ~kink_mask, count + trial_count, True
             if kink_mask.any():
-                damping, growth, idle_count = DAMPING, 2.0, 0
+                damping, growth, stalled_count = DAMPING, 2.0, 0
                 continue
-        if decrement < tolerance or idle_count >= 3 or count >= max_evaluations:
-            converged = decrement < tolerance or (idle_count >= 3 and decrement < STALLED_DECREMENT)
+        if decrement < tolerance or stalled_count >= 3 or count >= max_evaluations:
+            converged = decrement < tolerance or (stalled_count >= 3 and decrement < STALLED_DECREMENT)
             return Solution(theta, current, converged, decrement, count, _bound(theta, low, high))
-        overstep = 1.0 + OVERSTEP / (1.0 + 1e3 * damping)
-        s = _bounded_step(current, scale, damping, overstep, movable, theta, low, high)
+        step_factor = 1.0 + OVERSTEP / (1.0 + 1e3 * damping)
+        s = _bounded_step(current, scale, damping, step_factor, active_mask, theta, low, high)
         trial = _clip(theta + s, low, high)
         trial_evaluation = evaluate(trial)
         count += 1
@@ -157,13 +157,13 @@ def minimise(
         if _is_finite(trial_evaluation) and gain > 0.0 and expected_decrease > 0.0:
             damping *= max(MIN_SHRINK, 1.0 - (2.0 * gain / expected_decrease - 1.0) ** 3)
             growth = 2.0
-            idle_count = idle_count + 1 if gain < 1e-12 * current.cost else 0
-            theta, current, kinks_tested = trial, trial_evaluation, False
+            stalled_count = stalled_count + 1 if gain < 1e-12 * current.cost else 0
+            theta, current, are_kinks_tested = trial, trial_evaluation, False
         else:
             damping, growth = damping * growth, 2.0 * growth
-            idle_count += gain == 0.0
+            stalled_count += gain == 0.0
             if damping > 1e14:
-                idle_count = 3
+                stalled_count = 3
 
 
 def _kink_mask(
@@ -171,12 +171,12 @@ def _kink_mask(
     current: Evaluation,
     theta: np.ndarray,
     scale: np.ndarray,
-    movable: np.ndarray,
+    active_mask: np.ndarray,
 ) -> tuple[np.ndarray, int]:
     """Return the mask (p,) of parameters at a kink, and the number of evaluations. (5) At a kink the cost rises in both
     directions although the gradient is not zero."""
     kink_mask, slope = np.zeros(len(theta), bool), current.gradient / np.sqrt(np.maximum(scale, 1e-300))
-    steep_entries = np.flatnonzero(movable & (np.abs(slope) > MIN_KINK_SLOPE))
+    steep_entries = np.flatnonzero(active_mask & (np.abs(slope) > MIN_KINK_SLOPE))
     for i in steep_entries:
         shifted_theta = theta.copy()
         shifted_theta[i] -= KINK_STEP * np.sign(slope[i]) / np.sqrt(scale[i])
@@ -195,11 +195,11 @@ def _is_finite(evaluation: Evaluation) -> bool:
 
 def _clip(theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return θ (p,) between the bounds; an entry that is at a bound except for rounding is set to the bound."""
-    clipped_theta = np.minimum(np.maximum(theta, low), high)
+    bounded_theta = np.minimum(np.maximum(theta, low), high)
     for bound in (low, high):
-        is_near = np.isfinite(bound) & (np.abs(clipped_theta - bound) <= ROUNDING * np.abs(bound))
-        clipped_theta = np.where(is_near, bound, clipped_theta)
-    return clipped_theta
+        is_near = np.isfinite(bound) & (np.abs(bounded_theta - bound) <= ROUNDING * np.abs(bound))
+        bounded_theta = np.where(is_near, bound, bounded_theta)
+    return bounded_theta
 
 
 def _is_leaving(theta: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -207,9 +207,9 @@ def _is_leaving(theta: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: 
     return ((theta <= low) & (gradient >= 0.0)) | ((theta >= high) & (gradient <= 0.0))
 
 
-def _decrement(current: Evaluation, scale: np.ndarray, movable: np.ndarray) -> float:
-    """Return gᵀH⁻¹g over the entries `movable` (p,).  (4)"""
-    index = np.flatnonzero(movable)
+def _decrement(current: Evaluation, scale: np.ndarray, active_mask: np.ndarray) -> float:
+    """Return gᵀH⁻¹g over the entries `active_mask` (p,).  (4)"""
+    index = np.flatnonzero(active_mask)
     if not len(index):
         return 0.0
     g = current.gradient[index]
@@ -236,20 +236,20 @@ def _bounded_step(
     current: Evaluation,
     scale: np.ndarray,
     damping: float,
-    overstep: float,
-    movable: np.ndarray,
+    step_factor: float,
+    active_mask: np.ndarray,
     theta: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
 ) -> np.ndarray:
     """Return the step s (p,) of (1), limited so that θ + s is between the bounds."""
     s = np.zeros(len(theta))
-    is_free = movable.copy()
+    is_free = active_mask.copy()
     for _ in range(len(theta)):
         index = np.flatnonzero(is_free)
         if not len(index):
             break
-        g = overstep * current.gradient[index]
+        g = step_factor * current.gradient[index]
         if len(index) < len(theta):
             g += row_product(current.hessian, index, np.where(is_free, 0.0, s))
         s[index] = -_step(current.hessian, damping, scale, index, g)

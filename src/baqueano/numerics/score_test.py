@@ -25,7 +25,7 @@ from baqueano.numerics.statistics import HUBER
 
 MAX_BLOCKS = 60
 MIN_BLOCK_ROWS = 20  # rows
-PROMISING_Z = 3.0  # standard errors of white noise
+MIN_WHITE_Z = 3.0  # standard errors of white noise
 EFFECT_BATCH = 16  # effects
 # an effect with a smaller part that θ cannot explain is not tested: a variance inflation factor above 10,000
 MIN_OWN_FRACTION = 1e-4
@@ -260,7 +260,7 @@ def _score_tests(
     is_shown &= size**2 * sums.energy <= fit.signal  # an effect is smaller than all that was measured
     size = np.where(is_shown, size, 0.0)
     candidates = np.flatnonzero(
-        is_shown & (np.abs(total) > PROMISING_Z * np.sqrt(np.maximum(power, 0.0) * fit.power))
+        is_shown & (np.abs(total) > MIN_WHITE_Z * np.sqrt(np.maximum(power, 0.0) * fit.power))
     )
     shift = -ties * size[:, None]
     gain = size**2 * power
@@ -270,8 +270,8 @@ def _score_tests(
         indices = candidates[first : first + EFFECT_BATCH]
         D = column(indices)
         _subtract(D, ties[indices], fit.d)
-        for nuisance, tie in zip(fit.nuisances, nuisance_ties, strict=True):
-            _subtract(D[:, nuisance.columns], tie[indices], nuisance.d)
+        for nuisance, nuisance_tie in zip(fit.nuisances, nuisance_ties, strict=True):
+            _subtract(D[:, nuisance.columns], nuisance_tie[indices], nuisance.d)
         for k, (z, freedom) in zip(indices, _jackknife(fit, D), strict=True):
             tests[k] = tests[k]._replace(z=z, freedom=freedom)
     return tests

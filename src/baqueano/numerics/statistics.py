@@ -156,6 +156,6 @@ def block_ratio(sums: np.ndarray, reference: np.ndarray) -> tuple[float, float, 
     ratio = float(np.sqrt(sums.sum() / reference.sum()))
     if len(sums) < MIN_BLOCKS:
         return ratio, float("nan"), float("nan")
-    pick = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
-    low, high = np.quantile(np.sqrt(sums[pick].sum(axis=1) / reference[pick].sum(axis=1)), [0.025, 0.975])
+    draws = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
+    low, high = np.quantile(np.sqrt(sums[draws].sum(axis=1) / reference[draws].sum(axis=1)), [0.025, 0.975])
     return ratio, float(low), float(high)

@@ -39,7 +39,7 @@ def run_page(run: Run, alignment: str = "none", second: Run | None = None) -> Pa
     """
     comparison = compare([run] if second is None else [run, second], alignment=alignment)
     run_figures = comparison.runs[0]
-    row, drove = run_figures.row(), comparison.of_drives and len(run.t_ns) > 0
+    row, drove = run_figures.row(), comparison.has_drives and len(run.t_ns) > 0
     run = cut_at_divergence(run)
     drawings = paths(run, alignment, second)
     sections = [Section(_("Path"), path_sentence(run_figures, alignment), drawings)] if drawings else []

@@ -58,8 +58,8 @@ def channel_labels(blocks: "FittedBlocks") -> list[ChannelLabel]:
 class Decision(StrEnum):
     """Decision on a term."""
 
-    TAKEN = N_("added")
-    LEFT_OUT = N_("excluded")
+    ADDED = N_("added")
+    EXCLUDED = N_("excluded")
     REFUSED = N_("refused")
     DROPPED = N_("dropped")
 
@@ -90,7 +90,7 @@ class TermResult(NamedTuple):
         part = {"percent": 100 * self.gain, "percent_std": 100 * self.gain_std}
         name = self.term.name
         details["term"] = name
-        if self.verdict == Decision.TAKEN:
+        if self.verdict == Decision.ADDED:
             details |= {"channel": self.channel.name, "unit": self.channel.unit}
             return note(
                 "choose.taken",
@@ -130,7 +130,7 @@ class Choice:
     @property
     def selected_terms(self) -> tuple[str, ...]:
         """Return the names of the terms in the model."""
-        return tuple(result.term.name for result in self.term_results if result.verdict == Decision.TAKEN)
+        return tuple(result.term.name for result in self.term_results if result.verdict == Decision.ADDED)
 
     @property
     def sentences(self) -> tuple[str, ...]:

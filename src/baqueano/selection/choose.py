@@ -112,16 +112,18 @@ def choose(
     battery = any(BATTERY_CHANNEL in run.sensors for run in runs)
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     all_commands = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
-    core = without_terms(vehicle_file, candidate_terms(blocks, candidates, all_commands, battery))
-    minimal = [path for path in minimal_free(core, free, u) if path.partition("[")[0] not in options.fixed]
+    core_file = without_terms(vehicle_file, candidate_terms(blocks, candidates, all_commands, battery))
+    minimal = [
+        path for path in minimal_free(core_file, free, u) if path.partition("[")[0] not in options.fixed
+    ]
     report(_("fitting the smallest model"))
-    base = setup.fit(core, minimal)
-    terms = candidate_terms(base.blocks._replace(sensors=core.sensors), candidates, u, battery)
+    base = setup.fit(core_file, minimal)
+    terms = candidate_terms(base.blocks._replace(sensors=core_file.sensors), candidates, u, battery)
     terms = [t for t in terms if {path.partition("[")[0] for path in t.paths}.isdisjoint(options.fixed)]
-    final_selection = _ModelSelection(setup, core, base, minimal, terms, report)
-    model, results = final_selection.grow()
+    final_selection = _ModelSelection(setup, core_file, base, minimal, terms, report)
+    model, results = final_selection.add_significant_terms()
     report(_("fitting the model that was chosen"))
-    return Choice(tuple(results), final_selection.fit_model(model, core), final_selection.rule)
+    return Choice(tuple(results), final_selection.fit_model(model, core_file), final_selection.rule)
 
 
 class FitSetup(NamedTuple):
@@ -145,13 +147,13 @@ class _ModelSelection:
     """The problem with all terms in it, and the models that are fitted to it."""
 
     def __init__(
-        self, setup: FitSetup, core: "VehicleFile", base: Fit, least_paths: list[str], terms: list[Term],
+        self, setup: FitSetup, core_file: "VehicleFile", base: Fit, least_paths: list[str], terms: list[Term],
         progress: Callable[[str], object],
     ) -> None:  # fmt: skip
         runs, use, options, validation_runs = setup
         self.how, self.least_paths, self.terms, self.progress = setup, least_paths, terms, progress
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # the result of the last trial of each term
-        base_file = with_rest_gyro_bias(core, runs)[0] if has_offset(core.vehicle) else core
+        base_file = with_rest_gyro_bias(core_file, runs)[0] if has_offset(core_file.vehicle) else core_file
         blocks, runs, channels = select_sensors(base_file, [*runs, *validation_runs], use)
         if any(measures_pose(sensor) for sensor in blocks.sensors):
             raise UsageError(fault("choose.pose"))
@@ -167,11 +169,11 @@ class _ModelSelection:
             blocks, shape, parameters.records, at_rest, len(validation_runs), setup.options.backend
         )
         theta, held_out.low, held_out.high = parameters.start, parameters.low, parameters.high
-        floor = min_sigma(blocks.sensors, held_out.all_data.z, held_out.all_data.masks)
-        self.small = np.zeros(len(theta))  # differences from neutral that are treated as 0
+        floor = min_sigma(blocks.sensors, held_out.all_residuals.z, held_out.all_residuals.masks)
+        self.min_differences = np.zeros(len(theta))  # differences from neutral that are treated as 0
         if LAG_PATH in self.paths:
             lag = self.paths.index(LAG_PATH)
-            held_out.low[lag], self.small[lag] = MIN_LAG_S, MIN_LAG / base_file.rate_hz
+            held_out.low[lag], self.min_differences[lag] = MIN_LAG_S, MIN_LAG / base_file.rate_hz
         self.held_out, self.channels, self.blocks = held_out, channel_labels(blocks), blocks
         for path, x in zip(base.names, base.estimate, strict=True):
             theta[self.paths.index(path)] = x if np.isfinite(x) else theta[self.paths.index(path)]
@@ -180,7 +182,7 @@ class _ModelSelection:
         self.start = np.clip(theta, held_out.low, held_out.high)
         self.least = np.ones(len(theta), bool)
         self.least[len(least_paths) : len(paths)] = False
-        self.task = Task(held_out.all_data, self.start, held_out.low, held_out.high, floor, None)
+        self.task = Task(held_out.all_residuals, self.start, held_out.low, held_out.high, floor, None)
 
     @property
     def rule(self) -> str:
@@ -210,13 +212,13 @@ class _ModelSelection:
         )
         return f"{sentence} {criterion}"
 
-    def grow(self) -> tuple[Model, list[TermResult]]:
+    def add_significant_terms(self) -> tuple[Model, list[TermResult]]:
         """Return the model, and the last result for each term."""
         model, results, excluded_names = self.model((), self.start), {}, set()
         while True:
             model = self.add_terms(model, results, excluded_names)
             has_dropped = False
-            while (trial := self.superfluous(model, results)) is not None:
+            while (trial := self.superfluous_term(model, results)) is not None:
                 has_dropped = True
                 excluded_names.add(trial.result.term.name)
                 results[trial.result.term.name] = trial.result
@@ -228,11 +230,11 @@ class _ModelSelection:
         other_terms = [term for term in self.terms if not have.intersection(term.paths)]
         return model, [results[term.name] for term in (*model.terms, *other_terms) if term.name in results]
 
-    def fit_model(self, model: Model, core: "VehicleFile") -> Fit:
+    def fit_model(self, model: Model, core_file: "VehicleFile") -> Fit:
         """Return the fit of a model with its error bars, from its θ."""
         values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
         paths = [path for term in model.terms for path in term.paths]
-        vehicle_file = with_terms(core, self.terms, {path: values[path] for path in paths})
+        vehicle_file = with_terms(core_file, self.terms, {path: values[path] for path in paths})
         start = {p: values[p] for p in self.least_paths}
         return self.how.fit(vehicle_file, [*self.least_paths, *paths], start)
 
@@ -252,7 +254,7 @@ class _ModelSelection:
                 self.progress(_("{terms} terms: trying {term}", terms=len(model.terms), term=_(term.name)))
                 tries.append(self.try_term(model, term, ALPHA / len(open_)))
                 last_results[term.name] = tries[-1].result
-            accepted_trials = [trial for trial in tries if trial.result.verdict == Decision.TAKEN]
+            accepted_trials = [trial for trial in tries if trial.result.verdict == Decision.ADDED]
             if not accepted_trials:
                 return model
             best_trial = _select_simplest(accepted_trials)
@@ -265,22 +267,22 @@ class _ModelSelection:
     def try_term(self, model: Model, term: Term, alpha: float) -> TermTrial:
         """Return the trial of a term in a model: fitted to all data, then without the held-out data."""
         index, mask = self._entries(term), self._mask((*model.terms, term))
-        base_cost = self.held_out.all_data.weight(model.sigma).evaluate(model.theta).cost
+        base_cost = self.held_out.all_residuals.weight(model.sigma).evaluate(model.theta).cost
         end = self._best_start_fit(model, term, mask)
         if ban := self._exclusion(term, end.theta, end.bound, dense(end.evaluation.hessian), mask):
             return TermTrial(self._result(term, ban[0], ban[1], model, None, end.theta, 0.0), end.theta, None)
         if not base_cost - end.evaluation.cost > MIN_COST_FALL * len(index):
             gain = max(0.0, float((base_cost - end.evaluation.cost) / max(base_cost, 1e-300)))
             reason = note("term.brings-little", percent=100 * gain)
-            result = self._result(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0)
+            result = self._result(term, Decision.EXCLUDED, reason, model, None, end.theta, 0.0)
             return TermTrial(result, end.theta, None)
         score = self._score(end.theta, mask, model.sigma)
         test = paired_comparison(model.score, score)
-        verdict = Decision.TAKEN if test.errors > test.critical_value(alpha) else Decision.LEFT_OUT
+        verdict = Decision.ADDED if test.errors > test.critical_value(alpha) else Decision.EXCLUDED
         hessian_std = marginal_std(dense(end.evaluation.hessian), index, mask)
         std = np.fmax(jackknife(score, index.tolist()), hessian_std)
         reason = None
-        if verdict == Decision.TAKEN and term.paths == (BATTERY_EFFECT,):
+        if verdict == Decision.ADDED and term.paths == (BATTERY_EFFECT,):
             nominal_v = self.blocks.model.drivetrain.battery_nominal_v
             reason = separation_problem(float(end.theta[index][0]), float(std[0]), nominal_v)
         verdict = Decision.REFUSED if reason else verdict
@@ -302,7 +304,7 @@ class _ModelSelection:
             self.ended[term.name] = (tuple(end.theta[entries].tolist()),)
         return end
 
-    def superfluous(self, model: Model, last_results: dict[str, TermResult]) -> TermTrial | None:
+    def superfluous_term(self, model: Model, last_results: dict[str, TermResult]) -> TermTrial | None:
         """Return the trial of the least needed of several terms if the model does not need it, else None.  (3)"""
         weakest_trial: TermTrial | None = None
         for term in model.terms if len(model.terms) > 1 else ():
@@ -314,25 +316,25 @@ class _ModelSelection:
             score = self._score(end.theta, is_free, model.sigma)
             test = paired_comparison(score, model.score)
             limit = test.critical_value(ALPHA)
-            verdict = Decision.TAKEN if test.errors > limit else Decision.DROPPED
+            verdict = Decision.ADDED if test.errors > limit else Decision.DROPPED
             smaller_model = model._replace(score=score)
             result = self._result(term, verdict, None, smaller_model, (model.score, test), model.theta, limit)
             if verdict == Decision.DROPPED and (
                 weakest_trial is None or test.errors < weakest_trial.result.errors
             ):
                 weakest_trial = TermTrial(result, end.theta, score)
-            elif verdict == Decision.TAKEN:
+            elif verdict == Decision.ADDED:
                 last_results[term.name] = result
         return weakest_trial
 
     def _exclusion(
         self, term: Term, theta: np.ndarray, bound: np.ndarray, A: np.ndarray, is_free: np.ndarray
     ) -> tuple[Decision, Diagnostic] | None:
-        """Return the decision (LEFT_OUT or REFUSED) and its reason if a term is excluded, else None."""
+        """Return the decision (EXCLUDED or REFUSED) and its reason if a term is excluded, else None."""
         entries = self._entries(term)
-        neutral = np.abs(theta[entries] - self.start[entries]) <= self.small[entries]
+        neutral = np.abs(theta[entries] - self.start[entries]) <= self.min_differences[entries]
         if neutral.all():
-            return Decision.LEFT_OUT, note("term.best-without")
+            return Decision.EXCLUDED, note("term.best-without")
         for k in entries[(bound[entries] != 0) & ~neutral]:
             code = "bound.low-held" if bound[k] < 0 else "bound.high-held"
             return Decision.REFUSED, note(code, subject=self.paths[k], bound=theta[k])
@@ -354,7 +356,7 @@ class _ModelSelection:
         c = test.channel
         std = jackknife(score, entries.tolist()) if pair else np.full(len(entries), np.nan)
         largest_start = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
-        if verdict == Decision.LEFT_OUT and pair and float(np.max(std)) > MAX_ERROR_SHARE * largest_start:
+        if verdict == Decision.EXCLUDED and pair and float(np.max(std)) > MAX_ERROR_SHARE * largest_start:
             fall: JsonObject = {"percent": 100 * test.gain, "percent_std": 100 * test.std}
             reason = note("term.not-identifiable", value=theta[entries[0]], std=std[0], **fall)
         return TermResult(

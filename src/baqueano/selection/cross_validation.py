@@ -80,7 +80,7 @@ class PairedComparison(NamedTuple):
 class Fold(NamedTuple):
     """Data of one fold: the data of the fit, and the held-out data."""
 
-    train: Residuals
+    training_residuals: Residuals
     test: Residuals
 
 
@@ -108,16 +108,16 @@ class HeldOutFolds:
         run_numbers = [np.full(len(r.dt_s), r.run) for r in records]
         is_fitted = [run < fitted_runs if held_out_count else run >= 0 for run in run_numbers]
         fit_records = [r.with_mask(mask) for r, mask in zip(records, is_fitted, strict=True)]
-        self.all_data = Residuals(blocks, shape, fit_records, backend)
-        self.is_shared = np.arange(self.all_data.size) < len(shape.shared_paths)
-        self.starts = np.arange(self.all_data.size) >= self.all_data.layout.first_start
-        self.is_resting_start = np.zeros(self.all_data.size, bool)  # starts that are known to be 0
+        self.all_residuals = Residuals(blocks, shape, fit_records, backend)
+        self.is_shared = np.arange(self.all_residuals.size) < len(shape.shared_paths)
+        self.starts = np.arange(self.all_residuals.size) >= self.all_residuals.layout.first_start
+        self.is_resting_start = np.zeros(self.all_residuals.size, bool)  # starts that are known to be 0
         for k, record in enumerate(records):
-            self.is_resting_start[self.all_data.layout.start_slice(k)] = begins_at_rest[record.run]
+            self.is_resting_start[self.all_residuals.layout.start_slice(k)] = begins_at_rest[record.run]
         self.folds = []
         if held_out_count:
             held_out_records = [r.with_mask(~mask) for r, mask in zip(records, is_fitted, strict=True)]
-            self.folds.append(Fold(self.all_data, Residuals(blocks, shape, held_out_records, backend)))
+            self.folds.append(Fold(self.all_residuals, Residuals(blocks, shape, held_out_records, backend)))
             return
         for k in range(min(FOLDS, self.count)):
             groups = run_numbers if self.whole_runs else self.blocks
@@ -125,9 +125,11 @@ class HeldOutFolds:
             is_excluded = is_held_out
             if not self.whole_runs:
                 is_excluded = [_widen(o, r.dt_s) for o, r in zip(is_held_out, records, strict=True)]
-            train = [r.with_mask(~n) for r, n in zip(records, is_excluded, strict=True)]
+            training_residuals = [r.with_mask(~n) for r, n in zip(records, is_excluded, strict=True)]
             test = [r.with_mask(o) for r, o in zip(records, is_held_out, strict=True)]
-            self.folds.append(Fold(*(Residuals(blocks, shape, part, backend) for part in (train, test))))
+            self.folds.append(
+                Fold(*(Residuals(blocks, shape, part, backend) for part in (training_residuals, test)))
+            )
 
     def fit(
         self, theta: np.ndarray, is_free: np.ndarray, sigma: np.ndarray, problem: Residuals | None = None,
@@ -135,7 +137,7 @@ class HeldOutFolds:
     ) -> Solution:  # fmt: skip
         """Return the best θ (p,) from `theta` on all runs, or on the data of `problem`; only the entries `is_free` (p,)
         change."""
-        problem = (self.all_data if problem is None else problem).weight(sigma)
+        problem = (self.all_residuals if problem is None else problem).weight(sigma)
         return minimise(
             problem.evaluate, theta, self.low, self.high,
             is_fixed=~is_free, tolerance=FINAL_DECREMENT, max_evaluations=max_evaluations, damping=1e-4,
@@ -145,7 +147,7 @@ class HeldOutFolds:
         """Return the score on held-out data of a model with the entries `is_free` (p,) of θ; folds start at `theta`.
         (1)"""
         # otherwise each run uses one core
-        is_single = len(self.all_data.records) == 1 and self.all_data.scan.backend == "c"
+        is_single = len(self.all_residuals.records) == 1 and self.all_residuals.scan.backend == "c"
         rows = sum(map(len, self.blocks)) if is_single else 0
         scores = parallel_map(
             lambda fold: self._score_fold(fold, theta, is_free, sigma), self.folds, rows=rows
@@ -160,8 +162,8 @@ class HeldOutFolds:
         loss, samples = np.zeros((self.count, len(sigma))), np.zeros((self.count, len(sigma)))
         one_step_errors, pairs = np.zeros(len(sigma)), np.zeros(len(sigma))
         # a start can belong to held-out data
-        movable = is_free if self.whole_runs else is_free & ~self.starts
-        theta_ = self.fit(theta, movable, sigma, fold.train).theta
+        free_mask = is_free if self.whole_runs else is_free & ~self.starts
+        theta_ = self.fit(theta, free_mask, sigma, fold.training_residuals).theta
         shared_theta = theta_[self.is_shared]
         if self.whole_runs:
             theta_ = np.where(self.is_resting_start, 0.0, theta_)

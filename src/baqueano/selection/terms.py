@@ -34,8 +34,8 @@ from baqueano.identify.parameters.free import (
     driven_axes,
     entries,
     entry_text,
+    fixed_columns,
     free_parameter,
-    frozen_columns,
     requested_paths,
     value,
 )
@@ -73,7 +73,7 @@ def minimal_free(vehicle_file: "VehicleFile", free: Sequence[str] | None, u: np.
     fields = requested_paths(free, lambda: default_free(blocks))
     paths = [path for field in fields for path in entries(blocks, field)]
     candidates = [free_parameter(blocks, p, {}) for p in paths if p not in optional]
-    frozen_numbers = frozen_columns(candidates, u)
+    frozen_numbers = fixed_columns(candidates, u)
     return [candidate.path for k, candidate in enumerate(candidates) if k not in frozen_numbers]
 
 

@@ -145,7 +145,7 @@ class _ChannelError(NamedTuple):
     """Residuals of one channel, in blocks."""
 
     square: float  # mean e²
-    white: float  # w² of (2)
+    white_square: float  # w² of (2)
     g: np.ndarray  # (B,) log of the mean square of each block
     t_s: np.ndarray  # (B,) beginning of each block
     block_s: float = BLOCK_S
@@ -200,8 +200,8 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     vehicle_file, channels = fit.vehicle_file, list[ChannelFit]()
     at_rest = [begins_at_rest(run, fit.blocks.sensors) for run in runs]
     for run, is_at_rest in zip(runs, at_rest, strict=True):
-        of_run = identify(run, vehicle_file, (), use=use, options=replace(options, at_rest=is_at_rest))
-        channels += of_run.channels
+        run_fit = identify(run, vehicle_file, (), use=use, options=replace(options, at_rest=is_at_rest))
+        channels += run_fit.channels
     metrics, messages = [], [*_shared_faults(fit), *_too_few_reasons(fit, runs)]
     files = {run.name: run.path or run.name for run in runs}
     for c in channels:
@@ -287,14 +287,14 @@ def _channel_metrics(
     share = float(
         np.average([c.explained_fraction for c in own_channels], weights=np.maximum(signals, 1e-300))
     )
-    square, white = (
+    square, white_square = (
         np.average([getattr(error, k) for error in own_errors], weights=samples)
         for k in _ChannelError._fields[:2]
     )
-    noise = float(np.sqrt(square + max(0.0, errors.white - white)))
+    noise = float(np.sqrt(square + max(0.0, errors.white_square - white_square)))
     metrics = metrics._replace(on_own_runs=share, noise=noise)
-    explains = sum(np.nansum(own_channel.residuals**2) for own_channel in own_channels) < sum(signals)
-    if worse_finding := _worse_than_mean(metrics, c, noise**2 if explains else errors.white):
+    is_explained = sum(np.nansum(own_channel.residuals**2) for own_channel in own_channels) < sum(signals)
+    if worse_finding := _worse_than_mean(metrics, c, noise**2 if is_explained else errors.white_square):
         return metrics, [worse_finding]
     own_squares = np.concatenate([error.g for error in own_errors])
     return metrics, _misfit_evidence(metrics, errors, own_squares, file)
@@ -382,8 +382,8 @@ def _channel_error(c: ChannelFit, spread: float, block_s: float) -> _ChannelErro
     block_numbers, counts = np.unique(block, return_counts=True)
     blocks = [b for b, n in zip(block_numbers, counts, strict=True) if n >= MIN_BLOCK_READINGS]
     g = [float(np.log(max(np.mean(e[block == b] ** 2), 1e-300))) for b in blocks]
-    white = 0.5 * float(np.mean(np.diff(e) ** 2)) if len(e) > 1 else 0.0
+    white_square = 0.5 * float(np.mean(np.diff(e) ** 2)) if len(e) > 1 else 0.0
     begins = [float(t[0] + b * block_s) for b in blocks]
     return _ChannelError(
-        float(np.mean(e**2)) if len(e) else 0.0, white, np.array(g), np.array(begins), block_s
+        float(np.mean(e**2)) if len(e) else 0.0, white_square, np.array(g), np.array(begins), block_s
     )

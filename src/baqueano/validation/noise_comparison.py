@@ -122,7 +122,7 @@ def compare_noise(
     for name, noise in noises.items():
         q = _sensor_covariances(fit, noise)
         theta = np.concatenate([noise.process.ravel(), *(q[sensor].ravel() for sensor in ekf.use)])
-        logs = [np.asarray(kernel.run(of_run, theta)[1]) for of_run in ticks]
+        logs = [np.asarray(kernel.run(run_ticks, theta)[1]) for run_ticks in ticks]
         trials.append(_trial(name, logs, per_block))
     trials.sort(key=lambda trial: -trial.likelihood)
     return NoiseComparison(tuple(trials), tuple(run.name for run in runs))

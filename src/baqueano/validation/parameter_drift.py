@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 ALPHA = 0.01  # probability of reporting a change when nothing changed
 MIN_RUNS = 3  # runs; a drift needs more, the scatter needs MIN_RUNS + 2
-WALKS = np.array([0.0, *np.geomspace(0.05, 50.0, 25)])  # q in typical standard errors
+WALK_STDS = np.array([0.0, *np.geomspace(0.05, 50.0, 25)])  # q in typical standard errors
 EPOCH_NS = 10**18  # timestamps above it are dates
 
 
@@ -284,7 +284,7 @@ def _smooth(
             R = covs[k][np.ix_(measured_entries, measured_entries)]
             y = single[k, measured_entries] - x[measured_entries]
             correction = correct(P, y, np.eye(p)[measured_entries], R)
-            x, P = x + correction.move, correction.cov
+            x, P = x + correction.mean_change, correction.cov
         states.append((prior, (x, P)))
     smoothed_states = [states[-1][1]]
     for k in range(K - 2, -1, -1):
@@ -314,7 +314,7 @@ def _most_likely_walk(estimate: np.ndarray, std: np.ndarray) -> float:
         return 0.0
     typical_std = float(np.median(s))
     costs = []
-    for ratio in WALKS:
+    for ratio in WALK_STDS:
         x, P, cost = y[0], s[0] ** 2, 0.0
         for z, r in zip(y[1:], s[1:], strict=True):
             P += (ratio * typical_std) ** 2
@@ -324,7 +324,9 @@ def _most_likely_walk(estimate: np.ndarray, std: np.ndarray) -> float:
         costs.append(cost)
     best_index = int(np.argmin(costs))
     return (
-        float(WALKS[best_index] * typical_std) if costs[0] - costs[best_index] > 0.5 * QUANTILE_95**2 else 0.0
+        float(WALK_STDS[best_index] * typical_std)
+        if costs[0] - costs[best_index] > 0.5 * QUANTILE_95**2
+        else 0.0
     )
 
 

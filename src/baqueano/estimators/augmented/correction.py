@@ -4,7 +4,7 @@ A channel beyond `gate_sigma` loses its weight; the other channels keep theirs. 
 previous innovation was similar: an outlier is a single reading, but a turn that the model did not predict lasts. With
 the whitened innovation e, the previous innovation e₋, and the limit l of the gate, the weight w is
 
-    w = 1/(1 + (a/l)⁸),   a = max(min(|e|, |e − e₋|/√2), |e|/ABSURD_GATE_RATIO)                                      (1)
+    w = 1/(1 + (a/l)⁸),   a = max(min(|e|, |e − e₋|/√2), |e|/MAX_GATE_RATIO)                                      (1)
 
 place_gate.py tests the sensors that measure the pose. augmented/state.py defines which states a channel may correct. In
 motion, an inertial channel that repeats its last reading is not used (repetition.py).
@@ -45,7 +45,7 @@ from baqueano.vehicles.effort import Effort
 if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
-ABSURD_GATE_RATIO = 1.5  # times the gate: a channel beyond this always gets a weight below 0.5
+MAX_GATE_RATIO = 1.5  # times the gate: a channel beyond this always gets a weight below 0.5
 USABLE_RANGE = 0.9999  # of a sensor's full scale: a reading above this is not used
 
 
@@ -104,9 +104,22 @@ def correct_tick(
     states, n = layout(estimator), len(x.mean)
     last_innovations, levels = memory.last_innovations, NoiseLevels.from_row(memory.noise_levels)
     if not len(states.moving_mask):
-        none, no_rows, no_cov = last_innovations, np.zeros((0, n)), np.zeros((0, 0))
-        update = Correction(np.zeros(n), x.cov, none, none, none, no_rows, no_rows)
-        return x, Innovations(none, none, memory, 0.0, none, no_cov, none, no_cov, update, np.ones(n))
+        no_innovations, no_rows, no_cov = last_innovations, np.zeros((0, n)), np.zeros((0, 0))
+        update = Correction(
+            np.zeros(n), x.cov, no_innovations, no_innovations, no_innovations, no_rows, no_rows
+        )
+        return x, Innovations(
+            no_innovations,
+            no_innovations,
+            memory,
+            0.0,
+            no_innovations,
+            no_cov,
+            no_innovations,
+            no_cov,
+            update,
+            np.ones(n),
+        )
     y, H, file_cov, mask, corrections, z, arrived_mask = _compared_channels(
         estimator, x, effort, nu_dot, tick
     )
@@ -115,8 +128,8 @@ def correct_tick(
     if not at_rest:
         H = H * states.moving_jacobian_factor
     Q = levels.sensor_cov(file_cov)
-    H_of_present = H * mask[:, None]
-    channels = PoseChannels(y * mask, H_of_present @ x.cov @ H_of_present.T + Q, mask, corrections)
+    present_H = H * mask[:, None]
+    channels = PoseChannels(y * mask, present_H @ x.cov @ present_H.T + Q, mask, corrections)
     decision = gate_decision(states.pose_groups, channels, memory.pose, dt_s, estimator.gate_sigma)
     D = np.ones(n)
     if states.pose_groups:
@@ -130,7 +143,7 @@ def correct_tick(
             return decision.weights[c]
         limit = estimator.gate_sigma * np.sqrt((Q[c, c] + states.gate_factors[c] ** 2 * (s - Q[c, c])) / s)
         least_error = np.minimum(np.abs(e), np.abs(e - last_innovations[c] / np.sqrt(s)) / np.sqrt(2.0))
-        w = 1.0 / (1.0 + (np.maximum(least_error, np.abs(e) / ABSURD_GATE_RATIO) / limit) ** 8)
+        w = 1.0 / (1.0 + (np.maximum(least_error, np.abs(e) / MAX_GATE_RATIO) / limit) ** 8)
         return w * (1.0 - repeated_mask[c])
 
     update = correct(x.cov, y, H, Q, corrected_mask, weight, mask)
@@ -144,7 +157,7 @@ def correct_tick(
     file_S = file_innovation_cov(levels, squares, states)
     if not at_rest:
         levels = next_levels(levels, squares, states, estimator.noise_gain)
-    x = Gaussian(boxplus(x.mean, update.move), update.cov)
+    x = Gaussian(boxplus(x.mean, update.mean_change), update.cov)
     y, w = (np.where(mask > 0.0, values, np.nan) for values in (y, w))
     memory = memory._replace(
         last_innovations=latest_innovations,

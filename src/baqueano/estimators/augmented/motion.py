@@ -34,7 +34,7 @@ from baqueano.estimators.augmented.state import (
 )
 from baqueano.estimators.covariance import CHI_SQUARE_95, block_diagonal
 from baqueano.estimators.kalman import Gaussian, StatePrediction, predict
-from baqueano.estimators.pauses import FilterRow, limit_covariance, limiting_factors, unmoved_cov
+from baqueano.estimators.pauses import FilterRow, limit_covariance, limiting_factors, unpredicted_cov
 from baqueano.estimators.readings.sensor_numbers import slip_statistics
 from baqueano.geometry import map_from_body, wrap
 from baqueano.symbolic import chain_rule
@@ -60,8 +60,8 @@ def predict_row(
     that of the row before.  (2)-(4), (10)"""
     x, n = Gaussian(belief.mean, belief.cov), len(belief.mean)
     # a calm drive lowers the level, but a lasting d̄ shows at least the variance d̄²
-    lasting_level = np.minimum(belief.mean_disturbance**2 / np.maximum(variance, MIN_VARIANCE), 1.0)
-    noise_level = np.maximum(NoiseLevels.from_row(belief.memory.noise_levels).motion, lasting_level)
+    mean_level = np.minimum(belief.mean_disturbance**2 / np.maximum(variance, MIN_VARIANCE), 1.0)
+    noise_level = np.maximum(NoiseLevels.from_row(belief.memory.noise_levels).motion, mean_level)
     walks = [
         np.array([bias.value_at(estimator.sensors, bias.walk) ** 2 * row.dt_s])
         for bias in layout(estimator).biases
@@ -69,19 +69,21 @@ def predict_row(
 
     def R(mean: np.ndarray, G: np.ndarray) -> np.ndarray:
         gamma = estimator.sideslip_error_std**2 * (1.0 - G[SIDESLIP_INDEX, SIDESLIP_INDEX] ** 2)
-        before, after = np.zeros(SIDESLIP_INDEX - SCALE_INDEX), np.zeros(BIAS_INDEX - BEND_INDEX)
-        lasting = np.diag(np.concatenate([before, np.array([gamma]), after, *walks]))
-        rest_cov = unmoved_cov(row, mean, x.cov) + slip_covariance(estimator, mean, row.dt_s)
+        zeros_before, zeros_after = np.zeros(SIDESLIP_INDEX - SCALE_INDEX), np.zeros(BIAS_INDEX - BEND_INDEX)
+        slow_cov = np.diag(np.concatenate([zeros_before, np.array([gamma]), zeros_after, *walks]))
+        rest_cov = unpredicted_cov(row, mean, x.cov) + slip_covariance(estimator, mean, row.dt_s)
         return block_diagonal(
-            [process_noise_cov(estimator, mean[2], row, G[4, 4], noise_level, variance), lasting]
+            [process_noise_cov(estimator, mean[2], row, G[4, 4], noise_level, variance), slow_cov]
         ) + block_diagonal([rest_cov, np.zeros((n - 3, n - 3))])
 
-    turn_by_bias = np.where(at_rest, 0.0, row.dt_s) * layout(estimator).yaw_rate_by_bias
+    turn_derivative = np.where(at_rest, 0.0, row.dt_s) * layout(estimator).yaw_rate_by_bias
 
     def g(mean: np.ndarray) -> np.ndarray:
-        after = advance_mean(estimator, mean, belief.mean_disturbance, effort, row.moved_s, x.cov[2, 2])
-        turn = turn_by_bias @ (mean - x.mean)  # 0, but its derivative is not  (10)
-        return np.concatenate([after[:2], np.array([after[2] + turn]), after[3:]])
+        prediction = advance_mean(
+            estimator, mean, belief.mean_disturbance, effort, row.predicted_s, x.cov[2, 2]
+        )
+        turn = turn_derivative @ (mean - x.mean)  # 0, but its derivative is not  (10)
+        return np.concatenate([prediction[:2], np.array([prediction[2] + turn]), prediction[3:]])
 
     motion = predict(x, g, R)
     D = limiting_factors(motion.cov)
@@ -119,8 +121,8 @@ def advance_mean(
     )
     # an exponential would take a fifth of the row
     gamma = mean[SIDESLIP_INDEX] / (1.0 + dt_s / SIDESLIP_ERROR_S)
-    lasting = (mean[SCALE_INDEX:SIDESLIP_INDEX], np.array([gamma]), mean[BEND_INDEX:])
-    return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, next_disturbance, *lasting])
+    slow_states = (mean[SCALE_INDEX:SIDESLIP_INDEX], np.array([gamma]), mean[BEND_INDEX:])
+    return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, next_disturbance, *slow_states])
 
 
 def next_mean_disturbance(
@@ -161,13 +163,13 @@ def has_motor_lag(vehicle: DynamicVehicle) -> bool:
 
 def slip_covariance(estimator: "AugmentedEkf", mean: np.ndarray, dt_s: Value) -> np.ndarray:
     """Return the covariance (3, 3) that the slip of the wheels adds to the pose in a row.  (5)"""
-    variance, fade_s, _ = _slips(estimator)
+    variance, fade_s, _ = _slip_values(estimator)
     return np.diag(np.array([1.0, 1.0, 0.0])) * (2.0 * fade_s * dt_s * variance * mean[3] ** 2)
 
 
 def wheel_velocity_cov(estimator: "AugmentedEkf", speed: Value, gain: Value) -> np.ndarray:
     """Return the covariance (3, 3) of ν relative to the wheels; `gain` is ν̇_x of the model [m/s²].  (5), (6)"""
-    variance, _, period_s = _slips(estimator)
+    variance, _, period_s = _slip_values(estimator)
     return np.diag(np.array([variance * speed**2 + (period_s * gain) ** 2 / 3.0, 0.0, 0.0]))
 
 
@@ -183,16 +185,16 @@ def process_noise_cov(
     `variance` is σ_d² (2,).
     """
     W, E = _push_matrix(estimator.vehicle), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
-    J, D, moved_s = map_from_body(psi) @ W, W @ E, row.moved_s
+    J, D, predicted_s = map_from_body(psi) @ W, W @ E, row.predicted_s
     d = noise_level * variance * (1.0 - np.exp(-2.0 * row.dt_s / estimator.disturbance_fade_s))
     walk = estimator.velocity_walk_std**2 * row.dt_s * noise_level[[0, 1, 1]]
-    nu_gain, eta_gain = D, 0.5 * moved_s * J @ E
+    nu_gain, eta_gain = D, 0.5 * predicted_s * J @ E
     if is_dynamic(estimator.vehicle):
         sideways_factor = np.maximum(nu_y_factor, 0.0)
         fading_weights = np.array([1.0, (1.0 + sideways_factor * (4.0 + sideways_factor)) / 6.0, 1.0])
-        walk = walk * fading_weights + moved_s**2 / 12.0 * (E @ d)
-        nu_gain, eta_gain = 0.5 * moved_s * D, moved_s**2 / 6.0 * J @ E
-    displacement, zeros = moved_s * J, np.zeros((3, 3))
+        walk = walk * fading_weights + predicted_s**2 / 12.0 * (E @ d)
+        nu_gain, eta_gain = 0.5 * predicted_s * D, predicted_s**2 / 6.0 * J @ E
+    displacement, zeros = predicted_s * J, np.zeros((3, 3))
     rows = [
         (0.5 * displacement, eta_gain, displacement),
         (W, nu_gain, zeros),
@@ -227,7 +229,7 @@ def _push_matrix(vehicle: DynamicVehicle) -> np.ndarray:
 
 
 @lru_cache(maxsize=256)
-def _slips(estimator: "AugmentedEkf") -> tuple[Value, Value, Value]:
+def _slip_values(estimator: "AugmentedEkf") -> tuple[Value, Value, Value]:
     """Return the relative variance of the slip, its decay time [s], and the time between wheel readings [s]."""
     states = layout(estimator)
     return slip_statistics(estimator.sensors, dict(zip(states.names, states.entries, strict=True)))

@@ -61,29 +61,29 @@ def next_levels(
     a, b = squares.counts * (y**2 / S - 1.0), squares.counts * y * squares.previous / S
     pose_channels = [c for group in states.pose_groups for c in group]
     adapts = np.where(np.isin(np.arange(len(y)), pose_channels), 0.0, 1.0)
-    corrects = _corrects(states) * adapts[:, None]
-    is_gyro = corrects[:, 1] > corrects[:, 0]
-    of_sensor = np.where(is_gyro, a - (1.0 - rho) * b, rho * a)
-    of_motion = np.where(is_gyro, a + 2.0 * rho * b, (1.0 - rho) * a)
-    mean = corrects / np.maximum(np.sum(corrects, axis=0), 1.0)
+    correction_mask = _rate_masks(states) * adapts[:, None]
+    is_gyro = correction_mask[:, 1] > correction_mask[:, 0]
+    sensor_part = np.where(is_gyro, a - (1.0 - rho) * b, rho * a)
+    motion_part = np.where(is_gyro, a + 2.0 * rho * b, (1.0 - rho) * a)
+    mean = correction_mask / np.maximum(np.sum(correction_mask, axis=0), 1.0)
     return NoiseLevels(
-        _bounded(levels.sensors * (1.0 + gain * adapts * of_sensor)),
-        _bounded(levels.motion * (1.0 + gain * of_motion @ mean)),
+        _limit_levels(levels.sensors * (1.0 + gain * adapts * sensor_part)),
+        _limit_levels(levels.motion * (1.0 + gain * motion_part @ mean)),
     )
 
 
 def file_innovation_cov(levels: NoiseLevels, squares: InnovationSquares, states: "Layout") -> np.ndarray:
     """Return S (m, m) with the noise of the vehicle file. The part p of S beside Q' is taken as proportional to κ, or
     to √κ if κ < 1: in steady state p²/S is proportional to κ, and with little motion S depends less on it."""
-    corrects = _corrects(states)
-    count = np.sum(corrects, axis=1)
-    motion = np.where(count > 0.0, corrects @ levels.motion / np.maximum(count, 1.0), 1.0)
+    correction_mask = _rate_masks(states)
+    count = np.sum(correction_mask, axis=1)
+    motion = np.where(count > 0.0, correction_mask @ levels.motion / np.maximum(count, 1.0), 1.0)
     noise_share = _noise_share(squares)
     std = np.sqrt(noise_share / levels.sensors + (1.0 - noise_share) / np.maximum(motion, np.sqrt(motion)))
     return squares.S * np.outer(std, std)
 
 
-def _corrects(states: "Layout") -> np.ndarray:
+def _rate_masks(states: "Layout") -> np.ndarray:
     """Return a mask (m, 2): 1 if the channel corrects the speed, or the yaw rate."""
     return np.where(states.rest_jacobian != 0.0, 1.0, 0.0)
 
@@ -93,5 +93,5 @@ def _noise_share(squares: InnovationSquares) -> np.ndarray:
     return np.diag(squares.noise_cov) / np.diag(squares.S)
 
 
-def _bounded(level: np.ndarray) -> np.ndarray:
+def _limit_levels(level: np.ndarray) -> np.ndarray:
     return np.minimum(np.maximum(level, 1.0 / MAX_LEVEL), MAX_LEVEL)

@@ -12,7 +12,7 @@ couplings had larger errors than the sensors. So each measured quantity corrects
 
 After MAX_SILENT_S without a gyro, the wheels also correct the turning states (3). A channel whose bias walks is
 inertial. A model error looks like a bias, so in motion no inertial reading corrects another bias; a pose sensor does.
-A model that was fitted with a gyro has the error of its bias: an innovation shows a part p of it, see `_day_share` (4).
+A model that was fitted with a gyro has the error of its bias: an innovation shows a part p of it (4).
 """
 
 from collections.abc import Sequence
@@ -68,7 +68,7 @@ class Layout(NamedTuple):
     # (m, 2) derivative of each channel by speed and yaw rate; 0 if it must not correct them
     rest_jacobian: np.ndarray
     # (m,) bool: the channel corrects ν_y, and depends on ν_y or its integral
-    shows_sideways: np.ndarray
+    measures_sideways: np.ndarray
     # the channels of each sensor that measures the pose: place_gate.py
     pose_groups: tuple[tuple[int, ...], ...]
     speed_is_measured: bool  # True if a channel has its own scale of the speed
@@ -90,7 +90,7 @@ class Layout(NamedTuple):
         """Return E (m, n) while the vehicle drives; `silent_s` (2,) is the time without a correction."""
         return self.moving_mask + np.where(silent_s[1] > MAX_SILENT_S, self.replacement_mask, 0.0)
 
-    def corrects(self, state: int) -> np.ndarray:
+    def correction_mask(self, state: int) -> np.ndarray:
         """Return a mask (m,) of the channels that correct one entry of x while the vehicle drives."""
         return self.moving_mask[:, state] > 0.0
 
@@ -120,9 +120,9 @@ class Layout(NamedTuple):
 @lru_cache(maxsize=256)
 def layout(estimator: "AugmentedEkf") -> Layout:
     """Return the layout for `sensors`, `use` and `speed_from` of an estimator."""
-    sensors, uses = estimator.sensors, estimator.use
-    names = tuple(split_use(use)[0] for use in uses)
-    entries = tuple(channel_indices(sensors, use) for use in uses)
+    sensors, channel_choices = estimator.sensors, estimator.use
+    names = tuple(split_use(use)[0] for use in channel_choices)
+    entries = tuple(channel_indices(sensors, use) for use in channel_choices)
     used_channels = list(zip(names, entries, strict=True))
     channels = [(name, i) for name, rows in used_channels for i in rows]
     biases = tuple(bias for name, rows in used_channels for bias in _walking(sensors, name, rows))
@@ -133,19 +133,23 @@ def layout(estimator: "AugmentedEkf") -> Layout:
     dependencies = [signals[name][i] for name, i in channels]
     reliable = {(split_use(use)[0], i) for use in estimator.speed_from for i in channel_indices(sensors, use)}
     moving_mask = _moving_mask(dependencies, bias_states, [c in reliable for c in channels], len(biases))
-    resting_mask, of_gyro = moving_mask.copy(), np.zeros(moving_mask.shape)
+    resting_mask, gyro_mask = moving_mask.copy(), np.zeros(moving_mask.shape)
     for k, states in enumerate(bias_states):
         resting_mask[k, states] = 1.0
-        of_gyro[k, states] = float(dependencies[k].is_turn_only)
-    day_share = np.ones(BIAS_INDEX + len(biases))
-    day_share[BIAS_INDEX:] = [_day_share(sensors, bias) for bias in biases]
+        gyro_mask[k, states] = float(dependencies[k].is_turn_only)
+    bias_share = np.ones(BIAS_INDEX + len(biases))
+    bias_share[BIAS_INDEX:] = [_visible_bias_share(sensors, bias) for bias in biases]
     at_rest = {name: measurement_jacobian(getattr(sensors, name), np.zeros(9)) for name in names}
     slopes = np.array([at_rest[name][i, SPEED_AND_YAW_RATE] for name, i in channels]).reshape(-1, 2)
     sideways = np.array([np.max(np.abs(at_rest[name][i, SIDEWAYS])) for name, i in channels])
     # several gyros share the yaw rate
-    yaw_slopes = np.where(of_gyro.any(axis=1), slopes[:, 1], 1.0)[:, None] * max(1.0, np.sum(of_gyro))
+    yaw_slopes = np.where(gyro_mask.any(axis=1), slopes[:, 1], 1.0)[:, None] * max(1.0, np.sum(gyro_mask))
     groups = (
-        tuple(k for k, (of_channel, _) in enumerate(channels) if of_channel == name and dependencies[k].pose)
+        tuple(
+            k
+            for k, (sensor_of_entry, _) in enumerate(channels)
+            if sensor_of_entry == name and dependencies[k].pose
+        )
         for name in dict.fromkeys(names)
     )
     return Layout(
@@ -157,8 +161,8 @@ def layout(estimator: "AugmentedEkf") -> Layout:
         _turning_mask(dependencies, moving_mask),
         np.array([bool(states) for states in bias_states], dtype=bool),
         np.where([d.is_turn_only for d in dependencies], LEADING_GYRO_FACTOR, 1.0),
-        -(1.0 - day_share) * np.sum(of_gyro / yaw_slopes, axis=0),
-        1.0 - (1.0 - day_share) * of_gyro,
+        -(1.0 - bias_share) * np.sum(gyro_mask / yaw_slopes, axis=0),
+        1.0 - (1.0 - bias_share) * gyro_mask,
         slopes * moving_mask[:, SPEED_AND_YAW_RATE],
         (moving_mask[:, SIDEWAYS[2]] > 0.0) & (sideways > MIN_SIDEWAYS_SLOPE),
         tuple(group for group in groups if group),
@@ -168,7 +172,7 @@ def layout(estimator: "AugmentedEkf") -> Layout:
 
 
 def _yaw_rate_checks(
-    sensors: SensorBlocks, entries: Sequence[tuple[str, int]], slopes: np.ndarray, corrects: np.ndarray
+    sensors: SensorBlocks, entries: Sequence[tuple[str, int]], slopes: np.ndarray, correction_mask: np.ndarray
 ) -> tuple[YawRateCheck, ...]:
     """Return the check of each sensor that measures speed and yaw rate, but corrects only the speed."""
     checks = []
@@ -176,7 +180,7 @@ def _yaw_rate_checks(
         channels = (
             np.array([sensor_of_entry == name for sensor_of_entry, _ in entries])
             & (np.abs(slopes).sum(axis=1) > 0.0)
-            & (corrects == 0.0)
+            & (correction_mask == 0.0)
         )
         if np.linalg.matrix_rank(slopes[channels]) == len(SPEED_AND_YAW_RATE):
             weights = np.zeros(len(entries))
@@ -237,7 +241,7 @@ def _walking(sensors: SensorBlocks, name: str, rows: tuple[int, ...]) -> list[Un
     return [bias for bias in uncertain_parameters(sensors, name, rows, np.zeros(3)) if bias.walk]
 
 
-def _day_share(sensors: SensorBlocks, bias: UncertainParameter) -> float:
+def _visible_bias_share(sensors: SensorBlocks, bias: UncertainParameter) -> float:
     """Return p of a bias: 1 for a standard deviation up to the default, which is that of another day.  (4)"""
     std = bias.value_at(sensors, bias.std)
     defaults = {field.name: field.default for field in fields(type(getattr(sensors, bias.sensor)))}
@@ -258,9 +262,9 @@ def start_std(estimator: "AugmentedEkf") -> np.ndarray:
 
 def _channels_correcting(states: Layout, state: int) -> dict[str, tuple[int, ...]]:
     """Return the channels that correct one entry of x, by sensor."""
-    corrects = iter(states.corrects(state).tolist())
+    correction_mask = iter(states.correction_mask(state).tolist())
     by_sensor = zip(states.names, states.entries, strict=True)
-    return {name: tuple(i for i in entries if next(corrects)) for name, entries in by_sensor}
+    return {name: tuple(i for i in entries if next(correction_mask)) for name, entries in by_sensor}
 
 
 def _dependencies(sensor: Sensor) -> list[_Dependencies]:

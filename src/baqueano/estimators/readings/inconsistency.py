@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 MIN_INCONSISTENT_S = 0.5
 MEAN_S = 0.5  # time constant of the mean of (2)
 SPEED_AND_YAW_RATE = (3, 5)  # of a state (η, ν, …)
-# when readings agree again, the duration of an inconsistency falls to MAX_HELD_S, then by FADING_RATE seconds per
+# when readings agree again, the duration of an inconsistency falls to MAX_MEMORY_S, then by FADING_RATE seconds per
 # second
-MAX_HELD_S, FADING_RATE = 1.0, 2.0
+MAX_MEMORY_S, FADING_RATE = 1.0, 2.0
 
 
 class YawRateCheck(NamedTuple):
@@ -71,7 +71,7 @@ def update_inconsistency(
     previous: tuple[np.ndarray, np.ndarray],
     states: "Layout",
     innovations: Value,
-    from_model: np.ndarray,
+    model_deviation: np.ndarray,
     is_followed: np.ndarray,
     replaces_gyro: Value,
     pose_nu: np.ndarray,
@@ -81,14 +81,14 @@ def update_inconsistency(
     """Return the inconsistency of speed and yaw rate after a row of `dt_s`, and its additions to the covariances.
 
     `innovations` contains y (m,), NaN for a channel without a usable measurement, S (m, m) and the weights (m,).
-    `from_model` (2,) is the estimate minus that of the model; `is_followed` (2,) is True while the filter follows a
-    channel, `replaces_gyro` while the wheels determine the yaw rate. `previous` is the inconsistency and the means of
+    `model_deviation` (2,) is the estimate minus that of the model. `is_followed` (2,) is True while the filter follows
+    a channel, `replaces_gyro` while the wheels determine the yaw rate. `previous` is the inconsistency and the means of
     the checks, `pose_nu` the state (η, ν).
     """
     inconsistency, means = previous
     speed, yaw_rate = (_rejected_readings(h, innovations) for h in states.rest_jacobian.T)
     checks = [
-        _check_wheels(check, mean, innovations, from_model[1], pose_nu[3], dt_s, gate_sigma)
+        _check_wheels(check, mean, innovations, model_deviation[1], pose_nu[3], dt_s, gate_sigma)
         for mean, check in zip(means, states.yaw_rate_checks, strict=True)
     ]
     replaced_gyro = [
@@ -98,7 +98,7 @@ def update_inconsistency(
     yaw_size = reduce(np.maximum, [*(check.gyro_error for check in checks), *replaced_gyro], yaw_rate.size)
     has_yaw_rate = yaw_rate.has_reading | replaces_gyro if checks else yaw_rate.has_reading
     follows_speed = reduce(or_, [check.wheels_are_wrong for check in checks], is_followed[0])
-    model_error = np.where(np.array([follows_speed, is_followed[1]]), np.abs(from_model), 0.0)
+    model_error = np.where(np.array([follows_speed, is_followed[1]]), np.abs(model_deviation), 0.0)
     current = track_inconsistency(
         inconsistency,
         np.array([speed.size, yaw_size]),
@@ -125,7 +125,7 @@ def _check_wheels(
     check: YawRateCheck,
     mean: Value,
     innovations: Value,
-    turn_from_model: Value,
+    turn_deviation: Value,
     speed: Value,
     dt_s: Value,
     gate_sigma: float,
@@ -138,9 +138,9 @@ def _check_wheels(
     mean = mean + g * (reading - mean)
     variance = w @ innovations.file_S[channels][:, channels] @ w
     gyro_error, wheels_are_wrong = 0.0, np.zeros(()) > 0.0
-    for e, part in ((reading, 1.0), (mean, g / (2.0 - g))):
-        contradicts = e**2 > gate_sigma**2 * (part * variance + (check.relative_std * speed) ** 2)
-        gyro_is_wrong = np.abs(e + turn_from_model) < np.abs(turn_from_model)
+    for e, variance_factor in ((reading, 1.0), (mean, g / (2.0 - g))):
+        contradicts = e**2 > gate_sigma**2 * (variance_factor * variance + (check.relative_std * speed) ** 2)
+        gyro_is_wrong = np.abs(e + turn_deviation) < np.abs(turn_deviation)
         gyro_error = np.maximum(gyro_error, np.where(contradicts & gyro_is_wrong, np.abs(e), 0.0))
         wheels_are_wrong = wheels_are_wrong | (contradicts & ~gyro_is_wrong)
     return WheelCheck(mean, gyro_error, wheels_are_wrong)
@@ -148,32 +148,34 @@ def _check_wheels(
 
 def track_inconsistency(
     inconsistency: np.ndarray,
-    rejected: np.ndarray,
+    rejected_size: np.ndarray,
     model_error: np.ndarray,
     has_reading: np.ndarray,
     dt_s: Value,
 ) -> np.ndarray:
     """Return the inconsistency (2, 2) one row later: absolute value of the last rejected innovations, duration [s].
 
-    `rejected` (2,) is the absolute value of the rejected innovations of this row, `model_error` (2,) that of the
+    `rejected_size` (2,) is the absolute value of the rejected innovations of this row, `model_error` (2,) that of the
     correction against the model; both are 0 if absent. `has_reading` (2,) is True if a reading arrived.
     """
-    size = np.where(has_reading, rejected, inconsistency[0])
-    shorter_s = np.maximum(np.minimum(inconsistency[1], MAX_HELD_S) - FADING_RATE * dt_s, 0.0)
+    size = np.where(has_reading, rejected_size, inconsistency[0])
+    shorter_s = np.maximum(np.minimum(inconsistency[1], MAX_MEMORY_S) - FADING_RATE * dt_s, 0.0)
     return np.stack([size, np.where(np.maximum(size, model_error) > 0.0, inconsistency[1] + dt_s, shorter_s)])
 
 
 def added_covariances(
-    size: np.ndarray, before_s: np.ndarray, now_s: np.ndarray, psi: Value, dt_s: Value
+    size: np.ndarray, last_duration_s: np.ndarray, duration_s: np.ndarray, psi: Value, dt_s: Value
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the covariances of pose (3, 3) and velocity (3, 3) that an inconsistency `size` (2,) adds.  (1)
 
-    `before_s` and `now_s` (2,) are its durations before and after this row of `dt_s`.
+    `last_duration_s` and `duration_s` (2,) are its durations before and after this row of `dt_s`.
     """
-    is_lasting, directions = now_s >= MIN_INCONSISTENT_S, map_from_body(psi)[:, [0, 2]]
-    is_growing = is_lasting & (now_s > before_s)
-    added_s2 = np.where(before_s >= MIN_INCONSISTENT_S, dt_s * (2.0 * before_s + dt_s), now_s**2)
-    added_variance = np.where(is_growing, np.minimum(size**2 * added_s2, MAX_POSE_VARIANCE), 0.0)
+    is_lasting, directions = duration_s >= MIN_INCONSISTENT_S, map_from_body(psi)[:, [0, 2]]
+    is_growing = is_lasting & (duration_s > last_duration_s)
+    growth_s2 = np.where(
+        last_duration_s >= MIN_INCONSISTENT_S, dt_s * (2.0 * last_duration_s + dt_s), duration_s**2
+    )
+    added_variance = np.where(is_growing, np.minimum(size**2 * growth_s2, MAX_POSE_VARIANCE), 0.0)
     pose_cov = directions @ np.diag(added_variance) @ directions.T
     variances = np.where(is_lasting, size**2, 0.0)
     return pose_cov, np.diag(np.array([variances[0], 0.0, variances[1]]))

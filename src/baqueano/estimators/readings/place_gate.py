@@ -43,9 +43,11 @@ class PoseChannels(NamedTuple):
 class GateHistory(NamedTuple):
     """Results of the gate for earlier readings of each sensor; each array is (sensors,)."""
 
-    since_s: np.ndarray  # time since a rejected reading; NO_REJECTION_S if the last reading was accepted
+    rejection_age_s: (
+        np.ndarray
+    )  # time since a rejected reading; NO_REJECTION_S if the last reading was accepted
     confirmation: np.ndarray  # 1 if an informative reading was rejected after the last accepted one
-    mistakes: np.ndarray  # readings in a row that a mistaken tag explains
+    mistake_count: np.ndarray  # readings in a row that a mistaken tag explains
 
 
 class PoseMemory(NamedTuple):
@@ -83,22 +85,22 @@ def gate_decision(
         y = channels.y[indices]
         S = channels.S[np.ix_(indices, indices)]
         has_reading = np.max(channels.mask[indices]) > 0.0
-        d2, apart_d2 = squared_distance(S, y), squared_distance(2.0 * S, y - memory.y[indices])
-        other_d2 = _nearest_distance(S, y, [channels.corrections[k] for k in group])
+        d2, difference_d2 = squared_distance(S, y), squared_distance(2.0 * S, y - memory.y[indices])
+        mistake_d2 = _nearest_distance(S, y, [channels.corrections[k] for k in group])
         history = GateHistory(record[0] + dt_s, *record[1:])
-        odds_wrong = MISTAKE_SHARE * np.exp(np.minimum(0.5 * (d2 - other_d2), MAX_EXPONENT))
-        probability_right = 1.0 / (1.0 + odds_wrong)
-        is_rejected = has_reading & ((d2 > limit) | (probability_right < 0.5))
+        mistake_odds = MISTAKE_SHARE * np.exp(np.minimum(0.5 * (d2 - mistake_d2), MAX_EXPONENT))
+        probability = 1.0 / (1.0 + mistake_odds)
+        is_rejected = has_reading & ((d2 > limit) | (probability < 0.5))
         is_mistake = (
-            is_rejected & (probability_right < 0.5) & (other_d2 <= limit) & (history.mistakes < MAX_MISTAKES)
+            is_rejected & (probability < 0.5) & (mistake_d2 <= limit) & (history.mistake_count < MAX_MISTAKES)
         )
-        is_due = history.since_s >= REPEAT_S
-        is_informative = is_rejected & ~is_mistake & is_due
-        has_witness = is_informative & (history.confirmation > 0.0)
-        is_confirmed = has_witness & (apart_d2 <= limit)
-        weight = np.where(is_confirmed, 1.0, probability_right / (1.0 + (d2 / limit) ** 4))
+        is_interval_over = history.rejection_age_s >= REPEAT_S
+        is_informative = is_rejected & ~is_mistake & is_interval_over
+        is_repetition = is_informative & (history.confirmation > 0.0)
+        is_confirmed = is_repetition & (difference_d2 <= limit)
+        weight = np.where(is_confirmed, 1.0, probability / (1.0 + (d2 / limit) ** 4))
         weights |= dict.fromkeys(group, weight)
-        factor = np.maximum(factor, np.where(has_witness, np.sqrt(d2 / len(group)), 1.0))
+        factor = np.maximum(factor, np.where(is_repetition, np.sqrt(d2 / len(group)), 1.0))
         for k in group:
             innovations[k] = np.where(is_informative & ~is_confirmed, channels.y[k], innovations[k])
         is_correct = has_reading & (is_confirmed | ~is_rejected)
@@ -111,11 +113,11 @@ def _next_history(
     history: GateHistory, is_rejected: Value, is_mistake: Value, is_correct: Value
 ) -> GateHistory:
     """Return the history of one sensor after the reading of this tick; reset it if the reading is right."""
-    is_counted = is_rejected & (history.since_s >= REPEAT_S)
-    since_s = np.where(is_counted, 0.0, np.minimum(history.since_s, NO_REJECTION_S))
-    witness = np.where(is_counted & ~is_mistake, 1.0, history.confirmation)
-    mistakes = history.mistakes + np.where(is_counted & is_mistake, 1.0, 0.0)
-    pairs = zip((NO_REJECTION_S, 0.0, 0.0), (since_s, witness, mistakes), strict=True)
+    is_counted = is_rejected & (history.rejection_age_s >= REPEAT_S)
+    rejection_age_s = np.where(is_counted, 0.0, np.minimum(history.rejection_age_s, NO_REJECTION_S))
+    confirmation = np.where(is_counted & ~is_mistake, 1.0, history.confirmation)
+    mistake_count = history.mistake_count + np.where(is_counted & is_mistake, 1.0, 0.0)
+    pairs = zip((NO_REJECTION_S, 0.0, 0.0), (rejection_age_s, confirmation, mistake_count), strict=True)
     return GateHistory(*(np.where(is_correct, a, b) for a, b in pairs))
 
 

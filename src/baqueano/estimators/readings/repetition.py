@@ -3,18 +3,19 @@
 A sound sensor repeats a reading with a probability p, because of its resolution, or because a log contains each reading
 several times. After N readings the longest earlier run of repeats L has p^L ≈ 1/N. So a longer run
 
-    n ≥ MIN_REPEATS + LENGTHENING L                                                                         (1)
+    n ≥ MIN_REPEATS + MAX_LENGTH_RATIO L                                                                         (1)
 
-has a probability of about N^−LENGTHENING p^MIN_REPEATS at each reading: below 1e-6. At rest a reading may be constant.
-A sensor without noise, in a simulation, also repeats its readings. Two successive changes of a reading have opposite
-signs with probability 2/3 under white noise, but seldom without noise. So MIN_REVERSALS of them must come first.
+has a probability of about N^−MAX_LENGTH_RATIO p^MIN_REPEATS at each reading: below 1e-6. At rest a reading may be
+constant. A sensor without noise, in a simulation, also repeats its readings. Two successive changes of a reading have
+opposite signs with probability 2/3 under white noise, but seldom without noise. So MIN_REVERSALS of them must come
+first.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-MIN_REPEATS, LENGTHENING = 4.0, 3.0
+MIN_REPEATS, MAX_LENGTH_RATIO = 4.0, 3.0
 MIN_REVERSALS = 50  # before a constant reading is suspect
 ROUNDING = 1e-6  # relative to the reading: a smaller change is rounding
 
@@ -37,7 +38,7 @@ class RepeatedReadings(NamedTuple):
     @property
     def is_stuck(self) -> np.ndarray:
         """Return a mask (m,): True if a reading is repeated for far longer than before.  (1)"""
-        return (self.repeat_count >= MIN_REPEATS + LENGTHENING * self.longest_count) & (
+        return (self.repeat_count >= MIN_REPEATS + MAX_LENGTH_RATIO * self.longest_count) & (
             self.reversal_count >= MIN_REVERSALS
         )
 
@@ -47,15 +48,17 @@ def no_repetition(m: int) -> RepeatedReadings:
     return RepeatedReadings(*np.zeros((5, m)))
 
 
-def next_repetition(before: RepeatedReadings, z: np.ndarray, is_arrived: np.ndarray) -> RepeatedReadings:
+def next_repetition(previous: RepeatedReadings, z: np.ndarray, is_arrived: np.ndarray) -> RepeatedReadings:
     """Return the repeats after the readings z (m,); `is_arrived` (m,) is False for a channel without a reading."""
-    is_changed = is_arrived & ~(z == before.last_reading)
-    is_repeated, change = is_arrived & ~is_changed, z - before.last_reading
-    is_reversal = is_changed & (change * before.last_change < 0.0) & (np.abs(change) > ROUNDING * np.abs(z))
+    is_changed = is_arrived & ~(z == previous.last_reading)
+    is_repeated, change = is_arrived & ~is_changed, z - previous.last_reading
+    is_reversal = is_changed & (change * previous.last_change < 0.0) & (np.abs(change) > ROUNDING * np.abs(z))
     return RepeatedReadings(
-        np.where(is_arrived, z, before.last_reading),
-        np.where(is_changed, 0.0, before.repeat_count + np.where(is_repeated, 1.0, 0.0)),
-        np.where(is_changed, np.maximum(before.longest_count, before.repeat_count), before.longest_count),
-        np.where(is_changed, change, before.last_change),
-        before.reversal_count + np.where(is_reversal, 1.0, 0.0),
+        np.where(is_arrived, z, previous.last_reading),
+        np.where(is_changed, 0.0, previous.repeat_count + np.where(is_repeated, 1.0, 0.0)),
+        np.where(
+            is_changed, np.maximum(previous.longest_count, previous.repeat_count), previous.longest_count
+        ),
+        np.where(is_changed, change, previous.last_change),
+        previous.reversal_count + np.where(is_reversal, 1.0, 0.0),
     )

@@ -149,17 +149,19 @@ def relative_speed_variance(sensors: SensorBlocks, name: str, row: int) -> float
 
 
 def scale_std(
-    sensors: SensorBlocks, forward: dict[str, tuple[int, ...]], turning: dict[str, tuple[int, ...]]
+    sensors: SensorBlocks,
+    speed_channels: dict[str, tuple[int, ...]],
+    turn_channels: dict[str, tuple[int, ...]],
 ) -> np.ndarray:
     """Return the standard deviations (2,) of the scales of speed and yaw rate.
 
-    `forward` and `turning` are the channels that determine the speed and the yaw rate of the estimate, by sensor. If no
-    channel measures the speed, the speed has the scale error of the model, which was identified with gyro and
-    accelerometer.
+    `speed_channels` and `turn_channels` are the channels that determine the speed and the yaw rate of the estimate, by
+    sensor. If no channel measures the speed, the speed has the scale error of the model, which was identified with gyro
+    and accelerometer.
     """
-    turning_std = min(_scale_stds(sensors, turning, TURNING_NU), default=0.0)
+    turning_std = min(_scale_stds(sensors, turn_channels, TURNING_NU), default=0.0)
     model_std = np.hypot(turning_std, ACCEL_SCALE_STD)
-    return np.array([min(_scale_stds(sensors, forward, FORWARD_NU), default=model_std), turning_std])
+    return np.array([min(_scale_stds(sensors, speed_channels, FORWARD_NU), default=model_std), turning_std])
 
 
 def has_speed_scale(sensors: SensorBlocks, used_channels: dict[str, tuple[int, ...]]) -> bool:
@@ -184,15 +186,15 @@ def _acting_parameters(
 ) -> Iterator[tuple[str, Parameter]]:
     """Yield path and Parameter of each uncertain parameter that changes these channels at `nu` (3,).  (2)"""
     motion, indices = REST_MOTION._replace(nu=nu), list(rows)
-    for field, one_field in parameters(sensor) if rows else ():
-        for index in [f"[{i}]" for i in range(one_field.shape[0])] if one_field.shape else [""]:
+    for field, parameter in parameters(sensor) if rows else ():
+        for index in [f"[{i}]" for i in range(parameter.shape[0])] if parameter.shape else [""]:
             shifted_sensor = (
                 with_value(sensor, field + index, value_at_path(sensor, field + index) + PARAMETER_STEP)
-                if one_field.std
+                if parameter.std
                 else sensor
             )
-            if one_field.std and np.any(shifted_sensor.h(motion)[indices] != sensor.h(motion)[indices]):
-                yield field + index, one_field
+            if parameter.std and np.any(shifted_sensor.h(motion)[indices] != sensor.h(motion)[indices]):
+                yield field + index, parameter
 
 
 def _entry_path(sensor: Sensor, field: str, index: str) -> str:

@@ -139,12 +139,12 @@ class FixedParameters(NamedTuple):
     paths: tuple[str, ...]
     cov: np.ndarray  # (K, K) mean square of their errors
     shifts: np.ndarray  # (K, p) change of the estimates per change of κ  (4)
-    in_cov: np.ndarray  # (K,) True if the covariance of θ contains the error
+    is_in_cov: np.ndarray  # (K,) True if the covariance of θ contains the error
 
     @property
     def estimate_cov(self) -> np.ndarray:
-        """Return the part (p, p) of the covariance of the estimates that is `in_cov`."""
-        return self.cov_part(self.in_cov)
+        """Return the part (p, p) of the covariance of the estimates that is `is_in_cov`."""
+        return self.cov_part(self.is_in_cov)
 
     def cov_part(self, mask: np.ndarray) -> np.ndarray:
         """Return the part (p, p) of the covariance of the estimates by the parameters with the `mask` (K,)."""
@@ -189,11 +189,11 @@ def fixed_parameters(
     A, B = (x[np.ix_(index, index)] * np.outer(unit, unit) for x in (A, B))
     S = -A[:K, K:] @ pseudo_inverse(A[K:, K:])
     shifts[:, free] = S / std[:, None]
-    in_cov = np.array(
+    is_in_cov = np.array(
         [x.endswith(".gyro_bias") or (problem.has_fixed_scales and "_scale" in x) for x in paths]
     )
     # a zero that was measured at rest is known better than by a model, which may lack some effects
-    is_updated = ~(in_cov & (std < tolerance_std(ZERO_RATE_RAD_S))) & (not problem.has_fixed_scales)
+    is_updated = ~(is_in_cov & (std < tolerance_std(ZERO_RATE_RAD_S))) & (not problem.has_fixed_scales)
     cov, k = prior / np.outer(std, std), np.ix_(is_updated, is_updated)
     N, M = eliminate(A, B, K, [slice(K, len(A))])
     g = np.hstack([np.eye(K), S]) @ (unit * gradient[index])
@@ -201,4 +201,4 @@ def fixed_parameters(
     for i in np.flatnonzero(is_tyre & (np.diagonal(N) > 0.0)).tolist():
         tyre, now = free_parameter(blocks, paths[i], {}), value(blocks, paths[i])
         cov[i, i] = np.clip(-g[i] / N[i, i], tyre.low - now, tyre.high - now) ** 2
-    return FixedParameters(tuple(paths), cov * np.outer(std, std), shifts, in_cov)
+    return FixedParameters(tuple(paths), cov * np.outer(std, std), shifts, is_in_cov)

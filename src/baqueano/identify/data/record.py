@@ -171,8 +171,8 @@ def _measurements(
         used_rows, rows, weights = averaged_readings(t_s, intervals_s, row_end_s, row_s)
         z[rows], mask[rows] = np.where(is_sound[used_rows], channel.z[used_rows], 0.0), is_sound[used_rows]
         return Measurements(z, mask, None, weights)
-    usual_s = 0.0 if intervals_s is None else float(np.median(intervals_s))
-    assigned_s = max_offset_s + 0.5 * usual_s * (max_offset_s > 0.0)
+    median_s = 0.0 if intervals_s is None else float(np.median(intervals_s))
+    assigned_s = max_offset_s + 0.5 * median_s * (max_offset_s > 0.0)
     tick = np.searchsorted(run.t_ns, channel.t_ns + round(assigned_s * 1e9))
     first_ns = run.t_ns[0] - round(MAX_EARLY_FRACTION * float(np.median(np.diff(run.t_ns))))
     is_inside = (tick < len(run.t_ns)) & ((channel.t_ns >= first_ns) | (max_offset_s > 0.0))
@@ -185,14 +185,14 @@ def _measurements(
         age_s = np.zeros(row_count)
         age_s[row_index] = seconds(run.t_ns[tick[is_inside]], channel.t_ns[is_inside])
         # the delay line is not full yet
-        full_ns = round(1e9 * (2.0 * MAX_CLOCK_OFFSET_S + usual_s))
+        full_ns = round(1e9 * (2.0 * MAX_CLOCK_OFFSET_S + median_s))
         mask[: int(ends[min(np.searchsorted(run.t_ns - run.t_ns[0], full_ns), len(ends) - 1)])] = 0.0
         if intervals_s is None:
             return Measurements(z, mask, age_s)
-        duration_s = np.full(row_count, usual_s)
+        duration_s = np.full(row_count, median_s)
         duration_s[row_index] = intervals_s[is_inside]
         # an interval that is much longer than usual is longer than the delay line
-        mask[duration_s > MAX_INTERVAL_RATIO * usual_s] = 0.0
+        mask[duration_s > MAX_INTERVAL_RATIO * median_s] = 0.0
         return Measurements(z, mask, age_s, None, duration_s)
     if np.all(part < MAX_EARLY_FRACTION):
         return Measurements(z, mask, None)
@@ -208,9 +208,9 @@ def _row_and_part(
     later_tick = np.maximum(tick, 1)
     tick_part = (tick_ns[tick] - t_ns) / np.maximum(tick_ns[later_tick] - tick_ns[later_tick - 1], 1)
     rows = np.diff(ends, prepend=-1)[tick]
-    age = np.clip(tick_part, 0.0, 1.0) * rows  # in rows
-    earlier_rows = np.minimum(np.floor(age + MAX_EARLY_FRACTION), rows - 1).astype(int)
-    return ends[tick] - earlier_rows, np.clip(age - earlier_rows, 0.0, 1.0)
+    age_rows = np.clip(tick_part, 0.0, 1.0) * rows  # in rows
+    earlier_rows = np.minimum(np.floor(age_rows + MAX_EARLY_FRACTION), rows - 1).astype(int)
+    return ends[tick] - earlier_rows, np.clip(age_rows - earlier_rows, 0.0, 1.0)
 
 
 def contains_readings(run: Run, sensor: str, entry: int, z: np.ndarray) -> bool:

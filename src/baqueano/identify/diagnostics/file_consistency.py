@@ -357,6 +357,6 @@ def _comparable_magnitudes(estimate: np.ndarray, file_gains: np.ndarray, scale: 
     """Return the comparable magnitudes (3,) of the accelerations `estimate` (3,) of a command. The turning entry is
     multiplied by the ratio of linear to turning gain in the file."""
     gains = np.max(np.abs(file_gains) / scale[:, None], axis=1)
-    linear = max(gains[0], gains[1])
-    ratio = linear / gains[2] if gains[2] > 0.0 and linear > 0.0 else 1.0
+    linear_gain = max(gains[0], gains[1])
+    ratio = linear_gain / gains[2] if gains[2] > 0.0 and linear_gain > 0.0 else 1.0
     return np.abs(estimate) * np.array([1.0, 1.0, ratio])

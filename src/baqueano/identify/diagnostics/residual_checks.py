@@ -213,7 +213,7 @@ def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -
         if k is not None:
             message = note(
                 "residual.missing-free" if fix else "residual.missing", Severity.WARNING, fix, fit.paths[k],
-                term=code, effect=term_note, region=_place(code), z=abs(test.z),
+                term=code, effect=term_note, region=_place_text(code), z=abs(test.z),
                 errors=abs(test.shift[k]) / fit.std[k],
             )  # fmt: skip
             results.append(_SignificantResult(abs(test.z), message, test.shift))
@@ -235,7 +235,7 @@ def _fix(term_note: Diagnostic, paths: Sequence[str], model: DynamicVehicle) -> 
     return " ".join(f"--free +{key}" for key in new)
 
 
-def _place(code: str) -> Diagnostic | str:
+def _place_text(code: str) -> Diagnostic | str:
     """Return the axis at the end of a term's code, as a note; "" without one."""
     name = code.rpartition(", ")[2]
     return note(f"term.along-{name}") if name in ("x", "y", "psi") else ""

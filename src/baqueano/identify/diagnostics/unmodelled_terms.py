@@ -119,7 +119,7 @@ def _decay_since_sign_change(x: np.ndarray, t: np.ndarray) -> np.ndarray:
     return decay
 
 
-class PushedState(NamedTuple):
+class ForcedState(NamedTuple):
     """State of the simulation with a push. It contains θ, because the derivatives are with respect to ε."""
 
     vehicle: Tree
@@ -134,8 +134,8 @@ class PushedState(NamedTuple):
 class FittedMotion(NamedTuple):
     """The motion that a fit predicts, segment by segment."""
 
-    push: Scan  # the kernel with a push
-    starts: list[PushedState]
+    force_scan: Scan  # the kernel with a force outside the model
+    starts: list[ForcedState]
     motions: list[Motions]
 
     @property
@@ -153,16 +153,16 @@ def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -
     """Return the motion that the fit predicts, or None for a model that does not accept process noise (a push)."""
     if not has_field(blocks.model, "process_noise_std"):
         return None
-    push = cached_kernel(blocks, problem.shape, problem.scan.backend, _push_scan)
+    force_scan = cached_kernel(blocks, problem.shape, problem.scan.backend, _force_scan)
     starts = [_start(blocks, problem.shape, theta[index]) for index in problem.layout.indices]
-    return FittedMotion(push, starts, problem.motions(theta))
+    return FittedMotion(force_scan, starts, problem.motions(theta))
 
 
-def _start(blocks: FittedBlocks, shape: ThetaShape, theta: np.ndarray) -> PushedState:
+def _start(blocks: FittedBlocks, shape: ThetaShape, theta: np.ndarray) -> ForcedState:
     """Return the state at the start of a segment with θ (p,)."""
     motors_off = np.zeros(blocks.model.drivetrain.channels)
     emf = _back_emf(substitute(blocks, shape.paths, theta).model)
-    return PushedState(*initial_state(blocks, shape)(theta), theta, motors_off, motors_off, motors_off, emf)
+    return ForcedState(*initial_state(blocks, shape)(theta), theta, motors_off, motors_off, motors_off, emf)
 
 
 def _back_emf(model: Tree) -> np.ndarray:
@@ -202,7 +202,7 @@ def _force_columns(
     """Return a function that computes the columns of the forces.  (1)"""
     channels = [blocks.model.drivetrain.mix(record.u.T).T for record in problem.records]
     largest = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
-    kernel, scale = fit_motion.push, np.where(largest > 0.0, largest, 1.0)
+    kernel, scale = fit_motion.force_scan, np.where(largest > 0.0, largest, 1.0)
     candidates = [force for axis in FORCE_AXES for force in force_terms(axis, len(largest))]
     candidates += [Force(code, _term(code), len(AXES) - 1) for code in MOTOR_TERMS]
     speeds = dry_friction_speeds(blocks.model)
@@ -236,7 +236,7 @@ def _force_columns(
     return columns
 
 
-def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
+def _force_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     """Return the scan from ε (K,) of all forces to the readings divided by σ. The forces are sorted by axis; the
     last force of each axis acts sideways.  (1)"""
     n, m = blocks.model.commands, sum(s.size for s in blocks.sensors)
@@ -245,16 +245,16 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     theta, column_count = example(blocks, shape), c + len(FORCE_AXES) * (count - c)
     is_motor = np.arange(channels) < channels - blocks.model.drivetrain.servos
 
-    def pushes(epsilon: np.ndarray, phi: np.ndarray) -> Iterator[np.ndarray]:
+    def force_of_terms(epsilon: np.ndarray, phi: np.ndarray) -> Iterator[np.ndarray]:
         for k, axis in enumerate(FORCE_AXES):
             e, of_motion = epsilon[k * count : (k + 1) * count], phi[c + k * (count - c) :]
-            push = e[:c] @ phi[:c] + e[c:-1] @ of_motion[: count - c - 1]
-            yield push * np.eye(3)[axis] + e[-1] * of_motion[count - c - 1] * SIDEWAYS_AXIS
+            force = e[:c] @ phi[:c] + e[c:-1] @ of_motion[: count - c - 1]
+            yield force * np.eye(3)[axis] + e[-1] * of_motion[count - c - 1] * SIDEWAYS_AXIS
 
-    def step(epsilon: np.ndarray, state: PushedState, row: np.ndarray) -> tuple[PushedState, np.ndarray]:
+    def step(epsilon: np.ndarray, state: ForcedState, row: np.ndarray) -> tuple[ForcedState, np.ndarray]:
         tick_blocks = make_row_blocks(blocks, shape, state.theta, row)
         dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
-        push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + column_count]))
+        force = sum(force_of_terms(epsilon, row[1 + n + m : 1 + n + m + column_count]))
         mean_weights = shape.mean_weights(blocks.sensors._fields, row[1 + n + m + column_count :])
         drivetrain = tick_blocks.model.drivetrain
         effort = drivetrain.step(state.vehicle.drivetrain, u, dt_s)[1].mean
@@ -268,15 +268,15 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
             efforts = effort + drivetrain.unmix(change), effort
             nu, psi = state.vehicle.nu, state.vehicle.eta[2]
             accelerations = [tick_blocks.model.nu_dot(nu, e, psi) for e in efforts]
-            push = push + accelerations[0] - accelerations[1]
-        vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)
+            force = force + accelerations[0] - accelerations[1]
+        vehicle = state.vehicle._replace(nu=state.vehicle.nu + force * dt_s)
         vehicle, motion = tick_blocks.model.step(vehicle, u, dt_s, np.zeros(3))
         tick = motion.tick and tuple(
-            motion_k._replace(nu_dot=motion_k.nu_dot + push) for motion_k in motion.tick
+            motion_k._replace(nu_dot=motion_k.nu_dot + force) for motion_k in motion.tick
         )
-        motion = motion._replace(nu_dot=motion.nu_dot + push, tick=tick)
+        motion = motion._replace(nu_dot=motion.nu_dot + force, tick=tick)
         readings, signals = read_sensors(tick_blocks.sensors, state.signals, motion, dt_s, mean_weights)
-        next_state = PushedState(vehicle, signals, state.theta, w_lag, sign, pause, state.emf)
+        next_state = ForcedState(vehicle, signals, state.theta, w_lag, sign, pause, state.emf)
         return next_state, weight * np.concatenate(readings)
 
     rows = np.zeros(1 + n + m + column_count + WEIGHT_COLUMNS * len(shape.means) + shape.has_voltage)

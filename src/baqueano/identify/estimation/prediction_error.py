@@ -128,14 +128,14 @@ class Prediction:
         is_autocorrelated = bool(np.any(np.abs(autocorrelation) > WHITE_LIMIT))
         for slopes, is_present, record in zip(segments, masks, records, strict=True):
             block, psi = np.ix_(slopes.indices, slopes.indices), weight(slopes.e) * slopes.e
-            by_e, by_s = slopes.e_derivatives, slopes.s_derivatives
-            A[block] += _hessian_sum(psi_derivative(slopes.e), by_e) + _hessian_sum(0.25 * BETA, by_s)
-            by_channel[:, slopes.indices] += np.einsum("tmp,tmp->mp", by_e, by_e)
+            d_e, d_s = slopes.e_derivatives, slopes.s_derivatives
+            A[block] += _hessian_sum(psi_derivative(slopes.e), d_e) + _hessian_sum(0.25 * BETA, d_s)
+            by_channel[:, slopes.indices] += np.einsum("tmp,tmp->mp", d_e, d_e)
             if is_autocorrelated:
-                B[block] += autocorrelated_scores(psi, is_present, by_e, record.dt_s)
-                B[block] += _hessian_sum(0.25 * (BETA - psi * slopes.e) ** 2, by_s)
+                B[block] += autocorrelated_scores(psi, is_present, d_e, record.dt_s)
+                B[block] += _hessian_sum(0.25 * (BETA - psi * slopes.e) ** 2, d_s)
             else:
-                B[block] += gram(np.einsum("tm,tmp->tp", psi, by_e) + 0.5 * BETA * by_s.sum(axis=1))
+                B[block] += gram(np.einsum("tm,tmp->tp", psi, d_e) + 0.5 * BETA * d_s.sum(axis=1))
         samples = int(sum(is_present.sum() for is_present in masks))
         return Information(A, B, by_channel, is_autocorrelated, autocorrelation, samples)
 
@@ -192,9 +192,9 @@ def _segment_cost(slopes: InnovationDerivatives) -> Evaluation:
     """Return J of one segment, with its gradient and Hessian.  (1), (2)"""
     with np.errstate(over="ignore", invalid="ignore"):  # a model that diverges
         cost, w = float(np.sum(rho(slopes.e)) + 0.5 * BETA * np.sum(slopes.log_s)), weight(slopes.e)
-    by_e, by_s = slopes.e_derivatives, slopes.s_derivatives
-    g = _gradient_sum(w * slopes.e, by_e) + _gradient_sum(0.5 * BETA, by_s)
-    return Evaluation(cost, g, _hessian_sum(w, by_e) + _hessian_sum(0.25 * BETA, by_s))
+    d_e, d_s = slopes.e_derivatives, slopes.s_derivatives
+    g = _gradient_sum(w * slopes.e, d_e) + _gradient_sum(0.5 * BETA, d_s)
+    return Evaluation(cost, g, _hessian_sum(w, d_e) + _hessian_sum(0.25 * BETA, d_s))
 
 
 def rho(e: np.ndarray) -> np.ndarray:

@@ -108,8 +108,8 @@ class Noise(Result):
     @property
     def verdict(self) -> Verdict:
         """Return USABLE, or WARN if a value was raised to its lower limit or held-out runs disagree."""
-        disagrees = self.acceptance and self.acceptance.disagrees
-        return Verdict.WARN if self.notes or disagrees else Verdict.USABLE
+        is_inconsistent = self.acceptance and self.acceptance.is_inconsistent
+        return Verdict.WARN if self.notes or is_inconsistent else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per entry of a diagonal, with its standard deviation."""
@@ -242,7 +242,7 @@ def measure_noise(
         fields = {name: np.array(getattr(ekf, name), dtype=float) for name in FIELDS}
         metadata = np.zeros((0, 0)), fit.file.rate_hz, "innovations", tuple(notes), units
         return Noise(
-            in_motion, at_rest, *metadata, fields, speed, check, bool(layout(ekf).shows_sideways.any())
+            in_motion, at_rest, *metadata, fields, speed, check, bool(layout(ekf).measures_sideways.any())
         )
     truths = [(r, r.truth) for r in runs if r.truth is not None and len(r.truth.t_ns)]
     runs_with_truth = [r for r, truth in truths if np.isfinite(truth.nu_dot).all()]

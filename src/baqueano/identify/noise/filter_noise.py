@@ -129,7 +129,7 @@ def filter_noise(
     start = np.clip([_start(ekf, entry) for entry in free], low, high)
     x = coordinate_search(total_cost(kernel, ticks), start, low, high) if free else start
     ekf = _with_noise(ekf, free, [float(value) for value in x])
-    speed_is_measured = filter_layout.corrects(FORWARD_STATES[0]).any()
+    speed_is_measured = filter_layout.correction_mask(FORWARD_STATES[0]).any()
     if is_dynamic(ekf.vehicle):
         if speed_is_measured:
             ekf = _without_wheel_slip(ekf, fit, inertial)
@@ -194,13 +194,13 @@ def _with_accelerometer_misfit(
     products, count = lag_sums(residuals, lags)
     if np.min(count, initial=np.inf) < MIN_RESIDUALS:
         return ekf
-    white = white_std([r[np.isfinite(r)] for r in residuals])
-    fading = residual_autocorrelation(lags * dt_s, T, decay_rate)
-    variance = float(np.sum(fading * products / count) / np.sum(fading**2))
-    std_error = white**2 * float(np.sqrt(np.sum(fading**2 / count)) / np.sum(fading**2))
+    white_noise_std = white_std([r[np.isfinite(r)] for r in residuals])
+    correlation = residual_autocorrelation(lags * dt_s, T, decay_rate)
+    variance = float(np.sum(correlation * products / count) / np.sum(correlation**2))
+    std_error = white_noise_std**2 * float(np.sqrt(np.sum(correlation**2 / count)) / np.sum(correlation**2))
     std, (low, high) = np.sqrt(expected_variance(variance, std_error)), FORWARD_NOISE[0][1:]
     ekf = with_value(ekf, "disturbance_std[0]", float(np.clip(std, low, high)))
-    walk = float(min(ekf.velocity_walk_std[0], white * np.sqrt(dt_s)))
+    walk = float(min(ekf.velocity_walk_std[0], white_noise_std * np.sqrt(dt_s)))
     return with_value(ekf, "velocity_walk_std[0]", walk)
 
 
@@ -217,10 +217,10 @@ def _free_noise(
     free_noise = []
     turning_noise = TURNING_NOISE + (MOTOR_LAG_NOISE if has_motor_lag(ekf.vehicle) else ())
     for state, paths in ((FORWARD_STATES[0], FORWARD_NOISE), (TURNING_STATES[2], turning_noise)):
-        max_count = np.max(counts * filter_layout.corrects(state), initial=0)
+        max_count = np.max(counts * filter_layout.correction_mask(state), initial=0)
         count = len(paths) if max_count >= MIN_RESIDUALS else int(max_count >= MIN_READINGS)
         free_noise += [FreeNoise(*path, 1.0) for path in paths[:count]]
-    if np.max(counts * filter_layout.shows_sideways, initial=0) >= MIN_RESIDUALS:
+    if np.max(counts * filter_layout.measures_sideways, initial=0) >= MIN_RESIDUALS:
         free_noise.append(FreeNoise(*SIDEWAYS_NOISE, 1.0))
     pairs = [n for n in filter_layout.names if _is_wheel_pair(getattr(ekf.sensors, n), filter_layout, n)]
     for name in (name for name in pairs if readings[name] >= MIN_RESIDUALS):
@@ -336,11 +336,11 @@ def simulated_noise(sensors: SensorBlocks, Q: Mapping[str, np.ndarray]) -> "Json
     values: JsonObject = {}
     for name in (name for name in sensors._fields if name in Q):
         sensor, std = getattr(sensors, name), np.sqrt(np.diagonal(Q[name]))
-        by_key: JsonObject = {}
+        values_by_key: JsonObject = {}
         if has_field(sensor, "gyro_noise_std"):
-            by_key = {"accel_noise_std": std[:2].tolist(), "gyro_noise_std": float(std[2])}
+            values_by_key = {"accel_noise_std": std[:2].tolist(), "gyro_noise_std": float(std[2])}
         elif has_field(sensor, "noise_std"):
-            by_key = {"noise_std": float(np.sqrt(np.mean(std**2)))}
-        if not any(np.any(getattr(sensor, key)) for key in by_key):
-            values |= {f"sensors.{name}.{key}": value for key, value in by_key.items()}
+            values_by_key = {"noise_std": float(np.sqrt(np.mean(std**2)))}
+        if not any(np.any(getattr(sensor, key)) for key in values_by_key):
+            values |= {f"sensors.{name}.{key}": value for key, value in values_by_key.items()}
     return values

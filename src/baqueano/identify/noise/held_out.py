@@ -97,7 +97,7 @@ def speed_channels(
 
 def _origin(ekf: AugmentedEkf) -> Diagnostic:
     """Return a note with the sensors that measure the speed without an accelerometer, or with the model."""
-    channels = zip(layout(ekf).channel_entries, layout(ekf).corrects(FORWARD_STATES[0]), strict=True)
+    channels = zip(layout(ekf).channel_entries, layout(ekf).correction_mask(FORWARD_STATES[0]), strict=True)
     sensors = list(dict.fromkeys(name for (name, _), corrects in channels if corrects))
     return note("speed.of-sensors", sensors=sensors) if sensors else note("speed.of-the-model")
 
@@ -153,7 +153,7 @@ def _errors(ekf: AugmentedEkf, runs: Sequence[tuple[Run, np.ndarray, str]], back
 class NoiseVerdict(StrEnum):
     """Verdict on the noise of a filter."""
 
-    TRUE = "true"
+    CONSISTENT = "true"
     TOO_SURE = "too sure"
     TOO_CAREFUL = "too cautious"
     CANNOT_TELL = "cannot tell"
@@ -175,10 +175,10 @@ class NormalisedSquare(NamedTuple):
             return NoiseVerdict.CANNOT_TELL
         if self.low > self.close_factor:
             return NoiseVerdict.TOO_SURE
-        return NoiseVerdict.TOO_CAREFUL if self.high < 1.0 / self.close_factor else NoiseVerdict.TRUE
+        return NoiseVerdict.TOO_CAREFUL if self.high < 1.0 / self.close_factor else NoiseVerdict.CONSISTENT
 
     @property
-    def disagrees(self) -> bool:
+    def is_inconsistent(self) -> bool:
         """Return True if the filter is overconfident or conservative."""
         return self.verdict in (NoiseVerdict.TOO_SURE, NoiseVerdict.TOO_CAREFUL)
 
@@ -187,7 +187,7 @@ class Acceptance(NamedTuple):
     """Verdict of held-out runs on the noise that is written."""
 
     message: Diagnostic
-    disagrees: bool  # True if the noise still disagrees after the new estimate, or on simulated drives
+    is_inconsistent: bool  # True if the noise still disagrees after the new estimate, or on simulated drives
 
 
 def accept_or_refit(
@@ -202,19 +202,19 @@ def accept_or_refit(
     decisive = [square for square in squares if square.verdict != NoiseVerdict.CANNOT_TELL]
     if not decisive:
         return ekf, Acceptance(note("noise.too-short", runs=runs), False)
-    contradictions, code = [square for square in decisive if square.disagrees], "noise.consistent"
+    contradictions, code = [square for square in decisive if square.is_inconsistent], "noise.consistent"
     figures: JsonObject = {"runs": runs, "nis": _figures(decisive)}
     if contradictions:
         ekf, code = refit(), "noise.estimated-again"
         kernel, names = _filter_scan(ekf, backend), {square.name for square in contradictions}
         squares = channel_nis(ekf, validation_runs, kernel)
-        rejected_squares = [square for square in squares if square.name in names or square.disagrees]
+        rejected_squares = [square for square in squares if square.name in names or square.is_inconsistent]
         figures |= {"nis": _figures(contradictions), "new_nis": _figures(rejected_squares)}
-        if other_squares := [square for square in rejected_squares if square.disagrees]:
+        if other_squares := [square for square in rejected_squares if square.is_inconsistent]:
             figures |= {"states": _consistency_notes(other_squares)}
             return ekf, Acceptance(note("noise.still-inconsistent", Severity.WARNING, **figures), True)
     nees = state_nees(ekf, validation_runs[0], kernel)
-    if disagreeing_states := [square for square in nees if square.disagrees]:
+    if disagreeing_states := [square for square in nees if square.is_inconsistent]:
         figures = {"nees": _figures(nees), "states": _consistency_notes(disagreeing_states)}
         return ekf, Acceptance(note("noise.nees-inconsistent", Severity.WARNING, **figures), True)
     if nees and not contradictions:

@@ -120,7 +120,7 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str) -> tuple[np.nd
 
     def step(previous: PredictionState, row: np.ndarray) -> tuple[PredictionState, np.ndarray]:
         state, effort = drivetrain.step(previous.drivetrain, row[1 : 1 + n], row[0])
-        mu = ekf.move(row[1 + n :], previous.effort, effort, row[0])
+        mu = ekf.advance_mean(row[1 + n :], previous.effort, effort, row[0])
         return PredictionState(state, effort.last), mu[3:]
 
     kernel = scan(step, PredictionState(drivetrain.init(), np.zeros(n)), np.zeros(10 + n), backend=backend)

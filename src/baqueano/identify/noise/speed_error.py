@@ -87,8 +87,8 @@ def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> fl
     sums = np.concatenate([np.zeros((0, 2)), *(block_sums(*x) for x in _series(ekf, fit, inertial))])
     if len(sums) < MIN_BLOCKS or not np.sum(sums[:, 1]) > 0.0:
         return 1.0
-    pick = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
-    products, squares = np.moveaxis(sums[pick].sum(axis=1), 1, 0)
+    draws = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
+    products, squares = np.moveaxis(sums[draws].sum(axis=1), 1, 0)
     share = np.where(squares > 0.0, products / np.where(squares > 0.0, squares, 1.0), 1.0)
     return float(np.clip(np.quantile(share, UPPER_QUANTILE), MIN_SHARE, 1.0))
 

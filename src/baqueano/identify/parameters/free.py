@@ -8,7 +8,7 @@ command pushes the vehicle sideways: an IMU shows the speed only in turns, so wi
 the speed of the turns. A gain of 0 along an axis that no command drives stays fixed, and the mount of a sensor is free
 in its place (`_mounts`). A delay has the value in the file; a free delay is searched tick by tick (delay.py). A free
 value that is off in the file (a lag of 0, a limit of infinity) starts at a value with an effect (`enable_parameters`).
-Columns of a matrix whose command never moved cannot be identified: `frozen_columns` returns them.
+Columns of a matrix whose command never moved cannot be identified: `fixed_columns` returns them.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -70,7 +70,7 @@ class FreeParameter(NamedTuple):
     is_numerical_bound: bool = False
 
     @property
-    def short(self) -> str:
+    def short_name(self) -> str:
         """Return the path in its short form for people."""
         return self.path.removeprefix("model.")
 
@@ -113,12 +113,12 @@ def default_free(blocks: FittedBlocks, channels: Mapping[str, Sequence[int]] = N
     paths = [p for path in field_paths for p in entries(blocks, path) if not _is_undriven(blocks, p)]
     for path, p in fields:
         terms = entries(blocks, path) if p.role in TERM_ROLES else []
-        is_needed = p.role == "rolling" and _only_rolls(blocks)
+        is_needed = p.role == "rolling" and _has_no_sideslip(blocks)
         paths += [entry for entry in terms if is_needed or value(blocks, entry) != p.neutral]
     return paths + _mounts(blocks, channels)
 
 
-def _only_rolls(blocks: FittedBlocks) -> bool:
+def _has_no_sideslip(blocks: FittedBlocks) -> bool:
     """Return True for a dynamic model that no command pushes sideways."""
     return optional.is_dynamic(blocks.model) and SIDEWAYS not in driven_axes(blocks)
 
@@ -133,7 +133,7 @@ def _is_undriven(blocks: FittedBlocks, path: str) -> bool:
 def _mounts(blocks: FittedBlocks, channels: Mapping[str, Sequence[int]]) -> list[str]:
     """Return the paths of the mounts of the sensors. A straight acceleration of a vehicle that no command pushes
     sideways shows how its accelerometers are turned; otherwise a turned sensor and such a push look alike."""
-    if not _only_rolls(blocks):
+    if not _has_no_sideslip(blocks):
         return []
     motion, paths = Motion(GENERAL_MOTION[:3], GENERAL_MOTION[3:6], GENERAL_MOTION[6:], np.zeros(2)), []
     for name, sensor in blocks.sensors._asdict().items():
@@ -357,7 +357,7 @@ def substitute(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> Fitt
     return blocks
 
 
-def frozen_columns(free: list[FreeParameter], u: np.ndarray) -> list[int]:
+def fixed_columns(free: list[FreeParameter], u: np.ndarray) -> list[int]:
     """Return the indices of free parameters that belong to a command which is 0 in all rows of u (N, n)."""
     is_unused = ~np.any(u != 0.0, axis=0)
     return [k for k, parameter in enumerate(free) if parameter.column in np.flatnonzero(is_unused)]

@@ -35,8 +35,8 @@ from baqueano.identify.parameters.free import (
     FreeParameter,
     enable_parameters,
     entries,
+    fixed_columns,
     free_parameter,
-    frozen_columns,
     has_offset,
     value,
 )
@@ -154,7 +154,7 @@ class Parameters:
 
     blocks: FittedBlocks  # prepared for the free parameters
     requested_parameters: tuple[FreeParameter, ...]  # (q,) all requested parameters
-    frozen_indices: tuple[int, ...]  # indices of parameters whose command never moved; they are not in θ
+    fixed_indices: tuple[int, ...]  # indices of parameters whose command never moved; they are not in θ
     records: tuple[FitRecord, ...]  # per segment
     shape: ThetaShape
     layout: ThetaLayout
@@ -163,14 +163,14 @@ class Parameters:
     high: np.ndarray  # (p,)
 
     @property
-    def in_theta(self) -> list[int]:
+    def theta_indices(self) -> list[int]:
         """Return the indices of the requested parameters that are in θ."""
-        return [k for k in range(len(self.requested_parameters)) if k not in self.frozen_indices]
+        return [k for k in range(len(self.requested_parameters)) if k not in self.fixed_indices]
 
     @property
     def free(self) -> list[FreeParameter]:
         """Return the requested parameters that are in θ; they are its first entries, in order."""
-        return [self.requested_parameters[k] for k in self.in_theta]
+        return [self.requested_parameters[k] for k in self.theta_indices]
 
 
 def fit_parameters(
@@ -192,20 +192,20 @@ def fit_parameters(
         if len(run.applied_commands) and not np.any(np.isfinite(run.applied_commands)):
             raise UsageError(fault("runs.no-command", run=run.name))
     u = np.nan_to_num(np.concatenate([run.applied_commands for run in runs]))
-    frozen_numbers = frozen_columns(list(requested_parameters), u)
-    if (requested_parameters and len(frozen_numbers) == len(requested_parameters)) or not np.any(u):
+    fixed_numbers = fixed_columns(list(requested_parameters), u)
+    if (requested_parameters and len(fixed_numbers) == len(requested_parameters)) or not np.any(u):
         raise UsageError(fault("runs.all-still", baqueano_command("runs", "calibrate", runs[0].name)))
     blocks, requested_parameters = enable_parameters(
         blocks, list(requested_parameters), rate_hz, u, past_row_counter(runs)
     )
-    free = [parameter for k, parameter in enumerate(requested_parameters) if k not in frozen_numbers]
+    free = [parameter for k, parameter in enumerate(requested_parameters) if k not in fixed_numbers]
     has_effect = any(parameter.path == BATTERY_EFFECT for parameter in free)
     records = with_voltage(make_records(runs, blocks, channels, options), runs, blocks, has_effect)
     shape = theta_shape(blocks, free, records, options)
     layout = theta_layout(shape, records)
     begin = start_theta(blocks, free, shape, records, options)
     return Parameters(
-        blocks, tuple(requested_parameters), tuple(frozen_numbers), tuple(records), shape, layout, *begin
+        blocks, tuple(requested_parameters), tuple(fixed_numbers), tuple(records), shape, layout, *begin
     )
 
 

@@ -106,8 +106,10 @@ def filter_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
         is_present = np.where(weight > 0.0, 1.0, 0.0)
         Q = np.exp(2.0 * noise[len(axes) :])
         correction = correct(P, y, H, Q, weight=lambda _c, e, _s: 1.0 / (1.0 + (e / GATE) ** 8))  # (3)
-        signals, previous_h = _corrected_signals(lines, jacobians, correction.move, shape.sample_fraction)
-        eta, nu = _corrected_state(predicted_mean, correction.move)
+        signals, previous_h = _corrected_signals(
+            lines, jacobians, correction.mean_change, shape.sample_fraction
+        )
+        eta, nu = _corrected_state(predicted_mean, correction.mean_change)
         vehicle = state.vehicle._replace(eta=eta, nu=nu, drivetrain=drivetrain)
         return FilterState(vehicle, correction.cov, signals, previous_h), np.concatenate(
             [correction.e, is_present * np.log(correction.s)]

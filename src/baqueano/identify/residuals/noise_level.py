@@ -43,7 +43,7 @@ def robust_sigma(
     m = residuals[0].shape[1]
     sigma = np.zeros(m)
     for c in range(m):
-        x = np.concatenate([r[presence[:, c] > 0.0, c] for r, presence in zip(residuals, masks, strict=True)])
+        x = np.concatenate([r[mask[:, c] > 0.0, c] for r, mask in zip(residuals, masks, strict=True)])
         x = np.abs(x[np.isfinite(x)])
         sigma[c] = MAD * np.median(x) if len(x) else 0.0
     return np.maximum(sigma, floor)
@@ -56,20 +56,20 @@ def informative_rows(
     the largest measurement. A channel that would keep fewer than MIN_MEASUREMENTS rows is unchanged."""
     largest = _largest(z, masks)
     informative = [
-        presence * ~((v == 0.0) & (np.abs(r) <= STILL_FRACTION * largest))
-        for r, presence, v in zip(residuals, masks, z, strict=True)
+        mask * ~((v == 0.0) & (np.abs(r) <= STILL_FRACTION * largest))
+        for r, mask, v in zip(residuals, masks, z, strict=True)
     ]
-    has_enough = np.sum([presence.sum(axis=0) for presence in informative], axis=0) >= MIN_MEASUREMENTS
+    has_enough = np.sum([mask.sum(axis=0) for mask in informative], axis=0) >= MIN_MEASUREMENTS
     return [
-        np.where(has_enough, is_telling, presence)
-        for is_telling, presence in zip(informative, masks, strict=True)
+        np.where(has_enough, is_informative, mask)
+        for is_informative, mask in zip(informative, masks, strict=True)
     ]
 
 
 def _largest(z: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.ndarray:
     """Return the largest absolute measurement (m,) of each channel over all segments."""
     return np.max(
-        [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, masks, strict=True)],
+        [np.max(np.abs(v * mask), axis=0, initial=0.0) for v, mask in zip(z, masks, strict=True)],
         axis=0,
     )
 
@@ -83,7 +83,7 @@ def min_sigma(blocks: "ByName[Tree]", z: Sequence[np.ndarray], masks: Sequence[n
 
 def rare_channel_sigma(blocks: "ByName[Tree]", masks: Sequence[np.ndarray]) -> np.ndarray:
     """Return σ (m,) from the covariance of the sensor blocks for channels with fewer than MIN_MEASUREMENTS, else 0."""
-    count = np.sum([presence.sum(axis=0) for presence in masks], axis=0)
+    count = np.sum([mask.sum(axis=0) for mask in masks], axis=0)
     return np.where(count < MIN_MEASUREMENTS, sensor_sigma(blocks), 0.0)
 
 

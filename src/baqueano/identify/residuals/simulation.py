@@ -116,7 +116,7 @@ class Residuals:
         """Set the meaning of θ, and every value that depends on it."""
         self.shape, self.scan = shape, self._kernel(shape, backend)
         self.layout = theta_layout(shape, self.records)
-        self._index, self._places = self.layout.indices, arrow_layout(self.layout)
+        self._index, self._arrow_layout = self.layout.indices, arrow_layout(self.layout)
         self.size = self.layout.size
         self._prior = self._start_prior()
         self._results: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
@@ -188,7 +188,7 @@ class Residuals:
         parts = self._map_segments(
             lambda rows, index: Evaluation(*self.scan.normal_equations(rows, theta[index], HUBER))
         )
-        return segment_sum(parts, self._index, theta, self._prior, self._places)
+        return segment_sum(parts, self._index, theta, self._prior, self._arrow_layout)
 
     def at_estimate(self, theta: np.ndarray) -> Self:
         """Return the residuals with every value that depends on a fit, computed at θ (p,)."""

@@ -83,17 +83,17 @@ def assemble_fit(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     evidence = _without_autocorrelation(basis.evidence) if end.is_explained_by_floor else basis.evidence
     verdict, reasons = fit_verdict(evidence._replace(bound=basis.bound_excess))
     s = len(problem.shape.shared_paths)
-    requested_parameters, in_theta = end.parameters.requested_parameters, end.parameters.in_theta
+    requested_parameters, theta_indices = end.parameters.requested_parameters, end.parameters.theta_indices
     shared_cov, unmodelled_cov = np.full((2, len(requested_parameters), len(requested_parameters)), np.nan)
-    shared_entries, run_std = np.ix_(in_theta, in_theta), np.sqrt(np.diagonal(basis.cov))
+    shared_entries, run_std = np.ix_(theta_indices, theta_indices), np.sqrt(np.diagonal(basis.cov))
     unmodelled_cov[shared_entries] = basis.diagnosis.unmodelled_cov
     shared_cov[shared_entries] = basis.cov[:s, :s] + basis.diagnosis.unmodelled_cov
     run_entry_names, run_values, run_entry_std = _run_entries(problem, solution.theta, run_std)
     commands = end.vehicle_file.command.names
     shifts = np.zeros((len(end.fixed.paths), len(requested_parameters)))
-    shifts[:, in_theta] = end.fixed.shifts[:, :s]
+    shifts[:, theta_indices] = end.fixed.shifts[:, :s]
     start = np.array([value(end.blocks, parameter.path) for parameter in requested_parameters])
-    start[in_theta] = end.task.start[: len(in_theta)]
+    start[theta_indices] = end.task.start[: len(theta_indices)]
     fit = Fit(
         names=evidence.names,
         units=tuple(parameter.unit for parameter in requested_parameters),
@@ -169,7 +169,7 @@ def _evidence(
         _requested_order(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
         _requested_order(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
         _requested_order(end, end.identifiability.poorly_identified[:s], frozen_value=False).astype(bool),
-        len(end.parameters.frozen_indices),
+        len(end.parameters.fixed_indices),
         unobservable_terms,
         channels,
         group_channels(channels, has_one_mean(end.task.problem)),
@@ -227,7 +227,7 @@ def _runs(problem: Residuals) -> tuple[str, ...]:
 def _requested_order(end: FinishedFit, values: np.ndarray, frozen_value: float) -> np.ndarray:
     """Return the shared `values` in the order of `requested_parameters`, `frozen_value` for frozen ones."""
     ordered_values = np.full(len(end.parameters.requested_parameters), frozen_value, dtype=float)
-    ordered_values[end.parameters.in_theta] = values
+    ordered_values[end.parameters.theta_indices] = values
     return ordered_values
 
 
@@ -259,7 +259,7 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
     """Return findings on parameters that a better run would show, and findings on parameters that no run can show."""
     unobservable_terms, never_shown = [], []
     columns: dict[int, list[FreeParameter]] = {}
-    for parameter in (end.parameters.requested_parameters[k] for k in end.parameters.frozen_indices):
+    for parameter in (end.parameters.requested_parameters[k] for k in end.parameters.fixed_indices):
         assert parameter.column is not None
         columns.setdefault(parameter.column, []).append(parameter)
     n, drivetrain = len(end.vehicle_file.command.names), end.blocks.model.drivetrain

@@ -243,13 +243,13 @@ class Fit(Result):
         return rows
 
     def __repr__(self) -> str:
-        identified_count, rows_ = int(np.isfinite(self.estimate).sum()), self.rows()
+        identified_count, table_rows = int(np.isfinite(self.estimate).sum()), self.rows()
         runs = self.runs[0] if len(self.runs) == 1 else _("{runs} runs", runs=len(self.runs))
-        numbers = {"runs": runs, "count": identified_count, "parameters": len(rows_)}
+        numbers = {"runs": runs, "count": identified_count, "parameters": len(table_rows)}
         head = text(note("front.fit", vehicle=self.file.name, **numbers))
-        names = [row["name"].removeprefix("model.") for row in rows_]
+        names = [row["name"].removeprefix("model.") for row in table_rows]
         width, rows = max(map(len, names)), []
-        for name, row in zip(names, rows_, strict=True):
+        for name, row in zip(names, table_rows, strict=True):
             if row["estimate"] is None:
                 continue
             value = round_to_error(row["estimate"], row["std"])
@@ -367,15 +367,15 @@ def row_remarks(row: dict[str, Any]) -> str:
     value, std = row["estimate"], row["std"]
     if value is None:
         return _("not identifiable, fixed at {start:.4g}", start=row["start"])
-    texts_ = [_(BOUNDS[row["bound"]])] if row["bound"] else []
-    texts_ += [_("poorly identified")] if row["identifiable"] == "poorly" else []
+    row_texts = [_(BOUNDS[row["bound"]])] if row["bound"] else []
+    row_texts += [_("poorly identified")] if row["identifiable"] == "poorly" else []
     if std is None:
-        texts_.append(_("its error is unknown"))
+        row_texts.append(_("its error is unknown"))
     elif abs(value) < QUANTILE_95 * std:
-        texts_.append(_("may be 0"))
+        row_texts.append(_("may be 0"))
     elif abs(value) < 2.0 * QUANTILE_95 * std:
-        texts_.append(_("roughly, ± {percent:.0f} %", percent=100.0 * QUANTILE_95 * std / abs(value)))
-    return ", ".join(texts_)
+        row_texts.append(_("roughly, ± {percent:.0f} %", percent=100.0 * QUANTILE_95 * std / abs(value)))
+    return ", ".join(row_texts)
 
 
 def verdict_lines(fit: Any, reported: bool = False) -> list[str]:

@@ -56,33 +56,33 @@ class ObjectiveChoice(NamedTuple):
 
     cost: str  # "simulation" or "innovations"
     reason: Diagnostic
-    explains: bool  # True if process noise explains the residuals of the simulation
-    contradicted: bool = False  # True if two different fits or a larger error contradict process noise
+    is_explained: bool  # True if process noise explains the residuals of the simulation
+    is_contradicted: bool = False  # True if two different fits or a larger error contradict process noise
 
 
 def choose_objective(
-    likely: MaximumLikelihood,
+    optimum: MaximumLikelihood,
     axes: Sequence[int],
     comparison: "LeaveOneOutComparison | None",
     times: np.ndarray,
 ) -> ObjectiveChoice:
     """Return the choice of the cost. `times` (m,) is the sensor noise without the process noise, relative to the noise
     in the file; 0 if the file does not contain it."""
-    chance = f"{number(likely.p_value):.2g}" if likely.p_value >= 1e-6 else "< 1e-6"
-    odds: JsonObject = {"ratio": float(likely.ratio), "chance": chance}
-    if likely.p_value >= FLOOR_P_VALUE:
-        return ObjectiveChoice("simulation", note("cost.floor-still", **odds), False)
-    odds["floor"] = _process_noise_text(likely, axes)
+    chance = f"{number(optimum.p_value):.2g}" if optimum.p_value >= 1e-6 else "< 1e-6"
+    figures: JsonObject = {"ratio": float(optimum.ratio), "chance": chance}
+    if optimum.p_value >= FLOOR_P_VALUE:
+        return ObjectiveChoice("simulation", note("cost.floor-still", **figures), False)
+    figures["floor"] = _process_noise_text(optimum, axes)
     if comparison is None:
-        return ObjectiveChoice("simulation", note("cost.too-short", **odds), False)
+        return ObjectiveChoice("simulation", note("cost.too-short", **figures), False)
     difference, name = comparison.largest_change
-    details = odds | {"difference": difference, "open_loop": _open_loop(comparison)}
+    details = figures | {"difference": difference, "open_loop": _open_loop(comparison)}
     if difference > comparison.limit or comparison.is_worse:
         return ObjectiveChoice("simulation", note("cost.neither", subject=name, **details), False, True)
-    explains = not likely.info.autocorrelated and not np.any(times > MAX_NOISE_RATIO)
+    is_explained = not optimum.info.autocorrelated and not np.any(times > MAX_NOISE_RATIO)
     if comparison.is_better:
-        return ObjectiveChoice("innovations", note("cost.innovations", **details), explains)
-    return ObjectiveChoice("simulation", note("cost.simulation", **details), explains)
+        return ObjectiveChoice("innovations", note("cost.innovations", **details), is_explained)
+    return ObjectiveChoice("simulation", note("cost.simulation", **details), is_explained)
 
 
 def _open_loop(comparison: "LeaveOneOutComparison") -> Diagnostic:
@@ -93,10 +93,10 @@ def _open_loop(comparison: "LeaveOneOutComparison") -> Diagnostic:
     return note(code, percent=abs(comparison.cost_increase_percent))
 
 
-def _process_noise_text(likely: MaximumLikelihood, axes: Sequence[int]) -> str:
+def _process_noise_text(optimum: MaximumLikelihood, axes: Sequence[int]) -> str:
     """Return the process noise with its error, axis by axis, as text."""
     messages = []
-    for axis, v, std in zip(axes, likely.noise.floor, likely.floor_std, strict=True):
+    for axis, v, std in zip(axes, optimum.noise.floor, optimum.floor_std, strict=True):
         if v > 0.0:
             error = f" ± {number(std / (2.0 * np.sqrt(v))):.1g}" if np.isfinite(std) else ""
             messages.append(f"{number(float(np.sqrt(v))):.2g}{error} {UNITS[axis]}")
@@ -178,13 +178,13 @@ def leave_one_out(
     cost = [_cost(block, change) for block, change in zip(simulation, changes[0], strict=True)]
     other_cost = [_cost(block, change) for block, change in zip(innovation, changes[1], strict=True)]
     names = problem.shape.shared_paths
-    common = np.intersect1d(identifiable, free)
-    common = common[common < len(names)]
-    delta = changes[0][:, common] - changes[1][:, common]
+    shared_indices = np.intersect1d(identifiable, free)
+    shared_indices = shared_indices[shared_indices < len(names)]
+    delta = changes[0][:, shared_indices] - changes[1][:, shared_indices]
     std = np.sqrt(np.diagonal(change_covariance(delta)))
-    difference = np.abs(theta[common] - x[common]) / np.maximum(std, 1e-300)
+    difference = np.abs(theta[shared_indices] - x[shared_indices]) / np.maximum(std, 1e-300)
     return LeaveOneOutComparison(
-        np.subtract(other_cost, cost), float(np.sum(cost)), difference, [names[k] for k in common]
+        np.subtract(other_cost, cost), float(np.sum(cost)), difference, [names[k] for k in shared_indices]
     )
 
 
@@ -210,13 +210,13 @@ def _innovation_blocks(
             derivatives = _eliminate_start(derivatives, problem)
         for a, b in pairwise(block_edges(record, block_s, len(r))):
             e = derivatives.e[a:b].ravel()
-            by_e, by_s, by_r = (
+            d_e, d_s, d_r = (
                 x[a:b].reshape(-1, x.shape[2])
                 for x in (derivatives.e_derivatives, derivatives.s_derivatives, d)
             )
-            g = (weight(e) * e) @ by_e + 0.5 * BETA * by_s.sum(axis=0)
-            A = gram(by_e, psi_derivative(e)) + 0.25 * BETA * gram(by_s)
-            yield _ObjectiveBlock(g, A, derivatives.indices, r[a:b].ravel(), by_r, entries)
+            g = (weight(e) * e) @ d_e + 0.5 * BETA * d_s.sum(axis=0)
+            A = gram(d_e, psi_derivative(e)) + 0.25 * BETA * gram(d_s)
+            yield _ObjectiveBlock(g, A, derivatives.indices, r[a:b].ravel(), d_r, entries)
 
 
 def _eliminate_start(derivatives: InnovationDerivatives, problem: Residuals) -> InnovationDerivatives:

@@ -74,7 +74,7 @@ def fit_verdict(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
 def remarks(e: Evidence) -> list[Diagnostic]:
     """Return notes that do not change the verdict. `e.bound` marks parameters that can be at a bound by chance."""
     notes = _select_findings(e, Severity.INFO)
-    notes += unlike_runs(e.channel_runs, small=True)
+    notes += contradicting_runs(e.channel_runs, is_slow=True)
     notes += [_bound_note(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
     for label, (n, highs, lows) in zip(_labels(e), _outlier_counts(e), strict=True):
         outlier_share = (highs + lows) / max(n, 1)
@@ -160,7 +160,7 @@ def _warnings(e: Evidence) -> list[Diagnostic]:
         names = ", ".join(e.names[k].removeprefix("model.") for k in np.flatnonzero(e.poorly_identified))
         warnings.append(note("fit.poor", WARNING, names=names))
         warnings += e.weak_reasons
-    warnings += unlike_runs(e.channel_runs, small=False)
+    warnings += contradicting_runs(e.channel_runs, is_slow=False)
     if e.unobservable:
         warnings.append(note("fit.unidentifiable", WARNING, count=len(e.unobservable)))
     subjects = {message.subject for message in e.messages if message.code == "residual.autocorrelated"}
@@ -282,8 +282,8 @@ def run_sum(runs: Sequence[RunChannel]) -> RunChannel:
     return RunChannel("", squares, moved2, samples)
 
 
-def unlike_runs(channels: dict[str, list[RunChannel]], small: bool) -> list[Diagnostic]:
-    """Return findings on runs that are unlike the model in a channel that other runs support. If `small`, these are
+def contradicting_runs(channels: dict[str, list[RunChannel]], is_slow: bool) -> list[Diagnostic]:
+    """Return findings on runs that are unlike the model in a channel that other runs support. If `is_slow`, these are
     runs that moved by less than the model's error in the other runs. Otherwise they are runs that moved more and
     differ significantly."""
     findings = []
@@ -294,11 +294,11 @@ def unlike_runs(channels: dict[str, list[RunChannel]], small: bool) -> list[Diag
         total, outliers = run_sum(like_runs), []
         for channel in (channel for channel in runs if channel.contradicts_model):
             is_quiet = channel.signal_squares * total.samples <= total.squares * channel.samples
-            if is_quiet == small and (small or _is_significantly_larger(channel, like_runs, len(runs))):
+            if is_quiet == is_slow and (is_slow or _is_significantly_larger(channel, like_runs, len(runs))):
                 outliers.append(channel.run)
         if outliers:
             code, severity = (
-                ("runs.little-motion", Severity.INFO) if small else ("runs.unlike-model", Severity.WARNING)
+                ("runs.little-motion", Severity.INFO) if is_slow else ("runs.unlike-model", Severity.WARNING)
             )
             run_names = ", ".join(outliers[:MAX_NAMED_RUNS]) + ", …" * (len(outliers) > MAX_NAMED_RUNS)
             findings.append(

@@ -98,8 +98,8 @@ class _Map:
             if poses is not None
         ]
         xy = np.concatenate(poses_list)
-        widest = 0.0 if scene.half_m is None else float(np.nanmax(scene.half_m, initial=0.0))
-        margin_m = max(scene.radius_m, widest) * 1.15
+        max_half_width_m = 0.0 if scene.half_m is None else float(np.nanmax(scene.half_m, initial=0.0))
+        margin_m = max(scene.radius_m, max_half_width_m) * 1.15
         low, high = xy.min(axis=0) - margin_m, xy.max(axis=0) + margin_m
         self.scale = float(
             min((MAP_SIZE_PX - MARGIN) / (high[0] - low[0]), (HEIGHT_PX - 2 * MARGIN) / (high[1] - low[1]))
@@ -263,7 +263,7 @@ def _legend(scene: Scene, y: float) -> list[str]:
 def _fit_parts(partial_fits: Sequence[PartialFit], labels: Sequence[str], clock: _Clock) -> list[str]:
     """Return the intervals, which narrow from stage to stage, and the duration and verdict of each stage."""
     x, zero, top = MAP_SIZE_PX + 50, WIDTH_PX - MARGIN - AXIS - 8, 98.0
-    each_s = (clock.begin_s - 0.4) / len(partial_fits)
+    step_s = (clock.begin_s - 0.4) / len(partial_fits)
     title, subtitle = _("Learning during a drive"), _("error bars of the fit, 95 %; dotted: the truth")
     elements = [f'<text class="title" x="{x}" y="46">{escape(title)}</text>']
     elements.append(f'<text class="soft" x="{x}" y="66">{escape(subtitle)}</text>')
@@ -279,9 +279,9 @@ def _fit_parts(partial_fits: Sequence[PartialFit], labels: Sequence[str], clock:
         y = top + ROW * row + 6
         css = [_interval(partial_fit, row) for partial_fit in partial_fits]
         steps = [
-            (k * each_s + delay_s, style)
+            (k * step_s + delay_s, style)
             for k, style in enumerate(css)
-            for delay_s in (0.35 * (k > 0), each_s)
+            for delay_s in (0.35 * (k > 0), step_s)
         ]
         style = clock.animate(f"b{row}", [(0.0, css[0]), *steps[1:], (clock.period_s, css[-1])])
         elements.append(
@@ -290,7 +290,7 @@ def _fit_parts(partial_fits: Sequence[PartialFit], labels: Sequence[str], clock:
         )
     for k, partial_fit in enumerate(partial_fits):
         is_last = k == len(partial_fits) - 1
-        style = clock.show_between(f"s{k}", k * each_s, clock.period_s if is_last else (k + 1) * each_s)
+        style = clock.show_between(f"s{k}", k * step_s, clock.period_s if is_last else (k + 1) * step_s)
         tone = "good" if partial_fit.verdict == "USABLE" else "warn"
         drive = _("{seconds:.0f} s of drive", seconds=partial_fit.seconds)
         elements.append(
