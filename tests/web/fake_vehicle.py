@@ -52,10 +52,10 @@ class FakeLink:
 @asynccontextmanager
 async def live_page(tmp_path, **options):
     """Serve a fake vehicle."""
-    link, lab, shelf = FakeLink(), WorkerClient(), RunList(tmp_path)
+    link, lab, run_list = FakeLink(), WorkerClient(), RunList(tmp_path)
     live = Live(link, lambda: server.visitors)
-    page = BrowserPage(lab, shelf, lambda: server.guard, live=live)
-    server = Server(page.receive, page.on_disconnect, shelf.content_at, **options)
+    page = BrowserPage(lab, run_list, lambda: server.guard, live=live)
+    server = Server(page.receive, page.on_disconnect, run_list.content_at, **options)
     live.send_hello = lambda visitor: page.send_hello(visitor, live.hello(visitor))
     server.foxglove = live.foxglove
     live.begin()
@@ -72,7 +72,7 @@ async def live_page(tmp_path, **options):
         await asyncio.gather(hearing, return_exceptions=True)
         await live.identifying.close()
         await page.close()
-        await shelf.close()
+        await run_list.close()
         await lab.close()
 
 

@@ -55,15 +55,15 @@ async def recorded_page(folder: Path, *runs_open: str, **options: Any) -> AsyncI
     """Serve the runs of a folder."""
     lab = WorkerClient()
     paths = tuple((folder / f"{name}.mcap").resolve() for name in runs_open)
-    shelf = RunList(folder, paths)
-    page = BrowserPage(lab, shelf, lambda: server.guard, paths)
-    server = Server(page.receive, page.on_disconnect, shelf.content_at, **options)
+    run_list = RunList(folder, paths)
+    page = BrowserPage(lab, run_list, lambda: server.guard, paths)
+    server = Server(page.receive, page.on_disconnect, run_list.content_at, **options)
     try:
         async with server:
             yield server
     finally:
         await page.close()
-        await shelf.close()
+        await run_list.close()
         await lab.close()
 
 

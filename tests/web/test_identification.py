@@ -180,7 +180,7 @@ async def test_the_rows_of_a_drive_are_sent_to_the_worker_each_second(monkeypatc
     identifying.begin(["t", "u.0"])
     identifying.add_rows([[0.0, 0.0]])
     identifying.set_subscription(visitor, True)
-    await identifying._asking
+    await identifying._request_task
     assert waits == [1.0] * 5
     assert messages_sent == [1] * 5
     assert [word["busy"] for word in visitor.words] == [True, *[False] * 5]  # before the first answer
@@ -258,7 +258,7 @@ async def test_a_page_shows_identification_while_answering_other_requests(tmp_pa
             # a browser on another screen receives nothing
             assert (await second.next("answer", "identify"))["type"] == "answer"
             await visitor.send("identify", on=False)
-            await until(lambda: not live.identifying._looking)
+            await until(lambda: not live.identifying._viewers)
             link.on_word({"type": "frame", "x": [[None] * len(names)]})
 
 

@@ -292,7 +292,7 @@ async def test_the_end_of_the_service_is_reported_to_all_browsers(tmp_path):
         await visitor.send("stop")
         assert (await visitor.next("refused"))["code"] == "web.service-ended"
         live._state = {"type": "state", "state": "STOPPED", "reason": stop(StopReason.SERVICE_ENDED)}
-        live._changed = True
+        live._has_changed = True
         assert (await visitor.next("state", state="STOPPED"))["severity"] == "error"
 
 

@@ -40,7 +40,7 @@ def test_a_fetched_run_is_listed_although_its_route_fails(robot, tmp_path):
         files._lab = OwnWorker()
         files.expect("1", "teach", {"name": "ring"})
         files.fetch({"id": "1", "run": "a", "reason": None}, lambda *report: reports.append(report))
-        await asyncio.gather(*files._fetching)
+        await asyncio.gather(*files._fetch_tasks)
         return reports
 
     ((message, routes),) = asyncio.run(fetched())

@@ -43,19 +43,19 @@ class DoorClient:
         self.hz, self.turn = 0.0, 0  # frames per second; the period in which the last frame was sent
         # the drive that was described to the client, and the number of its rows that were sent
         self.drive, self.sent_row_count = -1, 0
-        self._coming = bytearray()  # the beginning of a line
+        self._partial_line = bytearray()  # the beginning of a line
         self._due_s = 0.0  # time until which a long line needs no more bytes
         self._backlog = 0  # bytes of the waiting lines, without the mission
         # a line longer than MAX_SHORT_LINE_BYTES waits, after which heartbeats must not be dropped
         self._mission = False
         self._unsent_lines: deque[bytes] = deque()
-        self._sent_bytes, self._waiting = 0, 0  # bytes sent of the first message; bytes of all messages
+        self._sent_bytes, self._queued_bytes = 0, 0  # bytes sent of the first message; bytes of all messages
         self._lock = threading.Lock()
 
     @property
     def partial_line_bytes(self) -> int:
         """Return the number of bytes of the last line, which is not complete yet."""
-        return len(self._coming)
+        return len(self._partial_line)
 
     @property
     def has_stalled(self) -> bool:
@@ -68,17 +68,17 @@ class DoorClient:
     @property
     def can_be_mission(self) -> bool:
         """Return False if the last line, longer than MAX_SHORT_LINE_BYTES, cannot become a mission."""
-        return MISSION_PATTERN.search(self._coming, 0, MAX_SHORT_LINE_BYTES) is not None
+        return MISSION_PATTERN.search(self._partial_line, 0, MAX_SHORT_LINE_BYTES) is not None
 
     @property
     def is_overloaded(self) -> bool:
         """Return True if too many bytes wait to be sent to the client.  (2)"""
-        return self._waiting > MAX_PENDING_BYTES
+        return self._queued_bytes > MAX_PENDING_BYTES
 
     @property
     def pending_bytes(self) -> int:
         """Return the number of bytes that wait to be sent to the client."""
-        return self._waiting
+        return self._queued_bytes
 
     @property
     def has_output(self) -> bool:
@@ -93,7 +93,7 @@ class DoorClient:
         """Append an encoded message to the queue of messages to send."""
         with self._lock:
             self._unsent_lines.append(line)
-            self._waiting += len(line)
+            self._queued_bytes += len(line)
 
     def receive(self) -> Iterator[bytes]:
         """Receive bytes; yield each line that is a stop, and put the other lines into `lines`.  (1)
@@ -109,11 +109,11 @@ class DoorClient:
         now_s = time.monotonic()
         self._due_s = min(max(self._due_s, now_s) + len(data) / MIN_RATE_BYTES_S, now_s + MAX_PAUSE_S)
         head, newline, remainder = data.partition(b"\n")
-        self._coming += head
+        self._partial_line += head
         if not newline:
             return
-        first_part, (middle_part, separator, tail) = bytes(self._coming), remainder.rpartition(b"\n")
-        self._coming = bytearray(tail)
+        first_part, (middle_part, separator, tail) = bytes(self._partial_line), remainder.rpartition(b"\n")
+        self._partial_line = bytearray(tail)
         if (
             len(self.lines) >= MAX_BACKLOG
             and not STOP_PATTERN.search(first_part)
@@ -160,4 +160,4 @@ class DoorClient:
                     return
                 if self._sent_bytes >= len(first_line):
                     self._unsent_lines.popleft()
-                    self._waiting, self._sent_bytes = self._waiting - len(first_line), 0
+                    self._queued_bytes, self._sent_bytes = self._queued_bytes - len(first_line), 0

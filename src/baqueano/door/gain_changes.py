@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from baqueano.signals import Command, Estimate, Reference
 
 SOURCE, SWAP, ROOM = "set", "swap", "controller"
-PACE, WHO = "guide.pace", "holder"
+PACE, HOLDER = "guide.pace", "holder"
 MAX_INTEGER = 2**53  # every smaller integer is exact as a float
 
 
@@ -141,6 +141,6 @@ class ChangeObserver(Observer):
             pace = float("nan")
         if not 0.0 <= pace <= 1.0:
             raise Invalid(fault("door.guide-pace", value=repr(value)[:80]))
-        self._set_pace(WHO, pace)
+        self._set_pace(HOLDER, pace)
         old_pace, self._pace = self._pace, pace
         return note("door.set", path=path, former_value=str(old_pace), value=str(pace))

@@ -37,7 +37,7 @@ class Operator:
         self._holder: Any = None
         self._missions: deque[tuple[str, bool, str]] = deque(maxlen=1)
         self._stop: Diagnostic | None = None
-        self._quit, self.clear_requested = False, False  # the last: a client has requested to clear a stop
+        self._quit, self.is_clear_requested = False, False  # the last: a client has requested to clear a stop
         self._marks = 0
         self._changes: deque[tuple[str, object]] = deque(maxlen=MAX_CHANGES)
         self._busy = False  # a mission is driven or waits
@@ -90,8 +90,8 @@ class Operator:
     def queue_mission(self, client: object, mission: str, *, attended: bool = True, name: str = "") -> None:
         """Make `client` the holder, and queue its mission in JSON. Raise SafetyStop as `check_admission` does.
 
-        The client recognises the messages about its mission by `name`. `attended` is True if the silence of the holder
-        stops the mission.
+        The client recognises the messages about its mission by `name`. `attended` is True if the silence of the
+        holder stops the mission.
         """
         self.check_admission(client)
         self.set_holder(client)
@@ -171,7 +171,7 @@ class Operator:
         """
         with self._lock:
             self._stop = None if self._stop == reason else self._stop
-            self.clear_requested, self._quit, self._u = False, False, None
+            self.is_clear_requested, self._quit, self._u = False, False, None
 
     def record_mission_end(self) -> None:
         """Record that the mission has ended, so that another can be requested."""

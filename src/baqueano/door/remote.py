@@ -159,10 +159,10 @@ class Remote:
 
         The first Ctrl-C requests the end of the drive, a second Ctrl-C stops the vehicle.
         """
-        start_s, ending = time.monotonic(), False
+        start_s, is_ending = time.monotonic(), False
         while True:
             try:
-                if hand is not None and not ending:
+                if hand is not None and not is_ending:
                     self.send(type="hand", u=[float(x) for x in hand()])
                 else:
                     self.send(type="beat")
@@ -170,7 +170,7 @@ class Remote:
                     self.send(**request)
                 self._ping()
                 message = self._next_message(
-                    HEARTBEAT_PERIOD_S if hand is None or ending else SET_POINT_PERIOD_S
+                    HEARTBEAT_PERIOD_S if hand is None or is_ending else SET_POINT_PERIOD_S
                 )
                 on_state(self.state | {"link_ms": self.link_ms})
                 if message is None:
@@ -180,9 +180,9 @@ class Remote:
                 elif message["type"] == "done" and message.get("id") == name:
                     return message
             except KeyboardInterrupt:
-                if ending:
+                if is_ending:
                     self.send(**STOP_REQUEST, reason=because(StopReason.STOPPED_FROM_LAPTOP))
-                ending = True
+                is_ending = True
                 self.send(type="end")
 
     def _check_version(self) -> None:

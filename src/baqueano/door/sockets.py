@@ -255,7 +255,7 @@ class Door:
             "ping": lambda: client.enqueue({"type": "pong", "token": request.get("token")}),
             "end": lambda: self.operator.request_end(client),
             "stop": lambda: self._stop(client, _stop_reason(request.get("reason"))),
-            "clear": lambda: setattr(self.operator, "clear_requested", True),
+            "clear": lambda: setattr(self.operator, "is_clear_requested", True),
             "runs": lambda: client.send_line(self._files.list()),
             "head": lambda: client.enqueue(self._files.head(str(request["run"]))),
             "fetch": lambda: self._files.fetch(client, str(request["run"]), self._is_connected),

@@ -32,7 +32,7 @@ class Feed:
         self._column_indices: dict[str, int] = {}
         self._ring: deque[tuple[float, int, bytes]] = deque()  # time of the first row, rows, bytes
         self._rows = 0
-        self._made_s: deque[tuple[int, float]] = deque(maxlen=MAX_FRAME_TIMES)
+        self._frame_times_s: deque[tuple[int, float]] = deque(maxlen=MAX_FRAME_TIMES)
         self._last: Sequence[float] = ()
 
     def begin_drive(self, names: list[str]) -> bool:
@@ -60,14 +60,14 @@ class Feed:
         self._store_rows(t, len(rows), values.tobytes())
         self._last = rows[-1]
         self.number = (self.number + 1) % FRAME_NUMBER_COUNT
-        self._made_s.append((self.number, self._now()))
+        self._frame_times_s.append((self.number, self._now()))
         return HEAD_LAYOUT.pack(self.number, len(rows), t) + self._ring[-1][2]
 
     def age_s(self, number: int) -> float:
         """Return the age [s] of the frame with this number: 0 for the newest frame, infinity for an unknown number."""
         if number == self.number:
             return 0.0
-        return next((self._now() - made_s for n, made_s in self._made_s if n == number), float("inf"))
+        return next((self._now() - made_s for n, made_s in self._frame_times_s if n == number), float("inf"))
 
     async def history(self, from_s: float = 0.0) -> "AsyncIterator[tuple[bytes, ...]]":
         """Yield the rows from the drive time `from_s` [s] on, as the parts of one frame, and then the later rows.

@@ -106,20 +106,22 @@ class Guard:
 
 
 class RateLimit:
-    """A limit of `each_s` messages per second. A burst of twice as many is allowed, after a pause of this process."""
+    """A limit of `rate_hz` messages per second. A burst of twice as many is allowed, after a pause of this process."""
 
-    def __init__(self, each_s: float, now: Callable[[], float] = time.monotonic) -> None:
-        self._each_s, self._max_credit, self._credit = each_s, 2.0 * each_s, 2.0 * each_s
+    def __init__(self, rate_hz: float, now: Callable[[], float] = time.monotonic) -> None:
+        self._rate_hz, self._max_token_count, self._token_count = rate_hz, 2.0 * rate_hz, 2.0 * rate_hz
         self._now, self._last_s = now, now()
 
     def allows_message(self) -> bool:
         """Count one more message; return True if it is within the rate."""
         now_s = self._now()
-        self._credit = min(self._max_credit, self._credit + (now_s - self._last_s) * self._each_s)
+        self._token_count = min(
+            self._max_token_count, self._token_count + (now_s - self._last_s) * self._rate_hz
+        )
         self._last_s = now_s
-        if self._credit < 1.0:
+        if self._token_count < 1.0:
             return False
-        self._credit -= 1.0
+        self._token_count -= 1.0
         return True
 
 

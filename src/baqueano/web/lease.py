@@ -30,26 +30,26 @@ class Lease:
         self._now = now
         self._holder: object = None
         self._name = ""
-        self._n, self._until_s = 0, 0.0
+        self._n, self._end_s = 0, 0.0
 
     @property
     def holder(self) -> object:
         """Return the present holder, or None if the right is free or has ended.  (2)"""
-        if self._holder is not None and self._now() > self._until_s:
+        if self._holder is not None and self._now() > self._end_s:
             self._holder = None
         return self._holder
 
     @property
     def remaining_s(self) -> float:
         """Return the time [s] after which the right ends without another heartbeat, 0 if it is free."""
-        return max(0.0, self._until_s - self._now()) if self.holder is not None else 0.0
+        return max(0.0, self._end_s - self._now()) if self.holder is not None else 0.0
 
     def acquire(self, visitor: object, name: str) -> None:
         """Give the right to drive to `visitor`. Raise SafetyStop while another visitor is the holder."""
         if self.holder is not None and self._holder is not visitor:
             raise SafetyStop(note("web.lease-taken", Severity.ERROR, name=self._name))
         self._holder, self._name = visitor, name
-        self._n, self._until_s = 0, self._now() + LEASE_S
+        self._n, self._end_s = 0, self._now() + LEASE_S
 
     def pass_to(self, visitor: object, to: object = None, name: str = "") -> None:
         """Pass the right to `to`, or end it if `to` is None. Raise SafetyStop if `visitor` is not the holder."""
@@ -73,7 +73,7 @@ class Lease:
         self._n = n
         if not age_s <= LEASE_S + round_trip_s:
             return False
-        self._until_s = self._now() + LEASE_S
+        self._end_s = self._now() + LEASE_S
         return True
 
     def on_disconnect(self, visitor: object) -> bool:

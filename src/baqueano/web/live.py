@@ -46,9 +46,9 @@ class Live:
         self.identifying = LiveIdentification(self._browsers)
         self.feed, self.lease, self.foxglove = Feed(), Lease(), FoxgloveServer(self._vehicle_description)
         self.robot = secrets.token_hex(4)  # id that the messages of the driver must contain
-        self.described = asyncio.Event()  # vehicle and columns have arrived
+        self.description_event = asyncio.Event()  # vehicle and columns have arrived
         self.on_done: Callable[[], None] = lambda: None
-        self._local: LocalFiles | None = None  # of a robot
+        self._local_files: LocalFiles | None = None  # of a robot
         self.send_hello: Callable[[Visitor], None] = lambda visitor: None
         self._state: JsonObject = {"type": "state", "state": "DISARMED"}
         self._vehicle: JsonObject = {}
@@ -58,7 +58,7 @@ class Live:
         self._events: deque[tuple[float, Diagnostic]] = deque(maxlen=MAX_EVENTS)
         self._last_sender: Visitor | None = None  # sender of the last message that the service can refuse
         self._last_lease: tuple[object, int] = (None, 0)  # holder and number of watchers last sent
-        self._changed = True
+        self._has_changed = True
         self.over = asyncio.Event()  # all drives have ended regularly, and so has the service
         self._ledger: list[JsonObject] = []  # the rows, with diagnostics
         self._blocks: dict[str, str] = {}  # role → kind, in place of the file's blocks
@@ -70,12 +70,12 @@ class Live:
     def begin(self) -> None:
         """Request frames from the service, and the routes if they are not on this computer."""
         self._link.send("watch", hz=FRAME_RATE_HZ)
-        if self._local is None:
+        if self._local_files is None:
             self._link.send("routes")
 
     def use_local_files(self, files: LocalFiles, about: "JsonObject") -> None:
         """Use the local files of a robot, and their description `about` until the robot sends its own."""
-        self._local = files
+        self._local_files = files
         self._vehicle, self._routes = self._vehicle or about["vehicle"], about["routes"]
 
     async def run(self) -> None:
@@ -116,8 +116,8 @@ class Live:
         if message.get("robot", self.robot) != self.robot and message["type"] != "stop":
             raise UsageError(fault("web.other-robot"))
         kind, message = message["type"], {name: value for name, value in message.items() if name != "robot"}
-        if kind == "mission" and self._local is not None:
-            return await self._send_packed_mission(visitor, message, self._local)
+        if kind == "mission" and self._local_files is not None:
+            return await self._send_packed_mission(visitor, message, self._local_files)
         actions = dict.fromkeys(("mark", "end", "set", "shake", "again"), self._forward) | {
             "stop": self._stop, "beat": self._beat, "take": self._take, "give": self._give, "clear": self._clear,
             "mission": self._mission, "pause": self._pause, "go": self._pause, "pace": self._pace,
@@ -252,7 +252,7 @@ class Live:
     def _on_state(self, message: "JsonObject") -> None:
         shown_keys = ("state", "mission", "paused", "pace", "scene", "step")
         if any(message.get(key) != self._state.get(key) for key in shown_keys):
-            self._changed = True
+            self._has_changed = True
         if message["state"] != self._state["state"] and message["state"] == "STOPPED":
             self._state = message
             self._send_state()  # at once, because it is the most important message
@@ -300,7 +300,7 @@ class Live:
             self._fields = field_rows(names, units, commands)
             for visitor in self._browsers():
                 self.send_hello(visitor)
-        self.described.set()
+        self.description_event.set()
 
     def _on_route(self, message: "JsonObject") -> None:
         self._route = message if message["x"] else None
@@ -324,12 +324,12 @@ class Live:
         """Report the end of a mission and its reason, and request the routes again, or the run of a robot."""
         if message["reason"] is not None:
             self._on_event({"message": message["reason"]})
-        if self._local is None:
+        if self._local_files is None:
             with suppress(BaqueanoError):
                 self._link.send("routes")
         else:
-            self._local.fetch(message, self._on_fetched)
-        self._changed = True
+            self._local_files.fetch(message, self._on_fetched)
+        self._has_changed = True
         self.on_done()
 
     def _on_fetched(self, message: Diagnostic, routes: "list[JsonObject] | None") -> None:
@@ -365,8 +365,8 @@ class Live:
             await asyncio.sleep(STATE_PERIOD_S / 2)
             if self._last_lease != (self.lease.holder, len(self._browsers())):
                 self._send_lease()
-            if self._changed or self._state["state"] in ("MISSION", "MANUAL"):
-                self._changed = False
+            if self._has_changed or self._state["state"] in ("MISSION", "MANUAL"):
+                self._has_changed = False
                 self._send_state()
                 await asyncio.sleep(STATE_PERIOD_S / 2)
 
@@ -385,8 +385,8 @@ class Live:
             if message.severity in (Severity.WARNING, Severity.ERROR) and not now_s - t_s > WARNING_DISPLAY_S
             and message != cause
         ]  # fmt: skip
-        waits = self._vehicle.get("gains", {}).get(PACE) == 0.0
-        pause_state = {"paused": waits} if self._state.get("mission") == "repeat" else {}  # of a robot
+        is_waiting = self._vehicle.get("gains", {}).get(PACE) == 0.0
+        pause_state = {"paused": is_waiting} if self._state.get("mission") == "repeat" else {}  # of a robot
         return state_message(pause_state | self._state, self.feed, self._route, warnings[-3:])
 
     def _send_lease(self) -> None:

@@ -79,22 +79,22 @@ class BrowserPage:
     """The handler of all browsers of a page, with a vehicle (`live`) or with the recorded runs `open_files`."""
 
     def __init__(
-        self, lab: WorkerClient, shelf: RunList, guard: Callable[[], Guard], open_files: tuple[Path, ...] = (),
+        self, lab: WorkerClient, run_list: RunList, guard: Callable[[], Guard], open_files: tuple[Path, ...] = (),
         live: VehicleSide | None = None,
     ) -> None:  # fmt: skip
-        self._lab, self._shelf, self._guard, self._start_paths, self.live = (
+        self._lab, self._run_list, self._guard, self._start_paths, self.live = (
             lab,
-            shelf,
+            run_list,
             guard,
             open_files,
             live,
         )
-        self._identifying = LiveIdentification()  # for finished runs
+        self._live_identification = LiveIdentification()  # for finished runs
         first = {"path": str(open_files[0])} if open_files else None
         self.source: Callable[[], JsonObject | None] = lambda: first  # the subject of questions
-        self.questions = Questions(shelf, lambda: self.source())
+        self.questions = Questions(run_list, lambda: self.source())
         self._count = 0
-        self._waiting: dict[Visitor, set[asyncio.Task[None]]] = {}  # questions that wait for an answer
+        self._question_tasks: dict[Visitor, set[asyncio.Task[None]]] = {}  # questions that wait for an answer
         self._reading: set[asyncio.Task[None]] = set()
 
     async def receive(self, visitor: Visitor, message: "JsonObject") -> None:
@@ -141,12 +141,12 @@ class BrowserPage:
 
     async def close(self) -> None:
         """End the workers of the page."""
-        await self._identifying.close()
+        await self._live_identification.close()
         await self.questions.close()
 
     def on_disconnect(self, visitor: Visitor) -> None:
         """Release what belongs to a browser that has disconnected, and drop its questions."""
-        for task in self._waiting.pop(visitor, ()):
+        for task in self._question_tasks.pop(visitor, ()):
             task.cancel()
         if self.live is not None and visitor.role is not None:
             self.live.on_disconnect(visitor)
@@ -176,7 +176,7 @@ class BrowserPage:
             "type": "hello", "protocol": PROTOCOL, "role": visitor.role.protocol_name if visitor.role else "",
             "mode": "live" if self.live else "replay", "vehicle": None, "blocks": {}, "fields": [], "driver": None,
             "you": visitor.name, "state": None, "route": None, "routes": [],
-            "runs": self._shelf.entries(), "open": self._start_run_keys(), "shared": self._guard().shared,
+            "runs": self._run_list.entries(), "open": self._start_run_keys(), "shared": self._guard().shared,
         } | description  # fmt: skip
         visitor.send(hello | {"fields": label_fields(hello["fields"], visitor.language)})
 
@@ -187,7 +187,7 @@ class BrowserPage:
 
     def _start_run_keys(self) -> "JsonObject | None":
         """Return the keys of the runs with which the page was started, None without such runs."""
-        words = [self._shelf.run_key(path) for path in self._start_paths]
+        words = [self._run_list.run_key(path) for path in self._start_paths]
         return {"run": words[0], "ghost": words[1] if len(words) > 1 else None} if words else None
 
     async def _replayed_description(self) -> "JsonObject":
@@ -207,11 +207,11 @@ class BrowserPage:
 
     async def _limit_questions(self, visitor: Visitor, job: Coroutine[None, None, None]) -> None:
         """Wait for an answer to a browser; disconnect the browser instead if MAX_QUESTIONS of its questions wait."""
-        if not visitor.is_open or len(self._waiting.setdefault(visitor, set())) >= MAX_QUESTIONS:
+        if not visitor.is_open or len(self._question_tasks.setdefault(visitor, set())) >= MAX_QUESTIONS:
             job.close()
             visitor.disconnect(POLICY)
             return
-        tasks = self._waiting[visitor]
+        tasks = self._question_tasks[visitor]
         tasks.add(task := asyncio.create_task(job))
         try:
             await task
@@ -220,10 +220,10 @@ class BrowserPage:
 
     async def _identify_run(self, visitor: Visitor, message: "JsonObject") -> None:
         """Answer the question "identify" for a run of the list."""
-        path = self._shelf.paths().get(message["run"])
+        path = self._run_list.paths().get(message["run"])
         if path is None:
             raise UsageError(fault("web.no-run"))
-        reply = await self._identifying.identify_run(path, visitor)
+        reply = await self._live_identification.identify_run(path, visitor)
         visitor.send({"type": "answer", "to": "ask", "id": message.get("id")} | reply)
 
     async def _swap(self, visitor: Visitor, message: "JsonObject") -> None:
@@ -245,7 +245,7 @@ class BrowserPage:
 
     async def _open(self, visitor: Visitor, message: "JsonObject") -> None:
         """Send the run with this key, and its ghost: a second run, or this run replayed through another estimator."""
-        paths, filter_name = self._shelf.paths(), str(message.get("filter") or "")[:MAX_FILTER_LETTERS]
+        paths, filter_name = self._run_list.paths(), str(message.get("filter") or "")[:MAX_FILTER_LETTERS]
         selection: list[tuple[Path, str]] = []
         for run_name in filter(
             None, (message["run"], message["run"] if filter_name else message.get("ghost"))
@@ -261,7 +261,7 @@ class BrowserPage:
     async def _send_list(self, visitor: Visitor) -> None:
         """Let the worker read the list of runs, and send it to a browser."""
         try:
-            visitor.send({"type": "runs", "runs": await self._shelf.read_entries()})
+            visitor.send({"type": "runs", "runs": await self._run_list.read_entries()})
         except BaqueanoError as error:
             self.refuse(visitor, {"type": "runs"}, error.diagnostic)
 
@@ -270,7 +270,7 @@ class BrowserPage:
     ) -> "AsyncIterator[bytes | JsonObject]":
         """Yield the description and the frames of each run in `paths`: (path, estimator for a replay, or "")."""
         for stream, (path, through) in enumerate(paths, 1):
-            lab = self.questions.slow if through else self._lab
+            lab = self.questions.slow_client if through else self._lab
             request = {"path": str(path), "filter": through}
             try:
                 description, _ = await lab.request("open", **request)
@@ -307,7 +307,8 @@ class BrowserPage:
             sentence = text(note("web.recorded", events=len(metadata["events"]), **figures))
         brief = {name: metadata[name] for name in ("name", "kind", "seconds")}
         return description | {
-            "id": self._shelf.run_key(path), "name": metadata["name"], "run": self._shelf.list_entry(path) | brief,
+            "id": self._run_list.run_key(path), "name": metadata["name"],
+            "run": self._run_list.list_entry(path) | brief,
             "fields": label_fields(metadata["fields"], visitor.language), "sentence": sentence,
             "events": [with_sentence(event, visitor.language) for event in metadata["events"]],
         }  # fmt: skip

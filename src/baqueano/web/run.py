@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 GREETING_TIMEOUT_S = 60.0  # a busy laptop starts Python slowly
 ROBOT_GREETING_TIMEOUT_S = 2.0
-COMES_S, GONE_S, LOOK_S = 60.0, 3.0, 0.1  # waiting times for browsers
+BROWSER_TIMEOUT_S, NO_BROWSER_S, POLL_PERIOD_S = 60.0, 3.0, 0.1  # waiting times for browsers
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,16 +56,16 @@ async def show_runs(
     try:
         reply, _ = await lab.request("find", names=names, folder=str(options.folder))
         paths = tuple(map(Path, reply["paths"]))
-        shelf = RunList(options.folder, paths)
-        page = BrowserPage(lab, shelf, lambda: server.guard, paths)
-        server = _server(page, shelf, options)
+        run_list = RunList(options.folder, paths)
+        page = BrowserPage(lab, run_list, lambda: server.guard, paths)
+        server = _server(page, run_list, options)
         try:
             async with server:
                 show_addresses(server, options, notify)
                 await (wait_for_end() if lasting else _wait_for_first(wait_for_end(), _wait_empty(server)))
         finally:
             await page.close()
-            await shelf.close()
+            await run_list.close()
     finally:
         await lab.close()
 
@@ -85,14 +85,14 @@ async def show_vehicle(
     receives a function that returns the number of connected browsers. Raise RobotUnreachable if the service ends before
     it describes the vehicle. If `lasting` is True, raise RobotUnreachable even for a later end of the service.
     """
-    lab, shelf = WorkerClient(), RunList(options.folder)
+    lab, run_list = WorkerClient(), RunList(options.folder)
     link = await start()
     live = Live(link, lambda: server.visitors)
-    page = BrowserPage(lab, shelf, lambda: server.guard, live=live)
+    page = BrowserPage(lab, run_list, lambda: server.guard, live=live)
     page.source = lambda: question_subject(live.identifying.vehicle, options.routes)
     live.send_hello = lambda visitor: page.send_hello(visitor, live.hello(visitor))
     live.on_done = lambda: page.send_run_list(server.visitors)
-    server = _server(page, shelf, options)
+    server = _server(page, run_list, options)
     server.foxglove = live.foxglove
     live.identifying.vehicle = robot.vehicle if robot is not None else vehicle
     if robot is not None:
@@ -100,8 +100,10 @@ async def show_vehicle(
     meet(lambda: len(server.visitors))
     live.begin()
     hearing_task = asyncio.create_task(live.run())
-    description, end_event = (asyncio.create_task(event.wait()) for event in (live.described, live.over))
-    ending: asyncio.Task[None] | None = None
+    description, end_event = (
+        asyncio.create_task(event.wait()) for event in (live.description_event, live.over)
+    )
+    end_task: asyncio.Task[None] | None = None
     try:
         # a robot sends its description only with its first drive
         greeting_s = options.greeting_s if robot is None else ROBOT_GREETING_TIMEOUT_S
@@ -112,21 +114,21 @@ async def show_vehicle(
             raise RobotUnreachable(fault("web.service-ended"))
         async with server:
             show_addresses(server, options, notify)
-            ending = asyncio.create_task(wait_for_end())
-            await asyncio.wait({ending, hearing_task, end_event}, return_when=asyncio.FIRST_COMPLETED)
+            end_task = asyncio.create_task(wait_for_end())
+            await asyncio.wait({end_task, hearing_task, end_event}, return_when=asyncio.FIRST_COMPLETED)
             if live.over.is_set():
                 await server.disconnect_all()
             elif lasting and hearing_task.done():
                 raise RobotUnreachable(fault("web.service-ended"))
     finally:
         await link.close()
-        for task in (hearing_task, description, end_event, *([ending] if ending else [])):
+        for task in (hearing_task, description, end_event, *([end_task] if end_task else [])):
             task.cancel()
         await live.identifying.close()
         if robot is not None:
             await robot.close()
         await page.close()
-        await shelf.close()
+        await run_list.close()
         await lab.close()
 
 
@@ -140,13 +142,13 @@ def question_subject(vehicle: str, routes: Path) -> "JsonObject | None":
     return {"path" if vehicle.endswith(".mcap") else "vehicle": vehicle, "routes": str(routes)}
 
 
-def _server(page: BrowserPage, shelf: RunList, options: PageOptions) -> Server:
+def _server(page: BrowserPage, run_list: RunList, options: PageOptions) -> Server:
     shared_address = (options.address or own_address()) if options.share else ""
     names = own_names() if options.share else ()
     return Server(
         page.receive,
         page.on_disconnect,
-        shelf.content_at,
+        run_list.content_at,
         port=options.port,
         shared_address=shared_address,
         names=names,
@@ -192,14 +194,14 @@ async def _wait_for_first(*jobs: Coroutine[None, None, None]) -> None:
 async def _wait_empty(server: Server) -> None:
     """Wait until all browsers have left.
 
-    Wait COMES_S for the first browser, and later GONE_S, so that a browser can reload the page.
+    Wait BROWSER_TIMEOUT_S for the first browser, and later NO_BROWSER_S, so that a browser can reload the page.
     """
-    empty_s, had_visitors = time.monotonic(), False
+    last_visitor_s, had_visitors = time.monotonic(), False
     while True:
-        await asyncio.sleep(LOOK_S)
+        await asyncio.sleep(POLL_PERIOD_S)
         if server.visitors:
-            empty_s, had_visitors = time.monotonic(), True
-        if time.monotonic() - empty_s > (GONE_S if had_visitors else COMES_S):
+            last_visitor_s, had_visitors = time.monotonic(), True
+        if time.monotonic() - last_visitor_s > (NO_BROWSER_S if had_visitors else BROWSER_TIMEOUT_S):
             return
 
 

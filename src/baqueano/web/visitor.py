@@ -61,9 +61,9 @@ class Visitor:
         self._history: AsyncIterator[Piece] | None = None
         self._pieces: AsyncIterator[Piece] | None = None
         self._picture: bytes | None = None
-        self._waiting, self._last_word_s = asyncio.Event(), time.monotonic()
+        self._send_event, self._last_message_s = asyncio.Event(), time.monotonic()
         self._parts: list[bytes] = []
-        self._ending: int | None = None  # close code to send after the waiting messages
+        self._close_code: int | None = None  # close code to send after the waiting messages
         self._rate = RateLimit(MAX_MESSAGE_RATE_HZ)
         self.round_trip_s, self._pinged_s = 0.0, 0.0  # round-trip time, time of the last ping
         writer.transport.set_write_buffer_limits(high=0)  # `drain` waits until the kernel has all bytes
@@ -84,30 +84,30 @@ class Visitor:
             self.disconnect(TOO_SLOW)
             return
         self._messages.append(message)
-        self._waiting.set()
+        self._send_event.set()
 
     def send_latest(self, picture: bytes) -> None:
         """Send a picture at once if the queues are empty; otherwise replace the waiting picture.  (3)
 
         The picture is a message encoded by `binary_frame`.
         """
-        next_parts = (self._picture, self._history, self._pieces, self._ending)
-        waits = self._messages or any(item is not None for item in next_parts)
-        if self.is_open and not waits and not self._writer.transport.get_write_buffer_size():
+        next_parts = (self._picture, self._history, self._pieces, self._close_code)
+        has_message = self._messages or any(item is not None for item in next_parts)
+        if self.is_open and not has_message and not self._writer.transport.get_write_buffer_size():
             self._writer.write(picture)
             return
         self._picture = picture
-        self._waiting.set()
+        self._send_event.set()
 
     def send_history(self, history: "AsyncIterator[Piece]") -> None:
         """Send these frames one by one before the next picture; each contains all rows until it is made.  (2)"""
         self._history = history
-        self._waiting.set()
+        self._send_event.set()
 
     def send_pieces(self, pieces: "AsyncIterator[Piece]") -> None:
         """Send these pieces one by one, in place of pieces that have not been sent.  (4)"""
         self._pieces = pieces
-        self._waiting.set()
+        self._send_event.set()
 
     def disconnect(self, code: int = 1000) -> None:
         """Close the connection with this code, and drop the unsent messages."""
@@ -118,12 +118,12 @@ class Visitor:
             self._writer.transport.abort()
         else:
             self._writer.close()
-        self._waiting.set()
+        self._send_event.set()
 
     def disconnect_after_sending(self, code: int) -> None:
         """Close the connection with this code after the waiting messages have been sent."""
-        self._ending = code
-        self._waiting.set()
+        self._close_code = code
+        self._send_event.set()
 
     async def exchange_messages(self, on_message: "Callable[[Visitor, JsonObject], Awaitable[None]]") -> None:
         """Receive messages and pass each to `on_message`, and send the queues, until the connection ends."""
@@ -143,7 +143,7 @@ class Visitor:
             data = await self._reader.read(1 << 16)
             if not data:
                 return
-            self._last_word_s = time.monotonic()
+            self._last_message_s = time.monotonic()
             self._protocol.receive_data(data)
             self._flush()
             for frame in self._protocol.events_received():
@@ -176,7 +176,7 @@ class Visitor:
             message = json.loads(b"".join(self._parts))
         except (ValueError, RecursionError):
             message = None
-        if not _is_shallow(message, MAX_LEVELS):
+        if not _has_few_levels(message, MAX_LEVELS):
             message = None
         if not isinstance(message, dict) or not isinstance(message.get(self._kind), str):
             self.disconnect(POLICY)
@@ -186,8 +186,8 @@ class Visitor:
     async def _send_messages(self) -> None:
         with suppress(OSError):
             while self.is_open:
-                await self._waiting.wait()
-                self._waiting.clear()
+                await self._send_event.wait()
+                self._send_event.clear()
                 await self._drain()  # for a picture that was sent at once
                 while self.is_open and (await self._send_next()):
                     pass
@@ -199,8 +199,8 @@ class Visitor:
         """
         if self._messages:
             await self._write(self._messages.popleft())
-        elif self._ending is not None:
-            self.disconnect(self._ending)
+        elif self._close_code is not None:
+            self.disconnect(self._close_code)
         elif (history := self._history) is not None:
             if (frame := await anext(history, None)) is not None:
                 self._picture = None  # its rows are in the frame
@@ -264,7 +264,7 @@ class Visitor:
     async def _keep_alive(self) -> None:
         while self.is_open:
             await asyncio.sleep(PING_PERIOD_S)
-            if time.monotonic() - self._last_word_s > MAX_SILENCE_S:
+            if time.monotonic() - self._last_message_s > MAX_SILENCE_S:
                 self._writer.transport.abort()
                 return
             self._pinged_s = time.monotonic()
@@ -289,12 +289,12 @@ def encode_json(message: "JsonObject") -> bytes:
     ).encode()
 
 
-def _is_shallow(value: Value, levels: int) -> bool:
+def _has_few_levels(value: Value, levels: int) -> bool:
     """Return True if a value from JSON has at most so many levels of lists and objects."""
     if not isinstance(value, dict | list):
         return True
     items = value.values() if isinstance(value, dict) else value
-    return levels > 0 and all(_is_shallow(item, levels - 1) for item in items)
+    return levels > 0 and all(_has_few_levels(item, levels - 1) for item in items)
 
 
 def _finite_json(value: Value) -> Value:

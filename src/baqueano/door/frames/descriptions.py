@@ -121,10 +121,10 @@ def _mission_description(mission: "Mission | None", t_s: float) -> JsonObject:
     if mission is None:
         return {"mission": None, "laps": None, "t_s": None, "left_s": None}
     whole_s, rest_s = mission.duration_s, mission.rest_s or 0.0
-    left_s = None if whole_s is None else round(max(0.0, whole_s - t_s), 2)
+    remaining_s = None if whole_s is None else round(max(0.0, whole_s - t_s), 2)
     laps = mission.laps if mission.kind == "repeat" else None
     rest = {"rest_s": rest_s} if t_s < rest_s else {}
-    return {"mission": mission.kind, "laps": laps, "t_s": round(t_s, 3), "left_s": left_s, **rest}
+    return {"mission": mission.kind, "laps": laps, "t_s": round(t_s, 3), "left_s": remaining_s, **rest}
 
 
 def _motion_description(record: "Record | None") -> JsonObject:

@@ -28,7 +28,7 @@ class RouteProgress:
         self._p, self._length = p[:-1][has_length], length[has_length]
         self._t = d[has_length] / self._length[:, None]
         self._s = np.concatenate([[0.0], np.cumsum(self._length)])[:-1]
-        self._closed, self.length_m = bool(route.closed), float(np.sum(self._length))
+        self._is_closed, self.length_m = bool(route.closed), float(np.sum(self._length))
         self._progress_m = 0.0
 
     def update(self, eta: list[float]) -> tuple[float, float]:
@@ -41,7 +41,7 @@ class RouteProgress:
         offsets = np.array(eta[:2]) - self._p
         along_m = np.clip(offsets[:, 0] * self._t[:, 0] + offsets[:, 1] * self._t[:, 1], 0.0, self._length)
         advance_m = self._s + along_m - self._progress_m
-        if self._closed:
+        if self._is_closed:
             advance_m -= self.length_m * np.round(advance_m / self.length_m)
         distances2 = (offsets[:, 0] - along_m * self._t[:, 0]) ** 2 + (
             offsets[:, 1] - along_m * self._t[:, 1]

@@ -204,7 +204,7 @@ class Frames:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._drive: DriveRows | None = None
-        self._words: list[JsonObject] = []
+        self._descriptions: list[JsonObject] = []
 
     def begin(
         self, vehicle_file: "VehicleFile", world: str, seed: int | None = None, estimator: "Estimator | None" = None,
@@ -221,7 +221,7 @@ class Frames:
         vehicle = {"type": "vehicle", **vehicle_description(vehicle_file, world, seed, blocks)}
         descriptions = [vehicle, fields, route_description(route, name, laps, room)]
         with self._lock:
-            self._drive, self._words = drive, descriptions
+            self._drive, self._descriptions = drive, descriptions
 
     def on_record(
         self, record: "Record", truth: Motion | None = None, battery_v: float = NAN, late_ms: float = NAN
@@ -234,4 +234,4 @@ class Frames:
     def drive(self) -> tuple[DriveRows | None, list[JsonObject]]:
         """Return the rows of the present or last drive, or None, and the messages that precede its first frame."""
         with self._lock:
-            return self._drive, self._words
+            return self._drive, self._descriptions

@@ -112,7 +112,7 @@ class _LedgerObserver(Observer):
     def __init__(self, faults: FaultRequests, plan: "MissionPlan", world: "FaultyWorld") -> None:
         self._faults, self._file, self._world = faults, plan.vehicle_file, world
         self._ledger: Ledger | None = None
-        self._published_s, self._changed = 0.0, True
+        self._published_s, self._has_changed = 0.0, True
 
     def begin(self, blocks: "Blocks") -> "Blocks":
         self._ledger = Ledger(self._file, blocks.estimator)
@@ -121,7 +121,7 @@ class _LedgerObserver(Observer):
     def on_event(self, t_ns: int, source: str, event: Diagnostic | str) -> None:
         if self._ledger is not None:
             self._ledger.on_event(t_ns, source, event)
-            self._changed = self._changed or bool(self._ledger.rows)
+            self._has_changed = self._has_changed or bool(self._ledger.rows)
 
     def on_record(self, record: "Record") -> None:
         ledger, estimate = self._ledger, record.estimate
@@ -133,9 +133,9 @@ class _LedgerObserver(Observer):
             estimate.cov, self._world.truth.eta,
         )  # fmt: skip
         t_s = float(seconds(record.tick.t_ns))
-        due = t_s - self._published_s >= LEDGER_PERIOD_S and any(row.covers(t_s) for row in ledger.rows)
-        if self._changed or due or previous_count != sum(len(row.notices) for row in ledger.rows):
-            self._changed, self._published_s = False, t_s
+        due = t_s - self._published_s >= LEDGER_PERIOD_S and any(row.includes(t_s) for row in ledger.rows)
+        if self._has_changed or due or previous_count != sum(len(row.notices) for row in ledger.rows):
+            self._has_changed, self._published_s = False, t_s
             self._faults.broadcast_ledger(ledger)
 
     def end(self, reason: Diagnostic | None) -> "Iterable[EventLine]":

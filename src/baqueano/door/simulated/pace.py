@@ -14,7 +14,7 @@ from baqueano.signals import NANOSECONDS
 
 MAX_DELAY_S = 0.1
 PAUSE_POLL_S = 0.01  # between two checks during a pause
-SLOWEST, FASTEST = 0.05, 50.0
+MIN_PACE, MAX_PACE = 0.05, 50.0
 
 
 class PacedClock:
@@ -35,9 +35,9 @@ class PacedClock:
         self.set_pace(factor)
 
     def set_pace(self, factor: float) -> None:
-        """Let simulated time pass `factor` times as fast. Raise Invalid if it is outside [SLOWEST, FASTEST]."""
-        if not SLOWEST <= factor <= FASTEST:
-            raise Invalid(fault("door.pace", value=factor, min_factor=SLOWEST, max_factor=FASTEST))
+        """Let simulated time pass `factor` times as fast. Raise Invalid if it is outside [MIN_PACE, MAX_PACE]."""
+        if not MIN_PACE <= factor <= MAX_PACE:
+            raise Invalid(fault("door.pace", value=factor, min_factor=MIN_PACE, max_factor=MAX_PACE))
         self.factor = float(factor)
 
     def pause(self) -> None:
@@ -55,22 +55,22 @@ class PacedClock:
 
         Once `is_interrupted` returns True, time passes even in a pause, so that a stop can finish.
         """
-        k, due_s = 0, self._now_s()
+        k, next_tick_s = 0, self._now_s()
         while True:
             if k < fast_until_s * rate_hz:
-                k, due_s = k + 1, self._now_s()
+                k, next_tick_s = k + 1, self._now_s()
                 yield round(k * NANOSECONDS / rate_hz)
                 continue
             while self.paused and not self._ticks_until_pause and not is_interrupted():
                 self._sleep(PAUSE_POLL_S)
-                due_s = self._now_s()
+                next_tick_s = self._now_s()
             self._ticks_until_pause = max(0, self._ticks_until_pause - 1)
-            due_s += 1.0 / (rate_hz * self.factor)
-            early_s = due_s - self._now_s()
+            next_tick_s += 1.0 / (rate_hz * self.factor)
+            early_s = next_tick_s - self._now_s()
             if early_s > 0.0:
                 self._sleep(early_s)
-            self.late_ms = 1e3 * max(0.0, self._now_s() - due_s)
+            self.late_ms = 1e3 * max(0.0, self._now_s() - next_tick_s)
             if early_s < -MAX_DELAY_S:
-                due_s = self._now_s()
+                next_tick_s = self._now_s()
             k += 1
             yield round(k * NANOSECONDS / rate_hz)

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 Handler = Callable[[object, JsonObject], JsonObject | None]
-IDLE_S, TELL_S = 0.02, 0.2
+IDLE_S, STATE_PERIOD_S = 0.02, 0.2
 
 
 @dataclass
@@ -68,7 +68,7 @@ class SimulatedService:
         self._run: str | None = None  # name of the run that is being written
         self._record: Record | None = None
         self._published_s = float("-inf")
-        self.shaken = FaultRequests(self.operator, lambda message: self.broadcast(message))
+        self.fault_requests = FaultRequests(self.operator, lambda message: self.broadcast(message))
 
     def handlers(self) -> dict[str, Handler]:
         """Return the handlers of the messages that only a simulation accepts."""
@@ -79,9 +79,9 @@ class SimulatedService:
             "pace": lambda client, request: self._call_for_holder(client,
             lambda: self.pace.set_pace(float(request["factor"]))),
             "routes": lambda client, request: {"type": "routes", "routes": self.routes.rows()},
-            "shake": lambda client, request: self._call_for_holder(client, lambda: self.shaken.handle(request)),
+            "shake": lambda client, request: self._call_for_holder(client, lambda: self.fault_requests.handle(request)),
             "again": lambda client, request: self._call_for_holder(
-                client, lambda: self.shaken.repeat_mission(client, request)
+                client, lambda: self.fault_requests.repeat_mission(client, request)
             ),
         }  # fmt: skip
 
@@ -100,11 +100,11 @@ class SimulatedService:
     def idle(self) -> None:
         """Handle stop and clear requests while no mission is driven, and update the state."""
         machine = self.machine
-        clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
+        is_clear_requested, self.operator.is_clear_requested = self.operator.is_clear_requested, False
         if (stop_reason := self.operator.stop_reason(attended=False)) is not None:
             self.operator.discard_requests(stop_reason)
             machine.transition("stop", stop_reason)
-        elif clear_requested and machine.state is DoorState.STOPPED:
+        elif is_clear_requested and machine.state is DoorState.STOPPED:
             machine.transition("clear", stop(StopReason.CHECKED_AGAIN))
         elif machine.state is DoorState.DISARMED:
             machine.transition("ready")
@@ -119,7 +119,7 @@ class SimulatedService:
         self.send_state(at_once=True)
         self.operator.record_mission_end()
         self.broadcast({"reason": reason, "code": code} | outcome)
-        self.shaken.queue_repetition()
+        self.fault_requests.queue_repetition()
 
     def _drive_mission(self, mission_json: str, outcome: JsonObject, *, attended: bool) -> None:
         """Execute a mission until it ends or is stopped, and write the result into `outcome`."""
@@ -155,7 +155,7 @@ class SimulatedService:
         observers = (
             observer,
             ChangeObserver(self.operator, self.broadcast, plan.mission.blocks),
-            self.shaken.begin(plan, world, mission_json, attended),
+            self.fault_requests.begin(plan, world, mission_json, attended),
         )
         try:
             perform(
@@ -193,9 +193,9 @@ class SimulatedService:
         self.broadcast({"type": "event", "level": level, "message": event})
 
     def send_state(self, *, at_once: bool = False) -> None:
-        """Send the state to all clients, if `at_once` or if the last state was sent at least TELL_S ago."""
+        """Send the state to all clients, if `at_once` or if the last state was sent at least STATE_PERIOD_S ago."""
         now_s = time.monotonic()
-        if not at_once and now_s - self._published_s < TELL_S:
+        if not at_once and now_s - self._published_s < STATE_PERIOD_S:
             return
         self._published_s, plan, record = now_s, self._plan, self._record
         mission = None if plan is None else plan.mission

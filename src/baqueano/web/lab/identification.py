@@ -81,7 +81,9 @@ class DriveIdentification:
         self._last_fit: DriveFit | None = None
         self._fit_ticks = 0  # number of ticks of the last fit
         self._theta, self._size = self._drive_information.nominal, self._drive_information.unknowns.size
-        self._wider = np.ones(len(self._free))  # errors of the last fit, relative to the expected errors
+        self._error_ratios = np.ones(
+            len(self._free)
+        )  # errors of the last fit, relative to the expected errors
         self._reset()
 
     def _reset(self) -> None:
@@ -239,16 +241,16 @@ class DriveIdentification:
         window_index = min(len(self._std), round(drive_fit.t_s / self._window_s)) - 1
         if window_index >= 0:
             errors = [np.nan if std is None else std for std in self._fit_json(drive_fit)["std"]]
-            self._wider = np.fmax(np.array(errors, dtype=float) / self._std[window_index], 1.0)
+            self._error_ratios = np.fmax(np.array(errors, dtype=float) / self._std[window_index], 1.0)
 
-    def _advance(self, until_s: float) -> None:
-        """Add the information of the complete windows that have arrived, at most until the time `until_s`."""
+    def _advance(self, end_s: float) -> None:
+        """Add the information of the complete windows that have arrived, at most until the time `end_s`."""
         is_valid = np.isfinite(self._z).astype(float)
         for start in range(len(self._std) * WINDOW_TICKS, len(self._ticks) - WINDOW_TICKS + 1, WINDOW_TICKS):
             rows = slice(start, start + WINDOW_TICKS)
             self._information = self._live.add(self._information, self._u[rows], is_valid[rows])
             self._std.append(self._live.relative_std(self._information, self._size))
-            if time.monotonic() > until_s:
+            if time.monotonic() > end_s:
                 return
 
     def _description(self) -> "JsonObject":
@@ -280,7 +282,7 @@ class DriveIdentification:
             std > MAX_RELATIVE_STD or (self._last_fit is not None and value is None)
         )
         return {
-            "path": free.short, "label": parameter_label(free).to_json(),
+            "path": free.short_name, "label": parameter_label(free).to_json(),
             "unit": "" if free.unit == "1" else free.unit.replace(" per unit of u", "/u").replace("unit of u", "u"),
             "guess": float(self._drive_information.nominal[self._drive_information.unknowns.names.index(free.path)]),
             "needs": note("parameter.needs", motion=free.shown_by).to_json() if is_missing else None,
@@ -310,7 +312,7 @@ class DriveIdentification:
         """
         if not self.compiled or not self._std:
             return None
-        advice = self._advisor.next_motion(self._information.F, self._theta, self._size, self._wider)
+        advice = self._advisor.next_motion(self._information.F, self._theta, self._size, self._error_ratios)
         if advice is None:
             return None
         label = parameter_label(self._free[advice.parameter]).to_json()

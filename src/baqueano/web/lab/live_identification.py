@@ -41,15 +41,15 @@ class LiveIdentification:
     def __init__(self, visitors: Callable[[], Iterable[Visitor]] = tuple) -> None:
         self._lab, self._visitors = WorkerClient(), visitors
         self.vehicle = ""  # name or path of the vehicle file, or of a run that contains it
-        self._looking: set[Visitor] = set()
+        self._viewers: set[Visitor] = set()
         self._names: list[str] = []
         self._column_indices: list[int] = []
         self._frames: deque[array[float]] = deque(maxlen=MAX_FRAMES)  # rows not yet sent to the worker
         self._last_s = 0.0
         self._drive = 0
-        self._warm = ""  # the vehicle for which the worker is prepared
+        self._prepared_vehicle = ""  # the vehicle for which the worker is prepared
         self._reply: JsonObject | None = None
-        self._asking: asyncio.Task[None] | None = None
+        self._request_task: asyncio.Task[None] | None = None
 
     def begin(self, names: list[str], early_start: bool = False) -> None:
         """Begin a drive with these columns. If `early_start` is True, start the worker before a browser watches."""
@@ -59,9 +59,9 @@ class LiveIdentification:
         ]
         self._names = [names[k] for k in self._column_indices]
         self._drop_rows()
-        if early_start and self.vehicle and (self._asking is None or self._asking.done()):
-            self._warm = self.vehicle
-            self._asking = asyncio.create_task(self._send_rows_periodically(at_start=True))
+        if early_start and self.vehicle and (self._request_task is None or self._request_task.done()):
+            self._prepared_vehicle = self.vehicle
+            self._request_task = asyncio.create_task(self._send_rows_periodically(at_start=True))
 
     def add_rows(self, rows: list[list[float | None]]) -> None:
         """Add ticks of the drive."""
@@ -76,13 +76,13 @@ class LiveIdentification:
     def set_subscription(self, visitor: Visitor, on: bool) -> None:
         """Begin to send the identification to this browser, or stop sending it if `on` is False."""
         if not on:
-            self._looking.discard(visitor)
+            self._viewers.discard(visitor)
             return
-        self._looking.add(visitor)
+        self._viewers.add(visitor)
         if self._reply is not None:
             self._send_reply(visitor, self._reply)
-        if self._asking is None or self._asking.done():
-            self._asking = asyncio.create_task(self._send_rows_periodically())
+        if self._request_task is None or self._request_task.done():
+            self._request_task = asyncio.create_task(self._send_rows_periodically())
 
     async def identify_run(self, path: Path, visitor: Visitor) -> "JsonObject":
         """Return the identification of a run, with sentences in the language of this browser."""
@@ -91,10 +91,10 @@ class LiveIdentification:
 
     async def close(self) -> None:
         """End the worker."""
-        if self._asking is not None:
-            self._asking.cancel()
+        if self._request_task is not None:
+            self._request_task.cancel()
             with suppress(asyncio.CancelledError):
-                await self._asking
+                await self._request_task
         await self._lab.close()
 
     def _drop_rows(self) -> None:
@@ -107,10 +107,10 @@ class LiveIdentification:
         """Send rows to the worker each second while a browser watches, and forward its answers."""
         if at_start:
             await self._exchange_once()
-        while self._looking:
-            self._looking &= set(self._visitors())
-            if self.vehicle and (self._frames or self._is_busy or self._warm != self.vehicle):
-                self._warm = self.vehicle
+        while self._viewers:
+            self._viewers &= set(self._visitors())
+            if self.vehicle and (self._frames or self._is_busy or self._prepared_vehicle != self.vehicle):
+                self._prepared_vehicle = self.vehicle
                 await self._exchange_once()
             await asyncio.sleep(
                 0.0 if len(self._frames) > REQUEST_PERIOD_S * FRAMES_HZ * 2 else REQUEST_PERIOD_S
@@ -141,7 +141,7 @@ class LiveIdentification:
     def _forward(self, drive: int, reply: "JsonObject") -> None:
         if drive == self._drive:
             self._reply = reply
-            for visitor in self._looking:
+            for visitor in self._viewers:
                 self._send_reply(visitor, reply)
 
     def _send_reply(self, visitor: Visitor, reply: "JsonObject") -> None:

@@ -29,8 +29,8 @@ class LocalFiles:
         self.host, self.vehicle, self.routes, self.runs = host, vehicle, routes, runs
         self._lab = WorkerClient()
         # id of a mission → its kind, and the name of the route to teach
-        self._requested: dict[str, tuple[str, str]] = {}
-        self._fetching: set[asyncio.Task[None]] = set()
+        self._requests: dict[str, tuple[str, str]] = {}
+        self._fetch_tasks: set[asyncio.Task[None]] = set()
 
     async def describe(self) -> "JsonObject":
         """Return {vehicle, routes}: the description of the vehicle in its file, and a row for each stored route."""
@@ -45,9 +45,9 @@ class LocalFiles:
 
     def expect(self, number: str, kind: str, order: "JsonObject") -> None:
         """Record that a mission with the id `number` was sent to the robot, so that `fetch` copies its run."""
-        while len(self._requested) >= MAX_EXPECTED:  # a refused mission does not report its end
-            del self._requested[next(iter(self._requested))]
-        self._requested[number] = kind, str(order.get("name", "")) if kind == "teach" else ""
+        while len(self._requests) >= MAX_EXPECTED:  # a refused mission does not report its end
+            del self._requests[next(iter(self._requests))]
+        self._requests[number] = kind, str(order.get("name", "")) if kind == "teach" else ""
 
     def fetch(
         self, event: "JsonObject", report: "Callable[[Diagnostic, list[JsonObject] | None], None]"
@@ -56,13 +56,13 @@ class LocalFiles:
 
         `report` receives a message, and a row for each stored route, or None in place of the rows if the copy failed.
         """
-        kind, route = self._requested.pop(str(event.get("id")), ("", ""))
+        kind, route = self._requests.pop(str(event.get("id")), ("", ""))
         if kind and event.get("run"):
             reason = event["reason"]
             regular_end = not event.get("code") and (reason is None or reason.code == StopReason.INTERRUPTED)
             task = asyncio.create_task(self._fetch(event["run"], kind, route if regular_end else "", report))
-            self._fetching.add(task)
-            task.add_done_callback(self._fetching.discard)
+            self._fetch_tasks.add(task)
+            task.add_done_callback(self._fetch_tasks.discard)
 
     async def _fetch(
         self, run: str, kind: str, route: str, report: "Callable[[Diagnostic, list[JsonObject] | None], None]"
@@ -83,6 +83,6 @@ class LocalFiles:
 
     async def close(self) -> None:
         """End the worker."""
-        for task in self._fetching:
+        for task in self._fetch_tasks:
             task.cancel()
         await self._lab.close()

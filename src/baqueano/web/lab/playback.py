@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 DEFAULT_PACE = 4.0
-SLOWEST, FASTEST = 0.05, 50.0
+MIN_PACE, MAX_PACE = 0.05, 50.0
 FRAME_PERIOD_S = 0.05  # between frames
 STATE_PERIOD_S = 0.2
 ROWS_PER_REQUEST = 4096  # rows requested at once
@@ -55,9 +55,9 @@ class RunPlayer:
 
     def __init__(self, lab: WorkerClient, pace: float = DEFAULT_PACE) -> None:
         self._lab, self._pace = lab, pace
-        self._waiting: asyncio.Queue[Path | Diagnostic | JsonObject | None] = asyncio.Queue()
+        self._requests: asyncio.Queue[Path | Diagnostic | JsonObject | None] = asyncio.Queue()
         self._on_message: Callable[[JsonObject], None] = lambda message: None
-        self._paused, self._stop_reason = False, None
+        self._is_paused, self._stop_reason = False, None
         self.viewers: Callable[[], int] = lambda: 1
         self._mission: JsonObject = {}
         self._scene: JsonObject = {"screen": "drive"}  # shown by browsers in which no screen was selected
@@ -73,19 +73,19 @@ class RunPlayer:
             self._step = None if item is None else item.message
             self._send_state()
         if not isinstance(item, WorkStep):
-            self._waiting.put_nowait(item)
+            self._requests.put_nowait(item)
 
     def send(self, request: str, **words: object) -> None:
         """Execute a message as a service does. Raise UsageError for a message that a recorded drive cannot execute."""
         if request == "pace":
             factor = words["factor"]
-            if not isinstance(factor, int | float) or not SLOWEST <= factor <= FASTEST:
+            if not isinstance(factor, int | float) or not MIN_PACE <= factor <= MAX_PACE:
                 raise UsageError(
-                    fault("door.pace", value=str(factor), min_factor=SLOWEST, max_factor=FASTEST)
+                    fault("door.pace", value=str(factor), min_factor=MIN_PACE, max_factor=MAX_PACE)
                 )
             self._pace = float(factor)
         elif request in ("pause", "go"):
-            self._paused = request == "pause"
+            self._is_paused = request == "pause"
         elif request in ("stop", "clear"):
             self._stop_reason = words.get("reason") if request == "stop" else None
         elif request in ("mission", "set", "shake"):
@@ -96,7 +96,7 @@ class RunPlayer:
         """Play the queued entries one after the other until the entry None."""
         self._on_message = on_message
         self._send_state()
-        while (entry := await self._waiting.get()) is not None:
+        while (entry := await self._requests.get()) is not None:
             if isinstance(entry, Path):
                 await self._play(entry)
             elif isinstance(entry, dict):
@@ -135,7 +135,7 @@ class RunPlayer:
                 if not self.viewers():
                     return
                 now_s = time.monotonic()
-                is_paused = self._paused or self._stop_reason is not None
+                is_paused = self._is_paused or self._stop_reason is not None
                 done_s += 0.0 if is_paused else (now_s - previous_s) * self._pace
                 previous_s = now_s
                 due = row_index
@@ -162,13 +162,13 @@ class RunPlayer:
         if description["kind"] == "experiment":
             await self._show({"screen": "identify"}, FIT_DISPLAY_S)
 
-    async def _show(self, scene: "JsonObject", stays_s: float = 0.0) -> None:
-        """Show a screen, and wait `stays_s` seconds while a browser watches, without the pauses of the player."""
+    async def _show(self, scene: "JsonObject", display_s: float = 0.0) -> None:
+        """Show a screen, and wait `display_s` seconds while a browser watches, without the pauses of the player."""
         self._scene = scene
         self._send_state()
-        while stays_s > 0.0 and self.viewers():
+        while display_s > 0.0 and self.viewers():
             await asyncio.sleep(FRAME_PERIOD_S)
-            stays_s -= 0.0 if self._paused else FRAME_PERIOD_S
+            display_s -= 0.0 if self._is_paused else FRAME_PERIOD_S
 
     async def _await_browser(self) -> bool:
         """Wait for a browser; return True once a browser watches, or False if none has connected within
@@ -192,7 +192,7 @@ class RunPlayer:
                 "state": state,
                 "reason": self._stop_reason,
                 "pace": self._pace,
-                "paused": self._paused,
+                "paused": self._is_paused,
             }
             | {"scene": self._scene}
             | ({} if self._step is None else {"step": self._step})

@@ -35,11 +35,11 @@ class Questions:
     `source` returns the vehicle of the page: {vehicle, routes}, {path, routes}, or None without a vehicle file.
     """
 
-    def __init__(self, shelf: RunList, source: "Callable[[], JsonObject | None]") -> None:
-        self._shelf, self._source = shelf, source
-        self._bench, self.slow = WorkerClient(), WorkerClient()
+    def __init__(self, run_list: RunList, source: "Callable[[], JsonObject | None]") -> None:
+        self._run_list, self._source = run_list, source
+        self._tuning_client, self.slow_client = WorkerClient(), WorkerClient()
         self._newest: dict[tuple[Visitor, str], object] = {}
-        self._running: set[asyncio.Task[None]] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
         self.blocks: dict[str, str] = {}  # role → kind that the next mission uses in place of the file's kind
         self.words: dict[str, Callable[[Visitor, JsonObject], Awaitable[JsonObject]]] = {
             "tune": self._tune, "route": self._route, "lap": self._lap, "landscape": self._landscape,
@@ -54,17 +54,17 @@ class Questions:
         key = visitor, question
         self._newest[key] = message.get("id")
         task = asyncio.create_task(self._answer(visitor, message))
-        self._running.add(task)
-        task.add_done_callback(self._running.discard)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
         await task
 
     async def close(self) -> None:
         """Cancel the waiting questions, and end the workers."""
-        for task in list(self._running):
+        for task in list(self._tasks):
             task.cancel()
-        await asyncio.gather(*self._running, return_exceptions=True)
-        await self._bench.close()
-        await self.slow.close()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._tuning_client.close()
+        await self.slow_client.close()
 
     async def _answer(self, visitor: Visitor, message: "JsonObject") -> None:
         reply: JsonObject
@@ -92,7 +92,7 @@ class Questions:
         Raise UsageError if the run does not exist, or if the page does not have a vehicle file.
         """
         if message.get("run"):
-            paths = self._shelf.paths()
+            paths = self._run_list.paths()
             if message["run"] not in paths:
                 raise UsageError(fault("web.no-run"))
             return {"path": str(paths[message["run"]])}
@@ -109,17 +109,17 @@ class Questions:
         }
 
     async def _tune(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
-        reply, _ = await self._bench.request("tune", visitor, **self._tuning_request(message))
+        reply, _ = await self._tuning_client.request("tune", visitor, **self._tuning_request(message))
         return reply | {"gains": _with_meanings(reply["gains"], visitor.language)}
 
     async def _route(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
-        reply, _ = await self._bench.request("route", visitor, **self._tuning_request(message))
+        reply, _ = await self._tuning_client.request("route", visitor, **self._tuning_request(message))
         return reply
 
     async def _lap(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         if not self._is_newest(visitor, message):
             return {"stale": True}
-        reply, _ = await self._bench.request(
+        reply, _ = await self._tuning_client.request(
             "lap", visitor, gains=message["gains"], **self._tuning_request(message)
         )
         return reply
@@ -133,7 +133,7 @@ class Questions:
         for first in range(0, len(positions), LAPS_PER_REQUEST):
             if not self._is_newest(visitor, message):
                 return {"stale": True}
-            reply, _ = await self._bench.request(
+            reply, _ = await self._tuning_client.request(
                 "costs", visitor, positions=positions[first : first + LAPS_PER_REQUEST], **arguments
             )
             costs += reply["costs"]
@@ -141,28 +141,28 @@ class Questions:
 
     async def _descent(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
         arguments = {name: message[name] for name in ("gains", "price")} | self._tuning_request(message)
-        reply, _ = await self.slow.request("downhill", visitor, **arguments)
+        reply, _ = await self.slow_client.request("downhill", visitor, **arguments)
         return reply
 
     async def write_gains(self, visitor: Visitor, message: "JsonObject") -> Diagnostic:
         """Write gains, or the gyro scale of a `lap`, into the vehicle file, and return the message that confirms it."""
         if lap := message.get("lap"):
             lap, route = str(self.find_run(lap)), str(message.get("route") or "")[:MAX_NAME_LETTERS]
-            reply, _ = await self.slow.request(
+            reply, _ = await self.slow_client.request(
                 "lap closure", **(self.find_subject({}) | {"run": lap, "route": route})
             )
             return Diagnostic.from_json(reply["message"])
         arguments = {"gains": message["gains"]} | self._tuning_request({"route": message.get("route")})
-        reply, _ = await self._bench.request("write", visitor, **arguments)
+        reply, _ = await self._tuning_client.request("write", visitor, **arguments)
         return note("web.tuned", file=reply["file"])
 
     async def _block(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
-        reply, _ = await self.slow.request("block", visitor, **self._block_request(message))
+        reply, _ = await self.slow_client.request("block", visitor, **self._block_request(message))
         rows = _with_meanings(reply["parameters"], visitor.language)
         return reply | {"parameters": rows, "swapped": self.blocks.get(str(message["room"]))}
 
     async def _check(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
-        reply, _ = await self.slow.request("check", visitor, **self._block_request(message))
+        reply, _ = await self.slow_client.request("check", visitor, **self._block_request(message))
         with use_language(visitor.language):
             return {"findings": [text(Diagnostic.from_json(finding)) for finding in reply["findings"]]}
 
@@ -175,11 +175,11 @@ class Questions:
         }
 
     async def _compare(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
-        paths = self._shelf.paths()
+        paths = self._run_list.paths()
         run_paths = [paths[name] for name in list(message["runs"])[:MAX_COMPARED_RUNS] if name in paths]
         if not run_paths:
             raise UsageError(fault("web.no-run"))
-        reply, _ = await self.slow.request(
+        reply, _ = await self.slow_client.request(
             "compare", visitor, paths=[str(path) for path in run_paths], language=visitor.language
         )
         return reply
@@ -189,7 +189,7 @@ class Questions:
 
         Raise UsageError if a block of this role cannot be swapped, or if the kind is not in the list of the role.
         """
-        reply, _ = await self.slow.request(
+        reply, _ = await self.slow_client.request(
             "block", **self.find_subject({}), room=role[:MAX_NAME_LETTERS], kind=kind[:MAX_NAME_LETTERS]
         )
         if not reply["kinds"]:

@@ -29,7 +29,7 @@ class RunList:
         self.folder, self._extra_runs = folder, extra_paths
         self._key = secrets.token_bytes(32)
         self._lines: dict[str, JsonObject] = {}  # list entries by key
-        self._press, self._pages = WorkerClient(), TemporaryDirectory(prefix="baqueano-page-")
+        self._report_client, self._pages = WorkerClient(), TemporaryDirectory(prefix="baqueano-page-")
 
     def run_key(self, path: Path) -> str:
         """Return the key of a run."""
@@ -61,7 +61,7 @@ class RunList:
     async def read_entries(self) -> "list[JsonObject]":
         """Let the worker read all runs, and return their list entries."""
         paths = self.paths()
-        reply, _ = await self._press.request("runs", paths=[str(path) for path in paths.values()])
+        reply, _ = await self._report_client.request("runs", paths=[str(path) for path in paths.values()])
         self._lines = dict(zip(paths, reply["runs"], strict=True))
         return [self.list_entry(path) for path in paths.values()]  # a run written in the meantime is unread
 
@@ -79,12 +79,12 @@ class RunList:
         page = Path(self._pages.name) / f"{key}-{run_path.stat().st_mtime_ns}.html"
         if not page.exists():
             try:
-                await self._press.request("report", path=str(run_path), to=str(page))
+                await self._report_client.request("report", path=str(run_path), to=str(page))
             except BaqueanoError:
                 return None
         return Content(CONTENT_TYPES[".html"], page, REPORT_POLICY)
 
     async def close(self) -> None:
         """End the worker, and remove the reports."""
-        await self._press.close()
+        await self._report_client.close()
         self._pages.cleanup()

@@ -40,7 +40,7 @@ class Worker:
         self._open: OrderedDict[tuple[str, int, str], PackedRun] = OrderedDict()
         self._lines: dict[tuple[str, int], JsonObject] = {}  # list entries of the last request
         self._drives = DriveIdentifications()
-        self._bench: TuningWorker | None = None
+        self._tuning_worker: TuningWorker | None = None
 
     def answer(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         """Return the answer to a request, and the bytes that follow it."""
@@ -57,8 +57,8 @@ class Worker:
     def _tune(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         from baqueano.web.lab.tuning import TuningWorker
 
-        self._bench = self._bench or TuningWorker()
-        bench = self._bench
+        self._tuning_worker = self._tuning_worker or TuningWorker()
+        bench = self._tuning_worker
         handlers = {
             "tune": bench.begin, "route": bench.route, "lap": bench.lap, "costs": bench.costs,
             "downhill": bench.descent, "write": bench.write,
