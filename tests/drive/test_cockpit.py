@@ -8,7 +8,7 @@ import pytest
 
 from baqueano.diagnostics import StopReason, stop
 from baqueano.drive.by_hand.cockpit import RELEASES_OFF, RELEASES_ON, Cockpit
-from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, RELEASE, KeyEvent
+from baqueano.drive.by_hand.keys import KITTY, PRESS, QUERY_ANSWER, RELEASE, KeyEvent
 from baqueano.drive.by_hand.terminal_heartbeat import MAX_SILENCE_S, QUERY
 from baqueano.vehicles import Drivetrain
 
@@ -44,7 +44,7 @@ class Terminal:
         if self.there and self.can_answer:
             due = self.t_s + self.trip_s
             self.coming += [(due, KeyEvent(KITTY))] * (self.kitty and b"\x1b[?u" in data)
-            self.coming += [(due, KeyEvent(ALIVE))] * data.count(QUERY)
+            self.coming += [(due, KeyEvent(QUERY_ANSWER))] * data.count(QUERY)
 
     def set_mode(self, on, hidden):
         self.changes.append((on, hidden))
@@ -134,7 +134,7 @@ def test_a_silent_terminal_drives_only_during_each_key_press():
 
 
 def test_a_terminal_behind_another_program_receives_no_query():
-    with cockpit(Terminal(kitty=True), trusted=False, latched=True) as (terminal, hand):
+    with cockpit(Terminal(kitty=True), has_heartbeat=False, latched=True) as (terminal, hand):
         wait(hand, terminal, 1.0)
         assert QUERY not in terminal.sent
         assert hand.status.key_mode.startswith("hold to drive, press briefly")

@@ -5,10 +5,10 @@ import random
 import pytest
 
 from baqueano.drive.by_hand.keys import (
-    ALIVE,
     KITTY,
     LEFT_WINDOW,
     PRESS,
+    QUERY_ANSWER,
     RELEASE,
     REPEAT,
     KeyDecoder,
@@ -46,7 +46,7 @@ def test_letters_and_arrows_of_a_plain_terminal_are_read_as_key_presses():
         (b"\x1b[99;5u", KeyEvent(PRESS, "ctrl-c")),
         (b"\x1b[99;5:3u", KeyEvent(RELEASE, "ctrl-c")),
         (b"\x03", KeyEvent(PRESS, "ctrl-c")),
-        (b"\x1b[0n", KeyEvent(ALIVE)),
+        (b"\x1b[0n", KeyEvent(QUERY_ANSWER)),
         (b"\x1b[?11u", KeyEvent(KITTY)),
         (b"\x1b[O", KeyEvent(LEFT_WINDOW)),
     ],

@@ -126,7 +126,7 @@ def test_an_unplugged_pad_stays_disconnected(plug):
     game_pad.read()
     kernel.unplug()
     assert game_pad.read() == []
-    assert game_pad.is_gone
+    assert game_pad.is_disconnected
     assert game_pad.direction() == (0.0, 0.0)
 
 

@@ -124,7 +124,7 @@ class MpuEmulator:
         self.next_ns = float(start_ns)
         self.random = random.Random(seed)
         self.taken: list[int] = []  # when each sample was taken, ns; a test's truth
-        self.frozen = False
+        self.is_frozen = False
         self.saturated: dict[int, int] = {}  # channel 0..5 → raw value
         self.lost_writes = 0
         self.power_on()
@@ -152,7 +152,7 @@ class MpuEmulator:
 
     def freeze(self, on: bool = True) -> None:
         """Repeat the last values of the sensors; bus, clock and FIFO continue."""
-        self.frozen = on
+        self.is_frozen = on
 
     def saturate(self, channel: int, raw: int = 32767) -> None:
         """Set a channel constant at `raw`: 0 to 2 are the accelerometer, 3 to 5 the gyro."""
@@ -287,7 +287,7 @@ class MpuEmulator:
             words[channel] = value
         words.insert(3, round((self.temperature_c - self.t_zero) * self.t_lsb))
         data = b"".join(word.to_bytes(2, "big", signed=True) for word in words)
-        if not self.frozen:
+        if not self.is_frozen:
             self.regs[DATA : DATA + 14] = data
         self.taken.append(self.t_ns)
         self.regs[INT_STATUS] |= 0x01

@@ -69,7 +69,7 @@ def test_an_unwritable_run_folder_ends_the_mission_and_not_the_service(service, 
 
 def clear_after(service, robot, times):
     """Request a clear once; the service then looks at the hardware `times` times."""
-    service.operator.clear_requested = True
+    service.operator.is_clear_requested = True
     look_around(service, robot, times)
 
 

@@ -80,7 +80,7 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
     assert service.machine.state is DoorState.STOPPED, (
         "a stop is latched: an operator must inspect the vehicle"
     )
-    service.operator.clear_requested = True
+    service.operator.is_clear_requested = True
     looked_on(service, robot, 1.0)
     assert service.machine.state is DoorState.READY
     end, run = drive(service, spin(1.0))

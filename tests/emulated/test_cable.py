@@ -96,7 +96,7 @@ def test_rt10_a_disconnected_line_reopens_and_drives_after_a_clear(plugged_uno, 
             time.sleep(0.01)
         assert read_run(tmp_path / "runs" / last["run"]).notes == ()
         put_back(live, name)
-        service.operator.clear_requested = True
+        service.operator.is_clear_requested = True
         look_until(service, lambda: service.machine.state is DoorState.READY)
         assert uno.statistics.resets == 1
         uno.arm()

@@ -143,7 +143,7 @@ def test_a_hardware_failure_ends_the_calibration_with_motors_off(robot, bench, f
     bench.uno.arm()
     bench.hold_duties(0.6, -0.6, 0.2)
     if fault == "imu":
-        robot.chip.frozen = True
+        robot.chip.is_frozen = True
     else:
         robot.board.reset()
     with refused(StopReason.IMU_SILENT if fault == "imu" else StopReason.UNO_RESET, SafetyStop):

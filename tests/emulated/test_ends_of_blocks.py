@@ -62,7 +62,7 @@ def test_a_block_that_ends_the_program_ends_only_its_mission(service, robot, tmp
     assert not robot.board.moving
     assert (run is not None) == (place == "line")
     assert not service.journal.path.exists()
-    service.operator.clear_requested = True
+    service.operator.is_clear_requested = True
     for _ in range(3):
         service.idle()
         robot.wait(0.05)

@@ -71,7 +71,7 @@ def clear_stop(service, robot):
     assert service.machine.state is DoorState.STOPPED
     look_around(service, robot, 5)
     assert service.machine.state is DoorState.STOPPED, "the stop is latched"
-    service.operator.clear_requested = True
+    service.operator.is_clear_requested = True
     look_around(service, robot, 20)
     return service.machine.state is DoorState.READY
 

@@ -73,7 +73,7 @@ def test_an_imu_that_answers_later_makes_the_vehicle_ready(service, robot):
 
 
 def test_systemd_waits_for_a_chip_without_samples(service, robot):
-    waits, robot.chip.frozen = [], True
+    waits, robot.chip.is_frozen = [], True
     service.set_watchdog_timeout = waits.append
     before_ns = robot.now_ns
     service.idle()

@@ -33,7 +33,7 @@ def test_rt15_a_stop_by_anyone_is_latched_until_cleared(service, robot):
     second, _ = drive(service, spin())
     assert second["reason"].figures["cause"] == TEACHER
     assert second["run"] is None
-    service.operator.clear_requested = True
+    service.operator.is_clear_requested = True
     for _ in range(3):
         service.idle()
         robot.wait(0.05)

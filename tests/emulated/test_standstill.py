@@ -85,7 +85,7 @@ def test_rt2_a_freeze_longer_than_the_command_timeout_ends_the_drive(robot, tmp_
     assert service.machine.state is DoorState.STOPPED
     look_around(service, robot, 5)
     assert service.machine.state is DoorState.STOPPED, "the stop is latched"
-    service.operator.clear_requested = True
+    service.operator.is_clear_requested = True
     look_around(service, robot, 20)
     end, _ = drive(service, spin(0.5))
     assert end["reason"] is None, "after an inspection the vehicle drives again"

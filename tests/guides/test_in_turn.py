@@ -67,7 +67,7 @@ def test_a_custom_guide_begins_at_the_join_point():
 def test_the_guide_returns_to_its_start_after_the_route():
     route = line(1.0, 0.2)
     state, out = followed(GuideSequence.with_way_back(Repeat.along(route), route), np.zeros(3))
-    assert state.is_first_over == 1.0
+    assert state.is_first_done == 1.0
     assert max(r.eta[0] for r in out) > 1.0
     np.testing.assert_allclose(out[-1].eta, np.zeros(3), atol=1e-6)
     assert [r.at_end for r in out[:-1]] == [0.0] * (len(out) - 1)

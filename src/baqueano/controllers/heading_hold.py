@@ -88,7 +88,7 @@ class HeadingHold:
     --------
     >>> from baqueano.signals import Estimate
     >>> from baqueano.controllers.manual import ManualController
-    >>> gains = pole_placement_gains(k=8.0, tau_s=0.2, late_s=0.03)
+    >>> gains = pole_placement_gains(k=8.0, tau_s=0.2, delay_s=0.03)
     >>> hold = HeadingHold(ManualController(lambda: [0.3, 0.0, 0.0]), gains, limit=1.0)
     >>> state, command = hold.step(hold.init(), None, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
     >>> print(command.u)
@@ -157,11 +157,11 @@ class HeadingHold:
         return float(y[-1]) / self.gyro.scale if is_rejected else 0.0
 
 
-def pole_placement_gains(k: float, tau_s: float, late_s: float) -> Gains:
-    """Return the gains of (3) for the model (2) with gain `k`, time constant `tau_s` and total delay `late_s`."""
-    omega = 1.0 / (BANDWIDTH_MARGIN * late_s)
+def pole_placement_gains(k: float, tau_s: float, delay_s: float) -> Gains:
+    """Return the gains of (3) for the model (2) with gain `k`, time constant `tau_s` and total delay `delay_s`."""
+    omega = 1.0 / (BANDWIDTH_MARGIN * delay_s)
     tp = max(omega * tau_s, 1.0 - 2.0 * omega * tau_s)
     return Gains(
         (omega**2 * tau_s + 2.0 * omega * tp) / k, omega**2 * tp / k, (tp + 2.0 * omega * tau_s - 1.0) / k,
-        SETTLING_CONSTANTS * (tau_s + late_s),
+        SETTLING_CONSTANTS * (tau_s + delay_s),
     )  # fmt: skip

@@ -280,14 +280,14 @@ class ModelFollower:
         def next_velocity(effort: np.ndarray) -> np.ndarray:
             return self._advance(nu, effort)[::2]
 
-        full = np.where(np.isfinite(self.limit), self.limit, 1.0)
-        b_v, b_r = jacobian(next_velocity)(effort) * full
+        max_command = np.where(np.isfinite(self.limit), self.limit, 1.0)
+        b_v, b_r = jacobian(next_velocity)(effort) * max_command
         remainder_v, remainder_r = nu[::2] + nu_dot * dt_s - next_velocity(effort)
         min_v, min_r = (MIN_EFFECT * dt_s) ** 2
         step = b_v * remainder_v / (b_v @ b_v + min_v)
         b_turn = b_r - b_v * (b_r @ b_v) / (b_v @ b_v + TINY)  # a turn must not change the speed
         step = step + b_turn * (remainder_r - b_r @ step) / (b_turn @ b_turn + min_r)
-        return np.clip(effort + full * step, -self.limit, self.limit)
+        return np.clip(effort + max_command * step, -self.limit, self.limit)
 
     def _advance(self, nu: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """Return the velocity (3,) of the model after a tick of usual length, with a constant effort (n,)."""

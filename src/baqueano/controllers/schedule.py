@@ -125,13 +125,13 @@ class DelayedController:
         return DelayedControllerState(start_ns, inner_state), command
 
 
-def script_commands(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz: float) -> np.ndarray:
+def script_commands(steps: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz: float) -> np.ndarray:
     """Return the commands (N, n) of a script [(seconds, command), …], one row per tick.
 
     Raise UsageError for a malformed entry.
     """
     rows = []
-    for k, step in enumerate(script):
+    for k, step in enumerate(steps):
         try:
             duration_s, u = float(step[0]), np.array(step[1], dtype=float)
         except (TypeError, ValueError, IndexError) as error:

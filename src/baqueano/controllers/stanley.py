@@ -66,8 +66,8 @@ class Stanley(ModelFollower):
         rate = self.k * speed / (self.softening_speed_m_s + speed)
         k_chi, k_y = self.limited_gains(speed / axle_m + rate, rate / axle_m, speed)
         correction = k_y * e_y + tracking.forward_sign * (k_chi - speed / axle_m) * np.sin(tracking.e_chi)
-        approach = np.arctan(correction * axle_m / np.maximum(speed, TINY))  # (2)
-        approach = np.clip(approach, -MAX_APPROACH_RAD, MAX_APPROACH_RAD)
-        delta = tracking.e_chi + tracking.forward_sign * approach
+        approach_angle = np.arctan(correction * axle_m / np.maximum(speed, TINY))  # (2)
+        approach_angle = np.clip(approach_angle, -MAX_APPROACH_RAD, MAX_APPROACH_RAD)
+        delta = tracking.e_chi + tracking.forward_sign * approach_angle
         delta = np.clip(delta, -self.max_steering_rad, self.max_steering_rad)
         return memory, (v_f + self.k_x * e_x, omega_f + speed * np.sin(delta) / axle_m)

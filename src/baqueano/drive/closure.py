@@ -116,7 +116,7 @@ class LapEnd(NamedTuple):
     J: np.ndarray  # (3,)
     V: np.ndarray  # (3, 3)
     turn_rad: float  # of the lap, with the scale s₀
-    old_e: np.ndarray  # (3,), computed with the scale s₀
+    file_e: np.ndarray  # (3,), computed with the scale s₀
 
     @property
     def std(self) -> float:
@@ -243,7 +243,7 @@ def end_closure(end: LapEnd, vehicle_file: VehicleFile, run_name: str) -> Closur
     share = file_std**2 / (file_std**2 + std**2) if file_std > 0.0 else 1.0
     scale = sensor.gyro_scale * float(np.exp(share * kappa))
     scale_std, turns = scale * float(np.sqrt(share)) * std, round(end.turn_rad / (2.0 * np.pi))
-    values, gap_m = _gyro_values(vehicle_file, end.gyro, scale, scale_std), float(np.hypot(*end.old_e[:2]))
+    values, gap_m = _gyro_values(vehicle_file, end.gyro, scale, scale_std), float(np.hypot(*end.file_e[:2]))
     return Closure(end.gyro, turns, end.turn_rad, scale, scale_std, values, {}, None, gap_m)
 
 
@@ -336,11 +336,11 @@ def _rest_bias(run: Run, channel: Channel) -> tuple[float, float]:
 
     Raise AnswerNo if the rest was too short.
     """
-    in_motion = np.any(run.applied_commands != 0.0, axis=1)  # an unknown command (NaN) is treated as motion
-    last_motion_ns = np.maximum.accumulate(np.where(in_motion, run.t_ns, run.t_ns[0] - round(REST_S * 1e9)))
+    is_moving = np.any(run.applied_commands != 0.0, axis=1)  # an unknown command (NaN) is treated as motion
+    last_motion_ns = np.maximum.accumulate(np.where(is_moving, run.t_ns, run.t_ns[0] - round(REST_S * 1e9)))
     tick = np.clip(np.searchsorted(run.t_ns, channel.t_ns), 0, len(run.t_ns) - 1)
     at_rest = (
-        ~in_motion[tick]
+        ~is_moving[tick]
         & (seconds(channel.t_ns, last_motion_ns[tick]) >= REST_S)
         & np.isfinite(channel.z[:, -1])
     )

@@ -276,7 +276,7 @@ def with_rough_gains(result: FirstDrive, vehicle_file: VehicleFile) -> VehicleFi
     rough_file = vehicle_file
     if not result.file_dead_zones_fit:
         rough_file = with_dead_zones(rough_file, directions(rough_file), result.onset_level)
-    k_x, k_z, changes = _or_one(result.forward_gain), _or_one(result.turn_gain), {}
+    k_x, k_z, changes = _gain_or_one(result.forward_gain), _gain_or_one(result.turn_gain), {}
     for path, p in all_parameters(rough_file.vehicle, "model"):
         if p.role == "gain":
             old_values = np.asarray(rough_file.value(path), float)
@@ -306,17 +306,21 @@ def _model_gains(
     for a, b in zip(begins, ends, strict=True):
         rows = slice(a, b + round(RESPONSE_S / max(seconds(run.t_ns[1], run.t_ns[0]), 1e-6)))
         simulated_peaks.append([_peak(truth.nu[rows, 0]), _peak(psi[rows] - psi[max(a - 1, 0)])])
-    significant, gains, residual = np.array([p.turn_significance > MIN_SIGMA for p in pulses], bool), [], 0.0
+    is_significant, gains, residual = (
+        np.array([p.turn_significance > MIN_SIGMA for p in pulses], bool),
+        [],
+        0.0,
+    )
     for x, y in zip(
         np.reshape(simulated_peaks, (-1, 2)).T,
         ([p.v for p in pulses], [p.turn_rad for p in pulses]),
         strict=True,
     ):
         y = np.array(y)
-        power = float(x[significant] @ x[significant])
-        gain = float(x[significant] @ y[significant]) / power if power > 1e-12 else float("nan")
+        power = float(x[is_significant] @ x[is_significant])
+        gain = float(x[is_significant] @ y[is_significant]) / power if power > 1e-12 else float("nan")
         gains.append(gain)
-        residual += float(np.sum((y - _or_zero(gain) * x) ** 2) / max(np.sum(y**2), 1e-12))
+        residual += float(np.sum((y - _gain_or_zero(gain) * x) ** 2) / max(np.sum(y**2), 1e-12))
     return (gains[0], gains[1]), residual
 
 
@@ -382,9 +386,9 @@ def _peak(x: np.ndarray) -> float:
     return float(x[np.argmax(np.abs(x))])
 
 
-def _or_zero(gain: float) -> float:
+def _gain_or_zero(gain: float) -> float:
     return gain if np.isfinite(gain) else 0.0
 
 
-def _or_one(gain: float) -> float:
+def _gain_or_one(gain: float) -> float:
     return gain if np.isfinite(gain) and gain > 0.0 else 1.0

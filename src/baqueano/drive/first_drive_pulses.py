@@ -71,8 +71,8 @@ class PulsePlanner:
         elif state.active < 0 and span >= (FIRST_S if state.previous < 0 else PAUSE_S):
             state = self._begin_pulse(self._evaluate(state, estimate), estimate)
         is_over = bool(state.is_done.all()) or seconds(t_ns, state.start_ns) >= self.max_duration_s
-        is_far = np.hypot(*estimate.eta[:2]) > self.max_distance_m + np.sqrt(estimate.cov[0, 0])
-        is_over = bool(is_over or is_far) and state.active < 0
+        is_outside = np.hypot(*estimate.eta[:2]) > self.max_distance_m + np.sqrt(estimate.cov[0, 0])
+        is_over = bool(is_over or is_outside) and state.active < 0
         u = none if state.active < 0 or is_over else state.level[state.active] * self.directions[state.active]
         return state, u, is_over
 
@@ -95,18 +95,18 @@ class PulsePlanner:
         k = state.previous
         if k < 0:
             return state
-        level, count, shifts, is_done = (
+        level, count, shift_count, is_done = (
             x.copy() for x in (state.level, state.moved_count, state.displacement, state.is_done)
         )
         shift = estimate.eta[:2] - state.start_pose[:2]
         c, s = np.cos(state.start_pose[2]), np.sin(state.start_pose[2])
         if state.significance > MIN_SIGMA:
             count[k] += 1.0
-            shifts[k] = c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]
+            shift_count[k] = c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]
         is_done[k] |= state.is_limited or count[k] >= MAX_MOVING_PULSES or level[k] >= 1.0
         if not is_done[k]:
             level[k] = min(1.0, level[k] + max(STEP, GROWTH * level[k]))
-        return state._replace(level=level, moved_count=count, displacement=shifts, is_done=is_done)
+        return state._replace(level=level, moved_count=count, displacement=shift_count, is_done=is_done)
 
     def _begin_pulse(self, state: PulseState, estimate: Estimate) -> PulseState:
         """Return the state with the next pulse begun, unless all directions are finished."""

@@ -50,7 +50,7 @@ class Health:
         self._sensors = sensors
         self._window: deque[tuple[int, float]] = deque()
         self._sum = 0.0
-        self.reported = False
+        self.is_reported = False
 
     @property
     def degraded_sensors(self) -> tuple[Finding, ...]:
@@ -64,8 +64,8 @@ class Health:
         # readings of a broken sensor do not show if the model fits
         if self._sensors is not None and self._sensors.is_suspect:
             self._reset_window()
-        misfit = self.misfit_message(tick.t_ns, estimate)
-        model = [] if misfit is None else [(SOURCE, "warning", misfit)]
+        message = self.misfit_message(tick.t_ns, estimate)
+        model = [] if message is None else [(SOURCE, "warning", message)]
         return [
             *model,
             *((SENSORS_SOURCE, str(notice.message.severity), notice.message) for notice in notices),
@@ -92,7 +92,7 @@ class Health:
     def misfit_message(self, t_ns: int, estimate: Any) -> Diagnostic | None:
         """Return a message when the model no longer fits, once per run; None otherwise.  (1)"""
         y, S = estimate.innovation, expected_innovation_cov(estimate)
-        if self.reported or y is None or S is None:
+        if self.is_reported or y is None or S is None:
             return None
         try:
             square = normalised_innovation_squared(y.tolist(), S.tolist())
@@ -109,7 +109,7 @@ class Health:
         nis = self._sum / max(1, len(self._window))
         if nis <= MAX_NIS:
             return None
-        self.reported = True
+        self.is_reported = True
         fix = "baqueano identify last"
         return note("model.fits-no-longer", Severity.WARNING, fix, window_s=WINDOW_S, ratio=np.sqrt(nis))
 

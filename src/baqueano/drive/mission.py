@@ -144,13 +144,13 @@ def pack(mission: Mission, vehicle_file: VehicleFile) -> Mission:
     (True, {})
     """
     texts: dict[str, str] = {}
-    home = Path() if vehicle_file.path is None else vehicle_file.path.parent
+    folder = Path() if vehicle_file.path is None else vehicle_file.path.parent
 
     def pack_kind(kind: str) -> str:
-        stem, colon, name = kind.partition(".py:")
+        file_stem, colon, name = kind.partition(".py:")
         if not colon:
             return kind
-        path = home / f"{stem}.py"
+        path = folder / f"{file_stem}.py"
         text = path.read_text(encoding="utf-8")
         if texts.setdefault(path.name, text) != text:
             raise FileError(fault("mission.two-files", name=path.name))

@@ -107,11 +107,11 @@ def replay_blocks(
     """
     ref, log, begin = run.guide_reference, run.reference, min(run.begin_index, len(run.t_ns) - 1)
     end_ns = np.zeros(0) if log is None else log.t_ns[log.at_end > 0.0]
-    leader = Playback(*ref) if ref is not None else Idle(
+    guide_block = Playback(*ref) if ref is not None else Idle(
         float(seconds(end_ns[0], run.t_ns[begin])) if len(end_ns) else float("inf"))  # fmt: skip
     if guide is not None:
         route = None if ref is None else Route(seconds(ref.t_ns, ref.t_ns[0]), ref.eta, ref.nu, closed=False)
-        leader = vehicle_file.guide(route, guide)
+        guide_block = vehicle_file.guide(route, guide)
     follower = None if controller is None else vehicle_file.controller(controller)
     if follower is None and run.metadata.get("kind") == "repeat":
         follower = _file_controller(vehicle_file)
@@ -119,7 +119,9 @@ def replay_blocks(
         u = run.requested_commands
         u = run.applied_commands if u is None else np.where(np.isfinite(u), u, 0.0)
         follower = Schedule(run.t_ns[begin:] - run.t_ns[begin], u[begin:])
-    return Blocks(vehicle_file.estimator(estimator), leader, follower, replay_supervisor(run, vehicle_file))
+    return Blocks(
+        vehicle_file.estimator(estimator), guide_block, follower, replay_supervisor(run, vehicle_file)
+    )
 
 
 def _file_controller(vehicle_file: VehicleFile) -> Controller | None:
@@ -146,9 +148,9 @@ def _smooth_run(
     or cannot be compiled.
     """
     sizes = {name: sensor.size for name, sensor in vehicle_file.sensors._asdict().items()}
-    initial, _ = initial_pose_for(estimator, start)
+    state, _ = initial_pose_for(estimator, start)
     belief = estimator.init(
-        *(() if initial is None else (initial,) if len(initial) == 3 else (initial[:3], initial[3:]))
+        *(() if state is None else (state,) if len(state) == 3 else (state[:3], state[3:]))
     )
     silent_tick = Tick(int(run.t_ns[0]), run.applied_commands[0], silent(sizes))
     block_name = type(estimator).__name__

@@ -290,7 +290,7 @@ def compile_blocks(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, li
     command = Command(0, np.zeros(len(tick.u)))
     inputs = (tick,), (estimate,), (reference, estimate), (command, tick, estimate)
     results = [
-        compiled_or_unchanged(*x, backend) for x in zip(Blocks._fields, blocks, states, inputs, strict=True)
+        compile_if_possible(*x, backend) for x in zip(Blocks._fields, blocks, states, inputs, strict=True)
     ]
     return Blocks._make(block for block, _ in results), [
         reason for _, reason in results if reason is not None
@@ -317,7 +317,7 @@ def sensor_monitor(
         return None, [note("drive.not-watched", error=error_text(error))]
 
 
-def compiled_or_unchanged(
+def compile_if_possible(
     role: str, block: Tree, state: Tree, inputs: tuple[Any, ...], backend: str
 ) -> tuple[Any, Diagnostic | None]:
     """Return the block compiled, or unchanged with the reason if it cannot be compiled.
@@ -328,7 +328,7 @@ def compiled_or_unchanged(
         reasons: list[Diagnostic | None] = [None]
         for name in optional.attribute(block, "inner_blocks"):
             part_and_state = getattr(block, name), getattr(state, name)
-            part, reason = compiled_or_unchanged(role, *part_and_state, inputs, backend)
+            part, reason = compile_if_possible(role, *part_and_state, inputs, backend)
             block, reasons = replace(block, **{name: part}), [reason, *reasons]
         return block, next(filter(None, reasons), None)
     try:

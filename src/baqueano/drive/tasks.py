@@ -276,9 +276,12 @@ def repeat(
             *options["notes"],
         ]
     options = with_usual_rest({"eta": route.eta[0]} | options, vehicle_file.sensors)
-    leader, follower = with_laps(vehicle_file.guide(route, guide), laps), vehicle_file.controller(controller)
+    guide_block, follower = (
+        with_laps(vehicle_file.guide(route, guide), laps),
+        vehicle_file.controller(controller),
+    )
     options["notes"] = [*lap_notes(route, laps), *options["notes"]]
-    blocks = Blocks(vehicle_file.estimator(estimator), leader, follower, vehicle_file.supervisor())
+    blocks = Blocks(vehicle_file.estimator(estimator), guide_block, follower, vehicle_file.supervisor())
     start = Conditions(eta=options["eta"]).start
     full_guide = precautions.wrap_guide(blocks.guide, route, vehicle_file, start, blocks.estimator)
     planned_s = options["rest_s"] + Repeat.along(route, laps).duration_s

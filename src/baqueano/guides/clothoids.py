@@ -20,7 +20,9 @@ import numpy as np
 FULL_TURN = 2.0 * np.pi
 ROUNDING_RAD = 1e-9  # an angle below zero by less than this is 0, not a full turn
 ITERATION_COUNT = 12  # of (4)
-SHARE = 0.9  # of the largest curvature of a turn without an arc, so that the angle of the arc stays positive
+CURVATURE_SHARE = (
+    0.9  # of the largest curvature of a turn without an arc, so that the angle of the arc stays positive
+)
 FIRST_LINES = (0.0, 2.0, 8.0)  # length of the line before the first turn, in R + length of a clothoid
 WORDS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # directions of the two turns
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # exact to 1e-9 for an angle of 2π
@@ -53,18 +55,18 @@ def shortest_path(
     # the line before the first turn
     is_line = first_m > 0.0
     ramp_0_m, kappa_1_0 = np.where(is_line, abs(kappa_0) / k, 0.0), np.where(is_line, 0.0, kappa_0)
-    line_start = _moved(start, _displacement(ramp_0_m, kappa_0 + 0.0 * s_1, kappa_1_0))
-    turn_start = _moved(line_start, np.stack([first_m, 0.0 * first_m, 0.0 * first_m]))
+    line_start = _compose(start, _displacement(ramp_0_m, kappa_0 + 0.0 * s_1, kappa_1_0))
+    turn_start = _compose(line_start, np.stack([first_m, 0.0 * first_m, 0.0 * first_m]))
     end = goals[grid[2]].T + np.array([[0.0], [0.0], [np.pi]])  # the last turn is computed from the goal
     floor = np.sqrt(0.5 * ROUNDING_RAD * k)
     kappa_1 = kappa_2 = np.full(len(s_1), 1.0 / radius_m)
-    best_m, best = np.inf, np.zeros((3, 9))
+    best_length_m, best = np.inf, np.zeros((3, 9))
     best_index = 0
     for _ in range(ITERATION_COUNT):
         entry, exit_1, phi_1, out_1 = _turn(s_1, kappa_1, kappa_1_0, k)
         entry_2, exit_2, phi_2, out_2 = _turn(-s_2, kappa_2, -kappa_g, k)
-        c_1 = _moved(turn_start, np.stack([*entry, phi_1]))
-        c_2 = _moved(end, np.stack([*entry_2, phi_2]))
+        c_1 = _compose(turn_start, np.stack([*entry, phi_1]))
+        c_2 = _compose(end, np.stack([*entry_2, phi_2]))
         dx, dy = c_2[0] - c_1[0], c_2[1] - c_1[1]
         q_1, q_2 = exit_1, -exit_2  # the exit of the last turn, seen from the line that enters it
         offset = q_1[1] - q_2[1]
@@ -83,16 +85,18 @@ def shortest_path(
         )  # fmt: skip
         length_m = np.where((root >= 0.0) & (p >= 0.0), np.sum(rows, axis=0), np.inf)
         i = int(np.argmin(length_m))
-        if length_m[i] < best_m:
+        if length_m[i] < best_length_m:
             zero, a, b = 0.0, s_1[i] * kappa_1[i], s_2[i] * kappa_2[i]
             first = kappa_1_0[i]
             ends = [first, first, a, a, zero, zero, b, b, kappa_g[i]]
-            best_m, best_index = float(length_m[i]), i
+            best_length_m, best_index = float(length_m[i]), i
             best = np.stack([rows[:, i], [kappa_0, *ends[:-1]], ends])
         theta_1 = _turn_angle(s_1 * (chi - turn_start[2]), s_1 * kappa_1_0, k)
         theta_2 = _turn_angle(s_2 * (psi_g - chi), s_2 * kappa_g, k)
         kappa_1, kappa_2 = (
-            np.clip(SHARE * np.sqrt(np.maximum(k * theta + 0.5 * c * c, 0.0)), floor, 1.0 / radius_m)
+            np.clip(
+                CURVATURE_SHARE * np.sqrt(np.maximum(k * theta + 0.5 * c * c, 0.0)), floor, 1.0 / radius_m
+            )
             for theta, c in ((theta_1, s_1 * kappa_1_0), (theta_2, s_2 * kappa_g))
         )
     return _join_pieces(start, *best), int(grid[2][best_index])
@@ -105,7 +109,7 @@ def pose_at(path: ClothoidPath, sigma_m: float) -> tuple[np.ndarray, float]:
     length_m, (a, b) = path.piece_m[i], path.kappa[:, i]
     done_m = min(max(sigma_m - start_m[i], 0.0), length_m)
     kappa = a + (b - a) * (done_m / length_m if length_m > 0.0 else 1.0)
-    return _moved(path.eta[:, i], _displacement(done_m, a, kappa)), float(kappa)
+    return _compose(path.eta[:, i], _displacement(done_m, a, kappa)), float(kappa)
 
 
 def _join_pieces(
@@ -114,7 +118,7 @@ def _join_pieces(
     """Return the path of pieces with these lengths, and curvatures at their starts and ends, each (9,)."""
     steps, eta = _displacement(piece_m, first_curvature, last_curvature), [np.array(start, dtype=float)]
     for step in steps.T[:-1]:
-        eta.append(_moved(eta[-1], step))
+        eta.append(_compose(eta[-1], step))
     return ClothoidPath(
         float(np.sum(piece_m)), piece_m, np.stack([first_curvature, last_curvature]), np.array(eta).T
     )
@@ -133,7 +137,7 @@ def _displacement(
     return np.stack([x, y, 0.5 * (length_m * (first_curvature + last_curvature))[..., 0]])
 
 
-def _moved(eta: np.ndarray, step: np.ndarray) -> np.ndarray:
+def _compose(eta: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Return the pose (3, …) after a displacement `step` (3, …) in the frame of the pose `eta` (3, …)."""
     c, s = np.cos(eta[2]), np.sin(eta[2])
     return np.stack(
@@ -149,7 +153,7 @@ def _turn(
     centre = np.stack([x - s / kappa * np.sin(phi), y + s / kappa * np.cos(phi)])
     end_x, end_y, angle = _displacement(kappa / k, s * kappa, 0.0 * kappa)
     radius_vector = np.stack([end_x, end_y - s / kappa, 0.0 * s])
-    q = _moved(np.stack([0.0 * s, 0.0 * s, -angle]), radius_vector)
+    q = _compose(np.stack([0.0 * s, 0.0 * s, -angle]), radius_vector)
     return centre, q[:2], phi, s * angle
 
 

@@ -21,7 +21,7 @@ class PaceState(NamedTuple):
     """The present pace, the time t′ of the inner guide, and the state of the inner guide."""
 
     t_ns: int  # -1 before the first tick
-    own_ns: int  # t′
+    guide_ns: int  # t′
     pace: float
     guide: Tree
 
@@ -65,12 +65,12 @@ class GuideAtPace:
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference of the guide at its time t′.  (2)"""
         if state.t_ns < 0:
-            state = state._replace(t_ns=estimate.t_ns, own_ns=estimate.t_ns)
+            state = state._replace(t_ns=estimate.t_ns, guide_ns=estimate.t_ns)
         step = seconds(estimate.t_ns, state.t_ns) / self.ramp_s
         pace: float = min(max(self.pace, state.pace - step), state.pace + step)  # (1)
-        own_ns = state.own_ns + round(pace * (estimate.t_ns - state.t_ns))
-        own_estimate = estimate if own_ns == estimate.t_ns else estimate._replace(t_ns=own_ns)
+        guide_ns = state.guide_ns + round(pace * (estimate.t_ns - state.t_ns))
+        own_estimate = estimate if guide_ns == estimate.t_ns else estimate._replace(t_ns=guide_ns)
         guide, reference = self.guide.step(state.guide, own_estimate)
         if pace != 1.0 or reference.t_ns != estimate.t_ns:
             reference = reference._replace(t_ns=estimate.t_ns, nu=pace * reference.nu)
-        return PaceState(estimate.t_ns, own_ns, pace, guide), reference
+        return PaceState(estimate.t_ns, guide_ns, pace, guide), reference

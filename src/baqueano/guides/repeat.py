@@ -121,7 +121,7 @@ class Repeat:
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
         """Return the state, and the reference: pose and velocity of the route at this time of the lap.  (1)"""
-        state = self._joined(state, estimate)
+        state = self._entry_state(state, estimate)
         sigma_s, starting_pace = self._start(state, estimate.t_ns)
         tau_s, ending_pace, is_over = self._end(sigma_s)
         period, pace = self.t_s[-1], starting_pace * ending_pace
@@ -159,7 +159,7 @@ class Repeat:
         speed = np.hypot(self.nu[:, 0], self.nu[:, 1])
         return np.where(speed < REST_M_S, 0.0, speed)
 
-    def _joined(self, state: RepeatState, estimate: Estimate) -> RepeatState:
+    def _entry_state(self, state: RepeatState, estimate: Estimate) -> RepeatState:
         """Return the state; at the first tick that of a vehicle at the start of the route, with its present speed."""
         direction = self.nu[0, :2] / max(float(self._speed()[0]), TINY)
         speed_m_s = np.maximum(direction[0] * estimate.nu[0] + direction[1] * estimate.nu[1], 0.0)
@@ -178,17 +178,17 @@ class Repeat:
         D = self.ramp_s(state.tau_s)
         starting_s = (1.0 - state.pace) * D
         x = np.clip(t, 0.0, starting_s)
-        rise = x / np.maximum(D, TINY)
-        sigma_s = state.tau_s + x * (state.pace + 0.5 * rise) + (t - x)
-        return sigma_s, np.where(t < starting_s, state.pace + rise, 1.0)
+        pace_rise = x / np.maximum(D, TINY)
+        sigma_s = state.tau_s + x * (state.pace + 0.5 * pace_rise) + (t - x)
+        return sigma_s, np.where(t < starting_s, state.pace + pace_rise, 1.0)
 
     def _end(self, sigma_s: Value) -> tuple[Value, Value, Value]:
         """Return τ [s] for σ, its slope dτ/dσ, and 1 after the end, else 0.  (3)"""
         D = self.braking_s
         begin_s = self.end_s - 0.5 * D
         x = np.clip(sigma_s - begin_s, 0.0, D)
-        fall, is_over = x / max(D, TINY), np.where(sigma_s >= begin_s + D, 1.0, 0.0)
-        return np.minimum(sigma_s, begin_s) + x * (1.0 - 0.5 * fall), 1.0 - fall, is_over
+        pace_fall, is_over = x / max(D, TINY), np.where(sigma_s >= begin_s + D, 1.0, 0.0)
+        return np.minimum(sigma_s, begin_s) + x * (1.0 - 0.5 * pace_fall), 1.0 - pace_fall, is_over
 
 
 def with_laps(guide: Guide, laps: int) -> Guide:

@@ -85,13 +85,13 @@ class RepeatByProgress(Repeat):
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference at the teacher's time τ.  (4)"""
-        entry = self._joined(state.entry, estimate)
+        entry = self._entry_state(state.entry, estimate)
         pace, aside_m, behind_m = self._pace(self._phase(state.tau_s), estimate)
         largest_pace = np.minimum(
             self._starting_pace(entry, estimate.t_ns), self._braking_pace(self.end_s - state.tau_s)
         )
         clock_pace = np.minimum(pace, largest_pace)
-        if not self._continues:  # the reference rests at the end, and τ counts the time
+        if not self._has_next_lap:  # the reference rests at the end, and τ counts the time
             clock_pace = np.where(state.tau_s >= self.end_s, 1.0, clock_pace)
         dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 0.0)
         tau_s = np.clip(state.tau_s + clock_pace * dt_s, 0.0, self.end_s + END_WAIT_S)
@@ -105,7 +105,7 @@ class RepeatByProgress(Repeat):
         return ProgressState(estimate.t_ns, tau_s, entry), reference
 
     @property
-    def _continues(self) -> bool:
+    def _has_next_lap(self) -> bool:
         """Return True if the reference continues on the next lap until the vehicle is at the end.  (6)"""
         return self.closed and self.ends_in_motion
 
@@ -113,18 +113,18 @@ class RepeatByProgress(Repeat):
         """Return the time [s] of the lap; the end of the route after the last lap, unless the reference goes on."""
         period = self.t_s[-1]
         phase = tau_s - period * np.floor(tau_s / period)
-        return phase if self._continues else np.where(tau_s >= self.end_s, period, phase)
+        return phase if self._has_next_lap else np.where(tau_s >= self.end_s, period, phase)
 
     def _is_over(self, former_tau_s: Value, tau_s: Value, behind_m: Value, estimate: Estimate) -> Value:
         """Return 1 if the drive is done, else 0; the vehicle is `behind_m` behind the former reference.  (6)"""
         is_at_rest, slack_m = 1.0, self.slack_m
-        if self._continues:  # and the vehicle passes the end
+        if self._has_next_lap:  # and the vehicle passes the end
             behind_m, slack_m = behind_m - self._route_distance(former_tau_s - self.end_s), 0.0
         elif not self.ends_in_motion:
             is_at_rest = np.where(np.abs(estimate.nu[0]) < REST_M_S, 1.0, 0.0)
-        is_there = np.where(behind_m <= slack_m, is_at_rest, 0.0)
-        is_there = np.where(tau_s >= self.end_s + END_WAIT_S, 1.0, is_there)
-        return np.where(tau_s >= self.end_s, is_there, 0.0)
+        has_arrived = np.where(behind_m <= slack_m, is_at_rest, 0.0)
+        has_arrived = np.where(tau_s >= self.end_s + END_WAIT_S, 1.0, has_arrived)
+        return np.where(tau_s >= self.end_s, has_arrived, 0.0)
 
     def _route_distance(self, t: Value) -> Value:
         """Return the length [m] of the route in its first `t` seconds; 0 before its start."""

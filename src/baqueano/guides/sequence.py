@@ -30,7 +30,7 @@ class GuideSequenceState(NamedTuple):
 
     first: Tree
     second: Tree
-    is_first_over: float  # 1.0 after the first guide is done
+    is_first_done: float  # 1.0 after the first guide is done
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +90,7 @@ class GuideSequence:
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference of the present guide: `first` until it is done, then `second`.  (1)"""
-        was_first_over = state.is_first_over > 0.0
+        was_first_over = state.is_first_done > 0.0
         if was_first_over is True:
             second, reference = self.second.step(state.second, estimate)
             return GuideSequenceState(state.first, second, 1.0), reference
@@ -105,12 +105,12 @@ class GuideSequence:
             entry = branch(was_first_over, lambda: state.second, lambda: self._entry(first, estimate))
             return (*self.second.step(entry, estimate), 1.0)
 
-        second, reference, is_first_over = branch(
+        second, reference, is_first_done = branch(
             reference.at_end > 0.0,
             step_second_guide,
             lambda: (state.second, reference._replace(at_end=0.0), 0.0),
         )
-        return GuideSequenceState(first, second, is_first_over), reference
+        return GuideSequenceState(first, second, is_first_done), reference
 
     def _entry(self, first: Tree, estimate: Estimate) -> Tree:
         """Return the state at which the second guide begins.  (2)"""

@@ -175,7 +175,7 @@ def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float
     quarter = 0.5 * np.pi * corner_m
     pieces = [(a / 2, 0.0), (quarter, 1.0), (b, 0.0), (quarter, 1.0), (a, 0.0), (quarter, 1.0), (b, 0.0)]
     pieces += [(quarter, 1.0), (a / 2, 0.0)]
-    x, y, psi, length_so_far_m = 0.0, 0.0, 0.0, 0.0
+    x, y, psi, distance_m = 0.0, 0.0, 0.0, 0.0
     rows = []
     for length, turn_sign in pieces:
         s = np.linspace(0.0, length, max(2, int(np.ceil(length / 0.01))))
@@ -187,12 +187,10 @@ def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float
         xs = x + np.cos(psi) * dx - np.sin(psi) * dy
         ys = y + np.sin(psi) * dx + np.cos(psi) * dy
         rows.append(
-            np.column_stack([length_so_far_m + s, xs, ys, psi + turn, np.full_like(s, turn_sign / corner_m)])[
-                :-1
-            ]
+            np.column_stack([distance_m + s, xs, ys, psi + turn, np.full_like(s, turn_sign / corner_m)])[:-1]
         )
-        x, y, psi, length_so_far_m = xs[-1], ys[-1], psi + turn[-1], length_so_far_m + length
-    rows.append(np.array([[length_so_far_m, x, y, psi, 0.0]]))
+        x, y, psi, distance_m = xs[-1], ys[-1], psi + turn[-1], distance_m + length
+    rows.append(np.array([[distance_m, x, y, psi, 0.0]]))
     table = np.concatenate(rows)
     nu = np.column_stack([np.full(len(table), speed_m_s), np.zeros(len(table)), table[:, 4] * speed_m_s])
     return Route(table[:, 0] / speed_m_s, relative_poses(table[:, 1:4]), nu, closed=True)

@@ -146,10 +146,10 @@ def search_gains(
         ends = at_limit(best_gains, space.low, space.high)
         if np.any(ends) and (interior := _bounded_descent(rehearsal, descents, preferred_gains)):
             return rehearsal, [interior, *(end for end in descents if end is not interior)]
-        wider = space.widen(ends)
-        if np.array_equal(wider.low, space.low) and np.array_equal(wider.high, space.high):
+        wider_space = space.widen(ends)
+        if np.array_equal(wider_space.low, space.low) and np.array_equal(wider_space.high, space.high):
             break
-        rehearsal, initial, start_count = replace(rehearsal, space=wider), [best_gains], 0
+        rehearsal, initial, start_count = replace(rehearsal, space=wider_space), [best_gains], 0
     return rehearsal, descents
 
 

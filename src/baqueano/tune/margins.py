@@ -87,12 +87,12 @@ def loop_margins(
     """Return the margins of each channel with a limit above 0; () at low speed or without a finite linearisation."""
     if not speed_m_s > MIN_SPEED_M_S:
         return ()
-    plant, steady = linearise(vehicle_file, controller, speed_m_s)
+    plant, is_steady = linearise(vehicle_file, controller, speed_m_s)
     if not all(np.isfinite(matrix).all() for matrix in plant[:4]):
         return ()
     names, limit = vehicle_file.command.names, vehicle_file.command.limit
     block_matrix = np.block([[plant.A, plant.B], [plant.C, plant.D]])
-    stable = steady and bool(np.max(np.abs(np.linalg.eigvals(block_matrix))) < UNSTABLE_EIGENVALUE)
+    stable = is_steady and bool(np.max(np.abs(np.linalg.eigvals(block_matrix))) < UNSTABLE_EIGENVALUE)
     return tuple(
         LoopMargins(names[k], *margins(loop_transfer(plant, int(k))), speed_m_s, stable)
         for k in np.flatnonzero(limit > 0.0)
@@ -147,12 +147,12 @@ def linearise(
     Newton's method finds the state x in which a tick f changes only the position: f(x) = x + v δ ∂x/∂position.
     """
     system = _straight_loop(vehicle_file, controller, speed_m_s)
-    plant, steady, u = _linearise_system(system, speed_m_s, vehicle_file.rate_hz)
+    plant, is_steady, u = _linearise_system(system, speed_m_s, vehicle_file.rate_hz)
     model = _without_idle_zones(system.model, u)
     if model is not system.model:
         system = system._replace(model=model, controller=_without_idle_zones(controller, u))
-        plant, steady, _ = _linearise_system(system, speed_m_s, vehicle_file.rate_hz)
-    return plant, steady
+        plant, is_steady, _ = _linearise_system(system, speed_m_s, vehicle_file.rate_hz)
+    return plant, is_steady
 
 
 def _linearise_system(
@@ -174,19 +174,19 @@ def _linearise_system(
     is_interpreted = any(optional.attribute(block, "is_interpreted") for block in system.blocks)
     derivative = _finite_differences if is_interpreted else _engine_jacobian
     tick = tick_at(state, round((SETTLE_S * rate_hz + 1) * NANOSECONDS / rate_hz))
-    x, J, steady = _steady_state(tick, flat_state.row(state), speed_m_s * dt_s * direction, derivative)
-    if not steady:  # Newton's method began too far away
+    x, J, is_steady = _steady_state(tick, flat_state.row(state), speed_m_s * dt_s * direction, derivative)
+    if not is_steady:  # Newton's method began too far away
         t_ns = tick_times(round(EXTRA_S * rate_hz) + 1, rate_hz)
         state, commands = _drive_system(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
         tick, x = tick_at(state, int(t_ns[-1])), flat_state.row(state)
-        _, J, steady = _steady_state(tick, x, speed_m_s * dt_s * direction, derivative)
-        if not steady:  # for example, the controller does not correct the cross-track error
+        _, J, is_steady = _steady_state(tick, x, speed_m_s * dt_s * direction, derivative)
+        if not is_steady:  # for example, the controller does not correct the cross-track error
             J = derivative(tick, x)
-            steady = bool(
+            is_steady = bool(
                 np.max(np.ptp(commands[-round(CALM_WINDOW_S * rate_hz) :], axis=0)) < CALM_TOLERANCE
             )
     n = len(x) - system.model.commands
-    return LinearSystem(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:], dt_s), steady, x[n:]
+    return LinearSystem(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:], dt_s), is_steady, x[n:]
 
 
 def _without_idle_zones(block: Tree, u: np.ndarray) -> Tree:

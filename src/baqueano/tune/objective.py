@@ -181,14 +181,14 @@ class Objective:
 
         The gradient (r, slopes) is with respect to the first `derivative_count` entries of θ.
         """
-        total, steep = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
+        total, gradients = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
         for case in self.cases:
             mean_cost = (
                 _batch_mean if self._batch_pays_off(case, len(theta), derivative_count) else _sequential_mean
             )
             cost, gradient = mean_cost(case, theta, derivative_count)
-            total, steep = total + cost, steep + gradient
-        return total / len(self.cases), steep / len(self.cases)
+            total, gradients = total + cost, gradients + gradient
+        return total / len(self.cases), gradients / len(self.cases)
 
     def _batch_pays_off(self, case: ObjectiveCase, row_count: int, derivative_count: int) -> bool:
         drives = row_count * self.seed_count
@@ -212,16 +212,16 @@ def _sequential_mean(
 
     Drives run one after the other.
     """
-    total, steep = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
+    total, gradients = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
     for inputs in case.inputs:
         for k, row in enumerate(theta):
             if derivative_count:
                 cost, gradient = case.cost.cost_and_gradient(inputs, row)
-                steep[k] += gradient[:derivative_count]
+                gradients[k] += gradient[:derivative_count]
             else:
                 cost = case.cost.cost(inputs, row)
             total[k] += cost
-    return total / len(case.inputs), steep / len(case.inputs)
+    return total / len(case.inputs), gradients / len(case.inputs)
 
 
 def _batch_mean(
@@ -231,11 +231,11 @@ def _batch_mean(
 
     All drives have the same noise.
     """
-    total, steep = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
+    total, gradients = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
     for inputs in case.inputs:
         cost, gradient = case.cost.batch_sums(inputs, theta, derivative_count)
-        total, steep = total + cost[:, 0], steep + gradient[:, 0]
-    return total / len(case.inputs), steep / len(case.inputs)
+        total, gradients = total + cost[:, 0], gradients + gradient[:, 0]
+    return total / len(case.inputs), gradients / len(case.inputs)
 
 
 @checked_call("bq.tune(robot, route)")

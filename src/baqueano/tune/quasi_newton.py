@@ -75,7 +75,7 @@ def minimise(
         s, y = end.x - point.x, end.gradient - point.gradient
         product = float(s @ y)
         if product > MIN_COSINE * np.sqrt((s @ s) * (y @ y)):
-            curvature = _updated(curvature, s, y, product)
+            curvature = _updated_curvature(curvature, s, y, product)
             updates += 1
         point = end
         if is_end(point.x):
@@ -122,7 +122,9 @@ def _line_search(
     return best
 
 
-def _updated(curvature: np.ndarray | None, s: np.ndarray, y: np.ndarray, product: float) -> np.ndarray:
+def _updated_curvature(
+    curvature: np.ndarray | None, s: np.ndarray, y: np.ndarray, product: float
+) -> np.ndarray:
     """Return B⁺; without B, from a multiple of the unit matrix.  (1)"""
     if curvature is None:
         curvature = np.eye(len(s)) * (y @ y / product)

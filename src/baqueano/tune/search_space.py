@@ -112,7 +112,7 @@ def search_space(
     Raise UsageError for an unknown gain, wrong bounds, or a controller without gains or without a compiled step.
     """
     bounds = bounds or {}
-    block, complete = _find_controller(vehicle_file, gains, controller)
+    block, complete_gains = _find_controller(vehicle_file, gains, controller)
     if optional.attribute(block, "is_interpreted"):
         raise UsageError(fault("tune.as-written", controller=type(block).__name__))
     entries = _entries(block)
@@ -121,7 +121,7 @@ def search_space(
     limit = vehicle_file.command.limit
     full_command = float(np.max(limit[np.isfinite(limit)], initial=0.0)) or 1.0
     file_gains = np.array(
-        [float(np.asarray(value_at_path(block, n))) if complete else float("nan") for n in names]
+        [float(np.asarray(value_at_path(block, n))) if complete_gains else float("nan") for n in names]
     )
     gain_bounds = [
         _bounds(entries[n], full_command, file_gain, bounds.get(n))

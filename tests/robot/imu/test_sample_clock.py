@@ -30,7 +30,7 @@ def test_errors_of_period_and_phase_are_within_their_stated_bounds(ppm, jitter_s
         stamp = clock.stamps(last_sample, 1)[0]
         if n > 300:
             assert abs(stamp - (phase + period * last_sample)) <= clock.phase_error_ns + 0.2e6
-    assert clock.slips == 0
+    assert clock.contradiction_count == 0
     assert clock.rate_hz == pytest.approx(1e9 / period, rel=150e-6)
 
 
@@ -65,7 +65,7 @@ def test_lost_samples_are_detected_and_the_clock_estimate_recovers(
         sample = last_sample - (lost if n >= first else 0)
         clock.add_reading(sample, before, after)
         errors.append(clock.stamps(sample, 1)[0] - (phase + period * last_sample))
-    assert clock.slips >= 1
+    assert clock.contradiction_count >= 1
     assert np.max(np.abs(errors[settled:])) < max_error_ns
     assert clock.rate_hz == pytest.approx(1e9 / period, rel=rel)
 

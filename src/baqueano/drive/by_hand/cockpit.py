@@ -27,7 +27,7 @@ from baqueano.drive.by_hand import pad as pads
 from baqueano.drive.by_hand import screen
 from baqueano.drive.by_hand.dead_zone import dead_zone_violation
 from baqueano.drive.by_hand.key_hold import LATCHED, RELEASES, REPEATS, KeyHold
-from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, KeyEvent
+from baqueano.drive.by_hand.keys import KITTY, PRESS, QUERY_ANSWER, KeyEvent
 from baqueano.drive.by_hand.terminal_heartbeat import MAX_FIRST_ANSWER_S, Heartbeat
 from baqueano.drive.by_hand.tty import Terminal, open_terminal
 from baqueano.drive.health import degraded_note
@@ -58,8 +58,8 @@ class Cockpit(Observer):
 
     `limit` (n,) is the command limit, and `share` the part of it that a full key commands. `hold` is True if the
     heading is held during straight motion; the display then shows the correction. `drivetrain` is the drivetrain of the
-    vehicle file: the display reports a command below its dead zone. `trusted` is False if another program answers in
-    place of the terminal (tmux on the vehicle).
+    vehicle file: the display reports a command below its dead zone. `has_heartbeat` is False if another program answers
+    in place of the terminal (tmux on the vehicle).
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Cockpit(Observer):
         hold: bool = False,
         drivetrain: Drivetrain | None = None,
         pad: pads.Pad | None = None,
-        trusted: bool = True,
+        has_heartbeat: bool = True,
         now: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
     ) -> None:
@@ -85,18 +85,23 @@ class Cockpit(Observer):
             speed_share=share, hold_command=float("nan") if hold else None,
         )  # fmt: skip
         self._drivetrain = drivetrain
-        self._given_line, self._pad, self._trusted, self._is_latch_requested = line, pad, trusted, latched
+        self._given_line, self._pad, self._has_heartbeat, self._is_latch_requested = (
+            line,
+            pad,
+            has_heartbeat,
+            latched,
+        )
         self._now, self._sleep = now, sleep
         self._screen, self._drawn_s = screen.Screen(), float("-inf")
         self._begun_s = now()
         self._stop: Diagnostic | None = None
-        self._ended, self._stop_sent = False, False
+        self._is_ended, self._stop_sent = False, False
         self._marks, self._new_marks, self._sent_marks = 0, 0, 0
 
     def __enter__(self) -> "Cockpit":
         self._line = open_terminal() if self._given_line is None else self._given_line
-        self._life = Heartbeat(
-            self._line.write if self._trusted and self._line.can_answer else lambda data: None
+        self._heartbeat = Heartbeat(
+            self._line.write if self._has_heartbeat and self._line.can_answer else lambda data: None
         )
         try:
             self._query_terminal()
@@ -106,7 +111,7 @@ class Cockpit(Observer):
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        end_s = self._now() + 3.0 * 1e-3 * min(200.0, np.nan_to_num(self._life.round_trip_ms, nan=0.0))
+        end_s = self._now() + 3.0 * 1e-3 * min(200.0, np.nan_to_num(self._heartbeat.round_trip_ms, nan=0.0))
         while self._now() < end_s and self._line.read() is not None:  # the answers to the last queries
             self._sleep(PAUSE_S)
         self._line.close()
@@ -119,11 +124,11 @@ class Cockpit(Observer):
         Raise KeyboardInterrupt once the driver has ended the drive.
         """
         has_unsent_marks = self._new_marks and self._sent_marks < self._marks
-        if self._ended and not has_unsent_marks:
+        if self._is_ended and not has_unsent_marks:
             raise KeyboardInterrupt
         now_s = self._now()
         self._process_input(now_s)
-        forward, left = (0.0, 0.0) if self._stop or self._ended else self._direction(now_s)
+        forward, left = (0.0, 0.0) if self._stop or self._is_ended else self._direction(now_s)
         u = np.zeros(len(self._limit))
         u[0], u[-1] = forward, left
         self.status.driver_command = u * self.status.speed_share * self._limit * self.delay_factor  # (1)
@@ -216,17 +221,17 @@ class Cockpit(Observer):
             self._line.write(KITTY_QUERY)
         while (
             self._line.can_answer
-            and self._trusted
-            and not self._life.has_answered
+            and self._has_heartbeat
+            and not self._heartbeat.has_answered
             and self._now() - start_s < MAX_FIRST_ANSWER_S
         ):
-            self._life.poll(self._now())
+            self._heartbeat.poll(self._now())
             for event in self._line.read() or []:
                 releases = releases or event.kind == KITTY
-                if event.kind == ALIVE:
-                    self._life.record_answer(self._now())
+                if event.kind == QUERY_ANSWER:
+                    self._heartbeat.record_answer(self._now())
             self._sleep(PAUSE_S)
-        has_answered = self._life.has_answered
+        has_answered = self._heartbeat.has_answered
         if has_answered and releases:
             self._line.set_mode(RELEASES_ON, RELEASES_OFF)
         if has_answered:
@@ -243,34 +248,34 @@ class Cockpit(Observer):
 
     def _process_input(self, now_s: float) -> None:
         """Process the events of keys and pad since the last call, and stop if the terminal or the pad is lost."""
-        self._life.poll(now_s)
+        self._heartbeat.poll(now_s)
         events = self._line.read()
         if events is None:
             self.stop(stop(StopReason.TERMINAL_CLOSED))
         for event in events or []:
             self._process_event(event, now_s)
-        if self._life.is_lost(now_s):
-            self.stop(stop(StopReason.TERMINAL_SILENT, silent_ms=1e3 * self._life.silence_s(now_s)))
-        self.status.terminal_ms = self._life.round_trip_ms
+        if self._heartbeat.is_lost(now_s):
+            self.stop(stop(StopReason.TERMINAL_SILENT, silent_ms=1e3 * self._heartbeat.silence_s(now_s)))
+        self.status.terminal_ms = self._heartbeat.round_trip_ms
         self.status.delay_factor = self.delay_factor
         if self._pad is not None:
             for button in self._pad.read():
                 self._process_event(
                     KeyEvent(PRESS, "m" if button in pads.MARK else " " if button in pads.STOP else ""), now_s
                 )
-            if self._pad.is_gone:
+            if self._pad.is_disconnected:
                 self.stop(stop(StopReason.PAD_UNPLUGGED))
             self.status.pad = self._pad.hint
 
     def _process_event(self, event: KeyEvent, now_s: float) -> None:
-        if event.kind == ALIVE:
-            self._life.record_answer(now_s)
+        if event.kind == QUERY_ANSWER:
+            self._heartbeat.record_answer(now_s)
         self._key_hold.on_key(event, now_s)
         if event.kind != PRESS:
             return
         match event.key:
             case "q" | "ctrl-c":
-                self._ended = True
+                self._is_ended = True
             case " ":
                 self.stop(stop(StopReason.DRIVER))
             case "m":
@@ -287,7 +292,7 @@ class Cockpit(Observer):
 
         Do nothing if the terminal does not answer.
         """
-        if not self._life.has_answered:
+        if not self._heartbeat.has_answered:
             return
         self._key_hold.release_all()
         self._key_hold.mode = self._plain_key_mode if self._key_hold.mode == LATCHED else LATCHED

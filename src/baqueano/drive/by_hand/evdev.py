@@ -39,7 +39,7 @@ class Axis(NamedTuple):
     value: int
     low: int
     high: int
-    flat: int  # a smaller deflection from the middle is rest
+    rest_width: int  # a smaller deflection from the middle is rest
 
 
 def ioctl_code(number: int, size: int) -> int:
@@ -67,8 +67,10 @@ class InputDevice:
 
     def axis(self, code: int) -> Axis:
         """Return the value and the range of the axis with this code."""
-        value, low, high, _, flat, _ = AXIS_LAYOUT.unpack(self._read_ioctl(0x40 + code, AXIS_LAYOUT.size))
-        return Axis(value, low, high, flat)
+        value, low, high, _, rest_width, _ = AXIS_LAYOUT.unpack(
+            self._read_ioctl(0x40 + code, AXIS_LAYOUT.size)
+        )
+        return Axis(value, low, high, rest_width)
 
     def pressed_codes(self) -> set[int]:
         """Return the codes of the keys that are pressed now."""

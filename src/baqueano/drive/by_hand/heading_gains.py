@@ -14,7 +14,7 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller
 from baqueano.controllers.heading_hold import MAX_SPEED_SHARE, Gains, Gyro, HeadingHold, pole_placement_gains
-from baqueano.drive.session import compiled_or_unchanged
+from baqueano.drive.session import compile_if_possible
 from baqueano.estimators.readings.gate import gate_limit
 from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicles.effort import constant_effort
@@ -95,7 +95,7 @@ def _turn_response(
     u, du, dt_s = np.zeros(len(limit)), np.zeros(len(limit)), 1.0 / rate_hz
     u[0], du[-1] = share * limit[0], STEP * limit[-1]
     state, drivetrain, inputs = vehicle.init(), vehicle.drivetrain, (u, dt_s, np.zeros(3))
-    quick_vehicle, _ = compiled_or_unchanged("vehicle", vehicle, state, inputs, "python")  # hundreds of steps
+    quick_vehicle, _ = compile_if_possible("vehicle", vehicle, state, inputs, "python")  # hundreds of steps
     for _ in range(round(SETTLING_S * rate_hz)):
         state, _ = quick_vehicle.step(state, *inputs)
     v = float(state.nu[0])

@@ -38,7 +38,7 @@ class KeyHold:
     def __init__(self, mode: str = REPEATS) -> None:
         self.mode = mode
         self._keys: set[str] = set()
-        self._newest, self._last_event_s, self._repeats, self._delay_s = "", float("-inf"), 0, 0.0
+        self._last_key, self._last_event_s, self._repeats, self._delay_s = "", float("-inf"), 0, 0.0
         self._delays: deque[float] = deque(maxlen=9)
         self._gaps: deque[float] = deque(maxlen=31)
         self._set_point = (0.0, 0.0)
@@ -67,7 +67,7 @@ class KeyHold:
     def release_all(self) -> None:
         """Release all keys and clear the set-point."""
         self._keys.clear()
-        self._newest, self._repeats, self._set_point = "", 0, (0.0, 0.0)
+        self._last_key, self._repeats, self._set_point = "", 0, (0.0, 0.0)
 
     def on_key(self, event: KeyEvent, now_s: float) -> None:
         """Process an event of a key or of the window, received at this time [s]."""
@@ -107,7 +107,7 @@ class KeyHold:
     def _on_repeat(self, key: str, now_s: float) -> None:
         """Process a character in (2), which is either the repeat of a held key or a press."""
         is_held, gap_s = self._is_held(now_s), now_s - self._last_event_s
-        if key == self._newest and is_held:
+        if key == self._last_key and is_held:
             self._store_interval(gap_s)
             self._repeats += 1
         else:
@@ -119,7 +119,7 @@ class KeyHold:
                 for k in self._keys
                 if all(a * b >= 0 for a, b in zip(DIRECTIONS[k], key_direction, strict=True))
             }
-            self._newest, self._repeats = key, 0
+            self._last_key, self._repeats = key, 0
         self._keys.add(key)
         self._last_event_s = now_s
 

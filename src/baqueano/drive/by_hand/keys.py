@@ -15,7 +15,7 @@ import re
 from typing import NamedTuple
 
 PRESS, REPEAT, RELEASE = "press", "repeat", "release"
-ALIVE, KITTY, LEFT_WINDOW = "alive", "kitty", "left window"
+QUERY_ANSWER, KITTY, LEFT_WINDOW = "alive", "kitty", "left window"
 EVENT_KINDS = {"": PRESS, "1": PRESS, "2": REPEAT, "3": RELEASE}
 ARROW_KEYS = {"A": "up", "B": "down", "C": "right", "D": "left"}
 KEYPAD = {57399 + digit: str(digit) for digit in range(10)} | {  # codes of (2) for the keys of a numeric keypad
@@ -32,7 +32,7 @@ _PREFIX = re.compile(r"\x1b(?:\[[0-?]*[ -/]*|O)?\Z")
 class KeyEvent(NamedTuple):
     """An event: a key, an answer of the terminal, or the loss of the keyboard focus."""
 
-    kind: str  # PRESS, REPEAT, RELEASE of a key; ALIVE, KITTY, LEFT_WINDOW
+    kind: str  # PRESS, REPEAT, RELEASE of a key; QUERY_ANSWER, KITTY, LEFT_WINDOW
     key: str = ""  # "w", "up", " ", "ctrl-c"
 
 
@@ -40,11 +40,11 @@ class KeyDecoder:
     """A decoder of bytes to events; a sequence can be divided between two calls."""
 
     def __init__(self) -> None:
-        self._incomplete = ""
+        self._partial_text = ""
 
     def feed(self, data: bytes) -> list[KeyEvent]:
         """Return the events that these bytes complete. Unknown sequences are ignored."""
-        text, self._incomplete = self._incomplete + data.decode("utf-8", errors="ignore"), ""
+        text, self._partial_text = self._partial_text + data.decode("utf-8", errors="ignore"), ""
         events, position = [], 0
         while position < len(text):
             if match := _SEQUENCE.match(text, position):
@@ -53,7 +53,7 @@ class KeyDecoder:
             elif (partial_match := _PREFIX.match(text, position)) and len(
                 partial_match[0]
             ) < MAX_SEQUENCE_BYTES:
-                self._incomplete = partial_match[0]
+                self._partial_text = partial_match[0]
                 break
             else:
                 events += _key_events(text[position])
@@ -69,7 +69,7 @@ def _sequence_events(
     if private_letter == "?":
         return [KeyEvent(KITTY)] if final_letter == "u" else []
     if final_letter == "n":
-        return [KeyEvent(ALIVE)] if numbers == "0" else []
+        return [KeyEvent(QUERY_ANSWER)] if numbers == "0" else []
     if final_letter == "O" and not numbers:
         return [KeyEvent(LEFT_WINDOW)]
     code, _, modifier_field = numbers.partition(";")

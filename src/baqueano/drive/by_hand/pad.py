@@ -33,23 +33,23 @@ class Pad:
     """The game pad at `device`: its buttons and the direction of its stick."""
 
     def __init__(self, device: InputDevice) -> None:
-        self._device, self.name, self.is_gone = device, device.name, False
+        self._device, self.name, self.is_disconnected = device, device.name, False
         self._axes: dict[int, Axis] = {}
-        self._pressed: set[int] = set()
-        self._overrun, self._was_released = False, False
+        self._pressed_codes: set[int] = set()
+        self._overrun, self._has_been_released = False, False
         self._resynchronise()
         self._update_released()
 
     def read(self) -> list[int]:
-        """Return the codes of the buttons pressed since the last call; set `is_gone` if the pad is unplugged."""
-        if self.is_gone:
+        """Return the codes of the buttons pressed since the last call; set `is_disconnected` for an unplugged pad."""
+        if self.is_disconnected:
             return []
         buttons: list[int] = []
         try:
             for event in self._device.read():
                 buttons += self._process(event)
         except OSError:  # ENODEV
-            self.is_gone = True
+            self.is_disconnected = True
         self._update_released()
         return buttons
 
@@ -57,10 +57,10 @@ class Pad:
     def is_held(self) -> bool:
         """Return True if the pad commands the vehicle: a button of HOLD_BUTTONS is pressed, and the pad is ready."""
         return (
-            self._was_released
+            self._has_been_released
             and not self._overrun
-            and not self.is_gone
-            and bool(self._pressed & HOLD_BUTTONS)
+            and not self.is_disconnected
+            and bool(self._pressed_codes & HOLD_BUTTONS)
         )
 
     @property
@@ -68,7 +68,7 @@ class Pad:
         """Return a hint for the driver in the current language: how to drive with the pad."""
         if self.is_held:
             return _("pad drives")
-        if self._was_released:
+        if self._has_been_released:
             return _("pad: hold a front button to drive")
         return _("pad: release its stick and buttons first")
 
@@ -81,8 +81,8 @@ class Pad:
         self._device.close()
 
     def _update_released(self) -> None:
-        at_rest = not any(map(self._deflection, (X, Y))) and not self._pressed & HOLD_BUTTONS
-        self._was_released = self._was_released or (at_rest and not self._overrun)
+        at_rest = not any(map(self._deflection, (X, Y))) and not self._pressed_codes & HOLD_BUTTONS
+        self._has_been_released = self._has_been_released or (at_rest and not self._overrun)
 
     def _process(self, event: InputEvent) -> list[int]:
         """Process an event, and return the codes of the buttons newly pressed."""
@@ -93,27 +93,27 @@ class Pad:
             return self._resynchronise() if event_type == SYN and code == REPORT else []
         elif event_type == ABS and code in self._axes:
             self._axes[code] = self._axes[code]._replace(value=value)
-        elif event_type == KEY and value == 1 and code not in self._pressed:  # known if it was read
-            self._pressed.add(code)
+        elif event_type == KEY and value == 1 and code not in self._pressed_codes:  # known if it was read
+            self._pressed_codes.add(code)
             return [code]
         elif event_type == KEY and value == 0:
-            self._pressed.discard(code)
+            self._pressed_codes.discard(code)
         return []
 
     def _resynchronise(self) -> list[int]:
         """Read the whole state again, and return the codes of the buttons pressed in the meantime."""
-        previous_codes = self._pressed
+        previous_codes = self._pressed_codes
         self._axes = {code: self._device.axis(code) for code in (X, Y)}
-        self._pressed = self._device.pressed_codes()
+        self._pressed_codes = self._device.pressed_codes()
         self._overrun = False
-        return sorted(self._pressed - previous_codes)
+        return sorted(self._pressed_codes - previous_codes)
 
     def _deflection(self, code: int) -> float:
         """Return the deflection of an axis in [-1, 1].  (1), (2)"""
         axis = self._axes[code]
         half_range = max(0.5 * (axis.high - axis.low), 0.5)
         x = (axis.value - 0.5 * (axis.high + axis.low)) / half_range
-        dead_band = min(max(DEAD_BAND, axis.flat / half_range), 0.9)
+        dead_band = min(max(DEAD_BAND, axis.rest_width / half_range), 0.9)
         deflection = min(max(0.0, abs(x) - dead_band) / (1.0 - dead_band), 1.0)
         return deflection if x > 0.0 else -deflection
 
@@ -138,8 +138,8 @@ def find_pad(pad_path: Path | None = None, folder: Path = DEVICE_FOLDER) -> Pad:
         except OSError as error:
             descriptions.append(f"{path.name} ({error.strerror or error})")
             continue
-        if lack := missing_part(device):
-            descriptions.append(f'{path.name} "{device.name}" ({text(note(f"pad.no-{lack}"))})')
+        if missing := missing_part(device):
+            descriptions.append(f'{path.name} "{device.name}" ({text(note(f"pad.no-{missing}"))})')
             device.close()
         else:
             pads.append((path, device))
@@ -175,7 +175,7 @@ def _open_pad(path: Path) -> Pad:
         raise UsageError(fault("pad.may-not-read", f"{JOIN_INPUT_GROUP}", path=path)) from error
     except OSError as error:
         raise UsageError(fault("pad.not-evdev", path=path, error=error.strerror or error)) from error
-    if lack := missing_part(device):
+    if missing := missing_part(device):
         device.close()
-        raise UsageError(fault("pad.lacks", path=path, name=device.name, reason=note(f"pad.no-{lack}")))
+        raise UsageError(fault("pad.lacks", path=path, name=device.name, reason=note(f"pad.no-{missing}")))
     return Pad(device)

@@ -25,7 +25,7 @@ class Heartbeat:
     def __init__(self, query_message: Callable[[bytes], object]) -> None:
         self._send_query = query_message
         self._query_times_s: deque[float] = deque(maxlen=100)
-        self._last_s, self._answer_s = float("-inf"), float("-inf")
+        self._last_s, self._last_answer_s = float("-inf"), float("-inf")
         self._last_check_s, self._paused_s = float("-inf"), float("-inf")
         self._trips_ms: deque[float] = deque(maxlen=20)
         self.has_answered = False  # True once the terminal has answered
@@ -42,7 +42,7 @@ class Heartbeat:
 
     def record_answer(self, now_s: float) -> None:
         """Record an answer of the terminal, received at this time [s]."""
-        self.has_answered, self._answer_s = True, now_s
+        self.has_answered, self._last_answer_s = True, now_s
         if self._query_times_s:
             query_s = self._query_times_s.popleft()
             if query_s >= self._paused_s:
@@ -52,7 +52,7 @@ class Heartbeat:
         """Return the time [s] without an answer, 0 if the terminal never answered or no query is open.  (2)"""
         if not self.has_answered or not self._query_times_s:
             return 0.0
-        return now_s - max(self._answer_s, self._query_times_s[0] - QUERY_PERIOD_S)
+        return now_s - max(self._last_answer_s, self._query_times_s[0] - QUERY_PERIOD_S)
 
     def is_lost(self, now_s: float) -> bool:
         """Return True if the terminal, or the connection to it, is lost.  (2)"""

@@ -53,7 +53,7 @@ class UnixTerminal:
         import tty
 
         self._fd = os.open(os.ttyname(fd), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        self._decoder, self._waits, self._undo = KeyDecoder(), b"", b""
+        self._decoder, self._pending_output, self._undo = KeyDecoder(), b"", b""
         self._previous_mode = termios.tcgetattr(self._fd)
         tty.setcbreak(self._fd)
         mode = termios.tcgetattr(self._fd)
@@ -76,11 +76,11 @@ class UnixTerminal:
 
     def write(self, data: bytes) -> None:
         """Queue the bytes and send what the terminal accepts; drop them if more than MAX_PENDING_BYTES bytes wait."""
-        if len(self._waits) + len(data) <= MAX_PENDING_BYTES:
-            self._waits += data
-        if self._waits:
+        if len(self._pending_output) + len(data) <= MAX_PENDING_BYTES:
+            self._pending_output += data
+        if self._pending_output:
             with suppress(OSError):
-                self._waits = self._waits[os.write(self._fd, self._waits) :]
+                self._pending_output = self._pending_output[os.write(self._fd, self._pending_output) :]
 
     def set_mode(self, on_bytes: bytes, off_bytes: bytes) -> None:
         """Send `on_bytes` now, and `off_bytes` in `close`."""
@@ -99,7 +99,7 @@ class UnixTerminal:
         """Restore the modes and settings of the terminal, and close its file."""
         import termios
 
-        self._waits = b""  # drop the rest of a frame, which would be read as text
+        self._pending_output = b""  # drop the rest of a frame, which would be read as text
         self.write(self._undo)
         with suppress(OSError, termios.error):
             # discard answers that are still on their way, as they are not typed text

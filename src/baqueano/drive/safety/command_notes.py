@@ -12,12 +12,12 @@ LIMIT_ROUNDING = 1e-9  # of a limit: a command that exceeds it by less is not cl
 def clipping_notes(vehicle_file: VehicleFile, u: np.ndarray) -> list[Diagnostic]:
     """Return a warning for each entry of the commands `u` (N, n) that the supervisor clips to its limit."""
     limit, names = vehicle_file.supervisor().limit, vehicle_file.command.names
-    largest = np.max(np.abs(u), axis=0)
+    max_command = np.max(np.abs(u), axis=0)
     clipped_share = np.mean(np.abs(u) > limit * (1.0 + LIMIT_ROUNDING), axis=0)
     return [
         note(
             "drive.clipped", Severity.WARNING, subject=names[k], share=100.0 * float(clipped_share[k]),
-            largest=float(largest[k]), limit=float(limit[k]), unit=vehicle_file.command.unit,
+            largest=float(max_command[k]), limit=float(limit[k]), unit=vehicle_file.command.unit,
         )
         for k in np.flatnonzero(clipped_share)
     ]  # fmt: skip

@@ -1,6 +1,6 @@
 """End the drive of a vehicle that is stuck, and of a guide that does not end.
 
-  stuck while |p − p_0| < STILL_M, |ψ − ψ_0| < STILL_RAD and |p_r − p| > AWAY_M                         (1)
+  stuck while |p − p_0| < STILL_M, |ψ − ψ_0| < STILL_RAD and |p_r − p| > NEAR_M                         (1)
   stop  once (1) has been true for patience_s
 
 p_0, ψ_0 is the pose at the last motion, p_r the reference. During a stop in the route the vehicle is not stuck, because
@@ -23,7 +23,7 @@ from baqueano.geometry import wrap
 from baqueano.loop import Blocks, Record
 from baqueano.signals import NANOSECONDS, seconds
 
-STILL_M, STILL_RAD, AWAY_M = 0.02, 0.1, 0.05
+STILL_M, STILL_RAD, NEAR_M = 0.02, 0.1, 0.05
 TIME_RATIO = 10.0  # a guide that waits is slower than its plan
 TIME_MARGIN_S = 60.0  # for the ways to and from a route
 
@@ -34,14 +34,14 @@ class Patience(Observer):
     def __init__(self, patience_s: float) -> None:
         self._patience_s = patience_s
         self._origin = [nan, nan, nan]
-        self._since_ns, self._away_m = 0, 0.0
+        self._rest_start_ns, self._distance_m = 0, 0.0
 
     def on_record(self, record: Record) -> None:
         """Restart the waiting time if the vehicle has moved, or is at its reference."""
         pose, reference = (np.asarray(x.eta).tolist() for x in (record.estimate, record.reference))
-        self._away_m = dist(pose[:2], reference[:2])
-        if self._away_m <= AWAY_M or self._has_moved(pose):
-            self._origin, self._since_ns = pose, record.tick.t_ns
+        self._distance_m = dist(pose[:2], reference[:2])
+        if self._distance_m <= NEAR_M or self._has_moved(pose):
+            self._origin, self._rest_start_ns = pose, record.tick.t_ns
 
     def _has_moved(self, pose: list[float]) -> bool:
         is_near = dist(pose[:2], self._origin[:2]) < STILL_M
@@ -49,10 +49,10 @@ class Patience(Observer):
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         """Return the reason to end the drive, or None to continue.  (1)"""
-        waited_s = seconds(t_ns, self._since_ns)
-        if waited_s < self._patience_s:
+        rest_s = seconds(t_ns, self._rest_start_ns)
+        if rest_s < self._patience_s:
             return None
-        return stop(StopReason.STUCK, rest_s=waited_s, distance_m=self._away_m)
+        return stop(StopReason.STUCK, rest_s=rest_s, distance_m=self._distance_m)
 
 
 class TimeLimit(Observer):
@@ -64,7 +64,7 @@ class TimeLimit(Observer):
         self._guide: Tree = None
 
     @classmethod
-    def after(cls, planned_s: float) -> "TimeLimit":
+    def for_duration(cls, planned_s: float) -> "TimeLimit":
         """Return the limit of a drive that is planned for `planned_s`."""
         return cls(TIME_RATIO * planned_s + TIME_MARGIN_S)
 

@@ -44,7 +44,7 @@ class Precautions:
     `room`: stop before the vehicle might leave this room. `lead_in`: if the vehicle is not at the start of its route,
     drive there first. `way_back`: drive back to the start afterwards. `caution`: slow down and stop if the estimate is
     doubtful. `patience_s`: end the drive of a vehicle that is stuck for this time. `time_limit_s`: end a drive that
-    takes longer; None: `TimeLimit.after` its planned time.
+    takes longer; None: `TimeLimit.for_duration` its planned time.
     """
 
     check: bool = True
@@ -125,11 +125,11 @@ class Precautions:
         max_std_m = getattr(vehicle_file.supervisor(), "max_position_std_m", float("inf"))
         watch: list[Observer] = [Caution(max_std_m, self.caution), FinalPose()]
         limit_s = self.time_limit_s
-        watch.append(TimeLimit.after(planned_s) if limit_s is None else TimeLimit(limit_s))
+        watch.append(TimeLimit.for_duration(planned_s) if limit_s is None else TimeLimit(limit_s))
         if np.isfinite(self.patience_s):
             watch.append(Patience(self.patience_s))
         if self.room is not None:
-            watch.append(RoomWatch.along(route, self.room, vehicle_file.vehicle))
+            watch.append(RoomWatch.for_route(route, self.room, vehicle_file.vehicle))
         return tuple(watch)
 
 

@@ -59,13 +59,13 @@ class RoomWatch(Observer):
 
     def __init__(self, room: "Room", origin: np.ndarray, stopping_m: Callable[[float], float]) -> None:
         self._stopping_m = stopping_m
-        self._free, self._start = room.free_half_width_m, np.asarray(room.start)
+        self._free_half_width_m, self._start = room.free_half_width_m, np.asarray(room.start)
         self._origin = origin
         self._turn = map_from_body(self._start[2] - origin[2])[:2, :2]
         self._reason: Diagnostic | None = None
 
     @classmethod
-    def along(cls, route: Route, room: "Room", vehicle: Tree) -> "RoomWatch":
+    def for_route(cls, route: Route, room: "Room", vehicle: Tree) -> "RoomWatch":
         """Return the watch of a vehicle on this route, up to twice the largest speed of the route."""
         top_speed_m_s = max(float(np.max(np.abs(route.nu[:, 0]))), MIN_SPEED_M_S)
         return cls(room, route.eta[0], stopping_distance(vehicle, 2.0 * top_speed_m_s))
@@ -79,10 +79,10 @@ class RoomWatch(Observer):
         region = np.sqrt(CHI_SQUARE_95) * std
         speed = float(np.hypot(*v))
         stop_m = self._stopping_m(speed) * np.abs(v) / max(speed, 1e-9)
-        excess = np.abs(position) + stop_m + region - self._free
+        excess = np.abs(position) + stop_m + region - self._free_half_width_m
         if np.max(excess) > 0.0 and self._reason is None:
             i = int(np.argmax(excess))
-            wall_m = float(self._free[i] - abs(position[i]))
+            wall_m = float(self._free_half_width_m[i] - abs(position[i]))
             values: JsonObject = {"wall_m": wall_m, "region_m": float(region[i]), "stop_m": float(stop_m[i])}
             self._reason = stop(StopReason.ROOM, axis="xy"[i], **values)
 

@@ -28,8 +28,8 @@ from baqueano.messages.language import translate as _
 
 BUS_NAME = "i2c-1"  # on the pins 3 and 5 of every Raspberry Pi
 SDA, SCL, BOTH = "2", "3", "2,3"  # GPIO
-I2C, LEFT_BEHIND = "a0", ("ip", "op")
-LOW, LET_GO = ("op", "dl"), ("ip", "pu")
+I2C, OUTPUT_STATE = "a0", ("ip", "op")
+LOW_STATE, RELEASED_STATE = ("op", "dl"), ("ip", "pu")
 CLOCK_PULSES = 9
 CALL_S, ALL_S = 1.0, 2.0  # time limits of one call, and of all calls before the pins return to I2C mode
 RETRY_PERIOD_NS = 5_000_000_000
@@ -234,17 +234,17 @@ def _pins(path: str) -> _Pins:
         raise RobotUnreachable(note("bus.no-pinctrl", Severity.ERROR, "sudo apt install raspi-utils"))
     pins = _Pins(program)
     sda, scl = pins.read_pins()
-    if not {sda.function, scl.function} <= {I2C, *LEFT_BEHIND}:
+    if not {sda.function, scl.function} <= {I2C, *OUTPUT_STATE}:
         raise RobotUnreachable(fault("bus.other-pins", sda=sda.function, scl=scl.function, expected=I2C))
     return pins
 
 
 def _send_clocks(pins: _Pins) -> RecoveryOutcome:
     """Run (1) and (2), and return the outcome; the caller puts the pins back into I2C mode."""
-    pins.set(BOTH, *LET_GO)
+    pins.set(BOTH, *RELEASED_STATE)
     for clock in range(1, CLOCK_PULSES + 1):
-        pins.set(SCL, *LOW)
-        pins.set(SCL, *LET_GO)
+        pins.set(SCL, *LOW_STATE)
+        pins.set(SCL, *RELEASED_STATE)
         sda, scl = pins.read_pins()
         if not scl.is_high:
             return RecoveryOutcome(
@@ -258,8 +258,8 @@ def _send_clocks(pins: _Pins) -> RecoveryOutcome:
 
 def _send_stop(pins: _Pins) -> bool:
     """Send the STOP and return True if SDA rose.  (2)"""
-    pins.set(SCL, *LOW)
-    pins.set(SDA, *LOW)
-    pins.set(SCL, *LET_GO)
-    pins.set(SDA, *LET_GO)
+    pins.set(SCL, *LOW_STATE)
+    pins.set(SDA, *LOW_STATE)
+    pins.set(SCL, *RELEASED_STATE)
+    pins.set(SDA, *RELEASED_STATE)
     return pins.read_pins()[0].is_high

@@ -93,15 +93,15 @@ def start_imu(
 
 def time_burst(device: "I2cDevice", now_ns: Callable[[], int], repeat_count: int = 20) -> float:
     """Return the shortest duration [s] of a burst of 14 bytes in `repeat_count` attempts; NaN if all failed."""
-    best_s = float("nan")
+    min_duration_s = float("nan")
     for _time in range(repeat_count):
         start_ns = now_ns()
         try:
             device.read(*BURST_REGISTERS)
         except OSError:
             continue
-        best_s = np.fmin(best_s, (now_ns() - start_ns) / SECOND)
-    return float(best_s)
+        min_duration_s = np.fmin(min_duration_s, (now_ns() - start_ns) / SECOND)
+    return float(min_duration_s)
 
 
 def description_lines(imu: Mpu6050, identity: OpenedImu) -> list[str]:

@@ -34,7 +34,7 @@ from baqueano.worlds.robot import Sample
 SMPLRT_DIV, FIFO_EN, INT_PIN_CFG = 0x19, 0x23, 0x37
 USER_CTRL, PWR_MGMT_1, FIFO_COUNT, FIFO_R_W, WHO_AM_I = 0x6A, 0x6B, 0x72, 0x74, 0x75
 RESET, PLL_X, ALL_SENSORS, FIFO_ON, FIFO_RESET = 0x80, 0x01, 0xF8, 0x40, 0x04
-RESET_MS, START_MS, AGAIN_MS = 100, 60, 100
+RESET_MS, START_MS, RETRY_MS = 100, 60, 100
 SAMPLE_BYTES = 14  # bytes of a sample: accelerometer, temperature, gyro
 MAX_SAMPLES_PER_TRANSFER = 16  # samples in one transfer: 5 ms at 400 kHz
 FIFO_MARGIN = 3  # samples; a FIFO with less free space than this might have lost samples
@@ -167,7 +167,7 @@ class Mpu6050:
             self._note_failure(now_ns, error)
         is_kept, is_broken = self._watch.check_rows(now_ns, rows)
         if is_broken and self._steps is None:
-            self._restart(now_ns, quietly=self._watch.rounds > 1)
+            self._restart(now_ns, is_quiet=self._watch.rounds > 1)
         return self._samples(rows, times, is_kept)
 
     def _samples(self, rows: list[Row], times: list[int], is_kept: list[bool]) -> list[Sample]:
@@ -251,7 +251,7 @@ class Mpu6050:
             return True
         code = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
         self._watch.record_event(now_ns, code, power=power, value=registers.hex(), expected=target.hex())
-        self._restart(now_ns, quietly=True)
+        self._restart(now_ns, is_quiet=True)
         self._start_reported = True
         return False
 
@@ -303,7 +303,7 @@ class Mpu6050:
             self._check_at = now_ns + SECOND
         except (OSError, BaqueanoError) as error:
             self._steps = self._start_steps(reopen=True)
-            self._wait_until = now_ns + AGAIN_MS * MILLISECOND
+            self._wait_until = now_ns + RETRY_MS * MILLISECOND
             self._watch.record_failure(now_ns, error)
         return False
 
@@ -315,15 +315,15 @@ class Mpu6050:
         if self._failures >= MAX_FAILURES:
             self._restart(now_ns)
 
-    def _restart(self, now_ns: int, quietly: bool = False) -> None:
+    def _restart(self, now_ns: int, is_quiet: bool = False) -> None:
         """Plan a restart: the following reads open the bus and start the chip step by step.
 
-        `quietly` suppresses the event.
+        `is_quiet` suppresses the event.
         """
         self.counts.restarts += 1
         self._steps = self._start_steps(reopen=True)
         self._wait_until = now_ns
-        if not quietly:
+        if not is_quiet:
             self._start_reported = True
             self._watch.record_event(now_ns, "imu.restart")
 

@@ -33,8 +33,9 @@ class SampleClock:
 
     def __init__(self, nominal_ns: float) -> None:
         self.nominal_ns = nominal_ns
-        self.slips = 0  # times when readings contradicted each other
-        self._low, self._high = nominal_ns * (1.0 - PERIOD_TOLERANCE), nominal_ns * (1.0 + PERIOD_TOLERANCE)
+        self.contradiction_count = 0  # times when readings contradicted each other
+        self._min_period_ns = nominal_ns * (1.0 - PERIOD_TOLERANCE)
+        self._max_period_ns = nominal_ns * (1.0 + PERIOD_TOLERANCE)
         self.period_ns = nominal_ns
         self._last_stamp = -1.0
         self.restart()
@@ -47,40 +48,41 @@ class SampleClock:
     @property
     def rate_error_hz(self) -> float:
         """Return half the width [Hz] of the interval of rates that the readings allow."""
-        return self.rate_hz * (self._high - self._low) / 2.0 / self.period_ns
+        return self.rate_hz * (self._max_period_ns - self._min_period_ns) / 2.0 / self.period_ns
 
     def restart(self) -> None:
         """Begin a new count of samples, and keep the interval of possible periods, widened by PERIOD_DRIFT."""
-        self._low, self._high = self._low * (1.0 - PERIOD_DRIFT), self._high * (1.0 + PERIOD_DRIFT)
+        self._min_period_ns = self._min_period_ns * (1.0 - PERIOD_DRIFT)
+        self._max_period_ns = self._max_period_ns * (1.0 + PERIOD_DRIFT)
         self._prior = (
-            max(self._low, self.nominal_ns * (1 - PERIOD_TOLERANCE)),
-            min(self._high, self.nominal_ns * (1 + PERIOD_TOLERANCE)),
+            max(self._min_period_ns, self.nominal_ns * (1 - PERIOD_TOLERANCE)),
+            min(self._max_period_ns, self.nominal_ns * (1 + PERIOD_TOLERANCE)),
         )
         self._buckets: deque[list[int]] = deque(maxlen=MAX_BUCKETS)
-        self._bucket_ns = self._began = -1
+        self._bucket_ns = self._bucket_start_ns = -1
         self._last_reading: list[int] = []  # the last reading, as a bucket
         self._last_index: int | None = None  # index of the last stamp
         self._newest = 0  # index of the sample to which `_phase` belongs
         self._phase = 0.0
         self.phase_error_ns = self.period_ns / 2.0
 
-    def add_reading(self, newest: int, before_ns: int, after_ns: int) -> None:
+    def add_reading(self, newest: int, start_ns: int, end_ns: int) -> None:
         """Process a reading, made between the two times: sample `newest` was present, and the next sample was not."""
-        self._last_reading = [newest, after_ns, newest, before_ns]
-        if self._began < 0:
-            self._began = self._bucket_ns = before_ns
+        self._last_reading = [newest, end_ns, newest, start_ns]
+        if self._bucket_start_ns < 0:
+            self._bucket_start_ns = self._bucket_ns = start_ns
             self._buckets.append(self._last_reading.copy())
-            self._newest, self._phase = newest, (before_ns + after_ns - self.period_ns) / 2.0
+            self._newest, self._phase = newest, (start_ns + end_ns - self.period_ns) / 2.0
             return
-        self._shift_bounds(newest, before_ns, after_ns)
-        length = FIRST_BUCKETS_NS if before_ns - self._began < SHORT_BUCKETS_UNTIL_NS else BUCKET_NS
-        closes = before_ns - self._bucket_ns > length
+        self._shift_bounds(newest, start_ns, end_ns)
+        length = FIRST_BUCKETS_NS if start_ns - self._bucket_start_ns < SHORT_BUCKETS_UNTIL_NS else BUCKET_NS
+        closes = start_ns - self._bucket_ns > length
         if closes:
-            self._bucket_ns = before_ns
+            self._bucket_ns = start_ns
             self._buckets.append(self._last_reading.copy())
         else:
-            self._store_bounds(newest, before_ns, after_ns)
-        if closes or before_ns - self._began < EVERY_READING_UNTIL_NS:
+            self._store_bounds(newest, start_ns, end_ns)
+        if closes or start_ns - self._bucket_start_ns < EVERY_READING_UNTIL_NS:
             self._solve()
 
     def stamps(self, first: int, count: int) -> list[int]:
@@ -127,13 +129,13 @@ class SampleClock:
             low, high = period_bounds(upper_k, upper_t, lower_k, lower_t, self._prior)
             if low <= high:
                 break
-            self.slips += 1
+            self.contradiction_count += 1
             self._prior = (self.nominal_ns * (1 - PERIOD_TOLERANCE), self.nominal_ns * (1 + PERIOD_TOLERANCE))
             for _ in range((len(self._buckets) + 1) // 2):
                 self._buckets.popleft()
             if not self._buckets:
                 self._buckets.append(self._last_reading.copy())
-        self._low, self._high = low, high
+        self._min_period_ns, self._max_period_ns = low, high
         periods = np.linspace(low, high, GRID_POINTS)[:, None]
         latest_ns = np.min(upper_t - periods * upper_k, axis=1)
         earliest = np.max(lower_t - periods * lower_k, axis=1)

@@ -37,7 +37,7 @@ STEP_S = 0.002
 SETTLE_S = 0.1
 MAX_REST_SPREAD = np.array([0.05, 0.05, 0.05, 1.0, 1.0, 1.0])  # g, °/s: ten times the noise at 94 Hz
 TOLERANCE_6050 = 0.14
-LEAST_6500, MOST_6500 = 0.5, 1.5
+MIN_6500, MAX_6500 = 0.5, 1.5
 
 
 class AxisResponse(NamedTuple):
@@ -105,7 +105,7 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
         for n in range(6)
     )
     return SelfTest(
-        tuple(axis._replace(has_passed=_passes(n, axis, own_accel_filter)) for n, axis in enumerate(axes))
+        tuple(axis._replace(has_passed=_is_passed(n, axis, own_accel_filter)) for n, axis in enumerate(axes))
     )
 
 
@@ -124,13 +124,13 @@ def factory_trims(codes: tuple[int, ...], own_accel_filter: bool) -> tuple[float
     return tuple(trims)
 
 
-def _passes(n: int, axis: AxisResponse, own_accel_filter: bool) -> bool | None:
+def _is_passed(n: int, axis: AxisResponse, own_accel_filter: bool) -> bool | None:
     """Return True if axis `n` passes the test, None without a factory code.  (3) (5)"""
     if axis.has_passed is None:
         return None
     ratio = axis.response / axis.trim
     if own_accel_filter:
-        return ratio > LEAST_6500 and (n > 2 or ratio < MOST_6500)
+        return ratio > MIN_6500 and (n > 2 or ratio < MAX_6500)
     return abs(ratio - 1.0) <= TOLERANCE_6050
 
 

@@ -43,8 +43,8 @@ class ImuWatch:
 
     def __init__(self, settings: ImuSettings, counts: Counts, now_ns: int) -> None:
         self.silent = False
-        self.frozen = False
-        self.last_ns = self._called_ns = now_ns
+        self.is_frozen = False
+        self.last_ns = self._last_call_ns = now_ns
         self.rounds = 0  # restarts that this silence has requested, at 0.5 s, 1.5 s, …
         self._quiet_ns = 0
         self._counts = counts
@@ -81,7 +81,7 @@ class ImuWatch:
         for row in rows:
             is_same, is_repeating = self._repeats(now_ns, row)
             is_broken = is_broken or is_repeating
-            is_kept.append(not (is_same and self.frozen))
+            is_kept.append(not (is_same and self.is_frozen))
             if self._any_at_end or max(row) >= FULL_SCALE or min(row) <= -FULL_SCALE:
                 self._count_saturation(now_ns, row)
         kept_count = sum(is_kept)
@@ -94,8 +94,8 @@ class ImuWatch:
 
         Of the time since the last call, at most 0.1 s is added.
         """
-        span_ns = min(now_ns - self._called_ns, MAX_CALL_NS)
-        self._called_ns = now_ns
+        span_ns = min(now_ns - self._last_call_ns, MAX_CALL_NS)
+        self._last_call_ns = now_ns
         if has_answered:
             if self.silent:
                 gap_s = (now_ns - self.last_ns) / SECOND
@@ -123,12 +123,12 @@ class ImuWatch:
         )
         self._last = row
         if not is_same:
-            self.frozen, self._repeated_count = False, 0
+            self.is_frozen, self._repeated_count = False, 0
             return False, False
         self._repeated_count += 1
-        if self.frozen or self._repeated_count < self._rows:
+        if self.is_frozen or self._repeated_count < self._rows:
             return True, False
-        self.frozen = True
+        self.is_frozen = True
         self.record_event(now_ns, "imu.frozen", count=self._repeated_count)
         return True, True
 

@@ -10,7 +10,7 @@ from baqueano.robot.uno.statistics import Statistics
 LINE_COUNTS = (
     "sent_commands", "unsent_commands", "received_frames", "lost_frames", "late_frames", "damaged_frames", "resets",
 )  # fmt: skip
-HARMFUL_COUNTS = tuple(name for name in LINE_COUNTS if name not in ("sent_commands", "received_frames"))
+WARNING_COUNTS = tuple(name for name in LINE_COUNTS if name not in ("sent_commands", "received_frames"))
 EventLine = tuple[str, Diagnostic]  # level, message
 
 
@@ -38,8 +38,8 @@ def line_losses(previous: Statistics, current: Statistics, stop_cause: Diagnosti
     counts = current.since(previous, *LINE_COUNTS)
     n: dict[str, int] = dict(zip(LINE_COUNTS, counts, strict=True))
     if stop_cause is not None:
-        return _event_line("drive.line-stopped", is_harmed=True, **n, cause=stop_cause)
-    return _event_line("drive.line", any(n[name] for name in HARMFUL_COUNTS), **n)
+        return _event_line("drive.line-stopped", is_warning=True, **n, cause=stop_cause)
+    return _event_line("drive.line", any(n[name] for name in WARNING_COUNTS), **n)
 
 
 def uno_losses(previous: Statistics, current: Statistics) -> EventLine:
@@ -68,6 +68,6 @@ def imu_losses(previous: Counts, current: Counts) -> EventLine:
     return _event_line("drive.imu", bool(has_losses), **asdict(n))
 
 
-def _event_line(code: str, is_harmed: bool, **figures: Any) -> EventLine:
-    level = Severity.WARNING if is_harmed else Severity.INFO
+def _event_line(code: str, is_warning: bool, **figures: Any) -> EventLine:
+    level = Severity.WARNING if is_warning else Severity.INFO
     return str(level), note(code, level, **figures)

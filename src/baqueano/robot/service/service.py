@@ -135,12 +135,12 @@ class Service:
         After a request each call sends the Uno a frame that clears its latch, until telemetry shows that the latch is
         cleared. One frame is not enough, because it can be lost.
         """
-        clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
+        is_clear_requested, self.operator.is_clear_requested = self.operator.is_clear_requested, False
         stop_cause = self.uno.stop_cause
         is_latch_cleared = self._clearing and (
             stop_cause is None or stop_cause.code != StopReason.UNO_LATCHED
         )
-        self._clearing = clear_requested or (self._clearing and not is_latch_cleared)
+        self._clearing = is_clear_requested or (self._clearing and not is_latch_cleared)
         if self._clearing:
             self.uno.clear_stop()
         return is_latch_cleared

@@ -93,7 +93,7 @@ def _with_calibration(
         own_origin, day = vehicle_file.provenance.get(key), origin.get("date")
         if np.array_equal(np.asarray(vehicle_file.value(key)), np.asarray(leaves[key])):
             origins |= {} if own_origin is not None else {key: origin}
-        elif own_origin is None or own_origin.run != CALIBRATION_RUN or _day(own_origin.date) <= _day(day):
+        elif own_origin is None or own_origin.run != CALIBRATION_RUN or _date(own_origin.date) <= _date(day):
             values[key], origins[key] = leaves[key], origin
             lines.append(
                 _("{key}: {value} is kept, because it was calibrated there on {when}",
@@ -121,7 +121,7 @@ def _calibrations(robot_data: "JsonObject") -> dict[str, "JsonObject"]:
     }
 
 
-def _day(value: object) -> date:
+def _date(value: object) -> date:
     """Return the day of a date or a time in TOML; the first day of all for an unknown date."""
     return date(value.year, value.month, value.day) if isinstance(value, date) else date.min
 

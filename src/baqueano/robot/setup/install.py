@@ -49,7 +49,7 @@ PROBE_COMMAND = (
     'python3 -c "import sys, os, pwd; '
     'print(*sys.version_info[:2], os.uname().machine, pwd.getpwuid(os.getuid())[0])"'
 )
-PROBE_ANSWER = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to PROBE_COMMAND
+PROBE_OUTPUT = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to PROBE_COMMAND
 Notify = Callable[[str], object]
 
 
@@ -68,7 +68,7 @@ def host_machine(host: str) -> TargetMachine:
     """
     output, code = run_command(ssh_command(host, PROBE_COMMAND))
     fields = output.decode(errors="replace").split()
-    if code or not re.fullmatch(PROBE_ANSWER, " ".join(fields)):
+    if code or not re.fullmatch(PROBE_OUTPUT, " ".join(fields)):
         raise RobotUnreachable(fault("setup.no-answer", ssh_line(host), host=host))
     target = TargetMachine((int(fields[0]), int(fields[1])), fields[2], fields[3])
     if target.kind not in MACHINE_TYPES:

@@ -38,14 +38,14 @@ class Pi:
     def __init__(self, root: Path, bundle: Path, user: str, run: Callable[..., str] | None = None) -> None:
         self.root, self.bundle, self.user = root, bundle, user
         self.run = run or command_output
-        self.kept = self.target_path("etc/baqueano/setup.json")
+        self.state_path = self.target_path("etc/baqueano/setup.json")
         try:
-            self.noted: JsonObject = json.loads(read_text(self.kept) or "{}")
+            self.stored_state: JsonObject = json.loads(read_text(self.state_path) or "{}")
         except ValueError as error:
             message = _(
                 "{path} is damaged ({error}): the former state of this machine is lost. Type on the vehicle sudo mv "
                 "{path} {path}.damaged, and then set it up again",
-                path=self.kept, error=error,
+                path=self.state_path, error=error,
             )  # fmt: skip
             sys.exit(message)
 
@@ -59,25 +59,25 @@ class Pi:
         New entries of a list are appended to the recorded list. None deletes the record.
         """
         if value is None:
-            self.noted.pop(name, None)
+            self.stored_state.pop(name, None)
         elif isinstance(value, list):
-            self.noted[name] = list(dict.fromkeys([*self.noted.get(name, []), *value]))
+            self.stored_state[name] = list(dict.fromkeys([*self.stored_state.get(name, []), *value]))
         else:
-            self.noted.setdefault(name, value)
-        if not self.noted:
-            self.kept.unlink(missing_ok=True)
+            self.stored_state.setdefault(name, value)
+        if not self.stored_state:
+            self.state_path.unlink(missing_ok=True)
             with suppress(OSError):  # a damaged record can still be there
-                self.kept.parent.rmdir()
+                self.state_path.parent.rmdir()
             return
-        self.kept.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(self.kept, json.dumps(self.noted, indent=1))
+        self.state_path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(self.state_path, json.dumps(self.stored_state, indent=1))
 
     @property
     def config(self) -> Path:
         """Return the path of config.txt, which is in boot/firmware or, on old images, in boot."""
-        old = self.target_path("boot/config.txt")
-        if old.exists() and not self.target_path("boot/firmware/config.txt").exists():
-            return old
+        former_config = self.target_path("boot/config.txt")
+        if former_config.exists() and not self.target_path("boot/firmware/config.txt").exists():
+            return former_config
         return self.target_path("boot/firmware/config.txt")
 
     def group_members(self, *names: str) -> dict[str, list[str]]:

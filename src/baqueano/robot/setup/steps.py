@@ -106,7 +106,7 @@ def file_step(pi: Pi, path: str, text: str) -> Step:
         write_atomically(target, text)
 
     def undo() -> None:
-        former_text = pi.noted[key]["before"]
+        former_text = pi.stored_state[key]["before"]
         if former_text is None:
             target.unlink(missing_ok=True)
         else:
@@ -128,8 +128,8 @@ def link_step(pi: Pi, path: str, to: str) -> Step:
 
     def undo() -> None:
         link.unlink(missing_ok=True)
-        if pi.noted[key]["before"] is not None:
-            link.symlink_to(pi.noted[key]["before"])
+        if pi.stored_state[key]["before"] is not None:
+            link.symlink_to(pi.stored_state[key]["before"])
 
     return Step(f"/{path} → {to}", lambda: link.is_symlink() and os.readlink(link) == to, do, key, undo)
 
@@ -174,7 +174,7 @@ def groups_step(pi: Pi) -> Step:
         pi.run("usermod", "-aG", ",".join(missing()), pi.user)
 
     def undo() -> None:
-        for group in pi.noted["groups"]:
+        for group in pi.stored_state["groups"]:
             pi.run("gpasswd", "-d", pi.user, group)
 
     return Step(
@@ -314,13 +314,13 @@ def service_step(pi: Pi) -> Step:
     return Step(_("baqueano.service: enabled and started"), lambda: False, do, "service", undo)
 
 
-def undo(pi: Pi, todo: list[Step]) -> int:
+def undo(pi: Pi, selected_steps: list[Step]) -> int:
     """Undo the recorded changes, the last change first; return the exit code."""
-    if not pi.noted:
+    if not pi.stored_state:
         print(_("baqueano is not installed here"))
         return 0
-    for step in reversed(todo):
-        if step.key in pi.noted:
+    for step in reversed(selected_steps):
+        if step.key in pi.stored_state:
             step.undo()
             pi.record_state(step.key, None)
             print(_("undone   {step}", step=step.name))
@@ -342,10 +342,10 @@ def main(arguments: list[str] | None = None, run: Callable[..., str] | None = No
     parser.add_argument("--now", type=float)
     options = parser.parse_args(arguments)
     pi = Pi(options.root, options.bundle, options.user, run)
-    todo = steps(pi, options.now)
+    selected_steps = steps(pi, options.now)
     if options.what == "undo":
-        return undo(pi, todo)
-    for step in todo:
+        return undo(pi, selected_steps)
+    for step in selected_steps:
         if step.done():
             print(_("as it is {step}", step=step.name))
         elif options.what == "plan":

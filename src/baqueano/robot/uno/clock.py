@@ -38,7 +38,7 @@ class UnoClock:
         self._answers: deque[PongTimes] = deque()
         self._reference = (0, 0)  # (d₀ [µs], h₀ [ns])
         self._last_us = -1
-        self.synchronised = False
+        self.is_synchronised = False
 
     def unwrap(self, t_us: int) -> int:
         """Return the device time [µs] continued over its overflow, which occurs every 71 minutes.
@@ -69,7 +69,7 @@ class UnoClock:
             if section not in best_pong or answer.trip_ns < best_pong[section].trip_ns:
                 best_pong[section] = answer
         quick_pongs = sorted(best_pong.values(), key=lambda a: a.trip_ns)
-        self._reference, self.synchronised = (quick_pongs[0].device_us, quick_pongs[0].middle_ns), True
+        self._reference, self.is_synchronised = (quick_pongs[0].device_us, quick_pongs[0].middle_ns), True
         if len(quick_pongs) > 2:
             device_ns = (
                 np.array([a.device_us - self._reference[0] for a in quick_pongs], dtype=float) * NS_PER_US

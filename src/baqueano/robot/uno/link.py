@@ -99,7 +99,7 @@ class Uno:
         self._previous: PreviousTelemetry | None = None
         self._nonce: int | None = None  # nonce in the last frame of the firmware
         self._drive_seq, self._seq_received, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
-        self._armed, self._confirmed, self._stop_sent, self._damaged_count = False, False, False, 0
+        self._is_armed, self._is_confirmed, self._stop_sent, self._damaged_count = False, False, False, 0
         self._armed_ns = 0  # time of `arm`
         self._unarmed_ns: int | None = None  # time since which telemetry shows the Uno as not armed
         self._lock = threading.RLock()  # a listening thread and the loop share the line
@@ -108,7 +108,7 @@ class Uno:
         """Send duties in [-1, 1] once, if the Uno is armed. After a standstill of the computer, disarm it instead."""
         self.standstill_reason()
         self._standstill.record_command()
-        if self.info is None or not self._armed:
+        if self.info is None or not self._is_armed:
             self.statistics.unsent_commands += not self._stop_sent
             return
         if self._unarmed_ns is not None:
@@ -124,7 +124,7 @@ class Uno:
         longer than ARMING_TIMEOUT_S, `stop_cause` is set.
         """
         with self._lock:
-            self._armed, self._confirmed, self._stop_sent, self.stop_cause = True, False, False, None
+            self._is_armed, self._is_confirmed, self._stop_sent, self.stop_cause = True, False, False, None
             self._standstill.reset()
             self._armed_ns, self._unarmed_ns = self._now_ns(), None
             self._drive_seq = self._drive_seq if self._previous is None else self._previous.state.drive_seq
@@ -133,13 +133,13 @@ class Uno:
     def disarm(self) -> None:
         """Switch the motors off and the bridge to sleep, and clear `stop_cause`, except a latch or a low battery."""
         with self._lock:
-            self._armed = False
+            self._is_armed = False
             self._clear_stop_cause()
         self._drive(0, 0, 0)
 
     def stop(self) -> None:
         """Send a stop, which the Uno obeys in any state and latches. Any thread can call it."""
-        self._stop_sent, self._armed = True, False  # in this order: another thread may call `drive`
+        self._stop_sent, self._is_armed = True, False  # in this order: another thread may call `drive`
         self._send(Stop())
 
     def clear_stop(self) -> None:
@@ -169,9 +169,9 @@ class Uno:
     def standstill_reason(self) -> Diagnostic | None:
         """Disarm after a standstill of the computer, and return the reason to stop; None without a standstill."""
         config = Config() if self.info is None else self.info.config
-        if self._armed and (reason := self._standstill.check(config.dead_man_ms)):
+        if self._is_armed and (reason := self._standstill.check(config.dead_man_ms)):
             with self._lock:
-                self._armed, self.stop_cause = False, reason
+                self._is_armed, self.stop_cause = False, reason
             self._drive(0, 0, 0)
         return self._standstill.reason
 
@@ -331,15 +331,15 @@ class Uno:
         """Reset the state after a restart of the firmware, which is disarmed and starts its clock and counts at 0."""
         self.statistics.resets += 1
         self.clock, self._previous, self._seq_received = UnoClock(), None, -1
-        if self._armed:
+        if self._is_armed:
             self.stop_cause = stop(StopReason.UNO_RESET, cause=reset_cause_names(cause) or "cause unknown")
-        self._armed = self._confirmed = False
+        self._is_armed = self._is_confirmed = False
 
     def _on_state(self, state: State, now_ns: int) -> None:
         if (self._drive_seq - state.drive_seq) & 0xFF > MAX_COMMANDS_AHEAD:  # lost on the line, or refused
             self._drive_seq = state.drive_seq
         t_us = self.clock.unwrap(state.t_us)
-        t_ns = min(self.clock.host_ns(t_us), now_ns) if self.clock.synchronised else now_ns
+        t_ns = min(self.clock.host_ns(t_us), now_ns) if self.clock.is_synchronised else now_ns
         previous = self._previous
         if previous is not None:
             t_ns = max(t_ns, previous.t_ns + 1)
@@ -350,7 +350,7 @@ class Uno:
             Telemetry(
                 t_ns, mean_duty(state, previous, t_us), (state.left_counts, state.right_counts),
                 1e-3 * state.battery_mv, state.mark_count,
-                self.clock.host_ns(self.clock.unwrap(state.mark_t_us)) if self.clock.synchronised else now_ns,
+                self.clock.host_ns(self.clock.unwrap(state.mark_t_us)) if self.clock.is_synchronised else now_ns,
                 self.stop_cause, bool(state.flags & StateFlag.ENCODER_FAULT),
                 (1e-3 * state.left_permille, 1e-3 * state.right_permille), state.nonce,
             )
@@ -369,17 +369,17 @@ class Uno:
             self.stop_cause = stop(StopReason.UNO_LATCHED, "baqueano robot clear HOST")
         elif state.flags & StateFlag.BATTERY_LOW:
             self.stop_cause = stop(StopReason.UNO_BATTERY, battery_v=1e-3 * state.battery_mv)
-        elif self._armed and state.flags & StateFlag.ARMED:
-            self._confirmed, self._unarmed_ns = True, None
+        elif self._is_armed and state.flags & StateFlag.ARMED:
+            self._is_confirmed, self._unarmed_ns = True, None
             if state.flags & StateFlag.DEAD_MAN and self.statistics.sent_commands > 1:
                 self.stop_cause = stop(StopReason.UNO_DEAD_MAN, silent_ms=state.drive_age_ms)
-        elif self._armed and self._confirmed:
+        elif self._is_armed and self._is_confirmed:
             self.stop_cause = stop(StopReason.UNO_DISARMED)
-        elif self._armed and t_ns - self._armed_ns > ARM_DELAY_S * 1e9:
+        elif self._is_armed and t_ns - self._armed_ns > ARM_DELAY_S * 1e9:
             self._unarmed_ns = t_ns if self._unarmed_ns is None else self._unarmed_ns
             if t_ns - self._unarmed_ns > ARMING_TIMEOUT_S * 1e9:
                 self.stop_cause = stop(StopReason.UNO_DEAF, arming_ms=1e3 * ARMING_TIMEOUT_S)
-        elif not self._armed and self._is_latched:
+        elif not self._is_armed and self._is_latched:
             self.stop_cause = None
 
 

@@ -47,7 +47,7 @@ SETTLE_S, MEAN_S, PAUSE_S = 0.8, 0.3, 0.4
 PUSH_S, PUSHED_M_S = 0.4, 0.1  # 0.1 m/s: 3 times the integral of a vibration of 0.05 m/s²
 STRAIGHT_REQUEST, STRAIGHT_S = 0.5, 1.5
 MAX_DIFFERENCE = 0.05  # with a smaller difference of the wheels, any controller can keep straight
-HELD_TAU_S, HELD_LATE_S = 0.17, 0.1  # of (6): slowest lag, and dead time of motors and wire
+MAX_LAG_S, DEAD_TIME_S = 0.17, 0.1  # of (6): slowest lag, and dead time of motors and wire
 MAX_TRIES = 3  # attempts to restore the former settings
 WHEEL_DIRECTIONS = (N_("left forwards"), N_("left backwards"), N_("right forwards"), N_("right backwards"))
 TURN_SIGNS = (-1.0, 1.0)  # turn by a wheel that runs forwards: the left wheel turns the vehicle right
@@ -372,7 +372,7 @@ def _heading_error(floor: "FloorTests", sign: float, reach: float) -> float:
     """Return the heading error [rad] after a straight drive with the heading held.  (6)"""
     bias = floor.rest_samples(0.3).gyro[:, 2].mean()
     hand = ManualController(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))
-    law = HeadingHold(hand, pole_placement_gains(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, MAX_SPEED_SHARE)
+    law = HeadingHold(hand, pole_placement_gains(2.0 * reach, MAX_LAG_S, DEAD_TIME_S), 1.0, MAX_SPEED_SHARE)
     state, psi, r, imu_ns = law.init(), 0.0, 0.0, -1
 
     def duties(t_s: float) -> tuple[float, float]:

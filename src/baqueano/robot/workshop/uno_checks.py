@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 COMMAND_PERIOD_S = 0.01
 FIRST_ANSWER_S = 0.1  # time until telemetry shows the sequence of the last command
 LOSS_WARN, LOSS_BAD = 1e-3, 0.05  # shares of frames
-RAM, LEAST_RAM = 2048, 128  # bytes
+RAM, MIN_RAM = 2048, 128  # bytes
 NOISE_REMEDY = N_("Keep the USB cable away from the motors' wires, and put 100 nF across each motor")
 
 
@@ -188,7 +188,7 @@ def check_memory(info: "Info") -> Check:
     free = info.least_free_ram
     return Check(
         N_("Uno's memory"),
-        "ok" if free >= LEAST_RAM else "warn",
+        "ok" if free >= MIN_RAM else "warn",
         _("{free} of {ram} bytes were never used", free=free, ram=RAM),
         _("Is this our firmware, unchanged? Type: baqueano robot flash"),
     )
