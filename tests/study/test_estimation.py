@@ -193,14 +193,14 @@ def test_the_estimation_command_prints_json(monkeypatch, capsys):
 def test_the_odometer_of_a_recording_is_used_for_fit_and_judgement(cpm_recordings):
     subject = room.SUBJECTS["cpm"][0]()[0]
     short = subject._replace(fit_run=subject.fit_run.cut(0.0, 30.0), test_run=subject.test_run.cut(0.0, 30.0))
-    (judgement,) = room.evaluate(short, BOTH)
-    assert judgement.errors[SPEED].ratio[0] < 0.9
-    assert judgement.stop_reason == ""
-    rows = {row["quantity"]: row for row in EstimationStudy((judgement,)).rows()}
-    first, *_, last = judgement.consistency.channels
+    (run_evaluation,) = room.evaluate(short, BOTH)
+    assert run_evaluation.errors[SPEED].ratio[0] < 0.9
+    assert run_evaluation.stop_reason == ""
+    rows = {row["quantity"]: row for row in EstimationStudy((run_evaluation,)).rows()}
+    first, *_, last = run_evaluation.consistency.channels
     assert rows[f"NIS of {first}"]["ok"] == (0.85 <= rows[f"NIS of {first}"]["value"] <= 1.15)
     assert rows[f"lag-1 correlation of {last}"]["reference"] == 0.0
-    assert judgement.consistency.sentence in EstimationStudy((judgement,)).table()
+    assert run_evaluation.consistency.sentence in EstimationStudy((run_evaluation,)).table()
 
 
 @pytest.fixture(scope="module")

@@ -272,5 +272,5 @@ def test_structural_faults_do_not_change_the_original_data(vehicle):
     sound = SimpleNamespace(truth=SimpleNamespace(nu=nu))
     for name in STRUCTURES.keys() - (ROBOT_FAULTS if vehicle == "car" else ()):
         plan = STRUCTURES[name](q, u, sound, np.random.default_rng(0))
-        has_changed = plan.vehicle is not q.vehicle or not np.array_equal(plan.effective, u)
+        has_changed = plan.vehicle is not q.vehicle or not np.array_equal(plan.effective_commands, u)
         assert has_changed or plan.vehicle_file is not q.vehicle_file or plan.second_vehicle, name

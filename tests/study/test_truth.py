@@ -106,7 +106,7 @@ def test_a_car_rolls_downhill_at_the_speed_of_force_balance():
     q = cars(slope_rad=np.full(1, 0.1), slope_heading_rad=np.full(1, np.pi), **straight)  # downhill ahead
     world, z = drive_truth(q, [0.0, 0.0], 5.0)
     v, pull = world.truth.nu[0, 0], 9.80665 * np.sin(0.1) * q.mass_kg[0]
-    drag = q.dry_n[0] * np.tanh(v / 0.05) + (q.rolling[0] + q.air[0] * v) * v
+    drag = q.dry_n[0] * np.tanh(v / 0.05) + (q.rolling[0] + q.air_drag[0] * v) * v
     assert drag == pytest.approx(pull, rel=1e-3)
     assert z[0, 0] == pytest.approx(-drag / q.mass_kg[0], rel=1e-3)
 
@@ -236,7 +236,7 @@ def test_a_car_reaches_the_speed_of_force_balance():
     world, _ = drive_truth(q, [0.4, 0.0], 2.0)
     v = world.truth.nu[0, 0]
     force = q.stall_n[0] * (0.4 - q.zone[0, 0])
-    assert force == pytest.approx(q.dry_n[0] + (q.rolling[0] + q.air[0] * v) * v, rel=0.03)
+    assert force == pytest.approx(q.dry_n[0] + (q.rolling[0] + q.air_drag[0] * v) * v, rel=0.03)
 
 
 def test_the_tyre_force_is_limited_by_its_grip():

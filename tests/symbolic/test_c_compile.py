@@ -172,7 +172,7 @@ def test_fast_math_is_never_enabled():
     compiler = compile.find_compiler().compiler
     assert compiler is not None
     for operations in (10, 10_000, 100_000):
-        for flags in compile._flag_sets(compiler, operations, find_vectors=True, is_hasty=False):
+        for flags in compile._flag_sets(compiler, operations, find_vectors=True, is_quick=False):
             assert not {"-ffast-math", "-Ofast", "-funsafe-math-optimizations"} & set(flags)
 
 

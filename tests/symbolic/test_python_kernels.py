@@ -83,7 +83,7 @@ def test_a_kernel_continues_correctly_after_a_division_by_zero():
     kernel, final = make_kernel(program), np.zeros(0)
     inputs, outputs = np.array([[2.0], [0.0], [-1.0]]), np.empty((3, 7))
     kernel.run(final, final, inputs, outputs, final)
-    assert kernel.careful
+    assert kernel.checks_errors
     close(outputs[0], [0.5, 2**0.5, np.log(2.0), 2.0, np.inf, np.sin(0.5), 0.5])
     close(outputs[1], [np.inf, 0.0, -np.inf, 0.0, np.inf, np.nan, 2.0])
     close(outputs[2], [-1.0, np.nan, np.nan, -1.0, np.inf, np.sin(-1.0), 2.0])
@@ -95,7 +95,7 @@ def test_an_inactive_branch_is_not_computed():
     program = one_tick(apply("where", x != 0.0, 1.0 / x, 0.0), inputs=(x,))
     kernel, outputs = make_kernel(program), np.empty((1, 1))
     kernel.run(np.zeros(0), np.zeros(0), np.zeros((1, 1)), outputs, np.zeros(0))
-    assert not kernel.careful
+    assert not kernel.checks_errors
     assert outputs[0, 0] == 0.0
 
 

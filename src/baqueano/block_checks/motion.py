@@ -149,7 +149,7 @@ def _check_measurements(trial: Trial, block: Any) -> None:
     if np.any(np.diag(Q) <= 0.0):
         trial.add_fault("check.no-noise")
     sensor_h = trial.expect("h", trial.checked_call("h", CURVE_NOTE, circle_motion(0)), (m,), CURVE_NOTE, "h")
-    state, answers = trial.checked_call("init", START_NOTE), 0
+    state, reading_count = trial.checked_call("init", START_NOTE), 0
     for k in range(TICK_COUNT):
         state, slot = trial.step(CURVE_NOTE, state, circle_motion(k), DT_S, np.zeros(int(block.noise_size)))
         trial.expect_record(slot, Slot, "(state, Slot(is_new, z))")
@@ -159,11 +159,11 @@ def _check_measurements(trial: Trial, block: Any) -> None:
             trial.add_fault("check.is-new", "step", value=str(slot.is_new))
         if is_new == 0.0 and np.any(z):
             trial.add_fault("check.not-new", "step")
-        answers += int(is_new > 0.0)
-    _check_rate(trial, block, answers)
+        reading_count += int(is_new > 0.0)
+    _check_rate(trial, block, reading_count)
 
 
-def _check_rate(trial: Trial, block: Any, answer_count: int) -> None:
+def _check_rate(trial: Trial, block: Any, reading_count: int) -> None:
     if block.rate_hz == float("inf"):
         return  # this sensor measures when something happens
     delay_s = float(getattr(block, "delay_s", 0.0))
@@ -171,13 +171,13 @@ def _check_rate(trial: Trial, block: Any, answer_count: int) -> None:
     expected_count = (
         min(1.0 / DT_S, float(block.rate_hz)) * max(TICK_COUNT * DT_S - delay_s, 0.0) * sight_share
     )
-    if abs(answer_count - expected_count) > 2.0 + 0.05 * expected_count:
-        lasted_s, rate_hz = TICK_COUNT * DT_S, block.rate_hz
+    if abs(reading_count - expected_count) > 2.0 + 0.05 * expected_count:
+        duration_s, rate_hz = TICK_COUNT * DT_S, block.rate_hz
         trial.add_fault(
             "check.rate",
             "step",
-            count=answer_count,
-            duration_s=lasted_s,
+            count=reading_count,
+            duration_s=duration_s,
             rate_hz=rate_hz,
             expected=expected_count,
         )

@@ -231,8 +231,8 @@ def _fields(block: object) -> Any:
     return values | dict(getattr(block, "__dict__", {}))
 
 
-def _freeze(value: object, outer: tuple[int, ...] = ()) -> Any:
-    """Return a copy that == compares bit for bit; NaN is equal to NaN. `outer` are the ids of the containers."""
+def _freeze(value: object, outer_ids: tuple[int, ...] = ()) -> Any:
+    """Return a copy that == compares bit for bit; NaN is equal to NaN. `outer_ids` are the ids of the containers."""
     if isinstance(value, np.ndarray):
         return (
             "array",
@@ -244,15 +244,15 @@ def _freeze(value: object, outer: tuple[int, ...] = ()) -> Any:
         return ("float", np.float64(value).tobytes())
     if isinstance(value, np.generic):
         return _freeze(value.item())
-    if id(value) in outer:
-        return ("cycle", outer.index(id(value)))
-    outer = (*outer, id(value))
+    if id(value) in outer_ids:
+        return ("cycle", outer_ids.index(id(value)))
+    outer_ids = (*outer_ids, id(value))
     if isinstance(value, dict):
-        return ("dict", tuple((k, _freeze(v, outer)) for k, v in value.items()))
+        return ("dict", tuple((k, _freeze(v, outer_ids)) for k, v in value.items()))
     if isinstance(value, list | tuple | deque):
-        return (type(value).__name__, tuple(_freeze(v, outer) for v in value))
+        return (type(value).__name__, tuple(_freeze(v, outer_ids) for v in value))
     if isinstance(value, set | frozenset):
-        return (type(value).__name__, frozenset(_freeze(v, outer) for v in value))
+        return (type(value).__name__, frozenset(_freeze(v, outer_ids) for v in value))
     if isinstance(value, int | str | bytes | type(None)):
         return value
     is_plain = (
@@ -260,4 +260,4 @@ def _freeze(value: object, outer: tuple[int, ...] = ()) -> Any:
         and not callable(value)
         and type(value).__reduce__ is object.__reduce__
     )
-    return (type(value).__name__, _freeze(_fields(value), outer)) if is_plain else ("object", id(value))
+    return (type(value).__name__, _freeze(_fields(value), outer_ids)) if is_plain else ("object", id(value))

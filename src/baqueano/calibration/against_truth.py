@@ -156,9 +156,9 @@ def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TimeSeri
     return Windows(t_s, eta, a, b, batch)
 
 
-def _gaps(t_s: np.ndarray, wider_s: float) -> list[tuple[float, float]]:
+def _gaps(t_s: np.ndarray, min_gap_s: float) -> list[tuple[float, float]]:
     long_gaps = np.flatnonzero(np.diff(t_s) > GAP_S)
-    return [(t_s[k] - wider_s, t_s[k + 1] + wider_s) for k in long_gaps]
+    return [(t_s[k] - min_gap_s, t_s[k + 1] + min_gap_s) for k in long_gaps]
 
 
 def _turn_equations(w: Windows, gyro: TimeSeries, offset_s: float) -> Equations:

@@ -188,8 +188,8 @@ class RestMeasurement(Result):
             row: TableRow = {"name": f"{c.sensor}[{c.entry}]", "samples": c.samples, "rate_hz": c.rate_hz}
             row |= {"mean": c.mean, "mean_std": c.mean_std, "std": c.std, "step": c.step}
             columns = NOISE_COLUMNS, *c.coefficients, c.coefficients.is_measurable
-            for name, value, std, measurable in zip(*columns, strict=True):
-                pair = (float(value), float(std)) if measurable else (None, None)
+            for name, value, std, is_measurable in zip(*columns, strict=True):
+                pair = (float(value), float(std)) if is_measurable else (None, None)
                 row |= dict(zip((name, f"{name}_std"), pair, strict=True))
             row["allan_1s"] = c.allan_1s
             rows.append(row | {"temperature_slope": c.slope, "temperature_slope_std": c.slope_std})
@@ -210,7 +210,7 @@ class RestMeasurement(Result):
         rows = []
         for c in self.channels:
             pairs = zip(c.coefficients.value, c.coefficients.is_measurable, strict=True)
-            parts = [f"{number(value):.3g}" if measurable else "-" for value, measurable in pairs]
+            parts = [f"{number(value):.3g}" if is_measurable else "-" for value, is_measurable in pairs]
             warm = "" if c.slope is None else f"{number(c.slope):.2g} ± {number(c.slope_std):.1g}"
             values = f"{number(c.mean):.5g}", f"{number(c.mean_std):.1g}", f"{number(c.std):.3g}"
             rows.append([f"{c.sensor}[{c.entry}]", *values, *parts, warm])
@@ -295,12 +295,12 @@ def _rest_channel(
     changes = np.abs(np.diff(np.unique(y)))
     slope, slope_std = _temperature_slope(t_ns, y, temperature)
     ticks_per_s = max(1, round(rate_hz))
-    over_1s = None
+    allan_1s = None
     if 2 * ticks_per_s <= len(y):
-        over_1s = float(allan_deviation(y, rate_hz, np.array([ticks_per_s])).deviation[0])
+        allan_1s = float(allan_deviation(y, rate_hz, np.array([ticks_per_s])).deviation[0])
     return RestChannel(
         name, entry, len(y), rate_hz, float(np.mean(y)), float(curve.deviation[-1]), float(np.std(y, ddof=1)),
-        float(changes.min()) if len(changes) else 0.0, curve, coefficients(curve), over_1s,
+        float(changes.min()) if len(changes) else 0.0, curve, coefficients(curve), allan_1s,
         slope, slope_std,
     )  # fmt: skip
 
@@ -350,8 +350,8 @@ def _findings(name: str, t_ns: np.ndarray, z: np.ndarray, rate_hz: float) -> lis
 def _imu_values(path: str, channels: dict[int, RestChannel]) -> "JsonObject":
     """Return the values of an IMU from its three channels: standard deviation of one sample, bias, and bias random
     walk. The walk is 0 if it cannot be measured. Both accelerometers get the larger one."""
-    walks = [channels[k].coefficients for k in range(3)]
-    walk = [float(c.value[2]) if c.is_measurable[2] else 0.0 for c in walks]
+    random_walks = [channels[k].coefficients for k in range(3)]
+    walk = [float(c.value[2]) if c.is_measurable[2] else 0.0 for c in random_walks]
     return {
         f"{path}.accel_noise_std": [channels[0].std, channels[1].std],
         f"{path}.gyro_noise_std": channels[2].std,

@@ -138,11 +138,15 @@ class Calibration(Result):
         origin = getattr(vehicle_file.vehicle, "rear_axle_m", 0.0)  # of a car: to the axle without slip
         names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
                  "mark.heading_rad": "heading_rad"}  # fmt: skip
-        usable = [entry for entry in self.numbers if entry.name in names and np.isfinite(entry.half_width)]
-        if not usable:
+        usable_numbers = [
+            entry for entry in self.numbers if entry.name in names and np.isfinite(entry.half_width)
+        ]
+        if not usable_numbers:
             raise UsageError(fault("truth.no-mark", run=self.run))
-        values = {names[entry.name]: entry.value - origin * (entry.name == "mark.x_m") for entry in usable}
-        return values, {names[entry.name]: entry.half_width for entry in usable}
+        values = {
+            names[entry.name]: entry.value - origin * (entry.name == "mark.x_m") for entry in usable_numbers
+        }
+        return values, {names[entry.name]: entry.half_width for entry in usable_numbers}
 
     @checked_call("calibration.updated_file(robot)")
     def updated_file(self, vehicle_file: "VehicleFile") -> "VehicleFile":

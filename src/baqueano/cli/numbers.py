@@ -10,15 +10,17 @@ from baqueano.errors import UsageError
 
 
 class Number(click.ParamType):
-    """A finite number of `unit`, which can be "", from `low` to `high`; with `exclude_low` above `low`."""
+    """A finite number of `unit`, which can be "", from `low` to `high`; with `excludes_low` above `low`."""
 
     name, code, parse = "number", "cli.number", float
 
-    def __init__(self, unit: str, low: float = 0.0, high: float = math.inf, exclude_low: bool = True) -> None:
-        self.low, self.high, self.exclude_low = low, high, exclude_low
+    def __init__(
+        self, unit: str, low: float = 0.0, high: float = math.inf, excludes_low: bool = True
+    ) -> None:
+        self.low, self.high, self.excludes_low = low, high, excludes_low
         upper_text = f", ≤ {high:g}" if math.isfinite(high) else ""
         unit_text = f" [{unit}]" if unit else ""
-        self.range = f"{'>' if exclude_low else '≥'} {low:g}{upper_text}{unit_text}"
+        self.range = f"{'>' if excludes_low else '≥'} {low:g}{upper_text}{unit_text}"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the typed number. Raise UsageError for any other text, and for a number outside the range."""
@@ -26,7 +28,7 @@ class Number(click.ParamType):
             x = self.parse(value)
         except ValueError:
             x = math.nan
-        is_above_low = x > self.low if self.exclude_low else x >= self.low
+        is_above_low = x > self.low if self.excludes_low else x >= self.low
         if not (is_above_low and x <= self.high and math.isfinite(x)):
             raise UsageError(fault(self.code, option=_name(param), value=value, expected=self.range))
         return x
@@ -38,7 +40,7 @@ class WholeNumber(Number):
     name, code, parse = "integer", "cli.whole-number", int
 
     def __init__(self, low: int, high: float = math.inf) -> None:
-        super().__init__("", low, high, exclude_low=False)
+        super().__init__("", low, high, excludes_low=False)
 
 
 def parse_bounds(argument: str) -> tuple[str, tuple[float, float]]:
@@ -56,9 +58,9 @@ def _name(param: click.Parameter | None) -> str:
 
 
 seconds = Number("s", high=86_400.0)
-time_s = Number("s", exclude_low=False)
+time_s = Number("s", excludes_low=False)
 speed = Number("m/s", high=100.0)
 length = Number("m", high=10_000.0)
 count = WholeNumber(1)
 count_or_none = WholeNumber(0)
-pace = Number("", 0.05, 50.0, exclude_low=False)
+pace = Number("", 0.05, 50.0, excludes_low=False)

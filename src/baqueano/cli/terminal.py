@@ -156,7 +156,7 @@ def show_progress(label: Diagnostic | str, length: int) -> Iterator[Callable[[in
 def show_time_progress(label: Diagnostic | str, duration_s: float) -> Iterator[Callable[[float], None]]:
     """Show a bar on stderr that follows the time of a run [s]; `duration_s` is 0 for an unknown end. Yield
     show(t_s)."""
-    done_tenths = 0
+    progress_tenths = 0
     if duration_s <= 0.0:
         yield (
             lambda t_s: (
@@ -167,9 +167,9 @@ def show_time_progress(label: Diagnostic | str, duration_s: float) -> Iterator[C
         return
 
     def show(t_s: float) -> None:
-        nonlocal done_tenths
-        advance(max(0, round(10 * t_s) - done_tenths))
-        done_tenths = max(done_tenths, round(10 * t_s))
+        nonlocal progress_tenths
+        advance(max(0, round(10 * t_s) - progress_tenths))
+        progress_tenths = max(progress_tenths, round(10 * t_s))
 
     with show_progress(label, max(1, round(10 * duration_s))) as advance:
         yield show
@@ -219,7 +219,7 @@ class ProgressLine:
 
 
 @contextmanager
-def show_activity(label: Diagnostic | str, is_often_quick: bool = False) -> Iterator[ProgressLine]:
+def show_activity(label: Diagnostic | str, is_delayed: bool = False) -> Iterator[ProgressLine]:
     """Show a line on stderr for work of unknown duration. Yield a function that prints a text.
 
     On a terminal it counts the seconds, and shows the progress of the work. Otherwise a line is printed
@@ -236,7 +236,7 @@ def show_activity(label: Diagnostic | str, is_often_quick: bool = False) -> Iter
             _rewrite(line) if person else print_message(line)
             is_shown = True
 
-    is_shown = not is_often_quick
+    is_shown = not is_delayed
     if is_shown:
         _rewrite(label) if person else print_message(label)
     count_thread = threading.Thread(target=count, daemon=True)

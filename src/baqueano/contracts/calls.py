@@ -168,12 +168,14 @@ def _is_container(value: Tree) -> bool:
     return isinstance(value, Iterable) and not isinstance(value, str) and not is_record
 
 
-def _with_options(signature: inspect.Signature, makers: Sequence[Callable[..., Tree]]) -> inspect.Signature:
+def _with_options(
+    signature: inspect.Signature, option_makers: Sequence[Callable[..., Tree]]
+) -> inspect.Signature:
     """Return a signature with the keywords of functions, and the fields of classes, in place of **options."""
-    if not makers:
+    if not option_makers:
         return signature
     parameters = {name: p for name, p in signature.parameters.items() if p.kind != p.VAR_KEYWORD}
-    for maker in makers:
+    for maker in option_makers:
         for name, parameter in inspect.signature(maker).parameters.items():
             if isinstance(maker, type) or parameter.kind == parameter.KEYWORD_ONLY:
                 parameters.setdefault(name, parameter.replace(kind=parameter.KEYWORD_ONLY))
@@ -217,8 +219,8 @@ def _refuse_arguments(
     """Raise Misuse for a call that does not match the signature."""
     parameters = signature.parameters
     unknown = [name for name in options if name not in parameters]
-    is_open = any(parameter.kind == parameter.VAR_KEYWORD for parameter in parameters.values())
-    if unknown and not is_open:
+    has_keywords = any(parameter.kind == parameter.VAR_KEYWORD for parameter in parameters.values())
+    if unknown and not has_keywords:
         groups = [p for p in parameters.values() if is_dataclass(p.default)]
         for group in groups:
             if unknown[0] in group.default.__dataclass_fields__:
@@ -264,7 +266,9 @@ def _refuse_kind(
         label, value = f"{name}[{position}]", value[position]
         expected = KINDS["str"] if expected.name == LIST else expected
     fix = _fix(name, value, own_kinds, example)
-    raise Misuse(fault("call.kind", fix, call=call, name=label, value=_shown(value), expected=expected.name))
+    raise Misuse(
+        fault("call.kind", fix, call=call, name=label, value=_value_text(value), expected=expected.name)
+    )
 
 
 def _wrong_item(value: Tree, kinds: tuple[ArgumentKind, ...]) -> int | None:
@@ -287,10 +291,10 @@ def _fix(name: str, value: Tree, kinds: tuple[ArgumentKind, ...], example: str) 
     is_file = is_stored or bool(PurePath(value).suffix)
     readers = (kind.maker if kind.maker and not is_file else kind.reader for kind in kinds)
     reader = next(filter(None, readers), "")
-    return reader.format(_shown(value), name=name) if reader else example
+    return reader.format(_value_text(value), name=name) if reader else example
 
 
-def _shown(value: object) -> str:
+def _value_text(value: object) -> str:
     return f'"{value}"' if isinstance(value, str | PurePath) else _short_repr(value)
 
 

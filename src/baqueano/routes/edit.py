@@ -92,7 +92,7 @@ def join(first: Route, second: Route) -> Route:
     t_s = np.concatenate([first.t_s, first.t_s[-1] + second.t_s[1:]])
     nu = np.concatenate([first.nu, second.nu[1:]])
     route = Route(t_s, eta, nu, closed=False)
-    return route._replace(closed=ends_meet(route))
+    return route._replace(closed=has_close_ends(route))
 
 
 @checked_call("bq.routes.reverse(route)")
@@ -163,7 +163,7 @@ def scale(route: Route, factor: float) -> Route:
     return route._replace(t_s=factor * route.t_s, eta=eta, nu=route.nu * np.array([1.0, 1.0, 1.0 / factor]))
 
 
-def ends_meet(route: Route) -> bool:
+def has_close_ends(route: Route) -> bool:
     """Return True if a route longer than 4 MAX_END_GAP_M ends within MAX_END_GAP_M and MAX_END_GAP_RAD of its start."""
     end_gap = route.eta[-1] - route.eta[0]
     is_close = (

@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 MEAN_WINDOW_S = 0.3  # time over which an acceleration is averaged
 MIN_SCALE = 0.1  # a smaller route is of no use: its start is too near to the wall
 MIN_POSES, MAX_POSES = 600, 100_000  # number of poses of a route that are judged, if it has so many
-MAX_STEP_S = 0.1  # largest time between two of them, up to MAX_POSES: a third of MIN_LACK_S
+MAX_STEP_S = 0.1  # largest time between two of them, up to MAX_POSES: a third of MIN_DEFICIT_S
 MAX_SHARE = 1.05  # share of the command up to which a route passes
-MIN_LACK_S = 0.3  # the controller compensates a shorter lack of command
+MIN_DEFICIT_S = 0.3  # the controller compensates a shorter lack of command
 MIN_SPEED_M_S = 1e-3  # below it a curvature is not defined
 # a slower or shorter motion to the side may be an error, or a correction, of the recorded estimate
 MIN_SIDEWAYS_M_S, MIN_SIDEWAYS_S = 0.05, 1.0
@@ -62,7 +62,7 @@ class Demand(NamedTuple):
     speed_m_s: np.ndarray
     yaw_rate_rad_s: np.ndarray
     steady: np.ndarray  # part of the command for the velocity
-    share: np.ndarray  # part for velocity and acceleration: the least in MIN_LACK_S
+    share: np.ndarray  # part for velocity and acceleration: the least in MIN_DEFICIT_S
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -361,7 +361,7 @@ def _moving_mean(t_s: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.convolve(np.pad(x, (n // 2, n - 1 - n // 2), mode="edge"), np.ones(n) / n, mode="valid")
 
 
-def _sliding_minimum(x: np.ndarray, t_s: np.ndarray, span_s: float = MIN_LACK_S) -> np.ndarray:
+def _sliding_minimum(x: np.ndarray, t_s: np.ndarray, span_s: float = MIN_DEFICIT_S) -> np.ndarray:
     """Return the least x (m,) in the `span_s` after each time: the value that lasts at least `span_s`."""
     n = _span_count(span_s, t_s)
     padded_x = np.pad(x, (0, n - 1), mode="edge")

@@ -59,9 +59,9 @@ def route_gaps(route: Route, s: np.ndarray) -> list[Diagnostic]:
     is_moving = step > 0.1 * STEP_M
     if not is_moving.any():
         return []
-    long_s = GAP_FACTOR * np.median(dt_s[is_moving])
+    max_step_s = GAP_FACTOR * np.median(dt_s[is_moving])
     long_m = max(GAP_FACTOR * np.median(step[is_moving]), MIN_GAP_M)
-    is_gap = (dt_s > long_s) & (step > long_m)  # (2)
+    is_gap = (dt_s > max_step_s) & (step > long_m)  # (2)
     is_gap |= 0.5 * step * np.tan(0.25 * turn) > MAX_CORNER_OFFSET_M  # (4)
     return [_gap_finding("route.gap", route, s, is_gap)] if is_gap.any() else []
 

@@ -18,7 +18,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
-from baqueano.routes.edit import ends_meet
+from baqueano.routes.edit import has_close_ends
 from baqueano.routes.path import (
     GRID_M,
     RoutePath,
@@ -42,7 +42,7 @@ class Spectrum(NamedTuple):
     p: np.ndarray  # (n,) positions x + iy [m] at even distances, minus the straight part
     line: np.ndarray  # (n,) the straight line from the first to the last point
     omega: np.ndarray  # (n,) [rad/m]
-    hat: np.ndarray  # (n,) Fourier transform of p
+    transform: np.ndarray  # (n,) Fourier transform of p
     points: int  # number of points of the path itself; the others are its reflection
     line_slope: complex  # derivative of the straight line along the path
 
@@ -88,12 +88,12 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
     speed = np.abs(route.nu[indices, 0])
     if not (median_speed := float(np.median(speed))) > 0.0:
         raise UsageError(fault("route.speed", value=median_speed))
-    is_closed = route.closed or ends_meet(route)
+    is_closed = route.closed or has_close_ends(route)
     s = distances_along(route.eta[indices, :2])
-    spectrum, cut_rad_m, s = _spectrum_and_cutoff(route.eta[indices, :2], s, is_closed, tolerance_m, kind)
+    spectrum, cutoff_rad_m, s = _spectrum_and_cutoff(route.eta[indices, :2], s, is_closed, tolerance_m, kind)
     slip = np.broadcast_to(route_path(route).slip, s.shape)
     slip_spectrum = _spectrum(np.column_stack([slip, np.zeros(len(s))]), s, is_closed)
-    path = _path(spectrum, slip_spectrum, cut_rad_m)
+    path = _path(spectrum, slip_spectrum, cutoff_rad_m)
     speed = np.maximum(speed, MIN_SPEED_SHARE * median_speed)
     return route_along(path, np.interp(path.s / path.s[-1], s / s[-1], speed), forward_sign, closed=is_closed)
 
@@ -116,20 +116,20 @@ def _spectrum_and_cutoff(
 ) -> tuple[Spectrum, float, np.ndarray]:
     """Return the series, ω_c, and the distances (m,) of the points along the path; without noise these are `s`."""
     spectrum = _spectrum(xy, s, is_closed)
-    cut_rad_m = _cutoff(spectrum, tolerance_m, kind)
+    cutoff_rad_m = _cutoff(spectrum, tolerance_m, kind)
     for _ in range(MAX_PASSES):
-        smooth_s = _smooth_distances(spectrum, cut_rad_m, s)
+        smooth_s = _smooth_distances(spectrum, cutoff_rad_m, s)
         if smooth_s[-1] > MIN_LENGTH_SHARE * s[-1]:
             break
         s = smooth_s
         spectrum = _spectrum(xy, s, is_closed)
-        cut_rad_m = _cutoff(spectrum, tolerance_m, kind)
-    return spectrum, cut_rad_m, s
+        cutoff_rad_m = _cutoff(spectrum, tolerance_m, kind)
+    return spectrum, cutoff_rad_m, s
 
 
-def _smooth_distances(spectrum: Spectrum, cut_rad_m: float, s: np.ndarray) -> np.ndarray:
+def _smooth_distances(spectrum: Spectrum, cutoff_rad_m: float, s: np.ndarray) -> np.ndarray:
     """Return the distances (m,) along the smooth path of the points at the distances s (m,)."""
-    p = _low_pass(spectrum, cut_rad_m) + spectrum.line
+    p = _low_pass(spectrum, cutoff_rad_m) + spectrum.line
     distance_m = distances_along(np.column_stack([np.real(p), np.imag(p)]))
     return np.interp(s, np.linspace(0.0, s[-1], spectrum.points), distance_m)
 
@@ -145,26 +145,26 @@ def _cutoff(spectrum: Spectrum, tolerance_m: float, norm: str) -> float:
     return high
 
 
-def _low_pass(spectrum: Spectrum, cut_rad_m: float, order: int = 0) -> np.ndarray:
+def _low_pass(spectrum: Spectrum, cutoff_rad_m: float, order: int = 0) -> np.ndarray:
     """Return the low-passed path as complex numbers (points,), or its derivative of the given `order`.  (2)"""
-    gain = (1j * spectrum.omega) ** order / (1.0 + (spectrum.omega / cut_rad_m) ** 6)
-    p = np.fft.ifft(gain * spectrum.hat)
+    gain = (1j * spectrum.omega) ** order / (1.0 + (spectrum.omega / cutoff_rad_m) ** 6)
+    p = np.fft.ifft(gain * spectrum.transform)
     return np.append(p, p[0])[: spectrum.points] if len(p) < spectrum.points else p[: spectrum.points]
 
 
-def _deviation(spectrum: Spectrum, cut_rad_m: float, norm: str) -> float:
+def _deviation(spectrum: Spectrum, cutoff_rad_m: float, norm: str) -> float:
     """Return the distance [m] between smooth path and points: the largest one if `norm` is "max", else the rms."""
     taught_points = np.append(spectrum.p, spectrum.p[0])[: spectrum.points]
-    distances = np.abs(_low_pass(spectrum, cut_rad_m) - taught_points)
+    distances = np.abs(_low_pass(spectrum, cutoff_rad_m) - taught_points)
     return float(np.max(distances) if norm == "max" else np.sqrt(np.mean(distances**2)))
 
 
-def _path(spectrum: Spectrum, slip_spectrum: Spectrum, cut_rad_m: float) -> RoutePath:
+def _path(spectrum: Spectrum, slip_spectrum: Spectrum, cutoff_rad_m: float) -> RoutePath:
     """Return the smooth path with one point every GRID_M, and at least eight points.  (3)"""
-    p = _low_pass(spectrum, cut_rad_m) + spectrum.line
-    p1, p2 = _low_pass(spectrum, cut_rad_m, 1) + spectrum.line_slope, _low_pass(spectrum, cut_rad_m, 2)
+    p = _low_pass(spectrum, cutoff_rad_m) + spectrum.line
+    p1, p2 = _low_pass(spectrum, cutoff_rad_m, 1) + spectrum.line_slope, _low_pass(spectrum, cutoff_rad_m, 2)
     kappa = np.imag(np.conj(p1) * p2) / np.maximum(np.abs(p1), 1e-9) ** 3
-    x, y, slip = np.real(p), np.imag(p), np.real(_low_pass(slip_spectrum, cut_rad_m) + slip_spectrum.line)
+    x, y, slip = np.real(p), np.imag(p), np.real(_low_pass(slip_spectrum, cutoff_rad_m) + slip_spectrum.line)
     s = distances_along(np.column_stack([x, y]))
     course, kappa = np.unwrap(np.angle(p1)) - slip, kappa - np.gradient(slip, s)
     grid = np.linspace(0.0, s[-1], max(8, round(s[-1] / GRID_M) + 1))

@@ -147,8 +147,8 @@ def export_tum(run: "Run", path: Path | str, which: str = "estimate") -> Path:
     """
     log = getattr(run.without_rest, which) if which in PATH_NAMES else None
     if log is None:
-        available = ", ".join(name for name in PATH_NAMES if getattr(run, name) is not None) or "none"
-        raise UsageError(fault("runs.no-trajectory", run=run.name, value=which, trajectories=available))
+        names = ", ".join(name for name in PATH_NAMES if getattr(run, name) is not None) or "none"
+        raise UsageError(fault("runs.no-trajectory", run=run.name, value=which, trajectories=names))
     path = _checked_new_path(path)
     with write_then_appear(path) as file, io.TextIOWrapper(file, "utf-8", newline="\n") as stream:
         stream.write("# t_s x y z qx qy qz qw\n")

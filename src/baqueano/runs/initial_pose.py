@@ -42,24 +42,24 @@ def initial_pose(run: Run) -> np.ndarray:
         first_nu = truth.nu[(truth.t_ns >= first) & (truth.t_ns <= first + START_SPAN_S * NANOSECONDS)]
         is_starting = np.abs(nu) < START_SPEED_SHARE * np.max(np.abs(first_nu), axis=0, initial=0.0)
         return np.concatenate([eta, np.where(np.all(is_starting | (nu == 0.0)), 0.0, nu)])  # (2)
-    later_ns = int(min(first + START_SPAN_S * NANOSECONDS, truth.t_ns[-1]))
-    middle_ns = (first + later_ns) // 2
-    nu_1, nu_2 = _mean_velocity(truth, first, middle_ns), _mean_velocity(truth, middle_ns, later_ns)
-    tick_part = float(np.median(np.diff(run.t_ns))) / max(later_ns - first, 1) if len(run.t_ns) > 1 else 0.0
+    end_ns = int(min(first + START_SPAN_S * NANOSECONDS, truth.t_ns[-1]))
+    middle_ns = (first + end_ns) // 2
+    nu_1, nu_2 = _mean_velocity(truth, first, middle_ns), _mean_velocity(truth, middle_ns, end_ns)
+    tick_part = float(np.median(np.diff(run.t_ns))) / max(end_ns - first, 1) if len(run.t_ns) > 1 else 0.0
     nu_0 = nu_1 - (0.5 + 2.0 * tick_part) * (nu_2 - nu_1)  # (3)
     is_starting = np.abs(nu_0) < CAMERA_SPEED_SHARE * np.abs(nu_2)
     is_still = (np.abs([nu_1, nu_2]) < CAMERA_ERROR * 2.0 / START_SPAN_S).all(axis=0)
     if np.all(is_starting | is_still):
         return np.concatenate([eta, np.zeros(3)])
-    return np.concatenate([eta, _mean_velocity(truth, first, later_ns)])
+    return np.concatenate([eta, _mean_velocity(truth, first, end_ns)])
 
 
-def _mean_velocity(truth: TruthLog, first_ns: int, later_ns: int) -> np.ndarray:
+def _mean_velocity(truth: TruthLog, first_ns: int, end_ns: int) -> np.ndarray:
     """Return the mean velocity ν (3,) of the truth between two times.  (1)"""
     eta = _pose(first_ns, truth)
-    shift = _pose(later_ns, truth) - eta
+    shift = _pose(end_ns, truth) - eta
     shift[2] = wrap(shift[2])
-    return map_from_body(eta[2] + 0.5 * shift[2]).T @ shift * (NANOSECONDS / max(later_ns - first_ns, 1))
+    return map_from_body(eta[2] + 0.5 * shift[2]).T @ shift * (NANOSECONDS / max(end_ns - first_ns, 1))
 
 
 def _with_pose(truth: TruthLog) -> TruthLog:

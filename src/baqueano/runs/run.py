@@ -201,7 +201,7 @@ class Run(Result):
     @property
     def begin_index(self) -> int:
         """Return the index of the first tick after the rest."""
-        return int(np.searchsorted(self.t_ns, self._instant(self.rest_s) - TICK_TOLERANCE_NS))
+        return int(np.searchsorted(self.t_ns, self._instant_ns(self.rest_s) - TICK_TOLERANCE_NS))
 
     @property
     def without_rest(self) -> "Run":
@@ -218,7 +218,7 @@ class Run(Result):
             return None
         if ref is None or not self.rest_s:
             return ref
-        begins = self._instant(self.rest_s) - TICK_TOLERANCE_NS
+        begins = self._instant_ns(self.rest_s) - TICK_TOLERANCE_NS
         return ReferenceLog(*(column[ref.t_ns >= begins] for column in ref))
 
     def ticks(self) -> Iterator[Tick]:
@@ -231,7 +231,7 @@ class Run(Result):
 
     def cut(self, from_s: float = 0.0, to_s: float = float("inf")) -> "Run":
         """Return the part from `from_s` (included) to `to_s` (not included) seconds after the first tick."""
-        low, high = (self._instant(s) for s in (from_s, to_s))
+        low, high = (self._instant_ns(s) for s in (from_s, to_s))
         first, last = np.searchsorted(self.t_ns, [low, high])
         # measurements that arrived up to the previous tick belong to that tick
         previous_ns = self.t_ns[first - 1] if first > 0 else np.iinfo(np.int64).min
@@ -264,7 +264,7 @@ class Run(Result):
             metadata=self.metadata | rest | {"cut": f"{from_s:g} s to {to_s:g} s of {self.name}"},
         )
 
-    def _instant(self, t_s: float) -> int:
+    def _instant_ns(self, t_s: float) -> int:
         if not abs(t_s) < 1e9:
             return int(np.iinfo(np.int64).max if t_s > 0 else np.iinfo(np.int64).min)
         return self.start_ns + round(t_s * NANOSECONDS)

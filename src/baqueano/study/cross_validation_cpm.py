@@ -132,7 +132,7 @@ class CrossValidation:
 
     def rows(self) -> list["TableRow"]:
         """Return a row per model and run."""
-        return [judgement.row() for judgement in self.evaluations]
+        return [run_evaluation.row() for run_evaluation in self.evaluations]
 
     def parameters(self) -> list["TableRow"]:
         """Return a row per parameter: estimate and standard error of each run."""
@@ -147,7 +147,9 @@ class CrossValidation:
 
     def figures(self) -> list[dict[str, str]]:
         """Return a row of text per result, with a column for each pair of model and run."""
-        rows = {_evaluation_title(judgement): judgement.row() for judgement in self.evaluations}
+        rows = {
+            _evaluation_title(run_evaluation): run_evaluation.row() for run_evaluation in self.evaluations
+        }
         return [{"figure": label} | {head: cell(row) for head, row in rows.items()} for label, cell in _LINES]
 
     @property
@@ -155,14 +157,14 @@ class CrossValidation:
         """Return a sentence for each command of a run that is clearly beyond the range in the run of the fit."""
         sentences, applied_commands = (
             [],
-            {judgement.test_run: judgement.replay_run.applied_commands for judgement in self.evaluations},
+            {evaluation.test_run: evaluation.replay_run.applied_commands for evaluation in self.evaluations},
         )
-        for judgement in self.evaluations if len(applied_commands) > 1 else ():
-            names = self.fits[judgement.fit_run].vehicle_file.command.names
+        for run_evaluation in self.evaluations if len(applied_commands) > 1 else ():
+            names = self.fits[run_evaluation.fit_run].vehicle_file.command.names
             for name, fit_commands, commands in zip(
                 names,
-                applied_commands[judgement.fit_run].T,
-                applied_commands[judgement.test_run].T,
+                applied_commands[run_evaluation.fit_run].T,
+                applied_commands[run_evaluation.test_run].T,
                 strict=True,
             ):
                 low = np.min(fit_commands)
@@ -175,7 +177,7 @@ class CrossValidation:
                         _(
                             "{head}: {name} from {least:.2f} to {most:.2f} leaves the range of the fit, "
                             "{low:.2f} to {high:.2f}",
-                            head=_evaluation_title(judgement),
+                            head=_evaluation_title(run_evaluation),
                             name=name,
                             least=min_command,
                             most=max_command,
@@ -190,15 +192,18 @@ class CrossValidation:
         """Return a sentence for each fit or evaluation that prevents the verdict USABLE."""
         reasons = [_("the fit on {run} is {verdict}", run=run, verdict=_(run_fit.fit.verdict)) 
                for run, run_fit in self.fits.items() if run_fit.fit.verdict != Verdict.USABLE]  # fmt: skip
-        for judgement in self.evaluations:
+        for run_evaluation in self.evaluations:
             run_text = _(
                 "fitted on {fit_run}, tested on {test_run}",
-                fit_run=judgement.fit_run,
-                test_run=judgement.test_run,
+                fit_run=run_evaluation.fit_run,
+                test_run=run_evaluation.test_run,
             )
-            if judgement.is_lost:
+            if run_evaluation.is_lost:
                 reasons.append(_("{where}: the estimate diverged from the car", where=run_text))
-            if judgement.is_held_out and np.min(judgement.prediction.explained_variance) < MIN_EXPLAINED:
+            if (
+                run_evaluation.is_held_out
+                and np.min(run_evaluation.prediction.explained_variance) < MIN_EXPLAINED
+            ):
                 reasons.append(
                     _(
                         "{where}: less than {explains:.0f} % of speed or yaw rate is explained",
@@ -207,9 +212,9 @@ class CrossValidation:
                     )
                 )
         significant = [
-            _evaluation_title(judgement)
-            for judgement in self.evaluations
-            if judgement.is_held_out and judgement.figures["nees_pose_verdict"] == "too sure"
+            _evaluation_title(run_evaluation)
+            for run_evaluation in self.evaluations
+            if run_evaluation.is_held_out and run_evaluation.figures["nees_pose_verdict"] == "too sure"
         ]
         reasons += (
             [_("the filter is overconfident about its pose ({sure})", sure=", ".join(significant))]
@@ -222,7 +227,7 @@ class CrossValidation:
     def verdict(self) -> Verdict:
         """Return REFUSED if a fit is refused or an estimate diverged, WARN with other reasons, else USABLE."""
         is_refused = any(run_fit.fit.verdict == Verdict.REFUSED for run_fit in self.fits.values())
-        if is_refused or any(judgement.is_lost for judgement in self.evaluations):
+        if is_refused or any(run_evaluation.is_lost for run_evaluation in self.evaluations):
             return Verdict.REFUSED
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
@@ -238,7 +243,7 @@ class CrossValidation:
                 for row in self.parameters()
             ),
         )  # fmt: skip
-        heads = [_evaluation_title(judgement) for judgement in self.evaluations]
+        heads = [_evaluation_title(run_evaluation) for run_evaluation in self.evaluations]
         rows = ([_(row["figure"]), *(str(row[head]) for head in heads)] for row in self.figures())
         lines += ["", *text_table(f"<{'>' * len(heads)}", ["", *heads], *rows), "", *map(_, CAVEATS)]
         lines += [f"- {note}" for note in self.notes]
@@ -273,12 +278,14 @@ def cross_validate(
     for name, run in runs.items():
         progress(_("fitting run {name}, {duration_s:.0f} s", name=name, duration_s=run.duration_s))
         fits[name] = fit_car(run, backend)
-    judgements = []
+    run_evaluations = []
     for name, run_fit in fits.items():
         for test_name, run in runs.items():
             progress(_("the model of run {name} on run {other}", name=name, other=test_name))
-            judgements.append(evaluate_on_run(run_fit.vehicle_file, name, run, test_name, backend))
-    return CrossValidation(fits, tuple(sorted(judgements, key=lambda judgement: not judgement.is_held_out)))
+            run_evaluations.append(evaluate_on_run(run_fit.vehicle_file, name, run, test_name, backend))
+    return CrossValidation(
+        fits, tuple(sorted(run_evaluations, key=lambda evaluation: not evaluation.is_held_out))
+    )
 
 
 def fit_car(run: "Run", backend: str = "auto") -> RunFit:
@@ -331,10 +338,10 @@ def _first_measurement(record: FitRecord, sensor: str, entry: int) -> float:
     return float(readings.z[np.argmax(readings.mask[:, entry] > 0.0), entry])
 
 
-def _evaluation_title(judgement: RunEvaluation) -> str:
-    if judgement.is_held_out:
-        return _("{fit_run} → {test_run}", fit_run=judgement.fit_run, test_run=judgement.test_run)
-    return _("{fit_run} itself", fit_run=judgement.fit_run)
+def _evaluation_title(run_evaluation: RunEvaluation) -> str:
+    if run_evaluation.is_held_out:
+        return _("{fit_run} → {test_run}", fit_run=run_evaluation.fit_run, test_run=run_evaluation.test_run)
+    return _("{fit_run} itself", fit_run=run_evaluation.fit_run)
 
 
 def _with_error(estimate: float | None, std: float | None) -> str:

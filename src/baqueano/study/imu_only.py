@@ -156,8 +156,8 @@ def interval_rows(is_covered: np.ndarray, width: np.ndarray) -> list["TableRow"]
     table_rows = [minimum_row("cpm", _("intervals that contain the odometer's fit"), coverage, MIN_COVERAGE)]
     for k, name in enumerate(QUANTITY_NAMES):
         if np.isfinite(MAX_WIDTHS[k]):
-            widest, quantity = float(np.max(width[:, k])), _("widest of {name}, ± parts", name=_(name))
-            table_rows.append(maximum_row("cpm", quantity, widest, MAX_WIDTHS[k]))
+            max_width, quantity = float(np.max(width[:, k])), _("widest of {name}, ± parts", name=_(name))
+            table_rows.append(maximum_row("cpm", quantity, max_width, MAX_WIDTHS[k]))
     return table_rows
 
 

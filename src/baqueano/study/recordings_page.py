@@ -28,7 +28,7 @@ def make_recordings_page(recordings: RecordingStudy | None, study: CrossValidati
             )
         )
     if study is not None:
-        held_out = [judgement for judgement in study.evaluations if judgement.is_held_out]
+        held_out = [run_evaluation for run_evaluation in study.evaluations if run_evaluation.is_held_out]
         text = "\n".join((*study.reasons, *study.notes))
         sections.append(
             Section(
@@ -40,9 +40,9 @@ def make_recordings_page(recordings: RecordingStudy | None, study: CrossValidati
         sections.append(
             Section(_("Parameters"), _("Each fit used a single run."), [Table(study.parameters())])
         )
-        for judgement in held_out:
-            sections += evaluation_sections(judgement)
-            headlines += _headlines(judgement)
+        for run_evaluation in held_out:
+            sections += evaluation_sections(run_evaluation)
+            headlines += _headlines(run_evaluation)
     result = recordings or study
     assert result is not None
     return Page(
@@ -55,14 +55,14 @@ def make_recordings_page(recordings: RecordingStudy | None, study: CrossValidati
     )
 
 
-def evaluation_sections(judgement: RunEvaluation) -> list[Section]:
+def evaluation_sections(run_evaluation: RunEvaluation) -> list[Section]:
     """Return the sections of the page on the evaluation of a model on a run."""
     title = _(
         "Fitted on {fit_run}, tested on {test_run}",
-        fit_run=judgement.fit_run,
-        test_run=judgement.test_run,
+        fit_run=run_evaluation.fit_run,
+        test_run=run_evaluation.test_run,
     )
-    t_s, measured_values, model = judgement.prediction
+    t_s, measured_values, model = run_evaluation.prediction
     is_shown = t_s <= t_s[0] + SHOWN_S
     drawing = figures.channels(
         t_s[is_shown], measured_values[is_shown], model[is_shown], [_(name) for name in CHANNELS]
@@ -76,13 +76,13 @@ def evaluation_sections(judgement: RunEvaluation) -> list[Section]:
     )
     return [
         Section(_("{title}: the model", title=title), "", [drawings]),
-        Section(_("{title}: the path", title=title), text, paths(judgement.replay_run)),
-        *errors(judgement.replay_run),
+        Section(_("{title}: the path", title=title), text, paths(run_evaluation.replay_run)),
+        *errors(run_evaluation.replay_run),
     ]
 
 
-def _headlines(judgement: RunEvaluation) -> list[Headline]:
-    row, title = judgement.row(), f"{judgement.fit_run} → {judgement.test_run}"
+def _headlines(run_evaluation: RunEvaluation) -> list[Headline]:
+    row, title = run_evaluation.row(), f"{run_evaluation.fit_run} → {run_evaluation.test_run}"
     position_text = _(
         "{percent:.2g} % of the {driven_m:.0f} m driven",
         percent=100 * row["ate_m"] / row["distance_m"],

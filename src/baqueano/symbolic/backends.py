@@ -38,7 +38,7 @@ class Runner:
         compiler = compile.find_compiler()
         self._kernel = c.make_kernel(program)
         if self._may_change and compiler.compiler is None:
-            self._give_up_c(compiler.reason)
+            self._disable_c(compiler.reason)
 
     @property
     def source(self) -> str:
@@ -54,10 +54,10 @@ class Runner:
         try:
             return getattr(self._kernel, method)(*args)
         except CompileError as error:
-            self._give_up_c(error.diagnostic)
+            self._disable_c(error.diagnostic)
             return getattr(self._kernel, method)(*args)
 
-    def _give_up_c(self, reason: Diagnostic | None) -> None:
+    def _disable_c(self, reason: Diagnostic | None) -> None:
         self.backend, self._may_change = "python", False
         self._kernel = python.make_kernel(self._program)
         if reason is not None and reason.code != "compiler.absent" and reason not in _report_log:

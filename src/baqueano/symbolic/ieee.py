@@ -14,7 +14,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 
 
-def _quiet(fast: Callable[..., float], exact: Value) -> Callable[..., float]:
+def _without_errors(fast: Callable[..., float], exact: Value) -> Callable[..., float]:
     def with_nan(*args: float) -> float:
         try:
             return fast(*args)
@@ -66,28 +66,28 @@ OPERATORS: dict[str, Callable[..., Value]] = {
     "add": operator.add,
     "sub": operator.sub,
     "mul": operator.mul,
-    "div": _quiet(operator.truediv, np.divide),
+    "div": _without_errors(operator.truediv, np.divide),
     "neg": operator.neg,
-    "sin": _quiet(math.sin, np.sin),
-    "cos": _quiet(math.cos, np.cos),
-    "tan": _quiet(math.tan, np.tan),
-    "asin": _quiet(math.asin, np.arcsin),
-    "acos": _quiet(math.acos, np.arccos),
+    "sin": _without_errors(math.sin, np.sin),
+    "cos": _without_errors(math.cos, np.cos),
+    "tan": _without_errors(math.tan, np.tan),
+    "asin": _without_errors(math.asin, np.arcsin),
+    "acos": _without_errors(math.acos, np.arccos),
     "atan": math.atan,
     "atan2": math.atan2,
-    "sinh": _quiet(math.sinh, np.sinh),
-    "cosh": _quiet(math.cosh, np.cosh),
+    "sinh": _without_errors(math.sinh, np.sinh),
+    "cosh": _without_errors(math.cosh, np.cosh),
     "tanh": math.tanh,
-    "exp": _quiet(math.exp, np.exp),
-    "log": _quiet(math.log, np.log),
-    "sqrt": _quiet(math.sqrt, np.sqrt),
+    "exp": _without_errors(math.exp, np.exp),
+    "log": _without_errors(math.log, np.log),
+    "sqrt": _without_errors(math.sqrt, np.sqrt),
     "hypot": math.hypot,
     "abs": abs,
     "sign": sign,
     "min": minimum,
     "max": maximum,
-    "floor": _quiet(lambda a: float(math.floor(a)), np.floor),
-    "pow": _quiet(math.pow, np.power),
+    "floor": _without_errors(lambda a: float(math.floor(a)), np.floor),
+    "pow": _without_errors(math.pow, np.power),
     "lt": operator.lt,
     "le": operator.le,
     "eq": operator.eq,

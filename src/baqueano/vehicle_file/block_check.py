@@ -89,9 +89,9 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
         )
     if role not in CHECKS:
         raise UsageError(fault("cli.block-role", value=role, suggestion=nearest(role, CHECKS)))
-    built_block = _build(role, block, checked_vehicle)
+    own_block = _build(role, block, checked_vehicle)
     surroundings = checked_vehicle.sensors, checked_vehicle.vehicle.commands
-    diagnostics = block_checks.check(role, built_block, *surroundings)
+    diagnostics = block_checks.check(role, own_block, *surroundings)
     if role in ("vehicle", "sensor") and not diagnostics:  # a block of another role may run uncompiled
         diagnostics = [
             fault(
@@ -100,7 +100,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
                 subject=entry.subject,
                 place=entry.figures["place"],
             )
-            for entry in block_checks.compilation_notes(role, built_block, *surroundings)
+            for entry in block_checks.compilation_notes(role, own_block, *surroundings)
             if (cause := entry.figures.get("cause")) is not None
         ]
     name = (
@@ -135,9 +135,9 @@ def _build(role: str, block: OwnBlock, vehicle_file: VehicleFile) -> object:
     block_class = resolve(role, block) if isinstance(block, str) else block
     if not isinstance(block_class, type):
         return block_class
-    for built_block in (vehicle_file.vehicle, *vehicle_file.sensors):
-        if type(built_block) is block_class:
-            return built_block
+    for block in (vehicle_file.vehicle, *vehicle_file.sensors):
+        if type(block) is block_class:
+            return block
     try:
         return within(PREPARE_S, block_class)
     except (TypeError, ValueError) as error:

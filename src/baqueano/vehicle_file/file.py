@@ -220,9 +220,9 @@ class VehicleFile:
 
     def simulation_truth(self, truth: "VehicleFile") -> "VehicleFile":
         """Return `truth` with the IMU filter of this file, and with the sensors that only this file describes."""
-        from baqueano.vehicle_file.text.edit import equipped_text
+        from baqueano.vehicle_file.text.edit import text_with_equipment
 
-        return parse(equipped_text(truth, self), truth.label, truth.path, truth.layers, truth.on_disk)
+        return parse(text_with_equipment(truth, self), truth.label, truth.path, truth.layers, truth.on_disk)
 
     @property
     def sensors_without_noise(self) -> tuple[str, ...]:

@@ -197,8 +197,8 @@ class Car:
         """
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
-        kick = self.process_noise_std * np.sqrt(dt_s) * noise
-        nu = self._nu(nu[0] + kick[0], nu[2] + kick[2])
+        noise_step = self.process_noise_std * np.sqrt(dt_s) * noise
+        nu = self._nu(nu[0] + noise_step[0], nu[2] + noise_step[2])
         return tick_end(self, state, eta, nu, drivetrain, effort, dt_s)
 
     def _duty(self, effort: float) -> float:

@@ -67,7 +67,7 @@ def command_segments(
 
 
 def delayed_value(
-    newest: np.ndarray,
+    newest_value: np.ndarray,
     line: np.ndarray,
     steps_s: np.ndarray,
     age_s: Value,
@@ -75,10 +75,10 @@ def delayed_value(
 ) -> np.ndarray:
     """Return the value (m,) that the signal had `age_s` ago, interpolated between its samples.  (2)
 
-    `line` (slots, m) are the samples before the `newest`. `steps_s` (slots,) is the time from each sample to the
+    `line` (slots, m) are the samples before the `newest_value`. `steps_s` (slots,) is the time from each sample to the
     previous one, and `subtract` returns the difference of two samples.
     """
-    value, previous, age = newest, newest, 0.0
+    value, previous, age = newest_value, newest_value, 0.0
     for k in range(line.shape[0]):
         step_s = np.maximum(steps_s[k], MIN_TICK_S)
         fraction = np.clip((age_s - age) / step_s, 0.0, 1.0)
@@ -87,11 +87,11 @@ def delayed_value(
     return value
 
 
-def with_newest(line: np.ndarray, newest: Value) -> np.ndarray:
-    """Return the past values (slots, …) one tick later: `newest` is first, and the oldest value is removed."""
+def with_newest(line: np.ndarray, newest_value: Value) -> np.ndarray:
+    """Return the past values (slots, …) one tick later: `newest_value` is first, and the oldest value is removed."""
     if line.shape[0] == 0:
         return line
-    first = np.stack([newest]) if line.ndim == 1 else newest[None, :]
+    first = np.stack([newest_value]) if line.ndim == 1 else newest_value[None, :]
     return np.concatenate([first, line[:-1]])
 
 

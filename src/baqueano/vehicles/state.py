@@ -106,6 +106,6 @@ def tick_end(
 
     motion_now = motion_at(eta, nu, effort.last)
     begin, end = motion_at(previous.eta, previous.nu, effort.start), motion_at(eta, nu, effort.end)
-    halfway = 0.5 * (previous.nu + nu) + 0.125 * dt_s * (begin.nu_dot - end.nu_dot)
-    tick = begin, motion_at(eta, halfway, effort.mean), end
+    middle = 0.5 * (previous.nu + nu) + 0.125 * dt_s * (begin.nu_dot - end.nu_dot)
+    tick = begin, motion_at(eta, middle, effort.mean), end
     return VehicleState(eta, nu, motion_now.nu_dot, drivetrain), motion_now._replace(tick=tick)

@@ -51,12 +51,12 @@ class AppliedMotors(NamedTuple):
         magnitude = max((abs(duty) - characteristic.dead_zone) / characteristic.slope, 1e-9)
         return magnitude if duty > 0.0 else -magnitude
 
-    def step(self, request: float, goal: float, seconds: float) -> float:
-        """Return the request `seconds` later: it moves towards `goal` with limited slew, and does not cross zero."""
-        if request * goal < 0.0:
-            goal = 0.0
+    def step(self, request: float, target: float, seconds: float) -> float:
+        """Return the request `seconds` later: it moves towards `target` with limited slew, and does not cross zero."""
+        if request * target < 0.0:
+            target = 0.0
         max_change = self.slew_per_s * seconds
-        return request + min(max(goal - request, -max_change), max_change)
+        return request + min(max(target - request, -max_change), max_change)
 
 
 IDEAL_MOTORS = AppliedMotors()
@@ -117,18 +117,18 @@ class AppliedDuties:
         requests = [self._motors.request(k, self._duty[k]) for k in (0, 1)]
         while time_ns < t_ns:
             span = min(step_ns, t_ns - time_ns) * SECONDS_PER_NS
-            goal = self._goal(time_ns)
-            requests = [self._motors.step(requests[k], goal[k], span) for k in (0, 1)]
+            target = self._target(time_ns)
+            requests = [self._motors.step(requests[k], target[k], span) for k in (0, 1)]
             total += [self._motors.duty(k, requests[k]) * span for k in (0, 1)]
             time_ns += step_ns
         return total
 
-    def _goal(self, t_ns: int) -> tuple[float, float]:
+    def _target(self, t_ns: int) -> tuple[float, float]:
         """Return the command (left, right) in force at `t_ns`; zero if the firmware has stopped the motors."""
-        goal = (0.0, 0.0)
+        target = (0.0, 0.0)
         if not self._stopped:
             for since_ns, duty in self._commands:
                 if since_ns > t_ns:
                     break
-                goal = duty
-        return goal
+                target = duty
+        return target

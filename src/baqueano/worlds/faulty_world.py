@@ -57,14 +57,14 @@ def disturbed_step(
     vehicle_state = vehicle_state._replace(nu=nu, nu_dot=vehicle_state.nu_dot + drag_change + a)
     truth = _disturbed_motion(motion, drag_change + a, gravity)._replace(nu=nu)
     if motion.tick is not None:
-        begin, halfway, end = motion.tick
+        begin, middle, end = motion.tick
         first_drag_change = _drag_difference(
             vehicle, previous_state.eta[2], pushed_state.nu, previous_state.nu
         )
         truth = truth._replace(
             tick=(
                 _disturbed_motion(begin, first_drag_change + a, gravity),
-                _disturbed_motion(halfway, a, gravity),
+                _disturbed_motion(middle, a, gravity),
                 _disturbed_motion(end, drag_change + a, gravity),
             )
         )
@@ -181,17 +181,17 @@ class FaultyWorld(SimulatedWorld):
         units: Mapping[str, str] = MappingProxyType({}),
     ) -> None:  # fmt: skip
         self._units = units
-        self._shaking = DisturbanceConverter(vehicle, sensors, rate_hz, seed)
+        self._converter = DisturbanceConverter(vehicle, sensors, rate_hz, seed)
         self.faults: list[Fault] = []  # the index of a fault is its number minus 1
         for description in shake:
-            self._append_fault(self._shaking.check(Fault.parse(description)))
+            self._append_fault(self._converter.check(Fault.parse(description)))
         self._requested_changes: deque[Fault | int] = deque()
         self._pending: list[tuple[int, Diagnostic | str]] = []
         self._started_numbers, self._ended_numbers = set[int](), set[int]()
         super().__init__(vehicle, sensors, rate_hz, seed, eta0, backend)
         self._requested = self._u
         block = _FaultyVehicle(_with_gains(vehicle), sensors).step
-        no_disturbance = self._shaking.calm.disturbance()
+        no_disturbance = self._converter.no_disturbance.disturbance()
         example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors, self._rows), no_disturbance)
         self._compiled_step = block if backend == "numpy" else function(block, *example, backend=backend)
 
@@ -200,7 +200,7 @@ class FaultyWorld(SimulatedWorld):
 
         Raise UsageError for a fault that this vehicle cannot have, or for more than MAX_FAULTS faults.
         """
-        valid_fault = self._shaking.check(Fault.parse(fault_like))
+        valid_fault = self._converter.check(Fault.parse(fault_like))
         if len(self.faults) + len(self._requested_changes) >= MAX_FAULTS:
             raise UsageError(fault("shake.too-many", maximum=MAX_FAULTS))
         self._requested_changes.append(valid_fault)
@@ -225,10 +225,10 @@ class FaultyWorld(SimulatedWorld):
         k = self._tick
         self._apply_changes(k)
         for number, fault_ in enumerate(self.faults, 1):
-            if number not in self._started_numbers and self._shaking.first_tick(fault_) <= k:
+            if number not in self._started_numbers and self._converter.first_tick(fault_) <= k:
                 self._started_numbers.add(number)
                 self._pending.append((self._end_ns(k), self._message(number, float(self.truth.eta[2]))))
-        shake, command_arrives = self._shaking.disturbance_at(self.faults, k)
+        shake, command_arrives = self._converter.disturbance_at(self.faults, k)
         if command_arrives:
             self._u = self._requested
         self._state, self.truth, slots = self._compiled_step(self._state, self._u, dt_s, self._noise(), shake)
@@ -255,7 +255,7 @@ class FaultyWorld(SimulatedWorld):
         fault_, now_s = self.faults[number - 1], k / self._rate_hz
         if (
             number in self._ended_numbers
-            or self._shaking.end_tick(fault_) <= k
+            or self._converter.end_tick(fault_) <= k
             or number not in self._started_numbers
         ):
             return

@@ -59,7 +59,7 @@ class ReplayedWorld(World):
         self.notes = (*gap_notes, *warnings)
         self._truth = run.truth
         self._truth_row = 0  # row of the next truth
-        self._next = 0  # index of the next tick
+        self._next_index = 0  # index of the next tick
         self.commands: int = len(self._ticks[0].u)
 
     @property
@@ -69,10 +69,10 @@ class ReplayedWorld(World):
 
     def read(self, t_ns: int) -> list[Tick]:
         """Return the recorded ticks since the last call, up to `t_ns`."""
-        first = self._next
-        while self._next < len(self._ticks) and self._ticks[self._next].t_ns <= t_ns:
-            self._next += 1
-        return self._ticks[first : self._next]
+        first = self._next_index
+        while self._next_index < len(self._ticks) and self._ticks[self._next_index].t_ns <= t_ns:
+            self._next_index += 1
+        return self._ticks[first : self._next_index]
 
     def write(self, command: Command) -> None:
         """Do nothing: a command cannot change a recorded run."""
@@ -80,10 +80,11 @@ class ReplayedWorld(World):
     def new_truths(self) -> list[tuple[int, Motion]]:
         """Return the time [ns] and the true motion of each tick since the last call; [] for a run without truth."""
         log, first = self._truth, self._truth_row
-        if log is None or self._next == 0:
+        if log is None or self._next_index == 0:
             return []
         while (
-            self._truth_row < len(log.t_ns) and log.t_ns[self._truth_row] <= self._ticks[self._next - 1].t_ns
+            self._truth_row < len(log.t_ns)
+            and log.t_ns[self._truth_row] <= self._ticks[self._next_index - 1].t_ns
         ):
             self._truth_row += 1
         level = np.zeros(2)

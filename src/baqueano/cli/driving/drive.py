@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 @options.robot
 @click.option("--latched", is_flag=True, help="Each key press changes a set-point, which is kept.")
 @click.option(
-    "--share", type=numbers.Number("", 0.1, 1.0, exclude_low=False), default=0.5, show_default=True,
+    "--share", type=numbers.Number("", 0.1, 1.0, excludes_low=False), default=0.5, show_default=True,
     help="Fraction of the command's limit with a key fully pressed (0.1 to 1); + and - change it.",
 )  # fmt: skip
 @pad_option

@@ -66,8 +66,8 @@ def drive_by_hand(
     with ExitStack() as resources:
         target: Any = resources.enter_context(open_target(robot, vehicle_file, seed, backend))
         cockpit = Cockpit(
-            vehicle_file.command.limit, name=robot, names=tuple(vehicle_file.command.names), trusted=not multiplexer,
-            hold=hold and heading_hold_gains(vehicle_file) is not None, pad=device,
+            vehicle_file.command.limit, name=robot, names=tuple(vehicle_file.command.names),
+            has_heartbeat=not multiplexer, hold=hold and heading_hold_gains(vehicle_file) is not None, pad=device,
             drivetrain=getattr(vehicle_file.vehicle, "drivetrain", None), **options,
         )  # fmt: skip
         hand = resources.enter_context(cockpit)

@@ -42,7 +42,7 @@ def command(
     from baqueano.drive.replay import recorded_vehicle_file
     from baqueano.vehicle_file import override
 
-    with show_activity(note("cli.read-run"), is_often_quick=True):
+    with show_activity(note("cli.read-run"), is_delayed=True):
         recorded_run = options.find_runs((run,), folder)[0]
     vehicle_options = None
     if vehicle is None and recorded_run.vehicle_text:
@@ -68,7 +68,7 @@ def command(
         )
     print_message(note("cli.run", path=path))
     drawn_runs = [recorded_run, replayed_run] if recorded_run.estimate is not None else [replayed_run]
-    with show_activity(note("cli.compare"), is_often_quick=True):
+    with show_activity(note("cli.compare"), is_delayed=True):
         comparison = compare(drawn_runs, alignment=align)
     print_answer(comparison, as_json)
     advise_to_fit(comparison, [recorded_run] * len(drawn_runs), folder, vehicle_options)
@@ -76,8 +76,8 @@ def command(
     if report:
         from baqueano.report.run_report import run_page
 
-        original = recorded_run if recorded_run.estimate is not None else None
-        report.write(lambda: run_page(replayed_run, align, original))
+        original_run = recorded_run if recorded_run.estimate is not None else None
+        report.write(lambda: run_page(replayed_run, align, original_run))
     if show_page:
         live.show_both(path, recorded_run.path, folder)
     # a stop that was recorded is replayed with the rest

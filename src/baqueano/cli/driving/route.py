@@ -139,13 +139,13 @@ def import_(
         route = read_point_route(Path(source), speed_m_s, closed=closed)
     else:
         from baqueano.drive import run_route
-        from baqueano.routes.edit import ends_meet
+        from baqueano.routes.edit import has_close_ends
 
         options.refuse_together(source, "speed_m_s")
 
         (run,) = options.find_runs((source,), folder)
         route = run_route(run)
-        route = run_route(run, closed=True) if closed or (closed is None and ends_meet(route)) else route
+        route = run_route(run, closed=True) if closed or (closed is None and has_close_ends(route)) else route
     store_route(route, name, as_json)
 
 
@@ -174,7 +174,7 @@ def smooth(route: str, rms_m: float | None, max_m: float | None, name: str | Non
 @click.option(
     "--from",
     "from_m",
-    type=numbers.Number("m", exclude_low=False),
+    type=numbers.Number("m", excludes_low=False),
     default=0.0,
     show_default=True,
     help="Start of the part to keep [m].",

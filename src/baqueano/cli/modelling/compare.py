@@ -24,7 +24,7 @@ def command(
 ) -> None:
     from baqueano.compare import compare
 
-    with show_activity(note("cli.compare"), is_often_quick=True):
+    with show_activity(note("cli.compare"), is_delayed=True):
         loaded_runs = options.find_runs(runs, folder)
         comparison = compare(loaded_runs, alignment=align, skip_s=skip_s)
     print_answer(comparison, as_json, laps=comparison.laps())

@@ -18,11 +18,11 @@ from baqueano.errors import UsageError
 def command() -> None: ...
 
 
-def _check_cases(cases: Iterable[str], known_cases: Collection[str]) -> None:
+def _check_cases(cases: Iterable[str], case_names: Collection[str]) -> None:
     """Raise UsageError for the first case that is unknown."""
     for case in cases:
-        if case not in known_cases:
-            raise UsageError(fault("cli.case-unknown", value=case, suggestion=nearest(case, known_cases)))
+        if case not in case_names:
+            raise UsageError(fault("cli.case-unknown", value=case, suggestion=nearest(case, case_names)))
 
 
 def _check_complete(completed_count: int, requested_count: int) -> None:
@@ -207,8 +207,8 @@ def laps(
     from baqueano.sweep.workers import processor_count
 
     words = [[word.strip() for word in name.split(",")] for name in case_filters]
-    known_words = sorted({word for case in all_cases() for word in case})
-    _check_cases([word for filter_words in words for word in filter_words], known_words)
+    all_words = sorted({word for case in all_cases() for word in case})
+    _check_cases([word for filter_words in words for word in filter_words], all_words)
     cases = [
         case
         for case in all_cases()

@@ -51,7 +51,7 @@ from baqueano.messages.printable import baqueano_command
 @click.option(
     "--jerk",
     "jerk_m2",
-    type=numbers.Number("m^2", exclude_low=False),
+    type=numbers.Number("m^2", excludes_low=False),
     default=0.1,
     show_default=True,
     help="Weight of changes of the command [m^2]; with 0 the command jumps between its limits.",
@@ -59,7 +59,7 @@ from baqueano.messages.printable import baqueano_command
 @click.option(
     "--effort",
     "effort_m2",
-    type=numbers.Number("m^2", exclude_low=False),
+    type=numbers.Number("m^2", excludes_low=False),
     default=0.0,
     show_default=True,
     help="Weight of the command [m^2]: the cost of one tick with the command at its limit.",
@@ -67,7 +67,7 @@ from baqueano.messages.printable import baqueano_command
 @click.option(
     "--aside",
     "aside_m",
-    type=numbers.Number("m", exclude_low=False),
+    type=numbers.Number("m", excludes_low=False),
     default=0.1,
     show_default=True,
     help="Distance behind and beside the route at the start of the drive [m]; 0 and --jerk 0 give the paper's cost.",

@@ -114,10 +114,10 @@ class DriveDoor:
             mission_options["world"] = Conditions(
                 **{k: mission_options[k] for k in world_options if k in mission_options}
             ).make_world(file)
-        watching = _PageObserver(self, mission, file, cast(BodyWorld, mission_options["world"]))
+        page_observer = _PageObserver(self, mission, file, cast(BodyWorld, mission_options["world"]))
         mission_options["observers"] = (
             *mission_options.get("observers", ()),
-            watching,
+            page_observer,
             ChangeObserver(self.operator, self._door.broadcast),
         )
         mission_options["tick_times_ns"] = self._ticks(file.rate_hz, mission_options.get("tick_times_ns"))
@@ -132,11 +132,11 @@ class DriveDoor:
     def remote_options(self, remote: "Remote") -> "JsonObject":
         """Return the options of `Remote.perform` for the drive of a robot. With them the page shows the drive."""
         self._robot, remote.on_message = remote, self._relay
-        watching, is_stopped = False, False
+        is_watching, is_stopped = False, False
 
         def words() -> list[JsonObject]:
-            nonlocal watching, is_stopped
-            replies: list[JsonObject] = [] if watching else [{"type": "watch", "hz": PAGE_RATE_HZ}]
+            nonlocal is_watching, is_stopped
+            replies: list[JsonObject] = [] if is_watching else [{"type": "watch", "hz": PAGE_RATE_HZ}]
             replies += [{"type": "mark"}] * self.operator.pop_mark_count()
             if self.operator.is_end_requested:
                 raise KeyboardInterrupt
@@ -144,7 +144,7 @@ class DriveDoor:
             if stop_reason is not None and not is_stopped:
                 is_stopped = True
                 replies.append({"type": "stop", "reason": stop_reason})
-            watching = True
+            is_watching = True
             return replies
 
         return {"words": words}

@@ -115,15 +115,15 @@ def _join(door: "DriveDoor", program: "subprocess.Popen[bytes]") -> None:
 
     assert program.stdin is not None
     assert program.stdout is not None
-    near_end, far_end = socket.socketpair()
+    own_socket, page_socket = socket.socketpair()
     threading.Thread(
-        target=forward_bytes, args=(near_end, program.stdout, program.stdin), name="page", daemon=True
+        target=forward_bytes, args=(own_socket, program.stdout, program.stdin), name="page", daemon=True
     ).start()
-    door.welcome(far_end)
+    door.welcome(page_socket)
 
 
-def _wait(condition: Callable[[], bool], within_s: float, program: "subprocess.Popen[bytes]") -> None:
-    end_s = time.monotonic() + within_s
+def _wait(condition: Callable[[], bool], timeout_s: float, program: "subprocess.Popen[bytes]") -> None:
+    end_s = time.monotonic() + timeout_s
     while not condition() and program.poll() is None and time.monotonic() < end_s:
         time.sleep(0.02)
 

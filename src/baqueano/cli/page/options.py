@@ -13,7 +13,7 @@ from baqueano.cli.page.live import require_websockets
 if TYPE_CHECKING:
     from baqueano.web.run import PageOptions
 
-serving = options.combine_options(
+server_options = options.combine_options(
     click.option("--port", type=numbers.WholeNumber(0, 65535), default=0, help=("Port of the page; "
                                                                           "default: a free one.")),
     click.option(

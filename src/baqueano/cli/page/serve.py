@@ -27,7 +27,7 @@ GARAGE = "small"  # if there is no vehicle file
 @click.option("--pace", type=numbers.pace, default=1.0, help="Simulated seconds per real second.")
 @options.seed
 @options.runs_folder
-@page_options.serving
+@page_options.server_options
 def command(
     run: str | None, vehicle: str | None, robot: str | None, pace: float, seed: int | None, folder: str, port: int,
     share: bool, address: str, browser: bool,
@@ -35,18 +35,18 @@ def command(
     given_options = [name for name, value in (("--vehicle", vehicle), ("--robot", robot)) if value]
     if run is not None and given_options:
         raise UsageError(fault("web.one-of", names=["RUN", *given_options]))
-    serving = page_options.serve_options(folder, port, share, address, browser)
+    serve_options = page_options.serve_options(folder, port, share, address, browser)
     from baqueano.web.lab.local_files import LocalFiles
     from baqueano.web.run import show_runs, show_vehicle
     from baqueano.web.service import connect, start_simulated
 
     vehicle_name = vehicle or (str(options.DEFAULT_FILE) if options.DEFAULT_FILE.exists() else GARAGE)
     if run is not None:
-        page_options.run(show_runs((run,), serving, print_message))
+        page_options.run(show_runs((run,), serve_options, print_message))
     elif robot is not None and robot != "simulated":
         local_files = LocalFiles(robot, vehicle_name, options.ROUTES, Path(folder))
-        page_options.run(show_vehicle(partial(connect, robot), serving, print_message, local_files))
+        page_options.run(show_vehicle(partial(connect, robot), serve_options, print_message, local_files))
     else:
         service_options = ("--pace", str(pace), "--seed", str(seed or 0), "--routes", str(options.ROUTES))
         start = partial(start_simulated, vehicle_name, Path(folder), *service_options)
-        page_options.run(show_vehicle(start, serving, print_message, vehicle=vehicle_name))
+        page_options.run(show_vehicle(start, serve_options, print_message, vehicle=vehicle_name))

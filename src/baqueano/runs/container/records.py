@@ -76,7 +76,7 @@ class Contents:
     # damage, one line for each of the first places
     problems: list[Diagnostic | str] = field(default_factory=list)
     damage_count: int = 0  # number of damaged places
-    kept_bytes: int = 0  # bytes of memory of the contents
+    contents_bytes: int = 0  # bytes of memory of the contents
 
 
 class FileTooLarge(Invalid):
@@ -122,11 +122,11 @@ class Cursor:
         return pairs
 
 
-def scan(data: bytes, unread: frozenset[str] = frozenset()) -> Contents:
+def scan(data: bytes, skipped_schemas: frozenset[str] = frozenset()) -> Contents:
     """Return the verified records of the file with the bytes `data`, which begin with MAGIC.
 
-    Skip the messages of the schemas `unread`. Raise FileTooLarge above the limit of `memory_limit.limit_bytes`."""
-    walk = _RecordReader(data, unread)
+    Skip the messages of the `skipped_schemas`. Raise FileTooLarge above the limit of `memory_limit.limit_bytes`."""
+    walk = _RecordReader(data, skipped_schemas)
     walk.run()
     return walk.contents
 
@@ -134,8 +134,8 @@ def scan(data: bytes, unread: frozenset[str] = frozenset()) -> Contents:
 class _RecordReader:
     """A reader of the records of a file, one after the other."""
 
-    def __init__(self, data: bytes, unread: frozenset[str]) -> None:
-        self.data, self.contents, self.unread = data, Contents(len(data)), unread
+    def __init__(self, data: bytes, skipped_schemas: frozenset[str]) -> None:
+        self.data, self.contents, self.skipped_schemas = data, Contents(len(data)), skipped_schemas
         self.view = memoryview(data)
         self.schemas: dict[int, str] = {}
         self.ended = False  # the record that ends the messages was read
@@ -143,8 +143,8 @@ class _RecordReader:
         self.skipped_channels: set[int] = set()  # channels for viewers, whose messages are skipped
         self.repeated: dict[int, McapChannel] = {}  # channels as the summary after the messages repeats them
         self.sign = -1  # position of the next chunk, as far as the search went
-        self.lost_to = -1  # end of the last damaged place
-        self.walked_twice = 0  # bytes of damaged records that are read again
+        self.last_damage_end = -1  # end of the last damaged place
+        self.reread_bytes = 0  # bytes of damaged records that are read again
         self.unpacked = 0  # bytes of all chunks
 
     def run(self) -> None:
@@ -158,7 +158,7 @@ class _RecordReader:
         for key, messages in self.contents.messages.items():
             topic = self.contents.channels[key].topic if key in self.contents.channels else ""
             topics[topic] += len(messages.data) + 24 * len(messages.sizes)
-        self.check_memory(self.contents.kept_bytes + max(topics.values(), default=0))
+        self.check_memory(self.contents.contents_bytes + max(topics.values(), default=0))
 
     def record(self, offset: int) -> int | None:
         """Read the record at `offset`; return the position of the next record, or None if it cannot be read."""
@@ -198,20 +198,20 @@ class _RecordReader:
     def damage_end(self, offset: int, end: int) -> int:
         """Return the position after a damaged record: the first chunk inside the record, else the end of the record."""
         chunk = self.next_chunk(offset + 1)
-        if chunk >= end or self.walked_twice + end - offset > SEARCH_FACTOR * len(self.data):
+        if chunk >= end or self.reread_bytes + end - offset > SEARCH_FACTOR * len(self.data):
             return end
-        self.walked_twice += end - offset
+        self.reread_bytes += end - offset
         return chunk
 
     def report_damage(self, offset: int, to: int, cause: Diagnostic | str) -> None:
         """Report a damaged place. Damage that follows it without a gap is not reported again."""
-        if offset < 0 or offset != self.lost_to:
+        if offset < 0 or offset != self.last_damage_end:
             self.contents.damage_count += 1
             if self.contents.damage_count <= MAX_REPORTED_DAMAGES:
                 self.contents.problems.append(
                     cause if offset < 0 else note("damage.place", first=offset, last=to, cause=cause)
                 )
-        self.lost_to = to
+        self.last_damage_end = to
 
     def next_chunk(self, offset: int) -> int:
         """Return the position of the first chunk at or after `offset`, found by its signature.
@@ -280,7 +280,7 @@ class _RecordReader:
             elif opcode in (SCHEMA, CHANNEL):
                 self.read_name(opcode, Cursor(records[offset : offset + size]), self.contents.channels)
             offset += size
-        self.contents.kept_bytes += (len(records) - skipped_bytes) * 9 // 8  # growing arrays reserve more
+        self.contents.contents_bytes += (len(records) - skipped_bytes) * 9 // 8  # growing arrays reserve more
 
     def read_footer(self, cursor: Cursor, crc_offset: int) -> None:
         if self.closed:
@@ -305,7 +305,7 @@ class _RecordReader:
         if channels.get(channel) != description:
             channels[channel] = description
             self.reserve(NAME_MEMORY_FACTOR * len(cursor.data))
-        if description.schema in self.unread:
+        if description.schema in self.skipped_schemas:
             self.skipped_channels.add(channel)
 
     def attachment(self, content: memoryview) -> None:
@@ -321,8 +321,8 @@ class _RecordReader:
 
     def reserve(self, size: int) -> None:
         """Add `size` bytes of memory, and raise FileTooLarge if the sum exceeds the limit."""
-        self.contents.kept_bytes += size
-        self.check_memory(len(self.data) + self.contents.kept_bytes)
+        self.contents.contents_bytes += size
+        self.check_memory(len(self.data) + self.contents.contents_bytes)
 
     def check_memory(self, need: int) -> None:
         """Raise FileTooLarge if `need` bytes of memory exceed the limit of the file."""
@@ -348,7 +348,7 @@ class _RecordReader:
         if size > MAX_CHUNK_BYTES:
             raise DamageError(fault("damage.chunk-unpacks", unpacked_mib=size / 2**20))
         _check_size(compression, payload, size)
-        memory_bytes = len(self.data) + self.contents.kept_bytes
+        memory_bytes = len(self.data) + self.contents.contents_bytes
         # for the records, and for their stored parts
         allowed_bytes = max((memory_limit.limit_bytes(len(self.data)) - memory_bytes) // 2, 0)
         records = decompress(compression, payload, min(size, allowed_bytes))

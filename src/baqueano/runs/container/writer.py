@@ -80,11 +80,11 @@ class RunWriter:
         self.path = Path(path)
         self.failure: OSError | None = None  # the reason why writing stopped
         self.dropped = 0  # messages dropped because the disk was too slow
-        self._live = live
+        self._is_live = live
         self._file = RunFile(self.path, vehicle_text, versions() | dict(metadata or {}))
         self._packing = Packing(self._file, self._append)
         self._queue: deque[tuple[int, int, bytes, int]] = deque()
-        self._closing, self._closed = threading.Event(), False
+        self._closing, self._is_closed = threading.Event(), False
         self._reported_subjects: set[str] = set()
         self._t_ns = 0  # of the newest message
         self._topics: set[str] = set()
@@ -131,9 +131,9 @@ class RunWriter:
     def close(self) -> None:
         """Write the remaining buffer and the index. If the disk refused, raise FileError, which names the
         saved part."""
-        if self._closed:
+        if self._is_closed:
             return
-        self._closed = True
+        self._is_closed = True
         if self.dropped:
             self.event(self._t_ns, "warning", "run writer", note("run.disk-slow", records=self.dropped))
         self._closing.set()
@@ -185,10 +185,10 @@ class RunWriter:
             time_ns = t_ns if 0 <= arrival_ns < MAX_STAMP_NS else arrival_ns
             raise Invalid(fault("run.time-range", time_ns=time_ns))
         if len(self._queue) >= MAX_QUEUED_MESSAGES:
-            if self._live and is_spare:
+            if self._is_live and is_spare:
                 self.dropped += 1
                 return
-            while not self._live and len(self._queue) >= MAX_QUEUED_MESSAGES and self.failure is None:
+            while not self._is_live and len(self._queue) >= MAX_QUEUED_MESSAGES and self.failure is None:
                 time.sleep(WRITE_PERIOD_S)
         self._t_ns = arrival_ns
         self._queue.append((topic, arrival_ns, data, t_ns))

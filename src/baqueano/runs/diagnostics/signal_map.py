@@ -158,9 +158,9 @@ def _swap_gain(table: Sequence[Sequence[ChannelRegression]], i: int, j: int) -> 
     the two channels fits its own prediction, or if one is silent: its readings cannot confirm the swap.
     """
     pairs = [(table[a][a], table[a][b]) for a, b in _pairs(table, i, j)]
-    total_gain = sum(candidate.n * (candidate.gain - present.gain) for present, candidate in pairs)
-    gain = sum(candidate.gain - present.gain for present, candidate in pairs) / len(pairs)
-    is_possible = all(candidate.gain > 0.0 and not present.is_clear() for present, candidate in pairs)
+    total_gain = sum(candidate.n * (candidate.gain - current.gain) for current, candidate in pairs)
+    gain = sum(candidate.gain - current.gain for current, candidate in pairs) / len(pairs)
+    is_possible = all(candidate.gain > 0.0 and not current.is_clear() for current, candidate in pairs)
     return total_gain if is_possible and is_clear(total_gain, gain) else 0.0
 
 

@@ -95,13 +95,13 @@ def spread_bursts(t_ns: np.ndarray) -> np.ndarray:
     steps = np.diff(t_ns)
     usual_steps = steps[steps <= np.quantile(steps, 0.99)]
     ends = np.flatnonzero(np.concatenate([steps >= 0.5 * np.mean(usual_steps), [True]]))
-    even_ns = np.interp(np.arange(len(t_ns)), ends, t_ns[ends].astype(float) - float(t_ns[0]))
+    uniform_ns = np.interp(np.arange(len(t_ns)), ends, t_ns[ends].astype(float) - float(t_ns[0]))
     is_before_first = np.arange(len(t_ns)) < ends[0]
-    even_ns[is_before_first] -= np.median(np.diff(even_ns)) * (
+    uniform_ns[is_before_first] -= np.median(np.diff(uniform_ns)) * (
         ends[0] - np.arange(len(t_ns))[is_before_first]
     )
-    even_ns = np.rint(even_ns).astype(np.int64) + int(t_ns[0])
-    return np.maximum.accumulate(even_ns)
+    uniform_ns = np.rint(uniform_ns).astype(np.int64) + int(t_ns[0])
+    return np.maximum.accumulate(uniform_ns)
 
 
 def _spread_all_bursts(run: Run) -> tuple[Run, list[Diagnostic]]:

@@ -83,11 +83,11 @@ def take_column(free_columns: list[str], pattern: str) -> str:
 
 def take_all(free_columns: list[str], patterns: Sequence[str]) -> list[str]:
     """Return one column for each pattern, and remove them from `free_columns`. Return [] if one is missing."""
-    remaining = list(free_columns)
-    columns = [take_column(remaining, pattern) for pattern in patterns]
+    remaining_columns = list(free_columns)
+    columns = [take_column(remaining_columns, pattern) for pattern in patterns]
     if not all(columns):
         return []
-    free_columns[:] = remaining
+    free_columns[:] = remaining_columns
     return columns
 
 

@@ -260,7 +260,7 @@ def _quaternion_entry(columns: Sequence[str]) -> str:
 
 def _level_remark(imu: ImuColumns) -> str:
     axes = ", ".join(map(str, imu.entries))
-    figures = {"column": imu.vertical, "mean": imu.mean, "axes": axes}
+    figures = {"column": imu.vertical_axis, "mean": imu.mean, "axes": axes}
     remark = _("{column} is {mean:.3g} on average: forward, left and turning left are {axes}", **figures)
     return f"{'':24}# {remark}"
 

@@ -49,7 +49,7 @@ class ImuColumns(NamedTuple):
     """The columns of an IMU by (1), and the vertical accelerometer; "" without one."""
 
     entries: tuple[SignedColumn, SignedColumn, SignedColumn]
-    vertical: str
+    vertical_axis: str
     mean: float  # of the vertical accelerometer
 
     @property
@@ -65,7 +65,7 @@ class ImuColumns(NamedTuple):
     @property
     def is_level(self) -> bool:
         """Return True if z points up, or if the vertical axis is unknown."""
-        return self.vertical == "" or (self.mean > 0.0 and _is_axis(self.vertical, "z"))
+        return self.vertical_axis == "" or (self.mean > 0.0 and _is_axis(self.vertical_axis, "z"))
 
 
 def imu_columns(table: LogTable, names: Collection[str]) -> ImuColumns:
@@ -95,11 +95,13 @@ def axis_findings(signal: ColumnSignal, table: LogTable) -> list[ImportFinding]:
         return []
     columns, gyro = imu_columns(table, table.columns), signal.entries[2]
     gyro_column = SignedColumn(gyro.column or "", -1 if gyro.scale < 0.0 else 1)
-    if not columns.vertical or not columns.entries[2].name or gyro_column == columns.entries[2]:
+    if not columns.vertical_axis or not columns.entries[2].name or gyro_column == columns.entries[2]:
         return []
-    figures = {"key": gyro.key, "column": columns.vertical, "mean": columns.mean}
+    figures = {"key": gyro.key, "column": columns.vertical_axis, "mean": columns.mean}
     reason = note("recording.not-level", **figures, gyro=str(columns.entries[2]))
-    line = note("recording.write-axes", axes=", ".join(map(str, columns.entries)), column=columns.vertical)
+    line = note(
+        "recording.write-axes", axes=", ".join(map(str, columns.entries)), column=columns.vertical_axis
+    )
     return [ImportFinding("axes", "warning", None, reason, line)]
 
 
@@ -133,7 +135,7 @@ def _vertical_axis(accels: dict[str, np.ndarray]) -> tuple[str, float]:
     if min(map(len, accels.values())) < MIN_ROWS:
         return "z", 0.0
     medians = {axis: float(np.median(x)) for axis, x in accels.items()}
-    *horizontal_axes, vertical = sorted(medians, key=lambda axis: abs(medians[axis]))
-    deviation = MAD * float(np.median(np.abs(accels[vertical] - medians[vertical])))
+    *horizontal_axes, vertical_axis = sorted(medians, key=lambda axis: abs(medians[axis]))
+    deviation = MAD * float(np.median(np.abs(accels[vertical_axis] - medians[vertical_axis])))
     min_mean = max(MIN_AXIS_RATIO * abs(medians[horizontal_axes[-1]]), MIN_DEVIATIONS * deviation)
-    return (vertical, medians[vertical]) if abs(medians[vertical]) > min_mean else ("z", 0.0)
+    return (vertical_axis, medians[vertical_axis]) if abs(medians[vertical_axis]) > min_mean else ("z", 0.0)

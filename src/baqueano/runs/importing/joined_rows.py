@@ -34,7 +34,7 @@ def joined_rows(
         return table, t_ns
     rows = np.union1d(repeated_rows, repeated_rows + 1)
     groups = np.cumsum(np.diff(t_ns[rows], prepend=t_ns[rows[0]]) != 0)
-    firsts = rows[np.flatnonzero(np.diff(groups, prepend=-1))]
+    first_rows = rows[np.flatnonzero(np.diff(groups, prepend=-1))]
     times = {spec.time, spec.time_rest and spec.time_rest[0]}
     names = sorted(name for name in {*columns} - times if table.columns[name] is not None)
     group_rows, changed_cells, joined_columns = table.select(rows), 0, {}
@@ -42,15 +42,15 @@ def joined_rows(
         values = _common_values(group_rows.columns[name], groups)
         if values is None:
             return table, t_ns
-        joined_columns[name], count = _with_values(table.columns[name], firsts, values)
+        joined_columns[name], count = _with_values(table.columns[name], first_rows, values)
         changed_cells += count
     if not changed_cells:  # equal rows
         return table, t_ns
     figures = {
-        "table": table.label, "count": len(rows), "times": len(firsts), "line": table.lines[firsts[0]],
+        "table": table.label, "count": len(rows), "times": len(first_rows), "line": table.lines[first_rows[0]],
     }  # fmt: skip
     findings.append(
-        ImportFinding("joined rows", "info", int(t_ns[firsts[0]]), note("recording.joined", **figures))
+        ImportFinding("joined rows", "info", int(t_ns[first_rows[0]]), note("recording.joined", **figures))
     )
     is_first = np.append(True, np.diff(t_ns) != 0)
     joined_table = table._replace(columns=table.columns | joined_columns)
@@ -84,11 +84,11 @@ def _common_values(cells: Value, groups: np.ndarray) -> list[Value] | None:
     return values
 
 
-def _with_values(cells: Value, firsts: np.ndarray, values: list[Value]) -> tuple[Value, int]:
+def _with_values(cells: Value, first_rows: np.ndarray, values: list[Value]) -> tuple[Value, int]:
     """Return the column with the value of its group in the first row of each group, and the number of changed cells."""
     changes = {
         row: value
-        for row, value in zip(firsts.tolist(), values, strict=True)
+        for row, value in zip(first_rows.tolist(), values, strict=True)
         if value is not None and _is_missing(cells[row])
     }
     if not changes:

@@ -83,7 +83,7 @@ def counter_findings(signal: "ColumnSignal", source: "Source") -> list[ImportFin
     return findings
 
 
-def wraps_each_turn(angle: np.ndarray) -> bool:
+def is_wrapped_angle(angle: np.ndarray) -> bool:
     """Return True if an angle wraps after each turn; the angle of a wheel can continue beyond one turn."""
     finite_values = angle[np.isfinite(angle)]
     return len(finite_values) > 0 and float(np.ptp(np.quantile(finite_values, (0.01, 0.99)))) < 2.01 * np.pi

@@ -28,7 +28,7 @@ from baqueano.runs.importing.direction import unsigned_speeds, without_unknown_d
 from baqueano.runs.importing.full_scale import without_full_scale
 from baqueano.runs.importing.imu_axes import axis_findings
 from baqueano.runs.importing.joined_rows import is_slower_topic
-from baqueano.runs.importing.rates import counter_findings, rates, times_ns, wraps_each_turn
+from baqueano.runs.importing.rates import counter_findings, is_wrapped_angle, rates, times_ns
 from baqueano.runs.importing.sources import MIN_TICKS, RecordingSources, Source, find_sources, xyzw_columns
 from baqueano.runs.maps.column_map import load_map
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry
@@ -263,7 +263,7 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
             if entry.wraps is not None:
                 turn = entry.wraps * entry.si_factor
                 step = step - turn * np.rint(step / turn)  # the shorter way round
-            elif entry_unit and entry_unit.measures == "angle" and wraps_each_turn(column):
+            elif entry_unit and entry_unit.measures == "angle" and is_wrapped_angle(column):
                 step = wrap(step)
             column = rates(step, np.diff(source.t_ns) / NANOSECONDS, signal.is_rate)
         column = entry.scale * entry.radius_m * column + entry.offset

@@ -267,9 +267,9 @@ def _check_steps(
 ) -> None:
     median_step_s = float(np.median(step_s))
     if not MIN_STEP_S <= median_step_s <= MAX_STEP_S:
-        fitting_units = _units_that_fit(median_step_s, len(table.lines), spec)
+        possible_units = _possible_units(median_step_s, len(table.lines), spec)
         remedy = (
-            note("import.time-unit", unit_name=fitting_units[0]) if fitting_units else note("import.time")
+            note("import.time-unit", unit_name=possible_units[0]) if possible_units else note("import.time")
         )
         raise FileError(
             fault(
@@ -311,10 +311,10 @@ def _tick_rate(table: LogTable, median_step_s: float, spec: "FileSpec") -> Impor
         tick_s=median_step_s,
         rate_hz=1.0 / median_step_s,
     )
-    fitting_units = _units_that_fit(median_step_s, len(table.lines), spec)
+    possible_units = _possible_units(median_step_s, len(table.lines), spec)
     line = (
-        note("recording.write-time-unit", unit_name=fitting_units[0], file=spec.name)
-        if fitting_units
+        note("recording.write-time-unit", unit_name=possible_units[0], file=spec.name)
+        if possible_units
         else None
     )
     return ImportFinding(
@@ -322,15 +322,15 @@ def _tick_rate(table: LogTable, median_step_s: float, spec: "FileSpec") -> Impor
     )
 
 
-def _units_that_fit(usual_count: float, row_count: int, spec: "FileSpec") -> list[str]:
+def _possible_units(usual_count: float, row_count: int, spec: "FileSpec") -> list[str]:
     """Return the other time units with a plausible step and length, the most likely unit first."""
     file_unit = unit(spec.time_unit)
     median_step_s = usual_count / (file_unit.si_factor if file_unit else 1.0)
     steps = {
         name: median_step_s * unit_.si_factor for name in ("s", "ms", "us", "ns") if (unit_ := unit(name))
     }
-    fitting_units = [
+    possible_units = [
         name for name, step in steps.items() if 1e-3 <= step <= MAX_STEP_S and name != spec.time_unit
     ]
-    long_enough = [name for name in fitting_units if row_count * steps[name] >= MIN_DURATION_S]
-    return sorted(long_enough or fitting_units, key=lambda name: abs(np.log(steps[name] / 0.02)))
+    long_enough = [name for name in possible_units if row_count * steps[name] >= MIN_DURATION_S]
+    return sorted(long_enough or possible_units, key=lambda name: abs(np.log(steps[name] / 0.02)))

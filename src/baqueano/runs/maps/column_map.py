@@ -25,7 +25,7 @@ from baqueano.errors import FileError, error_cause
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry, FileSpec
 from baqueano.runs.maps.mount import KEY_TYPES, parse_mount
-from baqueano.runs.maps.units import all_units, canonical, near_units, unit, unit_list
+from baqueano.runs.maps.units import all_units, canonical_name, nearest_units_text, unit, unit_list
 from baqueano.vehicle_file.text.toml_text import parse_toml
 
 ETA_MEASURES, NU_MEASURES = ("length", "length", "angle"), ("speed", "speed", "angular rate")
@@ -324,7 +324,7 @@ class _Parser:
             raise self.error(f"{key} unit", None, advice)
         unit_ = unit(name)
         if unit_ is None:
-            near_names = near_units(name)
+            near_names = nearest_units_text(name)
             advice = note("expect.listed-unit", suggestion=near_names or all_units())
             if measures:
                 code = "expect.listed-unit-of" if near_names else "expect.measures"
@@ -341,7 +341,7 @@ class _Parser:
                 raise self.error(f"{key} radius_m", spec["radius_m"], note("expect.radius"))
         if measures and dimension != "raw" and quantity != measures:
             raise self.error(f"{key} unit", name, _expectation(quantity or "", measures, entry.derivative))
-        return canonical(name)
+        return canonical_name(name)
 
     def counts(self, key: str, measures: str, entry: Entry) -> None:
         """Raise FileError if counts are without `counts_per_turn`, or if another unit has it."""

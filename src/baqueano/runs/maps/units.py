@@ -84,10 +84,10 @@ _LOWER_CASE_UNITS = {name.lower(): name for name in UNITS} | {
 
 def unit(name: str) -> ColumnUnit | None:
     """Return the unit with that name; None for an unknown name."""
-    return UNITS.get(canonical(name))
+    return UNITS.get(canonical_name(name))
 
 
-def canonical(name: str) -> str:
+def canonical_name(name: str) -> str:
     """Return the standard spelling of a unit: "deg/s" for "°/s", "dps" and "Deg/s"; an unknown name is unchanged."""
     name = name.strip()
     full_name = _ALIASES.get(name, name)
@@ -95,7 +95,7 @@ def canonical(name: str) -> str:
     return full_name if full_name in UNITS or len(name) < 3 else _LOWER_CASE_UNITS.get(name.lower(), name)
 
 
-def near_units(name: str) -> str:
+def nearest_units_text(name: str) -> str:
     """Return the units whose names are most similar to `name`, for a message; "" without a similar unit."""
     close_names = difflib.get_close_matches(name, UNITS, n=3, cutoff=0.4)
     return ", ".join(close_names)

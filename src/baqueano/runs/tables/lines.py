@@ -25,16 +25,16 @@ class Lines:
 
     def __init__(self, path: Path, encoding: str | None, label: str) -> None:
         self.path, self.encoding, self.label = path, encoding, label
-        self.number = self.taken = 0
-        self.packed = False
+        self.number = self.reserved_bytes = 0
+        self.is_compressed = False
 
     def __iter__(self) -> Iterator[str]:
         try:
             with self.path.open("rb") as stream:
-                self.allowed = memory_limit.limit_bytes(self.path.stat().st_size)
-                self.packed = stream.read(2) == b"\x1f\x8b"
+                self.max_bytes = memory_limit.limit_bytes(self.path.stat().st_size)
+                self.is_compressed = stream.read(2) == b"\x1f\x8b"
                 stream.seek(0)
-                yield from self._decode(gzip.GzipFile(fileobj=stream) if self.packed else stream)
+                yield from self._decode(gzip.GzipFile(fileobj=stream) if self.is_compressed else stream)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
             raise FileError(fault("table.gzip", file=self.label, error=error)) from error
         except OSError as error:
@@ -44,11 +44,13 @@ class Lines:
 
     def reserve_memory(self, size: int) -> None:
         """Add `size` bytes of memory. Raise FileError if the sum exceeds the limit of the file."""
-        self.taken += size
-        if self.taken > self.allowed:
-            code, fix = ("too-large", f"gunzip -k {self.path.name}") if self.packed else ("too-long", "")
+        self.reserved_bytes += size
+        if self.reserved_bytes > self.max_bytes:
+            code, fix = (
+                ("too-large", f"gunzip -k {self.path.name}") if self.is_compressed else ("too-long", "")
+            )
             on_disk, size_text, limit_text = map(
-                memory_limit.format_size, (self.path.stat().st_size, self.taken, self.allowed)
+                memory_limit.format_size, (self.path.stat().st_size, self.reserved_bytes, self.max_bytes)
             )
             raise FileError(
                 fault(
@@ -63,7 +65,7 @@ class Lines:
             )
 
     def _decode(self, stream: Any) -> Iterator[str]:
-        encoding = self.encoding or self._looks_like(stream.read(2000))
+        encoding = self.encoding or self._format_name(stream.read(2000))
         stream.seek(0)
         buffer = io.BufferedReader(stream)
         try:
@@ -82,7 +84,7 @@ class Lines:
                     fault("table.not-encoded", file=self.label, byte=position, encoding=encoding)
                 ) from None
 
-    def _looks_like(self, start: bytes) -> str:
+    def _format_name(self, start: bytes) -> str:
         """Return the encoding of a file from its first bytes.
         Raise FileError if it is not text, or if its encoding is ambiguous.
         """

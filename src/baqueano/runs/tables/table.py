@@ -110,7 +110,7 @@ class LogTable(NamedTuple):
             return np.nan
         if lower_text in ("true", "false"):
             return float(lower_text == "true")
-        raise FileError(self._not_a_number(column, row))
+        raise FileError(self._number_error(column, row))
 
     def integers(self, column: str) -> np.ndarray | None:
         """Return the column as int64 (rows,), or None if a cell is not an integer.
@@ -154,7 +154,7 @@ class LogTable(NamedTuple):
         }
         return self._replace(columns=columns, lines=self.lines[rows], kept_rows=self.row_indices[rows])
 
-    def _not_a_number(self, column: str, row: int) -> Diagnostic:
+    def _number_error(self, column: str, row: int) -> Diagnostic:
         cell = self.columns[column][row][:80]
         key = column if re.fullmatch(r"[\w-]+", column, re.ASCII) else f'"{column}"'
         code = "word" if re.search(r"[a-zA-Z°/%]", cell) else "not-number"
@@ -249,9 +249,9 @@ def _columns(
             continue
         line_numbers.append(line_number)
         block.append(row)
-        if len(block) * width >= BLOCK_CELLS or lines.taken >= stored_lines + 16 * BLOCK_CELLS:
+        if len(block) * width >= BLOCK_CELLS or lines.reserved_bytes >= stored_lines + 16 * BLOCK_CELLS:
             _append(lines, block, columns)
-            stored_lines = lines.taken
+            stored_lines = lines.reserved_bytes
     _append(lines, block, columns)
     if uneven_count == 1 and first_uneven[0] == line_number and first_uneven[1] < width:
         return columns, line_numbers, (line_number,)
@@ -310,21 +310,24 @@ def _header(first: list[str], options: "JsonObject", label: str) -> list[str]:
 def _decimal(columns: "JsonObject", delimiter: str, label: str) -> str:
     if delimiter == ",":
         return "."
-    comma = both_marks = ""  # the first number of each kind
-    points, thousands = False, True
+    comma = cell_with_both = ""  # the first number of each kind
+    points, is_thousands_mark = False, True
     for cell in chain.from_iterable(column for column in columns.values() if column):
         if "," in cell:
             if _COMMA.fullmatch(cell):
-                comma, thousands = comma or cell, thousands and bool(_THOUSANDS.fullmatch(cell))
+                comma, is_thousands_mark = (
+                    comma or cell,
+                    is_thousands_mark and bool(_THOUSANDS.fullmatch(cell)),
+                )
             elif "." in cell and _NUMBER.fullmatch(cell.replace(".", "").replace(",", ".")):
-                both_marks = both_marks or cell
+                cell_with_both = cell_with_both or cell
         elif not points and "." in cell:
             points = bool(_NUMBER.fullmatch(cell))
-    if not comma and not both_marks:
+    if not comma and not cell_with_both:
         return "."
-    if points or both_marks:
-        raise FileError(fault("table.two-decimals", file=label, value=both_marks or comma))
-    if thousands:
+    if points or cell_with_both:
+        raise FileError(fault("table.two-decimals", file=label, value=cell_with_both or comma))
+    if is_thousands_mark:
         raise FileError(
             fault(
                 "table.comma",

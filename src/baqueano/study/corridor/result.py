@@ -59,7 +59,7 @@ class Corridors:
         """Return a flat row with coverage and width for each instant and quantity."""
         rows = []
         for source, source_instants in (("simulated", self.instants), ("recorded", self.windows)):
-            coverage, wider = (
+            coverage, widening = (
                 (COVERAGE, MAX_WIDENING) if source == "simulated" else (RECORDING_COVERAGE, np.inf)
             )
             for time_label, instants in source_instants.items():
@@ -74,7 +74,7 @@ class Corridors:
                     rows.append(
                         row
                         | {"lost_cases": self.lost.get(time_label, 0)}
-                        | _coverage_row(d2, limit, coverage, wider)
+                        | _coverage_row(d2, limit, coverage, widening)
                     )
         return rows
 
@@ -162,14 +162,14 @@ def _coverage_row(
     share_inside, n = float(np.mean(d2 <= limit)), len(d2)
     low, high = _wilson(share_inside, n)
     # coverage of a region that is `most` times narrower
-    narrow = _wilson(float(np.mean(d2 <= limit / max_coverage_ratio)), n)[0]
+    lower_share = _wilson(float(np.mean(d2 <= limit / max_coverage_ratio)), n)[0]
     ok = (
         None
         if n < MIN_VEHICLES
-        else bool(low <= coverage[1] and high >= coverage[0] and narrow <= CORRIDOR_PROBABILITY)
+        else bool(low <= coverage[1] and high >= coverage[0] and lower_share <= CORRIDOR_PROBABILITY)
     )
-    wider = float(limit / np.quantile(d2, CORRIDOR_PROBABILITY))
-    return {"coverage": share_inside, "low": low, "high": high, "width_ratio": wider, "ok": ok}
+    widening = float(limit / np.quantile(d2, CORRIDOR_PROBABILITY))
+    return {"coverage": share_inside, "low": low, "high": high, "width_ratio": widening, "ok": ok}
 
 
 def _wilson(share: float, n: int) -> tuple[float, float]:

@@ -19,7 +19,7 @@ SPEED, TEST_THROTTLE = "speed", 0.35  # a straight drive at this throttle
 MASS_SPECIFIC_FIELDS: dict[str, tuple[str, int]] = {  # path → field of Cars, column
     "model.throttle_gain": ("stall_n", NO_COLUMN),
     "model.linear_drag": ("rolling", NO_COLUMN),
-    "model.quadratic_drag": ("air", NO_COLUMN),
+    "model.quadratic_drag": ("air_drag", NO_COLUMN),
     "model.coulomb_m_s2": ("dry_n", NO_COLUMN),
 }
 CAR_FIELDS: dict[str, tuple[str, int]] = {

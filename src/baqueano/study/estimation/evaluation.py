@@ -45,7 +45,7 @@ def evaluate(
     start = initial_pose(run)
     nu = open_loop(vehicle_file, run, start, backend)
     reference = EstimatedPath(dead_reckoning(vehicle_file, run, nu, start), nu[:, 0])
-    judgements = []
+    run_evaluations = []
     for kind in kinds or (vehicle_file.data["estimator"].get("kind", DEFAULT_KINDS["estimator"]),):
         replay_run = replay(run, vehicle_file, estimator=kind, backend=backend)
         log = replay_run.estimate
@@ -57,8 +57,8 @@ def evaluate(
         consistency = filter_consistency(replay_run), band(speed[:, None])
         names = f"{subject.name}, {sensors}", sensors, kind
         stop_reason = text(drive_stop_reason(replay_run))
-        judgements.append(EstimateEvaluation(*names, errors, *consistency, fit.verdict, stop_reason))
-    return judgements
+        run_evaluations.append(EstimateEvaluation(*names, errors, *consistency, fit.verdict, stop_reason))
+    return run_evaluations
 
 
 def fit_subject(subject: Subject, sensors: str, backend: str = "auto") -> tuple[Fit, VehicleFile]:

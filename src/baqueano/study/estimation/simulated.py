@@ -194,18 +194,18 @@ def make_subjects(job: EstimationJob) -> list[Subject]:
     """Return the vehicles of a job with both runs; all vehicles are simulated together."""
     vehicles, signals, files = [], [], []
     for seed in job.seeds:
-        own_subject = subject(job.vehicle, seed)
-        own_subject = own_subject._replace(vehicle_file=_file(own_subject, seed))
+        case_subject = subject(job.vehicle, seed)
+        case_subject = case_subject._replace(vehicle_file=_file(case_subject, seed))
         signals += [
-            own_subject._replace(seed=run_seed).signal(DURATION_S)
+            case_subject._replace(seed=run_seed).signal(DURATION_S)
             for run_seed in (seed, seed + TEST_SEED_OFFSET)
         ]
         vehicles += 2 * [
             UNMODELLED_EFFECTS[unmodelled_effect(seed)[0]](
-                own_subject.vehicle, np.random.default_rng([seed, 50])
+                case_subject.vehicle, np.random.default_rng([seed, 50])
             )
         ]
-        files.append(own_subject.vehicle_file)
+        files.append(case_subject.vehicle_file)
     seeds = [run_seed for seed in job.seeds for run_seed in (seed, seed + TEST_SEED_OFFSET)]
     t_ns = tick_times(len(signals[0]), files[0].rate_hz)
     drive = drive_group(merge(vehicles), np.stack(signals, axis=1), seeds, t_ns)

@@ -37,8 +37,10 @@ def outliers(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> R
     """Shift 10 % of all readings by 20 standard deviations, up or down."""
     for name, channel in run.sensors.items():
         std = np.sqrt(np.diagonal(getattr(vehicle_file.sensors, name).cov))
-        hit = rng.random(channel.z.shape) < 0.1
-        run = with_readings(run, channel.z + hit * rng.choice([-20.0, 20.0], channel.z.shape) * std, name)
+        outlier_mask = rng.random(channel.z.shape) < 0.1
+        run = with_readings(
+            run, channel.z + outlier_mask * rng.choice([-20.0, 20.0], channel.z.shape) * std, name
+        )
     return run
 
 
@@ -108,9 +110,9 @@ def time_jumps_seconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Gener
     return _time_jump(run, round(rng.uniform(2.0, 60.0) * NANOSECONDS), rng)
 
 
-def _time_jump(run: Run, by_ns: int, rng: np.random.Generator) -> Run:
+def _time_jump(run: Run, offset_ns: int, rng: np.random.Generator) -> Run:
     jump_ns = run.t_ns[int(rng.uniform(0.3, 0.7) * len(run.t_ns))]
-    return with_clocks(run, lambda t_ns: t_ns + np.where(t_ns >= jump_ns, by_ns, 0))
+    return with_clocks(run, lambda t_ns: t_ns + np.where(t_ns >= jump_ns, offset_ns, 0))
 
 
 def sensor_clock_goes_back(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:

@@ -192,8 +192,10 @@ def _planned_inputs(
 ) -> list[tuple[FaultJob, FaultInputs]]:
     if not plans:
         return []
-    first_drives = [(plan.vehicle, plan.effective, u) for _, plan, u in plans]
-    second = [(plan.second_vehicle, plan.effective, u) for _, plan, u in plans if plan.second_vehicle]
+    first_drives = [(plan.vehicle, plan.effective_commands, u) for _, plan, u in plans]
+    second = [
+        (plan.second_vehicle, plan.effective_commands, u) for _, plan, u in plans if plan.second_vehicle
+    ]
     runs = subject.runs(*zip(*first_drives, *second, strict=True))
     second_runs, plan_inputs = iter(runs[len(plans) :]), []
     for (job, plan, _u), run in zip(plans, runs, strict=False):

@@ -1,9 +1,9 @@
 """Plan simulations with an effect of the real world that the fitted model does not include.
 
 Each function takes a subject, its command, its undamaged run and a random generator. An effect on the motor force is
-simulated as an equivalent command, `effective`; the log contains the command that was sent. If an effect depends on the
-motion, the motion is taken from the undamaged run. The size of the effect is drawn for each run. Some effects do not
-apply to a car; detection.py excludes them.
+simulated as an equivalent command, `effective_commands`; the log contains the command that was sent. If an effect
+depends on the motion, the motion is taken from the undamaged run. The size of the effect is drawn for each run. Some
+effects do not apply to a car; detection.py excludes them.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ class FaultPlan(NamedTuple):
     """A vehicle to simulate, and the file to fit to it."""
 
     vehicle: Robots | Cars
-    effective: np.ndarray  # (N, m)
+    effective_commands: np.ndarray  # (N, m)
     vehicle_file: VehicleFile
     # parameters that are fixed, so that the fit cannot find the effect
     excluded_parameters: tuple[str, ...] = ()
@@ -33,9 +33,11 @@ class FaultPlan(NamedTuple):
 Structure = Callable[[FaultSubject, np.ndarray, Run, np.random.Generator], FaultPlan]
 
 
-def _plan(subject: FaultSubject, effective: np.ndarray, **fields: Any) -> FaultPlan:
+def _plan(subject: FaultSubject, effective_commands: np.ndarray, **fields: Any) -> FaultPlan:
     limit = np.asarray(subject.vehicle_file.command.limit)
-    return FaultPlan(subject.vehicle, np.clip(effective, -limit, limit), subject.vehicle_file, **fields)
+    return FaultPlan(
+        subject.vehicle, np.clip(effective_commands, -limit, limit), subject.vehicle_file, **fields
+    )
 
 
 def _channels(subject: FaultSubject, u: np.ndarray) -> np.ndarray:
@@ -145,9 +147,9 @@ def caster(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.
             previous_sign, level = np.sign(v), amplitude * np.sign(v) * rng.choice([-1.0, 1.0])
         level *= np.exp(-1.0 / tau)
         kick[k] = level
-    effective = u.copy()
-    effective[:, 2] += kick * subject.vehicle_file.command.limit[2]
-    return _plan(subject, effective)
+    effective_commands = u.copy()
+    effective_commands[:, 2] += kick * subject.vehicle_file.command.limit[2]
+    return _plan(subject, effective_commands)
 
 
 def cogging(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator) -> FaultPlan:

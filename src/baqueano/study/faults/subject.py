@@ -53,12 +53,14 @@ class FaultSubject(NamedTuple):
     def runs(
         self,
         vehicles: Sequence[Robots | Cars],
-        effective: Sequence[np.ndarray],
+        effective_commands: Sequence[np.ndarray],
         logged_commands: Sequence[np.ndarray],
     ) -> list[Run]:
-        """Return the runs of the vehicles, simulated together, each with its `effective` commands."""
-        t_ns = tick_times(len(effective[0]), self.vehicle_file.rate_hz)
-        drive = drive_group(merge(vehicles), np.stack(effective, axis=1), [self.seed] * len(vehicles), t_ns)
+        """Return the runs of the vehicles, simulated together, each with its `effective_commands` commands."""
+        t_ns = tick_times(len(effective_commands[0]), self.vehicle_file.rate_hz)
+        drive = drive_group(
+            merge(vehicles), np.stack(effective_commands, axis=1), [self.seed] * len(vehicles), t_ns
+        )
         return [
             vehicle_run(drive, k, u, self.vehicle_file, f"seed {self.seed}", self.seed)
             for k, u in enumerate(logged_commands)

@@ -60,9 +60,9 @@ def identification_page(study: Identification) -> Page:
             *page_parts,
             draw(efficiency(undamaged_rows), _(BARS_TEXT)),
         ]
-    pool = [row for row in rows if row["name"] == POOL]
+    pool_rows = [row for row in rows if row["name"] == POOL]
     parameter_rows = [row for row in rows if row["name"] != POOL]
-    wrong_count = sum(row["wrongly_usable"] for row in pool)
+    wrong_count = sum(row["wrongly_usable"] for row in pool_rows)
     return Page(
         title=_("Errors of the fits compared with the theoretical limit"),
         subtitle=_("Robots and cars of an independent simulator, 60 s each, {over}", over=seeds_text),
@@ -84,7 +84,7 @@ def identification_page(study: Identification) -> Page:
             Headline(_("wrong and USABLE"), f"{wrong_count}", _("in all cases")),
         ],
         sections=[
-            Section("Cases", "\n".join(study.reasons), [Table(_columns(pool, CASES), _(ABOUT_TEXT))]),
+            Section("Cases", "\n".join(study.reasons), [Table(_columns(pool_rows, CASES), _(ABOUT_TEXT))]),
             Section("Parameters", "", [Table(_columns(parameter_rows, PARAMETERS))]),
             Section("Figures", "", page_parts),
         ],

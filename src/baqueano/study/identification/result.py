@@ -156,7 +156,7 @@ def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, .
         "rmse": float(np.sqrt(np.mean(np.square(ratios)))) if ratios else None,
         "std": float(np.median(widths)) if widths else None, "usable": len(usable) / len(outcomes),
         "wrongly_usable": sum(bool(np.any(wrong_mask(o.estimate, o.std, o.truth))) for o in usable),
-        "silent_failures": sum(not o.has_same_end and o.verdict != Verdict.REFUSED for o in outcomes),
+        "silent_failures": sum(not o.is_same_optimum and o.verdict != Verdict.REFUSED for o in outcomes),
         "fits_with_reports": _mean(np.array([any(_is_reported(o, name) for name in o.names) for o in outcomes])),
     }  # fmt: skip
 

@@ -87,7 +87,7 @@ class TrialOutcome(NamedTuple):
     bound: np.ndarray  # NaN without a bound
     verdict: str
     reasons: tuple[tuple[str, str], ...]  # code and subject of each
-    has_same_end: bool  # True if a wrong start ended at the same point as the usual start
+    is_same_optimum: bool  # True if a wrong start ended at the same point as the usual start
 
 
 def fit_job(job: TrialJob) -> list[TrialOutcome]:
@@ -217,8 +217,8 @@ def _low_pass(q: Robots) -> Robots:
 
 def _with_outliers(run: Run, q: Robots, seed: int) -> Run:
     draw, imu = np.random.default_rng([seed, 42]), run.sensors["imu"]
-    hit = draw.random(imu.z.shape) < OUTLIER_SHARE
-    imu.z[:] += hit * draw.choice([-OUTLIER_SIGMA, OUTLIER_SIGMA], imu.z.shape) * q.imu.noise
+    outlier_mask = draw.random(imu.z.shape) < OUTLIER_SHARE
+    imu.z[:] += outlier_mask * draw.choice([-OUTLIER_SIGMA, OUTLIER_SIGMA], imu.z.shape) * q.imu.noise
     return run
 
 

@@ -76,7 +76,7 @@ def run_cases(
 ) -> tuple[int, list[Lap], list[FullDrive], list[int]]:
     """Return the number of robots, their laps, their whole drives, and the seeds whose fit was refused."""
     drives: list[Lap] = []
-    wholes: list[FullDrive] = []
+    full_drives: list[FullDrive] = []
     refusals: list[int] = []
     for gyro in dict.fromkeys(case.gyro for case in cases):
         gyro_cases = [case for case in cases if case.gyro == gyro]
@@ -85,12 +85,12 @@ def run_cases(
         for route in dict.fromkeys(case.route for case in gyro_cases):
             route_cases = [case for case in gyro_cases if case.route == route]
             teams = [
-                robots.experiment_only if case.fix == "none" else robots.lap_team for case in route_cases
+                robots.experiment_team if case.fix == "none" else robots.lap_team for case in route_cases
             ]
-            new_drives, new_wholes = drive_cases(route_cases, teams, count, backend)
+            new_drives, new_full_drives = drive_cases(route_cases, teams, count, backend)
             drives += new_drives
-            wholes += new_wholes
-    return len(seeds), drives, wholes, refusals
+            full_drives += new_full_drives
+    return len(seeds), drives, full_drives, refusals
 
 
 def drive_cases(
@@ -99,20 +99,20 @@ def drive_cases(
     """Return the laps and the whole drives of the cases of one route; all robots drive in parallel."""
     if not teams[0].seeds:
         return [], []
-    route, drives, wholes = SHAPES[cases[0].route](SPEED_M_S), [], []
+    route, drives, full_drives = SHAPES[cases[0].route](SPEED_M_S), [], []
     teams_and_measures = [
         FixTeam(team, case.fix, READ_FAULTS[case.read]) for case, team in zip(cases, teams, strict=True)
     ]
-    per_lap = round(route.t_s[-1] * RATE_HZ / SAMPLE_TICKS)
+    samples_per_lap = round(route.t_s[-1] * RATE_HZ / SAMPLE_TICKS)
     for case, team, team_result in zip(
         cases, teams, simulate_laps(route, count, teams_and_measures, backend), strict=True
     ):
-        drives += robot_laps(team_result, case, team.seeds, count, per_lap)
+        drives += robot_laps(team_result, case, team.seeds, count, samples_per_lap)
         is_forecast = (case.fix, case.gyro) == ("tags", "uncalibrated")
         for k, seed in enumerate(team.seeds):
             chance = forecast(team.vehicle_files[k], case.fix, route, count, backend) if is_forecast else nan
-            wholes.append(FullDrive(case, seed, bool(team_result.touches[k]), chance))
-    return drives, wholes
+            full_drives.append(FullDrive(case, seed, bool(team_result.touches[k]), chance))
+    return drives, full_drives
 
 
 def forecast(vehicle_file: VehicleFile, fix: str, route: Route, count: int, backend: str) -> float:

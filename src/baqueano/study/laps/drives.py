@@ -58,7 +58,7 @@ class Laps(NamedTuple):
 
     error: np.ndarray  # (T, n, 3) of the estimate: x, y [m], heading [rad]
     cov: np.ndarray  # (T, n, 3, 3) of the estimate
-    across: np.ndarray  # (T, n) true distance from the route [m], left is positive
+    aside_m: np.ndarray  # (T, n) true distance from the route [m], left is positive
     drives: np.ndarray  # (T, n) False after the stop
     touches: np.ndarray  # (n,) True if the body touched a wall
     runs: tuple[Run, ...]  # the logs, if they were requested
@@ -78,7 +78,7 @@ class _Driver:
 
     def __init__(self, loop: Loop, fix: str, route: Route) -> None:
         self._loop, self._sizes = loop, FIXES[fix].sizes
-        self._watch = RoomWatch.along(route, room_around(route, loop.file), loop.file.vehicle)
+        self._watch = RoomWatch.for_route(route, room_around(route, loop.file), loop.file.vehicle)
         self._silence = [Slot(0.0, np.zeros(size)) for size in (3, *self._sizes.values())]
         self._states: Tree = loop.start(route.eta[0])
         self.is_stopped = False
@@ -197,8 +197,8 @@ def _laps(
 def _error(estimates: list[Estimate], eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the pose errors (n, 3) of the estimates, and their covariances (n, 3, 3)."""
     pose_error = np.array([estimate.eta for estimate in estimates]) - eta
-    claims = np.array([estimate.cov[:3, :3] for estimate in estimates])
-    return np.column_stack([pose_error[:, :2], wrap(pose_error[:, 2])]), claims
+    covs = np.array([estimate.cov[:3, :3] for estimate in estimates])
+    return np.column_stack([pose_error[:, :2], wrap(pose_error[:, 2])]), covs
 
 
 def _runs(part: FixTeam, t_ns: np.ndarray, rows: list[Tree], first: int) -> tuple[Run, ...]:

@@ -61,15 +61,17 @@ class FullDrive(NamedTuple):
     forecast: float  # probability to stay on the route, computed before the drive; NaN without a forecast
 
 
-def robot_laps(drives: "Laps", case: LapCase, seeds: Sequence[int], laps: int, per_lap: int) -> list[Lap]:
-    """Return the laps of all robots of a drive, `per_lap` samples each."""
+def robot_laps(
+    drives: "Laps", case: LapCase, seeds: Sequence[int], laps: int, samples_per_lap: int
+) -> list[Lap]:
+    """Return the laps of all robots of a drive, `samples_per_lap` samples each."""
     e, P = drives.error, drives.cov
     square = np.einsum("tni,tnij,tnj->tn", e, np.linalg.inv(P), e)
     square = np.where(np.sqrt(P[..., 2, 2]) <= MAX_HEADING_STD_RAD, square, np.nan)
-    distance_m, cross_track_m = np.hypot(e[..., 0], e[..., 1]), np.abs(drives.across)
+    distance_m, cross_track_m = np.hypot(e[..., 0], e[..., 1]), np.abs(drives.aside_m)
     laps_found = []
     for lap in range(laps):
-        t = slice(lap * per_lap, (lap + 1) * per_lap if lap < laps - 1 else None)
+        t = slice(lap * samples_per_lap, (lap + 1) * samples_per_lap if lap < laps - 1 else None)
         for i, seed in enumerate(seeds):
             lap_rows = drives.drives[t, i]
             if not lap_rows.any():

@@ -45,13 +45,13 @@ MARK_M, MARK_RAD = 0.01, np.radians(2.0)  # standard deviations of the place and
 class Teams(NamedTuple):
     """Robots whose fits were not refused, after they were switched on again."""
 
-    experiment_only: Team  # with files from the experiment only
+    experiment_team: Team  # with files from the experiment only
     lap_team: Team  # with files that also use laps over tags
     refused_robots: list[int]  # seeds whose fit was refused
 
 
-def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -> Teams:
-    """Return the robots of the seeds with their files; without `learns`, the group `lap_team` is empty."""
+def identify_teams(seeds: range, gyro: str, backend: str, with_calibration: bool = True) -> Teams:
+    """Return the robots of the seeds with their files; without `with_calibration`, the group `lap_team` is empty."""
     robots, options = vehicles(seeds), FitOptions(backend=backend)
     starts = calibrate_by_turns(robots, seeds) if gyro == "calibrated" else [initial_file()] * len(seeds)
     runs = simulate_experiments(robots, seeds)
@@ -69,15 +69,17 @@ def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -
     names = [seeds[k] for k in usable]
     learned_files = (
         _identify_with_laps(Team(files, robots.subset(usable), names), [runs[k] for k in usable], backend)
-        if learns
+        if with_calibration
         else {}
     )
-    accepted_indices = [k for k, name in enumerate(names) if name in learned_files or not learns]
+    accepted_indices = [k for k, name in enumerate(names) if name in learned_files or not with_calibration]
     names, ekf_files = [names[k] for k in accepted_indices], [ekf_files[k] for k in accepted_indices]
     fleet = switch_on_again(robots.subset([name - seeds[0] for name in names]), names, ekf_files)
     other_files = [learned_files[name] for name in names if name in learned_files]
     refusals = [seed for seed in seeds if seed not in names]
-    return Teams(Team(ekf_files, fleet, names), Team(other_files, fleet, names if learns else []), refusals)
+    return Teams(
+        Team(ekf_files, fleet, names), Team(other_files, fleet, names if with_calibration else []), refusals
+    )
 
 
 def _identify_with_laps(team: Team, runs: list[Run], backend: str) -> dict[int, VehicleFile]:

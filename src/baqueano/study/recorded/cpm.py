@@ -85,10 +85,12 @@ def choice_rows(choice: "Choice", other_run: "Run", name: str, other_name: str) 
     figures = {figure.channel: figure for figure in validate(choice.fit, other_run).figures}
     share = figures["odometer[0]"].explained_fraction
     dry_terms = DRY_TERMS.intersection(choice.selected_terms)
-    battery = next(judgement for judgement in choice.term_results if judgement.term.name == BATTERY_TERM)
+    battery = next(
+        run_evaluation for run_evaluation in choice.term_results if run_evaluation.term.name == BATTERY_TERM
+    )
     criterion = _("{name} → {other}: speed explained", name=name, other=other_name)
     terms, names = _("{name}: terms added", name=name), ", ".join(map(_, choice.selected_terms))
-    battery_term, is_added = f"{name}: {_(BATTERY_TERM)}", battery.verdict == Decision.TAKEN
+    battery_term, is_added = f"{name}: {_(BATTERY_TERM)}", battery.verdict == Decision.ADDED
     return [
         minimum_row(CAR, criterion, share, MIN_EXPLAINED[name]),
         criterion_row(CAR, terms, names, _("dry friction or dead zone"), bool(dry_terms)),

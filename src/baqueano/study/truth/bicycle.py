@@ -47,7 +47,7 @@ class Cars(Group):
     dry_n: np.ndarray  # S₀
     dry_speed_m_s: np.ndarray  # v₀
     rolling: np.ndarray  # r₁ [N s/m]
-    air: np.ndarray  # r₂ [N s²/m²]
+    air_drag: np.ndarray  # r₂ [N s²/m²]
     floor: np.ndarray  # (n, 3) white acceleration
     slope_rad: np.ndarray  # rise of the floor
     slope_heading_rad: np.ndarray  # direction in which it rises
@@ -84,7 +84,10 @@ class Cars(Group):
             front, rear = vy + a * w, vy - b * w
             Yf = self._sideways(0, vx * cos + front * sin, front * cos - vx * sin)
             Yr = self._sideways(1, vx, rear)
-            R = self.dry_n * np.tanh(vx / self.dry_speed_m_s) + (self.rolling + self.air * np.abs(vx)) * vx
+            R = (
+                self.dry_n * np.tanh(vx / self.dry_speed_m_s)
+                + (self.rolling + self.air_drag * np.abs(vx)) * vx
+            )
             c, s = np.cos(psi), np.sin(psi)
             x_dot[:, 0], x_dot[:, 1], x_dot[:, 2] = c * vx - s * vy, s * vx + c * vy, w
             x_dot[:, 3] = (F - R - Yf * sin) / m + w * vy + g[:, 0]
@@ -128,7 +131,7 @@ def draw_cars(n: int, seed: int) -> Cars:
         stall_n=about(3.7, 0.1), zone=np.stack([about(0.03, 0.3), about(0.03, 0.3)], axis=1), lag_s=about(0.03, 0.2),
         servo_rad=about(0.47, 0.05), servo_offset_rad=draw.normal(0.0, 0.005, n), servo_lag_s=about(0.045, 0.1),
         delay_s=draw.uniform(0.024, 0.037, n), dry_n=about(0.3, 0.1), dry_speed_m_s=0.05 * ones,
-        rolling=about(0.9, 0.1), air=about(0.025, 0.2), floor=0.0 * three, slope_rad=0.0 * ones,
+        rolling=about(0.9, 0.1), air_drag=about(0.025, 0.2), floor=0.0 * three, slope_rad=0.0 * ones,
         slope_heading_rad=0.0 * ones, transmission=Transmission.ideal(n),
         imu=Imus(
             place_m=np.zeros((n, 2)), turn_rad=0.0 * ones, tilt_rad=draw.normal(0.0, 0.01, (n, 2)),

@@ -50,9 +50,9 @@ class TagReaders:
         )
 
     def _tag_measure(self, k: int, eta: np.ndarray) -> Measure:
-        def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
+        def measure(draw: np.random.Generator, is_mistaken: bool) -> np.ndarray:
             z = eta[:2] + self._noise_m * draw.standard_normal((2, 2))
-            if mistaken:
+            if is_mistaken:
                 z += self._points[draw.choice(_other_indices(len(self._points), k))] - self._points[k]
             return z
 
@@ -77,9 +77,9 @@ class Gate:
         )
 
     def _pose_measure(self, eta: np.ndarray) -> Measure:
-        def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
+        def measure(draw: np.random.Generator, is_mistaken: bool) -> np.ndarray:
             z = eta + self._noise * draw.standard_normal((2, 3))
-            if mistaken:
+            if is_mistaken:
                 z += self._poses[draw.choice(_other_indices(len(self._poses), 0))] - self._poses[0]
             z[:, 2] = np.arctan2(np.sin(z[:, 2]), np.cos(z[:, 2]))
             return z
@@ -96,23 +96,28 @@ class FloorLines:
     ) -> None:  # fmt: skip
         self._poses, self._half_width_m, self._noise_m = poses, half_width_m, noise_m
         self._reports = _Reports((len(xy), len(poses)), seeds, faults)
-        self._beyond_m, _ = self._line_distances(xy)
+        self._past_line_m, _ = self._line_distances(xy)
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported distances (n, m) beyond each line [m] at `t_s`; NaN without a report."""
-        previous_beyond_m, (self._beyond_m, lateral_m) = self._beyond_m, self._line_distances(eta[:, :2])
+        previous_past_line_m, (self._past_line_m, lateral_m) = (
+            self._past_line_m,
+            self._line_distances(eta[:, :2]),
+        )
         is_passage = (
-            (previous_beyond_m < 0.0) & (self._beyond_m >= 0.0) & (np.abs(lateral_m) <= self._half_width_m)
+            (previous_past_line_m < 0.0)
+            & (self._past_line_m >= 0.0)
+            & (np.abs(lateral_m) <= self._half_width_m)
         )
         passages = np.argwhere(is_passage).tolist()
         return self._reports.readings_at(
-            t_s, [(i, self._line_measure(k, self._beyond_m[i, k])) for i, k in passages]
+            t_s, [(i, self._line_measure(k, self._past_line_m[i, k])) for i, k in passages]
         )
 
-    def _line_measure(self, k: int, beyond_m: float) -> Measure:
-        def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
+    def _line_measure(self, k: int, past_line_m: float) -> Measure:
+        def measure(draw: np.random.Generator, is_mistaken: bool) -> np.ndarray:
             z, n = np.full((2, len(self._poses)), np.nan), len(self._poses)
-            z[:, draw.choice(_other_indices(n, k)) if mistaken else k] = beyond_m
+            z[:, draw.choice(_other_indices(n, k)) if is_mistaken else k] = past_line_m
             return z + self._noise_m * draw.standard_normal((2, 1))
 
         return measure
@@ -154,14 +159,14 @@ class _Reports:
         self._draw = [np.random.default_rng([seed, 22]) for seed in seeds]
         self._second_readings: list[tuple[float, np.ndarray]] = []
 
-    def readings_at(self, t_s: float, passings: Iterable[tuple[int, Measure]]) -> np.ndarray:
-        """Return the reports (n, m) at `t_s`; NaN without a report. `passings` contains the index of each
+    def readings_at(self, t_s: float, passages: Iterable[tuple[int, Measure]]) -> np.ndarray:
+        """Return the reports (n, m) at `t_s`; NaN without a report. `passages` contains the index of each
         passing vehicle, and the function that draws its report."""
         reports = np.full(self._shape, np.nan)
-        for i, measure in passings:
+        for i, measure in passages:
             draw = self._draw[i]
-            is_missed, is_repeated, mistaken = draw.random(3) < self._faults
-            first, second = measure(draw, bool(mistaken))
+            is_missed, is_repeated, is_mistaken = draw.random(3) < self._faults
+            first, second = measure(draw, bool(is_mistaken))
             if not is_missed:
                 reports[i], late_reports = first, np.full(self._shape, np.nan)
                 late_reports[i] = second

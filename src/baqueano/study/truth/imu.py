@@ -62,5 +62,5 @@ class Imus(Group):
         """Return the readings (n, 3): `noiseless` plus `drift`, with noise from unit normals `white`, and
         rounded."""
         z = noiseless + drift + self.noise * white
-        safe = np.where(self.step > 0.0, self.step, 1.0)
-        return np.where(self.step > 0.0, safe * np.round(z / safe), z)
+        divisor = np.where(self.step > 0.0, self.step, 1.0)
+        return np.where(self.step > 0.0, divisor * np.round(z / divisor), z)

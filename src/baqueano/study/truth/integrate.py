@@ -17,7 +17,7 @@ class CommandDelayLine:
     """A delay line for the commands of n vehicles, with the delays `delay_s` (n,)."""
 
     def __init__(self, delay_s: np.ndarray, commands: int) -> None:
-        self._delay_s, self._all = delay_s, np.arange(len(delay_s))
+        self._delay_s, self._indices = delay_s, np.arange(len(delay_s))
         # when each of the last commands was sent; at the end infinity, as no next command is known
         self._sent_s = np.append(np.full(STORED_COMMANDS, -np.inf), np.inf)
         self._commands = np.zeros((STORED_COMMANDS, len(delay_s), commands))
@@ -29,12 +29,12 @@ class CommandDelayLine:
 
     def effective_commands(self, t_s: np.ndarray) -> np.ndarray:
         """Return the commands (n, m) in effect at `t_s` (n,)."""
-        return self._commands[self._sent_s.searchsorted(t_s - self._delay_s, side="right") - 1, self._all]
+        return self._commands[self._sent_s.searchsorted(t_s - self._delay_s, side="right") - 1, self._indices]
 
     def current_commands(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the commands (n, m) from `t_s` (n,) on, and the time (n,) [s] when others take effect, or infinity."""
         next_index = self._sent_s.searchsorted(t_s + MIN_STEP_S - self._delay_s, side="right")
-        return self._commands[next_index - 1, self._all], self._sent_s[next_index] + self._delay_s
+        return self._commands[next_index - 1, self._indices], self._sent_s[next_index] + self._delay_s
 
 
 def integrate(

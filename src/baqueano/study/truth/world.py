@@ -39,7 +39,7 @@ class TruthWorld:
         self._line, self._drift = CommandDelayLine(physics.delay_s, physics.commands), np.zeros((n, 3))
         self.t_s = 0.0
         self._smooth: np.ndarray | None = None  # (n, 3) after the low-pass
-        self._present: tuple[TruthGroup, np.ndarray] | None = None  # motion and readings at t_s
+        self._current: tuple[TruthGroup, np.ndarray] | None = None  # motion and readings at t_s
         u = np.zeros((n, physics.commands))
         self._runge_kutta_step = fast(
             lambda x, u, h: runge_kutta(physics.state_derivative(u), x, h), self._x, u, np.ones((n, 1))
@@ -77,7 +77,7 @@ class TruthWorld:
     def _integrate(self, end_s: float, step_s: float) -> None:
         kick, span_s = self._apply_kick if len(self._rough) else None, (self.t_s, end_s)
         self._x = integrate(self._runge_kutta_step, self._x, span_s, self._line, kick, step_s)
-        self.t_s, self._present = end_s, None
+        self.t_s, self._current = end_s, None
 
     @property
     def truth(self) -> TruthGroup:
@@ -90,12 +90,12 @@ class TruthWorld:
         return self._motion_and_readings()[1]
 
     def _motion_and_readings(self) -> tuple[TruthGroup, np.ndarray]:
-        if self._present is None:
+        if self._current is None:
             u = self._line.effective_commands(np.full(len(self._x), self.t_s - TIME_TOLERANCE_S))
             truth = TruthGroup(self._x[:, :3].copy(), self._x[:, 3:6].copy(), self._nu_dot(self._x, u))
             gravity = self.physics.gravity(self._x[:, 2])
-            self._present = truth, self.physics.imu.noiseless_readings(truth, gravity)
-        return self._present
+            self._current = truth, self.physics.imu.noiseless_readings(truth, gravity)
+        return self._current
 
     @property
     def rolling_speed(self) -> np.ndarray:

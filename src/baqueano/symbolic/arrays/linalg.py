@@ -88,21 +88,21 @@ def _identical(x: Value, y: Value) -> bool:
 
 def _product(a: np.ndarray, b: np.ndarray, origin_a: Origin | None, origin_b: Origin | None) -> np.ndarray:
     n, m = a.shape[0], b.shape[1]
-    minus: np.ndarray | None = None
+    minuend: np.ndarray | None = None
     if origin_b is not None and origin_b.is_complement:  # a (I − L R) = a − (a L) R
-        minus, a, b = a, _product(a, origin_b.left, None, None), origin_b.right
+        minuend, a, b = a, _product(a, origin_b.left, None, None), origin_b.right
     elif origin_a is not None and origin_a.is_complement:  # (I − L R) b = b − L (R b)
-        minus, a, b = b, origin_a.left, _product(origin_a.right, b, None, None)
+        minuend, a, b = b, origin_a.left, _product(origin_a.right, b, None, None)
     has_mirror = (
         origin_a is not None
         and not origin_a.is_complement
-        and _is_congruence(origin_a, b if minus is None else origin_b)
+        and _is_congruence(origin_a, b if minuend is None else origin_b)
     )
     product = np.empty((n, m), dtype=object)
     for i in range(n):
         for j in range(i if has_mirror else 0, m):
             dot = _dot(a[i], b[:, j])
-            product[i, j] = dot if minus is None else minus[i, j] - dot
+            product[i, j] = dot if minuend is None else minuend[i, j] - dot
             if has_mirror:
                 product[j, i] = product[i, j]
     return product

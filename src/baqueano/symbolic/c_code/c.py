@@ -32,11 +32,11 @@ class CKernel:
 
     def __init__(self, program: Program) -> None:
         self._given_program = program
-        self.is_hasty = program.is_hasty
+        self.is_quick = program.is_quick
         self.texts: dict[tuple, str] = {}
         self.functions: dict[tuple, Callable[..., None]] = {}
         self.libraries: dict[tuple, ctypes.CDLL] = {}
-        self.below = np.tri(len(program.theta), k=-1, dtype=bool)
+        self.lower_mask = np.tri(len(program.theta), k=-1, dtype=bool)
 
     @cached_property
     def fingerprint(self) -> bytes:
@@ -70,7 +70,7 @@ class CKernel:
         arrays = theta, start, inputs, outputs, result
         addresses = np.array([len(inputs), *_addresses(*arrays)], dtype=np.int64)
         name = "values" if method == "run" else method
-        self._function(name, is_hasty=True)  # for one tick, the call costs more than the arithmetic
+        self._function(name, is_quick=True)  # for one tick, the call costs more than the arithmetic
         entry_point = ctypes.PYFUNCTYPE(ctypes.c_int, POINTER)(("again", self.libraries[name, True]))
         call = partial(entry_point, POINTER(addresses.ctypes.data))  # converted once
         call.__dict__["given"] = addresses, arrays  # keeps the arrays alive as long as the call
@@ -81,7 +81,7 @@ class CKernel:
     ) -> None:
         """Fill outputs (N, m), and d_outputs (N, m, p) with their derivatives with respect to theta."""
         addresses = _addresses(theta, start, inputs)
-        function = self._function("sensitivities", is_hasty=True)  # -O3 takes twice as long for long programs
+        function = self._function("sensitivities", is_quick=True)  # -O3 takes twice as long for long programs
         function(len(inputs), *addresses, 0.0, *_addresses(outputs, d_outputs), None)
 
     def total(
@@ -102,7 +102,7 @@ class CKernel:
         addresses = _addresses(theta, start, inputs)
         function = self._function("normal_equations")
         function(len(inputs), *addresses, huber_limit, *_addresses(cost, gradient, upper))
-        return float(cost[0]), gradient, np.where(self.below, upper.T, upper)
+        return float(cost[0]), gradient, np.where(self.lower_mask, upper.T, upper)
 
     def batch(
         self,
@@ -118,7 +118,7 @@ class CKernel:
 
         Inputs that are True in `is_shared` are columns of shared (N, ·), the others columns of own (L, N, ·).
         """
-        function = self._function("batch", tuple(is_shared), outputs is not None, is_hasty=self.is_hasty)
+        function = self._function("batch", tuple(is_shared), outputs is not None, is_quick=self.is_quick)
 
         def run(vehicles: slice) -> None:
             to = None if outputs is None else outputs[vehicles].ctypes.data
@@ -154,15 +154,15 @@ class CKernel:
         # the derivative of x/y with respect to y needs 1/y anyway
         return c_bodies.differentiate(with_reciprocals(self._without_final_carry, 1))
 
-    def _function(self, name: str, *options, is_hasty: bool = False) -> Callable[..., None]:
-        key = (name, is_hasty, *options)
+    def _function(self, name: str, *options, is_quick: bool = False) -> Callable[..., None]:
+        key = (name, is_quick, *options)
         if key not in self.functions:
             with self._given_program.graph.lock:
                 if key not in self.functions:
-                    self.functions[key] = self._compile(key, name, options, is_hasty)
+                    self.functions[key] = self._compile(key, name, options, is_quick)
         return self.functions[key]
 
-    def _compile(self, key: tuple, name: str, options: tuple, is_hasty: bool) -> Callable[..., None]:
+    def _compile(self, key: tuple, name: str, options: tuple, is_quick: bool) -> Callable[..., None]:
         def code() -> tuple[str, int]:
             body = self._text(name, *options)
             return header(body, self.program.tables) + body, body.count(" = ")
@@ -171,7 +171,7 @@ class CKernel:
             (self.fingerprint, name, options),
             code,
             find_vectors=name == "batch",  # only then √ and ⌊ ⌋ of eight lanes become vectors
-            is_hasty=is_hasty,
+            is_quick=is_quick,
         )
         function = library.kernel
         function.argtypes = BATCH_ARGUMENTS if name == "batch" else ARGUMENTS

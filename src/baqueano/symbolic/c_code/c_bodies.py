@@ -77,7 +77,7 @@ def values(program: Program) -> str:
     text.add(f"inputs += {len(program.inputs)}, first += {len(program.outputs)};")
     text.close_brace()
     text.add(*(f"second[{k}] = x{k};" for k in range(len(program.carry))))
-    return str(text) + _again(program)
+    return str(text) + _loop_statements(program)
 
 
 def sensitivities(derivatives: DerivativeProgram) -> str:
@@ -92,7 +92,7 @@ def sensitivities(derivatives: DerivativeProgram) -> str:
             text.add(f"store_{block.lanes}(second + {k * p + block.first}, {row}, {width});")
     text.add(f"first += {len(program.outputs)}, second += {len(program.outputs) * p};")
     _end_with_tangents(text, program, rows)
-    return str(text) + _again(program)
+    return str(text) + _loop_statements(program)
 
 
 def cost(program: Program) -> str:
@@ -257,7 +257,7 @@ def _start_vectors(
     text.close_brace()
 
 
-def _again(program: Program) -> str:
+def _loop_statements(program: Program) -> str:
     zeros = set(program.zeros)
     entries = [f"inputs[{k}]" for k, node in enumerate(program.inputs) if node in zeros]
     return REPEATED_CALL_CODE.format(zeros=" | ".join(entries) or "0")  # << 1 removes the sign

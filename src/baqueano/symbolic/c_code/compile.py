@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 MAX_SCHEDULED_OPERATIONS = 4_000  # operations; for more, gcc's first scheduler makes kernels slower
 MAX_THOROUGH_OPERATIONS = 20_000  # operations; for more, -O3 takes minutes
-MIN_HASTY_OPERATIONS = 1_000  # operations; for fewer, -O1 saves only a tenth of a second
-HASTY_LEVEL = "-O2"  # optimisation level of code that is compiled quickly
+MIN_QUICK_OPERATIONS = 1_000  # operations; for fewer, -O1 saves only a tenth of a second
+QUICK_LEVEL = "-O2"  # optimisation level of code that is compiled quickly
 LONG_LEVEL = "-O1"  # and of code with more than MAX_THOROUGH_OPERATIONS
 # Of quick code: calls of sin, exp and the like, because their copies take up to half of a compilation.
 CALLS = "-DCALLED", "-Wno-psabi"
@@ -70,18 +70,18 @@ def load_library(
     identity: tuple[object, ...],
     code: Callable[[], tuple[str, int]],
     find_vectors: bool = True,
-    is_hasty: bool = False,
+    is_quick: bool = False,
 ) -> "ctypes.CDLL":
     """Return the library of C code, from the cache if possible. Raise CompileError without a working compiler.
 
     `code` returns the code and the number of operations in its loop, on which the flags depend. `identity` determines
     both, and `code` is only called if the library is not in the cache. `find_vectors` lets the compiler vectorise;
-    `is_hasty` makes the compilation faster and the code slower.
+    `is_quick` makes the compilation faster and the code slower.
     """
     compiler = find_compiler()
     if compiler.compiler is None:
         raise CompileError(compiler.reason or "")
-    return _load(identity, code, compiler.compiler, find_vectors=find_vectors, is_hasty=is_hasty)
+    return _load(identity, code, compiler.compiler, find_vectors=find_vectors, is_quick=is_quick)
 
 
 def find_compiler() -> FoundCompiler:
@@ -94,7 +94,7 @@ def _find(compiler_name: str, path: str) -> FoundCompiler:
     reasons: list[Diagnostic] = []
     for compiler in _candidates(compiler_name, path):
         try:
-            _load((PROBE_TEXT,), lambda: (PROBE_TEXT, 0), compiler, find_vectors=True, is_hasty=False)
+            _load((PROBE_TEXT,), lambda: (PROBE_TEXT, 0), compiler, find_vectors=True, is_quick=False)
         except CompileError as error:
             reasons.append(error.diagnostic)
         else:
@@ -141,12 +141,12 @@ def _is_empty_shell(path: str) -> bool:
 
 
 def _flag_sets(
-    compiler: Compiler, operation_count: int, find_vectors: bool, is_hasty: bool
+    compiler: Compiler, operation_count: int, find_vectors: bool, is_quick: bool
 ) -> list[tuple[str, ...]]:
     """Return the sets of flags to try in order: compilers have different flags for the present processor."""
-    is_hasty = is_hasty and operation_count > MIN_HASTY_OPERATIONS
+    is_quick = is_quick and operation_count > MIN_QUICK_OPERATIONS
     is_long = operation_count > MAX_THOROUGH_OPERATIONS
-    level = LONG_LEVEL if is_long else HASTY_LEVEL if is_hasty else "-O3"
+    level = LONG_LEVEL if is_long else QUICK_LEVEL if is_quick else "-O3"
     common_flags = (level, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-shared", "-w")
     if level != "-O3":
         common_flags += CALLS if compiler.is_clang else (*CALLS, SIMPLE_REGISTERS)
@@ -159,7 +159,7 @@ def _flag_sets(
     native: tuple[str, ...] = ("-march=native",)
     if not compiler.is_clang and sys.platform == "win32":
         native += ("-Wa,-muse-unaligned-vector-move",)  # gcc on Windows aligns the stack only to 16 bytes
-    if not (compiler.is_clang or is_hasty) and operation_count < MAX_SCHEDULED_OPERATIONS:
+    if not (compiler.is_clang or is_quick) and operation_count < MAX_SCHEDULED_OPERATIONS:
         common_flags += ("-fschedule-insns", "-fsched-pressure")
     sets = [common_flags + native, (*common_flags, "-mcpu=native"), common_flags]
     if find_vectors and platform.machine().lower() in ("x86_64", "amd64"):
@@ -177,17 +177,17 @@ def _load(
     compiler: Compiler,
     *,
     find_vectors: bool,
-    is_hasty: bool,
+    is_quick: bool,
 ) -> "ctypes.CDLL":
-    levels = MAX_SCHEDULED_OPERATIONS, MAX_THOROUGH_OPERATIONS, MIN_HASTY_OPERATIONS, HASTY_LEVEL, LONG_LEVEL
-    parts = identity, find_vectors, is_hasty, levels, compiler.identity, _processor(), _generator()
+    levels = MAX_SCHEDULED_OPERATIONS, MAX_THOROUGH_OPERATIONS, MIN_QUICK_OPERATIONS, QUICK_LEVEL, LONG_LEVEL
+    parts = identity, find_vectors, is_quick, levels, compiler.identity, _processor(), _generator()
     key = hashlib.sha256(repr(parts).encode()).hexdigest()
     with _lock:
         if key not in _libraries:
 
             def source_and_flags() -> tuple[str, list[tuple[str, ...]]]:
                 source, operation_count = code()
-                return source, _flag_sets(compiler, operation_count, find_vectors, is_hasty)
+                return source, _flag_sets(compiler, operation_count, find_vectors, is_quick)
 
             _libraries[key] = _open_library(key, source_and_flags, compiler)
         return _libraries[key]

@@ -68,15 +68,15 @@ class Dual(Scalar):
 
     def __mul__(self, other: Value) -> Value:
         if type(other) is float:
-            return self._scaled(self.value * other, other)
+            return self._scale(self.value * other, other)
         if type(other) is Dual and other.level == self.level:
             return self._combined("mul", self.value * other.value, other, other.value, self.value)
         return super().__mul__(other)
 
     def __rmul__(self, other: Value) -> Value:
-        return self._scaled(other * self.value, other) if type(other) is float else super().__rmul__(other)
+        return self._scale(other * self.value, other) if type(other) is float else super().__rmul__(other)
 
-    def _scaled(self, value: Value, factor: float) -> Value:
+    def _scale(self, value: Value, factor: float) -> Value:
         if factor == 0.0:
             return value
         return Dual(value, {source: factor * x for source, x in self.row.items()}, self.level)

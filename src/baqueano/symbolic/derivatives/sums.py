@@ -40,7 +40,7 @@ def with_sums(program: Program, derivative_count: int) -> Program:
     full_program = program._replace(
         initial=tuple(initial), carry=tuple(carry), next_carry=tuple(next_carry), outputs=()
     )
-    return full_program._replace(is_hasty=derivative_count > 0)
+    return full_program._replace(is_quick=derivative_count > 0)
 
 
 def _derivatives(graph: Graph, roots: Iterable[Node], seeds: dict[Node, Node]) -> dict[Node, Node]:

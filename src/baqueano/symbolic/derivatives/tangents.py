@@ -108,7 +108,7 @@ class _Rows:
         self.blocks = blocks
         self.sources = {row for combination in base.values() for row in combination}
         self.combinations = dict(base)
-        self.made: dict[Node, TangentRow] = {}
+        self.rows_by_node: dict[Node, TangentRow] = {}
         self.zero = TangentRow("row", lanes)
         self.uses, self.products = _uses(order)
         for node in order:
@@ -117,9 +117,9 @@ class _Rows:
 
     def row(self, node: Node) -> TangentRow:
         """Return the derivatives of a node as one row."""
-        if node not in self.made:
-            self.made[node] = self.sum(self.combinations.get(node, {}))
-        return self.made[node]
+        if node not in self.rows_by_node:
+            self.rows_by_node[node] = self.sum(self.combinations.get(node, {}))
+        return self.rows_by_node[node]
 
     def sum(self, combination: Combination) -> TangentRow:
         if not combination:

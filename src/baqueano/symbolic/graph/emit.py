@@ -224,7 +224,7 @@ class _Region:
     depth: int = 0
     terms: list[Term] = field(default_factory=list)  # including the terms of the inner regions
 
-    def meet(self, other: "_Region") -> "_Region":
+    def common_region(self, other: "_Region") -> "_Region":
         """Return the innermost region that contains this region and the other."""
         a, b = self, other
         while a is not b:
@@ -240,7 +240,7 @@ class _BranchGroup:
     key: _BranchKey
     arms: tuple[_Region, _Region]
     choices: list[Term] = field(default_factory=list)
-    needs: list[Term] = field(default_factory=list)  # terms to compute before the branch
+    needed_terms: list[Term] = field(default_factory=list)  # terms to compute before the branch
 
     def cost(self) -> float:
         return operation_cost(self.arms[0].terms) + operation_cost(self.arms[1].terms)
@@ -259,10 +259,10 @@ class _Branches:
     def __init__(
         self, roots: Sequence[Term], is_given: Callable[[Term], bool], min_operations: float
     ) -> None:
-        self.roots, self.order, self.pays = roots, postorder(roots, is_given), min_operations
+        self.roots, self.order, self.min_cost = roots, postorder(roots, is_given), min_operations
         self.numbers: dict[tuple[_BranchKey, int], int] = {}  # numbers of the two arms of each branch
         self.refused: set[_BranchKey] = set()
-        self.refused_everywhere: set[tuple[Term, int]] = set()  # condition, level
+        self.refused_branches: set[tuple[Term, int]] = set()  # condition, level
         self.levels: dict[Term, int] = {}
 
     def select(self) -> dict[Term, _BranchGroup]:
@@ -274,9 +274,9 @@ class _Branches:
             total_cost: defaultdict[tuple[Term, int], float] = defaultdict(float)
             for key, operations in costs.items():
                 total_cost[key.condition, key.level] += operations
-            small_keys = {key for key, operations in costs.items() if operations < self.pays}
+            small_keys = {key for key, operations in costs.items() if operations < self.min_cost}
             self.refused |= small_keys
-            self.refused_everywhere |= {pair for pair, total in total_cost.items() if total < self.pays}
+            self.refused_branches |= {pair for pair, total in total_cost.items() if total < self.min_cost}
             if not small_keys:
                 levels = _levels(self.order, {key.condition for key in costs})
                 if levels == self.levels:
@@ -304,7 +304,7 @@ class _Branches:
             for a, region in zip(term.args, regions, strict=True):
                 first_region = term_regions.setdefault(a, region)
                 if first_region is not region:
-                    term_regions[a] = first_region.meet(region)
+                    term_regions[a] = first_region.common_region(region)
         _assign_regions(self.order, term_regions, list(groups.values()))
         return term_group
 
@@ -312,7 +312,7 @@ class _Branches:
         if region.depth == MAX_BRANCH_DEPTH:
             return None
         key = _BranchKey(region.region_number, term.args[0], self.levels.get(term, 0))
-        return None if key in self.refused or (key.condition, key.level) in self.refused_everywhere else key
+        return None if key in self.refused or (key.condition, key.level) in self.refused_branches else key
 
     def arm(self, key: _BranchKey, arm: int, outer_region: _Region) -> _Region:
         """Return the region of an arm; a region has the same number in each round."""
@@ -332,7 +332,7 @@ def _assign_regions(order: list[Term], term_regions: dict[Term, _Region], groups
         inner_terms = {*group.arms[0].terms, *group.arms[1].terms}
         used_terms = [a for arm in group.arms for term in arm.terms for a in term.args]
         used_terms += [a for term in group.choices for a in term.args]
-        group.needs = [a for a in dict.fromkeys(used_terms) if a not in inner_terms]
+        group.needed_terms = [a for a in dict.fromkeys(used_terms) if a not in inner_terms]
 
 
 def _levels(order: list[Term], conditions: set[Term]) -> dict[Term, int]:
@@ -374,7 +374,7 @@ class _Scheduler:
                     stack.pop()
                     continue
                 group = self.plan.get(term)
-                arguments = term.args if group is None else group.needs
+                arguments = term.args if group is None else group.needed_terms
                 open_statements = [a for a in arguments if a not in self.done and not self.is_given(a)]
                 if not open_statements:
                     statements.append(term if group is None else self.branch(group))

@@ -58,7 +58,9 @@ class Graph:
         self.lock = RLock()
         self.nodes: dict[Hashable, Node] = {}
         self.truths: set[Node] = set()  # symbols of truth values
-        self.signed: dict[Node, frozenset[Node]] = {}  # of signs and their products: arguments of these signs
+        self.sign_arguments: dict[
+            Node, frozenset[Node]
+        ] = {}  # of signs and their products: arguments of these signs
         self.tables: list[tuple[np.ndarray, np.ndarray]] = []
 
     def node(self, value: Value) -> Node:
@@ -130,9 +132,11 @@ class Graph:
         if node is None:
             node = self.nodes[key] = Node(self, op, args, value, len(self.nodes))
             if op == "sign":
-                self.signed[node] = frozenset(args)
-            elif op == "mul" and (arguments := [self.signed[a] for a in args if a in self.signed]):
-                self.signed[node] = frozenset().union(*arguments)
+                self.sign_arguments[node] = frozenset(args)
+            elif op == "mul" and (
+                arguments := [self.sign_arguments[a] for a in args if a in self.sign_arguments]
+            ):
+                self.sign_arguments[node] = frozenset().union(*arguments)
         return node
 
 

@@ -22,7 +22,7 @@ class Program(NamedTuple):
     inputs: tuple[Node, ...]  # q symbols
     next_carry: tuple[Node, ...]  # c expressions
     outputs: tuple[Node, ...]  # m expressions
-    is_hasty: bool = False  # True for a long program, which is compiled quickly instead of thoroughly
+    is_quick: bool = False  # True for a long program, which is compiled quickly instead of thoroughly
     zeros: tuple[Node, ...] = ()  # inputs for which this graph was simplified: they must be 0
 
     @property
@@ -54,7 +54,7 @@ class Program(NamedTuple):
                 tables.add(node.value)
         sizes = [*map(len, (*self.symbols, self.initial, self.outputs))]
         zeros = [numbers[x] for x in self.zeros]
-        parts = entries, [order[x] for x in roots], sizes, zeros, sorted(tables), self.is_hasty
+        parts = entries, [order[x] for x in roots], sizes, zeros, sorted(tables), self.is_quick
         digest = hashlib.blake2b(repr(parts).encode(), digest_size=20)
         for column in (column for k in sorted(tables) for column in self.tables[k]):
             digest.update(b"%d " % len(column) + column.tobytes())
@@ -69,7 +69,7 @@ class Program(NamedTuple):
             copies[node] = graph.copy(node, [copies[a] for a in node.args])
         graph.truths = {copies[x] for x in self.graph.truths if x in copies}
         fields = {name: tuple(copies[x] for x in getattr(self, name)) for name in NODE_FIELDS}
-        return Program(graph, **fields, is_hasty=self.is_hasty)
+        return Program(graph, **fields, is_quick=self.is_quick)
 
 
 class NormalEquations(NamedTuple):

@@ -85,7 +85,7 @@ def _mul(g: "Graph", a: "Node", b: "Node") -> "Node | None":
     for x, y in ((a, b), (b, a)):
         if x.op == "neg":
             return g.make("neg", g.make("mul", x.args[0], y))
-        if x in g.signed.get(y, ()):
+        if x in g.sign_arguments.get(y, ()):
             return _with_magnitude(g, x, y)
     return None
 
@@ -94,7 +94,7 @@ def _with_magnitude(g: "Graph", x: "Node", y: "Node") -> "Node":
     """Return |x| for x · y, where sign(x) is among the factors of y, as in the derivative of d |x| x."""
     if y.op == "sign":
         return g.make("abs", x)
-    a, b = y.args if x in g.signed.get(y.args[0], ()) else y.args[::-1]
+    a, b = y.args if x in g.sign_arguments.get(y.args[0], ()) else y.args[::-1]
     return g.make("mul", b, _with_magnitude(g, x, a))
 
 

@@ -22,7 +22,7 @@ from baqueano.symbolic.graph.node import Node, nodes_below
 from baqueano.symbolic.graph.program import Array, Program
 from baqueano.symbolic.python_code.python_text import (
     ARRAY_FORMATS,
-    CAREFUL_FORMATS,
+    CHECKED_FORMATS,
     FLOAT_FORMATS,
     Formats,
     kernel_text,
@@ -62,7 +62,7 @@ class PythonKernel:
     def __init__(self, program: Program) -> None:
         self.program = program
         self.functions: dict[str, Callable[..., Value]] = {}
-        self.careful = False  # True after a division by zero or another arithmetic error
+        self.checks_errors = False  # True after a division by zero or another arithmetic error
         self.slopes: tuple[TangentCode, TangentCode] | None = None  # derivatives of the start, and of a tick
 
     @property
@@ -171,7 +171,7 @@ class PythonKernel:
             try:
                 values = ticks[-1](row)
             except (ArithmeticError, ValueError):
-                ticks.append(make_tick(CAREFUL_FORMATS, ieee.OPERATORS))
+                ticks.append(make_tick(CHECKED_FORMATS, ieee.OPERATORS))
                 values = ticks[-1](row)
             write(to, 0, *values)
             outputs_.take(output_indices, out=outputs, mode="clip")  # "raise" would copy twice
@@ -185,8 +185,8 @@ class PythonKernel:
             p, m = self.program, len(self.program.outputs)
             begin = jacobian_rows(p.initial, p.theta)
             rows = jacobian_rows([*p.outputs, *p.next_carry], [*p.carry, *p.theta])
-            dependent = _dependent(p, begin, rows[m:])
-            rows = [{source: d for source, d in row.items() if source in dependent} for row in rows]
+            dependent_nodes = _dependent_nodes(p, begin, rows[m:])
+            rows = [{source: d for source, d in row.items() if source in dependent_nodes} for row in rows]
             self.slopes = _nonzero_pattern(begin, p.theta), _nonzero_pattern(rows, [*p.carry, *p.theta])
         return self.slopes
 
@@ -199,12 +199,12 @@ class PythonKernel:
         inputs: Array,
     ) -> Value:
         lists = theta.tolist(), start.tolist(), inputs.tolist()
-        if not self.careful:
+        if not self.checks_errors:
             try:
                 return self._function(FLOAT_FORMATS, _FAST_OPERATORS, first, groups)(*lists)
             except (ArithmeticError, ValueError):
-                self.careful = True
-        return self._function(CAREFUL_FORMATS, ieee.OPERATORS, first, groups)(*lists)
+                self.checks_errors = True
+        return self._function(CHECKED_FORMATS, ieee.OPERATORS, first, groups)(*lists)
 
     def _function(
         self,
@@ -227,17 +227,19 @@ class PythonKernel:
         return space
 
 
-def _dependent(
+def _dependent_nodes(
     program: Program, begin: list[dict[Node, Node]], next_values: list[dict[Node, Node]]
 ) -> set[Node]:
     """Return θ and the entries of the carry that depend on θ; other derivatives are not needed."""
-    dependent, size = set(program.theta), -1
-    while size != len(dependent):
-        size = len(dependent)
-        dependent |= {
-            x for x, a, b in zip(program.carry, begin, next_values, strict=True) if a or dependent & b.keys()
+    dependent_nodes, size = set(program.theta), -1
+    while size != len(dependent_nodes):
+        size = len(dependent_nodes)
+        dependent_nodes |= {
+            x
+            for x, a, b in zip(program.carry, begin, next_values, strict=True)
+            if a or dependent_nodes & b.keys()
         }
-    return dependent
+    return dependent_nodes
 
 
 def _nonzero_pattern(rows: list[dict[Node, Node]], sources: Sequence[Node]) -> TangentCode:

@@ -38,8 +38,8 @@ _CONDITION_TEXTS = {
 _BOUND_TEXTS = {"min": "({0} if {0} < {1} else {1})", "max": "({0} if {0} > {1} else {1})"}
 _TRUTH_OPERATORS = ("and", "or", "not")
 _REPEATED_OPERATORS = ("min", "max", "isnan")  # these operators repeat their arguments in the code
-CAREFUL_FORMATS = Formats("careful", _COMMON_TEXTS | _CONDITION_TEXTS)
-FLOAT_FORMATS = Formats("floats", CAREFUL_FORMATS.texts | {"div": "({} / {})"})
+CHECKED_FORMATS = Formats("careful", _COMMON_TEXTS | _CONDITION_TEXTS)
+FLOAT_FORMATS = Formats("floats", CHECKED_FORMATS.texts | {"div": "({} / {})"})
 ARRAY_FORMATS = Formats("arrays", _COMMON_TEXTS, truths_are_numbers=False)
 
 

@@ -33,7 +33,7 @@ KIND_KEY = re.compile(rf"(model|sensors\.[^.]+|{'|'.join(LOOP_ROLES)})\.kind")
 STD_DIGITS = 3  # digits of a standard deviation; a value is rounded to a thousandth of its standard deviation
 
 
-def equipped_text(truth: "VehicleFile", vehicle_file: "VehicleFile") -> str:
+def text_with_equipment(truth: "VehicleFile", vehicle_file: "VehicleFile") -> str:
     """Return the text of `truth` with the IMU filter of `vehicle_file`, and with the sensors that only it describes.
     A block of the user keeps its file."""
     setting = vehicle_file.data.get("robot", {}).get("imu_filter")

@@ -131,12 +131,12 @@ def _refuse_long_keys(text: str, name: str) -> None:
 
 def _depth(value: object) -> int:
     """Return the number of levels of tables and lists, counted without recursion."""
-    deepest, level = 0, [value]
+    max_level, level = 0, [value]
     while level:
-        deepest += 1
+        max_level += 1
         children = [v.values() if isinstance(v, dict) else v for v in level if isinstance(v, dict | list)]
         level = [x for values in children for x in values if isinstance(x, dict | list)]
-    return deepest
+    return max_level
 
 
 def _syntax_error(cause: str, text: str, name: str) -> Diagnostic:

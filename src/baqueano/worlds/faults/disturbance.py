@@ -60,7 +60,7 @@ class DisturbanceConverter:
     def __init__(self, vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float, seed: int) -> None:
         self.names, self._sensors, self._rate_hz = sensors._fields, sensors, rate_hz
         drivetrain = vehicle.drivetrain
-        self.calm = ZeroDisturbance(drivetrain.channels, tuple(s.size for s in sensors))
+        self.no_disturbance = ZeroDisturbance(drivetrain.channels, tuple(s.size for s in sensors))
         self._motors = drivetrain.channels - drivetrain.servos
         self._mass_kg = float(getattr(vehicle, "mass_kg", 0.0)) if has_field(vehicle, "mass_kg") else 0.0
         self._moves = is_dynamic(vehicle)
@@ -79,7 +79,9 @@ class DisturbanceConverter:
             known_names = list(self.names)
         if fault_.kind in CHANNEL_KINDS:
             known_names = [
-                f"{n}[{c}]" for n, m in zip(self.names, self.calm.sizes, strict=True) for c in range(m)
+                f"{n}[{c}]"
+                for n, m in zip(self.names, self.no_disturbance.sizes, strict=True)
+                for c in range(m)
             ]
         if (fault_.kind in SENSOR_KINDS or fault_.kind in CHANNEL_KINDS) and fault_.target not in known_names:
             raise UsageError(
@@ -106,9 +108,9 @@ class DisturbanceConverter:
         chance, spikes = self._random(k)
         active_faults = [fault_ for fault_ in faults if self.first_tick(fault_) <= k < self.end_tick(fault_)]
         if not active_faults:
-            return self.calm.disturbance(), True
-        d = self.calm.disturbance()
-        kept_readings, command_arrives, supply = [1.0] * len(self.names), True, 1.0
+            return self.no_disturbance.disturbance(), True
+        d = self.no_disturbance.disturbance()
+        reading_shares, command_arrives, supply = [1.0] * len(self.names), True, 1.0
         for fault_ in active_faults:
             match fault_.kind:
                 case "push":
@@ -121,7 +123,7 @@ class DisturbanceConverter:
                         sin(slope_rad) / slope_rad if slope_rad > 0.0 else 0.0
                     )
                 case "cut":
-                    kept_readings[self.names.index(fault_.target)] = 0.0
+                    reading_shares[self.names.index(fault_.target)] = 0.0
                 case "drift":
                     s, c = self._channel(fault_)
                     age_s = (k - self.first_tick(fault_)) / self._rate_hz
@@ -138,10 +140,10 @@ class DisturbanceConverter:
                     supply *= fault_.part
                 case "lose":
                     command_arrives = command_arrives and bool(chance[0] >= fault_.part)
-                    kept_readings = [
-                        0.0 if chance[1 + s] < fault_.part else x for s, x in enumerate(kept_readings)
+                    reading_shares = [
+                        0.0 if chance[1 + s] < fault_.part else x for s, x in enumerate(reading_shares)
                     ]
-        sensors = tuple(sensor._replace(keep=x) for sensor, x in zip(d.sensors, kept_readings, strict=True))
+        sensors = tuple(sensor._replace(keep=x) for sensor, x in zip(d.sensors, reading_shares, strict=True))
         return d._replace(supply_factor=supply, sensors=sensors), command_arrives
 
     def _slip(self, d: Disturbance, fault_: Fault) -> None:
@@ -161,7 +163,7 @@ class DisturbanceConverter:
         """Return the uniform random numbers of tick k: (1 + sensors,) for lost frames, (m, 2) per sensor for spikes."""
         if k % BATCH_ROWS == 0:
             self._draws = [self._line.random((BATCH_ROWS, 1 + len(self.names)))]
-            pairs = zip(self._spikes, self.calm.sizes, strict=True)
+            pairs = zip(self._spikes, self.no_disturbance.sizes, strict=True)
             self._draws += [generator.random((BATCH_ROWS, m, 2)) for generator, m in pairs]
         row = k % BATCH_ROWS
         return self._draws[0][row], [draw[row] for draw in self._draws[1:]]

@@ -60,7 +60,7 @@ class LedgerRow:
     error_m: float = float("nan")  # of the estimate at the end of the watched time
     bound_m: float = float("nan")  # 1.96 standard deviations of the position at that time
 
-    def covers(self, t_s: float) -> bool:
+    def includes(self, t_s: float) -> bool:
         """Return True if a notice at `t_s` can belong to this fault."""
         return self.fault.start_s <= t_s <= self.until_s + COVER_AFTER_S
 
@@ -94,8 +94,10 @@ class Ledger:
     def __init__(self, vehicle_file: "VehicleFile", estimator: "Estimator | None" = None) -> None:
         sensors, self._estimator = vehicle_file.sensors, estimator or vehicle_file.estimator()
         self._sensors = sensors
-        self._reads = {name: optional.attribute(getattr(sensors, name), "reads") for name in sensors._fields}
-        self._sees_pose = any(measures_pose(sensor) for sensor in sensors)
+        self._sources = {
+            name: optional.attribute(getattr(sensors, name), "reads") for name in sensors._fields
+        }
+        self._measures_pose = any(measures_pose(sensor) for sensor in sensors)
         self._used_channels: set[str] | None = None  # channels, once an innovation was seen; None: not known
         self.rows: list[LedgerRow] = []
         self.now_s = 0.0
@@ -127,7 +129,7 @@ class Ledger:
         if weight is not None and self.rows:
             self._check_gate(t_s, weight)
         for row in self.rows:
-            if row.covers(t_s):
+            if row.includes(t_s):
                 if truth is not None:
                     row.error_m = float(np.hypot(*(eta[:2] - truth[:2])))
                 row.bound_m = 1.96 * sqrt(max(float(np.linalg.eigvalsh(cov[:2, :2])[-1]), 0.0))
@@ -137,10 +139,10 @@ class Ledger:
 
         Return None if a check detected the fault, or if the fault is younger than MIN_LASTED_S.
         """
-        lasted_s = min(self.now_s, row.until_s + COVER_AFTER_S) - row.fault.start_s
-        if row.notices or lasted_s < MIN_LASTED_S:
+        duration_s = min(self.now_s, row.until_s + COVER_AFTER_S) - row.fault.start_s
+        if row.notices or duration_s < MIN_LASTED_S:
             return None
-        figures = {"delay_s": lasted_s, "nis": row.worst_nis, "reason": self.reason_unnoticed(row.fault)}
+        figures = {"delay_s": duration_s, "nis": row.worst_nis, "reason": self.reason_unnoticed(row.fault)}
         if isfinite(row.error_m) and isfinite(row.bound_m):
             error_diagnostic = note(
                 "ledger.estimate-error", error_cm=100.0 * row.error_m, bound_cm=100.0 * row.bound_m
@@ -150,7 +152,7 @@ class Ledger:
 
     def reason_unnoticed(self, fault: Fault) -> Diagnostic:
         """Return the reason why the checks cannot detect a fault of this kind with these sensors."""
-        wheels = any(reads in WHEELS for reads in self._reads.values())
+        wheels = any(reads in WHEELS for reads in self._sources.values())
         code = fault.kind
         if (
             self._used_channels is not None
@@ -160,10 +162,10 @@ class Ledger:
             return note("ledger.why-unused", subject=fault.target)
         if fault.kind == "slip" and wheels:
             code = "slip-wheels"
-        if fault.kind == "tilt" and self._sees_pose:
+        if fault.kind == "tilt" and self._measures_pose:
             code = "tilt-pose"
         if fault.kind == "drift":
-            other_sensors = [name for name in self._reads if name != fault.target.partition("[")[0]]
+            other_sensors = [name for name in self._sources if name != fault.target.partition("[")[0]]
             code = "drift-others" if other_sensors else "drift"
         return note(f"ledger.why-{code}", subject=fault.target or fault.kind)
 
@@ -183,7 +185,7 @@ class Ledger:
         self._sum, self._count = 0.0, 0
 
     def _add_notice(self, witness: str, t_s: float, diagnostic: Diagnostic) -> None:
-        watched_rows = [row for row in self.rows if row.covers(t_s)]
+        watched_rows = [row for row in self.rows if row.includes(t_s)]
         if not watched_rows:
             return
         name = diagnostic.subject.partition("[")[0]
@@ -228,7 +230,7 @@ class Ledger:
         is_window_full = bool(self._window) and t_s - self._window[0][0] > 0.9 * WINDOW_S
         if is_window_full and (not self._window_means or t_s - self._window_means[-1][0] >= WINDOW_S):
             self._window_means.append((t_s, mean))
-        for row in [row for row in self.rows if row.covers(t_s)][-1:]:
+        for row in [row for row in self.rows if row.includes(t_s)][-1:]:
             row.worst_nis = mean if not isfinite(row.worst_nis) else max(mean, row.worst_nis)
             earlier_means = [nis for window_s, nis in self._window_means if window_s < row.fault.start_s]
             chance_ratio = (1.0 - 2.0 / (9.0 * k) + Z * sqrt(2.0 / (9.0 * k))) ** 3
