@@ -58,7 +58,7 @@ async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
     without_viewers, with_viewers = [], []
     for _ in range(rounds):
         without_viewers.append(await _share(page, seconds))
-        async with _looking(port, VIEWERS):
+        async with _viewers(port, VIEWERS):
             with_viewers.append(await _share(page, seconds))
     resident = resident_mb(page)
     none, five = median(without_viewers), median(with_viewers)
@@ -83,7 +83,7 @@ async def _history(service: int, guest: "_Guest", port: int, rounds: int, second
     await asyncio.sleep(0.5 if rounds == 1 else 10.0)  # the ring of the page fills
     for _ in range(rounds):
         plain.append(await asyncio.to_thread(guest.late_ms, seconds))
-        async with _looking(port, 1) as lines:
+        async with _viewers(port, 1) as lines:
             asking = asyncio.create_task(_ask_again(lines[0]))
             with_history.append(await asyncio.to_thread(guest.late_ms, seconds))
             asking.cancel()
@@ -330,7 +330,7 @@ async def _connect_guests(port: int, number: int) -> Any:
 
 
 @asynccontextmanager
-async def _looking(port: int, number: int) -> Any:
+async def _viewers(port: int, number: int) -> Any:
     """Connect browsers that read all messages."""
     async with _connect_guests(port, number) as lines:
         reading = [asyncio.create_task(_read_all(line)) for line in lines]
