@@ -120,7 +120,7 @@ def print_answer(
 
 
 def _finite_row(row: "TableRow") -> "JsonObject":
-    """Return a row with Python numbers in place of NumPy numbers.
+    """Return a row with Python numbers instead of NumPy numbers.
     NaN and infinity become null, because JSON does not have them.
     """
     import numpy as np
@@ -266,7 +266,7 @@ def show_steps() -> Iterator[Callable[[Diagnostic | str], ProgressLine]]:
 def _rewrite(line: str) -> None:
     """Replace the previous line on a terminal by `line`, cut to the terminal's width."""
     if is_terminal():
-        import shutil  # this import loads bz2 and lzma, for which --help must not wait
+        import shutil  # this import loads bz2 and lzma, which would delay --help
 
         width = max(20, shutil.get_terminal_size((100, 24)).columns - 1)
         visible = one_line(line.removesuffix("\n"))[:width]

@@ -26,7 +26,7 @@ ROOMS = (
     "vehicle.hardware", "vehicle.robot",
 )  # fmt: skip
 _QUANTITY_SPACE = re.compile(r"(?<=±) | (?=%)|(?<=\d) (?=[^\W\d_]{1,3}\b)")
-MAX_LISTED_NAMES = 5  # subjects that are named after the first, of messages that are alike
+MAX_LISTED_NAMES = 5  # further subjects that a combined message names
 
 
 @cache
@@ -82,8 +82,8 @@ def text(message: "Diagnostic | str | None") -> str:
                 | {"type": _Arguments(_shown_command)}
                 | figures
             )
-            return prefix + sentence.replace("?.", "?")  # of a cause that asks
-    except (KeyError, ValueError, TypeError, IndexError, AttributeError):  # figures of another version
+            return prefix + sentence.replace("?.", "?")  # if the cause is a question
+    except (KeyError, ValueError, TypeError, IndexError, AttributeError):  # figures from another version
         pass
     detail = ", ".join(f"{name} = {value}" for name, value in figures.items())
     advice = f". Type: {_shown_command(message.fix)}" if message.fix else ""

@@ -140,7 +140,7 @@ def shown_unit(words: str) -> str:
 
 
 def percent_text(part: float) -> str:
-    """Return a share of a variance as text: "-" for NaN, and "below -100 %" in place of a smaller value.
+    """Return a share of a variance as text: "-" for NaN, and "below -100 %" instead of a smaller value.
 
     >>> percent_text(0.987), percent_text(-3.0)
     ('98.7 %', 'below -100 %')

@@ -1,6 +1,6 @@
 """Quote commands for a shell, and make texts of a robot or a file safe for a terminal with codes such as \\x1b.
 
-A control character (C0, C1, DEL) can move the cursor, overwrite lines, rename the window, or type in place of the user.
+A control character (C0, C1, DEL) can move the cursor, overwrite lines, rename the window, or type instead of the user.
 A mark of direction reverses characters (bidi). A line separator begins a new line.
 """
 

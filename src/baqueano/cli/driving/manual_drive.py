@@ -83,7 +83,7 @@ def drive_by_hand(
         run = target.drive(
             Mission(verb, hold=hold), vehicle_file, path, lambda seconds: None, hand=hand, **arguments
         )
-    return read_run(path) if kind == "simulated" else run  # a live drive holds no run of its own
+    return read_run(path) if kind == "simulated" else run  # a live drive does not contain a run
 
 
 def page_driver(folder: str, pace: float) -> Callable[..., "Run"]:
@@ -110,7 +110,7 @@ def page_driver(folder: str, pace: float) -> Callable[..., "Run"]:
                 hand = partial(page.door.hand, command_count)
                 mission = Mission(verb, hold=hold)
                 run = target.drive(mission, vehicle_file, path, lambda seconds: None, hand=hand, **arguments)
-        return read_run(path) if kind in LOCAL_TARGETS else run  # a live drive holds no run of its own
+        return read_run(path) if kind in LOCAL_TARGETS else run  # a live drive does not contain a run
 
     return drive
 

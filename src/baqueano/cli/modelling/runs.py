@@ -143,7 +143,7 @@ eta = [
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "--draft", type=click.Path(path_type=Path), metavar="MAP.toml",
-    help="Write a draft of a map from a CSV file, which is given in place of MAP. It fits files with the same columns.",
+    help="Write a draft of a map from a CSV file, which is given instead of MAP. It fits files with the same columns.",
 )  # fmt: skip
 @options.vehicle
 @options.runs_folder

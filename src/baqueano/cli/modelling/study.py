@@ -303,7 +303,7 @@ def fit_imu_only(backend: str, as_json: bool) -> None:
     "--estimator",
     "kinds",
     multiple=True,
-    help=("Estimator to study in place of the estimator of the vehicle file. Repeat the option for more."),
+    help=("Estimator to study instead of the estimator of the vehicle file. Repeat the option for more."),
 )
 @click.option(
     "--case",

@@ -213,7 +213,7 @@ TEMPLATES: dict[str, str] = {
     "cli.round": "round {number}",
     "cli.game-pad": "game pad: {name}",
     "cli.terminal-hidden": (
-        "{program} answers in place of your terminal, even after you close it. Therefore the command of "
+        "{program} answers instead of your terminal, even after you close it. Therefore the command of "
         "each key lasts only a short time."
     ),
     "cli.stop-latched": "The stop is latched. Look at the vehicle, then type: {fix}",

@@ -50,7 +50,7 @@ TEMPLATES: dict[str, str] = {
         "{place}: {subject} returns only {value} ({situation}): expected two values, (state, output)."
     ),
     "check.no-function": (
-        "{place}: {subject} returns a {value}: write `return` in place of `yield`, and `def` without `async`."
+        "{place}: {subject} returns a {value}: write `return` instead of `yield`, and `def` without `async`."
     ),
     "check.no-numbers": "{place}: {subject} gives {field} = {value}: expected real numbers of shape {shape}.",
     "check.shape": "{place}: {subject} gives {field} with shape {value}: expected {shape}.",

@@ -31,7 +31,7 @@ TEMPLATES: dict[str, str] = {
         "return memory, (v, omega). An example: docs/controllers.md"
     ),
     "vehicle.no-equation": (
-        "{vehicle} does not have its equation of motion: write its method nu_dot(self, nu, effort, psi). It returns "
+        "{vehicle} does not have an equation of motion: write its method nu_dot(self, nu, effort, psi). It returns "
         "ν̇ (3,). An example: docs/own-vehicle.md"
     ),
     "unscented.no-acceleration": (

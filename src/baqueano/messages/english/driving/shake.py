@@ -16,7 +16,7 @@ TEMPLATES: dict[str, str] = {
     "shake.wheel-all": "wheels slip,",
     "shake.sag": "battery falls to {percent:.0f} % of its voltage",
     "shake.lose": "the line loses {percent:.0f} % of its frames",
-    "shake.end": "over after {duration_s:.1f} s: {fault}",
+    "shake.end": "ended after {duration_s:.1f} s: {fault}",
     "shake.kind": "The fault {value} does not exist: expected one of {valid}.",
     "shake.number": "{kind}: {name} = {value}: expected a number from {low:g} to {high:g}.",
     "shake.target": "{kind} of {value}: expected one of {valid}.",

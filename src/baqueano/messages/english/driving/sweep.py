@@ -32,7 +32,7 @@ TEMPLATES: dict[str, str] = {
     "sweep.route": "A sweep drives routes, such as guides.shapes.eight(1.0, 0.25). Found: {value}.",
     "sweep.of-runs": (
         "A recorded run is replayed, so only its estimator can vary. To compare controllers, guides or routes, "
-        "simulate drives: give a vehicle in place of runs."
+        "simulate drives: give a vehicle instead of runs."
     ),
     "sweep.no-distributed": "A cluster needs the package distributed. Type: {fix}",
     "sweep.no-cluster": "No Dask scheduler answers at {address}: {cause}. Start one: dask scheduler.",

@@ -168,7 +168,7 @@ TEMPLATES = {
     ),
     "recording.larger-range": "choose a larger range of this sensor, or drive more gently",
     "recording.not-level": (
-        "{column} is {mean:.3g} on average. By gravity, {gyro} measures turns to the left, but {key} differs"
+        "{column} is {mean:.3g} on average. According to gravity, {gyro} measures turns to the left, but {key} differs"
     ),
     "recording.write-axes": (
         "write the entries of z as {axes}, with scale = -1.0 for each minus; keep the map only if {column} contains "

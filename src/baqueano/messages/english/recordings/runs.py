@@ -212,8 +212,8 @@ TEMPLATES: dict[str, str] = {
         'and call the columns "1", "2", "3" …'
     ),
     "table.two-decimals": (
-        "{file} has numbers with a decimal point and numbers with a comma ({value!r}). Save it with one "
-        "kind, without separators of thousands."
+        "{file} has numbers with a decimal point and numbers with a comma ({value!r}). Save it with "
+        "only one of the two, without thousands separators."
     ),
     "table.comma": (
         "{file}: {value!r} can mean {integer_reading} or {decimal_reading}. If this is a decimal comma, write in its "
@@ -276,7 +276,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "import.coarse-time": (
         "{table}: column {column!r} has {count} different times for {rows} rows, so it is too coarse. If the rows are "
-        "evenly spaced, write in [files.{file}] of {map}: rate_hz = {rate_hz:.4g}, in place of time and time_unit"
+        "evenly spaced, write in [files.{file}] of {map}: rate_hz = {rate_hz:.4g}, instead of time and time_unit"
     ),
     "import.time-unit": 'time_unit = "{unit_name}"',
     "import.time": "the correct time and time_unit",

@@ -68,7 +68,7 @@ TEMPLATES: dict[str, str] = {
     "door.not-settable": (
         "{path} cannot be set while the vehicle drives; the values that can be set are {valid}"
     ),
-    "door.block-replaced": "{kind} is used as {role}, in place of the block of the vehicle file",
+    "door.block-replaced": "{kind} is used as {role}, instead of the block of the vehicle file",
     "door.set": "{path} is now {value}; it was {former_value}",
     "door.pace": "pace {value:g}: expected a factor from {min_factor:g} to {max_factor:g}",
     "door.guide-pace": "guide.pace = {value}: expected a number from 0 (the vehicle waits) to 1",

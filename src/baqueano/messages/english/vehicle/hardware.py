@@ -117,7 +117,7 @@ TEMPLATES: dict[str, str] = {
         "once for each kind of robot."
     ),
     "setup.packages-not-sent": "{host}: the packages could not be sent, for the reason above. Is its card full?",
-    "setup.nothing-sent": "{host}: nothing could be sent there, for the reason above.",
+    "setup.nothing-sent": "{host}: the files could not be sent, for the reason above.",
     "setup.not-finished": (
         "{host}: the setup was not finished, for the reason above. The steps done so far are recorded "
         "there. Type the line again, or undo them: baqueano robot remove {host}"

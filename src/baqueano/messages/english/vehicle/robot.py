@@ -68,8 +68,8 @@ TEMPLATES: dict[str, str] = {
     "imu.answers": "the IMU answers now",
     "imu.held": (
         "The I2C bus is stuck low. While the vehicle is at rest, nine clock pulses are sent on SCL as a "
-        "GPIO. They free the bus from a chip in the middle of a byte. If that does not help, disconnect "
-        "the IMU's supply for a second."
+        "GPIO. They free the bus if a chip stopped in the middle of a byte. If that does not help, "
+        "disconnect the IMU's supply for a second."
     ),
     "imu.answers-again": "The IMU is back after {silent_s:.2f} s.",
     "imu.data-missing": "No data from the IMU for {silent_s:g} s{cause}.",
