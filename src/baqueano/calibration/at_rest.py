@@ -8,8 +8,8 @@ samples τ₀ apart, τ = n τ₀ and the temperature T:
     ν = (3 N / (2 n) − 2 (N − 1)/(N + 1)) · 4 n² / (4 n² + 5),   95 % interval: σ² ν / χ²                  (3)
     z = b + s (T − T̄),   std of both from block means                                                      (4)
 
-The error of the bias is (1) of an average of that length, not σ/√N: the bias of a cheap sensor drifts. (2) is fitted to
-(1) at octaves of τ, weighted by ν, at most MAX_FREEDOM. A coefficient below twice its error is not measurable.
+The error of the bias is (1) of an average of that length, not σ/√N: the bias of a low-cost sensor drifts. (2) is fitted
+to (1) at octaves of τ, weighted by ν, at most MAX_FREEDOM. A coefficient below twice its error is not measurable.
 Timestamps in bursts are treated as even. Sources: IEEE Std 952-1997, annex C for (2); Riley, NIST SP 1065 (2008).
 """
 
@@ -349,7 +349,7 @@ def _findings(name: str, t_ns: np.ndarray, z: np.ndarray, rate_hz: float) -> lis
 
 def _imu_values(path: str, channels: dict[int, RestChannel]) -> "JsonObject":
     """Return the values of an IMU from its three channels: standard deviation of one sample, bias, and bias random
-    walk. The walk is 0 if it cannot be measured. Both accelerometers get the larger one."""
+    walk. The walk is 0 if it cannot be measured. Both accelerometers use the larger one."""
     random_walks = [channels[k].coefficients for k in range(3)]
     walk = [float(c.value[2]) if c.is_measurable[2] else 0.0 for c in random_walks]
     return {

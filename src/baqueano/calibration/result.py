@@ -56,7 +56,7 @@ class CalibratedNumber(NamedTuple):
 
 def sensor_axis_warnings(run: "Run") -> tuple[Diagnostic, ...]:
     """Return the warnings of the import that gravity shows other axes than the map. A scale does not show them,
-    because turns on a mark do not show a direction. A gyro of the wrong sign turns the wrong way.
+    because turns on a mark do not show a direction. A gyro of the wrong sign turns in the wrong direction.
     """
     warnings = [event.diagnostic for event in run.events if event.diagnostic is not None]
     causes = [warning.figures.get("cause") for warning in warnings]

@@ -126,7 +126,7 @@ def _unflatten(shape: Shape, numbers: list["Tree"]) -> "Tree":
 
 
 MOTION_S = 4.0
-LEVELS = (1.0, 0.6, 0.35)  # of the limit
+LEVELS = (1.0, 0.6, 0.35)  # fraction of the limit
 GOAL_STD = 0.01  # relative standard error that is good enough
 STEP_S = 0.4  # between sudden changes
 RETURN_REVERSED, NO_RETURN = 0, RETURN_KINDS - 1

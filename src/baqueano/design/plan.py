@@ -293,7 +293,7 @@ def feasible_primitives(
     room: Room,
     rest_ticks: int,
 ) -> list[int]:
-    """Return the indices of primitives that the vehicles of `cloud` can drive one after the other, in place of `order`.
+    """Return the indices of primitives that the vehicles of `cloud` can drive one after the other, instead of `order`.
     The drive begins after `rest_ticks` ticks at rest. `commands` returns the commands (T, n) of a primitive. The test
     is (4) of containment.py."""
     state, tick, kept_order = cloud.state_at(room.start), rest_ticks, list(order)

@@ -37,18 +37,18 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
     from baqueano.vehicle_file.file import VehicleFile
 
-RELATIVE_STD = 0.2  # of a parameter without a fit
+RELATIVE_STD = 0.2  # relative standard deviation of a parameter without a fit
 SIDEWAYS = 1  # entry of ν
 MAX_RELATIVE_STD = 0.5  # largest standard deviation of a parameter, relative to its value
 VEHICLES = 48  # possible vehicles: the error of their standard deviation is 10 %
 NOISE_S = 64.0  # duration of the noise that is drawn at once, longer if requested
-STIFFNESS_TEST_S = 0.5  # of each command
+STIFFNESS_TEST_S = 0.5  # duration of each command
 MAX_SPEED_M_S = 100.0  # a faster vehicle is an error of the integrator
 CACHED_WINDOWS = 16  # spans of the noise that are cached, in the memory layout of the kernel
 
 
-# of a gain after the first drive. Over 38 robots of study/first_drives.py the rms of ln (rough gain / true gain) is
-# 0.20 along x and 0.29 about z; the larger value, rounded, is for each gain
+# relative error of a gain after the first drive. Over 38 robots of study/first_drives.py the rms of
+# ln (rough gain / true gain) is 0.20 along x and 0.29 about z; the larger value, rounded, is for each gain
 ROUGH_GAIN_STD = 0.3
 
 
@@ -132,7 +132,7 @@ def planning_file(fit: "Fit", rough_file: "VehicleFile") -> "VehicleFile":
 
 def _with_sideways_friction(fit: "Fit", rough_file: "VehicleFile") -> "VehicleFile":
     """Return the file of the fit, with the sideways friction of the `rough_file` if each entry of it may be 0. Pulses
-    on one spot hardly show it, and without it a vehicle slides endlessly."""
+    on one spot give little information on it, and without it a vehicle would slide without end."""
     file, cov = fit.vehicle_file, fit.vehicle_file.parameter_cov
     slopes = damping_derivatives(fit.blocks.model, _fields(fit))
     paths = [path for path, slope in slopes if slope[SIDEWAYS] > 0.0]

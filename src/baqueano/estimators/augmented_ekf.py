@@ -277,7 +277,7 @@ class AugmentedEkf:
     def _estimate(
         self, belief: AugmentedBelief, t_ns: int, J: np.ndarray, nu_cov: np.ndarray, innovations: Innovations
     ) -> Estimate:
-        """Return the estimate; `J` (6, n) is its derivative, `nu_cov` (3, 3) what var ν gains in it alone."""
+        """Return the estimate; `J` (6, n) is its derivative, `nu_cov` (3, 3) is added to var ν in it only."""
         eta_nu = self._pose_and_velocity(belief.mean)
         cov = mirror_upper(J @ belief.cov @ J.T) + block_diagonal([np.zeros((3, 3)), nu_cov])
         weight = np.where(layout(self).corrects_motion, innovations.weight, np.nan)

@@ -164,5 +164,5 @@ def rows_before(block: Tree, belief: Tree, tick: Tick) -> Sequence[Tick]:
     """Return the rows without measurements that fill a pause before this tick; empty without a pause."""
     last_ns, t_ns = belief.t_ns, tick.t_ns
     if isinstance(t_ns, int) and isinstance(last_ns, int) and 0 <= t_ns - last_ns <= MAX_ROW_NS:
-        return ()  # at once, since each tick asks
+        return ()  # a fast path, because it is called at each tick
     return silent_rows(last_ns, tick, block.rate_hz)

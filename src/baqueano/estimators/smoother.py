@@ -3,7 +3,7 @@
 A row multiplies the error of the state by G, then by I − K_c H_c for each number y_c of its measurements. The filter
 corrects some states only: K_c = E_c K̂_c, with E, w, s and Kalman's gain K̂_c = w P H_cᵀ/s of kalman.py. y_c corrects
 the same states at every earlier row. A group g of states with the same E has an adjoint λ_g, and shares the information
-Λ_gh with group h. Both are 0 after the last row, and go back:
+Λ_gh with group h. Both are 0 after the last row, and are computed backward:
 
     λ_g ← A_g λ_g + E_gc H_cᵀ y_c w/s,   A_g = I − H_cᵀ (K̂_c if E_gc = 1, else K_c)ᵀ                       (1)
     Λ_gh ← A_g Λ_gh A_hᵀ + max(E_gc, E_hc) H_cᵀ H_c w/s                                                   (2)
@@ -28,7 +28,7 @@ from baqueano.geometry import wrap
 from baqueano.signals import Estimate, Slot, Tick
 from baqueano.symbolic import jacobian, scan
 
-MIN_EIGENVALUE_SHARE = 1e-13  # of the largest eigenvalue of the correlations: smaller ones are rounding
+MIN_EIGENVALUE_SHARE = 1e-13  # share of the largest eigenvalue of the correlations: less is rounding
 MIN_INFORMATION = 1e-11  # share of a variance that a measurement removes: a smaller one is rounding
 
 

@@ -35,7 +35,7 @@ from baqueano.vehicles.freedoms import AXIS_NAMES
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-SINGULAR_EIGENVALUE = 1e-9  # of the largest eigenvalue of C, below which a direction is unobservable
+SINGULAR_EIGENVALUE = 1e-9  # fraction of the largest eigenvalue of C, below which a direction is unobservable
 BLIND_RATIO = 0.5
 NOISE_ENERGY = 30.0  # largest energy that a model without motion fits to the noise, 5 σ of one value
 SCALE_STD = SCALE_TOLERANCE / 3.0**0.5  # σ of a scale by its data sheet

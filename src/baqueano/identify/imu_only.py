@@ -87,7 +87,7 @@ def make_imu_fit(end: FinishedFit) -> Fit:
     sigma = robust_sigma(problem.misfits(end.search.solution.theta), problem.masks, end.task.floor)
     end = end._replace(info=_with_jackknife(end), search=end.search._replace(sigma=sigma))
     basis = verdict_basis(end)
-    # the jackknife does not contain effects that shift all parts alike: fixed tyres, or times by a short lag
+    # the jackknife does not contain effects that shift all parts equally: fixed tyres, or times by a short lag
     is_time = np.array([parameter.unit == "s" for parameter in end.parameters.free], bool)
     lag_errors = np.where(is_time, basis.diagnosis.lag_errors, 0.0)
     fields, s = tyre_paths(end.blocks.model), len(is_time)

@@ -7,7 +7,7 @@ A reading z disagrees if it is not finite, at the end of its range, missing (mem
 
 x̂, P: state and covariance of the model, from the commands only (an estimator follows a wrong sensor). h, H: measurement
 function and Jacobian. Q: noise. b, p: bias at rest, its variance. y, S: innovation and its covariance of the estimator;
-only it knows the pose. D: disagreement in [0, DEGRADED_S]; δ: time, s: expected signal, σ: root in (1):
+only the estimator has the pose. D: disagreement in [0, DEGRADED_S]; δ: time, s: expected signal, σ: root in (1):
 
     D ← D + δ if z disagrees,  D − δ (SLOW_RATE + (FAST_RATE − SLOW_RATE) i) if z agrees                       (3)
     i = s²/(s² + (GATE_SIGMA σ)²),   s = h(x̂) − h(rest)                                                   (4)

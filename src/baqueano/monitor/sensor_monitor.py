@@ -19,7 +19,7 @@ from baqueano.monitor.rejections import Rejections
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.symbolic import compile_block
 
-# m/s² and rad/s²: without a disturbance, a wrong model would be no explanation
+# m/s² and rad/s²: with a disturbance of 0, the monitor could not attribute a residual to the model
 MIN_DISTURBANCE_STD = 1e-3
 
 

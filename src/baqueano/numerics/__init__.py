@@ -1,4 +1,4 @@
-"""Numerical tools that know no vehicle and no run.
+"""Provide numerical tools that do not depend on a vehicle or a run.
 
 least_squares        damped Gauss-Newton with bounds, on normal equations
 normal_equations     normal equations of segments, and the elimination of nuisance entries

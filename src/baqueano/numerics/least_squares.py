@@ -21,10 +21,10 @@ import numpy as np
 
 from baqueano.numerics.normal_equations import BlockArrow, Evaluation, dense, row_product
 
-RIDGE = 1e-11  # of the diagonal: keeps every solve away from exactly singular directions
+RIDGE = 1e-11  # fraction of the diagonal: keeps every solve away from exactly singular directions
 MAX_EVALUATIONS = 80  # evaluations
 MIN_SHRINK = 1.0 / 9.0  # of λ, at most, after a good step
-ROUNDING = 1e-15  # of a bound
+ROUNDING = 1e-15  # fraction of a bound
 OVERSTEP = 0.17  # relative lengthening of an undamped step
 DAMPING = 1e-2  # λ at the start
 STALLED_DECREMENT = 1e-2  # decrement below which a search that no longer improves is treated as converged

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-# of the largest eigenvalue of a start's information: directions below it are unobservable
+# fraction of the largest eigenvalue of a start's information: directions below it are unobservable
 MIN_EIGENVALUE = 1e-9
 MAX_PRIOR_SIGMA = 4.0  # standard deviations of a prior within which an estimate agrees with it
 

@@ -48,14 +48,14 @@ if TYPE_CHECKING:
     from baqueano.guides.route import Route
 
 NU = slice(3, 6)  # of (η, ν, ν̇)
-MIN_SINGULAR = 1e-3  # of H: a direction of ν below it is not measured, and its error counts as 0
+MIN_SINGULAR = 1e-3  # singular value of H: below it a direction of ν is not measured; its error counts as 0
 GYRO_WEIGHT = 100.0  # wheels also slip, so the gyro determines the error of the yaw rate
 HORIZON_S = 10.0
 STEP_S = 1.0  # between the beginnings of windows
 MIN_DRIVEN_SHARE = 0.5  # least part of the ticks of a window with a command
 MAX_HEADING_STD_RAD = 0.5  # standard deviation of the heading above which (2) is not valid for the position
 LAP_RATE = 0.25  # 1/s: speed over radius of the default lap
-MAX_LAP_ERROR = 0.1  # of the size of a lap: with a larger root mean square error the vehicle leaves the lap
+MAX_LAP_ERROR = 0.1  # fraction of the size of a lap: with a larger rms error the vehicle leaves the lap
 
 
 class DriveForecast(NamedTuple):

@@ -44,7 +44,7 @@ from baqueano.selection.cross_validation import MIN_SIGNS as MIN_INDEPENDENT_MOT
 from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicle_file.units import channel_unit
 
-MAX_SQUARE_RATIO = 2.0  # of error² to noise²: above it more than half of the error is the model's
+MAX_SQUARE_RATIO = 2.0  # error² / noise²: above it more than half of the error is the model's
 FALSE_ALARM_RATE = 0.01  # probability of a warning on one channel of one run, for a correct model
 CLIP_RATIO = 10.0  # times the noise, at which an error is clipped: one spike is not an error of the model
 MIN_BLOCK_READINGS = 10  # least number of readings in a block that is used

@@ -73,8 +73,8 @@ def next_levels(
 
 
 def file_innovation_cov(levels: NoiseLevels, squares: InnovationSquares, states: "Layout") -> np.ndarray:
-    """Return S (m, m) with the noise of the vehicle file. The part p of S beside Q' is taken as proportional to κ, or
-    to √κ if κ < 1: in steady state p²/S is proportional to κ, and with little motion S depends less on it."""
+    """Return S (m, m) with the noise of the vehicle file. The part p of S without Q' is assumed to be proportional to
+    κ, or to √κ if κ < 1: in steady state p²/S is proportional to κ, and with little motion S depends less on it."""
     correction_mask = _rate_masks(states)
     count = np.sum(correction_mask, axis=1)
     motion = np.where(count > 0.0, correction_mask @ levels.motion / np.maximum(count, 1.0), 1.0)

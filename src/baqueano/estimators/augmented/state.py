@@ -44,7 +44,7 @@ SIDESLIP_INDEX = 11  # index of γ
 BEND_INDEX = 12
 POSITION_STATES, TURNING_STATES, FORWARD_STATES = (0, 1), (2, 4, 5, 7), (3, 4, 6)  # entries of x
 SIDEWAYS = [0, 1, 4]  # of (η, ν): position, ν_y; an accelerometer shows only the fast part of ν_y
-MIN_SIDEWAYS_SLOPE = 0.5  # a sensor that is mounted a little turned has a smaller one
+MIN_SIDEWAYS_SLOPE = 0.5  # a sensor that is turned by a few degrees has a smaller one
 MAX_SILENT_S = 0.2  # without a reading of the yaw rate for longer, other sensors and the model replace it
 # factor on the model's part of the gate of a gyro, because no model predicts each turn
 LEADING_GYRO_FACTOR = 2.5

@@ -22,7 +22,7 @@ from baqueano.estimators.readings.gate import gate_limit
 from baqueano.numerics.gaussian_likelihood import squared_distance
 
 REPEAT_S = 1.0
-MISTAKE_SHARE = 0.05  # share of mistaken readings; a guess, the distances between tags matter more
+MISTAKE_SHARE = 0.05  # share of mistaken readings: a guess, because the distances between tags matter more
 MAX_MISTAKES = 2.0  # readings in a row that a mistaken tag explains
 NO_REJECTION_S = 1e9  # time since the last rejected reading, if no reading was rejected
 MAX_EXPONENT = 50.0  # largest exponent, to avoid an overflow

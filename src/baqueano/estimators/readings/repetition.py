@@ -1,13 +1,13 @@
-"""Recognise an inertial sensor that repeats its last reading: the noise of a sound sensor prevents this.
+"""Recognise an inertial sensor that repeats its last reading: the noise of an intact sensor prevents this.
 
-A sound sensor repeats a reading with a probability p, because of its resolution, or because a log contains each reading
-several times. After N readings the longest earlier run of repeats L has p^L ≈ 1/N. So a longer run
+An intact sensor repeats a reading with a probability p, because of its resolution, or because a log contains each
+reading several times. After N readings the longest earlier run of repeats L has p^L ≈ 1/N. So a longer run
 
     n ≥ MIN_REPEATS + MAX_LENGTH_RATIO L                                                                         (1)
 
 has a probability of about N^−MAX_LENGTH_RATIO p^MIN_REPEATS at each reading: below 1e-6. At rest a reading may be
 constant. A sensor without noise, in a simulation, also repeats its readings. Two successive changes of a reading have
-opposite signs with probability 2/3 under white noise, but seldom without noise. So MIN_REVERSALS of them must come
+opposite signs with probability 2/3 under white noise, but rarely without noise. So MIN_REVERSALS of them must come
 first.
 """
 
@@ -31,8 +31,8 @@ class RepeatedReadings(NamedTuple):
 
     @property
     def is_longest(self) -> np.ndarray:
-        """Return a mask (m,): True if a reading is repeated for longer than ever before. A filter can omit it: among
-        N readings of a sound sensor, about log N are so."""
+        """Return a mask (m,): True if a reading is repeated for longer than ever before. A filter can omit it:
+        among N readings of an intact sensor, about log N are the longest so far."""
         return (self.repeat_count > self.longest_count) & (self.reversal_count >= MIN_REVERSALS)
 
     @property

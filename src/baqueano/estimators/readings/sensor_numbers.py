@@ -165,7 +165,7 @@ def scale_std(
 
 
 def has_speed_scale(sensors: SensorBlocks, used_channels: dict[str, tuple[int, ...]]) -> bool:
-    """Return True if one of these channels measures the speed with a scale of its own."""
+    """Return True if one of these channels measures the speed with its own scale."""
     return bool(_scale_stds(sensors, used_channels, FORWARD_NU))
 
 

@@ -192,7 +192,7 @@ def fixed_parameters(
     is_in_cov = np.array(
         [x.endswith(".gyro_bias") or (problem.has_fixed_scales and "_scale" in x) for x in paths]
     )
-    # a zero that was measured at rest is known better than by a model, which may lack some effects
+    # a zero measured at rest is more accurate than one estimated by a model, which may lack effects
     is_updated = ~(is_in_cov & (std < tolerance_std(ZERO_RATE_RAD_S))) & (not problem.has_fixed_scales)
     cov, k = prior / np.outer(std, std), np.ix_(is_updated, is_updated)
     N, M = eliminate(A, B, K, [slice(K, len(A))])

@@ -34,7 +34,7 @@ TRUTH = "truth"
 MOUNT_PREFIX = f"sensors.{TRUTH}."  # prefix of parameters that belong to a recording
 BATTERY_CHANNEL = "battery"  # of the run
 VOLTAGE_KEY = "voltage of the battery"  # key of the voltage in a record; it cannot be the name of a sensor
-VOLTAGE_RATIO_RANGE = (0.5, 2.0)  # of the nominal voltage
+VOLTAGE_RATIO_RANGE = (0.5, 2.0)  # ratio to the nominal voltage
 SAMPLED_VEHICLES = 24  # simulated vehicles; with these, the error of σ is 15 %
 
 

@@ -27,11 +27,11 @@ from baqueano.signals import ByName, seconds
 from baqueano.vehicles.rk4 import MAX_ROW_S, row_counts
 
 GAP_STEPS = 2.5  # median steps, above which a step is a gap
-ROW_TOLERANCE = 1e-6  # of a row: rounding
-MAX_EARLY_FRACTION = 0.02  # of a step: a timestamp this close to a tick is treated as equal to it
+ROW_TOLERANCE = 1e-6  # fraction of a row: rounding
+MAX_EARLY_FRACTION = 0.02  # fraction of a step: a timestamp this close to a tick is treated as equal to it
 MAX_CLOCK_OFFSET_S = 0.25  # the largest clock offset that a fit estimates
 MIN_SEGMENT_ROWS = 10  # for the start of a segment, at most six numbers
-MAX_INTERVAL_RATIO = 2.0  # of the median interval of means: a longer one is not used if the clock is free
+MAX_INTERVAL_RATIO = 2.0  # times the median interval of means: a longer one is not used if the clock is free
 
 
 class Measurements(NamedTuple):

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 MAX_SAMPLES = 2000  # samples that are tested, evenly spaced
 DIVERGED_PREDICTION = 1e6  # SI units: a model with a larger prediction is treated as diverged
 MAX_ROWS = 3000  # rows of each run
-SIMILAR_GAIN_FRACTION = 0.5  # of the largest gain: the data cannot separate mounts whose gain is above it
+SIMILAR_GAIN_FRACTION = 0.5  # share of the largest gain: the data cannot separate mounts with a gain above it
 GAIN_CODES = ("file.swapped", "file.inverted", "file.mirrored")
 CHANNEL_CODES = ("axes.swapped", "axes.inverted", *GAIN_CODES)
 # times the value in the file: tolerances of data sheet and scale, or a guess of half or double

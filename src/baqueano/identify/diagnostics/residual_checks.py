@@ -221,8 +221,8 @@ def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -
 
 
 def _fix(term_note: Diagnostic, paths: Sequence[str], model: DynamicVehicle) -> str:
-    """Return the options that add an effect to the model; "" without such options, or if its key is already free. A
-    clock offset beside a fixed delay of the commands would replace this delay, so both are estimated."""
+    """Return the options that add an effect to the model; "" without such options, or if its key is already free. If
+    the delay of the commands is fixed, a clock offset would replace it, so both are estimated."""
     free_keys = {path.partition("[")[0] for path in paths}
     if term_note.code == "term.delay-of-sensor":
         return f"{'' if DELAY_PATH in free_keys else f'--free +{DELAY_PATH} '}--clock {term_note.subject}"

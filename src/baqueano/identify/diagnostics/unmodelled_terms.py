@@ -46,7 +46,7 @@ from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.freedoms import dry_friction_speeds
 
 DECAY_S = 0.2  # duration of an effect that begins when a sign changes
-SIGN_WIDTH = 0.1  # of the largest value: width of the tanh at a change of sign
+SIGN_WIDTH = 0.1  # fraction of the largest value: width of the tanh at a change of sign
 COMMAND_TERMS = ("dead zone", "saturation", "asymmetry", "fading")
 MOTOR_TERMS = ("motor lag", "backlash")
 MOTION_TERMS = (
@@ -57,7 +57,7 @@ MOTION_TERMS = (
 TURNING_TERMS = {0: note("term.turning"), 2: note("term.turning-about")}
 SIDEWAYS_TERMS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
 LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
-LAG_S, PAUSE_S = 0.1, 0.05  # of the motors, and of their thrust after it changed its sign
+LAG_S, PAUSE_S = 0.1, 0.05  # time constants of the motors, and of their thrust after it changed its sign
 DRAG_SPEEDS = (5.0, 10.0, 15.0)  # in units of the speed of the dry friction
 SIDEWAYS_AXIS = np.array([0.0, 1.0, 0.0])
 AXES = ("x", "y", "psi", "motors")

@@ -29,11 +29,11 @@ from baqueano.numerics.least_squares import Solution
 from baqueano.vehicles.drivetrain import mix, quantise
 
 GRID_STEP_S = 0.025
-COST_TOLERANCE = 1e-2  # of the least cost: tolerance of the searches at the other delays of the grid (1)
-FINE_TICKS = 0.25  # of a tick: the deepest valley is wider on both sides, for a dead zone of any size
+COST_TOLERANCE = 1e-2  # share of the least cost: tolerance of the searches at other delays of the grid (1)
+FINE_TICKS = 0.25  # part of a tick: the deepest valley is wider on both sides, for a dead zone of any size
 MAX_FINE_TICKS = 6  # ticks that (2) searches
 MAX_EVALUATIONS = 8  # evaluations at one delay: the next delay begins where they end
-EDGE_TICKS = 1e-6  # of a tick: least distance from a whole tick, where the derivative is one-sided
+EDGE_TICKS = 1e-6  # fraction of a tick: least distance from a whole tick, where the derivative is one-sided
 MAX_STEPS = 6  # largest number of ticks by which (4) moves
 DUTY_STEP_PATH = "model.drivetrain.duty_step"
 TIMERS = (255, 100, 1023)  # 8 bits, per cent, 10 bits

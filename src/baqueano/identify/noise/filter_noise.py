@@ -11,8 +11,8 @@ than this limit is not used. A channel that does not correct the motion has the 
 fewer than MIN_RESIDUALS readings keeps the noise in the file. Quantised velocities have σ² ≥ step²/12. With only an
 IMU, (3) estimates the disturbance from the forward accelerometer: its r is the rate of change of the speed error, which
 the drag λ of the model limits to d/λ. speed_error.py estimates the d of a kinematic model, and slip if wheels measure
-the speed. In (4) a wrong track changes both wheels oppositely, so neither is better. The least `course_std` is the
-angle between course and heading of the model. docs/derivations/kalman.md derives (3) and (4).
+the speed. In (4) a wrong track changes both wheels in opposite directions, so neither is better. The least `course_std`
+is the angle between course and heading of the model. docs/derivations/kalman.md derives (3) and (4).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -70,10 +70,10 @@ FIELDS = (
     "speed_error_std", "least_error_speed_m_s", "speed_per_gyro_scale",
 )  # fmt: skip
 ROBUST_SIGMA = 6.0  # ρ is a square up to this limit, so that the long tails of model errors do not enlarge σ
-LOG_RANGE = 5.0  # of the logarithm of a sensor's σ, to both sides of the file's value
+LOG_RANGE = 5.0  # range of the logarithm of a sensor's σ, on both sides of the file's value
 MIN_RESIDUALS = 30  # residuals for (2), (3), readings for the noise of a sensor
 MIN_READINGS = 6  # readings for the magnitude of a misfit, with an error of 30 %
-MAX_LEVEL_SHARE = 0.5  # of the readings: with fewer levels they are quantised
+MAX_LEVEL_SHARE = 0.5  # fraction of the readings: with fewer levels they are quantised
 # lags of (3): beyond the noise, from LAGS_S[0] seconds or 1/λ if it is less, to LAGS_S[1] times T
 LAGS_S, MIN_LAG_S = (0.1, 2.0), 0.03
 STRAIGHT_S, MIN_SPEED_M_S = 1.0, 0.02  # of the drive that shows a model's course

@@ -3,13 +3,13 @@
     B = (r_v(t + τ) − 2 r_v(t) + r_v(t − τ))/τ,   A = (∫ r_a from t to t + τ − ∫ r_a from t − τ to t)/τ   (1)
     φ = Σ w A B / Σ w (B² − 6 q/τ²),   q the variance of white noise in r_v, w = 1/mean A² of each τ     (2)
 
-In the innovations of the wheels, slip and an unmodelled force look alike. A filter that treats slip as a force follows
-the slip. The forward accelerometer separates them: r_v are residuals of the wheels' speed, r_a of the accelerometer. φ
-is 1 if the accelerometer measures the whole error, 0 if only the wheels do; its noise does not change the mean. An
-accelerometer does not measure the push of a sloping floor. That push depends on the heading, so the part of B that cos
-ψ, sin ψ and their integrals explain is removed. The upper end of the 95 % interval of φ is used, from blocks drawn with
-replacement. So an error stays unless it is clearly contradicted. No sensor on board shows the lasting errors of the
-model's speed; they follow from the errors of the fit (`with_speed_error`) and last for the whole drive.
+In the innovations of the wheels, slip and an unmodelled force look the same. A filter that treats slip as a force
+follows the slip. The forward accelerometer separates them: r_v are residuals of the wheels' speed, r_a of the
+accelerometer. φ is 1 if the accelerometer measures the whole error, 0 if only the wheels do; its noise does not change
+the mean. An accelerometer does not measure the push of a sloping floor. That push depends on the heading, so the part
+of B that cos ψ, sin ψ and their integrals explain is removed. The upper end of the 95 % interval of φ is used, from
+blocks drawn with replacement. So an error stays unless it is clearly contradicted. No sensor on board shows the lasting
+errors of the model's speed; they follow from the errors of the fit (`with_speed_error`) and last for the whole drive.
 """
 
 from collections.abc import Iterator, Sequence
@@ -44,7 +44,7 @@ FORWARD, YAW, FORWARD_DOT = 0, 2, 6  # of ν; of (η, ν, ν̇)
 SCALES = [SCALE_INDEX, SCALE_INDEX + 1]  # of speed and yaw rate
 MAX_SPEED_PER_GYRO_SCALE = 10.0  # a larger c belongs to a model that diverged
 SCALES_INCLUDED = "identifiability.accelerometer-scale"  # of a fit whose errors contain those of the scales
-MIN_FADE_S, MAX_FADE_S = 0.3, 30.0  # of T; faster changes belong to the walk of ν
+MIN_FADE_S, MAX_FADE_S = 0.3, 30.0  # limits of T; faster changes belong to the walk of ν
 MIN_STD_M_S = 1e-4
 CLIP_SIGMA, MOTOR_LAGS_S = 4.0, (0.02, 0.05, 0.1, 0.2, 0.4)  # σ of a residual, and τ, for (7)
 TRUTH_LAGS_S, MIN_PAIRS = (2.0 * HALF_WINDOW_S, 10.0), 100  # of (6)

@@ -1,5 +1,5 @@
 """Define θ.
 
 free    free parameters: paths of the vehicle file, with bounds and units
-theta   their place in θ, beside the entries of each run and segment, and the rows of the fit
+theta   their indices in θ, which also has entries of each run and segment, and the rows of the fit
 """

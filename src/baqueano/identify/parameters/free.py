@@ -38,7 +38,7 @@ from baqueano.vehicles.rk4 import row_rate_hz
 
 FREE_ROLES = ("fitted", "gain", "offset")  # roles of fields that are free by default
 SIDEWAYS = 1  # axis
-MAX_TURN_RAD = 0.35  # of a mount by hand; a larger one exchanges axes, and is named as a wrong mount
+MAX_TURN_RAD = 0.35  # largest error of a mount by hand; a larger one is reported as a wrong mount
 NO_CHANNELS: Mapping[str, Sequence[int]] = {}  # all sensors are used with all their channels
 PROCESS_NOISE_PATH = "model.process_noise_std"  # process noise of ν
 DELAY_PATH = "model.drivetrain.delay_s"
@@ -50,8 +50,8 @@ MAX_DELAY_S = 0.25  # upper bound of a delay, if the delay of the file is shorte
 LAG_START_TICKS, MIN_LAG = 5.0, 0.1  # ticks: start of the search for a lag, and its lower bound
 # times the rate of the ticks: a higher low-pass does not have an effect
 LOW_PASS, MAX_LOW_PASS_RATIO = ".low_pass_hz", 5.0
-LIMIT_START = 0.7  # of the largest command: start of the search for the limit of a motor
-# of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
+LIMIT_START = 0.7  # fraction of the largest command: start of the search for the limit of a motor
+# rate of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
 MAX_DECAY_PER_ROW = 1.5
 MAX_INERTIAL_M_S2 = 3.0  # ν_x ν_ψ, the acceleration along an axis that no command drives
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
@@ -132,7 +132,7 @@ def _is_undriven(blocks: FittedBlocks, path: str) -> bool:
 
 def _mounts(blocks: FittedBlocks, channels: Mapping[str, Sequence[int]]) -> list[str]:
     """Return the paths of the mounts of the sensors. A straight acceleration of a vehicle that no command pushes
-    sideways shows how its accelerometers are turned; otherwise a turned sensor and such a push look alike."""
+    sideways shows how its accelerometers are turned; otherwise a turned sensor and such a push look the same."""
     if not _has_no_sideslip(blocks):
         return []
     motion, paths = Motion(GENERAL_MOTION[:3], GENERAL_MOTION[3:6], GENERAL_MOTION[6:], np.zeros(2)), []

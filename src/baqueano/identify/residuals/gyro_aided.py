@@ -6,8 +6,8 @@
     ω̂ = h(ν_ψ) + slow part of (ω_z − h(ν_ψ))      numerics/slow_part.py                                  (4)
 
 With (1), an error of the steering does not affect the speed through ν_ψ. A noisy ω_z as a regressor would bias its
-coefficients towards 0, so it leads only the first search. Then ω̂ leads, the mean of the true rate given gyro and
-model ("regression calibration"). If the model's rate is correct, its error is white and the model leads. Channels are
+coefficients towards 0, so only the first search uses it. Then ω̂ is used, the mean of the true rate given gyro and
+model ("regression calibration"). If the model's rate is correct, its error is white and this rate is used. Channels are
 weighted by (4) of noise_level.py. Source: Carroll, Ruppert, Stefanski and Crainiceanu 2006.
 """
 

@@ -22,8 +22,8 @@ from baqueano.numerics.statistics import MAD
 from baqueano.sensors.sampling import converter_steps
 from baqueano.signals import ByName
 
-MIN_RELATIVE_SIGMA = 1e-7  # of the largest measurement of a channel
-STILL_FRACTION = 1e-3  # of the largest measurement of a channel
+MIN_RELATIVE_SIGMA = 1e-7  # fraction of the largest measurement of a channel
+STILL_FRACTION = 1e-3  # fraction of the largest measurement of a channel
 MIN_MEASUREMENTS = 30  # measurements, below which σ is the value in the file
 SPEED_RATIOS = np.array([0.0, *np.geomspace(0.125, 32.0, 17)])  # κ times the root mean square of the speed
 ROBUST_SIGMA = 3.0  # standard deviations

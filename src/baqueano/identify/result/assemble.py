@@ -44,8 +44,8 @@ class VerdictBasis(NamedTuple):
     cov: np.ndarray  # (p, p) of θ
     diagnosis: Diagnosis
     evidence: Evidence
-    bound_excess: np.ndarray  # (p,) −1 or 1 if a bound holds a parameter back significantly
-    always_unobservable: tuple[Diagnostic, ...]  # parameters that the vehicle can never show
+    bound_excess: np.ndarray  # (p,) −1 or 1 if a bound limits a parameter significantly
+    always_unobservable: tuple[Diagnostic, ...]  # parameters that no motion of the vehicle can identify
 
 
 def verdict_basis(end: FinishedFit) -> VerdictBasis:

@@ -39,7 +39,7 @@ OUTLIER_SIGMA, MAX_OUTLIER_SHARE = 4.0, 0.2
 # part of the samples; fewer outliers, even to one side, move a fit by less than its error
 OUTLIER_CHANCE = 0.01
 WARNING, ERROR = Severity.WARNING, Severity.ERROR
-ONE_SIDED_SIGMA = 5.0  # standard deviations of a fair coin by which outliers may prefer a side
+ONE_SIDED_SIGMA = 5.0  # standard deviations of a binomial with p = ½ by which outliers may be on one side
 # times the square about its own mean: a channel with larger residuals does not follow the model
 MAX_SQUARE_RATIO = 2.0
 MAX_NAMED_RUNS = 3  # runs
@@ -199,7 +199,7 @@ def _is_one_sided(highs: int, lows: int) -> bool:
 
 def _single_outlier(e: Evidence, label: str) -> Diagnostic:
     """Return the finding on a channel with one outlying reading, such as a hand measurement. It states measurement
-    and prediction in place of 100 % outliers."""
+    and prediction instead of 100 % outliers."""
     channel_fits = [c for c in e.channels if c.label == label]
     z, h, sigma = next(
         (float(c.measurements[k]), float(c.predictions[k]), c.sigma)
