@@ -1,4 +1,4 @@
-"""Let a vehicle stand still before it drives, so that its estimator measures the bias of the gyro.
+"""Keep a vehicle at rest before its drive, so that its estimator measures the bias of the gyro.
 
     u = 0,  η_r = η,  ν_r = 0     for rest_s from the first tick; then the guide and the controller begin  (1)
 

@@ -219,7 +219,7 @@ def guard_block(role: str, block: Block, command_count: int = 0) -> GuardedBlock
 def with_guarded_parts(role: str, block: Tree, command_count: int, compiled_too: bool = False) -> Tree:
     """Return the block with guarded parts; a block that is compiled or not a dataclass is returned unchanged.
 
-    A compiled part gets a guard only with `compiled_too`: the guard of the block around it detects its fault.
+    A compiled part has a guard only with `compiled_too`: the guard of the block around it detects its fault.
     """
     guarded_parts = {
         name: guard_block(role, part, command_count)
@@ -260,7 +260,7 @@ class _WrongOutput(Exception):
 
 
 def _checked_output(output: Tree, output_class: type, zeros: dict[str, np.ndarray]) -> Tree:
-    """Return the output, with arrays in place of lists. Raise _WrongOutput if it is not of this class, these shapes and
+    """Return the output, with arrays instead of lists. Raise _WrongOutput if it is not of this class, these shapes and
     finite."""
     if not isinstance(output, output_class):
         fields = ", ".join(

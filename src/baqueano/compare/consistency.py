@@ -3,7 +3,7 @@
     NEES_t or NIS_t = w_tᵀ w_t;   mean d if consistent, d the number of known entries                            (2)
     ρ̄ = Σ w_tᵀ w_t / Σ d,   1 if consistent; then it is mostly within  χ²_f(a/2, 1 − a/2) / f               (3)
     f = N (tr Γ_0)² / Σ_k (1 − |k|/N) |Γ_k|²,   Γ_k = mean of w_t w_{t+k}ᵀ, until |Γ_k|² < 0.05 |Γ_0|², then w̄ w̄ᵀ (4)
-    l_i = 1 − mean of w_i² + w̄_i²  in place of w̄_i²  unless  w̄_i²/l_i < χ²_1(a)                                  (5)
+    l_i = 1 − mean of w_i² + w̄_i² instead of w̄_i²  unless  w̄_i²/l_i < χ²_1(a)                                  (5)
 
 Bar-Shalom, Li & Kirubarajan 2001, section 5.4. By (4), f/d is the number of independent samples of Gaussian errors.
 Their correlation uses the known mean 0: an error that lasts for the whole drive is one sample. Such an error can be

@@ -101,7 +101,7 @@ def forecast_corridor(
     backend : str
         "auto", "c", "python" or "numpy".
     rest_s : float, optional [s]
-        Time for which the vehicle stands still before the drive, as in `repeat`.
+        Time for which the vehicle is at rest before the drive, as in `repeat`.
 
     Returns
     -------

@@ -21,7 +21,7 @@ from baqueano.signals import seconds
 MAX_PATH_SIZES = 5.0  # largest error, in sizes of the true path
 MAX_SPEED_M_S = 100.0
 FAULTS = (StopReason.BLOCK_RAISED, StopReason.BLOCK_RAISED_IN_INIT, StopReason.BLOCK_RETURNED)  # of a block
-ROUNDING_SHARE = 1e-9  # of the largest eigenvalue
+ROUNDING_SHARE = 1e-9  # fraction of the largest eigenvalue
 
 
 class InvalidCovariance(NamedTuple):

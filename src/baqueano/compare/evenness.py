@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from baqueano.runs.logs import ReferenceLog
 
 START_S = 1.0  # a vehicle that begins at rest needs this time to reach its speed
-MEAN_WINDOW_S = 1.0  # of the mean in (2)
-DEAD_BAND = 0.01  # of the largest command of the drive: the sign of a smaller command is ignored
-REST_SHARE = 0.1  # of the largest reference speed: a slower reference starts, or has braked to rest
-LIMIT_SHARE = 1.0 - 1e-9  # of a limit: a command scaled down to the limit can differ from it by rounding
+MEAN_WINDOW_S = 1.0  # length of the mean in (2)
+DEAD_BAND = 0.01  # fraction of the largest command of the drive: the sign of a smaller command is ignored
+REST_SHARE = 0.1  # fraction of the largest reference speed: a slower reference starts, or has braked to rest
+LIMIT_SHARE = 1.0 - 1e-9  # share of a limit: a command scaled down to it can differ from it by rounding
 
 
 class SpeedErrors(NamedTuple):

@@ -8,7 +8,7 @@
 Source: Grotz et al., section Base Controller. The paper does not define how to compute ė_ψ. Here it is the wrapped
 difference of e_ψ between two ticks, divided by the time between them; at the first tick it is 0.
 
-e_y is never corrected: a vehicle beside its path stays beside it (errata 10). Pd is the baseline for the other
+The law does not correct e_y: an offset from the path remains (errata 10). Pd is the baseline for the other
 controllers.
 """
 

@@ -20,8 +20,8 @@ from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import ModelFollower, Tracking
 from baqueano.parameter import document, parameter
 
-DAMPING_RATIO = 1.44  # of k L and the speed, for a damping ratio of 0.6
-MAX_GAIN_SHARE = 0.9  # of k_T of model_following.py, which is 1 / (1.5 T)
+DAMPING_RATIO = 1.44  # k L / speed, for a damping ratio of 0.6
+MAX_GAIN_SHARE = 0.9  # fraction of k_T of model_following.py, which is 1 / (1.5 T)
 
 
 @document

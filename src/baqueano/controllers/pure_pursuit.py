@@ -22,7 +22,7 @@ from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import MAX_APPROACH_RAD, ModelFollower, Tracking, point_ahead
 from baqueano.parameter import document, parameter
 
-DELAY_RATIO = 2.45  # of L / |v_f| and T
+DELAY_RATIO = 2.45  # L / |v_f| divided by T
 
 
 @document

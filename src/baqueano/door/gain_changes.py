@@ -1,7 +1,7 @@
 """Apply changes of gains and pace during a drive: between two ticks, each with an event in the run.
 
 The client that drives, the holder, requests the changes. The run also records, at its first tick, the blocks that a
-mission uses in place of the blocks of its vehicle file. Two kinds of parameters can be set: numeric parameters of the
+mission uses instead of the blocks of its vehicle file. Two kinds of parameters can be set: numeric parameters of the
 controller, and `guide.pace` of a repetition, from 0 to 1. At pace 0 the vehicle brakes and waits, at 1 it drives at
 full pace. The limits of the supervisor clip each command of a controller. A changed controller runs as Python code, in
 about 0.1 ms per tick, because compiling it would delay the loop.

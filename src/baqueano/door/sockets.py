@@ -239,7 +239,7 @@ class Door:
             self._execute(client, request)
         except (BaqueanoError, Invalid) as error:
             self._refuse(client, error.diagnostic, getattr(error, "exit_code", UsageError.exit_code))
-        except Exception as error:  # a line can cause any error, and this thread is the only reader
+        except Exception as error:  # a line can cause any error, and only this thread reads
             self._refuse(client, note("door.not-understood", Severity.ERROR, error=error_text(error)), 2)
 
     def _refuse(self, client: DoorClient, diagnostic: Diagnostic, code: int) -> None:

@@ -1,7 +1,7 @@
 """Limit the time of blocks that run as Python code. A block that hangs raises an error that names its line.
 
 A compiled block consists of arithmetic without loops and cannot hang, but Python code can. While the block of a vehicle
-is stuck inside C, no command is sent, and the firmware's dead man stops the motors.
+is stuck inside C, no command is sent, and the firmware's dead-man timer stops the motors.
 """
 
 from dataclasses import dataclass

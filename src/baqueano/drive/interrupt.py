@@ -9,7 +9,7 @@ from types import FrameType
 
 @contextmanager
 def interruptible_ticks(tick_times_ns: Iterable[int]) -> Iterator[Iterable[int]]:
-    """Yield the same ticks. After Ctrl-C their iterator raises KeyboardInterrupt in place of the next tick.
+    """Yield the same ticks. After Ctrl-C their iterator raises KeyboardInterrupt instead of the next tick.
 
     The effect of Ctrl-C is not changed if `is_default_handler` returns False.
     """

@@ -47,7 +47,7 @@ def replay(
     blocks : Blocks, optional
         All blocks of the loop at once.
     estimator, guide, controller : str, type or block, optional
-        A block in place of the file's, as in `repeat`.
+        A block instead of the file's, as in `repeat`.
     allow_blocks : bool
         True to execute the user's blocks that the run names.
     smooth : bool

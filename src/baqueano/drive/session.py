@@ -49,7 +49,7 @@ class Conditions:
     `tick_times_ns` can be given. `shake` contains faults of the simulated vehicle, as `worlds.Fault` or as text ("12 s:
     push 0.3 N s left"). An empty list yields the same drive without faults: it is bit for bit equal to a run with
     faults up to the first fault. `eta` [m, rad] is the pose at the start in the map (3,). For a moving vehicle it is
-    (6,) and contains the body velocity. For `backend` see `symbolic.compile_block`. The vehicle stands still for
+    (6,) and contains the body velocity. For `backend` see `symbolic.compile_block`. The vehicle is at rest for
     `rest_s` before its drive, see standstill.py. `notes` are written at the start of the run.
     """
 

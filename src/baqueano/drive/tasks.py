@@ -53,9 +53,9 @@ def experiment(
     u : ndarray (N, n) [unit of the file's [command]]
         One command per tick, after a first tick without one. A command above its limit is clipped, with a warning.
     estimator : str, type or block, optional
-        The estimator in place of the file's, as in `repeat`.
+        The estimator instead of the file's, as in `repeat`.
     **options : object
-        `path`: write the run to this file; `seed`: of the noise; `truth`: a vehicle file that is simulated in place of
+        `path`: write the run to this file; `seed`: of the noise; `truth`: a vehicle file that is simulated instead of
         this one; `eta`: pose in the map at the start (3,) [m, m, rad]; `duration_s`: longest time; `shake`: faults;
         `world`: a simulator of your own, or a vehicle; `backend`: "auto", "c", "python" or "numpy".
 
@@ -226,7 +226,7 @@ def repeat(
     laps : int
         Laps of a closed route. With 0 the drive ends after `duration_s`, or by Ctrl-C if it has a `path` or `world`.
     estimator, guide, controller : str, type or block, optional
-        A block in place of the file's: a built-in kind, "file.py:Class", a class, which is built with the values of the
+        A block instead of the file's: a built-in kind, "file.py:Class", a class, which is built with the values of the
         file, or a finished block. The run records the text of each block that is not built in.
     **options : object
         `check`: False to skip the check of the route. `anyway`: drive even a route that is too fast or has gaps.

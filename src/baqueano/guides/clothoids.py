@@ -8,8 +8,8 @@
 
 κ is the curvature, k its change per length, κ_0 and κ_g that of the start and the goal; s = 1 turns left, −1 right. t_i
 is the angle of arc i, φ_i its heading next to κ_0 and κ_g, θ_i the angle of turn i, c_1 = s_1 κ_0, c_2 = s_2 κ_g. χ
-follows from κ_i, and (4) from χ: the path of each iteration is exact, the shortest one is used. A line before the first
-turn lets a path to a near goal exist. Source: Dubins, American Journal of Mathematics, 1957; Fraichard and Scheuer,
+follows from κ_i, and (4) from χ: the path of each iteration is exact, the shortest one is used. With a line before the
+first turn, a path to a near goal exists. Source: Dubins, American Journal of Mathematics, 1957; Fraichard and Scheuer,
 IEEE Transactions on Robotics, 2004. Departure: words of three turns are excluded.
 """
 

@@ -8,8 +8,8 @@
 of the first estimate, v_j and κ_j those of the route at the goal. So κ v is continuous, and at rest it is 0. ν_r has
 the sign of v_j: a route that is driven backward is reached backward. At a goal at rest, the guide is done when the
 vehicle rests, at the latest after SETTLE_S. The guide is done at once if the vehicle is within tolerance_m and
-tolerance_rad of the first goal. For a vehicle beside a route, the distance along the route to the best goal depends on
-the radius R: two arcs join from up to R beside and 30° off within 2.3 R. So (1) compares goals on JOIN_RADII R.
+tolerance_rad of the first goal. For a vehicle away from a route, the distance along the route to the best goal depends
+on the radius R: from up to R away and 30° off, two arcs join within 2.3 R. So (1) compares goals on JOIN_RADII R.
 """
 
 from dataclasses import dataclass
@@ -134,7 +134,7 @@ class DriveTo:
 
     @staticmethod
     def _is_done(state: DriveToState, estimate: Estimate) -> bool:
-        """Return True at the goal, if the vehicle goes on from there or has come to rest.  (3)"""
+        """Return True at the goal, if the vehicle continues from there or is at rest.  (3)"""
         if state.goal_ns < 0:
             return False
         u, v, r = np.abs(estimate.nu)

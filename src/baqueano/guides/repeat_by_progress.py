@@ -11,8 +11,8 @@
 
 τ: time of the teacher; s: distance; T: duration of a lap; p: position of the pose η; t_k: direction at k. τ is
 continuous, and (1) searches only near τ and between two changes of direction: no crossing or cusp is a short cut.
-slack = slack_m + slack_s |v|. e is the distance beside k, where ν_r > 0, because most laws cannot steer at rest. A
-closed route that ends in motion goes on until (6). Source: the virtual target of Aicardi et al., 1995.
+slack = slack_m + slack_s |v|. e is the cross-track distance at k, where ν_r > 0, because most laws cannot steer at
+rest. A closed route that ends in motion continues until (6). Source: the virtual target of Aicardi et al., 1995.
 """
 
 from dataclasses import dataclass
@@ -110,7 +110,7 @@ class RepeatByProgress(Repeat):
         return self.closed and self.ends_in_motion
 
     def _phase(self, tau_s: Value) -> Value:
-        """Return the time [s] of the lap; the end of the route after the last lap, unless the reference goes on."""
+        """Return the time [s] of the lap; the end of the route after the last lap, unless the reference continues."""
         period = self.t_s[-1]
         phase = tau_s - period * np.floor(tau_s / period)
         return phase if self._has_next_lap else np.where(tau_s >= self.end_s, period, phase)

@@ -75,7 +75,7 @@ class GuideSequence:
     def with_way_back(cls, guide: Guide, route: Route, **limits: Value) -> "GuideSequence":
         """Return the guide with a path back to the start of its route; `limits` are arguments of DriveTo.
 
-        A vehicle at the start, as after a lap, stays there: only a loop would bring it nearer.
+        A vehicle at the start, as after a lap, stays there: it would need a loop to come nearer.
         """
         return cls(guide, DriveTo(route.eta[:1], **START_TOLERANCES | limits))
 

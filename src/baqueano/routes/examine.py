@@ -291,7 +291,7 @@ def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tupl
         return share, [fault("route.speed-too-high", advice, **limits, **figures)]
     kappa = abs(r[k] / v[k]) if abs(v[k]) > MIN_SPEED_M_S else 0.0
     max_kappa = float(capability.largest_curvature(np.full(1, kappa))[0])
-    if max_kappa > 0.0 and MAX_SHARE * max_kappa < kappa:  # else it cannot turn at all
+    if max_kappa > 0.0 and MAX_SHARE * max_kappa < kappa:  # else it cannot turn
         advice = baqueano_command("route", "smooth", NAME_PLACEHOLDER, "--max", "0.1")
         limits = {"radius_m": 1.0 / kappa, "min_radius_m": 1.0 / max_kappa}
         return share, [fault("route.curve-too-tight", advice, **limits, **figures)]

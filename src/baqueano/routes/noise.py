@@ -6,7 +6,7 @@
 
 p: x and y at the time t of every n-th pose, for each n of STRIDES, because the poses of a slow camera are interpolated.
 The median ignores single jumps and corners. (2) separates noise from a curve of few poses. Source of (1): Gasser, Sroka
-and Jennen-Steinmetz, Biometrika, 1986, with third in place of second differences.
+and Jennen-Steinmetz, Biometrika, 1986, with third instead of second differences.
 """
 
 import numpy as np

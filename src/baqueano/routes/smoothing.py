@@ -31,7 +31,7 @@ from baqueano.routes.path import (
 
 MIN_TOLERANCE_M, MAX_TOLERANCE_M = 1e-4, 0.5  # range of a tolerance
 MAX_WAVE_M = 0.8  # the longest wave that is removed
-MIN_SPEED_SHARE = 0.2  # smallest speed, in place of a stop, as a share of the median speed
+MIN_SPEED_SHARE = 0.2  # smallest speed, instead of a stop, as a share of the median speed
 HALVING_COUNT = 30
 MAX_PASSES, MIN_LENGTH_SHARE = 5, 0.9  # noise lengthens a path: then s is the distance along the smooth path
 

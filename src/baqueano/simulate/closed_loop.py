@@ -118,7 +118,7 @@ def simulate_loops(
     noise : bool
         False: simulate without the noise of vehicle and sensors.
     rest_s : float [s]
-        Time for which the vehicle stands still before the drive.
+        Time for which the vehicle is at rest before the drive.
     name : str
         Name of the runs.
     backend : str

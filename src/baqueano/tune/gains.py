@@ -59,7 +59,7 @@ def tune(
     polish : bool
         Continue the search without gradients if the cost is rough; this takes up to ten times as long.
     controller : str, type or block, optional
-        A controller in place of the file's, as in `repeat`.
+        A controller instead of the file's, as in `repeat`.
     gains : sequence of str, optional
         Names of the tuned parameters; by default all.
     bounds : dict, optional
@@ -158,8 +158,8 @@ def _bounded_descent(
 ) -> Descent | None:
     """Return a descent to gains within their bounds, if it costs nearly the same as the best end; else None.
 
-    Other descents are made only if none of `descents` ends there. Where the cost is rough, none leaves a bound: a
-    second one starts at the preferred values of these gains.
+    Other descents are made only if none of `descents` ends there. Where the cost is rough, all of them stay at a bound.
+    Then a second descent starts at the preferred values of these gains.
     """
     low, high, best = rehearsal.space.low, rehearsal.space.high, descents[0]
     max_cost = (1.0 + TIE_WEIGHT * len(preferred_x)) * best.cost

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-FIRST_STEP, MAX_STEP = 0.1, 0.3  # of the cube: largest moves of a coordinate, before and after B is known
-MIN_SHARE, MAX_SHARE = 1e-4, 0.9  # of the slope at the start: least mean descent, largest slope at the end
-EXTENSION, MAX_EXTENSION = 4.0, 64.0  # of a step after which the function still descends steeply
+FIRST_STEP, MAX_STEP = 0.1, 0.3  # largest moves of a coordinate in the cube, before and after B is known
+MIN_SHARE, MAX_SHARE = 1e-4, 0.9  # shares of the first slope: least mean descent, largest slope at the end
+EXTENSION, MAX_EXTENSION = 4.0, 64.0  # lengthening of a step after which the function still descends steeply
 MIN_STEP = 1e-8  # t below which the line search gives up
 MIN_FORECAST = 1e-10  # decrease that (1) predicts, relative to the value, below which the search ends
 MIN_SLOPE = 1e-8  # relative to the first value

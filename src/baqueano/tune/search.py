@@ -33,10 +33,10 @@ MAX_EVALUATIONS = 60  # of one descent
 MAX_RELATIVE_SLOPE = 1e-3
 SIMPLEX_EVALUATIONS = 150  # evaluations of one search without gradients
 SIMPLEX_SEARCHES = 3  # in a row
-SIMPLEX_SIZE = 0.1  # of the first simplex of each, in x
+SIMPLEX_SIZE = 0.1  # size of the first simplex of each, in x
 TIE_WEIGHT = 2e-3  # w: the share of the cost that is given up for a gain that moves across its range
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
-LIMIT_TOLERANCE = 1e-3  # of the range in x
+LIMIT_TOLERANCE = 1e-3  # fraction of the range in x
 MAX_SLOPE = 1e12  # ∂C/∂x relative to C above which rounding decides its sign: the drive is chaotic
 DIVERGED_COST = 1e30  # the cost of gains for which the simulation diverges
 

@@ -29,7 +29,7 @@ FACTORS = (0.5, 0.65, 0.8, 0.9, 1.0, 1.1, 1.25, 1.6, 2.0)
 # below one of these margins, a small error of the model makes the loop oscillate: the drawn error of the delay is 10 ms
 MIN_GAIN_MARGIN, MIN_DELAY_MARGIN_S = 1.5, 0.02
 MIN_PHASE_MARGIN_RAD = np.radians(30.0)  # Åström and Murray, Feedback Systems, 2008, section 9.3
-SMOOTHER, SMALL_JERK_M2 = 10.0, 0.01  # the suggested weight on jerks: factor, and weight in place of 0
+SMOOTHER, SMALL_JERK_M2 = 10.0, 0.01  # the suggested weight on jerks: factor, and weight instead of 0
 AGREEMENT_TOLERANCE = 1e-3  # costs with a smaller relative difference are treated as equal
 
 

@@ -34,12 +34,12 @@ from baqueano.vehicles.state import VehicleState
 if TYPE_CHECKING:
     from baqueano.controllers.mpc.mpc import Mpc
 
-STEPS = 12  # of the horizon
+STEPS = 12  # length of the horizon
 RESIDUALS = 4  # of a step: e / e_max (3,), and the excess of the speed
 EXCESS_M_S = 0.005  # excess of the speed with the same weight as the errors e_max
 NO_LIMIT = 1e6
 MAX_STEP_S = (1.0 + ROW_TOLERANCE) * MAX_ROW_S  # longest stable step of the model
-MIN_EFFORT = 1e-6  # effort in place of 0, where a motor is not differentiable
+MIN_EFFORT = 1e-6  # effort instead of 0, where a motor is not differentiable
 MIN_CURVATURE = 1e-6  # added to the curvature of (1), so that a command without effect does not change
 LINEAR_MOTORS = {
     "dead_zone_forward": 0.0,

@@ -76,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--runs", type=Path, default=Path("runs"), help="the folder of the runs")
     parser.add_argument("--routes", type=Path, default=Path("routes"), help="the folder of the routes")
     parser.add_argument("--backend", default="auto", help="how blocks are computed")
-    parser.add_argument("--socket", type=Path, help="the socket at which it listens in place of the pipes")
+    parser.add_argument("--socket", type=Path, help="the socket at which it listens instead of the pipes")
     return parser
 
 

@@ -1,7 +1,7 @@
 """Plan missions by name, as a page requests them: a kind, a shape or a stored route, and values, but never a path.
 
   {kind: "teach", name, shape, size_m, speed_m_s, closed}     manual if `shape` is missing
-  {kind: "repeat", route, laps, blocks}     blocks: role → kind, in place of the file's blocks
+  {kind: "repeat", route, laps, blocks}     blocks: role → kind, instead of the file's blocks
   {kind: "experiment", signal, seconds}
   {kind: "drive"}, {kind: "first drive"}
 

@@ -1,4 +1,4 @@
-"""Run the service of a simulated vehicle, like robot/service, with a simulation in place of the hardware.
+"""Run the service of a simulated vehicle, like robot/service, with a simulation instead of the hardware.
 
   idle       a waiting mission begins once the vehicle is READY
   mission    the loop of loop.py in wall time, at a pace (pace.py), recorded in a run on disk

@@ -59,7 +59,7 @@ class Cockpit(Observer):
     `limit` (n,) is the command limit, and `share` the part of it that a full key commands. `hold` is True if the
     heading is held during straight motion; the display then shows the correction. `drivetrain` is the drivetrain of the
     vehicle file: the display reports a command below its dead zone. `has_heartbeat` is False if another program answers
-    in place of the terminal (tmux on the vehicle).
+    instead of the terminal (tmux on the vehicle).
     """
 
     def __init__(

@@ -24,7 +24,7 @@ from baqueano.vehicles.state import DynamicVehicle
 
 LINK_DELAY_S = 0.02  # delay of the gyro's filter, of the estimate, and of the wire in both directions
 GUESS_GAIN_FACTOR = 2.0
-LINEARISATION_SHARE = 0.5  # of the forward limit, for the linearisation
+LINEARISATION_SHARE = 0.5  # fraction of the forward limit, for the linearisation
 STEP, STEP_RAD_S = 0.1, 0.2  # half the width of a difference: in the turn command, and in the yaw rate
 SETTLING_S = 3.0  # a vehicle reaches its speed within this time
 MAX_TIME_CONSTANT_S = 10.0  # a larger τ does not change the gains

@@ -25,7 +25,7 @@ DEVICE_FOLDER = Path("/dev/input")
 # The codes of a game pad (BTN_SOUTH …), and of a pad with numbered buttons (BTN_TRIGGER …)
 MARK, STOP = {0x130, 0x120}, {0x131, 0x121}
 HOLD_BUTTONS = {0x136, 0x137, 0x124, 0x125}
-DEAD_BAND = 0.12  # of half the range, because a stick does not return exactly to its middle
+DEAD_BAND = 0.12  # fraction of half the range, because a stick does not return exactly to its middle
 JOIN_INPUT_GROUP = "sudo usermod -aG input $USER, then log in again"
 
 

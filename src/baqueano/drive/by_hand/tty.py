@@ -162,7 +162,7 @@ def _open_unix_terminal() -> UnixTerminal:
 
 
 def terminal_proxy() -> str:
-    """Return the name of a parent program that answers in place of the terminal: tmux, screen, mosh-server or zellij.
+    """Return the name of a parent program that answers instead of the terminal: tmux, screen, mosh-server or zellij.
 
     That program continues to run after the terminal is lost. Return "" if this program does not run inside one.
     """

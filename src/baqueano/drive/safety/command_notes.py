@@ -6,7 +6,7 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.guides.route import Route
 from baqueano.vehicle_file import VehicleFile
 
-LIMIT_ROUNDING = 1e-9  # of a limit: a command that exceeds it by less is not clipped
+LIMIT_ROUNDING = 1e-9  # fraction of a limit: a command that exceeds it by less is not clipped
 
 
 def clipping_notes(vehicle_file: VehicleFile, u: np.ndarray) -> list[Diagnostic]:

@@ -1,6 +1,6 @@
-"""Report a drive that ends beside the end of its route, for example after a push on its last metre.
+"""Report a drive that does not end at the end of its route, for example after a push on its last metre.
 
-  beside while |p_r − p| > MAX_DISTANCE_M or |ψ_r − ψ| > MAX_TURN_RAD      at the tick in which the guide is done   (1)
+  away if |p_r − p| > MAX_DISTANCE_M or |ψ_r − ψ| > MAX_TURN_RAD           at the tick in which the guide is done   (1)
 
 p, ψ: estimated pose; index r: reference. The controllers end an undisturbed drive within these limits.
 """

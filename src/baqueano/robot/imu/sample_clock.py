@@ -16,7 +16,7 @@ from collections import deque
 import numpy as np
 
 PERIOD_TOLERANCE = 0.06  # Linux allows these chips 4 %; clones can be worse
-PERIOD_STD = 0.02  # relative prior standard deviation of P; after some readings it is of little weight
+PERIOD_STD = 0.02  # relative prior standard deviation of P; after some readings it has little weight
 BUCKET_NS, FIRST_BUCKETS_NS = 400_000_000, 100_000_000
 # during this first time the buckets are short, because the estimate improves fastest
 SHORT_BUCKETS_UNTIL_NS = 2_000_000_000

@@ -1,10 +1,10 @@
 """Keep a file during a mission: if a service finds the file at its start, the previous service ended in a drive.
 
 A block can end the process of the service by os._exit or by a crash in C. It can also catch every alarm in a loop,
-until systemd's watchdog ends the process. Then the process can no longer report the cause. The firmware's dead man
-stops the motors, systemd starts the service again, and the new service reads from this file which mission was driven.
-Python also writes a traceback into the file if the process ends by a signal that allows a traceback (a crash, the
-watchdog).
+until systemd's watchdog ends the process. Then the process can no longer report the cause. The firmware's dead-man
+timer stops the motors, systemd starts the service again, and the new service reads from this file which mission was
+driven. Python also writes a traceback into the file if the process ends by a signal that allows a traceback (a crash,
+the watchdog).
 """
 
 import faulthandler

@@ -27,7 +27,7 @@ MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 def request_realtime(priority: int = PRIORITY) -> list[str]:
     """Request a real-time priority and locked memory, and return sentences about what was granted.
 
-    The calling thread gets `priority`, the other threads of this program one less. Threads and programs that start
+    The calling thread has `priority`, the other threads of this program one less. Threads and programs that start
     later do not inherit it. Existing objects are excluded from garbage collection, and the collector is switched on.
     """
     grants = []

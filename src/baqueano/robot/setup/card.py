@@ -40,7 +40,7 @@ BOOT_FOLDERS = ("/media/*/bootfs", "/run/media/*/bootfs", "/Volumes/bootfs")
 WIFI_CHANNELS = (1, 6, 11)  # channels that do not overlap; the robots of a class are distributed over them
 # only in a name, which can also be a list of bytes: in a password GLib keeps the backslash
 SSID_SEMICOLON = "\\;"
-NAME_LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"  # without characters that look alike on a label
+NAME_LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"  # without characters that can be confused on a label
 
 
 class Network(NamedTuple):

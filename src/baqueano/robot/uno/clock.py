@@ -17,7 +17,7 @@ import numpy as np
 WINDOW_S = 20.0
 SECTION_S = 1.0
 MAX_SKEW = 0.02  # four times the error of a resonator
-FRAME_NS = 1_000_000  # of USB: a shorter trip is not more accurate
+FRAME_NS = 1_000_000  # period of the USB frames: a shorter trip is not more accurate
 WRAP_US = 1 << 32
 NS_PER_US = 1000
 
@@ -89,7 +89,7 @@ class UnoClock:
 
 
 def _has_stood_still(previous: PongTimes, answer: PongTimes) -> bool:
-    """Return True if one of the clocks stood still between two answers, as the host's in a suspended computer.  (1)"""
+    """Return True if one of the clocks stopped between two answers, as the host's in a suspended computer.  (1)"""
     host_ns = answer.middle_ns - previous.middle_ns
     error_ns = (answer.device_us - previous.device_us) * NS_PER_US - host_ns
     return abs(error_ns) > (previous.trip_ns + answer.trip_ns) / 2 + MAX_SKEW * host_ns

@@ -48,7 +48,7 @@ Duty = Annotated[int, "h", ValueRange(-1000, 1000)]
 
 
 class DriveFlag(IntFlag):
-    """The flags of a DRIVE. Without ARM the frame disarms the Uno: motors off, bridge asleep."""
+    """The flags of a DRIVE. Without ARM the frame disarms the Uno: motors off, bridge in standby."""
 
     ARM = 1
     CLEAR_STOP = 2
@@ -71,7 +71,7 @@ class StateFlag(IntFlag):
 class ResetCause(IntFlag):
     """The causes of a reset. Bits 0…3 are as in the register MCUSR, which a boot-loader might have cleared.
 
-    Bits 6 and 7 come from RAM that survived the reset.
+    Bits 6 and 7 come from RAM that a reset does not clear.
     """
 
     POWER = 1

@@ -4,9 +4,9 @@
     serial_port  a real line, with a thread that reads the line, and opens it again after a disconnection
 
 A command is never sent twice: each DRIVE was computed by the present step of the control loop. If the loop hangs, no
-command is sent, and the firmware's dead man stops the motors. The loop then does not continue without the operator
-(standstill.py). A reset of the Uno, by a brown-out or a disconnected cable, changes its nonce: the Uno then ignores
-commands until it is armed again.
+command is sent, and the firmware's dead-man timer stops the motors. The loop then does not continue without the
+operator (standstill.py). A reset of the Uno, by a brown-out or a disconnected cable, changes its nonce: the Uno then
+ignores commands until it is armed again.
 """
 
 import math
@@ -112,13 +112,13 @@ class Uno:
             self.statistics.unsent_commands += not self._stop_sent
             return
         if self._unarmed_ns is not None:
-            self._drive(0, 0, DriveFlag.ARM)  # otherwise the Uno does not obey the command
+            self._drive(0, 0, DriveFlag.ARM)  # otherwise the Uno does not execute the command
         ok = self._drive(permille(left), permille(right), DriveFlag.ARM)
         self.statistics.sent_commands += ok
         self.statistics.unsent_commands += not ok
 
     def arm(self) -> None:
-        """Arm the Uno, so that it obeys the following commands; the first command requests zero duty.
+        """Arm the Uno, so that it executes the following commands; the first command requests zero duty.
 
         The zero request is repeated before each command until telemetry shows that the Uno is armed. If this takes
         longer than ARMING_TIMEOUT_S, `stop_cause` is set.
@@ -131,14 +131,14 @@ class Uno:
         self.drive(0.0, 0.0)
 
     def disarm(self) -> None:
-        """Switch the motors off and the bridge to sleep, and clear `stop_cause`, except a latch or a low battery."""
+        """Switch the motors off and the bridge to standby, and clear `stop_cause`, except a latch or a low battery."""
         with self._lock:
             self._is_armed = False
             self._clear_stop_cause()
         self._drive(0, 0, 0)
 
     def stop(self) -> None:
-        """Send a stop, which the Uno obeys in any state and latches. Any thread can call it."""
+        """Send a stop, which the Uno executes in any state and latches. Any thread can call it."""
         self._stop_sent, self._is_armed = True, False  # in this order: another thread may call `drive`
         self._send(Stop())
 
@@ -262,7 +262,7 @@ class Uno:
 
     def _drive(self, left: int, right: int, flags: int) -> bool:
         """Send a DRIVE; return False if it could not be sent. DRIVE frames have a separate sequence, because the
-        firmware compares it with the last DRIVE that it obeyed."""
+        firmware compares it with the last DRIVE that it executed."""
         with self._lock:
             info, self._drive_seq = self.info, (self._drive_seq + 1) & 0xFF
             return info is not None and self._send(Drive(info.nonce, left, right, flags), self._drive_seq)

@@ -2,8 +2,8 @@
 
     gap = now − last command > dead-man time, on the clock of the host                                    (1)
 
-A process can be stopped and continued, a virtual machine paused, a laptop closed. If (1) is true, the firmware's dead
-man has stopped the motors. Telemetry of that time can be lost or delayed, so the host uses only its clock.
+A process can be stopped and continued, a virtual machine paused, a laptop closed. If (1) is true, the firmware's
+dead-man timer has stopped the motors. Telemetry of that time can be lost or delayed, so the host uses only its clock.
 CLOCK_BOOTTIME includes the time of a suspended computer, CLOCK_MONOTONIC does not.
 """
 

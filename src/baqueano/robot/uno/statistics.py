@@ -18,7 +18,7 @@ class Statistics:
     damaged_frames: int = 0  # segments received that are not frames
     resets: int = 0
     rejected_frames: int = 0  # frames that the Uno counted as damaged
-    ignored_frames: int = 0  # undamaged frames that the Uno did not obey: old, of another session, refused
+    ignored_frames: int = 0  # undamaged frames that the Uno did not execute: old, of another session, refused
     overrun_bytes: int = 0  # bytes that the Uno's receiver lost
     trips_ms: deque[float] = field(default_factory=lambda: deque(maxlen=200))
 

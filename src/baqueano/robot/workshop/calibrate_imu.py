@@ -6,8 +6,8 @@
     turned    half a turn to the left by hand, put down: θ = ∫ (ω − ω̄₁) dt must be positive                (3)
     biases    from both positions, (a_x, a_y): f̄₁ = b + s, f̄₂ = b + R(−θ) s  ⇒  s, b                       (4)
 
-s is the slope of the floor, which turns with the vehicle's heading while the bias does not: the floor need not be
-level. The gyro's bias is the mean of both rests. b contains the zero error of the accelerometer and the tilt of the
+s is the slope of the floor, which turns with the vehicle's heading while the bias does not: the floor may be
+inclined. The gyro's bias is the mean of both rests. b contains the zero error of the accelerometer and the tilt of the
 IMU. A fit identifies only their sum (sensors/imu.py), so [sensors.imu] tilt_rad stays unchanged, and the biases contain
 the rest. The axes are found in steps of a right angle. A fit finds the remaining turn about z, [sensors.imu]
 heading_rad.
@@ -260,5 +260,5 @@ def axis_names(axes: np.ndarray) -> tuple[str, str, str]:
 
 
 def _horizontal_part(vector: np.ndarray, up_axis: np.ndarray) -> np.ndarray:
-    """Return `vector` (3,) with 0 in place of its component along `up_axis`."""
+    """Return `vector` (3,) with 0 instead of its component along `up_axis`."""
     return vector * (1.0 - np.abs(up_axis))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 STEP_S = 0.01
 MAX_SILENCE_S = 0.2  # silence of the IMU or the Uno that ends a test
 MIN_TILT_COS = 0.9  # cosine of the largest tilt of the axis that should point up: 26°
-STILL_RAD_S, STILL_M_S2 = 0.02, 0.15  # scatter at rest: ten times the noise of the chip behind 44 Hz
+STILL_RAD_S, STILL_M_S2 = 0.02, 0.15  # scatter at rest: ten times the noise of the chip with its 44 Hz filter
 
 
 class ImuSamples(NamedTuple):
