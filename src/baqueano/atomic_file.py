@@ -23,7 +23,7 @@ def temporary_file(path: Path) -> Iterator[Path]:
         yield temporary_path
     except OSError as error:
         if error.filename == str(temporary_path):
-            error.filename = str(path)  # the name that the user knows
+            error.filename = str(path)  # the path that the user typed
         raise
     finally:
         with suppress(OSError):

@@ -20,7 +20,7 @@ EPOCH_NS = 1_700_000_000_000_000_000  # the clock of a computer, which counts fr
 CIRCLE_NOTE, REPEATED_TICK, FOLLOWED = note("when.circle"), note("when.repeated"), note("when.followed")
 FOLLOWED_NS = 2500 * TICK_NS  # 50 s: a lap of the route of the check, and more
 JUMP_TICKS = 10  # ticks of motion in one tick are a jump: 0.2 s
-OUTPUT_TOLERANCE = 1e-3  # of the magnitude of an output; times converted to floats cause an error of 1e-5
+OUTPUT_TOLERANCE = 1e-3  # share of an output's magnitude; times converted to floats cause an error of 1e-5
 
 
 def default_sensors() -> SensorBlocks:

@@ -102,7 +102,7 @@ class Trial:
         return result
 
     def expect_record(self, value: object, kind: type, expected: str) -> None:
-        """Raise CheckAborted if the output of a step does not belong to a class; `expected` is the correct result."""
+        """Raise CheckAborted if an output of a step is not of a class; `expected` is the correct result."""
         if not isinstance(value, kind):
             value_class = type(value).__name__
             self.add_fault("check.returns", "step", value=value_class, expected=expected)

@@ -171,7 +171,7 @@ def _is_container(value: Tree) -> bool:
 def _with_options(
     signature: inspect.Signature, option_makers: Sequence[Callable[..., Tree]]
 ) -> inspect.Signature:
-    """Return a signature with the keywords of functions, and the fields of classes, in place of **options."""
+    """Return a signature with the keywords of functions, and the fields of classes, instead of **options."""
     if not option_makers:
         return signature
     parameters = {name: p for name, p in signature.parameters.items() if p.kind != p.VAR_KEYWORD}
@@ -279,7 +279,7 @@ def _wrong_item(value: Tree, kinds: tuple[ArgumentKind, ...]) -> int | None:
 
 
 def _fix(name: str, value: Tree, kinds: tuple[ArgumentKind, ...], example: str) -> str:
-    """Return the code to type in place of an argument with the value `value`; usually the example of the call."""
+    """Return the code to type instead of an argument with the value `value`; usually the example of the call."""
     for part_name in (name.removesuffix("s"), name):  # such as the route of the result of `teach`
         if (part := getattr(value, part_name, None)) is not None and _is_accepted(part, kinds):
             return re.sub(rf"\b{part_name}\b", f"result.{part_name}", example)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
 MAX_LINES, MAX_LETTERS = 12, 110  # lines, and characters of a line, of a short print
-MIN_ROWS = 5  # rows that remain in a short print beside long sentences
+MIN_ROWS = 5  # least number of rows in a short print with long sentences
 MIN_PREFIX = 3  # letters of a short name, such as cov of covariance
 MAX_SENTENCE = 80  # characters of a line of sentences below a table
 

@@ -18,7 +18,7 @@ from baqueano.messages.language import translate as _
 
 HANG_S = 10.0  # of a call of a block for which no vehicle waits; a first step can compile or load a library
 PREPARE_S = 60.0  # to import, trace or compile blocks
-ALARM_PERIOD_S = 0.02  # between further alarms, for a block that swallows the first one
+ALARM_PERIOD_S = 0.02  # between further alarms, for a block that catches the first one
 DEBUGGERS = ("bdb", "pydevd")
 Value = TypeVar("Value")
 
@@ -42,7 +42,7 @@ def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value
             signal.setitimer(signal.ITIMER_REAL, seconds, ALARM_PERIOD_S)
         elif is_running:
             tracers.append(sys.gettrace())
-            if len(tracers) > 1:  # the block swallows them: raise also inside its `except`
+            if len(tracers) > 1:  # the block catches them: raise also inside its `except`
                 _trace_lines(frame)
             raise BudgetExceeded
 

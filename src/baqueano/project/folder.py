@@ -66,7 +66,7 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
     """
     folder = Path(folder)
     if folder.exists() and any(folder.iterdir()):
-        base = folder if folder.name.strip(".") else folder / "mylab"  # "." and ".." cannot get a number
+        base = folder if folder.name.strip(".") else folder / "mylab"  # "." and ".." cannot have a number
         candidates = (base, *(Path(f"{base}-{k}") for k in range(2, 1000)))
         command = baqueano_command("new", str(next(path for path in candidates if not path.exists())))
         raise UsageError(fault("cli.folder-not-empty", command, folder=folder))

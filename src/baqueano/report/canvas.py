@@ -26,11 +26,11 @@ from baqueano.report.style import LEGEND_ABOVE
 
 WIDTHS_MM = {"column": 88.0, "page": 181.0}  # of a journal of two columns
 MM = 1.0 / 25.4
-NARROW_FACTOR = 0.7  # of the width that a figure was drawn for: below it letters and lines are smaller
-TEXT_FACTOR = 0.8  # of text and lines at the width of a column; in proportion if a figure is narrower
+NARROW_FACTOR = 0.7  # share of the width that a figure was drawn for: below it letters and lines are smaller
+TEXT_FACTOR = 0.8  # scale of text and lines at the width of a column; in proportion if a figure is narrower
 HEIGHT_EXPONENT = 0.5  # a narrow figure over time keeps more of its height than of its width
 MAX_LABEL_LETTERS = 28  # letters of a title or a label of a narrow figure
-MAX_LEGEND_SHARE = 0.75  # of the width of a narrow figure, for a legend
+MAX_LEGEND_SHARE = 0.75  # fraction of the width of a narrow figure, for a legend
 
 
 class CommaFormatter(ScalarFormatter):

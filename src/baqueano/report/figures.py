@@ -199,7 +199,7 @@ def paths(
 def _band_patch(band: np.ndarray) -> Any:
     """Return one patch of the triangles between the edges (M, 2, 2).
 
-    All triangles have the same orientation, so that overlaps do not get darker.
+    All triangles have the same orientation, so that overlaps are not darker.
     """
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path

@@ -25,7 +25,7 @@ CHANNEL_LABELS = {
 }
 MAX_DRAWN_RUNS = 6  # runs of a fit to many
 MAX_HEADLINES = 4  # channels: more do not fit into one row
-MAX_SPAN_S = 20.0  # of the data, in the figure: the span with most motion
+MAX_SPAN_S = 20.0  # length of the data, in the figure: the span with most motion
 
 
 def fit_page(

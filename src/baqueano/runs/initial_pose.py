@@ -78,5 +78,5 @@ def _pose(t_ns: int, truth: TruthLog) -> np.ndarray:
 
 def _interpolate_instant(t_ns: int, sample_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Return `rows` (K, 3), sampled at the times `sample_ns` (K,), interpolated at one time: (3,)."""
-    elapsed_ns = sample_ns - sample_ns[0]  # small enough for a float to hold it exactly
+    elapsed_ns = sample_ns - sample_ns[0]  # small enough to be exact as a float
     return np.array([np.interp(t_ns - sample_ns[0], elapsed_ns, column) for column in rows.T])

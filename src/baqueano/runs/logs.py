@@ -16,7 +16,7 @@ LEVELS = ("debug", "info", "warning", "error", "fatal")
 
 
 def _short_repr(self: Any) -> str:
-    """Return the class and the fields of a log, with the shape in place of the content of an array."""
+    """Return the class and the fields of a log, with the shape instead of the content of an array."""
     fields = [
         f"{name}=array {value.shape}" if isinstance(value, np.ndarray) else f"{name}={value!r}"
         for name, value in self._asdict().items()

@@ -195,7 +195,7 @@ class Run(Result):
 
     @property
     def rest_s(self) -> float:
-        """Return the time for which the vehicle stood still before its drive [s]; 0 without a rest."""
+        """Return the time for which the vehicle was at rest before its drive [s]; 0 without a rest."""
         return float(self.metadata.get(REST_KEY, 0.0))
 
     @property

@@ -35,7 +35,7 @@ from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import MIN_TICK_S
 
-COUNT_TOLERANCE = 1e-6  # of a count: tolerance for the rounding of the distance
+COUNT_TOLERANCE = 1e-6  # fraction of a count: tolerance for the rounding of the distance
 
 
 class EncodersState(NamedTuple):

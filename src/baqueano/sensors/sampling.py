@@ -26,7 +26,7 @@ from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import INITIAL_STEP_S, MIN_TICK_S, check_delay, delayed_value, with_newest
 
-PHASE_TOLERANCE = 1e-6  # of a period: tick times are rounded to whole nanoseconds
+PHASE_TOLERANCE = 1e-6  # fraction of a period: tick times are rounded to whole nanoseconds
 
 
 def noise_cov_parameter(unit: str, size: int) -> Any:

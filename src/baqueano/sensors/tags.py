@@ -24,7 +24,7 @@ from baqueano.sensors.sampling import noise_cov_parameter, sensor_position
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 
-ABEAM_TOLERANCE = 1e-9  # of the squared distance in a tick: tolerance for rounding
+ABEAM_TOLERANCE = 1e-9  # fraction of the squared distance in a tick: tolerance for rounding
 
 
 class TagsState(NamedTuple):

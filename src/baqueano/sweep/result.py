@@ -258,7 +258,7 @@ class SweepResult(Result):
 
 
 def _short_labels(labels: Sequence[str]) -> dict[str, str]:
-    """Return a short name of each label: with the class alone in place of file.py:Class, if this name is unique.
+    """Return a short name of each label: with the class alone instead of file.py:Class, if this name is unique.
 
     Otherwise the file replaces the class, such as ana/my_controller.
     """

@@ -10,7 +10,7 @@ A call passes through the modules from top to bottom; each module imports only m
     backends            the choice: c_code/ or python_code/
     derivatives/        the rule of each operator, dual numbers, tangents of a program
     graph/              trace → node → simplify → assemble → program → emit (the order of the arithmetic)
-    arrays/             scalars and arrays in place of numbers while a function is traced
+    arrays/             scalars and arrays instead of numbers while a function is traced
     ieee, errors        arithmetic that never raises; errors that name the line of the user's code
 """
 

@@ -70,7 +70,7 @@ class ParameterCov(NamedTuple):
 def read_history(
     report: ReadReport, data: "JsonObject", folder: str | None = None
 ) -> tuple[dict[str, Provenance], ParameterCov | None]:
-    """Return the tables [provenance] and [parameter_cov], checked; None in place of a missing covariance.
+    """Return the tables [provenance] and [parameter_cov], checked; None instead of a missing covariance.
     `folder` is searched for a block of the user.
     """
     return _provenance(report, data, folder), _parameter_cov(report, data, folder)

@@ -61,7 +61,7 @@ class Live:
         self._has_changed = True
         self.over = asyncio.Event()  # all drives have ended regularly, and so has the service
         self._ledger: list[JsonObject] = []  # the rows, with diagnostics
-        self._blocks: dict[str, str] = {}  # role → kind, in place of the file's blocks
+        self._blocks: dict[str, str] = {}  # role → kind, instead of the file's blocks
 
     def _vehicle_description(self) -> "JsonObject":
         blocks = self._vehicle.get("blocks", {})

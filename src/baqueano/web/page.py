@@ -37,10 +37,10 @@ LABELS = {
     "truth.psi": "web.label-true-heading", "nis": "web.label-nis", "progress": "web.label-progress",
     "cross": "web.label-cross", "battery": "web.label-battery", "late_ms": "web.label-late",
 }  # fmt: skip
-SLOW_MESSAGES = ("mission", "swap", "write", "ask")  # messages that can need an answer of a worker
+SLOW_MESSAGES = ("mission", "swap", "write", "ask")  # messages that a worker may have to answer
 MAX_NAME_LETTERS = 40  # maximum number of characters of a name
 MAX_FILTER_LETTERS = 200
-MAX_QUESTIONS = 32  # maximum number of open questions of a browser; the page itself asks a few at once
+MAX_QUESTIONS = 32  # maximum number of open questions of a browser; the page itself sends a few at once
 SEVERITIES = {"fatal": Severity.ERROR, "debug": Severity.INFO}  # of a run's events
 
 

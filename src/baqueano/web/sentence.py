@@ -97,7 +97,7 @@ def _lap_number(feed: "Feed", route: "JsonObject | None") -> int | None:
 
 
 def ledger_rows(rows: "list[JsonObject]") -> "list[JsonObject]":
-    """Return the rows of the door's message `ledger`, with texts in place of diagnostics."""
+    """Return the rows of the door's message `ledger`, with texts instead of diagnostics."""
     return [
         {name: row.get(name) for name in COPIED_FIELDS}
         | {

@@ -105,7 +105,7 @@ class Visitor:
         self._send_event.set()
 
     def send_pieces(self, pieces: "AsyncIterator[Piece]") -> None:
-        """Send these pieces one by one, in place of pieces that have not been sent.  (4)"""
+        """Send these pieces one by one, instead of pieces that have not been sent.  (4)"""
         self._pieces = pieces
         self._send_event.set()
 

@@ -1,4 +1,4 @@
-"""Fill the gaps of a recording: insert silent ticks in place of missing ticks.
+"""Fill the gaps of a recording: insert silent ticks instead of missing ticks.
 
 An estimator integrates a stiff model from tick to tick, and an integrator with a fixed step is not stable over a gap of
 seconds. With silent ticks the estimator continues to predict at its rate, and its covariance grows correctly. The

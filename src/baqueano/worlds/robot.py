@@ -137,7 +137,7 @@ class Robot(World):
     Examples
     --------
     >>> from types import SimpleNamespace
-    >>> link = SimpleNamespace(drive=print, heard=list, noise_ns=0)  # in place of robot.link.Uno
+    >>> link = SimpleNamespace(drive=print, heard=list, noise_ns=0)  # instead of robot.link.Uno
     >>> robot = Robot(sensor_slots(())(), link, None, Body())
     >>> robot.write(Command(0, np.array([0.5, 0.0, 0.2])))  # left and right duty
     0.3 0.7

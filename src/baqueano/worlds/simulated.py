@@ -124,7 +124,7 @@ def tick_row_count(dt_s: float) -> int:
 
 
 def no_noise(sensors: SensorBlocks, row_count: int = 1) -> DrawnNoise:
-    """Return zeros in place of standard normals, as constants, so that tracing removes the noise."""
+    """Return zeros instead of standard normals, as constants, so that tracing removes the noise."""
     leading_shape = () if row_count == 1 else (row_count,)
     return DrawnNoise(
         np.zeros((*leading_shape, 3)), tuple(np.zeros((*leading_shape, s.noise_size)) for s in sensors)

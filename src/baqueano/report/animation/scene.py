@@ -14,7 +14,7 @@ from baqueano.runs.interpolation import interpolate_poses
 from baqueano.signals import NANOSECONDS, seconds
 
 INSTANTS_PER_LAP, MAX_INSTANTS = 72, 216  # instants of a lap, of a run
-RADIUS_M = 0.07  # of the body, if the vehicle file does not contain its size
+RADIUS_M = 0.07  # radius of the body, if the vehicle file does not contain its size
 
 
 @dataclass(frozen=True)

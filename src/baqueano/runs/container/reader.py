@@ -1,7 +1,7 @@
 """Read a run: verify every checksum, recover the readable part of a cut or damaged file, and report the rest.
 
 `read_run(path)` returns the run. `run.notes` is empty for a complete file; otherwise it contains a message per loss.
-For a foreign file, or a file without readable data, FileError is raised, which names the kind of file.
+For a file of another format, or without readable data, FileError is raised, which names the kind of file.
 """
 
 import json

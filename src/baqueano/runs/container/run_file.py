@@ -139,7 +139,7 @@ class RunFile:
         self._stream.close()
 
     def abandon(self) -> None:
-        """Close the file without an index, even if the disk refuses the rest."""
+        """Close the file without an index, even if the rest cannot be written."""
         with suppress(OSError):
             self._stream.close()
 
@@ -179,7 +179,7 @@ def _open_new(path: Path) -> Any:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Write the folder to the disk, if the system can, so that the name of a new file survives a power cut."""
+    """Write the folder to the disk, if the system can, so that a power cut does not lose the name of a new file."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:

@@ -1,7 +1,7 @@
 """Diagnose a recording: find units, signs, clocks and readings that contradict each other.
 
 signal_map          the signal and the unit that each channel shows, by likelihood
-physical_limits     each signal by itself: values that no small vehicle reaches
+physical_limits     each signal alone: values that no small vehicle reaches
 motion              the motion by each source
 motion_checks       sensors and commands compared with the motion by the others
 truth               course and heading of the truth

@@ -1,6 +1,6 @@
 """Find errors that an imported recording can contain.
 
-Each signal is checked by itself (physical_limits.py), the truth by itself (truth.py), then all against each other
+Each signal is checked alone (physical_limits.py), the truth alone (truth.py), then all against each other
 (motion_checks.py). An error contradicts the map: the import stops and prints the correct line for the map. The import
 continues if the map lists the error under `accept`.
 """

@@ -1,7 +1,7 @@
 """Find values that a small vehicle cannot reach. They show a wrong unit from only one signal.
 
     speed, rate    the largest 1 % beyond 60 m/s, 35 rad/s (2000 deg/s, the range of small gyros)
-    tyres          means of a_x, a_y over WINDOW_S, minus their median, beyond 2 g: tyres hold about 1 g      (1)
+    tyres          means of a_x, a_y over WINDOW_S, minus their median, beyond 2 g: tyres transmit about 1 g      (1)
     at rest        before the first command the bias of a small gyro is below 0.35 rad/s (20 deg/s, data sheet of the
                    MPU-6050) and its noise below 0.02 rad/s (1.1 deg/s, ten times its data sheet)             (2)
     in g           a digital accelerometer has 2^k counts per g, so steps of 2^-k are in g. The noise of the quietest

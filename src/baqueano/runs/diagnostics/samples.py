@@ -67,7 +67,7 @@ class EndSamples(NamedTuple):
 
 
 def check_samples(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Diagnostic]]:
-    """Return the channel with NaN in place of invalid samples, and the findings."""
+    """Return the channel with NaN instead of invalid samples, and the findings."""
     z, messages = channel.z.copy(), []
     lost_count = int(np.sum(~np.isfinite(z)))
     if lost_count:

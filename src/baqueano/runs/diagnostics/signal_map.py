@@ -8,9 +8,9 @@ z is measured. h is predicted from a truth, wheels, v̇ and v ω, or a model. r 
 that data sheets, skidding wheels or guessed files do not determine. (2) compares the best slope of z_i on h_j with a
 slope of 0; s is its sign, and r the nearest ratio. a_e, a_h are the autocorrelations, one window apart, of the residual
 and of h. Import and fit accept another hypothesis π, s, r only by (3). Channels are swapped only if neither channel
-fits its own prediction: a nearly right prediction can correlate less than a wrong one. A scale of no known unit is not
-such a hypothesis. It needs MIN_SCALE_GAIN, as vibration also correlates. A slope that noise of h can explain also needs
-it.
+fits its own prediction: a nearly right prediction can correlate less than a wrong one. A scale without a known unit is
+not such a hypothesis. It needs MIN_SCALE_GAIN, as vibration also correlates. A slope that noise of h can explain also
+needs it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -68,7 +68,7 @@ class MappedChannel(NamedTuple):
 class Hypothesis(NamedTuple):
     """Prediction, sign and unit ratio that best explain one channel: a row of S = signed permutation × ratio."""
 
-    code: str  # "": as the map reads it, "swapped", "inverted", "unit", "scale" (of no known unit)
+    code: str  # "": as the map reads it, "swapped", "inverted", "unit", "scale" (without a known unit)
     prediction_index: int  # index of the prediction that the channel shows
     regression: ChannelRegression
     is_clear: bool

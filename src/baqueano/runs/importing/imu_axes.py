@@ -5,7 +5,7 @@ others and three times its own deviation. With the axis v upward (s = 1) or down
 
     forward = n(v),   left = s n(n(v)),   turning left = s ω_v,      n: x → y → z → x                     (1)
 
-The direction of `forward` in the plane is a guess. A log of gravity itself, in place of the reading at rest, has the
+The direction of `forward` in the plane is a guess. A log of gravity itself, instead of the reading at rest, has the
 opposite sign on all three axes. The size of the mean shows the unit.
 """
 

@@ -262,7 +262,7 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
             step = np.diff(np.where(np.isfinite(column), column, np.nan))
             if entry.wraps is not None:
                 turn = entry.wraps * entry.si_factor
-                step = step - turn * np.rint(step / turn)  # the shorter way round
+                step = step - turn * np.rint(step / turn)  # the shorter direction around the circle
             elif entry_unit and entry_unit.measures == "angle" and is_wrapped_angle(column):
                 step = wrap(step)
             column = rates(step, np.diff(source.t_ns) / NANOSECONDS, signal.is_rate)

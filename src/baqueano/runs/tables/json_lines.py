@@ -2,7 +2,7 @@
 
     {"t": 0.02, "cmd": {"v": 0.3}, "enc": [10, 12]}  →  t, cmd.v, enc.0, enc.1 = 0.02, 0.3, 10, 12        (1)
 
-A cell is empty in each line that lacks its column, so a topic can have lines of its own.
+A cell is empty in each line that lacks its column, so a topic can have its own lines.
 """
 
 import json

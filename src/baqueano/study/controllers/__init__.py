@@ -1,11 +1,11 @@
 """`baqueano study controllers`: compare all controllers with the same simulated robots, routes, noise and tuning.
 
-Robots of the second simulator (truth/) with the tolerances of real parts are identified from commands and IMU only,
-as in `study driving`. The gains of each controller are tuned once, on the identified model of another robot, from the
-same number of starts. The second row is the paper's PD, tuned over draws of that fit and of its delay: the ratios refer
-to it. This law never corrects an error beside the route, so it is tuned on the route, the others from beside it. A
-controller that cannot be compiled, such as mpc, has its default gains. Each controller drives each route of each robot
-from rest, with the same noise. There are three evaluations:
+Robots of the second simulator (truth/) with the tolerances of real parts are identified from commands and IMU only, as
+in `study driving`. The gains of each controller are tuned once, on the identified model of another robot, from the same
+number of starts. The second row is the paper's PD, tuned over draws of that fit and of its delay: the ratios refer to
+it. This law does not correct a cross-track error, so it is tuned with starts on the route, the others with starts
+beside it. A controller that cannot be compiled, such as mpc, has its default gains. Each controller drives each route
+of each robot from rest, with the same noise. There are three evaluations:
 
     pose         pose and velocity are known; the distance of the robot from its path
     estimate     commands and IMU only; the distance by the robot's estimate

@@ -100,7 +100,7 @@ def _compared_controller(
         starts=start_count,
         polish=False,
         duration_s=float(route.t_s[-1]) / 2.0,
-        aside_m=0.0 if kind == "pd" else ASIDE_M,  # this law never corrects an error beside the route
+        aside_m=0.0 if kind == "pd" else ASIDE_M,  # this law does not correct a cross-track error
         draws=draws,
         backend=backend,
     )

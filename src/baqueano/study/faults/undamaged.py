@@ -1,7 +1,7 @@
 """Remove from the undamaged run the readings that a fit excludes from the damaged run.
 
-A fit loses samples to a detected damage. One part of its error comes from the lost samples, the other part from harm in
-the remaining samples. The undamaged run without the samples of the same times separates the two parts.
+A fit loses samples to a detected damage. One part of its error comes from the lost samples, the other part from damage
+to the remaining samples. The undamaged run without the samples of the same times separates the two parts.
 """
 
 from dataclasses import replace

@@ -45,7 +45,7 @@ def lap_poses(route: Route, lap_fractions: Sequence[float]) -> np.ndarray:
 
 
 def with_fix(vehicle_file: VehicleFile, fix: str, route: Route) -> VehicleFile:
-    """Return the file with the sensors of a fix on a route, in place of other fixes; its estimator uses them."""
+    """Return the file with the sensors of a fix on a route, instead of other fixes; its estimator uses them."""
     sizes, tables, _ = FIXES[fix]
     document = tomlkit.parse(vehicle_file.with_values({"estimator.use": ["imu"]}).text)
     for name in [name for sensors in FIXES.values() for name in sensors.sizes]:

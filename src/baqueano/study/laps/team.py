@@ -1,4 +1,4 @@
-"""Identify robots of the independent truth. Each gets the vehicle file that its owner would obtain.
+"""Identify robots of the independent truth. Each uses the vehicle file that its owner would obtain.
 
 The gyro scale has an error of up to ± 3 % (corridor/vehicles.py). The gyro stays uncalibrated, or two turns on a mark
 calibrate it before the experiment, as in `baqueano drive`. Or a taught lap, which a person drives from a mark back to
@@ -138,8 +138,8 @@ def simulate_taught_laps(
 ) -> list[Run]:  # fmt: skip
     """Return a lap of each robot, driven by a person: a rest on the mark, a lap, and a rest on the mark.
 
-    The person sees the pose of the robot, with an error that grows up to the error of the final mark. With `ends` (n,
-    3) the person stops at these poses relative to the mark.
+    The person estimates the pose of the robot with an error that grows up to the error of the final mark. With `ends`
+    (n, 3) the person stops at these poses relative to the mark.
     """
     route, n = SHAPES[shape](SPEED_M_S), len(seeds)
     world = TruthWorld(

@@ -45,7 +45,7 @@ class CKernel:
 
     @cached_property
     def program(self) -> Program:
-        """Return the program in a graph of its own, from which code is generated."""
+        """Return the program in its own graph, from which code is generated."""
         return self._given_program.copy()
 
     @property
@@ -65,7 +65,7 @@ class CKernel:
     ) -> Callable[[], object]:
         """Return `run` or `sensitivities` bound to these arrays, whose addresses are read once.
 
-        The call holds the interpreter's lock, because a tick takes only microseconds and must not wait for the lock.
+        The call holds Python's GIL, because a tick takes only microseconds and must not wait for the GIL.
         """
         arrays = theta, start, inputs, outputs, result
         addresses = np.array([len(inputs), *_addresses(*arrays)], dtype=np.int64)
@@ -131,7 +131,7 @@ class CKernel:
         else:
             from concurrent.futures import ThreadPoolExecutor
 
-            with ThreadPoolExecutor(len(slices)) as pool:  # ctypes releases the interpreter's lock
+            with ThreadPoolExecutor(len(slices)) as pool:  # ctypes releases the GIL
                 list(pool.map(run, slices))
 
     def _text(self, name: str, *options) -> str:

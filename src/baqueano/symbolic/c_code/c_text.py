@@ -102,7 +102,7 @@ class CText:
         self.add("}")
 
     def symbols(self, terms: Iterable[Term], pattern: str) -> None:
-        """Define the names of these leaves: the pattern, with the index of the leaf in place of {}."""
+        """Define the names of these leaves: the pattern, with the index of the leaf instead of {}."""
         self.names |= {term: pattern.format(k) for k, term in enumerate(terms)}
 
     def name_cells(self, plan: EmitPlan, pattern: str) -> None:

@@ -35,11 +35,11 @@ MAX_THOROUGH_OPERATIONS = 20_000  # operations; for more, -O3 takes minutes
 MIN_QUICK_OPERATIONS = 1_000  # operations; for fewer, -O1 saves only a tenth of a second
 QUICK_LEVEL = "-O2"  # optimisation level of code that is compiled quickly
 LONG_LEVEL = "-O1"  # and of code with more than MAX_THOROUGH_OPERATIONS
-# Of quick code: calls of sin, exp and the like, because their copies take up to half of a compilation.
+# Quick code calls sin, exp and similar functions: to compile copies of them takes up to half of the time.
 CALLS = "-DCALLED", "-Wno-psabi"
 SIMPLE_REGISTERS = "--param=ira-max-conflict-table-size=0"  # gcc's quicker allocator: the code is as fast
 WHOLE_VECTORS = "-mprefer-vector-width=512"  # else gcc splits √ and ⌊ ⌋ of eight lanes, through memory
-TUNING = "-mtune=generic"  # for a processor that it does not know, gcc chooses the instructions of another
+TUNING = "-mtune=generic"  # gcc would choose the instructions of another model for an unknown processor
 LIBRARY_SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 PROBE_TEXT = """\
 typedef double pair __attribute__((vector_size(16)));

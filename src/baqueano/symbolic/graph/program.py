@@ -61,7 +61,7 @@ class Program(NamedTuple):
         return digest.digest()
 
     def copy(self) -> "Program":
-        """Return the program in a graph of its own, so that its code does not depend on other nodes of the trace."""
+        """Return the program in its own graph, so that its code does not depend on other nodes of the trace."""
         graph, copies = Graph(), {}
         graph.tables = list(self.tables)
         roots = (*self.initial, *self.next_carry, *self.outputs)

@@ -1,4 +1,4 @@
-"""Trace a call of a step, with symbols in place of numbers, and return its graph.
+"""Trace a call of a step, with symbols instead of numbers, and return its graph.
 
 A matrix of the carry that is symmetric at the start is traced with the same symbol on both sides of the diagonal. If
 the step returns the same nodes on both sides, the matrix stays symmetric by induction. Then only half of its entries

@@ -41,7 +41,7 @@ PREVIOUS_BARS_S = 2.5  # drive time between the pale bars and now
 MAX_CURVE_POINTS = 300  # points of the information curve
 FIT_COUNT = 6  # number of fits of a finished run
 MAX_RELATIVE_STD = 0.3  # relative standard error above which a motion is missing
-# of the magnitude in the file; the error of a smaller value is relative to that magnitude
+# fraction of the magnitude in the file; the error of a smaller value is relative to that magnitude
 MIN_SIZE_SHARE = 0.05
 MAX_GAP_S = 5.0
 

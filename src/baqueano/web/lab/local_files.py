@@ -54,7 +54,7 @@ class LocalFiles:
     ) -> None:
         """Copy the run of an expected mission after its message "done", and store the route that it taught.
 
-        `report` receives a message, and a row for each stored route, or None in place of the rows if the copy failed.
+        `report` receives a message, and a row for each stored route, or None instead of the rows if the copy failed.
         """
         kind, route = self._requests.pop(str(event.get("id")), ("", ""))
         if kind and event.get("run"):

@@ -40,7 +40,7 @@ class Questions:
         self._tuning_client, self.slow_client = WorkerClient(), WorkerClient()
         self._newest: dict[tuple[Visitor, str], object] = {}
         self._tasks: set[asyncio.Task[None]] = set()
-        self.blocks: dict[str, str] = {}  # role → kind that the next mission uses in place of the file's kind
+        self.blocks: dict[str, str] = {}  # role → kind that the next mission uses instead of the file's kind
         self.words: dict[str, Callable[[Visitor, JsonObject], Awaitable[JsonObject]]] = {
             "tune": self._tune, "route": self._route, "lap": self._lap, "landscape": self._landscape,
             "downhill": self._descent, "block": self._block, "check": self._check, "compare": self._compare,

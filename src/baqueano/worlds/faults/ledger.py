@@ -98,7 +98,7 @@ class Ledger:
             name: optional.attribute(getattr(sensors, name), "reads") for name in sensors._fields
         }
         self._measures_pose = any(measures_pose(sensor) for sensor in sensors)
-        self._used_channels: set[str] | None = None  # channels, once an innovation was seen; None: not known
+        self._used_channels: set[str] | None = None  # channels with an innovation; None before the first
         self.rows: list[LedgerRow] = []
         self.now_s = 0.0
         self._window: deque[tuple[float, float, int]] = deque()
