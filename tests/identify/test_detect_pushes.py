@@ -26,12 +26,12 @@ def end(case):
 
 
 def push_response(blocks, record, push):
-    """Return the sensor response (N, m) of a vehicle that is pushed (N, 3)."""
+    """Return the sensor response and the speed (N, m + 1) of a vehicle that is pushed (N, 3)."""
     vehicle, outputs = blocks.model.init(), []
     for dt_s, u, a in zip(record.dt_s, record.u, push, strict=True):
         vehicle, motion = blocks.model.step(vehicle._replace(nu=vehicle.nu + a * dt_s), u, dt_s, np.zeros(3))
         motion = motion._replace(nu_dot=motion.nu_dot + a)
-        outputs.append(np.concatenate([sensor.h(motion) for sensor in blocks.sensors]))
+        outputs.append(np.concatenate([*(sensor.h(motion) for sensor in blocks.sensors), motion.nu[:1]]))
     return np.array(outputs)
 
 
@@ -47,21 +47,26 @@ def test_the_sensitivity_column_equals_the_response_to_a_small_push(end, code, a
     problem, theta = end.task.problem, end.search.solution.theta
     now = fitted_motion(end.blocks, problem, theta)
     columns = [
-        D[k]
+        (D[k], term.speed)
         for block, D in term_columns(end.blocks, problem, now)()
-        for k, (c, _) in enumerate(block)
-        if c == code
+        for k, term in enumerate(block)
+        if term.code == code
     ]
-    row = 0
+    row = first = 0
     for record, weight, index, motion in zip(
         problem.records, problem.weights, problem.layout.indices, now.motions, strict=True
     ):
         blocks = substitute(end.blocks, (*problem.shape.shared_paths, *problem.shape.per_run), theta[index])
         push = 1e-6 * phi(motion.nu)[:, None] * np.eye(3)[axis]
-        slope = weight * (push_response(blocks, record, push) - push_response(blocks, record, -push)) / 2e-6
-        change = columns[0][row : row + slope.size].reshape(slope.shape)
-        row += slope.size
-        np.testing.assert_allclose(change, slope, atol=1e-5 * np.max(np.abs(slope)))
+        slope = (push_response(blocks, record, push) - push_response(blocks, record, -push)) / 2e-6
+        slope, speed = weight * slope[:, :-1], slope[:, -1]
+        change, speed_change = (
+            columns[0][0][row : row + slope.size],
+            columns[0][1][first : first + len(speed)],
+        )
+        row, first = row + slope.size, first + len(speed)
+        np.testing.assert_allclose(change.reshape(slope.shape), slope, atol=1e-5 * np.max(np.abs(slope)))
+        np.testing.assert_allclose(speed_change, speed, atol=1e-5 * np.max(np.abs(speed)))
 
 
 def test_testing_part_of_a_run_equals_testing_a_masked_column(end):

@@ -4,6 +4,7 @@ The study of faults shows the rates over many seeds (tests/study/test_faults.py,
 1 of 40,000 test results is significant. A fit has 250 such tests, so 0.6 % of the fits contain one."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from baqueano.diagnostics import note
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.diagnostics import residual_checks
 from baqueano.identify.diagnostics.residual_checks import fit_residuals
+from baqueano.identify.diagnostics.unmodelled_terms import Effect
 from baqueano.numerics.score_test import ScoreTest, score_test
 from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times
@@ -238,7 +240,7 @@ def test_a_probe_estimates_an_unmodelled_term_and_its_parameter_shift(case, u):
         problem, theta = end.task.problem, end.search.solution.theta
         residuals = fit_residuals(problem, theta, end.identifiability.mask)
         for words, D in term_columns(end.blocks, problem, fitted_motion(end.blocks, problem, theta))():
-            scores.update(zip((code for code, _ in words), score_test(residuals, D), strict=True))
+            scores.update(zip((term.code for term in words), score_test(residuals, D), strict=True))
         scores["names"], scores["theta"] = problem.shape.shared_paths, theta
 
     from baqueano.identify import prediction_error_fit as module
@@ -308,7 +310,8 @@ def test_understeer_explains_a_steering_gain_that_falls_with_the_speed(soft_tyre
 def test_understeer_is_advised_only_if_the_yaw_rate_is_too_small(z, fix):
     """A car that oversteers turns faster than the model."""
     gain, std, infinite = np.array([0.4]), np.array([0.01]), np.array([np.inf])
-    fit = residual_checks._FitEvidence(None, ["model.steering_gain"], gain, std, -infinite, infinite)
-    tests = [(("cornering, psi", note("term.cornering")), ScoreTest(z, z, 58.0, np.array([0.1]), 1.0))]
+    without_biases, names, shift = SimpleNamespace(nuisances=[]), ["model.steering_gain"], np.array([0.1])
+    fit = residual_checks._FitEvidence(without_biases, names, gain, std, -infinite, infinite, np.ones(1), 0)
+    tests = [(Effect("cornering, psi", note("term.cornering")), ScoreTest(z, z, 58.0, shift, [], 1.0))]
     (result,) = residual_checks._missing_terms(fit, tests, load("car").vehicle)
     assert result.message.fix == fix

@@ -31,11 +31,16 @@ def no_fixed_parameters(count):
     return FixedParameters((), np.zeros((0, 0)), np.zeros((0, count)), np.zeros(0, bool))
 
 
-def fit_with(names, std):
-    """Return what `with_speed_error` reads of a fit with independent errors."""
+def fit_with(names, std, shifts=(), speeds=()):
+    """Return what `with_speed_error` reads of a fit with independent errors, and `shifts` (n, p) by lacking effects."""
+    shifts, p = np.array(shifts).reshape(-1, len(names)), len(names)
+    unmodelled_cov = shifts.T @ shifts
     return SimpleNamespace(
-        names=tuple(names), std=np.array(std), cov=np.diag(np.square(std)), backend="auto", always_unobservable=(),
-        fixed=no_fixed_parameters(len(names)), blocks=FittedBlocks(SMALL.vehicle, sensor_slots(())()), file=SMALL,
+        names=tuple(names), std=np.array(std), cov=np.diag(np.square(std)) + unmodelled_cov, backend="auto",
+        unmodelled_cov=unmodelled_cov, unmodelled_shifts=shifts,
+        unmodelled_speeds=np.array(speeds).reshape(-1, 2, 2),
+        always_unobservable=(), fixed=no_fixed_parameters(p),
+        blocks=FittedBlocks(SMALL.vehicle, sensor_slots(())()), file=SMALL,
     )  # fmt: skip
 
 
@@ -53,6 +58,18 @@ def test_a_wrong_force_of_the_motors_is_a_wrong_scale_of_the_speed():
     for speed in (0.2, 0.4, -0.3):
         assert claimed_std(ekf, speed) / abs(speed) == pytest.approx(np.hypot(0.05, sheet_std), rel=0.1)
     assert np.sqrt(ekf.init().cov[SCALE_INDEX, SCALE_INDEX]) == ekf.speed_error_std[1]
+
+
+def test_a_lacking_effect_changes_the_speed_by_itself_and_by_its_shift():
+    """A shift of 30 % that the effect cancels does not change the speed. Without the effect, it changes it by 30 %."""
+    force, own = SMALL.vehicle.actuator_matrix[0, 0], np.array([[-0.3, 0.0], [-0.3, 0.0]])
+    stds = []
+    for speeds in (own, 0.0 * own, own + np.array([0.0, 0.02])):
+        fit = fit_with([FORCE], [0.05 * force], [[0.3 * force]], speeds)
+        stds.append(claimed_std(with_speed_error(SMALL.estimator(), fit, [RUN]), CONSTANT_SPEED))
+    without = claimed_std(with_speed_error(SMALL.estimator(), fit_with([FORCE], [0.05 * force]), [RUN]), 0.3)
+    expected = [0.0, 0.3 * CONSTANT_SPEED, 0.02]
+    np.testing.assert_allclose(stds, np.hypot(without, expected), rtol=0.1)
 
 
 def test_wrong_dead_zones_are_an_offset_of_the_speed():

@@ -94,7 +94,8 @@ def make_imu_fit(end: FinishedFit) -> Fit:
     is_tyre = np.array([path.partition("[")[0] in fields for path in end.fixed.paths], bool)
     cov = np.outer(lag_errors, lag_errors) + end.fixed.cov_part(is_tyre)[:s, :s]
     evidence = basis.evidence._replace(messages=tuple(map(_without_advice, basis.evidence.messages)))
-    basis = basis._replace(diagnosis=basis.diagnosis._replace(unmodelled_cov=cov), evidence=evidence)
+    diagnosis = basis.diagnosis._replace(unmodelled_cov=cov, shifts=np.zeros((0, s)), run_errors=0.0)
+    basis = basis._replace(diagnosis=diagnosis, evidence=evidence)
     return _with_notes(assemble_fit(end, basis), imu, scale_stds(end.vehicle_file, imu))
 
 

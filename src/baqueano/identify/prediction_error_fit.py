@@ -83,6 +83,7 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
         poorly_identified=np.concatenate([fit.poorly_identified, np.zeros(len(paths), bool)]),
         cov=cov,
         unmodelled_cov=np.pad(fit.unmodelled_cov, (0, len(paths))),
+        unmodelled_shifts=np.pad(fit.unmodelled_shifts, ((0, 0), (0, len(paths)))),
         fixed=fit.fixed._replace(shifts=np.pad(fit.fixed.shifts, ((0, 0), (0, len(paths))))),
         notes=(second.choice.reason, _sensors(second), *fit.notes),
     )

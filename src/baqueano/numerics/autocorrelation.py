@@ -8,6 +8,7 @@ autocorrelation over the first LAGS ticks decides if residuals are white. Source
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -124,3 +125,13 @@ def autocorrelated_scores(psi: np.ndarray, mask: np.ndarray, d: np.ndarray, dt_s
         )[:n]
         B += inner(derivatives, filtered_scores)
     return 0.5 * (B + B.T)
+
+
+def decay_since_sign_change(x: np.ndarray, t: np.ndarray, decay_s: float) -> np.ndarray:
+    """Return sign x e^(−s/decay_s) (N, 1) for x (N, 1); s is the time since the sign last changed, infinite before."""
+    decay, sign = np.zeros_like(x), np.sign(x[:, 0])
+    moving_rows = np.flatnonzero(sign)
+    reversals = moving_rows[1:][np.diff(sign[moving_rows]) != 0.0]
+    for begin, end in pairwise([*reversals, len(t)]):
+        decay[begin:end, 0] = np.exp((t[begin] - t[begin:end]) / decay_s) * sign[begin]
+    return decay

@@ -239,3 +239,13 @@ def marginal_std(A: np.ndarray, index: np.ndarray, is_free: np.ndarray) -> np.nd
     std = np.full(len(is_free), np.inf)
     std[entries] = np.sqrt(np.maximum(np.diagonal(inverse), 0.0)) / root
     return np.asarray(std[index])
+
+
+def square_root(B: np.ndarray) -> np.ndarray:
+    """Return F (k, k) with F Fᵀ = B + ε I; a small ε replaces eigenvalues below ε, also negative ones by rounding."""
+    jitter = 1e-13 * max(float(np.trace(B)), 1e-300)
+    try:
+        return np.linalg.cholesky(B + jitter * np.eye(len(B)))
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(B)
+        return vectors * np.sqrt(np.maximum(values, jitter))

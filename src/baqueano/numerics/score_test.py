@@ -47,6 +47,7 @@ class NuisanceDerivatives(NamedTuple):
     d: np.ndarray  # (q, n m) derivatives, with earlier nuisance parameters eliminated
     weighted_slopes: np.ndarray  # (q, n m) d w
     inverse: np.ndarray  # (q, q) of d w dᵀ
+    ties: np.ndarray  # (first, q) the part of each earlier derivative that d explains
 
 
 class FitResiduals(NamedTuple):
@@ -62,6 +63,7 @@ class FitResiduals(NamedTuple):
     blocks: np.ndarray  # (B,) first row of each block
     inverse: np.ndarray  # A⁻¹ (k, k)
     weighted_rows: np.ndarray  # (k + 1, N m) d w, and ψ
+    identifiable: np.ndarray  # (s,) mask of the k shared entries of θ
     power: float  # Σ ψ² / Σ w: the sum over all residuals, divided by the number that is not clipped
     signal: float  # Σ of the squared measurements in standard deviations, about the mean of each channel
 
@@ -73,6 +75,7 @@ class ScoreTest(NamedTuple):
     z: float  # (4)
     freedom: float  # degrees of freedom of z
     shift: np.ndarray  # (k,) Δθ (3)
+    nuisance_shifts: list[np.ndarray]  # (q,) each: change of the nuisance parameters if θ does not change
     gain: float  # ρ (5)
 
 
@@ -127,6 +130,7 @@ def score_test_residuals(
         blocks,
         inverse,
         weighted_rows,
+        identifiable,
         power,
         signal,
     )
@@ -151,8 +155,9 @@ def _eliminate(flat_slopes: np.ndarray, w: np.ndarray, m: int, nuisance: Nuisanc
     weighted_slopes = d * w[columns]
     inverse = pseudo_inverse(_product(weighted_slopes, d.T))
     other_rows = flat_slopes[:first, columns]
-    _subtract(other_rows, _product(other_rows, weighted_slopes.T) @ inverse, d)
-    return NuisanceDerivatives(rows, columns, d, weighted_slopes, inverse)
+    ties = _product(other_rows, weighted_slopes.T) @ inverse
+    _subtract(other_rows, ties, d)
+    return NuisanceDerivatives(rows, columns, d, weighted_slopes, inverse, ties)
 
 
 def _subtract(D: np.ndarray, projection: np.ndarray, d: np.ndarray) -> None:
@@ -198,6 +203,14 @@ def bounded_shift(fit: FitResiduals, test: ScoreTest, low: np.ndarray, high: np.
         return Evaluation(float(x @ (0.5 * (H @ x) + g)), H @ x + g, H)
 
     return minimise(quadratic, np.zeros(len(g)), np.append(low, 0.0), np.append(high, np.inf)).theta[:-1]
+
+
+def nuisance_shift(fit: FitResiduals, test: ScoreTest, shift: np.ndarray, count: int) -> np.ndarray:
+    """Return the change of the parameters of the last `count` nuisances by an effect that changes θ by `shift` (k,).
+    Each row belongs to at most one of these nuisances."""
+    pairs = [*zip(fit.nuisances, test.nuisance_shifts, strict=True)][len(fit.nuisances) - count :]
+    shifts = [own_shift - nuisance.ties[fit.identifiable].T @ shift for nuisance, own_shift in pairs]
+    return np.concatenate([np.zeros(0), *shifts])
 
 
 def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[list[ScoreTest]]:
@@ -264,8 +277,9 @@ def _score_tests(
     )
     shift = -ties * size[:, None]
     gain = size**2 * power
-    rows = zip(size.tolist(), shift, gain.tolist(), strict=True)
-    tests = [ScoreTest(d, 0.0, 1.0, move, rho) for d, move, rho in rows]
+    nuisance_shifts = [[-tie[k] * size[k] for tie in nuisance_ties] for k in range(len(size))]
+    rows = zip(size.tolist(), shift, nuisance_shifts, gain.tolist(), strict=True)
+    tests = [ScoreTest(d, 0.0, 1.0, move, moves, rho) for d, move, moves, rho in rows]
     for first in range(0, len(candidates), EFFECT_BATCH):
         indices = candidates[first : first + EFFECT_BATCH]
         D = column(indices)

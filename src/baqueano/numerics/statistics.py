@@ -14,8 +14,11 @@ from collections.abc import Sequence
 from functools import lru_cache
 from math import erfc, exp, lgamma, pi, sqrt
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
+
+from baqueano.numerics.parallel import gram
 
 QUANTILE_95 = 1.959963984540054  # standard deviations within which 95 % of a normal distribution lie
 MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
@@ -24,6 +27,7 @@ HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
 MAX_FREEDOM = 1000.0  # degrees of freedom above which Student's t is normal to 1e-4
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(200)  # of a quadrature over (−1, 1)
 MIN_BLOCKS, DRAWS = 5, 2000  # (4): blocks for an interval, and draws
+ENCLOSING_STEPS = 100
 
 
 @lru_cache(maxsize=1000)
@@ -159,3 +163,55 @@ def block_ratio(sums: np.ndarray, reference: np.ndarray) -> tuple[float, float, 
     draws = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
     low, high = np.quantile(np.sqrt(sums[draws].sum(axis=1) / reference[draws].sum(axis=1)), [0.025, 0.975])
     return ratio, float(low), float(high)
+
+
+class SignedLine(NamedTuple):
+    """Least-squares lines through the columns of y sgn x as functions of |x|, over the rows of one sign of x."""
+
+    share: float  # of the rows with |x| > minimum
+    X: np.ndarray  # (n, 2) of |x| and 1
+    D: np.ndarray  # (n, q) y sgn x
+    B: np.ndarray  # (2, q) slopes and constants
+
+
+def lines_by_sign(x: np.ndarray, y: np.ndarray, minimum: float) -> list[SignedLine]:
+    """Return the lines of y (N, q) for positive and for negative x (N,), over finite rows with |x| > `minimum`."""
+    is_used, lines = np.isfinite(y).all(axis=1) & (np.abs(x) > minimum), []
+    for sign in (1.0, -1.0):
+        rows = is_used & (np.sign(x) == sign)
+        X, D = np.stack([np.abs(x[rows]), np.ones(rows.sum())], axis=1), sign * y[rows]
+        share = float(rows.sum() / max((np.abs(x) > minimum).sum(), 1))
+        lines.append(SignedLine(share, X, D, np.linalg.pinv(X) @ D))
+    return lines
+
+
+def enclosing_cov(x: np.ndarray) -> np.ndarray:
+    """Return the least C (q, q) with gᵀ C g ≥ (gᵀ x_i)² for all g and all rows x_i (n, q): Löwner's ellipsoid of ± x_i,
+    by the multiplicative iteration of Silvey, Titterington and Torsney (1978)."""
+    weights, C, distances = np.full(len(x), 1.0 / max(len(x), 1)), np.zeros((x.shape[1],) * 2), np.zeros(1)
+    for _ in range(ENCLOSING_STEPS):
+        C = (x.T * weights) @ x
+        distances = np.einsum("ni,ij,nj->n", x, np.linalg.pinv(C, rcond=1e-9), x)
+        weights = weights * distances / max(float(weights @ distances), 1e-300)
+    return C * float(np.max(distances, initial=0.0))
+
+
+def largest_errors_cov(errors: np.ndarray) -> np.ndarray:
+    """Return C (k, k) of the `errors` (n, k) of n effects. They can have one cause, so C is not their sum:
+    C = D Σ_i e_i e_iᵀ D,   D diagonal with C_jj = max_i e_ij²."""
+    squares = np.sum(errors**2, axis=0)
+    scale = np.max(np.abs(errors), axis=0) / np.sqrt(np.where(squares > 0.0, squares, 1.0))
+    scaled_errors = errors * scale
+    return scaled_errors.T @ scaled_errors
+
+
+def row_cov(r: np.ndarray) -> np.ndarray:
+    """Return the covariance (m, m) of rows r (N, m)."""
+    return np.atleast_2d(np.cov(r.T)) if len(r) > 1 else np.zeros((r.shape[1], r.shape[1]))
+
+
+def white_sums(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return A and B (p, p) for white residuals (N, m) with derivatives (N, m, p): Σ ψ' ∂r ∂rᵀ and Σ ψ² ∂r ∂rᵀ."""
+    magnitude, d = np.abs(r).ravel(), d.reshape(r.size, d.shape[-1])
+    # few residuals are clipped: subtracting them is faster than selecting the others
+    return gram(d) - gram(d[magnitude >= HUBER]), gram(d, np.minimum(magnitude, HUBER) ** 2)

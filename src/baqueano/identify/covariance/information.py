@@ -26,9 +26,9 @@ from baqueano.identify.residuals.noise_level import MIN_MEASUREMENTS
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.autocorrelation import WHITE_LIMIT, autocorrelated_scores, autocorrelation_sums
 from baqueano.numerics.least_squares import Solution
-from baqueano.numerics.normal_equations import eliminate, mean_square_error, pseudo_inverse
-from baqueano.numerics.parallel import gram, parallel_map
-from baqueano.numerics.statistics import HUBER, change_covariance
+from baqueano.numerics.normal_equations import eliminate, mean_square_error, pseudo_inverse, square_root
+from baqueano.numerics.parallel import parallel_map
+from baqueano.numerics.statistics import HUBER, change_covariance, white_sums
 from baqueano.vehicles.freedoms import tyre_paths
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
         r, d, _ = segment
         if not (are_finite(d) and np.isfinite(r).all()):
             r, d = np.zeros_like(r), np.zeros_like(d)  # a model that diverges gives no information
-        bread, meat = _white_sums(np.where(is_sparse & (mask > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
+        bread, meat = white_sums(np.where(is_sparse & (mask > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
         if is_autocorrelated:
             sparse_scores = np.where(is_sparse, 0.0, np.clip(r, -HUBER, HUBER))
             meat = autocorrelated_scores(sparse_scores, mask, d, record.dt_s)
@@ -97,13 +97,6 @@ def _segment_scores(problem: Residuals, segments: list[Any]) -> np.ndarray | Non
     return scores
 
 
-def _white_sums(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return A and B (p, p) for residuals (N, m) with derivatives (N, m, p).  (1)"""
-    magnitude, d = np.abs(r).ravel(), d.reshape(r.size, d.shape[-1])
-    # few residuals are clipped: subtracting them is faster than selecting the others
-    return gram(d) - gram(d[magnitude >= HUBER]), gram(d, np.minimum(magnitude, HUBER) ** 2)
-
-
 def parameter_cov(info: Information, identifiable: np.ndarray) -> np.ndarray:
     """Return the covariance (k, k) of the entries `identifiable` of θ, if the others are fixed.  (1), (3)"""
     index = np.ix_(identifiable, identifiable)
@@ -111,7 +104,7 @@ def parameter_cov(info: Information, identifiable: np.ndarray) -> np.ndarray:
     scale = np.sqrt(np.where(information > 0.0, information, 1.0))  # all rows of an entry can be outliers
     A = info.bread[index] / np.outer(scale, scale)
     B = info.meat[index] / np.outer(scale, scale)
-    factor = np.linalg.solve(A, _square_root(B))
+    factor = np.linalg.solve(A, square_root(B))
     cov = factor @ factor.T  # A⁻¹ B A⁻¹
     cov = cov * (info.sample_count / max(1, info.sample_count - len(identifiable)))
     if info.scores is not None:
@@ -121,16 +114,6 @@ def parameter_cov(info: Information, identifiable: np.ndarray) -> np.ndarray:
         )
         cov = cov * np.outer(factors, factors)
     return cov / np.outer(scale, scale)
-
-
-def _square_root(B: np.ndarray) -> np.ndarray:
-    """Return F (k, k) with F Fᵀ = B + ε I; a small ε replaces eigenvalues below ε, also negative ones by rounding."""
-    jitter = 1e-13 * max(float(np.trace(B)), 1e-300)
-    try:
-        return np.linalg.cholesky(B + jitter * np.eye(len(B)))
-    except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(B)
-        return vectors * np.sqrt(np.maximum(values, jitter))
 
 
 class FixedParameters(NamedTuple):

@@ -3,15 +3,14 @@
     share_c = √γ_c(1) / spread of the prediction of channel c                                             (1)
     excess_c = spread of r_c / spread of the second differences of r_c over √6                            (2)
     z = (mean rank of |ḣ| among readings beyond 4 σ − ½) √(12 n)                                          (3)
-    C = D Σ_i e_i e_iᵀ D,   D diagonal with C_jj = max_i e_ij²                                            (4)
 
 The tests are for the terms of unmodelled_terms.py, and for a change of each parameter between parts of the data. The
 parts are the first 1/4 to 3/4 of the time, each run, and kinds of motion, such as forward, left or fast. A result
 needs a p-value below 1/40,000, because there are some 250 tests (a low-pass of the IMU: 1/300). Also, a parameter
-must shift by more than 2 standard errors and 2 %, or differ between parts by more than 5 %. The shifts e_i, and half
-of the difference of parts, are added to the covariance (4). γ(1), the covariance of neighbouring residuals, is motion
-outside the model. If it is above 5 % of the predicted motion, or 0.5 % with (2) above 1.3, parameters are not accurate
-to 5 %. Outliers during fast changes of the prediction (3) mean a wrong delay or a model that is too simple.
+must shift by more than 2 standard errors and 2 %, or differ between parts by more than 5 %. The covariance gains the
+shifts, and for parts the shifts to both values. γ(1), the covariance of neighbouring residuals, is motion outside the
+model. If it is above 5 % of the predicted motion, or 0.5 % with (2) above 1.3, parameters are not accurate to 5 %.
+Outliers during fast changes of the prediction (3) mean a wrong delay or a model that is too simple.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,13 +20,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.estimators.augmented.motion import MIN_SPEED_M_S
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.diagnostics.unmodelled_terms import (
-    FittedMotion,
-    LabelledTerm,
-    fitted_motion,
-    term_columns,
-)
+from baqueano.identify.diagnostics.unmodelled_terms import Effect, FittedMotion, fitted_motion, term_columns
 from baqueano.identify.parameters.free import DELAY_PATH
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import dot
@@ -36,11 +31,12 @@ from baqueano.numerics.score_test import (
     Nuisance,
     ScoreTest,
     bounded_shift,
+    nuisance_shift,
     score_test,
     score_test_parts,
     score_test_residuals,
 )
-from baqueano.numerics.statistics import MAD, student_quantile, white_std
+from baqueano.numerics.statistics import MAD, largest_errors_cov, lines_by_sign, student_quantile, white_std
 from baqueano.parameter import all_parameters
 from baqueano.vehicles.freedoms import sign_speed_paths, tyre_paths
 from baqueano.vehicles.state import DynamicVehicle
@@ -68,7 +64,7 @@ TERM_KEYS = {  # code of an effect → keys of the file that model it
 # the yaw rate of a car follows its curvature, so a drag about ψ is a curvature that falls with the speed
 TYRE_TERMS = {f"{code}, psi" for code in ("drag", "steep drag", "cornering", "turning", "slip")}
 HIDDEN_EFFECTS = ("term.friction-speed", "term.backlash")
-TermTests: TypeAlias = Sequence[tuple[LabelledTerm, ScoreTest]]
+TermTests: TypeAlias = Sequence[tuple[Effect, ScoreTest]]
 MAX_REPORTED = 2  # results that are reported, the most significant first
 MAX_COMPARED_RUNS = 8  # up to this number, each run is compared with the others
 
@@ -94,7 +90,10 @@ def check_residuals(
     fit = fit_residuals(problem, theta, identifiable)
     low, high = (bound[index] - theta[index] for bound in bounds)
     paths = [problem.shape.shared_paths[i] for i in index]
-    fit_evidence = _FitEvidence(fit, paths, theta[index], std[index], low, high)
+    nu_x = np.zeros(len(fit.run)) if motion is None else motion.nu[:, 0]
+    is_run_entry = identifiable[s : problem.layout.first_start].reshape(problem.layout.run_count, -1)
+    count = int(is_run_entry.any(axis=1).sum())
+    fit_evidence = _FitEvidence(fit, paths, theta[index], std[index], low, high, nu_x, count)
     messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(fit_evidence, motion)
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
     missing_terms = _missing_terms(fit_evidence, tests, blocks.model)
@@ -105,23 +104,25 @@ def check_residuals(
         by_fix.setdefault(message.fix or message.figures["effect"].code, message)
     messages += [*by_fix.values()][:MAX_REPORTED] + [result.message for result in differences[:MAX_REPORTED]]
     diagnosis, entries = Diagnosis.of(messages, s), np.ix_(index, index)
-    errors = [
-        np.zeros(len(index)),
-        *hidden_errors,
-        *(result.errors for result in missing_terms + differences),
-    ]
-    diagnosis.unmodelled_cov[entries] = _largest_errors_cov(np.array(errors))
-    diagnosis.lag_errors[index] = sum(_effect_errors("term.low-pass", 1, fit_evidence, tests))
-    return diagnosis
+    effects = hidden_errors + [e for result in missing_terms + differences for e in result.effects]
+    shifts = np.array([np.zeros(len(index)), *(effect.shift for effect in effects)])
+    diagnosis.unmodelled_cov[entries] = largest_errors_cov(shifts)
+    lags = _effect_errors("term.low-pass", 1, fit_evidence, tests)
+    diagnosis.lag_errors[index] = sum(lag.shift for lag in lags)
+    all_shifts, speeds = np.zeros((len(shifts), s)), [np.zeros((2, 2)), *(effect.speed for effect in effects)]
+    all_shifts[:, index] = shifts
+    run_errors = np.zeros(is_run_entry.size)
+    run_errors[is_run_entry.ravel()] = np.max([np.abs(effect.run) for effect in effects], axis=0, initial=0.0)
+    return diagnosis._replace(shifts=all_shifts, speed_changes=np.array(speeds), run_errors=run_errors)
 
 
-def _effect_errors(code: str, sign: int, fit: "_FitEvidence", tests: TermTests) -> list[np.ndarray]:
-    """Return the errors (k,) of the parameters by each effect `code`, also if its test is not significant. It is the
-    shift Δθ by the effect times √(1 ± 1/z²), with the variance of Δθ added (`sign` 1) or subtracted (−1)."""
-    effects = [test for (_, term_note), test in tests if term_note.code == code and test.gain > 0.0]
-    shifts = [bounded_shift(fit.residuals, test, fit.low, fit.high) for test in effects]
-    factors = [np.sqrt(max(1.0 + sign / (test.z**2 or test.gain), 0.0)) for test in effects]
-    return [shift * factor for shift, factor in zip(shifts, factors, strict=True)]
+def _effect_errors(code: str, sign: int, fit: "_FitEvidence", tests: TermTests) -> list["_FitChange"]:
+    """Return the errors by each effect `code`, also if its test is not significant: those of the effect times
+    √(1 ± 1/z²), with the variance of Δθ added (`sign` 1) or subtracted (−1)."""
+    pairs = [pair for pair in tests if pair[0].description.code == code and pair[1].gain > 0.0]
+    factors = [np.sqrt(max(1.0 + sign / (test.z**2 or test.gain), 0.0)) for _, test in pairs]
+    changes = [fit.effect(test, term.speed) for term, test in pairs]
+    return [_FitChange(*(f * x for x in change)) for f, change in zip(factors, changes, strict=True)]
 
 
 def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarray) -> FitResiduals:
@@ -145,25 +146,28 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
     )
 
 
-def _largest_errors_cov(errors: np.ndarray) -> np.ndarray:
-    """Return C (k, k) of the `errors` (n, k) of n effects. They can have one cause, so C is not their sum.  (4)"""
-    squares = np.sum(errors**2, axis=0)
-    scale = np.max(np.abs(errors), axis=0) / np.sqrt(np.where(squares > 0.0, squares, 1.0))
-    scaled_errors = errors * scale
-    return scaled_errors.T @ scaled_errors
-
-
 class Diagnosis(NamedTuple):
     """Findings about a finished search, and their consequences for the s shared entries of θ."""
 
     messages: list[Diagnostic]
-    unmodelled_cov: np.ndarray  # (s, s) covariance by effects that the model lacks  (4)
+    unmodelled_cov: np.ndarray  # (s, s) covariance by effects that the model lacks
     lag_errors: np.ndarray  # (s,) errors of θ by a short lag that the file lacks
+    shifts: np.ndarray  # (n, s) change of θ by each of these effects
+    speed_changes: np.ndarray  # (n, 2, 2) change of ν_x by the effect itself: `lines_by_sign`
+    run_errors: np.ndarray | float = 0.0  # (runs q,) largest change of the entries of each run by an effect
 
     @classmethod
     def of(cls, messages: list[Diagnostic], s: int) -> "Diagnosis":
         """Return findings without consequences."""
-        return cls(messages, np.zeros((s, s)), np.zeros(s))
+        return cls(messages, np.zeros((s, s)), np.zeros(s), np.zeros((0, s)), np.zeros((0, 2, 2)))
+
+
+class _FitChange(NamedTuple):
+    """The change of a fit by an effect that the model lacks."""
+
+    shift: np.ndarray  # (k,) of the parameters
+    run: np.ndarray  # of the entries of each run, such as biases
+    speed: np.ndarray  # (2, 2) of ν_x by the effect itself, without that by the shift: `lines_by_sign`
 
 
 class _SignificantResult(NamedTuple):
@@ -171,7 +175,7 @@ class _SignificantResult(NamedTuple):
 
     z: float
     message: Diagnostic
-    errors: np.ndarray  # (k,) possible errors of the parameters, with the signs of one effect
+    effects: list[_FitChange]
 
 
 class _FitEvidence(NamedTuple):
@@ -183,6 +187,15 @@ class _FitEvidence(NamedTuple):
     std: np.ndarray  # (k,) standard errors
     low: np.ndarray  # (k,) distances to the bounds
     high: np.ndarray  # (k,)
+    nu_x: np.ndarray  # (N,) speed of the model
+    run_count: int  # runs with entries of their own, the last nuisances of `residuals`
+
+    def effect(self, test: ScoreTest, speed: np.ndarray | float = 0.0) -> _FitChange:
+        """Return the change of the fit by an effect, within the bounds of θ. `speed` is that of its term."""
+        shift = bounded_shift(self.residuals, test, self.low, self.high)
+        column = (test.size * speed * np.ones(len(self.nu_x)))[:, None]
+        lines = [line.B[:, 0] for line in lines_by_sign(self.nu_x, column, MIN_SPEED_M_S)]
+        return _FitChange(shift, nuisance_shift(self.residuals, test, shift, self.run_count), np.array(lines))
 
     def is_significant(self, test: ScoreTest) -> bool:
         """Return True if |z| of the test is above the critical value for its degrees of freedom."""
@@ -199,11 +212,13 @@ class _FitEvidence(NamedTuple):
 
 def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -> list[_SignificantResult]:
     results = []
-    for (code, term_note), test in sorted(tests, key=lambda pair: -pair[1].gain):
+    for term, test in sorted(tests, key=lambda pair: -pair[1].gain):
+        code, term_note, speed = term
         is_filter = term_note.code == "term.low-pass"
         if not (abs(test.z) > LOW_PASS_Z if is_filter else fit.is_significant(test)):
             continue
-        test = test._replace(shift=bounded_shift(fit.residuals, test, fit.low, fit.high))
+        effect = fit.effect(test, speed)
+        test = test._replace(shift=effect.shift)
         k, fix = fit.most_biased(test), _fix(term_note, fit.paths, model)
         tyre = next((path for path in tyre_paths(model) if path not in fit.paths), "")
         if tyre and test.z < 0.0 and code in TYRE_TERMS:
@@ -216,7 +231,7 @@ def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -
                 term=code, effect=term_note, region=_place_text(code), z=abs(test.z),
                 errors=abs(test.shift[k]) / fit.std[k],
             )  # fmt: skip
-            results.append(_SignificantResult(abs(test.z), message, test.shift))
+            results.append(_SignificantResult(abs(test.z), message, [effect]))
     return results
 
 
@@ -251,8 +266,9 @@ def _differing_parts(fit: _FitEvidence, motion: FittedMotion | None) -> list[_Si
                     "residual.parts-differ", Severity.WARNING, subject=fit.paths[k], difference=test.size, part=part,
                     overall_value=fit.theta[k], z=abs(test.z),
                 )  # fmt: skip
-                errors = 0.5 * abs(test.size) * (np.arange(len(fit.theta)) == k)
-                results.append(_SignificantResult(abs(test.z), message, errors))
+                effect, in_part = fit.effect(test), test.size * (np.arange(len(fit.theta)) == k)
+                effects = [effect, effect._replace(shift=effect.shift + in_part)]
+                results.append(_SignificantResult(abs(test.z), message, effects))
     return sorted(results, key=lambda result: -result.z)
 
 

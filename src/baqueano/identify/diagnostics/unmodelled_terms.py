@@ -17,7 +17,6 @@ drivetrain, ν is the velocity of the model, both relative to their largest valu
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -40,6 +39,7 @@ from baqueano.identify.residuals.motion import (
     read_sensors,
 )
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.autocorrelation import decay_since_sign_change
 from baqueano.numerics.parallel import parallel_map, prefetch
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
@@ -63,9 +63,17 @@ SIDEWAYS_AXIS = np.array([0.0, 1.0, 0.0])
 AXES = ("x", "y", "psi", "motors")
 FORCE_AXES = (0, 2)  # of all forces except the last one of each axis, which acts sideways
 
-LabelledTerm: TypeAlias = tuple[str, Diagnostic]  # code of a term, and its description
+
+class Effect(NamedTuple):
+    """One effect that a model can lack."""
+
+    code: str
+    description: Diagnostic
+    speed: np.ndarray | float = 0.0  # (N,) change of ν_x [m/s] by a unit of the effect
+
+
 # and their columns D (K, N m) in standard deviations
-TermColumns: TypeAlias = tuple[list[LabelledTerm], np.ndarray]
+TermColumns: TypeAlias = tuple[list[Effect], np.ndarray]
 
 
 class Force(NamedTuple):
@@ -104,22 +112,12 @@ def motion_features(axis: int, nu: np.ndarray, record: FitRecord, dry_speed: flo
     x, w, magnitude = nu[:, :1], nu[:, 2:], np.abs(v)
     force, torque = (w, x * np.abs(w), w * w, x * np.abs(x) * w * w), (x, w * np.abs(x), x * w, w * x * x)
     corners = (*force, x * w) if axis == 0 else (*torque, w * np.abs(w))
-    flips = _decay_since_sign_change(v, np.cumsum(record.dt_s))
+    flips = decay_since_sign_change(v, np.cumsum(record.dt_s), DECAY_S)
     dry_force, width = np.tanh(v / SIGN_WIDTH), s * (1.0 - np.tanh(s) ** 2)
     return np.concatenate([dry_force, v * magnitude, v * v * v, magnitude, flips, width, *corners], axis=1)
 
 
-def _decay_since_sign_change(x: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return sign x e^(−s/0.2 s) (N, 1) for x (N, 1); s is the time since the sign last changed, infinite before."""
-    decay, sign = np.zeros_like(x), np.sign(x[:, 0])
-    moving_rows = np.flatnonzero(sign)
-    reversals = moving_rows[1:][np.diff(sign[moving_rows]) != 0.0]
-    for begin, end in pairwise([*reversals, len(t)]):
-        decay[begin:end, 0] = np.exp((t[begin] - t[begin:end]) / DECAY_S) * sign[begin]
-    return decay
-
-
-class ForcedState(NamedTuple):
+class PushedState(NamedTuple):
     """State of the simulation with a push. It contains θ, because the derivatives are with respect to ε."""
 
     vehicle: Tree
@@ -187,13 +185,13 @@ def term_columns(
 
 def _reading_columns(blocks: FittedBlocks, problem: Residuals, fit_motion: FittedMotion) -> TermColumns:
     """Return the terms that change only the readings.  (6)"""
-    labels: list[LabelledTerm] = []
+    terms: list[Effect] = []
     columns = []
     for record, motion, weight in zip(problem.records, fit_motion.motions, problem.weights, strict=True):
         readings = _reading_terms(blocks, problem, record, motion)
-        labels = [(code, term_note) for code, term_note, _ in readings]
+        terms = [Effect(code, term_note) for code, term_note, _ in readings]
         columns.append(np.stack([(D * weight).ravel() for _, _, D in readings]))
-    return labels, np.concatenate(columns, axis=1)
+    return terms, np.concatenate(columns, axis=1)
 
 
 def _force_columns(
@@ -228,17 +226,17 @@ def _force_columns(
     index = [k for k, force in enumerate(candidates) if force.channel is None or largest[force.channel] > 0.0]
 
     def columns() -> TermColumns:
-        D = all_columns().reshape(-1, len(candidates)).T  # (K, N m)
-        forces = [candidates[k] for k in index]
-        labels = [(f"{force.code}, {AXES[force.axis]}", force.description) for force in forces]
-        return labels, D if len(index) == len(candidates) else D[index]
+        D = all_columns()[:, :, index]  # (N, m + 1, K)
+        forces = zip((candidates[k] for k in index), D[:, -1].T, strict=True)
+        terms = [Effect(f"{force.code}, {AXES[force.axis]}", force.description, x) for force, x in forces]
+        return terms, D[:, :-1].reshape(-1, len(index)).T
 
     return columns
 
 
-def _force_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
-    """Return the scan from ε (K,) of all forces to the readings divided by σ. The forces are sorted by axis; the
-    last force of each axis acts sideways.  (1)"""
+def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
+    """Return the scan from ε (K,) of all forces to the readings divided by σ, and ν_x. The forces are sorted by axis;
+    the last force of each axis acts sideways.  (1)"""
     n, m = blocks.model.commands, sum(s.size for s in blocks.sensors)
     channels = blocks.model.drivetrain.channels
     c, count = len(COMMAND_TERMS) * channels, len(force_terms(0, channels))
@@ -276,8 +274,8 @@ def _force_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         )
         motion = motion._replace(nu_dot=motion.nu_dot + force, tick=tick)
         readings, signals = read_sensors(tick_blocks.sensors, state.signals, motion, dt_s, mean_weights)
-        next_state = ForcedState(vehicle, signals, state.theta, w_lag, sign, pause, state.emf)
-        return next_state, weight * np.concatenate(readings)
+        next_state = PushedState(vehicle, signals, state.theta, w_lag, sign, pause, state.emf)
+        return next_state, np.concatenate([weight * np.concatenate(readings), motion.nu[:1]])
 
     rows = np.zeros(1 + n + m + column_count + WEIGHT_COLUMNS * len(shape.means) + shape.has_voltage)
     return scan(

@@ -39,6 +39,7 @@ from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.numerics.autocorrelation import WHITE_LIMIT
+from baqueano.numerics.statistics import row_cov
 from baqueano.parameter import parameters
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
@@ -297,16 +298,16 @@ def _measurement(
         r, q, floor = _residuals(fit, runs, name, columns)
         residuals = r if len(r) >= MIN_SAMPLES else np.concatenate([r, q])
         if len(residuals) >= MIN_SAMPLES and len(columns) == block.size:
-            in_motion[name] = positive_definite(_cov(residuals), floor, f"Q of {name}", notes)
+            in_motion[name] = positive_definite(row_cov(residuals), floor, f"Q of {name}", notes)
             at_rest[name] = None
             if len(q) >= MIN_SAMPLES:
-                at_rest[name] = positive_definite(_cov(q), floor, f"Q of {name} at rest", notes)
+                at_rest[name] = positive_definite(row_cov(q), floor, f"Q of {name} at rest", notes)
         elif name not in fit.file.sensors._fields:
             continue  # the file does not contain the noise of a truth
         elif name in fit.sigma or not np.all(np.diagonal(block.cov) > 0.0):
             variances = np.zeros(block.size)
             if len(residuals) >= MIN_SAMPLES:
-                variances[columns] = np.maximum(np.diagonal(_cov(residuals)), floor)
+                variances[columns] = np.maximum(np.diagonal(row_cov(residuals)), floor)
             file_q = unfitted_covariance(name, block, variances, runs, notes)
             if file_q is not None:
                 in_motion[name], at_rest[name] = file_q, None
@@ -351,11 +352,6 @@ def _is_at_rest(run: Run, t_s: np.ndarray, h: np.ndarray, sigma: np.ndarray) -> 
         return is_candidate
     median = np.median(h[is_candidate], axis=0)
     return is_candidate & np.all(np.abs(h - median) <= sigma, axis=1)
-
-
-def _cov(r: np.ndarray) -> np.ndarray:
-    """Return the covariance (m, m) of rows r (N, m)."""
-    return np.atleast_2d(np.cov(r.T)) if len(r) > 1 else np.zeros((r.shape[1], r.shape[1]))
 
 
 def unfitted_covariance(

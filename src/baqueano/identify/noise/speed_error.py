@@ -27,7 +27,7 @@ from baqueano.identify.data.added_channels import TRUTH
 from baqueano.identify.data.record import make_record
 from baqueano.identify.residuals.motion import motion_rows, open_loop
 from baqueano.numerics.autocorrelation import lag_sums, regression_residuals
-from baqueano.numerics.statistics import white_std
+from baqueano.numerics.statistics import enclosing_cov, lines_by_sign, white_std
 from baqueano.runs.interpolation import HALF_WINDOW_S, TimeSeries, true_speed
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
@@ -160,33 +160,30 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
         var |ν_x| = C_aa ν_x² + 2 C_ab |ν_x| + C_bb = σ₀² + σ₁² (|ν_x| − v₀)²                                 (4)
         c = Σ_i w_i a_iᵀ ∂θ/∂κ_ψ
 
-    P is the covariance of the parameters of the model. σ_s is the relative error of the speed by the scales of the
-    accelerometers; it is 0 if P contains it. κ_ψ is the error of the gyro's scale: a gyro that reads too much gives a
-    speed that is too low, because the fit compares ν_x ν_ψ with a_y. f restores the variance that (3) does not
-    describe, as that of turns: with it and σ_s = 0, the mean of (4) over the rows equals that of ∂ν_x P ∂ν_xᵀ.
+    P is the covariance of the parameters of the model, without shifts by effects that it lacks. C gains the ellipse
+    that encloses the change of |ν_x| by each effect and its shift, which cancel for the most part. σ_s is the relative
+    error of the speed by the scales of the accelerometers; it is 0 if P contains it. κ_ψ is the error of the gyro's
+    scale: if it reads too much, the speed is too low, because the fit compares ν_x ν_ψ with a_y. f restores the
+    variance that (3) does not describe, as that of turns: the mean of ∂ν_x P ∂ν_xᵀ over the rows.
     """
     entries = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.std[k])]
     if layout(ekf).speed_is_measured or not entries:
         return ekf
     paths, P = tuple(fit.names[k] for k in entries), fit.cov[np.ix_(entries, entries)]
+    if len(fit.unmodelled_shifts):
+        P = P - fit.unmodelled_cov[np.ix_(entries, entries)]
     kernel, theta = open_loop(fit.blocks.model, paths, lambda motion: motion.nu[:1], fit.backend)
     outputs = [kernel.sensitivities(motion_rows(make_record(run, {})), theta) for run in runs]
     nu_x, derivatives = (np.concatenate(columns)[:, 0] for columns in zip(*outputs, strict=True))
-    is_moving = np.abs(nu_x) > MIN_SPEED_M_S
-    C, c, modelled_sum, total = np.zeros((2, 2)), 0.0, 0.0, 0.0
-    gyro_shift = fit.fixed.gyro_shift()
-    for direction in (1.0, -1.0):
-        rows = is_moving & (np.sign(nu_x) == direction) & np.isfinite(derivatives).all(axis=1)
-        if rows.any():
-            X = np.stack([np.abs(nu_x[rows]), np.ones(rows.sum())], axis=1)
-            D = direction * derivatives[rows]
-            B = np.linalg.lstsq(X, D, rcond=None)[0]
-            weight = rows.sum() / is_moving.sum()
-            C += weight * (B @ P @ B.T)
-            c -= weight * float(B[0] @ gyro_shift[entries])
-            modelled_sum += np.einsum("ni,ij,nj->", X @ B, P, X @ B)
-            total += np.einsum("ni,ij,nj->", D, P, D)
-    C *= total / modelled_sum if modelled_sum > 0.0 else 1.0
+    C, c, modelled_sum, total, unmodelled_cov = np.zeros((2, 2)), 0.0, 0.0, 0.0, np.zeros((2, 2))
+    gyro_shift, shifts = fit.fixed.gyro_shift(), fit.unmodelled_shifts[:, entries]
+    for k, (weight, X, D, B) in enumerate(lines_by_sign(nu_x, derivatives, MIN_SPEED_M_S)):
+        C += weight * (B @ P @ B.T)
+        c -= weight * float(B[0] @ gyro_shift[entries])
+        modelled_sum += np.einsum("ni,ij,nj->", X @ B, P, X @ B)
+        total += np.einsum("ni,ij,nj->", D, P, D)
+        unmodelled_cov += weight * enclosing_cov(shifts @ B.T + fit.unmodelled_speeds[: len(shifts), k])
+    C = C * (total / modelled_sum if modelled_sum > 0.0 else 1.0) + unmodelled_cov
     if any(message.code == SCALES_INCLUDED for message in fit.always_unobservable):
         c = 0.0
     else:

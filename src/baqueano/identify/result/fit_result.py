@@ -80,6 +80,10 @@ class Fit(Result):
         Covariance of the estimates [products of their units]; NaN if not identifiable.
     unmodelled_cov : ndarray (p, p)
         Part of `cov` by effects that the model lacks [products of units]; NaN if not identifiable.
+    unmodelled_shifts : ndarray (n, p)
+        Change of the estimates by each of these effects [unit of each], if its effect on the speed is known.
+    unmodelled_speeds : ndarray (n, 2, 2)
+        Change of the speed by the effect itself, forward and backward: part of |ν_x| [no unit], and constant [m/s].
     fixed : FixedParameters
         Uncertain parameters that were not fitted: their paths (K,), the mean square `cov` (K, K) of their errors,
         and `shifts` (K, p), the change of the estimates per change of each.
@@ -135,6 +139,8 @@ class Fit(Result):
     poorly_identified: np.ndarray
     cov: np.ndarray
     unmodelled_cov: np.ndarray
+    unmodelled_shifts: np.ndarray
+    unmodelled_speeds: np.ndarray
     fixed: FixedParameters
     run_entry_names: tuple[str, ...]
     run_entries: np.ndarray
