@@ -8,6 +8,8 @@ filled. Then that row is copied as a whole, with the present content of those ar
 
 import threading
 from collections.abc import Callable, Sequence
+from functools import lru_cache
+from types import CodeType
 
 import numpy as np
 
@@ -76,8 +78,14 @@ def tree_function(
         *(f"        {line}" for line in [*body, "if run(): general()", "row = result.copy()"]),
     ]
     text += [f"    {line}" for line in _unpack(shape, state, count, space)]
-    exec(compile("\n".join(text), "<baqueano packing>", "exec"), space)
+    exec(_code("\n".join(text)), space)
     return space["call"]
+
+
+@lru_cache(256)
+def _code(text: str) -> CodeType:
+    """Return the code of a text. Blocks of equal shapes have the same text."""
+    return compile(text, "<baqueano packing>", "exec")
 
 
 def updatable_state(shapes: Sequence[Shape], shape: Shape) -> Shape | None:

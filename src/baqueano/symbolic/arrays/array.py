@@ -12,8 +12,10 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays import linalg
 from baqueano.symbolic.arrays.elementwise import TRACED_UFUNCS, UFUNCS, WHERE, elementwise
-from baqueano.symbolic.arrays.scalar import Scalar, apply
+from baqueano.symbolic.arrays.scalar import OPERANDS, Scalar, apply
 from baqueano.symbolic.errors import TraceError, trace_error
+
+_EMPTY = np.empty  # also during a trace, which replaces the name in NumPy
 
 
 class TracedArray(np.ndarray):
@@ -77,7 +79,7 @@ def _key(key: Value) -> Value:
 def has_scalars(x: Value) -> bool:
     """Return True if `x` is or contains a `Scalar`, whose value is known only at run time."""
     if isinstance(x, np.ndarray):
-        if x.dtype == object:
+        if x.dtype.hasobject:
             for entry in x.ravel().tolist():
                 if isinstance(entry, Scalar):
                     return True
@@ -90,10 +92,10 @@ def has_scalars(x: Value) -> bool:
 def as_array(x: Value) -> np.ndarray:
     """Return `x` as an ndarray of objects."""
     if isinstance(x, np.ndarray):
-        return x.view(np.ndarray) if x.dtype == object else x.astype(object)
+        return x.view(np.ndarray) if x.dtype.hasobject else x.astype(object)
     if isinstance(x, list | tuple):
         return np.asarray(x, dtype=object).view(np.ndarray)
-    array = np.empty((), dtype=object)
+    array = _EMPTY((), dtype=object)
     array[()] = x.item() if isinstance(x, np.generic) else x
     return array
 
@@ -193,7 +195,7 @@ def where(condition: Value, a: Value, b: Value) -> Value:
     """
     if not has_scalars((condition, a, b)):
         return np.where(condition, a, b)
-    return as_traced(WHERE(as_array(condition), as_array(a), as_array(b)))
+    return _where(condition, a, b)
 
 
 def interp(x: Value, xp: Value, fp: Value) -> Value:
@@ -224,7 +226,10 @@ def interp(x: Value, xp: Value, fp: Value) -> Value:
 def _where(condition: Value, *arms: Value) -> Value:
     if len(arms) != 2:
         raise trace_error("trace.where-arms")
-    return where(condition, *arms)
+    operands = condition, *arms
+    if all(isinstance(x, OPERANDS) for x in operands):  # without arrays
+        return apply("where", *[x.item() if isinstance(x, np.generic) else x for x in operands])
+    return as_traced(WHERE(*map(as_array, operands)))
 
 
 def _clip(

@@ -6,17 +6,28 @@ from operator import add, mul, neg, sub
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.symbolic.arrays.scalar import apply, power, quotient, remainder, round_half_even, truth
+from baqueano.symbolic.arrays.scalar import (
+    ELEMENT_FUNCTIONS,
+    apply,
+    power,
+    quotient,
+    remainder,
+    round_half_even,
+    truth,
+)
 
 
 def elementwise(function: Callable[..., Value] | str, **identity: Value) -> np.ufunc:
     """Return a ufunc for arrays of objects, from a function of one or two elements or the name of an operator."""
     if isinstance(function, str):
         op = function
-        if op in BINARY_OPERATORS:
-            return np.frompyfunc(lambda a, b: apply(op, a, b), 2, 1, **identity)
-        return np.frompyfunc(lambda a: apply(op, a), 1, 1, **identity)
-    return np.frompyfunc(function, function.__code__.co_argcount, 1, **identity)
+        function = (lambda a, b: apply(op, a, b)) if op in BINARY_OPERATORS else (lambda a: apply(op, a))
+    ufunc = np.frompyfunc(function, function.__code__.co_argcount, 1, **identity)
+    _FUNCTIONS[ufunc] = function
+    return ufunc
+
+
+_FUNCTIONS: dict[np.ufunc, Callable[..., Value]] = {}  # of one element, by the ufunc for arrays
 
 
 def _finite(a: Value) -> Value:
@@ -111,3 +122,5 @@ TRACED_UFUNCS: dict[np.ufunc, np.ufunc] = {
 }
 UFUNCS = {ufunc.__name__: operation for ufunc, operation in TRACED_UFUNCS.items()}
 UFUNCS["real"] = UFUNCS["positive"]  # np.var uses it, in some versions as a ufunc
+ELEMENT_FUNCTIONS |= {np.add: add, np.subtract: sub, np.multiply: mul, np.negative: neg}
+ELEMENT_FUNCTIONS |= {ufunc: _FUNCTIONS[f] for ufunc, f in TRACED_UFUNCS.items() if f in _FUNCTIONS}

@@ -98,11 +98,12 @@ def _product(a: np.ndarray, b: np.ndarray, origin_a: Origin | None, origin_b: Or
         and not origin_a.is_complement
         and _is_congruence(origin_a, b if minuend is None else origin_b)
     )
+    rows, columns = [_terms(row) for row in a.tolist()], b.T.tolist()
     product = np.empty((n, m), dtype=object)
     for i in range(n):
         for j in range(i if has_mirror else 0, m):
-            dot = _dot(a[i], b[:, j])
-            product[i, j] = dot if minuend is None else minuend[i, j] - dot
+            dot = _dot(rows[i], columns[j])
+            product[i, j] = dot if minus is None else minus[i, j] - dot
             if has_mirror:
                 product[j, i] = product[i, j]
     return product
@@ -115,16 +116,22 @@ def _is_congruence(origin_a: Origin, b: Value) -> bool:
     )
 
 
-def _dot(row: np.ndarray, column: np.ndarray) -> Value:
+def _terms(row: list[Value]) -> list[tuple[int, Value]]:
+    """Return the entries that are not 0, with their places."""
+    return [(k, x) for k, x in enumerate(row) if not _is_zero(x)]
+
+
+def _dot(row: list[tuple[int, Value]], column: list[Value]) -> Value:
     total: Value = 0.0
-    for x, y in zip(row.tolist(), column.tolist(), strict=True):
-        if not (_is_zero(x) or _is_zero(y)):
+    for k, x in row:
+        y = column[k]
+        if not _is_zero(y):
             total = total + x * y
     return total
 
 
 def _is_zero(x: Value) -> bool:
-    return not isinstance(x, Scalar) and x == 0.0
+    return x == 0.0 if type(x) is float else not isinstance(x, Scalar) and x == 0.0
 
 
 def solve(a: Value, b: Value) -> Value:
@@ -174,7 +181,7 @@ def _solve(A: np.ndarray, x: np.ndarray) -> np.ndarray:
     for k in reversed(range(n)):
         inverse = apply("div", 1.0, A[k, k])
         for j in range(x.shape[1]):
-            x[k, j] = (x[k, j] - _dot(A[k, k + 1 :], x[k + 1 :, j])) * inverse
+            x[k, j] = (x[k, j] - _dot(_terms(A[k, k + 1 :].tolist()), x[k + 1 :, j].tolist())) * inverse
     return x
 
 

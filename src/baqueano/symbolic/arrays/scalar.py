@@ -5,7 +5,6 @@ arguments. With floats it computes a float, with nodes a node of their graph, wi
 derivatives. A truth value is a bool, or a scalar that is 0 or 1.
 """
 
-import operator
 from collections.abc import Callable, Iterable
 from functools import partial
 
@@ -16,7 +15,7 @@ from baqueano.symbolic import ieee
 from baqueano.symbolic.errors import trace_error
 
 NUMBER_TYPES = (float, int, np.number, np.bool_)
-_INFIX_OPERATORS = {np.add: operator.add, np.subtract: operator.sub, np.multiply: operator.mul}
+ELEMENT_FUNCTIONS: dict[np.ufunc, Callable[..., Value]] = {}  # for one element: elementwise.py
 
 
 def apply(op: str, *args: Value, value: Value = None) -> Value:
@@ -75,7 +74,7 @@ def truth(op: str, *args: Value) -> Value:
 
 def _binary(op: str, is_swapped: bool = False) -> Callable[[Value, Value], Value]:
     def method(self: Value, other: Value) -> Value:
-        if not isinstance(other, _OPERANDS):
+        if not isinstance(other, OPERANDS):
             return NotImplemented
         return apply(op, other, self) if is_swapped else apply(op, self, other)
 
@@ -86,7 +85,7 @@ def _infix_method(
     function: Callable[[Value, Value], Value], is_swapped: bool = False
 ) -> Callable[[Value, Value], Value]:
     def method(self: Value, other: Value) -> Value:
-        if not isinstance(other, _OPERANDS):
+        if not isinstance(other, OPERANDS):
             return NotImplemented
         return function(other, self) if is_swapped else function(self, other)
 
@@ -150,11 +149,9 @@ class Scalar:
         raise trace_error("trace.needs-index")
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Value, **kwargs: Value) -> Value:
-        infix = _INFIX_OPERATORS.get(ufunc)
-        if infix is not None and method == "__call__" and not kwargs:  # of an element of an array of floats
-            a, b = inputs
-            if type(a) is np.float64 or type(b) is np.float64:
-                return infix(*[x.item() if type(x) is np.float64 else x for x in inputs])
+        function = None if kwargs or method != "__call__" else ELEMENT_FUNCTIONS.get(ufunc)
+        if function is not None and all(isinstance(x, OPERANDS) for x in inputs):  # without arrays
+            return function(*[x.item() if isinstance(x, np.generic) else x for x in inputs])
         from baqueano.symbolic.arrays.array import apply_ufunc
 
         return apply_ufunc(ufunc, method, inputs, kwargs)
@@ -200,7 +197,7 @@ class Scalar:
         return apply("ne", self, 0.0) if np.dtype(dtype).kind == "b" else self
 
 
-_OPERANDS = (Scalar, *NUMBER_TYPES)
+OPERANDS = (Scalar, *NUMBER_TYPES)
 # NumPy calls these methods of the elements if an object array is not a TracedArray.
 _METHODS = {"arcsin": "asin", "arccos": "acos", "arctan": "atan"} | {
     name: name for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "floor")

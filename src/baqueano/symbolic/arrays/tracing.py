@@ -18,7 +18,7 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays.array import TracedArray, as_fillable
-from baqueano.symbolic.arrays.scalar import NUMBER_TYPES, Scalar
+from baqueano.symbolic.arrays.scalar import OPERANDS
 
 _JOINING_FUNCTIONS = ("concatenate", "stack", "vstack", "hstack", "column_stack",
            "block", "outer", "tile", "repeat", "atleast_1d", "atleast_2d")  # fmt: skip
@@ -112,8 +112,8 @@ def _same_array(original: Callable[..., Value], obj: Value, dtype: Value = None,
 def _join(original: Callable[..., Value], *args: Value, **kwargs: Value) -> Value:
     dtype = kwargs.pop("dtype", None)
     result = original(*args, **kwargs)
-    if isinstance(result, np.ndarray) and result.dtype == object:
-        all_scalars = all(isinstance(e, (Scalar, *NUMBER_TYPES)) for e in result.ravel().tolist())
+    if isinstance(result, np.ndarray) and result.dtype.hasobject:
+        all_scalars = all(isinstance(e, OPERANDS) for e in result.ravel().tolist())
         return result.view(TracedArray) if all_scalars else result
     return result if dtype is None else original(*args, dtype=dtype, **kwargs)
 

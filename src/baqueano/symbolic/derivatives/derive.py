@@ -29,11 +29,15 @@ def argument_derivatives(
 def partials(node: Node) -> tuple[tuple[Node, Node], ...]:
     """Return (argument, ∂node/∂argument) for each argument whose derivative is not constantly 0."""
     graph = node.graph
-    table = graph.tables[node.value] if node.op in ("interp", "interp_slope") else None
-    arguments_and_derivatives = zip(
-        node.args, argument_derivatives(node.op, node, node.args, table), strict=True
-    )
-    return tuple((a, graph.node(d)) for a, d in arguments_and_derivatives if isinstance(d, Node) or d != 0.0)
+    if node not in graph.partials:
+        table = graph.tables[node.value] if node.op in ("interp", "interp_slope") else None
+        derivatives = argument_derivatives(node.op, node, node.args, table)
+        graph.partials[node] = tuple(
+            (a, graph.node(d))
+            for a, d in zip(node.args, derivatives, strict=True)
+            if isinstance(d, Node) or d != 0.0
+        )
+    return graph.partials[node]
 
 
 def combine(op: str, args: Sequence[Value], rows: Sequence[Row], factors: Sequence[Value]) -> Row:

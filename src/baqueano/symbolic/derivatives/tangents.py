@@ -62,7 +62,7 @@ def tangents(program: Program, first: int, lanes: int, eliminate: bool) -> Tange
     dependent_nodes = active_nodes(program, seeds)
     base |= {x: {drift: unit} for x, drift in zip(program.carry, drifts, strict=True) if x in dependent_nodes}
     groups = (program.initial, program.next_carry, program.outputs)
-    order = postorder([root for group in groups for root in group], lambda _: False)
+    order = postorder([root for group in groups for root in group])
     count = len(list(parameter_blocks(len(program.theta))))
     rows = _Rows(lanes, base, order, _changing_nodes(program, order), eliminate, count)
     return Tangents(first, lanes, drifts, *(tuple(map(rows.row, group)) for group in groups))
@@ -72,19 +72,21 @@ def _changing_nodes(program: Program, order: Iterable[Node]) -> set[Node]:
     """Return the nodes that change from tick to tick: they depend on the carry or the inputs."""
     terms = {*program.carry, *program.inputs}
     for node in order:
-        if any(a in terms for a in node.args):
+        if not terms.isdisjoint(node.args):
             terms.add(node)
     return terms
 
 
 def active_nodes(program: Program, seeds: Iterable[Node]) -> set[Node]:
     """Return the nodes that depend on the seeds, directly or through the carry."""
-    order = postorder((*program.initial, *program.next_carry, *program.outputs), lambda _: False)
+    order = postorder((*program.initial, *program.next_carry, *program.outputs))
     nodes = set(seeds)
     size = -1
     while size != len(nodes):
         size = len(nodes)
-        nodes.update(node for node in order if any(a in nodes for a in node.args))
+        for node in order:
+            if not nodes.isdisjoint(node.args):
+                nodes.add(node)
         carry_values = zip(program.carry, program.initial, program.next_carry, strict=True)
         nodes.update(x for x, begin, end in carry_values if begin in nodes or end in nodes)
     return nodes
@@ -112,7 +114,7 @@ class _Rows:
         self.zero = TangentRow("row", lanes)
         self.uses, self.products = _uses(order)
         for node in order:
-            if node not in base and any(a in self.combinations for a in node.args):
+            if node not in base and not self.combinations.keys().isdisjoint(node.args):
                 self.combine(node)
 
     def row(self, node: Node) -> TangentRow:

@@ -9,7 +9,7 @@ branch, which the processor sometimes mispredicts. A *term* has `op` and `args`:
 from collections import Counter, defaultdict
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from operator import is_not
+from itertools import repeat
 from typing import NamedTuple, TypeAlias
 
 from baqueano.contracts.values import Value
@@ -63,7 +63,7 @@ def plan_statements(
     The leaves `changing_terms` vary from tick to tick; terms of `roots` that do not depend on them are before the loop.
     """
     roots = list(roots)
-    moving_terms = _moving_terms(postorder(roots, lambda _: False), changing_terms)
+    moving_terms = _moving_terms(postorder(roots), changing_terms)
     loop = scheduled_statements(
         roots, lambda term: term not in moving_terms or term.op in LEAF_OPERATORS, branches
     )
@@ -84,24 +84,27 @@ def with_reciprocals(program: Program, uses: int, divisors: Container[Node] = ()
     graph = program.graph
     groups = (program.next_carry, program.outputs)
     roots = [root for group in groups for root in group]
-    order = postorder(roots, lambda _: False)
+    order: list[Node] = postorder(roots)
     moving_nodes = _moving_terms(order, {*program.carry, *program.inputs})
     step_divisors = _step_divisors(order)
     divisor_counts = Counter(node.args[1] for node in order if node.op == "div" and not _is_reciprocal(node))
-    replacements: dict[Node, Node] = {}
+    new_nodes: dict[Node, Node] = {}
     frequent = {
         p for p, count in divisor_counts.items() if count >= uses or p not in moving_nodes or p in divisors
     }
     for node in order:
-        args = [replacements[a] for a in node.args]
         is_quotient = node.op == "div" and node in moving_nodes and not _is_reciprocal(node)
-        if is_quotient and node not in step_divisors and node.args[1] in frequent:
-            replacements[node] = graph.make("mul", args[0], graph.make("div", graph.const(1.0), args[1]))
-        elif any(map(is_not, args, node.args)):
-            replacements[node] = graph.make(node.op, *args, value=node.value)
+        is_replaced = is_quotient and node not in step_divisors and node.args[1] in frequent
+        if not is_replaced and new_nodes.keys().isdisjoint(node.args):
+            continue
+        args = [new_nodes.get(a, a) for a in node.args]
+        if is_replaced:
+            new = graph.make("mul", args[0], graph.make("div", graph.const(1.0), args[1]))
         else:
-            replacements[node] = node
-    next_carry, outputs = (tuple(replacements[root] for root in group) for group in groups)
+            new = graph.make(node.op, *args, value=node.value)
+        if new is not node:
+            new_nodes[node] = new
+    next_carry, outputs = (tuple(new_nodes.get(root, root) for root in group) for group in groups)
     return program._replace(next_carry=next_carry, outputs=outputs)
 
 
@@ -154,18 +157,18 @@ def flat_statements(statements: Iterable[Statement]) -> Iterator[Term]:
             yield s
 
 
-def postorder(roots: Iterable[Term], is_given: Callable[[Term], bool]) -> list[Term]:
+def postorder(roots: Iterable[Term], is_given: Callable[[Term], bool] | None = None) -> list[Term]:
     """Return all terms below the roots, arguments before users; given terms and all terms below these are excluded."""
     members: set[Term] = set()  # terms in the order, and given terms
     order: list[Term] = []
     for root in roots:
-        stack = [] if root in members or is_given(root) else [root]
+        stack = [] if root in members or (is_given and is_given(root)) else [root]
         while stack:
             term = stack[-1]
             open_statements = []
             for a in term.args:
                 if a not in members:
-                    if is_given(a):
+                    if is_given and is_given(a):
                         members.add(a)
                     else:
                         open_statements.append(a)
@@ -291,7 +294,7 @@ class _Branches:
         term_group: dict[Term, _BranchGroup] = {}
         for term in reversed(self.order):
             own_region = term_regions[term]
-            regions = [own_region] * len(term.args)
+            regions: Iterable[_Region] = repeat(own_region)
             key = self.key(term, own_region) if term.op in CHOICE_OPERATORS else None
             if key is not None:
                 if key not in groups:
@@ -301,7 +304,7 @@ class _Branches:
                 group = term_group[term] = groups[key]
                 group.choices.insert(0, term)
                 regions = [own_region, *group.arms]
-            for a, region in zip(term.args, regions, strict=True):
+            for a, region in zip(term.args, regions, strict=False):
                 first_region = term_regions.setdefault(a, region)
                 if first_region is not region:
                     term_regions[a] = first_region.common_region(region)

@@ -4,8 +4,9 @@ Only the graph creates nodes. It folds constants and applies the local rules of 
 trace and is deleted with it. Truth values are the numbers 0 and 1.
 """
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
-from operator import attrgetter, is_not
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from itertools import chain
+from operator import attrgetter
 from threading import RLock
 
 import numpy as np
@@ -15,6 +16,25 @@ from baqueano.symbolic import ieee
 from baqueano.symbolic.arrays.scalar import Scalar
 from baqueano.symbolic.errors import trace_error
 from baqueano.symbolic.graph.simplify import RULES
+from baqueano.symbolic.ieee import COMMUTATIVE
+
+_INDEX, _ARGS = attrgetter("index"), attrgetter("args")
+
+
+def _operator(op: str, is_swapped: bool = False) -> Callable[[Value, Value], Value]:
+    """Return + − × ÷ of two nodes of one graph, or of a node and a float, without the search of `apply`."""
+    general = getattr(Scalar, f"__{'r' if is_swapped else ''}{'truediv' if op == 'div' else op}__")
+
+    def method(self: "Node", other: Value) -> Value:
+        graph = self.graph
+        if type(other) is float:
+            other = graph.const(other)
+        elif type(other) is not Node or other.graph is not graph:
+            return general(self, other)
+        node = graph.make(op, other, self) if is_swapped else graph.make(op, self, other)
+        return node.value if node.op == "const" else node
+
+    return method
 
 
 class Node(Scalar):
@@ -28,6 +48,11 @@ class Node(Scalar):
         self.args = args
         self.value = value  # value of a constant, name of a symbol, or number of a table
         self.index = index  # order of creation: arguments have a smaller index
+
+    __add__, __radd__ = _operator("add"), _operator("add", is_swapped=True)
+    __sub__, __rsub__ = _operator("sub"), _operator("sub", is_swapped=True)
+    __mul__, __rmul__ = _operator("mul"), _operator("mul", is_swapped=True)
+    __truediv__, __rtruediv__ = _operator("div"), _operator("div", is_swapped=True)
 
     def apply(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
         """Return the node of an operation; a constant result is returned as a float or a bool."""
@@ -62,6 +87,7 @@ class Graph:
             Node, frozenset[Node]
         ] = {}  # of signs and their products: arguments of these signs
         self.tables: list[tuple[np.ndarray, np.ndarray]] = []
+        self.partials: dict[Node, tuple[tuple[Node, Node], ...]] = {}  # those known: derivatives/derive.py
 
     def node(self, value: Value) -> Node:
         """Return a number as a constant node, or a node of this trace unchanged. Raise TraceError for another trace."""
@@ -89,15 +115,22 @@ class Graph:
         else:
             table = () if value is None else (self.tables[value],)
             return self.const(ieee.OPERATORS[op](*[a.value for a in args], *table))
-        if op in ieee.COMMUTATIVE:
+        if op in COMMUTATIVE:
             a, b = args  # a constant first, else the older node
             if b.op == "const" or (a.op != "const" and b.index < a.index):
                 args = b, a
         rule = RULES.get(op)
-        simple = rule(self, *args) if rule else None
-        if simple is not None:
-            return simple
-        return self._intern((op, value, *[a.index for a in args]), op, args, value)
+        if rule is not None:
+            simple = rule(self, *args)
+            if simple is not None:
+                return simple
+        if len(args) == 2:  # most operations, without the cost of `map`
+            a, b = args
+            key = op, value, a.index, b.index
+        else:
+            key = op, value, *map(_INDEX, args)
+        node = self.nodes.get(key)
+        return self._intern(key, op, args, value) if node is None else node
 
     def copy(self, node: Node, args: Sequence[Node]) -> Node:
         """Return the copy of a node of another graph with the same tables, with these arguments, not simplified."""
@@ -105,7 +138,7 @@ class Graph:
             return self.const(node.value)
         if node.op == "symbol":
             return self.symbol(node.value)
-        return self._intern((node.op, node.value, *[a.index for a in args]), node.op, tuple(args), node.value)
+        return self._intern((node.op, node.value, *map(_INDEX, args)), node.op, tuple(args), node.value)
 
     def table(self, xp: np.ndarray, fp: np.ndarray) -> int:
         """Return the number of the table (xp, fp). Equal tables have one number, and equal xp are one array."""
@@ -119,34 +152,30 @@ class Graph:
     def substitute(self, roots: Iterable[Node], replacements: Mapping[Node, Node]) -> list[Node]:
         """Return the roots after the replacement of nodes by `replacements`, simplified again."""
         roots = list(roots)
-        new_nodes = dict(replacements)
+        new_nodes = {old: new for old, new in replacements.items() if new is not old}
         for node in nodes_below(roots):
-            if node not in new_nodes:
-                args = tuple([new_nodes[a] for a in node.args])
-                is_changed = any(map(is_not, args, node.args))
-                new_nodes[node] = self.make(node.op, *args, value=node.value) if is_changed else node
-        return [new_nodes[root] for root in roots]
+            if node not in replacements and not new_nodes.keys().isdisjoint(node.args):
+                args = [new_nodes.get(a, a) for a in node.args]
+                if (new := self.make(node.op, *args, value=node.value)) is not node:
+                    new_nodes[node] = new
+        return [new_nodes.get(root, root) for root in roots]
 
     def _intern(self, key: Hashable, op: str, args: tuple[Node, ...], value: Value) -> Node:
         node = self.nodes.get(key)
         if node is None:
             node = self.nodes[key] = Node(self, op, args, value, len(self.nodes))
             if op == "sign":
-                self.sign_arguments[node] = frozenset(args)
-            elif op == "mul" and (
-                arguments := [self.sign_arguments[a] for a in args if a in self.sign_arguments]
-            ):
-                self.sign_arguments[node] = frozenset().union(*arguments)
+                self.signed[node] = frozenset(args)
+            elif op == "mul" and self.signed and not self.signed.keys().isdisjoint(args):
+                self.signed[node] = frozenset().union(*(self.signed.get(a, ()) for a in args))
         return node
 
 
 def nodes_below(roots: Iterable[Node]) -> list[Node]:
     """Return the roots and all nodes on which they depend, arguments before users."""
     nodes: set[Node] = set()
-    stack = list(roots)
-    while stack:
-        node = stack.pop()
-        if node not in nodes:
-            nodes.add(node)
-            stack += node.args
-    return sorted(nodes, key=attrgetter("index"))
+    new_nodes = set(roots)
+    while new_nodes:
+        nodes |= new_nodes
+        new_nodes = set(chain.from_iterable(map(_ARGS, new_nodes))) - nodes
+    return sorted(nodes, key=_INDEX)

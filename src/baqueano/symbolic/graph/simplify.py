@@ -28,18 +28,24 @@ def _add(g: "Graph", a: "Node", b: "Node") -> "Node | None":
         return b
     if a is b:
         return g.make("mul", g.const(2.0), a)
-    if (a.op, b.op) in (("min", "max"), ("max", "min")) and _have_same_args(a, b):  # equal gains both ways
-        return g.make("add", *a.args)
     if b.op == "neg":
         return g.make("sub", a, b.args[0])
     if a.op == "neg":
         return g.make("sub", b, a.args[0])
-    if a.op == b.op == "mul" and a.args[0].op == b.args[0].op == "const" and a.args[1] is b.args[1]:
-        return g.make("mul", g.const(a.args[0].value + b.args[0].value), a.args[1])
-    for x, y in ((a, b), (b, a)):  # (p − q) + (p + q) is 2 p, as in the mean of the ends of a line
-        if x.op == "sub" and y.op == "add" and _have_same_args(x, y):
-            return g.make("mul", g.const(2.0), x.args[0])
-    return None
+    if a.op == b.op:
+        if a.op == "mul" and a.args[0].op == b.args[0].op == "const" and a.args[1] is b.args[1]:
+            return g.make("mul", g.const(a.args[0].value + b.args[0].value), a.args[1])
+        return None
+    pair = _SUMS_OF_PAIRS.get((a.op, b.op))
+    if pair is None or not _have_same_args(a, b):
+        return None
+    if pair == "add":  # equal gains both ways
+        return g.make("add", *a.args)
+    return g.make("mul", g.const(2.0), (a if a.op == "sub" else b).args[0])  # (p − q) + (p + q) is 2 p
+
+
+# of two operators on the same arguments: min and max have the sum of both, difference and sum twice the first
+_SUMS_OF_PAIRS = {("min", "max"): "add", ("max", "min"): "add", ("sub", "add"): "mul", ("add", "sub"): "mul"}
 
 
 def _have_same_args(a: "Node", b: "Node") -> bool:
@@ -82,12 +88,13 @@ def _mul(g: "Graph", a: "Node", b: "Node") -> "Node | None":
             return g.make("mul", g.const(-a.value), b.args[0])
         if b.op == "mul" and b.args[0].op == "const":
             return g.make("mul", g.const(a.value * b.args[0].value), b.args[1])
-    for x, y in ((a, b), (b, a)):
-        if x.op == "neg":
-            return g.make("neg", g.make("mul", x.args[0], y))
-        if x in g.sign_arguments.get(y, ()):
-            return _with_magnitude(g, x, y)
-    return None
+    if a.op == "neg":
+        return g.make("neg", g.make("mul", a.args[0], b))
+    if a in g.signed.get(b, ()):
+        return _with_magnitude(g, a, b)
+    if b.op == "neg":
+        return g.make("neg", g.make("mul", b.args[0], a))
+    return _with_magnitude(g, b, a) if b in g.signed.get(a, ()) else None
 
 
 def _with_magnitude(g: "Graph", x: "Node", y: "Node") -> "Node":
