@@ -4,14 +4,22 @@ import numpy as np
 import pytest
 
 from baqueano import loop
+from baqueano.controllers import Pd
 from baqueano.diagnostics import StopReason
 from baqueano.errors import UsageError
 from baqueano.guides import Repeat, RepeatByProgress, SinuousCircle
 from baqueano.guides.route import move_route
 from baqueano.guides.shapes import circle, rectangle
 from baqueano.simulate import simulate_loop, simulate_loops
-from baqueano.simulate.closed_loop import loop_system, reference_duration, sample_references, start_pose
+from baqueano.simulate.closed_loop import (
+    closed_loop,
+    loop_system,
+    reference_duration,
+    sample_references,
+    start_pose,
+)
 from baqueano.supervisor import Supervisor
+from baqueano.vehicle_file import load
 from baqueano.worlds import SimulatedWorld, clock
 from tests.codes import refused
 
@@ -115,3 +123,20 @@ def test_a_guide_of_a_plain_class_drives_the_requested_laps(vehicle):
         simulate_loop(vehicle, Twice(), laps=n, perfect=True, noise=False).duration_s for n in (1, 2)
     )
     assert twice - single == pytest.approx(2 * np.pi * 0.3 / 0.2, abs=0.02)
+
+
+class OwnPd(Pd):
+    """A controller of the user, whose code can change."""
+
+
+def test_equal_systems_share_one_kernel_and_others_do_not():
+    def kernel(mass_kg=None, controller=None):
+        file = load("small") if mass_kg is None else load("small").with_values({"model.mass_kg": mass_kg})
+        return closed_loop(loop_system(file, ROUTE, controller=controller), file.rate_hz)
+
+    assert kernel() is kernel()
+    assert kernel(mass_kg=0.7) is kernel(mass_kg=0.7)
+    assert kernel(mass_kg=0.7) is not kernel()
+    own_controller = OwnPd(3.0, 1.5)
+    assert kernel(controller=own_controller) is kernel(controller=own_controller)
+    assert kernel(controller=own_controller) is not kernel(controller=OwnPd(3.0, 1.5))

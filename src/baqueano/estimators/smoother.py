@@ -15,6 +15,7 @@ P_s is the covariance of x_s for any E (docs/derivations/kalman.md). With E = 1 
 belief has `mean` (n,), starting with η, ν, and `cov` (n, n), from which `kalman_row_errors` computes H and K̂.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,8 @@ from baqueano.estimators.kalman import HEADING_INDEX, Correction, StatePredictio
 from baqueano.geometry import wrap
 from baqueano.signals import Estimate, Slot, Tick
 from baqueano.symbolic import jacobian, scan
+from baqueano.symbolic.function import KernelKey
+from baqueano.symbolic.scan import Scan
 
 MIN_EIGENVALUE_SHARE = 1e-13  # share of the largest eigenvalue of the correlations: less is rounding
 MIN_INFORMATION = 1e-11  # share of a variance that a measurement removes: a smaller one is rounding
@@ -89,6 +92,18 @@ def smooth(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto
 
 def run_forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto") -> ForwardPass:
     """Run the filter over `ticks`, and return the state of each row and its errors."""
+    silent_slots = type(ticks.sensors)(*(Slot(0.0, 0.0 * slot.z[0]) for slot in ticks.sensors))
+    first = Tick(1, 0.0 * ticks.u[0], silent_slots)
+    forward = _forward_kernel(KernelKey(estimator, belief, first), backend).run(ticks)[1]
+    if optional.attribute(estimator, "row_errors") is not None:
+        return forward
+    return forward._replace(errors=kalman_row_errors(forward.mean, forward.cov, forward.errors))
+
+
+@lru_cache(maxsize=8)
+def _forward_kernel(key: KernelKey, backend: str) -> Scan:
+    """Return the scan of the filter over ticks like `first`. Filters with equal parameters and starts share it."""
+    estimator, belief, first = key.parts
     row_errors: Tree = optional.attribute(estimator, "row_errors")
     row: Tree = optional.attribute(estimator, "row") or estimator.step
 
@@ -105,11 +120,7 @@ def run_forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = 
             belief, estimate = row(belief, tick)
         return belief, ForwardPass(belief.mean, belief.cov, Estimate(*estimate[:4]), errors)
 
-    first = Tick(1, ticks.u[0], type(ticks.sensors)(*(Slot(0.0, 0.0 * slot.z[0]) for slot in ticks.sensors)))
-    forward = scan(step, belief, first, backend=backend).run(ticks)[1]
-    if row_errors is not None:
-        return forward
-    return forward._replace(errors=kalman_row_errors(forward.mean, forward.cov, forward.errors))
+    return scan(step, belief, first, backend=backend)
 
 
 def kalman_row_errors(mean: np.ndarray, cov: np.ndarray, prediction: StatePrediction) -> RowErrors:

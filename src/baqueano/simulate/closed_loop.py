@@ -41,6 +41,7 @@ from baqueano.standstill import with_rest
 from baqueano.supervisor import REASONS, reason_diagnostic
 from baqueano.symbolic import scan
 from baqueano.symbolic.backends import resolve_backend
+from baqueano.symbolic.function import KernelKey
 from baqueano.symbolic.scan import Scan
 from baqueano.worlds.simulated import no_noise, tick_row_count
 
@@ -183,7 +184,6 @@ def loop_system(
     return System(vehicle_file.vehicle, sensors, estimator, guide, controller, vehicle_file.supervisor())
 
 
-@lru_cache(maxsize=32)
 def closed_loop(
     system: System,
     rate_hz: float,
@@ -198,8 +198,22 @@ def closed_loop(
 
     The values of the system at `paths` are the parameters θ of the scan. `start` is the state before the first tick as
     a function of θ; without it, or for another state, pass the state as `carry`. Raise UsageError for a block that
-    cannot be compiled.
+    cannot be compiled. Systems with equal parameters share one scan.
     """
+    return _closed_loop(KernelKey(system), rate_hz, noise, backend, output, paths, start)
+
+
+@lru_cache(maxsize=32)
+def _closed_loop(
+    key: KernelKey,
+    rate_hz: float,
+    noise: bool,
+    backend: str,
+    output: Callable[[Tree], Tree] | None,
+    paths: tuple[str, ...],
+    start: Callable[[Tree], SystemState] | None,
+) -> Scan:
+    (system,) = key.parts
     check_compilable(backend, **system.blocks._asdict())
     dt_s = 1.0 / rate_hz
     example = Input(1, no_noise(system.sensors, tick_row_count(dt_s)) if noise else None)

@@ -27,6 +27,7 @@ from baqueano.signals import seconds
 from baqueano.simulate.open_loop import command_signal, tick_times
 from baqueano.simulate.system import System, parameter_labels, parameter_vector, value_at, with_parameters
 from baqueano.symbolic import scan, value_at_path
+from baqueano.symbolic.function import KernelKey
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicle_file.envelope import EnvelopeMonitor
 from baqueano.vehicles import VehicleState
@@ -237,11 +238,18 @@ def simulate_many(
     )
 
 
-@lru_cache(maxsize=16)
 def batch_kernel(
     system: System, paths: tuple[str, ...], rate_hz: float, process_noise: bool, backend: str
 ) -> Scan:
     """Return the scan (1): from θ, VehicleState and (u, noise) to the next VehicleState, in the rows of a tick."""
+    return _batch_kernel(KernelKey(system), paths, rate_hz, process_noise, backend)
+
+
+@lru_cache(maxsize=16)
+def _batch_kernel(
+    key: KernelKey, paths: tuple[str, ...], rate_hz: float, process_noise: bool, backend: str
+) -> Scan:
+    (system,) = key.parts
     no_noise = np.zeros((tick_row_count(1.0 / rate_hz), 3))
 
     def step(theta: Tree, state: VehicleState, x: Tree) -> tuple[VehicleState, Tree]:

@@ -24,6 +24,7 @@ from baqueano.runs.run import Channel, Event, Run, TruthLog
 from baqueano.signals import NANOSECONDS, ByName, Motion, Slot
 from baqueano.simulate.system import System
 from baqueano.symbolic import scan
+from baqueano.symbolic.function import KernelKey
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
@@ -136,12 +137,19 @@ def envelope_events(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
     return tuple(Event(int(run.t_ns[-1]), "warning", "model", english_text(flag), flag) for flag in flags)
 
 
-@lru_cache(maxsize=32)
 def open_loop(
     model: Vehicle, sensors: SensorBlocks, rate_hz: float, noise: bool = True, backend: str = "auto"
 ) -> Scan:
-    """Return the compiled open loop (1): a `scan` from OpenLoopInput and WorldState to Readings."""
-    dt_s = 1.0 / rate_hz
+    """Return the compiled open loop (1): a `scan` from OpenLoopInput and WorldState to Readings.
+
+    Vehicles with equal parameters share one scan.
+    """
+    return _open_loop(KernelKey(model, sensors), rate_hz, noise, backend)
+
+
+@lru_cache(maxsize=32)
+def _open_loop(key: KernelKey, rate_hz: float, noise: bool, backend: str) -> Scan:
+    (model, sensors), dt_s = key.parts, 1.0 / rate_hz
     silence = no_noise(sensors, tick_row_count(dt_s))
 
     def step(state: WorldState, x: OpenLoopInput) -> tuple[WorldState, Readings]:

@@ -208,6 +208,32 @@ def _parameter_key(x: object) -> Hashable:
     return type(x), tuple(_parameter_key(getattr(x, name)) for name in names)
 
 
+class KernelKey:
+    """Blocks and values as the key of a cache of kernels: equal to others with equal parameters and compiler.
+
+    Blocks whose code or data can change are equal only to themselves.
+    """
+
+    def __init__(self, *parts: Tree) -> None:
+        self.parts = parts  # also keeps them alive as long as the key
+        self._key = _part_key(parts), os.environ.get("BAQUEANO_CC")
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, KernelKey) and self._key == other._key
+
+
+def _part_key(x: Tree) -> Hashable:
+    if isinstance(x, tuple):
+        return type(x), tuple(map(_part_key, x))
+    try:
+        return _parameter_key(x)
+    except TypeError:
+        return id(x)
+
+
 def _simplified_for_zeros(
     program: Program, shapes: list[Shape], shape: Shape, examples: tuple[Tree, ...]
 ) -> Program:
