@@ -48,7 +48,7 @@ def kind_of(kind: str, errors: tuple[tuple[str, float], ...] = ()) -> Kind:
         file = file.with_values({"estimator.use": ["imu", "odometer"]})
     file = file.with_values({path: factor * file.value(path) for path, factor in errors})
     estimator = compile_block(file.estimator())
-    sensors, reason = sensor_monitor(file, estimator)
+    sensors, reason = sensor_monitor(file, estimator, estimator.step)
     assert sensors is not None, reason
     return Kind(file, estimator, sensors)
 

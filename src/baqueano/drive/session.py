@@ -1,7 +1,7 @@
 """Run the blocks of a drive in a world, and return the run. All functions of tasks.py call `drive`."""
 
 import inspect
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -249,8 +249,9 @@ def _prepare(
     """Return the compiled blocks, the monitor of the sensors or None, and the messages about both."""
     inputs = blocks, example_tick(vehicle_file), settings.backend
     own_notes = sensor_warnings(vehicle_file, blocks.estimator)
-    sensors, sensor_notes = sensor_monitor(vehicle_file, blocks.estimator)
+    estimator = blocks.estimator
     blocks, notes = compile_blocks(*inputs)
+    sensors, sensor_notes = sensor_monitor(vehicle_file, estimator, blocks.estimator.step)
     budget_s = BUDGET_S if live else HANG_S
     blocks = Blocks._make(BudgetedBlock(b, budget_s) if may_hang(b) else b for b in blocks)
     if sensors is not None:
@@ -298,9 +299,9 @@ def compile_blocks(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, li
 
 
 def sensor_monitor(
-    vehicle_file: VehicleFile, estimator: Estimator
+    vehicle_file: VehicleFile, estimator: Estimator, step: Callable[..., Tree]
 ) -> tuple[SensorMonitor | None, list[Diagnostic]]:
-    """Return the monitor of the sensors for this estimator, and messages.
+    """Return the monitor of the sensors for this estimator, whose step can be compiled, and messages.
 
     The monitor is None for a vehicle without sensors, or, with the reason as a message, if it cannot be built.
     """
@@ -309,7 +310,7 @@ def sensor_monitor(
     tick = example_tick(vehicle_file)
     try:
         model = vehicle_file.estimator("augmented_ekf", use=(), speed_from=())
-        _, estimate = within(HANG_S, lambda: estimator.step(estimator.init(), tick))
+        _, estimate = within(HANG_S, lambda: step(estimator.init(), tick))
         return SensorMonitor(model, estimator, tick, estimate), []
     except BaseException as error:  # of the user's vehicle or estimator; the loop raises it again
         if is_interruption(error):
