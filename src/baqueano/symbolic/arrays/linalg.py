@@ -103,7 +103,7 @@ def _product(a: np.ndarray, b: np.ndarray, origin_a: Origin | None, origin_b: Or
     for i in range(n):
         for j in range(i if has_mirror else 0, m):
             dot = _dot(rows[i], columns[j])
-            product[i, j] = dot if minus is None else minus[i, j] - dot
+            product[i, j] = dot if minuend is None else minuend[i, j] - dot
             if has_mirror:
                 product[j, i] = product[i, j]
     return product
