@@ -16,6 +16,7 @@ DEFAULTS: dict[str, object] = {
     # of a vehicle
     "nu_dot": None,  # its acceleration (3,); without this method a command is a velocity
     "turning_arm_m": None,  # ν̇_y per ν̇_ψ [m]: position of the origin forward of the centre of turning
+    "viscous_effort": None,  # ν → effort (n,) that balances the viscous drag; without it, no back-EMF
     # of its drivetrain: axes along which a command acts: forward, sideways, turning
     "driven_axes": (0, 1, 2),
     # of a sensor

@@ -199,7 +199,7 @@ class AugmentedEkf:
         states, driving_mask = layout(self), layout(self).driving_mask(belief.silent_s)
         belief = belief._replace(cov=mirror_upper(belief.cov))  # the generated code reads one triangle
         row = filter_row(belief.t_ns, tick, self.rate_hz)
-        drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
+        drivetrain, effort = row_effort(self.vehicle, belief, row)
         variance = disturbance_variance(self, belief.mean, effort)
         was_at_rest = self._is_at_rest(belief.quiet_s, Gaussian(belief.mean, belief.cov))
         prediction = predict_row(self, belief, effort, row, variance, was_at_rest)

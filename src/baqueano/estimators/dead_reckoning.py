@@ -145,7 +145,7 @@ class DeadReckoning:
     def row(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
         """Return the belief and the estimate after a row. Beyond the longest row only the covariance is predicted."""
         row = filter_row(belief.t_ns, tick, self.rate_hz)
-        drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
+        drivetrain, effort = row_effort(self.vehicle, belief, row)
         noise = [self.process_noise_cov[:3, :3] * (row.dt_s * self.rate_hz)]
         noise += [getattr(self.sensors, r.name).cov[list(r.rows)][:, list(r.rows)] for r in self.readings]
         mean_and_noise = np.concatenate([belief.mean, np.zeros(sum(len(Q) for Q in noise))])

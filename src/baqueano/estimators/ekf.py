@@ -165,7 +165,7 @@ class Ekf:
         The mean is predicted for at most the longest row; after that only its covariance grows.
         """
         row = filter_row(belief.t_ns, tick, self.rate_hz)
-        drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
+        drivetrain, effort = row_effort(self.vehicle, belief, row)
         mean, cov = self._predict(belief, effort, row)
         y, s, w = [], [], []
         for name in self.use:

@@ -19,9 +19,10 @@ import numpy as np
 from baqueano.contracts.values import Tree, Value
 from baqueano.signals import NANOSECONDS, Estimate, Slot, Tick, seconds
 from baqueano.symbolic import branch
-from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState
+from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.rk4 import MAX_ROW_S, row_rate_hz
+from baqueano.vehicles.state import Vehicle, tick_effort
 
 MAX_ROW_NS = round(MAX_ROW_S * NANOSECONDS)
 MAX_PREDICTION_S = 1.0  # longest prediction without a tick; after it the position is too uncertain to predict
@@ -129,14 +130,16 @@ def filter_row(last_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
     return FilterRow(is_new, dt_s, np.minimum(dt_s, max_row_s(rate_hz)), u)
 
 
-def row_effort(motors: Drivetrain, belief: Tree, row: FilterRow) -> tuple[DrivetrainState, Effort]:
+def row_effort(vehicle: Vehicle, belief: Tree, row: FilterRow) -> tuple[DrivetrainState, Effort]:
     """Return the state of the motors after a row, and the effort during that row.
     A vehicle that moves before its first tick already had a command, which is unknown. The command of the first tick is
     used instead.
     """
     is_first_while_moving = (belief.t_ns < 0) & (np.sum(np.abs(belief.mean[3:6])) > 0.0)
-    state = branch(is_first_while_moving, lambda: motors.steady_state(row.u), lambda: belief.drivetrain)
-    return motors.step(state, row.u, row.predicted_s)
+    state = branch(
+        is_first_while_moving, lambda: vehicle.drivetrain.steady_state(row.u), lambda: belief.drivetrain
+    )
+    return tick_effort(vehicle, state, belief.mean[2], belief.mean[3:6], row.u, row.moved_s)
 
 
 def unpredicted_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:

@@ -111,7 +111,7 @@ class Unscented:
     def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """Return the belief and the estimate after a row. Beyond the longest row only the covariance is predicted."""
         row = filter_row(belief.t_ns, tick, self.rate_hz)
-        drivetrain, effort = row_effort(self.vehicle.drivetrain, belief, row)
+        drivetrain, effort = row_effort(self.vehicle, belief, row)
         x, y, s, w = self._predict(belief, effort, row), [], [], []
         for name in self.use:
             x, innovation, S, weight = self._correct(name, x, getattr(tick.sensors, name))

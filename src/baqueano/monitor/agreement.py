@@ -34,6 +34,7 @@ from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, REGULAR_S, SUMS, Memor
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Motion, Tick
 from baqueano.symbolic import jacobian, tree_where
+from baqueano.vehicles.state import tick_effort
 
 GATE_SIGMA = 4.0
 SLOW_RATE, FAST_RATE = 0.5, 2.0  # of (3)
@@ -186,7 +187,8 @@ class AgreementMonitor:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return h (m,) of the model, ∂h/∂x (m, n), and ∂h/∂ν (m, 3) with constant ν̇."""
         vehicle = self.model.vehicle
-        _, effort = vehicle.drivetrain.step(previous.drivetrain, row.u, row.predicted_s)
+        mean = previous.mean
+        _, effort = tick_effort(vehicle, previous.drivetrain, mean[2], mean[3:6], row.u, row.moved_s)
         eta, nu, nu_dot, constant_nu_dot = model.mean[:3], model.mean[3:6], None, np.zeros(3)
         if not is_dynamic(vehicle):
             nu_dot = constant_nu_dot = vehicle.advance(

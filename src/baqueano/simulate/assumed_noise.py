@@ -35,6 +35,7 @@ from baqueano.symbolic import scan, value_at_path, with_value
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.effort import Effort
+from baqueano.vehicles.state import tick_effort
 
 DRIVES, DRIVE_S, TICK_PARTS = 40, 20.0, 4
 TICKS = {"c": 80_000, "python": 8_000}  # of all drives; 0 without compiled or generated code
@@ -113,7 +114,7 @@ def _tick(
 ) -> tuple[SimulatedState, Any]:
     """Return the state after one tick, and (η, (1 + K) ν) (6,) with the readings of the sensors."""
     filter_layout, x = layout(ekf), state.x
-    drivetrain, effort = ekf.vehicle.drivetrain.step(state.drivetrain, draws.u, dt_s)
+    drivetrain, effort = tick_effort(ekf.vehicle, state.drivetrain, x[2], x[3:6], draws.u, dt_s)
     eta, nu, motions = x[:3], x[3:6], []
     for k in range(TICK_PARTS):
         eta, nu = _step_part(ekf, x, eta, nu, effort, k, draws.walk[k], dt_s)

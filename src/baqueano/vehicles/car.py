@@ -28,7 +28,7 @@ from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.friction import NO_FRICTION
 from baqueano.vehicles.rk4 import rk4
-from baqueano.vehicles.state import VehicleState, tick_end
+from baqueano.vehicles.state import VehicleState, tick_effort, tick_end
 
 MIN_DRIVEN_EFFORT = 0.01  # effort above which a motor is driven during the whole tick
 MIN_STEERED_SPEED_M_S = 0.1  # ε of (2'): slower, ν_ψ does not determine κ
@@ -168,6 +168,10 @@ class Car:
         r_dot = r_dot + r * v * v_dot / (v * v + MIN_STEERED_SPEED_M_S**2)  # (2')
         return np.array([v_dot, self.rear_axle_m * r_dot, r_dot])
 
+    def viscous_effort(self, nu: np.ndarray) -> np.ndarray:
+        """Return the effort (2,) that balances the viscous drag at ν (3,)."""
+        return np.array([self.linear_drag * nu[0] / self.throttle_gain, 0.0])
+
     def advance(
         self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -195,7 +199,7 @@ class Car:
 
         `noise` (3,) is standard normal, or zero for a simulation without process noise.
         """
-        drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
+        drivetrain, effort = tick_effort(self, state.drivetrain, state.eta[2], state.nu, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         noise_step = self.process_noise_std * np.sqrt(dt_s) * noise
         nu = self._nu(nu[0] + noise_step[0], nu[2] + noise_step[2])

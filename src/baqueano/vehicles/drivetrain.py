@@ -6,12 +6,13 @@
     battery   w ← w (1 + κ (V/V₀ − 1)) (1 − sag · mean|w|)     of motors; the servos (last channels) keep w     (4)
     dead zone w ← max(w − forward, 0) + min(w + backward, 0)                                              (5)
     gain      w ← gain · w / (1 − c + c |w before the dead zone|)      c = 1: coasts between two pulses   (6)
-    lag       λ ẇ_l = w − w_l of motors, exact over each segment of a tick (effort.py)                    (7)
+    lag       λ ẇ_l = w + λ ė − w_l of motors, exact over each segment of a tick (effort.py)              (7)
     unmixed   u_x = (l + r)/2, u_y = 0, u_ψ = (r − l)/2           l, r: left and right channel            (8)
 
 All quantities are in the unit of u; with the defaults the effort is the command. Only (2) and (8) mix wheels; the
-connection to the robot uses them too. V is the voltage: with battery = "logged", it is the channel `battery` of the run
-[V]. κ is `battery_effect`, V₀ `battery_nominal_v`. Derivation: docs/derivations/vehicles.md.
+connection to the robot uses them too. V is the voltage: with battery = "logged", it is the channel `battery` of
+the run [V]. κ is `battery_effect`, V₀ `battery_nominal_v`; e is the back-EMF of state.py. Derivation:
+docs/derivations/vehicles.md.
 """
 
 from dataclasses import dataclass, replace
@@ -95,6 +96,8 @@ class Drivetrain:
         Number of past rows that are stored for the delay: delay_s · rows per second (rk4.row_rate_hz), rounded up.
     has_lag : bool
         True if lag_s > 0; set automatically.
+    has_back_emf : bool
+        True if back_emf_share > 0; set automatically.
 
     Notes
     -----
@@ -114,6 +117,7 @@ class Drivetrain:
     servos: int = 0
     delay_slots: int = 0
     has_lag: bool = False
+    has_back_emf: bool = False
     limit: np.ndarray = parameter(
         "unit of u", "largest magnitude of a channel", low=0.0, default=(INF,), shape=None, role="known",
         shown_by="commands beyond what the {nth} motor can do", symbol="u_{m}",
@@ -148,6 +152,11 @@ class Drivetrain:
         "s", "time constant of the motors", low=0.0, high=10.0, default=0.0, role="term",
         shown_by="sudden changes of the command", symbol=r"\tau", label="lag of the motors",
     )  # fmt: skip
+    back_emf_share: float = parameter(
+        "1", "fraction of the viscous drag that is back-EMF, behind the lag of the motors", low=0.0, high=10.0,
+        default=0.0, role="term", shown_by="sudden changes of the command", symbol="e",
+        label="back-EMF behind the lag",
+    )  # fmt: skip
     battery_v: float = parameter("V", "voltage of the battery", low=0.1, high=1e3, default=6.0, role="known")
     battery_nominal_v: float = parameter(
         "V", "voltage for which the actuator matrix is valid", low=0.1, high=1e3, default=6.0, role="known"
@@ -178,6 +187,8 @@ class Drivetrain:
             raise Invalid(fault("drivetrain.lag-tiny", lag_s=self.lag_s))
         if self.lag_s > 0.0:
             object.__setattr__(self, "has_lag", True)
+        if self.back_emf_share > 0.0:
+            object.__setattr__(self, "has_back_emf", True)
 
     def _check_channels(self) -> None:
         k = self.channels
@@ -227,10 +238,17 @@ class Drivetrain:
             lag_state=self.static_response(self.mix(u)) if self.has_lag else rest_state.lag_state,
         )
 
-    def step(self, state: DrivetrainState, u: np.ndarray, dt_s: float) -> tuple[DrivetrainState, Effort]:
-        """Return the state and the effort over a tick of `dt_s`, during which `u` (n,) is sent.  (1)-(8)"""
+    def step(
+        self, state: DrivetrainState, u: np.ndarray, dt_s: float, emf_rate: np.ndarray | None = None
+    ) -> tuple[DrivetrainState, Effort]:
+        """Return the state and the effort over a tick of `dt_s`, during which `u` (n,) is sent.  (1)-(8)
+        `emf_rate` (n,) is ė, the rate of change of the back-EMF [unit of u per s].
+        """
         pieces = command_segments(u, state.past_commands, state.steps_s, self.delay_s, dt_s)
         pieces = [piece._replace(u=self.static_response(self.mix(piece.u))) for piece in pieces]
+        if emf_rate is not None and self.has_lag:
+            lead = self.lag_s * self.mix(emf_rate)
+            pieces = [piece._replace(u=piece.u + lead) for piece in pieces]
         lag = self._lagged(pieces, state.lag_state, dt_s) if self.has_lag else direct_effort(pieces, dt_s)
         next_state = DrivetrainState(
             with_newest(state.past_commands, u),

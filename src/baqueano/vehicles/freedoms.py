@@ -4,6 +4,7 @@ kept    entries of ν that remain after a tick without a command; empty for a ki
 rates   −∂ν̇_i/∂ν_i at rest [1/s], the rate at which a small motion decays                             (2)
 slopes  change of (2) by one unit of a parameter, if (2) is linear in it                              (3)
 k       −ν̇_i/ν_i² by one unit of a parameter, if this friction grows with the square of ν_i          (4)
+E       the effort per ν that balances the drag that is linear in ν                                    (5)
 """
 
 from collections.abc import Collection, Iterator
@@ -21,6 +22,7 @@ from baqueano.vehicles.state import DynamicVehicle
 AXIS_NAMES = (N_("forward"), N_("sideways"), N_("turning"))
 SHORT_TIME_S = 1e-6  # a time so short that velocities do not decay
 MAX_YAW_RATE_RATIO = 0.5  # largest ratio between the yaw rates of the first and the last command
+DRAG_SPEEDS = (5.0, 10.0, 15.0)  # in units of the speed of the dry friction
 SMALL_SPEED = 1e-8  # a speed below the range in which friction changes
 
 
@@ -125,6 +127,18 @@ def dry_friction_speeds(vehicle: DynamicVehicle) -> np.ndarray:
         axes = is_dry if definitions[path].axes else np.any(is_dry) & (np.arange(3) == 0)
         speeds = np.where(axes, speed, speeds)
     return speeds
+
+
+def viscous_efforts(vehicle: Tree) -> np.ndarray:
+    """Return E (n, 3): E ν is the effort against the part of the drag that is linear in ν.  (5)"""
+    n = vehicle.commands
+    if not is_dynamic(vehicle):
+        return np.zeros((n, 3))
+    still, units = np.zeros(n), np.minimum(dry_friction_speeds(vehicle), 1.0)
+    drag = [-np.diagonal([vehicle.nu_dot(k * nu, still, 0.0) for nu in np.diag(units)]) for k in DRAG_SPEEDS]
+    linear = np.array([-2.5, 4.0, -1.5]) @ drag / (DRAG_SPEEDS[0] * units)
+    gains = [vehicle.nu_dot(np.zeros(3), u, 0.0) - vehicle.nu_dot(np.zeros(3), still, 0.0) for u in np.eye(n)]
+    return np.linalg.pinv(np.array(gains).T) * linear
 
 
 def with_ideal_drivetrain(vehicle: DynamicVehicle) -> DynamicVehicle:

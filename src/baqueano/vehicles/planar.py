@@ -26,7 +26,7 @@ from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.friction import NO_FRICTION, Friction
 from baqueano.vehicles.rk4 import rk4
-from baqueano.vehicles.state import VehicleState, tick_end
+from baqueano.vehicles.state import VehicleState, tick_effort, tick_end
 
 
 @document
@@ -114,6 +114,11 @@ class Planar:
         y_ddot = Y / m + g[1] - nu[2] * nu[0] - c * psi_ddot
         return np.array([x_ddot, y_ddot, psi_ddot])
 
+    def viscous_effort(self, nu: np.ndarray) -> np.ndarray:
+        """Return the effort (3,) of the commands along x, y and about z that balances the viscous drag at ν (3,)."""
+        T = np.diag(self.actuator_matrix)
+        return np.where(T != 0.0, self.friction.linear * nu / np.where(T != 0.0, T, 1.0), 0.0)
+
     def advance(
         self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -140,7 +145,7 @@ class Planar:
         `noise` (3,) is standard normal, or zero for a simulation without process noise. The noise changes ν at the end
         of the tick; ν̇ is the acceleration of the model at the changed ν.
         """
-        drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
+        drivetrain, effort = tick_effort(self, state.drivetrain, state.eta[2], state.nu, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         nu = nu + self.process_noise_std * np.sqrt(dt_s) * noise
         return tick_end(self, state, eta, nu, drivetrain, effort, dt_s)

@@ -1,10 +1,17 @@
-"""Protocols and state of a vehicle, and the end of a tick for vehicles with an acceleration."""
+"""Protocols and state of a vehicle, the effort of a tick, and the end of a tick for vehicles with an acceleration.
+
+The current of a motor lags behind the voltage w less the back-EMF e = ρ D ν, with D ν the viscous drag, all in the unit
+of u. The drag of the body contains e without a lag, so the effort w_l is the current plus e:
+
+    λ d(w_l − e)/dt = (w − e) − (w_l − e)   →   λ ẇ_l = w + λ ė − w_l,   ė = ρ D ν̇ in mid-tick            (1)
+"""
 
 from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from baqueano.contracts.values import Value
+from baqueano.contracts import optional
+from baqueano.contracts.values import Tree, Value
 from baqueano.signals import Motion
 from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState
 from baqueano.vehicles.effort import Effort
@@ -84,6 +91,21 @@ class DynamicVehicle(Vehicle, Protocol):
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: Value = 0.0, /) -> np.ndarray:
         """Return ν̇ (3,) at ν (3,) with an effort, at the heading ψ."""
         ...
+
+
+def tick_effort(
+    vehicle: Tree, motors: DrivetrainState, psi: Value, nu: np.ndarray, u: np.ndarray, dt_s: Value
+) -> tuple[DrivetrainState, Effort]:
+    """Return the state of the motors and the effort over a tick with the command `u` (n,); heading ψ and velocity ν
+    (3,) are those at its start.  (1)"""
+    drivetrain, viscous_effort = vehicle.drivetrain, optional.attribute(vehicle, "viscous_effort")
+    if viscous_effort is None or not drivetrain.has_back_emf or not drivetrain.has_lag:
+        return drivetrain.step(motors, u, dt_s)
+    share = drivetrain.back_emf_share
+    nu_dot = vehicle.nu_dot(nu, drivetrain.unmix(motors.lag_state), psi)
+    _, effort = drivetrain.step(motors, u, dt_s, share * viscous_effort(nu_dot))
+    nu_dot = vehicle.nu_dot(nu + 0.5 * dt_s * nu_dot, effort.mean, psi)
+    return drivetrain.step(motors, u, dt_s, share * viscous_effort(nu_dot))
 
 
 def tick_end(

@@ -22,8 +22,13 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.estimators.augmented.motion import MIN_SPEED_M_S
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.diagnostics.unmodelled_terms import Effect, FittedMotion, fitted_motion, term_columns
-from baqueano.identify.parameters.free import DELAY_PATH
+from baqueano.identify.diagnostics.unmodelled_terms import (
+    FittedMotion,
+    LabelledTerm,
+    fitted_motion,
+    term_columns,
+)
+from baqueano.identify.parameters.free import BACK_EMF_PATH, DELAY_PATH
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import dot
 from baqueano.numerics.score_test import (
@@ -53,6 +58,7 @@ DEAD_ZONES = "model.drivetrain.dead_zone_forward model.drivetrain.dead_zone_back
 TERM_KEYS = {  # code of an effect → keys of the file that model it
     "term.delay": DELAY_PATH,
     "term.motor-lag": "model.drivetrain.lag_s",
+    "term.back-emf": BACK_EMF_PATH,
     "term.low-pass": "sensors.{sensor}.low_pass_hz",
     "term.imu-turned": "sensors.{sensor}.heading_rad",
     "term.turning-about": "model.centre_of_mass_x_m",

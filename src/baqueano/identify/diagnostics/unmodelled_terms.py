@@ -10,9 +10,9 @@ drivetrain, ν is the velocity of the model, both relative to their largest valu
         ν_x   ν_ψ |ν_x|   ν_x ν_ψ   ν_ψ ν_x²         ν_ψ |ν_ψ| (sideways)    about ψ                        (5)
     D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (6)
     D = −τ ḣ + τ² ḧ   (the IMU, if the delay of the commands is free)
-    w ← w + ε (w̄ − w),   w̄ is w after a lag of 0.1 s;     w ← w − ε e^(−s/0.05 s) sign F,   F = w − E ν      (7)
+    w ← w + ε (w̄ − w),    w ← w + ε E (ν − ν̄),    w ← w − ε e^(−s/0.05 s) sign (w − E ν)               (7)
 
-(6) changes only the readings: delay, mount, low-pass. (7) is a lag of motors, and play in gears with the thrust F.
+(6): readings only. (7): a lag w̄ of the motors (0.1 s), their back-EMF behind the lag ν̄ of the model, play in gears.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,7 +21,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from baqueano.contracts.optional import has_field, is_dynamic
+from baqueano.contracts.optional import attribute, has_field, is_dynamic
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.averaging import WEIGHT_COLUMNS, averages
@@ -43,12 +43,12 @@ from baqueano.numerics.autocorrelation import decay_since_sign_change
 from baqueano.numerics.parallel import parallel_map, prefetch
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
-from baqueano.vehicles.freedoms import dry_friction_speeds
+from baqueano.vehicles.freedoms import dry_friction_speeds, viscous_efforts
 
 DECAY_S = 0.2  # duration of an effect that begins when a sign changes
 SIGN_WIDTH = 0.1  # fraction of the largest value: width of the tanh at a change of sign
 COMMAND_TERMS = ("dead zone", "saturation", "asymmetry", "fading")
-MOTOR_TERMS = ("motor lag", "backlash")
+MOTOR_TERMS = ("back-emf", "motor lag", "backlash")
 MOTION_TERMS = (
     "dry friction", "drag", "steep drag", "one-sided drag", "caster", "friction speed", "unequal drag", "cornering",
     "turning", "slip",
@@ -57,8 +57,7 @@ MOTION_TERMS = (
 TURNING_TERMS = {0: note("term.turning"), 2: note("term.turning-about")}
 SIDEWAYS_TERMS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
 LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
-LAG_S, PAUSE_S = 0.1, 0.05  # time constants of the motors, and of their thrust after it changed its sign
-DRAG_SPEEDS = (5.0, 10.0, 15.0)  # in units of the speed of the dry friction
+LAG_S, PAUSE_S = 0.1, 0.05  # of the motors, and of their thrust after it changed its sign
 SIDEWAYS_AXIS = np.array([0.0, 1.0, 0.0])
 AXES = ("x", "y", "psi", "motors")
 FORCE_AXES = (0, 2)  # of all forces except the last one of each axis, which acts sideways
@@ -127,6 +126,7 @@ class PushedState(NamedTuple):
     thrust_sign: np.ndarray  # (k,)
     pause: np.ndarray  # (k,) e^(−s/PAUSE_S), s the time since the thrust changed its sign
     emf: np.ndarray  # (n, 3) E
+    emf_lag: np.ndarray  # (n,) E ν after the lag of the motors
 
 
 class FittedMotion(NamedTuple):
@@ -159,20 +159,9 @@ def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -
 def _start(blocks: FittedBlocks, shape: ThetaShape, theta: np.ndarray) -> ForcedState:
     """Return the state at the start of a segment with θ (p,)."""
     motors_off = np.zeros(blocks.model.drivetrain.channels)
-    emf = _back_emf(substitute(blocks, shape.paths, theta).model)
-    return ForcedState(*initial_state(blocks, shape)(theta), theta, motors_off, motors_off, motors_off, emf)
-
-
-def _back_emf(model: Tree) -> np.ndarray:
-    """Return E (n, 3): E ν is the effort against the part of the drag that is linear in ν.  (7)"""
-    n = model.commands
-    if not is_dynamic(model):
-        return np.zeros((n, 3))
-    still, units = np.zeros(n), np.minimum(dry_friction_speeds(model), 1.0)
-    drag = [-np.diagonal([model.nu_dot(k * nu, still, 0.0) for nu in np.diag(units)]) for k in DRAG_SPEEDS]
-    linear = np.array([-2.5, 4.0, -1.5]) @ drag / (DRAG_SPEEDS[0] * units)
-    gains = [model.nu_dot(np.zeros(3), u, 0.0) - model.nu_dot(np.zeros(3), still, 0.0) for u in np.eye(n)]
-    return np.linalg.pinv(np.array(gains).T) * linear
+    emf = viscous_efforts(substitute(blocks, shape.paths, theta).model)
+    vehicle, signals = initial_state(blocks, shape)(theta)
+    return PushedState(vehicle, signals, theta, motors_off, motors_off, motors_off, emf, emf @ vehicle.nu)
 
 
 def term_columns(
@@ -241,6 +230,7 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     channels = blocks.model.drivetrain.channels
     c, count = len(COMMAND_TERMS) * channels, len(force_terms(0, channels))
     theta, column_count = example(blocks, shape), c + len(FORCE_AXES) * (count - c)
+    has_lag = blocks.model.drivetrain.has_lag and attribute(blocks.model, "viscous_effort") is not None
     is_motor = np.arange(channels) < channels - blocks.model.drivetrain.servos
 
     def force_of_terms(epsilon: np.ndarray, phi: np.ndarray) -> Iterator[np.ndarray]:
@@ -258,10 +248,13 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         effort = drivetrain.step(state.vehicle.drivetrain, u, dt_s)[1].mean
         w = drivetrain.mix(effort)
         w_lag = w + (state.w_lag - w) * np.exp(-dt_s / LAG_S)
-        thrust = drivetrain.mix(effort - state.emf @ state.vehicle.nu)
+        emf = state.emf @ state.vehicle.nu
+        emf_lag = emf + (state.emf_lag - emf) * (np.exp(-dt_s / drivetrain.lag_s) if has_lag else 0.0)
+        thrust = drivetrain.mix(effort - emf)
         sign = np.where(thrust > 0.0, 1.0, np.where(thrust < 0.0, -1.0, state.thrust_sign))
         pause = np.where(sign * state.thrust_sign < 0.0, 1.0, state.pause * np.exp(-dt_s / PAUSE_S))
-        change = is_motor * (epsilon[-2] * (w_lag - w) - epsilon[-1] * pause * sign)
+        change = epsilon[-3] * drivetrain.mix(emf - emf_lag) + epsilon[-2] * (w_lag - w)
+        change = is_motor * (change - epsilon[-1] * pause * sign)
         if is_dynamic(blocks.model):
             efforts = effort + drivetrain.unmix(change), effort
             nu, psi = state.vehicle.nu, state.vehicle.eta[2]
@@ -274,8 +267,8 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         )
         motion = motion._replace(nu_dot=motion.nu_dot + force, tick=tick)
         readings, signals = read_sensors(tick_blocks.sensors, state.signals, motion, dt_s, mean_weights)
-        next_state = PushedState(vehicle, signals, state.theta, w_lag, sign, pause, state.emf)
-        return next_state, np.concatenate([weight * np.concatenate(readings), motion.nu[:1]])
+        next_state = PushedState(vehicle, signals, state.theta, w_lag, sign, pause, state.emf, emf_lag)
+        return next_state, weight * np.concatenate(readings)
 
     rows = np.zeros(1 + n + m + column_count + WEIGHT_COLUMNS * len(shape.means) + shape.has_voltage)
     return scan(

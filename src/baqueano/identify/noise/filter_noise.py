@@ -48,6 +48,7 @@ from baqueano.runs.filter_ticks import example_filter_tick, make_ticks
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import scan, value_at_path, with_value
+from baqueano.vehicles.state import tick_effort
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -155,7 +156,7 @@ def _straight_drive(fit: "Fit", command: float) -> tuple[np.ndarray, float]:
     u, state, motion, effort = np.zeros(vehicle.commands), vehicle.init(), None, None
     u[0] = command
     for _ in range(round(STRAIGHT_S / dt_s)):
-        effort = vehicle.drivetrain.step(state.drivetrain, u, dt_s)[1]
+        effort = tick_effort(vehicle, state.drivetrain, state.eta[2], state.nu, u, dt_s)[1]
         state, motion = vehicle.step(state, u, dt_s, np.zeros(3))
     nu, step = np.asarray(motion.nu if motion else np.zeros(3), dtype=float), np.array([1e-4, 0.0, 0.0])
     if effort is None or not is_dynamic(vehicle):

@@ -26,6 +26,7 @@ from baqueano.runs.run import Run
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.symbolic import scan, with_value
 from baqueano.symbolic.scan import Scan
+from baqueano.vehicles.state import tick_effort
 
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
@@ -119,8 +120,9 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str) -> tuple[np.nd
     drivetrain, n = ekf.vehicle.drivetrain, ekf.vehicle.commands
 
     def step(previous: PredictionState, row: np.ndarray) -> tuple[PredictionState, np.ndarray]:
-        state, effort = drivetrain.step(previous.drivetrain, row[1 : 1 + n], row[0])
-        mu = ekf.advance_mean(row[1 + n :], previous.effort, effort, row[0])
+        mu, u = row[1 + n :], row[1 : 1 + n]
+        state, effort = tick_effort(ekf.vehicle, previous.drivetrain, mu[2], mu[3:6], u, row[0])
+        mu = ekf.move(mu, previous.effort, effort, row[0])
         return PredictionState(state, effort.last), mu[3:]
 
     kernel = scan(step, PredictionState(drivetrain.init(), np.zeros(n)), np.zeros(10 + n), backend=backend)

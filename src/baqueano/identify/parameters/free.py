@@ -43,6 +43,7 @@ NO_CHANNELS: Mapping[str, Sequence[int]] = {}  # all sensors are used with all t
 PROCESS_NOISE_PATH = "model.process_noise_std"  # process noise of ν
 DELAY_PATH = "model.drivetrain.delay_s"
 LAG_PATH = "model.drivetrain.lag_s"
+BACK_EMF_PATH = "model.drivetrain.back_emf_share"
 LIMIT_PATH = "model.drivetrain.limit"
 BATTERY_EFFECT = "model.drivetrain.battery_effect"
 WHEEL_FRICTIONS = ("model.friction.coulomb_forward", "model.friction.coulomb_backward")
@@ -254,6 +255,7 @@ def enable_parameters(
     if LAG_PATH in paths:
         blocks = _with_drivetrain(blocks, lag_s=blocks.model.drivetrain.lag_s or LAG_START_TICKS / rate_hz)
         low[LAG_PATH] = MIN_LAG / rate_hz
+    blocks = _with_drivetrain(blocks, has_back_emf=True) if BACK_EMF_PATH in paths else blocks
     for path in (path for path in paths if path.endswith(LOW_PASS)):
         sensor_path, hz = path.removesuffix(LOW_PASS), min(value(blocks, path), rate_hz)
         sensor = replace(value_at_path(blocks, sensor_path), low_pass_hz=hz)  # sets has_low_pass

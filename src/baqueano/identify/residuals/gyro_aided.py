@@ -32,6 +32,7 @@ from baqueano.signals import Motion
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.freedoms import tyre_paths
+from baqueano.vehicles.state import tick_effort
 
 LEVER_ARM = "lever_arm_m[0]"
 GYRO_CHANNEL = 2  # channel of an IMU
@@ -171,7 +172,7 @@ def _aided_step(tick_blocks: FittedBlocks, state: Tree, row: np.ndarray) -> tupl
     at_rest = imu.h(rest_motion)[2]
     gain = imu.h(rest_motion._replace(nu=np.array([0.0, 0.0, 1.0])))[2] - at_rest
     r, r_dot, u = (row[-2] - at_rest) / gain, row[-1] / gain, row[1 : 1 + model.commands]
-    _, effort = model.drivetrain.step(state.drivetrain, u, dt_s)
+    _, effort = tick_effort(model, state.drivetrain, state.eta[2], state.nu, u, dt_s)
     previous_r = state.nu[2]
     state, motion = model.step(state, u, dt_s, np.zeros(3))
     efforts, rates = (effort.start, effort.mean, effort.end), (previous_r, 0.5 * (previous_r + r), r)

@@ -31,7 +31,7 @@ from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, scan, with_value
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles import Effort, VehicleState
-from baqueano.vehicles.state import tick_end
+from baqueano.vehicles.state import tick_effort, tick_end
 
 GATE = 4.0  # G of (3): the gate of the other filters, made smooth
 MIN_DERIVATIVE = 1e-9  # derivative below which a sensor does not depend on the pose
@@ -95,7 +95,8 @@ def filter_kernel(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan
         tick_blocks = make_row_blocks(blocks, shape, theta, row)
         noise = theta[shape.size :]
         u, z, weight = row[1 : 1 + n], row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
-        drivetrain, effort = tick_blocks.model.drivetrain.step(state.vehicle.drivetrain, u, row[0])
+        model, previous = tick_blocks.model, state.vehicle
+        drivetrain, effort = tick_effort(model, previous.drivetrain, previous.eta[2], previous.nu, u, row[0])
         predicted_mean, P = _prediction(
             tick_blocks.model, state, effort, row[0], {i: noise[k] for k, i in enumerate(axes)}
         )

@@ -213,6 +213,7 @@ TEMPLATES: dict[str, str] = {
     "term.asymmetry": "motors that are not equal forward and backward",
     "term.fading": "a battery that loses its charge",
     "term.motor-lag": "a lag of the motors",
+    "term.back-emf": "a back-EMF behind the lag of the motors",
     "term.backlash": "backlash, or a pause after a command changes its sign",
     "term.dry-friction": "dry (Coulomb) friction",
     "term.friction-speed": "another speed at which dry friction changes its sign",
