@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from baqueano.compare.corridor import MAX_HEADING_STD_RAD
-from baqueano.identify import identify
 from baqueano.study import corridor, driving
 from baqueano.study.corridor import drives
 from baqueano.study.corridor.result import Instant, drive_corridors
@@ -71,7 +70,7 @@ def test_a_fit_to_an_imu_gives_the_speed_straight_ahead_of_a_robot_with_drag_in_
     robots, commands = vehicles([9104]), np.array([0.52, 0.0, 0.0])
     assert robots.cornering[0] > 0.05
     (run,) = driving.simulate_experiments(robots, range(9104, 9105))
-    model = identify(run, driving.initial_file(), driving.FREE).vehicle_file.vehicle
+    model = driving.identify_by_advice(run, driving.initial_file()).vehicle_file.vehicle
     world, state = TruthWorld(robots, [1], np.zeros((1, 3))), model.init()
     for _ in range(200):
         world.tick(commands[None], 0.01)

@@ -5,7 +5,6 @@ import pytest
 
 from baqueano.guides import Repeat
 from baqueano.guides.shapes import circle, line
-from baqueano.identify import identify
 from baqueano.study import driving
 from baqueano.study.driving import Driving, LapErrors
 from baqueano.study.truth import draw_robots, merge
@@ -39,7 +38,7 @@ def fitted_robots():
     """Return two robots of the independent truth, and their fitted vehicle files."""
     robots = merge([draw_robots(1, seed) for seed in (40, 42)])
     runs = driving.simulate_experiments(robots, range(40, 42))
-    return robots, [identify(run, driving.initial_file(), driving.FREE).vehicle_file for run in runs]
+    return robots, [driving.identify_by_advice(run, driving.initial_file()).vehicle_file for run in runs]
 
 
 @pytest.mark.parametrize("perfect", [True, False])

@@ -26,7 +26,7 @@ from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.shapes import eight, rectangle, sinuous_circle
-from baqueano.identify import excitation, identify
+from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.messages import verdict_line
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
@@ -244,7 +244,7 @@ def drive_batch(
 ) -> tuple[int, list[LapErrors], list[int]]:
     """Return the number of robots, their laps, and the seeds whose fit was refused."""
     robots = merge([draw_robots(1, seed) for seed in seeds])
-    fits = [identify(run, initial_file(), FREE) for run in simulate_experiments(robots, seeds)]
+    fits = [identify_by_advice(run, initial_file()) for run in simulate_experiments(robots, seeds)]
     usable = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
     files = [fits[k].vehicle_file for k in usable]
     robots, names = robots.subset(usable), [seeds[k] for k in usable]
@@ -262,6 +262,22 @@ def drive_batch(
                     LapErrors(case, shape, speed, seed, *lap) for seed, lap in zip(names, laps, strict=True)
                 ]
     return len(seeds), drives, [seed for seed in seeds if seed not in names]
+
+
+def identify_by_advice(
+    runs: Run | list[Run], start: VehicleFile, backend: str = "auto", use: tuple[str, ...] | None = None
+) -> Fit:
+    """Return the fit of `runs`. As long as its diagnostics advise to free further parameters, fit again with them."""
+    free, fit = [*FREE], None
+    while True:
+        next_fit = identify(runs, start, free, use=use, options=FitOptions(backend=backend))
+        if fit is not None and next_fit.verdict == Verdict.REFUSED:
+            return fit
+        fit, words = next_fit, [word for reason in next_fit.reasons for word in reason.fix.split()]
+        advised_paths = [word for word in words if word.startswith("+") and word not in free]
+        if not advised_paths:
+            return fit
+        free += dict.fromkeys(advised_paths)
 
 
 def initial_file() -> VehicleFile:

@@ -14,9 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from baqueano.diagnostics import Verdict
-from baqueano.identify import FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
-from baqueano.study.driving import FREE, initial_file, simulate_experiments
+from baqueano.study.driving import identify_by_advice, initial_file, simulate_experiments
 from baqueano.study.truth import Robots, draw_robots, merge
 from baqueano.vehicle_file import VehicleFile
 
@@ -62,7 +61,7 @@ def identify_vehicles(robots: Robots, seeds: Sequence[int], backend: str) -> lis
     """Return the file of each vehicle after `identify --update`; None if the fit is refused."""
     vehicle_files: list[VehicleFile | None] = []
     for run in simulate_experiments(robots, range(seeds[0], seeds[-1] + 1)):
-        fit = identify(run, initial_file(), FREE, options=FitOptions(backend=backend))
+        fit = identify_by_advice(run, initial_file(), backend)
         is_refused = fit.verdict == Verdict.REFUSED
         vehicle_files.append(
             None if is_refused else measure_noise(fit, run, backend=backend).updated_file(fit.vehicle_file)

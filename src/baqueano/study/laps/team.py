@@ -17,7 +17,6 @@ from baqueano.drive.closure import closure, lap_closure
 from baqueano.drive.recording import MARK_SOURCE
 from baqueano.errors import AnswerNo
 from baqueano.guides.repeat import Repeat
-from baqueano.identify import FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages.language import mark as N_
@@ -27,7 +26,7 @@ from baqueano.runs.run import Channel
 from baqueano.signals import NANOSECONDS, Reference, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import switch_on_again, vehicles
-from baqueano.study.driving import FREE, SHAPES, initial_file, simulate_experiments
+from baqueano.study.driving import SHAPES, identify_by_advice, initial_file, simulate_experiments
 from baqueano.study.laps.drives import RATE_HZ, STEP_S, FixTeam, Team, simulate_laps
 from baqueano.study.laps.fixes import with_fix
 from baqueano.study.truth import PassingFaults, Robots, TruthWorld
@@ -50,15 +49,15 @@ class Teams(NamedTuple):
     refused_robots: list[int]  # seeds whose fit was refused
 
 
-def identify_teams(seeds: range, gyro: str, backend: str, with_calibration: bool = True) -> Teams:
-    """Return the robots of the seeds with their files; without `with_calibration`, the group `lap_team` is empty."""
-    robots, options = vehicles(seeds), FitOptions(backend=backend)
+def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -> Teams:
+    """Return the robots of the seeds with their files; without `learns`, the group `lap_team` is empty."""
+    robots = vehicles(seeds)
     starts = calibrate_by_turns(robots, seeds) if gyro == "calibrated" else [initial_file()] * len(seeds)
     runs = simulate_experiments(robots, seeds)
-    fits = [identify(run, start, FREE, options=options) for run, start in zip(runs, starts, strict=True)]
+    fits = [identify_by_advice(run, start, backend) for run, start in zip(runs, starts, strict=True)]
     if gyro == "taught":
         fits = [
-            identify(run, start, FREE, options=options)
+            identify_by_advice(run, start, backend)
             for run, start in zip(runs, calibrate_by_lap(robots, seeds, fits, runs), strict=True)
         ]
     usable = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
@@ -90,7 +89,7 @@ def _identify_with_laps(team: Team, runs: list[Run], backend: str) -> dict[int, 
         team.vehicle_files, team.seeds, runs, laps.runs, strict=True
     ):
         robot_runs, start = [run, laps_run], with_fix(vehicle_file, "tags", route)
-        fit = identify(robot_runs, start, FREE, use=("imu",), options=FitOptions(backend=backend))
+        fit = identify_by_advice(robot_runs, start, backend, ("imu",))
         if fit.verdict != Verdict.REFUSED:
             noise = measure_noise(fit, robot_runs, backend=backend)
             file_by_name[seed] = noise.updated_file(fit.vehicle_file, vehicle_file.name)
