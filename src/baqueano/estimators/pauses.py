@@ -139,7 +139,7 @@ def row_effort(vehicle: Vehicle, belief: Tree, row: FilterRow) -> tuple[Drivetra
     state = branch(
         is_first_while_moving, lambda: vehicle.drivetrain.steady_state(row.u), lambda: belief.drivetrain
     )
-    return tick_effort(vehicle, state, belief.mean[2], belief.mean[3:6], row.u, row.moved_s)
+    return tick_effort(vehicle, state, belief.mean[2], belief.mean[3:6], row.u, row.predicted_s)
 
 
 def unpredicted_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:

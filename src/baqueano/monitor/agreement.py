@@ -188,7 +188,7 @@ class AgreementMonitor:
         """Return h (m,) of the model, ∂h/∂x (m, n), and ∂h/∂ν (m, 3) with constant ν̇."""
         vehicle = self.model.vehicle
         mean = previous.mean
-        _, effort = tick_effort(vehicle, previous.drivetrain, mean[2], mean[3:6], row.u, row.moved_s)
+        _, effort = tick_effort(vehicle, previous.drivetrain, mean[2], mean[3:6], row.u, row.predicted_s)
         eta, nu, nu_dot, constant_nu_dot = model.mean[:3], model.mean[3:6], None, np.zeros(3)
         if not is_dynamic(vehicle):
             nu_dot = constant_nu_dot = vehicle.advance(

@@ -22,12 +22,7 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.estimators.augmented.motion import MIN_SPEED_M_S
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.diagnostics.unmodelled_terms import (
-    FittedMotion,
-    LabelledTerm,
-    fitted_motion,
-    term_columns,
-)
+from baqueano.identify.diagnostics.unmodelled_terms import Effect, FittedMotion, fitted_motion, term_columns
 from baqueano.identify.parameters.free import BACK_EMF_PATH, DELAY_PATH
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import dot

@@ -116,7 +116,7 @@ def motion_features(axis: int, nu: np.ndarray, record: FitRecord, dry_speed: flo
     return np.concatenate([dry_force, v * magnitude, v * v * v, magnitude, flips, width, *corners], axis=1)
 
 
-class PushedState(NamedTuple):
+class ForcedState(NamedTuple):
     """State of the simulation with a push. It contains θ, because the derivatives are with respect to ε."""
 
     vehicle: Tree
@@ -161,7 +161,7 @@ def _start(blocks: FittedBlocks, shape: ThetaShape, theta: np.ndarray) -> Forced
     motors_off = np.zeros(blocks.model.drivetrain.channels)
     emf = viscous_efforts(substitute(blocks, shape.paths, theta).model)
     vehicle, signals = initial_state(blocks, shape)(theta)
-    return PushedState(vehicle, signals, theta, motors_off, motors_off, motors_off, emf, emf @ vehicle.nu)
+    return ForcedState(vehicle, signals, theta, motors_off, motors_off, motors_off, emf, emf @ vehicle.nu)
 
 
 def term_columns(
@@ -223,7 +223,7 @@ def _force_columns(
     return columns
 
 
-def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
+def _force_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     """Return the scan from ε (K,) of all forces to the readings divided by σ, and ν_x. The forces are sorted by axis;
     the last force of each axis acts sideways.  (1)"""
     n, m = blocks.model.commands, sum(s.size for s in blocks.sensors)
@@ -267,8 +267,8 @@ def _push_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         )
         motion = motion._replace(nu_dot=motion.nu_dot + force, tick=tick)
         readings, signals = read_sensors(tick_blocks.sensors, state.signals, motion, dt_s, mean_weights)
-        next_state = PushedState(vehicle, signals, state.theta, w_lag, sign, pause, state.emf, emf_lag)
-        return next_state, weight * np.concatenate(readings)
+        next_state = ForcedState(vehicle, signals, state.theta, w_lag, sign, pause, state.emf, emf_lag)
+        return next_state, np.concatenate([weight * np.concatenate(readings), motion.nu[:1]])
 
     rows = np.zeros(1 + n + m + column_count + WEIGHT_COLUMNS * len(shape.means) + shape.has_voltage)
     return scan(

@@ -122,7 +122,7 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str) -> tuple[np.nd
     def step(previous: PredictionState, row: np.ndarray) -> tuple[PredictionState, np.ndarray]:
         mu, u = row[1 + n :], row[1 : 1 + n]
         state, effort = tick_effort(ekf.vehicle, previous.drivetrain, mu[2], mu[3:6], u, row[0])
-        mu = ekf.move(mu, previous.effort, effort, row[0])
+        mu = ekf.advance_mean(mu, previous.effort, effort, row[0])
         return PredictionState(state, effort.last), mu[3:]
 
     kernel = scan(step, PredictionState(drivetrain.init(), np.zeros(n)), np.zeros(10 + n), backend=backend)

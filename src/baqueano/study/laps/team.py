@@ -49,8 +49,8 @@ class Teams(NamedTuple):
     refused_robots: list[int]  # seeds whose fit was refused
 
 
-def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -> Teams:
-    """Return the robots of the seeds with their files; without `learns`, the group `lap_team` is empty."""
+def identify_teams(seeds: range, gyro: str, backend: str, with_calibration: bool = True) -> Teams:
+    """Return the robots of the seeds with their files; without `with_calibration`, the group `lap_team` is empty."""
     robots = vehicles(seeds)
     starts = calibrate_by_turns(robots, seeds) if gyro == "calibrated" else [initial_file()] * len(seeds)
     runs = simulate_experiments(robots, seeds)

@@ -165,9 +165,9 @@ class Graph:
         if node is None:
             node = self.nodes[key] = Node(self, op, args, value, len(self.nodes))
             if op == "sign":
-                self.signed[node] = frozenset(args)
-            elif op == "mul" and self.signed and not self.signed.keys().isdisjoint(args):
-                self.signed[node] = frozenset().union(*(self.signed.get(a, ()) for a in args))
+                self.sign_arguments[node] = frozenset(args)
+            elif op == "mul" and self.sign_arguments and not self.sign_arguments.keys().isdisjoint(args):
+                self.sign_arguments[node] = frozenset().union(*(self.sign_arguments.get(a, ()) for a in args))
         return node
 
 

@@ -90,11 +90,11 @@ def _mul(g: "Graph", a: "Node", b: "Node") -> "Node | None":
             return g.make("mul", g.const(a.value * b.args[0].value), b.args[1])
     if a.op == "neg":
         return g.make("neg", g.make("mul", a.args[0], b))
-    if a in g.signed.get(b, ()):
+    if a in g.sign_arguments.get(b, ()):
         return _with_magnitude(g, a, b)
     if b.op == "neg":
         return g.make("neg", g.make("mul", b.args[0], a))
-    return _with_magnitude(g, b, a) if b in g.signed.get(a, ()) else None
+    return _with_magnitude(g, b, a) if b in g.sign_arguments.get(a, ()) else None
 
 
 def _with_magnitude(g: "Graph", x: "Node", y: "Node") -> "Node":
