@@ -13,7 +13,6 @@ real vehicle. With `draws` the cost is about the largest cost of vehicles drawn 
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
-from baqueano.tune.margins import loop_margins
+from baqueano.tune.margins import has_stable_loop
 from baqueano.tune.objective import Objective, draw_vehicles, tuning_objective
 from baqueano.tune.search import DIVERGED_COST, START_COUNT, TIE_WEIGHT, Descent, at_limit, descend, search
 from baqueano.tune.tune_result import FACTORS, FreshSeeds, Gain, TuneResult, WorstCase
@@ -168,9 +167,15 @@ def _bounded_descent(
         return end.cost <= max_cost and not np.any(at_limit(end.gains, low, high))
 
     is_at_limit = at_limit(best.gains, low, high) != 0
-    starts = best.gains, np.where(is_at_limit, np.clip(preferred_x, low, high), best.gains)
-    others = (descend(rehearsal.cost_and_gradient, start, low, high, preferred_x) for start in starts)
-    return next(filter(is_inside, chain(descents, others)), None)
+    if interior := next(filter(is_inside, descents), None):
+        return interior
+    others: list[Descent] = []
+    for start in (best.gains, np.where(is_at_limit, np.clip(preferred_x, low, high), best.gains)):
+        known = others[0] if others else None
+        others.append(descend(rehearsal.cost_and_gradient, start, low, high, preferred_x, known))
+        if is_inside(others[-1]):
+            return others[-1]
+    return None
 
 
 def _stable_first(
@@ -182,7 +187,7 @@ def _stable_first(
 
     def is_stable(end: Descent) -> bool:
         controller = rehearsal.space.with_gains(end.gains)
-        return all(m.stable for m in loop_margins(vehicle_file, controller, rehearsal.speed_m_s))
+        return has_stable_loop(vehicle_file, controller, rehearsal.speed_m_s)
 
     best = next(filter(is_stable, descents), descents[0])
     return [best, *(end for end in descents if end is not best)]

@@ -85,18 +85,36 @@ def loop_margins(
     vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float
 ) -> tuple[LoopMargins, ...]:
     """Return the margins of each channel with a limit above 0; () at low speed or without a finite linearisation."""
-    if not speed_m_s > MIN_SPEED_M_S:
+    loop = _linear_loop(vehicle_file, controller, speed_m_s)
+    if loop is None:
         return ()
-    plant, is_steady = linearise(vehicle_file, controller, speed_m_s)
-    if not all(np.isfinite(matrix).all() for matrix in plant[:4]):
-        return ()
-    names, limit = vehicle_file.command.names, vehicle_file.command.limit
-    block_matrix = np.block([[plant.A, plant.B], [plant.C, plant.D]])
-    stable = is_steady and bool(np.max(np.abs(np.linalg.eigvals(block_matrix))) < UNSTABLE_EIGENVALUE)
+    plant, stable = loop
     return tuple(
-        LoopMargins(names[k], *margins(loop_transfer(plant, int(k))), speed_m_s, stable)
-        for k in np.flatnonzero(limit > 0.0)
+        LoopMargins(
+            vehicle_file.command.names[k], *margins(loop_transfer(plant, int(k))), speed_m_s, stable
+        )
+        for k in np.flatnonzero(vehicle_file.command.limit > 0.0)
     )
+
+
+def has_stable_loop(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> bool:
+    """Return True if the whole loop is stable, or if it has no margins."""
+    loop = _linear_loop(vehicle_file, controller, speed_m_s)
+    return loop is None or loop[1]
+
+
+@lru_cache(maxsize=32)
+def _linear_loop(
+    vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float
+) -> tuple[LinearSystem, bool] | None:
+    """Return one tick of the loop and True if it is stable; None at low speed or without a finite linearisation."""
+    if not speed_m_s > MIN_SPEED_M_S:
+        return None
+    plant, steady = linearise(vehicle_file, controller, speed_m_s)
+    if not all(np.isfinite(matrix).all() for matrix in plant[:4]):
+        return None
+    block_matrix = np.block([[plant.A, plant.B], [plant.C, plant.D]])
+    return plant, steady and bool(np.max(np.abs(np.linalg.eigvals(block_matrix))) < UNSTABLE_EIGENVALUE)
 
 
 def margins(loop: LinearSystem) -> tuple[float, float, float, float]:

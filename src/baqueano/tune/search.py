@@ -28,6 +28,7 @@ SAMPLED_POINTS = 24  # points of the cube that are evaluated before the descents
 START_COUNT = 3
 # a descent ends if PATIENCE evaluations decreased its cost by a smaller share than MIN_PROGRESS
 PATIENCE, MIN_PROGRESS = 8, 1e-7
+JOIN_TOLERANCE = 1e-5  # relative difference of the costs of two descents below which they end at the same place
 MAX_EVALUATIONS = 60  # of one descent
 # ∂C/∂x relative to C above which the end of a descent is not a minimum of a smooth cost
 MAX_RELATIVE_SLOPE = 1e-3
@@ -73,11 +74,16 @@ def search(
     points = [gains(x, low, high) for x in halton(SAMPLED_POINTS, len(low))]
     costs_and_points = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
     begin = [np.clip(g, low, high) for g in initial] + [points[k] for _, k in costs_and_points[:start_count]]
-    ends = [descend(cost_and_gradient, g, low, high) for g in begin]
+    ends: list[Descent] = []
+    for start in begin:
+        known = min(ends, key=lambda d: d.cost, default=None)
+        ends.append(descend(cost_and_gradient, start, low, high, known=known))
     ends.sort(key=lambda d: d.cost)
     if polish and ends[0].cost < DIVERGED_COST and ends[0].slope > MAX_RELATIVE_SLOPE:
         for _ in range(SIMPLEX_SEARCHES):
-            ends[:2] = [_refine_with_simplex(minimize, cost, end, low, high) for end in ends[:2]]
+            different = np.unique([end.gains for end in ends], axis=0, return_index=True)[1]
+            for k in np.sort(different)[:2]:
+                ends[k] = _refine_with_simplex(minimize, cost, ends[k], low, high)
             ends.sort(key=lambda d: d.cost)
     return ends
 
@@ -88,8 +94,13 @@ def descend(
     low: np.ndarray,
     high: np.ndarray,
     preferred_x: np.ndarray | None = None,
+    known: Descent | None = None,
 ) -> Descent:
-    """Return the descent from the gains `start` (p,), which must be within the bounds; `preferred_x` (p,): see (2)."""
+    """Return the descent from the gains `start` (p,), which must be within the bounds; `preferred_x` (p,): see (2).
+
+    Its last step goes to the end of the `known` descent, if it has nearly this value, the same gains at bounds, and its
+    step before was small.
+    """
     costs: list[float] = []
     values: list[float] = []  # of (2)
     x0 = coordinates(start, low, high)
@@ -99,29 +110,42 @@ def descend(
         else (TIE_WEIGHT, coordinates(np.clip(preferred_x, low, high), low, high))
     )
 
+    def share_at(x: np.ndarray) -> float:  # (2)
+        deviation = x - x_preferred
+        return 1.0 + weight * float(deviation @ deviation)
+
     def f(x: np.ndarray) -> tuple[float, np.ndarray]:
         value, gradient = cost_and_gradient(gains(x, low, high))
         costs.append(_finite(value))
         values.append(DIVERGED_COST)
         if costs[-1] == DIVERGED_COST:
             return DIVERGED_COST, np.zeros(len(x))
-        deviation = x - x_preferred
-        share = 1.0 + weight * float(deviation @ deviation)  # (2)
-        slope = share * gradient * gain_derivative(x, low, high) + 2.0 * weight * value * deviation
+        share = share_at(x)
+        slope = share * gradient * gain_derivative(x, low, high) + 2.0 * weight * value * (x - x_preferred)
         if not np.max(np.abs(slope)) <= MAX_SLOPE * value:  # also if it is not finite
             slope = np.zeros(len(x))
         values[-1] = share * costs[-1]
         return values[-1], slope
 
-    path = [np.array(start, dtype=float)]
+    path, joins = [np.array(start, dtype=float)], False
+    last_value, known_value, known_limits = np.inf, np.nan, None
+    if known is not None:
+        known_x = coordinates(known.gains, low, high)
+        known_value, known_limits = known.cost * share_at(known_x), limits(known_x)
 
     def is_end(x: np.ndarray) -> bool:
+        nonlocal joins, last_value
         path.append(gains(x, low, high))
-        return min(values) > (1.0 - MIN_PROGRESS) * min(values[:-PATIENCE], default=np.inf)
+        value, max_change = min(values), JOIN_TOLERANCE * known_value
+        is_near = known_value <= value <= known_value + max_change and last_value - value <= max_change
+        joins, last_value = is_near and np.array_equal(limits(x), known_limits), value
+        return joins or value > (1.0 - MIN_PROGRESS) * min(values[:-PATIENCE], default=np.inf)
 
     end = minimise(f, x0, MAX_EVALUATIONS, is_end)
-    deviation = end.x - x_preferred
-    min_cost = end.value / (1.0 + weight * float(deviation @ deviation))
+    if known is not None and joins:
+        costs_to_end = np.array([*costs, known.cost])
+        return known._replace(start=start, costs=costs_to_end, path=(*path, known.gains))
+    min_cost = end.value / share_at(end.x)
     slope = end.largest_slope() / max(abs(end.value), 1e-300)
     return Descent(start, gains(end.x, low, high), min_cost, np.array(costs), slope, tuple(path))
 
@@ -173,7 +197,11 @@ def gain_derivative(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndar
 
 def at_limit(g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return −1 for each gain of g (p,) at its lower bound, +1 for each gain at its upper bound, else 0: (p,)."""
-    x = coordinates(np.clip(g, low, high), low, high)
+    return limits(coordinates(np.clip(g, low, high), low, high))
+
+
+def limits(x: np.ndarray) -> np.ndarray:
+    """Return −1 for each coordinate of x (p,) at its lower bound, +1 for each at its upper bound, else 0: (p,)."""
     return np.where(x < LIMIT_TOLERANCE, -1, np.where(x > 1.0 - LIMIT_TOLERANCE, 1, 0))
 
 
