@@ -177,6 +177,20 @@ def test_an_estimate_of_lists_becomes_one_of_arrays():
     assert output.nu is HERE.nu
 
 
+def test_the_largest_numbers_are_finite_although_their_sum_is_not():
+    extreme = HERE._replace(nu=np.full(3, np.finfo(float).max))
+    assert guard_block("estimator", Returns(extreme)).step(None, tick())[1] is extreme
+
+
+@pytest.mark.parametrize("entry", [np.nan, np.inf, -np.inf])
+def test_one_entry_that_is_not_finite_is_named(entry):
+    cov = np.eye(6)
+    cov[4, 5] = entry
+    with pytest.raises(BlockFault) as error_info:
+        guard_block("estimator", Returns(HERE._replace(cov=cov))).step(None, tick())
+    assert error_info.value.reason.figures["value"].startswith("Estimate.cov = ")
+
+
 @pytest.mark.parametrize(
     ("at_end", "value"),
     [
