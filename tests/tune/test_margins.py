@@ -8,7 +8,14 @@ from baqueano.controllers.mpc import program
 from baqueano.signals import Estimate, Reference
 from baqueano.symbolic import compile_block, with_value
 from baqueano.tune import margins as margins_module
-from baqueano.tune.margins import LinearSystem, linearise, loop_margins, loop_transfer, margins
+from baqueano.tune.margins import (
+    LinearSystem,
+    has_stable_loop,
+    linearise,
+    loop_margins,
+    loop_transfer,
+    margins,
+)
 from baqueano.vehicle_file import load
 from tests.papers_pd import with_papers_pd
 
@@ -183,6 +190,8 @@ def test_a_gain_that_makes_the_loop_oscillate_has_no_margin():
     wild = with_value(calm, "beta", 200.0)
     assert all(m.stable for m in loop_margins(file, calm, 0.2))
     assert not any(m.stable for m in loop_margins(file, wild, 0.2))
+    assert has_stable_loop(file, calm, 0.2)
+    assert not has_stable_loop(file, wild, 0.2)
 
 
 def test_without_forward_speed_no_margins_are_computed():

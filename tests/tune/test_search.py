@@ -12,6 +12,7 @@ from baqueano.tune.gains import search_gains
 from baqueano.tune.quasi_newton import minimise
 from baqueano.tune.search import (
     DIVERGED_COST,
+    Descent,
     at_limit,
     coordinates,
     descend,
@@ -43,6 +44,27 @@ def test_the_search_reaches_the_minimum_from_every_start():
         assert descent.cost == pytest.approx(1.0, abs=1e-9)
         assert descent.cost == pytest.approx(min(descent.costs), abs=1e-9)
         assert descent.costs[0] == pytest.approx(bowl(target)[0](descent.start)), "it contains its start"
+
+
+def test_a_descent_ends_where_a_descent_before_it_ended():
+    cost_and_gradient = bowl(np.array([7.0, 0.02, 20.0]))[1]
+    first, start = (
+        descend(cost_and_gradient, np.array([90.0, 9.0, 2.0]), LOW, HIGH),
+        np.array([1.0, 5.0, 40.0]),
+    )
+    alone, joined = (descend(cost_and_gradient, start, LOW, HIGH, known=known) for known in (None, first))
+    np.testing.assert_array_equal(joined.gains, first.gains)
+    np.testing.assert_array_equal(joined.start, start)
+    assert joined.cost == first.cost == joined.costs[-1]
+    assert len(joined.costs) < len(alone.costs)
+
+
+def test_a_descent_passes_a_higher_minimum_that_is_known():
+    """The cost of the known end is 1.1; this descent ends at 1."""
+    cost_and_gradient = bowl(np.array([7.0, 0.02, 20.0]))[1]
+    high_end = Descent(HIGH, np.array([38.0, 0.5, 25.0]), 1.1, np.array([1.1]), 0.0)
+    descent = descend(cost_and_gradient, np.array([90.0, 9.0, 2.0]), LOW, HIGH, known=high_end)
+    assert descent.cost == pytest.approx(1.0, abs=1e-9)
 
 
 def test_a_gain_with_its_optimum_beyond_a_bound_is_flagged():

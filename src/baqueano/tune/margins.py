@@ -90,9 +90,7 @@ def loop_margins(
         return ()
     plant, stable = loop
     return tuple(
-        LoopMargins(
-            vehicle_file.command.names[k], *margins(loop_transfer(plant, int(k))), speed_m_s, stable
-        )
+        LoopMargins(vehicle_file.command.names[k], *margins(loop_transfer(plant, int(k))), speed_m_s, stable)
         for k in np.flatnonzero(vehicle_file.command.limit > 0.0)
     )
 

@@ -28,7 +28,7 @@ SAMPLED_POINTS = 24  # points of the cube that are evaluated before the descents
 START_COUNT = 3
 # a descent ends if PATIENCE evaluations decreased its cost by a smaller share than MIN_PROGRESS
 PATIENCE, MIN_PROGRESS = 8, 1e-7
-JOIN_TOLERANCE = 1e-5  # relative difference of the costs of two descents below which they end at the same place
+JOIN_TOLERANCE = 1e-5  # descents with a smaller relative difference of their costs end at the same place
 MAX_EVALUATIONS = 60  # of one descent
 # ∂C/∂x relative to C above which the end of a descent is not a minimum of a smooth cost
 MAX_RELATIVE_SLOPE = 1e-3
@@ -128,7 +128,7 @@ def descend(
         return values[-1], slope
 
     path, joins = [np.array(start, dtype=float)], False
-    last_value, known_value, known_limits = np.inf, np.nan, None
+    last_value, known_value, known_limits = np.inf, np.nan, np.zeros(0)
     if known is not None:
         known_x = coordinates(known.gains, low, high)
         known_value, known_limits = known.cost * share_at(known_x), limits(known_x)
