@@ -55,6 +55,16 @@ def test_separate_stages_give_the_same_result_as_the_fit(small, run):
     assert by_hand.verdict == fit.verdict == "USABLE"
 
 
+def test_the_gradient_from_the_sensitivities_is_that_of_the_cost(small, run):
+    parameters = parameters_of(dataset([run, run], small), FREE)
+    problem = Residuals.from_parameters(parameters)
+    evaluation = problem.evaluate(parameters.start)
+    unit = np.sqrt(np.diagonal(evaluation.hessian))
+    np.testing.assert_allclose(
+        problem.gradient(parameters.start) / unit, evaluation.gradient / unit, atol=1e-9
+    )
+
+
 def test_a_custom_solver_gives_the_same_estimate(small, run, examples):
     fit, own_fit = (identify(run, small, FREE, **options) for options in ({}, {"solver": examples.by_scipy}))
     assert own_fit.converged

@@ -56,8 +56,7 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
     """Return A and B at θ (p,): B of (2) if the residuals are autocorrelated, else of (1)."""
     p, m = problem.size, len(problem.sigma)
     A, B, by_channel = np.zeros((p, p)), np.zeros((p, p)), np.zeros((m, p))
-    segments = problem.sensitivities(theta)
-    masks = problem.masks
+    segments, masks = problem.sensitivities(theta), problem.masks
     autocorrelation = autocorrelation_sums([r for r, _, _ in segments], masks)
     is_autocorrelated = bool(np.any(autocorrelation > WHITE_LIMIT))
     is_sparse = problem.counts < MIN_MEASUREMENTS
@@ -95,6 +94,13 @@ def _segment_scores(problem: Residuals, segments: list[Any]) -> np.ndarray | Non
         if are_finite(d) and np.isfinite(r).all():
             scores[k, index] = np.einsum("tm,tmp->p", np.clip(r, -HUBER, HUBER), d)
     return scores
+
+
+def _white_sums(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return A and B (p, p) for residuals (N, m) with derivatives (N, m, p).  (1)"""
+    magnitude, d = np.abs(r).ravel(), d.reshape(r.size, d.shape[-1])
+    # few residuals are clipped: subtracting them is faster than selecting the others
+    return gram(d) - gram(d[magnitude >= HUBER]), gram(d * np.minimum(magnitude, HUBER)[:, None])
 
 
 def parameter_cov(info: Information, identifiable: np.ndarray) -> np.ndarray:
@@ -161,7 +167,7 @@ def fixed_parameters(
     new = [path for path in paths if path not in shared_paths]
     joint = problem.with_paths(new)
     joint_theta = np.insert(theta, s, [value(blocks, path) for path in new])
-    info, gradient = information(joint, joint_theta), joint.evaluate(joint_theta).gradient
+    info, gradient = information(joint, joint_theta), joint.gradient(joint_theta)
     A, B = info.bread, info.meat
     if joint.layout.has_split_runs:
         A, B = eliminate_starts(A, B, joint.layout)

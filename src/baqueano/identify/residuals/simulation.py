@@ -190,6 +190,13 @@ class Residuals:
         )
         return segment_sum(parts, self._index, theta, self._prior, self._arrow_layout)
 
+    def gradient(self, theta: np.ndarray) -> np.ndarray:
+        """Return the gradient (p,) of the Huber cost, from the sensitivities."""
+        gradient = self._prior * theta
+        for r, d, index in self.sensitivities(theta):
+            gradient[index] += np.einsum("tm,tmp->p", np.clip(r, -HUBER, HUBER), d)
+        return gradient
+
     def at_estimate(self, theta: np.ndarray) -> Self:
         """Return the residuals with every value that depends on a fit, computed at θ (p,)."""
         return self
@@ -221,10 +228,10 @@ class Residuals:
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment r (N, m) in standard deviations, 0 without a measurement. Do not modify it."""
 
-        def segment_residuals(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
-            return np.asarray(self.scan.run(rows, theta[index])[1])
+        def work() -> list[np.ndarray]:
+            return self._map_segments(lambda rows, i: np.asarray(self.scan.run(rows, theta[i])[1]))
 
-        return self._cached("residuals", theta, lambda: self._map_segments(segment_residuals))
+        return self._cached("residuals", theta, work)
 
     def misfits(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment z − h (N, m) in the sensors' units, 0 without a measurement."""
@@ -264,15 +271,13 @@ class Residuals:
 
     def predictions(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment h (N, m), even in rows without a measurement. The arrays must not be modified."""
-
         is_plain = self.difference is Residuals.difference
         kernel = self.scan
         if not is_plain:
             kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, _trace, Residuals.difference)
 
         def segment_prediction(rows: np.ndarray, index: np.ndarray, z: np.ndarray) -> np.ndarray:
-            rows = _fill(rows, self._weights, 1.0)
-            return z - np.asarray(kernel.run(rows, theta[index])[1])
+            return z - np.asarray(kernel.run(_fill(rows, self._weights, 1.0), theta[index])[1])
 
         def work() -> list[np.ndarray]:
             if is_plain and all(mask.all() for mask in self.masks):
