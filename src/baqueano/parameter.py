@@ -211,9 +211,13 @@ def all_parameters(block: Tree, path: str) -> Iterator[tuple[str, Parameter]]:
     if not dataclasses.is_dataclass(block):
         return
     for field in dataclasses.fields(block):
+        inner_block = getattr(block, field.name)
+        if not dataclasses.is_dataclass(inner_block):
+            continue
         roles = field.metadata.get("roles", {})
-        for inner_path, p in all_parameters(getattr(block, field.name), f"{path}.{field.name}"):
-            yield inner_path, p._replace(role=roles.get(inner_path.rpartition(".")[2], p.role))
+        for inner_path, p in all_parameters(inner_block, f"{path}.{field.name}"):
+            role = roles.get(inner_path.rpartition(".")[2])
+            yield inner_path, p if role is None else p._replace(role=role)
     for name, p in parameters(block):
         if getattr(block, name) is not None:
             yield f"{path}.{name}", p

@@ -50,17 +50,18 @@ def cache_slices(n: int, operations: int) -> Iterator[slice]:
 
 
 def gram(x: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
-    """Return Σ w x xᵀ (p, p) over the rows of x (n, p), with the weights w (n,), or 1."""
+    """Return Σ w x xᵀ (p, p) over the rows of x (n, p), with the weights w (n,), or 1.
+
+    Without weights NumPy computes only half of the product, because both factors are the same array.
+    """
     return inner(x, x, weight)
 
 
 def inner(x: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
-    """Return Σ w x yᵀ (p, q) over the rows of x (n, p) and of y (n, q), with the weights w (n,), or 1. It copies x. For
-    a product of an array with itself, NumPy calls a routine for half the product. This routine is three times slower
-    with few columns."""
+    """Return Σ w x yᵀ (p, q) over the rows of x (n, p) and of y (n, q), with the weights w (n,), or 1."""
     product = np.zeros((x.shape[1], y.shape[1]))
     for rows in cache_slices(len(x), product.size):
-        product += (x[rows].copy() if weight is None else x[rows] * weight[rows, None]).T @ y[rows]
+        product += (x[rows] if weight is None else x[rows] * weight[rows, None]).T @ y[rows]
     return product
 
 

@@ -111,6 +111,11 @@ def _replace_name(record: Tree, name: str, value: Tree) -> Tree:
 
 def _replace_field(block: Tree, name: str, value: Tree) -> Tree:
     copy = object.__new__(type(block))
-    for key in {**getattr(block, "__dict__", {}), **dict.fromkeys(_names(type(block)))}:
-        object.__setattr__(copy, key, value if key == name else getattr(block, key))
+    attributes = getattr(block, "__dict__", {})
+    if attributes:
+        copy.__dict__.update(attributes)
+    for key in _names(type(block)):
+        if key not in attributes:  # a slot
+            object.__setattr__(copy, key, getattr(block, key))
+    object.__setattr__(copy, name, value)
     return copy
