@@ -247,8 +247,8 @@ def _part_sums(x: np.ndarray, y: np.ndarray, pattern: np.ndarray, part_masks: np
     order = np.argsort(small_pattern, kind="stable")
     edges = np.flatnonzero(np.diff(pattern[order], prepend=-1, append=-1))
     k, q = x.shape[2], y.shape[2]
-    ordered = x[order].reshape(-1, k)
-    x, y = ordered, ordered if y is x else y[order].reshape(-1, q)
+    rows = x[order].reshape(-1, k)
+    x, y = rows, rows if y is x else y[order].reshape(-1, q)
     sums, m = np.empty((len(edges) - 1, k, q)), len(x) // max(len(order), 1)
     for total, (a, b) in zip(sums, pairwise((edges * m).tolist()), strict=True):
         total[...] = inner(x[a:b], y[a:b])

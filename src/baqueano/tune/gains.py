@@ -171,8 +171,8 @@ def _bounded_descent(
         return interior
     others: list[Descent] = []
     for start in (best.gains, np.where(is_at_limit, np.clip(preferred_x, low, high), best.gains)):
-        known = others[0] if others else None
-        others.append(descend(rehearsal.cost_and_gradient, start, low, high, preferred_x, known))
+        known_end = others[0] if others else None
+        others.append(descend(rehearsal.cost_and_gradient, start, low, high, preferred_x, known_end))
         if is_inside(others[-1]):
             return others[-1]
     return None

@@ -96,7 +96,7 @@ def loop_margins(
 
 
 def has_stable_loop(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> bool:
-    """Return True if the whole loop is stable, or if it has no margins."""
+    """Return True for a stable loop, and for a loop without margins."""
     loop = _linear_loop(vehicle_file, controller, speed_m_s)
     return loop is None or loop[1]
 

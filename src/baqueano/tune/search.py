@@ -76,13 +76,13 @@ def search(
     begin = [np.clip(g, low, high) for g in initial] + [points[k] for _, k in costs_and_points[:start_count]]
     ends: list[Descent] = []
     for start in begin:
-        known = min(ends, key=lambda d: d.cost, default=None)
-        ends.append(descend(cost_and_gradient, start, low, high, known=known))
+        known_end = min(ends, key=lambda d: d.cost, default=None)
+        ends.append(descend(cost_and_gradient, start, low, high, known_end=known_end))
     ends.sort(key=lambda d: d.cost)
     if polish and ends[0].cost < DIVERGED_COST and ends[0].slope > MAX_RELATIVE_SLOPE:
         for _ in range(SIMPLEX_SEARCHES):
-            different = np.unique([end.gains for end in ends], axis=0, return_index=True)[1]
-            for k in np.sort(different)[:2]:
+            first_indices = np.unique([end.gains for end in ends], axis=0, return_index=True)[1]
+            for k in np.sort(first_indices)[:2]:
                 ends[k] = _refine_with_simplex(minimize, cost, ends[k], low, high)
             ends.sort(key=lambda d: d.cost)
     return ends
@@ -94,12 +94,12 @@ def descend(
     low: np.ndarray,
     high: np.ndarray,
     preferred_x: np.ndarray | None = None,
-    known: Descent | None = None,
+    known_end: Descent | None = None,
 ) -> Descent:
     """Return the descent from the gains `start` (p,), which must be within the bounds; `preferred_x` (p,): see (2).
 
-    Its last step goes to the end of the `known` descent, if it has nearly this value, the same gains at bounds, and its
-    step before was small.
+    The last step goes to the end of `known_end`, an earlier descent, if the value is nearly equal and the same gains
+    are at bounds. The step before must be small.
     """
     costs: list[float] = []
     values: list[float] = []  # of (2)
@@ -129,9 +129,9 @@ def descend(
 
     path, joins = [np.array(start, dtype=float)], False
     last_value, known_value, known_limits = np.inf, np.nan, np.zeros(0)
-    if known is not None:
-        known_x = coordinates(known.gains, low, high)
-        known_value, known_limits = known.cost * share_at(known_x), limits(known_x)
+    if known_end is not None:
+        known_x = coordinates(known_end.gains, low, high)
+        known_value, known_limits = known_end.cost * share_at(known_x), limits(known_x)
 
     def is_end(x: np.ndarray) -> bool:
         nonlocal joins, last_value
@@ -142,9 +142,9 @@ def descend(
         return joins or value > (1.0 - MIN_PROGRESS) * min(values[:-PATIENCE], default=np.inf)
 
     end = minimise(f, x0, MAX_EVALUATIONS, is_end)
-    if known is not None and joins:
-        costs_to_end = np.array([*costs, known.cost])
-        return known._replace(start=start, costs=costs_to_end, path=(*path, known.gains))
+    if known_end is not None and joins:
+        costs_to_end = np.array([*costs, known_end.cost])
+        return known_end._replace(start=start, costs=costs_to_end, path=(*path, known_end.gains))
     min_cost = end.value / share_at(end.x)
     slope = end.largest_slope() / max(abs(end.value), 1e-300)
     return Descent(start, gains(end.x, low, high), min_cost, np.array(costs), slope, tuple(path))
