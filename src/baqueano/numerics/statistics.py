@@ -214,4 +214,4 @@ def white_sums(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return A and B (p, p) for white residuals (N, m) with derivatives (N, m, p): Σ ψ' ∂r ∂rᵀ and Σ ψ² ∂r ∂rᵀ."""
     magnitude, d = np.abs(r).ravel(), d.reshape(r.size, d.shape[-1])
     # few residuals are clipped: subtracting them is faster than selecting the others
-    return gram(d) - gram(d[magnitude >= HUBER]), gram(d, np.minimum(magnitude, HUBER) ** 2)
+    return gram(d) - gram(d[magnitude >= HUBER]), gram(d * np.minimum(magnitude, HUBER)[:, None])

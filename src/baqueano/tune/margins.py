@@ -88,9 +88,9 @@ def loop_margins(
     loop = _linear_loop(vehicle_file, controller, speed_m_s)
     if loop is None:
         return ()
-    plant, stable = loop
+    plant, is_stable = loop
     return tuple(
-        LoopMargins(vehicle_file.command.names[k], *margins(loop_transfer(plant, int(k))), speed_m_s, stable)
+        LoopMargins(vehicle_file.command.names[k], *margins(loop_transfer(plant, int(k))), speed_m_s, is_stable)
         for k in np.flatnonzero(vehicle_file.command.limit > 0.0)
     )
 
@@ -108,11 +108,11 @@ def _linear_loop(
     """Return one tick of the loop and True if it is stable; None at low speed or without a finite linearisation."""
     if not speed_m_s > MIN_SPEED_M_S:
         return None
-    plant, steady = linearise(vehicle_file, controller, speed_m_s)
+    plant, is_steady = linearise(vehicle_file, controller, speed_m_s)
     if not all(np.isfinite(matrix).all() for matrix in plant[:4]):
         return None
     block_matrix = np.block([[plant.A, plant.B], [plant.C, plant.D]])
-    return plant, steady and bool(np.max(np.abs(np.linalg.eigvals(block_matrix))) < UNSTABLE_EIGENVALUE)
+    return plant, is_steady and bool(np.max(np.abs(np.linalg.eigvals(block_matrix))) < UNSTABLE_EIGENVALUE)
 
 
 def margins(loop: LinearSystem) -> tuple[float, float, float, float]:

@@ -96,13 +96,6 @@ def _segment_scores(problem: Residuals, segments: list[Any]) -> np.ndarray | Non
     return scores
 
 
-def _white_sums(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return A and B (p, p) for residuals (N, m) with derivatives (N, m, p).  (1)"""
-    magnitude, d = np.abs(r).ravel(), d.reshape(r.size, d.shape[-1])
-    # few residuals are clipped: subtracting them is faster than selecting the others
-    return gram(d) - gram(d[magnitude >= HUBER]), gram(d * np.minimum(magnitude, HUBER)[:, None])
-
-
 def parameter_cov(info: Information, identifiable: np.ndarray) -> np.ndarray:
     """Return the covariance (k, k) of the entries `identifiable` of θ, if the others are fixed.  (1), (3)"""
     index = np.ix_(identifiable, identifiable)
