@@ -1,6 +1,7 @@
 """Q and R of the recommended filter against robots of the independent truth, whose noise and floor are known."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -79,19 +80,28 @@ def test_the_search_reaches_the_minimum_along_a_narrow_ridge():
     np.testing.assert_allclose(estimate, [3.0, -3.0], atol=0.2)
 
 
-@pytest.mark.parametrize(("rest", "min_std"), [(1e-6, 1e-6), (1e-2, None)])
-def test_the_gyro_noise_is_at_least_its_noise_at_rest(rest, min_std):
-    rng = np.random.default_rng(0)
+def _gyro_variance_range(residuals, rest_variance):
+    channel = SimpleNamespace(sensor="imu", entry=2, residuals=residuals)
+    return filter_noise._variance_range(
+        SimpleNamespace(channels=(channel,)), "imu", 2, np.diag([1.0, 1.0, rest_variance]), 1.0
+    )
 
-    class Channel:
-        sensor, entry, residuals = "imu", 2, 0.004 * rng.standard_normal(5000)
 
-    class Fit:
-        channels = (Channel,)
+def test_white_residuals_are_noise_of_the_gyro_even_if_the_model_turns_wrongly():
+    """The motion of a wrong model is slow, so it does not make a gyro exact."""
+    rng, t_s = np.random.default_rng(0), 0.02 * np.arange(5000)
+    noise = 0.004 * rng.standard_normal(5000) * np.where(np.arange(5000) % 50 == 0, 20.0, 1.0)  # and outliers
+    low, high = _gyro_variance_range(noise + 0.1 * np.sin(6.0 * t_s), 1e-6)
+    assert high == pytest.approx(0.004**2, rel=0.15)
+    assert low > 0.8 * high
 
-    low, high = filter_noise._variance_range(Fit, "imu", 2, np.diag([1.0, 1.0, rest]), 1.0)
-    assert high == pytest.approx(0.004**2, rel=0.1)
-    assert low == min_std if min_std else low < 1e-3 * high
+
+@pytest.mark.parametrize(("rest_share", "is_limit"), [(0.5, True), (100.0, False)])
+def test_a_rough_floor_is_not_noise_of_the_gyro_and_its_noise_at_rest_is_the_limit(rest_share, is_limit):
+    walk = np.cumsum(0.004 * np.random.default_rng(0).standard_normal(5000))
+    high = _gyro_variance_range(walk, np.inf)[1]
+    low = _gyro_variance_range(walk, rest_share * high)[0]
+    assert low == rest_share * high if is_limit else low < 0.3 * high
 
 
 def test_a_motor_with_another_lag_does_not_make_the_gyro_too_cautious_in_a_calm_drive():

@@ -4,10 +4,11 @@
     s_b = Σ_t∈b ψ ∂r,   m_b = A⁻¹ s_b,   cov = n/(n − p) Σ_b m_b m_bᵀ      over n blocks b                 (2)
     m_b the change without block b,      cov = (n − 1)/n Σ_b (m_b − m̄)(m_b − m̄)ᵀ                          (3)
     r = √(Σ_b e_b² / Σ_b ẽ_b²)            of two errors e and ẽ, with the interval of drawn blocks         (4)
+    s = 6 sin(π/2 mean(sgn x_k sgn x_{k+2})),   x the second differences: 1 for white noise, 0 for a walk (5)
 
 Sums over blocks longer than the errors of a model are independent, for any autocorrelation inside a block. With few
 blocks an interval needs Student's quantile. Sources: Liang and Zeger 1986 for (2); Quenouille 1956, Tukey 1958 for (3);
-Wilson and Hilferty 1931 for χ².
+Wilson and Hilferty 1931 for χ²; van Vleck 1943 for the arcsine in (5), which outliers and a varying σ do not change.
 """
 
 from collections.abc import Sequence
@@ -74,6 +75,19 @@ def chi_square_tail(ratio: float, degrees: int) -> float:
 def white_std(signals: Sequence[np.ndarray]) -> float:
     """Return the robust standard deviation of the white noise in `signals` (N,), from their second differences. (1)"""
     return MAD * float(np.median(np.abs(np.concatenate([np.diff(x, 2) for x in signals])))) / np.sqrt(6.0)
+
+
+def largest_white_share(signals: Sequence[np.ndarray]) -> float:
+    """Return the upper end of the 95 % interval of the share of white noise in the variance of (1), in [0, 1]. The rest
+    is a random walk, or motion with a spectrum that falls more steeply.  (5)"""
+    signs = [np.sign(np.diff(x, 2)) for x in signals]
+    products = np.concatenate([np.zeros(0), *(s[2:] * s[:-2] for s in signs)])
+    products = products[products != 0.0]  # quantised readings repeat
+    if not len(products):
+        return 1.0
+    correlation = max(0.0, float(np.sin(0.5 * pi * np.mean(products))))
+    std_error = 0.5 * pi / sqrt(len(products))
+    return min(1.0, 6.0 * (correlation + QUANTILE_95 * std_error))
 
 
 def expected_variance(estimate: float, std_error: float) -> float:

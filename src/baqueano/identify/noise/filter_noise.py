@@ -1,18 +1,19 @@
 """Estimate the noise of the recommended filter: the error of the model and the noise of the sensors.
 
     J(q) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   q = log (σ_d, T, walk of ν, σ of correcting channels) (1)
-    of an inertial channel:  σ² at rest ≤ σ² ≤ ⅙ (1.48 median |r_{k+1} − 2 r_k + r_{k−1}|)²               (2)
+    inertial:  max(s σ₂², σ² at rest) ≤ σ² ≤ σ₂² = ⅙ (1.48 median |r_{k+1} − 2 r_k + r_{k−1}|)²            (2)
     c(τ) = σ_d² (λ e^(−λτ) − a e^(−aτ)) a/(λ² − a²),  a = 1/T of the file;   walk of ν_x ≤ σ √δ             (3)
     Q = σ_m² [1 1; 1 1] + σ_t² [1 −1; −1 1]  of a left and a right wheel                                   (4)
 
 y and S are the innovations of the filter over the log, r the residuals of the fit, ρ as in gaussian_likelihood.py. The
-second differences in (2) remove slow errors of the model, but not the jerks of a rough floor. A rest with more scatter
-than this limit is not used. A channel that does not correct the motion has the noise of its residuals. A sensor with
-fewer than MIN_RESIDUALS readings keeps the noise in the file. Quantised velocities have σ² ≥ step²/12. With only an
-IMU, (3) estimates the disturbance from the forward accelerometer: its r is the rate of change of the speed error, which
-the drag λ of the model limits to d/λ. speed_error.py estimates the d of a kinematic model, and slip if wheels measure
-the speed. In (4) a wrong track changes both wheels in opposite directions, so neither is better. The least `course_std`
-is the angle between course and heading of the model. docs/derivations/kalman.md derives (3) and (4).
+second differences in (2) remove slow errors of the model, but not the jerks of a rough floor; s is their white share.
+Without s, J has a second minimum at σ = 0, where d explains the noise too. A rest with more scatter than σ₂ is not
+used. A channel that does not correct the motion has the noise of its residuals. A sensor with fewer than MIN_RESIDUALS
+readings keeps its noise. Quantised velocities have σ² ≥ step²/12. With only an IMU, (3) estimates the disturbance from
+the forward accelerometer: its r is the rate of change of the speed error, which the drag λ of the model limits to d/λ.
+speed_error.py estimates the d of a kinematic model, and slip of wheels. In (4) a wrong track changes both wheels
+oppositely, so neither is better. The least `course_std` is the angle between course and heading of the model.
+docs/derivations/kalman.md derives (3) and (4).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -42,7 +43,7 @@ from baqueano.identify.noise.speed_error import (
 from baqueano.numerics.autocorrelation import lag_sums, residual_autocorrelation
 from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.numerics.gaussian_likelihood import log_det_and_square, robust_square
-from baqueano.numerics.statistics import expected_variance, white_std
+from baqueano.numerics.statistics import expected_variance, largest_white_share, white_std
 from baqueano.runs.diagnostics.samples import ROUNDING
 from baqueano.runs.filter_ticks import example_filter_tick, make_ticks
 from baqueano.runs.run import Run
@@ -327,9 +328,9 @@ def _variance_range(
     residuals = [r[np.isfinite(r)] for r in residuals]
     count = sum(max(0, len(r) - 2) for r in residuals)
     max_variance = (white_std(residuals) ** 2 if count >= MIN_RESIDUALS else 0.0) or default
-    variance_at_rest = np.inf if rest is None else float(rest[entry, entry])
-    is_usable = variance_at_rest < max_variance
-    return variance_at_rest if is_usable else max_variance * np.exp(-2.0 * LOG_RANGE), max_variance
+    min_variance = largest_white_share(residuals) * max_variance
+    variance_at_rest = 0.0 if rest is None else float(rest[entry, entry])
+    return max(min_variance, variance_at_rest if variance_at_rest < max_variance else 0.0), max_variance
 
 
 def simulated_noise(sensors: SensorBlocks, Q: Mapping[str, np.ndarray]) -> "JsonObject":
