@@ -9,6 +9,7 @@ its value:
     offset   estimates: it acts without a command        scale   keeps: of a sensor, known from its data sheet
     mount    estimates if a motion is known to be 0      noise   keeps: it does not act on the motion
     rolling  a term that is also estimated if no command pushes the vehicle sideways
+    reverse  a term for runs that contain a drive backward
     tyre     a term that is also estimated from commands and IMU only: it affects the speed that turns show
 """
 
@@ -35,8 +36,8 @@ Kind = TypeVar("Kind", bound=type)
 SHOWN_BOUND = 1e3  # a larger bound only excludes absurd values, and is not shown to the reader
 SECTION_HEAD = re.compile(r"^(\w[\w ]*)\n-+$", re.M)  # of a docstring, as numpydoc has them
 SECTION_ENTRY = re.compile(r"^(\w+)\b.*(?:\n(?: .*|(?=\n)))*", re.M)
-ROLES = ("fitted", "gain", "offset", "term", "rolling", "tyre", "mount", "known", "scale", "noise")
-TERM_ROLES = ("term", "rolling", "tyre")
+ROLES = ("fitted", "gain", "offset", "term", "rolling", "reverse", "tyre", "mount", "known", "scale", "noise")
+TERM_ROLES = ("term", "rolling", "reverse", "tyre")
 Words = str | tuple[str, ...]  # for all entries, or one for each index of the first axis
 
 

@@ -131,7 +131,7 @@ class Car:
     )  # fmt: skip
     drivetrain: Drivetrain = field(
         default_factory=lambda: Drivetrain(commands=2),
-        metadata={"roles": {"dead_zone_backward": "known", "coast": "known"}},
+        metadata={"roles": {"dead_zone_backward": "reverse", "coast": "known"}},
     )
     process_noise_std: np.ndarray = parameter(
         "m/s/√s, m/s/√s, rad/s/√s", "random walk of ν in 1 s; the second is not used", low=0.0, high=1e6,

@@ -25,6 +25,7 @@ from baqueano.errors import UsageError
 from baqueano.estimators.readings.sensor_numbers import GENERAL_MOTION, PARAMETER_STEP
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.parameter import TERM_ROLES, Parameter, Words, all_parameters, parameters
+from baqueano.runs.run import Run
 from baqueano.signals import Motion
 from baqueano.symbolic import value_at_path, with_value
 from baqueano.vehicles.freedoms import (
@@ -38,8 +39,10 @@ from baqueano.vehicles.rk4 import row_rate_hz
 
 FREE_ROLES = ("fitted", "gain", "offset")  # roles of fields that are free by default
 SIDEWAYS = 1  # axis
-MAX_TURN_RAD = 0.35  # largest error of a mount by hand; a larger one is reported as a wrong mount
-NO_CHANNELS: Mapping[str, Sequence[int]] = {}  # all sensors are used with all their channels
+MIN_BACKWARD_NS = 1e9  # of drive backward, for the parameters with the role "reverse"
+MAX_TURN_RAD = 0.35  # of a mount by hand; a larger one exchanges axes, and is named as a wrong mount
+Channels = Mapping[str, Sequence[int]]
+NO_CHANNELS: Channels = {}  # all sensors are used with all their channels
 PROCESS_NOISE_PATH = "model.process_noise_std"  # process noise of ν
 DELAY_PATH = "model.drivetrain.delay_s"
 LAG_PATH = "model.drivetrain.lag_s"
@@ -49,10 +52,9 @@ BATTERY_EFFECT = "model.drivetrain.battery_effect"
 WHEEL_FRICTIONS = ("model.friction.coulomb_forward", "model.friction.coulomb_backward")
 MAX_DELAY_S = 0.25  # upper bound of a delay, if the delay of the file is shorter
 LAG_START_TICKS, MIN_LAG = 5.0, 0.1  # ticks: start of the search for a lag, and its lower bound
-# times the rate of the ticks: a higher low-pass does not have an effect
-LOW_PASS, MAX_LOW_PASS_RATIO = ".low_pass_hz", 5.0
-LIMIT_START = 0.7  # fraction of the largest command: start of the search for the limit of a motor
-# rate of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
+LOW_PASS, MAX_LOW_PASS_RATIO = ".low_pass_hz", 5.0  # times the tick rate: almost without effect
+LIMIT_START = 0.7  # of the largest command: start of the search for the limit of a motor
+# of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
 MAX_DECAY_PER_ROW = 1.5
 MAX_INERTIAL_M_S2 = 3.0  # ν_x ν_ψ, the acceleration along an axis that no command drives
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
@@ -67,8 +69,7 @@ class FreeParameter(NamedTuple):
     high: float
     definition: Parameter  # description of its field
     entry: tuple[int, ...]
-    # True if the integrator sets the upper bound, and the equations cannot
-    is_numerical_bound: bool = False
+    is_numerical_bound: bool = False  # True if the integrator sets the upper bound, and the equations cannot
 
     @property
     def short_name(self) -> str:
@@ -107,14 +108,18 @@ def entry_text(words: Words, entry: tuple[int, ...]) -> str:
     return text.replace("{nth}", nth).replace("{axis}", AXIS_NAMES[min(first, 2)])
 
 
-def default_free(blocks: FittedBlocks, channels: Mapping[str, Sequence[int]] = NO_CHANNELS) -> list[str]:
+def default_free(
+    blocks: FittedBlocks, channels: Channels = NO_CHANNELS, runs: Sequence[Run] = ()
+) -> list[str]:
     """Return the paths, with entries, that are free by default. `channels` are those of partly used sensors."""
+    backward_ns = sum(np.sum(np.diff(run.t_ns)[run.applied_commands[:-1, 0] < 0.0]) for run in runs)
+    roles = [role for role in TERM_ROLES if role != "reverse" or backward_ns > MIN_BACKWARD_NS]
     fields = list(all_parameters(blocks.model, "model"))
     field_paths = [path for path, p in fields if p.role in FREE_ROLES and path != PROCESS_NOISE_PATH]
     paths = [p for path in field_paths for p in entries(blocks, path) if not _is_undriven(blocks, p)]
     for path, p in fields:
-        terms = entries(blocks, path) if p.role in TERM_ROLES else []
-        is_needed = p.role == "rolling" and _has_no_sideslip(blocks)
+        terms = entries(blocks, path) if p.role in roles else []
+        is_needed = p.role == "rolling" and _only_rolls(blocks)
         paths += [entry for entry in terms if is_needed or value(blocks, entry) != p.neutral]
     return paths + _mounts(blocks, channels)
 
@@ -131,7 +136,7 @@ def _is_undriven(blocks: FittedBlocks, path: str) -> bool:
     return is_gain and parameter.axis not in driven_axes(blocks) and value(blocks, path) == 0.0
 
 
-def _mounts(blocks: FittedBlocks, channels: Mapping[str, Sequence[int]]) -> list[str]:
+def _mounts(blocks: FittedBlocks, channels: Channels) -> list[str]:
     """Return the paths of the mounts of the sensors. A straight acceleration of a vehicle that no command pushes
     sideways shows how its accelerometers are turned; otherwise a turned sensor and such a push look the same."""
     if not _has_no_sideslip(blocks):
@@ -175,7 +180,7 @@ def value(blocks: FittedBlocks, path: str) -> float:
 def free_parameter(
     blocks: FittedBlocks, path: str, bounds: Mapping[str, tuple[float, float]]
 ) -> FreeParameter:
-    """Return the free parameter at `path`, with its unit; `bounds` take precedence over the bounds of the field. Raise
+    """Return the free parameter at `path`, with its unit; `bounds` take precedence over those of the field. Raise
     UsageError for a path that is not a parameter, or if the bounds exclude all values."""
     field, _, entry = path.partition("[")
     owner, _, name = field.rpartition(".")
@@ -196,10 +201,11 @@ def free_parameters(
     free: Sequence[str] | None,
     fixed_names: Iterable[str],
     bounds: Mapping[str, tuple[float, float]],
-    channels: Mapping[str, Sequence[int]] = NO_CHANNELS,
+    channels: Channels = NO_CHANNELS,
+    runs: Sequence[Run] = (),
 ) -> list[FreeParameter]:
     """Return the free parameters, once each, or raise UsageError; `channels` are those of partly used sensors."""
-    field_paths = requested_paths(free, lambda: default_free(blocks, channels))
+    field_paths = requested_paths(free, lambda: default_free(blocks, channels, runs))
     paths = [p for path in field_paths for p in entries(blocks, path)]
     fixed_paths = {p for path in fixed_names for p in entries(blocks, path)}
     for path in bounds:
@@ -234,15 +240,11 @@ def enable_parameters(
     past_rows: Callable[[float], int],
 ) -> tuple[FittedBlocks, list[FreeParameter]]:
     """Return the blocks, changed so that every free parameter affects the output, and the parameters with the implied
-    bounds.
-
-    u (N, n) are all commands of the runs. `past_rows` returns the number of rows that a delay needs.
-
-    A delay receives a buffer of past rows, and a lag of 0 starts at LAG_START_TICKS ticks. The limit of a motor stays
-    below the largest command, because otherwise the data cannot determine it. A free effect of the battery uses the
-    logged voltage. Bounds on friction keep the motion integrable within a tick. Raise UsageError for a free friction of
-    the wheels if the track is 0.
-    """
+    bounds. u (N, n) are all commands of the runs. `past_rows` returns the number of rows that a delay needs. A delay
+    receives a buffer of past rows, and a lag of 0 starts at LAG_START_TICKS ticks. The limit of a motor stays below
+    the largest command, because otherwise the data cannot determine it. A free effect of the battery uses the logged
+    voltage. Bounds on friction keep the motion integrable within a tick. Raise UsageError for a free friction of the
+    wheels if the track is 0."""
     paths, low, high = [parameter.path for parameter in free], {}, {}
     if any(path.startswith(WHEEL_FRICTIONS) for path in paths) and blocks.model.friction.track_m == 0.0:
         raise UsageError(fault("parameter.no-track"))
@@ -280,10 +282,7 @@ def _friction_bounds(
     blocks: FittedBlocks, paths: list[str], rate_hz: float, axes: tuple[int, ...]
 ) -> dict[str, float]:
     """Return, for each free friction (path → value), the upper bound up to which the motion of a row is integrable.
-    `axes` are the axes along which the vehicle coasts.
-
-    The free frictions of an axis share the remaining range, without those of single wheels.
-    """
+    The free frictions of each coasting axis of `axes` share the remaining range, without those of single wheels."""
     bounds: dict[str, float] = {}
     slack = np.maximum(MAX_DECAY_PER_ROW * row_rate_hz(rate_hz) - decay_rates(blocks.model, axes), 0.0)
     fields = {path.partition("[")[0] for path in paths} - set(WHEEL_FRICTIONS)
@@ -301,11 +300,9 @@ def _friction_bounds(
 def _quadratic_bounds(
     blocks: FittedBlocks, paths: list[str], rate_hz: float, axes: tuple[int, ...]
 ) -> dict[str, float]:
-    """Return, for each free quadratic friction along an axis that no command drives, the upper bound (path → value).
-
-    A friction k θ ν² decays as fast as the speed ν permits. The inertial acceleration a sets ν: (r + k θ ν) ν = a, so
-    the rate r + 2 k θ ν is √(r² + 4 k θ a), with the rate r at rest. With the largest r it is at most √2 the limit.
-    """
+    """Return, for each free quadratic friction along an axis that no command drives, the upper bound (path → value). A
+    friction k θ ν² decays as fast as the speed ν permits. The inertial acceleration a sets ν: (r + k θ ν) ν = a, so
+    the rate r + 2 k θ ν is √(r² + 4 k θ a), with the rate r at rest. With the largest r it is at most √2 the limit."""
     commanded_axes = driven_axes(blocks)
     if not (axes := tuple(i for i in axes if i not in commanded_axes)):
         return {}
@@ -340,7 +337,7 @@ def _with_reached_limit(
     if drivetrain.mixing != "none":
         u = np.stack([u[:, 0] - u[:, 2], u[:, 0] + u[:, 2]], 1)
     largest = np.max(np.abs(u), axis=0)
-    largest = np.array([largest.max()]) if drivetrain.limit.shape == (1,) else largest
+    largest = largest.max(keepdims=True) if drivetrain.limit.shape == (1,) else largest
     largest = largest * (1.0 - 1e-9)  # below the largest command, so that the limit has an effect
     begin = np.where(drivetrain.limit < largest, drivetrain.limit, LIMIT_START * largest)
     limit_paths = entries(blocks, LIMIT_PATH)
@@ -361,8 +358,7 @@ def substitute(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> Fitt
 
 def fixed_columns(free: list[FreeParameter], u: np.ndarray) -> list[int]:
     """Return the indices of free parameters that belong to a command which is 0 in all rows of u (N, n)."""
-    is_unused = ~np.any(u != 0.0, axis=0)
-    return [k for k, parameter in enumerate(free) if parameter.column in np.flatnonzero(is_unused)]
+    return [k for k, p in enumerate(free) if p.column in np.flatnonzero(~np.any(u != 0.0, axis=0))]
 
 
 def _value_at(blocks: FittedBlocks, path: str) -> np.ndarray:
