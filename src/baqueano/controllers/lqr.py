@@ -9,9 +9,10 @@ e: error; ν_f = (v_f, ω_f): velocity of the reference without jumps; δν: its
 vehicle, so (1) does not contain the curvature. P: cost matrix; K: gain. One step of (3) per tick propagates the Riccati
 equation forward, without future references; P begins with the solution of its continuous form for a slow vehicle. An
 error of e_max has the same cost as a change of velocity of δν_max (Bryson's rule). (6) of model_following.py limits the
-gains, MAX_APPROACH_RAD the angle to a far path. At rest e_y cannot be corrected. So (2) is evaluated at a speed of at
-least MIN_SPEED_M_S; below it, the turn towards the path is proportional to the speed. Source: Anderson and Moore,
-Optimal Control, 1990; forward propagation: Prach, Tekinalp and Bernstein, IEEE Control Systems, 2015.
+gains for V = max(|v_f|, |v|), MAX_APPROACH_RAD the angle to a far path. At rest e_y cannot be corrected. So (2) is
+evaluated at a speed of at least MIN_SPEED_M_S; below it, the turn towards the path is proportional to the speed.
+Source: Anderson and Moore, Optimal Control, 1990; forward propagation: Prach, Tekinalp and Bernstein, IEEE Control
+Systems, 2015.
 """
 
 from dataclasses import dataclass
@@ -79,11 +80,13 @@ class Lqr(ModelFollower):
         min_speed = np.where(tracking.forward_sign < 0.0, -MIN_SPEED_M_S, MIN_SPEED_M_S)
         v = np.where(np.abs(v_f) < MIN_SPEED_M_S, min_speed, v_f)
         P, K = self.riccati(memory, *_linear(v, tracking.dt_s))
-        k_chi, k_y = self.limited_gains(-K[1, 2], np.abs(K[1, 1]), np.abs(v))
+        requested_v = v_f - K[0] @ np.array([tracking.e[0], tracking.e[1], tracking.e_chi])
+        V = np.maximum(tracking.max_speed(requested_v), MIN_SPEED_M_S)
+        k_chi, k_y = self.limited_gains(-K[1, 2], np.abs(K[1, 1]), V)
         max_correction = k_chi * MAX_APPROACH_RAD
         lateral_term = np.abs(v_f) / v * np.clip(k_y * tracking.e[1], -max_correction, max_correction)
         omega = omega_f + lateral_term + k_chi * tracking.e_chi
-        return P, (v_f - K[0] @ np.array([tracking.e[0], tracking.e[1], tracking.e_chi]), omega)
+        return P, (requested_v, omega)
 
     def riccati(self, P: np.ndarray, A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return P (3, 3) one step later, and K (2, 3), for A (3, 3) and B (3, 2).  (3)"""

@@ -111,8 +111,8 @@ class Tracking(NamedTuple):
     dt_s: Value
 
     def max_speed(self, v: Value) -> Value:
-        """Return the larger speed [m/s] of the reference and of a request `v`, for which the gains are chosen."""
-        return np.maximum(np.abs(self.nu_f[0]), np.abs(v))
+        """Return the larger speed [m/s] of the reference and of a request `v`, limited as in (4), for the gains."""
+        return np.abs(self.nu_f[0]) + np.clip(np.abs(v) - np.abs(self.nu_f[0]), 0.0, MAX_CATCH_UP_M_S)
 
 
 @document

@@ -1,14 +1,14 @@
 """Pure pursuit: drive on the arc that ends at a point of the path ahead.
 
-    L = max(look_ahead_m, look_ahead_s |v_f|, 2.45 T |v_f|),    l = max(√(L² − e_y²), |e_y| / tan χ_max)
-    v = v_f + k_x e_x,    ω = v_f 2 y / (x² + y²)                                                         (1)
+    L = max(look_ahead_m, look_ahead_s V, 2.45 T V),    l = max(√(L² − e_y²), |e_y| / tan χ_max)
+    v = v_f + k_x e_x,    V = max(|v|, |v_f|),    ω = ± V 2 y / (x² + y²)                                 (1)
 
 (x, y): point of the path at the distance L from the vehicle, in the body frame; l: its distance along the path from the
-point beside the vehicle. v_f: speed of the reference without jumps; e_x, e_y: along-track and cross-track errors. (1)
-is the curvature of the arc that leaves the vehicle along its course and ends at (x, y). With a longer L the motion is
-smoother, but cuts corners. A loop that is faster than the delay T of the vehicle weaves, so T limits L. From a
-distance, the chord to (x, y) has the angle χ_max to the path. The law cannot turn on the spot, and does not correct at
-rest.
+point beside the vehicle. v_f: speed of the reference without jumps; e_x, e_y: along-track and cross-track errors;
++ forward, − backward. (1) is the curvature of the arc that leaves the vehicle along its course and ends at (x, y). With
+a longer L the motion is smoother, but cuts corners. A loop that is faster than the delay T of the vehicle weaves, so T
+limits L. From a distance, the chord to (x, y) has the angle χ_max to the path. The law cannot turn on the spot, and
+does not correct at rest.
 
 Sources: Coulter, CMU-RI-TR-92-01, 1992; L as in Macenski et al., Autonomous Robots, 2023. model_following.py predicts
 the pose and computes the command.
@@ -22,7 +22,7 @@ from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import MAX_APPROACH_RAD, ModelFollower, Tracking, point_ahead
 from baqueano.parameter import document, parameter
 
-DELAY_RATIO = 2.45  # L / |v_f| divided by T
+DELAY_RATIO = 2.45  # of L / V and T
 
 
 @document
@@ -57,7 +57,9 @@ class PurePursuit(ModelFollower):
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         v_f = tracking.nu_f[0]
-        L = np.maximum(self.look_ahead_s, DELAY_RATIO * self.response_delay_s) * np.abs(v_f)
+        v = v_f + self.k_x * tracking.e[0]
+        speed = tracking.max_speed(v)
+        L = np.maximum(self.look_ahead_s, DELAY_RATIO * self.response_delay_s) * speed
         L = np.maximum(self.look_ahead_m, L)
         e_y, e_chi = tracking.e[1], tracking.e_chi
         offset_m = np.array([-np.sin(e_chi) * e_y, e_y])
@@ -65,4 +67,4 @@ class PurePursuit(ModelFollower):
         kappa = np.clip(tracking.kappa, -1.0 / ahead_m, 1.0 / ahead_m)  # the arc bends by at most 1 rad
         x, y = point_ahead(offset_m, e_chi, kappa, tracking.forward_sign * ahead_m)
         curvature = 2.0 * y / np.maximum(x * x + y * y, 0.25 * L * L) - kappa  # 0 on a bend without errors
-        return memory, (v_f + self.k_x * tracking.e[0], tracking.nu_f[2] + v_f * curvature)
+        return memory, (v, tracking.nu_f[2] + tracking.forward_sign * speed * curvature)
