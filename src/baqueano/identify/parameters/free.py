@@ -119,7 +119,7 @@ def default_free(
     paths = [p for path in field_paths for p in entries(blocks, path) if not _is_undriven(blocks, p)]
     for path, p in fields:
         terms = entries(blocks, path) if p.role in roles else []
-        is_needed = p.role == "rolling" and _only_rolls(blocks)
+        is_needed = p.role == "rolling" and _has_no_sideslip(blocks)
         paths += [entry for entry in terms if is_needed or value(blocks, entry) != p.neutral]
     return paths + _mounts(blocks, channels)
 
