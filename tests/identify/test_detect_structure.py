@@ -171,15 +171,19 @@ def test_wheels_of_unequal_size_are_named_first():
     assert missing[0].figures["effect"].code == "term.unequal-drag"
 
 
-def test_the_free_forward_dead_zone_of_a_car_leads_to_the_backward_one():
-    car = load("car")
-    run = simulate(
-        car.with_values({"model.drivetrain.dead_zone_backward": [0.15, 0.0]}),
-        random_steps([0.4, 0.5], 40.0, 50.0, 3, hold_s=0.7),
-        3,
-    )
-    fit = identify(run, car)
-    assert "--free +model.drivetrain.dead_zone_backward" in [reason.fix for reason in fit.reasons]
+@pytest.mark.parametrize("drives_backward", [True, False])
+def test_the_backward_dead_zone_of_a_car_is_free_if_it_drives_backward(drives_backward):
+    """A wrong fixed value biased the forward dead zone by 10 standard errors, and the verdict was USABLE."""
+    car, path = load("car"), "model.drivetrain.dead_zone_backward"
+    u = random_steps([0.4, 0.5], 40.0, 50.0, 3, hold_s=0.7)
+    u[:, 0] = u[:, 0] if drives_backward else np.abs(u[:, 0])
+    fit = identify(simulate(car.with_values({path: [0.05, 0.0]}), u, 3), car)
+    assert (f"{path}[0]" in fit.names) == drives_backward
+    assert not any(path in finding.subject for finding in fit.findings)
+    for name, truth in ((f"{path}[0]", 0.05), ("model.drivetrain.dead_zone_forward[0]", 0.03)):
+        if name in fit.names:
+            k = fit.names.index(name)
+            assert abs(fit.estimate[k] - truth) < 4.0 * fit.std[k]
 
 
 @pytest.mark.parametrize("seed", [3, 4])

@@ -5,15 +5,14 @@
     c(τ) = σ_d² (λ e^(−λτ) − a e^(−aτ)) a/(λ² − a²),  a = 1/T of the file;   walk of ν_x ≤ σ √δ             (3)
     Q = σ_m² [1 1; 1 1] + σ_t² [1 −1; −1 1]  of a left and a right wheel                                   (4)
 
-y and S are the innovations of the filter over the log, r the residuals of the fit, ρ as in gaussian_likelihood.py. The
-second differences in (2) remove slow errors of the model, but not the jerks of a rough floor; s is their white share.
-Without s, J has a second minimum at σ = 0, where d explains the noise too. A rest with more scatter than σ₂ is not
-used. A channel that does not correct the motion has the noise of its residuals. A sensor with fewer than MIN_RESIDUALS
-readings keeps its noise. Quantised velocities have σ² ≥ step²/12. With only an IMU, (3) estimates the disturbance from
-the forward accelerometer: its r is the rate of change of the speed error, which the drag λ of the model limits to d/λ.
-speed_error.py estimates the d of a kinematic model, and slip of wheels. In (4) a wrong track changes both wheels
-oppositely, so neither is better. The least `course_std` is the angle between course and heading of the model.
-docs/derivations/kalman.md derives (3) and (4).
+y and S are the innovations of the filter, r the residuals of the fit, ρ is in gaussian_likelihood.py. The second
+differences in (2) remove slow errors of the model, but not the jerks of a rough floor; s is their white share. Without
+s, J has a second minimum at σ = 0, where d explains the noise too. A rest with more scatter than σ₂ is not used. A
+channel that does not correct the motion has the noise of its residuals; a sensor with few readings keeps its noise.
+Quantised velocities have σ² ≥ step²/12. With only an IMU, (3) estimates d from the forward accelerometer: its r is the
+rate of change of the speed error, which the drag λ limits to d/λ. speed_error.py estimates the d of a kinematic model,
+and slip of wheels. In (4) a wrong track changes both wheels oppositely, so neither is better. The least `course_std`
+is the angle from heading to course. docs/derivations/kalman.md derives (3) and (4).
 """
 
 from collections.abc import Callable, Mapping, Sequence
