@@ -108,7 +108,7 @@ HEAD = b"# closed = false\nt_s,x_m,y_m,psi_rad,nu_x_m_s,nu_y_m_s,nu_psi_rad_s\n"
 @pytest.mark.parametrize(
     ("content", "code"),
     [
-        (None, "cli.route-absent"),
+        (None, "route.absent"),
         (b"\x89PNG\r\n\x1a\n" + bytes(100), "cli.route-not-text"),
         (b"t_s,x_m\n0,1\n1,2\n", "route.no-column"),
         (HEAD + b"0,0,0,0,0,0,0,5\n1,1,0,0,0,0,0,5\n", "route.uneven"),

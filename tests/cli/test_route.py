@@ -128,7 +128,7 @@ def test_the_anyway_option_permits_a_fast_route(lab, tmp_path):
 @pytest.mark.parametrize(
     ("code", "line"),
     {
-        "cli.route-absent": ("smooth", "nowhere"),
+        "route.absent": ("smooth", "nowhere"),
         "cli.two-tolerances": ("smooth", "lab", "--rms", "0.01", "--max", "0.02"),
         "cli.start-without-room": ("check", "lab", "--vehicle", "small", "--start", "1,0,0"),
         "cli.start-unreadable": ("check", "lab", "--vehicle", "small", "--room", "2x2", "--start", "left"),

@@ -12,6 +12,7 @@ from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.diagnostics import StopReason, fault, note
 from baqueano.errors import UsageError
 from baqueano.messages import language, text
+from baqueano.messages.notation import COMMAND_LINE, use_notation
 from baqueano.monitor import Rejections, rejection_event
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from tests.codes import refused
@@ -150,6 +151,24 @@ def test_the_table_fits_80_columns_and_each_row_has_a_figure(runs):
     ]
     assert rows
     assert all(re.search(r"\d|consistent|sure|tell|cautious", row[30:]) for row in rows)
+
+
+def test_the_short_table_of_a_drive_begins_with_its_path_and_fits_25_lines():
+    comparison = compare(run_with(offset=(0.2, 0.0, 0.0)))
+    full, short = (
+        words.split("\n\n")[0].splitlines() for words in (comparison.table(), comparison.short_table())
+    )
+    assert len(short) <= 25 < len(full)
+    assert {line.strip()[:13] for line in short} <= {line.strip()[:13] for line in full}
+    assert short.index("true cross-track error of the vehicle") < short.index("estimate − truth, rms")
+    assert comparison.short_table().split("\n\n")[1:] == comparison.table().split("\n\n")[1:]
+
+
+@pytest.mark.parametrize("tongue", ["en", "es"])
+def test_a_command_in_the_advice_stays_in_one_line(tongue):
+    with language.use_language(tongue), use_notation(COMMAND_LINE):
+        lines = compare(run_with(offset=(0.0, 0.0, 0.0), sigma=0.001)).table().splitlines()
+    assert any("baqueano identify last --update" in line for line in lines)
 
 
 @pytest.mark.parametrize("columns", ["en", "es"])

@@ -226,7 +226,7 @@ def test_a_missing_block_parameter_is_reported_at_construction():
 def test_the_advice_for_missing_gains_names_the_requested_controller():
     with pytest.raises(FileError) as error_info:
         parse(SMALL, "small.toml").controller("pd")
-    assert error_info.value.diagnostic.fix == "baqueano tune --controller pd --update"
+    assert error_info.value.diagnostic.fix == "baqueano tune --controller pd --out pd.toml"
 
 
 def test_a_guide_without_a_route_is_refused():

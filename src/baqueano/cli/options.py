@@ -117,18 +117,15 @@ def combine_options(*options: Decorator) -> Decorator:
     return lambda command: reduce(lambda f, option: option(f), reversed(options), command)
 
 
+settings = click.option(
+    "--set", "settings", multiple=True, metavar="KEY=VALUE",
+    help="Value that replaces a value of the vehicle file: --set model.mass_kg=0.7",
+)  # fmt: skip
+
+
 def _vehicle_file_options(help: str) -> Decorator:
     """Return the options of a vehicle file and of its values, with this help of --vehicle."""
-    return combine_options(
-        click.option("--vehicle", "vehicle", metavar="FILE|NAME", help=help),
-        click.option(
-            "--set",
-            "settings",
-            multiple=True,
-            metavar="KEY=VALUE",
-            help="Value that replaces a value of the vehicle file: --set model.mass_kg=0.7",
-        ),
-    )
+    return combine_options(click.option("--vehicle", "vehicle", metavar="FILE|NAME", help=help), settings)
 
 
 vehicle = _vehicle_file_options(
@@ -274,29 +271,14 @@ def find_route(name: str) -> "Route":
     Raise FileError if it is missing.
     """
     from baqueano.errors import FileError
-    from baqueano.runs.route_file import read_route
+    from baqueano.runs.route_file import absent_route, read_route
 
     path = route_path(name)
     if not path.is_file():
-        stored_names = stored_routes()
-        routes = note("cli.routes", names=", ".join(stored_names)) if stored_names else note("cli.no-routes")
-        raise FileError(
-            fault(
-                "cli.route-absent",
-                baqueano_command("teach", name, *_vehicle_argument()),
-                value=name,
-                absent_path=path,
-                valid=routes,
-            )
-        )
+        raise FileError(absent_route(name, path, *_vehicle_argument()))
     if b"\0" in path.read_bytes()[:1000]:
         raise FileError(fault("cli.route-not-text", baqueano_command("teach", path.stem), path=path))
     return read_route(path)
-
-
-def stored_routes() -> list[str]:
-    """Return the names of the routes in the folder `routes`."""
-    return sorted(route_file.stem for route_file in ROUTES.glob("*.csv"))
 
 
 def _vehicle_argument() -> tuple[str, ...]:

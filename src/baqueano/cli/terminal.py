@@ -97,15 +97,16 @@ def _wrap_lines(stream: TextIO, lines: str) -> str:
 
 
 def print_answer(
-    result: Any, as_json: bool, tail: list["TableRow"] | None = None, **more_rows: list["TableRow"]
-) -> None:
-    """Print a result: its table for people, or one JSON object for programs.
+    result: Any, as_json: bool, tail: list["TableRow"] | None = None, table: str | None = None,
+    **more_rows: list["TableRow"],
+) -> None:  # fmt: skip
+    """Print a result: its table, or another `table`, for people, or one JSON object for programs.
 
     The object contains `rows` (of the result, then `tail`), `verdict`, `reasons` if the result has them, and the rows
     `beside`, each list under its name.
     """
     if not as_json:
-        print_result(result.table())
+        print_result(result.table() if table is None else table)
         return
     import json
 

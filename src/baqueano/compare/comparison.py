@@ -7,7 +7,6 @@ same route, each row also contains the distance of the run's vehicle from the fi
 """
 
 from dataclasses import dataclass
-from textwrap import fill
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from baqueano.compare.divergence import InvalidCovariance
 from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.compare.laps import DriveLap
 from baqueano.compare.table import table, table_sections
-from baqueano.contracts.result import PrintedTable, Result, shorten
+from baqueano.contracts.result import PrintedTable, Result, shorten, wrap_sentences
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import text, verdict_line
 from baqueano.messages.language import mark as N_
@@ -215,14 +214,15 @@ class Comparison(Result):
 
     def table(self) -> str:
         """Return a text, 80 columns wide: a table with a column for each run, then the sentences about each run."""
+        return self._text(table(self))
+
+    def short_table(self) -> str:
+        """Return the text with only the main rows of the table."""
+        return self._text(table(self, is_short=True))
+
+    def _text(self, rows: str) -> str:
         sentences = [*self.sentences, verdict_line(self.verdict, self.reasons), *self._advice()]
-        return "\n".join(
-            [
-                table(self),
-                "",
-                *(fill(sentence, LINE_LETTERS, subsequent_indent="  ") for sentence in sentences),
-            ]
-        )
+        return "\n".join([rows, "", *wrap_sentences(sentences, LINE_LETTERS)])
 
     @property
     def sentences(self) -> list[str]:

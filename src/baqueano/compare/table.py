@@ -36,11 +36,14 @@ class TableLine(NamedTuple):
     unit: str
     get_value: "Callable[[RunComparison], Any]"
     is_error: bool = False  # True if a smaller value is better
+    is_main: bool = False  # True if the short table contains it
 
 
-def table(comparison: "Comparison") -> str:
-    """Return the table as text, in blocks of columns. A block contains the rows that at least one of its runs has."""
-    sections = table_sections(comparison)
+def table(comparison: "Comparison", is_short: bool = False) -> str:
+    """Return the table as text, in blocks of columns. A block contains the rows that at least one of its runs has.
+    A short table contains only the main rows.
+    """
+    sections = table_sections(comparison, is_short)
     rows = [row for section in sections for row in section["rows"]]
     width = max((len(row["label"]) + len(row["unit"]) for row in rows), default=0) + 4  # of "  label  unit"
     heads = [wrap(run.name, COLUMN_LETTERS) or [""] for run in comparison.runs]
@@ -72,14 +75,14 @@ def table(comparison: "Comparison") -> str:
     return "\n\n".join(blocks)
 
 
-def table_sections(comparison: "Comparison") -> "list[JsonObject]":
+def table_sections(comparison: "Comparison", is_short: bool = False) -> "list[JsonObject]":
     """Return the rows that at least one run has, for a page: [{title, rows: [{label, unit, cells, best}]}].
     `best` is the column of the smallest error; None if the row is not an error or the smallest error is not unique.
     """
     sections: list[JsonObject] = []
     for title, lines in _sections(comparison):
         rows: list[JsonObject] = []
-        for line in lines:
+        for line in lines if not is_short else [line for line in lines if line.is_main]:
             values = [line.get_value(run) for run in comparison.runs]
             cells, best = [_cell(value) for value in values], _best_column(line, values)
             if any(cell != "-" for cell in cells):
@@ -111,21 +114,29 @@ def _column_ranges(column_widths: Sequence[int], width: int) -> Iterator[range]:
 
 def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
     over = _("over {interval_s:g} s", interval_s=comparison.interval_s)
-    duration = TableLine(_("duration"), "s", lambda j: j.duration_s)
-    yield "", [duration, TableLine(_("the estimate diverged at"), "s", lambda j: j.divergence_s)]
+    duration = TableLine(_("duration"), "s", lambda j: j.duration_s, is_main=True)
+    yield (
+        "",
+        [
+            duration,
+            TableLine(_("the estimate diverged at"), "s", lambda j: j.divergence_s, is_main=True),
+        ],
+    )
     drift, turn = _("drift {over} (RPE)", over=over), _("drift of the heading {over}", over=over)
     lines = [
-        TableLine(_("position (ATE)"), "m", lambda j: j.ate_m, is_error=True),
-        TableLine(_("position, at the end"), "m", lambda j: j.end_error_m, is_error=True),
-        TableLine(_("heading"), "°", lambda j: j.ate_heading_rad * DEGREES_PER_RAD, is_error=True),
+        TableLine(_("position (ATE)"), "m", lambda j: j.ate_m, is_error=True, is_main=True),
+        TableLine(_("position, at the end"), "m", lambda j: j.end_error_m, is_error=True, is_main=True),
+        TableLine(
+            _("heading"), "°", lambda j: j.ate_heading_rad * DEGREES_PER_RAD, is_error=True, is_main=True
+        ),
         TableLine(drift, "m", lambda j: j.rpe_m, is_error=True),
         TableLine(turn, "°", lambda j: j.rpe_heading_rad * DEGREES_PER_RAD, is_error=True),
         TableLine(_("speed"), "m/s", lambda j: j.speed_error_m_s, is_error=True),
         TableLine(_("yaw rate"), "rad/s", lambda j: j.yaw_rate_error_rad_s, is_error=True),
     ]
-    yield _(ALIGNMENT_TITLES[comparison.alignment]), lines
-    if comparison.has_drives:
+    if comparison.of_drives:
         yield from _vehicle_sections()
+    yield _(ALIGNMENT_TITLES[comparison.alignment]), lines
     yield from _filter_sections(comparison)
 
 
@@ -138,21 +149,26 @@ def _vehicle_sections() -> Iterator[tuple[str, Sequence[TableLine]]]:
     changes = TableLine(_("changes of sign, forward"), "1/s", lambda j: j.sign_changes_per_s)
     yield (
         _("command"),
-        [changes, TableLine(_("ticks at a limit"), "%", lambda j: 100.0 * j.saturated_fraction)],
+        [
+            changes,
+            TableLine(_("ticks at a limit"), "%", lambda j: 100.0 * j.saturated_fraction, is_main=True),
+        ],
     )
 
 
 def _distances(name: str) -> list[TableLine]:
     return [
-        TableLine(_("distance, rms"), "m", lambda j: getattr(j, name).rms_m, is_error=True),
+        TableLine(_("distance, rms"), "m", lambda j: getattr(j, name).rms_m, is_error=True, is_main=True),
         TableLine(_("distance, 95 %"), "m", lambda j: getattr(j, name).p95_m, is_error=True),
-        TableLine(_("distance, largest"), "m", lambda j: getattr(j, name).max_m, is_error=True),
+        TableLine(_("distance, largest"), "m", lambda j: getattr(j, name).max_m, is_error=True, is_main=True),
     ]
 
 
 def _paces(name: str) -> list[TableLine]:
     return [
-        TableLine(_("speed error, rms"), "m/s", lambda j: getattr(j, name).error_m_s, is_error=True),
+        TableLine(
+            _("speed error, rms"), "m/s", lambda j: getattr(j, name).error_m_s, is_error=True, is_main=True
+        ),
         TableLine(_("speed error, relative"), "%", lambda j: 100.0 * getattr(j, name).error, is_error=True),
         TableLine(
             _("speed about its 1 s mean"), "%", lambda j: 100.0 * getattr(j, name).unevenness, is_error=True
@@ -165,14 +181,14 @@ def _filter_sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[T
     joint_labels = {k: _(k.removeprefix("nees_")) for k in JOINT_FIGURES if k != "nis"}
     states = {k: _(title) for k, title in STATE_NAMES.items()}
     lines = [
-        TableLine(title, "", lambda j, k=k: _band(getattr(j.consistency, k)))
-        for k, title in joint_labels.items()
+        TableLine(title, "", lambda j, k=k: _band(getattr(j.consistency, k)), is_main=True)
+        for k, title in joint.items()
     ]
     lines += [
         TableLine(title, "", lambda j, k=k: _band(j.consistency.states[k])) for k, title in states.items()
     ]
     yield _("NEES, 1 if consistent"), lines
-    lines = [TableLine(_("all innovations"), "", lambda j: _band(j.consistency.nis))]
+    lines = [TableLine(_("all innovations"), "", lambda j: _band(j.consistency.nis), is_main=True)]
     for k in channels:
         lines.append(TableLine(k, "", lambda j, k=k: _band(j.consistency.channels.get(k, NOT_REPORTED))))
     lines.append(TableLine(_("correlation at lag 1"), "", lambda j: j.consistency.correlation))

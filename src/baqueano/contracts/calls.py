@@ -287,8 +287,12 @@ def _fix(name: str, value: Tree, kinds: tuple[ArgumentKind, ...], example: str) 
         return f"{example[:-1]}, {name}={max(1, round(value))})"
     if not isinstance(value, str | PurePath):
         return example
-    is_stored = any(Path(kind.stored_path.format(value)).is_file() for kind in kinds)
-    is_file = is_stored or bool(PurePath(value).suffix)
+    stored_files = [
+        path for kind in kinds if kind.stored_path for path in Path().glob(kind.stored_path.format("*"))
+    ]
+    stored_name = nearest(str(value), [path.stem for path in stored_files]).figures.get("match")
+    is_file = stored_name is not None or bool(PurePath(value).suffix)
+    value = value if stored_name is None else str(stored_name)
     readers = (kind.maker if kind.maker and not is_file else kind.reader for kind in kinds)
     reader = next(filter(None, readers), "")
     return reader.format(_value_text(value), name=name) if reader else example

@@ -39,6 +39,7 @@ CALLS = {  # words of a line → call; {0} is the first argument, and {name} the
     "identify --update": "fit = bq.identify(run, robot); robot = fit.vehicle_file",
     "tune": "robot = bq.tune(robot, route).updated_file()",
     "tune --controller": "robot = bq.tune(robot, route, controller={controller}).updated_file()",
+    "tune --controller --out": "bq.tune(robot, route, controller={controller}).updated_file().save({out})",
     "teach": "route = bq.teach(robot, path, closed=True).route",
     "repeat": "run = bq.repeat(robot, route)",
     "replay": "run = bq.replay(run)",

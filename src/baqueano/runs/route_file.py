@@ -23,9 +23,10 @@ from pathlib import Path
 import numpy as np
 
 from baqueano.atomic_file import replace_file
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.route import Route
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs.tables.lines import Lines
 from baqueano.runs.tables.table import LogTable, read_table
 
@@ -102,6 +103,19 @@ def column_advice(names: Sequence[str]) -> Iterator[None]:
         raise FileError(replace(reason, code=_CODES[reason.code], figures=figures)) from error
 
 
+def stored_routes() -> list[str]:
+    """Return the names of the routes in the folder `routes`."""
+    return sorted(route_file.stem for route_file in STORED_ROUTES.glob("*.csv"))
+
+
+def absent_route(name: str, path: Path, *teach_options: str) -> Diagnostic:
+    """Return the fault of a route that does not exist, with the nearest name and the command that stores the route."""
+    names = stored_routes()
+    valid = nearest(name, names) if names else note("route.none-stored")
+    fix = baqueano_command("teach", name, *teach_options)
+    return fault("route.absent", fix, value=name, absent_path=path, valid=valid)
+
+
 def read_route(path: Path | str) -> Route:
     """Read the route in a CSV file.
 
@@ -118,7 +132,7 @@ def read_route(path: Path | str) -> Route:
     Raises
     ------
     FileError
-        If a column is missing, a number cannot be read, or time does not increase.
+        If the route does not exist, a column is missing, a number cannot be read, or time does not increase.
 
     Examples
     --------
@@ -127,7 +141,9 @@ def read_route(path: Path | str) -> Route:
     """
     path = Path(path)
     stored_path = STORED_ROUTES / f"{path}.csv"
-    is_name = path.name == str(path) and not path.exists() and stored_path.is_file()
+    is_name = path.name == str(path) and not path.suffix and not path.exists()
+    if is_name and not stored_path.is_file():
+        raise FileError(absent_route(str(path), stored_path))
     with column_advice(COLUMNS):
         return _read_route(stored_path if is_name else path)
 

@@ -1,6 +1,5 @@
 """Do one drive with one combination of blocks: simulate the vehicle of the file, or replay a recorded run."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -11,26 +10,13 @@ from baqueano.errors import SafetyStop
 from baqueano.geometry import compose
 from baqueano.sweep.error_segments import ErrorSegments
 from baqueano.sweep.figures import drive_figures
+from baqueano.sweep.gains import ControllerGains, FileText, build_controller
 from baqueano.sweep.result import SweepCombination, SweepDrive
-from baqueano.vehicle_file import VehicleFile, parse
 
 if TYPE_CHECKING:
     from baqueano.contracts.blocks import OwnBlock
     from baqueano.guides.route import Route
     from baqueano.runs.run import Run
-
-
-class FileText(NamedTuple):
-    """A vehicle file in the form that is sent to another process."""
-
-    text: str
-    label: str
-    path: Path | None
-    on_disk: str | None
-
-    def parse(self) -> VehicleFile:
-        """Parse the text and return the vehicle file."""
-        return parse(self.text, self.label, self.path, on_disk=self.on_disk)
 
 
 class SweepBlocks(NamedTuple):
@@ -50,6 +36,7 @@ class SweepSettings(NamedTuple):
     alignment: str = "none"
     interval_s: float = 1.0
     backend: str = "auto"
+    gains: str = "own"  # one of GAINS_CHOICES
 
 
 class SweepJob(NamedTuple):
@@ -63,6 +50,9 @@ class SweepJob(NamedTuple):
     route: "Route | None" = None
     seed: int = 0
     run: "Run | None" = None  # the run to replay, or None for a simulation
+    gains: ControllerGains = ControllerGains()
+    vehicle: str = ""  # the names of vehicle and route
+    route_name: str = ""
 
 
 def do_job(job: SweepJob) -> SweepDrive:
@@ -70,12 +60,19 @@ def do_job(job: SweepJob) -> SweepDrive:
     try:
         run = _replay(job) if job.run is not None else _drive(job)
     except SafetyStop as error:  # before its first tick
-        return SweepDrive(job.combination, job.drive, {}, {}, error.diagnostic.code, error.diagnostic)
+        return _drive_result(job, {}, {}, error.diagnostic)
     s, reason = job.settings, drive_stop_reason(run)
-    figures, pieces = drive_figures(run, s.laps, s.alignment, s.interval_s)
+    return _drive_result(job, *drive_figures(run, s.laps, s.alignment, s.interval_s), reason)
+
+
+def _drive_result(
+    job: SweepJob, figures: dict[str, float], pieces: dict[str, ErrorSegments], stop_reason: Diagnostic | None
+) -> SweepDrive:
+    code = "" if stop_reason is None else stop_reason.code
     return SweepDrive(
-        job.combination, job.drive, figures, pieces, "" if reason is None else reason.code, reason
-    )
+        job.combination, job.drive, figures, pieces, code, stop_reason,
+        vehicle=job.vehicle, route=job.route_name, gains=job.gains.source,
+    )  # fmt: skip
 
 
 def _drive(job: SweepJob) -> "Run":
@@ -83,8 +80,11 @@ def _drive(job: SweepJob) -> "Run":
     start = compose(job.route.eta[0], np.array(job.settings.start))
     # only the blocks are compared
     no_safeguards = {"check": False, "lead_in": False, "caution": False, "patience_s": np.inf, "rest_s": 0.0}
+    vehicle_file, blocks = job.file_text.parse(), job.blocks
+    if job.gains.file is not None:
+        blocks = blocks._replace(controller=build_controller(vehicle_file, job.gains))
     return repeat(
-        job.file_text.parse(), job.route, job.settings.laps, **job.blocks._asdict(), eta=start, seed=job.seed,
+        vehicle_file, job.route, job.settings.laps, **blocks._asdict(), eta=start, seed=job.seed,
         backend=job.settings.backend, **no_safeguards,
     )  # fmt: skip
 
@@ -112,4 +112,4 @@ def drive_from_row(job: SweepJob, row: dict) -> SweepDrive:
         for name, (squares, samples, *durations) in row["pieces"].items()
     }
     stop_reason = None if (reason := row.get("stop_reason")) is None else Diagnostic.from_json(reason)
-    return SweepDrive(job.combination, job.drive, row["figures"], pieces, row["stopped"], stop_reason)
+    return _drive_result(job, row["figures"], pieces, stop_reason)

@@ -18,9 +18,10 @@ from baqueano.diagnostics import fault, nearest
 from baqueano.drive.replay import recorded_vehicle_file
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
-from baqueano.runs import Run
-from baqueano.sweep.combination import FileText, SweepBlocks, SweepJob, SweepSettings
+from baqueano.runs import Run, read_route
+from baqueano.sweep.combination import SweepBlocks, SweepJob, SweepSettings
 from baqueano.sweep.drawing import register
+from baqueano.sweep.gains import GAINS_CHOICES, FileText, build_controller, find_gains
 from baqueano.sweep.result import SweepCombination, SweepResult
 from baqueano.sweep.stored_drives import Resources, run_jobs
 from baqueano.sweep.workers import processor_count
@@ -36,7 +37,7 @@ LOOP_ROLES = ("estimator", "controller", "guide")
 @checked_call('bq.sweep(robot, routes=route, controllers=["pd", "lqr"])')
 def sweep(
     subjects: "VehicleFile | Run | str | Sequence[VehicleFile | Run | str]",
-    routes: "Route | Sequence[Route] | dict[str, Route]" = (),
+    routes: "Route | str | Sequence[Route | str] | dict[str, Route]" = (),
     *,
     estimators: "OwnBlock | Sequence[OwnBlock] | dict[str, OwnBlock]" = (),
     controllers: "OwnBlock | Sequence[OwnBlock] | dict[str, OwnBlock]" = (),
@@ -56,11 +57,11 @@ def sweep(
     ----------
     subjects : VehicleFile, Run, str, or sequence of them
         Vehicles, which are simulated as by `repeat`; or recorded runs, for which only estimators can vary.
-    routes : Route, sequence or dict of Route
-        The routes of the vehicles; a dict gives their names.
+    routes : Route or str, sequence or dict of them
+        The routes of the vehicles. A str is the name of a taught route, or the path of a file. A dict gives names.
     estimators, controllers, guides : str, type or block, or sequence or dict of them
         A kind of the package, "file.py:Class", a class or a block; a dict gives their names. Empty: the block of the
-        vehicle file.
+        vehicle file. A controller "pd.toml" is the controller of that vehicle file, with its gains.
     seeds : iterable of int
         Seeds of the noise, the same for each combination.
     reference : str, optional
@@ -78,7 +79,8 @@ def sweep(
         A function that is called with the number of drives that have just finished.
     **settings : object
         `laps`; `start` (3,) [m, m, rad] of the vehicle, relative to the route's first pose; `alignment` and
-        `interval_s` [s] as in `compare`; `backend`.
+        `interval_s` [s] as in `compare`; `backend`. `gains`: "own" gives a controller "folder/file.py:Class" the
+        gains of folder/vehicle.toml, if that file names this class; "vehicle" to use those of the driven vehicle.
 
     Returns
     -------
@@ -138,6 +140,8 @@ def _checked_settings(settings: dict) -> SweepSettings:
                 fault("sweep.setting", call="sweep", value=name, suggestion=nearest(name, names))
             )
     conditions = SweepSettings(**settings)
+    if conditions.gains not in GAINS_CHOICES:
+        raise UsageError(fault("sweep.gains-choice", value=conditions.gains, valid=GAINS_CHOICES))
     if conditions.alignment not in ALIGNMENTS:
         raise UsageError(fault("compare.alignment", value=conditions.alignment, valid=ALIGNMENTS))
     if not (conditions.laps >= 1 and conditions.interval_s > 0.0):
@@ -149,10 +153,15 @@ def _checked_settings(settings: dict) -> SweepSettings:
 
 
 def _name_routes(routes: Tree) -> dict[str, Route]:
-    if isinstance(routes, dict):
-        return routes
-    route_list = _as_list(routes)
-    return {f"route {k + 1}" if len(route_list) > 1 else "": route for k, route in enumerate(route_list)}
+    """Return the routes by name; a taught route is named by its file. Raise FileError if it does not exist."""
+    if not isinstance(routes, dict):
+        route_list = _as_list(routes)
+        names = [
+            Path(route).stem if isinstance(route, str) else f"route {k + 1}"
+            for k, route in enumerate(route_list)
+        ]
+        routes = dict(zip(_labels(names) if len(names) > 1 else [""] * len(names), route_list, strict=True))
+    return {name: read_route(route) if isinstance(route, str) else route for name, route in routes.items()}
 
 
 def _vehicle_jobs(
@@ -176,20 +185,32 @@ def _vehicle_jobs(
         raise UsageError(fault("sweep.mixed", value=type(unsupported_files[0]).__name__))
     if unsupported_files := [route for route in routes.values() if not isinstance(route, Route)]:
         raise UsageError(fault("sweep.route", value=type(unsupported_files[0]).__name__))
-    jobs, names = [], _labels([vehicle_file.label for vehicle_file in files])
+    jobs, names = [], _vehicle_names(files)
     for combination, blocks in _combinations(blocks_by_role, files[0]):
         for name, vehicle_file in zip(names, files, strict=True):
+            gains = find_gains(vehicle_file, blocks.controller, settings.gains)
             vehicle_file.estimator(blocks.estimator)
-            vehicle_file.controller(blocks.controller)
+            build_controller(vehicle_file, gains)
             for route_name, route in routes.items():
                 vehicle_file.guide(route, blocks.guide)
                 for seed in seeds:
                     name_parts = [name if len(files) > 1 else "", route_name, f"seed {seed}"]
                     drive = ", ".join(name_part for name_part in name_parts if name_part)
-                    jobs.append(
-                        SweepJob(combination, drive, _file_text(vehicle_file), blocks, settings, route, seed)
-                    )
+                    job_blocks = blocks._replace(controller=gains.controller)
+                    jobs.append(SweepJob(
+                        combination, drive, _file_text(vehicle_file), job_blocks, settings, route, seed,
+                        gains=gains, vehicle=name, route_name=route_name,
+                    ))  # fmt: skip
     return jobs
+
+
+def _vehicle_names(files: list[VehicleFile]) -> list[str]:
+    """Return the names of the vehicles: of their files without the ending; of equal files, the folder."""
+    paths = [Path(vehicle_file.path or vehicle_file.label) for vehicle_file in files]
+    stems = [path.stem for path in paths]
+    return _labels([
+        path.absolute().parent.name if stems.count(path.stem) > 1 else path.stem for path in paths
+    ])  # fmt: skip
 
 
 def _run_jobs(
@@ -214,7 +235,8 @@ def _run_jobs(
     for combination, blocks in _combinations(blocks_by_role, files[0]):
         for name, run, vehicle_file in zip(names, runs, files, strict=True):
             vehicle_file.estimator(blocks.estimator)
-            jobs.append(SweepJob(combination, name, _file_text(vehicle_file), blocks, settings, run=run))
+            file_text = _file_text(vehicle_file)
+            jobs.append(SweepJob(combination, name, file_text, blocks, settings, run=run, vehicle=name))
     return jobs
 
 

@@ -9,12 +9,13 @@ import numpy as np
 
 from baqueano.contracts.result import Result, shorten, wrap_sentences
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
-from baqueano.messages import text, verdict_line
+from baqueano.messages import text, texts, verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import LINE_LETTERS, text_table
 from baqueano.sweep.error_segments import ErrorSegments
 from baqueano.sweep.figures import RMS_FIGURES, SINGLE_FIGURES
+from baqueano.sweep.gains import CODE
 from baqueano.sweep.paired import UNKNOWN, PairedDifference, paired_difference
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ SHORT_FIGURES = (
     "rpe_heading_rad",
     "nis",
 )
+SURVIVAL_FIGURES = ("laps",)  # what a drive achieved before it stopped
 MAIN_FIGURES = ("across_rms_m", "ate_m")  # the table shows the difference of the first of these that is known
 FILE_CLASS = re.compile(r"(?P<file>[^ ]*[/\\.][^ :]*):(?P<name>\w+)")
 MAX_LABEL_LETTERS = 32  # characters of a label
@@ -80,6 +82,10 @@ class SweepDrive(NamedTuple):
         Code of the reason why the drive was stopped, or "".
     stop_reason : Diagnostic, optional
         The reason, which names the line of a faulty block; None without a stop.
+    vehicle, route : str
+        The names of the vehicle, or of the recorded run, and of the route.
+    gains : str
+        The vehicle file whose gains a controller "file.py:Class" has, or "code" for the defaults of its class.
 
     Examples
     --------
@@ -93,6 +99,9 @@ class SweepDrive(NamedTuple):
     pieces: dict[str, ErrorSegments]
     stop_code: str
     stop_reason: Diagnostic | None = None
+    vehicle: str = ""
+    route: str = ""
+    gains: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -130,14 +139,19 @@ class SweepResult(Result):
             {
                 "combination": drive.combination.label, "estimator": drive.combination.estimator,
                 "controller": drive.combination.controller,
-                "guide": drive.combination.guide, "drive": drive.name,
+                "guide": drive.combination.guide, "gains": drive.gains, "drive": drive.name,
+                "vehicle": drive.vehicle, "route": drive.route,
                 **{name: drive.figures.get(name, float("nan")) for name in ALL_FIGURES}, "stopped": drive.stop_code,
             }
             for drive in self.drives
         ]  # fmt: skip
 
     def combinations(self) -> list["TableRow"]:
-        """Return a row per combination: the median of each result over its drives, and the ratios of the rms values."""
+        """Return a row per combination: the median of each result over its drives, and the ratios of the rms values.
+
+        A stopped drive is only in the medians of SURVIVAL_FIGURES: it is shorter, so its other results are not
+        comparable.
+        """
         rows = []
         for label, drives in self._by_combination().items():
             row: TableRow = {
@@ -146,9 +160,7 @@ class SweepResult(Result):
                 "stopped": sum(bool(d.stop_code) for d in drives),
             }
             for name in ALL_FIGURES:
-                x = np.array([d.figures.get(name, np.nan) for d in drives])
-                finite = x[np.isfinite(x)]
-                row[name] = float(np.median(finite)) if finite.size else float("nan")
+                row[name] = _median(drives, name)
             for name in RMS_FIGURES:
                 difference = self.difference(label, name)
                 row |= {
@@ -159,15 +171,38 @@ class SweepResult(Result):
             rows.append(row)
         return rows
 
+    def vehicles(self) -> list[str]:
+        """Return the names of the vehicles, or of the recorded runs, in the order of the drives."""
+        return list(dict.fromkeys(drive.vehicle for drive in self.drives))
+
+    def ranking(self) -> list[str]:
+        """Return the labels: first those with the fewest stopped drives, then those with the smallest main result."""
+        main = self.main_figure()
+        rows = sorted(
+            self.combinations(), key=lambda row: (row["stopped"], np.nan_to_num(row[main], nan=np.inf))
+        )
+        return [row["combination"] for row in rows]
+
+    def by_vehicle(self) -> list["TableRow"]:
+        """Return a row per combination: for each vehicle, the median of the main result over its drives."""
+        main, by_combination = self.main_figure(), self._by_combination()
+        return [
+            {"combination": label}
+            | {name: _median([d for d in drives if d.vehicle == name], main) for name in self.vehicles()}
+            for label, drives in by_combination.items()
+        ]
+
     def difference(self, label: str, figure: str) -> PairedDifference:
-        """Return the ratio of a result of the combination `label` to the reference, over the drives that both have."""
+        """Return the ratio of a result of the combination `label` to the reference, over the drives that both
+        completed.
+        """
         by_label = self._by_combination()
         drives, references = ({d.name: d for d in by_label.get(name, ())} for name in (label, self.reference))
         drive_pairs = [(drives[name], references[name]) for name in drives if name in references]
         pairs = [
             (a.pieces[figure], b.pieces[figure])
             for a, b in drive_pairs
-            if figure in a.pieces and figure in b.pieces
+            if figure in a.pieces and figure in b.pieces and not (a.stop_code or b.stop_code)
         ]
         return paired_difference([a for a, _b in pairs], [b for _a, b in pairs]) if pairs else UNKNOWN
 
@@ -190,6 +225,22 @@ class SweepResult(Result):
             reasons.append(note("sweep.part", Severity.WARNING, count=count, total=total))
         return tuple(reasons)
 
+    @property
+    def notes(self) -> tuple[Diagnostic, ...]:
+        """Return how many controllers have the gains of a vehicle file of their own, and which have those of their
+        code.
+        """
+        sources = {label: drives[0].gains for label, drives in self._by_combination().items()}
+        files = {label: source for label, source in sources.items() if source not in ("", CODE)}
+        if not files:
+            return ()
+        first, names = next(iter(files)), short_labels(list(sources))
+        count, total = len(files), sum(bool(source) for source in sources.values())
+        notes = [note("sweep.gains", count=count, total=total, label=names[first], file=files[first])]
+        if labels := [names[label] for label, source in sources.items() if source == CODE]:
+            notes.append(note("sweep.gains-of-code", names=labels))
+        return tuple(notes)
+
     def table(self) -> str:
         """Return the medians of each combination, and the ratio to the reference, as a text table."""
         head, *lines = self._lines(BLOCKS)
@@ -197,6 +248,8 @@ class SweepResult(Result):
         if any("[-]" in line for line in lines):
             meanings.append(("[-]", _("too few drives for an interval")))
         lines = [*wrap_sentences([head], LINE_LETTERS), *lines, "", *text_table("<<", *meanings)]
+        if self.notes:
+            lines += ["", *wrap_sentences(texts(self.notes), LINE_LETTERS)]
         return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons)])
 
     def meanings(self) -> list[tuple[str, str]]:
@@ -231,44 +284,62 @@ class SweepResult(Result):
     def _lines(self, blocks: Sequence[Sequence[str]]) -> list[str]:
         """Return a line on the drives, and the lines of one or more tables for each block of known results."""
         rows, main = self.combinations(), self.main_figure()
-        short_labels = _short_labels([row["combination"] for row in rows])
-        labels = list(short_labels.values())
+        names = short_labels([row["combination"] for row in rows])
+        labels = list(names.values())
         table_lines: list[str] = []
         for block in blocks:
             columns = [_column(name, rows) for name in block if self._has(name)]
             if columns and not table_lines and len(rows) > 1:
-                columns.insert(1, [_("ratio"), "", *map(self._ratio, rows)])
+                columns.insert(1, [_("ratio"), "", *(self.ratio_text(row, main) for row in rows)])
+            if columns and not table_lines and any(row["stopped"] for row in rows):
+                columns.insert(0, [_("stopped"), _("drives"), *(str(row["stopped"]) for row in rows)])
             for lines in _tables(labels, columns):
                 table_lines += ["", *lines] if table_lines else lines
+        if len(blocks) > 1 and len(self.vehicles()) > 1:
+            figure = ALL_FIGURES[main]
+            title = _("{figure} [{unit}] of each vehicle", figure=_(figure.heading), unit=figure.unit)
+            values = [{k: x for k, x in row.items() if k != "combination"} for row in self.by_vehicle()]
+            columns = [[k, "", *(_cell(row[k] * figure.scale) for row in values)] for k in self.vehicles()]
+            for lines in _tables(labels, columns):
+                table_lines += ["", title, *lines]
         code = "sweep.head-ratio" if len(rows) > 1 else "sweep.head"
         drives = max((row["drives"] for row in rows), default=0)
-        heading, reference = _(ALL_FIGURES[main].heading), short_labels.get(self.reference, self.reference)
+        heading, reference = _(ALL_FIGURES[main].heading), names.get(self.reference, self.reference)
         return [text(note(code, drives=drives, figure=heading, reference=reference)), *table_lines]
 
-    def _ratio(self, row: "TableRow") -> str:
-        main = self.main_figure()
-        if row["combination"] == self.reference or not np.isfinite(row[f"{main}_ratio"]):
+    def ratio_text(self, row: "TableRow", name: str) -> str:
+        """Return the ratio of a result of a row of `combinations`, with its interval, as text."""
+        if row["combination"] == self.reference or not np.isfinite(row[f"{name}_ratio"]):
             return "1" if row["combination"] == self.reference else "-"
-        if not np.isfinite(row[f"{main}_low"]):
-            return f"{number(row[f'{main}_ratio']):.2f} [-]"
+        if not np.isfinite(row[f"{name}_low"]):
+            return f"{number(row[f'{name}_ratio']):.2f} [-]"
         return _(
             "{ratio:.2f} [{low:.2f}, {high:.2f}]",
-            **{end: row[f"{main}_{end}"] for end in ("ratio", "low", "high")},
+            **{end: row[f"{name}_{end}"] for end in ("ratio", "low", "high")},
         )
 
 
-def _short_labels(labels: Sequence[str]) -> dict[str, str]:
-    """Return a short name of each label: with the class alone instead of file.py:Class, if this name is unique.
+def _median(drives: Sequence[SweepDrive], name: str) -> float:
+    """Return the median of a result over the drives that were not stopped, or NaN."""
+    complete_drives = [drive for drive in drives if name in SURVIVAL_FIGURES or not drive.stop_code]
+    x = np.array([drive.figures.get(name, np.nan) for drive in complete_drives])
+    finite = x[np.isfinite(x)]
+    return float(np.median(finite)) if finite.size else float("nan")
 
-    Otherwise the file replaces the class, such as ana/my_controller.
+
+def short_labels(labels: Sequence[str]) -> dict[str, str]:
+    """Return a short name of each label: with the class alone in place of file.py:Class, if this name is unique.
+
+    Otherwise the file with its folder replaces the class, such as ana/my_controller, or the whole path.
     """
-    for part in ("name", "file"):
-        short_labels = {
-            label: FILE_CLASS.sub(lambda match, part=part: match[part].removesuffix(".py"), label)
-            for label in labels
-        }
-        if len(set(short_labels.values())) == len(short_labels):
-            return short_labels
+    for shorten_name in (
+        lambda match: match["name"],
+        lambda match: "/".join(re.split(r"[/\\]", match["file"])[-2:]).removesuffix(".py"),
+        lambda match: match["file"].removesuffix(".py"),
+    ):
+        names = {label: FILE_CLASS.sub(shorten_name, label) for label in labels}
+        if len(set(names.values())) == len(names):
+            return names
     return dict(zip(labels, labels, strict=True))
 
 
@@ -276,7 +347,11 @@ def _column(name: str, rows: Sequence["TableRow"]) -> list[str]:
     """Return the cells of a column: heading, unit, and the value of each row."""
     figure = ALL_FIGURES[name]
     values = (row[name] * figure.scale for row in rows)
-    return [_(figure.heading), figure.unit, *(f"{number(x):.3g}" if np.isfinite(x) else "-" for x in values)]
+    return [_(figure.heading), figure.unit, *map(_cell, values)]
+
+
+def _cell(value: float) -> str:
+    return f"{number(value):.3g}" if np.isfinite(value) else "-"
 
 
 def _tables(labels: Sequence[str], columns: Sequence[Sequence[str]]) -> list[list[str]]:

@@ -24,8 +24,9 @@ from baqueano.contracts import optional
 from baqueano.diagnostics import fault
 from baqueano.errors import USER_MODULE_PREFIX, UsageError
 from baqueano.runs.initial_pose import initial_pose
-from baqueano.sweep.combination import FileText, SweepJob, do_job, drive_from_row, drive_row
+from baqueano.sweep.combination import SweepJob, do_job, drive_from_row, drive_row
 from baqueano.sweep.error_segments import ErrorSegments
+from baqueano.sweep.gains import FileText
 from baqueano.sweep.workers import run_in_processes
 
 if TYPE_CHECKING:
@@ -127,6 +128,7 @@ def job_digest(job: SweepJob, texts_in_file: dict[str, str]) -> str:
         repr(job.settings),
         str(job.seed),
         job.drive,
+        "" if job.gains.file is None else job.gains.file.text,
     ]
     replaced_blocks = {role: block for role, block in job.blocks._asdict().items() if block is not None}
     parts += [_block_text(role, block, job) for role, block in job.blocks._asdict().items()]

@@ -245,24 +245,33 @@ def _origin(block_class: type) -> tuple[str, str]:
 
 
 def missing_values(
-    file: str, path: Path | None, role: str, keys: list[str], kind: OwnBlock | None
+    file: str, path: Path | None, role: str, keys: list[str], kind: OwnBlock | None, own_kind: str | None
 ) -> FileError:
-    """Return the error of a block without its values; a class from Python can also be given as an object."""
+    """Return the error of a block without its values; a class from Python can also be given as an object.
+
+    The gains of a controller other than `own_kind`, that of the file, need a file of their own: in this file they would
+    replace those of its controller.
+    """
     if isinstance(kind, type) and not kind.__module__.startswith("baqueano."):
         call = f"{role}={kind.__name__}({', '.join(f'{key}=1.0' for key in keys)})"
         return FileError(
             fault("block.lacks-arguments", call, file=file, role=role, keys=keys, block=kind.__name__)
         )
     words = FINDING_COMMANDS.get(role, ())
+    code, gains_file = "vehicle.lacks-estimates", Path()
     if role == "controller" and isinstance(kind, str):
         words = "tune", "--controller", kind, "--update"
+        if own_kind not in (None, kind):
+            code, gains_file = "vehicle.lacks-gains-of", Path(f"{kind.rpartition(':')[2].lower()}.toml")
+            words = "tune", "--controller", kind, "--out", gains_file
     if not words:
         return FileError(fault("vehicle.lacks", file=file, role=role, keys=keys))
     folder = Path.cwd()
     is_default = path is None or path == folder / "vehicle.toml"
     shown_path = path.relative_to(folder) if path and path.is_relative_to(folder) else path
     advice = baqueano_command(*words, *(() if is_default else ("--vehicle", shown_path)))
-    return FileError(fault("vehicle.lacks-estimates", advice, file=file, role=role, keys=keys))
+    figures = {"kind": kind, "own_kind": own_kind, "gains_file": gains_file} if gains_file.suffix else {}
+    return FileError(fault(code, advice, file=file, role=role, keys=keys, **figures))
 
 
 def construct(

@@ -257,7 +257,8 @@ class VehicleFile:
         report.raise_problems()
         assert content is not None
         if keys := [k for k in content.missing_names if k not in changes]:
-            raise build.missing_values(report.name, self.path, role, keys, kind)
+            own_kind = self.data.get(role, {}).get("kind")
+            raise build.missing_values(report.name, self.path, role, keys, kind, own_kind)
         route_names = {"t_s", "route"} & build.argument_names(content.block_class)
         if role == "guide" and "route" not in arguments and route_names:
             raise UsageError(fault("vehicle.no-route", guide=content.block_class.__name__))

@@ -19,6 +19,7 @@ from baqueano.cli.page import live
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, real_time_display, show_time_progress
 from baqueano.diagnostics import note
+from baqueano.messages.printable import baqueano_command
 
 
 @click.command(help="Drive the taught ROUTE again, for N laps or for ever.")
@@ -145,7 +146,8 @@ def command(
     print_message(note("cli.run", path=path))
     print_fault_detections(run, vehicle_file, shake)
     comparison = compare(run)
-    print_answer(comparison, as_json, laps=comparison.laps())
+    print_answer(comparison, as_json, table=comparison.short_table(), laps=comparison.laps())
+    print_message(note("cli.all-rows", fix=baqueano_command("compare", path)))
     advise_to_fit(comparison, [run], folder, options.vehicle_and_runs_options(vehicle_file, folder))
     report.write_table(comparison)
     if report:

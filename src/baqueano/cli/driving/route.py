@@ -75,7 +75,7 @@ def ls(as_json: bool) -> None:
         rows.append({"route": path.stem, **row})
     print_answer(RowsResult(rows), as_json)
     if not rows:
-        print_message(note("cli.no-routes"))
+        print_message(note("route.none-stored"))
 
 
 @command.command("check", help=("Check if the identified vehicle can drive ROUTE, and if it fits in a room."))

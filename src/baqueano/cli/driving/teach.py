@@ -138,13 +138,13 @@ def shape_or_route(name: str, speed_m_s: float, size_m: float, valid_names: tupl
     Raise UsageError for an unknown name. `valid_names`: further names that the option accepts.
     """
     from baqueano.guides.shapes import shape
+    from baqueano.runs.route_file import stored_routes
 
     if name in SHAPES:
         return shape(name, size_m, speed_m_s)
     if "." in name or options.route_path(name).is_file():
         return options.find_route(name)
-    stored_names = sorted(path.stem for path in options.ROUTES.glob("*.csv"))
-    suggestion = nearest(name, [*SHAPES, *valid_names, *stored_names])
+    suggestion = nearest(name, [*SHAPES, *valid_names, *stored_routes()])
     raise UsageError(fault("cli.driver-unknown", value=name, suggestion=suggestion))
 
 

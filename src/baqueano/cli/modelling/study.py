@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.modelling.sweep import matching_kinds
+from baqueano.cli.modelling.sweep import matching_names
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_result, show_activity, show_progress, show_steps
@@ -161,7 +161,7 @@ def driving(seed: int, seed_count: int, controller: str | None, backend: str, as
     "own_kinds",
     multiple=True,
     metavar="KIND",
-    callback=matching_kinds,
+    callback=matching_names,
     help=(
         'Your own block, compared with ours: "file.py:Class", or "*/file.py:Class" for all such files. Repeat the '
         "option for more."

@@ -8,7 +8,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
-from baqueano.cli.terminal import print_answer, show_progress
+from baqueano.cli.terminal import print_answer, print_message, show_progress
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 
@@ -17,21 +17,23 @@ cluster = click.option(
 )
 
 
-def matching_kinds(
-    context: click.Context, option: click.Parameter, kinds: tuple[str, ...]
+def matching_names(
+    context: click.Context, option: click.Parameter, names: tuple[str, ...]
 ) -> tuple[str, ...]:
-    """Return the kinds, with a pattern such as */my_controller.py:MyController replaced by the matching files."""
-    all_kinds: list[str] = []
-    for kind in kinds:
-        pattern, colon, class_name = kind.rpartition(":")
+    """Return the names, with a pattern such as */my_controller.py:MyController or */vehicle.toml replaced by the
+    matching files.
+    """
+    all_names: list[str] = []
+    for name in names:
+        pattern, colon, class_name = name.rpartition(":") if ".py:" in name else (name, "", "")
         if "*" not in pattern:
-            all_kinds.append(kind)
+            all_names.append(name)
             continue
         paths = [Path(path) for path in sorted(glob(pattern))]
         if not paths:
             raise UsageError(fault("cli.no-match", value=pattern, folder=Path.cwd().name))
-        all_kinds += [f"{path.as_posix()}{colon}{class_name}" for path in paths]
-    return tuple(all_kinds)
+        all_names += [f"{path.as_posix()}{colon}{class_name}" for path in paths]
+    return tuple(all_names)
 
 
 BLOCK_OPTIONS = [
@@ -40,10 +42,13 @@ BLOCK_OPTIONS = [
         f"{room}s",
         multiple=True,
         metavar="KIND",
-        callback=matching_kinds,
+        callback=matching_names,
         help=(
             'Block to compare: a name, "file.py:Class", or "*/file.py:Class" for all such files. Repeat the option for '
-            "more."
+            'more. A controller "pd.toml" is that of this vehicle file, with its gains.'
+            if room == "controller"
+            else 'Block to compare: a name, "file.py:Class", or "*/file.py:Class" for all such files. Repeat the '
+            "option for more."
         ),
     )
     for room in ("estimator", "controller", "guide")
@@ -52,8 +57,19 @@ BLOCK_OPTIONS = [
 
 @click.command(help="Compare blocks on the same simulated drives, or estimators on recorded RUNS.")
 @click.argument("runs", nargs=-1)
-@options.vehicle
+@click.option(
+    "--vehicle", "vehicles", multiple=True, metavar="FILE|NAME", callback=matching_names,
+    help=(
+        'Vehicle file, a name of the garage, or "*/vehicle.toml". Repeat it for more. Default: vehicle.toml, else '
+        "small."
+    ),
+)  # fmt: skip
+@options.settings
 @options.combine_options(*BLOCK_OPTIONS)
+@click.option(
+    "--gains", type=click.Choice(["own", "vehicle"]), default="own", show_default=True,
+    help="Gains of a controller of a file: those of vehicle.toml in its folder (own), or of the driven vehicle.",
+)  # fmt: skip
 @click.option(
     "--route", "routes", multiple=True, metavar="SHAPE|NAME",
     help="Route: a shape, or a stored route. Repeat the option for more.",
@@ -87,10 +103,10 @@ BLOCK_OPTIONS = [
 @report_options
 @options.as_json
 def command(
-    runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], estimators: tuple[str, ...],
-    controllers: tuple[str, ...], guides: tuple[str, ...], routes: tuple[str, ...], speed_m_s: float, size_m: float,
-    seed: int, seeds: int, laps: int, aside_m: float, align: str, reference: str | None, drives_folder: Path | None,
-    cluster: str | None, backend: str, folder: str, report: ReportFiles, as_json: bool,
+    runs: tuple[str, ...], vehicles: tuple[str, ...], settings: tuple[str, ...], estimators: tuple[str, ...],
+    controllers: tuple[str, ...], guides: tuple[str, ...], gains: str, routes: tuple[str, ...], speed_m_s: float,
+    size_m: float, seed: int, seeds: int, laps: int, aside_m: float, align: str, reference: str | None,
+    drives_folder: Path | None, cluster: str | None, backend: str, folder: str, report: ReportFiles, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.driving.teach import shape_or_route
     from baqueano.errors import Interruption
@@ -110,14 +126,16 @@ def command(
         for factor, values in (("controllers", controllers), ("guides", guides), ("routes", routes)):
             if values:
                 raise UsageError(fault("sweep.of-runs", factor=factor, recorded_runs=list(runs)))
-        options.refuse_together("RUNS", "seed", "seeds", "laps", "aside_m")
+        options.refuse_together("RUNS", "seed", "seeds", "laps", "aside_m", "gains")
+        if len(vehicles) > 1:
+            raise UsageError(fault("sweep.several-vehicles", value=list(vehicles)))
         recorded_runs = options.find_runs(runs, folder)
-        vehicle_file = options.load_vehicle(vehicle, settings) if vehicle or settings else None
+        files = [options.load_vehicle(*vehicles or (None,), settings)] if vehicles or settings else []
         named_routes = {name: shape_or_route(name, speed_m_s, size_m) for name in routes}
-        run_sweep = partial(run_sweep, recorded_runs, vehicle=vehicle_file, routes=named_routes)
+        run_sweep = partial(run_sweep, recorded_runs, vehicle=next(iter(files), None), routes=named_routes)
         drive_count = len(recorded_runs)
     else:
-        vehicle_file = options.load_vehicle(vehicle, settings)
+        files = [options.load_vehicle(vehicle, settings) for vehicle in vehicles or (None,)]
         named_routes = {
             name: shape_or_route(name, speed_m_s, size_m) for name in routes or ("sinuous-circle",)
         }
@@ -126,13 +144,18 @@ def command(
             "seeds": range(seed, seed + seeds),
             "laps": laps,
             "start": (0.0, aside_m, 0.0),
+            "gains": gains,
         }
-        run_sweep, drive_count = partial(run_sweep, vehicle_file, **arguments), len(named_routes) * seeds
-    if vehicle_file is not None:
-        options.advise_to_measure(vehicle_file, "simulated")
+        run_sweep = partial(run_sweep, files, **arguments)
+        drive_count = len(files) * len(named_routes) * seeds
+    if len(files) == 1:
+        options.advise_to_measure(files[0])
+    elif guesses := [file.label for file in files if not options.is_measured(file, "simulated")]:
+        print_message(note("sweep.guesses", names=guesses))
     for role, kinds in (("estimator", estimators), ("controller", controllers), ("guide", guides)):
         for kind in kinds:
-            options.block_kind(vehicle_file, role, kind)
+            if not (role == "controller" and kind.endswith(".toml")):
+                options.block_kind(next(iter(files), None), role, kind)
     count = drive_count * max(len(estimators), 1) * max(len(controllers), 1) * max(len(guides), 1)
     with show_progress(note("cli.sweep", drives=count), count) as advance:
         result = run_sweep(advance=advance)

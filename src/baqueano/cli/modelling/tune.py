@@ -1,11 +1,13 @@
 """Define `baqueano tune`: find the gains of the controller."""
 
+from pathlib import Path
+
 import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import print_answer, print_message, show_activity
 from baqueano.diagnostics import Verdict, fault, note
-from baqueano.errors import AnswerNo
+from baqueano.errors import AnswerNo, FileError
 from baqueano.messages import texts
 from baqueano.messages.printable import baqueano_command
 
@@ -81,17 +83,27 @@ from baqueano.messages.printable import baqueano_command
 @options.seed
 @options.backend
 @options.update
+@click.option(
+    "-o", "--out", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
+    help="New vehicle file for the gains, in place of --update: the gains of the present file stay.",
+)  # fmt: skip
 @options.as_json
 def command(
     vehicle: str | None, settings: tuple[str, ...], routes: tuple[str, ...], speed_m_s: float, size_m: float,
     controller: str | None, with_estimator: bool, draws: int, seeds: int, jerk_m2: float, effort_m2: float,
-    aside_m: float, radian_m: float | None, seed: int, backend: str, update: bool, as_json: bool,
+    aside_m: float, radian_m: float | None, seed: int, backend: str, update: bool, out: Path | None,
+    as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.driving.teach import SHAPES, shape_or_route
+    from baqueano.runs.route_file import stored_routes
     from baqueano.tune import tune
 
     if not with_estimator:
         options.refuse_without("--estimator", "seeds")
+    if out is not None:
+        options.refuse_together("--out", "update")
+        if out.exists():
+            raise FileError(fault("cli.file-exists", "-o FILE", path=out))
     vehicle_file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(vehicle_file)
     controller = options.block_kind(vehicle_file, "controller", controller)
@@ -114,8 +126,11 @@ def command(
     print_answer(result, as_json)
     if result.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("cli.tuning-refused", reasons="; ".join(texts(result.reasons))))
-    options.save_update(result.updated_file(), update)
-    if routes[0] in SHAPES and (stored_names := options.stored_routes()):
+    if out is None:
+        options.save_update(result.updated_file(), update)
+    else:
+        print_message(note("cli.written", path=result.updated_file().save(out)))
+    if routes[0] in SHAPES and (stored_names := stored_routes()):
         print_message(
             note(
                 "cli.tuned",

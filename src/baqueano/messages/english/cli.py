@@ -74,8 +74,6 @@ TEMPLATES: dict[str, str] = {
         "room, such as 0.5,-0.2,90."
     ),
     "cli.points-absent": "{path} does not exist. Give a CSV file with the columns x_m and y_m, or the name of a run.",
-    "cli.routes": "The stored routes: {names}",
-    "cli.no-routes": "That folder does not contain routes yet",
     "cli.run-names-invalid": (
         "{host} has {count} runs with names that cannot be used: {value}. Expected a plain name "
         "such as lap.mcap. They were not copied. Rename them there: {fix}"
@@ -145,7 +143,6 @@ TEMPLATES: dict[str, str] = {
     "cli.folder-not-empty": "{folder} exists and is not empty. Choose another name: {fix}",
     "cli.file-exists": "{path} exists already, and this command does not replace it. Type: {fix}",
     "cli.map-second": "The map comes first, and the recordings follow. Type: {fix}",
-    "cli.route-absent": "Route {value} does not exist: {absent_path} is not a file. {valid}. To drive it once: {fix}",
     "cli.route-not-text": (
         "{path} is not a route: it contains bytes that are not text. Expected a text file (CSV) with the columns t_s, "
         "x_m, y_m, psi_rad and velocities. To drive one: {fix}"
@@ -298,6 +295,7 @@ TEMPLATES: dict[str, str] = {
     "cli.written": "written into {path}",
     "cli.set": "  set on the command line: {setting}",
     "cli.warning": "warning: {cause}",
+    "cli.all-rows": "all rows of the table: {fix}",
     "cli.update-advice": "To keep this in the vehicle file, add --update.",
     "cli.run-note": "{run}: {cause}",
     "cli.card-written": "Eject the card, start the Pi, wait three minutes. Then: {fix}",

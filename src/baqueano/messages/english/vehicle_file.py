@@ -65,6 +65,11 @@ TEMPLATES: dict[str, str] = {
     "vehicle.lacks-estimates": (
         "{file} [{role}] needs {keys}. Write the values into the file, or compute them: {fix}"
     ),
+    "vehicle.lacks-gains-of": (
+        "{file} [{role}] needs {keys} for {kind}, but its gains belong to {own_kind}. Compute them into a file of "
+        "their own: {fix}. A sweep compares it as {arg[controller]:{gains_file}}, and a drive uses it as "
+        "{arg[vehicle]:{gains_file}}."
+    ),
     "vehicle.place": "{file}, {key}",
     "vehicle.line": "{file} line {line}, {key}",
     "vehicle.problems": "{first}.\n{rest}.",

@@ -20,6 +20,10 @@ TEMPLATES: dict[str, str] = {
     "route.factor": "factor {value:g}: expected a positive number; 2 makes a route twice as large.",
     "route.speed": "speed {value:g} m/s: expected a positive number.",
     "route.limit": "{name} = {value:g}: expected a positive number; a fraction is at most 1.",
+    "route.absent": (
+        "Route {value} does not exist: {absent_path} is not a file. {valid}. To drive it once: {fix}"
+    ),
+    "route.none-stored": "That folder does not contain routes yet",
     "route.points": "points have the shape {value}: expected at least two rows of x and y in metres, (m, 2).",
     "route.point-not-finite": (
         "Point {number} contains a value that is not a number. Give x and y in metres, or remove the point."
@@ -55,11 +59,11 @@ TEMPLATES: dict[str, str] = {
     ),
     "route.speed-too-high": (
         "at {position_m:.1f} m the route needs {demand_m_s:.2f} m/s, but the vehicle reaches "
-        "{max_m_s:.2f}. Make it slower: {fix}"
+        "{max_m_s:.2f}. Compute speeds that it reaches: {fix}"
     ),
     "route.turns-too-fast": (
         "at {position_m:.1f} m and {speed_m_s:.2f} m/s the route needs {demand_rad_s:.1f} rad/s, but "
-        "the vehicle reaches {max_rad_s:.1f}. Make it slower: {fix}"
+        "the vehicle reaches {max_rad_s:.1f}. Compute speeds that it reaches: {fix}"
     ),
     "route.noisy": (
         "the positions of the route have a noise of {noise_mm:.0f} mm, and the vehicle would follow it. Smooth the "
@@ -79,7 +83,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "route.accelerates-too-fast": (
         "at {position_m:.1f} m the route needs {share:.0%} of the command, to speed up or to enter a "
-        "curve. Make it slower: {fix}"
+        "curve. Compute speeds that the vehicle reaches: {fix}"
     ),
     "route.through-wall": (
         "the route leaves the room: at {position_m:.1f} m the body is {excess_m:.2f} m beyond the wall. Make it "

@@ -5,7 +5,25 @@ TEMPLATES: dict[str, str] = {
     "sweep.head-ratio": (
         "medians over the drives ({drives}); ratio: {figure} divided by that of {reference}, with its 95 % interval"
     ),
-    "sweep.stopped": "{subject}: {count} of {drives} drives were stopped (the first: {cause})",
+    "sweep.stopped": (
+        "{subject}: {count} of {drives} drives were stopped, and only its laps count them (the first: {cause})"
+    ),
+    "sweep.guesses": (
+        "The models of these vehicle files are guesses: {names}. Identify them first, so that the results hold for the "
+        "real vehicles."
+    ),
+    "sweep.several-vehicles": (
+        "Recorded runs are replayed with one vehicle file, but --vehicle names several: {value}. Give only one."
+    ),
+    "sweep.gains": (
+        "Controllers with the gains of a vehicle file of their own: {count} of {total}, such as {label} with {file}."
+    ),
+    "sweep.gains-of-code": "Controllers with the gains of their code: {names}.",
+    "sweep.gains-choice": "gains = {value}: expected one of {valid}.",
+    "sweep.vehicles": (
+        "Each cell is the median of one vehicle: {heading}. The best combination is the first. Without a number, all "
+        "drives were stopped."
+    ),
     "sweep.part": "{count} of {total} drives are done; type the same command again to continue",
     "sweep.spread": "Each dot is a drive, each bar the median of a combination.",
     "sweep.ratios": (
@@ -29,7 +47,9 @@ TEMPLATES: dict[str, str] = {
         "each. Type: {fix}"
     ),
     "sweep.mixed": "A sweep accepts vehicles or runs, not both. The list of vehicles contains a {value}.",
-    "sweep.route": "A sweep drives routes, such as guides.shapes.eight(1.0, 0.25). Found: {value}.",
+    "sweep.route": (
+        "A sweep drives routes, such as guides.shapes.eight(1.0, 0.25) or the name of a taught route. Found: {value}."
+    ),
     "sweep.of-runs": (
         "A recorded run is replayed, so only its estimator can vary. To compare controllers, guides or routes, "
         "simulate drives: give a vehicle instead of runs."
