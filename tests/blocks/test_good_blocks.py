@@ -3,6 +3,7 @@ compiled."""
 
 import pytest
 
+import baqueano as bq
 from baqueano.block_checks import compilation_notes
 from baqueano.blocks import infer_role, resolve
 
@@ -33,6 +34,9 @@ def test_a_block_with_an_if_statement_works_with_a_speed_note(tmp_path):
     assert findings_about(tmp_path, "controller", text) == []
     (note,) = compilation_notes("controller", resolve("controller", "mine.py:Block", tmp_path)())
     assert (note.code, note.subject) == ("check.slow", "Block.step()")
+    check = bq.check(f"{tmp_path / 'mine.py'}:Block")
+    assert (check.verdict, [entry.code for entry in check.notes]) == ("USABLE", ["check.slow"])
+    assert "cannot be compiled" in check.table()
     assert note.figures["place"] == "mine.py line 19"
     assert note.figures["cause"].code == "trace.decides"
 

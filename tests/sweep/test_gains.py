@@ -101,8 +101,10 @@ def test_code_in_the_folder_of_the_driven_vehicle_has_the_gains_beside_it(studen
 
 
 def test_a_vehicle_file_names_a_controller_with_its_gains(students):
-    by_file, by_class = drive(["ana/vehicle.toml", KIND]).drives
+    result = drive(["ana/vehicle.toml", KIND])
+    by_file, by_class = result.drives
     assert by_file.figures == by_class.figures
+    assert [(entry.figures["count"], entry.figures["total"]) for entry in result.notes] == [(1, 1)]
     (students / "pd.toml").write_text(with_controller('kind = "pd"\nalpha = 2.0\nbeta = 0.3\ngamma = 0.1\n'))
     (pd,) = drive(["pd.toml"]).drives
     assert (pd.combination.controller, pd.gains, pd.stop_code) == ("pd.toml", "pd.toml", "")
@@ -157,6 +159,12 @@ def test_tune_writes_the_gains_into_a_new_file(students, capsys):
     assert (students / "luis" / "vehicle.toml").read_text() == text
     assert "cli.file-exists" in ask(f"{line} --json", capsys, 3).out
     assert "cli.options-together" in ask(f"{line} --update --json", capsys, 2).out
+
+
+def test_equal_vehicles_of_the_garage_are_numbered(students):
+    files = [bq.load("small"), bq.load("small").with_values({"model.mass_kg": 0.7})]
+    result = bq.sweep(files, routes=ROUTE, controllers="kanayama", processes=1)
+    assert result.vehicles() == ["small", "small #2"]
 
 
 def test_several_vehicles_are_named_by_their_files_or_folders(students, capsys):

@@ -206,10 +206,12 @@ def _vehicle_jobs(
 
 def _vehicle_names(files: list[VehicleFile]) -> list[str]:
     """Return the names of the vehicles: of their files without the ending; of equal files, the folder."""
-    paths = [Path(vehicle_file.path or vehicle_file.label) for vehicle_file in files]
-    stems = [path.stem for path in paths]
+    stems = [Path(vehicle_file.path or vehicle_file.label).stem for vehicle_file in files]
+    paths = {vehicle_file.path for vehicle_file in files}
+    folders = [vehicle_file.path and vehicle_file.path.absolute().parent.name for vehicle_file in files]
     return _labels([
-        path.absolute().parent.name if stems.count(path.stem) > 1 else path.stem for path in paths
+        folder if folder and stems.count(stem) > 1 and len(paths) > 1 else stem
+        for stem, folder in zip(stems, folders, strict=True)
     ])  # fmt: skip
 
 

@@ -230,11 +230,16 @@ class SweepResult(Result):
         """Return how many controllers have the gains of a vehicle file of their own, and which have those of their
         code.
         """
-        sources = {label: drives[0].gains for label, drives in self._by_combination().items()}
+        firsts = {label: drives[0] for label, drives in self._by_combination().items()}
+        sources = {
+            label: drive.gains
+            for label, drive in firsts.items()
+            if drive.gains != drive.combination.controller
+        }
         files = {label: source for label, source in sources.items() if source not in ("", CODE)}
         if not files:
             return ()
-        first, names = next(iter(files)), short_labels(list(sources))
+        first, names = next(iter(files)), short_labels(list(firsts))
         count, total = len(files), sum(bool(source) for source in sources.values())
         notes = [note("sweep.gains", count=count, total=total, label=names[first], file=files[first])]
         if labels := [names[label] for label, source in sources.items() if source == CODE]:

@@ -27,6 +27,7 @@ class BlockCheck(Result):
     block: str
     role: str
     findings: tuple[Diagnostic, ...]  # messages for the author of the block; empty without faults
+    notes: tuple[Diagnostic, ...] = ()  # the reason why a correct block cannot be compiled
 
     @property
     def verdict(self) -> Verdict:
@@ -40,8 +41,8 @@ class BlockCheck(Result):
         ]
 
     def table(self) -> str:
-        """Return a text with one line per finding; without findings, the verdict."""
-        return "\n".join(texts(self.findings)) or str(self.verdict)
+        """Return a text with one line per finding; without findings, the verdict and the notes."""
+        return "\n".join(texts(self.findings) or [str(self.verdict), *texts(self.notes)])
 
 
 @checked_call("bq.check(MyController)")
@@ -91,16 +92,17 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
         raise UsageError(fault("cli.block-role", value=role, suggestion=nearest(role, CHECKS)))
     own_block = _build(role, block, checked_vehicle)
     surroundings = checked_vehicle.sensors, checked_vehicle.vehicle.commands
-    diagnostics = block_checks.check(role, own_block, *surroundings)
-    if role in ("vehicle", "sensor") and not diagnostics:  # a block of another role may run uncompiled
-        diagnostics = [
+    diagnostics = block_checks.check(role, built_block, *surroundings)
+    notes = [] if diagnostics else block_checks.compilation_notes(role, built_block, *surroundings)
+    if role in ("vehicle", "sensor"):  # a block of another role may run uncompiled
+        diagnostics += [
             fault(
                 "check.must-compile",
                 cause=cause,
                 subject=entry.subject,
                 place=entry.figures["place"],
             )
-            for entry in block_checks.compilation_notes(role, own_block, *surroundings)
+            for entry in notes
             if (cause := entry.figures.get("cause")) is not None
         ]
     name = (
@@ -108,7 +110,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
         if isinstance(block, str)
         else (block_or_class if isinstance(block_or_class, type) else type(block_or_class)).__name__
     )
-    return BlockCheck(name, role, tuple(diagnostics))
+    return BlockCheck(name, role, tuple(diagnostics), () if diagnostics else tuple(notes))
 
 
 def _kind_role(kind: str) -> str:

@@ -67,8 +67,8 @@ TEMPLATES: dict[str, str] = {
     ),
     "vehicle.lacks-gains-of": (
         "{file} [{role}] needs {keys} for {kind}, but its gains belong to {own_kind}. Compute them into a file of "
-        "their own: {fix}. A sweep compares it as {arg[controller]:{gains_file}}, and a drive uses it as "
-        "{arg[vehicle]:{gains_file}}."
+        "their own: {fix}. A sweep accepts {gains_file} in place of {kind}, and a drive accepts it as its vehicle "
+        "file."
     ),
     "vehicle.place": "{file}, {key}",
     "vehicle.line": "{file} line {line}, {key}",
