@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, Verdict, note, stop
 from baqueano.errors import BaqueanoError, SafetyStop, UsageError, exit_code_error
 from baqueano.messages import ROOMS, templates, text
+from baqueano.messages.language import use_language
 
 SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
 ROOMS_OF_CODE = sorted(  # all files except the one that makes the sentences
@@ -219,6 +220,18 @@ def test_each_code_has_one_template():
         __import__(f"baqueano.messages.english.{room}", fromlist=["TEMPLATES"]).TEMPLATES for room in ROOMS
     ]
     assert sum(map(len, rooms)) == len(templates())
+
+
+def test_a_verdict_in_a_sentence_is_translated():
+    untranslated = {
+        code
+        for code, template in templates().items()
+        for _, name, form, _ in string.Formatter().parse(template)
+        if name == "verdict" and form != "word"
+    }
+    assert untranslated == set()
+    with use_language("es"):
+        assert text(note("cli.fitted", verdict=Verdict.WARN, reasons="a")) == "CON RESERVAS: a"
 
 
 def test_each_reason_to_stop_has_a_sentence():

@@ -162,7 +162,7 @@ TEMPLATES: dict[str, str] = {
     "cli.fitting": "fitting; runs: {runs}",
     "cli.fitting-span": "fitting; runs: {runs}, {span_s:.0f} s",
     "cli.translating": "translating the model",
-    "cli.round-fitted": "round {round}: {verdict} {reasons}",
+    "cli.round-fitted": "round {round}: {verdict:word} {reasons}",
     "cli.driving-ahead": "driving in simulation; laps: {laps}",
     "cli.judging": "testing on held-out runs: {runs}",
     "cli.reading": "reading {name}",
@@ -198,7 +198,7 @@ TEMPLATES: dict[str, str] = {
         "{name} was never fitted. First the vehicle turns and rolls a little on one spot. Each pulse is a "
         "little stronger than the previous one, until the sensors show motion (--known skips this)"
     ),
-    "cli.fitted": "{verdict}: {reasons}",
+    "cli.fitted": "{verdict:word}: {reasons}",
     "cli.rough-gains": (
         "The first drive does not determine {names}. So the plan uses rough gains, and the other numbers of the file"
     ),

@@ -38,7 +38,7 @@ TEMPLATES: dict[str, str] = {
     "web.other-robot": "This request was for another vehicle. Load the page again.",
     "web.no-such-visitor": "A visitor with the name {name} who is allowed to drive was not found.",
     "web.demo-done": (
-        "The computation is done. Verdict of the fit: {verdict}. The report is in the folder of the demo"
+        "The computation is done. Verdict of the fit: {verdict:word}. The report is in the folder of the demo"
     ),
     "web.playback": (
         "These drives are over and are only shown. For a vehicle that accepts missions, type: baqueano serve"
