@@ -20,6 +20,7 @@ from baqueano.sweep.gains import ControllerGains, FileText, find_gains
 from baqueano.sweep.result import SweepCombination, SweepDrive, SweepResult, short_labels
 from baqueano.sweep.stored_drives import job_digest
 from tests.codes import refused
+from tests.web.chromium import CHROMIUM, SIZES, Chromium
 
 ROUTE = circle(0.3, 0.2)
 CODE = """from dataclasses import dataclass
@@ -253,6 +254,20 @@ def test_the_page_of_a_class_has_a_row_per_controller_and_a_column_per_vehicle()
     tables = [len(part.rows) for section in page.sections for part in section.parts if hasattr(part, "rows")]
     assert max(tables) == 40
     assert "car11" in result.table()
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
+def test_the_page_with_a_long_path_of_a_student_fits_a_phone(tmp_path):
+    register()
+    drives = made_up([0.01, 0.02], f"{'a_long_folder/' * 8}my.py:Mine", stopped=(1,)) + made_up(
+        [0.02] * 2, "pd"
+    )
+    page = build_page(SweepResult(tuple(drives), len(drives), "pd")).save(tmp_path / "page.html")
+    with Chromium() as browser:
+        tab = browser.tab()
+        tab.size(*SIZES["phone"])
+        tab.goto(page.as_uri())
+        assert tab.js("document.documentElement.scrollWidth") == SIZES["phone"][0]
 
 
 def test_the_shortest_distinct_names_of_students_are_shown():

@@ -70,7 +70,7 @@ def find_gains(
         table = tables(text, label).get("controller", {})
         own_file, _colon, own_class = str(table.get("kind", "")).rpartition(":")
         if own_class == class_name and _code_path(own_file, str(own_path.parent)).resolve() == path.resolve():
-            kind = f"{path.as_posix()}:{class_name}"
+            kind = f"{_shown_path(path)}:{class_name}"
             return ControllerGains(kind, label, FileText(text, label, own_path, text))
     is_named = vehicle_file.kind("controller") is resolve("controller", str(controller), vehicle_file.folder)
     return ControllerGains(controller, vehicle_file.label if is_named else CODE)
