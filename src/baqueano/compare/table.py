@@ -134,7 +134,7 @@ def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLin
         TableLine(_("speed"), "m/s", lambda j: j.speed_error_m_s, is_error=True),
         TableLine(_("yaw rate"), "rad/s", lambda j: j.yaw_rate_error_rad_s, is_error=True),
     ]
-    if comparison.of_drives:
+    if comparison.has_drives:
         yield from _vehicle_sections()
     yield _(ALIGNMENT_TITLES[comparison.alignment]), lines
     yield from _filter_sections(comparison)
@@ -182,7 +182,7 @@ def _filter_sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[T
     states = {k: _(title) for k, title in STATE_NAMES.items()}
     lines = [
         TableLine(title, "", lambda j, k=k: _band(getattr(j.consistency, k)), is_main=True)
-        for k, title in joint.items()
+        for k, title in joint_labels.items()
     ]
     lines += [
         TableLine(title, "", lambda j, k=k: _band(j.consistency.states[k])) for k, title in states.items()

@@ -90,7 +90,9 @@ def loop_margins(
         return ()
     plant, is_stable = loop
     return tuple(
-        LoopMargins(vehicle_file.command.names[k], *margins(loop_transfer(plant, int(k))), speed_m_s, is_stable)
+        LoopMargins(
+            vehicle_file.command.names[k], *margins(loop_transfer(plant, int(k))), speed_m_s, is_stable
+        )
         for k in np.flatnonzero(vehicle_file.command.limit > 0.0)
     )
 

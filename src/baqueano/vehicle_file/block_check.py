@@ -92,8 +92,8 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
         raise UsageError(fault("cli.block-role", value=role, suggestion=nearest(role, CHECKS)))
     own_block = _build(role, block, checked_vehicle)
     surroundings = checked_vehicle.sensors, checked_vehicle.vehicle.commands
-    diagnostics = block_checks.check(role, built_block, *surroundings)
-    notes = [] if diagnostics else block_checks.compilation_notes(role, built_block, *surroundings)
+    diagnostics = block_checks.check(role, own_block, *surroundings)
+    notes = [] if diagnostics else block_checks.compilation_notes(role, own_block, *surroundings)
     if role in ("vehicle", "sensor"):  # a block of another role may run uncompiled
         diagnostics += [
             fault(
