@@ -228,7 +228,6 @@ def conclude(
     fixed = fixed_parameters(
         data.vehicle_file, parameters.blocks, best.problem, best.solution, identifiability.mask, has_zero
     )
-    best = best._replace(evaluations=best.evaluations + bool(fixed.paths))
     end = FinishedFit(
         data.vehicle_file, parameters, task, best, identifiability, info, fixed, data.note, data.findings,
         score_test=options.diagnose,

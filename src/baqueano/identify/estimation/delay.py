@@ -39,8 +39,7 @@ DUTY_STEP_PATH = "model.drivetrain.duty_step"
 TIMERS = (255, 100, 1023)  # 8 bits, per cent, 10 bits
 MIN_COST_GAIN = 25.0
 MAX_UPDATES = 8  # updates of residuals that depend on the fit, at most
-# standard deviations: the search is settled if an update moves all parameters together by less
-SETTLED_SIGMA = 0.1
+SETTLED_SIGMA = 0.1  # standard deviations: a smaller move of all parameters together ends the search
 
 
 def complete_search(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
@@ -151,13 +150,11 @@ def _refine(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> Se
 
 def _best_delay(task: Task, begin: Solution, best: Solution, i: int, delays_s: np.ndarray) -> Solution:
     """Return `best`, or a solution at one of the `delays_s` that is expected to cost less. The search at each delay
-    starts at the end of the previous one, the first at `begin`."""
+    starts at the end of the previous one, the first at `begin`; costs are those at the ends of their parabolas."""
     last = begin
     for delay_s in delays_s:
         last = _delay_solution(task, last.theta, i, delay_s, COST_TOLERANCE * best.evaluation.cost)
-        best = min(
-            best, last, key=lambda end: end.evaluation.cost - 0.5 * end.decrement
-        )  # at its parabola's end
+        best = min(best, last, key=lambda end: end.evaluation.cost - 0.5 * end.decrement)
     return best
 
 
@@ -200,21 +197,22 @@ def _fixed_delay_search(task: Task, nearest: Search, i: int, delay_s: float) -> 
 
 
 def _walk_ticks(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search]:
-    """Return the task and the search of the tick with the least cost, at most MAX_STEPS ticks away. At a kink, select
-    the side with the larger standard error of the delay. (4)"""
+    """Return the task and the search of the tick with the least cost, at most MAX_STEPS ticks away. The cost can jump
+    at a whole tick. At a kink without a jump, select the side with the larger standard error of the delay. (4)"""
     k, visits = int(nearest.solution.theta[i] / tick_s), {}
+
+    def cost(end: tuple[Task, Search]) -> tuple[float, float]:
+        return round(end[1].log_sigma_sum(task.problem.counts), 2), -_delay_variance(end[1], i)
+
     while True:
         bounded_task = _with_bounds(task, i, (k + EDGE_TICKS) * tick_s, (k + 1 - EDGE_TICKS) * tick_s)
         begin = np.clip(nearest.solution.theta, bounded_task.low, bounded_task.high)
         nearest = search(bounded_task, begin, None, nearest)
         visits[k] = bounded_task, nearest
-        side = int(nearest.solution.bound[i])
-        next_s = (k + side + 0.5) * tick_s
-        if nearest.stopped or side == 0 or not task.low[i] < next_s < task.high[i] or len(visits) > MAX_STEPS:
-            return bounded_task, nearest
-        if k + side in visits:
-            return max(visits[k], visits[k + side], key=lambda end: _delay_variance(end[1], i))
-        k += side
+        k += int(nearest.solution.bound[i])
+        is_inside = task.low[i] < (k + 0.5) * tick_s < task.high[i]
+        if nearest.stopped or k in visits or not is_inside or len(visits) > MAX_STEPS:
+            return (bounded_task, nearest) if nearest.stopped else min(visits.values(), key=cost)
 
 
 def _delay_variance(end: Search, i: int) -> float:
