@@ -223,13 +223,13 @@ def test_each_code_has_one_template():
 
 
 def test_a_verdict_in_a_sentence_is_translated():
-    untranslated = {
+    texts_without_entry = {
         code
         for code, template in templates().items()
         for _, name, form, _ in string.Formatter().parse(template)
         if name == "verdict" and form != "word"
     }
-    assert untranslated == set()
+    assert texts_without_entry == set()
     with use_language("es"):
         assert text(note("cli.fitted", verdict=Verdict.WARN, reasons="a")) == "CON RESERVAS: a"
 
