@@ -169,7 +169,7 @@ def test_an_interrupted_calibration_restores_the_uno_settings(robot, bench, end_
         if len(texts) == 1:  # during the identification of the motors
             if end_by == "ctrl-c":
                 raise KeyboardInterrupt
-            robot.board.reset() if end_by == "uno" else setattr(robot.chip, "frozen", True)
+            robot.board.reset() if end_by == "uno" else setattr(robot.chip, "is_frozen", True)
 
     with pytest.raises(KeyboardInterrupt if end_by == "ctrl-c" else SafetyStop):
         calibrate(bench, notify)

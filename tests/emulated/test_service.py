@@ -76,7 +76,7 @@ def test_a_tilt_ends_the_drive(service, robot):
 
 
 def test_rt6_a_silent_imu_ends_the_drive_and_is_logged(service, robot):
-    during(service, robot, 0.3, lambda: setattr(robot.chip, "frozen", True))
+    during(service, robot, 0.3, lambda: setattr(robot.chip, "is_frozen", True))
     end, run = drive(service, spin(3.0))
     assert end["reason"].code == StopReason.SENSOR_SILENT
     assert not robot.board.moving

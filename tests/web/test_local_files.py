@@ -55,8 +55,8 @@ def test_only_the_newest_missions_are_stored(tmp_path):
     files = LocalFiles("robot", "small", tmp_path, tmp_path)
     for number in range(10 * MAX_EXPECTED):
         files.expect(str(number), "drive", {})
-    assert len(files._requested) == MAX_EXPECTED
-    assert str(10 * MAX_EXPECTED - 1) in files._requested
+    assert len(files._requests) == MAX_EXPECTED
+    assert str(10 * MAX_EXPECTED - 1) in files._requests
 
 
 def test_a_run_that_changes_has_one_list_entry(tmp_path):

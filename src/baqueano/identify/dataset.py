@@ -158,8 +158,8 @@ def parameters_of(
     """
     if options.gyro_leads:
         free = gyro_aided_paths(data.blocks, free, data.vehicle_file.name)
-    fixed_paths = (*options.fixed, *options.per_run)
-    parameters = free_parameters(data.blocks, free, fixed_paths, options.bounds, data.channels, data.runs)
+    fixed_paths, runs = (*options.fixed, *options.per_run), () if options.gyro_leads else data.runs
+    parameters = free_parameters(data.blocks, free, fixed_paths, options.bounds, data.channels, runs)
     return fit_parameters(
         data.blocks, parameters, data.runs, data.channels, data.vehicle_file.rate_hz, options
     )

@@ -147,7 +147,8 @@ def command(
     print_fault_detections(run, vehicle_file, shake)
     comparison = compare(run)
     print_answer(comparison, as_json, table=comparison.short_table(), laps=comparison.laps())
-    print_message(note("cli.all-rows", fix=baqueano_command("compare", path)))
+    if not as_json:
+        print_message(note("cli.all-rows", fix=baqueano_command("compare", path)))
     advise_to_fit(comparison, [run], folder, options.vehicle_and_runs_options(vehicle_file, folder))
     report.write_table(comparison)
     if report:

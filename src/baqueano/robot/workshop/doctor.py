@@ -136,7 +136,7 @@ def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0)
     failures, clock = chip.counts.overflows + chip.counts.failures, chip.clock
     yield Check(
         N_("IMU rate"),
-        "ok" if abs(relative_error) < 0.05 and not failures and not clock.slips else "warn",
+        "ok" if abs(relative_error) < 0.05 and not failures and not clock.contradiction_count else "warn",
         _(
             "{rate_hz:.2f} ± {rate_error_hz:.2f} Hz of {rate_hz2} ({off:+.1%}), timestamps within "
             "{phase_error_ns:.1f} ms; {failed} calls failed or overflowed, samples were lost {slips} times",
@@ -146,7 +146,7 @@ def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0)
             off=relative_error,
             phase_error_ns=1e-06 * clock.phase_error_ns,
             failed=failures,
-            slips=clock.slips,
+            slips=clock.contradiction_count,
         ),
         _("Shorten its wires, and twist SDA with ground; the clock of a chip may have an error of 4 %"),
     )
