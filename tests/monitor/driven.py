@@ -17,6 +17,7 @@ from baqueano.study.counterpart.recorded import GroupDrive
 from baqueano.study.faults.subject import subject
 from baqueano.symbolic import compile_block
 from baqueano.vehicle_file import VehicleFile, parse
+from baqueano.vehicle_file.provenance import ParameterCov
 
 SECONDS, FROM_S = 20.0, 6.0  # of a drive; when a fault begins
 TRACK_M = 0.12
@@ -38,15 +39,22 @@ class Kind(NamedTuple):
 
 
 @cache
-def kind_of(kind: str, errors: tuple[tuple[str, float], ...] = ()) -> Kind:
+def kind_of(
+    kind: str, errors: tuple[tuple[str, float], ...] = (), stds: tuple[tuple[str, float], ...] = ()
+) -> Kind:
     """Return "robot", "wheels" (a robot with encoders), "pose" (a robot below a camera) or "car" (with an odometer).
-    `errors` contains factors of values of its file, which is then wrong."""
+    `errors` contains factors of values of its file, which is then wrong. `stds` contains relative standard deviations
+    of values, as a fit writes them into the file."""
     file = subject(_vehicle(kind), 0).vehicle_file.with_values(NOISE)
     if kind in ADDED_SENSORS:
         file = parse(file.text + ADDED_SENSORS[kind], file.name).with_values({"estimator.use": ["imu", kind]})
     elif kind == "car":
         file = file.with_values({"estimator.use": ["imu", "odometer"]})
     file = file.with_values({path: factor * file.value(path) for path, factor in errors})
+    if stds:
+        values = np.array([file.value(name) for name, _ in stds])
+        fit = ParameterCov(tuple(dict(stds)), np.diag((values * np.array([std for _, std in stds])) ** 2))
+        file = file.with_values({}, parameter_cov=fit)
     estimator = compile_block(file.estimator())
     sensors, reason = sensor_monitor(file, estimator, estimator.step)
     assert sensors is not None, reason
@@ -78,10 +86,11 @@ def _motion(vehicle: str, count: int) -> tuple[list[np.ndarray], GroupDrive]:
 
 
 def watch(
-    kind: str, run: Run, errors: Mapping[str, float] = MappingProxyType({})
-) -> tuple[list[Finding], SensorMonitor]:
+    kind: str, run: Run, errors: Mapping[str, float] = MappingProxyType({}),
+    stds: Mapping[str, float] = MappingProxyType({}),
+) -> tuple[list[Finding], SensorMonitor]:  # fmt: skip
     """Return each finding at its start and again when it became DEGRADED, and the monitor at the end."""
-    file, estimator, sensors = kind_of(kind, tuple(errors.items()))
+    file, estimator, sensors = kind_of(kind, tuple(errors.items()), tuple(stds.items()))
     belief, findings = estimator.init(), []
     sensors.begin()
     for tick in run.ticks():

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from baqueano.monitor import rejection_event
-from tests.monitor.driven import drives, watch
+from baqueano.monitor.findings import SENSOR
+from tests.monitor.driven import damaged_run, drives, watch
+
+TURNING_GAIN = "model.actuator_matrix[2,2]"
 
 
 @pytest.mark.parametrize("kind", ["robot", "wheels", "pose", "car"])
@@ -15,6 +18,18 @@ def test_sound_sensors_give_no_fault_report(kind):
         findings, sensors = watch(kind, run)
         assert [finding.diagnostic for finding in findings] == []
         assert sensors.degraded_sensors == ()
+
+
+@pytest.mark.parametrize("gain", [0.7, 1.4])
+def test_an_error_of_the_model_that_its_fit_states_is_not_reported_and_a_frozen_gyro_still_is(gain):
+    errors, stds = {TURNING_GAIN: gain}, {TURNING_GAIN: abs(1.0 / gain - 1.0)}
+    for run in drives("robot", 4):
+        assert watch("robot", run, errors)[0] != []  # a fit that states no error
+        assert watch("robot", run, errors, stds)[0] == []
+        frozen_run = damaged_run(run, "imu", [2], "frozen")
+        findings, _ = watch("robot", frozen_run, errors, stds)
+        assert {(finding.name, finding.faulty_part) for finding in findings} == {("imu[2]", SENSOR)}
+        assert findings[-1].is_degraded
 
 
 @pytest.mark.parametrize(("begins", "names"), [(0, []), (600, ["imu[0]", "imu[1]"])])

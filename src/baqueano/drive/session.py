@@ -24,7 +24,7 @@ from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, block_
 from baqueano.drive.safety.sensor_notes import sensor_warnings
 from baqueano.errors import SafetyStop, UsageError, error_text, is_interruption
 from baqueano.loop import Blocks
-from baqueano.monitor import SensorMonitor
+from baqueano.monitor import SensorMonitor, alternative_models
 from baqueano.runs import Run, RunWriter, read_run
 from baqueano.runs.folder import path_of_run
 from baqueano.runs.recorder import MemoryRecorder, RunRecorder
@@ -311,7 +311,9 @@ def sensor_monitor(
     try:
         model = vehicle_file.estimator("augmented_ekf", use=(), speed_from=())
         _, estimate = within(HANG_S, lambda: step(estimator.init(), tick))
-        return SensorMonitor(model, estimator, tick, estimate), []
+        fit = vehicle_file.parameter_cov
+        alternatives = () if fit is None else alternative_models(model.vehicle, fit.names, fit.cov)
+        return SensorMonitor(model, estimator, tick, estimate, alternatives), []
     except BaseException as error:  # of the user's vehicle or estimator; the loop raises it again
         if is_interruption(error):
             raise

@@ -2,12 +2,12 @@
 
 A reading z disagrees if it is not finite, at the end of its range, missing (memory.py), or if
 
-    |r| > GATE_SIGMA √(H P Hᵀ + Q + p),   r = z − h(x̂) − b   for a sensor of the motion                        (1)
+    |r| > GATE_SIGMA √(H P Hᵀ + F + Q + p),   r = z − h(x̂) − b   for a sensor of the motion                    (1)
     |y| > GATE_SIGMA √S                                      for a sensor of the pose                          (2)
 
 x̂, P: state and covariance of the model, from the commands only (an estimator follows a wrong sensor). h, H: measurement
-function and Jacobian. Q: noise. b, p: bias at rest, its variance. y, S: innovation and its covariance of the estimator;
-only the estimator has the pose. D: disagreement in [0, DEGRADED_S]; δ: time, s: expected signal, σ: root in (1):
+function and Jacobian. F: fit_errors.py. Q: noise. b, p: bias at rest, its variance. y, S: innovation of the estimator,
+its covariance. D: disagreement in [0, DEGRADED_S]; δ: time, s: expected signal, σ: root in (1):
 
     D ← D + δ if z disagrees,  D − δ (SLOW_RATE + (FAST_RATE − SLOW_RATE) i) if z agrees                       (3)
     i = s²/(s² + (GATE_SIGMA σ)²),   s = h(x̂) − h(rest)                                                   (4)
@@ -15,20 +15,21 @@ only the estimator has the pose. D: disagreement in [0, DEGRADED_S]; δ: time, s
 In motion, p of an accelerometer contains the floor's slope too. log_odds.py decides what is wrong. Gertler 1998.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
-from baqueano.contracts.values import Value
+from baqueano.contracts.values import Tree, Value
 from baqueano.estimators.augmented.correction import USABLE_RANGE, predict_measurement
 from baqueano.estimators.augmented.state import SCALE_INDEX
 from baqueano.estimators.augmented_ekf import MAX_REST_NU, MIN_REST_S, AugmentedBelief, AugmentedEkf
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
-from baqueano.estimators.pauses import filter_row
+from baqueano.estimators.pauses import FilterRow, filter_row
 from baqueano.estimators.readings.repetition import next_repetition
 from baqueano.monitor.channel_properties import ChannelProperties, describe_channels, sensor_name
+from baqueano.monitor.fit_errors import ModelMotion, advance_model, expected_cov
 from baqueano.monitor.log_odds import MIN_LOG_ODDS, verdicts
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, REGULAR_S, SUMS, Memory, MonitorState, is_missing
 from baqueano.sensors.sampling import difference
@@ -54,6 +55,7 @@ class AgreementMonitor:
 
     model: AugmentedEkf  # without sensors
     entries: tuple[int, ...] | None = None  # index of the channel of each innovation; None: not known
+    alternatives: tuple[Tree, ...] = ()  # models of fit_errors.py
 
     @property
     def channels(self) -> ChannelProperties:
@@ -65,7 +67,11 @@ class AgreementMonitor:
         zero = np.zeros(len(self.channels.names))
         rows = Memory(*[zero] * len(Memory._fields))
         rows = rows._replace(bias_var=(FILE_BIAS_FACTOR * self.channels.bias_std) ** 2)
-        return MonitorState(self.model.init(eta, nu), np.stack(rows))
+        model = self.model.init(eta, nu)
+        motions = tuple(
+            ModelMotion(model.model_nu, vehicle.drivetrain.init()) for vehicle in self.alternatives
+        )
+        return MonitorState(model, np.stack(rows), motions)
 
     def step(
         self, state: MonitorState, tick: Tick, y: np.ndarray | None, S: np.ndarray | None
@@ -83,7 +89,8 @@ class AgreementMonitor:
         is_frozen = channels.is_inertial & (memory_at_end.constant_s >= FROZEN_S)
 
         p = memory.bias_var + channels.bias_walk**2 * row.dt_s
-        C, N = mirror_upper(H @ model.cov @ H.T), self._noise_cov(p, at_rest)
+        motions, F = self._fit_errors(previous, model, state.motions, row, tick, at_rest)
+        C, N = mirror_upper(H @ model.cov @ H.T) + F, self._noise_cov(p, at_rest)
         r = np.where(reading.is_usable, self._difference(reading.z, predicted_reading) - memory.bias, 0.0)
         variance = np.diag(C) + np.diag(N)
         is_evidence = reading.is_usable & ~channels.is_pose & ~is_frozen
@@ -129,7 +136,7 @@ class AgreementMonitor:
                 for name, term in zip(SUMS, (1.0, r, r * r, s * r, s * s), strict=True)
             },
         )
-        state = tree_where(row.is_new, MonitorState(model, np.stack(next_memory)), state)
+        state = tree_where(row.is_new, MonitorState(model, np.stack(next_memory), motions), state)
         return state, state.memory[0]
 
     def _reading(self, tick: Tick) -> "_Reading":
@@ -211,6 +218,25 @@ class AgreementMonitor:
                 )
             )
         return np.concatenate(values), np.concatenate(jacobians), np.concatenate(velocity_jacobians)
+
+    def _fit_errors(
+        self, previous: AugmentedBelief, model: AugmentedBelief, motions: tuple[ModelMotion, ...],
+        row: FilterRow, tick: Tick, at_rest: Value,
+    ) -> tuple[tuple[ModelMotion, ...], np.ndarray]:  # fmt: skip
+        """Return the next motion of each alternative model, and F (m, m) of fit_errors.py."""
+        vehicles = (self.model.vehicle, *self.alternatives)
+        motions = (ModelMotion(previous.model_nu, previous.drivetrain), *motions)
+        next_motions, readings = [], []
+        for vehicle, motion in zip(vehicles, motions, strict=True):
+            next_motion, effort, nu_dot = advance_model(vehicle, previous, motion, row, at_rest)
+            mean = np.concatenate([model.mean[:3], next_motion.nu, model.mean[6:]])
+            filter_ = replace(self.model, vehicle=vehicle)
+            readings.append(np.concatenate([
+                predict_measurement(filter_, mean, name, effort, nu_dot, getattr(tick.sensors, name))
+                for name in self.channels.sensors
+            ]))  # fmt: skip
+            next_motions.append(next_motion)
+        return tuple(next_motions[1:]), expected_cov(readings[1:], readings[0])
 
     def _difference(self, z: np.ndarray, predicted_reading: np.ndarray) -> np.ndarray:
         """Return z − predicted_reading (m,) with wrapped angles."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from baqueano.estimators.augmented_ekf import AugmentedBelief
 from baqueano.estimators.readings.repetition import RepeatedReadings
+from baqueano.monitor.fit_errors import ModelMotion
 
 EVENT_S, DEGRADED_S = 0.5, 2.0  # of sustained disagreement
 FROZEN_S = 0.3  # duration of exactly the same value
@@ -63,3 +64,4 @@ class MonitorState(NamedTuple):
 
     model: AugmentedBelief  # belief of the model, from the commands only
     memory: np.ndarray  # (20, m): a Memory
+    motions: tuple[ModelMotion, ...]  # of the alternative models

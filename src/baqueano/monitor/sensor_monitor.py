@@ -34,14 +34,17 @@ class SensorMonitor:
     """Monitor of the sensors during one drive.
 
     `model` is an AugmentedEkf without sensors in use. `estimator` is the estimator of the drive; `tick` and `estimate`
-    are examples of its input and its output.
+    are examples of its input and its output. `alternatives` are the models of fit_errors.py.
     """
 
-    def __init__(self, model: AugmentedEkf, estimator: Estimator, tick: Tick, estimate: Estimate) -> None:
+    def __init__(
+        self, model: AugmentedEkf, estimator: Estimator, tick: Tick, estimate: Estimate,
+        alternatives: tuple[Tree, ...] = (),
+    ) -> None:  # fmt: skip
         m = 0 if estimate.innovation is None else len(estimate.innovation)
         self._channel_indices = innovation_channels(estimator, model.sensors, m)
         self._model = replace(model, disturbance_std=np.maximum(model.disturbance_std, MIN_DISTURBANCE_STD))
-        agreement = AgreementMonitor(self._model, self._channel_indices)
+        agreement = AgreementMonitor(self._model, self._channel_indices, alternatives)
         self.channels = agreement.channels
         self._block = compile_block(agreement)
         self._block.step(agreement.init(), tick, estimate.innovation, expected_innovation_cov(estimate))
