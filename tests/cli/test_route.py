@@ -6,10 +6,14 @@ import shlex
 import numpy as np
 import pytest
 
+from baqueano.cli.driving.route import fastest_route
 from baqueano.errors import AnswerNo
+from baqueano.guides.shapes import circle
 from baqueano.messages import text
 from baqueano.messages.language import use_language
 from baqueano.messages.notation import COMMAND_LINE, use_notation
+from baqueano.routes import at_speed
+from baqueano.vehicle_file import load
 
 
 @pytest.fixture
@@ -104,6 +108,17 @@ def test_the_advised_route_command_solves_the_problem(lab):
     lab("route", "faster", "lab", "--speed", "3")
     assert lab("route", "faster", "lab-speed", "--vehicle", "small").code == 0
     assert lab("repeat", "lab-speed-fast", "--vehicle", "small").code == 0
+
+
+def test_the_highest_speeds_are_not_called_faster_if_the_route_takes_longer(monkeypatch):
+    messages, shape, file = [], circle(0.5, 0.2), load("small")
+    monkeypatch.setattr("baqueano.cli.driving.route.print_message", messages.append)
+    fastest_route(at_speed(shape, 0.05), "lab", file)
+    assert messages == []
+    result = fastest_route(at_speed(shape, 3.0), "lab", file, share=0.5)
+    (message,) = messages
+    assert message.code == "cli.route-slower"
+    assert (message.figures["duration_s"], message.figures["percent"]) == (result.t_s[-1], 50.0)
 
 
 def test_the_advised_command_quotes_the_name_and_lets_two_routes_join(lab):

@@ -6,8 +6,9 @@ The filter predicts every measurement and the variance of its error:
 
 y are the innovations with their covariance S, m the number of values that arrived in a tick. A filter that fits its
 vehicle has NIS = 1. Above MAX_NIS the innovations are √2 times as large as predicted: the vehicle no longer fits the
-identified model. For example, it is worn, loaded, on another floor, or its IMU is loose. A push by hand lasts for fewer
-parts than half of them. This is reported once per run; only the supervisor stops the motors. The monitor (monitor/) reports which channel disagrees, and for how long.
+identified model. For example, it is worn, loaded, on another floor, or its IMU is loose. A push by hand is in few
+parts. This is reported once per run; only the supervisor stops the motors. The monitor (monitor/) reports which channel
+disagrees, and for how long.
 The report at the end states if the run left the envelope of the fit, and the number of rejected readings per channel.
 """
 

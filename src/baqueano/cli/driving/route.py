@@ -250,14 +250,14 @@ def faster(
     route: str, vehicle: str | None, settings: tuple[str, ...], speed_m_s: float | None, share: float,
     lateral_m_s2: float, name: str | None, backend: str, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.routes import at_speed, fastest
+    from baqueano.routes import at_speed
 
     if speed_m_s is not None:
         options.refuse_together("--speed", "share", "lateral_m_s2")
         return apply_edit(route, "speed", name, as_json, lambda original: at_speed(original, speed_m_s))
     vehicle_file = options.load_vehicle(vehicle, settings)
     limits: JsonObject = {"share": share, "lateral_m_s2": lateral_m_s2, "backend": backend}
-    apply_edit(route, "fast", name, as_json, lambda original: fastest(original, vehicle_file, **limits))
+    apply_edit(route, "fast", name, as_json, lambda x: fastest_route(x, route, vehicle_file, **limits))
 
 
 def check_drivable(
@@ -276,13 +276,19 @@ def check_drivable(
 
 
 def fastest_route(route: "Route", name: str, vehicle_file: "VehicleFile", **choices: Any) -> "Route":
-    """Return the route at the highest speeds that the identified vehicle can drive."""
+    """Return the route at the highest speeds that the identified vehicle can drive; print if it then takes longer."""
     from baqueano.routes import fastest
+    from baqueano.routes.profile import COMMAND_SHARE
 
     try:
-        return fastest(route, vehicle_file, **choices)
+        result = fastest(route, vehicle_file, **choices)
     except UsageError as error:
         raise UsageError(with_route_name(error.diagnostic, name)) from error
+    if (duration_s := float(result.t_s[-1])) > float(route.t_s[-1]):
+        figures = {"former_duration_s": float(route.t_s[-1]), "duration_s": duration_s}
+        percent = 100.0 * (1.0 - choices.get("share", COMMAND_SHARE))
+        print_message(note("cli.route-slower", percent=percent, **figures))
+    return result
 
 
 def repetition_start(route: "Route", stand: str | None) -> tuple[float, ...]:

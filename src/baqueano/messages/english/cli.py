@@ -231,6 +231,10 @@ TEMPLATES: dict[str, str] = {
         "Put the vehicle back in the middle of the room, with its heading along the width of the room."
     ),
     "cli.taught": "next: {repeat}\nfor gains that suit this path, first: {tune}",
+    "cli.route-slower": (
+        "the route takes {duration_s:.1f} s at these speeds, and took {former_duration_s:.1f} s: "
+        "{percent:.0f} % of the command stays for the controller"
+    ),
     "cli.route-replaced": "{path} existed and was replaced by the new route",
     "cli.teach": "teach",
     "cli.no-estimate": "{run} does not contain an estimate; to make one: {fix}",

@@ -10,7 +10,7 @@ TEMPLATES: dict[str, str] = {
     "shake.cut": "{target} cut",
     "shake.drift": "zero of {target} drifts by {size:g}{unit}",
     "shake.spikes": "spikes of ± {size:g}{unit} in {target}, {percent:.0f} % of its samples",
-    "shake.slip": "{wheel} with {percent:.0f} % of its force",
+    "shake.slip": "{wheel} with {percent:.0f} % of the force",
     "shake.wheel-left": "left wheel slips,",
     "shake.wheel-right": "right wheel slips,",
     "shake.wheel-all": "wheels slip,",
