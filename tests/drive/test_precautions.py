@@ -200,15 +200,19 @@ def test_a_drive_with_sensor_spikes_slows_and_logs_the_reason():
 
 
 def test_a_stuck_vehicle_ends_the_drive_and_a_waiting_vehicle_does_not():
-    at_wall, waits, goes = Patience(5.0), Patience(5.0), Patience(5.0)
+    at_wall, waits, goes, pauses = watches = [Patience(5.0) for _ in range(4)]
+    for watch in watches:
+        watch.begin(SimpleNamespace(guide=SimpleNamespace(pace=float(watch is not pauses))))
     for t_s in np.arange(0.0, 8.0, 0.1):
         at_wall.on_record(record(t_s, velocity=(0.2, 0.0, 0.0)))
         waits.on_record(record(t_s, velocity=(0.02, 0.0, 0.0)))
         goes.on_record(record(t_s, eta=(0.1 * t_s, 0.0, 0.0), velocity=(9.0, 0.0, 0.0)))
+        pauses.on_record(record(t_s, velocity=(0.2, 0.0, 0.0)))
     assert at_wall.stop_reason(4_900_000_000) is None
     assert at_wall.stop_reason(5_100_000_000).code == StopReason.STUCK
     assert waits.stop_reason(7_950_000_000) is None
     assert goes.stop_reason(7_950_000_000) is None
+    assert pauses.stop_reason(7_950_000_000) is None  # a person moved it aside
 
 
 class EndlessGuide:

@@ -4,7 +4,7 @@
   stop  once (1) has been true for patience_s
 
 p_0, ψ_0 is the pose at the last motion, p_r the reference. During a stop in the route the vehicle is not stuck, because
-it is at its reference. During a pause it is not stuck either, because the reference then rests near the vehicle.
+it is at its reference. During a pause it is not stuck either, even if a person moved it.
 
   stop  once ∫ pace dt ≥ limit_s                                                                        (2)
 
@@ -28,8 +28,19 @@ TIME_RATIO = 10.0  # a guide that waits is slower than its plan
 TIME_MARGIN_S = 60.0  # for the ways to and from a route
 
 
-class Patience(Observer):
-    """Observer that ends a drive after `patience_s` without progress."""
+class PausedObserver(Observer):
+    """Observer of a drive that can be paused: its guide has a pace."""
+
+    _guide: Tree = None
+
+    def begin(self, blocks: Blocks) -> Blocks:
+        """Return the blocks unchanged. Their guide has a pace."""
+        self._guide = blocks.guide
+        return blocks
+
+
+class Patience(PausedObserver):
+    """Observer that ends a drive after `patience_s` without progress, without the pauses."""
 
     def __init__(self, patience_s: float) -> None:
         self._patience_s = patience_s
@@ -37,10 +48,10 @@ class Patience(Observer):
         self._rest_start_ns, self._distance_m = 0, 0.0
 
     def on_record(self, record: Record) -> None:
-        """Restart the waiting time if the vehicle has moved, or is at its reference."""
+        """Restart the waiting time if the vehicle has moved, is at its reference, or has to wait."""
         pose, reference = (np.asarray(x.eta).tolist() for x in (record.estimate, record.reference))
         self._distance_m = dist(pose[:2], reference[:2])
-        if self._distance_m <= NEAR_M or self._has_moved(pose):
+        if self._guide.pace == 0.0 or self._distance_m <= NEAR_M or self._has_moved(pose):
             self._origin, self._rest_start_ns = pose, record.tick.t_ns
 
     def _has_moved(self, pose: list[float]) -> bool:
@@ -55,23 +66,17 @@ class Patience(Observer):
         return stop(StopReason.STUCK, rest_s=rest_s, distance_m=self._distance_m)
 
 
-class TimeLimit(Observer):
+class TimeLimit(PausedObserver):
     """Observer that ends a drive whose guide has not ended it after `limit_s`, without the pauses."""
 
     def __init__(self, limit_s: float) -> None:
         self._limit_s, self._driven_ns = limit_s, 0.0
         self._last_ns: int | None = None
-        self._guide: Tree = None
 
     @classmethod
     def for_duration(cls, planned_s: float) -> "TimeLimit":
         """Return the limit of a drive that is planned for `planned_s`."""
         return cls(TIME_RATIO * planned_s + TIME_MARGIN_S)
-
-    def begin(self, blocks: Blocks) -> Blocks:
-        """Return the blocks unchanged. Their guide has a pace."""
-        self._guide = blocks.guide
-        return blocks
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         """Add the time since the last tick. Return the reason to end the drive, or None to continue.  (2)"""
