@@ -2,11 +2,12 @@
 
 import pytest
 
-from baqueano.cli.modelling.identify import command
+from baqueano.cli.modelling.identify import command, next_words
 from baqueano.cli.next_command import UNWRITTEN_CODES, next_command
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import fault, note
 from baqueano.messages import language, templates
 from baqueano.messages.notation import OPTIONS, Argument, Option
+from baqueano.validation import Forecast
 
 
 @pytest.mark.parametrize(
@@ -140,3 +141,11 @@ def test_a_result_that_could_not_be_written_is_advised_to_be_computed_again(code
     args = ["identify", "2", "--update"]
     cause = fault("cli.text", words=fault(code, path="vehicle.toml", file="vehicle.toml", error="read-only"))
     assert next_command(cause, 3, args).fix == "baqueano identify 2 --update"
+
+
+def test_a_model_that_leaves_the_lap_of_its_own_runs_needs_an_experiment_before_gains():
+    """The line after "A lap cannot be predicted" advised to tune."""
+    strays = Forecast((), (note("forecast.strays", distance="2.3 m"),))
+    assert next_words(strays, None)[0] == "experiment"
+    for lap, route in ((strays, "eight"), (Forecast((), ()), None), (None, None)):
+        assert next_words(lap, route)[0] == "tune"

@@ -174,7 +174,15 @@ def command(
     if not no_noise:
         noise = _measured_noise(fit, fit_runs, validation_runs, backend)
         output = noise.updated_file(output, ", ".join(fit.runs))
-    options.save_update(output, update, "tune", "--update")
+    options.save_update(output, update, *next_words(drive_forecast, arguments["route"]))
+
+
+def next_words(drive_forecast: Any, route: str | None) -> list[str]:
+    """Return the words of the next command. A model that leaves a lap at the speed of its own runs needs more data."""
+    codes = {getattr(message, "code", "") for message in drive_forecast.notes} if drive_forecast else set()
+    if "forecast.strays" in codes and route is None:
+        return ["experiment", "--signal", "designed", "--rounds", "3", "--update"]
+    return ["tune", "--update"]
 
 
 def _check_options(parameter_history: bool, choose: bool, *, with_validation: bool) -> None:
