@@ -19,15 +19,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.diagnostics import Verdict
+from baqueano.diagnostics import Severity, Verdict
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import default_free, value
+from baqueano.identify.result.to_vehicle_file import fit_file
 from baqueano.numerics.parallel import parallel_map
 from baqueano.numerics.statistics import QUANTILE_95
-from baqueano.parameter import all_parameters
 from baqueano.simulate.many import batch_kernel, parameter_bounds
 from baqueano.simulate.system import System
-from baqueano.vehicle_file.provenance import ParameterCov
 from baqueano.vehicles import VehicleState
 from baqueano.vehicles.freedoms import damping_derivatives
 from baqueano.worlds.noise import random_stream, unit_normals
@@ -45,11 +44,6 @@ NOISE_S = 64.0  # duration of the noise that is drawn at once, longer if request
 STIFFNESS_TEST_S = 0.5  # duration of each command
 MAX_SPEED_M_S = 100.0  # a faster vehicle is an error of the integrator
 CACHED_WINDOWS = 16  # spans of the noise that are cached, in the memory layout of the kernel
-
-
-# relative error of a gain after the first drive. Over 38 robots of study/first_drives.py the rms of
-# ln (rough gain / true gain) is 0.20 along x and 0.29 about z; the larger value, rounded, is for each gain
-ROUGH_GAIN_STD = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,19 +115,29 @@ def _move_inside(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray
 
 
 def planning_file(fit: "Fit", rough_file: "VehicleFile") -> "VehicleFile":
-    """Return the file for the plan after a first drive: the file of its `fit`. If the fit is refused, return the
-    `rough_file` of `with_rough_gains`. If the fit does not show how the vehicle stops, a plan with it would expect
-    vehicles that never stop: return the rough file with the standard errors of its gains. If the fit does not show how
-    the vehicle stops sideways, only the sideways friction comes from the rough file."""
-    if undetermined_damping(fit):
-        return with_uncertain_gains(rough_file)
-    return rough_file if fit.verdict == Verdict.REFUSED else _with_sideways_friction(fit, rough_file)
+    """Return the file for the next plan: the file of a `fit`, or the `rough_file` of a refused fit. A fit that is
+    refused only because a speed is unknown is used: the plan takes the missing frictions as uncertain guesses. If the
+    fit does not show how the vehicle stops sideways, the sideways friction comes from the rough file."""
+    if lacks_only_speed(fit):
+        return _with_sideways_friction(fit, fit_file(fit), rough_file)
+    return (
+        rough_file
+        if fit.verdict == Verdict.REFUSED
+        else _with_sideways_friction(fit, fit.vehicle_file, rough_file)
+    )
 
 
-def _with_sideways_friction(fit: "Fit", rough_file: "VehicleFile") -> "VehicleFile":
-    """Return the file of the fit, with the sideways friction of the `rough_file` if each entry of it may be 0. Pulses
+def lacks_only_speed(fit: "Fit") -> bool:
+    """Return True if the only error of a fit is that a speed is unknown. A faster drive can show it."""
+    return {reason.code for reason in fit.reasons if reason.severity == Severity.ERROR} == {
+        "fit.speed-unknown"
+    }
+
+
+def _with_sideways_friction(fit: "Fit", file: "VehicleFile", rough_file: "VehicleFile") -> "VehicleFile":
+    """Return the `file` of the fit, with the sideways friction of the `rough_file` if each entry of it may be 0. Pulses
     on one spot give little information on it, and without it a vehicle would slide without end."""
-    file, cov = fit.vehicle_file, fit.vehicle_file.parameter_cov
+    cov = file.parameter_cov
     slopes = damping_derivatives(fit.blocks.model, _fields(fit))
     paths = [path for path, slope in slopes if slope[SIDEWAYS] > 0.0]
     is_shown = [
@@ -159,25 +163,6 @@ def _with_sideways_friction(fit: "Fit", rough_file: "VehicleFile") -> "VehicleFi
 
 def _fields(fit: "Fit") -> set[str]:
     return {name.partition("[")[0] for name in fit.names}
-
-
-def with_uncertain_gains(rough_file: "VehicleFile") -> "VehicleFile":
-    """Return the file with the standard errors ROUGH_GAIN_STD of its rough gains. `possible_vehicles` then takes the
-    other guesses as more uncertain, because the first drive measured the response at low speed only."""
-    scalar_gains = {
-        path: float(rough_file.value(path))
-        for path, p in all_parameters(rough_file.vehicle, "model")
-        if p.role == "gain" and np.ndim(rough_file.value(path)) == 0
-    }
-    variances = (ROUGH_GAIN_STD * np.array(list(scalar_gains.values()))) ** 2
-    return rough_file.with_values({}, parameter_cov=ParameterCov(tuple(scalar_gains), np.diag(variances)))
-
-
-def undetermined_damping(fit: "Fit") -> list[str]:
-    """Return the parameters that slow a forward motion, if the fit does not determine them or found only a bound 0."""
-    damping = {path for path, slope in damping_derivatives(fit.blocks.model, _fields(fit)) if slope[0] > 0.0}
-    is_unknown = ~np.isfinite(fit.estimate) | (fit.poorly_identified & (fit.bound < 0))
-    return [name for name, unknown in zip(fit.names, is_unknown, strict=True) if unknown and name in damping]
 
 
 class VehicleCloud:

@@ -9,9 +9,9 @@ with C v ≈ 0 does not change any measurement. Then one of its parameters is fi
 or tape can measure. Of two starts, the start with less information is fixed. Parameters with an error above
 `BLIND_RATIO` s_i, or half the span of their bounds, are also fixed. A scale is fixed if its error is above
 `SCALE_STD`, the error in its data sheet. A parameter with an error above `WEAK_VALUE` of its value and `WEAK_SIGNAL`
-of (2) is poorly identified. Its variance is Σ_j v_ij²/λ_j. It can be confused with parameters that have
-`MEMBER_LOADING` of the largest entry in the direction v_j of C with most of this variance. An effect that no run can
-show is reported once.
+of (2) is poorly identified. At a bound it is fixed if its start is within `MAX_START_SIGMA` standard errors. Its
+variance is Σ_j v_ij²/λ_j. It can be confused with parameters that have `MEMBER_LOADING` of the largest entry in the
+direction v_j of C with most of this variance. An effect that no run can show is reported once.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -42,6 +42,7 @@ SCALE_STD = SCALE_TOLERANCE / 3.0**0.5  # σ of a scale by its data sheet
 WEAK_VALUE = 0.3
 WEAK_SIGNAL = 0.02
 MIN_LOADING = 0.01  # least part of the largest entry, for a parameter that is fixed to resolve a direction
+MAX_START_SIGMA = 1.0  # standard errors from a bound to a start that the data do not contradict
 MEMBER_LOADING = 0.3  # part of the largest entry of a direction, above which a parameter belongs to it
 
 
@@ -180,6 +181,8 @@ def fix_unidentifiable(
         partners |= identifiability.correlated | identifiability.collinear
         if first_result is not None and not identifiability.mask[released_entry]:
             return first_result
+        if (near_start := _entry_near_start(task, theta, info, identifiability, free)) is not None:
+            identifiability.mask[near_start] = False
         if np.array_equal(~identifiability.mask, is_fixed):
             result = end, identifiability._replace(collinear=collinear), info
             pair = None if first_result else _bounded_pair(task, theta, is_fixed, partners, free)
@@ -194,16 +197,42 @@ def fix_unidentifiable(
         end = second_search._replace(evaluations=end.evaluations + second_search.evaluations)
 
 
+def _entry_near_start(
+    task: Task,
+    theta: np.ndarray,
+    info: Information,
+    identifiability: Identifiability,
+    free: Sequence[FreeParameter],
+) -> int | None:
+    """Return the poorly identified entry at a bound that is the fewest standard errors from its start; None if all are
+    further than MAX_START_SIGMA."""
+    index = np.flatnonzero(identifiability.mask)
+    std = np.ones(len(identifiability.mask))
+    std[index] = np.sqrt(np.diagonal(parameter_cov(info, index)))
+    candidates = [
+        k
+        for k in np.flatnonzero(identifiability.poorly_identified).tolist()
+        if _left_its_start(task, theta, k, free)
+    ]
+    sigmas = {k: abs(task.start[k] - theta[k]) / std[k] for k in candidates}
+    entry = min(sigmas, key=sigmas.__getitem__, default=-1)
+    return entry if sigmas.get(entry, np.inf) < MAX_START_SIGMA else None
+
+
+def _left_its_start(task: Task, theta: np.ndarray, k: int, free: Sequence[FreeParameter]) -> bool:
+    """Return True if an entry of θ is at a bound and began inside its bounds. A delay does not count."""
+    is_at_bound = theta[k] <= task.low[k] or theta[k] >= task.high[k]
+    return bool(is_at_bound and task.low[k] < task.start[k] < task.high[k]) and free[k].path != DELAY_PATH
+
+
 def _bounded_pair(
     task: Task, theta: np.ndarray, is_fixed: np.ndarray, partners: Mapping[int, Sequence[int]],
     free: Sequence[FreeParameter],
 ) -> tuple[int, int] | None:  # fmt: skip
     """Return a fixed entry of θ and one of its `partners` at a bound, both of `free`, but not a delay; or None."""
-    is_at_bound = (theta <= task.low) | (theta >= task.high)
     for i in np.flatnonzero(is_fixed[: len(free)]).tolist():
         for j in partners.get(i, ()):
-            is_candidate = j < len(free) and not is_fixed[j] and is_at_bound[j]
-            if is_candidate and task.low[j] < task.start[j] < task.high[j] and free[j].path != DELAY_PATH:
+            if j < len(free) and not is_fixed[j] and _left_its_start(task, theta, j, free):
                 return i, j
     return None
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.optional import has_field
-from baqueano.diagnostics import Diagnostic, Verdict, note
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.identify.covariance.clusters import jackknife, with_larger_errors
 from baqueano.identify.covariance.information import parameter_cov
 from baqueano.identify.data.added_channels import MOUNT_PREFIX, TRUTH
@@ -32,10 +32,13 @@ from baqueano.numerics.autocorrelation import WHITE_LIMIT
 from baqueano.numerics.normal_equations import pseudo_inverse
 from baqueano.numerics.parallel import parallel_map
 from baqueano.numerics.statistics import explained_variance
+from baqueano.sensors.sampling import is_imu
 from baqueano.vehicle_file.provenance import is_measured
+from baqueano.vehicles.freedoms import damping_derivatives, sign_speed_paths
 
 # standard errors beyond its bound: a parameter that would move less can be at its bound by chance
 MAX_BOUND_EXCESS_SIGMA = 3.0
+EXPERIMENT = "baqueano experiment --signal designed --rounds 3 --update"
 
 
 class VerdictBasis(NamedTuple):
@@ -55,8 +58,31 @@ def verdict_basis(end: FinishedFit) -> VerdictBasis:
     unobservable_terms, never_shown = _unobservable(end)
     diagnosis = _diagnosis(end, std)
     evidence = _evidence(end, tuple(diagnosis.messages), unobservable_terms)
+    s = len(diagnosis.unmodelled_cov)
+    total_std = np.sqrt(np.diagonal(cov)[:s] + np.diagonal(diagnosis.unmodelled_cov))
+    evidence = evidence._replace(speed_errors=tuple(_undetermined_damping(end, total_std)))
     is_held_back = _requested_order(end, _bound_excess(end, std), 0.0) > MAX_BOUND_EXCESS_SIGMA
     return VerdictBasis(cov, diagnosis, evidence, np.where(is_held_back, evidence.bound, 0), never_shown)
+
+
+def _undetermined_damping(end: FinishedFit, std: np.ndarray) -> list[Diagnostic]:
+    """Return an error on frictions, except dry ones, without which a fit to an IMU cannot predict a speed: those of
+    forward motion that are only a guess, or are at 0 with a standard error (s,) as large as their start; and those of
+    sideways motion that the data hardly determine, at 0. Other sensors show the speed itself."""
+    model, identifiability, names = end.blocks.model, end.identifiability, []
+    if not all(is_imu(getattr(end.blocks.sensors, name)) for name in end.task.problem.names):
+        return []
+    fields = {parameter.path.partition("[")[0] for parameter in end.parameters.free}
+    slopes = dict(damping_derivatives(model, fields - sign_speed_paths(model).keys()))
+    for i, parameter in enumerate(end.parameters.free):
+        forward, sideways = slopes.get(parameter.path, np.zeros(3))[:2] > 0.0
+        is_guess = not is_measured(end.vehicle_file.provenance, parameter.path.partition("[")[0])
+        is_wide = std[i] >= abs(end.task.start[i]) if forward else identifiability.poorly_identified[i]
+        is_unknown = (
+            end.search.solution.bound[i] < 0 and is_wide if identifiability.mask[i] else forward and is_guess
+        )
+        names += [parameter.path] if is_unknown and (forward or sideways) else []
+    return [note("fit.speed-unknown", Severity.ERROR, EXPERIMENT, names=", ".join(names))] if names else []
 
 
 def is_only_autocorrelated(basis: VerdictBasis) -> bool:

@@ -198,9 +198,9 @@ TEMPLATES: dict[str, str] = {
         "{name} was never fitted. First the vehicle turns and rolls a little on one spot. Each pulse is a "
         "little stronger than the previous one, until the sensors show motion (--known skips this)"
     ),
-    "cli.fitted": "{verdict:word}: {reasons}",
-    "cli.rough-gains": (
-        "The first drive does not determine {names}. So the plan uses rough gains, and the other numbers of the file"
+    "cli.fitted": "{verdict}: {reasons}",
+    "cli.first-drive-slow": (
+        "The first drive is too slow to show {names}. The plan takes this as a guess, and drives faster"
     ),
     "cli.experiment": "experiment",
     "cli.planning-in-room": "planning a drive within a room of {size} m",

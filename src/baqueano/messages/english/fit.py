@@ -33,6 +33,10 @@ TEMPLATES: dict[str, str] = {
     "fit.most-not-identified": (
         "of {total} parameters {missing_count} are not identifiable and {weak_count} are poorly identified. {reason}"
     ),
+    "fit.speed-unknown": (
+        "the data do not determine {names}, so the model cannot predict a speed. Drive faster and longer. "
+        "Type: {fix}"
+    ),
     "fit.little-motion": (
         "The runs are too short, or the motion is too small: drive longer, with larger commands"
     ),
