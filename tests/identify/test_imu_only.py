@@ -11,7 +11,7 @@ from baqueano.identify import FitOptions, Residuals, identify
 from baqueano.identify.covariance.clusters import with_jackknife
 from baqueano.identify.covariance.information import Information
 from baqueano.identify.imu_only import is_imu_only
-from baqueano.identify.residuals.noise_level import slow_noise_profile
+from baqueano.numerics.noise_level import slow_noise_profile
 from baqueano.numerics.slow_part import slow_part
 from baqueano.simulate import simulate
 from baqueano.simulate.open_loop import tick_times

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions
-from baqueano.identify.residuals.noise_level import informative_rows, robust_sigma, speed_profile
+from baqueano.identify.residuals.noise_level import informative_rows
+from baqueano.numerics.noise_level import robust_sigma, speed_profile
 
 
 def test_rows_with_an_encoder_at_rest_do_not_reduce_the_noise_estimate():

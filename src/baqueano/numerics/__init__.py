@@ -8,5 +8,6 @@ autocorrelation      white and autocorrelated residuals
 score_test           tests of effects that a model lacks, without a new fit
 statistics           quantiles, robust spreads, covariances of estimates
 slow_part            a slow signal and its white noise
+noise_level          σ of residuals with outliers, constant or growing with the speed
 parallel             work on all cores
 """

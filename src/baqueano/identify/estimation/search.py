@@ -13,11 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.residuals.noise_level import informative_rows, robust_sigma
+from baqueano.identify.residuals.noise_level import informative_rows
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.messages.language import translate as _
 from baqueano.numerics.autocorrelation import WHITE_LIMIT, autocorrelation_sums
 from baqueano.numerics.least_squares import MAX_EVALUATIONS, Minimiser, Solution, minimise
+from baqueano.numerics.noise_level import robust_sigma
 
 MAX_ROUNDS = 15  # of σ
 SIGMA_TOLERANCE = 5e-3  # relative change of σ below which it is final

@@ -4,5 +4,5 @@ simulation    z − h of a simulation: the residuals of a fit
 motion        one row of it: start, readings, motion
 gyro_aided    the same with the yaw rate of a gyro
 innovations   z − h of a filter that also estimates the floor
-noise_level   σ of each channel
+noise_level   rows that show σ of each channel, and its bounds
 """

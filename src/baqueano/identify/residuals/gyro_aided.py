@@ -8,7 +8,7 @@
 With (1), an error of the steering does not affect the speed through ν_ψ. A noisy ω_z as a regressor would bias its
 coefficients towards 0, so only the first search uses it. Then ω̂ is used, the mean of the true rate given gyro and
 model ("regression calibration"). If the model's rate is correct, its error is white and this rate is used. Channels are
-weighted by (4) of noise_level.py. Source: Carroll, Ruppert, Stefanski and Crainiceanu 2006.
+weighted by (4) of numerics/noise_level.py. Source: Carroll, Ruppert, Stefanski and Crainiceanu 2006.
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,8 @@ from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH, has_offset
 from baqueano.identify.parameters.theta import ThetaShape
 from baqueano.identify.residuals.motion import cached_kernel, example, initial_state, make_row_blocks
-from baqueano.identify.residuals.noise_level import slow_noise_profile
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.numerics.noise_level import slow_noise_profile
 from baqueano.numerics.slow_part import slow_part
 from baqueano.sensors.sampling import Signal, low_pass_s, step_signal
 from baqueano.signals import Motion

@@ -35,7 +35,8 @@ from baqueano.identify.residuals.motion import (
     motion_rows,
     read_sensors,
 )
-from baqueano.identify.residuals.noise_level import informative_rows, speed_profile
+from baqueano.identify.residuals.noise_level import informative_rows
+from baqueano.numerics.noise_level import speed_profile
 from baqueano.numerics.normal_equations import Evaluation, segment_sum
 from baqueano.numerics.parallel import parallel_map
 from baqueano.numerics.statistics import HUBER, huber_cost

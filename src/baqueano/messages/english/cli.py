@@ -198,7 +198,7 @@ TEMPLATES: dict[str, str] = {
         "{name} was never fitted. First the vehicle turns and rolls a little on one spot. Each pulse is a "
         "little stronger than the previous one, until the sensors show motion (--known skips this)"
     ),
-    "cli.fitted": "{verdict}: {reasons}",
+    "cli.fitted": "{verdict:word}: {reasons}",
     "cli.first-drive-slow": (
         "The first drive is too slow to show {names}. The plan takes this as a guess, and drives faster"
     ),
