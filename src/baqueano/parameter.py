@@ -9,7 +9,7 @@ its value:
     offset   estimates: it acts without a command        scale   keeps: of a sensor, known from its data sheet
     mount    estimates if a motion is known to be 0      noise   keeps: it does not act on the motion
     rolling  a term that is also estimated if no command pushes the vehicle sideways
-    reverse  a term for runs that contain a drive backward, if more than an IMU measures the motion
+    reverse  a term for drives backward, except in IMU-only fits
     tyre     a term that is also estimated from commands and IMU only: it affects the speed that turns show
 """
 

@@ -1,7 +1,7 @@
 """Fit a vehicle from its commands and its IMU only, without encoder or camera.
 
 The gyro gives the yaw rate of the simulation (gyro_aided.py), and each channel is weighted by its information on slow
-motion (numerics/noise_level.py). The position l of the IMU along the vehicle is also free; it changes a_x by −l ν_ψ² and a_y by
+motion (numerics/noise_level.py). The position l of the IMU along the vehicle is free; it changes a_x by −l ν_ψ², a_y by
 l ν̇_ψ. For a car, delay and understeer are free by default. The IMU itself does not show the scales of gyro and
 accelerometers: twice the gyro's scale and half the speed fit equally well. So the scales are fixed, and so is the
 zero of a car's gyro, which acts like a small steering offset. The error bars contain their possible errors and that of

@@ -284,17 +284,13 @@ def fastest_route(route: "Route", name: str, vehicle_file: "VehicleFile", **choi
         result = fastest(route, vehicle_file, **choices)
     except UsageError as error:
         raise UsageError(with_route_name(error.diagnostic, name)) from error
-    duration_s, former_duration_s = float(result.t_s[-1]), float(route.t_s[-1])
-    if duration_s > former_duration_s:
+    durations: dict[str, Any] = {
+        "former_duration_s": float(route.t_s[-1]),
+        "duration_s": float(result.t_s[-1]),
+    }
+    if durations["duration_s"] > durations["former_duration_s"]:
         percent = 100.0 * (1.0 - choices.get("share", COMMAND_SHARE))
-        print_message(
-            note(
-                "cli.route-slower",
-                percent=percent,
-                duration_s=duration_s,
-                former_duration_s=former_duration_s,
-            )
-        )
+        print_message(note("cli.route-slower", percent=percent, **durations))
     return result
 
 
