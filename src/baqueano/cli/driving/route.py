@@ -284,13 +284,10 @@ def fastest_route(route: "Route", name: str, vehicle_file: "VehicleFile", **choi
         result = fastest(route, vehicle_file, **choices)
     except UsageError as error:
         raise UsageError(with_route_name(error.diagnostic, name)) from error
-    durations: dict[str, Any] = {
-        "former_duration_s": float(route.t_s[-1]),
-        "duration_s": float(result.t_s[-1]),
-    }
-    if durations["duration_s"] > durations["former_duration_s"]:
+    figures: dict[str, Any] = {"former_duration_s": float(route.t_s[-1]), "duration_s": float(result.t_s[-1])}
+    if figures["duration_s"] > figures["former_duration_s"]:
         percent = 100.0 * (1.0 - choices.get("share", COMMAND_SHARE))
-        print_message(note("cli.route-slower", percent=percent, **durations))
+        print_message(note("cli.route-slower", percent=percent, **figures))
     return result
 
 
