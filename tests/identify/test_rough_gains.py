@@ -1,6 +1,5 @@
 """Tests of the vehicle file with which the experiment after a first drive is planned."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 
 from baqueano.design.plan import design_plan
 from baqueano.design.vehicle_cloud import planning_file
-from baqueano.diagnostics import Severity, Verdict, note
+from baqueano.diagnostics import Verdict
 from baqueano.drive import first_drive, with_rough_gains
 from baqueano.identify import identify
 from baqueano.routes.room import vehicle_room
@@ -44,9 +43,9 @@ def test_a_friction_that_the_data_do_not_show_keeps_the_value_of_the_file(slow_d
     """The estimate was 0 at the bound, with a standard error of several times the guess, and was usable."""
     _, rough_file, fit = slow_drive
     assert np.isnan(fit.value("model.friction.linear[0]"))
-    assert fit.verdict == Verdict.REFUSED
-    (reason,) = fit.reasons
-    assert (reason.code, reason.fix.split()[:2]) == ("fit.speed-unknown", ["baqueano", "experiment"])
+    assert fit.verdict == Verdict.WARN
+    (reason,) = [reason for reason in fit.reasons if reason.code == "fit.speed-unknown"]
+    assert reason.fix.split()[:2] == ["baqueano", "experiment"]
     assert (
         planning_file(fit, rough_file).value("model.friction.linear")[0] == GUESS["model.friction.linear"][0]
     )
@@ -60,16 +59,6 @@ def test_a_plan_after_a_slow_first_drive_moves_the_vehicle(slow_drive):
     motion = simulate(truth, design_plan(plan_file, room, 20.0).u).truth
     assert np.mean(np.abs(motion.nu[:, 0]) > 0.02) > 0.5
     assert np.all(np.abs(motion.eta[:, :2]) < room.free_half_width_m)
-
-
-@pytest.mark.parametrize(
-    ("codes", "is_used"), [(["fit.speed-unknown"], True), (["fit.speed-unknown", "fit.most-poor"], False)]
-)
-def test_a_refused_fit_is_used_for_a_plan_only_if_a_speed_alone_is_unknown(slow_drive, codes, is_used):
-    _, rough_file, fit = slow_drive
-    reasons = tuple(note(code, Severity.ERROR, "", names="x") for code in codes)
-    refused_fit = replace(fit, verdict=Verdict.REFUSED, reasons=reasons)
-    assert (planning_file(refused_fit, rough_file) is not rough_file) == is_used
 
 
 @pytest.mark.parametrize(

@@ -19,10 +19,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.diagnostics import Severity, Verdict
+from baqueano.diagnostics import Verdict
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import default_free, value
-from baqueano.identify.result.to_vehicle_file import fit_file
 from baqueano.numerics.parallel import parallel_map
 from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.simulate.many import batch_kernel, parameter_bounds
@@ -115,29 +114,16 @@ def _move_inside(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray
 
 
 def planning_file(fit: "Fit", rough_file: "VehicleFile") -> "VehicleFile":
-    """Return the file for the next plan: the file of a `fit`, or the `rough_file` of a refused fit. A fit that is
-    refused only because a speed is unknown is used: the plan takes the missing frictions as uncertain guesses. If the
-    fit does not show how the vehicle stops sideways, the sideways friction comes from the rough file."""
-    if lacks_only_speed(fit):
-        return _with_sideways_friction(fit, fit_file(fit), rough_file)
-    return (
-        rough_file
-        if fit.verdict == Verdict.REFUSED
-        else _with_sideways_friction(fit, fit.vehicle_file, rough_file)
-    )
+    """Return the file for the next plan: the file of a `fit`, or the `rough_file` of a refused fit. The plan takes
+    frictions that the fit does not determine as uncertain guesses. If the fit does not show how the vehicle stops
+    sideways, the sideways friction comes from the rough file."""
+    return rough_file if fit.verdict == Verdict.REFUSED else _with_sideways_friction(fit, rough_file)
 
 
-def lacks_only_speed(fit: "Fit") -> bool:
-    """Return True if the only error of a fit is that a speed is unknown. A faster drive can show it."""
-    return {reason.code for reason in fit.reasons if reason.severity == Severity.ERROR} == {
-        "fit.speed-unknown"
-    }
-
-
-def _with_sideways_friction(fit: "Fit", file: "VehicleFile", rough_file: "VehicleFile") -> "VehicleFile":
-    """Return the `file` of the fit, with the sideways friction of the `rough_file` if each entry of it may be 0. Pulses
+def _with_sideways_friction(fit: "Fit", rough_file: "VehicleFile") -> "VehicleFile":
+    """Return the file of the fit, with the sideways friction of the `rough_file` if each entry of it may be 0. Pulses
     on one spot give little information on it, and without it a vehicle would slide without end."""
-    cov = file.parameter_cov
+    file, cov = fit.vehicle_file, fit.vehicle_file.parameter_cov
     slopes = damping_derivatives(fit.blocks.model, _fields(fit))
     paths = [path for path, slope in slopes if slope[SIDEWAYS] > 0.0]
     is_shown = [

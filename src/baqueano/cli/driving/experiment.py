@@ -191,10 +191,10 @@ def make_first_drive(
 ) -> tuple[Any, Any]:
     """Return the file fitted to a careful first drive, and the run of that drive.
 
-    If the fit is refused for another reason than an unknown speed, the file has only rough gains. Raise AnswerNo if
+    If the fit is refused, the file has only rough gains. Raise AnswerNo if
     the vehicle is wired wrongly or does not move, and the error of a stopped drive.
     """
-    from baqueano.design.vehicle_cloud import lacks_only_speed, planning_file
+    from baqueano.design.vehicle_cloud import planning_file
     from baqueano.drive import estimate_first_drive, with_rough_gains
     from baqueano.drive.mission import Mission
     from baqueano.identify import FitOptions, identify
@@ -211,8 +211,9 @@ def make_first_drive(
     rough_file = with_rough_gains(first_result, vehicle_file)
     with show_activity(note("cli.fitting-first")):
         fit = identify([first_result.run], rough_file, options=FitOptions(backend=backend))
-    if lacks_only_speed(fit):
-        print_message(note("cli.first-drive-slow", names=fit.reasons[0].figures["names"]))
+    slow = next((reason for reason in fit.reasons if reason.code == "fit.speed-unknown"), None)
+    if slow is not None:
+        print_message(note("cli.first-drive-slow", names=slow.figures["names"]))
     else:
         print_message(note("cli.fitted", verdict=fit.verdict, reasons="; ".join(texts(fit.reasons))))
     return planning_file(fit, rough_file), first_result.run

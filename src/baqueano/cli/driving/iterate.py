@@ -81,9 +81,9 @@ def drive_in_rounds(
 ) -> Rounds:  # fmt: skip
     """Drive `rounds` times with `signal(vehicle_file, seed)`. After each drive fit all `runs` so far.
 
-    Return the rounds. Raise AnswerNo if a fit is refused, except for an unknown speed before the last round.
+    Return the rounds. Raise AnswerNo if a fit is refused.
     """
-    from baqueano.design.vehicle_cloud import lacks_only_speed, planning_file
+    from baqueano.design.vehicle_cloud import planning_file
     from baqueano.drive.mission import Mission
     from baqueano.errors import AnswerNo
     from baqueano.identify import FitOptions, identify
@@ -103,7 +103,7 @@ def drive_in_rounds(
             fit = identify(runs, vehicle_file, options=FitOptions(backend=backend))
         reasons = "; ".join(texts(fit.reasons))
         print_message(note("cli.round-fitted", round=k + 1, verdict=fit.verdict, reasons=reasons))
-        if fit.verdict == Verdict.REFUSED and not (lacks_only_speed(fit) and k + 1 < rounds):
+        if fit.verdict == Verdict.REFUSED:
             raise AnswerNo(fault("cli.round-refused", round=k + 1, reasons=reasons, path=path))
         vehicle_file = planning_file(fit, vehicle_file)
         results.append(Round(path, fit))

@@ -60,13 +60,13 @@ def verdict_basis(end: FinishedFit) -> VerdictBasis:
     evidence = _evidence(end, tuple(diagnosis.messages), unobservable_terms)
     s = len(diagnosis.unmodelled_cov)
     total_std = np.sqrt(np.diagonal(cov)[:s] + np.diagonal(diagnosis.unmodelled_cov))
-    evidence = evidence._replace(speed_errors=tuple(_undetermined_damping(end, total_std)))
+    evidence = evidence._replace(speed_warnings=tuple(_undetermined_damping(end, total_std)))
     is_held_back = _requested_order(end, _bound_excess(end, std), 0.0) > MAX_BOUND_EXCESS_SIGMA
     return VerdictBasis(cov, diagnosis, evidence, np.where(is_held_back, evidence.bound, 0), never_shown)
 
 
 def _undetermined_damping(end: FinishedFit, std: np.ndarray) -> list[Diagnostic]:
-    """Return an error on frictions, except dry ones, without which a fit to an IMU cannot predict a speed: those of
+    """Return a warning of frictions, except dry ones, without which a fit to an IMU cannot predict a speed: those of
     forward motion that are only a guess, or are at 0 with a standard error (s,) as large as their start; and those of
     sideways motion that the data hardly determine, at 0. Other sensors show the speed itself."""
     model, identifiability, names = end.blocks.model, end.identifiability, []
@@ -82,7 +82,7 @@ def _undetermined_damping(end: FinishedFit, std: np.ndarray) -> list[Diagnostic]
             end.search.solution.bound[i] < 0 and is_wide if identifiability.mask[i] else forward and is_guess
         )
         names += [parameter.path] if is_unknown and (forward or sideways) else []
-    return [note("fit.speed-unknown", Severity.ERROR, EXPERIMENT, names=", ".join(names))] if names else []
+    return [note("fit.speed-unknown", Severity.WARNING, EXPERIMENT, names=", ".join(names))] if names else []
 
 
 def is_only_autocorrelated(basis: VerdictBasis) -> bool:

@@ -1,10 +1,10 @@
 """Derive the verdict USABLE, WARN or REFUSED, with reasons.
 
 REFUSED   The search did not converge. The model explains nothing, or is far from a channel in use. Most parameters
-          are not identifiable, or have a large error. A speed is unknown. A diagnostic found impossible data.
-WARN      A parameter is at its bound, poorly identified or not identifiable. Residuals are autocorrelated and large, or
-          far above the sensors' noise in the file. Outliers are frequent, or on one side. A diagnostic found an effect
-          that might have changed a parameter.
+          are not identifiable, or have a large error. A diagnostic found impossible data.
+WARN      A parameter is at its bound, poorly identified or not identifiable. A speed is unknown. Residuals are
+          autocorrelated and large, or far above the sensors' noise in the file. Outliers are frequent, or on one side.
+          A diagnostic found an effect that might have changed a parameter.
 USABLE    None of these. Parameters that the vehicle can never show do not count. Notes report repairs to the data.
 
 Runs are compared by mean squares of residuals and of motion. ḡ and s are mean and standard deviation of g_r = log mean
@@ -63,7 +63,7 @@ class Evidence(NamedTuple):
     messages: tuple[Diagnostic, ...] = ()  # by the detectors
     weak_reasons: tuple[Diagnostic, ...] = ()  # reasons for the weak parameters
     most_moving: str = ""  # the parameter that a search without convergence would still move most
-    speed_errors: tuple[Diagnostic, ...] = ()  # on frictions without which a speed is unknown
+    speed_warnings: tuple[Diagnostic, ...] = ()  # on frictions without which a speed is unknown
 
 
 def fit_verdict(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
@@ -118,7 +118,7 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
             for label, times in error_ratios.items()
         ]
         refusals += _select_findings(e, WARNING)  # one of them can be the reason
-    return [*refusals, *_identifiability(e), *e.speed_errors]
+    return [*refusals, *_identifiability(e), *e.speed_warnings]
 
 
 def _identifiability(e: Evidence) -> list[Diagnostic]:

@@ -34,7 +34,7 @@ TEMPLATES: dict[str, str] = {
         "of {total} parameters {missing_count} are not identifiable and {weak_count} are poorly identified. {reason}"
     ),
     "fit.speed-unknown": (
-        "the data do not determine {names}, so the model cannot predict a speed. Drive faster and longer. "
+        "the data do not determine {names}, so the model may predict a wrong speed. Drive faster and longer. "
         "Type: {fix}"
     ),
     "fit.little-motion": (
