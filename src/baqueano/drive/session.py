@@ -312,7 +312,8 @@ def sensor_monitor(
         model = vehicle_file.estimator("augmented_ekf", use=(), speed_from=())
         _, estimate = within(HANG_S, lambda: step(estimator.init(), tick))
         fit = vehicle_file.parameter_cov
-        alternatives = () if fit is None else alternative_models(model.vehicle, fit.names, fit.cov)
+        limit, dt_s = vehicle_file.command.limit, 1.0 / vehicle_file.rate_hz
+        alternatives = () if fit is None else alternative_models(model.vehicle, *fit[:2], limit, dt_s)
         return SensorMonitor(model, estimator, tick, estimate, alternatives), []
     except BaseException as error:  # of the user's vehicle or estimator; the loop raises it again
         if is_interruption(error):
