@@ -82,11 +82,11 @@ class Controllers(Result):
             row for row, controller in zip(rows, self.controllers, strict=True)
             if controller.kind != "pd" and controller.label != self.reference
         ]  # fmt: skip
-        best_row = min(rivals, key=lambda row: row["pose_ratio"], default=None)
+        best_row = min(rivals, key=lambda row: np.nan_to_num(row["pose_ratio"], nan=np.inf), default=None)
         if best_row is not None and not np.isfinite(best_row["pose_high"]):
-            reasons.append(
-                note("study.no-interval", Severity.UNKNOWN, robots=self.robots - len(self.refused_robots))
-            )
+            if not best_row["pose_stopped"]:  # stopped drives do not have a ratio, and are reported below
+                count = self.robots - len(self.refused_robots)
+                reasons.append(note("study.no-interval", Severity.UNKNOWN, robots=count))
         elif best_row is not None and best_row["pose_high"] > MAX_RATIO:
             figures = {
                 "ratio": best_row["pose_ratio"],
