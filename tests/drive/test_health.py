@@ -48,17 +48,6 @@ def test_a_few_outliers_give_no_warning():
         assert health.misfit_message(k * 10_000_000, estimate) is None
 
 
-@pytest.mark.parametrize(("begins", "is_reported"), [((633,), False), ((600, 700, 800, 900, 1000), True)])
-def test_a_push_of_a_second_is_not_a_wrong_model_and_a_push_in_each_second_is(begins, is_reported):
-    health, rng, reasons = Health(), np.random.default_rng(0), []
-    for k in range(2000):
-        is_pushed = any(0 <= k - begin < 130 for begin in begins)
-        y = rng.normal(size=3) + (10.0 if is_pushed else 0.0)
-        estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6), y, np.eye(3))
-        reasons.append(health.misfit_message(k * 10_000_000, estimate))
-    assert any(reasons) == is_reported
-
-
 def test_estimates_without_innovations_give_no_warning():
     assert Health().misfit_message(0, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))) is None
 

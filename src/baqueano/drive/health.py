@@ -2,19 +2,17 @@
 
 The filter predicts every measurement and the variance of its error:
 
-  NIS = median of the last PARTS means over PART_S of min(yᵀ S⁻¹ y / m, OUTLIER_SIGMA²)                  (1)
+  NIS = mean over the last WINDOW_S of min(yᵀ S⁻¹ y / m, OUTLIER_SIGMA²)                                 (1)
 
 y are the innovations with their covariance S, m the number of values that arrived in a tick. A filter that fits its
 vehicle has NIS = 1. Above MAX_NIS the innovations are √2 times as large as predicted: the vehicle no longer fits the
-identified model. For example, it is worn, loaded, on another floor, or its IMU is loose. A push by hand is in few
-parts. This is reported once per run; only the supervisor stops the motors. The monitor (monitor/) reports which channel
-disagrees, and for how long.
+identified model. For example, it is worn, loaded, on another floor, or its IMU is loose. This is reported once per run;
+only the supervisor stops the motors. The monitor (monitor/) reports which channel disagrees, and for how long.
 The report at the end states if the run left the envelope of the fit, and the number of rejected readings per channel.
 """
 
 from collections import deque
 from math import isfinite
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -31,7 +29,7 @@ from baqueano.monitor import (
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.vehicle_file.envelope import Envelope, EnvelopeMonitor
 
-PARTS, PART_S = 5, 1.0
+WINDOW_S = 5.0
 MAX_NIS = 2.0
 OUTLIER_SIGMA = 5.0  # standard deviations: limits the effect of a single outlier
 SOURCE = "model"
@@ -50,8 +48,8 @@ class Health:
     def __init__(self, envelope: Envelope | None = None, sensors: SensorMonitor | None = None) -> None:
         self._watch = EnvelopeMonitor(envelope)
         self._sensors = sensors
-        self._means: deque[float] = deque(maxlen=PARTS)
-        self._begin_part(None)
+        self._window: deque[tuple[int, float]] = deque()
+        self._sum = 0.0
         self.is_reported = False
 
     @property
@@ -74,12 +72,8 @@ class Health:
         ]
 
     def _reset_window(self) -> None:
-        self._means.clear()
-        self._begin_part(None)
-
-    def _begin_part(self, t_ns: int | None) -> None:
-        """Begin a part of the window at `t_ns`; None: at the next innovation."""
-        self._part_ns, self._sum, self._count = t_ns, 0.0, 0
+        self._window.clear()
+        self._sum = 0.0
 
     def final_events(self) -> list[EventLine]:
         """Return the events at the end of the run: signals outside the envelope, and rejected readings."""
@@ -106,23 +100,18 @@ class Health:
             return None
         if square is None:
             return None
-        if self._part_ns is None:
-            self._begin_part(t_ns)
-        elif seconds(t_ns, self._part_ns) >= PART_S:
-            self._means.append(self._sum / self._count)
-            self._begin_part(t_ns)
-        self._sum += min(square, OUTLIER_SIGMA**2)
-        self._count += 1
-        if len(self._means) < PARTS:
+        self._window.append((t_ns, min(square, OUTLIER_SIGMA**2)))
+        self._sum += self._window[-1][1]
+        if seconds(t_ns, self._window[0][0]) < WINDOW_S:
             return None
-        nis = median(self._means)
+        while seconds(t_ns, self._window[0][0]) >= WINDOW_S:
+            self._sum -= self._window.popleft()[1]
+        nis = self._sum / max(1, len(self._window))
         if nis <= MAX_NIS:
             return None
         self.is_reported = True
         fix = "baqueano identify last"
-        return note(
-            "model.fits-no-longer", Severity.WARNING, fix, window_s=PARTS * PART_S, ratio=np.sqrt(nis)
-        )
+        return note("model.fits-no-longer", Severity.WARNING, fix, window_s=WINDOW_S, ratio=np.sqrt(nis))
 
 
 def normalised_innovation_squared(y: list[float], S: list[list[float]]) -> float | None:
