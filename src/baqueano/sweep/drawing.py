@@ -189,7 +189,7 @@ def draw_ratios(result: SweepResult) -> "Figure":
 
 @with_style
 def draw_vehicles(result: SweepResult) -> "Figure":
-    """Draw the median of the main figure for each combination and vehicle as a table with coloured cells."""
+    """Draw a table of the median of the main result for each combination and vehicle, with a colour for each cell."""
     figure_of_table, vehicles = ALL_FIGURES[result.main_figure()], result.vehicles()
     rows = _ranked(result, result.by_vehicle())
     x = np.array([[row[name] for name in vehicles] for row in rows]) * figure_of_table.scale
