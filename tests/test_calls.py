@@ -273,6 +273,8 @@ def test_the_name_of_a_stored_route_is_answered_with_the_line_that_reads_it(tmp_
         bq.repeat(ROBOT, "lap")
     assert error.value.diagnostic.fix == 'from baqueano.runs import read_route; route = read_route("lap")'
     assert np.array_equal(read_route("lap").eta, ROUTE.eta)
+    write_route(ROUTE, Path("routes/lap.v2.csv"))
+    assert np.array_equal(read_route("lap.v2").eta, ROUTE.eta)
 
 
 @pytest.mark.parametrize("name", ["last", "2", "0002-repeat"])

@@ -8,7 +8,7 @@ import pytest
 from baqueano.diagnostics import StopReason
 from baqueano.drive import drive_stop_reason, repeat, tasks
 from baqueano.drive.mission import Mission, perform
-from baqueano.drive.safety.caution import RESTART_S, SLOW, WAIT_S, Caution
+from baqueano.drive.safety.caution import REST_S, SLOW, WAIT_S, Caution
 from baqueano.drive.safety.patience import Patience, TimeLimit
 from baqueano.drive.safety.precautions import Precautions, approach_limits
 from baqueano.drive.safety.room_watch import RoomWatch, stopping_distance
@@ -147,7 +147,7 @@ def begin(*arguments):
 
 
 def test_an_inconsistent_sensor_slows_and_stops_the_vehicle():
-    times = np.arange(0.0, WAIT_S + RESTART_S + 0.2, 0.1)
+    times = np.arange(0.0, WAIT_S + REST_S + 0.2, 0.1)
     caution = begin()
     rows = watch_rows(caution, [(t, doubtful(SENSOR)) for t in times])
     paces = [pace for pace, _ in rows]
@@ -184,7 +184,7 @@ def test_an_uncertain_position_slows_the_vehicle():
     for t_s in (0.0, WAIT_S):
         caution.on_record(record(t_s, cov=cov))
     assert caution._guide.pace == 0.0
-    assert caution.stop_reason(round(1e9 * (WAIT_S + RESTART_S))).figures["cause"].code == "caution.uncertain"
+    assert caution.stop_reason(round(1e9 * (WAIT_S + REST_S))).figures["cause"].code == "caution.uncertain"
 
 
 def test_without_caution_the_vehicle_does_not_slow():

@@ -78,3 +78,5 @@ def test_a_sideways_friction_that_may_be_0_is_that_of_the_file(friction, std, ex
     plan_file = planning_file(fit, rough_file)
     assert list(plan_file.value("model.friction.linear")) == [4.0, expected, 0.03]
     assert len(plan_file.parameter_cov.names) == (3 if friction == expected else 2)
+    fit.verdict = Verdict.REFUSED
+    assert planning_file(fit, rough_file) is rough_file

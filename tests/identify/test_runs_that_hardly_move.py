@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import Severity, note
 from baqueano.identify import identify
 from baqueano.identify.result import verdict as verdicts
 from baqueano.identify.result.fit_result import ChannelFit
@@ -59,6 +60,14 @@ def test_a_moving_run_that_contradicts_the_model_gives_a_warning():
     assert verdict == "WARN"
     (message,) = [reason for reason in reasons if reason.code == "runs.unlike-model"]
     assert message.figures == {"count": 1, "total": 7, "runs": "step 6"}
+
+
+def test_an_unknown_speed_is_reported_beside_the_other_warnings():
+    unknown = note("fit.speed-unknown", Severity.WARNING, names="model.friction.linear[0]")
+    e = evidence([step(k, 0.5, 0.5) for k in range(6)] + [step(6, 0.5, -0.5)])
+    verdict, reasons = fit_verdict(e._replace(speed_warnings=(unknown,)))
+    assert verdict == "WARN"
+    assert {"runs.unlike-model", "fit.speed-unknown"} <= {reason.code for reason in reasons}
 
 
 @pytest.mark.parametrize(

@@ -99,13 +99,13 @@ class RunComparison:
         row |= {"verdict": self.verdict, "sentence": self.sentences[-1], "divergence_s": self.divergence_s}
         return row | corridor_row(self.corridor)
 
-    def errors_line(self, with_unit: bool = True) -> str:
-        """Return a line with the known errors of the run [cm rms]; without `with_unit` only those of the estimate."""
+    def errors_line(self, has_drive: bool = True) -> str:
+        """Return a line with the known errors of the run [cm rms]; without `has_drive` only those of the estimate."""
         errors = (
             ("front.across-true", self.across_true.rms_m), ("front.across-estimate", self.across_estimate.rms_m),
             ("front.position-off", self.ate_m), ("front.across-first", self.across_first.rms_m),
         )  # fmt: skip
-        shown_errors = errors if with_unit else errors[2:3]
+        shown_errors = errors if has_drive else errors[2:3]
         sentences = [text(note(code, cm=100.0 * m)) for code, m in shown_errors if np.isfinite(m)]
         return f"{self.name}, {number(self.duration_s):.1f} s: {', '.join(sentences)}"
 

@@ -9,8 +9,8 @@ loop would be too fast for the delay at a high speed. The gains are then limited
 The law approaches a far path at an angle of at most MAX_APPROACH_RAD. At rest it does not correct e_y. The error after
 a turn on the spot remains until the vehicle moves on.
 
-Source: Kanayama, Kimura, Miyazaki and Noguchi, ICRA 1990 (k_θ is its K_θ). model_following.py predicts the
-pose and computes the command.
+Source: Kanayama, Kimura, Miyazaki and Noguchi, ICRA 1990 (k_θ is its K_θ). model_following.py predicts the pose,
+limits |v| by (4), and computes the command.
 """
 
 from dataclasses import dataclass

@@ -5,12 +5,12 @@
     K = (R + Bᵀ P B)⁻¹ Bᵀ P A,    P⁺ = Q + Aᵀ P (A − B K)                                                 (3)
     (v, ω) = ν_f − K e,    Q = diag(1/e_max²),    R = diag(1/δν_max²)                                     (4)
 
-e: error; ν_f = (v_f, ω_f): velocity of the reference without jumps; δν: its correction. The errors are those beside the
-vehicle, so (1) does not contain the curvature. P: cost matrix; K: gain. One step of (3) per tick propagates the Riccati
-equation forward, without future references; P begins with the solution of its continuous form for a slow vehicle. An
-error of e_max has the same cost as a change of velocity of δν_max (Bryson's rule). (6) of model_following.py limits the
-gains for V = max(|v_f|, |v|), MAX_APPROACH_RAD the angle to a far path. At rest e_y cannot be corrected. So (2) is
-evaluated at a speed of at least MIN_SPEED_M_S; below it, the turn towards the path is proportional to the speed.
+e: error; ν_f = (v_f, ω_f): velocity of the reference without jumps; δν: its correction. The errors are those beside
+the vehicle, so (1) does not contain the curvature. P: cost matrix; K: gain. (3) propagates the Riccati equation
+forward, one step per tick. P begins with the solution of its continuous form for a slow vehicle. An error of e_max has
+the same cost as a change of velocity of δν_max (Bryson's rule). (6) of model_following.py limits the gains for V =
+max(|v_f|, |v|), with |v| limited by (4). MAX_APPROACH_RAD limits the angle to a far path. At rest e_y cannot be
+corrected. So (2) is evaluated at MIN_SPEED_M_S or more. Below it, the turn to the path is proportional to the speed.
 Source: Anderson and Moore, Optimal Control, 1990; forward propagation: Prach, Tekinalp and Bernstein, IEEE Control
 Systems, 2015.
 """

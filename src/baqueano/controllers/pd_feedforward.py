@@ -6,8 +6,8 @@
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
 The vehicle steers towards a point of the path that is L ahead of it (line of sight); + forward, − backward. The
 damping ratio √(k L / V) / 2 is at least 0.6. At a high speed, (2) increases k as far as the delay T permits, for a
-short L. model_following.py predicts the pose and computes the command. The controller works at any speed and in turns
-on the spot.
+short L. model_following.py predicts the pose, limits |v| by (4), and computes the command. The controller works at any
+speed and in turns on the spot.
 
 Source: Fossen, Handbook of Marine Craft, 2011, ch. 12. Derivation: docs/derivations/pd_feedforward.md.
 """

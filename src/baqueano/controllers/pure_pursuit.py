@@ -11,7 +11,7 @@ limits L. From a distance, the chord to (x, y) has the angle χ_max to the path.
 does not correct at rest.
 
 Sources: Coulter, CMU-RI-TR-92-01, 1992; L as in Macenski et al., Autonomous Robots, 2023. model_following.py predicts
-the pose and computes the command.
+the pose, limits |v| by (4), and computes the command.
 """
 
 from dataclasses import dataclass

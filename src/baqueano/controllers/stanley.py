@@ -11,8 +11,8 @@ model_following.py limits the gains k_χ and k_y of this law; its error is then 
 with the axle of the reference, so a bend does not cause an error. MAX_APPROACH_RAD limits the arctangent. The law does
 not correct errors at rest or in a turn on the spot.
 
-Source: Hoffmann, Tomlin, Montemerlo and Thrun, ACC 2007. model_following.py predicts the pose and computes the
-command.
+Source: Hoffmann, Tomlin, Montemerlo and Thrun, ACC 2007. model_following.py predicts the pose, limits |v| by (4), and
+computes the command.
 """
 
 from dataclasses import dataclass

@@ -95,18 +95,18 @@ class PulsePlanner:
         k = state.previous
         if k < 0:
             return state
-        level, count, shift_count, is_done = (
+        level, count, displacement_m, is_done = (
             x.copy() for x in (state.level, state.moved_count, state.displacement, state.is_done)
         )
         shift = estimate.eta[:2] - state.start_pose[:2]
         c, s = np.cos(state.start_pose[2]), np.sin(state.start_pose[2])
         if state.significance > MIN_SIGMA:
             count[k] += 1.0
-            shift_count[k] = c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]
+            displacement_m[k] = c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]
         is_done[k] |= state.is_limited or count[k] >= MAX_MOVING_PULSES or level[k] >= 1.0
         if not is_done[k]:
             level[k] = min(1.0, level[k] + max(STEP, GROWTH * level[k]))
-        return state._replace(level=level, moved_count=count, displacement=shift_count, is_done=is_done)
+        return state._replace(level=level, moved_count=count, displacement=displacement_m, is_done=is_done)
 
     def _begin_pulse(self, state: PulseState, estimate: Estimate) -> PulseState:
         """Return the state with the next pulse begun, unless all directions are finished."""

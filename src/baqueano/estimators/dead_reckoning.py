@@ -132,9 +132,9 @@ class DeadReckoning:
         speed_channels, turn_channels = (
             {r.name: r.rows for r in self.readings if k in r.entries} for k in (0, TURNING_INDEX)
         )
-        speed, turn_channels = scale_std(self.sensors, speed_channels, turn_channels)
+        speed_std, turning_std = scale_std(self.sensors, speed_channels, turn_channels)
         bias = [bias.value_at(self.sensors, bias.std) for bias in self.gyro_bias]
-        errors = np.array([*(bias or [0.0]), turn_channels, speed])
+        errors = np.array([*(bias or [0.0]), turning_std, speed_std])
         cov = np.diag(np.concatenate([self.initial_std, errors]) ** 2)
         return DeadReckoningBelief(
             -1, np.concatenate([*start, np.zeros(3)]), cov, np.zeros(3), 0.0, self.vehicle.drivetrain.init()

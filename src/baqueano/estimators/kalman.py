@@ -132,6 +132,6 @@ def _rows(rows: Sequence[np.ndarray], H: np.ndarray) -> np.ndarray:
 
 
 def boxplus(mean: np.ndarray, mean_change: np.ndarray) -> np.ndarray:
-    """Return x ⊞ Δ: mean + move (n,) with the heading wrapped, for a state that begins with a pose."""
+    """Return x ⊞ Δ: `mean` + `mean_change` (n,) with the heading wrapped, for a state that begins with a pose."""
     x = mean + mean_change
     return np.concatenate([x[:HEADING_INDEX], np.array([wrap(x[HEADING_INDEX])]), x[HEADING_INDEX + 1 :]])

@@ -17,7 +17,7 @@ from baqueano.geometry import wrap
 HEADING_WEIGHT_M = 0.1  # of a radian
 MIN_SPACING_M, MAX_SPACING_M = 0.04, 0.05
 MIN_SPEED_M_S = 0.02  # a slower pose belongs to the piece before it
-FAR_M = 1e9
+FAR_M2 = 1e9  # squared distance of a point that is not valid
 
 
 class NearPoints(NamedTuple):
@@ -31,7 +31,7 @@ class NearPoints(NamedTuple):
         """Return the pose [x, y, ψ] and the lag [m] of the point nearest to the pose `eta` (3,).  (1)"""
         squared_distances = (self.eta[:, 0] - eta[0]) ** 2 + (self.eta[:, 1] - eta[1]) ** 2
         squared_distances = squared_distances + (HEADING_WEIGHT_M * wrap(self.eta[:, 2] - eta[2])) ** 2
-        squared_distances = np.where(self.is_valid, squared_distances, FAR_M)
+        squared_distances = np.where(self.is_valid, squared_distances, FAR_M2)
         is_nearest = squared_distances <= np.min(squared_distances)
         count = np.sum(np.where(is_nearest, 1.0, 0.0))
         *pose, lag_m = (

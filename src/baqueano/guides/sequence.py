@@ -90,19 +90,19 @@ class GuideSequence:
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference of the present guide: `first` until it is done, then `second`.  (1)"""
-        was_first_over = state.is_first_done > 0.0
-        if was_first_over is True:
+        was_first_done = state.is_first_done > 0.0
+        if was_first_done is True:
             second, reference = self.second.step(state.second, estimate)
             return GuideSequenceState(state.first, second, 1.0), reference
         end_reference = Reference(estimate.t_ns, estimate.eta, np.zeros(3), 1.0)
         first, reference = branch(
-            was_first_over,
+            was_first_done,
             lambda: (state.first, end_reference),
             lambda: self.first.step(state.first, estimate),
         )
 
         def step_second_guide() -> Tree:
-            entry = branch(was_first_over, lambda: state.second, lambda: self._entry(first, estimate))
+            entry = branch(was_first_done, lambda: state.second, lambda: self._entry(first, estimate))
             return (*self.second.step(entry, estimate), 1.0)
 
         second, reference, is_first_done = branch(

@@ -153,7 +153,8 @@ def fix_unidentifiable(
     identifiability, and the information. `free` are the first entries of θ.
 
     The start of a fixed entry can drive an entry with which it is confused to its bound. Then that entry is fixed
-    in its place. Otherwise the rest of the error would bias the other parameters.
+    instead. Otherwise the rest of the error would bias the other parameters. A poorly identified entry at a bound is
+    fixed too, if its start is within MAX_START_SIGMA standard errors.
     """
     problem = end.problem
     is_split = problem.layout.has_split_runs
@@ -182,7 +183,9 @@ def fix_unidentifiable(
         if first_result is not None and not identifiability.mask[released_entry]:
             return first_result
         if (near_start := _entry_near_start(task, theta, info, identifiability, free)) is not None:
-            identifiability.mask[near_start] = False
+            identifiability = identifiability._replace(
+                mask=identifiability.mask & (np.arange(count) != near_start)
+            )
         if np.array_equal(~identifiability.mask, is_fixed):
             result = end, identifiability._replace(collinear=collinear), info
             pair = None if first_result else _bounded_pair(task, theta, is_fixed, partners, free)
@@ -206,17 +209,16 @@ def _entry_near_start(
 ) -> int | None:
     """Return the poorly identified entry at a bound that is the fewest standard errors from its start; None if all are
     further than MAX_START_SIGMA."""
+    weak_entries = np.flatnonzero(identifiability.poorly_identified).tolist()
+    candidates = [k for k in weak_entries if _left_its_start(task, theta, k, free)]
+    if not candidates:
+        return None
     index = np.flatnonzero(identifiability.mask)
     std = np.ones(len(identifiability.mask))
     std[index] = np.sqrt(np.diagonal(parameter_cov(info, index)))
-    candidates = [
-        k
-        for k in np.flatnonzero(identifiability.poorly_identified).tolist()
-        if _left_its_start(task, theta, k, free)
-    ]
     sigmas = {k: abs(task.start[k] - theta[k]) / std[k] for k in candidates}
-    entry = min(sigmas, key=sigmas.__getitem__, default=-1)
-    return entry if sigmas.get(entry, np.inf) < MAX_START_SIGMA else None
+    entry = min(sigmas, key=sigmas.__getitem__)
+    return entry if sigmas[entry] < MAX_START_SIGMA else None
 
 
 def _left_its_start(task: Task, theta: np.ndarray, k: int, free: Sequence[FreeParameter]) -> bool:

@@ -50,7 +50,7 @@ def alternative_models(
     scale = np.where(std > 0.0, std, 1.0)
     variances, axes = np.linalg.eigh(P / np.outer(scale, scale))
     L = std[:, None] * axes * np.sqrt(np.maximum(variances, 0.0))
-    if L.shape[1] > MAX_MODELS:
+    if L.shape[1] > MAX_MODELS and np.any(limit > 0.0):
         models = [_changed_model(vehicle, paths, column) for column in L.T]
         _, _, directions = np.linalg.svd(_effects(vehicle, models, limit, dt_s), full_matrices=False)
         L = L @ directions[:MAX_MODELS].T

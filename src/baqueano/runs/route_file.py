@@ -141,7 +141,7 @@ def read_route(path: Path | str) -> Route:
     """
     path = Path(path)
     stored_path = STORED_ROUTES / f"{path}.csv"
-    is_name = path.name == str(path) and not path.suffix and not path.exists()
+    is_name = path.name == str(path) and not path.exists() and (stored_path.is_file() or not path.suffix)
     if is_name and not stored_path.is_file():
         raise FileError(absent_route(str(path), stored_path))
     with column_advice(COLUMNS):

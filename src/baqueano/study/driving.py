@@ -1,10 +1,11 @@
 """`baqueano study driving`: measure how evenly identified robots drive, simulated with independent physics.
 
 Robots of truth/ with the tolerances of real parts are driven for 60 s and identified from commands and IMU only. The
-fit starts from a rough guess, with centre of mass and delay free. Then they follow three shapes at three speeds with
-the recommended controller and its default gains. Those gains were chosen on robots 0 to 5; --seed 100 selects other
-robots. At 0.3 m/s these shapes require at most 1.5 rad/s. An eight of 0.6 m would require 2.4 rad/s. Then the weakest
-robot needs 98.6 % of its duty without any feedback, and every controller exceeds the limit. The cases:
+fit starts from a rough guess, with centre of mass and delay free, and then follows its own advice. The robots follow
+three shapes at three speeds with the recommended controller and its default gains. Those gains were chosen on robots 0
+to 5; --seed 100 selects other robots. At 0.3 m/s these shapes require at most 1.5 rad/s. An eight of 0.6 m would
+require 2.4 rad/s. Then the weakest robot needs 98.6 % of its duty without any feedback, and every controller exceeds
+the limit. The cases:
     imu          the estimator uses commands and IMU, with the identified model
     pose         the estimator receives pose and velocity: the errors of the controller only
     breakaway    dry friction and dead zone are 1.3 times higher at rest; pose known
@@ -267,7 +268,8 @@ def drive_batch(
 def identify_by_advice(
     runs: Run | list[Run], start: VehicleFile, backend: str = "auto", use: tuple[str, ...] | None = None
 ) -> Fit:
-    """Return the fit of `runs`. As long as its diagnostics advise to free further parameters, fit again with them."""
+    """Return the fit of `runs`. As long as its diagnostics advise to free further parameters, fit again with them.
+    Advice on clocks is not followed. A refused fit is discarded, except the first."""
     free, fit = [*FREE], None
     while True:
         next_fit = identify(runs, start, free, use=use, options=FitOptions(backend=backend))

@@ -99,7 +99,7 @@ def _replay(job: SweepJob) -> "Run":
 def drive_row(drive: SweepDrive) -> dict[str, object]:
     """Return a drive as a dict for JSON, without rounding."""
     return {
-        "figures": drive.figures, "stopped": drive.stop_code,
+        "figures": drive.figures,
         "stop_reason": None if drive.stop_reason is None else drive.stop_reason.to_json(),
         "pieces": {name: list(pieces) for name, pieces in drive.pieces.items()},
     }  # fmt: skip
@@ -111,5 +111,5 @@ def drive_from_row(job: SweepJob, row: dict) -> SweepDrive:
         name: ErrorSegments(tuple(squares), tuple(samples), *durations)
         for name, (squares, samples, *durations) in row["pieces"].items()
     }
-    stop_reason = None if (reason := row.get("stop_reason")) is None else Diagnostic.from_json(reason)
+    stop_reason = None if (reason := row["stop_reason"]) is None else Diagnostic.from_json(reason)
     return _drive_result(job, row["figures"], pieces, stop_reason)

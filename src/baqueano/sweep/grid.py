@@ -80,7 +80,7 @@ def sweep(
     **settings : object
         `laps`; `start` (3,) [m, m, rad] of the vehicle, relative to the route's first pose; `alignment` and
         `interval_s` [s] as in `compare`; `backend`. `gains`: "own" gives a controller "folder/file.py:Class" the
-        gains of folder/vehicle.toml, if that file names this class; "vehicle" to use those of the driven vehicle.
+        gains of folder/vehicle.toml, if that file names this class; "vehicle" gives it those of the driven vehicle.
 
     Returns
     -------

@@ -98,7 +98,7 @@ def _stored_row(path: Path) -> dict | None:
         row = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return row if isinstance(row, dict) and {"figures", "pieces", "stopped"} <= row.keys() else None
+    return row if isinstance(row, dict) and {"figures", "pieces", "stop_reason"} <= row.keys() else None
 
 
 def _can_be_sent(jobs: Sequence[NumberedJob]) -> bool:

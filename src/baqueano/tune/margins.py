@@ -103,7 +103,6 @@ def has_stable_loop(vehicle_file: "VehicleFile", controller: Controller, speed_m
     return loop is None or loop[1]
 
 
-@lru_cache(maxsize=32)
 def _linear_loop(
     vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float
 ) -> tuple[LinearSystem, bool] | None:

@@ -137,9 +137,9 @@ def _build(role: str, block: OwnBlock, vehicle_file: VehicleFile) -> object:
     block_class = resolve(role, block) if isinstance(block, str) else block
     if not isinstance(block_class, type):
         return block_class
-    for block in (vehicle_file.vehicle, *vehicle_file.sensors):
-        if type(block) is block_class:
-            return block
+    for file_block in (vehicle_file.vehicle, *vehicle_file.sensors):
+        if type(file_block) is block_class:
+            return file_block
     try:
         return within(PREPARE_S, block_class)
     except (TypeError, ValueError) as error:

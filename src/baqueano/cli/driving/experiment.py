@@ -12,7 +12,7 @@ from baqueano.cli.driving.iterate import drive_in_rounds
 from baqueano.cli.driving.targets import Target, open_target, print_fault_detections
 from baqueano.cli.page import live
 from baqueano.cli.terminal import print_answer, print_message, show_activity, show_time_progress
-from baqueano.diagnostics import fault, nearest, note
+from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.messages import texts
 from baqueano.messages.printable import baqueano_command
 
@@ -191,8 +191,8 @@ def make_first_drive(
 ) -> tuple[Any, Any]:
     """Return the file fitted to a careful first drive, and the run of that drive.
 
-    If the fit is refused, the file has only rough gains. Raise AnswerNo if
-    the vehicle is wired wrongly or does not move, and the error of a stopped drive.
+    If the fit is refused, the file has only rough gains. Raise AnswerNo if the vehicle is wired wrongly or does not
+    move, and the error of a stopped drive.
     """
     from baqueano.design.vehicle_cloud import planning_file
     from baqueano.drive import estimate_first_drive, with_rough_gains
@@ -212,8 +212,9 @@ def make_first_drive(
     with show_activity(note("cli.fitting-first")):
         fit = identify([first_result.run], rough_file, options=FitOptions(backend=backend))
     slow = next((reason for reason in fit.reasons if reason.code == "fit.speed-unknown"), None)
-    if slow is not None:
+    reasons = [reason for reason in fit.reasons if reason is not slow]
+    if reasons:
+        print_message(note("cli.fitted", verdict=fit.verdict, reasons="; ".join(texts(reasons))))
+    if slow is not None and fit.verdict != Verdict.REFUSED:
         print_message(note("cli.first-drive-slow", names=slow.figures["names"]))
-    else:
-        print_message(note("cli.fitted", verdict=fit.verdict, reasons="; ".join(texts(fit.reasons))))
     return planning_file(fit, rough_file), first_result.run

@@ -79,7 +79,8 @@ def drive_in_rounds(
     vehicle_file: "VehicleFile", target: "Target", runs: "list[Run]", rounds: int,
     signal: Callable[[Any, int], np.ndarray], seed: int, backend: str, round_path: Callable[[str], Path],
 ) -> Rounds:  # fmt: skip
-    """Drive `rounds` times with `signal(vehicle_file, seed)`. After each drive fit all `runs` so far.
+    """Drive `rounds` times with `signal(vehicle_file, seed)`. After each drive fit all `runs` so far. The next
+    signal is planned with `planning_file` of this fit.
 
     Return the rounds. Raise AnswerNo if a fit is refused.
     """

@@ -277,8 +277,7 @@ def check_drivable(
 
 def fastest_route(route: "Route", name: str, vehicle_file: "VehicleFile", **choices: Any) -> "Route":
     """Return the route at the highest speeds that the identified vehicle can drive; print if it then takes longer."""
-    from baqueano.routes import fastest
-    from baqueano.routes.profile import COMMAND_SHARE
+    from baqueano.routes.profile import COMMAND_SHARE, fastest
 
     try:
         result = fastest(route, vehicle_file, **choices)
@@ -286,8 +285,9 @@ def fastest_route(route: "Route", name: str, vehicle_file: "VehicleFile", **choi
         raise UsageError(with_route_name(error.diagnostic, name)) from error
     figures: dict[str, Any] = {"former_duration_s": float(route.t_s[-1]), "duration_s": float(result.t_s[-1])}
     if figures["duration_s"] > figures["former_duration_s"]:
-        percent = 100.0 * (1.0 - choices.get("share", COMMAND_SHARE))
-        print_message(note("cli.route-slower", percent=percent, **figures))
+        figures["percent"] = 100.0 * (1.0 - choices.get("share", COMMAND_SHARE))
+        figures["fix"] = baqueano_command("route", "faster", name, "--share", 1.0)
+        print_message(note("cli.route-slower", **figures))
     return result
 
 

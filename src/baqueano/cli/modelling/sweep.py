@@ -11,6 +11,7 @@ from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, show_progress
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
+from baqueano.messages.printable import baqueano_command
 
 cluster = click.option(
     "--cluster", metavar="ADDRESS", help=("Dask scheduler to use instead of the processors of this computer.")
@@ -150,8 +151,12 @@ def command(
         drive_count = len(files) * len(named_routes) * seeds
     if len(files) == 1:
         options.advise_to_measure(files[0])
-    elif guesses := [file.label for file in files if not options.is_measured(file, "simulated")]:
-        print_message(note("sweep.guesses", names=guesses))
+    elif guesses := [file for file in files if not options.is_measured(file, "simulated")]:
+        path = guesses[0].path or guesses[0].name
+        fix = baqueano_command(
+            "experiment", "--vehicle", path, "--signal", "designed", "--rounds", "3", "--update"
+        )
+        print_message(note("sweep.guesses", fix=fix, names=[file.label for file in guesses]))
     for role, kinds in (("estimator", estimators), ("controller", controllers), ("guide", guides)):
         for kind in kinds:
             if not (role == "controller" and kind.endswith(".toml")):

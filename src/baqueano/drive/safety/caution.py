@@ -2,7 +2,7 @@
 
   unreliable = a sensor is DEGRADED, or σ > SLOW_SHARE · max_position_std_m of the supervisor                (1)
   pace       = SLOW while it is unreliable, 0 after WAIT_S of a severe case, 1 again afterwards              (2)
-  stop       after RESTART_S at pace 0 in a severe case                                                        (3)
+  stop       after REST_S at pace 0 in a severe case                                                        (3)
 
 The monitor (monitor/) sets a sensor DEGRADED. If the monitor cannot decide if the sensor or the model is wrong, the
 case is not severe: the vehicle only slows down. A model that is certainly wrong does not make the estimate unreliable.
@@ -16,7 +16,7 @@ from baqueano.monitor.findings import MODEL, SENSOR
 from baqueano.signals import seconds
 from baqueano.supervisor import position_std
 
-SLOW, WAIT_S, RESTART_S = 0.5, 3.0, 1.0
+SLOW, WAIT_S, REST_S = 0.5, 3.0, 1.0
 SLOW_SHARE = 0.7
 SOURCE = WHO = "caution"
 
@@ -58,7 +58,7 @@ class Caution(Observer):
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         """Return the reason to stop the vehicle, or None to continue.  (3)"""
-        if not self._is_grave or seconds(t_ns, self._since_ns) < WAIT_S + RESTART_S:
+        if not self._is_grave or seconds(t_ns, self._since_ns) < WAIT_S + REST_S:
             return None
         return stop(StopReason.ESTIMATE_DOUBTFUL, cause=self._reason)
 

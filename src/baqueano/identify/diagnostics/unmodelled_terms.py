@@ -44,6 +44,7 @@ from baqueano.numerics.parallel import parallel_map, prefetch
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.freedoms import dry_friction_speeds, viscous_efforts
+from baqueano.vehicles.state import tick_effort
 
 DECAY_S = 0.2  # duration of an effect that begins when a sign changes
 SIGN_WIDTH = 0.1  # fraction of the largest value: width of the tanh at a change of sign
@@ -245,10 +246,11 @@ def _force_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         force = sum(force_of_terms(epsilon, row[1 + n + m : 1 + n + m + column_count]))
         mean_weights = shape.mean_weights(blocks.sensors._fields, row[1 + n + m + column_count :])
         drivetrain = tick_blocks.model.drivetrain
-        effort = drivetrain.step(state.vehicle.drivetrain, u, dt_s)[1].mean
+        nu, psi = state.vehicle.nu, state.vehicle.eta[2]
+        effort = tick_effort(tick_blocks.model, state.vehicle.drivetrain, psi, nu, u, dt_s)[1].mean
         w = drivetrain.mix(effort)
         w_lag = w + (state.w_lag - w) * np.exp(-dt_s / LAG_S)
-        emf = state.emf @ state.vehicle.nu
+        emf = state.emf @ nu
         emf_lag = emf + (state.emf_lag - emf) * (np.exp(-dt_s / drivetrain.lag_s) if has_lag else 0.0)
         thrust = drivetrain.mix(effort - emf)
         sign = np.where(thrust > 0.0, 1.0, np.where(thrust < 0.0, -1.0, state.thrust_sign))
@@ -257,7 +259,6 @@ def _force_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         change = is_motor * (change - epsilon[-1] * pause * sign)
         if is_dynamic(blocks.model):
             efforts = effort + drivetrain.unmix(change), effort
-            nu, psi = state.vehicle.nu, state.vehicle.eta[2]
             accelerations = [tick_blocks.model.nu_dot(nu, e, psi) for e in efforts]
             force = force + accelerations[0] - accelerations[1]
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + force * dt_s)

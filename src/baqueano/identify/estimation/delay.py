@@ -35,6 +35,9 @@ MAX_FINE_TICKS = 6  # ticks that (2) searches
 MAX_EVALUATIONS = 8  # evaluations at one delay: the next delay begins where they end
 EDGE_TICKS = 1e-6  # fraction of a tick: least distance from a whole tick, where the derivative is one-sided
 MAX_STEPS = 6  # largest number of ticks by which (4) moves
+JUMP_LOG_SIGMA = (
+    1e-2  # a smaller difference of Σ counts log σ at a whole tick is a kink of the cost, not a jump
+)
 DUTY_STEP_PATH = "model.drivetrain.duty_step"
 TIMERS = (255, 100, 1023)  # 8 bits, per cent, 10 bits
 MIN_COST_GAIN = 25.0
@@ -200,10 +203,6 @@ def _walk_ticks(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Tas
     """Return the task and the search of the tick with the least cost, at most MAX_STEPS ticks away. The cost can jump
     at a whole tick. At a kink without a jump, select the side with the larger standard error of the delay. (4)"""
     k, visits = int(nearest.solution.theta[i] / tick_s), {}
-
-    def cost(end: tuple[Task, Search]) -> tuple[float, float]:
-        return round(end[1].log_sigma_sum(task.problem.counts), 2), -_delay_variance(end[1], i)
-
     while True:
         bounded_task = _with_bounds(task, i, (k + EDGE_TICKS) * tick_s, (k + 1 - EDGE_TICKS) * tick_s)
         begin = np.clip(nearest.solution.theta, bounded_task.low, bounded_task.high)
@@ -212,7 +211,10 @@ def _walk_ticks(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Tas
         k += int(nearest.solution.bound[i])
         is_inside = task.low[i] < (k + 0.5) * tick_s < task.high[i]
         if nearest.stopped or k in visits or not is_inside or len(visits) > MAX_STEPS:
-            return (bounded_task, nearest) if nearest.stopped else min(visits.values(), key=cost)
+            break
+    sums = {k: end.log_sigma_sum(task.problem.counts) for k, (_, end) in visits.items()}
+    equal = [visits[k] for k in sums if sums[k] <= min(sums.values()) + JUMP_LOG_SIGMA]
+    return (bounded_task, nearest) if nearest.stopped else max(equal, key=lambda e: _delay_variance(e[1], i))
 
 
 def _delay_variance(end: Search, i: int) -> float:

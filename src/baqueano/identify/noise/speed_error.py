@@ -182,7 +182,7 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
         c -= weight * float(B[0] @ gyro_shift[entries])
         modelled_sum += np.einsum("ni,ij,nj->", X @ B, P, X @ B)
         total += np.einsum("ni,ij,nj->", D, P, D)
-        unmodelled_cov += weight * enclosing_cov(shifts @ B.T + fit.unmodelled_speeds[: len(shifts), k])
+        unmodelled_cov += weight * enclosing_cov(shifts @ B.T + fit.unmodelled_speeds[:, k])
     C = C * (total / modelled_sum if modelled_sum > 0.0 else 1.0) + unmodelled_cov
     if any(message.code == SCALES_INCLUDED for message in fit.always_unobservable):
         c = 0.0

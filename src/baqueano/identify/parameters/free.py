@@ -39,7 +39,7 @@ from baqueano.vehicles.rk4 import row_rate_hz
 
 FREE_ROLES = ("fitted", "gain", "offset")  # roles of fields that are free by default
 SIDEWAYS = 1  # axis
-MIN_BACKWARD_NS = 1e9  # of drive backward, for the parameters with the role "reverse"
+MIN_BACKWARD_NS = 1e9  # duration of drive backward, for the parameters with the role "reverse"
 MAX_TURN_RAD = 0.35  # of a mount by hand; a larger one exchanges axes, and is named as a wrong mount
 Channels = Mapping[str, Sequence[int]]
 NO_CHANNELS: Channels = {}  # all sensors are used with all their channels
@@ -111,7 +111,8 @@ def entry_text(words: Words, entry: tuple[int, ...]) -> str:
 def default_free(
     blocks: FittedBlocks, channels: Channels = NO_CHANNELS, runs: Sequence[Run] = ()
 ) -> list[str]:
-    """Return the paths, with entries, that are free by default. `channels` are those of partly used sensors."""
+    """Return the paths, with entries, that are free by default. `channels` are those of partly used sensors. A
+    parameter with the role "reverse" is free only if the `runs` drive backward for more than MIN_BACKWARD_NS."""
     backward_ns = sum(np.sum(np.diff(run.t_ns)[run.applied_commands[:-1, 0] < 0.0]) for run in runs)
     roles = [role for role in TERM_ROLES if role != "reverse" or backward_ns > MIN_BACKWARD_NS]
     fields = list(all_parameters(blocks.model, "model"))

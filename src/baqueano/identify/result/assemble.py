@@ -55,20 +55,23 @@ def verdict_basis(end: FinishedFit) -> VerdictBasis:
     """Return all data on which the verdict on a finished search depends."""
     cov = _covariance(end)
     std = np.sqrt(np.diagonal(cov))
-    unobservable_terms, never_shown = _unobservable(end)
+    unobservable_terms, always_unobservable = _unobservable(end)
     diagnosis = _diagnosis(end, std)
     evidence = _evidence(end, tuple(diagnosis.messages), unobservable_terms)
     s = len(diagnosis.unmodelled_cov)
     total_std = np.sqrt(np.diagonal(cov)[:s] + np.diagonal(diagnosis.unmodelled_cov))
     evidence = evidence._replace(speed_warnings=tuple(_undetermined_damping(end, total_std)))
     is_held_back = _requested_order(end, _bound_excess(end, std), 0.0) > MAX_BOUND_EXCESS_SIGMA
-    return VerdictBasis(cov, diagnosis, evidence, np.where(is_held_back, evidence.bound, 0), never_shown)
+    return VerdictBasis(
+        cov, diagnosis, evidence, np.where(is_held_back, evidence.bound, 0), always_unobservable
+    )
 
 
 def _undetermined_damping(end: FinishedFit, std: np.ndarray) -> list[Diagnostic]:
-    """Return a warning of frictions, except dry ones, without which a fit to an IMU cannot predict a speed: those of
-    forward motion that are only a guess, or are at 0 with a standard error (s,) as large as their start; and those of
-    sideways motion that the data hardly determine, at 0. Other sensors show the speed itself."""
+    """Return a warning of frictions without which a fit to an IMU only cannot predict a speed; dry frictions do not
+    count. `std` (s,) are the standard errors. A friction of forward motion is unknown if it is not identifiable and was
+    never measured. It is also unknown at its bound 0, if its error is as large as its start. A friction of sideways
+    motion is unknown if it is poorly identified and at 0. Other sensors show the speed itself."""
     model, identifiability, names = end.blocks.model, end.identifiability, []
     if not all(is_imu(getattr(end.blocks.sensors, name)) for name in end.task.problem.names):
         return []
@@ -200,7 +203,7 @@ def _evidence(
         tuple(parameter.path for parameter in end.parameters.requested_parameters),
         _requested_order(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
         _requested_order(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
-        _requested_order(end, end.identifiability.poorly_identified[:s], frozen_value=False).astype(bool),
+        _requested_order(end, end.identifiability.poorly_identified[:s], fixed_value=False).astype(bool),
         len(end.parameters.fixed_indices),
         unobservable_terms,
         channels,
@@ -256,9 +259,9 @@ def _runs(problem: Residuals) -> tuple[str, ...]:
     return tuple({record.run: record.name for record in problem.records}.values())
 
 
-def _requested_order(end: FinishedFit, values: np.ndarray, frozen_value: float) -> np.ndarray:
-    """Return the shared `values` in the order of `requested_parameters`, `frozen_value` for frozen ones."""
-    ordered_values = np.full(len(end.parameters.requested_parameters), frozen_value, dtype=float)
+def _requested_order(end: FinishedFit, values: np.ndarray, fixed_value: float) -> np.ndarray:
+    """Return the shared `values` in the order of `requested_parameters`, `fixed_value` for fixed ones."""
+    ordered_values = np.full(len(end.parameters.requested_parameters), fixed_value, dtype=float)
     ordered_values[end.parameters.theta_indices] = values
     return ordered_values
 
@@ -289,17 +292,17 @@ def _channels(
 
 def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return findings on parameters that a better run would show, and findings on parameters that no run can show."""
-    unobservable_terms, never_shown = [], []
+    unobservable_terms, always_unobservable = [], []
     columns: dict[int, list[FreeParameter]] = {}
     for parameter in (end.parameters.requested_parameters[k] for k in end.parameters.fixed_indices):
         assert parameter.column is not None
         columns.setdefault(parameter.column, []).append(parameter)
     n, drivetrain = len(end.vehicle_file.command.names), end.blocks.model.drivetrain
     command = end.vehicle_file.command
-    for j, frozen_parameters in columns.items():
+    for j, unused_parameters in columns.items():
         is_impossible = bool(command.limit[j] == 0.0) or not np.any(drivetrain.mix(np.eye(n)[j]))
-        message = missing_command(frozen_parameters, command.names[j], is_impossible)
-        (never_shown if is_impossible else unobservable_terms).append(message)
+        message = missing_command(unused_parameters, command.names[j], is_impossible)
+        (always_unobservable if is_impossible else unobservable_terms).append(message)
     for i in np.flatnonzero(~end.identifiability.mask[: len(end.parameters.free)]).tolist():
         pairs = end.identifiability.collinear, end.identifiability.correlated
         collinear, partners = (end.confused_parameters(pair, i) for pair in pairs)
@@ -307,8 +310,8 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
         is_needless = parameter.axis is not None and parameter.axis not in drivetrain.driven_axes
         is_needless &= start == parameter.definition.neutral
         reason = unobservable_reason(parameter, collinear, start, partners)
-        (never_shown if is_needless else unobservable_terms).append(reason)
-    return tuple(unobservable_terms), tuple(never_shown)
+        (always_unobservable if is_needless else unobservable_terms).append(reason)
+    return tuple(unobservable_terms), tuple(always_unobservable)
 
 
 def _most_moving(end: FinishedFit) -> str:

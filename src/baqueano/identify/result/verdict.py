@@ -53,7 +53,7 @@ class Evidence(NamedTuple):
     estimate: np.ndarray  # (p,)
     bound: np.ndarray  # (p,)
     poorly_identified: np.ndarray  # (p,)
-    frozen_count: int  # parameters whose command never moved
+    fixed_count: int  # parameters whose command never moved
     unobservable: tuple[Diagnostic, ...]
     channels: "tuple[ChannelFit, ...]"  # run by run, the channels in one order
     channel_runs: "dict[str, list[RunChannel]]"  # see group_channels
@@ -68,7 +68,7 @@ class Evidence(NamedTuple):
 
 def fit_verdict(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
     """Return the verdict and its reasons."""
-    reasons = _refusals(e) or _warnings(e) or [note("fit.converged")]
+    reasons = [*(_refusals(e) or _warnings(e)), *e.speed_warnings] or [note("fit.converged")]
     return Verdict.of(reasons), tuple(reasons)
 
 
@@ -118,12 +118,12 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
             for label, times in error_ratios.items()
         ]
         refusals += _select_findings(e, WARNING)  # one of them can be the reason
-    return [*refusals, *_identifiability(e), *e.speed_warnings]
+    return refusals + _identifiability(e)
 
 
 def _identifiability(e: Evidence) -> list[Diagnostic]:
     """Return a finding if too few of the parameters are identified."""
-    free_count, weak_count = len(e.names) - e.frozen_count, int(np.sum(e.poorly_identified))
+    free_count, weak_count = len(e.names) - e.fixed_count, int(np.sum(e.poorly_identified))
     missing_count = free_count - int(np.sum(np.isfinite(e.estimate)))
     if free_count and missing_count == free_count:
         return [note("fit.nothing-identifiable", ERROR, total=free_count)]

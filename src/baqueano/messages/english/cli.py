@@ -233,7 +233,7 @@ TEMPLATES: dict[str, str] = {
     "cli.taught": "next: {repeat}\nfor gains that suit this path, first: {tune}",
     "cli.route-slower": (
         "the route takes {duration_s:.1f} s at these speeds, and took {former_duration_s:.1f} s: "
-        "{percent:.0f} % of the command stays for the controller"
+        "the controller keeps {percent:.0f} % of the command. To keep less, type: {fix}"
     ),
     "cli.route-replaced": "{path} existed and was replaced by the new route",
     "cli.teach": "teach",

@@ -49,8 +49,8 @@ class Teams(NamedTuple):
     refused_robots: list[int]  # seeds whose fit was refused
 
 
-def identify_teams(seeds: range, gyro: str, backend: str, with_calibration: bool = True) -> Teams:
-    """Return the robots of the seeds with their files; without `with_calibration`, the group `lap_team` is empty."""
+def identify_teams(seeds: range, gyro: str, backend: str, with_laps: bool = True) -> Teams:
+    """Return the robots of the seeds with their files; without `with_laps`, the group `lap_team` is empty."""
     robots = vehicles(seeds)
     starts = calibrate_by_turns(robots, seeds) if gyro == "calibrated" else [initial_file()] * len(seeds)
     runs = simulate_experiments(robots, seeds)
@@ -68,16 +68,16 @@ def identify_teams(seeds: range, gyro: str, backend: str, with_calibration: bool
     names = [seeds[k] for k in usable]
     learned_files = (
         _identify_with_laps(Team(files, robots.subset(usable), names), [runs[k] for k in usable], backend)
-        if with_calibration
+        if with_laps
         else {}
     )
-    accepted_indices = [k for k, name in enumerate(names) if name in learned_files or not with_calibration]
+    accepted_indices = [k for k, name in enumerate(names) if name in learned_files or not with_laps]
     names, ekf_files = [names[k] for k in accepted_indices], [ekf_files[k] for k in accepted_indices]
     fleet = switch_on_again(robots.subset([name - seeds[0] for name in names]), names, ekf_files)
     other_files = [learned_files[name] for name in names if name in learned_files]
     refusals = [seed for seed in seeds if seed not in names]
     return Teams(
-        Team(ekf_files, fleet, names), Team(other_files, fleet, names if with_calibration else []), refusals
+        Team(ekf_files, fleet, names), Team(other_files, fleet, names if with_laps else []), refusals
     )
 
 

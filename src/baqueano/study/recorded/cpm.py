@@ -85,9 +85,7 @@ def choice_rows(choice: "Choice", other_run: "Run", name: str, other_name: str) 
     figures = {figure.channel: figure for figure in validate(choice.fit, other_run).figures}
     share = figures["odometer[0]"].explained_fraction
     dry_terms = DRY_TERMS.intersection(choice.selected_terms)
-    battery = next(
-        run_evaluation for run_evaluation in choice.term_results if run_evaluation.term.name == BATTERY_TERM
-    )
+    battery = next(result for result in choice.term_results if result.term.name == BATTERY_TERM)
     criterion = _("{name} → {other}: speed explained", name=name, other=other_name)
     terms, names = _("{name}: terms added", name=name), ", ".join(map(_, choice.selected_terms))
     battery_term, is_added = f"{name}: {_(BATTERY_TERM)}", battery.verdict == Decision.ADDED

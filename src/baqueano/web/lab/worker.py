@@ -58,10 +58,10 @@ class Worker:
         from baqueano.web.lab.tuning import TuningWorker
 
         self._tuning_worker = self._tuning_worker or TuningWorker()
-        bench = self._tuning_worker
+        tuning = self._tuning_worker
         handlers = {
-            "tune": bench.begin, "route": bench.route, "lap": bench.lap, "costs": bench.costs,
-            "downhill": bench.descent, "write": bench.write,
+            "tune": tuning.begin, "route": tuning.route, "lap": tuning.lap, "costs": tuning.costs,
+            "downhill": tuning.descent, "write": tuning.write,
         }  # fmt: skip
         return handlers[request["type"]](request), b""
 

@@ -6,11 +6,10 @@ TEMPLATES: dict[str, str] = {
         "medians over the drives ({drives}); ratio: {figure} divided by that of {reference}, with its 95 % interval"
     ),
     "sweep.stopped": (
-        "{subject}: {count} of {drives} drives were stopped, and only its laps count them (the first: {cause})"
+        "{subject}: {count} of {drives} drives were stopped (the first: {cause}). Only the result laps includes them"
     ),
     "sweep.guesses": (
-        "The models of these vehicle files are guesses: {names}. Identify them first, so that the results hold for the "
-        "real vehicles."
+        "The models of these vehicle files are guesses: {names}. To measure the first one, type: {fix}"
     ),
     "sweep.several-vehicles": (
         "Recorded runs are replayed with one vehicle file, but --vehicle names several: {value}. Give only one."
@@ -21,8 +20,8 @@ TEMPLATES: dict[str, str] = {
     "sweep.gains-of-code": "Controllers with the gains of their code: {names}.",
     "sweep.gains-choice": "gains = {value}: expected one of {valid}.",
     "sweep.vehicles": (
-        "Each cell is the median of one vehicle: {heading}. The best combination is the first. Without a number, all "
-        "drives were stopped."
+        "Each cell is the median of one vehicle: {heading}. The best combination is the first. In a cell without a "
+        "number, all drives were stopped."
     ),
     "sweep.part": "{count} of {total} drives are done; type the same command again to continue",
     "sweep.spread": "Each dot is a drive, each bar the median of a combination.",
