@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions
-from baqueano.identify.residuals.noise_level import informative_rows
+from baqueano.identify.residuals.informative_rows import informative_rows
 from baqueano.numerics.noise_level import robust_sigma, speed_profile
 
 

@@ -54,7 +54,7 @@ class Unknowns(NamedTuple):
 
 
 def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
-    """Return the parameters and the nuisance that a fit of this vehicle estimates."""
+    """Return the parameters and the nuisance that a fit of a forward drive of this vehicle estimates."""
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     candidates = [free_parameter(blocks, p, {}) for p in default_free(blocks)]
     constant = fixed_columns(candidates, np.asarray(vehicle_file.command.limit)[None])

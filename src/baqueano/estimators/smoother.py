@@ -102,7 +102,7 @@ def run_forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = 
 
 @lru_cache(maxsize=8)
 def _forward_kernel(key: KernelKey, backend: str) -> Scan:
-    """Return the scan of the filter over ticks like `first`. Filters with equal parameters and starts share it."""
+    """Return the scan of the filter of `key`: estimator, belief, first tick. Equal filters and starts share it."""
     estimator, belief, first = key.parts
     row_errors: Tree = optional.attribute(estimator, "row_errors")
     row: Tree = optional.attribute(estimator, "row") or estimator.step

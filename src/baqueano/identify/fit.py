@@ -38,7 +38,7 @@ from baqueano.identify.parameters.free import adds_to_default, has_offset
 from baqueano.identify.parameters.theta import Parameters, parse_sigma
 from baqueano.identify.prediction_error_fit import fit_by_innovations, fit_by_simulation
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals
-from baqueano.identify.residuals.noise_level import min_sigma, rare_channel_sigma
+from baqueano.identify.residuals.informative_rows import min_sigma, rare_channel_sigma
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import Fit
 from baqueano.numerics.least_squares import Minimiser, minimise

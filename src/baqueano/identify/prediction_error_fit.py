@@ -19,7 +19,7 @@ from baqueano.identify.covariance.information import Information, parameter_cov
 from baqueano.identify.estimation.prediction_error import MaximumLikelihood, Prediction, maximum_likelihood
 from baqueano.identify.identifiability import FinishedFit
 from baqueano.identify.parameters.free import PROCESS_NOISE_PATH, free_parameter, value
-from baqueano.identify.residuals.noise_level import sensor_sigma
+from baqueano.identify.residuals.informative_rows import sensor_sigma
 from baqueano.identify.result.assemble import assemble_fit, is_only_autocorrelated, verdict_basis
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.result.objective_choice import (

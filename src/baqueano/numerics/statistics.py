@@ -28,7 +28,7 @@ HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
 MAX_FREEDOM = 1000.0  # degrees of freedom above which Student's t is normal to 1e-4
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(200)  # of a quadrature over (−1, 1)
 MIN_BLOCKS, DRAWS = 5, 2000  # (4): blocks for an interval, and draws
-ENCLOSING_STEPS = 100
+ENCLOSING_STEPS = 100  # iterations of enclosing_cov
 
 
 @lru_cache(maxsize=1000)

@@ -34,7 +34,7 @@ from baqueano.identify.parameters.free import (
     has_offset,
 )
 from baqueano.identify.parameters.theta import fit_parameters
-from baqueano.identify.residuals.noise_level import min_sigma
+from baqueano.identify.residuals.informative_rows import min_sigma
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import text
 from baqueano.messages.language import translate as _

@@ -333,7 +333,7 @@ def _median(drives: Sequence[SweepDrive], name: str) -> float:
 
 
 def short_labels(labels: Sequence[str]) -> dict[str, str]:
-    """Return a short name of each label: with the class alone in place of file.py:Class, if this name is unique.
+    """Return a short name of each label: with the class alone instead of file.py:Class, if this name is unique.
 
     Otherwise the file with its folder replaces the class, such as ana/my_controller, or the whole path.
     """

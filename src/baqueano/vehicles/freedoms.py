@@ -129,8 +129,8 @@ def dry_friction_speeds(vehicle: DynamicVehicle) -> np.ndarray:
     return speeds
 
 
-def viscous_efforts(vehicle: Tree) -> np.ndarray:
-    """Return E (n, 3): E ν is the effort against the part of the drag that is linear in ν.  (5)"""
+def linear_drag_efforts(vehicle: Tree) -> np.ndarray:
+    """Return E (n, 3): E ν balances the part of the drag that is linear in ν, of each dynamic vehicle.  (5)"""
     n = vehicle.commands
     if not is_dynamic(vehicle):
         return np.zeros((n, 3))

@@ -286,7 +286,7 @@ def fastest_route(route: "Route", name: str, vehicle_file: "VehicleFile", **choi
     figures: dict[str, Any] = {"former_duration_s": float(route.t_s[-1]), "duration_s": float(result.t_s[-1])}
     if figures["duration_s"] > figures["former_duration_s"]:
         figures["percent"] = 100.0 * (1.0 - choices.get("share", COMMAND_SHARE))
-        figures["fix"] = baqueano_command("route", "faster", name, "--share", 1.0)
+        figures["fix"] = baqueano_command("route", "faster", name, "--share", "1.0")
         print_message(note("cli.route-slower", **figures))
     return result
 

@@ -85,7 +85,7 @@ from baqueano.messages.printable import baqueano_command
 @options.update
 @click.option(
     "-o", "--out", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
-    help="New vehicle file for the gains, in place of --update: the gains of the present file stay.",
+    help="New vehicle file for the gains, instead of --update: the gains of the present file stay.",
 )  # fmt: skip
 @options.as_json
 def command(

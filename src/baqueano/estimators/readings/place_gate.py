@@ -43,9 +43,7 @@ class PoseChannels(NamedTuple):
 class GateHistory(NamedTuple):
     """Results of the gate for earlier readings of each sensor; each array is (sensors,)."""
 
-    rejection_age_s: (
-        np.ndarray
-    )  # time since a rejected reading; NO_REJECTION_S if the last reading was accepted
+    rejection_age_s: np.ndarray  # since a rejected reading; NO_REJECTION_S if the last one was accepted
     confirmation: np.ndarray  # 1 if an informative reading was rejected after the last accepted one
     mistake_count: np.ndarray  # readings in a row that a mistaken tag explains
 

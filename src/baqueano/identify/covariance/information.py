@@ -22,7 +22,7 @@ from baqueano.identify.covariance.clusters import are_finite, inflation_factors
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import entries, free_parameter, value
 from baqueano.identify.parameters.theta import eliminate_starts
-from baqueano.identify.residuals.noise_level import MIN_MEASUREMENTS
+from baqueano.identify.residuals.informative_rows import MIN_MEASUREMENTS
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.autocorrelation import WHITE_LIMIT, autocorrelated_scores, autocorrelation_sums
 from baqueano.numerics.least_squares import Solution

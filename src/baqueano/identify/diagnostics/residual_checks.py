@@ -7,8 +7,8 @@
 The tests are for the terms of unmodelled_terms.py, and for a change of each parameter between parts of the data. The
 parts are the first 1/4 to 3/4 of the time, each run, and kinds of motion, such as forward, left or fast. A result
 needs a p-value below 1/40,000, because there are some 250 tests (a low-pass of the IMU: 1/300). Also, a parameter
-must shift by more than 2 standard errors and 2 %, or differ between parts by more than 5 %. The covariance gains the
-shifts, and for parts the shifts to both values. γ(1), the covariance of neighbouring residuals, is motion outside the
+must shift by more than 2 standard errors and 2 %, or differ between parts by more than 5 %. The covariance contains
+the shifts, and for parts those to both values. γ(1), the covariance of neighbouring residuals, is motion outside the
 model. If it is above 5 % of the predicted motion, or 0.5 % with (2) above 1.3, parameters are not accurate to 5 %.
 Outliers during fast changes of the prediction (3) mean a wrong delay or a model that is too simple.
 """
@@ -98,7 +98,7 @@ def check_residuals(
     messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(fit_evidence, motion)
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
     missing_terms = _missing_terms(fit_evidence, tests, blocks.model)
-    # nobody measures them
+    # no sensor shows these effects
     hidden_errors = [e for code in HIDDEN_EFFECTS for e in _effect_errors(code, -1, fit_evidence, tests)]
     by_fix: dict[str, Diagnostic] = {}  # one message of those with the same remedy
     for _, message, _ in missing_terms:
@@ -118,8 +118,8 @@ def check_residuals(
 
 
 def _effect_errors(code: str, sign: int, fit: "_FitEvidence", tests: TermTests) -> list["_FitChange"]:
-    """Return the errors by each effect `code`, also if its test is not significant: those of the effect times
-    √(1 ± 1/z²), with the variance of Δθ added (`sign` 1) or subtracted (−1)."""
+    """Return the changes of the fit by each effect `code`, also if its test is not significant. The factor √(1 ± 1/z²)
+    adds (`sign` 1) or subtracts (−1) the variance of Δθ."""
     pairs = [pair for pair in tests if pair[0].description.code == code and pair[1].gain > 0.0]
     factors = [np.sqrt(max(1.0 + sign / (test.z**2 or test.gain), 0.0)) for _, test in pairs]
     changes = [fit.effect(test, term.speed) for term, test in pairs]

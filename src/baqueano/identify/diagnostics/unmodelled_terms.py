@@ -43,7 +43,7 @@ from baqueano.numerics.autocorrelation import decay_since_sign_change
 from baqueano.numerics.parallel import parallel_map, prefetch
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
-from baqueano.vehicles.freedoms import dry_friction_speeds, viscous_efforts
+from baqueano.vehicles.freedoms import dry_friction_speeds, linear_drag_efforts
 from baqueano.vehicles.state import tick_effort
 
 DECAY_S = 0.2  # duration of an effect that begins when a sign changes
@@ -72,7 +72,7 @@ class Effect(NamedTuple):
     speed: np.ndarray | float = 0.0  # (N,) change of ν_x [m/s] by a unit of the effect
 
 
-# and their columns D (K, N m) in standard deviations
+# effects, and their columns D (K, N m) in standard deviations
 TermColumns: TypeAlias = tuple[list[Effect], np.ndarray]
 
 
@@ -149,7 +149,7 @@ class FittedMotion(NamedTuple):
 
 
 def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> FittedMotion | None:
-    """Return the motion that the fit predicts, or None for a model that does not accept process noise (a push)."""
+    """Return the motion that the fit predicts, or None for a model that does not accept process noise."""
     if not has_field(blocks.model, "process_noise_std"):
         return None
     force_scan = cached_kernel(blocks, problem.shape, problem.scan.backend, _force_scan)
@@ -160,7 +160,7 @@ def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -
 def _start(blocks: FittedBlocks, shape: ThetaShape, theta: np.ndarray) -> ForcedState:
     """Return the state at the start of a segment with θ (p,)."""
     motors_off = np.zeros(blocks.model.drivetrain.channels)
-    emf = viscous_efforts(substitute(blocks, shape.paths, theta).model)
+    emf = linear_drag_efforts(substitute(blocks, shape.paths, theta).model)
     vehicle, signals = initial_state(blocks, shape)(theta)
     return ForcedState(vehicle, signals, theta, motors_off, motors_off, motors_off, emf, emf @ vehicle.nu)
 

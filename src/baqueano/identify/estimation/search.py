@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.residuals.noise_level import informative_rows
+from baqueano.identify.residuals.informative_rows import informative_rows
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.messages.language import translate as _
 from baqueano.numerics.autocorrelation import WHITE_LIMIT, autocorrelation_sums
@@ -42,7 +42,7 @@ class Task(NamedTuple):
     high: np.ndarray  # (p,)
     floor: np.ndarray  # (m,) least σ
     fixed_sigma: np.ndarray | None  # (m,) σ, if it is known
-    has_speed_noise: bool = False  # True if the noise can grow with speed: noise_level.py
+    has_speed_noise: bool = False  # True if the noise can grow with speed: numerics/noise_level.py
     # receives the progress; if it returns True, the search ends
     progress: Callable[[str], object] | None = None
     # (m,) σ of channels with too few measurements to estimate it, else 0

@@ -24,6 +24,7 @@ from baqueano.identify.data.added_channels import VOLTAGE_KEY
 from baqueano.identify.data.averaging import WEIGHT_COLUMNS, delayed_average
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.theta import ThetaShape, arrow_layout, theta_layout
+from baqueano.identify.residuals.informative_rows import informative_rows
 from baqueano.identify.residuals.motion import (
     Motions,
     cached_kernel,
@@ -35,7 +36,6 @@ from baqueano.identify.residuals.motion import (
     motion_rows,
     read_sensors,
 )
-from baqueano.identify.residuals.noise_level import informative_rows
 from baqueano.numerics.noise_level import speed_profile
 from baqueano.numerics.normal_equations import Evaluation, segment_sum
 from baqueano.numerics.parallel import parallel_map

@@ -22,7 +22,7 @@ from baqueano.identify.identifiability import (
 )
 from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter, substitute, value
 from baqueano.identify.parameters.theta import START_NAMES
-from baqueano.identify.residuals.noise_level import sensor_sigma
+from baqueano.identify.residuals.informative_rows import sensor_sigma
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import fit_envelope, kept_priors

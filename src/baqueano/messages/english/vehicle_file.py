@@ -67,7 +67,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "vehicle.lacks-gains-of": (
         "{file} [{role}] needs {keys} for {kind}, but its gains belong to {own_kind}. Compute them into a file of "
-        "their own: {fix}. A sweep accepts {gains_file} in place of {kind}, and a drive accepts it as its vehicle "
+        "their own: {fix}. A sweep accepts {gains_file} instead of {kind}, and a drive accepts it as its vehicle "
         "file."
     ),
     "vehicle.place": "{file}, {key}",

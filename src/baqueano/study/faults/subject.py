@@ -56,7 +56,7 @@ class FaultSubject(NamedTuple):
         effective_commands: Sequence[np.ndarray],
         logged_commands: Sequence[np.ndarray],
     ) -> list[Run]:
-        """Return the runs of the vehicles, simulated together, each with its `effective_commands` commands."""
+        """Return the runs of the vehicles, simulated together, each with its `effective_commands`."""
         t_ns = tick_times(len(effective_commands[0]), self.vehicle_file.rate_hz)
         drive = drive_group(
             merge(vehicles), np.stack(effective_commands, axis=1), [self.seed] * len(vehicles), t_ns

@@ -22,7 +22,7 @@ TEMPLATES: dict[str, str] = {
         "{place}\n"
         "    `if`, `and`, `or`, `not`, `while`, min(), max() and a < x < b need a value that is known only "
         "at run time. Write np.where(condition, a, b), np.clip, np.maximum or np.abs. Join conditions with "
-        "&, | and ~. Functions of NumPy need an array in place of a list: np.clip(np.array([x, y]), -1, 1)"
+        "&, | and ~. Functions of NumPy need an array instead of a list: np.clip(np.array([x, y]), -1, 1)"
     ),
     "trace.needs-float": (
         "{place}\n"
