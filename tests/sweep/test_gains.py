@@ -13,11 +13,12 @@ from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import circle
 from baqueano.report.pages.result_page import build_page
 from baqueano.runs.route_file import write_route
+from baqueano.sweep.columns import short_labels
 from baqueano.sweep.combination import SweepBlocks, SweepJob, SweepSettings
 from baqueano.sweep.drawing import register
 from baqueano.sweep.error_segments import ErrorSegments
 from baqueano.sweep.gains import ControllerGains, FileText, find_gains
-from baqueano.sweep.result import SweepCombination, SweepDrive, SweepResult, short_labels
+from baqueano.sweep.result import SweepCombination, SweepDrive, SweepResult
 from baqueano.sweep.stored_drives import job_digest
 from tests.codes import refused
 from tests.web.chromium import CHROMIUM, SIZES, Chromium

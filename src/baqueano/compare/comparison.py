@@ -217,7 +217,19 @@ class Comparison(Result):
         return self._text(table(self))
 
     def short_table(self) -> str:
-        """Return the text with only the main rows of the table."""
+        """Return the text of `table` with only the main rows.
+
+        Returns
+        -------
+        str
+            At most 80 columns wide; the sentences below the table are the same as in `table`.
+
+        Examples
+        --------
+        >>> comparison = bq.compare(bq.simulate(bq.load("small"), np.zeros((10, 3))))
+        >>> len(comparison.short_table()) <= len(comparison.table())
+        True
+        """
         return self._text(table(self, is_short=True))
 
     def _text(self, rows: str) -> str:

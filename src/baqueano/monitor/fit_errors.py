@@ -41,8 +41,33 @@ class ModelMotion(NamedTuple):
 def alternative_models(
     vehicle: Tree, names: tuple[str, ...], cov: np.ndarray, limit: np.ndarray, dt_s: float
 ) -> tuple[Tree, ...]:
-    """Return a model for each column of L; `names` are the parameters of `cov` (p, p), `limit` (n,) the largest
-    commands.  (1)"""
+    """Return the models of (1), whose parameters differ by a small fraction of the errors of the fit.
+
+    Parameters
+    ----------
+    vehicle : Tree
+        The model, with the values of the fit.
+    names : tuple of str
+        The p parameters, such as "model.mass_kg". Only those that begin with "model." are changed.
+    cov : ndarray (p, p)
+        Their covariance [products of the units].
+    limit : ndarray (n,)
+        The largest command of each axis [unit of the command]; 0 for an axis without a motor.
+    dt_s : float
+        Duration of a tick [s].
+
+    Returns
+    -------
+    tuple of Tree
+        At most MAX_MODELS models, one for each column of L that is not 0.
+
+    Examples
+    --------
+    >>> model = bq.load("small").vehicle
+    >>> models = alternative_models(model, ("model.mass_kg",), np.array([[0.01]]), np.ones(3), 0.01)
+    >>> print(round(abs(models[0].mass_kg - model.mass_kg), 6))
+    0.0001
+    """
     indices = [k for k, name in enumerate(names) if name.startswith(PREFIX)]
     paths = [names[k].removeprefix(PREFIX) for k in indices]
     P = cov[np.ix_(indices, indices)]

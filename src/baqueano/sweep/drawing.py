@@ -16,7 +16,8 @@ from baqueano.report.libraries import panel, set_log_scale, with_style
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.pages.result_page import build_page
 from baqueano.report.plots import make_drawings
-from baqueano.sweep.result import ALL_FIGURES, BLOCKS, RMS_FIGURES, SweepResult, short_labels
+from baqueano.sweep.columns import ALL_FIGURES, ratio_cell, short_labels
+from baqueano.sweep.result import BLOCKS, RMS_FIGURES, SweepResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -125,7 +126,7 @@ def _differences(result: SweepResult, rows: "list[TableRow]") -> "list[TableRow]
     names, table_rows = _names(result), []
     for row in (row for row in rows if row["combination"] != result.reference):
         ratios = {
-            _(RMS_FIGURES[name].heading): result.ratio_text(row, name)
+            _(RMS_FIGURES[name].heading): ratio_cell(row, name, result.reference)
             for name in RMS_FIGURES
             if np.isfinite(row[f"{name}_ratio"])
         }

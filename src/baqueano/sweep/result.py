@@ -1,6 +1,5 @@
 """Result of a sweep: values of each drive, medians of each combination of blocks, differences from a reference."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -10,18 +9,24 @@ import numpy as np
 from baqueano.contracts.result import Result, shorten, wrap_sentences
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import text, texts, verdict_line
-from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import LINE_LETTERS, text_table
+from baqueano.sweep.columns import (
+    ALL_FIGURES,
+    figure_column,
+    number_cell,
+    ratio_cell,
+    short_labels,
+    table_lines,
+)
 from baqueano.sweep.error_segments import ErrorSegments
-from baqueano.sweep.figures import RMS_FIGURES, SINGLE_FIGURES
+from baqueano.sweep.figures import RMS_FIGURES
 from baqueano.sweep.gains import CODE
 from baqueano.sweep.paired import UNKNOWN, PairedDifference, paired_difference
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
-ALL_FIGURES = {**RMS_FIGURES, **SINGLE_FIGURES}
 BLOCKS = (  # names of results, in the order of the tables
     ("across_rms_m", "across_max_m", "speed_error_m_s", "effort", "roughness_1_s", "joining_m", "laps"),
     ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad"),
@@ -39,8 +44,6 @@ SHORT_FIGURES = (
 )
 SURVIVAL_FIGURES = ("laps",)  # what a drive achieved before it stopped
 MAIN_FIGURES = ("across_rms_m", "ate_m")  # the table shows the difference of the first of these that is known
-FILE_CLASS = re.compile(r"(?P<file>[^ ]*[/\\.][^ :]*):(?P<name>\w+)")
-MAX_LABEL_LETTERS = 32  # characters of a label
 
 
 class SweepCombination(NamedTuple):
@@ -172,11 +175,35 @@ class SweepResult(Result):
         return rows
 
     def vehicles(self) -> list[str]:
-        """Return the names of the vehicles, or of the recorded runs, in the order of the drives."""
+        """Return the names of the vehicles, or of the recorded runs, in the order of the drives.
+
+        Returns
+        -------
+        list of str
+            Each name once.
+
+        Examples
+        --------
+        >>> drive = SweepDrive(SweepCombination("pd", "ekf", "pd", "repeat"), "seed 1", {"ate_m": 0.1}, {}, "")
+        >>> SweepResult((drive._replace(vehicle="small"),), 1, "pd").vehicles()
+        ['small']
+        """
         return list(dict.fromkeys(drive.vehicle for drive in self.drives))
 
     def ranking(self) -> list[str]:
-        """Return the labels: first those with the fewest stopped drives, then those with the smallest main result."""
+        """Return the labels of the combinations, the best first.
+
+        Returns
+        -------
+        list of str
+            Labels in the order of the number of stopped drives, then of the main result; the smallest is first.
+
+        Examples
+        --------
+        >>> drive = SweepDrive(SweepCombination("pd", "ekf", "pd", "repeat"), "seed 1", {"ate_m": 0.1}, {}, "")
+        >>> SweepResult((drive,), 1, "pd").ranking()
+        ['pd']
+        """
         main = self.main_figure()
         rows = sorted(
             self.combinations(), key=lambda row: (row["stopped"], np.nan_to_num(row[main], nan=np.inf))
@@ -184,7 +211,20 @@ class SweepResult(Result):
         return [row["combination"] for row in rows]
 
     def by_vehicle(self) -> list["TableRow"]:
-        """Return a row per combination: for each vehicle, the median of the main result over its drives."""
+        """Return the main result of each combination on each vehicle.
+
+        Returns
+        -------
+        list of dict
+            A row per combination: its label, and for each vehicle the median of `main_figure` over its drives [unit of
+            the name]; NaN without a complete drive.
+
+        Examples
+        --------
+        >>> drive = SweepDrive(SweepCombination("pd", "ekf", "pd", "repeat"), "seed 1", {"ate_m": 0.1}, {}, "")
+        >>> SweepResult((drive._replace(vehicle="small"),), 1, "pd").by_vehicle()
+        [{'combination': 'pd', 'small': 0.1}]
+        """
         main, by_combination = self.main_figure(), self._by_combination()
         return [
             {"combination": label}
@@ -193,8 +233,25 @@ class SweepResult(Result):
         ]
 
     def difference(self, label: str, figure: str) -> PairedDifference:
-        """Return the ratio of a result of the combination `label` to the reference, over the drives that both
-        completed.
+        """Return the ratio of a result of a combination to that of the reference, over the drives that both completed.
+
+        Parameters
+        ----------
+        label : str
+            The label of the combination.
+        figure : str
+            The name of an rms value, such as "across_rms_m".
+
+        Returns
+        -------
+        PairedDifference
+            The ratio and the ends of its 95 % interval [no unit]; NaN if they are not known.
+
+        Examples
+        --------
+        >>> drive = SweepDrive(SweepCombination("pd", "ekf", "pd", "repeat"), "seed 1", {"ate_m": 0.1}, {}, "")
+        >>> SweepResult((drive,), 1, "pd").difference("pd", "ate_m").ratio
+        nan
         """
         by_label = self._by_combination()
         drives, references = ({d.name: d for d in by_label.get(name, ())} for name in (label, self.reference))
@@ -227,8 +284,19 @@ class SweepResult(Result):
 
     @property
     def notes(self) -> tuple[Diagnostic, ...]:
-        """Return how many controllers have the gains of a vehicle file of their own, and which have those of their
-        code.
+        """Return the sources of the gains.
+
+        Returns
+        -------
+        tuple of Diagnostic
+                        How many controllers have the gains of a vehicle file of their own, and the names of those with the gains
+            of their code. Empty if all have the gains of the vehicle that drives.
+
+        Examples
+        --------
+        >>> drive = SweepDrive(SweepCombination("pd", "ekf", "pd", "repeat"), "seed 1", {"ate_m": 0.1}, {}, "")
+        >>> SweepResult((drive,), 1, "pd").notes
+        ()
         """
         firsts = {label: drives[0] for label, drives in self._by_combination().items()}
         sources = {
@@ -291,37 +359,28 @@ class SweepResult(Result):
         rows, main = self.combinations(), self.main_figure()
         names = short_labels([row["combination"] for row in rows])
         labels = list(names.values())
-        table_lines: list[str] = []
+        printed_lines: list[str] = []
         for block in blocks:
-            columns = [_column(name, rows) for name in block if self._has(name)]
-            if columns and not table_lines and len(rows) > 1:
-                columns.insert(1, [_("ratio"), "", *(self.ratio_text(row, main) for row in rows)])
-            if columns and not table_lines and any(row["stopped"] for row in rows):
+            columns = [figure_column(name, rows) for name in block if self._has(name)]
+            if columns and not printed_lines and len(rows) > 1:
+                columns.insert(1, [_("ratio"), "", *(ratio_cell(row, main, self.reference) for row in rows)])
+            if columns and not printed_lines and any(row["stopped"] for row in rows):
                 columns.insert(0, [_("stopped"), _("drives"), *(str(row["stopped"]) for row in rows)])
-            for lines in _tables(labels, columns):
-                table_lines += ["", *lines] if table_lines else lines
+            for lines in table_lines(labels, columns):
+                printed_lines += ["", *lines] if printed_lines else lines
         if len(blocks) > 1 and len(self.vehicles()) > 1:
             figure = ALL_FIGURES[main]
             title = _("{figure} [{unit}] of each vehicle", figure=_(figure.heading), unit=figure.unit)
             values = [{k: x for k, x in row.items() if k != "combination"} for row in self.by_vehicle()]
-            columns = [[k, "", *(_cell(row[k] * figure.scale) for row in values)] for k in self.vehicles()]
-            for lines in _tables(labels, columns):
-                table_lines += ["", title, *lines]
+            columns = [
+                [k, "", *(number_cell(row[k] * figure.scale) for row in values)] for k in self.vehicles()
+            ]
+            for lines in table_lines(labels, columns):
+                printed_lines += ["", title, *lines]
         code = "sweep.head-ratio" if len(rows) > 1 else "sweep.head"
         drives = max((row["drives"] for row in rows), default=0)
         heading, reference = _(ALL_FIGURES[main].heading), names.get(self.reference, self.reference)
-        return [text(note(code, drives=drives, figure=heading, reference=reference)), *table_lines]
-
-    def ratio_text(self, row: "TableRow", name: str) -> str:
-        """Return the ratio of a result of a row of `combinations`, with its interval, as text."""
-        if row["combination"] == self.reference or not np.isfinite(row[f"{name}_ratio"]):
-            return "1" if row["combination"] == self.reference else "-"
-        if not np.isfinite(row[f"{name}_low"]):
-            return f"{number(row[f'{name}_ratio']):.2f} [-]"
-        return _(
-            "{ratio:.2f} [{low:.2f}, {high:.2f}]",
-            **{end: row[f"{name}_{end}"] for end in ("ratio", "low", "high")},
-        )
+        return [text(note(code, drives=drives, figure=heading, reference=reference)), *printed_lines]
 
 
 def _median(drives: Sequence[SweepDrive], name: str) -> float:
@@ -330,54 +389,3 @@ def _median(drives: Sequence[SweepDrive], name: str) -> float:
     x = np.array([drive.figures.get(name, np.nan) for drive in complete_drives])
     finite = x[np.isfinite(x)]
     return float(np.median(finite)) if finite.size else float("nan")
-
-
-def short_labels(labels: Sequence[str]) -> dict[str, str]:
-    """Return a short name of each label: with the class alone instead of file.py:Class, if this name is unique.
-
-    Otherwise the file with its folder replaces the class, such as ana/my_controller, or the whole path.
-    """
-    for shorten_name in (
-        lambda match: match["name"],
-        lambda match: "/".join(re.split(r"[/\\]", match["file"])[-2:]).removesuffix(".py"),
-        lambda match: match["file"].removesuffix(".py"),
-    ):
-        names = {label: FILE_CLASS.sub(shorten_name, label) for label in labels}
-        if len(set(names.values())) == len(names):
-            return names
-    return dict(zip(labels, labels, strict=True))
-
-
-def _column(name: str, rows: Sequence["TableRow"]) -> list[str]:
-    """Return the cells of a column: heading, unit, and the value of each row."""
-    figure = ALL_FIGURES[name]
-    values = (row[name] * figure.scale for row in rows)
-    return [_(figure.heading), figure.unit, *map(_cell, values)]
-
-
-def _cell(value: float) -> str:
-    return f"{number(value):.3g}" if np.isfinite(value) else "-"
-
-
-def _tables(labels: Sequence[str], columns: Sequence[Sequence[str]]) -> list[list[str]]:
-    """Return the lines of as many tables as the columns need, each at most LINE_LETTERS wide. A label of more than
-    MAX_LABEL_LETTERS has its own line, above its values.
-    """
-    width = min(max(map(len, labels)), MAX_LABEL_LETTERS)
-    column_widths = [max(map(len, column)) + 2 for column in columns]
-    tables: list[list[list[str]]] = []
-    left = 0
-    for column, letters in zip(columns, column_widths, strict=True):
-        if letters > left:
-            tables.append([])
-            left = LINE_LETTERS - width
-        tables[-1].append([f"{cell:>{letters}}" for cell in column])
-        left -= letters
-    blocks_of_lines = []
-    for table in tables:
-        heads, units, *values = ("".join(cells) for cells in zip(*table, strict=True))
-        lines = [f"{'':{width}}{words}" for words in (heads, units.rstrip()) if words]
-        for label, words in zip(labels, values, strict=True):
-            lines += [f"{label:{width}}{words}"] if len(label) <= width else [label, f"{'':{width}}{words}"]
-        blocks_of_lines.append(lines)
-    return blocks_of_lines
