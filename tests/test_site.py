@@ -59,7 +59,9 @@ def method_code(page):
 
 def headings(page):
     text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-    return [len(marks) for marks in re.findall(r"^(#+) ", text, re.MULTILINE)]
+    lines = re.findall(r"^#+ .*", text, re.MULTILINE)
+    assert not [line for line in lines if len(line) > 80], f"{page}: a heading has a line of its own"
+    return [len(line.split()[0]) for line in lines]
 
 
 def equations(page):
