@@ -35,7 +35,10 @@ def _check_complete(completed_count: int, requested_count: int) -> None:
 
 @command.command(
     "paper",
-    help=("Reproduce case study I: the paper's table, its errors and ours, both models, both figures."),
+    help=(
+        "Reproduce case study I of the paper: its table with its errors and those of this "
+        "package, both models, and both figures."
+    ),
 )
 @options.seed
 @options.seeds(1, help="Number of seeds to fit, counted from --seed.")
@@ -196,7 +199,10 @@ def controllers(seed: int, seed_count: int, own_kinds: tuple[str, ...], backend:
     "case_filters",
     multiple=True,
     metavar="WORDS",
-    help='Cases whose row contains these words: "tags, uncalibrated". Repeat the option for more; default: all.',
+    help=(
+        'Cases to study: those whose row contains these words, such as "tags, '
+        'uncalibrated". Repeat the option for more; default: all.'
+    ),
 )
 @options.backend
 @options.as_json

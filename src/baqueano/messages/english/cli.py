@@ -200,7 +200,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.fitted": "{verdict:word}: {reasons}",
     "cli.first-drive-slow": (
-        "The first drive is too slow to show {names}. The plan takes this as a guess, and drives faster"
+        "The first drive was too slow to show {names}. So the plan uses a guess, and the next drive is faster"
     ),
     "cli.experiment": "experiment",
     "cli.planning-in-room": "planning a drive within a room of {size} m",

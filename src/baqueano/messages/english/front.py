@@ -7,11 +7,12 @@ TEMPLATES: dict[str, str] = {
     ),
     "block.lacks-method": "{role}={block} does not have the method {method}(). A block needs init() and step().",
     "block.of-other-role": (
-        "{place} {block}.step({names}) was given as {role:word}, whose step takes ({expected}). "
-        "If it is the {actual_role:word}, type: {fix}"
+        "{place} {block}.step({names}) was given as {role:word}, but the step of that type "
+        "takes ({expected}). If it is the {actual_role:word}, type: {fix}"
     ),
     "block.step-arguments": (
-        "{place} {block}.step({names}) was given as {role:word}, whose step takes ({expected})."
+        "{place} {block}.step({names}) was given as {role:word}, but the step of that type "
+        "takes ({expected})."
     ),
     "call.missing": "{call}() needs more arguments: {names}. Type: {fix}",
     "call.positions": "Too many arguments of {call}() without names: at most {maximum}. Type: {fix}",

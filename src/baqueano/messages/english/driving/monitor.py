@@ -17,7 +17,7 @@ TEMPLATES: dict[str, str] = {
     "sensor.error-in-sensor": "The error is in the sensor, not in the model",
     "sensor.error-in-model": "The error is in the model, not in the sensor. Type: {fix}",
     "sensor.error-in-unknown": (
-        "The error can be in this sensor, in another sensor, or in the model. A third source would decide"
+        "The error can be in this sensor, in another sensor, or in the model. A third source can decide this"
     ),
     "sensor.degraded": "DEGRADED: {cause}.",
     "sensor.agrees-again": "{subject} agrees again, after {duration_s:.1f} s",
@@ -30,8 +30,8 @@ TEMPLATES: dict[str, str] = {
     "envelope.this-run": "the run",
     "envelope.this-signal": "the signal",
     "envelope.left": (
-        "{run} leaves the envelope of the fit: {subject} goes from {minimum:.2g} to {maximum:.2g}. It "
-        "is outside of {low:.2g} to {high:.2g}, the range of the fit, for {percent:.0f} % "
-        "of the time"
+        "{run} leaves the envelope of the fit: {subject} goes from {minimum:.2g} to "
+        "{maximum:.2g}. It is outside the range of the fit, {low:.2g} to {high:.2g}, for "
+        "{percent:.0f} % of the time"
     ),
 }

@@ -59,11 +59,12 @@ TEMPLATES: dict[str, str] = {
     ),
     "route.speed-too-high": (
         "at {position_m:.1f} m the route needs {demand_m_s:.2f} m/s, but the vehicle reaches "
-        "{max_m_s:.2f}. Compute speeds that it reaches: {fix}"
+        "{max_m_s:.2f}. Compute speeds that the vehicle reaches: {fix}"
     ),
     "route.turns-too-fast": (
-        "at {position_m:.1f} m and {speed_m_s:.2f} m/s the route needs {demand_rad_s:.1f} rad/s, but "
-        "the vehicle reaches {max_rad_s:.1f}. Compute speeds that it reaches: {fix}"
+        "at {position_m:.1f} m and {speed_m_s:.2f} m/s the route needs {demand_rad_s:.1f} "
+        "rad/s, but the vehicle reaches {max_rad_s:.1f}. Compute speeds that the vehicle "
+        "reaches: {fix}"
     ),
     "route.noisy": (
         "the positions of the route have a noise of {noise_mm:.0f} mm, and the vehicle would follow it. Smooth the "

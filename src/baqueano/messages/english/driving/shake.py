@@ -55,7 +55,7 @@ TEMPLATES: dict[str, str] = {
     "ledger.detection-line": "    {detector} detected it after {delay_s:.2f} s: {reply}",
     "ledger.undetected-line": "    it was not detected {reply}",
     "ledger.gate": "rejected {count} innovations within {limit_s:g} s",
-    "ledger.nis": "{nis:.2f} over {window_s:g} s, by chance at most {maximum:.2f}",
+    "ledger.nis": "its mean over {window_s:g} s is {nis:.2f}; chance gives at most {maximum:.2f}",
     "ledger.undetected": "for {delay_s:.1f} s: NIS at most {nis:.2f}. {reason}.",
     "ledger.undetected-error": "for {delay_s:.1f} s: NIS at most {nis:.2f}. {consequence}. {reason}.",
     "ledger.estimate-error": (

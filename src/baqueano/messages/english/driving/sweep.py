@@ -29,10 +29,10 @@ TEMPLATES: dict[str, str] = {
         "The error of each combination divided by that of {reference} on the same drives, with its 95 % interval."
     ),
     "sweep.interval": (
-        "A ratio below 1 is better than the reference. Its 95 % interval is Student's t, from a jackknife "
-        "that excludes one block at a time. A block is a drive. With fewer than 5 drives it is a segment "
-        "of 10 s, or of 4 correlation times if that is longer. With fewer than 5 blocks, no decision is "
-        "possible."
+        "A ratio below 1 is better than the reference. Its 95 % interval is Student's t, "
+        "from a jackknife that excludes one block at a time. A block is a drive. With fewer "
+        "than 5 drives, a block is a segment of 10 s, or of 4 correlation times if that is "
+        "longer. With fewer than 5 blocks, no decision is possible."
     ),
     "sweep.reference": "No combination has the label {value}. {suggestion}.",
     "sweep.setting": "{call}() does not accept {value}. {suggestion}.",

@@ -48,8 +48,8 @@ TEMPLATES: dict[str, str] = {
     ),
     "tune.nothing-to-drive": "{routes} routes and {seeds} seeds: expected at least one of each.",
     "tune.as-written": (
-        "{controller} cannot be tuned: its step calls a library, which does not give a gradient. Compare "
-        "sets of its parameters with a sweep."
+        "{controller} cannot be tuned: its step calls a library, which does not give a "
+        "gradient. Compare several values of its parameters with a sweep."
     ),
     "tune.of-a-cell": (
         "{controller} is not defined in a file, so a vehicle file cannot name it. Drive with "

@@ -164,8 +164,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "route.times": "{path} line {line}: expected t_s to start at 0 and increase, got {value:g}.",
     "route.way": (
-        "{path} line {line}: {ds_m:g} m from the previous row at {v_m_s:g} m/s. Expected s_m that does not "
-        "decrease, v_m_s other than 0 where it increases, and wait_s of 0 or more."
+        "{path} line {line}: {ds_m:g} m from the previous row at {v_m_s:g} m/s. Expected an "
+        "s_m that does not decrease, a v_m_s other than 0 where s_m increases, and a wait_s "
+        "of 0 or more."
     ),
     "bag.no-rosbags": "{file}: ROS bags need the laptop extra: {fix}",
     "bag.not-read": (

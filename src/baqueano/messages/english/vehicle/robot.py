@@ -122,14 +122,15 @@ TEMPLATES: dict[str, str] = {
         "period late, {skipped_ticks} were skipped"
     ),
     "drive.line": (
-        "the line to the Uno: {sent_commands} commands sent, {unsent_commands} not sent. {received_frames} frames "
-        "received, {lost_frames} lost, {late_frames} repeated or too late, {damaged_frames} damaged. The Uno was "
-        "reset {resets} times"
+        "commands to the Uno: {sent_commands} were sent, {unsent_commands} were not. Frames "
+        "from the Uno: {received_frames} were received, {lost_frames} lost, {late_frames} "
+        "repeated or too late, and {damaged_frames} damaged. The Uno was reset {resets} times"
     ),
     "drive.line-stopped": (
-        "the line to the Uno: {sent_commands} commands sent, {unsent_commands} not sent. {received_frames} frames "
-        "received, {lost_frames} lost, {late_frames} repeated or too late, {damaged_frames} damaged. The Uno was "
-        "reset {resets} times. {cause}"
+        "commands to the Uno: {sent_commands} were sent, {unsent_commands} were not. Frames "
+        "from the Uno: {received_frames} were received, {lost_frames} lost, {late_frames} "
+        "repeated or too late, and {damaged_frames} damaged. The Uno was reset {resets} "
+        "times. {cause}"
     ),
     "drive.uno": (
         "the Uno received {received_frames} frames: {damaged_frames} were damaged ({damage_percent:.1f} %) and "
