@@ -178,7 +178,7 @@ def late(theta, state, row):
     nu = rk4(nu_dot, nu, effort, dt_s)
     a = nu_dot(nu, effort.last)
     h = np.array([a[0] - nu[2] * nu[1], a[1] + nu[2] * nu[0], nu[2] + theta[14]])
-    after = nu, delay.with_newest(past, u), delay.with_newest(steps_s, dt_s), effort.last
+    after = nu, delay.with_newest_value(past, u), delay.with_newest_value(steps_s, dt_s), effort.last
     return after, (z - h) * WEIGHT
 
 

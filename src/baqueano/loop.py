@@ -36,7 +36,7 @@ class States(NamedTuple):
 
 
 class Record(NamedTuple):
-    """The record of one tick. `tick.u` is the command in force before the tick, `sent_command` the command after it."""
+    """The record of a tick. `tick.u` is the command that acted before the tick, `sent_command` the command after it."""
 
     tick: Tick
     requested_command: Command  # by the controller

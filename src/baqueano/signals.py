@@ -145,7 +145,7 @@ class Tick(NamedTuple):
 
     Examples
     --------
-    >>> tick = Tick(0, np.zeros(3), silent({"imu": 3}))
+    >>> tick = Tick(0, np.zeros(3), empty_slots({"imu": 3}))
     >>> tick.sensors.imu.is_new
     0.0
     """
@@ -239,6 +239,6 @@ def _make_slots(names: tuple[str, ...], values: tuple[Tree, ...]) -> ByName[Tree
     return sensor_slots(names)(*values)
 
 
-def silent(sizes: dict[str, int]) -> ByName[Slot]:
+def empty_slots(sizes: dict[str, int]) -> ByName[Slot]:
     """Return slots for sensors of the given sizes, all without a measurement."""
     return sensor_slots(tuple(sizes))(*(Slot(0.0, np.zeros(m)) for m in sizes.values()))

@@ -13,7 +13,7 @@ from baqueano.estimators import Inertial
 from baqueano.messages import text
 from baqueano.signals import Estimate, Slot, Tick, sensor_slots
 from baqueano.study.counterpart import LoopWorld
-from baqueano.study.first_drives import MiswiredLink, draw_unknown_robot, drive_one, gain_ratios
+from baqueano.study.first_drives import MiswiredLink, draw_unknown_robot, drive_unknown_vehicle, gain_ratios
 from baqueano.study.truth import draw_robots
 from baqueano.vehicle_file import load
 from tests.codes import refused
@@ -32,7 +32,7 @@ def first(small):
 
 @pytest.mark.parametrize("seed", [1, 7])
 def test_an_unknown_vehicle_stays_near_its_start_and_its_wiring_is_identified(seed):
-    drive = drive_one(seed)
+    drive = drive_unknown_vehicle(seed)
     assert drive.margin_m > 0.3  # of the available 0.68 m
     assert drive.is_named
     assert drive.seconds < 120.0

@@ -22,7 +22,7 @@ from baqueano.messages.notation import current_notation
 from baqueano.monitor.findings import AWAY, MODEL, SENSOR, UNKNOWN, Finding
 from baqueano.routes import examine
 from baqueano.routes.room import Room, vehicle_room
-from baqueano.signals import NANOSECONDS, Command, Estimate, Reference, Tick, silent
+from baqueano.signals import NANOSECONDS, Command, Estimate, Reference, Tick, empty_slots
 from baqueano.vehicle_file import load, parse
 from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
@@ -44,7 +44,7 @@ def record(t_s, eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0), cov=None, velocity=(0.0
     t_ns, zero = round(1e9 * t_s), np.zeros(3)
     cov = np.zeros((6, 6)) if cov is None else cov
     return Record(
-        Tick(t_ns, zero, silent({})), Command(t_ns, zero), Command(t_ns, zero),
+        Tick(t_ns, zero, empty_slots({})), Command(t_ns, zero), Command(t_ns, zero),
         Estimate(t_ns, np.array(eta), np.array(nu), cov), Reference(t_ns, np.array(velocity), zero, 0.0), degraded,
     )  # fmt: skip
 
@@ -380,7 +380,7 @@ def test_a_vehicle_that_loses_a_sensor_slows_down_and_stops_and_names_it(sensor)
 def test_a_camera_that_sees_the_vehicle_only_at_a_gate_does_not_stop_it():
     class Gate(SimulatedWorld):
         def read(self, t_ns):
-            unseen = silent({"pose": 3}).pose
+            unseen = empty_slots({"pose": 3}).pose
             is_seen = np.hypot(*self.truth.eta[:2]) < 0.5
             ticks = super().read(t_ns)
             return [t if is_seen else t._replace(sensors=t.sensors._replace(pose=unseen)) for t in ticks]

@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.estimators import Complementary
 from baqueano.sensors import Imu, Odometer
-from baqueano.signals import Motion, Slot, Tick, sensor_slots, silent
+from baqueano.signals import Motion, Slot, Tick, empty_slots, sensor_slots
 from baqueano.study.counterpart.world import ROBOT_STEP_S
 from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.symbolic import compile_block, scan
@@ -33,7 +33,7 @@ def estimate_of(block, u, z, start=None):
         *(Slot(np.ones(n), np.asarray(z[k], dtype=float), np.zeros(n)) for k in names)
     )
     empty_tick = Tick(
-        10_000_000, np.zeros(3), silent({k: s.size for k, s in block.sensors._asdict().items()})
+        10_000_000, np.zeros(3), empty_slots({k: s.size for k, s in block.sensors._asdict().items()})
     )
     belief = block.init() if start is None else block.init(start)
     return scan(block.step, belief, empty_tick).run(Tick(10_000_000 * np.arange(1, n + 1), u, slots))
@@ -65,7 +65,7 @@ def test_wheels_correct_the_speed_only_at_ticks_with_a_reading():
         Slot(np.ones(n), of_motion(np.zeros((n, 3)), np.zeros((n, 3))), np.zeros(n)),
         Slot((np.arange(n) % 2).astype(float), 1.02 * v[:, None], np.zeros(n)),
     )
-    silent_tick = Tick(10_000_000, np.zeros(3), silent({"imu": 3, "odometer": 1}))
+    silent_tick = Tick(10_000_000, np.zeros(3), empty_slots({"imu": 3, "odometer": 1}))
     ticks = Tick(10_000_000 * np.arange(1, n + 1), np.zeros((n, 3)), slots)
     _, motion = scan(block.step, block.init(), silent_tick).run(ticks)
     assert motion.nu[-1, 0] == pytest.approx(0.3, rel=0.01)
@@ -95,7 +95,7 @@ def test_without_wheel_speeds_the_model_predicts_the_speed():
     u = np.tile([0.4, 0.0, 0.0], (n, 1))
     _, motion = estimate_of(blended(), u, {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3)))})
     assert motion.nu[-1, 0] == pytest.approx(1.5 * 0.4 / 1.2, rel=0.01)
-    block, silent_tick = blended(), Tick(10_000_000, np.zeros(3), silent({"imu": 3}))
+    block, silent_tick = blended(), Tick(10_000_000, np.zeros(3), empty_slots({"imu": 3}))
     # the vehicle was driving before
     _, estimate = block.step(block.init(np.zeros(3), np.array([0.5, 0.0, 0.0])), silent_tick)
     assert estimate.nu[0] == pytest.approx(0.5, rel=0.03)

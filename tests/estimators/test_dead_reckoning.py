@@ -14,7 +14,7 @@ from baqueano.estimators import Complementary, DeadReckoning
 from baqueano.estimators.readings.sensor_numbers import ACCEL_SCALE_STD
 from baqueano.geometry import compose, wrap
 from baqueano.sensors import Imu, Odometer, Pose, Wheels
-from baqueano.signals import Slot, Tick, sensor_slots, silent
+from baqueano.signals import Slot, Tick, empty_slots, sensor_slots
 from baqueano.study.counterpart.world import ROBOT_STEP_S
 from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.symbolic import compile_block, scan
@@ -70,7 +70,7 @@ def make_ticks(reckon, readings, u=None):
 
 
 def kernel_of(reckon, start=None):
-    silence = silent({name: s.size for name, s in reckon.sensors._asdict().items()})
+    silence = empty_slots({name: s.size for name, s in reckon.sensors._asdict().items()})
     belief = reckon.init() if start is None else start
     return scan(reckon.step, belief, Tick(10_000_000, np.zeros(reckon.vehicle.commands), silence))
 

@@ -9,7 +9,7 @@ from baqueano.estimators.augmented.motion import SIDESLIP_ERROR_S
 from baqueano.estimators.augmented.state import SIDESLIP_INDEX
 from baqueano.identify.noise.filter_noise import SIDEWAYS_NOISE, _free_noise
 from baqueano.runs.run import Channel
-from baqueano.signals import Tick, silent
+from baqueano.signals import Tick, empty_slots
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, robot_file, vehicle_run
 from baqueano.study.identification.trials import draw_robot, quantised_commands
@@ -64,6 +64,6 @@ def test_a_known_sideslip_error_becomes_as_uncertain_as_before():
     belief, is_other = estimator.init(), 1.0 - np.eye(len(estimator.init().mean))[SIDESLIP_INDEX]
     belief = belief._replace(cov=belief.cov * np.outer(is_other, is_other))
     for k in range(401):
-        belief, _ = estimator.step(belief, Tick((k + 1) * 10_000_000, np.zeros(3), silent({"imu": 3})))
+        belief, _ = estimator.step(belief, Tick((k + 1) * 10_000_000, np.zeros(3), empty_slots({"imu": 3})))
     expected = 1.0 - np.exp(-2.0 * 4.01 / SIDESLIP_ERROR_S)
     assert np.asarray(belief.cov)[SIDESLIP_INDEX, SIDESLIP_INDEX] == pytest.approx(expected, rel=0.01)

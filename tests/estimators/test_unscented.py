@@ -14,7 +14,7 @@ from baqueano.estimators.kalman import Gaussian
 from baqueano.estimators.sigma_points import propagate
 from baqueano.geometry import map_from_body, wrap
 from baqueano.sensors import Imu, Pose
-from baqueano.signals import Motion, Slot, Tick, sensor_slots, silent
+from baqueano.signals import Motion, Slot, Tick, empty_slots, sensor_slots
 from baqueano.study.counterpart import robot_file
 from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.symbolic import compile_block, scan
@@ -140,7 +140,7 @@ def test_nees_and_nis_lie_in_their_bands_on_the_independent_truth():
     for k in range(ticks):
         z[:, k] = world.tick(np.tile(u[k], (n, 1)), 0.01)
     process = np.diag([0.005, 0.002, 0.005, 0.03, 0.03, 0.01]) ** 2 * 0.01
-    silent_tick, nees, nis = Tick(10_000_000, np.zeros(3), silent({"imu": 3})), 0.0, []
+    silent_tick, nees, nis = Tick(10_000_000, np.zeros(3), empty_slots({"imu": 3})), 0.0, []
     for i in range(n):
         file = robot_file(physics.subset([i]))
         block = Unscented(file.vehicle, file.sensors, process)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from baqueano.estimators import AugmentedEkf
-from baqueano.signals import Slot, Tick, silent
+from baqueano.signals import Slot, Tick, empty_slots
 from baqueano.symbolic import scan
 from baqueano.vehicle_file import load
 
@@ -19,7 +19,7 @@ def test_a_gyro_with_a_low_pass_gives_the_heading_although_the_model_is_wrong():
     z = np.tile([0.0, 0.0, RATE], (n, 1))
     slots = type(small.sensors)(Slot(np.ones(n), z, np.zeros(n)))
     ticks = Tick(10_000_000 * np.arange(1, n + 1), np.tile([0.5, 0.0, 0.0], (n, 1)), slots)
-    kernel = scan(ekf.step, ekf.init(), Tick(10_000_000, np.zeros(3), silent({"imu": 3})))
+    kernel = scan(ekf.step, ekf.init(), Tick(10_000_000, np.zeros(3), empty_slots({"imu": 3})))
     _, estimates = kernel.run(ticks)
     heading = np.unwrap(estimates.eta[:, 2])
     assert abs(estimates.nu[-1, 2] - RATE) < 2e-4

@@ -18,7 +18,7 @@ from baqueano.web import server as serving
 from baqueano.web.guard import MAX_FAILURES, TOKEN_LIFETIME_S, Guard, Role
 from baqueano.web.http import REPORT_POLICY, RefusedRequest, parse_head, static_files
 from baqueano.web.run import PageOptions, show_runs
-from baqueano.web.share import own_names, qr_code, url
+from baqueano.web.share import network_names, qr_code, url
 from tests.web.page_client import (
     Browser,
     address,
@@ -106,7 +106,7 @@ def test_ne1_the_printed_address_contains_its_token_in_the_url_fragment():
     assert address == f"http://192.168.4.1:8000/?lang=en#token={tokens[Role.VIEW]}"
     assert "#" not in url("127.0.0.1", 8000, tokens)
     assert len(qr_code(address).splitlines()) > 10
-    assert own_names()[0].endswith(".local")
+    assert network_names()[0].endswith(".local")
 
 
 @pytest.mark.parametrize(

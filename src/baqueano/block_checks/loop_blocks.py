@@ -11,7 +11,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.geometry import map_from_body, wrap
 from baqueano.sensors import Imu
-from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, sensor_slots, silent
+from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, empty_slots, sensor_slots
 
 DT_S = 0.02
 TICK_NS = 20_000_000
@@ -75,7 +75,7 @@ def _check_estimates(trial: Trial, sensors: SensorBlocks, n: int) -> None:
         )
     assert estimate is not None
     start_trace = np.trace(estimate.cov[:2, :2])
-    silent_slots = silent({name: s.size for name, s in sensors._asdict().items()})
+    silent_slots = empty_slots({name: s.size for name, s in sensors._asdict().items()})
     for _ in range(50):
         t_ns += 2 * TICK_NS
         belief, estimate = _checked_estimate(trial, belief, Tick(t_ns, u, silent_slots), note("when.silent"))

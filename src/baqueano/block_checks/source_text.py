@@ -5,7 +5,7 @@ import linecache
 from types import CodeType, FunctionType
 
 
-def is_ours(block_class: type) -> bool:
+def is_in_package(block_class: type) -> bool:
     """Return True if a class is part of the package, whose version every run records."""
     return block_class.__module__.partition(".")[0] == "baqueano"
 

@@ -21,7 +21,7 @@ from baqueano.loop import Blocks
 from baqueano.messages import english_text
 from baqueano.runs import EstimateLog, Event, Run, write_run
 from baqueano.runs.initial_pose import initial_pose
-from baqueano.signals import Slot, Tick, seconds, sensor_slots, silent
+from baqueano.signals import Slot, Tick, empty_slots, seconds, sensor_slots
 from baqueano.symbolic import TraceError
 from baqueano.vehicle_file.file import VehicleFile, parse
 from baqueano.worlds.replayed import ReplayedWorld, replay_supervisor
@@ -152,7 +152,7 @@ def _smooth_run(
     belief = estimator.init(
         *(() if state is None else (state,) if len(state) == 3 else (state[:3], state[3:]))
     )
-    silent_tick = Tick(int(run.t_ns[0]), run.applied_commands[0], silent(sizes))
+    silent_tick = Tick(int(run.t_ns[0]), run.applied_commands[0], empty_slots(sizes))
     block_name = type(estimator).__name__
     if not can_be_smoothed(estimator, belief, silent_tick):
         raise UsageError(fault("smooth.not-kalman", estimator=block_name))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from baqueano import loop
-from baqueano.block_checks.source_text import is_ours, source_text
+from baqueano.block_checks.source_text import is_in_package, source_text
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Estimator, World
 from baqueano.contracts.calls import checked_call
@@ -29,7 +29,7 @@ from baqueano.runs import Run, RunWriter, read_run
 from baqueano.runs.folder import path_of_run
 from baqueano.runs.recorder import MemoryRecorder, RunRecorder
 from baqueano.runs.run import REST_KEY
-from baqueano.signals import Command, Reference, Tick, silent
+from baqueano.signals import Command, Reference, Tick, empty_slots
 from baqueano.standstill import with_rest
 from baqueano.symbolic import TraceError, compile_block
 from baqueano.symbolic.function import CompiledBlock
@@ -86,7 +86,7 @@ class Conditions:
             raise UsageError(fault("shake.of-another-world", world=type(self.world).__name__))
         check_world(world)
         _check_command_count(vehicle_file, world)
-        return world if is_ours(type(world)) else with_checked_ticks(world, example_tick(vehicle_file))
+        return world if is_in_package(type(world)) else with_checked_ticks(world, example_tick(vehicle_file))
 
     def _simulated_world(self, vehicle_file: VehicleFile) -> World:
         file = vehicle_file.truth if self.truth is None else vehicle_file.simulation_truth(self.truth)
@@ -126,7 +126,7 @@ def user_block_metadata(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict
         role: part
         for role in blocks_by_role
         for part in optional.nested_blocks(blocks_by_role[role])
-        if not is_ours(type(part))
+        if not is_in_package(type(part))
     }
     texts = {role: source_text(type(block)) for role, block in own_blocks.items()}
     text_notes = [
@@ -370,7 +370,7 @@ def example_tick(vehicle_file: VehicleFile) -> Tick:
     return Tick(
         0,
         np.zeros(vehicle_file.vehicle.commands),
-        silent({n: getattr(sensors, n).size for n in sensors._fields}),
+        empty_slots({n: getattr(sensors, n).size for n in sensors._fields}),
     )
 
 

@@ -102,10 +102,10 @@ class AugmentedEkf:
 
     Examples
     --------
-    >>> from baqueano.signals import Tick, silent
+    >>> from baqueano.signals import Tick, empty_slots
     >>> robot = bq.load("small")
     >>> ekf = AugmentedEkf(robot.vehicle, robot.sensors, gate_sigma=5.0)
-    >>> belief, estimate = ekf.step(ekf.init(), Tick(10_000_000, np.zeros(3), silent({"imu": 3})))
+    >>> belief, estimate = ekf.step(ekf.init(), Tick(10_000_000, np.zeros(3), empty_slots({"imu": 3})))
     >>> estimate.cov.shape
     (6, 6)
     """
@@ -292,7 +292,7 @@ class AugmentedEkf:
 
     @property
     def process_noise_cov(self) -> np.ndarray:
-        """Return R (6, 6) of (ν, ν̇) per tick: about the same disturbance as white noise, for filters such as `Ekf`."""
+        """Return R (6, 6) of (ν, ν̇) per tick: white noise of about the same size, for filters such as `Ekf`."""
         dt_s, d = 1.0 / self.rate_hz, self.disturbance_std[[0, 0, 1]]
         variance_share = 1.0 - np.exp(-2.0 * dt_s / self.disturbance_fade_s[[0, 0, 1]])
         return np.diag(

@@ -67,10 +67,10 @@ class Complementary:
 
     Examples
     --------
-    >>> from baqueano.signals import Tick, silent
+    >>> from baqueano.signals import Tick, empty_slots
     >>> robot = bq.load("small")
     >>> blend = Complementary(robot.vehicle, robot.sensors, blend_time_s=0.3)
-    >>> belief, estimate = blend.step(blend.init(), Tick(10_000_000, np.zeros(3), silent({"imu": 3})))
+    >>> belief, estimate = blend.step(blend.init(), Tick(10_000_000, np.zeros(3), empty_slots({"imu": 3})))
     >>> estimate.nu
     array([0., 0., 0.])
     """

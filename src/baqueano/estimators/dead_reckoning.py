@@ -89,10 +89,10 @@ class DeadReckoning:
 
     Examples
     --------
-    >>> from baqueano.signals import Tick, silent
+    >>> from baqueano.signals import Tick, empty_slots
     >>> robot = bq.load("small")
     >>> sums = DeadReckoning(robot.vehicle, robot.sensors, 1e-4 * np.eye(6))
-    >>> belief, estimate = sums.step(sums.init(), Tick(10_000_000, np.zeros(3), silent({"imu": 3})))
+    >>> belief, estimate = sums.step(sums.init(), Tick(10_000_000, np.zeros(3), empty_slots({"imu": 3})))
     >>> estimate.cov.shape
     (6, 6)
     """

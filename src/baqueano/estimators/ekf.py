@@ -101,10 +101,10 @@ class Ekf:
 
     Examples
     --------
-    >>> from baqueano.signals import Tick, silent
+    >>> from baqueano.signals import Tick, empty_slots
     >>> robot = bq.load("small")
     >>> ekf = Ekf(robot.vehicle, robot.sensors, 1e-4 * np.eye(6))
-    >>> belief, estimate = ekf.step(ekf.init(), Tick(10_000_000, np.zeros(3), silent({"imu": 3})))
+    >>> belief, estimate = ekf.step(ekf.init(), Tick(10_000_000, np.zeros(3), empty_slots({"imu": 3})))
     >>> estimate.cov.shape
     (6, 6)
     """

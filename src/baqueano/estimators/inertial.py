@@ -112,9 +112,9 @@ class Inertial:
 
     Examples
     --------
-    >>> from baqueano.signals import silent
+    >>> from baqueano.signals import empty_slots
     >>> alone = Inertial()
-    >>> state, estimate = alone.step(alone.init(), Tick(10_000_000, np.zeros(3), silent({"imu": 3})))
+    >>> state, estimate = alone.step(alone.init(), Tick(10_000_000, np.zeros(3), empty_slots({"imu": 3})))
     >>> estimate.nu
     array([0., 0., 0.])
     """

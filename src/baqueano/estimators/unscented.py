@@ -65,10 +65,10 @@ class Unscented:
 
     Examples
     --------
-    >>> from baqueano.signals import Tick, silent
+    >>> from baqueano.signals import Tick, empty_slots
     >>> robot = bq.load("small")
     >>> ukf = Unscented(robot.vehicle, robot.sensors, 1e-4 * np.eye(6))
-    >>> belief, estimate = ukf.step(ukf.init(), Tick(10_000_000, np.zeros(3), silent({"imu": 3})))
+    >>> belief, estimate = ukf.step(ukf.init(), Tick(10_000_000, np.zeros(3), empty_slots({"imu": 3})))
     >>> estimate.cov.shape
     (6, 6)
     """

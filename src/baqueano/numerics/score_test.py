@@ -47,7 +47,7 @@ class NuisanceDerivatives(NamedTuple):
     d: np.ndarray  # (q, n m) derivatives, with earlier nuisance parameters eliminated
     weighted_slopes: np.ndarray  # (q, n m) d w
     inverse: np.ndarray  # (q, q) of d w dᵀ
-    ties: np.ndarray  # (first, q) the part of each earlier derivative that d explains
+    projections: np.ndarray  # (first, q) the part of each earlier derivative that d explains
 
 
 class FitResiduals(NamedTuple):
@@ -155,9 +155,9 @@ def _eliminate(flat_slopes: np.ndarray, w: np.ndarray, m: int, nuisance: Nuisanc
     weighted_slopes = d * w[columns]
     inverse = pseudo_inverse(_product(weighted_slopes, d.T))
     other_rows = flat_slopes[:first, columns]
-    ties = _product(other_rows, weighted_slopes.T) @ inverse
-    _subtract(other_rows, ties, d)
-    return NuisanceDerivatives(rows, columns, d, weighted_slopes, inverse, ties)
+    projections = _product(other_rows, weighted_slopes.T) @ inverse
+    _subtract(other_rows, projections, d)
+    return NuisanceDerivatives(rows, columns, d, weighted_slopes, inverse, projections)
 
 
 def _subtract(D: np.ndarray, projection: np.ndarray, d: np.ndarray) -> None:
@@ -209,7 +209,7 @@ def nuisance_shift(fit: FitResiduals, test: ScoreTest, shift: np.ndarray, count:
     """Return the change of the parameters of the last `count` nuisances by an effect that changes θ by `shift` (k,).
     Each row belongs to at most one of these nuisances."""
     pairs = [*zip(fit.nuisances, test.nuisance_shifts, strict=True)][len(fit.nuisances) - count :]
-    shifts = [own_shift - nuisance.ties[fit.identifiable].T @ shift for nuisance, own_shift in pairs]
+    shifts = [own_shift - nuisance.projections[fit.identifiable].T @ shift for nuisance, own_shift in pairs]
     return np.concatenate([np.zeros(0), *shifts])
 
 

@@ -103,10 +103,8 @@ def fit_sections(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True
     if identifiable.sum() > 1:
         matrix = fit.correlation[np.ix_(identifiable, identifiable)]
         messages = _(
-            (
-                "A cell off the diagonal that is red, or blue with a minus sign: only the "
-                "combination of its two parameters is known."
-            )
+            "A cell off the diagonal that is red, or blue with a minus sign: only the "
+            "combination of its two parameters is known."
         )
         drawing = draw(figures.correlation(names, matrix), messages)
         sections.append(Section(_("Correlation of the estimates"), "", [drawing]))

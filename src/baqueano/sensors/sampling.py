@@ -24,7 +24,7 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.parameter import parameter
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import INITIAL_STEP_S, MIN_TICK_S, check_delay, delayed_value, with_newest
+from baqueano.vehicles.delay import INITIAL_STEP_S, MIN_TICK_S, check_delay, delayed_value, with_newest_value
 
 PHASE_TOLERANCE = 1e-6  # fraction of a period: tick times are rounded to whole nanoseconds
 
@@ -145,11 +145,11 @@ def delayed_signal(sensor: Tree, signal: Tree, h: np.ndarray, dt_s: Value) -> tu
     """Return the signal one tick later, and its delayed value (m,). `h` (m,) is its newest value."""
     if not signal.past_values.shape[0]:
         return signal, h
-    steps_s = with_newest(signal.steps_s, dt_s)
+    steps_s = with_newest_value(signal.steps_s, dt_s)
     past_signal = delayed_value(
         h, signal.past_values, steps_s, sensor.delay_s, lambda z, h: difference(sensor, z, h)
     )
-    past_values = with_newest(signal.past_values, h)
+    past_values = with_newest_value(signal.past_values, h)
     return signal._replace(past_values=past_values, steps_s=steps_s), past_signal
 
 

@@ -140,7 +140,7 @@ def first_drives(
     that have just finished.
     """
     drives = run_in_processes(
-        partial(drive_one, backend=backend), range(first, first + seeds), processes, advance
+        partial(drive_unknown_vehicle, backend=backend), range(first, first + seeds), processes, advance
     )
     drives_by_wiring = {wiring: [drive for drive in drives if drive.wiring == wiring] for wiring in WIRINGS}
     return FirstDrives(
@@ -156,7 +156,7 @@ def _row(wiring: str, figures: list[FirstDriveFigures]) -> FirstDriveRow:
     return FirstDriveRow(wiring, len(figures), *walls, named_count, gain, longest_s)
 
 
-def drive_one(seed: int, backend: str = "auto") -> FirstDriveFigures:
+def drive_unknown_vehicle(seed: int, backend: str = "auto") -> FirstDriveFigures:
     """Simulate the first drive of the unknown vehicle of that seed, and return its results."""
     vehicle_file, wiring = load("small"), WIRINGS[seed % len(WIRINGS)]
     robot = draw_unknown_robot(seed)

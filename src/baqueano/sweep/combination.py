@@ -55,7 +55,7 @@ class SweepJob(NamedTuple):
     route_name: str = ""
 
 
-def do_job(job: SweepJob) -> SweepDrive:
+def drive_job(job: SweepJob) -> SweepDrive:
     """Do the drive or the replay of a job, and return its results."""
     try:
         run = _replay(job) if job.run is not None else _drive(job)

@@ -289,8 +289,8 @@ class SweepResult(Result):
         Returns
         -------
         tuple of Diagnostic
-                        How many controllers have the gains of a vehicle file of their own, and the names of those with the gains
-            of their code. Empty if all have the gains of the vehicle that drives.
+            How many controllers have the gains of a vehicle file of their own, and which have those of their code.
+            Empty if all have the gains of the vehicle that drives.
 
         Examples
         --------

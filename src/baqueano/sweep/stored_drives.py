@@ -18,13 +18,13 @@ import numpy as np
 
 from baqueano import __version__
 from baqueano.atomic_file import replace_file
-from baqueano.block_checks.source_text import is_ours, source_text
+from baqueano.block_checks.source_text import is_in_package, source_text
 from baqueano.blocks import LOOP_ROLES, PROGRAM, resolve
 from baqueano.contracts import optional
 from baqueano.diagnostics import fault
 from baqueano.errors import USER_MODULE_PREFIX, UsageError
 from baqueano.runs.initial_pose import initial_pose
-from baqueano.sweep.combination import SweepJob, do_job, drive_from_row, drive_row
+from baqueano.sweep.combination import SweepJob, drive_from_row, drive_job, drive_row
 from baqueano.sweep.error_segments import ErrorSegments
 from baqueano.sweep.gains import FileText
 from baqueano.sweep.workers import run_in_processes
@@ -86,7 +86,7 @@ class NumberedJob(NamedTuple):
 
 def _run_and_store(job: NumberedJob, drives_folder: Path | None, names: dict[int, str]) -> tuple[int, dict]:
     """Run a job, write its row to `drives_folder`, and return its number and row."""
-    row = drive_row(do_job(job.job))
+    row = drive_row(drive_job(job.job))
     if drives_folder is not None:
         replace_file(drives_folder / f"{names[job.number]}.json", json.dumps(row))
     return job.number, row
@@ -159,7 +159,7 @@ def _block_text(role: str, block: object, job: SweepJob) -> str:
         # all entries of an array, with all digits
         with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
             numbers = kind.__qualname__ if isinstance(block, type) else repr(block)
-    return numbers if is_ours(kind) else f"{numbers}\n{source_text(kind)}"
+    return numbers if is_in_package(kind) else f"{numbers}\n{source_text(kind)}"
 
 
 def _named_block_texts(file_text: FileText) -> dict[str, str]:
@@ -172,7 +172,7 @@ def _named_block_texts(file_text: FileText) -> dict[str, str]:
         for role, block in parts.items()
         for k, part in enumerate(optional.nested_blocks(block))
     }
-    return {role: source_text(kind) for role, kind in classes.items() if not is_ours(kind)}
+    return {role: source_text(kind) for role, kind in classes.items() if not is_in_package(kind)}
 
 
 def run_on_cluster(

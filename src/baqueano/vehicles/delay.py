@@ -87,7 +87,7 @@ def delayed_value(
     return value
 
 
-def with_newest(line: np.ndarray, newest_value: Value) -> np.ndarray:
+def with_newest_value(line: np.ndarray, newest_value: Value) -> np.ndarray:
     """Return the past values (slots, …) one tick later: `newest_value` is first, and the oldest value is removed."""
     if line.shape[0] == 0:
         return line

@@ -25,7 +25,13 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter, parameters
 from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import INITIAL_STEP_S, CommandSegment, check_delay, command_segments, with_newest
+from baqueano.vehicles.delay import (
+    INITIAL_STEP_S,
+    CommandSegment,
+    check_delay,
+    command_segments,
+    with_newest_value,
+)
 from baqueano.vehicles.effort import Effort, direct_effort, lagged_effort
 
 MIN_LAG_S = 1e-100  # a tick divided by a smaller lag exceeds the range of floating-point numbers
@@ -251,8 +257,8 @@ class Drivetrain:
             pieces = [piece._replace(u=piece.u + lead) for piece in pieces]
         lag = self._lagged(pieces, state.lag_state, dt_s) if self.has_lag else direct_effort(pieces, dt_s)
         next_state = DrivetrainState(
-            with_newest(state.past_commands, u),
-            with_newest(state.steps_s, dt_s),
+            with_newest_value(state.past_commands, u),
+            with_newest_value(state.steps_s, dt_s),
             lag.last if self.has_lag else state.lag_state,
         )
         return next_state, Effort(*map(self.unmix, lag))

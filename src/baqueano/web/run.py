@@ -19,7 +19,7 @@ from baqueano.web.live import Live
 from baqueano.web.page import BrowserPage
 from baqueano.web.server import LOOPBACK, Server
 from baqueano.web.service import DoorLink
-from baqueano.web.share import open_tab, own_address, own_names, qr_code, url
+from baqueano.web.share import network_names, open_tab, own_address, qr_code, url
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -144,7 +144,7 @@ def question_subject(vehicle: str, routes: Path) -> "JsonObject | None":
 
 def _server(page: BrowserPage, run_list: RunList, options: PageOptions) -> Server:
     shared_address = (options.address or own_address()) if options.share else ""
-    names = own_names() if options.share else ()
+    names = network_names() if options.share else ()
     return Server(
         page.receive,
         page.on_disconnect,

@@ -27,7 +27,7 @@ def own_address() -> str:
     return address
 
 
-def own_names() -> tuple[str, ...]:
+def network_names() -> tuple[str, ...]:
     """Return the names by which other machines of the network can find this machine, () without a host name."""
     name = socket.gethostname().partition(".")[0]
     return (f"{name}.local",) if name else ()

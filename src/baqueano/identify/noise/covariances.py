@@ -31,7 +31,7 @@ from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented.state import layout
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise, simulated_noise
-from baqueano.identify.noise.held_out import Acceptance, SpeedChannels, accept_or_refit, speed_channels
+from baqueano.identify.noise.held_out import Acceptance, SpeedChannels, speed_channels, validate_noise
 from baqueano.identify.noise.process_noise import MIN_RELATIVE_STD, process_covariance, process_errors
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import texts
@@ -238,7 +238,7 @@ def measure_noise(
         ekf = filters(names)
         if held_out:
             make_filter = partial(filter_noise, fit, [*runs, *held_out], covariances, at_rest, backend, names)
-            ekf, check = accept_or_refit(ekf, make_filter, held_out, backend)
+            ekf, check = validate_noise(ekf, make_filter, held_out, backend)
         in_motion |= {name: getattr(ekf.sensors, name).cov for name in layout(ekf).names}
         fields = {name: np.array(getattr(ekf, name), dtype=float) for name in FIELDS}
         metadata = np.zeros((0, 0)), fit.file.rate_hz, "innovations", tuple(notes), units

@@ -190,7 +190,7 @@ class Acceptance(NamedTuple):
     is_inconsistent: bool  # True if the noise still disagrees after the new estimate, or on simulated drives
 
 
-def accept_or_refit(
+def validate_noise(
     ekf: AugmentedEkf, refit: Callable[[], AugmentedEkf], validation_runs: Sequence[Run], backend: str
 ) -> tuple[AugmentedEkf, Acceptance]:
     """Return the filter whose noise is written, and the verdict. The filter is `ekf` if the `validation_runs` agree

@@ -43,7 +43,7 @@ from baqueano.numerics.statistics import HUBER, huber_cost
 from baqueano.sensors.sampling import difference
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
-from baqueano.vehicles.delay import delayed_value, with_newest
+from baqueano.vehicles.delay import delayed_value, with_newest_value
 
 CACHED_RESULTS = 3  # cached results of a problem: several tests need the results at the end of a search
 START_STD = (10.0, 0.3, 10.0)  # m/s, m/s, rad/s: prior of ν of a start without earlier measurements
@@ -348,7 +348,7 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Call
         durations = row[first_duration:]
         vehicle, motion = tick_blocks.model.step(state.vehicle, u, dt_s, np.zeros(3))
         readings, signals = read_sensors(tick_blocks.sensors, state.signals, motion, dt_s, mean_weights)
-        steps_s = with_newest(state.steps_s, dt_s)
+        steps_s = with_newest_value(state.steps_s, dt_s)
         residuals, past_h, lines, offset = [], [], [], 0
         for k, sensor in enumerate(tick_blocks.sensors):
             h = newest = readings[k]
@@ -364,7 +364,7 @@ def _trace(blocks: FittedBlocks, shape: ThetaShape, backend: str, residual: Call
             elif shape.sample_fraction[k]:
                 h = h + fractions[k] * difference(sensor, state.previous_h[k], h)
             past_h.append(readings[k] if len(state.previous_h[k]) else state.previous_h[k])
-            lines.append(with_newest(state.lines[k], newest))
+            lines.append(with_newest_value(state.lines[k], newest))
             span = slice(offset, offset + sizes[k])
             residuals.append(weight[span] * residual(sensor, z[span], h))
             offset += sizes[k]

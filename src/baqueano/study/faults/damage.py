@@ -210,7 +210,7 @@ def too_short(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> 
     return run.cut(start_s, start_s + rng.uniform(0.4, 1.5))
 
 
-def half_driven(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
+def partly_missing_command(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set the last entry of the logged command to zero in the last 30 to 70 % of the run."""
     u = run.applied_commands.copy()
     u[int(rng.uniform(0.3, 0.7) * len(u)) :, -1] = 0.0
@@ -242,5 +242,5 @@ DAMAGES: dict[str, Damage] = {
     N_("motors swapped"): motors_swapped,
     N_("motor inverted"): motor_inverted,
     N_("too short"): too_short,
-    N_("command lost"): half_driven,
+    N_("command lost"): partly_missing_command,
 }

@@ -79,7 +79,7 @@ def log_epoch_in_ms(run: Run, vehicle_file: VehicleFile, rng: np.random.Generato
     return with_clocks(run, lambda t_ns: EPOCH_MS + t_ns // 1_000_000)
 
 
-def half_duplicated(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
+def duplicated_half(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Replace the second half of the run by a copy of the first half, and remove the truth."""
     half_ticks = len(run.t_ns) // 2
     rows = np.concatenate([np.arange(half_ticks), np.arange(len(run.t_ns) - half_ticks)])
@@ -116,7 +116,7 @@ def kilohertz_with_repeats(run: Run, vehicle_file: VehicleFile, rng: np.random.G
     return replace(run, t_ns=t_ns, applied_commands=u, sensors=sensors, truth=None)
 
 
-def two_seconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
+def short_run(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Keep only 2 s of the drive."""
     start_s = rng.uniform(2.0, 20.0)
     return run.cut(start_s, start_s + 2.0)
@@ -148,9 +148,9 @@ LOGGING = {
     N_("gyro zeroes itself"): gyro_zeroes_itself,
     N_("sign lost"): lose_sign,
     N_("epoch in ms"): log_epoch_in_ms,
-    N_("half duplicated"): half_duplicated,
+    N_("half duplicated"): duplicated_half,
     N_("two IMUs"): two_imus,
     "10 Hz": ten_hertz,
     N_("1 kHz repeats"): kilohertz_with_repeats,
-    "2 s": two_seconds,
+    "2 s": short_run,
 }

@@ -166,7 +166,7 @@ def one_sided(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.rand
     return _throttle(subject, u, lambda w: np.where(w < 0.0, backward_fraction * w, w))
 
 
-def slipping(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator) -> FaultPlan:
+def wheel_slip(subject: FaultSubject, u: np.ndarray, sound_run: Run, rng: np.random.Generator) -> FaultPlan:
     """Reduce the force of a robot's wheel, or of a car, to 30 % for 5 s. Then an odometer reads 1.5 times the speed."""
     w, k = _channels(subject, u), int(rng.integers(0, 2)) if isinstance(subject.vehicle, Robots) else 0
     start = int(rng.uniform(0.2, 0.6) * len(u))
@@ -252,7 +252,7 @@ STRUCTURES: dict[str, Structure] = {
     N_("caster flips"): caster,
     N_("cogging"): cogging,
     N_("weaker backward"): one_sided,
-    N_("slip for 5 s"): slipping,
+    N_("slip for 5 s"): wheel_slip,
     N_("dry friction"): dry_friction,
     N_("centre of mass"): centre_of_mass,
     N_("tilted floor"): tilted_floor,

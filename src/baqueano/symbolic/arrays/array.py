@@ -126,7 +126,7 @@ def apply_ufunc(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs:
     if not kwargs and method == "__call__" and ufunc in TRACED_UFUNCS and any(map(has_scalars, inputs)):
         result = as_traced(TRACED_UFUNCS[ufunc](*map(as_array, inputs)))
         if ufunc is np.subtract:
-            linalg.remember_complement(result, *inputs)
+            linalg.store_complement(result, *inputs)
         return result
     target = kwargs.pop("out", (None,))[0]
     if not any(map(has_scalars, inputs)):
@@ -142,7 +142,7 @@ def apply_ufunc(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs:
             options["axis"] = kwargs["axis"]
         result = as_traced(getattr(UFUNCS[ufunc.__name__], method)(*map(as_array, inputs), **options))
         if ufunc is np.subtract and method == "__call__":
-            linalg.remember_complement(result, *inputs)
+            linalg.store_complement(result, *inputs)
     if target is None:
         return result
     if not target.flags.writeable:

@@ -63,7 +63,7 @@ def array_origin(x: Value) -> Origin | None:
     return origin if origin is not None and are_same_arrays(origin.cells, x) else None
 
 
-def remember_complement(result: Value, a: Value, b: Value) -> None:
+def store_complement(result: Value, a: Value, b: Value) -> None:
     """Store the origin of `result` = a − b in it, if it is I − K H."""
     origin = array_origin(b)
     if origin is None or origin.is_complement or not isinstance(a, np.ndarray) or a.shape != b.shape:

@@ -163,9 +163,9 @@ def step_time_us(role: str, kind: str, vehicle_file: "VehicleFile") -> float | N
 
 
 def _is_own(cls: type) -> bool:
-    from baqueano.block_checks.source_text import is_ours
+    from baqueano.block_checks.source_text import is_in_package
 
-    return is_ours(cls)
+    return is_in_package(cls)
 
 
 def _class_text(cls: type) -> "JsonObject":
