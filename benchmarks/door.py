@@ -69,7 +69,7 @@ class Times(NamedTuple):
     control: list[list[float]]
 
     def late_ms(self) -> list[float]:
-        """Return the 95 % quantile of the delays of each quiet round, less what the machine took in this round."""
+        """Return the 95 % quantile of the delays of each quiet round, minus the delay of the machine itself."""
         return [
             quantile(delays, 0.95) - max(0.0, quantile(control, 0.95) - MOST_WAKE_MS)
             for delays, control in zip(self.messages, self.control, strict=True)

@@ -42,7 +42,7 @@ class HandMeasurement(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandSensor:
-    """Sensor block of a kind of hand measurement. `h` returns z (size,): a distance [m], a position [m], or a direction
+    """The sensor block of a measurement by hand. `h` returns z (size,): a distance [m], a position [m], or a direction
     without a jump at half a turn, whose standard deviation is that of the angle [rad].  (1)"""
 
     size: int

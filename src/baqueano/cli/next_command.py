@@ -190,8 +190,10 @@ def run_options(folder: str, run: "Run", is_in_run: bool = False) -> list[str]:
 
 
 def _vehicle_option(run: "Run") -> list[str]:
-    """Return the option for the vehicle file of this folder, or of the garage, that belongs to a run; FILE if none or
-    several do. A run without a vehicle file belongs to a vehicle with as many commands.
+    """Return the option for the vehicle file of this folder, or of the garage, that belongs to a run.
+
+    The option names FILE if no vehicle file, or more than one, belongs to the run. A run without
+    a vehicle file belongs to a vehicle with as many commands.
     """
     from baqueano.vehicle_file.garage import names
     from baqueano.vehicle_file.text.toml_text import parse_toml

@@ -6,8 +6,8 @@
 (x, y): point of the path at the distance L from the vehicle, in the body frame; l: its distance along the path from the
 point beside the vehicle. v_f: speed of the reference without jumps; e_x, e_y: along-track and cross-track errors;
 + forward, − backward. (1) is the curvature of the arc that leaves the vehicle along its course and ends at (x, y). With
-a longer L the motion is smoother, but cuts corners. A loop that is faster than the delay T of the vehicle weaves, so T
-limits L. From a distance, the chord to (x, y) has the angle χ_max to the path. The law cannot turn on the spot, and
+a longer L the motion is smoother, but cuts corners. A loop that is faster than the delay T of the vehicle oscillates:
+T limits L. From a distance, the chord to (x, y) has the angle χ_max to the path. The law cannot turn on the spot, and
 does not correct at rest.
 
 Sources: Coulter, CMU-RI-TR-92-01, 1992; L as in Macenski et al., Autonomous Robots, 2023. model_following.py predicts

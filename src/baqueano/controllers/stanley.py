@@ -6,10 +6,10 @@
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
 l: from the origin to an axle in front of it, which the vehicle does not need to have; − is for backward motion. The
-cross-track error of this axle decays at the rate k. A loop that is faster than the delay T weaves. So (6) of
-model_following.py limits the gains k_χ and k_y of this law; its error is then measured at l_f ≤ l. The axle is compared
-with the axle of the reference, so a bend does not cause an error. MAX_APPROACH_RAD limits the arctangent. The law does
-not correct errors at rest or in a turn on the spot.
+cross-track error of this axle decays at the rate k. A loop that is faster than the delay T oscillates. So (6) of
+model_following.py limits the gains k_χ and k_y of this law, which then uses the error at the distance l_f ≤ l. The axle
+is compared with the axle of the reference, so a bend does not cause an error. MAX_APPROACH_RAD limits the arctangent.
+The law does not correct errors at rest or in a turn on the spot.
 
 Source: Hoffmann, Tomlin, Montemerlo and Thrun, ACC 2007. model_following.py predicts the pose, limits |v| by (4), and
 computes the command.

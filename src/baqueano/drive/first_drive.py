@@ -164,7 +164,10 @@ def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
 
 
 def careful_drive(vehicle_file: VehicleFile, **options: Any) -> Run:
-    """Return the run of a first drive without evaluating it; options and errors as in `first_drive`."""
+    """Return the run of a first drive without evaluating it.
+
+    It takes the options and raises the errors of `first_drive`.
+    """
     if "imu" not in vehicle_file.sensors._fields:
         raise UsageError(fault("first-drive.no-imu", name=vehicle_file.name))
     pulses = PulsePlanner(directions(vehicle_file))

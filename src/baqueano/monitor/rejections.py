@@ -1,4 +1,4 @@
-"""Count the rejected readings of each channel. The counts are one event at the end of a run, which is read again."""
+"""Count the rejected readings of each channel. The last event of a run contains the counts, and is read again."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple

@@ -53,7 +53,7 @@ class Capability:
         return self._turning_share(v, r, v_dot, r_dot if self._can_turn else 0.0)
 
     def _turning_share(self, v: Value, r: Value, v_dot: Value, r_dot: Value) -> np.ndarray:
-        """Return the share (…,) of the command, with ṙ also for a vehicle that cannot turn at rest."""
+        """Return the share (…,) of the command, which includes that of ṙ even if the vehicle cannot turn at rest."""
         rows = np.stack(np.broadcast_arrays(v, r, v_dot, r_dot), axis=-1).astype(float)
         _, share = self._share.run(rows.reshape(-1, 4))
         return np.where(np.isfinite(share), share, np.inf).reshape(rows.shape[:-1])

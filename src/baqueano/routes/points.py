@@ -33,7 +33,7 @@ def through_points(xy: np.ndarray, speed_m_s: float, *, closed: bool = False, co
     -------
     Route
         A route with a pose every centimetre. Corners are parabolas, so the route passes each point at less than
-        corner_m / 2. Of neighbours nearer than a millimetre, as in a log of a stop, one is used.
+        corner_m / 2. If several points are within a millimetre, one of them is used.
 
     Raises
     ------

@@ -42,7 +42,7 @@ def new_path(folder: Path | str, label: str) -> Path:
 
 def path_of_run(path: Path | str, label: str) -> Path:
     """Return the file of a new run at `path`: a file, or a folder, in which the run receives the next number.
-    A name without an ending is a folder. Raise UsageError for another ending than .mcap.
+    A name without an ending is a folder. Raise UsageError if the ending is not .mcap.
     """
     path = Path(path)
     if path.is_dir() or not path.suffix:

@@ -2,7 +2,7 @@
 
   state, (record, truth) = advance(system, δ, state, (t, noise))          system.py                     (1)
 
-This is the loop that `drive` runs tick by tick over a simulated world: the command of a tick is in force during the
+This is the loop that `drive` runs tick by tick over a simulated world: the command of a tick acts during the
 next tick. Here the loop is traced once and compiled. So a lap takes about a millisecond, and its gradient only a little
 more.
 """

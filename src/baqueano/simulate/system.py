@@ -46,11 +46,11 @@ class Input(NamedTuple):
 
 
 class SystemState(NamedTuple):
-    """State of a simulated loop: world, blocks, and the command in force."""
+    """State of a simulated loop: world, blocks, and the command that acts now."""
 
     world: WorldState
     blocks: loop.States
-    u: np.ndarray  # (n,) the command in force
+    u: np.ndarray  # (n,) the command that acts now
 
 
 class LoopOutput(NamedTuple):
@@ -67,7 +67,7 @@ def begin(system: System, eta0: np.ndarray | None = None) -> SystemState:
 
 
 def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[SystemState, LoopOutput]:
-    """Return the state and the output after a tick: the world moves under the command in force, then the loop runs."""
+    """Return the state and the output after a tick: the world moves with the present command, then the loop runs."""
     noise = no_noise(system.sensors, tick_row_count(dt_s)) if x.noise is None else x.noise
     world, truth, slots = world_step(system.model, system.sensors, state.world, state.u, dt_s, noise)
     states, record = loop.step(system.blocks, state.blocks, Tick(x.t_ns, state.u, slots))

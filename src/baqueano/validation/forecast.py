@@ -7,7 +7,7 @@
     + (2) of S C Sᵀ,   S = ∂θ̂/∂κ,   C of the parameters κ that were not fitted: information.py               (5)
 
 P is the covariance of the fit without the shifts by effects that the model lacks. Along the runs these effects and
-shifts cancel; their remainder is in the residuals r. H = ∂h/∂ν of wheels, gyro, odometer. r₁, r₂ are every second
+shifts cancel; what remains is in the residuals r. H = ∂h/∂ν of wheels, gyro, odometer. r₁, r₂ are every second
 residual, so their white noise cancels. A fit reduces the errors of its own runs by Σ_η (Akaike 1970), so (4) adds it
 (docs/derivations/robust_covariance.md). The residuals do not show (5). Above MAX_HEADING_STD_RAD the position is lost.
 Process noise and another voltage add to the forecast. The model drives the lap with the recommended controller and a

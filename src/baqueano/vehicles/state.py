@@ -1,6 +1,6 @@
 """Protocols and state of a vehicle, the effort of a tick, and the end of a tick for vehicles with an acceleration.
 
-The current of a motor lags behind the voltage w less the back-EMF e = ρ D ν. D ν is the viscous drag. All are in the
+The current of a motor lags behind the voltage w minus the back-EMF e = ρ D ν. D ν is the viscous drag. All are in the
 unit of u. The drag of the body contains e without a lag, so the effort w_l is the current plus e:
 
     λ d(w_l − e)/dt = (w − e) − (w_l − e)   →   λ ẇ_l = w + λ ė − w_l,   ė = ρ D ν̇ in mid-tick            (1)

@@ -124,7 +124,7 @@ class AppliedDuties:
         return total
 
     def _target(self, t_ns: int) -> tuple[float, float]:
-        """Return the command (left, right) in force at `t_ns`; zero if the firmware has stopped the motors."""
+        """Return the command (left, right) that acts at `t_ns`; zero if the firmware has stopped the motors."""
         target = (0.0, 0.0)
         if not self._stopped:
             for since_ns, duty in self._commands:

@@ -96,7 +96,7 @@ class BusRecovery:
 
 
 def recover_bus(path: str) -> RecoveryOutcome:
-    """Clock the bus at `path` free if a chip holds SDA, and return the outcome.
+    """Free the bus at `path` with clock pulses if a chip holds SDA low, and return the outcome.
 
     A free bus is not clocked. Errors of the bus are part of the outcome and are not raised.
     """

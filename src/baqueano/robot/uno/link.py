@@ -243,7 +243,7 @@ class Uno:
         )
 
     def configure(self, config: Config, wait: Callable[[float], object] = time.sleep) -> Info:
-        """Set the configuration until the next reset, and return the INFO that confirms it. Errors as in `request`."""
+        """Set the configuration until the next reset, and return the new INFO. It raises the errors of `request`."""
         return self.request(config, Info, wait, lambda info: info.config == config)
 
     def send_config(self, config: Config) -> None:
@@ -251,11 +251,11 @@ class Uno:
         self._send(config)
 
     def settings(self, wait: Callable[[float], object] = time.sleep) -> Settings:
-        """Return the settings that the Uno stores in its EEPROM. Errors as in `request`."""
+        """Return the settings that the Uno stores in its EEPROM. It raises the errors of `request`."""
         return self.request(AskSettings(), Settings, wait)
 
     def store_settings(self, settings: Settings, wait: Callable[[float], object] = time.sleep) -> None:
-        """Write `settings` into the EEPROM of the Uno, which must be disarmed. Errors as in `request`."""
+        """Write `settings` into the EEPROM of the Uno, which must be disarmed. It raises the errors of `request`."""
         self.request(settings, Settings, wait, lambda reply: reply == settings)
 
     # received frames

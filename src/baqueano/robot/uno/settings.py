@@ -96,7 +96,8 @@ class StoredSettings:
         """Return the settings as a table of text, with the names of the options."""
         row, *wheel_rows = self.rows()
         unit_texts = {
-            "battery-ratio": _("V at the battery for 1 V at A0"), "kick-ms": "ms", "dither": _("of full duty, forward and back"),
+            "battery-ratio": _("V at the battery for 1 V at A0"), "kick-ms": "ms",
+            "dither": _("of full duty, forward and back"),
             "dither-ms": "ms", "mark": _("over the tape"),
         }  # fmt: skip
         lines = []

@@ -129,7 +129,8 @@ def fetch_rows(host: str, *verb: str) -> list["TableRow"]:
 def fetch_result(make_result: "Callable[[list[TableRow]], Result]", host: str, *verb: str) -> Result:
     """Return `make_result` of the rows of `baqueano VERB --json` at HOST, for the vehicle file of its service.
 
-    Raise UsageError for rows in another form, as of another version of baqueano; other errors as in `fetch_rows`.
+    Raise UsageError for rows in another form, as of another version of baqueano. It also
+    raises the errors of `fetch_rows`.
     """
     verb = (*verb, "--vehicle", VEHICLE)
     rows = fetch_rows(host, *verb)

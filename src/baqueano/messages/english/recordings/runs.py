@@ -165,8 +165,8 @@ TEMPLATES: dict[str, str] = {
     "route.times": "{path} line {line}: expected t_s to start at 0 and increase, got {value:g}.",
     "route.way": (
         "{path} line {line}: {ds_m:g} m from the previous row at {v_m_s:g} m/s. Expected an "
-        "s_m that does not decrease, a v_m_s other than 0 where s_m increases, and a wait_s "
-        "of 0 or more."
+        "s_m that does not decrease, and a wait_s of 0 or more. Where s_m increases, v_m_s "
+        "must not be 0."
     ),
     "bag.no-rosbags": "{file}: ROS bags need the laptop extra: {fix}",
     "bag.not-read": (
