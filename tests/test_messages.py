@@ -322,67 +322,6 @@ def test_invalid_diagnostic_data_are_refused(data):
         Diagnostic.from_json(data)
 
 
-@pytest.mark.parametrize(
-    ("former_code", "now"),
-    [
-        ("doubt.clock-later", "recording.clock-later"), ("shake.over", "shake.end"),
-        ("sensor.off-model", "sensor.error-in-model"), ("seen.not", "identifiability.fixed"),
-        ("led.others", "imu-only.others"), ("unseen-runs.off", "validation.error"),
-        ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
-        ("imu.found", "imu.answers"), ("service.told-to-end", "service.ended-by-process"),
-    ],
-)  # fmt: skip
-def test_the_code_of_an_old_message_is_replaced_by_its_new_code(former_code, now):
-    outer = {"code": "run.event", "severity": "warning", "subject": "", "fix": "", "figures": {}}
-    words = outer | {"figures": {"cause": outer | {"code": former_code}}}
-    assert Diagnostic.from_json(words).figures["cause"].code == now
-    assert now in templates()
-    assert former_code not in templates()
-
-
-def test_the_role_in_an_old_message_was_called_room():
-    old = {
-        "code": "door.swapped",
-        "severity": "info",
-        "subject": "",
-        "fix": "",
-        "figures": {"room": "guide", "kind": "x"},
-    }
-    assert Diagnostic.from_json(old).figures == {"role": "guide", "kind": "x"}
-    wall = old | {"code": "study.wall", "figures": {"room": "2x2"}}
-    assert Diagnostic.from_json(wall).figures == {"room": "2x2"}
-
-
-def test_a_figure_of_an_old_message_has_its_present_name():
-    data = note("block.returned", block="E.step()", found="None", expected="Command").to_json()
-    assert Diagnostic.from_json(data).figures == {"block": "E.step()", "value": "None", "expected": "Command"}
-
-
-@pytest.mark.parametrize(
-    ("code", "figures", "present"),
-    [
-        ("shake.end", {"number": 1, "duration_s": 2.0, "fault": "x"}, {"number", "duration_s", "fault"}),
-        (
-            "shake.push",
-            {"impulse_n_s": 0.3, "direction": "left", "for_s": None, "at_s": 1.0, "of": ""},
-            {"impulse_n_s", "direction", "duration_s", "start_s", "target"},
-        ),
-        (
-            "drive.line",
-            {"heard": 9, "lost_frames": 1, "late_frames": 0},
-            {"received_frames", "lost_frames", "late_frames"},
-        ),
-        ("drive.ticks", {"skipped_ticks": 1, "late_ticks": 0}, {"skipped_ticks", "late_ticks"}),
-        ("sensor.frozen", {"reading": 1.0, "consequence": "x"}, {"reading", "consequence"}),
-    ],
-)
-def test_a_figure_of_an_event_in_an_old_run_has_its_present_name(code, figures, present):
-    message = Diagnostic.from_json(note(code, **figures).to_json())
-    assert set(message.figures) == present
-    required_names = {name for _, name, _, _ in string.Formatter().parse(templates()[code]) if name}
-    assert present - {"number", "duration_s", "start_s", "target"} <= required_names
-
-
 def test_an_unknown_code_is_printed_with_its_figures():
     assert (
         text(note("uno.new", fix="baqueano help", volts=7.1)) == "uno.new (volts = 7.1). Type: baqueano help"

@@ -108,126 +108,6 @@ class StopReason(StrEnum):
 
 
 MAX_CAUSES = 16  # maximum number of levels of diagnostics within a diagnostic
-FORMER_CODES = (  # beginning of a code in older runs → its present one
-    ("doubt.", "recording."), ("seen.", "identifiability."), ("led.", "imu-only."), ("unseen-runs.", "validation."),
-    ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
-    ("imu.found", "imu.answers"), ("imu.bus-cannot-be-asked", "imu.bus-unusable"),
-    ("uno.not-heard-yet", "uno.nothing-received"), ("service.told-to-end", "service.ended-by-process"),
-    ("drive.says-failed", "drive.diagnostic-failed"), ("bus.pinctrl-said", "bus.pinctrl-answer"),
-    ("noise.found-again", "noise.estimated-again"), ("fit.nothing-seen", "fit.nothing-identifiable"),
-    ("drive.pose-ignored", "drive.sensor-ignored"), ("drive.line-in-trouble", "drive.line-stopped"),
-    ("sensor.off-", "sensor.error-in-"),
-)  # fmt: skip
-RENAMED_CODES = {  # room → former code → its present name
-    "block": {"elsewhere": "outside-folder"},
-    "bus": {"given-back": "pins-restored", "not-given-back": "pins-not-restored", "not-this": "other-bus"},
-    "check": {"sure-without-sensors": "constant-covariance", "lets-through": "nan-output",
-        "drives-again": "stop-not-latched", "two-answers": "not-deterministic", "one-value": "two-values",
-        "changes-itself": "block-changed", "compiled-otherwise": "compiled-output"},
-    "damage": {"at": "place"},
-    "door": {"nobody": "no-answer", "somebody": "other-driver", "somebody-waits": "other-reservation",
-        "mend": "correct-and-wait", "swapped": "block-replaced"},
-    "drive": {"never-began": "not-started"},
-    "hardware": {"service-has-it": "used-by-service"},
-    "identifiability": {"apart-by-two": "separate-by-two", "apart": "separate", "tied": "collinear",
-        "weakly-beside": "poor-pair", "weakly": "poor", "not-beside": "fixed-pair", "not": "fixed",
-        "hardly-sideways": "little-sideways", "never-sideways": "no-sideways-command", "never": "no-command",
-        "by-hand": "measure"},
-    "imu": {"back": "answers-again"},
-    "ledger": {"nobody": "undetected", "by-nobody": "undetected-line", "nobody-and-off": "undetected-error",
-        "off": "estimate-error", "noticed": "detection-line"},
-    "recording": {"beside": "camera-turned", "if-in": "unit-entry", "twice": "unit-ratio", "then": "two-sentences",
-        "and": "pair", "alone": "cause", "and-line": "cause-and-line", "and-sideways": "cause-and-contradiction",
-        "with-line": "finding-and-line", "perhaps": "possible-line", "perhaps-gyro": "possible-gyro-line",
-        "turns-otherwise": "yaw-rates-disagree", "turns-against": "yaw-rates-opposite",
-        "other-steers": "other-steering", "held": "repeated-rows"},
-    "service": {"unforeseen": "unexpected-error"},
-    "settings": {"way": "wheel-direction", "word": "choice"},
-    "shake": {"over": "end", "form": "parts", "words": "syntax", "of": "target"},
-    "fit": {"most-unseen-or-weak": "most-not-identified", "most-unseen": "most-unidentifiable",
-        "unseen": "unidentifiable", "most-weak": "most-poor", "weak": "poor",
-        "far-channel": "channel-far-from-model"},
-    "forecast": {"off": "error", "longest-again": "repeat-longest", "ran-away": "diverged",
-        "unseen-exact": "unidentifiable-exact"},
-    "noise": {"lifted": "raised", "nees-off": "nees-inconsistent", "still-off": "still-inconsistent",
-        "holds-simulated": "consistent-in-simulation", "holds": "consistent"},
-    "residual": {"loud": "large", "lacking": "incomplete-model", "late": "late-readings", "one-far": "outlier"},
-    "validation": {"off-perhaps": "error-possible", "off-once": "error-in-part", "off": "error",
-        "still": "no-variation"},
-    "uno": {"silent-so-far": "nothing-received"},
-    "command": {"beyond-zero": "limit-zero"},
-    "compiler": {"given-up": "python-used", "trouble": "no-library"},
-    "corridor": {"and-truth": "with-truth"},
-    "cost": {"runs-away": "diverged"},
-    "front": {"elsewhere": "advice"},
-    "remote": {"gone": "connection-lost"},
-    "run": {"and": "pair"},
-    "runs": {"file-in-the-way": "file-exists", "hardly-moved": "little-motion", "none-like": "no-match",
-        "unlike-others": "unlike-model"},
-    "tape": {"of-no-run": "run-missing"},
-    "tune": {"aside": "offset"},
-    "web": {"at": "address", "hello-again": "hello-repeated", "plain": "unencrypted", "run-gone": "run-missing",
-        "service-gone": "service-ended"},
-    "when": {"hour-later": "later"},
-    "wiring": {"answers-as-one": "same-response"},
-}  # fmt: skip
-FORMER_FIGURES = {  # beginning of a code → figure in older runs and robots → its present name
-    "": {
-        "known": "valid", "meant": "match", "similar": "match", "near": "suggestion", "held": "content",
-        "asked": "requested", "believed_cm": "bound_cm", "said": "reply", "found": "value", "sd": "std",
-        "sd_rad_s": "std_rad_s", "way_m": "distance_m", "off": "consequence", "because": "cause", "why": "reason",
-        "before": "former_value", "now": "value", "most": "maximum", "least": "minimum", "then": "second",
-        "cure": "remedy",
-    },
-    "messages.times": {"times": "count"},
-    "shake.": {"of": "target", "at_s": "start_s", "for_s": "duration_s"},
-    "shake.over": {"what": "fault"},
-    "shake.push": {"much": "impulse_n_s", "way": "direction"},
-    "shake.tilt": {"much": "slope_deg", "toward_deg": "uphill_deg"},
-    "drive.ticks": {"over_half": "late_ticks", "missed": "skipped_ticks"},
-    "drive.imu": {"withheld": "repeated_samples", "saturated": "full_scale_samples"},
-    "drive.uno": {
-        "written": "received_frames", "spoilt": "damaged_frames", "spoilt_percent": "damage_percent",
-        "ignored": "ignored_frames", "overrun": "lost_bytes",
-    },
-    "drive.line": {
-        "sent": "sent_commands", "unsent": "unsent_commands", "heard": "received_frames",
-        "received": "received_frames", "lost": "lost_frames", "late": "late_frames", "damaged": "damaged_frames",
-    },
-    "drive.not-compiled": {"room": "role"}, "drive.says-failed": {"room": "role"},
-    "drive.text-unknown": {"room": "role"}, "door.swapped": {"room": "role"},
-    "door.version": {"theirs": "laptop_protocol", "ours": "robot_protocol"},
-    "door.too-long": {"most_kb": "max_kb"}, "door.too-many": {"dropped": "count"},
-    "imu.frozen": {"times": "count"}, "imu.overflow": {"how": "state"}, "imu.unknown-chip": {"odd": "fault"},
-    "imu.no-answer": {"asked": "address_range", "requested": "address_range"},
-    "caution.uncertain": {"most_m": "max_m"}, "computer.stood-still": {"still_s": "silent_s"},
-    "computer.disk-full": {"least_disk_mb": "min_disk_mb"},
-    "vehicle.battery-low": {"least_battery_v": "min_battery_v"},
-    "vehicle.stuck": {"waited_s": "rest_s", "away_m": "distance_m"}, "when.around-nan": {"what": "signal"},
-    "model.fits-no-longer": {"times": "ratio"}, "sensor.agrees-again": {"lasted_s": "duration_s"},
-}  # fmt: skip
-
-
-def current_code(code: str) -> str:
-    """Return the present code of a message whose code in an older run is `code`.
-
-    >>> current_code("seen.tied"), current_code("sensor.agrees-again")
-    ('identifiability.collinear', 'sensor.agrees-again')
-    """
-    for old_prefix, new_prefix in FORMER_CODES:
-        if code.startswith(old_prefix):
-            code = new_prefix + code.removeprefix(old_prefix)
-            break
-    room, _, name = code.partition(".")
-    return f"{room}.{RENAMED_CODES.get(room, {}).get(name, name)}" if name else code
-
-
-def _current_figures(code: str, figures: Mapping[str, object]) -> dict[str, object]:
-    """Return the figures of a message in an older run under their present names."""
-    names: dict[str, str] = {}
-    for beginning, former_names in FORMER_FIGURES.items():
-        names |= former_names if code.startswith(beginning) else {}
-    return {names.get(name, name): value for name, value in figures.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,8 +154,7 @@ class Diagnostic:
             if not (are_figures_plain and all(isinstance(text, str) for text in (*texts, *figures))):
                 raise ValueError("a figure or text of another type")
             code, subject, fix = texts
-            figures = _current_figures(code, figures)
-            return cls(current_code(code), Severity(values["severity"]), subject, figures, fix)
+            return cls(code, Severity(values["severity"]), subject, figures, fix)
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"no diagnostic ({type(error).__name__}: {error})") from error
 
