@@ -26,6 +26,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Generator
+from contextlib import ExitStack, closing
 from functools import cache
 from pathlib import Path
 from typing import TypeVar
@@ -223,6 +224,13 @@ def quick_compiler(level: str) -> str:
     """Return the command of the compiler with this level and QUICK, which replace options of the package."""
     script = f'exec "$0" "$@" {level} {QUICK}'
     return shlex.join(("sh", "-c", script, COMPILER))
+
+
+@pytest.fixture
+def until_end():
+    """Return a function that returns its argument, and closes it at the end of the test."""
+    with ExitStack() as stack:
+        yield lambda opened: stack.enter_context(closing(opened))
 
 
 @pytest.fixture

@@ -119,16 +119,8 @@ class Terminal:
 
 
 @pytest.fixture
-def terminal(tmp_path):
-    terminals = []
-
-    def make(*words, **options):
-        terminals.append(Terminal(tmp_path, *words, **options))
-        return terminals[-1]
-
-    yield make
-    for terminal in terminals:
-        terminal.close()
+def terminal(tmp_path, until_end):
+    return lambda *words, **options: until_end(Terminal(tmp_path, *words, **options))
 
 
 def moving(run):

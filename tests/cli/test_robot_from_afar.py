@@ -21,12 +21,10 @@ class Stoppable(Operator):
 
 
 @pytest.fixture(params=[Operator])
-def door(request, tmp_path):
+def door(request, tmp_path, until_end):
     operator = request.param()
-    door = Door(tmp_path / "s", operator, tmp_path)
-    operator.door = door
-    yield door
-    door.close()
+    operator.door = until_end(Door(tmp_path / "s", operator, tmp_path))
+    return operator.door
 
 
 @pytest.mark.parametrize("door", [Stoppable], indirect=True)

@@ -7,23 +7,13 @@ from baqueano.door.sockets import Door
 
 
 @pytest.fixture
-def door(tmp_path):
-    door = Door(tmp_path / "s", Operator(), tmp_path)
-    yield door
-    door.close()
+def door(tmp_path, until_end):
+    return until_end(Door(tmp_path / "s", Operator(), tmp_path))
 
 
 @pytest.fixture
-def connect(door):
+def connect(door, until_end):
     """Return a function that connects one more client to the door."""
     from tests.door.test_sockets import Person
 
-    people = []
-
-    def add_person():
-        people.append(Person(door.path))
-        return people[-1]
-
-    yield add_person
-    for person in people:
-        person.close()
+    return lambda: until_end(Person(door.path))

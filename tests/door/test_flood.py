@@ -200,7 +200,10 @@ def many_causes(levels):
     return inner
 
 
-@pytest.mark.parametrize("reason", [many_causes(400), [], {"code": 1}])
+@pytest.mark.parametrize(
+    "reason",
+    [many_causes(400), None, 7, [], {}, {"code": 3}, {"code": "x", "figures": 1}, {"figures": {}}, "seen"],
+)
 def test_a_stop_with_any_reason_stops_and_its_reason_reaches_all(door, connect, reason):
     person = connect()
     person.send(type="stop", reason=reason)

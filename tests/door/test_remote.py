@@ -53,10 +53,8 @@ class Vehicle:
 
 
 @pytest.fixture
-def vehicle(tmp_path):
-    vehicle = Vehicle(tmp_path)
-    yield vehicle
-    vehicle.close()
+def vehicle(tmp_path, until_end):
+    return until_end(Vehicle(tmp_path))
 
 
 @pytest.fixture

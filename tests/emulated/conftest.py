@@ -57,17 +57,9 @@ def firmware(request: pytest.FixtureRequest) -> rig.Built:
 
 
 @pytest.fixture
-def new_uno(firmware: rig.Built) -> Iterator[Callable[..., EmulatedUno]]:
+def new_uno(firmware: rig.Built, until_end: Callable[..., EmulatedUno]) -> Callable[..., EmulatedUno]:
     """Return `new_uno(ppm=…)`, which makes an emulated Uno that is freed at the end of the test."""
-    unos: list[EmulatedUno] = []
-
-    def make(**options) -> EmulatedUno:
-        unos.append(EmulatedUno(firmware, **options))
-        return unos[-1]
-
-    yield make
-    for uno in unos:
-        uno.close()
+    return lambda **options: until_end(EmulatedUno(firmware, **options))
 
 
 @pytest.fixture
@@ -77,12 +69,24 @@ def uno(new_uno: Callable[..., EmulatedUno]) -> EmulatedUno:
 
 
 @pytest.fixture
-def robot(firmware: rig.Built, monkeypatch: pytest.MonkeyPatch) -> Iterator[EmulatedRobot]:
-    """Return the small vehicle in lock-step: firmware, drivers and body."""
-    robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
-    robot.wait(0.1)
-    yield robot
-    robot.close()
+def new_robot(
+    firmware: rig.Built, monkeypatch: pytest.MonkeyPatch, until_end: Callable[..., EmulatedRobot]
+) -> Callable[..., EmulatedRobot]:
+    """Return `new_robot(file, …)`, which makes a vehicle in lock-step: firmware, drivers and body."""
+
+    def make(file=None, robot_class=EmulatedRobot, wait_s=0.1, **options) -> EmulatedRobot:
+        file = file or vehicle_file.load("small")
+        robot = until_end(robot_class(firmware, file, patches=monkeypatch, **options))
+        robot.wait(wait_s)
+        return robot
+
+    return make
+
+
+@pytest.fixture
+def robot(new_robot: Callable[..., EmulatedRobot]) -> EmulatedRobot:
+    """Return the small vehicle in lock-step."""
+    return new_robot()
 
 
 @pytest.fixture

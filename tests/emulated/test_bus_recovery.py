@@ -12,7 +12,7 @@ import pytest
 from baqueano.diagnostics import Severity, StopReason, note, stop
 from baqueano.door.states import DoorState
 from baqueano.drive import drive_stop_reason
-from baqueano.drive.recording import HARDWARE_SOURCE
+from baqueano.drive.recording import CLOCK_SOURCE, HARDWARE_SOURCE
 from baqueano.messages import text
 from baqueano.robot.imu import bus_recovery
 from tests.emulated.drives import drive, during, look_around, spin
@@ -51,10 +51,11 @@ def last_state(service):
 
 
 def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, lines):
-    pins, log, events = lines([]), [], []
+    pins, log, events, start_s = lines([]), [], [], []
     service.log = log.append
 
     def hangs():
+        start_s.append(robot.board.t_s)
         pins.put(bits=[0] * 5)
         hold(robot, pins)
 
@@ -65,6 +66,9 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
     service.notify_watchdog = lambda: None
     assert end["reason"].code == StopReason.SENSOR_SILENT
     assert drive_stop_reason(run) == end["reason"]
+    assert robot.board.off_since() - start_s[0] <= 0.56  # imu_timeout_s = 0.5
+    (punctuality,) = [e for e in run.events if e.source == CLOCK_SOURCE]
+    assert punctuality.level == "warning", "each look at the bus took 40 ms, four ticks"
     assert any("low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
     assert events == [], "no pin may change during a drive"
 

@@ -30,11 +30,8 @@ class MiswiredLink(EmulatedRobot):
 
 
 @pytest.fixture
-def robot(firmware, monkeypatch):
-    robot = MiswiredLink(firmware, vehicle_file.load("small"), patches=monkeypatch)
-    robot.wait(0.1)
-    yield robot
-    robot.close()
+def robot(new_robot):
+    return new_robot(robot_class=MiswiredLink)
 
 
 @pytest.fixture

@@ -12,15 +12,11 @@ from baqueano.robot.workshop import doctor, uno_checks
 from tests.emulated.bad_line import BadLine
 from tests.emulated.hand import OnBus
 from tests.emulated.realtime import on_pty
-from tests.emulated.robot import EmulatedRobot
 
 
 @pytest.fixture
-def robot(firmware, monkeypatch):
-    robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
-    robot.wait(2.0)
-    yield robot
-    robot.close()
+def robot(new_robot):
+    return new_robot(wait_s=2.0)
 
 
 @pytest.fixture

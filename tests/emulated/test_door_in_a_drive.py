@@ -19,12 +19,11 @@ PATIENCE_S = 60.0  # timeout of the test
 
 
 @pytest.fixture
-def door(service, tmp_path):
+def door(service, tmp_path, until_end):
     """The door of the service."""
-    door, broadcast = Door(tmp_path / "door", service.operator, service.folder), service.broadcast
+    door, broadcast = until_end(Door(tmp_path / "door", service.operator, service.folder)), service.broadcast
     service.broadcast = lambda message: (door.broadcast(message), broadcast(message))
-    yield door
-    door.close()
+    return door
 
 
 def answer_to(door, request):

@@ -72,45 +72,37 @@ def driver(robot, service):
     return lambda terminal, **options: Driver(robot, service, terminal, **options)
 
 
+def stop_after(person, terminal, phase_ms, latched=False, **change):
+    """Return the reason of the stop of a drive whose terminal changes in this phase, and how much later it is [ms]."""
+    changes_ns = []
+
+    def leave():
+        vars(terminal).update(change)
+        changes_ns.append(person.robot.now_ns)
+
+    keys = ["d"] * 12 if latched else ["d"]
+    end, run = person.drives((0.2, lambda: terminal.type(*keys)), (1.0 + 1e-3 * phase_ms, leave))
+    assert person.service.machine.state is DoorState.STOPPED
+    assert not person.robot.board.moving
+    moving = person.start_ns + run.t_ns[np.abs(run.applied_commands[:, 2]) > 0.0][-1] - run.t_ns[0]
+    return end["reason"].code, (moving - changes_ns[0]) * 1e-6
+
+
 @pytest.mark.parametrize(("latched", "phase_ms"), [(False, 0), (False, 47), (False, 98), (True, 23)])
 def test_rt13_motors_are_off_half_a_second_after_the_terminal_disappears(driver, latched, phase_ms):
     terminal = Terminal(kitty=not latched, trip_s=0.03)
     person = driver(terminal, latched=latched)
-    gone_ns = []
-
-    def leave():
-        terminal.there = False
-        gone_ns.append(person.robot.now_ns)
-
-    keys = ["d"] * 12 if latched else ["d"]
-    end, run = person.drives((0.2, lambda: terminal.type(*keys)), (1.0 + 1e-3 * phase_ms, leave))
-    assert end["reason"].code == StopReason.TERMINAL_SILENT
-    assert person.service.machine.state is DoorState.STOPPED
-    moving = person.start_ns + run.t_ns[np.abs(run.applied_commands[:, 2]) > 0.0][-1] - run.t_ns[0]
-    after_ms = (moving - gone_ns[0]) * 1e-6
-    print(f"off {after_ms:.0f} ms after the terminal")
+    reason, after_ms = stop_after(person, terminal, phase_ms, latched, there=False)
+    assert reason == StopReason.TERMINAL_SILENT
     assert 200.0 < after_ms < 500.0
-    assert not person.robot.board.moving
 
 
 @pytest.mark.parametrize("phase_ms", [0, 9, 17])
 def test_motors_are_off_at_once_after_the_terminal_closes(driver, phase_ms):
     terminal = Terminal(kitty=True)
-    person = driver(terminal)
-    gone_ns = []
-
-    def hang_up():
-        terminal.ended = True
-        gone_ns.append(person.robot.now_ns)
-
-    end, run = person.drives((0.2, lambda: terminal.type("d")), (1.0 + 1e-3 * phase_ms, hang_up))
-    assert end["reason"].code == StopReason.TERMINAL_CLOSED
-    assert person.service.machine.state is DoorState.STOPPED
-    moving = person.start_ns + run.t_ns[np.abs(run.applied_commands[:, 2]) > 0.0][-1] - run.t_ns[0]
-    after_ms = (moving - gone_ns[0]) * 1e-6
-    print(f"off {after_ms:.0f} ms after the hang-up")
+    reason, after_ms = stop_after(driver(terminal), terminal, phase_ms, ended=True)
+    assert reason == StopReason.TERMINAL_CLOSED
     assert after_ms < 100.0
-    assert not person.robot.board.moving
 
 
 def test_a_key_at_a_silent_terminal_drives_for_a_limited_time(driver):

@@ -15,33 +15,27 @@ from baqueano.diagnostics import StopReason
 from baqueano.door.states import DoorState
 from baqueano.drive import drive_stop_reason, run_route
 from baqueano.drive.mission import Mission, pack
-from baqueano.drive.recording import CLOCK_SOURCE, HARDWARE_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
+from baqueano.drive.recording import HARDWARE_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
 from baqueano.guides import shapes
 from baqueano.robot.uno.frames import ResetCause
 from baqueano.runs import read_run
 from baqueano.runs.container.writer import SYNC_PERIOD_S
 from tests.emulated.bad_line import BadLine
 from tests.emulated.drives import TEACHER, drive, during, look_around, serve, spin
-from tests.emulated.robot import EmulatedRobot
 
 CIRCLE = shapes.circle(0.4, 0.25)  # 10 s
 
 
 @pytest.fixture
-def vehicle(firmware, monkeypatch, tmp_path):
+def vehicle(new_robot, tmp_path):
     """Return `vehicle(settings, …)`, which starts a service on a robot; the options are those of EmulatedRobot."""
-    robots = []
 
     def make(*settings, **options):
         file = vehicle_file.override(vehicle_file.load("small"), settings)
-        robot = EmulatedRobot(firmware, file, patches=monkeypatch, **options)
-        robots.append(robot)
-        robot.wait(0.1)
+        robot = new_robot(file, **options)
         return robot, serve(robot, file, tmp_path)
 
-    yield make
-    for robot in robots:
-        robot.close()
+    return make
 
 
 def last(run, source):
@@ -254,24 +248,6 @@ def test_fw8_a_battery_that_stays_low_stops_the_drive_after_two_seconds(robot, s
     assert drive_stop_reason(run) == end["reason"]
     assert 1.9 <= robot.board.off_since() - at_s[0] <= 2.2
     assert run.sensors["battery"].z[-1, 0] == pytest.approx(6.2, abs=0.05)
-
-
-def hold(robot):
-    """Keep SDA low: each transfer lasts until the timeout of the driver."""
-    robot.bus.sda_low = True
-    robot.bus.spend = lambda ns: robot.wait(1e-9 * ns) if ns > 1e7 else None
-
-
-def test_a_blocked_bus_stops_the_drive_and_can_be_cleared_afterwards(robot, service):
-    at_s = []
-    during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), hold(robot)))
-    end, run = drive(service, spin(3.0))
-    assert end["reason"].code == StopReason.SENSOR_SILENT
-    assert robot.board.off_since() - at_s[0] <= 0.56  # imu_timeout_s = 0.5
-    assert any("low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
-    assert last(run, CLOCK_SOURCE).level == "warning", "each look at the bus took 40 ms, four ticks"
-    robot.bus.sda_low = False
-    assert clear_stop(service, robot)
 
 
 @pytest.mark.parametrize("accident", ["its supply", "single transfers"])

@@ -15,10 +15,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.emulated.umockdev import PATIENCE_S, SYSTEM_PYTHON, Machine
+
 PACKAGES = "umockdev gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools"
-PATIENCE_S = 60.0  # timeout of a silent process
-SYSTEM_PYTHON = "/usr/bin/python3"
-SERVER = Path(__file__).parent / "i2c_umockdev.py"
 ASK = "import gi; gi.require_version('UMockdev', '1.0'); from gi.repository import UMockdev"
 CLIENT = """
 import json, select, sys
@@ -68,42 +67,6 @@ def _installed(request, lacking):
         pytest.skip(f"{request.node.name}: {lacking}; sudo apt-get install {PACKAGES}")
 
 
-class Machine:
-    """A machine with an I2C bus and a chip on it."""
-
-    def __init__(self, **chip) -> None:
-        self._server = subprocess.Popen(
-            [SYSTEM_PYTHON, str(SERVER), json.dumps(chip)], stdin=-1, stdout=-1, text=True
-        )
-        self._clients: list[Client] = []
-        self._lock = threading.Lock()  # an order and its answer
-        root = json.loads(self._server.stdout.readline())["root"]
-        self.environment = {**os.environ, "UMOCKDEV_DIR": root, "LD_PRELOAD": "libumockdev-preload.so.0"}
-
-    def order(self, *words):
-        """Change the state of the chip or the bus and return its answer."""
-        with self._lock:
-            self._server.stdin.write(json.dumps(words) + "\n")
-            self._server.stdin.flush()
-            return json.loads(self._server.stdout.readline())
-
-    def run(self, *command: str) -> subprocess.CompletedProcess[str]:
-        """Run a program on this machine to its end."""
-        return subprocess.run(
-            command, env=self.environment, capture_output=True, text=True, timeout=PATIENCE_S, check=False
-        )
-
-    def start(self) -> "Client":
-        """A process that reads the IMU until it receives the stop order."""
-        self._clients.append(Client(self.environment))
-        return self._clients[-1]
-
-    def close(self) -> None:
-        for client in self._clients:
-            client.end()
-        self._server.communicate(json.dumps(["quit"]) + "\n", timeout=PATIENCE_S)
-
-
 class Client:
     """The process that reads the IMU."""
 
@@ -139,7 +102,7 @@ class Client:
         assert self._process.wait(timeout=PATIENCE_S) == 0
         return result
 
-    def end(self) -> None:
+    def close(self) -> None:
         """End the process and close its pipes."""
         self._process.stdin.close()
         try:
@@ -154,21 +117,20 @@ class Client:
 
 
 @pytest.fixture
-def machine():
-    machines: list[Machine] = []
-
-    def make(**chip) -> Machine:
-        machines.append(Machine(**chip))
-        return machines[-1]
-
-    yield make
-    for device in machines:
-        device.close()
+def machine(until_end):
+    """Return `machine(…)`, which makes a machine with an I2C bus and a chip with these options."""
+    return lambda **chip: until_end(Machine("i2c_umockdev.py", chip))
 
 
-def test_a_process_reads_every_sample_of_a_slow_clone(machine):
+@pytest.fixture
+def read_imu(until_end):
+    """Return `read_imu(machine)`, which starts a process that reads the IMU until it receives the stop order."""
+    return lambda machine: until_end(Client({**os.environ, **machine.environment}))
+
+
+def test_a_process_reads_every_sample_of_a_slow_clone(machine, read_imu):
     m = machine(who_am_i=0x98, clock_ppm=-40000)
-    client = m.start()
+    client = read_imu(m)
     assert client.wait_for("open")["chip"] == "ICM-20689"
     client.wait_for("samples", 500)
     result = client.stop()
@@ -186,9 +148,9 @@ def test_a_process_reads_every_sample_of_a_slow_clone(machine):
     assert np.mean(result["accel"], axis=0) == pytest.approx([0.0, 0.0, 9.80665], abs=0.05)
 
 
-def test_a_process_recovers_from_a_blocked_bus_within_its_timeout(machine):
+def test_a_process_recovers_from_a_blocked_bus_within_its_timeout(machine, read_imu):
     m = machine()
-    client = m.start()
+    client = read_imu(m)
     client.wait_for("samples", 100)
     assert m.order("timeout") == 40_000_000
     m.order("hold", True)
@@ -210,11 +172,11 @@ def test_i2c_tools_can_access_the_emulated_chip(machine):
 
 def test_a_wrong_address_is_error_121_in_smbus2(machine):
     code = "import smbus2; smbus2.SMBus(1).read_byte_data(0x55, 0x75)"
-    errors = machine().run(sys.executable, "-c", code).stderr
+    errors = machine().python("-c", code).stderr
     assert "[Errno 121] Remote I/O error" in errors
 
 
 def test_a_sleeping_machine_without_a_chip_is_reported_in_one_paragraph(machine):
     code = "from baqueano.robot.imu import driver as imu; imu.open_imu(1, address=0x69)"
-    errors = machine().run(sys.executable, "-c", code).stderr
+    errors = machine().python("-c", code).stderr
     assert "RobotUnreachable: No IMU answers at 0x69 on /dev/i2c-1" in errors

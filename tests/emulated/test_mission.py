@@ -16,17 +16,15 @@ from tests.emulated.robot import make_world
 
 
 @pytest.fixture
-def world(firmware):
+def world(firmware, until_end):
     """Return the options of a drive on the emulated vehicle."""
-    worlds = []
 
     def make(seed=0):
-        worlds.append(make_world(firmware, vehicle_file.load("small"), seed=seed))
-        return dict(zip(("world", "tick_times_ns"), worlds[-1], strict=True))
+        world, tick_times_ns = make_world(firmware, vehicle_file.load("small"), seed=seed)
+        until_end(world.robot)
+        return {"world": world, "tick_times_ns": tick_times_ns}
 
-    yield make
-    for world, _ in worlds:
-        world.robot.close()
+    return make
 
 
 @pytest.fixture(scope="module")

@@ -69,19 +69,14 @@ def test_a_chip_that_blocks_the_bus_after_nine_clocks_is_reported(lines):
     assert as_it_was(pins)
 
 
-def test_a_blocked_scl_is_reported_and_not_clocked(lines):
-    pins = lines([0, 0], scl_held=True)
+@pytest.mark.parametrize(
+    ("bits", "scl_held", "code"), [([0, 0], True, "bus.scl-held"), ([], False, "bus.free")]
+)
+def test_a_blocked_scl_or_a_free_bus_is_reported_and_not_clocked(lines, bits, scl_held, code):
+    pins = lines(bits, scl_held=scl_held)
     outcome = recover_bus(BUS)
     assert not outcome.is_free
-    assert outcome.message.code == "bus.scl-held"
-    assert {call[0] for call in pins.read()["calls"]} == {"get"}
-
-
-def test_a_free_bus_is_not_clocked(lines):
-    pins = lines([])
-    outcome = recover_bus(BUS)
-    assert not outcome.is_free
-    assert outcome.message.code == "bus.free"
+    assert outcome.message.code == code
     assert {call[0] for call in pins.read()["calls"]} == {"get"}
 
 
