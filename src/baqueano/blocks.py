@@ -143,7 +143,8 @@ def resolve(role: str, kind: str, folder: Path | str | None = None) -> type:
     if file_name == PROGRAM:
         return _module_class(sys.modules[PROGRAM], PROGRAM, name)
     if colon and file_name.endswith(".py"):
-        return _load_class(_find(file_name, folder), name)
+        path = _find(file_name, folder)
+        return _module_class(_module(path), path.name, name)
     if kind.endswith(".py") and _find_file(kind, folder) is not None:
         raise FileError(fault("block.without-class", value=kind, classes=describe_classes(kind, folder)))
     if colon and _find_file(f"{file_name}.py", folder) is not None:
@@ -334,10 +335,6 @@ def block_kind(block_class: type) -> str:
     if block_class.__module__ == PROGRAM:
         return f"{PROGRAM}:{block_class.__name__}"
     return f"{inspect.getfile(block_class)}:{block_class.__name__}"
-
-
-def _load_class(path: Path, name: str) -> type:
-    return _module_class(_module(path), path.name, name)
 
 
 def _module_class(module: ModuleType, file: str, name: str) -> type:

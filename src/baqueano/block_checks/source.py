@@ -74,14 +74,10 @@ def _forbidden_accesses(node: ast.AST) -> list[tuple[int, str, str, Diagnostic]]
     if isinstance(node, ast.ImportFrom):
         name = (node.module or "").split(".")[0]
         return [(node.lineno, "imports", name, OUTSIDE_MODULES[name])] if name in OUTSIDE_MODULES else []
-    if isinstance(node, ast.Attribute) and node.attr == "random" and _is_numpy(node.value):
+    if isinstance(node, ast.Attribute) and ast.unparse(node) in ("np.random", "numpy.random"):
         return [(node.lineno, "draws", "numpy.random", OUTSIDE_MODULES["random"])]
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in OUTSIDE_CALLS:
         return [(node.lineno, "calls", node.func.id, OUTSIDE_CALLS[node.func.id])]
     if isinstance(node, ast.Global):
         return [(node.lineno, "global", ", ".join(node.names), note("outside.state"))]
     return []
-
-
-def _is_numpy(node: ast.AST) -> bool:
-    return isinstance(node, ast.Name) and node.id in ("np", "numpy")

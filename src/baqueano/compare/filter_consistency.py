@@ -117,10 +117,11 @@ class FilterConsistency:
         truth = [(name, getattr(self, name)) for name in ("nees_pose", "nees_velocity")]
         bands = [(name, band) for name, band in truth if band.verdict != "not reported"]
         deciding_bands = [*bands, ("nis", self.nis)]
-        for verdict in ("too sure", "too cautious"):
-            for name, band in deciding_bands if not _all_have_verdict(bands, "consistent") else ():
-                if band.verdict == verdict:
-                    return verdict, name, band
+        if not bands or any(band.verdict != "consistent" for _, band in bands):
+            for verdict in ("too sure", "too cautious"):
+                for name, band in deciding_bands:
+                    if band.verdict == verdict:
+                        return verdict, name, band
         bands = bands or [("nis", self.nis)]
         if bands[0][1].verdict == "not reported":
             return "not reported", "", None
@@ -202,7 +203,3 @@ def _correction_indices(run: "Run", size: int) -> list[int]:
     """Return the entries of an innovation that correct the estimate; all if the run does not contain their counts."""
     counts = [count.reading_count for count in rejections_in(run.events)]
     return [k for k in range(size) if len(counts) != size or counts[k] > 0]
-
-
-def _all_have_verdict(bands: list[tuple[str, Band]], verdict: str) -> bool:
-    return bool(bands) and all(band.verdict == verdict for _, band in bands)

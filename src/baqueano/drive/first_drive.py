@@ -323,7 +323,8 @@ def _model_gains(
         power = float(x[is_significant] @ x[is_significant])
         gain = float(x[is_significant] @ y[is_significant]) / power if power > 1e-12 else float("nan")
         gains.append(gain)
-        residual += float(np.sum((y - _gain_or_zero(gain) * x) ** 2) / max(np.sum(y**2), 1e-12))
+        used_gain = gain if np.isfinite(gain) else 0.0
+        residual += float(np.sum((y - used_gain * x) ** 2) / max(np.sum(y**2), 1e-12))
     return (gains[0], gains[1]), residual
 
 
@@ -387,10 +388,6 @@ def _command_text(command: np.ndarray, vehicle_file: VehicleFile) -> str:
 def _peak(x: np.ndarray) -> float:
     """Return the entry of the largest magnitude, with its sign."""
     return float(x[np.argmax(np.abs(x))])
-
-
-def _gain_or_zero(gain: float) -> float:
-    return gain if np.isfinite(gain) else 0.0
 
 
 def _gain_or_one(gain: float) -> float:

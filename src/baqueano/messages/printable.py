@@ -49,7 +49,10 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(
-        c if c in "\n\t" or _is_printable_letter(c) else c.encode("unicode_escape").decode() for c in text
+        c
+        if c in "\n\t" or c.isprintable() or unicodedata.category(c) == "Zs"
+        else c.encode("unicode_escape").decode()
+        for c in text
     )
 
 
@@ -74,7 +77,3 @@ def printable_json(content: object) -> Any:
     if isinstance(content, dict):
         return {one_line(key): printable_json(value) for key, value in content.items()}
     return [printable_json(value) for value in content] if isinstance(content, list) else content
-
-
-def _is_printable_letter(c: str) -> bool:
-    return c.isprintable() or unicodedata.category(c) == "Zs"

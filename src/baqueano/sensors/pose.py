@@ -61,15 +61,11 @@ class Pose(SampledSensor):
 
     def difference(self, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
         """Return z − expected (3,) with its heading wrapped."""
-        return _wrap_heading(z - expected)
+        x, y, psi = z - expected
+        return np.array([x, y, wrap(psi)])
 
 
 def rotate_vector(vector: np.ndarray, psi: Value) -> tuple[Value, Value]:
     """Return the x and y of `vector` (2,) after a rotation by `psi` [rad] to the left."""
     c, s = np.cos(psi), np.sin(psi)
     return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
-
-
-def _wrap_heading(eta: np.ndarray) -> np.ndarray:
-    """Return (x, y, wrap(ψ)) (3,)."""
-    return np.array([eta[0], eta[1], wrap(eta[2])])

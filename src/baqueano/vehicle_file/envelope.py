@@ -158,7 +158,7 @@ def read_envelope(
         low is None
         or high is None
         or not low.shape == high.shape == (len(names),)
-        or not _are_ranges(low, high)
+        or not (np.all(np.isfinite(high - low)) and np.all(low <= high))
     ):
         report.add_table_problem(path, "vehicle.envelope-ranges")
         return None
@@ -175,7 +175,3 @@ def _are_names(names: object, commands: Sequence[str], sensors: "SensorBlocks") 
         if match is None or int(match[2]) >= sizes.get(match[1], np.inf):
             return False
     return True
-
-
-def _are_ranges(low: np.ndarray, high: np.ndarray) -> bool:
-    return bool(np.all(np.isfinite(high - low)) and np.all(low <= high))

@@ -73,8 +73,9 @@ def draft_map(recording: Path | str, *others: Path | str, path: Path | str | Non
     lines = [
         f"format = 1\nname = {_quoted(recording.stem)}",
         *_tables(table, free_columns, encoding),
-        *_remaining_lines(free_columns),
     ]
+    if free_columns:
+        lines.append(f"\n# {_('columns that are not used:')} {', '.join(free_columns)}")
     map_text = "\n".join(lines) + "\n"
     if path is not None:
         Path(path).write_text(map_text, encoding="utf-8", newline="\n")
@@ -271,10 +272,6 @@ def _signed_entry(column: SignedColumn, measures: str, accel_unit: tuple[str, fl
     if measures == "acceleration" and accel_unit[0] and f'"{UNKNOWN}"' in entry:
         entry, scale = entry.replace(UNKNOWN, accel_unit[0]), scale * accel_unit[1]
     return entry.replace(" }", f", scale = {scale:#.6g} }}") if column.name and scale != 1.0 else entry
-
-
-def _remaining_lines(free_columns: Sequence[str]) -> list[str]:
-    return [f"\n# {_('columns that are not used:')} {', '.join(free_columns)}"] if free_columns else []
 
 
 def _take_clock(table: LogTable, free_columns: list[str]) -> str:

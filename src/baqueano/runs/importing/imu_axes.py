@@ -65,7 +65,8 @@ class ImuColumns(NamedTuple):
     @property
     def is_level(self) -> bool:
         """Return True if z points up, or if the vertical axis is unknown."""
-        return self.vertical_axis == "" or (self.mean > 0.0 and _is_axis(self.vertical_axis, "z"))
+        name = plain_name(self.vertical_axis)
+        return name == "" or (self.mean > 0.0 and re.search(_accel_pattern("z"), name) is not None)
 
 
 def imu_columns(table: LogTable, names: Collection[str]) -> ImuColumns:
@@ -107,10 +108,6 @@ def axis_findings(signal: ColumnSignal, table: LogTable) -> list[ImportFinding]:
 
 def _first(names: Collection[str], pattern: str) -> str:
     return next((name for name in names if re.search(pattern, plain_name(name))), "")
-
-
-def _is_axis(name: str, axis: str) -> bool:
-    return re.search(_accel_pattern(axis), plain_name(name)) is not None
 
 
 def _accel_pattern(axis: str) -> str:

@@ -1,7 +1,6 @@
 """A vehicle of the truth as a world of the loop: it receives commands and returns ticks with its IMU."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -20,14 +19,9 @@ def make_world(vehicles: Robots | Cars, seeds: Sequence[int], step_s: float | No
     """Return a world of the `vehicles`, at rest at the origin; the default `step_s` is short enough to be exact."""
     if step_s is None:
         step_s = ROBOT_STEP_S if isinstance(vehicles, Robots) else CAR_STEP_S
-    compiler = (
-        function if len(seeds) <= MAX_COMPILED_VEHICLES and vehicles.transmission.is_ideal else _interpreted
-    )
-    return TruthWorld(vehicles, seeds, step_s=step_s, fast=compiler)
-
-
-def _interpreted(f: Callable[..., Any], *examples: np.ndarray) -> Callable[..., Any]:
-    return f
+    is_compiled = len(seeds) <= MAX_COMPILED_VEHICLES and vehicles.transmission.is_ideal
+    fast = function if is_compiled else lambda f, *examples: f
+    return TruthWorld(vehicles, seeds, step_s=step_s, fast=fast)
 
 
 class LoopWorld(protocols.World):
