@@ -20,7 +20,6 @@ from baqueano.drive.session import drive_stop_reason
 from baqueano.guides.shapes import circle
 from baqueano.runs import read_run
 from baqueano.runs.route_file import read_route, write_route
-from baqueano.web.feed import HEAD_LAYOUT
 from tests.emulated.rig import missing
 from tests.web.chromium import CHROMIUM
 from tests.web.page_client import WAIT_S, browser
@@ -182,7 +181,7 @@ async def at_the_wheel(port, action):
     """Take control on the page of `drive`, drive ahead for a while, then do `action`."""
     async with browser(port, name="ana") as visitor:
         await visitor.send("take")
-        beating = asyncio.create_task(ahead(visitor))
+        beating = asyncio.create_task(beats(visitor, forward=0.6))
         try:
             await visitor.send("mission", kind="drive")
             await visitor.next(
@@ -191,15 +190,6 @@ async def at_the_wheel(port, action):
             await action(visitor)
         finally:
             beating.cancel()
-
-
-async def ahead(visitor):
-    n = 0
-    while True:
-        n += 1
-        frame = HEAD_LAYOUT.unpack(visitor.frames[-1][:16])[0] if visitor.frames else 0
-        await visitor.send("beat", n=n, seen=frame, u=[0.6, 0.0, 0.0])
-        await asyncio.sleep(0.04)
 
 
 async def test_the_page_of_the_drive_command_steers_and_ends_the_drive(tmp_path):

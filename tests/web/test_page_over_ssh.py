@@ -19,6 +19,7 @@ from tests.web.test_serve import (
     START_S,
     StoppedItself,
     Watcher,
+    beats,
     expected,
     port_of,
     program,
@@ -43,16 +44,6 @@ def put_programs(folder, door):
         (folder / name).write_text(f"#!/bin/sh\n{text}\n")
         (folder / name).chmod(0o755)
     return folder / "calls"
-
-
-async def beats(visitor):
-    """Send a heartbeat with a command for the newest picture, as a browser does while a key is pressed."""
-    n = 0
-    while True:
-        n += 1
-        number = int.from_bytes(visitor.frames[-1][:4], "little") if visitor.frames else 0
-        await visitor.send("beat", n=n, seen=number, u=[0.5, 0.0, 0.0])
-        await asyncio.sleep(0.03)
 
 
 async def drives(visitor):
@@ -85,7 +76,7 @@ async def test_the_page_of_a_host_shows_stops_and_copies_a_drive_over_ssh(tmp_pa
             assert "BatchMode=yes" in words
             assert words.endswith("-- ana@r1 exec baqueano robot attach\n")
             async with browser(port, name="ana") as visitor:
-                beating = asyncio.create_task(beats(visitor))
+                beating = asyncio.create_task(beats(visitor, forward=0.5))
                 for tries_left in reversed(range(TRIES)):
                     try:
                         await drives(visitor)

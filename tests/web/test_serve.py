@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from contextlib import AsyncExitStack, contextmanager
+from itertools import count
 
 import pytest
 
@@ -251,11 +252,9 @@ async def pictures(visitor):
         await visitor.next("frame")  # no message has this name: each picture is stored
 
 
-async def beats(visitor):
-    """Send a heartbeat before each newest picture, as a browser that draws does."""
-    n = 0
-    while True:
-        n += 1
+async def beats(visitor, forward=0.0):
+    """Send a heartbeat with a command for the newest picture, as a browser that draws does."""
+    for n in count(1):
         frame = HEAD_LAYOUT.unpack(visitor.frames[-1][:16])[0] if visitor.frames else 0
-        await visitor.send("beat", n=n, seen=frame, u=[0.0, 0.0, 0.0])
-        await asyncio.sleep(0.05)
+        await visitor.send("beat", n=n, seen=frame, u=[forward, 0.0, 0.0])
+        await asyncio.sleep(0.03)
