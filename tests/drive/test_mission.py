@@ -30,22 +30,21 @@ def send(mission, tmp_path):
     return mission_received, unpack(mission_received, tmp_path)
 
 
-def test_an_experiment_sent_as_text_gives_the_same_estimate(tmp_path):
-    file = vehicle_file.load("small")
-    u = np.random.default_rng(0).uniform(-1, 1, (50, 3)) * [1, 0, 1]
-    mission, file_received = send(pack(Mission("experiment", u=u), file), tmp_path)
-    np.testing.assert_array_equal(
-        perform(mission, file_received).estimate.eta, experiment(file, u).estimate.eta
-    )
+U, CIRCLE = np.random.default_rng(0).uniform(-1, 1, (50, 3)) * [1, 0, 1], shapes.circle(0.3, 0.4)
 
 
-def test_a_repetition_sent_as_text_gives_the_same_estimate(tmp_path):
+@pytest.mark.parametrize(
+    ("mission", "drive"),
+    [
+        (Mission("experiment", u=U), lambda file: experiment(file, U)),
+        (Mission("repeat", route=CIRCLE, laps=1), lambda file: repeat(file, CIRCLE, laps=1)),
+    ],
+)
+def test_a_mission_sent_as_text_gives_the_same_estimate(tmp_path, mission, drive):
     file = vehicle_file.load("small")
-    route = shapes.circle(0.3, 0.4)
-    mission, file_received = send(pack(Mission("repeat", route=route, laps=1), file), tmp_path)
-    np.testing.assert_array_equal(
-        perform(mission, file_received).estimate.eta, repeat(file, route, laps=1).estimate.eta
-    )
+    mission_received, file_received = send(pack(mission, file), tmp_path)
+    estimate = perform(mission_received, file_received).estimate
+    np.testing.assert_array_equal(estimate.eta, drive(file).estimate.eta)
 
 
 def test_a_repetition_without_patience_is_sent_as_text(tmp_path):

@@ -54,15 +54,17 @@ def test_the_acceleration_of_the_guide_does_not_change_the_cost(small):
     assert tuning_objective(gentle, ROUTE).cost(GAINS) == tuning_objective(small, ROUTE).cost(GAINS)
 
 
-def test_the_default_cost_adds_jerk_to_the_cost_of_the_paper(small):
+def test_jerks_and_the_weight_of_effort_add_to_the_cost_of_the_paper(small):
     gains = small.with_values({"controller.alpha": 6.0, "controller.beta": 3.0, "controller.gamma": 0.1})
     run = simulate_loop(gains, ROUTE, perfect=True, noise=False)
     assert run.sent_commands is not None
     jerks = np.sum((run.sent_commands - run.applied_commands) ** 2)
-    papers = tuning_objective(small, ROUTE, **PAPERS).cost(GAINS)
-    assert tuning_objective(small, ROUTE, aside_m=0.0).cost(GAINS) == pytest.approx(
-        papers + 0.1 * jerks, rel=1e-9
+    papers, default, with_effort = (
+        tuning_objective(small, ROUTE, **options).cost(GAINS)
+        for options in (PAPERS, {"aside_m": 0.0}, {"effort_m2": 0.02, **PAPERS})
     )
+    assert default == pytest.approx(papers + 0.1 * jerks, rel=1e-9)
+    assert with_effort == pytest.approx(papers + 0.02 * np.sum(run.sent_commands**2), rel=1e-9)
 
 
 def test_the_gradient_through_the_closed_loop_is_exact(small):
@@ -302,15 +304,6 @@ def test_a_vehicle_that_cannot_turn_is_refused_on_a_circle(small, setting):
         tune(file, circle(0.4, 0.3), starts=1, duration_s=1.0)
     assert examine(circle(0.4, 0.3), file).findings[0].code == "route.turns-too-fast"
     assert tuning_objective(file, line(1.0, 0.2), duration_s=0.1).cases
-
-
-def test_the_weight_of_effort_adds_the_squared_commands_to_the_cost(small):
-    gains = small.with_values({"controller.alpha": 6.0, "controller.beta": 3.0, "controller.gamma": 0.1})
-    run = simulate_loop(gains, ROUTE, perfect=True, noise=False)
-    assert run.sent_commands is not None
-    papers = tuning_objective(small, ROUTE, **PAPERS).cost(GAINS)
-    cost_with_effort = tuning_objective(small, ROUTE, effort_m2=0.02, **PAPERS).cost(GAINS)
-    assert cost_with_effort == pytest.approx(papers + 0.02 * np.sum(run.sent_commands**2), rel=1e-9)
 
 
 def test_a_route_faster_than_the_vehicle_is_refused(small):
