@@ -35,9 +35,9 @@ def test_a_lap_beyond_a_limit_is_reported_with_its_figure():
 
 @pytest.fixture(scope="module")
 def fitted_robots():
-    """Return two robots of the independent truth, and their fitted vehicle files."""
+    """Return two robots of the independent truth, and their vehicle files fitted to 40 s."""
     robots = merge([draw_robots(1, seed) for seed in (40, 42)])
-    runs = driving.simulate_experiments(robots, range(40, 42))
+    runs = [run.cut(0.0, 40.0) for run in driving.simulate_experiments(robots, range(40, 42))]
     return robots, [driving.identify_by_advice(run, driving.initial_file()).vehicle_file for run in runs]
 
 
