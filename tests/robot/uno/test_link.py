@@ -358,18 +358,3 @@ def test_telemetry_timestamps_are_never_later_than_their_arrival(line, uno):
     uno.pump()
     line.send(state(60_000))
     assert uno.receive()[-1].t_ns <= line.now_ns + 1
-
-
-def test_half_a_million_damaged_bytes_give_no_telemetry():
-    line = Line()
-    uno = Uno(line, lambda: line.now_ns)
-    rng = np.random.default_rng(5)
-    frame = encode(state(10), 1)
-    for _ in range(5000):
-        damaged_frame = bytearray(frame)
-        for place in rng.integers(1, len(frame) - 1, rng.integers(1, 4)):
-            damaged_frame[place] ^= 1 << int(rng.integers(8))
-        line.coming += bytes(damaged_frame) if bytes(damaged_frame) != frame else b""
-        line.coming += rng.integers(1, 256, 60, dtype=np.uint8).tobytes()
-    assert uno.receive() == []
-    assert uno.statistics.damaged_frames > 5000
