@@ -278,3 +278,28 @@ def test_the_shortest_distinct_names_of_students_are_shown():
     )
     assert short_labels(["a/x/my.py:Mine", "b/x/my.py:Mine"])["a/x/my.py:Mine"] == "a/x/my"
     assert short_labels(["a/x/my.py:Mine", "pd"])["a/x/my.py:Mine"] == "Mine"
+
+
+def test_a_wrong_file_of_a_pattern_is_named_and_the_others_are_compared(students, capsys):
+    (students / "mal").mkdir()
+    (students / "mal" / "my.py").write_text(CODE.replace("def init(self):", "def init(self)"))
+    (students / "luis" / "vehicle.toml").write_text(SMALL)
+    line = [
+        "sweep",
+        "--vehicle",
+        "small",
+        "--route",
+        "circle",
+        "--seeds",
+        "1",
+        "--controller",
+        "*/my.py:Mine",
+    ]
+    with pytest.raises(SystemExit, match="0"):
+        main([*line, "--json"])
+    out, err = capsys.readouterr()
+    assert {row["controller"] for row in json.loads(out)["rows"]} == {"ana/my.py:Mine", "luis/my.py:Mine"}
+    assert "mal/my.py:Mine" in err
+    assert "1 of 3 files" in err
+    with pytest.raises(SystemExit, match="3"):
+        main([*line, "--controller", "mal/my.py:Mine"])  # the name of a file, not a pattern, asks for it

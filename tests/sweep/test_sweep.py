@@ -98,6 +98,15 @@ def test_each_sweep_drive_starts_beside_its_route_and_joins_it(result):
     assert np.isnan(joining_distance(np.array([1.0, 2.0]), np.array([0.0, 0.5])))
 
 
+def test_the_latex_table_has_a_column_for_each_combination_and_a_row_for_each_median(result, tmp_path):
+    lines = result.save_table(tmp_path / "sweep.tex").read_text(encoding="utf-8").splitlines()
+    head = next(line for line in lines if line.endswith(r"\\"))
+    assert head.count("&") == 1 + len(result.combinations())
+    ratio = next(line for line in lines if line.strip().startswith("ratio"))
+    assert ratio.split("&")[2].strip() == "$1$"
+    assert sum(line.endswith(r"\\") for line in lines) < 20  # not a row for each drive
+
+
 def test_an_interrupted_sweep_resumes_and_equals_two_processes(combinations, result, tmp_path):
     counts = []
 

@@ -3,6 +3,10 @@
 import subprocess
 import sys
 
+from baqueano.messages import language
+from baqueano.messages.language import translate
+from baqueano.sweep.workers import run_in_processes
+
 SCRIPT = """
 import math
 from pathlib import Path
@@ -12,6 +16,15 @@ with Path("log.txt").open("a") as log:
     log.write("begun\\n")
 print(sorted(run_in_processes(math.sqrt, [1.0, 4.0, 9.0], processes=2)))
 """
+
+
+def translated(words):
+    return translate(words)
+
+
+def test_a_worker_has_the_language_of_its_parent(monkeypatch):
+    monkeypatch.setattr(language, "_language", "es")
+    assert run_in_processes(translated, ["yes", "stopped"], processes=2) == ["sí", "detenidos"]
 
 
 def test_a_script_without_a_guard_runs_once(tmp_path):

@@ -16,6 +16,8 @@ from multiprocessing import get_context, parent_process
 from types import ModuleType
 from typing import Any, TypeVar
 
+from baqueano.messages.language import choose_language, chosen_language
+
 Job = TypeVar("Job")
 JobResult = TypeVar("JobResult")
 
@@ -46,7 +48,7 @@ def run_in_processes(
             pass
         return results
     pool = ProcessPoolExecutor(
-        min(processes, len(jobs)), mp_context=get_context("spawn"), initializer=_end_with_parent
+        min(processes, len(jobs)), get_context("spawn"), _prepare_worker, (chosen_language(),)
     )
     with _ignore_interrupt(), _without_script():  # for the workers that start here
         waiting = [pool.submit(work, job) for job in jobs]
@@ -75,8 +77,11 @@ def run_in_batches(
     return run_in_processes(work, batches, processes, lambda n: report(n * size))
 
 
-def _end_with_parent() -> None:
-    """End this worker process when its parent ends, because it would otherwise wait for jobs forever."""
+def _prepare_worker(language: str) -> None:
+    """Choose the language of this worker process, for the texts in its results. End the process when its parent ends,
+    because it would otherwise wait for jobs forever.
+    """
+    choose_language(language)
     parent = parent_process()
 
     def watch() -> None:

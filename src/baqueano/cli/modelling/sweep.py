@@ -1,8 +1,11 @@
 """Define `baqueano sweep`: compare blocks on the same drives or runs."""
 
+import math
+from collections.abc import Callable, Iterable
 from functools import partial
 from glob import glob
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -10,8 +13,14 @@ from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, show_progress
 from baqueano.diagnostics import fault, note
-from baqueano.errors import UsageError
+from baqueano.errors import BaqueanoError, UsageError
 from baqueano.messages.printable import baqueano_command
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+MATCHES = f"{__name__}.matches"  # of a context: each name that a pattern gave, and if it can be used
+LoadedT = TypeVar("LoadedT")
 
 cluster = click.option(
     "--cluster", metavar="ADDRESS", help=("Dask scheduler to use instead of the processors of this computer.")
@@ -33,8 +42,50 @@ def matching_names(
         paths = [Path(path) for path in sorted(glob(pattern))]
         if not paths:
             raise UsageError(fault("cli.no-match", value=pattern, folder=Path.cwd().name))
-        all_names += [f"{path.as_posix()}{colon}{class_name}" for path in paths]
+        matches = [f"{path.as_posix()}{colon}{class_name}" for path in paths]
+        is_usable = {match: True for match in matches if match not in names}
+        context.meta.setdefault(MATCHES, {}).update(is_usable)
+        all_names += matches
     return tuple(all_names)
+
+
+def usable(names: Iterable[str], load: Callable[[str], LoadedT]) -> dict[str, LoadedT]:
+    """Return what `load` returns for each name. If it refuses a match of a pattern, print the error and omit the
+    match: one wrong file of a class must not stop the others. Raise the error if no name is left.
+    """
+    values: dict[str, LoadedT] = {}
+    errors: list[BaqueanoError] = []
+    matches = click.get_current_context().meta.get(MATCHES, {})
+    for name in names:
+        try:
+            values[name] = load(name)
+        except BaqueanoError as error:
+            if name not in matches:
+                raise
+            matches[name] = False
+            errors.append(error)
+    if errors and not values:
+        raise errors[0]
+    for error in errors:
+        print_message(error.message)
+    return values
+
+
+def check_block(vehicle_file: "VehicleFile | None", gains: str, role: str, kind: str) -> None:
+    """Load a block, and build it from the vehicle file if this needs no route."""
+    from baqueano.sweep.gains import build_controller, find_gains
+
+    if not (role == "controller" and kind.endswith(".toml")):
+        options.block_kind(vehicle_file, role, kind)
+    if role == "controller" and vehicle_file is not None:
+        build_controller(vehicle_file, find_gains(vehicle_file, kind, gains))
+
+
+def print_omitted() -> None:
+    """Print the matches of patterns that could not be used."""
+    matches = click.get_current_context().meta.get(MATCHES, {})
+    if names := [name for name, is_usable in matches.items() if not is_usable]:
+        print_message(note("sweep.omitted", count=len(names), total=len(matches), names=names))
 
 
 BLOCK_OPTIONS = [
@@ -113,10 +164,8 @@ def command(
     from baqueano.errors import Interruption
     from baqueano.sweep import sweep
 
-    block_kinds = {"estimators": estimators, "controllers": controllers, "guides": guides}
     run_sweep = partial(
         sweep,
-        **block_kinds,
         reference=reference,
         drives_folder=drives_folder,
         cluster=cluster,
@@ -136,7 +185,8 @@ def command(
         run_sweep = partial(run_sweep, recorded_runs, vehicle=next(iter(files), None), routes=named_routes)
         drive_count = len(recorded_runs)
     else:
-        files = [options.load_vehicle(vehicle, settings) for vehicle in vehicles or (None,)]
+        files = list(usable(vehicles, lambda name: options.load_vehicle(name, settings)).values())
+        files = files or [options.load_vehicle(None, settings)]
         named_routes = {
             name: shape_or_route(name, speed_m_s, size_m) for name in routes or ("sinuous-circle",)
         }
@@ -157,14 +207,16 @@ def command(
             "experiment", "--vehicle", path, "--signal", "designed", "--rounds", "3", "--update"
         )
         print_message(note("sweep.guesses", fix=fix, names=[file.label for file in guesses]))
-    for role, kinds in (("estimator", estimators), ("controller", controllers), ("guide", guides)):
-        for kind in kinds:
-            if not (role == "controller" and kind.endswith(".toml")):
-                options.block_kind(next(iter(files), None), role, kind)
-    count = drive_count * max(len(estimators), 1) * max(len(controllers), 1) * max(len(guides), 1)
+    file = next(iter(files), None)
+    block_kinds: dict[str, Any] = {
+        f"{role}s": list(usable(kinds, partial(check_block, file, gains, role)))
+        for role, kinds in (("estimator", estimators), ("controller", controllers), ("guide", guides))
+    }
+    count = drive_count * math.prod(max(len(kinds), 1) for kinds in block_kinds.values())
     with show_progress(note("cli.sweep", drives=count), count) as advance:
-        result = run_sweep(advance=advance)
+        result = run_sweep(**block_kinds, advance=advance)
     print_answer(result, as_json, combinations=result.combinations())
+    print_omitted()
     report.write_page(result)
     if len(result.drives) < result.requested_drives:
         raise Interruption(
