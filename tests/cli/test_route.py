@@ -43,6 +43,16 @@ def test_each_route_command_stores_a_new_route(lab):
     assert lab("route", "check", "lab-fast", "--vehicle", "small", "--room", "2x2").code == 0
 
 
+def test_an_edit_that_gives_a_refused_route_advises_to_cut_it_and_not_to_drive_it(lab, tmp_path):
+    lines = (tmp_path / "routes" / "lab.csv").read_text(encoding="utf-8").splitlines()
+    lines[100] = ",".join(["%.6f" % (float(x) + 3.0 * (k == 1)) for k, x in enumerate(lines[100].split(","))])
+    (tmp_path / "routes" / "jump.csv").write_text("\n".join(lines), encoding="utf-8")
+    end = lab("route", "reverse", "jump")
+    assert "baqueano route cut jump-reverse" in end.out + end.err
+    assert "baqueano repeat" not in end.err
+    assert "jump-reverse.csv" in end.err
+
+
 def test_a_damaged_route_does_not_hide_the_others(lab, tmp_path):
     (tmp_path / "routes" / "box.csv").write_text("x,y\n0,0\n1,1\n", encoding="utf-8")
     end = lab("route", "ls")

@@ -62,6 +62,14 @@ def test_a_stop_or_a_start_from_rest_is_not_a_gap():
     assert codes(fastest(line(2.0, 0.1), load("small"))) == []
 
 
+def test_a_closed_route_whose_ends_are_apart_is_refused_and_its_advised_cut_is_open():
+    part = cut(circle(0.5, 0.2), to_m=1.0)._replace(closed=True)  # the last rows of the file were deleted
+    assert codes(part) == ["route.open-ends"]
+    open_route = cut(part, from_m=0.0)
+    assert not open_route.closed
+    assert codes(open_route) == []
+
+
 def advised_cut(route, fix):
     """Return the part of a route that the advised command line keeps."""
     *_, option, value = fix.split()

@@ -1,6 +1,7 @@
 """Find places of a route where the path between two poses is not known.
 
     jump    |Δp| > MAX_JUMP_M + 2 v Δt                      farther than the speed v allows                   (1)
+    ends    |p_m − p_1| > MAX_END_GAP_M                     of a closed route: the next lap begins elsewhere
     gap     Δt > GAP_FACTOR median(Δt),  |Δp| > GAP_FACTOR median(|Δp|),  |Δp| > MIN_GAP_M   samples are missing     (2)
     turn    |Δψ| > MAX_TURN_RAD + 2 |r| Δt                   more than the yaw rate r allows                (3)
     corner  |Δp| |tan(Δψ / 4)| / 2 > MAX_CORNER_OFFSET_M           the arc between the headings deviates too much    (4)
@@ -16,7 +17,7 @@ from baqueano.diagnostics import Diagnostic, fault
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route
 from baqueano.messages.printable import baqueano_command
-from baqueano.routes.path import NAME_PLACEHOLDER, STEP_M, cut_command
+from baqueano.routes.path import MAX_END_GAP_M, NAME_PLACEHOLDER, STEP_M, cut_command
 
 MAX_JUMP_M = 0.1  # allowed distance between two poses, in addition to 2 v Δt
 MAX_TURN_RAD = np.radians(45.0)  # allowed turn between two poses, in addition to 2 r Δt
@@ -29,7 +30,7 @@ def route_gaps(route: Route, s: np.ndarray) -> list[Diagnostic]:
     """Return a list with a finding about the first kind of fault in the route, or an empty list.
 
     `s` (m,) [m] is the distance along the route. The kinds are tested in this order: values that are not finite, times,
-    jumps, turns, gaps and corners.
+    jumps, ends, turns, gaps and corners.
     """
     columns = np.column_stack([route.t_s, route.eta, route.nu])
     is_not_finite = ~np.isfinite(columns).all(axis=1)
@@ -51,6 +52,10 @@ def route_gaps(route: Route, s: np.ndarray) -> list[Diagnostic]:
     is_jump = step > MAX_JUMP_M + 2.0 * speed * dt_s  # (1)
     if is_jump.any():
         return [_gap_finding("route.jump", route, s, is_jump)]
+    end_gap_m = float(np.hypot(*(route.eta[-1, :2] - route.eta[0, :2])))
+    if route.closed and end_gap_m > MAX_END_GAP_M:
+        advice = baqueano_command("route", "cut", NAME_PLACEHOLDER, "--from", "0")
+        return [fault("route.open-ends", advice, gap_m=end_gap_m)]
     turn = np.abs(wrap(np.diff(route.eta[:, 2])))
     yaw_rate = np.maximum(np.abs(route.nu[1:, 2]), np.abs(route.nu[:-1, 2]))
     is_sudden = turn > MAX_TURN_RAD + 2.0 * yaw_rate * dt_s  # (3)

@@ -14,7 +14,7 @@ from baqueano.cli.driving.teach import SHAPES, shape_or_route
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_message
-from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import AnswerNo, FileError, UsageError
 from baqueano.messages.language import number
 from baqueano.messages.printable import baqueano_command, shell_command
@@ -22,6 +22,7 @@ from baqueano.messages.printable import baqueano_command, shell_command
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.guides.route import Route
+    from baqueano.routes.examine import RouteReport
     from baqueano.routes.room import Room
     from baqueano.vehicle_file import VehicleFile
 
@@ -93,11 +94,9 @@ def check(
     from baqueano.routes import examine
 
     vehicle_file = options.load_vehicle(vehicle, settings)
-    result = examine(
-        options.find_route(route), vehicle_file, parse_room(vehicle_file, room, start), backend=backend
-    )
-    result = replace(result, findings=tuple(with_route_name(finding, route) for finding in result.findings))
-    print_answer(result, as_json)
+    place = parse_room(vehicle_file, room, start)
+    result = examine(options.find_route(route), vehicle_file, place, backend=backend)
+    result = print_examined(result, route, as_json)
     report.write_page(result)
     for finding in result.findings:
         if finding.severity == Severity.ERROR:
@@ -320,8 +319,7 @@ def parse_pose(text: str, code: str) -> tuple[float, float, float]:
 
 
 def with_route_name(diagnostic: Diagnostic, route: str) -> Diagnostic:
-    """Return a copy of a finding whose suggested command contains the name or the file of the route, quoted for the
-    shell."""
+    """Return a copy of a finding whose command contains the name or the file of the route, quoted for the shell."""
     if NAME not in diagnostic.fix:
         return diagnostic
     names = {NAME: route, f"routes/{NAME}.csv": options.route_path(route)}
@@ -349,16 +347,18 @@ def store_route(route: "Route", name: str, as_json: bool) -> None:
     if path.exists():
         print_message(note("cli.route-replaced", path=path))
     write_route(route, path)
-    print_answer(examine(route), as_json)
     name = path.stem if path.parent == options.ROUTES else str(path)
-    print_message(
-        note(
-            "cli.route-stored",
-            path=path,
-            check=baqueano_command("route", "check", name),
-            repeat=baqueano_command("repeat", name),
-        )
-    )
+    if print_examined(examine(route), name, as_json).verdict == Verdict.REFUSED:
+        return print_message(note("cli.route-stored-refused", path=path))
+    check, repeat = baqueano_command("route", "check", name), baqueano_command("repeat", name)
+    print_message(note("cli.route-stored", path=path, check=check, repeat=repeat))
+
+
+def print_examined(result: "RouteReport", route: str, as_json: bool) -> "RouteReport":
+    """Print the report of a route, and return it; its commands contain the name of the route."""
+    result = replace(result, findings=tuple(with_route_name(finding, route) for finding in result.findings))
+    print_answer(result, as_json)
+    return result
 
 
 def parse_room(vehicle_file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":

@@ -63,6 +63,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.stopped": "The vehicle was stopped: {cause}. The recording up to the stop is in {path}. To see it: {fix}",
     "cli.route-stored": "route: {path}\nnext: {check}\nthen: {repeat}",
+    "cli.route-stored-refused": "route: {path}, which cannot be driven as it is",
     "cli.two-tolerances": "--rms and --max are two tolerances: give only one.",
     "cli.start-without-room": "--start is a place in a room: give the room too, for example --room 2x3.",
     "cli.pose-unreadable": (

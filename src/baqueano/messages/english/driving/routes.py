@@ -40,6 +40,10 @@ TEMPLATES: dict[str, str] = {
         "the route jumps by {gap_m:.2f} m at {position_m:.2f} m ({t_s:.1f} s), {count} times in all: "
         "the path in the gap is unknown. Cut it there, or teach it again: {fix}"
     ),
+    "route.open-ends": (
+        "the route is closed, but its end is {gap_m:.2f} m from its start, and the path between them is unknown. "
+        "Teach it again, or make an open route of it: {fix}"
+    ),
     "route.sudden-turn": (
         "the heading of the route turns by {turn_deg:.0f}° at once at {position_m:.2f} m ({t_s:.1f} s), {count} "
         "times in all. Cut it there, or teach it again: {fix}"
