@@ -193,3 +193,30 @@ def test_a_draft_reads_the_unit_at_the_end_of_a_name_of_a_side(tmp_path, columns
     tables = drafted(tmp_path, text)
     assert tables["command"]["wheels"] == [{"column": column, "unit": unit} for column in columns]
     assert tables["sensors"]["wheels"]["z"] == [{"column": speed, "unit": "m/s"} for speed in speeds]
+
+
+def test_a_draft_reads_names_in_camel_case_and_words_for_axes(tmp_path):
+    rows = [
+        f"{20000 * k},{k % 90},{-(k % 80)},{7 * k},{6 * k},{k % 9},{k % 8},{k % 7},{k % 360}"
+        for k in range(100)
+    ]
+    head = "stampUs,pwmL,pwmR,cntL,cntR,acc_fwd_mg,acc_lat_mg,gyr_z_dps,cam_hdg_deg"
+    tables = drafted(tmp_path, f"{head}\n" + "\n".join(rows))
+    assert tables["files"]["log"] == {"time": "stampUs", "time_unit": "us"}
+    assert [entry["column"] for entry in tables["command"]["wheels"]] == ["pwmL", "pwmR"]
+    assert [(e["column"], e["unit"]) for e in tables["sensors"]["wheels"]["z"]] == [
+        ("cntL", "counts"),
+        ("cntR", "counts"),
+    ]
+    assert [(entry["column"], entry["unit"]) for entry in tables["sensors"]["imu"]["z"]] == [
+        ("acc_fwd_mg", "mg"), ("acc_lat_mg", "mg"), ("gyr_z_dps", "deg/s"),
+    ]  # fmt: skip
+    assert tables["sensors"]["compass"]["z"] == [{"column": "cam_hdg_deg", "unit": "deg"}]
+
+
+def test_a_commanded_turn_is_not_the_gyro(tmp_path):
+    rows = [f"{20 * k},{k % 600},{k % 500},{k % 400},{k % 90}" for k in range(100)]
+    head = "tiempo [ms],orden_avance,orden_izquierda,orden_giro,giróscopo_z [°/s]"
+    tables = drafted(tmp_path, f"{head}\n" + "\n".join(rows))
+    assert tables["command"]["names"] == ["orden_avance", "orden_izquierda", "orden_giro"]
+    assert tables["sensors"]["imu"]["z"][2] == {"column": "giróscopo_z [°/s]", "unit": "deg/s"}

@@ -15,7 +15,7 @@ LEFT_PATTERN = r"(^|_)(left|izq(uierd[ao])?|l|port|babor)(_|$)"
 RIGHT_PATTERN = r"(^|_)(right|der(ech[ao])?|r|stbd|starboard|estribor)(_|$)"
 COMMAND_PATTERN, SPEED_PATTERN = (
     r"pwm|duty|ciclo|cmd|command|comando|throttle|acelerador|traccion|potencia|steer|servo|volante|direccion|^u_"
-    r"|thrust|empuje|(^|_)(thr|esc|propeller|helice)(_|$)",
+    r"|thrust|empuje|^orden_|(^|_)(thr|esc|propeller|helice)(_|$)",
     r"rpm|speed|vel|encoder|wheel|rps|^v_",
 )
 SPEED_ENDING = r"_([cm]?m_s|mps|km_?h)$"  # left_m_s: the unit alone states that it is a speed
@@ -59,7 +59,7 @@ POSITION_PATTERN = r"^(?!.*(odom|linear|angular|acc|acel|gyr|gir|mag|omega|vel))
 POSE_PATTERNS = (
     rf"{POSITION_PATTERN}x(_|$)",
     rf"{POSITION_PATTERN}y(_|$)",
-    r"(^|_)(yaw|psi|theta|heading|rumbo|guinada|orientacion)(_|$)",
+    r"(^|_)(yaw|psi|theta|heading|hdg|rumbo|guinada|orientacion)(_|$)",
 )
 BATTERY_PATTERN = r"(^|_)(v?bat(t|tery|eria)?)(_|$)|^(volts?|voltage|tension)(_|$)"
 COMPASS_PATTERN = r"(^|_)(compass|brujula)(_|$)"
@@ -67,9 +67,12 @@ COMPASS_PATTERN = r"(^|_)(compass|brujula)(_|$)"
 
 @lru_cache(1_000)
 def plain_name(name: str) -> str:
-    """Return a column's name in lower case and without accents, with its words separated by _."""
+    """Return a column's name in lower case and without accents, with its words separated by _. A capital after two
+    small letters begins a word: `cntL`. After one it can end a unit: `mV`.
+    """
     words = unicodedata.normalize("NFKD", name.translate(SIGNS))
     letters = "".join(c for c in words if not unicodedata.combining(c))
+    letters = re.sub(r"(?<=[a-z]{2})(?=[A-Z])", "_", letters)
     return re.sub(r"[^a-z0-9]+", "_", letters.lower()).strip("_")
 
 

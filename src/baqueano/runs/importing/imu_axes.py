@@ -26,6 +26,9 @@ from baqueano.runs.tables.table import LogTable
 from baqueano.signals import STANDARD_GRAVITY
 
 NEXT_AXIS = {"x": "y", "y": "z", "z": "x"}
+DIRECTIONS = {  # words for an axis of the body
+    "x": "fwd|forward|long(itudinal)?|avance|adelante", "y": "lat(eral)?|left|izq(uierda)?", "z": "vert(ical)?|up",
+}  # fmt: skip
 YAW_PATTERN = (  # also of a gyro with one axis
     r"(gyro?|giro?)(scop[a-z]*)?(?!_?[xy](_|$))_?z?(_|$)"
     r"|(^|_)(gz|wz|omega(_z)?|yaw_rate|angular_velocity_z)(_|$)"
@@ -111,7 +114,7 @@ def _first(names: Collection[str], pattern: str) -> str:
 
 
 def _accel_pattern(axis: str) -> str:
-    return rf"(^|_)a(c+(el[a-z]*)?)?_?{axis}(_|$)"
+    return rf"(^|_)(a(c+(el[a-z]*)?)?_?{axis}|ac+(el[a-z]*)?_({DIRECTIONS[axis]}))(_|$)"
 
 
 def _gyro_pattern(axis: str) -> str:
