@@ -350,7 +350,11 @@ def _module_class(module: ModuleType, file: str, name: str) -> type:
 
 
 def _check_encoding(name: str, content: bytes) -> None:
-    """Raise FileError if Python's complaint about a file is due to letters that are not UTF-8."""
+    """Raise FileError for a file with letters that are not UTF-8, unless it names their encoding in its first lines.
+    Python accepts such letters in a comment, but the text of a block is stored with each run."""
+    with suppress(SyntaxError, UnicodeDecodeError):
+        importlib.util.decode_source(content)
+        return
     try:
         content.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -365,6 +369,7 @@ def _module(path: Path) -> ModuleType:
     key = (str(path), hashlib.sha256(content).hexdigest())
     if key in _modules:
         return _modules[key]
+    _check_encoding(path.name, content)
     name = f"{USER_MODULE_PREFIX}{path.stem}_{hashlib.sha256(repr(key).encode()).hexdigest()[:12]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
@@ -376,7 +381,6 @@ def _module(path: Path) -> ModuleType:
         within(PREPARE_S, exec, compile(content, str(path), "exec"), module.__dict__)
     except SyntaxError as error:
         del sys.modules[name]
-        _check_encoding(path.name, content)
         where = {"file": path.name, "line": error.lineno or 1, "text": (error.text or "").strip()}
         raise FileError(fault("block.not-python", **where, error=error.msg)) from error
     except BaseException as error:

@@ -189,8 +189,11 @@ def test_an_error_in_a_user_file_names_file_and_line(workshop, content, code, fi
         load(workshop / "my.toml")
 
 
-def test_a_block_saved_in_the_encoding_of_an_old_editor_is_named_as_such(workshop):
-    (workshop / "mine.py").write_bytes('"""Un controlador\nmás del artículo."""\n'.encode("cp1252"))
+@pytest.mark.parametrize(
+    "text", ['"""Un controlador\nmás del artículo."""\n', "# mi control\n# más rápido\nx = 1\n"]
+)
+def test_a_block_saved_in_the_encoding_of_an_old_editor_is_named_as_such(workshop, text):
+    (workshop / "mine.py").write_bytes(text.encode("cp1252"))
     with refused("toml.not-utf-8", FileError, file="mine.py", line=2, byte=0xE1):
         load(workshop / "my.toml")
 

@@ -46,7 +46,7 @@ def outside_accesses(block_class: type) -> list[Diagnostic]:
     """
     try:
         file = Path(inspect.getfile(block_class))
-        tree = ast.parse(file.read_text(encoding="utf-8"))
+        tree = ast.parse(file.read_bytes())
     except (OSError, TypeError, SyntaxError):
         return []
     if block_class.__module__ == "__main__":

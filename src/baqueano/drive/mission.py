@@ -7,6 +7,7 @@ its JSON then contains the texts of the vehicle file and of the user's blocks. T
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
+from importlib.util import decode_source
 from pathlib import Path
 from typing import Any
 
@@ -151,7 +152,7 @@ def pack(mission: Mission, vehicle_file: VehicleFile) -> Mission:
         if not colon:
             return kind
         path = folder / f"{file_stem}.py"
-        text = path.read_text(encoding="utf-8")
+        text = decode_source(path.read_bytes())
         if texts.setdefault(path.name, text) != text:
             raise FileError(fault("mission.two-files", name=path.name))
         return f"{path.name}:{name}"
