@@ -1,5 +1,6 @@
 """A file appears completely or not at all and a new one replaces no other file, also on a file system without links."""
 
+import errno
 import os
 
 import numpy as np
@@ -33,6 +34,17 @@ def test_an_error_contains_the_name_that_the_user_knows(tmp_path):
     with pytest.raises(OSError, match="absent") as error_info, write_then_appear(tmp_path / "absent" / "a"):
         pass
     assert error_info.value.filename == str(tmp_path / "absent" / "a")
+
+
+def test_a_full_disk_is_reported_with_the_name_of_the_file(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space") as error_info:
+        replace_file(tmp_path / "table.csv", "1,2")
+    assert error_info.value.filename == str(tmp_path / "table.csv")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("links", [True, False])

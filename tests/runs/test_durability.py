@@ -281,6 +281,23 @@ def test_a_disk_that_is_full_at_closing_is_reported(tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
+@pytest.mark.skipif(os.name != "posix", reason="a limit of the size of files is of POSIX")
+def test_a_disk_without_any_space_leaves_no_empty_run(tmp_path):
+    import resource
+
+    path = tmp_path / "x.mcap"
+    run_writer = RunWriter(path)
+    record_one(run_writer, 5)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
+    try:
+        with refused("runs.disk-full-at-start", FileError):
+            run_writer.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not path.exists()
+
+
 def raising(error):
     def fail(*_, **__):
         raise error

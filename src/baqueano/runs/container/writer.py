@@ -146,13 +146,12 @@ class RunWriter:
             self.failure = error
         if self.failure is not None:
             self._file.abandon()
+            figures = {"path": self.path, "error": self.failure.strerror or self.failure}
+            if self.path.stat().st_size == 0:  # it would only be in the way of the newest run
+                self.path.unlink()
+                raise FileError(fault("runs.disk-full-at-start", **figures))
             raise FileError(
-                fault(
-                    "runs.disk-full",
-                    baqueano_command("runs", "recover", self.path),
-                    path=self.path,
-                    error=self.failure.strerror or self.failure,
-                )
+                fault("runs.disk-full", baqueano_command("runs", "recover", self.path), **figures)
             )
 
     def __enter__(self) -> "RunWriter":

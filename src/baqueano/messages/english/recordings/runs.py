@@ -35,6 +35,9 @@ TEMPLATES: dict[str, str] = {
         "{path}: the disk is full and did not store more of this run ({error}). The earlier part is "
         "complete. Free some space, then type: {fix}"
     ),
+    "runs.disk-full-at-start": (
+        "{path}: the disk is full and stored nothing of this run ({error}). Free some space, then drive again."
+    ),
     "runs.times": (
         "Run {run}: {t_ns} ns is not between 1970 and 2038. The times of a run begin at 1970 or at its "
         "own start; shift them."
