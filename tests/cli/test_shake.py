@@ -8,10 +8,11 @@ from tests.faults_of_run import find_faults
 
 def test_a_fault_given_on_the_command_line_is_logged_and_detected(baqueano):
     line = ("experiment", "--vehicle", "small", "--seconds", "4", "-o", "run.mcap",
-            "--shake", "2 s: push 0.3 N s left", "--shake", "3 s: sag 84 %")  # fmt: skip
+            "--shake", "2 s: push 0.3 N s left", "--shake", "3 s: sag 84 %", "--shake", "9 s: cut imu")  # fmt: skip
     result = baqueano(*line)
     assert result.code == 0
     assert "NIS detected it" in result.err
+    assert "9 s: cut imu: the drive ended at 4.0 s, so this fault did not occur." in result.err
     run = read_run("run.mcap")
     faults = find_faults((e.t_ns, e.source, e.diagnostic) for e in run.events)
     assert [(fault.kind, fault.start_s) for fault in faults] == [("push", 2.0), ("sag", 3.0)]

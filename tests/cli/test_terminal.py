@@ -12,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+import click
 import pytest
 
 from baqueano.cli import terminal
@@ -210,6 +211,19 @@ def test_progress_is_shown_on_one_line(monkeypatch, capsys):
     err += capsys.readouterr().err
     assert err.count("\n") == 2
     assert all(len(line) <= 100 for line in err.replace("\n", "\r").split("\r"))
+
+
+def test_the_remaining_time_does_not_contain_the_preparation(monkeypatch):
+    clock_s, bars = [0.0], []
+    bar_of = click.progressbar
+    monkeypatch.setattr(terminal, "is_terminal", lambda: True)
+    monkeypatch.setattr(time, "time", lambda: clock_s[0])
+    monkeypatch.setattr(click, "progressbar", lambda **options: bars.append(bar_of(**options)) or bars[-1])
+    with terminal.show_progress("drive", 10) as advance:
+        for t_s in (60.0, 61.0, 62.0, 63.0):  # the filter is compiled for a minute
+            clock_s[0] = t_s
+            advance(1)
+        assert bars[0].eta < 10.0
 
 
 def test_the_time_of_a_step_is_shown_as_the_language_writes_numbers(monkeypatch, capsys):

@@ -150,7 +150,13 @@ def show_progress(label: Diagnostic | str, length: int) -> Iterator[Callable[[in
         yield lambda n: None
         return
     with click.progressbar(length=length, label=text(label), file=sys.stderr, width=30) as bar:
-        yield bar.update
+
+        def advance(n: int) -> None:
+            if bar.pos == 0:  # the preparation, such as the compilation of a filter, is done only once
+                bar.start = bar.last_eta = time.time()
+            bar.update(n)
+
+        yield advance
 
 
 @contextmanager

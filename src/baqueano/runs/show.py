@@ -34,7 +34,7 @@ EVENT_INDENT = 10  # letters before the second line of an event in the table
 SHOWN_KEYS = {  # of the metadata, as they are shown
     "kind": N_("recorded by"), "seed": N_("seed"), "backend": N_("back end"),
     "verdict": N_("verdict"), "laps": N_("laps"), "recovered_from": N_("recovered from"), "map": N_("map"),
-    "commands": N_("commands"), "files": N_("files"),
+    "commands": N_("commands"), "files": N_("files"), "means": N_("means over an interval"),
     "signal": N_("signal"), "route": N_("route"), "start": N_("start [m, rad]"),
     "note": N_("note"), "created": N_("created"),
     "machine": N_("machine"), "rate_hz": N_("rate [Hz]"), "noise": N_("noise"),

@@ -135,11 +135,16 @@ def announce_rest(mission: "Mission", vehicle_file: "VehicleFile") -> float:
 
 
 def print_fault_detections(run: "Run", vehicle_file: "VehicleFile", shake: tuple[str, ...]) -> None:
-    """Print for each fault the checks that detected it, and the times. If no check detected it, print the reason."""
+    """Print for each fault the checks that detected it, and the times. If no check detected it, print the reason. Also
+    print the faults that the drive did not reach.
+    """
     if not shake:
         return
-    from baqueano.worlds import fault_ledger
+    from baqueano.worlds import Fault, fault_ledger
 
+    for words in shake:
+        if Fault.parse(words).start_s > run.t_s[-1]:
+            print_message(note("ledger.not-reached", fault=words, end_s=run.t_s[-1]))
     ledger = fault_ledger(run, vehicle_file)
     for row in ledger.rows:
         print_message(note("ledger.fault", t_s=row.fault.start_s, fault=row.message))

@@ -298,10 +298,12 @@ def _measurement(
         r, q, floor = _residuals(fit, runs, name, columns)
         residuals = r if len(r) >= MIN_SAMPLES else np.concatenate([r, q])
         if len(residuals) >= MIN_SAMPLES and len(columns) == block.size:
-            in_motion[name] = positive_definite(row_cov(residuals), floor, f"Q of {name}", notes)
+            in_motion[name] = positive_definite(row_cov(residuals), floor, _("Q of {name}", name=name), notes)
             at_rest[name] = None
             if len(q) >= MIN_SAMPLES:
-                at_rest[name] = positive_definite(row_cov(q), floor, f"Q of {name} at rest", notes)
+                at_rest[name] = positive_definite(
+                    row_cov(q), floor, _("Q of {name} at rest", name=name), notes
+                )
         elif name not in fit.file.sensors._fields:
             continue  # the file does not contain the noise of a truth
         elif name in fit.sigma or not np.all(np.diagonal(block.cov) > 0.0):

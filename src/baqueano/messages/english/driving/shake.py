@@ -54,6 +54,7 @@ TEMPLATES: dict[str, str] = {
     "ledger.fault": "{t_s:.1f} s: {fault}",
     "ledger.detection-line": "    {detector} detected it after {delay_s:.2f} s: {reply}",
     "ledger.undetected-line": "    it was not detected {reply}",
+    "ledger.not-reached": "{fault}: the drive ended at {end_s:.1f} s, so this fault did not occur.",
     "ledger.gate": "rejected {count} innovations within {limit_s:g} s",
     "ledger.nis": "its mean over {window_s:g} s is {nis:.2f}; chance gives at most {maximum:.2f}",
     "ledger.undetected": "for {delay_s:.1f} s: NIS at most {nis:.2f}. {reason}.",
