@@ -105,6 +105,7 @@ def test_the_latex_table_has_a_column_for_each_combination_and_a_row_for_each_me
     ratio = next(line for line in lines if line.strip().startswith("ratio"))
     assert ratio.split("&")[2].strip() == "$1$"
     assert sum(line.endswith(r"\\") for line in lines) < 20  # not a row for each drive
+    assert any(r"ATE $\psi$" in line for line in lines), "pdflatex does not know the letter ψ"
 
 
 def test_an_interrupted_sweep_resumes_and_equals_two_processes(combinations, result, tmp_path):

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 PARAMETER_KEYS = {"name", "estimate", "std", "unit"}  # of the rows of a fit
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:[.,]\d+)?(?:e[-+]\d+)?(?![\w])")
 AXIS_SYMBOLS = ("x", "y", r"\psi")
+LATEX_SIGNS = {  # that pdflatex does not know as letters
+    "−": "$-$", "°": r"$^\circ$", "√": r"$\surd$", "ψ": r"$\psi$", "η": r"$\eta$", "ν": r"$\nu$",
+}  # fmt: skip
 
 
 def csv_text(rows: list["TableRow"], decimal: str = ".") -> str:
@@ -84,12 +87,7 @@ def _printed(text: str) -> str:
     def number(match: re.Match[str]) -> str:
         return _power(match[0]).replace(",", "{,}")
 
-    return (
-        NUMBER.sub(number, _escape(text))
-        .replace("−", "$-$")
-        .replace("°", r"$^\circ$")
-        .replace("√", r"$\surd$")
-    )
+    return NUMBER.sub(number, _escape(text)).translate(str.maketrans(LATEX_SIGNS))
 
 
 def _booktabs(
