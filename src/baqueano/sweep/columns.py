@@ -47,7 +47,22 @@ def short_labels(labels: Sequence[str]) -> dict[str, str]:
     return dict(zip(labels, labels, strict=True))
 
 
-def figure_column(name: str, rows: Sequence["TableRow"]) -> list[str]:
+def median_columns(
+    rows: Sequence["TableRow"], blocks: Sequence[Sequence[str]], main: str, reference: str
+) -> list[list[list[str]]]:
+    """Return the columns of each block of names: heading, unit, and a cell for each of the `rows`.
+
+    The first block also has the ratio of the result `main`, and the count of stopped drives if there are any.
+    """
+    tables = [[_figure_column(name, rows) for name in block] for block in blocks if block]
+    if tables and len(rows) > 1:
+        tables[0].insert(1, [_("ratio"), "", *(ratio_cell(row, main, reference) for row in rows)])
+    if tables and any(row["stopped"] for row in rows):
+        tables[0].insert(0, [_("stopped"), _("drives"), *(str(row["stopped"]) for row in rows)])
+    return tables
+
+
+def _figure_column(name: str, rows: Sequence["TableRow"]) -> list[str]:
     """Return the cells of a column: heading, unit, and the value of each row."""
     figure = ALL_FIGURES[name]
     values = (row[name] * figure.scale for row in rows)

@@ -13,9 +13,8 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import LINE_LETTERS, text_table
 from baqueano.sweep.columns import (
     ALL_FIGURES,
-    figure_column,
+    median_columns,
     number_cell,
-    ratio_cell,
     short_labels,
     table_lines,
 )
@@ -359,10 +358,10 @@ class SweepResult(Result):
         rows, main = self.combinations(), self.main_figure()
         names = short_labels([row["combination"] for row in rows])
         labels = list(names.values())
-        table_lines: list[str] = []
+        printed_lines: list[str] = []
         for columns in self._columns(blocks):
-            for lines in _tables(labels, columns):
-                table_lines += ["", *lines] if table_lines else lines
+            for lines in table_lines(labels, columns):
+                printed_lines += ["", *lines] if printed_lines else lines
         if len(blocks) > 1 and len(self.vehicles()) > 1:
             figure = ALL_FIGURES[main]
             title = _("{figure} [{unit}] of each vehicle", figure=_(figure.heading), unit=figure.unit)
@@ -375,19 +374,12 @@ class SweepResult(Result):
         code = "sweep.head-ratio" if len(rows) > 1 else "sweep.head"
         drives = max((row["drives"] for row in rows), default=0)
         heading, reference = _(ALL_FIGURES[main].heading), names.get(self.reference, self.reference)
-        return [text(note(code, drives=drives, figure=heading, reference=reference)), *table_lines]
+        return [text(note(code, drives=drives, figure=heading, reference=reference)), *printed_lines]
 
     def _columns(self, blocks: Sequence[Sequence[str]]) -> list[list[list[str]]]:
-        """Return the columns of each block of known results: heading, unit, and a cell for each combination."""
-        rows = self.combinations()
-        tables = [[_column(name, rows) for name in block if self._has(name)] for block in blocks]
-        tables = [columns for columns in tables if columns]
-        if tables and len(rows) > 1:
-            main = self.main_figure()
-            tables[0].insert(1, [_("ratio"), "", *(self.ratio_text(row, main) for row in rows)])
-        if tables and any(row["stopped"] for row in rows):
-            tables[0].insert(0, [_("stopped"), _("drives"), *(str(row["stopped"]) for row in rows)])
-        return tables
+        """Return the columns of the known results of each block."""
+        known = [[name for name in block if self._has(name)] for block in blocks]
+        return median_columns(self.combinations(), known, self.main_figure(), self.reference)
 
     def printed_table(self) -> PrintedTable:
         """Return the medians as data: a row for each result, and a column for each combination."""
@@ -398,17 +390,6 @@ class SweepResult(Result):
         ]
         labels = short_labels([row["combination"] for row in self.combinations()])
         return PrintedTable(tuple(labels.values()), [{"title": "", "rows": rows}])
-
-    def ratio_text(self, row: "TableRow", name: str) -> str:
-        """Return the ratio of a result of a row of `combinations`, with its interval, as text."""
-        if row["combination"] == self.reference or not np.isfinite(row[f"{name}_ratio"]):
-            return "1" if row["combination"] == self.reference else "-"
-        if not np.isfinite(row[f"{name}_low"]):
-            return f"{number(row[f'{name}_ratio']):.2f} [-]"
-        return _(
-            "{ratio:.2f} [{low:.2f}, {high:.2f}]",
-            **{end: row[f"{name}_{end}"] for end in ("ratio", "low", "high")},
-        )
 
 
 def _median(drives: Sequence[SweepDrive], name: str) -> float:
