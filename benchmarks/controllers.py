@@ -82,9 +82,9 @@ def predictive(name: str, speed_m_s: float) -> Bench:
     state, solver = law.init(), law._program
     steps_s, calls_s, reports_s, solve = [], [], [], solver.solve
 
-    def timed_solve(program: Any, start: np.ndarray) -> np.ndarray | None:
+    def timed_solve(*arguments: Any) -> tuple[np.ndarray, np.ndarray] | None:
         begin_s = process_time()
-        solution = solve(program, start)
+        solution = solve(*arguments)
         calls_s.append(process_time() - begin_s)
         return solution
 

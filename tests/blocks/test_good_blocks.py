@@ -10,6 +10,8 @@ from baqueano.messages import text as sentence
 
 from .students import CONTROLLER, GOOD, findings_about
 
+PROPERTY = "    @cached_property\n    def gains(self):\n        return [2.0] * 500\n\n    def init"
+
 
 @pytest.mark.parametrize("room", GOOD)
 def test_a_good_block_passes_the_check_without_findings(tmp_path, room):
@@ -47,3 +49,13 @@ def test_a_block_whose_compiled_output_differs_is_reported(tmp_path):
     assert findings_about(tmp_path, "controller", text) == []
     (note,) = compilation_notes("controller", resolve("controller", "mine.py:Block", tmp_path)())
     assert note.code == "check.compiled-output"
+
+
+@pytest.mark.parametrize(("use", "codes"), [("gains[0]", []), ("gains.pop()", ["check.block-changed"])])
+def test_a_block_may_cache_a_value_but_not_change_it(tmp_path, use, codes):
+    text = CONTROLLER.replace("slots=True, ", "").replace("    def init", PROPERTY, 1)
+    text = text.replace("self.gain", f"self.{use}").replace(
+        "import numpy", "from functools import cached_property\n\nimport numpy"
+    )
+    findings = findings_about(tmp_path, "controller", text)
+    assert [finding.code for finding in findings if finding.code == "check.block-changed"] == codes

@@ -10,6 +10,8 @@ import traceback
 import warnings
 from collections import deque
 from collections.abc import Coroutine, Generator
+from contextlib import suppress
+from functools import cached_property
 from types import ModuleType
 from typing import Any
 
@@ -225,8 +227,12 @@ def _is_frozen_dataclass(block_class: type) -> bool:
 
 
 def _fields(block: object) -> Any:
-    """Return all attributes of an object, from its slots or its dict."""
+    """Return all attributes of an object, from its slots or its dict. A cached property is computed before."""
     names = [n for c in type(block).__mro__ for n in getattr(c, "__slots__", ()) if not n.startswith("__")]
+    for name, value in [pair for c in type(block).__mro__ for pair in vars(c).items()]:
+        if isinstance(value, cached_property):
+            with suppress(Exception):  # a call of the block reports it
+                getattr(block, name)
     values = {n: getattr(block, n, None) for n in names}
     return values | dict(getattr(block, "__dict__", {}))
 

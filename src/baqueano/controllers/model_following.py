@@ -230,7 +230,7 @@ class ModelFollower:
         """Return ν_m, ν_1, ν_2 and d (4, 3) at this tick, for a vehicle with the velocity ν (3,).  (1a)"""
         nu_m, nu_1, nu_2, d = state.pipeline
         nu_m = self._advance(nu_m, state.effort)
-        share = dt_s / np.maximum(0.5 * self._delay_s, dt_s)
+        share = dt_s / np.maximum(np.maximum(0.5 * self._delay_s, dt_s), TINY)
         nu_1 = nu_1 + share * (nu_m - nu_1)
         nu_2 = nu_2 + share * (nu_1 - nu_2)
         d = low_pass(d, nu - nu_2, MODEL_ERROR_RATIO * self.response_delay_s, dt_s)

@@ -14,6 +14,7 @@ from baqueano.diagnostics import Diagnostic, Verdict, fault, nearest
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import circle
 from baqueano.messages import text, texts
+from baqueano.vehicle_file.build import with_usual_std
 from baqueano.vehicle_file.file import LOOP_ROLES, VehicleFile, load
 
 if TYPE_CHECKING:
@@ -141,6 +142,7 @@ def _build(role: str, block: OwnBlock, vehicle_file: VehicleFile) -> object:
         if type(file_block) is block_class:
             return file_block
     try:
-        return within(PREPARE_S, block_class)
+        own_block = within(PREPARE_S, block_class)
     except (TypeError, ValueError) as error:
         raise FileError(fault("cli.block-needs-arguments", kind=block_class.__name__, error=error)) from error
+    return with_usual_std(own_block) if role == "sensor" else own_block

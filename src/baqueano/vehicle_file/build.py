@@ -135,10 +135,7 @@ def with_usual_noise(sensors: ByName[Tree]) -> ByName[Tree]:
 
     A simulation accepts an exact sensor; a filter would divide by 0.
     """
-    missing_names = {name: getattr(sensors, name) for name in sensors_without_noise(sensors)}
-    if missing_names:
-        return sensors._replace(**{name: _with_usual_std(sensor) for name, sensor in missing_names.items()})
-    return sensors
+    return type(sensors)(*(with_usual_std(sensor) for sensor in sensors))
 
 
 def _lacks_noise(sensor: Tree) -> bool:
@@ -147,7 +144,10 @@ def _lacks_noise(sensor: Tree) -> bool:
     return not bool(np.all(np.diag(sensor.cov) > 0.0))
 
 
-def _with_usual_std(sensor: Tree) -> Tree:
+def with_usual_std(sensor: Tree) -> Tree:
+    """Return a sensor whose channels without noise have the usual noise of its kind, if this is known."""
+    if not _lacks_noise(sensor):
+        return sensor
     is_positive = np.diag(sensor.cov) > 0.0
     Q = np.where(is_positive[:, None] & is_positive[None, :], sensor.cov, 0.0)
     added_std = np.where(is_positive, 0.0, np.array(sensor.usual_std))

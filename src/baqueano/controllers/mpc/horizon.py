@@ -9,6 +9,7 @@ computes the start state, and a call after it computes the command.
 """
 
 from dataclasses import replace
+from functools import cached_property
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -80,6 +81,7 @@ class Horizon:
         max_command = self._active_rows @ np.minimum(law.limit, NO_LIMIT)
         max_change = law.command_change_max * np.where(max_command < NO_LIMIT, max_command, 1.0)
         self._change_weight = 1.0 / max_change**2
+        self.unit = np.tile(max_change, STEPS)
         D = np.kron(np.eye(STEPS) - np.eye(STEPS, k=-1), np.diag(1.0 / max_change))
         self._P = D.T @ D + MIN_CURVATURE * np.eye(STEPS * self._k)
         wall = np.array([law.wall_low, law.wall_high])
@@ -87,10 +89,6 @@ class Horizon:
         self._walls = np.tile(wall[:, self._with_wall], STEPS)  # (2, w)
         self._weights = np.repeat(np.eye(STEPS), self._substeps, axis=0)
         self._end_of_step = slice(self._substeps - 1, None, self._substeps)
-        self._r, self._J = np.empty((STEPS, RESIDUALS)), np.empty((STEPS, RESIDUALS, STEPS * self._k))
-        self._walls_program = *self._walls, np.empty((self._walls.shape[1], STEPS * self._k))
-        self._r_row, self._J_rows = self._r.ravel(), self._J.reshape(-1, STEPS * self._k)
-        self._kernel = self._begin_compiled = self._command_compiled = None
 
     def rest_state(self) -> tuple[np.ndarray, np.ndarray, Tree]:
         """Return the plan (N, k), the effort (k,) and the state of the drivetrain after a long time at rest."""
@@ -112,41 +110,45 @@ class Horizon:
 
         The program is None if the model diverges.
         """
-        arguments = (
-            state[1:6],
-            dt_s,
-            float(state.t_ns >= 0),
-            estimate.eta,
-            estimate.nu,
-            reference.eta,
-            reference.nu,
-        )
-        if self._begin_compiled is None:
-            self._begin_compiled = function(self._begin, *arguments).call
-        E, *model, start = self._begin_compiled(*arguments)
-        if self._kernel is None:
-            self._kernel = self._scan(start).bind_sensitivities(self._weights)
+        has_plan, poses = float(state.t_ns >= 0), (estimate.eta, estimate.nu, reference.eta, reference.nu)
+        E, *model, start = self._begin_kernel(state[1:6], dt_s, has_plan, *poses)
         outputs, jacobians = self._kernel(z := E.ravel(), start)
-        np.copyto(self._r, outputs[self._end_of_step, :RESIDUALS])
-        np.copyto(self._J, jacobians[self._end_of_step, :RESIDUALS])
-        r, J = self._r_row, self._J_rows
+        r = outputs[self._end_of_step, :RESIDUALS].reshape(-1)
+        J = jacobians[self._end_of_step, :RESIDUALS].reshape(-1, len(z))
         P = J.T.dot(J)
         q = r.dot(J) - P.dot(z)
         q[: self._k] -= state.effort * self._change_weight
         if not isfinite(q.dot(q)):
             return E, *model, None
         P += self._P
-        low, high, A = self._walls_program
+        A = jacobians[self._end_of_step, RESIDUALS:].reshape(-1, len(z))
+        low, high = self._walls
         if len(A):
-            A = jacobians[self._end_of_step, RESIDUALS:].reshape(-1, len(z))
             low, high = self._walls - (outputs[self._end_of_step, RESIDUALS:].ravel() - A @ z)
         return E, *model, QuadraticProgram(P, q, A, low, high)
 
     def command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the command (n,) for an effort (k,), within the limits, and the effort (k,) that it causes."""
-        if self._command_compiled is None:
-            self._command_compiled = function(self._command, effort).call
-        return self._command_compiled(effort)
+        return self._command_kernel(effort)
+
+    @property
+    def wall_count(self) -> int:
+        """Return w, the number of coordinates with a wall, over all steps."""
+        return self._walls.shape[1]
+
+    @cached_property
+    def _begin_kernel(self) -> Any:
+        E, effort, drivetrain = self.rest_state()
+        state = E, effort, drivetrain, np.zeros(3), 0.0
+        return function(self._begin, state, 0.0, 0.0, *np.zeros((4, 3))).call
+
+    @cached_property
+    def _kernel(self) -> Any:
+        return self._scan().bind_sensitivities(self._weights)
+
+    @cached_property
+    def _command_kernel(self) -> Any:
+        return function(self._command, np.zeros(self._k)).call
 
     def _command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         motors = self._motors
@@ -193,7 +195,7 @@ class Horizon:
         eta = eta_r + np.array([0.0, 0.0, beta_r - beta])
         return eta, np.array([speed * np.cos(beta), speed * np.sin(beta), nu_r[2]])
 
-    def _scan(self, start: np.ndarray) -> Scan:
+    def _scan(self) -> Scan:
         """Return the kernel, which computes r and the coordinates with walls at the end of each step."""
         dt_s, rest_state = self._step_s / self._substeps, self._linear_vehicle.drivetrain.init()
         offsets = np.cumsum(
@@ -228,7 +230,7 @@ class Horizon:
             outputs = [*residuals, eta[:2][self._with_wall]]
             return np.concatenate(entries), np.concatenate(outputs)
 
-        return scan(step, start, self._weights[0], np.zeros(STEPS * self._k))
+        return scan(step, np.zeros(offsets[-1] + 1), self._weights[0], np.zeros(STEPS * self._k))
 
 
 def _arc(displacement: np.ndarray) -> np.ndarray:

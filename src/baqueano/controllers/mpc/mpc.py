@@ -100,7 +100,9 @@ class Mpc:
 
     def init(self) -> MpcState:
         """Return the plan of a vehicle at rest."""
-        return MpcState(-1, *self._horizon.rest_state(), np.zeros(3), 0.0, 0)
+        return MpcState(
+            -1, *self._horizon.rest_state(), np.zeros(3), 0.0, 0, np.zeros(self._program.constraints)
+        )
 
     def step(self, state: MpcState, reference: Reference, estimate: Estimate) -> tuple[MpcState, Command]:
         """Return the new plan and its first command (n,), or the command 0 after the end of the drive.
@@ -113,13 +115,13 @@ class Mpc:
         dt_s = seconds(estimate.t_ns, state.t_ns) if state.t_ns >= 0 else 1.0 / self.rate_hz
         plan = self._horizon.linearised_program(state, dt_s, reference, estimate)
         E, drivetrain, model_nu, turn_error, program = plan
-        solution = None if program is None else self._program.solve(program, E)
+        solution = None if program is None else self._program.solve(program, E, state.multipliers)
         failures = 0 if solution is not None else state.failures + 1
         if failures > MAX_FAILURES:
             raise Invalid(fault("mpc.unsolved", ticks=failures))
-        E = E if solution is None else solution
+        E, multipliers = (E, np.zeros_like(state.multipliers)) if solution is None else solution
         u, effort = self._horizon.command(E[0])
-        state = MpcState(estimate.t_ns, E, effort, drivetrain, model_nu, turn_error, failures)
+        state = MpcState(estimate.t_ns, E, effort, drivetrain, model_nu, turn_error, failures, multipliers)
         return state, Command(estimate.t_ns, u)
 
     def diagnostic(self, state: MpcState) -> Diagnostic | None:
@@ -132,4 +134,5 @@ class Mpc:
 
     @cached_property
     def _program(self) -> BoundedProgram:
-        return BoundedProgram(*self._horizon.motor_constraints())
+        horizon = self._horizon
+        return BoundedProgram(*horizon.motor_constraints(), horizon.unit, horizon.wall_count)

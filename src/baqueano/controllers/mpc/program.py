@@ -2,10 +2,12 @@
 
     min ½ zᵀ P z + qᵀ z,  lower ≤ rows z ≤ upper,    low ≤ A z ≤ high                                     (1)
 
-P is dense; `rows`, `lower` and `upper` are the same at each call. Source: Stellato et al., Mathematical Programming
-Computation, 2020.
+P is dense; `rows`, `lower` and `upper` are the same at each call. The unit of z is the change of a command that the
+cost weights with 1, so a fixed step size suits each vehicle. The scaling of OSQP would depend on earlier calls: then a
+replay would compute other commands. Source: Stellato et al., Mathematical Programming Computation, 2020.
 """
 
+from functools import cached_property
 from math import isfinite
 from typing import Any
 
@@ -17,51 +19,82 @@ from baqueano.errors import UsageError
 
 SOLVED_STATUS = (1, 2)  # status of OSQP: solved, and solved with less accuracy
 NO_BOUND = 1e6
+TINY = 1e-12
+MIN_ROW_SHARE = 0.1  # of the largest coefficient of all rows
+RHO = 2.0  # first step size of OSQP: between 1 and 3, a plan in these units needs the fewest iterations
 OSQP_SETTINGS = {
     "verbose": False, "eps_abs": 1e-4, "eps_rel": 1e-4, "max_iter": 400, "polishing": False, "check_termination": 10,
-    "adaptive_rho_interval": 50,
+    "adaptive_rho_interval": 50, "scaling": 0, "rho": RHO,
 }  # fmt: skip
 
 
 class BoundedProgram:
-    """The solver of (1), with a warm start from the previous call."""
+    """The solver of (1). A solution depends only on the matrices and the start, not on earlier calls."""
 
-    def __init__(self, rows: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
-        self._rows, self._lower, self._upper = rows, lower, upper
-        self._solver: Any = None  # OSQP without its Python interface, from the first call on
+    def __init__(
+        self, rows: np.ndarray, lower: np.ndarray, upper: np.ndarray, unit: np.ndarray, walls: int
+    ) -> None:
+        self._unit, self._wall_count = unit, walls
+        self._rows, row_unit = _unit_rows(rows * unit)
+        self._lower, self._upper = lower / row_unit, upper / row_unit
+        pattern = np.vstack([rows != 0.0, np.ones((walls, len(unit)), bool)])
+        self._patterns = np.triu(np.ones((len(unit), len(unit)))) > 0.0, pattern
+        self._index_P, self._index_A = (np.flatnonzero(matrix.T) for matrix in self._patterns)
+        self._P_unit = np.outer(unit, unit).take(self._index_P)
 
-    def solve(self, matrices: Tree, start: np.ndarray) -> np.ndarray | None:
-        """Return the solution z, in the shape of `start`, for P, q, A, low and high in `matrices`; None if it fails."""
+    @property
+    def constraints(self) -> int:
+        """Return the number of rows of both constraints of (1)."""
+        return len(self._rows) + self._wall_count
+
+    def solve(
+        self, matrices: Tree, start: np.ndarray, multipliers: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the solution z, in the shape of `start`, and its multipliers (`constraints`,); None if it fails.
+
+        P, q, A, low and high are in `matrices`.
+        """
         P, q, A, low, high = matrices
-        if self._solver is None:
-            self._set_up(P, q, A, low, high)
         solver: Any = self._solver
-        solver.update_data_vec(q, *(self._bounds(low, high) if len(low) else (None, None)))
-        A_values = np.vstack([self._rows, A]).T.take(self._index_A) if len(low) else None
-        solver.update_data_mat(P.take(self._index_P), None, A_values, None)
-        solver.warm_start(start.ravel(), None)
+        A_values, bounds = None, (None, None)
+        if len(low):
+            A, row_unit = _unit_rows(A * self._unit)
+            A_values, bounds = np.vstack([self._rows, A]), self._bounds(low / row_unit, high / row_unit)
+            A_values = A_values.T.take(self._index_A)
+        if solver.get_settings().rho != RHO:  # OSQP changed it in the last call
+            solver.update_rho(RHO)
+        solver.update_data_mat(P.take(self._index_P) * self._P_unit, None, A_values, None)
+        solver.update_data_vec(q * self._unit, *bounds)
+        solver.warm_start(start.ravel() / self._unit, multipliers)
         solver.solve()
-        x = solver.solution.x
-        is_solved = solver.info.status_val in SOLVED_STATUS and isfinite(x.dot(x))
-        return np.reshape(x, start.shape) if is_solved else None
+        x, y = solver.solution.x, solver.solution.y
+        if solver.info.status_val not in SOLVED_STATUS or not isfinite(x.dot(x) + y.dot(y)):
+            return None
+        return np.reshape(x * self._unit, start.shape), y.copy()
 
-    def _set_up(self, P: np.ndarray, q: np.ndarray, A: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
-        """Set up the OSQP problem, with matrices in column order: upper triangle of P, sparse `rows`, dense A."""
+    @cached_property
+    def _solver(self) -> Any:
+        """OSQP without its Python interface: upper triangle of P, sparse `rows`, dense A, in column order."""
         from scipy.sparse import csc_matrix
 
-        upper = np.triu(np.ones_like(P)) > 0.0
-        pattern = np.vstack([self._rows != 0.0, np.ones_like(A, bool)])
-        matrices = [csc_matrix(np.where(matrix, 1.0, 0.0)) for matrix in (upper, pattern)]
-        self._index_P, self._index_A = (np.flatnonzero(matrix.T) for matrix in (upper, pattern))
-        matrices[0].data = P.take(self._index_P)
-        matrices[1].data = np.vstack([self._rows, A]).T.take(self._index_A)
-        program = _osqp()
-        program.setup(matrices[0], q, matrices[1], *self._bounds(low, high), **OSQP_SETTINGS)
-        self._solver = program._solver
+        P, A = (csc_matrix(np.where(matrix, 1.0, 0.0)) for matrix in self._patterns)
+        walls = np.ones((self._wall_count, len(self._unit)))
+        P.data = np.eye(len(self._unit)).take(self._index_P)
+        A.data = np.vstack([self._rows, walls]).T.take(self._index_A)
+        program, free = _osqp(), np.full(self._wall_count, np.inf)
+        program.setup(P, np.zeros(len(self._unit)), A, *self._bounds(-free, free), **OSQP_SETTINGS)
+        return program._solver
 
     def _bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         low, high = np.clip(low, -NO_BOUND, NO_BOUND), np.clip(high, -NO_BOUND, NO_BOUND)
         return np.concatenate([self._lower, low]), np.concatenate([self._upper, high])
+
+
+def _unit_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows (w, m) whose largest coefficient is 1, or smaller in rows without effect, and their units (w,)."""
+    largest = np.max(np.abs(rows), axis=1)
+    unit = np.maximum(largest, max(MIN_ROW_SHARE * float(np.max(largest)), TINY))
+    return rows / unit[:, None], unit
 
 
 def _osqp() -> Any:

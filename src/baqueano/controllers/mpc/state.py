@@ -26,6 +26,8 @@ class MpcState(NamedTuple):
         Steady error of the model's yaw rate, d of (6) of mpc.py.
     failures : int
         Number of consecutive ticks in which the solver failed.
+    multipliers : ndarray (c + w,)
+        Lagrange multipliers of the last solution, with which the solver starts.
     """
 
     t_ns: int
@@ -35,3 +37,4 @@ class MpcState(NamedTuple):
     model_nu: np.ndarray
     turn_error: float
     failures: int
+    multipliers: np.ndarray
