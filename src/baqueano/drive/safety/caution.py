@@ -11,6 +11,7 @@ case is not severe: the vehicle only slows down. A model that is certainly wrong
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, merge_diagnostics, note, stop
 from baqueano.drive.observers import EventLine, Observer
 from baqueano.drive.safety.paced_guide import PacedGuide
+from baqueano.guides import DriveTo
 from baqueano.loop import Blocks, Record
 from baqueano.monitor.findings import MODEL, SENSOR
 from baqueano.signals import seconds
@@ -28,8 +29,10 @@ class Caution(Observer):
     (door/gain_changes.py).
     """
 
-    def __init__(self, max_std_m: float = float("inf"), is_watching: bool = True) -> None:
-        self._max_std_m, self._is_watching = max_std_m, is_watching
+    def __init__(
+        self, max_std_m: float = float("inf"), is_watching: bool = True, lead_in: DriveTo | None = None
+    ) -> None:
+        self._max_std_m, self._is_watching, self._lead_in = max_std_m, is_watching, lead_in
         self._guide: PacedGuide | None = None
         self._reason: Diagnostic | None = None
         self._is_grave = False
@@ -38,7 +41,7 @@ class Caution(Observer):
 
     def begin(self, blocks: Blocks) -> Blocks:
         """Return the blocks with the guide wrapped, so that its pace can be set."""
-        self._guide = PacedGuide(blocks.guide)
+        self._guide = PacedGuide(blocks.guide, self._lead_in)
         return blocks._replace(guide=self._guide)
 
     def on_record(self, record: Record) -> None:

@@ -3,13 +3,15 @@
 from dataclasses import replace
 
 from baqueano.contracts.values import Tree
-from baqueano.guides import GuideAtPace
+from baqueano.guides import DriveTo, GuideAtPace
 from baqueano.signals import Estimate, Reference
 from baqueano.supervisor import with_guarded_parts
 
 
 class PacedGuide:
     """A wrapper of a guide. The reference advances at the slowest of the requested paces.
+
+    `lead_in` contains the limits of the path from a vehicle that was moved in a pause to its route.
 
     >>> from baqueano.guides import Idle
     >>> guide = PacedGuide(Idle(2.0))
@@ -19,8 +21,8 @@ class PacedGuide:
     0.5
     """
 
-    def __init__(self, guide: Tree) -> None:
-        self.block = with_guarded_parts("guide", GuideAtPace(guide), 0)
+    def __init__(self, guide: Tree, lead_in: DriveTo | None = None) -> None:
+        self.block = with_guarded_parts("guide", GuideAtPace(guide, lead_in=lead_in), 0)
         self._paces: dict[str, float] = {}
 
     @property

@@ -17,7 +17,7 @@ from baqueano.drive.safety.patience import Patience, TimeLimit
 from baqueano.drive.safety.room_watch import RoomWatch
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
-from baqueano.guides import GuideSequence
+from baqueano.guides import DriveTo, GuideSequence
 from baqueano.guides.drive_to import MAX_GOAL_ANGLE_RAD, MAX_GOAL_DISTANCE_M
 from baqueano.guides.route import Route
 from baqueano.routes.capability import Capability
@@ -123,7 +123,8 @@ class Precautions:
     def observers(self, vehicle_file: "VehicleFile", route: Route, planned_s: float) -> tuple[Observer, ...]:
         """Return the observers that slow down and stop the drive of `planned_s`, and examine its end."""
         max_std_m = getattr(vehicle_file.supervisor(), "max_position_std_m", float("inf"))
-        watch: list[Observer] = [Caution(max_std_m, self.caution), FinalPose()]
+        lead_in = DriveTo(route.eta[:1], **approach_limits(route, vehicle_file)) if self.lead_in else None
+        watch: list[Observer] = [Caution(max_std_m, self.caution, lead_in), FinalPose()]
         limit_s = self.time_limit_s
         watch.append(TimeLimit.for_duration(planned_s) if limit_s is None else TimeLimit(limit_s))
         if np.isfinite(self.patience_s):
