@@ -265,6 +265,17 @@ def test_a_channel_without_a_limit_has_no_negative_zeros():
     assert not np.signbit(u[:, 1]).any()
 
 
+@pytest.mark.parametrize(
+    ("name", "answer"), [("eigth", "eight"), ("Circel", "circle"), ("xyzzy", "sinuous-circle")]
+)
+def test_a_misspelt_shape_is_answered_with_the_nearest_one(tmp_path, monkeypatch, name, answer):
+    """Before, the answer was `shape("eigth")`, which does not exist. A name like no other is answered by an example."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(Misuse) as error:
+        bq.repeat(bq.load("small"), name)
+    assert f'shape("{answer}"' in error.value.diagnostic.fix
+
+
 def test_the_name_of_a_stored_route_is_answered_with_the_line_that_reads_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("routes").mkdir()

@@ -242,7 +242,8 @@ def nearest(name: str, valid_names: Iterable[str], cutoff: float = 0.6) -> Diagn
     names = list(valid_names)
     if not names:
         return note("name.none")
-    close_names = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
+    names_of = {valid_name.casefold(): valid_name for valid_name in reversed(names)}
+    close_names = [names_of[key] for key in difflib.get_close_matches(name.casefold(), names_of, 1, cutoff)]
     known_names = _figure(names if len(names) <= MAX_LISTED_NAMES else [*names[:MAX_LISTED_NAMES], "…"])
     if close_names:
         return note("name.near", match=close_names[0], valid=known_names)

@@ -108,7 +108,7 @@ HEAD = b"# closed = false\nt_s,x_m,y_m,psi_rad,nu_x_m_s,nu_y_m_s,nu_psi_rad_s\n"
 @pytest.mark.parametrize(
     ("content", "code"),
     [
-        (None, "route.absent"),
+        (None, "route.absent-stored"),
         (b"\x89PNG\r\n\x1a\n" + bytes(100), "cli.route-not-text"),
         (b"t_s,x_m\n0,1\n1,2\n", "route.no-column"),
         (HEAD + b"0,0,0,0,0,0,0,5\n1,1,0,0,0,0,0,5\n", "route.uneven"),
@@ -127,5 +127,5 @@ def test_a_wrong_route_is_refused_before_the_drive(baqueano, lab, tmp_path, cont
     assert end.code == 3
     assert end.reason.code == code
     assert "mine.csv" in end.paragraph
-    assert "repeat" not in end.fix
+    assert ("repeat" in end.fix) == (content is None)  # with the nearest name
     assert not list(tmp_path.rglob("*.mcap*"))

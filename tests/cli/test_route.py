@@ -154,6 +154,9 @@ def test_the_anyway_option_permits_a_fast_route(lab, tmp_path):
     ("code", "line"),
     {
         "route.absent": ("smooth", "nowhere"),
+        "route.absent-stored": ("smooth", "labb"),
+        "route.absent-shape": ("smooth", "eigth"),
+        "shape.unknown": ("draw", "eigth", "lab"),
         "cli.two-tolerances": ("smooth", "lab", "--rms", "0.01", "--max", "0.02"),
         "cli.start-without-room": ("check", "lab", "--vehicle", "small", "--start", "1,0,0"),
         "cli.start-unreadable": ("check", "lab", "--vehicle", "small", "--room", "2x2", "--start", "left"),

@@ -11,6 +11,7 @@ from click.core import ParameterSource
 from baqueano.cli import numbers
 from baqueano.cli.subcommands import BACKENDS
 from baqueano.cli.terminal import print_message
+from baqueano.contracts.names import STORED_ROUTES
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.messages.language import translate as _
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 Decorator = Callable[[Any], Any]  # of a command or of its function
 DEFAULT_FILE = Path("vehicle.toml")
-ROUTES = Path("routes")
 
 as_json = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object with rows and a verdict."
@@ -294,7 +294,7 @@ def route_path(name: str) -> Path:
     """
     if Path(name).suffix == ".toml":
         raise UsageError(fault("route.ending", path=name))
-    return Path(name) if Path(name).suffix else ROUTES / f"{name}.csv"
+    return Path(name) if Path(name).suffix else STORED_ROUTES / f"{name}.csv"
 
 
 def block_kind(vehicle_file: "VehicleFile | None", role: str, kind: str | None) -> str | None:

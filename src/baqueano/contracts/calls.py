@@ -18,6 +18,7 @@ from typing import NamedTuple, NoReturn, TypeVar, cast
 import numpy as np
 
 from baqueano.contracts.blocks import Guide
+from baqueano.contracts.names import SHAPE_NAMES, STORED_ROUTES
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import Misuse
@@ -29,7 +30,7 @@ F = TypeVar("F", bound=Callable[..., Tree])
 class ArgumentKind(NamedTuple):
     """The kind of an argument: its name, its test, and lines that read one from a file or make one by name.
 
-    `stored_path` is the path of a file that the user can also give by its name.
+    `stored_path` is the path of a file that the user can also give by its name. `made_names` are the names of `maker`.
     """
 
     name: str
@@ -37,6 +38,7 @@ class ArgumentKind(NamedTuple):
     reader: str = ""
     maker: str = ""
     stored_path: str = ""
+    made_names: Sequence[str] = ()
 
 
 LIST = N_("a list")
@@ -73,7 +75,8 @@ KINDS = {  # part of an annotation → the kind
         _has_class("Route"),
         "from baqueano.runs import read_route; route = read_route({})",
         "from baqueano.guides.shapes import shape; route = shape({}, 1.0, 0.25)",
-        "routes/{}.csv",
+        str(STORED_ROUTES / "{}.csv"),
+        SHAPE_NAMES,
     ),
     "Fit": ArgumentKind(N_("a fit"), _has_class("Fit")),
     "FitOptions": ArgumentKind(N_("the options of a fit"), _has_class("FitOptions")),
@@ -287,14 +290,16 @@ def _fix(name: str, value: Tree, kinds: tuple[ArgumentKind, ...], example: str) 
         return f"{example[:-1]}, {name}={max(1, round(value))})"
     if not isinstance(value, str | PurePath):
         return example
-    stored_files = [
-        path for kind in kinds if kind.stored_path for path in Path().glob(kind.stored_path.format("*"))
-    ]
-    stored_name = nearest(str(value), [path.stem for path in stored_files]).figures.get("match")
-    is_file = stored_name is not None or bool(PurePath(value).suffix)
-    value = value if stored_name is None else str(stored_name)
-    readers = (kind.maker if kind.maker and not is_file else kind.reader for kind in kinds)
-    reader = next(filter(None, readers), "")
+    lines = {made_name: kind.maker for kind in kinds for made_name in kind.made_names}
+    for kind in kinds:
+        stored_files = Path().glob(kind.stored_path.format("*")) if kind.stored_path else ()
+        lines |= {path.stem: kind.reader for path in stored_files}
+    match = nearest(str(value), lines).figures.get("match")
+    if match is None and lines and not PurePath(value).suffix:
+        match = next(iter(lines))  # no name is similar: an example
+    if match is not None:
+        return lines[str(match)].format(_value_text(str(match)), name=name)
+    reader = next((kind.reader for kind in kinds if kind.reader), "")
     return reader.format(_value_text(value), name=name) if reader else example
 
 

@@ -16,8 +16,9 @@ from functools import lru_cache
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
+from baqueano.contracts.names import SHAPE_NAMES
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import fault, nearest
 from baqueano.errors import Invalid
 from baqueano.guides.repeat import Repeat, RepeatState
 from baqueano.guides.route import Route, curve_route, relative_poses
@@ -30,7 +31,6 @@ __all__ = ["SinuousCircle", "circle", "clothoid", "eight", "line", "rectangle", 
 __getattr__ = unknown_names(__name__)
 
 POINT_COUNT = 1441  # poses of a drawn route, four per degree of a circle
-SHAPE_NAMES = ("sinuous-circle", "circle", "eight", "rectangle", "line", "slalom", "clothoid")  # of `shape`
 
 
 @checked_call("bq.guides.shapes.sinuous_circle(0.6, 0.08, 5, 0.2)")
@@ -338,7 +338,7 @@ def shape(name: str, size_m: float, speed_m_s: float) -> Route:
             return slalom(2 * size_m, 0.3 * size_m, 3, speed_m_s)
         case "clothoid":
             return clothoid(2 * size_m, 0.5 * np.pi, speed_m_s)
-    raise Invalid(fault("shape.unknown", value=repr(name), valid=SHAPE_NAMES))
+    raise Invalid(fault("shape.unknown", value=str(name), suggestion=nearest(str(name), SHAPE_NAMES)))
 
 
 @document

@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from baqueano.atomic_file import replace_file
+from baqueano.contracts.names import SHAPE_NAMES, STORED_ROUTES
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.route import Route
@@ -31,7 +32,6 @@ from baqueano.runs.tables.lines import Lines
 from baqueano.runs.tables.table import LogTable, read_table
 
 DISTANCE_COLUMNS, WAIT_COLUMN = ("s_m", "x_m", "y_m", "psi_rad", "v_m_s"), "wait_s"
-STORED_ROUTES = Path("routes")
 SPOT_TURN_RAD_S = 1.0  # yaw rate of a turn on the spot
 COLUMNS = ("t_s", "x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
 # the same faults of a table, with advice for a file without a map
@@ -109,11 +109,17 @@ def stored_routes() -> list[str]:
 
 
 def absent_route(name: str, path: Path, *teach_options: str) -> Diagnostic:
-    """Return the fault of a route that does not exist, with the nearest name and the command that stores the route."""
-    names = stored_routes()
-    valid = nearest(name, names) if names else note("route.none-stored")
-    fix = baqueano_command("teach", name, *teach_options)
-    return fault("route.absent", fix, value=name, absent_path=path, valid=valid)
+    """Return the fault of a route that does not exist, with the nearest name, or the command that stores the route."""
+    names, figures = stored_routes(), {"value": name, "absent_path": path}
+    suggestion = nearest(name, names)
+    if "match" in suggestion.figures:
+        return fault("route.absent-stored", suggestion=suggestion, **figures)
+    shape_name = nearest(name, SHAPE_NAMES).figures.get("match")
+    if shape_name is not None:
+        fix = baqueano_command("route", "draw", str(shape_name), str(shape_name))
+        return fault("route.absent-shape", fix, shape=str(shape_name), **figures)
+    valid = suggestion if names else note("route.none-stored")
+    return fault("route.absent", baqueano_command("teach", name, *teach_options), valid=valid, **figures)
 
 
 def read_route(path: Path | str) -> Route:

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.names import GAINS_CHOICES
 from baqueano.diagnostics import Diagnostic
 from baqueano.drive import drive_stop_reason, repeat, replay
 from baqueano.errors import SafetyStop
@@ -36,7 +37,7 @@ class SweepSettings(NamedTuple):
     alignment: str = "none"
     interval_s: float = 1.0
     backend: str = "auto"
-    gains: str = "own"  # one of GAINS_CHOICES
+    gains: str = GAINS_CHOICES[0]
 
 
 class SweepJob(NamedTuple):

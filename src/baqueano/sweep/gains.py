@@ -17,7 +17,6 @@ from baqueano.vehicle_file.text.toml_text import read_text, tables
 if TYPE_CHECKING:
     from baqueano.contracts.blocks import OwnBlock
 
-GAINS_CHOICES = ("own", "vehicle")
 CODE = "code"
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from baqueano.compare.errors import ALIGNMENTS
 from baqueano.contracts.calls import checked_call
+from baqueano.contracts.names import GAINS_CHOICES
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault, nearest
@@ -21,7 +22,7 @@ from baqueano.guides.route import Route
 from baqueano.runs import Run, read_route
 from baqueano.sweep.combination import SweepBlocks, SweepJob, SweepSettings
 from baqueano.sweep.drawing import register
-from baqueano.sweep.gains import GAINS_CHOICES, FileText, build_controller, find_gains
+from baqueano.sweep.gains import FileText, build_controller, find_gains
 from baqueano.sweep.result import SweepCombination, SweepResult
 from baqueano.sweep.stored_drives import Resources, run_jobs
 from baqueano.sweep.workers import processor_count

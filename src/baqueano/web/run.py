@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from baqueano.contracts.names import STORED_ROUTES
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import RobotUnreachable
 from baqueano.web.guard import TOKEN_LIFETIME_S, Role, url_host
@@ -38,7 +39,7 @@ class PageOptions:
     share: bool = False
     address: str = ""  # address in the network; found automatically if ""
     browser: bool = True  # a tab is opened
-    routes: Path = Path("routes")  # the folder of the stored routes
+    routes: Path = STORED_ROUTES
     greeting_s: float = GREETING_TIMEOUT_S  # longest wait for the description of a simulated vehicle
 
 

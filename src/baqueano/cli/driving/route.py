@@ -10,11 +10,12 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.blocks import RowsResult
-from baqueano.cli.driving.teach import SHAPES, shape_or_route
+from baqueano.cli.driving.teach import shape_or_route
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_message
-from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
+from baqueano.contracts.names import SHAPE_NAMES, STORED_ROUTES
+from baqueano.diagnostics import Diagnostic, Severity, fault, nearest, note
 from baqueano.errors import AnswerNo, FileError, UsageError
 from baqueano.messages.language import number
 from baqueano.messages.printable import baqueano_command, shell_command
@@ -60,7 +61,7 @@ def ls(as_json: bool) -> None:
     from baqueano.routes import examine
 
     rows = []
-    for path in sorted(options.ROUTES.glob("*.csv"), key=lambda path: path.stem):
+    for path in sorted(STORED_ROUTES.glob("*.csv"), key=lambda path: path.stem):
         try:
             row = examine(options.find_route(str(path))).rows()[0]
         except FileError as error:
@@ -104,12 +105,14 @@ def check(
             raise AnswerNo(fault("cli.route-refused", finding.fix, **details) if finding.fix else finding)
 
 
-@command.command("draw", help=f"Store a shape as route NAME; SHAPE: {', '.join(SHAPES)}.")
-@click.argument("shape", metavar="SHAPE", type=click.Choice(SHAPES))
+@command.command("draw", help=f"Store a shape as route NAME; SHAPE: {', '.join(SHAPE_NAMES)}.")
+@click.argument("shape", metavar="SHAPE")
 @click.argument("name")
 @options.speed_and_size
 @options.as_json
 def draw(shape: str, name: str, size_m: float, speed_m_s: float, as_json: bool) -> None:
+    if shape not in SHAPE_NAMES:
+        raise UsageError(fault("shape.unknown", value=shape, suggestion=nearest(shape, SHAPE_NAMES)))
     store_route(shape_or_route(shape, speed_m_s, size_m), name, as_json)
 
 
@@ -347,18 +350,16 @@ def store_route(route: "Route", name: str, as_json: bool) -> None:
     if path.exists():
         print_message(note("cli.route-replaced", path=path))
     write_route(route, path)
-    name = path.stem if path.parent == options.ROUTES else str(path)
-    if print_examined(examine(route), name, as_json).verdict == Verdict.REFUSED:
-        return print_message(note("cli.route-stored-refused", path=path))
-    check, repeat = baqueano_command("route", "check", name), baqueano_command("repeat", name)
-    print_message(note("cli.route-stored", path=path, check=check, repeat=repeat))
-
-
-def print_examined(result: "RouteReport", route: str, as_json: bool) -> "RouteReport":
-    """Print the report of a route, and return it; its commands contain the name of the route."""
-    result = replace(result, findings=tuple(with_route_name(finding, route) for finding in result.findings))
-    print_answer(result, as_json)
-    return result
+    print_answer(examine(route), as_json)
+    name = path.stem if path.parent == STORED_ROUTES else str(path)
+    print_message(
+        note(
+            "cli.route-stored",
+            path=path,
+            check=baqueano_command("route", "check", name),
+            repeat=baqueano_command("repeat", name),
+        )
+    )
 
 
 def parse_room(vehicle_file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":
@@ -393,7 +394,7 @@ def read_point_route(path: Path, speed_m_s: float, *, closed: bool | None) -> "R
             raise FileError(fault("route.columns", path=path, value=", ".join(table.columns)))
         xy = np.column_stack([table.numbers(name) for name in names])
     if unused_columns := [name for name in table.columns if name not in names]:
-        figures = {"speed_m_s": speed_m_s, "folder": options.ROUTES}
+        figures = {"speed_m_s": speed_m_s, "folder": STORED_ROUTES}
         print_message(note("route.columns-unused", names=", ".join(unused_columns), **figures))
     ends_m = float(np.hypot(*(xy[-1] - xy[0])))
     is_closed = closed if closed is not None else len(xy) > 3 and ends_m < MAX_END_GAP_M

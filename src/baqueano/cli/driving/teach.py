@@ -20,6 +20,7 @@ from baqueano.cli.driving.manual_drive import (
 from baqueano.cli.driving.targets import announce_rest, open_target
 from baqueano.cli.page import live
 from baqueano.cli.terminal import print_answer, print_message, show_time_progress
+from baqueano.contracts.names import SHAPE_NAMES
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.language import translate as _
@@ -29,16 +30,6 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.guides.route import Route
 
-SHAPES = (  # of guides.shapes, which loads numpy
-    "sinuous-circle",
-    "circle",
-    "eight",
-    "rectangle",
-    "line",
-    "slalom",
-    "clothoid",
-)
-
 
 @click.command(help="Drive a path once and store it as ROUTE (a CSV file).")
 @click.argument("route")
@@ -46,7 +37,7 @@ SHAPES = (  # of guides.shapes, which loads numpy
 @options.robot
 @click.option(
     "--driver", default="sinuous-circle", show_default=True, metavar="SHAPE|keys|FILE",
-    help=f"Driver of the vehicle: a shape ({', '.join(SHAPES)}), a stored route, or a person with the keys.",
+    help=f"Driver of the vehicle: a shape ({', '.join(SHAPE_NAMES)}), a stored route, or a person with the keys.",
 )  # fmt: skip
 @pad_option
 @hold_option
@@ -105,7 +96,7 @@ def command(
     try:
         taught_route = run_route(run, closed=is_closed)
     except AnswerNo as error:
-        if driver not in SHAPES:
+        if driver not in SHAPE_NAMES:
             raise
         slow_drive = baqueano_command("teach", route, "--driver", driver, "--speed", "0.2", *vehicle_options)
         figures = {"shape": driver, "speed_m_s": speed_m_s, "cause": error.diagnostic}
@@ -126,7 +117,7 @@ def _check_driver(driver: str, has_hand_options: bool) -> None:
     """Raise UsageError for an option that does not belong to this driver."""
     if driver != "keys" and has_hand_options:
         raise UsageError(fault("cli.hand-options", "--driver keys", driver=driver))
-    if driver not in SHAPES:
+    if driver not in SHAPE_NAMES:
         options.refuse_together(f"--driver {driver}", "speed_m_s", "size_m")
     if driver == "keys":
         options.refuse_together("--driver keys", "rest_s")
@@ -140,11 +131,11 @@ def shape_or_route(name: str, speed_m_s: float, size_m: float, valid_names: tupl
     from baqueano.guides.shapes import shape
     from baqueano.runs.route_file import stored_routes
 
-    if name in SHAPES:
+    if name in SHAPE_NAMES:
         return shape(name, size_m, speed_m_s)
     if "." in name or options.route_path(name).is_file():
         return options.find_route(name)
-    suggestion = nearest(name, [*SHAPES, *valid_names, *stored_routes()])
+    suggestion = nearest(name, [*SHAPE_NAMES, *valid_names, *stored_routes()])
     raise UsageError(fault("cli.driver-unknown", value=name, suggestion=suggestion))
 
 

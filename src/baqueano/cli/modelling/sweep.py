@@ -12,6 +12,7 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, show_progress
+from baqueano.contracts.names import GAINS_CHOICES
 from baqueano.diagnostics import fault, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.messages.printable import baqueano_command
@@ -119,7 +120,7 @@ BLOCK_OPTIONS = [
 @options.settings
 @options.combine_options(*BLOCK_OPTIONS)
 @click.option(
-    "--gains", type=click.Choice(["own", "vehicle"]), default="own", show_default=True,
+    "--gains", type=click.Choice(GAINS_CHOICES), default=GAINS_CHOICES[0], show_default=True,
     help="Gains of a controller of a file: those of vehicle.toml in its folder (own), or of the driven vehicle.",
 )  # fmt: skip
 @click.option(

@@ -6,6 +6,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import print_answer, print_message, show_activity
+from baqueano.contracts.names import SHAPE_NAMES
 from baqueano.diagnostics import Verdict, fault, note
 from baqueano.errors import AnswerNo, FileError
 from baqueano.messages import texts
@@ -94,7 +95,7 @@ def command(
     aside_m: float, radian_m: float | None, seed: int, backend: str, update: bool, out: Path | None,
     as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.cli.driving.teach import SHAPES, shape_or_route
+    from baqueano.cli.driving.teach import shape_or_route
     from baqueano.runs.route_file import stored_routes
     from baqueano.tune import tune
 
@@ -130,7 +131,7 @@ def command(
         options.save_update(result.updated_file(), update)
     else:
         print_message(note("cli.written", path=result.updated_file().save(out)))
-    if routes[0] in SHAPES and (stored_names := stored_routes()):
+    if routes[0] in SHAPE_NAMES and (stored_names := stored_routes()):
         print_message(
             note(
                 "cli.tuned",

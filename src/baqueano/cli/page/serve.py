@@ -8,6 +8,7 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.page import options as page_options
 from baqueano.cli.terminal import print_message
+from baqueano.contracts.names import STORED_ROUTES
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
@@ -44,9 +45,9 @@ def command(
     if run is not None:
         page_options.run(show_runs((run,), serve_options, print_message))
     elif robot is not None and robot != "simulated":
-        local_files = LocalFiles(robot, vehicle_name, options.ROUTES, Path(folder))
+        local_files = LocalFiles(robot, vehicle_name, STORED_ROUTES, Path(folder))
         page_options.run(show_vehicle(partial(connect, robot), serve_options, print_message, local_files))
     else:
-        service_options = ("--pace", str(pace), "--seed", str(seed or 0), "--routes", str(options.ROUTES))
+        service_options = ("--pace", str(pace), "--seed", str(seed or 0), "--routes", str(STORED_ROUTES))
         start = partial(start_simulated, vehicle_name, Path(folder), *service_options)
         page_options.run(show_vehicle(start, serve_options, print_message, vehicle=vehicle_name))

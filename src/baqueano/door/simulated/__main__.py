@@ -11,6 +11,7 @@ import sys
 import threading
 from pathlib import Path
 
+from baqueano.contracts.names import STORED_ROUTES
 from baqueano.door.pipes import forward_bytes
 from baqueano.door.simulated.missions import StoredRoutes
 from baqueano.door.simulated.pace import PacedClock
@@ -74,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=0, help="of the noise of the first drive")
     parser.add_argument("--pace", type=float, default=1.0, help="simulated seconds in a second")
     parser.add_argument("--runs", type=Path, default=Path("runs"), help="the folder of the runs")
-    parser.add_argument("--routes", type=Path, default=Path("routes"), help="the folder of the routes")
+    parser.add_argument("--routes", type=Path, default=STORED_ROUTES, help="the folder of the routes")
     parser.add_argument("--backend", default="auto", help="how blocks are computed")
     parser.add_argument("--socket", type=Path, help="the socket at which it listens instead of the pipes")
     return parser

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.names import SHAPE_NAMES
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
-from baqueano.guides.shapes import SHAPE_NAMES, shape
+from baqueano.guides.shapes import shape
 from baqueano.runs.route_file import read_route
 from baqueano.tune.laps import SimulatedLaps, simulated_laps
 from baqueano.tune.objective import JERK_M2

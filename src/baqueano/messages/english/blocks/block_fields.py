@@ -49,7 +49,7 @@ TEMPLATES: dict[str, str] = {
         "not give laps."
     ),
     "shape.length": "length {value:g} m: expected a positive number.",
-    "shape.unknown": "Shape {value} does not exist; the shapes are {valid}",
+    "shape.unknown": "Shape {value} does not exist. {suggestion}.",
     "shape.corners": (
         "A rectangle of {length_m} m by {width_m} m is too small for corners of radius {corner_m} m. The "
         "radius must be above 0 and below {max_m:g} m."

@@ -23,6 +23,10 @@ TEMPLATES: dict[str, str] = {
     "route.absent": (
         "Route {value} does not exist: {absent_path} is not a file. {valid}. To drive it once: {fix}"
     ),
+    "route.absent-stored": "Route {value} does not exist: {absent_path} is not a file. {suggestion}.",
+    "route.absent-shape": (
+        "Route {value} does not exist: {absent_path} is not a file. Did you mean the shape {shape}? To store it: {fix}"
+    ),
     "route.none-stored": "That folder does not contain routes yet",
     "route.points": "points have the shape {value}: expected at least two rows of x and y in metres, (m, 2).",
     "route.point-not-finite": (
