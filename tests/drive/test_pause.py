@@ -51,7 +51,7 @@ def aside_m(poses):
 @pytest.mark.parametrize("kind", GUIDES)
 @pytest.mark.parametrize("push", [(0.0, 0.2, 0.5), (0.3, 0.0, 0.0), (-0.3, 0.0, 0.0), (0.0, -0.25, 2.5)])
 def test_a_vehicle_stays_where_a_person_puts_it_in_a_pause_and_then_joins_its_route(kind, push):
-    """Before, it drove back to the place of the pause, without a word from its driver."""
+    """Before, it drove back to the place of the pause during the pause."""
     t_s, poses, speed, u = drive(GUIDES[kind], {4.0: 0.0, 9.0: 1.0}, {6.0: push}, 16.0)
     is_pause, is_after = (t_s > 6.0) & (t_s < 9.0), t_s >= 9.0
     assert np.ptp(poses[is_pause], axis=0) == pytest.approx(0.0, abs=1e-3)

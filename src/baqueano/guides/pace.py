@@ -37,7 +37,7 @@ class PaceState(NamedTuple):
     guide_ns: int  # t′
     pace: float
     guide: Tree  # state of the inner guide
-    way: DriveToState | None = None  # the path of (4), until its end
+    lead_in: DriveToState | None = None  # the path of (4), until its end
 
 
 @document
@@ -91,14 +91,18 @@ class GuideAtPace:
                 estimate.t_ns, estimate.eta, np.zeros(3), 0.0
             )
         if state.pace == 0.0 and self.lead_in is not None:
-            state = self._with_way(state, estimate)
-        if state.way is not None:
+            state = self._with_lead_in(state, estimate)
+        if state.lead_in is not None:
             assert self.lead_in is not None
-            way, reference = self.lead_in.step(state.way, estimate._replace(t_ns=state.way.t_ns + own_ns))
+            path_state, reference = self.lead_in.step(
+                state.lead_in, estimate._replace(t_ns=state.lead_in.t_ns + own_ns)
+            )
             if not reference.at_end:
                 reference = reference._replace(t_ns=estimate.t_ns, nu=pace * reference.nu)
-                return state._replace(t_ns=estimate.t_ns, pace=pace, way=way), reference
-            pace *= min(way.v_m_s / float(way.goal[1]), 1.0) if way.goal[1] > 0.0 else 1.0
+                return state._replace(t_ns=estimate.t_ns, pace=pace, lead_in=path_state), reference
+            pace *= (
+                min(path_state.v_m_s / float(path_state.goal[1]), 1.0) if path_state.goal[1] > 0.0 else 1.0
+            )
             own_ns = 0
         guide_ns = state.guide_ns + own_ns
         own_estimate = estimate if guide_ns == estimate.t_ns else estimate._replace(t_ns=guide_ns)
@@ -107,7 +111,7 @@ class GuideAtPace:
             reference = reference._replace(t_ns=estimate.t_ns, nu=pace * reference.nu)
         return PaceState(estimate.t_ns, guide_ns, pace, guide), reference
 
-    def _with_way(self, state: PaceState, estimate: Estimate) -> PaceState:
+    def _with_lead_in(self, state: PaceState, estimate: Estimate) -> PaceState:
         """Return the state at the start of a path from the vehicle to one of the next references of the guide.  (4)"""
         assert self.lead_in is not None
         length_m = max(JOIN_LENGTH_M, JOIN_RADII * self.lead_in.radius_m)
@@ -129,6 +133,8 @@ class GuideAtPace:
             tau_s=np.arange(float(len(entries))), v_m_s=nu[:, 0],
             kappa_1_m=np.where(is_moving, nu[:, 2] / np.where(is_moving, nu[:, 0], 1.0), 0.0), **RETURN_TOLERANCES,
         )  # fmt: skip
-        way, _ = lead_in.step(lead_in.init(), estimate._replace(t_ns=0))
-        guide_ns, guide, _ = entries[round(float(way.goal[0]))]
-        return state._replace(guide_ns=guide_ns, guide=guide, way=way if way.path.length_m > 0.0 else None)
+        path_state, _ = lead_in.step(lead_in.init(), estimate._replace(t_ns=0))
+        guide_ns, guide, _ = entries[round(float(path_state.goal[0]))]
+        return state._replace(
+            guide_ns=guide_ns, guide=guide, lead_in=path_state if path_state.path.length_m > 0.0 else None
+        )
