@@ -198,7 +198,11 @@ def test_a_misspelt_route_is_answered_by_the_nearest_stored_name(tmp_path, monke
     monkeypatch.chdir(tmp_path)
     (tmp_path / "routes").mkdir()
     write_route(ROUTE, tmp_path / "routes" / "loop.csv")
-    for name, fix in (("lop", 'read_route("loop")'), ("loop", 'read_route("loop")'), ("zzz", 'shape("sinuous-circle"')):
+    for name, fix in (
+        ("lop", 'read_route("loop")'),
+        ("loop", 'read_route("loop")'),
+        ("zzz", 'shape("sinuous-circle"'),
+    ):
         with pytest.raises(TypeError) as error_info:
             bq.repeat(bq.load("small"), name)
         assert fix in str(error_info.value)

@@ -14,9 +14,8 @@ from baqueano.drive import drive_stop_reason, repeat
 from baqueano.estimators import TrueState
 from baqueano.geometry import pose_error
 from baqueano.guides.shapes import rectangle, sinuous_circle
-from baqueano.identify import identify
 from baqueano.study.counterpart import LoopWorld
-from baqueano.study.driving import FREE, initial_file, simulate_experiments
+from baqueano.study.driving import identify_by_advice, initial_file, simulate_experiments
 from baqueano.study.truth import draw_robots
 from baqueano.sweep.figures import drive_figures
 from baqueano.sweep.result import SweepCombination, SweepDrive
@@ -110,9 +109,8 @@ def _compared_controller(
 
 
 def _identified(seed: int) -> "Fit":
-    return identify(
-        simulate_experiments(draw_robots(1, seed), range(seed, seed + 1))[0], initial_file(), FREE
-    )
+    run = simulate_experiments(draw_robots(1, seed), range(seed, seed + 1))[0]
+    return identify_by_advice(run, initial_file())
 
 
 def drive_robot(seed: int, controllers: tuple[ComparedController, ...], backend: str) -> DrivenRobot:
