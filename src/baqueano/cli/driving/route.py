@@ -122,13 +122,8 @@ def draw(shape: str, name: str, size_m: float, speed_m_s: float, as_json: bool) 
 @click.argument("source")
 @click.argument("name")
 @click.option(
-    "--speed",
-    "speed_m_s",
-    type=numbers.speed,
-    default=0.25,
-    show_default=True,
-    help="Speed at the points [m/s].",
-)
+    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Speed at the points [m/s]."
+)  # fmt: skip
 @click.option(
     "--closed/--open", default=None, help=("Close the route. Default: closed if its end is at its start.")
 )

@@ -123,7 +123,7 @@ class Precautions:
     def observers(self, vehicle_file: "VehicleFile", route: Route, planned_s: float) -> tuple[Observer, ...]:
         """Return the observers that slow down and stop the drive of `planned_s`, and examine its end."""
         max_std_m = getattr(vehicle_file.supervisor(), "max_position_std_m", float("inf"))
-        lead_in = DriveTo(route.eta[:1], **approach_limits(route, vehicle_file)) if self.lead_in else None
+        lead_in = DriveTo.to_route(route, **approach_limits(route, vehicle_file)) if self.lead_in else None
         watch: list[Observer] = [Caution(max_std_m, self.caution, lead_in), FinalPose()]
         limit_s = self.time_limit_s
         watch.append(TimeLimit.for_duration(planned_s) if limit_s is None else TimeLimit(limit_s))
