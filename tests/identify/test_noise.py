@@ -264,33 +264,55 @@ def test_the_drag_is_that_at_the_command_of_the_runs():
 @pytest.mark.parametrize("decay_rate", [0.5, 20.0])
 def test_an_accelerometer_shows_a_push_against_the_drag(decay_rate):
     """d fades in 1 s, and v̇ = d − λ v. With λ = 20 1/s the push changes the speed within 50 ms, and then not v̇."""
-    dt_s, std = 0.01, 0.4
-    fade, rng = np.exp(-dt_s), np.random.default_rng(5)
-    d = lfilter([1.0], [1.0, -fade], std * np.sqrt(1.0 - fade**2) * rng.standard_normal(60_000))
-    decay = np.exp(-decay_rate * dt_s)
-    v = lfilter([(1.0 - decay) / decay_rate], [1.0, -decay], d)
-    r = d - decay_rate * v + 0.03 * rng.standard_normal(len(d))
-    assert push_std_of(r, dt_s, decay_rate) == pytest.approx(std, rel=0.2)
+    d, e = pushed_speed(0.4, decay_rate, np.random.default_rng(5), 60_000)
+    r = d - decay_rate * e + 0.03 * np.random.default_rng(6).standard_normal(len(d))
+    assert push_std_of([r], decay_rate) == pytest.approx(0.4, rel=0.2)
 
 
 @pytest.mark.parametrize("push_std", [0.01, 0.3])
 def test_errors_that_the_commands_cause_are_no_push(push_std):
     """The sensor has a wrong scale and place, the motors another lag, and the speed in bends an error."""
     rng, t_s = np.random.default_rng(7), 0.01 * np.arange(6000)
-    steps = np.repeat(rng.uniform(-1.0, 1.0, (120, 2)), 50, axis=0)
-    v, w = lfilter([0.06], [1.0, -0.94], steps * [0.4, 8.0], axis=0).T
-    d = lfilter([push_std * np.sqrt(1.0 - 0.99**2)], [1.0, -0.99], rng.standard_normal(6000))
-    e, a = lfilter([0.01], [1.0, -0.94], d) + 0.1 * v - 0.006 * np.abs(w), np.gradient(v, t_s)
+    v, w = driven_speeds(rng)
+    e, a = pushed_speed(push_std, 6.0, rng)[1] + 0.1 * v - 0.006 * np.abs(w), np.gradient(v, t_s)
     r = np.gradient(e, t_s) + 0.05 * a + 0.003 * w**2 + 0.1 * np.roll(a, 5) + 0.03 * rng.standard_normal(6000)
-    assert push_std_of(r, 0.01, 6.0) > 0.15
-    assert push_std_of(r, 0.01, 6.0, (a, v * w, w)) == pytest.approx(push_std, rel=0.25, abs=0.02)
+    r_y = w * e - 0.02 * v * w + 0.02 * a + 0.1 * w * np.roll(v, 5) + 0.03 * rng.standard_normal(6000)
+    assert push_std_of([r, r_y, 0.0], 6.0, (a, v * w, w)) == pytest.approx(push_std, rel=0.25, abs=0.005)
 
 
-def push_std_of(r, dt_s, decay_rate, predictions=(0.0,)):
-    """Return the standard deviation of the push that residuals (N,) of the forward accelerometer show. `predictions`
-    are those of the entries of the IMU."""
-    t_s, h = dt_s * np.arange(len(r)), [x + np.zeros(len(r)) for x in predictions]
-    channels = [ChannelFit("a", "imu", i, t_s, x + r * (i == 0), x, 1.0, 0.0, 0.0) for i, x in enumerate(h)]
+def test_the_sideways_accelerometer_shows_a_push_that_the_noise_of_the_forward_one_hides():
+    """With d of 0.02 m/s² behind a drag of 6 1/s, the change of v is 0.02 m/s², but in a turn of 4 rad/s a_y contains
+    4 v."""
+    push_stds = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        (v, w), (d, e) = driven_speeds(rng), pushed_speed(0.02, 6.0, rng)
+        noise, h = 0.1 * rng.standard_normal((2, 6000)), (np.gradient(v, 0.01), v * w, w)
+        push_stds.append(push_std_of([d - 6.0 * e + noise[0], w * e + noise[1], 0.0], 6.0, h))
+    assert np.sqrt(np.mean(np.square(push_stds))) == pytest.approx(0.02, rel=0.2)
+
+
+def driven_speeds(rng):
+    """Return the speeds (2, 6000) of a drive of random steps."""
+    steps = np.repeat(rng.uniform(-1.0, 1.0, (120, 2)), 50, axis=0)
+    return lfilter([0.06], [1.0, -0.94], steps * [0.4, 8.0], axis=0).T
+
+
+def pushed_speed(push_std, decay_rate, rng, count=6000):
+    """Return a push d (count,) that fades in 1 s, and the speed e (count,) of ė = d − λ e."""
+    fade, decay = np.exp(-0.01), np.exp(-decay_rate * 0.01)
+    d = lfilter([1.0], [1.0, -fade], push_std * np.sqrt(1.0 - fade**2) * rng.standard_normal(count))
+    return d, lfilter([(1.0 - decay) / decay_rate], [1.0, -decay], d)
+
+
+def push_std_of(residuals, decay_rate, predictions=(0.0,)):
+    """Return the standard deviation of the push that the residuals (N,) of each entry of the IMU show. `predictions`
+    are those of the entries; the first one is the forward accelerometer."""
+    t_s = 0.01 * np.arange(len(residuals[0]))
+    pairs = [
+        (r + np.zeros(len(t_s)), h + np.zeros(len(t_s))) for r, h in zip(residuals, predictions, strict=True)
+    ]
+    channels = [ChannelFit("a", "imu", i, t_s, h + r, h, 1.0, 0.0, 0.0) for i, (r, h) in enumerate(pairs)]
     ekf, fit = load("small").estimator(use=("imu",)), SimpleNamespace(channels_by_run=[channels])
     return _with_accelerometer_misfit(ekf, fit, {"imu"}, decay_rate).disturbance_std[0]
 
@@ -300,7 +322,7 @@ def test_white_noise_of_an_accelerometer_leaves_a_push_of_the_size_of_its_error(
     allow for such pushes in each run.
     """
     noise = [0.1 * np.random.default_rng(seed).standard_normal(6000) for seed in range(40)]
-    push_std = np.array([push_std_of(r, 0.01, 6.0) for r in noise])
+    push_std = np.array([push_std_of([r], 6.0) for r in noise])
     assert np.min(push_std) > 0.01
     assert np.max(push_std) < 0.04  # with every fifth lag and no error: 0.0001 to 0.056
 

@@ -34,12 +34,11 @@ from baqueano.identify.noise.speed_error import (
     MAX_FADE_S,
     MIN_FADE_S,
     accelerometer_share,
-    disturbance_residuals,
-    forward_accelerometer,
+    speed_signals,
     with_speed_error,
     with_truth_misfit,
 )
-from baqueano.numerics.autocorrelation import lag_sums, residual_autocorrelation
+from baqueano.numerics.autocorrelation import correlated_variance, speed_error_autocorrelations
 from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.numerics.gaussian_likelihood import log_det_and_square, robust_square
 from baqueano.numerics.statistics import expected_variance, largest_white_share, white_std
@@ -77,6 +76,8 @@ MIN_READINGS = 6  # readings for the magnitude of a misfit, with an error of 30 
 MAX_LEVEL_SHARE = 0.5  # fraction of the readings: with fewer levels they are quantised
 # lags of (3): beyond the noise, from LAGS_S[0] seconds or 1/λ if it is less, to LAGS_S[1] times T
 LAGS_S, MIN_LAG_S = (0.1, 2.0), 0.03
+# of standard errors: sideslip and tilt also act sideways, so this accelerometer is used only if it shows far more
+SIDEWAYS_FACTOR = 2.0
 STRAIGHT_S, MIN_SPEED_M_S = 1.0, 0.02  # of the drive that shows a model's course
 TOE_RAD = 0.01  # angle error of wheels that are mounted by hand
 WHEEL_PATTERNS = np.array([[1.0, 1.0], [1.0, 1.0]]), np.array([[1.0, -1.0], [-1.0, 1.0]])  # (4)
@@ -183,26 +184,25 @@ def _without_wheel_slip(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Au
 def _with_accelerometer_misfit(
     ekf: AugmentedEkf, fit: "Fit", inertial: set[str], decay_rate: float
 ) -> AugmentedEkf:
-    """Return the filter with the disturbance from the residuals of the forward accelerometer. With too few residuals
-    the filter is unchanged. (3) White noise gives the estimated variance a standard error (`expected_variance`)."""
-    accelerometer = forward_accelerometer(ekf, inertial)
-    if accelerometer is None:
-        return ekf
+    """Return the filter with the disturbance from the residuals of the forward accelerometer or, if it shows clearly
+    more, of the sideways one. With too few residuals the filter is unchanged. (3) White noise gives the estimated
+    variance a standard error (`expected_variance`)."""
     dt_s, T = 1.0 / ekf.rate_hz, float(ekf.disturbance_fade_s[0])
     first_s = max(MIN_LAG_S, min(LAGS_S[0], 1.0 / max(decay_rate, 1e-3)))
-    lags = np.arange(max(1, round(first_s / dt_s)), max(1, round(LAGS_S[1] * T / dt_s)) + 1)
-    residuals = disturbance_residuals(ekf, fit, accelerometer)
-    products, count = lag_sums(residuals, lags)
-    if np.min(count, initial=np.inf) < MIN_RESIDUALS:
+    tau_s, first = dt_s * np.arange(max(1, round(LAGS_S[1] * T / dt_s)) + 1), max(1, round(first_s / dt_s))
+    speed_c, acceleration_c = speed_error_autocorrelations(tau_s, T, decay_rate)
+    ahead, sideways = (
+        correlated_variance(speed_signals(ekf, fit, inertial, forward=forward), c, first)
+        for c, forward in ((acceleration_c, True), (speed_c, False))
+    )
+    variance, std_error, _ = sideways if SIDEWAYS_FACTOR * sideways[1] < ahead[1] else ahead
+    if not np.isfinite(std_error):
         return ekf
-    white_noise_std = white_std([r[np.isfinite(r)] for r in residuals])
-    correlation = residual_autocorrelation(lags * dt_s, T, decay_rate)
-    variance = float(np.sum(correlation * products / count) / np.sum(correlation**2))
-    std_error = white_noise_std**2 * float(np.sqrt(np.sum(correlation**2 / count)) / np.sum(correlation**2))
-    std, (low, high) = np.sqrt(expected_variance(variance, std_error)), FORWARD_NOISE[0][1:]
+    std = np.sqrt(expected_variance(variance, std_error))
+    low, high = FORWARD_NOISE[0][1:]
     ekf = with_value(ekf, "disturbance_std[0]", float(np.clip(std, low, high)))
-    walk = float(min(ekf.velocity_walk_std[0], white_noise_std * np.sqrt(dt_s)))
-    return with_value(ekf, "velocity_walk_std[0]", walk)
+    walk = ahead[2] * np.sqrt(dt_s) if np.isfinite(ahead[1]) else np.inf
+    return with_value(ekf, "velocity_walk_std[0]", float(min(ekf.velocity_walk_std[0], walk)))
 
 
 def _free_noise(

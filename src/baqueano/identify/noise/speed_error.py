@@ -12,12 +12,13 @@ blocks drawn with replacement. So an error stays unless it is clearly contradict
 errors of the model's speed; they follow from the errors of the fit (`with_speed_error`) and last for the whole drive.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.blocks import Sensor
 from baqueano.estimators.augmented.motion import MIN_SPEED_M_S
 from baqueano.estimators.augmented.state import layout, start_std
 from baqueano.estimators.augmented_ekf import SCALE_INDEX, AugmentedEkf
@@ -26,7 +27,7 @@ from baqueano.estimators.readings.velocity_readings import velocity_readings
 from baqueano.identify.data.added_channels import TRUTH
 from baqueano.identify.data.record import make_record
 from baqueano.identify.residuals.motion import motion_rows, open_loop
-from baqueano.numerics.autocorrelation import lag_sums, regression_residuals
+from baqueano.numerics.autocorrelation import RegressionSignal, lag_sums
 from baqueano.numerics.statistics import enclosing_cov, lines_by_sign, white_std
 from baqueano.runs.interpolation import HALF_WINDOW_S, TimeSeries, true_speed
 from baqueano.runs.run import Run
@@ -52,34 +53,65 @@ TRUTH_LAGS_S, MIN_PAIRS = (2.0 * HALF_WINDOW_S, 10.0), 100  # of (6)
 
 def forward_accelerometer(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int, float] | None:
     """Return sensor, entry and derivative of the inertial reading that depends most on ν̇_x, or None."""
+    return _strongest(ekf, inertial, lambda sensor: measurement_jacobian(sensor)[:, FORWARD_DOT])
+
+
+def sideways_accelerometer(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int, float] | None:
+    """Return sensor, entry and derivative of the inertial reading that depends most on ν_x ν_ψ, or None."""
+    at_rest, turning = np.zeros(9), np.eye(9)[3 + YAW]
+    return _strongest(
+        ekf,
+        inertial,
+        lambda s: (measurement_jacobian(s, turning) - measurement_jacobian(s, at_rest))[:, 3 + FORWARD],
+    )
+
+
+def _strongest(
+    ekf: AugmentedEkf, inertial: set[str], slopes: Callable[[Sensor], np.ndarray]
+) -> tuple[str, int, float] | None:
     readings = [
-        (name, i, float(slope[FORWARD_DOT]))
+        (name, i, float(slope))
         for name in sorted(inertial)
-        for i, slope in enumerate(measurement_jacobian(getattr(ekf.sensors, name)))
+        for i, slope in enumerate(slopes(getattr(ekf.sensors, name)))
     ]
     strongest = max(readings, key=lambda reading: abs(reading[2]), default=None)
     return strongest if strongest and strongest[2] != 0.0 else None
 
 
-def disturbance_residuals(ekf: AugmentedEkf, fit: "Fit", channel: tuple[str, int, float]) -> list[np.ndarray]:
-    """Return r_a (N,) [m/s²] of each run by `channel`, clipped, without the part that the commands cause. The
-    errors of the fit contain this part. It is the regression of r_a, over all runs, on predictions of
+def speed_signals(
+    ekf: AugmentedEkf, fit: "Fit", inertial: set[str], *, forward: bool
+) -> list[RegressionSignal]:
+    """Return the residuals of the forward accelerometer (g = 1) or of the sideways one (g = ω) in each run, clipped,
+    with the predictions that describe the effect of the commands. The errors of the fit contain this effect:
 
-        a, ω, ω², ω̇, a_x(t − τ)      errors of the sensor's scales, axes and place, and of the motors' lag    (7)
-        |ω| a_x, ω ω̇, ω̇ sgn ω        derivatives of speed errors proportional to |ω| ν_x, ω², |ω|
+        a, ω, ω², ω̇                         errors of the sensor's scales, axes and place                     (7)
+        a_x(t − τ), |ω| a_x, ω ω̇, ω̇ sgn ω   ė of a motor's lag, and of e proportional to |ω| ν_x, ω², |ω|
+        ω a_x(t − τ), |ω| a_y, ω³, ω |ω|     ω e of the same errors; also |ω| sgn a_y, of a wrong dead zone
     """
-    (name, entry, slope), residuals, columns = channel, [], []
+    accelerometers, signals = (
+        (forward_accelerometer(ekf, inertial), sideways_accelerometer(ekf, inertial)),
+        [],
+    )
+    channel = accelerometers[0 if forward else 1]
+    if channel is None or accelerometers[0] is None:
+        return []
+    name, entry, slope = channel
     yaw = int(np.argmax(np.abs(measurement_jacobian(getattr(ekf.sensors, name), np.zeros(9))[:, 3 + YAW])))
     for channels in fit.channels_by_run:
         h = {c.entry: c.predictions for c in channels if c.sensor == name}
         for c in (c for c in channels if (c.sensor, c.entry) == (name, entry)):
-            a_x, w, t_s = h[entry], h.get(yaw, np.zeros(len(c.t_s))), c.t_s
-            w_dot = np.gradient(w) if len(w) > 1 else w
-            X = [np.interp(t_s - late_s, t_s, a_x) for late_s in MOTOR_LAGS_S]
-            X += [np.ones(len(w)), w**2, w_dot, np.abs(w) * a_x, w * w_dot, np.sign(w) * w_dot]
-            columns.append(np.stack([*h.values(), *X], axis=1))
-            residuals.append(np.clip(c.residuals, -CLIP_SIGMA * c.sigma, CLIP_SIGMA * c.sigma) / slope)
-    return regression_residuals(residuals, columns)
+            t_s, zeros, a = c.t_s, np.zeros(len(c.t_s)), h[entry] / slope
+            w, a_x = h.get(yaw, zeros), h.get(accelerometers[0][1], zeros)
+            g, w_dot = zeros + 1.0 if forward else w, np.gradient(w)
+            X = [np.abs(w) * a_x, w * w_dot, np.sign(w) * w_dot]
+            if not forward:
+                X = [np.abs(w) * a, w**3, w * np.abs(w), np.abs(w) * np.sign(a)]
+            X += [g * np.interp(t_s - late_s, t_s, a_x) for late_s in MOTOR_LAGS_S]
+            r = np.clip(c.residuals, -CLIP_SIGMA * c.sigma, CLIP_SIGMA * c.sigma) / slope
+            signals.append(
+                RegressionSignal(r, g, np.stack([*h.values(), *X, zeros + 1.0, w**2, w_dot], axis=1))
+            )
+    return signals
 
 
 def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> float:
