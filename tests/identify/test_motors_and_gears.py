@@ -73,3 +73,33 @@ def test_an_optional_drag_along_an_axis_without_a_command_does_not_lower_the_ver
     assert "model.friction.quadratic[1]" in {message.subject for message in fit.always_unobservable}
     assert fit.verdict == "USABLE", fit.reasons
     assert max(map(abs, errors(fit, truth).values())) < 5.0
+
+
+def under_load(u, loss, lag_s, dt_s=0.02):
+    """Return the commands u (N, 2) that motors receive from a battery which falls behind its load with a lag."""
+    effective_u, load = u.copy(), 0.0
+    for k, throttle in enumerate(u[:, 0]):
+        load += (abs(throttle) - load) * -np.expm1(-dt_s / lag_s)
+        effective_u[k, 0] = throttle * (1.0 - loss * load)
+    return effective_u
+
+
+@pytest.mark.parametrize(
+    ("loss", "lag_s", "effect", "fix"),
+    [
+        (0.3, 1e-6, "term.sag", "--free +model.drivetrain.sag"),
+        (0.4, 0.7, "term.slow-sag", ""),
+    ],
+)
+def test_a_battery_that_falls_under_load_is_named_and_widens_the_error_bars(loss, lag_s, effect, fix):
+    """A slow one was USABLE, with a throttle gain wrong by 9 standard errors."""
+    case = subject("car", 901)
+    u = case.signal(40.0)
+    (run,) = case.runs([case.vehicle], [under_load(u, loss, lag_s)], [u])
+    fit = identify(run, case.vehicle_file, case.free)
+    assert fit.verdict == "WARN"
+    effects = {
+        reason.figures["effect"].code: reason.fix for reason in fit.reasons if "effect" in reason.figures
+    }
+    assert effects[effect] == fix
+    assert max(map(abs, errors(fit, case.truth).values())) < 3.0

@@ -54,6 +54,7 @@ TERM_KEYS = {  # code of an effect → keys of the file that model it
     "term.delay": DELAY_PATH,
     "term.motor-lag": "model.drivetrain.lag_s",
     "term.back-emf": BACK_EMF_PATH,
+    "term.sag": "model.drivetrain.sag",
     "term.low-pass": "sensors.{sensor}.low_pass_hz",
     "term.imu-turned": "sensors.{sensor}.heading_rad",
     "term.turning-about": "model.centre_of_mass_x_m",
@@ -64,7 +65,7 @@ TERM_KEYS = {  # code of an effect → keys of the file that model it
 }
 # the yaw rate of a car follows its curvature, so a drag about ψ is a curvature that falls with the speed
 TYRE_TERMS = {f"{code}, psi" for code in ("drag", "steep drag", "cornering", "turning", "slip")}
-HIDDEN_EFFECTS = ("term.friction-speed", "term.backlash")
+HIDDEN_EFFECTS = ("term.friction-speed", "term.backlash", "term.slow-sag", "term.servo-delay")
 TermTests: TypeAlias = Sequence[tuple[Effect, ScoreTest]]
 MAX_REPORTED = 2  # results that are reported, the most significant first
 MAX_COMPARED_RUNS = 8  # up to this number, each run is compared with the others

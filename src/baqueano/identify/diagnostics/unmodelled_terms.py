@@ -10,9 +10,9 @@ drivetrain, ν is the velocity of the model, both relative to their largest valu
         ν_x   ν_ψ |ν_x|   ν_x ν_ψ   ν_ψ ν_x²         ν_ψ |ν_ψ| (sideways)    about ψ                        (5)
     D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (6)
     D = −τ ḣ + τ² ḧ   (the IMU, if the delay of the commands is free)
-    w ← w + ε (w̄ − w),    w ← w + ε E (ν − ν̄),    w ← w − ε e^(−s/0.05 s) sign (w − E ν)               (7)
+    w ← w + ε (w̄ − w),  w ← w + ε E (ν − ν̄),  w ← w − ε e^(−s/0.05 s) sign (w − E ν),  w ← w − ε q w    (7)
 
-(6): readings only. (7): a lag w̄ of the motors (0.1 s), their back-EMF behind the lag ν̄ of the model, play in gears.
+(6): readings only. (7): lag w̄ of the motors, back-EMF behind the lag ν̄ of the model, play in gears, battery load q.
 """
 
 from collections.abc import Callable, Iterator
@@ -49,7 +49,7 @@ from baqueano.vehicles.state import tick_effort
 DECAY_S = 0.2  # duration of an effect that begins when a sign changes
 SIGN_WIDTH = 0.1  # fraction of the largest value: width of the tanh at a change of sign
 COMMAND_TERMS = ("dead zone", "saturation", "asymmetry", "fading")
-MOTOR_TERMS = ("back-emf", "motor lag", "backlash")
+MOTOR_TERMS = ("back-emf", "motor lag", "backlash", "sag", "slow sag", "slow sag", "servo delay")  # (7)
 MOTION_TERMS = (
     "dry friction", "drag", "steep drag", "one-sided drag", "caster", "friction speed", "unequal drag", "cornering",
     "turning", "slip",
@@ -59,6 +59,7 @@ TURNING_TERMS = {0: note("term.turning"), 2: note("term.turning-about")}
 SIDEWAYS_TERMS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
 LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
 LAG_S, PAUSE_S = 0.1, 0.05  # of the motors, and of their thrust after it changed its sign
+SAG_S = np.array([1e-3, 0.5, 2.0])  # lag of a battery behind its load, from a resistance to slow chemistry
 SIDEWAYS_AXIS = np.array([0.0, 1.0, 0.0])
 AXES = ("x", "y", "psi", "motors")
 FORCE_AXES = (0, 2)  # of all forces except the last one of each axis, which acts sideways
@@ -128,6 +129,7 @@ class ForcedState(NamedTuple):
     pause: np.ndarray  # (k,) e^(−s/PAUSE_S), s the time since the thrust changed its sign
     emf: np.ndarray  # (n, 3) E
     emf_lag: np.ndarray  # (n,) E ν after the lag of the motors
+    load: np.ndarray  # (3,) q, the mean |w| of the motors after each lag of SAG_S
 
 
 class FittedMotion(NamedTuple):
@@ -162,7 +164,8 @@ def _start(blocks: FittedBlocks, shape: ThetaShape, theta: np.ndarray) -> Forced
     motors_off = np.zeros(blocks.model.drivetrain.channels)
     emf = linear_drag_efforts(substitute(blocks, shape.paths, theta).model)
     vehicle, signals = initial_state(blocks, shape)(theta)
-    return ForcedState(vehicle, signals, theta, motors_off, motors_off, motors_off, emf, emf @ vehicle.nu)
+    no_load, signs = np.zeros(len(SAG_S)), (motors_off, motors_off)
+    return ForcedState(vehicle, signals, theta, motors_off, *signs, emf, emf @ vehicle.nu, no_load)
 
 
 def term_columns(
@@ -249,14 +252,17 @@ def _force_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         nu, psi = state.vehicle.nu, state.vehicle.eta[2]
         effort = tick_effort(tick_blocks.model, state.vehicle.drivetrain, psi, nu, u, dt_s)[1].mean
         w = drivetrain.mix(effort)
-        w_lag = w + (state.w_lag - w) * np.exp(-dt_s / LAG_S)
+        w_lag = w + (state.w_lag - w) * is_motor * np.exp(-dt_s / LAG_S)  # of a servo: w
         emf = state.emf @ nu
         emf_lag = emf + (state.emf_lag - emf) * (np.exp(-dt_s / drivetrain.lag_s) if has_lag else 0.0)
         thrust = drivetrain.mix(effort - emf)
         sign = np.where(thrust > 0.0, 1.0, np.where(thrust < 0.0, -1.0, state.thrust_sign))
         pause = np.where(sign * state.thrust_sign < 0.0, 1.0, state.pause * np.exp(-dt_s / PAUSE_S))
-        change = epsilon[-3] * drivetrain.mix(emf - emf_lag) + epsilon[-2] * (w_lag - w)
-        change = is_motor * (change - epsilon[-1] * pause * sign)
+        mean_load = np.abs(w) @ is_motor / max(np.sum(is_motor), 1)
+        load = mean_load + (state.load - mean_load) * np.exp(-dt_s / SAG_S)
+        change = epsilon[-7] * drivetrain.mix(emf - emf_lag) - (epsilon[-4:-1] @ load) * w
+        change = is_motor * (change - epsilon[-5] * pause * sign)
+        change = change + np.where(is_motor, epsilon[-6] * (w_lag - w), epsilon[-1] * (state.w_lag - w))
         if is_dynamic(blocks.model):
             efforts = effort + drivetrain.unmix(change), effort
             accelerations = [tick_blocks.model.nu_dot(nu, e, psi) for e in efforts]
@@ -268,7 +274,7 @@ def _force_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         )
         motion = motion._replace(nu_dot=motion.nu_dot + force, tick=tick)
         readings, signals = read_sensors(tick_blocks.sensors, state.signals, motion, dt_s, mean_weights)
-        next_state = ForcedState(vehicle, signals, state.theta, w_lag, sign, pause, state.emf, emf_lag)
+        next_state = ForcedState(vehicle, signals, state.theta, w_lag, sign, pause, state.emf, emf_lag, load)
         return next_state, np.concatenate([weight * np.concatenate(readings), motion.nu[:1]])
 
     rows = np.zeros(1 + n + m + column_count + WEIGHT_COLUMNS * len(shape.means) + shape.has_voltage)
