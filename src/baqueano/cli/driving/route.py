@@ -15,7 +15,7 @@ from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_message
 from baqueano.contracts.names import SHAPE_NAMES, STORED_ROUTES
-from baqueano.diagnostics import Diagnostic, Severity, fault, nearest, note
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, nearest, note
 from baqueano.errors import AnswerNo, FileError, UsageError
 from baqueano.messages.language import number
 from baqueano.messages.printable import baqueano_command, shell_command
@@ -345,16 +345,18 @@ def store_route(route: "Route", name: str, as_json: bool) -> None:
     if path.exists():
         print_message(note("cli.route-replaced", path=path))
     write_route(route, path)
-    print_answer(examine(route), as_json)
     name = path.stem if path.parent == STORED_ROUTES else str(path)
-    print_message(
-        note(
-            "cli.route-stored",
-            path=path,
-            check=baqueano_command("route", "check", name),
-            repeat=baqueano_command("repeat", name),
-        )
-    )
+    if print_examined(examine(route), name, as_json).verdict == Verdict.REFUSED:
+        return print_message(note("cli.route-stored-refused", path=path))
+    check, repeat = baqueano_command("route", "check", name), baqueano_command("repeat", name)
+    print_message(note("cli.route-stored", path=path, check=check, repeat=repeat))
+
+
+def print_examined(result: "RouteReport", route: str, as_json: bool) -> "RouteReport":
+    """Print the report of a route, and return it; its commands contain the name of the route."""
+    result = replace(result, findings=tuple(with_route_name(finding, route) for finding in result.findings))
+    print_answer(result, as_json)
+    return result
 
 
 def parse_room(vehicle_file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":
