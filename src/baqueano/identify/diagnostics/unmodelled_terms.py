@@ -219,7 +219,8 @@ def _force_columns(
     index = [k for k, force in enumerate(candidates) if force.channel is None or largest[force.channel] > 0.0]
 
     def columns() -> TermColumns:
-        D = all_columns()[:, :, index]  # (N, m + 1, K)
+        D = all_columns()  # (N, m + 1, K)
+        D = D if len(index) == len(candidates) else D[:, :, index]
         forces = zip((candidates[k] for k in index), D[:, -1].T, strict=True)
         terms = [Effect(f"{force.code}, {AXES[force.axis]}", force.description, x) for force, x in forces]
         return terms, D[:, :-1].reshape(-1, len(index)).T

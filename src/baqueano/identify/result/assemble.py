@@ -76,6 +76,9 @@ def _undetermined_damping(end: FinishedFit, std: np.ndarray) -> list[Diagnostic]
     if not all(is_imu(getattr(end.blocks.sensors, name)) for name in end.task.problem.names):
         return []
     fields = {parameter.path.partition("[")[0] for parameter in end.parameters.free}
+    is_at_lower = end.search.solution.bound[: len(identifiability.mask)] < 0
+    if np.all(identifiability.mask & ~is_at_lower):
+        return []
     slopes = dict(damping_derivatives(model, fields - sign_speed_paths(model).keys()))
     for i, parameter in enumerate(end.parameters.free):
         forward, sideways = slopes.get(parameter.path, np.zeros(3))[:2] > 0.0
