@@ -158,7 +158,7 @@ def _bounded_descent(
     """Return a descent to gains within their bounds, if it costs nearly the same as the best end; else None.
 
     Other descents are made only if none of `descents` ends there. Where the cost is rough, all of them stay at a bound.
-    Then a second descent starts at the preferred values of these gains.
+    Then a second descent starts at the preferred values of these gains, if their cost is nearly the same.
     """
     low, high, best = rehearsal.space.low, rehearsal.space.high, descents[0]
     max_cost = (1.0 + TIE_WEIGHT * len(preferred_x)) * best.cost
@@ -171,6 +171,8 @@ def _bounded_descent(
         return interior
     others: list[Descent] = []
     for start in (best.gains, np.where(is_at_limit, np.clip(preferred_x, low, high), best.gains)):
+        if others and rehearsal.cost(start) > max_cost:
+            break
         known_end = others[0] if others else None
         others.append(descend(rehearsal.cost_and_gradient, start, low, high, preferred_x, known_end))
         if is_inside(others[-1]):

@@ -25,7 +25,6 @@ from baqueano.estimators import KnownState
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
 from baqueano.sensors.truth import truth_sensor
-from baqueano.signals import NANOSECONDS
 from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, System, SystemState, advance, begin
 from baqueano.symbolic import jacobian
@@ -34,9 +33,9 @@ from baqueano.symbolic.graph.tree import build, leaves, tree_shape, values
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-SETTLE_S = 0.5
+SETTLE_S = 0.1, 0.5, 4.0  # durations of a drive before Newton's method begins
 MAX_NEWTON_STEPS, STEADY_TOLERANCE = 8, 1e-7  # steps and relative error at which Newton's method ends
-EXTRA_S, CALM_WINDOW_S, CALM_TOLERANCE = 4.0, 0.5, 0.05  # a drive is steady if its command then changes less
+CALM_WINDOW_S, CALM_TOLERANCE = 0.5, 0.05  # a drive is steady if its command then changes less
 MIN_SPEED_M_S = 0.01  # a steady drive is faster
 ROUNDING = 1e-12  # a smaller step of a flag, such as that of a stopped vehicle, is a rounding error
 DIFFERENCE = (
@@ -182,7 +181,7 @@ def _linearise_system(
     direction = flat_state.row(begin(system, np.array([1.0, 0.0, 0.0]))) - flat_state.row(state)
     moving_vehicle = state.world.vehicle._replace(nu=np.array([speed_m_s, 0.0, 0.0]))
     state = state._replace(world=state.world._replace(vehicle=moving_vehicle))
-    state, _ = _drive_system(system, state, tick_times(round(SETTLE_S * rate_hz), rate_hz))
+    t_ns = tick_times(1 + round(SETTLE_S[-1] * rate_hz), rate_hz)
 
     def tick_at(state: SystemState, t_ns: int) -> Callable[[Tree], Tree]:
         flat_state = _NumberRow(state)
@@ -190,18 +189,18 @@ def _linearise_system(
 
     is_interpreted = any(optional.attribute(block, "is_interpreted") for block in system.blocks)
     derivative = _finite_differences if is_interpreted else _engine_jacobian
-    tick = tick_at(state, round((SETTLE_S * rate_hz + 1) * NANOSECONDS / rate_hz))
-    x, J, is_steady = _steady_state(tick, flat_state.row(state), speed_m_s * dt_s * direction, derivative)
-    if not is_steady:  # Newton's method began too far away
-        t_ns = tick_times(round(EXTRA_S * rate_hz) + 1, rate_hz)
-        state, commands = _drive_system(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
-        tick, x = tick_at(state, int(t_ns[-1])), flat_state.row(state)
-        _, J, is_steady = _steady_state(tick, x, speed_m_s * dt_s * direction, derivative)
-        if not is_steady:  # for example, the controller does not correct the cross-track error
-            J = derivative(tick, x)
-            is_steady = bool(
-                np.max(np.ptp(commands[-round(CALM_WINDOW_S * rate_hz) :], axis=0)) < CALM_TOLERANCE
-            )
+    x, J, is_steady, end_tick, commands = flat_state.row(state), np.zeros(0), False, 0, np.zeros((1, 0))
+    for settle_s in SETTLE_S:  # a longer drive only if Newton's method began too far away
+        begin_tick, end_tick = end_tick, max(2, round(settle_s * rate_hz))  # the controller has a past
+        state, commands = _drive_system(system, state, dt_s, t_ns[begin_tick:end_tick])
+        tick, x = tick_at(state, int(t_ns[end_tick])), flat_state.row(state)
+        x, J, is_steady = _steady_state(tick, x, speed_m_s * dt_s * direction, derivative)
+        if is_steady:
+            break
+    if not is_steady:  # for example, the controller does not correct the cross-track error
+        x = flat_state.row(state)
+        J = derivative(tick_at(state, int(t_ns[end_tick])), x)
+        is_steady = bool(np.max(np.ptp(commands[-round(CALM_WINDOW_S * rate_hz) :], axis=0)) < CALM_TOLERANCE)
     n = len(x) - system.model.commands
     return LinearSystem(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:], dt_s), is_steady, x[n:]
 
@@ -250,11 +249,13 @@ def _steady_state(
     return x, J, False
 
 
-def _drive_system(system: System, state: SystemState, t_ns: np.ndarray) -> tuple[SystemState, np.ndarray]:
+def _drive_system(
+    system: System, state: SystemState, dt_s: float, t_ns: np.ndarray
+) -> tuple[SystemState, np.ndarray]:
     """Return the state after the ticks at `t_ns` (N,), and the commands (N, m)."""
     commands = []
     for t in t_ns:
-        state, _ = advance(system, float(t_ns[1] - t_ns[0]) / NANOSECONDS, state, Input(int(t), None))
+        state, _ = advance(system, dt_s, state, Input(int(t), None))
         commands.append(state.u)
     return state, np.array(commands)
 
@@ -292,7 +293,7 @@ def _parts(state: SystemState) -> tuple[Tree, ...]:
 
 def _straight_loop(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> System:
     """Return the loop of the file with this controller on a straight route, with exact pose and velocity."""
-    t_s = np.array([0.0, 2.0 * EXTRA_S])
+    t_s = np.array([0.0, 2.0 * SETTLE_S[-1]])
     eta, nu = np.zeros((2, 3)), np.zeros((2, 3))
     eta[:, 0], nu[:, 0] = speed_m_s * t_s, speed_m_s
     guide = Repeat.along(Route(t_s, eta, nu, closed=False), acceleration_m_s2=np.inf)

@@ -27,7 +27,7 @@ STRETCH_EXPONENT = 7.0  # c: the middle of the range is 3 % of its upper end
 SAMPLED_POINTS = 24  # points of the cube that are evaluated before the descents
 START_COUNT = 3
 # a descent ends if PATIENCE evaluations decreased its cost by a smaller share than MIN_PROGRESS
-PATIENCE, MIN_PROGRESS = 8, 1e-7
+PATIENCE, MIN_PROGRESS = 5, 1e-6
 JOIN_TOLERANCE = 1e-5  # descents with a smaller relative difference of their costs end at the same place
 MAX_EVALUATIONS = 60  # of one descent
 # ∂C/∂x relative to C above which the end of a descent is not a minimum of a smooth cost
