@@ -63,7 +63,7 @@ def test_a_different_source_gives_a_different_library(cache):
 def test_a_different_optimisation_gives_a_different_library(cache, monkeypatch):
     """The tests compile without optimisation: a program of the user must not load such a library."""
     for level in ("-O0", "-O1"):
-        monkeypatch.setattr(compile, "LONG_LEVEL", level)
+        monkeypatch.setattr(compile, "LONG_LEVEL", (level,))
         assert load(answer(1), operation_count=10**6).answer() == 1
     assert len(libraries(cache)) == 2
 
