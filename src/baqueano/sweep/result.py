@@ -378,8 +378,8 @@ class SweepResult(Result):
 
     def _columns(self, blocks: Sequence[Sequence[str]]) -> list[list[list[str]]]:
         """Return the columns of the known results of each block."""
-        known = [[name for name in block if self._has(name)] for block in blocks]
-        return median_columns(self.combinations(), known, self.main_figure(), self.reference)
+        shown_names = [[name for name in block if self._has(name)] for block in blocks]
+        return median_columns(self.combinations(), shown_names, self.main_figure(), self.reference)
 
     def printed_table(self) -> PrintedTable:
         """Return the medians as data: a row for each result, and a column for each combination."""
