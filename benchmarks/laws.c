@@ -154,31 +154,35 @@ static inline __attribute__((always_inline)) void follow(memory *s, const double
     s->ahead = 0.5 * (l + R), s->turn = 0.5 * (R - l), s->t = row[0], s->v = e.v, s->w = e.w;
 }
 
+static inline double max_speed(const errors *e, double v) { return fabs(e->v) + fmin(fmax(fabs(v) - fabs(e->v), 0), 0.3); }
+
 /* The laws */
 
 #define LOCAL static inline __attribute__((always_inline)) void
 
 LOCAL pd_feedforward_law(memory *s, const errors *e, double *v, double *w) {
-    double needed = 1.44 * fabs(e->v) / 0.25, k = fmax(4, fmin(needed, 0.9 / (1.35 * T))), L = fmax(0.25, 1.44 * fabs(e->v) / k);
-    *v = e->v + e->e_x, *w = e->w + k * (e->e_chi + e->forward * atan(e->e_y / L));
+    *v = e->v + e->e_x;
+    double needed = 1.44 * max_speed(e, *v), k = fmax(4, fmin(needed / 0.25, 0.9 / (1.35 * T))), L = fmax(0.25, needed / k);
+    *w = e->w + k * (e->e_chi + e->forward * atan(e->e_y / L));
 }
 
 LOCAL kanayama_law(memory *s, const errors *e, double *v, double *w) {
-    double speed = fabs(e->v), k = 9 * speed, k_y = 36 * speed;
+    double speed = max_speed(e, e->v + e->e_x), k = 9 * speed, k_y = 36 * speed;
     limit_gains(&k, &k_y, speed);
     *v = e->v * cos(e->e_chi) + e->e_x;
     *w = e->w + copysign(1, e->v) * clip(k_y * e->e_y, k * 0.6051864057360395) + k * sin(e->e_chi);
 }
 
 LOCAL pure_pursuit_law(memory *s, const errors *e, double *v, double *w) {
-    double L = fmax(0.1, 2.45 * T * fabs(e->v)), far = e->e_y / 0.7602043991336763, x, y;
+    double speed = max_speed(e, e->v + e->e_x), L = fmax(0.1, 2.45 * T * speed), far = e->e_y / 0.7602043991336763, x, y;
     double ahead = sqrt(fmax(L * L - e->e_y * e->e_y, far * far)), kappa = clip(e->kappa, 1 / ahead);
     point_ahead(-sin(e->e_chi) * e->e_y, e->e_y, e->e_chi, kappa, e->forward * ahead, &x, &y);
-    *v = e->v + e->e_x, *w = e->w + e->v * (2 * y / fmax(x * x + y * y, 0.25 * L * L) - kappa);
+    *v = e->v + e->e_x, *w = e->w + e->forward * speed * (2 * y / fmax(x * x + y * y, 0.25 * L * L) - kappa);
 }
 
 LOCAL stanley_law(memory *s, const errors *e, double *v, double *w) {
-    double speed = fabs(e->v), l = fmax(fmax(0.1, 0.25 * speed), 1.35 * T * speed), rate = 6 * speed / (0.05 + speed);
+    double speed = max_speed(e, e->v + e->e_x), l = fmax(fmax(0.1, 0.25 * speed), 1.35 * T * speed);
+    double rate = 6 * speed / (0.05 + speed);
     double k = speed / l + rate, k_y = rate / l;
     limit_gains(&k, &k_y, speed);
     double y = k_y * e->e_y + e->forward * (k - speed / l) * sin(e->e_chi);
@@ -198,8 +202,9 @@ LOCAL lqr_law(memory *s, const errors *e, double *v, double *w) {
     double s1 = P[2] * c01 + P[3] * c11, off = 0.5 * (r1 + a * r0 + s0);
     P[1] = 1600 + r0, P[2] = off, P[3] = 9.765625 + a * r1 + s1;
     k_c = -k_c, k_y = fabs(k_y);
-    limit_gains(&k_c, &k_y, fabs(speed));
-    *v = e->v - k_x * e->e_x, *w = e->w + fabs(e->v) / speed * clip(k_y * e->e_y, 0.65 * k_c) + k_c * e->e_chi;
+    *v = e->v - k_x * e->e_x;
+    limit_gains(&k_c, &k_y, fmax(max_speed(e, *v), 0.05));
+    *w = e->w + fabs(e->v) / speed * clip(k_y * e->e_y, 0.65 * k_c) + k_c * e->e_chi;
 }
 
 #define DRIVE(name)                                                                                                    \
