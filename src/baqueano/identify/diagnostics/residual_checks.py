@@ -65,7 +65,9 @@ TERM_KEYS = {  # code of an effect → keys of the file that model it
 }
 # the yaw rate of a car follows its curvature, so a drag about ψ is a curvature that falls with the speed
 TYRE_TERMS = {f"{code}, psi" for code in ("drag", "steep drag", "cornering", "turning", "slip")}
-HIDDEN_EFFECTS = ("term.friction-speed", "term.backlash", "term.slow-sag", "term.servo-delay")
+HIDDEN_EFFECTS = {  # code of an effect that no sensor shows → variances of Δθ to subtract, more for a rare effect
+    "term.friction-speed": 1.0, "term.backlash": 1.0, "term.slow-sag": 4.0, "term.servo-delay": 4.0,
+}  # fmt: skip
 TermTests: TypeAlias = Sequence[tuple[Effect, ScoreTest]]
 MAX_REPORTED = 2  # results that are reported, the most significant first
 MAX_COMPARED_RUNS = 8  # up to this number, each run is compared with the others
@@ -99,17 +101,19 @@ def check_residuals(
     messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(fit_evidence, motion)
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
     missing_terms = _missing_terms(fit_evidence, tests, blocks.model)
-    # no sensor shows these effects
-    hidden_errors = [e for code in HIDDEN_EFFECTS for e in _effect_errors(code, -1, fit_evidence, tests)]
+    hidden_errors = [
+        e for code, n in HIDDEN_EFFECTS.items() for e in _effect_errors(code, -n, fit_evidence, tests)
+    ]
     by_fix: dict[str, Diagnostic] = {}  # one message of those with the same remedy
     for _, message, _ in missing_terms:
         by_fix.setdefault(message.fix or message.figures["effect"].code, message)
-    messages += [*by_fix.values()][:MAX_REPORTED] + [result.message for result in differences[:MAX_REPORTED]]
+    messages += sorted(by_fix.values(), key=lambda message: not message.fix)[:MAX_REPORTED]
+    messages += [result.message for result in differences[:MAX_REPORTED]]
     diagnosis, entries = Diagnosis.of(messages, s), np.ix_(index, index)
     effects = hidden_errors + [e for result in missing_terms + differences for e in result.effects]
     shifts = np.array([np.zeros(len(index)), *(effect.shift for effect in effects)])
     diagnosis.unmodelled_cov[entries] = largest_errors_cov(shifts)
-    lags = _effect_errors("term.low-pass", 1, fit_evidence, tests)
+    lags = _effect_errors("term.low-pass", 1.0, fit_evidence, tests)
     diagnosis.lag_errors[index] = sum(lag.shift for lag in lags)
     all_shifts, speeds = np.zeros((len(shifts), s)), [np.zeros((2, 2)), *(effect.speed for effect in effects)]
     all_shifts[:, index] = shifts
@@ -118,11 +122,11 @@ def check_residuals(
     return diagnosis._replace(shifts=all_shifts, speed_changes=np.array(speeds), run_errors=run_errors)
 
 
-def _effect_errors(code: str, sign: int, fit: "_FitEvidence", tests: TermTests) -> list["_FitChange"]:
-    """Return the changes of the fit by each effect `code`, also if its test is not significant. The factor √(1 ± 1/z²)
-    adds (`sign` 1) or subtracts (−1) the variance of Δθ."""
+def _effect_errors(code: str, variances: float, fit: "_FitEvidence", tests: TermTests) -> list["_FitChange"]:
+    """Return the changes of the fit by each effect `code`, also if its test is not significant. The factor √(1 + n/z²)
+    adds n `variances` of Δθ."""
     pairs = [pair for pair in tests if pair[0].description.code == code and pair[1].gain > 0.0]
-    factors = [np.sqrt(max(1.0 + sign / (test.z**2 or test.gain), 0.0)) for _, test in pairs]
+    factors = [np.sqrt(max(1.0 + variances / (test.z**2 or test.gain), 0.0)) for _, test in pairs]
     changes = [fit.effect(test, term.speed) for term, test in pairs]
     return [_FitChange(*(f * x for x in change)) for f, change in zip(factors, changes, strict=True)]
 
