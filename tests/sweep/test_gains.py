@@ -198,11 +198,8 @@ def test_a_misspelt_route_is_answered_by_the_nearest_stored_name(tmp_path, monke
     monkeypatch.chdir(tmp_path)
     (tmp_path / "routes").mkdir()
     write_route(ROUTE, tmp_path / "routes" / "loop.csv")
-    for name, fix in (
-        ("lop", 'read_route("loop")'),
-        ("loop", 'read_route("loop")'),
-        ("zzz", 'shape("sinuous-circle"'),
-    ):
+    route, example = 'read_route("loop")', 'shape("sinuous-circle"'
+    for name, fix in (("lop", route), ("loop", route), ("zzz", example)):
         with pytest.raises(TypeError) as error_info:
             bq.repeat(bq.load("small"), name)
         assert fix in str(error_info.value)
@@ -288,17 +285,8 @@ def test_a_wrong_file_of_a_pattern_is_named_and_the_others_are_compared(students
     (students / "mal").mkdir()
     (students / "mal" / "my.py").write_text(CODE.replace("def init(self):", "def init(self)"))
     (students / "luis" / "vehicle.toml").write_text(SMALL)
-    line = [
-        "sweep",
-        "--vehicle",
-        "small",
-        "--route",
-        "circle",
-        "--seeds",
-        "1",
-        "--controller",
-        "*/my.py:Mine",
-    ]
+    pattern = ["--controller", "*/my.py:Mine"]
+    line = ["sweep", "--vehicle", "small", "--route", "circle", "--seeds", "1", *pattern]
     with pytest.raises(SystemExit, match="0"):
         main([*line, "--json"])
     out, err = capsys.readouterr()

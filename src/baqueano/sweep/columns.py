@@ -9,12 +9,11 @@ import numpy as np
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import LINE_LETTERS
-from baqueano.sweep.figures import RMS_FIGURES, SINGLE_FIGURES
+from baqueano.sweep.figures import ALL_FIGURES
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
-ALL_FIGURES = {**RMS_FIGURES, **SINGLE_FIGURES}
 FILE_CLASS = re.compile(r"(?P<file>[^ ]*[/\\.][^ :]*):(?P<name>\w+)")
 MAX_LABEL_LETTERS = 32  # characters of a label
 

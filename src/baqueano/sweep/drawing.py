@@ -16,8 +16,9 @@ from baqueano.report.libraries import panel, set_log_scale, with_style
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.pages.result_page import build_page
 from baqueano.report.plots import make_drawings
-from baqueano.sweep.columns import ALL_FIGURES, ratio_cell, short_labels
-from baqueano.sweep.result import BLOCKS, RMS_FIGURES, SweepResult
+from baqueano.sweep.columns import ratio_cell, short_labels
+from baqueano.sweep.figures import ALL_FIGURES, RMS_FIGURES
+from baqueano.sweep.result import BLOCKS, SweepResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -62,6 +62,7 @@ SINGLE_FIGURES = {
         "NIS", "", 1.0, N_("squared innovation divided by its predicted variance; 1 if consistent")
     ),
 }
+ALL_FIGURES = {**RMS_FIGURES, **SINGLE_FIGURES}
 
 
 def drive_figures(

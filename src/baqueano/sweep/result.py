@@ -11,15 +11,9 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import text, texts, verdict_line
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import LINE_LETTERS, text_table
-from baqueano.sweep.columns import (
-    ALL_FIGURES,
-    median_columns,
-    number_cell,
-    short_labels,
-    table_lines,
-)
+from baqueano.sweep.columns import median_columns, number_cell, short_labels, table_lines
 from baqueano.sweep.error_segments import ErrorSegments
-from baqueano.sweep.figures import RMS_FIGURES
+from baqueano.sweep.figures import ALL_FIGURES, RMS_FIGURES
 from baqueano.sweep.gains import CODE
 from baqueano.sweep.paired import UNKNOWN, PairedDifference, paired_difference
 

@@ -347,7 +347,8 @@ def store_route(route: "Route", name: str, as_json: bool) -> None:
     write_route(route, path)
     name = path.stem if path.parent == STORED_ROUTES else str(path)
     if print_examined(examine(route), name, as_json).verdict == Verdict.REFUSED:
-        return print_message(note("cli.route-stored-refused", path=path))
+        print_message(note("cli.route-stored-refused", path=path))
+        return
     check, repeat = baqueano_command("route", "check", name), baqueano_command("repeat", name)
     print_message(note("cli.route-stored", path=path, check=check, repeat=repeat))
 

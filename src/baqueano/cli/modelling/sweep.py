@@ -50,7 +50,7 @@ def matching_names(
     return tuple(all_names)
 
 
-def usable(names: Iterable[str], load: Callable[[str], LoadedT]) -> dict[str, LoadedT]:
+def load_usable(names: Iterable[str], load: Callable[[str], LoadedT]) -> dict[str, LoadedT]:
     """Return what `load` returns for each name. If it refuses a match of a pattern, print the error and omit the
     match: one wrong file of a class must not stop the others. Raise the error if no name is left.
     """
@@ -91,20 +91,20 @@ def print_omitted() -> None:
 
 BLOCK_OPTIONS = [
     click.option(
-        f"--{room}",
-        f"{room}s",
+        f"--{role}",
+        f"{role}s",
         multiple=True,
         metavar="KIND",
         callback=matching_names,
         help=(
             'Block to compare: a name, "file.py:Class", or "*/file.py:Class" for all such files. Repeat the option for '
             'more. A controller "pd.toml" is that of this vehicle file, with its gains.'
-            if room == "controller"
+            if role == "controller"
             else 'Block to compare: a name, "file.py:Class", or "*/file.py:Class" for all such files. Repeat the '
             "option for more."
         ),
     )
-    for room in ("estimator", "controller", "guide")
+    for role in ("estimator", "controller", "guide")
 ]
 
 
@@ -186,7 +186,7 @@ def command(
         run_sweep = partial(run_sweep, recorded_runs, vehicle=next(iter(files), None), routes=named_routes)
         drive_count = len(recorded_runs)
     else:
-        files = list(usable(vehicles, lambda name: options.load_vehicle(name, settings)).values())
+        files = list(load_usable(vehicles, lambda name: options.load_vehicle(name, settings)).values())
         files = files or [options.load_vehicle(None, settings)]
         named_routes = {
             name: shape_or_route(name, speed_m_s, size_m) for name in routes or ("sinuous-circle",)
@@ -210,7 +210,7 @@ def command(
         print_message(note("sweep.guesses", fix=fix, names=[file.label for file in guesses]))
     file = next(iter(files), None)
     block_kinds: dict[str, Any] = {
-        f"{role}s": list(usable(kinds, partial(check_block, file, gains, role)))
+        f"{role}s": list(load_usable(kinds, partial(check_block, file, gains, role)))
         for role, kinds in (("estimator", estimators), ("controller", controllers), ("guide", guides))
     }
     count = drive_count * math.prod(max(len(kinds), 1) for kinds in block_kinds.values())
