@@ -3,13 +3,6 @@
 from pathlib import Path
 
 STORED_ROUTES = Path("routes")  # the folder of the stored routes
-SHAPE_NAMES = (
-    "sinuous-circle",
-    "circle",
-    "eight",
-    "rectangle",
-    "line",
-    "slalom",
-    "clothoid",
-)  # of guides.shapes.shape
+# of guides.shapes.shape
+SHAPE_NAMES = ("sinuous-circle", "circle", "eight", "rectangle", "line", "slalom", "clothoid")
 GAINS_CHOICES = ("own", "vehicle")  # of a sweep

@@ -22,12 +22,10 @@ from baqueano.parameter import document, parameter
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
 
-GOAL_STEPS = 2  # of the guide per GOAL_SPACING_M
-MIN_SPEED_M_S = 0.05  # of a guide, for the length of these steps
-RETURN_TOLERANCES = {
-    "tolerance_m": 0.05,
-    "tolerance_rad": np.radians(10.0),
-}  # the controller corrects less than this
+GOAL_STEPS = 2  # references of the guide per GOAL_SPACING_M
+MIN_SPEED_M_S = 0.05  # of a reference; a slower one is at rest
+# the controller corrects less than this
+RETURN_TOLERANCES = {"tolerance_m": 0.05, "tolerance_rad": np.radians(10.0)}
 
 
 class PaceState(NamedTuple):
@@ -87,22 +85,19 @@ class GuideAtPace:
         pace: float = min(max(self.pace, state.pace - step), state.pace + step)  # (1)
         own_ns = round(pace * (estimate.t_ns - state.t_ns))
         if pace == 0.0:  # (3)
-            return state._replace(t_ns=estimate.t_ns, pace=pace), Reference(
-                estimate.t_ns, estimate.eta, np.zeros(3), 0.0
-            )
+            rest = Reference(estimate.t_ns, estimate.eta, np.zeros(3), 0.0)
+            return state._replace(t_ns=estimate.t_ns, pace=pace), rest
         if state.pace == 0.0 and self.lead_in is not None:
             state = self._with_lead_in(state, estimate)
         if state.lead_in is not None:
             assert self.lead_in is not None
-            path_state, reference = self.lead_in.step(
-                state.lead_in, estimate._replace(t_ns=state.lead_in.t_ns + own_ns)
-            )
+            path_estimate = estimate._replace(t_ns=state.lead_in.t_ns + own_ns)
+            path_state, reference = self.lead_in.step(state.lead_in, path_estimate)
             if not reference.at_end:
                 reference = reference._replace(t_ns=estimate.t_ns, nu=pace * reference.nu)
                 return state._replace(t_ns=estimate.t_ns, pace=pace, lead_in=path_state), reference
-            pace *= (
-                min(path_state.v_m_s / float(path_state.goal[1]), 1.0) if path_state.goal[1] > 0.0 else 1.0
-            )
+            if path_state.goal[1] > 0.0:  # the speed of the route at the end of the path
+                pace *= min(path_state.v_m_s / float(path_state.goal[1]), 1.0)
             own_ns = 0
         guide_ns = state.guide_ns + own_ns
         own_estimate = estimate if guide_ns == estimate.t_ns else estimate._replace(t_ns=guide_ns)
@@ -135,6 +130,5 @@ class GuideAtPace:
         )  # fmt: skip
         path_state, _ = lead_in.step(lead_in.init(), estimate._replace(t_ns=0))
         guide_ns, guide, _ = entries[round(float(path_state.goal[0]))]
-        return state._replace(
-            guide_ns=guide_ns, guide=guide, lead_in=path_state if path_state.path.length_m > 0.0 else None
-        )
+        path = path_state if path_state.path.length_m > 0.0 else None
+        return state._replace(guide_ns=guide_ns, guide=guide, lead_in=path)

@@ -59,16 +59,17 @@ def forward_accelerometer(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, i
 def sideways_accelerometer(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int, float] | None:
     """Return sensor, entry and derivative of the inertial reading that depends most on ν_x ν_ψ, or None."""
     at_rest, turning = np.zeros(9), np.eye(9)[3 + YAW]
-    return _strongest(
-        ekf,
-        inertial,
-        lambda s: (measurement_jacobian(s, turning) - measurement_jacobian(s, at_rest))[:, 3 + FORWARD],
-    )
+
+    def slopes(sensor: Sensor) -> np.ndarray:
+        return (measurement_jacobian(sensor, turning) - measurement_jacobian(sensor, at_rest))[:, 3 + FORWARD]
+
+    return _strongest(ekf, inertial, slopes)
 
 
 def _strongest(
     ekf: AugmentedEkf, inertial: set[str], slopes: Callable[[Sensor], np.ndarray]
 ) -> tuple[str, int, float] | None:
+    """Return sensor, entry and slope of the inertial reading with the largest of `slopes`, or None if all are 0."""
     readings = [
         (name, i, float(slope))
         for name in sorted(inertial)
@@ -88,12 +89,9 @@ def speed_signals(
         a_x(t − τ), |ω| a_x, ω ω̇, ω̇ sgn ω   ė of a motor's lag, and of e proportional to |ω| ν_x, ω², |ω|
         ω a_x(t − τ), |ω| a_y, ω³, ω |ω|     ω e of the same errors; also |ω| sgn a_y, of a wrong dead zone
     """
-    accelerometers, signals = (
-        (forward_accelerometer(ekf, inertial), sideways_accelerometer(ekf, inertial)),
-        [],
-    )
-    channel = accelerometers[0 if forward else 1]
-    if channel is None or accelerometers[0] is None:
+    ahead, signals = forward_accelerometer(ekf, inertial), []
+    channel = ahead if forward else sideways_accelerometer(ekf, inertial)
+    if channel is None or ahead is None:
         return []
     name, entry, slope = channel
     yaw = int(np.argmax(np.abs(measurement_jacobian(getattr(ekf.sensors, name), np.zeros(9))[:, 3 + YAW])))
@@ -101,16 +99,15 @@ def speed_signals(
         h = {c.entry: c.predictions for c in channels if c.sensor == name}
         for c in (c for c in channels if (c.sensor, c.entry) == (name, entry)):
             t_s, zeros, a = c.t_s, np.zeros(len(c.t_s)), h[entry] / slope
-            w, a_x = h.get(yaw, zeros), h.get(accelerometers[0][1], zeros)
+            w, a_x = h.get(yaw, zeros), h.get(ahead[1], zeros)
             g, w_dot = zeros + 1.0 if forward else w, np.gradient(w)
             X = [np.abs(w) * a_x, w * w_dot, np.sign(w) * w_dot]
             if not forward:
                 X = [np.abs(w) * a, w**3, w * np.abs(w), np.abs(w) * np.sign(a)]
             X += [g * np.interp(t_s - late_s, t_s, a_x) for late_s in MOTOR_LAGS_S]
             r = np.clip(c.residuals, -CLIP_SIGMA * c.sigma, CLIP_SIGMA * c.sigma) / slope
-            signals.append(
-                RegressionSignal(r, g, np.stack([*h.values(), *X, zeros + 1.0, w**2, w_dot], axis=1))
-            )
+            X = [*h.values(), *X, zeros + 1.0, w**2, w_dot]
+            signals.append(RegressionSignal(r, g, np.stack(X, axis=1)))
     return signals
 
 

@@ -61,7 +61,7 @@ def trace_function(f: Callable[..., Tree], shapes: Iterable[Shape]) -> Trace:
     """
     graph = Graph()
     kinds: dict[Node, str] = {}
-    g = _copy_method(f) if isinstance(f, MethodType) and not _is_ours(type(f.__self__)) else f
+    g = _copy_method(f) if isinstance(f, MethodType) and not _is_in_package(type(f.__self__)) else f
     with tracing(), locate_errors(), _restored_globals(g):
         symbols = [(shape, _symbols(graph, shape, kinds)) for shape in shapes]
         results = [
@@ -239,10 +239,10 @@ def _stays_symmetric(trace: Trace, carry_shape: Shape, path: str) -> bool:
 def is_stable(block_class: type) -> bool:
     """Return True for a class of this package, or of a file that a vehicle file names: its globals do not change."""
     module = block_class.__module__
-    return _is_ours(block_class) or module.startswith(USER_MODULE_PREFIX)
+    return _is_in_package(block_class) or module.startswith(USER_MODULE_PREFIX)
 
 
-def _is_ours(block_class: type) -> bool:
+def _is_in_package(block_class: type) -> bool:
     return block_class.__module__.partition(".")[0] == __name__.partition(".")[0]
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.block_checks.source_text import is_in_package
 from baqueano.blocks import BLOCK_TARGETS, kinds, resolve
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
@@ -46,7 +47,7 @@ def block_description(request: "JsonObject", vehicle_file: "VehicleFile") -> "Js
     cls = type(block)
     return {
         "room": role, "kind": kind or file_kind, "of_file": file_kind, "kinds": alternatives, "name": cls.__name__,
-        "ours": _is_own(cls), "parameters": _parameter_rows(role, block), **_class_text(cls),
+        "ours": is_in_package(cls), "parameters": _parameter_rows(role, block), **_class_text(cls),
         "step_us": step_time_us(role, kind or file_kind, vehicle_file) if role in LOOP_ROLES else None,
         "tick_us": 1e6 / vehicle_file.rate_hz,
     }  # fmt: skip
@@ -162,19 +163,13 @@ def step_time_us(role: str, kind: str, vehicle_file: "VehicleFile") -> float | N
     return 1e6 * min(rounds) / CALLS
 
 
-def _is_own(cls: type) -> bool:
-    from baqueano.block_checks.source_text import is_in_package
-
-    return is_in_package(cls)
-
-
 def _class_text(cls: type) -> "JsonObject":
     """Return file name, source text (at most MAX_TEXT_LETTERS characters) and line number, from 0, of a class."""
     from baqueano.block_checks.source_text import source_text
 
     text = source_text(cls)
     module = cls.__module__.removeprefix("baqueano.").replace(".", "/")
-    return {"file": f"{module}.py" if _is_own(cls) else f"{cls.__name__}", "text": text[:MAX_TEXT_LETTERS],
+    return {"file": f"{module}.py" if is_in_package(cls) else f"{cls.__name__}", "text": text[:MAX_TEXT_LETTERS],
             "line": _class_line(text, cls.__name__)}  # fmt: skip
 
 
