@@ -86,20 +86,15 @@ def under_load(u, loss, lag_s, dt_s=0.02):
 
 @pytest.mark.parametrize(
     ("loss", "lag_s", "effect", "fix"),
-    [
-        (0.3, 1e-6, "term.sag", "--free +model.drivetrain.sag"),
-        (0.4, 0.7, "term.slow-sag", ""),
-    ],
+    [(0.3, 1e-6, "term.sag", "--free +model.drivetrain.sag"), (0.4, 0.7, "term.slow-sag", "")],
 )
 def test_a_battery_that_falls_under_load_is_named_and_widens_the_error_bars(loss, lag_s, effect, fix):
     """A slow one was USABLE, with a throttle gain wrong by 9 standard errors."""
     case = subject("car", 901)
-    u = case.signal(40.0)
+    u = case.signal(30.0)
     (run,) = case.runs([case.vehicle], [under_load(u, loss, lag_s)], [u])
     fit = identify(run, case.vehicle_file, case.free)
     assert fit.verdict == "WARN"
-    effects = {
-        reason.figures["effect"].code: reason.fix for reason in fit.reasons if "effect" in reason.figures
-    }
-    assert effects[effect] == fix
+    fixes = {cause.figures["effect"].code: cause.fix for cause in fit.reasons if "effect" in cause.figures}
+    assert fixes[effect] == fix
     assert max(map(abs, errors(fit, case.truth).values())) < 3.0

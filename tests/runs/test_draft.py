@@ -204,10 +204,8 @@ def test_a_draft_reads_names_in_camel_case_and_words_for_axes(tmp_path):
     tables = drafted(tmp_path, f"{head}\n" + "\n".join(rows))
     assert tables["files"]["log"] == {"time": "stampUs", "time_unit": "us"}
     assert [entry["column"] for entry in tables["command"]["wheels"]] == ["pwmL", "pwmR"]
-    assert [(e["column"], e["unit"]) for e in tables["sensors"]["wheels"]["z"]] == [
-        ("cntL", "counts"),
-        ("cntR", "counts"),
-    ]
+    wheels = [(entry["column"], entry["unit"]) for entry in tables["sensors"]["wheels"]["z"]]
+    assert wheels == [("cntL", "counts"), ("cntR", "counts")]
     assert [(entry["column"], entry["unit"]) for entry in tables["sensors"]["imu"]["z"]] == [
         ("acc_fwd_mg", "mg"), ("acc_lat_mg", "mg"), ("gyr_z_dps", "deg/s"),
     ]  # fmt: skip
