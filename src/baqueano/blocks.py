@@ -149,7 +149,10 @@ def resolve(role: str, kind: str, folder: Path | str | None = None) -> type:
         raise FileError(fault("block.without-class", value=kind, classes=describe_classes(kind, folder)))
     if colon and _find_file(f"{file_name}.py", folder) is not None:
         names = (f"{file_name}.py:{name}", *names)
-    raise FileError(fault("block.unknown", role=role, value=kind, suggestion=nearest(kind, names)))
+    figures = {"role": role, "value": kind, "suggestion": nearest(kind, names)}
+    for other_role in (other for other in BLOCK_TARGETS if kind in kinds(other)):
+        raise FileError(fault("block.in-other-role", actual_role=other_role, **figures))
+    raise FileError(fault("block.unknown", **figures))
 
 
 def _target_class(target: str) -> type:

@@ -30,6 +30,11 @@ def test_an_unknown_kind_of_block_is_refused():
         resolve("guides", "repeat")
 
 
+def test_a_block_that_is_named_for_another_role_is_refused_with_its_own_role():
+    with refused("block.in-other-role", FileError, role="controller", actual_role="estimator"):
+        resolve("controller", "ekf")
+
+
 def test_a_block_file_without_a_class_is_refused_with_advice():
     with refused("block.unknown", FileError):
         resolve("guide", "mine.py")

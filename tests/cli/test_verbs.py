@@ -8,6 +8,8 @@ from importlib.resources import files
 
 import pytest
 
+from baqueano.diagnostics import note
+from baqueano.messages import text
 from baqueano.runs import read_run
 
 
@@ -69,6 +71,10 @@ def test_a_fit_is_written_to_the_vehicle_file_only_with_update(project, tmp_path
     assert not (tmp_path / "vehicle.toml").exists()
     assert project(*arguments, "--update").code == 0
     assert "[provenance" in (tmp_path / "vehicle.toml").read_text(encoding="utf-8")
+    mixed_end = project(*arguments, "--free", "+model.actuator_matrix[2,2]")
+    assert len(mixed_end.reply["rows"]) == 2
+    sentence = text(note("cli.free-mixed", names=["model.actuator_matrix[0,0]"]))
+    assert (sentence in mixed_end.err, sentence in fit.err) == (True, False)
     result = project("identify", "long.mcap", "--bound", "model.mass_kg")
     assert result.code == 2
     assert (result.reason.code, result.fix) == ("cli.bound", "--bound model.mass_kg=0,10")

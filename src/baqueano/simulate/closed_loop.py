@@ -283,7 +283,7 @@ def reference_duration(system: System) -> float:
     """
     low, high = -1, MAX_DURATION_NS
     if not _is_over(system, high):
-        raise UsageError(fault("simulate.never-done"))
+        raise UsageError(fault("simulate.never-done", limit_h=MAX_DURATION_NS / NANOSECONDS / 3600))
     while high - low > 1:
         middle_ns = (low + high) // 2
         low, high = (low, middle_ns) if _is_over(system, middle_ns) else (middle_ns, high)

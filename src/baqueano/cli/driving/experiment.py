@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 @click.option(
     "--rounds",
     type=numbers.count,
-    help="With designed: number of rounds of drive, fit and new design.",
+    help="With --signal designed, repeat drive, fit and new design this number of times.",
 )
 @options.seconds
 @options.seed

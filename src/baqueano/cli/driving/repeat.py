@@ -56,7 +56,10 @@ from baqueano.messages.printable import baqueano_command
     "--lead-in/--no-lead-in",
     default=True,
     show_default=True,
-    help="Drive onto the route first, if the vehicle is not at its start.",
+    help=(
+        "Drive a path onto the route first, if the vehicle is not at its start, and after a pause in which it was "
+        "moved. Without this path, a vehicle that was moved drives back to the place of the pause."
+    ),
 )
 @click.option("--return", "way_back", is_flag=True, help="Afterwards drive back to the start of the route.")
 @click.option(

@@ -42,7 +42,7 @@ GROUPS = {
     "--free",
     multiple=True,
     metavar="[+]KEY",
-    help="Parameter to estimate. It replaces the default set; +KEY adds to that set.",
+    help="Parameter to estimate. KEY replaces the default set; +KEY adds to that set, or to each KEY without +.",
 )
 @click.option("--fix", multiple=True, metavar="KEY", help="Parameter to keep fixed.")
 @click.option("--bound", multiple=True, metavar="KEY=LOW,HIGH", help="Lower and upper bound of a parameter.")
@@ -127,6 +127,9 @@ def command(
     lap = _forecast_route(arguments["route"])
     fit_runs, validation_runs = (options.find_runs(names, folder) for names in (runs, held_out))
     fit_settings: JsonObject = _fit_arguments(arguments, backend)
+    named_keys = [key for key in arguments["free"] if not key.startswith("+")]
+    if 0 < len(named_keys) < len(arguments["free"]):
+        print_message(note("cli.free-mixed", names=named_keys))
     vehicle_file = _with_tolerances(
         options.load_vehicle(vehicle, settings), arguments["tolerance"], fit_runs, fit_settings
     )

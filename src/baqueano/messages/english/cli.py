@@ -41,6 +41,10 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.block-breaks": "{block} fails {count} of the checks of a block; each is listed above.",
     "cli.block-role": "{arg[role]:{value}} does not exist. {suggestion}.",
+    "cli.free-mixed": (
+        "{arg[free]} without + ({names}) replaces the default set of parameters, so the fit estimates only the named "
+        "ones. To add them to the default set instead, write + before each name."
+    ),
     "cli.no-match": "No file in {folder} matches {value}.",
     "cli.block-without-class": "Write a block as file.py:Class. {classes}.",
     "cli.block-unknown": (

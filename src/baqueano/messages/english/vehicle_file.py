@@ -241,6 +241,9 @@ TEMPLATES: dict[str, str] = {
     "block.unknown": (
         '{role:word} "{value}" does not exist. {suggestion}. Write one of your own as "file.py:Class".'
     ),
+    "block.in-other-role": (
+        '{role:word} "{value}" does not exist: {value} is a block of the type {actual_role:word}. {suggestion}.'
+    ),
     "block.file-absent": "File {absent_path} does not exist, but it should define a block. {suggestion}.",
     "block.outside-folder": (
         "{kind} is Python code outside the folder of its vehicle file: {path}. Code runs with "

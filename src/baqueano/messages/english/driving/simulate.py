@@ -5,7 +5,10 @@ TEMPLATES: dict[str, str] = {
         "The {role} {block} depends on a solver, a person or a clock, so its step cannot be compiled. It "
         "cannot be tuned or simulated in one kernel. Run it tick by tick: {fix}"
     ),
-    "simulate.never-done": "This guide never ends by itself: give the duration as duration_s.",
+    "simulate.never-done": (
+        "This guide does not end within {limit_h:g} hours. Give fewer laps, but at least 1. In Python, duration_s also "
+        "ends a simulation."
+    ),
     "simulate.vary-shape": 'vary["{path}"] has shape {value}: expected {expected}, a row per vehicle.',
     "simulate.vary-count": 'vary["{path}"] is for {value} vehicles, but another value is for {expected}.',
     "simulate.vary-not-finite": 'vary["{path}"] contains a number that is not finite.',

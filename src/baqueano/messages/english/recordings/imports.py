@@ -34,7 +34,7 @@ TEMPLATES = {
     ),
     "recording.write-time-unit": 'if it is in {unit_name} write time_unit = "{unit_name}" in [files.{file}]',
     "recording.write-mirrored": "x and y are swapped, or one of y and yaw needs scale = -1.0",
-    "recording.write-offset": "write offset = {offset} for the yaw, or {backward_offset} if it drove backward",
+    "recording.write-offset": "write offset = {offset} for the yaw, or {backward_offset} if the vehicle drove backward",
     "recording.write-gyro": "write scale = {scale} for {gyro}",
     "recording.write-compass": (
         "write scale = {scale} for {compass} if the compass counts clockwise, or scale = {second_scale} for {gyro} "
