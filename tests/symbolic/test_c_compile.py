@@ -37,8 +37,8 @@ def answer(number: int) -> str:
     return f"{EXPORT}int answer(void) {{ return {number}; }}\n"
 
 
-def load(source: str, operation_count: int = 0) -> ctypes.CDLL:
-    return compile.load_library((source,), lambda: (source, operation_count))
+def load(source: str, operation_count: int = 0, is_quick: bool = False) -> ctypes.CDLL:
+    return compile.load_library((source,), lambda: (source, operation_count), is_quick=is_quick)
 
 
 def libraries(cache: Path) -> list[Path]:
@@ -60,11 +60,14 @@ def test_a_different_source_gives_a_different_library(cache):
     assert len(libraries(cache)) == 2
 
 
-def test_a_different_optimisation_gives_a_different_library(cache, monkeypatch):
-    """The tests compile without optimisation: a program of the user must not load such a library."""
+@pytest.mark.parametrize(
+    ("name", "count"), [("LONG_LEVEL", 10**6), ("QUICK_LEVEL", 5000), ("QUICK_SCALAR_LEVEL", 5000)]
+)
+def test_a_different_optimisation_gives_a_different_library(cache, monkeypatch, name, count):
+    """A program must not load a library that was compiled with another level."""
     for level in ("-O0", "-O1"):
-        monkeypatch.setattr(compile, "LONG_LEVEL", (level,))
-        assert load(answer(1), operation_count=10**6).answer() == 1
+        monkeypatch.setattr(compile, name, (level,))
+        assert load(answer(1), count, is_quick=True).answer() == 1
     assert len(libraries(cache)) == 2
 
 

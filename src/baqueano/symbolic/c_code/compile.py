@@ -182,7 +182,8 @@ def _load(
     find_vectors: bool,
     is_quick: bool,
 ) -> "ctypes.CDLL":
-    levels = MAX_SCHEDULED_OPERATIONS, MAX_THOROUGH_OPERATIONS, MIN_QUICK_OPERATIONS, QUICK_LEVEL, LONG_LEVEL
+    limits = MAX_SCHEDULED_OPERATIONS, MAX_THOROUGH_OPERATIONS, MIN_QUICK_OPERATIONS
+    levels = limits, QUICK_LEVEL, QUICK_SCALAR_LEVEL, LONG_LEVEL
     parts = identity, find_vectors, is_quick, levels, compiler.identity, _processor(), _generator()
     key = hashlib.sha256(repr(parts).encode()).hexdigest()
     with _lock:
