@@ -261,9 +261,10 @@ def _force_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
         pause = np.where(sign * state.thrust_sign < 0.0, 1.0, state.pause * np.exp(-dt_s / PAUSE_S))
         mean_load = np.abs(w) @ is_motor / max(np.sum(is_motor), 1)
         load = mean_load + (state.load - mean_load) * np.exp(-dt_s / SAG_S)
-        change = epsilon[-7] * drivetrain.mix(emf - emf_lag) - (epsilon[-4:-1] @ load) * w
-        change = is_motor * (change - epsilon[-5] * pause * sign)
-        change = change + np.where(is_motor, epsilon[-6] * (w_lag - w), epsilon[-1] * (state.w_lag - w))
+        term = epsilon[-len(MOTOR_TERMS) :]
+        change = term[0] * drivetrain.mix(emf - emf_lag) - (term[3:6] @ load) * w
+        change = is_motor * (change - term[2] * pause * sign)
+        change = change + np.where(is_motor, term[1] * (w_lag - w), term[6] * (state.w_lag - w))
         if is_dynamic(blocks.model):
             efforts = effort + drivetrain.unmix(change), effort
             accelerations = [tick_blocks.model.nu_dot(nu, e, psi) for e in efforts]
