@@ -224,7 +224,7 @@ class ModelFollower:
     @property
     def _delay_s(self) -> float:
         """Return D [s], the delay of the vehicle behind its command."""
-        return self.vehicle.drivetrain.delay_s + self.vehicle.drivetrain.lag_s
+        return self.vehicle.drivetrain.delay_s + self.vehicle.drivetrain.longest_lag_s
 
     def _pipeline(self, state: FollowerState, nu: np.ndarray, dt_s: Value) -> np.ndarray:
         """Return ν_m, ν_1, ν_2 and d (4, 3) at this tick, for a vehicle with the velocity ν (3,).  (1a)"""

@@ -30,6 +30,7 @@ from baqueano.identify.parameters.free import (
     BATTERY_EFFECT,
     LAG_PATH,
     MIN_LAG,
+    SERVO_LAG_PATH,
     free_parameters,
     has_offset,
 )
@@ -171,8 +172,7 @@ class _ModelSelection:
         theta, held_out.low, held_out.high = parameters.start, parameters.low, parameters.high
         floor = min_sigma(blocks.sensors, held_out.all_residuals.z, held_out.all_residuals.masks)
         self.min_differences = np.zeros(len(theta))  # differences from neutral that are treated as 0
-        if LAG_PATH in self.paths:
-            lag = self.paths.index(LAG_PATH)
+        for lag in (k for k, path in enumerate(self.paths) if path in (LAG_PATH, SERVO_LAG_PATH)):
             held_out.low[lag], self.min_differences[lag] = MIN_LAG_S, MIN_LAG / base_file.rate_hz
         self.held_out, self.channels, self.blocks = held_out, channel_labels(blocks), blocks
         for path, x in zip(base.names, base.estimate, strict=True):

@@ -29,6 +29,7 @@ from baqueano.identify.parameters.free import (
     DELAY_PATH,
     LAG_PATH,
     MAX_DELAY_S,
+    SERVO_LAG_PATH,
     WHEEL_FRICTIONS,
     default_free,
     driven_axes,
@@ -92,8 +93,7 @@ def with_terms(
             blocks = with_value(blocks, path, fitted_values.get(path, none))
             fields.add(path.partition("[")[0])
     values = {field: np.asarray(value_at_path(blocks, field), float).tolist() for field in sorted(fields)}
-    if LAG_PATH in values and LAG_PATH not in fitted_values:
-        values[LAG_PATH] = 0.0
+    values |= dict.fromkeys(({LAG_PATH, SERVO_LAG_PATH} & values.keys()) - fitted_values.keys(), 0.0)
     changes = {k: v for k, v in values.items() if not np.array_equal(v, vehicle_file.value(k))}
     return vehicle_file.with_values(changes) if changes else vehicle_file
 
@@ -105,8 +105,9 @@ def with_term_slots(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks
         return blocks
     changes: JsonObject = {}
     requested_paths = {path.partition("[")[0] for term in terms for path in term.paths}
-    if LAG_PATH in requested_paths and drivetrain.lag_s == 0.0:
-        changes["lag_s"] = MIN_LAG_S
+    for name in ("lag_s", "servo_lag_s"):
+        if f"model.drivetrain.{name}" in requested_paths and getattr(drivetrain, name) == 0.0:
+            changes[name] = MIN_LAG_S
     for field in (*DEAD_ZONE_PATHS, "model.drivetrain.gain"):
         name = field.rpartition(".")[2]
         if field in requested_paths and len(getattr(drivetrain, name)) < drivetrain.channels:
@@ -241,6 +242,8 @@ def _drivetrain_terms(model: "Tree", motions: Sequence[_TermMotion], battery: bo
         paths, starts = terms[0].paths + terms[1].paths, zip(terms[0].starts, terms[1].starts, strict=True)
         terms.insert(0, Term(N_("dead zone"), paths, (0.0,) * len(paths), tuple(a + b for a, b in starts)))
     terms.append(_term(N_("motor lag"), LAG_PATH, 0.05)._replace(neutral=(MIN_LAG_S,)))
+    if model.drivetrain.servos:
+        terms.append(_term(N_("servo lag"), SERVO_LAG_PATH, 0.05)._replace(neutral=(MIN_LAG_S,)))
     delays_s = ((k + 0.5) * DELAY_GRID_S for k in range(round(MAX_DELAY_S / DELAY_GRID_S)))
     terms.append(_term(N_("delay"), DELAY_PATH, *delays_s))
     if model.drivetrain.mixing == "two_wheels":

@@ -26,6 +26,7 @@ DERIVED_KEYS = {
     "delay_slots",
     "tick_rate_hz",
     "has_lag",
+    "has_servo_lag",
     "has_back_emf",
     "has_low_pass",
     "servos",

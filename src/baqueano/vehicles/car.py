@@ -126,7 +126,8 @@ class Car:
         default=0.0, role="tyre", term="understeer", shown_by="the same curve both slowly and fast", symbol="U",
     )  # fmt: skip
     yaw_lag_s: float = parameter(
-        "s", "lag of servo and tyres λ", low=MIN_LAG_S, high=10.0, default=0.05,
+        "s", "lag of servo and tyres λ; of the tyres if drivetrain.servo_lag_s > 0", low=MIN_LAG_S, high=10.0,
+        default=0.05,
         shown_by="sudden changes of steering while driving", symbol=r"\lambda",
     )  # fmt: skip
     drivetrain: Drivetrain = field(
@@ -182,7 +183,11 @@ class Car:
             nu_dot = self.nu_dot(nu, effort)
             return np.concatenate([map_from_body(x[2]) @ nu, np.array([nu_dot[0], nu_dot[2]])])
 
-        x = rk4(x_dot, np.concatenate([eta, np.array([nu[0], nu[2]])]), effort, dt_s)
+        x = np.concatenate([eta, np.array([nu[0], nu[2]])])
+        # the lag of the tyres alone can be shorter than a row
+        parts = effort.halves if self.drivetrain.has_servo_lag else (effort,)
+        for part in parts:
+            x = rk4(x_dot, x, part, dt_s / len(parts))
         nu = self._nu(x[3], x[4])
         return np.array([x[0], x[1], wrap(x[2])]), nu, self.nu_dot(nu, effort.last)
 

@@ -6,7 +6,7 @@
     battery   w ← w (1 + κ (V/V₀ − 1)) (1 − sag · mean|w|)     of motors; the servos (last channels) keep w     (4)
     dead zone w ← max(w − forward, 0) + min(w + backward, 0)                                              (5)
     gain      w ← gain · w / (1 − c + c |w before the dead zone|)      c = 1: coasts between two pulses   (6)
-    lag       λ ẇ_l = w + λ ė − w_l of motors, exact over each segment of a tick (effort.py)              (7)
+    lag       λ ẇ_l = w + λ ė − w_l, exact over each segment of a tick (effort.py); servos have their own λ   (7)
     unmixed   u_x = (l + r)/2, u_y = 0, u_ψ = (r − l)/2           l, r: left and right channel            (8)
 
 All quantities are in the unit of u; with the defaults the effort is the command. Only (2) and (8) mix wheels; the
@@ -52,7 +52,7 @@ class DrivetrainState(NamedTuple):
     steps_s : ndarray (delay_slots,)
         Duration of each of the previous ticks.
     lag_state : ndarray (k,) [unit of u]
-        Channels after the lag of the motors.
+        Channels after the lag of the motors and servos.
     """
 
     past_commands: np.ndarray
@@ -102,6 +102,8 @@ class Drivetrain:
         Number of past rows that are stored for the delay: delay_s · rows per second (rk4.row_rate_hz), rounded up.
     has_lag : bool
         True if lag_s > 0; set automatically.
+    has_servo_lag : bool
+        True if servo_lag_s > 0; set automatically.
     has_back_emf : bool
         True if back_emf_share > 0; set automatically.
 
@@ -123,6 +125,7 @@ class Drivetrain:
     servos: int = 0
     delay_slots: int = 0
     has_lag: bool = False
+    has_servo_lag: bool = False
     has_back_emf: bool = False
     limit: np.ndarray = parameter(
         "unit of u", "largest magnitude of a channel", low=0.0, default=(INF,), shape=None, role="known",
@@ -158,6 +161,10 @@ class Drivetrain:
         "s", "time constant of the motors", low=0.0, high=10.0, default=0.0, role="term",
         shown_by="sudden changes of the command", symbol=r"\tau", label="lag of the motors",
     )  # fmt: skip
+    servo_lag_s: float = parameter(
+        "s", "time constant of the servos", low=0.0, high=10.0, default=0.0, role="term",
+        shown_by="steering during stops, followed by starts", symbol=r"\tau_{s}", label="lag of the servo",
+    )  # fmt: skip
     back_emf_share: float = parameter(
         "1", "fraction of the viscous drag that is back-EMF, behind the lag of the motors", low=0.0, high=10.0,
         default=0.0, role="term", shown_by="sudden changes of the command", symbol="e",
@@ -187,12 +194,14 @@ class Drivetrain:
         check_bounds(self)
         check_delay("Drivetrain", self.delay_s, self.delay_slots)
         self._check_channels()
-        if self.has_lag and self.lag_s == 0.0:
-            raise Invalid(fault("drivetrain.lag"))
-        if 0.0 < self.lag_s < MIN_LAG_S:
-            raise Invalid(fault("drivetrain.lag-tiny", lag_s=self.lag_s))
-        if self.lag_s > 0.0:
-            object.__setattr__(self, "has_lag", True)
+        for name, flag in (("lag_s", "has_lag"), ("servo_lag_s", "has_servo_lag")):
+            lag_s = getattr(self, name)
+            if getattr(self, flag) and lag_s == 0.0:
+                raise Invalid(fault("drivetrain.lag", name=name, flag=flag))
+            if 0.0 < lag_s < MIN_LAG_S:
+                raise Invalid(fault("drivetrain.lag-tiny", name=name, lag_s=lag_s))
+            if lag_s > 0.0:
+                object.__setattr__(self, flag, True)
         if self.back_emf_share > 0.0:
             object.__setattr__(self, "has_back_emf", True)
 
@@ -223,6 +232,11 @@ class Drivetrain:
         only with their vehicle."""
         return (0, 2) if self.mixing == "two_wheels" else (0, 1, 2)
 
+    @property
+    def longest_lag_s(self) -> Value:
+        """Return the longer lag of motors and servos [s]."""
+        return np.maximum(self.lag_s, self.servo_lag_s) if self.has_servo_lag else self.lag_s
+
     def mix(self, u: np.ndarray) -> np.ndarray:
         """Return the channels (k,) of a command (n,).  (2)"""
         return mix(self.mixing, u)
@@ -241,7 +255,7 @@ class Drivetrain:
         rest_state = self.init()
         return rest_state._replace(
             past_commands=rest_state.past_commands + u,
-            lag_state=self.static_response(self.mix(u)) if self.has_lag else rest_state.lag_state,
+            lag_state=self.static_response(self.mix(u)) if self._has_any_lag else rest_state.lag_state,
         )
 
     def step(
@@ -255,22 +269,32 @@ class Drivetrain:
         if emf_rate is not None and self.has_lag:
             lead = self.lag_s * self.mix(emf_rate)
             pieces = [piece._replace(u=piece.u + lead) for piece in pieces]
-        lag = self._lagged(pieces, state.lag_state, dt_s) if self.has_lag else direct_effort(pieces, dt_s)
+        lag = (
+            self._lagged(pieces, state.lag_state, dt_s) if self._has_any_lag else direct_effort(pieces, dt_s)
+        )
         next_state = DrivetrainState(
             with_newest_value(state.past_commands, u),
             with_newest_value(state.steps_s, dt_s),
-            lag.last if self.has_lag else state.lag_state,
+            lag.last if self._has_any_lag else state.lag_state,
         )
         return next_state, Effort(*map(self.unmix, lag))
 
     def _lagged(self, pieces: list[CommandSegment], lag_state: np.ndarray, dt_s: float) -> Effort:
-        """Return the effort of the channels (k,): of motors behind their lag, and of servos without it.  (7)"""
-        motors = [piece._replace(u=piece.u[self._motors]) for piece in pieces]
-        lagged_efforts = lagged_effort(motors, lag_state[self._motors], self.lag_s, dt_s)
+        """Return the effort of the channels (k,): motors and servos, each behind its lag.  (7)"""
+
+        def part(channels: slice, lag_s: Value, has_lag: bool) -> Effort:
+            inputs = [piece._replace(u=piece.u[channels]) for piece in pieces]
+            return (
+                lagged_effort(inputs, lag_state[channels], lag_s, dt_s)
+                if has_lag
+                else direct_effort(inputs, dt_s)
+            )
+
+        motors = part(self._motors, self.lag_s, self.has_lag)
         if not self.servos:
-            return lagged_efforts
-        servos = [piece._replace(u=piece.u[self.channels - self.servos :]) for piece in pieces]
-        return Effort(*map(np.concatenate, zip(lagged_efforts, direct_effort(servos, dt_s), strict=True)))
+            return motors
+        servos = part(slice(self.channels - self.servos, None), self.servo_lag_s, self.has_servo_lag)
+        return Effort(*map(np.concatenate, zip(motors, servos, strict=True)))
 
     def static_response(self, w: np.ndarray) -> np.ndarray:
         """Return the input (k,) of the motor lag for the channels `w` (k,).  (3)-(6)"""
@@ -315,6 +339,10 @@ class Drivetrain:
             return u
         headroom = np.maximum((1.0 - TURN_RESERVE) * np.min(self.limit) - np.abs(u[2]), 0.0)
         return np.array([np.clip(u[0], -headroom, headroom), u[1], u[2]])
+
+    @property
+    def _has_any_lag(self) -> bool:
+        return self.has_lag or self.has_servo_lag
 
     @property
     def _motors(self) -> slice:

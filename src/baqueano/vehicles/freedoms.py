@@ -143,7 +143,8 @@ def linear_drag_efforts(vehicle: Tree) -> np.ndarray:
 
 def with_ideal_drivetrain(vehicle: DynamicVehicle) -> DynamicVehicle:
     """Return the vehicle with an ideal drivetrain, without a dead zone that hides the effect of small commands."""
-    drivetrain = Drivetrain(mixing=vehicle.drivetrain.mixing, commands=vehicle.commands)
+    mixing, servos = vehicle.drivetrain.mixing, vehicle.drivetrain.servos
+    drivetrain = Drivetrain(mixing=mixing, commands=vehicle.commands, servos=servos)
     return with_value({"model": vehicle}, "model.drivetrain", drivetrain)["model"]
 
 

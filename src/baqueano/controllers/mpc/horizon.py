@@ -73,7 +73,7 @@ class Horizon:
         self._linear_vehicle = replace(
             body, drivetrain=replace(self._motors, **linear_fields, **STEADY_MOTORS)
         )
-        self._delay_s = self._motors.delay_s + self._motors.lag_s + SMOOTHING_S
+        self._delay_s = self._motors.delay_s + self._motors.longest_lag_s + SMOOTHING_S
         self._limit, self._e_max, self._catch_up_m_s = law.limit, law.e_max, law.catch_up_m_s
         self._active_rows = np.eye(vehicle.commands)[law.limit > 0.0]  # (k, n) commands with a limit above 0
         self._k, self._step_s = len(self._active_rows), law.horizon_s / STEPS

@@ -74,7 +74,7 @@ def heading_hold_gains(vehicle_file: VehicleFile) -> Gains | None:
     else:
         return None
     drivetrain, is_servo = vehicle.drivetrain, is_steered(vehicle)
-    lag_s = 0.0 if is_servo else drivetrain.lag_s
+    lag_s = drivetrain.servo_lag_s if is_servo else drivetrain.lag_s
     dead_time_s = lag_s + drivetrain.delay_s + 1.5 / vehicle_file.rate_hz + LINK_DELAY_S
     gains = pole_placement_gains(GUESS_GAIN_FACTOR * k if vehicle_file.is_guess else k, tau_s, dead_time_s)
     return gains._replace(speed_m_s=speed if is_servo else 0.0)

@@ -23,7 +23,7 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.estimators.augmented.motion import MIN_SPEED_M_S
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics.unmodelled_terms import Effect, FittedMotion, fitted_motion, term_columns
-from baqueano.identify.parameters.free import BACK_EMF_PATH, DELAY_PATH
+from baqueano.identify.parameters.free import BACK_EMF_PATH, DELAY_PATH, LAG_PATH, SERVO_LAG_PATH
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import dot
 from baqueano.numerics.score_test import (
@@ -52,7 +52,8 @@ OUTLIER_SIGMA, MIN_OUTLIERS, LATE_Z = 4.0, 8, 5.0  # (3): standard deviations, r
 DEAD_ZONES = "model.drivetrain.dead_zone_forward model.drivetrain.dead_zone_backward"
 TERM_KEYS = {  # code of an effect → keys of the file that model it
     "term.delay": DELAY_PATH,
-    "term.motor-lag": "model.drivetrain.lag_s",
+    "term.motor-lag": LAG_PATH,
+    "term.servo-delay": SERVO_LAG_PATH,
     "term.back-emf": BACK_EMF_PATH,
     "term.sag": "model.drivetrain.sag",
     "term.low-pass": "sensors.{sensor}.low_pass_hz",

@@ -45,7 +45,7 @@ Channels = Mapping[str, Sequence[int]]
 NO_CHANNELS: Channels = {}  # all sensors are used with all their channels
 PROCESS_NOISE_PATH = "model.process_noise_std"  # process noise of ν
 DELAY_PATH = "model.drivetrain.delay_s"
-LAG_PATH = "model.drivetrain.lag_s"
+LAG_PATH, SERVO_LAG_PATH = "model.drivetrain.lag_s", "model.drivetrain.servo_lag_s"
 BACK_EMF_PATH = "model.drivetrain.back_emf_share"
 LIMIT_PATH = "model.drivetrain.limit"
 BATTERY_EFFECT = "model.drivetrain.battery_effect"
@@ -255,9 +255,9 @@ def enable_parameters(
     if DELAY_PATH in paths:
         high[DELAY_PATH] = delay_s = max(delay_s, MAX_DELAY_S)
     blocks = _with_delay_lines(blocks, delay_s, past_rows)
-    if LAG_PATH in paths:
-        blocks = _with_drivetrain(blocks, lag_s=blocks.model.drivetrain.lag_s or LAG_START_TICKS / rate_hz)
-        low[LAG_PATH] = MIN_LAG / rate_hz
+    for path in {LAG_PATH, SERVO_LAG_PATH}.intersection(paths):
+        start_s, low[path] = value(blocks, path) or LAG_START_TICKS / rate_hz, MIN_LAG / rate_hz
+        blocks = _with_drivetrain(blocks, **{path.rpartition(".")[2]: start_s})
     blocks = _with_drivetrain(blocks, has_back_emf=True) if BACK_EMF_PATH in paths else blocks
     for path in (path for path in paths if path.endswith(LOW_PASS)):
         sensor_path, hz = path.removesuffix(LOW_PASS), min(value(blocks, path), rate_hz)

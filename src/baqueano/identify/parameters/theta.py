@@ -261,7 +261,7 @@ def make_records(
     for k, record in enumerate(records):
         record = record._replace(run=k)
         delay_s = float(np.median(record.dt_s)) * getattr(drivetrain, "delay_slots", 0)
-        settled_s = LEAD_LAGS * getattr(drivetrain, "lag_s", 0.0)
+        settled_s = LEAD_LAGS * getattr(drivetrain, "longest_lag_s", 0.0)
         past_s = offset_s(record) if options.clocks else 0.0
         intervals_s = [longest_interval_s(s.mean_weights, record.dt_s) for s in record.sensors.values()]
         lead_s = max(delay_s, settled_s, past_s, *intervals_s)

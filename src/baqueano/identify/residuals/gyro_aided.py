@@ -106,7 +106,7 @@ def _unknown_s(record: FitRecord, blocks: FittedBlocks, is_delay_free: bool) -> 
     the longest delay, so that every search has the same rows."""
     drivetrain, tick_s = blocks.model.drivetrain, float(np.median(record.dt_s))
     delay_s = drivetrain.delay_slots * tick_s if is_delay_free else float(drivetrain.delay_s)
-    return delay_s + SETTLING_LAGS * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)
+    return delay_s + SETTLING_LAGS * float(drivetrain.longest_lag_s) + float(blocks.sensors[0].delay_s)
 
 
 def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) -> np.ndarray:

@@ -73,15 +73,15 @@ TEMPLATES: dict[str, str] = {
         "delay_slots = delay_s · rate_hz rounded up, {slots} at 100 Hz."
     ),
     "drivetrain.lag-tiny": (
-        "Drivetrain.lag_s = {lag_s:.3g} s is too small for the computation. Give 0 for motors without lag, "
-        "or their time constant, usually 0.01 to 0.2 s."
+        "Drivetrain.{name} = {lag_s:.3g} s is too small for the computation. Give 0 without a lag, "
+        "or the time constant, usually 0.01 to 0.2 s."
     ),
     "drivetrain.mixing": "Drivetrain.mixing = {value}: expected one of {valid}.",
     "drivetrain.battery": "Drivetrain.battery = {value}: expected one of {valid}.",
     "drivetrain.commands": (
         "Drivetrain.commands = {commands}: two_wheels mixes three commands, (u_x, u_y, u_psi)."
     ),
-    "drivetrain.lag": "Drivetrain.lag_s = 0 with has_lag = True: expected a time constant above 0 s.",
+    "drivetrain.lag": "Drivetrain.{name} = 0 with {flag} = True: expected a time constant above 0 s.",
     "drivetrain.shape": (
         "Drivetrain.{name} has shape {value}: expected ({channels},), one value per channel of mixing = {mixing} "
         "with {commands} commands, or (1,) for all."

@@ -215,7 +215,7 @@ TEMPLATES: dict[str, str] = {
     "term.sag": "a battery whose voltage falls under load",
     "term.slow-sag": "a battery that recovers slowly from a load, or motors that become warm",
     "term.motor-lag": "a lag of the motors",
-    "term.servo-delay": "a servo with another delay than the motors, or with a limited rate",
+    "term.servo-delay": "a servo with a lag or another delay than the motors, or with a limited rate",
     "term.back-emf": "a back-EMF behind the lag of the motors",
     "term.backlash": "backlash, or a pause after a command changes its sign",
     "term.dry-friction": "dry (Coulomb) friction",
