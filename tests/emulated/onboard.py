@@ -80,7 +80,7 @@ def running(
 ) -> Iterator[Running]:
     """The service after READY=1; its output goes to the file output.txt of `folder`. The IMU does not answer the first
     `unheard` transfers. With `body` the motors move a body whose motion the IMU measures; else it stays at rest."""
-    machine = Machine() if imu else None
+    machine = Machine("i2c_umockdev.py", {}) if imu else None
     try:
         if machine is not None and unheard:
             machine.order("fail", errno.EREMOTEIO, unheard)
