@@ -135,7 +135,12 @@ def with_usual_noise(sensors: ByName[Tree]) -> ByName[Tree]:
 
     A simulation accepts an exact sensor; a filter would divide by 0.
     """
-    return type(sensors)(*(with_usual_std(sensor) for sensor in sensors))
+    missing_names = sensors_without_noise(sensors)
+    return (
+        sensors._replace(**{name: with_usual_std(getattr(sensors, name)) for name in missing_names})
+        if missing_names
+        else sensors
+    )
 
 
 def _lacks_noise(sensor: Tree) -> bool:
