@@ -47,7 +47,7 @@ def test_the_default_settings_of_an_uno_are_printed(verb):
     code, out, _ = verb()
     assert code == 0
     assert "bridge          l298n\nencoders        none\n" in out
-    assert "mark            high over the tape\nbattery-ratio   3 V for 1 V at A0\n" in out
+    assert "mark            high over the tape\nbattery-ratio   3 V at the battery for 1 V at A0\n" in out
     assert "left-backwards      0.000  1.000  0.000\n" in out
     assert out.endswith("DEFAULT: initial value of the firmware\n")
 
