@@ -23,7 +23,7 @@ TINY = 1e-12
 MIN_ROW_SHARE = 0.1  # of the largest coefficient of all rows
 RHO = 2.0  # first step size of OSQP: between 1 and 3, a plan in these units needs the fewest iterations
 OSQP_SETTINGS = {
-    "verbose": False, "eps_abs": 1e-4, "eps_rel": 1e-4, "max_iter": 400, "polishing": False, "check_termination": 10,
+    "verbose": False, "eps_abs": 1e-4, "eps_rel": 1e-4, "max_iter": 400, "polishing": False, "check_termination": 20,
     "adaptive_rho_interval": 50, "scaling": 0, "rho": RHO,
 }  # fmt: skip
 
