@@ -82,7 +82,7 @@ def test_settings_named_on_the_build_page_exist():
     assert all(
         value in NAMES[name][0].split("|") for name, value in options_given.items() if "|" in NAMES[name][0]
     )
-    (names,) = re.findall(r"The first sets what is named \((.*?)\)", PAGE)
+    (names,) = re.findall(r"The bridge is (.*? or `low`)\.", PAGE)
     choices = {value for name in ("bridge", "encoders", "mark") for value in NAMES[name][0].split("|")}
     assert set(re.findall(r"`(\w+)`", names)) == choices
 
