@@ -222,8 +222,9 @@ LEDGER = """[...document.querySelectorAll('.ledger li')].map((one) =>
     [
         ("en", "zero of imu[2] drifts by 0.15 rad/s", "push of 0.12 N s to the left", "NIS after 0.02 s: its mean",
          "not detected for 5.0 s: NIS at most 1.05.", "not detected by: monitor, supervisor"),
-        ("es", "el cero de imu[2] deriva 0,15 rad/s", "empujón de 0,12 N s hacia la izquierda", "NIS a los 0,02 s: su media",
-         "sin detectar durante 5,0 s: NIS a lo sumo 1,05.", "no la detectaron: monitor, supervisor"),
+        ("es", "el cero de imu[2] deriva 0,15 rad/s", "empujón de 0,12 N s hacia la izquierda",
+         "NIS a los 0,02 s: su media", "sin detectar durante 5,0 s: NIS a lo sumo 1,05.",
+         "no la detectaron: monitor, supervisor"),
     ],
     ids=["en", "es"],
 )  # fmt: skip
