@@ -22,7 +22,7 @@ def temporary_file(path: Path) -> Iterator[Path]:
     try:
         yield temporary_path
     except OSError as error:
-        if error.errno is not None and error.filename in (None, str(temporary_path)):  # a write has no name
+        if error.errno is not None and error.filename in (None, str(temporary_path)):  # None: of a write
             error.filename = str(path)  # the path that the user typed
         raise
     finally:

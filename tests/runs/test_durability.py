@@ -266,36 +266,24 @@ def test_rt16_a_full_disk_is_reported_only_at_the_end(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a limit of the size of files is of POSIX")
-def test_a_disk_that_is_full_at_closing_is_reported(tmp_path):
+@pytest.mark.parametrize(
+    ("code", "free_bytes", "keeps_run"),
+    [("runs.disk-full", 1000, True), ("runs.disk-full-at-start", 0, False)],
+)
+def test_a_disk_that_is_full_at_closing_keeps_what_it_has_of_a_run(tmp_path, code, free_bytes, keeps_run):
     import resource
 
     path = tmp_path / "x.mcap"
     run_writer = RunWriter(path)
     record_one(run_writer, 5)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (free_bytes, hard))
     try:
-        with refused("runs.disk-full", FileError):
+        with refused(code, FileError):
             run_writer.close()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-@pytest.mark.skipif(os.name != "posix", reason="a limit of the size of files is of POSIX")
-def test_a_disk_without_any_space_leaves_no_empty_run(tmp_path):
-    import resource
-
-    path = tmp_path / "x.mcap"
-    run_writer = RunWriter(path)
-    record_one(run_writer, 5)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
-    try:
-        with refused("runs.disk-full-at-start", FileError):
-            run_writer.close()
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert not path.exists()
+    assert path.exists() == keeps_run
 
 
 def raising(error):

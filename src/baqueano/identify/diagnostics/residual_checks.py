@@ -70,7 +70,7 @@ HIDDEN_EFFECTS = {  # code of an effect that no sensor shows → variances of Δ
     "term.friction-speed": 1.0, "term.backlash": 1.0, "term.slow-sag": 4.0, "term.servo-delay": 4.0,
 }  # fmt: skip
 TermTests: TypeAlias = Sequence[tuple[Effect, ScoreTest]]
-MAX_REPORTED = 3  # results that are reported, the most significant first
+MAX_REPORTED = 3  # results that are reported: those with a remedy first, then the most significant
 MAX_COMPARED_RUNS = 8  # up to this number, each run is compared with the others
 
 

@@ -11,7 +11,7 @@ TEMPLATES: dict[str, str] = {
     "sweep.guesses": (
         "The models of these vehicle files are guesses: {names}. To measure the first one, type: {fix}"
     ),
-    "sweep.omitted": "{count} of {total} files of the patterns are not compared, because of their errors: {names}.",
+    "sweep.omitted": "The comparison omits {count} of {total} files of the patterns, because of their errors: {names}.",
     "sweep.several-vehicles": (
         "Recorded runs are replayed with one vehicle file, but --vehicle names several: {value}. Give only one."
     ),
