@@ -15,8 +15,8 @@ from baqueano.estimators.sigma_points import propagate
 from baqueano.geometry import map_from_body, wrap
 from baqueano.sensors import Imu, Pose
 from baqueano.signals import Motion, Slot, Tick, empty_slots, sensor_slots
-from baqueano.study.counterpart import robot_file
-from baqueano.study.truth import TruthWorld, draw_robots
+from baqueano.study.counterpart import make_world, robot_file
+from baqueano.study.truth import draw_robots
 from baqueano.symbolic import compile_block, scan
 from baqueano.vehicles import Kinematic, constant_effort
 from tests.codes import refused
@@ -132,7 +132,7 @@ def test_nees_and_nis_lie_in_their_bands_on_the_independent_truth():
     """R of ν equals the floor noise of the truth; R of ν̇ is small compared with the accelerometer noise."""
     n, ticks = 5, 400
     physics = draw_robots(n, 7)
-    world, z = TruthWorld(physics, range(n)), np.zeros((n, ticks, 3))
+    world, z = make_world(physics, range(n)), np.zeros((n, ticks, 3))
     steps = np.arange(ticks)
     u = np.column_stack(
         [0.75 + 0.1 * np.sin(0.03 * steps), 0.0 * steps, np.where(steps // 150 % 2, 0.1, -0.1)]

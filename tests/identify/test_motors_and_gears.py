@@ -12,10 +12,7 @@ BACK_EMF = "model.drivetrain.back_emf_share"
 
 
 def fits_of(seed, gears, seconds=30.0):
-    """Return a fit of a robot of the truth for each play of its gears and factor of its IMU's noise, and its truth.
-
-    The robots are simulated as one group, because their gears are not compiled.
-    """
+    """Return a fit of a robot of the truth for each play of its gears and factor of its IMU's noise, and its truth."""
     case, robots = subject("robot", seed), []
     for play_m, noise in gears:
         transmission = Transmission(np.zeros(1), np.full(1, play_m), np.full(1, np.inf))

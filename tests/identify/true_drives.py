@@ -22,13 +22,13 @@ from baqueano.study.counterpart import (
     robot_values,
     vehicle_run,
 )
-from baqueano.study.counterpart.world import ROBOT_STEP_S
+from baqueano.study.counterpart.world import MAX_COMPILED_VEHICLES, ROBOT_STEP_S
 from baqueano.study.identification.trials import FLOOR_NOISE, draw_car, draw_robot, quantised_commands
 from baqueano.study.truth import Robots, draw_robots, merge
 from baqueano.study.truth.integrate import STEP_S
 from baqueano.vehicle_file import VehicleFile, load
 
-CARS = 3  # in one compiled step; their tyres need steps of 1 ms, for which NumPy is slow
+CARS = 3  # different cars; fits of the same car share its compiled code
 FULL, LAG_S = 100.0, 0.02  # command of case study I at a duty of 1, lag of its motors
 CASE_FLOOR = (0.03, 0.01, 0.03)
 LOCK = 0.3  # share of the full lock, at which the tyres hardly slip
@@ -70,10 +70,10 @@ def group_runs(
 
 
 def cars_on_floor(seeds: Sequence[int], duration_s: float) -> list[TrueDrive]:
-    """Return drives of three cars with the floor noise of the garage's file; each drive begins with 1 s of rest."""
+    """Return drives of CARS cars with the floor noise of the garage's file; each drive begins with 1 s of rest."""
     floor, drives = np.asarray(load("car").value("model.process_noise_std"))[None], []
-    for first in range(0, len(seeds), CARS):
-        group = seeds[first : first + CARS]
+    for first in range(0, len(seeds), MAX_COMPILED_VEHICLES):
+        group = seeds[first : first + MAX_COMPILED_VEHICLES]
         cars = [draw_car(seed % CARS, "matched").with_parameters(floor=floor) for seed in group]
         files = [car_file(q) for q in cars]
         signals = [steps_of_car(seed, duration_s, files[0].rate_hz) for seed in group]

@@ -13,6 +13,7 @@ from baqueano.study.laps.drives import STEP_S, Laps
 from baqueano.study.laps.fixes import FIXES, THREE_FRACTIONS, lap_poses, with_fix
 from baqueano.study.laps.result import FullDrive, LapCase, LapStudy, robot_laps
 from baqueano.study.truth import FloorLines, Gate, PassingFaults, TagReaders, TruthWorld, draw_robots
+from baqueano.study.truth.transmission import Transmission
 from baqueano.symbolic import function
 from baqueano.vehicle_file import Provenance
 from benchmarks.lap_returns import lap_ends, refused_share
@@ -166,8 +167,14 @@ def test_the_compiled_truth_gives_the_same_path_with_longer_steps():
     assert worlds[0].truth.eta[0] == pytest.approx(worlds[1].truth.eta[0], abs=2e-3)
 
 
-def test_the_compiled_truth_equals_the_truth():
+@pytest.mark.parametrize("is_ideal", [True, False])
+def test_the_compiled_truth_equals_the_truth(is_ideal):
+    """Also with second lags, play in the gears and slip."""
     robots, u = vehicles(range(3)), np.array([[0.6, 0.0, 0.1], [0.5, 0.0, -0.3], [-0.7, 0.0, 0.0]])
+    parts = Transmission(
+        np.array([0.02, 0.0, 0.01]), np.array([0.0, 1e-3, 2e-3]), np.array([np.inf, 2.0, 1.0])
+    )
+    robots = robots if is_ideal else robots.with_parameters(transmission=parts)
     reference, compiled_world = (TruthWorld(robots, [1, 2, 3], fast=fast) for fast in (slow, function))
     for _ in range(100):
         z = reference.tick(u, 0.01), compiled_world.tick(u, 0.01)

@@ -12,7 +12,9 @@ from baqueano.guides.repeat import Repeat
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import Estimate, Reference, Slot, Tick, sensor_slots
 from baqueano.simulate.open_loop import tick_times
-from baqueano.study.truth import Robots, TruthWorld
+from baqueano.study.counterpart.world import make_world
+from baqueano.study.truth import Robots
+from baqueano.study.truth.integrate import STEP_S
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile
 
@@ -65,7 +67,7 @@ def simulate_drives(
     for t in t_ns:
         state, reference = guide.step(state, estimate_at(int(t)))
         references.append(reference)
-    world, u = TruthWorld(robots, seeds, np.tile(guide.eta[0], (n, 1))), np.zeros((n, 3))
+    world, u = make_world(robots, seeds, STEP_S, np.tile(guide.eta[0], (n, 1))), np.zeros((n, 3))
     states = [robot_loop.start(guide.eta[0]) for robot_loop in loops]
     truth, commands = np.zeros((len(t_ns), n, 4)), np.zeros((len(t_ns), n, 3))
     for k, t in enumerate(t_ns):

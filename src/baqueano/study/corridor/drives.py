@@ -10,8 +10,10 @@ from baqueano.guides.route import Route
 from baqueano.signals import Slot, Tick
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import identify_vehicles, switch_on_again, vehicles
+from baqueano.study.counterpart.world import make_world
 from baqueano.study.driving import SHAPES
-from baqueano.study.truth import Robots, TruthWorld
+from baqueano.study.truth import Robots
+from baqueano.study.truth.integrate import STEP_S
 from baqueano.study.truth_drives import Loop, estimate_at
 
 SPEED_M_S = 0.2
@@ -51,7 +53,7 @@ def simulate_drives(loops: list[Loop], robots: Robots, seeds: list[int]) -> list
     progress = [g.init() for g in guides]
     states = [o.start(r.eta[0]) for o, r in zip(loops, routes, strict=True)]
     t_ns, rest_ticks = tick_times(round((REST_S + DRIVE_S) * rate_hz), rate_hz), round(REST_S * rate_hz)
-    world = TruthWorld(robots, [s + 1 for s in seeds], np.stack([r.eta[0] for r in routes]))
+    world = make_world(robots, [s + 1 for s in seeds], STEP_S, np.stack([r.eta[0] for r in routes]))
     u = np.zeros((n, 3))
     sample_rows = [recorded_ticks(route, rest_ticks, len(t_ns), rate_hz) for route in routes]
     errors: list[list[tuple[float, np.ndarray, np.ndarray]]] = [[] for _ in loops]

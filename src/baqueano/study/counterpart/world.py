@@ -12,16 +12,20 @@ from baqueano.symbolic import function
 # of Runge-Kutta: a third of the shortest time constant (tyres at rest)
 ROBOT_STEP_S, CAR_STEP_S = 5e-3, 1e-3
 # vehicles; NumPy takes as long for one as for fifty, and more of them give a long code to compile
-MAX_COMPILED_VEHICLES = 3
+MAX_COMPILED_VEHICLES = 12
 
 
-def make_world(vehicles: Robots | Cars, seeds: Sequence[int], step_s: float | None = None) -> TruthWorld:
-    """Return a world of the `vehicles`, at rest at the origin; the default `step_s` is short enough to be exact."""
+def make_world(
+    vehicles: Robots | Cars, seeds: Sequence[int], step_s: float | None = None, eta: np.ndarray | None = None
+) -> TruthWorld:
+    """Return a world of the `vehicles`, at rest at the poses `eta` (n, 3) or at the origin.
+
+    The default `step_s` is short enough to be exact. A small group is compiled.
+    """
     if step_s is None:
         step_s = ROBOT_STEP_S if isinstance(vehicles, Robots) else CAR_STEP_S
-    is_compiled = len(seeds) <= MAX_COMPILED_VEHICLES and vehicles.transmission.is_ideal
-    fast = function if is_compiled else lambda f, *examples: f
-    return TruthWorld(vehicles, seeds, step_s=step_s, fast=fast)
+    fast = function if len(seeds) <= MAX_COMPILED_VEHICLES else lambda f, *examples: f
+    return TruthWorld(vehicles, seeds, eta, step_s, fast)
 
 
 class LoopWorld(protocols.World):
