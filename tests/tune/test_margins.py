@@ -1,5 +1,7 @@
 """Margins equal those of python-control, and a loop with more delay or gain becomes unstable at its margins."""
 
+from functools import cache
+
 import control
 import numpy as np
 import pytest
@@ -67,6 +69,17 @@ def test_margins_of_a_vehicle_loop_equal_the_margins_of_python_control(plant):
         assert own_margins[3] == pytest.approx(np.radians(phase) / crossover, rel=1e-3)
 
 
+@pytest.mark.parametrize("channel", [0, 2])
+def test_the_loop_of_a_channel_has_the_response_of_all_states_with_the_other_channels_closed(plant, channel):
+    others = [k for k in range(3) if k != channel]
+    for omega in (0.1, 1.0, 10.0, 100.0):
+        z = np.exp(1j * omega * plant.dt_s)
+        G = plant.C @ np.linalg.solve(z * np.eye(len(plant.A)) - plant.A, plant.B) + plant.D
+        closed = np.linalg.solve(z * np.eye(2) - G[np.ix_(others, others)], G[others, channel])
+        expected = -(G[channel, channel] + G[channel, others] @ closed) / z
+        assert loop_transfer(plant, channel).frequency_response(omega)[0] == pytest.approx(expected, rel=1e-9)
+
+
 def closed_with(loop: LinearSystem, gain: float, ticks: int) -> float:
     """Return the largest eigenvalue of the loop with additional gain and delay."""
     A, B, C = loop.A, gain * loop.B, loop.C
@@ -99,15 +112,16 @@ def test_a_servo_in_the_middle_has_the_margins_of_a_servo_beside_it(zone, kind):
         }
     )
     oblique = straight.with_values({"model.steering_offset_rad": 0.02})
-    servo, other_servo = (loop_margins(f, f.controller(), 0.3)[1] for f in (straight, oblique))
-    assert servo.stable
-    np.testing.assert_allclose(servo[1:5], other_servo[1:5], rtol=5e-3)
-    loop = loop_transfer(linearise(straight, straight.controller(), 0.3)[0], 1)
+    plant, is_stable = margins_module._linear_loop(straight, straight.controller(), 0.3)
+    loop = loop_transfer(plant, 1)
+    servo, other_servo = margins(loop), loop_margins(oblique, oblique.controller(), 0.3)[1]
+    assert is_stable
+    np.testing.assert_allclose(servo, other_servo[1:5], rtol=5e-3)
     omega = np.geomspace(0.05, np.pi / loop.dt_s, 4000)
     reference = control.StateSpace(loop.A, loop.B, loop.C, loop.D, loop.dt_s)
     response = control.frd(reference(np.exp(1j * omega * loop.dt_s)), omega, smooth=True)
     _, phase, _, _, crossover, _ = control.stability_margins(response)
-    assert servo.delay_s == pytest.approx(np.radians(phase) / crossover, rel=1e-3)
+    assert servo[3] == pytest.approx(np.radians(phase) / crossover, rel=1e-3)
 
 
 def test_finite_differences_give_the_margins_of_the_exact_jacobian(monkeypatch):
@@ -119,27 +133,31 @@ def test_finite_differences_give_the_margins_of_the_exact_jacobian(monkeypatch):
     np.testing.assert_allclose(differences, exact, rtol=1e-3)
 
 
+@cache
+def mpc_loops(name, speed):
+    """Return L of each channel with mpc."""
+    file = load(name)
+    plant, is_stable = margins_module._linear_loop(file, file.controller("mpc"), speed)
+    assert is_stable
+    return [loop_transfer(plant, k) for k in np.flatnonzero(file.command.limit > 0.0)]
+
+
 @pytest.mark.parametrize(("name", "speed"), [("small", 0.2), ("car", 0.8)])
 def test_mpc_whose_step_calls_a_solver_has_the_margins_of_python_control(name, speed, monkeypatch):
     """They do not change if the solver is exact."""
-    file = load(name)
-    channels, mpc = np.flatnonzero(file.command.limit > 0.0), file.controller("mpc")
-    usual = loop_margins(file, mpc, speed)
-    plant, steady = linearise(file, mpc, speed)
-    assert steady
-    for k, m in zip(channels, usual, strict=True):
-        loop = loop_transfer(plant, k)
+    file, loops = load(name), mpc_loops(name, speed)
+    usual = [margins(loop) for loop in loops]
+    for loop, (gain_up, _, _, delay_s) in zip(loops, usual, strict=True):
         omega = np.geomspace(0.05, np.pi / loop.dt_s, 4000)
         reference = control.StateSpace(loop.A, loop.B, loop.C, loop.D, loop.dt_s)
         response = control.frd(reference(np.exp(1j * omega * loop.dt_s)), omega, smooth=True)
         gain, phase, _, _, crossover, _ = control.stability_margins(response)
-        assert m.stable
-        assert m.gain_up == pytest.approx(gain, rel=1e-3)
-        assert m.delay_s == pytest.approx(np.radians(phase) / crossover, rel=1e-3)
+        assert gain_up == pytest.approx(gain, rel=1e-3)
+        assert delay_s == pytest.approx(np.radians(phase) / crossover, rel=1e-3)
     exact_settings = program.OSQP_SETTINGS | {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 4000}
     monkeypatch.setattr(program, "OSQP_SETTINGS", exact_settings)
     exact = loop_margins(file, file.controller("mpc"), speed)
-    np.testing.assert_allclose([m[1:5] for m in usual], [m[1:5] for m in exact], rtol=5e-3)
+    np.testing.assert_allclose(usual, [m[1:5] for m in exact], rtol=5e-3)
 
 
 @pytest.mark.parametrize(("name", "speed"), [("small", 0.2), ("car", 0.8)])
@@ -147,7 +165,7 @@ def test_a_loop_with_mpc_keeps_to_its_line_with_less_delay_than_its_margin(name,
     """The drive is the judge: with 0.8 of the delay margin more, a disturbance decays; with 1.3 of it, it grows."""
     file = load(name)
     mpc, vehicle = file.controller("mpc"), compile_block(file.vehicle)
-    delay_s = loop_margins(file, mpc, speed)[-1].delay_s
+    delay_s = margins(mpc_loops(name, speed)[-1])[3]
     rate = file.rate_hz
     unstable_range_m, stable_range_m = (
         _last_oscillation(mpc, vehicle, speed, rate, round(share * delay_s * rate)) for share in (1.3, 0.8)
