@@ -50,25 +50,6 @@ def test_a_draft_reads_the_axes_of_an_imu_from_gravity(tmp_path, gravity, column
     assert is_found == (columns[2] != "gz" or signs[2] < 0)
 
 
-def test_a_draft_reads_the_names_of_a_boat(tmp_path):
-    rows = [f"{20 * k},{1500 + 9 * (k % 40)},{1500 - 9 * (k % 40)},{k % 90}" for k in range(100)]
-    tables = drafted(tmp_path, "millis,thr_port,thr_stbd,heading_deg\n" + "\n".join(rows))
-    pulses = [(entry["column"], entry["scale"], entry["offset"]) for entry in tables["command"]["wheels"]]
-    assert pulses == [("thr_port", 0.002, -3.0), ("thr_stbd", 0.002, -3.0)]
-    assert tables["sensors"]["compass"]["z"] == [{"column": "heading_deg", "unit": "deg"}]
-    assert "truth" not in tables
-
-
-def test_a_draft_of_a_car_has_two_commands_and_a_measured_angle_is_not_one(tmp_path):
-    rows = [f"{0.02 * k},{k},{k % 30},{k % 31},{0.1 * k},{k % 5},{k % 7}" for k in range(100)]
-    header = "t_s,drive_pwm,steer_deg,steer_angle_deg,compass_deg,x_m,y_m\n"
-    tables = drafted(tmp_path, header + "\n".join(rows))
-    assert tables["command"]["names"] == ["drive_pwm", "steer_deg"]
-    assert tables["command"]["u"][1]["unit"] == "deg"
-    assert tables["sensors"]["compass"]["z"][0]["column"] == "compass_deg"
-    assert [entry.get("column") for entry in tables["truth"]["eta"]] == ["x_m", "y_m", None]
-
-
 @pytest.mark.parametrize(
     ("g", "keys"), [(9.7, {"unit": "m/s^2"}), (1.01, {"unit": "g"}), (1004.0, {"unit": "mg"}),
                     (-16200.0, {"unit": "raw", "scale": 0.00059855}), (5000.0, {"unit": "?"})],
@@ -79,53 +60,6 @@ def test_a_draft_reads_the_unit_of_an_accelerometer_from_gravity(tmp_path, g, ke
     ]
     x = drafted(tmp_path, "t_s,ax,ay,az\n" + "\n".join(rows))["sensors"]["imu"]["z"][0]
     assert x == {"column": "ax"} | keys
-
-
-def test_a_draft_reads_a_robot_with_short_names_and_counters_of_16_bits(tmp_path):
-    rows = [
-        f"{20 * k},{k % 9 / 10},{-(k % 8) / 10},{(65000 + 37 * k) % 65536},{40 * k},{k % 5},7.{k % 10}"
-        for k in range(99)
-    ]
-    text = "timestamp,motor_l,motor_r,enc_l,enc_r,gyr_z,vbat\n" + "\n".join(rows)
-    tables = drafted(tmp_path, text)
-    assert [entry["column"] for entry in tables["command"]["wheels"]] == ["motor_l", "motor_r"]
-    assert [entry.get("wraps") for entry in tables["sensors"]["wheels"]["z"]] == [65536, None]
-    assert tables["sensors"]["battery"]["z"] == [{"column": "vbat", "unit": "V"}]
-    assert tables["sensors"]["imu"]["z"][2]["column"] == "gyr_z"
-
-
-def test_a_draft_reads_merged_topics_of_ros_in_si_units(tmp_path):
-    imu = [
-        f"/imu/{name}" for name in ("linear_acceleration/x", "linear_acceleration/y", "angular_velocity/z")
-    ]
-    odometry = ["/odom/pose/pose/position/x", "/odom/twist/twist/linear/x", "/odom/twist/twist/angular/z"]
-    names = ["__time", "/cmd_vel/linear/x", "/cmd_vel/angular/z", *odometry, *imu]
-    rows = [
-        ",".join([f"{1.7e9 + 0.02 * k:.2f}", *(str(k % (5 + n)) for n in range(len(names) - 1))])
-        for k in range(60)
-    ]
-    tables = drafted(tmp_path, "\n".join([",".join(names), *rows]))
-    entries = [*tables["command"]["u"], *tables["sensors"]["odometer"]["z"], *tables["sensors"]["imu"]["z"]]
-    assert [entry.get("column") for entry in entries] == [names[1], None, names[2], odometry[1], *imu]
-    units = ["m/s", None, "rad/s", "m/s", "m/s^2", "m/s^2", "rad/s"]
-    assert [entry.get("unit") for entry in entries] == units
-    assert "truth" not in tables
-
-
-def test_a_draft_reads_setpoints_a_clock_since_boot_and_a_quaternion(tmp_path):
-    names = ["boot_ms", "v_set [cm/s]", "w_set [deg/s]", "cmd_left [V]", "position.x", "position.y"]
-    names += [f"orientation.{axis}" for axis in "xyzw"]
-    rows = [
-        ",".join([str(51234 + 40 * k), *(str(k % (5 + n)) for n in range(len(names) - 1))]) for k in range(60)
-    ]
-    tables = drafted(tmp_path, "\n".join([",".join(names), *rows]))
-    log, u = tables["files"]["log"], tables["command"]["u"]
-    assert (log["time"], log["time_unit"]) == ("boot_ms", "ms")
-    assert [(entry.get("column"), entry.get("unit")) for entry in (u[0], u[2])] == [
-        ("v_set [cm/s]", "cm/s"),
-        ("w_set [deg/s]", "deg/s"),
-    ]
-    assert tables["truth"]["eta"][2] == {"quaternion": names[-4:]}
 
 
 def on_ellipsoid(latitude, longitude):
@@ -153,68 +87,113 @@ def test_a_draft_converts_latitude_and_longitude_into_metres(tmp_path, per_degre
     assert east == pytest.approx([0.0, 0.0, distances[2]], abs=1e-3)
 
 
-def test_a_draft_reads_an_omnidirectional_robot_in_north_east_down(tmp_path):
-    names = [
-        "Time (s)",
-        "cmd vx (m/s)",
-        "cmd vy (m/s)",
-        "cmd wz (rad/s)",
-        "ax (m/s^2)",
-        "ay (m/s^2)",
-        "gz (deg/s)",
-    ]
-    rows = [",".join([f"{0.04 * k:.2f}", *(str(k % (5 + n)) for n in range(9))]) for k in range(60)]
-    head = ",".join([*names, "N (m)", "E (m)", "Yaw (deg)"])
-    tables = drafted(tmp_path, "\n".join([head, *rows]))
-    assert [entry["column"] for entry in tables["command"]["u"]] == names[1:4]
-    assert [entry["unit"] for entry in tables["sensors"]["imu"]["z"]] == ["m/s^2", "m/s^2", "deg/s"]
-    x, y, heading = tables["truth"]["eta"]
-    assert (x, y) == ({"column": "E (m)", "unit": "m"}, {"column": "N (m)", "unit": "m"})
-    assert heading == {
-        "column": "Yaw (deg)",
-        "unit": "deg",
-        "scale": -1.0,
-        "offset": pytest.approx(np.pi / 2),
-    }
+PWM, COUNTS = "raw scale 0.00392157", "counts counts_per_turn 0 derivative True radius_m 0"
+DRAFTS = {  # the names of the columns: the draft
+    "t_s,drive_pwm,steer_deg,steer_angle_deg,compass_deg,x_m,y_m": f"""s
+        u drive_pwm steer_deg: drive_pwm {PWM}, steer_deg deg
+        compass: compass_deg deg
+        truth: x_m m, y_m m, constant nan""",
+    "__time,/cmd_vel/linear/x,/cmd_vel/angular/z,/odom/pose/pose/position/x,/odom/twist/twist/linear/x,"
+    "/odom/twist/twist/angular/z,/imu/linear_acceleration/x,/imu/linear_acceleration/y,/imu/angular_velocity/z": """s
+        u u_x u_y u_psi: /cmd_vel/linear/x m/s, constant 0, /cmd_vel/angular/z rad/s
+        odometer: /odom/twist/twist/linear/x m/s
+        imu: /imu/linear_acceleration/x m/s^2, /imu/linear_acceleration/y m/s^2, /imu/angular_velocity/z rad/s""",
+    "boot_ms,v_set [cm/s],w_set [deg/s],cmd_left [V],position.x,position.y,"
+    "orientation.x,orientation.y,orientation.z,orientation.w": """ms
+        u u_x u_y u_psi: v_set [cm/s] cm/s, constant 0, w_set [deg/s] deg/s
+        truth: position.x ?, position.y ?,
+               quaternion ['orientation.x', 'orientation.y', 'orientation.z', 'orientation.w']""",
+    "Time (s),cmd vx (m/s),cmd vy (m/s),cmd wz (rad/s),ax (m/s^2),ay (m/s^2),gz (deg/s),N (m),E (m),Yaw (deg)": """s
+        u u_x u_y u_psi: cmd vx (m/s) m/s, cmd vy (m/s) m/s, cmd wz (rad/s) rad/s
+        imu: ax (m/s^2) m/s^2, ay (m/s^2) m/s^2, gz (deg/s) deg/s
+        truth: E (m) m, N (m) m, Yaw (deg) deg scale -1 offset 1.5708""",
+    "stampUs,pwmL,pwmR,cntL,cntR,acc_fwd_mg,acc_lat_mg,gyr_z_dps,cam_hdg_deg": f"""us
+        wheels: pwmL {PWM}, pwmR {PWM}
+        wheels: cntL {COUNTS}, cntR {COUNTS}
+        compass: cam_hdg_deg deg
+        imu: acc_fwd_mg mg, acc_lat_mg mg, gyr_z_dps deg/s""",
+    "tiempo [ms],orden_avance,orden_izquierda,orden_giro,giróscopo_z [°/s]": f"""ms
+        u orden_avance orden_izquierda orden_giro: orden_avance {PWM}, orden_izquierda {PWM}, orden_giro {PWM}
+        imu: constant nan, constant nan, giróscopo_z [°/s] deg/s""",
+    "millis,linear_x,angular_z,enc_left,enc_right": f"""ms
+        u u_x u_y u_psi: linear_x m/s, constant 0, angular_z rad/s
+        wheels: enc_left {COUNTS}, enc_right {COUNTS}""",
+    "t_ms,servo,throttle,gyro_z_dps,hall": f"""ms
+        u throttle servo: throttle {PWM}, servo {PWM}
+        odometer: hall {COUNTS}
+        imu: constant nan, constant nan, gyro_z_dps deg/s""",
+    # the voltage of a battery, in one column, is not a command
+    "t_ms,volts_l,volts_r,battery_volts,cnt_l,cnt_r": f"""ms
+        wheels: volts_l V, volts_r V
+        wheels: cnt_l {COUNTS}, cnt_r {COUNTS}
+        battery: battery_volts V""",
+    "t_ms,set_l_rad_s,set_r_rad_s": """ms
+        wheels: set_l_rad_s rad/s radius_m 0, set_r_rad_s rad/s radius_m 0""",
+    "tiempo_s,pwm_izq,pwm_der,giro_gps,vel_m_s": f"""s
+        wheels: pwm_izq {PWM}, pwm_der {PWM}
+        odometer: vel_m_s m/s
+        imu: constant nan, constant nan, giro_gps deg/s""",
+    "t_s,u_left_V,u_right_V,left_m_s,right_m_s": """s
+        wheels: u_left_V V, u_right_V V
+        wheels: left_m_s m/s, right_m_s m/s""",
+    "t_s,left_mv,right_mv": "s wheels: left_mv mV, right_mv mV",
+    "t_s,left_pct,right_pct,v_left_m_s,v_right_m_s": """s
+        wheels: left_pct %, right_pct %
+        wheels: v_left_m_s m/s, v_right_m_s m/s""",
+    "t_s,port_pct,starboard_pct": "s wheels: port_pct %, starboard_pct %",
+    "tiempo_ms,izquierda,derecha": f"ms wheels: izquierda {PWM}, derecha {PWM}",
+    "t_ms,left,right": f"ms wheels: left {PWM}, right {PWM}",
+    "t_ms,motor_izq,motor_der": f"ms wheels: motor_izq {PWM}, motor_der {PWM}",
+    "t,gyro_x,giro_y,mag_x,mag_y,mag_z,acel_z,acel_x_g,acel_y_g,giro_z": "s imu: acel_x_g g, acel_y_g g, giro_z ?",
+    "t,acel_z,aceleración x,aceleración y,giróscopo z": "s imu: aceleración x ?, aceleración y ?, giróscopo z ?",
+    "t,gyro_x,acel_z,ax,ay,gz": "s imu: ax ?, ay ?, gz ?",
+    "t,gyro_x,acel_z,accX,accY,gyroZ": "s imu: accX ?, accY ?, gyroZ ?",
+}  # fmt: skip
+STEPS = {"s": 0.02, "ms": 20, "us": 20_000}
 
 
-@pytest.mark.parametrize(
-    ("columns", "unit", "speeds"),
-    [
-        (("u_left_V", "u_right_V"), "V", ("left_m_s", "right_m_s")),
-        (("left_mv", "right_mv"), "mV", ("left_m_s", "right_m_s")),
-        (("left_pct", "right_pct"), "%", ("v_left_m_s", "v_right_m_s")),
-        (("port_pct", "starboard_pct"), "%", ("v_left_m_s", "v_right_m_s")),
-    ],
-)
-def test_a_draft_reads_the_unit_at_the_end_of_a_name_of_a_side(tmp_path, columns, unit, speeds):
-    rows = [f"{0.01 * k},{k % 9 - 4},{k % 7 - 3},0.0{k % 9},0.0{k % 7}" for k in range(99)]
-    text = f"t_s,{','.join((*columns, *speeds))}\n" + "\n".join(rows)
-    tables = drafted(tmp_path, text)
-    assert tables["command"]["wheels"] == [{"column": column, "unit": unit} for column in columns]
-    assert tables["sensors"]["wheels"]["z"] == [{"column": speed, "unit": "m/s"} for speed in speeds]
+def words(entries):
+    """Return the entries of a map as text: column, unit, and all other keys with their values."""
+    texts = []
+    for entry in entries:
+        others = {key: value for key, value in entry.items() if key not in ("column", "unit")}
+        values = [f"{k} {v:.6g}" if isinstance(v, float) else f"{k} {v}" for k, v in others.items()]
+        texts.append(" ".join([*(entry[key] for key in ("column", "unit") if key in entry), *values]))
+    return ", ".join(texts)
 
 
-def test_a_draft_reads_names_in_camel_case_and_words_for_axes(tmp_path):
+@pytest.mark.parametrize(("names", "expected"), DRAFTS.items())
+def test_a_draft_reads_commands_sensors_truth_and_units_from_the_names_of_the_columns(
+    tmp_path, names, expected
+):
+    unit, width = expected.split()[0], names.count(",")
     rows = [
-        f"{20000 * k},{k % 90},{-(k % 80)},{7 * k},{6 * k},{k % 9},{k % 8},{k % 7},{k % 360}"
-        for k in range(100)
+        ",".join(str(x) for x in (STEPS[unit] * k, *(k % (5 + n) for n in range(width)))) for k in range(60)
     ]
-    head = "stampUs,pwmL,pwmR,cntL,cntR,acc_fwd_mg,acc_lat_mg,gyr_z_dps,cam_hdg_deg"
-    tables = drafted(tmp_path, f"{head}\n" + "\n".join(rows))
-    assert tables["files"]["log"] == {"time": "stampUs", "time_unit": "us"}
-    assert [entry["column"] for entry in tables["command"]["wheels"]] == ["pwmL", "pwmR"]
-    wheels = [(entry["column"], entry["unit"]) for entry in tables["sensors"]["wheels"]["z"]]
-    assert wheels == [("cntL", "counts"), ("cntR", "counts")]
-    assert [(entry["column"], entry["unit"]) for entry in tables["sensors"]["imu"]["z"]] == [
-        ("acc_fwd_mg", "mg"), ("acc_lat_mg", "mg"), ("gyr_z_dps", "deg/s"),
-    ]  # fmt: skip
-    assert tables["sensors"]["compass"]["z"] == [{"column": "cam_hdg_deg", "unit": "deg"}]
+    tables = drafted(tmp_path, "\n".join([names, *rows]))
+    command = tables.get("command", {})
+    parts = [f"wheels: {words(command['wheels'])}"] if "wheels" in command else []
+    parts += [f"u {' '.join(command['names'])}: {words(command['u'])}"] if "u" in command else []
+    parts += [f"{name}: {words(sensor['z'])}" for name, sensor in tables.get("sensors", {}).items()]
+    parts += [f"truth: {words(tables['truth']['eta'])}"] if "truth" in tables else []
+    assert tables["files"]["log"] == {"time": names.split(",")[0], "time_unit": unit}
+    assert " ".join([unit, *parts]) == " ".join(expected.split())
 
 
-def test_a_commanded_turn_is_not_the_gyro(tmp_path):
-    rows = [f"{20 * k},{k % 600},{k % 500},{k % 400},{k % 90}" for k in range(100)]
-    head = "tiempo [ms],orden_avance,orden_izquierda,orden_giro,giróscopo_z [°/s]"
-    tables = drafted(tmp_path, f"{head}\n" + "\n".join(rows))
-    assert tables["command"]["names"] == ["orden_avance", "orden_izquierda", "orden_giro"]
-    assert tables["sensors"]["imu"]["z"][2] == {"column": "giróscopo_z [°/s]", "unit": "deg/s"}
+def test_a_draft_reads_pulses_of_servos_and_counters_of_16_bits(tmp_path):
+    rows = [
+        f"{20 * k},{1500 + 9 * (k % 40)},{1500 - 9 * (k % 40)},{(65000 + 37 * k) % 65536},{40 * k}"
+        for k in range(99)
+    ]
+    tables = drafted(tmp_path, "millis,thr_port,thr_stbd,enc_l,enc_r\n" + "\n".join(rows))
+    pulses = [(entry["column"], entry["scale"], entry["offset"]) for entry in tables["command"]["wheels"]]
+    assert pulses == [("thr_port", 0.002, -3.0), ("thr_stbd", 0.002, -3.0)]
+    assert [entry.get("wraps") for entry in tables["sensors"]["wheels"]["z"]] == [65536, None]
+
+
+def test_a_draft_reads_duties_and_short_names(tmp_path):
+    rows = [f"{20 * k},{k % 9 / 10},{-(k % 8) / 10},{k % 5},7.{k % 10}" for k in range(99)]
+    tables = drafted(tmp_path, "timestamp,motor_l,motor_r,gyr_z,vbat\n" + "\n".join(rows))
+    assert words(tables["command"]["wheels"]) == "motor_l 1, motor_r 1"
+    assert tables["sensors"]["battery"]["z"] == [{"column": "vbat", "unit": "V"}]
+    assert tables["sensors"]["imu"]["z"][2]["column"] == "gyr_z"
