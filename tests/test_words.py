@@ -327,8 +327,7 @@ def test_a_function_name_is_not_a_participle():
 
 ADJECTIVES = {
     **dict.fromkeys(
-        ("autocorrelated", "closed", "contradicted", "converged", "stopped"),
-        "True or False, or 1 or 0",
+        ("autocorrelated", "closed", "contradicted", "converged", "stopped"), "True or False, or 1 or 0"
     ),
     **dict.fromkeys(("fixed", "measured"), "options of a fit, beside `free` and `per_run`"),
     "correlated": "a kind of entries, beside `collinear`",

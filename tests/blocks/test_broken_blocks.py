@@ -81,12 +81,7 @@ BROKEN = {
         "yield state + 1.0, Command",
         [("check.no-function", {"value": "generator", "subject": "Block.step()"})],
     ),
-    "async": (
-        "controller",
-        "def step",
-        "async def step",
-        [("check.no-function", {"value": "coroutine"})],
-    ),
+    "async": ("controller", "def step", "async def step", [("check.no-function", {"value": "coroutine"})]),
     "one value": (
         "controller",
         "return state + 1.0, Command(estimate.t_ns, u)",

@@ -102,8 +102,7 @@ def test_a_replay_gives_the_same_estimates(project):
 
 def test_a_replay_needs_only_a_model_and_an_estimator(project, tmp_path):
     (tmp_path / "mine.py").write_text(
-        files("baqueano.project").joinpath("my_estimator.py").read_text(encoding="utf-8"),
-        encoding="utf-8",
+        files("baqueano.project").joinpath("my_estimator.py").read_text(encoding="utf-8"), encoding="utf-8"
     )
     text = files("baqueano.garage").joinpath("small.toml").read_text(encoding="utf-8")
     text = text.replace('kind = "augmented_ekf"', 'kind = "ekf"').replace(

@@ -248,10 +248,7 @@ def test_an_invalid_covariance_is_named():
             lambda: compare(run_with(), alignment="sim"),
             ("compare.alignment", {"valid": "none, start, rigid"}),
         ),
-        (
-            lambda: compare(run_with(), names=["a", "b"]),
-            ("compare.names", {"names": 2, "runs": 1}),
-        ),
+        (lambda: compare(run_with(), names=["a", "b"]), ("compare.names", {"names": 2, "runs": 1})),
     ],
 )
 def test_an_invalid_comparison_is_refused_with_a_reason(call, words):

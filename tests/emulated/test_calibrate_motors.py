@@ -74,10 +74,7 @@ def test_swapped_and_reversed_motors_drive_straight_after_calibration(robot, ben
 
 @pytest.mark.parametrize(
     ("plugs", "expected"),
-    [
-        (((0, -1.0), (1, -1.0)), REVERSED_L | REVERSED_R),
-        (((1, 1.0), (0, -1.0)), SWAPPED | REVERSED_R),
-    ],
+    [(((0, -1.0), (1, -1.0)), REVERSED_L | REVERSED_R), (((1, 1.0), (0, -1.0)), SWAPPED | REVERSED_R)],
 )
 def test_each_wiring_is_distinguished_from_the_others(robot, bench, plugs, expected):
     robot.plugs = plugs

@@ -232,11 +232,7 @@ def test_a_moving_or_silent_imu_and_a_wrong_scale_are_reported(on_bus):
 def test_a_missing_imu_fails_the_check_only_on_a_raspberry_pi(tmp_path):
     hardware = vehicle_file.load("small").robot
     (laptop,) = doctor.check_imu(hardware, tmp_path)
-    assert laptop[:3] == (
-        "IMU",
-        "unknown",
-        "/dev/i2c-1 is missing on this machine: it is not a Raspberry Pi",
-    )
+    assert laptop[:3] == ("IMU", "unknown", "/dev/i2c-1 is missing on this machine: it is not a Raspberry Pi")
     (tmp_path / doctor.MODEL_FILE).parent.mkdir(parents=True)
     (tmp_path / doctor.MODEL_FILE).write_text("Raspberry Pi 3 Model B Plus")
     (pi,) = doctor.check_imu(hardware, tmp_path)

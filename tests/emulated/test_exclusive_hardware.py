@@ -117,10 +117,7 @@ class Calibrating:
 
 @pytest.mark.parametrize("end_by", ["ssh ends", "Wi-Fi ends", signal.SIGHUP, signal.SIGTERM], ids=str)
 def test_an_abandoned_motor_calibration_stops_motors_and_restores_settings(firmware, end_by):
-    settings = Kept(
-        curves=(WheelCurve(110, 900, 50), WheelCurve(120, 800, 60)) * 2,
-        dither_permille=33,
-    )
+    settings = Kept(curves=(WheelCurve(110, 900, 50), WheelCurve(120, 800, 60)) * 2, dither_permille=33)
     with on_pty(firmware) as live:
         with open_uno(live.path) as uno:
             uno.store_settings(settings)

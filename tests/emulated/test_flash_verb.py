@@ -43,10 +43,7 @@ def test_a_hex_file_is_decoded_like_in_the_emulator(firmware):
 
 
 def test_a_line_without_a_boot_loader_is_reported(firmware, optiboot):
-    with (
-        on_pty(firmware) as live,
-        refused("flash.failed", RobotUnreachable, port=live.path),
-    ):
+    with on_pty(firmware) as live, refused("flash.failed", RobotUnreachable, port=live.path):
         flash(live.path)
 
 

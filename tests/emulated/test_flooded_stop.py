@@ -51,10 +51,7 @@ def off_ms(remote, live):
 
 def test_rt15_a_stop_turns_motors_off_within_50_ms_under_flooding(firmware, tmp_path):
     idle_times, loud = [], []
-    with (
-        before_others(),
-        running(firmware, tmp_path, environment={"BAQUEANO_BACKEND": "python"}) as service,
-    ):
+    with before_others(), running(firmware, tmp_path, environment={"BAQUEANO_BACKEND": "python"}) as service:
         for _ in range(ROUNDS):
             with moving(service) as remote:
                 idle_times.append(off_ms(remote, service.live))

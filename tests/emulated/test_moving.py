@@ -70,12 +70,7 @@ def test_r8_a_reversal_pauses_at_zero(uno, pwm_hz):
     assert uno.duty(0) == pytest.approx(-0.9, abs=1e-3)
 
 
-WAYS = (
-    WheelCurve(100, 500),
-    WheelCurve(200, 700),
-    WheelCurve(50, 1500),
-    WheelCurve(0, 300),
-)
+WAYS = (WheelCurve(100, 500), WheelCurve(200, 700), WheelCurve(50, 1500), WheelCurve(0, 300))
 
 
 @pytest.mark.parametrize(
@@ -165,12 +160,7 @@ def sums_of(rows):
 
 def test_r12_telemetry_contains_the_duty_at_the_pins_and_its_sum(uno):
     """Random commands through slew, dead zone, kick and dither: telemetry reports the duty at the pins."""
-    uno.store(
-        kick_ms=12,
-        dither_permille=40,
-        dither_ms=3,
-        curves=(WheelCurve(120, 800, 600),) * 4,
-    )
+    uno.store(kick_ms=12, dither_permille=40, dither_ms=3, curves=(WheelCurve(120, 800, 600),) * 4)
     chance = random.Random(2)
     uno.arm()
     uno.frames()

@@ -7,16 +7,7 @@ import random
 
 import pytest
 
-from baqueano.robot.uno.frames import (
-    PROTOCOL,
-    VERSION,
-    Config,
-    Drive,
-    DriveFlag,
-    Info,
-    ResetCause,
-    State,
-)
+from baqueano.robot.uno.frames import PROTOCOL, VERSION, Config, Drive, DriveFlag, Info, ResetCause, State
 
 ARM = DriveFlag.ARM
 

@@ -5,15 +5,7 @@ import random
 
 import pytest
 
-from baqueano.robot.uno.frames import (
-    Config,
-    EncoderKind,
-    Ping,
-    Pong,
-    State,
-    StateFlag,
-    Wiring,
-)
+from baqueano.robot.uno.frames import Config, EncoderKind, Ping, Pong, State, StateFlag, Wiring
 
 
 def counts(uno):

@@ -287,10 +287,7 @@ def test_position_uncertainty_after_a_pause_covers_the_possible_distance():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (
-            {"initial_std": -np.ones(6)},
-            ("field.range", {"field": "DeadReckoning.initial_std", "low": 0.0}),
-        ),
+        ({"initial_std": -np.ones(6)}, ("field.range", {"field": "DeadReckoning.initial_std", "low": 0.0})),
         (
             {"initial_std": np.zeros(9)},
             ("field.shape", {"field": "DeadReckoning.initial_std", "value": "(9,)", "expected": "(6,)"}),

@@ -8,19 +8,8 @@ from hypothesis import strategies as st
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.parameters.theta import ThetaLayout, arrow_layout
 from baqueano.identify.residuals import simulation as simulated
-from baqueano.numerics.least_squares import (
-    RIDGE,
-    _bounded_step,
-    _step,
-    minimise,
-)
-from baqueano.numerics.normal_equations import (
-    BlockArrow,
-    Evaluation,
-    add,
-    diagonal_matrix,
-    row_product,
-)
+from baqueano.numerics.least_squares import RIDGE, _bounded_step, _step, minimise
+from baqueano.numerics.normal_equations import BlockArrow, Evaluation, add, diagonal_matrix, row_product
 
 
 def equations(seed, runs, extra_rows=0, common=4, by_run=3, by_segment=6):

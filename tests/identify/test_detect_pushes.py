@@ -72,10 +72,7 @@ def test_the_sensitivity_column_equals_the_response_to_a_small_push(end, code, a
 def test_testing_part_of_a_run_equals_testing_a_masked_column(end):
     problem, theta = end.task.problem, end.search.solution.theta
     identifiable = np.concatenate(
-        [
-            end.identifiability.mask,
-            np.ones(problem.size - len(end.identifiability.mask), bool),
-        ]
+        [end.identifiability.mask, np.ones(problem.size - len(end.identifiability.mask), bool)]
     )
     residuals = fit_residuals(problem, theta, identifiable)
     rng, n = np.random.default_rng(0), len(residuals.run)

@@ -91,10 +91,7 @@ def error_of(truth, fit):
 
 
 def test_a_camera_identifies_wheels_gyro_and_the_camera_clock():
-    truth = override(
-        with_sensor(WHEELS),
-        [f"{RADII}=[1.03, 0.96]", f"{TRACK}=0.13", f"{GYRO}=0.966"],
-    )
+    truth = override(with_sensor(WHEELS), [f"{RADII}=[1.03, 0.96]", f"{TRACK}=0.13", f"{GYRO}=0.966"])
     begin = override(truth, [f"{RADII}=[1, 1]", f"{TRACK}=0.12", f"{GYRO}=1"])
     for seed, late_s in ((1, 0.04), (2, -0.0325)):
         run = seen_by_camera(simulate(truth, steps(truth, 20.0, seed), seed), seed, late_s)

@@ -135,10 +135,7 @@ def test_wheel_friction_is_not_fitted_with_an_unknown_track(small):
 
 
 CAR_USUAL = ["model.throttle_gain", "model.linear_drag", "model.steering_gain", "model.yaw_lag_s"]
-CAR_WAYS = {
-    "model.coulomb_forward_m_s2": ("0.15", "0"),
-    "model.coulomb_backward_m_s2": ("0.4", "0"),
-}
+CAR_WAYS = {"model.coulomb_forward_m_s2": ("0.15", "0"), "model.coulomb_backward_m_s2": ("0.4", "0")}
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -98,11 +98,7 @@ def test_a_bag_is_imported_as_a_run(bag, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (
-            '"/cmd_vel"',
-            '"/cmd"',
-            ("bag.no-topic", {}),
-        ),
+        ('"/cmd_vel"', '"/cmd"', ("bag.no-topic", {})),
         ('topic = "/cmd_vel"\ntime = "bag"', 'time = "t"\ntime_unit = "s"', ("bag.topic-unsaid", {})),
         ('"linear.x"', '"linear.w"', ("bag.no-field", {"field": "linear.w", "path": "w"})),
         ('"linear.x"', '"linear"', ("bag.field-not-number", {"field": "linear"})),

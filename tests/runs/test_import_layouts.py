@@ -161,20 +161,11 @@ def test_an_angle_that_exceeds_one_turn_is_not_unwrapped(board):
     ("entry", "message"),
     [
         (f'unit = "counts", {COUNTER}', ("map.missing", {})),
-        (
-            f'unit = "counts", counts_per_turn = 0.0, {COUNTER}',
-            ("map.wrong", {"value": "0.0"}),
-        ),
-        (
-            f'unit = "rad", counts_per_turn = 600, {COUNTER}',
-            ("expect.no-counts", {}),
-        ),
+        (f'unit = "counts", counts_per_turn = 0.0, {COUNTER}', ("map.wrong", {"value": "0.0"})),
+        (f'unit = "rad", counts_per_turn = 600, {COUNTER}', ("expect.no-counts", {})),
         ('unit = "counts", counts_per_turn = 600', ("expect.measures-or-rate-of-rolling", {})),
         ('unit = "counts", counts_per_turn = 600, radius_m = 0.04', ("expect.measures-or-rate", {})),
-        (
-            'unit = "counts", counts_per_turn = 600, derivative = true',
-            ("expect.measures-or-rolls", {}),
-        ),
+        ('unit = "counts", counts_per_turn = 600, derivative = true', ("expect.measures-or-rolls", {})),
         (f'unit = "pulse", counts_per_turn = 600, {COUNTER}', ("expect.listed-unit-of", {})),
         (f'unit = "m", {COUNTER}', ("expect.radius", {})),
     ],

@@ -123,10 +123,7 @@ def test_a_missing_first_command_is_reported_in_full_for_one_run_only(desk):
     imports = tuple(import_runs(by_map, [path]))
     assert [
         [(d.code, d.usual) for d in imported_run.findings if d.level == "info"] for imported_run in imports
-    ] == [
-        [("no command yet", False)],
-        [("no command yet", True)],
-    ]
+    ] == [[("no command yet", False)], [("no command yet", True)]]
     assert "in 1 of 2 runs; the first: 2 ticks before the first command" in " ".join(
         ImportedRuns(imports).table().split()
     )

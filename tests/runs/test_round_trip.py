@@ -239,10 +239,7 @@ COV = EstimateLog(ONE, np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (
-            {"t_ns": np.array([1, 1])},
-            ("run.times-not-increasing", {"entry": 0, "t_ns": 1, "next_ns": 1}),
-        ),
+        ({"t_ns": np.array([1, 1])}, ("run.times-not-increasing", {"entry": 0, "t_ns": 1, "next_ns": 1})),
         ({"t_ns": np.array([0.1, 0.2])}, ("run.times", {"dtype": "float64"})),
         (
             {"applied_commands": np.zeros((3, 1))},
@@ -260,10 +257,7 @@ COV = EstimateLog(ONE, np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
             {"sensors": {"imu": Channel(ONE, TWO, np.zeros((2, 3)))}},
             ("run.arrivals", {"times": 1, "arrivals": 2}),
         ),
-        (
-            {"sensors": {"imu": Channel(TWO, BACK, np.zeros((2, 3)))}},
-            ("run.times-decreasing", {"entry": 0}),
-        ),
+        ({"sensors": {"imu": Channel(TWO, BACK, np.zeros((2, 3)))}}, ("run.times-decreasing", {"entry": 0})),
         ({"estimate": COV}, ("run.shape", {"name": "estimate.cov"})),
     ],
 )

@@ -23,11 +23,7 @@ from baqueano.runs import write_run
 from baqueano.runs.run import Channel
 from baqueano.selection.choose import choose
 from baqueano.selection.cross_validation import Score, paired_comparison
-from baqueano.selection.terms import (
-    Term,
-    vehicle_terms,
-    without_terms,
-)
+from baqueano.selection.terms import Term, vehicle_terms, without_terms
 from baqueano.simulate import simulate
 from baqueano.study.identification.trials import draw_robot, initial_file, quantised_commands
 from baqueano.vehicle_file import load
@@ -58,8 +54,7 @@ def file():
 def core(file):
     """Return the same car without any terms."""
     return without_terms(
-        file,
-        vehicle_terms(FittedBlocks(file.vehicle, file.sensors), np.concatenate([np.eye(2), -np.eye(2)])),
+        file, vehicle_terms(FittedBlocks(file.vehicle, file.sensors), np.concatenate([np.eye(2), -np.eye(2)]))
     )
 
 

@@ -57,10 +57,7 @@ CASES = {
     "bits": (lambda x: x[0] & 1, "trace.bits"),
     "bits of an array": (lambda x: (x > 0.0) | x, "trace.bits"),
     "inverted bits": (lambda x: ~x[0], "trace.bits"),
-    "unknown ufunc": (
-        lambda x: np.arctanh(x / 9),
-        "trace.unknown-ufunc",
-    ),
+    "unknown ufunc": (lambda x: np.arctanh(x / 9), "trace.unknown-ufunc"),
     "unknown function": (lambda x: np.linalg.eigh(np.outer(x, x)), "trace.unsupported"),
     "unknown method": (lambda x: x[0].tensor(), "trace.numpy"),
     "matrix norm": (lambda x: np.linalg.norm(np.outer(x, x), 2), "trace.norm"),

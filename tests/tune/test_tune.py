@@ -315,10 +315,7 @@ def test_a_route_faster_than_the_vehicle_is_refused(small):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (
-            {"gains": ["alfa"]},
-            ("tune.no-such-gain", {"kind": "Pd", "value": "alfa"}),
-        ),
+        ({"gains": ["alfa"]}, ("tune.no-such-gain", {"kind": "Pd", "value": "alfa"})),
         ({"bounds": {"kx": (0, 1)}}, ("tune.no-such-gain", {"kind": "Pd", "value": "kx"})),
         ({"bounds": {"beta": (2.0, 1.0)}}, ("tune.bounds", {"name": "beta", "low": 2.0, "high": 1.0})),
         ({"huber_m": 0.0}, ("tune.weights", {"huber_m": 0.0, "jerk_m2": 0.1})),

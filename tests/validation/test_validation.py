@@ -11,13 +11,7 @@ from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.numerics.statistics import student_quantile
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate import simulate
-from baqueano.validation.held_out import (
-    ChannelMetrics,
-    Validation,
-    _ChannelError,
-    _misfit_evidence,
-    validate,
-)
+from baqueano.validation.held_out import ChannelMetrics, Validation, _ChannelError, _misfit_evidence, validate
 from baqueano.vehicle_file import parse
 from tests.codes import of_code
 

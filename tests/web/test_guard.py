@@ -19,16 +19,7 @@ from baqueano.web.guard import MAX_FAILURES, TOKEN_LIFETIME_S, Guard, Role
 from baqueano.web.http import REPORT_POLICY, RefusedRequest, parse_head, static_files
 from baqueano.web.run import PageOptions, show_runs
 from baqueano.web.share import network_names, qr_code, url
-from tests.web.page_client import (
-    Browser,
-    address,
-    browser,
-    drive,
-    folder_of,
-    line_to,
-    recorded_page,
-    request,
-)
+from tests.web.page_client import Browser, address, browser, drive, folder_of, line_to, recorded_page, request
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "

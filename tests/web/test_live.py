@@ -159,12 +159,7 @@ async def test_missions_are_requested_only_by_name(tmp_path):
         await ana.send("mission", kind="repeat", route="oval", laps=3, mission="{}", by="me", seed=1)
         await until(lambda: link.requests("mission"))
         mission = link.requests("mission")[0]
-        assert {
-            "kind": "repeat",
-            "route": "oval",
-            "laps": 3,
-            "attended": True,
-        }.items() <= mission.items()
+        assert {"kind": "repeat", "route": "oval", "laps": 3, "attended": True}.items() <= mission.items()
         assert "mission" not in mission
         assert "seed" not in mission
         for fields in (
@@ -236,11 +231,7 @@ async def test_the_status_sentence_reports_task_quality_and_anomalies(tmp_path):
         )
         link.state("MISSION", mission="repeat", laps=3, left_s=12.0, t_s=9.0, pace=1.0, paused=False)
         state = await english.next("state", state="MISSION")
-        assert (state["lap"], state["laps"], state["mission"]) == (
-            2,
-            3,
-            {"kind": "repeat", "route": "oval"},
-        )
+        assert (state["lap"], state["laps"], state["mission"]) == (2, 3, {"kind": "repeat", "route": "oval"})
         assert state["title"] == "REPEATING"
         assert "Lap 2 of 3" in state["sentence"]
         assert "1.2 cm" in state["sentence"]

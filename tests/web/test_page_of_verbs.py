@@ -249,10 +249,7 @@ async def test_a_robot_is_shown_paused_and_stopped_on_the_page_of_a_command(tmp_
 
 async def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):
     path = tmp_path / "door"
-    with (
-        simulated_vehicle(path, tmp_path),
-        with_page(tmp_path, *DRIVE, "--robot", str(path)) as (verb, port),
-    ):
+    with simulated_vehicle(path, tmp_path), with_page(tmp_path, *DRIVE, "--robot", str(path)) as (verb, port):
 
         async def silent(visitor):
             """Stay connected and send nothing, like a hidden tab: the caller ends the heartbeats."""

@@ -89,10 +89,7 @@ def test_a_brown_out_is_detected_within_a_second_and_settings_are_restored(bench
     events = device.events()
     assert [
         e.message.code for e in events if e.message.code not in ("imu.data-missing", "imu.answers-again")
-    ] == [
-        "imu.lost-supply",
-        "imu.started",
-    ]
+    ] == ["imu.lost-supply", "imu.started"]
     assert events[0].message.figures["power"] == 0x40
     assert after[-1].t_ns - before[-1].t_ns > 1.3e9
     assert np.max(gaps_s(before + after)) < 0.4, "at 5 missing samples the registers are looked at"

@@ -184,11 +184,7 @@ def test_root_programs_run_from_a_new_private_folder(programs, pi, tmp_path):
     [
         ("exit 255", RobotUnreachable, ("setup.no-answer", {"host": "r1"})),
         ("echo 3 11 armv7l pi", UsageError, ("setup.32-bit", {"host": "r1", "computer": "armv7l"})),
-        (
-            "echo 3 9 aarch64 pi",
-            UsageError,
-            ("setup.old-python", {"host": "r1", "major": 3, "min_major": 3}),
-        ),
+        ("echo 3 9 aarch64 pi", UsageError, ("setup.old-python", {"host": "r1", "major": 3, "min_major": 3})),
     ],
 )
 def test_an_unsuitable_machine_is_refused_with_a_reason(programs, answer, kind, match):

@@ -14,13 +14,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.cli import main
 from baqueano.door import remote_session
-from baqueano.errors import (
-    BaqueanoError,
-    FileError,
-    RobotUnreachable,
-    SafetyStop,
-    UsageError,
-)
+from baqueano.errors import BaqueanoError, FileError, RobotUnreachable, SafetyStop, UsageError
 from baqueano.robot.uno.frames import Settings, WheelCurve
 from baqueano.robot.workshop import exclusive_hardware
 from baqueano.robot.workshop.calibrate_imu import ImuCalibration
