@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from baqueano.sensors import Imu
+from baqueano.symbolic import jacobian, with_value
 from baqueano.vehicles import AccelerationModel, Car, Drivetrain, Friction, Kinematic, Planar
 
 M, I, C = 0.6, 1.5e-3, 0.01
@@ -17,7 +18,7 @@ LINEAR, DRY, DRY_SPEED = np.array([4.0, 20.0, 0.0155]), np.array([0.4, 0.0, 0.01
 FX, FN = 3.7, 0.22
 ZONE, GAIN, LAG_S = np.array([0.1, 0.15]), np.array([0.95, 1.05]), 0.045
 LEVER, BIAS, LOW_PASS_HZ = np.array([0.03, -0.01]), np.array([0.1, -0.2, 0.02]), 44.0
-DURATION_S = 0.6
+DURATION_S, SERVO_LAG_S = 0.6, 0.05
 
 
 def channels(u):
@@ -260,6 +261,71 @@ def test_the_integration_error_of_every_vehicle_is_of_fourth_order(kind, delay_s
         return
     assert slopes.min() > (2.7 if kind == "slow servo" and delay_s else 3.4)  # tan δ of the line, as above
     assert np.all(worst[0, :6] < 1e-5)
+
+
+def car_without_tyres(dt_s, lag_s=0.0):
+    return Car(
+        wheelbase_m=0.15, throttle_gain=4.0, steering_gain=0.4, rear_axle_m=0.07, linear_drag=2.0, understeer=0.01,
+        yaw_lag_s=lag_s, drivetrain=line(0.013, dt_s, 2, SERVO_LAG_S),
+    )  # fmt: skip
+
+
+def exact_without_tyres(changes, times):
+    """Return (η, ν, ν̇_ψ) at `times`: the steering angle is that of the servo, and the path has its curvature."""
+    edges = sorted({0.0, *times, *(t + 0.013 for t, _ in changes if t + 0.013 < times[-1])})
+    x, out = np.array([0.07, 0.0, 0.0, 0.5, 0.0, 0.0]), {}
+
+    def dot(t, x, w):
+        (psi, v), delta, L = x[2:4], 0.4 * x[5], 0.15 + 0.01 * x[3] ** 2
+        r, v_dot, servo_dot = v * np.tan(delta) / L, 4.0 * x[4] - 2.0 * v, (w[1] - x[5]) / SERVO_LAG_S
+        r_dot = r * v_dot * (1.0 / v - 0.02 * v / L) + v * 0.4 * servo_dot / np.cos(delta) ** 2 / L
+        go = v * np.cos(psi) - 0.07 * r * np.sin(psi), v * np.sin(psi) + 0.07 * r * np.cos(psi)
+        return np.array([*go, r, v_dot, (w[0] - x[4]) / LAG_S, servo_dot, r_dot])
+
+    for a, b in pairwise(edges):
+        w = np.array([u for t, u in [(-1.0, np.zeros(2)), *changes] if t + 0.013 <= a + 1e-12][-1])
+        x = solve_ivp(lambda t, x, w=w: dot(t, x, w)[:6], (a, b), x, rtol=1e-11, atol=1e-13).y[:, -1]
+        r, r_dot = dot(b, x, w)[[2, 6]]
+        out[b] = np.array([*x[:4], 0.07 * r, r, r_dot])
+    return np.array([out[t] for t in times])
+
+
+def rows_without_tyres(dt_s, changes, count, lag_s=0.0):
+    car, rows = car_without_tyres(dt_s, lag_s), []
+    state, per_command = car.init(np.array([0.07, 0.0, 0.0]), np.array([0.5, 0.0, 0.0])), round(0.02 / dt_s)
+    for k in range(count * per_command):
+        state, motion = car.step(state, changes[k // per_command][1], dt_s, np.zeros(3))
+        rows.append(np.concatenate([motion.eta, motion.nu, motion.nu_dot[2:]]))
+    return np.array(rows)[per_command - 1 :: per_command]
+
+
+def test_without_a_lag_of_the_tyres_the_integration_error_is_of_fourth_order():
+    changes, ticks = [(0.02 * k, car_command(k) * [1.0, (-1.0) ** k]) for k in range(20)], [0.02, 0.01, 0.005]
+    exact = exact_without_tyres(changes, [float(t) for t in np.round(0.02 * np.arange(1, 21), 12)])
+    errors = np.array([np.abs(rows_without_tyres(t, changes, 20) - exact).max(axis=0) for t in ticks])
+    slopes = np.polyfit(np.log(ticks), np.log(errors), 1)[0]
+    assert slopes[:6].min() > 2.7  # tan δ of the line, as above
+    assert slopes[6] > 1.2  # of the yaw acceleration, where the command changes within the tick
+    assert np.all(errors[1] < [2e-5, 2e-5, 2e-5, 1e-7, 1e-6, 1e-5, 0.2])
+
+
+def test_a_car_changes_smoothly_until_the_lag_of_its_tyres_is_zero():
+    """The yaw rate is y − λ ẏ for a short lag, so its derivative at 0 is −ẏ; a lag of 0.1 ms agrees with it."""
+    changes = [(0.02 * k, car_command(k)) for k in range(10)]
+    zero, short = (rows_without_tyres(0.02, changes, 10, lag_s) for lag_s in (0.0, 1e-4))
+
+    def end(x):
+        car = with_value(car_without_tyres(0.02), "yaw_lag_s", x[0])
+        state = car.init(np.array([0.07, 0.0, 0.0]), np.array([0.5, 0.0, 0.0]))
+        for _, u in changes:
+            state, _ = car.step(state, u, 0.02, np.zeros(3))
+        return np.concatenate([state.eta, state.nu])
+
+    derivative = jacobian(end)(np.zeros(1))[:, 0]
+    assert derivative == pytest.approx((short - zero)[-1, :6] / 1e-4, rel=0.05, abs=1e-2)
+    v, r_dot = zero[-1, 3], zero[-1, 6]
+    assert derivative[5] == pytest.approx(-r_dot, abs=0.2 * abs(r_dot))
+    assert v > 0.5
 
 
 @pytest.mark.parametrize(("delay_s", "tolerance"), [(0.0, 1e-4), (0.003, 0.04)])

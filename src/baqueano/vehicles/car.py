@@ -20,19 +20,21 @@ from typing import ClassVar
 
 import numpy as np
 
-from baqueano.geometry import map_from_body, wrap
+from baqueano.contracts.values import Value
+from baqueano.geometry import wrap
 from baqueano.parameter import document, parameter
 from baqueano.signals import Motion
 from baqueano.vehicles.bounds import check_bounds, check_commands
+from baqueano.vehicles.delay import MIN_TICK_S
 from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.friction import NO_FRICTION
-from baqueano.vehicles.rk4 import rk4
-from baqueano.vehicles.state import VehicleState, tick_effort, tick_end
+from baqueano.vehicles.rk4 import lagged_rk4
+from baqueano.vehicles.state import VehicleState, tick_effort
 
 MIN_DRIVEN_EFFORT = 0.01  # effort above which a motor is driven during the whole tick
 MIN_STEERED_SPEED_M_S = 0.1  # ε of (2'): slower, ν_ψ does not determine κ
-MIN_LAG_S = 0.01  # RK4 is stable for a row of 25 ms, the longest one, down to a lag of 9 ms
+MIN_LAG_S = 0.01  # of ν̇ at a given ν: a shorter lag would amplify every error of a filter's ν_ψ
 
 
 @document
@@ -126,7 +128,7 @@ class Car:
         default=0.0, role="tyre", term="understeer", shown_by="the same curve both slowly and fast", symbol="U",
     )  # fmt: skip
     yaw_lag_s: float = parameter(
-        "s", "lag of servo and tyres λ; of the tyres if drivetrain.servo_lag_s > 0", low=MIN_LAG_S, high=10.0,
+        "s", "lag of servo and tyres λ; of the tyres if drivetrain.servo_lag_s > 0", low=0.0, high=10.0,
         default=0.05,
         shown_by="sudden changes of steering while driving", symbol=r"\lambda",
     )  # fmt: skip
@@ -157,16 +159,9 @@ class Car:
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
         """Return ν̇ (3,) at ν (3,) with the effort (2,).  (1)-(3)"""
         v, r = nu[0], nu[2]
-        t = np.tanh(v / self.coulomb_speed_m_s)
-        directional_friction = self.coulomb_forward_m_s2 * (1.0 + t) + self.coulomb_backward_m_s2 * (1.0 - t)
-        dry_friction = t * (self.coulomb_m_s2 + 0.5 * directional_friction)
-        drag = self.linear_drag + self.quadratic_drag * np.abs(v) + self.cornering_drag * np.abs(r)
-        drag = drag + self.motor_drag * self._duty(effort[0])
-        v_dot = self.throttle_gain * effort[0] - drag * v - dry_friction
-        delta = self.steering_gain * effort[1] + self.steering_offset_rad
-        curvature = np.tan(delta) / (self.wheelbase_m + self.understeer * v * v)
-        r_dot = (v * curvature - r) / self.yaw_lag_s
-        r_dot = r_dot + r * v * v_dot / (v * v + MIN_STEERED_SPEED_M_S**2)  # (2')
+        v_dot = self._v_dot(v, r, effort)
+        r_dot = (v * self._curvature(v, effort)[0] - r) / np.maximum(self.yaw_lag_s, MIN_LAG_S)
+        r_dot = r_dot + self._growth(v, r, v_dot)
         return np.array([v_dot, self.rear_axle_m * r_dot, r_dot])
 
     def viscous_effort(self, nu: np.ndarray) -> np.ndarray:
@@ -177,19 +172,8 @@ class Car:
         self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (η, ν, ν̇), (3,) each, after `dt_s` with an effort; ν̇ is the value at the end.  (1)-(4)"""
-
-        def x_dot(x: np.ndarray, effort: np.ndarray) -> np.ndarray:
-            nu = self._nu(x[3], x[4])
-            nu_dot = self.nu_dot(nu, effort)
-            return np.concatenate([map_from_body(x[2]) @ nu, np.array([nu_dot[0], nu_dot[2]])])
-
-        x = np.concatenate([eta, np.array([nu[0], nu[2]])])
-        # the lag of the tyres alone can be shorter than a row
-        parts = effort.halves if self.drivetrain.has_servo_lag else (effort,)
-        for part in parts:
-            x = rk4(x_dot, x, part, dt_s / len(parts))
-        nu = self._nu(x[3], x[4])
-        return np.array([x[0], x[1], wrap(x[2])]), nu, self.nu_dot(nu, effort.last)
+        position, nu, nu_dot, turn = self._move(eta, nu, effort, dt_s)
+        return np.concatenate([position, np.array([wrap(eta[2] + turn)])]), nu, nu_dot
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
         """Return the state at `eta` (3,) in the map with `nu` (3,) in the body, both zero by default, motor off."""
@@ -205,10 +189,81 @@ class Car:
         `noise` (3,) is standard normal, or zero for a simulation without process noise.
         """
         drivetrain, effort = tick_effort(self, state.drivetrain, state.eta[2], state.nu, u, dt_s)
-        eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
+        position, nu, nu_dot, turn = self._move(state.eta, state.nu, effort, dt_s)
+        eta = np.concatenate([position, np.array([wrap(state.eta[2] + turn)])])
+        turns = self._turn_curve(state.nu, nu, nu_dot[2], turn, effort, dt_s)
+
+        def motion_at(eta: np.ndarray, v: Value, turn: tuple[Value, Value], effort: np.ndarray) -> Motion:
+            r, r_dot = turn
+            rates = np.array([self._v_dot(v, r, effort), self.rear_axle_m * r_dot, r_dot])
+            return Motion(eta, self._nu(v, r), rates, self.gravity(eta[2]))
+
+        begin = motion_at(state.eta, state.nu[0], turns[0], effort.start)
+        end = motion_at(eta, nu[0], turns[2], effort.end)
+        v = 0.5 * (state.nu[0] + nu[0]) + 0.125 * dt_s * (begin.nu_dot[0] - end.nu_dot[0])
+        middle = motion_at(eta, v, turns[1], effort.mean)
         noise_step = self.process_noise_std * np.sqrt(dt_s) * noise
-        nu = self._nu(nu[0] + noise_step[0], nu[2] + noise_step[2])
-        return tick_end(self, state, eta, nu, drivetrain, effort, dt_s)
+        r_dot = nu_dot[2] - noise_step[2] / np.maximum(self.yaw_lag_s, MIN_LAG_S)
+        now = motion_at(eta, nu[0] + noise_step[0], (nu[2] + noise_step[2], r_dot), effort.last)
+        return VehicleState(eta, now.nu, now.nu_dot, drivetrain), now._replace(tick=(begin, middle, end))
+
+    def _move(
+        self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Value]:
+        """Return position (2,), ν and ν̇ (3,) after `dt_s` with an effort, and the angle of the turn.  (1)-(4)"""
+        b, lag_s, r, heading = self.rear_axle_m, self.yaw_lag_s, nu[2], eta[2]
+
+        def x_dot(x: np.ndarray, r: Value, effort: np.ndarray) -> tuple[np.ndarray, Value, np.ndarray]:
+            """Return the rates of the rear axle (x, y), v and ψ + λ ν_ψ; the last term of (2'); ∂(v κ)/∂u (2,)."""
+            v, psi = x[2], heading + x[3] - lag_s * r
+            v_dot = self._v_dot(v, r, effort)
+            growth = self._growth(v, r, v_dot)
+            curvature, slope = self._curvature(v, effort)
+            rates = np.array([v * np.cos(psi), v * np.sin(psi), v_dot, v * curvature + lag_s * growth])
+            return rates, growth, np.array([0.0 * v, v * slope])
+
+        def axle(psi: Value) -> np.ndarray:
+            return b * np.array([np.cos(psi), np.sin(psi)])
+
+        x = np.concatenate([eta[:2] - axle(heading), np.array([nu[0], lag_s * r])])
+        x, r, lag_rate = lagged_rk4(x_dot, x, r, effort, dt_s, lag_s)
+        turn, v_dot = x[3] - lag_s * r, self._v_dot(x[2], r, effort.last)
+        r_dot = lag_rate + self._growth(x[2], r, v_dot)
+        return x[:2] + axle(heading + turn), self._nu(x[2], r), np.array([v_dot, b * r_dot, r_dot]), turn
+
+    def _turn_curve(
+        self, before: np.ndarray, after: np.ndarray, end_rate: Value, turn: Value, effort: Effort, dt_s: float
+    ) -> list[tuple[Value, Value]]:
+        """Return (ν_ψ, ν̇_ψ) at start, middle and end of a tick that turns by `turn`, with ν before and after it.
+
+        Both are parabolas with the right mean. If λ is short, ν̇_ψ has the right first moment instead of its start,
+        which can be an impulse.
+        """
+        h, start, end = np.maximum(dt_s, MIN_TICK_S), before[2], after[2]
+        mean, moment = (end - start) / h, 3.0 * (start + end - 2.0 * turn / h) / h
+        is_short = self.yaw_lag_s < h
+        start_rate = np.where(is_short, end_rate - 2.0 * moment, self.nu_dot(before, effort.start)[2])
+        rates = start_rate, 1.5 * mean - 0.25 * (start_rate + end_rate), end_rate
+        return list(zip((start, 1.5 * turn / h - 0.25 * (start + end), end), rates, strict=True))
+
+    def _v_dot(self, v: Value, r: Value, effort: np.ndarray) -> Value:
+        """Return v̇ at the yaw rate r.  (1)"""
+        t = np.tanh(v / self.coulomb_speed_m_s)
+        directional_friction = self.coulomb_forward_m_s2 * (1.0 + t) + self.coulomb_backward_m_s2 * (1.0 - t)
+        dry_friction = t * (self.coulomb_m_s2 + 0.5 * directional_friction)
+        drag = self.linear_drag + self.quadratic_drag * np.abs(v) + self.motor_drag * self._duty(effort[0])
+        straight = self.throttle_gain * effort[0] - drag * v - dry_friction
+        return straight - self.cornering_drag * np.abs(r) * v
+
+    def _curvature(self, v: Value, effort: np.ndarray) -> tuple[Value, Value]:
+        """Return the curvature of the path without a lag, and its derivative by the effort of the servo.  (2)"""
+        tan = np.tan(self.steering_gain * effort[1] + self.steering_offset_rad)
+        length = self.wheelbase_m + self.understeer * v * v
+        return tan / length, self.steering_gain * (1.0 + tan * tan) / length
+
+    def _growth(self, v: Value, r: Value, v_dot: Value) -> Value:
+        """Return ν̇_ψ at a constant curvature: the last term of (2')."""
+        return r * v * v_dot / (v * v + MIN_STEERED_SPEED_M_S**2)
 
     def _duty(self, effort: float) -> float:
         """Return w, the share of the time in which the motor is driven.  (5)"""

@@ -56,11 +56,6 @@ class Effort(NamedTuple):
         """Return the mean effort (n,) over the tick."""
         return 0.5 * (self.start + self.end)
 
-    @property
-    def halves(self) -> tuple["Effort", "Effort"]:
-        """Return the lines of the first and of the second half of the tick; `last` and the rates do not change."""
-        return self._replace(end=self.mean), self._replace(start=self.mean)
-
 
 def constant_effort(effort: np.ndarray) -> Effort:
     """Return an effort (n,) that does not change during the tick."""

@@ -211,14 +211,12 @@ class Residuals:
         return sum(self._map_segments(segment_cost))
 
     def _start_prior(self) -> np.ndarray:
-        """Return the weight (p,) of a prior at 0 for start velocities of segments and of runs that begin without
-        measurements, else 0. Tyres stop a slip immediately; without the prior, slip and speed can diverge together.
-        """
+        """Return the weight (p,) of a prior at 0 for start velocities, else 0. Tyres stop a slip immediately; without
+        the prior, slip and speed can diverge together. So can the yaw rate of a car without a lag of its tyres."""
         prior = np.zeros(self.size)
-        weight = np.array([START_STD[i] ** -2 if i < len(START_STD) else 0.0 for i in self.shape.start])
-        for k, mask in enumerate(self.masks):
-            if self.layout.has_split_runs or not mask[:1].any():
-                prior[self.layout.start_slice(k)] = weight
+        weight = [START_STD[i] ** -2 if i < len(START_STD) else 0.0 for i in self.shape.start]
+        for k in range(len(self.masks)):
+            prior[self.layout.start_slice(k)] = weight
         return prior
 
     def _map_segments(self, work: Callable[..., Any], *arguments: Sequence[Any]) -> list[Any]:
