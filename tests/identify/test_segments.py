@@ -181,6 +181,12 @@ def test_a_free_clock_of_an_unused_sensor_is_refused(case, case_run):
         identify(case_run(0, 3.0), case, FREE, options=FitOptions(clocks=("truth",)))
 
 
+def test_a_delay_is_refused_if_the_clocks_of_all_sensors_are_free(case, case_run):
+    delay = "model.drivetrain.delay_s"
+    with pytest.raises(UsageError, check=of_code("clock.all-free", clocks="imu", path=delay)):
+        identify(case_run(0, 3.0), case, [*FREE, delay], options=FitOptions(clocks=("imu",)))
+
+
 def test_segments_need_a_positive_length_and_several_rows(case, case_run):
     with pytest.raises(UsageError, check=of_code("segment.short", rows=10, shortest_s=pytest.approx(0.1))):
         identify(case_run(0, 3.0), case, FREE, options=FitOptions(segment_s=0.05))

@@ -32,6 +32,7 @@ from baqueano.identify.data.record import (
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import (
     BATTERY_EFFECT,
+    DELAY_PATH,
     FreeParameter,
     enable_parameters,
     entries,
@@ -187,7 +188,7 @@ def fit_parameters(
     for path in options.bounds:
         if not any(name == path or name.startswith(f"{path}[") for name in names):
             raise UsageError(fault("parameter.bounds-unused", f"--free {path}", path=path))
-    options = with_pose_segments(options, blocks)
+    options = with_pose_segments(options, blocks, names)
     for run in runs:
         if len(run.applied_commands) and not np.any(np.isfinite(run.applied_commands)):
             raise UsageError(fault("runs.no-command", run=run.name))
@@ -209,12 +210,14 @@ def fit_parameters(
     )
 
 
-def with_pose_segments(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
-    """Return the options, with segments if a pose is used. Raise UsageError for a clock of an unused sensor."""
+def with_pose_segments(options: FitOptions, blocks: FittedBlocks, free: Sequence[str]) -> FitOptions:
+    """Return the options, with segments if a pose is used. Raise UsageError for a clock that cannot be estimated."""
     names = blocks.sensors._fields
     for name in options.clocks:
         if name not in names:
             raise UsageError(fault("clock.unreliable", sensor=name, valid=names))
+    if DELAY_PATH in free and {*names} == {*options.clocks}:
+        raise UsageError(fault("clock.all-free", f"--fix {DELAY_PATH}", path=DELAY_PATH, clocks=names))
     has_pose = any(measures_pose(sensor) for sensor in blocks.sensors)
     return replace(options, segment_s=POSE_SEGMENT_S) if has_pose and options.segment_s is None else options
 

@@ -56,6 +56,10 @@ TEMPLATES: dict[str, str] = {
         "The held-out runs last {total_s:.1f} s together: expected at least {min_s:.0f} s. Drive "
         "longer, or fit without a choice of terms."
     ),
+    "clock.all-free": (
+        "A run does not separate {path} from the clocks of all its sensors, {clocks}. Leave one of these clocks "
+        "fixed, or the delay. Type: {fix}"
+    ),
     "clock.unreliable": (
         "{arg[clocks]:{sensor}}: expected one of the sensors in use, {valid}. To use another "
         "sensor of the vehicle file, or the truth: {arg[use]}."
