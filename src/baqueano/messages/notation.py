@@ -123,35 +123,39 @@ def python_call(line: str) -> str:
     if not is_command and (arguments or not options):
         return line
     if len(options) > 1 and not is_command and {*options} <= {*CALLS}:
-        return ", ".join(python_call(f"{name} {shlex.quote(value)}") for name, value in options.items())
+        calls = [
+            python_call(" ".join(f"{name} {shlex.quote(value)}" for value in values))
+            for name, values in sorted(options.items(), key=lambda option: option[0] != "--set")
+        ]
+        return ("; " if "--set" in options else ", ").join([calls[0], ", ".join(calls[1:])])
     keys = [key for key in CALLS if _matches_call(key.split(), arguments, options)]
     if not keys:
         return line
     key = max(keys, key=lambda key: len(key.split()))
     word_count = sum(not word.startswith("--") for word in key.split())
-    values = {name.removeprefix("--"): _literal(value) for name, value in options.items()}
+    values = {name.removeprefix("--"): ", ".join(map(_literal, words)) for name, words in options.items()}
     if "--set" in options:
-        path, _, value = options["--set"].partition("=")
-        values["set"] = f'"{path}": {_literal(value)}'
+        pairs = [word.partition("=") for word in options["--set"]]
+        values["set"] = ", ".join(f'"{path}": {_literal(value)}' for path, _, value in pairs)
     return CALLS[key].format(
         *map(_literal, [*arguments[word_count:], "FILE", "FILE"]), **({"runs": '"runs"'} | values)
     )
 
 
-def _split(words: list[str]) -> tuple[list[str], dict[str, str]]:
-    """Return the arguments of a line, and the value of each option."""
+def _split(words: list[str]) -> tuple[list[str], dict[str, list[str]]]:
+    """Return the arguments of a line, and the values of each option, which can be repeated."""
     arguments: list[str] = []
-    options: dict[str, str] = {}
+    options: dict[str, list[str]] = {}
     rest_words = iter(words)
     for word in rest_words:
         if word.startswith("--"):
-            options[word] = "" if word in FLAGS else next(rest_words, "")
+            options.setdefault(word, []).append("" if word in FLAGS else next(rest_words, ""))
         else:
             arguments.append(word)
     return arguments, options
 
 
-def _matches_call(key: list[str], arguments: list[str], options: dict[str, str]) -> bool:
+def _matches_call(key: list[str], arguments: list[str], options: dict[str, list[str]]) -> bool:
     """Return True if a key of CALLS begins as these arguments do, and all its options were given."""
     word_count = [word for word in key if not word.startswith("--")]
     has_verbs = arguments[: len(word_count)] == word_count and bool(word_count) == bool(arguments)
