@@ -61,9 +61,13 @@ TERM_KEYS = {  # code of an effect → keys of the file that model it
     "term.turning-about": "model.centre_of_mass_x_m",
     "term.dead-zone": DEAD_ZONES,
     "term.asymmetry": DEAD_ZONES,
+    "term.slope": "model.slope_rad",
     "term.imu-ahead": "sensors.{sensor}.lever_arm_m",
     "term.imu-beside": "sensors.{sensor}.lever_arm_m",
 }
+# a slope of 0 has no direction, so the search for both starts at another value
+SLOPE_START = " --free +model.slope_heading_rad --set model.slope_rad=0.02 --set model.slope_heading_rad={}"
+UPHILL_RAD = {"slope, map x": (0.0, 3.1), "slope, map y": (1.6, -1.6)}  # start of χ by the sign of the effect
 # the yaw rate of a car follows its curvature, so a drag about ψ is a curvature that falls with the speed
 TYRE_TERMS = {f"{code}, psi" for code in ("drag", "steep drag", "cornering", "turning", "slip")}
 HIDDEN_EFFECTS = {  # code of an effect that no sensor shows → variances of Δθ to subtract, more for a rare effect
@@ -107,7 +111,7 @@ def check_residuals(
     ]
     by_fix: dict[str, Diagnostic] = {}  # one message of those with the same remedy
     for _, message, _ in missing_terms:
-        by_fix.setdefault(message.fix or message.figures["effect"].code, message)
+        by_fix.setdefault(message.fix.partition(" --set")[0] or message.figures["effect"].code, message)
     messages += sorted(by_fix.values(), key=lambda message: not message.fix)[:MAX_REPORTED]
     messages += [result.message for result in differences[:MAX_REPORTED]]
     diagnosis, entries = Diagnosis.of(messages, s), np.ix_(index, index)
@@ -227,6 +231,8 @@ def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -
         effect = fit.effect(test, speed)
         test = test._replace(shift=effect.shift)
         k, fix = fit.most_biased(test), _fix(term_note, fit.paths, model)
+        if code in UPHILL_RAD and fix:
+            fix += SLOPE_START.format(UPHILL_RAD[code][int(test.size < 0.0)])
         tyre = next((path for path in tyre_paths(model) if path not in fit.paths), "")
         if tyre and test.z < 0.0 and code in TYRE_TERMS:
             fix = f"--free +{tyre}"

@@ -11,7 +11,7 @@ drivetrain, ν is the velocity of the model, both relative to their largest valu
     D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (6)
     D = −τ ḣ + τ² ḧ   (the IMU, if the delay of the commands is free)
     w ← w + ε (w̄ − w),  w ← w + ε E (ν − ν̄),  w ← w − ε e^(−s/0.05 s) sign (w − E ν),  w ← w − ε q w    (7)
-
+    ν̇_xy, g_xy ← ν̇_xy + εg, g_xy + εg    εg = −9.81 ε (cos(χ − ψ), sin(χ − ψ)), χ = 0, π/2       slope        (8)
 (6): readings only. (7): lag w̄ of the motors, back-EMF behind the lag ν̄ of the model, play in gears, battery load q.
 """
 
@@ -24,6 +24,7 @@ import numpy as np
 from baqueano.contracts.optional import attribute, has_field, is_dynamic
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
+from baqueano.geometry import map_from_body
 from baqueano.identify.data.averaging import WEIGHT_COLUMNS, averages
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH, substitute
@@ -41,6 +42,7 @@ from baqueano.identify.residuals.motion import (
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.autocorrelation import decay_since_sign_change
 from baqueano.numerics.parallel import parallel_map, prefetch
+from baqueano.signals import STANDARD_GRAVITY
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.freedoms import dry_friction_speeds, linear_drag_efforts
@@ -61,7 +63,8 @@ LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
 LAG_S, PAUSE_S = 0.1, 0.05  # of the motors, and of their thrust after it changed its sign
 SAG_S = np.array([1e-3, 0.5, 2.0])  # lag of a battery behind its load, from a resistance to slow chemistry
 SIDEWAYS_AXIS = np.array([0.0, 1.0, 0.0])
-AXES = ("x", "y", "psi", "motors")
+AXES = ("x", "y", "psi", "motors", "map x", "map y")
+SLOPE_AXES = (4, 5)
 FORCE_AXES = (0, 2)  # of all forces except the last one of each axis, which acts sideways
 
 
@@ -195,15 +198,14 @@ def _force_columns(
     largest = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
     kernel, scale = fit_motion.force_scan, np.where(largest > 0.0, largest, 1.0)
     candidates = [force for axis in FORCE_AXES for force in force_terms(axis, len(largest))]
+    candidates += [Force("slope", _term("slope"), k) for k in SLOPE_AXES]
     candidates += [Force(code, _term(code), len(AXES) - 1) for code in MOTOR_TERMS]
     speeds = dry_friction_speeds(blocks.model)
 
     def segment_rows(k: int) -> np.ndarray:
         record, nu = problem.records[k], fit_motion.motions[k].nu
-        phi = [
-            command_features(channels[k] / scale, record),
-            *(motion_features(axis, nu, record, speeds[axis]) for axis in FORCE_AXES),
-        ]
+        phi = [command_features(channels[k] / scale, record)]
+        phi += [motion_features(axis, nu, record, speeds[axis]) for axis in FORCE_AXES]
         return motion_rows(record, problem.weights[k], *phi, *mean_columns(record, problem.shape.means))
 
     def derivatives(k: int, rows: np.ndarray) -> np.ndarray:
@@ -236,6 +238,7 @@ def _force_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     c, count = len(COMMAND_TERMS) * channels, len(force_terms(0, channels))
     theta, column_count = example(blocks, shape), c + len(FORCE_AXES) * (count - c)
     has_lag = blocks.model.drivetrain.has_lag and attribute(blocks.model, "viscous_effort") is not None
+    slopes = slice(len(FORCE_AXES) * count, len(FORCE_AXES) * count + len(SLOPE_AXES))
     is_motor = np.arange(channels) < channels - blocks.model.drivetrain.servos
 
     def force_of_terms(epsilon: np.ndarray, phi: np.ndarray) -> Iterator[np.ndarray]:
@@ -247,10 +250,12 @@ def _force_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
     def step(epsilon: np.ndarray, state: ForcedState, row: np.ndarray) -> tuple[ForcedState, np.ndarray]:
         tick_blocks = make_row_blocks(blocks, shape, state.theta, row)
         dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
-        force = sum(force_of_terms(epsilon, row[1 + n + m : 1 + n + m + column_count]))
+        nu, psi = state.vehicle.nu, state.vehicle.eta[2]
+        slope = np.concatenate([epsilon[slopes], np.zeros(1)])
+        downhill = -STANDARD_GRAVITY * (map_from_body(psi).T @ slope)  # (8)
+        force = downhill + sum(force_of_terms(epsilon, row[1 + n + m : 1 + n + m + column_count]))
         mean_weights = shape.mean_weights(blocks.sensors._fields, row[1 + n + m + column_count :])
         drivetrain = tick_blocks.model.drivetrain
-        nu, psi = state.vehicle.nu, state.vehicle.eta[2]
         effort = tick_effort(tick_blocks.model, state.vehicle.drivetrain, psi, nu, u, dt_s)[1].mean
         w = drivetrain.mix(effort)
         w_lag = w + (state.w_lag - w) * is_motor * np.exp(-dt_s / LAG_S)  # of a servo: w
@@ -271,22 +276,16 @@ def _force_scan(blocks: FittedBlocks, shape: ThetaShape, backend: str) -> Scan:
             force = force + accelerations[0] - accelerations[1]
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + force * dt_s)
         vehicle, motion = tick_blocks.model.step(vehicle, u, dt_s, np.zeros(3))
-        tick = motion.tick and tuple(
-            motion_k._replace(nu_dot=motion_k.nu_dot + force) for motion_k in motion.tick
-        )
-        motion = motion._replace(nu_dot=motion.nu_dot + force, tick=tick)
+        motions, g = (motion, *(motion.tick or ())), downhill[:2]
+        motion, *tick = [m._replace(nu_dot=m.nu_dot + force, gravity=m.gravity + g) for m in motions]
+        motion = motion._replace(tick=tuple(tick) or None)
         readings, signals = read_sensors(tick_blocks.sensors, state.signals, motion, dt_s, mean_weights)
         next_state = ForcedState(vehicle, signals, state.theta, w_lag, sign, pause, state.emf, emf_lag, load)
         return next_state, np.concatenate([weight * np.concatenate(readings), motion.nu[:1]])
 
     rows = np.zeros(1 + n + m + column_count + WEIGHT_COLUMNS * len(shape.means) + shape.has_voltage)
-    return scan(
-        step,
-        _start(blocks, shape, theta),
-        rows,
-        np.zeros(len(FORCE_AXES) * count + len(MOTOR_TERMS)),
-        backend=backend,
-    )
+    epsilon = np.zeros(slopes.stop + len(MOTOR_TERMS))
+    return scan(step, _start(blocks, shape, theta), rows, epsilon, backend=backend)
 
 
 def _reading_terms(

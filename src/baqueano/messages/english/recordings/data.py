@@ -241,6 +241,7 @@ TEMPLATES: dict[str, str] = {
     "term.low-pass": (
         "a low-pass filter in {subject}, or a further lag of motor or steering, that is missing in the file"
     ),
+    "term.slope": "a slope of the floor",
     "term.imu-ahead": "a position of {subject} in front of or behind the one in the file",
     "term.imu-beside": "a position of {subject} to the side of the one in the file",
     "term.imu-turned": "a rotation of {subject} on its mount",
