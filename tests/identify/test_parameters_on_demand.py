@@ -211,3 +211,17 @@ def test_a_search_without_convergence_names_the_parameter_that_still_moved(small
     assert not fit.converged
     (moving,) = (reason for reason in fit.reasons if reason.code == "fit.not-converged-moving")
     assert moving.subject in fit.names
+
+
+@pytest.mark.parametrize(("bounds", "high_s"), [({}, 0.25), ({"model.drivetrain.delay_s": (0.0, 0.6)}, 0.6)])
+def test_the_user_can_state_a_longer_delay_than_the_default_bound(small, bounds, high_s):
+    blocks, buffers_s = FittedBlocks(small.vehicle, small.sensors), []
+    _, free = enable_parameters(
+        blocks,
+        free_parameters(blocks, ["model.drivetrain.delay_s"], (), bounds),
+        small.rate_hz,
+        np.zeros((1, 3)),
+        lambda delay_s: buffers_s.append(delay_s) or 25,
+    )
+    assert free[0].high == high_s
+    assert max(buffers_s) == high_s

@@ -50,7 +50,7 @@ BACK_EMF_PATH = "model.drivetrain.back_emf_share"
 LIMIT_PATH = "model.drivetrain.limit"
 BATTERY_EFFECT = "model.drivetrain.battery_effect"
 WHEEL_FRICTIONS = ("model.friction.coulomb_forward", "model.friction.coulomb_backward")
-MAX_DELAY_S = 0.25  # upper bound of a delay, if the delay of the file is shorter
+MAX_DELAY_S = 0.25  # upper bound of a delay, if the file's delay is shorter and the user states no bound
 LAG_START_TICKS, MIN_LAG = 5.0, 0.1  # ticks: start of the search for a lag, and its lower bound
 LOW_PASS, MAX_LOW_PASS_RATIO = ".low_pass_hz", 5.0  # times the tick rate: almost without effect
 LIMIT_START = 0.7  # of the largest command: start of the search for the limit of a motor
@@ -253,7 +253,9 @@ def enable_parameters(
         blocks = _with_drivetrain(blocks, battery="logged")
     delay_s = float(getattr(getattr(blocks.model, "drivetrain", None), "delay_s", 0.0))
     if DELAY_PATH in paths:
-        high[DELAY_PATH] = delay_s = max(delay_s, MAX_DELAY_S)
+        delay = free[paths.index(DELAY_PATH)]
+        high[DELAY_PATH] = max(delay_s, MAX_DELAY_S) if delay.high == delay.definition.high else delay.high
+        delay_s = max(delay_s, high[DELAY_PATH])
     blocks = _with_delay_lines(blocks, delay_s, past_rows)
     for path in {LAG_PATH, SERVO_LAG_PATH}.intersection(paths):
         start_s, low[path] = value(blocks, path) or LAG_START_TICKS / rate_hz, MIN_LAG / rate_hz
