@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from baqueano.numerics.score_test import bounded_shift, score_test, score_test_residuals
+from baqueano.numerics.score_test import bounded_test, score_test, score_test_residuals
 
 ROWS = 1200
 
@@ -40,11 +40,11 @@ def test_an_effect_with_a_part_of_its_own_shifts_the_parameter_by_its_size():
 
 
 @pytest.mark.parametrize("part", [0.0, 0.3, 2.0])
-def test_an_effect_cannot_shift_a_parameter_beyond_its_bound(part):
+def test_an_effect_and_its_size_are_those_of_a_fit_with_the_bound_of_the_parameter(part):
     fit, D = residuals_and_effect(0.1)
     test = score_test(fit, D)[0]
     low, high = (np.array([x]) for x in sorted([part * test.shift[0], -9.0 * np.sign(test.shift[0])]))
-    shift = bounded_shift(fit, test, low, high)
+    bounded_result = bounded_test(fit, test, low, high)
 
     d, D, w = fit.d[0], D[0], fit.w
     signal = D - d * (D @ (w * d)) / (d @ (w * d))  # the score of θ is 0 at a minimum
@@ -54,4 +54,4 @@ def test_an_effect_cannot_shift_a_parameter_beyond_its_bound(part):
         return 0.5 * w @ change**2 - x[1] * test.size * (signal @ fit.clipped_residuals)
 
     best = minimize(cost, np.zeros(2), bounds=[(low[0], high[0]), (0.0, None)], tol=1e-12)
-    assert shift == pytest.approx(best.x[:1], abs=1e-3)
+    assert [*bounded_result.shift, bounded_result.size / test.size] == pytest.approx(best.x, abs=1e-3)

@@ -8,7 +8,8 @@
 
 r (N, m) are the residuals in standard deviations, and d = ∂r/∂θ. −D is the change of r by a unit of the effect. z is
 Student's t with 1/Σ h_b² − 1 degrees of freedom. An effect can be a parameter that differs in a part of the run,
-D = 1_part d_j. Biases and starts are eliminated from d and D first. (5) is (3) for bounded parameters.
+D = 1_part d_j. Biases and starts are eliminated from d and D first. (5) is (2) and (3) for bounded parameters: α δ
+and x.
 docs/derivations/robust_covariance.md derives (1) to (4). Sources: Rao 1948; Andrews 1993 for parts of a sample.
 """
 
@@ -190,10 +191,11 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _ScoreSums:
     return _ScoreSums(energy, products[-1], products[:-1].T, summed_nuisances)
 
 
-def bounded_shift(fit: FitResiduals, test: ScoreTest, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the change (k,) of θ by an effect between `low` and `high` (k,), the distances of θ to its bounds.  (5)"""
+def bounded_test(fit: FitResiduals, test: ScoreTest, low: np.ndarray, high: np.ndarray) -> ScoreTest:
+    """Return the test with the size and the shifts of an effect for bounded parameters; `low` and `high` (k,) are the
+    distances of θ to its bounds. The size is multiplied by α.  (5)"""
     if np.all((test.shift >= low) & (test.shift <= high)):
-        return test.shift
+        return test
     A = pseudo_inverse(fit.inverse)
     c = -A @ test.shift
     H = np.block([[A, c[:, None]], [c[None], np.array([[test.gain - c @ test.shift]])]])
@@ -202,14 +204,18 @@ def bounded_shift(fit: FitResiduals, test: ScoreTest, low: np.ndarray, high: np.
     def quadratic(x: np.ndarray) -> Evaluation:
         return Evaluation(float(x @ (0.5 * (H @ x) + g)), H @ x + g, H)
 
-    return minimise(quadratic, np.zeros(len(g)), np.append(low, 0.0), np.append(high, np.inf)).theta[:-1]
+    *shift, part = minimise(quadratic, np.zeros(len(g)), np.append(low, 0.0), np.append(high, np.inf)).theta
+    nuisance_shifts = [part * own_shift for own_shift in test.nuisance_shifts]
+    return test._replace(size=part * test.size, shift=np.array(shift), nuisance_shifts=nuisance_shifts)
 
 
-def nuisance_shift(fit: FitResiduals, test: ScoreTest, shift: np.ndarray, count: int) -> np.ndarray:
-    """Return the change of the parameters of the last `count` nuisances by an effect that changes θ by `shift` (k,).
-    Each row belongs to at most one of these nuisances."""
+def nuisance_shift(fit: FitResiduals, test: ScoreTest, count: int) -> np.ndarray:
+    """Return the change of the parameters of the last `count` nuisances by the effect of a test. Each row belongs to
+    at most one of these nuisances."""
     pairs = [*zip(fit.nuisances, test.nuisance_shifts, strict=True)][len(fit.nuisances) - count :]
-    shifts = [own_shift - nuisance.projections[fit.identifiable].T @ shift for nuisance, own_shift in pairs]
+    shifts = [
+        own_shift - nuisance.projections[fit.identifiable].T @ test.shift for nuisance, own_shift in pairs
+    ]
     return np.concatenate([np.zeros(0), *shifts])
 
 

@@ -30,7 +30,7 @@ from baqueano.numerics.score_test import (
     FitResiduals,
     Nuisance,
     ScoreTest,
-    bounded_shift,
+    bounded_test,
     nuisance_shift,
     score_test,
     score_test_parts,
@@ -179,6 +179,7 @@ class _FitChange(NamedTuple):
     shift: np.ndarray  # (k,) of the parameters
     run: np.ndarray  # of the entries of each run, such as biases
     speed: np.ndarray  # (2, 2) of ν_x by the effect itself, without that by the shift: `lines_by_sign`
+    size: float  # of the effect
 
 
 class _SignificantResult(NamedTuple):
@@ -203,19 +204,19 @@ class _FitEvidence(NamedTuple):
 
     def effect(self, test: ScoreTest, speed: np.ndarray | float = 0.0) -> _FitChange:
         """Return the change of the fit by an effect, within the bounds of θ. `speed` is that of its term."""
-        shift = bounded_shift(self.residuals, test, self.low, self.high)
+        test = bounded_test(self.residuals, test, self.low, self.high)
         column = (test.size * speed * np.ones(len(self.nu_x)))[:, None]
-        lines = [line.B[:, 0] for line in lines_by_sign(self.nu_x, column, MIN_SPEED_M_S)]
-        return _FitChange(shift, nuisance_shift(self.residuals, test, shift, self.run_count), np.array(lines))
+        speeds = np.array([line.B[:, 0] for line in lines_by_sign(self.nu_x, column, MIN_SPEED_M_S)])
+        return _FitChange(test.shift, nuisance_shift(self.residuals, test, self.run_count), speeds, test.size)
 
     def is_significant(self, test: ScoreTest) -> bool:
         """Return True if |z| of the test is above the critical value for its degrees of freedom."""
         z = abs(test.z)
         return z > LEAST_CRITICAL_Z and z > student_quantile(1.0 - 0.5 * P_VALUE, max(test.freedom, 1.0))
 
-    def most_biased(self, test: ScoreTest) -> int | None:
+    def most_biased(self, shift: np.ndarray) -> int | None:
         """Return the index of the parameter with the largest shift in standard errors, or None if all are small."""
-        shift = np.abs(test.shift)
+        shift = np.abs(shift)
         relative_shift = shift / np.maximum(self.std, 1e-300)
         is_large = (relative_shift > MIN_SHIFT_STD) & (shift > MIN_RELATIVE_SHIFT * np.abs(self.theta))
         return int(np.argmax(np.where(is_large, relative_shift, -1.0))) if is_large.any() else None
@@ -229,10 +230,7 @@ def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -
         if not (abs(test.z) > LOW_PASS_Z if is_filter else fit.is_significant(test)):
             continue
         effect = fit.effect(test, speed)
-        test = test._replace(shift=effect.shift)
-        k, fix = fit.most_biased(test), _fix(term_note, fit.paths, model)
-        if code in UPHILL_RAD and fix:
-            fix += SLOPE_START.format(UPHILL_RAD[code][int(test.size < 0.0)])
+        k, fix = fit.most_biased(effect.shift), _fix(term_note, fit.paths, model)
         tyre = next((path for path in tyre_paths(model) if path not in fit.paths), "")
         if tyre and test.z < 0.0 and code in TYRE_TERMS:
             fix = f"--free +{tyre}"
@@ -242,7 +240,7 @@ def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -
             message = note(
                 "residual.missing-free" if fix else "residual.missing", Severity.WARNING, fix, fit.paths[k],
                 term=code, effect=term_note, region=_place_text(code), z=abs(test.z),
-                errors=abs(test.shift[k]) / fit.std[k],
+                errors=abs(effect.shift[k]) / fit.std[k],
             )  # fmt: skip
             results.append(_SignificantResult(abs(test.z), message, [effect]))
     return results
@@ -279,8 +277,8 @@ def _differing_parts(fit: _FitEvidence, motion: FittedMotion | None) -> list[_Si
                     "residual.parts-differ", Severity.WARNING, subject=fit.paths[k], difference=test.size, part=part,
                     overall_value=fit.theta[k], z=abs(test.z),
                 )  # fmt: skip
-                effect, in_part = fit.effect(test), test.size * (np.arange(len(fit.theta)) == k)
-                effects = [effect, effect._replace(shift=effect.shift + in_part)]
+                effect, is_k = fit.effect(test), np.arange(len(fit.theta)) == k
+                effects = [effect, effect._replace(shift=effect.shift + effect.size * is_k)]
                 results.append(_SignificantResult(abs(test.z), message, effects))
     return sorted(results, key=lambda result: -result.z)
 
