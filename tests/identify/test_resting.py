@@ -53,6 +53,20 @@ def test_each_rest_is_tested_alone_by_its_duration(period):
     assert abs(file.value("sensors.imu.gyro_bias") - BIAS) < 4.5 * std
 
 
+def test_the_scatter_of_the_biases_of_several_runs_is_the_error_of_another_run():
+    """Each switch-on has another bias. The mean of three rests is not as accurate as the noise of their readings."""
+    car, biases = load("car"), np.array([-0.01, 0.0, 0.01])
+    runs = [
+        simulate(override(car, [f"sensors.imu.gyro_bias={bias}"]), np.zeros((250, 2)), seed)
+        for seed, bias in enumerate(biases)
+    ]
+    file, _ = with_rest_gyro_bias(car, [replace(run, name=str(k)) for k, run in enumerate(runs)])
+    assert file.sensors.imu.gyro_bias_std == pytest.approx(0.01, rel=0.1)
+    assert 0.9 < file.provenance["sensors.imu.gyro_bias"].std * np.sqrt(3.0) / 0.01 < 1.3
+    single_file, _ = with_rest_gyro_bias(car, runs[:1])
+    assert single_file.sensors.imu.gyro_bias_std == car.sensors.imu.gyro_bias_std
+
+
 def test_without_a_rest_the_gyro_bias_of_the_file_is_used():
     car, run = drive_rest(rest_s=0.0)
     fit = identify(run, car, use=["odometer", "imu[2]"], options=FitOptions(diagnose=False))

@@ -3,12 +3,13 @@
     b = b₀ + mean of (z − h), over the readings after REST_S without a command                            (1)
     w² = ½ mean (z_{k+1} − z_k)²                                                                          (2)
 
-The bias of a gyro is (1) over each rest that lasts MIN_REST_S more: errors of the model do not act at rest. From the
-drive of a car, it cannot be separated from a small steering offset. So without a rest the file of a car keeps its
-value. A run begins at rest if its first speed readings are 0 within ZERO_SPEED_FACTOR w. w is the standard deviation
-of their white noise, by von Neumann's estimate over the whole run. Without a speed sensor, the run must begin without
-a command. Before the first command the standard deviation of the readings must be below REST_NOISE_FACTOR w: a
-coasting vehicle slows down, so its readings vary more.
+The bias of a gyro is (1) over each rest that lasts MIN_REST_S more: errors of the model do not act at rest. It changes
+from run to run, so the scatter s of the biases of n runs adds s²/n to the variance of their mean, and the file states
+at least s for another run. From the drive of a car, the bias cannot be separated from a small steering offset. So
+without a rest the file of a car keeps its value. A run begins at rest if its first speed readings are 0 within
+ZERO_SPEED_FACTOR w. w is the standard deviation of their white noise, by von Neumann's estimate over the whole run.
+Without a speed sensor, the run must begin without a command. Before the first command the standard deviation of the
+readings must be below REST_NOISE_FACTOR w: a coasting vehicle slows down, so its readings vary more.
 """
 
 from collections.abc import Sequence
@@ -46,10 +47,16 @@ def with_rest_gyro_bias(
         x = np.concatenate([np.zeros(0), *residuals.values()])
         if not len(x):
             continue
-        bias, std = float(sensor.gyro_bias + x.mean()), float(x.std(ddof=1) / np.sqrt(len(x)))
+        n, scatter = len(runs_at_rest), 0.0
+        if n > 1:
+            scatter = float(np.std([residuals[run].mean() for run in runs_at_rest], ddof=1))
+        bias, own_std = float(sensor.gyro_bias + x.mean()), x.std(ddof=1) / np.sqrt(len(x))
+        std = float(np.hypot(own_std, scatter / np.sqrt(n)))
         message = note(
             "bias.at-rest", subject=name, bias_rad_s=bias, std_rad_s=std, runs=", ".join(runs_at_rest)
         )
+        if scatter > sensor.gyro_bias_std:
+            vehicle_file = vehicle_file.with_values({f"sensors.{name}.gyro_bias_std": scatter})
         return _set_gyro_bias(vehicle_file, name, bias, std, runs_at_rest), message
     return vehicle_file, None
 
