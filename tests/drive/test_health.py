@@ -20,10 +20,10 @@ def innovation_events(file, world=None, seconds=12.0, seed=1):
 
 
 def reasons_for(nis, seconds=20.0):
-    """The warnings of a listener for innovations of this mean square, at 100 Hz."""
+    """The warnings of a listener for innovations of this mean square, or of these (N,) in a cycle, at 100 Hz."""
     health, rng, out = Health(), np.random.default_rng(0), []
     for k in range(round(100 * seconds)):
-        y = np.sqrt(nis) * rng.normal(size=3)
+        y = np.sqrt(np.ravel(nis)[k % np.size(nis)]) * rng.normal(size=3)
         estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6), y, np.eye(3))
         out.append(health.misfit_message(k * 10_000_000, estimate))
     return [reason for reason in out if reason]
@@ -32,6 +32,16 @@ def reasons_for(nis, seconds=20.0):
 def test_a_correct_model_never_gives_a_warning():
     assert reasons_for(1.0) == []
     assert reasons_for(1.5) == []
+
+
+@pytest.mark.parametrize("start_s", [7.0, 7.3])
+def test_a_push_gives_no_warning_and_a_misfit_in_each_bend_gives_one(start_s):
+    """The innovations after a push are large for half a second."""
+    t_s = 0.01 * np.arange(2000)
+    push = np.where((t_s >= start_s) & (t_s < start_s + 0.5), 1000.0, 1.0)
+    assert reasons_for(push) == []
+    (reason,) = reasons_for(np.where(t_s % 2.0 < 0.5, 9.0, 1.0)[:200])
+    assert reason.code == "model.fits-no-longer"
 
 
 def test_a_wrong_model_gives_one_warning():

@@ -6,12 +6,15 @@ The filter predicts every measurement and the variance of its error:
 
 y are the innovations with their covariance S, m the number of values that arrived in a tick. A filter that fits its
 vehicle has NIS = 1. Above MAX_NIS the innovations are √2 times as large as predicted: the vehicle no longer fits the
-identified model. For example, it is worn, loaded, on another floor, or its IMU is loose. This is reported once per run;
-only the supervisor stops the motors. The monitor (monitor/) reports which channel disagrees, and for how long.
-The report at the end states if the run left the envelope of the fit, and the number of rejected readings per channel.
+identified model. For example, it is worn, loaded, on another floor, or its IMU is loose. A push is not a misfit of
+the model. After a push, innovations are large for half a second. So NIS must be above MAX_NIS without any PUSH_PARTS
+successive parts of the window; a part lasts PART_S. This is reported once per run; only the supervisor stops the
+motors. The monitor (monitor/) reports which channel disagrees, and for how long. The report at the end states if the
+run left the envelope of the fit, and the number of rejected readings per channel.
 """
 
 from collections import deque
+from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
@@ -26,10 +29,13 @@ from baqueano.monitor import (
     expected_innovation_cov,
     rejection_event,
 )
-from baqueano.signals import Estimate, Tick, seconds
+from baqueano.signals import NANOSECONDS, Estimate, Tick
 from baqueano.vehicle_file.envelope import Envelope, EnvelopeMonitor
 
-WINDOW_S = 5.0
+PART_S, PARTS = 0.5, 10  # of the window
+PUSH_PARTS = 2  # innovations that are large for half a second are in at most two parts
+WINDOW_S = PART_S * PARTS
+PART_NS = round(PART_S * NANOSECONDS)
 MAX_NIS = 2.0
 OUTLIER_SIGMA = 5.0  # standard deviations: limits the effect of a single outlier
 SOURCE = "model"
@@ -42,14 +48,22 @@ def degraded_note(degraded_sensors: tuple[Finding, ...]) -> Diagnostic | None:
     return merge_diagnostics(finding.diagnostic for finding in degraded_sensors)
 
 
+@dataclass(slots=True)
+class _Part:
+    """A part of the window."""
+
+    index: int  # of the part since the time 0
+    total: float = 0.0  # of the terms of (1)
+    count: int = 0  # of these terms
+
+
 class Health:
     """A monitor of model and sensors during one run; `envelope` is the range that the fit covered."""
 
     def __init__(self, envelope: Envelope | None = None, sensors: SensorMonitor | None = None) -> None:
         self._watch = EnvelopeMonitor(envelope)
         self._sensors = sensors
-        self._window: deque[tuple[int, float]] = deque()
-        self._sum = 0.0
+        self._window: deque[_Part] = deque()
         self.is_reported = False
 
     @property
@@ -63,17 +77,13 @@ class Health:
         notices: list[Notice] = [] if self._sensors is None else self._sensors.update(tick, estimate)
         # readings of a broken sensor do not show if the model fits
         if self._sensors is not None and self._sensors.is_suspect:
-            self._reset_window()
+            self._window.clear()
         message = self.misfit_message(tick.t_ns, estimate)
         model = [] if message is None else [(SOURCE, "warning", message)]
         return [
             *model,
             *((SENSORS_SOURCE, str(notice.message.severity), notice.message) for notice in notices),
         ]
-
-    def _reset_window(self) -> None:
-        self._window.clear()
-        self._sum = 0.0
 
     def final_events(self) -> list[EventLine]:
         """Return the events at the end of the run: signals outside the envelope, and rejected readings."""
@@ -100,18 +110,32 @@ class Health:
             return None
         if square is None:
             return None
-        self._window.append((t_ns, min(square, OUTLIER_SIGMA**2)))
-        self._sum += self._window[-1][1]
-        if seconds(t_ns, self._window[0][0]) < WINDOW_S:
-            return None
-        while seconds(t_ns, self._window[0][0]) >= WINDOW_S:
-            self._sum -= self._window.popleft()[1]
-        nis = self._sum / max(1, len(self._window))
-        if nis <= MAX_NIS:
+        index = t_ns // PART_NS
+        nis = 0.0
+        if not self._window or index > self._window[-1].index:
+            nis = self._lasting_nis(index)
+            self._window.append(_Part(index))
+        part = self._window[-1]
+        part.total += min(square, OUTLIER_SIGMA**2)
+        part.count += 1
+        if nis == 0.0:
             return None
         self.is_reported = True
         fix = "baqueano identify last"
         return note("model.fits-no-longer", Severity.WARNING, fix, window_s=WINDOW_S, ratio=np.sqrt(nis))
+
+    def _lasting_nis(self, index: int) -> float:
+        """Return the NIS of the complete window before the part `index`; 0 unless the model no longer fits.  (1)"""
+        while self._window and self._window[0].index < index - PARTS:
+            self._window.popleft()
+        if not self._window or self._window[0].index > index - PARTS:
+            return 0.0
+        totals, counts = np.array([(part.total, part.count) for part in self._window]).T
+        others = [
+            np.sum(np.delete((totals, counts), slice(k, k + PUSH_PARTS), 1), 1) for k in range(len(totals))
+        ]
+        is_lasting = all(total > MAX_NIS * count for total, count in others)
+        return float(np.sum(totals) / np.sum(counts)) if is_lasting else 0.0
 
 
 def normalised_innovation_squared(y: list[float], S: list[list[float]]) -> float | None:
