@@ -72,6 +72,12 @@ def equations(page):
     return displayed_equation.findall(text), set(re.findall(r"\$[^$\n]+\$", displayed_equation.sub("", text)))
 
 
+def paragraphs(page):
+    """Return how many parts a page has: paragraphs, list entries, tables and blocks of code."""
+    text = re.sub(r"^```.*?^```$", "\n\ncode\n\n", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    return len([part for part in re.split(r"\n\s*\n|\n(?=\s*(?:[-*]|\d+\.) )", text) if part.strip()])
+
+
 def table_rows(page):
     return len(re.findall(r"^\|", page.read_text(encoding="utf-8"), re.MULTILINE))
 
@@ -87,6 +93,7 @@ def test_a_page_has_the_same_structure_in_both_languages(name):
     assert headings(spanish) == headings(english)
     assert equations(spanish) == equations(english)
     assert table_rows(spanish) == table_rows(english)
+    assert paragraphs(spanish) == paragraphs(english)
 
 
 @pytest.mark.parametrize("name", TWINS)

@@ -18,7 +18,7 @@ from types import ModuleType
 
 from baqueano.block_checks.source import place as place_of
 from baqueano.contracts.blocks import STEP_INPUTS
-from baqueano.contracts.time_limit import PREPARE_S, within
+from baqueano.contracts.time_limit import HANG_S, PREPARE_S, within
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import (
     USER_MODULE_PREFIX,
@@ -381,7 +381,7 @@ def _module(path: Path) -> ModuleType:
     sys.modules[name] = module
     sys.path.append(str(path.parent))  # so that the file can import the modules beside it
     try:
-        within(PREPARE_S, exec, compile(content, str(path), "exec"), module.__dict__)
+        within(HANG_S, exec, compile(content, path, "exec"), module.__dict__, import_s=PREPARE_S)
     except SyntaxError as error:
         del sys.modules[name]
         where = {"file": path.name, "line": error.lineno or 1, "text": (error.text or "").strip()}
@@ -390,7 +390,7 @@ def _module(path: Path) -> ModuleType:
         del sys.modules[name]
         if is_interruption(error):
             raise
-        suffix = "" if isinstance(error, Exception) else "-and-ends"
+        suffix = "-too-long" * isinstance(error, TimeoutError) if isinstance(error, Exception) else "-and-ends"
         where = {"place": user_code_place(error) or path.name, "error": error_text(error)}
         raise FileError(fault(f"block.raised-while-read{suffix}", **where)) from error
     finally:

@@ -245,6 +245,7 @@ def nearest(name: str, valid_names: Iterable[str], cutoff: float = 0.6) -> Diagn
     names_of = {valid_name.casefold(): valid_name for valid_name in reversed(names)}
     close_names = [names_of[key] for key in difflib.get_close_matches(name.casefold(), names_of, 1, cutoff)]
     known_names = _figure(names if len(names) <= MAX_LISTED_NAMES else [*names[:MAX_LISTED_NAMES], "…"])
+    only = "-only" if len(names) == 1 else ""
     if close_names:
-        return note("name.near", match=close_names[0], valid=known_names)
-    return note("name.unknown", valid=known_names)
+        return note(f"name.near{only}", match=close_names[0], valid=known_names)
+    return note(f"name.unknown{only}", valid=known_names)

@@ -268,7 +268,7 @@ def test_a_constructor_that_hangs_is_named_with_its_line(project, tmp_path, monk
     (tmp_path / "mine.py").write_text(block, encoding="utf-8")
     end = project("repeat", "lab", "--controller", "mine.py:Mine", *SMALL)
     assert end.code == 3
-    assert "Mine (mine.py line 6) raised TimeoutError: it took longer than 300 ms" in end.paragraph
+    assert "Mine (mine.py line 6) raised TimeoutError: it took longer than 0.3 s" in end.paragraph
 
 
 @pytest.mark.parametrize("line", ["sys.exit(0)", "raise GeneratorExit", "raise KeyboardInterrupt"])

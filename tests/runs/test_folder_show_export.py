@@ -212,9 +212,24 @@ def test_a_csv_contains_exact_numbers_and_empty_cells_for_unknown_values(run, tm
     )
 
 
+@pytest.mark.parametrize(
+    ("vehicle_text", "metadata", "name"),
+    [
+        ('[command]\nnames = ["drive", "slip", "spin"]', {}, "drive"),
+        ("", {"commands": "left, none, right"}, "left"),
+        ('[command]\nnames = ["throttle"]', {}, "u[0]"),
+        ("not = = toml", {}, "u[0]"),
+    ],
+)
+def test_a_csv_names_the_commands_as_the_vehicle_file_or_the_map(run, tmp_path, vehicle_text, metadata, name):
+    renamed = replace(run, vehicle_text=vehicle_text, metadata=metadata)
+    header = export_csv(renamed, tmp_path / "x.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert header.split(",")[1] == f"applied.{name}"
+
+
 def test_a_csv_for_spreadsheets_can_have_decimal_commas(run, tmp_path):
     text = export_csv(run.cut(0, 0.05), tmp_path / "x.csv", decimal=",").read_text(encoding="utf-8")
-    assert text.splitlines()[0].startswith("t_s;applied.u1;applied.u2")
+    assert text.splitlines()[0].startswith("t_s;applied.u[0];applied.u[1]")
     assert "." not in "".join(text.splitlines()[1:])
     with refused("runs.decimal", UsageError):
         export_csv(run, tmp_path / "y.csv", decimal=";")

@@ -32,7 +32,7 @@ BARE_LIST = re.compile(r"=([-+\d.e]+(?:,[-+\d.e]+){2,})$")  # KEY=1,2,3
 COMMA_INDEPENDENT = ("cli.no-such-option", "cli.whole-number", "room.unreadable")
 ALLOWABLE_CODES = ("block.outside-folder", "block.in-run")
 UNWRITTEN_CODES = ("vehicle.changed-since", "vehicle.not-written", "runs.not-written")  # of a right command
-NAMES_CODES = ("name.near", "name.unknown")
+NAMES_CODES = ("name.near", "name.near-only", "name.unknown", "name.unknown-only")
 MAX_LISTED_FILES = 5  # files of a folder that are named
 
 

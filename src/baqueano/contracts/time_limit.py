@@ -9,17 +9,19 @@ hangs in the next function that a debugger traces, if such an exception was with
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
-from types import FrameType
+from types import CodeType, FrameType
 from typing import Any, TypeVar
 
 from baqueano.errors import ExternalError
 from baqueano.messages.language import translate as _
 
 HANG_S = 10.0  # of a call of a block for which no vehicle waits; a first step can compile or load a library
-PREPARE_S = 60.0  # to import, trace or compile blocks
+PREPARE_S = 60.0  # to import libraries, and to trace or compile blocks
 ALARM_PERIOD_S = 0.02  # between further alarms, for a block that catches the first one
 DEBUGGERS = ("bdb", "pydevd")
+IMPORTERS = ("importlib._bootstrap", "_frozen_importlib")
 Value = TypeVar("Value")
 
 
@@ -27,18 +29,21 @@ class BudgetExceeded(ExternalError):
     """The exception that the alarm raises. An `except Exception` in a block does not catch it."""
 
 
-def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value:
+def within(seconds: float, call: Callable[..., Value], *inputs: object, import_s: float = 0.0) -> Value:
     """Return the result of `call`. Raise TimeoutError, at the line that runs, if the call takes longer than `seconds`.
 
-    The time of a limited call inside does not count. The time starts again while a debugger waits for its user.
+    The time of a limited call inside does not count. The time starts again while a debugger waits for its user, and,
+    up to `import_s` after the start, while the call imports a module.
     """
     if not (hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()):
         return call(*inputs)
     is_running, outer_timer = True, (0.0, 0.0)
     tracers: list[Any] = []  # one for each alarm
+    import_end_s = time.monotonic() + import_s
 
     def ring(number: int, frame: FrameType | None) -> None:
-        if is_running and _is_debugged(frame):
+        is_importing = time.monotonic() < import_end_s and _runs_module(frame, IMPORTERS, within.__code__)
+        if is_running and (is_importing or _runs_module(frame, DEBUGGERS)):
             signal.setitimer(signal.ITIMER_REAL, seconds, ALARM_PERIOD_S)
         elif is_running:
             tracers.append(sys.gettrace())
@@ -56,7 +61,7 @@ def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value
             if len(tracers) > 1:
                 sys.settrace(tracers[0])
     except BudgetExceeded as alarm:
-        text = _("it took longer than {ms:.0f} ms", ms=1e3 * seconds)
+        text = _("it took longer than {s:g} s", s=seconds)
         raise TimeoutError(text).with_traceback(alarm.__traceback__) from None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
@@ -79,7 +84,10 @@ def _raise_at_line(frame: FrameType, event: str, value: object) -> Any:
     return _raise_at_line
 
 
-def _is_debugged(frame: FrameType | None) -> bool:
-    while frame is not None and frame.f_globals.get("__name__") not in DEBUGGERS:
+def _runs_module(frame: FrameType | None, names: tuple[str, ...], outer_code: CodeType | None = None) -> bool:
+    """Return True if a module with one of the `names` runs, inside a call of `outer_code` if this is given."""
+    while frame is not None and frame.f_code is not outer_code:
+        if frame.f_globals.get("__name__") in names:
+            return True
         frame = frame.f_back
-    return frame is not None
+    return False

@@ -193,9 +193,9 @@ def perform(
             return drive_with_driver(vehicle_file, driver, hold=mission.hold, kind=mission.kind, **options)
     assert mission.route is not None
     precautions = Precautions.from_json(mission.precautions)
-    arguments = {field.name: getattr(precautions, field.name) for field in fields(precautions)}
-    arguments |= {"rest_s": mission.rest_s} | ({"eta": np.array(mission.start)} if mission.start else {})
-    return repeat(vehicle_file, mission.route, mission.laps, **mission.blocks, **(arguments | options))
+    settings = {field.name: getattr(precautions, field.name) for field in fields(precautions)}
+    settings |= {"rest_s": mission.rest_s} | ({"eta": np.array(mission.start)} if mission.start else {})
+    return repeat(vehicle_file, mission.route, mission.laps, **mission.blocks, **(settings | options))
 
 
 def unpack(mission: Mission, folder: Path) -> VehicleFile:

@@ -90,10 +90,10 @@ class Conditions:
 
     def _simulated_world(self, vehicle_file: VehicleFile) -> World:
         file = vehicle_file.truth if self.truth is None else vehicle_file.simulation_truth(self.truth)
-        arguments = file.vehicle, file.sensors, file.rate_hz, self.seed, self.start, self.backend
+        settings = file.vehicle, file.sensors, file.rate_hz, self.seed, self.start, self.backend
         if self.shake is None:
-            return SimulatedWorld(*arguments)
-        return FaultyWorld(*arguments, self.shake, channel_units(file))
+            return SimulatedWorld(*settings)
+        return FaultyWorld(*settings, self.shake, channel_units(file))
 
     def tick_times(self, vehicle_file: VehicleFile) -> Iterable[int]:
         """Return the times of the ticks [ns]."""

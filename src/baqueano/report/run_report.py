@@ -220,11 +220,12 @@ def commands_section(run: Run) -> Section:
 
 def _command_curves(run: Run) -> list[_CommandCurve]:
     """Return the curves of the commands that this vehicle uses, then the curves of its two wheels."""
-    limits, (names, unit) = evenness.read_limits(run.vehicle_text), _command_names(run)
+    limits, names = evenness.read_limits(run.vehicle_text), run.command_names
+    unit = _command_unit(run)
     commands_sent = run.applied_commands if run.sent_commands is None else run.sent_commands
     n = commands_sent.shape[1]
     if limits is None or len(limits.command) != n:
-        limits, names = evenness.Limits(np.full(n, np.inf)), [f"u[{k}]" for k in range(n)]
+        limits = evenness.Limits(np.full(n, np.inf))
     command_curves = []
     for k in range(n):
         if limits.command[k] > 0.0 or run.applied_commands[:, k].any():
@@ -248,13 +249,12 @@ def _command_curves(run: Run) -> list[_CommandCurve]:
     return command_curves
 
 
-def _command_names(run: Run) -> tuple[list[str], str]:
-    """Return the names of the commands from the vehicle file of the run, and their unit in brackets."""
+def _command_unit(run: Run) -> str:
+    """Return the unit of the commands in brackets, from the vehicle file of the run; "" if it has none."""
     try:
-        command = tomllib.loads(run.vehicle_text)["command"]
-        return [str(name) for name in command["names"]], f" [{command['unit']}]" if "unit" in command else ""
+        return f" [{tomllib.loads(run.vehicle_text)['command']['unit']}]"
     except (tomllib.TOMLDecodeError, RecursionError, KeyError, TypeError):
-        return [], ""
+        return ""
 
 
 def _events_table(run: Run) -> list[Table | Drawing]:

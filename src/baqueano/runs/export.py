@@ -55,7 +55,7 @@ def export_csv(run: "Run", path: Path | str, decimal: str = ".") -> Path:
     --------
     >>> run = bq.simulate(bq.load("small"), np.zeros((10, 3)))
     >>> export_csv(run, "ten_ticks.csv").read_text().split(",")[:2]
-    ['t_s', 'applied.u1']
+    ['t_s', 'applied.u_x']
     """
     if decimal not in (".", ","):
         raise UsageError(fault("runs.decimal", value=decimal))
@@ -75,12 +75,10 @@ def export_csv(run: "Run", path: Path | str, decimal: str = ".") -> Path:
 
 def columns_of(run: "Run") -> Iterator[tuple[str, np.ndarray]]:
     """Yield the name and the values (N,) of each column of the table of a run."""
-    t_ns, n = run.t_ns, run.applied_commands.shape[1]
-    names = [name.strip() for name in run.metadata.get("commands", "").split(",")]
-    names = names if len(names) == n and all(names) else [f"u{i + 1}" for i in range(n)]
+    t_ns = run.t_ns
     yield "t_s", run.t_s
     for stage, values in run.commands.items():
-        yield from ((f"{stage}.{name}", values[:, i]) for i, name in enumerate(names))
+        yield from ((f"{stage}.{name}", values[:, i]) for i, name in enumerate(run.command_names))
     for name, channel in run.sensors.items():
         rows = newest_tick_rows(
             t_ns, channel.arrival_ns, np.column_stack([channel.z, seconds(channel.t_ns, run.start_ns)])

@@ -6,7 +6,9 @@ applied during the same interval. Two runs are equal (==) if all recorded data a
 path or notes differ.
 """
 
+import tomllib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -177,6 +179,15 @@ class Run(Result):
             ("sent", self.sent_commands),
         )
         return {stage: u for stage, u in stages if u is not None}
+
+    @property
+    def command_names(self) -> tuple[str, ...]:
+        """Return the names of the commands, from the vehicle file or the map of the run; otherwise u[0], u[1], …"""
+        n = self.applied_commands.shape[1]
+        names = [name.strip() for name in self.metadata.get("commands", "").split(",")]
+        with suppress(tomllib.TOMLDecodeError, RecursionError, KeyError, TypeError):
+            names = [str(name) for name in tomllib.loads(self.vehicle_text)["command"]["names"]]
+        return tuple(names if len(names) == n and all(names) else (f"u[{k}]" for k in range(n)))
 
     @property
     def duration_s(self) -> float:

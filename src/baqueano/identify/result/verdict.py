@@ -103,7 +103,7 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
     elif not e.converged:
         refusals.append(note("fit.not-converged", ERROR, "--fix KEY"))
     shares = [c.explained_fraction for c in e.channels if np.isfinite(c.explained_fraction)]
-    over_all = {label: run_sum(runs) for label, runs in e.channel_runs.items()}
+    over_all = {label: pooled_channel(runs) for label, runs in e.channel_runs.items()}
     max_explained = max([0.0, *shares, *(channel.explained_variance for channel in over_all.values())])
     error_ratios = {
         label: np.sqrt(channel.squares / max(channel.signal_squares, 1e-300))
@@ -275,12 +275,12 @@ def group_channels(
     return channel_runs
 
 
-def run_sum(runs: Sequence[RunChannel]) -> RunChannel:
+def pooled_channel(runs: Sequence[RunChannel]) -> RunChannel:
     """Return the sums over all runs of a channel."""
-    squares, moved2, samples = (
+    squares, signal_squares, samples = (
         sum(getattr(channel, name) for channel in runs) for name in ("squares", "signal_squares", "samples")
     )
-    return RunChannel("", squares, moved2, samples)
+    return RunChannel("", squares, signal_squares, samples)
 
 
 def contradicting_runs(channels: dict[str, list[RunChannel]], is_slow: bool) -> list[Diagnostic]:
@@ -292,7 +292,7 @@ def contradicting_runs(channels: dict[str, list[RunChannel]], is_slow: bool) -> 
         like_runs = [channel for channel in runs if not channel.contradicts_model]
         if not like_runs:
             continue
-        total, outliers = run_sum(like_runs), []
+        total, outliers = pooled_channel(like_runs), []
         for channel in (channel for channel in runs if channel.contradicts_model):
             is_quiet = channel.signal_squares * total.samples <= total.squares * channel.samples
             if is_quiet == is_slow and (is_slow or _is_significantly_larger(channel, like_runs, len(runs))):

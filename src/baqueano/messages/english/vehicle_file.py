@@ -266,6 +266,10 @@ TEMPLATES: dict[str, str] = {
     "block.raised-while-read-and-ends": (
         "{place} raised {error} while it was imported, which ends the program. Remove that line."
     ),
+    "block.raised-while-read-too-long": (
+        "{place} was still running when the file was imported: {error}. If this is an endless loop, correct its "
+        "condition; if it is a long computation, move it out of the file of the block."
+    ),
     "toml.decimal-comma": (
         "{file} line {line}: {value} has a decimal comma. Write a decimal point: {decimal_reading}"
     ),
