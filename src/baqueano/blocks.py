@@ -224,20 +224,23 @@ def _is_in_working_file(kind: str) -> bool:
 
 def infer_role(block_class: type) -> str:
     """Return the role of a class of the user, from the arguments of its `step`. Raise FileError if none matches."""
-    step = getattr(block_class, "step", None)
+    step, figures = (
+        getattr(block_class, "step", None),
+        {"place": place_of(block_class), "block": block_class.__name__},
+    )
     if not callable(step):
-        raise FileError(fault("block.no-step", place=place_of(block_class), block=block_class.__name__))
+        raise FileError(fault("block.no-step", **figures))
     if hasattr(block_class, "advance"):
         return "vehicle"
     if hasattr(block_class, "h"):
         return "sensor"
-    names = [name.lstrip("_") for name in list(inspect.signature(step).parameters)[2:]]
+    names = [name.lstrip("_") for name in inspect.signature(step).parameters]
+    if names[:1] in (["state"], ["belief"]) and tuple(names[1:]) in STEP_INPUTS.values():
+        raise FileError(fault("block.step-without-self", names=", ".join(names), **figures))
     for role, inputs in STEP_INPUTS.items():
-        if tuple(names) == inputs:
+        if tuple(names[2:]) == inputs:
             return role
-    raise FileError(
-        fault("block.no-role", place=place_of(block_class), block=block_class.__name__, names=names)
-    )
+    raise FileError(fault("block.no-role", names=names[2:], **figures))
 
 
 def check_role(role: str, block: object) -> None:
@@ -390,7 +393,9 @@ def _module(path: Path) -> ModuleType:
         del sys.modules[name]
         if is_interruption(error):
             raise
-        suffix = "-too-long" * isinstance(error, TimeoutError) if isinstance(error, Exception) else "-and-ends"
+        suffix = (
+            "-too-long" * isinstance(error, TimeoutError) if isinstance(error, Exception) else "-and-ends"
+        )
         where = {"place": user_code_place(error) or path.name, "error": error_text(error)}
         raise FileError(fault(f"block.raised-while-read{suffix}", **where)) from error
     finally:

@@ -18,6 +18,7 @@ from baqueano.messages.language import translate as _
 HIDDEN_MODULES = {"baqueano", "IPython", "ipykernel", "numpy", *sys.stdlib_module_names}  # not of the user
 INTERRUPTED = 130  # Ctrl-C, as shells have it
 USER_MODULE_PREFIX = "baqueano_user_"  # beginning of the name of a module with the user's blocks
+GENERATED_CODE = "<string>"  # file name of the methods that dataclasses generate
 
 
 class DiagnosticError(Exception):
@@ -146,7 +147,7 @@ def error_text(error: BaseException) -> str:
     The text of an attribute that a signal lacks also contains the attributes that it has.
     """
     try:
-        words = str(error)
+        words = "" if error.args == (None,) else str(error)
     except Exception:  # `__str__` can be code of the user
         words = ""
     fields = getattr(getattr(error, "obj", None), "_fields", ())
@@ -176,7 +177,7 @@ def user_code_place(error: BaseException) -> str:
     user_frames = [
         (code.co_filename, line)
         for module, code, line in frames
-        if str(module).startswith(USER_MODULE_PREFIX)
+        if str(module).startswith(USER_MODULE_PREFIX) and code.co_filename != GENERATED_CODE
     ]
     if not user_frames:
         return "" if error.__cause__ is None else user_code_place(error.__cause__)

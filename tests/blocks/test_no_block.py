@@ -25,6 +25,15 @@ def test_a_class_without_step_is_not_a_block(tmp_path):
         infer_role(resolve("guide", "mine.py:Block", tmp_path))
 
 
+@pytest.mark.parametrize(("decorator", "inputs"), [("", "reference, estimate"), ("@staticmethod", "tick")])
+def test_a_step_without_self_is_not_taken_for_another_block(tmp_path, decorator, inputs):
+    """Before, a controller without self was checked as a guide."""
+    step = f"    {decorator}\n    def step(state, {inputs}):\n        pass\n"
+    (tmp_path / "mine.py").write_text(f"class Block:\n{step}", encoding="utf-8")
+    with refused("block.step-without-self", FileError, block="Block", names=f"state, {inputs}"):
+        infer_role(resolve("guide", "mine.py:Block", tmp_path))
+
+
 def test_an_unknown_kind_of_block_is_refused():
     with refused("block.role-unknown", UsageError, value="guides"):
         resolve("guides", "repeat")

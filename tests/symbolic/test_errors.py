@@ -35,7 +35,13 @@ def keeps_a_value(x):
     return RESULTS[0] * x[0]
 
 
+def prints(x):
+    print(f"x = {x[0]}")
+    return x
+
+
 CASES = {
+    "print": (prints, "trace.prints"),
     "if": (lambda x: x if x[0] > 0 else -x, "trace.decides"),
     "chained comparison": (lambda x: np.where(0 < x[0] < 1, x, 0.0), "trace.decides"),
     "and": (lambda x: np.where(x[0] > 0 and x[1] > 0, x, 0.0), "trace.decides"),

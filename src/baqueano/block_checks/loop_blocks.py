@@ -139,9 +139,9 @@ def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
         u_rotated = _circle_commands(trial, commands, np.array([3.0, -2.0, 2.0]), 0.0)
         u_full_turn = _circle_commands(trial, commands, np.zeros(3), 2.0 * np.pi)
         scale = 1e-6 * (1.0 + np.max(np.abs(u_plain)))
-        if np.max(np.abs(u_full_turn - u_plain)) > scale:
+        if trial.is_deterministic and np.max(np.abs(u_full_turn - u_plain)) > scale:
             trial.add_fault("check.full-turn", "step")
-        elif np.max(np.abs(u_rotated - u_plain)) > scale:
+        elif trial.is_deterministic and np.max(np.abs(u_rotated - u_plain)) > scale:
             trial.add_fault("check.world-moved", "step")
         _check_rest_command(trial, commands)
         _check_clock_start(trial, "controller", default_sensors(), commands)
@@ -339,6 +339,8 @@ def _supervised_command(
 
 def _check_clock_start(trial: Trial, role: str, sensors: SensorBlocks, n: int) -> None:
     """Check that a clock that begins at the epoch 1970 gives the same results as a clock that begins at 0."""
+    if not trial.is_deterministic:
+        return
     zero_outputs = _circle_outputs(trial, role, sensors, n, 0)
     epoch_outputs = _circle_outputs(trial, role, sensors, n, EPOCH_NS)
     for name, zeros in zero_outputs.items():

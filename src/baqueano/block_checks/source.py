@@ -1,4 +1,4 @@
-"""Find forbidden calls in the syntax tree of a block's file: clocks, files, random numbers, print."""
+"""Find forbidden calls in the syntax tree of a block's file: clocks, files, random numbers, print; decimal commas."""
 
 import ast
 import inspect
@@ -78,6 +78,11 @@ def _forbidden_accesses(node: ast.AST) -> list[tuple[int, str, str, Diagnostic]]
         return [(node.lineno, "draws", "numpy.random", OUTSIDE_MODULES["random"])]
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in OUTSIDE_CALLS:
         return [(node.lineno, "calls", node.func.id, OUTSIDE_CALLS[node.func.id])]
+    if isinstance(node, ast.AnnAssign) and ast.unparse(node.annotation) == "float":
+        match node.value:
+            case ast.Tuple([ast.Constant(int() as whole), ast.Constant(int() as digits)]):
+                advice = note("outside.decimal", value=f"{whole}.{digits}")
+                return [(node.lineno, "comma", ast.unparse(node.target), advice)]
     if isinstance(node, ast.Global):
         return [(node.lineno, "global", ", ".join(node.names), note("outside.state"))]
     return []

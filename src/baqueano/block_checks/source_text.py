@@ -4,6 +4,8 @@ import inspect
 import linecache
 from types import CodeType, FunctionType
 
+from baqueano.errors import GENERATED_CODE
+
 
 def is_in_package(block_class: type) -> bool:
     """Return True if a class is part of the package, whose version every run records."""
@@ -37,4 +39,4 @@ def method_code(block_class: object) -> CodeType | None:
     methods = [m for m in getattr(block_class, "__dict__", {}).values() if isinstance(m, FunctionType)]
     module = getattr(block_class, "__module__", "")
     codes = [method.__code__ for method in methods if method.__module__ == module]
-    return next((code for code in codes if code.co_filename != "<string>"), None)
+    return next((code for code in codes if code.co_filename != GENERATED_CODE), None)

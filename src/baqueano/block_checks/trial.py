@@ -6,11 +6,12 @@ bit. Faults are stored as diagnostics, each of them once.
 
 import copy
 import dataclasses
+import io
 import traceback
 import warnings
 from collections import deque
 from collections.abc import Coroutine, Generator
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
 from functools import cached_property
 from types import ModuleType
 from typing import Any
@@ -22,7 +23,7 @@ from baqueano.contracts.blocks import STEP_INPUTS
 from baqueano.contracts.time_limit import HANG_S, within
 from baqueano.contracts.values import array_text
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.errors import error_text, is_interruption
+from baqueano.errors import GENERATED_CODE, error_text, is_interruption
 
 MAX_REPORTED = 12  # diagnostics that are reported at most
 START_NOTE = note("when.start")
@@ -53,6 +54,11 @@ class Trial:
     def is_incomplete(self) -> bool:
         """Return True if the block lacks a method or an attribute that the check needs."""
         return any(fault_.code in INCOMPLETE_CODES for fault_ in self.faults)
+
+    @property
+    def is_deterministic(self) -> bool:
+        """Return False if two equal calls gave different results; other comparisons then have no meaning."""
+        return all(fault_.code != "check.not-deterministic" for fault_ in self.faults)
 
     def add_fault(
         self, code: str, method_name: str = "", severity: Severity = Severity.ERROR, **figures: Any
@@ -98,6 +104,8 @@ class Trial:
         if not (isinstance(result, tuple) and len(result) == 2) or is_record:
             if type(result) is tuple:
                 self.add_fault("check.values", "step", count=len(result), situation=context)
+            elif result is None:
+                self.add_fault("check.no-return", "step", situation=context)
             else:
                 self.add_fault("check.two-values", "step", value=type(result).__name__, situation=context)
             raise CheckAborted
@@ -185,8 +193,10 @@ class Trial:
         return list(self.faults)[:MAX_REPORTED]
 
     def _call(self, method_name: str, context: Diagnostic, arguments: tuple[Any, ...]) -> Any:
-        try:
-            with warnings.catch_warnings(), np.errstate(all="ignore"):
+        if self.is_incomplete and not callable(getattr(self.block, method_name, None)):
+            raise CheckAborted  # the fault is stored
+        try:  # what the block prints is dropped: a fault names the line
+            with warnings.catch_warnings(), np.errstate(all="ignore"), redirect_stdout(io.StringIO()):
                 warnings.simplefilter("ignore")
                 result = within(HANG_S, getattr(self.block, method_name), *arguments)
         except BaseException as error:
@@ -194,16 +204,13 @@ class Trial:
                 raise
             line = _line(self.block_class, error)
             named_method = method_name if hasattr(self.block_class, method_name) else ""
-            if line:
-                self.add_fault(
-                    "check.raises-on-line",
-                    named_method,
-                    error=error_text(error),
-                    line=line,
-                    situation=context,
-                )
+            figures = {"error": error_text(error), "situation": context}
+            if line and isinstance(error, dataclasses.FrozenInstanceError):
+                self.add_fault("check.assigns-field", named_method, line=line, **figures)
+            elif line:
+                self.add_fault("check.raises-on-line", named_method, line=line, **figures)
             else:
-                self.add_fault("check.raises", named_method, error=error_text(error), situation=context)
+                self.add_fault("check.raises", named_method, **figures)
             raise CheckAborted from error
         if isinstance(result, Coroutine | Generator):
             result.close()
@@ -213,11 +220,14 @@ class Trial:
 
 
 def _line(block_class: type, error: BaseException) -> int:
-    """Return the last line number of the block's module in the traceback of the error; 0 without one."""
+    """Return the last line number of the block's module in the traceback of the error; 0 without one.
+
+    The methods that a dataclass generates have lines too, but not in a file.
+    """
     lines = [
         n
         for f, n in traceback.walk_tb(error.__traceback__)
-        if f.f_globals.get("__name__") == block_class.__module__
+        if f.f_globals.get("__name__") == block_class.__module__ and f.f_code.co_filename != GENERATED_CODE
     ]
     return lines[-1] if lines else 0
 

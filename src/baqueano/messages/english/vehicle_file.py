@@ -38,6 +38,10 @@ TEMPLATES: dict[str, str] = {
         "must be those of one type. Estimator: step(state, tick). Guide: step(state, estimate). "
         "Controller: step(state, reference, estimate). Supervisor: step(state, command, tick, estimate)."
     ),
+    "block.step-without-self": (
+        "{place}: {block}.step({names}) lacks self, which Python passes as the first argument of a method. Write "
+        "step(self, {names})."
+    ),
     "block.no-step": "{place}: {block} does not have step(). Every block has init() and step(state, …).",
     "block.not-class": '{file}: "{value}" is {kind}, expected a class with init() and step(state, …).',
     "block.not-module": "{path}: Python cannot read this file as a module.",

@@ -5,6 +5,7 @@ objects. So these names of the module `numpy` are replaced while a trace runs in
 For other threads, and for NumPy's code, the functions work as usual.
 """
 
+import builtins
 import sys
 import threading
 from collections import defaultdict
@@ -19,6 +20,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays.array import TracedArray, as_fillable
 from baqueano.symbolic.arrays.scalar import OPERANDS
+from baqueano.symbolic.errors import trace_error
 
 _JOINING_FUNCTIONS = ("concatenate", "stack", "vstack", "hstack", "column_stack",
            "block", "outer", "tile", "repeat", "atleast_1d", "atleast_2d")  # fmt: skip
@@ -37,17 +39,19 @@ _context = _TraceContext()
 _lock = threading.Lock()
 _running_count = 0
 _original_functions: dict[str, Value] = {}
+_original_print = print
 
 
 @contextmanager
 def tracing() -> Iterator[int]:
     """Let new arrays contain scalars within the context; yield the depth of this trace, 1 for the outermost."""
-    global _running_count
+    global _running_count, _original_print
     with _lock:
         if _running_count == 0:
             for name, maker in _TRACED_MAKERS.items():
                 _original_functions[name] = getattr(np, name)
                 setattr(np, name, maker)
+            _original_print, builtins.print = print, _print_outside
         _running_count += 1
     _context.depth += 1
     try:
@@ -58,8 +62,16 @@ def tracing() -> Iterator[int]:
         with _lock:
             _running_count -= 1
             if _running_count == 0:
+                builtins.print = _original_print
                 for name, original in _original_functions.items():
                     setattr(np, name, original)
+
+
+def _print_outside(*args: Value, **kwargs: Value) -> None:
+    """Print, but not from a function that is traced: it would print once, instead of at each step."""
+    if _context.depth:
+        raise trace_error("trace.prints")
+    _original_print(*args, **kwargs)
 
 
 def _while_traced(original: Callable[..., Value], make: Callable[..., Value]) -> Callable[..., Value]:

@@ -41,13 +41,16 @@ TEMPLATES: dict[str, str] = {
         "and the block's parameters."
     ),
     "check.block-changed": "{place}: {subject} changes the block itself ({situation}). Keep memory in the state.",
-    "check.returns": "{place}: {subject} returns {value}: expected {expected}.",
+    "check.returns": "{place}: {subject} returns an output of type {value}: expected {expected}.",
     "check.returns-of": "{place}: if it is the {role:word}, its step takes (state, {expected}).",
     "check.values": (
         "{place}: {subject} returns {count} values ({situation}): expected two values, (state, output)."
     ),
     "check.two-values": (
         "{place}: {subject} returns only {value} ({situation}): expected two values, (state, output)."
+    ),
+    "check.no-return": (
+        "{place}: {subject} returns None ({situation}): expected two values, (state, output). Is `return` missing?"
     ),
     "check.no-function": (
         "{place}: {subject} returns a {value}: write `return` instead of `yield`, and `def` without `async`."
@@ -67,6 +70,10 @@ TEMPLATES: dict[str, str] = {
     ),
     "check.raises": "{place}: {subject} raises {error} ({situation}).",
     "check.raises-on-line": "{place}: {subject} raises {error} on line {line} ({situation}).",
+    "check.assigns-field": (
+        "{place}: {subject} changes the block on line {line} ({error}). Fields are parameters and stay constant: keep "
+        "memory in the state."
+    ),
     "check.moves-by-itself": "{place}: {subject} moves {distance} within 2 s without a command, on a level floor.",
     "check.gains-speed": "{place}: {subject} gains speed without a command: ν goes from {first_speed} to {last_speed}.",
     "check.no-noise-field": (
@@ -124,6 +131,8 @@ TEMPLATES: dict[str, str] = {
     "outside.draws": "{place} uses numpy's random numbers: {advice}.",
     "outside.calls": "{place} calls {name}(): {advice}.",
     "outside.global": "{place} writes the global {name}: {advice}.",
+    "outside.comma": "{place}: {name} is two numbers with a comma between them: {advice}.",
+    "outside.decimal": "write a decimal point, as in {value}",
     "outside.time": "time arrives with the signal: seconds(tick.t_ns, belief.t_ns)",
     "outside.random": "random numbers are inputs, drawn from the seed of the run",
     "outside.machine": "a block cannot use files or the system; its parameters come from the vehicle file",

@@ -30,6 +30,7 @@ TEMPLATES: dict[str, str] = {
         "instead of math.sin, math.sqrt, …. Inside the function, make arrays that are filled later with "
         "np.zeros or np.array. For a choice, write np.where(condition, a, b), np.clip, np.maximum or np.abs"
     ),
+    "trace.prints": "{place}\n    compiled code cannot print: remove this line for full speed",
     "trace.needs-index": (
         "{place}\n    an index or a length must be known before run time: read tables with np.interp(x, xp, fp), "
         "choose between values with np.where"
