@@ -13,7 +13,7 @@ from baqueano.calibration.at_rest import RestMeasurement
 from baqueano.calibration.result import Calibration
 from baqueano.contracts.result import pandas
 from baqueano.drive import drive
-from baqueano.errors import AnswerNo, FileError, Misuse, NoAttribute
+from baqueano.errors import AnswerNo, FileError, Misuse, NoAttribute, UsageError
 from baqueano.identify.noise.covariances import Noise
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.importing.recordings import ImportedRun
@@ -44,6 +44,12 @@ def method_code(call) -> str:
         ("call.kind", lambda: bq.repeat(ROBOT, "lab")),
         ("call.unknown", lambda: bq.tune(ROBOT, ROUTE, speed=0.2)),
         ("call.kind", lambda: bq.replay("0001.mcap")),
+        ("call.kind", lambda: bq.identify(np.zeros((10, 3)), ROBOT)),
+        ("call.kind", lambda: bq.tune(ROBOT, np.zeros(3))),
+        ("call.kind", lambda: bq.import_run("map.toml", np.zeros((3, 3)))),
+        ("call.kind", lambda: bq.import_run("map.toml", [3])),
+        ("call.kind", lambda: ROBOT.with_values(["model.mass_kg", 0.7])),
+        ("call.kind", lambda: RUN.cut("a", 3.0)),
         ("call.kind", lambda: bq.compare([RUN, ROBOT])),
         ("call.kind", lambda: bq.compare(RUN, ROBOT)),
         ("call.kind", lambda: bq.compare({"a": RUN, "b": 3})),
@@ -296,3 +302,9 @@ def test_a_run_of_the_folder_is_read_by_its_number_or_name(tmp_path, monkeypatch
     assert bq.read_run(name).path == Path("runs/0002-repeat.mcap")
     with refused("runs.unknown", FileError):
         bq.read_run("3")
+
+
+@pytest.mark.parametrize("times_s", [(3.0, 2.0), (2.0, 2.0), (float("nan"), 3.0)])
+def test_a_part_of_a_run_begins_before_its_end(times_s):
+    with refused("runs.cut-order", UsageError):
+        RUN.cut(*times_s)

@@ -92,6 +92,7 @@ KINDS = {  # part of an annotation → the kind
     "str": ArgumentKind(N_("a text"), lambda value: isinstance(value, str)),
     "Path": ArgumentKind(N_("a name or a path"), lambda value: isinstance(value, PurePath)),
     "ndarray": ArgumentKind(N_("an array"), _is_array),
+    "JsonObject": ArgumentKind(N_("a dict"), lambda value: isinstance(value, Mapping)),
     "None": ArgumentKind("None", lambda value: value is None),
 }
 
@@ -196,7 +197,7 @@ def _annotation_kinds(annotation: object) -> tuple[ArgumentKind, ...]:
 
 
 def _part_kind(part: str) -> ArgumentKind | None:
-    items = re.fullmatch(r"(?:Sequence|Mapping)\[(?:str, )?(.*)\]", part)
+    items = re.fullmatch(r"(?:Sequence|Mapping|list|dict)\[(?:str, )?(.*)\]", part)
     if not items:
         return KINDS.get(part)
     kinds = _annotation_kinds(items[1])
@@ -204,7 +205,7 @@ def _part_kind(part: str) -> ArgumentKind | None:
         return None
 
     def accepts(value: object) -> bool:
-        if isinstance(value, list | tuple):
+        if isinstance(value, list | tuple | np.ndarray):
             return all(any(kind.accepts(item) for kind in kinds) for item in value)
         return isinstance(value, Iterable) and not isinstance(value, str)
 

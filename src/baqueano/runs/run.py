@@ -18,7 +18,8 @@ import numpy as np
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, pandas
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import Diagnostic
+from baqueano.diagnostics import Diagnostic, fault
+from baqueano.errors import UsageError
 from baqueano.runs.logs import (
     Channel,
     EstimateLog,
@@ -240,8 +241,11 @@ class Run(Result):
         for t_ns, u, *row in zip(self.t_ns.tolist(), self.applied_commands, *columns, strict=True):
             yield Tick(t_ns, u, slots(*row))
 
+    @checked_call("run.cut(2.0, 8.0)")
     def cut(self, from_s: float = 0.0, to_s: float = float("inf")) -> "Run":
         """Return the part from `from_s` (included) to `to_s` (not included) seconds after the first tick."""
+        if not from_s < to_s:
+            raise UsageError(fault("runs.cut-order", start_s=from_s, end_s=to_s))
         low, high = (self._instant_ns(s) for s in (from_s, to_s))
         first, last = np.searchsorted(self.t_ns, [low, high])
         # measurements that arrived up to the previous tick belong to that tick

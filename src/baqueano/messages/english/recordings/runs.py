@@ -224,6 +224,7 @@ TEMPLATES: dict[str, str] = {
         '[files.…] table: decimal = ","'
     ),
     "table.column-twice": "{file} has several columns named {column!r}; give each of them a different name.",
+    "runs.cut-order": "run.cut({start_s:g}, {end_s:g}): expected a start before the end, both in seconds.",
     "runs.cut-at-once": "{path} was cut after {size} bytes, so it does not contain a run.",
     "runs.ends-early": "the file ends before the first second was written",
     "runs.is-ros-1": "{path} is a ROS 1 bag. Import it with: {fix}",
