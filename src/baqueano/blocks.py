@@ -224,10 +224,8 @@ def _is_in_working_file(kind: str) -> bool:
 
 def infer_role(block_class: type) -> str:
     """Return the role of a class of the user, from the arguments of its `step`. Raise FileError if none matches."""
-    step, figures = (
-        getattr(block_class, "step", None),
-        {"place": place_of(block_class), "block": block_class.__name__},
-    )
+    step = getattr(block_class, "step", None)
+    figures = {"place": place_of(block_class), "block": block_class.__name__}
     if not callable(step):
         raise FileError(fault("block.no-step", **figures))
     if hasattr(block_class, "advance"):
@@ -393,9 +391,8 @@ def _module(path: Path) -> ModuleType:
         del sys.modules[name]
         if is_interruption(error):
             raise
-        suffix = (
-            "-too-long" * isinstance(error, TimeoutError) if isinstance(error, Exception) else "-and-ends"
-        )
+        is_late = isinstance(error, TimeoutError)
+        suffix = "-too-long" if is_late else "" if isinstance(error, Exception) else "-and-ends"
         where = {"place": user_code_place(error) or path.name, "error": error_text(error)}
         raise FileError(fault(f"block.raised-while-read{suffix}", **where)) from error
     finally:

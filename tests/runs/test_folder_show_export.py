@@ -222,8 +222,8 @@ def test_a_csv_contains_exact_numbers_and_empty_cells_for_unknown_values(run, tm
     ],
 )
 def test_a_csv_names_the_commands_as_the_vehicle_file_or_the_map(run, tmp_path, vehicle_text, metadata, name):
-    renamed = replace(run, vehicle_text=vehicle_text, metadata=metadata)
-    header = export_csv(renamed, tmp_path / "x.csv").read_text(encoding="utf-8").splitlines()[0]
+    named_run = replace(run, vehicle_text=vehicle_text, metadata=metadata)
+    header = export_csv(named_run, tmp_path / "x.csv").read_text(encoding="utf-8").splitlines()[0]
     assert header.split(",")[1] == f"applied.{name}"
 
 

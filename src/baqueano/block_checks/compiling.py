@@ -6,7 +6,7 @@ import numpy as np
 
 from baqueano.block_checks.loop_blocks import TICK_NS, circle_readings, default_sensors
 from baqueano.block_checks.motion import DT_S, circle_motion
-from baqueano.block_checks.source import place
+from baqueano.block_checks.source import method_place
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import error_text, is_interruption
@@ -46,7 +46,7 @@ def compilation_notes(
     []
     """
     block_class = type(block)
-    subject, place_text = f"{block_class.__name__}.step()", place(getattr(block_class, "step", block_class))
+    subject, place_text = f"{block_class.__name__}.step()", method_place(block_class, "step")
     arguments = _step_arguments(role, block, default_sensors() if sensors is None else sensors, commands)
     try:
         compiled_output = function(block.step, *arguments, backend=backend)(*arguments)

@@ -34,6 +34,12 @@ def place(code_object: Any) -> str:
         return getattr(code_object, "__name__", str(code_object))
 
 
+def method_place(block_class: type, method_name: str) -> str:
+    """Return the place of a method, or that of its class if it inherits the method or does not have it."""
+    method = getattr(block_class, method_name, block_class)
+    return place(method if getattr(method, "__module__", "") == block_class.__module__ else block_class)
+
+
 def location_text(file: Path | str, line: int) -> str:
     """Return a line of a file, or of a cell of a notebook, as text in the current language."""
     return _("{file} line {line}", file=cell_name(str(file)) or Path(file).name, line=str(line))

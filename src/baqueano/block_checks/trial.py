@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.block_checks.source import outside_accesses, place
+from baqueano.block_checks.source import method_place, outside_accesses
 from baqueano.contracts.blocks import STEP_INPUTS
 from baqueano.contracts.time_limit import HANG_S, within
 from baqueano.contracts.values import array_text
@@ -57,7 +57,7 @@ class Trial:
 
     @property
     def is_deterministic(self) -> bool:
-        """Return False if two equal calls gave different results; other comparisons then have no meaning."""
+        """Return False if two equal calls gave different results: then no other comparison of results is valid."""
         return all(fault_.code != "check.not-deterministic" for fault_ in self.faults)
 
     def add_fault(
@@ -68,9 +68,7 @@ class Trial:
         if key in self._fault_keys:
             return
         self._fault_keys.add(key)
-        method = getattr(self.block_class, method_name, self.block_class)
-        is_inherited = getattr(method, "__module__", "") != self.block_class.__module__
-        place_text = place(self.block_class if is_inherited else method)
+        place_text = method_place(self.block_class, method_name)
         name = f"{self.block_class.__name__}.{method_name}()" if method_name else self.block_class.__name__
         self.faults[note(code, severity, subject=name, place=place_text, **figures)] = None
 

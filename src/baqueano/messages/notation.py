@@ -54,6 +54,7 @@ CALLS = {  # words of a line → call; {0} is the first argument, and {name} the
     "runs recover": "from baqueano.runs import recover; recover({0})",
     "runs import --draft": "from baqueano.runs import draft_map; print(draft_map({0}, path={draft}))",
     "runs import": "run = bq.import_run({0}, {1}).run",
+    "route draw": "from baqueano.guides.shapes import shape; route = shape({1}, 1.0, 0.25)",
     "route smooth --rms": "route = bq.routes.smooth(route, {rms})",
     "route smooth --max": 'route = bq.routes.smooth(route, {max}, "max")',
     "route faster --speed": "route = bq.routes.at_speed(route, {speed})",

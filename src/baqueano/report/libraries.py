@@ -32,7 +32,7 @@ Drawn = TypeVar("Drawn")
 
 @contextmanager
 def draw_onto(target: "Target") -> Iterator[None]:
-    """Draw on the user's axes, figure or subfigure, in their style. For None, draw on a new figure of this package."""
+    """Draw on the user's axes, figure or subfigure, in their style. Without them, draw on a new figure."""
     token = _TARGET.set(target)
     try:
         yield

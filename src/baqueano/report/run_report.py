@@ -250,7 +250,7 @@ def _command_curves(run: Run) -> list[_CommandCurve]:
 
 
 def _command_unit(run: Run) -> str:
-    """Return the unit of the commands in brackets, from the vehicle file of the run; "" if it has none."""
+    """Return the unit of the commands in brackets, from the vehicle file of the run; "" without a unit."""
     try:
         return f" [{tomllib.loads(run.vehicle_text)['command']['unit']}]"
     except (tomllib.TOMLDecodeError, RecursionError, KeyError, TypeError):

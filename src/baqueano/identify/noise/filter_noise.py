@@ -11,7 +11,7 @@ s, J has a second minimum at σ = 0, where d explains the noise too. A rest with
 channel that does not correct the motion has the noise of its residuals; a sensor with few readings keeps its noise.
 Quantised velocities have σ² ≥ step²/12. With only an IMU, (3) estimates d from the forward accelerometer: its r is the
 rate of change of the speed error, which the drag λ limits to d/λ. speed_error.py estimates the d of a kinematic model,
-and slip of wheels. In (4) a wrong track changes both wheels oppositely, so neither is better. The least `course_std`
+and slip of wheels. In (4) an error of the track has opposite signs at the two wheels. The least `course_std`
 is the angle from heading to course. docs/derivations/kalman.md derives (3) and (4).
 """
 

@@ -171,9 +171,9 @@ def _trail(scene: Scene, to_picture: _Map, clock: _Clock) -> list[str]:
     Each segment stays visible for a lap; the segments of the last lap stay to the end.
     """
     elements = []
-    a_lap = clock.laps_s / scene.laps
+    lap_s = clock.laps_s / scene.laps
     steps = "0%{opacity:0}0.6%{opacity:1}%s{opacity:1}%s{opacity:0}100%%{opacity:0}"
-    for name, stay_s in (("t", a_lap), ("l", min(a_lap + REST_S, clock.period_s - 0.4))):
+    for name, stay_s in (("t", lap_s), ("l", min(lap_s + REST_S, clock.period_s - 0.4))):
         clock.frames[name] = steps.replace("0%{opacity:0}0.6%{", "0%%{opacity:0}0.6%%{") % (
             clock.percentage(stay_s), clock.percentage(stay_s + 0.3))  # fmt: skip
     last_lap_s = scene.t_s[-1] * (scene.laps - 1) / scene.laps - 1e-9

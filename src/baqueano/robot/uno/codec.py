@@ -68,7 +68,7 @@ def cobs_decode(encoded_bytes: bytes) -> bytes | None:
 
 
 def crc16(body: bytes) -> int:
-    """Return the CRC-16 of a body (kind … payload), polynomial 0x8BB7; 0 if the body ends with its correct seal."""
+    """Return the CRC-16 of a body (kind … payload), polynomial 0x8BB7; 0 if the body ends with its own CRC."""
     crc = 0
     for byte in body:
         crc = (crc << 8 & 0xFFFF) ^ CRC_TABLE[crc >> 8 ^ byte]

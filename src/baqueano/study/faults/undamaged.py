@@ -1,7 +1,8 @@
 """Remove from the undamaged run the readings that a fit excludes from the damaged run.
 
-A fit loses samples to a detected damage. One part of its error comes from the lost samples, the other part from damage
-to the remaining samples. The undamaged run without the samples of the same times separates the two parts.
+A fit does not use samples in which it detects damage. One part of its error comes from these missing samples, the
+other part from damage to the remaining samples. The undamaged run without the samples of the same times separates the
+two parts.
 """
 
 from dataclasses import replace

@@ -58,9 +58,9 @@ class Imus(Group):
         forward, left = sx * forward + kx * left, sy * left + ky * forward
         return np.stack([forward, left, self.gyro_scale * cr * cp * w], axis=1) + self.bias
 
-    def readings(self, noiseless: np.ndarray, drift: np.ndarray, white: np.ndarray) -> np.ndarray:
-        """Return the readings (n, 3): `noiseless` plus `drift`, with noise from unit normals `white`, and
-        rounded."""
-        z = noiseless + drift + self.noise * white
+    def readings(self, noise_free: np.ndarray, drift: np.ndarray, unit_noise: np.ndarray) -> np.ndarray:
+        """Return the rounded readings (n, 3): `noise_free` readings, plus `drift`, plus the noise of the chip. The
+        noise is `unit_noise`, normal with a variance of 1, times the standard deviation."""
+        z = noise_free + drift + self.noise * unit_noise
         divisor = np.where(self.step > 0.0, self.step, 1.0)
         return np.where(self.step > 0.0, divisor * np.round(z / divisor), z)

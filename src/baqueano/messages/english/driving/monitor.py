@@ -17,7 +17,8 @@ TEMPLATES: dict[str, str] = {
     "sensor.error-in-sensor": "The error is in the sensor, not in the model",
     "sensor.error-in-model": "The error is in the model, not in the sensor. Type: {fix}",
     "sensor.error-in-unknown": (
-        "The error can be in this sensor, in another sensor, or in the model. A third source can decide this"
+        "The error can be in this sensor, in another sensor, or in the model. A third sensor of the same motion can "
+        "show which"
     ),
     "sensor.degraded": "DEGRADED: {cause}.",
     "sensor.agrees-again": "{subject} agrees again, after {duration_s:.1f} s",

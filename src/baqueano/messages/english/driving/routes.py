@@ -25,7 +25,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "route.absent-stored": "Route {value} does not exist: {absent_path} is not a file. {suggestion}.",
     "route.absent-shape": (
-        "Route {value} does not exist: {absent_path} is not a file. Did you mean the shape {shape}? To store it: {fix}"
+        "Route {value} does not exist: {absent_path} is not a file. Did you mean the shape {shape}? Type: {fix}"
     ),
     "route.none-stored": "That folder does not contain routes yet",
     "route.points": "points have the shape {value}: expected at least two rows of x and y in metres, (m, 2).",
