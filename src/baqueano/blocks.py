@@ -289,10 +289,8 @@ def _find(file: str, folder: Path | str | None) -> Path:
     if user_path is not None:
         return user_path
     candidates = _candidate_paths(path, folder)
-    suggestion = nearest(path.name, sorted(p.name for p in candidates[0].parent.glob("*.py")))
-    raise FileError(
-        fault("block.file-absent", absent_path=candidates[0], value=path.name, suggestion=suggestion)
-    )
+    hint = nearest(path.name, sorted(p.name for p in candidates[0].parent.glob("*.py")))
+    raise FileError(fault("block.file-absent", absent_path=candidates[0], value=path.name, suggestion=hint))
 
 
 def _find_file(file: str, folder: Path | str | None) -> Path | None:
