@@ -188,7 +188,7 @@ def test_routes_are_given_by_their_names(tmp_path, monkeypatch):
     small = bq.load("small")
     result = bq.sweep(small, routes=["loop", "routes/loop.csv"], controllers="kanayama", processes=1)
     assert [drive.route for drive in result.drives] == ["loop", "loop #2"]
-    with refused("name.near", FileError, match="loop"):
+    with refused("name.near-only", FileError, match="loop"):
         bq.sweep(small, routes="lop", controllers="kanayama")
     with refused("route.absent", FileError, value="zzz"):
         bq.sweep(small, routes=["zzz"], controllers="kanayama")

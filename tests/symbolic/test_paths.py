@@ -89,7 +89,7 @@ def test_traced_values_can_be_put_into_blocks_and_arrays():
     [
         ("model.friction.lineer", "Friction", note("name.near", match="linear", valid="linear, dry")),
         ("model.mass.x", "float", note("name.none")),
-        ("sensors.gps", "dict", note("name.unknown", valid="imu")),
+        ("sensors.gps", "dict", note("name.unknown-only", valid="imu")),
         ("model.computed", "Body", note("name.unknown", valid="friction, mass")),
     ],
 )

@@ -156,8 +156,8 @@ def test_a_user_block_that_replaces_a_block_accepts_its_keys_and_defaults(worksh
 @pytest.mark.parametrize(
     ("content", "code", "figures"),
     [
-        ("class Other: pass\n", "name.unknown", {"valid": "Other"}),
-        ("class Mnie: pass\n", "name.near", {"match": "Mnie"}),
+        ("class Other: pass\n", "name.unknown-only", {"valid": "Other"}),
+        ("class Mnie: pass\n", "name.near-only", {"match": "Mnie"}),
         ("def broken(:\n", "block.not-python", {"file": "mine.py", "line": 1}),
         (
             "x = 1\ny = x / 0\n",
