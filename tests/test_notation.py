@@ -25,6 +25,7 @@ from baqueano.messages.notation import CALLS, COMMAND_LINE, FLAGS, python_call, 
         ("--free +friction.coulomb", 'free=["+friction.coulomb"]'),
         ("--free +lag_s --clock gps", 'free=["+lag_s"], options=bq.FitOptions(clocks=["gps"])'),
         ("baqueano route draw ring circle", 'route = shape("circle", 1.0, 0.25)'),
+        ("--free +a --free +b --set c=0.2", 'robot.with_values({"c": 0.2}); free=["+a", "+b"]'),
         ("--cost innovations", 'options=bq.FitOptions(cost="innovations")'),
     ],
 )

@@ -231,6 +231,8 @@ def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -
             continue
         effect = fit.effect(test, speed)
         k, fix = fit.most_biased(effect.shift), _fix(term_note, fit.paths, model)
+        if code in UPHILL_RAD and fix:
+            fix += SLOPE_START.format(UPHILL_RAD[code][int(test.size < 0.0)])
         tyre = next((path for path in tyre_paths(model) if path not in fit.paths), "")
         if tyre and test.z < 0.0 and code in TYRE_TERMS:
             fix = f"--free +{tyre}"
