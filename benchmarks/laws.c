@@ -77,15 +77,16 @@ static inline void advance_with_slopes(double *v, double ahead, double turn, dou
 
 /* What all laws but the PD share */
 
-typedef struct { double t, v, w, v_i, w_i, ahead, turn, m[3], a[3], b[3], d[3], P[4]; } memory;
-typedef struct { double e_x, e_y, e_chi, v, w, kappa, forward, dt; } errors;
+typedef struct { double t, near, v, w, v_i, w_i, ahead, turn, m[3], a[3], b[3], d[3], P[4]; } memory;
+typedef struct { double e_x, e_y, e_chi, v, w, kappa, forward, dt, g; } errors;
 typedef void law(memory *, const errors *, double *, double *);
 
 static inline double slip(double x, double y) { return atan(y * x / (x * x + 0.02 * 0.02)); }
 static inline double low_pass(double x, double to, double time, double dt) { return x + dt / fmax(time, dt) * (to - x); }
-static inline void limit_gains(double *k_chi, double *k_y, double v) {
+static inline void limit_gains(double *k_chi, double *k_y, double v, double g) {
     double share = 1 / fmax(*k_chi * (1.35 * T), 1);
-    *k_chi *= share, *k_y = fmin(*k_y, fmax(share * share * *k_y, *k_chi * *k_chi / fmax(1.69 * v, 1e-12)));
+    *k_chi *= share;
+    *k_y = fmin(*k_y, g * fmax(share * share * *k_y, *k_chi * *k_chi / fmax(1.69 * v, 1e-12)));
 }
 
 static inline __attribute__((always_inline)) void point_ahead(double x, double y, double chi, double kappa, double s,
@@ -132,6 +133,11 @@ static inline __attribute__((always_inline)) void follow(memory *s, const double
     double arc = clip(slope / (1 + bend * bend / 3), fmin(0.5, 1 / fmax(fabs(e.kappa), 1e-12)));
     point_ahead(x, y, e.e_chi, e.kappa, arc, &e.e_x, &e.e_y);
     e.e_x = clip(e.e_x - arc, 0.3), e.e_chi += e.kappa * arc;
+    if (fabs(e.e_y) >= 0.03)
+        s->near = s->near >= 1 ? 2 : s->near;
+    else
+        s->near = s->near > 1 ? 0 : fmin(s->near + dt, 1);
+    e.g = s->near > 1 ? 2 - 0.03 / fmax(fabs(e.e_y), 0.03) : 1;
     e.forward = e.v / sqrt(e.v * e.v + 0.02 * 0.02);
     double v, w, most = fabs(e.v) + 0.3, g[2][3];
     compute(s, &e, &v, &w);
@@ -163,20 +169,21 @@ static inline double max_speed(const errors *e, double v) { return fabs(e->v) + 
 LOCAL pd_feedforward_law(memory *s, const errors *e, double *v, double *w) {
     *v = e->v + e->e_x;
     double needed = 1.44 * max_speed(e, *v), k = fmax(4, fmin(needed / 0.25, 0.9 / (1.35 * T))), L = fmax(0.25, needed / k);
-    *w = e->w + k * (e->e_chi + e->forward * atan(e->e_y / L));
+    *w = e->w + k * (e->e_chi + e->forward * atan(e->g * e->e_y / L));
 }
 
 LOCAL kanayama_law(memory *s, const errors *e, double *v, double *w) {
     double speed = max_speed(e, e->v + e->e_x), k = 9 * speed, k_y = 36 * speed;
-    limit_gains(&k, &k_y, speed);
+    limit_gains(&k, &k_y, speed, e->g);
     *v = e->v * cos(e->e_chi) + e->e_x;
-    *w = e->w + copysign(1, e->v) * clip(k_y * e->e_y, k * 0.6051864057360395) + k * sin(e->e_chi);
+    *w = e->w + copysign(1, e->v) * clip(k_y * e->e_y, k * 0.7833269096274834) + k * sin(e->e_chi);
 }
 
 LOCAL pure_pursuit_law(memory *s, const errors *e, double *v, double *w) {
     double speed = max_speed(e, e->v + e->e_x), L = fmax(0.1, 2.45 * T * speed), far = e->e_y / 0.7602043991336763, x, y;
     double ahead = sqrt(fmax(L * L - e->e_y * e->e_y, far * far)), kappa = clip(e->kappa, 1 / ahead);
-    point_ahead(-sin(e->e_chi) * e->e_y, e->e_y, e->e_chi, kappa, e->forward * ahead, &x, &y);
+    double e_y = e->e_y * fmin(e->g, fmax(25 * L * L, 1));
+    point_ahead(-sin(e->e_chi) * e_y, e_y, e->e_chi, kappa, e->forward * ahead, &x, &y);
     *v = e->v + e->e_x, *w = e->w + e->forward * speed * (2 * y / fmax(x * x + y * y, 0.25 * L * L) - kappa);
 }
 
@@ -184,9 +191,9 @@ LOCAL stanley_law(memory *s, const errors *e, double *v, double *w) {
     double speed = max_speed(e, e->v + e->e_x), l = fmax(fmax(0.1, 0.25 * speed), 1.35 * T * speed);
     double rate = 6 * speed / (0.05 + speed);
     double k = speed / l + rate, k_y = rate / l;
-    limit_gains(&k, &k_y, speed);
+    limit_gains(&k, &k_y, speed, e->g);
     double y = k_y * e->e_y + e->forward * (k - speed / l) * sin(e->e_chi);
-    double delta = clip(e->e_chi + e->forward * clip(atan(y * l / fmax(speed, 1e-12)), 0.65), 1.2);
+    double delta = clip(e->e_chi + e->forward * clip(atan(y * l / fmax(speed, 1e-12)), 0.9), 1.2);
     *v = e->v + e->e_x, *w = e->w + speed * sin(delta) / l;
 }
 
@@ -203,13 +210,13 @@ LOCAL lqr_law(memory *s, const errors *e, double *v, double *w) {
     P[1] = 1600 + r0, P[2] = off, P[3] = 9.765625 + a * r1 + s1;
     k_c = -k_c, k_y = fabs(k_y);
     *v = e->v - k_x * e->e_x;
-    limit_gains(&k_c, &k_y, fmax(max_speed(e, *v), 0.05));
-    *w = e->w + fabs(e->v) / speed * clip(k_y * e->e_y, 0.65 * k_c) + k_c * e->e_chi;
+    limit_gains(&k_c, &k_y, fmax(max_speed(e, *v), 0.05), e->g);
+    *w = e->w + fabs(e->v) / speed * clip(k_y * e->e_y, 0.9 * k_c) + k_c * e->e_chi;
 }
 
 #define DRIVE(name)                                                                                                    \
     void name(int64_t n, const double *P, const double *row, double *u) {                                              \
-        memory s = {.t = -1, .P = {P[0], P[4], P[5], P[8]}};                                                           \
+        memory s = {.t = -1, .near = 1, .P = {P[0], P[4], P[5], P[8]}};                                                           \
         for (int64_t k = 0; k < n; ++k, row += 13, u += 3) follow(&s, row, u, name##_law);                             \
     }
 DRIVE(pd_feedforward)

@@ -49,7 +49,7 @@ class Kanayama(ModelFollower):
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = tracking.e, tracking.nu_f
         speed = tracking.max_speed(v_f + self.k_x * e_x)
-        k_theta, k_y = self.limited_gains(self.k_theta * speed, self.k_y * speed, speed)
+        k_theta, k_y = self.limited_gains(self.k_theta * speed, self.k_y * speed, speed, tracking.far_gain)
         max_correction = k_theta * np.sin(MAX_APPROACH_RAD)
         lateral_term = np.clip(k_y * e_y, -max_correction, max_correction)
         # the correction of e_y changes its sign backward, the damping of the course does not

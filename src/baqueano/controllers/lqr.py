@@ -82,7 +82,7 @@ class Lqr(ModelFollower):
         P, K = self.riccati(memory, *_linear(v, tracking.dt_s))
         requested_v = v_f - K[0] @ np.array([tracking.e[0], tracking.e[1], tracking.e_chi])
         V = np.maximum(tracking.max_speed(requested_v), MIN_SPEED_M_S)
-        k_chi, k_y = self.limited_gains(-K[1, 2], np.abs(K[1, 1]), V)
+        k_chi, k_y = self.limited_gains(-K[1, 2], np.abs(K[1, 1]), V, tracking.far_gain)
         max_correction = k_chi * MAX_APPROACH_RAD
         lateral_term = np.abs(v_f) / v * np.clip(k_y * tracking.e[1], -max_correction, max_correction)
         omega = omega_f + lateral_term + k_chi * tracking.e_chi

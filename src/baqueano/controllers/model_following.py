@@ -7,12 +7,12 @@
     λ ν̇_f = ν_r − ν_f                                       a reference without jumps                     (3)
     v_w = v + v_i,   |v| ≤ |v_f| + v_c,   v̇_i = k_i e_x,   ω_w = ω + ω_i,   4 T ω̇_i = −(d_ψ + ω_i)        (4)
     u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f; within the limits of u              (5)
-    k_χ ← f k_χ,   f = min(1, 1/(1.35 T k_χ)),   k_y ← min(k_y, max(f² k_y, k_χ²/(4 ζ² v)))               (6)
+    k_χ ← f k_χ,   f = min(1, 1/(1.35 T k_χ)),   k_y ← min(k_y, g max(f² k_y, k_χ²/(4 ζ² v)))             (6)
 
 η, ν: pose and velocity; r: reference; v, ω: the law at e, e_χ and ν_f; β = atan(ν_y / ν_x); ν_w = (v_w, ω_w). A vehicle
 is D = delay + lag behind its command, T = D + λ behind its reference; d: model error; b: from the centre of turning to
 the origin; c(s): along a circle of curvature κ. (5) inverts friction, actuator matrix and dead zone in one Newton step
-per tick; v_i and ω_i remove steady errors. (6): T limits the gains, ζ = 0.65. docs/derivations/pd_feedforward.md
+per tick; v_i and ω_i remove steady errors. (6): ζ = 0.65, g: `far_gain`. docs/derivations/pd_feedforward.md
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,9 @@ MAX_ALONG_ERROR_M = 0.3  # limit of e_x: a larger error does not increase the re
 MAX_CATCH_UP_M_S = 0.3  # v_c, however large the gains are
 MAX_ARC_M = 0.5  # of (2a): farther away, the path has another curvature
 MIN_RADIUS_RATIO = 0.5  # of (2a): of the vehicle, relative to that of the circle
-MAX_APPROACH_RAD = 0.65  # largest angle between course and path when a law approaches from far
+MAX_APPROACH_RAD = 0.9  # largest angle between course and path when a law approaches from far
+NEAR_M = 0.03  # of (6): a vehicle within this distance has joined its path
+NEAR_S = 1.0  # of (6): time near the path before another approach; an oscillation crosses the path sooner
 DELAY_RATIO = 1.35  # smallest further delay that a loop of the course tolerates, as a share of T
 MIN_DAMPING = 0.65  # of a loop of position and course whose gains are limited by T
 MIN_COURSE_SPEED_M_S = 0.02  # below this speed the course is the heading
@@ -67,6 +69,8 @@ class FollowerState(NamedTuple):
         Memory of the law, of any shape (…,).
     pipeline : ndarray (4, 3) [m/s, m/s, rad/s]
         ν_m, ν_1, ν_2 and d of (1a).
+    near_s : float [s]
+        Time near the path since the last approach, at most NEAR_S; twice NEAR_S during an approach.
     """
 
     t_ns: int
@@ -75,6 +79,7 @@ class FollowerState(NamedTuple):
     effort: np.ndarray
     law: np.ndarray
     pipeline: np.ndarray
+    near_s: float = NEAR_S
 
 
 class Tracking(NamedTuple):
@@ -95,6 +100,8 @@ class Tracking(NamedTuple):
         Direction of the reference [no unit]: 1 forward, −1 backward, 0 at rest, with a smooth transition.
     dt_s : float
         Time since the last tick.
+    far_gain : float
+        g of (6) [no unit]: 1 near the path, and up to 2 during an approach from far.
 
     Examples
     --------
@@ -109,6 +116,7 @@ class Tracking(NamedTuple):
     kappa: float
     forward_sign: float
     dt_s: Value
+    far_gain: Value = 1.0
 
     def max_speed(self, v: Value) -> Value:
         """Return the larger speed [m/s] of the reference and of a request `v`, limited as in (4), for the gains."""
@@ -186,6 +194,8 @@ class ModelFollower:
         b = optional.turning_arm_m(self.vehicle)
         nu_f = np.array([nu_f[0], smooth_y + b * (nu_f[2] - smooth_r), nu_f[2]])
         tracking = self._tracking(reference, self._predicted_pose(estimate.eta, pipeline, nu_f), nu_f, dt_s)
+        near_s = approach_clock(state.near_s, tracking.e[1], dt_s)
+        tracking = tracking._replace(far_gain=far_gain(tracking.e[1], near_s))
         integral = self._integral(state.integral, tracking.e[0], pipeline[3][2], nu_f, dt_s)
         law, v_w, omega_w = self._checked_law(state.law, tracking)
         nu_w = np.array([v_w + integral[0], nu[1], omega_w + integral[1]])  # (4)
@@ -194,7 +204,9 @@ class ModelFollower:
         u = drivetrain.prioritise_turn(np.clip(drivetrain.inverse(effort), -self.limit, self.limit))
         # that u causes within the limits: otherwise the integrals would wind up
         effort = drivetrain.unmix(drivetrain.static_response(drivetrain.mix(u)))
-        return FollowerState(estimate.t_ns, nu_f, integral, effort, law, pipeline), Command(estimate.t_ns, u)
+        return FollowerState(estimate.t_ns, nu_f, integral, effort, law, pipeline, near_s), Command(
+            estimate.t_ns, u
+        )
 
     def _predicted_pose(self, eta: np.ndarray, pipeline: np.ndarray, nu_f: np.ndarray) -> np.ndarray:
         """Return η_p (3,), the pose when a present command acts, of a vehicle at η (3,).  (1)"""
@@ -254,15 +266,18 @@ class ModelFollower:
         """
         return 1.0 / (DELAY_RATIO * self.response_delay_s)
 
-    def limited_gains(self, k_chi: Value, k_y: Value, speed_m_s: Value) -> tuple[Value, Value]:
+    def limited_gains(
+        self, k_chi: Value, k_y: Value, speed_m_s: Value, far_gain: Value = 1.0
+    ) -> tuple[Value, Value]:
         """Return yaw rates per course error k_χ [1/s] and per cross-track error k_y [rad/(m s)], limited by T.  (6)
 
-        If f limits k_χ, the damping ratio k_χ / (2 √(k_y v)) falls to MIN_DAMPING, if it was larger.
+        If f limits k_χ, the damping ratio k_χ / (2 √(k_y v)) falls to MIN_DAMPING, if it was larger. The limit
+        of k_y is `far_gain` times as large.
         """
         share = 1.0 / np.maximum(k_chi / self.max_course_gain, 1.0)
         k_chi = share * k_chi
         damped_k_y = k_chi**2 / np.maximum(4.0 * MIN_DAMPING**2 * speed_m_s, TINY)
-        return k_chi, np.minimum(k_y, np.maximum(share**2 * k_y, damped_k_y))
+        return k_chi, np.minimum(k_y, far_gain * np.maximum(share**2 * k_y, damped_k_y))
 
     def _checked_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Value, Value]:
         result = self.velocity_law(memory, tracking)
@@ -314,6 +329,18 @@ def slip(nu: np.ndarray) -> Value:
     β is 0 at rest.  (2)
     """
     return np.arctan(nu[1] * nu[0] / (nu[0] * nu[0] + MIN_COURSE_SPEED_M_S**2))
+
+
+def approach_clock(near_s: Value, e_y: Value, dt_s: Value) -> Value:
+    """Return `near_s` of FollowerState one tick later, at the cross-track error `e_y` [m]."""
+    is_far = np.abs(e_y) >= NEAR_M
+    far_s = np.where(near_s >= NEAR_S, 2.0 * NEAR_S, near_s)
+    return np.where(is_far, far_s, np.where(near_s > NEAR_S, 0.0, np.minimum(near_s + dt_s, NEAR_S)))
+
+
+def far_gain(e_y: Value, near_s: Value) -> Value:
+    """Return g, from 1 near the path to 2 far from it: the factor by which T limits k_y less.  (6)"""
+    return np.where(near_s > NEAR_S, 2.0 - NEAR_M / np.maximum(np.abs(e_y), NEAR_M), 1.0)
 
 
 def arc_to_vehicle(e: np.ndarray, e_chi: Value, kappa: Value) -> Value:

@@ -1,13 +1,14 @@
 """PD control with feed-forward from the vehicle's model: the recommended controller, with smooth motion.
 
-    v = v_f + k_x e_x,    ω = ω_f + k (e_χ ± atan(e_y / L)),    L = max(join_m, 1.44 V / k)                (1)
+    v = v_f + k_x e_x,    ω = ω_f + k (e_χ ± atan(g e_y / L)),  L = max(join_m, 1.44 V / k)                (1)
     k = max(k_χ, min(1.44 V / join_m, 1 / (1.5 T))),    V = max(|v|, |v_f|)                               (2)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: along-track, cross-track and course errors.
 The vehicle steers towards a point of the path that is L ahead of it (line of sight); + forward, − backward. The
 damping ratio √(k L / V) / 2 is at least 0.6. At a high speed, (2) increases k as far as the delay T permits, for a
-short L. model_following.py predicts the pose, limits |v| by (4), and computes the command. The controller works at any
-speed and in turns on the spot.
+short L. g is 1 near the path, and up to 2 far from it, where the vehicle approaches at a larger angle: (6) of
+model_following.py, which also predicts the pose, limits |v| by (4), and computes the command. The controller works at
+any speed and in turns on the spot.
 
 Source: Fossen, Handbook of Marine Craft, 2011, ch. 12. Derivation: docs/derivations/pd_feedforward.md.
 """
@@ -56,5 +57,5 @@ class PdFeedforward(ModelFollower):
         needed_k = DAMPING_RATIO * speed / self.join_m
         k = np.maximum(self.k_chi, np.minimum(needed_k, MAX_GAIN_SHARE * self.max_course_gain))  # (2)
         L = np.maximum(self.join_m, DAMPING_RATIO * speed / np.maximum(k, 1e-3))
-        turn = tracking.e_chi + tracking.forward_sign * np.arctan(tracking.e[1] / L)
+        turn = tracking.e_chi + tracking.forward_sign * np.arctan(tracking.far_gain * tracking.e[1] / L)
         return memory, (v, tracking.nu_f[2] + k * turn)

@@ -8,7 +8,7 @@ point beside the vehicle. v_f: speed of the reference without jumps; e_x, e_y: a
 + forward, − backward. (1) is the curvature of the arc that leaves the vehicle along its course and ends at (x, y). With
 a longer L the motion is smoother, but cuts corners. A loop that is faster than the delay T of the vehicle oscillates:
 T limits L. From a distance, the chord to (x, y) has the angle χ_max to the path. The law cannot turn on the spot, and
-does not correct at rest.
+does not correct at rest. If T at least doubles L, g e_y replaces e_y in (x, y), with g of (6) of model_following.py.
 
 Sources: Coulter, CMU-RI-TR-92-01, 1992; L as in Macenski et al., Autonomous Robots, 2023. model_following.py predicts
 the pose, limits |v| by (4), and computes the command.
@@ -19,10 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.controllers.model_following import MAX_APPROACH_RAD, ModelFollower, Tracking, point_ahead
+from baqueano.controllers.model_following import ModelFollower, Tracking, point_ahead
 from baqueano.parameter import document, parameter
 
 DELAY_RATIO = 2.45  # of L / V and T
+MAX_APPROACH_RAD = 0.65  # χ_max, with e_y
 
 
 @document
@@ -62,8 +63,9 @@ class PurePursuit(ModelFollower):
         L = np.maximum(self.look_ahead_s, DELAY_RATIO * self.response_delay_s) * speed
         L = np.maximum(self.look_ahead_m, L)
         e_y, e_chi = tracking.e[1], tracking.e_chi
-        offset_m = np.array([-np.sin(e_chi) * e_y, e_y])
         ahead_m = np.sqrt(np.maximum(L**2 - e_y**2, (e_y / np.tan(MAX_APPROACH_RAD)) ** 2))
+        e_y = e_y * np.minimum(tracking.far_gain, np.maximum(0.5 * L / self.look_ahead_m, 1.0) ** 2)
+        offset_m = np.array([-np.sin(e_chi) * e_y, e_y])
         kappa = np.clip(tracking.kappa, -1.0 / ahead_m, 1.0 / ahead_m)  # the arc bends by at most 1 rad
         x, y = point_ahead(offset_m, e_chi, kappa, tracking.forward_sign * ahead_m)
         curvature = 2.0 * y / np.maximum(x * x + y * y, 0.25 * L * L) - kappa  # 0 on a bend without errors

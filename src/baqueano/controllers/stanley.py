@@ -64,7 +64,7 @@ class Stanley(ModelFollower):
         speed = tracking.max_speed(v_f + self.k_x * e_x)
         axle_m = np.maximum(np.maximum(self.axle_m, self.axle_s * speed), speed / self.max_course_gain)
         rate = self.k * speed / (self.softening_speed_m_s + speed)
-        k_chi, k_y = self.limited_gains(speed / axle_m + rate, rate / axle_m, speed)
+        k_chi, k_y = self.limited_gains(speed / axle_m + rate, rate / axle_m, speed, tracking.far_gain)
         correction = k_y * e_y + tracking.forward_sign * (k_chi - speed / axle_m) * np.sin(tracking.e_chi)
         approach_angle = np.arctan(correction * axle_m / np.maximum(speed, TINY))  # (2)
         approach_angle = np.clip(approach_angle, -MAX_APPROACH_RAD, MAX_APPROACH_RAD)
