@@ -361,7 +361,8 @@ def substitute(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> Fitt
 
 def fixed_columns(free: list[FreeParameter], u: np.ndarray) -> list[int]:
     """Return the indices of free parameters that belong to a command which is 0 in all rows of u (N, n)."""
-    return [k for k, p in enumerate(free) if p.column in np.flatnonzero(~np.any(u != 0.0, axis=0))]
+    still_columns = set(np.flatnonzero(~np.any(u, axis=0)).tolist())
+    return [k for k, p in enumerate(free) if p.column in still_columns]
 
 
 def _value_at(blocks: FittedBlocks, path: str) -> np.ndarray:

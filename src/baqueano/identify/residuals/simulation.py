@@ -105,6 +105,7 @@ class Residuals:
         m, n = sum(self.sizes), blocks.model.commands
         self._weights = slice(1 + n + m, 1 + n + 2 * m)
         self.masks = [rows[:, self._weights].copy() for rows in self.rows]
+        self.counts = np.sum([mask.sum(axis=0) for mask in self.masks], axis=0)  # (m,) over all runs
         for rows in self.rows:
             rows.flags.writeable = False
         self.z = [rows[:, 1 + n : 1 + n + m].copy() for rows in self.rows]
@@ -150,18 +151,14 @@ class Residuals:
         ends = np.cumsum(self.sizes).tolist()
         return {name: slice(end - m, end) for name, m, end in zip(self.names, self.sizes, ends, strict=True)}
 
-    @property
-    def counts(self) -> np.ndarray:
-        """Return the number (m,) of measurements of each channel, over all runs."""
-        return np.sum([mask.sum(axis=0) for mask in self.masks], axis=0)
-
     def signal_std(self) -> np.ndarray:
         """Return the standard deviation (m,) of the measurements of each channel, over all runs."""
-        signal_std = np.zeros(len(self.sigma))
-        for c in range(len(signal_std)):
+
+        def channel_std(c: int) -> float:
             columns = [z[mask[:, c] > 0.0, c] for z, mask in zip(self.z, self.masks, strict=True)]
-            signal_std[c] = np.std(np.concatenate(columns)) if any(map(len, columns)) else 0.0
-        return signal_std
+            return float(np.std(np.concatenate(columns))) if any(map(len, columns)) else 0.0
+
+        return np.array(parallel_map(channel_std, range(len(self.sigma)), rows=sum(map(len, self.z))))
 
     def weight(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> Self:
         """Return the residuals divided by `sigma` (m,), and by `profile` (N, m) per segment if the noise varies."""
@@ -193,9 +190,12 @@ class Residuals:
 
     def gradient(self, theta: np.ndarray) -> np.ndarray:
         """Return the gradient (p,) of the Huber cost, from the sensitivities."""
-        gradient = self._prior * theta
-        for r, d, index in self.sensitivities(theta):
-            gradient[index] += np.einsum("tm,tmp->p", np.clip(r, -HUBER, HUBER), d)
+        gradient, (r, d, index) = self._prior * theta, zip(*self.sensitivities(theta), strict=True)
+        sums = parallel_map(
+            lambda x, dx: np.einsum("tm,tmp->p", np.clip(x, -HUBER, HUBER), dx), r, d, rows=sum(map(len, r))
+        )
+        for entries, score in zip(index, sums, strict=True):
+            gradient[entries] += score
         return gradient
 
     def at_estimate(self, theta: np.ndarray) -> Self:

@@ -221,7 +221,7 @@ def _outlier_counts(e: Evidence) -> list[tuple[int, int, int]]:
     for k, c in enumerate(e.channels):
         residuals = c.residuals / c.sigma
         is_in_group = np.isfinite(residuals), residuals > OUTLIER_SIGMA, residuals < -OUTLIER_SIGMA
-        counts[k % m] += np.sum(is_in_group, axis=1)
+        counts[k % m] += [np.count_nonzero(x) for x in is_in_group]
     return [(int(n), int(highs), int(lows)) for n, highs, lows in counts]
 
 
@@ -259,15 +259,14 @@ def group_channels(
     means = np.zeros(len(labels)) if one_mean is None else one_mean
     for label, is_mean in zip(labels, means, strict=True):
         min_count = 1 if is_mean else 2
-        channel_fits = [c for c in channels if c.label == label]
-        channel_fits = [c for c in channel_fits if np.isfinite(c.measurements).sum() >= min_count]
-        is_finite = [np.isfinite(c.measurements) for c in channel_fits]
-        z = [c.measurements[finite_rows] for c, finite_rows in zip(channel_fits, is_finite, strict=True)]
+        fits = [(c, np.isfinite(c.measurements)) for c in channels if c.label == label]
+        fits = [(c, is_finite) for c, is_finite in fits if np.count_nonzero(is_finite) >= min_count]
+        z = [c.measurements[is_finite] for c, is_finite in fits]
         mean = float(np.mean(np.concatenate(z))) if is_mean and z else None
-        for c, finite_rows, measurements in zip(channel_fits, is_finite, z, strict=True):
+        for (c, is_finite), measurements in zip(fits, z, strict=True):
             limit = CLIP_SIGMA * max(c.sigma, float(np.std(measurements)))
-            residuals = np.clip(measurements - c.predictions[finite_rows], -limit, limit)
-            signal = c.predictions[finite_rows] + residuals
+            residuals = np.clip(measurements - c.predictions[is_finite], -limit, limit)
+            signal = c.predictions[is_finite] + residuals
             signal = signal - (np.mean(signal) if mean is None else mean)
             squares, signal_squares = (dot(x, x) / c.sigma**2 for x in (residuals, signal))
             run_channel = RunChannel(c.run, squares, signal_squares, len(measurements))
