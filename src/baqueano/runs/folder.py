@@ -1,6 +1,6 @@
 """Manage the folder of runs: numbered files, newest last.
 
-`runs/0001-experiment.mcap`, `runs/0002-teach.mcap`, …: each new run has the next number. `claim` reserves the number,
+`runs/0001-experiment.mcap`, `runs/0002-teach.mcap`, …: each new run has the next number. `reserve_path` reserves it,
 even if two programs request a number at the same time.
 """
 
@@ -26,7 +26,7 @@ NUMBER_RANGE = re.compile(r"(\d+)-(\d+)(?::(\d+))?")
 
 
 def new_path(folder: Path | str, label: str) -> Path:
-    """Return `folder/NNNN-label.mcap` with the next free number. The number is not reserved; `claim` reserves it.
+    """Return `folder/NNNN-label.mcap` with the next free number. The number is not reserved; see `reserve_path`.
     Create the folder if it does not exist; raise FileError if that fails.
     """
     folder = Path(folder)
@@ -159,7 +159,7 @@ def reserve_path(folder: Path | str, label: str) -> Path:
 
 
 def release_path(path: Path) -> None:
-    """Release the number that `claim` reserved; a written run keeps its number."""
+    """Release the number that `reserve_path` reserved; a written run keeps its number."""
     part_path = path.with_name(path.name + ".part")
     with suppress(OSError):
         if part_path.stat().st_size == 0:

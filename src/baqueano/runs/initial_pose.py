@@ -14,6 +14,7 @@ that the motors of a moving vehicle have had their command for a long time. A ca
 import numpy as np
 
 from baqueano.geometry import map_from_body, wrap
+from baqueano.runs.logs import log_rows
 from baqueano.runs.run import Run, TruthLog
 from baqueano.signals import NANOSECONDS
 
@@ -30,7 +31,7 @@ def initial_pose(run: Run) -> np.ndarray:
     """
     if "start" in run.metadata:
         return np.array([float(x) for x in run.metadata["start"].split()])
-    truth = None if run.truth is None else _with_pose(run.truth)
+    truth = None if run.truth is None else log_rows(run.truth, np.isfinite(run.truth.eta).all(axis=1))
     if truth is None or not len(run.t_ns) or len(truth.t_ns) < 2:
         return np.zeros(3)
     first = int(max(run.t_ns[0], truth.t_ns[0]))
@@ -60,12 +61,6 @@ def _mean_velocity(truth: TruthLog, first_ns: int, end_ns: int) -> np.ndarray:
     shift = _pose(end_ns, truth) - eta
     shift[2] = wrap(shift[2])
     return map_from_body(eta[2] + 0.5 * shift[2]).T @ shift * (NANOSECONDS / max(end_ns - first_ns, 1))
-
-
-def _with_pose(truth: TruthLog) -> TruthLog:
-    """Return the truth without the rows that do not have a pose."""
-    has_pose = np.isfinite(truth.eta).all(axis=1)
-    return TruthLog(*(column[has_pose] for column in truth))
 
 
 def _pose(t_ns: int, truth: TruthLog) -> np.ndarray:

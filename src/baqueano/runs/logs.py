@@ -215,31 +215,32 @@ def checked_channel(name: str, channel: Channel) -> Channel:
     return Channel(t_ns, arrival, checked_array(channel.z, f"{place_text}.z", (len(arrival), m)))
 
 
-def estimate_shapes(k: int, log: EstimateLog) -> list[tuple[int, ...] | None]:
-    """Return the shapes of the columns of the estimate, k rows long; None for a column that the log lacks."""
-    m = None if log.innovation is None else np.shape(log.innovation)[1]
-    innovation_shapes = (
-        [None, None] if m is None else [(k, m), None if log.innovation_cov is None else (k, m, m)]
-    )
-    return [(k, 3), (k, 3), (k, 6, 6), *innovation_shapes]
+def _shapes(name: str, k: int, log: Any) -> list[tuple[int, ...] | None]:
+    """Return the shapes of the columns of a log, k rows long; None for a column that the log lacks."""
+    if name != "estimate":
+        return [(k, 3), (k, 3), (k,) if name == "reference" else (k, 3)]
+    m = 0 if log.innovation is None else np.shape(log.innovation)[1]
+    has_cov = log.innovation is not None and log.innovation_cov is not None
+    return [
+        (k, 3),
+        (k, 3),
+        (k, 6, 6),
+        None if log.innovation is None else (k, m),
+        (k, m, m) if has_cov else None,
+    ]
 
 
-def reference_shapes(k: int, log: ReferenceLog) -> list[tuple[int, ...]]:
-    """Return the shapes of the columns of the reference, k rows long."""
-    return [(k, 3), (k, 3), (k,)]
+def log_rows(log: Any, rows: np.ndarray) -> Any:
+    """Return a log with these rows, a mask or indices; a column that the log lacks is None."""
+    return type(log)(*(None if column is None else column[rows] for column in log))
 
 
-def truth_shapes(k: int, log: TruthLog) -> list[tuple[int, ...]]:
-    """Return the shapes of the columns of the truth, k rows long."""
-    return [(k, 3), (k, 3), (k, 3)]
-
-
-def checked_log(name: str, log: Any, shapes: Any) -> Any:
+def checked_log(name: str, log: Any) -> Any:
     """Return a log as arrays, or None for None. Raise Invalid if a time or a shape is wrong."""
     if log is None:
         return None
     t_ns = checked_times(log.t_ns, f"{name}.t_ns")
-    rows = zip(log[1:], shapes(len(t_ns), log), log._fields[1:], strict=True)
+    rows = zip(log[1:], _shapes(name, len(t_ns), log), log._fields[1:], strict=True)
     return type(log)(
         t_ns,
         *(

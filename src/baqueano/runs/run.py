@@ -30,9 +30,7 @@ from baqueano.runs.logs import (
     checked_channel,
     checked_log,
     checked_times,
-    estimate_shapes,
-    reference_shapes,
-    truth_shapes,
+    log_rows,
 )  # fmt: skip
 from baqueano.signals import NANOSECONDS, TICK_TOLERANCE_NS, Slot, Tick, seconds, sensor_slots
 
@@ -105,25 +103,15 @@ class Run(Result):
         set_field = object.__setattr__
         set_field(self, "t_ns", checked_times(self.t_ns, "t_ns", must_increase=True))
         n = np.shape(self.applied_commands)[1] if np.ndim(self.applied_commands) == 2 else -1
-        set_field(
-            self,
-            "applied_commands",
-            checked_array(self.applied_commands, "applied_commands", (len(self.t_ns), n)),
-        )
-        for name in ("requested_commands", "sent_commands"):
-            if getattr(self, name) is not None:
-                set_field(self, name, checked_array(getattr(self, name), name, self.applied_commands.shape))
-        set_field(
-            self, "sensors", {name: checked_channel(name, channel) for name, channel in self.sensors.items()}
-        )
-        set_field(self, "estimate", checked_log("estimate", self.estimate, estimate_shapes))
-        set_field(self, "reference", checked_log("reference", self.reference, reference_shapes))
-        set_field(self, "truth", checked_log("truth", self.truth, truth_shapes))
-        set_field(
-            self,
-            "events",
-            tuple(Event(int(e[0]), str(e[1]), str(e[2]), str(e[3]), e.diagnostic) for e in self.events),
-        )
+        for name in ("applied_commands", "requested_commands", "sent_commands"):
+            if getattr(self, name) is not None or name == "applied_commands":
+                set_field(self, name, checked_array(getattr(self, name), name, (len(self.t_ns), n)))
+        sensors = {name: checked_channel(name, channel) for name, channel in self.sensors.items()}
+        set_field(self, "sensors", sensors)
+        for name in ("estimate", "reference", "truth"):
+            set_field(self, name, checked_log(name, getattr(self, name)))
+        events = (Event(int(e[0]), str(e[1]), str(e[2]), str(e[3]), e.diagnostic) for e in self.events)
+        set_field(self, "events", tuple(events))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Run):
@@ -230,8 +218,7 @@ class Run(Result):
             return None
         if ref is None or not self.rest_s:
             return ref
-        begins = self._instant_ns(self.rest_s) - TICK_TOLERANCE_NS
-        return ReferenceLog(*(column[ref.t_ns >= begins] for column in ref))
+        return log_rows(ref, ref.t_ns >= self._instant_ns(self.rest_s) - TICK_TOLERANCE_NS)
 
     def ticks(self) -> Iterator[Tick]:
         """Yield the ticks as in the loop, with the newest measurement of each sensor since the previous tick,
@@ -252,16 +239,13 @@ class Run(Result):
         previous_ns = self.t_ns[first - 1] if first > 0 else np.iinfo(np.int64).min
 
         def part(log: Any) -> Any:
-            if log is None:
-                return None
-            is_within = (log.t_ns >= low) & (log.t_ns < high)
-            return type(log)(*(None if column is None else column[is_within] for column in log))
+            return None if log is None else log_rows(log, (log.t_ns >= low) & (log.t_ns < high))
 
         rest = {REST_KEY: repr(max(self.rest_s - from_s, 0.0))} if REST_KEY in self.metadata else {}
-        sensors = {}
-        for name, channel in self.sensors.items():
-            is_within = (channel.arrival_ns > previous_ns) & (channel.arrival_ns < high)
-            sensors[name] = Channel(*(column[is_within] for column in channel))
+        sensors = {
+            name: log_rows(channel, (channel.arrival_ns > previous_ns) & (channel.arrival_ns < high))
+            for name, channel in self.sensors.items()
+        }
         return replace(
             self,
             path=None,

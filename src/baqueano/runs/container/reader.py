@@ -151,8 +151,8 @@ class _RunAssembly:
             requested_commands=self.tick_commands("/command/requested", ticks),
             sensors=self.sensors(),
             estimate=self.estimate(),
-            reference=self.reference(),
-            truth=self.truth(),
+            reference=self.fixed_log("/reference", messages.REFERENCE, ReferenceLog),
+            truth=self.fixed_log("/truth", messages.MOTION, TruthLog),
             events=tuple(self.events()),
             vehicle_text=self.vehicle_text(),
             metadata=self.metadata(),
@@ -162,7 +162,7 @@ class _RunAssembly:
         return run
 
     def ticks(self) -> Channel:
-        rows = self.read("/command/applied", "u", self.fixed_size_layout(messages.command_layout))
+        rows = self.commands("/command/applied")
         if rows is None:
             topics = ", ".join(sorted(self.topics)[:8])[:400] or "no topics"
             cause = _join_causes(self.contents.problems[:2])
@@ -195,7 +195,7 @@ class _RunAssembly:
         }
 
     def tick_commands(self, topic: str, ticks: Channel) -> np.ndarray | None:
-        commands = self.read(topic, "u", self.fixed_size_layout(messages.command_layout))
+        commands = self.commands(topic)
         if commands is None:
             return None
         if commands.z.shape[1] != ticks.z.shape[1]:
@@ -226,19 +226,13 @@ class _RunAssembly:
         self.reserve_missing_rows("/estimate", missing_count, (m or 0) * (1 + (m or 0) * has_cov))
         return _concatenate([_estimate_columns(m, has_cov, *segment) for segment in segments], EstimateLog)
 
-    def reference(self) -> ReferenceLog | None:
-        rows = self.read_fixed("/reference", messages.REFERENCE)
-        if rows is None:
+    def fixed_log(self, topic: str, layout: messages.MessageLayout, log_class: Any) -> Any:
+        """Return the log in a topic whose messages have a fixed size; None if the file does not have the topic."""
+        if topic not in self.topics:
             return None
-        t_ns, f = rows
-        return _concatenate([(t_ns, f["eta"], f["nu"], f["done"][:, 0])], ReferenceLog)
-
-    def truth(self) -> TruthLog | None:
-        rows = self.read_fixed("/truth", messages.MOTION)
-        if rows is None:
-            return None
-        t_ns, f = rows
-        return _concatenate([(t_ns, f["eta"], f["nu"], f["nu_dot"])], TruthLog)
+        t_ns, _, fields = self.unpack(topic, layout, self.topics[topic][0][1])
+        columns = (x[:, 0] if x.shape[1] == 1 else x for x in fields.values())
+        return _concatenate([(t_ns, *columns)], log_class)
 
     def events(self) -> Iterable[Event]:
         unread, cause = 0, None
@@ -278,16 +272,8 @@ class _RunAssembly:
             warnings.append(_warning(code, **figures, places=problems, count=unlisted_count))
         return warnings
 
-    def fixed_size_layout(self, layout: Any) -> Any:
-        return lambda topic, schema, size: layout(size)
-
-    def read_fixed(
-        self, topic: str, layout: messages.MessageLayout
-    ) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
-        if topic not in self.topics:
-            return None
-        t_ns, _, fields = self.unpack(topic, layout, self.topics[topic][0][1])
-        return t_ns, fields
+    def commands(self, topic: str) -> Channel | None:
+        return self.read(topic, "u", lambda topic, schema, size: messages.command_layout(size))
 
     def read(self, topic: str, values: str, layout: Any) -> Channel | None:
         """Return the first channel of a topic, in order of arrival. Return None if the file does not have the topic."""

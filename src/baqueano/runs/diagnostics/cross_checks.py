@@ -80,7 +80,7 @@ def _channel_findings(
     constant = np.max(z, axis=0) == np.min(z, axis=0)
     for i in np.flatnonzero(constant):
         reason = note("recording.constant", key=key, number=i, value=z[0, i], rows=len(z))
-        yield ImportFinding("constant", "warning", None, reason)
+        yield ImportFinding("constant", "warning", reason)
     if is_slow:
         return
     hold_counts = np.concatenate(
@@ -90,5 +90,5 @@ def _channel_findings(
         mean_hold = float(np.mean(hold_counts[hold_counts < LONG_HOLD_FACTOR * np.median(hold_counts)]))
         reason = note("recording.repeated-rows", key=key, share=1.0 - 1.0 / mean_hold, period_rows=mean_hold)
         yield ImportFinding(
-            "repeated samples", "warning", int(t_ns[0]), reason, note("recording.write-new-when")
+            "repeated samples", "warning", reason, note("recording.write-new-when"), t_ns=int(t_ns[0])
         )

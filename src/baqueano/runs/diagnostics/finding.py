@@ -7,9 +7,8 @@ from baqueano.messages import text
 from baqueano.messages.language import mark as N_
 
 KIND_CODES = (  # codes as words; `accept` in a map takes them in English
-    N_("constant"), N_(
-        "repeated samples"
-    ), N_("gyro at rest"), N_("fast turns"), N_("counts per g"), N_("quiet accelerometer"), N_("curve"),
+    N_("constant"), N_("repeated samples"), N_("gyro at rest"), N_("fast turns"), N_("counts per g"),
+    N_("quiet accelerometer"), N_("curve"),
     N_("command range"), N_("inverted"), N_("swapped"), N_("unit"), N_("scale"), N_("no sign"), N_("unrelated"),
     N_("clock"), N_("track"), N_("sign"), N_("mirrored"), N_("heading offset"), N_("repeats"), N_("gap"),
     N_("time jump"), N_("time unit"), N_("time steps back"), N_("short"), N_("no command yet"), N_("no command"),
@@ -23,9 +22,9 @@ class ImportFinding(NamedTuple):
 
     code: str  # the name for `accept` in the map
     level: str  # "error": contradicts the map; "warning": corrected or excluded; "info": only reported
-    t_ns: int | None  # beginning of the finding; None: it concerns the whole recording
     reason: Diagnostic
     line: Diagnostic | str | None = None  # the line to write in the map
+    t_ns: int | None = None  # beginning of the finding; None: it concerns the whole recording
     usual: bool = False  # every import with this kind of map has this finding
 
     @property

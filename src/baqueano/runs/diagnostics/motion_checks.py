@@ -87,7 +87,7 @@ def _finding(hypothesis: Hypothesis, entry: "Entry", code: str, default: Diagnos
             if hypothesis.meaning
             else scale_note
         )
-    return ImportFinding(hypothesis.code, "error", None, _finding_reason(hypothesis, entry, code), line)
+    return ImportFinding(hypothesis.code, "error", _finding_reason(hypothesis, entry, code), line)
 
 
 def _finding_reason(hypothesis: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
@@ -151,7 +151,7 @@ def _clock_findings(
     }
     reason = note(code, key=entry.key, shift_ms=1e3 * abs(clock.shift_s), **correlations)
     line = note(line_code, shift_s=f"{motion.m.truth.mount.shift_s + clock.shift_s:.3g}")
-    return [ImportFinding("clock", "info", None, reason, line)]
+    return [ImportFinding("clock", "info", reason, line)]
 
 
 def _truth_findings(
@@ -176,10 +176,10 @@ def _truth_findings(
         check = note("recording.check-unit-and-scale")
         return [_finding(hypothesis, entry, "recording.against-truth", check)]
     if hypothesis.is_clear:
-        return [ImportFinding("scale", "info", None, reason)] if abs(r.slope - 1.0) > 0.02 else []
+        return [ImportFinding("scale", "info", reason)] if abs(r.slope - 1.0) > 0.02 else []
     if np.all(z >= 0.0) and channel_regression(z, np.abs(truth)).is_clear():
-        return [ImportFinding("no sign", "info", None, note("recording.no-sign", key=entry.key))]
-    return [ImportFinding("unrelated", "warning", None, reason)] if r.gain < MIN_GAIN else []
+        return [ImportFinding("no sign", "info", note("recording.no-sign", key=entry.key))]
+    return [ImportFinding("unrelated", "warning", reason)] if r.gain < MIN_GAIN else []
 
 
 def _wheel_findings(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:
@@ -198,11 +198,9 @@ def _wheel_findings(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:
         return [_opposite_sign_finding(motion, note("recording.yaw-rates-opposite", **figures), wheels, imu)]
     if hypothesis.code:
         line = note("recording.check-track", wheels=wheels, reference=figures["reference"])
-        return [
-            ImportFinding("track", "error", None, note("recording.track", **figures, track_m=r.slope), line)
-        ]
+        return [ImportFinding("track", "error", note("recording.track", **figures, track_m=r.slope), line)]
     if r.gain < MIN_GAIN and np.std(difference) > 0.0:
-        return [ImportFinding("unrelated", "warning", None, note("recording.yaw-rates-disagree", **figures))]
+        return [ImportFinding("unrelated", "warning", note("recording.yaw-rates-disagree", **figures))]
     return []
 
 
@@ -223,7 +221,7 @@ def _compass_findings(
             "second_scale": f"{-gyro.scale:g}",
         }
         line = note("recording.write-compass", compass=compass.key, **scales)
-        yield ImportFinding("inverted", "error", None, reason, line)
+        yield ImportFinding("inverted", "error", reason, line)
 
 
 def _opposite_sign_finding(
@@ -233,7 +231,7 @@ def _opposite_sign_finding(
     With a truth the error is about the wheels.
     """
     if motion.run.truth is not None:
-        return ImportFinding("inverted", "error", None, reason, note("recording.swap-wheels", wheels=wheels))
+        return ImportFinding("inverted", "error", reason, note("recording.swap-wheels", wheels=wheels))
     figures: JsonObject = {"wheels": wheels, "gyro": imu[2].key, "scale": f"{-imu[2].scale:g}"}
     sideways = channel_regression(motion.imu[:, 1], motion.wheels.mean(axis=1) * motion.imu[:, 2])
     if sideways.is_clear() and sideways.slope < 0.0:
@@ -243,13 +241,13 @@ def _opposite_sign_finding(
             key=imu[1].key,
             correlation=sideways.correlation,
         )
-        return ImportFinding("inverted", "error", None, both_reasons, note("recording.write-gyro", **figures))
+        return ImportFinding("inverted", "error", both_reasons, note("recording.write-gyro", **figures))
     line = note("recording.swap-or-gyro", **figures)
     if sideways.is_clear():
         line = note(
             "recording.swap-or-upside-down", **figures, key=imu[1].key, second_scale=f"{-imu[1].scale:g}"
         )
-    return ImportFinding("inverted", "error", None, reason, line)
+    return ImportFinding("inverted", "error", reason, line)
 
 
 def _accelerometer_findings(
@@ -280,7 +278,7 @@ def _accelerometer_findings(
     if relation_x.code == "swapped":
         first, second = relation_x.regression.correlation, relation_y.regression.correlation
         reason = note("recording.axes-swapped", first_key=x.key, second_key=y.key, first=first, second=second)
-        return [ImportFinding("swapped", "error", None, reason, note("recording.swap-axes"))]
+        return [ImportFinding("swapped", "error", reason, note("recording.swap-axes"))]
     source = f"[sensors.{motion.speed_name}]" if motion.speed_name else "[truth]"
     check = note("recording.check-with-speed", source=source)
     candidates = [(relation_x, x)] if is_opposed else [(relation_y, y), (relation_x, x)]
@@ -308,7 +306,7 @@ def _steering_findings(motion: LoggedMotion) -> list[ImportFinding]:
     figures: JsonObject = {"steering": steering, "correlation": hypothesis.regression.correlation}
     if hypothesis.code == "swapped":
         reason = note("recording.other-steering", **figures, command=other_name)
-        return [ImportFinding("swapped", "error", None, reason, note("recording.swap-commands"))]
+        return [ImportFinding("swapped", "error", reason, note("recording.swap-commands"))]
     if hypothesis.code == "inverted":
         entry = motion.m.command.entries[steering_indices[0]]
         line = note(
@@ -317,7 +315,7 @@ def _steering_findings(motion: LoggedMotion) -> list[ImportFinding]:
             offset=f"{0.0 - entry.offset:g}",
             key=entry.key,
         )
-        return [ImportFinding("sign", "info", None, note("recording.turns-right", **figures), line)]
+        return [ImportFinding("sign", "info", note("recording.turns-right", **figures), line)]
     return []
 
 
@@ -342,6 +340,6 @@ def _direction_findings(motion: LoggedMotion) -> list[ImportFinding]:
     key = motion.m.sensors[motion.speed_name].entries[0].key
     return [
         ImportFinding(
-            "no sign", "warning", None, note("recording.no-sign", key=key), note("recording.log-direction")
+            "no sign", "warning", note("recording.no-sign", key=key), note("recording.log-direction")
         )
     ]

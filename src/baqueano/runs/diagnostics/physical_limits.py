@@ -66,7 +66,7 @@ def limit_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
             reason = note(
                 "recording.too-much", key=entry.key, unit_name=entry.unit, value=value, quantity=limit_text
             )
-            yield ImportFinding("unit", "error", None, reason, note("recording.possible-line", line=guess))
+            yield ImportFinding("unit", "error", reason, note("recording.possible-line", line=guess))
     if signal.kind == "imu" and not is_outside:
         yield from _grip_findings(signal, channel)
         yield from _gyro_findings(signal, channel, run)
@@ -93,7 +93,7 @@ def _grip_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportF
             suggestion = note("recording.possible-line", line='unit = "m/s^2"')
             if entry.unit == "m/s^2":
                 suggestion = note("recording.perhaps-smaller")
-            yield ImportFinding("unit", level, None, reason, suggestion)
+            yield ImportFinding("unit", level, reason, suggestion)
 
 
 def _window_means(channel: Channel) -> np.ndarray:
@@ -133,13 +133,12 @@ def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
         yield ImportFinding(
             "gyro at rest",
             "warning",
-            None,
             note("recording.gyro-at-rest", **figures, mean_rad_s=bias, std=std),
             remedy,
         )
     elif peak_rate > MAX_USUAL_TURN_RAD_S:
         reason = note("recording.fast-turns", **figures, maximum=peak_rate, turns=peak_rate / (2.0 * np.pi))
-        yield ImportFinding("fast turns", "warning", None, reason, remedy)
+        yield ImportFinding("fast turns", "warning", reason, remedy)
 
 
 def _accelerometer_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
@@ -154,13 +153,11 @@ def _accelerometer_findings(signal: "ColumnSignal", channel: Channel, run: Run) 
         figures: JsonObject = {"key": entry.key, "unit_name": entry.unit}
         if counts:
             reason = note("recording.counts-per-g", **figures, counts=counts)
-            yield ImportFinding(
-                "counts per g", "info", None, reason, note("recording.unit-entry", unit_name="g")
-            )
+            yield ImportFinding("counts per g", "info", reason, note("recording.unit-entry", unit_name="g"))
         elif 0.0 < std < LEAST_REST_STD_M_S2:
             reason = note("recording.quiet", **figures, std=std)
             yield ImportFinding(
-                "quiet accelerometer", "info", None, reason, note("recording.unit-entry", unit_name="g")
+                "quiet accelerometer", "info", reason, note("recording.unit-entry", unit_name="g")
             )
 
 
@@ -194,7 +191,7 @@ def _curve_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[Import
         remedy = note("recording.check-both-units")
         if last.unit == "deg/s":
             remedy = note("recording.possible-gyro-line", line='unit = "rad/s"')
-        yield ImportFinding("curve", "warning", None, reason, remedy)
+        yield ImportFinding("curve", "warning", reason, remedy)
 
 
 def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
@@ -209,7 +206,7 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
     for name, u, entry in zip(names, columns.T, entries, strict=True):
         if np.ptp(u) == 0.0 and entry.constant is None:
             yield ImportFinding(
-                "constant", "warning", None, note("recording.constant-command", name=name, value=u[0])
+                "constant", "warning", note("recording.constant-command", name=name, value=u[0])
             )
         max_count, entry_unit, remedy = _largest_magnitude([u]), unit(entry.unit), None
         if max_count > MAX_COMMAND_RATIO and entry.unit == "1":
@@ -222,7 +219,9 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
             reason = note(
                 "recording.command-range", key=entry.key, name=name, maximum=max_count, unit_name=entry.unit
             )
-            yield ImportFinding("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), reason, remedy)
+            yield ImportFinding(
+                "command range", "error", reason, remedy, t_ns=int(run.t_ns[np.argmax(np.abs(u))])
+            )
 
 
 def _percent_line(u: np.ndarray, percents: list[np.ndarray]) -> Diagnostic | None:

@@ -19,6 +19,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.runs.diagnostics.signal_map import nearest_ratio
+from baqueano.runs.logs import log_rows
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS
 
@@ -154,7 +155,7 @@ def _check_stamps(name: str, c: Channel) -> tuple[Channel, list[Diagnostic]]:
         if is_lost.any()
     ]
     is_kept = ~(is_far | is_backward)
-    return (Channel(*(column[is_kept] for column in c)), messages) if messages else (c, [])
+    return (log_rows(c, is_kept), messages) if messages else (c, [])
 
 
 def _severity(loss: np.ndarray) -> Severity:
@@ -183,14 +184,10 @@ def _segment(run: Run, a: int, b: int) -> Run:
     """Return ticks a to b − 1 of the run, and the samples measured during them. If a > 0, the samples of the first
     SETTLE_S are excluded."""
     low, high = int(run.t_ns[a]), int(run.t_ns[b - 1])
-
     begin_ns = low + round(SETTLE_S * NANOSECONDS) * (a > 0)
 
     def cut_log(log: Any) -> Any:
-        if log is None:
-            return None
-        is_inside = (log.t_ns >= begin_ns) & (log.t_ns <= high)
-        return type(log)(*(None if column is None else column[is_inside] for column in log))
+        return None if log is None else log_rows(log, (log.t_ns >= begin_ns) & (log.t_ns <= high))
 
     return replace(
         run, t_ns=run.t_ns[a:b], applied_commands=run.applied_commands[a:b], requested_commands=None,

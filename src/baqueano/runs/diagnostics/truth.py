@@ -27,14 +27,10 @@ def truth_findings(truth: TruthLog) -> Iterator[ImportFinding]:
     speed, rate = (np.quantile(x / dt, 0.9) for x in (np.hypot(d[:, 0], d[:, 1]), np.abs(wrap(d[:, 2]))))
     if speed > MAX_SPEED_M_S:
         reason = note("recording.truth-fast", speed_m_s=speed)
-        yield ImportFinding(
-            "unit", "error", None, reason, note("recording.possible-line", line='unit = "mm"')
-        )
+        yield ImportFinding("unit", "error", reason, note("recording.possible-line", line='unit = "mm"'))
     elif rate > MAX_YAW_RATE_RAD_S:
         reason = note("recording.truth-turns", rate_rad_s=rate)
-        yield ImportFinding(
-            "unit", "error", None, reason, note("recording.possible-line", line='unit = "deg"')
-        )
+        yield ImportFinding("unit", "error", reason, note("recording.possible-line", line='unit = "deg"'))
     else:
         yield from _axis_findings(truth.eta)
 
@@ -53,7 +49,7 @@ def _axis_findings(eta: np.ndarray) -> Iterator[ImportFinding]:
     offset = 0.5 * float(np.angle(same_mean))
     if abs(mirror_mean) > MIN_AGREEMENT and abs(same_mean) < 0.5:
         reason = note("recording.mirrored", agreement=abs(same_mean), mirrored_agreement=abs(mirror_mean))
-        yield ImportFinding("mirrored", "error", None, reason, note("recording.write-mirrored"))
+        yield ImportFinding("mirrored", "error", reason, note("recording.write-mirrored"))
     elif abs(same_mean) > MIN_AGREEMENT and abs(offset) > MAX_OFFSET_RAD:
         reason = note(
             "recording.camera-turned", offset_deg=np.degrees(offset), opposite_deg=np.degrees(offset) + 180.0
@@ -61,4 +57,4 @@ def _axis_findings(eta: np.ndarray) -> Iterator[ImportFinding]:
         line = note(
             "recording.write-offset", offset=f"{offset:.3f}", backward_offset=f"{wrap(offset + np.pi):.3f}"
         )
-        yield ImportFinding("heading offset", "error", None, reason, line)
+        yield ImportFinding("heading offset", "error", reason, line)

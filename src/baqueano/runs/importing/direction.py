@@ -18,7 +18,8 @@ import numpy as np
 from baqueano.diagnostics import note
 from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.diagnostics.motion_checks import names_steering
-from baqueano.runs.run import Channel, Run
+from baqueano.runs.logs import log_rows
+from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
     from baqueano.runs.maps.columns import ColumnMap
@@ -46,9 +47,9 @@ def without_unknown_direction(
             excluded_keys.add(key)
             channel = sensors[key_name[key]]
             is_forward = forward_readings(channel.t_ns, channel.z[:, 0], run.t_ns, _forward_command(run, m))
-            sensors[key_name[key]] = Channel(*(column[is_forward] for column in channel))
+            sensors[key_name[key]] = log_rows(channel, is_forward)
             reason = note(EXCLUDED, key=key, count=np.count_nonzero(~is_forward), rows=len(is_forward))
-            exclusion = ImportFinding(NO_SIGN, "warning", None, reason, note("recording.log-sign"))
+            exclusion = ImportFinding(NO_SIGN, "warning", reason, note("recording.log-sign"))
             results.append(finding if is_forward.all() else exclusion)
     return replace(run, sensors=sensors), results
 
@@ -61,7 +62,7 @@ def _key(finding: ImportFinding) -> str:
 def unsigned_speeds(findings: list[ImportFinding]) -> list[ImportFinding]:
     """Return a finding for each speed that lacks the sign in one of several runs: it is the same sensor in all runs."""
     keys = {_key(finding) for finding in findings if finding.reason.code == EXCLUDED}
-    return [ImportFinding(NO_SIGN, "info", None, note(SIGN_MISSING, key=key)) for key in sorted(keys)]
+    return [ImportFinding(NO_SIGN, "info", note(SIGN_MISSING, key=key)) for key in sorted(keys)]
 
 
 def forward_readings(t_ns: np.ndarray, z: np.ndarray, u_ns: np.ndarray, u: np.ndarray) -> np.ndarray:

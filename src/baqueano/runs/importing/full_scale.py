@@ -37,7 +37,7 @@ def without_full_scale(
         ends = [int(end) if end == int(end) else end for end in at_end.ends]
         reason = note("recording.full-scale", key=entry.key, excluded_rows=at_end.lost, ends=ends, **figures)
         findings.append(
-            ImportFinding("full scale", "warning", first_ns, reason, note("recording.larger-range"))
+            ImportFinding("full scale", "warning", reason, note("recording.larger-range"), t_ns=first_ns)
         )
         values[at_end.mask, k] = np.nan
     return values

@@ -106,7 +106,7 @@ def axis_findings(signal: ColumnSignal, table: LogTable) -> list[ImportFinding]:
     line = note(
         "recording.write-axes", axes=", ".join(map(str, columns.entries)), column=columns.vertical_axis
     )
-    return [ImportFinding("axes", "warning", None, reason, line)]
+    return [ImportFinding("axes", "warning", reason, line)]
 
 
 def _first(names: Collection[str], pattern: str) -> str:

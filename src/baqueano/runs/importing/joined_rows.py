@@ -50,7 +50,9 @@ def joined_rows(
         "table": table.label, "count": len(rows), "times": len(first_rows), "line": table.lines[first_rows[0]],
     }  # fmt: skip
     findings.append(
-        ImportFinding("joined rows", "info", int(t_ns[first_rows[0]]), note("recording.joined", **figures))
+        ImportFinding(
+            "joined rows", "info", note("recording.joined", **figures), t_ns=int(t_ns[first_rows[0]])
+        )
     )
     is_first = np.append(True, np.diff(t_ns) != 0)
     joined_table = table._replace(columns=table.columns | joined_columns)

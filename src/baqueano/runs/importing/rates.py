@@ -79,7 +79,7 @@ def counter_findings(signal: "ColumnSignal", source: "Source") -> list[ImportFin
         if is_counter and (period := counter_period(source.table.numbers(entry.column or ""))):
             reason = note("recording.counter-wraps", key=entry.key, column=entry.column, counts=period)
             line = note("recording.write", line=f"wraps = {period}")
-            findings.append(ImportFinding("counter", "error", None, reason, line))
+            findings.append(ImportFinding("counter", "error", reason, line))
     return findings
 
 

@@ -194,7 +194,7 @@ def import_runs(
     if failures:
         reason = note("recording.short-parts", count=len(failures), minimum=MIN_TICKS, names=failures[:5])
         first = runs[0]
-        runs[0] = first._replace(findings=(*first.findings, ImportFinding("short", "warning", None, reason)))
+        runs[0] = first._replace(findings=(*first.findings, ImportFinding("short", "warning", reason)))
     return runs
 
 
@@ -222,10 +222,10 @@ def _import_part(m: ColumnMap, recording: RecordingSources, vehicle_text: str) -
     )  # fmt: skip
     if first:
         is_usual, reason = first == 1 and m.in_force == "from", note("recording.no-command-yet", count=first)
-        findings.append(ImportFinding("no command yet", "info", int(t_ns[0]), reason, usual=is_usual))
+        findings.append(ImportFinding("no command yet", "info", reason, t_ns=int(t_ns[0]), usual=is_usual))
     if all(entry.constant == 0.0 for entry in m.command.entries):
         findings.append(
-            ImportFinding("no command", "info", int(t_ns[0]), note("recording.no-command"), usual=True)
+            ImportFinding("no command", "info", note("recording.no-command"), t_ns=int(t_ns[0]), usual=True)
         )
     findings += cross_checks.cross_check(run, m)
     return _with_findings(run, m, findings)
@@ -308,7 +308,7 @@ def _finite_rows(
         first_ns = int(source.t_ns[rows][~is_complete[rows]][0])
         reason = note("recording.missing", key=signal.key, excluded_rows=lost_rows, rows=len(is_complete))
         level = "info" if is_slower_topic(np.flatnonzero(is_complete)) else "warning"
-        findings.append(ImportFinding("missing", level, first_ns, reason))
+        findings.append(ImportFinding("missing", level, reason, t_ns=first_ns))
     if not is_complete.any():
         raise FileError(fault("import.no-row", key=signal.key, table=source.table.label))
     return is_complete, without_full_scale(signal, source, values, findings)[is_complete]

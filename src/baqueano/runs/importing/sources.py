@@ -168,7 +168,7 @@ def _missing_values(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePart]]
             if unmatched_values:
                 values, m_name = _split_values_text(m, file, unmatched_values), m.path.name
                 reason = note("recording.not-in-all", map=m_name, values=values, file=file, second_file=name)
-                yield ImportFinding("not in all files", "warning", None, reason)
+                yield ImportFinding("not in all files", "warning", reason)
 
 
 def _split_values_text(m: ColumnMap, name: str, values: Iterable[str]) -> str:
@@ -312,7 +312,7 @@ def _read_rows(m: ColumnMap, spec: FileSpec, path: Path, findings: list[ImportFi
             )
         table = read_table(path, spec.options, label)
     findings += [
-        ImportFinding("cut line", "warning", None, note("recording.cut-line", table=label, line=line))
+        ImportFinding("cut line", "warning", note("recording.cut-line", table=label, line=line))
         for line in table.cut
     ]
     for column in sorted(column_names):
@@ -335,7 +335,7 @@ def _source(m: ColumnMap, spec: FileSpec, table: LogTable, findings: list[Import
         raise FileError(fault("import.no-time", table=table.label, column=spec.time))
     if not is_known.all():
         reason = note("recording.no-time", table=table.label, count=np.count_nonzero(~is_known))
-        findings.append(ImportFinding("no time", "warning", None, reason))
+        findings.append(ImportFinding("no time", "warning", reason))
         table, t_ns = table.rows_where(is_known), t_ns[is_known]
     table, t_ns = joined_rows(table, t_ns, spec, {*table.columns}, findings)
     is_kept = increasing_rows(table, t_ns, spec, _columns(m, spec), m, findings)

@@ -108,7 +108,7 @@ def _without_overflows(
         table=table.label, line=table.lines[first], count=np.count_nonzero(is_overflow),
         shift_s=OVERFLOW_NS / NANOSECONDS,
     )  # fmt: skip
-    findings.append(ImportFinding("counter overflow", "warning", int(t_ns[first]) + shift, reason))
+    findings.append(ImportFinding("counter overflow", "warning", reason, t_ns=int(t_ns[first]) + shift))
     return t_ns
 
 
@@ -146,7 +146,9 @@ def increasing_rows(
             code = "import.clock-back" if _is_clock_back(table, t_ns, used_columns) else "import.steps-back"
             raise FileError(fault(code, **figures, file=spec.name, map=m.path.name))
         findings.append(
-            ImportFinding("time steps back", "warning", int(t_ns[i]), note("recording.steps-back", **figures))
+            ImportFinding(
+                "time steps back", "warning", note("recording.steps-back", **figures), t_ns=int(t_ns[i])
+            )
         )
     is_kept = t_ns >= latest_ns
     is_kept[1:] &= (t_ns[1:] > latest_ns[:-1]) | (t_ns[1:] == t_ns[:-1])
@@ -237,7 +239,7 @@ def _without_repeats(
                 map=m.path.name,
             )
         )
-    findings.append(ImportFinding("repeats", "warning", int(t_ns[first[0]]), reason))
+    findings.append(ImportFinding("repeats", "warning", reason, t_ns=int(t_ns[first[0]])))
     is_kept = is_kept.copy()
     is_kept[first if spec.repeats == "last" else second] = False
     return is_kept
@@ -294,12 +296,12 @@ def _check_steps(
         )
         findings.append(
             ImportFinding(
-                "time jump" if jump else "gap", "error" if jump else "warning", int(t_ns[i]), reason
+                "time jump" if jump else "gap", "error" if jump else "warning", reason, t_ns=int(t_ns[i])
             )
         )
     if len(gaps) > 20:
         reason = note("recording.more-gaps", table=table.label, count=len(gaps) - 20)
-        findings.append(ImportFinding("gap", "warning", int(t_ns[gaps[20]]), reason))
+        findings.append(ImportFinding("gap", "warning", reason, t_ns=int(t_ns[gaps[20]])))
 
 
 def _tick_rate(table: LogTable, median_step_s: float, spec: "FileSpec") -> ImportFinding:
@@ -318,7 +320,7 @@ def _tick_rate(table: LogTable, median_step_s: float, spec: "FileSpec") -> Impor
         else None
     )
     return ImportFinding(
-        "time unit", "error" if median_step_s < MIN_USUAL_STEP_S else "warning", None, reason, line
+        "time unit", "error" if median_step_s < MIN_USUAL_STEP_S else "warning", reason, line
     )
 
 
