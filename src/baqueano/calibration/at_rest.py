@@ -23,6 +23,7 @@ from baqueano.calibration.rest import REST_S
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.result import Result
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.messages import texts
@@ -34,7 +35,6 @@ from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.vehicle_file import VehicleFile
 
 MIN_SAMPLES = 200  # samples of a sensor at rest
@@ -181,7 +181,7 @@ class RestMeasurement(Result):
         """Return WARN if `findings` contains a message, else USABLE."""
         return Verdict.WARN if self.findings else Verdict.USABLE
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one flat row per channel, in SI units."""
         rows = []
         for c in self.channels:
@@ -347,7 +347,7 @@ def _findings(name: str, t_ns: np.ndarray, z: np.ndarray, rate_hz: float) -> lis
     return findings
 
 
-def _imu_values(path: str, channels: dict[int, RestChannel]) -> "JsonObject":
+def _imu_values(path: str, channels: dict[int, RestChannel]) -> JsonObject:
     """Return the values of an IMU from its three channels: standard deviation of one sample, bias, and bias random
     walk. The walk is 0 if it cannot be measured. Both accelerometers use the larger one."""
     random_walks = [channels[k].coefficients for k in range(3)]

@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, ByName, Motion
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import Tree
     from baqueano.vehicle_file import VehicleFile
 
 REST_S = 1.0  # without any command, before the vehicle is treated as at rest
@@ -61,7 +61,7 @@ def with_rest_gyro_bias(
     return vehicle_file, None
 
 
-def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
+def begins_at_rest(run: "Run", sensors: ByName[Tree]) -> bool:
     """Return True if a run begins at rest, according to its commands and the readings of `sensors`.  (2)"""
     driven_ticks = np.flatnonzero(np.any(run.applied_commands != 0.0, axis=1))  # NaN counts as driven
     first_ns = run.t_ns[max(driven_ticks[0] - 1, 0)] if len(driven_ticks) else run.t_ns[-1]
@@ -88,7 +88,7 @@ def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
     return is_quiet
 
 
-def speed_channels(sensor: "Tree") -> np.ndarray:
+def speed_channels(sensor: Tree) -> np.ndarray:
     """Return a mask (m,) of the channels that depend on ν and not on ν̇."""
     zeros, zero_force = np.zeros(3), np.zeros(2)
     z_at_rest, z_moving = (
@@ -106,7 +106,7 @@ def is_at_rest(run: "Run", t_ns: np.ndarray) -> np.ndarray:
     return ~driven_ticks[tick] & (t_ns - last_driven_ns[tick] > REST_S * NANOSECONDS)
 
 
-def _rest_residuals(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
+def _rest_residuals(run: "Run", name: str, sensor: Tree) -> np.ndarray:
     """Return gyro readings minus model (K,) [rad/s] while the vehicle was at rest. A rest is left out if it is
     too short, or if the vehicle coasted or was turned by hand."""
     channel = run.sensors.get(name)
@@ -122,7 +122,7 @@ def _rest_residuals(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
     return np.concatenate([np.zeros(0), *(residuals[k] for k in rests)])
 
 
-def _is_still(t_ns: np.ndarray, residuals: np.ndarray, sensor: "Tree") -> bool:
+def _is_still(t_ns: np.ndarray, residuals: np.ndarray, sensor: Tree) -> bool:
     """Return True if one rest (K,) lasts MIN_REST_S and varies as noise; pooled, a short coast would pass."""
     if len(t_ns) < 2 or (t_ns[-1] - t_ns[0]) * len(t_ns) / (len(t_ns) - 1) < 0.999 * MIN_REST_S * NANOSECONDS:
         return False

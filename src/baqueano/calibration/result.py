@@ -11,6 +11,7 @@ import numpy as np
 
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.messages import verdict_line
@@ -22,7 +23,6 @@ from baqueano.parameter import parameters
 from baqueano.symbolic import value_at_path
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
@@ -114,7 +114,7 @@ class Calibration(Result):
         """Return the paths of the sensors whose scale the run determines."""
         return {x.name.rpartition(".")[0] for x in self.numbers if x.is_scale and x.is_determined}
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one flat row per number."""
         return [{
             "name": entry.name, "value": entry.value, "std": entry.std, "low": entry.value - entry.half_width,

@@ -8,13 +8,13 @@ import click
 from baqueano.cli import options
 from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_message
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.vehicle_file.file import VehicleFile
 
 ESTIMATOR_ADVICE = (
@@ -100,10 +100,10 @@ TEXT_COLUMNS = {  # columns that are words; the others are typed
 class RowsResult:
     """The result of a listing: rows of a table."""
 
-    findings: list["TableRow"]
+    findings: list[TableRow]
     verdict: Verdict = Verdict.USABLE
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return the rows of the listing."""
         return self.findings
 

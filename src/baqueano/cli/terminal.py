@@ -15,17 +15,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from types import FrameType
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 import click
 
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.messages import json_row, text
 from baqueano.messages.language import number
 from baqueano.messages.printable import one_line, printable
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
 
 printed_objects: list[str] = []  # JSON that this command printed; it prints at most one object
 PROGRESS_PERIOD_S = 30.0  # seconds between the progress lines of work without a terminal
@@ -97,8 +95,8 @@ def _wrap_lines(stream: TextIO, lines: str) -> str:
 
 
 def print_answer(
-    result: Any, as_json: bool, tail: list["TableRow"] | None = None, table: str | None = None,
-    **more_rows: list["TableRow"],
+    result: Any, as_json: bool, tail: list[TableRow] | None = None, table: str | None = None,
+    **more_rows: list[TableRow],
 ) -> None:  # fmt: skip
     """Print a result: its table, or another `table`, for people, or one JSON object for programs.
 
@@ -120,7 +118,7 @@ def print_answer(
     print_result(printed_objects[-1])
 
 
-def _finite_row(row: "TableRow") -> "JsonObject":
+def _finite_row(row: TableRow) -> JsonObject:
     """Return a row with Python numbers instead of NumPy numbers.
     NaN and infinity become null, because JSON does not have them.
     """

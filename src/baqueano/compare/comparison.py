@@ -17,6 +17,7 @@ from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.compare.laps import DriveLap
 from baqueano.compare.table import table, table_sections
 from baqueano.contracts.result import PrintedTable, Result, shorten, wrap_sentences
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import text, verdict_line
 from baqueano.messages.language import mark as N_
@@ -26,7 +27,6 @@ from baqueano.monitor import Rejections
 
 if TYPE_CHECKING:
     from baqueano.compare.evenness import SpeedErrors
-    from baqueano.contracts.values import JsonObject, TableRow
 
 
 class PathDistances(NamedTuple):
@@ -80,7 +80,7 @@ class RunComparison:
         """Return True if the errors of the estimate are larger than its covariance predicts."""
         return self.verdict == "too sure"
 
-    def row(self) -> "JsonObject":
+    def row(self) -> JsonObject:
         """Return a flat row in SI units for programs."""
         row: TableRow = {"run": self.name, "duration_s": self.duration_s}
         for name in ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s"):
@@ -179,7 +179,7 @@ class Comparison(Result):
         rows = [*(run.errors_line(self.has_drives) for run in self.runs), *self.sentences]
         return shorten([], rows, [verdict_line(self.verdict, self.reasons)])
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a flat row for each run."""
         return [run.row() for run in self.runs]
 
@@ -187,7 +187,7 @@ class Comparison(Result):
         """Return the printed table as data, with a column for each run."""
         return PrintedTable(tuple(run.name for run in self.runs), table_sections(self))
 
-    def laps(self) -> list["TableRow"]:
+    def laps(self) -> list[TableRow]:
         """Return a flat row for each lap of each run. Only routes that return to their beginning have laps."""
         return [{"run": run.name, **lap.row()} for run in self.runs for lap in run.laps]
 

@@ -13,6 +13,7 @@ import numpy as np
 from baqueano.compare.corridor import Corridor, run_corridor
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
 from baqueano.messages.language import mark as N_
@@ -21,7 +22,6 @@ from baqueano.simulate import simulate_loop
 from baqueano.standstill import usual_rest_s
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.guides.route import Route
     from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
@@ -53,7 +53,7 @@ class CorridorForecast(Result):
         """Return LOST if the vehicle is lost before the end (σ_ψ too large), else LOCALIZED."""
         return "LOST" if np.isfinite(self.corridor.loss_s) else "LOCALIZED"
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one flat row per lap (SI); NaN if the vehicle is lost before the end of the lap."""
         rows = []
         for lap in range(1, self.laps + 1):

@@ -14,6 +14,7 @@ import numpy as np
 
 from baqueano.compare import consistency
 from baqueano.compare.consistency import FALSE_ALARM, NOT_REPORTED, Band
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.geometry import wrap
 from baqueano.messages import text
@@ -23,7 +24,6 @@ from baqueano.monitor.rejections import rejections_in
 from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.runs.run import Run
 
 STATE_NAMES = {
@@ -85,7 +85,7 @@ class FilterConsistency:
         known_correlations = [correlation for correlation in self.correlations if np.isfinite(correlation)]
         return max(known_correlations, key=abs) if known_correlations else float("nan")
 
-    def row(self) -> "JsonObject":
+    def row(self) -> JsonObject:
         """Return a flat row for programs."""
         row: TableRow = {}
         for name, band in self._named_bands().items():
@@ -99,7 +99,7 @@ class FilterConsistency:
             f"innovation_correlation[{k}]": correlation for k, correlation in enumerate(self.correlations)
         }
 
-    def figures(self) -> list["TableRow"]:
+    def figures(self) -> list[TableRow]:
         """Return a row for each known NEES and NIS, for a table."""
         return [
             {"figure": name, "value": band.mean, "from": band.low, "to": band.high,

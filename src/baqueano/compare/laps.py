@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.compare import errors
+from baqueano.contracts.values import JsonObject
 from baqueano.geometry import wrap
 from baqueano.runs.interpolation import interpolate_poses
 from baqueano.signals import seconds
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.runs.run import Run
 
 MAX_END_DISTANCE_M, MAX_END_ANGLE_RAD = 0.02, 0.3
@@ -49,7 +49,7 @@ class DriveLap(NamedTuple):
     gap_m: float
     gap_rad: float
 
-    def row(self) -> "JsonObject":
+    def row(self) -> JsonObject:
         """Return a flat row in SI units for programs."""
         names = {"number": "lap", "rms_m": "across_rms_m", "max_m": "across_max_m"}
         return {names.get(name, name): value for name, value in self._asdict().items()}

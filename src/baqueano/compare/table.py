@@ -10,6 +10,7 @@ import numpy as np
 
 from baqueano.compare.consistency import NOT_REPORTED
 from baqueano.compare.filter_consistency import JOINT_FIGURES, STATE_NAMES
+from baqueano.contracts.values import JsonObject
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -18,7 +19,6 @@ from baqueano.messages.text_table import LINE_LETTERS
 if TYPE_CHECKING:
     from baqueano.compare.comparison import Comparison, RunComparison
     from baqueano.compare.consistency import Band
-    from baqueano.contracts.values import JsonObject
 
 COLUMN_LETTERS, MIN_COLUMN_LETTERS = 18, 8  # characters of the column of a run
 DEGREES_PER_RAD = 180.0 / np.pi
@@ -75,7 +75,7 @@ def table(comparison: "Comparison", is_short: bool = False) -> str:
     return "\n\n".join(blocks)
 
 
-def table_sections(comparison: "Comparison", is_short: bool = False) -> "list[JsonObject]":
+def table_sections(comparison: "Comparison", is_short: bool = False) -> list[JsonObject]:
     """Return the rows that at least one run has, for a page: [{title, rows: [{label, unit, cells, best}]}].
     `best` is the column of the smallest error; None if the row is not an error or the smallest error is not unique.
     """

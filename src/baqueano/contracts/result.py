@@ -11,6 +11,7 @@ from itertools import accumulate, chain
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from baqueano.contracts.calls import checked_call
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import NoAttribute, UsageError
 from baqueano.messages import text, unbroken
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-    from baqueano.contracts.values import JsonObject, TableRow
 
 MAX_LINES, MAX_LETTERS = 12, 110  # lines, and characters of a line, of a short print
 MIN_ROWS = 5  # least number of rows in a short print with long sentences
@@ -37,13 +37,13 @@ class PrintedTable(NamedTuple):
     """A printed table as data: a head for each column, and sections [{title, rows: [{label, unit, cells}]}]."""
 
     heads: tuple[str, ...]
-    sections: list["JsonObject"]
+    sections: list[JsonObject]
 
 
 class Tabular(Protocol):
     """Protocol of an object with rows and a table: a Result, or a NamedTuple that uses the methods of Result."""
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return flat dicts, one for each row."""
         ...
 
@@ -64,7 +64,7 @@ class Result:
 
     __slots__ = ()
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return flat dicts, one for each row."""
         raise NotImplementedError
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import (
     FreeParameter,
@@ -32,7 +33,6 @@ from baqueano.vehicles.freedoms import coasting_axes
 from baqueano.worlds.simulated import step_vehicle, tick_row_count
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import Tree
     from baqueano.vehicle_file.file import VehicleFile
 
 BIASES = ("accel_bias", "gyro_bias")
@@ -82,13 +82,13 @@ class DriveInformation:
         var = np.concatenate([np.diag(s.cov) for s in blocks.sensors])
         weight = 1.0 / np.sqrt(np.where(var > 0.0, var, 1.0))
 
-        def start(theta: np.ndarray) -> "Tree":
+        def start(theta: np.ndarray) -> Tree:
             nu = np.zeros(3)
             for k, i in enumerate(free_parameters.start_axes):
                 nu = nu + theta[len(free_parameters.paths) + k] * np.eye(3)[i]
             return substitute(blocks, free_parameters.paths, theta).model.init(nu=nu)
 
-        def step(theta: np.ndarray, state: "Tree", u: np.ndarray) -> tuple["Tree", np.ndarray]:
+        def step(theta: np.ndarray, state: Tree, u: np.ndarray) -> tuple[Tree, np.ndarray]:
             tick_blocks = substitute(blocks, free_parameters.paths, theta)
             state, motion = step_vehicle(tick_blocks.model, state, u, 1.0 / rate_hz, no_noise)
             return state, weight * np.concatenate([s.h(motion) for s in tick_blocks.sensors])

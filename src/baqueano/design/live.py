@@ -14,18 +14,16 @@ over motions with a name: the vehicle returns on the same path, or continues in 
 parameter whose error decreases most. For an error below GOAL_STD the decrease has little weight.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.design.compose import RETURN_KINDS, MotionPrimitive
 from baqueano.design.information import DriveInformation
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.symbolic import jacobian, scan
 from baqueano.symbolic.graph.tree import Shape, build, leaves, tree_shape, values
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import Tree
 
 WINDOW_TICKS = 10  # ticks
 
@@ -54,13 +52,13 @@ class RecursiveInformation:
         ]
         initial_values, q = _flatten(shape, example), len(self.nominal)
 
-        def state_tree(numbers: np.ndarray) -> "Tree":
+        def state_tree(numbers: np.ndarray) -> Tree:
             flat_values = list(initial_values)
             for k, index in enumerate(self._live_indices):
                 flat_values[index] = numbers[q + k]
             return _unflatten(shape, flat_values)
 
-        def step(numbers: np.ndarray, state: "Tree", u: np.ndarray) -> tuple["Tree", np.ndarray]:
+        def step(numbers: np.ndarray, state: Tree, u: np.ndarray) -> tuple[Tree, np.ndarray]:
             state, outputs = tick(numbers[:q], state, u)
             flat_values = _flatten(shape, state)
             return state, np.concatenate([outputs, np.array([flat_values[k] for k in self._live_indices])])
@@ -106,7 +104,7 @@ def information_bits(relative_std: np.ndarray) -> float:
     return float(-np.sum(np.log2(relative_std)))
 
 
-def _flatten(shape: Shape, tree: "Tree") -> list["Tree"]:
+def _flatten(shape: Shape, tree: Tree) -> list[Tree]:
     """Return all scalar entries of a tree (numbers or symbols) as one list."""
     pairs = zip(leaves(shape), values(shape, tree), strict=True)
     return [
@@ -116,7 +114,7 @@ def _flatten(shape: Shape, tree: "Tree") -> list["Tree"]:
     ]
 
 
-def _unflatten(shape: Shape, numbers: list["Tree"]) -> "Tree":
+def _unflatten(shape: Shape, numbers: list[Tree]) -> Tree:
     """Return the tree with these scalar entries, in the order of `_flatten`."""
     offset, leaf_values = 0, []
     for leaf in leaves(shape):

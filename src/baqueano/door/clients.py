@@ -12,12 +12,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
+from baqueano.contracts.values import JsonObject
 from baqueano.door.wire import encode
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 MAX_SHORT_LINE_BYTES = 64 << 10  # bytes; a longer line can only be a mission
 MAX_LINE_BYTES = 64 << 20  # largest number of bytes of a line: an hour of commands
@@ -85,7 +82,7 @@ class DoorClient:
         """Return True if a message waits to be sent to the client.  (3)"""
         return bool(self._unsent_lines)
 
-    def enqueue(self, message: "JsonObject") -> None:
+    def enqueue(self, message: JsonObject) -> None:
         """Append a message to the queue of messages to send."""
         self.send_line(encode(message))
 

@@ -5,16 +5,13 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.door.clients import DoorClient
 from baqueano.door.wire import encode
 from baqueano.errors import Invalid
 from baqueano.runs.folder import is_run_name
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 CHUNK_BYTES = 48 << 10  # bytes of a run in one message
 LIST_LIFETIME_S = 0.2  # the list of runs is not read again within this time
@@ -44,7 +41,7 @@ class RunFiles:
             self._list, self._last_check_s = encode({"type": "runs", "runs": names}), time.monotonic()
         return self._list
 
-    def head(self, name: str) -> "JsonObject":
+    def head(self, name: str) -> JsonObject:
         """Return the first chunk of a run as a message. Raise Invalid if the run does not exist."""
         path = self._path(name)
         with path.open("rb") as run_file:
@@ -95,5 +92,5 @@ class RunFiles:
         return path
 
 
-def _chunk(name: str, data: bytes, remaining_bytes: int) -> "JsonObject":
+def _chunk(name: str, data: bytes, remaining_bytes: int) -> JsonObject:
     return {"type": "file", "run": name, "data": base64.b64encode(data).decode(), "left": remaining_bytes}

@@ -7,6 +7,7 @@ full pace. The limits of the supervisor clip each command of a controller. A cha
 about 0.1 ms per tick, because compiling it would delay the loop.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.time_limit import within
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.door.frames.descriptions import adjustable_names
 from baqueano.drive.budget import BudgetedBlock
@@ -22,9 +23,6 @@ from baqueano.drive.observers import EventLine, Observer
 from baqueano.errors import DiagnosticError, Invalid, error_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from baqueano.contracts.values import JsonObject
     from baqueano.door.operator import Operator
     from baqueano.loop import Blocks
     from baqueano.signals import Command, Estimate, Reference
@@ -99,7 +97,7 @@ class ChangeObserver(Observer):
     def __init__(
         self,
         operator: "Operator",
-        broadcast: "Callable[[JsonObject], None]",
+        broadcast: Callable[[JsonObject], None],
         blocks: "dict[str, str] | None" = None,
     ) -> None:
         self._operator, self._broadcast = operator, broadcast

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from uuid import uuid4
 
 from baqueano.atomic_file import write_then_appear
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note
 from baqueano.diagnostics import stop as because
 from baqueano.door import SOCKET, VERSION
@@ -33,7 +34,6 @@ from baqueano.runs import Run, read_run
 from baqueano.runs.folder import is_run_name
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.drive.mission import Mission
 
 # TCP resends a lost heartbeat when the next ones are acknowledged, so they are frequent
@@ -75,7 +75,7 @@ class Remote:
                     fault("remote.connection-lost", host=self.name, error=error)
                 ) from error
 
-    def receive(self, kinds: tuple[str, ...], within_s: float) -> "JsonObject":
+    def receive(self, kinds: tuple[str, ...], within_s: float) -> JsonObject:
         """Return the next message of these kinds; store each "state", and raise the error that a "refused" reports.
 
         Raise RobotUnreachable if no such message arrives within `within_s`, or if the connection ends.
@@ -124,8 +124,8 @@ class Remote:
         hand: Callable[[], Any] | None = None,
         progress: Callable[[float], None] = lambda seconds: None,
         on_event: Callable[[str], object] = lambda text: None,
-        words: Callable[[], list["TableRow"]] = list,
-        on_state: Callable[["JsonObject"], Any] = lambda state: None,
+        words: Callable[[], list[TableRow]] = list,
+        on_state: Callable[[JsonObject], Any] = lambda state: None,
     ) -> Run:
         """Execute a mission on the vehicle, store its run at `path`, and return the run.
 
@@ -152,9 +152,9 @@ class Remote:
         hand: Callable[[], Any] | None,
         progress: Callable[[float], None],
         on_event: Callable[[str], object],
-        words: Callable[[], list["TableRow"]],
-        on_state: Callable[["JsonObject"], Any],
-    ) -> "JsonObject":
+        words: Callable[[], list[TableRow]],
+        on_state: Callable[[JsonObject], Any],
+    ) -> JsonObject:
         """Send commands or heartbeats until the drive with the id `name` ends, and return its message "done".
 
         The first Ctrl-C requests the end of the drive, a second Ctrl-C stops the vehicle.
@@ -208,7 +208,7 @@ class Remote:
             self._pinged_s = time.monotonic()
             self.send(type="ping", token=self._pinged_s)
 
-    def _next_message(self, within_s: float) -> "JsonObject | None":
+    def _next_message(self, within_s: float) -> JsonObject | None:
         try:
             message = self.receive(("event", "done", "pong"), within_s)
             if message["type"] != "pong":
@@ -320,7 +320,7 @@ def connect(host: str, **first: Any) -> Iterator[Remote]:
 
 
 @contextmanager
-def _local_remote(path: Path, first: "JsonObject") -> Iterator[Remote]:
+def _local_remote(path: Path, first: JsonObject) -> Iterator[Remote]:
     if not hasattr(socket, "AF_UNIX"):
         raise UsageError(fault("remote.no-sockets", path=path))
     connection = socket.socket(socket.AF_UNIX)
@@ -341,7 +341,7 @@ def _local_remote(path: Path, first: "JsonObject") -> Iterator[Remote]:
                 connection.shutdown(socket.SHUT_RDWR)
 
 
-def stop(host: str, reason: Diagnostic) -> "JsonObject":
+def stop(host: str, reason: Diagnostic) -> JsonObject:
     """Stop the vehicle at HOST, and return its state once it is STOPPED.
 
     Raise AnswerNo if the vehicle acknowledged the stop but was not STOPPED within STOP_TIMEOUT_S. That can happen while
@@ -372,13 +372,13 @@ def _is_stopped(remote: Remote) -> bool:
     return remote.state.get("state") == DoorState.STOPPED
 
 
-def _greet(remote: Remote, first: "JsonObject") -> None:
+def _greet(remote: Remote, first: JsonObject) -> None:
     if first:
         remote.send(**first)
     remote.receive(("state", "received"), GREETING_TIMEOUT_S)
 
 
-def _greet_ssh(remote: Remote, ssh: Any, first: "JsonObject") -> None:
+def _greet_ssh(remote: Remote, ssh: Any, first: JsonObject) -> None:
     try:
         _greet(remote, first)
     except RobotUnreachable as error:

@@ -26,6 +26,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.door import VERSION
 from baqueano.door.clients import MAX_LINE_BYTES, MAX_SHORT_LINE_BYTES, DoorClient
@@ -36,7 +37,6 @@ from baqueano.errors import BaqueanoError, Invalid, RobotUnreachable, UsageError
 from baqueano.messages import text
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.door.operator import Operator
 
 MAX_CLIENTS = 32
@@ -48,7 +48,7 @@ LONGEST_ID, LOOK_S = 64, 5.0  # characters of an id; seconds of a wait: a messag
 SWITCH_INTERVAL_S = 5e-4  # the door and a computing loop wait at most this time for each other, not 5 ms
 ROUND_PAUSE_S = 0.001  # pause after a turn with many lines, so that the loop's thread runs
 SEND_BUFFER_BYTES = 16 << 10  # bytes buffered by the system for a slow reader; more would delay its frames
-Handler = Callable[[object, "JsonObject"], "JsonObject | None"]  # client and request → answer
+Handler = Callable[[object, JsonObject], JsonObject | None]  # client and request → answer
 
 
 class Door:
@@ -79,7 +79,7 @@ class Door:
         self._thread = threading.Thread(target=self._serve, name="door", daemon=True)
         self._thread.start()
 
-    def broadcast(self, message: "JsonObject") -> None:
+    def broadcast(self, message: JsonObject) -> None:
         """Send a message to all clients without waiting; the door's thread encodes it."""
         self._outbox.append(message)
         self._wake()
@@ -246,7 +246,7 @@ class Door:
         """Send a refusal. Its `is` and its sentence `reason` are for clients of another version."""
         client.enqueue(REFUSED | {"reason": text(diagnostic), "diagnostic": diagnostic, "code": code})
 
-    def _execute(self, client: DoorClient, request: "JsonObject") -> None:
+    def _execute(self, client: DoorClient, request: JsonObject) -> None:
         actions: dict[str, Callable[[], object]] = {
             "mission": lambda: self._queue_mission(client, request),
             "hand": lambda: self.operator.set_command(client, request["u"]),
@@ -270,7 +270,7 @@ class Door:
         else:
             raise Invalid(fault("door.unknown-word", value=repr(verb), valid=[*actions, *self._handlers]))
 
-    def _queue_mission(self, client: DoorClient, request: "JsonObject") -> None:
+    def _queue_mission(self, client: DoorClient, request: JsonObject) -> None:
         """Queue a mission. Raise UsageError for another version of the protocol, SafetyStop if it is refused."""
         if (version := request.get("door", 1)) != VERSION:
             versions = {"laptop_protocol": str(version), "robot_protocol": VERSION}
@@ -279,7 +279,7 @@ class Door:
         mission = str(request["mission"]) if "mission" in request else json.dumps(request)
         self.operator.queue_mission(client, mission, attended=is_attended, name=name)
 
-    def _set_gain(self, client: DoorClient, request: "JsonObject") -> None:
+    def _set_gain(self, client: DoorClient, request: JsonObject) -> None:
         self.operator.set_gain(client, str(request["path"]), request["value"])
         client.enqueue({"type": "received", "request": "set"})
 
@@ -290,7 +290,7 @@ class Door:
         if client in self._ends_s:
             self._ends_s[client] = time.monotonic() + STOPPED_S
 
-    def _subscribe(self, client: DoorClient, request: "JsonObject") -> None:
+    def _subscribe(self, client: DoorClient, request: JsonObject) -> None:
         """Begin to send frames of the next ticks to a client, at `hz`, at most MAX_FRAME_RATE_HZ; 0 ends this."""
         hz, names = float(request["hz"]), request.get("fields")
         client.hz, client.drive = (min(hz, MAX_FRAME_RATE_HZ) if hz > 0.0 else 0.0), -1

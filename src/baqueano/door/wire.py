@@ -2,17 +2,14 @@
 
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic
 from baqueano.messages.printable import printable_json, shell_command
 
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
-
 # fields that can be diagnostics
 DIAGNOSTIC_FIELDS = ("reason", "message", "diagnostic", "imu_bus", "degraded")
-REQUIRED_FIELDS: dict[str, "JsonObject"] = {  # the required fields of a message; others are shown, or ignored
+REQUIRED_FIELDS: dict[str, JsonObject] = {  # the required fields of a message; others are shown, or ignored
     "state": {"state": str}, "event": {"message": Diagnostic}, "done": {"run": str | None, "reason": Diagnostic | None},
     "runs": {"runs": list}, "file": {"data": str, "left": int}, "refused": {"reason": str}, "pong": {"token": object},
     "vehicle": {"name": str}, "fields": {"names": list}, "route": {"x": list, "y": list}, "frame": {"x": list},
@@ -24,13 +21,13 @@ REFUSED = {"type": "refused", "is": "refused"}  # `is` is for clients with an ea
 FORMER_FIELDS = {"is": "type", "do": "request"}  # of a robot with an earlier version of the protocol
 
 
-def encode(message: "JsonObject") -> bytes:
+def encode(message: JsonObject) -> bytes:
     """Return a message as a line of JSON. A field that is NaN becomes null, because JSON does not have NaN."""
     finite_message = {k: None if isinstance(v, float) and v != v else v for k, v in message.items()}
     return json.dumps(finite_message, default=_plain_data).encode() + b"\n"
 
 
-def decode(line: bytes, host: str = "HOST") -> "JsonObject | None":
+def decode(line: bytes, host: str = "HOST") -> JsonObject | None:
     """Return the message in a line, with each text printable and on one line; None if the message is invalid.
 
     The commands that its diagnostics advise contain `host`, the address of the vehicle.

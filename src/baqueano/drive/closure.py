@@ -61,7 +61,7 @@ class Closure(Result):
     # of (5): distance between the estimated poses at both marks, with the file's scale
     gap_m: float | None = None
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one flat row per scale."""
         rows: list[TableRow] = [
             {"name": f"sensors.{self.gyro}.gyro_scale", "value": self.scale, "std": self.std}

@@ -101,7 +101,7 @@ class FirstDrive(Result):
         """Return the number of pulses that moved the vehicle."""
         return sum(p.turn_significance > MIN_SIGMA for p in self.pulses)
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one flat row per pulse."""
         return [
             {

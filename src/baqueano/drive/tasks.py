@@ -109,7 +109,7 @@ class TeachResult(NamedTuple):
     def __repr__(self) -> str:
         return short_text(self.run, repr(self.route))
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one flat row per topic of the run."""
         return self.run.rows()
 

@@ -1,14 +1,15 @@
 """Show the card of a result in a notebook: its name and verdict, its main rows, and the whole table to expand."""
 
 import html
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import singledispatch
-from typing import TYPE_CHECKING
 
 from baqueano.calibration.result import Calibration
 from baqueano.compare import Comparison
 from baqueano.compare.corridor_forecast import CorridorForecast
 from baqueano.contracts.result import Tabular
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import note
 from baqueano.drive import FirstDrive, TeachResult
 from baqueano.drive.closure import Closure
@@ -30,11 +31,6 @@ from baqueano.validation.held_out import Validation
 from baqueano.validation.parameter_drift import ParameterHistory
 from baqueano.vehicle_file.block_check import BlockCheck
 from baqueano.vehicle_file.file import VehicleFile
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from baqueano.contracts.values import TableRow
 
 MAX_ROWS, MAX_SENTENCES, MAX_COLUMNS = 12, 5, 8  # rows, sentences and columns; the rest is unfolded
 DETAILS_LABEL = note("front.whole")
@@ -61,8 +57,8 @@ class Card:
 
     title: str
     verdict: str = ""
-    rows: "Sequence[TableRow]" = ()
-    lines: "Sequence[str]" = field(default=())
+    rows: Sequence[TableRow] = ()
+    lines: Sequence[str] = field(default=())
 
 
 def card_html(result: Tabular) -> str:
@@ -79,7 +75,7 @@ def card_html(result: Tabular) -> str:
     return f'<div class="baqueano"><style>{STYLE}</style>{head}{_table(card.rows)}{paragraphs}{details_html}</div>'
 
 
-def _table(rows: "Sequence[TableRow]") -> str:
+def _table(rows: Sequence[TableRow]) -> str:
     if not rows:
         return ""
     rows_shown = [{key: cell(value, key) for key, value in row.items()} for row in rows[:MAX_ROWS]]

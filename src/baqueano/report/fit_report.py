@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict, most_severe_first
 from baqueano.identify.result.fit_result import Fit, round_to_error, row_remarks
 from baqueano.messages import list_item, texts, with_full_stop
@@ -15,7 +16,6 @@ from baqueano.report import figures
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.validation.held_out import Validation
 
 CHANNEL_LABELS = {
@@ -111,7 +111,7 @@ def fit_sections(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True
     return sections
 
 
-def parameter_row(row: "TableRow") -> "JsonObject":
+def parameter_row(row: TableRow) -> JsonObject:
     """Return a parameter as a table row with its notes; the digits below its error are omitted."""
     std = row["std"]
     value = None if row["estimate"] is None else round_to_error(row["estimate"], std)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from baqueano.atomic_file import replace_file
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import UsageError
 from baqueano.messages import text, unbroken
@@ -19,7 +20,6 @@ from baqueano.messages.language import translate as _
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from baqueano.contracts.values import TableRow
 
 TONES = {
     Verdict.USABLE: "good", "OK": "good", Verdict.WARN: "warn", Verdict.REFUSED: "bad", Verdict.STOPPED: "bad",
@@ -51,7 +51,7 @@ class Headline:
 class Table:
     """Rows of a result in their printed form. `rows` are flat dicts with the same keys."""
 
-    rows: list["TableRow"]
+    rows: list[TableRow]
     caption: str = ""
     columns: dict[str, str] | None = None  # key → heading; None: the keys of the first row
 

@@ -1,9 +1,8 @@
 """Define the style of the figures: colours, fonts, and the place of a legend."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
+from baqueano.contracts.values import JsonObject
 
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
@@ -29,7 +28,7 @@ STYLE: dict[Any, Any] = {
     "figure.constrained_layout.use": True,
     "path.simplify_threshold": 0.5,
 }
-LEGEND_ABOVE: "JsonObject" = {
+LEGEND_ABOVE: JsonObject = {
     "loc": "lower left",
     "bbox_to_anchor": (0.0, 1.0),
     "ncols": 4,

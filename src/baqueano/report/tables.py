@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.atomic_file import replace_file
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.parameter import parameters
@@ -22,7 +23,6 @@ from baqueano.symbolic import value_at_path
 
 if TYPE_CHECKING:
     from baqueano.contracts.result import PrintedTable, Result
-    from baqueano.contracts.values import TableRow
 
 PARAMETER_KEYS = {"name", "estimate", "std", "unit"}  # of the rows of a fit
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:[.,]\d+)?(?:e[-+]\d+)?(?![\w])")
@@ -32,7 +32,7 @@ LATEX_SIGNS = {  # that pdflatex does not know as letters
 }  # fmt: skip
 
 
-def csv_text(rows: list["TableRow"], decimal: str = ".") -> str:
+def csv_text(rows: list[TableRow], decimal: str = ".") -> str:
     """Return rows as CSV (RFC 4180); the cell of an unknown value is empty. Rows can have different keys.
 
     With the decimal sign "," columns are separated by ";", and the text begins with a byte order mark: a spreadsheet of
@@ -51,7 +51,7 @@ def csv_text(rows: list["TableRow"], decimal: str = ".") -> str:
     return "\ufeff" * is_local + buffer.getvalue()
 
 
-def latex_text(rows: list["TableRow"], caption: str = "", blocks: object = None) -> str:
+def latex_text(rows: list[TableRow], caption: str = "", blocks: object = None) -> str:
     """Return rows as a LaTeX table; the parameters of a fit have the symbols of its `blocks`."""
     if rows and rows[0].keys() >= PARAMETER_KEYS:
         head = ["parameter", "estimate", "standard error", "unit"]
@@ -109,13 +109,13 @@ def _booktabs(
     return "\n".join([*lines, *comments, ""])
 
 
-def _parameter_cells(row: "TableRow", blocks: object) -> list[str]:
+def _parameter_cells(row: TableRow, blocks: object) -> list[str]:
     value, std = row["estimate"], row["std"]
     cells = (r"\multicolumn{2}{c}{not identifiable}",) if value is None else format_estimate(value, std)
     return [symbol(row["name"], blocks), *cells, _unit(row["unit"])]
 
 
-def _keys(rows: list["TableRow"]) -> list[str]:
+def _keys(rows: list[TableRow]) -> list[str]:
     return list(dict.fromkeys(key for row in rows for key in row))
 
 
@@ -170,7 +170,7 @@ def table_suffix(path: Path, decimal: str = ".") -> str:
 
 
 def save_table(
-    rows: list["TableRow"], path: str | Path, decimal: str = ".", caption: str = "", blocks: object = None
+    rows: list[TableRow], path: str | Path, decimal: str = ".", caption: str = "", blocks: object = None
 ) -> Path:
     """Write rows as .csv or .tex, by the file extension, and return the path. The file is replaced only when it is
     complete. Raise UsageError for another file extension or another decimal sign.

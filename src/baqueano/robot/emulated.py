@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import baqueano
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.symbolic.c_code.compile import user_cache
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
 REPOSITORY = Path(baqueano.__file__).resolve().parents[2]
@@ -26,7 +26,7 @@ REPOSITORY = Path(baqueano.__file__).resolve().parents[2]
 @contextmanager
 def emulate_vehicle(
     vehicle_file: "VehicleFile", truth: object, seed: int = 0
-) -> Iterator[Callable[[], "JsonObject"]]:
+) -> Iterator[Callable[[], JsonObject]]:
     """Yield a function that returns the options `world` and `tick_times_ns` for the next drive on the emulated vehicle.
 
     `truth` is the vehicle file of the simulated body. Raise UsageError outside a source tree, or if Debian packages are

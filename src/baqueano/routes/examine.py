@@ -20,6 +20,7 @@ import numpy as np
 
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
@@ -36,7 +37,6 @@ from baqueano.routes.room import Room, vehicle_room
 from baqueano.vehicle_file.head import reach_m
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.vehicle_file import VehicleFile
 
 MEAN_WINDOW_S = 0.3  # time over which an acceleration is averaged
@@ -122,7 +122,7 @@ class RouteReport(Result):
         has_error = any(finding.severity == Severity.ERROR for finding in self.findings)
         return Verdict.REFUSED if has_error else Verdict.USABLE
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one flat dict with all figures."""
         names = (
             "length_m",

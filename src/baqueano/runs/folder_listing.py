@@ -3,8 +3,9 @@
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, FileError
 from baqueano.messages import text
@@ -14,9 +15,6 @@ from baqueano.messages.printable import join_rows
 from baqueano.messages.text_table import text_table
 from baqueano.runs.container.reader import read_run
 from baqueano.runs.folder import number_and_name, run_number
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
 
 
 class ListedRun(NamedTuple):
@@ -88,6 +86,6 @@ def listing_table(rows: list[ListedRun]) -> str:
     return join_rows(text_table("<" * last, head[:last], *(line[:last] for line in lines)))
 
 
-def listing_rows(rows: list[ListedRun]) -> list["TableRow"]:
+def listing_rows(rows: list[ListedRun]) -> list[TableRow]:
     """Return the runs as flat dicts for --json; an unknown value is None."""
     return [{key: value if value != "" else None for key, value in row._asdict().items()} for row in rows]

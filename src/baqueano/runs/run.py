@@ -11,15 +11,14 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, pandas
-from baqueano.contracts.values import Value
-from baqueano.diagnostics import Diagnostic, fault
-from baqueano.errors import UsageError
+from baqueano.contracts.values import TableRow, Value
+from baqueano.diagnostics import Diagnostic
 from baqueano.runs.logs import (
     Channel,
     EstimateLog,
@@ -33,9 +32,6 @@ from baqueano.runs.logs import (
     log_rows,
 )  # fmt: skip
 from baqueano.signals import NANOSECONDS, TICK_TOLERANCE_NS, Slot, Tick, seconds, sensor_slots
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
 
 MEANS_KEY = "means"  # in the metadata: the names of the channels whose readings are means over an interval
 REST_KEY = "rest_s"  # of the metadata
@@ -139,7 +135,7 @@ class Run(Result):
 
         return write_run(self, path_of_run(path, self.name))
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one flat dict per topic; an unknown value is None."""
         from baqueano.runs.show import show
 

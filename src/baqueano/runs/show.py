@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.result import shorten
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.messages import texts
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
@@ -21,7 +22,6 @@ from baqueano.runs.logs import LEVELS
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.diagnostics import Diagnostic
     from baqueano.runs.run import Run
 
@@ -66,7 +66,7 @@ class ShownRun:
         """Return WARN if the file was cut or damaged, else USABLE."""
         return "WARN" if self.run.notes else "USABLE"
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a flat dict per topic; an unknown value is None."""
         run = self.run
         start = run.start_ns
@@ -134,7 +134,7 @@ class ShownRun:
             )
         return join_rows([*lines, *(_("note: {note}", note=line) for line in texts(run.notes))])
 
-    def events(self) -> list["TableRow"]:
+    def events(self) -> list[TableRow]:
         """Return all events as flat dicts, times in seconds since the first tick."""
         start = self.run.start_ns
         return [
@@ -176,13 +176,13 @@ def show(run: "Run") -> ShownRun:
     return ShownRun(run)
 
 
-def _data(lines: "Diagnostic | None") -> "JsonObject":
+def _data(lines: "Diagnostic | None") -> JsonObject:
     if lines is None:
         return {"code": None, "figures": {}}
     return {"code": str(lines.code), "figures": dict(lines.figures)}
 
 
-def _row(topic: str, t_ns: np.ndarray, values: np.ndarray, start: int) -> "JsonObject":
+def _row(topic: str, t_ns: np.ndarray, values: np.ndarray, start: int) -> JsonObject:
     step_s = np.diff(t_ns) / NANOSECONDS
     usual_s = float(np.median(step_s)) if len(step_s) else 0.0
     gap_rows = np.flatnonzero(step_s > GAP_STEPS * usual_s) if usual_s > 0.0 else np.zeros(0, dtype=int)

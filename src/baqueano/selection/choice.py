@@ -5,6 +5,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.options import FitOptions
@@ -18,7 +19,6 @@ from baqueano.selection.terms import Term
 from baqueano.sensors.sampling import is_imu
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.vehicle_file import VehicleFile
 
 NO_EVIDENCE = N_(
@@ -106,7 +106,7 @@ class TermResult(NamedTuple):
             return note(code, subject=name, term=name, reason=self.reason)
         return note("choose.left-out", subject=name, **part, **details)
 
-    def row(self) -> "JsonObject":
+    def row(self) -> JsonObject:
         """Return the result as one flat row."""
         return {
             "term": self.term.name, "parameters": ", ".join(self.term.paths), "verdict": self.verdict,
@@ -148,12 +148,12 @@ class Choice:
         return self.fit.vehicle_file
 
     @property
-    def refit_arguments(self) -> "JsonObject":
+    def refit_arguments(self) -> JsonObject:
         """Return the arguments of `identify` that fit the chosen model again, from its values."""
         options = FitOptions(gyro_leads=False, backend=self.fit.backend)
         return {"free": list(self.fit.names), "options": options}
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one flat row per term, then one per parameter of the fit."""
         return [result.row() for result in self.term_results] + self.fit.rows()
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FittedBlocks
@@ -46,7 +47,6 @@ from baqueano.symbolic import compile_block, value_at_path, with_value
 from baqueano.vehicles.freedoms import with_ideal_drivetrain
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, Tree
     from baqueano.vehicle_file import VehicleFile
 
 # between starts of a delay: half a period of the fastest command that is followed, 20 Hz
@@ -152,11 +152,11 @@ class _TermMotion(NamedTuple):
 
     w: np.ndarray  # (k,) the channels
     u: np.ndarray  # (n,) the command
-    state: "Tree"  # after TRIAL_S
+    state: Tree  # after TRIAL_S
     max_nu: np.ndarray  # (3,) largest |ν̇| during the motion
 
 
-def _motions(model: "Tree", u: np.ndarray) -> list[_TermMotion]:
+def _motions(model: Tree, u: np.ndarray) -> list[_TermMotion]:
     """Return the motions of each used channel in both directions, then of all channels together."""
     drivetrain = model.drivetrain
     channels = np.asarray([drivetrain.mix(row) for row in u[:: max(1, len(u) // 2000)]])
@@ -168,7 +168,7 @@ def _motions(model: "Tree", u: np.ndarray) -> list[_TermMotion]:
     return [_drive(quick_model, w, drivetrain.unmix(w)) for w in commands]
 
 
-def _drive(model: "Tree", w: np.ndarray, u: np.ndarray) -> _TermMotion:
+def _drive(model: Tree, w: np.ndarray, u: np.ndarray) -> _TermMotion:
     state, max_nu = model.init(), np.zeros(3)
     with np.errstate(all="ignore"):
         for _ in range(round(TRIAL_S / TICK_S)):
@@ -227,7 +227,7 @@ def _cross_talk_terms(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
     return terms
 
 
-def _drivetrain_terms(model: "Tree", motions: Sequence[_TermMotion], battery: bool) -> list[Term]:
+def _drivetrain_terms(model: Tree, motions: Sequence[_TermMotion], battery: bool) -> list[Term]:
     # a servo without a motor does not move the vehicle
     moving_motions = [m for m in motions if np.any(m.max_nu > 0.0)]
     single_channel, terms = [m for m in moving_motions if np.count_nonzero(m.w) == 1], []

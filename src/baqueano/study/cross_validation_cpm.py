@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.compare import compare
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.drive import drive_stop_reason, replay
 from baqueano.identify import Fit, FitOptions, identify
@@ -34,7 +35,6 @@ from baqueano.study.recordings import CPM_MAPS, check_cpm_present
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.runs import Run
     from baqueano.signals import Motion
 
@@ -88,7 +88,7 @@ class RunEvaluation:
     test_run: str
     prediction: RunPrediction
     replay_run: "Run"
-    figures: "JsonObject"  # values of `compare`
+    figures: JsonObject  # values of `compare`
     distance_m: float  # distance measured by the camera
 
     @property
@@ -105,7 +105,7 @@ class RunEvaluation:
             drive_stop_reason(self.replay_run)
         )
 
-    def row(self) -> "JsonObject":
+    def row(self) -> JsonObject:
         """Return a flat row in SI units."""
         rmse = self.prediction.rmse
         explained_variance = self.prediction.explained_variance
@@ -130,11 +130,11 @@ class CrossValidation:
     fits: dict[str, RunFit]  # by run
     evaluations: tuple[RunEvaluation, ...]
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a row per model and run."""
         return [run_evaluation.row() for run_evaluation in self.evaluations]
 
-    def parameters(self) -> list["TableRow"]:
+    def parameters(self) -> list[TableRow]:
         """Return a row per parameter: estimate and standard error of each run."""
         fits = {run: {row["name"]: row for row in run_fit.fit.rows()} for run, run_fit in self.fits.items()}
         rows = []
@@ -250,7 +250,7 @@ class CrossValidation:
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _("in both directions"))])
 
 
-_LINES: tuple[tuple[str, Callable[["JsonObject"], str]], ...] = (
+_LINES: tuple[tuple[str, Callable[[JsonObject], str]], ...] = (
     (N_("model, speed [m/s rms]"), lambda r: f"{number(r['speed_rmse_m_s']):.3f}"),
     (N_("  of its variance [%]"), lambda r: f"{number(100 * r['speed_explained']):.1f}"),
     (N_("model, yaw rate [rad/s rms]"), lambda r: f"{number(r['yaw_rate_rmse_rad_s']):.3f}"),

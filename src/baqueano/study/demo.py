@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.compare import Comparison, compare
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Diagnostic, Verdict, fault, merge_diagnostics, note
 from baqueano.drive import drive_stop_reason, experiment, repeat, teach
 from baqueano.errors import AnswerNo
@@ -38,7 +39,6 @@ from baqueano.tune import TuneResult, tune
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
 
 LAPS, EXPERIMENT_FILE = 3, "1-experiment.mcap"
@@ -87,7 +87,7 @@ class Demo:
             [matrix_entries[n] if n in matrix_entries else float(self.truth.value(n)) for n in self.fit.names]
         )
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a row per parameter: estimate, std, truth, their difference in std, and a verdict."""
         rows = []
         for row, truth in zip(self.fit.rows(), self.true_values, strict=True):

@@ -10,11 +10,12 @@ wall, and the correct diagnosis of the wiring.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.blocks import World
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.drive import first_drive
 from baqueano.messages.language import mark as N_
@@ -27,9 +28,6 @@ from baqueano.study.counterpart import LoopWorld, robot_values
 from baqueano.study.truth import Robots, draw_robots
 from baqueano.sweep.workers import run_in_processes
 from baqueano.vehicle_file import VehicleFile, load
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
 
 ROOM_SIZE = "1.5x1.5"
 WIRINGS = (N_("well"), N_("left inverted"), N_("right inverted"), N_("swapped"))
@@ -106,7 +104,7 @@ class FirstDrives:
             return Verdict.WARN
         return Verdict.USABLE
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a flat row for each wiring."""
         return [row._asdict() for row in self.wiring_rows]
 

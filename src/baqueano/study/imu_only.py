@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.calibration.tolerances import with_tolerance
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.messages.language import mark as N_
@@ -35,7 +36,6 @@ from baqueano.study.recordings import RecordingStudy, check_cpm_present
 from baqueano.vehicle_file import Provenance, VehicleFile, load
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
@@ -77,7 +77,7 @@ def imu_only_study(
     return RecordingStudy(tuple(rows(progress, backend)), ())
 
 
-def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
+def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list[TableRow]:
     """Return the rows of the study, with recording, quantity, value, criterion and ok."""
     runs = {name: import_run(path).run for name, path in MAPS.items()}
     car = load("car").with_values(
@@ -120,7 +120,7 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
     return study_rows + interval_rows(np.array(is_covered), np.array(width)) + message_rows(fits[-1], runs)
 
 
-def held_out_rows(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> list["TableRow"]:
+def held_out_rows(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> list[TableRow]:
     """Return the rows on the simulated speed of `run`, which neither `fit` nor `reference` has used."""
     car = reference.vehicle_file  # odometer and gyro unchanged: only the model is evaluated
     fitted_car = car.with_values(
@@ -150,7 +150,7 @@ def fitted_drive(fit: Fit, vehicle_file: VehicleFile) -> FittedDrive:
     return FittedDrive(value, stds)
 
 
-def interval_rows(is_covered: np.ndarray, width: np.ndarray) -> list["TableRow"]:
+def interval_rows(is_covered: np.ndarray, width: np.ndarray) -> list[TableRow]:
     """Return the rows on the coverage and the width of the intervals, from arrays (cases, 5)."""
     coverage = float(np.mean(is_covered))
     table_rows = [minimum_row("cpm", _("intervals that contain the odometer's fit"), coverage, MIN_COVERAGE)]
@@ -161,7 +161,7 @@ def interval_rows(is_covered: np.ndarray, width: np.ndarray) -> list["TableRow"]
     return table_rows
 
 
-def message_rows(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
+def message_rows(fit: Fit, runs: dict[str, "Run"]) -> list[TableRow]:
     """Return the rows on the messages about the gyro's scale and about a run beyond the range of the fit."""
     is_reported = any(message.code == "identifiability.gyro-scale" for message in fit.always_unobservable)
     is_outside = bool(fit.envelope.range_warnings(runs["a"]))  # a fit of run b

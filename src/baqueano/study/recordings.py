@@ -9,18 +9,15 @@ import glob
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING
 
 from baqueano.contracts.result import Result
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import FileError
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.runs.maps.column_map import data_folders, load_map
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
 
 CPM_MAPS = ("cpm_run_a", "cpm_run_b")
 STUDIES = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
@@ -30,11 +27,11 @@ STUDIES = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
 class RecordingStudy(Result):
     """The results of the fits on all recordings."""
 
-    result_rows: tuple["JsonObject", ...]
+    result_rows: tuple[JsonObject, ...]
     missing_recordings: tuple[str, ...]  # sentences on missing recordings
     is_interrupted: bool = False  # True after Ctrl-C, before all recordings were evaluated
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return the rows of all recordings, with recording, quantity, value, criterion and ok."""
         return list(self.result_rows)
 

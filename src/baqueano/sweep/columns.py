@@ -2,23 +2,20 @@
 
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.values import TableRow
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import LINE_LETTERS
 from baqueano.sweep.figures import ALL_FIGURES
 
-if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
-
 FILE_CLASS = re.compile(r"(?P<file>[^ ]*[/\\.][^ :]*):(?P<name>\w+)")
 MAX_LABEL_LETTERS = 32  # characters of a label
 
 
-def ratio_cell(row: "TableRow", name: str, reference: str) -> str:
+def ratio_cell(row: TableRow, name: str, reference: str) -> str:
     """Return the ratio of the result `name` to that of `reference`, with its interval; `row` is of `combinations`."""
     if row["combination"] == reference or not np.isfinite(row[f"{name}_ratio"]):
         return "1" if row["combination"] == reference else "-"
@@ -47,7 +44,7 @@ def short_labels(labels: Sequence[str]) -> dict[str, str]:
 
 
 def median_columns(
-    rows: Sequence["TableRow"], blocks: Sequence[Sequence[str]], main: str, reference: str
+    rows: Sequence[TableRow], blocks: Sequence[Sequence[str]], main: str, reference: str
 ) -> list[list[list[str]]]:
     """Return the columns of each block of names: heading, unit, and a cell for each of the `rows`.
 
@@ -61,7 +58,7 @@ def median_columns(
     return tables
 
 
-def _figure_column(name: str, rows: Sequence["TableRow"]) -> list[str]:
+def _figure_column(name: str, rows: Sequence[TableRow]) -> list[str]:
     """Return the cells of a column: heading, unit, and the value of each row."""
     figure = ALL_FIGURES[name]
     values = (row[name] * figure.scale for row in rows)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.result import Result
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import note
 from baqueano.messages import text, texts
 from baqueano.messages.language import number
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from baqueano.contracts.values import TableRow
 
 MAX_HIGH_ROWS = 12  # more rows are drawn closer together
 
@@ -101,7 +101,7 @@ def sweep_page(result: SweepResult) -> Page:
     )
 
 
-def _ranked(result: SweepResult, rows: "list[TableRow]") -> "list[TableRow]":
+def _ranked(result: SweepResult, rows: list[TableRow]) -> list[TableRow]:
     rows_by_label = {row["combination"]: row for row in rows}
     return [rows_by_label[label] for label in result.ranking()]
 
@@ -110,7 +110,7 @@ def _names(result: SweepResult) -> dict[str, str]:
     return short_labels(list(dict.fromkeys(drive.combination.label for drive in result.drives)))
 
 
-def _medians(result: SweepResult, rows: "list[TableRow]", figure_names: list[str]) -> Table:
+def _medians(result: SweepResult, rows: list[TableRow], figure_names: list[str]) -> Table:
     """Return a table with the median of some results for each combination."""
     names, is_first = _names(result), figure_names[0] == result.main_figure()
     has_stops = is_first and any(row["stopped"] for row in rows)
@@ -122,7 +122,7 @@ def _medians(result: SweepResult, rows: "list[TableRow]", figure_names: list[str
     ])  # fmt: skip
 
 
-def _differences(result: SweepResult, rows: "list[TableRow]") -> "list[TableRow]":
+def _differences(result: SweepResult, rows: list[TableRow]) -> list[TableRow]:
     """Return a row per combination with the ratio of each result to the reference, and its interval."""
     names, table_rows = _names(result), []
     for row in (row for row in rows if row["combination"] != result.reference):

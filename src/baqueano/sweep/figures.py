@@ -14,13 +14,13 @@ import numpy as np
 
 from baqueano.compare import errors, evenness
 from baqueano.compare.filter_consistency import filter_consistency
+from baqueano.contracts.values import Tree
 from baqueano.messages.language import mark as N_
 from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 from baqueano.signals import seconds
 from baqueano.sweep.error_segments import ErrorSegments, error_segments
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import Tree
     from baqueano.runs.run import Run
 
 MAX_JOINED_M, MAX_LAP_DISTANCE_M = 0.03, 0.10

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.result import PrintedTable, Result, shorten, wrap_sentences
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import text, texts, verdict_line
 from baqueano.messages.language import translate as _
@@ -16,9 +17,6 @@ from baqueano.sweep.error_segments import ErrorSegments
 from baqueano.sweep.figures import ALL_FIGURES, RMS_FIGURES
 from baqueano.sweep.gains import CODE
 from baqueano.sweep.paired import UNKNOWN, PairedDifference, paired_difference
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
 
 BLOCKS = (  # names of results, in the order of the tables
     ("across_rms_m", "across_max_m", "speed_error_m_s", "effort", "roughness_1_s", "joining_m", "laps"),
@@ -129,7 +127,7 @@ class SweepResult(Result):
         lines = self._lines([[name for name in SHORT_FIGURES if self._has(name)][:4]])
         return shorten(lines[:3], lines[3:], [verdict_line(self.verdict, self.reasons)])
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a flat row for each combination and drive."""
         return [
             {
@@ -142,7 +140,7 @@ class SweepResult(Result):
             for drive in self.drives
         ]  # fmt: skip
 
-    def combinations(self) -> list["TableRow"]:
+    def combinations(self) -> list[TableRow]:
         """Return a row per combination: the median of each result over its drives, and the ratios of the rms values.
 
         A stopped drive is only in the medians of SURVIVAL_FIGURES: it is shorter, so its other results are not
@@ -203,7 +201,7 @@ class SweepResult(Result):
         )
         return [row["combination"] for row in rows]
 
-    def by_vehicle(self) -> list["TableRow"]:
+    def by_vehicle(self) -> list[TableRow]:
         """Return the main result of each combination on each vehicle.
 
         Returns

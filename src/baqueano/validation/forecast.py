@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.result import Result
+from baqueano.contracts.values import TableRow, Tree
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
@@ -44,7 +45,6 @@ from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, begin
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow, Tree
     from baqueano.guides.route import Route
 
 NU = slice(3, 6)  # of (η, ν, ν̇)
@@ -98,7 +98,7 @@ class Forecast(Result):
     drives: tuple[DriveForecast, ...]
     notes: tuple[Diagnostic | str, ...]
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one flat row per drive, in SI units."""
         return [
             drive._asdict() | {"drive": text(drive.drive), "text": text(drive.message)}
@@ -379,7 +379,7 @@ def _lap(
     return (seconds(np.diff(t_ns, prepend=0)), np.asarray(u)), ""
 
 
-def _command_and_pose(outputs: "Tree") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _command_and_pose(outputs: Tree) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return outputs.record.tick.u, outputs.truth.eta, outputs.record.reference.eta
 
 

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.result import Result, shorten
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.estimators.kalman import correct
@@ -38,7 +39,6 @@ from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.identify.result.fit_result import Fit
     from baqueano.vehicle_file import VehicleFile
 
@@ -118,7 +118,7 @@ class ParameterHistory(Result):
             runs=self.runs,
         ).vehicle_file
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one flat row per run and parameter."""
         rows = []
         for k, run in enumerate(self.runs):
@@ -175,7 +175,7 @@ class Drift:
         """Return the verdict of the whole history."""
         return self.history.verdict
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one flat row per parameter that changed."""
         return [
             {name: x for name, x in change._asdict().items() if name != "runs"}

@@ -1,7 +1,6 @@
 """Check a block of the user by trial calls against the contracts of blocks."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from baqueano import block_checks
 from baqueano.block_checks import CHECKS
@@ -10,15 +9,13 @@ from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.contracts.time_limit import PREPARE_S, within
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Diagnostic, Verdict, fault, nearest
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import circle
 from baqueano.messages import text, texts
 from baqueano.vehicle_file.build import with_usual_std
 from baqueano.vehicle_file.file import LOOP_ROLES, VehicleFile, load
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -35,7 +32,7 @@ class BlockCheck(Result):
         """Return USABLE without findings, else the verdict of the most severe finding."""
         return Verdict.of(self.findings)
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one flat dict per finding."""
         return [
             {"block": self.block, "code": finding.code, "finding": text(finding)} for finding in self.findings

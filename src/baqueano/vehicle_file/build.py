@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import partial
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from baqueano.blocks import PROGRAM, check_step, kinds, place_of, resolve, resol
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.time_limit import PREPARE_S, within
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import FileError, UsageError, error_text, is_interruption, user_code_place
 from baqueano.estimators.readings.velocity_readings import velocity_rows
@@ -35,9 +35,6 @@ from baqueano.vehicle_file.tables import (
 )
 from baqueano.vehicle_file.units import NON_MOTION_CHANNELS
 from baqueano.vehicles.rk4 import row_rate_hz
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 FINDING_COMMANDS = {"controller": ("tune", "--update"), "estimator": ("identify", "last", "--update")}
 
@@ -174,7 +171,7 @@ def _sensor(report: ReadReport, path: KeyPath, block_class: type, table: Any, co
     return construct(report, path, block_class, values, context)
 
 
-def _check_own_sensor(report: ReadReport, path: KeyPath, block: Tree, table: "JsonObject") -> None:
+def _check_own_sensor(report: ReadReport, path: KeyPath, block: Tree, table: JsonObject) -> None:
     """Add a problem if a sensor of the user's own fails where each drive would fail."""
     if block is None or type(block).__module__.startswith("baqueano."):
         return
@@ -194,7 +191,7 @@ class RoleTable(NamedTuple):
     """The content of a block's table: the class, the values of the file, the missing keys."""
 
     block_class: type
-    values: "JsonObject"
+    values: JsonObject
     missing_names: list[str]
 
 
@@ -202,8 +199,8 @@ def role_table(
     report: ReadReport,
     name: str,
     table: Any,
-    role_values: "JsonObject",
-    fallback: "JsonObject",
+    role_values: JsonObject,
+    fallback: JsonObject,
     context: BuildContext,
     kind: str | type | None = None,
 ) -> RoleTable | None:
@@ -283,7 +280,7 @@ def construct(
     report: ReadReport,
     path: KeyPath,
     block_class: type,
-    values: "JsonObject",
+    values: JsonObject,
     context: BuildContext,
     commands: int | None = None,
 ) -> Any:

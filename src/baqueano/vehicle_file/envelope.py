@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import UsageError
 from baqueano.vehicle_file.tables import ReadReport, number_array, report_unknown_key
 
 if TYPE_CHECKING:
     from baqueano.contracts.blocks import SensorBlocks
-    from baqueano.contracts.values import JsonObject
     from baqueano.signals import Tick
 
 RANGE_MARGIN = 0.1
@@ -137,7 +137,7 @@ class EnvelopeMonitor:
 
 
 def read_envelope(
-    report: ReadReport, data: "JsonObject", commands: Sequence[str], sensors: "SensorBlocks"
+    report: ReadReport, data: JsonObject, commands: Sequence[str], sensors: "SensorBlocks"
 ) -> Envelope | None:
     """Return the table [envelope], checked against `commands` and `sensors` of the file; None without this table."""
     table, path = data.get("envelope"), ("envelope",)

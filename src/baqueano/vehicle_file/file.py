@@ -10,7 +10,7 @@ from baqueano.blocks import check_role, permit_blocks, resolve_named
 from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, shorten
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import JsonObject, TableRow, Tree
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError, UsageError
 from baqueano.estimators import AugmentedEkf
@@ -38,7 +38,6 @@ from baqueano.vehicle_file.tables import ReadReport, report_unknown_key
 from baqueano.vehicle_file.text.toml_text import read_text, tables, with_present_keys
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.guides.route import Route
 
 LOOP_ROLES = ("estimator", "guide", "controller", "supervisor")
@@ -98,7 +97,7 @@ class VehicleFile:
     name: str
     path: Path | None
     text: str
-    data: "JsonObject" = field(repr=False)
+    data: JsonObject = field(repr=False)
     command: CommandSpec
     rate_hz: float
     geometry: Geometry
@@ -124,7 +123,7 @@ class VehicleFile:
     if not TYPE_CHECKING:
         __getattr__ = raise_missing_attribute
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one flat dict per key of the model, with the run that measured it."""
         return model_values(self.data, self.provenance)
 
@@ -163,7 +162,7 @@ class VehicleFile:
 
     @checked_call('robot.with_values({"model.mass_kg": 1.0})')
     def with_values(
-        self, values: "JsonObject", provenance: "JsonObject | None" = None,
+        self, values: JsonObject, provenance: JsonObject | None = None,
         parameter_cov: ParameterCov | None = None, envelope: Envelope | None = None,
     ) -> "VehicleFile":  # fmt: skip
         """Return the file with other `values` {dotted key: value} and all comments, checked like any file. Raise
@@ -239,7 +238,7 @@ class VehicleFile:
         return BuildContext(self.folder, self.rate_hz, self.geometry)
 
     def _block(
-        self, role: str, kind: OwnBlock | None, changes: "JsonObject", arguments: "JsonObject | None" = None
+        self, role: str, kind: OwnBlock | None, changes: JsonObject, arguments: JsonObject | None = None
     ) -> Any:
         if kind is not None and not isinstance(kind, str):
             check_role(role, kind)

@@ -1,19 +1,18 @@
 """Read the head of a vehicle file: command, geometry, robot and simulation."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.geometry import axes_rotation
 from baqueano.parameter import INF, parameter
 from baqueano.sensors.imu_filter import ACCEL_RANGES_G, GYRO_RANGES_DPS, MPU6050_BANDS
 from baqueano.vehicle_file.tables import ReadReport, arguments, missing_keys, table_keys
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
-
-    from baqueano.contracts.values import JsonObject
     from baqueano.vehicles.state import DynamicVehicle
 
 FORMAT_VERSION = 1
@@ -169,7 +168,7 @@ class CommandSpec(NamedTuple):
     limit: np.ndarray
 
 
-def read_top(report: ReadReport, data: "JsonObject") -> TopLevelKeys:
+def read_top(report: ReadReport, data: JsonObject) -> TopLevelKeys:
     """Return the keys above the first table. Raise FileError for a missing key, or for another format version."""
     keys = table_keys(TopLevelKeys)
     if "format" not in data:
@@ -197,7 +196,7 @@ def _example(name: str) -> str:
     return {"name": 'name = "my vehicle"', "rate_hz": "rate_hz = 100.0"}.get(name, name)
 
 
-def read_head(report: ReadReport, data: "JsonObject") -> tuple[Channels, Geometry, Hardware, Simulation]:
+def read_head(report: ReadReport, data: JsonObject) -> tuple[Channels, Geometry, Hardware, Simulation]:
     """Return the tables [command], [geometry], [robot] and [simulation]. Raise FileError for a wrong value."""
     values = arguments(report, ("command",), table_keys(Channels), data["command"], other_keys=())
     if "names" not in values and "names" not in data["command"]:

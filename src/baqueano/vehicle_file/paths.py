@@ -10,13 +10,13 @@ import numpy as np
 
 from baqueano.blocks import resolve_named
 from baqueano.contracts.result import no_attribute
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import FileError, NoAttribute, UsageError
 from baqueano.vehicle_file.head import Geometry, Hardware, Simulation
 from baqueano.vehicle_file.tables import DERIVED_KEYS, table_keys
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
 MIN_SIMILARITY = 0.6  # least similarity of the last names of two keys
@@ -32,7 +32,7 @@ def split_key(path_text: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
     )
 
 
-def known_paths(data: "JsonObject", folder: Path | str | None = None) -> list[str]:
+def known_paths(data: JsonObject, folder: Path | str | None = None) -> list[str]:
     """Return every key that the blocks of this file can have, including keys that are not written in the file.
 
     A block of the user is searched for in `folder`. If the block is missing, as on another computer, only its written
@@ -54,12 +54,12 @@ def known_paths(data: "JsonObject", folder: Path | str | None = None) -> list[st
     return paths
 
 
-def key_exists(data: "JsonObject", path_text: str, folder: Path | str | None = None) -> bool:
+def key_exists(data: JsonObject, path_text: str, folder: Path | str | None = None) -> bool:
     """Return True if the blocks of this file can have this key, or the key of this entry."""
     return ".".join(split_key(path_text)[0]) in known_paths(data, folder)
 
 
-def is_table(data: "JsonObject", path_text: str, folder: Path | str | None = None) -> bool:
+def is_table(data: JsonObject, path_text: str, folder: Path | str | None = None) -> bool:
     """Return True for the name of a table that this file can have, such as "model" or "model.friction"."""
     return any(path.startswith(f"{path_text}.") for path in known_paths(data, folder))
 
@@ -124,7 +124,7 @@ def _attribute_key(vehicle_file: "VehicleFile", name: str) -> str:
 
 
 def _keys(
-    data: "JsonObject", path: tuple[str, ...], role: str, folder: Path | str | None
+    data: JsonObject, path: tuple[str, ...], role: str, folder: Path | str | None
 ) -> list[tuple[str, ...]]:
     """Return the paths of all keys of one block's table."""
     from baqueano.vehicle_file.build import DEFAULT_KINDS
@@ -147,7 +147,7 @@ def _block_keys(block_class: type) -> list[tuple[str, ...]]:
     return keys
 
 
-def _leaf_paths(table: "JsonObject") -> list[tuple[str, ...]]:
+def _leaf_paths(table: JsonObject) -> list[tuple[str, ...]]:
     keys: list[tuple[str, ...]] = []
     for name, value in table.items():
         keys += (

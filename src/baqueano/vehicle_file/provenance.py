@@ -13,17 +13,15 @@ If no value of a model was measured by a fit that was not refused, the model is 
 
 from collections.abc import Iterator
 from datetime import date as Date
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import mark as N_
 from baqueano.vehicle_file.paths import is_table, key_exists, known_paths
 from baqueano.vehicle_file.tables import ReadReport, number_array, report_unknown_key
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
 
 GUESS = Verdict.GUESS  # verdict on values that were not measured
 UNMEASURED_VERDICTS = (GUESS, Verdict.REFUSED)
@@ -39,7 +37,7 @@ class Provenance(NamedTuple):
     verdict: str = ""
 
 
-def model_values(data: "JsonObject", provenance: dict[str, Provenance]) -> list["TableRow"]:
+def model_values(data: JsonObject, provenance: dict[str, Provenance]) -> list[TableRow]:
     """Return one flat dict per key of the model: key, value (a list is one value), measuring run and verdict."""
     rows: list[TableRow] = []
     for key, value in _flat_items("model", data.get("model", {})):
@@ -68,7 +66,7 @@ class ParameterCov(NamedTuple):
 
 
 def read_history(
-    report: ReadReport, data: "JsonObject", folder: str | None = None
+    report: ReadReport, data: JsonObject, folder: str | None = None
 ) -> tuple[dict[str, Provenance], ParameterCov | None]:
     """Return the tables [provenance] and [parameter_cov], checked; None instead of a missing covariance.
     `folder` is searched for a block of the user.
@@ -81,12 +79,12 @@ def is_measured(provenance: dict[str, Provenance], prefix: str = "model.") -> bo
     return any(k.startswith(prefix) and p.verdict not in UNMEASURED_VERDICTS for k, p in provenance.items())
 
 
-def _with_present_keys(table: "JsonObject") -> "JsonObject":
+def _with_present_keys(table: JsonObject) -> JsonObject:
     """Return a table whose keys have their present names; the files of older runs contain former names."""
     return {FORMER_KEYS.get(key, key): value for key, value in table.items()}
 
 
-def _provenance(report: ReadReport, data: "JsonObject", folder: str | None) -> dict[str, Provenance]:
+def _provenance(report: ReadReport, data: JsonObject, folder: str | None) -> dict[str, Provenance]:
     origins = {}
     for key, table in data.get("provenance", {}).items():
         path = ("provenance", key)
@@ -109,7 +107,7 @@ def _provenance(report: ReadReport, data: "JsonObject", folder: str | None) -> d
     return origins
 
 
-def _text(report: ReadReport, path: tuple[str, ...], table: "JsonObject", name: str) -> str:
+def _text(report: ReadReport, path: tuple[str, ...], table: JsonObject, name: str) -> str:
     value = table.get(name, "")
     if not isinstance(value, str):
         report.add_problem((*path, name), "vehicle.not-text", value=repr(value))
@@ -117,7 +115,7 @@ def _text(report: ReadReport, path: tuple[str, ...], table: "JsonObject", name: 
     return value
 
 
-def _date(report: ReadReport, path: tuple[str, ...], table: "JsonObject") -> Date | None:
+def _date(report: ReadReport, path: tuple[str, ...], table: JsonObject) -> Date | None:
     value = table.get("date")
     if value is not None and not isinstance(value, Date):
         report.add_problem((*path, "date"), "vehicle.not-date", value=repr(value))
@@ -125,7 +123,7 @@ def _date(report: ReadReport, path: tuple[str, ...], table: "JsonObject") -> Dat
     return value
 
 
-def _std(report: ReadReport, path: tuple[str, ...], table: "JsonObject") -> Any:
+def _std(report: ReadReport, path: tuple[str, ...], table: JsonObject) -> Any:
     value = table.get("std")
     if value is None:
         return None
@@ -136,7 +134,7 @@ def _std(report: ReadReport, path: tuple[str, ...], table: "JsonObject") -> Any:
     return array if isinstance(value, list) else float(array[0])
 
 
-def _parameter_cov(report: ReadReport, data: "JsonObject", folder: str | None) -> ParameterCov | None:
+def _parameter_cov(report: ReadReport, data: JsonObject, folder: str | None) -> ParameterCov | None:
     table, path = data.get("parameter_cov"), ("parameter_cov",)
     if table is None:
         return None
@@ -160,9 +158,7 @@ def _parameter_cov(report: ReadReport, data: "JsonObject", folder: str | None) -
     return ParameterCov(tuple(names), cov, _text(report, path, table, "run"), _date(report, path, table))
 
 
-def _covariance(
-    report: ReadReport, path: tuple[str, ...], table: "JsonObject", size: int
-) -> np.ndarray | None:
+def _covariance(report: ReadReport, path: tuple[str, ...], table: JsonObject, size: int) -> np.ndarray | None:
     """Return cov (size, size) from std and correlation; None after a problem was added to `report`.  (1)"""
     std, correlation = number_array(table.get("std", [])), _triangle(table.get("correlation", []), size)
     is_valid_std = std is not None and std.shape == (size,) and bool(np.all(np.isfinite(std) & (std >= 0.0)))

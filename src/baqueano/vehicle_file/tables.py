@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, nearest, note
 from baqueano.errors import FileError
 from baqueano.vehicle_file.text.toml_text import key_line
 from baqueano.vehicle_file.units import wrong_unit
 
 if typing.TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.parameter import Parameter
 
 DERIVED_KEYS = {
@@ -109,7 +109,7 @@ def _plain_class_keys(block_class: type, hidden_names: typing.Collection[str]) -
 
 
 @cache
-def _type_hints(block_class: type) -> "JsonObject":
+def _type_hints(block_class: type) -> JsonObject:
     try:
         return typing.get_type_hints(block_class)
     except NameError:  # a name that is defined only for a type checker
@@ -129,7 +129,7 @@ def arguments(
     keys: dict[str, Key],
     table: object,
     other_keys: typing.Collection[str] = ("kind",),
-) -> "JsonObject":
+) -> JsonObject:
     """Return keyword arguments from a table. A value that does not fit is omitted, and added to `report`."""
     if not isinstance(table, dict):
         report.add_problem(path, "vehicle.not-table", value=_short_text(table), table=".".join(path))
@@ -165,7 +165,7 @@ def report_unknown_key(
     report.add_problem(path, code, value=name, suggestion=near_unit or nearest(name, names))
 
 
-def missing_keys(keys: dict[str, Key], values: "JsonObject") -> list[str]:
+def missing_keys(keys: dict[str, Key], values: JsonObject) -> list[str]:
     """Return the missing keys without a default; without them the block cannot be built."""
     return [name for name, key in keys.items() if key.default is NO_DEFAULT and name not in values]
 

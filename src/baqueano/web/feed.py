@@ -9,10 +9,8 @@ import time
 from array import array
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
+from baqueano.contracts.values import JsonObject
 
 HEAD_LAYOUT = struct.Struct("<IId")
 RING_S = 60.0  # drive time that the ring stores
@@ -43,7 +41,7 @@ class Feed:
         self.names, self._column_indices = names, {name: k for k, name in enumerate(names)}
         return True
 
-    def add_rows(self, message: "JsonObject") -> bytes | None:
+    def add_rows(self, message: JsonObject) -> bytes | None:
         """Store the ticks of a message, and return them as a binary frame, or None if their columns do not match."""
         rows = message.get("x")
         try:
@@ -123,7 +121,7 @@ class Feed:
         self._rows, self._last = 0, ()
 
 
-def field_rows(names: list[object], units: list[object], commands: list[str]) -> "list[JsonObject]":
+def field_rows(names: list[object], units: list[object], commands: list[str]) -> list[JsonObject]:
     """Return name, unit and group of each column; `commands` are the names of the commands."""
     return [
         {

@@ -17,14 +17,11 @@ import time
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable
 from enum import IntEnum
-from typing import TYPE_CHECKING
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.messages.printable import one_line
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 MAX_FAILURES = 5  # maximum number of wrong tokens from an address in a minute
 MINUTE_S = 60.0
@@ -134,7 +131,7 @@ def url_host(address: str) -> str:
     return f"[{address}]" if ":" in address else address
 
 
-def requested_mission(request: "JsonObject") -> "tuple[str, JsonObject]":
+def requested_mission(request: JsonObject) -> tuple[str, JsonObject]:
     """Return the kind and the options of the mission that a browser requests.
 
     Unknown options are ignored. Raise UsageError for an unknown kind, or an option of the wrong type.

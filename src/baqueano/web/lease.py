@@ -10,15 +10,12 @@ or a hidden page loses the right.
 
 import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Severity, note
 from baqueano.errors import SafetyStop
 from baqueano.web.guard import Role
 from baqueano.web.visitor import Visitor
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 LEASE_S = 0.3
 
@@ -84,7 +81,7 @@ class Lease:
         return True
 
 
-def lease_messages(lease: Lease, visitors: list[Visitor]) -> "Iterator[tuple[Visitor, JsonObject]]":
+def lease_messages(lease: Lease, visitors: list[Visitor]) -> Iterator[tuple[Visitor, JsonObject]]:
     """Yield, for each visitor, the message about the right to drive. It names other possible drivers to the holder."""
     holder = lease.holder
     for visitor in visitors:

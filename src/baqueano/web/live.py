@@ -9,9 +9,9 @@ import secrets
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from typing import TYPE_CHECKING
 from uuid import uuid4
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.door import VERSION
 from baqueano.errors import BaqueanoError, SafetyStop, UsageError
@@ -27,9 +27,6 @@ from baqueano.web.lease import Lease, lease_messages
 from baqueano.web.sentence import ledger_rows, state_message
 from baqueano.web.service import DoorLink
 from baqueano.web.visitor import Visitor, binary_frame
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 FRAME_RATE_HZ = 20.0
 STATE_PERIOD_S = 0.4  # between states
@@ -63,7 +60,7 @@ class Live:
         self._ledger: list[JsonObject] = []  # the rows, with diagnostics
         self._blocks: dict[str, str] = {}  # role → kind, instead of the file's blocks
 
-    def _vehicle_description(self) -> "JsonObject":
+    def _vehicle_description(self) -> JsonObject:
         blocks = self._vehicle.get("blocks", {})
         return {"vehicle": self._vehicle, "blocks": blocks, "fields": self._fields, "route": self._route}
 
@@ -73,7 +70,7 @@ class Live:
         if self._local_files is None:
             self._link.send("routes")
 
-    def use_local_files(self, files: LocalFiles, about: "JsonObject") -> None:
+    def use_local_files(self, files: LocalFiles, about: JsonObject) -> None:
         """Use the local files of a robot, and their description `about` until the robot sends its own."""
         self._local_files = files
         self._vehicle, self._routes = self._vehicle or about["vehicle"], about["routes"]
@@ -91,7 +88,7 @@ class Live:
 
     # from the browser
 
-    def hello(self, visitor: Visitor) -> "JsonObject":
+    def hello(self, visitor: Visitor) -> JsonObject:
         """Return the part of `hello` that describes the vehicle."""
         with use_language(visitor.language):
             state = self._description()
@@ -111,7 +108,7 @@ class Live:
             self._send_ledger(visitor)
         visitor.send_history(self.feed.history())
 
-    async def receive(self, visitor: Visitor, message: "JsonObject") -> None:
+    async def receive(self, visitor: Visitor, message: JsonObject) -> None:
         """Execute a message of a browser. Raise UsageError if the message names another vehicle and is not a stop."""
         if message.get("robot", self.robot) != self.robot and message["type"] != "stop":
             raise UsageError(fault("web.other-robot"))
@@ -143,12 +140,12 @@ class Live:
         self._on_event({"message": note("web.swapped", role=role, kind=kind)})
         self._send_blocks()
 
-    def _stop(self, visitor: Visitor, message: "JsonObject") -> None:
+    def _stop(self, visitor: Visitor, message: JsonObject) -> None:
         """Stop the vehicle at once. The browser needs the role STOP, but not the right to drive."""
         self._require_role(visitor, Role.STOP)
         self._link.send("stop", reason=stop(StopReason.STOPPED_ON_PAGE, name=visitor.name))
 
-    def _beat(self, visitor: Visitor, message: "JsonObject") -> None:
+    def _beat(self, visitor: Visitor, message: JsonObject) -> None:
         u = message["u"]
         if not isinstance(u, list) or len(u) > MAX_COMMANDS or not all(is_finite_number(x) for x in u):
             raise UsageError(fault("web.not-understood", error="u"))
@@ -156,12 +153,12 @@ class Live:
         if self.lease.renew(visitor, int(message["n"]), age_s, visitor.round_trip_s):
             self._link.send("hand", u=[float(x) for x in u])
 
-    def _take(self, visitor: Visitor, message: "JsonObject") -> None:
+    def _take(self, visitor: Visitor, message: JsonObject) -> None:
         self._require_role(visitor, Role.DRIVE)
         self.lease.acquire(visitor, visitor.name)
         self._send_lease()
 
-    def _give(self, visitor: Visitor, message: "JsonObject") -> None:
+    def _give(self, visitor: Visitor, message: JsonObject) -> None:
         """Pass the right to drive to a browser with this name and the role DRIVE, or end it if no name is given."""
         to = None
         if message.get("to"):
@@ -172,11 +169,11 @@ class Live:
         self.lease.pass_to(visitor, to, getattr(to, "name", ""))
         self._send_lease()
 
-    def _mission(self, visitor: Visitor, message: "JsonObject") -> None:
+    def _mission(self, visitor: Visitor, message: JsonObject) -> None:
         kind, order = self._checked_mission_request(visitor, message)
         self._send_mission(visitor, kind=kind, **order)
 
-    async def _send_packed_mission(self, visitor: Visitor, message: "JsonObject", files: LocalFiles) -> None:
+    async def _send_packed_mission(self, visitor: Visitor, message: JsonObject, files: LocalFiles) -> None:
         """Pack a mission on this computer and send it to a robot, which cannot read local files."""
         kind, order = self._checked_mission_request(visitor, message)
         mission = await files.pack(kind, order)
@@ -189,40 +186,40 @@ class Live:
         self._link.send("mission", id=number, attended=True, door=VERSION, **fields)
         return number
 
-    def _checked_mission_request(self, visitor: Visitor, message: "JsonObject") -> "tuple[str, JsonObject]":
+    def _checked_mission_request(self, visitor: Visitor, message: JsonObject) -> tuple[str, JsonObject]:
         """Return the kind and the options of a mission. Raise SafetyStop if the browser is not the driver."""
         self.lease.check_holder(visitor)
         kind, order = requested_mission(message)
         return kind, order | ({"blocks": self._blocks} if kind == "repeat" and self._blocks else {})
 
-    def _pause(self, visitor: Visitor, message: "JsonObject") -> None:
+    def _pause(self, visitor: Visitor, message: JsonObject) -> None:
         """Pause or continue the time of a simulation, or the guide of a robot, which then waits on its route."""
         request = {"type": "set", "path": PACE, "value": float(message["type"] == "go")}
         if "paused" in self._state:
             request = {"type": message["type"], "ticks": max(0, min(1000, int(message.get("ticks") or 0)))}
         self._forward(visitor, request)
 
-    def _clear(self, visitor: Visitor, message: "JsonObject") -> None:
+    def _clear(self, visitor: Visitor, message: JsonObject) -> None:
         """Clear a stop, on request of the driver, or of a browser with the role DRIVE without a driver."""
         self.check_may_change(visitor)
         self._link.send("clear")
 
-    def _forward(self, visitor: Visitor, message: "JsonObject") -> None:
+    def _forward(self, visitor: Visitor, message: JsonObject) -> None:
         """Forward a request of the driver, as a mark, a gain, or a fault of a simulated vehicle."""
         self.lease.check_holder(visitor)
         self._last_sender = visitor
         self._link.send(message["type"], **{k: v for k, v in message.items() if k != "type"})
 
-    def _pace(self, visitor: Visitor, message: "JsonObject") -> None:
+    def _pace(self, visitor: Visitor, message: JsonObject) -> None:
         """Forward the pace from the driver, or from a browser with the role DRIVE without a driver."""
         self.check_may_change(visitor)
         self._last_sender = visitor
         self._link.send("pace", factor=float(message["factor"]))
 
-    def _send_history(self, visitor: Visitor, message: "JsonObject") -> None:
+    def _send_history(self, visitor: Visitor, message: JsonObject) -> None:
         visitor.send_history(self.feed.history(float(message.get("from") or 0.0)))
 
-    def _identify(self, visitor: Visitor, message: "JsonObject") -> None:
+    def _identify(self, visitor: Visitor, message: JsonObject) -> None:
         self.identifying.set_subscription(visitor, bool(message["on"]))
 
     def _require_role(self, visitor: Visitor, role: Role) -> None:
@@ -231,7 +228,7 @@ class Live:
 
     # from the vehicle
 
-    def _receive(self, message: "JsonObject") -> None:
+    def _receive(self, message: JsonObject) -> None:
         action = {
             "frame": self._on_frame, "state": self._on_state, "event": self._on_event, "refused": self._on_refusal,
             "vehicle": self._on_vehicle, "fields": self._on_fields, "route": self._on_route,
@@ -240,7 +237,7 @@ class Live:
         if action is not None:
             action(message)
 
-    def _on_frame(self, message: "JsonObject") -> None:
+    def _on_frame(self, message: JsonObject) -> None:
         frame = self.feed.add_rows(message)
         if frame is not None:
             self.identifying.add_rows(message["x"])
@@ -249,7 +246,7 @@ class Live:
             for visitor in self._browsers():
                 visitor.send_latest(picture)
 
-    def _on_state(self, message: "JsonObject") -> None:
+    def _on_state(self, message: JsonObject) -> None:
         shown_keys = ("state", "mission", "paused", "pace", "scene", "step")
         if any(message.get(key) != self._state.get(key) for key in shown_keys):
             self._has_changed = True
@@ -258,7 +255,7 @@ class Live:
             self._send_state()  # at once, because it is the most important message
         self._state = message
 
-    def _on_event(self, message: "JsonObject") -> None:
+    def _on_event(self, message: JsonObject) -> None:
         diagnostic = message["message"]
         if diagnostic.code == "door.set":
             self._set_gain(diagnostic)
@@ -275,7 +272,7 @@ class Live:
             self._vehicle |= {"gains": self._vehicle.get("gains", {}) | new_gains}
             self._send_blocks()
 
-    def _on_refusal(self, message: "JsonObject") -> None:
+    def _on_refusal(self, message: JsonObject) -> None:
         """Send a refusal of the service to the browser of the last request, or to all if this browser has left."""
         cause, browsers = message.get("diagnostic"), self._browsers()
         for visitor in [self._last_sender] if self._last_sender in browsers else browsers:
@@ -285,12 +282,12 @@ class Live:
                 code = getattr(cause, "code", "")
                 visitor.send({"type": "refused", "reason": words, "code": code, "to": "mission"})
 
-    def _on_vehicle(self, message: "JsonObject") -> None:
+    def _on_vehicle(self, message: JsonObject) -> None:
         self._vehicle = message
         self.identifying.vehicle = message.get("file") or self.identifying.vehicle
         self._send_blocks()
 
-    def _on_fields(self, message: "JsonObject") -> None:
+    def _on_fields(self, message: JsonObject) -> None:
         names, units = message["names"], message.get("units", [])
         columns_changed = self.feed.begin_drive([str(name) for name in names])
         self.identifying.begin(self.feed.names, early_start="file" in self._vehicle)
@@ -302,15 +299,15 @@ class Live:
                 self.send_hello(visitor)
         self.description_event.set()
 
-    def _on_route(self, message: "JsonObject") -> None:
+    def _on_route(self, message: JsonObject) -> None:
         self._route = message if message["x"] else None
         self._send_to_all({"type": "route", "name": "", "closed": False, "x": [], "y": []} | message)
 
-    def _on_routes(self, message: "JsonObject") -> None:
+    def _on_routes(self, message: JsonObject) -> None:
         self._routes = [route for route in message["routes"] if isinstance(route, dict) and "name" in route]
         self._send_to_all({"type": "routes", "routes": self._routes})
 
-    def _on_ledger(self, message: "JsonObject") -> None:
+    def _on_ledger(self, message: JsonObject) -> None:
         """Store the faults of a simulated drive with the checks that detected them, and send them to all browsers."""
         self._ledger = [row for row in message["rows"] if isinstance(row, dict)]
         for visitor in self._browsers():
@@ -320,7 +317,7 @@ class Live:
         with use_language(visitor.language):
             visitor.send({"type": "ledger", "rows": ledger_rows(self._ledger)})
 
-    def _on_done(self, message: "JsonObject") -> None:
+    def _on_done(self, message: JsonObject) -> None:
         """Report the end of a mission and its reason, and request the routes again, or the run of a robot."""
         if message["reason"] is not None:
             self._on_event({"message": message["reason"]})
@@ -332,14 +329,14 @@ class Live:
         self._has_changed = True
         self.on_done()
 
-    def _on_fetched(self, message: Diagnostic, routes: "list[JsonObject] | None") -> None:
+    def _on_fetched(self, message: Diagnostic, routes: list[JsonObject] | None) -> None:
         """Report that the run of a robot was copied to this computer, or why this failed."""
         self._on_event({"message": message})
         if routes is not None:
             self._on_routes({"routes": routes})
             self.on_done()
 
-    def _on_drive_end(self, message: "JsonObject") -> None:
+    def _on_drive_end(self, message: JsonObject) -> None:
         """Report to all browsers that the last drive has ended, and set `over`."""
         self._state = {"type": "state", "state": "OVER", "reason": message["reason"]}
         self._send_state()
@@ -355,7 +352,7 @@ class Live:
         block_names = {name: self._vehicle.get(name, {}) for name in ("blocks", "gains")}
         self._send_to_all({"type": "blocks", **block_names, "swapped": self._blocks})
 
-    def _send_to_all(self, message: "JsonObject") -> None:
+    def _send_to_all(self, message: JsonObject) -> None:
         for visitor in self._browsers():
             visitor.send(message)
 
@@ -378,7 +375,7 @@ class Live:
                     words[visitor.language] = self._description()
             visitor.send(words[visitor.language])
 
-    def _description(self) -> "JsonObject":
+    def _description(self) -> JsonObject:
         now_s, cause = self.feed.value("t"), self._state.get("reason")
         warnings = [
             message for t_s, message in self._events

@@ -6,8 +6,9 @@ All texts are made here, in the language of each browser. Text from a browser is
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.messages import text
@@ -20,9 +21,6 @@ from baqueano.web.lab.questions import Questions
 from baqueano.web.lab.run_list import RunList
 from baqueano.web.lab.worker_client import WorkerClient
 from baqueano.web.visitor import POLICY, Visitor
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 ROWS_PER_FRAME = 4096  # maximum number of rows in a frame of a run
 STREAM_RUNS = {1: "run", 2: "ghost"}  # streams of the opened runs
@@ -47,7 +45,7 @@ SEVERITIES = {"fatal": Severity.ERROR, "debug": Severity.INFO}  # of a run's eve
 class VehicleSide(Protocol):
     """Protocol of the part of a page that is connected to a vehicle."""
 
-    def hello(self, visitor: Visitor) -> "JsonObject":
+    def hello(self, visitor: Visitor) -> JsonObject:
         """Return the part of `hello` that describes the vehicle."""
         ...
 
@@ -55,7 +53,7 @@ class VehicleSide(Protocol):
         """Send a browser, after its `hello`, the events and the rows of the drive so far."""
         ...
 
-    async def receive(self, visitor: Visitor, message: "JsonObject") -> None:
+    async def receive(self, visitor: Visitor, message: JsonObject) -> None:
         """Execute a message of a browser; the caller answers a BaqueanoError with `refused`."""
         ...
 
@@ -97,14 +95,14 @@ class BrowserPage:
         self._question_tasks: dict[Visitor, set[asyncio.Task[None]]] = {}  # questions that wait for an answer
         self._reading: set[asyncio.Task[None]] = set()
 
-    async def receive(self, visitor: Visitor, message: "JsonObject") -> None:
+    async def receive(self, visitor: Visitor, message: JsonObject) -> None:
         """Execute a message of a browser. A slow message runs as a task, because the next message can be a stop."""
         if message["type"] in SLOW_MESSAGES:
             self._start_task(self._execute(visitor, message))
         else:
             await self._execute(visitor, message)
 
-    async def _execute(self, visitor: Visitor, message: "JsonObject") -> None:
+    async def _execute(self, visitor: Visitor, message: JsonObject) -> None:
         words: dict[str, Callable[[Visitor, JsonObject], Awaitable[None]]] = {
             "hello": self._hello, "open": self._open, "runs": self._runs, "ask": self._ask,
             "swap": self._swap, "write": self._write,
@@ -125,7 +123,7 @@ class BrowserPage:
         except (KeyError, TypeError, ValueError, OverflowError) as error:  # a browser can send anything
             self.refuse(visitor, message, fault("web.not-understood", error=type(error).__name__))
 
-    def refuse(self, visitor: Visitor, message: "JsonObject", reason: Diagnostic) -> None:
+    def refuse(self, visitor: Visitor, message: JsonObject, reason: Diagnostic) -> None:
         """Answer a message with `refused` and the reason, and disconnect a browser without a role."""
         with use_language(visitor.language):
             visitor.send(
@@ -151,7 +149,7 @@ class BrowserPage:
         if self.live is not None and visitor.role is not None:
             self.live.on_disconnect(visitor)
 
-    async def _hello(self, visitor: Visitor, message: "JsonObject") -> None:
+    async def _hello(self, visitor: Visitor, message: JsonObject) -> None:
         if visitor.role is not None:
             raise UsageError(fault("web.hello-repeated"))
         if message.get("lang") in LANGUAGES:
@@ -170,7 +168,7 @@ class BrowserPage:
             self.live.send_backlog(visitor)
         self._start_task(self._send_list(visitor))
 
-    def send_hello(self, visitor: Visitor, description: "JsonObject") -> None:
+    def send_hello(self, visitor: Visitor, description: JsonObject) -> None:
         """Send a browser the description of this page, completed by `about`."""
         hello = {
             "type": "hello", "protocol": PROTOCOL, "role": visitor.role.protocol_name if visitor.role else "",
@@ -185,18 +183,18 @@ class BrowserPage:
         for visitor in visitors:
             self._start_task(self._send_list(visitor))
 
-    def _start_run_keys(self) -> "JsonObject | None":
+    def _start_run_keys(self) -> JsonObject | None:
         """Return the keys of the runs with which the page was started, None without such runs."""
         words = [self._run_list.run_key(path) for path in self._start_paths]
         return {"run": words[0], "ghost": words[1] if len(words) > 1 else None} if words else None
 
-    async def _replayed_description(self) -> "JsonObject":
+    async def _replayed_description(self) -> JsonObject:
         if not self._start_paths:
             return {}
         description, _ = await self._lab.request("open", path=str(self._start_paths[0]))
         return {name: description[name] for name in ("vehicle", "blocks", "fields", "route")}
 
-    async def _ask(self, visitor: Visitor, message: "JsonObject") -> None:
+    async def _ask(self, visitor: Visitor, message: JsonObject) -> None:
         """Answer "ping" at once, and another question within the limit of the browser."""
         if message["question"] == "ping":
             visitor.send({"type": "answer", "to": "ask", "id": message.get("id")})
@@ -218,7 +216,7 @@ class BrowserPage:
         finally:
             tasks.discard(task)
 
-    async def _identify_run(self, visitor: Visitor, message: "JsonObject") -> None:
+    async def _identify_run(self, visitor: Visitor, message: JsonObject) -> None:
         """Answer the question "identify" for a run of the list."""
         path = self._run_list.paths().get(message["run"])
         if path is None:
@@ -226,7 +224,7 @@ class BrowserPage:
         reply = await self._live_identification.identify_run(path, visitor)
         visitor.send({"type": "answer", "to": "ask", "id": message.get("id")} | reply)
 
-    async def _swap(self, visitor: Visitor, message: "JsonObject") -> None:
+    async def _swap(self, visitor: Visitor, message: JsonObject) -> None:
         """Use another block for a role from the next mission on, if the browser is allowed to change the mission."""
         if self.live is None:
             raise UsageError(fault("web.no-vehicle", request="swap"))
@@ -234,7 +232,7 @@ class BrowserPage:
         kind = await self.questions.swap_block(str(message["room"]), str(message.get("kind") or ""))
         self.live.announce_swap(str(message["room"]), kind, self.questions.blocks)
 
-    async def _write(self, visitor: Visitor, message: "JsonObject") -> None:
+    async def _write(self, visitor: Visitor, message: JsonObject) -> None:
         """Write gains or a gyro scale into the vehicle file, if the browser is allowed to change the next mission."""
         if self.live is None:
             raise UsageError(fault("web.no-vehicle", request="write"))
@@ -243,7 +241,7 @@ class BrowserPage:
         with use_language(visitor.language):
             visitor.send({"type": "event", "t": 0.0, "severity": "warning", "text": text(confirmation)})
 
-    async def _open(self, visitor: Visitor, message: "JsonObject") -> None:
+    async def _open(self, visitor: Visitor, message: JsonObject) -> None:
         """Send the run with this key, and its ghost: a second run, or this run replayed through another estimator."""
         paths, filter_name = self._run_list.paths(), str(message.get("filter") or "")[:MAX_FILTER_LETTERS]
         selection: list[tuple[Path, str]] = []
@@ -255,7 +253,7 @@ class BrowserPage:
             selection.append((paths[run_name], filter_name if selection else ""))
         visitor.send_pieces(self._run_pieces(visitor, selection))
 
-    async def _runs(self, visitor: Visitor, message: "JsonObject") -> None:
+    async def _runs(self, visitor: Visitor, message: JsonObject) -> None:
         self._start_task(self._limit_questions(visitor, self._send_list(visitor)))
 
     async def _send_list(self, visitor: Visitor) -> None:
@@ -267,7 +265,7 @@ class BrowserPage:
 
     async def _run_pieces(
         self, visitor: Visitor, paths: list[tuple[Path, str]]
-    ) -> "AsyncIterator[bytes | JsonObject]":
+    ) -> AsyncIterator[bytes | JsonObject]:
         """Yield the description and the frames of each run in `paths`: (path, estimator for a replay, or "")."""
         for stream, (path, through) in enumerate(paths, 1):
             lab = self.questions.slow_client if through else self._lab
@@ -299,7 +297,7 @@ class BrowserPage:
                         "to": "open",
                     }
 
-    def _run_description(self, visitor: Visitor, path: Path, metadata: "JsonObject") -> "JsonObject":
+    def _run_description(self, visitor: Visitor, path: Path, metadata: JsonObject) -> JsonObject:
         """Return the description of a run for a browser, in the language of the browser."""
         description = {name: metadata[name] for name in ("vehicle", "blocks", "route", "rows", "seconds")}
         with use_language(visitor.language):
@@ -319,7 +317,7 @@ class BrowserPage:
         task.add_done_callback(self._reading.discard)
 
 
-def with_sentence(event: "JsonObject", language: str) -> "JsonObject":
+def with_sentence(event: JsonObject, language: str) -> JsonObject:
     """Return an event of a run, with its text as a sentence in this language."""
     severity = SEVERITIES.get(event["severity"], event["severity"])
     message = event["text"]
@@ -330,7 +328,7 @@ def with_sentence(event: "JsonObject", language: str) -> "JsonObject":
         }
 
 
-def label_fields(fields: "list[JsonObject]", language: str) -> "list[JsonObject]":
+def label_fields(fields: list[JsonObject], language: str) -> list[JsonObject]:
     """Return the fields, each with a label in this language: the name of the quantity or of the channel."""
     with use_language(language):
         return [field | {"label": _label(field["name"], field["group"])} for field in fields]

@@ -7,9 +7,9 @@ from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from baqueano.contracts.names import STORED_ROUTES
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import RobotUnreachable
 from baqueano.web.guard import TOKEN_LIFETIME_S, Role, url_host
@@ -21,9 +21,6 @@ from baqueano.web.page import BrowserPage
 from baqueano.web.server import LOOPBACK, Server
 from baqueano.web.service import DoorLink
 from baqueano.web.share import network_names, open_tab, own_address, qr_code, url
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 GREETING_TIMEOUT_S = 60.0  # a busy laptop starts Python slowly
 ROBOT_GREETING_TIMEOUT_S = 2.0
@@ -133,7 +130,7 @@ async def show_vehicle(
         await lab.close()
 
 
-def question_subject(vehicle: str, routes: Path) -> "JsonObject | None":
+def question_subject(vehicle: str, routes: Path) -> JsonObject | None:
     """Return the subject of questions about the vehicle: its file, or a run with this file, and the folder of routes.
 
     Return None if `vehicle` is "".

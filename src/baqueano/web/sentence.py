@@ -8,11 +8,11 @@ import math
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.messages import list_item, text, with_full_stop
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.web.feed import Feed
 
 MISSION_TITLES = {
@@ -30,8 +30,8 @@ HALF_BAND = 1.96 * math.sqrt(2.0)  # 95 % half width of the mean of N squared no
 
 
 def state_message(
-    state: "JsonObject", feed: "Feed", route: "JsonObject | None", warnings: list[Diagnostic]
-) -> "JsonObject":
+    state: JsonObject, feed: "Feed", route: JsonObject | None, warnings: list[Diagnostic]
+) -> JsonObject:
     """Return the message `state` for a browser, in the current language; `warnings` are the present ones."""
     kind, name = state.get("mission"), state["state"]
     is_driving = kind is not None and name in ("MISSION", "MANUAL")
@@ -56,7 +56,7 @@ def state_message(
     }  # fmt: skip
 
 
-def _cause_sentence(state: "JsonObject") -> Diagnostic:
+def _cause_sentence(state: JsonObject) -> Diagnostic:
     cause = state.get("reason")
     if state["state"] == "STOPPED":
         return note("web.stopped", cause=cause or "")
@@ -68,7 +68,7 @@ def _cause_sentence(state: "JsonObject") -> Diagnostic:
     return step if isinstance(step, Diagnostic) else note("web.ready")
 
 
-def _drive_sentences(state: "JsonObject", feed: "Feed", lap: int | None, laps: object) -> list[Diagnostic]:
+def _drive_sentences(state: JsonObject, feed: "Feed", lap: int | None, laps: object) -> list[Diagnostic]:
     """Return the sentences about the activity of a driving vehicle and about its accuracy."""
     if rest_s := state.get("rest_s"):
         return [note("web.rest", rest_s=rest_s)]
@@ -88,7 +88,7 @@ def _drive_sentences(state: "JsonObject", feed: "Feed", lap: int | None, laps: o
     return parts or [note("web.begins")]
 
 
-def _lap_number(feed: "Feed", route: "JsonObject | None") -> int | None:
+def _lap_number(feed: "Feed", route: JsonObject | None) -> int | None:
     """Return the number of the lap, from 1 on, from the progress along the route; None if it is unknown."""
     length_m, progress = (route or {}).get("length_m") or 0.0, feed.value("progress")
     if not (length_m > 0.0 and math.isfinite(progress)):
@@ -96,7 +96,7 @@ def _lap_number(feed: "Feed", route: "JsonObject | None") -> int | None:
     return max(1, math.floor(progress / length_m) + 1)
 
 
-def ledger_rows(rows: "list[JsonObject]") -> "list[JsonObject]":
+def ledger_rows(rows: list[JsonObject]) -> list[JsonObject]:
     """Return the rows of the door's message `ledger`, with texts instead of diagnostics."""
     return [
         {name: row.get(name) for name in COPIED_FIELDS}

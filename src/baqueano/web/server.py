@@ -9,11 +9,11 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from http import HTTPStatus
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from websockets.server import ServerProtocol
 from websockets.typing import Subprotocol
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.web import SUBPROTOCOL
@@ -33,9 +33,6 @@ from baqueano.web.http import (
 )
 from baqueano.web.visitor import MAX_MESSAGE_BYTES, POLICY, Visitor
 
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
-
 STATIC = Path(__file__).with_name("static")
 MAX_VISITORS = 32
 MAX_CONNECTIONS = 96  # maximum number of connections, including those that fetch files
@@ -50,7 +47,7 @@ class Server:
 
     def __init__(
         self,
-        on_message: "Callable[[Visitor, JsonObject], Awaitable[None]]",
+        on_message: Callable[[Visitor, JsonObject], Awaitable[None]],
         on_leave: Callable[[Visitor], None],
         read_content: Callable[[str], Awaitable[Content | None]],
         *,

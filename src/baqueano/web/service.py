@@ -13,16 +13,14 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, Protocol
+from typing import BinaryIO, Protocol
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.door import SOCKET, wire
 from baqueano.door.pipes import forward_bytes
 from baqueano.door.ssh import ssh_command
 from baqueano.errors import RobotUnreachable
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 MAX_LINE_BYTES = 4 << 20  # maximum number of bytes of a line
 ATTACH_COMMAND = "exec baqueano robot attach"
@@ -38,7 +36,7 @@ class DoorLink(Protocol):
         """Send a message without waiting. Raise RobotUnreachable if the other side does not accept it."""
         ...
 
-    async def receive(self, on_message: "Callable[[JsonObject], None]") -> None:
+    async def receive(self, on_message: Callable[[JsonObject], None]) -> None:
         """Pass each received message to `on_message` until the connection ends."""
         ...
 
@@ -63,7 +61,7 @@ class ServiceLink:
             raise RobotUnreachable(fault("web.service-ended"))
         self._writer.write(wire.encode({"type": request, **words}))
 
-    async def receive(self, on_message: "Callable[[JsonObject], None]") -> None:
+    async def receive(self, on_message: Callable[[JsonObject], None]) -> None:
         """Pass each received message to `on_message` until the service ends."""
         with suppress(OSError, ValueError):
             while line := await self._reader.readline():

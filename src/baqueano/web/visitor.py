@@ -17,19 +17,15 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 from websockets.frames import Opcode
 from websockets.protocol import State
 from websockets.server import ServerProtocol
 
-from baqueano.contracts.values import Value
+from baqueano.contracts.values import JsonObject, Value
 from baqueano.web.guard import RateLimit, Role
 
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
-
-    Piece = bytes | JsonObject | tuple[bytes, ...]  # a binary message, a word, the parts of a binary message
+Piece = bytes | JsonObject | tuple[bytes, ...]  # a binary message, a word, the parts of a binary message
 
 MAX_MESSAGES = 64
 MAX_MESSAGE_BYTES = 16 << 10  # maximum number of bytes of a message from a browser
@@ -78,7 +74,7 @@ class Visitor:
         """Return True while messages can be sent."""
         return self._protocol.state is State.OPEN and not self._writer.is_closing()
 
-    def send(self, message: "JsonObject") -> None:
+    def send(self, message: JsonObject) -> None:
         """Append a message to the queue; disconnect the browser if the queue is full.  (1)"""
         if len(self._messages) >= MAX_MESSAGES:
             self.disconnect(TOO_SLOW)
@@ -99,12 +95,12 @@ class Visitor:
         self._picture = picture
         self._send_event.set()
 
-    def send_history(self, history: "AsyncIterator[Piece]") -> None:
+    def send_history(self, history: AsyncIterator[Piece]) -> None:
         """Send these frames one by one before the next picture; each contains all rows until it is made.  (2)"""
         self._history = history
         self._send_event.set()
 
-    def send_pieces(self, pieces: "AsyncIterator[Piece]") -> None:
+    def send_pieces(self, pieces: AsyncIterator[Piece]) -> None:
         """Send these pieces one by one, instead of pieces that have not been sent.  (4)"""
         self._pieces = pieces
         self._send_event.set()
@@ -152,7 +148,7 @@ class Visitor:
                     await on_message(self, message)
                     await asyncio.sleep(0)  # let the answer be sent before the next message is read
 
-    def _parse_frame(self, frame: object) -> "list[JsonObject]":
+    def _parse_frame(self, frame: object) -> list[JsonObject]:
         """Return the message that this frame completes, [] without one.
 
         Close the connection if the message is binary or malformed, or if the frames exceed the rate. Each frame counts:
@@ -221,7 +217,7 @@ class Visitor:
             return False
         return True
 
-    async def _write(self, piece: "Piece") -> None:
+    async def _write(self, piece: Piece) -> None:
         if isinstance(piece, tuple):
             return await self._write_parts(deque(piece))
         if isinstance(piece, bytes):
@@ -282,7 +278,7 @@ def binary_frame(data: bytes) -> bytes:
     return struct.pack("!BBQ", BINARY_OPCODE, 127, size) + data
 
 
-def encode_json(message: "JsonObject") -> bytes:
+def encode_json(message: JsonObject) -> bytes:
     """Return a message as JSON. Infinite numbers and NaN become null, because JSON does not have them."""
     return json.dumps(
         _finite_json(message), ensure_ascii=False, separators=(",", ":"), allow_nan=False

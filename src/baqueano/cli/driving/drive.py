@@ -18,11 +18,11 @@ from baqueano.cli.driving.manual_drive import (
 )
 from baqueano.cli.page import live
 from baqueano.cli.terminal import print_answer, print_message
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict, note
 from baqueano.messages.language import translate as _
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.runs.run import Run
 
 
@@ -78,7 +78,7 @@ class DriveResult:
     values: dict[str, object]  # of the vehicle file, from the marks of the run
     verdict: str = Verdict.USABLE
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one row: path of the run, duration, marks, and the scales that the marks determine."""
         from baqueano.drive.session import mark_times_ns
 

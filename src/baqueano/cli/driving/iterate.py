@@ -13,6 +13,7 @@ import numpy as np
 
 from baqueano.cli import options
 from baqueano.cli.terminal import print_message, show_activity, show_time_progress
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict, fault, note
 from baqueano.messages import texts, verdict_line
 from baqueano.messages.language import number
@@ -20,7 +21,6 @@ from baqueano.messages.language import translate as _
 
 if TYPE_CHECKING:
     from baqueano.cli.driving.targets import Target
-    from baqueano.contracts.values import TableRow
     from baqueano.identify.result.fit_result import Fit
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
@@ -52,7 +52,7 @@ class Rounds:
         """Return the verdict of the last fit."""
         return self.rounds[-1].fit.verdict
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a flat row per round and parameter."""
         rows = []
         for k, iteration in enumerate(self.rounds):

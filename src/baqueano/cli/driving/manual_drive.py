@@ -14,11 +14,11 @@ import click
 from baqueano.cli import options
 from baqueano.cli.driving.targets import LOCAL_TARGETS, open_target
 from baqueano.cli.terminal import print_message
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.diagnostics import Diagnostic
     from baqueano.drive.by_hand.cockpit import Cockpit
     from baqueano.runs.run import Run
@@ -117,7 +117,7 @@ def page_driver(folder: str, pace: float) -> Callable[..., "Run"]:
 
 def simulation_options(
     vehicle_file: "VehicleFile", robot: str, seed: int, backend: str, hand: "Cockpit"
-) -> "JsonObject":
+) -> JsonObject:
     """Return the options of a simulated drive in real time."""
     from baqueano.worlds import SimulatedWorld
     from baqueano.worlds.clock import wall

@@ -15,13 +15,13 @@ from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_message
 from baqueano.contracts.names import SHAPE_NAMES, STORED_ROUTES
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, nearest, note
 from baqueano.errors import AnswerNo, FileError, UsageError
 from baqueano.messages.language import number
 from baqueano.messages.printable import baqueano_command, shell_command
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.guides.route import Route
     from baqueano.routes.examine import RouteReport
     from baqueano.routes.room import Room

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from baqueano.cli.options import load_truth
 from baqueano.cli.terminal import print_message
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault, nearest, note
 from baqueano.errors import UsageError
 
 if TYPE_CHECKING:
     from baqueano.cli.page.live import LivePage
-    from baqueano.contracts.values import JsonObject
     from baqueano.door.remote import Remote
     from baqueano.drive.mission import Mission
     from baqueano.runs.run import Run
@@ -40,7 +40,7 @@ class Target(Protocol):
 class LocalTarget:
     """A target in this process; `options` returns the options of `session.drive` for its world."""
 
-    def __init__(self, options: Callable[[], "JsonObject"], page: "LivePage | None" = None) -> None:
+    def __init__(self, options: Callable[[], JsonObject], page: "LivePage | None" = None) -> None:
         self._options, self._page = options, page
 
     def drive(

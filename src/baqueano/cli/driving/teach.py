@@ -21,13 +21,13 @@ from baqueano.cli.driving.targets import announce_rest, open_target
 from baqueano.cli.page import live
 from baqueano.cli.terminal import print_answer, print_message, show_time_progress
 from baqueano.contracts.names import SHAPE_NAMES
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.guides.route import Route
 
 
@@ -148,7 +148,7 @@ class LessonResult:
     run: Path
     verdict: str = Verdict.USABLE
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one row: paths of route and run, number of poses, duration, and True if the route is closed."""
         return [
             {"route": str(self.path), "run": str(self.run), "poses": len(self.route.t_s),

@@ -10,12 +10,12 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, show_steps
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.messages import json_row, text
 from baqueano.messages.notation import OPTIONS
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.guides.route import Route
     from baqueano.identify.result.fit_result import Fit
     from baqueano.runs.run import Run
@@ -238,7 +238,7 @@ def _forecast_drive(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: st
         return None
 
 
-def _extra_rows(fit: "Fit", validation: Any) -> list["TableRow"]:
+def _extra_rows(fit: "Fit", validation: Any) -> list[TableRow]:
     """Return further rows for --json: the requested parameters of each run, and the figures of held-out runs."""
     from baqueano.identify.result.fit_result import is_requested
 
@@ -258,7 +258,7 @@ def _extra_rows(fit: "Fit", validation: Any) -> list["TableRow"]:
     ]
 
 
-def _fit_arguments(values: "JsonObject", backend: str) -> "JsonObject":
+def _fit_arguments(values: JsonObject, backend: str) -> JsonObject:
     """Return the keyword arguments of `identify`."""
     from baqueano.identify import FitOptions
 
@@ -277,7 +277,7 @@ def _fit_arguments(values: "JsonObject", backend: str) -> "JsonObject":
 
 
 def _with_tolerances(
-    vehicle_file: "VehicleFile", tolerances: tuple[str, ...], runs: "list[Run]", arguments: "JsonObject"
+    vehicle_file: "VehicleFile", tolerances: tuple[str, ...], runs: "list[Run]", arguments: JsonObject
 ) -> Any:
     """Return the file with the tolerances of its scales. Raise UsageError if the fit would ignore these."""
     from baqueano.calibration.tolerances import with_tolerance
@@ -307,7 +307,7 @@ def _with_tolerances(
 def _select_terms(
     runs: "list[Run]",
     vehicle_file: "VehicleFile",
-    arguments: "JsonObject",
+    arguments: JsonObject,
     validation_runs: "list[Run]",
     notify: Callable[[str], object],
 ) -> Any:
@@ -323,7 +323,7 @@ def _select_terms(
     return choose(runs, vehicle_file, progress=notify, held_out=validation_runs, **arguments)
 
 
-def _plain_fit_options(arguments: "JsonObject") -> list[str]:
+def _plain_fit_options(arguments: JsonObject) -> list[str]:
     """Return the used command line options that only a plain fit accepts."""
     return [OPTIONS[name][0] for name in arguments["options"].non_defaults if name in PLAIN_FIT_ARGUMENTS]
 
@@ -333,7 +333,7 @@ def _validate_fit(
     runs: "list[Run]",
     validation_runs: "list[Run]",
     start_file: "VehicleFile",
-    arguments: "JsonObject",
+    arguments: JsonObject,
 ) -> tuple["Fit", Any]:
     """Return the fit with a note on its cost, and its validation on held-out runs."""
     from baqueano.validation.cost_advice import refit_with_cost, with_cost_advice
@@ -369,7 +369,7 @@ def _measured_noise(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]",
 
 
 def _fit_drift(
-    runs: "list[Run]", vehicle_file: "VehicleFile", arguments: "JsonObject", report: ReportFiles,
+    runs: "list[Run]", vehicle_file: "VehicleFile", arguments: JsonObject, report: ReportFiles,
     update: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.validation.parameter_drift import parameter_history

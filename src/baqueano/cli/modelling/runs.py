@@ -11,6 +11,7 @@ from baqueano.cli.next_command import advise_after_import
 from baqueano.cli.report_files import ReportFiles, decimal, report_options
 from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, show_steps
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict, fault, note
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages import texts
@@ -18,7 +19,6 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.runs.importing import ImportedRun
 
 
@@ -215,7 +215,7 @@ class WrittenRun(NamedTuple):
         """Return the verdict of the import."""
         return self.import_result.verdict
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return the content of the run, then the findings, each with the run's path."""
         run_row = {"level": "run", "finding": "", "t_s": None, "text": self._content_text()}
         return [{"run": str(self.path)} | row for row in [run_row, *self.import_result.rows()]]

@@ -105,8 +105,8 @@ class DriveDoor:
         raise RobotUnreachable(fault("cli.page-ended"))
 
     def local_options(
-        self, mission: "Mission", file: "VehicleFile", mission_options: "JsonObject"
-    ) -> "JsonObject":
+        self, mission: "Mission", file: "VehicleFile", mission_options: JsonObject
+    ) -> JsonObject:
         """Return the options of a drive in this process. With them the page shows the drive and sets its pace."""
         mission_options = ({"eta": mission.start_pose} if mission.kind == "repeat" else {}) | mission_options
         if "world" not in mission_options:
@@ -129,7 +129,7 @@ class DriveDoor:
             raise KeyboardInterrupt
         return self.operator.command(commands)
 
-    def remote_options(self, remote: "Remote") -> "JsonObject":
+    def remote_options(self, remote: "Remote") -> JsonObject:
         """Return the options of `Remote.perform` for the drive of a robot. With them the page shows the drive."""
         self._robot, remote.on_message = remote, self._relay
         is_watching, is_stopped = False, False
@@ -193,11 +193,11 @@ class DriveDoor:
             yield t_ns if tick_times_ns is None else next(tick_times_ns)
             self.publish()
 
-    def _relay(self, message: "JsonObject") -> None:
+    def _relay(self, message: JsonObject) -> None:
         if message["type"] in RELAY_TYPES:
             self._door.broadcast({name: value for name, value in message.items() if name not in TIME_FIELDS})
 
-    def _on_viewers(self, client: object, message: "JsonObject") -> None:
+    def _on_viewers(self, client: object, message: JsonObject) -> None:
         """Record that the page is listening, and the number of its viewers."""
         # reserves the operator: missions of the page are refused
         if not self.listens.is_set() and not self.by_hand:
@@ -208,7 +208,7 @@ class DriveDoor:
         if int(message["count"]) > 0:
             self.visited.set()
 
-    def _on_stop(self, client: object, message: "JsonObject") -> "JsonObject":
+    def _on_stop(self, client: object, message: JsonObject) -> JsonObject:
         reason = Diagnostic.from_json(message["reason"])
         if self._robot is not None:  # at once, from this thread
             self._robot.send(type="stop", reason=reason)
@@ -216,7 +216,7 @@ class DriveDoor:
             self.operator.stop(reason)
         return {"type": "received", "request": "stop"}
 
-    def _on_set(self, client: object, message: "JsonObject") -> "JsonObject":
+    def _on_set(self, client: object, message: JsonObject) -> JsonObject:
         if self._robot is None:
             self.operator.set_gain(client, str(message["path"]), message["value"])
         elif message["path"] == PACE:
@@ -227,7 +227,7 @@ class DriveDoor:
             )
         return {"type": "received", "request": "set"}
 
-    def _on_time(self, client: object, message: "JsonObject") -> None:
+    def _on_time(self, client: object, message: JsonObject) -> None:
         if self._robot is not None:
             raise SafetyStop(note("cli.page-time", Severity.ERROR))
         match message["type"]:

@@ -10,12 +10,12 @@ from baqueano.cli import options
 from baqueano.cli.robot import settings, setup, workshop
 from baqueano.cli.subcommands import SUBCOMMANDS, SubcommandGroup
 from baqueano.cli.terminal import print_result
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import fault
 from baqueano.door import SOCKET
 from baqueano.messages.language import number
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.door.remote import Remote
 
 ANSWER_S = 10.0  # timeout of the first bytes of a run
@@ -178,11 +178,11 @@ def _advise_to_clear(host: str) -> None:
 class RobotStatus:
     """The state that the vehicle reports."""
 
-    def __init__(self, reply: "JsonObject") -> None:
+    def __init__(self, reply: JsonObject) -> None:
         self.reply = {k: v for k, v in reply.items() if k != "type"}
         self.verdict = str(reply.get("state"))
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return one row, with the reason of a stop as a sentence, as a code, and as values."""
         from baqueano.diagnostics import Diagnostic
         from baqueano.messages import text

@@ -1,6 +1,7 @@
 """Describe the vehicle, its route and its mission in messages of the door."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING
 
@@ -14,8 +15,6 @@ from baqueano.geometry import map_from_body
 from baqueano.signals import seconds
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from baqueano.drive.mission import Mission
     from baqueano.guides.route import Route
     from baqueano.loop import Record
@@ -101,7 +100,7 @@ def route_description(
     }  # fmt: skip
 
 
-def _limit(free_m: "Sequence[float]", start: "Sequence[float]", origin: np.ndarray) -> JsonObject:
+def _limit(free_m: Sequence[float], start: Sequence[float], origin: np.ndarray) -> JsonObject:
     """Return the corners of the area ± `free_m` in the map, as a closed line: `start` in the room is at `origin`."""
     corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * np.asarray(free_m)
     points = origin[:2] + (corners - start[:2]) @ map_from_body(float(origin[2] - start[2]))[:2, :2].T

@@ -11,6 +11,7 @@
 """
 
 import json
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from baqueano.contracts.values import JsonObject
@@ -21,8 +22,6 @@ from baqueano.signals import seconds
 from baqueano.worlds.faults.ledger import Ledger, LedgerRow
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
     from baqueano.door.operator import Operator
     from baqueano.door.simulated.missions import MissionPlan
     from baqueano.loop import Blocks, Record
@@ -34,7 +33,7 @@ LEDGER_PERIOD_S = 0.5  # drive time between two messages `ledger` while a fault 
 class FaultRequests:
     """The handler of the messages about faults, for one service."""
 
-    def __init__(self, operator: "Operator", broadcast: "Callable[[JsonObject], None]") -> None:
+    def __init__(self, operator: "Operator", broadcast: Callable[[JsonObject], None]) -> None:
         self._operator, self._broadcast = operator, broadcast
         self._world: FaultyWorld | None = None  # the world of the present drive, None without one
         self._last: tuple[JsonObject, bool, FaultyWorld] | None = None  # mission, attended, its world
@@ -138,7 +137,7 @@ class _LedgerObserver(Observer):
             self._has_changed, self._published_s = False, t_s
             self._faults.broadcast_ledger(ledger)
 
-    def end(self, reason: Diagnostic | None) -> "Iterable[EventLine]":
+    def end(self, reason: Diagnostic | None) -> Iterable[EventLine]:
         self._faults.end()
         if self._ledger is not None and self._ledger.rows:
             self._faults.broadcast_ledger(self._ledger)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts import optional
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.drive.observers import Observer
 from baqueano.estimators.covariance import CHI_SQUARE_95
@@ -24,7 +24,6 @@ from baqueano.guides.route import Route
 from baqueano.loop import Record
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.routes.room import Room
 
 STOPPING_S = 0.3

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.door.ssh import run_command, ssh_command, ssh_line
 from baqueano.errors import FileError, RobotUnreachable, UsageError
@@ -19,7 +20,6 @@ from baqueano.vehicle_file.paths import key_exists
 from baqueano.vehicle_file.text.toml_text import parse_toml
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
 NON_VALUE_PREFIXES = ("provenance.", "parameter_cov.", "envelope.")  # keys that describe other keys
@@ -60,7 +60,7 @@ def renew_file(host: str, vehicle_file: "VehicleFile", root: str = "/") -> Renew
     )
 
 
-def differences(former_data: "JsonObject", new_data: "JsonObject") -> list[str]:
+def differences(former_data: JsonObject, new_data: JsonObject) -> list[str]:
     """Return a line of text for each key whose value changes; the provenance of values is ignored.
 
     >>> differences({"robot": {"port": "auto"}}, {"robot": {"port": "/dev/serial0", "telemetry_hz": 50}})
@@ -76,7 +76,7 @@ def differences(former_data: "JsonObject", new_data: "JsonObject") -> list[str]:
 
 
 def _with_calibration(
-    host: str, vehicle_file: "VehicleFile", robot_data: "JsonObject"
+    host: str, vehicle_file: "VehicleFile", robot_data: JsonObject
 ) -> tuple["VehicleFile", list[str]]:
     """Return the file with each calibration of the robot that it does not replace by a newer one, and lines of text."""
     leaves = _flat_values(robot_data)
@@ -111,7 +111,7 @@ def _with_calibration(
     return vehicle_file.with_values(values, origins) if origins else vehicle_file, lines
 
 
-def _calibrations(robot_data: "JsonObject") -> dict[str, "JsonObject"]:
+def _calibrations(robot_data: JsonObject) -> dict[str, JsonObject]:
     """Return the provenance of each calibrated key of the robot's file, without a date that is not a date."""
     provenance = robot_data.get("provenance")
     return {
@@ -126,11 +126,11 @@ def _date(value: object) -> date:
     return date(value.year, value.month, value.day) if isinstance(value, date) else date.min
 
 
-def _value_text(leaves: "JsonObject", key: str) -> str:
+def _value_text(leaves: JsonObject, key: str) -> str:
     return _short_text(leaves[key]) if key in leaves else _("not there")
 
 
-def _flat_values(table: "JsonObject", path: str = "") -> "JsonObject":
+def _flat_values(table: JsonObject, path: str = "") -> JsonObject:
     leaves: JsonObject = {}
     for name, value in table.items():
         key = f"{path}{name}"

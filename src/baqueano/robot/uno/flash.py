@@ -10,16 +10,14 @@ import zlib
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.robot.uno.frames import PROTOCOL
 from baqueano.robot.uno.serial_port import find_port, open_uno
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
 
 FIRMWARE_NAME = "uno.hex"
 FLASH_TIMEOUT_S = 60.0
@@ -36,7 +34,7 @@ class FlashResult(NamedTuple):
 
     verdict = "FLASHED"
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return the result as a list of one row."""
         return [self._asdict()]
 

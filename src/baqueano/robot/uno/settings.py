@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.language import number
@@ -28,7 +29,6 @@ from baqueano.robot.uno.frames import (
 )
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.robot.uno.link import Uno
 
 NAMED_OPTIONS: dict[str, tuple[str, type[IntEnum]]] = {
@@ -72,7 +72,7 @@ class StoredSettings:
         """Return DEFAULT if the settings are the firmware's defaults, else SET."""
         return "DEFAULT" if self.settings == Settings() else "SET"
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a row for the whole Uno, then a row for each wheel and direction; duties are shares of full duty."""
         s, uno = self.settings, {}
         for name, (field, kind) in NAMED_OPTIONS.items():
@@ -88,7 +88,7 @@ class StoredSettings:
         return [{key.replace("-", "_"): value for key, value in row.items()} for row in (uno, *wheel_rows)]
 
     @classmethod
-    def from_rows(cls, rows: list["TableRow"]) -> "StoredSettings":
+    def from_rows(cls, rows: list[TableRow]) -> "StoredSettings":
         """Return the settings from rows in JSON, the inverse of `rows`."""
         return cls(apply_changes(Settings(), _option_texts(rows)))
 
@@ -115,7 +115,7 @@ class StoredSettings:
         return "\n".join([*lines, f"{_(self.verdict)}: {origin}"])
 
 
-def _option_texts(rows: list["TableRow"]) -> dict[str, list[str]]:
+def _option_texts(rows: list[TableRow]) -> dict[str, list[str]]:
     """Return the texts to type for each option, from the `rows` of a StoredSettings."""
     row, *wheel_rows = rows
     texts = {

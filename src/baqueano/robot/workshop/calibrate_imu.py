@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
 from baqueano.messages.language import mark as N_
@@ -28,7 +29,6 @@ from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
 from baqueano.signals import STANDARD_GRAVITY, Motion
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.vehicle_file.file import VehicleFile
 
 REST_S = 8.0  # the mean of the gyro, with noise 0.04 °/s at 200 Hz and 44 Hz, is then known to 0.002 °/s
@@ -126,12 +126,12 @@ class ImuCalibration:
 
     verdict = "FOUND"
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return the result as a list of one row."""
         return [asdict(self)]
 
     @classmethod
-    def from_row(cls, row: "TableRow") -> "ImuCalibration":
+    def from_row(cls, row: TableRow) -> "ImuCalibration":
         """Return the result from a row in JSON, the inverse of `rows`."""
         return cls(**row | {"axes": tuple(row["axes"]), "accel": np.array(row["accel"])})
 
@@ -151,7 +151,7 @@ class ImuCalibration:
             turn_rad=np.degrees(self.turn_rad),
         )
 
-    def values(self, vehicle_file: "VehicleFile") -> "JsonObject":
+    def values(self, vehicle_file: "VehicleFile") -> JsonObject:
         """Return the changes of a vehicle file: the axes, and biases that agree with the file's tilt and scales."""
         values: JsonObject = {"robot.imu_axes": list(self.axes)}
         if "imu" in vehicle_file.sensors._fields:

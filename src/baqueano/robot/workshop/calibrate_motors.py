@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import TableRow
 from baqueano.controllers.heading_hold import MAX_SPEED_SHARE, HeadingHold, pole_placement_gains
 from baqueano.controllers.manual import ManualController
 from baqueano.diagnostics import fault
@@ -35,7 +36,6 @@ from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 from baqueano.vehicles.drivetrain import mix
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.robot.workshop.floor_tests import FloorTests, ImuSamples
     from baqueano.worlds.robot import Sample
 
@@ -86,7 +86,7 @@ class MotorCalibration:
         """Return BALANCED if the wheels differ by at most MAX_DIFFERENCE in both directions, else UNBALANCED."""
         return "BALANCED" if max(map(abs, self.wheel_differences)) <= MAX_DIFFERENCE else "UNBALANCED"
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a row for the whole vehicle, then a row for each wheel and direction."""
         row = {
             "wiring": int(self.settings.wiring), "wheel_differences_before": self.before,
@@ -97,7 +97,7 @@ class MotorCalibration:
         return [row, *({"wheel": name} | s._asdict() | curve._asdict() for name, s, curve in directions)]
 
     @classmethod
-    def from_rows(cls, rows: list["TableRow"]) -> "MotorCalibration":
+    def from_rows(cls, rows: list[TableRow]) -> "MotorCalibration":
         """Return the result from rows in JSON, the inverse of `rows`, with only the settings that `table` uses."""
         uno_row, *wheels = rows
         curves = tuple(WheelCurve(*(row[name] for name in WheelCurve._fields)) for row in wheels)

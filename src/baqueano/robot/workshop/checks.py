@@ -7,14 +7,12 @@ unknown   this machine cannot make the check; the result states why
 """
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+from baqueano.contracts.values import TableRow
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import join_rows
 from baqueano.messages.text_table import text_table
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
 
 
 class Check(NamedTuple):
@@ -38,7 +36,7 @@ class Report:
         verdicts = {check.verdict for check in self.checks}
         return "bad" if "bad" in verdicts else "warn" if "warn" in verdicts else "ok"
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a row for each check."""
         return [check._asdict() for check in self.checks]
 

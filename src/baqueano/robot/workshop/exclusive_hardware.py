@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, TypeVar
 
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import fault
 from baqueano.door.remote_session import command_output, interrupt_on_hangup
 from baqueano.door.ssh import ssh_command, ssh_line
@@ -28,7 +29,6 @@ from baqueano.robot.uno.serial_port import open_uno
 from baqueano.robot.workshop.floor_tests import FloorTests
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.vehicle_file.head import Hardware
 
 Notify = Callable[[str], object]
@@ -102,7 +102,7 @@ def _check_not_driving() -> None:
             raise AnswerNo(fault("hardware.drives", state=state))
 
 
-def fetch_rows(host: str, *verb: str) -> list["TableRow"]:
+def fetch_rows(host: str, *verb: str) -> list[TableRow]:
     """Return the rows of `baqueano VERB --json` at HOST; messages to the operator are shown as they arrive.
 
     Raise the error that was raised at HOST, KeyboardInterrupt if the command was interrupted, or RobotUnreachable
@@ -126,7 +126,7 @@ def fetch_rows(host: str, *verb: str) -> list["TableRow"]:
     raise exit_code_error(code, error_reason, default_class=RobotUnreachable)
 
 
-def fetch_result(make_result: "Callable[[list[TableRow]], Result]", host: str, *verb: str) -> Result:
+def fetch_result(make_result: Callable[[list[TableRow]], Result], host: str, *verb: str) -> Result:
     """Return `make_result` of the rows of `baqueano VERB --json` at HOST, for the vehicle file of its service.
 
     Raise UsageError for rows in another form, as of another version of baqueano. It also

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.diagnostics.motion import LoggedMotion
@@ -31,7 +32,6 @@ from baqueano.runs.diagnostics.signal_map import (
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.runs.maps.columns import ColumnMap, Entry
 
     Imu = tuple[Entry, ...]  # a_x, a_y, ω

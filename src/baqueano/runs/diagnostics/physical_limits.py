@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.messages.language import mark as N_
 from baqueano.runs.diagnostics.finding import ImportFinding
@@ -29,7 +30,6 @@ from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.runs.maps.columns import ColumnMap, ColumnSignal
 
 MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S = 60.0, 35.0  # of the vehicles that baqueano is for; 35 rad/s is 2000 deg/s

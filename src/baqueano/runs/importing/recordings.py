@@ -8,12 +8,13 @@ Several files, or a file that is split (sources.py), become several runs.
 import re
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, shorten
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
@@ -36,9 +37,6 @@ from baqueano.runs.maps.units import unit
 from baqueano.runs.run import MEANS_KEY, Channel, Event, Run, TruthLog
 from baqueano.signals import NANOSECONDS
 from baqueano.vehicles.drivetrain import unmix
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
 
 MAX_SIMILAR_LINES = 3  # lines of a kind of finding
 
@@ -67,7 +65,7 @@ class ImportedRun(NamedTuple):
         findings = self.without_common_findings.table().splitlines()
         return shorten([self.run.table().partition("\n")[0]], findings, [_(self.verdict)])
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return the findings as flat dicts."""
         start = int(self.run.t_ns[0])
         return [
@@ -103,7 +101,7 @@ class ImportedRuns(NamedTuple):
         """Return WARN if the verdict of a run is WARN, else USABLE."""
         return "WARN" if any(run.verdict == "WARN" for run in self.imported_runs) else "USABLE"
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return the findings about all runs as flat dicts."""
         return [{"run": run.run.name} | row for run in self.imported_runs for row in run.rows()]
 

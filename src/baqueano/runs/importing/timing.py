@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.finding import ImportFinding
@@ -17,7 +18,6 @@ from baqueano.runs.tables.table import LogTable
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.runs.maps.columns import ColumnMap, FileSpec
 
 MIN_STEP_S, MAX_STEP_S = 5e-5, 10.0  # range of the median step of a vehicle's recording

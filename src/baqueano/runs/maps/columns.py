@@ -5,13 +5,11 @@ column_map.py parses the text of a map into these classes; importing/ makes runs
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+from baqueano.contracts.values import JsonObject
 from baqueano.runs.maps.mount import Mount
 from baqueano.runs.maps.units import unit
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 KINDS = {  # kind of sensor → quantity of each channel
     "imu": ("acceleration", "acceleration", "angular rate"),
@@ -38,14 +36,14 @@ class FileSpec(NamedTuple):
     time_unit: str
     time_rest: tuple[str, str] | None  # a second column that is added to the time, and its unit
     shift_s: float
-    where: "JsonObject"
+    where: JsonObject
     new_when: str | None  # rows are used if this column changes; the others repeat the last measurement
     repeats: str | None  # "first" or "last": the row to keep of several rows with the same time
     backwards: str | None  # "drop": omit rows that are not later than a previous row
     split: str | None  # a new run for each value of this column
     split_gap_s: float | None  # a new run after a longer pause, and if the time steps back
     rate_hz: float | None  # rate of the rows of a file without a column of time
-    options: "JsonObject"  # for reading the text of the file
+    options: JsonObject  # for reading the text of the file
 
 
 class Entry(NamedTuple):
@@ -58,7 +56,7 @@ class Entry(NamedTuple):
     scale: float
     offset: float
     times: str | None
-    backward: "JsonObject"  # column = the value at which the sign of the signal is changed
+    backward: JsonObject  # column = the value at which the sign of the signal is changed
     derivative: bool
     wraps: float | None  # counts after which a counter begins again
     constant: float | None = None

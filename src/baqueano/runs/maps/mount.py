@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.atomic_file import replace_file
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.geometry import map_from_body, wrap
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.runs.run import Run
 
 KEY_TYPES: dict[str, type] = {"shift_s": float, "lever_arm_m": list, "heading_rad": float}
@@ -58,7 +58,7 @@ class Mount(NamedTuple):
         )
 
 
-def parse_mount(spec: "JsonObject", is_heading_known: bool = True) -> Mount:
+def parse_mount(spec: JsonObject, is_heading_known: bool = True) -> Mount:
     """Return the mount of a table [truth]. Raise Invalid if its lever arm is not two finite numbers, or if the mount
     needs a heading that is not known.
     """
@@ -116,7 +116,7 @@ def _set_value(table: Any, key: str, value: Any, text: str) -> None:
         table[key].comment(text)
 
 
-def _truth_table(text: str, name: str) -> "JsonObject":
+def _truth_table(text: str, name: str) -> JsonObject:
     try:
         return tomllib.loads(text).get("truth", {})
     except tomllib.TOMLDecodeError as error:

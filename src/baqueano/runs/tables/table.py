@@ -10,19 +10,17 @@ from array import array
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError
 from baqueano.messages.language import translate as _
 from baqueano.runs.tables.cells import Cells, pack
 from baqueano.runs.tables.json_lines import is_json_line, json_columns
 from baqueano.runs.tables.lines import CELL_BYTES, Lines
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 MISSING_TEXTS = {"", "nan", "na", "n/a", "null", "none", "-"}
@@ -46,7 +44,7 @@ class LogTable(NamedTuple):
     """The columns of a file, as text or numbers."""
 
     label: str  # the file, for messages
-    columns: "JsonObject"  # name → Cells, or an array (bags); None: several columns have that name
+    columns: JsonObject  # name → Cells, or an array (bags); None: several columns have that name
     lines: np.ndarray  # (rows,) line of the file, or number of the message
     decimal: str = "."
     cut: tuple[int, ...] = ()  # lines that were excluded
@@ -164,7 +162,7 @@ class LogTable(NamedTuple):
         )
 
 
-def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
+def read_table(path: Path, options: JsonObject, label: str = "") -> LogTable:
     """Read a CSV file, or JSON lines. `options`: delimiter, decimal, encoding, header, comment of a [files.NAME] table.
     Raise FileError for a file without data, or if its separator, its decimal mark or its columns are not clear.
     """
@@ -296,7 +294,7 @@ def _separator(lines: list[str], label: str) -> str:
     raise FileError(fault("table.delimiter", file=label, delimiters=names, expected=delimiter))
 
 
-def _header(first: list[str], options: "JsonObject", label: str) -> list[str]:
+def _header(first: list[str], options: JsonObject, label: str) -> list[str]:
     if len(first) > MAX_COLUMNS:
         raise FileError(fault("table.columns", file=label, count=len(first), maximum=MAX_COLUMNS))
     numeric = all(_NUMBER.fullmatch(cell) or _COMMA.fullmatch(cell) for cell in first)
@@ -307,7 +305,7 @@ def _header(first: list[str], options: "JsonObject", label: str) -> list[str]:
     return first
 
 
-def _decimal(columns: "JsonObject", delimiter: str, label: str) -> str:
+def _decimal(columns: JsonObject, delimiter: str, label: str) -> str:
     if delimiter == ",":
         return "."
     comma = cell_with_both = ""  # the first number of each kind

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.calibration.against_truth import calibrate
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Verdict
 from baqueano.geometry import wrap
 from baqueano.messages.language import translate as _
@@ -28,7 +29,6 @@ from baqueano.study.estimation.subjects import BOTH, IMU, SUBJECTS, Subject, mis
 from baqueano.symbolic import scan
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, Tree
     from baqueano.runs import Run
     from baqueano.signals import Tick
     from baqueano.vehicle_file import VehicleFile
@@ -81,7 +81,7 @@ def window_instants(
     start = initial_pose(run)
     carry = ekf.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
 
-    def step(belief: "Tree", tick: "Tick") -> tuple[Any, Any]:
+    def step(belief: Tree, tick: "Tick") -> tuple[Any, Any]:
         belief, estimate = ekf.row(belief, tick)
         return belief, (estimate.eta, estimate.cov[:3, :3])
 
@@ -103,7 +103,7 @@ def window_instants(
     return instants
 
 
-def _belief_at(belief: "Tree", eta: np.ndarray) -> Any:
+def _belief_at(belief: Tree, eta: np.ndarray) -> Any:
     """Return the belief with its pose set to the known pose `eta` (3,)."""
     mean, cov = np.array(belief.mean), np.array(belief.cov)
     mean[:3], cov[:3, :], cov[:, :3] = eta, 0.0, 0.0

@@ -11,20 +11,18 @@ covers more than 95 %.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.compare.corridor import MAX_HEADING_STD_RAD, QUANTILE_95
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.messages import verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
 
 INSTANTS_S = (10.0, 20.0, 40.0, 60.0)
 COVERAGE, MAX_WIDENING = (0.90, 0.98), 1.3
@@ -55,7 +53,7 @@ class Corridors:
     windows: dict[str, tuple[Instant, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a flat row with coverage and width for each instant and quantity."""
         rows = []
         for source, source_instants in (("simulated", self.instants), ("recorded", self.windows)):
@@ -158,7 +156,7 @@ def drive_corridors(
 
 def _coverage_row(
     d2: np.ndarray, limit: float, coverage: tuple[float, float], max_coverage_ratio: float
-) -> "JsonObject":
+) -> JsonObject:
     share_inside, n = float(np.mean(d2 <= limit)), len(d2)
     low, high = _wilson(share_inside, n)
     # coverage of a region that is `most` times narrower

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
@@ -22,7 +23,6 @@ from baqueano.study.estimation.errors import QUANTITIES, SPEED, merge
 from baqueano.study.estimation.subjects import BOTH
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.study.estimation.evaluation import EstimateEvaluation
 
 REFUSED = Verdict.REFUSED
@@ -40,15 +40,15 @@ class EstimationStudy:
     """The evaluated recordings, and the evaluated robots and cars of the independent truth."""
 
     estimates: tuple["EstimateEvaluation", ...]
-    simulated_rows: tuple["JsonObject", ...] = ()  # rows: the fraction of vehicles that are not worse
-    vehicles: tuple["JsonObject", ...] = ()  # rows: one for each vehicle, only for machine use
+    simulated_rows: tuple[JsonObject, ...] = ()  # rows: the fraction of vehicles that are not worse
+    vehicles: tuple[JsonObject, ...] = ()  # rows: one for each vehicle, only for machine use
     notes: tuple[str, ...] = ()  # sentences on what was not evaluated
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return all rows: recording, estimator, quantity, value, reference, ok; for a ratio also ratio, low, high."""
         return [*self.rows_shown(), *self.vehicles]
 
-    def rows_shown(self) -> list["TableRow"]:
+    def rows_shown(self) -> list[TableRow]:
         """Return all rows except the rows of single simulated vehicles."""
         case_rows = [
             row | ({"ok": None} if estimate.fit == REFUSED else {})
@@ -57,7 +57,7 @@ class EstimationStudy:
         ]
         return [*case_rows, *self.pooled_ratios(), *self.simulated_rows]
 
-    def pooled_ratios(self) -> list["TableRow"]:
+    def pooled_ratios(self) -> list[TableRow]:
         """Return the pooled and the typical ratio for each set of sensors, estimator and quantity, with the limit."""
         ratio_rows = []
         groups: dict[tuple[str, str], list[EstimateEvaluation]] = {}
@@ -116,7 +116,7 @@ class EstimationStudy:
         )
 
 
-def _cells(r: "TableRow") -> list[str]:
+def _cells(r: TableRow) -> list[str]:
     """Return the cells of a row of the table."""
     interval = _(r["verdict"]) if "verdict" in r else ""
     if not interval and np.isfinite(r.get("low", float("nan"))):
@@ -148,7 +148,7 @@ def _legend() -> list[str]:
     ]
 
 
-def row(recording: str, estimator: str, quantity: str, value: float, limit: float) -> "JsonObject":
+def row(recording: str, estimator: str, quantity: str, value: float, limit: float) -> JsonObject:
     """Return a row with a value, its limit `limit`, and True if the value is at most the limit."""
     return {
         "recording": recording, "estimator": estimator, "quantity": quantity, "value": value, "reference": limit,
@@ -156,7 +156,7 @@ def row(recording: str, estimator: str, quantity: str, value: float, limit: floa
     }  # fmt: skip
 
 
-def _evaluation_rows(estimate: "EstimateEvaluation") -> list["TableRow"]:
+def _evaluation_rows(estimate: "EstimateEvaluation") -> list[TableRow]:
     rows = []
     for quantity, errors in estimate.errors.items():
         (value, reference), (ratio, low, high) = errors.rms, errors.ratio
@@ -166,7 +166,7 @@ def _evaluation_rows(estimate: "EstimateEvaluation") -> list["TableRow"]:
     return rows
 
 
-def _consistency_rows(estimate: "EstimateEvaluation") -> list["TableRow"]:
+def _consistency_rows(estimate: "EstimateEvaluation") -> list[TableRow]:
     """Return rows with NEES and NIS compared with 1, and the lag-1 autocorrelation of each innovation with 0."""
     consistency, rows = estimate.consistency, []
     figures = {
@@ -191,6 +191,6 @@ def _short_name(quantity: str) -> str:
     return _(quantity).partition(" [")[0]
 
 
-def _ratio_text(row: "TableRow") -> str:
+def _ratio_text(row: TableRow) -> str:
     ratio = row.get("ratio", row["value"])
     return f"{number(ratio):.2f}" if ratio == row["value"] else _("{ratio:.2f} × the reference", ratio=ratio)

@@ -13,10 +13,11 @@ written, and its vehicle is not evaluated.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
 from baqueano.messages.language import mark as N_
@@ -31,9 +32,6 @@ from baqueano.study.faults.subject import FaultSubject as Driven
 from baqueano.study.truth import Cars, Robots, merge
 from baqueano.sweep.workers import run_in_processes
 from baqueano.vehicle_file import parse
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
 
 DURATION_S = 40.0
 SHARE, ALONE = 0.95, 1.10
@@ -135,7 +133,7 @@ def evaluate_job(job: EstimationJob) -> list[SimulatedOutcome]:
     return evaluations
 
 
-def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
+def rows(outcomes: Sequence[SimulatedOutcome]) -> list[TableRow]:
     """Return the share of vehicles that are not worse: a row per set of sensors, estimator, effect and quantity."""
     share_rows = []
     named_estimates = [
@@ -163,7 +161,7 @@ def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
     return share_rows
 
 
-def vehicle_rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
+def vehicle_rows(outcomes: Sequence[SimulatedOutcome]) -> list[TableRow]:
     """Return a row per vehicle, set of sensors, estimator and quantity: both errors and their ratio."""
     rows = []
     for j in (j for outcome in outcomes for j in outcome.estimates):

@@ -1,18 +1,16 @@
 """Result of `study experiments`: each signal on the vehicles of each file and room, and on all vehicles."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import TableRow
 from baqueano.design.information import mean_error
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
 
 DESIGNED, BASELINE = "designed", "random_steps"
 MIN_RATIO = 1.5
@@ -72,7 +70,7 @@ class Experiments:
         """Return WARN if there are reasons, else USABLE."""
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a flat row per file and signal."""
         return [row._asdict() for row in self.signal_rows]
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
 from baqueano.identify import FitOptions, identify
@@ -37,7 +38,6 @@ from baqueano.study.wrong_estimates import wrong_mask
 from baqueano.sweep.workers import run_in_processes
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.identify.result.fit_result import Fit
     from baqueano.vehicle_file import VehicleFile
 
@@ -225,14 +225,14 @@ class Faults:
     fit_count: int  # fits of the call
     ended_count: int  # fits that ended
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a row per fault, the undamaged runs first."""
         return [self._row(fault) for fault in dict.fromkeys(FAULTS) if self._fault_outcomes(fault)]
 
     def _fault_outcomes(self, fault: str) -> list[FaultOutcome]:
         return [o for o in self.outcomes if o.job.fault == fault]
 
-    def _row(self, fault: str) -> "JsonObject":
+    def _row(self, fault: str) -> JsonObject:
         own_outcomes = self._fault_outcomes(fault)
         is_undamaged = fault in SOUND_DATA
         losses = [o.lost_share for o in own_outcomes if np.isfinite(o.lost_share)]

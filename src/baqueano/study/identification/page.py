@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
@@ -17,7 +18,6 @@ from baqueano.study.identification.result import LIMITS, POOL, Identification
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from baqueano.contracts.values import TableRow
 
 CASES = (
     "case", "fits", "coverage", "coverage_or_report", "rmse", "std", "usable", "wrongly_usable", "silent_failures",
@@ -92,7 +92,7 @@ def identification_page(study: Identification) -> Page:
     )
 
 
-def _columns(rows: list["TableRow"], names: tuple[str, ...]) -> list["TableRow"]:
+def _columns(rows: list[TableRow], names: tuple[str, ...]) -> list[TableRow]:
     return [{name: row[name] for name in names} for row in rows]
 
 

@@ -13,12 +13,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.atomic_file import replace_file
 from baqueano.contracts.result import Result
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.messages import verdict_line
 from baqueano.messages.language import number
@@ -28,9 +29,6 @@ from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.study.identification.trials import CASES, DRIVE_S, TrialJob, TrialOutcome, fit_job
 from baqueano.study.wrong_estimates import wrong_mask
 from baqueano.sweep.workers import run_in_batches
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
 
 SEEDS, BATCH = 200, 8  # number of robots; number of robots that are simulated together
 POOL = "pooled"
@@ -84,7 +82,7 @@ class Identification(Result):
         """Return all errors (K,) of the case "clean", each divided by its standard error."""
         return np.concatenate([np.zeros(0), *(_outcome_z(o) for o in self.case_outcomes("clean"))])
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a flat row for each case and parameter, and a pooled row for each case."""
         return [
             row for case in CASES if self.case_outcomes(case) for row in _rows(case, self.case_outcomes(case))
@@ -129,13 +127,13 @@ class Identification(Result):
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, message)])
 
 
-def _rows(case: str, outcomes: list[TrialOutcome]) -> list["TableRow"]:
+def _rows(case: str, outcomes: list[TrialOutcome]) -> list[TableRow]:
     names = list(dict.fromkeys(name for o in outcomes for name in o.names))
     parameter_rows = [_row(case, name, outcomes, (name,)) for name in names]
     return [_row(case, POOL, outcomes, tuple(names)), *parameter_rows]
 
 
-def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, ...]) -> "JsonObject":
+def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, ...]) -> JsonObject:
     accepted_fits = [o for o in outcomes if o.verdict != Verdict.REFUSED]
     z, reports, ratios, widths = [], [], [], []
     for parameter in names:
@@ -161,7 +159,7 @@ def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, .
     }  # fmt: skip
 
 
-def _reasons(row: "TableRow") -> list[str]:
+def _reasons(row: TableRow) -> list[str]:
     """Return a sentence for each limit that a row exceeds by more than chance explains for its number of seeds."""
     limit, is_pool, n = LIMITS[row["case"]], row["name"] == POOL, max(row["fits"], 1)
     tolerance = LIMIT_SIGMA * np.sqrt(0.95 * 0.05 / max(row["intervals"], 1))
@@ -270,6 +268,6 @@ def _mean(x: np.ndarray) -> float:
     return float(np.mean(x)) if len(x) else 0.0
 
 
-def _figures(row: "TableRow") -> list[str]:
+def _figures(row: TableRow) -> list[str]:
     ratios = ("" if row[key] is None else f"{number(row[key]):.2f}" for key in ("rmse", "std"))
     return [str(row["fits"]), f"{number(100 * row['coverage']):.1f} %", *ratios]

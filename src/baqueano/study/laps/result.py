@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.compare.corridor import MAX_HEADING_STD_RAD
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.messages import verdict_line
 from baqueano.messages.language import number
@@ -22,7 +23,6 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.study.laps.drives import Laps
 
 CHI_SQUARE_95_3 = 7.815  # 95 % quantile of χ² with 3 degrees of freedom
@@ -97,11 +97,11 @@ class LapStudy:
     laps: int
     refused_robots: tuple[int, ...]  # robots whose fit was refused: they did not drive
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a flat row for each case."""
         return [self._row(case) for case in dict.fromkeys(uno.case for uno in self.full_drives)]
 
-    def _row(self, case: LapCase) -> "TableRow":
+    def _row(self, case: LapCase) -> TableRow:
         full_drives = [w for w in self.full_drives if w.case == case]
         case_laps = [d for d in self.drives if d.case == case]
         first, last = ([d for d in case_laps if d.lap == lap] for lap in (1, self.laps))
@@ -183,7 +183,7 @@ class LapStudy:
         return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons, _("all bounds are met"))])
 
 
-def _missed_bounds(row: "TableRow", laps: int) -> Iterator[str]:
+def _missed_bounds(row: TableRow, laps: int) -> Iterator[str]:
     """Yield a sentence for each bound that a row misses."""
     if row["wall_contacts"]:
         yield _("{robots} robots touched a wall", robots=row["wall_contacts"])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.result import Result
+from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.messages import texts
@@ -23,7 +24,6 @@ from baqueano.sweep.workers import run_in_processes
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
 
 SECONDS = 60.0
@@ -80,7 +80,7 @@ class CaseStudy(Result):
     fits: tuple[Fit, ...]
     seeds: tuple[int, ...]
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return name, truth, paper, estimate and std in the paper's signs; None if it is not identifiable."""
         return [
             {"name": name, "truth": truth, "paper": PRINTED_VALUES[name], "estimate": estimate, "std": std}
@@ -184,7 +184,7 @@ class ImpliedParameters:
     T_11: float = 0.6984
     T_33: float = 0.000965
 
-    def rows(self) -> list["TableRow"]:
+    def rows(self) -> list[TableRow]:
         """Return a row for each printed value: its consequence and the expected value."""
         disc = 0.5 * self.mass_kg * self.radius_m**2
         gyration = np.sqrt(self.inertia / self.mass_kg)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.compare.errors import rms
+from baqueano.contracts.values import TableRow
 from baqueano.drive import replay
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
@@ -23,7 +24,6 @@ from baqueano.runs.interpolation import interpolate_rows
 from baqueano.vehicle_file import VehicleFile, parse
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
 
 KINEMATIC = """[model]
@@ -72,7 +72,7 @@ def _evaluate_model(model: str, fit: Fit, run: "Run", validation_run: "Run", bac
     return ModelEvaluation(model, fit, noise.process, np.array([rms(error[:, k]) for k in range(3)]))
 
 
-def rows(models: tuple[ModelEvaluation, ...]) -> list["TableRow"]:
+def rows(models: tuple[ModelEvaluation, ...]) -> list[TableRow]:
     """Return a row per model: one-step errors (square roots of the diagonal of R) and the EKF's velocity errors."""
     return [
         {

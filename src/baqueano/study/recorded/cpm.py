@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.calibration.against_truth import calibrate
 from baqueano.calibration.result import Calibration
+from baqueano.contracts.values import TableRow
 from baqueano.identify import FitOptions
 from baqueano.messages import text
 from baqueano.messages.language import translate as _
@@ -27,7 +28,6 @@ from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import load
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
     from baqueano.selection.choice import Choice
 
@@ -49,7 +49,7 @@ BATTERY_TERM = "battery voltage"
 CAR = "cpm_mucar"
 
 
-def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
+def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[TableRow]:
     """Return the rows of the study, with recording, quantity, value, criterion and ok.
 
     Raise FileError without recordings.
@@ -80,7 +80,7 @@ def with_raw_clock(name: str) -> "Run":
     return import_run(column_map._replace(files={**column_map.files, "camera": camera})).run
 
 
-def choice_rows(choice: "Choice", other_run: "Run", name: str, other_name: str) -> list["TableRow"]:
+def choice_rows(choice: "Choice", other_run: "Run", name: str, other_name: str) -> list[TableRow]:
     """Return the rows on the speed of the other run, the chosen terms and the battery."""
     figures = {figure.channel: figure for figure in validate(choice.fit, other_run).figures}
     share = figures["odometer[0]"].explained_fraction
@@ -96,7 +96,7 @@ def choice_rows(choice: "Choice", other_run: "Run", name: str, other_name: str) 
     ]
 
 
-def calibration_rows(calibration: Calibration, name: str) -> list["TableRow"]:
+def calibration_rows(calibration: Calibration, name: str) -> list[TableRow]:
     """Return the rows on gyro scale and camera clock; a file's gyro_scale is measured rotation per true rotation."""
     turn, offset = 1.0 / calibration.value("sensors.imu.gyro_scale"), calibration.value("clock.truth")
     scale = _("{name}: truth / gyro (1 / gyro_scale)", name=name)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.values import TableRow
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
@@ -24,7 +25,6 @@ from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
 
 MAP = "dart_jetracer"
@@ -48,7 +48,7 @@ def files() -> list[str]:
     return [f"dart_jetracer/{pattern}.csv.gz" for pattern in FLOORS.values()]
 
 
-def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
+def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[TableRow]:
     """Return the rows of the study, with recording, quantity, value, criterion and ok."""
     study_rows = []
     for floor, pattern in FLOORS.items():

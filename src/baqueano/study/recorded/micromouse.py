@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.values import TableRow
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -24,7 +25,6 @@ from baqueano.study.recorded.simulated import measured_and_simulated
 from baqueano.vehicle_file import load
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
 
 FITTED_SWEEP, OTHER_SWEEP = "wheelSpeedCalibration2.csv", "wheelSpeedCalibration3.csv"
@@ -46,7 +46,7 @@ def files() -> list[str]:
     return [f"micromouse_pwm/{FITTED_SWEEP}", f"micromouse_pwm/{OTHER_SWEEP}"]
 
 
-def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
+def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[TableRow]:
     """Return the rows of the study, with recording, quantity, value, criterion and ok."""
     progress(_("micromouse: fitting a sweep of the duty, testing on another sweep"))
     run, test_run = load_run(FITTED_SWEEP), load_run(OTHER_SWEEP)

@@ -7,11 +7,11 @@ independent implementation at the mean rate (0.0129, 0.0092, 0.0094 °/s).
 
 import csv
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.calibration.at_rest import measure_at_rest
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -19,9 +19,6 @@ from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders, load_map
 from baqueano.signals import STANDARD_GRAVITY
 from baqueano.study.recorded.criteria import criterion_row, message_row
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow
 
 MAP = "mpu6050"
 PUBLISHED_FILE = "mpu6050_sunsided/unmoved-with-x-pointing-forward-10min.author-stats.csv"
@@ -32,7 +29,7 @@ SI_FACTORS = {"accelerometer": STANDARD_GRAVITY, "gyro": np.pi / 180.0}
 AXES = "XYZ"
 
 
-def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
+def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[TableRow]:
     """Return the rows of the study, with recording, quantity, value, criterion and ok."""
     progress(_("MPU-6050 at rest, 11 min"))
     statistics = measure_at_rest(import_run(MAP).run)
@@ -53,7 +50,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     return [*study_rows, message_row(MAP, _("burst stamps are reported"), is_reported)]
 
 
-def _row(quantity: str, value: float, reference: float, tolerance: float) -> "JsonObject":
+def _row(quantity: str, value: float, reference: float, tolerance: float) -> JsonObject:
     """Return a row that requires `value` to be within a fraction `tolerance` of the author's value `reference`."""
     ok = bool(abs(value - reference) <= tolerance * abs(reference) + (5e-7 if tolerance == ROUNDING else 0.0))
     criterion = f"{number(reference):g} ± {number(100 * tolerance):g} %"

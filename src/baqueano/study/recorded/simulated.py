@@ -1,17 +1,16 @@
 """Simulate a model under only the commands of a run, from the start of the run: for tests on held-out runs."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.identify.data.record import make_record
 from baqueano.signals import seconds
 from baqueano.symbolic import scan
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from baqueano.contracts.values import Tree
     from baqueano.runs.run import Run
     from baqueano.signals import Motion
     from baqueano.vehicle_file import VehicleFile
@@ -21,11 +20,11 @@ if TYPE_CHECKING:
 
 
 def simulate_outputs(
-    vehicle: "Vehicle", start: "Tree", dt_s: np.ndarray, u: np.ndarray, output: "Output", backend: str
+    vehicle: "Vehicle", start: Tree, dt_s: np.ndarray, u: np.ndarray, output: "Output", backend: str
 ) -> np.ndarray:
     """Return `output` (N, m) of the motion from the state `start`, under commands u (N, n) that last dt_s (N,)."""
 
-    def step(state: "Tree", row: np.ndarray) -> tuple["Tree", np.ndarray]:
+    def step(state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
         state, motion = vehicle.step(state, row[1:], row[0], np.zeros(3))
         return state, output(motion)
 

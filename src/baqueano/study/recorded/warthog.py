@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.values import TableRow
 from baqueano.geometry import wrap
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.messages.language import translate as _
@@ -23,7 +24,6 @@ from baqueano.study.recorded.simulated import final_poses
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
 
 MAP = "drive_windows"
@@ -41,7 +41,7 @@ def files() -> list[str]:
     return list(FILES.values())
 
 
-def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
+def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list[TableRow]:
     """Return the rows of the study, with recording, quantity, value, criterion and ok."""
     study_rows = []
     for name in FILES:

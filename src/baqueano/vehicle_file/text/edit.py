@@ -16,6 +16,7 @@ import numpy as np
 
 from baqueano.atomic_file import replace_file
 from baqueano.blocks import LOOP_ROLES, block_kind, check_role
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.paths import current_value, known_paths, no_such_key, split_key
@@ -24,7 +25,6 @@ from baqueano.vehicle_file.text.dump import dump
 from baqueano.vehicle_file.text.toml_text import read_text
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.envelope import Envelope
     from baqueano.vehicle_file.file import VehicleFile
 
@@ -47,14 +47,14 @@ def text_with_equipment(truth: "VehicleFile", vehicle_file: "VehicleFile") -> st
     return text_with_values(truth, values) if values else truth.text
 
 
-def text_with_values(vehicle_file: "VehicleFile", values: "JsonObject") -> str:
+def text_with_values(vehicle_file: "VehicleFile", values: JsonObject) -> str:
     """Return the text with other values, and with its comments if tomlkit is installed."""
     return _edit_text(vehicle_file, values, keep_comments=_has_tomlkit())
 
 
 def edit_text(
     vehicle_file: "VehicleFile",
-    values: "JsonObject",
+    values: JsonObject,
     provenance: Mapping[str, Any],
     parameter_cov: ParameterCov | None,
     envelope: "Envelope | None" = None,
@@ -156,7 +156,7 @@ def _edit_text(
     return dump(document)
 
 
-def _set_kinds(data: "JsonObject", values: Mapping[str, object]) -> "JsonObject":
+def _set_kinds(data: JsonObject, values: Mapping[str, object]) -> JsonObject:
     """Return the tables in which roles and sensors have the kinds that `values` contain; a new sensor has a table."""
     data = {**data, "sensors": {**data.get("sensors", {})}}
     for key in filter(KIND_KEY.fullmatch, values):
@@ -260,14 +260,14 @@ def _plain_value(value: object) -> Any:
     return [_plain_value(v) for v in value] if isinstance(value, list | tuple) else value
 
 
-def _origin_table(origin: Provenance) -> "JsonObject":
+def _origin_table(origin: Provenance) -> JsonObject:
     table: JsonObject = {"run": origin.run, "date": origin.date or date.today()}
     if origin.std is not None:
         table["std"] = _plain_value(_digits(np.asarray(origin.std, dtype=float), STD_DIGITS))
     return table | ({"verdict": origin.verdict} if origin.verdict else {})
 
 
-def _cov_table(p: ParameterCov) -> "JsonObject":
+def _cov_table(p: ParameterCov) -> JsonObject:
     std = np.sqrt(np.diag(p.cov))
     r = p.cov / np.where(std > 0.0, std, 1.0)[:, None] / np.where(std > 0.0, std, 1.0)[None, :]
     r = np.clip(np.round(r, 8), -1.0, 1.0)

@@ -2,16 +2,13 @@
 
 import tomllib
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 from baqueano.blocks import read_module
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.file import VehicleFile, parse
 from baqueano.vehicle_file.text.edit import text_with_values
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 
 def override(vehicle_file: VehicleFile, settings: Iterable[str]) -> VehicleFile:

@@ -7,13 +7,11 @@ in the message. A file above the limits of 64 KiB or 16 levels is also refused.
 import re
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 MAX_BYTES = 64 * 1024  # bytes
 MAX_DEPTH = 16  # nested tables
@@ -57,7 +55,7 @@ def decode(content: bytes, name: str) -> str:
     return text
 
 
-def tables(text: str, name: str) -> "JsonObject":
+def tables(text: str, name: str) -> JsonObject:
     """Return the tables of the text. Raise FileError, with the line of the fault, if it is not TOML."""
     try:
         return parse_toml(text, name)
@@ -86,7 +84,7 @@ def with_present_keys(text: str, name: str) -> str:
     return text
 
 
-def parse_toml(text: str, name: str) -> "JsonObject":
+def parse_toml(text: str, name: str) -> JsonObject:
     """Return the tables of the text. Raise FileError for a text above the limits.
     Raise TOMLDecodeError if the text is not TOML.
     """

@@ -15,16 +15,13 @@ import json
 import struct
 import time
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-from baqueano.contracts.values import Value
+from baqueano.contracts.values import JsonObject, Value
 from baqueano.diagnostics import note
 from baqueano.messages import text
 from baqueano.messages.printable import one_line
 from baqueano.web.visitor import Visitor, binary_frame, encode_json
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")  # names of the subprotocol
 MESSAGE_LAYOUT = struct.Struct("<BIQ")  # opcode 1, subscription, time [ns]
@@ -62,7 +59,7 @@ class Client(NamedTuple):
 class FoxgloveServer:
     """The clients that watch a vehicle; `about` returns its description: vehicle, blocks, fields, route."""
 
-    def __init__(self, about: "Callable[[], JsonObject]", now_ns: Callable[[], int] = time.time_ns) -> None:
+    def __init__(self, about: Callable[[], JsonObject], now_ns: Callable[[], int] = time.time_ns) -> None:
         self._about, self._now_ns = about, now_ns
         self._clients: dict[Visitor, Client] = {}
         self._topics: list[str] = []
@@ -86,7 +83,7 @@ class FoxgloveServer:
         """Remove a client that has disconnected."""
         self._clients.pop(line, None)
 
-    async def receive(self, line: Visitor, request: "JsonObject") -> None:
+    async def receive(self, line: Visitor, request: JsonObject) -> None:
         """Execute a message of a client, or answer it with an error status if it would change something."""
         client, op = self._clients[line], request["op"]
         try:
@@ -138,7 +135,7 @@ class FoxgloveServer:
             "name": "baqueano", "file": "", "line": 0,
         })  # fmt: skip
 
-    def _subscribe(self, client: Client, requests: "list[JsonObject]") -> None:
+    def _subscribe(self, client: Client, requests: list[JsonObject]) -> None:
         new_topics = set[str]()
         for request in requests:
             subscription_id, channel = int(request["id"]), int(request["channelId"])
@@ -152,7 +149,7 @@ class FoxgloveServer:
         if ROUTE in new_topics:
             self._send(ROUTE, self._route(), [client])
 
-    def _channels(self) -> "list[JsonObject]":
+    def _channels(self) -> list[JsonObject]:
         fields = self._about()["fields"]
         families = [
             PREFIX_TOPICS[family]
@@ -181,7 +178,7 @@ class FoxgloveServer:
             client.line.send({"op": "unadvertise", "channelIds": [*range(1, len(old_topics) + 1)]})
             client.line.send({"op": "advertise", "channels": channels})
 
-    def _parameters(self, names: list[str], request_id: object) -> "JsonObject":
+    def _parameters(self, names: list[str], request_id: object) -> JsonObject:
         vehicle = self._about().get("vehicle") or {}
         shown_values: dict[str, Value] = {
             f"vehicle.{k}": vehicle[k] for k in ("name", "world", "rate_hz") if k in vehicle
@@ -198,7 +195,7 @@ class FoxgloveServer:
             {} if request_id is None else {"id": str(request_id)}
         )
 
-    def _graph(self) -> "JsonObject":
+    def _graph(self) -> JsonObject:
         def blocks(topic: str) -> list[str]:
             return [block for block, topics in BLOCK_OUTPUTS.items() if topic.startswith(topics)]
 
@@ -211,7 +208,7 @@ class FoxgloveServer:
             ],
         }  # fmt: skip
 
-    def _route(self) -> "JsonObject":
+    def _route(self) -> JsonObject:
         route = self._about().get("route") or {"x": [], "y": []}
         pose = {"orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
         poses = [
@@ -220,7 +217,7 @@ class FoxgloveServer:
         ]
         return {"timestamp": _time(self._now_ns()), "frame_id": "map", "poses": poses}
 
-    def _send(self, topic: str, message: "JsonObject", clients: Iterable[Client] | None = None) -> None:
+    def _send(self, topic: str, message: JsonObject, clients: Iterable[Client] | None = None) -> None:
         content = encode_json(message)
         for client in self._clients.values() if clients is None else clients:
             for subscription_id, channel_topic in client.subscriptions.items():
@@ -250,7 +247,7 @@ def _key(name: str) -> str:
     return name.partition(".")[2] or name
 
 
-def _properties(topic: str, fields: "list[JsonObject]") -> "JsonObject":
+def _properties(topic: str, fields: list[JsonObject]) -> JsonObject:
     if topic == EVENTS:
         return {"message": {"type": "string"}, "level": {"type": "integer"}, "name": {"type": "string"}}
     if topic == ROUTE:
@@ -261,17 +258,17 @@ def _properties(topic: str, fields: "list[JsonObject]") -> "JsonObject":
     }  # fmt: skip
 
 
-def _body(topic: str, fields: "list[JsonObject]", row: list[float]) -> bytes:
+def _body(topic: str, fields: list[JsonObject], row: list[float]) -> bytes:
     """Return the values of one topic in this row as JSON, or b"" if all of them are None."""
     pairs = zip((field["name"] for field in fields), row, strict=False)
     values = {_key(name): x for name, x in pairs if _topic(name) == topic}
     return encode_json(values) if any(x is not None for x in values.values()) else b""
 
 
-def _time(t_ns: int) -> "JsonObject":
+def _time(t_ns: int) -> JsonObject:
     return {"sec": t_ns // SECOND, "nsec": t_ns % SECOND}
 
 
-def _status(code: str, detail: str = "") -> "JsonObject":
+def _status(code: str, detail: str = "") -> JsonObject:
     short_word = one_line(detail)[:40]
     return {"op": "status", "level": ERROR, "message": text(note(code, request=short_word, error=short_word))}

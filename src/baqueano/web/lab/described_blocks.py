@@ -13,12 +13,11 @@ import numpy as np
 
 from baqueano.block_checks.source_text import is_in_package
 from baqueano.blocks import BLOCK_TARGETS, kinds, resolve
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
 INPUT_ROLES = {
@@ -33,7 +32,7 @@ CALLS, ROUNDS = 50, 5  # calls in a round, and rounds, to time a step
 MAX_SHOWN_NUMBERS = 9  # maximum number of values of an array that are shown
 
 
-def block_description(request: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObject":
+def block_description(request: JsonObject, vehicle_file: "VehicleFile") -> JsonObject:
     """Return what the page shows about the block of a role, or about a block of another `kind` in its place.
 
     Raise UsageError if the kind is not in the list of the role.
@@ -53,7 +52,7 @@ def block_description(request: "JsonObject", vehicle_file: "VehicleFile") -> "Js
     }  # fmt: skip
 
 
-def check_block(request: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObject":
+def check_block(request: JsonObject, vehicle_file: "VehicleFile") -> JsonObject:
     """Return the findings of `blocks check` about the block of a role, or about a block of another `kind`."""
     from baqueano.vehicle_file.block_check import check
 
@@ -163,7 +162,7 @@ def step_time_us(role: str, kind: str, vehicle_file: "VehicleFile") -> float | N
     return 1e6 * min(rounds) / CALLS
 
 
-def _class_text(cls: type) -> "JsonObject":
+def _class_text(cls: type) -> JsonObject:
     """Return file name, source text (at most MAX_TEXT_LETTERS characters) and line number, from 0, of a class."""
     from baqueano.block_checks.source_text import source_text
 
@@ -178,7 +177,7 @@ def _class_line(text: str, name: str) -> int:
     return next((k for k, line in enumerate(text.splitlines()) if line.startswith(f"class {name}")), 0)
 
 
-def _parameter_rows(role: str, block: object) -> "list[JsonObject]":
+def _parameter_rows(role: str, block: object) -> list[JsonObject]:
     from baqueano.parameter import all_parameters
 
     rows = []

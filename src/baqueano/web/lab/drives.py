@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from baqueano.contracts.values import JsonObject
+
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
     from baqueano.web.lab.identification import DriveIdentification
 
@@ -20,7 +21,7 @@ class DriveIdentifications:
         self._drive: DriveIdentification | None = None
         self._answers: dict[tuple[str, int], JsonObject] = {}
 
-    def answer(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
+    def answer(self, request: JsonObject) -> tuple[JsonObject, bytes]:
         """Add rows to the drive with the number `drive`, and return the state of its identification and b""."""
         from baqueano.web.lab.identification import DriveIdentification
 
@@ -38,7 +39,7 @@ class DriveIdentifications:
             self._drive.add_rows(request["names"], request["rows"])
         return self._drive.state(), b""
 
-    def answer_run(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
+    def answer_run(self, request: JsonObject) -> tuple[JsonObject, bytes]:
         """Return the identification of a run and b""."""
         from baqueano.drive.replay import recorded_vehicle_file
         from baqueano.runs import read_run

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.design.information import DriveInformation
 from baqueano.design.live import (
     WINDOW_TICKS,
@@ -29,7 +30,6 @@ from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.identify.result.fit_result import Fit
     from baqueano.vehicle_file.file import VehicleFile
 
@@ -145,7 +145,7 @@ class DriveIdentification:
         self._ticks = np.concatenate([self._ticks, all_ticks])
         self._u, self._z = np.concatenate([self._u, in_force]), np.concatenate([self._z, z_on_ticks])
 
-    def state(self) -> "JsonObject":
+    def state(self) -> JsonObject:
         """Return what the page shows about the identification, and start a fit if one is due."""
         self._use_finished_fit()
         self._advance(time.monotonic() + BUDGET_S)
@@ -157,7 +157,7 @@ class DriveIdentification:
             self._job = self._thread.submit(self._fit, self.run())
         return self._description()
 
-    def run_state(self, run: Run) -> "JsonObject":
+    def run_state(self, run: Run) -> JsonObject:
         """Return the state for a finished run, with fits of growing parts of it; all its rows must have been added."""
         end_times_s = np.geomspace(
             FIRST_FIT_S, max(FIRST_FIT_S, run.duration_s), FIT_COUNT if self.compiled else 1
@@ -253,7 +253,7 @@ class DriveIdentification:
             if time.monotonic() > end_s:
                 return
 
-    def _description(self) -> "JsonObject":
+    def _description(self) -> JsonObject:
         std = np.array(self._std) if self._std else np.ones((1, len(self._free)))
         ago = max(0, len(std) - 1 - round(PREVIOUS_BARS_S / self._window_s))
         windows_per_point = max(1, -(-len(std) // MAX_CURVE_POINTS))  # windows per point of the curve
@@ -277,7 +277,7 @@ class DriveIdentification:
     def _start_s(self) -> float:
         return float(self._ticks[0]) / self.vehicle_file.rate_hz if len(self._ticks) else 0.0
 
-    def _parameter_json(self, free: FreeParameter, std: float, value: float | None) -> "JsonObject":
+    def _parameter_json(self, free: FreeParameter, std: float, value: float | None) -> JsonObject:
         is_missing = free.shown_by and (
             std > MAX_RELATIVE_STD or (self._last_fit is not None and value is None)
         )
@@ -288,7 +288,7 @@ class DriveIdentification:
             "needs": note("parameter.needs", motion=free.shown_by).to_json() if is_missing else None,
         }  # fmt: skip
 
-    def _fit_json(self, drive_fit: DriveFit) -> "JsonObject":
+    def _fit_json(self, drive_fit: DriveFit) -> JsonObject:
         """Return a fit as data for JSON: values, relative standard errors up to 10 (None: unknown), and verdict."""
         fit, value, std = drive_fit.fit, [], []
         for path in self._drive_information.unknowns.names:
@@ -304,7 +304,7 @@ class DriveIdentification:
             "verdict": str(fit.verdict), "verdict_id": str(fit.verdict), "reason": reason_json,
         }  # fmt: skip
 
-    def _advised_motion(self) -> "JsonObject | None":
+    def _advised_motion(self) -> JsonObject | None:
         """Return the advised motion, which would reduce the uncertainty most.
 
         Return None before the first window, or if no motion is advised. Also return None without a compiler, because

@@ -15,18 +15,14 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from baqueano.contracts.values import Value
+from baqueano.contracts.values import JsonObject, Value
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import BaqueanoError
 from baqueano.messages import text
 from baqueano.messages.language import translate, use_language
 from baqueano.web.lab.worker_client import WorkerClient
 from baqueano.web.visitor import Visitor
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 REQUEST_PERIOD_S = 1.0
 FRAMES_HZ = 20.0
@@ -84,7 +80,7 @@ class LiveIdentification:
         if self._request_task is None or self._request_task.done():
             self._request_task = asyncio.create_task(self._send_rows_periodically())
 
-    async def identify_run(self, path: Path, visitor: Visitor) -> "JsonObject":
+    async def identify_run(self, path: Path, visitor: Visitor) -> JsonObject:
         """Return the identification of a run, with sentences in the language of this browser."""
         reply, _ = await self._lab.request("identify run", visitor, path=str(path))
         return with_sentences(reply, visitor.language)
@@ -138,17 +134,17 @@ class LiveIdentification:
             reply = {"parameters": [], "reason": error.diagnostic.to_json(), "busy": False}
         self._forward(drive, reply)
 
-    def _forward(self, drive: int, reply: "JsonObject") -> None:
+    def _forward(self, drive: int, reply: JsonObject) -> None:
         if drive == self._drive:
             self._reply = reply
             for visitor in self._viewers:
                 self._send_reply(visitor, reply)
 
-    def _send_reply(self, visitor: Visitor, reply: "JsonObject") -> None:
+    def _send_reply(self, visitor: Visitor, reply: JsonObject) -> None:
         visitor.send({"type": "identify", "of": "live"} | with_sentences(reply, visitor.language))
 
 
-def with_sentences(reply: "JsonObject", language: str) -> "JsonObject":
+def with_sentences(reply: JsonObject, language: str) -> JsonObject:
     """Return an answer of the worker with its diagnostics as sentences in this language."""
     with use_language(language):
         return {name: _as_sentences(value, name) for name, value in reply.items()}

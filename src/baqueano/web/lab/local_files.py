@@ -7,14 +7,11 @@ computer, and a taught route is made from the run. A worker reads and writes the
 import asyncio
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note
 from baqueano.errors import BaqueanoError
 from baqueano.web.lab.worker_client import WorkerClient
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 MAX_EXPECTED = 16  # missions whose end is awaited; a robot executes one at a time
 
@@ -32,26 +29,24 @@ class LocalFiles:
         self._requests: dict[str, tuple[str, str]] = {}
         self._fetch_tasks: set[asyncio.Task[None]] = set()
 
-    async def describe(self) -> "JsonObject":
+    async def describe(self) -> JsonObject:
         """Return {vehicle, routes}: the description of the vehicle in its file, and a row for each stored route."""
         reply, _ = await self._lab.request("vehicle", vehicle=self.vehicle, routes=str(self.routes))
         return reply
 
-    async def pack(self, kind: str, order: "JsonObject") -> str:
+    async def pack(self, kind: str, order: JsonObject) -> str:
         """Return a mission as JSON. Raise FileError for an unknown route, or an invalid name of a new route."""
         files = {"vehicle": self.vehicle, "routes": str(self.routes)}
         reply, _ = await self._lab.request("mission", kind=kind, order=order, **files)
         return reply["mission"]
 
-    def expect(self, number: str, kind: str, order: "JsonObject") -> None:
+    def expect(self, number: str, kind: str, order: JsonObject) -> None:
         """Record that a mission with the id `number` was sent to the robot, so that `fetch` copies its run."""
         while len(self._requests) >= MAX_EXPECTED:  # a refused mission does not report its end
             del self._requests[next(iter(self._requests))]
         self._requests[number] = kind, str(order.get("name", "")) if kind == "teach" else ""
 
-    def fetch(
-        self, event: "JsonObject", report: "Callable[[Diagnostic, list[JsonObject] | None], None]"
-    ) -> None:
+    def fetch(self, event: JsonObject, report: Callable[[Diagnostic, list[JsonObject] | None], None]) -> None:
         """Copy the run of an expected mission after its message "done", and store the route that it taught.
 
         `report` receives a message, and a row for each stored route, or None instead of the rows if the copy failed.
@@ -65,7 +60,7 @@ class LocalFiles:
             task.add_done_callback(self._fetch_tasks.discard)
 
     async def _fetch(
-        self, run: str, kind: str, route: str, report: "Callable[[Diagnostic, list[JsonObject] | None], None]"
+        self, run: str, kind: str, route: str, report: Callable[[Diagnostic, list[JsonObject] | None], None]
     ) -> None:
         folders = {"folder": str(self.runs), "routes": str(self.routes)}
         try:

@@ -17,17 +17,15 @@ from array import array
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import UsageError
 from baqueano.messages import text
 from baqueano.messages.notation import COMMAND_LINE, use_notation
 from baqueano.web.feed import HEAD_LAYOUT
 from baqueano.web.lab.worker_client import WorkerClient
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 DEFAULT_PACE = 4.0
 MIN_PACE, MAX_PACE = 0.05, 50.0
@@ -46,8 +44,7 @@ class WorkStep(NamedTuple):
     message: Diagnostic
 
 
-if TYPE_CHECKING:
-    Entry = Path | Diagnostic | JsonObject | WorkStep | None
+Entry = Path | Diagnostic | JsonObject | WorkStep | None
 
 
 class RunPlayer:
@@ -64,7 +61,7 @@ class RunPlayer:
         self._step: Diagnostic | None = None
         self._patience_s = 0.0  # time until which to wait for a browser; 0 before the first run
 
-    def enqueue(self, item: "Entry") -> None:
+    def enqueue(self, item: Entry) -> None:
         """Queue a run to play, tuned gains to show, or a diagnostic to send; None ends the playback.
 
         A step is shown at once.
@@ -92,7 +89,7 @@ class RunPlayer:
             raise UsageError(fault("web.playback"))
         self._send_state()
 
-    async def receive(self, on_message: "Callable[[JsonObject], None]") -> None:
+    async def receive(self, on_message: Callable[[JsonObject], None]) -> None:
         """Play the queued entries one after the other until the entry None."""
         self._on_message = on_message
         self._send_state()
@@ -162,7 +159,7 @@ class RunPlayer:
         if description["kind"] == "experiment":
             await self._show({"screen": "identify"}, FIT_DISPLAY_S)
 
-    async def _show(self, scene: "JsonObject", display_s: float = 0.0) -> None:
+    async def _show(self, scene: JsonObject, display_s: float = 0.0) -> None:
         """Show a screen, and wait `display_s` seconds while a browser watches, without the pauses of the player."""
         self._scene = scene
         self._send_state()
@@ -178,7 +175,7 @@ class RunPlayer:
             await asyncio.sleep(FRAME_PERIOD_S)
         return bool(self.viewers())
 
-    def _send_event(self, event: "JsonObject") -> None:
+    def _send_event(self, event: JsonObject) -> None:
         if isinstance(event["text"], dict):
             self._on_message(
                 {"type": "event", "level": event["severity"], "message": Diagnostic.from_json(event["text"])}
@@ -244,7 +241,7 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
     await reading
 
 
-def read_entries(source: BinaryIO, write: "Callable[[Entry], object]") -> None:
+def read_entries(source: BinaryIO, write: Callable[[Entry], object]) -> None:
     """Pass the entry in each line of stdin to `write`, and None at its end; skip malformed lines."""
     for line in source:
         try:

@@ -9,8 +9,8 @@ import asyncio
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.messages import text
@@ -19,9 +19,6 @@ from baqueano.messages.printable import one_line
 from baqueano.web.lab.run_list import RunList
 from baqueano.web.lab.worker_client import WorkerClient
 from baqueano.web.visitor import Visitor
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 MAX_GRID_SIDE = 24  # laps along an axis of a landscape, at most
 LAPS_PER_REQUEST = 10  # laps of a landscape in one request
@@ -35,7 +32,7 @@ class Questions:
     `source` returns the vehicle of the page: {vehicle, routes}, {path, routes}, or None without a vehicle file.
     """
 
-    def __init__(self, run_list: RunList, source: "Callable[[], JsonObject | None]") -> None:
+    def __init__(self, run_list: RunList, source: Callable[[], JsonObject | None]) -> None:
         self._run_list, self._source = run_list, source
         self._tuning_client, self.slow_client = WorkerClient(), WorkerClient()
         self._newest: dict[tuple[Visitor, str], object] = {}
@@ -46,7 +43,7 @@ class Questions:
             "downhill": self._descent, "block": self._block, "check": self._check, "compare": self._compare,
         }  # fmt: skip
 
-    async def answer(self, visitor: Visitor, message: "JsonObject") -> None:
+    async def answer(self, visitor: Visitor, message: JsonObject) -> None:
         """Answer a question. Raise UsageError for an unknown question."""
         question = str(message["question"])
         if question not in self.words:
@@ -66,7 +63,7 @@ class Questions:
         await self._tuning_client.close()
         await self.slow_client.close()
 
-    async def _answer(self, visitor: Visitor, message: "JsonObject") -> None:
+    async def _answer(self, visitor: Visitor, message: JsonObject) -> None:
         reply: JsonObject
         try:
             reply = await self.words[message["question"]](visitor, message)
@@ -79,14 +76,14 @@ class Questions:
         if visitor.is_open:
             visitor.send({"type": "answer", "to": "ask", "id": message.get("id")} | reply)
 
-    def _refusal(self, visitor: Visitor, reason: Diagnostic) -> "JsonObject":
+    def _refusal(self, visitor: Visitor, reason: Diagnostic) -> JsonObject:
         with use_language(visitor.language):
             return {"refusal": text(reason), "code": str(reason.code)}
 
-    def _is_newest(self, visitor: Visitor, message: "JsonObject") -> bool:
+    def _is_newest(self, visitor: Visitor, message: JsonObject) -> bool:
         return visitor.is_open and self._newest.get((visitor, message["question"])) == message.get("id")
 
-    def find_subject(self, message: "JsonObject") -> "JsonObject":
+    def find_subject(self, message: JsonObject) -> JsonObject:
         """Return the subject of a question: a run of the list, or the page's vehicle.
 
         Raise UsageError if the run does not exist, or if the page does not have a vehicle file.
@@ -101,22 +98,22 @@ class Questions:
             raise UsageError(fault("web.no-vehicle-file"))
         return source
 
-    def _tuning_request(self, message: "JsonObject") -> "JsonObject":
+    def _tuning_request(self, message: JsonObject) -> JsonObject:
         kind = "" if message.get("run") else self.blocks.get("controller", "")
         return self.find_subject(message) | {
             "route": str(message.get("route") or "")[:MAX_NAME_LETTERS],
             "kind": kind,
         }
 
-    async def _tune(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
+    async def _tune(self, visitor: Visitor, message: JsonObject) -> JsonObject:
         reply, _ = await self._tuning_client.request("tune", visitor, **self._tuning_request(message))
         return reply | {"gains": _with_meanings(reply["gains"], visitor.language)}
 
-    async def _route(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
+    async def _route(self, visitor: Visitor, message: JsonObject) -> JsonObject:
         reply, _ = await self._tuning_client.request("route", visitor, **self._tuning_request(message))
         return reply
 
-    async def _lap(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
+    async def _lap(self, visitor: Visitor, message: JsonObject) -> JsonObject:
         if not self._is_newest(visitor, message):
             return {"stale": True}
         reply, _ = await self._tuning_client.request(
@@ -124,7 +121,7 @@ class Questions:
         )
         return reply
 
-    async def _landscape(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
+    async def _landscape(self, visitor: Visitor, message: JsonObject) -> JsonObject:
         """Return the costs of a square grid of laps, row by row from the bottom, or `stale`."""
         side = max(2, min(MAX_GRID_SIDE, int(message["side"])))
         positions = [(i / (side - 1), j / (side - 1)) for j in range(side) for i in range(side)]
@@ -139,12 +136,12 @@ class Questions:
             costs += reply["costs"]
         return {"side": side, "costs": costs, "seconds": time.monotonic() - start_s}
 
-    async def _descent(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
+    async def _descent(self, visitor: Visitor, message: JsonObject) -> JsonObject:
         arguments = {name: message[name] for name in ("gains", "price")} | self._tuning_request(message)
         reply, _ = await self.slow_client.request("downhill", visitor, **arguments)
         return reply
 
-    async def write_gains(self, visitor: Visitor, message: "JsonObject") -> Diagnostic:
+    async def write_gains(self, visitor: Visitor, message: JsonObject) -> Diagnostic:
         """Write gains, or the gyro scale of a `lap`, into the vehicle file, and return the message that confirms it."""
         if lap := message.get("lap"):
             lap, route = str(self.find_run(lap)), str(message.get("route") or "")[:MAX_NAME_LETTERS]
@@ -156,17 +153,17 @@ class Questions:
         reply, _ = await self._tuning_client.request("write", visitor, **arguments)
         return note("web.tuned", file=reply["file"])
 
-    async def _block(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
+    async def _block(self, visitor: Visitor, message: JsonObject) -> JsonObject:
         reply, _ = await self.slow_client.request("block", visitor, **self._block_request(message))
         rows = _with_meanings(reply["parameters"], visitor.language)
         return reply | {"parameters": rows, "swapped": self.blocks.get(str(message["room"]))}
 
-    async def _check(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
+    async def _check(self, visitor: Visitor, message: JsonObject) -> JsonObject:
         reply, _ = await self.slow_client.request("check", visitor, **self._block_request(message))
         with use_language(visitor.language):
             return {"findings": [text(Diagnostic.from_json(finding)) for finding in reply["findings"]]}
 
-    def _block_request(self, message: "JsonObject") -> "JsonObject":
+    def _block_request(self, message: JsonObject) -> JsonObject:
         role = str(message["room"])[:MAX_NAME_LETTERS]
         own_kind = "" if message.get("run") else self.blocks.get(role, "")
         return self.find_subject(message) | {
@@ -174,7 +171,7 @@ class Questions:
             "kind": str(message.get("kind") or own_kind)[:MAX_NAME_LETTERS],
         }
 
-    async def _compare(self, visitor: Visitor, message: "JsonObject") -> "JsonObject":
+    async def _compare(self, visitor: Visitor, message: JsonObject) -> JsonObject:
         paths = self._run_list.paths()
         run_paths = [paths[name] for name in list(message["runs"])[:MAX_COMPARED_RUNS] if name in paths]
         if not run_paths:
@@ -205,7 +202,7 @@ class Questions:
         return Path(self.find_subject({"run": message})["path"])
 
 
-def _with_meanings(rows: "list[JsonObject]", language: str) -> "list[JsonObject]":
+def _with_meanings(rows: list[JsonObject], language: str) -> list[JsonObject]:
     """Return the rows of gains or parameters with their meanings in this language."""
     with use_language(language):
         return [row | {"meaning": translate(row["meaning"])} for row in rows]

@@ -8,17 +8,15 @@ nis        yᵀ S⁻¹ y / m of the m innovations y that arrived                
 import tomllib
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from baqueano.compare.consistency import normalised_squared_error, whiten
+from baqueano.contracts.values import JsonObject
 from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 from baqueano.runs.run import EstimateLog, ReferenceLog, Run, TruthLog
 from baqueano.signals import NANOSECONDS
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 Log: TypeAlias = EstimateLog | ReferenceLog | TruthLog
 MAX_ROUTE_POINTS = 2000  # maximum number of points of a drawn path
@@ -36,10 +34,10 @@ UNITS = {
 class PackedRun:
     """A run as columns and rows, ready to be sent."""
 
-    fields: "list[JsonObject]"  # name, unit and group of each column
+    fields: list[JsonObject]  # name, unit and group of each column
     t_s: np.ndarray  # (N,) since the first tick
     columns: np.ndarray  # (N, F) float32
-    description: "JsonObject"  # name, vehicle, blocks, route, events
+    description: JsonObject  # name, vehicle, blocks, route, events
 
     def frame(self, number: int, first: int, count: int) -> bytes:
         """Return up to `count` rows from row `first` on, as a binary frame (feed.py)."""
@@ -146,7 +144,7 @@ def _sensor_columns(run: Run) -> dict[str, np.ndarray]:
     return columns | {"nis": normalised_squared_error(w) / np.maximum(count, 1)}  # (3)
 
 
-def _field_description(name: str, commands: list[str], unit: str) -> "JsonObject":
+def _field_description(name: str, commands: list[str], unit: str) -> JsonObject:
     """Return {unit, group} of a column; columns of one group share a plot."""
     prefix, _, remainder = name.partition(".")
     if prefix in ("u", "requested"):
@@ -166,7 +164,7 @@ def _reading_unit(channel: str) -> str:
     return {"imu[0]": "m/s²", "imu[1]": "m/s²", "imu[2]": "rad/s"}.get(channel, "")
 
 
-def _tables(vehicle_text: str) -> "JsonObject":
+def _tables(vehicle_text: str) -> JsonObject:
     """Return the tables of a vehicle file, without importing the classes that it names; {} if it is not TOML."""
     try:
         return tomllib.loads(vehicle_text)
@@ -174,12 +172,12 @@ def _tables(vehicle_text: str) -> "JsonObject":
         return {}
 
 
-def _table(data: "JsonObject", name: str) -> "JsonObject":
+def _table(data: JsonObject, name: str) -> JsonObject:
     table = data.get(name)
     return table if isinstance(table, dict) else {}
 
 
-def _command_names(data: "JsonObject", n: int) -> tuple[list[str], str]:
+def _command_names(data: JsonObject, n: int) -> tuple[list[str], str]:
     command = _table(data, "command")
     names, unit = command.get("names"), str(command.get("unit", ""))
     if isinstance(names, list) and len(names) == n:
@@ -187,7 +185,7 @@ def _command_names(data: "JsonObject", n: int) -> tuple[list[str], str]:
     return [f"u[{k}]" for k in range(n)], unit
 
 
-def vehicle_description(data: "JsonObject", n: int, world: str = "recorded") -> "JsonObject":
+def vehicle_description(data: JsonObject, n: int, world: str = "recorded") -> JsonObject:
     """Return the description of a vehicle with `n` commands for the page, from the tables of its file."""
     names, unit = _command_names(data, n)
     limit = _table(data, "command").get("limit")
@@ -202,7 +200,7 @@ def vehicle_description(data: "JsonObject", n: int, world: str = "recorded") -> 
     }  # fmt: skip
 
 
-def _footprint(geometry: "JsonObject") -> "JsonObject":
+def _footprint(geometry: JsonObject) -> JsonObject:
     if "radius_m" in geometry:
         diameter_m = 2.0 * _number(geometry["radius_m"])
         return {"kind": "round", "length_m": diameter_m, "width_m": diameter_m}
@@ -217,7 +215,7 @@ def _number(value: object) -> float:
     return float(value) if isinstance(value, int | float) else 0.0
 
 
-def _blocks(data: "JsonObject", kinds: dict[str, str]) -> "JsonObject":
+def _blocks(data: JsonObject, kinds: dict[str, str]) -> JsonObject:
     """Return role → kind of the blocks, including the model."""
     kind_by_role = {role: _table(data, role).get("kind", kind) for role, kind in kinds.items()}
     return {role: str(kind) for role, kind in kind_by_role.items()} | {
@@ -225,7 +223,7 @@ def _blocks(data: "JsonObject", kinds: dict[str, str]) -> "JsonObject":
     }
 
 
-def route_description(run: Run) -> "JsonObject | None":
+def route_description(run: Run) -> JsonObject | None:
     """Return the path of the reference for the page, or None for a run without a moving reference."""
     target = run.guide_reference
     if target is None:
@@ -238,7 +236,7 @@ def route_description(run: Run) -> "JsonObject | None":
     return {"name": "", "closed": is_closed, "x": xy[:, 0].round(4).tolist(), "y": xy[:, 1].round(4).tolist()}
 
 
-def run_entry(run: Run, modified_s: float) -> "JsonObject":
+def run_entry(run: Run, modified_s: float) -> JsonObject:
     """Return the entry of a run in the list of runs."""
     modification_time = datetime.fromtimestamp(modified_s, UTC).isoformat(timespec="seconds")
     return {

@@ -7,14 +7,11 @@ import hashlib
 import secrets
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
+from baqueano.contracts.values import JsonObject
 from baqueano.errors import BaqueanoError
 from baqueano.web.http import CONTENT_TYPES, REPORT_POLICY, Content
 from baqueano.web.lab.worker_client import WorkerClient
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 MAX_LISTED_RUNS = 200  # maximum number of runs in a list
 
@@ -48,17 +45,17 @@ class RunList:
         files = dict.fromkeys([*self._extra_runs, *candidates[:MAX_LISTED_RUNS]])
         return {self.run_key(path): path for path in files if path.is_file()}
 
-    def entries(self) -> "list[JsonObject]":
+    def entries(self) -> list[JsonObject]:
         """Return the list entry of each run, with None for fields not yet read."""
         return [self.list_entry(path) for path in self.paths().values()]
 
-    def list_entry(self, path: Path) -> "JsonObject":
+    def list_entry(self, path: Path) -> JsonObject:
         """Return the list entry of a run, with None for fields not yet read."""
         unread = {"kind": None, "when": None, "seconds": None, "laps": None, "report": True}
         name = self.run_key(path)
         return {"id": name, "name": path.stem} | unread | self._lines.get(name, {})
 
-    async def read_entries(self) -> "list[JsonObject]":
+    async def read_entries(self) -> list[JsonObject]:
         """Let the worker read all runs, and return their list entries."""
         paths = self.paths()
         reply, _ = await self._report_client.request("runs", paths=[str(path) for path in paths.values()])

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.names import SHAPE_NAMES
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import shape
@@ -22,7 +23,6 @@ from baqueano.tune.search import DIVERGED_COST, coordinates, descend, gains
 from baqueano.tune.search_space import file_values
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.guides.route import Route
     from baqueano.tune.laps import SimulatedLap
     from baqueano.vehicle_file.file import VehicleFile
@@ -42,7 +42,7 @@ class TuningWorker:
             OrderedDict()
         )
 
-    def begin(self, request: "JsonObject") -> "JsonObject":
+    def begin(self, request: JsonObject) -> JsonObject:
         """Return the gains with their ranges and start values, the routes, and the path of the chosen route.
 
         The request is {vehicle | path, routes, route, kind}.
@@ -68,18 +68,18 @@ class TuningWorker:
             "file": None if vehicle_file.path is None else vehicle_file.path.name,
         }  # fmt: skip
 
-    def route(self, request: "JsonObject") -> "JsonObject":
+    def route(self, request: JsonObject) -> JsonObject:
         """Return the path of a route by its name, for the request {vehicle | path, routes, route}."""
         return {"name": request["route"]} | _path_document(_route(request))
 
-    def lap(self, request: "JsonObject") -> "JsonObject":
+    def lap(self, request: JsonObject) -> JsonObject:
         """Return path, cost and other results of a simulated lap with `gains`, and its computing time."""
         _, _, laps = self._laps(request)
         start_s = time.perf_counter()
         lap = laps.lap(_values(request["gains"], laps))
         return lap_json(lap) | {"ms": 1e3 * (time.perf_counter() - start_s)}
 
-    def costs(self, request: "JsonObject") -> "JsonObject":
+    def costs(self, request: JsonObject) -> JsonObject:
         """Return both terms of the cost of laps for the request {gains, a, b, positions: [[x, y], …]}.
 
         Only the gains a and b vary: x and y are their positions in [0, 1] within their ranges (search.py).
@@ -93,7 +93,7 @@ class TuningWorker:
             lap_gains[:, k] = gains(positions[:, axis], search.low[k], search.high[k])
         return {"costs": _finite_or_none(laps.costs(lap_gains))}
 
-    def descent(self, request: "JsonObject") -> "JsonObject":
+    def descent(self, request: JsonObject) -> JsonObject:
         """Return the steps of a descent of the cost from `gains`: gains, positions in [0, 1], and costs.
 
         `price` weights the jerk.
@@ -110,7 +110,7 @@ class TuningWorker:
             "places": [coordinates(gains, search.low, search.high).tolist() for gains in descent_path],
         }  # fmt: skip
 
-    def write(self, request: "JsonObject") -> "JsonObject":
+    def write(self, request: JsonObject) -> JsonObject:
         """Write all gains into the vehicle file, and return its file name.
 
         Raise UsageError for a vehicle of the garage, which does not have a file of the user.
@@ -128,7 +128,7 @@ class TuningWorker:
         self._laps_cache.clear()
         return {"file": vehicle_file.path.name}
 
-    def _laps(self, request: "JsonObject") -> "tuple[VehicleFile, Route, SimulatedLaps]":
+    def _laps(self, request: JsonObject) -> "tuple[VehicleFile, Route, SimulatedLaps]":
         key = (_cache_key(request), request.get("route", ""), request.get("kind") or "")
         if key not in self._laps_cache:
             vehicle_file = requested_vehicle_file(request)
@@ -144,7 +144,7 @@ class TuningWorker:
         return self._laps_cache[key]
 
 
-def requested_vehicle_file(request: "JsonObject") -> "VehicleFile":
+def requested_vehicle_file(request: JsonObject) -> "VehicleFile":
     """Return the vehicle file of a question: the file named `vehicle`, or the file in the run at `path`."""
     from baqueano.drive.replay import recorded_vehicle_file
     from baqueano.runs import read_run
@@ -155,7 +155,7 @@ def requested_vehicle_file(request: "JsonObject") -> "VehicleFile":
     return recorded_vehicle_file(read_run(Path(request["path"])))
 
 
-def route_names(request: "JsonObject") -> list[str]:
+def route_names(request: JsonObject) -> list[str]:
     """Return the names of the possible routes: the run's route, the stored routes, and the shapes."""
     names = sorted(_route_files(request))
     return [
@@ -165,12 +165,12 @@ def route_names(request: "JsonObject") -> list[str]:
     ]
 
 
-def _route_files(request: "JsonObject") -> dict[str, Path]:
+def _route_files(request: JsonObject) -> dict[str, Path]:
     folder = request.get("routes")
     return {} if not folder else {path.stem: path for path in Path(folder).glob("*.csv")}
 
 
-def _route(request: "JsonObject") -> "Route":
+def _route(request: JsonObject) -> "Route":
     name = request["route"]
     if name in SHAPE_NAMES:
         return shape(name, SIZE_M, SPEED_M_S)
@@ -182,7 +182,7 @@ def _route(request: "JsonObject") -> "Route":
     return read_route(route_files[name])
 
 
-def stored_run_route(request: "JsonObject") -> "Route | None":
+def stored_run_route(request: JsonObject) -> "Route | None":
     """Return the references of a run as a route; None if they are missing or do not move."""
     from baqueano.guides.route import Route
     from baqueano.runs import read_run
@@ -198,12 +198,12 @@ def stored_run_route(request: "JsonObject") -> "Route | None":
     return Route(seconds(t_ns, t_ns[0]), ref.eta[is_finite], ref.nu[is_finite], closed=False)
 
 
-def _path_document(route: "Route") -> "JsonObject":
+def _path_document(route: "Route") -> JsonObject:
     x, y = np.round(route.eta[:: 1 + len(route.eta) // MAX_ROUTE_POINTS, :2].T, 4).tolist()
     return {"x": x, "y": y, "closed": bool(route.closed)}
 
 
-def lap_json(lap: "SimulatedLap") -> "JsonObject":
+def lap_json(lap: "SimulatedLap") -> JsonObject:
     """Return a lap as data for the page: its path, its costs, and its other results."""
     stride = 1 + len(lap.x) // MAX_POINTS
     values = [lap.path_cost, lap.jerk_cost, lap.distance_rms_m, lap.distance_max_m, lap.saturated_fraction]
@@ -238,7 +238,7 @@ def _finite_or_none(costs: np.ndarray) -> "list[list[float | None]]":
     return [[float(x) if np.isfinite(x) and x < DIVERGED_COST else None for x in row] for row in costs]
 
 
-def _cache_key(request: "JsonObject") -> tuple[object, ...]:
+def _cache_key(request: JsonObject) -> tuple[object, ...]:
     """Return a key that changes if the file of the vehicle, the run or the route changes."""
     paths = [Path(str(request[name])) for name in ("vehicle", "path") if name in request]
     paths += [path for name, path in _route_files(request).items() if name == request.get("route")]

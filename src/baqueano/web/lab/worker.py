@@ -16,13 +16,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault, note
 from baqueano.errors import AnswerNo, BaqueanoError, FileError, UsageError, error_text
 from baqueano.messages.notation import COMMAND_LINE, use_notation
 from baqueano.web.lab.drives import DriveIdentifications
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
     from baqueano.door.simulated.missions import StoredRoutes
     from baqueano.runs import Run
     from baqueano.web.lab.recorded import PackedRun
@@ -42,7 +42,7 @@ class Worker:
         self._drives = DriveIdentifications()
         self._tuning_worker: TuningWorker | None = None
 
-    def answer(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
+    def answer(self, request: JsonObject) -> tuple[JsonObject, bytes]:
         """Return the answer to a request, and the bytes that follow it."""
         handlers: dict[str, Callable[[JsonObject], tuple[JsonObject, bytes]]] = {
             "find": self._find, "open": self._open_run, "frame": self._frame, "runs": self._runs,
@@ -54,7 +54,7 @@ class Worker:
         }  # fmt: skip
         return handlers[request["type"]](request)
 
-    def _tune(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
+    def _tune(self, request: JsonObject) -> tuple[JsonObject, bytes]:
         from baqueano.web.lab.tuning import TuningWorker
 
         self._tuning_worker = self._tuning_worker or TuningWorker()
@@ -65,7 +65,7 @@ class Worker:
         }  # fmt: skip
         return handlers[request["type"]](request), b""
 
-    def _find(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
+    def _find(self, request: JsonObject) -> tuple[JsonObject, bytes]:
         """Return the paths of the runs with these names, after reading each run."""
         from baqueano.runs.folder import find
 
@@ -74,11 +74,11 @@ class Worker:
             self._packed_run(path)
         return {"paths": [str(path.resolve()) for path in paths]}, b""
 
-    def _open_run(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
+    def _open_run(self, request: JsonObject) -> tuple[JsonObject, bytes]:
         run = self._packed_run(Path(request["path"]), request.get("filter") or "")
         return run.description | {"fields": run.fields}, b""
 
-    def _frame(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
+    def _frame(self, request: JsonObject) -> tuple[JsonObject, bytes]:
         run = self._packed_run(Path(request["path"]), request.get("filter") or "")
         return {}, run.frame(request["number"], request["first"], request["count"])
 
@@ -99,7 +99,7 @@ class Worker:
             self._open.popitem(last=False)
         return self._open[key]
 
-    def _runs(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
+    def _runs(self, request: JsonObject) -> tuple[JsonObject, bytes]:
         """Return the list entry of each of these files; a file that cannot be read has the verdict UNREADABLE."""
         from baqueano.runs import read_run
         from baqueano.web.lab.recorded import run_entry
@@ -118,7 +118,7 @@ class Worker:
                 )
         return {"runs": lines}, b""
 
-    def _report(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
+    def _report(self, request: JsonObject) -> tuple[JsonObject, bytes]:
         from baqueano.report import report
         from baqueano.runs import read_run
 
@@ -146,7 +146,7 @@ def _replay_with_estimator(run: "Run", estimator: str) -> "Run":
     )
 
 
-def _block(request: "JsonObject") -> tuple["JsonObject", bytes]:
+def _block(request: JsonObject) -> tuple[JsonObject, bytes]:
     from baqueano.web.lab.described_blocks import block_description, check_block
     from baqueano.web.lab.tuning import requested_vehicle_file
 
@@ -154,7 +154,7 @@ def _block(request: "JsonObject") -> tuple["JsonObject", bytes]:
     return answer(request, requested_vehicle_file(request)), b""
 
 
-def _compare(request: "JsonObject") -> tuple["JsonObject", bytes]:
+def _compare(request: JsonObject) -> tuple[JsonObject, bytes]:
     """Return the comparison of these runs, with sentences in the requested language."""
     from baqueano.compare import compare
     from baqueano.compare.table import table_sections
@@ -171,7 +171,7 @@ def _compare(request: "JsonObject") -> tuple["JsonObject", bytes]:
         }, b""  # fmt: skip
 
 
-def _vehicle(request: "JsonObject") -> tuple["JsonObject", bytes]:
+def _vehicle(request: JsonObject) -> tuple[JsonObject, bytes]:
     """Return the description of a real vehicle, from its local file before its first drive, and the local routes."""
     from baqueano.door.frames.descriptions import vehicle_description
     from baqueano.vehicle_file import load
@@ -182,13 +182,13 @@ def _vehicle(request: "JsonObject") -> tuple["JsonObject", bytes]:
     }, b""
 
 
-def _routes(request: "JsonObject") -> "StoredRoutes":
+def _routes(request: JsonObject) -> "StoredRoutes":
     from baqueano.door.simulated.missions import StoredRoutes
 
     return StoredRoutes(Path(request["routes"]))
 
 
-def _mission(request: "JsonObject") -> tuple["JsonObject", bytes]:
+def _mission(request: JsonObject) -> tuple[JsonObject, bytes]:
     """Return a whole mission in JSON, with the texts of the vehicle file and of the blocks that it names."""
     from baqueano.drive.mission import Mission, pack
     from baqueano.simulate.excitation import excitation
@@ -209,7 +209,7 @@ def _mission(request: "JsonObject") -> tuple["JsonObject", bytes]:
     return {"mission": pack(mission, vehicle_file).to_json()}, b""
 
 
-def _fetch(request: "JsonObject") -> tuple["JsonObject", bytes]:
+def _fetch(request: JsonObject) -> tuple[JsonObject, bytes]:
     """Copy a run of a robot into the folder of runs, and store the route that it taught; return all routes.
 
     If the run is copied but its route cannot be made, `no_route` is the reason as JSON, otherwise None.
@@ -237,7 +237,7 @@ def _fetch(request: "JsonObject") -> tuple["JsonObject", bytes]:
     return {"routes": routes.rows(), "run": path.stem, "no_route": no_route}, b""
 
 
-def _close_lap(request: "JsonObject") -> tuple["JsonObject", bytes]:
+def _close_lap(request: JsonObject) -> tuple[JsonObject, bytes]:
     """Write the gyro scale of the lap `run`, which returned to its start, into the vehicle file; return a message.
 
     The route with the name `route`, which this lap taught, is stored again with the new scale. Raise AnswerNo for a

@@ -4,14 +4,11 @@ import asyncio
 import json
 import sys
 from contextlib import nullcontext, suppress
-from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import exit_code_error
-
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
 
 MAX_ANSWER_BYTES = 64 << 20  # bytes of an answer
 MAX_LINE_BYTES = 16 << 20
@@ -31,7 +28,7 @@ class WorkerClient:
 
     async def request(
         self, request: str, browser: object = None, **words: object
-    ) -> tuple["JsonObject", bytes]:
+    ) -> tuple[JsonObject, bytes]:
         """Return the answer to a request, and the bytes that follow it. Raise the error that the worker reports.
 
         If the caller is cancelled, a waiting request is not sent. The answer to a request that was sent is read;
@@ -47,7 +44,7 @@ class WorkerClient:
             raise exit_code_error(reply["code"], Diagnostic.from_json(reply["refusal"]))
         return reply, payload
 
-    async def _exchange(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
+    async def _exchange(self, request: JsonObject) -> tuple[JsonObject, bytes]:
         try:
             program = await self._running_process()
             assert program.stdin is not None
