@@ -228,7 +228,7 @@ def entries(expected: list[tuple[str, object]], doc: NumpyDocString) -> list[str
 def errors_raised(function: ast.AST) -> set[str]:
     """Return the names of the errors in the `raise` statements of the function itself."""
     return {
-        ast.unparse(node.exc.func).rpartition(".")[2]
+        ast.unparse(node.exc.func).removesuffix(".of").rpartition(".")[2]
         for node in ast.walk(function)
         if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call)
     }

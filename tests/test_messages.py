@@ -152,7 +152,7 @@ def test_each_error_is_raised_with_a_code():
         if path.relative_to(SOURCE).as_posix() not in OF_PYTHON
         for line in literal_raises(ast.parse(path.read_text(encoding="utf-8")))
     ]
-    assert not offenders, f"raise it with fault(code, …), and write a template: {offenders}"
+    assert not offenders, f"raise it with Error.of(code, …), and write a template: {offenders}"
 
 
 LITERAL = 'raise UsageError("no such run")', 'raise OSError(5, f"{x} is shut")', 'raise AnswerNo(_("no"))'
@@ -242,17 +242,18 @@ def said_in_the_code():
     """Return code and figure names of each diagnostic that the source makes with literal names."""
     for path in SOURCE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args):
+            if not (isinstance(node, ast.Call) and node.args):
                 continue
-            first = node.args[0]
-            if node.func.id in ("stop", "because") and isinstance(first, ast.Attribute):
+            first, maker = node.args[0], ast.unparse(node.func)
+            is_fault = maker == "fault" or maker.endswith(".of")  # FileError.of(code, …)
+            if maker in ("stop", "because") and isinstance(first, ast.Attribute):
                 code = str(getattr(StopReason, first.attr, ""))
-            elif node.func.id in ("note", "fault") and isinstance(first, ast.Constant):
+            elif (is_fault or maker == "note") and isinstance(first, ast.Constant):
                 code = str(first.value)
             else:
                 continue
             figures = {key.arg for key in node.keywords}
-            figures |= {"fix"} if node.func.id == "fault" and len(node.args) > 1 else set()
+            figures |= {"fix"} if is_fault and len(node.args) > 1 else set()
             if code and None not in figures:
                 yield path.relative_to(SOURCE), code, figures
 

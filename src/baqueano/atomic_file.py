@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import BinaryIO
 from uuid import uuid4
 
-from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 
 
@@ -68,4 +67,4 @@ def give_new_name(temporary_path: Path, path: Path) -> None:
 
 def _refuse_existing(path: Path) -> None:
     if os.path.lexists(path):
-        raise FileError(fault("runs.file-there", f"mv {path} ELSEWHERE", path=path))
+        raise FileError.of("runs.file-there", f"mv {path} ELSEWHERE", path=path)

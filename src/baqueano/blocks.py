@@ -18,8 +18,8 @@ from types import ModuleType
 
 from baqueano.block_checks.source import place as place_of
 from baqueano.contracts.blocks import STEP_INPUTS
-from baqueano.contracts.time_limit import HANG_S, PREPARE_S, within
-from baqueano.diagnostics import Diagnostic, fault, nearest, note
+from baqueano.contracts.time_limit import PREPARE_S, within
+from baqueano.diagnostics import Diagnostic, nearest, note
 from baqueano.errors import (
     USER_MODULE_PREFIX,
     FileError,
@@ -105,7 +105,7 @@ def kinds(role: str) -> tuple[str, ...]:
     ('repeat', 'repeat_by_progress', 'sinuous_circle')
     """
     if role not in BLOCK_TARGETS:
-        raise UsageError(fault("block.role-unknown", value=role, suggestion=nearest(role, BLOCK_TARGETS)))
+        raise UsageError.of("block.role-unknown", value=role, suggestion=nearest(role, BLOCK_TARGETS))
     return tuple(BLOCK_TARGETS[role])
 
 
@@ -146,13 +146,13 @@ def resolve(role: str, kind: str, folder: Path | str | None = None) -> type:
         path = _find(file_name, folder)
         return _module_class(_module(path), path.name, name)
     if kind.endswith(".py") and _find_file(kind, folder) is not None:
-        raise FileError(fault("block.without-class", value=kind, classes=describe_classes(kind, folder)))
+        raise FileError.of("block.without-class", value=kind, classes=describe_classes(kind, folder))
     if colon and _find_file(f"{file_name}.py", folder) is not None:
         names = (f"{file_name}.py:{name}", *names)
     figures = {"role": role, "value": kind, "suggestion": nearest(kind, names)}
     for other_role in (other for other in BLOCK_TARGETS if kind in kinds(other)):
-        raise FileError(fault("block.in-other-role", actual_role=other_role, **figures))
-    raise FileError(fault("block.unknown", **figures))
+        raise FileError.of("block.in-other-role", actual_role=other_role, **figures)
+    raise FileError.of("block.unknown", **figures)
 
 
 def _target_class(target: str) -> type:
@@ -190,12 +190,12 @@ def resolve_named(role: str, kind: str, folder: Path | str | None = None) -> typ
     if path is None:
         is_outside = folder is None and file_name.endswith(".py") and _is_outside_folder(Path(file_name))
         if is_outside:
-            raise FileError(fault("block.in-run-elsewhere", kind=kind))
+            raise FileError.of("block.in-run-elsewhere", kind=kind)
         return resolve(role, kind, folder)
     working_folder = Path.cwd().resolve()
     if folder is None:
         if _is_outside_folder(Path(file_name)) or not path.is_relative_to(working_folder):
-            raise FileError(fault("block.in-run-elsewhere", kind=kind))
+            raise FileError.of("block.in-run-elsewhere", kind=kind)
         is_allowed, code = _is_in_working_file(kind), "block.in-run"
     else:
         file_folder = Path(folder).resolve()
@@ -204,7 +204,7 @@ def resolve_named(role: str, kind: str, folder: Path | str | None = None) -> typ
         )
         code = "block.outside-folder"
     if not (is_allowed or path in _trusted_files or os.environ.get(ALLOW) == "1"):
-        raise FileError(fault(code, kind=kind, path=path))
+        raise FileError.of(code, kind=kind, path=path)
     return resolve(role, kind, folder)
 
 
@@ -227,7 +227,7 @@ def infer_role(block_class: type) -> str:
     step = getattr(block_class, "step", None)
     figures = {"place": place_of(block_class), "block": block_class.__name__}
     if not callable(step):
-        raise FileError(fault("block.no-step", **figures))
+        raise FileError.of("block.no-step", place=place_of(block_class), block=block_class.__name__)
     if hasattr(block_class, "advance"):
         return "vehicle"
     if hasattr(block_class, "h"):
@@ -238,7 +238,7 @@ def infer_role(block_class: type) -> str:
     for role, inputs in STEP_INPUTS.items():
         if tuple(names[2:]) == inputs:
             return role
-    raise FileError(fault("block.no-role", names=names[2:], **figures))
+    raise FileError.of("block.no-role", place=place_of(block_class), block=block_class.__name__, names=names)
 
 
 def check_role(role: str, block: object) -> None:
@@ -248,11 +248,11 @@ def check_role(role: str, block: object) -> None:
     block_class = block if isinstance(block, type) else type(block)
     missing_methods = [name for name in ("init", "step") if not callable(getattr(block_class, name, None))]
     if len(missing_methods) == 1:
-        raise UsageError(
-            fault("block.lacks-method", role=role, block=block_class.__name__, method=missing_methods[0])
+        raise UsageError.of(
+            "block.lacks-method", role=role, block=block_class.__name__, method=missing_methods[0]
         )
     if missing_methods:
-        raise UsageError(fault("block.not-a-block", role=role, value=block_class.__name__))
+        raise UsageError.of("block.not-a-block", role=role, value=block_class.__name__)
     check_step(role, block_class, lambda fitting_role: f"{fitting_role}={block_class.__name__}")
 
 
@@ -280,8 +280,8 @@ def check_step(role: str, block_class: type, remedy: Callable[[str], str]) -> No
     }  # fmt: skip
     if is_of_other_role:
         fix = remedy(fitting_role)
-        raise UsageError(fault("block.of-other-role", fix, actual_role=fitting_role, **figures))
-    raise UsageError(fault("block.step-arguments", **figures))
+        raise UsageError.of("block.of-other-role", fix, actual_role=fitting_role, **figures)
+    raise UsageError.of("block.step-arguments", **figures)
 
 
 def _find(file: str, folder: Path | str | None) -> Path:
@@ -289,8 +289,8 @@ def _find(file: str, folder: Path | str | None) -> Path:
     if user_path is not None:
         return user_path
     candidates = _candidate_paths(path, folder)
-    hint = nearest(path.name, sorted(p.name for p in candidates[0].parent.glob("*.py")))
-    raise FileError(fault("block.file-absent", absent_path=candidates[0], value=path.name, suggestion=hint))
+    suggestion = nearest(path.name, sorted(p.name for p in candidates[0].parent.glob("*.py")))
+    raise FileError.of("block.file-absent", absent_path=candidates[0], value=path.name, suggestion=suggestion)
 
 
 def _find_file(file: str, folder: Path | str | None) -> Path | None:
@@ -342,12 +342,12 @@ def block_kind(block_class: type) -> str:
 def _module_class(module: ModuleType, file: str, name: str) -> type:
     member = getattr(module, name, None)
     if member is None and file == PROGRAM:
-        raise FileError(fault("block.cell-class-unknown", value=name))
+        raise FileError.of("block.cell-class-unknown", value=name)
     if member is None:
         suggestion = nearest(name, _block_names(module))
-        raise FileError(fault("block.class-unknown", file=file, value=name, suggestion=suggestion))
+        raise FileError.of("block.class-unknown", file=file, value=name, suggestion=suggestion)
     if not inspect.isclass(member):
-        raise FileError(fault("block.not-class", file=file, value=name, kind=type(member).__name__))
+        raise FileError.of("block.not-class", file=file, value=name, kind=type(member).__name__)
     return member
 
 
@@ -361,7 +361,7 @@ def _check_encoding(name: str, content: bytes) -> None:
         content.decode("utf-8")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
-        raise FileError(fault("toml.not-utf-8", file=name, line=line, byte=content[error.start])) from None
+        raise FileError.of("toml.not-utf-8", file=name, line=line, byte=content[error.start]) from None
 
 
 def _module(path: Path) -> ModuleType:
@@ -375,7 +375,7 @@ def _module(path: Path) -> ModuleType:
     name = f"{USER_MODULE_PREFIX}{path.stem}_{hashlib.sha256(repr(key).encode()).hexdigest()[:12]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        raise FileError(fault("block.not-module", path=path))
+        raise FileError.of("block.not-module", path=path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     sys.path.append(str(path.parent))  # so that the file can import the modules beside it
@@ -384,7 +384,7 @@ def _module(path: Path) -> ModuleType:
     except SyntaxError as error:
         del sys.modules[name]
         where = {"file": path.name, "line": error.lineno or 1, "text": (error.text or "").strip()}
-        raise FileError(fault("block.not-python", **where, error=error.msg)) from error
+        raise FileError.of("block.not-python", **where, error=error.msg) from error
     except BaseException as error:
         del sys.modules[name]
         if is_interruption(error):
@@ -392,7 +392,7 @@ def _module(path: Path) -> ModuleType:
         is_late = isinstance(error, TimeoutError)
         suffix = "-too-long" if is_late else "" if isinstance(error, Exception) else "-and-ends"
         where = {"place": user_code_place(error) or path.name, "error": error_text(error)}
-        raise FileError(fault(f"block.raised-while-read{suffix}", **where)) from error
+        raise FileError.of(f"block.raised-while-read{suffix}", **where) from error
     finally:
         sys.path.remove(str(path.parent))
     _modules[key] = module

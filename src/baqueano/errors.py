@@ -9,9 +9,9 @@ import sys
 import traceback
 from opcode import opmap
 from pathlib import Path
-from typing import cast
+from typing import Self, cast
 
-from baqueano.diagnostics import Diagnostic, Severity
+from baqueano.diagnostics import Diagnostic, Severity, fault
 from baqueano.messages import text
 from baqueano.messages.language import translate as _
 
@@ -31,6 +31,11 @@ class DiagnosticError(Exception):
         super().__init__(text(message))
         self.message = message
         self._diagnostic = diagnostic or (message if isinstance(message, Diagnostic) else None)
+
+    @classmethod
+    def of(cls, code: str, fix: str = "", subject: str = "", **figures: object) -> Self:
+        """Return the error with the diagnostic `fault(code, fix, subject, **figures)`."""
+        return cls(fault(code, fix, subject, **figures))
 
     def _render_traceback_(self) -> list[str]:
         """Return the lines that a notebook shows: the lines of the user's code, and the message."""

@@ -25,7 +25,6 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.messages import list_item
 
@@ -162,7 +161,7 @@ def parameter(
     0.03
     """
     if role not in ROLES:
-        raise Invalid(fault("field.role", value=repr(role), valid=ROLES))
+        raise Invalid.of("field.role", value=repr(role), valid=ROLES)
     if role in TERM_ROLES:
         physics = {"neutral": 0.0} | physics
     metadata = {"parameter": Parameter(unit, low, high, meaning, shape, role, **physics)}

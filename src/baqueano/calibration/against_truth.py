@@ -24,7 +24,6 @@ from baqueano.calibration.result import (
     sensor_axis_warnings,
 )
 from baqueano.contracts.optional import has_field
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
@@ -74,7 +73,7 @@ def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
     gyro = find_channel(run, vehicle_file, "gyro_scale", -1)
     odometer = find_channel(run, vehicle_file, "scale", 0)
     if gyro is None and odometer is None:
-        raise UsageError(fault("truth.no-sensor", "--vehicle FILE", run=run.name, vehicle=vehicle_file.name))
+        raise UsageError.of("truth.no-sensor", "--vehicle FILE", run=run.name, vehicle=vehicle_file.name)
     frames = _frames(run)
     calibrated_sensors, residuals, offset = [], {}, None
     if gyro is not None:
@@ -118,11 +117,9 @@ def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
     eta = None if run.truth is None else run.truth.eta
     if eta is not None and np.isfinite(eta[:, :2]).any() and np.isnan(eta[:, 2]).all():
         use = "--use", "imu", "--use", "truth", "--clock", "truth", "--free", "+sensors.truth.lever_arm_m"
-        raise UsageError(
-            fault("truth.no-heading", baqueano_command("identify", run.name, *use), run=run.name)
-        )
+        raise UsageError.of("truth.no-heading", baqueano_command("identify", run.name, *use), run=run.name)
     if run.truth is None or not np.isfinite(run.truth.eta).all(axis=1).any():
-        raise UsageError(fault("truth.none", "baqueano runs import MAP.toml FILE", run=run.name))
+        raise UsageError.of("truth.none", "baqueano runs import MAP.toml FILE", run=run.name)
     is_finite = np.asarray(np.isfinite(run.truth.eta).all(axis=1))
     is_finite[1:] &= np.diff(run.truth.t_ns) > 0
     eta = run.truth.eta[is_finite].copy()
@@ -136,10 +133,9 @@ def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TimeSeri
     begin, end = max(t_s[0], signal.t_s[0] + MAX_OFFSET_S), min(t_s[-1], signal.t_s[-1] - MAX_OFFSET_S)
     if not end - begin >= BATCHES * WINDOW_S:
         overlap_s, needed_s = max(0.0, end - begin), BATCHES * WINDOW_S
-        short_span = fault(
+        raise UsageError.of(
             "truth.short-overlap", run=run.name, overlap_s=overlap_s, min_s=needed_s, windows=BATCHES
         )
-        raise UsageError(short_span)
     a = np.unique(np.searchsorted(t_s, np.arange(begin, end - WINDOW_S, STEP_S)))
     b = np.minimum(np.searchsorted(t_s, t_s[a] + WINDOW_S), len(t_s) - 1)
     silent_spans = _gaps(t_s, 0.0) + _gaps(signal.t_s, MAX_OFFSET_S)
@@ -150,9 +146,7 @@ def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TimeSeri
     batch_s = min(BATCH_S, (end - begin) / BATCHES)
     batch = np.unique(((t_s[a] - begin) / batch_s).astype(int), return_inverse=True)[1]
     if len(a) == 0 or batch.max() + 1 < BATCHES:
-        raise UsageError(
-            fault("truth.silent", run=run.name, windows=len(a), window_s=WINDOW_S, batches=BATCHES)
-        )
+        raise UsageError.of("truth.silent", run=run.name, windows=len(a), window_s=WINDOW_S, batches=BATCHES)
     return Windows(t_s, eta, a, b, batch)
 
 

@@ -24,7 +24,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
-from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.errors import UsageError
 from baqueano.messages import texts
 from baqueano.messages.language import number
@@ -97,12 +97,12 @@ def allan_deviation(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) 
     """
     y = np.asarray(y, dtype=float)
     if y.ndim != 1 or len(y) < MIN_ALLAN_SAMPLES or not np.all(np.isfinite(y)):
-        raise UsageError(fault("allan.numbers", minimum=MIN_ALLAN_SAMPLES, value=y.size))
+        raise UsageError.of("allan.numbers", minimum=MIN_ALLAN_SAMPLES, value=y.size)
     if not rate_hz > 0.0:
-        raise UsageError(fault("allan.rate", rate_hz=rate_hz))
+        raise UsageError.of("allan.rate", rate_hz=rate_hz)
     n = averaging_counts(len(y)) if n is None else np.atleast_1d(n).astype(int)
     if np.any(n < 1) or np.any(2 * n > len(y)):
-        raise UsageError(fault("allan.averages", samples=len(y), maximum=len(y) // 2, value=n.tolist()))
+        raise UsageError.of("allan.averages", samples=len(y), maximum=len(y) // 2, value=n.tolist())
     x = np.concatenate([[0.0], np.cumsum(y - y.mean())]) / rate_hz
     variance = np.empty(len(n))
     for k, count in enumerate(n.tolist()):
@@ -234,7 +234,7 @@ class RestMeasurement(Result):
             if has_field(block, "gyro_noise_std") and set(channels) == {0, 1, 2}:
                 values |= _imu_values(f"sensors.{name}", channels)
         if not values:
-            raise UsageError(fault("at-rest.no-imu", run=self.run, vehicle=vehicle_file.name))
+            raise UsageError.of("at-rest.no-imu", run=self.run, vehicle=vehicle_file.name)
         origin = Provenance(self.run, today(), None, self.verdict)
         return vehicle_file.with_values(values, dict.fromkeys(values, origin))
 
@@ -268,7 +268,7 @@ def measure_at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf"))
                 label = f"{name}[{entry}]"
                 findings.append(note("at-rest.dead", Severity.WARNING, subject=label, value=z[0, entry]))
     if not channels:
-        raise UsageError(fault("at-rest.few-samples", run=run.name, minimum=MIN_SAMPLES))
+        raise UsageError.of("at-rest.few-samples", run=run.name, minimum=MIN_SAMPLES)
     return RestMeasurement(run.name, float(seconds(last_ns, first_ns)), tuple(channels), tuple(findings))
 
 
@@ -276,12 +276,12 @@ def _rest_span(run: "Run") -> tuple[int, int]:
     """Return begin and end [ns] of the longest time without a command, from REST_S after the last command. Raise
     UsageError without a tick or a rest."""
     if not len(run.t_ns):
-        raise UsageError(fault("at-rest.no-tick", run=run.name))
+        raise UsageError.of("at-rest.no-tick", run=run.name)
     driven_ticks = np.any(run.applied_commands != 0.0, axis=1)  # NaN counts as driven
     edges = np.flatnonzero(np.diff(np.concatenate([[True], driven_ticks, [True]]).astype(int)))
     begins, ends = edges[::2], edges[1::2] - 1
     if not len(begins):
-        raise UsageError(fault("at-rest.driven", run=run.name))
+        raise UsageError.of("at-rest.driven", run=run.name)
     wait_ns = np.where(begins > 0, round(REST_S * 1e9), 0)
     spans_ns = run.t_ns[ends] - run.t_ns[begins] - wait_ns
     k = int(np.argmax(spans_ns))

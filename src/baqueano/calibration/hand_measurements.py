@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.calibration.hand_turns import ANGLE_STD_RAD
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, Motion
@@ -74,14 +73,12 @@ def read_line(line: str, runs: Sequence[Run]) -> tuple[int, list[HandMeasurement
     cannot be parsed, an unknown run, or a time outside the run."""
     match = LINE_PATTERN.match(line.replace(",", ", "))
     if match is None:
-        raise UsageError(fault("tape.unreadable", EXAMPLE, line=line))
+        raise UsageError.of("tape.unreadable", EXAMPLE, line=line)
     run_index = _run_index(match["run"], line, runs)
     run = runs[run_index]
     t_s = run.duration_s if match["t"] == "end" else float(match["t"].rstrip("s "))
     if not 0.0 < t_s <= run.duration_s:
-        raise UsageError(
-            fault("tape.after-the-end", line=line, run=run.name, duration_s=run.duration_s, t_s=t_s)
-        )
+        raise UsageError.of("tape.after-the-end", line=line, run=run.name, duration_s=run.duration_s, t_s=t_s)
     t_ns = int(run.t_ns[0]) + round(t_s * NANOSECONDS)
     return run_index, [_measurement(part, line, t_ns) for part in match["what"].split(",")]
 
@@ -92,8 +89,8 @@ def _run_index(name: str | None, line: str, runs: Sequence[Run]) -> int:
         return 0
     if name not in names:
         if name is None:
-            raise UsageError(fault("tape.run-missing", line=line, valid=names))
-        raise UsageError(fault("tape.of-another-run", line=line, value=name, valid=names))
+            raise UsageError.of("tape.run-missing", line=line, valid=names)
+        raise UsageError.of("tape.of-another-run", line=line, value=name, valid=names)
     return names.index(name)
 
 
@@ -101,13 +98,13 @@ def _measurement(text: str, line: str, t_ns: int) -> HandMeasurement:
     number = NUMBER_PATTERN.match(text)
     unit = number["unit"] if number else ""
     if number is None or unit not in {**LENGTHS, **ANGLES}:
-        raise UsageError(
-            fault("tape.no-length", EXAMPLE, line=line, part=text.strip(), units=(*LENGTHS, *ANGLES))
+        raise UsageError.of(
+            "tape.no-length", EXAMPLE, line=line, part=text.strip(), units=(*LENGTHS, *ANGLES)
         )
     factor = {**LENGTHS, **ANGLES}[unit]
     x, std = float(number["x"]) * factor, float(number["std"] or 0.0) * factor
     if x < 0.0 and unit in LENGTHS:
-        raise UsageError(fault("tape.negative", line=line, length_m=x))
+        raise UsageError.of("tape.negative", line=line, length_m=x)
     kind, z = ("tape", [x]) if x > 0.0 else ("back_on_mark", [0.0, 0.0])
     if unit in ANGLES:
         kind, z = "turned", [np.cos(x), np.sin(x)]

@@ -63,12 +63,12 @@ def calibrate_by_hand_turns(run: Run, vehicle_file: "VehicleFile", turns: float 
     UsageError if the run lacks a gyro, two rests or whole turns, or if the gyro has a gap or was saturated."""
     channel = find_channel(run, vehicle_file, "gyro_scale", -1)
     if channel is None:
-        raise UsageError(fault("turns.no-gyro", "--vehicle FILE", run=run.name, vehicle=vehicle_file.name))
+        raise UsageError.of("turns.no-gyro", "--vehicle FILE", run=run.name, vehicle=vehicle_file.name)
     name, gyro = channel
     block = getattr(vehicle_file.sensors, name)
     rests = _rests(gyro)
     if len(rests) < 2:
-        raise UsageError(fault("turns.few-rests", run=run.name, rests=len(rests), rest_s=MIN_REST_S))
+        raise UsageError.of("turns.few-rests", run=run.name, rests=len(rests), rest_s=MIN_REST_S)
     _check_complete_record(run.name, gyro, sensor_range(block))
     angle, variance = _angles(gyro, rests)
     whole_turns, used_rests = _whole_turns(run.name, rests, angle / float(block.gyro_scale), turns)
@@ -101,10 +101,10 @@ def _check_complete_record(name: str, gyro: TimeSeries, limit: np.ndarray | None
     if steps_s.max() > GAP_S:
         gap_time_s = float(gyro.t_s[np.argmax(steps_s)])
         fix = baqueano_command("runs", "cut", name, "--to", f"{gap_time_s:.1f}")
-        raise UsageError(fault("turns.silent", fix, run=name, gap_s=steps_s.max(), t_s=gap_time_s))
+        raise UsageError.of("turns.silent", fix, run=name, gap_s=steps_s.max(), t_s=gap_time_s)
     if limit is not None and np.any(np.abs(gyro.x) >= limit[-1]):
         gap_time_s = gyro.t_s[np.argmax(np.abs(gyro.x))]
-        raise UsageError(fault("turns.end-of-range", run=name, limit_rad_s=limit[-1], t_s=gap_time_s))
+        raise UsageError.of("turns.end-of-range", run=name, limit_rad_s=limit[-1], t_s=gap_time_s)
 
 
 def is_turned_by_hand(run: Run) -> bool:
@@ -164,7 +164,7 @@ def _whole_turns(
         start_s, end_s = (rests[i].middle_s for i in (used_rests[-1], k))
         details: JsonObject = {"run": name, "start_s": start_s, "end_s": end_s}
         if turns is None and abs(turn_count) > 0.5 and tolerance > 0.5:
-            raise UsageError(fault("turns.ambiguous", f"--turns {abs(n):.0f}", turns=turn_count, **details))
+            raise UsageError.of("turns.ambiguous", f"--turns {abs(n):.0f}", turns=turn_count, **details)
         if abs(turn_count - n) < tolerance:
             marked_turns.append(marked_turns[-1] + n)
             used_rests.append(k)

@@ -12,7 +12,7 @@ import numpy as np
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
-from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.errors import UsageError
 from baqueano.messages import verdict_line
 from baqueano.messages.language import mark as N_
@@ -142,7 +142,7 @@ class Calibration(Result):
             entry for entry in self.numbers if entry.name in names and np.isfinite(entry.half_width)
         ]
         if not usable_numbers:
-            raise UsageError(fault("truth.no-mark", run=self.run))
+            raise UsageError.of("truth.no-mark", run=self.run)
         values = {
             names[entry.name]: entry.value - origin * (entry.name == "mark.x_m") for entry in usable_numbers
         }

@@ -12,7 +12,6 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import JsonObject, Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.parameter import all_parameters, parameters
 from baqueano.sensors.imu import SCALE_TOLERANCE
@@ -128,9 +127,9 @@ def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) 
     for path, relative_tolerance in tolerance.items():
         if path not in scale_paths:
             name = vehicle_file.name
-            raise UsageError(fault("tolerance.no-scale", path=path, vehicle=name, valid=scale_paths))
+            raise UsageError.of("tolerance.no-scale", path=path, vehicle=name, valid=scale_paths)
         if not 0.0 <= relative_tolerance < 1.0:
-            raise UsageError(fault("tolerance.no-part", path=path, part=relative_tolerance))
+            raise UsageError.of("tolerance.no-part", path=path, part=relative_tolerance)
         value = np.asarray(value_at_path(vehicle_file, path), float)
         std = np.abs(value) * tolerance_std(relative_tolerance)
         values[path] = value.tolist()

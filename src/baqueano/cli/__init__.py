@@ -53,9 +53,7 @@ def baqueano(ctx: click.Context, debug: bool, allow_blocks: bool) -> None:
             from baqueano.errors import UsageError
 
             unset = f"unset {variable}"
-            raise UsageError(
-                fault("cli.unknown-setting", unset, variable=variable, value=setting, valid=choices)
-            )
+            raise UsageError.of("cli.unknown-setting", unset, variable=variable, value=setting, valid=choices)
 
 
 def main(args: list[str] | None = None) -> None:

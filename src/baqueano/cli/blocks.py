@@ -9,7 +9,7 @@ from baqueano.cli import options
 from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_message
 from baqueano.contracts.values import TableRow
-from baqueano.diagnostics import Diagnostic, Verdict, fault, note
+from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
@@ -86,7 +86,7 @@ def check(
     report = check(block, options.load_vehicle(vehicle or "small", settings), role)
     print_answer(report, as_json)
     if report.verdict == Verdict.REFUSED:
-        raise AnswerNo(fault("cli.block-breaks", block=block, count=len(report.findings)))
+        raise AnswerNo.of("cli.block-breaks", block=block, count=len(report.findings))
     if not report.findings:
         print_message(note("cli.block-correct", block=block))
 

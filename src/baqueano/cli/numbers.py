@@ -5,7 +5,6 @@ from typing import Any
 
 import click
 
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 
@@ -30,7 +29,7 @@ class Number(click.ParamType):
             x = math.nan
         is_above_low = x > self.low if self.excludes_low else x >= self.low
         if not (is_above_low and x <= self.high and math.isfinite(x)):
-            raise UsageError(fault(self.code, option=_name(param), value=value, expected=self.range))
+            raise UsageError.of(self.code, option=_name(param), value=value, expected=self.range)
         return x
 
 
@@ -49,7 +48,7 @@ def parse_bounds(argument: str) -> tuple[str, tuple[float, float]]:
     try:
         low, high = (float(x) for x in limits.split(","))
     except ValueError as error:
-        raise UsageError(fault("cli.bound", f"--bound {key}=0,10", value=argument)) from error
+        raise UsageError.of("cli.bound", f"--bound {key}=0,10", value=argument) from error
     return key, (low, high)
 
 

@@ -12,7 +12,7 @@ from baqueano.cli import numbers
 from baqueano.cli.subcommands import BACKENDS
 from baqueano.cli.terminal import print_message
 from baqueano.contracts.names import STORED_ROUTES
-from baqueano.diagnostics import fault, note
+from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
@@ -159,13 +159,13 @@ robot = click.option(
 def refuse_together(name: str, *names: str) -> None:
     """Raise UsageError if one of these parameters was typed, because it has no effect together with `name`."""
     for option in _typed_options(names):
-        raise UsageError(fault("cli.options-together", option=option, second_option=name))
+        raise UsageError.of("cli.options-together", option=option, second_option=name)
 
 
 def refuse_without(required_name: str, *names: str) -> None:
     """Raise UsageError if one of these parameters was typed, because it has no effect without `required_name`."""
     for option in _typed_options(names):
-        raise UsageError(fault("cli.option-needs", option=option, second_option=required_name))
+        raise UsageError.of("cli.option-needs", option=option, second_option=required_name)
 
 
 def _typed_options(names: tuple[str, ...]) -> list[str]:
@@ -258,7 +258,7 @@ def run_path(out: Path | None, folder: str, label: str) -> Path:
 
     if out is not None:
         if out.is_file():
-            raise FileError(fault("cli.file-exists", "-o FILE", path=out))
+            raise FileError.of("cli.file-exists", "-o FILE", path=out)
         return path_of_run(out, label)
     path = reserve_path(folder, label)
     click.get_current_context().call_on_close(lambda: release_path(path))
@@ -277,7 +277,7 @@ def find_route(name: str) -> "Route":
     if not path.is_file():
         raise FileError(absent_route(name, path, *_vehicle_argument()))
     if b"\0" in path.read_bytes()[:1000]:
-        raise FileError(fault("cli.route-not-text", baqueano_command("teach", path.stem), path=path))
+        raise FileError.of("cli.route-not-text", baqueano_command("teach", path.stem), path=path)
     return read_route(path)
 
 
@@ -293,7 +293,7 @@ def route_path(name: str) -> Path:
     Raise UsageError for a vehicle file.
     """
     if Path(name).suffix == ".toml":
-        raise UsageError(fault("route.ending", path=name))
+        raise UsageError.of("route.ending", path=name)
     return Path(name) if Path(name).suffix else STORED_ROUTES / f"{name}.csv"
 
 
@@ -317,12 +317,10 @@ def block_kind(vehicle_file: "VehicleFile | None", role: str, kind: str | None) 
         except FileError as error:
             is_own = ":" in kind
             if is_own and "suggestion" in error.diagnostic.figures:
-                raise FileError(
-                    fault("cli.own-name", role=role, kind=kind, cause=error.diagnostic)
-                ) from error
+                raise FileError.of("cli.own-name", role=role, kind=kind, cause=error.diagnostic) from error
             code, fix = ("cli.own-file", ("check", kind)) if is_own else ("cli.own-block", ("ls",))
             command = baqueano_command("blocks", *fix)
-            raise FileError(fault(code, command, role=role, kind=kind, cause=error.diagnostic)) from error
+            raise FileError.of(code, command, role=role, kind=kind, cause=error.diagnostic) from error
         check_step(role, block_class, lambda owner: f"--{owner} {kind}")
     return kind
 
@@ -341,10 +339,8 @@ def raise_stop(run: "Run", path: Path, are_warnings_printed: bool = False) -> No
     if stop_reason is None:
         return
     if stop_reason.code == StopReason.INTERRUPTED:
-        raise Interruption(fault("cli.drive-interrupted", path=path, duration_s=run.duration_s))
-    raise SafetyStop(
-        fault("cli.stopped", baqueano_command("runs", "show", path), cause=stop_reason, path=path)
-    )
+        raise Interruption.of("cli.drive-interrupted", path=path, duration_s=run.duration_s)
+    raise SafetyStop.of("cli.stopped", baqueano_command("runs", "show", path), cause=stop_reason, path=path)
 
 
 def print_warnings(run: "Run") -> None:

@@ -12,7 +12,7 @@ from click.core import ParameterSource
 
 from baqueano.cli import options
 from baqueano.cli.terminal import print_message, show_activity
-from baqueano.diagnostics import fault, note
+from baqueano.diagnostics import note
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
@@ -161,6 +161,6 @@ def _check_folder(report: ReportFiles, width: str | None) -> None:
         return
     source = click.get_current_context().get_parameter_source("file_format")
     if width is not None:
-        raise UsageError(fault("cli.figures-absent", option="--width", value=width))
+        raise UsageError.of("cli.figures-absent", option="--width", value=width)
     if source is ParameterSource.COMMANDLINE:
-        raise UsageError(fault("cli.figures-absent", option="--format", value=report.file_format))
+        raise UsageError.of("cli.figures-absent", option="--format", value=report.file_format)

@@ -53,13 +53,13 @@ BACKENDS = ("auto", "c", "python", "numpy")
 
 def unknown_subcommand_error(verb: str, verbs: list[str], ctx: click.Context) -> Exception:
     """Return the error for an unknown subcommand, with the nearest name."""
-    from baqueano.diagnostics import fault, nearest
+    from baqueano.diagnostics import nearest
     from baqueano.errors import UsageError
 
     suggestion = nearest(verb, verbs, MIN_SIMILARITY)
     fix = "" if "match" in suggestion.figures else f"{ctx.command_path} --help"
     code = "cli.no-such-verb" if fix else "cli.unknown-verb"
-    return UsageError(fault(code, fix, path=ctx.command_path, value=verb, suggestion=suggestion))
+    return UsageError.of(code, fix, path=ctx.command_path, value=verb, suggestion=suggestion)
 
 
 class SubcommandGroup(click.Group):

@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 FALSE_ALARM = 0.05  # probability that a consistent filter is called inconsistent
@@ -165,6 +164,6 @@ def _limits(freedom: float, false_alarm: float) -> tuple[float, float]:
     try:
         from scipy.special import gammaincinv  # scipy.stats takes three times as long to import
     except ImportError as error:
-        raise UsageError(fault("lab.scipy-for-bands", "pip install scipy")) from error
+        raise UsageError.of("lab.scipy-for-bands", "pip install scipy") from error
     low, high = 2.0 * gammaincinv(0.5 * freedom, [0.5 * false_alarm, 1.0 - 0.5 * false_alarm])
     return float(low / freedom), float(high / freedom)

@@ -14,7 +14,6 @@ from baqueano.compare.corridor import Corridor, run_corridor
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
-from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
@@ -128,5 +127,5 @@ def forecast_corridor(
     corridor = run_corridor(run)
     if corridor is None:
         kind = vehicle_file.data["estimator"].get("kind", N_("of this vehicle"))
-        raise AnswerNo(fault("forecast.no-covariance", "--set estimator.kind=augmented_ekf", estimator=kind))
+        raise AnswerNo.of("forecast.no-covariance", "--set estimator.kind=augmented_ekf", estimator=kind)
     return CorridorForecast(corridor, laps, run.duration_s / laps, run)

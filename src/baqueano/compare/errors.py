@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import align, wrap
 
@@ -37,7 +36,7 @@ def align_trajectory(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "no
     "rigid" does not need a true heading. Raise UsageError for another name, and for "start" without a true heading.
     """
     if alignment not in ALIGNMENTS:
-        raise UsageError(fault("compare.alignment", value=alignment, valid=ALIGNMENTS))
+        raise UsageError.of("compare.alignment", value=alignment, valid=ALIGNMENTS)
     is_finite = np.isfinite(eta) & np.isfinite(eta_true)
     is_valid = np.all(is_finite[:, :2], axis=1)
     if alignment == "none" or not np.any(is_valid):
@@ -45,7 +44,7 @@ def align_trajectory(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "no
     if alignment == "start":
         is_valid &= is_finite[:, 2]
         if not np.any(is_valid):
-            raise UsageError(fault("compare.no-first-heading", "--align rigid"))
+            raise UsageError.of("compare.no-first-heading", "--align rigid")
         first = int(np.argmax(is_valid))
         angle = eta_true[first, 2] - eta[first, 2]
         shift = eta_true[first, :2] - _rotate(eta[first : first + 1, :2], angle)[0]
@@ -84,7 +83,7 @@ def cross_track(
     Raise UsageError for a path of fewer than two points.
     """
     if len(ref_xy) < 2:
-        raise UsageError(fault("compare.reference-short", points=len(ref_xy)))
+        raise UsageError.of("compare.reference-short", points=len(ref_xy))
     reach_rows = max(1, round(window_s * NANOSECONDS / max(float(np.median(np.diff(ref_ns))), 1.0)))
     centre_rows = np.clip(np.searchsorted(ref_ns, t_ns), 0, len(ref_ns) - 1)
     stride = max(1, reach_rows // 100)  # at most about 200 segments are searched for a position

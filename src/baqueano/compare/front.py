@@ -15,7 +15,6 @@ from baqueano.compare.divergence import cut_at_divergence, divergence_s, estimat
 from baqueano.compare.filter_consistency import filter_consistency
 from baqueano.compare.laps import run_laps
 from baqueano.contracts.calls import checked_call, flatten_arguments
-from baqueano.diagnostics import fault
 from baqueano.errors import Misuse, UsageError, error_cause
 from baqueano.monitor import rejections_in
 from baqueano.on_demand import registered_function
@@ -92,15 +91,15 @@ def compare(
     """
     items = flatten_arguments(runs)
     if not items:
-        raise UsageError(fault("compare.no-runs"))
+        raise UsageError.of("compare.no-runs")
     labels = [name for part in runs if isinstance(part, Mapping) for name in part] if names is None else names
     if labels and len(labels) != len(items):
-        raise UsageError(fault("compare.names", names=len(labels), runs=len(items)))
+        raise UsageError.of("compare.names", names=len(labels), runs=len(items))
     run_list = [item for item in items if isinstance(item, Run)]
     if not run_list:
         return registered_function("compare_fits")(items, labels)
     if len(run_list) < len(items):
-        raise Misuse(fault("compare.mixed", "bq.compare(run, other)"))
+        raise Misuse.of("compare.mixed", "bq.compare(run, other)")
     return _compare_runs(
         run_list, alignment, interval_s, skip_s, _distinct(labels or [run.name for run in run_list])
     )
@@ -120,7 +119,7 @@ def _compare_runs(
     run_list: Sequence[Run], alignment: str, interval_s: float, skip_s: float, labels: Sequence[str]
 ) -> Comparison:
     if not (interval_s > 0.0 and skip_s >= 0.0):
-        raise UsageError(fault("compare.times", interval_s=interval_s, skip_s=skip_s))
+        raise UsageError.of("compare.times", interval_s=interval_s, skip_s=skip_s)
     errors.align_trajectory(np.zeros((0, 3)), np.zeros((0, 3)), alignment)
     cut_runs = [run.cut(skip_s) if skip_s else run for run in (r.without_rest for r in run_list)]
     return Comparison(
@@ -161,7 +160,7 @@ def _truth_errors(run: Run, alignment: str, interval_s: float) -> dict[str, floa
     try:
         eta = errors.align_trajectory(est.eta, eta_true, alignment)
     except UsageError as error:
-        raise UsageError(fault("compare.of-run", run=run.name, cause=error_cause(error))) from error
+        raise UsageError.of("compare.of-run", run=run.name, cause=error_cause(error)) from error
     pose_errors = errors.absolute_pose_errors(eta, eta_true)
     drift = errors.relative_pose_errors(est.t_ns, eta, eta_true, interval_s)
     known_errors = pose_errors.position_m[np.isfinite(pose_errors.position_m)]

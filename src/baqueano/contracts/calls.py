@@ -20,7 +20,7 @@ import numpy as np
 from baqueano.contracts.blocks import Guide
 from baqueano.contracts.names import SHAPE_NAMES, STORED_ROUTES
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault, nearest
+from baqueano.diagnostics import nearest
 from baqueano.errors import Misuse
 from baqueano.messages.language import N_
 
@@ -230,21 +230,21 @@ def _refuse_arguments(
             if unknown[0] in group.default.__dataclass_fields__:
                 owner = f"bq.{type(group.default).__name__}"
                 fix = f"{group.name}={owner}({unknown[0]}={options[unknown[0]]!r})"
-                raise Misuse(
-                    fault("call.option-of", fix, call=_call_name(example), value=unknown[0], owner=owner)
+                raise Misuse.of(
+                    "call.option-of", fix, call=_call_name(example), value=unknown[0], owner=owner
                 )
         suggestion = nearest(unknown[0], [name for name in parameters if name != "self"])
-        raise Misuse(
-            fault("call.unknown", example, call=_call_name(example), value=unknown[0], suggestion=suggestion)
+        raise Misuse.of(
+            "call.unknown", example, call=_call_name(example), value=unknown[0], suggestion=suggestion
         )
     positional = [p for p in parameters.values() if p.kind == p.POSITIONAL_OR_KEYWORD]
     missing_names = [
         p.name for p in positional[len(args) :] if p.default is p.empty and p.name not in options
     ]
     if missing_names:
-        raise Misuse(fault("call.missing", example, call=_call_name(example), names=missing_names))
+        raise Misuse.of("call.missing", example, call=_call_name(example), names=missing_names)
     max_count = len(positional) - ("self" in parameters)
-    raise Misuse(fault("call.positions", example, call=_call_name(example), maximum=max_count))
+    raise Misuse.of("call.positions", example, call=_call_name(example), maximum=max_count)
 
 
 def _refuse_kind(
@@ -260,19 +260,17 @@ def _refuse_kind(
         _is_accepted(value, kinds[other]) or _is_accepted(values[other], own_kinds)
         for other in wrong_names[1:]
     ):
-        raise Misuse(fault("call.order", example, call=call))
+        raise Misuse.of("call.order", example, call=call)
     if type(value).__module__.startswith("baqueano"):
         for other in (n for n in kinds if n not in values and _is_accepted(value, kinds[n])):
             fix = f"{other}={_short_repr(value)}"
-            raise Misuse(fault("call.of-other-argument", fix, call=call, name=name, function=other))
+            raise Misuse.of("call.of-other-argument", fix, call=call, name=name, function=other)
     expected, label = KINDS["Path"] if KINDS["Path"] in own_kinds else own_kinds[0], name
     if (position := _wrong_item(value, own_kinds)) is not None:
         label, value = f"{name}[{position}]", value[position]
         expected = KINDS["str"] if expected.name == LIST else expected
     fix = _fix(name, value, own_kinds, example)
-    raise Misuse(
-        fault("call.kind", fix, call=call, name=label, value=_value_text(value), expected=expected.name)
-    )
+    raise Misuse.of("call.kind", fix, call=call, name=label, value=_value_text(value), expected=expected.name)
 
 
 def _wrong_item(value: Tree, kinds: tuple[ArgumentKind, ...]) -> int | None:

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 INF = float("inf")
@@ -74,7 +73,7 @@ def check_noise_fields(sensors: Iterable[object]) -> None:
     """Raise UsageError for a sensor without a field for the noise that a fit measures."""
     for sensor in sensors:
         if not has_field(sensor, "measurement_noise_cov"):
-            raise UsageError(fault("noise.no-field", block=type(sensor).__name__))
+            raise UsageError.of("noise.no-field", block=type(sensor).__name__)
 
 
 def has_field(block: object, name: str) -> bool:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.values import JsonObject, TableRow
-from baqueano.diagnostics import Verdict, fault, nearest, note
+from baqueano.diagnostics import Verdict, nearest, note
 from baqueano.errors import NoAttribute, UsageError
 from baqueano.messages import text, unbroken
 from baqueano.messages.language import mark as N_
@@ -128,14 +128,12 @@ class Result:
 def no_attribute(owner: object, name: str, label: str) -> NoAttribute:
     """Return the error for a missing attribute of `owner`, whose name is `label`: it lists methods, then values."""
     if name == "save" and "updated_file" in dir(owner):
-        return NoAttribute(
-            fault("front.save-file", 'result.updated_file().save("vehicle.toml")', owner=label)
-        )
+        return NoAttribute.of("front.save-file", 'result.updated_file().save("vehicle.toml")', owner=label)
     names = [attribute for attribute in dir(owner) if not attribute.startswith("_")]
     names.sort(key=lambda attribute: not callable(getattr(type(owner), attribute, None)))
     short_name = next((n for n in names if len(n) >= MIN_PREFIX and name.startswith(n)), name)
-    return NoAttribute(
-        fault("front.no-attribute", owner=label, value=name, suggestion=nearest(short_name, names))
+    return NoAttribute.of(
+        "front.no-attribute", owner=label, value=name, suggestion=nearest(short_name, names)
     )
 
 
@@ -202,7 +200,7 @@ def pandas() -> Any:
     try:
         import pandas  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        raise UsageError(
-            fault("front.missing", "pip install pandas", package="pandas", feature=N_("a data frame"))
+        raise UsageError.of(
+            "front.missing", "pip install pandas", package="pandas", feature=N_("a data frame")
         ) from error
     return pandas

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.design.vehicle_cloud import VehicleCloud, possible_vehicles
-from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.routes.room import Room
 
@@ -103,7 +102,7 @@ def contain_in_room(
     """
     u = np.array(u, dtype=float)
     if u.ndim != 2 or u.shape[1] != vehicle_file.vehicle.commands or not len(u):
-        raise UsageError(fault("signal.shape", rows=u.shape, commands=vehicle_file.vehicle.commands))
+        raise UsageError.of("signal.shape", rows=u.shape, commands=vehicle_file.vehicle.commands)
     if cloud is None:
         vehicles = possible_vehicles(vehicle_file, vehicle_count=VEHICLES)
         cloud = VehicleCloud(vehicle_file, vehicles, seed, backend)
@@ -121,7 +120,7 @@ def contain_in_room(
     margin = float(wall_margin(room, eta))
     if margin < 0.0:
         width_m, height_m = room.width_m, room.height_m
-        raise AnswerNo(fault("room.too-small", width_m=width_m, height_m=height_m, excess_m=-margin))
+        raise AnswerNo.of("room.too-small", width_m=width_m, height_m=height_m, excess_m=-margin)
     return ContainedSignal(limited_u, margin, change_count / len(poses), eta)
 
 

@@ -37,7 +37,6 @@ from baqueano.design.containment import (
 )
 from baqueano.design.information import DriveInformation, mean_error
 from baqueano.design.vehicle_cloud import VehicleCloud, VehicleDistribution, possible_vehicles
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -130,9 +129,9 @@ def design_plan(
     rate, limit = vehicle_file.rate_hz, np.asarray(vehicle_file.command.limit, dtype=float)
     ticks, rest_ticks = round(duration_s * rate), round(rest_s * rate)
     if not (np.all(np.isfinite(limit)) and np.any(limit > 0.0)):
-        raise UsageError(fault("design.limit", vehicle=vehicle_file.name, limit=limit.tolist()))
+        raise UsageError.of("design.limit", vehicle=vehicle_file.name, limit=limit.tolist())
     if ticks - rest_ticks < rate:
-        raise UsageError(fault("design.short", duration_s=duration_s))
+        raise UsageError.of("design.short", duration_s=duration_s)
     place_count = max(1, round((ticks - rest_ticks) / (PRIMITIVE_S * rate)))
     vehicles = possible_vehicles(vehicle_file, vehicle_count=VEHICLES)
     search = PlanSearch(vehicle_file, room, vehicles, place_count, seed, backend)

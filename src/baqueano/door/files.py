@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault
 from baqueano.door.clients import DoorClient
 from baqueano.door.wire import encode
 from baqueano.errors import Invalid
@@ -56,7 +55,7 @@ class RunFiles:
         """
         path = self._path(name)
         if not self._fetches.acquire(blocking=False):
-            raise Invalid(fault("door.many-fetches", maximum=MAX_FETCHES))
+            raise Invalid.of("door.many-fetches", maximum=MAX_FETCHES)
         try:
             run_file = path.open("rb")
         except OSError:
@@ -88,7 +87,7 @@ class RunFiles:
         """Return the path of a run. Raise Invalid if the run does not exist."""
         path = self.folder / name
         if not is_run_name(name) or path.is_symlink() or not path.is_file():
-            raise Invalid(fault("door.no-run", run=repr(name)))
+            raise Invalid.of("door.no-run", run=repr(name))
         return path
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.time_limit import within
 from baqueano.contracts.values import JsonObject, Tree
-from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.door.frames.descriptions import adjustable_names
 from baqueano.drive.budget import BudgetedBlock
 from baqueano.drive.observers import EventLine, Observer
@@ -55,17 +55,17 @@ class AdjustableController:
         role, _, name = path.partition(".")
         paths = [f"{ROOM}.{name}" for name in adjustable_names(inner_block)]
         if role != ROOM or path not in paths:
-            raise Invalid(fault("door.not-settable", path=repr(path), valid=paths))
+            raise Invalid.of("door.not-settable", path=repr(path), valid=paths)
         old_value = np.asarray(getattr(inner_block, name))
         try:
             new_value = np.asarray(value, dtype=float)
         except (TypeError, ValueError, OverflowError):
             new_value = np.array(np.nan)
         if new_value.shape != old_value.shape or not np.all(np.isfinite(new_value)):
-            raise Invalid(fault("door.not-a-number", name=path, value=repr(value)[:80]))
+            raise Invalid.of("door.not-a-number", name=path, value=repr(value)[:80])
         if old_value.dtype.kind == "i":
             if np.any(new_value != np.round(new_value)) or np.any(np.abs(new_value) > MAX_INTEGER):
-                raise Invalid(fault("door.not-an-integer", name=path, value=repr(value)[:80]))
+                raise Invalid.of("door.not-an-integer", name=path, value=repr(value)[:80])
             new_value = new_value.astype(old_value.dtype)
         number = new_value.item() if new_value.ndim == 0 else new_value
         try:
@@ -78,7 +78,7 @@ class AdjustableController:
                 "former_value": str(old_value.tolist()),
                 "error": error_text(error),
             }
-            raise Invalid(fault("door.gain-refused", name=path, **figures)) from error
+            raise Invalid.of("door.gain-refused", name=path, **figures) from error
         return note(
             "door.set", path=path, former_value=str(old_value.tolist()), value=str(new_value.tolist())
         )
@@ -138,7 +138,7 @@ class ChangeObserver(Observer):
         except (TypeError, ValueError, OverflowError):
             pace = float("nan")
         if not 0.0 <= pace <= 1.0:
-            raise Invalid(fault("door.guide-pace", value=repr(value)[:80]))
+            raise Invalid.of("door.guide-pace", value=repr(value)[:80])
         self._set_pace(HOLDER, pace)
         old_pace, self._pace = self._pace, pace
         return note("door.set", path=path, former_value=str(old_pace), value=str(pace))

@@ -71,9 +71,7 @@ class Remote:
                 self._sink.write(encode(words))
                 self._sink.flush()
             except (OSError, ValueError) as error:
-                raise RobotUnreachable(
-                    fault("remote.connection-lost", host=self.name, error=error)
-                ) from error
+                raise RobotUnreachable.of("remote.connection-lost", host=self.name, error=error) from error
 
     def receive(self, kinds: tuple[str, ...], within_s: float) -> JsonObject:
         """Return the next message of these kinds; store each "state", and raise the error that a "refused" reports.
@@ -85,11 +83,11 @@ class Remote:
             try:
                 message = self.inbox.get(timeout=max(0.0, end_s - time.monotonic()))
             except queue.Empty:
-                raise RobotUnreachable(fault("remote.silent", host=self.name, limit_s=within_s)) from None
+                raise RobotUnreachable.of("remote.silent", host=self.name, limit_s=within_s) from None
             if message is None:
                 self.inbox.put(None)  # for the next reader
-                raise RobotUnreachable(
-                    fault("remote.closed", baqueano_command("robot", "status", self.name), host=self.name)
+                raise RobotUnreachable.of(
+                    "remote.closed", baqueano_command("robot", "status", self.name), host=self.name
                 )
             self.on_message(message)
             match message["type"]:
@@ -228,7 +226,7 @@ class Remote:
         this disk.
         """
         if not is_run_name(run):
-            raise FileError(fault("remote.run-name", host=self.name, run=run))
+            raise FileError.of("remote.run-name", host=self.name, run=run)
         path.parent.mkdir(parents=True, exist_ok=True)
         with write_then_appear(path) as run_file:
             self.send(type="fetch", run=run)
@@ -251,18 +249,16 @@ class Remote:
             received_bytes += len(piece)
             size = received_bytes + message["left"] if size is None else size
             if size > min(max_bytes, MAX_RUN_BYTES):
-                raise FileError(
-                    fault(
-                        "remote.run-too-long",
-                        run=run,
-                        host=self.name,
-                        size_mb=size / 1000000.0,
-                        free_mb=max_bytes / 1000000.0,
-                        longest_gb=MAX_RUN_BYTES >> 30,
-                    )
+                raise FileError.of(
+                    "remote.run-too-long",
+                    run=run,
+                    host=self.name,
+                    size_mb=size / 1000000.0,
+                    free_mb=max_bytes / 1000000.0,
+                    longest_gb=MAX_RUN_BYTES >> 30,
                 )
             if received_bytes + message["left"] != size or size < 0 or (received_bytes < size and not piece):
-                raise RobotUnreachable(fault("remote.run-otherwise", host=self.name, run=run))
+                raise RobotUnreachable.of("remote.run-otherwise", host=self.name, run=run)
             yield piece
 
     def run_names(self) -> list[str]:
@@ -300,7 +296,7 @@ def connect(host: str, **first: Any) -> Iterator[Remote]:
         return
     command = _attach_command(host)
     if shutil.which("ssh") is None:
-        raise RobotUnreachable(fault("remote.no-ssh", host=host))
+        raise RobotUnreachable.of("remote.no-ssh", host=host)
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as ssh:
@@ -322,7 +318,7 @@ def connect(host: str, **first: Any) -> Iterator[Remote]:
 @contextmanager
 def _local_remote(path: Path, first: JsonObject) -> Iterator[Remote]:
     if not hasattr(socket, "AF_UNIX"):
-        raise UsageError(fault("remote.no-sockets", path=path))
+        raise UsageError.of("remote.no-sockets", path=path)
     connection = socket.socket(socket.AF_UNIX)
     try:
         connection.connect(str(path))
@@ -350,15 +346,13 @@ def stop(host: str, reason: Diagnostic) -> JsonObject:
     """
     with connect(host, **STOP_REQUEST, reason=reason) as remote:
         if not remote.wait(lambda: remote.acknowledged == "stop" or _is_stopped(remote), GREETING_TIMEOUT_S):
-            raise RobotUnreachable(fault("remote.stop-unconfirmed", host=host))
+            raise RobotUnreachable.of("remote.stop-unconfirmed", host=host)
         if not remote.wait(lambda: _is_stopped(remote), STOP_TIMEOUT_S):
-            raise AnswerNo(
-                fault(
-                    "remote.stop-not-reached",
-                    host=host,
-                    limit_s=STOP_TIMEOUT_S,
-                    state=remote.state.get("state", "none"),
-                )
+            raise AnswerNo.of(
+                "remote.stop-not-reached",
+                host=host,
+                limit_s=STOP_TIMEOUT_S,
+                state=remote.state.get("state", "none"),
             )
         return remote.state
 
@@ -384,13 +378,11 @@ def _greet_ssh(remote: Remote, ssh: Any, first: JsonObject) -> None:
     except RobotUnreachable as error:
         ssh.kill()
         output = printable(ssh.stderr.read(MAX_LINE_BYTES).decode(errors="replace").strip())
-        raise RobotUnreachable(
-            fault(
-                "remote.unreachable",
-                host=remote.name,
-                cause=(output.splitlines()[-1] if output else str(error)).rstrip("."),
-                command=ssh_line(remote.name, "baqueano", "robot", "status"),
-            )
+        raise RobotUnreachable.of(
+            "remote.unreachable",
+            host=remote.name,
+            cause=(output.splitlines()[-1] if output else str(error)).rstrip("."),
+            command=ssh_line(remote.name, "baqueano", "robot", "status"),
         ) from error
 
 

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.door import VERSION
 from baqueano.door.clients import MAX_LINE_BYTES, MAX_SHORT_LINE_BYTES, DoorClient
 from baqueano.door.files import RunFiles
@@ -205,7 +205,7 @@ class Door:
                 self._disconnect(peer)
             is_busy = any(c.partial_line_bytes > MAX_SHORT_LINE_BYTES for c in self._clients - {client})
             if is_busy or client.partial_line_bytes > MAX_LINE_BYTES or not client.can_be_mission:
-                raise Invalid(fault("door.too-long", max_kb=MAX_SHORT_LINE_BYTES >> 10))
+                raise Invalid.of("door.too-long", max_kb=MAX_SHORT_LINE_BYTES >> 10)
         except (BaqueanoError, Invalid) as error:
             self._refuse(client, error.diagnostic, getattr(error, "exit_code", 2))
             self._disconnect_after_sending(client)
@@ -235,7 +235,7 @@ class Door:
             request = json.loads(line)
             request.setdefault("type", request.get("do"))  # do: a stop of an earlier version
             if len(line) > MAX_SHORT_LINE_BYTES and request["type"] not in ("mission", "stop"):
-                raise Invalid(fault("door.too-long", max_kb=MAX_SHORT_LINE_BYTES >> 10))
+                raise Invalid.of("door.too-long", max_kb=MAX_SHORT_LINE_BYTES >> 10)
             self._execute(client, request)
         except (BaqueanoError, Invalid) as error:
             self._refuse(client, error.diagnostic, getattr(error, "exit_code", UsageError.exit_code))
@@ -268,7 +268,7 @@ class Door:
         elif verb in actions:
             actions[verb]()
         else:
-            raise Invalid(fault("door.unknown-word", value=repr(verb), valid=[*actions, *self._handlers]))
+            raise Invalid.of("door.unknown-word", value=repr(verb), valid=[*actions, *self._handlers])
 
     def _queue_mission(self, client: DoorClient, request: JsonObject) -> None:
         """Queue a mission. Raise UsageError for another version of the protocol, SafetyStop if it is refused."""
@@ -380,7 +380,7 @@ def _listening_socket(path: Path) -> socket.socket:
                 raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
             path.unlink(missing_ok=True)  # left by a service that was killed
         else:
-            raise RobotUnreachable(fault("door.runs-already", "systemctl status baqueano", path=path))
+            raise RobotUnreachable.of("door.runs-already", "systemctl status baqueano", path=path)
     path.parent.mkdir(parents=True, exist_ok=True)
     listener, previous_mask = socket.socket(socket.AF_UNIX), os.umask(0o117)
     try:

@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import IO, TextIO
 
-from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.messages.printable import baqueano_command, one_line, printable, shell_command
 
@@ -41,7 +40,7 @@ def host_args(host: str) -> list[str]:
         or name != one_line(name)
         or " " in name
     ):
-        raise UsageError(fault("ssh.host", host=one_line(host)))
+        raise UsageError.of("ssh.host", host=one_line(host))
     return [*port_words, "--", name]
 
 
@@ -58,9 +57,9 @@ def ssh_line(host: str, *words: str) -> str:
 def ssh_command(host: str, command: str, *options: str) -> list[str]:
     """Return the command line that runs `command` at `host`. Raise UsageError if `host` is not a computer."""
     if host in ("emulated", "simulated"):
-        raise UsageError(fault("ssh.no-hardware", baqueano_command("experiment", "--robot", host), host=host))
+        raise UsageError.of("ssh.no-hardware", baqueano_command("experiment", "--robot", host), host=host)
     if re.match(r"/|COM\d+$", host):
-        raise UsageError(fault("ssh.not-a-host", host=host))
+        raise UsageError.of("ssh.not-a-host", host=host)
     return [
         "ssh", "-T", "-o", "ConnectTimeout=8", "-o", "ServerAliveInterval=5", *options, *host_args(host), command
     ]  # fmt: skip
@@ -99,7 +98,7 @@ def read_limited(stream: IO[bytes]) -> bytes:
     while data := os.read(stream.fileno(), 1 << 16):
         output += data
         if len(output) > MAX_ANSWER_BYTES:
-            raise RobotUnreachable(fault("ssh.too-much", max_mb=MAX_ANSWER_BYTES >> 20))
+            raise RobotUnreachable.of("ssh.too-much", max_mb=MAX_ANSWER_BYTES >> 20)
     return bytes(output)
 
 

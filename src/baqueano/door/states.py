@@ -10,7 +10,7 @@ A stop is latched with its reason. Only a person can clear it, by `clear`; then 
 
 from enum import StrEnum
 
-from baqueano.diagnostics import Diagnostic, StopReason, fault, note, stop
+from baqueano.diagnostics import Diagnostic, StopReason, note, stop
 from baqueano.door.operator import STOP_COMMAND, Operator
 from baqueano.errors import SafetyStop
 
@@ -54,8 +54,8 @@ class StateMachine:
         if target is None:
             values = {"state": self.state, "advice": self.advice}
             if self.reason is None:
-                raise SafetyStop(fault("door.state", **values))
-            raise SafetyStop(fault("door.state-because", **values, cause=self.reason))
+                raise SafetyStop.of("door.state", **values)
+            raise SafetyStop.of("door.state-because", **values, cause=self.reason)
         if self.state is not DoorState.STOPPED or event != "stop":
             self.reason = reason
         self.state = target

@@ -24,7 +24,6 @@ from baqueano.contracts.blocks import Sensor
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow, Tree, Value
-from baqueano.diagnostics import fault
 from baqueano.drive.replay import replay
 from baqueano.drive.session import mark_times_ns
 from baqueano.errors import AnswerNo, Invalid
@@ -138,7 +137,7 @@ def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) 
     """
     marks = mark_times_ns(run)
     if len(marks) < 2:
-        raise AnswerNo(fault("marks.too-few", name=run.name, marks=len(marks)))
+        raise AnswerNo.of("marks.too-few", name=run.name, marks=len(marks))
     name = _gyro_name(run, vehicle_file)
     sensor, channel = getattr(vehicle_file.sensors, name), run.sensors[name]
     bias, bias_std = _rest_bias(run, channel)
@@ -146,7 +145,7 @@ def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) 
     raw_turns = [_integral(channel, -1, bias, a, b) / cosine for a, b in pairwise(marks)]
     turns = sum(_turn_count(x / sensor.gyro_scale, run.name) for x in raw_turns)
     if turns == 0:
-        raise AnswerNo(fault("marks.no-turn", name=run.name))
+        raise AnswerNo.of("marks.no-turn", name=run.name)
     scale = sum(raw_turns) / (2.0 * np.pi * turns)  # (1)
     # (2)
     std = _turn_std(sensor, bias_std, seconds(marks[-1], marks[0])) / (2.0 * np.pi * cosine * abs(turns))
@@ -203,7 +202,7 @@ def lap_closure(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) 
 def lap_end(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) -> LapEnd:
     """Return the estimated end of a lap, near its best scale; parameters and errors as for `lap_closure`."""
     if not (0.0 < place_std_m < np.inf):
-        raise Invalid(fault("marks.place-std", value=place_std_m))
+        raise Invalid.of("marks.place-std", value=place_std_m)
     name = _gyro_name(run, vehicle_file)
     sensor = getattr(vehicle_file.sensors, name)
     lap, from_ns, start = _marked_lap(run)
@@ -217,7 +216,7 @@ def lap_end(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) -> L
         eta, P = log.eta[np.searchsorted(log.t_ns, from_ns) :], log.cov[-1, :3, :3]
         if not (np.isfinite(eta).all() and np.isfinite(P).all()):
             kind = vehicle_file.kind("estimator").__name__
-            raise AnswerNo(fault("marks.no-covariance", name=run.name, kind=kind))
+            raise AnswerNo.of("marks.no-covariance", name=run.name, kind=kind)
         e, turn_rad = eta[-1] - eta[0], np.sum(wrap(np.diff(eta[:, 2])))
         return np.array([e[0], e[1], wrap(e[2])]), P, float(turn_rad)
 
@@ -229,7 +228,7 @@ def lap_end(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) -> L
     )
     if not lap_end.std <= MAX_SCALE_ERROR:
         figures = {"gyro": name, "tolerance_percent": 100.0 * MAX_SCALE_ERROR}
-        raise AnswerNo(fault("marks.lap-no-scale", name=run.name, **figures))
+        raise AnswerNo.of("marks.lap-no-scale", name=run.name, **figures)
     kappa = float(np.clip(lap_end.kappa, -MAX_SCALE_ERROR, MAX_SCALE_ERROR))
     return lap_end._replace(e=end(kappa)[0] - J * kappa)
 
@@ -254,7 +253,7 @@ def _require_return(run_name: str, gyro: str, residual: np.ndarray, V: np.ndarra
         gaps = {"gap_m": float(np.hypot(*residual[:2])), "turn_deg": np.degrees(wrap(residual[2]))}
         figures = {"name": run_name, "gyro": gyro, "chi2": chi2, "maximum": MAX_RESIDUAL_CHI2}
         fix = baqueano_command("teach", "lab", "--driver", "keys", "--closed", "--update")
-        raise AnswerNo(fault("marks.lap-open", fix, **gaps, **figures))
+        raise AnswerNo.of("marks.lap-open", fix, **gaps, **figures)
 
 
 def _require_agreement(run_name: str, gyro: str, sensor: Tree, kappa: float, std: float) -> None:
@@ -266,7 +265,7 @@ def _require_agreement(run_name: str, gyro: str, sensor: Tree, kappa: float, std
         figures = {"gyro": gyro, "value": sensor.gyro_scale * np.exp(kappa), "file": sensor.gyro_scale}
         percent = {"percent": 100.0 * kappa, "max_percent": 100.0 * limit}
         fix = baqueano_command("drive", "--update")
-        raise AnswerNo(fault("marks.lap-other-scale", fix, "", name=run_name, **figures, **percent))
+        raise AnswerNo.of("marks.lap-other-scale", fix, "", name=run_name, **figures, **percent)
 
 
 def _marked_lap(run: Run) -> tuple[Run, int, dict[str, Any]]:
@@ -279,7 +278,7 @@ def _marked_lap(run: Run) -> tuple[Run, int, dict[str, Any]]:
     from_ns, to_ns = (marks[0], marks[-1]) if len(marks) > 1 else (run.t_ns[:1], run.t_ns[-1:])
     ticks = np.count_nonzero((run.t_ns >= from_ns) & (run.t_ns <= to_ns)) if len(run.t_ns) else 0
     if ticks < 2:
-        raise AnswerNo(fault("marks.no-lap", name=run.name, ticks=ticks))
+        raise AnswerNo.of("marks.no-lap", name=run.name, ticks=ticks)
     from_ns, to_ns = int(np.squeeze(from_ns)), int(np.squeeze(to_ns))
     motions_ns = run.t_ns[np.any(run.applied_commands != 0.0, axis=1) & (run.t_ns <= from_ns)]
     if not len(motions_ns):
@@ -294,7 +293,7 @@ def _gyro_name(run: Run, vehicle_file: VehicleFile) -> str:
     sensors = vehicle_file.sensors._asdict().items()
     name = next((n for n, s in sensors if is_imu(s) and n in run.sensors), None)
     if name is None:
-        raise AnswerNo(fault("marks.no-gyro", name=run.name))
+        raise AnswerNo.of("marks.no-gyro", name=run.name)
     return name
 
 
@@ -327,7 +326,7 @@ def _turn_count(turned_rad: float, name: str) -> int:
             "tolerance_percent": 100 * MAX_TURN_ERROR,
             "maximum": MAX_TURNS,
         }
-        raise AnswerNo(fault("marks.no-whole-turn", subject=name, **figures))
+        raise AnswerNo.of("marks.no-whole-turn", subject=name, **figures)
     return turns
 
 
@@ -347,7 +346,7 @@ def _rest_bias(run: Run, channel: Channel) -> tuple[float, float]:
     z = channel.z[at_rest, -1]
     period_s = float(np.median(seconds(np.diff(channel.t_ns)))) if len(channel.t_ns) > 1 else 1.0
     if len(z) * period_s < MIN_REST_S:
-        raise AnswerNo(fault("marks.stood-too-short", name=run.name, rest_s=len(z) * period_s))
+        raise AnswerNo.of("marks.stood-too-short", name=run.name, rest_s=len(z) * period_s)
     return float(np.mean(z)), float(np.std(z) / np.sqrt(len(z)))
 
 

@@ -169,7 +169,7 @@ def careful_drive(vehicle_file: VehicleFile, **options: Any) -> Run:
     It takes the options and raises the errors of `first_drive`.
     """
     if "imu" not in vehicle_file.sensors._fields:
-        raise UsageError(fault("first-drive.no-imu", name=vehicle_file.name))
+        raise UsageError.of("first-drive.no-imu", name=vehicle_file.name)
     pulses = PulsePlanner(directions(vehicle_file))
     blocks = Blocks(Inertial(), PulseGuide(pulses), PulseController(pulses), vehicle_file.supervisor())
     return drive(blocks, vehicle_file, "first drive", **options)
@@ -183,7 +183,7 @@ def directions(vehicle_file: VehicleFile) -> np.ndarray:
     """
     limit = np.asarray(vehicle_file.command.limit, dtype=float)
     if not np.all(np.isfinite(limit)) or not np.any(limit > 0.0):
-        raise UsageError(fault("first-drive.limit", vehicle=vehicle_file.name, limit=str(limit.tolist())))
+        raise UsageError.of("first-drive.limit", vehicle=vehicle_file.name, limit=str(limit.tolist()))
     if is_steered(vehicle_file.vehicle):
         servo = 0.5 * limit[1]
         throttle_and_servo = [[limit[0], s] for s in (0.0, servo, -servo)]
@@ -229,7 +229,7 @@ def find_pulses(run: Run) -> tuple[Pulse, ...]:
     ends = np.flatnonzero(np.diff(is_commanded, append=0) == -1)
     log, pulses = run.estimate, []
     if log is None or log.cov is None:
-        raise UsageError(fault("first-drive.no-estimates", name=run.name))
+        raise UsageError.of("first-drive.no-estimates", name=run.name)
     for a, b in zip(begins, ends, strict=True):
         end_index = int(np.searchsorted(log.t_ns, run.t_ns[b] + round(RESPONSE_S * 1e9)))
         rows = slice(a, min(end_index, len(log.t_ns)))

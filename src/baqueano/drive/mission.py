@@ -15,7 +15,6 @@ import numpy as np
 
 from baqueano.blocks import read_module
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault
 from baqueano.drive.first_drive import careful_drive
 from baqueano.drive.safety.precautions import Precautions
 from baqueano.drive.tasks import drive_with_driver, experiment, repeat
@@ -62,13 +61,13 @@ class Mission:
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
-            raise UsageError(fault("mission.kind", kind=self.kind, valid=KINDS))
+            raise UsageError.of("mission.kind", kind=self.kind, valid=KINDS)
         if len(self.start) not in (0, 3):
-            raise UsageError(fault("mission.damaged", kind="ValueError", error=f"start = {self.start!r:.80}"))
+            raise UsageError.of("mission.damaged", kind="ValueError", error=f"start = {self.start!r:.80}")
         Precautions.from_json(self.precautions)
         for kind, name in (("experiment", "u"), ("repeat", "route")):
             if self.kind == kind and getattr(self, name) is None:
-                raise UsageError(fault("mission.lacks", kind=kind, name=name))
+                raise UsageError.of("mission.lacks", kind=kind, name=name)
 
     @property
     def is_manual(self) -> bool:
@@ -119,7 +118,7 @@ class Mission:
         try:
             document = json.loads(text, parse_constant=_finite_float, parse_float=_finite_float)
             if document.pop("format") != FORMAT_VERSION:
-                raise UsageError(fault("mission.version"))
+                raise UsageError.of("mission.version")
             route, u = document.pop("route"), document.pop("u")
             for name, value in document.items():
                 _check_field(name, value)
@@ -130,7 +129,7 @@ class Mission:
                 route=None if route is None else _route_from_json(route),
             )
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError) as error:
-            raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
+            raise UsageError.of("mission.damaged", kind=type(error).__name__, error=error) from error
 
 
 def pack(mission: Mission, vehicle_file: VehicleFile) -> Mission:
@@ -154,7 +153,7 @@ def pack(mission: Mission, vehicle_file: VehicleFile) -> Mission:
         path = folder / f"{file_stem}.py"
         text = decode_source(path.read_bytes())
         if texts.setdefault(path.name, text) != text:
-            raise FileError(fault("mission.two-files", name=path.name))
+            raise FileError.of("mission.two-files", name=path.name)
         return f"{path.name}:{name}"
 
     blocks, vehicle = {role: pack_kind(kind) for role, kind in mission.blocks.items()}, vehicle_file.text
@@ -188,7 +187,7 @@ def perform(
         case "teach" | "drive":
             driver = hand if mission.route is None else mission.route
             if driver is None:
-                raise UsageError(fault("mission.no-driver"))
+                raise UsageError.of("mission.no-driver")
             options = {"rest_s": mission.rest_s} | options
             return drive_with_driver(vehicle_file, driver, hold=mission.hold, kind=mission.kind, **options)
     assert mission.route is not None
@@ -205,7 +204,7 @@ def unpack(mission: Mission, folder: Path) -> VehicleFile:
     """
     for name, text in mission.texts.items():
         if Path(name).name != name or not name.endswith(".py"):
-            raise UsageError(fault("mission.file-name", name=repr(name)))
+            raise UsageError.of("mission.file-name", name=repr(name))
         (folder / name).write_text(text, encoding="utf-8")
     for name in mission.texts:  # executes the user's code before a block is created
         read_module(name, folder)

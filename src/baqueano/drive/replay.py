@@ -10,7 +10,7 @@ from baqueano.blocks import permit_blocks
 from baqueano.contracts.blocks import Controller, Estimator, OwnBlock
 from baqueano.contracts.calls import checked_call
 from baqueano.controllers import Schedule
-from baqueano.diagnostics import fault, note
+from baqueano.diagnostics import note
 from baqueano.drive.session import Conditions, drive, initial_pose_for
 from baqueano.errors import FileError, UsageError
 from baqueano.estimators.pauses import split_ticks
@@ -92,7 +92,7 @@ def recorded_vehicle_file(run: Run, *, allow_blocks: bool = False) -> VehicleFil
     """Return the vehicle file that a run contains. Raise UsageError for a run without a vehicle file.
     Raise FileError for a user's block that vehicle.toml of this folder does not name, except with `allow_blocks`."""
     if not run.vehicle_text:
-        raise UsageError(fault("drive.no-vehicle-in-run", run=run.name))
+        raise UsageError.of("drive.no-vehicle-in-run", run=run.name)
     with permit_blocks(allow_blocks):
         return parse(run.vehicle_text, f"{run.name}: vehicle.toml")
 
@@ -155,14 +155,12 @@ def _smooth_run(
     silent_tick = Tick(int(run.t_ns[0]), run.applied_commands[0], empty_slots(sizes))
     block_name = type(estimator).__name__
     if not can_be_smoothed(estimator, belief, silent_tick):
-        raise UsageError(fault("smooth.not-kalman", estimator=block_name))
+        raise UsageError.of("smooth.not-kalman", estimator=block_name)
     rows, tick_rows = split_ticks(_ticks(run, sizes), vehicle_file.rate_hz)
     try:
         estimate = smooth(estimator, belief, rows, backend)
     except TraceError as error:
-        raise UsageError(
-            fault("smooth.not-compiled", estimator=block_name, cause=error.diagnostic)
-        ) from error
+        raise UsageError.of("smooth.not-compiled", estimator=block_name, cause=error.diagnostic) from error
     log = EstimateLog(run.t_ns, *(column[tick_rows] for column in estimate[1:4]))
     message = note("smooth.smoothed", estimator=block_name)
     event = Event(int(run.t_ns[0]), "info", "estimator", english_text(message), message)

@@ -69,7 +69,7 @@ class Conditions:
         if self.duration_s is not None:
             _check_duration("duration_s", self.duration_s, "> 0")
         if self.start.shape not in ((3,), (6,)) or not np.all(np.isfinite(self.start)):
-            raise UsageError(fault("simulate.pose", name="eta", value=str(self.start.tolist())))
+            raise UsageError.of("simulate.pose", name="eta", value=str(self.start.tolist()))
 
     @property
     def start(self) -> np.ndarray:
@@ -83,7 +83,7 @@ class Conditions:
         """
         world = self._simulated_world(vehicle_file) if self.world is None else self.world
         if self.world is not None and self.shake is not None:
-            raise UsageError(fault("shake.of-another-world", world=type(self.world).__name__))
+            raise UsageError.of("shake.of-another-world", world=type(self.world).__name__)
         check_world(world)
         _check_command_count(vehicle_file, world)
         return world if is_in_package(type(world)) else with_checked_ticks(world, example_tick(vehicle_file))
@@ -113,7 +113,7 @@ def _check_duration(name: str, duration_s: object, bound: str) -> None:
     """Raise UsageError for a duration that is not a finite number within the bound, "≥ 0" or "> 0"."""
     is_number = isinstance(duration_s, int | float | np.number)
     if not (is_number and 0.0 <= duration_s < np.inf) or (duration_s == 0.0 and bound == "> 0"):
-        raise UsageError(fault("drive.duration", name=name, value=repr(duration_s), range=bound))
+        raise UsageError.of("drive.duration", name=name, value=repr(duration_s), range=bound)
 
 
 def user_block_metadata(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, str], list[Diagnostic]]:
@@ -395,6 +395,6 @@ def _first_ns(tick_times_ns: Iterable[int]) -> int:
 def _check_command_count(vehicle_file: VehicleFile, world: World) -> None:
     own_commands, world_commands = vehicle_file.vehicle.commands, world.commands
     if own_commands != world_commands:
-        raise UsageError(
-            fault("drive.other-vehicle", file=vehicle_file.name, value=own_commands, expected=world_commands)
+        raise UsageError.of(
+            "drive.other-vehicle", file=vehicle_file.name, value=own_commands, expected=world_commands
         )

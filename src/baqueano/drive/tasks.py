@@ -12,7 +12,7 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.controllers import ManualController, Schedule
 from baqueano.controllers.schedule import script_commands
-from baqueano.diagnostics import Severity, fault
+from baqueano.diagnostics import Severity
 from baqueano.drive.by_hand.heading_gains import with_heading_hold
 from baqueano.drive.closure import Closure, lap_closure
 from baqueano.drive.safety.caution import Caution
@@ -78,7 +78,7 @@ def experiment(
     u = np.atleast_2d(np.array(u, dtype=float))
     if u.shape[1] != vehicle_file.vehicle.commands or not len(u) or not np.all(np.isfinite(u)):
         commands, names = vehicle_file.vehicle.commands, vehicle_file.command.names
-        raise UsageError(fault("drive.signal-shape", value=str(u.shape), commands=commands, names=names))
+        raise UsageError.of("drive.signal-shape", value=str(u.shape), commands=commands, names=names)
     schedule, idle = Schedule.at_rate(u, vehicle_file.rate_hz), Idle(len(u) / vehicle_file.rate_hz)
     blocks = Blocks(vehicle_file.estimator(estimator), idle, schedule, vehicle_file.supervisor())
     return drive(blocks, vehicle_file, "experiment", notes=clipping_notes(vehicle_file, u), **options)
@@ -157,7 +157,7 @@ def drive_with_driver(
     elif isinstance(driver, Guide):
         guide = driver
     else:
-        raise UsageError(fault("drive.driver-type", kind=type(driver).__name__))
+        raise UsageError.of("drive.driver-type", kind=type(driver).__name__)
     follower = vehicle_file.controller(controller) if hand is None else hand
     options = with_usual_rest(options, vehicle_file.sensors) if hand is None else options
     if hand is None and not isinstance(driver, Route):  # a guide of the user's own may never end
@@ -259,7 +259,7 @@ def repeat(
     12.1 s, 0.6 m wide
     """
     if laps < 0 or (laps == 0 and not ENDS & options.keys()):
-        raise UsageError(fault("drive.laps", value=laps))
+        raise UsageError.of("drive.laps", value=laps)
     precautions, options = Precautions.split_options(options, vehicle_file)
     options = {"backend": "auto", "notes": ()} | options
     if precautions.check:

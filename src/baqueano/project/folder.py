@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
@@ -69,7 +68,7 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
         base = folder if folder.name.strip(".") else folder / "mylab"  # "." and ".." cannot have a number
         candidates = (base, *(Path(f"{base}-{k}") for k in range(2, 1000)))
         command = baqueano_command("new", str(next(path for path in candidates if not path.exists())))
-        raise UsageError(fault("cli.folder-not-empty", command, folder=folder))
+        raise UsageError.of("cli.folder-not-empty", command, folder=folder)
     vehicle_file = first_guess(vehicle)
     folder.mkdir(parents=True, exist_ok=True)
     if vehicle_file.is_guess and vehicle_file.simulation.truth not in names():

@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import LogFormatterSciNotation, ScalarFormatter
 
-from baqueano.diagnostics import fault, nearest
+from baqueano.diagnostics import nearest
 from baqueano.errors import UsageError
 from baqueano.messages.language import number
 from baqueano.report.style import LEGEND_ABOVE
@@ -140,10 +140,10 @@ def width_mm(width: str | float) -> float:
     """Return a width in millimetres. Raise UsageError for an unknown name, or a number that is out of range."""
     if isinstance(width, str):
         if width not in WIDTHS_MM:
-            raise UsageError(fault("front.width-unknown", value=width, suggestion=nearest(width, WIDTHS_MM)))
+            raise UsageError.of("front.width-unknown", value=width, suggestion=nearest(width, WIDTHS_MM))
         return WIDTHS_MM[width]
     if not 20.0 <= width <= 2000.0:
-        raise UsageError(fault("front.width-mm", value=float(width)))
+        raise UsageError.of("front.width-mm", value=float(width))
     return float(width)
 
 

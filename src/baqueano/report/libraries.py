@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.messages.language import current_language
 from baqueano.messages.language import mark as N_
@@ -68,7 +67,7 @@ def panels(
     target = _TARGET.get()
     if isinstance(target, Axes):
         if rows * columns > 1:
-            raise UsageError(fault("front.several-panels", panels=rows * columns))
+            raise UsageError.of("front.several-panels", panels=rows * columns)
         return target.figure, np.array([[target]])  # pyright: ignore[reportReturnType]
     figure = Canvas(figsize=size_in) if target is None else target
     axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex)
@@ -115,4 +114,4 @@ def _library(name: str, purpose: str) -> ModuleType:
     try:
         return import_module(name)
     except ImportError as error:
-        raise UsageError(fault("front.missing", INSTALL_COMMAND, package=name, feature=purpose)) from error
+        raise UsageError.of("front.missing", INSTALL_COMMAND, package=name, feature=purpose) from error

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.atomic_file import replace_file
 from baqueano.contracts.values import TableRow
-from baqueano.diagnostics import Verdict, fault, nearest, note
+from baqueano.diagnostics import Verdict, nearest, note
 from baqueano.errors import UsageError
 from baqueano.messages import text, unbroken
 from baqueano.messages.language import current_language, number
@@ -202,15 +202,15 @@ class Page:
         suffix = Path(path).suffix.lower().removeprefix(".")
         if suffix in FORMATS:
             fix = f'page.save_figures("figures", "{suffix}")'
-            raise UsageError(fault("front.page-as-figure", fix, value=str(path)))
+            raise UsageError.of("front.page-as-figure", fix, value=str(path))
         return save_text(path, self.html())
 
 
 def check_format(file_format: str, width: str | float | None = None) -> None:
     """Raise UsageError for figures that cannot be written in this format, or at this width."""
     if file_format not in FORMATS:
-        raise UsageError(
-            fault("front.format-unknown", value=file_format, suggestion=nearest(file_format, FORMATS))
+        raise UsageError.of(
+            "front.format-unknown", value=file_format, suggestion=nearest(file_format, FORMATS)
         )
     if width is not None:
         from baqueano.report.libraries import matplotlib

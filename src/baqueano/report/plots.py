@@ -12,7 +12,7 @@ from baqueano.compare import Comparison
 from baqueano.compare.comparison import RunComparison
 from baqueano.compare.corridor_forecast import CorridorForecast
 from baqueano.contracts.result import Tabular
-from baqueano.diagnostics import fault, nearest
+from baqueano.diagnostics import nearest
 from baqueano.drive import FirstDrive, TeachResult
 from baqueano.drive.closure import Closure
 from baqueano.errors import UsageError
@@ -60,9 +60,7 @@ def plot(
     drawings = make_drawings(result)
     name = type(result).__name__.lower()
     if kind and kind not in drawings:
-        raise UsageError(
-            fault("front.plot-unknown", value=kind, result=name, suggestion=nearest(kind, drawings))
-        )
+        raise UsageError.of("front.plot-unknown", value=kind, result=name, suggestion=nearest(kind, drawings))
     with draw_onto(target):
         for draw in [drawings[kind]] if kind else drawings.values():
             figure = draw()
@@ -71,8 +69,8 @@ def plot(
 
                 return resize_figure(figure, width)
     if kind:
-        raise UsageError(fault("front.no-data", result=name, value=kind, kinds=[*drawings]))
-    raise UsageError(fault("front.nothing-to-draw", result=name))
+        raise UsageError.of("front.no-data", result=name, value=kind, kinds=[*drawings])
+    raise UsageError.of("front.nothing-to-draw", result=name)
 
 
 @singledispatch

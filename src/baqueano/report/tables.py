@@ -16,7 +16,6 @@ import numpy as np
 
 from baqueano.atomic_file import replace_file
 from baqueano.contracts.values import TableRow
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.parameter import parameters
 from baqueano.symbolic import value_at_path
@@ -163,9 +162,9 @@ def format_estimate(value: float, std: float | None) -> tuple[str, str]:
 def table_suffix(path: Path, decimal: str = ".") -> str:
     """Return ".csv" or ".tex". Raise UsageError for another file extension or another decimal sign."""
     if path.suffix not in (".csv", ".tex"):
-        raise UsageError(fault("report.table-ending", f"--table {path.stem}.csv", value=path))
+        raise UsageError.of("report.table-ending", f"--table {path.stem}.csv", value=path)
     if decimal not in (".", ","):
-        raise UsageError(fault("runs.decimal", value=decimal))
+        raise UsageError.of("runs.decimal", value=decimal)
     return path.suffix
 
 

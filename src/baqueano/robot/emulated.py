@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import baqueano
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.symbolic.c_code.compile import user_cache
 
@@ -40,12 +39,12 @@ def emulate_vehicle(
     0.6 reached the motors, 4 rad/s
     """
     if not (REPOSITORY / "tests" / "emulated" / "robot.py").is_file():
-        raise UsageError(fault("emulated.no-source"))
+        raise UsageError.of("emulated.no-source")
     if str(REPOSITORY) not in sys.path:
         sys.path.append(str(REPOSITORY))
     rig = importlib.import_module("tests.emulated.rig")
     if lacking := rig.missing():
-        raise UsageError(fault("emulated.no-packages", f"sudo apt-get install {' '.join(lacking)}"))
+        raise UsageError.of("emulated.no-packages", f"sudo apt-get install {' '.join(lacking)}")
     robot = importlib.import_module("tests.emulated.robot")
     world, _ = robot.make_world(rig.build(user_cache() / "emulated"), vehicle_file, truth, seed)
     try:

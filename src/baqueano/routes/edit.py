@@ -7,7 +7,6 @@ backing up along the same poses                    ψ,      −ν               
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route, move_route, relative_poses
@@ -44,7 +43,7 @@ def cut(route: Route, from_m: float = 0.0, to_m: float | None = None) -> Route:
     s = distances_along(route.eta[:, :2])
     to_m = float(s[-1]) if to_m is None else to_m
     if not 0.0 <= from_m < to_m <= s[-1] + 1e-9:
-        raise UsageError(fault("route.cut", start_m=from_m, end_m=to_m, length_m=float(s[-1])))
+        raise UsageError.of("route.cut", start_m=from_m, end_m=to_m, length_m=float(s[-1]))
     first = max(int(np.searchsorted(s, from_m, side="right")) - 1, 0)
     last = min(int(np.searchsorted(s, to_m)), len(s) - 1)
     kept_slice = slice(first, max(last, first + 1) + 1)
@@ -79,13 +78,11 @@ def join(first: Route, second: Route) -> Route:
     Route(721 poses, 7.9 s, 1.57 m, open)
     """
     if first.nu[-1, 0] * second.nu[0, 0] < 0.0:
-        raise UsageError(
-            fault(
-                "route.join-reverses",
-                baqueano_command("route", "reverse", NAME_PLACEHOLDER, "--backing"),
-                first_m_s=float(first.nu[-1, 0]),
-                second_m_s=float(second.nu[0, 0]),
-            )
+        raise UsageError.of(
+            "route.join-reverses",
+            baqueano_command("route", "reverse", NAME_PLACEHOLDER, "--backing"),
+            first_m_s=float(first.nu[-1, 0]),
+            second_m_s=float(second.nu[0, 0]),
         )
     shifted_route = move_route(second._replace(eta=relative_poses(second.eta)), first.eta[-1])
     eta = np.concatenate([first.eta, shifted_route.eta[1:]])
@@ -157,7 +154,7 @@ def scale(route: Route, factor: float) -> Route:
     Route(1441 poses, 31.4 s, 6.28 m, closed)
     """
     if not (np.isfinite(factor) and factor > 0.0):
-        raise UsageError(fault("route.factor", value=factor))
+        raise UsageError.of("route.factor", value=factor)
     xy = route.eta[0, :2] + factor * (route.eta[:, :2] - route.eta[0, :2])
     eta = np.column_stack([xy, route.eta[:, 2]])
     return route._replace(t_s=factor * route.t_s, eta=eta, nu=route.nu * np.array([1.0, 1.0, 1.0 / factor]))

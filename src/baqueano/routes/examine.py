@@ -225,7 +225,7 @@ def examine(
     """
     if len(route.t_s) < 2:
         shapes = {name: str(np.shape(getattr(route, name))) for name in ("t_s", "eta", "nu")}
-        raise UsageError(fault("route.shapes", **shapes))
+        raise UsageError.of("route.shapes", **shapes)
     walls = None if room is None else vehicle_room(vehicle_file, room)
     s = distances_along(route.eta[:, :2])
     speed, turn = np.abs(route.nu[:, 0]), np.abs(route.nu[:, 2])

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.messages.printable import baqueano_command
@@ -67,7 +66,7 @@ def moving_indices(route: Route) -> np.ndarray:
             indices[:-1] if s[-1] - s[indices[-1]] < STEP_M and len(indices) > 1 else indices, len(s) - 1
         )
     if len(indices) < 4:
-        raise UsageError(fault("route.no-way", length_m=float(s[-1])))
+        raise UsageError.of("route.no-way", length_m=float(s[-1]))
     return indices
 
 
@@ -79,13 +78,11 @@ def direction(route: Route) -> float:
         changes = np.flatnonzero(np.diff(np.sign(speed[is_backward | is_forward])))
         first = np.flatnonzero(is_backward | is_forward)[changes[0] + 1]
         place_m = float(distances_along(route.eta[:, :2])[first])
-        raise UsageError(
-            fault(
-                "route.both-ways",
-                cut_command(distances_along(route.eta[:, :2]), int(first) - 1),
-                position_m=place_m,
-                count=len(changes),
-            )
+        raise UsageError.of(
+            "route.both-ways",
+            cut_command(distances_along(route.eta[:, :2]), int(first) - 1),
+            position_m=place_m,
+            count=len(changes),
         )
     return -1.0 if np.any(is_backward) else 1.0
 

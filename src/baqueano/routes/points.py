@@ -5,7 +5,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.routes.path import GRID_M, STEP_M, RoutePath, distances_along, route_along
@@ -48,22 +47,22 @@ def through_points(xy: np.ndarray, speed_m_s: float, *, closed: bool = False, co
     """
     points = np.atleast_2d(np.array(xy, dtype=float))
     if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < 2:
-        raise UsageError(fault("route.points", value=str(np.shape(xy))))
+        raise UsageError.of("route.points", value=str(np.shape(xy)))
     is_wrong = ~np.isfinite(points).all(axis=1)
     if is_wrong.any():
-        raise UsageError(fault("route.point-not-finite", number=int(np.argmax(is_wrong)) + 1))
+        raise UsageError.of("route.point-not-finite", number=int(np.argmax(is_wrong)) + 1)
     if not (np.isfinite(speed_m_s) and speed_m_s > 0.0):
-        raise UsageError(fault("route.speed", value=speed_m_s))
+        raise UsageError.of("route.speed", value=speed_m_s)
     numbers = np.array(_different_points(points, closed=closed))
     if len(numbers) < 2:
-        raise UsageError(fault("route.no-way", length_m=float(distances_along(points)[-1])))
+        raise UsageError.of("route.no-way", length_m=float(distances_along(points)[-1]))
     numbers = np.append(numbers, 0) if closed else numbers
     corners = points[numbers]
     legs = np.hypot(*np.diff(corners, axis=0).T)
     if (is_wrong := legs > MAX_LEG_M).any():
         k = int(np.argmax(is_wrong))
         first, second = (int(number) + 1 for number in numbers[k : k + 2])
-        raise UsageError(fault("route.points-far", first=first, second=second, distance_m=float(legs[k])))
+        raise UsageError.of("route.points-far", first=first, second=second, distance_m=float(legs[k]))
     rounded_points = np.concatenate(list(_round_corners(corners, legs, closed=closed, corner_m=corner_m)))
     s = distances_along(rounded_points)
     kept_mask = np.append(True, np.diff(s) > 1e-9)

@@ -15,7 +15,6 @@ import numpy as np
 
 from baqueano.contracts.calls import checked_call
 from baqueano.controllers.model_following import MAX_ACCELERATION
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.messages.printable import baqueano_command
@@ -59,7 +58,7 @@ def at_speed(route: Route, speed_m_s: float) -> Route:
     Route(1441 poses, 7.9 s, 3.14 m, closed)
     """
     if not (np.isfinite(speed_m_s) and speed_m_s > 0.0):
-        raise UsageError(fault("route.speed", value=speed_m_s))
+        raise UsageError.of("route.speed", value=speed_m_s)
     path = route_path(route)
     return route_along(path, np.full(len(path.s), float(speed_m_s)), direction(route), closed=route.closed)
 
@@ -115,9 +114,9 @@ def fastest(
     """
     for name, value, high in (("share", share, 1.0), ("lateral_m_s2", lateral_m_s2, np.inf)):
         if not 0.0 < value <= high:
-            raise UsageError(fault("route.limit", name=name, value=value))
+            raise UsageError.of("route.limit", name=name, value=value)
     if not speed_m_s > MIN_SPEED_M_S:
-        raise UsageError(fault("route.speed", value=speed_m_s))
+        raise UsageError.of("route.speed", value=speed_m_s)
     path, forward_sign = _resample(route_path(route)), direction(route)
     capability = Capability(vehicle_file, backend)
     curvature = np.abs(path.kappa)
@@ -131,7 +130,7 @@ def fastest(
         if min_share <= 1.0:
             fix = baqueano_command("route", "faster", NAME_PLACEHOLDER, "--share", larger_share)
         position_m, radius_m = float(path.s[index]), float(1.0 / curvature[index])
-        raise UsageError(fault("route.too-tight", fix, position_m=position_m, radius_m=radius_m, share=share))
+        raise UsageError.of("route.too-tight", fix, position_m=position_m, radius_m=radius_m, share=share)
     acceleration, deceleration = (
         _rates(capability, path, forward_sign, sign, max_speed, share) for sign in (1.0, -1.0)
     )

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 if TYPE_CHECKING:
@@ -38,11 +37,10 @@ class Room:
         free_m = 0.5 * min(self.width_m, self.height_m) - self.radius_m
         if not (np.isfinite(self.width_m + self.height_m) and free_m > 0.0):
             w, h, r = self.width_m, self.height_m, self.radius_m
-            size_fault = fault("room.small", "--room 2x2", width_m=w, height_m=h, radius_m=r, min_m=2.0 * r)
-            raise UsageError(size_fault)
+            raise UsageError.of("room.small", "--room 2x2", width_m=w, height_m=h, radius_m=r, min_m=2.0 * r)
         if np.any(np.abs(self.start[:2]) > self.free_half_width_m):
             (x_m, y_m, _), (along_m, across_m) = self.start, self.free_half_width_m
-            raise UsageError(fault("room.start", x_m=x_m, y_m=y_m, max_x_m=along_m, max_y_m=across_m))
+            raise UsageError.of("room.start", x_m=x_m, y_m=y_m, max_x_m=along_m, max_y_m=across_m)
 
     @property
     def free_half_width_m(self) -> np.ndarray:
@@ -84,11 +82,11 @@ def vehicle_room(vehicle_file: "VehicleFile | None", room: Room | str, **options
     if isinstance(room, Room):
         return room
     if not isinstance(room, str):
-        raise UsageError(fault("room.kind", "--room 2x2", value=repr(room)))
+        raise UsageError.of("room.kind", "--room 2x2", value=repr(room))
     if not (match := SIDES.fullmatch(room)):
         room_text = room.replace(",", ".")
         remedy = room_text if SIDES.fullmatch(room_text) else "2x2"
-        raise UsageError(fault("room.unreadable", f"--room {remedy}", size=room))
+        raise UsageError.of("room.unreadable", f"--room {remedy}", size=room)
     sides = [float(side) for side in match.groups()]
     if vehicle_file is None:
         return Room(sides[0], sides[1], **options)

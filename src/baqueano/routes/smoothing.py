@@ -15,7 +15,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.routes.edit import has_close_ends
@@ -81,13 +80,13 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
     Route(380 poses, 18.9 s, 3.79 m, closed)
     """
     if not MIN_TOLERANCE_M <= tolerance_m <= MAX_TOLERANCE_M:
-        raise UsageError(
-            fault("route.tolerance", value=tolerance_m, min_m=MIN_TOLERANCE_M, largest_m=MAX_TOLERANCE_M)
+        raise UsageError.of(
+            "route.tolerance", value=tolerance_m, min_m=MIN_TOLERANCE_M, largest_m=MAX_TOLERANCE_M
         )
     forward_sign, indices = direction(route), moving_indices(route)
     speed = np.abs(route.nu[indices, 0])
     if not (median_speed := float(np.median(speed))) > 0.0:
-        raise UsageError(fault("route.speed", value=median_speed))
+        raise UsageError.of("route.speed", value=median_speed)
     is_closed = route.closed or has_close_ends(route)
     s = distances_along(route.eta[indices, :2])
     spectrum, cutoff_rad_m, s = _spectrum_and_cutoff(route.eta[indices, :2], s, is_closed, tolerance_m, kind)

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.atomic_file import write_then_appear
-from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.signals import seconds
 
@@ -58,7 +57,7 @@ def export_csv(run: "Run", path: Path | str, decimal: str = ".") -> Path:
     ['t_s', 'applied.u_x']
     """
     if decimal not in (".", ","):
-        raise UsageError(fault("runs.decimal", value=decimal))
+        raise UsageError.of("runs.decimal", value=decimal)
     names, columns = zip(*columns_of(run), strict=True)
     rows = np.column_stack(columns)
 
@@ -146,7 +145,7 @@ def export_tum(run: "Run", path: Path | str, which: str = "estimate") -> Path:
     log = getattr(run.without_rest, which) if which in PATH_NAMES else None
     if log is None:
         names = ", ".join(name for name in PATH_NAMES if getattr(run, name) is not None) or "none"
-        raise UsageError(fault("runs.no-trajectory", run=run.name, value=which, trajectories=names))
+        raise UsageError.of("runs.no-trajectory", run=run.name, value=which, trajectories=names)
     path = _checked_new_path(path)
     with write_then_appear(path) as file, io.TextIOWrapper(file, "utf-8", newline="\n") as stream:
         stream.write("# t_s x y z qx qy qz qw\n")
@@ -160,6 +159,6 @@ def export_tum(run: "Run", path: Path | str, which: str = "estimate") -> Path:
 def _checked_new_path(path: Path | str) -> Path:
     path = Path(path)
     if path.exists():
-        raise FileError(fault("runs.file-exists", path=path))
+        raise FileError.of("runs.file-exists", path=path)
     path.parent.mkdir(parents=True, exist_ok=True)
     return path

@@ -11,7 +11,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TypeGuard
 
-from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.messages.printable import baqueano_command
 
@@ -33,9 +32,7 @@ def new_path(folder: Path | str, label: str) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise FileError(
-            fault("runs.folder-not-made", folder=folder, error=error.strerror or error)
-        ) from error
+        raise FileError.of("runs.folder-not-made", folder=folder, error=error.strerror or error) from error
     number = max((run_number(path) or 0 for path in folder.iterdir()), default=0) + 1
     return folder / f"{number:04d}-{plain_label(label)}.mcap"
 
@@ -48,7 +45,7 @@ def path_of_run(path: Path | str, label: str) -> Path:
     if path.is_dir() or not path.suffix:
         return new_path(path, label)
     if path.suffix.lower() != ".mcap":
-        raise UsageError(fault("runs.ending", path=path, name=path.with_suffix(".mcap").name))
+        raise UsageError.of("runs.ending", path=path, name=path.with_suffix(".mcap").name)
     return path
 
 
@@ -100,11 +97,11 @@ def find(name: str, folder: Path | str = "runs") -> Path:
         return matches[0]
     if matches:
         stems = [run.stem for run in matches]
-        raise FileError(fault("runs.ambiguous", value=name, folder=folder, valid=stems))
+        raise FileError.of("runs.ambiguous", value=name, folder=folder, valid=stems)
     if not runs:
-        raise FileError(fault("runs.folder-empty", baqueano_command("experiment"), value=name, folder=folder))
+        raise FileError.of("runs.folder-empty", baqueano_command("experiment"), value=name, folder=folder)
     names = [run.stem for run in runs[-8:]]
-    raise FileError(fault("runs.unknown", _list_command(folder), value=name, folder=folder, valid=names))
+    raise FileError.of("runs.unknown", _list_command(folder), value=name, folder=folder, valid=names)
 
 
 def _list_command(folder: Path | str) -> str:
@@ -140,7 +137,7 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
     runs = _without_recovered_originals(runs)
     if not runs:
         code = "runs.folder-without-runs" if path.is_dir() else "runs.no-match"
-        raise FileError(fault(code, _list_command(folder), value=name, folder=folder))
+        raise FileError.of(code, _list_command(folder), value=name, folder=folder)
     return runs
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from baqueano.contracts.values import TableRow
-from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, FileError
 from baqueano.messages import text
 from baqueano.messages.language import number
@@ -35,7 +34,7 @@ def listing(folder: Path | str = "runs") -> list[ListedRun]:
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise FileError(fault("runs.no-folder", "baqueano experiment", folder=folder))
+        raise FileError.of("runs.no-folder", "baqueano experiment", folder=folder)
     paths = sorted(folder.glob("*.mcap"), key=number_and_name)
     return [_listed_run(path) for path in paths]
 

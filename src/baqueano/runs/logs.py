@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.messages import text
 
@@ -177,20 +176,18 @@ def checked_times(t_ns: Value, name: str, must_increase: bool = False) -> np.nda
     """Return times as int64 (k,). Raise Invalid if they decrease or, with `must_increase`, do not increase."""
     t = np.asarray(t_ns)
     if t.ndim != 1 or (t.size and t.dtype.kind not in "iu"):
-        raise Invalid(fault("run.times", name=name, dtype=t.dtype, value=str(t.shape)))
+        raise Invalid.of("run.times", name=name, dtype=t.dtype, value=str(t.shape))
     t = np.ascontiguousarray(t, dtype=np.int64)
     steps = np.diff(t)
     is_wrong = steps <= 0 if must_increase else steps < 0
     if is_wrong.any():
         k = int(np.argmax(is_wrong))
-        raise Invalid(
-            fault(
-                "run.times-not-increasing" if must_increase else "run.times-decreasing",
-                name=name,
-                entry=k,
-                t_ns=t[k],
-                next_ns=t[k + 1],
-            )
+        raise Invalid.of(
+            "run.times-not-increasing" if must_increase else "run.times-decreasing",
+            name=name,
+            entry=k,
+            t_ns=t[k],
+            next_ns=t[k + 1],
         )
     return t
 
@@ -200,7 +197,7 @@ def checked_array(values: object, name: str, shape: tuple[int, ...]) -> np.ndarr
     rows = np.ascontiguousarray(values, dtype=np.float64)
     if rows.shape != shape:
         shape_text = "(" + ", ".join("n" if m < 0 else str(m) for m in shape) + ")"
-        raise Invalid(fault("run.shape", name=name, value=str(rows.shape), expected=shape_text))
+        raise Invalid.of("run.shape", name=name, value=str(rows.shape), expected=shape_text)
     return rows
 
 
@@ -210,7 +207,7 @@ def checked_channel(name: str, channel: Channel) -> Channel:
     arrival = checked_times(channel.arrival_ns, f"{place_text}.arrival_ns")
     t_ns = np.ascontiguousarray(channel.t_ns, dtype=np.int64)
     if t_ns.shape != arrival.shape:
-        raise Invalid(fault("run.arrivals", channel=place_text, times=len(t_ns), arrivals=len(arrival)))
+        raise Invalid.of("run.arrivals", channel=place_text, times=len(t_ns), arrivals=len(arrival))
     m = np.shape(channel.z)[1] if np.ndim(channel.z) == 2 else -1
     return Channel(t_ns, arrival, checked_array(channel.z, f"{place_text}.z", (len(arrival), m)))
 

@@ -87,7 +87,7 @@ def write_route(route: Route, path: Path | str) -> Path:
 def check_ending(path: Path | str) -> None:
     """Raise UsageError if the name of a route's file does not end in .csv."""
     if Path(path).suffix.lower() != ".csv":
-        raise UsageError(fault("route.ending", path=path))
+        raise UsageError.of("route.ending", path=path)
 
 
 @contextmanager
@@ -162,16 +162,15 @@ def _read_route(path: Path) -> Route:
     values = np.column_stack(columns)
     is_not_finite = ~np.isfinite(np.column_stack([t_s, values])).all(axis=1)
     if is_not_finite.any():
-        raise FileError(fault("route.not-number", path=path, line=table.lines[np.argmax(is_not_finite)]))
+        raise FileError.of("route.not-number", path=path, line=table.lines[np.argmax(is_not_finite)])
     if len(t_s) < 2:
-        raise FileError(fault("route.too-short", path=path, count=len(t_s)))
+        raise FileError.of("route.too-short", path=path, count=len(t_s))
     is_not_later = np.diff(t_s) <= 0.0
     if is_not_later.any() or t_s[0] != 0.0:
         line = table.lines[np.argmax(is_not_later) + 1] if is_not_later.any() else table.lines[0]
-        reason = fault(
+        raise FileError.of(
             "route.times", path=path, line=line, value=t_s[np.argmax(is_not_later) + int(is_not_later.any())]
         )
-        raise FileError(reason)
     return Route(t_s, values[:, :3], values[:, 3:], _is_closed(path))
 
 
@@ -181,15 +180,15 @@ def _distance_route(table: LogTable, path: Path) -> Route:
     wait_s = table.numbers(WAIT_COLUMN) if WAIT_COLUMN in table.columns else np.zeros(len(values))
     is_not_finite = ~np.isfinite(np.column_stack([values, wait_s])).all(axis=1)
     if is_not_finite.any():
-        raise FileError(fault("route.not-number", path=path, line=table.lines[np.argmax(is_not_finite)]))
+        raise FileError.of("route.not-number", path=path, line=table.lines[np.argmax(is_not_finite)])
     if len(values) < 2:
-        raise FileError(fault("route.too-short", path=path, count=len(values)))
+        raise FileError.of("route.too-short", path=path, count=len(values))
     s, v, psi = values[:, 0], values[:, 4], np.unwrap(values[:, 3])
     ds, dpsi, pace = np.diff(s), np.diff(psi), 0.5 * (np.abs(v[1:]) + np.abs(v[:-1]))
     is_not_finite = (ds < 0.0) | ((ds > 0.0) & (pace <= 0.0)) | (wait_s[:-1] < 0.0)
     if is_not_finite.any():
         k = int(np.argmax(is_not_finite))
-        raise FileError(fault("route.way", path=path, line=table.lines[k + 1], ds_m=ds[k], v_m_s=pace[k]))
+        raise FileError.of("route.way", path=path, line=table.lines[k + 1], ds_m=ds[k], v_m_s=pace[k])
     moves = ds > 0.0
     dt_s = np.where(moves, ds / np.where(moves, pace, 1.0), np.abs(dpsi) / SPOT_TURN_RAD_S)
     turn = np.where(moves, dpsi / np.where(moves, ds, 1.0) * pace, np.sign(dpsi) * SPOT_TURN_RAD_S)
@@ -205,7 +204,7 @@ def _distance_route(table: LogTable, path: Path) -> Route:
     )
     is_kept = np.append(True, np.diff(t_s) > 0.0)  # of two equal poses one is kept
     if np.count_nonzero(is_kept) < 2:
-        raise FileError(fault("route.too-short", path=path, count=1))
+        raise FileError.of("route.too-short", path=path, count=1)
     return Route(t_s[is_kept], eta[is_kept], nu[is_kept], _is_closed(path))
 
 
@@ -214,4 +213,4 @@ def _is_closed(path: Path) -> bool:
         match = _CLOSED_LINE.match(line)
         if match:
             return match[1].lower() == "true"
-    raise FileError(fault("route.closed-missing", path=path))
+    raise FileError.of("route.closed-missing", path=path)

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
 from baqueano.guides.route import Route, end_gap, with_closed_gap, with_flying_start
 from baqueano.runs.run import Run
@@ -22,11 +21,11 @@ def run_route(run: Run, *, closed: bool | None = False) -> Route:
     log = run.without_rest.estimate
     stop = next((event.diagnostic for event in run.events if event.level == "error"), None)
     if log is None or len(log.t_ns) < 2:
-        raise AnswerNo(fault("route.stopped" if stop else "route.no-estimates", name=run.name, cause=stop))
+        raise AnswerNo.of("route.stopped" if stop else "route.no-estimates", name=run.name, cause=stop)
     speed, turn = np.hypot(log.nu[:, 0], log.nu[:, 1]), np.abs(log.nu[:, 2])
     moving_indices = np.flatnonzero(((speed > STILL_M_S) | (turn > STILL_RAD_S)) & np.isfinite(speed + turn))
     if len(moving_indices) < 2:
-        raise AnswerNo(fault("route.stopped" if stop else "route.no-motion", name=run.name, cause=stop))
+        raise AnswerNo.of("route.stopped" if stop else "route.no-motion", name=run.name, cause=stop)
     first, last = max(moving_indices[0] - 1, 0), moving_indices[-1]
     t_s = seconds(log.t_ns[first : last + 1], log.t_ns[first])
     rows = np.unique(np.searchsorted(t_s, np.append(np.arange(0.0, t_s[-1], 1.0 / ROUTE_RATE_HZ), t_s[-1])))
@@ -37,7 +36,7 @@ def run_route(run: Run, *, closed: bool | None = False) -> Route:
     is_at_start = gap_m <= CLOSE_M and gap_rad <= CLOSE_RAD
     if closed and not is_at_start:
         gap, close = {"gap_m": gap_m, "gap_deg": np.degrees(gap_rad)}, np.degrees(CLOSE_RAD)
-        raise AnswerNo(fault("route.open", name=run.name, **gap, tolerance_m=CLOSE_M, tolerance_deg=close))
+        raise AnswerNo.of("route.open", name=run.name, **gap, tolerance_m=CLOSE_M, tolerance_deg=close)
     length_m = float(np.sum(np.hypot(*np.diff(eta[:, :2], axis=0).T)))
     is_loop = is_at_start and length_m > MIN_LOOP_M if closed is None else closed
     return with_flying_start(with_closed_gap(route)) if is_loop else route

@@ -17,7 +17,7 @@ import numpy as np
 
 from baqueano.calibration.rest import begins_at_rest, with_rest_gyro_bias
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import UsageError
 from baqueano.identify.battery import separation_problem
 from baqueano.identify.data.added_channels import BATTERY_CHANNEL
@@ -103,12 +103,12 @@ def choose(
     UsageError for an unknown name, for other options, or without a command."""
     option_names = [name for name in options.non_defaults if name not in ACCEPTED_OPTIONS]
     if option_names:
-        raise UsageError(fault("choose.options", options=option_names))
+        raise UsageError.of("choose.options", options=option_names)
     runs, report = [runs] if isinstance(runs, Run) else list(runs), progress or (lambda text: None)
     check_only_held_out(held_out, runs)
     commands = [run.applied_commands[np.isfinite(run.applied_commands).all(axis=1)] for run in runs]
     if not sum(map(len, commands)):
-        raise UsageError(fault("choose.no-command"))
+        raise UsageError.of("choose.no-command")
     u, setup = np.concatenate(commands), FitSetup(runs, use, options, tuple(held_out))
     battery = any(BATTERY_CHANNEL in run.sensors for run in runs)
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
@@ -157,7 +157,7 @@ class _ModelSelection:
         base_file = with_rest_gyro_bias(core_file, runs)[0] if has_offset(core_file.vehicle) else core_file
         blocks, runs, channels = select_sensors(base_file, [*runs, *validation_runs], use)
         if any(measures_pose(sensor) for sensor in blocks.sensors):
-            raise UsageError(fault("choose.pose"))
+            raise UsageError.of("choose.pose")
         blocks = with_term_slots(blocks, terms)
         paths = list(dict.fromkeys([*least_paths, *(path for term in terms for path in term.paths)]))
         bounds = {path: limits for path, limits in options.bounds.items() if path in paths}

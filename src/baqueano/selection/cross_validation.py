@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.theta import ThetaShape
@@ -187,7 +186,7 @@ def check_only_held_out(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
     """Raise UsageError if a run is both held out and fitted."""
     repeats = [run.name for run in held_out if run in runs]
     if repeats:
-        raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=repeats[0]))
+        raise UsageError.of("runs.fitted-to", "--held-out RUN", run=repeats[0])
 
 
 def paired_comparison(base: Score, other_model: Score) -> PairedComparison:
@@ -222,7 +221,7 @@ def _blocks(records: Sequence[FitRecord], whole_runs: bool) -> tuple[float, list
         return 0.0, block_numbers, max(r.run for r in records) + 1 - first_run
     total = sum(float(np.sum(r.dt_s)) for r in records)
     if total < MIN_BLOCKS * SHORT_BLOCK_S:
-        raise UsageError(fault("choose.short", total_s=total, min_s=MIN_BLOCKS * SHORT_BLOCK_S))
+        raise UsageError.of("choose.short", total_s=total, min_s=MIN_BLOCKS * SHORT_BLOCK_S)
     block_s = max(min(max(total / MIN_BLOCK_COUNT, SHORT_BLOCK_S), BLOCK_S), total / MAX_BLOCKS)
     block_numbers, first_run = [], 0
     for record in records:

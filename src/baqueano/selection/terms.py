@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import JsonObject, Tree
-from baqueano.diagnostics import fault, nearest
+from baqueano.diagnostics import nearest
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import (
@@ -143,7 +143,7 @@ def candidate_terms(
             chosen_terms.append(Term(candidate, paths, (0.0,) * len(paths), (start,)))
         else:
             kind, suggestion = type(blocks.model).__name__, nearest(candidate, by_name)
-            raise UsageError(fault("choose.no-term", value=candidate, kind=kind, suggestion=suggestion))
+            raise UsageError.of("choose.no-term", value=candidate, kind=kind, suggestion=suggestion)
     return chosen_terms
 
 

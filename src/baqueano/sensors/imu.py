@@ -20,7 +20,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter
 from baqueano.sensors.sampling import (
@@ -152,7 +151,7 @@ class Imu:
 
     def __post_init__(self) -> None:
         if self.measurement_model not in MODELS:
-            raise Invalid(fault("imu.model", value=repr(self.measurement_model), valid=MODELS))
+            raise Invalid.of("imu.model", value=repr(self.measurement_model), valid=MODELS)
         check_sensor_fields(self)
         if self.low_pass_hz < INF:
             object.__setattr__(self, "has_low_pass", True)

@@ -17,7 +17,6 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter
 from baqueano.sensors.sampling import noise_cov_parameter, sensor_position
@@ -73,7 +72,7 @@ class Tags:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.points_m.ndim != 2 or self.points_m.shape[1] != 2:
-            raise Invalid(fault("tags.points", value=str(self.points_m.shape)))
+            raise Invalid.of("tags.points", value=str(self.points_m.shape))
 
     @property
     def cov(self) -> np.ndarray:

@@ -17,7 +17,6 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller, Guide, Supervision
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.estimators import KnownState
 from baqueano.guides.repeat import with_laps
@@ -249,7 +248,7 @@ def check_compilable(backend: str, **blocks: Tree) -> None:
         if optional.attribute(block, "is_interpreted") and resolve_backend(backend) != "numpy":
             line = f"--{role}", f"file.py:{type(block).__name__}"
             command = baqueano_command("repeat", "lab", *line)
-            raise UsageError(fault("simulate.as-written", command, role=role, block=type(block).__name__))
+            raise UsageError.of("simulate.as-written", command, role=role, block=type(block).__name__)
 
 
 def as_run(name: str, t_ns: np.ndarray, output: Tree, metadata: dict[str, str]) -> Run:
@@ -283,7 +282,7 @@ def reference_duration(system: System) -> float:
     """
     low, high = -1, MAX_DURATION_NS
     if not _is_over(system, high):
-        raise UsageError(fault("simulate.never-done", limit_h=MAX_DURATION_NS / NANOSECONDS / 3600))
+        raise UsageError.of("simulate.never-done", limit_h=MAX_DURATION_NS / NANOSECONDS / 3600)
     while high - low > 1:
         middle_ns = (low + high) // 2
         low, high = (low, middle_ns) if _is_over(system, middle_ns) else (middle_ns, high)

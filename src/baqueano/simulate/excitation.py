@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from baqueano.contracts.calls import checked_call
-from baqueano.diagnostics import fault, nearest
+from baqueano.diagnostics import nearest
 from baqueano.errors import UsageError
 
 
@@ -74,20 +74,18 @@ def _multisine(
     """Return sums of sines between `low_hz` and `high_hz`. No two channels share a frequency.  (2)"""
     limit, n_ticks = _validate(limit, duration_s, rate_hz)
     if not 0.0 < low_hz < high_hz < 0.5 * rate_hz:
-        raise UsageError(fault("signal.band", low_hz=low_hz, high_hz=high_hz, max_hz=0.5 * rate_hz))
+        raise UsageError.of("signal.band", low_hz=low_hz, high_hz=high_hz, max_hz=0.5 * rate_hz)
     moving_axes = np.flatnonzero(limit > 0.0)
     t_s = np.arange(n_ticks) / rate_hz
     bins = np.arange(np.ceil(low_hz * duration_s), np.floor(high_hz * duration_s) + 1)
     if len(bins) < 2 * max(1, len(moving_axes)):
-        raise UsageError(
-            fault(
-                "signal.few-sines",
-                duration_s=duration_s,
-                sines=len(bins),
-                low_hz=low_hz,
-                high_hz=high_hz,
-                minimum=2 * len(moving_axes),
-            )
+        raise UsageError.of(
+            "signal.few-sines",
+            duration_s=duration_s,
+            sines=len(bins),
+            low_hz=low_hz,
+            high_hz=high_hz,
+            minimum=2 * len(moving_axes),
         )
     rng = np.random.default_rng(seed)
     u = np.zeros((n_ticks, len(limit)))
@@ -185,10 +183,10 @@ def excitation(
     ((1000, 3), [1.0, 0.0, 1.0])
     """
     if kind not in KINDS:
-        raise UsageError(fault("signal.unknown", value=kind, suggestion=nearest(kind, [*KINDS, "designed"])))
+        raise UsageError.of("signal.unknown", value=kind, suggestion=nearest(kind, [*KINDS, "designed"]))
     moving_s = duration_s - 2.0 * rest_s
     if not (rest_s >= 0.0 and moving_s > 0.0):
-        raise UsageError(fault("signal.all-rest", rest_s=rest_s, moving_s=moving_s, duration_s=duration_s))
+        raise UsageError.of("signal.all-rest", rest_s=rest_s, moving_s=moving_s, duration_s=duration_s)
     u = KINDS[kind](limit, moving_s, rate_hz, seed, **options)
     rest = np.zeros((round(rest_s * rate_hz), u.shape[1]))
     return np.concatenate([rest, u, rest]) + 0.0  # not -0.0
@@ -199,14 +197,14 @@ def _validate(limit: ArrayLike, duration_s: float, rate_hz: float) -> tuple[np.n
     invalid."""
     limit = np.atleast_1d(np.array(limit, dtype=float))
     if limit.ndim != 1 or not np.all(np.isfinite(limit)) or np.any(limit < 0.0):
-        raise UsageError(fault("signal.limit", limit=limit.tolist()))
+        raise UsageError.of("signal.limit", limit=limit.tolist())
     if not (rate_hz > 0.0 and duration_s * rate_hz >= 1.0 and np.isfinite(duration_s * rate_hz)):
-        raise UsageError(fault("signal.no-tick", duration_s=duration_s, rate_hz=rate_hz))
+        raise UsageError.of("signal.no-tick", duration_s=duration_s, rate_hz=rate_hz)
     return limit, round(duration_s * rate_hz)
 
 
 def _ticks(span_s: float, rate_hz: float, name: str) -> int:
     ticks = round(span_s * rate_hz) if np.isfinite(span_s) else 0
     if ticks < 1:
-        raise UsageError(fault("signal.short", name=name, span_s=span_s, min_s=1.0 / rate_hz))
+        raise UsageError.of("signal.short", name=name, span_s=span_s, min_s=1.0 / rate_hz)
     return ticks

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow, Tree
-from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.errors import UsageError
 from baqueano.messages import verdict_line
 from baqueano.messages.language import number
@@ -272,17 +272,17 @@ def parameter_sets(
         array = np.array(values, dtype=float)
         if array.shape[1:] != shape or array.ndim != len(shape) + 1:
             expected_shape = "(L" + "".join(f", {n}" for n in shape) + ("," if not shape else "") + ")"
-            raise UsageError(
-                fault("simulate.vary-shape", path=path, value=str(array.shape), expected=expected_shape)
+            raise UsageError.of(
+                "simulate.vary-shape", path=path, value=str(array.shape), expected=expected_shape
             )
         if count is not None and len(array) != count:
-            raise UsageError(fault("simulate.vary-count", path=path, value=len(array), expected=count))
+            raise UsageError.of("simulate.vary-count", path=path, value=len(array), expected=count)
         if not np.all(np.isfinite(array)):
-            raise UsageError(fault("simulate.vary-not-finite", path=path))
+            raise UsageError.of("simulate.vary-not-finite", path=path)
         count = len(array)
         columns.append(array.reshape(count, -1))
     if not count:
-        raise UsageError(fault("simulate.no-vehicles"))
+        raise UsageError.of("simulate.no-vehicles")
     return tuple(vary), np.concatenate(columns, axis=1) if columns else np.zeros((count, 0))
 
 
@@ -297,11 +297,11 @@ def draw_parameters(
         [] if fit is None else [k for k, name in enumerate(fit.names) if name.startswith("model.")]
     )
     if fit is None or not model_indices:
-        raise UsageError(
-            fault("simulate.no-covariance", "baqueano identify last --update", name=vehicle_file.name)
+        raise UsageError.of(
+            "simulate.no-covariance", "baqueano identify last --update", name=vehicle_file.name
         )
     if not vehicles or vehicles < 1:
-        raise UsageError(fault("simulate.vehicles", vehicles=vehicles))
+        raise UsageError.of("simulate.vehicles", vehicles=vehicles)
     paths = tuple(fit.names[k] for k in model_indices)
     mean = parameter_vector(system, paths)
     variances, axes = np.linalg.eigh(fit.cov[np.ix_(model_indices, model_indices)])

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.calls import checked_call
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.messages import english_text
 from baqueano.runs.container.writer import versions
@@ -212,14 +211,14 @@ def command_signal(vehicle_file: "VehicleFile", u: ArrayLike) -> np.ndarray:
     names, limit = vehicle_file.command.names, vehicle_file.command.limit
     u = np.array(u, dtype=float)
     if u.ndim != 2 or u.shape[1] != len(names) or not len(u):
-        raise UsageError(fault("simulate.signal-shape", value=str(u.shape), commands=len(names), names=names))
+        raise UsageError.of("simulate.signal-shape", value=str(u.shape), commands=len(names), names=names)
     if not np.all(np.isfinite(u)):
         k, i = np.argwhere(~np.isfinite(u))[0]
-        raise UsageError(fault("simulate.not-finite", name=names[i], value=u[k, i], tick=k))
+        raise UsageError.of("simulate.not-finite", name=names[i], value=u[k, i], tick=k)
     is_beyond_limit = np.abs(u) > np.asarray(limit) * (1.0 + 1e-12)
     if np.any(is_beyond_limit):
         k, i = np.argwhere(is_beyond_limit)[0]
-        raise UsageError(fault("simulate.beyond-limit", name=names[i], value=u[k, i], tick=k, limit=limit[i]))
+        raise UsageError.of("simulate.beyond-limit", name=names[i], value=u[k, i], tick=k, limit=limit[i])
     return u
 
 
@@ -228,5 +227,5 @@ def _checked_pose(x: np.ndarray | None, name: str) -> np.ndarray | None:
         return None
     x = np.array(x, dtype=float)
     if x.shape != (3,) or not np.all(np.isfinite(x)):
-        raise UsageError(fault("simulate.pose", name=name, value=str(x.tolist())))
+        raise UsageError.of("simulate.pose", name=name, value=str(x.tolist()))
     return x

@@ -13,7 +13,6 @@ import numpy as np
 from baqueano import loop
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Tree, Value
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError, error_cause
 from baqueano.signals import Motion, Tick
 from baqueano.symbolic import value_at_path, with_value
@@ -79,7 +78,7 @@ def value_at(system: System, path: str) -> np.ndarray:
     try:
         array = np.asarray(value_at_path(system, path), dtype=float)
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
-        raise UsageError(fault("simulate.no-number", path=path, cause=error_cause(error))) from error
+        raise UsageError.of("simulate.no-number", path=path, cause=error_cause(error)) from error
     return array
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.compare import Comparison, compare
 from baqueano.contracts.values import TableRow
-from baqueano.diagnostics import Diagnostic, Verdict, fault, merge_diagnostics, note
+from baqueano.diagnostics import Diagnostic, Verdict, merge_diagnostics, note
 from baqueano.drive import drive_stop_reason, experiment, repeat, teach
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import sinuous_circle
@@ -250,7 +250,7 @@ def demo(
     progress(note("demo.identify"))
     fit = identify(run, vehicle_file, options=FitOptions(backend=backend))
     if fit.verdict == Verdict.REFUSED:
-        raise AnswerNo(fault("demo.refused", cause=merge_diagnostics(fit.reasons)))
+        raise AnswerNo.of("demo.refused", cause=merge_diagnostics(fit.reasons))
     vehicle_file = fit.vehicle_file
     progress(note("demo.noise"))
     noise = measure_noise(fit, run, backend=backend)

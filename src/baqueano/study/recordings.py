@@ -12,7 +12,7 @@ from importlib import import_module
 
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
-from baqueano.diagnostics import Verdict, fault
+from baqueano.diagnostics import Verdict
 from baqueano.errors import FileError
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -110,13 +110,11 @@ def check_cpm_present() -> None:
     """Raise FileError with the names of the missing files of the CPM µCar, if any."""
     missing_files = missing_paths(map_files(CPM_MAPS))
     if missing_files:
-        raise FileError(
-            fault(
-                "study.recordings-missing",
-                recordings=missing_files,
-                folders=" or ".join(map(str, data_folders())),
-                first=missing_files[0].partition("/")[0],
-            )
+        raise FileError.of(
+            "study.recordings-missing",
+            recordings=missing_files,
+            folders=" or ".join(map(str, data_folders())),
+            first=missing_files[0].partition("/")[0],
         )
 
 

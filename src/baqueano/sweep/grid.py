@@ -15,7 +15,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.contracts.names import GAINS_CHOICES
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault, nearest
+from baqueano.diagnostics import nearest
 from baqueano.drive.replay import recorded_vehicle_file
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
@@ -107,7 +107,7 @@ def sweep(
     }
     sweep_settings = _checked_settings(settings)
     if not isinstance(seeds, Iterable):
-        raise UsageError(fault("sweep.seeds", value=seeds))
+        raise UsageError.of("sweep.seeds", value=seeds)
     runs = [subject for subject in subjects if isinstance(subject, Run)]
     if runs and len(runs) == len(subjects):
         jobs = _run_jobs(runs, blocks_by_role, vehicle, sweep_settings, _as_list(routes))
@@ -115,7 +115,7 @@ def sweep(
         jobs = _vehicle_jobs(subjects, blocks_by_role, _name_routes(routes), list(seeds), sweep_settings)
     labels = list(dict.fromkeys(job.combination.label for job in jobs))
     if reference is not None and reference not in labels:
-        raise UsageError(fault("sweep.reference", value=reference, suggestion=nearest(reference, labels)))
+        raise UsageError.of("sweep.reference", value=reference, suggestion=nearest(reference, labels))
     count = processor_count() if processes is None else processes
     drives = run_jobs(
         jobs, Resources(count, cluster, None if drives_folder is None else Path(drives_folder)), advance
@@ -137,19 +137,17 @@ def _checked_settings(settings: dict) -> SweepSettings:
     names = ("routes", "estimators", "controllers", "guides", "seeds", "reference", *SweepSettings._fields)
     for name in settings:
         if name not in SweepSettings._fields:
-            raise UsageError(
-                fault("sweep.setting", call="sweep", value=name, suggestion=nearest(name, names))
-            )
+            raise UsageError.of("sweep.setting", call="sweep", value=name, suggestion=nearest(name, names))
     conditions = SweepSettings(**settings)
     if conditions.gains not in GAINS_CHOICES:
-        raise UsageError(fault("sweep.gains-choice", value=conditions.gains, valid=GAINS_CHOICES))
+        raise UsageError.of("sweep.gains-choice", value=conditions.gains, valid=GAINS_CHOICES)
     if conditions.alignment not in ALIGNMENTS:
-        raise UsageError(fault("compare.alignment", value=conditions.alignment, valid=ALIGNMENTS))
+        raise UsageError.of("compare.alignment", value=conditions.alignment, valid=ALIGNMENTS)
     if not (conditions.laps >= 1 and conditions.interval_s > 0.0):
-        raise UsageError(fault("sweep.numbers", laps=conditions.laps, interval_s=conditions.interval_s))
+        raise UsageError.of("sweep.numbers", laps=conditions.laps, interval_s=conditions.interval_s)
     start = tuple(conditions.start)
     if len(start) != 3 or not np.all(np.isfinite(start)):
-        raise UsageError(fault("simulate.pose", name="start", value=str(list(start))))
+        raise UsageError.of("simulate.pose", name="start", value=str(list(start)))
     return conditions._replace(start=tuple(map(float, start)))
 
 
@@ -177,15 +175,13 @@ def _vehicle_jobs(
     """
     if not files or not routes or not seeds:
         call, route_count = "bq.sweep(robot, route)", len(routes)
-        raise UsageError(
-            fault("sweep.nothing", call, vehicles=len(files), routes=route_count, seeds=len(seeds))
-        )
+        raise UsageError.of("sweep.nothing", call, vehicles=len(files), routes=route_count, seeds=len(seeds))
     if unsupported_files := [
         vehicle_file for vehicle_file in files if not isinstance(vehicle_file, VehicleFile)
     ]:
-        raise UsageError(fault("sweep.mixed", value=type(unsupported_files[0]).__name__))
+        raise UsageError.of("sweep.mixed", value=type(unsupported_files[0]).__name__)
     if unsupported_files := [route for route in routes.values() if not isinstance(route, Route)]:
-        raise UsageError(fault("sweep.route", value=type(unsupported_files[0]).__name__))
+        raise UsageError.of("sweep.route", value=type(unsupported_files[0]).__name__)
     jobs, names = [], _vehicle_names(files)
     for combination, blocks in _combinations(blocks_by_role, files[0]):
         for name, vehicle_file in zip(names, files, strict=True):
@@ -232,7 +228,7 @@ def _run_jobs(
         (routes, "routes"),
     ):
         if values:
-            raise UsageError(fault("sweep.of-runs", factor=name))
+            raise UsageError.of("sweep.of-runs", factor=name)
     files = [vehicle or recorded_vehicle_file(run) for run in runs]
     names, jobs = _labels([run.name for run in runs]), []
     for combination, blocks in _combinations(blocks_by_role, files[0]):

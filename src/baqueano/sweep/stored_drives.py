@@ -21,7 +21,6 @@ from baqueano.atomic_file import replace_file
 from baqueano.block_checks.source_text import is_in_package, source_text
 from baqueano.blocks import LOOP_ROLES, PROGRAM, resolve
 from baqueano.contracts import optional
-from baqueano.diagnostics import fault
 from baqueano.errors import USER_MODULE_PREFIX, UsageError
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.sweep.combination import SweepJob, drive_from_row, drive_job, drive_row
@@ -184,11 +183,11 @@ def run_on_cluster(
     try:
         from distributed import Client, as_completed  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        raise UsageError(fault("sweep.no-distributed", "pip install distributed")) from error
+        raise UsageError.of("sweep.no-distributed", "pip install distributed") from error
     try:
         client = Client(resources.cluster, timeout="10s", set_as_default=False)
     except (OSError, ValueError) as error:
-        raise UsageError(fault("sweep.no-cluster", address=resources.cluster, cause=error)) from error
+        raise UsageError.of("sweep.no-cluster", address=resources.cluster, cause=error) from error
     results: list[tuple[int, dict]] = []
     with client:
         waiting = [

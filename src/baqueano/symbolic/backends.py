@@ -4,7 +4,7 @@ import os
 import sys
 
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import Invalid
 from baqueano.messages import text
 from baqueano.symbolic.graph.program import Kernel, Program
@@ -19,7 +19,7 @@ def resolve_backend(backend: str) -> str:
     if backend == "auto":
         backend = os.environ.get("BAQUEANO_BACKEND", "") or "auto"
     if backend not in BACKEND_NAMES:
-        raise Invalid(fault("engine.backend", value=backend, valid=BACKEND_NAMES))
+        raise Invalid.of("engine.backend", value=backend, valid=BACKEND_NAMES)
     return backend
 
 

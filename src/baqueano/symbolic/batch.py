@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.symbolic.backends import Runner
 from baqueano.symbolic.derivatives.sums import with_sums
@@ -39,7 +38,7 @@ class Batch(NamedTuple):
         counts |= {len(theta)} if theta.ndim == 2 else set()
         ticks = {np.shape(x.value)[x.is_own] for x in entries if np.ndim(x.value) > x.is_own}
         if len(counts) != 1 or len(ticks) != 1:
-            raise Invalid(fault("engine.batch-sizes", sizes=_list(counts), ticks=_list(ticks)))
+            raise Invalid.of("engine.batch-sizes", sizes=_list(counts), ticks=_list(ticks))
         (count,), (n,) = counts, ticks
         rows = None
         if carry is not None or scan.carry_function is None:

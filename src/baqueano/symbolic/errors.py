@@ -10,7 +10,6 @@ from types import CodeType
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import fault
 from baqueano.errors import DiagnosticError, cell_name
 
 _FOREIGN = (str(Path(__file__).parent), str(Path(np.__file__).parent), "<")  # engine, NumPy, generated code
@@ -34,7 +33,7 @@ class TraceError(DiagnosticError, TypeError, ValueError):
 
 def trace_error(code: str, **figures: Value) -> TraceError:
     """Return the error with this code, for the innermost running line of the user's code."""
-    return TraceError(fault(code, place=running_line(), **figures))
+    return TraceError.of(code, place=running_line(), **figures)
 
 
 def running_line() -> str:
@@ -67,9 +66,7 @@ def locate_errors() -> Iterator[None]:
             if isinstance(error, IndexError) and FANCY_INDEX_TEXT in str(error)
             else "trace.numpy"
         )
-        raise TraceError(
-            fault(code, place=place_text, kind=type(error).__name__, error=str(error))
-        ) from error
+        raise TraceError.of(code, place=place_text, kind=type(error).__name__, error=str(error)) from error
 
 
 def _is_user_code(code: CodeType) -> bool:

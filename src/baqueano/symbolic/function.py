@@ -20,7 +20,6 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import Misuse
 from baqueano.symbolic.backends import Runner, resolve_backend
 from baqueano.symbolic.graph.assemble import assemble, remaining_zeros
@@ -108,8 +107,8 @@ class Function:
         if kwargs:
             args = inspect.signature(self.f).bind(*args, **kwargs).args
         if len(args) != len(self._shapes):
-            raise Misuse(
-                fault("engine.arguments", value=len(args), expected=len(self._shapes), names=self._names)
+            raise Misuse.of(
+                "engine.arguments", value=len(args), expected=len(self._shapes), names=self._names
             )
         return self.call(*args)
 
@@ -295,7 +294,7 @@ class CompiledBlock:
 
 
 def _raise_never_called(*args: Tree) -> Tree:
-    raise ShapeMismatch(fault("engine.not-compiled"))
+    raise ShapeMismatch.of("engine.not-compiled")
 
 
 def _argument_names(f: Callable[..., Tree], count: int) -> list[str]:

@@ -14,7 +14,6 @@ from types import CodeType
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid, error_cause
 from baqueano.symbolic.graph.tree import (
     Branch,
@@ -219,4 +218,4 @@ def _check_shape(shape: Shape, tree: Tree) -> None:
     except ValueError as error:
         raise ShapeMismatch(error_cause(error)) from None
     if len(entries) != sum(1 for _ in leaves(shape)):
-        raise ShapeMismatch(fault("tree.another", path=shape.path))
+        raise ShapeMismatch.of("tree.another", path=shape.path)

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault, nearest
+from baqueano.diagnostics import nearest
 from baqueano.errors import DiagnosticError, Invalid
 from baqueano.symbolic.arrays.array import as_fillable, has_scalars
 
@@ -47,7 +47,7 @@ def _steps(path: str) -> tuple[Tree, ...]:
     while offset < len(path):
         match = _STEP.match(path, offset)
         if match is None:
-            raise Invalid(fault("path.not-a-path", path=path))
+            raise Invalid.of("path.not-a-path", path=path)
         name, index = match.groups()
         steps.append(name if index is None else _index(index, path))
         offset = match.end()
@@ -58,7 +58,7 @@ def _index(text: str, path: str) -> tuple[int, ...]:
     try:
         return tuple(int(entry) for entry in text.split(","))
     except ValueError:
-        raise Invalid(fault("path.index", path=path, value=text)) from None
+        raise Invalid.of("path.index", path=path, value=text) from None
 
 
 def _child(tree: Tree, step: Tree, path: str) -> Tree:
@@ -67,8 +67,8 @@ def _child(tree: Tree, step: Tree, path: str) -> Tree:
     names = tree if isinstance(tree, dict) else _names(type(tree)) or getattr(tree, "__dict__", ())
     if step not in names:
         suggestion = nearest(step, map(str, names))
-        raise NoSuchName(
-            fault("path.no-such-name", path=path, kind=type(tree).__name__, value=step, suggestion=suggestion)
+        raise NoSuchName.of(
+            "path.no-such-name", path=path, kind=type(tree).__name__, value=step, suggestion=suggestion
         )
     return tree[step] if isinstance(tree, dict) else getattr(tree, step)
 
@@ -83,8 +83,8 @@ def _names(container_type: type) -> tuple[str, ...]:
 def _replace_at(tree: Tree, steps: tuple[Tree, ...], value: Tree, path: str) -> Tree:
     if not steps:
         if tree is not None and np.shape(tree) != np.shape(value):
-            raise Invalid(
-                fault("path.shape", path=path, expected=str(np.shape(tree)), value=str(np.shape(value)))
+            raise Invalid.of(
+                "path.shape", path=path, expected=str(np.shape(tree)), value=str(np.shape(value))
             )
         return value
     step = steps[0]

@@ -9,7 +9,6 @@ from copy import copy
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.symbolic.arrays.array import TracedArray, as_array
 from baqueano.symbolic.arrays.tracing import tracing
@@ -147,7 +146,7 @@ class PlainScan(Scan):
             carry, output = self.step(*theta_arguments, carry, x)
             outputs.append(output)
         if not outputs:
-            raise Invalid(fault("engine.no-ticks"))
+            raise Invalid.of("engine.no-ticks")
         return carry, outputs
 
     def _ticks(self, inputs: Tree) -> Iterator[Tree]:
@@ -167,4 +166,4 @@ def _common_shape(outputs: list[Tree]) -> Shape:
 
 def _check_scalar(numbers: int) -> None:
     if numbers != 1:
-        raise Invalid(fault("engine.cost", numbers=numbers))
+        raise Invalid.of("engine.cost", numbers=numbers)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.symbolic.graph.program import NormalEquations
 from baqueano.symbolic.graph.tree import tree_shape
@@ -126,22 +125,20 @@ class Scan(ABC):
         expected_shape = "(L, p)" if is_batch else "(p,)"
         if self.parameters is None:
             if theta is not None:
-                raise Invalid(fault("engine.no-theta"))
+                raise Invalid.of("engine.no-theta")
             return np.zeros(0)
         if theta is None:
-            raise Invalid(fault("engine.theta-missing", parameters=self.parameters, expected=expected_shape))
+            raise Invalid.of("engine.theta-missing", parameters=self.parameters, expected=expected_shape)
         theta = np.ascontiguousarray(theta, dtype=float)
         if theta.ndim != 1 + is_batch or theta.shape[-1] != self.parameters:
-            raise Invalid(
-                fault(
-                    "engine.theta-shape",
-                    value=str(theta.shape),
-                    expected=expected_shape,
-                    parameters=self.parameters,
-                )
+            raise Invalid.of(
+                "engine.theta-shape",
+                value=str(theta.shape),
+                expected=expected_shape,
+                parameters=self.parameters,
             )
         return theta
 
     def _need_theta(self) -> None:
         if self.parameters is None:
-            raise Invalid(fault("engine.no-parameters"))
+            raise Invalid.of("engine.no-parameters")

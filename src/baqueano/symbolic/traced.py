@@ -13,7 +13,6 @@ from functools import reduce
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.symbolic.backends import Runner, resolve_backend
 from baqueano.symbolic.batch import Batch, BatchSums
@@ -71,7 +70,7 @@ def scan(
     name = resolve_backend(backend)
     theta = None if theta is None else np.array(theta, dtype=float)
     if theta is not None and theta.ndim != 1:
-        raise Invalid(fault("engine.theta-vector", value=str(theta.shape)))
+        raise Invalid.of("engine.theta-vector", value=str(theta.shape))
     if name == "numpy":
         return PlainScan(step, carry, inputs, theta)
     return TracedScan(step, carry, inputs, theta, name)
@@ -198,7 +197,7 @@ class TracedScan(Scan):
         theta, rows = self._theta(theta), input_rows(self.input_shape, inputs)
         (assembly, runner), start = self._prepare(carry, keep_all=False)
         if len(assembly.program.outputs) != 1:
-            raise Invalid(fault("engine.cost", numbers=len(assembly.program.outputs)))
+            raise Invalid.of("engine.cost", numbers=len(assembly.program.outputs))
         return runner.call("total", theta, start, rows, with_gradient)
 
     def _trace_once(self, symmetric: set[str]) -> Tree:

@@ -22,7 +22,7 @@ import numpy as np
 
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow, Tree
-from baqueano.diagnostics import Diagnostic, Verdict, fault, note
+from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
 from baqueano.geometry import map_from_body, wrap
@@ -161,10 +161,10 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if fit.verdict == Verdict.REFUSED:
-        raise UsageError(fault("forecast.refused"))
+        raise UsageError.of("forecast.refused")
     entries = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.std[k])]
     if not entries:
-        raise UsageError(fault("forecast.no-errors"))
+        raise UsageError.of("forecast.no-errors")
     fixed_paths = [path for path in fit.fixed.paths if path.startswith("model.")]
     paths = (*(fit.names[k] for k in entries), *fixed_paths)
     covs = _covariances(fit, entries, fixed_paths)
@@ -197,7 +197,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
         forecasts.append(_forecast_drive(title, lap_drive, _variances(lap_drive, 0, -1, covs)[0] + misfit))
         notes += _outside_envelope(fit, lap[1])
     if not np.isfinite([forecasts[1:] for forecasts in forecasts]).all():
-        raise UsageError(fault("forecast.diverged"))
+        raise UsageError.of("forecast.diverged")
     if fit.unobservable:
         notes.append(note("forecast.unidentifiable-exact"))
     notes.append(note("forecast.more-errors"))

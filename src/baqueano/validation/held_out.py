@@ -24,7 +24,7 @@ from baqueano.calibration.hand_measurements import HAND_SENSORS
 from baqueano.calibration.rest import begins_at_rest
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
-from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.diagnostics.file_consistency import GAIN_CODES
@@ -186,10 +186,10 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if fit.verdict == Verdict.REFUSED:
-        raise UsageError(fault("validation.refused-fit"))
+        raise UsageError.of("validation.refused-fit")
     fit_runs = [run.name for run in runs if fit.includes(run)]
     if fit_runs:
-        raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=fit_runs[0]))
+        raise UsageError.of("runs.fitted-to", "--held-out RUN", run=fit_runs[0])
     use = _used_channels(fit)
     sigma = {name: noise for name, noise in fit.sigma.items() if any(u.split("[")[0] == name for u in use)}
     run_parameters = [name for name in fit.run_entry_names if is_requested(name)]

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import TableRow, Tree
-from baqueano.diagnostics import Verdict, fault
+from baqueano.diagnostics import Verdict
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify.noise.covariances import Noise
@@ -106,12 +106,12 @@ def compare_noise(
     """
     runs = [held_out] if isinstance(held_out, Run) else list(held_out)
     if not noises or not runs:
-        raise UsageError(fault("noise.nothing-to-compare"))
+        raise UsageError.of("noise.nothing-to-compare")
     fit_runs = [run.name for run in runs if fit.includes(run)]
     if fit_runs:
-        raise UsageError(fault("noise.fitted-to", run=fit_runs[0]))
+        raise UsageError.of("noise.fitted-to", run=fit_runs[0])
     if fit.file.kind("estimator") is not Ekf:
-        raise UsageError(fault("noise.not-ekf", vehicle=fit.file.name))
+        raise UsageError.of("noise.not-ekf", vehicle=fit.file.name)
     ekf = fitted_filter(fit, _sensor_covariances(fit, next(iter(noises.values()))))
     size = 36 + sum(getattr(ekf.sensors, name).size ** 2 for name in ekf.use)  # entries of R and of each Q
     kernel = scan(_innovations(ekf), ekf.init(), example_filter_tick(ekf), np.zeros(size), backend=backend)

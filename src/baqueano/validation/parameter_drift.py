@@ -24,7 +24,7 @@ import numpy as np
 
 from baqueano.contracts.result import Result, shorten
 from baqueano.contracts.values import TableRow
-from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.errors import UsageError
 from baqueano.estimators.kalman import correct
 from baqueano.identify.fit import identify
@@ -201,7 +201,7 @@ def parameter_history(
     these are dates, else they remain in the given order. `free`, `use` and `options` are as in `identify`. Raise
     UsageError if fewer than two runs can be fitted."""
     if len(runs) < 2:
-        raise UsageError(fault("over-time.few-runs", count=len(runs)))
+        raise UsageError.of("over-time.few-runs", count=len(runs))
     if all(len(run.t_ns) and run.t_ns[0] > EPOCH_NS for run in runs):
         runs = sorted(runs, key=lambda run: int(run.t_ns[0]))
     fits, refused_fits = [], []
@@ -214,7 +214,7 @@ def parameter_history(
     accepted_fits = [fit for fit in fits if fit.verdict != Verdict.REFUSED]
     if len(accepted_fits) < 2:
         fix = baqueano_command("identify", refused_fits[0])
-        raise UsageError(fault("over-time.few-fits", fix, accepted_count=len(accepted_fits), count=len(fits)))
+        raise UsageError.of("over-time.few-fits", fix, accepted_count=len(accepted_fits), count=len(fits))
     return track_parameters(fits, [_run_date(run) for run in runs])
 
 
@@ -225,8 +225,8 @@ def compare_fits(fits: Sequence["Fit"], names: Sequence[str] = ()) -> ParameterH
     """
     usable_count = sum(fit.verdict != Verdict.REFUSED for fit in fits)
     if usable_count < 2:
-        raise UsageError(
-            fault("compare.few-fits", "print(fit.table())", accepted_count=usable_count, count=len(fits))
+        raise UsageError.of(
+            "compare.few-fits", "print(fit.table())", accepted_count=usable_count, count=len(fits)
         )
     return track_parameters(fits, labels=names)
 

@@ -77,7 +77,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
     ('controller', 'USABLE')
     """
     if not isinstance(block, str | type) and getattr(block, "step", None) is None:
-        raise UsageError(fault("block.not-a-block", role="block", value=type(block).__name__))
+        raise UsageError.of("block.not-a-block", role="block", value=type(block).__name__)
     checked_vehicle = load("small") if vehicle_file is None else vehicle_file
     block_or_class = resolve("estimator", block) if isinstance(block, str) and ".py:" in block else block
     if role is None:
@@ -87,7 +87,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
             else infer_role(block_or_class if isinstance(block_or_class, type) else type(block_or_class))
         )
     if role not in CHECKS:
-        raise UsageError(fault("cli.block-role", value=role, suggestion=nearest(role, CHECKS)))
+        raise UsageError.of("cli.block-role", value=role, suggestion=nearest(role, CHECKS))
     own_block = _build(role, block, checked_vehicle)
     surroundings = checked_vehicle.sensors, checked_vehicle.vehicle.commands
     diagnostics = block_checks.check(role, own_block, *surroundings)
@@ -117,10 +117,10 @@ def _kind_role(kind: str) -> str:
         if kind in kinds(role):
             return role
     if kind.endswith(".py"):
-        raise UsageError(fault("cli.block-without-class", classes=describe_classes(kind)))
+        raise UsageError.of("cli.block-without-class", classes=describe_classes(kind))
     all_kinds = [k for role in BLOCK_TARGETS for k in kinds(role)]
-    raise UsageError(
-        fault("cli.block-unknown", "baqueano blocks ls", value=kind, suggestion=nearest(kind, all_kinds))
+    raise UsageError.of(
+        "cli.block-unknown", "baqueano blocks ls", value=kind, suggestion=nearest(kind, all_kinds)
     )
 
 
@@ -141,5 +141,5 @@ def _build(role: str, block: OwnBlock, vehicle_file: VehicleFile) -> object:
     try:
         own_block = within(PREPARE_S, block_class)
     except (TypeError, ValueError) as error:
-        raise FileError(fault("cli.block-needs-arguments", kind=block_class.__name__, error=error)) from error
+        raise FileError.of("cli.block-needs-arguments", kind=block_class.__name__, error=error) from error
     return with_usual_std(own_block) if role == "sensor" else own_block

@@ -18,7 +18,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.time_limit import PREPARE_S, within
 from baqueano.contracts.values import JsonObject, Tree
-from baqueano.diagnostics import fault, nearest
+from baqueano.diagnostics import nearest
 from baqueano.errors import FileError, UsageError, error_text, is_interruption, user_code_place
 from baqueano.estimators.readings.velocity_readings import velocity_rows
 from baqueano.messages.printable import baqueano_command
@@ -256,8 +256,8 @@ def missing_values(
     """
     if isinstance(kind, type) and not kind.__module__.startswith("baqueano."):
         call = f"{role}={kind.__name__}({', '.join(f'{key}=1.0' for key in keys)})"
-        return FileError(
-            fault("block.lacks-arguments", call, file=file, role=role, keys=keys, block=kind.__name__)
+        return FileError.of(
+            "block.lacks-arguments", call, file=file, role=role, keys=keys, block=kind.__name__
         )
     words = FINDING_COMMANDS.get(role, ())
     code, gains_file = "vehicle.lacks-estimates", Path()
@@ -267,13 +267,13 @@ def missing_values(
             code, gains_file = "vehicle.lacks-gains-of", Path(f"{kind.rpartition(':')[2].lower()}.toml")
             words = "tune", "--controller", kind, "--out", gains_file
     if not words:
-        return FileError(fault("vehicle.lacks", file=file, role=role, keys=keys))
+        return FileError.of("vehicle.lacks", file=file, role=role, keys=keys)
     folder = Path.cwd()
     is_default = path is None or path == folder / "vehicle.toml"
     shown_path = path.relative_to(folder) if path and path.is_relative_to(folder) else path
     advice = baqueano_command(*words, *(() if is_default else ("--vehicle", shown_path)))
     figures = {"kind": kind, "own_kind": own_kind, "gains_file": gains_file} if gains_file.suffix else {}
-    return FileError(fault(code, advice, file=file, role=role, keys=keys, **figures))
+    return FileError.of(code, advice, file=file, role=role, keys=keys, **figures)
 
 
 def construct(

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import UsageError
 from baqueano.vehicle_file.tables import ReadReport, number_array, report_unknown_key
 
@@ -85,7 +85,7 @@ class EnvelopeMonitor:
         """
         envelope, n = self.envelope, self.envelope.command_count
         if n and u.shape[1] != n:
-            raise UsageError(fault("vehicle.commands-differ", "--vehicle FILE", value=u.shape[1], expected=n))
+            raise UsageError.of("vehicle.commands-differ", "--vehicle FILE", value=u.shape[1], expected=n)
         for k, name in enumerate(envelope.names):
             sensor, _, entry = name.rstrip("]").partition("[")
             x = u[:, k] if k < n else sensors[sensor][:, int(entry)] if sensor in sensors else np.zeros(0)

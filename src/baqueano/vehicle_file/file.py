@@ -11,7 +11,7 @@ from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, shorten
 from baqueano.contracts.values import JsonObject, TableRow, Tree
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import FileError, UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.messages import text
@@ -212,8 +212,8 @@ class VehicleFile:
             return self.simulation_truth(load(truth_name))
         file_folder = Path(self.folder or ".").resolve()
         if not (file_folder / truth_name).resolve().is_relative_to(file_folder):
-            raise FileError(
-                fault("vehicle.truth-elsewhere", file=self.label, value=truth_name, garage=garage.names())
+            raise FileError.of(
+                "vehicle.truth-elsewhere", file=self.label, value=truth_name, garage=garage.names()
             )
         return self.simulation_truth(load(file_folder / truth_name))
 
@@ -260,7 +260,7 @@ class VehicleFile:
             raise build.missing_values(report.name, self.path, role, keys, kind, own_kind)
         route_names = {"t_s", "route"} & build.argument_names(content.block_class)
         if role == "guide" and "route" not in arguments and route_names:
-            raise UsageError(fault("vehicle.no-route", guide=content.block_class.__name__))
+            raise UsageError.of("vehicle.no-route", guide=content.block_class.__name__)
         block = build.construct(
             report, (role,), content.block_class, {**content.values, **changes}, self._context
         )

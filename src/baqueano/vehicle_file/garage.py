@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from baqueano.diagnostics import fault, nearest
+from baqueano.diagnostics import nearest
 from baqueano.errors import FileError
 
 GARAGE_FOLDER = Path(__file__).parents[1] / "garage"
@@ -40,19 +40,14 @@ def resolve_path(source: str | Path) -> Path:
     if path.is_dir():
         file_names = sorted(p.name for p in path.glob("*.toml"))
         if not file_names:
-            raise FileError(fault("vehicle.folder-empty", "baqueano new mylab", path=path))
-        raise FileError(fault("vehicle.folder", path=path, files=file_names))
+            raise FileError.of("vehicle.folder-empty", "baqueano new mylab", path=path)
+        raise FileError.of("vehicle.folder", path=path, files=file_names)
     neighbours = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
     if is_run_name:
         suggestion = nearest(str(source), [*neighbours, *names()])
-        raise FileError(
-            fault(
-                "vehicle.unknown", "baqueano new mylab", absent_path=path, value=source, suggestion=suggestion
-            )
+        raise FileError.of(
+            "vehicle.unknown", "baqueano new mylab", absent_path=path, value=source, suggestion=suggestion
         )
-    raise FileError(
-        fault(
+    raise FileError.of(
             "vehicle.absent", "baqueano new mylab", absent_path=path, value=path.name,
-            suggestion=nearest(path.name, [*neighbours, *names()]),
-        )
-    )  # fmt: skip
+            suggestion=nearest(path.name, [*neighbours, *names()]))  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 from baqueano.blocks import resolve_named
 from baqueano.contracts.result import no_attribute
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault, nearest
+from baqueano.diagnostics import nearest
 from baqueano.errors import FileError, NoAttribute, UsageError
 from baqueano.vehicle_file.head import Geometry, Hardware, Simulation
 from baqueano.vehicle_file.tables import DERIVED_KEYS, table_keys
@@ -96,7 +96,7 @@ def no_such_key(name: str, path_text: str, keys: list[str]) -> UsageError:
         match = ""
     table = f"{(match or path_text).rpartition('.')[0]}."
     hint = nearest(match, [key for key in keys if key.startswith(table)] or keys, cutoff=1.0)
-    return UsageError(fault("vehicle.unknown-key", file=name, value=path_text, suggestion=hint))
+    return UsageError.of("vehicle.unknown-key", file=name, value=path_text, suggestion=hint)
 
 
 def raise_missing_attribute(vehicle_file: "VehicleFile", name: str) -> Any:
@@ -105,7 +105,7 @@ def raise_missing_attribute(vehicle_file: "VehicleFile", name: str) -> Any:
         raise AttributeError(name)
     if key := _attribute_key(vehicle_file, name):
         figures = {"file": vehicle_file.name, "value": name, "key": key}
-        raise NoAttribute(fault("vehicle.attribute-is-key", f'robot.value("{key}")', **figures))
+        raise NoAttribute.of("vehicle.attribute-is-key", f'robot.value("{key}")', **figures)
     raise no_attribute(vehicle_file, name, vehicle_file.name)
 
 
@@ -113,7 +113,7 @@ def refuse_change(vehicle_file: "VehicleFile", name: str, value: object) -> NoRe
     """Raise the error for `robot.name = value`: a vehicle file is never changed, and a copy has other values."""
     key = _attribute_key(vehicle_file, name) or f"model.{name}"
     fix = f'robot = robot.with_values({{"{key}": {value!r}}})'
-    raise NoAttribute(fault("vehicle.no-change", fix, file=vehicle_file.name, value=name))
+    raise NoAttribute.of("vehicle.no-change", fix, file=vehicle_file.name, value=name)
 
 
 def _attribute_key(vehicle_file: "VehicleFile", name: str) -> str:

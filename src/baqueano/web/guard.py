@@ -19,7 +19,6 @@ from collections.abc import Callable, Iterable
 from enum import IntEnum
 
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.messages.printable import one_line
 
@@ -138,8 +137,8 @@ def requested_mission(request: JsonObject) -> tuple[str, JsonObject]:
     """
     kind = str(request["kind"])
     if kind not in MISSION_OPTIONS:
-        raise UsageError(
-            fault("web.no-such-mission", kind=one_line(kind)[:MAX_OPTION_LETTERS], valid=[*MISSION_OPTIONS])
+        raise UsageError.of(
+            "web.no-such-mission", kind=one_line(kind)[:MAX_OPTION_LETTERS], valid=[*MISSION_OPTIONS]
         )
     kinds = MISSION_OPTIONS[kind]
     return kind, {name: _checked_option(request[name], kinds[name]) for name in kinds if name in request}
@@ -161,4 +160,4 @@ def _checked_option(value: object, kind: type) -> object:
         return value
     if kind is bool and isinstance(value, bool):
         return value
-    raise UsageError(fault("web.not-understood", error=one_line(repr(value))[:MAX_OPTION_LETTERS]))
+    raise UsageError.of("web.not-understood", error=one_line(repr(value))[:MAX_OPTION_LETTERS])

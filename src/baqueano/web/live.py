@@ -111,7 +111,7 @@ class Live:
     async def receive(self, visitor: Visitor, message: JsonObject) -> None:
         """Execute a message of a browser. Raise UsageError if the message names another vehicle and is not a stop."""
         if message.get("robot", self.robot) != self.robot and message["type"] != "stop":
-            raise UsageError(fault("web.other-robot"))
+            raise UsageError.of("web.other-robot")
         kind, message = message["type"], {name: value for name, value in message.items() if name != "robot"}
         if kind == "mission" and self._local_files is not None:
             return await self._send_packed_mission(visitor, message, self._local_files)
@@ -121,7 +121,7 @@ class Live:
             "history": self._send_history, "identify": self._identify,
         }  # fmt: skip
         if kind not in actions:
-            raise UsageError(fault("web.unknown-word", request=one_line(kind)[:MAX_OPTION_LETTERS]))
+            raise UsageError.of("web.unknown-word", request=one_line(kind)[:MAX_OPTION_LETTERS])
         return actions[kind](visitor, message)
 
     def on_disconnect(self, visitor: Visitor) -> None:
@@ -148,7 +148,7 @@ class Live:
     def _beat(self, visitor: Visitor, message: JsonObject) -> None:
         u = message["u"]
         if not isinstance(u, list) or len(u) > MAX_COMMANDS or not all(is_finite_number(x) for x in u):
-            raise UsageError(fault("web.not-understood", error="u"))
+            raise UsageError.of("web.not-understood", error="u")
         age_s = self.feed.age_s(int(message["seen"]))
         if self.lease.renew(visitor, int(message["n"]), age_s, visitor.round_trip_s):
             self._link.send("hand", u=[float(x) for x in u])
@@ -165,7 +165,7 @@ class Live:
             drivers = [peer for peer in self._browsers() if peer.role == Role.DRIVE]
             if (to := next((peer for peer in drivers if peer.name == message["to"]), None)) is None:
                 name = one_line(str(message["to"]))[:MAX_OPTION_LETTERS]
-                raise UsageError(fault("web.no-such-visitor", name=name))
+                raise UsageError.of("web.no-such-visitor", name=name)
         self.lease.pass_to(visitor, to, getattr(to, "name", ""))
         self._send_lease()
 

@@ -109,15 +109,13 @@ class BrowserPage:
         }  # fmt: skip
         try:
             if visitor.role is None and message["type"] != "hello":
-                raise UsageError(fault("web.no-hello"))
+                raise UsageError.of("web.no-hello")
             if (handler := words.get(message["type"])) is not None:
                 await handler(visitor, message)
             elif self.live is not None:
                 await self.live.receive(visitor, message)
             else:
-                raise UsageError(
-                    fault("web.no-vehicle", request=one_line(message["type"])[:MAX_NAME_LETTERS])
-                )
+                raise UsageError.of("web.no-vehicle", request=one_line(message["type"])[:MAX_NAME_LETTERS])
         except BaqueanoError as error:
             self.refuse(visitor, message, error.diagnostic)
         except (KeyError, TypeError, ValueError, OverflowError) as error:  # a browser can send anything
@@ -151,12 +149,12 @@ class BrowserPage:
 
     async def _hello(self, visitor: Visitor, message: JsonObject) -> None:
         if visitor.role is not None:
-            raise UsageError(fault("web.hello-repeated"))
+            raise UsageError.of("web.hello-repeated")
         if message.get("lang") in LANGUAGES:
             visitor.language = message["lang"]
         role = self._guard().browser_role(visitor.address, str(message.get("token") or ""), visitor.from_page)
         if role is None:
-            raise UsageError(fault("web.token"))
+            raise UsageError.of("web.token")
         self._count += 1
         visitor_name = one_line(str(message.get("name") or ""))[:MAX_NAME_LETTERS].strip()
         with use_language(visitor.language):
@@ -220,14 +218,14 @@ class BrowserPage:
         """Answer the question "identify" for a run of the list."""
         path = self._run_list.paths().get(message["run"])
         if path is None:
-            raise UsageError(fault("web.no-run"))
+            raise UsageError.of("web.no-run")
         reply = await self._live_identification.identify_run(path, visitor)
         visitor.send({"type": "answer", "to": "ask", "id": message.get("id")} | reply)
 
     async def _swap(self, visitor: Visitor, message: JsonObject) -> None:
         """Use another block for a role from the next mission on, if the browser is allowed to change the mission."""
         if self.live is None:
-            raise UsageError(fault("web.no-vehicle", request="swap"))
+            raise UsageError.of("web.no-vehicle", request="swap")
         self.live.check_may_change(visitor)
         kind = await self.questions.swap_block(str(message["room"]), str(message.get("kind") or ""))
         self.live.announce_swap(str(message["room"]), kind, self.questions.blocks)
@@ -235,7 +233,7 @@ class BrowserPage:
     async def _write(self, visitor: Visitor, message: JsonObject) -> None:
         """Write gains or a gyro scale into the vehicle file, if the browser is allowed to change the next mission."""
         if self.live is None:
-            raise UsageError(fault("web.no-vehicle", request="write"))
+            raise UsageError.of("web.no-vehicle", request="write")
         self.live.check_may_change(visitor)
         confirmation = await self.questions.write_gains(visitor, message)
         with use_language(visitor.language):
@@ -249,7 +247,7 @@ class BrowserPage:
             None, (message["run"], message["run"] if filter_name else message.get("ghost"))
         ):
             if run_name not in paths:
-                raise UsageError(fault("web.no-run"))
+                raise UsageError.of("web.no-run")
             selection.append((paths[run_name], filter_name if selection else ""))
         visitor.send_pieces(self._run_pieces(visitor, selection))
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from baqueano.contracts.names import STORED_ROUTES
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import RobotUnreachable
 from baqueano.web.guard import TOKEN_LIFETIME_S, Role, url_host
 from baqueano.web.lab.local_files import LocalFiles
@@ -109,7 +109,7 @@ async def show_vehicle(
             {hearing_task, description}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED
         )
         if hearing_task.done() and not description.done():
-            raise RobotUnreachable(fault("web.service-ended"))
+            raise RobotUnreachable.of("web.service-ended")
         async with server:
             show_addresses(server, options, notify)
             end_task = asyncio.create_task(wait_for_end())
@@ -117,7 +117,7 @@ async def show_vehicle(
             if live.over.is_set():
                 await server.disconnect_all()
             elif lasting and hearing_task.done():
-                raise RobotUnreachable(fault("web.service-ended"))
+                raise RobotUnreachable.of("web.service-ended")
     finally:
         await link.close()
         for task in (hearing_task, description, end_event, *([end_task] if end_task else [])):

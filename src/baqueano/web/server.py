@@ -14,7 +14,6 @@ from websockets.server import ServerProtocol
 from websockets.typing import Subprotocol
 
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.web import SUBPROTOCOL
 from baqueano.web.foxglove.bridge import SUBPROTOCOLS, FoxgloveServer
@@ -75,8 +74,8 @@ class Server:
                 )
             except OSError as error:
                 await self._close()
-                raise UsageError(
-                    fault("web.port-taken", "--port 0", address=address, port=self.port, error=error.strerror)
+                raise UsageError.of(
+                    "web.port-taken", "--port 0", address=address, port=self.port, error=error.strerror
                 ) from error
             self._servers.append(server)
             self.port = server.sockets[0].getsockname()[1]

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import BinaryIO, Protocol
 
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault
 from baqueano.door import SOCKET, wire
 from baqueano.door.pipes import forward_bytes
 from baqueano.door.ssh import ssh_command
@@ -58,7 +57,7 @@ class ServiceLink:
         """Send a message without waiting. Raise RobotUnreachable if the service has ended or does not read."""
         transport = self._writer.transport
         if transport.is_closing() or transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
-            raise RobotUnreachable(fault("web.service-ended"))
+            raise RobotUnreachable.of("web.service-ended")
         self._writer.write(wire.encode({"type": request, **words}))
 
     async def receive(self, on_message: Callable[[JsonObject], None]) -> None:
@@ -107,8 +106,8 @@ async def connect(host: str) -> ServiceLink:
         try:
             return ServiceLink(*await asyncio.open_unix_connection(str(path), limit=MAX_LINE_BYTES))
         except OSError as error:
-            raise RobotUnreachable(
-                fault("door.no-answer", "systemctl status baqueano", path=path, error=error.strerror)
+            raise RobotUnreachable.of(
+                "door.no-answer", "systemctl status baqueano", path=path, error=error.strerror
             ) from error
     # a page cannot request a password
     return await _start(ssh_command(host, ATTACH_COMMAND, "-o", "BatchMode=yes"))
@@ -122,7 +121,7 @@ async def _start(command: list[str]) -> ServiceLink:
             start_new_session=True,
         )  # fmt: skip
     except FileNotFoundError as error:
-        raise RobotUnreachable(fault("remote.no-ssh", host=command[0])) from error
+        raise RobotUnreachable.of("remote.no-ssh", host=command[0]) from error
     assert program.stdin is not None
     assert program.stdout is not None
     return ServiceLink(program.stdout, program.stdin, program)

@@ -6,7 +6,6 @@ import sys
 import webbrowser
 from contextlib import suppress
 
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.messages.language import chosen_language
 from baqueano.web.guard import Role, url_host
@@ -21,9 +20,9 @@ def own_address() -> str:
             probe.connect((OUTSIDE_ADDRESS, 9))
             address = probe.getsockname()[0]
         except OSError as error:
-            raise UsageError(fault("web.no-network")) from error
+            raise UsageError.of("web.no-network") from error
     if address.startswith("127."):
-        raise UsageError(fault("web.no-network"))
+        raise UsageError.of("web.no-network")
     return address
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import UsageError
 from baqueano.geometry import map_from_body
 from baqueano.sensors.sampling import difference
@@ -202,14 +202,14 @@ class FaultyWorld(SimulatedWorld):
         """
         valid_fault = self._converter.check(Fault.parse(fault_like))
         if len(self.faults) + len(self._requested_changes) >= MAX_FAULTS:
-            raise UsageError(fault("shake.too-many", maximum=MAX_FAULTS))
+            raise UsageError.of("shake.too-many", maximum=MAX_FAULTS)
         self._requested_changes.append(valid_fault)
         return valid_fault
 
     def end_fault(self, number: int) -> None:
         """End the fault `number` with the next tick, from any thread. Raise UsageError for an unknown number."""
         if not 1 <= number <= len(self.faults):
-            raise UsageError(fault("shake.no-number", value=number, maximum=len(self.faults)))
+            raise UsageError.of("shake.no-number", value=number, maximum=len(self.faults))
         self._requested_changes.append(number)
 
     def write(self, command: Command) -> None:

@@ -5,7 +5,6 @@ The key of a stream is the hash of its name, so an added or removed sensor does 
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 PROCESS_STREAM = "process"  # the vehicle's own stream
@@ -21,7 +20,7 @@ def random_stream(seed: int, name: str) -> "np.random.Generator":
     import hashlib  # imported here because it loads OpenSSL, and a robot does not draw noise
 
     if not isinstance(seed, int | np.integer) or seed < 0:
-        raise UsageError(fault("drive.seed", value=repr(seed)))
+        raise UsageError.of("drive.seed", value=repr(seed))
     key = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, key])))
 

@@ -19,9 +19,9 @@ def check_world(world: object) -> None:
     """Raise UsageError for a class, or for an object without MEMBERS."""
     name = world.__name__ if isinstance(world, type) else type(world).__name__
     if isinstance(world, type):
-        raise UsageError(fault("world.is-class", f"world={name}()", world=name))
+        raise UsageError.of("world.is-class", f"world={name}()", world=name)
     if missing_names := [member for member in MEMBERS if member not in dir(world)]:
-        raise UsageError(fault("world.incomplete", "help(bq.worlds.World)", world=name, names=missing_names))
+        raise UsageError.of("world.incomplete", "help(bq.worlds.World)", world=name, names=missing_names)
 
 
 def with_checked_ticks(world: World, example: Tick) -> World:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.blocks import SensorBlocks, Supervision, World
-from baqueano.diagnostics import Severity, fault, note
+from baqueano.diagnostics import Severity, note
 from baqueano.errors import Invalid
 from baqueano.runs import Channel, Run
 from baqueano.signals import Command, Motion, Tick
@@ -41,7 +41,7 @@ class ReplayedWorld(World):
 
     def __init__(self, run: Run, sensors: SensorBlocks | tuple[()] = ()) -> None:
         if not len(run.t_ns):
-            raise Invalid(fault("replay.empty", run=run.name))
+            raise Invalid.of("replay.empty", run=run.name)
         missing_sensors = [name for name in getattr(sensors, "_fields", ()) if name not in run.sensors]
         no_rows = np.zeros(0, np.int64)
         run = replace(

@@ -19,7 +19,7 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Sensor, SensorBlocks, World
-from baqueano.diagnostics import Diagnostic, StopReason, fault, stop
+from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import UsageError
 from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
@@ -111,7 +111,7 @@ class Body:
 
     def __post_init__(self) -> None:
         if self.mixing != "two_wheels":
-            raise UsageError(fault("robot.mixing", mixing=self.mixing))
+            raise UsageError.of("robot.mixing", mixing=self.mixing)
 
 
 class Robot(World):

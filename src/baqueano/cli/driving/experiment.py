@@ -12,7 +12,7 @@ from baqueano.cli.driving.iterate import drive_in_rounds
 from baqueano.cli.driving.targets import Target, open_target, print_fault_detections
 from baqueano.cli.page import live
 from baqueano.cli.terminal import print_answer, print_message, show_activity, show_time_progress
-from baqueano.diagnostics import Verdict, fault, nearest, note
+from baqueano.diagnostics import Verdict, nearest, note
 from baqueano.messages import texts
 from baqueano.messages.printable import baqueano_command
 
@@ -142,13 +142,11 @@ def _check_options(signal: str, rounds: int | None, update: bool) -> None:
 
     kinds = [kind.replace("_", "-") for kind in (*KINDS, "designed")]
     if signal.replace("_", "-") not in kinds:
-        raise UsageError(fault("cli.signal-unknown", value=signal, suggestion=nearest(signal, kinds)))
+        raise UsageError.of("cli.signal-unknown", value=signal, suggestion=nearest(signal, kinds))
     if rounds is not None and signal != "designed":
-        raise UsageError(
-            fault("cli.rounds-without-designed", "--signal designed", rounds=rounds, signal=signal)
-        )
+        raise UsageError.of("cli.rounds-without-designed", "--signal designed", rounds=rounds, signal=signal)
     if update and rounds is None:
-        raise UsageError(fault("cli.update-without-rounds", "--signal designed --rounds 3 --update"))
+        raise UsageError.of("cli.update-without-rounds", "--signal designed --rounds 3 --update")
 
 
 def build_signal(

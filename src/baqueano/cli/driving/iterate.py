@@ -14,7 +14,7 @@ import numpy as np
 from baqueano.cli import options
 from baqueano.cli.terminal import print_message, show_activity, show_time_progress
 from baqueano.contracts.values import TableRow
-from baqueano.diagnostics import Verdict, fault, note
+from baqueano.diagnostics import Verdict, note
 from baqueano.messages import texts, verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -105,7 +105,7 @@ def drive_in_rounds(
         reasons = "; ".join(texts(fit.reasons))
         print_message(note("cli.round-fitted", round=k + 1, verdict=fit.verdict, reasons=reasons))
         if fit.verdict == Verdict.REFUSED:
-            raise AnswerNo(fault("cli.round-refused", round=k + 1, reasons=reasons, path=path))
+            raise AnswerNo.of("cli.round-refused", round=k + 1, reasons=reasons, path=path)
         vehicle_file = planning_file(fit, vehicle_file)
         results.append(Round(path, fit))
     return Rounds(tuple(results))

@@ -15,7 +15,7 @@ from baqueano.cli import options
 from baqueano.cli.driving.targets import LOCAL_TARGETS, open_target
 from baqueano.cli.terminal import print_message
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def drive_by_hand(
 
     kind = robot.partition(":")[0]
     if kind == "emulated":
-        raise UsageError(fault("cli.emulated-by-hand", "--robot simulated"))
+        raise UsageError.of("cli.emulated-by-hand", "--robot simulated")
     device = None if pad is None else find_pad(Path(pad) if pad != ANY_PAD else None)
     if device is not None:
         print_message(note("cli.game-pad", name=device.name))

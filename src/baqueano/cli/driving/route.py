@@ -112,7 +112,7 @@ def check(
 @options.as_json
 def draw(shape: str, name: str, size_m: float, speed_m_s: float, as_json: bool) -> None:
     if shape not in SHAPE_NAMES:
-        raise UsageError(fault("shape.unknown", value=shape, suggestion=nearest(shape, SHAPE_NAMES)))
+        raise UsageError.of("shape.unknown", value=shape, suggestion=nearest(shape, SHAPE_NAMES))
     store_route(shape_or_route(shape, speed_m_s, size_m), name, as_json)
 
 
@@ -161,7 +161,7 @@ def smooth(route: str, rms_m: float | None, max_m: float | None, name: str | Non
     from baqueano.routes import smooth
 
     if rms_m is not None and max_m is not None:
-        raise UsageError(fault("cli.two-tolerances"))
+        raise UsageError.of("cli.two-tolerances")
     limit = (0.05 if max_m is None else max_m, "max") if rms_m is None else (rms_m, "rms")
     apply_edit(route, "smooth", name, as_json, lambda original: smooth(original, *limit))  # pyright: ignore[reportArgumentType]
 
@@ -310,9 +310,9 @@ def parse_pose(text: str, code: str) -> tuple[float, float, float]:
     try:
         x, y, degrees = (float(value) for value in text.split(","))
     except ValueError as error:
-        raise UsageError(fault(code, value=text)) from error
+        raise UsageError.of(code, value=text) from error
     if not abs(x) + abs(y) + abs(degrees) < float("inf"):
-        raise UsageError(fault(code, value=text))
+        raise UsageError.of(code, value=text)
     return x, y, degrees
 
 
@@ -364,7 +364,7 @@ def parse_room(vehicle_file: "VehicleFile", room: str | None, start: str | None)
     """Return the room of `--room` and `--start`; None without `--room`. Raise UsageError for an invalid room."""
     if room is None:
         if start is not None:
-            raise UsageError(fault("cli.start-without-room"))
+            raise UsageError.of("cli.start-without-room")
         return None
     import numpy as np
 
@@ -384,12 +384,12 @@ def read_point_route(path: Path, speed_m_s: float, *, closed: bool | None) -> "R
     from baqueano.runs.tables.table import read_table
 
     if not path.is_file():
-        raise FileError(fault("cli.points-absent", path=path))
+        raise FileError.of("cli.points-absent", path=path)
     with column_advice(XY[0]):
         table = read_table(path, {})
         names = next((xy for xy in XY if set(xy) <= set(table.columns)), None)
         if names is None:
-            raise FileError(fault("route.columns", path=path, value=", ".join(table.columns)))
+            raise FileError.of("route.columns", path=path, value=", ".join(table.columns))
         xy = np.column_stack([table.numbers(name) for name in names])
     if unused_columns := [name for name in table.columns if name not in names]:
         figures = {"speed_m_s": speed_m_s, "folder": STORED_ROUTES}

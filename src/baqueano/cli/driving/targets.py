@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from baqueano.cli.options import load_truth
 from baqueano.cli.terminal import print_message
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault, nearest, note
+from baqueano.diagnostics import nearest, note
 from baqueano.errors import UsageError
 
 if TYPE_CHECKING:
@@ -102,10 +102,10 @@ def open_target(
     """
     kind = robot.partition(":")[0]
     if shake and kind != "simulated":
-        raise UsageError(fault("shake.robot", host=robot))
+        raise UsageError.of("shake.robot", host=robot)
     suggestion = nearest(kind, LOCAL_TARGETS, MIN_SIMILARITY)
     if not {"@", "."} & set(robot) and suggestion.figures.get("match", kind) != kind:
-        raise UsageError(fault("cli.robot-mistyped", value=kind, suggestion=suggestion))
+        raise UsageError.of("cli.robot-mistyped", value=kind, suggestion=suggestion)
     if kind in LOCAL_TARGETS and ":" not in robot and vehicle_file.simulation.truth is not None:
         print_message(
             note("cli.simulated-truth", vehicle=vehicle_file.label, truth=vehicle_file.simulation.truth)

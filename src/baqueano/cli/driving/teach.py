@@ -22,7 +22,7 @@ from baqueano.cli.page import live
 from baqueano.cli.terminal import print_answer, print_message, show_time_progress
 from baqueano.contracts.names import SHAPE_NAMES
 from baqueano.contracts.values import TableRow
-from baqueano.diagnostics import Verdict, fault, nearest, note
+from baqueano.diagnostics import Verdict, nearest, note
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
@@ -100,7 +100,7 @@ def command(
             raise
         slow_drive = baqueano_command("teach", route, "--driver", driver, "--speed", "0.2", *vehicle_options)
         figures = {"shape": driver, "speed_m_s": speed_m_s, "cause": error.diagnostic}
-        raise AnswerNo(fault("cli.not-followed", slow_drive, **figures)) from None
+        raise AnswerNo.of("cli.not-followed", slow_drive, **figures) from None
     route_path = options.route_path(route)
     if route_path.exists():
         print_message(note("cli.route-replaced", path=route_path))
@@ -116,7 +116,7 @@ def command(
 def _check_driver(driver: str, has_hand_options: bool) -> None:
     """Raise UsageError for an option that does not belong to this driver."""
     if driver != "keys" and has_hand_options:
-        raise UsageError(fault("cli.hand-options", "--driver keys", driver=driver))
+        raise UsageError.of("cli.hand-options", "--driver keys", driver=driver)
     if driver not in SHAPE_NAMES:
         options.refuse_together(f"--driver {driver}", "speed_m_s", "size_m")
     if driver == "keys":
@@ -136,7 +136,7 @@ def shape_or_route(name: str, speed_m_s: float, size_m: float, valid_names: tupl
     if "." in name or options.route_path(name).is_file():
         return options.find_route(name)
     suggestion = nearest(name, [*SHAPE_NAMES, *valid_names, *stored_routes()])
-    raise UsageError(fault("cli.driver-unknown", value=name, suggestion=suggestion))
+    raise UsageError.of("cli.driver-unknown", value=name, suggestion=suggestion)
 
 
 @dataclass(frozen=True)

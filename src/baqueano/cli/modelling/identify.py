@@ -171,7 +171,7 @@ def command(
             lambda: fit_page(fit, held_out=validation, drive_forecast=drive_forecast), reproducible=True
         )
     if progress_line.stopped:
-        raise Interruption(fault("cli.fit-interrupted"))
+        raise Interruption.of("cli.fit-interrupted")
     _check_verdicts(fit, validation, update, report.page)
     output = fit.vehicle_file
     if not no_noise:
@@ -194,7 +194,7 @@ def _check_options(parameter_history: bool, choose: bool, *, with_validation: bo
 
     if parameter_history and (choose or with_validation):
         conflict = "--choose" if choose else "--held-out"
-        raise UsageError(fault("cli.options-conflict", second_option=conflict))
+        raise UsageError.of("cli.options-conflict", second_option=conflict)
 
 
 def _check_verdicts(fit: "Fit", validation: Any, update: bool, page: Path | None) -> None:
@@ -289,17 +289,17 @@ def _with_tolerances(
     conflicts = _plain_fit_options(arguments)
     if conflicts or not is_imu_only(vehicle_file, runs, arguments["use"], arguments["free"]):
         if not conflicts and not is_imu_only(vehicle_file, runs, ("imu",), arguments["free"]):
-            raise UsageError(fault("cli.tolerance-car", value=tolerances[0]))
+            raise UsageError.of("cli.tolerance-car", value=tolerances[0])
         code = "cli.tolerance-conflict" if conflicts else "cli.tolerance-unused"
-        raise UsageError(fault(code, "--use imu", value=tolerances[0], second_option=conflicts[:1]))
+        raise UsageError.of(code, "--use imu", value=tolerances[0], second_option=conflicts[:1])
     fractions = {}
     for tolerance in tolerances:
         key, _, fraction_text = tolerance.partition("=")
         try:
             fractions[key] = float(fraction_text.rstrip("%")) * (0.01 if fraction_text.endswith("%") else 1.0)
         except ValueError as error:
-            raise UsageError(
-                fault("cli.tolerance", "--tolerance sensors.imu.gyro_scale=0.01", value=tolerance)
+            raise UsageError.of(
+                "cli.tolerance", "--tolerance sensors.imu.gyro_scale=0.01", value=tolerance
             ) from error
     return with_tolerance(vehicle_file, fractions)
 
@@ -317,9 +317,9 @@ def _select_terms(
     from baqueano.selection.choose import choose
 
     if other_options := _plain_fit_options(arguments):
-        raise UsageError(fault("cli.choose-conflict", "--choose --update", others=other_options))
+        raise UsageError.of("cli.choose-conflict", "--choose --update", others=other_options)
     if is_imu_only(vehicle_file, runs, arguments["use"], arguments["free"]):
-        raise UsageError(fault("cli.choose-without-encoders", "--free +KEY"))
+        raise UsageError.of("cli.choose-without-encoders", "--free +KEY")
     return choose(runs, vehicle_file, progress=notify, held_out=validation_runs, **arguments)
 
 

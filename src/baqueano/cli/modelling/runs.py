@@ -70,10 +70,10 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
 
     if from_s == 0.0 and to_s is None:
         fix = baqueano_command("runs", "cut", run, "--from", "2", "--to", "30")
-        raise UsageError(fault("cli.cut-without-effect", fix))
+        raise UsageError.of("cli.cut-without-effect", fix)
     if to_s is not None and to_s <= from_s:
         fix = baqueano_command("runs", "cut", run, "--from", f"{to_s:g}", "--to", f"{from_s:g}")
-        raise UsageError(fault("cli.cut-order", fix, start_s=from_s, end_s=to_s))
+        raise UsageError.of("cli.cut-order", fix, start_s=from_s, end_s=to_s)
     whole_run = options.find_runs((run,), folder)[0]
     cut_run = whole_run.cut(from_s, float("inf") if to_s is None else to_s)
     if not len(cut_run.t_ns):
@@ -156,9 +156,7 @@ def import_(
     if draft is not None:
         return _draft_map(draft, as_json, map, *files)
     if files and files[0].suffix == ".toml" and Path(map).is_file() and Path(map).suffix != ".toml":
-        raise UsageError(
-            fault("cli.map-second", baqueano_command("runs", "import", files[0], map, *files[1:]))
-        )
+        raise UsageError.of("cli.map-second", baqueano_command("runs", "import", files[0], map, *files[1:]))
     from baqueano.runs import write_run
     from baqueano.runs.importing import ImportedRuns, import_runs
 
@@ -245,7 +243,7 @@ def _output_path(out: Path | None, folder: str, name: str) -> Path:
     """Return the file for a run of that name in the folder `out`. If `out` is None, return a numbered file in
     `folder`. Raise UsageError if `out` is a file."""
     if out is not None and out.suffix:
-        raise UsageError(fault("cli.several-runs", f"-o {out.stem}", path=out))
+        raise UsageError.of("cli.several-runs", f"-o {out.stem}", path=out)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     from baqueano.runs.folder import plain_label
@@ -288,7 +286,7 @@ def calibrate(
             calibration = calibrate(recorded_run, vehicle_file)
     print_answer(calibration, as_json)
     if calibration.verdict == Verdict.REFUSED:
-        raise AnswerNo(fault("cli.calibration-refused", reasons="; ".join(texts(calibration.reasons))))
+        raise AnswerNo.of("cli.calibration-refused", reasons="; ".join(texts(calibration.reasons)))
     if map_ is not None:
         from baqueano.runs.maps.mount import write_mount
 

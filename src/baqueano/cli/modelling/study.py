@@ -10,7 +10,7 @@ from baqueano.cli.modelling.sweep import matching_names
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_result, show_activity, show_progress, show_steps
-from baqueano.diagnostics import Verdict, fault, nearest, note
+from baqueano.diagnostics import Verdict, nearest, note
 from baqueano.errors import UsageError
 
 
@@ -22,7 +22,7 @@ def _check_cases(cases: Iterable[str], case_names: Collection[str]) -> None:
     """Raise UsageError for the first case that is unknown."""
     for case in cases:
         if case not in case_names:
-            raise UsageError(fault("cli.case-unknown", value=case, suggestion=nearest(case, case_names)))
+            raise UsageError.of("cli.case-unknown", value=case, suggestion=nearest(case, case_names))
 
 
 def _check_complete(completed_count: int, requested_count: int) -> None:
@@ -30,7 +30,7 @@ def _check_complete(completed_count: int, requested_count: int) -> None:
     from baqueano.errors import Interruption
 
     if completed_count < requested_count:
-        raise Interruption(fault("cli.study-interrupted", count=completed_count, total=requested_count))
+        raise Interruption.of("cli.study-interrupted", count=completed_count, total=requested_count)
 
 
 @command.command(
@@ -127,7 +127,7 @@ def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
     print_answer(result, as_json)
     _check_complete(result.ended_count, result.fit_count)
     if result.verdict == Verdict.REFUSED:
-        raise AnswerNo(fault("cli.detectors-failed", reasons="; ".join(result.reasons)))
+        raise AnswerNo.of("cli.detectors-failed", reasons="; ".join(result.reasons))
 
 
 @command.command(
@@ -244,7 +244,7 @@ def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
     if result.is_interrupted:
         from baqueano.errors import Interruption
 
-        raise Interruption(fault("cli.recordings-interrupted"))
+        raise Interruption.of("cli.recordings-interrupted")
     with show_steps() as begin:
         study = None if missing_paths(map_files(CPM_MAPS)) else cross_validate(backend, begin)
     report.write_table(result)

@@ -13,7 +13,7 @@ from baqueano.cli import numbers, options
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, show_progress
 from baqueano.contracts.names import GAINS_CHOICES
-from baqueano.diagnostics import fault, note
+from baqueano.diagnostics import note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.messages.printable import baqueano_command
 
@@ -42,7 +42,7 @@ def matching_names(
             continue
         paths = [Path(path) for path in sorted(glob(pattern))]
         if not paths:
-            raise UsageError(fault("cli.no-match", value=pattern, folder=Path.cwd().name))
+            raise UsageError.of("cli.no-match", value=pattern, folder=Path.cwd().name)
         matches = [f"{path.as_posix()}{colon}{class_name}" for path in paths]
         is_usable = {match: True for match in matches if match not in names}
         context.meta.setdefault(MATCHES, {}).update(is_usable)
@@ -176,10 +176,10 @@ def command(
     if runs:
         for factor, values in (("controllers", controllers), ("guides", guides), ("routes", routes)):
             if values:
-                raise UsageError(fault("sweep.of-runs", factor=factor, recorded_runs=list(runs)))
+                raise UsageError.of("sweep.of-runs", factor=factor, recorded_runs=list(runs))
         options.refuse_together("RUNS", "seed", "seeds", "laps", "aside_m", "gains")
         if len(vehicles) > 1:
-            raise UsageError(fault("sweep.several-vehicles", value=list(vehicles)))
+            raise UsageError.of("sweep.several-vehicles", value=list(vehicles))
         recorded_runs = options.find_runs(runs, folder)
         files = [options.load_vehicle(*vehicles or (None,), settings)] if vehicles or settings else []
         named_routes = {name: shape_or_route(name, speed_m_s, size_m) for name in routes}
@@ -220,6 +220,6 @@ def command(
     print_omitted()
     report.write_page(result)
     if len(result.drives) < result.requested_drives:
-        raise Interruption(
-            fault("cli.study-interrupted", count=len(result.drives), total=result.requested_drives)
+        raise Interruption.of(
+            "cli.study-interrupted", count=len(result.drives), total=result.requested_drives
         )

@@ -7,7 +7,7 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import print_answer, print_message, show_activity
 from baqueano.contracts.names import SHAPE_NAMES
-from baqueano.diagnostics import Verdict, fault, note
+from baqueano.diagnostics import Verdict, note
 from baqueano.errors import AnswerNo, FileError
 from baqueano.messages import texts
 from baqueano.messages.printable import baqueano_command
@@ -104,7 +104,7 @@ def command(
     if out is not None:
         options.refuse_together("--out", "update")
         if out.exists():
-            raise FileError(fault("cli.file-exists", "-o FILE", path=out))
+            raise FileError.of("cli.file-exists", "-o FILE", path=out)
     vehicle_file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(vehicle_file)
     controller = options.block_kind(vehicle_file, "controller", controller)
@@ -126,7 +126,7 @@ def command(
         )
     print_answer(result, as_json)
     if result.verdict == Verdict.REFUSED:
-        raise AnswerNo(fault("cli.tuning-refused", reasons="; ".join(texts(result.reasons))))
+        raise AnswerNo.of("cli.tuning-refused", reasons="; ".join(texts(result.reasons)))
     if out is None:
         options.save_update(result.updated_file(), update)
     else:

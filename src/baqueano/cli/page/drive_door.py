@@ -102,7 +102,7 @@ class DriveDoor:
                 return
             self.operator.record_mission_end()
             self._end(request[2], fault("cli.page-by-hand"), SafetyStop.exit_code)
-        raise RobotUnreachable(fault("cli.page-ended"))
+        raise RobotUnreachable.of("cli.page-ended")
 
     def local_options(
         self, mission: "Mission", file: "VehicleFile", mission_options: JsonObject

@@ -15,7 +15,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import print_message
-from baqueano.diagnostics import fault, note
+from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.messages.language import process_environment
 
@@ -107,7 +107,7 @@ def show_both(run: Path, ghost: Path | None, folder: str) -> None:
 def require_websockets() -> None:
     """Raise UsageError if the library of the page, websockets, is missing."""
     if find_spec("websockets") is None:
-        raise UsageError(fault("web.no-websockets", "pip install websockets"))
+        raise UsageError.of("web.no-websockets", "pip install websockets")
 
 
 def _join(door: "DriveDoor", program: "subprocess.Popen[bytes]") -> None:

@@ -9,7 +9,6 @@ from baqueano.cli import numbers, options
 from baqueano.cli.page import options as page_options
 from baqueano.cli.terminal import print_message
 from baqueano.contracts.names import STORED_ROUTES
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 GARAGE = "small"  # if there is no vehicle file
@@ -35,7 +34,7 @@ def command(
 ) -> None:  # fmt: skip
     given_options = [name for name, value in (("--vehicle", vehicle), ("--robot", robot)) if value]
     if run is not None and given_options:
-        raise UsageError(fault("web.one-of", names=["RUN", *given_options]))
+        raise UsageError.of("web.one-of", names=["RUN", *given_options])
     serve_options = page_options.serve_options(folder, port, share, address, browser)
     from baqueano.web.lab.local_files import LocalFiles
     from baqueano.web.run import show_runs, show_vehicle

@@ -11,7 +11,6 @@ from baqueano.cli.robot import settings, setup, workshop
 from baqueano.cli.subcommands import SUBCOMMANDS, SubcommandGroup
 from baqueano.cli.terminal import print_result
 from baqueano.contracts.values import JsonObject, TableRow
-from baqueano.diagnostics import fault
 from baqueano.door import SOCKET
 from baqueano.messages.language import number
 
@@ -126,14 +125,8 @@ def runs(host: str, fetch: bool, folder: str) -> None:
             print_result(f"{name}  {local_path}")
     if invalid_names := [name for name in names if not is_run_name(name)]:
         invalid_list = ", ".join(f'"{one_line(str(name))}"' for name in invalid_names[:5])
-        raise FileError(
-            fault(
-                "cli.run-names-invalid",
-                ssh_line(host),
-                host=host,
-                count=len(invalid_names),
-                value=invalid_list,
-            )
+        raise FileError.of(
+            "cli.run-names-invalid", ssh_line(host), host=host, count=len(invalid_names), value=invalid_list
         )
 
 

@@ -6,7 +6,7 @@ import click
 
 from baqueano.cli import options
 from baqueano.cli.terminal import print_message, print_result
-from baqueano.diagnostics import fault, note
+from baqueano.diagnostics import note
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 
@@ -57,7 +57,7 @@ def card(
     )
 
     if wifi is not None and own:
-        raise UsageError(fault("cli.network-conflict"))
+        raise UsageError.of("cli.network-conflict")
     boot, text, name = boot_partition(folder), public_key(key), name or new_name()
     network = None
     if wifi is not None:

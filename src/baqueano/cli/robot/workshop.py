@@ -8,7 +8,6 @@ import click
 from baqueano.cli import options
 from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_message
-from baqueano.diagnostics import fault
 
 host = click.argument("host", default="here")
 
@@ -67,7 +66,7 @@ def flash(
         with stopped_service(print_message):
             result = write(vehicle_file.robot.port, hex_file, print_message)
     elif hex_file is not None:
-        raise UsageError(fault("cli.hex-at-host", host=host))
+        raise UsageError.of("cli.hex-at-host", host=host)
     else:
         result = fetch_result(lambda rows: FlashResult(**rows[0]), host, "robot", "flash")
     print_answer(result, as_json)

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.drive.observers import EventLine, Observer
 from baqueano.errors import SafetyStop, UsageError
 from baqueano.signals import seconds
@@ -58,7 +58,7 @@ class FaultRequests:
     def handle(self, request: JsonObject) -> None:
         """Begin or end a fault. Raise UsageError if no drive is in progress, or for an invalid fault."""
         if (world := self._world) is None:
-            raise UsageError(fault("shake.no-drive"))
+            raise UsageError.of("shake.no-drive")
         if "end" in request:
             world.end_fault(int(request["end"]))
         else:
@@ -72,9 +72,9 @@ class FaultRequests:
         Raise UsageError without a previous mission, or if a person drove it.
         """
         if self._last is None:
-            raise UsageError(fault("shake.no-mission"))
+            raise UsageError.of("shake.no-mission")
         if self._by_hand:
-            raise UsageError(fault("shake.by-hand"))
+            raise UsageError.of("shake.by-hand")
         mission, is_attended, world = self._last
         omitted_numbers = {int(n) for n in request["without"]} if request.get("without") is not None else None
         faults = [

@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault
 from baqueano.door.frames.descriptions import ROLES
 from baqueano.drive.mission import Mission, unpack
 from baqueano.errors import FileError, UsageError
@@ -79,9 +78,9 @@ def mission_plan(
         kind = str(request["kind"])
         shake, fast_until_s = request.pop("shake", []), _checked_number(request, "fast_until_s", 0.0)
     except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
+        raise UsageError.of("mission.damaged", kind=type(error).__name__, error=error) from error
     if not isinstance(shake, list) or len(shake) > MAX_FAULTS:
-        raise UsageError(fault("shake.too-many", maximum=MAX_FAULTS))
+        raise UsageError.of("shake.too-many", maximum=MAX_FAULTS)
     faults = tuple(Fault.parse(fault_request) for fault_request in shake)
     if not is_complete:
         yield replace(
@@ -118,13 +117,13 @@ class StoredRoutes:
     def path(self, name: str) -> Path:
         """Return the path of the route with this name. Raise FileError for a name with forbidden characters."""
         if not name or plain_label(name) != name:
-            raise FileError(fault("door.route-name", value=repr(name)))
+            raise FileError.of("door.route-name", value=repr(name))
         return self.folder / f"{name}.csv"
 
     def read(self, name: str) -> "Route":
         """Return the stored route with this name. Raise FileError if it does not exist."""
         if not (path := self.path(name)).is_file():
-            raise FileError(fault("door.no-route", value=repr(name), valid=[*self.names()]))
+            raise FileError.of("door.no-route", value=repr(name), valid=[*self.names()])
         return read_route(path)
 
     def names(self) -> list[str]:
@@ -199,7 +198,7 @@ def _replaced_blocks(request: JsonObject) -> dict[str, str]:
     blocks = request.get("blocks", {})
     is_mapping = isinstance(blocks, dict) and set(blocks) <= set(ROLES)
     if not is_mapping or not all(isinstance(kind, str) for kind in blocks.values()):
-        raise UsageError(fault("mission.damaged", kind="TypeError", error="blocks"))
+        raise UsageError.of("mission.damaged", kind="TypeError", error="blocks")
     return dict(blocks)
 
 
@@ -209,5 +208,5 @@ def _checked_number(request: JsonObject, name: str, default: float) -> float:
     except (TypeError, ValueError):
         value = float("nan")
     if not np.isfinite(value):
-        raise UsageError(fault("door.not-a-number", name=name, value=repr(request.get(name))))
+        raise UsageError.of("door.not-a-number", name=name, value=repr(request.get(name)))
     return value

@@ -8,7 +8,6 @@ No tick is skipped: if the computer is more than MAX_DELAY_S behind the pace, si
 import time
 from collections.abc import Callable, Iterator
 
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.signals import NANOSECONDS
 
@@ -37,7 +36,7 @@ class PacedClock:
     def set_pace(self, factor: float) -> None:
         """Let simulated time pass `factor` times as fast. Raise Invalid if it is outside [MIN_PACE, MAX_PACE]."""
         if not MIN_PACE <= factor <= MAX_PACE:
-            raise Invalid(fault("door.pace", value=factor, min_factor=MIN_PACE, max_factor=MAX_PACE))
+            raise Invalid.of("door.pace", value=factor, min_factor=MIN_PACE, max_factor=MAX_PACE)
         self.factor = float(factor)
 
     def pause(self) -> None:

@@ -125,7 +125,7 @@ def find_pad(pad_path: Path | None = None, folder: Path = DEVICE_FOLDER) -> Pad:
     that is not a pad, or that this user is not allowed to read. The message lists the devices that were examined.
     """
     if sys.platform != "linux":
-        raise UsageError(fault("pad.not-linux"))
+        raise UsageError.of("pad.not-linux")
     if pad_path is not None:
         return _open_pad(pad_path)
     pads, descriptions, closed_names = [], [], []
@@ -149,7 +149,7 @@ def find_pad(pad_path: Path | None = None, folder: Path = DEVICE_FOLDER) -> Pad:
         device.close()
     if pads:
         pad_names = ", ".join(f'{path} "{device.name}"' for path, device in pads)
-        raise UsageError(fault("pad.several", count=len(pads), names=pad_names, first=pads[0][0]))
+        raise UsageError.of("pad.several", count=len(pads), names=pad_names, first=pads[0][0])
     raise UsageError(_no_pad_reason(folder, descriptions, closed_names))
 
 
@@ -172,10 +172,10 @@ def _open_pad(path: Path) -> Pad:
     try:
         device = InputDevice(path)
     except PermissionError as error:
-        raise UsageError(fault("pad.may-not-read", f"{JOIN_INPUT_GROUP}", path=path)) from error
+        raise UsageError.of("pad.may-not-read", f"{JOIN_INPUT_GROUP}", path=path) from error
     except OSError as error:
-        raise UsageError(fault("pad.not-evdev", path=path, error=error.strerror or error)) from error
+        raise UsageError.of("pad.not-evdev", path=path, error=error.strerror or error) from error
     if missing := missing_part(device):
         device.close()
-        raise UsageError(fault("pad.lacks", path=path, name=device.name, reason=note(f"pad.no-{missing}")))
+        raise UsageError.of("pad.lacks", path=path, name=device.name, reason=note(f"pad.no-{missing}"))
     return Pad(device)

@@ -9,7 +9,6 @@ import sys
 from contextlib import suppress
 from typing import Any, Protocol
 
-from baqueano.diagnostics import fault
 from baqueano.drive.by_hand.keys import PRESS, KeyDecoder, KeyEvent
 from baqueano.errors import UsageError
 
@@ -155,9 +154,9 @@ def _open_unix_terminal() -> UnixTerminal:
     try:
         import termios  # noqa: F401
     except ImportError as error:
-        raise UsageError(fault("keys.no-terminal-control")) from error
+        raise UsageError.of("keys.no-terminal-control") from error
     if not sys.stdin.isatty():
-        raise UsageError(fault("keys.no-terminal"))
+        raise UsageError.of("keys.no-terminal")
     return UnixTerminal(sys.stdin.fileno())
 
 

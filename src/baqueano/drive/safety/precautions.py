@@ -9,7 +9,6 @@ import numpy as np
 from baqueano.contracts.blocks import Estimator, Guide
 from baqueano.contracts.values import JsonObject
 from baqueano.controllers.model_following import SMOOTHING_S
-from baqueano.diagnostics import fault
 from baqueano.drive.observers import Observer
 from baqueano.drive.safety.caution import Caution
 from baqueano.drive.safety.final_pose import FinalPose
@@ -98,7 +97,7 @@ class Precautions:
                     raise ValueError(f"{name} = {value!r:.80}")
             return cls(room=room, **row)
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-            raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
+            raise UsageError.of("mission.damaged", kind=type(error).__name__, error=error) from error
 
     def wrap_guide(
         self, guide: Guide, route: Route, vehicle_file: "VehicleFile", start: np.ndarray, estimator: Estimator,

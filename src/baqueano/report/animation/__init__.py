@@ -14,5 +14,5 @@ def picture_file(path: str | Path) -> Path:
     path = Path(path)
     if path.suffix.lower() != ".svg":
         fix = str(path.with_suffix(".svg"))
-        raise UsageError(fault("report.animation-ending", f"--animation {fix}", value=str(path)))
+        raise UsageError.of("report.animation-ending", f"--animation {fix}", value=str(path))
     return path

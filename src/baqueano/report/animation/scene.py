@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.compare.corridor import run_corridor
-from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs import Run
@@ -43,7 +42,7 @@ def scene(run: Run) -> Scene:
     """Return the scene of a run; a log without a complete pose, such as a GPS without heading, is not drawn.
     Raise AnswerNo for a run without a pose, or with less than two ticks.
     """
-    no_motion = AnswerNo(fault("report.nothing-moves", baqueano_command("replay", run.name), name=run.name))
+    no_motion = AnswerNo.of("report.nothing-moves", baqueano_command("replay", run.name), name=run.name)
     run = run.without_rest
     if len(run.t_ns) < 2:
         raise no_motion

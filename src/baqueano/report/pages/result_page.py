@@ -10,7 +10,6 @@ from baqueano.compare import Comparison
 from baqueano.compare.corridor_forecast import CorridorForecast
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Tabular
-from baqueano.diagnostics import fault
 from baqueano.drive import FirstDrive, TeachResult
 from baqueano.errors import UsageError
 from baqueano.identify import Fit
@@ -91,7 +90,7 @@ def report(
 @singledispatch
 def build_page(result: Tabular, alignment: str = "none") -> Page:
     """Return the page about a result. Raise UsageError for a type of result without a page."""
-    raise UsageError(fault("front.no-page", value=type(result).__name__))
+    raise UsageError.of("front.no-page", value=type(result).__name__)
 
 
 @build_page.register(TeachResult)

@@ -21,7 +21,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import RobotUnreachable
 from baqueano.messages import text
 from baqueano.messages.language import translate as _
@@ -166,15 +166,15 @@ class _Pins:
             for number, function, level in LINE_PATTERN.findall(reply)
         }
         if len(lines) != 2:
-            raise RobotUnreachable(fault("bus.pinctrl-answer", pins=BOTH, value=repr(reply)))
+            raise RobotUnreachable.of("bus.pinctrl-answer", pins=BOTH, value=repr(reply))
         return lines[SDA], lines[SCL]
 
     def set(self, pin: str, *options: str) -> None:
         """Set function, pull and level of a pin. Raise RobotUnreachable if `pinctrl` refuses the options."""
         # `pinctrl` reports a refusal as a message, and still exits with 0
         if refusal := self._run_program("set", pin, *options):
-            raise RobotUnreachable(
-                fault("bus.pinctrl-refused", pin=pin, options=" ".join(options), reply=refusal)
+            raise RobotUnreachable.of(
+                "bus.pinctrl-refused", pin=pin, options=" ".join(options), reply=refusal
             )
 
     def restore(self) -> None:
@@ -191,31 +191,27 @@ class _Pins:
                     return
             except RobotUnreachable as error:
                 cause_text = f" ({error})"
-        raise RobotUnreachable(fault("bus.pins-not-restored", f"pinctrl set {BOTH} {I2C}", cause=cause_text))
+        raise RobotUnreachable.of("bus.pins-not-restored", f"pinctrl set {BOTH} {I2C}", cause=cause_text)
 
     def _run_program(self, *words: str) -> str:
         import subprocess  # imported here for a fast start of the service: a bus is rarely held
 
         command = " ".join(("pinctrl", *words))
         if time.monotonic() > self._end_s:
-            raise RobotUnreachable(
-                fault("bus.too-late", f"pinctrl get {BOTH}", command=command, limit_s=ALL_S)
-            )
+            raise RobotUnreachable.of("bus.too-late", f"pinctrl get {BOTH}", command=command, limit_s=ALL_S)
         try:
             process = subprocess.run(
                 [self._program, *words], stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8",
                 errors="replace", timeout=CALL_S
             )  # fmt: skip
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise RobotUnreachable(fault("bus.call-failed", command=command, error=error)) from None
+            raise RobotUnreachable.of("bus.call-failed", command=command, error=error) from None
         if process.returncode:
-            raise RobotUnreachable(
-                fault(
-                    "bus.call-refused",
-                    command=command,
-                    exit=process.returncode,
-                    reply=(process.stdout + process.stderr).strip(),
-                )
+            raise RobotUnreachable.of(
+                "bus.call-refused",
+                command=command,
+                exit=process.returncode,
+                reply=(process.stdout + process.stderr).strip(),
             )
         return process.stdout.strip("\n")
 
@@ -226,7 +222,7 @@ def _pins(path: str) -> _Pins:
     Raise RobotUnreachable for another bus, if `pinctrl` is not installed, or if the pins have another function.
     """
     if Path(path).name != BUS_NAME:
-        raise RobotUnreachable(fault("bus.other-bus", path=path, bus=BUS_NAME))
+        raise RobotUnreachable.of("bus.other-bus", path=path, bus=BUS_NAME)
     import shutil
 
     program = shutil.which("pinctrl")
@@ -235,7 +231,7 @@ def _pins(path: str) -> _Pins:
     pins = _Pins(program)
     sda, scl = pins.read_pins()
     if not {sda.function, scl.function} <= {I2C, *OUTPUT_STATE}:
-        raise RobotUnreachable(fault("bus.other-pins", sda=sda.function, scl=scl.function, expected=I2C))
+        raise RobotUnreachable.of("bus.other-pins", sda=sda.function, scl=scl.function, expected=I2C)
     return pins
 
 

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -160,15 +159,13 @@ def _identify_chip(
     while len(samples) < REST_SAMPLES:
         samples += imu.read()
         if now_ns() - start_ns > START_TIMEOUT_NS:
-            raise RobotUnreachable(
-                fault(
-                    "imu.too-few-samples",
-                    address=imu.device.address,
-                    path=imu.device.path,
-                    count=len(samples),
-                    limit_s=START_TIMEOUT_NS // SECOND,
-                    events=" ".join(e.text for e in imu.events()) or "–",
-                )
+            raise RobotUnreachable.of(
+                "imu.too-few-samples",
+                address=imu.device.address,
+                path=imu.device.path,
+                count=len(samples),
+                limit_s=START_TIMEOUT_NS // SECOND,
+                events=" ".join(e.text for e in imu.events()) or "–",
             )
         sleep(STEP_S)
     accel = float(np.linalg.norm(np.mean([s.accel for s in samples], axis=0)))
@@ -211,13 +208,11 @@ def _rest_warnings(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> li
     if imu.chip.is_listed:
         return doubts
     if doubts:
-        raise RobotUnreachable(
-            fault(
-                "imu.unknown-chip",
-                who_am_i=who_am_i,
-                address=imu.device.address,
-                fault=f" {_('and')} ".join(doubts),
-            )
+        raise RobotUnreachable.of(
+            "imu.unknown-chip",
+            who_am_i=who_am_i,
+            address=imu.device.address,
+            fault=f" {_('and')} ".join(doubts),
         )
     doubts.append(
         _(

@@ -17,7 +17,6 @@ import os
 from dataclasses import dataclass, field
 from typing import Any
 
-from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable, UsageError
 
 I2C_RETRIES, I2C_TIMEOUT = 0x0701, 0x0702  # requests of linux/i2c-dev.h that smbus2 does not define
@@ -44,9 +43,9 @@ class I2cDevice:
         try:
             self._bus = bus_class(self.path)
         except FileNotFoundError:
-            raise RobotUnreachable(fault("imu.no-bus", path=self.path)) from None
+            raise RobotUnreachable.of("imu.no-bus", path=self.path) from None
         except PermissionError:
-            raise RobotUnreachable(fault("imu.bus-not-allowed", path=self.path)) from None
+            raise RobotUnreachable.of("imu.bus-not-allowed", path=self.path) from None
         self._message = message
         self._set_timeout()
 
@@ -93,5 +92,5 @@ def _smbus2() -> tuple[Any, Any]:
     try:
         from smbus2 import SMBus, i2c_msg
     except ImportError:
-        raise UsageError(fault("imu.no-smbus")) from None
+        raise UsageError.of("imu.no-smbus") from None
     return i2c_msg, SMBus

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import BaqueanoError, RobotUnreachable
 from baqueano.messages.language import mark as N_
 from baqueano.robot.imu.bus_recovery import BusRecovery, RecoveryOutcome, recover_bus
@@ -273,9 +273,7 @@ class Mpu6050:
         yield START_MS
         registers, target = self.device.read(SMPLRT_DIV, len(self._registers())), bytes(self._registers())
         if registers != target:
-            raise RobotUnreachable(
-                fault("imu.settings-not-stored", value=registers.hex(), expected=target.hex())
-            )
+            raise RobotUnreachable.of("imu.settings-not-stored", value=registers.hex(), expected=target.hex())
         yield 0
         self._clear_fifo()
 
@@ -344,7 +342,7 @@ def find_chip(path: str, addresses: tuple[int, ...]) -> tuple[I2cDevice, int, tu
     if is_bus_stuck and outcome is not None:
         raise RobotUnreachable(note("imu.bus-unusable", Severity.ERROR, path=path, cause=outcome.message))
     addresses_text = " and ".join(f"0x{address:02X}" for address in addresses)
-    raise RobotUnreachable(fault("imu.no-answer", address_range=addresses_text, path=path))
+    raise RobotUnreachable.of("imu.no-answer", address_range=addresses_text, path=path)
 
 
 def _first_answer(path: str, addresses: tuple[int, ...]) -> tuple[tuple[I2cDevice, int] | None, bool]:
@@ -368,7 +366,5 @@ def detect_chip(device: I2cDevice, who_am_i: int) -> Chip:
     Raise RobotUnreachable for 0x00 and 0xFF, which mean a bus without a chip.
     """
     if who_am_i in (0x00, 0xFF):
-        raise RobotUnreachable(
-            fault("imu.no-chip", address=device.address, path=device.path, who_am_i=who_am_i)
-        )
+        raise RobotUnreachable.of("imu.no-chip", address=device.address, path=device.path, who_am_i=who_am_i)
     return lookup_chip(who_am_i)

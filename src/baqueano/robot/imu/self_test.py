@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
@@ -90,7 +89,7 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
         test_mean = _mean(imu, TEST_BITS, TEST_BITS | accel_bits, sleep)
         codes = _codes(imu)
     except OSError as error:
-        raise AnswerNo(fault("imu.self-test-broke-off", error=error)) from None
+        raise AnswerNo.of("imu.self-test-broke-off", error=error) from None
     finally:
         imu.start_again()
     trims = factory_trims(codes, own_accel_filter)
@@ -157,13 +156,11 @@ def _mean(imu: Mpu6050, gyro_bits: int, accel_bits: int, sleep: Callable[[float]
     scatter = values.std(axis=0)
     if np.any(scatter > MAX_REST_SPREAD):
         worst_axis = int(np.argmax(scatter / MAX_REST_SPREAD))
-        raise AnswerNo(
-            fault(
-                "imu.self-test-moved",
-                axis=AXES[worst_axis],
-                scatter=scatter[worst_axis],
-                unit_name=UNITS[worst_axis],
-                limit=MAX_REST_SPREAD[worst_axis],
-            )
+        raise AnswerNo.of(
+            "imu.self-test-moved",
+            axis=AXES[worst_axis],
+            scatter=scatter[worst_axis],
+            unit_name=UNITS[worst_axis],
+            limit=MAX_REST_SPREAD[worst_axis],
         )
     return values.mean(axis=0)

@@ -20,7 +20,7 @@ from typing import Any
 
 from baqueano.contracts.time_limit import PREPARE_S, within
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.door.frames.descriptions import drive_description
 from baqueano.door.frames.rows import Frames
 from baqueano.door.gain_changes import ChangeObserver
@@ -322,15 +322,14 @@ class Service:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            fix = f"ls -ld {self.folder}"
-            cause = fault("service.no-run-there", fix, folder=self.folder, error=error.strerror)
-            raise FileError(cause) from error
+            fix, reason = f"ls -ld {self.folder}", error.strerror
+            raise FileError.of("service.no-run-there", fix, folder=self.folder, error=reason) from error
         stem = f"{datetime.now():%Y%m%d-%H%M%S}-{kind}"
         for k in range(100):
             path = self.folder / (f"{stem}.mcap" if k == 0 else f"{stem}-{k}.mcap")
             if not path.exists():
                 return path
-        raise FileError(fault("service.hundred-runs", folder=self.folder))
+        raise FileError.of("service.hundred-runs", folder=self.folder)
 
     def _close_hardware(self) -> None:
         self.operator.stop(stop(StopReason.SERVICE_ENDED))

@@ -22,7 +22,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
-from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.messages.language import translate as _
 
@@ -70,10 +69,10 @@ def boot_partition(folder: Path | None) -> Path:
     if folder is None:
         partitions = [path for label in BOOT_FOLDERS for path in Path("/").glob(label.lstrip("/"))]
         if len(partitions) != 1:
-            raise FileError(fault("card.cards", cards=len(partitions)))
+            raise FileError.of("card.cards", cards=len(partitions))
         folder = partitions[0]
     if not (folder / "cmdline.txt").is_file() or not (folder / "config.txt").is_file():
-        raise FileError(fault("card.no-boot", folder=folder))
+        raise FileError.of("card.no-boot", folder=folder)
     return folder
 
 
@@ -88,9 +87,9 @@ def public_key(path: Path | None) -> str:
         if key_path.is_file():
             text = key_path.read_text(encoding="utf-8", errors="replace").strip()
             if not re.fullmatch(r"(ssh|ecdsa|sk)-\S+ [A-Za-z0-9+/=]+( [^\n]*)?", text):
-                raise FileError(fault("card.no-public-key", place=key_path))
+                raise FileError.of("card.no-public-key", place=key_path)
             return text
-    raise FileError(fault("card.no-key", valid=candidates))
+    raise FileError.of("card.no-key", valid=candidates)
 
 
 def connection_file(network: Network, name: str) -> str:
@@ -182,14 +181,14 @@ def _escape(text: str) -> str:
 
 def _check_inputs(name: str, user: str, network: Network | None) -> None:
     if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?", name):
-        raise UsageError(fault("card.name", name=name))
+        raise UsageError.of("card.name", name=name)
     if not re.fullmatch(r"[a-z][a-z0-9_-]{0,31}", user) or user == "root":
-        raise UsageError(fault("card.user", user=user))
+        raise UsageError.of("card.user", user=user)
     if network is None:
         return
     if not 1 <= len(network.ssid.encode()) <= 32:
-        raise UsageError(fault("card.network-name", bytes=len(network.ssid.encode())))
+        raise UsageError.of("card.network-name", bytes=len(network.ssid.encode()))
     if not re.fullmatch(r"[ -~]{8,63}", network.password):
-        raise UsageError(fault("card.network-password", letters=len(network.password)))
+        raise UsageError.of("card.network-password", letters=len(network.password))
     if not re.fullmatch(r"[A-Z]{2}", network.country):
-        raise UsageError(fault("card.country", country=network.country))
+        raise UsageError.of("card.country", country=network.country)

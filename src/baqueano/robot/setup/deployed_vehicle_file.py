@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault
 from baqueano.door.ssh import run_command, ssh_command, ssh_line
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.messages.language import translate as _
@@ -44,7 +43,7 @@ def renew_file(host: str, vehicle_file: "VehicleFile", root: str = "/") -> Renew
     path = f"{root.rstrip('/')}{VEHICLE}"
     content, code = run_command(ssh_command(host, f"test ! -e {path} || cat {path}"))
     if code:
-        raise RobotUnreachable(fault("setup.file-not-read", ssh_line(host), host=host, path=path))
+        raise RobotUnreachable.of("setup.file-not-read", ssh_line(host), host=host, path=path)
     if not content:
         return RenewedFile(vehicle_file.text, b"", [])
     try:
@@ -89,7 +88,7 @@ def _with_calibration(
         value_text = _short_text(leaves[key])
         if not key_exists(vehicle_file.data, key, vehicle_file.folder):
             figures = {"host": host, "key": key, "value": value_text, "path": VEHICLE, "ssh": ssh_line(host)}
-            raise UsageError(fault("setup.no-place-for-calibration", **figures))
+            raise UsageError.of("setup.no-place-for-calibration", **figures)
         own_origin, day = vehicle_file.provenance.get(key), origin.get("date")
         if np.array_equal(np.asarray(vehicle_file.value(key)), np.asarray(leaves[key])):
             origins |= {} if own_origin is not None else {key: origin}

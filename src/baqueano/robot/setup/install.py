@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import baqueano
-from baqueano.diagnostics import fault
 from baqueano.door.ssh import run_command, ssh_command, ssh_line
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.messages.language import translate as _
@@ -69,20 +68,18 @@ def host_machine(host: str) -> TargetMachine:
     output, code = run_command(ssh_command(host, PROBE_COMMAND))
     fields = output.decode(errors="replace").split()
     if code or not re.fullmatch(PROBE_OUTPUT, " ".join(fields)):
-        raise RobotUnreachable(fault("setup.no-answer", ssh_line(host), host=host))
+        raise RobotUnreachable.of("setup.no-answer", ssh_line(host), host=host)
     target = TargetMachine((int(fields[0]), int(fields[1])), fields[2], fields[3])
     if target.kind not in MACHINE_TYPES:
-        raise UsageError(fault("setup.32-bit", host=host, computer=target.kind))
+        raise UsageError.of("setup.32-bit", host=host, computer=target.kind)
     if target.python < MIN_PYTHON:
-        raise UsageError(
-            fault(
-                "setup.old-python",
-                host=host,
-                major=target.python[0],
-                minor=target.python[1],
-                min_major=MIN_PYTHON[0],
-                min_minor=MIN_PYTHON[1],
-            )
+        raise UsageError.of(
+            "setup.old-python",
+            host=host,
+            major=target.python[0],
+            minor=target.python[1],
+            min_major=MIN_PYTHON[0],
+            min_minor=MIN_PYTHON[1],
         )
     return target
 
@@ -167,7 +164,7 @@ def _run_pip(command: list[str]) -> None:
     process = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
     if process.returncode:
         lines = process.stderr.strip().splitlines() or [_("without output")]
-        raise FileError(fault("setup.packages", reply=lines[-1]))
+        raise FileError.of("setup.packages", reply=lines[-1])
 
 
 def setup(
@@ -194,7 +191,7 @@ def setup(
             tar.add(path, path.name)
     command = f"rm -rf {TARGET_FOLDER} && mkdir -m 700 {TARGET_FOLDER} && tar -x -C {TARGET_FOLDER}"
     if run_command(ssh_command(host, command), archive.getvalue())[1]:
-        raise RobotUnreachable(fault("setup.packages-not-sent", host=host))
+        raise RobotUnreachable.of("setup.packages-not-sent", host=host)
     arguments = [
         "--bundle",
         TARGET_FOLDER,
@@ -216,7 +213,7 @@ def remove(host: str, machine: TargetMachine, *, root: str = "/") -> None:
     text = translated_steps()
     command = f"rm -rf {TARGET_FOLDER} && mkdir -m 700 {TARGET_FOLDER} && cat >{TARGET_FOLDER}/steps.py"
     if run_command(ssh_command(host, command), text.encode())[1]:
-        raise RobotUnreachable(fault("setup.nothing-sent", host=host))
+        raise RobotUnreachable.of("setup.nothing-sent", host=host)
     try:
         _run_steps(
             host, ["undo", "--bundle", TARGET_FOLDER, "--user", machine.user, "--root", root], as_root=True
@@ -232,4 +229,4 @@ def _run_steps(host: str, arguments: list[str], as_root: bool) -> None:
     if run_command(
         ssh_command(host, command, *(["-t"] if terminal and as_root else [])), return_output=False
     )[1]:
-        raise RobotUnreachable(fault("setup.not-finished", host=host))
+        raise RobotUnreachable.of("setup.not-finished", host=host)

@@ -10,7 +10,6 @@ loss    a damaged body passes the CRC with probability 2⁻¹⁶. It must also h
 from binascii import crc_hqx
 from typing import NamedTuple
 
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.robot.uno.frames import (
     CRC_KINDS,
@@ -92,15 +91,8 @@ def encode(frame: Frame, seq: int, kind: int | None = None) -> bytes:
     """
     if faulty_field := first_out_of_range(frame):
         path, value, (low, high) = faulty_field
-        raise UsageError(
-            fault(
-                "uno.number-range",
-                frame=type(frame).__name__,
-                path=path,
-                number=value,
-                minimum=low,
-                maximum=high,
-            )
+        raise UsageError.of(
+            "uno.number-range", frame=type(frame).__name__, path=path, number=value, minimum=low, maximum=high
         )
     return encode_frame(LAYOUT_KINDS[type(frame)] if kind is None else kind, seq, pack(frame))
 

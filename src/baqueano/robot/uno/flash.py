@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from baqueano.contracts.values import TableRow
-from baqueano.diagnostics import fault
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.robot.uno.frames import PROTOCOL
@@ -68,15 +67,15 @@ def program_bytes(path: Path) -> bytes:
                 or len(record) < 5
                 or len(record) != 5 + record[0]
             ):
-                raise FileError(fault("flash.bad-line", path=path, line=line_number))
+                raise FileError.of("flash.bad-line", path=path, line=line_number)
             if record[3] == 0:
                 address = record[1] << 8 | record[2]
                 memory.extend(b"\xff" * (address + record[0] - len(memory)))
                 memory[address : address + record[0]] = record[4:-1]
     except (OSError, ValueError) as error:
-        raise FileError(fault("flash.not-hex", path=path, error=error)) from error
+        raise FileError.of("flash.not-hex", path=path, error=error) from error
     if not 0 < len(memory) <= FLASH_BYTES:
-        raise FileError(fault("flash.size", path=path, bytes=len(memory), max_bytes=FLASH_BYTES))
+        raise FileError.of("flash.size", path=path, bytes=len(memory), max_bytes=FLASH_BYTES)
     return bytes(memory)
 
 
@@ -97,7 +96,7 @@ def flash(
     byte_count = len(program_bytes(path))
     avrdude = shutil.which("avrdude")
     if avrdude is None:
-        raise UsageError(fault("flash.no-avrdude"))
+        raise UsageError.of("flash.no-avrdude")
     device_path = find_port(port)
     notify(
         _(
@@ -137,9 +136,9 @@ def _write(avrdude: str, device_path: str, path: Path) -> None:
             command, capture_output=True, encoding="utf-8", errors="replace", timeout=FLASH_TIMEOUT_S
         )
     except subprocess.TimeoutExpired as error:
-        raise RobotUnreachable(fault("flash.too-slow", port=device_path, limit_s=FLASH_TIMEOUT_S)) from error
+        raise RobotUnreachable.of("flash.too-slow", port=device_path, limit_s=FLASH_TIMEOUT_S) from error
     if process.returncode:
         complaint = [line for line in process.stderr.splitlines() if line.strip() and "ioctl" not in line]
-        raise RobotUnreachable(
-            fault("flash.failed", port=device_path, reply=complaint[0] if complaint else process.returncode)
+        raise RobotUnreachable.of(
+            "flash.failed", port=device_path, reply=complaint[0] if complaint else process.returncode
         )

@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar
 
-from baqueano.diagnostics import Diagnostic, StopReason, fault, stop
+from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import RobotUnreachable
 from baqueano.robot.uno.clock import WRAP_US, UnoClock
 from baqueano.robot.uno.codec import Decoder, ReceivedFrame, encode
@@ -231,15 +231,13 @@ class Uno:
             if received_reply is not None and accepts(received_reply):
                 return received_reply
         if received_reply is not None:
-            raise RobotUnreachable(
-                fault("uno.refused-number", question=str(question), reply=str(received_reply))
-            )
+            raise RobotUnreachable.of("uno.refused-number", question=str(question), reply=str(received_reply))
         if self._now_ns() - self.noise_ns < ANSWER_S * 1e9:
-            raise RobotUnreachable(
-                fault("uno.answer-not-whole", question=type(question).__name__, limit_s=ANSWER_S)
+            raise RobotUnreachable.of(
+                "uno.answer-not-whole", question=type(question).__name__, limit_s=ANSWER_S
             )
-        raise RobotUnreachable(
-            fault("uno.no-answer", "baqueano robot flash", question=type(question).__name__, limit_s=ANSWER_S)
+        raise RobotUnreachable.of(
+            "uno.no-answer", "baqueano robot flash", question=type(question).__name__, limit_s=ANSWER_S
         )
 
     def configure(self, config: Config, wait: Callable[[float], object] = time.sleep) -> Info:

@@ -172,14 +172,12 @@ def firmware_info(uno: "Uno", path: str) -> Info:
             if time.monotonic() > end_s:
                 raise
     if info.protocol != PROTOCOL:
-        raise RobotUnreachable(
-            fault(
-                "uno.protocol",
-                "baqueano robot flash",
-                path=path,
-                firmware_protocol=info.protocol,
-                package_protocol=PROTOCOL,
-            )
+        raise RobotUnreachable.of(
+            "uno.protocol",
+            "baqueano robot flash",
+            path=path,
+            firmware_protocol=info.protocol,
+            package_protocol=PROTOCOL,
         )
     return info
 
@@ -193,9 +191,9 @@ def find_port(port: str) -> str:
         return port
     ports = sorted(glob.glob(BY_ID)) or sorted(p for pattern in OTHER_PORTS for p in glob.glob(pattern))
     if not ports:
-        raise RobotUnreachable(fault("uno.no-line"))
+        raise RobotUnreachable.of("uno.no-line")
     if len(ports) > 1:
-        raise UsageError(fault("uno.several-lines", count=len(ports), lines=ports, first=ports[0]))
+        raise UsageError.of("uno.several-lines", count=len(ports), lines=ports, first=ports[0])
     return ports[0]
 
 

@@ -15,7 +15,6 @@ from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from baqueano.contracts.values import TableRow
-from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -166,7 +165,7 @@ def _with_setting(settings: Settings, name: str, text: str) -> Settings:
         return settings._replace(**{field: _checked_number(name, text, text, Settings, field, unit)})
     wheel, equals, number_text = text.partition("=")
     if not equals or wheel not in (*WHEEL_DIRECTIONS, "all"):
-        raise UsageError(fault("settings.wheel-direction", option=name, value=text, valid=WHEEL_DIRECTIONS))
+        raise UsageError.of("settings.wheel-direction", option=name, value=text, valid=WHEEL_DIRECTIONS)
     number = _checked_number(name, text, number_text, WheelCurve, CURVE_OPTIONS[name], 1000)
     wheel_rows = [
         curve._replace(**{CURVE_OPTIONS[name]: number}) if wheel in (direction_name, "all") else curve
@@ -177,7 +176,7 @@ def _with_setting(settings: Settings, name: str, text: str) -> Settings:
 
 def _checked_word(name: str, text: str, known_words: list[str]) -> str:
     if text.lower() not in known_words:
-        raise UsageError(fault("settings.choice", option=name, value=text, valid=known_words))
+        raise UsageError.of("settings.choice", option=name, value=text, valid=known_words)
     return text.lower()
 
 
@@ -189,8 +188,8 @@ def _checked_number(name: str, text: str, number_text: str, layout: type, field:
     except ValueError:
         value = float("nan")
     if not low <= value * unit <= high:
-        raise UsageError(
-            fault("settings.number", option=name, value=text, minimum=low / unit, maximum=high / unit)
+        raise UsageError.of(
+            "settings.number", option=name, value=text, minimum=low / unit, maximum=high / unit
         )
     return round(value * unit)
 
@@ -216,7 +215,7 @@ def _check_at_rest(uno: "Uno", wait: Wait) -> None:
     telemetry_frames = uno.receive()
     if any(duty for telemetry in telemetry_frames[-1:] for duty in telemetry.applied_duty):
         left, right = telemetry_frames[-1].applied_duty
-        raise AnswerNo(fault("settings.motor-runs", left=left, right=right))
+        raise AnswerNo.of("settings.motor-runs", left=left, right=right)
 
 
 def show_counts(uno: "Uno", seconds: float, notify: Callable[[str], object]) -> None:

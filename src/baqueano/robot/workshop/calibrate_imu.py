@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.contracts.values import JsonObject, TableRow
-from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
@@ -72,7 +71,7 @@ class ImuReader:
                 self._last_ns = sample.t_ns
                 read.append(sample)
         if not read:
-            raise AnswerNo(fault("calibrate.no-sample", "baqueano robot doctor", limit_s=seconds))
+            raise AnswerNo.of("calibrate.no-sample", "baqueano robot doctor", limit_s=seconds)
         return np.array([s.accel for s in read]), np.array([s.gyro for s in read])
 
     def wait_for_rest(self, seconds: float, quantity: str) -> tuple[np.ndarray, np.ndarray]:
@@ -87,7 +86,7 @@ class ImuReader:
             accel, gyro = self.samples(seconds)
             if _is_steady(accel, gyro):
                 return accel.mean(axis=0), gyro.mean(axis=0)
-        raise AnswerNo(fault("calibrate.not-still", step=quantity, limit_s=TIMEOUT_S))
+        raise AnswerNo.of("calibrate.not-still", step=quantity, limit_s=TIMEOUT_S)
 
     def wait_for_force(self, quantity: str, accepts: Callable[[np.ndarray], bool]) -> np.ndarray:
         """Return the mean force (3,) once the IMU is at rest and `accepts` returns True for the force.
@@ -100,7 +99,7 @@ class ImuReader:
             at_rest = np.abs(gyro.mean(axis=0) - self.bias).max() < HAND_FACTOR * STILL_RAD_S
             if at_rest and _is_steady(accel, gyro, HAND_FACTOR) and accepts(accel.mean(axis=0)):
                 return accel.mean(axis=0)
-        raise AnswerNo(fault("calibrate.no-motion", step=quantity, limit_s=TIMEOUT_S))
+        raise AnswerNo.of("calibrate.no-motion", step=quantity, limit_s=TIMEOUT_S)
 
 
 def _is_steady(accel: np.ndarray, gyro: np.ndarray, factor: float = 1.0) -> bool:
@@ -206,7 +205,7 @@ def _is_turned_left(reader: ImuReader, start_angles: np.ndarray, up_axis: np.nda
     """
     turn = float(up_axis @ (reader.turned - start_angles))
     if turn < -MIN_TURN_RAD:
-        raise AnswerNo(fault("calibrate.turned-right", turn_deg=-np.degrees(turn)))
+        raise AnswerNo.of("calibrate.turned-right", turn_deg=-np.degrees(turn))
     return turn > MIN_TURN_RAD
 
 
@@ -215,7 +214,7 @@ def find_up_axis(force: np.ndarray) -> np.ndarray:
     axis = int(np.argmax(np.abs(force)))
     if abs(force[axis]) < MIN_UPRIGHT_COS * np.linalg.norm(force):
         x, y, z = force
-        raise AnswerNo(fault("calibrate.not-upright", x_m_s2=x, y_m_s2=y, z_m_s2=z))
+        raise AnswerNo.of("calibrate.not-upright", x_m_s2=x, y_m_s2=y, z_m_s2=z)
     up_axis = np.zeros(3)
     up_axis[axis] = np.sign(force[axis])
     return up_axis
@@ -229,13 +228,11 @@ def lift_axes(change: np.ndarray, up_axis: np.ndarray) -> tuple[np.ndarray, floa
     gains = _horizontal_part(change, up_axis)
     largest_axis, second_axis = np.argsort(-np.abs(gains))[:2]
     if abs(gains[second_axis]) > MAX_OBLIQUE_TAN * abs(gains[largest_axis]):
-        raise AnswerNo(
-            fault(
-                "calibrate.lifted-over-corner",
-                first_m_s2=abs(gains[largest_axis]),
-                second_m_s2=abs(gains[second_axis]),
-                max_ratio=MAX_OBLIQUE_TAN,
-            )
+        raise AnswerNo.of(
+            "calibrate.lifted-over-corner",
+            first_m_s2=abs(gains[largest_axis]),
+            second_m_s2=abs(gains[second_axis]),
+            max_ratio=MAX_OBLIQUE_TAN,
         )
     front = np.zeros(3)
     front[largest_axis] = np.sign(gains[largest_axis])

@@ -24,7 +24,6 @@ import numpy as np
 from baqueano.contracts.values import TableRow
 from baqueano.controllers.heading_hold import MAX_SPEED_SHARE, HeadingHold, pole_placement_gains
 from baqueano.controllers.manual import ManualController
-from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, RobotUnreachable
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
@@ -222,12 +221,10 @@ def _ramp(floor: "FloorTests", wheel: int, direction: float) -> tuple[float, flo
     turn = samples.gyro[-1, 2] - bias
     floor.hold_duties(0.0, 0.0, PAUSE_S)
     if abs(turn) <= MIN_TURN_RAD_S:
-        raise AnswerNo(
-            fault(
-                "calibrate.motor-does-not-turn",
-                side=(N_("left"), N_("right"))[wheel],
-                direction=N_("forwards") if direction > 0 else N_("backwards"),
-            )
+        raise AnswerNo.of(
+            "calibrate.motor-does-not-turn",
+            side=(N_("left"), N_("right"))[wheel],
+            direction=N_("forwards") if direction > 0 else N_("backwards"),
         )
     return levels[-1], float(np.sign(turn))
 
@@ -244,13 +241,8 @@ def _wiring(floor: "FloorTests", notify: Notify) -> Wiring:
     duties = [min(1.0, duty + EXTRA_DUTY) * sign for duty, sign in zip((left, right), signs, strict=True)]
     push_m_s = _forward_speed_change(floor, duties) - _forward_speed_change(floor, [-d for d in duties])
     if abs(push_m_s) < PUSHED_M_S:
-        raise AnswerNo(
-            fault(
-                "calibrate.no-push",
-                "baqueano robot calibrate imu",
-                push_m_s=0.5 * abs(push_m_s),
-                push_s=PUSH_S,
-            )
+        raise AnswerNo.of(
+            "calibrate.no-push", "baqueano robot calibrate imu", push_m_s=0.5 * abs(push_m_s), push_s=PUSH_S
         )
     wiring = Wiring(0)
     if push_m_s > 0.0:
@@ -308,22 +300,20 @@ def fit_sweep(starting_duty: float, duties: np.ndarray, counts_added: np.ndarray
     """
     runs = counts_added > max(0.2 * counts_added.max(), 0.1)
     if runs.sum() < 4:
-        raise AnswerNo(
-            fault(
-                "calibrate.few-duties",
-                name=name,
-                duties=len(duties),
-                low=duties.min(),
-                high=duties.max(),
-                count=runs.sum(),
-            )
+        raise AnswerNo.of(
+            "calibrate.few-duties",
+            name=name,
+            duties=len(duties),
+            low=duties.min(),
+            high=duties.max(),
+            count=runs.sum(),
         )
     powers = np.stack([np.ones(runs.sum()), counts_added[runs], counts_added[runs] ** 2], axis=1)
     line, *_rest = np.linalg.lstsq(powers, duties[runs], rcond=None)
     rms = float(np.sqrt(np.mean((powers @ line - duties[runs]) ** 2)))
     dead_zone = float(np.clip(line[0], 0.0, 1.0))
     if dead_zone > 0.7:
-        raise AnswerNo(fault("calibrate.dead-zone", name=name, dead_zone=dead_zone))
+        raise AnswerNo.of("calibrate.dead-zone", name=name, dead_zone=dead_zone)
     top = float(counts_added.max())
     return Sweep(starting_duty, dead_zone, top / (float(duties[np.argmax(counts_added)]) - dead_zone), rms)
 

@@ -51,8 +51,8 @@ def stopped_service(notify: Notify) -> Iterator[None]:
     sudo = ["sudo", "-n"] if shutil.which("sudo") else []
     process = _run_quietly([*sudo, "systemctl", "stop", SERVICE])
     if process.returncode:
-        raise UsageError(
-            fault("hardware.used-by-service", f"sudo systemctl stop {SERVICE}", error=process.stderr.strip())
+        raise UsageError.of(
+            "hardware.used-by-service", f"sudo systemctl stop {SERVICE}", error=process.stderr.strip()
         )
     notify(_("{service} is stopped during these tests", service=SERVICE))
     try:
@@ -99,7 +99,7 @@ def _check_not_driving() -> None:
     with suppress(RobotUnreachable), connect("here") as remote:
         state = remote.state["state"]
         if state in (DoorState.MANUAL, DoorState.MISSION):
-            raise AnswerNo(fault("hardware.drives", state=state))
+            raise AnswerNo.of("hardware.drives", state=state)
 
 
 def fetch_rows(host: str, *verb: str) -> list[TableRow]:
@@ -138,7 +138,7 @@ def fetch_result(make_result: Callable[[list[TableRow]], Result], host: str, *ve
         return make_result(rows)
     except (LookupError, TypeError, ValueError, BaqueanoError) as error:
         fix = baqueano_command("robot", "setup", host)
-        raise UsageError(fault("ssh.other-version", fix, host=host, verb=" ".join(verb))) from error
+        raise UsageError.of("ssh.other-version", fix, host=host, verb=" ".join(verb)) from error
 
 
 def _language_setting() -> list[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import Severity, StopReason, fault, note, stop
+from baqueano.diagnostics import Severity, StopReason, note, stop
 from baqueano.errors import AnswerNo, SafetyStop
 from baqueano.signals import STANDARD_GRAVITY
 
@@ -95,16 +95,14 @@ class FloorTests:
             if samples.is_still:
                 return samples
             scatter = float(samples.gyro.std(axis=0).max())
-        raise AnswerNo(fault("floor.not-still", scatter_deg_s=np.degrees(scatter)))
+        raise AnswerNo.of("floor.not-still", scatter_deg_s=np.degrees(scatter))
 
     def check_upright(self) -> None:
         """Raise AnswerNo if the IMU's up axis deviates from the vertical by more than 26°, or if the vehicle moves."""
         accel = self.rest_samples(0.3).accel.mean(axis=0)
         if accel[2] < MIN_TILT_COS * STANDARD_GRAVITY:
             x, y, z = accel
-            raise AnswerNo(
-                fault("floor.gravity", "baqueano robot calibrate imu", x_m_s2=x, y_m_s2=y, z_m_s2=z)
-            )
+            raise AnswerNo.of("floor.gravity", "baqueano robot calibrate imu", x_m_s2=x, y_m_s2=y, z_m_s2=z)
 
     def store(self, settings: "Settings") -> None:
         """Disarm, write `settings` into the Uno's EEPROM, and arm again."""

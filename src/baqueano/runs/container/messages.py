@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 
 CDR = b"\x00\x01\x00\x00"
@@ -146,11 +145,11 @@ class MessageLayout:
         The messages follow each other without a gap. Raise ValueError if a message has another layout.
         """
         if len(data) != len(sizes) * self._struct.size or any(size != self._struct.size for size in sizes):
-            raise Invalid(fault("damage.message-bytes", bytes=self._struct.size))
+            raise Invalid.of("damage.message-bytes", bytes=self._struct.size)
         rows = np.frombuffer(data, self._dtype)
         for name, count in self._counts.items():
             if (rows[name] != count).any():
-                raise Invalid(fault("damage.message-numbers", count=count, field=name.removesuffix("/count")))
+                raise Invalid.of("damage.message-numbers", count=count, field=name.removesuffix("/count"))
         read = {name: rows[name] for name in rows.dtype.names or () if name not in self._counts}
         return read | {field: np.zeros((len(sizes), 0)) for field in self._empty}
 
@@ -234,9 +233,9 @@ def unpack_log(message: bytes) -> tuple[int, str, str, str]:
             offset += -offset % 4
             (size,) = struct.unpack_from("<I", body, offset)
             if not 0 < size <= len(body) - offset - 4:
-                raise Invalid(fault("damage.text-beyond"))
+                raise Invalid.of("damage.text-beyond")
             texts.append(body[offset + 4 : offset + 3 + size].decode())
             offset += 4 + size
     except (struct.error, IndexError, UnicodeDecodeError) as error:
-        raise Invalid(fault("damage.log-message", error=error)) from error
+        raise Invalid.of("damage.log-message", error=error) from error
     return level, texts[0], texts[1], texts[2]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
-from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import FileError, Invalid, error_cause
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.container import memory_limit, messages
@@ -72,10 +72,10 @@ def read_run(path: Path | str) -> Run:
         contents = scan(read_bytes(path), VIEWER_SCHEMAS)
     except FileTooLarge as error:
         advice = f"mcap decompress {path.name} -o whole.mcap"
-        raise FileError(fault("runs.unpacks-too-much", advice, path=path, error=error)) from None
+        raise FileError.of("runs.unpacks-too-much", advice, path=path, error=error) from None
     is_foreign = METADATA_NAME not in contents.metadata and not contents.problems
     if is_foreign and contents.is_complete and not contents.messages:
-        raise FileError(fault("runs.no-message", path=path))
+        raise FileError.of("runs.no-message", path=path)
     return _RunAssembly(path, contents).run()
 
 
@@ -83,27 +83,25 @@ def read_bytes(path: Path) -> bytes:
     """Return the bytes of an MCAP file. Raise FileError if it is absent, empty, too large, or not an MCAP file."""
     try:
         if path.is_file() and path.stat().st_size > memory_limit.MAX_EXTRA_BYTES // 2:
-            raise FileError(
-                fault(
-                    "runs.too-large",
-                    f"mcap filter {path.name} -o part.mcap",
-                    path=path,
-                    size=memory_limit.format_size(path.stat().st_size),
-                    largest=memory_limit.format_size(memory_limit.MAX_EXTRA_BYTES // 2),
-                )
+            raise FileError.of(
+                "runs.too-large",
+                f"mcap filter {path.name} -o part.mcap",
+                path=path,
+                size=memory_limit.format_size(path.stat().st_size),
+                largest=memory_limit.format_size(memory_limit.MAX_EXTRA_BYTES // 2),
             )
         data = path.read_bytes()
     except IsADirectoryError:
         fix = baqueano_command("runs", "ls", "--runs", path)
-        raise FileError(fault("runs.folder", fix, path=path)) from None
+        raise FileError.of("runs.folder", fix, path=path) from None
     except FileNotFoundError:
         is_default = path.parent == Path() and Path("runs").is_dir()
         fix = baqueano_command("runs", "ls", *([] if is_default else ["--runs", path.parent]))
-        raise FileError(fault("runs.absent", fix, absent_path=path)) from None
+        raise FileError.of("runs.absent", fix, absent_path=path) from None
     except OSError as error:
-        raise FileError(fault("runs.not-read", path=path, error=error.strerror or error)) from error
+        raise FileError.of("runs.not-read", path=path, error=error.strerror or error) from error
     if not data:
-        raise FileError(fault("runs.empty", path=path))
+        raise FileError.of("runs.empty", path=path)
     if data[: len(MAGIC)] != MAGIC:
         raise _foreign_file_error(path, data)
     return data
@@ -113,13 +111,13 @@ def _foreign_file_error(path: Path, data: bytes) -> FileError:
     """Return the error for a file that is not an MCAP file, with the format that its first bytes show."""
     format_name = next((name for start, name in FOREIGN_SIGNATURES.items() if data.startswith(start)), None)
     if format_name is None and len(data) < len(MAGIC) and MAGIC.startswith(data):
-        return FileError(fault("runs.cut-at-once", path=path, size=len(data)))
+        return FileError.of("runs.cut-at-once", path=path, size=len(data))
     text_format = "toml" if path.suffix == ".toml" else "text"
     format_name = format_name or ("bytes" if b"\0" in data[:1000] else text_format)
     fix = "" if format_name in ("zip", "bytes", "toml") else _draft_command(path)
     line = data[:40].decode(errors="replace").strip().partition("\n")[0]
     first = line if format_name == "text" else data[:8]
-    return FileError(fault(f"runs.is-{format_name}", fix, path=path, value=repr(first)))
+    return FileError.of(f"runs.is-{format_name}", fix, path=path, value=repr(first))
 
 
 def _draft_command(path: Path) -> str:
@@ -137,8 +135,8 @@ class _RunAssembly:
         for key, channel in sorted(contents.channels.items()):
             self.topics.setdefault(channel.topic, []).append((channel, key))
         if (count := len(contents.channels)) > MAX_TOPICS:
-            raise FileError(
-                fault("runs.topics", _draft_command(path), path=path, count=count, maximum=MAX_TOPICS)
+            raise FileError.of(
+                "runs.topics", _draft_command(path), path=path, count=count, maximum=MAX_TOPICS
             )
 
     def run(self) -> Run:
@@ -167,16 +165,12 @@ class _RunAssembly:
             topics = ", ".join(sorted(self.topics)[:8])[:400] or "no topics"
             cause = _join_causes(self.contents.problems[:2])
             if self.contents.metadata.get(METADATA_NAME) is None and self.topics:
-                raise FileError(
-                    fault("runs.not-ours", _draft_command(self.path), path=self.path, topics=topics)
-                )
-            raise FileError(
-                fault(
-                    "runs.nothing-saved",
-                    path=self.path,
-                    size=self.contents.size,
-                    error=cause or note("runs.ends-early"),
-                )
+                raise FileError.of("runs.not-ours", _draft_command(self.path), path=self.path, topics=topics)
+            raise FileError.of(
+                "runs.nothing-saved",
+                path=self.path,
+                size=self.contents.size,
+                error=cause or note("runs.ends-early"),
             )
         is_new_reading = np.diff(rows.arrival_ns, prepend=-1) > 0
         if not is_new_reading.all():
@@ -298,7 +292,7 @@ class _RunAssembly:
             fields = layout.unpack(key_messages.data, key_messages.sizes)
             t_ns, arrival_ns = np.array(key_messages.t_ns), np.array(key_messages.arrival_ns)
             if max(t_ns.max(initial=0), arrival_ns.max(initial=0)) >= 2**63:
-                raise Invalid(fault("damage.times"))
+                raise Invalid.of("damage.times")
         except ValueError as error:
             raise self.damage_error(topic, error_cause(error)) from None
         return t_ns.astype(np.int64), arrival_ns.astype(np.int64), fields
@@ -325,7 +319,7 @@ class _RunAssembly:
 
     def damage_error(self, topic: str, cause: Diagnostic | str) -> FileError:
         fix = _draft_command(self.path)
-        return FileError(fault("runs.foreign-topic", fix, path=self.path, topic=topic, error=cause))
+        return FileError.of("runs.foreign-topic", fix, path=self.path, topic=topic, error=cause)
 
 
 def _warning(code: str, **figures: Any) -> Diagnostic:

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import Invalid
 from baqueano.runs.container import memory_limit
 
@@ -96,7 +96,7 @@ class Cursor:
     def read(self, size: int) -> memoryview:
         """Return the next `size` bytes. Raise DamageError if fewer are left."""
         if size > len(self.data) - self.index:
-            raise DamageError(fault("damage.field", size=size, remaining_bytes=len(self.data) - self.index))
+            raise DamageError.of("damage.field", size=size, remaining_bytes=len(self.data) - self.index)
         self.index += size
         return self.data[self.index - size : self.index]
 
@@ -109,7 +109,7 @@ class Cursor:
         try:
             return str(self.read(self.integer(4)), "utf-8")
         except UnicodeDecodeError as error:
-            raise DamageError(fault("damage.not-utf8")) from error
+            raise DamageError.of("damage.not-utf8") from error
 
     def pairs(self) -> dict[str, str]:
         """Return a map from string to string. Raise DamageError for more than MAX_PAIRS entries."""
@@ -118,7 +118,7 @@ class Cursor:
             key = cursor.text()
             pairs[key] = cursor.text()
             if len(pairs) > MAX_PAIRS:
-                raise DamageError(fault("damage.map-entries", maximum=MAX_PAIRS))
+                raise DamageError.of("damage.map-entries", maximum=MAX_PAIRS)
         return pairs
 
 
@@ -240,7 +240,7 @@ class _RecordReader:
             self.reserve(NAME_MEMORY_FACTOR * len(body))
         elif opcode == DATA_END:
             if len(body) != 4 or self.ended:
-                raise DamageError(fault("damage.end"))
+                raise DamageError.of("damage.end")
             self.ended = True
             checksum, is_intact = Cursor(body).integer(4), not self.contents.damage_count
             if checksum and is_intact and checksum != zlib.crc32(self.view[: offset - 9]):
@@ -249,21 +249,21 @@ class _RecordReader:
             self.read_footer(Cursor(body), offset + 16)
             self.contents.is_complete = self.data[end : end + 8] == MAGIC
         elif opcode == MESSAGE:
-            raise DamageError(fault("damage.no-checksum"))
+            raise DamageError.of("damage.no-checksum")
 
     def read_chunk(self, content: memoryview) -> None:
         records = self.unpack_chunk(content)
         offset, skipped_bytes, messages, drawn_channels = 0, 0, self.contents.messages, self.skipped_channels
         while offset < len(records):
             if len(records) - offset < 9:
-                raise DamageError(fault("damage.chunk-ends"))
+                raise DamageError.of("damage.chunk-ends")
             opcode, size = _RECORD_HEAD.unpack_from(records, offset)
             offset += 9
             if size > len(records) - offset:
-                raise DamageError(fault("damage.record-beyond"))
+                raise DamageError.of("damage.record-beyond")
             if opcode == MESSAGE:
                 if size < 22:
-                    raise DamageError(fault("damage.no-times"))
+                    raise DamageError.of("damage.no-times")
                 channel, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(records, offset)
                 if channel in drawn_channels:
                     skipped_bytes += 9 + size
@@ -284,11 +284,11 @@ class _RecordReader:
 
     def read_footer(self, cursor: Cursor, crc_offset: int) -> None:
         if self.closed:
-            raise DamageError(fault("damage.second-end"))
+            raise DamageError.of("damage.second-end")
         self.closed = True
         start, _, checksum = (cursor.integer(size) for size in (8, 8, 4))
         if start and checksum and checksum != zlib.crc32(self.view[start:crc_offset]):
-            raise DamageError(fault("damage.summary-checksum"))
+            raise DamageError.of("damage.summary-checksum")
         self.contents.channels = self.repeated | self.contents.channels
 
     def read_name(self, opcode: int, cursor: Cursor, channels: dict[int, McapChannel]) -> None:
@@ -315,7 +315,7 @@ class _RecordReader:
         data = cursor.read(cursor.integer(8))
         checksum = cursor.integer(4)
         if checksum != zlib.crc32(content[: len(content) - 4]):  # 0, which MCAP allows, is refused too
-            raise DamageError(fault("damage.attachment-checksum", name=name[:80]))
+            raise DamageError.of("damage.attachment-checksum", name=name[:80])
         self.contents.attachments[name] = bytes(data)
         self.reserve(NAME_MEMORY_FACTOR * len(name) + 4 * len(data))
 
@@ -327,13 +327,11 @@ class _RecordReader:
     def check_memory(self, need: int) -> None:
         """Raise FileTooLarge if `need` bytes of memory exceed the limit of the file."""
         if need > memory_limit.limit_bytes(len(self.data)):
-            raise FileTooLarge(
-                fault(
-                    "damage.too-large",
-                    size=memory_limit.format_size(len(self.data)),
-                    memory=memory_limit.format_size(need),
-                    maximum=memory_limit.format_size(memory_limit.limit_bytes(len(self.data))),
-                )
+            raise FileTooLarge.of(
+                "damage.too-large",
+                size=memory_limit.format_size(len(self.data)),
+                memory=memory_limit.format_size(need),
+                maximum=memory_limit.format_size(memory_limit.limit_bytes(len(self.data))),
             )
 
     def unpack_chunk(self, content: memoryview) -> bytes | memoryview:
@@ -344,9 +342,9 @@ class _RecordReader:
         compression = cursor.text()
         payload = cursor.read(cursor.integer(8))
         if cursor.index != len(content):
-            raise DamageError(fault("damage.chunk-longer"))
+            raise DamageError.of("damage.chunk-longer")
         if size > MAX_CHUNK_BYTES:
-            raise DamageError(fault("damage.chunk-unpacks", unpacked_mib=size / 2**20))
+            raise DamageError.of("damage.chunk-unpacks", unpacked_mib=size / 2**20)
         _check_size(compression, payload, size)
         memory_bytes = len(self.data) + self.contents.contents_bytes
         # for the records, and for their stored parts
@@ -356,9 +354,9 @@ class _RecordReader:
         used_bytes = size if len(records) > allowed_bytes else len(records)
         self.check_memory(max(self.unpacked, memory_bytes + 2 * used_bytes))
         if len(records) != size:
-            raise DamageError(fault("damage.chunk-size", bytes=len(records), header_bytes=size))
+            raise DamageError.of("damage.chunk-size", bytes=len(records), header_bytes=size)
         if checksum and checksum != zlib.crc32(records):
-            raise DamageError(fault("damage.chunk-checksum"))
+            raise DamageError.of("damage.chunk-checksum")
         return records
 
 
@@ -370,9 +368,9 @@ def _check_size(compression: str, payload: memoryview, size: int) -> None:
         try:
             frame_size = zstandard.frame_content_size(payload)
         except zstandard.ZstdError as error:
-            raise DamageError(fault("damage.chunk-not-unpacked", error=error)) from error
+            raise DamageError.of("damage.chunk-not-unpacked", error=error) from error
         if frame_size not in (-1, size):
-            raise DamageError(fault("damage.chunk-other-size"))
+            raise DamageError.of("damage.chunk-other-size")
 
 
 def decompress(compression: str, payload: memoryview, size: int) -> bytes | memoryview:
@@ -388,12 +386,12 @@ def decompress(compression: str, payload: memoryview, size: int) -> bytes | memo
             with zstandard.ZstdDecompressor().stream_reader(payload, read_across_frames=True) as stream:
                 return stream.read(size + 1)
         except zstandard.ZstdError as error:
-            raise DamageError(fault("damage.chunk-not-unpacked", error=error)) from error
+            raise DamageError.of("damage.chunk-not-unpacked", error=error) from error
     if compression == "lz4":
         import lz4.frame
 
         try:
             return lz4.frame.LZ4FrameDecompressor().decompress(payload, size + 1)
         except (RuntimeError, EOFError) as error:
-            raise DamageError(fault("damage.chunk-not-unpacked", error=error)) from error
-    raise DamageError(fault("damage.chunk-packed", packing=compression[:20]))
+            raise DamageError.of("damage.chunk-not-unpacked", error=error) from error
+    raise DamageError.of("damage.chunk-packed", packing=compression[:20])

@@ -20,7 +20,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.runs.container import messages
 from baqueano.vehicle_file.text.toml_text import parse_toml
@@ -63,7 +62,7 @@ class RunFile:
 
         for key, value in metadata.items():
             if not (isinstance(key, str) and isinstance(value, str)):
-                raise UsageError(fault("runs.metadata", path=path, key=key, value=repr(value)))
+                raise UsageError.of("runs.metadata", path=path, key=key, value=repr(value))
         self.path = path
         self._lock = threading.Lock()  # one thread packs and names topics, another moves messages
         self._topics: dict[tuple[object, ...], Topic] = {}
@@ -171,9 +170,9 @@ def _open_new(path: Path) -> Any:
         path.parent.mkdir(parents=True, exist_ok=True)
         stream = path.open("xb")
     except FileExistsError:
-        raise FileError(fault("runs.run-there", path=path)) from None
+        raise FileError.of("runs.run-there", path=path) from None
     except OSError as error:
-        raise FileError(fault("runs.no-place", path=path, error=error.strerror or error)) from error
+        raise FileError.of("runs.no-place", path=path, error=error.strerror or error) from error
     _sync_folder(path.parent)
     return stream
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.atomic_file import give_new_name, temporary_file
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.messages import english_text
 from baqueano.messages.printable import baqueano_command
@@ -149,10 +149,8 @@ class RunWriter:
             figures = {"path": self.path, "error": self.failure.strerror or self.failure}
             if self.path.stat().st_size == 0:  # it would only be in the way of the newest run
                 self.path.unlink()
-                raise FileError(fault("runs.disk-full-at-start", **figures))
-            raise FileError(
-                fault("runs.disk-full", baqueano_command("runs", "recover", self.path), **figures)
-            )
+                raise FileError.of("runs.disk-full-at-start", **figures)
+            raise FileError.of("runs.disk-full", baqueano_command("runs", "recover", self.path), **figures)
 
     def __enter__(self) -> "RunWriter":
         return self
@@ -182,7 +180,7 @@ class RunWriter:
             return
         if not (0 <= arrival_ns < MAX_STAMP_NS and 0 <= t_ns < MAX_STAMP_NS):
             time_ns = t_ns if 0 <= arrival_ns < MAX_STAMP_NS else arrival_ns
-            raise Invalid(fault("run.time-range", time_ns=time_ns))
+            raise Invalid.of("run.time-range", time_ns=time_ns)
         if len(self._queue) >= MAX_QUEUED_MESSAGES:
             if self._is_live and is_spare:
                 self.dropped += 1
@@ -240,7 +238,7 @@ def write_run(run: "Run", path: Path | str) -> Path:
     """
     path = Path(path)
     if path.exists():
-        raise FileError(fault("runs.run-there", path=path))
+        raise FileError.of("runs.run-there", path=path)
     with temporary_file(path) as temporary_path:
         run_file = RunFile(temporary_path, run.vehicle_text, run.metadata)
         try:
@@ -251,9 +249,7 @@ def write_run(run: "Run", path: Path | str) -> Path:
         except BaseException as error:
             run_file.abandon()
             if isinstance(error, OSError):
-                raise FileError(
-                    fault("runs.not-written", path=path, error=error.strerror or error)
-                ) from error
+                raise FileError.of("runs.not-written", path=path, error=error.strerror or error) from error
             raise
     return path
 
@@ -267,7 +263,7 @@ def _messages(run: "Run", run_file: RunFile) -> Iterator[Message]:
 
     def collect(topic: int, arrival_ns: int, data: bytes, t_ns: int, is_spare: bool) -> None:
         if not (0 <= arrival_ns < MAX_STAMP_NS and 0 <= t_ns < MAX_STAMP_NS):
-            raise UsageError(fault("runs.times", run=run.name, t_ns=min(arrival_ns, t_ns)))
+            raise UsageError.of("runs.times", run=run.name, t_ns=min(arrival_ns, t_ns))
         messages_.append((topic, arrival_ns, data, t_ns))
 
     def row_messages(arrival_ns: np.ndarray, pack: Callable[[int], None]) -> Iterator[Message]:

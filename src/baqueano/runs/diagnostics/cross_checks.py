@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.diagnostics.motion_checks import motion_findings
@@ -30,8 +30,8 @@ def accept_errors(findings: list[ImportFinding], m: "ColumnMap") -> tuple[Import
     errors = [d for d in findings if d.level == "error" and d.code not in m.accept]
     if errors:
         codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in errors)}))
-        raise FileError(
-            fault("import.does-not-fit", map=m.path.name, findings=_joined_diagnostic(errors), codes=codes)
+        raise FileError.of(
+            "import.does-not-fit", map=m.path.name, findings=_joined_diagnostic(errors), codes=codes
         )
     return tuple(
         d._replace(level="warning", reason=note("recording.accepted", cause=d.reason))

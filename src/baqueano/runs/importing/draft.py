@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
@@ -61,14 +60,14 @@ def draft_map(recording: Path | str, *others: Path | str, path: Path | str | Non
     (True, True)
     """
     if path is not None and Path(path).exists():
-        raise FileError(fault("cli.file-exists", "--draft FILE.toml", path=path))
+        raise FileError.of("cli.file-exists", "--draft FILE.toml", path=path)
     table, encoding = _read_in_any_encoding(recording := Path(recording))
     for file in map(Path, others):
         columns = _read_in_any_encoding(file)[0].columns
         if missing_names := [name for name in table.columns if name not in columns]:
             fix = baqueano_command("runs", "import", file, "--draft", file.with_suffix(".toml").name)
             figures = {"table": file.name, "first": recording.name, "columns": missing_names}
-            raise UsageError(fault("import.draft-columns", fix, **figures))
+            raise UsageError.of("import.draft-columns", fix, **figures)
     free_columns = list(table.columns)
     lines = [
         f"format = 1\nname = {_quoted(recording.stem)}",

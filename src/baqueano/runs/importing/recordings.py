@@ -15,7 +15,7 @@ import numpy as np
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, shorten
 from baqueano.contracts.values import TableRow
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
 from baqueano.messages import english_text
@@ -164,7 +164,7 @@ def import_run(
     runs = import_runs(m, files, vehicle_text)
     if len(runs) > 1:
         line = baqueano_command("runs", "import", m.path)
-        raise FileError(fault("import.several-runs", map=m.path.name, count=len(runs), line=line))
+        raise FileError.of("import.several-runs", map=m.path.name, count=len(runs), line=line)
     return runs[0]
 
 
@@ -188,7 +188,7 @@ def import_runs(
         runs = [_with_findings(run.run, m, [*run.findings, *missing_signs]) for run in runs]
     if not runs and source:
         figures = {"table": source.table.label, "rows": len(source.t_ns), "parts": len(failures)}
-        raise FileError(fault("import.too-short", **figures, minimum=MIN_TICKS))
+        raise FileError.of("import.too-short", **figures, minimum=MIN_TICKS)
     if failures:
         reason = note("recording.short-parts", count=len(failures), minimum=MIN_TICKS, names=failures[:5])
         first = runs[0]
@@ -278,14 +278,12 @@ def _check_header(entry: Entry) -> None:
     header_unit, map_unit = unit(header_match[1]) if header_match else None, unit(entry.unit)
     has_unit = header_unit is not None and header_unit.measures not in ("ratio", "raw", "counts")
     if has_unit and map_unit is not None and header_unit != map_unit and map_unit.measures != "raw":
-        raise FileError(
-            fault(
-                "import.unit-of-name",
-                key=entry.key,
-                value=entry.unit,
-                column=entry.column,
-                unit_name=header_match[1] if header_match else "",
-            )
+        raise FileError.of(
+            "import.unit-of-name",
+            key=entry.key,
+            value=entry.unit,
+            column=entry.column,
+            unit_name=header_match[1] if header_match else "",
         )
 
 
@@ -308,7 +306,7 @@ def _finite_rows(
         level = "info" if is_slower_topic(np.flatnonzero(is_complete)) else "warning"
         findings.append(ImportFinding("missing", level, reason, t_ns=first_ns))
     if not is_complete.any():
-        raise FileError(fault("import.no-row", key=signal.key, table=source.table.label))
+        raise FileError.of("import.no-row", key=signal.key, table=source.table.label)
     return is_complete, without_full_scale(signal, source, values, findings)[is_complete]
 
 
@@ -328,15 +326,13 @@ def _applied_commands(
         rows_before = np.searchsorted(t_ns, ticks, side="left")
     is_within = (rows_before >= 0) & (rows_before < len(t_ns))
     if not is_within.any():
-        raise FileError(
-            fault(
-                "import.no-command",
-                map=m.path.name,
-                ticks=m.ticks,
-                commands=m.command.file,
-                ticks_span=_span(ticks),
-                commands_span=_span(t_ns),
-            )
+        raise FileError.of(
+            "import.no-command",
+            map=m.path.name,
+            ticks=m.ticks,
+            commands=m.command.file,
+            ticks_span=_span(ticks),
+            commands_span=_span(t_ns),
         )
     first = int(np.argmax(is_within))
     return first, ticks[is_within], u[rows_before[is_within]]
@@ -356,15 +352,13 @@ def _sample(
     is_complete, values = _finite_rows(signal, source, findings)
     t_ns, arrival_ns = (times[is_complete] for times in times_ns(signal, source))
     if t_ns[-1] < ticks[0] or t_ns[0] > ticks[-1]:
-        raise FileError(
-            fault(
-                "import.clocks-differ",
-                key=signal.key,
-                table=source.table.label,
-                span=_span(t_ns),
-                ticks_span=_span(ticks),
-                file=signal.file,
-            )
+        raise FileError.of(
+            "import.clocks-differ",
+            key=signal.key,
+            table=source.table.label,
+            span=_span(t_ns),
+            ticks_span=_span(ticks),
+            file=signal.file,
         )
     if signal.sample == "measured":
         return t_ns, arrival_ns, values

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import fault, note
+from baqueano.diagnostics import note
 from baqueano.errors import FileError
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.diagnostics.finding import ImportFinding
@@ -79,9 +79,7 @@ def _set_sources(
         yield RecordingSources(name, sources, files, tuple(findings))
         return
     if m.ticks not in parts:
-        raise FileError(
-            fault("import.split-not-ticks", map=m.path.name, file=next(iter(parts)), ticks=m.ticks)
-        )
+        raise FileError.of("import.split-not-ticks", map=m.path.name, file=next(iter(parts)), ticks=m.ticks)
     own_findings: list[ImportFinding] = list(findings)
     matches = _match_parts(m, parts, own_findings)
     undivided_sources = {
@@ -141,7 +139,7 @@ def _match_parts(
     common_values = [value for value in by_file[m.ticks] if all(value in p for p in by_file.values())]
     if not common_values:
         text = "; ".join(f"[files.{name}] {_split_values_text(m, name, p)}" for name, p in by_file.items())
-        raise FileError(fault("import.split-no-value", map=m.path.name, value=text))
+        raise FileError.of("import.split-no-value", map=m.path.name, value=text)
     findings += _missing_values(m, by_file)
     labelled_parts = []
     for value in common_values:
@@ -149,9 +147,7 @@ def _match_parts(
         if len({len(rows) for rows in pieces_by_field.values()}) > 1:
             text = ", ".join(f"[files.{name}] {len(rows)}" for name, rows in pieces_by_field.items())
             split = m.files[m.ticks].split
-            raise FileError(
-                fault("import.parts-differ", map=m.path.name, split=split, value=value, counts=text)
-            )
+            raise FileError.of("import.parts-differ", map=m.path.name, split=split, value=value, counts=text)
         for combination in zip(*pieces_by_field.values(), strict=True):
             recording = dict(zip(pieces_by_field, combination, strict=True))
             labelled_parts.append(
@@ -215,7 +211,7 @@ def _file_sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
     paths = {name: Path(path) for name, path in dict(files).items()}
     for name in paths:
         if name not in m.files:
-            raise FileError(fault("import.file-unknown", map=m.path.name, value=name, valid=m.files))
+            raise FileError.of("import.file-unknown", map=m.path.name, value=name, valid=m.files)
     return [_with_default_paths(m, paths | pattern_specs) for pattern_specs in _starred_files(m, paths)]
 
 
@@ -228,7 +224,7 @@ def _names_for_paths(m: ColumnMap, paths: list[Path]) -> list[str]:
     if names and (len(paths) == 1 or not other_names):
         return names
     code, first = "import.file-shared" if names else "import.all-with-path", next(iter(m.files))
-    raise FileError(fault(code, map=m.path.name, files=m.files, option=other_names[:1], first=first))
+    raise FileError.of(code, map=m.path.name, files=m.files, option=other_names[:1], first=first)
 
 
 def _starred_files(m: ColumnMap, paths: dict[str, Path]) -> list[dict[str, Path]]:
@@ -236,7 +232,7 @@ def _starred_files(m: ColumnMap, paths: dict[str, Path]) -> list[dict[str, Path]
     pattern_specs = {n: s for n, s in m.files.items() if n not in paths and s.path and glob.has_magic(s.path)}
     patterns = sorted({str(spec.path) for spec in pattern_specs.values()})
     if len(patterns) > 1:
-        raise FileError(fault("import.stars", map=m.path.name, paths=" and ".join(map(repr, patterns))))
+        raise FileError.of("import.stars", map=m.path.name, paths=" and ".join(map(repr, patterns)))
     if not patterns:
         return [{}]
     return [
@@ -250,7 +246,7 @@ def _expand(path: Path) -> list[Path]:
         return [path]
     matches = sorted(glob.glob(str(path)))
     if not matches:
-        raise FileError(fault("import.no-file-like", path=path))
+        raise FileError.of("import.no-file-like", path=path)
     return [Path(match_) for match_ in matches]
 
 
@@ -265,7 +261,7 @@ def _log_path(m: ColumnMap, spec: FileSpec) -> Path:
         fix = baqueano_command(
             "runs", "import", m.path.stem if m.path.parent == maps_folder() else m.path, *values
         )
-        raise FileError(fault("import.no-path", fix, map=m.path.name, file=spec.name))
+        raise FileError.of("import.no-path", fix, map=m.path.name, file=spec.name)
     return _matching_paths(m, spec)[0]
 
 
@@ -295,8 +291,8 @@ def _matching_paths(m: ColumnMap, spec: FileSpec) -> list[Path]:
         if matches and path_exists(matches[0]):
             return matches
     folder_names = ", ".join(str(folder) for folder in folders)
-    raise FileError(
-        fault("import.file-absent", map=m.path.name, file=spec.name, absent_path=path, folders=folder_names)
+    raise FileError.of(
+        "import.file-absent", map=m.path.name, file=spec.name, absent_path=path, folders=folder_names
     )
 
 
@@ -307,8 +303,8 @@ def _read_rows(m: ColumnMap, spec: FileSpec, path: Path, findings: list[ImportFi
         table = bag.read_topic(path, spec.topic, column_names, path.name)
     else:
         if spec.topic is not None:
-            raise FileError(
-                fault("import.no-bag", path=path.name, map=m.path.name, file=spec.name, topic=spec.topic)
+            raise FileError.of(
+                "import.no-bag", path=path.name, map=m.path.name, file=spec.name, topic=spec.topic
             )
         table = read_table(path, spec.options, label)
     findings += [
@@ -318,10 +314,10 @@ def _read_rows(m: ColumnMap, spec: FileSpec, path: Path, findings: list[ImportFi
     for column in sorted(column_names):
         table.text(column)  # raises FileError for a missing column
     if not len(table.lines):
-        raise FileError(fault("import.no-rows", table=label))
+        raise FileError.of("import.no-rows", table=label)
     selection = _select(table, spec)
     if not len(selection.lines):
-        raise FileError(fault("import.where-empty", table=label, condition=str(spec.where)))
+        raise FileError.of("import.where-empty", table=label, condition=str(spec.where))
     names = column_names | axis_names(selection.columns)
     return selection._replace(columns={name: selection.columns[name] for name in names})
 
@@ -332,7 +328,7 @@ def _source(m: ColumnMap, spec: FileSpec, table: LogTable, findings: list[Import
     """
     t_ns, is_known = row_times(table, spec, m.start_ns, m.path.name, findings)
     if not is_known.any():
-        raise FileError(fault("import.no-time", table=table.label, column=spec.time))
+        raise FileError.of("import.no-time", table=table.label, column=spec.time)
     if not is_known.all():
         reason = note("recording.no-time", table=table.label, count=np.count_nonzero(~is_known))
         findings.append(ImportFinding("no time", "warning", reason))
@@ -393,4 +389,4 @@ def _mask(table: LogTable, spec: FileSpec, column: str, comparison: str, limit: 
     elif comparison in ("min", "max") and isinstance(limit, int | float):
         values = table.numbers(column)
         return values >= limit if comparison == "min" else values <= limit
-    raise FileError(fault("import.where", file=spec.name, column=column))
+    raise FileError.of("import.where", file=spec.name, column=column)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault, note
+from baqueano.diagnostics import note
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.importing.dates import NO_TIME_NS, parse_dates
@@ -62,8 +62,8 @@ def row_times(
             is_known = np.abs(t) < MAX_TIME_NS
             if not is_known.any() and np.isfinite(t).any():
                 latest_s = float(np.nanmax(np.where(np.isfinite(t), t, np.nan))) / NANOSECONDS
-                raise FileError(
-                    fault("import.beyond-2038", table=table.label, t_s=latest_s, unit_name=spec.time_unit)
+                raise FileError.of(
+                    "import.beyond-2038", table=table.label, t_s=latest_s, unit_name=spec.time_unit
                 )
             t_ns = np.rint(np.where(is_known, t, 0.0)).astype(np.int64)
         t_ns = _without_overflows(table, t_ns, is_known, shift, findings)
@@ -75,18 +75,15 @@ def row_times(
     earliest = int(t_ns[is_known].min()) if is_known.any() else 0
     if earliest < 0:
         zero = start_ns + (-earliest // NANOSECONDS + 1) * NANOSECONDS
-        reason = fault(
+        raise FileError.of(
             "import.before-zero", table=table.label, t_s=earliest / NANOSECONDS, map=map_name, start_ns=zero
         )
-        raise FileError(reason)
     if is_known.any() and t_ns[is_known].max() >= 2**31 * NANOSECONDS:
-        raise FileError(
-            fault(
-                "import.beyond-2038",
-                table=table.label,
-                t_s=t_ns[is_known].max() / NANOSECONDS,
-                unit_name=spec.time_unit,
-            )
+        raise FileError.of(
+            "import.beyond-2038",
+            table=table.label,
+            t_s=t_ns[is_known].max() / NANOSECONDS,
+            unit_name=spec.time_unit,
         )
     return t_ns, is_known
 
@@ -117,9 +114,7 @@ def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:
     try:
         return parse_dates(cells)
     except (ValueError, AttributeError):
-        raise FileError(
-            fault("import.iso8601", table=table.label, column=spec.time, value=cells[0])
-        ) from None
+        raise FileError.of("import.iso8601", table=table.label, column=spec.time, value=cells[0]) from None
 
 
 def increasing_rows(
@@ -144,7 +139,7 @@ def increasing_rows(
         }  # fmt: skip
         if spec.backwards != "drop":
             code = "import.clock-back" if _is_clock_back(table, t_ns, used_columns) else "import.steps-back"
-            raise FileError(fault(code, **figures, file=spec.name, map=m.path.name))
+            raise FileError.of(code, **figures, file=spec.name, map=m.path.name)
         findings.append(
             ImportFinding(
                 "time steps back", "warning", note("recording.steps-back", **figures), t_ns=int(t_ns[i])
@@ -226,18 +221,16 @@ def _without_repeats(
         if rate_hz := _coarse_rate(t_ns[kept_rows]):
             count = len(kept_rows) - len(repeated_rows)
             figures = {"table": table.label, "column": spec.time, "count": count, "rows": len(kept_rows)}
-            raise FileError(
-                fault("import.coarse-time", **figures, rate_hz=rate_hz, file=spec.name, map=m.path.name)
+            raise FileError.of(
+                "import.coarse-time", **figures, rate_hz=rate_hz, file=spec.name, map=m.path.name
             )
-        raise FileError(
-            fault(
-                "import.repeats",
-                table=table.label,
-                count=len(repeated_rows),
-                line=line,
-                file=spec.name,
-                map=m.path.name,
-            )
+        raise FileError.of(
+            "import.repeats",
+            table=table.label,
+            count=len(repeated_rows),
+            line=line,
+            file=spec.name,
+            map=m.path.name,
         )
     findings.append(ImportFinding("repeats", "warning", reason, t_ns=int(t_ns[first[0]])))
     is_kept = is_kept.copy()
@@ -273,17 +266,15 @@ def _check_steps(
         remedy = (
             note("import.time-unit", unit_name=possible_units[0]) if possible_units else note("import.time")
         )
-        raise FileError(
-            fault(
-                "import.step",
-                table=table.label,
-                unit_name=spec.time_unit,
-                column=spec.time,
-                step_s=median_step_s,
-                file=spec.name,
-                map=m.path.name,
-                remedy=remedy,
-            )
+        raise FileError.of(
+            "import.step",
+            table=table.label,
+            unit_name=spec.time_unit,
+            column=spec.time,
+            step_s=median_step_s,
+            file=spec.name,
+            map=m.path.name,
+            remedy=remedy,
         )
     if spec.name == m.ticks and not MIN_USUAL_STEP_S <= median_step_s <= MAX_USUAL_STEP_S:
         findings.append(_tick_rate(table, median_step_s, spec))

@@ -61,18 +61,18 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
     try:
         if not (text := _first_characters(path)).strip():
             fix = baqueano_command("runs", "import", "RECORDING.csv", "--draft", "MAP.toml")
-            raise FileError(fault("map.empty", fix, path=path))
+            raise FileError.of("map.empty", fix, path=path)
         return _Parser(path, text, _tree(path, text)).map()
     except FileNotFoundError:
         hint = nearest(str(name_or_path), sorted(p.stem for p in maps_folder().glob("*.toml")))
-        raise FileError(fault("map.absent", absent_path=path, value=name_or_path, suggestion=hint)) from None
+        raise FileError.of("map.absent", absent_path=path, value=name_or_path, suggestion=hint) from None
     except ValueError as error:
         if path.suffix.lower() != ".toml" and shipped_path.is_file():
             return load_map(shipped_path)
         raise FileError(_not_a_map_note(path, error)) from error
     except OSError as error:
         code = "map.folder" if path.is_dir() else "map.not-read"
-        raise FileError(fault(code, path=path, error=error)) from error
+        raise FileError.of(code, path=path, error=error) from error
 
 
 def _tree(path: Path, text: str) -> dict[str, Any]:
@@ -379,8 +379,8 @@ class _Parser:
             place_text = f"[{table}] {key}" if table else key
             if key not in kinds:
                 suggestion = nearest(key, sorted(kinds), 0.4)
-                raise FileError(
-                    fault("map.unknown-key", map=self.path.name, place=place_text, suggestion=suggestion)
+                raise FileError.of(
+                    "map.unknown-key", map=self.path.name, place=place_text, suggestion=suggestion
                 )
             number_types = (int, float) if kinds[key] is float else kinds[key]
             if not isinstance(value, number_types) or (isinstance(value, bool) and kinds[key] is not bool):
@@ -395,4 +395,4 @@ class _Parser:
         """Return the error to raise, with the place, the value in the map, and the expected value."""
         code = "map.missing" if value is None else "map.wrong"
         value_text = repr(value)[:200]
-        return FileError(fault(code, map=self.path.name, place=place_text, value=value_text, expected=advice))
+        return FileError.of(code, map=self.path.name, place=place_text, value=value_text, expected=advice)

@@ -17,7 +17,6 @@ import numpy as np
 
 from baqueano.atomic_file import replace_file
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.geometry import map_from_body, wrap
 from baqueano.messages.printable import baqueano_command
@@ -65,11 +64,11 @@ def parse_mount(spec: JsonObject, is_heading_known: bool = True) -> Mount:
     lever = spec.get("lever_arm_m", [0.0, 0.0])
     are_numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in lever)
     if len(lever) != 2 or not are_numbers or not np.isfinite(lever).all():
-        raise Invalid(fault("expect.lever-arm"))
+        raise Invalid.of("expect.lever-arm")
     shift_s, heading_rad = (float(spec.get(key, 0.0)) for key in ("shift_s", "heading_rad"))
     mount = Mount(shift_s, (float(lever[0]), float(lever[1])), heading_rad)
     if not is_heading_known and mount != Mount(shift_s):
-        raise Invalid(fault("expect.no-mount"))
+        raise Invalid.of("expect.no-mount")
     return mount
 
 
@@ -81,21 +80,19 @@ def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halve
     """
     path = Path(path)
     if not path.is_file():
-        raise UsageError(fault("map.not-file", "--map MAP.toml", path=path, run=run.name))
+        raise UsageError.of("map.not-file", "--map MAP.toml", path=path, run=run.name)
     try:
         import tomlkit
     except ImportError as error:
-        raise UsageError(fault("map.no-tomlkit", "pip install tomlkit")) from error
+        raise UsageError.of("map.no-tomlkit", "pip install tomlkit") from error
     text = path.read_text(encoding="utf-8-sig")
     old_table = _truth_table(text, path.name)
     if _truth_table(run.metadata.get("map_text", ""), run.name) != old_table or not old_table:
-        raise UsageError(
-            fault(
-                "map.other-truth",
-                baqueano_command("runs", "import", path.name, "RECORDING"),
-                map=path.name,
-                run=run.name,
-            )
+        raise UsageError.of(
+            "map.other-truth",
+            baqueano_command("runs", "import", path.name, "RECORDING"),
+            map=path.name,
+            run=run.name,
         )
     lever = own_mount.get("lever_arm_m[0]", 0.0), own_mount.get("lever_arm_m[1]", 0.0)
     new_mount = Mount(own_mount.get("shift_s", 0.0), lever, own_mount.get("heading_rad", 0.0))
@@ -120,4 +117,4 @@ def _truth_table(text: str, name: str) -> JsonObject:
     try:
         return tomllib.loads(text).get("truth", {})
     except tomllib.TOMLDecodeError as error:
-        raise FileError(fault("map.not-toml", path=name, error=str(error))) from error
+        raise FileError.of("map.not-toml", path=name, error=str(error)) from error

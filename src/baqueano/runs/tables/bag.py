@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from baqueano.diagnostics import fault, note
+from baqueano.diagnostics import note
 from baqueano.errors import FileError, UsageError
 from baqueano.runs.container import memory_limit
 from baqueano.runs.container.records import CHUNK, MAX_CHUNK_BYTES, DamageError, decompress
@@ -48,7 +48,7 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
         from rosbags.serde import SerdeError
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise UsageError(fault("bag.no-rosbags", "pip install rosbags", file=label)) from None
+        raise UsageError.of("bag.no-rosbags", "pip install rosbags", file=label) from None
     for file_path in sorted(path.rglob("*.mcap")) if path.is_dir() else [path]:
         _check_chunks(file_path, label)
     bag = path.parent if path.suffix == ".db3" and (path.parent / "metadata.yaml").exists() else path
@@ -58,7 +58,7 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
             connections = [c for c in reader.connections if c.topic == topic]
             if not connections:
                 code = "bag.topic-unsaid" if topic is None else "bag.no-topic"
-                raise FileError(fault(code, file=label, value=topic, valid=types.values()))
+                raise FileError.of(code, file=label, value=topic, valid=types.values())
             series = {column: array("q" if column in TIME_COLUMNS else "d") for column in {*columns, "bag"}}
             for connection, t_ns, raw_message in reader.messages(connections=connections):
                 message = reader.deserialize(raw_message, connection.msgtype)
@@ -66,7 +66,7 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
                 for column in columns - {"bag"}:
                     series[column].append(_message_number(message, column, label, topic or ""))
     except (AnyReaderError, SerdeError, *BROKEN_BAG_ERRORS) as error:
-        raise FileError(fault("bag.not-read", file=label, error=error)) from error
+        raise FileError.of("bag.not-read", file=label, error=error) from error
     numeric_columns = {column: np.array(values) for column, values in series.items()}
     return LogTable(label, numeric_columns, np.arange(1, len(series["bag"]) + 1))
 
@@ -79,13 +79,11 @@ def _check_chunks(path: Path, label: str) -> None:
         with path.open("rb") as stream:
             for compression, payload in chunks(stream):
                 if len(_unpack(compression, payload)) > MAX_CHUNK_BYTES:
-                    raise FileError(
-                        fault(
-                            "bag.chunk",
-                            file=label,
-                            size=memory_limit.format_size(len(payload)),
-                            largest=memory_limit.format_size(MAX_CHUNK_BYTES),
-                        )
+                    raise FileError.of(
+                        "bag.chunk",
+                        file=label,
+                        size=memory_limit.format_size(len(payload)),
+                        largest=memory_limit.format_size(MAX_CHUNK_BYTES),
                     )
     except (DamageError, KeyError, *BROKEN_BAG_ERRORS):
         return  # rosbags reports the fault
@@ -135,8 +133,8 @@ def _message_number(message: object, path: str, label: str, topic: str) -> int |
         return float(value)
     except (TypeError, ValueError):
         type_name = type(value).__name__.replace("__", "/")
-        raise FileError(
-            fault("bag.field-not-number", file=label, topic=topic, field=path, value=type_name)
+        raise FileError.of(
+            "bag.field-not-number", file=label, topic=topic, field=path, value=type_name
         ) from None
 
 
@@ -150,9 +148,7 @@ def _field(message: Any, path: str, label: str, topic: str) -> Any:
             available = (
                 note("bag.fields", fields=fields) if fields else note("bag.values", count=np.size(value))
             )
-            raise FileError(
-                fault(
-                    "bag.no-field", file=label, topic=topic, field=path, path=name or index, fields=available
-                )
+            raise FileError.of(
+                "bag.no-field", file=label, topic=topic, field=path, path=name or index, fields=available
             ) from None
     return value

@@ -46,7 +46,7 @@ def json_columns(
         for name in cells:
             columns.setdefault(name, bytearray(len(line_numbers)))  # empty cells before its first line
         if len(columns) > max_columns:
-            raise FileError(fault("table.columns", file=lines.label, count=len(columns), maximum=max_columns))
+            raise FileError.of("table.columns", file=lines.label, count=len(columns), maximum=max_columns)
         for name, column in columns.items():
             column += pack([cells.get(name, "")])
         line_numbers.append(line_number)

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 from baqueano.runs.container import memory_limit
 
@@ -36,11 +35,9 @@ class Lines:
                 stream.seek(0)
                 yield from self._decode(gzip.GzipFile(fileobj=stream) if self.is_compressed else stream)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-            raise FileError(fault("table.gzip", file=self.label, error=error)) from error
+            raise FileError.of("table.gzip", file=self.label, error=error) from error
         except OSError as error:
-            raise FileError(
-                fault("table.not-read", file=self.label, error=error.strerror or error)
-            ) from error
+            raise FileError.of("table.not-read", file=self.label, error=error.strerror or error) from error
 
     def reserve_memory(self, size: int) -> None:
         """Add `size` bytes of memory. Raise FileError if the sum exceeds the limit of the file."""
@@ -52,16 +49,14 @@ class Lines:
             on_disk, size_text, limit_text = map(
                 memory_limit.format_size, (self.path.stat().st_size, self.reserved_bytes, self.max_bytes)
             )
-            raise FileError(
-                fault(
-                    f"table.{code}",
-                    fix,
-                    file=self.label,
-                    size=on_disk,
-                    memory=size_text,
-                    line=self.number,
-                    maximum=limit_text,
-                )
+            raise FileError.of(
+                f"table.{code}",
+                fix,
+                file=self.label,
+                size=on_disk,
+                memory=size_text,
+                line=self.number,
+                maximum=limit_text,
             )
 
     def _decode(self, stream: Any) -> Iterator[str]:
@@ -71,7 +66,7 @@ class Lines:
         try:
             text = io.TextIOWrapper(buffer, encoding)
         except LookupError:
-            raise FileError(fault("table.encoding", file=self.label, encoding=encoding)) from None
+            raise FileError.of("table.encoding", file=self.label, encoding=encoding) from None
         with text:
             try:
                 while line := text.readline(MAX_LINE_LETTERS + 1):
@@ -80,8 +75,8 @@ class Lines:
                     yield line.removesuffix("\n")
             except UnicodeDecodeError as error:
                 position = buffer.tell() - len(error.object) + error.start
-                raise FileError(
-                    fault("table.not-encoded", file=self.label, byte=position, encoding=encoding)
+                raise FileError.of(
+                    "table.not-encoded", file=self.label, byte=position, encoding=encoding
                 ) from None
 
     def _format_name(self, start: bytes) -> str:
@@ -90,28 +85,25 @@ class Lines:
         """
         zeros = start.count(0)
         if not start:
-            raise FileError(fault("table.empty", file=self.label))
+            raise FileError.of("table.empty", file=self.label)
         if start.startswith(b"PK\x03\x04"):
-            raise FileError(fault("table.zip", file=self.label))
+            raise FileError.of("table.zip", file=self.label)
         if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
             return "utf-16"
         if zeros and zeros < 200 and len(start) > 1000:
-            raise FileError(fault("table.zero-bytes", file=self.label))
+            raise FileError.of("table.zero-bytes", file=self.label)
         even_zeros, odd_zeros = start[::2].count(0), start[1::2].count(0)
         if max(even_zeros, odd_zeros) < 0.2 * len(start) or min(even_zeros, odd_zeros) > 0.1 * max(
             even_zeros, odd_zeros
         ):
             return "utf-8-sig"  # a line with zero bytes is reported later
-        reason = fault(
+        raise FileError.of(
             "table.utf-16", file=self.label, encoding="utf-16-le" if odd_zeros > even_zeros else "utf-16-be"
         )
-        raise FileError(reason)
 
     def _check(self, line: str) -> None:
         if "\0" in line:
-            raise FileError(fault("table.zero-bytes-in-line", file=self.label, line=self.number))
+            raise FileError.of("table.zero-bytes-in-line", file=self.label, line=self.number)
         if len(line) > MAX_LINE_LETTERS:
-            raise FileError(
-                fault("table.long-line", file=self.label, line=self.number, maximum=MAX_LINE_LETTERS)
-            )
+            raise FileError.of("table.long-line", file=self.label, line=self.number, maximum=MAX_LINE_LETTERS)
         self.reserve_memory(ROW_BYTES + len(line if line.isascii() else line.encode("utf-8", "replace")))

@@ -67,12 +67,11 @@ class LogTable(NamedTuple):
             ]
             code = "table.column-mistyped" if close_names else "table.no-column"
             cells = [self._first_cells(name) for name in close_names]
-            reason = fault(
+            raise FileError.of(
                 code, file=self.label, column=column, match=map(repr, close_names), cells=cells, valid=names
             )
-            raise FileError(reason)
         if self.columns[column] is None:
-            raise FileError(fault("table.column-twice", file=self.label, column=column))
+            raise FileError.of("table.column-twice", file=self.label, column=column)
         return self.columns[column]
 
     def _first_cells(self, column: str) -> str:
@@ -178,7 +177,7 @@ def read_table(path: Path, options: JsonObject, label: str = "") -> LogTable:
     if declaration:
         start = start[1:]
     if not start:
-        raise FileError(fault("table.no-data", file=label))
+        raise FileError.of("table.no-data", file=label)
     delimiter = options.get("delimiter") or (
         declaration[1] if declaration else _separator([line for _, line in start], label)
     )
@@ -226,8 +225,9 @@ def _rows(label: str, texts: Iterator[tuple[int, str]], delimiter: str) -> Itera
             return
         is_too_long = "field limit" in str(error)
         code = "table.long-cell" if is_too_long else "table.not-csv"
-        reason = fault(code, file=label, line=first_line, maximum=csv.field_size_limit(), error=str(error))
-        raise FileError(reason) from error
+        raise FileError.of(
+            code, file=label, line=first_line, maximum=csv.field_size_limit(), error=str(error)
+        ) from error
 
 
 def _columns(
@@ -258,8 +258,8 @@ def _columns(
             "table.commas-between-commas" if delimiter == "," and first_uneven[1] > width else "table.uneven"
         )
         line, problem = first_uneven
-        raise FileError(
-            fault(code, file=lines.label, line=line, value=problem, expected=width, count=uneven_count)
+        raise FileError.of(
+            code, file=lines.label, line=line, value=problem, expected=width, count=uneven_count
         )
     return columns, line_numbers, ()
 
@@ -291,17 +291,17 @@ def _separator(lines: list[str], label: str) -> str:
             return ","  # a single column
     names = " or ".join(SEPARATORS[s] for s in good_separators or candidates)
     delimiter = (good_separators or candidates)[0].replace("\t", "\\t")
-    raise FileError(fault("table.delimiter", file=label, delimiters=names, expected=delimiter))
+    raise FileError.of("table.delimiter", file=label, delimiters=names, expected=delimiter)
 
 
 def _header(first: list[str], options: JsonObject, label: str) -> list[str]:
     if len(first) > MAX_COLUMNS:
-        raise FileError(fault("table.columns", file=label, count=len(first), maximum=MAX_COLUMNS))
+        raise FileError.of("table.columns", file=label, count=len(first), maximum=MAX_COLUMNS)
     numeric = all(_NUMBER.fullmatch(cell) or _COMMA.fullmatch(cell) for cell in first)
     if not options.get("header", True):
         return [str(i + 1) for i in range(len(first))]
     if numeric:
-        raise FileError(fault("table.no-header", file=label, value=first[:3]))
+        raise FileError.of("table.no-header", file=label, value=first[:3])
     return first
 
 
@@ -324,15 +324,13 @@ def _decimal(columns: JsonObject, delimiter: str, label: str) -> str:
     if not comma and not cell_with_both:
         return "."
     if points or cell_with_both:
-        raise FileError(fault("table.two-decimals", file=label, value=cell_with_both or comma))
+        raise FileError.of("table.two-decimals", file=label, value=cell_with_both or comma)
     if is_thousands_mark:
-        raise FileError(
-            fault(
-                "table.comma",
-                file=label,
-                value=comma,
-                integer_reading=comma.replace(",", ""),
-                decimal_reading=comma.replace(",", "."),
-            )
+        raise FileError.of(
+            "table.comma",
+            file=label,
+            value=comma,
+            integer_reading=comma.replace(",", ""),
+            decimal_reading=comma.replace(",", "."),
         )
     return ","

@@ -209,7 +209,7 @@ def _open_library(
             return ctypes.CDLL(str(_stored_library(folder) or _build(folder, *source_and_flags(), compiler)))
         except OSError as error:
             last_error = error
-    raise CompileError(fault("compiler.no-library", command=" ".join(compiler.command), error=last_error))
+    raise CompileError.of("compiler.no-library", command=" ".join(compiler.command), error=last_error)
 
 
 def _stored_library(folder: Path) -> Path | None:
@@ -234,7 +234,7 @@ def _build(folder: Path, source: str, flag_sets: list[tuple[str, ...]], compiler
             if not problem:
                 break
         if problem:
-            raise CompileError(fault("compiler.refuses", command=" ".join(compiler.command), error=problem))
+            raise CompileError.of("compiler.refuses", command=" ".join(compiler.command), error=problem)
         path = folder / (hashlib.sha256(library.read_bytes()).hexdigest() + LIBRARY_SUFFIX)
         os.replace(library, path)
     return path

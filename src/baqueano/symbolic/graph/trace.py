@@ -17,7 +17,6 @@ import numpy as np
 
 from baqueano.contracts.time_limit import PREPARE_S, within
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import USER_MODULE_PREFIX, Invalid
 from baqueano.symbolic.arrays.array import TracedArray, as_array, has_scalars
 from baqueano.symbolic.arrays.linalg import is_symmetric
@@ -72,7 +71,7 @@ def trace_function(f: Callable[..., Tree], shapes: Iterable[Shape]) -> Trace:
         other_shape, other_nodes = _flat_nodes(graph, result, "output", kinds)
         is_same = other_shape == shape and all(a is b for a, b in zip(outputs, other_nodes, strict=True))
         if not is_same or _has_scalars_inside(g, set()):
-            raise TraceError(fault("trace.not-pure", function=_name(f)))
+            raise TraceError.of("trace.not-pure", function=_name(f))
     return Trace(graph, [], [x for _, nodes in symbols for x in nodes], None, [], [], outputs, shape, None)
 
 
@@ -126,7 +125,7 @@ def _traced_step(
         arguments = _argument(carry_shape, symbols), _argument(inputs, input_symbols)
         result = within(PREPARE_S, step, *theta_arguments, *arguments)
         if type(result) is not tuple or len(result) != 2:
-            raise TraceError(fault("trace.pair", function=_name(step), kind=type(result).__name__))
+            raise TraceError.of("trace.pair", function=_name(step), kind=type(result).__name__)
     next_carry = _matching_nodes(graph, result[0], carry_shape, "the step")
     carry_kinds = _stable_kinds(carry_shape, symbols, next_carry, kinds)
     shape, outputs = _flat_nodes(graph, result[1], "output", kinds)
@@ -202,24 +201,21 @@ def _matching_nodes(graph: Graph, tree: Tree, shape: Shape, owner: str) -> list[
     try:
         entries = values(shape, tree)
     except Invalid as error:
-        reason = fault("trace.another-carry", function=owner, cause=error.diagnostic)
-        raise TraceError(reason) from None
+        raise TraceError.of("trace.another-carry", function=owner, cause=error.diagnostic) from None
     nodes = []
     for leaf, value in zip(leaves(shape), entries, strict=True):
         if not isinstance(value, np.ndarray) and tree_shape(value, leaf.path).__class__ is not Leaf:
-            raise TraceError(
-                fault("trace.value", function=owner, value=repr(value), path=leaf.path, shape=str(leaf.shape))
+            raise TraceError.of(
+                "trace.value", function=owner, value=repr(value), path=leaf.path, shape=str(leaf.shape)
             )
         array = as_array(value)
         if array.shape != leaf.shape:
-            raise TraceError(
-                fault(
-                    "trace.leaf-shape",
-                    function=owner,
-                    path=leaf.path,
-                    value=str(array.shape),
-                    expected=str(leaf.shape),
-                )
+            raise TraceError.of(
+                "trace.leaf-shape",
+                function=owner,
+                path=leaf.path,
+                value=str(array.shape),
+                expected=str(leaf.shape),
             )
         nodes += [graph.node(x) for x in array.ravel().tolist()]
     return nodes

@@ -12,7 +12,6 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid, Misuse
 from baqueano.symbolic.arrays.scalar import NUMBER_TYPES, Scalar
 from baqueano.symbolic.graph.node import Node
@@ -106,16 +105,14 @@ def values(shape: Shape, tree: Tree) -> list[Tree]:
         return [tree]
     if isinstance(shape, ConstantLeaf):
         if tree is not shape.value and not _are_equal(tree, shape.value):
-            raise Invalid(
-                fault(
-                    "tree.value", path=shape.path, value=_short_text(tree), expected=_short_text(shape.value)
-                )
+            raise Invalid.of(
+                "tree.value", path=shape.path, value=_short_text(tree), expected=_short_text(shape.value)
             )
         return []
     items = _items(tree)
     if items is None or type(tree) is not shape.kind or tuple(key for key, _ in items) != shape.keys:
-        raise Invalid(
-            fault("tree.branch", path=shape.path, value=_short_text(tree), expected=_description(shape))
+        raise Invalid.of(
+            "tree.branch", path=shape.path, value=_short_text(tree), expected=_description(shape)
         )
     return [v for child, (_, x) in zip(shape.children, items, strict=True) for v in values(child, x)]
 
@@ -147,14 +144,12 @@ def as_floats(leaf: Leaf, value: Tree, leading_shape: tuple[int, ...] = ()) -> n
     """Return the value of a leaf as floats, with the leading axes `leading_shape`. Raise Invalid for another shape."""
     array = np.asarray(value)
     if array.shape != leading_shape + leaf.shape or array.dtype.kind not in "fiub":
-        raise Invalid(
-            fault(
-                "tree.numbers",
-                path=leaf.path,
-                value=str(array.shape),
-                dtype=array.dtype,
-                expected=str(leading_shape + leaf.shape),
-            )
+        raise Invalid.of(
+            "tree.numbers",
+            path=leaf.path,
+            value=str(array.shape),
+            dtype=array.dtype,
+            expected=str(leading_shape + leaf.shape),
         )
     return array.astype(float, copy=False)
 
@@ -209,7 +204,7 @@ def _array_leaf(array: np.ndarray, path: str, leaf_kind: Callable[[Tree], str]) 
         }
         return Leaf(path, array.shape, kinds.pop() if len(kinds) == 1 else "f", True)
     if array.dtype.kind not in "fiub":
-        raise Misuse(fault("tree.dtype", path=path, dtype=str(array.dtype)))
+        raise Misuse.of("tree.dtype", path=path, dtype=str(array.dtype))
     return Leaf(path, array.shape, array.dtype.kind.replace("u", "i"), True)
 
 
@@ -267,8 +262,8 @@ def count_ticks(shape: Shape, inputs: Tree) -> int:
         ticks = np.shape(value)
         if len(ticks) == 1 + len(leaf.shape):
             return ticks[0]
-        raise Invalid(fault("engine.ticks", path=leaf.path, value=str(ticks), expected=str(leaf.shape)))
-    raise Invalid(fault("engine.no-number"))
+        raise Invalid.of("engine.ticks", path=leaf.path, value=str(ticks), expected=str(leaf.shape))
+    raise Invalid.of("engine.no-number")
 
 
 def symmetric_leaves(shape: Shape, start: np.ndarray | None) -> Iterator[Leaf]:

@@ -17,7 +17,6 @@ import numpy as np
 from baqueano.atomic_file import replace_file
 from baqueano.blocks import LOOP_ROLES, block_kind, check_role
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.paths import current_value, known_paths, no_such_key, split_key
 from baqueano.vehicle_file.provenance import ParameterCov, Provenance
@@ -63,7 +62,7 @@ def edit_text(
     Raise UsageError for an unknown key, or without tomlkit.
     """
     if not _has_tomlkit():
-        raise UsageError(fault("vehicle.no-tomlkit", "pip install tomlkit"))
+        raise UsageError.of("vehicle.no-tomlkit", "pip install tomlkit")
     for key in [k for k in values if KIND_KEY.fullmatch(k) and isinstance(values[k], type)]:
         check_role(key.split(".")[0].removesuffix("s"), values[key])
         values = {**values, key: block_kind(values[key])}
@@ -90,7 +89,7 @@ def write_file_text(vehicle_file: "VehicleFile", path: str | Path | None = None)
     """
     target = Path(path).expanduser() if path is not None else vehicle_file.path
     if target is None:
-        raise UsageError(fault("vehicle.of-garage", name=vehicle_file.name))
+        raise UsageError.of("vehicle.of-garage", name=vehicle_file.name)
     target = target.resolve()  # a link stays a link
     if (
         target == vehicle_file.path
@@ -98,12 +97,12 @@ def write_file_text(vehicle_file: "VehicleFile", path: str | Path | None = None)
         and target.exists()
         and read_text(target) != vehicle_file.on_disk
     ):
-        raise FileError(fault("vehicle.changed-since", file=target.name))
+        raise FileError.of("vehicle.changed-since", file=target.name)
     try:
         target.parent.stat()  # a folder that does not exist is reported and not made
         replace_file(target, vehicle_file.text)
     except OSError as error:
-        raise FileError(fault("vehicle.not-written", path=target, error=error.strerror or error)) from error
+        raise FileError.of("vehicle.not-written", path=target, error=error.strerror or error) from error
     return target
 
 
@@ -198,8 +197,8 @@ def _replace_entry(
         current_value(vehicle_file, ".".join(path)) if array_value is None else array_value, dtype=float
     )
     if len(entry) != array.ndim or any(i >= n for i, n in zip(entry, array.shape, strict=True)):
-        raise UsageError(
-            fault("vehicle.no-entry", key=".".join(path), shape=str(array.shape), entry=str(list(entry)))
+        raise UsageError.of(
+            "vehicle.no-entry", key=".".join(path), shape=str(array.shape), entry=str(list(entry))
         )
     array[entry] = value
     return array

@@ -5,7 +5,6 @@ from collections.abc import Iterable
 
 from baqueano.blocks import read_module
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.file import VehicleFile, parse
 from baqueano.vehicle_file.text.edit import text_with_values
@@ -55,7 +54,7 @@ def _with_settings(vehicle_file: VehicleFile, settings: list[str]) -> VehicleFil
     for setting in settings:
         key, equals, value_text = setting.partition("=")
         if not equals or not value_text.strip():
-            raise UsageError(fault("vehicle.setting", setting=setting))
+            raise UsageError.of("vehicle.setting", setting=setting)
         try:
             value = tomllib.loads(f"x = {value_text}")["x"]
         except tomllib.TOMLDecodeError:
@@ -71,4 +70,4 @@ def _with_settings(vehicle_file: VehicleFile, settings: list[str]) -> VehicleFil
         return parse(text, vehicle_file.label, vehicle_file.path, layers, vehicle_file.on_disk)
     except FileError as error:
         joined_settings = " --set ".join(settings)
-        raise UsageError(fault("vehicle.set", setting=joined_settings, cause=error.diagnostic)) from error
+        raise UsageError.of("vehicle.set", setting=joined_settings, cause=error.diagnostic) from error

@@ -32,26 +32,26 @@ def read_text(path: Path) -> str:
         size = path.stat().st_size
         content = path.read_bytes() if size <= MAX_BYTES else b""
     except OSError as error:
-        raise FileError(fault("toml.not-read", path=path, error=error.strerror or error)) from error
+        raise FileError.of("toml.not-read", path=path, error=error.strerror or error) from error
     if size > MAX_BYTES:
-        raise FileError(fault("toml.too-large", file=path.name, size=size, largest=MAX_BYTES))
+        raise FileError.of("toml.too-large", file=path.name, size=size, largest=MAX_BYTES)
     return decode(content, path.name)
 
 
 def decode(content: bytes, name: str) -> str:
     """Return the text of UTF-8 bytes without a byte order mark. Raise FileError for other bytes or an empty file."""
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        raise FileError(fault("toml.utf-16", file=name))
+        raise FileError.of("toml.utf-16", file=name)
     if b"\0" in content:
-        raise FileError(fault("toml.zero-bytes", file=name))
+        raise FileError.of("toml.zero-bytes", file=name)
     content = content.removeprefix(b"\xef\xbb\xbf")
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
-        raise FileError(fault("toml.not-utf-8", file=name, line=line, byte=content[error.start])) from error
+        raise FileError.of("toml.not-utf-8", file=name, line=line, byte=content[error.start]) from error
     if not text.strip():
-        raise FileError(fault("toml.empty", "baqueano new mylab", file=name))
+        raise FileError.of("toml.empty", "baqueano new mylab", file=name)
     return text
 
 
@@ -94,11 +94,11 @@ def parse_toml(text: str, name: str) -> JsonObject:
     except tomllib.TOMLDecodeError:
         raise
     except (RecursionError, MemoryError) as error:
-        raise FileError(fault("toml.too-deep", file=name, maximum=MAX_DEPTH)) from error
+        raise FileError.of("toml.too-deep", file=name, maximum=MAX_DEPTH) from error
     except ValueError as error:  # a number of thousands of digits
-        raise FileError(fault("toml.number", file=name, error=error)) from error
+        raise FileError.of("toml.number", file=name, error=error) from error
     if _depth(data) > MAX_DEPTH:
-        raise FileError(fault("toml.too-deep", file=name, maximum=MAX_DEPTH))
+        raise FileError.of("toml.too-deep", file=name, maximum=MAX_DEPTH)
     return data
 
 
@@ -124,7 +124,7 @@ def _refuse_long_keys(text: str, name: str) -> None:
     for line_number, line in enumerate(text.splitlines(), 1):
         runs = _DOTS.findall(line.split("#")[0]) if line.count(".") > 2 * MAX_DEPTH else []
         if any(run.count(".") > 2 * MAX_DEPTH for run in runs):
-            raise FileError(fault("toml.long-key", file=name, line=line_number, maximum=2 * MAX_DEPTH))
+            raise FileError.of("toml.long-key", file=name, line=line_number, maximum=2 * MAX_DEPTH)
 
 
 def _depth(value: object) -> int:

@@ -14,7 +14,6 @@ import numpy as np
 from baqueano.block_checks.source_text import is_in_package
 from baqueano.blocks import BLOCK_TARGETS, kinds, resolve
 from baqueano.contracts.values import JsonObject, Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ def block_description(request: JsonObject, vehicle_file: "VehicleFile") -> JsonO
     file_kind = _file_kind(role, vehicle_file)
     alternatives = available_kinds(role, vehicle_file) if role in SWAPPABLE_ROLES else []
     if kind and kind not in alternatives and kind != file_kind:
-        raise UsageError(fault("web.no-kind", role=role, value=repr(kind), valid=alternatives))
+        raise UsageError.of("web.no-kind", role=role, value=repr(kind), valid=alternatives)
     block = make_block(role, kind or file_kind, vehicle_file)
     cls = type(block)
     return {

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import Diagnostic, fault
+from baqueano.diagnostics import Diagnostic
 from baqueano.errors import UsageError
 from baqueano.messages import text
 from baqueano.messages.notation import COMMAND_LINE, use_notation
@@ -77,16 +77,14 @@ class RunPlayer:
         if request == "pace":
             factor = words["factor"]
             if not isinstance(factor, int | float) or not MIN_PACE <= factor <= MAX_PACE:
-                raise UsageError(
-                    fault("door.pace", value=str(factor), min_factor=MIN_PACE, max_factor=MAX_PACE)
-                )
+                raise UsageError.of("door.pace", value=str(factor), min_factor=MIN_PACE, max_factor=MAX_PACE)
             self._pace = float(factor)
         elif request in ("pause", "go"):
             self._is_paused = request == "pause"
         elif request in ("stop", "clear"):
             self._stop_reason = words.get("reason") if request == "stop" else None
         elif request in ("mission", "set", "shake"):
-            raise UsageError(fault("web.playback"))
+            raise UsageError.of("web.playback")
         self._send_state()
 
     async def receive(self, on_message: Callable[[JsonObject], None]) -> None:

@@ -47,7 +47,7 @@ class Questions:
         """Answer a question. Raise UsageError for an unknown question."""
         question = str(message["question"])
         if question not in self.words:
-            raise UsageError(fault("web.no-question", request=one_line(question)[:MAX_NAME_LETTERS]))
+            raise UsageError.of("web.no-question", request=one_line(question)[:MAX_NAME_LETTERS])
         key = visitor, question
         self._newest[key] = message.get("id")
         task = asyncio.create_task(self._answer(visitor, message))
@@ -91,11 +91,11 @@ class Questions:
         if message.get("run"):
             paths = self._run_list.paths()
             if message["run"] not in paths:
-                raise UsageError(fault("web.no-run"))
+                raise UsageError.of("web.no-run")
             return {"path": str(paths[message["run"]])}
         source = self._source()
         if source is None:
-            raise UsageError(fault("web.no-vehicle-file"))
+            raise UsageError.of("web.no-vehicle-file")
         return source
 
     def _tuning_request(self, message: JsonObject) -> JsonObject:
@@ -175,7 +175,7 @@ class Questions:
         paths = self._run_list.paths()
         run_paths = [paths[name] for name in list(message["runs"])[:MAX_COMPARED_RUNS] if name in paths]
         if not run_paths:
-            raise UsageError(fault("web.no-run"))
+            raise UsageError.of("web.no-run")
         reply, _ = await self.slow_client.request(
             "compare", visitor, paths=[str(path) for path in run_paths], language=visitor.language
         )
@@ -190,7 +190,7 @@ class Questions:
             "block", **self.find_subject({}), room=role[:MAX_NAME_LETTERS], kind=kind[:MAX_NAME_LETTERS]
         )
         if not reply["kinds"]:
-            raise UsageError(fault("web.no-swap", role=one_line(role)[:MAX_NAME_LETTERS]))
+            raise UsageError.of("web.no-swap", role=one_line(role)[:MAX_NAME_LETTERS])
         if reply["kind"] == reply["of_file"]:
             self.blocks.pop(role, None)
         else:

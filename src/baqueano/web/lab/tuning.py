@@ -13,7 +13,6 @@ import numpy as np
 
 from baqueano.contracts.names import SHAPE_NAMES
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import shape
 from baqueano.runs.route_file import read_route
@@ -120,7 +119,7 @@ class TuningWorker:
 
         vehicle_file, _, laps = self._laps(request)
         if vehicle_file.path is None:
-            raise UsageError(fault("web.tune-garage", "baqueano new mylab", vehicle=vehicle_file.name))
+            raise UsageError.of("web.tune-garage", "baqueano new mylab", vehicle=vehicle_file.name)
         block = laps.space.with_gains(_values(request["gains"], laps))
         values = file_values(block, laps.space.names, request.get("kind") or None)
         origin = Provenance(run="tune, page", verdict=Verdict.USABLE)
@@ -178,7 +177,7 @@ def _route(request: JsonObject) -> "Route":
         return route
     route_files = _route_files(request)
     if name not in route_files:
-        raise FileError(fault("door.no-route", value=repr(name)[:80], valid=route_names(request)))
+        raise FileError.of("door.no-route", value=repr(name)[:80], valid=route_names(request))
     return read_route(route_files[name])
 
 
@@ -230,7 +229,7 @@ def _values(numbers: object, laps: SimulatedLaps) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         values = np.zeros(0)
     if values.shape != laps.space.low.shape or not np.all(np.isfinite(values)):
-        raise UsageError(fault("web.not-understood", error="gains"))
+        raise UsageError.of("web.not-understood", error="gains")
     return np.clip(values, laps.space.low, laps.space.high)
 
 

@@ -139,7 +139,7 @@ def _replay_with_estimator(run: "Run", estimator: str) -> "Run":
     vehicle_file = recorded_vehicle_file(run)
     kinds = available_kinds("estimator", vehicle_file)
     if estimator not in kinds:
-        raise UsageError(fault("web.no-kind", role="estimator", value=repr(estimator), valid=kinds))
+        raise UsageError.of("web.no-kind", role="estimator", value=repr(estimator), valid=kinds)
     replay_run = replay(run, vehicle_file, estimator=estimator, backend="auto")
     return replace(
         replay_run, name=estimator, metadata=run.metadata | replay_run.metadata | {"kind": "replay"}
@@ -255,15 +255,15 @@ def _close_lap(request: JsonObject) -> tuple[JsonObject, bytes]:
 
     vehicle_file, run = requested_vehicle_file(request), read_run(Path(request["run"]))
     if vehicle_file.path is None:
-        raise UsageError(fault("web.tune-garage", "baqueano new mylab", vehicle=vehicle_file.name))
+        raise UsageError.of("web.tune-garage", "baqueano new mylab", vehicle=vehicle_file.name)
     is_hand_drive = run.metadata.get("kind") == "teach" and stored_run_route({"path": request["run"]}) is None
     if vehicle_file.is_guess or not is_hand_drive or recorded_vehicle_file(run).name != vehicle_file.name:
-        raise AnswerNo(fault("web.no-lesson", run=run.name, vehicle=vehicle_file.name))
+        raise AnswerNo.of("web.no-lesson", run=run.name, vehicle=vehicle_file.name)
     lap_runs = [
         origin.run for path, origin in vehicle_file.provenance.items() if path.endswith(".gyro_scale")
     ]
     if run.name in lap_runs:
-        raise AnswerNo(fault("web.lap-used", run=run.name, file=vehicle_file.path.name))
+        raise AnswerNo.of("web.lap-used", run=run.name, file=vehicle_file.path.name)
     result = lap_closure(run, vehicle_file)
     origin, old = Provenance(run.name, verdict=Verdict.USABLE), getattr(vehicle_file.sensors, result.gyro)
     new_file = vehicle_file.with_values(result.values, dict.fromkeys(result.values, origin))
@@ -288,7 +288,7 @@ def _version_key(path: Path) -> tuple[str, int]:
     try:
         return str(path), path.stat().st_mtime_ns
     except OSError as error:
-        raise FileError(fault("web.run-missing", path=path.name)) from error
+        raise FileError.of("web.run-missing", path=path.name) from error
 
 
 def serve(source: BinaryIO, sink: BinaryIO) -> None:

@@ -13,7 +13,6 @@ import numpy as np
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.optional import attribute, has_field, is_dynamic
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds.faults.fault import CHANNEL_KINDS, DRIFT_S, SENSOR_KINDS, SLIP_FACTOR, Fault
@@ -71,9 +70,9 @@ class DisturbanceConverter:
     def check(self, fault_: Fault) -> Fault:
         """Return the fault unchanged. Raise UsageError if this vehicle cannot have it."""
         if fault_.kind in ("push", "tilt") and not self._moves:
-            raise UsageError(fault("shake.no-inertia", kind=fault_.kind))
+            raise UsageError.of("shake.no-inertia", kind=fault_.kind)
         if fault_.kind == "push" and not self._mass_kg:
-            raise UsageError(fault("shake.no-mass", value=f"{hypot(fault_.x, fault_.y):g} N s"))
+            raise UsageError.of("shake.no-mass", value=f"{hypot(fault_.x, fault_.y):g} N s")
         known_names: list[str] = []
         if fault_.kind in SENSOR_KINDS:
             known_names = list(self.names)
@@ -84,13 +83,11 @@ class DisturbanceConverter:
                 for c in range(m)
             ]
         if (fault_.kind in SENSOR_KINDS or fault_.kind in CHANNEL_KINDS) and fault_.target not in known_names:
-            raise UsageError(
-                fault("shake.target", kind=fault_.kind, value=repr(fault_.target)[:40], valid=known_names)
+            raise UsageError.of(
+                "shake.target", kind=fault_.kind, value=repr(fault_.target)[:40], valid=known_names
             )
         if fault_.kind == "slip" and self._motors < 2 and fault_.target != "all":
-            raise UsageError(
-                fault("shake.target", kind=fault_.kind, value=repr(fault_.target)[:40], valid="all")
-            )
+            raise UsageError.of("shake.target", kind=fault_.kind, value=repr(fault_.target)[:40], valid="all")
         return fault_
 
     def first_tick(self, fault: Fault) -> int:

@@ -19,7 +19,7 @@ from math import atan2, degrees, hypot, isfinite, pi
 from typing import Self, TypeAlias
 
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import UsageError
 
 PUSH_S, DRIFT_S = 0.05, 1.0
@@ -84,7 +84,7 @@ class Fault:
 
     def __post_init__(self) -> None:
         if self.kind not in FIELD_RANGES:
-            raise UsageError(fault("shake.kind", value=str(self.kind), valid=FIELD_RANGES))
+            raise UsageError.of("shake.kind", value=str(self.kind), valid=FIELD_RANGES)
         time_ranges = {"start_s": (0.0, 1e6)} | (
             {} if self.duration_s is None else {"duration_s": (0.0, 1e6)}
         )
@@ -93,15 +93,11 @@ class Fault:
             is_number = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
             if not (is_number and low <= value <= high):
                 limits = {"kind": self.kind, "name": name, "low": low, "high": high}
-                raise UsageError(fault("shake.number", value=repr(value)[:40], **limits))
+                raise UsageError.of("shake.number", value=repr(value)[:40], **limits)
         if self.kind in WHEEL_KINDS and self.target not in WHEELS:
-            raise UsageError(
-                fault("shake.target", kind=self.kind, value=repr(self.target)[:40], valid=WHEELS)
-            )
+            raise UsageError.of("shake.target", kind=self.kind, value=repr(self.target)[:40], valid=WHEELS)
         if self.frame not in ("body", "map"):
-            raise UsageError(
-                fault("shake.target", kind="frame", value=repr(self.frame)[:40], valid="body, map")
-            )
+            raise UsageError.of("shake.target", kind="frame", value=repr(self.frame)[:40], valid="body, map")
 
     @property
     def end_s(self) -> float:
@@ -157,7 +153,7 @@ class Fault:
             or "kind" not in description
             or not set(description) <= set(names)
         ):
-            raise UsageError(fault("shake.fields", value=repr(description)[:120], valid=names))
+            raise UsageError.of("shake.fields", value=repr(description)[:120], valid=names)
         values: JsonObject = dict(description)
         for name, value in description.items():
             if isinstance(value, int) and not isinstance(value, bool):

@@ -16,7 +16,6 @@ import re
 from math import cos, radians, sin
 
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 NUMBER = r"([+-]?\d+(?:\.\d*)?(?:e[+-]?\d+)?)"
@@ -40,10 +39,10 @@ def parse_fields(text: str) -> JsonObject:
     form, example = FORMS.get(match[3] if match else "", (None, ""))
     if match is None or form is None:
         forms = ", ".join(f'"{kind} {form}"' for kind, (_, form) in FORMS.items())
-        raise UsageError(fault("shake.syntax", value=repr(text)[:80], valid=forms))
+        raise UsageError.of("shake.syntax", value=repr(text)[:80], valid=forms)
     form_match = form.fullmatch(match[4])
     if form_match is None:
-        raise UsageError(fault("shake.parts", value=repr(text)[:80], kind=match[3], example=example))
+        raise UsageError.of("shake.parts", value=repr(text)[:80], kind=match[3], example=example)
     begin, end = float(match[1]), None if match[2] is None else float(match[2])
     kind_fields = _kind_fields(match[3], form_match.groups())
     duration_s = None if end is None or match[3] == "push" else end - begin
