@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.values import Value
+from baqueano.contracts.values import Tree, Value
 from baqueano.errors import Invalid
 from baqueano.messages import text
 
@@ -227,7 +227,7 @@ def _shapes(name: str, k: int, log: Any) -> list[tuple[int, ...] | None]:
     ]
 
 
-def log_rows(log: Any, rows: np.ndarray) -> Any:
+def log_rows(log: Tree, rows: Value) -> Tree:
     """Return a log with these rows, a mask or indices; a column that the log lacks is None."""
     return type(log)(*(None if column is None else column[rows] for column in log))
 

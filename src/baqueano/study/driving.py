@@ -34,10 +34,10 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.runs import Run
-from baqueano.runs.run import Channel
 from baqueano.signals import seconds
 from baqueano.simulate.closed_loop import check_compilable
 from baqueano.simulate.open_loop import tick_times
+from baqueano.study.counterpart import logged_run
 from baqueano.study.demo import GUESSED_VALUES
 from baqueano.study.truth import Robots, TruthWorld, draw_robots, merge
 from baqueano.study.truth_drives import Loop, simulate_drives
@@ -297,12 +297,7 @@ def simulate_experiments(robots: Robots, seeds: range) -> list[Run]:
     )
     t_ns, world = tick_times(len(u), vehicle_file.rate_hz), TruthWorld(robots, seeds, fast=function)
     z = np.stack([world.tick(np.tile(row, (len(seeds), 1)), 1.0 / vehicle_file.rate_hz) for row in u], axis=1)
-    metadata = {"kind": "experiment", "rate_hz": f"{vehicle_file.rate_hz:g}"}
-    return [
-        Run(f"robot {seed}", None, t_ns, u, sensors={"imu": Channel(t_ns, t_ns, x)},
-            vehicle_text=vehicle_file.text, metadata=metadata)
-        for seed, x in zip(seeds, z, strict=True)
-    ]  # fmt: skip
+    return [logged_run(f"robot {seed}", vehicle_file, t_ns, u, x) for seed, x in zip(seeds, z, strict=True)]
 
 
 def simulate_lap(

@@ -9,11 +9,13 @@ import glob
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.errors import FileError
+from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
@@ -73,13 +75,7 @@ def recordings(
         module = import_module(f"baqueano.study.recorded.{name}")
         missing_files = missing_paths(getattr(module, "files", lambda: map_files(CPM_MAPS))())
         if missing_files:
-            left_out.append(
-                _(
-                    "{name} is excluded: {missing} is missing; set BAQUEANO_DATA to its folder",
-                    name=name,
-                    missing=missing_files[0],
-                )
-            )
+            left_out.append(exclusion_sentence(name, missing_files))
         else:
             try:
                 rows += module.rows(progress, backend)
@@ -104,6 +100,17 @@ def missing_paths(paths: Sequence[str]) -> list[str]:
     """Return the paths that the folders of recordings do not contain; a path may contain the wildcard *."""
     folders = data_folders()
     return [path for path in paths if not any(glob.glob(str(folder / path)) for folder in folders)]
+
+
+def recorded_path(name: str) -> Path:
+    """Return the first path with this name in a folder of recordings; it must exist."""
+    return next(path for folder in data_folders() if (path := folder / name).exists())
+
+
+def exclusion_sentence(name: str, missing_files: Sequence[str]) -> str:
+    """Return the sentence on recordings that a study excludes, because these files are missing."""
+    sentence = N_("{name} is excluded: {missing} is missing; set BAQUEANO_DATA to its folder")
+    return _(sentence, name=name, missing=missing_files[0])
 
 
 def check_cpm_present() -> None:

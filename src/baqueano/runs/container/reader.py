@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import FileError, Invalid, error_cause
 from baqueano.messages.printable import baqueano_command
@@ -220,7 +221,7 @@ class _RunAssembly:
         self.reserve_missing_rows("/estimate", missing_count, (m or 0) * (1 + (m or 0) * has_cov))
         return _concatenate([_estimate_columns(m, has_cov, *segment) for segment in segments], EstimateLog)
 
-    def fixed_log(self, topic: str, layout: messages.MessageLayout, log_class: Any) -> Any:
+    def fixed_log(self, topic: str, layout: messages.MessageLayout, log_class: Tree) -> Tree:
         """Return the log in a topic whose messages have a fixed size; None if the file does not have the topic."""
         if topic not in self.topics:
             return None

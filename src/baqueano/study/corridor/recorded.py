@@ -26,6 +26,7 @@ from baqueano.study.corridor.result import Instant
 from baqueano.study.estimation.errors import WINDOWS_S
 from baqueano.study.estimation.evaluation import fit_subject
 from baqueano.study.estimation.subjects import BOTH, IMU, SUBJECTS, Subject, missing_files
+from baqueano.study.recordings import exclusion_sentence
 from baqueano.symbolic import scan
 
 if TYPE_CHECKING:
@@ -48,13 +49,7 @@ def recording_instants(
     instants, notes = [], []
     for case in CASES:
         if files := missing_files(case):
-            notes.append(
-                _(
-                    "{case} is excluded: {files} is missing; set BAQUEANO_DATA to its folder",
-                    case=case,
-                    files=files[0],
-                )
-            )
+            notes.append(exclusion_sentence(case, files))
             continue
         for subject in SUBJECTS[case][0]():
             for name, sensors in SENSOR_SETS.items():

@@ -4,6 +4,7 @@ from baqueano.study.counterpart.cars import FREE_CAR, car_file, car_unknowns, ca
 from baqueano.study.counterpart.recorded import (
     GroupDrive,
     drive_group,
+    logged_run,
     simulate_readings,
     vehicle_run,
 )

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.runs.run import Channel, Run, TruthLog
 from baqueano.study.counterpart.cars import ODOMETER_M_S
 from baqueano.study.counterpart.world import make_world
@@ -48,19 +49,27 @@ def simulate_readings(vehicles: Robots | Cars, u: np.ndarray, t_ns: np.ndarray, 
     return noiseless
 
 
+def logged_run(
+    name: str, vehicle_file: VehicleFile, t_ns: np.ndarray, u: np.ndarray, imu: np.ndarray, kind: str = "experiment",
+    **fields: Tree,
+) -> Run:  # fmt: skip
+    """Return the run that a logger writes: commands u (N, m), readings (N, 3) of the IMU, and `fields` of Run."""
+    channels = {"imu": Channel(t_ns, t_ns, imu)} | fields.pop("sensors", {})
+    metadata = {"kind": kind, "rate_hz": f"{vehicle_file.rate_hz:g}"}
+    text = vehicle_file.text
+    return Run(name, None, t_ns, u, sensors=channels, vehicle_text=text, metadata=metadata, **fields)
+
+
 def vehicle_run(
     group_drive: GroupDrive, k: int, u: np.ndarray, vehicle_file: VehicleFile, name: str, seed: int
 ) -> Run:
     """Return the run of vehicle `k` under u (N, m); with an odometer if the file has one."""
     t_ns, truth = group_drive.t_ns, group_drive.truth[:, k]
-    channels = {"imu": Channel(t_ns, t_ns, group_drive.readings[:, k])}
+    channels = {}
     if "odometer" in vehicle_file.sensors._fields:
         noise = np.random.default_rng([seed, 22]).standard_normal((len(t_ns), 1))
         channels["odometer"] = Channel(
             t_ns, t_ns, group_drive.rolling_speed[:, k, None] + ODOMETER_M_S * noise
         )
-    metadata = {"kind": "experiment", "rate_hz": f"{vehicle_file.rate_hz:g}"}
-    log = TruthLog(t_ns, *np.split(truth, 3, axis=1))
-    return Run(
-        name, None, t_ns, u, sensors=channels, truth=log, vehicle_text=vehicle_file.text, metadata=metadata
-    )
+    log, readings = TruthLog(t_ns, *np.split(truth, 3, axis=1)), group_drive.readings[:, k]
+    return logged_run(name, vehicle_file, t_ns, u, readings, sensors=channels, truth=log)

@@ -7,7 +7,7 @@ from baqueano.study.estimation import simulated as independent
 from baqueano.study.estimation.evaluation import evaluate
 from baqueano.study.estimation.result import EstimationStudy
 from baqueano.study.estimation.subjects import SENSOR_SETS, SUBJECTS, missing_files
-from baqueano.study.recordings import check_cpm_present
+from baqueano.study.recordings import check_cpm_present, exclusion_sentence
 
 SIMULATED = "simulated"
 CASES = (*SUBJECTS, SIMULATED)
@@ -26,13 +26,7 @@ def estimation(
     case_outcomes, left_out = [], []
     for name in (name for name in cases if name in SUBJECTS):
         if files := missing_files(name):
-            left_out.append(
-                _(
-                    "{name} is excluded: {files} is missing; set BAQUEANO_DATA to its folder",
-                    name=name,
-                    files=files[0],
-                )
-            )
+            left_out.append(exclusion_sentence(name, files))
             continue
         for subject in SUBJECTS[name][0]():
             for sensors in SENSOR_SETS:

@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run, import_runs
-from baqueano.runs.maps.column_map import data_folders
-from baqueano.study.recordings import missing_paths
+from baqueano.study.recordings import missing_paths, recorded_path
 from baqueano.vehicle_file import VehicleFile, load, parse
 
 IMU, BOTH = "imu", "imu + odometer"
@@ -45,10 +44,8 @@ def cpm() -> list[Subject]:
 
 def dart() -> list[Subject]:
     """Return the two DART subjects: one is fitted to run 1 and evaluated on run 2, the other one vice versa."""
-    folder = next(f for f in data_folders() if (f / "dart_jetracer").is_dir())
-    runs = [
-        imported_run.run for imported_run in import_runs("dart_jetracer_vicon", [str(folder / FREE_DRIVING)])
-    ]
+    pattern = str(recorded_path("dart_jetracer").parent / FREE_DRIVING)
+    runs = [imported_run.run for imported_run in import_runs("dart_jetracer_vicon", [pattern])]
     return _cross_validation_subjects(
         "dart", load(RECORDED_FOLDER / "jetracer.toml"), dict(zip("12", runs, strict=True))
     )

@@ -24,6 +24,7 @@ from baqueano.runs import Run
 from baqueano.runs.run import Channel
 from baqueano.signals import NANOSECONDS, Command, Estimate, Reference, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
+from baqueano.study.counterpart import logged_run
 from baqueano.study.laps.fixes import FIXES, with_fix
 from baqueano.study.truth import PassingFaults, Reader, Robots, TruthWorld, merge
 from baqueano.study.truth_drives import Loop, estimate_at
@@ -203,19 +204,15 @@ def _error(estimates: list[Estimate], eta: np.ndarray) -> tuple[np.ndarray, np.n
 
 def _runs(part: FixTeam, t_ns: np.ndarray, rows: list[Tree], first: int) -> tuple[Run, ...]:
     """Return the logs of a part; its first robot has the index `first` in `rows`."""
-    metadata, part_runs = {"kind": "repeat", "rate_hz": f"{RATE_HZ:g}"}, []
-    ticks, sizes = t_ns[: len(rows)], FIXES[part.fix].sizes
+    ticks, sizes, part_runs = t_ns[: len(rows)], FIXES[part.fix].sizes, []
     for i, (vehicle_file, seed) in enumerate(
         zip(part.team.vehicle_files, part.team.seeds, strict=True), first
     ):
         u, imu, marks = (np.array([row[column][i] for row in rows]) for column in range(3))
-        sensors, offset = {"imu": Channel(ticks, ticks, imu)}, 0
+        sensors, offset = {}, 0
         for name, size in sizes.items():
             z, offset = marks[:, offset : offset + size], offset + size
             is_present = ~np.isnan(z[:, 0])
             sensors[name] = Channel(ticks[is_present], ticks[is_present], z[is_present])
-        run = Run(
-            f"laps {seed}", None, ticks, u, sensors=sensors, vehicle_text=vehicle_file.text, metadata=metadata
-        )
-        part_runs.append(run)
+        part_runs.append(logged_run(f"laps {seed}", vehicle_file, ticks, u, imu, "repeat", sensors=sensors))
     return tuple(part_runs)

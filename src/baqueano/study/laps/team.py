@@ -22,10 +22,10 @@ from baqueano.identify.result.fit_result import Fit
 from baqueano.messages.language import mark as N_
 from baqueano.runs import Run
 from baqueano.runs.logs import Event
-from baqueano.runs.run import Channel
 from baqueano.signals import NANOSECONDS, Reference, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import switch_on_again, vehicles
+from baqueano.study.counterpart import logged_run
 from baqueano.study.driving import SHAPES, identify_by_advice, initial_file, simulate_experiments
 from baqueano.study.laps.drives import RATE_HZ, STEP_S, FixTeam, Team, simulate_laps
 from baqueano.study.laps.fixes import with_fix
@@ -166,12 +166,8 @@ def simulate_taught_laps(
             states[i], (command, _) = loop.step(states[i], Tick(t, u[k, i], loop.slots(slot)), reference)
             current_u[i] = command if begin_s <= t_s < end_s else 0.0
     return [
-        Run(
-            f"lap {seed}", None, t_ns, u[:, i], sensors={"imu": Channel(t_ns, t_ns, z[:, i])},
-            vehicle_text=files[i].text, metadata={"kind": "teach", "rate_hz": f"{RATE_HZ:g}"},
-        )
-        for i, seed in enumerate(seeds)
-    ]  # fmt: skip
+        logged_run(f"lap {seed}", files[i], t_ns, u[:, i], z[:, i], "teach") for i, seed in enumerate(seeds)
+    ]
 
 
 def random_generator(seed: int, stream: int) -> np.random.Generator:
@@ -198,9 +194,8 @@ def simulate_two_turns(robots: Robots, seeds: Sequence[int]) -> list[Run]:
     begin_ns = round(STANDING_S * NANOSECONDS)
     marks = [[begin_ns, round(end_ns)] if np.isfinite(end_ns) else [] for end_ns in ends.tolist()]
     return [
-        Run(
-            f"turns {seed}", None, t_ns, u[:, i], sensors={"imu": Channel(t_ns, t_ns, z[:, i])},
-            vehicle_text=vehicle_file.text, metadata={"kind": "drive", "rate_hz": f"{RATE_HZ:g}"},
+        logged_run(
+            f"turns {seed}", vehicle_file, t_ns, u[:, i], z[:, i], "drive",
             events=tuple(Event(t, "info", MARK_SOURCE, "") for t in marks[i]),
         )
         for i, seed in enumerate(seeds)

@@ -6,7 +6,6 @@ The vehicle, the excitation and the noise are from garage/case-study-1. Simulati
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,9 +21,6 @@ from baqueano.runs import Run
 from baqueano.simulate import simulate
 from baqueano.sweep.workers import run_in_processes
 from baqueano.vehicle_file import VehicleFile, load
-
-if TYPE_CHECKING:
-    from baqueano.runs import Run
 
 SECONDS = 60.0
 HOLD_S = 1.0
@@ -55,7 +51,7 @@ def paper_parameters() -> Iterator[tuple[str, str, float]]:
             yield f"T_{i + 1}{j + 1}", f"model.actuator_matrix[{i},{j}]", 1.0
 
 
-def simulate_seed(seed: int, backend: str = "auto") -> tuple[VehicleFile, "Run"]:
+def simulate_seed(seed: int, backend: str = "auto") -> tuple[VehicleFile, Run]:
     """Return the vehicle of case study I and its run of 60 s of random steps, each held for 1 s."""
     vehicle = load("case-study-1")
     u = excitation("random_steps", vehicle.command.limit, SECONDS, vehicle.rate_hz, seed, hold_s=HOLD_S)

@@ -10,7 +10,6 @@ First the clock shift that the map adds to the camera is removed, so that the ca
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from baqueano.calibration.against_truth import calibrate
 from baqueano.calibration.result import Calibration
@@ -26,10 +25,6 @@ from baqueano.selection.choose import choose
 from baqueano.study.recorded.criteria import criterion_row, minimum_row, within
 from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import load
-
-if TYPE_CHECKING:
-    from baqueano.runs import Run
-    from baqueano.selection.choice import Choice
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
 SENSORS_USED = ("odometer", "imu[2]")
@@ -73,14 +68,14 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     return study_rows
 
 
-def with_raw_clock(name: str) -> "Run":
+def with_raw_clock(name: str) -> Run:
     """Return run "a" or "b" with the camera on its own clock."""
     column_map = load_map(MAPS[name])
     camera = column_map.files["camera"]._replace(shift_s=0.0)
     return import_run(column_map._replace(files={**column_map.files, "camera": camera})).run
 
 
-def choice_rows(choice: "Choice", other_run: "Run", name: str, other_name: str) -> list[TableRow]:
+def choice_rows(choice: Choice, other_run: Run, name: str, other_name: str) -> list[TableRow]:
     """Return the rows on the speed of the other run, the chosen terms and the battery."""
     figures = {figure.channel: figure for figure in validate(choice.fit, other_run).figures}
     share = figures["odometer[0]"].explained_fraction

@@ -8,7 +8,6 @@ two digits, like its criterion.
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,13 +18,10 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
-from baqueano.runs.maps.column_map import data_folders
 from baqueano.study.recorded.criteria import criterion_row, maximum_row
 from baqueano.study.recorded.simulated import measured_and_simulated
+from baqueano.study.recordings import recorded_path
 from baqueano.vehicle_file import load
-
-if TYPE_CHECKING:
-    from baqueano.runs import Run
 
 MAP = "dart_jetracer"
 FLOORS = {
@@ -71,14 +67,13 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     return study_rows
 
 
-def load_runs(pattern: str) -> list["Run"]:
+def load_runs(pattern: str) -> list[Run]:
     """Return the throttle steps of a floor, in the order of the drives."""
-    folder = next(f for f in data_folders() if (f / MAP).is_dir())
-    paths: list[Path | str] = [str(folder / MAP / f"{pattern}.csv.gz")]
-    return [imported_run.run for imported_run in import_runs(MAP, paths)]
+    paths = str(recorded_path(MAP) / f"{pattern}.csv.gz")
+    return [imported_run.run for imported_run in import_runs(MAP, [paths])]
 
 
-def fit_and_validate(runs: list["Run"], backend: str = "auto") -> tuple[Fit, float]:
+def fit_and_validate(runs: list[Run], backend: str = "auto") -> tuple[Fit, float]:
     """Return the fit to the 1st, 3rd, 5th … run, and the rms speed error of the other runs [m/s]."""
     vehicle_file = load(Path(__file__).parent / "jetracer.toml")
     fit = identify(

@@ -9,7 +9,6 @@ The asymmetry is the modelled excess speed of the right wheel, over the commands
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,13 +18,10 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
-from baqueano.runs.maps.column_map import data_folders
 from baqueano.study.recorded.criteria import criterion_row, minimum_row, within
 from baqueano.study.recorded.simulated import measured_and_simulated
+from baqueano.study.recordings import recorded_path
 from baqueano.vehicle_file import load
-
-if TYPE_CHECKING:
-    from baqueano.runs import Run
 
 FITTED_SWEEP, OTHER_SWEEP = "wheelSpeedCalibration2.csv", "wheelSpeedCalibration3.csv"
 FREE = (
@@ -65,13 +61,12 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     ]
 
 
-def load_run(file: str) -> "Run":
+def load_run(file: str) -> Run:
     """Return the run of a sweep."""
-    path = next(p for f in data_folders() if (p := f / "micromouse_pwm" / file).exists())
-    return import_run("micromouse_ms", [path]).run
+    return import_run("micromouse_ms", [recorded_path(f"micromouse_pwm/{file}")]).run
 
 
-def fit_sweep(run: "Run", backend: str = "auto") -> Fit:
+def fit_sweep(run: Run, backend: str = "auto") -> Fit:
     """Return the fit of gains, dead zones and coast to one sweep."""
     return identify(
         run, load(Path(__file__).parent / "micromouse.toml"), FREE, options=FitOptions(backend=backend)
@@ -85,7 +80,7 @@ def dead_band(fit: Fit) -> float:
     return FULL_DUTY * float(zones.mean())
 
 
-def starting_duty(run: "Run") -> float:
+def starting_duty(run: Run) -> float:
     """Return the duty [of 255] at which a wheel begins to turn, halfway between two steps.
     It is the mean over wheels and directions.
     """
@@ -101,7 +96,7 @@ def starting_duty(run: "Run") -> float:
     return float(np.mean(thresholds))
 
 
-def asymmetry(fit: Fit, run: "Run", backend: str = "auto") -> float:
+def asymmetry(fit: Fit, run: Run, backend: str = "auto") -> float:
     """Return the modelled excess speed of the right wheel, as a fraction, over the rows in which both wheels turned."""
     z, simulated_values = measured_and_simulated(fit.vehicle_file, run, "wheels", backend)
     is_turning = (np.abs(z) > MIN_TURNING_M_S).all(axis=1)

@@ -16,9 +16,10 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.runs.importing import import_run
-from baqueano.runs.maps.column_map import data_folders, load_map
+from baqueano.runs.maps.column_map import load_map
 from baqueano.signals import STANDARD_GRAVITY
 from baqueano.study.recorded.criteria import criterion_row, message_row
+from baqueano.study.recordings import recorded_path
 
 MAP = "mpu6050"
 PUBLISHED_FILE = "mpu6050_sunsided/unmoved-with-x-pointing-forward-10min.author-stats.csv"
@@ -59,8 +60,7 @@ def _row(quantity: str, value: float, reference: float, tolerance: float) -> Jso
 
 def _published_statistics() -> dict[tuple[str, str], tuple[float, float]]:
     """Return (sensor, axis) → mean and standard deviation, in g and °/s."""
-    path = next(p for folder in data_folders() if (p := folder / PUBLISHED_FILE).exists())
-    with path.open(encoding="utf-8") as stream:
+    with recorded_path(PUBLISHED_FILE).open(encoding="utf-8") as stream:
         return {
             (row["type"], row["axis"]): (float(row["v_mean"]), float(row["v_std_dev"]))
             for row in csv.DictReader(stream)

@@ -8,7 +8,6 @@ and track as initial values. The Husky has other nominal values, and is a check 
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,13 +17,10 @@ from baqueano.identify import Fit, FitOptions, identify
 from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
-from baqueano.runs.maps.column_map import data_folders
 from baqueano.study.recorded.criteria import maximum_row
 from baqueano.study.recorded.simulated import final_poses
+from baqueano.study.recordings import recorded_path
 from baqueano.vehicle_file import VehicleFile, load
-
-if TYPE_CHECKING:
-    from baqueano.runs import Run
 
 MAP = "drive_windows"
 FILES = {
@@ -64,10 +60,9 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     return study_rows
 
 
-def load_runs(name: str) -> list["Run"]:
+def load_runs(name: str) -> list[Run]:
     """Return the windows of a vehicle as runs, in the order of the file."""
-    path = next(p for f in data_folders() if (p := f / FILES[name]).exists())
-    return [imported_run.run for imported_run in import_runs(MAP, [path])]
+    return [imported_run.run for imported_run in import_runs(MAP, [recorded_path(FILES[name])])]
 
 
 def nominal_file(name: str) -> VehicleFile:
@@ -78,12 +73,12 @@ def nominal_file(name: str) -> VehicleFile:
     )
 
 
-def fit_windows(runs: list["Run"], name: str, backend: str = "auto") -> Fit:
+def fit_windows(runs: list[Run], name: str, backend: str = "auto") -> Fit:
     """Return the fit of radii, effective track and slide to the windows `runs`."""
     return identify(runs, nominal_file(name), FREE, use=("truth",), options=FitOptions(backend=backend))
 
 
-def median_errors(vehicle_file: VehicleFile, runs: list["Run"], backend: str = "auto") -> tuple[float, float]:
+def median_errors(vehicle_file: VehicleFile, runs: list[Run], backend: str = "auto") -> tuple[float, float]:
     """Return the median errors of position [m] and heading [rad] at the ends of the windows."""
     ends = np.array([np.subtract(*final_poses(vehicle_file, run, backend)) for run in runs])
     return float(np.median(np.hypot(ends[:, 0], ends[:, 1]))), float(np.median(np.abs(wrap(ends[:, 2]))))
