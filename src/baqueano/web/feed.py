@@ -8,7 +8,7 @@ import sys
 import time
 from array import array
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Sequence
 
 from baqueano.contracts.values import JsonObject
 
@@ -23,8 +23,7 @@ NAN = float("nan")
 class Feed:
     """The newest rows of the current or last drive, for at most RING_S of drive time and MAX_ROWS rows."""
 
-    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
-        self._now = now
+    def __init__(self) -> None:
         self.names: list[str] = []
         self.number = 0  # number of the newest frame
         self._column_indices: dict[str, int] = {}
@@ -58,14 +57,16 @@ class Feed:
         self._store_rows(t, len(rows), values.tobytes())
         self._last = rows[-1]
         self.number = (self.number + 1) % FRAME_NUMBER_COUNT
-        self._frame_times_s.append((self.number, self._now()))
+        self._frame_times_s.append((self.number, time.monotonic()))
         return HEAD_LAYOUT.pack(self.number, len(rows), t) + self._ring[-1][2]
 
     def age_s(self, number: int) -> float:
         """Return the age [s] of the frame with this number: 0 for the newest frame, infinity for an unknown number."""
         if number == self.number:
             return 0.0
-        return next((self._now() - made_s for n, made_s in self._frame_times_s if n == number), float("inf"))
+        return next(
+            (time.monotonic() - made_s for n, made_s in self._frame_times_s if n == number), float("inf")
+        )
 
     async def history(self, from_s: float = 0.0) -> "AsyncIterator[tuple[bytes, ...]]":
         """Yield the rows from the drive time `from_s` [s] on, as the parts of one frame, and then the later rows.

@@ -19,6 +19,7 @@ WIDTH_PX, HEIGHT_PX, MAP_SIZE_PX, MARGIN = 860, 430, 440, 26  # of the picture; 
 FIT_S, LAP_S, MAX_LAPS_S, REST_S = 4.0, 3.4, 11.0, 2.6  # the fit, a lap, all laps, the end
 # the largest error that is drawn, relative to the truth; half an axis and a row in px
 BAR, AXIS, ROW = 0.2, 96.0, 29.0
+FADE_S = 0.15  # of an element that appears or disappears
 STYLE = """
 svg{font:14px system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif;--paper:#fff;--ink:#1d2128;
 --soft:#6b7280;--rule:#d0d5dc;--model:#238b45;--warn:#b45309}
@@ -77,14 +78,14 @@ class _Clock:
         self.frames[name] = "".join(f"{self.percentage(s)}{{{css}}}" for s, css in steps)
         return f"animation:{name} {self.period_s:g}s linear infinite"
 
-    def show_between(self, name: str, from_s: float, to_s: float, fade_s: float = 0.15) -> str:
+    def show_between(self, name: str, from_s: float, to_s: float) -> str:
         """Return the style of an element that appears at `from_s` and disappears at `to_s`.
         An element that lasts to the end stays visible.
         """
         end_s = self.period_s if to_s >= self.period_s else to_s
-        steps = [(0.0, "opacity:0"), (from_s, "opacity:0"), (min(from_s + fade_s, end_s), "opacity:1")]
+        steps = [(0.0, "opacity:0"), (from_s, "opacity:0"), (min(from_s + FADE_S, end_s), "opacity:1")]
         steps += ([(end_s, "opacity:1")] if end_s >= self.period_s else
-                  [(end_s, "opacity:1"), (end_s + fade_s, "opacity:0"), (self.period_s, "opacity:0")])  # fmt: skip
+                  [(end_s, "opacity:1"), (end_s + FADE_S, "opacity:0"), (self.period_s, "opacity:0")])  # fmt: skip
         return self.animate(name, steps)
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.head import Hardware
 
 ADDRESSES = (0x68, 0x69)
-BURST_REGISTERS = (0x3B, 14)
+BURST_REGISTERS, BURST_COUNT = (0x3B, 14), 20
 STEP_S = 0.002
 START_TIMEOUT_NS = 2 * SECOND
 REST_SAMPLES = 20
@@ -90,10 +90,10 @@ def start_imu(
     )
 
 
-def time_burst(device: "I2cDevice", now_ns: Callable[[], int], repeat_count: int = 20) -> float:
-    """Return the shortest duration [s] of a burst of 14 bytes in `repeat_count` attempts; NaN if all failed."""
+def time_burst(device: "I2cDevice", now_ns: Callable[[], int]) -> float:
+    """Return the shortest duration [s] of a burst of 14 bytes in BURST_COUNT attempts; NaN if all failed."""
     min_duration_s = float("nan")
-    for _time in range(repeat_count):
+    for _time in range(BURST_COUNT):
         start_ns = now_ns()
         try:
             device.read(*BURST_REGISTERS)

@@ -55,8 +55,8 @@ def request_realtime(priority: int = PRIORITY) -> list[str]:
 class Systemd:
     """A sender of notifications to systemd. If systemd did not request notifications, the calls do nothing."""
 
-    def __init__(self, address: str | None = None) -> None:
-        socket_path = os.environ.get("NOTIFY_SOCKET") if address is None else address
+    def __init__(self) -> None:
+        socket_path = os.environ.get("NOTIFY_SOCKET")
         self._line: Any = None
         if socket_path and hasattr(socket, "AF_UNIX"):
             self._line = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)

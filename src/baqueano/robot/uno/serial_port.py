@@ -109,7 +109,7 @@ def reset_uno_early(path: Path) -> Callable[[], object]:
 
 
 @contextmanager
-def open_uno(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
+def open_uno(port: str = "auto") -> "Iterator[Uno]":
     """Yield the Uno at a port, which a separate thread reads, and disarm it at the end. "auto" finds the only line.
 
     Raise RobotUnreachable without a line, or if no firmware with this protocol answers within BOOT_TIMEOUT_S. Raise
@@ -124,7 +124,7 @@ def open_uno(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
     from baqueano.robot.uno.link import Uno
 
     path = find_port(port)
-    line = SerialPort(path, baud)
+    line = SerialPort(path)
     try:
         line.open()
     except OSError as error:

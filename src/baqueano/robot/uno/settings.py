@@ -57,7 +57,6 @@ CURVE_OPTIONS = {
 WHEEL_DIRECTIONS = ("left-forwards", "left-backwards", "right-forwards", "right-backwards")
 TELEMETRY_TIMEOUT_S = 0.5  # an Uno sends telemetry within this time
 POLL_PERIOD_S = 0.1
-Wait = Callable[[float], object]
 
 
 @dataclass(frozen=True)
@@ -194,24 +193,24 @@ def _checked_number(name: str, text: str, number_text: str, layout: type, field:
     return round(value * unit)
 
 
-def store(uno: "Uno", change: Callable[[Settings], Settings], wait: Wait = time.sleep) -> StoredSettings:
+def store(uno: "Uno", change: Callable[[Settings], Settings]) -> StoredSettings:
     """Replace the settings stored in the Uno by the result of `change`, and return the settings read back.
 
     Raise AnswerNo while a motor runs, and RobotUnreachable if the Uno does not answer.
     """
-    previous = uno.settings(wait)
+    previous = uno.settings()
     settings = change(previous)
     if settings != previous:
-        _check_at_rest(uno, wait)
+        _check_at_rest(uno)
         uno.disarm()
-        wait(0.05)
-        uno.store_settings(settings, wait)
-    return StoredSettings(uno.settings(wait))
+        time.sleep(0.05)
+        uno.store_settings(settings)
+    return StoredSettings(uno.settings())
 
 
-def _check_at_rest(uno: "Uno", wait: Wait) -> None:
+def _check_at_rest(uno: "Uno") -> None:
     uno.receive()
-    wait(TELEMETRY_TIMEOUT_S)
+    time.sleep(TELEMETRY_TIMEOUT_S)
     telemetry_frames = uno.receive()
     if any(duty for telemetry in telemetry_frames[-1:] for duty in telemetry.applied_duty):
         left, right = telemetry_frames[-1].applied_duty

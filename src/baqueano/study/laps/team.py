@@ -132,15 +132,14 @@ def _with_lap_scale(lap: Run, vehicle_file: VehicleFile) -> VehicleFile:
 
 
 def simulate_taught_laps(
-    robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile], shape: str = "rectangle",
-    ends: np.ndarray | None = None,
-) -> list[Run]:  # fmt: skip
+    robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile], ends: np.ndarray | None = None
+) -> list[Run]:
     """Return a lap of each robot, driven by a person: a rest on the mark, a lap, and a rest on the mark.
 
     The person estimates the pose of the robot with an error that grows up to the error of the final mark. With `ends`
     (n, 3) the person stops at these poses relative to the mark.
     """
-    route, n = SHAPES[shape](SPEED_M_S), len(seeds)
+    route, n = SHAPES["rectangle"](SPEED_M_S), len(seeds)
     world = TruthWorld(
         robots, [seed + 9_000 for seed in seeds], np.tile(route.eta[0], (n, 1)), STEP_S, fast=function
     )
