@@ -84,55 +84,51 @@ class ShownRun:
 
     def table(self, *, is_sorted: bool = False) -> str:
         """Return the topics, the events by time or the most severe first, and the notes on the file, as text."""
-        run, lines = self.run, []
-        sorted_events = sorted(
-            run.events, key=lambda event: (*LEVELS, event.level).index(event.level), reverse=True
+        run, ticks = self.run, len(self.run.t_ns)
+        head = _(
+            "{run}: {ticks} ticks, {duration_s:.2f} s.", run=run.name, ticks=ticks, duration_s=run.duration_s
         )
         counts = " ".join(
             f"{_(SHOWN_KEYS.get(key, key))}: {_with_few_digits(value) if key in NUMBERS else _(value)};"
             for key, value in run.metadata.items()
             if "\n" not in value and value
         )
-        ticks, duration_s = len(run.t_ns), run.duration_s
-        head = _(
-            "{run}: {ticks} ticks, {duration_s:.2f} s.", run=run.name, ticks=ticks, duration_s=duration_s
-        )
-        lines.append(f"{head} {counts.rstrip(';')}")
-        rows = self.rows()
+        notes = (_("note: {note}", note=line) for line in texts(run.notes))
+        lines = [
+            f"{head} {counts.rstrip(';')}",
+            *self._topic_table(),
+            *self._event_table(is_sorted=is_sorted),
+        ]
+        return join_rows([*lines, *notes])
+
+    def _topic_table(self) -> list[str]:
         cells = []
-        for r in rows:
+        for r in self.rows():
             rate = "" if r["rate_hz"] is None else f"{number(r['rate_hz']):.2f} Hz"
             longest_text = "" if r["longest_step_s"] is None else f"{number(r['longest_step_s']):.4f} s"
             delay = "" if r.get("delay_ms") is None else f"{number(r['delay_ms']):.1f} ms"
             row_counts = str(r["count"]), rate, str(r["gaps"]), longest_text, str(r["nan_rows"]), delay
             cells.append([_topic(r["topic"]), *row_counts, str(r["size"])])
-        head_cells = [
-            _("topic"),
-            _("count"),
-            _("rate"),
-            _("gaps"),
-            _("longest step"),
-            "NaN",
-            _("delay"),
-            _("size"),
-        ]
-        lines += text_table("<>>>>>><", head_cells, *cells)
-        start = run.start_ns
-        events = [
+        names = _("topic"), _("count"), _("rate"), _("gaps"), _("longest step"), "NaN", _("delay"), _("size")
+        return text_table("<>>>>>><", list(names), *cells)
+
+    def _event_table(self, *, is_sorted: bool) -> list[str]:
+        """Return at most MAX_SHOWN_EVENTS events, by time or the most severe first, and the number of the others."""
+        events, start, count = list(self.run.events), self.run.start_ns, len(self.run.events)
+        if is_sorted:
+            events.sort(key=lambda event: (*LEVELS, event.level).index(event.level), reverse=True)
+        lines = text_table("><<", *(
             [_event_time((event.t_ns - start) / NANOSECONDS), _(event.level),
              f"{_(SHOWN_SOURCES.get(event.source, event.source))}: {event.sentence}"]
-            for event in (sorted_events if is_sorted else run.events)[:MAX_SHOWN_EVENTS]
-        ]  # fmt: skip
-        lines += text_table("><<", *events)
-        if len(run.events) > MAX_SHOWN_EVENTS:
-            lines.append(
-                _(
-                    "and {more} more events. To list all: {command}",
-                    more=len(run.events) - MAX_SHOWN_EVENTS,
-                    command=current_notation().command("--json"),
-                )
-            )
-        return join_rows([*lines, *(_("note: {note}", note=line) for line in texts(run.notes))])
+            for event in events[:MAX_SHOWN_EVENTS]
+        ))  # fmt: skip
+        if count <= MAX_SHOWN_EVENTS:
+            return lines
+        command = current_notation().command("--json")
+        more = _(
+            "and {more} more events. To list all: {command}", more=count - MAX_SHOWN_EVENTS, command=command
+        )
+        return [*lines, more]
 
     def events(self) -> list[TableRow]:
         """Return all events as flat dicts, times in seconds since the first tick."""

@@ -82,6 +82,18 @@ def check_block(vehicle_file: "VehicleFile | None", gains: str, role: str, kind:
         build_controller(vehicle_file, find_gains(vehicle_file, kind, gains))
 
 
+def _advise_to_measure(files: "list[VehicleFile]") -> None:
+    """Print the vehicle files whose model was not measured, with the command that measures the first of them."""
+    if len(files) == 1:
+        return options.advise_to_measure(files[0])
+    if guesses := [file for file in files if not options.is_measured(file, "simulated")]:
+        vehicle_options = "--vehicle", guesses[0].path or guesses[0].name
+        fix = baqueano_command(
+            "experiment", *vehicle_options, "--signal", "designed", "--rounds", "3", "--update"
+        )
+        print_message(note("sweep.guesses", fix=fix, names=[file.label for file in guesses]))
+
+
 def print_omitted() -> None:
     """Print the matches of patterns that could not be used."""
     matches = click.get_current_context().meta.get(MATCHES, {})
@@ -182,8 +194,7 @@ def command(
             raise UsageError.of("sweep.several-vehicles", value=list(vehicles))
         recorded_runs = options.find_runs(runs, folder)
         files = [options.load_vehicle(*vehicles or (None,), settings)] if vehicles or settings else []
-        named_routes = {name: shape_or_route(name, speed_m_s, size_m) for name in routes}
-        run_sweep = partial(run_sweep, recorded_runs, vehicle=next(iter(files), None), routes=named_routes)
+        run_sweep = partial(run_sweep, recorded_runs, vehicle=next(iter(files), None))
         drive_count = len(recorded_runs)
     else:
         files = list(load_usable(vehicles, lambda name: options.load_vehicle(name, settings)).values())
@@ -200,14 +211,7 @@ def command(
         }
         run_sweep = partial(run_sweep, files, **arguments)
         drive_count = len(files) * len(named_routes) * seeds
-    if len(files) == 1:
-        options.advise_to_measure(files[0])
-    elif guesses := [file for file in files if not options.is_measured(file, "simulated")]:
-        path = guesses[0].path or guesses[0].name
-        fix = baqueano_command(
-            "experiment", "--vehicle", path, "--signal", "designed", "--rounds", "3", "--update"
-        )
-        print_message(note("sweep.guesses", fix=fix, names=[file.label for file in guesses]))
+    _advise_to_measure(files)
     file = next(iter(files), None)
     block_kinds: dict[str, Any] = {
         f"{role}s": list(load_usable(kinds, partial(check_block, file, gains, role)))

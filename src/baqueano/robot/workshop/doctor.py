@@ -98,43 +98,40 @@ def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0)
     for _poll in range(round(seconds / 0.02)):
         wait(0.02)
         samples += chip.read()
-    yield Check(
-        "IMU",
-        "warn" if identity.warnings else "ok",
-        _(
-            "{chip}, WHO_AM_I 0x{who_am_i:02X} at 0x{address:02X} on {path}",
-            chip=identity.chip,
-            who_am_i=identity.who_am_i,
-            address=identity.address,
-            path=identity.path,
-        ),
-        "; ".join(identity.warnings),
-    )
-    share = chip.settings.rate_hz * identity.burst_s  # share of the time in which the bus is busy
-    yield Check(
+    figures = {name: getattr(identity, name) for name in ("chip", "who_am_i", "address", "path")}
+    finding = _("{chip}, WHO_AM_I 0x{who_am_i:02X} at 0x{address:02X} on {path}", **figures)
+    yield Check("IMU", "warn" if identity.warnings else "ok", finding, "; ".join(identity.warnings))
+    yield _bus_check(chip)
+    if not samples:
+        finding, remedy = _("no sample in {seconds:g} s", seconds=seconds), _("Check its four wires")
+        yield Check(N_("IMU rate"), "bad", finding, remedy)
+        return
+    yield _rate_check(chip)
+    yield from check_noise(samples)
+    yield self_test_check(chip, wait)
+
+
+def _bus_check(chip: Any) -> Check:
+    """Return the check of the bus: its speed, and the share of the time in which it is busy."""
+    identity = chip.identity
+    share = chip.settings.rate_hz * identity.burst_s
+    figures = {"burst_s": 1000.0 * identity.burst_s, "bus_hz": identity.bus_hz / 1000.0}
+    return Check(
         N_("IMU bus"),
         "ok" if identity.bus_hz > 200e3 else "warn" if share < 0.7 else "bad",
-        _(
-            "14 bytes in {burst_s:.2f} ms: {bus_hz:.0f} kHz or more",
-            burst_s=1000.0 * identity.burst_s,
-            bus_hz=identity.bus_hz / 1000.0,
-        ),
+        _("14 bytes in {burst_s:.2f} ms: {bus_hz:.0f} kHz or more", **figures),
         _(
             "dtparam=i2c_arm_baudrate=400000 and core_freq=250 in /boot/firmware/config.txt: "
             "baqueano robot setup does it"
         ),
     )
-    if not samples:
-        yield Check(
-            N_("IMU rate"),
-            "bad",
-            _("no sample in {seconds:g} s", seconds=seconds),
-            _("Check its four wires"),
-        )
-        return
+
+
+def _rate_check(chip: Any) -> Check:
+    """Return the check of the rate of the samples, and of the calls and samples that were lost."""
     relative_error = chip.rate_hz / chip.settings.rate_hz - 1.0
     failures, clock = chip.counts.overflows + chip.counts.failures, chip.clock
-    yield Check(
+    return Check(
         N_("IMU rate"),
         "ok" if abs(relative_error) < 0.05 and not failures and not clock.contradiction_count else "warn",
         _(
@@ -150,8 +147,6 @@ def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0)
         ),
         _("Shorten its wires, and twist SDA with ground; the clock of a chip may have an error of 4 %"),
     )
-    yield from check_noise(samples)
-    yield self_test_check(chip, wait)
 
 
 def self_test_check(chip: Any, wait: Callable[[float], object]) -> Check:

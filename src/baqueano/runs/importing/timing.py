@@ -47,25 +47,7 @@ def row_times(
         is_known = t_ns != NO_TIME_NS
         t_ns = np.where(is_known, t_ns, 0)
     else:
-        si_factor = unit(spec.time_unit).si_factor  # pyright: ignore[reportOptionalMemberAccess]  the map was checked
-        integers = table.integers(spec.time)
-        factor = round(si_factor * NANOSECONDS)
-        if (
-            integers is not None
-            and si_factor < 1.0
-            and np.abs(integers.astype(float)).max(initial=0.0) * factor < MAX_TIME_NS
-        ):
-            t_ns, is_known = integers * factor, np.ones(len(integers), dtype=bool)
-        else:
-            with np.errstate(over="ignore"):  # a time that overflows is not known
-                t = table.numbers(spec.time) * si_factor * NANOSECONDS
-            is_known = np.abs(t) < MAX_TIME_NS
-            if not is_known.any() and np.isfinite(t).any():
-                latest_s = float(np.nanmax(np.where(np.isfinite(t), t, np.nan))) / NANOSECONDS
-                raise FileError.of(
-                    "import.beyond-2038", table=table.label, t_s=latest_s, unit_name=spec.time_unit
-                )
-            t_ns = np.rint(np.where(is_known, t, 0.0)).astype(np.int64)
+        t_ns, is_known = _number_times(table, spec)
         t_ns = _without_overflows(table, t_ns, is_known, shift, findings)
     if spec.time_rest is not None:
         second_part = table.numbers(spec.time_rest[0]) * (unit(spec.time_rest[1]).si_factor * NANOSECONDS)  # pyright: ignore[reportOptionalMemberAccess]
@@ -78,14 +60,29 @@ def row_times(
         raise FileError.of(
             "import.before-zero", table=table.label, t_s=earliest / NANOSECONDS, map=map_name, start_ns=zero
         )
-    if is_known.any() and t_ns[is_known].max() >= 2**31 * NANOSECONDS:
-        raise FileError.of(
-            "import.beyond-2038",
-            table=table.label,
-            t_s=t_ns[is_known].max() / NANOSECONDS,
-            unit_name=spec.time_unit,
-        )
+    if is_known.any() and (latest_ns := t_ns[is_known].max()) >= 2**31 * NANOSECONDS:
+        figures = {"t_s": latest_ns / NANOSECONDS, "unit_name": spec.time_unit}
+        raise FileError.of("import.beyond-2038", table=table.label, **figures)
     return t_ns, is_known
+
+
+def _number_times(table: LogTable, spec: "FileSpec") -> tuple[np.ndarray, np.ndarray]:
+    """Return the times (rows,) [ns] of a column of numbers, and a mask of the known times. Whole numbers stay exact."""
+    si_factor = unit(spec.time_unit).si_factor  # pyright: ignore[reportOptionalMemberAccess]  the map was checked
+    integers, factor = table.integers(spec.time), round(si_factor * NANOSECONDS)
+    if (
+        integers is not None
+        and si_factor < 1.0
+        and np.abs(integers.astype(float)).max(initial=0.0) * factor < MAX_TIME_NS
+    ):
+        return integers * factor, np.ones(len(integers), dtype=bool)
+    with np.errstate(over="ignore"):  # a time that overflows is not known
+        t = table.numbers(spec.time) * si_factor * NANOSECONDS
+    is_known = np.abs(t) < MAX_TIME_NS
+    if not is_known.any() and np.isfinite(t).any():
+        latest_s = float(np.nanmax(np.where(np.isfinite(t), t, np.nan))) / NANOSECONDS
+        raise FileError.of("import.beyond-2038", table=table.label, t_s=latest_s, unit_name=spec.time_unit)
+    return np.rint(np.where(is_known, t, 0.0)).astype(np.int64), is_known
 
 
 def _without_overflows(
