@@ -66,24 +66,7 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
                 error.message if isinstance(error.message, Diagnostic) else plain_diagnostic
             ), error.exit_code
         case click.UsageError():
-            if vehicle := _misplaced_vehicle(error, args):
-                k = args.index(vehicle)
-                fix = baqueano_command(*args[:k], "--vehicle", *args[k:])
-                return fault("cli.vehicle-argument", fix, value=vehicle), USAGE
-            code = "cli.usage"
-            if isinstance(error, click.NoSuchOption) and (
-                corrected_args := _with_option_after_verb(error, args)
-            ):
-                fix = baqueano_command(*corrected_args)
-                return fault("cli.option-before-verb", fix, option=error.option_name), USAGE
-            if isinstance(error, click.NoSuchOption):
-                code = "cli.no-such-option"
-                vars(error)["possibilities"] = error.possibilities or _options_by_help(error)
-            verb = args[: 2 if args[:1] in GROUPS else 1]
-            path = error.ctx.command_path if error.ctx else " ".join(["baqueano", *verb])
-            return fault(
-                code, f"{path} --help", words=" ".join(error.format_message().split()).rstrip(".")
-            ), USAGE
+            return _usage_diagnostic(error, args), USAGE
         case click.ClickException():
             return fault("cli.text", words=error.format_message()), error.exit_code
         case KeyboardInterrupt() | click.Abort() if is_interruption(error) or not user_code_place(error):
@@ -108,6 +91,25 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
     return fault(
         "cli.unexpected-error", error=error_text(error), file=last_frame.filename, line=last_frame.lineno
     ), NEGATIVE_ANSWER
+
+
+def _usage_diagnostic(error: click.UsageError, args: list[str]) -> Diagnostic:
+    """Return the diagnostic of a command line that click does not accept."""
+    if vehicle := _misplaced_vehicle(error, args):
+        k = args.index(vehicle)
+        fix = baqueano_command(*args[:k], "--vehicle", *args[k:])
+        return fault("cli.vehicle-argument", fix, value=vehicle)
+    code = "cli.usage"
+    if isinstance(error, click.NoSuchOption):
+        if corrected_args := _with_option_after_verb(error, args):
+            fix = baqueano_command(*corrected_args)
+            return fault("cli.option-before-verb", fix, option=error.option_name)
+        code = "cli.no-such-option"
+        vars(error)["possibilities"] = error.possibilities or _options_by_help(error)
+    verb = args[: 2 if args[:1] in GROUPS else 1]
+    path = error.ctx.command_path if error.ctx else " ".join(["baqueano", *verb])
+    words = " ".join(error.format_message().split()).rstrip(".")
+    return fault(code, f"{path} --help", words=words)
 
 
 def _with_option_after_verb(error: click.NoSuchOption, args: list[str]) -> list[str]:
