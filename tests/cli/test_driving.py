@@ -288,9 +288,9 @@ def save_identified_robot(folder):
 def test_a_taught_eight_writes_the_gyro_scale_into_the_vehicle_file(baqueano, tmp_path, monkeypatch):
     save_identified_robot(tmp_path)
 
-    def drive_by_hand(verb, file, robot, seed, backend, path, **_options):
+    def drive_by_hand(verb, file, drive, path, **_options):
         true_file = file.with_values({"sensors.imu.gyro_scale": GYRO})  # this driver returns to the start
-        return teach(true_file, eight(0.6, 0.4), seed=seed, backend=backend, path=path).run
+        return teach(true_file, eight(0.6, 0.4), seed=drive.seed, backend=drive.backend, path=path).run
 
     monkeypatch.setattr("baqueano.cli.driving.teach.drive_by_hand", drive_by_hand)
     end = baqueano("teach", "lab", "--driver", "keys", "--closed", "--update")
@@ -326,7 +326,7 @@ def test_a_lap_that_stops_before_its_start_does_not_change_the_vehicle_file(baqu
 
 
 def test_an_unidentified_vehicle_needs_marks_for_its_gyro_scale(baqueano, monkeypatch):
-    def drive_by_hand(verb, file, robot, seed, backend, path, **_options):
+    def drive_by_hand(verb, file, drive, path, **_options):
         return teach(file, circle(0.3, 0.25), path=path).run
 
     monkeypatch.setattr("baqueano.cli.driving.teach.drive_by_hand", drive_by_hand)

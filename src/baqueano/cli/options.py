@@ -1,7 +1,8 @@
 """Define options that several subcommands share, and the functions that evaluate them."""
 
 from collections.abc import Callable
-from functools import reduce
+from functools import reduce, wraps
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -115,6 +116,21 @@ class GroupedCommand(click.Command):
 def combine_options(*options: Decorator) -> Decorator:
     """Return one decorator that adds several options, in the order in which --help shows them."""
     return lambda command: reduce(lambda f, option: option(f), reversed(options), command)
+
+
+def collect(argument: str, make: Callable[..., object]) -> Decorator:
+    """Return a decorator below all options of a command: the parameters of `make` reach the command as one object."""
+    names = signature(make).parameters
+
+    def decorate(command: Callable[..., object]) -> Callable[..., object]:
+        @wraps(command)
+        def wrapper(*args: object, **values: object) -> object:
+            own_values = {name: values.pop(name) for name in names if name in values}
+            return command(*args, **{argument: make(**own_values)}, **values)
+
+        return wrapper
+
+    return decorate
 
 
 settings = click.option(

@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,8 +17,6 @@ from baqueano.messages.printable import baqueano_command
 if TYPE_CHECKING:
     from baqueano.contracts.result import Result
     from baqueano.report import Page
-
-Command = Callable[..., object]
 
 
 @dataclass(frozen=True)
@@ -78,29 +75,20 @@ class ReportFiles:
             self.write(lambda: build_page(result), reproducible=True)
 
 
-def _collect(*page_options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+def _report_files(
+    figures: Path | None, file_format: str, width: str | None,
+    page: Path | None = None, table: Path | None = None, decimal: str = ".",
+) -> ReportFiles:  # fmt: skip
+    """Return the requested files. Raise UsageError for an invalid width, format or ending."""
+    report = ReportFiles(page, figures, file_format, _width(width), table, decimal)
+    _check_folder(report, width)
+    _check_table(report)
+    return report
+
+
+def _with_figures(*page_options: options.Decorator) -> options.Decorator:
     """Return a decorator that adds the options; the command receives them as the argument `report`."""
-
-    def decorate(command: Command) -> Command:
-        @wraps(command)
-        def wrapper(
-            *args: object,
-            figures: Path | None,
-            file_format: str,
-            width: str | None,
-            page: Path | None = None,
-            table: Path | None = None,
-            decimal: str = ".",
-            **arguments: object,
-        ) -> object:
-            report = ReportFiles(page, figures, file_format, _width(width), table, decimal)
-            _check_folder(report, width)
-            _check_table(report)
-            return command(*args, report=report, **arguments)
-
-        return options.combine_options(*page_options, *_FIGURES)(wrapper)
-
-    return decorate
+    return options.combine_options(*page_options, *_FIGURES, options.collect("report", _report_files))
 
 
 decimal = click.option(
@@ -123,8 +111,8 @@ _FIGURES = (
         "--width", metavar="column|page|MM", help="Width of the files of --figures: column, page, or millimetres."
     ),
 )  # fmt: skip
-figure_options = _collect()
-report_options = _collect(
+figure_options = _with_figures()
+report_options = _with_figures(
     click.option("--report", "page", type=click.Path(path_type=Path), help="Also write an HTML report."),
     click.option("--table", type=click.Path(path_type=Path), help="Also write the rows, as .csv or .tex."),
     decimal,

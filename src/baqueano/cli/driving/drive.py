@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 import click
 
 from baqueano.cli import numbers, options
+from baqueano.cli.driving.drive_options import DriveOptions, drive_options
 from baqueano.cli.driving.manual_drive import (
     drive_by_hand,
+    drive_on_page,
     finish_manual_drive,
     hold_option,
     mark_scales,
     pad_option,
-    page_driver,
 )
 from baqueano.cli.page import live
 from baqueano.cli.terminal import print_answer, print_message
@@ -47,21 +48,21 @@ if TYPE_CHECKING:
 @click.option("--update", is_flag=True, help="Write the scales from the marks into the vehicle file.")
 @live.page
 @options.as_json
+@drive_options
 def command(
-    vehicle: str | None, settings: tuple[str, ...], robot: str, latched: bool, share: float, pad: str | None,
-    hold: bool, length_m: float | None, seed: int, backend: str, folder: str, out: Path | None, update: bool,
-    show_page: bool, pace: float, as_json: bool,
+    drive: DriveOptions, latched: bool, share: float, pad: str | None, hold: bool, length_m: float | None,
+    update: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    if show_page:
+    if drive.show_page:
         options.refuse_together("--page", "latched", "share", "pad")
-    vehicle_file = options.load_vehicle(vehicle, settings)
-    options.advise_to_measure(vehicle_file, robot)
-    path = options.run_path(out, folder, "drive")
+    vehicle_file = drive.load_vehicle()
+    options.advise_to_measure(vehicle_file, drive.robot)
+    path = drive.run_path("drive")
     terminal_drive = partial(drive_by_hand, pad=pad, share=share, latched=latched)
-    drive = page_driver(folder, pace) if show_page else terminal_drive
-    run = drive("drive", vehicle_file, robot, seed, backend, path, hold=hold)
+    make_drive = drive_on_page if drive.show_page else terminal_drive
+    run = make_drive("drive", vehicle_file, drive, path, hold=hold)
     print_message(note("cli.run", path=path))
-    finish_manual_drive(run, path, robot)
+    finish_manual_drive(run, path, drive.robot)
     text, values = mark_scales(run, vehicle_file, length_m)
     print_answer(DriveResult(run, path, values), as_json)
     print_message(text)

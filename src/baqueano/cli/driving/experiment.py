@@ -8,8 +8,9 @@ import click
 import numpy as np
 
 from baqueano.cli import numbers, options
+from baqueano.cli.driving.drive_options import DriveOptions, drive_options
 from baqueano.cli.driving.iterate import drive_in_rounds
-from baqueano.cli.driving.targets import Target, open_target, print_fault_detections
+from baqueano.cli.driving.targets import Target, print_fault_detections
 from baqueano.cli.page import live
 from baqueano.cli.terminal import print_answer, print_message, show_activity, show_time_progress
 from baqueano.diagnostics import Verdict, nearest, note
@@ -64,16 +65,15 @@ if TYPE_CHECKING:
 @options.update
 @live.page
 @options.as_json
+@drive_options
 def command(
-    vehicle: str | None, settings: tuple[str, ...], robot: str, signal: str, room: str | None, trust_file: bool,
-    rounds: int | None, seconds: float, seed: int, shake: tuple[str, ...],
-    backend: str, folder: str, out: Path | None, update: bool,
-    show_page: bool, pace: float, as_json: bool,
+    drive: DriveOptions, signal: str, room: str | None, trust_file: bool, rounds: int | None, seconds: float,
+    update: bool, as_json: bool,
 ) -> None:  # fmt: skip
     _check_options(signal, rounds, update)
     if signal != "designed":
         options.refuse_without("--signal designed", "trust_file")
-    vehicle_file = options.load_vehicle(vehicle, settings)
+    vehicle_file, seed, backend, out = drive.load_vehicle(), drive.seed, drive.backend, drive.out
     kind, run_names = signal.replace("-", "_"), []
     if room is not None:
         from baqueano.routes.room import vehicle_room
@@ -82,14 +82,13 @@ def command(
 
     def round_path(label: str) -> Path:
         labelled_path = out.with_name(f"{out.stem}-{label}{out.suffix}") if out is not None and label else out
-        path = options.run_path(labelled_path, folder, label if label == "first-drive" else "experiment")
+        path = options.run_path(
+            labelled_path, drive.folder, label if label == "first-drive" else "experiment"
+        )
         run_names.append(path.stem if out is None else str(path))
         return path
 
-    with (
-        live.live_page(show_page, robot, vehicle_file, folder, pace) as page,
-        open_target(robot, vehicle_file, seed, backend, page=page, shake=shake) as target,
-    ):
+    with drive.open(vehicle_file) as target:
         runs: list[Run] = []
         if signal == "designed" and not trust_file and vehicle_file.is_guess:
             vehicle_file, first_result = make_first_drive(vehicle_file, target, backend, round_path)
@@ -104,12 +103,15 @@ def command(
             options.save_update(result.rounds[-1].fit.vehicle_file, update)
         else:
             u = build_signal(vehicle_file, kind, room, seconds, seed, backend)
-            run_experiment(vehicle_file, target, u, round_path(""), as_json, shake)
+            run_experiment(vehicle_file, target, u, round_path(""), as_json, drive.shake)
     print_message(
         note(
             "cli.next-command",
             fix=baqueano_command(
-                "identify", *run_names, *options.vehicle_and_runs_options(vehicle_file, folder), "--update"
+                "identify",
+                *run_names,
+                *options.vehicle_and_runs_options(vehicle_file, drive.folder),
+                "--update",
             ),
         )
     )

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from baqueano.cli import options
+from baqueano.cli.driving.drive_options import DriveOptions
 from baqueano.cli.driving.targets import LOCAL_TARGETS, open_target
 from baqueano.cli.terminal import print_message
 from baqueano.contracts.values import JsonObject
@@ -37,8 +38,8 @@ hold_option = click.option(
 
 
 def drive_by_hand(
-    verb: str, vehicle_file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, pad: str | None = None,
-    hold: bool = True, **options: Any,
+    verb: str, vehicle_file: "VehicleFile", drive: DriveOptions, path: Path, pad: str | None = None, *, hold: bool,
+    **options: Any,
 ) -> "Run":  # fmt: skip
     """Return the run of a manual drive in real time, which ends with q.
 
@@ -54,7 +55,7 @@ def drive_by_hand(
     from baqueano.errors import UsageError
     from baqueano.runs import read_run
 
-    kind = robot.partition(":")[0]
+    kind = drive.kind
     if kind == "emulated":
         raise UsageError.of("cli.emulated-by-hand", "--robot simulated")
     device = None if pad is None else find_pad(Path(pad) if pad != ANY_PAD else None)
@@ -64,17 +65,17 @@ def drive_by_hand(
     if multiplexer:
         print_message(note("cli.terminal-hidden", program=multiplexer))
     with ExitStack() as resources:
-        target: Any = resources.enter_context(open_target(robot, vehicle_file, seed, backend))
+        target: Any = resources.enter_context(
+            open_target(drive.robot, vehicle_file, drive.seed, drive.backend)
+        )
         cockpit = Cockpit(
-            vehicle_file.command.limit, name=robot, names=tuple(vehicle_file.command.names),
+            vehicle_file.command.limit, name=drive.robot, names=tuple(vehicle_file.command.names),
             has_heartbeat=not multiplexer, hold=hold and heading_hold_gains(vehicle_file) is not None, pad=device,
             drivetrain=getattr(vehicle_file.vehicle, "drivetrain", None), **options,
         )  # fmt: skip
         hand = resources.enter_context(cockpit)
         resources.enter_context(stop_on_signals(hand.stop))
-        arguments = (
-            simulation_options(vehicle_file, robot, seed, backend, hand) if kind == "simulated" else {}
-        )
+        arguments = simulation_options(vehicle_file, drive, hand) if kind == "simulated" else {}
         arguments |= (
             {"words": hand.pop_messages, "on_state": hand.show, "on_event": hand.show_message}
             if kind != "simulated"
@@ -86,44 +87,36 @@ def drive_by_hand(
     return read_run(path) if kind == "simulated" else run  # a live drive does not contain a run
 
 
-def page_driver(folder: str, pace: float) -> Callable[..., "Run"]:
-    """Return a function like `drive_by_hand`, which drives manually from the page instead of this terminal."""
+def drive_on_page(
+    verb: str, vehicle_file: "VehicleFile", drive: DriveOptions, path: Path, *, hold: bool
+) -> "Run":
+    """Return the run of a manual drive, as `drive_by_hand`, from the page instead of this terminal."""
+    from baqueano.cli.page.live import live_page
+    from baqueano.drive.mission import Mission
+    from baqueano.runs import read_run
 
-    def drive(
-        verb: str, vehicle_file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, hold: bool = True
-    ) -> "Run":  # fmt: skip
-        from baqueano.cli.page.live import live_page
-        from baqueano.drive.mission import Mission
-        from baqueano.runs import read_run
-
-        kind, command_count = robot.partition(":")[0], len(vehicle_file.command.names)
-        with (
-            live_page(
-                show_page=True, robot=robot, file=vehicle_file, folder=folder, pace=pace, by_hand=True
-            ) as page,
-            open_target(robot, vehicle_file, seed, backend, page=page) as target,
-        ):
-            assert page is not None
-            with stop_on_signals(page.door.operator.stop):
-                page.wait_for_hand()
-                arguments = {"live": True} if kind in LOCAL_TARGETS else {}
-                hand = partial(page.door.hand, command_count)
-                mission = Mission(verb, hold=hold)
-                run = target.drive(mission, vehicle_file, path, lambda seconds: None, hand=hand, **arguments)
-        return read_run(path) if kind in LOCAL_TARGETS else run  # a live drive does not contain a run
-
-    return drive
+    with (
+        live_page(drive.show_page, drive.robot, vehicle_file, drive.folder, drive.pace, by_hand=True) as page,
+        open_target(drive.robot, vehicle_file, drive.seed, drive.backend, page) as target,
+    ):
+        assert page is not None
+        with stop_on_signals(page.door.operator.stop):
+            page.wait_for_hand()
+            is_local = drive.kind in LOCAL_TARGETS
+            arguments = {"live": True} if is_local else {}
+            hand = partial(page.door.hand, len(vehicle_file.command.names))
+            mission = Mission(verb, hold=hold)
+            run = target.drive(mission, vehicle_file, path, lambda seconds: None, hand=hand, **arguments)
+    return read_run(path) if is_local else run  # a live drive does not contain a run
 
 
-def simulation_options(
-    vehicle_file: "VehicleFile", robot: str, seed: int, backend: str, hand: "Cockpit"
-) -> JsonObject:
+def simulation_options(vehicle_file: "VehicleFile", drive: DriveOptions, hand: "Cockpit") -> JsonObject:
     """Return the options of a simulated drive in real time."""
     from baqueano.worlds import SimulatedWorld
     from baqueano.worlds.clock import wall
 
-    truth = options.load_truth(robot, vehicle_file)
-    world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed, backend=backend)
+    truth = options.load_truth(drive.robot, vehicle_file)
+    world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, drive.seed, backend=drive.backend)
     hand.status.state = "simulated"
     return {
         "world": world, "tick_times_ns": relative_ticks(wall(vehicle_file.rate_hz)), "live": True,

@@ -1,10 +1,9 @@
 """Define `baqueano repeat`: drive a taught route again."""
 
-from pathlib import Path
-
 import click
 
 from baqueano.cli import numbers, options
+from baqueano.cli.driving.drive_options import DriveOptions, drive_options
 from baqueano.cli.driving.route import (
     check_drivable,
     fastest_route,
@@ -13,7 +12,7 @@ from baqueano.cli.driving.route import (
     room_option,
     start_option,
 )
-from baqueano.cli.driving.targets import announce_rest, open_target, print_fault_detections
+from baqueano.cli.driving.targets import announce_rest, print_fault_detections
 from baqueano.cli.next_command import advise_to_fit
 from baqueano.cli.page import live
 from baqueano.cli.report_files import ReportFiles, report_options
@@ -98,25 +97,25 @@ from baqueano.messages.printable import baqueano_command
 @report_options
 @live.page
 @options.as_json
+@drive_options
 def command(
-    route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, laps: int, room: str | None,
-    start: str | None, anyway: bool, faster: bool, stand: str | None, lead_in: bool, way_back: bool, caution: bool,
-    patience_s: float, time_limit_s: float | None, estimator: str | None, controller: str | None, guide: str | None,
-    rest_s: float | None, seed: int, shake: tuple[str, ...], backend: str, folder: str, out: Path | None,
-    report: ReportFiles, show_page: bool, pace: float, as_json: bool,
+    route: str, drive: DriveOptions, laps: int, room: str | None, start: str | None, anyway: bool, faster: bool,
+    stand: str | None, lead_in: bool, way_back: bool, caution: bool, patience_s: float, time_limit_s: float | None,
+    estimator: str | None, controller: str | None, guide: str | None, rest_s: float | None, report: ReportFiles,
+    as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare
     from baqueano.drive.mission import Mission
     from baqueano.drive.safety.precautions import Precautions
     from baqueano.guides import Repeat
 
-    vehicle_file = options.load_vehicle(vehicle, settings)
-    options.advise_to_measure(vehicle_file, robot)
+    vehicle_file = drive.load_vehicle()
+    options.advise_to_measure(vehicle_file, drive.robot)
     taught_route = options.find_route(route)
     if faster:
-        taught_route = fastest_route(taught_route, route, vehicle_file, backend=backend)
+        taught_route = fastest_route(taught_route, route, vehicle_file, backend=drive.backend)
     walled_room = parse_room(vehicle_file, room, start)
-    check_drivable(taught_route, route, vehicle_file, walled_room, robot, anyway, backend)
+    check_drivable(taught_route, route, vehicle_file, walled_room, drive.robot, anyway, drive.backend)
     precautions = Precautions(
         check=True,
         anyway=anyway,
@@ -133,26 +132,24 @@ def command(
         "repeat", route=taught_route, laps=laps, blocks={role: k for role, k in own_kinds.items() if k is not None},
         start=repetition_start(taught_route, stand), rest_s=rest_s, precautions=precautions.to_json(),
     )  # fmt: skip
-    with (
-        live.live_page(show_page, robot, vehicle_file, folder, pace) as watching,
-        open_target(robot, vehicle_file, seed, backend, page=watching, shake=shake) as target,
-    ):
-        path = options.run_path(out, folder, "repeat")
+    with drive.open(vehicle_file) as target:
+        path = drive.run_path("repeat")
         duration_s = announce_rest(mission, vehicle_file) + Repeat.along(taught_route, laps).duration_s
         if laps == 0:
             print_message(note("cli.until-ctrl-c"))
         with show_time_progress(note("cli.repeat"), laps and duration_s) as progress:
-            is_paced = laps == 0 and robot.startswith("simulated") and not show_page
+            is_paced = laps == 0 and drive.kind == "simulated" and not drive.show_page
             run = target.drive(
                 mission, vehicle_file, path, real_time_display(progress) if is_paced else progress
             )
     print_message(note("cli.run", path=path))
-    print_fault_detections(run, vehicle_file, shake)
+    print_fault_detections(run, vehicle_file, drive.shake)
     comparison = compare(run)
     print_answer(comparison, as_json, table=comparison.short_table(), laps=comparison.laps())
     if not as_json:
         print_message(note("cli.all-rows", fix=baqueano_command("compare", path)))
-    advise_to_fit(comparison, [run], folder, options.vehicle_and_runs_options(vehicle_file, folder))
+    vehicle_options = options.vehicle_and_runs_options(vehicle_file, drive.folder)
+    advise_to_fit(comparison, [run], drive.folder, vehicle_options)
     report.write_table(comparison)
     if report:
         from baqueano.report.run_report import run_page

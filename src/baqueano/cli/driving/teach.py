@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from baqueano.cli import options
+from baqueano.cli.driving.drive_options import DriveOptions, drive_options
 from baqueano.cli.driving.manual_drive import (
     drive_by_hand,
+    drive_on_page,
     finish_manual_drive,
     hold_option,
     lap_scale,
     mark_scales,
     pad_option,
-    page_driver,
 )
-from baqueano.cli.driving.targets import announce_rest, open_target
+from baqueano.cli.driving.targets import announce_rest
 from baqueano.cli.page import live
 from baqueano.cli.terminal import print_answer, print_message, show_time_progress
 from baqueano.contracts.names import SHAPE_NAMES
@@ -55,10 +56,10 @@ if TYPE_CHECKING:
 @options.out
 @live.page
 @options.as_json
+@drive_options
 def command(
-    route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, driver: str, pad: str | None,
-    hold: bool, speed_m_s: float, size_m: float, closed: bool, update: bool, rest_s: float | None, seed: int,
-    backend: str, folder: str, out: Path | None, show_page: bool, pace: float, as_json: bool,
+    route: str, drive: DriveOptions, driver: str, pad: str | None, hold: bool, speed_m_s: float, size_m: float,
+    closed: bool, update: bool, rest_s: float | None, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.drive import replay, run_route
     from baqueano.drive.mission import Mission
@@ -66,28 +67,25 @@ def command(
 
     check_ending(options.route_path(route))
     _check_driver(driver, pad is not None or not hold or closed or update)
-    if show_page:
+    if drive.show_page:
         options.refuse_together("--page", "pad")
-    vehicle_file = options.load_vehicle(vehicle, settings)
-    options.advise_to_measure(vehicle_file, robot)
+    vehicle_file = drive.load_vehicle()
+    options.advise_to_measure(vehicle_file, drive.robot)
     if driver == "keys":
-        path = options.run_path(out, folder, "teach")
-        drive = page_driver(folder, pace) if show_page else partial(drive_by_hand, pad=pad)
-        run, is_closed = drive("teach", vehicle_file, robot, seed, backend, path, hold=hold), closed
+        path = drive.run_path("teach")
+        make_drive = drive_on_page if drive.show_page else partial(drive_by_hand, pad=pad)
+        run, is_closed = make_drive("teach", vehicle_file, drive, path, hold=hold), closed
     else:
         target_route = shape_or_route(driver, speed_m_s, size_m, valid_names=("keys",))
-        with (
-            live.live_page(show_page, robot, vehicle_file, folder, pace) as page,
-            open_target(robot, vehicle_file, seed, backend, page=page) as target,
-        ):
-            path = options.run_path(out, folder, "teach")
+        with drive.open(vehicle_file) as target:
+            path = drive.run_path("teach")
             mission = Mission("teach", route=target_route, rest_s=rest_s)
             duration_s = announce_rest(mission, vehicle_file) + float(target_route.t_s[-1])
             with show_time_progress(note("cli.teach"), duration_s) as progress:
                 run = target.drive(mission, vehicle_file, path, progress, eta=target_route.eta[0])
         is_closed = target_route.closed
     print_message(note("cli.run", path=path))
-    finish_manual_drive(run, path, robot) if driver == "keys" else options.raise_stop(run, path)
+    finish_manual_drive(run, path, drive.robot) if driver == "keys" else options.raise_stop(run, path)
     text, values = "", {}
     if driver == "keys":
         text, values = (lap_scale if closed else mark_scales)(run, vehicle_file)
